@@ -1,0 +1,1 @@
+//! Parts shared by `ambf_simulator` and `ambf_batch`.

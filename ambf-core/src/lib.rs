@@ -1,0 +1,1 @@
+//! The asynchronous multi-body framework as a library: no ROS, no window, no command line.

@@ -1,0 +1,1 @@
+//! C interface over the double-precision Bullet Physics library.
