@@ -1,0 +1,243 @@
+use nalgebra::Vector3;
+
+/// What the Cartesian part of a [`RigidBodyCommand`] asks for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum CartesianCommandType {
+    /// Force and torque at the centre of mass, world axes, held until the next command.
+    #[default]
+    Force,
+    /// Pose of the body frame in the world: set directly on a static body, followed by the body's Cartesian controller otherwise.
+    Position,
+    /// Linear and angular velocity, world axes.
+    Velocity,
+    /// A value no client should send: nothing is applied.
+    Unknown(i8),
+}
+
+impl From<i8> for CartesianCommandType {
+    fn from(wire: i8) -> Self {
+        match wire {
+            0 => Self::Force,
+            1 => Self::Position,
+            2 => Self::Velocity,
+            other => Self::Unknown(other),
+        }
+    }
+}
+
+/// What one entry of [`RigidBodyCommand::joint_commands`] asks of its joint.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum JointCommandType {
+    /// Effort: N·m (revolute) or N (prismatic).
+    #[default]
+    Effort,
+    /// Position: rad or m, followed by the joint's controller.
+    Position,
+    /// Velocity: rad/s or m/s, by the joint's motor.
+    Velocity,
+    /// A value no client should send: the joint is left alone.
+    Unknown(i8),
+}
+
+impl From<i8> for JointCommandType {
+    fn from(wire: i8) -> Self {
+        match wire {
+            0 => Self::Effort,
+            1 => Self::Position,
+            2 => Self::Velocity,
+            other => Self::Unknown(other),
+        }
+    }
+}
+
+/// A value that can wait in a [`Mailbox`](super::Mailbox) and be cleared by the watchdog.
+pub trait Command: Default + Send {
+    /// Overwrites `self` with `other`, reusing the memory of `self`.
+    fn copy_from(&mut self, other: &Self);
+
+    /// What is left of the command when no further one came within [`WATCHDOG_TIMEOUT`](super::WATCHDOG_TIMEOUT).
+    fn expire(&mut self);
+
+    /// Whether every number in it is finite.
+    fn is_finite(&self) -> bool;
+}
+
+/// Command of one rigid body. The default asks for nothing: zero force, no joint commands.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct RigidBodyCommand {
+    /// What the Cartesian fields ask for.
+    pub cartesian: CartesianCommandType,
+    /// Position of the body frame in the world, m (for [`CartesianCommandType::Position`]).
+    pub position: Vector3<f64>,
+    /// Orientation of the body frame in the world as a quaternion `[x, y, z, w]`, as received: its norm is not checked here.
+    pub orientation: [f64; 4],
+    /// Force at the centre of mass, N, world axes.
+    pub force: Vector3<f64>,
+    /// Torque, N·m, world axes.
+    pub torque: Vector3<f64>,
+    /// Velocity of the centre of mass, m/s, world axes.
+    pub linear_velocity: Vector3<f64>,
+    /// Angular velocity, rad/s, world axes.
+    pub angular_velocity: Vector3<f64>,
+    /// (n x 1) value for the i-th active joint of the body; entries beyond the last joint are ignored.
+    pub joint_commands: Vec<f64>,
+    /// (m x 1) type of each joint command; missing ones count as [`JointCommandType::Effort`], surplus ones are ignored.
+    pub joint_command_types: Vec<JointCommandType>,
+    /// Asks for the children's names in the state from now on.
+    pub publish_children_names: bool,
+    /// Asks for the joints' names in the state from now on.
+    pub publish_joint_names: bool,
+    /// Asks for joint positions, velocities and efforts in the state while this command is in force.
+    pub publish_joint_positions: bool,
+}
+
+impl Command for RigidBodyCommand {
+    fn copy_from(&mut self, other: &Self) {
+        let mut joint_commands = std::mem::take(&mut self.joint_commands);
+        let mut joint_command_types = std::mem::take(&mut self.joint_command_types);
+        joint_commands.clear();
+        joint_commands.extend_from_slice(&other.joint_commands);
+        joint_command_types.clear();
+        joint_command_types.extend_from_slice(&other.joint_command_types);
+        *self = Self { joint_commands, joint_command_types, ..*other };
+    }
+
+    /// Zero force, every joint command an effort of 0; array lengths, pose, twist and publish flags stay.
+    fn expire(&mut self) {
+        self.cartesian = CartesianCommandType::Force;
+        self.force = Vector3::zeros();
+        self.torque = Vector3::zeros();
+        self.joint_commands.fill(0.0);
+        self.joint_command_types.fill(JointCommandType::Effort);
+    }
+
+    fn is_finite(&self) -> bool {
+        let vectors = [&self.position, &self.force, &self.torque, &self.linear_velocity, &self.angular_velocity];
+        vectors.iter().all(|v| v.iter().all(|x| x.is_finite()))
+            && self.orientation.iter().all(|x| x.is_finite())
+            && self.joint_commands.iter().all(|x| x.is_finite())
+    }
+}
+
+/// Command of a camera or a light.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct PoseCommand {
+    /// While true the local pose is set to the fields below in each iteration.
+    pub enabled: bool,
+    /// Position in the parent's body frame (world without a parent), m.
+    pub position: Vector3<f64>,
+    /// Orientation as a quaternion `[x, y, z, w]`, as received.
+    pub orientation: [f64; 4],
+}
+
+impl Command for PoseCommand {
+    fn copy_from(&mut self, other: &Self) {
+        *self = other.clone();
+    }
+
+    fn expire(&mut self) {
+        self.enabled = false;
+    }
+
+    fn is_finite(&self) -> bool {
+        self.position.iter().all(|x| x.is_finite()) && self.orientation.iter().all(|x| x.is_finite())
+    }
+}
+
+/// What a client may change of a camera through parameters.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct CameraParameters {
+    /// Near clipping plane, m.
+    pub near_plane: f64,
+    /// Far clipping plane, m.
+    pub far_plane: f64,
+    /// Vertical field of view, rad; used in perspective projection.
+    pub field_view_angle: f64,
+    /// Width of the view, m; used in orthographic projection.
+    pub orthographic_view_width: f64,
+    /// Distance between the eyes, m.
+    pub stereo_eye_separation: f64,
+    /// Focal length of the stereo pair, m.
+    pub stereo_focal_length: f64,
+    /// Orthographic instead of perspective projection.
+    pub orthographic: bool,
+    /// Passive left/right stereo instead of mono.
+    pub stereo: bool,
+    /// Text that names the parent object; empty: the parent is left as it is.
+    pub parent_name: String,
+}
+
+/// What a client may change of a light through parameters.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct LightParameters {
+    /// Half angle of the spot's cone, rad.
+    pub cutoff_angle: f64,
+    /// Text that names the parent object; empty: the parent is left as it is.
+    pub parent_name: String,
+}
+
+macro_rules! parameters_as_command {
+    ($type:ty, [$($number:ident),*]) => {
+        impl Command for $type {
+            fn copy_from(&mut self, other: &Self) {
+                self.clone_from(other);
+            }
+
+            /// Parameters stay in force for good.
+            fn expire(&mut self) {}
+
+            fn is_finite(&self) -> bool {
+                [$(self.$number),*].iter().all(|x| x.is_finite())
+            }
+        }
+    };
+}
+
+parameters_as_command!(
+    CameraParameters,
+    [near_plane, far_plane, field_view_angle, orthographic_view_width, stereo_eye_separation, stereo_focal_length]
+);
+parameters_as_command!(LightParameters, [cutoff_angle]);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn expiry_keeps_lengths_and_flags_but_moves_nothing() {
+        let mut command = RigidBodyCommand {
+            cartesian: CartesianCommandType::Velocity,
+            force: Vector3::x(),
+            joint_commands: vec![1.0, 2.0],
+            joint_command_types: vec![JointCommandType::Position],
+            publish_joint_names: true,
+            ..Default::default()
+        };
+        command.expire();
+        assert_eq!(command.cartesian, CartesianCommandType::Force);
+        assert_eq!(command.force, Vector3::zeros());
+        assert_eq!(command.joint_commands, [0.0, 0.0]);
+        assert_eq!(command.joint_command_types, [JointCommandType::Effort]);
+        assert!(command.publish_joint_names);
+    }
+
+    #[test]
+    fn a_copy_reuses_memory() {
+        let long = RigidBodyCommand { joint_commands: vec![1.0; 64], ..Default::default() };
+        let mut target = RigidBodyCommand::default();
+        target.copy_from(&long);
+        let place = target.joint_commands.as_ptr();
+        target.copy_from(&RigidBodyCommand { joint_commands: vec![2.0; 3], ..Default::default() });
+        assert_eq!(target.joint_commands, [2.0; 3]);
+        assert_eq!(target.joint_commands.as_ptr(), place);
+    }
+
+    #[test]
+    fn one_bad_number_is_seen_wherever_it_hides() {
+        let mut command = RigidBodyCommand::default();
+        assert!(command.is_finite());
+        command.joint_commands.push(f64::NAN);
+        assert!(!command.is_finite());
+        assert!(!PoseCommand { orientation: [0.0, 0.0, f64::INFINITY, 0.0], ..Default::default() }.is_finite());
+    }
+}

@@ -1,0 +1,165 @@
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use crossbeam_utils::atomic::AtomicCell;
+
+use super::{Command, WATCHDOG_TIMEOUT};
+
+struct Mail<C> {
+    command: C,
+    posted_ns: u64,
+}
+
+/// The newest command of one object, handed from any thread to the physics thread without a lock.
+///
+/// Boxes circulate: the physics thread gives the one it has finished with back to the senders, so that in steady state neither
+/// side allocates, and the physics thread never frees.
+pub struct Mailbox<C> {
+    incoming: AtomicCell<Option<Box<Mail<C>>>>,
+    returned: AtomicCell<Option<Box<Mail<C>>>>,
+    last_post_ns: AtomicU64,
+}
+
+impl<C: Command> Default for Mailbox<C> {
+    fn default() -> Self {
+        Self { incoming: AtomicCell::new(None), returned: AtomicCell::new(None), last_post_ns: AtomicU64::new(0) }
+    }
+}
+
+impl<C: Command> Mailbox<C> {
+    /// Leaves `command` for the physics thread; one that still waits is replaced. `now_ns` is the hub's clock, ns.
+    pub fn post(&self, command: &C, now_ns: u64) {
+        let mut mail =
+            self.returned.take().unwrap_or_else(|| Box::new(Mail { command: C::default(), posted_ns: now_ns }));
+        mail.command.copy_from(command);
+        mail.posted_ns = now_ns;
+        self.last_post_ns.store(now_ns, Ordering::Release);
+        if let Some(unread) = self.incoming.swap(Some(mail)) {
+            self.returned.store(Some(unread));
+        }
+    }
+
+    /// Time of the latest post on the hub's clock, ns; 0 before the first.
+    pub fn last_post_ns(&self) -> u64 {
+        self.last_post_ns.load(Ordering::Acquire)
+    }
+
+    /// Whether a command was posted within the watchdog's time before `now_ns`.
+    pub fn is_live(&self, now_ns: u64) -> bool {
+        let last = self.last_post_ns();
+        last != 0 && now_ns.saturating_sub(last) <= WATCHDOG_TIMEOUT.as_nanos() as u64
+    }
+}
+
+/// The physics thread's end of a [`Mailbox`]: the command in force.
+pub struct Inbox<C> {
+    current: Box<Mail<C>>,
+    watched: bool,
+}
+
+impl<C: Command> Default for Inbox<C> {
+    fn default() -> Self {
+        Self { current: Box::new(Mail { command: C::default(), posted_ns: 0 }), watched: false }
+    }
+}
+
+impl<C: Command> Inbox<C> {
+    /// Takes what waits in `mailbox`; true when there was something.
+    pub fn fetch(&mut self, mailbox: &Mailbox<C>) -> bool {
+        let Some(mail) = mailbox.incoming.take() else { return false };
+        let old = std::mem::replace(&mut self.current, mail);
+        // Senders empty `returned` before they post, so this frees only when two of them race.
+        mailbox.returned.store(Some(old));
+        self.watched = true;
+        true
+    }
+
+    /// Clears the command once when nothing was posted for the watchdog's time before `now_ns`; true when it did.
+    pub fn check_watchdog(&mut self, now_ns: u64) -> bool {
+        let expired =
+            self.watched && now_ns.saturating_sub(self.current.posted_ns) > WATCHDOG_TIMEOUT.as_nanos() as u64;
+        if expired {
+            self.current.command.expire();
+            self.watched = false;
+        }
+        expired
+    }
+
+    /// The command in force.
+    pub fn command(&self) -> &C {
+        &self.current.command
+    }
+
+    /// The command in force, to be set without a mailbox (batch runs, tests). No watchdog follows it.
+    pub fn command_mut(&mut self) -> &mut C {
+        self.watched = false;
+        &mut self.current.command
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::comm::RigidBodyCommand;
+    use nalgebra::Vector3;
+
+    fn push(x: f64) -> RigidBodyCommand {
+        RigidBodyCommand { force: Vector3::new(x, 0.0, 0.0), ..Default::default() }
+    }
+
+    #[test]
+    fn the_newest_command_wins_and_is_taken_once() {
+        let mailbox = Mailbox::default();
+        let mut inbox = Inbox::default();
+        mailbox.post(&push(1.0), 1);
+        mailbox.post(&push(2.0), 2);
+        assert!(inbox.fetch(&mailbox));
+        assert_eq!(inbox.command().force.x, 2.0);
+        assert!(!inbox.fetch(&mailbox));
+        assert_eq!(inbox.command().force.x, 2.0, "it stays in force");
+    }
+
+    #[test]
+    fn the_watchdog_clears_once_and_a_new_command_arms_it_again() {
+        let mailbox = Mailbox::default();
+        let mut inbox = Inbox::default();
+        assert!(!inbox.check_watchdog(u64::MAX), "nothing to clear before the first command");
+        mailbox.post(&push(1.0), 1_000);
+        inbox.fetch(&mailbox);
+        assert!(!inbox.check_watchdog(500_000_000));
+        assert!(inbox.check_watchdog(500_001_001));
+        assert_eq!(inbox.command().force.x, 0.0);
+        assert!(!inbox.check_watchdog(900_000_000), "one shot");
+        mailbox.post(&push(3.0), 1_000_000_000);
+        inbox.fetch(&mailbox);
+        assert!(!inbox.check_watchdog(1_000_000_001));
+        assert_eq!(inbox.command().force.x, 3.0);
+    }
+
+    #[test]
+    fn a_command_that_waited_too_long_expires_before_it_acts() {
+        let mailbox = Mailbox::default();
+        let mut inbox = Inbox::default();
+        mailbox.post(&push(1.0), 1);
+        inbox.fetch(&mailbox);
+        assert!(inbox.check_watchdog(2_000_000_000));
+        assert_eq!(inbox.command().force.x, 0.0);
+    }
+
+    #[test]
+    fn many_senders_lose_no_last_word() {
+        let mailbox = Mailbox::default();
+        let mut inbox: Inbox<RigidBodyCommand> = Inbox::default();
+        std::thread::scope(|scope| {
+            for sender in 0..4 {
+                let mailbox = &mailbox;
+                scope.spawn(move || (0..2000).for_each(|i| mailbox.post(&push(f64::from(sender * 10_000 + i)), 1)));
+            }
+            for _ in 0..5000 {
+                inbox.fetch(&mailbox);
+            }
+        });
+        mailbox.post(&push(-1.0), 2);
+        assert!(inbox.fetch(&mailbox));
+        assert_eq!(inbox.command().force.x, -1.0);
+    }
+}

@@ -1,0 +1,45 @@
+//! State and Command of every object as plain values, and how they cross threads.
+//!
+//! One [`Hub`] a simulation. The physics thread writes a [`Snapshot`] of all states once an iteration and takes the newest
+//! command of each object from its [`Mailbox`]; everybody else (ROS, a script, a test) reads the newest snapshot and posts
+//! commands. Neither side ever waits for the other: no lock is shared, and a reader that stops half-way only keeps its own
+//! copy of an old snapshot alive.
+//!
+//! A [`Middleware`] carries the values over a wire. What it may rely on:
+//! * the list of objects is complete before it starts and does not change while it runs;
+//! * [`Hub::snapshot`] is `None` until the first physics iteration has filled it;
+//! * a command is in force until the next one, or until its watchdog expires ([`WATCHDOG_TIMEOUT`]).
+
+mod command;
+mod hub;
+mod mailbox;
+mod schedule;
+mod snapshot;
+mod throttle;
+
+pub use command::{
+    CameraParameters, CartesianCommandType, Command, JointCommandType, LightParameters, PoseCommand, RigidBodyCommand,
+};
+pub use hub::{Channel, Hub, ObjectInfo, ObjectKind, PostError, RigidBodyInfo};
+pub use mailbox::{Inbox, Mailbox};
+pub use schedule::{PublishSchedule, Rates};
+pub use snapshot::{BodyKinematics, Snapshot, SnapshotWriter, Timing, Wrench};
+pub use throttle::{StepThrottle, WorldCommand};
+
+use std::sync::Arc;
+use std::time::Duration;
+
+/// How long a command stays in force after it was posted unless another one follows: 0.5 s, for every object and the world.
+pub const WATCHDOG_TIMEOUT: Duration = Duration::from_millis(500);
+
+/// Carries states and commands over a wire (ROS, shared memory, …).
+pub trait Middleware: Send {
+    /// Starts serving the objects of `hub` in threads of its own and returns at once.
+    ///
+    /// # Errors
+    /// When the transport cannot be set up at all; a peer that is merely not there yet is retried, not an error.
+    fn start(&mut self, hub: Arc<Hub>) -> Result<(), Box<dyn std::error::Error + Send + Sync>>;
+
+    /// Withdraws everything that [`start`](Self::start) announced and ends its threads. Called once; safe after a failed start.
+    fn stop(&mut self);
+}

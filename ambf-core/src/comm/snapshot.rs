@@ -1,0 +1,196 @@
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::time::SystemTime;
+
+use arc_swap::ArcSwapOption;
+use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
+
+/// Motion of one body as Bullet gives it: pose of the inertial frame from the motion state, velocities from the body.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[repr(C)]
+pub struct BodyKinematics {
+    /// Position of the inertial frame in the world, m. Interpolated: up to one sub-step old.
+    pub origin: [f64; 3],
+    /// Rotation matrix of the inertial frame in the world, row by row. Interpolated like [`origin`](Self::origin).
+    pub basis: [f64; 9],
+    /// Velocity of the centre of mass, m/s, world axes. Not interpolated.
+    pub linear_velocity: [f64; 3],
+    /// Angular velocity, rad/s, world axes. Not interpolated.
+    pub angular_velocity: [f64; 3],
+}
+
+impl Default for BodyKinematics {
+    fn default() -> Self {
+        Self {
+            origin: [0.0; 3],
+            basis: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+            linear_velocity: [0.0; 3],
+            angular_velocity: [0.0; 3],
+        }
+    }
+}
+
+impl BodyKinematics {
+    /// Pose of the inertial frame in the world.
+    pub fn inertial_pose(&self) -> Isometry3<f64> {
+        let rotation = Rotation3::from_matrix_unchecked(Matrix3::from_row_slice(&self.basis));
+        Isometry3::from_parts(Translation3::from(self.origin), UnitQuaternion::from_rotation_matrix(&rotation))
+    }
+
+    /// Pose of the body frame in the world, with the inverse of the body's inertial offset.
+    pub fn body_pose(&self, inertial_offset_inverse: &Isometry3<f64>) -> Isometry3<f64> {
+        self.inertial_pose() * inertial_offset_inverse
+    }
+}
+
+/// Force and torque.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Wrench {
+    /// N.
+    pub force: Vector3<f64>,
+    /// N·m.
+    pub torque: Vector3<f64>,
+}
+
+/// Where simulated time and computing time went.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Timing {
+    /// Simulated seconds that were never integrated because of the sub-step cap.
+    pub lost_time: f64,
+    /// Iterations in the last complete second, Hz; 0 in the first second.
+    pub physics_frequency: f64,
+    /// Cost of an iteration in the last complete second, s: 50th, 90th, 99th percentile and maximum.
+    pub step_cost: [f64; 4],
+    /// Sub-steps an iteration may do at present.
+    pub sub_step_cap: u32,
+}
+
+/// State of every object after one physics iteration. Arrays are indexed as [`ObjectKind`](super::ObjectKind) says.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Snapshot {
+    /// System time right after the step.
+    pub stamp: SystemTime,
+    /// Iterations that stepped, since the start.
+    pub sim_step: u32,
+    /// Monotonic seconds since the physics thread began.
+    pub wall_time: f64,
+    /// Sum of all intervals passed to the dynamics update, s.
+    pub sim_time: f64,
+    /// Where time went.
+    pub timing: Timing,
+    /// (bodies x 1).
+    pub bodies: Vec<BodyKinematics>,
+    /// (bodies x 1) sum of the joint reactions on each body in its own inertial frame; empty when no joint has feedback.
+    pub wrenches: Vec<Wrench>,
+    /// (joints x 1) rad or m.
+    pub joint_positions: Vec<f64>,
+    /// (joints x 1) rad/s or m/s.
+    pub joint_velocities: Vec<f64>,
+    /// (joints x 1) N·m or N; 0 for joints without feedback.
+    pub joint_efforts: Vec<f64>,
+    /// (cameras x 1) pose in the parent's body frame, or in the world.
+    pub cameras: Vec<Isometry3<f64>>,
+    /// (lights x 1) pose in the parent's body frame, or in the world.
+    pub lights: Vec<Isometry3<f64>>,
+}
+
+impl Default for Snapshot {
+    fn default() -> Self {
+        Self {
+            stamp: SystemTime::UNIX_EPOCH,
+            sim_step: 0,
+            wall_time: 0.0,
+            sim_time: 0.0,
+            timing: Timing::default(),
+            bodies: Vec::new(),
+            wrenches: Vec::new(),
+            joint_positions: Vec::new(),
+            joint_velocities: Vec::new(),
+            joint_efforts: Vec::new(),
+            cameras: Vec::new(),
+            lights: Vec::new(),
+        }
+    }
+}
+
+/// Where the newest snapshot is found.
+pub(super) type Slot = ArcSwapOption<Snapshot>;
+
+/// The physics thread's end: fills a snapshot that nobody reads and makes it the newest, without waiting or allocating.
+pub struct SnapshotWriter {
+    pool: VecDeque<Arc<Snapshot>>,
+    template: Snapshot,
+}
+
+/// Readers hold a snapshot for microseconds; with this many in turn one is always free.
+const POOL: usize = 6;
+
+impl SnapshotWriter {
+    /// A writer of snapshots with the array sizes of `template`.
+    pub fn new(template: Snapshot) -> Self {
+        Self { pool: (0..POOL).map(|_| Arc::new(template.clone())).collect(), template }
+    }
+
+    /// Lets `fill` overwrite a free snapshot and swaps it into `slot`. False, and nothing is published, in the rare case that
+    /// readers hold all of them.
+    pub(super) fn publish(&mut self, slot: &Slot, fill: impl FnOnce(&mut Snapshot)) -> bool {
+        for _ in 0..self.pool.len() {
+            let Some(mut candidate) = self.pool.pop_front() else { break };
+            if let Some(snapshot) = Arc::get_mut(&mut candidate) {
+                fill(snapshot);
+                let old = slot.swap(Some(candidate));
+                self.pool.extend(old);
+                return true;
+            }
+            self.pool.push_back(candidate);
+        }
+        false
+    }
+
+    /// The array sizes this writer was made for.
+    pub fn template(&self) -> &Snapshot {
+        &self.template
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_newest_is_read_and_old_ones_stay_whole_while_held() {
+        let slot = Slot::empty();
+        let mut writer = SnapshotWriter::new(Snapshot { joint_positions: vec![0.0; 2], ..Default::default() });
+        let fill = |k: u32| move |s: &mut Snapshot| (s.sim_step, s.joint_positions[1]) = (k, f64::from(k));
+        assert!(writer.publish(&slot, fill(1)));
+        let held = slot.load_full().unwrap();
+        for k in 2..100 {
+            assert!(writer.publish(&slot, fill(k)));
+        }
+        assert_eq!((held.sim_step, held.joint_positions[1]), (1, 1.0));
+        assert_eq!(slot.load_full().unwrap().sim_step, 99);
+    }
+
+    #[test]
+    fn readers_that_hold_everything_cost_a_publication_not_a_wait() {
+        let slot = Slot::empty();
+        let mut writer = SnapshotWriter::new(Snapshot::default());
+        let held: Vec<_> = (0..POOL)
+            .map(|k| {
+                assert!(writer.publish(&slot, |s| s.sim_step = k as u32));
+                slot.load_full()
+            })
+            .collect();
+        assert!(!writer.publish(&slot, |_| ()));
+        drop(held);
+        assert!(writer.publish(&slot, |_| ()));
+    }
+
+    #[test]
+    fn a_body_pose_undoes_the_inertial_offset() {
+        let offset = Isometry3::translation(0.0, 0.0, 0.5);
+        let state = BodyKinematics { origin: [1.0, 2.0, 3.5], ..Default::default() };
+        let pose = state.body_pose(&offset.inverse());
+        assert!((pose.translation.vector - Vector3::new(1.0, 2.0, 3.0)).norm() < 1e-15);
+    }
+}

@@ -1,0 +1,61 @@
+//! Finds Debian's double-precision Bullet, compiles the C shim over it and generates its Rust side.
+
+use std::env;
+use std::path::{Path, PathBuf};
+use std::process::exit;
+
+/// pkg-config name of the double-precision build.
+const PACKAGE: &str = "bullet-float64";
+
+fn main() {
+    println!("cargo:rerun-if-changed=shim");
+    println!("cargo:rerun-if-env-changed=LIBCLANG_PATH");
+
+    let bullet = pkg_config::Config::new().range_version("3.24".."4").probe(PACKAGE).unwrap_or_else(|error| {
+        fail(&format!(
+            "Bullet with double precision is missing; install Debian's libbullet-dev and pkg-config\n{error}"
+        ))
+    });
+
+    let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
+    let mut sources: Vec<PathBuf> = Path::new("shim")
+        .read_dir()
+        .and_then(|dir| dir.map(|entry| entry.map(|entry| entry.path())).collect())
+        .unwrap_or_else(|error| fail(&format!("cannot list shim/: {error}")));
+    sources.retain(|path| path.extension().is_some_and(|extension| extension == "cpp"));
+    sources.sort();
+
+    let mut build = cc::Build::new();
+    build.cpp(true).std("c++17").warnings(true).files(sources);
+    // -isystem keeps Bullet's own warnings quiet; the bare /usr/include that pkg-config adds must not be passed on, it would
+    // break the #include_next of the C++ library.
+    for path in bullet.include_paths.iter().filter(|path| path.as_path() != Path::new("/usr/include")) {
+        build.flag("-isystem").flag(path);
+    }
+    for (name, value) in &bullet.defines {
+        build.define(name, value.as_deref());
+    }
+    build.flag("-Wno-unused-parameter").compile("ambf_bullet_shim");
+    // After the shim, which needs them.
+    for library in &bullet.libs {
+        println!("cargo:rustc-link-lib={library}");
+    }
+
+    bindgen::Builder::default()
+        .header("shim/shim.h")
+        .allowlist_function("amb_.*")
+        .allowlist_type("Amb.*")
+        .default_enum_style(bindgen::EnumVariation::ModuleConsts)
+        .derive_default(true)
+        .layout_tests(false)
+        .clang_args(["-x", "c"])
+        .generate()
+        .unwrap_or_else(|error| fail(&format!("bindgen needs libclang; install Debian's libclang1-14\n{error}")))
+        .write_to_file(out.join("bindings.rs"))
+        .unwrap_or_else(|error| fail(&format!("cannot write the bindings: {error}")));
+}
+
+fn fail(sentence: &str) -> ! {
+    eprintln!("bullet-sys: {sentence}");
+    exit(1)
+}
