@@ -1,4 +1,8 @@
-#ifndef AMBF_SHIM_H
-#define AMBF_SHIM_H
-int amb_scalar_size(void);
+#ifndef AMB_SHIM_H
+#define AMB_SHIM_H
+#include "body.h"
+#include "constraint.h"
+#include "shape.h"
+#include "types.h"
+#include "world.h"
 #endif

@@ -1,5 +1,120 @@
-#include <btBulletDynamicsCommon.h>
-extern "C" {
-#include "shim.h"
-int amb_scalar_size(void) { return (int)sizeof(btScalar); }
+#include "internal.h"
+
+#include <BulletCollision/Gimpact/btGImpactCollisionAlgorithm.h>
+#include <BulletDynamics/ConstraintSolver/btNNCGConstraintSolver.h>
+#include <BulletDynamics/MLCPSolvers/btDantzigSolver.h>
+#include <BulletDynamics/MLCPSolvers/btLemkeSolver.h>
+#include <BulletDynamics/MLCPSolvers/btMLCPSolver.h>
+#include <BulletDynamics/MLCPSolvers/btSolveProjectedGaussSeidel.h>
+
+namespace {
+
+std::unique_ptr<btMLCPSolverInterface> mlcp_of(int solver) {
+  switch (solver) {
+    case AmbSolver_Dantzig: return std::make_unique<btDantzigSolver>();
+    case AmbSolver_ProjectedGaussSeidel: return std::make_unique<btSolveProjectedGaussSeidel>();
+    case AmbSolver_Lemke: return std::make_unique<btLemkeSolver>();
+    default: return nullptr;
+  }
 }
+
+std::unique_ptr<btConstraintSolver> solver_of(int solver, btMLCPSolverInterface *mlcp) {
+  if (mlcp) return std::make_unique<btMLCPSolver>(mlcp);
+  if (solver == AmbSolver_Nncg) return std::make_unique<btNNCGConstraintSolver>();
+  return std::make_unique<btSequentialImpulseConstraintSolver>();
+}
+
+const AmbBody *body_of(const btBroadphaseProxy *proxy) {
+  return static_cast<const AmbBody *>(static_cast<const btCollisionObject *>(proxy->m_clientObject)->getUserPointer());
+}
+
+// Pairs that never collide stay in the pair cache, so that the order of the others, and with it the order in which contacts are
+// solved, is that of a world without a bit set.
+void near_callback(btBroadphasePair &pair, btCollisionDispatcher &dispatcher, const btDispatcherInfo &info) {
+  const AmbBody *a = body_of(pair.m_pProxy0), *b = body_of(pair.m_pProxy1);
+  if (a && b && a->ignores(*b)) return;
+  btCollisionDispatcher::defaultNearCallback(pair, dispatcher, info);
+}
+
+void set_ignored(AmbBody &body, size_t other) {
+  if (body.ignored.size() <= other / 64) body.ignored.resize(other / 64 + 1);
+  body.ignored[other / 64] |= uint64_t(1) << (other % 64);
+}
+
+}  // namespace
+
+struct AmbWorld {
+  explicit AmbWorld(int solver_kind)
+      : dispatcher(&configuration),
+        mlcp(mlcp_of(solver_kind)),
+        solver(solver_of(solver_kind, mlcp.get())),
+        world(&dispatcher, &broadphase, solver.get(), &configuration) {
+    dispatcher.setNearCallback(near_callback);
+    // An MLCP solver takes one island at a time; merging small ones would only make its matrices larger.
+    if (mlcp) world.getSolverInfo().m_minimumSolverBatchSize = 1;
+  }
+
+  btDefaultCollisionConfiguration configuration;
+  btCollisionDispatcher dispatcher;
+  btDbvtBroadphase broadphase;
+  std::unique_ptr<btMLCPSolverInterface> mlcp;
+  std::unique_ptr<btConstraintSolver> solver;
+  btDiscreteDynamicsWorld world;
+  bool has_gimpact = false;
+  size_t next_index = 0;
+};
+
+extern "C" {
+
+AmbWorld *amb_world_new(int solver) { return new AmbWorld(solver); }
+
+void amb_world_free(AmbWorld *world) { delete world; }
+
+void amb_world_set_gravity(AmbWorld *world, const double gravity[3]) { world->world.setGravity(vector_of(gravity)); }
+
+void amb_world_set_iterations(AmbWorld *world, int iterations) {
+  world->world.getSolverInfo().m_numIterations = iterations;
+}
+
+void amb_world_set_erp(AmbWorld *world, double erp, double erp2) {
+  world->world.getSolverInfo().m_erp = erp;
+  world->world.getSolverInfo().m_erp2 = erp2;
+}
+
+void amb_world_add_body(AmbWorld *world, AmbBody *body) {
+  if (body->shape->needs_gimpact && !world->has_gimpact) {
+    btGImpactCollisionAlgorithm::registerAlgorithm(&world->dispatcher);
+    world->has_gimpact = true;
+  }
+  body->index = world->next_index++;
+  world->world.addRigidBody(&body->body);
+}
+
+void amb_world_remove_body(AmbWorld *world, AmbBody *body) { world->world.removeRigidBody(&body->body); }
+
+void amb_world_add_constraint(AmbWorld *world, AmbConstraint *constraint, int disable_collisions) {
+  world->world.addConstraint(constraint->constraint.get(), disable_collisions != 0);
+}
+
+void amb_world_remove_constraint(AmbWorld *world, AmbConstraint *constraint) {
+  world->world.removeConstraint(constraint->constraint.get());
+}
+
+void amb_world_ignore_pair(AmbWorld *, AmbBody *a, AmbBody *b) {
+  set_ignored(*a, b->index);
+  set_ignored(*b, a->index);
+}
+
+int amb_world_step(AmbWorld *world, double interval, int max_sub_steps, double sub_step) {
+  return world->world.stepSimulation(interval, max_sub_steps, sub_step);
+}
+
+int amb_world_contact_count(const AmbWorld *world) {
+  int count = 0;
+  for (int i = 0; i < world->dispatcher.getNumManifolds(); ++i) {
+    count += world->dispatcher.getManifoldByIndexInternal(i)->getNumContacts();
+  }
+  return count;
+}
+
+}  // extern "C"

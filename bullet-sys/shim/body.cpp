@@ -1,0 +1,71 @@
+#include "internal.h"
+
+#include <cmath>
+
+extern "C" {
+
+AmbBody *amb_body_new(double mass, const double inertia[3], AmbShape *shape, const double pose[12]) {
+  return new AmbBody(mass, vector_of(inertia), shape, transform_of(pose));
+}
+
+void amb_body_free(AmbBody *body) { delete body; }
+
+void amb_body_set_surface(AmbBody *body, double friction, double rolling_friction, double restitution) {
+  body->body.setFriction(friction);
+  body->body.setRollingFriction(rolling_friction);
+  body->body.setRestitution(restitution);
+}
+
+void amb_body_set_damping(AmbBody *body, double linear, double angular) { body->body.setDamping(linear, angular); }
+
+void amb_body_set_gravity(AmbBody *body, const double gravity[3]) { body->body.setGravity(vector_of(gravity)); }
+
+void amb_body_apply_wrench(AmbBody *body, const double force[3], const double torque[3]) {
+  body->body.applyCentralForce(vector_of(force));
+  body->body.applyTorque(vector_of(torque));
+}
+
+void amb_body_clear_forces(AmbBody *body) { body->body.clearForces(); }
+
+void amb_body_set_velocity(AmbBody *body, const double linear[3], const double angular[3]) {
+  body->body.setLinearVelocity(vector_of(linear));
+  body->body.setAngularVelocity(vector_of(angular));
+}
+
+void amb_body_set_pose(AmbBody *body, const double pose[12]) {
+  const btTransform transform = transform_of(pose);
+  body->body.setWorldTransform(transform);
+  body->motion.setWorldTransform(transform);
+}
+
+void amb_body_pose(const AmbBody *body, double pose[12]) { write_pose(body->body.getWorldTransform(), pose); }
+
+void amb_body_motion_state(const AmbBody *body, double pose[12]) {
+  write_pose(body->motion.m_graphicsWorldTrans, pose);
+}
+
+void amb_body_velocity(const AmbBody *body, double velocity[6]) {
+  write_vector(body->body.getLinearVelocity(), velocity);
+  write_vector(body->body.getAngularVelocity(), velocity + 3);
+}
+
+void amb_bodies_read(AmbBody *const *bodies, int n, double *out) {
+  for (int i = 0; i < n; ++i, out += 18) {
+    amb_body_motion_state(bodies[i], out);
+    amb_body_velocity(bodies[i], out + 12);
+  }
+}
+
+int amb_bodies_first_non_finite(AmbBody *const *bodies, int n) {
+  for (int i = 0; i < n; ++i) {
+    const btRigidBody &body = bodies[i]->body;
+    // A sum is finite only if each term is, short of an overflow that deserves the alarm too. A rotation that is not finite has
+    // a velocity that is not.
+    const btVector3 sum = body.getWorldTransform().getOrigin() + body.getWorldTransform().getBasis()[0] +
+                          body.getLinearVelocity() + body.getAngularVelocity();
+    if (!std::isfinite(sum.x() + sum.y() + sum.z())) return i;
+  }
+  return -1;
+}
+
+}  // extern "C"

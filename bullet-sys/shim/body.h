@@ -1,0 +1,31 @@
+/* Rigid bodies. Positions, velocities, forces in world axes at the centre of mass; SI units. */
+#ifndef AMB_BODY_H
+#define AMB_BODY_H
+#include "types.h"
+
+/* A body that never sleeps. The shape stays the caller's and must outlive the body. mass 0: static. */
+AmbBody *amb_body_new(double mass, const double inertia[3], AmbShape *shape, const double pose[12]);
+/* The body must have been removed from its world, and so must every constraint on it. */
+void amb_body_free(AmbBody *body);
+
+void amb_body_set_surface(AmbBody *body, double friction, double rolling_friction, double restitution);
+void amb_body_set_damping(AmbBody *body, double linear, double angular);
+/* Effective once the body is in a world; adding it there sets the world's gravity. */
+void amb_body_set_gravity(AmbBody *body, const double gravity[3]);
+void amb_body_apply_wrench(AmbBody *body, const double force[3], const double torque[3]);
+void amb_body_clear_forces(AmbBody *body);
+void amb_body_set_velocity(AmbBody *body, const double linear[3], const double angular[3]);
+/* Sets world transform, interpolation transform and motion state. */
+void amb_body_set_pose(AmbBody *body, const double pose[12]);
+/* True world transform of the inertial frame, not interpolated. */
+void amb_body_pose(const AmbBody *body, double pose[12]);
+/* Pose from the motion state. */
+void amb_body_motion_state(const AmbBody *body, double pose[12]);
+void amb_body_velocity(const AmbBody *body, double velocity[6]);
+
+/* Reads n bodies into out (n x 18): pose from the motion state (12), linear (3) and angular (3) velocity. */
+void amb_bodies_read(AmbBody *const *bodies, int n, double *out);
+/* Index of the first body whose pose or velocity is not finite, or -1. */
+int amb_bodies_first_non_finite(AmbBody *const *bodies, int n);
+
+#endif

@@ -1,0 +1,155 @@
+#include "internal.h"
+
+namespace {
+
+AmbConstraint *own(Kind kind, btTypedConstraint *constraint) {
+  auto *owner = new AmbConstraint;
+  owner->kind = kind;
+  owner->constraint.reset(constraint);
+  return owner;
+}
+
+// Distance of frame B's origin along frame A's z axis.
+btScalar axis_distance(const btTransform &a, const btTransform &b) {
+  return (b.getOrigin() - a.getOrigin()).dot(a.getBasis().getColumn(2));
+}
+
+// Angle of frame B about frame A's z axis, positive as for a hinge.
+btScalar axis_angle(const btTransform &a, const btTransform &b) {
+  const btVector3 y = b.getBasis().getColumn(1);
+  return -btAtan2(y.dot(a.getBasis().getColumn(0)), y.dot(a.getBasis().getColumn(1)));
+}
+
+btScalar read(AmbConstraint &c, unsigned char reading) {
+  switch (reading) {
+    case AmbReading_HingeAngle: return c.as<btHingeConstraint>().getHingeAngle();
+    case AmbReading_SliderPosition: return c.as<btSliderConstraint>().getLinearPos();
+    case AmbReading_AxisDistance:
+    case AmbReading_AxisAngle: {
+      auto &spring = c.as<btGeneric6DofSpring2Constraint>();
+      const btTransform a = spring.getRigidBodyA().getCenterOfMassTransform() * spring.getFrameOffsetA();
+      const btTransform b = spring.getRigidBodyB().getCenterOfMassTransform() * spring.getFrameOffsetB();
+      return reading == AmbReading_AxisDistance ? axis_distance(a, b) : axis_angle(a, b);
+    }
+    default: return 0;
+  }
+}
+
+}  // namespace
+
+extern "C" {
+
+AmbConstraint *amb_hinge_new(AmbBody *a, AmbBody *b, const double frame_a[12], const double frame_b[12]) {
+  return own(Kind::Hinge,
+             new btHingeConstraint(a->body, b->body, transform_of(frame_a), transform_of(frame_b), true));
+}
+
+void amb_hinge_set_limit(AmbConstraint *hinge, double low, double high) {
+  hinge->as<btHingeConstraint>().setLimit(low, high);
+}
+
+void amb_hinge_set_motor(AmbConstraint *hinge, int enabled, double velocity, double max_impulse) {
+  hinge->as<btHingeConstraint>().enableAngularMotor(enabled != 0, velocity, max_impulse);
+}
+
+AmbConstraint *amb_slider_new(AmbBody *a, AmbBody *b, const double frame_a[12], const double frame_b[12]) {
+  return own(Kind::Slider,
+             new btSliderConstraint(a->body, b->body, transform_of(frame_a), transform_of(frame_b), true));
+}
+
+void amb_slider_set_limit(AmbConstraint *slider, double low, double high) {
+  auto &s = slider->as<btSliderConstraint>();
+  s.setLowerLinLimit(low);
+  s.setUpperLinLimit(high);
+}
+
+void amb_slider_lock_rotation(AmbConstraint *slider) {
+  auto &s = slider->as<btSliderConstraint>();
+  s.setLowerAngLimit(0);
+  s.setUpperAngLimit(0);
+}
+
+void amb_slider_set_motor(AmbConstraint *slider, int enabled, double velocity, double max_force) {
+  auto &s = slider->as<btSliderConstraint>();
+  s.setPoweredLinMotor(enabled != 0);
+  s.setTargetLinMotorVelocity(velocity);
+  s.setMaxLinMotorForce(max_force);
+}
+
+AmbConstraint *amb_fixed_new(AmbBody *a, AmbBody *b, const double frame_a[12], const double frame_b[12]) {
+  return own(Kind::Fixed, new btFixedConstraint(a->body, b->body, transform_of(frame_a), transform_of(frame_b)));
+}
+
+AmbConstraint *amb_point_to_point_new(AmbBody *a, AmbBody *b, const double pivot_a[3], const double pivot_b[3]) {
+  return own(Kind::PointToPoint,
+             new btPoint2PointConstraint(a->body, b->body, vector_of(pivot_a), vector_of(pivot_b)));
+}
+
+AmbConstraint *amb_cone_twist_new(AmbBody *a, AmbBody *b, const double frame_a[12], const double frame_b[12]) {
+  return own(Kind::ConeTwist,
+             new btConeTwistConstraint(a->body, b->body, transform_of(frame_a), transform_of(frame_b)));
+}
+
+void amb_cone_twist_set_limit(AmbConstraint *cone, double swing1, double swing2, double twist) {
+  cone->as<btConeTwistConstraint>().setLimit(swing1, swing2, twist);
+}
+
+AmbConstraint *amb_six_dof_new(AmbBody *a, AmbBody *b, const double frame_a[12], const double frame_b[12]) {
+  return own(Kind::SixDof,
+             new btGeneric6DofConstraint(a->body, b->body, transform_of(frame_a), transform_of(frame_b), true));
+}
+
+void amb_six_dof_set_limit(AmbConstraint *six_dof, int axis, double low, double high) {
+  six_dof->as<btGeneric6DofConstraint>().setLimit(axis, low, high);
+}
+
+AmbConstraint *amb_six_dof_spring_new(AmbBody *a, AmbBody *b, const double frame_a[12], const double frame_b[12]) {
+  return own(Kind::SixDofSpring, new btGeneric6DofSpring2Constraint(a->body, b->body, transform_of(frame_a),
+                                                                    transform_of(frame_b), RO_XYZ));
+}
+
+void amb_six_dof_spring_set_limit(AmbConstraint *spring, int axis, double low, double high) {
+  spring->as<btGeneric6DofSpring2Constraint>().setLimit(axis, low, high);
+}
+
+void amb_six_dof_spring_set_spring(AmbConstraint *spring, int axis, int enabled, double stiffness, double damping) {
+  auto &s = spring->as<btGeneric6DofSpring2Constraint>();
+  s.enableSpring(axis, enabled != 0);
+  s.setStiffness(axis, stiffness);
+  s.setDamping(axis, damping);
+}
+
+void amb_six_dof_spring_set_equilibrium(AmbConstraint *spring, int axis, double equilibrium) {
+  spring->as<btGeneric6DofSpring2Constraint>().setEquilibriumPoint(axis, equilibrium);
+}
+
+void amb_constraint_free(AmbConstraint *constraint) { delete constraint; }
+
+void amb_constraint_set_param(AmbConstraint *constraint, int kind, double value, int axis) {
+  constraint->constraint->setParam(kind, value, axis);
+}
+
+void amb_constraint_enable_feedback(AmbConstraint *constraint) {
+  constraint->feedback = std::make_unique<btJointFeedback>();
+  const btVector3 zero(0, 0, 0);
+  *constraint->feedback = {zero, zero, zero, zero};
+  constraint->constraint->setJointFeedback(constraint->feedback.get());
+}
+
+void amb_constraint_feedback(const AmbConstraint *constraint, double out[12]) {
+  if (!constraint->feedback) {
+    for (int i = 0; i < 12; ++i) out[i] = 0;
+    return;
+  }
+  const btJointFeedback &feedback = *constraint->feedback;
+  write_vector(feedback.m_appliedForceBodyA, out);
+  write_vector(feedback.m_appliedTorqueBodyA, out + 3);
+  write_vector(feedback.m_appliedForceBodyB, out + 6);
+  write_vector(feedback.m_appliedTorqueBodyB, out + 9);
+}
+
+void amb_constraints_read(AmbConstraint *const *constraints, const unsigned char *readings, int n, double *out) {
+  for (int i = 0; i < n; ++i) out[i] = read(*constraints[i], readings[i]);
+}
+
+}  // extern "C"

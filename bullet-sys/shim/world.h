@@ -1,0 +1,35 @@
+/* The dynamics world. Objects added to it stay the caller's and must be removed before they are freed. */
+#ifndef AMB_WORLD_H
+#define AMB_WORLD_H
+#include "types.h"
+
+enum AmbSolver {
+  AmbSolver_SequentialImpulse = 0,
+  AmbSolver_Nncg = 1,
+  AmbSolver_Dantzig = 2,
+  AmbSolver_ProjectedGaussSeidel = 3,
+  AmbSolver_Lemke = 4
+};
+
+AmbWorld *amb_world_new(int solver);
+void amb_world_free(AmbWorld *world);
+/* Also sets it on every dynamic body in the world. */
+void amb_world_set_gravity(AmbWorld *world, const double gravity[3]);
+void amb_world_set_iterations(AmbWorld *world, int iterations);
+/* Error reduction of joints (erp) and of contacts (erp2), 0 to 1. */
+void amb_world_set_erp(AmbWorld *world, double erp, double erp2);
+
+void amb_world_add_body(AmbWorld *world, AmbBody *body);
+void amb_world_remove_body(AmbWorld *world, AmbBody *body);
+void amb_world_add_constraint(AmbWorld *world, AmbConstraint *constraint, int disable_collisions);
+void amb_world_remove_constraint(AmbWorld *world, AmbConstraint *constraint);
+/* The two bodies never collide from now on; found in constant time. */
+void amb_world_ignore_pair(AmbWorld *world, AmbBody *a, AmbBody *b);
+
+/* Advances by interval s in sub-steps of sub_step s, at most max_sub_steps of them. Returns the sub-steps that were due: those
+   above max_sub_steps are lost. */
+int amb_world_step(AmbWorld *world, double interval, int max_sub_steps, double sub_step);
+/* Contact points that touch or are about to, after the last sub-step. */
+int amb_world_contact_count(const AmbWorld *world);
+
+#endif
