@@ -1,1 +1,3 @@
 //! The asynchronous multi-body framework as a library: no ROS, no window, no command line.
+
+pub mod adf;
