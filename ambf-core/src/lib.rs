@@ -1,3 +1,5 @@
 //! The asynchronous multi-body framework as a library: no ROS, no window, no command line.
 
+pub mod adf;
+pub mod bullet;
 pub mod comm;

@@ -17,13 +17,14 @@ mod schedule;
 mod snapshot;
 mod throttle;
 
+pub use crate::bullet::BodyKinematics;
 pub use command::{
     CameraParameters, CartesianCommandType, Command, JointCommandType, LightParameters, PoseCommand, RigidBodyCommand,
 };
 pub use hub::{Channel, Hub, ObjectInfo, ObjectKind, PostError, RigidBodyInfo};
 pub use mailbox::{Inbox, Mailbox};
 pub use schedule::{PublishSchedule, Rates};
-pub use snapshot::{BodyKinematics, Snapshot, SnapshotWriter, Timing, Wrench};
+pub use snapshot::{Snapshot, SnapshotWriter, Timing, Wrench};
 pub use throttle::{StepThrottle, WorldCommand};
 
 use std::sync::Arc;

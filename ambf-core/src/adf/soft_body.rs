@@ -1,0 +1,149 @@
+//! Soft bodies and ghost objects.
+
+use std::path::PathBuf;
+
+use nalgebra::Isometry3;
+
+use super::common::Common;
+use super::geometry::Visual;
+
+/// A soft body as written. It is always passive.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SoftBody {
+    /// Identity and plugins; `passive` is `true` whatever was written.
+    pub common: Common,
+    /// Initial pose in the world. Default: identity.
+    pub location: Isometry3<f64>,
+    /// Uniform scale of the meshes; positive. Default: 1.
+    pub scale: f64,
+    /// Total mass, kg, not negative. Default: 1.
+    pub mass: f64,
+    /// Appearance.
+    pub visual: Visual,
+    /// The mesh that is simulated; absolute or relative to the working directory; not looked for yet.
+    pub collision_mesh: PathBuf,
+    /// Collision margin, m, not negative. Default: 0.001.
+    pub collision_margin: f64,
+    /// Randomise the order of the constraints once: the key is present, whatever its value.
+    pub randomize_constraints: bool,
+    /// Solver and material parameters.
+    pub config: SoftBodyConfig,
+}
+
+/// Bullet's soft body parameters under their names in ADF. All are written to Bullet, absent ones with their default.
+#[derive(Clone, Debug, PartialEq)]
+#[allow(non_snake_case)] // Bullet's and ADF's names, known to every user of either
+pub struct SoftBodyConfig {
+    /// Velocities correction factor (Baumgarte). Default: 1.
+    pub kVCF: f64,
+    /// Damping coefficient, 0 to 1. Default: 0.
+    pub kDP: f64,
+    /// Drag coefficient. Default: 0.
+    pub kDG: f64,
+    /// Lift coefficient. Default: 0.
+    pub kLF: f64,
+    /// Pressure coefficient. Default: 0.
+    pub kPR: f64,
+    /// Volume conservation coefficient. Default: 0.
+    pub kVC: f64,
+    /// Dynamic friction coefficient, 0 to 1. Default: 0.2.
+    pub kDF: f64,
+    /// Pose matching coefficient, 0 to 1; `None`: 0, and no pose matching.
+    pub kMT: Option<f64>,
+    /// Rigid contact hardness. Default: 1.
+    pub kCHR: f64,
+    /// Kinetic contact hardness. Default: 0.1.
+    pub kKHR: f64,
+    /// Soft contact hardness. Default: 1.
+    pub kSHR: f64,
+    /// Anchor hardness. Default: 0.7.
+    pub kAHR: f64,
+    /// Soft against rigid hardness, clusters. Default: 0.1.
+    pub kSRHR_CL: f64,
+    /// Soft against kinetic hardness, clusters. Default: 1.
+    pub kSKHR_CL: f64,
+    /// Soft against soft hardness, clusters. Default: 0.5.
+    pub kSSHR_CL: f64,
+    /// Soft against rigid impulse split, clusters. Default: 0.5.
+    pub kSR_SPLT_CL: f64,
+    /// Soft against kinetic impulse split, clusters. Default: 0.5.
+    pub kSK_SPLT_CL: f64,
+    /// Soft against soft impulse split, clusters. Default: 0.5.
+    pub kSS_SPLT_CL: f64,
+    /// Maximum volume ratio for the pose. Default: 1.
+    pub maxvolume: f64,
+    /// Time scale. Default: 1.
+    pub timescale: f64,
+    /// Velocity solver iterations. Default: 0.
+    pub viterations: i32,
+    /// Position solver iterations. Default: 1.
+    pub piterations: i32,
+    /// Drift solver iterations. Default: 0.
+    pub diterations: i32,
+    /// Cluster solver iterations. Default: 4.
+    pub citerations: i32,
+    /// Bullet's collision flags. Default: 1.
+    pub flags: i32,
+    /// Stiffness of material 0; `None`: none of the three keys is present, the material stays Bullet's.
+    pub material: Option<SoftMaterial>,
+    /// Distance of generated bending constraints; `None`: none are generated.
+    pub bending_constraint: Option<i32>,
+    /// Number of generated clusters; `None`: none are generated.
+    pub clusters: Option<i32>,
+    /// Vertex indices that get mass 0; not negative.
+    pub fixed_nodes: Vec<u32>,
+}
+
+impl Default for SoftBodyConfig {
+    fn default() -> Self {
+        Self {
+            kVCF: 1.0,
+            kDP: 0.0,
+            kDG: 0.0,
+            kLF: 0.0,
+            kPR: 0.0,
+            kVC: 0.0,
+            kDF: 0.2,
+            kMT: None,
+            kCHR: 1.0,
+            kKHR: 0.1,
+            kSHR: 1.0,
+            kAHR: 0.7,
+            kSRHR_CL: 0.1,
+            kSKHR_CL: 1.0,
+            kSSHR_CL: 0.5,
+            kSR_SPLT_CL: 0.5,
+            kSK_SPLT_CL: 0.5,
+            kSS_SPLT_CL: 0.5,
+            maxvolume: 1.0,
+            timescale: 1.0,
+            viterations: 0,
+            piterations: 1,
+            diterations: 0,
+            citerations: 4,
+            flags: 1,
+            material: None,
+            bending_constraint: None,
+            clusters: None,
+            fixed_nodes: Vec::new(),
+        }
+    }
+}
+
+/// Stiffness coefficients of a soft body's material, each 0 to 1. Default: 1 each.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[allow(non_snake_case)] // Bullet's and ADF's names
+pub struct SoftMaterial {
+    /// Linear stiffness.
+    pub kLST: f64,
+    /// Area stiffness.
+    pub kAST: f64,
+    /// Volume stiffness.
+    pub kVST: f64,
+}
+
+impl Default for SoftMaterial {
+    fn default() -> Self {
+        Self { kLST: 1.0, kAST: 1.0, kVST: 1.0 }
+    }
+}

@@ -1,0 +1,198 @@
+use std::ptr::NonNull;
+
+use bullet_sys as sys;
+use nalgebra::{Isometry3, Vector3};
+
+use super::raw_pose;
+
+/// Axis of symmetry of a cylinder, capsule or cone.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Axis {
+    /// First axis.
+    X,
+    /// Second axis.
+    Y,
+    /// Third axis.
+    Z,
+}
+
+/// A collision shape, lengths in m. Margins are collision margins, m.
+#[derive(Debug)]
+pub struct Shape(NonNull<sys::AmbShape>);
+
+// SAFETY: a shape is plain memory without thread affinity; it is only touched through `&Shape`, `&mut Shape` or the world that
+// owns it, and `Shape` is not `Sync`, so never by two threads at once.
+unsafe impl Send for Shape {}
+
+impl Drop for Shape {
+    fn drop(&mut self) {
+        // SAFETY: the pointer came from a constructor of the shim and is freed once, here; a body that uses the shape owns it and
+        // is freed before.
+        unsafe { sys::amb_shape_free(self.0.as_ptr()) }
+    }
+}
+
+impl Shape {
+    fn own(raw: *mut sys::AmbShape) -> Self {
+        Self(NonNull::new(raw).expect("operator new throws rather than return null"))
+    }
+
+    pub(super) fn raw(&self) -> *mut sys::AmbShape {
+        self.0.as_ptr()
+    }
+
+    /// Touches nothing.
+    pub fn empty() -> Self {
+        // SAFETY: no argument to go wrong.
+        Self::own(unsafe { sys::amb_shape_empty() })
+    }
+
+    /// Box with the given half extents.
+    pub fn cuboid(half_extents: Vector3<f64>, margin: f64) -> Self {
+        // SAFETY: the pointer gives three doubles, read before the call returns.
+        Self::own(unsafe { sys::amb_shape_box(half_extents.as_ptr(), margin) })
+    }
+
+    /// Sphere. Its margin is its radius.
+    pub fn sphere(radius: f64, margin: f64) -> Self {
+        // SAFETY: plain numbers.
+        Self::own(unsafe { sys::amb_shape_sphere(radius, margin) })
+    }
+
+    /// Cylinder of full height `height` about its centre.
+    pub fn cylinder(axis: Axis, radius: f64, height: f64, margin: f64) -> Self {
+        // SAFETY: plain numbers.
+        Self::own(unsafe { sys::amb_shape_cylinder(axis as i32, radius, height / 2.0, margin) })
+    }
+
+    /// Capsule; `height` is the distance between the centres of its caps.
+    pub fn capsule(axis: Axis, radius: f64, height: f64, margin: f64) -> Self {
+        // SAFETY: plain numbers.
+        Self::own(unsafe { sys::amb_shape_capsule(axis as i32, radius, height, margin) })
+    }
+
+    /// Cone of full height `height` about the middle of its height.
+    pub fn cone(axis: Axis, radius: f64, height: f64, margin: f64) -> Self {
+        // SAFETY: plain numbers.
+        Self::own(unsafe { sys::amb_shape_cone(axis as i32, radius, height, margin) })
+    }
+
+    /// Half space below a plane at `offset` along `normal`, which need not be normalised.
+    pub fn plane(normal: Vector3<f64>, offset: f64, margin: f64) -> Self {
+        // SAFETY: the pointer gives three doubles, read before the call returns.
+        Self::own(unsafe { sys::amb_shape_plane(normal.as_ptr(), offset, margin) })
+    }
+
+    /// Convex hull of points.
+    pub fn convex_hull(vertices: &[[f64; 3]], margin: f64) -> Self {
+        // SAFETY: pointer and length come from one slice and are read before the call returns.
+        Self::own(unsafe { sys::amb_shape_convex_hull(vertices.as_ptr().cast(), length(vertices), margin) })
+    }
+
+    /// Triangle mesh treated as convex; `None` when a triangle refers to a vertex that does not exist, or there is none.
+    pub fn convex_triangle_mesh(vertices: &[[f64; 3]], triangles: &[[u32; 3]], margin: f64) -> Option<Self> {
+        Self::mesh(vertices, triangles, margin, sys::amb_shape_convex_triangle_mesh)
+    }
+
+    /// Triangle mesh as it is; `None` when a triangle refers to a vertex that does not exist, or there is none.
+    pub fn concave_mesh(vertices: &[[f64; 3]], triangles: &[[u32; 3]], margin: f64) -> Option<Self> {
+        Self::mesh(vertices, triangles, margin, sys::amb_shape_gimpact)
+    }
+
+    fn mesh(
+        vertices: &[[f64; 3]],
+        triangles: &[[u32; 3]],
+        margin: f64,
+        make: unsafe extern "C" fn(*const f64, i32, *const u32, i32, f64) -> *mut sys::AmbShape,
+    ) -> Option<Self> {
+        let in_range = triangles.iter().flatten().all(|&index| (index as usize) < vertices.len());
+        if triangles.is_empty() || !in_range {
+            return None;
+        }
+        // SAFETY: pointers and lengths come from slices, every index was just checked, and all is copied before the call returns.
+        Some(Self::own(unsafe {
+            make(vertices.as_ptr().cast(), length(vertices), triangles.as_ptr().cast(), length(triangles), margin)
+        }))
+    }
+
+    /// Several shapes, each at a pose.
+    pub fn compound(children: impl IntoIterator<Item = (Shape, Isometry3<f64>)>) -> Self {
+        // SAFETY: no argument to go wrong.
+        let compound = Self::own(unsafe { sys::amb_shape_compound() });
+        for (child, pose) in children {
+            // SAFETY: both shapes are alive and different; ownership of the child passes to the compound, so it is forgotten here.
+            unsafe { sys::amb_shape_compound_add(compound.raw(), child.raw(), raw_pose(&pose).as_ptr()) }
+            std::mem::forget(child);
+        }
+        compound
+    }
+
+    /// Bullet's estimate of the principal moments of inertia for `mass` kg, kg·m²; for a compound that of its bounding box. Zero
+    /// for an empty shape or a plane.
+    pub fn inertia(&self, mass: f64) -> Vector3<f64> {
+        let mut inertia = Vector3::zeros();
+        // SAFETY: the shape is alive; three doubles are written.
+        unsafe { sys::amb_shape_inertia(self.raw(), mass, inertia.as_mut_ptr()) }
+        inertia
+    }
+
+    /// Axis-aligned bounding box in the shape's frame: minimum and maximum.
+    pub fn bounds(&self) -> (Vector3<f64>, Vector3<f64>) {
+        let mut bounds = [0.0; 6];
+        // SAFETY: the shape is alive; six doubles are written.
+        unsafe { sys::amb_shape_aabb(self.raw(), bounds.as_mut_ptr()) }
+        (Vector3::from_column_slice(&bounds[..3]), Vector3::from_column_slice(&bounds[3..]))
+    }
+}
+
+fn length<T>(slice: &[T]) -> i32 {
+    i32::try_from(slice.len()).expect("a mesh has fewer than 2^31 elements: readers bound it")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TETRAHEDRON: [[f64; 3]; 4] = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    const FACES: [[u32; 3]; 4] = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]];
+
+    #[test]
+    fn bounds_follow_the_axis() {
+        for (axis, long) in [(Axis::X, 0), (Axis::Y, 1), (Axis::Z, 2)] {
+            for shape in [
+                Shape::cylinder(axis, 0.1, 2.0, 0.001),
+                Shape::capsule(axis, 0.1, 1.8, 0.001),
+                Shape::cone(axis, 0.1, 2.0, 0.001),
+            ] {
+                let (low, high) = shape.bounds();
+                let size = high - low;
+                assert!((size[long] - 2.0).abs() < 0.01, "{size}");
+                assert!(size[(long + 1) % 3] < 0.3, "{size}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_box_has_the_inertia_of_a_solid_box() {
+        let inertia = Shape::cuboid(Vector3::new(0.25, 0.025, 0.025), 0.001).inertia(1.0);
+        let expected = Vector3::new(0.005, 0.2525, 0.2525) / 12.0;
+        assert!((inertia - expected).norm() < 1e-15, "{inertia}");
+        assert_eq!(Shape::empty().inertia(1.0), Vector3::zeros());
+    }
+
+    #[test]
+    fn meshes_with_wild_indices_are_refused() {
+        assert!(Shape::concave_mesh(&TETRAHEDRON, &FACES, 0.001).is_some());
+        assert!(Shape::convex_triangle_mesh(&TETRAHEDRON, &FACES, 0.001).is_some());
+        assert!(Shape::concave_mesh(&TETRAHEDRON, &[[0, 1, 4]], 0.001).is_none());
+        assert!(Shape::concave_mesh(&TETRAHEDRON, &[], 0.001).is_none());
+    }
+
+    #[test]
+    fn a_compound_owns_its_children() {
+        let mesh = Shape::concave_mesh(&TETRAHEDRON, &FACES, 0.0).unwrap();
+        let compound = Shape::compound([(mesh, Isometry3::translation(1.0, 0.0, 0.0))]);
+        let (low, high) = compound.bounds();
+        assert!((low.x - 1.0).abs() < 1e-9 && (high.x - 2.0).abs() < 1e-9, "{low} {high}");
+    }
+}
