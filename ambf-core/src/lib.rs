@@ -3,3 +3,4 @@
 pub mod adf;
 pub mod bullet;
 pub mod comm;
+pub mod control;

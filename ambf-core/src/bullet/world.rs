@@ -113,6 +113,7 @@ pub struct World {
     body_order: Vec<BodyHandle>,
     /// Constraints in order of creation with what is read of each.
     constraint_list: Vec<*mut sys::AmbConstraint>,
+    constraint_order: Vec<ConstraintHandle>,
     readings: Vec<u8>,
 }
 
@@ -122,10 +123,12 @@ unsafe impl Send for World {}
 
 impl Drop for World {
     fn drop(&mut self) {
-        let constraints: Vec<_> = self.constraints.keys().collect();
-        constraints.into_iter().for_each(|handle| drop(self.remove_constraint(handle)));
-        let bodies: Vec<_> = self.bodies.keys().collect();
-        bodies.into_iter().for_each(|handle| drop(self.remove_body(handle)));
+        for handle in self.constraints.keys().collect::<Vec<_>>() {
+            self.remove_constraint(handle);
+        }
+        for handle in self.bodies.keys().collect::<Vec<_>>() {
+            self.remove_body(handle);
+        }
         // SAFETY: made in `new`, freed once, here; nothing is left in it.
         unsafe { sys::amb_world_free(self.raw.as_ptr()) }
     }
@@ -143,6 +146,7 @@ impl World {
             body_list: Vec::new(),
             body_order: Vec::new(),
             constraint_list: Vec::new(),
+            constraint_order: Vec::new(),
             readings: Vec::new(),
         };
         world.set_gravity(Vector3::zeros());
@@ -239,7 +243,9 @@ impl World {
         };
         self.constraint_list.push(raw.as_ptr());
         self.readings.push(constraint.kind.reading());
-        Some(self.constraints.insert(OwnedConstraint { raw, bodies: [a, b], motor }))
+        let handle = self.constraints.insert(OwnedConstraint { raw, bodies: [a, b], motor });
+        self.constraint_order.push(handle);
+        Some(handle)
     }
 
     /// Removes a constraint; false when it is not there.
@@ -250,6 +256,7 @@ impl World {
         }
         if let Some(place) = self.constraint_list.iter().position(|&raw| raw == constraint.raw.as_ptr()) {
             self.constraint_list.remove(place);
+            self.constraint_order.remove(place);
             self.readings.remove(place);
         }
         // SAFETY: the constraint is in this world, and no pointer to it is left after this.
@@ -274,6 +281,11 @@ impl World {
         let cap = max_sub_steps.clamp(1, i32::MAX as u32) as i32;
         // SAFETY: the world and everything in it are alive.
         unsafe { sys::amb_world_step(self.raw.as_ptr(), interval, cap, sub_step) }.max(0) as u32
+    }
+
+    /// Handles of all constraints in order of creation: the order of [`read_constraints`](Self::read_constraints).
+    pub fn constraints(&self) -> &[ConstraintHandle] {
+        &self.constraint_order
     }
 
     /// Contact points after the last sub-step.
@@ -571,7 +583,9 @@ mod tests {
             if ignore {
                 world.ignore_collision(plane, falling);
             }
-            (0..1000).for_each(|_| drop(world.step(0.001, 1, 0.001)));
+            for _ in 0..1000 {
+                world.step(0.001, 1, 0.001);
+            }
             world.pose(falling).unwrap().translation.z
         };
         assert!((drop_onto_plane(false) + 0.1).abs() < 0.01);
@@ -595,7 +609,9 @@ mod tests {
             world.set_gravity(Vector3::new(0.0, -10.0, 0.0));
             let (a, b) = (world.add_body(ball(0.0, 0.0)), world.add_body(ball(1.0, 1.0)));
             world.add_constraint(a, b, &hinge()).unwrap();
-            (0..300).for_each(|_| drop(world.step(0.001, 1, 0.001)));
+            for _ in 0..300 {
+                world.step(0.001, 1, 0.001);
+            }
             let distance = world.pose(b).unwrap().translation.vector.norm();
             assert!((distance - 1.0).abs() < 1e-3, "{name}: {distance}");
             assert_eq!(Solver::from_name(name), Some(solver));

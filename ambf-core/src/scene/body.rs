@@ -1,0 +1,133 @@
+//! A live rigid body: what its description became, and what acts on it.
+
+use nalgebra::{Isometry3, Vector3};
+
+use crate::adf::SourcePos;
+use crate::bullet::{BodyHandle, World};
+use crate::comm::{CartesianCommandType, Rates, RigidBodyCommand};
+use crate::control::{orientation_of, CartesianController, CartesianOutput};
+
+/// A rigid body of a [`Scene`](super::Scene).
+#[derive(Debug, Clone)]
+pub struct Body {
+    /// Name without suffix, as in children's names.
+    pub name: String,
+    /// Suffix that tells copies apart; usually empty.
+    pub suffix: String,
+    /// Global prefix and namespace.
+    pub namespace: String,
+    /// Mapping key in the file.
+    pub identifier: String,
+    /// No State, no Command.
+    pub passive: bool,
+    /// How often it is published.
+    pub rates: Rates,
+    /// kg; 0: static.
+    pub mass: f64,
+    /// Principal moments about the axes of the inertial frame, kg·m².
+    pub inertia: Vector3<f64>,
+    /// Pose of the inertial frame in the body frame.
+    pub inertial_offset: Isometry3<f64>,
+    /// Pose of the body frame in the inertial frame.
+    pub inertial_offset_inverse: Isometry3<f64>,
+    /// Initial pose of the inertial frame in the world; resets return to it.
+    pub initial_pose: Isometry3<f64>,
+    /// Own or model's gravity, m/s²; `None`: the world's.
+    pub gravity: Option<Vector3<f64>>,
+    /// Scale of joint pivots.
+    pub scale: f64,
+    /// Collision groups.
+    pub collision_groups: Vec<u32>,
+    /// Names of children in the state before a client asks.
+    pub publish_children_names: bool,
+    /// Names of joints in the state before a client asks.
+    pub publish_joint_names: bool,
+    /// Joint positions, velocities and efforts in the state before a client asks.
+    pub publish_joint_positions: bool,
+    /// Where it is defined.
+    pub source: SourcePos,
+    pub(crate) handle: BodyHandle,
+    pub(crate) controller: CartesianController,
+    pub(crate) controlled_in: u64,
+}
+
+/// Cartesian commands closer than this to the pose of a static body leave it alone: m and rad.
+const SAME_POSE: (f64, f64) = (1e-5, 1e-4);
+
+impl Body {
+    /// Prefix, namespace and identifier.
+    pub fn key(&self) -> String {
+        format!("{}{}", self.namespace, self.identifier)
+    }
+
+    /// Name with the suffix that tells copies apart: the last part of its topics.
+    pub fn communication_name(&self) -> String {
+        format!("{}{}", self.name, self.suffix)
+    }
+
+    /// Pose of the body frame in the world as reported: from the motion state, up to one sub-step old.
+    pub fn pose(&self, world: &World) -> Isometry3<f64> {
+        world.motion_state(self.handle).unwrap_or(self.initial_pose) * self.inertial_offset_inverse
+    }
+
+    /// Returns to the initial pose, at rest, with its own gravity.
+    pub(crate) fn reset(&self, world: &mut World) {
+        world.clear_forces(self.handle);
+        world.set_velocity(self.handle, &Vector3::zeros(), &Vector3::zeros());
+        if let Some(gravity) = &self.gravity {
+            world.set_body_gravity(self.handle, gravity);
+        }
+        world.set_pose(self.handle, &self.initial_pose);
+    }
+
+    /// Applies the Cartesian part of a command. `dt` is the interval before, s; `iteration` tells gaps in control.
+    pub(crate) fn apply_command(&mut self, world: &mut World, command: &RigidBodyCommand, dt: f64, iteration: u64) {
+        match command.cartesian {
+            CartesianCommandType::Force => world.apply_wrench(self.handle, &command.force, &command.torque),
+            CartesianCommandType::Position => {
+                let (orientation, _) = orientation_of(&command.orientation);
+                let target = Isometry3::from_parts(command.position.into(), orientation);
+                self.apply_pose(world, &target, dt, iteration);
+            }
+            CartesianCommandType::Velocity => {
+                self.apply_velocity(world, &command.linear_velocity, &command.angular_velocity, dt);
+            }
+            CartesianCommandType::Unknown(_) => (),
+        }
+    }
+
+    /// Sets the pose of a static body, or lets the Cartesian controller of a dynamic one follow `target` (body frame in the world).
+    pub(crate) fn apply_pose(&mut self, world: &mut World, target: &Isometry3<f64>, dt: f64, iteration: u64) {
+        if self.mass == 0.0 {
+            let wanted = target * self.inertial_offset;
+            let Some(current) = world.pose(self.handle) else { return };
+            let moved = (wanted.translation.vector - current.translation.vector).norm() > SAME_POSE.0;
+            if moved || wanted.rotation.angle_to(&current.rotation) > SAME_POSE.1 {
+                world.set_pose(self.handle, &wanted);
+            }
+            return;
+        }
+        let resumed = self.controlled_in + 1 != iteration;
+        self.controlled_in = iteration;
+        match self.controller.update(&self.pose(world), target, dt, resumed) {
+            CartesianOutput::Wrench(force, torque) => world.apply_wrench(self.handle, &force, &torque),
+            CartesianOutput::Velocity(linear, angular) => world.set_velocity(self.handle, &linear, &angular),
+        }
+    }
+
+    /// Sets the velocity of a dynamic body, m/s and rad/s; moves a static one by it for `dt` s.
+    pub(crate) fn apply_velocity(&self, world: &mut World, linear: &Vector3<f64>, angular: &Vector3<f64>, dt: f64) {
+        if self.mass != 0.0 {
+            world.set_velocity(self.handle, linear, angular);
+            return;
+        }
+        if linear.norm_squared() == 0.0 && angular.norm_squared() == 0.0 {
+            return;
+        }
+        let pose = self.pose(world);
+        let turned = angular * dt;
+        let step = nalgebra::UnitQuaternion::from_euler_angles(turned.x, turned.y, turned.z);
+        let moved = Isometry3::from_parts((pose.translation.vector + linear * dt).into(), step * pose.rotation);
+        world.set_pose(self.handle, &(moved * self.inertial_offset));
+    }
+}

@@ -1,0 +1,122 @@
+//! Which bodies hang below which: the lists that order joint names and joint commands.
+
+/// A body below another, and the joint that leads to it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Descendant {
+    /// Index of the body.
+    pub body: usize,
+    /// Index of the first joint that reached it.
+    pub joint: usize,
+    /// Whether that joint is excluded from the active list.
+    pub passive: bool,
+}
+
+#[derive(Debug, Clone, Default)]
+struct Node {
+    ancestors: Vec<usize>,
+    descendants: Vec<Descendant>,
+}
+
+/// Ancestors and descendants of every body, in the order in which joints were made.
+#[derive(Debug, Clone, Default)]
+pub struct BodyGraph {
+    nodes: Vec<Node>,
+}
+
+impl BodyGraph {
+    /// Makes place for one more body and returns its index.
+    pub fn add_body(&mut self) -> usize {
+        self.nodes.push(Node::default());
+        self.nodes.len() - 1
+    }
+
+    /// Enters a joint from `parent` to `child`. A joint of a body with itself changes nothing; so does, in the lists, a second path to
+    /// the same child.
+    pub fn add_joint(&mut self, parent: usize, child: usize, joint: usize, passive: bool) {
+        if parent == child {
+            return;
+        }
+        let mut below = self.nodes[child].descendants.clone();
+        below.push(Descendant { body: child, joint, passive });
+        let mut above = self.nodes[parent].ancestors.clone();
+        above.push(parent);
+        for &body in &above {
+            let list = &mut self.nodes[body].descendants;
+            for entry in &below {
+                if list.iter().all(|known| known.body != entry.body) {
+                    list.push(*entry);
+                }
+            }
+        }
+        for entry in &below {
+            let list = &mut self.nodes[entry.body].ancestors;
+            list.extend(above.iter().filter(|body| !list.contains(body)).copied().collect::<Vec<_>>());
+        }
+    }
+
+    /// All bodies below `body` with the joints that lead to them.
+    pub fn descendants(&self, body: usize) -> &[Descendant] {
+        &self.nodes[body].descendants
+    }
+
+    /// The descendants that count for states and joint commands: those whose joint is not passive.
+    pub fn active(&self, body: usize) -> impl Iterator<Item = &Descendant> {
+        self.nodes[body].descendants.iter().filter(|entry| !entry.passive)
+    }
+
+    /// Whether nothing is above `body`.
+    pub fn is_root(&self, body: usize) -> bool {
+        self.nodes[body].ancestors.is_empty()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn graph(joints: &[(usize, usize, bool)]) -> BodyGraph {
+        let mut graph = BodyGraph::default();
+        for _ in 0..4 {
+            graph.add_body();
+        }
+        for (joint, &(parent, child, passive)) in joints.iter().enumerate() {
+            graph.add_joint(parent, child, joint, passive);
+        }
+        graph
+    }
+
+    fn active(graph: &BodyGraph, body: usize) -> Vec<usize> {
+        graph.active(body).map(|entry| entry.joint).collect()
+    }
+
+    #[test]
+    fn top_down_order_is_file_order() {
+        let graph = graph(&[(0, 1, false), (1, 2, false), (2, 3, false)]);
+        assert_eq!(active(&graph, 0), [0, 1, 2]);
+        assert_eq!(active(&graph, 1), [1, 2]);
+        assert!(graph.is_root(0) && !graph.is_root(3));
+    }
+
+    #[test]
+    fn a_subtree_built_first_comes_first() {
+        let graph = graph(&[(1, 2, false), (2, 3, false), (0, 1, false)]);
+        assert_eq!(active(&graph, 0), [0, 1, 2]);
+        assert_eq!(graph.descendants(0).iter().map(|d| d.body).collect::<Vec<_>>(), [2, 3, 1]);
+    }
+
+    #[test]
+    fn the_first_path_to_a_body_counts_and_passive_joints_are_left_out() {
+        let graph = graph(&[(0, 1, false), (0, 2, true), (1, 3, false), (2, 3, false)]);
+        assert_eq!(active(&graph, 0), [0, 2]);
+        assert_eq!(active(&graph, 2), [3]);
+        assert_eq!(graph.descendants(0).len(), 3);
+    }
+
+    #[test]
+    fn loops_and_self_joints_end() {
+        let mut graph = graph(&[(0, 1, false), (1, 0, false)]);
+        graph.add_joint(2, 2, 2, false);
+        assert!(graph.descendants(2).is_empty());
+        assert_eq!(graph.descendants(0).len(), 2);
+    }
+}

@@ -1,0 +1,377 @@
+//! A live joint: its frames, the constraint it becomes, what is read of it and what commands do to it.
+
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
+
+use nalgebra::{Isometry3, Unit, UnitQuaternion, Vector3};
+
+use super::body::Body;
+use crate::adf::{self, ControllerOutput, JointKind, Limits, SixDofLimits, SourcePos};
+use crate::bullet::{Constraint, ConstraintHandle, ConstraintKind, ConstraintParameter, Spring, World};
+use crate::comm::JointCommandType;
+use crate::control::{shortest_angle, JointController, Profile};
+
+/// The sub-step that `max motor impulse` is given for, s.
+const IMPULSE_STEP: f64 = 0.001;
+
+/// What kind of coordinate a joint has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum JointType {
+    /// Angle about an axis.
+    Revolute,
+    /// Distance along an axis.
+    Prismatic,
+    /// Distance along an axis, driven by a spring.
+    LinearSpring,
+    /// Angle about an axis, driven by a spring.
+    TorsionSpring,
+    /// Ball joint, no coordinate.
+    PointToPoint,
+    /// No freedom.
+    Fixed,
+    /// Limited ball joint, no coordinate.
+    ConeTwist,
+    /// No single coordinate.
+    SixDof,
+    /// No single coordinate.
+    SixDofSpring,
+    /// Unknown type: creates no constraint.
+    Unknown,
+}
+
+impl JointType {
+    /// The number the C++ program has for it in its traces.
+    pub fn code(self) -> u8 {
+        match self {
+            Self::Revolute => 0,
+            Self::Prismatic => 1,
+            Self::LinearSpring => 2,
+            Self::TorsionSpring => 3,
+            Self::PointToPoint => 4,
+            Self::Fixed => 5,
+            Self::ConeTwist => 6,
+            Self::SixDof => 7,
+            Self::SixDofSpring => 8,
+            Self::Unknown => 9,
+        }
+    }
+
+    fn is_angular(self) -> bool {
+        matches!(self, Self::Revolute | Self::TorsionSpring)
+    }
+
+    fn is_linear(self) -> bool {
+        matches!(self, Self::Prismatic | Self::LinearSpring)
+    }
+
+    fn has_motor(self) -> bool {
+        matches!(self, Self::Revolute | Self::Prismatic)
+    }
+}
+
+impl From<&JointKind> for JointType {
+    fn from(kind: &JointKind) -> Self {
+        match kind {
+            JointKind::Revolute => Self::Revolute,
+            JointKind::Prismatic => Self::Prismatic,
+            JointKind::LinearSpring => Self::LinearSpring,
+            JointKind::TorsionSpring => Self::TorsionSpring,
+            JointKind::PointToPoint => Self::PointToPoint,
+            JointKind::Fixed => Self::Fixed,
+            JointKind::ConeTwist(_) => Self::ConeTwist,
+            JointKind::SixDof(_) => Self::SixDof,
+            JointKind::SixDofSpring(_) => Self::SixDofSpring,
+            JointKind::Unknown(_) => Self::Unknown,
+        }
+    }
+}
+
+/// A joint of a [`Scene`](super::Scene).
+#[derive(Debug, Clone)]
+pub struct Joint {
+    /// Name without suffix.
+    pub name: String,
+    /// Prefix, namespace and identifier.
+    pub key: String,
+    /// What kind of coordinate it has.
+    pub joint_type: JointType,
+    /// Index of the parent body.
+    pub parent: usize,
+    /// Index of the child body.
+    pub child: usize,
+    /// Left out of states and joint commands, with its child.
+    pub passive: bool,
+    /// Range of the coordinate, rad or m.
+    pub limits: Option<Limits>,
+    /// Position commands are obeyed.
+    pub enable_motor: bool,
+    /// N·m·s or N·s a sub-step of 1 ms.
+    pub max_motor_impulse: f64,
+    /// Reactions are estimated.
+    pub feedback: bool,
+    /// rad or m after the latest iteration.
+    pub position: f64,
+    /// rad/s or m/s: difference of positions over the interval before.
+    pub velocity: f64,
+    /// N·m or N along the axis, on the parent; 0 without feedback.
+    pub effort: f64,
+    /// Where it is defined.
+    pub source: SourcePos,
+    /// Joint axis in the parent's inertial frame, of length 1.
+    pub axis: Vector3<f64>,
+    pub(crate) handle: Option<ConstraintHandle>,
+    pub(crate) controller: JointController,
+    pub(crate) output: ControllerOutput,
+    profile: Profile,
+}
+
+impl Joint {
+    pub(super) fn new(
+        joint: &adf::Joint,
+        key: String,
+        (parent, child): (usize, usize),
+        axis: Vector3<f64>,
+        handle: Option<ConstraintHandle>,
+        profile: Profile,
+    ) -> Self {
+        Self {
+            name: joint.common.name.clone(),
+            key,
+            joint_type: JointType::from(&joint.kind),
+            parent,
+            child,
+            passive: joint.common.passive,
+            limits: joint.limits,
+            enable_motor: joint.enable_motor,
+            max_motor_impulse: joint.max_motor_impulse,
+            feedback: joint.enable_feedback,
+            position: 0.0,
+            velocity: 0.0,
+            effort: 0.0,
+            source: joint.common.source.clone(),
+            axis,
+            handle,
+            controller: JointController::new(joint.controller.gains, profile),
+            output: joint.controller.output,
+            profile,
+        }
+    }
+
+    /// Stores a new position and the velocity that follows over `dt` s.
+    pub(crate) fn observe(&mut self, position: f64, dt: f64) {
+        let mut difference = position - self.position;
+        if self.joint_type.is_angular() && difference.abs() > PI {
+            // Across ±π: the C++ program reports a spike.
+            difference -= TAU.copysign(difference);
+        }
+        self.velocity = if dt < 1e-5 { 0.0 } else { difference / dt };
+        self.position = position;
+    }
+
+    /// Reaction along the axis from the feedback on the parent, rotated into its inertial frame.
+    pub(crate) fn estimate_effort(&mut self, force_on_parent: &Vector3<f64>, torque_on_parent: &Vector3<f64>) {
+        if self.joint_type.is_angular() {
+            self.effort = self.axis.dot(torque_on_parent);
+        } else if self.joint_type.is_linear() {
+            self.effort = self.axis.dot(force_on_parent);
+        }
+    }
+
+    /// Applies one joint command at simulated `time` s; `period` is the length of an iteration, s.
+    pub(crate) fn apply_command(
+        &mut self,
+        world: &mut World,
+        bodies: &[Body],
+        kind: JointCommandType,
+        value: f64,
+        (time, period): (f64, f64),
+    ) {
+        match kind {
+            JointCommandType::Effort => self.apply_effort(world, bodies, value),
+            JointCommandType::Velocity => self.set_motor(world, true, value),
+            JointCommandType::Position => self.apply_position(world, bodies, value, (time, period)),
+            JointCommandType::Unknown(_) => (),
+        }
+    }
+
+    fn apply_position(&mut self, world: &mut World, bodies: &[Body], value: f64, (time, period): (f64, f64)) {
+        if !self.enable_motor || !self.joint_type.has_motor() {
+            return;
+        }
+        let (process, set_point) = match self.limits {
+            // Not `clamp`: the limits may be the wrong way round.
+            Some(Limits { low, high }) => (self.position, value.min(high).max(low)),
+            None if self.joint_type == JointType::Revolute => {
+                (0.0, shortest_angle(self.position, value, self.profile))
+            }
+            None => (self.position, value),
+        };
+        let output = self.controller.update(process, set_point, time, period);
+        match self.output {
+            ControllerOutput::Force => self.apply_effort(world, bodies, output),
+            ControllerOutput::Velocity | ControllerOutput::Position => self.set_motor(world, true, output),
+        }
+    }
+
+    fn apply_effort(&mut self, world: &mut World, bodies: &[Body], effort: f64) {
+        self.set_motor(world, false, 0.0);
+        let (parent, child) = (bodies[self.parent].handle, bodies[self.child].handle);
+        let Some(pose) = world.pose(parent) else { return };
+        let along = pose.rotation * self.axis * effort;
+        let zero = Vector3::zeros();
+        if self.joint_type.is_angular() {
+            world.apply_wrench(parent, &zero, &-along);
+            world.apply_wrench(child, &zero, &along);
+        } else if self.joint_type.is_linear() {
+            world.apply_wrench(parent, &-along, &zero);
+            world.apply_wrench(child, &along, &zero);
+        }
+    }
+
+    fn set_motor(&self, world: &mut World, enabled: bool, velocity: f64) {
+        let strength = match self.joint_type {
+            JointType::Prismatic => self.max_motor_impulse / IMPULSE_STEP,
+            _ => self.max_motor_impulse,
+        };
+        if let Some(handle) = self.handle {
+            world.set_motor(handle, enabled, velocity, strength);
+        }
+    }
+}
+
+/// Joint frames in the inertial frames of parent and child, and the joint axis in the parent's.
+pub(super) fn frames(joint: &adf::Joint, parent: &Body, child: &Body) -> (Isometry3<f64>, Isometry3<f64>, Vector3<f64>) {
+    let (to_parent, to_child) = (&parent.inertial_offset_inverse, &child.inertial_offset_inverse);
+    let axis_a = to_parent.rotation * unit(&joint.parent_axis);
+    let axis_b = to_child.rotation * unit(&joint.child_axis);
+    let pivot_a = to_parent * nalgebra::Point3::from(joint.parent_pivot * parent.scale);
+    let pivot_b = to_child * nalgebra::Point3::from(joint.child_pivot * child.scale);
+    let own_axis = if joint.kind == JointKind::Prismatic { Vector3::x() } else { Vector3::z() };
+
+    let to_axis = rotation_between(&own_axis, &axis_a);
+    let joint_turn = about(&axis_a, joint.joint_offset);
+    let child_to_parent = rotation_between(&axis_b, &axis_a);
+    let child_turn = about(&axis_a, joint.child_offset);
+    let rotation_a = joint_turn * to_axis;
+    let rotation_b = child_to_parent.inverse() * child_turn.inverse() * joint_turn * to_axis;
+    (
+        Isometry3::from_parts(pivot_a.into(), rotation_a),
+        Isometry3::from_parts(pivot_b.into(), rotation_b),
+        axis_a,
+    )
+}
+
+fn unit(v: &Vector3<f64>) -> Vector3<f64> {
+    // Only point-to-point joints may have a zero axis, and they don't use it.
+    v.try_normalize(0.0).unwrap_or_else(Vector3::z)
+}
+
+fn about(axis: &Vector3<f64>, angle: f64) -> UnitQuaternion<f64> {
+    UnitQuaternion::from_axis_angle(&Unit::new_normalize(*axis), angle)
+}
+
+/// The rotation from `u` to `v` with the C++ program's choice of axis where it is not unique.
+fn rotation_between(u: &Vector3<f64>, v: &Vector3<f64>) -> UnitQuaternion<f64> {
+    let angle = angle_between(u, v);
+    let axis = if angle < 0.001 {
+        Vector3::z()
+    } else if angle > 3.14 {
+        let off_x = angle_between(u, &Vector3::x());
+        if off_x > 0.001 && off_x < 3.14 { u.cross(&Vector3::x()) } else { v.cross(&Vector3::y()) }
+    } else {
+        u.cross(v)
+    };
+    about(&axis, angle)
+}
+
+fn angle_between(u: &Vector3<f64>, v: &Vector3<f64>) -> f64 {
+    let lengths = u.norm() * v.norm();
+    if lengths < 1e-9 { 0.0 } else { (u.dot(v) / lengths).clamp(-1.0, 1.0).acos() }
+}
+
+/// The Bullet constraint that a joint becomes; `None` for an unknown type.
+pub(super) fn constraint(joint: &adf::Joint, frame_a: Isometry3<f64>, frame_b: Isometry3<f64>) -> Option<Constraint> {
+    use ConstraintParameter::{Cfm, Erp, StopErp};
+    let limits = joint.limits.map(|Limits { low, high }| [low, high]);
+    let (erp, cfm) = (joint.erp, joint.cfm);
+    let (kind, parameters) = match &joint.kind {
+        JointKind::Revolute => (ConstraintKind::Hinge { limits }, vec![(Erp, erp, -1), (Cfm, cfm, -1)]),
+        JointKind::Prismatic => (ConstraintKind::Slider { limits }, vec![(Cfm, cfm, -1)]),
+        JointKind::Fixed => (ConstraintKind::Fixed, vec![]),
+        JointKind::PointToPoint => (ConstraintKind::PointToPoint, vec![(Erp, erp, -1), (Cfm, cfm, -1)]),
+        JointKind::LinearSpring => (one_axis_spring(joint, 2), vec![(StopErp, erp, 2), (Cfm, cfm, 2)]),
+        JointKind::TorsionSpring => (one_axis_spring(joint, 5), vec![(StopErp, erp, 5), (Cfm, cfm, 5)]),
+        JointKind::ConeTwist(span) => {
+            let kind = ConstraintKind::ConeTwist { swing1: span.swing_z, swing2: span.swing_y, twist: span.twist };
+            (kind, vec![])
+        }
+        JointKind::SixDof(limits) => (ConstraintKind::SixDof(six_limits(limits)), vec![]),
+        JointKind::SixDofSpring(spring) => {
+            let axis = |i: usize| {
+                let pick = |v: &adf::LinearAngular| if i < 3 { v.linear[i] } else { v.angular[i - 3] };
+                // Bullet's angles have the opposite sign.
+                let sign = if i < 3 { 1.0 } else { -1.0 };
+                Some(Spring {
+                    enabled: true,
+                    stiffness: pick(&spring.stiffness),
+                    damping: pick(&spring.damping),
+                    equilibrium: Some(sign * pick(&spring.equilibrium_point)),
+                })
+            };
+            let springs = std::array::from_fn(axis);
+            (ConstraintKind::SixDofSpring { limits: six_limits(&spring.limits), springs }, vec![])
+        }
+        JointKind::Unknown(_) => return None,
+    };
+    Some(Constraint {
+        kind,
+        frame_a,
+        frame_b,
+        parameters,
+        feedback: joint.enable_feedback,
+        disable_collisions: joint.ignore_inter_collision,
+    })
+}
+
+fn six_limits(limits: &SixDofLimits) -> [[f64; 2]; 6] {
+    std::array::from_fn(|i| {
+        if i < 3 {
+            [limits.linear_low[i], limits.linear_high[i]]
+        } else {
+            // Bullet's angles have the opposite sign.
+            [-limits.angular_high[i - 3], -limits.angular_low[i - 3]]
+        }
+    })
+}
+
+fn one_axis_spring(joint: &adf::Joint, axis: usize) -> ConstraintKind {
+    // Bullet's angles have the opposite sign.
+    let sign = if axis < 3 { 1.0 } else { -1.0 };
+    let mut limits = [[0.0; 2]; 6];
+    let mut springs = [None; 6];
+    let mut spring =
+        Spring { enabled: false, stiffness: joint.stiffness, damping: joint.damping, equilibrium: None };
+    if let Some(Limits { low, high }) = joint.limits {
+        limits[axis] = if axis < 3 { [low, high] } else { [-high, -low] };
+        spring.enabled = true;
+        spring.equilibrium = Some(sign * joint.equilibrium_point.unwrap_or((low + high) / 2.0));
+    }
+    springs[axis] = Some(spring);
+    ConstraintKind::SixDofSpring { limits, springs }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rotations_carry_one_axis_to_the_other() {
+        let axes = [Vector3::x(), Vector3::y(), Vector3::z(), -Vector3::x(), -Vector3::z(), Vector3::new(1.0, 2.0, -3.0)];
+        for u in &axes {
+            for v in &axes {
+                let turned = rotation_between(u, v) * unit(u);
+                assert!((turned - unit(v)).norm() < 2e-3, "{u} to {v} gives {turned}");
+            }
+        }
+        assert!((rotation_between(&Vector3::x(), &Vector3::y()).angle() - FRAC_PI_2).abs() < 1e-12);
+    }
+}
