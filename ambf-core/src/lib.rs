@@ -1,3 +1,4 @@
 //! The asynchronous multi-body framework as a library: no ROS, no window, no command line.
 
 pub mod comm;
+pub mod mesh;
