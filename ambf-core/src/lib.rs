@@ -4,3 +4,4 @@ pub mod adf;
 pub mod bullet;
 pub mod comm;
 pub mod control;
+pub mod mesh;

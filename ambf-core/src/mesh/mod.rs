@@ -1,0 +1,324 @@
+//! Mesh files → triangles.
+//!
+//! [`load`] reads one file, [`MeshCache`] shares what many bodies use. Positions are in the units of the file (metres by
+//! convention), multiplied by nothing; colours, normals and texture coordinates are not kept. STL and 3DS store 32-bit
+//! numbers, which are widened exactly; text formats are read as `f64`, except ASCII STL, whose numbers are 32-bit too so that
+//! it equals its binary twin.
+
+mod cache;
+mod dae;
+mod obj;
+mod stl;
+mod three_ds;
+
+use std::collections::HashMap;
+use std::fmt;
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::{Path, PathBuf};
+
+use thiserror::Error;
+
+pub use cache::MeshCache;
+
+/// Largest file that is read, in bytes. Far above any usable collision mesh; stops a wrong path from eating the memory.
+const MAX_FILE_BYTES: u64 = 512 << 20;
+
+/// Triangles and lines of one mesh file, split as the file's materials and objects demand.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Mesh {
+    /// In file order, at least one. STL has one; OBJ max(number of materials, number of objects, 1), faces assigned by
+    /// material and the surplus ones empty; 3DS one for each material used by each object; Collada one for each primitive
+    /// element of each placed geometry.
+    pub sub_meshes: Vec<SubMesh>,
+}
+
+/// Part of a [`Mesh`].
+///
+/// Vertices are welded: no two are equal (`-0.0` equals `0.0`), and their order is that of their first use by a triangle
+/// corner, in file order.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct SubMesh {
+    /// Material name, else object name, else empty.
+    pub name: String,
+    /// Positions (n × 3) in the mesh frame. The first [`surface_vertices`](Self::surface_vertices) ones belong to triangles,
+    /// the rest only to lines.
+    pub vertices: Vec<[f64; 3]>,
+    /// Indices into [`vertices`](Self::vertices), counter-clockwise seen from outside. May contain degenerate triangles.
+    pub triangles: Vec<[u32; 3]>,
+    /// Indices into [`vertices`](Self::vertices); OBJ `l` elements only, a polyline is split into its segments.
+    pub lines: Vec<[u32; 2]>,
+    /// Number of leading vertices that belong to the surface, as opposed to lines. A file of bare OBJ vertices counts them
+    /// all.
+    pub surface_vertices: usize,
+    /// OBJ only, else empty: pairs (vertex number in the file, counted from 0; index into [`vertices`](Self::vertices)),
+    /// sorted by the former. Several file vertices may share an index.
+    pub file_vertices: Vec<(u32, u32)>,
+}
+
+/// Where in a file a problem was found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Position {
+    /// Line of a text file, counted from 1.
+    Line(u32),
+    /// Byte offset in a binary file.
+    Byte(usize),
+}
+
+impl fmt::Display for Position {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Position::Line(line) => write!(f, ":{line}"),
+            Position::Byte(byte) => write!(f, " (byte {byte})"),
+        }
+    }
+}
+
+/// Why a mesh file was refused.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum MeshError {
+    /// Error when the file cannot be opened or read, or is a directory.
+    #[error("{}: cannot read the mesh: {source}", path.display())]
+    Io {
+        /// The mesh file, or the material file it names.
+        path: PathBuf,
+        /// What the operating system said.
+        source: io::Error,
+    },
+    /// Error when the extension names no known format.
+    #[error("{}: mesh format '{extension}' is not known; use stl, obj, 3ds or dae", path.display())]
+    UnknownFormat {
+        /// The mesh file.
+        path: PathBuf,
+        /// Its extension as written; empty when there is none.
+        extension: String,
+    },
+    /// Error when the file is larger than any mesh should be.
+    #[error("{}: {bytes} bytes are too many for a mesh (limit {MAX_FILE_BYTES}); reduce its triangles", path.display())]
+    TooLarge {
+        /// The mesh file.
+        path: PathBuf,
+        /// Its size.
+        bytes: u64,
+    },
+    /// Error when the content breaks the rules of its format: truncated, bad number, index out of range.
+    #[error("{}{at}: {message}", path.display())]
+    Malformed {
+        /// The mesh file.
+        path: PathBuf,
+        /// Where.
+        at: Position,
+        /// What was found and what was expected.
+        message: String,
+    },
+    /// Error when a coordinate is NaN or infinite, in the file or after scaling.
+    #[error("{}: vertex {vertex} is not finite: {value:?}", path.display())]
+    NonFinite {
+        /// The mesh file.
+        path: PathBuf,
+        /// Number of the vertex, from 0: in the file's vertex list where it has one (OBJ, 3DS), else of the triangle corner.
+        vertex: usize,
+        /// The offending position.
+        value: [f64; 3],
+    },
+    /// Error when the file is well formed but holds no triangle (for OBJ: not even a vertex).
+    #[error("{}: the mesh has no triangles", path.display())]
+    Empty {
+        /// The mesh file.
+        path: PathBuf,
+    },
+    /// Error when a mesh is asked for with a scale that is NaN or infinite.
+    #[error("{}: scale {scale} is not a finite number", path.display())]
+    Scale {
+        /// The mesh file.
+        path: PathBuf,
+        /// What was asked for.
+        scale: f64,
+    },
+}
+
+impl MeshError {
+    fn malformed(path: &Path, at: Position, message: impl Into<String>) -> Self {
+        let (path, message) = (path.to_path_buf(), message.into());
+        MeshError::Malformed { path, at, message }
+    }
+}
+
+/// Reads a mesh file; the format follows the extension, in any letter case: `stl` (binary or ASCII), `obj`, `3ds`, `dae`.
+///
+/// # Errors
+/// See [`MeshError`]. A missing OBJ material library is not an error: the file then counts as one without materials.
+///
+/// # Limitations
+/// * OBJ: free-form curves and surfaces are skipped. Faces with fewer than three corners are skipped.
+/// * 3DS: objects are taken as stored; key frames and mirrored object matrices are ignored.
+/// * Collada: `<up_axis>` is ignored (robot descriptions expect coordinates as written), the unit and the node transforms are
+///   applied; skins, splines and lines are skipped.
+pub fn load(path: &Path) -> Result<Mesh, MeshError> {
+    type Reader = fn(&Path, Vec<u8>) -> Result<Mesh, MeshError>;
+    let extension = path.extension().unwrap_or_default().to_string_lossy();
+    let reader: Reader = match extension.to_ascii_lowercase().as_str() {
+        "stl" => stl::read,
+        "obj" => obj::read,
+        "3ds" => three_ds::read,
+        "dae" => dae::read,
+        _ => return Err(MeshError::UnknownFormat { path: path.to_path_buf(), extension: extension.into_owned() }),
+    };
+    let mesh = reader(path, read_file(path)?)?;
+    if mesh.sub_meshes.iter().all(|s| s.vertices.is_empty()) {
+        return Err(MeshError::Empty { path: path.to_path_buf() });
+    }
+    Ok(mesh)
+}
+
+/// Reads a regular file of bounded size.
+fn read_file(path: &Path) -> Result<Vec<u8>, MeshError> {
+    let io_error = |source| MeshError::Io { path: path.to_path_buf(), source };
+    // Asked for before opening: opening a named pipe would block.
+    let metadata = std::fs::metadata(path).map_err(io_error)?;
+    if !metadata.is_file() {
+        return Err(io_error(io::Error::new(io::ErrorKind::InvalidInput, "not a regular file")));
+    }
+    let mut bytes = Vec::new();
+    let mut file = File::open(path).map_err(io_error)?.take(MAX_FILE_BYTES + 1);
+    file.read_to_end(&mut bytes).map_err(io_error)?;
+    if bytes.len() as u64 > MAX_FILE_BYTES {
+        return Err(MeshError::TooLarge { path: path.to_path_buf(), bytes: metadata.len() });
+    }
+    Ok(bytes)
+}
+
+impl Mesh {
+    /// A copy with all positions multiplied by `scale` (dimensionless). A negative scale mirrors, and reverses the triangles
+    /// so that they still face outwards.
+    pub fn scaled(&self, scale: f64) -> Mesh {
+        let mut mesh = self.clone();
+        for sub in &mut mesh.sub_meshes {
+            for vertex in &mut sub.vertices {
+                *vertex = vertex.map(|x| x * scale);
+            }
+            if scale < 0.0 {
+                sub.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+            }
+        }
+        mesh
+    }
+
+    /// Number of triangles of all sub-meshes.
+    pub fn triangle_count(&self) -> usize {
+        self.sub_meshes.iter().map(|s| s.triangles.len()).sum()
+    }
+
+    /// Number of vertices of all sub-meshes.
+    pub fn vertex_count(&self) -> usize {
+        self.sub_meshes.iter().map(|s| s.vertices.len()).sum()
+    }
+}
+
+/// Collects triangles into a welded [`SubMesh`].
+///
+/// The C++ program merges vertices by a hash of their position that distinct vertices can share; exact equality has no such
+/// collisions.
+#[derive(Default)]
+struct Welder {
+    sub_mesh: SubMesh,
+    index_of: HashMap<[u64; 3], u32>,
+}
+
+impl Welder {
+    fn named(name: &str) -> Self {
+        let mut welder = Welder::default();
+        welder.sub_mesh.name = name.to_owned();
+        welder
+    }
+
+    /// Index of the vertex at `position`, which must be finite.
+    fn vertex(&mut self, position: [f64; 3]) -> u32 {
+        // Adding 0 turns -0 into 0, so that bit equality is numeric equality.
+        let key = position.map(|x| (x + 0.0).to_bits());
+        let next = self.sub_mesh.vertices.len() as u32;
+        let index = *self.index_of.entry(key).or_insert(next);
+        if index == next {
+            self.sub_mesh.vertices.push(position);
+        }
+        index
+    }
+
+    fn triangle(&mut self, corners: [[f64; 3]; 3]) {
+        let triangle = corners.map(|p| self.vertex(p));
+        self.sub_mesh.triangles.push(triangle);
+    }
+
+    /// Ends the surface: vertices added from now on belong to lines only.
+    fn end_surface(&mut self) {
+        self.sub_mesh.surface_vertices = self.sub_mesh.vertices.len();
+    }
+
+    fn finish(mut self) -> SubMesh {
+        if self.sub_mesh.lines.is_empty() {
+            self.end_surface();
+        }
+        self.sub_mesh
+    }
+}
+
+/// A word of the file as it may stand in a message: printable and short.
+fn quoted(word: &str) -> String {
+    let start: String = word.chars().take(40).collect();
+    format!("'{}{}'", start.escape_debug(), if start.len() < word.len() { "…" } else { "" })
+}
+
+fn check_finite(path: &Path, vertex: usize, value: [f64; 3]) -> Result<[f64; 3], MeshError> {
+    if value.iter().all(|x| x.is_finite()) {
+        Ok(value)
+    } else {
+        Err(MeshError::NonFinite { path: path.to_path_buf(), vertex, value })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn welding_is_exact_and_keeps_first_use_order() {
+        let tiny = f64::from_bits(1);
+        let mut w = Welder::default();
+        w.triangle([[1.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
+        w.triangle([[-0.0, 0.0, -0.0], [tiny, 0.0, 0.0], [1.0, -0.0, 0.0]]);
+        let sub = w.finish();
+        assert_eq!(sub.vertices, [[1.0, 0.0, 0.0], [0.0; 3], [0.0, 1.0, 0.0], [tiny, 0.0, 0.0]]);
+        assert_eq!(sub.triangles, [[0, 1, 2], [1, 3, 0]]);
+        assert_eq!(sub.surface_vertices, 4);
+    }
+
+    #[test]
+    fn a_negative_scale_mirrors_and_reverses() {
+        let mut w = Welder::default();
+        w.triangle([[1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 3.0]]);
+        let mesh = Mesh { sub_meshes: vec![w.finish()] }.scaled(-2.0);
+        assert_eq!(mesh.sub_meshes[0].vertices[2], [0.0, 0.0, -6.0]);
+        assert_eq!(mesh.sub_meshes[0].triangles, [[0, 2, 1]]);
+    }
+
+    #[test]
+    fn messages_quote_garbage_safely() {
+        assert_eq!(quoted("1.0x"), "'1.0x'");
+        assert_eq!(quoted("\u{1b}[31m"), "'\\u{1b}[31m'");
+        assert_eq!(quoted(&"9".repeat(1000)).chars().count(), 43);
+    }
+
+    #[test]
+    fn unreadable_paths_are_errors() {
+        let dir = std::env::temp_dir();
+        assert!(matches!(load(&dir.join("none.stl")), Err(MeshError::Io { .. })));
+        assert!(
+            matches!(load(Path::new("a.ply")), Err(MeshError::UnknownFormat { extension, .. }) if extension == "ply")
+        );
+        assert!(
+            matches!(load(Path::new("plain")), Err(MeshError::UnknownFormat { extension, .. }) if extension.is_empty())
+        );
+        assert!(matches!(read_file(&dir), Err(MeshError::Io { .. })));
+    }
+}

@@ -1,0 +1,263 @@
+//! Wavefront OBJ: positions, faces, lines, and as much of the material library as splits the mesh.
+//!
+//! Read here rather than by a library: `tobj` takes a polyline `l a b c` for a triangle, panics on a short colour in the
+//! material file, and names no line.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use super::{check_finite, quoted, read_file, Mesh, MeshError, Position, Welder};
+
+/// A face or polyline: its corners are `corners[start..]` up to the start of the next one.
+struct Element {
+    start: usize,
+    material: usize,
+    line: u32,
+    is_face: bool,
+}
+
+/// What a file says, before it is split into sub-meshes.
+#[derive(Default)]
+struct Contents {
+    positions: Vec<[f64; 3]>,
+    /// Vertex numbers from 0, of all elements; may point past `positions`.
+    corners: Vec<usize>,
+    elements: Vec<Element>,
+    materials: Vec<String>,
+    objects: Vec<String>,
+}
+
+pub(super) fn read(path: &Path, bytes: Vec<u8>) -> Result<Mesh, MeshError> {
+    let contents = parse(path, &String::from_utf8_lossy(&bytes))?;
+    let names = if contents.materials.is_empty() { &contents.objects } else { &contents.materials };
+    let count = contents.materials.len().max(contents.objects.len()).max(1);
+    let mut parts: Vec<Part> = (0..count).map(|i| Part::named(names.get(i).map_or("", |n| n))).collect();
+
+    // Lines come after all faces, so that the vertices that only lines use come last.
+    contents.for_each(path, true, |material, corners| parts[material].add_face(corners, &contents.positions))?;
+    if contents.elements.iter().all(|e| !e.is_face) {
+        // A bare list of vertices can still serve as a point cloud.
+        for number in 0..contents.positions.len() {
+            parts[0].vertex(number, &contents.positions);
+        }
+    }
+    parts.iter_mut().for_each(|p| p.welder.end_surface());
+    contents.for_each(path, false, |material, corners| parts[material].add_polyline(corners, &contents.positions))?;
+    Ok(Mesh { sub_meshes: parts.into_iter().map(Part::finish).collect() })
+}
+
+/// A sub-mesh under construction.
+struct Part {
+    welder: Welder,
+    file_vertices: BTreeMap<u32, u32>,
+}
+
+impl Part {
+    fn named(name: &str) -> Self {
+        Part { welder: Welder::named(name), file_vertices: BTreeMap::new() }
+    }
+
+    fn vertex(&mut self, number: usize, positions: &[[f64; 3]]) -> u32 {
+        let index = self.welder.vertex(positions[number]);
+        self.file_vertices.insert(number as u32, index);
+        index
+    }
+
+    /// Splits a polygon into a fan around its first corner.
+    fn add_face(&mut self, corners: &[usize], positions: &[[f64; 3]]) {
+        if corners.len() < 3 {
+            return;
+        }
+        let fan: Vec<u32> = corners.iter().map(|&c| self.vertex(c, positions)).collect();
+        let triangles = fan[1..].windows(2).map(|pair| [fan[0], pair[0], pair[1]]);
+        self.welder.sub_mesh.triangles.extend(triangles);
+    }
+
+    fn add_polyline(&mut self, corners: &[usize], positions: &[[f64; 3]]) {
+        let ends: Vec<u32> = corners.iter().map(|&c| self.vertex(c, positions)).collect();
+        self.welder.sub_mesh.lines.extend(ends.windows(2).map(|pair| [pair[0], pair[1]]));
+    }
+
+    fn finish(self) -> super::SubMesh {
+        let mut sub_mesh = self.welder.sub_mesh;
+        sub_mesh.file_vertices = self.file_vertices.into_iter().collect();
+        sub_mesh
+    }
+}
+
+impl Contents {
+    /// Calls `visit` with the material and the corners of every face, or every polyline, in file order.
+    fn for_each(&self, path: &Path, faces: bool, mut visit: impl FnMut(usize, &[usize])) -> Result<(), MeshError> {
+        let ends = self.elements.iter().skip(1).map(|e| e.start).chain([self.corners.len()]);
+        for (element, end) in self.elements.iter().zip(ends).filter(|(e, _)| e.is_face == faces) {
+            let corners = &self.corners[element.start..end];
+            if let Some(number) = corners.iter().find(|&&c| c >= self.positions.len()) {
+                let message = format!(
+                    "vertex {} does not exist: the file has {}",
+                    number.saturating_add(1),
+                    self.positions.len()
+                );
+                return Err(MeshError::malformed(path, Position::Line(element.line), message));
+            }
+            visit(element.material, corners);
+        }
+        Ok(())
+    }
+}
+
+fn parse(path: &Path, text: &str) -> Result<Contents, MeshError> {
+    let mut contents = Contents::default();
+    let mut material = 0;
+    let mut continued = String::new();
+    for (line, content) in (1..).zip(text.lines()) {
+        // A backslash at the end joins a line with the next.
+        if let Some(begin) = content.trim_end().strip_suffix('\\') {
+            continued.push_str(begin);
+            continued.push(' ');
+            continue;
+        }
+        let joined = std::mem::take(&mut continued) + content;
+        let content = joined.trim();
+        let (keyword, rest) = content.split_once(|c: char| c.is_ascii_whitespace()).unwrap_or((content, ""));
+        let rest = rest.trim();
+        match keyword {
+            "v" => {
+                let position = parse_position(rest)
+                    .map_err(|message| MeshError::malformed(path, Position::Line(line), message))?;
+                contents.positions.push(check_finite(path, contents.positions.len(), position)?);
+            }
+            "f" | "l" => {
+                let start = contents.corners.len();
+                let known = contents.positions.len();
+                for word in rest.split_ascii_whitespace() {
+                    let corner = parse_corner(word, known).ok_or_else(|| {
+                        let message = format!("expected a vertex number such as 3, -1 or 3/1/2, got {}", quoted(word));
+                        MeshError::malformed(path, Position::Line(line), message)
+                    })?;
+                    contents.corners.push(corner);
+                }
+                contents.elements.push(Element { start, material, line, is_face: keyword == "f" });
+            }
+            "o" => contents.objects.push(rest.to_owned()),
+            "mtllib" => contents.materials.extend(material_names(path, rest)?),
+            // An unknown name leaves the material as it is, as the C++ program does.
+            "usemtl" => material = contents.materials.iter().position(|m| m == rest).unwrap_or(material),
+            _ => {}
+        }
+    }
+    Ok(contents)
+}
+
+fn parse_position(rest: &str) -> Result<[f64; 3], String> {
+    let mut words = rest.split_ascii_whitespace();
+    let mut position = [0.0; 3];
+    for x in &mut position {
+        let word = words.next().unwrap_or("");
+        *x = word.parse().map_err(|_| format!("expected three numbers after 'v', got {}", quoted(word)))?;
+    }
+    Ok(position)
+}
+
+/// Vertex number from 0 of a corner `v`, `v/vt`, `v//vn` or `v/vt/vn`; negative ones count back from the `known` vertices.
+fn parse_corner(word: &str, known: usize) -> Option<usize> {
+    let number: i64 = word.split('/').next()?.parse().ok()?;
+    match number {
+        0 => None,
+        1.. => usize::try_from(number - 1).ok(),
+        _ => usize::try_from(known as i64 + number).ok(),
+    }
+}
+
+/// Names of the materials in the library `name` beside the mesh `path`; none when there is no such file.
+fn material_names(path: &Path, name: &str) -> Result<Vec<String>, MeshError> {
+    let library = path.with_file_name(name);
+    let bytes = match read_file(&library) {
+        Err(MeshError::Io { source, .. }) if source.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+        other => other?,
+    };
+    let text = String::from_utf8_lossy(&bytes);
+    let names = text.lines().filter_map(|line| line.trim().strip_prefix("newmtl"));
+    Ok(names.map(|name| name.trim().to_owned()).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parse_text(text: &str) -> Result<Mesh, MeshError> {
+        read(Path::new("/nowhere/t.obj"), text.into())
+    }
+
+    const SQUARE: &str = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n";
+
+    #[test]
+    fn polygons_become_fans_in_order_of_use() {
+        let mesh = parse_text(&format!("{SQUARE}vt 0 0\nvn 0 0 1\nf 2/1/1 3//1 \\\n 4 -4\n")).unwrap();
+        let sub = &mesh.sub_meshes[0];
+        assert_eq!(sub.triangles, [[0, 1, 2], [0, 2, 3]]);
+        assert_eq!(sub.vertices[0], [1.0, 0.0, 0.0]);
+        assert_eq!(sub.file_vertices, [(0, 3), (1, 0), (2, 1), (3, 2)]);
+    }
+
+    #[test]
+    fn text_is_read_as_f64_and_equal_vertices_are_welded() {
+        let mesh = parse_text("v 0.1 0 0\nv 1 0 0 0.5 0.5 0.5\nv 0 1 0\nv 0.1 -0 0\nf 1 2 3\nf 4 3 2\n").unwrap();
+        let sub = &mesh.sub_meshes[0];
+        assert_eq!(sub.vertices[0][0], 0.1);
+        assert_eq!(sub.triangles, [[0, 1, 2], [0, 2, 1]]);
+        assert_eq!(sub.file_vertices, [(0, 0), (1, 1), (2, 2), (3, 0)]);
+    }
+
+    #[test]
+    fn materials_split_the_mesh_and_lines_are_kept() {
+        let dir = std::env::temp_dir().join(format!("ambf_obj_{}", std::process::id()));
+        std::fs::create_dir_all(&dir).unwrap();
+        std::fs::write(dir.join("two colours.mtl"), "newmtl red\nKd 1\nnewmtl deep blue\nnewmtl unused\n").unwrap();
+        let text = format!(
+            "mtllib two colours.mtl\no a\n{SQUARE}v 2 2 2\nusemtl deep blue\nl 1 5 2\nf 1 2 3\nusemtl red\nf 1 3 4\nusemtl none\nf 4 3 1\n"
+        );
+        std::fs::write(dir.join("t.OBJ"), text).unwrap();
+        let mesh = crate::mesh::load(&dir.join("t.OBJ")).unwrap();
+        std::fs::remove_dir_all(&dir).unwrap();
+        let names: Vec<_> = mesh.sub_meshes.iter().map(|s| s.name.as_str()).collect();
+        assert_eq!(names, ["red", "deep blue", "unused"]);
+        assert_eq!(mesh.sub_meshes[0].triangles, [[0, 1, 2], [2, 1, 0]]);
+        let blue = &mesh.sub_meshes[1];
+        assert_eq!((blue.triangles.as_slice(), blue.surface_vertices), (&[[0, 1, 2]][..], 3));
+        assert_eq!((blue.lines.as_slice(), blue.vertices[3]), (&[[0, 3], [3, 1]][..], [2.0; 3]));
+        assert!(mesh.sub_meshes[2].vertices.is_empty());
+    }
+
+    #[test]
+    fn more_objects_than_materials_leave_empty_parts() {
+        let mesh = parse_text(&format!("mtllib missing.mtl\no first\n{SQUARE}f 1 2 3\no second\nf 1 3 4\n")).unwrap();
+        assert_eq!(mesh.sub_meshes.len(), 2);
+        assert_eq!(mesh.sub_meshes[0].triangles.len(), 2);
+        assert_eq!(mesh.sub_meshes[1].name, "second");
+        assert!(mesh.sub_meshes[1].vertices.is_empty());
+    }
+
+    #[test]
+    fn bare_vertices_are_a_point_cloud() {
+        let mesh = parse_text(SQUARE).unwrap();
+        assert_eq!((mesh.vertex_count(), mesh.triangle_count()), (4, 0));
+        assert_eq!(mesh.sub_meshes[0].surface_vertices, 4);
+    }
+
+    #[test]
+    fn broken_files_are_refused_with_the_line() {
+        for (text, expected) in [
+            ("v 0 0\n", ":1: expected three numbers"),
+            ("v 0 0 x\n", "got 'x'"),
+            ("v 0 0 0\nv 0 nan 0\n", "vertex 1 is not finite"),
+            ("v 0 0 0\n\nf 1 1 2\n", ":3: vertex 2 does not exist: the file has 1"),
+            ("v 0 0 0\nf 1 0 1\n", ":2: expected a vertex number"),
+            ("v 0 0 0\nf -2 1 1\n", ":2: expected a vertex number"),
+            ("v 0 0 0\nl 1 9223372036854775807\n", ":2: vertex 9223372036854775807 does not exist"),
+            ("f 1//9223372036854775807 2 99999999999999999999\n", ":1: expected a vertex number"),
+        ] {
+            let message = parse_text(text).unwrap_err().to_string();
+            assert!(message.contains(expected), "{message}");
+        }
+    }
+}
