@@ -5,6 +5,9 @@ use nalgebra::{Isometry3, Vector3};
 use super::common::Common;
 use super::controller::CartesianController;
 use super::geometry::{CollisionGeometry, Visual};
+use super::reader::{Map, Range};
+use super::report::ProblemKind;
+use super::values::Base;
 
 /// A rigid body as written.
 #[derive(Clone, Debug, PartialEq)]
@@ -67,5 +70,77 @@ impl Default for Surface {
             angular_damping: 0.1,
             restitution: 0.1,
         }
+    }
+}
+
+impl RigidBody {
+    pub(super) fn read(map: &Map<'_>, base: &Base) -> Option<Self> {
+        let mut body = Self {
+            common: map.common(base),
+            location: map.pose("location").unwrap_or_default(),
+            scale: map.scale(),
+            mass: 1.0,
+            inertia: None,
+            inertial_offset: None,
+            gravity: None,
+            visual: Visual::read(map, base),
+            collision: CollisionGeometry::read(map, base),
+            collision_margin: map.real_in("collision margin", Range::NotNegative).unwrap_or(0.001),
+            collision_groups: map.collision_groups(),
+            surface: Surface::read(map),
+            controller: map.cartesian_controller("controller"),
+            publish_children_names: map.boolean("publish children names").unwrap_or(false),
+            publish_joint_names: map.boolean("publish joint names").unwrap_or(true),
+            publish_joint_positions: map.boolean("publish joint positions").unwrap_or(true),
+        };
+        if let Some(mass) = map.real_in("mass", Range::NotNegative) {
+            body.mass = mass;
+            body.inertia = map.vector_named("inertia", ["ix", "iy", "iz"]);
+            body.inertial_offset = map.pose("inertial offset");
+            body.gravity = map.vector("gravity");
+        } else if !map.has("mass") {
+            map.warn(ProblemKind::Absent, "mass", "a mass in kg", "1 kg and an estimated inertia are used");
+            let why = "the body has no `mass`";
+            map.ignore(&["inertia", "inertial offset", "gravity"], why);
+        }
+        if body.inertia.is_some_and(|i| i.min() < 0.0) {
+            let expected = "moments of at least 0 kg·m²";
+            map.reject(ProblemKind::OutOfRange, "inertia", expected);
+        }
+        if body.collision == CollisionGeometry::None {
+            let expected = "a collision shape or mesh";
+            let action = "the body collides with nothing";
+            map.warn(ProblemKind::Absent, "collision geometry", expected, action);
+        }
+        let old = "the original does not read it any more";
+        map.ignore(&["linear gain", "angular gain", "origin", "axis"], old);
+        map.ignore(&["resistive surface", "resistive surface1"], old);
+        map.finish();
+        Some(body)
+    }
+}
+
+impl Surface {
+    fn read(map: &Map<'_>) -> Self {
+        let default = Self::default();
+        let (friction, damping) = (map.map("friction"), map.map("damping"));
+        let coefficient = |map: &Map<'_>, key, default| {
+            let value = map.real(key).unwrap_or(default);
+            if value < 0.0 {
+                let action = "it is used as it is";
+                map.warn(ProblemKind::OutOfRange, key, "at least 0", action);
+            }
+            value
+        };
+        let surface = Self {
+            static_friction: coefficient(&friction, "static", default.static_friction),
+            rolling_friction: coefficient(&friction, "rolling", default.rolling_friction),
+            linear_damping: coefficient(&damping, "linear", default.linear_damping),
+            angular_damping: coefficient(&damping, "angular", default.angular_damping),
+            restitution: coefficient(map, "restitution", default.restitution),
+        };
+        friction.finish();
+        damping.finish();
+        surface
     }
 }

@@ -3,6 +3,9 @@
 use nalgebra::Vector3;
 
 use super::common::{Common, ShaderProgram};
+use super::reader::{Map, Range};
+use super::report::ProblemKind;
+use super::values::Base;
 
 /// A camera as written. It looks from `location` at `look_at`; both and `up` are in the parent's frame.
 #[derive(Clone, Debug, PartialEq)]
@@ -96,5 +99,102 @@ pub struct MouseMultipliers {
 impl Default for MouseMultipliers {
     fn default() -> Self {
         Self { pan: 1.0, rotate: 1.0, scroll: 1.0, arcball: 1.0 }
+    }
+}
+
+impl Camera {
+    pub(super) fn read(map: &Map<'_>, base: &Base) -> Option<Self> {
+        let camera = Self {
+            common: map.common(base),
+            parent: map.filled("parent").unwrap_or_default(),
+            // An orientation beside the coordinates is replaced by that of the view.
+            location: (map.flat_pose("location")).unwrap_or_default().translation.vector,
+            look_at: map.vector("look at").unwrap_or_default(),
+            up: map.vector("up").unwrap_or(Vector3::z()),
+            clipping_plane: map.map_opt("clipping plane").map_or((0.1, 10.0), |planes| {
+                let near_far = (planes.need_real("near"), planes.need_real("far"));
+                planes.finish();
+                near_far
+            }),
+            field_view_angle: map.real("field view angle").unwrap_or(0.7),
+            orthographic_view_width: map.real("orthographic view width"),
+            stereo: map.map_opt("stereo").map(|block| {
+                let stereo = Stereo {
+                    mode: block.need_string("mode"),
+                    eye_separation: block.need_real("eye separation"),
+                    focal_length: block.need_real("focal length"),
+                };
+                block.finish();
+                stereo
+            }),
+            monitor: map.uint("monitor"),
+            controlling_devices: (map.strings("controlling devices").iter())
+                .map(|(device, _)| (*device).to_owned())
+                .collect(),
+            visible: map.boolean("visible").unwrap_or(true),
+            publish_image: PublishedFrame::read(map, IMAGE_KEYS, 1),
+            publish_depth: PublishedFrame::read(map, DEPTH_KEYS, 10),
+            depth_noise: DepthNoise::read(map),
+            preprocessing_shaders: map.shaders("preprocessing shaders"),
+            depth_compute_shaders: map.shaders("depth compute shaders"),
+            multipass: map.boolean("multipass").unwrap_or(false),
+            mouse: MouseMultipliers::read(map),
+        };
+        map.finish();
+        Some(camera)
+    }
+}
+
+/// Keys: switch, interval, resolution.
+type FrameKeys = [&'static str; 3];
+
+const IMAGE_KEYS: FrameKeys = ["publish image", "publish image interval", "publish image resolution"];
+const DEPTH_KEYS: FrameKeys = ["publish depth", "publish depth interval", "publish depth resolution"];
+
+/// Largest edge of a published picture in pixels.
+const MAX_PIXELS: f64 = 16384.0;
+
+impl PublishedFrame {
+    fn read(map: &Map<'_>, [switch, interval, resolution]: FrameKeys, every: u32) -> Option<Self> {
+        let published = map.boolean(switch).unwrap_or(false);
+        let mut frame = Self { interval: map.uint(interval).unwrap_or(every).max(1), width: 640, height: 480 };
+        if let Some(block) = map.map_opt(resolution) {
+            let size = ["width", "height"].map(|key| {
+                let pixels = block.need_real_in(key, Range::Positive);
+                if pixels > MAX_PIXELS {
+                    let expected = format!("at most {MAX_PIXELS} pixels");
+                    block.reject(ProblemKind::OutOfRange, key, &expected);
+                }
+                pixels.clamp(1.0, MAX_PIXELS) as u32
+            });
+            [frame.width, frame.height] = size;
+            block.finish();
+        }
+        published.then_some(frame)
+    }
+}
+
+impl DepthNoise {
+    fn read(map: &Map<'_>) -> Option<Self> {
+        let block = map.map_opt("publish depth noise")?;
+        let other_spelling = block.real("std dev");
+        let noise = Self {
+            mean: block.need_real("mean"),
+            std_dev: block.real("std_dev").or(other_spelling).unwrap_or(0.001),
+            bias: block.real("bias").unwrap_or(0.0),
+        };
+        block.finish();
+        Some(noise)
+    }
+}
+
+impl MouseMultipliers {
+    fn read(map: &Map<'_>) -> Self {
+        let block = map.map("mouse control multipliers");
+        let factor = |key| block.real(key).unwrap_or(1.0);
+        let multipliers =
+            Self { pan: factor("pan"), rotate: factor("rotate"), scroll: factor("scroll"), arcball: factor("arcball") };
+        block.finish();
+        multipliers
     }
 }

@@ -6,6 +6,8 @@ use nalgebra::{Isometry3, UnitQuaternion};
 
 use super::common::SourcePos;
 use super::controller::CartesianController;
+use super::reader::{Map, Range};
+use super::report::ProblemKind;
 
 /// An input device paired with a simulated end-effector, as written.
 #[derive(Clone, Debug, PartialEq)]
@@ -70,4 +72,96 @@ pub struct ButtonMapping {
     pub next_mode: Option<u32>,
     /// Previous mode.
     pub prev_mode: Option<u32>,
+}
+
+/// An input devices file as written.
+#[derive(Clone, Debug, PartialEq)]
+pub struct InputDevices {
+    /// Entries in list order, which is index order. `None`: the entry is unusable; its index stays taken.
+    pub entries: Vec<Option<InputDevice>>,
+    /// The file.
+    pub source: SourcePos,
+}
+
+impl InputDevices {
+    pub(super) fn read(root: &Map<'_>) -> Self {
+        // In the original a wrong value ends the program.
+        root.reader().tolerate();
+        let dropped = "it is dropped";
+        let devices = Self {
+            entries: root.elements_in_place("input devices", "input device", dropped, |map| InputDevice::read(map)),
+            source: root.reader().source(root.mark),
+        };
+        root.finish_root();
+        devices
+    }
+}
+
+impl InputDevice {
+    fn read(map: &Map<'_>) -> Option<Self> {
+        let hardware_name = map.filled("hardware name");
+        if hardware_name.is_none() {
+            let expected = "the model name the device's driver reports";
+            map.reject(ProblemKind::MissingKey, "hardware name", expected);
+        }
+        let mut deadband = map.real("deadband").unwrap_or(0.001);
+        if deadband < 0.0 {
+            map.warn(ProblemKind::OutOfRange, "deadband", "at least 0 N", "0 is used");
+            deadband = 0.0;
+        }
+        let device = Self {
+            identifier: map.key().to_owned(),
+            hardware_name: hardware_name.unwrap_or_default(),
+            haptic_gain: map.map_opt("haptic gain").map(|block| {
+                let gain = HapticGain { linear: block.need_real("linear"), angular: block.need_real("angular") };
+                block.finish();
+                gain
+            }),
+            deadband,
+            max_force: map.real("max force"),
+            max_jerk: map.real("max jerk"),
+            workspace_scaling: map.real_in("workspace scaling", Range::Positive).unwrap_or(1.0),
+            orientation_offset: map.rotation("orientation offset").unwrap_or_default(),
+            button_mapping: ButtonMapping::read(map),
+            visible: map.boolean("visible").unwrap_or(false),
+            visible_size: map.real("visible size").unwrap_or(1.0),
+            simulated_multibody: map.path_beside("simulated multibody"),
+            root_link: map.filled("root link"),
+            location: map.pose("location"),
+            controller_gain: map.cartesian_controller("controller gain"),
+            enable_joint_control: map.boolean("enable joint control").unwrap_or(true),
+            pair_cameras: (map.strings("pair cameras").iter()).map(|(camera, _)| (*camera).to_owned()).collect(),
+            source: map.reader().source(map.mark),
+        };
+        if device.simulated_multibody.is_none() && device.root_link.is_none() {
+            let expected = "a model file, or a `root link`";
+            map.reject(ProblemKind::MissingKey, "simulated multibody", expected);
+        }
+        map.ignore(&["cameras"], "it is called `pair cameras` now");
+        map.ignore(&["visible color"], "markers have a fixed colour");
+        map.finish();
+        Some(device)
+    }
+}
+
+impl ButtonMapping {
+    fn read(map: &Map<'_>) -> Self {
+        let block = map.map("button mapping");
+        let button = |key| block.int(key).and_then(|i| u32::try_from(i).ok());
+        let mut mapping = Self {
+            a1: button("a1"),
+            a2: button("a2"),
+            g1: button("g1"),
+            next_mode: button("next mode"),
+            prev_mode: button("prev mode"),
+        };
+        if mapping.g1.is_some() && (mapping.g1 == mapping.a1 || mapping.g1 == mapping.a2) {
+            let expected = "another button than `a1` and `a2`";
+            let action = "the gripper button is not used";
+            block.warn(ProblemKind::OutOfRange, "g1", expected, action);
+            mapping.g1 = None;
+        }
+        block.finish();
+        mapping
+    }
 }

@@ -1,10 +1,13 @@
 //! Shapes of bodies: what is drawn and what collides.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use nalgebra::{Isometry3, Vector3};
 
 use super::common::{Material, ShaderProgram};
+use super::reader::{Map, Range};
+use super::report::ProblemKind;
+use super::values::{mesh_path, Base};
 
 /// A coordinate axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -149,5 +152,163 @@ pub struct Visual {
 impl Default for Visual {
     fn default() -> Self {
         Self { geometry: VisualGeometry::None, remove_duplicates: false, visible: true, material: None, shaders: None }
+    }
+}
+
+const SHAPES: &str = "Box, Sphere, Cylinder, Capsule, Cone or Plane";
+
+impl Primitive {
+    /// Reads the shape named by one key with the dimensions below another; an unknown shape is reported and left out.
+    fn read(map: &Map<'_>, shape: &'static str, geometry: &'static str) -> Option<Self> {
+        let name = map.need_string(shape);
+        let capitalised = |c: &str| {
+            ["Box", "Sphere", "Cylinder", "Capsule", "Cone", "Plane"]
+                .into_iter()
+                .find(|n| *n == c || n.to_lowercase() == c || n.to_uppercase() == c)
+        };
+        let Some(name) = capitalised(&name) else {
+            map.error(ProblemKind::UnknownValue, shape, SHAPES, "the shape is left out");
+            map.skip(&[geometry]);
+            return None;
+        };
+        let dims = map.map(geometry);
+        let length = |key| dims.need_real_in(key, Range::Positive);
+        let primitive = match name {
+            "Box" => Primitive::Box { size: Vector3::new(length("x"), length("y"), length("z")) },
+            "Sphere" => Primitive::Sphere { radius: length("radius") },
+            "Plane" => {
+                let normal = dims.need_vector("normal");
+                dims.reject_zero("normal", &normal);
+                Primitive::Plane { normal, offset: dims.need_real("offset") }
+            }
+            round => {
+                let (radius, height) = (length("radius"), length("height"));
+                let axis = Axis::read(&dims);
+                match round {
+                    "Cylinder" => Primitive::Cylinder { radius, height, axis },
+                    "Capsule" => Primitive::Capsule { radius, height, axis },
+                    _ => Primitive::Cone { radius, height, axis },
+                }
+            }
+        };
+        dims.finish();
+        Some(primitive)
+    }
+}
+
+impl Axis {
+    fn read(map: &Map<'_>) -> Self {
+        match map.string("axis").as_deref() {
+            Some("x" | "X") => Axis::X,
+            Some("y" | "Y") => Axis::Y,
+            Some("z" | "Z") | None => Axis::Z,
+            Some(_) => {
+                map.warn(ProblemKind::UnknownValue, "axis", "x, y or z", "z is used");
+                Axis::Z
+            }
+        }
+    }
+}
+
+fn compound(map: &Map<'_>, key: &'static str) -> Vec<PlacedPrimitive> {
+    let mut children = Vec::new();
+    for child in map.maps(key) {
+        let primitive = Primitive::read(&child, "shape", "geometry");
+        let offset = child.pose("offset").unwrap_or_default();
+        child.skip(&["name"]);
+        child.finish();
+        children.extend(primitive.map(|primitive| PlacedPrimitive { primitive, offset }));
+    }
+    children
+}
+
+/// Directories of an element's own meshes: keys `high resolution path`, `low resolution path`.
+fn own_paths(map: &Map<'_>) -> (PathBuf, PathBuf) {
+    let high = map.filled("high resolution path").unwrap_or_default();
+    let low = map.filled("low resolution path");
+    let low = low.unwrap_or_else(|| high.clone());
+    (high.into(), low.into())
+}
+
+impl Visual {
+    /// Reads the keys of the visual geometry of an element.
+    pub(super) fn read(map: &Map<'_>, base: &Base) -> Self {
+        let geometry = if map.has("shape") {
+            map.skip(&["compound shape"]);
+            Primitive::read(map, "shape", "geometry").map_or(VisualGeometry::None, VisualGeometry::Primitive)
+        } else if map.has("compound shape") {
+            match compound(map, "compound shape") {
+                children if children.is_empty() => VisualGeometry::None,
+                children => VisualGeometry::Compound(children),
+            }
+        } else if let Some(mesh) = map.filled("mesh") {
+            let (own, _) = own_paths(map);
+            let dir = map.reader().dir();
+            VisualGeometry::Mesh { path: mesh_path(dir, &base.high_resolution, &own, &mesh) }
+        } else {
+            VisualGeometry::None
+        };
+        map.skip(&["mesh", "high resolution path"]);
+        Self {
+            geometry,
+            remove_duplicates: map.boolean("mesh remove duplicates").unwrap_or(false),
+            visible: map.boolean("visible").unwrap_or(true),
+            material: map.material(),
+            shaders: map.shaders("shaders"),
+        }
+    }
+}
+
+/// File that key `collision mesh`, or without it `mesh`, names.
+pub(super) fn collision_mesh(map: &Map<'_>, base: &Base) -> Option<PathBuf> {
+    let key = if map.has("collision mesh") { "collision mesh" } else { "mesh" };
+    let mesh = map.filled(key)?;
+    let (_, own) = own_paths(map);
+    let dir: &Path = map.reader().dir();
+    Some(mesh_path(dir, &base.low_resolution, &own, &mesh))
+}
+
+impl CollisionGeometry {
+    /// Reads the keys of the collision geometry of an element; what is there but unusable is reported.
+    pub(super) fn read(map: &Map<'_>, base: &Base) -> Self {
+        let replaced = ["compound collision shape", "collision mesh", "collision mesh type", "low resolution path"];
+        if map.has("collision shape") {
+            map.skip(&replaced);
+            let primitive = Primitive::read(map, "collision shape", "collision geometry");
+            let offset = map.pose("collision offset");
+            return primitive
+                .map_or(CollisionGeometry::None, |primitive| CollisionGeometry::Primitive { primitive, offset });
+        }
+        let why = "only a single `collision shape` has it";
+        map.ignore(&["collision geometry", "collision offset"], why);
+        if map.has("compound collision shape") {
+            let children = compound(map, "compound collision shape");
+            map.skip(&replaced);
+            if children.is_empty() {
+                return CollisionGeometry::None;
+            }
+            return CollisionGeometry::Compound(children);
+        }
+        let kind = CollisionMeshKind::read(map);
+        let mesh = collision_mesh(map, base);
+        map.skip(&["low resolution path"]);
+        mesh.map_or(CollisionGeometry::None, |path| CollisionGeometry::Mesh { path, kind })
+    }
+}
+
+impl CollisionMeshKind {
+    fn read(map: &Map<'_>) -> Self {
+        let key = "collision mesh type";
+        match map.string(key).as_deref() {
+            Some("CONVEX_HULL" | "convex_hull" | "hull") => Self::ConvexHull,
+            Some("CONVEX_MESH" | "convex_mesh") => Self::ConvexMesh,
+            Some("POINT_CLOUD" | "point_cloud") => Self::PointCloud,
+            Some("CONCAVE_MESH" | "TRIMESH" | "trimesh") | None => Self::ConcaveMesh,
+            Some(_) => {
+                let expected = "CONVEX_HULL, CONVEX_MESH, CONCAVE_MESH or POINT_CLOUD";
+                map.warn(ProblemKind::UnknownValue, key, expected, "CONCAVE_MESH is used");
+                Self::ConcaveMesh
+            }
+        }
     }
 }

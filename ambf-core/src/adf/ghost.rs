@@ -4,6 +4,9 @@ use nalgebra::Isometry3;
 
 use super::common::Common;
 use super::geometry::{CollisionGeometry, Visual};
+use super::reader::{Map, Range};
+use super::report::ProblemKind;
+use super::values::Base;
 
 /// A ghost object as written.
 #[derive(Clone, Debug, PartialEq)]
@@ -24,4 +27,34 @@ pub struct GhostObject {
     pub collision_margin: f64,
     /// Collision groups, each 0 to 999, in file order.
     pub collision_groups: Vec<u32>,
+}
+
+impl GhostObject {
+    pub(super) fn read(map: &Map<'_>, base: &Base) -> Option<Self> {
+        let visual = Visual::read(map, base);
+        let mut collision = CollisionGeometry::read(map, base);
+        let inertial_offset = map.pose("inertial offset").unwrap_or_default();
+        match &mut collision {
+            CollisionGeometry::None => {
+                let expected = "a collision shape or mesh";
+                map.reject(ProblemKind::MissingKey, "collision geometry", expected);
+            }
+            CollisionGeometry::Primitive { offset, .. } => {
+                offset.get_or_insert(inertial_offset);
+            }
+            CollisionGeometry::Compound(_) | CollisionGeometry::Mesh { .. } => {}
+        }
+        let ghost = Self {
+            common: map.common(base),
+            parent: map.filled("parent").unwrap_or_default(),
+            location: map.pose("location").unwrap_or_default(),
+            scale: map.scale(),
+            visual,
+            collision,
+            collision_margin: map.real_in("collision margin", Range::NotNegative).unwrap_or(0.001),
+            collision_groups: map.collision_groups(),
+        };
+        map.finish();
+        Some(ghost)
+    }
 }

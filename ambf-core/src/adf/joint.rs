@@ -3,7 +3,10 @@
 use nalgebra::Vector3;
 
 use super::common::Common;
-use super::controller::Controller;
+use super::controller::{Controller, ControllerOutput, Gains};
+use super::reader::{Map, Range};
+use super::report::ProblemKind;
+use super::values::Base;
 
 /// A joint as written. "rad or m": radians for angular joints, metres for linear ones.
 #[derive(Clone, Debug, PartialEq)]
@@ -159,5 +162,188 @@ impl Default for SixDofSpring {
             damping: LinearAngular::repeat(0.7),
             equilibrium_point: LinearAngular::repeat(0.0),
         }
+    }
+}
+
+impl Joint {
+    pub(super) fn read(map: &Map<'_>, base: &Base) -> Option<Self> {
+        let kind = JointKind::read(map);
+        let controller = Self::controller(map);
+        let body = |key| {
+            let identifier = map.filled(key);
+            if identifier.is_none() {
+                let expected = "the identifier of a body";
+                map.reject(ProblemKind::MissingElement, key, expected);
+            }
+            identifier.unwrap_or_default()
+        };
+        let one_dof = kind.is_one_dof();
+        let scalar = |key, range| one_dof.then(|| map.real_in(key, range)).flatten();
+        let old_offset = map.real("offset");
+        if old_offset.is_some() {
+            map.ignore(&["child offset"], "`offset` is used");
+        }
+        let joint = Self {
+            common: map.common(base),
+            parent: body("parent"),
+            child: body("child"),
+            parent_pivot: map.need_vector("parent pivot"),
+            child_pivot: map.need_vector("child pivot"),
+            parent_axis: map.need_vector("parent axis"),
+            child_axis: map.need_vector("child axis"),
+            child_offset: old_offset.or_else(|| map.real("child offset")).unwrap_or(0.0),
+            joint_offset: map.real("joint offset").unwrap_or(0.0),
+            limits: one_dof.then(|| Limits::read(map)).flatten(),
+            // The original takes the value of `enable feedback` here, which no author of a file can have meant.
+            enable_motor: map.boolean_or_digit("enable motor").unwrap_or(true),
+            enable_feedback: map.boolean("enable feedback").unwrap_or(false),
+            max_motor_impulse: map.real_in("max motor impulse", Range::NotNegative).unwrap_or(0.1),
+            damping: scalar("damping", Range::Any).unwrap_or(0.0),
+            stiffness: scalar("stiffness", Range::Any).unwrap_or(0.0),
+            equilibrium_point: scalar("equilibrium point", Range::Any),
+            erp: map.real("joint erp").unwrap_or(0.1),
+            cfm: map.real("joint cfm").unwrap_or(0.1),
+            ignore_inter_collision: map.boolean("ignore inter-collision").unwrap_or(true),
+            controller,
+            kind,
+        };
+        if !matches!(joint.kind, JointKind::PointToPoint | JointKind::Unknown(_)) {
+            map.reject_zero("parent axis", &joint.parent_axis);
+            map.reject_zero("child axis", &joint.child_axis);
+        }
+        let note = "joints have no such property";
+        map.ignore(&["detached", "redundant", "origin", "axis"], note);
+        map.finish();
+        Some(joint)
+    }
+
+    fn controller(map: &Map<'_>) -> Controller {
+        let mut controller = Controller::default();
+        if let Some(gains) = map.map_opt("controller") {
+            let default = Gains::default();
+            controller.gains = Gains {
+                p: gains.real("P").unwrap_or(default.p),
+                i: gains.real("I").unwrap_or(default.i),
+                d: gains.real("D").unwrap_or(default.d),
+            };
+            controller.output = ControllerOutput::Force;
+            gains.finish();
+        }
+        if let Some(output) = map.controller_output() {
+            controller.output = output;
+        }
+        controller
+    }
+}
+
+impl Limits {
+    /// Reads `joint limits` of a one-dof joint: both ends or nothing.
+    fn read(map: &Map<'_>) -> Option<Self> {
+        let limits = map.map_opt("joint limits")?;
+        let (low, high) = (limits.real("low"), limits.real("high"));
+        limits.finish();
+        if limits.has("low") != limits.has("high") {
+            let expected = "both `low` and `high`";
+            map.error(ProblemKind::MissingKey, "joint limits", expected, "the joint is unlimited");
+        }
+        Some(Self { low: low?, high: high? })
+    }
+}
+
+impl JointKind {
+    fn read(map: &Map<'_>) -> Self {
+        let text = map.need_string("type");
+        match text.as_str() {
+            "hinge" | "revolute" | "continuous" => Self::Revolute,
+            "slider" | "prismatic" => Self::Prismatic,
+            "fixed" => Self::Fixed,
+            "spring" | "linear spring" => Self::LinearSpring,
+            "torsion spring" | "torsional spring" | "angular spring" => Self::TorsionSpring,
+            "p2p" => Self::PointToPoint,
+            "cone twist" => {
+                ignore_spring(map);
+                Self::ConeTwist(ConeTwistLimits::read(map))
+            }
+            "six dof" => {
+                ignore_spring(map);
+                Self::SixDof(SixDofLimits::read(map))
+            }
+            "six dof spring" => Self::SixDofSpring(Box::new(SixDofSpring {
+                limits: SixDofLimits::read(map),
+                stiffness: LinearAngular::read(map, "stiffness", 1.0),
+                damping: LinearAngular::read(map, "damping", 0.7),
+                equilibrium_point: LinearAngular::read(map, "equilibrium point", 0.0),
+            })),
+            _ => {
+                if map.has("type") {
+                    let expected = "revolute, prismatic, fixed, linear spring, torsion spring, p2p, \
+                                    cone twist, six dof or six dof spring";
+                    let action = "the joint constrains nothing";
+                    map.error(ProblemKind::UnknownValue, "type", expected, action);
+                }
+                map.skip(&["joint limits", "damping", "stiffness", "equilibrium point"]);
+                Self::Unknown(text)
+            }
+        }
+    }
+
+    /// True for types whose limits, damping and stiffness are plain numbers, whether or not they have a use for them.
+    fn is_one_dof(&self) -> bool {
+        !matches!(self, Self::ConeTwist(_) | Self::SixDof(_) | Self::SixDofSpring(_) | Self::Unknown(_))
+    }
+}
+
+/// Keys of springs, on a multi-dof joint that is none.
+fn ignore_spring(map: &Map<'_>) {
+    let keys = ["damping", "stiffness", "equilibrium point"];
+    map.ignore(&keys, "the joint type has none");
+}
+
+impl ConeTwistLimits {
+    fn read(map: &Map<'_>) -> Self {
+        match map.vector("joint limits") {
+            Some(limits) => Self { twist: limits.x, swing_y: limits.y, swing_z: limits.z },
+            None => Self::default(),
+        }
+    }
+}
+
+/// Reads a vector of an incomplete block: its default stays when the key is absent.
+fn vector_or_note(map: &Map<'_>, key: &'static str, vector: &mut Vector3<f64>) {
+    match map.vector(key) {
+        Some(value) => *vector = value,
+        None => map.error(ProblemKind::MissingKey, key, "a mapping {x, y, z}", "the default is used"),
+    }
+}
+
+impl SixDofLimits {
+    fn read(map: &Map<'_>) -> Self {
+        let mut limits = Self::default();
+        if let Some(block) = map.map_opt("joint limits") {
+            let (linear, angular) = (block.map("linear"), block.map("angular"));
+            vector_or_note(&linear, "low", &mut limits.linear_low);
+            vector_or_note(&linear, "high", &mut limits.linear_high);
+            vector_or_note(&angular, "low", &mut limits.angular_low);
+            vector_or_note(&angular, "high", &mut limits.angular_high);
+            linear.finish();
+            angular.finish();
+            block.finish();
+        }
+        limits
+    }
+}
+
+impl LinearAngular {
+    fn read(map: &Map<'_>, key: &'static str, default: f64) -> Self {
+        let mut value = Self::repeat(default);
+        if let Some(block) = map.map_opt(key) {
+            vector_or_note(&block, "linear", &mut value.linear);
+            vector_or_note(&block, "angular", &mut value.angular);
+            block.finish();
+        } else {
+            let expected = "a mapping {linear, angular} of vectors";
+            map.warn(ProblemKind::Absent, key, expected, "the default is used");
+        }
+        value
     }
 }

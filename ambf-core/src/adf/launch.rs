@@ -3,6 +3,9 @@
 use std::path::PathBuf;
 
 use super::common::{PluginEntry, SourcePos};
+use super::reader::Map;
+use super::report::ProblemKind;
+use super::values::beside;
 
 /// A launch file as written. Relative paths are joined to the file's directory. `None`: the key is missing.
 #[derive(Clone, Debug, PartialEq)]
@@ -19,4 +22,38 @@ pub struct Launch {
     pub plugins: Vec<PluginEntry>,
     /// The file.
     pub source: SourcePos,
+}
+
+impl Launch {
+    /// Keys that the simulator cannot do without and that the file lacks.
+    pub fn missing_keys(&self) -> Vec<&'static str> {
+        let present = [
+            ("world config", self.world_config.is_some()),
+            ("input devices config", self.input_devices_config.is_some()),
+            ("color config", self.color_config.is_some()),
+            ("multibody configs", self.multibody_configs.is_some()),
+        ];
+        let missing = present.iter().filter(|(_, there)| !there);
+        missing.map(|(key, _)| *key).collect()
+    }
+
+    pub(super) fn read(root: &Map<'_>) -> Self {
+        let dir = root.reader().dir();
+        let models = root.strings("multibody configs");
+        let launch = Self {
+            world_config: root.path_beside("world config"),
+            input_devices_config: root.path_beside("input devices config"),
+            color_config: root.path_beside("color config"),
+            multibody_configs: (root.has("multibody configs"))
+                .then(|| models.iter().map(|(path, _)| beside(dir, path)).collect()),
+            plugins: root.plugins(),
+            source: root.reader().source(root.mark),
+        };
+        for key in launch.missing_keys() {
+            let action = "the simulator does not start without it";
+            root.warn(ProblemKind::MissingKey, key, "a path", action);
+        }
+        root.finish_root();
+        launch
+    }
 }

@@ -3,6 +3,9 @@
 use nalgebra::{Isometry3, Vector3};
 
 use super::common::Common;
+use super::reader::Map;
+use super::report::ProblemKind;
+use super::values::Base;
 
 /// A spot light as written.
 #[derive(Clone, Debug, PartialEq)]
@@ -34,4 +37,35 @@ pub struct Attenuation {
     pub linear: f64,
     /// 1/m². Default: 0.
     pub quadratic: f64,
+}
+
+impl Light {
+    pub(super) fn read(map: &Map<'_>, base: &Base) -> Option<Self> {
+        let mut shadow_quality = map.uint("shadow quality").unwrap_or(0);
+        if shadow_quality > 5 {
+            let key = "shadow quality";
+            map.warn(ProblemKind::OutOfRange, key, "0 to 5", "0 is used");
+            shadow_quality = 0;
+        }
+        let light = Self {
+            common: map.common(base),
+            parent: map.filled("parent").unwrap_or_default(),
+            location: map.flat_pose("location").unwrap_or_default(),
+            direction: map.vector("direction"),
+            spot_exponent: map.real("spot exponent").unwrap_or(0.7),
+            cutoff_angle: map.real("cutoff angle").unwrap_or(0.7),
+            shadow_quality,
+            attenuation: map.map_opt("attenuation").map(|block| {
+                let attenuation = Attenuation {
+                    constant: block.real("constant").unwrap_or(1.0),
+                    linear: block.real("linear").unwrap_or(0.0),
+                    quadratic: block.real("quadratic").unwrap_or(0.0),
+                };
+                block.finish();
+                attenuation
+            }),
+        };
+        map.finish();
+        Some(light)
+    }
 }

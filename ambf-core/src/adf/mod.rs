@@ -6,6 +6,7 @@
 
 mod body;
 mod camera;
+mod color;
 mod common;
 mod controller;
 mod device;
@@ -15,25 +16,162 @@ mod joint;
 mod launch;
 mod light;
 mod model;
+mod normalise;
+mod reader;
+mod report;
+mod scalar;
 mod sensor;
 mod soft_body;
+mod values;
 mod vehicle;
 mod volume;
 mod world;
+mod yaml;
+
+use std::io::Read;
+use std::path::Path;
+
+use normalise::normalise;
+use reader::{Map, Reader};
+use yaml::{Document, Kind, Mark, SyntaxError};
 
 pub use body::{RigidBody, Surface};
 pub use camera::{Camera, DepthNoise, MouseMultipliers, PublishedFrame, Stereo};
+pub use color::ColorTable;
 pub use common::{Common, Material, PluginEntry, ShaderProgram, SourcePos};
 pub use controller::{CartesianController, Controller, ControllerOutput, Gains};
-pub use device::{ButtonMapping, HapticGain, InputDevice};
+pub use device::{ButtonMapping, HapticGain, InputDevice, InputDevices};
 pub use geometry::{Axis, CollisionGeometry, CollisionMeshKind, PlacedPrimitive, Primitive, Visual, VisualGeometry};
 pub use ghost::GhostObject;
 pub use joint::{ConeTwistLimits, Joint, JointKind, Limits, LinearAngular, SixDofLimits, SixDofSpring};
 pub use launch::Launch;
 pub use light::{Attenuation, Light};
 pub use model::Model;
+pub use report::{LoadError, Problem, ProblemKind, Report, Severity, Verbose};
 pub use sensor::{Actuator, Ray, RaySource, ResistanceParameters, Sensor, SensorKind};
 pub use soft_body::{SoftBody, SoftBodyConfig, SoftMaterial};
 pub use vehicle::{Suspension, Vehicle, Wheel, WheelVisual};
 pub use volume::{ImageStack, Volume};
 pub use world::{Enclosure, PhysicsProfile, PhysicsSettings, Skybox, World};
+
+/// Largest file that is read, bytes.
+const MAX_BYTES: u64 = 64 << 20;
+
+/// A kind of file: [`Launch`], [`World`], [`Model`], [`InputDevices`] or [`ColorTable`].
+pub trait Description: sealed::Root {}
+
+impl<T: sealed::Root> Description for T {}
+
+mod sealed {
+    use super::{ColorTable, InputDevices, Launch, Map, Model, World};
+
+    /// Reads a kind of file from its root.
+    pub trait Root: Sized {
+        fn read_root(root: &Map<'_>) -> Self;
+    }
+
+    macro_rules! roots {
+        ($($kind:ty),*) => { $(
+            impl Root for $kind {
+                fn read_root(root: &Map<'_>) -> Self {
+                    <$kind>::read(root)
+                }
+            }
+        )* };
+    }
+
+    roots!(ColorTable, InputDevices, Launch, Model, World);
+}
+
+/// Reads a file: `load::<Model>(path)`.
+///
+/// The report lists what was dropped, replaced or not used. Files the description refers to (meshes, images, other ADF
+/// files) are not opened; relative paths are joined to the directory of `path`. A file without `adf version` is taken for 1.0.
+///
+/// # Errors
+/// Every [`LoadError`]: the file is unreadable, larger than 64 MiB, no text, no YAML, no mapping, of another version than 1.0, or
+/// holds values that do not convert (then all of them are reported).
+pub fn load<T: Description>(path: &Path) -> Result<(T, Report), LoadError> {
+    let unreadable = |source| LoadError::Unreadable { file: path.to_owned(), source };
+    let file = std::fs::File::open(path).map_err(unreadable)?;
+    let mut bytes = Vec::new();
+    // Not by the length of the file: pipes and devices have none.
+    let limited = &mut file.take(MAX_BYTES + 1);
+    limited.read_to_end(&mut bytes).map_err(unreadable)?;
+    parse_bytes(&bytes, path)
+}
+
+/// Reads a text as [`load`] reads a file; `path` stands for its name.
+///
+/// # Errors
+/// As [`load`], except that nothing is unreadable.
+pub fn parse<T: Description>(text: &str, path: &Path) -> Result<(T, Report), LoadError> {
+    parse_bytes(text.as_bytes(), path)
+}
+
+fn parse_bytes<T: Description>(bytes: &[u8], path: &Path) -> Result<(T, Report), LoadError> {
+    if bytes.len() as u64 > MAX_BYTES {
+        return Err(LoadError::TooLarge { file: path.to_owned(), limit: MAX_BYTES });
+    }
+    let text = text_of(bytes, path)?;
+    let at = |mark: Mark| SourcePos { file: path.into(), line: mark.line, column: mark.column };
+    let normalised;
+    let doc = match Document::parse(text, None) {
+        Ok(doc) => doc,
+        Err(error) => {
+            let syntax = |error: SyntaxError| LoadError::Syntax { at: at(error.mark), message: error.message };
+            normalised = normalise(text).ok_or_else(|| syntax(error))?;
+            Document::parse(text, Some(&normalised)).map_err(syntax)?
+        }
+    };
+    let root = doc.root();
+    let found = match &root.kind {
+        Kind::Map(_) => "",
+        Kind::Null => "nothing",
+        Kind::Scalar(_) => "a single value",
+        Kind::List(_) => "a list",
+    };
+    let Kind::Map(entries) = &root.kind else {
+        return Err(LoadError::NotAMapping { at: at(root.mark), found });
+    };
+    let reader = Reader::new(&doc, path.into());
+    let value = {
+        let root = Map::root(&reader, entries);
+        if let Some((mark, found)) = root.other_version() {
+            return Err(LoadError::Version { at: at(mark), found });
+        }
+        root.warn_second_document();
+        T::read_root(&root)
+    };
+    let report = reader.into_report();
+    if report.is_fatal() {
+        return Err(LoadError::Refused { file: path.into(), report });
+    }
+    Ok((value, report))
+}
+
+/// UTF-8 text without control characters; a byte-order mark is skipped.
+fn text_of<'t>(bytes: &'t [u8], path: &Path) -> Result<&'t str, LoadError> {
+    let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
+    let not_text = |at: usize, message: &str| {
+        let before = &bytes[..at];
+        let line_start = before.iter().rposition(|&b| b == b'\n').map_or(0, |i| i + 1);
+        let line = before.iter().filter(|&&b| b == b'\n').count() + 1;
+        let column = String::from_utf8_lossy(&before[line_start..]).chars().count() + 1;
+        LoadError::NotText {
+            at: SourcePos {
+                file: path.into(),
+                line: u32::try_from(line).unwrap_or(u32::MAX),
+                column: u32::try_from(column).unwrap_or(u32::MAX),
+            },
+            message: message.to_owned(),
+        }
+    };
+    let text = std::str::from_utf8(bytes).map_err(|e| not_text(e.valid_up_to(), "bytes that are not UTF-8"))?;
+    // A NUL would end the text for the parser without a word.
+    let control = |b: &u8| *b < b' ' && !matches!(b, b'\t' | b'\n' | b'\r');
+    match bytes.iter().position(control) {
+        Some(at) => Err(not_text(at, "a control character")),
+        None => Ok(text),
+    }
+}

@@ -11,8 +11,10 @@ use super::common::{PluginEntry, ShaderProgram};
 use super::ghost::GhostObject;
 use super::joint::Joint;
 use super::light::Light;
+use super::reader::Map;
 use super::sensor::{Actuator, Sensor};
 use super::soft_body::SoftBody;
+use super::values::Base;
 use super::vehicle::Vehicle;
 use super::volume::Volume;
 
@@ -53,4 +55,49 @@ pub struct Model {
     pub shaders: Option<ShaderProgram>,
     /// Model plugins.
     pub plugins: Vec<PluginEntry>,
+}
+
+impl Model {
+    pub(super) fn read(root: &Map<'_>) -> Self {
+        let base = Base::read(root);
+        let file = root.reader().file().clone();
+        let name = file.file_name().unwrap_or_default();
+        let dropped = "it is dropped";
+        let model = Self {
+            name: name.to_string_lossy().into_owned(),
+            bodies: root.elements("bodies", "body", "an unnamed body of 1 kg without a shape is made", |map| {
+                RigidBody::read(map, &base)
+            }),
+            soft_bodies: root.elements("soft bodies", "soft body", dropped, |map| SoftBody::read(map, &base)),
+            ghosts: root.elements("ghost objects", "ghost object", dropped, |map| GhostObject::read(map, &base)),
+            sensors: root.elements("sensors", "sensor", dropped, |map| Sensor::read(map, &base)),
+            actuators: root.elements("actuators", "actuator", dropped, |map| Actuator::read(map, &base)),
+            joints: root.elements("joints", "joint", "the file is refused", |map| Joint::read(map, &base)),
+            vehicles: root.elements("vehicles", "vehicle", dropped, |map| Vehicle::read(map, &base)),
+            cameras: cameras(root, &base),
+            lights: lights(root, &base),
+            volumes: root.elements("volumes", "volume", "an empty one is made", |map| Volume::read(map, &base)),
+            ignore_inter_collision: root.boolean("ignore inter-collision").unwrap_or(false),
+            gravity: root.vector("gravity"),
+            shaders: root.shaders("shaders"),
+            plugins: root.plugins(),
+            namespace: base.namespace,
+            file,
+        };
+        root.ignore(&["joint erp", "joint cfm"], "only those of each joint count");
+        root.finish_root();
+        model
+    }
+}
+
+/// Cameras of a model or a world.
+pub(super) fn cameras(root: &Map<'_>, base: &Base) -> Vec<Camera> {
+    let absent = "one with defaults is made";
+    root.elements("cameras", "camera", absent, |map| Camera::read(map, base))
+}
+
+/// Lights of a model or a world.
+pub(super) fn lights(root: &Map<'_>, base: &Base) -> Vec<Light> {
+    let absent = "one with defaults is made";
+    root.elements("lights", "light", absent, |map| Light::read(map, base))
 }

@@ -1,10 +1,13 @@
 //! Sensors (ray tracers) and actuators.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use nalgebra::{Isometry3, Vector3};
 
 use super::common::Common;
+use super::reader::{Map, Range};
+use super::report::ProblemKind;
+use super::values::{beside, mesh_path, Base};
 
 /// A sensor as written.
 #[derive(Clone, Debug, PartialEq)]
@@ -118,4 +121,149 @@ pub struct Actuator {
     pub max_impulse: f64,
     /// Stored, without use in the reference. Default: 1.
     pub tau: f64,
+}
+
+/// Largest resolution of a parametric sensor: a million rays.
+const MAX_RESOLUTION: u32 = 1000;
+
+/// Key `type`; one that is missing or not among `known` drops the element.
+fn type_of(map: &Map<'_>, known: &[&str]) -> Option<String> {
+    let text = map.filled("type");
+    let expected = known.join(" or ");
+    let Some(text) = text else {
+        map.reject(ProblemKind::MissingElement, "type", &expected);
+        return None;
+    };
+    let spelling = |n: &&&str| n.to_lowercase() == text || n.to_uppercase() == text || **n == text.as_str();
+    let found = known.iter().find(spelling);
+    if found.is_none() {
+        map.reject(ProblemKind::UnknownValue, "type", &expected);
+    }
+    found.map(|n| n.to_string())
+}
+
+fn parent_of(map: &Map<'_>) -> String {
+    let parent = map.filled("parent");
+    if parent.is_none() {
+        let expected = "the identifier of a body";
+        map.reject(ProblemKind::OutOfRange, "parent", expected);
+    }
+    parent.unwrap_or_default()
+}
+
+impl Sensor {
+    pub(super) fn read(map: &Map<'_>, base: &Base) -> Option<Self> {
+        let kind = match type_of(map, &["Proximity", "Resistance"])?.as_str() {
+            "Proximity" => SensorKind::Proximity,
+            _ => SensorKind::Resistance(ResistanceParameters::read(map)),
+        };
+        let sensor = Self {
+            common: map.common(base),
+            parent: parent_of(map),
+            location: map.pose("location").unwrap_or_default(),
+            range: map.real_in("range", Range::NotNegative).unwrap_or(0.5),
+            visible: map.boolean("visible").unwrap_or(false),
+            visible_size: map.real("visible size").unwrap_or(0.02),
+            rays: RaySource::read(map, base)?,
+            kind,
+        };
+        let why = "only resistance sensors have it";
+        map.ignore(&["friction", "contact area"], why);
+        map.ignore(&["contact stiffness", "contact damping"], why);
+        map.finish();
+        Some(sensor)
+    }
+}
+
+impl ResistanceParameters {
+    fn read(map: &Map<'_>) -> Self {
+        let default = Self::default();
+        let friction = map.map("friction");
+        let real = |map: &Map<'_>, key, default| map.real(key).unwrap_or(default);
+        let parameters = Self {
+            static_friction: real(&friction, "static", default.static_friction),
+            friction_damping: real(&friction, "damping", default.friction_damping),
+            dynamic_friction: real(&friction, "dynamic", default.dynamic_friction),
+            variable_friction: friction.boolean("variable").unwrap_or(false),
+            contact_area: real(map, "contact area", default.contact_area),
+            contact_stiffness: real(map, "contact stiffness", default.contact_stiffness),
+            contact_damping: real(map, "contact damping", default.contact_damping),
+        };
+        friction.finish();
+        map.ignore(&["variable"], "it belongs into `friction`");
+        map.skip(&["friction", "contact area", "contact stiffness"]);
+        map.skip(&["contact damping"]);
+        parameters
+    }
+}
+
+impl RaySource {
+    fn read(map: &Map<'_>, base: &Base) -> Option<Self> {
+        if map.has("array") {
+            map.skip(&["mesh", "parametric"]);
+            let rays = map.maps("array");
+            let rays = rays.iter().map(Ray::read).collect::<Vec<_>>();
+            if rays.is_empty() {
+                let expected = "at least one {offset, direction}";
+                map.reject(ProblemKind::OutOfRange, "array", expected);
+            }
+            return Some(RaySource::Array(rays));
+        }
+        if let Some(mesh) = map.filled("mesh") {
+            map.skip(&["parametric"]);
+            let dir = map.reader().dir();
+            let below = |model: &Path| mesh_path(dir, model, Path::new(""), &mesh);
+            // The original looks beside the file only, where no existing scene has these meshes.
+            let mut candidates = vec![beside(dir, &mesh)];
+            candidates.push(below(&base.low_resolution));
+            candidates.push(below(&base.high_resolution));
+            candidates.dedup();
+            return Some(RaySource::Mesh { candidates });
+        }
+        map.skip(&["mesh"]);
+        let Some(fan) = map.map_opt("parametric") else {
+            let expected = "`array`, `mesh` or `parametric`";
+            map.reject(ProblemKind::MissingElement, "array", expected);
+            map.skip(&["direction"]);
+            return None;
+        };
+        let resolution = fan.need_uint("resolution");
+        if fan.has("resolution") && !(2..=MAX_RESOLUTION).contains(&resolution) {
+            let expected = format!("2 to {MAX_RESOLUTION}");
+            fan.reject(ProblemKind::OutOfRange, "resolution", &expected);
+        }
+        let source = RaySource::Parametric {
+            resolution,
+            horizontal_angle: fan.need_real("horizontal angle"),
+            vertical_angle: fan.need_real("vertical angle"),
+            start_offset: fan.need_real("start offset"),
+        };
+        fan.finish();
+        Some(source)
+    }
+}
+
+impl Ray {
+    fn read(map: &Map<'_>) -> Self {
+        let ray = Self { offset: map.need_vector("offset"), direction: map.need_vector("direction") };
+        map.finish();
+        ray
+    }
+}
+
+impl Actuator {
+    pub(super) fn read(map: &Map<'_>, base: &Base) -> Option<Self> {
+        type_of(map, &["Constraint"])?;
+        let actuator = Self {
+            common: map.common(base),
+            parent: parent_of(map),
+            location: map.pose("location").unwrap_or_default(),
+            visible: map.boolean("visible").unwrap_or(false),
+            visible_size: map.real("visible size").unwrap_or(0.02),
+            max_impulse: map.real("max impulse").unwrap_or(10.0),
+            tau: map.real("tau").unwrap_or(1.0),
+        };
+        map.finish();
+        Some(actuator)
+    }
 }

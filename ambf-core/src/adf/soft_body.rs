@@ -5,7 +5,10 @@ use std::path::PathBuf;
 use nalgebra::Isometry3;
 
 use super::common::Common;
-use super::geometry::Visual;
+use super::geometry::{collision_mesh, Visual};
+use super::reader::{Map, Range};
+use super::report::ProblemKind;
+use super::values::Base;
 
 /// A soft body as written. It is always passive.
 #[derive(Clone, Debug, PartialEq)]
@@ -145,5 +148,123 @@ pub struct SoftMaterial {
 impl Default for SoftMaterial {
     fn default() -> Self {
         Self { kLST: 1.0, kAST: 1.0, kVST: 1.0 }
+    }
+}
+
+impl SoftBody {
+    pub(super) fn read(map: &Map<'_>, base: &Base) -> Option<Self> {
+        let mut common = map.common(base);
+        common.passive = true;
+        if !map.has("mass") {
+            map.warn(ProblemKind::Absent, "mass", "a mass in kg", "1 kg is used");
+        }
+        let collision_mesh = collision_mesh(map, base);
+        if collision_mesh.is_none() {
+            let expected = "a mesh file";
+            map.reject(ProblemKind::MissingKey, "collision mesh", expected);
+        }
+        if map.is_null("config") {
+            map.warn(ProblemKind::EmptyElement, "config", "", "defaults are used");
+        }
+        let config = map.map("config");
+        let body = Self {
+            common,
+            location: map.pose("location").unwrap_or_default(),
+            scale: map.scale(),
+            mass: map.real_in("mass", Range::NotNegative).unwrap_or(1.0),
+            visual: Visual::read(map, base),
+            collision_mesh: collision_mesh?,
+            collision_margin: map.real_in("collision margin", Range::NotNegative).unwrap_or(0.001),
+            randomize_constraints: map.boolean("randomize constraints").is_some(),
+            config: SoftBodyConfig::read(&config),
+        };
+        let why = "it has no effect on soft bodies";
+        map.ignore(&["inertial offset", "gravity", "inertia"], why);
+        map.ignore(&["collision groups", "collision shape"], why);
+        map.ignore(&["collision geometry", "collision offset"], why);
+        map.ignore(&["compound collision shape", "collision mesh type"], why);
+        map.ignore(&["controller", "controller output type"], why);
+        map.ignore(&["linear gain", "angular gain"], why);
+        map.skip(&["low resolution path"]);
+        map.finish();
+        Some(body)
+    }
+}
+
+impl SoftBodyConfig {
+    fn read(map: &Map<'_>) -> Self {
+        let mut config = Self {
+            kMT: map.real("kMT"),
+            bending_constraint: map.int("bending constraint"),
+            clusters: map.int("clusters"),
+            material: SoftMaterial::read(map),
+            fixed_nodes: fixed_nodes(map),
+            ..Self::default()
+        };
+        for (key, value) in [
+            ("kVCF", &mut config.kVCF),
+            ("kDP", &mut config.kDP),
+            ("kDG", &mut config.kDG),
+            ("kLF", &mut config.kLF),
+            ("kPR", &mut config.kPR),
+            ("kVC", &mut config.kVC),
+            ("kDF", &mut config.kDF),
+            ("kCHR", &mut config.kCHR),
+            ("kKHR", &mut config.kKHR),
+            ("kSHR", &mut config.kSHR),
+            ("kAHR", &mut config.kAHR),
+            ("kSRHR_CL", &mut config.kSRHR_CL),
+            ("kSKHR_CL", &mut config.kSKHR_CL),
+            ("kSSHR_CL", &mut config.kSSHR_CL),
+            ("kSR_SPLT_CL", &mut config.kSR_SPLT_CL),
+            ("kSK_SPLT_CL", &mut config.kSK_SPLT_CL),
+            ("kSS_SPLT_CL", &mut config.kSS_SPLT_CL),
+            ("maxvolume", &mut config.maxvolume),
+            ("timescale", &mut config.timescale),
+        ] {
+            if let Some(x) = map.real(key) {
+                *value = x;
+            }
+        }
+        for (key, value) in [
+            ("viterations", &mut config.viterations),
+            ("piterations", &mut config.piterations),
+            ("diterations", &mut config.diterations),
+            ("citerations", &mut config.citerations),
+            ("flags", &mut config.flags),
+        ] {
+            if let Some(x) = map.int(key) {
+                *value = x;
+            }
+        }
+        let why = "Bullet's soft bodies have no such parameter here";
+        map.ignore(&["margin", "cutting"], why);
+        map.finish();
+        config
+    }
+}
+
+fn fixed_nodes(map: &Map<'_>) -> Vec<u32> {
+    let key = "fixed nodes";
+    let nodes = map.ints(key);
+    let valid: Vec<u32> = nodes.iter().filter_map(|&i| i.try_into().ok()).collect();
+    if valid.len() < nodes.len() {
+        let expected = "vertex indices of at least 0";
+        let action = "the others are left out";
+        map.error(ProblemKind::OutOfRange, key, expected, action);
+    }
+    valid
+}
+
+impl SoftMaterial {
+    fn read(map: &Map<'_>) -> Option<Self> {
+        let default = Self::default();
+        let keys = ["kLST", "kAST", "kVST"];
+        let present = keys.iter().any(|key| map.has(key));
+        present.then(|| Self {
+            kLST: map.real("kLST").unwrap_or(default.kLST),
+            kAST: map.real("kAST").unwrap_or(default.kAST),
+            kVST: map.real("kVST").unwrap_or(default.kVST),
+        })
     }
 }

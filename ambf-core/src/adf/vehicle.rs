@@ -1,11 +1,14 @@
 //! Ray-cast vehicles.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use nalgebra::Vector3;
 
 use super::common::{Common, SourcePos};
 use super::joint::Limits;
+use super::reader::{Map, Range};
+use super::report::ProblemKind;
+use super::values::{beside, mesh_path, Base};
 
 /// A ray-cast vehicle as written.
 #[derive(Clone, Debug, PartialEq)]
@@ -77,5 +80,85 @@ impl Default for Suspension {
     /// The values of Bullet's `btVehicleTuning`; the length at rest is ours.
     fn default() -> Self {
         Self { stiffness: 5.88, damping: 0.88, compression: 0.83, rest_length: 0.3 }
+    }
+}
+
+impl Vehicle {
+    pub(super) fn read(map: &Map<'_>, base: &Base) -> Option<Self> {
+        let chassis = map.filled("chassis");
+        if chassis.is_none() {
+            let expected = "the identifier of a body";
+            map.reject(ProblemKind::MissingElement, "chassis", expected);
+        }
+        let own: PathBuf = (map.filled("high resolution path")).unwrap_or_default().into();
+        let r = map.reader();
+        let wheel = |wheel: &Map<'_>| r.element("wheel", || Wheel::read(wheel, base, &own));
+        let wheels = map.maps("wheels").iter().filter_map(wheel).collect();
+        let vehicle = Self { common: map.common(base), chassis: chassis.unwrap_or_default(), wheels };
+        map.finish();
+        Some(vehicle)
+    }
+}
+
+impl Wheel {
+    fn read(map: &Map<'_>, base: &Base, own: &Path) -> Option<Self> {
+        let dir = map.reader().dir();
+        let visual = if let Some(body) = map.filled("body") {
+            map.skip(&["mesh"]);
+            WheelVisual::Body(body)
+        } else if let Some(mesh) = map.filled("mesh") {
+            // The original takes the name relative to the working directory.
+            let candidates =
+                vec![PathBuf::from(&mesh), mesh_path(dir, &base.high_resolution, own, &mesh), beside(dir, &mesh)];
+            WheelVisual::Mesh(candidates)
+        } else {
+            let expected = "a `body` or a `mesh`";
+            map.reject(ProblemKind::MissingElement, "body", expected);
+            return None;
+        };
+        for key in ["radius", "friction", "suspension", "roll influence"] {
+            if !map.has(key) {
+                let expected = "the original has no default";
+                map.warn(ProblemKind::Absent, key, expected, "Bullet's is used");
+            }
+        }
+        let zero = Limits { low: 0.0, high: 0.0 };
+        let wheel = Self {
+            visual,
+            width: map.real("width").unwrap_or(0.0),
+            radius: map.real_in("radius", Range::Positive).unwrap_or(0.3),
+            friction: map.real("friction").unwrap_or(10.5),
+            suspension: Suspension::read(map),
+            roll_influence: map.real("roll influence").unwrap_or(0.1),
+            down_direction: map.vector("down direction").unwrap_or_default(),
+            axle_direction: map.vector("axel direction").unwrap_or_default(),
+            offset: map.vector("offset").unwrap_or_default(),
+            front: map.boolean("front").unwrap_or(false),
+            steering_limits: map.map_opt("steering limits").map_or(zero, |limits| {
+                let range = Limits { low: limits.need_real("low"), high: limits.need_real("high") };
+                limits.finish();
+                range
+            }),
+            max_engine_power: map.real("max engine power").unwrap_or(0.0),
+            max_brake_power: map.real("max brake power").unwrap_or(0.0),
+            source: map.reader().source(map.mark),
+        };
+        map.finish();
+        Some(wheel)
+    }
+}
+
+impl Suspension {
+    fn read(map: &Map<'_>) -> Self {
+        map.map_opt("suspension").map_or(Self::default(), |block| {
+            let suspension = Self {
+                stiffness: block.need_real("stiffness"),
+                damping: block.need_real("damping"),
+                compression: block.need_real("compression"),
+                rest_length: block.need_real("rest length"),
+            };
+            block.finish();
+            suspension
+        })
     }
 }

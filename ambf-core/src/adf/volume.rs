@@ -5,6 +5,9 @@ use std::path::PathBuf;
 use nalgebra::{Isometry3, Vector3};
 
 use super::common::{Common, Material, ShaderProgram};
+use super::reader::{Map, Range};
+use super::report::ProblemKind;
+use super::values::{beside, Base};
 
 /// A volume as written.
 #[derive(Clone, Debug, PartialEq)]
@@ -44,4 +47,53 @@ pub struct ImageStack {
     pub format: String,
     /// Number of images.
     pub count: u32,
+}
+
+impl Volume {
+    pub(super) fn read(map: &Map<'_>, base: &Base) -> Option<Self> {
+        let r = map.reader();
+        let images = if map.has("images") {
+            let images = r.tolerant_element("volume", || ImageStack::read(map));
+            if images.is_none() {
+                r.spoil();
+            }
+            images
+        } else {
+            None
+        };
+        let dimensions = map.vector("dimensions").unwrap_or(Vector3::repeat(1.0));
+        if dimensions.min() <= 0.0 && map.has("dimensions") {
+            let expected = "edge lengths above 0";
+            map.reject(ProblemKind::OutOfRange, "dimensions", expected);
+        }
+        let volume = Self {
+            common: map.common(base),
+            parent: map.filled("parent").unwrap_or_default(),
+            location: map.pose("location").unwrap_or_default(),
+            scale: map.real_in("scale", Range::Positive).unwrap_or(1.0),
+            images,
+            dimensions,
+            iso_surface_value: map.real("iso-surface value").unwrap_or(0.5),
+            optical_density: map.real("optical density").unwrap_or(1.0),
+            quality: map.real("quality").unwrap_or(0.5),
+            material: map.material(),
+            shaders: map.shaders("shaders"),
+        };
+        map.finish();
+        Some(volume)
+    }
+}
+
+impl ImageStack {
+    fn read(map: &Map<'_>) -> Option<Self> {
+        let images = map.map("images");
+        let stack = Self {
+            path: beside(map.reader().dir(), images.need_string("path")),
+            prefix: images.need_string("prefix"),
+            format: images.need_string("format"),
+            count: images.need_uint("count"),
+        };
+        images.finish();
+        Some(stack)
+    }
 }

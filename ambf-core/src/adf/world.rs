@@ -7,6 +7,10 @@ use nalgebra::Vector3;
 use super::camera::Camera;
 use super::common::{Common, ShaderProgram};
 use super::light::Light;
+use super::model::{cameras, lights};
+use super::reader::{Map, Range};
+use super::report::ProblemKind;
+use super::values::{beside, Base};
 
 /// A world file as written.
 #[derive(Clone, Debug, PartialEq)]
@@ -75,4 +79,102 @@ pub enum PhysicsProfile {
     Legacy,
     /// The best result at the same cost.
     Accurate,
+}
+
+impl World {
+    pub(super) fn read(root: &Map<'_>) -> Self {
+        let base = Base::read(root);
+        let mut common = root.common(&base);
+        common.identifier = "World".into();
+        common.name = "World".into();
+        common.namespace.clone_from(&base.namespace);
+        let environment = root.path_beside("environment");
+        if environment.is_some() {
+            root.ignore(&["enclosure"], "`environment` replaces it");
+        }
+        let world = Self {
+            common,
+            enclosure: match environment {
+                Some(_) => None,
+                None => Enclosure::read(root),
+            },
+            environment,
+            gravity: (root.vector("gravity")).unwrap_or(Vector3::new(0.0, 0.0, -9.8)),
+            max_iterations: at_least_one(root, "max iterations").unwrap_or(10),
+            lights: lights(root, &base),
+            cameras: cameras(root, &base),
+            shaders: root.shaders("shaders"),
+            skybox: Skybox::read(root),
+            physics: PhysicsSettings::read(root),
+        };
+        let why = "the original ignores it too; `environment` names a model file";
+        root.ignore(&["enclosure size"], why);
+        root.finish_root();
+        world
+    }
+}
+
+fn at_least_one(map: &Map<'_>, key: &'static str) -> Option<u32> {
+    let n = map.uint(key)?;
+    if n == 0 {
+        let expected = "an integer, at least 1";
+        map.error(ProblemKind::OutOfRange, key, expected, "the default is used");
+    }
+    (n > 0).then_some(n)
+}
+
+impl Enclosure {
+    fn read(root: &Map<'_>) -> Option<Self> {
+        let block = root.map_opt("enclosure")?;
+        root.reader().element("enclosure", || {
+            let [length, width, height] =
+                ["length", "width", "height"].map(|key| block.need_real_in(key, Range::Positive));
+            block.finish();
+            Some(Self { length, width, height })
+        })
+    }
+}
+
+impl Skybox {
+    fn read(root: &Map<'_>) -> Option<Self> {
+        let block = root.map_opt("skybox")?;
+        let dir = beside(root.reader().dir(), block.need_string("path"));
+        let names = ["right", "left", "top", "bottom", "front", "back"];
+        let faces = names.map(|key| block.filled(key));
+        let shaders = block.shaders("shaders");
+        block.finish();
+        if faces.iter().any(Option::is_none) {
+            let expected = "all of right, left, top, bottom, front, back";
+            let action = "there is no sky box";
+            root.warn(ProblemKind::MissingKey, "skybox", expected, action);
+            return None;
+        }
+        Some(Self { faces: faces.map(|face| dir.join(face.unwrap_or_default())), shaders })
+    }
+}
+
+impl PhysicsSettings {
+    fn read(root: &Map<'_>) -> Self {
+        let block = root.map("physics");
+        let profile = block.string("profile");
+        let settings = Self {
+            profile: match profile.as_deref() {
+                Some("legacy") => Some(PhysicsProfile::Legacy),
+                Some("accurate") => Some(PhysicsProfile::Accurate),
+                Some(_) => {
+                    let expected = "legacy or accurate";
+                    let action = "the default is used";
+                    block.error(ProblemKind::UnknownValue, "profile", expected, action);
+                    None
+                }
+                None => None,
+            },
+            solver: block.filled("solver"),
+            integrator: block.filled("integrator"),
+            iterations: at_least_one(&block, "iterations"),
+            sub_step: block.real_in("sub step", Range::Positive),
+        };
+        block.finish();
+        settings
+    }
 }

@@ -1,0 +1,39 @@
+//! Colour tables.
+
+use std::collections::BTreeMap;
+
+use super::reader::Map;
+use super::report::ProblemKind;
+
+/// A colour table as written: name to (red, green, blue, alpha), each 0 to 255. Bodies cannot use it in this version.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct ColorTable {
+    /// Colours by name.
+    pub colors: BTreeMap<String, [u8; 4]>,
+}
+
+impl ColorTable {
+    pub(super) fn read(root: &Map<'_>) -> Self {
+        root.reader().tolerate();
+        root.skip(&["adf version"]);
+        let mut table = Self::default();
+        for name in root.unread_keys() {
+            let color = root.reader().element("colour", || {
+                let map = root.map(name);
+                let parts = ["r", "g", "b", "a"].map(|key| {
+                    let value = map.need_uint(key);
+                    u8::try_from(value).unwrap_or_else(|_| {
+                        map.reject(ProblemKind::OutOfRange, key, "0 to 255");
+                        0
+                    })
+                });
+                map.finish();
+                Some(parts)
+            });
+            if let Some(color) = color {
+                table.colors.insert(name.to_owned(), color);
+            }
+        }
+        table
+    }
+}

@@ -1,0 +1,675 @@
+//! Typed access to the tree, with every problem reported where it stands.
+//!
+//! A [`Map`] is a mapping seen from one place. Its getters mark a key as read, convert its value and report what does not
+//! fit; [`Map::finish`] reports the keys that nobody asked for. The caller always gets a usable value and goes on, so that all
+//! problems of a file are found in one go; whether the value counts is decided at the end from the report ([`Severity::Fatal`]
+//! refuses the file) and from [`Reader::element`] (an error drops the element).
+
+use std::borrow::Cow;
+use std::cell::{Cell, RefCell};
+use std::collections::{HashMap, HashSet};
+use std::path::Path;
+use std::sync::Arc;
+
+use super::common::SourcePos;
+use super::report::{Problem, ProblemKind, Report, Severity};
+use super::scalar;
+use super::yaml::{Document, Kind, Mark, Node, NodeId};
+
+/// Mappings with more keys are indexed instead of searched.
+const SMALL_MAP: usize = 24;
+
+/// Range of a number.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) enum Range {
+    Any,
+    NotNegative,
+    Positive,
+}
+
+impl Range {
+    fn holds(self, x: f64) -> bool {
+        match self {
+            Range::Any => true,
+            Range::NotNegative => x >= 0.0,
+            Range::Positive => x > 0.0,
+        }
+    }
+
+    fn words(self) -> &'static str {
+        match self {
+            Range::Any => "a finite number",
+            Range::NotNegative => "a finite number, at least 0",
+            Range::Positive => "a finite number above 0",
+        }
+    }
+}
+
+/// A file while it is read.
+pub(super) struct Reader<'t> {
+    doc: &'t Document<'t>,
+    file: Arc<Path>,
+    report: RefCell<Report>,
+    /// What a value that does not convert means: the file is refused, or the element is dropped.
+    conversion: Cell<Severity>,
+    /// What is being read, for messages; "" outside elements.
+    element: Cell<&'static str>,
+    /// An error was found in the element being read.
+    spoiled: Cell<bool>,
+    /// Entries that may still be looked at: with aliases a small file can have endlessly many.
+    work: Cell<usize>,
+    /// Mappings whose duplicate or unknown keys were reported; aliases show the same ones again.
+    seen: RefCell<HashSet<NodeId>>,
+    finished: RefCell<HashSet<NodeId>>,
+}
+
+impl<'t> Reader<'t> {
+    pub(super) fn new(doc: &'t Document<'t>, file: Arc<Path>) -> Self {
+        Self {
+            doc,
+            file,
+            report: RefCell::default(),
+            conversion: Cell::new(Severity::Fatal),
+            element: Cell::new(""),
+            spoiled: Cell::new(false),
+            work: Cell::new(2_000_000 + 20 * doc.len()),
+            seen: RefCell::default(),
+            finished: RefCell::default(),
+        }
+    }
+
+    pub(super) fn file(&self) -> &Arc<Path> {
+        &self.file
+    }
+
+    /// Directory of the file, empty when the file was named without one.
+    pub(super) fn dir(&self) -> &Path {
+        self.file.parent().unwrap_or(Path::new(""))
+    }
+
+    pub(super) fn into_report(self) -> Report {
+        self.report.into_inner()
+    }
+
+    pub(super) fn source(&self, mark: Mark) -> SourcePos {
+        SourcePos { file: self.file.clone(), line: mark.line, column: mark.column }
+    }
+
+    /// Reads an element called `noun` in messages; `None` when an error was found in it.
+    pub(super) fn element<T>(&self, noun: &'static str, read: impl FnOnce() -> Option<T>) -> Option<T> {
+        let outer = (self.element.replace(noun), self.spoiled.replace(false));
+        let value = read().filter(|_| !self.spoiled.get());
+        self.element.set(outer.0);
+        self.spoiled.set(outer.1);
+        value
+    }
+
+    /// As [`Reader::element`]; a value that does not convert drops the element instead of the file.
+    pub(super) fn tolerant_element<T>(&self, noun: &'static str, read: impl FnOnce() -> Option<T>) -> Option<T> {
+        let outer = self.conversion.replace(Severity::Error);
+        let value = self.element(noun, read);
+        self.conversion.set(outer);
+        value
+    }
+
+    /// From here on a value that does not convert drops its element instead of the file.
+    pub(super) fn tolerate(&self) {
+        self.conversion.set(Severity::Error);
+    }
+
+    /// Drops the element being read.
+    pub(super) fn spoil(&self) {
+        self.spoiled.set(true);
+    }
+
+    fn dropped(&self) -> String {
+        match self.element.get() {
+            "" => "the default is used".into(),
+            noun => format!("the {noun} is dropped"),
+        }
+    }
+
+    fn spend(&self, work: usize) -> bool {
+        let left = self.work.get();
+        if left >= work {
+            self.work.set(left - work);
+            return true;
+        }
+        if left > 0 {
+            self.work.set(0);
+            self.report.borrow_mut().push(Problem {
+                severity: Severity::Fatal,
+                kind: ProblemKind::TooLarge,
+                source: self.source(Mark::default()),
+                path: String::new(),
+                key: String::new(),
+                found: String::new(),
+                expected: String::new(),
+                action: "the file is refused".into(),
+            });
+        }
+        false
+    }
+}
+
+/// A mapping seen from one place; null and absent ones are empty.
+pub struct Map<'m> {
+    r: &'m Reader<'m>,
+    parent: Option<&'m Map<'m>>,
+    key: Cow<'m, str>,
+    /// Where its key stands.
+    pub(super) mark: Mark,
+    id: Option<NodeId>,
+    entries: &'m [(NodeId, NodeId)],
+    read: Vec<Cell<bool>>,
+    index: Option<HashMap<&'m str, usize>>,
+}
+
+fn text_of<'m>(node: &'m Node<'m>) -> &'m str {
+    match &node.kind {
+        Kind::Scalar(text) => text,
+        _ => "null",
+    }
+}
+
+fn described(node: &Node<'_>) -> String {
+    match &node.kind {
+        Kind::Null => "empty".into(),
+        Kind::Scalar(text) if text.chars().count() > 60 => {
+            format!("`{}…`", text.chars().take(60).collect::<String>())
+        }
+        Kind::Scalar(text) => format!("`{text}`"),
+        Kind::List(items) => format!("a list of {}", items.len()),
+        Kind::Map(_) => "a mapping".into(),
+    }
+}
+
+impl<'m> Map<'m> {
+    /// The root of a file whose root is a mapping.
+    pub(super) fn root(r: &'m Reader<'m>, entries: &'m [(NodeId, NodeId)]) -> Self {
+        Self::new(r, None, "".into(), r.doc.root().mark, None, entries)
+    }
+
+    fn new(
+        r: &'m Reader<'m>,
+        parent: Option<&'m Map<'m>>,
+        key: Cow<'m, str>,
+        mark: Mark,
+        id: Option<NodeId>,
+        entries: &'m [(NodeId, NodeId)],
+    ) -> Self {
+        let entries = if r.spend(entries.len() + 1) { entries } else { &[] };
+        let mut map =
+            Self { r, parent, key, mark, id, entries, read: vec![Cell::new(false); entries.len()], index: None };
+        let first_look = id.is_none_or(|id| r.seen.borrow_mut().insert(id));
+        let mut duplicates = Vec::new();
+        if entries.len() > SMALL_MAP {
+            let mut index = HashMap::with_capacity(entries.len());
+            for (i, &(key, _)) in entries.iter().enumerate() {
+                match index.entry(text_of(r.doc.node(key))) {
+                    std::collections::hash_map::Entry::Occupied(_) => duplicates.push(i),
+                    std::collections::hash_map::Entry::Vacant(slot) => {
+                        slot.insert(i);
+                    }
+                }
+            }
+            map.index = Some(index);
+        } else if first_look {
+            let name = |i: usize| text_of(r.doc.node(entries[i].0));
+            duplicates.extend((1..entries.len()).filter(|&i| (0..i).any(|j| name(i) == name(j))));
+        }
+        if first_look {
+            for &i in &duplicates {
+                let node = r.doc.node(entries[i].0);
+                let what = ProblemKind::DuplicateKey;
+                let note = "the first one is used";
+                map.note(Severity::Warning, what, node.mark, text_of(node), "", "", note);
+            }
+        }
+        for i in duplicates {
+            map.read[i].set(true);
+        }
+        map
+    }
+
+    pub(super) fn reader(&self) -> &'m Reader<'m> {
+        self.r
+    }
+
+    /// Key under which the mapping stands.
+    pub(super) fn key(&self) -> &str {
+        &self.key
+    }
+
+    fn path(&self, key: &str) -> String {
+        let mut parts = if key.is_empty() { vec![] } else { vec![key] };
+        let mut map = Some(self);
+        while let Some(m) = map {
+            if !m.key.is_empty() {
+                parts.push(&m.key);
+            }
+            map = m.parent;
+        }
+        parts.reverse();
+        parts.join(" / ")
+    }
+
+    /// Records a problem. An error also drops the element being read only if the caller says so ([`Reader::spoil`]).
+    #[allow(clippy::too_many_arguments)] // the parts of one message
+    fn note(
+        &self,
+        severity: Severity,
+        kind: ProblemKind,
+        mark: Mark,
+        key: &str,
+        found: &str,
+        expected: &str,
+        action: &str,
+    ) {
+        let path = self.path(key);
+        let last = if key.is_empty() { &self.key } else { key };
+        self.r.report.borrow_mut().push(Problem {
+            severity,
+            kind,
+            source: self.r.source(mark),
+            key: last.to_owned(),
+            path,
+            found: found.to_owned(),
+            expected: expected.to_owned(),
+            action: action.to_owned(),
+        });
+    }
+
+    fn position(&self, key: &str) -> Option<usize> {
+        if let Some(index) = &self.index {
+            return index.get(key).copied();
+        }
+        (self.entries.iter()).position(|&(k, _)| text_of(self.r.doc.node(k)) == key)
+    }
+
+    fn entry(&self, key: &str) -> Option<(Mark, NodeId)> {
+        let i = self.position(key)?;
+        self.read[i].set(true);
+        let (key, value) = self.entries[i];
+        Some((self.r.doc.node(key).mark, value))
+    }
+
+    fn node(&self, key: &str) -> Option<&'m Node<'m>> {
+        self.entry(key).map(|(_, id)| self.r.doc.node(id))
+    }
+
+    /// Place of a key's value, or of the mapping.
+    fn place(&self, key: &str) -> Mark {
+        self.position(key).map_or(self.mark, |i| self.r.doc.node(self.entries[i].1).mark)
+    }
+
+    // --- presence -------------------------------------------------------------------------------------------------
+
+    /// True when the key is there, even if its value is null.
+    pub(super) fn has(&self, key: &str) -> bool {
+        self.position(key).is_some()
+    }
+
+    /// True when the key is there but null.
+    pub(super) fn is_null(&self, key: &str) -> bool {
+        self.node(key).is_some_and(|n| matches!(n.kind, Kind::Null))
+    }
+
+    /// Keys that something else of the element replaces; they need no message.
+    pub(super) fn skip(&self, keys: &[&str]) {
+        for key in keys {
+            self.entry(key);
+        }
+    }
+
+    /// Warns about keys that are known but have no effect; `why` completes "is not used; …".
+    pub(super) fn ignore(&self, keys: &[&str], why: &str) {
+        for key in keys {
+            if let Some((mark, _)) = self.entry(key) {
+                let kind = ProblemKind::IgnoredKey;
+                self.note(Severity::Warning, kind, mark, key, "", "", why);
+            }
+        }
+    }
+
+    /// Keys that were not read, without duplicates.
+    pub(super) fn unread_keys(&self) -> Vec<&'m str> {
+        let entries = self.entries.iter().zip(&self.read);
+        let unread = entries.filter(|(_, read)| !read.get());
+        unread.map(|(&(key, _), _)| text_of(self.r.doc.node(key))).collect()
+    }
+
+    /// Warns about the keys that were not read.
+    pub(super) fn finish(&self) {
+        if self.id.is_some_and(|id| !self.r.finished.borrow_mut().insert(id)) {
+            return;
+        }
+        for (i, &(key, _)) in self.entries.iter().enumerate() {
+            if !self.read[i].get() {
+                let key = self.r.doc.node(key);
+                let kind = ProblemKind::UnknownKey;
+                self.note(Severity::Warning, kind, key.mark, text_of(key), "", "", "");
+            }
+        }
+    }
+
+    /// As [`Map::finish`] for a root, whose keys may also serve to hold anchors.
+    pub(super) fn finish_root(&self) {
+        for (i, &(key, value)) in self.entries.iter().enumerate() {
+            let (key, value) = (self.r.doc.node(key), self.r.doc.node(value));
+            if self.read[i].get() || value.anchored {
+                continue;
+            }
+            let (kind, why) = match value.kind {
+                Kind::Map(_) => (ProblemKind::IgnoredKey, "no list names it"),
+                _ => (ProblemKind::UnknownKey, ""),
+            };
+            self.note(Severity::Warning, kind, key.mark, text_of(key), "", "", why);
+        }
+    }
+
+    /// Key `adf version` unless it is 1.0 or absent.
+    pub(super) fn other_version(&self) -> Option<(Mark, String)> {
+        let node = self.node("adf version")?;
+        (text_of(node) != "1.0").then(|| (node.mark, described(node)))
+    }
+
+    /// Warns when the file holds more than the first document.
+    pub(super) fn warn_second_document(&self) {
+        if let Some(mark) = self.r.doc.second {
+            let kind = ProblemKind::SecondDocument;
+            let note = "only the first is read";
+            self.note(Severity::Warning, kind, mark, "", "", "", note);
+        }
+    }
+
+    // --- problems the callers find --------------------------------------------------------------------------------
+
+    /// Reports a value that is used all the same.
+    pub(super) fn warn(&self, kind: ProblemKind, key: &str, expected: &str, action: &str) {
+        let found = self.found(key);
+        let place = self.place(key);
+        self.note(Severity::Warning, kind, place, key, &found, expected, action);
+    }
+
+    /// Reports a value that something replaces; the element stays.
+    pub(super) fn error(&self, kind: ProblemKind, key: &str, expected: &str, action: &str) {
+        let found = self.found(key);
+        let place = self.place(key);
+        self.note(Severity::Error, kind, place, key, &found, expected, action);
+    }
+
+    /// Reports a value that drops the element being read.
+    pub(super) fn reject(&self, kind: ProblemKind, key: &str, expected: &str) {
+        let action = self.r.dropped();
+        self.error(kind, key, expected, &action);
+        self.r.spoil();
+    }
+
+    fn found(&self, key: &str) -> String {
+        self.position(key).map_or(String::new(), |i| described(self.r.doc.node(self.entries[i].1)))
+    }
+
+    /// Reports a value that does not convert.
+    fn refuse(&self, kind: ProblemKind, mark: Mark, key: &str, found: &str, expected: &str) {
+        let severity = self.r.conversion.get();
+        let action = match severity {
+            Severity::Fatal => "the file is refused".into(),
+            _ => self.r.dropped(),
+        };
+        self.note(severity, kind, mark, key, found, expected, &action);
+        self.r.spoil();
+    }
+
+    fn wrong_type(&self, key: &str, node: &Node<'_>, expected: &str) {
+        let found = described(node);
+        self.refuse(ProblemKind::WrongType, node.mark, key, &found, expected);
+    }
+
+    /// Reports that a required key is missing.
+    pub(super) fn missing(&self, key: &str, expected: &str) {
+        self.refuse(ProblemKind::MissingKey, self.mark, key, "", expected);
+    }
+
+    // --- scalars --------------------------------------------------------------------------------------------------
+
+    fn scalar<T>(&self, key: &str, expected: &str, convert: impl FnOnce(&str) -> Option<T>) -> Option<T> {
+        let node = self.node(key)?;
+        let value = match &node.kind {
+            Kind::Scalar(text) => convert(text),
+            _ => None,
+        };
+        if value.is_none() {
+            self.wrong_type(key, node, expected);
+        }
+        value
+    }
+
+    pub(super) fn boolean(&self, key: &str) -> Option<bool> {
+        self.scalar(key, "true or false", scalar::boolean)
+    }
+
+    /// As [`Map::boolean`]; 0 and 1 count too.
+    pub(super) fn boolean_or_digit(&self, key: &str) -> Option<bool> {
+        self.scalar(key, "true, false, 0 or 1", |text| match text {
+            "0" => Some(false),
+            "1" => Some(true),
+            _ => scalar::boolean(text),
+        })
+    }
+
+    /// A number that may be infinite or no number.
+    pub(super) fn any_real(&self, key: &str) -> Option<f64> {
+        self.scalar(key, "a number", scalar::real)
+    }
+
+    /// A finite number within a range; another one drops the element being read.
+    pub(super) fn real_in(&self, key: &str, range: Range) -> Option<f64> {
+        let value = self.any_real(key)?;
+        let kind = if !value.is_finite() {
+            ProblemKind::NonFinite
+        } else if !range.holds(value) {
+            ProblemKind::OutOfRange
+        } else {
+            return Some(value);
+        };
+        self.reject(kind, key, range.words());
+        None
+    }
+
+    pub(super) fn real(&self, key: &str) -> Option<f64> {
+        self.real_in(key, Range::Any)
+    }
+
+    /// A required number; 0 after a problem.
+    pub(super) fn need_real_in(&self, key: &str, range: Range) -> f64 {
+        if !self.has(key) {
+            self.missing(key, range.words());
+        }
+        self.real_in(key, range).unwrap_or(0.0)
+    }
+
+    pub(super) fn need_real(&self, key: &str) -> f64 {
+        self.need_real_in(key, Range::Any)
+    }
+
+    pub(super) fn int(&self, key: &str) -> Option<i32> {
+        self.scalar(key, "an integer", |text| scalar::integer(text)?.try_into().ok())
+    }
+
+    pub(super) fn uint(&self, key: &str) -> Option<u32> {
+        self.scalar(key, "an integer, at least 0", |text| scalar::integer(text)?.try_into().ok())
+    }
+
+    pub(super) fn need_uint(&self, key: &str) -> u32 {
+        if !self.has(key) {
+            self.missing(key, "an integer, at least 0");
+        }
+        self.uint(key).unwrap_or(0)
+    }
+
+    /// A text; a null value is the text `null`.
+    pub(super) fn string(&self, key: &str) -> Option<String> {
+        let node = self.node(key)?;
+        match &node.kind {
+            Kind::Scalar(_) | Kind::Null => Some(text_of(node).to_owned()),
+            _ => {
+                self.wrong_type(key, node, "a text");
+                None
+            }
+        }
+    }
+
+    pub(super) fn need_string(&self, key: &str) -> String {
+        if !self.has(key) {
+            self.missing(key, "a text");
+        }
+        self.string(key).unwrap_or_default()
+    }
+
+    /// A text that is not empty; null counts as absent.
+    pub(super) fn filled(&self, key: &str) -> Option<String> {
+        if self.is_null(key) {
+            return None;
+        }
+        self.string(key).filter(|s| !s.is_empty())
+    }
+
+    // --- collections ----------------------------------------------------------------------------------------------
+
+    fn view(&'m self, key: Cow<'m, str>, mark: Mark, id: NodeId) -> Map<'m> {
+        let node = self.r.doc.node(id);
+        let entries: &[(NodeId, NodeId)] = match &node.kind {
+            Kind::Map(entries) => entries,
+            Kind::Null => &[],
+            Kind::Scalar(_) => {
+                self.wrong_type(&key, node, "a mapping");
+                &[]
+            }
+            Kind::List(_) => {
+                let (found, what) = (described(node), ProblemKind::WrongType);
+                let action = "it counts as empty";
+                self.note(Severity::Error, what, node.mark, &key, &found, "a mapping", action);
+                &[]
+            }
+        };
+        Map::new(self.r, Some(self), key, mark, Some(id), entries)
+    }
+
+    /// A mapping that need not be there.
+    pub(super) fn map_opt(&'m self, key: &'m str) -> Option<Map<'m>> {
+        let (mark, id) = self.entry(key)?;
+        Some(self.view(key.into(), mark, id))
+    }
+
+    /// A mapping; empty when it is absent.
+    pub(super) fn map(&'m self, key: &'m str) -> Map<'m> {
+        self.map_opt(key).unwrap_or_else(|| Map::new(self.r, Some(self), key.into(), self.mark, None, &[]))
+    }
+
+    fn items(&self, key: &str) -> &'m [NodeId] {
+        let Some(node) = self.node(key) else {
+            return &[];
+        };
+        match &node.kind {
+            Kind::List(items) if self.r.spend(items.len()) => items,
+            Kind::List(_) | Kind::Null => &[],
+            Kind::Scalar(_) => {
+                let action = "it counts as an empty list";
+                self.error(ProblemKind::WrongType, key, "a list", action);
+                &[]
+            }
+            Kind::Map(entries) => {
+                if !entries.is_empty() {
+                    self.wrong_type(key, node, "a list");
+                }
+                &[]
+            }
+        }
+    }
+
+    /// The mappings of a list.
+    pub(super) fn maps(&'m self, key: &'m str) -> Vec<Map<'m>> {
+        let view = |(i, &id): (usize, &NodeId)| {
+            let mark = self.r.doc.node(id).mark;
+            self.view(format!("{key}[{i}]").into(), mark, id)
+        };
+        self.items(key).iter().enumerate().map(view).collect()
+    }
+
+    /// The texts of a list.
+    pub(super) fn strings(&self, key: &str) -> Vec<(&'m str, Mark)> {
+        let mut texts = Vec::new();
+        for &id in self.items(key) {
+            let node = self.r.doc.node(id);
+            match node.kind {
+                Kind::Scalar(_) | Kind::Null => texts.push((text_of(node), node.mark)),
+                _ => self.wrong_type(key, node, "a list of texts"),
+            }
+        }
+        texts
+    }
+
+    /// The integers of a list.
+    pub(super) fn ints(&self, key: &str) -> Vec<i64> {
+        let mut values = Vec::new();
+        for &id in self.items(key) {
+            let node = self.r.doc.node(id);
+            let value = match &node.kind {
+                Kind::Scalar(text) => scalar::integer(text).filter(|i| i32::try_from(*i).is_ok()),
+                _ => None,
+            };
+            match value {
+                Some(value) => values.push(value),
+                None => self.wrong_type(key, node, "a list of integers"),
+            }
+        }
+        values
+    }
+
+    /// Reads the elements named by the list `list`. An element that is not defined is an empty mapping, as in the original;
+    /// `absent` says what becomes of it.
+    pub(super) fn elements<T>(
+        &'m self,
+        list: &str,
+        noun: &'static str,
+        absent: &str,
+        read: impl Fn(&Map<'_>) -> Option<T>,
+    ) -> Vec<T> {
+        let elements = self.elements_in_place(list, noun, absent, read);
+        elements.into_iter().flatten().collect()
+    }
+
+    /// As [`Map::elements`]; dropped elements leave a gap.
+    pub(super) fn elements_in_place<T>(
+        &'m self,
+        list: &str,
+        noun: &'static str,
+        absent: &str,
+        read: impl Fn(&Map<'_>) -> Option<T>,
+    ) -> Vec<Option<T>> {
+        let mut elements = Vec::new();
+        for (identifier, place) in self.strings(list) {
+            let entry = self.entry(identifier);
+            match entry {
+                Some((_, id)) if matches!(self.r.doc.node(id).kind, Kind::Null) => {
+                    let what = ProblemKind::EmptyElement;
+                    let note = format!("the {noun} is dropped");
+                    self.note(Severity::Error, what, place, identifier, "", "", &note);
+                    elements.push(None);
+                    continue;
+                }
+                Some(_) => {}
+                None => {
+                    let what = ProblemKind::MissingElement;
+                    self.note(Severity::Error, what, place, identifier, "", "", absent);
+                }
+            }
+            elements.push(self.r.element(noun, || match entry {
+                Some((mark, id)) => read(&self.view(identifier.into(), mark, id)),
+                None => read(&Map::new(self.r, Some(self), identifier.into(), place, None, &[])),
+            }));
+        }
+        elements
+    }
+}
