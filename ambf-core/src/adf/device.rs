@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, UnitQuaternion};
 
 use super::common::SourcePos;
 use super::controller::CartesianController;
-use super::reader::{Map, Range};
+use super::reader::{Absent, Map, Range};
 use super::report::ProblemKind;
 
 /// An input device paired with a simulated end-effector, as written.
@@ -87,11 +87,13 @@ impl InputDevices {
     pub(super) fn read(root: &Map<'_>) -> Self {
         // In the original a wrong value ends the program.
         root.reader().tolerate();
-        let dropped = "it is dropped";
         let devices = Self {
-            entries: root.elements_in_place("input devices", "input device", dropped, |map| {
-                InputDevice::read(map)
-            }),
+            entries: root.elements_in_place(
+                "input devices",
+                "input device",
+                Absent::Dropped,
+                InputDevice::read,
+            ),
             source: root.reader().source(root.mark),
         };
         root.finish_root();

@@ -185,7 +185,7 @@ impl Joint {
             let identifier = map.filled(key);
             if identifier.is_none() {
                 let expected = "the identifier of a body";
-                map.reject(ProblemKind::MissingElement, key, expected);
+                map.reject(ProblemKind::MissingKey, key, expected);
             }
             identifier.unwrap_or_default()
         };

@@ -88,7 +88,8 @@ impl Scan {
         if !in_flow && (content.is_empty() || content.starts_with('#')) {
             return;
         }
-        if !in_flow && !(self.waits && content.starts_with(['{', '['])) {
+        let starts = self.waits && content.starts_with(['{', '[']);
+        if !in_flow && !starts {
             let key = line.trim_start_matches([' ', '-']);
             self.base = line.len() - key.len();
         }

@@ -93,7 +93,7 @@ impl Vehicle {
         let chassis = map.filled("chassis");
         if chassis.is_none() {
             let expected = "the identifier of a body";
-            map.reject(ProblemKind::MissingElement, "chassis", expected);
+            map.reject(ProblemKind::MissingKey, "chassis", expected);
         }
         let own: PathBuf = (map.filled("high resolution path"))
             .unwrap_or_default()
@@ -127,7 +127,7 @@ impl Wheel {
             WheelVisual::Mesh(candidates)
         } else {
             let expected = "a `body` or a `mesh`";
-            map.reject(ProblemKind::MissingElement, "body", expected);
+            map.reject(ProblemKind::MissingKey, "body", expected);
             return None;
         };
         for key in ["radius", "friction", "suspension", "roll influence"] {

@@ -84,6 +84,7 @@ pub enum PhysicsProfile {
 impl World {
     pub(super) fn read(root: &Map<'_>) -> Self {
         let base = Base::read(root);
+        root.ignore(&["name"], "a world is always called World");
         let mut common = root.common(&base);
         common.identifier = "World".into();
         common.name = "World".into();
