@@ -85,7 +85,9 @@ impl RigidBody {
             gravity: None,
             visual: Visual::read(map, base),
             collision: CollisionGeometry::read(map, base),
-            collision_margin: map.real_in("collision margin", Range::NotNegative).unwrap_or(0.001),
+            collision_margin: map
+                .real_in("collision margin", Range::NotNegative)
+                .unwrap_or(0.001),
             collision_groups: map.collision_groups(),
             surface: Surface::read(map),
             controller: map.cartesian_controller("controller"),
@@ -99,7 +101,12 @@ impl RigidBody {
             body.inertial_offset = map.pose("inertial offset");
             body.gravity = map.vector("gravity");
         } else if !map.has("mass") {
-            map.warn(ProblemKind::Absent, "mass", "a mass in kg", "1 kg and an estimated inertia are used");
+            map.warn(
+                ProblemKind::Absent,
+                "mass",
+                "a mass in kg",
+                "1 kg and an estimated inertia are used",
+            );
             let why = "the body has no `mass`";
             map.ignore(&["inertia", "inertial offset", "gravity"], why);
         }

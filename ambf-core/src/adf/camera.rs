@@ -98,7 +98,12 @@ pub struct MouseMultipliers {
 
 impl Default for MouseMultipliers {
     fn default() -> Self {
-        Self { pan: 1.0, rotate: 1.0, scroll: 1.0, arcball: 1.0 }
+        Self {
+            pan: 1.0,
+            rotate: 1.0,
+            scroll: 1.0,
+            arcball: 1.0,
+        }
     }
 }
 
@@ -108,7 +113,10 @@ impl Camera {
             common: map.common(base),
             parent: map.filled("parent").unwrap_or_default(),
             // An orientation beside the coordinates is replaced by that of the view.
-            location: (map.flat_pose("location")).unwrap_or_default().translation.vector,
+            location: (map.flat_pose("location"))
+                .unwrap_or_default()
+                .translation
+                .vector,
             look_at: map.vector("look at").unwrap_or_default(),
             up: map.vector("up").unwrap_or(Vector3::z()),
             clipping_plane: map.map_opt("clipping plane").map_or((0.1, 10.0), |planes| {
@@ -148,8 +156,16 @@ impl Camera {
 /// Keys: switch, interval, resolution.
 type FrameKeys = [&'static str; 3];
 
-const IMAGE_KEYS: FrameKeys = ["publish image", "publish image interval", "publish image resolution"];
-const DEPTH_KEYS: FrameKeys = ["publish depth", "publish depth interval", "publish depth resolution"];
+const IMAGE_KEYS: FrameKeys = [
+    "publish image",
+    "publish image interval",
+    "publish image resolution",
+];
+const DEPTH_KEYS: FrameKeys = [
+    "publish depth",
+    "publish depth interval",
+    "publish depth resolution",
+];
 
 /// Largest edge of a published picture in pixels.
 const MAX_PIXELS: f64 = 16384.0;
@@ -157,7 +173,11 @@ const MAX_PIXELS: f64 = 16384.0;
 impl PublishedFrame {
     fn read(map: &Map<'_>, [switch, interval, resolution]: FrameKeys, every: u32) -> Option<Self> {
         let published = map.boolean(switch).unwrap_or(false);
-        let mut frame = Self { interval: map.uint(interval).unwrap_or(every).max(1), width: 640, height: 480 };
+        let mut frame = Self {
+            interval: map.uint(interval).unwrap_or(every).max(1),
+            width: 640,
+            height: 480,
+        };
         if let Some(block) = map.map_opt(resolution) {
             let size = ["width", "height"].map(|key| {
                 let pixels = block.need_real_in(key, Range::Positive);
@@ -192,8 +212,12 @@ impl MouseMultipliers {
     fn read(map: &Map<'_>) -> Self {
         let block = map.map("mouse control multipliers");
         let factor = |key| block.real(key).unwrap_or(1.0);
-        let multipliers =
-            Self { pan: factor("pan"), rotate: factor("rotate"), scroll: factor("scroll"), arcball: factor("arcball") };
+        let multipliers = Self {
+            pan: factor("pan"),
+            rotate: factor("rotate"),
+            scroll: factor("scroll"),
+            arcball: factor("arcball"),
+        };
         block.finish();
         multipliers
     }

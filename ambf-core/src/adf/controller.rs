@@ -13,7 +13,11 @@ pub struct Gains {
 
 impl Default for Gains {
     fn default() -> Self {
-        Self { p: 10.0, i: 0.0, d: 1.0 }
+        Self {
+            p: 10.0,
+            i: 0.0,
+            d: 1.0,
+        }
     }
 }
 
@@ -39,7 +43,10 @@ pub struct Controller {
 
 impl Default for Controller {
     fn default() -> Self {
-        Self { gains: Gains::default(), output: ControllerOutput::Velocity }
+        Self {
+            gains: Gains::default(),
+            output: ControllerOutput::Velocity,
+        }
     }
 }
 

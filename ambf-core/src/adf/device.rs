@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, UnitQuaternion};
 
 use super::common::SourcePos;
 use super::controller::CartesianController;
-use super::reader::{Map, Range};
+use super::reader::{Absent, Map, Range};
 use super::report::ProblemKind;
 
 /// An input device paired with a simulated end-effector, as written.
@@ -87,9 +87,13 @@ impl InputDevices {
     pub(super) fn read(root: &Map<'_>) -> Self {
         // In the original a wrong value ends the program.
         root.reader().tolerate();
-        let dropped = "it is dropped";
         let devices = Self {
-            entries: root.elements_in_place("input devices", "input device", dropped, |map| InputDevice::read(map)),
+            entries: root.elements_in_place(
+                "input devices",
+                "input device",
+                Absent::Dropped,
+                InputDevice::read,
+            ),
             source: root.reader().source(root.mark),
         };
         root.finish_root();
@@ -106,21 +110,31 @@ impl InputDevice {
         }
         let mut deadband = map.real("deadband").unwrap_or(0.001);
         if deadband < 0.0 {
-            map.warn(ProblemKind::OutOfRange, "deadband", "at least 0 N", "0 is used");
+            map.warn(
+                ProblemKind::OutOfRange,
+                "deadband",
+                "at least 0 N",
+                "0 is used",
+            );
             deadband = 0.0;
         }
         let device = Self {
             identifier: map.key().to_owned(),
             hardware_name: hardware_name.unwrap_or_default(),
             haptic_gain: map.map_opt("haptic gain").map(|block| {
-                let gain = HapticGain { linear: block.need_real("linear"), angular: block.need_real("angular") };
+                let gain = HapticGain {
+                    linear: block.need_real("linear"),
+                    angular: block.need_real("angular"),
+                };
                 block.finish();
                 gain
             }),
             deadband,
             max_force: map.real("max force"),
             max_jerk: map.real("max jerk"),
-            workspace_scaling: map.real_in("workspace scaling", Range::Positive).unwrap_or(1.0),
+            workspace_scaling: map
+                .real_in("workspace scaling", Range::Positive)
+                .unwrap_or(1.0),
             orientation_offset: map.rotation("orientation offset").unwrap_or_default(),
             button_mapping: ButtonMapping::read(map),
             visible: map.boolean("visible").unwrap_or(false),
@@ -130,7 +144,9 @@ impl InputDevice {
             location: map.pose("location"),
             controller_gain: map.cartesian_controller("controller gain"),
             enable_joint_control: map.boolean("enable joint control").unwrap_or(true),
-            pair_cameras: (map.strings("pair cameras").iter()).map(|(camera, _)| (*camera).to_owned()).collect(),
+            pair_cameras: (map.strings("pair cameras").iter())
+                .map(|(camera, _)| (*camera).to_owned())
+                .collect(),
             source: map.reader().source(map.mark),
         };
         if device.simulated_multibody.is_none() && device.root_link.is_none() {

@@ -151,7 +151,13 @@ pub struct Visual {
 
 impl Default for Visual {
     fn default() -> Self {
-        Self { geometry: VisualGeometry::None, remove_duplicates: false, visible: true, material: None, shaders: None }
+        Self {
+            geometry: VisualGeometry::None,
+            remove_duplicates: false,
+            visible: true,
+            material: None,
+            shaders: None,
+        }
     }
 }
 
@@ -167,27 +173,51 @@ impl Primitive {
                 .find(|n| *n == c || n.to_lowercase() == c || n.to_uppercase() == c)
         };
         let Some(name) = capitalised(&name) else {
-            map.error(ProblemKind::UnknownValue, shape, SHAPES, "the shape is left out");
+            map.error(
+                ProblemKind::UnknownValue,
+                shape,
+                SHAPES,
+                "the shape is left out",
+            );
             map.skip(&[geometry]);
             return None;
         };
         let dims = map.map(geometry);
         let length = |key| dims.need_real_in(key, Range::Positive);
         let primitive = match name {
-            "Box" => Primitive::Box { size: Vector3::new(length("x"), length("y"), length("z")) },
-            "Sphere" => Primitive::Sphere { radius: length("radius") },
+            "Box" => Primitive::Box {
+                size: Vector3::new(length("x"), length("y"), length("z")),
+            },
+            "Sphere" => Primitive::Sphere {
+                radius: length("radius"),
+            },
             "Plane" => {
                 let normal = dims.need_vector("normal");
                 dims.reject_zero("normal", &normal);
-                Primitive::Plane { normal, offset: dims.need_real("offset") }
+                Primitive::Plane {
+                    normal,
+                    offset: dims.need_real("offset"),
+                }
             }
             round => {
                 let (radius, height) = (length("radius"), length("height"));
                 let axis = Axis::read(&dims);
                 match round {
-                    "Cylinder" => Primitive::Cylinder { radius, height, axis },
-                    "Capsule" => Primitive::Capsule { radius, height, axis },
-                    _ => Primitive::Cone { radius, height, axis },
+                    "Cylinder" => Primitive::Cylinder {
+                        radius,
+                        height,
+                        axis,
+                    },
+                    "Capsule" => Primitive::Capsule {
+                        radius,
+                        height,
+                        axis,
+                    },
+                    _ => Primitive::Cone {
+                        radius,
+                        height,
+                        axis,
+                    },
                 }
             }
         };
@@ -235,7 +265,8 @@ impl Visual {
     pub(super) fn read(map: &Map<'_>, base: &Base) -> Self {
         let geometry = if map.has("shape") {
             map.skip(&["compound shape"]);
-            Primitive::read(map, "shape", "geometry").map_or(VisualGeometry::None, VisualGeometry::Primitive)
+            Primitive::read(map, "shape", "geometry")
+                .map_or(VisualGeometry::None, VisualGeometry::Primitive)
         } else if map.has("compound shape") {
             match compound(map, "compound shape") {
                 children if children.is_empty() => VisualGeometry::None,
@@ -244,7 +275,9 @@ impl Visual {
         } else if let Some(mesh) = map.filled("mesh") {
             let (own, _) = own_paths(map);
             let dir = map.reader().dir();
-            VisualGeometry::Mesh { path: mesh_path(dir, &base.high_resolution, &own, &mesh) }
+            VisualGeometry::Mesh {
+                path: mesh_path(dir, &base.high_resolution, &own, &mesh),
+            }
         } else {
             VisualGeometry::None
         };
@@ -261,7 +294,11 @@ impl Visual {
 
 /// File that key `collision mesh`, or without it `mesh`, names.
 pub(super) fn collision_mesh(map: &Map<'_>, base: &Base) -> Option<PathBuf> {
-    let key = if map.has("collision mesh") { "collision mesh" } else { "mesh" };
+    let key = if map.has("collision mesh") {
+        "collision mesh"
+    } else {
+        "mesh"
+    };
     let mesh = map.filled(key)?;
     let (_, own) = own_paths(map);
     let dir: &Path = map.reader().dir();
@@ -271,13 +308,19 @@ pub(super) fn collision_mesh(map: &Map<'_>, base: &Base) -> Option<PathBuf> {
 impl CollisionGeometry {
     /// Reads the keys of the collision geometry of an element; what is there but unusable is reported.
     pub(super) fn read(map: &Map<'_>, base: &Base) -> Self {
-        let replaced = ["compound collision shape", "collision mesh", "collision mesh type", "low resolution path"];
+        let replaced = [
+            "compound collision shape",
+            "collision mesh",
+            "collision mesh type",
+            "low resolution path",
+        ];
         if map.has("collision shape") {
             map.skip(&replaced);
             let primitive = Primitive::read(map, "collision shape", "collision geometry");
             let offset = map.pose("collision offset");
-            return primitive
-                .map_or(CollisionGeometry::None, |primitive| CollisionGeometry::Primitive { primitive, offset });
+            return primitive.map_or(CollisionGeometry::None, |primitive| {
+                CollisionGeometry::Primitive { primitive, offset }
+            });
         }
         let why = "only a single `collision shape` has it";
         map.ignore(&["collision geometry", "collision offset"], why);
@@ -292,7 +335,10 @@ impl CollisionGeometry {
         let kind = CollisionMeshKind::read(map);
         let mesh = collision_mesh(map, base);
         map.skip(&["low resolution path"]);
-        mesh.map_or(CollisionGeometry::None, |path| CollisionGeometry::Mesh { path, kind })
+        mesh.map_or(CollisionGeometry::None, |path| CollisionGeometry::Mesh {
+            path,
+            kind,
+        })
     }
 }
 
@@ -306,7 +352,12 @@ impl CollisionMeshKind {
             Some("CONCAVE_MESH" | "TRIMESH" | "trimesh") | None => Self::ConcaveMesh,
             Some(_) => {
                 let expected = "CONVEX_HULL, CONVEX_MESH, CONCAVE_MESH or POINT_CLOUD";
-                map.warn(ProblemKind::UnknownValue, key, expected, "CONCAVE_MESH is used");
+                map.warn(
+                    ProblemKind::UnknownValue,
+                    key,
+                    expected,
+                    "CONCAVE_MESH is used",
+                );
                 Self::ConcaveMesh
             }
         }

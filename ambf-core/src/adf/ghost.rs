@@ -51,7 +51,9 @@ impl GhostObject {
             scale: map.scale(),
             visual,
             collision,
-            collision_margin: map.real_in("collision margin", Range::NotNegative).unwrap_or(0.001),
+            collision_margin: map
+                .real_in("collision margin", Range::NotNegative)
+                .unwrap_or(0.001),
             collision_groups: map.collision_groups(),
         };
         map.finish();

@@ -102,7 +102,11 @@ pub struct ConeTwistLimits {
 
 impl Default for ConeTwistLimits {
     fn default() -> Self {
-        Self { twist: 0.7, swing_y: 0.7, swing_z: 0.7 }
+        Self {
+            twist: 0.7,
+            swing_y: 0.7,
+            swing_z: 0.7,
+        }
     }
 }
 
@@ -122,7 +126,12 @@ pub struct SixDofLimits {
 impl Default for SixDofLimits {
     fn default() -> Self {
         let high = Vector3::repeat(1.2);
-        Self { linear_low: -high, linear_high: high, angular_low: -high, angular_high: high }
+        Self {
+            linear_low: -high,
+            linear_high: high,
+            angular_low: -high,
+            angular_high: high,
+        }
     }
 }
 
@@ -137,7 +146,10 @@ pub struct LinearAngular {
 
 impl LinearAngular {
     pub(crate) fn repeat(value: f64) -> Self {
-        Self { linear: Vector3::repeat(value), angular: Vector3::repeat(value) }
+        Self {
+            linear: Vector3::repeat(value),
+            angular: Vector3::repeat(value),
+        }
     }
 }
 
@@ -173,7 +185,7 @@ impl Joint {
             let identifier = map.filled(key);
             if identifier.is_none() {
                 let expected = "the identifier of a body";
-                map.reject(ProblemKind::MissingElement, key, expected);
+                map.reject(ProblemKind::MissingKey, key, expected);
             }
             identifier.unwrap_or_default()
         };
@@ -191,13 +203,17 @@ impl Joint {
             child_pivot: map.need_vector("child pivot"),
             parent_axis: map.need_vector("parent axis"),
             child_axis: map.need_vector("child axis"),
-            child_offset: old_offset.or_else(|| map.real("child offset")).unwrap_or(0.0),
+            child_offset: old_offset
+                .or_else(|| map.real("child offset"))
+                .unwrap_or(0.0),
             joint_offset: map.real("joint offset").unwrap_or(0.0),
             limits: one_dof.then(|| Limits::read(map)).flatten(),
             // The original takes the value of `enable feedback` here, which no author of a file can have meant.
             enable_motor: map.boolean_or_digit("enable motor").unwrap_or(true),
             enable_feedback: map.boolean("enable feedback").unwrap_or(false),
-            max_motor_impulse: map.real_in("max motor impulse", Range::NotNegative).unwrap_or(0.1),
+            max_motor_impulse: map
+                .real_in("max motor impulse", Range::NotNegative)
+                .unwrap_or(0.1),
             damping: scalar("damping", Range::Any).unwrap_or(0.0),
             stiffness: scalar("stiffness", Range::Any).unwrap_or(0.0),
             equilibrium_point: scalar("equilibrium point", Range::Any),
@@ -244,9 +260,17 @@ impl Limits {
         limits.finish();
         if limits.has("low") != limits.has("high") {
             let expected = "both `low` and `high`";
-            map.error(ProblemKind::MissingKey, "joint limits", expected, "the joint is unlimited");
+            map.error(
+                ProblemKind::MissingKey,
+                "joint limits",
+                expected,
+                "the joint is unlimited",
+            );
         }
-        Some(Self { low: low?, high: high? })
+        Some(Self {
+            low: low?,
+            high: high?,
+        })
     }
 }
 
@@ -276,7 +300,8 @@ impl JointKind {
             })),
             _ => {
                 if map.has("type") {
-                    let expected = "revolute, prismatic, fixed, linear spring, torsion spring, p2p, \
+                    let expected =
+                        "revolute, prismatic, fixed, linear spring, torsion spring, p2p, \
                                     cone twist, six dof or six dof spring";
                     let action = "the joint constrains nothing";
                     map.error(ProblemKind::UnknownValue, "type", expected, action);
@@ -289,7 +314,10 @@ impl JointKind {
 
     /// True for types whose limits, damping and stiffness are plain numbers, whether or not they have a use for them.
     fn is_one_dof(&self) -> bool {
-        !matches!(self, Self::ConeTwist(_) | Self::SixDof(_) | Self::SixDofSpring(_) | Self::Unknown(_))
+        !matches!(
+            self,
+            Self::ConeTwist(_) | Self::SixDof(_) | Self::SixDofSpring(_) | Self::Unknown(_)
+        )
     }
 }
 
@@ -302,7 +330,11 @@ fn ignore_spring(map: &Map<'_>) {
 impl ConeTwistLimits {
     fn read(map: &Map<'_>) -> Self {
         match map.vector("joint limits") {
-            Some(limits) => Self { twist: limits.x, swing_y: limits.y, swing_z: limits.z },
+            Some(limits) => Self {
+                twist: limits.x,
+                swing_y: limits.y,
+                swing_z: limits.z,
+            },
             None => Self::default(),
         }
     }
@@ -312,7 +344,12 @@ impl ConeTwistLimits {
 fn vector_or_note(map: &Map<'_>, key: &'static str, vector: &mut Vector3<f64>) {
     match map.vector(key) {
         Some(value) => *vector = value,
-        None => map.error(ProblemKind::MissingKey, key, "a mapping {x, y, z}", "the default is used"),
+        None => map.error(
+            ProblemKind::MissingKey,
+            key,
+            "a mapping {x, y, z}",
+            "the default is used",
+        ),
     }
 }
 

@@ -11,7 +11,7 @@ use super::common::{PluginEntry, ShaderProgram};
 use super::ghost::GhostObject;
 use super::joint::Joint;
 use super::light::Light;
-use super::reader::Map;
+use super::reader::{Absent, Map};
 use super::sensor::{Actuator, Sensor};
 use super::soft_body::SoftBody;
 use super::values::Base;
@@ -62,21 +62,40 @@ impl Model {
         let base = Base::read(root);
         let file = root.reader().file().clone();
         let name = file.file_name().unwrap_or_default();
-        let dropped = "it is dropped";
         let model = Self {
             name: name.to_string_lossy().into_owned(),
-            bodies: root.elements("bodies", "body", "an unnamed body of 1 kg without a shape is made", |map| {
-                RigidBody::read(map, &base)
+            bodies: root.elements(
+                "bodies",
+                "body",
+                Absent::Made("an unnamed body of 1 kg without a shape is made"),
+                |map| RigidBody::read(map, &base),
+            ),
+            soft_bodies: root.elements("soft bodies", "soft body", Absent::Dropped, |map| {
+                SoftBody::read(map, &base)
             }),
-            soft_bodies: root.elements("soft bodies", "soft body", dropped, |map| SoftBody::read(map, &base)),
-            ghosts: root.elements("ghost objects", "ghost object", dropped, |map| GhostObject::read(map, &base)),
-            sensors: root.elements("sensors", "sensor", dropped, |map| Sensor::read(map, &base)),
-            actuators: root.elements("actuators", "actuator", dropped, |map| Actuator::read(map, &base)),
-            joints: root.elements("joints", "joint", "the file is refused", |map| Joint::read(map, &base)),
-            vehicles: root.elements("vehicles", "vehicle", dropped, |map| Vehicle::read(map, &base)),
+            ghosts: root.elements("ghost objects", "ghost object", Absent::Dropped, |map| {
+                GhostObject::read(map, &base)
+            }),
+            sensors: root.elements("sensors", "sensor", Absent::Dropped, |map| {
+                Sensor::read(map, &base)
+            }),
+            actuators: root.elements("actuators", "actuator", Absent::Dropped, |map| {
+                Actuator::read(map, &base)
+            }),
+            joints: root.elements("joints", "joint", Absent::Refused, |map| {
+                Joint::read(map, &base)
+            }),
+            vehicles: root.elements("vehicles", "vehicle", Absent::Dropped, |map| {
+                Vehicle::read(map, &base)
+            }),
             cameras: cameras(root, &base),
             lights: lights(root, &base),
-            volumes: root.elements("volumes", "volume", "an empty one is made", |map| Volume::read(map, &base)),
+            volumes: root.elements(
+                "volumes",
+                "volume",
+                Absent::Made("an empty one is made"),
+                |map| Volume::read(map, &base),
+            ),
             ignore_inter_collision: root.boolean("ignore inter-collision").unwrap_or(false),
             gravity: root.vector("gravity"),
             shaders: root.shaders("shaders"),
@@ -84,7 +103,10 @@ impl Model {
             namespace: base.namespace,
             file,
         };
-        root.ignore(&["joint erp", "joint cfm"], "only those of each joint count");
+        root.ignore(
+            &["joint erp", "joint cfm"],
+            "only those of each joint count",
+        );
         root.finish_root();
         model
     }
@@ -92,12 +114,12 @@ impl Model {
 
 /// Cameras of a model or a world.
 pub(super) fn cameras(root: &Map<'_>, base: &Base) -> Vec<Camera> {
-    let absent = "one with defaults is made";
+    let absent = Absent::Made("one with defaults is made");
     root.elements("cameras", "camera", absent, |map| Camera::read(map, base))
 }
 
 /// Lights of a model or a world.
 pub(super) fn lights(root: &Map<'_>, base: &Base) -> Vec<Light> {
-    let absent = "one with defaults is made";
+    let absent = Absent::Made("one with defaults is made");
     root.elements("lights", "light", absent, |map| Light::read(map, base))
 }

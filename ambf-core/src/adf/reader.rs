@@ -5,6 +5,8 @@
 //! problems of a file are found in one go; whether the value counts is decided at the end from the report ([`Severity::Fatal`]
 //! refuses the file) and from [`Reader::element`] (an error drops the element).
 
+mod access;
+
 use std::borrow::Cow;
 use std::cell::{Cell, RefCell};
 use std::collections::{HashMap, HashSet};
@@ -13,7 +15,6 @@ use std::sync::Arc;
 
 use super::common::SourcePos;
 use super::report::{Problem, ProblemKind, Report, Severity};
-use super::scalar;
 use super::yaml::{Document, Kind, Mark, Node, NodeId};
 
 /// Mappings with more keys are indexed instead of searched.
@@ -43,6 +44,17 @@ impl Range {
             Range::Positive => "a finite number above 0",
         }
     }
+}
+
+/// What becomes of an element that is listed but not defined; the original takes it for an empty mapping.
+#[derive(Clone, Copy)]
+pub(super) enum Absent {
+    /// It is made from defaults; the text says what that gives.
+    Made(&'static str),
+    /// It is dropped.
+    Dropped,
+    /// The file is refused.
+    Refused,
 }
 
 /// A file while it is read.
@@ -92,11 +104,19 @@ impl<'t> Reader<'t> {
     }
 
     pub(super) fn source(&self, mark: Mark) -> SourcePos {
-        SourcePos { file: self.file.clone(), line: mark.line, column: mark.column }
+        SourcePos {
+            file: self.file.clone(),
+            line: mark.line,
+            column: mark.column,
+        }
     }
 
     /// Reads an element called `noun` in messages; `None` when an error was found in it.
-    pub(super) fn element<T>(&self, noun: &'static str, read: impl FnOnce() -> Option<T>) -> Option<T> {
+    pub(super) fn element<T>(
+        &self,
+        noun: &'static str,
+        read: impl FnOnce() -> Option<T>,
+    ) -> Option<T> {
         let outer = (self.element.replace(noun), self.spoiled.replace(false));
         let value = read().filter(|_| !self.spoiled.get());
         self.element.set(outer.0);
@@ -105,7 +125,11 @@ impl<'t> Reader<'t> {
     }
 
     /// As [`Reader::element`]; a value that does not convert drops the element instead of the file.
-    pub(super) fn tolerant_element<T>(&self, noun: &'static str, read: impl FnOnce() -> Option<T>) -> Option<T> {
+    pub(super) fn tolerant_element<T>(
+        &self,
+        noun: &'static str,
+        read: impl FnOnce() -> Option<T>,
+    ) -> Option<T> {
         let outer = self.conversion.replace(Severity::Error);
         let value = self.element(noun, read);
         self.conversion.set(outer);
@@ -198,9 +222,21 @@ impl<'m> Map<'m> {
         id: Option<NodeId>,
         entries: &'m [(NodeId, NodeId)],
     ) -> Self {
-        let entries = if r.spend(entries.len() + 1) { entries } else { &[] };
-        let mut map =
-            Self { r, parent, key, mark, id, entries, read: vec![Cell::new(false); entries.len()], index: None };
+        let entries = if r.spend(entries.len() + 1) {
+            entries
+        } else {
+            &[]
+        };
+        let mut map = Self {
+            r,
+            parent,
+            key,
+            mark,
+            id,
+            entries,
+            read: vec![Cell::new(false); entries.len()],
+            index: None,
+        };
         let first_look = id.is_none_or(|id| r.seen.borrow_mut().insert(id));
         let mut duplicates = Vec::new();
         if entries.len() > SMALL_MAP {
@@ -223,7 +259,15 @@ impl<'m> Map<'m> {
                 let node = r.doc.node(entries[i].0);
                 let what = ProblemKind::DuplicateKey;
                 let note = "the first one is used";
-                map.note(Severity::Warning, what, node.mark, text_of(node), "", "", note);
+                map.note(
+                    Severity::Warning,
+                    what,
+                    node.mark,
+                    text_of(node),
+                    "",
+                    "",
+                    note,
+                );
             }
         }
         for i in duplicates {
@@ -300,7 +344,8 @@ impl<'m> Map<'m> {
 
     /// Place of a key's value, or of the mapping.
     fn place(&self, key: &str) -> Mark {
-        self.position(key).map_or(self.mark, |i| self.r.doc.node(self.entries[i].1).mark)
+        self.position(key)
+            .map_or(self.mark, |i| self.r.doc.node(self.entries[i].1).mark)
     }
 
     // --- presence -------------------------------------------------------------------------------------------------
@@ -336,12 +381,17 @@ impl<'m> Map<'m> {
     pub(super) fn unread_keys(&self) -> Vec<&'m str> {
         let entries = self.entries.iter().zip(&self.read);
         let unread = entries.filter(|(_, read)| !read.get());
-        unread.map(|(&(key, _), _)| text_of(self.r.doc.node(key))).collect()
+        unread
+            .map(|(&(key, _), _)| text_of(self.r.doc.node(key)))
+            .collect()
     }
 
     /// Warns about the keys that were not read.
     pub(super) fn finish(&self) {
-        if self.id.is_some_and(|id| !self.r.finished.borrow_mut().insert(id)) {
+        if self
+            .id
+            .is_some_and(|id| !self.r.finished.borrow_mut().insert(id))
+        {
             return;
         }
         for (i, &(key, _)) in self.entries.iter().enumerate() {
@@ -389,7 +439,15 @@ impl<'m> Map<'m> {
     pub(super) fn warn(&self, kind: ProblemKind, key: &str, expected: &str, action: &str) {
         let found = self.found(key);
         let place = self.place(key);
-        self.note(Severity::Warning, kind, place, key, &found, expected, action);
+        self.note(
+            Severity::Warning,
+            kind,
+            place,
+            key,
+            &found,
+            expected,
+            action,
+        );
     }
 
     /// Reports a value that something replaces; the element stays.
@@ -407,7 +465,9 @@ impl<'m> Map<'m> {
     }
 
     fn found(&self, key: &str) -> String {
-        self.position(key).map_or(String::new(), |i| described(self.r.doc.node(self.entries[i].1)))
+        self.position(key).map_or(String::new(), |i| {
+            described(self.r.doc.node(self.entries[i].1))
+        })
     }
 
     /// Reports a value that does not convert.
@@ -429,247 +489,5 @@ impl<'m> Map<'m> {
     /// Reports that a required key is missing.
     pub(super) fn missing(&self, key: &str, expected: &str) {
         self.refuse(ProblemKind::MissingKey, self.mark, key, "", expected);
-    }
-
-    // --- scalars --------------------------------------------------------------------------------------------------
-
-    fn scalar<T>(&self, key: &str, expected: &str, convert: impl FnOnce(&str) -> Option<T>) -> Option<T> {
-        let node = self.node(key)?;
-        let value = match &node.kind {
-            Kind::Scalar(text) => convert(text),
-            _ => None,
-        };
-        if value.is_none() {
-            self.wrong_type(key, node, expected);
-        }
-        value
-    }
-
-    pub(super) fn boolean(&self, key: &str) -> Option<bool> {
-        self.scalar(key, "true or false", scalar::boolean)
-    }
-
-    /// As [`Map::boolean`]; 0 and 1 count too.
-    pub(super) fn boolean_or_digit(&self, key: &str) -> Option<bool> {
-        self.scalar(key, "true, false, 0 or 1", |text| match text {
-            "0" => Some(false),
-            "1" => Some(true),
-            _ => scalar::boolean(text),
-        })
-    }
-
-    /// A number that may be infinite or no number.
-    pub(super) fn any_real(&self, key: &str) -> Option<f64> {
-        self.scalar(key, "a number", scalar::real)
-    }
-
-    /// A finite number within a range; another one drops the element being read.
-    pub(super) fn real_in(&self, key: &str, range: Range) -> Option<f64> {
-        let value = self.any_real(key)?;
-        let kind = if !value.is_finite() {
-            ProblemKind::NonFinite
-        } else if !range.holds(value) {
-            ProblemKind::OutOfRange
-        } else {
-            return Some(value);
-        };
-        self.reject(kind, key, range.words());
-        None
-    }
-
-    pub(super) fn real(&self, key: &str) -> Option<f64> {
-        self.real_in(key, Range::Any)
-    }
-
-    /// A required number; 0 after a problem.
-    pub(super) fn need_real_in(&self, key: &str, range: Range) -> f64 {
-        if !self.has(key) {
-            self.missing(key, range.words());
-        }
-        self.real_in(key, range).unwrap_or(0.0)
-    }
-
-    pub(super) fn need_real(&self, key: &str) -> f64 {
-        self.need_real_in(key, Range::Any)
-    }
-
-    pub(super) fn int(&self, key: &str) -> Option<i32> {
-        self.scalar(key, "an integer", |text| scalar::integer(text)?.try_into().ok())
-    }
-
-    pub(super) fn uint(&self, key: &str) -> Option<u32> {
-        self.scalar(key, "an integer, at least 0", |text| scalar::integer(text)?.try_into().ok())
-    }
-
-    pub(super) fn need_uint(&self, key: &str) -> u32 {
-        if !self.has(key) {
-            self.missing(key, "an integer, at least 0");
-        }
-        self.uint(key).unwrap_or(0)
-    }
-
-    /// A text; a null value is the text `null`.
-    pub(super) fn string(&self, key: &str) -> Option<String> {
-        let node = self.node(key)?;
-        match &node.kind {
-            Kind::Scalar(_) | Kind::Null => Some(text_of(node).to_owned()),
-            _ => {
-                self.wrong_type(key, node, "a text");
-                None
-            }
-        }
-    }
-
-    pub(super) fn need_string(&self, key: &str) -> String {
-        if !self.has(key) {
-            self.missing(key, "a text");
-        }
-        self.string(key).unwrap_or_default()
-    }
-
-    /// A text that is not empty; null counts as absent.
-    pub(super) fn filled(&self, key: &str) -> Option<String> {
-        if self.is_null(key) {
-            return None;
-        }
-        self.string(key).filter(|s| !s.is_empty())
-    }
-
-    // --- collections ----------------------------------------------------------------------------------------------
-
-    fn view(&'m self, key: Cow<'m, str>, mark: Mark, id: NodeId) -> Map<'m> {
-        let node = self.r.doc.node(id);
-        let entries: &[(NodeId, NodeId)] = match &node.kind {
-            Kind::Map(entries) => entries,
-            Kind::Null => &[],
-            Kind::Scalar(_) => {
-                self.wrong_type(&key, node, "a mapping");
-                &[]
-            }
-            Kind::List(_) => {
-                let (found, what) = (described(node), ProblemKind::WrongType);
-                let action = "it counts as empty";
-                self.note(Severity::Error, what, node.mark, &key, &found, "a mapping", action);
-                &[]
-            }
-        };
-        Map::new(self.r, Some(self), key, mark, Some(id), entries)
-    }
-
-    /// A mapping that need not be there.
-    pub(super) fn map_opt(&'m self, key: &'m str) -> Option<Map<'m>> {
-        let (mark, id) = self.entry(key)?;
-        Some(self.view(key.into(), mark, id))
-    }
-
-    /// A mapping; empty when it is absent.
-    pub(super) fn map(&'m self, key: &'m str) -> Map<'m> {
-        self.map_opt(key).unwrap_or_else(|| Map::new(self.r, Some(self), key.into(), self.mark, None, &[]))
-    }
-
-    fn items(&self, key: &str) -> &'m [NodeId] {
-        let Some(node) = self.node(key) else {
-            return &[];
-        };
-        match &node.kind {
-            Kind::List(items) if self.r.spend(items.len()) => items,
-            Kind::List(_) | Kind::Null => &[],
-            Kind::Scalar(_) => {
-                let action = "it counts as an empty list";
-                self.error(ProblemKind::WrongType, key, "a list", action);
-                &[]
-            }
-            Kind::Map(entries) => {
-                if !entries.is_empty() {
-                    self.wrong_type(key, node, "a list");
-                }
-                &[]
-            }
-        }
-    }
-
-    /// The mappings of a list.
-    pub(super) fn maps(&'m self, key: &'m str) -> Vec<Map<'m>> {
-        let view = |(i, &id): (usize, &NodeId)| {
-            let mark = self.r.doc.node(id).mark;
-            self.view(format!("{key}[{i}]").into(), mark, id)
-        };
-        self.items(key).iter().enumerate().map(view).collect()
-    }
-
-    /// The texts of a list.
-    pub(super) fn strings(&self, key: &str) -> Vec<(&'m str, Mark)> {
-        let mut texts = Vec::new();
-        for &id in self.items(key) {
-            let node = self.r.doc.node(id);
-            match node.kind {
-                Kind::Scalar(_) | Kind::Null => texts.push((text_of(node), node.mark)),
-                _ => self.wrong_type(key, node, "a list of texts"),
-            }
-        }
-        texts
-    }
-
-    /// The integers of a list.
-    pub(super) fn ints(&self, key: &str) -> Vec<i64> {
-        let mut values = Vec::new();
-        for &id in self.items(key) {
-            let node = self.r.doc.node(id);
-            let value = match &node.kind {
-                Kind::Scalar(text) => scalar::integer(text).filter(|i| i32::try_from(*i).is_ok()),
-                _ => None,
-            };
-            match value {
-                Some(value) => values.push(value),
-                None => self.wrong_type(key, node, "a list of integers"),
-            }
-        }
-        values
-    }
-
-    /// Reads the elements named by the list `list`. An element that is not defined is an empty mapping, as in the original;
-    /// `absent` says what becomes of it.
-    pub(super) fn elements<T>(
-        &'m self,
-        list: &str,
-        noun: &'static str,
-        absent: &str,
-        read: impl Fn(&Map<'_>) -> Option<T>,
-    ) -> Vec<T> {
-        let elements = self.elements_in_place(list, noun, absent, read);
-        elements.into_iter().flatten().collect()
-    }
-
-    /// As [`Map::elements`]; dropped elements leave a gap.
-    pub(super) fn elements_in_place<T>(
-        &'m self,
-        list: &str,
-        noun: &'static str,
-        absent: &str,
-        read: impl Fn(&Map<'_>) -> Option<T>,
-    ) -> Vec<Option<T>> {
-        let mut elements = Vec::new();
-        for (identifier, place) in self.strings(list) {
-            let entry = self.entry(identifier);
-            match entry {
-                Some((_, id)) if matches!(self.r.doc.node(id).kind, Kind::Null) => {
-                    let what = ProblemKind::EmptyElement;
-                    let note = format!("the {noun} is dropped");
-                    self.note(Severity::Error, what, place, identifier, "", "", &note);
-                    elements.push(None);
-                    continue;
-                }
-                Some(_) => {}
-                None => {
-                    let what = ProblemKind::MissingElement;
-                    self.note(Severity::Error, what, place, identifier, "", "", absent);
-                }
-            }
-            elements.push(self.r.element(noun, || match entry {
-                Some((mark, id)) => read(&self.view(identifier.into(), mark, id)),
-                None => read(&Map::new(self.r, Some(self), identifier.into(), place, None, &[])),
-            }));
-        }
-        elements
     }
 }

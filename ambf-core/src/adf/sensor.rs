@@ -131,10 +131,11 @@ fn type_of(map: &Map<'_>, known: &[&str]) -> Option<String> {
     let text = map.filled("type");
     let expected = known.join(" or ");
     let Some(text) = text else {
-        map.reject(ProblemKind::MissingElement, "type", &expected);
+        map.reject(ProblemKind::MissingKey, "type", &expected);
         return None;
     };
-    let spelling = |n: &&&str| n.to_lowercase() == text || n.to_uppercase() == text || **n == text.as_str();
+    let spelling =
+        |n: &&&str| n.to_lowercase() == text || n.to_uppercase() == text || **n == text.as_str();
     let found = known.iter().find(spelling);
     if found.is_none() {
         map.reject(ProblemKind::UnknownValue, "type", &expected);
@@ -146,7 +147,7 @@ fn parent_of(map: &Map<'_>) -> String {
     let parent = map.filled("parent");
     if parent.is_none() {
         let expected = "the identifier of a body";
-        map.reject(ProblemKind::OutOfRange, "parent", expected);
+        map.reject(ProblemKind::MissingKey, "parent", expected);
     }
     parent.unwrap_or_default()
 }
@@ -167,9 +168,11 @@ impl Sensor {
             rays: RaySource::read(map, base)?,
             kind,
         };
-        let why = "only resistance sensors have it";
-        map.ignore(&["friction", "contact area"], why);
-        map.ignore(&["contact stiffness", "contact damping"], why);
+        if sensor.kind == SensorKind::Proximity {
+            let why = "only resistance sensors have it";
+            map.ignore(&["friction", "contact area"], why);
+            map.ignore(&["contact stiffness", "contact damping"], why);
+        }
         map.finish();
         Some(sensor)
     }
@@ -191,8 +194,6 @@ impl ResistanceParameters {
         };
         friction.finish();
         map.ignore(&["variable"], "it belongs into `friction`");
-        map.skip(&["friction", "contact area", "contact stiffness"]);
-        map.skip(&["contact damping"]);
         parameters
     }
 }
@@ -223,7 +224,7 @@ impl RaySource {
         map.skip(&["mesh"]);
         let Some(fan) = map.map_opt("parametric") else {
             let expected = "`array`, `mesh` or `parametric`";
-            map.reject(ProblemKind::MissingElement, "array", expected);
+            map.reject(ProblemKind::MissingKey, "array", expected);
             map.skip(&["direction"]);
             return None;
         };
@@ -245,7 +246,10 @@ impl RaySource {
 
 impl Ray {
     fn read(map: &Map<'_>) -> Self {
-        let ray = Self { offset: map.need_vector("offset"), direction: map.need_vector("direction") };
+        let ray = Self {
+            offset: map.need_vector("offset"),
+            direction: map.need_vector("direction"),
+        };
         map.finish();
         ray
     }

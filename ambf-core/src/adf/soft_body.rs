@@ -147,7 +147,11 @@ pub struct SoftMaterial {
 
 impl Default for SoftMaterial {
     fn default() -> Self {
-        Self { kLST: 1.0, kAST: 1.0, kVST: 1.0 }
+        Self {
+            kLST: 1.0,
+            kAST: 1.0,
+            kVST: 1.0,
+        }
     }
 }
 
@@ -174,7 +178,9 @@ impl SoftBody {
             mass: map.real_in("mass", Range::NotNegative).unwrap_or(1.0),
             visual: Visual::read(map, base),
             collision_mesh: collision_mesh?,
-            collision_margin: map.real_in("collision margin", Range::NotNegative).unwrap_or(0.001),
+            collision_margin: map
+                .real_in("collision margin", Range::NotNegative)
+                .unwrap_or(0.001),
             randomize_constraints: map.boolean("randomize constraints").is_some(),
             config: SoftBodyConfig::read(&config),
         };

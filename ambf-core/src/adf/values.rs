@@ -125,19 +125,25 @@ impl Map<'_> {
         let position = vector_of(&map, ["x", "y", "z"]);
         let orientation = map.rotation("orientation").unwrap_or_default();
         map.finish();
-        Some(Isometry3::from_parts(Translation3::from(position), orientation))
+        Some(Isometry3::from_parts(
+            Translation3::from(position),
+            orientation,
+        ))
     }
 
     /// A path beside the file; absent, null and empty are `None`.
     pub(super) fn path_beside(&self, key: &str) -> Option<PathBuf> {
-        self.filled(key).map(|path| beside(self.reader().dir(), path))
+        self.filled(key)
+            .map(|path| beside(self.reader().dir(), path))
     }
 
     /// Identity, communication and plugins of an element.
     pub(super) fn common(&self, base: &Base) -> Common {
         Common {
             identifier: self.key().to_owned(),
-            name: self.string("name").map_or(String::new(), |n| n.replace(' ', "")),
+            name: self
+                .string("name")
+                .map_or(String::new(), |n| n.replace(' ', "")),
             namespace: merge_namespace(&base.namespace, self.filled("namespace").as_deref()),
             passive: self.boolean("passive").unwrap_or(false),
             publish_frequency: self.map_opt("publish frequency").map(|map| {
@@ -165,7 +171,12 @@ impl Map<'_> {
                 });
             } else {
                 let action = "the entry is skipped";
-                map.error(ProblemKind::MissingKey, "", "`name` and `filename` are required", action);
+                map.error(
+                    ProblemKind::MissingKey,
+                    "",
+                    "`name` and `filename` are required",
+                    action,
+                );
             }
         }
         plugins
@@ -197,7 +208,12 @@ impl Map<'_> {
             let diffuse = map.rgb();
             let alpha = map.need_colour("a");
             map.finish();
-            Material { ambient: diffuse.map(|c| 0.5 * c), diffuse, alpha, ..Material::default() }
+            Material {
+                ambient: diffuse.map(|c| 0.5 * c),
+                diffuse,
+                alpha,
+                ..Material::default()
+            }
         } else {
             self.map_opt("color components")?.colour_components()
         };
@@ -205,7 +221,10 @@ impl Map<'_> {
     }
 
     fn colour_components(&self) -> Material {
-        let mut material = Material { alpha: self.need_colour("transparency"), ..Material::default() };
+        let mut material = Material {
+            alpha: self.need_colour("transparency"),
+            ..Material::default()
+        };
         for (key, colour) in [
             ("diffuse", &mut material.diffuse),
             ("specular", &mut material.specular),
@@ -268,7 +287,10 @@ impl Map<'_> {
                 controller
             }
         };
-        let mut controller = CartesianController { linear: part("linear"), angular: part("angular") };
+        let mut controller = CartesianController {
+            linear: part("linear"),
+            angular: part("angular"),
+        };
         map.finish();
         if let Some(output) = self.controller_output() {
             controller.linear.output = output;
@@ -305,7 +327,12 @@ impl Map<'_> {
         let valid: Vec<u32> = valid.filter_map(|g| u32::try_from(*g).ok()).collect();
         if valid.len() < groups.len() {
             let expected = "groups from 0 to 999";
-            self.warn(ProblemKind::OutOfRange, key, expected, "the others are left out");
+            self.warn(
+                ProblemKind::OutOfRange,
+                key,
+                expected,
+                "the others are left out",
+            );
         }
         valid
     }
@@ -318,7 +345,10 @@ mod tests {
     #[test]
     fn namespaces() {
         assert_eq!(merge_namespace("", Some("//ambf///env/")), "/ambf/env/");
-        assert_eq!(merge_namespace("/ambf/env/", Some("lights/")), "/ambf/env/lights/");
+        assert_eq!(
+            merge_namespace("/ambf/env/", Some("lights/")),
+            "/ambf/env/lights/"
+        );
         assert_eq!(merge_namespace("/ambf/env", Some("a")), "/ambf/enva");
         assert_eq!(merge_namespace("/ambf/env/", Some("/b//")), "/b/");
         assert_eq!(merge_namespace("/ambf/env/", None), "/ambf/env/");
@@ -327,10 +357,18 @@ mod tests {
     #[test]
     fn mesh_paths() {
         let path = |model: &str, element: &str, mesh: &str| {
-            mesh_path(Path::new("/adf"), Path::new(model), Path::new(element), mesh)
+            mesh_path(
+                Path::new("/adf"),
+                Path::new(model),
+                Path::new(element),
+                mesh,
+            )
         };
         assert_eq!(path("high/", "", "a b.STL"), Path::new("/adf/high/a b.STL"));
-        assert_eq!(path("high", "own", "m.stl"), Path::new("/adf/high/own/m.stl"));
+        assert_eq!(
+            path("high", "own", "m.stl"),
+            Path::new("/adf/high/own/m.stl")
+        );
         assert_eq!(path("/high", "own", "m.stl"), Path::new("/high/own/m.stl"));
         assert_eq!(path("high", "/own", "m.stl"), Path::new("/own/m.stl"));
         assert_eq!(path("high", "/own", "/m.stl"), Path::new("/m.stl"));

@@ -79,7 +79,12 @@ pub struct Suspension {
 impl Default for Suspension {
     /// The values of Bullet's `btVehicleTuning`; the length at rest is ours.
     fn default() -> Self {
-        Self { stiffness: 5.88, damping: 0.88, compression: 0.83, rest_length: 0.3 }
+        Self {
+            stiffness: 5.88,
+            damping: 0.88,
+            compression: 0.83,
+            rest_length: 0.3,
+        }
     }
 }
 
@@ -88,13 +93,19 @@ impl Vehicle {
         let chassis = map.filled("chassis");
         if chassis.is_none() {
             let expected = "the identifier of a body";
-            map.reject(ProblemKind::MissingElement, "chassis", expected);
+            map.reject(ProblemKind::MissingKey, "chassis", expected);
         }
-        let own: PathBuf = (map.filled("high resolution path")).unwrap_or_default().into();
+        let own: PathBuf = (map.filled("high resolution path"))
+            .unwrap_or_default()
+            .into();
         let r = map.reader();
         let wheel = |wheel: &Map<'_>| r.element("wheel", || Wheel::read(wheel, base, &own));
         let wheels = map.maps("wheels").iter().filter_map(wheel).collect();
-        let vehicle = Self { common: map.common(base), chassis: chassis.unwrap_or_default(), wheels };
+        let vehicle = Self {
+            common: map.common(base),
+            chassis: chassis.unwrap_or_default(),
+            wheels,
+        };
         map.finish();
         Some(vehicle)
     }
@@ -108,12 +119,15 @@ impl Wheel {
             WheelVisual::Body(body)
         } else if let Some(mesh) = map.filled("mesh") {
             // The original takes the name relative to the working directory.
-            let candidates =
-                vec![PathBuf::from(&mesh), mesh_path(dir, &base.high_resolution, own, &mesh), beside(dir, &mesh)];
+            let candidates = vec![
+                PathBuf::from(&mesh),
+                mesh_path(dir, &base.high_resolution, own, &mesh),
+                beside(dir, &mesh),
+            ];
             WheelVisual::Mesh(candidates)
         } else {
             let expected = "a `body` or a `mesh`";
-            map.reject(ProblemKind::MissingElement, "body", expected);
+            map.reject(ProblemKind::MissingKey, "body", expected);
             return None;
         };
         for key in ["radius", "friction", "suspension", "roll influence"] {
@@ -122,7 +136,10 @@ impl Wheel {
                 map.warn(ProblemKind::Absent, key, expected, "Bullet's is used");
             }
         }
-        let zero = Limits { low: 0.0, high: 0.0 };
+        let zero = Limits {
+            low: 0.0,
+            high: 0.0,
+        };
         let wheel = Self {
             visual,
             width: map.real("width").unwrap_or(0.0),
@@ -135,7 +152,10 @@ impl Wheel {
             offset: map.vector("offset").unwrap_or_default(),
             front: map.boolean("front").unwrap_or(false),
             steering_limits: map.map_opt("steering limits").map_or(zero, |limits| {
-                let range = Limits { low: limits.need_real("low"), high: limits.need_real("high") };
+                let range = Limits {
+                    low: limits.need_real("low"),
+                    high: limits.need_real("high"),
+                };
                 limits.finish();
                 range
             }),

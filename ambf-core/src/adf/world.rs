@@ -84,6 +84,7 @@ pub enum PhysicsProfile {
 impl World {
     pub(super) fn read(root: &Map<'_>) -> Self {
         let base = Base::read(root);
+        root.ignore(&["name"], "a world is always called World");
         let mut common = root.common(&base);
         common.identifier = "World".into();
         common.name = "World".into();
@@ -118,7 +119,12 @@ fn at_least_one(map: &Map<'_>, key: &'static str) -> Option<u32> {
     let n = map.uint(key)?;
     if n == 0 {
         let expected = "an integer, at least 1";
-        map.error(ProblemKind::OutOfRange, key, expected, "the default is used");
+        map.error(
+            ProblemKind::OutOfRange,
+            key,
+            expected,
+            "the default is used",
+        );
     }
     (n > 0).then_some(n)
 }
@@ -130,7 +136,11 @@ impl Enclosure {
             let [length, width, height] =
                 ["length", "width", "height"].map(|key| block.need_real_in(key, Range::Positive));
             block.finish();
-            Some(Self { length, width, height })
+            Some(Self {
+                length,
+                width,
+                height,
+            })
         })
     }
 }
@@ -149,7 +159,10 @@ impl Skybox {
             root.warn(ProblemKind::MissingKey, "skybox", expected, action);
             return None;
         }
-        Some(Self { faces: faces.map(|face| dir.join(face.unwrap_or_default())), shaders })
+        Some(Self {
+            faces: faces.map(|face| dir.join(face.unwrap_or_default())),
+            shaders,
+        })
     }
 }
 
