@@ -1,0 +1,195 @@
+//! From file names to a scene.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use super::build::{collision_meshes, Builder};
+use super::{Note, Scene, SceneOptions};
+use crate::adf::{self, Report, Severity};
+use crate::mesh::MeshCache;
+
+/// The files a scene is made of, in the order in which their contents are created.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct SceneFiles {
+    /// World file; `None`: default world attributes and no environment.
+    pub world: Option<PathBuf>,
+    /// Model files. One that is given twice is built twice.
+    pub models: Vec<PathBuf>,
+}
+
+/// What was found while a scene was loaded.
+#[derive(Debug, Default)]
+pub struct SceneReport {
+    /// Files that could not be used at all, one message each.
+    pub refused: Vec<String>,
+    /// Problems in the text of each file that was used.
+    pub files: Vec<Report>,
+    /// What was dropped, replaced or guessed while objects were built.
+    pub notes: Vec<Note>,
+}
+
+impl SceneReport {
+    /// Files refused and elements dropped.
+    pub fn errors(&self) -> usize {
+        let notes = self.notes.iter().filter(|note| note.severity > Severity::Warning).count();
+        self.refused.len() + notes + self.files.iter().map(Report::errors).sum::<usize>()
+    }
+
+    /// One line a problem instead of one a kind of problem.
+    pub fn verbose(&self) -> impl fmt::Display + '_ {
+        Written { report: self, verbose: true }
+    }
+}
+
+struct Written<'a> {
+    report: &'a SceneReport,
+    verbose: bool,
+}
+
+impl fmt::Display for Written<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let report = self.report;
+        for message in &report.refused {
+            writeln!(f, "{}", message.trim_end())?;
+        }
+        for file in &report.files {
+            if self.verbose { write!(f, "{}", file.verbose())? } else { write!(f, "{file}")? }
+        }
+        for note in &report.notes {
+            writeln!(f, "{note}")?;
+        }
+        Ok(())
+    }
+}
+
+impl fmt::Display for SceneReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        Written { report: self, verbose: false }.fmt(f)
+    }
+}
+
+/// A scene and what was found while it was loaded.
+pub struct Loaded {
+    /// The scene.
+    pub scene: Scene,
+    /// What was found.
+    pub report: SceneReport,
+}
+
+/// Reads the files, loads the collision meshes in parallel and builds the scene.
+///
+/// Never fails: a file that cannot be used is left out and reported, as in the C++ program; without a usable world file the defaults
+/// apply (gravity −9.8 m/s² along z, 10 sub-steps, no environment).
+pub fn load(files: &SceneFiles, options: &SceneOptions) -> Loaded {
+    let mut report = SceneReport::default();
+    let world: Option<adf::World> = files.world.as_deref().and_then(|path| read(path, &mut report));
+    let world = world.unwrap_or_else(|| described("gravity: {x: 0, y: 0, z: -9.8}\n"));
+    let environment: Option<adf::Model> = world.environment.as_deref().and_then(|path| read(path, &mut report));
+    let environment = environment.unwrap_or_else(|| built_in_environment(&world));
+    let models: Vec<adf::Model> = files.models.iter().filter_map(|path| read(path, &mut report)).collect();
+
+    let meshes = MeshCache::new();
+    let mut wanted: Vec<_> = std::iter::once(&environment).chain(&models).flat_map(collision_meshes).collect();
+    wanted.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
+    wanted.dedup();
+    meshes.preload(&wanted);
+
+    let mut builder = Builder::new(&world, options, &meshes);
+    builder.add_environment(&environment, &with_defaults(world));
+    models.iter().for_each(|model| builder.add_model(model));
+    let (scene, notes) = builder.finish();
+    report.notes = notes;
+    Loaded { scene, report }
+}
+
+fn read<T: adf::Description>(path: &Path, report: &mut SceneReport) -> Option<T> {
+    match adf::load::<T>(path) {
+        Ok((description, problems)) => {
+            report.files.push(problems);
+            Some(description)
+        }
+        Err(error) => {
+            report.refused.push(error.to_string());
+            None
+        }
+    }
+}
+
+/// The description that `text` of our own gives.
+fn described<T: adf::Description>(text: &str) -> T {
+    adf::parse::<T>(text, Path::new("built-in")).expect("text of our own is valid").0
+}
+
+/// A world always has a light and a camera.
+fn with_defaults(mut world: adf::World) -> adf::World {
+    let mut defaults: adf::World = described(
+        "lights: [default_light]\n\
+         cameras: [default_camera]\n\
+         default_light: {name: default_light, location: {x: 2, y: 2, z: 5}, direction: {x: 0, y: 0, z: -1}}\n\
+         default_camera: {name: default_camera, location: {x: 0, y: 0, z: 0}, look at: {x: -1, y: 0, z: 0}}\n",
+    );
+    for common in defaults.lights.iter_mut().map(|l| &mut l.common).chain(defaults.cameras.iter_mut().map(|c| &mut c.common)) {
+        common.namespace.clone_from(&world.common.namespace);
+        common.source = world.common.source.clone();
+    }
+    if world.lights.is_empty() {
+        world.lights = defaults.lights;
+    }
+    if world.cameras.is_empty() {
+        world.cameras = defaults.cameras;
+    }
+    world
+}
+
+/// The environment of a world without an environment file: empty, or the five static planes of its enclosure, with the origin in the
+/// middle.
+fn built_in_environment(world: &adf::World) -> adf::Model {
+    let Some(size) = world.enclosure else { return described("bodies: []\n") };
+    let planes = [
+        ("floor", [0, 0, 1], size.height),
+        ("front", [-1, 0, 0], size.length),
+        ("back", [1, 0, 0], size.length),
+        ("right", [0, -1, 0], size.width),
+        ("left", [0, 1, 0], size.width),
+    ];
+    let names = planes.map(|(name, ..)| format!("BODY {name}")).join(", ");
+    let mut text = format!("namespace: {}\nbodies: [{names}]\n", world.common.namespace);
+    for (name, [x, y, z], span) in planes {
+        text += &format!(
+            "BODY {name}: {{name: {name}, mass: 0, collision shape: Plane, collision geometry: {{normal: {{x: {x}, y: {y}, z: {z}}}, \
+             offset: {}}}}}\n",
+            -span / 2.0
+        );
+    }
+    described(&text)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_world_without_a_file_has_gravity_a_light_and_a_camera() {
+        let Loaded { scene, report } = load(&SceneFiles::default(), &SceneOptions::default());
+        assert_eq!(report.errors(), 0, "{report}");
+        assert_eq!((scene.lights.len(), scene.cameras.len(), scene.bodies.len()), (1, 1, 0));
+        assert_eq!((scene.gravity.z, scene.max_sub_steps), (-9.8, 10));
+    }
+
+    #[test]
+    fn an_enclosure_is_five_planes() {
+        let world: adf::World = described("namespace: /env/\nenclosure: {length: 4, width: 2, height: 1}\n");
+        let model = built_in_environment(&world);
+        let names: Vec<_> = model.bodies.iter().map(|body| body.common.name.as_str()).collect();
+        assert_eq!(names, ["floor", "front", "back", "right", "left"]);
+    }
+
+    #[test]
+    fn what_cannot_be_used_is_reported_and_left_out() {
+        let files = SceneFiles { world: Some("no/such/world.yaml".into()), models: vec!["no/such/model.yaml".into()] };
+        let Loaded { scene, report } = load(&files, &SceneOptions::default());
+        assert_eq!(report.refused.len(), 2);
+        assert!(report.to_string().contains("no/such/model.yaml"), "{report}");
+        assert_eq!(scene.models.len(), 1);
+    }
+}
