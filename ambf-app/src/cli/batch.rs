@@ -45,10 +45,7 @@ impl BatchOptions {
     /// argument isn't text.
     pub fn parse(argv: impl IntoIterator<Item = OsString>) -> Result<Parsed<Self>, CliError> {
         match Arguments::try_parse_from(utf8(argv)?) {
-            Ok(arguments) => Ok(Parsed::Run {
-                options: arguments.into_options(),
-                notes: Vec::new(),
-            }),
+            Ok(arguments) => Ok(Parsed::Run { options: arguments.into_options(), notes: Vec::new() }),
             Err(error) => print_or_fail(&error),
         }
     }
@@ -90,7 +87,7 @@ struct Arguments {
     commands: Option<PathBuf>,
 
     /// Number of steps
-    #[arg(long, value_name = "N", help_heading = "Time")]
+    #[arg(long, value_name = "N", value_parser = steps, help_heading = "Time")]
     steps: u64,
     /// Length of a step, s
     #[arg(long, value_name = "SECONDS", default_value = "0.001", value_parser = positive, help_heading = "Time")]
@@ -100,8 +97,7 @@ struct Arguments {
     #[arg(long, value_name = "PREFIX", help_heading = "Output")]
     trace: Option<PathBuf>,
     /// Write every K-th step (and the last)
-    #[arg(long, value_name = "K", default_value = "1", help_heading = "Output")]
-    #[arg(value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(long, value_name = "K", default_value = "1", value_parser = interval, help_heading = "Output")]
     every: u64,
     /// Write the poses of the inertial frames too
     #[arg(long, help_heading = "Output")]
@@ -118,13 +114,21 @@ struct Arguments {
 #[derive(Debug, Clone)]
 struct List<T>(Vec<T>);
 
+fn steps(text: &str) -> Result<u64, String> {
+    text.parse().map_err(|_| "expected a whole number, 0 or more".to_owned())
+}
+
+fn interval(text: &str) -> Result<u64, String> {
+    match text.parse() {
+        Ok(number) if number > 0 => Ok(number),
+        _ => Err("expected a whole number, 1 or more".to_owned()),
+    }
+}
+
 fn strict_indexes(text: &str) -> Result<List<usize>, String> {
     match indexes(text) {
         (indexes, others) if others.is_empty() && !indexes.is_empty() => Ok(List(indexes)),
-        (_, others) => Err(format!(
-            "expected indexes (0, 1, 2, …) between commas, not {:?}",
-            others.join(",")
-        )),
+        (_, others) => Err(format!("expected indexes (0, 1, 2, …) between commas, not {:?}", others.join(","))),
     }
 }
 
@@ -160,11 +164,7 @@ mod tests {
     use super::*;
 
     fn parse(line: &str) -> Result<Parsed<BatchOptions>, CliError> {
-        BatchOptions::parse(
-            std::iter::once("ambf_batch")
-                .chain(line.split_whitespace())
-                .map(OsString::from),
-        )
+        BatchOptions::parse(std::iter::once("ambf_batch").chain(line.split_whitespace()).map(OsString::from))
     }
 
     fn run(line: &str) -> BatchOptions {
@@ -253,10 +253,7 @@ mod tests {
     #[test]
     fn help_is_a_text() {
         match parse("--help") {
-            Ok(Parsed::Print(text)) => assert!(
-                text.contains("--trace") && text.contains("Exit status"),
-                "{text}"
-            ),
+            Ok(Parsed::Print(text)) => assert!(text.contains("--trace") && text.contains("Exit status"), "{text}"),
             other => panic!("{other:?}"),
         }
     }

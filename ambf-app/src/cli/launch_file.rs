@@ -9,23 +9,13 @@ use std::path::{Path, PathBuf};
 pub(super) fn default() -> PathBuf {
     let program = std::env::current_exe().ok();
     let working = std::env::current_dir().ok();
-    let starts = [
-        program.as_deref().and_then(Path::parent),
-        Some(Path::new(env!("CARGO_MANIFEST_DIR"))),
-        working.as_deref(),
-    ];
+    let starts =
+        [program.as_deref().and_then(Path::parent), Some(Path::new(env!("CARGO_MANIFEST_DIR"))), working.as_deref()];
     search(|name| std::env::var_os(name), starts.into_iter().flatten())
 }
 
-fn search<'a>(
-    variable: impl Fn(&str) -> Option<OsString>,
-    starts: impl Iterator<Item = &'a Path>,
-) -> PathBuf {
-    let folder = |name| {
-        variable(name)
-            .filter(|value| !value.is_empty())
-            .map(PathBuf::from)
-    };
+fn search<'a>(variable: impl Fn(&str) -> Option<OsString>, starts: impl Iterator<Item = &'a Path>) -> PathBuf {
+    let folder = |name| variable(name).filter(|value| !value.is_empty()).map(PathBuf::from);
     if let Some(root) = folder("AMBF_ROOT_PATH") {
         return root.join("ambf_models/descriptions/launch.yaml");
     }
@@ -46,12 +36,8 @@ mod tests {
     use super::*;
 
     fn with(variables: &[(&str, &str)], start: &Path) -> PathBuf {
-        let variable = |name: &str| {
-            variables
-                .iter()
-                .find(|(key, _)| *key == name)
-                .map(|(_, value)| OsString::from(value))
-        };
+        let variable =
+            |name: &str| variables.iter().find(|(key, _)| *key == name).map(|(_, value)| OsString::from(value));
         search(variable, std::iter::once(start))
     }
 
@@ -59,10 +45,7 @@ mod tests {
     fn variables_go_first_and_empty_ones_do_not_count() {
         let nowhere = Path::new("/nonexistent");
         let both = [("AMBF_ROOT_PATH", "/old"), ("AMBF_RESOURCES", "/new")];
-        assert_eq!(
-            with(&both, nowhere),
-            Path::new("/old/ambf_models/descriptions/launch.yaml")
-        );
+        assert_eq!(with(&both, nowhere), Path::new("/old/ambf_models/descriptions/launch.yaml"));
         assert_eq!(with(&both[1..], nowhere), Path::new("/new/launch.yaml"));
         assert_eq!(
             with(&[("AMBF_ROOT_PATH", ""), ("AMBF_RESOURCES", "")], nowhere),

@@ -37,9 +37,7 @@ pub enum CliError {
     #[error("{0}")]
     Usage(String),
     /// Error when an argument isn't valid UTF-8.
-    #[error(
-        "error: the argument {0:?} is not valid UTF-8; rename the file or option so that it is"
-    )]
+    #[error("error: the argument {0:?} is not valid UTF-8; rename the file or option so that it is")]
     NotUtf8(std::ffi::OsString),
 }
 
@@ -63,14 +61,14 @@ pub enum Profile {
 #[derive(Debug, Clone, Default, PartialEq, Eq, clap::Args)]
 #[command(next_help_heading = "Physics")]
 pub struct PhysicsOptions {
-    /// Behaviour of the physics [default: the world file's, else legacy]
-    #[arg(long, value_enum, value_name = "PROFILE")]
+    /// Behaviour of the physics: legacy or accurate [default: the world file's, else legacy]
+    #[arg(long, value_enum, value_name = "PROFILE", hide_possible_values = true)]
     pub profile: Option<Profile>,
     /// Constraint solver, by name [default: the profile's]
     #[arg(long, value_name = "NAME")]
     pub solver: Option<String>,
     /// Solver iterations in each sub-step, at least 1 [default: the profile's]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    #[arg(long, value_name = "N", value_parser = values::count)]
     pub iterations: Option<u32>,
     /// Integrator, by name [default: the profile's]
     #[arg(long, value_name = "NAME")]
@@ -79,9 +77,7 @@ pub struct PhysicsOptions {
 
 /// The arguments as text.
 fn utf8(argv: impl IntoIterator<Item = std::ffi::OsString>) -> Result<Vec<String>, CliError> {
-    argv.into_iter()
-        .map(|argument| argument.into_string().map_err(CliError::NotUtf8))
-        .collect()
+    argv.into_iter().map(|argument| argument.into_string().map_err(CliError::NotUtf8)).collect()
 }
 
 /// Help and version are no errors; everything else is.

@@ -1,6 +1,6 @@
 //! Options of `ambf_simulator`.
 
-use super::values::{boolean, indexes, paths, positive};
+use super::values::{boolean, count, indexes, paths, positive, whole};
 use super::{filter, launch_file, print_or_fail, utf8, CliError, Parsed, PhysicsOptions};
 use clap::{CommandFactory, FromArgMatches};
 use std::ffi::OsString;
@@ -89,15 +89,11 @@ impl SimulatorOptions {
         // Adds --help and --version, which the filter has to know.
         command.build();
         let (kept, ignored) = filter::known_options(&command, &utf8(argv)?)?;
-        let arguments = command
-            .try_get_matches_from(kept)
-            .and_then(|matches| Arguments::from_arg_matches(&matches));
+        let arguments = command.try_get_matches_from(kept).and_then(|matches| Arguments::from_arg_matches(&matches));
         match arguments {
             Ok(arguments) => {
-                let mut notes: Vec<String> = ignored
-                    .iter()
-                    .map(|word| format!("ignored on the command line: {word}"))
-                    .collect();
+                let mut notes: Vec<String> =
+                    ignored.iter().map(|word| format!("ignored on the command line: {word}")).collect();
                 let options = arguments.into_options(&mut notes);
                 Ok(Parsed::Run { options, notes })
             }
@@ -112,32 +108,27 @@ impl SimulatorOptions {
     name = "ambf_simulator",
     version,
     about = "Simulates the multi-body models of a launch file in real time and talks ROS 1 about them.",
-    after_help = "BOOL is true, yes, on, 1 or false, no, off, 0. Long names may be shortened: --launch. A value may be \
-                  attached: -l1, --ns=/a.\nWithout -l and -a, -l 1 is assumed. Unknown options are ignored and named.\n\n\
-                  Environment: ROS_MASTER_URI, ROS_IP, ROS_HOSTNAME; AMBF_ROOT_PATH, AMBF_RESOURCES (folder of \
-                  launch.yaml); AMBF_PLUGIN_PATH (folders of plugins, separated by colons).\n\n\
-                  Examples:\n  ambf_simulator -g false -l 1,3\n  ambf_simulator -g 0 -a robot.yaml,table.yaml -p 2000\n  \
-                  ambf_simulator -g 0 -t 1 -p 1000 --ns /left --launch_file launch.yaml"
+    after_help = "\
+BOOL is true, yes, on, 1 or false, no, off, 0. Long names may be shortened: --launch. A value may be attached: -l1, --ns=/a.
+Without -l and -a, -l 1 is assumed. Unknown options are ignored and named.
+
+Environment: ROS_MASTER_URI, ROS_IP, ROS_HOSTNAME; AMBF_ROOT_PATH, AMBF_RESOURCES (folder of launch.yaml);
+AMBF_PLUGIN_PATH (folders of plugins, separated by colons).
+
+Examples:
+  ambf_simulator -g false -l 1,3
+  ambf_simulator -g 0 -a robot.yaml,table.yaml -p 2000
+  ambf_simulator -g 0 -t 1 -p 1000 --ns /left --launch_file launch.yaml"
 )]
 struct Arguments {
     /// Launch file [default: launch.yaml in $AMBF_ROOT_PATH/ambf_models/descriptions, $AMBF_RESOURCES or resources]
     #[arg(long = "launch_file", value_name = "FILE", help_heading = "Scene")]
     launch_file: Option<PathBuf>,
     /// Models to load: indexes into the launch file's list, from 0
-    #[arg(
-        short = 'l',
-        long = "load_multibodies",
-        value_name = "INDEX,…",
-        help_heading = "Scene"
-    )]
+    #[arg(short = 'l', long = "load_multibodies", value_name = "INDEX,…", help_heading = "Scene")]
     model_indexes: Option<String>,
     /// Model files to load, before those of -l
-    #[arg(
-        short = 'a',
-        long = "load_multibody_files",
-        value_name = "FILE,…",
-        help_heading = "Scene"
-    )]
+    #[arg(short = 'a', long = "load_multibody_files", value_name = "FILE,…", help_heading = "Scene")]
     model_files: Option<String>,
     /// Simulator plugins to load
     #[arg(long, value_name = "FILE,…", help_heading = "Scene")]
@@ -148,13 +139,8 @@ struct Arguments {
     show_gui: bool,
 
     /// Target frequency of the physics loop, Hz
-    #[arg(
-        short = 'p',
-        long = "phx_frequency",
-        value_name = "HZ",
-        default_value = "1000"
-    )]
-    #[arg(value_parser = clap::value_parser!(u32).range(1..=100_000), help_heading = "Time")]
+    #[arg(short = 'p', long = "phx_frequency", value_name = "HZ", default_value = "1000")]
+    #[arg(value_parser = count, help_heading = "Time")]
     physics_frequency: u32,
     /// Fixed physics interval 1/frequency instead of following the clock
     #[arg(short = 't', long = "fixed_phx_timestep", value_name = "BOOL", default_value = "false", value_parser = boolean)]
@@ -166,34 +152,19 @@ struct Arguments {
     speed_factor: f64,
 
     /// Number of input devices to load, from the first of the list on
-    #[arg(
-        short = 'n',
-        long = "ndevs",
-        value_name = "N",
-        default_value = "0",
-        help_heading = "Input devices"
-    )]
+    #[arg(short = 'n', long = "ndevs", value_name = "N", default_value = "0", help_heading = "Input devices")]
+    #[arg(value_parser = whole)]
     device_count: usize,
     /// Input devices to load: indexes into the list, from 0; -n is then ignored
-    #[arg(
-        short = 'i',
-        long = "load_devices",
-        value_name = "INDEX,…",
-        help_heading = "Input devices"
-    )]
+    #[arg(short = 'i', long = "load_devices", value_name = "INDEX,…", help_heading = "Input devices")]
     device_indexes: Option<String>,
     /// Send forces to the devices
     #[arg(short = 'e', long = "enableforces", value_name = "BOOL", default_value = "false", value_parser = boolean)]
     #[arg(help_heading = "Input devices", action = clap::ArgAction::Set)]
     force_feedback: bool,
     /// Target frequency of each haptic loop, Hz
-    #[arg(
-        short = 'd',
-        long = "htx_frequency",
-        value_name = "HZ",
-        default_value = "1000"
-    )]
-    #[arg(value_parser = clap::value_parser!(u32).range(1..=100_000), help_heading = "Input devices")]
+    #[arg(short = 'd', long = "htx_frequency", value_name = "HZ", default_value = "1000")]
+    #[arg(value_parser = count, help_heading = "Input devices")]
     haptic_frequency: u32,
     /// Fixed haptic interval 1/frequency instead of following the clock
     #[arg(short = 'f', long = "fixed_htx_timestep", value_name = "BOOL", default_value = "false", value_parser = boolean)]
@@ -201,29 +172,15 @@ struct Arguments {
     fixed_haptic_step: bool,
 
     /// Text put before the namespace of all topics and parameters
-    #[arg(
-        long,
-        value_name = "PREFIX",
-        default_value = "",
-        hide_default_value = true,
-        help_heading = "ROS"
-    )]
+    #[arg(long, value_name = "PREFIX", default_value = "", hide_default_value = true, help_heading = "ROS")]
     ns: String,
     /// Publish frequency of all objects while commands arrive, Hz [default: each object's own, usually 1000]
-    #[arg(
-        long = "override_max_comm_freq",
-        value_name = "HZ",
-        help_heading = "ROS"
-    )]
-    #[arg(value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    #[arg(long = "override_max_comm_freq", value_name = "HZ", help_heading = "ROS")]
+    #[arg(value_parser = count)]
     max_publish_frequency: Option<u32>,
     /// Publish frequency of all objects otherwise, Hz [default: each object's own, usually 50]
-    #[arg(
-        long = "override_min_comm_freq",
-        value_name = "HZ",
-        help_heading = "ROS"
-    )]
-    #[arg(value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    #[arg(long = "override_min_comm_freq", value_name = "HZ", help_heading = "ROS")]
+    #[arg(value_parser = count)]
     min_publish_frequency: Option<u32>,
     /// No ROS at all
     #[arg(long = "no_ros", value_name = "BOOL", num_args = 0..=1, require_equals = true, help_heading = "ROS")]
@@ -243,14 +200,13 @@ struct Arguments {
 
 impl Arguments {
     fn into_options(self, notes: &mut Vec<String>) -> SimulatorOptions {
-        let mut numbers =
-            |option: &str, text: &str| {
-                let (indexes, others) = indexes(text);
-                notes.extend(others.iter().map(|part| {
-                    format!("{option}: {part:?} is no index (0, 1, 2, …) and is skipped")
-                }));
-                indexes
-            };
+        let mut numbers = |option: &str, text: &str| {
+            let (indexes, others) = indexes(text);
+            notes.extend(
+                others.iter().map(|part| format!("{option}: {part:?} is no index (0, 1, 2, …) and is skipped")),
+            );
+            indexes
+        };
         let model_files = self.model_files.as_deref().map(paths).unwrap_or_default();
         let model_indexes = match self.model_indexes.as_deref() {
             Some(text) => numbers("-l", text),
@@ -267,11 +223,7 @@ impl Arguments {
             notes.push("--sim_speed_factor has an effect only with -t 1 and is ignored".to_owned());
             1.0
         };
-        let publish_frequency = publish_frequency(
-            self.min_publish_frequency,
-            self.max_publish_frequency,
-            notes,
-        );
+        let publish_frequency = publish_frequency(self.min_publish_frequency, self.max_publish_frequency, notes);
         SimulatorOptions {
             devices,
             force_feedback: self.force_feedback,
@@ -295,11 +247,7 @@ impl Arguments {
 }
 
 /// Either value activates both; the maximum is applied first, then the minimum, each refused if it crosses the other.
-fn publish_frequency(
-    min: Option<u32>,
-    max: Option<u32>,
-    notes: &mut Vec<String>,
-) -> Option<PublishFrequency> {
+fn publish_frequency(min: Option<u32>, max: Option<u32>, notes: &mut Vec<String>) -> Option<PublishFrequency> {
     if min.is_none() && max.is_none() {
         return None;
     }

@@ -19,11 +19,22 @@ pub(super) fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
+/// A whole number from 1 to 100 000, such as a frequency in Hz.
+pub(super) fn count(text: &str) -> Result<u32, String> {
+    match text.trim().parse() {
+        Ok(number) if (1..=100_000).contains(&number) => Ok(number),
+        _ => Err("expected a whole number from 1 to 100000".to_owned()),
+    }
+}
+
+/// A whole number from 0 on.
+pub(super) fn whole(text: &str) -> Result<usize, String> {
+    text.trim().parse().map_err(|_| "expected a whole number, 0 or more".to_owned())
+}
+
 /// The non-empty parts between commas, without blanks around them.
 pub(super) fn parts(text: &str) -> impl Iterator<Item = &str> {
-    text.split(',')
-        .map(str::trim)
-        .filter(|part| !part.is_empty())
+    text.split(',').map(str::trim).filter(|part| !part.is_empty())
 }
 
 /// Comma-separated paths.
@@ -71,14 +82,20 @@ mod tests {
     }
 
     #[test]
+    fn counts_are_bounded_whole_numbers() {
+        assert_eq!((count("1"), count("100000"), whole("0")), (Ok(1), Ok(100_000), Ok(0)));
+        for text in ["0", "-1", "100001", "1.5", "1e3", "", "99999999999"] {
+            assert!(count(text).is_err(), "{text}");
+        }
+        assert!(whole("-1").is_err() && whole("").is_err());
+    }
+
+    #[test]
     fn blanks_and_empty_parts_of_lists_do_not_count() {
         assert_eq!(indexes(" 1, 6,,10 ,"), (vec![1, 6, 10], vec![]));
         assert_eq!(indexes("1 0"), (vec![10], vec![]));
         assert_eq!(indexes(""), (vec![], vec![]));
-        assert_eq!(
-            paths(" a b.yaml , c.yaml,"),
-            [PathBuf::from("a b.yaml"), PathBuf::from("c.yaml")]
-        );
+        assert_eq!(paths(" a b.yaml , c.yaml,"), [PathBuf::from("a b.yaml"), PathBuf::from("c.yaml")]);
     }
 
     #[test]

@@ -103,10 +103,7 @@ fn every_long_name_sets_its_option() {
         haptic_frequency: 500,
         fixed_physics_step: true,
         fixed_haptic_step: true,
-        publish_frequency: Some(PublishFrequency {
-            min: 1500,
-            max: 2000,
-        }),
+        publish_frequency: Some(PublishFrequency { min: 1500, max: 2000 }),
         show_gui: false,
         namespace: "/sim1".to_owned(),
         speed_factor: 0.5,
@@ -129,96 +126,42 @@ fn every_long_name_sets_its_option() {
 #[test]
 fn every_short_name_sets_its_option() {
     let spaced = quiet(&[
-        "-n", "1", "-e", "1", "-p", "60", "-d", "70", "-t", "1", "-f", "1", "-g", "0", "-s", "2",
-        "-a", "x", "-l", "3",
+        "-n", "1", "-e", "1", "-p", "60", "-d", "70", "-t", "1", "-f", "1", "-g", "0", "-s", "2", "-a", "x", "-l", "3",
     ]);
-    let attached = quiet(&[
-        "-n1", "-e1", "-p60", "-d70", "-t1", "-f1", "-g0", "-s2", "-ax", "-l3",
-    ]);
+    let attached = quiet(&["-n1", "-e1", "-p60", "-d70", "-t1", "-f1", "-g0", "-s2", "-ax", "-l3"]);
     assert_eq!(spaced, attached);
-    assert_eq!(
-        (spaced.physics_frequency, spaced.haptic_frequency),
-        (60, 70)
-    );
-    assert_eq!(
-        (spaced.fixed_physics_step, spaced.fixed_haptic_step),
-        (true, true)
-    );
-    assert_eq!(
-        (spaced.devices, spaced.force_feedback),
-        (DeviceSelection::First(1), true)
-    );
+    assert_eq!((spaced.physics_frequency, spaced.haptic_frequency), (60, 70));
+    assert_eq!((spaced.fixed_physics_step, spaced.fixed_haptic_step), (true, true));
+    assert_eq!((spaced.devices, spaced.force_feedback), (DeviceSelection::First(1), true));
     assert_eq!((spaced.show_gui, spaced.speed_factor), (false, 2.0));
-    assert_eq!(
-        (spaced.model_files, spaced.model_indexes),
-        (vec![PathBuf::from("x")], vec![3])
-    );
+    assert_eq!((spaced.model_files, spaced.model_indexes), (vec![PathBuf::from("x")], vec![3]));
 }
 
 #[test]
 fn invocations_found_in_documents_of_the_original() {
     assert_eq!(quiet(&["-l", "4"]).model_indexes, [4]);
     assert_eq!(quiet(&["-l", "1,6,10"]).model_indexes, [1, 6, 10]);
-    let options = quiet(&[
-        "-p60",
-        "-t1",
-        "--launch_file",
-        "d/launch.yaml",
-        "-l10",
-        "-i0",
-    ]);
+    let options = quiet(&["-p60", "-t1", "--launch_file", "d/launch.yaml", "-l10", "-i0"]);
     assert_eq!(options.launch_file, Path::new("d/launch.yaml"));
-    assert_eq!(
-        (options.physics_frequency, options.fixed_physics_step),
-        (60, true)
-    );
-    assert_eq!(
-        (options.model_indexes, options.devices),
-        (vec![10], DeviceSelection::Indexes(vec![0]))
-    );
-    let options = quiet(&[
-        "-g",
-        "false",
-        "-p",
-        "2000",
-        "-d",
-        "1000",
-        "--override_max_comm_freq",
-        "500",
-    ]);
-    assert_eq!(
-        options.publish_frequency,
-        Some(PublishFrequency { min: 50, max: 500 })
-    );
+    assert_eq!((options.physics_frequency, options.fixed_physics_step), (60, true));
+    assert_eq!((options.model_indexes, options.devices), (vec![10], DeviceSelection::Indexes(vec![0])));
+    let options = quiet(&["-g", "false", "-p", "2000", "-d", "1000", "--override_max_comm_freq", "500"]);
+    assert_eq!(options.publish_frequency, Some(PublishFrequency { min: 50, max: 500 }));
 }
 
 #[test]
 fn names_may_be_shortened_unless_ambiguous() {
-    let options = quiet(&[
-        "--launch",
-        "x",
-        "--fixed_p",
-        "1",
-        "--override_ma=70",
-        "--e=true",
-        "--no",
-    ]);
+    let options = quiet(&["--launch", "x", "--fixed_p", "1", "--override_ma=70", "--e=true", "--no"]);
     assert_eq!(options.launch_file, Path::new("x"));
     assert!(options.fixed_physics_step && options.force_feedback && options.no_ros);
     let message = refused(&["--load_m", "1"]);
-    assert!(
-        message.contains("--load_multibodies") && message.contains("--load_multibody_files"),
-        "{message}"
-    );
+    assert!(message.contains("--load_multibodies") && message.contains("--load_multibody_files"), "{message}");
 }
 
 #[test]
 fn models_come_from_index_one_only_if_none_are_named() {
     let files_only = quiet(&["-a", " a.yaml , b.yaml "]);
-    assert_eq!(
-        files_only.model_files,
-        ["a.yaml", "b.yaml"].map(PathBuf::from)
-    );
+    assert_eq!(files_only.model_files, ["a.yaml", "b.yaml"].map(PathBuf::from));
     assert_eq!(files_only.model_indexes, []);
     assert_eq!(quiet(&["-a", ""]).model_indexes, [1]);
     assert_eq!(quiet(&["-l", "5,5"]).model_indexes, [5, 5]);
@@ -227,67 +170,25 @@ fn models_come_from_index_one_only_if_none_are_named() {
 #[test]
 fn what_is_no_index_is_skipped_and_named() {
     let (options, notes) = run(&["-l", "2,x,-1", "-i", "0,y"]);
-    assert_eq!(
-        (options.model_indexes, options.devices),
-        (vec![2], DeviceSelection::Indexes(vec![0]))
-    );
+    assert_eq!((options.model_indexes, options.devices), (vec![2], DeviceSelection::Indexes(vec![0])));
     assert_eq!(notes.len(), 3, "{notes:?}");
-    assert!(
-        notes[0].contains("-l") && notes[0].contains("\"x\"") && notes[2].contains("-i"),
-        "{notes:?}"
-    );
+    assert!(notes[0].contains("-l") && notes[0].contains("\"x\"") && notes[2].contains("-i"), "{notes:?}");
     let (options, notes) = run(&["-l", "-1"]);
     assert_eq!((options.model_indexes.len(), notes.len()), (0, 1));
 }
 
 #[test]
 fn the_list_of_devices_goes_before_their_number() {
-    assert_eq!(
-        quiet(&["-n", "3", "-i", "4, 1"]).devices,
-        DeviceSelection::Indexes(vec![4, 1])
-    );
-    assert_eq!(
-        quiet(&["-n", "3", "-i", ""]).devices,
-        DeviceSelection::First(3)
-    );
+    assert_eq!(quiet(&["-n", "3", "-i", "4, 1"]).devices, DeviceSelection::Indexes(vec![4, 1]));
+    assert_eq!(quiet(&["-n", "3", "-i", ""]).devices, DeviceSelection::First(3));
 }
 
 #[test]
 fn unknown_options_and_stray_words_are_ignored_and_named() {
-    let (options, notes) = run(&[
-        "--foo",
-        "bar",
-        "-x9",
-        "-p",
-        "500",
-        "__name:=me",
-        "--zap=1",
-        "-",
-        "--",
-        "-l",
-        "7",
-    ]);
-    assert_eq!(
-        (options.physics_frequency, options.model_indexes),
-        (500, vec![1])
-    );
-    let named: Vec<&str> = notes
-        .iter()
-        .map(|note| note.rsplit(' ').next().unwrap())
-        .collect();
-    assert_eq!(
-        named,
-        [
-            "--foo",
-            "bar",
-            "-x9",
-            "__name:=me",
-            "--zap=1",
-            "-",
-            "-l",
-            "7"
-        ]
-    );
+    let (options, notes) = run(&["--foo", "bar", "-x9", "-p", "500", "__name:=me", "--zap=1", "-", "--", "-l", "7"]);
+    assert_eq!((options.physics_frequency, options.model_indexes), (500, vec![1]));
+    let named: Vec<&str> = notes.iter().map(|note| note.rsplit(' ').next().unwrap()).collect();
+    assert_eq!(named, ["--foo", "bar", "-x9", "__name:=me", "--zap=1", "-", "-l", "7"]);
 }
 
 #[test]
@@ -315,18 +216,9 @@ fn malformed_values_are_refused_with_the_name_of_the_option() {
 
 #[test]
 fn a_value_may_not_be_missing() {
-    for words in [
-        &["-t"][..],
-        &["-l"],
-        &["--launch_file"],
-        &["-t", "-p", "60"],
-        &["--launch_file", "--ns=x"],
-    ] {
+    for words in [&["-t"][..], &["-l"], &["--launch_file"], &["-t", "-p", "60"], &["--launch_file", "--ns=x"]] {
         let message = refused(words);
-        assert!(
-            message.contains(words[0]) && message.contains("needs a value"),
-            "{message}"
-        );
+        assert!(message.contains(words[0]) && message.contains("needs a value"), "{message}");
     }
 }
 
@@ -359,21 +251,10 @@ fn crossing_publish_frequencies_are_refused_one_by_one() {
         (options.publish_frequency, notes.len())
     };
     let pair = |min, max| Some(PublishFrequency { min, max });
+    assert_eq!(frequency(&["--override_min_comm_freq", "1500"]), (pair(50, 1000), 1));
+    assert_eq!(frequency(&["--override_max_comm_freq", "20"]), (pair(50, 1000), 1));
     assert_eq!(
-        frequency(&["--override_min_comm_freq", "1500"]),
-        (pair(50, 1000), 1)
-    );
-    assert_eq!(
-        frequency(&["--override_max_comm_freq", "20"]),
-        (pair(50, 1000), 1)
-    );
-    assert_eq!(
-        frequency(&[
-            "--override_min_comm_freq",
-            "2000",
-            "--override_max_comm_freq",
-            "2000"
-        ]),
+        frequency(&["--override_min_comm_freq", "2000", "--override_max_comm_freq", "2000"]),
         (pair(2000, 2000), 0)
     );
 }
