@@ -91,8 +91,14 @@ class Program:
     def __init__(self, command, env):
         handle, name = tempfile.mkstemp(dir=folder, suffix=".log")
         self._log = pathlib.Path(name)
-        self.process = subprocess.Popen([str(word) for word in command], env=env, stdin=subprocess.DEVNULL, stdout=handle,
-                                        stderr=subprocess.STDOUT, start_new_session=True)
+        self.process = subprocess.Popen(
+            [str(word) for word in command],
+            env=env,
+            stdin=subprocess.DEVNULL,
+            stdout=handle,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
         os.close(handle)
 
     def __enter__(self):
@@ -165,9 +171,11 @@ class Simulator(Program):
 
     def wait_for_topics(self, *names, seconds=PATIENCE_S):
         """Waits until the simulator publishes all of `names`."""
+
         def there():
             assert self.running(), f"ended with status {self.process.poll()}:\n{self.log()}"
             return set(names) <= published(self.port)
+
         wait_for(there, f"{names} are published", seconds)
         return self
 
@@ -203,8 +211,16 @@ def simulator_nodes(port):
 
 def ros(port, *command, seconds=PATIENCE_S):
     """Runs a ROS command line program and returns what it prints."""
-    done = subprocess.run([str(word) for word in command], env=environment(port), stdin=subprocess.DEVNULL, text=True,
-                          stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=seconds, check=False)
+    done = subprocess.run(
+        [str(word) for word in command],
+        env=environment(port),
+        stdin=subprocess.DEVNULL,
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        timeout=seconds,
+        check=False,
+    )
     if done.returncode != 0:
         raise AssertionError(f"{' '.join(map(str, command))} ended with {done.returncode}:\n{done.stdout}")
     return done.stdout

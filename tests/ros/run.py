@@ -31,7 +31,9 @@ def main(modules):
     for module in modules:
         print(f"-- {module}", flush=True)
         last = ""
-        with subprocess.Popen([sys.executable, "-u", __file__, "--here", module], stdout=subprocess.PIPE, text=True) as child:
+        with subprocess.Popen(
+            [sys.executable, "-u", __file__, "--here", module], stdout=subprocess.PIPE, text=True
+        ) as child:
             for line in child.stdout:
                 last = line
                 if not line.startswith("counts "):

@@ -80,8 +80,9 @@ def write(folder):
         "controller": {"P": 100.0, "I": 0.0, "D": 5.0},
         "enable feedback": True,
     }
-    pendulum = model({"BODY Base": box("Base", 0.0, z=3.0), "BODY Link": box("Link", 1.0, x=0.25, z=3.0)},
-                     {"JOINT Base-Link": hinge})
+    pendulum = model(
+        {"BODY Base": box("Base", 0.0, z=3.0), "BODY Link": box("Link", 1.0, x=0.25, z=3.0)}, {"JOINT Base-Link": hinge}
+    )
     boxes = model({"BODY Free": box("Free", 1.0), "BODY Wall": box("Wall", 0.0, x=5.0)})
     mesh = {key: value for key, value in box("Meshed", 1.0).items() if "shape" not in key and "geometry" not in key}
     mesh["mesh"] = "nothere.STL"

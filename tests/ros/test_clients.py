@@ -21,7 +21,9 @@ class Crowd(harness.RosTest):
     def setUpClass(cls):
         super().setUpClass()
         node.start(cls.port)
-        cls.simulator = harness.Simulator(cls.port, "--launch_file", harness.scene / "launch.yaml", "-l0", "--override_min_comm_freq", "1000")
+        cls.simulator = harness.Simulator(
+            cls.port, "--launch_file", harness.scene / "launch.yaml", "-l0", "--override_min_comm_freq", "1000"
+        )
         cls.simulator.wait_for_topics(TOPIC, f"{WORLD}/State")
 
     @classmethod
@@ -57,8 +59,9 @@ class Crowd(harness.RosTest):
 
     def test_a_stopped_program(self):
         """The same with a real client that is frozen, wakes up and goes on."""
-        with node.Listener(TOPIC, RigidBodyState) as other, \
-                harness.Program(["rostopic", "echo", "--noarr", f"{TOPIC}/header/seq"], harness.environment(self.port)) as tool:
+        with node.Listener(TOPIC, RigidBodyState) as other, harness.Program(
+            ["rostopic", "echo", "--noarr", f"{TOPIC}/header/seq"], harness.environment(self.port)
+        ) as tool:
             harness.wait_for(tool.log, "rostopic prints")
             os.kill(tool.process.pid, signal.SIGSTOP)
             arrived = other.newest().header.seq

@@ -60,7 +60,8 @@ class Driven(unittest.TestCase):
         self.simulator.wait_for_topics(*(f"{name}/State" for name in (WORLD, BASE, LINK, FREE, WALL)))
         self.world = self.listen(f"{WORLD}/State", WorldState)
         self.base, self.link, self.free, self.wall = (
-            self.listen(f"{body}/State", RigidBodyState) for body in (BASE, LINK, FREE, WALL))
+            self.listen(f"{body}/State", RigidBodyState) for body in (BASE, LINK, FREE, WALL)
+        )
 
     def tearDown(self):
         self.assertTrue(self.simulator.running(), self.simulator.log())
@@ -123,7 +124,9 @@ class States(Driven):
         state = self.listen("/ambf/env/lights/lamp/State", LightState).newest()
         self.assertEqual(state.name.data, "lamp")
         self.assertAlmostEqual(state.pose.position.z, 2.5, places=5)
-        parameter = harness.wait_for(lambda: rospy.get_param("/ambf/env/lights/lamp/cutoff_angle", None), "cutoff_angle")
+        parameter = harness.wait_for(
+            lambda: rospy.get_param("/ambf/env/lights/lamp/cutoff_angle", None), "cutoff_angle"
+        )
         self.assertAlmostEqual(parameter, 0.7, places=5)
 
 
@@ -154,14 +157,18 @@ class Commands(Driven):
         """The PID controller reaches and holds the goal."""
         with node.Stream(f"{BASE}/Command", joints([0.5], RigidBodyCmd.TYPE_POSITION)):
             for _ in range(3):
-                self.base.until(lambda state: abs(state.joint_positions[0] - 0.5) < 0.02
-                                and abs(state.joint_velocities[0]) < 0.1, "the joint rests at 0.5 rad")
+                self.base.until(
+                    lambda state: abs(state.joint_positions[0] - 0.5) < 0.02 and abs(state.joint_velocities[0]) < 0.1,
+                    "the joint rests at 0.5 rad",
+                )
 
     def test_joint_velocity(self):
         """The joint turns as fast as asked."""
         with node.Stream(f"{BASE}/Command", joints([0.4], RigidBodyCmd.TYPE_VELOCITY)):
-            self.base.until(lambda state: abs(state.joint_velocities[0] - 0.4) < 0.05
-                            and state.joint_positions[0] > 0.2, "0.4 rad/s")
+            self.base.until(
+                lambda state: abs(state.joint_velocities[0] - 0.4) < 0.05 and state.joint_positions[0] > 0.2,
+                "0.4 rad/s",
+            )
 
     def test_joint_effort(self):
         """A torque accelerates; its sign is the angle's."""
@@ -184,15 +191,19 @@ class Commands(Driven):
         command.pose.position.z = 0.5
         command.pose.orientation.w = 1.0
         with node.Stream(f"{FREE}/Command", command):
-            self.free.until(lambda state: abs(state.pose.position.z - 0.5) < 0.01
-                            and abs(state.twist.linear.z) < 0.05, "the body is at 0.5 m")
+            self.free.until(
+                lambda state: abs(state.pose.position.z - 0.5) < 0.01 and abs(state.twist.linear.z) < 0.05,
+                "the body is at 0.5 m",
+            )
 
     def test_twist(self):
         """The velocity is set."""
         command = RigidBodyCmd(cartesian_cmd_type=RigidBodyCmd.TYPE_VELOCITY)
         command.twist.linear.y = 0.3
         with node.Stream(f"{FREE}/Command", command):
-            self.free.until(lambda state: abs(state.twist.linear.y - 0.3) < 1e-6 and state.pose.position.y > 0.05, "0.3 m/s")
+            self.free.until(
+                lambda state: abs(state.twist.linear.y - 0.3) < 1e-6 and state.pose.position.y > 0.05, "0.3 m/s"
+            )
 
     def test_zero_quaternion(self):
         """An untouched `pose` field has one; it counts as no rotation."""
@@ -294,6 +305,7 @@ class Throttling(Driven):
         """Exactly n_skip_steps, for as long as commands come."""
         command = WorldCmd(enable_step_throttling=True, step_clock=False, n_skip_steps=7)
         with node.Stream(f"{WORLD}/Command", command):
+
             def stopped():
                 step = self.free.next().sim_step
                 later = [self.free.next().sim_step for _ in range(20)]

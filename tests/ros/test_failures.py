@@ -55,7 +55,12 @@ class Starting(harness.RosTest):
 
     def test_malformed_options(self):
         """A sentence with the option's name and exit status 2."""
-        for option, *more in (("--phx_frequency", "fast"), ("--ns",), ("--phx_frequency=1", "-p2"), ("--show_gui", "maybe")):
+        for option, *more in (
+            ("--phx_frequency", "fast"),
+            ("--ns",),
+            ("--phx_frequency=1", "-p2"),
+            ("--show_gui", "maybe"),
+        ):
             with self.subTest(option):
                 status, log = self.run_to_end(option, *more)
                 self.assertEqual(status, 2, log)
@@ -63,7 +68,11 @@ class Starting(harness.RosTest):
 
     def test_help_and_version(self):
         """Exit status 0."""
-        for option, word in (("--help", "--load_multibodies"), ("-h", "--launch_file"), ("--version", "ambf_simulator")):
+        for option, word in (
+            ("--help", "--load_multibodies"),
+            ("-h", "--launch_file"),
+            ("--version", "ambf_simulator"),
+        ):
             status, log = self.run_to_end(option)
             self.assertEqual(status, 0)
             self.assertIn(word, log)

@@ -40,7 +40,15 @@ class Embedded(unittest.TestCase):
             self.assertIn("/ambf/env/World/point_cloud_topics", harness.ros(port, "rosparam", "list").split())
             harness.ros(port, "rosparam", "set", "/mine", "3")
             self.assertEqual(harness.ros(port, "rosparam", "get", "/mine").strip(), "3")
-            command = ["rostopic", "pub", "-r", "20", f"{BODY}/Command", "ambf_msgs/RigidBodyCmd", "{wrench: {force: {y: 2.0}}}"]
+            command = [
+                "rostopic",
+                "pub",
+                "-r",
+                "20",
+                f"{BODY}/Command",
+                "ambf_msgs/RigidBodyCmd",
+                "{wrench: {force: {y: 2.0}}}",
+            ]
             with harness.Program(command, harness.environment(port)):
                 harness.wait_for(lambda: echo(port, f"{BODY}/State")["twist"]["linear"]["y"] > 0.1, "the body moves")
             self.assertEqual(simulator.interrupt(), 0)
@@ -75,14 +83,25 @@ class Lost(unittest.TestCase):
                 back = time.monotonic()
                 simulator.wait_for_topics(*topics)
                 self.assertLess(time.monotonic() - back, 10.0)
-                harness.wait_for(lambda: f"{BODY}/Command" in {name for name, _ in harness.state_of(port)[1]}, "Command")
+                harness.wait_for(
+                    lambda: f"{BODY}/Command" in {name for name, _ in harness.state_of(port)[1]}, "Command"
+                )
                 after, passed = echo(port, f"{WORLD}/State"), time.monotonic() - start
                 self.assertEqual(len(harness.simulator_nodes(port)), 1)
                 self.assertLess(abs(after["sim_time"] - before["sim_time"] - passed), 3.0)
-                command = ["rostopic", "pub", "-r", "20", f"{BODY}/Command", "ambf_msgs/RigidBodyCmd",
-                           "{cartesian_cmd_type: 2, twist: {linear: {y: 0.25}}}"]
+                command = [
+                    "rostopic",
+                    "pub",
+                    "-r",
+                    "20",
+                    f"{BODY}/Command",
+                    "ambf_msgs/RigidBodyCmd",
+                    "{cartesian_cmd_type: 2, twist: {linear: {y: 0.25}}}",
+                ]
                 with harness.Program(command, harness.environment(port)):
-                    harness.wait_for(lambda: echo(port, f"{BODY}/State")["twist"]["linear"]["y"] == 0.25, "commands arrive")
+                    harness.wait_for(
+                        lambda: echo(port, f"{BODY}/State")["twist"]["linear"]["y"] == 0.25, "commands arrive"
+                    )
             self.assertEqual(simulator.interrupt(), 0)
             self.assertFalse([name for name in harness.published(port) if name.startswith("/ambf")])
 

@@ -33,16 +33,24 @@ class Tools(harness.RosTest):
         objects = ["World", "Base", "Link", "Free", "Wall", "lights/lamp"]
         expected = {f"/ambf/env/{name}/{end}" for name in objects for end in ("State", "Command")}
         expected |= {f"{WORLD}/Command/Reset", f"{WORLD}/Command/Reset/Bodies", f"{WORLD}/Timing"}
-        found = {name for name in listed if name.startswith("/ambf")} - {f"{WORLD}/point_cloud", f"{WORLD}/point_cloud/radius"}
+        found = {name for name in listed if name.startswith("/ambf")} - {
+            f"{WORLD}/point_cloud",
+            f"{WORLD}/point_cloud/radius",
+        }
         self.assertEqual(found, expected)
         self.assertFalse([name for name in listed if "//" in name])
 
     def test_rostopic_type(self):
         """Types by which clients find objects."""
-        for topic, kind in ((f"{WORLD}/State", "ambf_msgs/WorldState"), (f"{WORLD}/Command", "ambf_msgs/WorldCmd"),
-                            (f"{WORLD}/Command/Reset", "std_msgs/Empty"), (f"{WORLD}/Timing", "ambf_msgs/Timing"),
-                            (f"{BODY}/State", "ambf_msgs/RigidBodyState"), (f"{BODY}/Command", "ambf_msgs/RigidBodyCmd"),
-                            ("/ambf/env/lights/lamp/State", "ambf_msgs/LightState")):
+        for topic, kind in (
+            (f"{WORLD}/State", "ambf_msgs/WorldState"),
+            (f"{WORLD}/Command", "ambf_msgs/WorldCmd"),
+            (f"{WORLD}/Command/Reset", "std_msgs/Empty"),
+            (f"{WORLD}/Timing", "ambf_msgs/Timing"),
+            (f"{BODY}/State", "ambf_msgs/RigidBodyState"),
+            (f"{BODY}/Command", "ambf_msgs/RigidBodyCmd"),
+            ("/ambf/env/lights/lamp/State", "ambf_msgs/LightState"),
+        ):
             self.assertEqual(harness.ros(self.port, "rostopic", "type", topic).strip(), kind)
 
     def test_rostopic_echo(self):
@@ -59,7 +67,15 @@ class Tools(harness.RosTest):
 
     def test_rostopic_pub(self):
         """A command from the shell moves a body."""
-        command = ["rostopic", "pub", "-r", "20", f"{BODY}/Command", "ambf_msgs/RigidBodyCmd", "{wrench: {force: {y: 2.0}}}"]
+        command = [
+            "rostopic",
+            "pub",
+            "-r",
+            "20",
+            f"{BODY}/Command",
+            "ambf_msgs/RigidBodyCmd",
+            "{wrench: {force: {y: 2.0}}}",
+        ]
 
         def speed():
             text = harness.ros(self.port, "rostopic", "echo", "-n", "1", f"{BODY}/State/twist/linear/y")
@@ -94,8 +110,10 @@ class Names(harness.RosTest):
             simulator.wait_for_topics(*names)
             found = {name for name in harness.published(self.port) if name.endswith("/State")}
             self.assertEqual({name for name in found if "lamp" not in name and "World" not in name}, names)
-            texts = [harness.ros(self.port, "rostopic", "echo", "-n", "1", f"{name}/State/identifier/data")
-                     for name in expected]
+            texts = [
+                harness.ros(self.port, "rostopic", "echo", "-n", "1", f"{name}/State/identifier/data")
+                for name in expected
+            ]
             return [text.split("---")[0].strip().strip('"') for text in texts]
 
     def test_duplicates_get_a_number(self):
@@ -112,11 +130,15 @@ class Names(harness.RosTest):
     def test_two_simulators_on_one_master(self):
         """Each under its own prefix."""
         launch = ("--launch_file", harness.scene / "launch.yaml", "-l1")
-        with harness.Simulator(self.port, *launch, "--ns", "/a") as one, harness.Simulator(self.port, *launch, "--ns", "/b") as two:
+        with harness.Simulator(self.port, *launch, "--ns", "/a") as one, harness.Simulator(
+            self.port, *launch, "--ns", "/b"
+        ) as two:
             one.wait_for_topics("/a/ambf/env/Free/State")
             two.wait_for_topics("/b/ambf/env/Free/State", "/a/ambf/env/Free/State")
             self.assertEqual(one.interrupt(), 0)
-            harness.wait_for(lambda: not any(name.startswith("/a/") for name in harness.published(self.port)), "/a is gone")
+            harness.wait_for(
+                lambda: not any(name.startswith("/a/") for name in harness.published(self.port)), "/a is gone"
+            )
             harness.ros(self.port, "rostopic", "echo", "-n", "1", "/b/ambf/env/Free/State")
 
 
@@ -143,7 +165,9 @@ class Endings(harness.RosTest):
     def ends_clean_after(self, simulator):
         """The same for a simulator that has ended and whose clients have gone."""
         simulator.check_log()
-        harness.wait_for(lambda: not any(name.startswith("/ambf") for name in harness.published(self.port)), "no topic is left")
+        harness.wait_for(
+            lambda: not any(name.startswith("/ambf") for name in harness.published(self.port)), "no topic is left"
+        )
         self.assertEqual(harness.simulator_nodes(self.port), set())
 
     def test_while_loading(self):
@@ -153,5 +177,7 @@ class Endings(harness.RosTest):
             harness.wait_for(simulator.log, "a first line of output")
             self.ends_clean(simulator)
         with harness.Simulator(self.port, *arguments) as simulator:
-            harness.wait_for(lambda: any(name.startswith("/ambf") for name in harness.published(self.port)), "a first topic")
+            harness.wait_for(
+                lambda: any(name.startswith("/ambf") for name in harness.published(self.port)), "a first topic"
+            )
             self.ends_clean(simulator)
