@@ -1,5 +1,7 @@
-"""Runs the tests of this folder against the simulator: run.py [MODULE…]. Each module gets its own process, since a process
-can be a ROS node only once. Ends with one line `N passed, N failed` and exit status 1 if any failed."""
+"""Runs the tests of this folder against the simulator: run.py [MODULE…].
+
+Each module gets its own process, since a process can be a ROS node only once. Ends with one line `N passed, N failed`
+and exit status 1 if any failed."""
 
 import pathlib
 import subprocess
