@@ -1,1 +1,3 @@
 //! Parts shared by `ambf_simulator` and `ambf_batch`.
+
+pub mod cli;

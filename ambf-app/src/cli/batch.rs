@@ -1,0 +1,260 @@
+//! Options of `ambf_batch`.
+
+use super::values::{indexes, parts, positive};
+use super::{launch_file, print_or_fail, utf8, CliError, Parsed, PhysicsOptions};
+use clap::Parser;
+use std::ffi::OsString;
+use std::path::PathBuf;
+
+/// What `ambf_batch` was asked to do.
+///
+/// Paths are as typed: relative ones are relative to the working directory.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BatchOptions {
+    /// Launch file. It need not exist; see [`BatchOptions::needs_launch_file`].
+    pub launch_file: PathBuf,
+    /// World file used instead of the launch file's.
+    pub world: Option<PathBuf>,
+    /// Model files, loaded first.
+    pub model_files: Vec<PathBuf>,
+    /// Indexes into the launch file's list of models, from 0, loaded after the files. May be out of range or repeated.
+    pub model_indexes: Vec<usize>,
+    /// Number of steps.
+    pub steps: u64,
+    /// Length of a step and of Bullet's sub-step, in s, above 0; default: 0.001.
+    pub dt: f64,
+    /// Command file.
+    pub commands: Option<PathBuf>,
+    /// What the names of the trace files begin with; `None`: no traces.
+    pub trace: Option<PathBuf>,
+    /// A row is written every so many steps, at least 1; default: 1.
+    pub every: u64,
+    /// Whether the trace of the bodies has the poses of the inertial frames too; default: `false`.
+    pub full: bool,
+    /// Whether to print one line of JSON about the run; default: `false`.
+    pub json: bool,
+    /// Solver and profile.
+    pub physics: PhysicsOptions,
+}
+
+impl BatchOptions {
+    /// Reads a command line, program name included. There are never notes.
+    ///
+    /// # Errors
+    /// [`CliError::Usage`] when an option is unknown, malformed, given twice or missing; [`CliError::NotUtf8`] when an
+    /// argument isn't text.
+    pub fn parse(argv: impl IntoIterator<Item = OsString>) -> Result<Parsed<Self>, CliError> {
+        match Arguments::try_parse_from(utf8(argv)?) {
+            Ok(arguments) => Ok(Parsed::Run { options: arguments.into_options(), notes: Vec::new() }),
+            Err(error) => print_or_fail(&error),
+        }
+    }
+
+    /// Whether the launch file has to be read: for the world or for models named by index.
+    pub fn needs_launch_file(&self) -> bool {
+        self.world.is_none() || !self.model_indexes.is_empty()
+    }
+}
+
+/// The command line as it is written; help texts are for the user.
+#[derive(Debug, clap::Parser)]
+#[command(
+    name = "ambf_batch",
+    version,
+    about = "Steps a scene as fast as it can, without ROS and without a clock, and writes traces.",
+    after_help = "At least one of -l and -a is needed.\n\n\
+                  Exit status: 0 done; 1 wrong usage; 2 a file could not be loaded; 3 the state became non-finite.\n\n\
+                  Example:\n  ambf_batch -a pendulum.yaml --steps 3000 --trace out/pendulum --every 20 --json"
+)]
+#[command(group = clap::ArgGroup::new("models").required(true).multiple(true))]
+struct Arguments {
+    /// Models to load: indexes into the launch file's list, from 0
+    #[arg(short = 'l', long = "load_multibodies", value_name = "INDEX,…", value_parser = strict_indexes)]
+    #[arg(group = "models", help_heading = "Scene")]
+    model_indexes: Option<List<usize>>,
+    /// Model files to load, before those of -l
+    #[arg(short = 'a', long = "load_multibody_files", value_name = "FILE,…", value_parser = strict_paths)]
+    #[arg(group = "models", help_heading = "Scene")]
+    model_files: Option<List<PathBuf>>,
+    /// Launch file [default: launch.yaml in $AMBF_ROOT_PATH/ambf_models/descriptions, $AMBF_RESOURCES or resources]
+    #[arg(long = "launch_file", value_name = "FILE", help_heading = "Scene")]
+    launch_file: Option<PathBuf>,
+    /// World file [default: the launch file's]
+    #[arg(long, value_name = "FILE", help_heading = "Scene")]
+    world: Option<PathBuf>,
+    /// Commands to apply
+    #[arg(long, value_name = "FILE", help_heading = "Scene")]
+    commands: Option<PathBuf>,
+
+    /// Number of steps
+    #[arg(long, value_name = "N", value_parser = steps, help_heading = "Time")]
+    steps: u64,
+    /// Length of a step, s
+    #[arg(long, value_name = "SECONDS", default_value = "0.001", value_parser = positive, help_heading = "Time")]
+    dt: f64,
+
+    /// Write PREFIX_bodies.csv, PREFIX_joints.csv and PREFIX_softnodes.csv
+    #[arg(long, value_name = "PREFIX", help_heading = "Output")]
+    trace: Option<PathBuf>,
+    /// Write every K-th step (and the last)
+    #[arg(long, value_name = "K", default_value = "1", value_parser = interval, help_heading = "Output")]
+    every: u64,
+    /// Write the poses of the inertial frames too
+    #[arg(long, help_heading = "Output")]
+    full: bool,
+    /// Print one line of JSON about the run
+    #[arg(long, help_heading = "Output")]
+    json: bool,
+
+    #[command(flatten)]
+    physics: PhysicsOptions,
+}
+
+/// A value of one option; clap would take a plain `Vec` for a repeated option.
+#[derive(Debug, Clone)]
+struct List<T>(Vec<T>);
+
+fn steps(text: &str) -> Result<u64, String> {
+    text.parse().map_err(|_| "expected a whole number, 0 or more".to_owned())
+}
+
+fn interval(text: &str) -> Result<u64, String> {
+    match text.parse() {
+        Ok(number) if number > 0 => Ok(number),
+        _ => Err("expected a whole number, 1 or more".to_owned()),
+    }
+}
+
+fn strict_indexes(text: &str) -> Result<List<usize>, String> {
+    match indexes(text) {
+        (indexes, others) if others.is_empty() && !indexes.is_empty() => Ok(List(indexes)),
+        (_, others) => Err(format!("expected indexes (0, 1, 2, …) between commas, not {:?}", others.join(","))),
+    }
+}
+
+fn strict_paths(text: &str) -> Result<List<PathBuf>, String> {
+    match parts(text).map(PathBuf::from).collect::<Vec<_>>() {
+        paths if paths.is_empty() => Err("expected file names between commas".to_owned()),
+        paths => Ok(List(paths)),
+    }
+}
+
+impl Arguments {
+    fn into_options(self) -> BatchOptions {
+        BatchOptions {
+            launch_file: self.launch_file.unwrap_or_else(launch_file::default),
+            world: self.world,
+            model_files: self.model_files.map(|list| list.0).unwrap_or_default(),
+            model_indexes: self.model_indexes.map(|list| list.0).unwrap_or_default(),
+            steps: self.steps,
+            dt: self.dt,
+            commands: self.commands,
+            trace: self.trace,
+            every: self.every,
+            full: self.full,
+            json: self.json,
+            physics: self.physics,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Profile;
+    use super::*;
+
+    fn parse(line: &str) -> Result<Parsed<BatchOptions>, CliError> {
+        BatchOptions::parse(std::iter::once("ambf_batch").chain(line.split_whitespace()).map(OsString::from))
+    }
+
+    fn run(line: &str) -> BatchOptions {
+        match parse(line) {
+            Ok(Parsed::Run { options, notes }) if notes.is_empty() => options,
+            other => panic!("{line} gave {other:?}"),
+        }
+    }
+
+    #[test]
+    fn the_shortest_line_uses_defaults() {
+        let options = run("-l 3,0 --steps 10");
+        let expected = BatchOptions {
+            launch_file: options.launch_file.clone(),
+            world: None,
+            model_files: vec![],
+            model_indexes: vec![3, 0],
+            steps: 10,
+            dt: 0.001,
+            commands: None,
+            trace: None,
+            every: 1,
+            full: false,
+            json: false,
+            physics: PhysicsOptions::default(),
+        };
+        assert_eq!(options, expected);
+        assert!(options.needs_launch_file());
+    }
+
+    #[test]
+    fn every_option_is_read() {
+        let options = run(
+            "-a a.yaml,b.yaml --launch_file l.yaml --world w.yaml --steps 7 --dt 0.0005 --commands c.txt --trace out/t \
+             --every 20 --full --profile legacy --solver nncg --iterations 5 --integrator rk4 --json",
+        );
+        let expected = BatchOptions {
+            launch_file: "l.yaml".into(),
+            world: Some("w.yaml".into()),
+            model_files: ["a.yaml", "b.yaml"].map(PathBuf::from).to_vec(),
+            model_indexes: vec![],
+            steps: 7,
+            dt: 0.0005,
+            commands: Some("c.txt".into()),
+            trace: Some("out/t".into()),
+            every: 20,
+            full: true,
+            json: true,
+            physics: PhysicsOptions {
+                profile: Some(Profile::Legacy),
+                solver: Some("nncg".to_owned()),
+                iterations: Some(5),
+                integrator: Some("rk4".to_owned()),
+            },
+        };
+        assert_eq!(options, expected);
+        assert!(!options.needs_launch_file());
+        assert!(run("-a a.yaml -l 1 --world w.yaml --steps 1").needs_launch_file());
+    }
+
+    #[test]
+    fn wrong_usage_is_refused_by_name() {
+        for (line, part) in [
+            ("--steps 10", "-l"),
+            ("-l 1", "--steps"),
+            ("-l 1 --steps -1", "-1"),
+            ("-l 1 --steps x", "--steps"),
+            ("-l 1,x --steps 1", "\"x\""),
+            ("-l , --steps 1", "expected indexes"),
+            ("-a , --steps 1", "expected file names"),
+            ("-l 1 --steps 1 --foo", "--foo"),
+            ("-l 1 --steps 1 word", "word"),
+            ("-l 1 --steps 1 --steps 2", "multiple times"),
+            ("-l 1 --steps 1 --dt 0", "--dt"),
+            ("-l 1 --steps 1 --dt nan", "--dt"),
+            ("-l 1 --steps 1 --every 0", "--every"),
+            ("-l 1 --step 1", "--step"),
+        ] {
+            match parse(line) {
+                Err(error) => assert!(error.to_string().contains(part), "{line}: {error}"),
+                other => panic!("{line} gave {other:?}"),
+            }
+        }
+    }
+
+    #[test]
+    fn help_is_a_text() {
+        match parse("--help") {
+            Ok(Parsed::Print(text)) => assert!(text.contains("--trace") && text.contains("Exit status"), "{text}"),
+            other => panic!("{other:?}"),
+        }
+    }
+}

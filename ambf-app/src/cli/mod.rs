@@ -1,0 +1,89 @@
+//! Command lines of the two programs.
+//!
+//! [`SimulatorOptions`] keeps the rules of the original simulator: any unique prefix of a long name, booleans that need a
+//! value, unknown options ignored (and named). [`BatchOptions`] is strict. Neither ends the process: the caller prints
+//! what it gets and leaves with the exit status that goes with it.
+
+mod batch;
+mod filter;
+mod launch_file;
+mod simulator;
+mod values;
+
+pub use batch::BatchOptions;
+pub use simulator::{DeviceSelection, PublishFrequency, SimulatorOptions};
+
+use clap::error::ErrorKind;
+
+/// What a command line asks for.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Parsed<T> {
+    /// Run with these options.
+    Run {
+        /// The options.
+        options: T,
+        /// One line each about what was ignored or adjusted, for standard error; empty if all was used as written.
+        notes: Vec<String>,
+    },
+    /// Print this text (help or version) on standard output and leave with exit status 0.
+    Print(String),
+}
+
+/// Why a command line can't be used.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum CliError {
+    /// Error when an option is malformed, given twice or lacks its value; the text names it and says what was expected.
+    #[error("{0}")]
+    Usage(String),
+    /// Error when an argument isn't valid UTF-8.
+    #[error("error: the argument {0:?} is not valid UTF-8; rename the file or option so that it is")]
+    NotUtf8(std::ffi::OsString),
+}
+
+impl CliError {
+    /// Exit status of `ambf_simulator` for an unusable command line: 2.
+    pub const SIMULATOR_STATUS: i32 = 2;
+    /// Exit status of `ambf_batch` for an unusable command line: 1.
+    pub const BATCH_STATUS: i32 = 1;
+}
+
+/// Which behaviour of the physics to use.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Profile {
+    /// The original simulator's trajectories.
+    Legacy,
+    /// The most accurate result for the same cost.
+    Accurate,
+}
+
+/// How Bullet solves and integrates; `None` leaves a choice to the world file and then to the profile.
+#[derive(Debug, Clone, Default, PartialEq, Eq, clap::Args)]
+#[command(next_help_heading = "Physics")]
+pub struct PhysicsOptions {
+    /// Behaviour of the physics: legacy or accurate [default: the world file's, else legacy]
+    #[arg(long, value_enum, value_name = "PROFILE", hide_possible_values = true)]
+    pub profile: Option<Profile>,
+    /// Constraint solver, by name [default: the profile's]
+    #[arg(long, value_name = "NAME")]
+    pub solver: Option<String>,
+    /// Solver iterations in each sub-step, at least 1 [default: the profile's]
+    #[arg(long, value_name = "N", value_parser = values::count)]
+    pub iterations: Option<u32>,
+    /// Integrator, by name [default: the profile's]
+    #[arg(long, value_name = "NAME")]
+    pub integrator: Option<String>,
+}
+
+/// The arguments as text.
+fn utf8(argv: impl IntoIterator<Item = std::ffi::OsString>) -> Result<Vec<String>, CliError> {
+    argv.into_iter().map(|argument| argument.into_string().map_err(CliError::NotUtf8)).collect()
+}
+
+/// Help and version are no errors; everything else is.
+fn print_or_fail<T>(error: &clap::Error) -> Result<Parsed<T>, CliError> {
+    match error.kind() {
+        ErrorKind::DisplayHelp | ErrorKind::DisplayVersion => Ok(Parsed::Print(error.to_string())),
+        _ => Err(CliError::Usage(error.to_string().trim_end().to_owned())),
+    }
+}

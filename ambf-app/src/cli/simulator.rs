@@ -1,0 +1,275 @@
+//! Options of `ambf_simulator`.
+
+use super::values::{boolean, count, indexes, paths, positive, whole};
+use super::{filter, launch_file, print_or_fail, utf8, CliError, Parsed, PhysicsOptions};
+use clap::{CommandFactory, FromArgMatches};
+use std::ffi::OsString;
+use std::path::PathBuf;
+
+/// Model that is loaded when the command line names none.
+const DEFAULT_MODEL: usize = 1;
+
+/// What `ambf_simulator` was asked to do.
+///
+/// Paths are as typed: relative ones are relative to the working directory.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SimulatorOptions {
+    /// Input devices to load; default: none.
+    pub devices: DeviceSelection,
+    /// Whether forces may be sent to input devices; default: `false`.
+    pub force_feedback: bool,
+    /// Target frequency of the physics loop, in Hz, 1…100 000; default: 1000.
+    pub physics_frequency: u32,
+    /// Target frequency of each haptic loop, in Hz, 1…100 000; default: 1000.
+    pub haptic_frequency: u32,
+    /// `true`: each physics iteration simulates `speed_factor / physics_frequency` seconds; `false` (default): as much
+    /// time as has passed on the clock.
+    pub fixed_physics_step: bool,
+    /// The same for the haptic loops; default: `false`.
+    pub fixed_haptic_step: bool,
+    /// Publish frequencies of all objects; `None` (default): each object's own.
+    pub publish_frequency: Option<PublishFrequency>,
+    /// Whether to open camera windows; default: `true`.
+    pub show_gui: bool,
+    /// Text put before the namespace of every object; default: empty.
+    pub namespace: String,
+    /// Simulated seconds per second on the clock with a fixed physics step, above 0; 1 (default) without.
+    pub speed_factor: f64,
+    /// Simulator plugins, in load order.
+    pub plugins: Vec<PathBuf>,
+    /// Launch file. It need not exist.
+    pub launch_file: PathBuf,
+    /// Model files, loaded first.
+    pub model_files: Vec<PathBuf>,
+    /// Indexes into the launch file's list of models, from 0, loaded after the files. May be out of range or repeated.
+    pub model_indexes: Vec<usize>,
+    /// Whether to run without any ROS communication; default: `false`.
+    pub no_ros: bool,
+    /// Whether to print more about loading and running; default: `false`.
+    pub verbose: bool,
+    /// Solver and profile.
+    pub physics: PhysicsOptions,
+}
+
+/// Which entries of the launch file's list of input devices are loaded.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum DeviceSelection {
+    /// The first so many.
+    First(usize),
+    /// Those at these indexes, from 0. May be out of range or repeated.
+    Indexes(Vec<usize>),
+}
+
+/// Frequencies at which the state of an object is published, in Hz, `min <= max`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PublishFrequency {
+    /// While no commands arrive.
+    pub min: u32,
+    /// While commands arrive.
+    pub max: u32,
+}
+
+impl Default for PublishFrequency {
+    /// 50 Hz and 1000 Hz.
+    fn default() -> Self {
+        Self { min: 50, max: 1000 }
+    }
+}
+
+impl SimulatorOptions {
+    /// Reads a command line, program name included.
+    ///
+    /// Ignored words, indexes that are no numbers and values without effect are reported in the notes.
+    ///
+    /// # Errors
+    /// [`CliError::Usage`] when a value is missing or malformed, an option is given twice or a shortened name is
+    /// ambiguous; [`CliError::NotUtf8`] when an argument isn't text.
+    pub fn parse(argv: impl IntoIterator<Item = OsString>) -> Result<Parsed<Self>, CliError> {
+        let mut command = Arguments::command();
+        // Adds --help and --version, which the filter has to know.
+        command.build();
+        let (kept, ignored) = filter::known_options(&command, &utf8(argv)?)?;
+        let arguments = command.try_get_matches_from(kept).and_then(|matches| Arguments::from_arg_matches(&matches));
+        match arguments {
+            Ok(arguments) => {
+                let mut notes: Vec<String> =
+                    ignored.iter().map(|word| format!("ignored on the command line: {word}")).collect();
+                let options = arguments.into_options(&mut notes);
+                Ok(Parsed::Run { options, notes })
+            }
+            Err(error) => print_or_fail(&error),
+        }
+    }
+}
+
+/// The command line as it is written; help texts are for the user.
+#[derive(Debug, clap::Parser)]
+#[command(
+    name = "ambf_simulator",
+    version,
+    about = "Simulates the multi-body models of a launch file in real time and talks ROS 1 about them.",
+    after_help = "\
+BOOL is true, yes, on, 1 or false, no, off, 0. Long names may be shortened: --launch. A value may be attached: -l1, --ns=/a.
+Without -l and -a, -l 1 is assumed. Unknown options are ignored and named.
+
+Environment: ROS_MASTER_URI, ROS_IP, ROS_HOSTNAME; AMBF_ROOT_PATH, AMBF_RESOURCES (folder of launch.yaml);
+AMBF_PLUGIN_PATH (folders of plugins, separated by colons).
+
+Examples:
+  ambf_simulator -g false -l 1,3
+  ambf_simulator -g 0 -a robot.yaml,table.yaml -p 2000
+  ambf_simulator -g 0 -t 1 -p 1000 --ns /left --launch_file launch.yaml"
+)]
+struct Arguments {
+    /// Launch file [default: launch.yaml in $AMBF_ROOT_PATH/ambf_models/descriptions, $AMBF_RESOURCES or resources]
+    #[arg(long = "launch_file", value_name = "FILE", help_heading = "Scene")]
+    launch_file: Option<PathBuf>,
+    /// Models to load: indexes into the launch file's list, from 0
+    #[arg(short = 'l', long = "load_multibodies", value_name = "INDEX,…", help_heading = "Scene")]
+    model_indexes: Option<String>,
+    /// Model files to load, before those of -l
+    #[arg(short = 'a', long = "load_multibody_files", value_name = "FILE,…", help_heading = "Scene")]
+    model_files: Option<String>,
+    /// Simulator plugins to load
+    #[arg(long, value_name = "FILE,…", help_heading = "Scene")]
+    plugins: Option<String>,
+    /// Open camera windows
+    #[arg(short = 'g', long = "show_gui", value_name = "BOOL", default_value = "true", value_parser = boolean)]
+    #[arg(help_heading = "Scene", action = clap::ArgAction::Set)]
+    show_gui: bool,
+
+    /// Target frequency of the physics loop, Hz
+    #[arg(short = 'p', long = "phx_frequency", value_name = "HZ", default_value = "1000")]
+    #[arg(value_parser = count, help_heading = "Time")]
+    physics_frequency: u32,
+    /// Fixed physics interval 1/frequency instead of following the clock
+    #[arg(short = 't', long = "fixed_phx_timestep", value_name = "BOOL", default_value = "false", value_parser = boolean)]
+    #[arg(help_heading = "Time", action = clap::ArgAction::Set)]
+    fixed_physics_step: bool,
+    /// Factor on the fixed physics interval
+    #[arg(short = 's', long = "sim_speed_factor", value_name = "FACTOR", default_value = "1", value_parser = positive)]
+    #[arg(help_heading = "Time")]
+    speed_factor: f64,
+
+    /// Number of input devices to load, from the first of the list on
+    #[arg(short = 'n', long = "ndevs", value_name = "N", default_value = "0", help_heading = "Input devices")]
+    #[arg(value_parser = whole)]
+    device_count: usize,
+    /// Input devices to load: indexes into the list, from 0; -n is then ignored
+    #[arg(short = 'i', long = "load_devices", value_name = "INDEX,…", help_heading = "Input devices")]
+    device_indexes: Option<String>,
+    /// Send forces to the devices
+    #[arg(short = 'e', long = "enableforces", value_name = "BOOL", default_value = "false", value_parser = boolean)]
+    #[arg(help_heading = "Input devices", action = clap::ArgAction::Set)]
+    force_feedback: bool,
+    /// Target frequency of each haptic loop, Hz
+    #[arg(short = 'd', long = "htx_frequency", value_name = "HZ", default_value = "1000")]
+    #[arg(value_parser = count, help_heading = "Input devices")]
+    haptic_frequency: u32,
+    /// Fixed haptic interval 1/frequency instead of following the clock
+    #[arg(short = 'f', long = "fixed_htx_timestep", value_name = "BOOL", default_value = "false", value_parser = boolean)]
+    #[arg(help_heading = "Input devices", action = clap::ArgAction::Set)]
+    fixed_haptic_step: bool,
+
+    /// Text put before the namespace of all topics and parameters
+    #[arg(long, value_name = "PREFIX", default_value = "", hide_default_value = true, help_heading = "ROS")]
+    ns: String,
+    /// Publish frequency of all objects while commands arrive, Hz [default: each object's own, usually 1000]
+    #[arg(long = "override_max_comm_freq", value_name = "HZ", help_heading = "ROS")]
+    #[arg(value_parser = count)]
+    max_publish_frequency: Option<u32>,
+    /// Publish frequency of all objects otherwise, Hz [default: each object's own, usually 50]
+    #[arg(long = "override_min_comm_freq", value_name = "HZ", help_heading = "ROS")]
+    #[arg(value_parser = count)]
+    min_publish_frequency: Option<u32>,
+    /// No ROS at all
+    #[arg(long = "no_ros", value_name = "BOOL", num_args = 0..=1, require_equals = true, help_heading = "ROS")]
+    #[arg(default_value = "false", default_missing_value = "true", value_parser = boolean, hide_default_value = true)]
+    #[arg(action = clap::ArgAction::Set)]
+    no_ros: bool,
+
+    #[command(flatten)]
+    physics: PhysicsOptions,
+
+    /// Print more about loading and running
+    #[arg(long, value_name = "BOOL", num_args = 0..=1, require_equals = true, help_heading = None)]
+    #[arg(default_value = "false", default_missing_value = "true", value_parser = boolean, hide_default_value = true)]
+    #[arg(action = clap::ArgAction::Set)]
+    verbose: bool,
+}
+
+impl Arguments {
+    fn into_options(self, notes: &mut Vec<String>) -> SimulatorOptions {
+        let mut numbers = |option: &str, text: &str| {
+            let (indexes, others) = indexes(text);
+            notes.extend(
+                others.iter().map(|part| format!("{option}: {part:?} is no index (0, 1, 2, …) and is skipped")),
+            );
+            indexes
+        };
+        let model_files = self.model_files.as_deref().map(paths).unwrap_or_default();
+        let model_indexes = match self.model_indexes.as_deref() {
+            Some(text) => numbers("-l", text),
+            None if model_files.is_empty() => vec![DEFAULT_MODEL],
+            None => Vec::new(),
+        };
+        let devices = match self.device_indexes.as_deref().map(str::trim) {
+            Some(text) if !text.is_empty() => DeviceSelection::Indexes(numbers("-i", text)),
+            _ => DeviceSelection::First(self.device_count),
+        };
+        let speed_factor = if self.fixed_physics_step || self.speed_factor == 1.0 {
+            self.speed_factor
+        } else {
+            notes.push("--sim_speed_factor has an effect only with -t 1 and is ignored".to_owned());
+            1.0
+        };
+        let publish_frequency = publish_frequency(self.min_publish_frequency, self.max_publish_frequency, notes);
+        SimulatorOptions {
+            devices,
+            force_feedback: self.force_feedback,
+            physics_frequency: self.physics_frequency,
+            haptic_frequency: self.haptic_frequency,
+            fixed_physics_step: self.fixed_physics_step,
+            fixed_haptic_step: self.fixed_haptic_step,
+            publish_frequency,
+            show_gui: self.show_gui,
+            namespace: self.ns,
+            speed_factor,
+            plugins: self.plugins.as_deref().map(paths).unwrap_or_default(),
+            launch_file: self.launch_file.unwrap_or_else(launch_file::default),
+            model_files,
+            model_indexes,
+            no_ros: self.no_ros,
+            verbose: self.verbose,
+            physics: self.physics,
+        }
+    }
+}
+
+/// Either value activates both; the maximum is applied first, then the minimum, each refused if it crosses the other.
+fn publish_frequency(min: Option<u32>, max: Option<u32>, notes: &mut Vec<String>) -> Option<PublishFrequency> {
+    if min.is_none() && max.is_none() {
+        return None;
+    }
+    let mut frequency = PublishFrequency::default();
+    match max {
+        Some(max) if max < frequency.min => notes.push(format!(
+            "--override_max_comm_freq {max} is below the minimum of {} Hz and is ignored",
+            frequency.min
+        )),
+        Some(max) => frequency.max = max,
+        None => {}
+    }
+    match min {
+        Some(min) if min > frequency.max => notes.push(format!(
+            "--override_min_comm_freq {min} is above the maximum of {} Hz and is ignored",
+            frequency.max
+        )),
+        Some(min) => frequency.min = min,
+        None => {}
+    }
+    Some(frequency)
+}
+
+#[cfg(test)]
+mod tests;

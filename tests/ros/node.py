@@ -1,0 +1,101 @@
+"""This process as a ROS node: listeners that remember, and streams of commands."""
+
+import collections
+import os
+import threading
+import time
+
+import harness
+import rospy
+
+
+def start(port):
+    """Makes this process a node of the master at `port`; possible once a process."""
+    for name, value in harness.environment(port).items():
+        if name.startswith("ROS_"):
+            os.environ[name] = value
+    rospy.init_node("tests", anonymous=True, disable_signals=True)
+
+
+class Listener:
+    """The newest message of a topic and when the last ones arrived."""
+
+    def __init__(self, topic, kind):
+        self._topic = topic
+        self._newest = None
+        self._arrivals = collections.deque(maxlen=5000)
+        self._subscriber = rospy.Subscriber(topic, kind, self._receive, queue_size=1000, tcp_nodelay=True)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()
+
+    def close(self):
+        """Unsubscribes."""
+        self._subscriber.unregister()
+
+    def _receive(self, message):
+        self._newest = message
+        self._arrivals.append(time.monotonic())
+
+    def count(self):
+        """How many messages have arrived (the last 5000 at most)."""
+        return len(self._arrivals)
+
+    def newest(self):
+        """The newest message, after waiting for the first."""
+        return harness.wait_for(lambda: self._newest, f"a message of {self._topic}")
+
+    def until(self, condition, what, seconds=harness.PATIENCE_S):
+        """Waits for a message that arrives from now on and meets `condition`, and returns it."""
+        old = self._newest
+
+        def look():
+            message = self._newest
+            return message if message is not None and message is not old and condition(message) else None
+
+        try:
+            return harness.wait_for(look, what, seconds)
+        except AssertionError as error:
+            raise AssertionError(f"{error}; newest message of {self._topic}:\n{self._newest}") from None
+
+    def next(self):
+        """The next message."""
+        return self.until(lambda _: True, f"another message of {self._topic}")
+
+    def rate(self, seconds=1.0):
+        """Messages a second over the next `seconds`."""
+        start_s = time.monotonic()
+        time.sleep(seconds)
+        arrivals = [arrival for arrival in list(self._arrivals) if arrival > start_s]
+        return len(arrivals) / (time.monotonic() - start_s)
+
+
+class Stream:
+    """Sends a command again and again (100 Hz), as clients do, while the `with` block lasts."""
+
+    def __init__(self, topic, command):
+        self.command = command
+        self._publisher = rospy.Publisher(topic, type(command), queue_size=1, tcp_nodelay=True)
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self._send, daemon=True)
+        harness.wait_for(lambda: self._publisher.get_num_connections() > 0, f"the simulator listens to {topic}")
+
+    def _send(self):
+        while not self._end.wait(0.01):
+            self._publisher.publish(self.command)
+
+    def once(self):
+        """Sends the command a single time."""
+        self._publisher.publish(self.command)
+
+    def __enter__(self):
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_):
+        self._end.set()
+        self._thread.join()
+        self._publisher.unregister()

@@ -1,0 +1,58 @@
+"""Runs the tests of this folder against the simulator: run.py [MODULE…].
+
+Each module gets its own process, since a process can be a ROS node only once. Ends with one line `N passed, N failed`
+and exit status 1 if any failed."""
+
+import pathlib
+import subprocess
+import sys
+import unittest
+
+FOLDER = pathlib.Path(__file__).resolve().parent
+
+
+def run_module(name):
+    """Runs one module in this process; the last line printed holds the counts for `main`."""
+    import harness  # pylint: disable=import-outside-toplevel
+
+    harness.set_up()
+    try:
+        suite = unittest.defaultTestLoader.loadTestsFromName(name)
+        result = unittest.TextTestRunner(stream=sys.stdout, verbosity=2).run(suite)
+    finally:
+        harness.tear_down()
+    failed = len(result.failures) + len(result.errors) + len(result.unexpectedSuccesses)
+    passed = max(result.testsRun - failed - len(result.skipped), 0)
+    print(f"counts {passed} {failed}", flush=True)
+
+
+def main(modules):
+    """Runs all modules and returns the exit status."""
+    modules = modules or sorted(path.stem for path in FOLDER.glob("test_*.py"))
+    passed = failed = 0
+    for module in modules:
+        print(f"-- {module}", flush=True)
+        last = ""
+        with subprocess.Popen(
+            [sys.executable, "-u", __file__, "--here", module], stdout=subprocess.PIPE, text=True
+        ) as child:
+            for line in child.stdout:
+                last = line
+                if not line.startswith("counts "):
+                    print(line, end="", flush=True)
+        counts = last.split()
+        if child.returncode == 0 and len(counts) == 3 and counts[0] == "counts" and counts[1:] != ["0", "0"]:
+            passed += int(counts[1])
+            failed += int(counts[2])
+        else:
+            print(f"{module} ended with status {child.returncode}")
+            failed += 1
+    print(f"{passed} passed, {failed} failed")
+    return 1 if failed or not passed else 0
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["--here"]:
+        run_module(sys.argv[2])
+    else:
+        sys.exit(main(sys.argv[1:]))

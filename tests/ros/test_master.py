@@ -1,0 +1,152 @@
+"""ROS masters that come, go, are missing or are not wanted."""
+
+import signal
+import time
+import unittest
+
+import harness
+import yaml
+from scenes import WORLD
+
+BODY = "/ambf/env/Free"
+LAUNCH = ("--launch_file", harness.scene / "launch.yaml", "-l0,1")
+
+
+def echo(port, topic):
+    """One message, or the value of one field, as Python data."""
+    return yaml.safe_load(harness.ros(port, "rostopic", "echo", "-n", "1", topic).split("---")[0])
+
+
+class RosMaster(harness.Program):
+    """The bare master, which can be killed and come back on the same port."""
+
+    def __init__(self, port):
+        super().__init__(["rosmaster", "--core", "-p", port], harness.environment(port))
+        harness.wait_for(lambda: harness.state_of(port) is not None, "rosmaster answers")
+
+
+class Embedded(unittest.TestCase):
+    """Nobody listens at the local ROS_MASTER_URI: the simulator brings its own master."""
+
+    def test_tools_and_clients(self):
+        """ROS's own programs work with it."""
+        port = harness.free_port()
+        with harness.Simulator(port, *LAUNCH) as simulator:
+            simulator.wait_for_topics(f"{WORLD}/State", f"{BODY}/State")
+            self.assertIn(f"{BODY}/Command", harness.ros(port, "rostopic", "list").split())
+            self.assertEqual(harness.ros(port, "rostopic", "type", f"{BODY}/State").strip(), "ambf_msgs/RigidBodyState")
+            self.assertEqual(echo(port, f"{BODY}/State")["name"]["data"], "Free")
+            self.assertTrue(any("ambf_comm_node" in name for name in harness.ros(port, "rosnode", "list").split()))
+            self.assertIn("/ambf/env/World/point_cloud_topics", harness.ros(port, "rosparam", "list").split())
+            harness.ros(port, "rosparam", "set", "/mine", "3")
+            self.assertEqual(harness.ros(port, "rosparam", "get", "/mine").strip(), "3")
+            command = [
+                "rostopic",
+                "pub",
+                "-r",
+                "20",
+                f"{BODY}/Command",
+                "ambf_msgs/RigidBodyCmd",
+                "{wrench: {force: {y: 2.0}}}",
+            ]
+            with harness.Program(command, harness.environment(port)):
+                harness.wait_for(lambda: echo(port, f"{BODY}/State")["twist"]["linear"]["y"] > 0.1, "the body moves")
+            self.assertEqual(simulator.interrupt(), 0)
+        self.assertIsNone(harness.state_of(port))
+
+    def test_a_second_simulator_joins_it(self):
+        """The first one's master serves the second."""
+        port = harness.free_port()
+        with harness.Simulator(port, *LAUNCH) as first:
+            first.wait_for_topics(f"{BODY}/State")
+            with harness.Simulator(port, *LAUNCH, "--ns", "/two") as second:
+                second.wait_for_topics(f"/two{BODY}/State", f"{BODY}/State")
+
+
+class Lost(unittest.TestCase):
+    """The master dies and comes back."""
+
+    def test_everything_registers_again(self):
+        """Within seconds, with the simulation going on all the while; twice in a row."""
+        port = harness.free_port()
+        topics = (f"{WORLD}/State", f"{BODY}/State", "/ambf/env/Base/State")
+        master = RosMaster(port)
+        self.addCleanup(lambda: master.running() and master.kill())
+        with harness.Simulator(port, *LAUNCH) as simulator:
+            simulator.wait_for_topics(*topics)
+            for _ in range(2):
+                before, start = echo(port, f"{WORLD}/State"), time.monotonic()
+                master.process.send_signal(signal.SIGKILL)
+                master.process.wait()
+                harness.wait_for(lambda: harness.state_of(port) is None, "the master is gone")
+                master = RosMaster(port)
+                back = time.monotonic()
+                simulator.wait_for_topics(*topics)
+                self.assertLess(time.monotonic() - back, 10.0)
+                harness.wait_for(
+                    lambda: f"{BODY}/Command" in {name for name, _ in harness.state_of(port)[1]}, "Command"
+                )
+                after, passed = echo(port, f"{WORLD}/State"), time.monotonic() - start
+                self.assertEqual(len(harness.simulator_nodes(port)), 1)
+                self.assertLess(abs(after["sim_time"] - before["sim_time"] - passed), 3.0)
+                command = [
+                    "rostopic",
+                    "pub",
+                    "-r",
+                    "20",
+                    f"{BODY}/Command",
+                    "ambf_msgs/RigidBodyCmd",
+                    "{cartesian_cmd_type: 2, twist: {linear: {y: 0.25}}}",
+                ]
+                with harness.Program(command, harness.environment(port)):
+                    harness.wait_for(
+                        lambda: echo(port, f"{BODY}/State")["twist"]["linear"]["y"] == 0.25, "commands arrive"
+                    )
+            self.assertEqual(simulator.interrupt(), 0)
+            self.assertFalse([name for name in harness.published(port) if name.startswith("/ambf")])
+
+    def test_it_may_stay_away(self):
+        """Ctrl+C works without a master too."""
+        port = harness.free_port()
+        master = RosMaster(port)
+        with harness.Simulator(port, *LAUNCH) as simulator:
+            simulator.wait_for_topics(f"{WORLD}/State")
+            master.kill()
+            self.assertEqual(simulator.interrupt(), 0)
+
+
+class Absent(unittest.TestCase):
+    """No ROS, or none within reach."""
+
+    def stays_silent(self, port, *arguments, **env):
+        """The simulator runs for a while, registers nothing at `port` and ends well; returns its output."""
+        with harness.Simulator(port, *LAUNCH, *arguments, **env) as simulator:
+            harness.wait_for(simulator.log, "a first line of output")
+            end = time.monotonic() + 4.0
+            while time.monotonic() < end:
+                self.assertTrue(simulator.running(), simulator.log())
+                self.assertEqual({name for name in harness.published(port) if name.startswith("/ambf")}, set())
+                time.sleep(0.1)
+            self.assertEqual(simulator.interrupt(), 0)
+            return simulator.log()
+
+    def test_not_wanted(self):
+        """`--no_ros` uses no master and starts none."""
+        port = harness.free_port()
+        with RosMaster(port):
+            self.stays_silent(port, "--no_ros")
+        self.stays_silent(port, "--no_ros")
+        self.assertIsNone(harness.state_of(port))
+
+    def test_remote_master_that_does_not_answer(self):
+        """It is named, and the simulation goes on."""
+        port = harness.free_port()
+        # An address that is reserved for documentation.
+        log = self.stays_silent(port, ROS_MASTER_URI="http://192.0.2.1:11311", ROS_HOSTNAME="localhost")
+        self.assertIn("192.0.2.1", log)
+
+    def test_address_that_is_none(self):
+        """The same."""
+        port = harness.free_port()
+        log = self.stays_silent(port, ROS_MASTER_URI="certainly not an address")
+        self.assertIn("certainly not an address", log)

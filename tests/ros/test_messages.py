@@ -1,0 +1,51 @@
+"""The message package is the original's: same types, same MD5 sums, as ROS's own tools see them."""
+
+import unittest
+
+import harness
+
+MD5 = {
+    "ActuatorCmd": "95500dea47e70fe03427341c7d1aa9f0",
+    "ActuatorState": "bb54291f69633b7821b7930b1ec68d2b",
+    "CameraCmd": "4c77af9a51e6b28efe30862e7d6b0479",
+    "CameraState": "a407bd98dbe1308fc98fc9d52379c405",
+    "LightCmd": "4c77af9a51e6b28efe30862e7d6b0479",
+    "LightState": "a407bd98dbe1308fc98fc9d52379c405",
+    "ObjectCmd": "091c255bd5039de21056e952538cf83c",
+    "ObjectState": "3dc87d37c7ec8f949bfbd135c2cfe5a8",
+    "RigidBodyCmd": "c54fc48da5e84240a367eff7725e74b4",
+    "RigidBodyState": "c0ba0eb38f2481828a038f3b17ce0623",
+    "SensorCmd": "8f1886769be440a6a76a9e6c56ba2056",
+    "SensorState": "e405887246b5afd9e382d4a7a0f69926",
+    "SoftBodyCmd": "091c255bd5039de21056e952538cf83c",
+    "SoftBodyState": "3dc87d37c7ec8f949bfbd135c2cfe5a8",
+    "VehicleCmd": "20858f9fdd87217d00304616067bb7b4",
+    "VehicleState": "0196943764f0cf7865b5798046e2027c",
+    "WorldCmd": "6941ddbc8f8196cff4beb0278a6ad79d",
+    "WorldState": "6e545bb4d1457db0c1ee58df8e46d570",
+}
+
+
+class Messages(unittest.TestCase):
+    """No master and no simulator is needed."""
+
+    def test_md5_of_every_message(self):
+        """A different sum would keep every existing client from connecting."""
+        for name, expected in MD5.items():
+            with self.subTest(name):
+                self.assertEqual(harness.ros(1, "rosmsg", "md5", f"ambf_msgs/{name}").strip(), expected)
+
+    def test_the_package_holds_these_messages_and_timing(self):
+        """Nothing is missing and nothing unexpected is there."""
+        listed = harness.ros(1, "rosmsg", "package", "ambf_msgs").split()
+        self.assertEqual(sorted(listed), sorted(f"ambf_msgs/{name}" for name in [*MD5, "Timing"]))
+        cmake = (harness.REPOSITORY / "resources/ros/ambf_msgs/CMakeLists.txt").read_text()
+        for name in listed:
+            self.assertIn(name.split("/")[1] + ".msg", cmake)
+
+    def test_constants(self):
+        """Scripts use the names of the command types."""
+        from ambf_msgs.msg import RigidBodyCmd  # pylint: disable=import-outside-toplevel
+
+        kinds = (RigidBodyCmd.TYPE_FORCE, RigidBodyCmd.TYPE_POSITION, RigidBodyCmd.TYPE_VELOCITY)
+        self.assertEqual(kinds, (0, 1, 2))
