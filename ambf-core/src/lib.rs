@@ -5,3 +5,5 @@ pub mod bullet;
 pub mod comm;
 pub mod control;
 pub mod mesh;
+pub mod scene;
+pub mod sim;

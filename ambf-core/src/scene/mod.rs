@@ -201,9 +201,4 @@ impl Scene {
             }
         }
     }
-
-    /// Finds the parent of a camera or light by the text a client or a file gave; a body is meant.
-    pub(crate) fn find_parent(&self, text: &str) -> Option<usize> {
-        self.body_names.find(text).index()
-    }
 }

@@ -2,8 +2,9 @@
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 
+use super::NameMap;
 use crate::adf;
-use crate::comm::{CameraParameters, LightParameters, PoseCommand, Rates};
+use crate::comm::{CameraParameters, Command, LightParameters, PoseCommand, Rates};
 use crate::control::orientation_of;
 
 /// What cameras and lights share.
@@ -44,6 +45,12 @@ impl Placed {
         }
     }
 
+    fn set_parent(&mut self, text: &str, bodies: &NameMap) {
+        if !text.is_empty() {
+            self.parent = bodies.find(text).index().or(self.parent);
+        }
+    }
+
     pub(crate) fn apply_command(&mut self, command: &PoseCommand) {
         if command.enabled {
             self.pose = Isometry3::from_parts(command.position.into(), orientation_of(&command.orientation).0);
@@ -67,6 +74,22 @@ pub struct Light {
     pub placed: Placed,
     /// What clients may change.
     pub parameters: LightParameters,
+}
+
+impl Camera {
+    /// Takes over what a client changed. A parent that is not found, or an empty text, leaves the parent as it is.
+    pub(crate) fn set_parameters(&mut self, parameters: &CameraParameters, bodies: &NameMap) {
+        self.parameters.copy_from(parameters);
+        self.placed.set_parent(&parameters.parent_name, bodies);
+    }
+}
+
+impl Light {
+    /// Takes over what a client changed. A parent that is not found, or an empty text, leaves the parent as it is.
+    pub(crate) fn set_parameters(&mut self, parameters: &LightParameters, bodies: &NameMap) {
+        self.parameters.copy_from(parameters);
+        self.placed.set_parent(&parameters.parent_name, bodies);
+    }
 }
 
 pub(super) fn camera_parameters(camera: &adf::Camera) -> CameraParameters {

@@ -1,0 +1,248 @@
+//! What commands do, and the physics thread's end of the hub.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use nalgebra::{Isometry3, Vector3};
+
+use super::Simulation;
+use crate::bullet::BodyKinematics;
+use crate::comm::{
+    CartesianCommandType, Hub, Inbox, JointCommandType, ObjectKind, PoseCommand, RigidBodyCommand, Snapshot, SnapshotWriter, Timing,
+    Wrench,
+};
+use crate::scene::Scene;
+
+/// The physics thread's end of the hub.
+pub(super) struct Link {
+    pub hub: Arc<Hub>,
+    writer: SnapshotWriter,
+    slots: Vec<Slot>,
+    /// Objects that were ever commanded, in visiting order: only they are looked at in an iteration.
+    commanded: Vec<usize>,
+    /// Rank of each object in visiting order.
+    rank: Vec<usize>,
+}
+
+struct Slot {
+    target: Target,
+    body: Inbox<RigidBodyCommand>,
+    pose: Inbox<PoseCommand>,
+}
+
+#[derive(Clone, Copy)]
+enum Target {
+    World,
+    Body(usize),
+    Camera(usize),
+    Light(usize),
+}
+
+impl Link {
+    pub fn new(hub: Arc<Hub>, scene: &Scene, wrenches: &[Wrench]) -> Self {
+        let mut body_rank = vec![0; scene.bodies.len()];
+        for (rank, body) in scene.visiting_order().into_iter().enumerate() {
+            body_rank[body] = rank + 1;
+        }
+        let slots = hub.objects().iter().map(|object| Slot {
+            target: match object.kind {
+                ObjectKind::World => Target::World,
+                ObjectKind::RigidBody(index, _) => Target::Body(index),
+                ObjectKind::Camera(index, _) => Target::Camera(index),
+                ObjectKind::Light(index, _) => Target::Light(index),
+            },
+            body: Inbox::default(),
+            pose: Inbox::default(),
+        });
+        let slots: Vec<Slot> = slots.collect();
+        let rank = slots.iter().map(|slot| match slot.target {
+            Target::Body(index) => body_rank[index],
+            _ => 0,
+        });
+        let template = Snapshot {
+            bodies: vec![BodyKinematics::default(); scene.bodies.len()],
+            wrenches: wrenches.to_vec(),
+            joint_positions: vec![0.0; scene.joints.len()],
+            joint_velocities: vec![0.0; scene.joints.len()],
+            joint_efforts: vec![0.0; scene.joints.len()],
+            cameras: vec![Isometry3::identity(); scene.cameras.len()],
+            lights: vec![Isometry3::identity(); scene.lights.len()],
+            ..Snapshot::default()
+        };
+        Self {
+            rank: rank.collect(),
+            commanded: Vec::with_capacity(slots.len()),
+            slots,
+            hub,
+            writer: SnapshotWriter::new(template),
+        }
+    }
+
+    /// What the body was last told, in words.
+    pub fn last_command(&self, body: usize) -> String {
+        let slot = self.slots.iter().find(|slot| matches!(slot.target, Target::Body(index) if index == body));
+        slot.map_or_else(|| "none".into(), |slot| format!("{:?}", slot.body.command()))
+    }
+}
+
+impl Simulation {
+    /// Executes the newest commands, then publishes the states. `wall_time` in s.
+    pub(super) fn communicate(&mut self, wall_time: f64, timing: Timing) {
+        let Some(mut link) = self.link.take() else { return };
+        self.fetch(&mut link);
+        self.execute(&mut link);
+        if link.hub.is_listening() {
+            // When readers hold every spare snapshot they see this state one iteration later.
+            let hub = Arc::clone(&link.hub);
+            hub.publish(&mut link.writer, |snapshot| self.fill(snapshot, wall_time, timing));
+        }
+        self.link = Some(link);
+    }
+
+    fn fetch(&mut self, link: &mut Link) {
+        let Link { hub, slots, commanded, rank, .. } = link;
+        hub.take_pending(|object| {
+            let channel = hub.channel(object);
+            let slot = &mut slots[object];
+            let mut camera = Inbox::default();
+            let mut light = Inbox::default();
+            if slot.body.fetch(&channel.body) | slot.pose.fetch(&channel.pose) {
+                if let Err(place) = commanded.binary_search_by_key(&rank[object], |&other| rank[other]) {
+                    commanded.insert(place, object);
+                }
+            }
+            match slot.target {
+                Target::Camera(index) if camera.fetch(&channel.camera) => {
+                    self.scene.cameras[index].set_parameters(camera.command(), &self.scene.body_names);
+                }
+                Target::Light(index) if light.fetch(&channel.light) => {
+                    self.scene.lights[index].set_parameters(light.command(), &self.scene.body_names);
+                }
+                _ => (),
+            }
+        });
+    }
+
+    fn execute(&mut self, link: &mut Link) {
+        if link.commanded.is_empty() {
+            return;
+        }
+        let now = link.hub.now_ns();
+        for &object in &link.commanded {
+            let slot = &mut link.slots[object];
+            match slot.target {
+                Target::World => (),
+                Target::Body(index) => {
+                    slot.body.check_watchdog(now);
+                    self.command_body(index, slot.body.command());
+                }
+                Target::Camera(index) => {
+                    slot.pose.check_watchdog(now);
+                    self.scene.cameras[index].placed.apply_command(slot.pose.command());
+                }
+                Target::Light(index) => {
+                    slot.pose.check_watchdog(now);
+                    self.scene.lights[index].placed.apply_command(slot.pose.command());
+                }
+            }
+        }
+    }
+
+    /// Applies a whole command to a body; it acts in the next update.
+    pub fn command_body(&mut self, body: usize, command: &RigidBodyCommand) {
+        let Scene { bodies, world, .. } = &mut self.scene;
+        bodies[body].apply_command(world, command, self.dt, self.iteration);
+        // Without allocation: the graph is read by index.
+        let n = command.joint_commands.len().min(self.scene.graph.active(body).count());
+        for (i, &value) in command.joint_commands[..n].iter().enumerate() {
+            let kind = command.joint_command_types.get(i).copied().unwrap_or_default();
+            self.command_joint(body, i, kind, value);
+        }
+    }
+
+    /// Applies a command to the `index`-th active joint of a body: effort (N·m, N), position (rad, m) or velocity (rad/s, m/s). False when
+    /// there is no such joint or the value is not finite.
+    pub fn command_joint(&mut self, body: usize, index: usize, kind: JointCommandType, value: f64) -> bool {
+        if !value.is_finite() {
+            return false;
+        }
+        let time = (self.sim_time, self.interval);
+        let Scene { graph, joints, bodies, world, .. } = &mut self.scene;
+        let Some(entry) = graph.active(body).nth(index) else { return false };
+        joints[entry.joint].apply_command(world, bodies, kind, value, time);
+        true
+    }
+
+    /// Adds a force (N) at the centre of mass and a torque (N·m), world axes, for the next update.
+    pub fn apply_wrench(&mut self, body: usize, force: Vector3<f64>, torque: Vector3<f64>) {
+        let command =
+            RigidBodyCommand { cartesian: CartesianCommandType::Force, force, torque, ..RigidBodyCommand::default() };
+        self.command_body(body, &command);
+    }
+
+    /// Sets the velocity of a body, m/s and rad/s, world axes.
+    pub fn set_velocity(&mut self, body: usize, linear: Vector3<f64>, angular: Vector3<f64>) {
+        let command = RigidBodyCommand {
+            cartesian: CartesianCommandType::Velocity,
+            linear_velocity: linear,
+            angular_velocity: angular,
+            ..RigidBodyCommand::default()
+        };
+        self.command_body(body, &command);
+    }
+
+    /// Follows a pose of the body frame in the world for one iteration; `orientation` is a quaternion `[x, y, z, w]`.
+    pub fn follow_pose(&mut self, body: usize, position: Vector3<f64>, orientation: [f64; 4]) {
+        let command = RigidBodyCommand {
+            cartesian: CartesianCommandType::Position,
+            position,
+            orientation,
+            ..RigidBodyCommand::default()
+        };
+        self.command_body(body, &command);
+    }
+
+    /// Says that the calling thread is the one that clients hold.
+    pub(super) fn wait_in_this_thread(&self) {
+        if let Some(link) = &self.link {
+            link.hub.throttle().set_waiter(std::thread::current());
+        }
+    }
+
+    /// Holds the calling thread while clients throttle the simulation; `give_up` ends that.
+    pub(super) fn wait_for_clients(&self, give_up: impl Fn() -> bool) {
+        if let Some(link) = &self.link {
+            link.hub.throttle().wait(|| link.hub.now_ns(), give_up);
+        }
+    }
+
+    /// Counts the iteration for throttling clients; true when they ask for steps of no iterations.
+    pub(super) fn count_for_clients(&self, counter: &mut u32) -> bool {
+        self.link.as_ref().is_some_and(|link| {
+            link.hub.throttle().check_watchdog(link.hub.now_ns());
+            link.hub.throttle().count(counter)
+        })
+    }
+
+    /// Does the resets that were asked for through the hub; true if there was one.
+    pub(super) fn do_requested_resets(&mut self) -> bool {
+        let Some(link) = &self.link else { return false };
+        match link.hub.take_resets() {
+            (true, _) => self.reset_world(),
+            (false, true) => self.reset_bodies(),
+            (false, false) => return false,
+        }
+        true
+    }
+
+    /// Whether clients asked for a reset that was not done yet.
+    pub(super) fn reset_is_requested(&self) -> bool {
+        self.link.as_ref().is_some_and(|link| link.hub.reset_requested())
+    }
+
+    /// Lets the cap on sub-steps learn what an update of `interval` s cost.
+    pub(super) fn learn_cost(&mut self, interval: f64, cost: Duration) {
+        let due = (interval / self.sub_step) as u32;
+        self.cap.learn(due, self.sub_step, cost.as_secs_f64());
+    }
+}

@@ -1,0 +1,229 @@
+//! The simulation: one iteration, its clock, and the thread that repeats it.
+
+mod cap;
+mod commands;
+mod pace;
+mod runner;
+mod statistics;
+
+pub use runner::{Control, Event, Runner, RunnerOptions};
+
+use std::fmt;
+use std::sync::Arc;
+use std::time::{Duration, Instant, SystemTime};
+
+use nalgebra::Vector3;
+use thiserror::Error;
+
+use crate::comm::{Hub, Snapshot, Timing, Wrench};
+use crate::scene::Scene;
+use cap::SubStepCap;
+use commands::Link;
+
+/// Bullet's internal step unless somebody asks for another: 1 ms, whatever the frequency of the loop.
+pub const DEFAULT_SUB_STEP: f64 = 0.001;
+
+/// Error when a pose or velocity became infinite or not a number. Nothing of that iteration is published.
+#[derive(Debug, Clone, PartialEq, Error)]
+#[error("the state of body `{body}` became non-finite in step {step}{}; last command: {command}", Joined(.joint))]
+pub struct NonFinite {
+    /// Qualified identifier of the body.
+    pub body: String,
+    /// A joint that holds it.
+    pub joint: Option<String>,
+    /// Iteration in which it was seen.
+    pub step: u32,
+    /// What the body was last told.
+    pub command: String,
+}
+
+struct Joined<'a>(&'a Option<String>);
+
+impl fmt::Display for Joined<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.as_ref().map_or(Ok(()), |joint| write!(f, " (joint `{joint}`)"))
+    }
+}
+
+/// A scene in time. It owns the Bullet world and all objects; one thread steps it.
+pub struct Simulation {
+    scene: Scene,
+    sub_step: f64,
+    cap: SubStepCap,
+    sim_time: f64,
+    /// Interval before the present one, s: what object updates, controllers and plugins get.
+    dt: f64,
+    interval: f64,
+    iteration: u64,
+    lost_time: f64,
+    bullet_time: Duration,
+    stamp: SystemTime,
+    joint_buffer: Vec<f64>,
+    wrenches: Vec<Wrench>,
+    link: Option<Link>,
+}
+
+impl Simulation {
+    /// A simulation of `scene` at time zero in sub-steps of `sub_step` s.
+    pub fn new(scene: Scene, sub_step: f64) -> Self {
+        let wrenches = if scene.has_feedback { vec![Wrench::default(); scene.bodies.len()] } else { Vec::new() };
+        Self {
+            sub_step,
+            cap: SubStepCap::new(scene.max_sub_steps),
+            sim_time: 0.0,
+            dt: 0.0,
+            interval: 0.0,
+            iteration: 0,
+            lost_time: 0.0,
+            bullet_time: Duration::ZERO,
+            stamp: SystemTime::now(),
+            joint_buffer: vec![0.0; scene.world.constraints().len()],
+            wrenches,
+            link: None,
+            scene,
+        }
+    }
+
+    /// Makes the hub through which others see the states and leave commands.
+    pub fn connect(&mut self) -> Arc<Hub> {
+        let hub = Arc::new(Hub::new(self.scene.objects()));
+        self.link = Some(Link::new(Arc::clone(&hub), &self.scene, &self.wrenches));
+        hub
+    }
+
+    /// All objects.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// Simulated time: sum of all intervals, s. Resets leave it alone.
+    pub fn sim_time(&self) -> f64 {
+        self.sim_time
+    }
+
+    /// Iterations that stepped.
+    pub fn sim_step(&self) -> u32 {
+        // Wraps like the counter on the wire.
+        self.iteration as u32
+    }
+
+    /// Simulated seconds that were never integrated because of the cap on sub-steps.
+    pub fn lost_time(&self) -> f64 {
+        self.lost_time
+    }
+
+    /// Time spent inside Bullet's step.
+    pub fn bullet_time(&self) -> Duration {
+        self.bullet_time
+    }
+
+    /// Force and torque of feedback joints on each body in its inertial frame; empty when no joint has feedback.
+    pub fn wrenches(&self) -> &[Wrench] {
+        &self.wrenches
+    }
+
+    /// Advances by `interval` s and brings what follows from Bullet's step up to date: joints, efforts, wrenches. Nothing happens
+    /// for an interval that is not positive.
+    ///
+    /// # Errors
+    /// [`NonFinite`]: the state is lost, the caller should stop or reset.
+    pub fn update(&mut self, interval: f64) -> Result<(), NonFinite> {
+        if interval.is_nan() || interval <= 0.0 {
+            return Ok(());
+        }
+        self.iteration += 1;
+        self.dt = self.interval;
+        self.interval = interval;
+        self.advance(interval);
+        self.sim_time += interval;
+        self.stamp = SystemTime::now();
+        self.scene.observe_joints(self.dt, &mut self.joint_buffer);
+        if self.scene.has_feedback {
+            self.estimate_efforts();
+        }
+        self.check_finite()
+    }
+
+    fn advance(&mut self, interval: f64) {
+        let cap = self.cap.get();
+        let begin = Instant::now();
+        let due = self.scene.world.step(interval, cap, self.sub_step);
+        self.bullet_time += begin.elapsed();
+        self.lost_time += f64::from(due.saturating_sub(cap)) * self.sub_step;
+    }
+
+    /// Sums the reactions of all joints with feedback on their bodies, each in the body's inertial frame.
+    fn estimate_efforts(&mut self) {
+        self.wrenches.fill(Wrench::default());
+        let Scene { joints, bodies, world, .. } = &mut self.scene;
+        for joint in joints.iter_mut().filter(|joint| joint.feedback) {
+            let Some(reaction) = joint.handle.and_then(|handle| world.joint_wrench(handle)) else { continue };
+            let mut local = |body: usize, force: &Vector3<f64>, torque: &Vector3<f64>| {
+                let to_body = world.pose(bodies[body].handle).map(|pose| pose.rotation.inverse()).unwrap_or_default();
+                let wrench = &mut self.wrenches[body];
+                wrench.force += to_body * force;
+                wrench.torque += to_body * torque;
+                (to_body * force, to_body * torque)
+            };
+            let (force, torque) = local(joint.parent, &reaction.force_a, &reaction.torque_a);
+            local(joint.child, &reaction.force_b, &reaction.torque_b);
+            joint.estimate_effort(&force, &torque);
+        }
+    }
+
+    fn check_finite(&self) -> Result<(), NonFinite> {
+        let Some(index) = self.scene.world.first_non_finite() else { return Ok(()) };
+        let body = &self.scene.bodies[index];
+        let holds = |joint: &&crate::scene::Joint| joint.parent == index || joint.child == index;
+        Err(NonFinite {
+            body: body.key(),
+            joint: self.scene.joints.iter().find(holds).map(|joint| joint.name.clone()),
+            step: self.sim_step(),
+            command: self.link.as_ref().map_or_else(|| "none".into(), |link| link.last_command(index)),
+        })
+    }
+
+    /// Returns every rigid body to its initial pose at rest. Time goes on.
+    pub fn reset_bodies(&mut self) {
+        let Scene { bodies, world, .. } = &mut self.scene;
+        bodies.iter().for_each(|body| body.reset(world));
+    }
+
+    /// Returns every object to its initial state. Time goes on; commands stay in force. The accurate profile also clears the memory of
+    /// controllers.
+    pub fn reset_world(&mut self) {
+        self.reset_bodies();
+        for camera in &mut self.scene.cameras {
+            camera.placed.pose = camera.placed.initial_pose;
+        }
+        for light in &mut self.scene.lights {
+            light.placed.pose = light.placed.initial_pose;
+        }
+        if self.scene.profile == crate::control::Profile::Accurate {
+            self.scene.joints.iter_mut().for_each(|joint| joint.controller.reset());
+            self.scene.bodies.iter_mut().for_each(|body| body.controller.reset());
+        }
+    }
+
+    fn fill(&self, snapshot: &mut Snapshot, wall_time: f64, timing: Timing) {
+        let scene = &self.scene;
+        snapshot.stamp = self.stamp;
+        snapshot.sim_step = self.sim_step();
+        snapshot.wall_time = wall_time;
+        snapshot.sim_time = self.sim_time;
+        snapshot.timing = Timing { lost_time: self.lost_time, sub_step_cap: self.cap.get(), ..timing };
+        scene.world.read_bodies(&mut snapshot.bodies);
+        snapshot.wrenches.copy_from_slice(&self.wrenches);
+        for (i, joint) in scene.joints.iter().enumerate() {
+            snapshot.joint_positions[i] = joint.position;
+            snapshot.joint_velocities[i] = joint.velocity;
+            snapshot.joint_efforts[i] = joint.effort;
+        }
+        for (pose, camera) in snapshot.cameras.iter_mut().zip(&scene.cameras) {
+            *pose = camera.placed.pose;
+        }
+        for (pose, light) in snapshot.lights.iter_mut().zip(&scene.lights) {
+            *pose = light.placed.pose;
+        }
+    }
+}

@@ -1,0 +1,58 @@
+use std::time::{Duration, Instant};
+
+/// Sleeping wakes up late by up to about this; the rest is spun.
+const SPIN: Duration = Duration::from_micros(60);
+
+/// Keeps a loop at a frequency on an absolute schedule. A whole period behind, it starts afresh: no lag piles up.
+#[derive(Debug, Clone)]
+pub(super) struct Pacer {
+    period: Duration,
+    next: Instant,
+}
+
+impl Pacer {
+    pub fn new(period: Duration) -> Self {
+        Self { period, next: Instant::now() + period }
+    }
+
+    /// Waits for the end of the period. Most of it is slept, the last part spun.
+    pub fn wait(&mut self) {
+        let now = Instant::now();
+        if now > self.next + self.period {
+            self.next = now + self.period;
+            return;
+        }
+        if let Some(rest) = self.next.checked_duration_since(now + SPIN) {
+            std::thread::sleep(rest);
+        }
+        while Instant::now() < self.next {
+            std::hint::spin_loop();
+        }
+        self.next += self.period;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lag_does_not_pile_up() {
+        let mut pacer = Pacer::new(Duration::from_millis(1));
+        std::thread::sleep(Duration::from_millis(20));
+        let begin = Instant::now();
+        pacer.wait();
+        pacer.wait();
+        assert!(begin.elapsed() >= Duration::from_millis(1), "no burst to catch up 20 periods");
+    }
+
+    #[test]
+    fn a_period_is_never_shorter_on_average() {
+        let begin = Instant::now();
+        let mut pacer = Pacer::new(Duration::from_millis(1));
+        for _ in 0..50 {
+            pacer.wait();
+        }
+        assert!(begin.elapsed() >= Duration::from_millis(50));
+    }
+}

@@ -1,0 +1,269 @@
+//! The thread that repeats the iteration in real time.
+
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use crossbeam_channel::{bounded, Receiver, Sender};
+
+use super::pace::Pacer;
+use super::statistics::StepStatistics;
+use super::{NonFinite, Simulation};
+use crate::comm::Timing;
+
+/// How the loop keeps time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RunnerOptions {
+    /// Iterations a second. Default: 1000.
+    pub frequency: f64,
+    /// Every interval is `speed_factor / frequency` instead of what the wall clock says. Default: `false`.
+    pub fixed_step: bool,
+    /// Simulated per real time with fixed steps; ignored otherwise. Default: 1.
+    pub speed_factor: f64,
+}
+
+impl Default for RunnerOptions {
+    fn default() -> Self {
+        Self { frequency: 1000.0, fixed_step: false, speed_factor: 1.0 }
+    }
+}
+
+/// Something worth a line in the log, told by the physics thread without waiting for anyone.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub enum Event {
+    /// Simulated seconds lost to the sub-step cap since the last such event, and in all. At most one a second.
+    LostTime {
+        /// Since the event before.
+        recent: f64,
+        /// Since the start.
+        total: f64,
+    },
+    /// The state became non-finite; the simulation is paused.
+    NonFinite(NonFinite),
+    /// A throttling client asks for steps of no iterations, which throttle nothing.
+    EmptySteps,
+    /// Objects were reset on request.
+    Reset,
+}
+
+/// Pause, manual steps and the end of a running simulation, from any thread.
+#[derive(Debug, Default)]
+pub struct Control {
+    stop: AtomicBool,
+    paused: AtomicBool,
+    manual_steps: AtomicU32,
+}
+
+impl Control {
+    /// Pauses or resumes. Paused time does not count as simulated time.
+    pub fn set_paused(&self, paused: bool) {
+        self.paused.store(paused, Ordering::Release);
+    }
+
+    /// Whether it is paused.
+    pub fn is_paused(&self) -> bool {
+        self.paused.load(Ordering::Acquire)
+    }
+
+    /// Lets `steps` iterations through while paused.
+    pub fn step(&self, steps: u32) {
+        self.manual_steps.fetch_add(steps, Ordering::AcqRel);
+    }
+
+    fn is_stopping(&self) -> bool {
+        self.stop.load(Ordering::Acquire)
+    }
+
+    fn take_manual_step(&self) -> bool {
+        let one_less = |n: u32| n.checked_sub(1);
+        self.manual_steps.fetch_update(Ordering::AcqRel, Ordering::Acquire, one_less).is_ok()
+    }
+}
+
+/// A simulation that runs in a thread of its own.
+pub struct Runner {
+    control: Arc<Control>,
+    events: Receiver<Event>,
+    thread: Option<JoinHandle<Simulation>>,
+}
+
+/// Events that may wait; more are dropped: the log is not worth a stalled simulation.
+const EVENTS: usize = 64;
+/// Lost time is reported at most this often.
+const REPORT_PERIOD: Duration = Duration::from_secs(1);
+/// How often a paused loop looks around.
+const PAUSED_PERIOD: Duration = Duration::from_millis(1);
+
+impl Runner {
+    /// Starts stepping `simulation`.
+    pub fn start(simulation: Simulation, options: RunnerOptions) -> Self {
+        let control = Arc::new(Control::default());
+        let (sender, events) = bounded(EVENTS);
+        let loop_control = Arc::clone(&control);
+        let thread = std::thread::Builder::new()
+            .name("physics".into())
+            .spawn(move || PhysicsLoop::new(simulation, options, loop_control, sender).run())
+            .expect("a thread can be started: nothing runs without it");
+        Self { control, events, thread: Some(thread) }
+    }
+
+    /// Pause and manual steps.
+    pub fn control(&self) -> &Arc<Control> {
+        &self.control
+    }
+
+    /// What the physics thread has to say.
+    pub fn events(&self) -> &Receiver<Event> {
+        &self.events
+    }
+
+    /// Whether the thread still runs.
+    pub fn is_running(&self) -> bool {
+        self.thread.as_ref().is_some_and(|thread| !thread.is_finished())
+    }
+
+    /// Ends the thread and returns the simulation; `None` if it panicked.
+    pub fn stop(mut self) -> Option<Simulation> {
+        self.end()
+    }
+
+    fn end(&mut self) -> Option<Simulation> {
+        self.control.stop.store(true, Ordering::Release);
+        let thread = self.thread.take()?;
+        thread.thread().unpark();
+        thread.join().ok()
+    }
+}
+
+impl Drop for Runner {
+    fn drop(&mut self) {
+        self.end();
+    }
+}
+
+struct PhysicsLoop {
+    simulation: Simulation,
+    options: RunnerOptions,
+    control: Arc<Control>,
+    events: Sender<Event>,
+    start: Instant,
+    /// Wall time that did not count as simulated: pauses.
+    skipped: f64,
+    was_paused: bool,
+    statistics: StepStatistics,
+    throttle_counter: u32,
+    reported_loss: f64,
+    next_report: Duration,
+}
+
+impl PhysicsLoop {
+    fn new(simulation: Simulation, options: RunnerOptions, control: Arc<Control>, events: Sender<Event>) -> Self {
+        Self {
+            simulation,
+            options,
+            control,
+            events,
+            start: Instant::now(),
+            skipped: 0.0,
+            was_paused: false,
+            statistics: StepStatistics::new(),
+            throttle_counter: 0,
+            reported_loss: 0.0,
+            next_report: Duration::ZERO,
+        }
+    }
+
+    fn run(mut self) -> Simulation {
+        self.simulation.wait_in_this_thread();
+        let mut pacer = Pacer::new(Duration::from_secs_f64(1.0 / self.options.frequency));
+        while !self.control.is_stopping() {
+            if self.simulation.do_requested_resets() {
+                self.tell(Event::Reset);
+            }
+            if self.control.is_paused() && !self.control.take_manual_step() {
+                self.was_paused = true;
+                std::thread::sleep(PAUSED_PERIOD);
+                continue;
+            }
+            self.iterate();
+            pacer.wait();
+        }
+        self.simulation
+    }
+
+    /// One physics iteration.
+    fn iterate(&mut self) {
+        let begin = Instant::now();
+        let interval = self.choose_interval();
+        if interval <= 0.0 {
+            return;
+        }
+        if let Err(problem) = self.simulation.update(interval) {
+            self.control.set_paused(true);
+            self.tell(Event::NonFinite(problem));
+            return;
+        }
+        let stepped = begin.elapsed();
+        self.hold_for_clients();
+        let resumed = Instant::now();
+        let wall = self.start.elapsed();
+        self.simulation.communicate(wall.as_secs_f64(), self.timing());
+        let cost = stepped + resumed.elapsed();
+        self.statistics.record(wall, cost);
+        if !self.options.fixed_step {
+            self.simulation.learn_cost(interval, cost);
+        }
+        self.report_loss(wall);
+    }
+
+    /// Interval of this iteration, s: what the wall clock is ahead, or fixed. The first one after a pause is one period.
+    fn choose_interval(&mut self) -> f64 {
+        if self.options.fixed_step {
+            return self.options.speed_factor / self.options.frequency;
+        }
+        let wall = self.start.elapsed().as_secs_f64();
+        if std::mem::take(&mut self.was_paused) {
+            self.skipped = wall - self.simulation.sim_time() - 1.0 / self.options.frequency;
+        }
+        wall - self.skipped - self.simulation.sim_time()
+    }
+
+    /// Blocks while clients throttle. Resets are honoured meanwhile.
+    fn hold_for_clients(&mut self) {
+        loop {
+            let (control, simulation) = (&self.control, &self.simulation);
+            simulation.wait_for_clients(|| control.is_stopping() || simulation.reset_is_requested());
+            if self.control.is_stopping() || !self.simulation.do_requested_resets() {
+                break;
+            }
+            self.tell(Event::Reset);
+        }
+        if self.simulation.count_for_clients(&mut self.throttle_counter) {
+            self.tell(Event::EmptySteps);
+        }
+    }
+
+    fn timing(&self) -> Timing {
+        Timing {
+            physics_frequency: self.statistics.frequency,
+            step_cost: self.statistics.percentiles,
+            ..Timing::default()
+        }
+    }
+
+    fn report_loss(&mut self, wall: Duration) {
+        let total = self.simulation.lost_time();
+        if total > self.reported_loss && wall >= self.next_report {
+            self.tell(Event::LostTime { recent: total - self.reported_loss, total });
+            self.reported_loss = total;
+            self.next_report = wall + REPORT_PERIOD;
+        }
+    }
+
+    fn tell(&self, event: Event) {
+        // A full queue means that nobody reads: the event is dropped.
+        let _ = self.events.try_send(event);
+    }
+}
