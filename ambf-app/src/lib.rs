@@ -1,3 +1,6 @@
 //! Parts shared by `ambf_simulator` and `ambf_batch`.
 
+pub mod batch;
 pub mod cli;
+pub mod launch;
+pub mod process;

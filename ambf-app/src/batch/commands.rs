@@ -1,0 +1,163 @@
+//! Command files: `first|last|kind|body|numbers`, one command a line, `#` starts a comment.
+
+use std::f64::consts::TAU;
+use std::ops::RangeInclusive;
+
+use ambf_core::comm::JointCommandType;
+use ambf_core::sim::Simulation;
+use nalgebra::Vector3;
+use thiserror::Error;
+
+/// Error when a line of a command file cannot be used.
+#[derive(Debug, Error, PartialEq, Eq)]
+#[error("{file}:{line}: {message}")]
+pub struct CommandError {
+    file: String,
+    line: usize,
+    message: String,
+}
+
+/// What a line of a command file does in each step of its range.
+#[derive(Debug, Clone, PartialEq)]
+enum Action {
+    /// Joint command: index, type, offset, amplitude, frequency (Hz).
+    Joint { index: usize, kind: JointCommandType, offset: f64, amplitude: f64, frequency: f64 },
+    /// Force (N) and torque (N·m) at the centre of mass, world axes.
+    Wrench(Vector3<f64>, Vector3<f64>),
+    /// Linear (m/s) and angular (rad/s) velocity.
+    Twist(Vector3<f64>, Vector3<f64>),
+    /// Pose of the body frame: position (m) and quaternion x, y, z, w.
+    Pose(Vector3<f64>, [f64; 4]),
+}
+
+#[derive(Debug, Clone, PartialEq)]
+struct TimedCommand {
+    steps: RangeInclusive<u64>,
+    body: usize,
+    action: Action,
+}
+
+/// The commands of a file, bound to the bodies of a simulation.
+#[derive(Debug, Default)]
+pub struct Commands(Vec<TimedCommand>);
+
+impl Commands {
+    /// Reads the text of `file`; `bodies` are the names that may be addressed, by index.
+    ///
+    /// # Errors
+    /// [`CommandError`] for the first line that cannot be used.
+    pub fn parse(text: &str, file: &str, bodies: &[String]) -> Result<Self, CommandError> {
+        let mut commands = Vec::new();
+        for (number, line) in text.lines().enumerate() {
+            let line = line.split('#').next().unwrap_or_default().trim();
+            if line.is_empty() {
+                continue;
+            }
+            let command = parse_line(line, bodies)
+                .map_err(|message| CommandError { file: file.into(), line: number + 1, message })?;
+            commands.push(command);
+        }
+        Ok(Self(commands))
+    }
+
+    /// Applies the commands whose range contains `step`; they act in the step after.
+    pub fn apply(&self, simulation: &mut Simulation, step: u64) {
+        for command in self.0.iter().filter(|command| command.steps.contains(&step)) {
+            match command.action {
+                Action::Joint { index, kind, offset, amplitude, frequency } => {
+                    let value = offset + amplitude * (TAU * frequency * simulation.sim_time()).sin();
+                    // As on the wire.
+                    simulation.command_joint(command.body, index, kind, f64::from(value as f32));
+                }
+                Action::Wrench(force, torque) => simulation.apply_wrench(command.body, force, torque),
+                Action::Twist(linear, angular) => simulation.set_velocity(command.body, linear, angular),
+                Action::Pose(position, orientation) => simulation.follow_pose(command.body, position, orientation),
+            }
+        }
+    }
+}
+
+fn parse_line(line: &str, bodies: &[String]) -> Result<TimedCommand, String> {
+    let fields: Vec<_> = line.split('|').map(str::trim).collect();
+    let &[first, last, kind, body, numbers] = fields.as_slice() else {
+        return Err(format!("expected `first|last|kind|body|numbers`, found {} fields", fields.len()));
+    };
+    let step = |text: &str| text.parse().map_err(|_| format!("expected a step number, found `{text}`"));
+    let body = bodies.iter().position(|name| name == body).ok_or_else(|| format!("there is no body `{body}`"))?;
+    let numbers = numbers.split_whitespace().map(|text| match text.parse::<f64>() {
+        Ok(number) if number.is_finite() => Ok(number),
+        _ => Err(format!("expected a finite number, found `{text}`")),
+    });
+    let numbers = numbers.collect::<Result<Vec<_>, _>>()?;
+    let vector = |i: usize| Vector3::new(numbers[i], numbers[i + 1], numbers[i + 2]);
+    let action = match (kind, numbers.as_slice()) {
+        ("J", &[index, kind, offset]) => joint(index, kind, offset, 0.0, 0.0)?,
+        ("JS", &[index, kind, offset, amplitude, frequency]) => joint(index, kind, offset, amplitude, frequency)?,
+        ("WR", [_, _, _, _, _, _]) => Action::Wrench(vector(0), vector(3)),
+        ("TW", [_, _, _, _, _, _]) => Action::Twist(vector(0), vector(3)),
+        ("POSE", &[_, _, _, x, y, z, w]) => Action::Pose(vector(0), [x, y, z, w]),
+        ("J", _) => return Err("J takes 3 numbers: index, type, value".into()),
+        ("JS", _) => return Err("JS takes 5 numbers: index, type, offset, amplitude, frequency".into()),
+        ("WR" | "TW", _) => return Err(format!("{kind} takes 6 numbers")),
+        ("POSE", _) => return Err("POSE takes 7 numbers: position, then quaternion x y z w".into()),
+        ("VEH", _) => return Err("VEH drives a vehicle, and this scene has none".into()),
+        _ => return Err(format!("expected J, JS, WR, TW, POSE or VEH, found `{kind}`")),
+    };
+    Ok(TimedCommand { steps: step(first)?..=step(last)?, body, action })
+}
+
+fn joint(index: f64, kind: f64, offset: f64, amplitude: f64, frequency: f64) -> Result<Action, String> {
+    if index < 0.0 || index.fract() != 0.0 {
+        return Err(format!("expected a joint index, found {index}"));
+    }
+    let kind = match kind {
+        0.0 => JointCommandType::Effort,
+        1.0 => JointCommandType::Position,
+        2.0 => JointCommandType::Velocity,
+        _ => return Err(format!("expected joint command type 0 (effort), 1 (position) or 2 (velocity), found {kind}")),
+    };
+    Ok(Action::Joint { index: index as usize, kind, offset, amplitude, frequency })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parse(text: &str) -> Result<Commands, CommandError> {
+        Commands::parse(text, "c.txt", &["Base".into(), "Link".into()])
+    }
+
+    #[test]
+    fn every_kind_is_read() {
+        let text = "# comment\n1|30|J|Link|0 2 2.5 # after\n0|5|JS|Base|6 1 0.0 0.5 0.5\n\n1|1|WR|Base|1 2 3 4 5 6\n\
+                    1|1|TW|Base|1 2 3 4 5 6\n1|1|POSE|Base|0 0 1 0 0 0 1\n";
+        let commands = parse(text).unwrap();
+        assert_eq!(commands.0.len(), 5);
+        assert_eq!(commands.0[0].steps, 1..=30);
+        let expected = Action::Joint {
+            index: 0,
+            kind: JointCommandType::Velocity,
+            offset: 2.5,
+            amplitude: 0.0,
+            frequency: 0.0,
+        };
+        assert_eq!((commands.0[0].body, &commands.0[0].action), (1, &expected));
+    }
+
+    #[test]
+    fn bad_lines_are_named() {
+        for (text, part) in [
+            ("1|2|J|Nobody|0 1 0", "Nobody"),
+            ("1|2|J|Base|0 1", "3 numbers"),
+            ("1|2|J|Base|0 9 1", "type"),
+            ("1|2|J|Base|-1 1 1", "index"),
+            ("1|2|WR|Base|1 2 3 nan 5 6", "finite"),
+            ("1|x|J|Base|0 1 0", "step number"),
+            ("1|2|FLY|Base|1", "FLY"),
+            ("1|2", "fields"),
+        ] {
+            let error = parse(&format!("\n{text}")).unwrap_err().to_string();
+            assert!(error.starts_with("c.txt:2:") && error.contains(part), "{error}");
+        }
+    }
+}

@@ -1,0 +1,199 @@
+//! Batch runs: a scene stepped as fast as it goes, without ROS and without a clock.
+
+mod commands;
+mod trace;
+
+pub use commands::{CommandError, Commands};
+pub use trace::TraceWriter;
+
+use std::collections::HashMap;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use ambf_core::scene::{load, Loaded, SceneOptions};
+use ambf_core::sim::{NonFinite, Simulation};
+use thiserror::Error;
+
+use crate::cli::BatchOptions;
+use crate::launch;
+use crate::process::{cpu_seconds, peak_memory_mb};
+
+/// Why a batch run ended early.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum BatchError {
+    /// Error when the command line asks for something that does not exist.
+    #[error("{0}")]
+    Usage(String),
+    /// Error when a file could not be loaded, or a scene was not built as it was written.
+    #[error("{0}")]
+    Load(String),
+    /// Error when a command file cannot be used.
+    #[error(transparent)]
+    Commands(#[from] CommandError),
+    /// Error when a trace cannot be written.
+    #[error("cannot write the trace {}: {source}", prefix.display())]
+    Trace {
+        /// Where it should be.
+        prefix: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// Error when the state became non-finite.
+    #[error(transparent)]
+    NonFinite(#[from] NonFinite),
+}
+
+impl BatchError {
+    /// Exit status of the program: 1 usage, 2 loading, 3 non-finite.
+    pub fn status(&self) -> i32 {
+        match self {
+            Self::Usage(_) => 1,
+            Self::Load(_) | Self::Commands(_) | Self::Trace { .. } => 2,
+            Self::NonFinite(_) => 3,
+        }
+    }
+}
+
+/// What a run cost.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Summary {
+    steps: u64,
+    sim_s: f64,
+    load: Duration,
+    /// Stepping only.
+    wall: Duration,
+    bullet: Duration,
+    cpu_s: f64,
+    /// Wall time of the last quarter of the steps, and their number.
+    tail: (Duration, u64),
+    peak_rss_mb: f64,
+    bodies: usize,
+    joints: usize,
+}
+
+impl Summary {
+    /// One line of JSON. Times in s, a step's in µs, memory in MB.
+    pub fn to_json(&self) -> String {
+        let per_step = |time: Duration, steps: u64| time.as_secs_f64() * 1e6 / steps.max(1) as f64;
+        format!(
+            "{{\"steps\":{},\"sim_s\":{},\"load_s\":{:.6},\"wall_s\":{:.6},\"us_per_step\":{:.4},\"bullet_us_per_step\":{:.4},\
+             \"peak_rss_mb\":{:.1},\"bodies\":{},\"joints\":{},\"cpu_s\":{:.6},\"tail_us_per_step\":{:.4}}}",
+            self.steps,
+            self.sim_s,
+            self.load.as_secs_f64(),
+            self.wall.as_secs_f64(),
+            per_step(self.wall, self.steps),
+            per_step(self.bullet, self.steps),
+            self.peak_rss_mb,
+            self.bodies,
+            self.joints,
+            self.cpu_s,
+            per_step(self.tail.0, self.tail.1),
+        )
+    }
+}
+
+/// Loads the scene, steps it, writes the traces. Warnings about the scene go to `warn`.
+///
+/// # Errors
+/// [`BatchError`].
+pub fn run(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<Summary, BatchError> {
+    let begin = Instant::now();
+    let mut simulation = load_scene(options, warn)?;
+    let names = unique_names(&simulation);
+    let commands = match &options.commands {
+        Some(path) => {
+            let file = path.display().to_string();
+            let text = std::fs::read_to_string(path).map_err(|error| BatchError::Load(format!("{file}: {error}")))?;
+            Commands::parse(&text, &file, &names)?
+        }
+        None => Commands::default(),
+    };
+    let trace_error = |source| BatchError::Trace { prefix: options.trace.clone().unwrap_or_default(), source };
+    let mut trace = match &options.trace {
+        Some(prefix) => Some(TraceWriter::create(prefix, &simulation, names, options.full).map_err(trace_error)?),
+        None => None,
+    };
+    let load = begin.elapsed();
+
+    let cpu_before = cpu_seconds();
+    let mut wall = Duration::ZERO;
+    let mut tail = (Duration::ZERO, 0);
+    commands.apply(&mut simulation, 0);
+    for step in 0..=options.steps {
+        if step > 0 {
+            let begin = Instant::now();
+            simulation.update(options.dt)?;
+            let cost = begin.elapsed();
+            wall += cost;
+            if step > options.steps - options.steps / 4 {
+                tail = (tail.0 + cost, tail.1 + 1);
+            }
+        }
+        if let Some(trace) = &mut trace {
+            if step % options.every == 0 || step == options.steps {
+                trace.write(&simulation, step).map_err(trace_error)?;
+            }
+        }
+        if step > 0 {
+            let begin = Instant::now();
+            commands.apply(&mut simulation, step);
+            wall += begin.elapsed();
+        }
+    }
+    let cpu_s = cpu_seconds() - cpu_before;
+    if let Some(trace) = trace {
+        trace.finish().map_err(trace_error)?;
+    }
+    Ok(Summary {
+        steps: options.steps,
+        sim_s: simulation.sim_time(),
+        load,
+        wall,
+        bullet: simulation.bullet_time(),
+        cpu_s,
+        tail,
+        peak_rss_mb: peak_memory_mb(),
+        bodies: simulation.scene().bodies.len(),
+        joints: simulation.scene().joints.len(),
+    })
+}
+
+fn load_scene(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<Simulation, BatchError> {
+    let physics = launch::physics(&options.physics).map_err(BatchError::Usage)?;
+    let launch = match options.needs_launch_file() {
+        // A launch file without devices or colours is fine here.
+        true => {
+            let loaded = ambf_core::adf::load(&options.launch_file);
+            Some(loaded.map_err(|error| BatchError::Load(format!("launch file {error}")))?.0)
+        }
+        false => None,
+    };
+    let (files, missing) =
+        launch::scene_files(launch.as_ref(), options.world.as_deref(), &options.model_files, &options.model_indexes);
+    if let Some(problem) = missing.into_iter().next() {
+        return Err(BatchError::Load(problem));
+    }
+    let Loaded { scene, report } = load(&files, &SceneOptions { physics, ..SceneOptions::default() });
+    if report.errors() > 0 {
+        return Err(BatchError::Load(report.to_string().trim_end().to_owned()));
+    }
+    warn(report.to_string().trim_end());
+    Ok(Simulation::new(scene, options.dt))
+}
+
+/// Names of the bodies as in the ADF; later ones of the same name get the first free of the suffixes 1, 2, …
+fn unique_names(simulation: &Simulation) -> Vec<String> {
+    let mut taken: HashMap<String, ()> = HashMap::new();
+    let mut unique = |name: &str| {
+        let mut candidate = name.to_owned();
+        let mut suffix = 0;
+        while taken.insert(candidate.clone(), ()).is_some() {
+            suffix += 1;
+            candidate = format!("{name}{suffix}");
+        }
+        candidate
+    };
+    simulation.scene().bodies.iter().map(|body| unique(&body.name)).collect()
+}
