@@ -151,3 +151,124 @@ impl Surface {
         surface
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::super::tests::{clean, read, refused};
+    use super::super::{CollisionMeshKind, ControllerOutput, Model, Primitive, VisualGeometry};
+    use super::*;
+
+    fn body(keys: &str) -> RigidBody {
+        let text = format!("namespace: /n/\nbodies: [BODY a b]\nBODY a b:\n  {keys}\n");
+        clean::<Model>(&text).bodies.remove(0)
+    }
+
+    #[test]
+    fn defaults() {
+        let body = body("{mass: 2, mesh: m.stl}");
+        assert_eq!(body.common.identifier, "BODY a b");
+        assert_eq!(
+            (body.common.name.as_str(), body.common.namespace.as_str()),
+            ("", "/n/")
+        );
+        assert_eq!(
+            (body.mass, body.scale, body.collision_margin),
+            (2.0, 1.0, 0.001)
+        );
+        assert_eq!((body.inertia, body.inertial_offset), (None, None));
+        assert_eq!(body.surface, Surface::default());
+        assert_eq!(body.controller, None);
+        assert!(!body.publish_children_names && body.publish_joint_names);
+        assert!(body.publish_joint_positions && !body.common.passive);
+        let path = Path::new("dir/m.stl").to_path_buf();
+        assert_eq!(
+            body.visual.geometry,
+            VisualGeometry::Mesh { path: path.clone() }
+        );
+        let kind = CollisionMeshKind::ConcaveMesh;
+        assert_eq!(body.collision, CollisionGeometry::Mesh { path, kind });
+        assert_eq!((body.common.source.line, body.common.source.column), (3, 1));
+    }
+
+    #[test]
+    fn everything_given() {
+        let body = body(
+            "{name: a b, mass: 1, passive: yes, publish frequency: {low: 60, high: 2000}, scale: 2,
+   inertia: {ix: 1, iy: 2, iz: 3}, gravity: {x: 0, y: 0, z: 1}, namespace: sub/,
+   inertial offset: {position: {x: 0, y: 0, z: 1}}, friction: {static: 1, rolling: 2},
+   damping: {linear: 0.3, angular: 0.4}, restitution: 0.5, collision groups: [0, 999],
+   collision margin: 0, controller: {linear: {P: 1, D: 2}}, controller output type: velocity,
+   collision shape: BOX, collision geometry: {x: 1, y: 2, z: 3},
+   collision offset: {orientation: {r: 0, p: 0, y: 1}}, shape: sphere, geometry: {radius: 1}}",
+        );
+        assert_eq!(body.common.name, "ab");
+        assert_eq!(body.common.namespace, "/n/sub/");
+        assert_eq!(body.common.publish_frequency, Some((60, 2000)));
+        assert_eq!(body.inertia, Some(Vector3::new(1.0, 2.0, 3.0)));
+        assert_eq!(
+            body.inertial_offset,
+            Some(Isometry3::translation(0.0, 0.0, 1.0))
+        );
+        assert_eq!(body.collision_groups, [0, 999]);
+        let controller = body.controller.expect("a controller");
+        assert_eq!(controller.linear.gains.i, 0.0);
+        assert_eq!(controller.linear.output, ControllerOutput::Velocity);
+        assert_eq!(controller.angular.gains.p, 10.0);
+        let CollisionGeometry::Primitive { primitive, offset } = body.collision else {
+            panic!()
+        };
+        assert_eq!(
+            primitive,
+            Primitive::Box {
+                size: Vector3::new(1.0, 2.0, 3.0)
+            }
+        );
+        assert_eq!(offset, Some(Isometry3::rotation(Vector3::z())));
+        let sphere = VisualGeometry::Primitive(Primitive::Sphere { radius: 1.0 });
+        assert_eq!(body.visual.geometry, sphere);
+    }
+
+    #[test]
+    fn controller_outputs() {
+        let output = |keys: &str| {
+            let controller = body(&format!("{{mass: 0, mesh: a, {keys}}}")).controller;
+            controller.map(|c| (c.linear.output, c.angular.output))
+        };
+        use ControllerOutput::{Force, Velocity};
+        let block = "controller: {angular: {P: 1, D: 1}}";
+        assert_eq!(output(block), Some((Velocity, Force)));
+        let both = format!("{block}, controller output type: EFFORT");
+        assert_eq!(output(&both), Some((Force, Force)));
+        let text = "bodies: [A]\nA: {mass: 1, mesh: m, controller: {linear: {P: 1}}}\n";
+        assert!(refused::<Model>(text)[0].contains("`A / controller / linear / D` is missing"));
+    }
+
+    #[test]
+    fn without_mass_the_inertia_is_not_read() {
+        let text = "bodies: [A]\nA: {mesh: m, inertia: {ix: 1, iy: 1, iz: 1}, gravity: 3}\n";
+        let (model, problems) = read::<Model>(text);
+        assert_eq!((model.bodies[0].mass, model.bodies[0].inertia), (1.0, None));
+        assert_eq!(problems.len(), 3, "{problems:#?}");
+    }
+
+    #[test]
+    fn what_would_break_the_physics_drops_the_body() {
+        for (keys, message) in [
+            ("mass: -1", "`A / mass` is `-1`, expected a finite number, at least 0; the body is dropped"),
+            ("mass: .nan", "`A / mass` is `.nan`"),
+            ("mass: 1, inertia: {ix: 1, iy: -1, iz: 1}", "`A / inertia` is a mapping, expected moments"),
+            ("mass: 1, scale: 0", "`A / scale` is `0`, expected a finite number above 0"),
+            ("mass: 1, location: {position: {x: .inf, y: 0, z: 0}}", "`A / location / position / x` is `.inf`"),
+            ("mass: 1, collision shape: Sphere, collision geometry: {radius: -0.0}", "collision geometry / radius"),
+            ("mass: 1, collision shape: Plane, collision geometry: {normal: {x: 0, y: 0, z: 0}, offset: 1}", "normal"),
+        ] {
+            let text = format!("bodies: [A, B]\nA: {{mesh: m, {keys}}}\nB: {{mass: 1, mesh: m}}\n");
+            let (model, problems) = read::<Model>(&text);
+            assert_eq!(model.bodies.len(), 1, "{keys}");
+            assert_eq!(problems.len(), 1, "{problems:#?}");
+            assert!(problems[0].contains(message), "{}", problems[0]);
+        }
+    }
+}

@@ -222,3 +222,37 @@ impl MouseMultipliers {
         multipliers
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{clean, refused};
+    use super::super::Model;
+    use super::*;
+
+    #[test]
+    fn cameras() {
+        let text = "cameras: [C, D]\nC: {}\nD:\n  location: {x: 1, y: 2, z: 3}\n  clipping plane: {near: 0.5, far: 2}
+  publish image: Yes\n  publish image resolution: {width: 320.0, height: 240}\n  publish image interval: 0
+  publish depth interval: 3\n  publish depth noise: {mean: 0.2, std dev: 0.3}\n  monitor: 2
+  mouse control multipliers: {pan: 2}\n  controlling devices: [a, b]\n";
+        let cameras = clean::<Model>(text).cameras;
+        assert_eq!(cameras[0].up, Vector3::z());
+        assert_eq!(
+            (cameras[0].clipping_plane, cameras[0].monitor),
+            ((0.1, 10.0), None)
+        );
+        assert!(cameras[0].visible && cameras[0].publish_image.is_none());
+        let frame = PublishedFrame {
+            interval: 1,
+            width: 320,
+            height: 240,
+        };
+        assert_eq!(cameras[1].publish_image, Some(frame));
+        assert_eq!(cameras[1].publish_depth, None);
+        assert_eq!(cameras[1].depth_noise.map(|n| n.std_dev), Some(0.3));
+        assert_eq!((cameras[1].mouse.pan, cameras[1].mouse.scroll), (2.0, 1.0));
+        assert_eq!(cameras[1].controlling_devices, ["a", "b"]);
+        let text = "cameras: [C]\nC: {clipping plane: {near: 1}}\n";
+        assert!(refused::<Model>(text)[0].contains("`C / clipping plane / far` is missing"));
+    }
+}

@@ -181,3 +181,44 @@ impl ButtonMapping {
         mapping
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{clean, read};
+    use super::*;
+
+    #[test]
+    fn devices() {
+        let text = "input devices: [D]\nD:\n  hardware name: Falcon\n  root link: L
+  orientation offset: {r: 0, p: 0, y: 1}\n  button mapping: {a1: 0, a2: -1, next mode: 3}
+  controller gain: {linear: {P: 1, D: 0}}\n  pair cameras: [c]\n";
+        let devices: InputDevices = clean(text);
+        let device = devices.entries[0].as_ref().expect("a device");
+        assert_eq!(
+            (device.identifier.as_str(), device.hardware_name.as_str()),
+            ("D", "Falcon")
+        );
+        assert_eq!((device.haptic_gain, device.deadband), (None, 0.001));
+        assert_eq!((device.workspace_scaling, device.location), (1.0, None));
+        assert!((device.orientation_offset.angle() - 1.0).abs() < 1e-12);
+        let buttons = device.button_mapping;
+        assert_eq!(
+            (buttons.a1, buttons.a2, buttons.next_mode),
+            (Some(0), None, Some(3))
+        );
+        assert!(device.enable_joint_control && device.controller_gain.is_some());
+    }
+
+    #[test]
+    fn wrong_values_drop_one_device_and_keep_its_index() {
+        let text = "input devices: [A, B, C, D]\nA: {hardware name: x}\nB: {root link: l}\n\
+                    C: {hardware name: x, root link: l, deadband: z}\n\
+                    D: {hardware name: x, root link: l, deadband: -1, button mapping: {a1: 1, g1: 1}}\n";
+        let (devices, problems) = read::<InputDevices>(text);
+        let there: Vec<_> = devices.entries.iter().map(Option::is_some).collect();
+        assert_eq!(there, [false, false, false, true]);
+        let device = devices.entries[3].as_ref().expect("the last");
+        assert_eq!((device.deadband, device.button_mapping.g1), (0.0, None));
+        assert_eq!(problems.len(), 5, "{problems:#?}");
+    }
+}

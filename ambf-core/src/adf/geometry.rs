@@ -363,3 +363,127 @@ impl CollisionMeshKind {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{read, refused};
+    use super::super::{Model, RigidBody};
+    use super::*;
+
+    fn body(keys: &str) -> (RigidBody, Vec<String>) {
+        let (mut model, problems) =
+            read::<Model>(&format!("bodies: [A]\nhigh resolution path: hi\nlow resolution path: lo\nA: {{mass: 1, {keys}}}\n"));
+        (model.bodies.remove(0), problems)
+    }
+
+    fn collision(keys: &str) -> CollisionGeometry {
+        body(keys).0.collision
+    }
+
+    #[test]
+    fn primitives_in_three_spellings() {
+        for name in ["Cylinder", "cylinder", "CYLINDER"] {
+            let keys = format!(
+                "collision shape: {name}, collision geometry: {{radius: 1, height: 2, axis: X}}"
+            );
+            let CollisionGeometry::Primitive { primitive, .. } = collision(&keys) else {
+                panic!()
+            };
+            let axis = Axis::X;
+            assert_eq!(
+                primitive,
+                Primitive::Cylinder {
+                    radius: 1.0,
+                    height: 2.0,
+                    axis
+                }
+            );
+        }
+        let (body, problems) =
+            body("collision shape: cYlinder, collision geometry: {radius: 1}, mesh: m");
+        assert_eq!(body.collision, CollisionGeometry::None);
+        assert!(problems[0].contains("`A / collision shape` is `cYlinder`, expected Box"));
+        let text =
+            "bodies: [A]\nA: {mass: 1, collision shape: Cone, collision geometry: {radius: 1}}\n";
+        assert!(refused::<Model>(text)[0].contains("`A / collision geometry / height` is missing"));
+    }
+
+    #[test]
+    fn compounds() {
+        let child = "{name: 1, shape: Box, geometry: {x: 1, y: 1, z: 1}, offset: {position: {x: 1, y: 0, z: 0}}}";
+        let keys = format!("compound collision shape: [{child}, {{shape: Blob}}]");
+        let (body, problems) = body(&keys);
+        let CollisionGeometry::Compound(children) = body.collision else {
+            panic!()
+        };
+        assert_eq!(children.len(), 1);
+        assert_eq!(children[0].offset.translation.x, 1.0);
+        assert_eq!(problems.len(), 1);
+        assert!(problems[0].contains("`A / compound collision shape[1] / shape` is `Blob`"));
+    }
+
+    #[test]
+    fn meshes() {
+        let path = |keys: &str| match collision(keys) {
+            CollisionGeometry::Mesh { path, .. } => Some(path),
+            _ => None,
+        };
+        assert_eq!(path("mesh: a.stl"), Some("dir/lo/a.stl".into()));
+        assert_eq!(
+            path("mesh: a.stl, collision mesh: b.stl"),
+            Some("dir/lo/b.stl".into())
+        );
+        assert_eq!(path("mesh: a.stl, collision mesh: ''"), None);
+        assert_eq!(
+            path("mesh: a.stl, high resolution path: own"),
+            Some("dir/lo/own/a.stl".into())
+        );
+        let both = "mesh: a.stl, high resolution path: own, low resolution path: /x";
+        assert_eq!(path(both), Some("/x/a.stl".into()));
+        let VisualGeometry::Mesh { path } = body(both).0.visual.geometry else {
+            panic!()
+        };
+        assert_eq!(path, Path::new("dir/hi/own/a.stl"));
+    }
+
+    #[test]
+    fn mesh_types() {
+        for (text, expected) in [
+            ("hull", CollisionMeshKind::ConvexHull),
+            ("CONVEX_MESH", CollisionMeshKind::ConvexMesh),
+            ("trimesh", CollisionMeshKind::ConcaveMesh),
+            ("point_cloud", CollisionMeshKind::PointCloud),
+        ] {
+            let (body, problems) = body(&format!("mesh: a, collision mesh type: {text}"));
+            assert!(
+                matches!(body.collision, CollisionGeometry::Mesh { kind, .. } if kind == expected)
+            );
+            assert!(problems.is_empty());
+        }
+        for text in ["''", "concave_mesh"] {
+            let (body, problems) = body(&format!("mesh: a, collision mesh type: {text}"));
+            assert!(matches!(
+                body.collision,
+                CollisionGeometry::Mesh {
+                    kind: CollisionMeshKind::ConcaveMesh,
+                    ..
+                }
+            ));
+            assert_eq!(problems.len(), 1);
+        }
+    }
+
+    #[test]
+    fn unknown_axis_is_z() {
+        let (body, problems) =
+            body("collision shape: Capsule, collision geometry: {radius: 1, height: 1, axis: w}");
+        assert!(matches!(
+            body.collision,
+            CollisionGeometry::Primitive {
+                primitive: Primitive::Capsule { axis: Axis::Z, .. },
+                ..
+            }
+        ));
+        assert_eq!(problems.len(), 1);
+    }
+}

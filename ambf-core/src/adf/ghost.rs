@@ -60,3 +60,29 @@ impl GhostObject {
         Some(ghost)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{clean, read};
+    use super::super::Model;
+    use super::*;
+
+    #[test]
+    fn the_offset_falls_back_to_the_inertial_offset() {
+        let text = "ghost objects: [G]\nG: {parent: A, collision shape: Sphere, collision geometry: {radius: 1}, \
+                    inertial offset: {position: {x: 1, y: 2, z: 3}}}\n";
+        let ghost = clean::<Model>(text).ghosts.remove(0);
+        assert_eq!(ghost.parent, "A");
+        let CollisionGeometry::Primitive { offset, .. } = ghost.collision else {
+            panic!()
+        };
+        assert_eq!(offset, Some(Isometry3::translation(1.0, 2.0, 3.0)));
+    }
+
+    #[test]
+    fn no_volume_no_ghost() {
+        let (model, problems) = read::<Model>("ghost objects: [G]\nG: {name: g}\n");
+        assert!(model.ghosts.is_empty());
+        assert!(problems[0].contains("the ghost object is dropped"));
+    }
+}

@@ -384,3 +384,157 @@ impl LinearAngular {
         value
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{clean, read, refused};
+    use super::super::Model;
+    use super::*;
+
+    const FRAME: &str =
+        "parent: A, child: B, parent pivot: {x: 1, y: 0, z: 0}, child pivot: {x: 0, y: 0, z: 0}, \
+                         parent axis: {x: 0, y: 0, z: 2}, child axis: {x: 0, y: 0, z: 1}";
+
+    fn text(keys: &str) -> String {
+        format!("joints: [J]\nJ: {{{FRAME}, {keys}}}\n")
+    }
+
+    fn joint(keys: &str) -> Joint {
+        clean::<Model>(&text(keys)).joints.remove(0)
+    }
+
+    #[test]
+    fn defaults() {
+        let j = joint("type: hinge");
+        assert_eq!(j.kind, JointKind::Revolute);
+        assert_eq!((j.parent.as_str(), j.child.as_str()), ("A", "B"));
+        assert_eq!(j.parent_axis, Vector3::new(0.0, 0.0, 2.0));
+        assert_eq!((j.child_offset, j.joint_offset, j.limits), (0.0, 0.0, None));
+        assert!(j.enable_motor && !j.enable_feedback && j.ignore_inter_collision);
+        assert_eq!(
+            (j.max_motor_impulse, j.damping, j.stiffness),
+            (0.1, 0.0, 0.0)
+        );
+        assert_eq!((j.erp, j.cfm, j.equilibrium_point), (0.1, 0.1, None));
+        assert_eq!(j.controller, Controller::default());
+    }
+
+    #[test]
+    fn all_spellings_of_the_types() {
+        use JointKind as K;
+        for (name, kind) in [
+            ("revolute", K::Revolute),
+            ("continuous", K::Revolute),
+            ("slider", K::Prismatic),
+            ("prismatic", K::Prismatic),
+            ("fixed", K::Fixed),
+            ("spring", K::LinearSpring),
+            ("linear spring", K::LinearSpring),
+            ("torsion spring", K::TorsionSpring),
+            ("torsional spring", K::TorsionSpring),
+            ("angular spring", K::TorsionSpring),
+            ("p2p", K::PointToPoint),
+            ("cone twist", K::ConeTwist(ConeTwistLimits::default())),
+            ("six dof", K::SixDof(SixDofLimits::default())),
+        ] {
+            assert_eq!(joint(&format!("type: {name}")).kind, kind);
+        }
+        let (model, problems) = read::<Model>(&text("type: Revolute, joint limits: 3"));
+        assert_eq!(model.joints[0].kind, K::Unknown("Revolute".into()));
+        assert_eq!(problems.len(), 1);
+    }
+
+    #[test]
+    fn controllers() {
+        let c = joint("type: fixed, controller: {P: 5}").controller;
+        assert_eq!((c.gains.p, c.gains.i, c.gains.d), (5.0, 0.0, 1.0));
+        assert_eq!(c.output, ControllerOutput::Force);
+        let c = joint("type: fixed, controller output type: POSITION").controller;
+        assert_eq!(c.output, ControllerOutput::Position);
+        let (model, problems) = read::<Model>(&text("type: fixed, controller output type: Force"));
+        assert_eq!(model.joints[0].controller.output, ControllerOutput::Force);
+        assert_eq!(problems.len(), 1);
+    }
+
+    #[test]
+    fn motors_take_booleans_and_digits() {
+        assert!(joint("type: fixed, enable motor: 1").enable_motor);
+        assert!(!joint("type: fixed, enable motor: 0").enable_motor);
+        assert!(!joint("type: fixed, enable motor: No, enable feedback: true").enable_motor);
+        assert_eq!(
+            refused::<Model>(&text("type: fixed, enable motor: 2")).len(),
+            1
+        );
+        assert_eq!(
+            refused::<Model>(&text("type: fixed, enable feedback: 1")).len(),
+            1
+        );
+    }
+
+    #[test]
+    fn limits_need_both_ends() {
+        let j = joint("type: revolute, joint limits: {low: -1, high: 2}");
+        assert_eq!(
+            j.limits,
+            Some(Limits {
+                low: -1.0,
+                high: 2.0
+            })
+        );
+        assert_eq!(joint("type: revolute, joint limits: {}").limits, None);
+        let (model, problems) = read::<Model>(&text("type: revolute, joint limits: {low: 1}"));
+        assert_eq!(model.joints[0].limits, None);
+        assert!(problems[0].contains("the joint is unlimited"));
+    }
+
+    #[test]
+    fn legacy_offset_wins() {
+        assert_eq!(joint("type: fixed, child offset: 2").child_offset, 2.0);
+        let (model, problems) = read::<Model>(&text("type: fixed, offset: 1, child offset: 2"));
+        assert_eq!(model.joints[0].child_offset, 1.0);
+        assert!(problems[0].contains("`J / child offset` is not used; `offset` is used"));
+    }
+
+    #[test]
+    fn multi_dof_blocks() {
+        let j = joint("type: cone twist, joint limits: {x: 1, y: 2, z: 3}");
+        let limits = ConeTwistLimits {
+            twist: 1.0,
+            swing_y: 2.0,
+            swing_z: 3.0,
+        };
+        assert_eq!(j.kind, JointKind::ConeTwist(limits));
+        let low = "{low: {x: 0, y: 0, z: 0}}";
+        let keys = format!(
+            "type: six dof spring, joint limits: {{linear: {low}, angular: {low}}}, \
+             stiffness: {{linear: {{x: 1, y: 2, z: 3}}}}"
+        );
+        let (model, problems) = read::<Model>(&text(&keys));
+        let JointKind::SixDofSpring(spring) = &model.joints[0].kind else {
+            panic!()
+        };
+        assert_eq!(spring.limits.linear_low, Vector3::zeros());
+        assert_eq!(spring.limits.angular_high, Vector3::repeat(1.2));
+        assert_eq!(spring.stiffness.linear, Vector3::new(1.0, 2.0, 3.0));
+        assert_eq!(spring.stiffness.angular, Vector3::repeat(1.0));
+        assert_eq!(spring.damping, LinearAngular::repeat(0.7));
+        assert_eq!(problems.len(), 5, "{problems:#?}");
+    }
+
+    #[test]
+    fn missing_keys_refuse_the_file_and_bad_axes_drop_the_joint() {
+        let problems = refused::<Model>("joints: [J]\nJ: {parent: A, child: B}\n");
+        assert_eq!(problems.len(), 5, "{problems:#?}");
+        let zero = "child axis: {x: 0, y: 0, z: 0}";
+        let with = |kind: &str| {
+            text(&format!("type: {kind}")).replace("child axis: {x: 0, y: 0, z: 1}", zero)
+        };
+        let (model, problems) = read::<Model>(&with("revolute"));
+        assert!(model.joints.is_empty());
+        assert!(problems[0]
+            .contains("`J / child axis` is a mapping, expected a direction that is not zero"));
+        assert_eq!(clean::<Model>(&with("p2p")).joints.len(), 1);
+        let (model, problems) = read::<Model>(&text("type: fixed").replace("parent: A, ", ""));
+        assert!(model.joints.is_empty() && problems[0].contains("`J / parent` is missing"));
+    }
+}

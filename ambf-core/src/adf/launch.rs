@@ -57,3 +57,26 @@ impl Launch {
         launch
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{clean, read};
+    use super::*;
+
+    #[test]
+    fn paths_and_missing_keys() {
+        let text = "world config: w.yaml\ninput devices config: /d.yaml\ncolor config: ./c.yaml\n\
+                    multibody configs: [a.yaml, 'b c.yaml']\nplugins: [{name: p, filename: libp.so, path: x}]\n";
+        let launch: Launch = clean(text);
+        assert_eq!(launch.world_config, Some("dir/w.yaml".into()));
+        assert_eq!(launch.input_devices_config, Some("/d.yaml".into()));
+        let models = launch.multibody_configs.as_deref().expect("models");
+        assert_eq!(models, ["dir/a.yaml", "dir/b c.yaml"].map(PathBuf::from));
+        assert_eq!(launch.plugins[0].path, Some("dir/x".into()));
+        let (launch, problems) = read::<Launch>("multibody configs:\nplugins: [{name: p}]\n");
+        assert_eq!(launch.multibody_configs, Some(vec![]));
+        assert_eq!(launch.missing_keys().len(), 3);
+        assert!(launch.plugins.is_empty());
+        assert_eq!(problems.len(), 4, "{problems:#?}");
+    }
+}

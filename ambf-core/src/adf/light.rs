@@ -69,3 +69,28 @@ impl Light {
         Some(light)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{clean, read, refused};
+    use super::super::Model;
+    use super::*;
+
+    #[test]
+    fn lights() {
+        let text = "lights: [L]\nL: {location: {x: 1, y: 2, z: 3, orientation: {r: 0, p: 0, y: 1}}, attenuation: {linear: 2}}\n";
+        let light = clean::<Model>(text).lights.remove(0);
+        assert_eq!(
+            light.location.translation.vector,
+            Vector3::new(1.0, 2.0, 3.0)
+        );
+        assert!((light.location.rotation.angle() - 1.0).abs() < 1e-12);
+        let attenuation = light.attenuation.expect("a block");
+        assert_eq!((attenuation.constant, attenuation.linear), (1.0, 2.0));
+        assert_eq!((light.direction, light.cutoff_angle), (None, 0.7));
+        let (model, problems) = read::<Model>("lights: [L]\nL: {shadow quality: 6}\n");
+        assert_eq!((model.lights[0].shadow_quality, problems.len()), (0, 1));
+        let text = "lights: [L]\nL: {location: {position: {x: 1, y: 2, z: 3}}}\n";
+        assert!(refused::<Model>(text)[0].contains("`L / location / x` is missing"));
+    }
+}

@@ -208,3 +208,61 @@ fn text_of<'t>(bytes: &'t [u8], path: &Path) -> Result<&'t str, LoadError> {
         None => Ok(text),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Description and problems of a text that is read.
+    pub(super) fn read<T: Description>(text: &str) -> (T, Vec<String>) {
+        let (value, report) = parse(text, Path::new("dir/t.yaml")).expect("read");
+        let lines = report.problems().iter().map(|p| p.to_string());
+        (value, lines.collect())
+    }
+
+    /// As [`read`], of a text without problems.
+    pub(super) fn clean<T: Description>(text: &str) -> T {
+        let (value, problems) = read(text);
+        assert_eq!(problems, [""; 0]);
+        value
+    }
+
+    /// Problems of a text that is refused.
+    pub(super) fn refused<T: Description>(text: &str) -> Vec<String> {
+        match parse::<T>(text, Path::new("t.yaml")) {
+            Err(LoadError::Refused { report, .. }) => {
+                report.problems().iter().map(|p| p.to_string()).collect()
+            }
+            Err(other) => panic!("{other}"),
+            Ok(_) => panic!("not refused"),
+        }
+    }
+
+    #[test]
+    fn versions() {
+        assert!(parse::<Model>("adf version: 1.0\n", Path::new("t")).is_ok());
+        assert!(parse::<Model>("adf version: '1.0'\n", Path::new("t")).is_ok());
+        for other in ["1", "1.00", "2.0", "[1.0]"] {
+            let text = format!("bodies: []\nadf version: {other}\n");
+            let error = parse::<Model>(&text, Path::new("t")).unwrap_err();
+            assert!(matches!(error, LoadError::Version { at, .. } if at.line == 2));
+        }
+    }
+
+    #[test]
+    fn a_byte_order_mark_is_skipped() {
+        let model: Model = clean("\u{feff}namespace: /a/\n");
+        assert_eq!(model.namespace, "/a/");
+    }
+
+    #[test]
+    fn positions_of_what_is_no_text() {
+        let error = parse_bytes::<Model>(b"a: 1\nb: \xC3\xA9\xFF", Path::new("t")).unwrap_err();
+        let LoadError::NotText { at, .. } = &error else {
+            panic!("{error}")
+        };
+        assert_eq!((at.line, at.column), (2, 5));
+        let error = parse::<Model>("a: \0", Path::new("t")).unwrap_err();
+        assert!(error.to_string().starts_with("t:1:4: a control character"));
+    }
+}

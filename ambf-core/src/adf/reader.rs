@@ -37,7 +37,7 @@ impl Range {
         }
     }
 
-    fn words(self) -> &'static str {
+    pub(super) fn words(self) -> &'static str {
         match self {
             Range::Any => "a finite number",
             Range::NotNegative => "a finite number, at least 0",
@@ -153,6 +153,12 @@ impl<'t> Reader<'t> {
         }
     }
 
+    /// Copying a text is work too: an alias can ask for a long one again and again.
+    fn spend_text(&self, text: &str) -> bool {
+        self.spend(1 + text.len() / 16)
+    }
+
+    /// False when the work left does not suffice; the file is refused then.
     fn spend(&self, work: usize) -> bool {
         let left = self.work.get();
         if left >= work {
@@ -196,13 +202,19 @@ fn text_of<'m>(node: &'m Node<'m>) -> &'m str {
     }
 }
 
+/// What a message shows of a text.
+fn shortened(text: &str) -> Cow<'_, str> {
+    const SHOWN: usize = 80;
+    match text.char_indices().nth(SHOWN) {
+        Some((end, _)) => format!("{}…", &text[..end]).into(),
+        None => text.into(),
+    }
+}
+
 fn described(node: &Node<'_>) -> String {
     match &node.kind {
         Kind::Null => "empty".into(),
-        Kind::Scalar(text) if text.chars().count() > 60 => {
-            format!("`{}…`", text.chars().take(60).collect::<String>())
-        }
-        Kind::Scalar(text) => format!("`{text}`"),
+        Kind::Scalar(text) => format!("`{}`", shortened(text)),
         Kind::List(items) => format!("a list of {}", items.len()),
         Kind::Map(_) => "a mapping".into(),
     }
@@ -286,11 +298,14 @@ impl<'m> Map<'m> {
     }
 
     fn path(&self, key: &str) -> String {
-        let mut parts = if key.is_empty() { vec![] } else { vec![key] };
+        let mut parts = Vec::new();
+        if !key.is_empty() {
+            parts.push(shortened(key));
+        }
         let mut map = Some(self);
         while let Some(m) = map {
             if !m.key.is_empty() {
-                parts.push(&m.key);
+                parts.push(shortened(&m.key));
             }
             map = m.parent;
         }
@@ -310,13 +325,16 @@ impl<'m> Map<'m> {
         expected: &str,
         action: &str,
     ) {
+        if self.r.work.get() == 0 {
+            return; // values are made up from here on
+        }
         let path = self.path(key);
         let last = if key.is_empty() { &self.key } else { key };
         self.r.report.borrow_mut().push(Problem {
             severity,
             kind,
             source: self.r.source(mark),
-            key: last.to_owned(),
+            key: shortened(last).into_owned(),
             path,
             found: found.to_owned(),
             expected: expected.to_owned(),
@@ -489,5 +507,109 @@ impl<'m> Map<'m> {
     /// Reports that a required key is missing.
     pub(super) fn missing(&self, key: &str, expected: &str) {
         self.refuse(ProblemKind::MissingKey, self.mark, key, "", expected);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{clean, read, refused};
+    use super::super::Model;
+
+    #[test]
+    fn duplicate_keys_first_wins() {
+        let (model, problems) = read::<Model>("namespace: /a/\nnamespace: /b/\n");
+        assert_eq!(model.namespace, "/a/");
+        let expected = "dir/t.yaml:2:1: warning: `namespace` occurs twice; the first one is used";
+        assert_eq!(problems, [expected]);
+    }
+
+    #[test]
+    fn duplicate_keys_of_a_large_mapping() {
+        let mut text: String = (0..100).map(|i| format!("k{i}: &a{i} 1\n")).collect();
+        text.push_str("k7: 2\n");
+        let (_, problems) = read::<Model>(&text);
+        assert_eq!(problems.len(), 1);
+        assert!(problems[0].contains(":101:1: warning: `k7` occurs twice"));
+    }
+
+    #[test]
+    fn listed_elements_that_are_absent_or_null() {
+        let text = "bodies: [A, B]\nsoft bodies: [C]\nghost objects: [D]\nlights: [E]\nB:\n";
+        let (model, problems) = read::<Model>(text);
+        assert_eq!(model.bodies.len(), 1);
+        assert_eq!(model.bodies[0].common.identifier, "A");
+        assert_eq!((model.bodies[0].mass, model.soft_bodies.len()), (1.0, 0));
+        assert_eq!((model.ghosts.len(), model.lights.len()), (0, 1));
+        let errors: Vec<_> = problems.iter().filter(|p| p.contains("error")).collect();
+        assert_eq!(errors.len(), 5, "{problems:#?}");
+        assert!(errors[1].contains(":1:13: error: `B` is listed but empty; the body is dropped"));
+        let problems = refused::<Model>("joints: [J]\n");
+        assert_eq!(problems.len(), 1);
+        assert!(problems[0].contains("`J` is listed but not defined; the file is refused"));
+    }
+
+    #[test]
+    fn subscripted_scalars_refuse_the_file() {
+        let text = "bodies: [A]\nA: {mass: 1, damping: 0.1}\n";
+        let problems = refused::<Model>(text);
+        assert!(problems[0].contains("`A / damping` is `0.1`, expected a mapping"));
+        let problems = refused::<Model>("bodies: [A]\nA: 3\n");
+        assert_eq!(problems.len(), 1, "{problems:?}");
+    }
+
+    #[test]
+    fn all_wrong_values_are_reported() {
+        let text =
+            "bodies: [A]\nA: {mass: x, restitution: 0x1, name: [1]}\nignore inter-collision: 1\n";
+        assert_eq!(refused::<Model>(text).len(), 5); // and no collision geometry
+    }
+
+    #[test]
+    fn a_scalar_for_a_list_is_an_empty_list() {
+        let (model, problems) = read::<Model>("bodies: BODY a\n");
+        assert!(model.bodies.is_empty());
+        assert!(problems[0].contains("error: `bodies` is `BODY a`, expected a list"));
+    }
+
+    #[test]
+    fn quoted_scalars_convert_like_plain_ones() {
+        let text = "ignore inter-collision: 'True'\ngravity: {x: '1', y: \" 2e0 \", z: 0}\n";
+        let model: Model = clean(text);
+        assert!(model.ignore_inter_collision);
+        assert_eq!(model.gravity.map(|g| g.y), Some(2.0));
+    }
+
+    #[test]
+    fn anchors_are_shared_and_merge_keys_are_not_expanded() {
+        let text = "g: &g {x: 1, y: 2, z: 3}\ngravity: *g\n";
+        assert_eq!(clean::<Model>(text).gravity.map(|g| g.z), Some(3.0));
+        let text = "m: &m {x: 1, y: 2}\ngravity: {<<: *m, z: 3}\n";
+        let problems = refused::<Model>(text);
+        assert!(
+            problems[0].contains("`gravity / x` is missing"),
+            "{problems:?}"
+        );
+    }
+
+    #[test]
+    fn nulls() {
+        let text = "bodies: [A]\nnamespace:\nA: {name: ~, mass: 0, location: , mesh: }\n";
+        let (model, _) = read::<Model>(text);
+        assert_eq!(model.namespace, "");
+        assert_eq!(model.bodies[0].common.name, "null");
+        assert_eq!(model.bodies[0].location, nalgebra::Isometry3::identity());
+        let problems = refused::<Model>("bodies: [A]\nA: {mass: }\n");
+        let expected =
+            "t.yaml:2:9: error: `A / mass` is empty, expected a number; the file is refused";
+        assert!(problems.iter().any(|p| p == expected), "{problems:?}");
+    }
+
+    #[test]
+    fn root_keys_that_hold_anchors_need_no_message() {
+        let text = "a: &a 1\nb: 2\nc: {d: 3}\n";
+        let (_, problems) = read::<Model>(text);
+        assert_eq!(problems.len(), 2);
+        assert!(problems[0].contains("2:1: warning: `b` is not known"));
+        assert!(problems[1].contains("3:1: warning: `c` is not used; no list names it"));
     }
 }

@@ -271,3 +271,81 @@ impl Actuator {
         Some(actuator)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{clean, read};
+    use super::super::Model;
+    use super::*;
+
+    fn sensor(keys: &str) -> Sensor {
+        let text = format!("sensors: [S]\nlow resolution path: lo\nhigh resolution path: hi\nS: {{parent: A, {keys}}}\n");
+        clean::<Model>(&text).sensors.remove(0)
+    }
+
+    const ARRAY: &str = "array: [{offset: {x: 0, y: 0, z: 0}, direction: {x: 1, y: 0, z: 0}}]";
+
+    #[test]
+    fn kinds_and_rays() {
+        let s = sensor(&format!("type: PROXIMITY, {ARRAY}"));
+        assert_eq!(
+            (s.kind, s.range, s.visible_size),
+            (SensorKind::Proximity, 0.5, 0.02)
+        );
+        assert!(matches!(s.rays, RaySource::Array(rays) if rays.len() == 1));
+        let s = sensor(
+            "type: resistance, mesh: t.stl, friction: {static: 3, variable: Yes}, contact area: 2",
+        );
+        let SensorKind::Resistance(p) = s.kind else {
+            panic!()
+        };
+        assert!(p.variable_friction);
+        assert_eq!(
+            (p.static_friction, p.friction_damping, p.contact_area),
+            (3.0, 0.1, 2.0)
+        );
+        let RaySource::Mesh { candidates } = s.rays else {
+            panic!()
+        };
+        assert_eq!(
+            candidates,
+            ["dir/t.stl", "dir/lo/t.stl", "dir/hi/t.stl"].map(PathBuf::from)
+        );
+        let fan = "parametric: {resolution: 2, horizontal angle: 1, vertical angle: 0.5, start offset: 0}";
+        let s = sensor(&format!("type: Proximity, {fan}"));
+        assert!(matches!(
+            s.rays,
+            RaySource::Parametric { resolution: 2, .. }
+        ));
+    }
+
+    #[test]
+    fn unusable_sensors_are_dropped() {
+        for keys in [
+            ARRAY.to_owned(),
+            format!("type: Contact, {ARRAY}"),
+            "type: Proximity".to_owned(),
+            "type: Proximity, array: []".to_owned(),
+            format!("type: Proximity, range: -1, {ARRAY}"),
+            "type: Proximity, parametric: {resolution: 1, horizontal angle: 1, vertical angle: 1, start offset: 0}".to_owned(),
+        ] {
+            let text = format!("sensors: [S]\nS: {{parent: A, {keys}}}\n");
+            let (model, problems) = read::<Model>(&text);
+            assert!(model.sensors.is_empty(), "{keys}");
+            assert!(problems[0].contains("the sensor is dropped"), "{problems:?}");
+        }
+    }
+
+    #[test]
+    fn actuators() {
+        let text =
+            "actuators: [C, D]\nC: {type: constraint, parent: A}\nD: {type: Motor, parent: A}\n";
+        let (model, problems) = read::<Model>(text);
+        assert_eq!(model.actuators.len(), 1);
+        assert_eq!(
+            (model.actuators[0].max_impulse, model.actuators[0].tau),
+            (10.0, 1.0)
+        );
+        assert!(problems[0].contains("`D / type` is `Motor`, expected Constraint"));
+    }
+}

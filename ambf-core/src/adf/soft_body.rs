@@ -274,3 +274,42 @@ impl SoftMaterial {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{clean, read};
+    use super::super::Model;
+    use super::*;
+
+    #[test]
+    fn config() {
+        let text = "soft bodies: [S]\nS:\n  mass: 1\n  mesh: a.obj\n  randomize constraints: false\n  \
+                    config: {kLST: 0.5, kMT: 0.1, piterations: 6, bending constraint: 2, fixed nodes: [0, 3]}\n";
+        let body = clean::<Model>(text).soft_bodies.remove(0);
+        assert!(body.common.passive && body.randomize_constraints);
+        assert_eq!(body.collision_mesh, std::path::Path::new("dir/a.obj"));
+        let expected = SoftBodyConfig {
+            kMT: Some(0.1),
+            piterations: 6,
+            bending_constraint: Some(2),
+            fixed_nodes: vec![0, 3],
+            material: Some(SoftMaterial {
+                kLST: 0.5,
+                ..SoftMaterial::default()
+            }),
+            ..SoftBodyConfig::default()
+        };
+        assert_eq!(body.config, expected);
+    }
+
+    #[test]
+    fn a_mesh_is_required_and_negative_nodes_are_left_out() {
+        let (model, problems) = read::<Model>("soft bodies: [S]\nS: {mass: 1}\n");
+        assert!(model.soft_bodies.is_empty());
+        assert!(problems[0].contains("`S / collision mesh` is missing"));
+        let text = "soft bodies: [S]\nS: {mass: 1, mesh: m, config: {fixed nodes: [-1, 2]}}\n";
+        let (model, problems) = read::<Model>(text);
+        assert_eq!(model.soft_bodies[0].config.fixed_nodes, [2]);
+        assert_eq!(problems.len(), 1);
+    }
+}

@@ -64,16 +64,22 @@ pub(super) fn mesh_path(dir: &Path, model: &Path, element: &Path, mesh: &str) ->
     path
 }
 
-fn vector_of(map: &Map<'_>, keys: [&str; 3]) -> Vector3<f64> {
-    let [x, y, z] = keys.map(|key| map.need_real(key));
-    Vector3::new(x, y, z)
+/// A vector whose components are all there and finite.
+fn vector_of(map: &Map<'_>, keys: [&str; 3]) -> Option<Vector3<f64>> {
+    let [x, y, z] = keys.map(|key| {
+        if !map.has(key) {
+            map.missing(key, Range::Any.words());
+        }
+        map.real(key)
+    });
+    Some(Vector3::new(x?, y?, z?))
 }
 
 /// Rotation by roll, pitch, yaw about fixed axes: R = Rz(y)·Ry(p)·Rx(r).
-fn rotation_of(map: &Map<'_>) -> UnitQuaternion<f64> {
+fn rotation_of(map: &Map<'_>) -> Option<UnitQuaternion<f64>> {
     let rpy = vector_of(map, ["r", "p", "y"]);
     map.finish();
-    UnitQuaternion::from_euler_angles(rpy.x, rpy.y, rpy.z)
+    rpy.map(|rpy| UnitQuaternion::from_euler_angles(rpy.x, rpy.y, rpy.z))
 }
 
 impl Map<'_> {
@@ -86,7 +92,7 @@ impl Map<'_> {
         let map = self.map_opt(key)?;
         let vector = vector_of(&map, keys);
         map.finish();
-        Some(vector)
+        vector
     }
 
     /// A required vector; zero after a problem.
@@ -99,15 +105,15 @@ impl Map<'_> {
 
     /// A vector that is not zero; a zero one drops the element being read.
     pub(super) fn reject_zero(&self, key: &str, vector: &Vector3<f64>) {
-        // Numbers this small square to zero and cannot be normalised.
-        if self.has(key) && vector.norm_squared() < f64::MIN_POSITIVE {
+        // Numbers whose squares underflow or overflow cannot be normalised.
+        if self.has(key) && !vector.norm_squared().is_normal() {
             self.reject(ProblemKind::OutOfRange, key, "a direction that is not zero");
         }
     }
 
     /// `{r, p, y}`, all required, rad.
     pub(super) fn rotation(&self, key: &str) -> Option<UnitQuaternion<f64>> {
-        self.map_opt(key).map(|map| rotation_of(&map))
+        self.map_opt(key).and_then(|map| rotation_of(&map))
     }
 
     /// `{position, orientation}`, both optional.
@@ -122,7 +128,7 @@ impl Map<'_> {
     /// `{x, y, z}` with an optional `orientation`: the location of a light.
     pub(super) fn flat_pose(&self, key: &str) -> Option<Isometry3<f64>> {
         let map = self.map_opt(key)?;
-        let position = vector_of(&map, ["x", "y", "z"]);
+        let position = vector_of(&map, ["x", "y", "z"]).unwrap_or_default();
         let orientation = map.rotation("orientation").unwrap_or_default();
         map.finish();
         Some(Isometry3::from_parts(
@@ -373,5 +379,49 @@ mod tests {
         assert_eq!(path("high", "/own", "m.stl"), Path::new("/own/m.stl"));
         assert_eq!(path("high", "/own", "/m.stl"), Path::new("/m.stl"));
         assert_eq!(path("", "", "m.stl"), Path::new("/adf/m.stl"));
+    }
+
+    #[test]
+    fn rotations_are_fixed_axis_roll_pitch_yaw() {
+        let text = "bodies: [A]\nA: {mass: 1, mesh: m, location: {orientation: {r: 0.3, p: -0.7, y: 1.9}}}\n";
+        let model = super::super::tests::clean::<super::super::Model>(text);
+        let rotation = model.bodies[0].location.rotation.to_rotation_matrix();
+        let about = |axis, angle| nalgebra::Rotation3::from_axis_angle(&axis, angle);
+        let expected = about(Vector3::z_axis(), 1.9)
+            * about(Vector3::y_axis(), -0.7)
+            * about(Vector3::x_axis(), 0.3);
+        assert!((rotation.matrix() - expected.matrix()).norm() < 1e-12);
+    }
+
+    #[test]
+    fn materials() {
+        let material = |keys: &str| {
+            let text = format!("bodies: [A]\nA: {{mass: 1, mesh: m, {keys}}}\n");
+            let (mut model, problems) = super::super::tests::read::<super::super::Model>(&text);
+            (model.bodies.remove(0).visual.material, problems.len())
+        };
+        let rgba = "color rgba: {r: 1, g: 0.5, b: 0, a: 0.25}";
+        let (found, problems) = material(&format!("{rgba}, color components: 3, color: red"));
+        let found = found.expect("a material");
+        assert_eq!(
+            (found.ambient, found.alpha, problems),
+            ([0.5, 0.25, 0.0], 0.25, 0)
+        );
+        assert_eq!(material(&format!("{rgba}, use material: no")), (None, 0));
+        assert_eq!(material("color: random"), (None, 1));
+        let (found, _) = material(
+            "color components: {transparency: 0.5, ambient: {level: 0.1}, emission: {r: 1, g: 1, b: 1}, shininess: 3}",
+        );
+        let expected = Material {
+            ambient: [0.7 * 0.1; 3],
+            emission: [1.0; 3],
+            alpha: 0.5,
+            shininess: 3,
+            ..Material::default()
+        };
+        assert_eq!(found, Some(expected));
+        // A colour cannot hurt the physics: the body stays.
+        let (found, problems) = material("color rgba: {r: .nan, g: 0, b: 0, a: 1}");
+        assert_eq!((found.map(|m| m.diffuse[0]), problems), (Some(0.0), 1));
     }
 }

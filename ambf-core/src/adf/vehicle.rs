@@ -182,3 +182,41 @@ impl Suspension {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::read;
+    use super::super::Model;
+    use super::*;
+
+    #[test]
+    fn wheels() {
+        let text = "vehicles: [V]\nV:\n  chassis: C\n  wheels: [{body: W, radius: 0.4, friction: 1, roll influence: 1,
+    suspension: {stiffness: 1, damping: 2, compression: 3, rest length: 4}, front: True,
+    steering limits: {low: -1, high: 1}}, {mesh: w.stl}, {radius: 1}, {body: W, radius: 0}]\n";
+        let (model, problems) = read::<Model>(text);
+        let wheels = &model.vehicles[0].wheels;
+        assert_eq!(wheels.len(), 2);
+        assert_eq!(wheels[0].visual, WheelVisual::Body("W".into()));
+        assert_eq!(wheels[0].suspension.rest_length, 4.0);
+        assert_eq!(
+            (wheels[0].steering_limits.low, wheels[0].front),
+            (-1.0, true)
+        );
+        assert_eq!(
+            (wheels[1].radius, wheels[1].suspension),
+            (0.3, Suspension::default())
+        );
+        let errors: Vec<_> = problems.iter().filter(|p| p.contains("error")).collect();
+        assert_eq!(errors.len(), 2, "{problems:#?}");
+        assert!(errors[0].contains(
+            "`V / wheels[2] / body` is missing (a `body` or a `mesh`); the wheel is dropped"
+        ));
+    }
+
+    #[test]
+    fn a_chassis_is_required() {
+        let (model, problems) = read::<Model>("vehicles: [V]\nV: {wheels: []}\n");
+        assert!(model.vehicles.is_empty() && problems[0].contains("the vehicle is dropped"));
+    }
+}

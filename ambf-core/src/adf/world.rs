@@ -191,3 +191,46 @@ impl PhysicsSettings {
         settings
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{clean, read};
+    use super::*;
+
+    #[test]
+    fn worlds() {
+        let world: World = clean("{}\n");
+        assert_eq!(
+            (world.common.name.as_str(), world.max_iterations),
+            ("World", 10)
+        );
+        assert_eq!(world.gravity, Vector3::new(0.0, 0.0, -9.8));
+        assert_eq!(
+            (world.environment, world.physics),
+            (None, PhysicsSettings::default())
+        );
+        let world: World = clean(
+            "namespace: env/\nenvironment: e.yaml\nlights: [l]\nl: {namespace: a/}\nmax iterations: 3\n\
+             physics: {profile: accurate, solver: nncg, iterations: 4, sub step: 0.0005}\n",
+        );
+        assert_eq!(world.common.namespace, "env/");
+        assert_eq!(world.lights[0].common.namespace, "env/a/");
+        assert_eq!(world.environment, Some("dir/e.yaml".into()));
+        assert_eq!(world.physics.profile, Some(PhysicsProfile::Accurate));
+        assert_eq!(
+            (world.physics.iterations, world.physics.sub_step),
+            (Some(4), Some(0.0005))
+        );
+    }
+
+    #[test]
+    fn unusable_parts_leave_the_default() {
+        let text = "max iterations: 0\ngravity: {x: .nan, y: 0, z: 0}\nenclosure: {length: 1, width: -1, height: 1}\n\
+                    physics: {profile: best}\nskybox: {path: p, right: r.png}\n";
+        let (world, problems) = read::<World>(text);
+        assert_eq!((world.max_iterations, world.enclosure), (10, None));
+        assert_eq!(world.gravity, Vector3::new(0.0, 0.0, -9.8));
+        assert_eq!((world.physics.profile, world.skybox), (None, None));
+        assert_eq!(problems.len(), 5, "{problems:#?}");
+    }
+}

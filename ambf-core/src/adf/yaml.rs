@@ -257,6 +257,7 @@ mod tests {
         assert!(matches!(doc.node(items[1]).kind, Kind::Null));
         assert!(matches!(doc.node(items[2]).kind, Kind::Null));
         assert!(matches!(doc.node(root[2].1).kind, Kind::Null));
+        assert_eq!(doc.node(root[2].1).mark, Mark { line: 3, column: 2 });
         assert_eq!(doc.node(root[2].0).mark.line, 3);
     }
 

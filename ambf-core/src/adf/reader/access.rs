@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use super::{described, text_of, Absent, Map, Range};
 use crate::adf::report::{ProblemKind, Severity};
 use crate::adf::scalar;
-use crate::adf::yaml::{Kind, Mark, Node, NodeId};
+use crate::adf::yaml::{Kind, Mark, NodeId};
 
 impl<'m> Map<'m> {
     fn scalar<T>(
@@ -96,7 +96,10 @@ impl<'m> Map<'m> {
     pub(in crate::adf) fn string(&self, key: &str) -> Option<String> {
         let node = self.node(key)?;
         match &node.kind {
-            Kind::Scalar(_) | Kind::Null => Some(text_of(node).to_owned()),
+            Kind::Scalar(_) | Kind::Null => {
+                let text = text_of(node);
+                self.r.spend_text(text).then(|| text.to_owned())
+            }
             _ => {
                 self.wrong_type(key, node, "a text");
                 None
@@ -196,7 +199,12 @@ impl<'m> Map<'m> {
         for &id in self.items(key) {
             let node = self.r.doc.node(id);
             match node.kind {
-                Kind::Scalar(_) | Kind::Null => texts.push((text_of(node), node.mark)),
+                Kind::Scalar(_) | Kind::Null => {
+                    let text = text_of(node);
+                    if self.r.spend_text(text) {
+                        texts.push((text, node.mark));
+                    }
+                }
                 _ => self.wrong_type(key, node, "a list of texts"),
             }
         }
