@@ -3,9 +3,7 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use ambf_core::adf::{
-    load, parse, ColorTable, InputDevices, Launch, LoadError, Model, Severity, World,
-};
+use ambf_core::adf::{load, parse, ColorTable, InputDevices, Launch, LoadError, Model, Severity, World};
 
 fn error(text: &str) -> LoadError {
     parse::<Model>(text, Path::new("m.yaml")).expect_err("refused")
@@ -28,9 +26,7 @@ fn a_directory_is_no_file() {
 #[test]
 fn one_message_for_a_syntax_error() {
     let error = error("bodies: [BODY A\njoints: []\n");
-    let LoadError::Syntax { at, .. } = &error else {
-        panic!("{error}")
-    };
+    let LoadError::Syntax { at, .. } = &error else { panic!("{error}") };
     assert!(at.line == 2 && at.column > 0, "{error}");
     assert_eq!(error.to_string().lines().count(), 1);
 }
@@ -125,12 +121,8 @@ fn four_hundred_warnings_stay_readable() {
 #[test]
 fn errors_name_file_line_key_and_what_to_write() {
     let text = "bodies: [A]\nA:\n  mass: 1\n  collision shape: Sphere\n  collision geometry:\n    radius: big\n";
-    let LoadError::Refused { report, .. } = error(text) else {
-        panic!()
-    };
-    let [problem] = report.problems() else {
-        panic!("{report}")
-    };
+    let LoadError::Refused { report, .. } = error(text) else { panic!() };
+    let [problem] = report.problems() else { panic!("{report}") };
     assert_eq!(problem.severity, Severity::Fatal);
     assert_eq!(
         problem.to_string(),
@@ -193,8 +185,8 @@ C: {look at: *v, stereo: {mode: P, eye separation: 1, focal length: 1}}
 ";
 
 const BITS: [&str; 24] = [
-    "&a ", "*a", "*v", "{", "}", "[", "]", ":", "- ", "? ", "|\n", "'", "\"", "#", "\n", "\t",
-    "---\n", "!!int ", ".nan", "-.inf", "1e308", "~", "é", "<<: *v",
+    "&a ", "*a", "*v", "{", "}", "[", "]", ":", "- ", "? ", "|\n", "'", "\"", "#", "\n", "\t", "---\n", "!!int ",
+    ".nan", "-.inf", "1e308", "~", "é", "<<: *v",
 ];
 
 /// Next number below a bound; xorshift64 of Marsaglia (2003).
@@ -260,8 +252,5 @@ fn mutated_scenes_give_messages() {
         let _ = parse::<InputDevices>(&text, path);
         let _ = parse::<ColorTable>(&text, path);
     }
-    assert!(
-        read > 100 && refused > 100,
-        "{read} read, {refused} refused"
-    );
+    assert!(read > 100 && refused > 100, "{read} read, {refused} refused");
 }

@@ -85,9 +85,7 @@ impl RigidBody {
             gravity: None,
             visual: Visual::read(map, base),
             collision: CollisionGeometry::read(map, base),
-            collision_margin: map
-                .real_in("collision margin", Range::NotNegative)
-                .unwrap_or(0.001),
+            collision_margin: map.real_in("collision margin", Range::NotNegative).unwrap_or(0.001),
             collision_groups: map.collision_groups(),
             surface: Surface::read(map),
             controller: map.cartesian_controller("controller"),
@@ -101,12 +99,7 @@ impl RigidBody {
             body.inertial_offset = map.pose("inertial offset");
             body.gravity = map.vector("gravity");
         } else if !map.has("mass") {
-            map.warn(
-                ProblemKind::Absent,
-                "mass",
-                "a mass in kg",
-                "1 kg and an estimated inertia are used",
-            );
+            map.warn(ProblemKind::Absent, "mass", "a mass in kg", "1 kg and an estimated inertia are used");
             let why = "the body has no `mass`";
             map.ignore(&["inertia", "inertial offset", "gravity"], why);
         }
@@ -169,24 +162,15 @@ mod tests {
     fn defaults() {
         let body = body("{mass: 2, mesh: m.stl}");
         assert_eq!(body.common.identifier, "BODY a b");
-        assert_eq!(
-            (body.common.name.as_str(), body.common.namespace.as_str()),
-            ("", "/n/")
-        );
-        assert_eq!(
-            (body.mass, body.scale, body.collision_margin),
-            (2.0, 1.0, 0.001)
-        );
+        assert_eq!((body.common.name.as_str(), body.common.namespace.as_str()), ("", "/n/"));
+        assert_eq!((body.mass, body.scale, body.collision_margin), (2.0, 1.0, 0.001));
         assert_eq!((body.inertia, body.inertial_offset), (None, None));
         assert_eq!(body.surface, Surface::default());
         assert_eq!(body.controller, None);
         assert!(!body.publish_children_names && body.publish_joint_names);
         assert!(body.publish_joint_positions && !body.common.passive);
         let path = Path::new("dir/m.stl").to_path_buf();
-        assert_eq!(
-            body.visual.geometry,
-            VisualGeometry::Mesh { path: path.clone() }
-        );
+        assert_eq!(body.visual.geometry, VisualGeometry::Mesh { path: path.clone() });
         let kind = CollisionMeshKind::ConcaveMesh;
         assert_eq!(body.collision, CollisionGeometry::Mesh { path, kind });
         assert_eq!((body.common.source.line, body.common.source.column), (3, 1));
@@ -207,24 +191,14 @@ mod tests {
         assert_eq!(body.common.namespace, "/n/sub/");
         assert_eq!(body.common.publish_frequency, Some((60, 2000)));
         assert_eq!(body.inertia, Some(Vector3::new(1.0, 2.0, 3.0)));
-        assert_eq!(
-            body.inertial_offset,
-            Some(Isometry3::translation(0.0, 0.0, 1.0))
-        );
+        assert_eq!(body.inertial_offset, Some(Isometry3::translation(0.0, 0.0, 1.0)));
         assert_eq!(body.collision_groups, [0, 999]);
         let controller = body.controller.expect("a controller");
         assert_eq!(controller.linear.gains.i, 0.0);
         assert_eq!(controller.linear.output, ControllerOutput::Velocity);
         assert_eq!(controller.angular.gains.p, 10.0);
-        let CollisionGeometry::Primitive { primitive, offset } = body.collision else {
-            panic!()
-        };
-        assert_eq!(
-            primitive,
-            Primitive::Box {
-                size: Vector3::new(1.0, 2.0, 3.0)
-            }
-        );
+        let CollisionGeometry::Primitive { primitive, offset } = body.collision else { panic!() };
+        assert_eq!(primitive, Primitive::Box { size: Vector3::new(1.0, 2.0, 3.0) });
         assert_eq!(offset, Some(Isometry3::rotation(Vector3::z())));
         let sphere = VisualGeometry::Primitive(Primitive::Sphere { radius: 1.0 });
         assert_eq!(body.visual.geometry, sphere);

@@ -98,12 +98,7 @@ pub struct MouseMultipliers {
 
 impl Default for MouseMultipliers {
     fn default() -> Self {
-        Self {
-            pan: 1.0,
-            rotate: 1.0,
-            scroll: 1.0,
-            arcball: 1.0,
-        }
+        Self { pan: 1.0, rotate: 1.0, scroll: 1.0, arcball: 1.0 }
     }
 }
 
@@ -113,10 +108,7 @@ impl Camera {
             common: map.common(base),
             parent: map.filled("parent").unwrap_or_default(),
             // An orientation beside the coordinates is replaced by that of the view.
-            location: (map.flat_pose("location"))
-                .unwrap_or_default()
-                .translation
-                .vector,
+            location: (map.flat_pose("location")).unwrap_or_default().translation.vector,
             look_at: map.vector("look at").unwrap_or_default(),
             up: map.vector("up").unwrap_or(Vector3::z()),
             clipping_plane: map.map_opt("clipping plane").map_or((0.1, 10.0), |planes| {
@@ -156,16 +148,8 @@ impl Camera {
 /// Keys: switch, interval, resolution.
 type FrameKeys = [&'static str; 3];
 
-const IMAGE_KEYS: FrameKeys = [
-    "publish image",
-    "publish image interval",
-    "publish image resolution",
-];
-const DEPTH_KEYS: FrameKeys = [
-    "publish depth",
-    "publish depth interval",
-    "publish depth resolution",
-];
+const IMAGE_KEYS: FrameKeys = ["publish image", "publish image interval", "publish image resolution"];
+const DEPTH_KEYS: FrameKeys = ["publish depth", "publish depth interval", "publish depth resolution"];
 
 /// Largest edge of a published picture in pixels.
 const MAX_PIXELS: f64 = 16384.0;
@@ -173,11 +157,7 @@ const MAX_PIXELS: f64 = 16384.0;
 impl PublishedFrame {
     fn read(map: &Map<'_>, [switch, interval, resolution]: FrameKeys, every: u32) -> Option<Self> {
         let published = map.boolean(switch).unwrap_or(false);
-        let mut frame = Self {
-            interval: map.uint(interval).unwrap_or(every).max(1),
-            width: 640,
-            height: 480,
-        };
+        let mut frame = Self { interval: map.uint(interval).unwrap_or(every).max(1), width: 640, height: 480 };
         if let Some(block) = map.map_opt(resolution) {
             let size = ["width", "height"].map(|key| {
                 let pixels = block.need_real_in(key, Range::Positive);
@@ -212,12 +192,8 @@ impl MouseMultipliers {
     fn read(map: &Map<'_>) -> Self {
         let block = map.map("mouse control multipliers");
         let factor = |key| block.real(key).unwrap_or(1.0);
-        let multipliers = Self {
-            pan: factor("pan"),
-            rotate: factor("rotate"),
-            scroll: factor("scroll"),
-            arcball: factor("arcball"),
-        };
+        let multipliers =
+            Self { pan: factor("pan"), rotate: factor("rotate"), scroll: factor("scroll"), arcball: factor("arcball") };
         block.finish();
         multipliers
     }
@@ -237,16 +213,9 @@ mod tests {
   mouse control multipliers: {pan: 2}\n  controlling devices: [a, b]\n";
         let cameras = clean::<Model>(text).cameras;
         assert_eq!(cameras[0].up, Vector3::z());
-        assert_eq!(
-            (cameras[0].clipping_plane, cameras[0].monitor),
-            ((0.1, 10.0), None)
-        );
+        assert_eq!((cameras[0].clipping_plane, cameras[0].monitor), ((0.1, 10.0), None));
         assert!(cameras[0].visible && cameras[0].publish_image.is_none());
-        let frame = PublishedFrame {
-            interval: 1,
-            width: 320,
-            height: 240,
-        };
+        let frame = PublishedFrame { interval: 1, width: 320, height: 240 };
         assert_eq!(cameras[1].publish_image, Some(frame));
         assert_eq!(cameras[1].publish_depth, None);
         assert_eq!(cameras[1].depth_noise.map(|n| n.std_dev), Some(0.3));

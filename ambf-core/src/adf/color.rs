@@ -45,8 +45,7 @@ mod tests {
 
     #[test]
     fn colours() {
-        let text =
-            "a: &a {r: 0xcd, g: 0, b: 255, a: 1}\nb: *a\nc: {r: 256, g: 0, b: 0, a: 0}\nd: 3\n";
+        let text = "a: &a {r: 0xcd, g: 0, b: 255, a: 1}\nb: *a\nc: {r: 256, g: 0, b: 0, a: 0}\nd: 3\n";
         let (table, problems) = read::<ColorTable>(text);
         assert_eq!(table.colors["a"], [0xcd, 0, 255, 1]);
         assert_eq!(table.colors["b"], table.colors["a"]);

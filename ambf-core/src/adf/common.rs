@@ -84,13 +84,6 @@ pub struct Material {
 
 impl Default for Material {
     fn default() -> Self {
-        Self {
-            ambient: [0.3; 3],
-            diffuse: [0.7; 3],
-            specular: [1.0; 3],
-            emission: [0.0; 3],
-            alpha: 1.0,
-            shininess: 64,
-        }
+        Self { ambient: [0.3; 3], diffuse: [0.7; 3], specular: [1.0; 3], emission: [0.0; 3], alpha: 1.0, shininess: 64 }
     }
 }

@@ -13,11 +13,7 @@ pub struct Gains {
 
 impl Default for Gains {
     fn default() -> Self {
-        Self {
-            p: 10.0,
-            i: 0.0,
-            d: 1.0,
-        }
+        Self { p: 10.0, i: 0.0, d: 1.0 }
     }
 }
 
@@ -43,10 +39,7 @@ pub struct Controller {
 
 impl Default for Controller {
     fn default() -> Self {
-        Self {
-            gains: Gains::default(),
-            output: ControllerOutput::Velocity,
-        }
+        Self { gains: Gains::default(), output: ControllerOutput::Velocity }
     }
 }
 

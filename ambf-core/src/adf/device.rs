@@ -88,12 +88,7 @@ impl InputDevices {
         // In the original a wrong value ends the program.
         root.reader().tolerate();
         let devices = Self {
-            entries: root.elements_in_place(
-                "input devices",
-                "input device",
-                Absent::Dropped,
-                InputDevice::read,
-            ),
+            entries: root.elements_in_place("input devices", "input device", Absent::Dropped, InputDevice::read),
             source: root.reader().source(root.mark),
         };
         root.finish_root();
@@ -110,31 +105,21 @@ impl InputDevice {
         }
         let mut deadband = map.real("deadband").unwrap_or(0.001);
         if deadband < 0.0 {
-            map.warn(
-                ProblemKind::OutOfRange,
-                "deadband",
-                "at least 0 N",
-                "0 is used",
-            );
+            map.warn(ProblemKind::OutOfRange, "deadband", "at least 0 N", "0 is used");
             deadband = 0.0;
         }
         let device = Self {
             identifier: map.key().to_owned(),
             hardware_name: hardware_name.unwrap_or_default(),
             haptic_gain: map.map_opt("haptic gain").map(|block| {
-                let gain = HapticGain {
-                    linear: block.need_real("linear"),
-                    angular: block.need_real("angular"),
-                };
+                let gain = HapticGain { linear: block.need_real("linear"), angular: block.need_real("angular") };
                 block.finish();
                 gain
             }),
             deadband,
             max_force: map.real("max force"),
             max_jerk: map.real("max jerk"),
-            workspace_scaling: map
-                .real_in("workspace scaling", Range::Positive)
-                .unwrap_or(1.0),
+            workspace_scaling: map.real_in("workspace scaling", Range::Positive).unwrap_or(1.0),
             orientation_offset: map.rotation("orientation offset").unwrap_or_default(),
             button_mapping: ButtonMapping::read(map),
             visible: map.boolean("visible").unwrap_or(false),
@@ -144,9 +129,7 @@ impl InputDevice {
             location: map.pose("location"),
             controller_gain: map.cartesian_controller("controller gain"),
             enable_joint_control: map.boolean("enable joint control").unwrap_or(true),
-            pair_cameras: (map.strings("pair cameras").iter())
-                .map(|(camera, _)| (*camera).to_owned())
-                .collect(),
+            pair_cameras: (map.strings("pair cameras").iter()).map(|(camera, _)| (*camera).to_owned()).collect(),
             source: map.reader().source(map.mark),
         };
         if device.simulated_multibody.is_none() && device.root_link.is_none() {
@@ -194,18 +177,12 @@ mod tests {
   controller gain: {linear: {P: 1, D: 0}}\n  pair cameras: [c]\n";
         let devices: InputDevices = clean(text);
         let device = devices.entries[0].as_ref().expect("a device");
-        assert_eq!(
-            (device.identifier.as_str(), device.hardware_name.as_str()),
-            ("D", "Falcon")
-        );
+        assert_eq!((device.identifier.as_str(), device.hardware_name.as_str()), ("D", "Falcon"));
         assert_eq!((device.haptic_gain, device.deadband), (None, 0.001));
         assert_eq!((device.workspace_scaling, device.location), (1.0, None));
         assert!((device.orientation_offset.angle() - 1.0).abs() < 1e-12);
         let buttons = device.button_mapping;
-        assert_eq!(
-            (buttons.a1, buttons.a2, buttons.next_mode),
-            (Some(0), None, Some(3))
-        );
+        assert_eq!((buttons.a1, buttons.a2, buttons.next_mode), (Some(0), None, Some(3)));
         assert!(device.enable_joint_control && device.controller_gain.is_some());
     }
 

@@ -151,13 +151,7 @@ pub struct Visual {
 
 impl Default for Visual {
     fn default() -> Self {
-        Self {
-            geometry: VisualGeometry::None,
-            remove_duplicates: false,
-            visible: true,
-            material: None,
-            shaders: None,
-        }
+        Self { geometry: VisualGeometry::None, remove_duplicates: false, visible: true, material: None, shaders: None }
     }
 }
 
@@ -173,51 +167,27 @@ impl Primitive {
                 .find(|n| *n == c || n.to_lowercase() == c || n.to_uppercase() == c)
         };
         let Some(name) = capitalised(&name) else {
-            map.error(
-                ProblemKind::UnknownValue,
-                shape,
-                SHAPES,
-                "the shape is left out",
-            );
+            map.error(ProblemKind::UnknownValue, shape, SHAPES, "the shape is left out");
             map.skip(&[geometry]);
             return None;
         };
         let dims = map.map(geometry);
         let length = |key| dims.need_real_in(key, Range::Positive);
         let primitive = match name {
-            "Box" => Primitive::Box {
-                size: Vector3::new(length("x"), length("y"), length("z")),
-            },
-            "Sphere" => Primitive::Sphere {
-                radius: length("radius"),
-            },
+            "Box" => Primitive::Box { size: Vector3::new(length("x"), length("y"), length("z")) },
+            "Sphere" => Primitive::Sphere { radius: length("radius") },
             "Plane" => {
                 let normal = dims.need_vector("normal");
                 dims.reject_zero("normal", &normal);
-                Primitive::Plane {
-                    normal,
-                    offset: dims.need_real("offset"),
-                }
+                Primitive::Plane { normal, offset: dims.need_real("offset") }
             }
             round => {
                 let (radius, height) = (length("radius"), length("height"));
                 let axis = Axis::read(&dims);
                 match round {
-                    "Cylinder" => Primitive::Cylinder {
-                        radius,
-                        height,
-                        axis,
-                    },
-                    "Capsule" => Primitive::Capsule {
-                        radius,
-                        height,
-                        axis,
-                    },
-                    _ => Primitive::Cone {
-                        radius,
-                        height,
-                        axis,
-                    },
+                    "Cylinder" => Primitive::Cylinder { radius, height, axis },
+                    "Capsule" => Primitive::Capsule { radius, height, axis },
+                    _ => Primitive::Cone { radius, height, axis },
                 }
             }
         };
@@ -265,8 +235,7 @@ impl Visual {
     pub(super) fn read(map: &Map<'_>, base: &Base) -> Self {
         let geometry = if map.has("shape") {
             map.skip(&["compound shape"]);
-            Primitive::read(map, "shape", "geometry")
-                .map_or(VisualGeometry::None, VisualGeometry::Primitive)
+            Primitive::read(map, "shape", "geometry").map_or(VisualGeometry::None, VisualGeometry::Primitive)
         } else if map.has("compound shape") {
             match compound(map, "compound shape") {
                 children if children.is_empty() => VisualGeometry::None,
@@ -275,9 +244,7 @@ impl Visual {
         } else if let Some(mesh) = map.filled("mesh") {
             let (own, _) = own_paths(map);
             let dir = map.reader().dir();
-            VisualGeometry::Mesh {
-                path: mesh_path(dir, &base.high_resolution, &own, &mesh),
-            }
+            VisualGeometry::Mesh { path: mesh_path(dir, &base.high_resolution, &own, &mesh) }
         } else {
             VisualGeometry::None
         };
@@ -294,11 +261,7 @@ impl Visual {
 
 /// File that key `collision mesh`, or without it `mesh`, names.
 pub(super) fn collision_mesh(map: &Map<'_>, base: &Base) -> Option<PathBuf> {
-    let key = if map.has("collision mesh") {
-        "collision mesh"
-    } else {
-        "mesh"
-    };
+    let key = if map.has("collision mesh") { "collision mesh" } else { "mesh" };
     let mesh = map.filled(key)?;
     let (_, own) = own_paths(map);
     let dir: &Path = map.reader().dir();
@@ -308,19 +271,13 @@ pub(super) fn collision_mesh(map: &Map<'_>, base: &Base) -> Option<PathBuf> {
 impl CollisionGeometry {
     /// Reads the keys of the collision geometry of an element; what is there but unusable is reported.
     pub(super) fn read(map: &Map<'_>, base: &Base) -> Self {
-        let replaced = [
-            "compound collision shape",
-            "collision mesh",
-            "collision mesh type",
-            "low resolution path",
-        ];
+        let replaced = ["compound collision shape", "collision mesh", "collision mesh type", "low resolution path"];
         if map.has("collision shape") {
             map.skip(&replaced);
             let primitive = Primitive::read(map, "collision shape", "collision geometry");
             let offset = map.pose("collision offset");
-            return primitive.map_or(CollisionGeometry::None, |primitive| {
-                CollisionGeometry::Primitive { primitive, offset }
-            });
+            return primitive
+                .map_or(CollisionGeometry::None, |primitive| CollisionGeometry::Primitive { primitive, offset });
         }
         let why = "only a single `collision shape` has it";
         map.ignore(&["collision geometry", "collision offset"], why);
@@ -335,10 +292,7 @@ impl CollisionGeometry {
         let kind = CollisionMeshKind::read(map);
         let mesh = collision_mesh(map, base);
         map.skip(&["low resolution path"]);
-        mesh.map_or(CollisionGeometry::None, |path| CollisionGeometry::Mesh {
-            path,
-            kind,
-        })
+        mesh.map_or(CollisionGeometry::None, |path| CollisionGeometry::Mesh { path, kind })
     }
 }
 
@@ -352,12 +306,7 @@ impl CollisionMeshKind {
             Some("CONCAVE_MESH" | "TRIMESH" | "trimesh") | None => Self::ConcaveMesh,
             Some(_) => {
                 let expected = "CONVEX_HULL, CONVEX_MESH, CONCAVE_MESH or POINT_CLOUD";
-                map.warn(
-                    ProblemKind::UnknownValue,
-                    key,
-                    expected,
-                    "CONCAVE_MESH is used",
-                );
+                map.warn(ProblemKind::UnknownValue, key, expected, "CONCAVE_MESH is used");
                 Self::ConcaveMesh
             }
         }
@@ -371,8 +320,9 @@ mod tests {
     use super::*;
 
     fn body(keys: &str) -> (RigidBody, Vec<String>) {
-        let (mut model, problems) =
-            read::<Model>(&format!("bodies: [A]\nhigh resolution path: hi\nlow resolution path: lo\nA: {{mass: 1, {keys}}}\n"));
+        let (mut model, problems) = read::<Model>(&format!(
+            "bodies: [A]\nhigh resolution path: hi\nlow resolution path: lo\nA: {{mass: 1, {keys}}}\n"
+        ));
         (model.bodies.remove(0), problems)
     }
 
@@ -383,28 +333,15 @@ mod tests {
     #[test]
     fn primitives_in_three_spellings() {
         for name in ["Cylinder", "cylinder", "CYLINDER"] {
-            let keys = format!(
-                "collision shape: {name}, collision geometry: {{radius: 1, height: 2, axis: X}}"
-            );
-            let CollisionGeometry::Primitive { primitive, .. } = collision(&keys) else {
-                panic!()
-            };
+            let keys = format!("collision shape: {name}, collision geometry: {{radius: 1, height: 2, axis: X}}");
+            let CollisionGeometry::Primitive { primitive, .. } = collision(&keys) else { panic!() };
             let axis = Axis::X;
-            assert_eq!(
-                primitive,
-                Primitive::Cylinder {
-                    radius: 1.0,
-                    height: 2.0,
-                    axis
-                }
-            );
+            assert_eq!(primitive, Primitive::Cylinder { radius: 1.0, height: 2.0, axis });
         }
-        let (body, problems) =
-            body("collision shape: cYlinder, collision geometry: {radius: 1}, mesh: m");
+        let (body, problems) = body("collision shape: cYlinder, collision geometry: {radius: 1}, mesh: m");
         assert_eq!(body.collision, CollisionGeometry::None);
         assert!(problems[0].contains("`A / collision shape` is `cYlinder`, expected Box"));
-        let text =
-            "bodies: [A]\nA: {mass: 1, collision shape: Cone, collision geometry: {radius: 1}}\n";
+        let text = "bodies: [A]\nA: {mass: 1, collision shape: Cone, collision geometry: {radius: 1}}\n";
         assert!(refused::<Model>(text)[0].contains("`A / collision geometry / height` is missing"));
     }
 
@@ -413,9 +350,7 @@ mod tests {
         let child = "{name: 1, shape: Box, geometry: {x: 1, y: 1, z: 1}, offset: {position: {x: 1, y: 0, z: 0}}}";
         let keys = format!("compound collision shape: [{child}, {{shape: Blob}}]");
         let (body, problems) = body(&keys);
-        let CollisionGeometry::Compound(children) = body.collision else {
-            panic!()
-        };
+        let CollisionGeometry::Compound(children) = body.collision else { panic!() };
         assert_eq!(children.len(), 1);
         assert_eq!(children[0].offset.translation.x, 1.0);
         assert_eq!(problems.len(), 1);
@@ -429,20 +364,12 @@ mod tests {
             _ => None,
         };
         assert_eq!(path("mesh: a.stl"), Some("dir/lo/a.stl".into()));
-        assert_eq!(
-            path("mesh: a.stl, collision mesh: b.stl"),
-            Some("dir/lo/b.stl".into())
-        );
+        assert_eq!(path("mesh: a.stl, collision mesh: b.stl"), Some("dir/lo/b.stl".into()));
         assert_eq!(path("mesh: a.stl, collision mesh: ''"), None);
-        assert_eq!(
-            path("mesh: a.stl, high resolution path: own"),
-            Some("dir/lo/own/a.stl".into())
-        );
+        assert_eq!(path("mesh: a.stl, high resolution path: own"), Some("dir/lo/own/a.stl".into()));
         let both = "mesh: a.stl, high resolution path: own, low resolution path: /x";
         assert_eq!(path(both), Some("/x/a.stl".into()));
-        let VisualGeometry::Mesh { path } = body(both).0.visual.geometry else {
-            panic!()
-        };
+        let VisualGeometry::Mesh { path } = body(both).0.visual.geometry else { panic!() };
         assert_eq!(path, Path::new("dir/hi/own/a.stl"));
     }
 
@@ -455,34 +382,22 @@ mod tests {
             ("point_cloud", CollisionMeshKind::PointCloud),
         ] {
             let (body, problems) = body(&format!("mesh: a, collision mesh type: {text}"));
-            assert!(
-                matches!(body.collision, CollisionGeometry::Mesh { kind, .. } if kind == expected)
-            );
+            assert!(matches!(body.collision, CollisionGeometry::Mesh { kind, .. } if kind == expected));
             assert!(problems.is_empty());
         }
         for text in ["''", "concave_mesh"] {
             let (body, problems) = body(&format!("mesh: a, collision mesh type: {text}"));
-            assert!(matches!(
-                body.collision,
-                CollisionGeometry::Mesh {
-                    kind: CollisionMeshKind::ConcaveMesh,
-                    ..
-                }
-            ));
+            assert!(matches!(body.collision, CollisionGeometry::Mesh { kind: CollisionMeshKind::ConcaveMesh, .. }));
             assert_eq!(problems.len(), 1);
         }
     }
 
     #[test]
     fn unknown_axis_is_z() {
-        let (body, problems) =
-            body("collision shape: Capsule, collision geometry: {radius: 1, height: 1, axis: w}");
+        let (body, problems) = body("collision shape: Capsule, collision geometry: {radius: 1, height: 1, axis: w}");
         assert!(matches!(
             body.collision,
-            CollisionGeometry::Primitive {
-                primitive: Primitive::Capsule { axis: Axis::Z, .. },
-                ..
-            }
+            CollisionGeometry::Primitive { primitive: Primitive::Capsule { axis: Axis::Z, .. }, .. }
         ));
         assert_eq!(problems.len(), 1);
     }

@@ -51,9 +51,7 @@ impl GhostObject {
             scale: map.scale(),
             visual,
             collision,
-            collision_margin: map
-                .real_in("collision margin", Range::NotNegative)
-                .unwrap_or(0.001),
+            collision_margin: map.real_in("collision margin", Range::NotNegative).unwrap_or(0.001),
             collision_groups: map.collision_groups(),
         };
         map.finish();
@@ -73,9 +71,7 @@ mod tests {
                     inertial offset: {position: {x: 1, y: 2, z: 3}}}\n";
         let ghost = clean::<Model>(text).ghosts.remove(0);
         assert_eq!(ghost.parent, "A");
-        let CollisionGeometry::Primitive { offset, .. } = ghost.collision else {
-            panic!()
-        };
+        let CollisionGeometry::Primitive { offset, .. } = ghost.collision else { panic!() };
         assert_eq!(offset, Some(Isometry3::translation(1.0, 2.0, 3.0)));
     }
 

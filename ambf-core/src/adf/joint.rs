@@ -102,11 +102,7 @@ pub struct ConeTwistLimits {
 
 impl Default for ConeTwistLimits {
     fn default() -> Self {
-        Self {
-            twist: 0.7,
-            swing_y: 0.7,
-            swing_z: 0.7,
-        }
+        Self { twist: 0.7, swing_y: 0.7, swing_z: 0.7 }
     }
 }
 
@@ -126,12 +122,7 @@ pub struct SixDofLimits {
 impl Default for SixDofLimits {
     fn default() -> Self {
         let high = Vector3::repeat(1.2);
-        Self {
-            linear_low: -high,
-            linear_high: high,
-            angular_low: -high,
-            angular_high: high,
-        }
+        Self { linear_low: -high, linear_high: high, angular_low: -high, angular_high: high }
     }
 }
 
@@ -146,10 +137,7 @@ pub struct LinearAngular {
 
 impl LinearAngular {
     pub(crate) fn repeat(value: f64) -> Self {
-        Self {
-            linear: Vector3::repeat(value),
-            angular: Vector3::repeat(value),
-        }
+        Self { linear: Vector3::repeat(value), angular: Vector3::repeat(value) }
     }
 }
 
@@ -203,17 +191,13 @@ impl Joint {
             child_pivot: map.need_vector("child pivot"),
             parent_axis: map.need_vector("parent axis"),
             child_axis: map.need_vector("child axis"),
-            child_offset: old_offset
-                .or_else(|| map.real("child offset"))
-                .unwrap_or(0.0),
+            child_offset: old_offset.or_else(|| map.real("child offset")).unwrap_or(0.0),
             joint_offset: map.real("joint offset").unwrap_or(0.0),
             limits: one_dof.then(|| Limits::read(map)).flatten(),
             // The original takes the value of `enable feedback` here, which no author of a file can have meant.
             enable_motor: map.boolean_or_digit("enable motor").unwrap_or(true),
             enable_feedback: map.boolean("enable feedback").unwrap_or(false),
-            max_motor_impulse: map
-                .real_in("max motor impulse", Range::NotNegative)
-                .unwrap_or(0.1),
+            max_motor_impulse: map.real_in("max motor impulse", Range::NotNegative).unwrap_or(0.1),
             damping: scalar("damping", Range::Any).unwrap_or(0.0),
             stiffness: scalar("stiffness", Range::Any).unwrap_or(0.0),
             equilibrium_point: scalar("equilibrium point", Range::Any),
@@ -260,17 +244,9 @@ impl Limits {
         limits.finish();
         if limits.has("low") != limits.has("high") {
             let expected = "both `low` and `high`";
-            map.error(
-                ProblemKind::MissingKey,
-                "joint limits",
-                expected,
-                "the joint is unlimited",
-            );
+            map.error(ProblemKind::MissingKey, "joint limits", expected, "the joint is unlimited");
         }
-        Some(Self {
-            low: low?,
-            high: high?,
-        })
+        Some(Self { low: low?, high: high? })
     }
 }
 
@@ -300,8 +276,7 @@ impl JointKind {
             })),
             _ => {
                 if map.has("type") {
-                    let expected =
-                        "revolute, prismatic, fixed, linear spring, torsion spring, p2p, \
+                    let expected = "revolute, prismatic, fixed, linear spring, torsion spring, p2p, \
                                     cone twist, six dof or six dof spring";
                     let action = "the joint constrains nothing";
                     map.error(ProblemKind::UnknownValue, "type", expected, action);
@@ -314,10 +289,7 @@ impl JointKind {
 
     /// True for types whose limits, damping and stiffness are plain numbers, whether or not they have a use for them.
     fn is_one_dof(&self) -> bool {
-        !matches!(
-            self,
-            Self::ConeTwist(_) | Self::SixDof(_) | Self::SixDofSpring(_) | Self::Unknown(_)
-        )
+        !matches!(self, Self::ConeTwist(_) | Self::SixDof(_) | Self::SixDofSpring(_) | Self::Unknown(_))
     }
 }
 
@@ -330,11 +302,7 @@ fn ignore_spring(map: &Map<'_>) {
 impl ConeTwistLimits {
     fn read(map: &Map<'_>) -> Self {
         match map.vector("joint limits") {
-            Some(limits) => Self {
-                twist: limits.x,
-                swing_y: limits.y,
-                swing_z: limits.z,
-            },
+            Some(limits) => Self { twist: limits.x, swing_y: limits.y, swing_z: limits.z },
             None => Self::default(),
         }
     }
@@ -344,12 +312,7 @@ impl ConeTwistLimits {
 fn vector_or_note(map: &Map<'_>, key: &'static str, vector: &mut Vector3<f64>) {
     match map.vector(key) {
         Some(value) => *vector = value,
-        None => map.error(
-            ProblemKind::MissingKey,
-            key,
-            "a mapping {x, y, z}",
-            "the default is used",
-        ),
+        None => map.error(ProblemKind::MissingKey, key, "a mapping {x, y, z}", "the default is used"),
     }
 }
 
@@ -391,8 +354,7 @@ mod tests {
     use super::super::Model;
     use super::*;
 
-    const FRAME: &str =
-        "parent: A, child: B, parent pivot: {x: 1, y: 0, z: 0}, child pivot: {x: 0, y: 0, z: 0}, \
+    const FRAME: &str = "parent: A, child: B, parent pivot: {x: 1, y: 0, z: 0}, child pivot: {x: 0, y: 0, z: 0}, \
                          parent axis: {x: 0, y: 0, z: 2}, child axis: {x: 0, y: 0, z: 1}";
 
     fn text(keys: &str) -> String {
@@ -411,10 +373,7 @@ mod tests {
         assert_eq!(j.parent_axis, Vector3::new(0.0, 0.0, 2.0));
         assert_eq!((j.child_offset, j.joint_offset, j.limits), (0.0, 0.0, None));
         assert!(j.enable_motor && !j.enable_feedback && j.ignore_inter_collision);
-        assert_eq!(
-            (j.max_motor_impulse, j.damping, j.stiffness),
-            (0.1, 0.0, 0.0)
-        );
+        assert_eq!((j.max_motor_impulse, j.damping, j.stiffness), (0.1, 0.0, 0.0));
         assert_eq!((j.erp, j.cfm, j.equilibrium_point), (0.1, 0.1, None));
         assert_eq!(j.controller, Controller::default());
     }
@@ -461,26 +420,14 @@ mod tests {
         assert!(joint("type: fixed, enable motor: 1").enable_motor);
         assert!(!joint("type: fixed, enable motor: 0").enable_motor);
         assert!(!joint("type: fixed, enable motor: No, enable feedback: true").enable_motor);
-        assert_eq!(
-            refused::<Model>(&text("type: fixed, enable motor: 2")).len(),
-            1
-        );
-        assert_eq!(
-            refused::<Model>(&text("type: fixed, enable feedback: 1")).len(),
-            1
-        );
+        assert_eq!(refused::<Model>(&text("type: fixed, enable motor: 2")).len(), 1);
+        assert_eq!(refused::<Model>(&text("type: fixed, enable feedback: 1")).len(), 1);
     }
 
     #[test]
     fn limits_need_both_ends() {
         let j = joint("type: revolute, joint limits: {low: -1, high: 2}");
-        assert_eq!(
-            j.limits,
-            Some(Limits {
-                low: -1.0,
-                high: 2.0
-            })
-        );
+        assert_eq!(j.limits, Some(Limits { low: -1.0, high: 2.0 }));
         assert_eq!(joint("type: revolute, joint limits: {}").limits, None);
         let (model, problems) = read::<Model>(&text("type: revolute, joint limits: {low: 1}"));
         assert_eq!(model.joints[0].limits, None);
@@ -498,11 +445,7 @@ mod tests {
     #[test]
     fn multi_dof_blocks() {
         let j = joint("type: cone twist, joint limits: {x: 1, y: 2, z: 3}");
-        let limits = ConeTwistLimits {
-            twist: 1.0,
-            swing_y: 2.0,
-            swing_z: 3.0,
-        };
+        let limits = ConeTwistLimits { twist: 1.0, swing_y: 2.0, swing_z: 3.0 };
         assert_eq!(j.kind, JointKind::ConeTwist(limits));
         let low = "{low: {x: 0, y: 0, z: 0}}";
         let keys = format!(
@@ -510,9 +453,7 @@ mod tests {
              stiffness: {{linear: {{x: 1, y: 2, z: 3}}}}"
         );
         let (model, problems) = read::<Model>(&text(&keys));
-        let JointKind::SixDofSpring(spring) = &model.joints[0].kind else {
-            panic!()
-        };
+        let JointKind::SixDofSpring(spring) = &model.joints[0].kind else { panic!() };
         assert_eq!(spring.limits.linear_low, Vector3::zeros());
         assert_eq!(spring.limits.angular_high, Vector3::repeat(1.2));
         assert_eq!(spring.stiffness.linear, Vector3::new(1.0, 2.0, 3.0));
@@ -526,13 +467,10 @@ mod tests {
         let problems = refused::<Model>("joints: [J]\nJ: {parent: A, child: B}\n");
         assert_eq!(problems.len(), 5, "{problems:#?}");
         let zero = "child axis: {x: 0, y: 0, z: 0}";
-        let with = |kind: &str| {
-            text(&format!("type: {kind}")).replace("child axis: {x: 0, y: 0, z: 1}", zero)
-        };
+        let with = |kind: &str| text(&format!("type: {kind}")).replace("child axis: {x: 0, y: 0, z: 1}", zero);
         let (model, problems) = read::<Model>(&with("revolute"));
         assert!(model.joints.is_empty());
-        assert!(problems[0]
-            .contains("`J / child axis` is a mapping, expected a direction that is not zero"));
+        assert!(problems[0].contains("`J / child axis` is a mapping, expected a direction that is not zero"));
         assert_eq!(clean::<Model>(&with("p2p")).joints.len(), 1);
         let (model, problems) = read::<Model>(&text("type: fixed").replace("parent: A, ", ""));
         assert!(model.joints.is_empty() && problems[0].contains("`J / parent` is missing"));

@@ -80,10 +80,7 @@ mod tests {
     fn lights() {
         let text = "lights: [L]\nL: {location: {x: 1, y: 2, z: 3, orientation: {r: 0, p: 0, y: 1}}, attenuation: {linear: 2}}\n";
         let light = clean::<Model>(text).lights.remove(0);
-        assert_eq!(
-            light.location.translation.vector,
-            Vector3::new(1.0, 2.0, 3.0)
-        );
+        assert_eq!(light.location.translation.vector, Vector3::new(1.0, 2.0, 3.0));
         assert!((light.location.rotation.angle() - 1.0).abs() < 1e-12);
         let attenuation = light.attenuation.expect("a block");
         assert_eq!((attenuation.constant, attenuation.linear), (1.0, 2.0));

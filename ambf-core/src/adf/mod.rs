@@ -41,13 +41,9 @@ pub use color::ColorTable;
 pub use common::{Common, Material, PluginEntry, ShaderProgram, SourcePos};
 pub use controller::{CartesianController, Controller, ControllerOutput, Gains};
 pub use device::{ButtonMapping, HapticGain, InputDevice, InputDevices};
-pub use geometry::{
-    Axis, CollisionGeometry, CollisionMeshKind, PlacedPrimitive, Primitive, Visual, VisualGeometry,
-};
+pub use geometry::{Axis, CollisionGeometry, CollisionMeshKind, PlacedPrimitive, Primitive, Visual, VisualGeometry};
 pub use ghost::GhostObject;
-pub use joint::{
-    ConeTwistLimits, Joint, JointKind, Limits, LinearAngular, SixDofLimits, SixDofSpring,
-};
+pub use joint::{ConeTwistLimits, Joint, JointKind, Limits, LinearAngular, SixDofLimits, SixDofSpring};
 pub use launch::Launch;
 pub use light::{Attenuation, Light};
 pub use model::Model;
@@ -96,10 +92,7 @@ mod sealed {
 /// Every [`LoadError`]: the file is unreadable, larger than 64 MiB, no text, no YAML, no mapping, of another version than 1.0, or
 /// holds values that do not convert (then all of them are reported).
 pub fn load<T: Description>(path: &Path) -> Result<(T, Report), LoadError> {
-    let unreadable = |source| LoadError::Unreadable {
-        file: path.to_owned(),
-        source,
-    };
+    let unreadable = |source| LoadError::Unreadable { file: path.to_owned(), source };
     let file = std::fs::File::open(path).map_err(unreadable)?;
     let mut bytes = Vec::new();
     // Not by the length of the file: pipes and devices have none.
@@ -118,25 +111,15 @@ pub fn parse<T: Description>(text: &str, path: &Path) -> Result<(T, Report), Loa
 
 fn parse_bytes<T: Description>(bytes: &[u8], path: &Path) -> Result<(T, Report), LoadError> {
     if bytes.len() as u64 > MAX_BYTES {
-        return Err(LoadError::TooLarge {
-            file: path.to_owned(),
-            limit: MAX_BYTES,
-        });
+        return Err(LoadError::TooLarge { file: path.to_owned(), limit: MAX_BYTES });
     }
     let text = text_of(bytes, path)?;
-    let at = |mark: Mark| SourcePos {
-        file: path.into(),
-        line: mark.line,
-        column: mark.column,
-    };
+    let at = |mark: Mark| SourcePos { file: path.into(), line: mark.line, column: mark.column };
     let normalised;
     let doc = match Document::parse(text, None) {
         Ok(doc) => doc,
         Err(error) => {
-            let syntax = |error: SyntaxError| LoadError::Syntax {
-                at: at(error.mark),
-                message: error.message,
-            };
+            let syntax = |error: SyntaxError| LoadError::Syntax { at: at(error.mark), message: error.message };
             normalised = normalise(text).ok_or_else(|| syntax(error))?;
             Document::parse(text, Some(&normalised)).map_err(syntax)?
         }
@@ -149,29 +132,20 @@ fn parse_bytes<T: Description>(bytes: &[u8], path: &Path) -> Result<(T, Report),
         Kind::List(_) => "a list",
     };
     let Kind::Map(entries) = &root.kind else {
-        return Err(LoadError::NotAMapping {
-            at: at(root.mark),
-            found,
-        });
+        return Err(LoadError::NotAMapping { at: at(root.mark), found });
     };
     let reader = Reader::new(&doc, path.into());
     let value = {
         let root = Map::root(&reader, entries);
         if let Some((mark, found)) = root.other_version() {
-            return Err(LoadError::Version {
-                at: at(mark),
-                found,
-            });
+            return Err(LoadError::Version { at: at(mark), found });
         }
         root.warn_second_document();
         T::read_root(&root)
     };
     let report = reader.into_report();
     if report.is_fatal() {
-        return Err(LoadError::Refused {
-            file: path.into(),
-            report,
-        });
+        return Err(LoadError::Refused { file: path.into(), report });
     }
     Ok((value, report))
 }
@@ -181,15 +155,9 @@ fn text_of<'t>(bytes: &'t [u8], path: &Path) -> Result<&'t str, LoadError> {
     let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
     let not_text = |at: usize, message: &str| {
         let before = &bytes[..at];
-        let line_start = before
-            .iter()
-            .rposition(|&b| b == b'\n')
-            .map_or(0, |i| i + 1);
+        let line_start = before.iter().rposition(|&b| b == b'\n').map_or(0, |i| i + 1);
         let line = before.iter().filter(|&&b| b == b'\n').count() + 1;
-        let column = String::from_utf8_lossy(&before[line_start..])
-            .chars()
-            .count()
-            + 1;
+        let column = String::from_utf8_lossy(&before[line_start..]).chars().count() + 1;
         LoadError::NotText {
             at: SourcePos {
                 file: path.into(),
@@ -199,8 +167,7 @@ fn text_of<'t>(bytes: &'t [u8], path: &Path) -> Result<&'t str, LoadError> {
             message: message.to_owned(),
         }
     };
-    let text = std::str::from_utf8(bytes)
-        .map_err(|e| not_text(e.valid_up_to(), "bytes that are not UTF-8"))?;
+    let text = std::str::from_utf8(bytes).map_err(|e| not_text(e.valid_up_to(), "bytes that are not UTF-8"))?;
     // A NUL would end the text for the parser without a word.
     let control = |b: &u8| *b < b' ' && !matches!(b, b'\t' | b'\n' | b'\r');
     match bytes.iter().position(control) {
@@ -230,9 +197,7 @@ mod tests {
     /// Problems of a text that is refused.
     pub(super) fn refused<T: Description>(text: &str) -> Vec<String> {
         match parse::<T>(text, Path::new("t.yaml")) {
-            Err(LoadError::Refused { report, .. }) => {
-                report.problems().iter().map(|p| p.to_string()).collect()
-            }
+            Err(LoadError::Refused { report, .. }) => report.problems().iter().map(|p| p.to_string()).collect(),
             Err(other) => panic!("{other}"),
             Ok(_) => panic!("not refused"),
         }
@@ -258,9 +223,7 @@ mod tests {
     #[test]
     fn positions_of_what_is_no_text() {
         let error = parse_bytes::<Model>(b"a: 1\nb: \xC3\xA9\xFF", Path::new("t")).unwrap_err();
-        let LoadError::NotText { at, .. } = &error else {
-            panic!("{error}")
-        };
+        let LoadError::NotText { at, .. } = &error else { panic!("{error}") };
         assert_eq!((at.line, at.column), (2, 5));
         let error = parse::<Model>("a: \0", Path::new("t")).unwrap_err();
         assert!(error.to_string().starts_with("t:1:4: a control character"));

@@ -70,32 +70,17 @@ impl Model {
                 Absent::Made("an unnamed body of 1 kg without a shape is made"),
                 |map| RigidBody::read(map, &base),
             ),
-            soft_bodies: root.elements("soft bodies", "soft body", Absent::Dropped, |map| {
-                SoftBody::read(map, &base)
-            }),
-            ghosts: root.elements("ghost objects", "ghost object", Absent::Dropped, |map| {
-                GhostObject::read(map, &base)
-            }),
-            sensors: root.elements("sensors", "sensor", Absent::Dropped, |map| {
-                Sensor::read(map, &base)
-            }),
-            actuators: root.elements("actuators", "actuator", Absent::Dropped, |map| {
-                Actuator::read(map, &base)
-            }),
-            joints: root.elements("joints", "joint", Absent::Refused, |map| {
-                Joint::read(map, &base)
-            }),
-            vehicles: root.elements("vehicles", "vehicle", Absent::Dropped, |map| {
-                Vehicle::read(map, &base)
-            }),
+            soft_bodies: root.elements("soft bodies", "soft body", Absent::Dropped, |map| SoftBody::read(map, &base)),
+            ghosts: root
+                .elements("ghost objects", "ghost object", Absent::Dropped, |map| GhostObject::read(map, &base)),
+            sensors: root.elements("sensors", "sensor", Absent::Dropped, |map| Sensor::read(map, &base)),
+            actuators: root.elements("actuators", "actuator", Absent::Dropped, |map| Actuator::read(map, &base)),
+            joints: root.elements("joints", "joint", Absent::Refused, |map| Joint::read(map, &base)),
+            vehicles: root.elements("vehicles", "vehicle", Absent::Dropped, |map| Vehicle::read(map, &base)),
             cameras: cameras(root, &base),
             lights: lights(root, &base),
-            volumes: root.elements(
-                "volumes",
-                "volume",
-                Absent::Made("an empty one is made"),
-                |map| Volume::read(map, &base),
-            ),
+            volumes: root
+                .elements("volumes", "volume", Absent::Made("an empty one is made"), |map| Volume::read(map, &base)),
             ignore_inter_collision: root.boolean("ignore inter-collision").unwrap_or(false),
             gravity: root.vector("gravity"),
             shaders: root.shaders("shaders"),
@@ -103,10 +88,7 @@ impl Model {
             namespace: base.namespace,
             file,
         };
-        root.ignore(
-            &["joint erp", "joint cfm"],
-            "only those of each joint count",
-        );
+        root.ignore(&["joint erp", "joint cfm"], "only those of each joint count");
         root.finish_root();
         model
     }

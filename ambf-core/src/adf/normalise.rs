@@ -73,8 +73,7 @@ impl Scan {
     }
 
     fn in_block_scalar(&self, line: &str) -> bool {
-        self.block_scalar
-            .is_some_and(|column| line.trim().is_empty() || indent(line) > column)
+        self.block_scalar.is_some_and(|column| line.trim().is_empty() || indent(line) > column)
     }
 
     /// Follows quotes, brackets and comments of one line.
@@ -127,9 +126,7 @@ impl Scan {
         let significant = significant.trim_end();
         let value = significant.rsplit(": ").next().unwrap_or(significant);
         let last = value.split(' ').rfind(|w| !w.starts_with(['&', '!']));
-        self.waits = self.depth == 0
-            && self.quote.is_none()
-            && (significant.ends_with(':') || last.is_none());
+        self.waits = self.depth == 0 && self.quote.is_none() && (significant.ends_with(':') || last.is_none());
         if self.depth == 0 && value.starts_with(['|', '>']) {
             self.block_scalar = Some(self.base);
         }
@@ -142,10 +139,7 @@ mod tests {
     use super::*;
 
     fn accepted(text: &str) -> Normalised {
-        assert!(
-            Document::parse(text, None).is_err(),
-            "needs no normalising: {text}"
-        );
+        assert!(Document::parse(text, None).is_err(), "needs no normalising: {text}");
         let normalised = normalise(text).expect("something to indent");
         Document::parse(text, Some(&normalised)).expect("accepted");
         normalised
@@ -183,14 +177,10 @@ mod tests {
         let text = "s:\n{\na: 1\n}\n";
         let normalised = normalise(text).unwrap();
         let doc = Document::parse(text, Some(&normalised)).unwrap();
-        let super::super::yaml::Kind::Map(root) = &doc.root().kind else {
-            panic!()
-        };
+        let super::super::yaml::Kind::Map(root) = &doc.root().kind else { panic!() };
         let value = doc.node(root[0].1);
         assert_eq!((value.mark.line, value.mark.column), (2, 1));
-        let super::super::yaml::Kind::Map(inner) = &value.kind else {
-            panic!()
-        };
+        let super::super::yaml::Kind::Map(inner) = &value.kind else { panic!() };
         let one = doc.node(inner[0].1);
         assert_eq!((one.mark.line, one.mark.column), (3, 4));
     }

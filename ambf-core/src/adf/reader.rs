@@ -104,19 +104,11 @@ impl<'t> Reader<'t> {
     }
 
     pub(super) fn source(&self, mark: Mark) -> SourcePos {
-        SourcePos {
-            file: self.file.clone(),
-            line: mark.line,
-            column: mark.column,
-        }
+        SourcePos { file: self.file.clone(), line: mark.line, column: mark.column }
     }
 
     /// Reads an element called `noun` in messages; `None` when an error was found in it.
-    pub(super) fn element<T>(
-        &self,
-        noun: &'static str,
-        read: impl FnOnce() -> Option<T>,
-    ) -> Option<T> {
+    pub(super) fn element<T>(&self, noun: &'static str, read: impl FnOnce() -> Option<T>) -> Option<T> {
         let outer = (self.element.replace(noun), self.spoiled.replace(false));
         let value = read().filter(|_| !self.spoiled.get());
         self.element.set(outer.0);
@@ -125,11 +117,7 @@ impl<'t> Reader<'t> {
     }
 
     /// As [`Reader::element`]; a value that does not convert drops the element instead of the file.
-    pub(super) fn tolerant_element<T>(
-        &self,
-        noun: &'static str,
-        read: impl FnOnce() -> Option<T>,
-    ) -> Option<T> {
+    pub(super) fn tolerant_element<T>(&self, noun: &'static str, read: impl FnOnce() -> Option<T>) -> Option<T> {
         let outer = self.conversion.replace(Severity::Error);
         let value = self.element(noun, read);
         self.conversion.set(outer);
@@ -234,21 +222,9 @@ impl<'m> Map<'m> {
         id: Option<NodeId>,
         entries: &'m [(NodeId, NodeId)],
     ) -> Self {
-        let entries = if r.spend(entries.len() + 1) {
-            entries
-        } else {
-            &[]
-        };
-        let mut map = Self {
-            r,
-            parent,
-            key,
-            mark,
-            id,
-            entries,
-            read: vec![Cell::new(false); entries.len()],
-            index: None,
-        };
+        let entries = if r.spend(entries.len() + 1) { entries } else { &[] };
+        let mut map =
+            Self { r, parent, key, mark, id, entries, read: vec![Cell::new(false); entries.len()], index: None };
         let first_look = id.is_none_or(|id| r.seen.borrow_mut().insert(id));
         let mut duplicates = Vec::new();
         if entries.len() > SMALL_MAP {
@@ -271,15 +247,7 @@ impl<'m> Map<'m> {
                 let node = r.doc.node(entries[i].0);
                 let what = ProblemKind::DuplicateKey;
                 let note = "the first one is used";
-                map.note(
-                    Severity::Warning,
-                    what,
-                    node.mark,
-                    text_of(node),
-                    "",
-                    "",
-                    note,
-                );
+                map.note(Severity::Warning, what, node.mark, text_of(node), "", "", note);
             }
         }
         for i in duplicates {
@@ -362,8 +330,7 @@ impl<'m> Map<'m> {
 
     /// Place of a key's value, or of the mapping.
     fn place(&self, key: &str) -> Mark {
-        self.position(key)
-            .map_or(self.mark, |i| self.r.doc.node(self.entries[i].1).mark)
+        self.position(key).map_or(self.mark, |i| self.r.doc.node(self.entries[i].1).mark)
     }
 
     // --- presence -------------------------------------------------------------------------------------------------
@@ -399,17 +366,12 @@ impl<'m> Map<'m> {
     pub(super) fn unread_keys(&self) -> Vec<&'m str> {
         let entries = self.entries.iter().zip(&self.read);
         let unread = entries.filter(|(_, read)| !read.get());
-        unread
-            .map(|(&(key, _), _)| text_of(self.r.doc.node(key)))
-            .collect()
+        unread.map(|(&(key, _), _)| text_of(self.r.doc.node(key))).collect()
     }
 
     /// Warns about the keys that were not read.
     pub(super) fn finish(&self) {
-        if self
-            .id
-            .is_some_and(|id| !self.r.finished.borrow_mut().insert(id))
-        {
+        if self.id.is_some_and(|id| !self.r.finished.borrow_mut().insert(id)) {
             return;
         }
         for (i, &(key, _)) in self.entries.iter().enumerate() {
@@ -457,15 +419,7 @@ impl<'m> Map<'m> {
     pub(super) fn warn(&self, kind: ProblemKind, key: &str, expected: &str, action: &str) {
         let found = self.found(key);
         let place = self.place(key);
-        self.note(
-            Severity::Warning,
-            kind,
-            place,
-            key,
-            &found,
-            expected,
-            action,
-        );
+        self.note(Severity::Warning, kind, place, key, &found, expected, action);
     }
 
     /// Reports a value that something replaces; the element stays.
@@ -483,9 +437,7 @@ impl<'m> Map<'m> {
     }
 
     fn found(&self, key: &str) -> String {
-        self.position(key).map_or(String::new(), |i| {
-            described(self.r.doc.node(self.entries[i].1))
-        })
+        self.position(key).map_or(String::new(), |i| described(self.r.doc.node(self.entries[i].1)))
     }
 
     /// Reports a value that does not convert.
@@ -559,8 +511,7 @@ mod tests {
 
     #[test]
     fn all_wrong_values_are_reported() {
-        let text =
-            "bodies: [A]\nA: {mass: x, restitution: 0x1, name: [1]}\nignore inter-collision: 1\n";
+        let text = "bodies: [A]\nA: {mass: x, restitution: 0x1, name: [1]}\nignore inter-collision: 1\n";
         assert_eq!(refused::<Model>(text).len(), 5); // and no collision geometry
     }
 
@@ -585,10 +536,7 @@ mod tests {
         assert_eq!(clean::<Model>(text).gravity.map(|g| g.z), Some(3.0));
         let text = "m: &m {x: 1, y: 2}\ngravity: {<<: *m, z: 3}\n";
         let problems = refused::<Model>(text);
-        assert!(
-            problems[0].contains("`gravity / x` is missing"),
-            "{problems:?}"
-        );
+        assert!(problems[0].contains("`gravity / x` is missing"), "{problems:?}");
     }
 
     #[test]
@@ -599,8 +547,7 @@ mod tests {
         assert_eq!(model.bodies[0].common.name, "null");
         assert_eq!(model.bodies[0].location, nalgebra::Isometry3::identity());
         let problems = refused::<Model>("bodies: [A]\nA: {mass: }\n");
-        let expected =
-            "t.yaml:2:9: error: `A / mass` is empty, expected a number; the file is refused";
+        let expected = "t.yaml:2:9: error: `A / mass` is empty, expected a number; the file is refused";
         assert!(problems.iter().any(|p| p == expected), "{problems:?}");
     }
 

@@ -165,8 +165,7 @@ impl Report {
     pub(super) fn push(&mut self, problem: Problem) {
         self.counts[problem.severity as usize] += 1;
         // Whatever refuses the file must be seen, however many warnings came before.
-        if self.problems.len() < MAX_PROBLEMS
-            || (problem.severity == Severity::Fatal && self.counts[2] < MAX_PROBLEMS)
+        if self.problems.len() < MAX_PROBLEMS || (problem.severity == Severity::Fatal && self.counts[2] < MAX_PROBLEMS)
         {
             self.problems.push(problem);
         }
@@ -204,12 +203,7 @@ impl fmt::Display for Report {
         let mut groups: Vec<Vec<&Problem>> = Vec::new();
         let mut index = HashMap::new();
         for problem in &self.problems {
-            let id = (
-                &problem.source.file,
-                problem.severity,
-                problem.kind,
-                problem.key.as_str(),
-            );
+            let id = (&problem.source.file, problem.severity, problem.kind, problem.key.as_str());
             let i = *index.entry(id).or_insert_with(|| {
                 groups.push(Vec::new());
                 groups.len() - 1
@@ -319,11 +313,7 @@ mod tests {
         Problem {
             severity,
             kind: ProblemKind::IgnoredKey,
-            source: SourcePos {
-                file: Path::new("a.yaml").into(),
-                line,
-                column: 3,
-            },
+            source: SourcePos { file: Path::new("a.yaml").into(), line, column: 3 },
             path: format!("BODY {line} / color"),
             key: "color".into(),
             found: String::new(),
@@ -338,19 +328,11 @@ mod tests {
         for line in [10, 22, 31, 40, 51] {
             report.push(problem(Severity::Warning, line));
         }
-        assert_eq!(
-            report.to_string(),
-            "a.yaml: warning: 5 × `color` is not used: lines 10, 22, 31, … (2 more)\n"
-        );
+        assert_eq!(report.to_string(), "a.yaml: warning: 5 × `color` is not used: lines 10, 22, 31, … (2 more)\n");
         assert_eq!(report.verbose().to_string().lines().count(), 5);
-        assert!(report
-            .verbose()
-            .to_string()
-            .starts_with("a.yaml:10:3: warning: `BODY 10 / color` is not used\n"));
+        assert!(report.verbose().to_string().starts_with("a.yaml:10:3: warning: `BODY 10 / color` is not used\n"));
         report.push(problem(Severity::Error, 60));
-        assert!(report
-            .to_string()
-            .starts_with("a.yaml:60:3: error: `BODY 60 / color`"));
+        assert!(report.to_string().starts_with("a.yaml:60:3: error: `BODY 60 / color`"));
         assert_eq!((report.warnings(), report.errors()), (5, 1));
     }
 
@@ -362,9 +344,7 @@ mod tests {
         }
         report.push(problem(Severity::Fatal, 1));
         assert_eq!(report.problems().len(), MAX_PROBLEMS + 1);
-        assert!(report
-            .to_string()
-            .ends_with("10000 further problems are not listed\n"));
+        assert!(report.to_string().ends_with("10000 further problems are not listed\n"));
         let mut sum = Report::default();
         sum.append(report);
         assert_eq!((sum.warnings(), sum.errors()), (20_000, 1));

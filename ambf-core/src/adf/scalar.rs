@@ -49,9 +49,7 @@ pub(super) fn integer(text: &str) -> Option<i64> {
         b'+' => (false, &text[1..]),
         _ => (false, text),
     };
-    let hex = digits
-        .strip_prefix("0x")
-        .or_else(|| digits.strip_prefix("0X"));
+    let hex = digits.strip_prefix("0x").or_else(|| digits.strip_prefix("0X"));
     let (digits, radix) = match hex {
         Some(rest) => (rest, 16),
         None if digits.len() > 1 && digits.starts_with('0') => (&digits[1..], 8),
@@ -70,14 +68,10 @@ mod tests {
 
     #[test]
     fn booleans_in_three_cases_only() {
-        for yes in [
-            "y", "Y", "yes", "Yes", "YES", "true", "True", "TRUE", "on", "On", "ON",
-        ] {
+        for yes in ["y", "Y", "yes", "Yes", "YES", "true", "True", "TRUE", "on", "On", "ON"] {
             assert_eq!(boolean(yes), Some(true), "{yes}");
         }
-        for no in [
-            "n", "N", "no", "No", "NO", "false", "False", "FALSE", "off", "Off", "OFF",
-        ] {
+        for no in ["n", "N", "no", "No", "NO", "false", "False", "FALSE", "off", "Off", "OFF"] {
             assert_eq!(boolean(no), Some(false), "{no}");
         }
         for other in ["0", "1", "tRue", "yES", "", "true ", "null", "ÿ"] {
@@ -94,9 +88,7 @@ mod tests {
         assert!(real("-0.0").is_some_and(|x| x == 0.0 && x.is_sign_negative()));
         assert_eq!(real("-.inf"), Some(f64::NEG_INFINITY));
         assert!(real(".NaN").is_some_and(f64::is_nan));
-        for other in [
-            "1_000", "0x10", "inf", "nan", "", "1,5", "1e999", "e", "1 2",
-        ] {
+        for other in ["1_000", "0x10", "inf", "nan", "", "1,5", "1e999", "e", "1 2"] {
             assert_eq!(real(other), None, "{other}");
         }
     }
@@ -108,17 +100,7 @@ mod tests {
         assert_eq!(integer("010"), Some(8));
         assert_eq!(integer("0"), Some(0));
         assert_eq!(integer("+12"), Some(12));
-        for other in [
-            "1.0",
-            "1e3",
-            "08",
-            "",
-            "-",
-            "--1",
-            "0x",
-            "0x-1",
-            "99999999999999999999",
-        ] {
+        for other in ["1.0", "1e3", "08", "", "-", "--1", "0x", "0x-1", "99999999999999999999"] {
             assert_eq!(integer(other), None, "{other}");
         }
     }

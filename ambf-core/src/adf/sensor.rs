@@ -134,8 +134,7 @@ fn type_of(map: &Map<'_>, known: &[&str]) -> Option<String> {
         map.reject(ProblemKind::MissingKey, "type", &expected);
         return None;
     };
-    let spelling =
-        |n: &&&str| n.to_lowercase() == text || n.to_uppercase() == text || **n == text.as_str();
+    let spelling = |n: &&&str| n.to_lowercase() == text || n.to_uppercase() == text || **n == text.as_str();
     let found = known.iter().find(spelling);
     if found.is_none() {
         map.reject(ProblemKind::UnknownValue, "type", &expected);
@@ -246,10 +245,7 @@ impl RaySource {
 
 impl Ray {
     fn read(map: &Map<'_>) -> Self {
-        let ray = Self {
-            offset: map.need_vector("offset"),
-            direction: map.need_vector("direction"),
-        };
+        let ray = Self { offset: map.need_vector("offset"), direction: map.need_vector("direction") };
         map.finish();
         ray
     }
@@ -279,7 +275,8 @@ mod tests {
     use super::*;
 
     fn sensor(keys: &str) -> Sensor {
-        let text = format!("sensors: [S]\nlow resolution path: lo\nhigh resolution path: hi\nS: {{parent: A, {keys}}}\n");
+        let text =
+            format!("sensors: [S]\nlow resolution path: lo\nhigh resolution path: hi\nS: {{parent: A, {keys}}}\n");
         clean::<Model>(&text).sensors.remove(0)
     }
 
@@ -288,35 +285,17 @@ mod tests {
     #[test]
     fn kinds_and_rays() {
         let s = sensor(&format!("type: PROXIMITY, {ARRAY}"));
-        assert_eq!(
-            (s.kind, s.range, s.visible_size),
-            (SensorKind::Proximity, 0.5, 0.02)
-        );
+        assert_eq!((s.kind, s.range, s.visible_size), (SensorKind::Proximity, 0.5, 0.02));
         assert!(matches!(s.rays, RaySource::Array(rays) if rays.len() == 1));
-        let s = sensor(
-            "type: resistance, mesh: t.stl, friction: {static: 3, variable: Yes}, contact area: 2",
-        );
-        let SensorKind::Resistance(p) = s.kind else {
-            panic!()
-        };
+        let s = sensor("type: resistance, mesh: t.stl, friction: {static: 3, variable: Yes}, contact area: 2");
+        let SensorKind::Resistance(p) = s.kind else { panic!() };
         assert!(p.variable_friction);
-        assert_eq!(
-            (p.static_friction, p.friction_damping, p.contact_area),
-            (3.0, 0.1, 2.0)
-        );
-        let RaySource::Mesh { candidates } = s.rays else {
-            panic!()
-        };
-        assert_eq!(
-            candidates,
-            ["dir/t.stl", "dir/lo/t.stl", "dir/hi/t.stl"].map(PathBuf::from)
-        );
+        assert_eq!((p.static_friction, p.friction_damping, p.contact_area), (3.0, 0.1, 2.0));
+        let RaySource::Mesh { candidates } = s.rays else { panic!() };
+        assert_eq!(candidates, ["dir/t.stl", "dir/lo/t.stl", "dir/hi/t.stl"].map(PathBuf::from));
         let fan = "parametric: {resolution: 2, horizontal angle: 1, vertical angle: 0.5, start offset: 0}";
         let s = sensor(&format!("type: Proximity, {fan}"));
-        assert!(matches!(
-            s.rays,
-            RaySource::Parametric { resolution: 2, .. }
-        ));
+        assert!(matches!(s.rays, RaySource::Parametric { resolution: 2, .. }));
     }
 
     #[test]
@@ -327,7 +306,8 @@ mod tests {
             "type: Proximity".to_owned(),
             "type: Proximity, array: []".to_owned(),
             format!("type: Proximity, range: -1, {ARRAY}"),
-            "type: Proximity, parametric: {resolution: 1, horizontal angle: 1, vertical angle: 1, start offset: 0}".to_owned(),
+            "type: Proximity, parametric: {resolution: 1, horizontal angle: 1, vertical angle: 1, start offset: 0}"
+                .to_owned(),
         ] {
             let text = format!("sensors: [S]\nS: {{parent: A, {keys}}}\n");
             let (model, problems) = read::<Model>(&text);
@@ -338,14 +318,10 @@ mod tests {
 
     #[test]
     fn actuators() {
-        let text =
-            "actuators: [C, D]\nC: {type: constraint, parent: A}\nD: {type: Motor, parent: A}\n";
+        let text = "actuators: [C, D]\nC: {type: constraint, parent: A}\nD: {type: Motor, parent: A}\n";
         let (model, problems) = read::<Model>(text);
         assert_eq!(model.actuators.len(), 1);
-        assert_eq!(
-            (model.actuators[0].max_impulse, model.actuators[0].tau),
-            (10.0, 1.0)
-        );
+        assert_eq!((model.actuators[0].max_impulse, model.actuators[0].tau), (10.0, 1.0));
         assert!(problems[0].contains("`D / type` is `Motor`, expected Constraint"));
     }
 }

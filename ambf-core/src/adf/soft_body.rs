@@ -147,11 +147,7 @@ pub struct SoftMaterial {
 
 impl Default for SoftMaterial {
     fn default() -> Self {
-        Self {
-            kLST: 1.0,
-            kAST: 1.0,
-            kVST: 1.0,
-        }
+        Self { kLST: 1.0, kAST: 1.0, kVST: 1.0 }
     }
 }
 
@@ -178,9 +174,7 @@ impl SoftBody {
             mass: map.real_in("mass", Range::NotNegative).unwrap_or(1.0),
             visual: Visual::read(map, base),
             collision_mesh: collision_mesh?,
-            collision_margin: map
-                .real_in("collision margin", Range::NotNegative)
-                .unwrap_or(0.001),
+            collision_margin: map.real_in("collision margin", Range::NotNegative).unwrap_or(0.001),
             randomize_constraints: map.boolean("randomize constraints").is_some(),
             config: SoftBodyConfig::read(&config),
         };
@@ -293,10 +287,7 @@ mod tests {
             piterations: 6,
             bending_constraint: Some(2),
             fixed_nodes: vec![0, 3],
-            material: Some(SoftMaterial {
-                kLST: 0.5,
-                ..SoftMaterial::default()
-            }),
+            material: Some(SoftMaterial { kLST: 0.5, ..SoftMaterial::default() }),
             ..SoftBodyConfig::default()
         };
         assert_eq!(body.config, expected);

@@ -131,25 +131,19 @@ impl Map<'_> {
         let position = vector_of(&map, ["x", "y", "z"]).unwrap_or_default();
         let orientation = map.rotation("orientation").unwrap_or_default();
         map.finish();
-        Some(Isometry3::from_parts(
-            Translation3::from(position),
-            orientation,
-        ))
+        Some(Isometry3::from_parts(Translation3::from(position), orientation))
     }
 
     /// A path beside the file; absent, null and empty are `None`.
     pub(super) fn path_beside(&self, key: &str) -> Option<PathBuf> {
-        self.filled(key)
-            .map(|path| beside(self.reader().dir(), path))
+        self.filled(key).map(|path| beside(self.reader().dir(), path))
     }
 
     /// Identity, communication and plugins of an element.
     pub(super) fn common(&self, base: &Base) -> Common {
         Common {
             identifier: self.key().to_owned(),
-            name: self
-                .string("name")
-                .map_or(String::new(), |n| n.replace(' ', "")),
+            name: self.string("name").map_or(String::new(), |n| n.replace(' ', "")),
             namespace: merge_namespace(&base.namespace, self.filled("namespace").as_deref()),
             passive: self.boolean("passive").unwrap_or(false),
             publish_frequency: self.map_opt("publish frequency").map(|map| {
@@ -177,12 +171,7 @@ impl Map<'_> {
                 });
             } else {
                 let action = "the entry is skipped";
-                map.error(
-                    ProblemKind::MissingKey,
-                    "",
-                    "`name` and `filename` are required",
-                    action,
-                );
+                map.error(ProblemKind::MissingKey, "", "`name` and `filename` are required", action);
             }
         }
         plugins
@@ -214,12 +203,7 @@ impl Map<'_> {
             let diffuse = map.rgb();
             let alpha = map.need_colour("a");
             map.finish();
-            Material {
-                ambient: diffuse.map(|c| 0.5 * c),
-                diffuse,
-                alpha,
-                ..Material::default()
-            }
+            Material { ambient: diffuse.map(|c| 0.5 * c), diffuse, alpha, ..Material::default() }
         } else {
             self.map_opt("color components")?.colour_components()
         };
@@ -227,10 +211,7 @@ impl Map<'_> {
     }
 
     fn colour_components(&self) -> Material {
-        let mut material = Material {
-            alpha: self.need_colour("transparency"),
-            ..Material::default()
-        };
+        let mut material = Material { alpha: self.need_colour("transparency"), ..Material::default() };
         for (key, colour) in [
             ("diffuse", &mut material.diffuse),
             ("specular", &mut material.specular),
@@ -293,10 +274,7 @@ impl Map<'_> {
                 controller
             }
         };
-        let mut controller = CartesianController {
-            linear: part("linear"),
-            angular: part("angular"),
-        };
+        let mut controller = CartesianController { linear: part("linear"), angular: part("angular") };
         map.finish();
         if let Some(output) = self.controller_output() {
             controller.linear.output = output;
@@ -333,12 +311,7 @@ impl Map<'_> {
         let valid: Vec<u32> = valid.filter_map(|g| u32::try_from(*g).ok()).collect();
         if valid.len() < groups.len() {
             let expected = "groups from 0 to 999";
-            self.warn(
-                ProblemKind::OutOfRange,
-                key,
-                expected,
-                "the others are left out",
-            );
+            self.warn(ProblemKind::OutOfRange, key, expected, "the others are left out");
         }
         valid
     }
@@ -351,10 +324,7 @@ mod tests {
     #[test]
     fn namespaces() {
         assert_eq!(merge_namespace("", Some("//ambf///env/")), "/ambf/env/");
-        assert_eq!(
-            merge_namespace("/ambf/env/", Some("lights/")),
-            "/ambf/env/lights/"
-        );
+        assert_eq!(merge_namespace("/ambf/env/", Some("lights/")), "/ambf/env/lights/");
         assert_eq!(merge_namespace("/ambf/env", Some("a")), "/ambf/enva");
         assert_eq!(merge_namespace("/ambf/env/", Some("/b//")), "/b/");
         assert_eq!(merge_namespace("/ambf/env/", None), "/ambf/env/");
@@ -363,18 +333,10 @@ mod tests {
     #[test]
     fn mesh_paths() {
         let path = |model: &str, element: &str, mesh: &str| {
-            mesh_path(
-                Path::new("/adf"),
-                Path::new(model),
-                Path::new(element),
-                mesh,
-            )
+            mesh_path(Path::new("/adf"), Path::new(model), Path::new(element), mesh)
         };
         assert_eq!(path("high/", "", "a b.STL"), Path::new("/adf/high/a b.STL"));
-        assert_eq!(
-            path("high", "own", "m.stl"),
-            Path::new("/adf/high/own/m.stl")
-        );
+        assert_eq!(path("high", "own", "m.stl"), Path::new("/adf/high/own/m.stl"));
         assert_eq!(path("/high", "own", "m.stl"), Path::new("/high/own/m.stl"));
         assert_eq!(path("high", "/own", "m.stl"), Path::new("/own/m.stl"));
         assert_eq!(path("high", "/own", "/m.stl"), Path::new("/m.stl"));
@@ -387,9 +349,7 @@ mod tests {
         let model = super::super::tests::clean::<super::super::Model>(text);
         let rotation = model.bodies[0].location.rotation.to_rotation_matrix();
         let about = |axis, angle| nalgebra::Rotation3::from_axis_angle(&axis, angle);
-        let expected = about(Vector3::z_axis(), 1.9)
-            * about(Vector3::y_axis(), -0.7)
-            * about(Vector3::x_axis(), 0.3);
+        let expected = about(Vector3::z_axis(), 1.9) * about(Vector3::y_axis(), -0.7) * about(Vector3::x_axis(), 0.3);
         assert!((rotation.matrix() - expected.matrix()).norm() < 1e-12);
     }
 
@@ -403,22 +363,14 @@ mod tests {
         let rgba = "color rgba: {r: 1, g: 0.5, b: 0, a: 0.25}";
         let (found, problems) = material(&format!("{rgba}, color components: 3, color: red"));
         let found = found.expect("a material");
-        assert_eq!(
-            (found.ambient, found.alpha, problems),
-            ([0.5, 0.25, 0.0], 0.25, 0)
-        );
+        assert_eq!((found.ambient, found.alpha, problems), ([0.5, 0.25, 0.0], 0.25, 0));
         assert_eq!(material(&format!("{rgba}, use material: no")), (None, 0));
         assert_eq!(material("color: random"), (None, 1));
         let (found, _) = material(
             "color components: {transparency: 0.5, ambient: {level: 0.1}, emission: {r: 1, g: 1, b: 1}, shininess: 3}",
         );
-        let expected = Material {
-            ambient: [0.7 * 0.1; 3],
-            emission: [1.0; 3],
-            alpha: 0.5,
-            shininess: 3,
-            ..Material::default()
-        };
+        let expected =
+            Material { ambient: [0.7 * 0.1; 3], emission: [1.0; 3], alpha: 0.5, shininess: 3, ..Material::default() };
         assert_eq!(found, Some(expected));
         // A colour cannot hurt the physics: the body stays.
         let (found, problems) = material("color rgba: {r: .nan, g: 0, b: 0, a: 1}");

@@ -79,12 +79,7 @@ pub struct Suspension {
 impl Default for Suspension {
     /// The values of Bullet's `btVehicleTuning`; the length at rest is ours.
     fn default() -> Self {
-        Self {
-            stiffness: 5.88,
-            damping: 0.88,
-            compression: 0.83,
-            rest_length: 0.3,
-        }
+        Self { stiffness: 5.88, damping: 0.88, compression: 0.83, rest_length: 0.3 }
     }
 }
 
@@ -95,17 +90,11 @@ impl Vehicle {
             let expected = "the identifier of a body";
             map.reject(ProblemKind::MissingKey, "chassis", expected);
         }
-        let own: PathBuf = (map.filled("high resolution path"))
-            .unwrap_or_default()
-            .into();
+        let own: PathBuf = (map.filled("high resolution path")).unwrap_or_default().into();
         let r = map.reader();
         let wheel = |wheel: &Map<'_>| r.element("wheel", || Wheel::read(wheel, base, &own));
         let wheels = map.maps("wheels").iter().filter_map(wheel).collect();
-        let vehicle = Self {
-            common: map.common(base),
-            chassis: chassis.unwrap_or_default(),
-            wheels,
-        };
+        let vehicle = Self { common: map.common(base), chassis: chassis.unwrap_or_default(), wheels };
         map.finish();
         Some(vehicle)
     }
@@ -119,11 +108,8 @@ impl Wheel {
             WheelVisual::Body(body)
         } else if let Some(mesh) = map.filled("mesh") {
             // The original takes the name relative to the working directory.
-            let candidates = vec![
-                PathBuf::from(&mesh),
-                mesh_path(dir, &base.high_resolution, own, &mesh),
-                beside(dir, &mesh),
-            ];
+            let candidates =
+                vec![PathBuf::from(&mesh), mesh_path(dir, &base.high_resolution, own, &mesh), beside(dir, &mesh)];
             WheelVisual::Mesh(candidates)
         } else {
             let expected = "a `body` or a `mesh`";
@@ -136,10 +122,7 @@ impl Wheel {
                 map.warn(ProblemKind::Absent, key, expected, "Bullet's is used");
             }
         }
-        let zero = Limits {
-            low: 0.0,
-            high: 0.0,
-        };
+        let zero = Limits { low: 0.0, high: 0.0 };
         let wheel = Self {
             visual,
             width: map.real("width").unwrap_or(0.0),
@@ -152,10 +135,7 @@ impl Wheel {
             offset: map.vector("offset").unwrap_or_default(),
             front: map.boolean("front").unwrap_or(false),
             steering_limits: map.map_opt("steering limits").map_or(zero, |limits| {
-                let range = Limits {
-                    low: limits.need_real("low"),
-                    high: limits.need_real("high"),
-                };
+                let range = Limits { low: limits.need_real("low"), high: limits.need_real("high") };
                 limits.finish();
                 range
             }),
@@ -199,19 +179,11 @@ mod tests {
         assert_eq!(wheels.len(), 2);
         assert_eq!(wheels[0].visual, WheelVisual::Body("W".into()));
         assert_eq!(wheels[0].suspension.rest_length, 4.0);
-        assert_eq!(
-            (wheels[0].steering_limits.low, wheels[0].front),
-            (-1.0, true)
-        );
-        assert_eq!(
-            (wheels[1].radius, wheels[1].suspension),
-            (0.3, Suspension::default())
-        );
+        assert_eq!((wheels[0].steering_limits.low, wheels[0].front), (-1.0, true));
+        assert_eq!((wheels[1].radius, wheels[1].suspension), (0.3, Suspension::default()));
         let errors: Vec<_> = problems.iter().filter(|p| p.contains("error")).collect();
         assert_eq!(errors.len(), 2, "{problems:#?}");
-        assert!(errors[0].contains(
-            "`V / wheels[2] / body` is missing (a `body` or a `mesh`); the wheel is dropped"
-        ));
+        assert!(errors[0].contains("`V / wheels[2] / body` is missing (a `body` or a `mesh`); the wheel is dropped"));
     }
 
     #[test]

@@ -105,8 +105,7 @@ mod tests {
 
     #[test]
     fn images() {
-        let text =
-            "volumes: [V, W]\nV: {images: {path: p, prefix: a, format: png, count: 3}}\nW: {}\n";
+        let text = "volumes: [V, W]\nV: {images: {path: p, prefix: a, format: png, count: 3}}\nW: {}\n";
         let volumes = clean::<Model>(text).volumes;
         let images = volumes[0].images.as_ref().expect("images");
         assert_eq!((images.path.to_str(), images.count), (Some("dir/p"), 3));
@@ -115,12 +114,11 @@ mod tests {
 
     #[test]
     fn wrong_images_drop_only_the_volume() {
-        let text = "volumes: [V, W]\nV: {images: {path: p, count: x}}\nW: {dimensions: {x: 1, y: 0, z: 1}}\nbodies: []\n";
+        let text =
+            "volumes: [V, W]\nV: {images: {path: p, count: x}}\nW: {dimensions: {x: 1, y: 0, z: 1}}\nbodies: []\n";
         let (model, problems) = read::<Model>(text);
         assert!(model.volumes.is_empty());
         assert_eq!(problems.len(), 4, "{problems:#?}");
-        assert!(problems
-            .iter()
-            .all(|p| p.ends_with("the volume is dropped")));
+        assert!(problems.iter().all(|p| p.ends_with("the volume is dropped")));
     }
 }

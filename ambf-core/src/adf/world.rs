@@ -119,12 +119,7 @@ fn at_least_one(map: &Map<'_>, key: &'static str) -> Option<u32> {
     let n = map.uint(key)?;
     if n == 0 {
         let expected = "an integer, at least 1";
-        map.error(
-            ProblemKind::OutOfRange,
-            key,
-            expected,
-            "the default is used",
-        );
+        map.error(ProblemKind::OutOfRange, key, expected, "the default is used");
     }
     (n > 0).then_some(n)
 }
@@ -136,11 +131,7 @@ impl Enclosure {
             let [length, width, height] =
                 ["length", "width", "height"].map(|key| block.need_real_in(key, Range::Positive));
             block.finish();
-            Some(Self {
-                length,
-                width,
-                height,
-            })
+            Some(Self { length, width, height })
         })
     }
 }
@@ -159,10 +150,7 @@ impl Skybox {
             root.warn(ProblemKind::MissingKey, "skybox", expected, action);
             return None;
         }
-        Some(Self {
-            faces: faces.map(|face| dir.join(face.unwrap_or_default())),
-            shaders,
-        })
+        Some(Self { faces: faces.map(|face| dir.join(face.unwrap_or_default())), shaders })
     }
 }
 
@@ -200,15 +188,9 @@ mod tests {
     #[test]
     fn worlds() {
         let world: World = clean("{}\n");
-        assert_eq!(
-            (world.common.name.as_str(), world.max_iterations),
-            ("World", 10)
-        );
+        assert_eq!((world.common.name.as_str(), world.max_iterations), ("World", 10));
         assert_eq!(world.gravity, Vector3::new(0.0, 0.0, -9.8));
-        assert_eq!(
-            (world.environment, world.physics),
-            (None, PhysicsSettings::default())
-        );
+        assert_eq!((world.environment, world.physics), (None, PhysicsSettings::default()));
         let world: World = clean(
             "namespace: env/\nenvironment: e.yaml\nlights: [l]\nl: {namespace: a/}\nmax iterations: 3\n\
              physics: {profile: accurate, solver: nncg, iterations: 4, sub step: 0.0005}\n",
@@ -217,10 +199,7 @@ mod tests {
         assert_eq!(world.lights[0].common.namespace, "env/a/");
         assert_eq!(world.environment, Some("dir/e.yaml".into()));
         assert_eq!(world.physics.profile, Some(PhysicsProfile::Accurate));
-        assert_eq!(
-            (world.physics.iterations, world.physics.sub_step),
-            (Some(4), Some(0.0005))
-        );
+        assert_eq!((world.physics.iterations, world.physics.sub_step), (Some(4), Some(0.0005)));
     }
 
     #[test]

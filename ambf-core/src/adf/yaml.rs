@@ -57,17 +57,9 @@ pub(super) struct SyntaxError {
 
 impl<'t> Document<'t> {
     /// Parses `text`, or `normalised` in place of it; positions are those of the text before it was normalised.
-    pub(super) fn parse(
-        text: &'t str,
-        normalised: Option<&'t Normalised>,
-    ) -> Result<Self, SyntaxError> {
-        Builder {
-            nodes: Vec::new(),
-            anchors: Vec::new(),
-            open: Vec::new(),
-            normalised,
-        }
-        .run(normalised.map_or(text, |n| &n.text))
+    pub(super) fn parse(text: &'t str, normalised: Option<&'t Normalised>) -> Result<Self, SyntaxError> {
+        Builder { nodes: Vec::new(), anchors: Vec::new(), open: Vec::new(), normalised }
+            .run(normalised.map_or(text, |n| &n.text))
     }
 
     pub(super) fn root(&self) -> &Node<'t> {
@@ -133,10 +125,7 @@ impl<'t> Builder<'t> {
                     Some(id) => Some(id),
                     None => {
                         let message = "an alias refers to the collection that contains it";
-                        return Err(SyntaxError {
-                            mark,
-                            message: message.into(),
-                        });
+                        return Err(SyntaxError { mark, message: message.into() });
                     }
                 },
                 Event::DocumentEnd => break,
@@ -158,39 +147,22 @@ impl<'t> Builder<'t> {
             Some(id) => id,
             None => self.add(Mark::default(), 0, Kind::Null)?,
         };
-        Ok(Document {
-            nodes: self.nodes,
-            root,
-            second,
-        })
+        Ok(Document { nodes: self.nodes, root, second })
     }
 
     fn add(&mut self, mark: Mark, anchor: usize, kind: Kind<'t>) -> Result<NodeId, SyntaxError> {
-        let id = NodeId::try_from(self.nodes.len()).map_err(|_| SyntaxError {
-            mark,
-            message: "the file holds too many values".into(),
-        })?;
-        self.nodes.push(Node {
-            mark,
-            anchored: anchor != 0,
-            kind,
-        });
+        let id = NodeId::try_from(self.nodes.len())
+            .map_err(|_| SyntaxError { mark, message: "the file holds too many values".into() })?;
+        self.nodes.push(Node { mark, anchored: anchor != 0, kind });
         Ok(id)
     }
 
     fn start(&mut self, mark: Mark, anchor: usize, kind: Kind<'t>) -> Result<(), SyntaxError> {
         if self.open.len() >= MAX_DEPTH {
-            return Err(SyntaxError {
-                mark,
-                message: format!("nested deeper than {MAX_DEPTH} levels"),
-            });
+            return Err(SyntaxError { mark, message: format!("nested deeper than {MAX_DEPTH} levels") });
         }
         let id = self.add(mark, anchor, kind)?;
-        self.open.push(Open {
-            id,
-            anchor,
-            pending_key: None,
-        });
+        self.open.push(Open { id, anchor, pending_key: None });
         Ok(())
     }
 
@@ -207,17 +179,11 @@ impl<'t> Builder<'t> {
         let line = u32::try_from(marker.line()).unwrap_or(u32::MAX);
         let column = u32::try_from(marker.col()).unwrap_or(u32::MAX);
         let added = self.normalised.map_or(0, |n| n.added(line));
-        Mark {
-            line,
-            column: column.saturating_sub(added).saturating_add(1),
-        }
+        Mark { line, column: column.saturating_sub(added).saturating_add(1) }
     }
 
     fn scan_error(&self, error: &ScanError) -> SyntaxError {
-        SyntaxError {
-            mark: self.mark(error.marker()),
-            message: error.info().to_owned(),
-        }
+        SyntaxError { mark: self.mark(error.marker()), message: error.info().to_owned() }
     }
 }
 
@@ -243,16 +209,12 @@ mod tests {
     #[test]
     fn positions_text_and_nulls() {
         let doc = parse("a: 010\n\"b\" : ['', ~, null]\nc:\n").unwrap();
-        let Kind::Map(root) = &doc.root().kind else {
-            panic!()
-        };
+        let Kind::Map(root) = &doc.root().kind else { panic!() };
         assert_eq!(root.len(), 3);
         let value = doc.node(root[0].1);
         assert!(matches!(&value.kind, Kind::Scalar(t) if t == "010"));
         assert_eq!(value.mark, Mark { line: 1, column: 4 });
-        let Kind::List(items) = &doc.node(root[1].1).kind else {
-            panic!()
-        };
+        let Kind::List(items) = &doc.node(root[1].1).kind else { panic!() };
         assert!(matches!(&doc.node(items[0]).kind, Kind::Scalar(t) if t.is_empty()));
         assert!(matches!(doc.node(items[1]).kind, Kind::Null));
         assert!(matches!(doc.node(items[2]).kind, Kind::Null));
@@ -264,9 +226,7 @@ mod tests {
     #[test]
     fn an_alias_is_the_node_of_its_anchor() {
         let doc = parse("a: &x {k: 1}\nb: *x\nc: &x 2\nd: *x\n").unwrap();
-        let Kind::Map(root) = &doc.root().kind else {
-            panic!()
-        };
+        let Kind::Map(root) = &doc.root().kind else { panic!() };
         assert_eq!(root[0].1, root[1].1);
         assert_eq!(root[2].1, root[3].1);
         assert!(doc.node(root[0].1).anchored);

@@ -8,12 +8,7 @@ use crate::adf::scalar;
 use crate::adf::yaml::{Kind, Mark, NodeId};
 
 impl<'m> Map<'m> {
-    fn scalar<T>(
-        &self,
-        key: &str,
-        expected: &str,
-        convert: impl FnOnce(&str) -> Option<T>,
-    ) -> Option<T> {
+    fn scalar<T>(&self, key: &str, expected: &str, convert: impl FnOnce(&str) -> Option<T>) -> Option<T> {
         let node = self.node(key)?;
         let value = match &node.kind {
             Kind::Scalar(text) => convert(text),
@@ -74,15 +69,11 @@ impl<'m> Map<'m> {
     }
 
     pub(in crate::adf) fn int(&self, key: &str) -> Option<i32> {
-        self.scalar(key, "an integer", |text| {
-            scalar::integer(text)?.try_into().ok()
-        })
+        self.scalar(key, "an integer", |text| scalar::integer(text)?.try_into().ok())
     }
 
     pub(in crate::adf) fn uint(&self, key: &str) -> Option<u32> {
-        self.scalar(key, "an integer, at least 0", |text| {
-            scalar::integer(text)?.try_into().ok()
-        })
+        self.scalar(key, "an integer, at least 0", |text| scalar::integer(text)?.try_into().ok())
     }
 
     pub(in crate::adf) fn need_uint(&self, key: &str) -> u32 {
@@ -136,15 +127,7 @@ impl<'m> Map<'m> {
             Kind::List(_) => {
                 let (found, what) = (described(node), ProblemKind::WrongType);
                 let action = "it counts as empty";
-                self.note(
-                    Severity::Error,
-                    what,
-                    node.mark,
-                    &key,
-                    &found,
-                    "a mapping",
-                    action,
-                );
+                self.note(Severity::Error, what, node.mark, &key, &found, "a mapping", action);
                 &[]
             }
         };
@@ -159,8 +142,7 @@ impl<'m> Map<'m> {
 
     /// A mapping; empty when it is absent.
     pub(in crate::adf) fn map(&'m self, key: &'m str) -> Map<'m> {
-        self.map_opt(key)
-            .unwrap_or_else(|| Map::new(self.r, Some(self), key.into(), self.mark, None, &[]))
+        self.map_opt(key).unwrap_or_else(|| Map::new(self.r, Some(self), key.into(), self.mark, None, &[]))
     }
 
     fn items(&self, key: &str) -> &'m [NodeId] {
@@ -270,8 +252,7 @@ impl<'m> Map<'m> {
                 self.note(severity, kind, place, identifier, "", "", &note);
                 let made = matches!(absent, Absent::Made(_));
                 let empty = Map::new(self.r, Some(self), identifier.into(), place, None, &[]);
-                made.then(|| self.r.element(noun, || read(&empty)))
-                    .flatten()
+                made.then(|| self.r.element(noun, || read(&empty))).flatten()
             }
         };
         self.strings(list).into_iter().map(element).collect()
