@@ -118,10 +118,15 @@ fn parse_bytes<T: Description>(bytes: &[u8], path: &Path) -> Result<(T, Report),
     let normalised;
     let doc = match Document::parse(text, None) {
         Ok(doc) => doc,
-        Err(error) => {
+        Err(strict) => {
             let syntax = |error: SyntaxError| LoadError::Syntax { at: at(error.mark), message: error.message };
-            normalised = normalise(text).ok_or_else(|| syntax(error))?;
-            Document::parse(text, Some(&normalised)).map_err(syntax)?
+            let Some(lenient) = normalise(text) else {
+                return Err(syntax(strict));
+            };
+            normalised = lenient;
+            // Whichever got further names what is really wrong.
+            Document::parse(text, Some(&normalised))
+                .map_err(|error| syntax(if error.mark.line < strict.mark.line { strict } else { error }))?
         }
     };
     let root = doc.root();
@@ -212,6 +217,13 @@ mod tests {
             let error = parse::<Model>(&text, Path::new("t")).unwrap_err();
             assert!(matches!(error, LoadError::Version { at, .. } if at.line == 2));
         }
+    }
+
+    #[test]
+    fn a_syntax_error_behind_an_unusual_flow_collection_is_the_one_reported() {
+        let text = "s: &s\n{\n  a: 1\n}\nbodies: [A\njoints: []\n";
+        let error = parse::<Model>(text, Path::new("t")).unwrap_err();
+        assert!(matches!(&error, LoadError::Syntax { at, .. } if at.line == 6), "{error}");
     }
 
     #[test]
