@@ -23,13 +23,11 @@ struct AmbShape {
 struct AmbBody {
   AmbBody(btScalar mass, const btVector3 &inertia, AmbShape *owner_shape, const btTransform &pose)
       : shape(owner_shape),
-        motion(btTransform::getIdentity()),
+        motion(pose),
         body(btRigidBody::btRigidBodyConstructionInfo(mass, &motion, owner_shape->shape.get(), inertia)) {
     body.setUserPointer(this);
     body.setActivationState(DISABLE_DEACTIVATION);
     body.setSleepingThresholds(0, 0);
-    body.setWorldTransform(pose);
-    motion.setWorldTransform(pose);
   }
 
   bool ignores(const AmbBody &other) const {
