@@ -94,7 +94,11 @@ mod tests {
             (ambf_msgs::CameraState::msg_type(), ambf_msgs::CameraState::md5sum(), "a407bd98dbe1308fc98fc9d52379c405"),
             (ambf_msgs::LightCmd::msg_type(), ambf_msgs::LightCmd::md5sum(), "4c77af9a51e6b28efe30862e7d6b0479"),
             (ambf_msgs::LightState::msg_type(), ambf_msgs::LightState::md5sum(), "a407bd98dbe1308fc98fc9d52379c405"),
-            (ambf_msgs::RigidBodyCmd::msg_type(), ambf_msgs::RigidBodyCmd::md5sum(), "c54fc48da5e84240a367eff7725e74b4"),
+            (
+                ambf_msgs::RigidBodyCmd::msg_type(),
+                ambf_msgs::RigidBodyCmd::md5sum(),
+                "c54fc48da5e84240a367eff7725e74b4",
+            ),
             (
                 ambf_msgs::RigidBodyState::msg_type(),
                 ambf_msgs::RigidBodyState::md5sum(),
@@ -102,7 +106,11 @@ mod tests {
             ),
             (ambf_msgs::WorldCmd::msg_type(), ambf_msgs::WorldCmd::md5sum(), "6941ddbc8f8196cff4beb0278a6ad79d"),
             (ambf_msgs::WorldState::msg_type(), ambf_msgs::WorldState::md5sum(), "6e545bb4d1457db0c1ee58df8e46d570"),
-            (sensor_msgs::PointCloud::msg_type(), sensor_msgs::PointCloud::md5sum(), "d8e9c3f5afbdd8a130fd1d2763945fca"),
+            (
+                sensor_msgs::PointCloud::msg_type(),
+                sensor_msgs::PointCloud::md5sum(),
+                "d8e9c3f5afbdd8a130fd1d2763945fca",
+            ),
         ];
         for (name, sum, expected) in sums {
             assert_eq!(sum, expected, "{name}");

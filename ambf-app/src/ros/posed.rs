@@ -38,11 +38,7 @@ pub(super) struct Identity {
 macro_rules! posed {
     ($state:ident, $command:ident, $state_of:ident, $command_of:ident, $title:literal) => {
         #[doc = concat!("State of a ", $title, " at `local`, its pose in its parent, as of `snapshot`.")]
-        pub(super) fn $state_of(
-            identity: &Identity,
-            local: &Isometry3<f64>,
-            snapshot: &Snapshot,
-        ) -> ambf_msgs::$state {
+        pub(super) fn $state_of(identity: &Identity, local: &Isometry3<f64>, snapshot: &Snapshot) -> ambf_msgs::$state {
             ambf_msgs::$state {
                 header: header(Some(snapshot)),
                 sim_step: snapshot.sim_step,

@@ -133,7 +133,9 @@ pub(super) fn command(message: &ambf_msgs::RigidBodyCmd, n_joints: usize) -> Rig
 /// A sentence about a type in `command` that does not exist, if there is one.
 pub(super) fn unknown_type(command: &RigidBodyCommand) -> Option<String> {
     if let CartesianCommandType::Unknown(code) = command.cartesian {
-        return Some(format!("cartesian_cmd_type {code} does not exist (0 force, 1 position, 2 velocity); nothing is applied"));
+        return Some(format!(
+            "cartesian_cmd_type {code} does not exist (0 force, 1 position, 2 velocity); nothing is applied"
+        ));
     }
     command.joint_commands.iter().zip(&command.joint_command_types).enumerate().find_map(|(i, (_, &kind))| match kind {
         JointCommandType::Unknown(code) => Some(format!(
@@ -166,7 +168,11 @@ mod tests {
     fn snapshot(x: f64) -> Snapshot {
         Snapshot {
             sim_step: 9,
-            bodies: vec![BodyKinematics { origin: [x, 2.0, 3.0], angular_velocity: [0.0, 0.0, 4.0], ..Default::default() }],
+            bodies: vec![BodyKinematics {
+                origin: [x, 2.0, 3.0],
+                angular_velocity: [0.0, 0.0, 4.0],
+                ..Default::default()
+            }],
             joint_positions: vec![x, 0.2, 0.3],
             joint_velocities: vec![1.0, 2.0, 3.0],
             joint_efforts: vec![0.0; 3],

@@ -71,7 +71,12 @@ mod tests {
             sim_step: 7,
             wall_time: 1.5,
             sim_time: 1.25,
-            timing: Timing { lost_time: 0.25, physics_frequency: 999.9, step_cost: [1.0, 2.0, 3.0, 4.0], sub_step_cap: 5 },
+            timing: Timing {
+                lost_time: 0.25,
+                physics_frequency: 999.9,
+                step_cost: [1.0, 2.0, 3.0, 4.0],
+                sub_step_cap: 5,
+            },
             ..Default::default()
         };
         let world = state(Some(&snapshot), 2);

@@ -15,7 +15,9 @@ const LONGEST_ANSWER: u64 = 16 << 20;
 #[non_exhaustive]
 pub enum CallError {
     /// Error when an address is not `http://HOST:PORT/`.
-    #[error("\"{0}\" is not an address of a ROS master: expected http://HOST:PORT/, for example http://localhost:11311/")]
+    #[error(
+        "\"{0}\" is not an address of a ROS master: expected http://HOST:PORT/, for example http://localhost:11311/"
+    )]
     BadUri(String),
     /// Error when nobody answers in time.
     #[error("{uri} does not answer: {reason}")]
