@@ -1,13 +1,13 @@
 //! Options of rosrust's sockets, which it neither sets nor hands out.
 //!
 //! Without a send time-out one subscriber that stops reading holds up all others of its topic for ever; without `TCP_NODELAY` small
-//! messages wait for each other. On Linux an accepted socket inherits both from the listening one. A second descriptor of each
+//! messages wait for each other. On Linux an accepted socket inherits these from the listening one. A second descriptor of each
 //! socket of this process is had through `pidfd_getfd`, without `unsafe`.
 
 use std::collections::HashSet;
 use std::fs;
 use std::net::{TcpListener, TcpStream};
-use std::os::fd::{OwnedFd, RawFd};
+use std::os::fd::{AsFd, OwnedFd, RawFd};
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
@@ -19,6 +19,10 @@ use crate::report;
 
 /// How long one subscriber may hold up the others of its topic before it is dropped.
 const SEND_TIMEOUT: Duration = Duration::from_millis(200);
+
+/// What the kernel may hold back for one subscriber, bytes: some hundred states. Left to itself it takes megabytes, and it takes
+/// that long to see that nobody reads.
+const SEND_BUFFER: usize = 256 << 10;
 
 /// A peer that vanished without a word is noticed after this much silence and a few unanswered probes.
 const KEEP_ALIVE: Duration = Duration::from_secs(10);
@@ -102,7 +106,7 @@ fn open_sockets() -> HashSet<(RawFd, String)> {
 /// A socket may be closed any time, so that errors mean nothing here and below.
 fn set_listening(socket: OwnedFd) -> Option<u16> {
     let _ = sockopt::set_tcp_nodelay(&socket, true);
-    let _ = sockopt::set_socket_timeout(&socket, sockopt::Timeout::Send, Some(SEND_TIMEOUT));
+    set_accepting(&socket);
     let _ = sockopt::set_socket_keepalive(&socket, true);
     let _ = sockopt::set_tcp_keepidle(&socket, KEEP_ALIVE);
     TcpListener::from(socket).local_addr().ok().map(|address| address.port())
@@ -115,8 +119,13 @@ fn set_connected(socket: OwnedFd, listening_ports: &HashSet<u16>) {
     let _ = stream.set_nodelay(true);
     // Others than accepted ones may wait for their peer as long as they like.
     if stream.local_addr().is_ok_and(|address| listening_ports.contains(&address.port())) {
-        let _ = stream.set_write_timeout(Some(SEND_TIMEOUT));
+        set_accepting(&stream);
     }
+}
+
+fn set_accepting(socket: impl AsFd) {
+    let _ = sockopt::set_socket_timeout(&socket, sockopt::Timeout::Send, Some(SEND_TIMEOUT));
+    let _ = sockopt::set_socket_send_buffer_size(&socket, SEND_BUFFER);
 }
 
 #[cfg(test)]
