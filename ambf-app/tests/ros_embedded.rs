@@ -6,7 +6,10 @@ use std::sync::{Arc, Mutex, OnceLock};
 use std::time::{Duration, Instant};
 
 use ambf_app::ros::messages::{ambf_msgs, geometry_msgs, sensor_msgs, std_msgs};
-use ambf_core::comm::{CameraParameters, Inbox, JointCommandType, Middleware, PoseCommand, Rates, RigidBodyCommand};
+use ambf_app::ros::{RosMiddleware, RosOptions};
+use ambf_core::comm::{
+    CameraParameters, Hub, Inbox, JointCommandType, Middleware, PoseCommand, Rates, RigidBodyCommand,
+};
 use dxr::Value;
 use ros_common::*;
 use rosrust::api::Ros;
@@ -307,7 +310,10 @@ fn listens(master: &str, topic: &str) -> bool {
 #[test]
 fn a_second_simulator_shares_the_master_and_leaves_it_clean() {
     let fixture = fixture();
-    let mut second = Simulator::start(objects("/second/", 1, Rates::default()));
+    // Two bodies of one name share their topics; a camera of that name cannot, since its type differs.
+    let mut list = objects("/second/", 2, Rates::default());
+    list.iter_mut().filter(|o| o.name == "Box1" || o.name == "cameras/cam").for_each(|o| o.name = "Box0".into());
+    let mut second = Simulator::start(list);
     until("the topics of the second", || system_state_mentions(&fixture.master, "/second/light/Command"));
     let mut subscriber = fixture.subscriber("/second/Box0/State");
     subscriber.read_block().expect("a state");
@@ -317,4 +323,43 @@ fn a_second_simulator_shares_the_master_and_leaves_it_clean() {
     assert!(!system_state_mentions(&fixture.master, "/second/"));
     while subscriber.read_block().is_some() {}
     until("the first goes on", || system_state_mentions(&fixture.master, "/ambf/env/Box0/State"));
+}
+
+#[test]
+fn before_the_first_step_only_the_world_speaks() {
+    let fixture = fixture();
+    let mut ros = RosMiddleware::new(RosOptions::default());
+    ros.start(Arc::new(Hub::new(objects("/idle/", 1, Rates::default())))).unwrap();
+    let mut body = fixture.subscriber("/idle/Box0/State");
+    let (_s, world) = fixture.listen::<ambf_msgs::WorldState>("/idle/World/State");
+    until("the world's zeros", || world.lock().unwrap().is_some());
+    assert_eq!(world.lock().unwrap().as_ref().unwrap().sim_step, 0);
+    body.stream.set_read_timeout(Some(Duration::from_millis(300))).unwrap();
+    assert!(body.read_block().is_none(), "a body has no state yet");
+    ros.stop();
+}
+
+#[test]
+fn a_client_that_connects_and_says_nothing_does_not_keep_others_out() {
+    let topic = "/ambf/env/Box1/State";
+    let node = publisher_of(&fixture().master, topic);
+    let port = RawSubscriber::connect(&node, topic).stream.peer_addr().unwrap().port();
+    // The time-out is set within a second or two after the topic was announced.
+    std::thread::sleep(Duration::from_secs(3));
+    let _silent = std::net::TcpStream::connect(("127.0.0.1", port)).unwrap();
+    let mut other = RawSubscriber::handshake(port, topic);
+    assert!(other.read_block().is_some());
+}
+
+#[test]
+fn a_node_that_is_told_to_shut_down_leaves_and_the_simulation_goes_on() {
+    let fixture = fixture();
+    let simulator = Simulator::start(objects("/killed/", 1, Rates::default()));
+    until("the topics", || system_state_mentions(&fixture.master, "/killed/light/Command"));
+    let node = publisher_of(&fixture.master, "/killed/Box0/State");
+    // As `rosnode kill` does.
+    assert!(call(&node, "shutdown", vec![text("a test")]).is_some());
+    until("the topics are gone", || !system_state_mentions(&fixture.master, "/killed/"));
+    let step = simulator.step();
+    until("the simulation goes on", || simulator.step() > step + 10);
 }

@@ -74,7 +74,7 @@ fn a_master_that_dies_and_comes_back_is_told_everything_again() {
     assert!(simulator.step() > step, "the simulation goes on");
     states.count(Duration::from_millis(300));
 
-    let _master = Master::start(port).unwrap();
+    let master = Master::start(port).unwrap();
     until("the master is back", || answers(&uri));
     let back = Instant::now();
     until("everything is registered again", || {
@@ -95,6 +95,18 @@ fn a_master_that_dies_and_comes_back_is_told_everything_again() {
     until("the command", || inbox.fetch(&simulator.hub.channel(simulator.object("Box1")).body));
     drop(commands);
 
+    if let Some(heard) = heard_by_rospy(topic) {
+        assert!(heard.starts_with("ambf_msgs/RigidBodyState "), "{heard}");
+    }
+
+    // A master that hangs: the simulation goes on, and so does everything when it comes to itself.
+    signal(&master, "-STOP");
+    let step = simulator.step();
+    std::thread::sleep(Duration::from_millis(2500));
+    assert!(simulator.step() > step);
+    states.count(Duration::from_millis(300));
+    signal(&master, "-CONT");
+
     simulator.ros.stop();
     until("no topic is left", || {
         call(&uri, "getSystemState", vec![]).is_some_and(|state: Value| {
@@ -102,4 +114,22 @@ fn a_master_that_dies_and_comes_back_is_told_everything_again() {
             !state.contains("/ambf/env") && !state.contains("ambf_comm_node")
         })
     });
+}
+
+fn signal(master: &Master, name: &str) {
+    assert!(Command::new("kill").args([name, &master.0.id().to_string()]).status().unwrap().success());
+}
+
+/// A message as a rospy client gets it; `None` when rospy is not installed.
+fn heard_by_rospy(topic: &str) -> Option<String> {
+    let rospy = |code: &str| Command::new("/usr/bin/python3").args(["-c", code]).output().ok();
+    rospy("import rospy").filter(|output| output.status.success())?;
+    let code = format!(
+        "import rospy; rospy.init_node('listener', anonymous=True, disable_signals=True); \
+         m = rospy.wait_for_message('{topic}', rospy.AnyMsg, {}); print(m._connection_header['type'], len(m._buff))",
+        PATIENCE.as_secs()
+    );
+    let output = rospy(&code)?;
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    Some(String::from_utf8_lossy(&output.stdout).into_owned())
 }

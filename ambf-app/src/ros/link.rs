@@ -3,6 +3,7 @@
 //! rosrust registers a topic once and never looks back. When the master was restarted, the same registrations are made again with
 //! calls of our own, in the name and with the address of the running node: connections between nodes stay up meanwhile.
 
+use std::collections::HashSet;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -32,8 +33,8 @@ struct Item {
 pub(super) struct Link {
     master: Peer,
     items: Mutex<Vec<Item>>,
-    /// Node name once there is a node.
-    node_name: Mutex<Option<String>>,
+    /// Name and address of the node once there is one.
+    node: Mutex<Option<(String, String)>>,
     generation: AtomicU64,
     pub stop: Stop,
     pub sockets: Sockets,
@@ -46,7 +47,7 @@ impl Link {
         Self {
             master,
             items: Mutex::new(items),
-            node_name: Mutex::new(None),
+            node: Mutex::new(None),
             generation: AtomicU64::new(0),
             stop: Stop::default(),
             sockets: Sockets::new(),
@@ -62,10 +63,14 @@ impl Link {
         self.generation.load(Ordering::Acquire)
     }
 
+    fn node(&self) -> MutexGuard<'_, Option<(String, String)>> {
+        self.node.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     /// The master, called in the node's name once there is a node.
     pub fn master(&self) -> Peer {
-        match self.node_name.lock().unwrap_or_else(PoisonError::into_inner).as_deref() {
-            Some(name) => self.master.called_by(name),
+        match &*self.node() {
+            Some((name, _)) => self.master.called_by(name),
             None => self.master.clone(),
         }
     }
@@ -180,8 +185,13 @@ impl Worker<'_> {
             Ok(node) => {
                 self.link.sockets.sweep();
                 report!("ROS: node {} at the master {}", node.name(), master.uri());
-                let shared = &self.link.node_name;
-                *shared.lock().unwrap_or_else(PoisonError::into_inner) = Some(node.name().to_owned());
+                if own_peer(node.uri()).and_then(|own| own.addresses()).is_err() {
+                    report!(
+                        "ROS: this machine is called \"{}\", which has no address: other nodes cannot connect; set ROS_HOSTNAME or ROS_IP",
+                        node.hostname()
+                    );
+                }
+                *self.link.node() = Some((node.name().to_owned(), node.uri().to_owned()));
                 self.node = Some(node);
                 self.complained = false;
             }
@@ -284,7 +294,7 @@ impl Worker<'_> {
         // Withdraws the log topic.
         node.shutdown_sender().shutdown();
         // Only a call from outside ends the node's server thread.
-        if let Ok(own) = Peer::new(node.uri(), node.name(), Duration::from_millis(300)) {
+        if let Ok(own) = own_peer(node.uri()) {
             let _ = own.call("shutdown", vec![Value::String("end of the simulation".into())]);
         }
         drop(node);
@@ -296,10 +306,47 @@ impl Worker<'_> {
     }
 }
 
+/// Our own node at `uri`, called as the master does it.
+fn own_peer(uri: &str) -> Result<Peer, CallError> {
+    Peer::new(uri, "/master", Duration::from_millis(500))
+}
+
+/// Tends the sockets of the node until the link is stopped.
+pub(super) fn tend_sockets(link: &Link) {
+    let mut bounded: HashSet<String> = HashSet::new();
+    while !link.stop.wait(POLL) {
+        link.sockets.sweep();
+        let uri = link.node().as_ref().map(|(_, uri)| uri.clone());
+        let Some(Ok(own)) = uri.as_deref().map(own_peer) else { continue };
+        let mut ports = HashSet::new();
+        for Registration { topic, direction, .. } in link.registrations() {
+            if direction == Direction::Publishes && !bounded.contains(&topic) && !link.stop.is_stopped() {
+                ports.extend(port_of(&own, &topic));
+                bounded.insert(topic);
+            }
+        }
+        if !ports.is_empty() {
+            link.sockets.bound_handshakes(&ports);
+        }
+    }
+}
+
+/// Port on which `node` serves `topic`.
+fn port_of(node: &Peer, topic: &str) -> Option<u16> {
+    let protocols = Value::Array(vec![Value::Array(vec![Value::String("TCPROS".into())])]);
+    match node.call("requestTopic", vec![Value::String(topic.to_owned()), protocols]) {
+        Ok(Value::Array(parts)) => match parts.get(2) {
+            Some(&Value::Integer(port)) => port.try_into().ok(),
+            _ => None,
+        },
+        _ => None,
+    }
+}
+
 /// Registers all of `registrations` of `node` with a master that does not know them.
 fn register_again(registrations: &[Registration], node: &Ros, master: &Peer) -> Result<(), CallError> {
     let text = |s: &str| Value::String(s.to_owned());
-    let own = Peer::new(node.uri(), "/master", Duration::from_secs(1))?;
+    let own = own_peer(node.uri())?;
     for registration in registrations {
         let arguments = vec![text(&registration.topic), text(&registration.message_type), text(node.uri())];
         match registration.direction {

@@ -19,6 +19,7 @@
 mod embedded;
 mod link;
 pub mod messages;
+mod mismatch;
 pub mod naming;
 mod objects;
 mod parameters;
@@ -114,6 +115,7 @@ impl Middleware for RosMiddleware {
         let uri = std::env::var("ROS_MASTER_URI").ok().filter(|uri| !uri.is_empty());
         let uri = uri.as_deref().unwrap_or(DEFAULT_MASTER);
         let master = Peer::new(uri, &format!("/{}", self.options.node_name), MASTER_TIMEOUT)?;
+        mismatch::report_mismatches();
         hub.set_listening();
         let waker = Arc::<Waker>::default();
         let served = objects::serve(&hub, &waker, self.options.n_devices);
@@ -136,11 +138,7 @@ impl Middleware for RosMiddleware {
         );
         spawn_detached("ros-parameters", &alive, move || parameters.run())?;
         let swept = Arc::clone(&link);
-        spawn_detached("ros-sockets", &alive, move || {
-            while !swept.stop.wait(Duration::from_secs(1)) {
-                swept.sockets.sweep();
-            }
-        })?;
+        spawn_detached("ros-sockets", &alive, move || link::tend_sockets(&swept))?;
         let name = self.options.node_name.clone();
         spawn_detached("ros-link", &alive, move || link::run(&link, &name))?;
         Ok(())

@@ -20,6 +20,9 @@ use crate::report;
 /// How long one subscriber may hold up the others of its topic before it is dropped.
 const SEND_TIMEOUT: Duration = Duration::from_millis(200);
 
+/// How long a client that connects to a topic and says nothing keeps others from connecting to it.
+const HANDSHAKE_TIMEOUT: Duration = Duration::from_secs(5);
+
 /// What the kernel may hold back for one subscriber, bytes: some hundred states. Left to itself it takes megabytes, and it takes
 /// that long to see that nobody reads.
 const SEND_BUFFER: usize = 256 << 10;
@@ -82,6 +85,22 @@ impl Sockets {
         }
         for socket in connected {
             set_connected(socket, &state.ports);
+        }
+    }
+
+    /// Bounds the wait for a subscriber's first words on the listening sockets at `ports`. Only for rosrust's topics: other
+    /// servers take the failed `accept` that comes of it, once per time-out without a client, for the end.
+    pub fn bound_handshakes(&self, ports: &HashSet<u16>) {
+        let Some(pidfd) = &self.pidfd else { return };
+        for (fd, _) in open_sockets() {
+            let Ok(socket) = pidfd_getfd(pidfd, fd, PidfdGetfdFlags::empty()) else { continue };
+            if sockopt::socket_acceptconn(&socket) != Ok(true) {
+                continue;
+            }
+            let listener = TcpListener::from(socket);
+            if listener.local_addr().is_ok_and(|address| ports.contains(&address.port())) {
+                let _ = sockopt::set_socket_timeout(&listener, sockopt::Timeout::Recv, Some(HANDSHAKE_TIMEOUT));
+            }
         }
     }
 
