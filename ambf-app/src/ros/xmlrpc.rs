@@ -95,6 +95,11 @@ impl Peer {
     }
 
     fn no_answer(&self, reason: std::io::Error) -> CallError {
+        // A socket's time-out is called "resource temporarily unavailable".
+        let reason = match reason.kind() {
+            std::io::ErrorKind::WouldBlock => std::io::Error::new(std::io::ErrorKind::TimedOut, "it took too long"),
+            _ => reason,
+        };
         CallError::NoAnswer { uri: self.uri.clone(), reason }
     }
 
