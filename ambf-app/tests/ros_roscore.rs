@@ -15,7 +15,7 @@ struct Master(Child);
 
 impl Master {
     fn start(port: u16) -> Option<Self> {
-        let log_dir = std::env::temp_dir().join(format!("ambf_ros_log_{}", std::process::id()));
+        let log_dir = concat!(env!("CARGO_TARGET_TMPDIR"), "/ros_log");
         let child = Command::new("rosmaster")
             .args(["--core", "-p", &port.to_string()])
             .env("ROS_LOG_DIR", log_dir)

@@ -10,7 +10,7 @@ use super::signal::{Stop, Waker};
 use super::topic::Publication;
 use crate::report;
 
-/// Longest sleep: bounds how late a stop or a first command that nobody announced is seen.
+/// Longest sleep: bounds how late a new listener or the end of a command stream is seen.
 const LONGEST_SLEEP: Duration = Duration::from_millis(20);
 
 /// A topic as the scheduler sees it.
@@ -47,12 +47,14 @@ pub(super) struct Entry {
     /// Position in the hub of the object whose commands switch to the fast rate.
     commanded_by: Option<usize>,
     live: bool,
+    /// Somebody listened when it was last due.
+    wanted: bool,
 }
 
 impl Entry {
     /// An outlet at the lower of `rates`, and at the higher one while commands come for the object at `commanded_by`.
     pub fn new(outlet: Box<dyn Outlet>, rates: Rates, commanded_by: Option<usize>, now: Duration) -> Self {
-        Self { outlet, schedule: PublishSchedule::new(rates, now), commanded_by, live: false }
+        Self { outlet, schedule: PublishSchedule::new(rates, now), commanded_by, live: false, wanted: false }
     }
 
     /// Follows the command stream; says so when it has stopped.
@@ -88,17 +90,23 @@ pub(super) fn run(hub: &Hub, mut entries: Vec<Entry>, stop: &Stop, waker: &Waker
     }
 }
 
-/// Publishes what is due at `now` and returns when something is due next.
+/// Publishes what is due at `now` and returns when something that is listened to is due next.
 fn publish_due(hub: &Hub, entries: &mut [Entry], now: Duration) -> Duration {
     let snapshot = hub.snapshot();
     let snapshot = snapshot.as_deref();
     let mut next = Duration::MAX;
     for entry in entries {
         entry.follow_commands(hub, now);
-        if entry.schedule.poll(now) && entry.outlet.is_wanted() {
-            entry.outlet.publish(snapshot);
+        if entry.schedule.poll(now) {
+            entry.wanted = entry.outlet.is_wanted();
+            if entry.wanted {
+                entry.outlet.publish(snapshot);
+            }
         }
-        next = next.min(entry.schedule.next_due());
+        // Nobody is woken for topics that nobody listens to; a new listener is seen after the longest sleep.
+        if entry.wanted {
+            next = next.min(entry.schedule.next_due());
+        }
     }
     next
 }
@@ -171,6 +179,14 @@ mod tests {
         let sent = count(&wanted);
         assert!((100..=250).contains(&sent), "{sent}: at most 0.1 s fast plus what the post came late, then 50 Hz");
         assert_eq!(count(&unwanted), 0);
+    }
+
+    #[test]
+    fn only_topics_with_listeners_cost_wake_ups() {
+        let hub = Hub::new(vec![body("a")]);
+        let sent = Arc::default();
+        assert_eq!(publish_due(&hub, &mut [entry(false, &sent)], Duration::ZERO), Duration::MAX);
+        assert_eq!(publish_due(&hub, &mut [entry(true, &sent)], Duration::ZERO), Duration::from_millis(20));
     }
 
     #[test]
