@@ -4,3 +4,5 @@ pub mod batch;
 pub mod cli;
 pub mod launch;
 pub mod process;
+pub mod report;
+pub mod ros;

@@ -162,7 +162,7 @@ fn names_may_be_shortened_unless_ambiguous() {
 fn models_come_from_index_one_only_if_none_are_named() {
     let files_only = quiet(&["-a", " a.yaml , b.yaml "]);
     assert_eq!(files_only.model_files, ["a.yaml", "b.yaml"].map(PathBuf::from));
-    assert_eq!(files_only.model_indexes, []);
+    assert!(files_only.model_indexes.is_empty());
     assert_eq!(quiet(&["-a", ""]).model_indexes, [1]);
     assert_eq!(quiet(&["-l", "5,5"]).model_indexes, [5, 5]);
 }

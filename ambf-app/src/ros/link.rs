@@ -1,0 +1,373 @@
+//! The connection to the ROS master: finds it or starts one, announces everything, notices when it goes or forgets us.
+//!
+//! rosrust registers a topic once and never looks back. When the master was restarted, the same registrations are made again with
+//! calls of our own, in the name and with the address of the running node: connections between nodes stay up meanwhile.
+
+use std::collections::HashSet;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use dxr::Value;
+use rosrust::api::Ros;
+
+use super::embedded::{local_address, EmbeddedMaster};
+use super::signal::Stop;
+use super::sockets::Sockets;
+use super::topic::{is_permanent, Announcement, Direction, Registration};
+use super::xmlrpc::{CallError, Peer};
+use crate::report;
+
+/// How often the master is asked whether it knows us.
+const POLL: Duration = Duration::from_secs(1);
+
+/// Type of the log topic that rosrust opens for each node.
+const ROSOUT: &str = "/rosout";
+
+struct Item {
+    announcement: Arc<dyn Announcement>,
+    announced: bool,
+}
+
+/// What the threads of the ROS side share about the link.
+pub(super) struct Link {
+    master: Peer,
+    items: Mutex<Vec<Item>>,
+    /// Name and address of the node once there is one.
+    node: Mutex<Option<(String, String)>>,
+    generation: AtomicU64,
+    pub stop: Stop,
+    pub sockets: Sockets,
+}
+
+impl Link {
+    /// A link to `master` that will announce `announcements`.
+    pub fn new(master: Peer, announcements: Vec<Arc<dyn Announcement>>) -> Self {
+        let items = announcements.into_iter().map(|announcement| Item { announcement, announced: false }).collect();
+        Self {
+            master,
+            items: Mutex::new(items),
+            node: Mutex::new(None),
+            generation: AtomicU64::new(0),
+            stop: Stop::default(),
+            sockets: Sockets::new(),
+        }
+    }
+
+    fn items(&self) -> MutexGuard<'_, Vec<Item>> {
+        self.items.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// How many times everything was registered with a master that did not know us; 0 before the first time.
+    pub fn generation(&self) -> u64 {
+        self.generation.load(Ordering::Acquire)
+    }
+
+    fn node(&self) -> MutexGuard<'_, Option<(String, String)>> {
+        self.node.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The master, called in the node's name once there is a node.
+    pub fn master(&self) -> Peer {
+        match &*self.node() {
+            Some((name, _)) => self.master.called_by(name),
+            None => self.master.clone(),
+        }
+    }
+
+    /// Announces one more topic soon.
+    pub fn add(&self, announcement: Arc<dyn Announcement>) {
+        self.items().push(Item { announcement, announced: false });
+        self.stop.nudge();
+    }
+
+    /// Withdraws what was announced about `topic`.
+    pub fn remove(&self, topic: &str) {
+        let mut gone = Vec::new();
+        self.items().retain(|item| {
+            let keep = item.announcement.registration().topic != topic;
+            if !keep {
+                gone.push(Arc::clone(&item.announcement));
+            }
+            keep
+        });
+        gone.iter().for_each(|announcement| announcement.withdraw());
+    }
+
+    /// The first that is not announced yet.
+    fn next_pending(&self) -> Option<Arc<dyn Announcement>> {
+        self.items().iter().find(|item| !item.announced).map(|item| Arc::clone(&item.announcement))
+    }
+
+    fn mark_announced(&self, done: &Arc<dyn Announcement>) {
+        let mut items = self.items();
+        if let Some(item) = items.iter_mut().find(|item| Arc::ptr_eq(&item.announcement, done)) {
+            item.announced = true;
+            return;
+        }
+        drop(items);
+        // It was removed in the meantime.
+        done.withdraw();
+    }
+
+    fn registrations(&self) -> Vec<Registration> {
+        self.items().iter().filter(|item| item.announced).map(|item| item.announcement.registration()).collect()
+    }
+}
+
+/// What the link's thread knows.
+struct Worker<'a> {
+    link: &'a Link,
+    base_name: &'a str,
+    node: Option<Ros>,
+    embedded: Option<EmbeddedMaster>,
+    /// The master did not answer when last asked.
+    lost: bool,
+    /// The master has forgotten us and has not been told everything again.
+    forgotten: bool,
+    /// A line about the absence of a master has been written.
+    complained: bool,
+}
+
+/// Keeps the link up until it is stopped, then withdraws everything.
+pub(super) fn run(link: &Link, base_name: &str) {
+    let mut worker =
+        Worker { link, base_name, node: None, embedded: None, lost: false, forgotten: false, complained: false };
+    loop {
+        worker.step();
+        if link.stop.is_stopped() || worker.dismissed() || link.stop.wait(POLL) {
+            break;
+        }
+    }
+    let dismissed = worker.dismissed();
+    worker.withdraw();
+    if dismissed {
+        report!("ROS: the node was told to shut down; the simulation goes on without ROS");
+        // The embedded master is not ours alone: it serves others until the program ends.
+        while !link.stop.wait(Duration::from_secs(3600)) {}
+    }
+}
+
+impl Worker<'_> {
+    /// Somebody called the node's `shutdown` (`rosnode kill`).
+    fn dismissed(&self) -> bool {
+        self.node.as_ref().is_some_and(|node| !node.is_ok())
+    }
+
+    fn step(&mut self) {
+        if self.node.is_none() {
+            self.connect();
+        }
+        if self.node.is_some() {
+            self.watch();
+        }
+        if !self.lost {
+            self.announce_pending();
+        }
+    }
+
+    /// Makes the node as soon as there is a master; starts a master once if there is none and it may be here.
+    fn connect(&mut self) {
+        let master = &self.link.master;
+        if let Err(error) = master.call("getPid", vec![]) {
+            if self.complained || self.embedded.is_some() {
+                return;
+            }
+            if !self.start_embedded(&error) {
+                report!("ROS: {error}; the simulation goes on and asks again every second");
+                self.complained = true;
+                return;
+            }
+        }
+        let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
+        let name = format!("{}_{}_{}", self.base_name, std::process::id(), now.as_millis());
+        match Ros::new(&name) {
+            Ok(node) => {
+                self.link.sockets.sweep();
+                report!("ROS: node {} at the master {}", node.name(), master.uri());
+                if own_peer(node.uri()).and_then(|own| own.addresses()).is_err() {
+                    report!(
+                        "ROS: this machine is called \"{}\", which has no address: other nodes cannot connect; set ROS_HOSTNAME or ROS_IP",
+                        node.hostname()
+                    );
+                }
+                *self.link.node() = Some((node.name().to_owned(), node.uri().to_owned()));
+                self.node = Some(node);
+                self.complained = false;
+            }
+            Err(error) if !self.complained => {
+                report!("ROS: no node could be made: {}; asking again every second", full_text(&error));
+                self.complained = true;
+            }
+            Err(_) => (),
+        }
+    }
+
+    /// True when the master is now ours and answers.
+    fn start_embedded(&mut self, why: &CallError) -> bool {
+        if !matches!(why, CallError::NoAnswer { .. }) {
+            return false;
+        }
+        let Some(address) = local_address(&self.link.master) else { return false };
+        match EmbeddedMaster::start(address) {
+            Ok(embedded) => self.embedded = Some(embedded),
+            // Perhaps another program has just started one.
+            Err(_) => return self.link.master.call("getPid", vec![]).is_ok(),
+        }
+        for _ in 0..200 {
+            if self.link.master.call("getPid", vec![]).is_ok() {
+                report!("ROS: no master at {}: started one in this program, on {address}", self.link.master.uri());
+                return true;
+            }
+            if self.link.stop.wait(Duration::from_millis(10)) {
+                break;
+            }
+        }
+        self.embedded = None;
+        false
+    }
+
+    /// Asks the master whether it knows us, and registers everything again if it does not.
+    fn watch(&mut self) {
+        let Some(node) = &self.node else { return };
+        let master = self.link.master();
+        match master.call("lookupNode", vec![Value::String(node.name().to_owned())]) {
+            Ok(_) => (),
+            Err(error) if error.is_refusal() => self.forgotten = true,
+            Err(error) => {
+                if !self.lost {
+                    report!("ROS: lost the master: {error}; the simulation goes on and waits for it to come back");
+                }
+                self.lost = true;
+                return;
+            }
+        }
+        if self.forgotten {
+            match register_again(&self.link.registrations(), node, &master) {
+                Ok(()) => {
+                    report!("ROS: the master {} did not know us; everything is registered again", master.uri());
+                    (self.forgotten, self.lost) = (false, false);
+                    self.link.generation.fetch_add(1, Ordering::AcqRel);
+                }
+                Err(error) => {
+                    if !self.lost {
+                        report!("ROS: registering again did not succeed: {error}; trying again");
+                    }
+                    self.lost = true;
+                }
+            }
+        } else if std::mem::take(&mut self.lost) {
+            report!("ROS: the master {} is back", master.uri());
+        }
+    }
+
+    fn announce_pending(&mut self) {
+        let Some(node) = &self.node else { return };
+        while let Some(announcement) = self.link.next_pending() {
+            if self.link.stop.is_stopped() {
+                return;
+            }
+            match announcement.announce(node) {
+                Ok(()) => self.link.sockets.sweep(),
+                Err(error) => {
+                    let Registration { topic, .. } = announcement.registration();
+                    if !is_permanent(&error) {
+                        if !self.complained {
+                            report!("ROS: {topic}: {}; trying again", full_text(&error));
+                            self.complained = true;
+                        }
+                        return;
+                    }
+                    report!("ROS: {topic} is left out: {}", full_text(&error));
+                }
+            }
+            self.link.mark_announced(&announcement);
+        }
+        self.complained = false;
+        let _ = self.link.generation.compare_exchange(0, 1, Ordering::AcqRel, Ordering::Relaxed);
+    }
+
+    fn withdraw(&mut self) {
+        let items = std::mem::take(&mut *self.link.items());
+        let Some(node) = self.node.take() else { return };
+        items.iter().filter(|item| item.announced).for_each(|item| item.announcement.withdraw());
+        // Withdraws the log topic.
+        node.shutdown_sender().shutdown();
+        // Only a call from outside ends the node's server thread.
+        if let Ok(own) = own_peer(node.uri()) {
+            let _ = own.call("shutdown", vec![Value::String("end of the simulation".into())]);
+        }
+        drop(node);
+        // A thread that waits for the next subscriber of a withdrawn topic ends with the next connection.
+        for port in self.link.sockets.ports() {
+            let address = (std::net::Ipv4Addr::LOCALHOST, port).into();
+            let _ = std::net::TcpStream::connect_timeout(&address, Duration::from_millis(50));
+        }
+    }
+}
+
+/// Our own node at `uri`, called as the master does it.
+fn own_peer(uri: &str) -> Result<Peer, CallError> {
+    Peer::new(uri, "/master", Duration::from_millis(500))
+}
+
+/// Tends the sockets of the node until the link is stopped.
+pub(super) fn tend_sockets(link: &Link) {
+    let mut bounded: HashSet<String> = HashSet::new();
+    while !link.stop.wait(POLL) {
+        link.sockets.sweep();
+        let uri = link.node().as_ref().map(|(_, uri)| uri.clone());
+        let Some(Ok(own)) = uri.as_deref().map(own_peer) else { continue };
+        let mut ports = HashSet::new();
+        for Registration { topic, direction, .. } in link.registrations() {
+            if direction == Direction::Publishes && !bounded.contains(&topic) && !link.stop.is_stopped() {
+                ports.extend(port_of(&own, &topic));
+                bounded.insert(topic);
+            }
+        }
+        if !ports.is_empty() {
+            link.sockets.bound_handshakes(&ports);
+        }
+    }
+}
+
+/// Port on which `node` serves `topic`.
+fn port_of(node: &Peer, topic: &str) -> Option<u16> {
+    let protocols = Value::Array(vec![Value::Array(vec![Value::String("TCPROS".into())])]);
+    match node.call("requestTopic", vec![Value::String(topic.to_owned()), protocols]) {
+        Ok(Value::Array(parts)) => match parts.get(2) {
+            Some(&Value::Integer(port)) => port.try_into().ok(),
+            _ => None,
+        },
+        _ => None,
+    }
+}
+
+/// Registers all of `registrations` of `node` with a master that does not know them.
+fn register_again(registrations: &[Registration], node: &Ros, master: &Peer) -> Result<(), CallError> {
+    let text = |s: &str| Value::String(s.to_owned());
+    let own = own_peer(node.uri())?;
+    for registration in registrations {
+        let arguments = vec![text(&registration.topic), text(&registration.message_type), text(node.uri())];
+        match registration.direction {
+            Direction::Publishes => {
+                master.call("registerPublisher", arguments)?;
+            }
+            Direction::Subscribes => {
+                let publishers = master.call("registerSubscriber", arguments)?;
+                // The node learns about publishers as it would from the master. An empty list would make it forget
+                // connections that are still up.
+                if matches!(&publishers, Value::Array(list) if !list.is_empty()) {
+                    let _ = own.call("publisherUpdate", vec![text(&registration.topic), publishers]);
+                }
+            }
+        }
+    }
+    master.call("registerPublisher", vec![text(ROSOUT), text("rosgraph_msgs/Log"), text(node.uri())])?;
+    Ok(())
+}
+
+/// The error and what caused it, in one line.
+fn full_text(error: &rosrust::error::Error) -> String {
+    error.iter().map(ToString::to_string).collect::<Vec<_>>().join(": ")
+}

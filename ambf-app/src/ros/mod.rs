@@ -1,0 +1,182 @@
+//! ROS 1: topics and parameters of the original simulator, through rosrust.
+//!
+//! | thread | what it does |
+//! |---|---|
+//! | `ros-publish` | publishes all states, each at its own rate ([`PublishSchedule`](ambf_core::comm::PublishSchedule)) |
+//! | `ros-link` | finds or starts the master, announces topics, registers again when the master was restarted |
+//! | `ros-parameters` | writes and polls the parameters of cameras, lights and the world |
+//! | `ros-sockets` | sets the options of new sockets |
+//! | `ros-master` | the embedded master, when there is one |
+//!
+//! rosrust adds two threads for each topic. None of them can hold up the physics: states are read from the hub's newest
+//! snapshot and commands are left in its mailboxes.
+//!
+//! ## Limitations
+//! `rosnode info` fails, because rosrust does not implement `getBusInfo`. The embedded master has no `/rosout_agg`, and
+//! `rosparam list` shows namespaces too. When more than eight commands for one object arrive at once, rosrust drops some of
+//! them, which need not be the oldest.
+
+mod embedded;
+mod link;
+pub mod messages;
+mod mismatch;
+pub mod naming;
+mod objects;
+mod parameters;
+mod point_cloud;
+mod posed;
+mod remap;
+mod rigid_body;
+mod scheduler;
+mod signal;
+mod sockets;
+mod topic;
+mod world;
+mod xmlrpc;
+
+use std::error::Error;
+use std::sync::mpsc::{channel, Receiver, Sender};
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use ambf_core::comm::{Hub, Middleware};
+
+pub use point_cloud::{PointCloud, PointClouds};
+pub use remap::without_remappings;
+pub use xmlrpc::CallError;
+
+use crate::report;
+use link::Link;
+use signal::Waker;
+use xmlrpc::Peer;
+
+/// Master when `ROS_MASTER_URI` is not set.
+const DEFAULT_MASTER: &str = "http://localhost:11311/";
+
+/// How long one call to the master may take before it counts as absent.
+const MASTER_TIMEOUT: Duration = Duration::from_secs(1);
+
+/// How long [`RosMiddleware::stop`] waits for a master that does not answer.
+const STOP_TIMEOUT: Duration = Duration::from_secs(2);
+
+/// What the ROS side is told besides the hub.
+#[derive(Debug, Clone)]
+pub struct RosOptions {
+    /// Base of the node's name; process id and time are appended. Default: `ambf_comm_node`.
+    pub node_name: String,
+    /// Haptic devices loaded, shown in the world's state. Default: 0.
+    pub n_devices: u8,
+}
+
+impl Default for RosOptions {
+    fn default() -> Self {
+        Self { node_name: "ambf_comm_node".into(), n_devices: 0 }
+    }
+}
+
+/// Serves the objects of a hub to ROS 1.
+///
+/// The environment (`ROS_MASTER_URI`, `ROS_IP`, `ROS_HOSTNAME`, `ROS_NAMESPACE`) is honoured. Without a master, one is started in
+/// this process if the address is one of this machine; otherwise the simulation goes on and the master is asked for every second.
+pub struct RosMiddleware {
+    options: RosOptions,
+    clouds: Arc<PointClouds>,
+    running: Option<Running>,
+}
+
+struct Running {
+    link: Arc<Link>,
+    waker: Arc<Waker>,
+    publisher: JoinHandle<()>,
+    /// Threads that may hang with the master: each drops a sender when it ends.
+    ended: Receiver<()>,
+}
+
+impl RosMiddleware {
+    /// Not started yet.
+    pub fn new(options: RosOptions) -> Self {
+        Self { options, clouds: Arc::default(), running: None }
+    }
+
+    /// Point clouds that clients publish, to be drawn.
+    pub fn point_clouds(&self) -> Arc<PointClouds> {
+        Arc::clone(&self.clouds)
+    }
+}
+
+impl Middleware for RosMiddleware {
+    /// # Errors
+    /// When `ROS_MASTER_URI` is malformed ([`CallError::BadUri`]) or no thread can be made.
+    fn start(&mut self, hub: Arc<Hub>) -> Result<(), Box<dyn Error + Send + Sync>> {
+        if self.running.is_some() {
+            return Ok(());
+        }
+        let uri = std::env::var("ROS_MASTER_URI").ok().filter(|uri| !uri.is_empty());
+        let uri = uri.as_deref().unwrap_or(DEFAULT_MASTER);
+        let master = Peer::new(uri, &format!("/{}", self.options.node_name), MASTER_TIMEOUT)?;
+        mismatch::report_mismatches();
+        hub.set_listening();
+        let waker = Arc::<Waker>::default();
+        let served = objects::serve(&hub, &waker, self.options.n_devices);
+        let link = Arc::new(Link::new(master, served.announcements));
+        let (alive, ended) = channel();
+        let publisher = {
+            let (hub, link, waker) = (Arc::clone(&hub), Arc::clone(&link), Arc::clone(&waker));
+            let entries = served.entries;
+            named("ros-publish").spawn(move || scheduler::run(&hub, entries, &link.stop, &waker))?
+        };
+        // From here on `stop` cleans up whatever has been started.
+        self.running = Some(Running { link: Arc::clone(&link), waker, publisher, ended });
+        let parameters = parameters::Parameters::new(
+            hub,
+            Arc::clone(&link),
+            served.cameras,
+            served.lights,
+            served.worlds,
+            Arc::clone(&self.clouds),
+        );
+        spawn_detached("ros-parameters", &alive, move || parameters.run())?;
+        let swept = Arc::clone(&link);
+        spawn_detached("ros-sockets", &alive, move || link::tend_sockets(&swept))?;
+        let name = self.options.node_name.clone();
+        spawn_detached("ros-link", &alive, move || link::run(&link, &name))?;
+        Ok(())
+    }
+
+    /// Takes at most 2 s, also when the master does not answer.
+    fn stop(&mut self) {
+        let Some(running) = self.running.take() else { return };
+        let deadline = Instant::now() + STOP_TIMEOUT;
+        running.link.stop.stop();
+        running.waker.wake();
+        if running.publisher.join().is_err() {
+            report!("ROS: the publishing thread had ended with a panic");
+        }
+        // Disconnects when the last thread has dropped its sender.
+        let left = deadline.saturating_duration_since(Instant::now());
+        if running.ended.recv_timeout(left) == Err(std::sync::mpsc::RecvTimeoutError::Timeout) {
+            report!("ROS: the master did not let us go within {} s; ended without it", STOP_TIMEOUT.as_secs());
+        }
+    }
+}
+
+impl Drop for RosMiddleware {
+    fn drop(&mut self) {
+        self.stop();
+    }
+}
+
+fn named(name: &str) -> std::thread::Builder {
+    std::thread::Builder::new().name(name.into())
+}
+
+/// A thread that holds a clone of `alive` until it ends, however it ends.
+fn spawn_detached(name: &str, alive: &Sender<()>, work: impl FnOnce() + Send + 'static) -> std::io::Result<()> {
+    let alive = alive.clone();
+    named(name).spawn(move || {
+        let _alive = alive;
+        work();
+    })?;
+    Ok(())
+}

@@ -1,0 +1,90 @@
+//! Names of topics and parameters.
+
+use std::collections::HashMap;
+
+use ambf_core::comm::ObjectInfo;
+
+use crate::report;
+
+/// A legal absolute ROS graph name made from `parts`: a leading slash, one slash between components, none at the end, and `_`
+/// in place of every character that ROS does not allow. True when a character had to be replaced.
+pub fn graph_name(parts: &[&str]) -> (String, bool) {
+    let mut name = String::new();
+    let mut replaced = false;
+    for component in parts.iter().flat_map(|part| part.split('/')).filter(|c| !c.is_empty()) {
+        name.push('/');
+        for c in component.chars() {
+            let legal = c.is_ascii_alphanumeric() || c == '_';
+            replaced |= !legal;
+            name.push(if legal { c } else { '_' });
+        }
+    }
+    if name.is_empty() {
+        name.push('/');
+    }
+    (name, replaced)
+}
+
+/// The part that all topics and parameters of each object share: `/<namespace>/<name>`, one an object in the same order.
+///
+/// Replaced characters and objects that share one name are reported. Sharing is harmless: both publish on the one topic, and a
+/// command reaches both.
+pub fn object_names(objects: &[ObjectInfo]) -> Vec<String> {
+    let mut first: HashMap<String, &str> = HashMap::new();
+    objects
+        .iter()
+        .map(|object| {
+            // An object without a name still gets a topic of its own level, not one that swallows the namespace.
+            let own = if object.name.is_empty() { "_" } else { &object.name };
+            let (name, replaced) = graph_name(&[&object.namespace, own]);
+            if replaced {
+                report!(
+                    "ROS: \"{}/{}\" holds characters that a topic name may not hold; it is published as {name}",
+                    object.namespace.trim_end_matches('/'),
+                    object.name
+                );
+            }
+            if let Some(other) = first.get(&name) {
+                report!(
+                    "ROS: \"{}\" and \"{other}\" share the topics {name}/State and {name}/Command; rename one of them to tell them apart",
+                    object.identifier
+                );
+            } else {
+                first.insert(name.clone(), &object.identifier);
+            }
+            name
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ambf_core::comm::{ObjectKind, Rates};
+
+    fn object(namespace: &str, name: &str) -> ObjectInfo {
+        ObjectInfo {
+            kind: ObjectKind::World,
+            namespace: namespace.into(),
+            name: name.into(),
+            identifier: format!("{namespace}BODY {name}"),
+            rates: Rates::default(),
+        }
+    }
+
+    #[test]
+    fn slashes_collapse_and_illegal_characters_become_underscores() {
+        let name = |parts: &[&str]| graph_name(parts);
+        assert_eq!(name(&["/ambf/env/", "psm/baselink", "State"]), ("/ambf/env/psm/baselink/State".into(), false));
+        assert_eq!(name(&["//sim1//ambf/env//", "/World/", "Command"]).0, "/sim1/ambf/env/World/Command");
+        assert_eq!(name(&["ambf", "1box"]), ("/ambf/1box".into(), false));
+        assert_eq!(name(&["/a", "tool-link.é b"]), ("/a/tool_link___b".into(), true));
+        assert_eq!(name(&["", "/"]), ("/".into(), false));
+    }
+
+    #[test]
+    fn shared_names_are_kept() {
+        let names = object_names(&[object("/e/", "a-b"), object("/e", "a_b"), object("/e/", "")]);
+        assert_eq!(names, ["/e/a_b", "/e/a_b", "/e/_"]);
+    }
+}

@@ -1,0 +1,204 @@
+//! One thread that publishes the states of all objects, each at its own rate.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use ambf_core::comm::{Hub, ObjectKind, PublishSchedule, Rates, Snapshot};
+use rosrust::Message;
+
+use super::signal::{Stop, Waker};
+use super::topic::Publication;
+use crate::report;
+
+/// Longest sleep: bounds how late a new listener or the end of a command stream is seen.
+const LONGEST_SLEEP: Duration = Duration::from_millis(20);
+
+/// A topic as the scheduler sees it.
+pub(super) trait Outlet: Send {
+    /// Whether it is worth making a message.
+    fn is_wanted(&self) -> bool;
+
+    /// Makes a message of the newest snapshot and sends it.
+    fn publish(&mut self, snapshot: Option<&Snapshot>);
+}
+
+/// An outlet that makes its messages with a function, which returns `None` while there is nothing to say.
+pub(super) struct StateOutlet<M: Message, F> {
+    pub publication: Arc<Publication<M>>,
+    pub message: F,
+}
+
+impl<M: Message, F: FnMut(Option<&Snapshot>) -> Option<M> + Send> Outlet for StateOutlet<M, F> {
+    fn is_wanted(&self) -> bool {
+        self.publication.has_subscribers()
+    }
+
+    fn publish(&mut self, snapshot: Option<&Snapshot>) {
+        if let Some(message) = (self.message)(snapshot) {
+            self.publication.send(message);
+        }
+    }
+}
+
+/// An outlet and when it is due.
+pub(super) struct Entry {
+    outlet: Box<dyn Outlet>,
+    schedule: PublishSchedule,
+    /// Position in the hub of the object whose commands switch to the fast rate.
+    commanded_by: Option<usize>,
+    live: bool,
+    /// Somebody listened when it was last due.
+    wanted: bool,
+}
+
+impl Entry {
+    /// An outlet at the lower of `rates`, and at the higher one while commands come for the object at `commanded_by`.
+    pub fn new(outlet: Box<dyn Outlet>, rates: Rates, commanded_by: Option<usize>, now: Duration) -> Self {
+        Self { outlet, schedule: PublishSchedule::new(rates, now), commanded_by, live: false, wanted: false }
+    }
+
+    /// Follows the command stream; says so when it has stopped.
+    fn follow_commands(&mut self, hub: &Hub, now: Duration) {
+        let Some(object) = self.commanded_by else { return };
+        let live = is_live(hub, object, now.as_nanos() as u64);
+        if live != self.live {
+            self.live = live;
+            self.schedule.set_fast(live, now);
+            if !live {
+                report!("WatchDog expired, Resetting \"{}\" command", hub.objects()[object].name);
+            }
+        }
+    }
+}
+
+/// Whether commands keep coming for the object at position `object`.
+pub(super) fn is_live(hub: &Hub, object: usize, now_ns: u64) -> bool {
+    match hub.objects()[object].kind {
+        ObjectKind::World => hub.throttle().is_live(now_ns),
+        ObjectKind::RigidBody(..) => hub.channel(object).body.is_live(now_ns),
+        ObjectKind::Camera(..) | ObjectKind::Light(..) => hub.channel(object).pose.is_live(now_ns),
+    }
+}
+
+/// Publishes until `stop`. `waker` is nudged by the first command of a stream and by the stop.
+pub(super) fn run(hub: &Hub, mut entries: Vec<Entry>, stop: &Stop, waker: &Waker) {
+    waker.claim();
+    while !stop.is_stopped() {
+        let next = publish_due(hub, &mut entries, hub.now());
+        // The schedules are absolute: a late wake-up delays one message, it does not lower the rate.
+        std::thread::park_timeout(next.saturating_sub(hub.now()).min(LONGEST_SLEEP));
+    }
+}
+
+/// Publishes what is due at `now` and returns when something that is listened to is due next.
+fn publish_due(hub: &Hub, entries: &mut [Entry], now: Duration) -> Duration {
+    let snapshot = hub.snapshot();
+    let snapshot = snapshot.as_deref();
+    let mut next = Duration::MAX;
+    for entry in entries {
+        entry.follow_commands(hub, now);
+        if entry.schedule.poll(now) {
+            entry.wanted = entry.outlet.is_wanted();
+            if entry.wanted {
+                entry.outlet.publish(snapshot);
+            }
+        }
+        // Nobody is woken for topics that nobody listens to; a new listener is seen after the longest sleep.
+        if entry.wanted {
+            next = next.min(entry.schedule.next_due());
+        }
+    }
+    next
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ambf_core::comm::{ObjectInfo, RigidBodyCommand, SnapshotWriter};
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    struct Counter {
+        wanted: bool,
+        sent: Arc<AtomicUsize>,
+        needs_snapshot: bool,
+    }
+
+    impl Outlet for Counter {
+        fn is_wanted(&self) -> bool {
+            self.wanted
+        }
+
+        fn publish(&mut self, snapshot: Option<&Snapshot>) {
+            if !self.needs_snapshot || snapshot.is_some() {
+                self.sent.fetch_add(1, Ordering::Relaxed);
+            }
+        }
+    }
+
+    fn body(name: &str) -> ObjectInfo {
+        ObjectInfo {
+            kind: ObjectKind::RigidBody(0, Box::default()),
+            namespace: "/ambf/env/".into(),
+            name: name.into(),
+            identifier: format!("/ambf/env/BODY {name}"),
+            rates: Rates::default(),
+        }
+    }
+
+    fn entry(wanted: bool, sent: &Arc<AtomicUsize>) -> Entry {
+        let outlet = Counter { wanted, sent: Arc::clone(sent), needs_snapshot: true };
+        Entry::new(Box::new(outlet), Rates::new(50, 1000).unwrap(), Some(0), Duration::ZERO)
+    }
+
+    fn simulate(hub: &Hub, entries: &mut [Entry], from_ms: u64, to_ms: u64) {
+        for tenth in from_ms * 10..to_ms * 10 {
+            publish_due(hub, entries, Duration::from_micros(tenth * 100));
+        }
+    }
+
+    #[test]
+    fn rates_follow_the_command_stream_and_unwanted_topics_cost_nothing() {
+        let hub = Hub::new(vec![body("a")]);
+        let mut writer = SnapshotWriter::new(Snapshot::default());
+        let (wanted, unwanted) = (Arc::default(), Arc::default());
+        let mut entries = [entry(true, &wanted), entry(false, &unwanted)];
+        let count = |sent: &Arc<AtomicUsize>| sent.swap(0, Ordering::Relaxed);
+
+        simulate(&hub, &mut entries, 0, 1000);
+        assert_eq!(count(&wanted), 0, "no snapshot yet");
+        hub.publish(&mut writer, |s| s.sim_step = 1);
+        simulate(&hub, &mut entries, 1000, 2000);
+        assert_eq!(count(&wanted), 50);
+
+        // The hub's clock is real and near 0 here, so the stream ends 0.5 s of simulated time after the post.
+        hub.post_body(0, &RigidBodyCommand::default()).unwrap();
+        let mut entries = [entry(true, &wanted), entry(false, &unwanted)];
+        simulate(&hub, &mut entries, 0, 400);
+        assert_eq!(count(&wanted), 400);
+        simulate(&hub, &mut entries, 400, 1600);
+        let sent = count(&wanted);
+        assert!((100..=250).contains(&sent), "{sent}: at most 0.1 s fast plus what the post came late, then 50 Hz");
+        assert_eq!(count(&unwanted), 0);
+    }
+
+    #[test]
+    fn only_topics_with_listeners_cost_wake_ups() {
+        let hub = Hub::new(vec![body("a")]);
+        let sent = Arc::default();
+        assert_eq!(publish_due(&hub, &mut [entry(false, &sent)], Duration::ZERO), Duration::MAX);
+        assert_eq!(publish_due(&hub, &mut [entry(true, &sent)], Duration::ZERO), Duration::from_millis(20));
+    }
+
+    #[test]
+    fn a_stop_is_prompt() {
+        let hub = Hub::new(vec![body("a")]);
+        let (stop, waker) = (Stop::default(), Waker::default());
+        std::thread::scope(|scope| {
+            let thread = scope.spawn(|| run(&hub, Vec::new(), &stop, &waker));
+            std::thread::sleep(Duration::from_millis(5));
+            stop.stop();
+            waker.wake();
+            thread.join().unwrap();
+        });
+    }
+}

@@ -1,0 +1,125 @@
+//! What the node announces to the master: topics it publishes and topics it subscribes.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use rosrust::api::Ros;
+use rosrust::error::{tcpros, Error, ErrorKind};
+use rosrust::{Message, Publisher, Subscriber};
+
+/// Queue of every State and Command, as in the original.
+pub(super) const QUEUE: usize = 10;
+
+/// Which side of a topic the node is on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Direction {
+    Publishes,
+    Subscribes,
+}
+
+/// A topic as the master knows it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Registration {
+    pub topic: String,
+    pub message_type: String,
+    pub direction: Direction,
+}
+
+/// One topic that the node takes part in.
+pub(super) trait Announcement: Send + Sync {
+    fn registration(&self) -> Registration;
+
+    /// Opens the topic and tells the master; blocks while the master thinks.
+    fn announce(&self, ros: &Ros) -> Result<(), Error>;
+
+    /// Closes the topic and tells the master; blocks while the master thinks.
+    fn withdraw(&self);
+}
+
+/// Whether it is no use to announce the same thing again later.
+pub(super) fn is_permanent(error: &Error) -> bool {
+    matches!(
+        error.kind(),
+        ErrorKind::Naming(_)
+            | ErrorKind::MismatchedType(..)
+            | ErrorKind::Tcpros(tcpros::ErrorKind::MessageTypeMismatch(..))
+    )
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A topic to publish on. Nothing is sent before it is announced.
+pub(super) struct Publication<M: Message> {
+    topic: String,
+    publisher: Mutex<Option<Publisher<M>>>,
+}
+
+impl<M: Message> Publication<M> {
+    pub fn new(topic: String) -> Arc<Self> {
+        Arc::new(Self { topic, publisher: Mutex::new(None) })
+    }
+
+    /// Whether anybody is connected.
+    pub fn has_subscribers(&self) -> bool {
+        lock(&self.publisher).as_ref().is_some_and(|publisher| publisher.subscriber_count() > 0)
+    }
+
+    /// Hands `message` to the sending thread of the topic; never waits for the network.
+    pub fn send(&self, message: M) {
+        if let Some(publisher) = lock(&self.publisher).as_ref() {
+            // Encoding into memory cannot fail, and a topic that is just being withdrawn needs no message.
+            let _ = publisher.send(message);
+        }
+    }
+}
+
+impl<M: Message> Announcement for Publication<M> {
+    fn registration(&self) -> Registration {
+        Registration { topic: self.topic.clone(), message_type: M::msg_type(), direction: Direction::Publishes }
+    }
+
+    fn announce(&self, ros: &Ros) -> Result<(), Error> {
+        let publisher = ros.publish(&self.topic, QUEUE)?;
+        *lock(&self.publisher) = Some(publisher);
+        Ok(())
+    }
+
+    fn withdraw(&self) {
+        // Dropped outside the lock: telling the master can take long.
+        let publisher = lock(&self.publisher).take();
+        drop(publisher);
+    }
+}
+
+/// A topic to listen to.
+pub(super) struct Subscription<M: Message> {
+    topic: String,
+    on_message: Arc<dyn Fn(M) + Send + Sync>,
+    subscriber: Mutex<Option<Subscriber>>,
+}
+
+impl<M: Message> Subscription<M> {
+    /// `on_message` runs in a thread of this topic and must not block.
+    pub fn new(topic: String, on_message: impl Fn(M) + Send + Sync + 'static) -> Arc<Self> {
+        Arc::new(Self { topic, on_message: Arc::new(on_message), subscriber: Mutex::new(None) })
+    }
+}
+
+impl<M: Message> Announcement for Subscription<M> {
+    fn registration(&self) -> Registration {
+        Registration { topic: self.topic.clone(), message_type: M::msg_type(), direction: Direction::Subscribes }
+    }
+
+    fn announce(&self, ros: &Ros) -> Result<(), Error> {
+        let on_message = Arc::clone(&self.on_message);
+        let subscriber = ros.subscribe(&self.topic, QUEUE, move |message| on_message(message))?;
+        *lock(&self.subscriber) = Some(subscriber);
+        Ok(())
+    }
+
+    fn withdraw(&self) {
+        let subscriber = lock(&self.subscriber).take();
+        drop(subscriber);
+    }
+}

@@ -1,0 +1,135 @@
+//! The ROS side against the real ROS master, which dies and comes back.
+
+mod ros_common;
+
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use ambf_app::ros::messages::ambf_msgs;
+use ambf_core::comm::{Inbox, Middleware, Rates, RigidBodyCommand};
+use dxr::Value;
+use ros_common::*;
+
+/// Debian's `rosmaster` on a given port; killed when dropped.
+struct Master(Child);
+
+impl Master {
+    fn start(port: u16) -> Option<Self> {
+        let log_dir = concat!(env!("CARGO_TARGET_TMPDIR"), "/ros_log");
+        let child = Command::new("rosmaster")
+            .args(["--core", "-p", &port.to_string()])
+            .env("ROS_LOG_DIR", log_dir)
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn();
+        child.ok().map(Self)
+    }
+}
+
+impl Drop for Master {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+fn answers(uri: &str) -> bool {
+    call(uri, "getPid", vec![]).is_some()
+}
+
+fn output(program: &str, arguments: &[&str]) -> Option<String> {
+    let output = Command::new(program).args(arguments).stderr(Stdio::null()).output().ok()?;
+    Some(String::from_utf8_lossy(&output.stdout).into_owned())
+}
+
+#[test]
+fn a_master_that_dies_and_comes_back_is_told_everything_again() {
+    let port = free_port();
+    let uri = format!("http://localhost:{port}/");
+    use_master(&uri);
+    let Some(master) = Master::start(port) else {
+        println!("skipped: rosmaster is not installed (Debian: python3-rosmaster)");
+        return;
+    };
+    until("the master", || answers(&uri));
+    let mut simulator = Simulator::start(objects("/ambf/env/", 10, Rates::default()));
+    until("the last topic", || system_state_mentions(&uri, "/ambf/env/light/Command"));
+    until("the parameters", || call(&uri, "getParam", vec![text("/ambf/env/light/type")]).is_some());
+
+    if let Some(list) = output("rostopic", &["list"]) {
+        assert!(list.contains("/ambf/env/Box9/Command") && list.contains("/ambf/env/World/Timing"), "{list}");
+        let kind = output("rostopic", &["type", "/ambf/env/Box9/State"]).unwrap();
+        assert_eq!(kind.trim(), "ambf_msgs/RigidBodyState");
+    }
+    let topic = "/ambf/env/Box0/State";
+    let node = publisher_of(&uri, topic);
+    let mut states = RawSubscriber::connect(&node, topic);
+    states.read_block().unwrap();
+
+    drop(master);
+    until("the master is gone", || !answers(&uri));
+    let step = simulator.step();
+    // Long enough for the loss to be noticed at least once.
+    std::thread::sleep(Duration::from_millis(1500));
+    assert!(simulator.step() > step, "the simulation goes on");
+    states.count(Duration::from_millis(300));
+
+    let master = Master::start(port).unwrap();
+    until("the master is back", || answers(&uri));
+    let back = Instant::now();
+    until("everything is registered again", || {
+        system_state_mentions(&uri, "/ambf/env/light/Command") && system_state_mentions(&uri, "/rosout")
+    });
+    println!("registered again {} ms after the master came back", back.elapsed().as_millis());
+    assert_eq!(publisher_of(&uri, topic), node, "the node is the same");
+    assert!(published_topics(&uri).contains(&(topic.to_owned(), "ambf_msgs/RigidBodyState".to_owned())));
+    until("the parameters are back", || call(&uri, "getParam", vec![text("/ambf/env/light/type")]).is_some());
+    states.count(Duration::from_millis(300));
+
+    // A client that comes now is heard.
+    let client = rosrust::api::Ros::new("tester").unwrap();
+    let commands = client.publish::<ambf_msgs::RigidBodyCmd>("/ambf/env/Box1/Command", 10).unwrap();
+    until("the simulator listens", || commands.subscriber_count() > 0);
+    commands.send(ambf_msgs::RigidBodyCmd { cartesian_cmd_type: 2, ..Default::default() }).unwrap();
+    let mut inbox = Inbox::<RigidBodyCommand>::default();
+    until("the command", || inbox.fetch(&simulator.hub.channel(simulator.object("Box1")).body));
+    drop(commands);
+
+    if let Some(heard) = heard_by_rospy(topic) {
+        assert!(heard.starts_with("ambf_msgs/RigidBodyState "), "{heard}");
+    }
+
+    // A master that hangs: the simulation goes on, and so does everything when it comes to itself.
+    signal(&master, "-STOP");
+    let step = simulator.step();
+    std::thread::sleep(Duration::from_millis(2500));
+    assert!(simulator.step() > step);
+    states.count(Duration::from_millis(300));
+    signal(&master, "-CONT");
+
+    simulator.ros.stop();
+    until("no topic is left", || {
+        call(&uri, "getSystemState", vec![]).is_some_and(|state: Value| {
+            let state = format!("{state:?}");
+            !state.contains("/ambf/env") && !state.contains("ambf_comm_node")
+        })
+    });
+}
+
+fn signal(master: &Master, name: &str) {
+    assert!(Command::new("kill").args([name, &master.0.id().to_string()]).status().unwrap().success());
+}
+
+/// A message as a rospy client gets it; `None` when rospy is not installed.
+fn heard_by_rospy(topic: &str) -> Option<String> {
+    let rospy = |code: &str| Command::new("/usr/bin/python3").args(["-c", code]).output().ok();
+    rospy("import rospy").filter(|output| output.status.success())?;
+    let code = format!(
+        "import rospy; rospy.init_node('listener', anonymous=True, disable_signals=True); \
+         m = rospy.wait_for_message('{topic}', rospy.AnyMsg, {}); print(m._connection_header['type'], len(m._buff))",
+        PATIENCE.as_secs()
+    );
+    let output = rospy(&code)?;
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    Some(String::from_utf8_lossy(&output.stdout).into_owned())
+}
