@@ -8,7 +8,9 @@ enum AmbSolver {
   AmbSolver_Nncg = 1,
   AmbSolver_Dantzig = 2,
   AmbSolver_ProjectedGaussSeidel = 3,
-  AmbSolver_Lemke = 4
+  AmbSolver_Lemke = 4,
+  /* Sequential impulses that start friction from the impulses of the step before, as Bullet 2 did. */
+  AmbSolver_WarmFriction = 5
 };
 
 AmbWorld *amb_world_new(int solver);

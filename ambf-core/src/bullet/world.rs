@@ -27,16 +27,19 @@ pub enum Solver {
     ProjectedGaussSeidel,
     /// Lemke's pivoting solver.
     Lemke,
+    /// Sequential impulses that start friction from the impulses of the step before, as the Bullet of the C++ program did.
+    WarmFriction,
 }
 
 impl Solver {
     /// All of them, with the names by which users choose.
-    pub const NAMES: [(&'static str, Self); 5] = [
+    pub const NAMES: [(&'static str, Self); 6] = [
         ("si", Self::SequentialImpulse),
         ("nncg", Self::Nncg),
         ("dantzig", Self::Dantzig),
         ("pgs", Self::ProjectedGaussSeidel),
         ("lemke", Self::Lemke),
+        ("si-warm", Self::WarmFriction),
     ];
 
     /// The solver called `name`.

@@ -38,7 +38,11 @@ impl<'a> Builder<'a> {
         let mut notes = Vec::new();
         let physics = physics(world, &options.physics, &mut notes);
         let profile = physics.profile.unwrap_or_default();
-        let mut bullet = World::new(physics.solver.unwrap_or_default());
+        let default_solver = match profile {
+            Profile::Legacy => Solver::WarmFriction,
+            Profile::Accurate => Solver::SequentialImpulse,
+        };
+        let mut bullet = World::new(physics.solver.unwrap_or(default_solver));
         bullet.set_gravity(world.gravity);
         if let Some(iterations) = physics.iterations {
             bullet.set_iterations(iterations);
