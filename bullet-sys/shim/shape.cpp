@@ -21,11 +21,15 @@ btCollisionShape *along(int axis, btScalar radius, btScalar height) {
   }
 }
 
-std::unique_ptr<btTriangleMesh> triangle_mesh(const double *vertices, const unsigned *triangles, int m) {
+// Vertices stay shared between triangles: a mesh against a plane makes one contact a vertex.
+std::unique_ptr<btTriangleMesh> triangle_mesh(const double *vertices, int n, const unsigned *triangles, int m) {
   auto mesh = std::make_unique<btTriangleMesh>();
+  mesh->preallocateVertices(n);
+  mesh->preallocateIndices(3 * m);
+  for (int i = 0; i < n; ++i) mesh->findOrAddVertex(vector_of(vertices + 3 * i), false);
   for (int i = 0; i < m; ++i) {
     const unsigned *t = triangles + 3 * i;
-    mesh->addTriangle(vector_of(vertices + 3 * t[0]), vector_of(vertices + 3 * t[1]), vector_of(vertices + 3 * t[2]));
+    mesh->addTriangleIndices(static_cast<int>(t[0]), static_cast<int>(t[1]), static_cast<int>(t[2]));
   }
   return mesh;
 }
@@ -74,15 +78,15 @@ AmbShape *amb_shape_convex_hull(const double *vertices, int n, double margin) {
   return own(hull, margin);
 }
 
-AmbShape *amb_shape_convex_triangle_mesh(const double *vertices, int, const unsigned *triangles, int m, double margin) {
-  auto mesh = triangle_mesh(vertices, triangles, m);
+AmbShape *amb_shape_convex_triangle_mesh(const double *vertices, int n, const unsigned *triangles, int m, double margin) {
+  auto mesh = triangle_mesh(vertices, n, triangles, m);
   AmbShape *owner = own(new btConvexTriangleMeshShape(mesh.get()), margin);
   owner->mesh = std::move(mesh);
   return owner;
 }
 
-AmbShape *amb_shape_gimpact(const double *vertices, int, const unsigned *triangles, int m, double margin) {
-  auto mesh = triangle_mesh(vertices, triangles, m);
+AmbShape *amb_shape_gimpact(const double *vertices, int n, const unsigned *triangles, int m, double margin) {
+  auto mesh = triangle_mesh(vertices, n, triangles, m);
   auto *shape = new btGImpactMeshShape(mesh.get());
   AmbShape *owner = own(shape, margin);
   shape->updateBound();

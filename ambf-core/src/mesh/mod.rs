@@ -35,7 +35,7 @@ pub struct Mesh {
 
 /// Part of a [`Mesh`].
 ///
-/// Vertices are welded: no two are equal (`-0.0` equals `0.0`), and their order is that of their first use by a triangle
+/// Vertices are welded: no two are closer than 1e-14 in each coordinate, and their order is that of their first use by a triangle
 /// corner, in file order.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct SubMesh {
@@ -218,13 +218,16 @@ impl Mesh {
 
 /// Collects triangles into a welded [`SubMesh`].
 ///
-/// The C++ program merges vertices by a hash of their position that distinct vertices can share; exact equality has no such
+/// The C++ program merges vertices by a hash of their position that distinct vertices can share; comparing positions has no such
 /// collisions.
 #[derive(Default)]
 struct Welder {
     sub_mesh: SubMesh,
     index_of: HashMap<[u64; 3], u32>,
 }
+
+/// Coordinates closer than this, in the units of the file, are the same.
+const SAME_POSITION: f64 = 1e-14;
 
 impl Welder {
     fn named(name: &str) -> Self {
@@ -235,8 +238,8 @@ impl Welder {
 
     /// Index of the vertex at `position`, which must be finite.
     fn vertex(&mut self, position: [f64; 3]) -> u32 {
-        // Adding 0 turns -0 into 0, so that bit equality is numeric equality.
-        let key = position.map(|x| (x + 0.0).to_bits());
+        // Exporters leave 1e-17 where they mean 0. Adding 0 turns -0 into 0, so that bit equality is numeric equality.
+        let key = position.map(|x| ((x / SAME_POSITION).round() + 0.0).to_bits());
         let next = self.sub_mesh.vertices.len() as u32;
         let index = *self.index_of.entry(key).or_insert(next);
         if index == next {
@@ -282,11 +285,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn welding_is_exact_and_keeps_first_use_order() {
-        let tiny = f64::from_bits(1);
+    fn welding_keeps_first_use_order_and_all_but_rounding_errors() {
+        let tiny = 1e-13;
         let mut w = Welder::default();
         w.triangle([[1.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
-        w.triangle([[-0.0, 0.0, -0.0], [tiny, 0.0, 0.0], [1.0, -0.0, 0.0]]);
+        w.triangle([[-0.0, 1.7e-17, -0.0], [tiny, 0.0, 0.0], [1.0, -0.0, 0.0]]);
         let sub = w.finish();
         assert_eq!(sub.vertices, [[1.0, 0.0, 0.0], [0.0; 3], [0.0, 1.0, 0.0], [tiny, 0.0, 0.0]]);
         assert_eq!(sub.triangles, [[0, 1, 2], [1, 3, 0]]);
