@@ -53,7 +53,12 @@ pub fn read_strict(file: &Path) -> Result<(Launch, Report), LaunchError> {
 
 /// The files of a scene: `model_files` first, then the launch file's models at `indexes`. Indexes beyond the list are returned as one
 /// sentence each.
-pub fn scene_files(launch: Option<&Launch>, world: Option<&Path>, model_files: &[PathBuf], indexes: &[usize]) -> (SceneFiles, Vec<String>) {
+pub fn scene_files(
+    launch: Option<&Launch>,
+    world: Option<&Path>,
+    model_files: &[PathBuf],
+    indexes: &[usize],
+) -> (SceneFiles, Vec<String>) {
     let listed = launch.and_then(|launch| launch.multibody_configs.as_deref()).unwrap_or_default();
     let mut problems = Vec::new();
     let mut models = model_files.to_vec();

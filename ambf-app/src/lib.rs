@@ -6,3 +6,4 @@ pub mod launch;
 pub mod process;
 pub mod report;
 pub mod ros;
+pub mod simulator;

@@ -14,3 +14,14 @@ pub fn report(line: Arguments<'_>) {
 macro_rules! report {
     ($($part:tt)*) => { $crate::report::report(::std::format_args!($($part)*)) };
 }
+
+/// Writes one line to standard output; it is lost when nobody reads.
+pub fn print_line(line: Arguments<'_>) {
+    let _ = std::io::stdout().write_all(format!("{line}\n").as_bytes());
+}
+
+/// Formats like [`println!`], without its panic when standard output is closed.
+#[macro_export]
+macro_rules! print_line {
+    ($($part:tt)*) => { $crate::report::print_line(::std::format_args!($($part)*)) };
+}

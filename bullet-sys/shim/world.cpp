@@ -135,6 +135,19 @@ int amb_world_step(AmbWorld *world, double interval, int max_sub_steps, double s
   return world->world.stepSimulation(interval, max_sub_steps, sub_step);
 }
 
+void amb_world_recover(AmbWorld *world) {
+  btCollisionObjectArray &objects = world->world.getCollisionObjectArray();
+  for (int i = 0; i < objects.size(); ++i) {
+    btCollisionObject *object = objects[i];
+    object->forceActivationState(DISABLE_DEACTIVATION);
+    object->setInterpolationWorldTransform(object->getWorldTransform());
+    object->setInterpolationLinearVelocity(btVector3(0, 0, 0));
+    object->setInterpolationAngularVelocity(btVector3(0, 0, 0));
+    world->broadphase.getOverlappingPairCache()->cleanProxyFromPairs(object->getBroadphaseHandle(), &world->dispatcher);
+  }
+  world->solver->reset();
+}
+
 int amb_world_contact_count(const AmbWorld *world) {
   int count = 0;
   for (int i = 0; i < world->dispatcher.getNumManifolds(); ++i) {

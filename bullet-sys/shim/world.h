@@ -31,6 +31,9 @@ void amb_world_ignore_pair(AmbWorld *world, AmbBody *a, AmbBody *b);
 /* Advances by interval s in sub-steps of sub_step s, at most max_sub_steps of them. Returns the sub-steps that were due: those
    above max_sub_steps are lost. */
 int amb_world_step(AmbWorld *world, double interval, int max_sub_steps, double sub_step);
+/* Forgets contacts and what the solver starts from, and revives bodies that Bullet switched off because their state was not finite. Poses
+   and velocities must have been set to finite values before. */
+void amb_world_recover(AmbWorld *world);
 /* Contact points that touch or are about to, after the last sub-step. */
 int amb_world_contact_count(const AmbWorld *world);
 

@@ -53,8 +53,11 @@ impl Commands {
             if line.is_empty() {
                 continue;
             }
-            let command = parse_line(line, bodies)
-                .map_err(|message| CommandError { file: file.into(), line: number + 1, message })?;
+            let command = parse_line(line, bodies).map_err(|message| CommandError {
+                file: file.into(),
+                line: number + 1,
+                message,
+            })?;
             commands.push(command);
         }
         Ok(Self(commands))
@@ -134,13 +137,8 @@ mod tests {
         let commands = parse(text).unwrap();
         assert_eq!(commands.0.len(), 5);
         assert_eq!(commands.0[0].steps, 1..=30);
-        let expected = Action::Joint {
-            index: 0,
-            kind: JointCommandType::Velocity,
-            offset: 2.5,
-            amplitude: 0.0,
-            frequency: 0.0,
-        };
+        let expected =
+            Action::Joint { index: 0, kind: JointCommandType::Velocity, offset: 2.5, amplitude: 0.0, frequency: 0.0 };
         assert_eq!((commands.0[0].body, &commands.0[0].action), (1, &expected));
     }
 

@@ -8,22 +8,22 @@ use ambf_app::cli::{BatchOptions, CliError, Parsed};
 fn main() {
     let options = match BatchOptions::parse(std::env::args_os()) {
         Ok(Parsed::Run { options, .. }) => options,
-        Ok(Parsed::Print(text)) => return print!("{text}"),
+        Ok(Parsed::Print(text)) => return ambf_app::print_line!("{}", text.trim_end()),
         Err(error) => {
-            eprintln!("{error}");
+            ambf_app::report!("{error}");
             exit(CliError::BATCH_STATUS);
         }
     };
     let warn = |report: &str| {
         if !report.is_empty() {
-            eprintln!("{report}");
+            ambf_app::report!("{report}");
         }
     };
     match batch::run(&options, warn) {
-        Ok(summary) if options.json => println!("{}", summary.to_json()),
+        Ok(summary) if options.json => ambf_app::print_line!("{}", summary.to_json()),
         Ok(_) => (),
         Err(error) => {
-            eprintln!("{error}");
+            ambf_app::report!("{error}");
             exit(error.status());
         }
     }

@@ -20,6 +20,7 @@ pub struct Constraint {
 
 /// Type of a constraint. "Limits" are `[low, high]`; low above high means free where six axes are given.
 #[derive(Debug, Clone, PartialEq)]
+#[allow(clippy::large_enum_variant, reason = "made once a joint and dropped at once")]
 pub enum ConstraintKind {
     /// Rotation about z of the joint frames; limits in rad.
     Hinge {
@@ -80,8 +81,8 @@ pub enum ConstraintParameter {
     Cfm = 3,
 }
 
-/// What is read of a constraint as its position.
 impl ConstraintKind {
+    /// What is read of a constraint as its position.
     pub(super) fn reading(&self) -> u8 {
         let reading = match self {
             Self::Hinge { .. } => sys::AmbReading::AmbReading_HingeAngle,

@@ -286,6 +286,13 @@ impl World {
         unsafe { sys::amb_world_step(self.raw.as_ptr(), interval, cap, sub_step) }.max(0) as u32
     }
 
+    /// Forgets contacts and what the solver starts from, and revives bodies that Bullet switched off because their state was not finite.
+    /// To be called after poses and velocities were set back to finite values.
+    pub fn recover(&mut self) {
+        // SAFETY: the world and everything in it are alive.
+        unsafe { sys::amb_world_recover(self.raw.as_ptr()) }
+    }
+
     /// Handles of all constraints in order of creation: the order of [`read_constraints`](Self::read_constraints).
     pub fn constraints(&self) -> &[ConstraintHandle] {
         &self.constraint_order
@@ -603,6 +610,30 @@ mod tests {
         assert_eq!(world.first_non_finite(), None);
         world.set_velocity(second, &Vector3::new(f64::NAN, 0.0, 0.0), &Vector3::zeros());
         assert_eq!(world.first_non_finite(), Some(1));
+    }
+
+    #[test]
+    fn a_lost_body_recovers() {
+        let mut world = World::new(Solver::default());
+        world.set_gravity(Vector3::new(0.0, 0.0, -10.0));
+        world.add_body(RigidBody { shape: Shape::plane(Vector3::z(), -0.1, 0.0), ..ball(0.0, 0.0) });
+        let lost = world.add_body(ball(1.0, 0.0));
+        for _ in 0..10 {
+            world.step(0.001, 1, 0.001);
+        }
+        world.set_velocity(lost, &Vector3::repeat(f64::NAN), &Vector3::zeros());
+        for _ in 0..3 {
+            world.step(0.001, 1, 0.001);
+        }
+        assert_eq!(world.first_non_finite(), Some(1));
+        world.set_velocity(lost, &Vector3::zeros(), &Vector3::zeros());
+        world.set_pose(lost, &Isometry3::identity());
+        world.recover();
+        for _ in 0..500 {
+            world.step(0.001, 1, 0.001);
+        }
+        assert_eq!(world.first_non_finite(), None);
+        assert!(world.pose(lost).unwrap().translation.z.abs() < 0.01, "it rests on the plane again");
     }
 
     #[test]

@@ -165,7 +165,11 @@ impl<'a> Builder<'a> {
         self.note_displacement(body, mesh.as_deref(), &built.inertial_offset);
 
         let inertia = body.inertia.unwrap_or_else(|| {
-            if body.mass > 0.0 { built.shape.inertia(body.mass) } else { nalgebra::Vector3::zeros() }
+            if body.mass > 0.0 {
+                built.shape.inertia(body.mass)
+            } else {
+                nalgebra::Vector3::zeros()
+            }
         });
         let initial_pose = body.location * built.inertial_offset;
         let gravity = body.gravity.or(model.gravity);
@@ -307,8 +311,7 @@ impl<'a> Builder<'a> {
             let mut pose = light.location;
             pose.rotation = light.direction.as_ref().and_then(light_rotation).unwrap_or(pose.rotation);
             let placed = self.placed(&light.common, pose, |scene| &scene.light_names);
-            let parameters =
-                LightParameters { cutoff_angle: light.cutoff_angle, parent_name: light.parent.clone() };
+            let parameters = LightParameters { cutoff_angle: light.cutoff_angle, parent_name: light.parent.clone() };
             self.scene.lights.push(Light { placed, parameters });
         }
     }
@@ -361,7 +364,8 @@ impl<'a> Builder<'a> {
                 members.entry(&body.collision_groups).or_default().push(index);
             }
         }
-        let members: Vec<_> = members.into_iter().map(|(groups, m)| (BTreeSet::from_iter(groups.to_vec()), m)).collect();
+        let members: Vec<_> =
+            members.into_iter().map(|(groups, m)| (BTreeSet::from_iter(groups.to_vec()), m)).collect();
         for (i, (groups, bodies)) in members.iter().enumerate() {
             for (_, others) in members[i + 1..].iter().filter(|(other, _)| other.is_disjoint(groups)) {
                 for &a in bodies {

@@ -200,9 +200,7 @@ impl Joint {
         let (process, set_point) = match self.limits {
             // Not `clamp`: the limits may be the wrong way round.
             Some(Limits { low, high }) => (self.position, value.min(high).max(low)),
-            None if self.joint_type == JointType::Revolute => {
-                (0.0, shortest_angle(self.position, value, self.profile))
-            }
+            None if self.joint_type == JointType::Revolute => (0.0, shortest_angle(self.position, value, self.profile)),
             None => (self.position, value),
         };
         let output = self.controller.update(process, set_point, time, period);
@@ -239,7 +237,11 @@ impl Joint {
 }
 
 /// Joint frames in the inertial frames of parent and child, and the joint axis in the parent's.
-pub(super) fn frames(joint: &adf::Joint, parent: &Body, child: &Body) -> (Isometry3<f64>, Isometry3<f64>, Vector3<f64>) {
+pub(super) fn frames(
+    joint: &adf::Joint,
+    parent: &Body,
+    child: &Body,
+) -> (Isometry3<f64>, Isometry3<f64>, Vector3<f64>) {
     let (to_parent, to_child) = (&parent.inertial_offset_inverse, &child.inertial_offset_inverse);
     let axis_a = to_parent.rotation * unit(&joint.parent_axis);
     let axis_b = to_child.rotation * unit(&joint.child_axis);
@@ -253,11 +255,7 @@ pub(super) fn frames(joint: &adf::Joint, parent: &Body, child: &Body) -> (Isomet
     let child_turn = about(&axis_a, joint.child_offset);
     let rotation_a = joint_turn * to_axis;
     let rotation_b = child_to_parent.inverse() * child_turn.inverse() * joint_turn * to_axis;
-    (
-        Isometry3::from_parts(pivot_a.into(), rotation_a),
-        Isometry3::from_parts(pivot_b.into(), rotation_b),
-        axis_a,
-    )
+    (Isometry3::from_parts(pivot_a.into(), rotation_a), Isometry3::from_parts(pivot_b.into(), rotation_b), axis_a)
 }
 
 fn unit(v: &Vector3<f64>) -> Vector3<f64> {
@@ -269,14 +267,23 @@ fn about(axis: &Vector3<f64>, angle: f64) -> UnitQuaternion<f64> {
     UnitQuaternion::from_axis_angle(&Unit::new_normalize(*axis), angle)
 }
 
+/// An angle below the first counts as none, one above the second as half a turn: the C++ program's numbers.
+const NEARLY_NONE: f64 = 0.001;
+#[allow(clippy::approx_constant, reason = "the C++ program's number, not π")]
+const NEARLY_HALF_TURN: f64 = 3.14;
+
 /// The rotation from `u` to `v` with the C++ program's choice of axis where it is not unique.
 fn rotation_between(u: &Vector3<f64>, v: &Vector3<f64>) -> UnitQuaternion<f64> {
     let angle = angle_between(u, v);
-    let axis = if angle < 0.001 {
+    let axis = if angle < NEARLY_NONE {
         Vector3::z()
-    } else if angle > 3.14 {
+    } else if angle > NEARLY_HALF_TURN {
         let off_x = angle_between(u, &Vector3::x());
-        if off_x > 0.001 && off_x < 3.14 { u.cross(&Vector3::x()) } else { v.cross(&Vector3::y()) }
+        if off_x > NEARLY_NONE && off_x < NEARLY_HALF_TURN {
+            u.cross(&Vector3::x())
+        } else {
+            v.cross(&Vector3::y())
+        }
     } else {
         u.cross(v)
     };
@@ -285,7 +292,11 @@ fn rotation_between(u: &Vector3<f64>, v: &Vector3<f64>) -> UnitQuaternion<f64> {
 
 fn angle_between(u: &Vector3<f64>, v: &Vector3<f64>) -> f64 {
     let lengths = u.norm() * v.norm();
-    if lengths < 1e-9 { 0.0 } else { (u.dot(v) / lengths).clamp(-1.0, 1.0).acos() }
+    if lengths < 1e-9 {
+        0.0
+    } else {
+        (u.dot(v) / lengths).clamp(-1.0, 1.0).acos()
+    }
 }
 
 /// The Bullet constraint that a joint becomes; `None` for an unknown type.
@@ -348,8 +359,7 @@ fn one_axis_spring(joint: &adf::Joint, axis: usize) -> ConstraintKind {
     let sign = if axis < 3 { 1.0 } else { -1.0 };
     let mut limits = [[0.0; 2]; 6];
     let mut springs = [None; 6];
-    let mut spring =
-        Spring { enabled: false, stiffness: joint.stiffness, damping: joint.damping, equilibrium: None };
+    let mut spring = Spring { enabled: false, stiffness: joint.stiffness, damping: joint.damping, equilibrium: None };
     if let Some(Limits { low, high }) = joint.limits {
         limits[axis] = if axis < 3 { [low, high] } else { [-high, -low] };
         spring.enabled = true;
@@ -365,7 +375,8 @@ mod tests {
 
     #[test]
     fn rotations_carry_one_axis_to_the_other() {
-        let axes = [Vector3::x(), Vector3::y(), Vector3::z(), -Vector3::x(), -Vector3::z(), Vector3::new(1.0, 2.0, -3.0)];
+        let axes =
+            [Vector3::x(), Vector3::y(), Vector3::z(), -Vector3::x(), -Vector3::z(), Vector3::new(1.0, 2.0, -3.0)];
         for u in &axes {
             for v in &axes {
                 let turned = rotation_between(u, v) * unit(u);

@@ -53,7 +53,11 @@ impl fmt::Display for Written<'_> {
             writeln!(f, "{}", message.trim_end())?;
         }
         for file in &report.files {
-            if self.verbose { write!(f, "{}", file.verbose())? } else { write!(f, "{file}")? }
+            if self.verbose {
+                write!(f, "{}", file.verbose())?
+            } else {
+                write!(f, "{file}")?
+            }
         }
         for note in &report.notes {
             writeln!(f, "{note}")?;
@@ -128,7 +132,9 @@ fn with_defaults(mut world: adf::World) -> adf::World {
          default_light: {name: default_light, location: {x: 2, y: 2, z: 5}, direction: {x: 0, y: 0, z: -1}}\n\
          default_camera: {name: default_camera, location: {x: 0, y: 0, z: 0}, look at: {x: -1, y: 0, z: 0}}\n",
     );
-    for common in defaults.lights.iter_mut().map(|l| &mut l.common).chain(defaults.cameras.iter_mut().map(|c| &mut c.common)) {
+    for common in
+        defaults.lights.iter_mut().map(|l| &mut l.common).chain(defaults.cameras.iter_mut().map(|c| &mut c.common))
+    {
         common.namespace.clone_from(&world.common.namespace);
         common.source = world.common.source.clone();
     }

@@ -156,9 +156,8 @@ impl Scene {
             })
         };
         let lights = self.lights.iter().enumerate();
-        let lights = lights.filter_map(|(i, light)| {
-            placed(ObjectKind::Light(i, Box::new(light.parameters.clone())), &light.placed)
-        });
+        let lights = lights
+            .filter_map(|(i, light)| placed(ObjectKind::Light(i, Box::new(light.parameters.clone())), &light.placed));
         let cameras = self.cameras.iter().enumerate();
         let cameras = cameras.filter_map(|(i, camera)| {
             placed(ObjectKind::Camera(i, Box::new(camera.parameters.clone())), &camera.placed)

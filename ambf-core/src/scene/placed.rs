@@ -31,7 +31,13 @@ pub struct Placed {
 }
 
 impl Placed {
-    pub(super) fn new(common: &adf::Common, namespace: String, suffix: String, rates: Rates, pose: Isometry3<f64>) -> Self {
+    pub(super) fn new(
+        common: &adf::Common,
+        namespace: String,
+        suffix: String,
+        rates: Rates,
+        pose: Isometry3<f64>,
+    ) -> Self {
         Self {
             name: common.name.clone(),
             suffix,

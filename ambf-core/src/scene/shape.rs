@@ -34,9 +34,9 @@ pub(super) fn build(body: &RigidBody, mesh: Option<&Mesh>, profile: Profile) -> 
             let pose = body_in_inertial * offset.unwrap_or(inertial_offset);
             Shape::compound([(primitive(p, margin), pose)])
         }
-        CollisionGeometry::Compound(parts) => {
-            Shape::compound(parts.iter().map(|part| (primitive(&part.primitive, margin), body_in_inertial * part.offset)))
-        }
+        CollisionGeometry::Compound(parts) => Shape::compound(
+            parts.iter().map(|part| (primitive(&part.primitive, margin), body_in_inertial * part.offset)),
+        ),
         CollisionGeometry::Mesh { kind, .. } => match mesh {
             Some(mesh) => mesh_shape(mesh, *kind, margin, &body_in_inertial, &mut left_out),
             None => Shape::empty(),
@@ -51,7 +51,11 @@ pub(super) fn build(body: &RigidBody, mesh: Option<&Mesh>, profile: Profile) -> 
 fn estimated_centre(mesh: &Mesh, profile: Profile) -> Vector3<f64> {
     let mean = |vertices: &mut dyn Iterator<Item = &[f64; 3]>| {
         let (sum, n) = vertices.fold((Vector3::zeros(), 0u32), |(sum, n), v| (sum + Vector3::from(*v), n + 1));
-        if n == 0 { Vector3::zeros() } else { sum / f64::from(n) }
+        if n == 0 {
+            Vector3::zeros()
+        } else {
+            sum / f64::from(n)
+        }
     };
     match profile {
         Profile::Legacy => {
@@ -76,7 +80,9 @@ fn primitive(primitive: &Primitive, margin: f64) -> Shape {
         Primitive::Sphere { radius } => Shape::sphere(radius, margin),
         Primitive::Cylinder { radius, height, axis: a } => Shape::cylinder(axis(a), radius, height, margin),
         // ADF gives the total height, Bullet wants the part between the caps.
-        Primitive::Capsule { radius, height, axis: a } => Shape::capsule(axis(a), radius, height - 2.0 * radius, margin),
+        Primitive::Capsule { radius, height, axis: a } => {
+            Shape::capsule(axis(a), radius, height - 2.0 * radius, margin)
+        }
         Primitive::Cone { radius, height, axis: a } => Shape::cone(axis(a), radius, height, margin),
         Primitive::Plane { normal, offset } => Shape::plane(normal, offset, margin),
     }
@@ -98,9 +104,10 @@ fn mesh_shape(
             CollisionMeshKind::ConvexMesh => Shape::convex_triangle_mesh(&sub.vertices, &sub.triangles, margin),
             CollisionMeshKind::ConcaveMesh => Shape::concave_mesh(&sub.vertices, &sub.triangles, margin),
             CollisionMeshKind::PointCloud => {
-                let spheres = sub.vertices.iter().map(|&[x, y, z]| {
-                    (Shape::sphere(margin, margin), pose * Isometry3::translation(x, y, z))
-                });
+                let spheres = sub
+                    .vertices
+                    .iter()
+                    .map(|&[x, y, z]| (Shape::sphere(margin, margin), pose * Isometry3::translation(x, y, z)));
                 children.extend(spheres);
                 continue;
             }
@@ -110,5 +117,9 @@ fn mesh_shape(
             None => left_out.push(format!("part {number} of the collision mesh has no surface and is left out")),
         }
     }
-    if children.is_empty() { Shape::empty() } else { Shape::compound(children) }
+    if children.is_empty() {
+        Shape::empty()
+    } else {
+        Shape::compound(children)
+    }
 }

@@ -36,10 +36,11 @@ mod tests {
 
     /// Iterations of a loop in which a sub-step of 1 ms costs `cost` s; (iterations, sub-steps done) in `seconds`.
     fn run(cap: &mut SubStepCap, cost: f64, seconds: f64) -> (u32, u32) {
-        let (mut wall, mut sim, mut iterations, mut done) = (0.001, 0.0, 0, 0);
+        let (mut wall, mut begun, mut iterations, mut done) = (0.0, 0, 0, 0);
         while wall < seconds {
-            let due = ((wall - sim) / 0.001) as u32;
-            sim = wall;
+            wall += 1e-6;
+            let due = (wall / 0.001) as u32 - begun;
+            begun += due;
             let steps = due.min(cap.get());
             let spent = (f64::from(steps) * cost).max(0.0001);
             cap.learn(due, 0.001, spent);

@@ -8,8 +8,8 @@ use nalgebra::{Isometry3, Vector3};
 use super::Simulation;
 use crate::bullet::BodyKinematics;
 use crate::comm::{
-    CartesianCommandType, Hub, Inbox, JointCommandType, ObjectKind, PoseCommand, RigidBodyCommand, Snapshot, SnapshotWriter, Timing,
-    Wrench,
+    CameraParameters, CartesianCommandType, Hub, Inbox, JointCommandType, LightParameters, ObjectKind, PoseCommand,
+    RigidBodyCommand, Snapshot, SnapshotWriter, Timing, Wrench,
 };
 use crate::scene::Scene;
 
@@ -28,6 +28,8 @@ struct Slot {
     target: Target,
     body: Inbox<RigidBodyCommand>,
     pose: Inbox<PoseCommand>,
+    camera: Inbox<CameraParameters>,
+    light: Inbox<LightParameters>,
 }
 
 #[derive(Clone, Copy)]
@@ -53,6 +55,8 @@ impl Link {
             },
             body: Inbox::default(),
             pose: Inbox::default(),
+            camera: Inbox::default(),
+            light: Inbox::default(),
         });
         let slots: Vec<Slot> = slots.collect();
         let rank = slots.iter().map(|slot| match slot.target {
@@ -104,19 +108,17 @@ impl Simulation {
         hub.take_pending(|object| {
             let channel = hub.channel(object);
             let slot = &mut slots[object];
-            let mut camera = Inbox::default();
-            let mut light = Inbox::default();
             if slot.body.fetch(&channel.body) | slot.pose.fetch(&channel.pose) {
                 if let Err(place) = commanded.binary_search_by_key(&rank[object], |&other| rank[other]) {
                     commanded.insert(place, object);
                 }
             }
             match slot.target {
-                Target::Camera(index) if camera.fetch(&channel.camera) => {
-                    self.scene.cameras[index].set_parameters(camera.command(), &self.scene.body_names);
+                Target::Camera(index) if slot.camera.fetch(&channel.camera) => {
+                    self.scene.cameras[index].set_parameters(slot.camera.command(), &self.scene.body_names);
                 }
-                Target::Light(index) if light.fetch(&channel.light) => {
-                    self.scene.lights[index].set_parameters(light.command(), &self.scene.body_names);
+                Target::Light(index) if slot.light.fetch(&channel.light) => {
+                    self.scene.lights[index].set_parameters(slot.light.command(), &self.scene.body_names);
                 }
                 _ => (),
             }
@@ -240,9 +242,8 @@ impl Simulation {
         self.link.as_ref().is_some_and(|link| link.hub.reset_requested())
     }
 
-    /// Lets the cap on sub-steps learn what an update of `interval` s cost.
-    pub(super) fn learn_cost(&mut self, interval: f64, cost: Duration) {
-        let due = (interval / self.sub_step) as u32;
-        self.cap.learn(due, self.sub_step, cost.as_secs_f64());
+    /// Lets the cap on sub-steps learn what the latest update cost.
+    pub(super) fn learn_cost(&mut self, cost: Duration) {
+        self.cap.learn(self.due, self.sub_step, cost.as_secs_f64());
     }
 }

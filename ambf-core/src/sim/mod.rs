@@ -56,6 +56,8 @@ pub struct Simulation {
     interval: f64,
     iteration: u64,
     lost_time: f64,
+    /// Sub-steps that the latest update should have done.
+    due: u32,
     bullet_time: Duration,
     stamp: SystemTime,
     joint_buffer: Vec<f64>,
@@ -75,6 +77,7 @@ impl Simulation {
             interval: 0.0,
             iteration: 0,
             lost_time: 0.0,
+            due: 0,
             bullet_time: Duration::ZERO,
             stamp: SystemTime::now(),
             joint_buffer: vec![0.0; scene.world.constraints().len()],
@@ -149,6 +152,7 @@ impl Simulation {
         let begin = Instant::now();
         let due = self.scene.world.step(interval, cap, self.sub_step);
         self.bullet_time += begin.elapsed();
+        self.due = due;
         self.lost_time += f64::from(due.saturating_sub(cap)) * self.sub_step;
     }
 
@@ -185,8 +189,12 @@ impl Simulation {
 
     /// Returns every rigid body to its initial pose at rest. Time goes on.
     pub fn reset_bodies(&mut self) {
+        let was_finite = self.scene.world.first_non_finite().is_none();
         let Scene { bodies, world, .. } = &mut self.scene;
         bodies.iter().for_each(|body| body.reset(world));
+        if !was_finite {
+            world.recover();
+        }
     }
 
     /// Returns every object to its initial state. Time goes on; commands stay in force. The accurate profile also clears the memory of

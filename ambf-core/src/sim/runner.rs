@@ -40,7 +40,7 @@ pub enum Event {
         /// Since the start.
         total: f64,
     },
-    /// The state became non-finite; the simulation is paused.
+    /// The state became non-finite; the simulation is paused until it is reset.
     NonFinite(NonFinite),
     /// A throttling client asks for steps of no iterations, which throttle nothing.
     EmptySteps,
@@ -152,6 +152,8 @@ struct PhysicsLoop {
     /// Wall time that did not count as simulated: pauses.
     skipped: f64,
     was_paused: bool,
+    /// The pause was made because the state became non-finite.
+    lost: bool,
     statistics: StepStatistics,
     throttle_counter: u32,
     reported_loss: f64,
@@ -168,6 +170,7 @@ impl PhysicsLoop {
             start: Instant::now(),
             skipped: 0.0,
             was_paused: false,
+            lost: false,
             statistics: StepStatistics::new(),
             throttle_counter: 0,
             reported_loss: 0.0,
@@ -180,7 +183,7 @@ impl PhysicsLoop {
         let mut pacer = Pacer::new(Duration::from_secs_f64(1.0 / self.options.frequency));
         while !self.control.is_stopping() {
             if self.simulation.do_requested_resets() {
-                self.tell(Event::Reset);
+                self.resume_after_reset();
             }
             if self.control.is_paused() && !self.control.take_manual_step() {
                 self.was_paused = true;
@@ -202,6 +205,7 @@ impl PhysicsLoop {
         }
         if let Err(problem) = self.simulation.update(interval) {
             self.control.set_paused(true);
+            self.lost = true;
             self.tell(Event::NonFinite(problem));
             return;
         }
@@ -213,7 +217,7 @@ impl PhysicsLoop {
         let cost = stepped + resumed.elapsed();
         self.statistics.record(wall, cost);
         if !self.options.fixed_step {
-            self.simulation.learn_cost(interval, cost);
+            self.simulation.learn_cost(cost);
         }
         self.report_loss(wall);
     }
@@ -238,11 +242,19 @@ impl PhysicsLoop {
             if self.control.is_stopping() || !self.simulation.do_requested_resets() {
                 break;
             }
-            self.tell(Event::Reset);
+            self.resume_after_reset();
         }
         if self.simulation.count_for_clients(&mut self.throttle_counter) {
             self.tell(Event::EmptySteps);
         }
+    }
+
+    /// A reset also ends the pause that a non-finite state made.
+    fn resume_after_reset(&mut self) {
+        if std::mem::take(&mut self.lost) {
+            self.control.set_paused(false);
+        }
+        self.tell(Event::Reset);
     }
 
     fn timing(&self) -> Timing {

@@ -1,0 +1,217 @@
+//! The life of `ambf_simulator`: loading, running, ending.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use ambf_core::adf::PluginEntry;
+use ambf_core::comm::{Middleware, Rates};
+use ambf_core::scene::{load, Loaded, SceneOptions, SceneReport};
+use ambf_core::sim::{Event, Runner, RunnerOptions, Simulation, DEFAULT_SUB_STEP};
+use crossbeam_channel::RecvTimeoutError;
+use thiserror::Error;
+
+use crate::cli::{DeviceSelection, SimulatorOptions};
+use crate::launch::{self, LaunchError};
+use crate::ros::{RosMiddleware, RosOptions};
+use crate::{print_line, report};
+
+/// How often the main thread looks whether it should end.
+const POLL: Duration = Duration::from_millis(50);
+
+/// Why the simulator could not run.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum SimulatorError {
+    /// Error when the launch file is of no use.
+    #[error(transparent)]
+    Launch(#[from] LaunchError),
+    /// Error when the command line asks for something that does not exist.
+    #[error("{0}")]
+    Usage(String),
+    /// Error when the physics thread ended by itself: a bug.
+    #[error("the physics thread ended unexpectedly; this is a bug, please report it with the lines above")]
+    Physics,
+}
+
+impl SimulatorError {
+    /// Exit status of the program: 255 for a launch file, as in the C++ program, 2 for wrong usage, 1 for a bug.
+    pub fn status(&self) -> i32 {
+        match self {
+            Self::Launch(_) => 255,
+            Self::Usage(_) => 2,
+            Self::Physics => 1,
+        }
+    }
+}
+
+/// Loads the scene and runs it until SIGINT or SIGTERM.
+///
+/// # Errors
+/// [`SimulatorError`]. Everything else that goes wrong is reported, and the simulation goes on with the rest.
+pub fn run(options: &SimulatorOptions) -> Result<(), SimulatorError> {
+    let stop = stop_flag();
+    print_line!(
+        "AMBF simulator {} (physics {} Hz{})",
+        env!("CARGO_PKG_VERSION"),
+        options.physics_frequency,
+        time_step(options)
+    );
+    if options.show_gui {
+        report!("this build has no windows: it runs headless, as with -g 0");
+    }
+
+    let begin = Instant::now();
+    let simulation = load_simulation(options)?;
+    if stop.load(Ordering::Acquire) {
+        return Ok(());
+    }
+    print_summary(&simulation, begin.elapsed());
+    let outcome = serve(simulation, options, &stop);
+    report!("stopped");
+    outcome
+}
+
+fn time_step(options: &SimulatorOptions) -> String {
+    if options.fixed_physics_step {
+        format!(", fixed steps of {} s", options.speed_factor / f64::from(options.physics_frequency))
+    } else {
+        String::from(", simulated time follows the clock")
+    }
+}
+
+/// Set by SIGINT and SIGTERM; the second of them ends the program at once.
+fn stop_flag() -> Arc<AtomicBool> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&stop);
+    let set = ctrlc::set_handler(move || {
+        if flag.swap(true, Ordering::AcqRel) {
+            std::process::exit(130);
+        }
+    });
+    if let Err(error) = set {
+        report!("Ctrl+C cannot be caught ({error}): it will end the program without withdrawing its topics");
+    }
+    stop
+}
+
+fn load_simulation(options: &SimulatorOptions) -> Result<Simulation, SimulatorError> {
+    let physics = launch::physics(&options.physics).map_err(SimulatorError::Usage)?;
+    let (launch, problems) = launch::read_strict(&options.launch_file)?;
+    report_plugins(&launch.plugins, options);
+    report_devices(options);
+    let (files, skipped) = launch::scene_files(Some(&launch), None, &options.model_files, &options.model_indexes);
+    skipped.iter().for_each(|problem| report!("{problem}"));
+
+    let scene_options = SceneOptions {
+        prefix: options.namespace.clone(),
+        rates: options.publish_frequency.map(|rates| Rates { min: rates.min, max: rates.max }),
+        physics,
+    };
+    let Loaded { scene, report: mut found } = load(&files, &scene_options);
+    found.files.insert(0, problems);
+    print_report(&found, options.verbose);
+    let sub_step = scene.sub_step.unwrap_or(DEFAULT_SUB_STEP);
+    Ok(Simulation::new(scene, sub_step))
+}
+
+fn report_plugins(plugins: &[PluginEntry], options: &SimulatorOptions) {
+    let listed = plugins.iter().map(|plugin| plugin.filename.display().to_string());
+    let given = options.plugins.iter().map(|path| path.display().to_string());
+    for name in listed.chain(given) {
+        report!("plugin {name} is left out: libraries of the C++ program cannot be loaded");
+    }
+}
+
+fn report_devices(options: &SimulatorOptions) {
+    let wanted = match &options.devices {
+        DeviceSelection::First(n) => *n,
+        DeviceSelection::Indexes(indexes) => indexes.len(),
+    };
+    if wanted > 0 {
+        report!(
+            "{wanted} input device(s) wanted: this build has no drivers for input devices, the simulation runs without"
+        );
+    }
+}
+
+fn print_report(found: &SceneReport, verbose: bool) {
+    let text = if verbose { found.verbose().to_string() } else { found.to_string() };
+    for line in text.lines() {
+        report!("{line}");
+    }
+}
+
+fn print_summary(simulation: &Simulation, took: Duration) {
+    let scene = simulation.scene();
+    // The environment is a model too, but nobody asked for it.
+    print_line!(
+        "loaded {} model(s): {} bodies, {} joints, in {:.2} s; Ctrl+C ends",
+        scene.models.len() - 1,
+        scene.bodies.len(),
+        scene.joints.len(),
+        took.as_secs_f64()
+    );
+}
+
+fn serve(mut simulation: Simulation, options: &SimulatorOptions, stop: &AtomicBool) -> Result<(), SimulatorError> {
+    let hub = simulation.connect();
+    let mut ros = (!options.no_ros).then(|| RosMiddleware::new(RosOptions::default()));
+    if let Some(ros) = &mut ros {
+        if let Err(error) = ros.start(hub) {
+            report!("ROS is not available: {error}; the simulation runs without");
+        }
+    }
+    let runner = Runner::start(
+        simulation,
+        RunnerOptions {
+            frequency: f64::from(options.physics_frequency),
+            fixed_step: options.fixed_physics_step,
+            speed_factor: options.speed_factor,
+        },
+    );
+    let outcome = follow(&runner, stop);
+    drop(runner.stop());
+    if let Some(ros) = &mut ros {
+        ros.stop();
+    }
+    outcome
+}
+
+/// Prints what the physics thread has to say until the program should end.
+fn follow(runner: &Runner, stop: &AtomicBool) -> Result<(), SimulatorError> {
+    let mut empty_steps = Limited::default();
+    while !stop.load(Ordering::Acquire) {
+        match runner.events().recv_timeout(POLL) {
+            Ok(Event::LostTime { recent, total }) => report!(
+                "the scene is too heavy for this computer: {recent:.3} s of simulated time were not computed ({total:.3} s in all)"
+            ),
+            Ok(Event::NonFinite(problem)) => {
+                report!("{problem}; the simulation is paused: reset it (topic Command/Reset) or end it");
+            }
+            Ok(Event::EmptySteps) => {
+                if empty_steps.is_due() {
+                    report!("a client throttles with n_skip_steps 0, which never blocks");
+                }
+            }
+            Ok(Event::Reset) => report!("reset"),
+            Ok(_) | Err(RecvTimeoutError::Timeout) => (),
+            Err(RecvTimeoutError::Disconnected) => return Err(SimulatorError::Physics),
+        }
+    }
+    Ok(())
+}
+
+/// Lets a line through at most once a second.
+#[derive(Default)]
+struct Limited(Option<Instant>);
+
+impl Limited {
+    fn is_due(&mut self) -> bool {
+        let due = self.0.is_none_or(|last| last.elapsed() >= Duration::from_secs(1));
+        if due {
+            self.0 = Some(Instant::now());
+        }
+        due
+    }
+}
