@@ -25,7 +25,7 @@ pub enum BatchError {
     /// Error when the command line asks for something that does not exist.
     #[error("{0}")]
     Usage(String),
-    /// Error when a file could not be loaded, or a scene was not built as it was written.
+    /// Error when a file could not be loaded.
     #[error("{0}")]
     Load(String),
     /// Error when a command file cannot be used.
@@ -70,9 +70,20 @@ pub struct Summary {
     peak_rss_mb: f64,
     bodies: usize,
     joints: usize,
+    /// The scene is not what its files say: elements had to be dropped.
+    incomplete: bool,
 }
 
 impl Summary {
+    /// Exit status of the program: 0, or 2 when elements of the scene had to be dropped.
+    pub fn status(&self) -> i32 {
+        if self.incomplete {
+            2
+        } else {
+            0
+        }
+    }
+
     /// One line of JSON. Times in s, a step's in µs, memory in MB.
     pub fn to_json(&self) -> String {
         let per_step = |time: Duration, steps: u64| time.as_secs_f64() * 1e6 / steps.max(1) as f64;
@@ -94,13 +105,16 @@ impl Summary {
     }
 }
 
-/// Loads the scene, steps it, writes the traces. Warnings about the scene go to `warn`.
+/// Loads the scene, steps it, writes the traces. Problems of the scene go to `warn`.
+///
+/// A file that cannot be used at all ends the run before it starts. A broken element, such as a body whose mesh is missing, is dropped
+/// as in the C++ program; the rest runs, and [`Summary::status`] tells.
 ///
 /// # Errors
 /// [`BatchError`].
 pub fn run(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<Summary, BatchError> {
     let begin = Instant::now();
-    let mut simulation = load_scene(options, warn)?;
+    let (mut simulation, incomplete) = load_scene(options, warn)?;
     let names = unique_names(&simulation);
     let commands = match &options.commands {
         Some(path) => {
@@ -157,10 +171,11 @@ pub fn run(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<Summary, B
         peak_rss_mb: peak_memory_mb(),
         bodies: simulation.scene().bodies.len(),
         joints: simulation.scene().joints.len(),
+        incomplete,
     })
 }
 
-fn load_scene(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<Simulation, BatchError> {
+fn load_scene(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<(Simulation, bool), BatchError> {
     let physics = launch::physics(&options.physics).map_err(BatchError::Usage)?;
     let launch = match options.needs_launch_file() {
         // A launch file without devices or colours is fine here.
@@ -176,11 +191,11 @@ fn load_scene(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<Simulat
         return Err(BatchError::Load(problem));
     }
     let Loaded { scene, report } = load(&files, &SceneOptions { physics, ..SceneOptions::default() });
-    if report.errors() > 0 {
+    if !report.refused.is_empty() {
         return Err(BatchError::Load(report.to_string().trim_end().to_owned()));
     }
     warn(report.to_string().trim_end());
-    Ok(Simulation::new(scene, options.dt))
+    Ok((Simulation::new(scene, options.dt), report.errors() > 0))
 }
 
 /// Names of the bodies as in the ADF; later ones of the same name get the first free of the suffixes 1, 2, …

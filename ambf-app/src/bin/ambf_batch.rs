@@ -20,8 +20,12 @@ fn main() {
         }
     };
     match batch::run(&options, warn) {
-        Ok(summary) if options.json => ambf_app::print_line!("{}", summary.to_json()),
-        Ok(_) => (),
+        Ok(summary) => {
+            if options.json {
+                ambf_app::print_line!("{}", summary.to_json());
+            }
+            exit(summary.status());
+        }
         Err(error) => {
             ambf_app::report!("{error}");
             exit(error.status());
