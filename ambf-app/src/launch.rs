@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use ambf_core::adf::{self, Launch, LoadError, Report};
-use ambf_core::bullet::Solver;
+use ambf_core::bullet::{Integrator, Solver};
 use ambf_core::control::Profile;
 use ambf_core::scene::{PhysicsOptions, SceneFiles};
 use thiserror::Error;
@@ -81,18 +81,26 @@ pub fn scene_files(
 /// # Errors
 /// The sentence that says which name is not known.
 pub fn physics(options: &cli::PhysicsOptions) -> Result<PhysicsOptions, String> {
-    let solver = options.solver.as_deref().map(|name| {
-        Solver::from_name(name).ok_or_else(|| {
-            let known: Vec<_> = Solver::NAMES.iter().map(|(name, _)| *name).collect();
-            format!("--solver {name}: not known, expected one of {}", known.join(", "))
-        })
-    });
+    fn named<T>(
+        option: &str,
+        name: Option<&str>,
+        find: fn(&str) -> Option<T>,
+        known: &[&str],
+    ) -> Result<Option<T>, String> {
+        let Some(name) = name else { return Ok(None) };
+        let problem = || format!("--{option} {name}: not known, expected one of {}", known.join(", "));
+        find(name).map(Some).ok_or_else(problem)
+    }
+    let solver = named("solver", options.solver.as_deref(), Solver::from_name, &Solver::NAMES.map(|(name, _)| name))?;
+    let integrator = options.integrator.as_deref();
+    let integrator = named("integrator", integrator, Integrator::from_name, &Integrator::NAMES.map(|(name, _)| name))?;
     Ok(PhysicsOptions {
         profile: options.profile.map(|profile| match profile {
             cli::Profile::Legacy => Profile::Legacy,
             cli::Profile::Accurate => Profile::Accurate,
         }),
-        solver: solver.transpose()?,
+        solver,
+        integrator,
         iterations: options.iterations,
         sub_step: None,
     })
@@ -127,5 +135,7 @@ mod tests {
     fn unknown_solvers_are_refused_with_what_is_known() {
         let options = cli::PhysicsOptions { solver: Some("magic".into()), ..Default::default() };
         assert!(physics(&options).unwrap_err().contains("dantzig"));
+        let options = cli::PhysicsOptions { integrator: Some("ballistic".into()), ..Default::default() };
+        assert_eq!(physics(&options).unwrap().integrator, Some(Integrator::Ballistic));
     }
 }

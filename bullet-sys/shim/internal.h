@@ -39,6 +39,8 @@ struct AmbBody {
   btDefaultMotionState motion;
   btRigidBody body;
   size_t index = 0;
+  // Sub-step in which the body was last in contact; only counted for the ballistic correction.
+  uint64_t touched = 0;
   std::vector<uint64_t> ignored;
 };
 

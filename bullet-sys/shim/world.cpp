@@ -62,6 +62,8 @@ void near_callback(btBroadphasePair &pair, btCollisionDispatcher &dispatcher, co
   btCollisionDispatcher::defaultNearCallback(pair, dispatcher, info);
 }
 
+AmbBody *body_of(const btCollisionObject *object) { return static_cast<AmbBody *>(object->getUserPointer()); }
+
 void set_ignored(AmbBody &body, size_t other) {
   if (body.ignored.size() <= other / 64) body.ignored.resize(other / 64 + 1);
   body.ignored[other / 64] |= uint64_t(1) << (other % 64);
@@ -88,7 +90,37 @@ struct AmbWorld {
   btDiscreteDynamicsWorld world;
   bool has_gimpact = false;
   size_t next_index = 0;
+  uint64_t sub_step = 0;
 };
+
+namespace {
+
+// After a sub-step: takes back a dt^2 / 2 of the way of every free body.
+void correct_ballistic(btDynamicsWorld *dynamics, btScalar dt) {
+  auto &world = *static_cast<AmbWorld *>(dynamics->getWorldUserInfo());
+  const uint64_t now = ++world.sub_step;
+  for (int i = 0; i < world.dispatcher.getNumManifolds(); ++i) {
+    const btPersistentManifold *manifold = world.dispatcher.getManifoldByIndexInternal(i);
+    if (manifold->getNumContacts() == 0) continue;
+    for (const btCollisionObject *object : {manifold->getBody0(), manifold->getBody1()}) {
+      if (AmbBody *body = body_of(object)) body->touched = now;
+    }
+  }
+  const btCollisionObjectArray &objects = dynamics->getCollisionObjectArray();
+  for (int i = 0; i < objects.size(); ++i) {
+    AmbBody *owner = body_of(objects[i]);
+    if (!owner || owner->touched == now) continue;
+    btRigidBody &body = owner->body;
+    if (body.isStaticOrKinematicObject() || body.getNumConstraintRefs() > 0) continue;
+    const btVector3 back = body.getTotalForce() * (body.getInvMass() * dt * dt / 2);
+    btTransform pose = body.getWorldTransform();
+    pose.setOrigin(pose.getOrigin() - back);
+    body.setWorldTransform(pose);
+    body.setInterpolationWorldTransform(pose);
+  }
+}
+
+}  // namespace
 
 extern "C" {
 
@@ -105,6 +137,14 @@ void amb_world_set_iterations(AmbWorld *world, int iterations) {
 void amb_world_set_erp(AmbWorld *world, double erp, double erp2) {
   world->world.getSolverInfo().m_erp = erp;
   world->world.getSolverInfo().m_erp2 = erp2;
+}
+
+void amb_world_set_ballistic(AmbWorld *world, int enabled) {
+  world->world.setInternalTickCallback(enabled ? correct_ballistic : nullptr, world);
+}
+
+void amb_world_set_lag(AmbWorld *world, int enabled) {
+  world->world.setLatencyMotionStateInterpolation(enabled != 0);
 }
 
 void amb_world_add_body(AmbWorld *world, AmbBody *body) {

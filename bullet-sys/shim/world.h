@@ -21,6 +21,11 @@ void amb_world_set_iterations(AmbWorld *world, int iterations);
 /* Error reduction of joints (erp) and of contacts (erp2), 0 to 1. */
 void amb_world_set_erp(AmbWorld *world, double erp, double erp2);
 
+/* Bodies without contacts and constraints move exactly under constant force: Bullet's step x += v' dt is a a dt^2 / 2 too long. */
+void amb_world_set_ballistic(AmbWorld *world, int enabled);
+/* Whether motion states lag up to a sub-step behind (Bullet's default) or are as recent as the last sub-step. */
+void amb_world_set_lag(AmbWorld *world, int enabled);
+
 void amb_world_add_body(AmbWorld *world, AmbBody *body);
 void amb_world_remove_body(AmbWorld *world, AmbBody *body);
 void amb_world_add_constraint(AmbWorld *world, AmbConstraint *constraint, int disable_collisions);

@@ -12,7 +12,7 @@ mod world;
 pub use constraint::{Constraint, ConstraintKind, ConstraintParameter, Spring};
 pub use kinematics::BodyKinematics;
 pub use shape::{Axis, Shape};
-pub use world::{BodyHandle, ConstraintHandle, JointWrench, RigidBody, Solver, World};
+pub use world::{BodyHandle, ConstraintHandle, Integrator, JointWrench, RigidBody, Solver, World};
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 

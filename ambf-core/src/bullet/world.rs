@@ -48,6 +48,26 @@ impl Solver {
     }
 }
 
+/// How bodies without contacts and constraints are moved.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Integrator {
+    /// Bullet's semi-implicit Euler, first order in the sub-step. The default.
+    #[default]
+    Euler,
+    /// The same velocities, with positions that are exact under constant force.
+    Ballistic,
+}
+
+impl Integrator {
+    /// Both, with the names by which users choose.
+    pub const NAMES: [(&'static str, Self); 2] = [("euler", Self::Euler), ("ballistic", Self::Ballistic)];
+
+    /// The integrator called `name`.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::NAMES.iter().find(|(known, _)| *known == name).map(|&(_, integrator)| integrator)
+    }
+}
+
 /// A rigid body to be made. It never sleeps.
 #[derive(Debug)]
 pub struct RigidBody {
@@ -172,6 +192,18 @@ impl World {
     pub fn set_error_reduction(&mut self, erp: f64, erp2: f64) {
         // SAFETY: the world is alive.
         unsafe { sys::amb_world_set_erp(self.raw.as_ptr(), erp, erp2) }
+    }
+
+    /// Chooses how free bodies are moved.
+    pub fn set_integrator(&mut self, integrator: Integrator) {
+        // SAFETY: the world is alive and stays where it is: it is the callback's user pointer.
+        unsafe { sys::amb_world_set_ballistic(self.raw.as_ptr(), (integrator == Integrator::Ballistic).into()) }
+    }
+
+    /// Whether motion states lag up to a sub-step behind the poses. Default: `true`.
+    pub fn set_lag(&mut self, lag: bool) {
+        // SAFETY: the world is alive.
+        unsafe { sys::amb_world_set_lag(self.raw.as_ptr(), lag.into()) }
     }
 
     /// Adds a body.
@@ -539,6 +571,27 @@ mod tests {
         world.read_bodies(&mut states);
         assert!((states[0].origin[2] - z(99.0)).abs() < 1e-12);
         assert!((states[0].linear_velocity[2] + 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn ballistic_flight_is_exact_and_contact_ends_it() {
+        let mut world = World::new(Solver::default());
+        world.set_gravity(Vector3::new(0.0, 0.0, -10.0));
+        world.set_integrator(Integrator::Ballistic);
+        world.set_lag(false);
+        world.add_body(RigidBody { shape: Shape::plane(Vector3::z(), -2.0, 0.0), ..ball(0.0, 0.0) });
+        let handle = world.add_body(ball(1.0, 0.0));
+        world.set_velocity(handle, &Vector3::new(1.0, 0.0, 2.0), &Vector3::zeros());
+        for _ in 0..500 {
+            world.step(0.001, 1, 0.001);
+        }
+        let expected = Vector3::new(0.5, 0.0, 2.0 * 0.5 - 5.0 * 0.25);
+        assert!((world.pose(handle).unwrap().translation.vector - expected).norm() < 1e-12);
+        assert_eq!(world.pose(handle), world.motion_state(handle), "no lag");
+        for _ in 0..2000 {
+            world.step(0.001, 1, 0.001);
+        }
+        assert!((world.pose(handle).unwrap().translation.z + 1.9).abs() < 1e-3, "it rests on the plane");
     }
 
     #[test]

@@ -10,7 +10,7 @@ use super::joint::{constraint, frames, Joint};
 use super::placed::{camera_parameters, camera_pose, light_rotation, Camera, Light, Placed};
 use super::{shape, BodyGraph, Found, ModelInfo, NameMap, Note, PhysicsOptions, Scene, SceneOptions};
 use crate::adf::{self, CollisionGeometry, PhysicsProfile, Severity, SourcePos};
-use crate::bullet::{self, Solver, World};
+use crate::bullet::{self, Integrator, Solver, World};
 use crate::comm::{LightParameters, Rates};
 use crate::control::{CartesianController, Profile};
 use crate::mesh::{Mesh, MeshCache};
@@ -38,11 +38,13 @@ impl<'a> Builder<'a> {
         let mut notes = Vec::new();
         let physics = physics(world, &options.physics, &mut notes);
         let profile = physics.profile.unwrap_or_default();
-        let default_solver = match profile {
-            Profile::Legacy => Solver::WarmFriction,
-            Profile::Accurate => Solver::SequentialImpulse,
+        let (solver, integrator) = match profile {
+            Profile::Legacy => (Solver::WarmFriction, Integrator::Euler),
+            Profile::Accurate => (Solver::SequentialImpulse, Integrator::Ballistic),
         };
-        let mut bullet = World::new(physics.solver.unwrap_or(default_solver));
+        let mut bullet = World::new(physics.solver.unwrap_or(solver));
+        bullet.set_integrator(physics.integrator.unwrap_or(integrator));
+        bullet.set_lag(profile == Profile::Legacy);
         bullet.set_gravity(world.gravity);
         if let Some(iterations) = physics.iterations {
             bullet.set_iterations(iterations);
@@ -411,14 +413,23 @@ fn enter_placed<'p>(names: &mut NameMap, placed: impl Iterator<Item = &'p Placed
 /// The options, completed by the world file.
 fn physics(world: &adf::World, options: &PhysicsOptions, notes: &mut Vec<Note>) -> PhysicsOptions {
     let settings = &world.physics;
+    let mut unknown = |key: &str, name: &str, known: Vec<&str>| {
+        let message = format!("`physics / {key}`: `{name}` is not known, expected one of {}", known.join(", "));
+        notes.push(Note { severity: Severity::Error, source: world.common.source.clone(), message });
+    };
     let solver = settings.solver.as_deref().and_then(|name| {
         let solver = Solver::from_name(name);
         if solver.is_none() {
-            let known: Vec<_> = Solver::NAMES.iter().map(|(name, _)| *name).collect();
-            let message = format!("`physics / solver`: `{name}` is not known, expected one of {}", known.join(", "));
-            notes.push(Note { severity: Severity::Error, source: world.common.source.clone(), message });
+            unknown("solver", name, Solver::NAMES.map(|(name, _)| name).to_vec());
         }
         solver
+    });
+    let integrator = settings.integrator.as_deref().and_then(|name| {
+        let integrator = Integrator::from_name(name);
+        if integrator.is_none() {
+            unknown("integrator", name, Integrator::NAMES.map(|(name, _)| name).to_vec());
+        }
+        integrator
     });
     let profile = settings.profile.map(|profile| match profile {
         PhysicsProfile::Legacy => Profile::Legacy,
@@ -428,6 +439,7 @@ fn physics(world: &adf::World, options: &PhysicsOptions, notes: &mut Vec<Note>) 
         profile: options.profile.or(profile),
         solver: options.solver.or(solver),
         iterations: options.iterations.or(settings.iterations),
+        integrator: options.integrator.or(integrator),
         sub_step: options.sub_step.or(settings.sub_step),
     }
 }

@@ -21,7 +21,7 @@ use std::fmt;
 use nalgebra::Vector3;
 
 use crate::adf::{Severity, SourcePos};
-use crate::bullet::{Solver, World};
+use crate::bullet::{Integrator, Solver, World};
 use crate::comm::{ObjectInfo, ObjectKind, Rates, RigidBodyInfo};
 use crate::control::Profile;
 
@@ -45,6 +45,8 @@ pub struct PhysicsOptions {
     pub solver: Option<Solver>,
     /// Iterations of the solver.
     pub iterations: Option<u32>,
+    /// How free bodies are moved.
+    pub integrator: Option<Integrator>,
     /// Length of a sub-step, s.
     pub sub_step: Option<f64>,
 }
