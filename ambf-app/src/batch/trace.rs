@@ -13,8 +13,10 @@ pub struct TraceWriter {
     bodies: Option<BufWriter<File>>,
     joints: Option<BufWriter<File>>,
     names: Vec<String>,
-    /// Bodies in order of their names.
+    /// Bodies in order of their qualified identifiers.
     order: Vec<usize>,
+    /// Joints in order of their qualified identifiers.
+    joint_order: Vec<usize>,
     states: Vec<BodyKinematics>,
     full: bool,
 }
@@ -45,7 +47,9 @@ impl TraceWriter {
             heading += ",cx,cy,cz,cqx,cqy,cqz,cqw";
         }
         let mut order: Vec<usize> = (0..names.len()).collect();
-        order.sort_by(|&a, &b| names[a].cmp(&names[b]));
+        order.sort_by_cached_key(|&body| (scene.bodies[body].key(), body));
+        let mut joint_order: Vec<usize> = (0..scene.joints.len()).collect();
+        joint_order.sort_by_key(|&joint| &scene.joints[joint].key);
         Ok(Self {
             bodies: create("_bodies.csv", &heading, !scene.bodies.is_empty())?,
             joints: create(
@@ -56,6 +60,7 @@ impl TraceWriter {
             states: vec![BodyKinematics::default(); scene.bodies.len()],
             names,
             order,
+            joint_order,
             full,
         })
     }
@@ -82,7 +87,7 @@ impl TraceWriter {
             }
         }
         if let Some(out) = &mut self.joints {
-            for joint in &scene.joints {
+            for joint in self.joint_order.iter().map(|&joint| &scene.joints[joint]) {
                 let (parent, child) = (&self.names[joint.parent], &self.names[joint.child]);
                 write!(out, "{step},{time:?},{},{},{parent},{child}", joint.name, joint.joint_type.code())?;
                 write_numbers(out, &[joint.position, joint.velocity, joint.effort])?;

@@ -21,7 +21,6 @@ pub(super) struct Builder<'a> {
     options: &'a SceneOptions,
     meshes: &'a MeshCache,
     model_names: NameMap,
-    /// Body gravity that the world's settings do not change.
     first_joint_of_model: usize,
 }
 
@@ -65,6 +64,7 @@ impl<'a> Builder<'a> {
             sub_step: physics.sub_step,
             profile,
             has_feedback: false,
+            active_joints: Vec::new(),
             joint_names: NameMap::default(),
             camera_names: NameMap::default(),
             light_names: NameMap::default(),
@@ -93,6 +93,9 @@ impl<'a> Builder<'a> {
     /// Resolves what may refer to later models, and reads the joints for the first time.
     pub fn finish(mut self) -> (Scene, Vec<Note>) {
         self.resolve_parents();
+        let graph = &self.scene.graph;
+        let active = |body| graph.active(body).map(|entry| entry.joint).collect();
+        self.scene.active_joints = (0..self.scene.bodies.len()).map(active).collect();
         let mut buffer = vec![0.0; self.scene.world.constraints().len()];
         self.scene.observe_joints(0.0, &mut buffer);
         (self.scene, self.notes)

@@ -109,6 +109,8 @@ pub struct Scene {
     pub profile: Profile,
     /// Whether any joint estimates its reactions.
     pub has_feedback: bool,
+    /// For each body its active joints; see [`active_joints`](Self::active_joints).
+    active_joints: Vec<Vec<usize>>,
     joint_names: NameMap,
     camera_names: NameMap,
     light_names: NameMap,
@@ -130,13 +132,8 @@ impl Scene {
     }
 
     /// Indices of the active joints of a body: what its joint commands are indexed by.
-    pub fn active_joints(&self, body: usize) -> Vec<usize> {
-        self.graph.active(body).map(|entry| entry.joint).collect()
-    }
-
-    /// Name of each body, with a suffix where a name is already taken.
-    pub fn unique_body_names(&self) -> Vec<String> {
-        self.bodies.iter().map(Body::communication_name).collect()
+    pub fn active_joints(&self, body: usize) -> &[usize] {
+        &self.active_joints[body]
     }
 
     /// The objects that have a State and a Command, the world first.
@@ -183,7 +180,7 @@ impl Scene {
             inertial_offset_inverse: body.inertial_offset_inverse,
             children_names: self.graph.active(index).map(|entry| self.bodies[entry.body].name.clone()).collect(),
             joint_names: self.graph.active(index).map(|entry| self.joints[entry.joint].name.clone()).collect(),
-            joints: self.active_joints(index),
+            joints: self.active_joints(index).to_vec(),
             publish_children_names: body.publish_children_names,
             publish_joint_names: body.publish_joint_names,
             publish_joint_positions: body.publish_joint_positions,

@@ -154,8 +154,7 @@ impl Simulation {
     pub fn command_body(&mut self, body: usize, command: &RigidBodyCommand) {
         let Scene { bodies, world, .. } = &mut self.scene;
         bodies[body].apply_command(world, command, self.dt, self.iteration);
-        // Without allocation: the graph is read by index.
-        let n = command.joint_commands.len().min(self.scene.graph.active(body).count());
+        let n = command.joint_commands.len().min(self.scene.active_joints(body).len());
         for (i, &value) in command.joint_commands[..n].iter().enumerate() {
             let kind = command.joint_command_types.get(i).copied().unwrap_or_default();
             self.command_joint(body, i, kind, value);
@@ -169,9 +168,9 @@ impl Simulation {
             return false;
         }
         let time = (self.sim_time, self.interval);
-        let Scene { graph, joints, bodies, world, .. } = &mut self.scene;
-        let Some(entry) = graph.active(body).nth(index) else { return false };
-        joints[entry.joint].apply_command(world, bodies, kind, value, time);
+        let Some(&joint) = self.scene.active_joints(body).get(index) else { return false };
+        let Scene { joints, bodies, world, .. } = &mut self.scene;
+        joints[joint].apply_command(world, bodies, kind, value, time);
         true
     }
 
