@@ -1,6 +1,8 @@
 use bullet_sys as sys;
 use nalgebra::Isometry3;
 
+use super::raw_pose;
+
 /// A constraint to be made between bodies A and B.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Constraint {
@@ -95,5 +97,67 @@ impl ConstraintKind {
             _ => sys::AmbReading::AmbReading_None,
         };
         reading as u8
+    }
+}
+
+/// Makes the Bullet constraint; the caller frees it.
+///
+/// # Safety
+/// `a` and `b` are live bodies, different from each other, that outlive the result.
+pub(super) unsafe fn make(
+    a: *mut sys::AmbBody,
+    b: *mut sys::AmbBody,
+    constraint: &Constraint,
+) -> *mut sys::AmbConstraint {
+    let (raw_a, raw_b) = (raw_pose(&constraint.frame_a), raw_pose(&constraint.frame_b));
+    let (frame_a, frame_b) = (raw_a.as_ptr(), raw_b.as_ptr());
+    // SAFETY: the caller vouches for the bodies; frames are 12 doubles, of which a point-to-point joint reads the first three; each
+    // set function is called on the type it casts to.
+    unsafe {
+        match &constraint.kind {
+            ConstraintKind::Hinge { limits } => {
+                let raw = sys::amb_hinge_new(a, b, frame_a, frame_b);
+                if let Some([low, high]) = *limits {
+                    sys::amb_hinge_set_limit(raw, low, high);
+                }
+                raw
+            }
+            ConstraintKind::Slider { limits } => {
+                let raw = sys::amb_slider_new(a, b, frame_a, frame_b);
+                if let Some([low, high]) = *limits {
+                    sys::amb_slider_set_limit(raw, low, high);
+                }
+                sys::amb_slider_lock_rotation(raw);
+                raw
+            }
+            ConstraintKind::Fixed => sys::amb_fixed_new(a, b, frame_a, frame_b),
+            ConstraintKind::PointToPoint => sys::amb_point_to_point_new(a, b, frame_a, frame_b),
+            &ConstraintKind::ConeTwist { swing1, swing2, twist } => {
+                let raw = sys::amb_cone_twist_new(a, b, frame_a, frame_b);
+                sys::amb_cone_twist_set_limit(raw, swing1, swing2, twist);
+                raw
+            }
+            ConstraintKind::SixDof(limits) => {
+                let raw = sys::amb_six_dof_new(a, b, frame_a, frame_b);
+                for (axis, &[low, high]) in (0..).zip(limits) {
+                    sys::amb_six_dof_set_limit(raw, axis, low, high);
+                }
+                raw
+            }
+            ConstraintKind::SixDofSpring { limits, springs } => {
+                let raw = sys::amb_six_dof_spring_new(a, b, frame_a, frame_b);
+                for (axis, (&[low, high], spring)) in (0..).zip(limits.iter().zip(springs)) {
+                    sys::amb_six_dof_spring_set_limit(raw, axis, low, high);
+                    if let Some(spring) = spring {
+                        let enabled = spring.enabled.into();
+                        sys::amb_six_dof_spring_set_spring(raw, axis, enabled, spring.stiffness, spring.damping);
+                        if let Some(equilibrium) = spring.equilibrium {
+                            sys::amb_six_dof_spring_set_equilibrium(raw, axis, equilibrium);
+                        }
+                    }
+                }
+                raw
+            }
+        }
     }
 }

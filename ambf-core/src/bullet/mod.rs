@@ -6,13 +6,15 @@
 
 mod constraint;
 mod kinematics;
+mod method;
 mod shape;
 mod world;
 
 pub use constraint::{Constraint, ConstraintKind, ConstraintParameter, Spring};
 pub use kinematics::BodyKinematics;
+pub use method::{Integrator, Solver};
 pub use shape::{Axis, Shape};
-pub use world::{BodyHandle, ConstraintHandle, Integrator, JointWrench, RigidBody, Solver, World};
+pub use world::{BodyHandle, ConstraintHandle, JointWrench, RigidBody, World};
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 

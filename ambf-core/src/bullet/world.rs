@@ -4,68 +4,14 @@ use bullet_sys as sys;
 use nalgebra::{Isometry3, Vector3};
 use slotmap::{new_key_type, SlotMap};
 
-use super::{pose_of, raw_pose, BodyKinematics, Constraint, ConstraintKind, Shape};
+use super::constraint::make;
+use super::{pose_of, raw_pose, BodyKinematics, Constraint, ConstraintKind, Integrator, Shape, Solver};
 
 new_key_type! {
     /// Names a body of a [`World`].
     pub struct BodyHandle;
     /// Names a constraint of a [`World`].
     pub struct ConstraintHandle;
-}
-
-/// Method that solves contacts and constraints.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Solver {
-    /// Sequential impulses, the default.
-    #[default]
-    SequentialImpulse,
-    /// Nonlinear nonsmooth conjugate gradients.
-    Nncg,
-    /// Dantzig's direct solver of the mixed linear complementarity problem.
-    Dantzig,
-    /// Projected Gauss-Seidel on the mixed linear complementarity problem.
-    ProjectedGaussSeidel,
-    /// Lemke's pivoting solver.
-    Lemke,
-    /// Sequential impulses that start friction from the impulses of the step before, as the Bullet of the C++ program did.
-    WarmFriction,
-}
-
-impl Solver {
-    /// All of them, with the names by which users choose.
-    pub const NAMES: [(&'static str, Self); 6] = [
-        ("si", Self::SequentialImpulse),
-        ("nncg", Self::Nncg),
-        ("dantzig", Self::Dantzig),
-        ("pgs", Self::ProjectedGaussSeidel),
-        ("lemke", Self::Lemke),
-        ("si-warm", Self::WarmFriction),
-    ];
-
-    /// The solver called `name`.
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::NAMES.iter().find(|(known, _)| *known == name).map(|&(_, solver)| solver)
-    }
-}
-
-/// How bodies without contacts and constraints are moved.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Integrator {
-    /// Bullet's semi-implicit Euler, first order in the sub-step. The default.
-    #[default]
-    Euler,
-    /// The same velocities, with positions that are exact under constant force.
-    Ballistic,
-}
-
-impl Integrator {
-    /// Both, with the names by which users choose.
-    pub const NAMES: [(&'static str, Self); 2] = [("euler", Self::Euler), ("ballistic", Self::Ballistic)];
-
-    /// The integrator called `name`.
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::NAMES.iter().find(|(known, _)| *known == name).map(|&(_, integrator)| integrator)
-    }
 }
 
 /// A rigid body to be made. It never sleeps.
@@ -461,62 +407,6 @@ impl World {
 
     fn raw_body(&self, handle: BodyHandle) -> Option<*mut sys::AmbBody> {
         Some(self.bodies.get(handle)?.raw.as_ptr())
-    }
-}
-
-/// # Safety
-/// `a` and `b` are live bodies, different from each other, that outlive the result.
-unsafe fn make(a: *mut sys::AmbBody, b: *mut sys::AmbBody, constraint: &Constraint) -> *mut sys::AmbConstraint {
-    let (raw_a, raw_b) = (raw_pose(&constraint.frame_a), raw_pose(&constraint.frame_b));
-    let (frame_a, frame_b) = (raw_a.as_ptr(), raw_b.as_ptr());
-    // SAFETY: the caller vouches for the bodies; frames are 12 doubles, of which a point-to-point joint reads the first three; each
-    // set function is called on the type it casts to.
-    unsafe {
-        match &constraint.kind {
-            ConstraintKind::Hinge { limits } => {
-                let raw = sys::amb_hinge_new(a, b, frame_a, frame_b);
-                if let Some([low, high]) = *limits {
-                    sys::amb_hinge_set_limit(raw, low, high);
-                }
-                raw
-            }
-            ConstraintKind::Slider { limits } => {
-                let raw = sys::amb_slider_new(a, b, frame_a, frame_b);
-                if let Some([low, high]) = *limits {
-                    sys::amb_slider_set_limit(raw, low, high);
-                }
-                sys::amb_slider_lock_rotation(raw);
-                raw
-            }
-            ConstraintKind::Fixed => sys::amb_fixed_new(a, b, frame_a, frame_b),
-            ConstraintKind::PointToPoint => sys::amb_point_to_point_new(a, b, frame_a, frame_b),
-            &ConstraintKind::ConeTwist { swing1, swing2, twist } => {
-                let raw = sys::amb_cone_twist_new(a, b, frame_a, frame_b);
-                sys::amb_cone_twist_set_limit(raw, swing1, swing2, twist);
-                raw
-            }
-            ConstraintKind::SixDof(limits) => {
-                let raw = sys::amb_six_dof_new(a, b, frame_a, frame_b);
-                for (axis, &[low, high]) in (0..).zip(limits) {
-                    sys::amb_six_dof_set_limit(raw, axis, low, high);
-                }
-                raw
-            }
-            ConstraintKind::SixDofSpring { limits, springs } => {
-                let raw = sys::amb_six_dof_spring_new(a, b, frame_a, frame_b);
-                for (axis, (&[low, high], spring)) in (0..).zip(limits.iter().zip(springs)) {
-                    sys::amb_six_dof_spring_set_limit(raw, axis, low, high);
-                    if let Some(spring) = spring {
-                        let enabled = spring.enabled.into();
-                        sys::amb_six_dof_spring_set_spring(raw, axis, enabled, spring.stiffness, spring.damping);
-                        if let Some(equilibrium) = spring.equilibrium {
-                            sys::amb_six_dof_spring_set_equilibrium(raw, axis, equilibrium);
-                        }
-                    }
-                }
-                raw
-            }
-        }
     }
 }
 
