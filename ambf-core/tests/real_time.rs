@@ -219,7 +219,8 @@ fn the_hub_survives_many_clients_at_once() {
                     .collect();
                 for i in 0..5000 {
                     let force = Vector3::new(0.0, 0.0, f64::from(client * 5000 + i) * 1e-6);
-                    let command = RigidBodyCommand { force, joint_commands: vec![0.0; i as usize % 7], ..Default::default() };
+                    let command =
+                        RigidBodyCommand { force, joint_commands: vec![0.0; i as usize % 7], ..Default::default() };
                     running.hub.post_body(bodies[i as usize % bodies.len()], &command).unwrap();
                     drop(running.hub.snapshot());
                 }

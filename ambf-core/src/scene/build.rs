@@ -281,25 +281,27 @@ impl<'a> Builder<'a> {
         own_names: &NameMap,
     ) -> Result<(usize, Option<String>), String> {
         let qualified = format!("{namespace}{text}");
-        let world = &self.scene.body_names;
-        let attempts = [
-            own_names.find(text),
-            own_names.find(&qualified),
-            world.find(&format!("{qualified}{suffix}")),
-            world.find(text),
-        ];
-        for (step, found) in attempts.iter().enumerate() {
-            let Some(index) = found.index() else { continue };
-            let remark = match (step, found) {
-                // The usual way: the key in the file is part of the qualified identifier of one body.
-                (0, Found::Part(_, key)) if *key == qualified => None,
-                (0, found @ Found::Part(..)) => Some(format!("is {found}")),
-                (0 | 1, _) => None,
-                _ => Some(format!("is taken from another model: `{}`", self.scene.bodies[index].key())),
-            };
-            return Ok((index, remark));
+        // The usual case first, without a search: a key that is `qualified` holds `text`, so that the steps below could only end at it.
+        if let Some(index) = own_names.exact(text).or_else(|| own_names.exact(&qualified)) {
+            return Ok((index, None));
         }
-        let ambiguous = attempts.into_iter().find(|found| matches!(found, Found::Ambiguous(_)));
+        let world = &self.scene.body_names;
+        let with_suffix = format!("{qualified}{suffix}");
+        let steps: [(&NameMap, &str); 4] =
+            [(own_names, text), (own_names, &qualified), (world, &with_suffix), (world, text)];
+        let mut ambiguous = None;
+        for (step, (names, wanted)) in steps.into_iter().enumerate() {
+            let found = names.find(wanted);
+            match found.index() {
+                Some(index) if step < 2 => return Ok((index, Some(format!("is {found}")))),
+                Some(index) => {
+                    let remark = format!("is taken from another model: `{}`", self.scene.bodies[index].key());
+                    return Ok((index, Some(remark)));
+                }
+                None if matches!(found, Found::Ambiguous(_)) => ambiguous = ambiguous.or(Some(found)),
+                None => (),
+            }
+        }
         Err(format!("is {}", ambiguous.unwrap_or(Found::Nothing)))
     }
 

@@ -11,10 +11,30 @@ pub struct Descendant {
     pub passive: bool,
 }
 
+/// Bodies, one bit each.
+#[derive(Debug, Clone, Default)]
+struct BodySet(Vec<u64>);
+
+impl BodySet {
+    /// Enters a body; false when it was there already.
+    fn insert(&mut self, body: usize) -> bool {
+        let (word, bit) = (body / 64, 1 << (body % 64));
+        if self.0.len() <= word {
+            self.0.resize(word + 1, 0);
+        }
+        let is_new = self.0[word] & bit == 0;
+        self.0[word] |= bit;
+        is_new
+    }
+}
+
 #[derive(Debug, Clone, Default)]
 struct Node {
     ancestors: Vec<usize>,
     descendants: Vec<Descendant>,
+    /// What is in the lists: long chains would be searched for ever otherwise.
+    above: BodySet,
+    below: BodySet,
 }
 
 /// Ancestors and descendants of every body, in the order in which joints were made.
@@ -41,16 +61,12 @@ impl BodyGraph {
         let mut above = self.nodes[parent].ancestors.clone();
         above.push(parent);
         for &body in &above {
-            let list = &mut self.nodes[body].descendants;
-            for entry in &below {
-                if list.iter().all(|known| known.body != entry.body) {
-                    list.push(*entry);
-                }
-            }
+            let Node { descendants, below: known, .. } = &mut self.nodes[body];
+            descendants.extend(below.iter().filter(|entry| known.insert(entry.body)));
         }
         for entry in &below {
-            let list = &mut self.nodes[entry.body].ancestors;
-            list.extend(above.iter().filter(|body| !list.contains(body)).copied().collect::<Vec<_>>());
+            let Node { ancestors, above: known, .. } = &mut self.nodes[entry.body];
+            ancestors.extend(above.iter().filter(|&&body| known.insert(body)));
         }
     }
 

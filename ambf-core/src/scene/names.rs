@@ -62,9 +62,14 @@ impl NameMap {
         self.0.insert(format!("{key}{suffix}"), index);
     }
 
+    /// The object whose key is exactly `text`.
+    pub fn exact(&self, text: &str) -> Option<usize> {
+        self.0.get(text).copied()
+    }
+
     /// The object whose key is `text`, else the only one whose key holds `text`.
     pub fn find(&self, text: &str) -> Found {
-        if let Some(&index) = self.0.get(text) {
+        if let Some(index) = self.exact(text) {
             return Found::Exact(index);
         }
         let mut holding = self.0.iter().filter(|(key, _)| key.contains(text));
