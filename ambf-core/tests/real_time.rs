@@ -182,6 +182,19 @@ fn a_wrench_acts_and_a_reset_brings_everything_back() {
 }
 
 #[test]
+fn a_reset_is_seen_while_paused() {
+    let running = Running::start("pendulum.yaml", FIXED);
+    let (_, link) = running.object("Link");
+    let swung = running.wait_for("motion", |state| state.joint_positions[0].abs() > 0.1);
+    running.runner.control().set_paused(true);
+    let held = running.settle();
+    running.hub.request_body_reset();
+    let reset = running.wait_for("the start", |state| state.joint_positions[0].abs() < 1e-9);
+    assert_ne!(reset.bodies[link].origin, swung.bodies[link].origin);
+    assert_eq!((reset.sim_step, reset.sim_time), (held.sim_step, held.sim_time));
+}
+
+#[test]
 fn a_lost_state_pauses_is_named_and_is_never_seen() {
     let running = Running::start("free_bodies.yaml", FIXED);
     let (object, index) = running.object("Box");

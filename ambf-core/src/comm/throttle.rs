@@ -119,6 +119,7 @@ impl StepThrottle {
     /// steps of 0 iterations, which never block.
     pub fn count(&self, counter: &mut u32) -> bool {
         if !self.throttling.load(Ordering::Acquire) {
+            *counter = 0;
             return false;
         }
         *counter += 1;

@@ -90,11 +90,17 @@ impl Link {
 }
 
 impl Simulation {
-    /// Executes the newest commands, then publishes the states. `wall_time` in s.
-    pub(super) fn communicate(&mut self, wall_time: f64, timing: Timing) {
+    /// Executes the newest commands.
+    pub(super) fn execute_commands(&mut self) {
         let Some(mut link) = self.link.take() else { return };
         self.fetch(&mut link);
         self.execute(&mut link);
+        self.link = Some(link);
+    }
+
+    /// Publishes the states. `wall_time` in s.
+    pub(super) fn publish(&mut self, wall_time: f64, timing: Timing) {
+        let Some(mut link) = self.link.take() else { return };
         if link.hub.is_listening() {
             // When readers hold every spare snapshot they see this state one iteration later.
             let hub = Arc::clone(&link.hub);

@@ -195,6 +195,7 @@ impl Simulation {
         if !was_finite {
             world.recover();
         }
+        self.scene.observe_joints(0.0, &mut self.joint_buffer);
     }
 
     /// Returns every object to its initial state. Time goes on; commands stay in force. The accurate profile also clears the memory of

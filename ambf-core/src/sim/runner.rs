@@ -213,7 +213,8 @@ impl PhysicsLoop {
         self.hold_for_clients();
         let resumed = Instant::now();
         let wall = self.start.elapsed();
-        self.simulation.communicate(wall.as_secs_f64(), self.timing());
+        self.simulation.execute_commands();
+        self.publish(wall);
         let cost = stepped + resumed.elapsed();
         self.statistics.record(wall, cost);
         if !self.options.fixed_step {
@@ -249,8 +250,13 @@ impl PhysicsLoop {
         }
     }
 
-    /// A reset also ends the pause that a non-finite state made.
+    fn publish(&mut self, wall: Duration) {
+        self.simulation.publish(wall.as_secs_f64(), self.timing());
+    }
+
+    /// A reset is seen at once, also while paused or throttled. It ends the pause that a non-finite state made.
     fn resume_after_reset(&mut self) {
+        self.publish(self.start.elapsed());
         if std::mem::take(&mut self.lost) {
             self.control.set_paused(false);
         }
