@@ -49,6 +49,8 @@ void amb_constraint_enable_feedback(AmbConstraint *constraint);
 /* Force on A, torque on A, force on B, torque on B (12), world axes, of the last sub-step; zero without feedback. */
 void amb_constraint_feedback(const AmbConstraint *constraint, double out[12]);
 
+/* Brings positions that are otherwise as of the last solver pass up to the present poses. */
+void amb_constraints_refresh(AmbConstraint *const *constraints, int n);
 /* Reads one scalar a constraint into out (n x 1); readings: enum AmbReading. */
 void amb_constraints_read(AmbConstraint *const *constraints, const unsigned char *readings, int n, double *out);
 

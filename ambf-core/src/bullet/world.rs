@@ -316,6 +316,13 @@ impl World {
         }
     }
 
+    /// Brings what [`read_constraints`](Self::read_constraints) gives up to the present poses: the position of a slider is otherwise that
+    /// of the last solver pass. For use after poses were set.
+    pub fn refresh_constraints(&mut self) {
+        // SAFETY: the list holds live constraints only, whose bodies are alive.
+        unsafe { sys::amb_constraints_refresh(self.constraint_list.as_ptr(), self.constraint_list.len() as i32) }
+    }
+
     /// Switches the motor of a hinge (velocity in rad/s, `max` the largest impulse a sub-step, N·m·s) or slider (m/s, largest force,
     /// N). False for other constraints.
     pub fn set_motor(&mut self, handle: ConstraintHandle, enabled: bool, velocity: f64, max: f64) -> bool {

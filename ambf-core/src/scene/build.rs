@@ -97,6 +97,7 @@ impl<'a> Builder<'a> {
         let active = |body| graph.active(body).map(|entry| entry.joint).collect();
         self.scene.active_joints = (0..self.scene.bodies.len()).map(active).collect();
         let mut buffer = vec![0.0; self.scene.world.constraints().len()];
+        self.scene.world.refresh_constraints();
         self.scene.observe_joints(0.0, &mut buffer);
         (self.scene, self.notes)
     }

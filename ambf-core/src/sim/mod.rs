@@ -195,6 +195,7 @@ impl Simulation {
         if !was_finite {
             world.recover();
         }
+        self.scene.world.refresh_constraints();
         self.scene.observe_joints(0.0, &mut self.joint_buffer);
     }
 
