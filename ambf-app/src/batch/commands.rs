@@ -42,22 +42,26 @@ struct TimedCommand {
 pub struct Commands(Vec<TimedCommand>);
 
 impl Commands {
-    /// Reads the text of `file`; `bodies` are the names that may be addressed, by index.
+    /// Reads the text of `file`; `bodies` are the names that may be addressed, by index, and `active_joints` says how many joints a
+    /// body commands.
     ///
     /// # Errors
     /// [`CommandError`] for the first line that cannot be used.
-    pub fn parse(text: &str, file: &str, bodies: &[String]) -> Result<Self, CommandError> {
+    pub fn parse(
+        text: &str,
+        file: &str,
+        bodies: &[String],
+        active_joints: impl Fn(usize) -> usize,
+    ) -> Result<Self, CommandError> {
         let mut commands = Vec::new();
         for (number, line) in text.lines().enumerate() {
             let line = line.split('#').next().unwrap_or_default().trim();
             if line.is_empty() {
                 continue;
             }
-            let command = parse_line(line, bodies).map_err(|message| CommandError {
-                file: file.into(),
-                line: number + 1,
-                message,
-            })?;
+            let command = parse_line(line, bodies)
+                .and_then(|command| command.check(&active_joints))
+                .map_err(|message| CommandError { file: file.into(), line: number + 1, message })?;
             commands.push(command);
         }
         Ok(Self(commands))
@@ -76,6 +80,23 @@ impl Commands {
                 Action::Twist(linear, angular) => simulation.set_velocity(command.body, linear, angular),
                 Action::Pose(position, orientation) => simulation.follow_pose(command.body, position, orientation),
             }
+        }
+    }
+}
+
+impl TimedCommand {
+    /// Refuses what would never do anything.
+    fn check(self, active_joints: impl Fn(usize) -> usize) -> Result<Self, String> {
+        if self.steps.is_empty() {
+            return Err(format!("the range ends at {} before it begins at {}", self.steps.end(), self.steps.start()));
+        }
+        let Action::Joint { index, .. } = self.action else { return Ok(self) };
+        match active_joints(self.body) {
+            0 => Err("the body has no active joint to command".into()),
+            known if index >= known => {
+                Err(format!("there is no joint {index}: the body has {known} active joint(s), counted from 0"))
+            }
+            _ => Ok(self),
         }
     }
 }
@@ -127,19 +148,19 @@ mod tests {
     use super::*;
 
     fn parse(text: &str) -> Result<Commands, CommandError> {
-        Commands::parse(text, "c.txt", &["Base".into(), "Link".into()])
+        Commands::parse(text, "c.txt", &["Base".into(), "Link".into()], |body| 7 * (1 - body))
     }
 
     #[test]
     fn every_kind_is_read() {
-        let text = "# comment\n1|30|J|Link|0 2 2.5 # after\n0|5|JS|Base|6 1 0.0 0.5 0.5\n\n1|1|WR|Base|1 2 3 4 5 6\n\
+        let text = "# comment\n1|30|J|Base|0 2 2.5 # after\n0|5|JS|Base|6 1 0.0 0.5 0.5\n\n1|1|WR|Base|1 2 3 4 5 6\n\
                     1|1|TW|Base|1 2 3 4 5 6\n1|1|POSE|Base|0 0 1 0 0 0 1\n";
         let commands = parse(text).unwrap();
         assert_eq!(commands.0.len(), 5);
         assert_eq!(commands.0[0].steps, 1..=30);
         let expected =
             Action::Joint { index: 0, kind: JointCommandType::Velocity, offset: 2.5, amplitude: 0.0, frequency: 0.0 };
-        assert_eq!((commands.0[0].body, &commands.0[0].action), (1, &expected));
+        assert_eq!((commands.0[0].body, &commands.0[0].action), (0, &expected));
     }
 
     #[test]
@@ -149,6 +170,9 @@ mod tests {
             ("1|2|J|Base|0 1", "3 numbers"),
             ("1|2|J|Base|0 9 1", "type"),
             ("1|2|J|Base|-1 1 1", "index"),
+            ("1|2|J|Base|7 1 1", "no joint 7"),
+            ("1|2|J|Link|0 1 1", "no active joint"),
+            ("2|1|J|Base|0 1 1", "before"),
             ("1|2|WR|Base|1 2 3 nan 5 6", "finite"),
             ("1|x|J|Base|0 1 0", "step number"),
             ("1|2|FLY|Base|1", "FLY"),
