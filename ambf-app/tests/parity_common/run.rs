@@ -1,0 +1,105 @@
+//! Runs of our program, recorded like the traces.
+
+use ambf_app::batch::Commands;
+use ambf_core::bullet::BodyKinematics;
+use ambf_core::scene::{load, Loaded, Scene, SceneOptions};
+use ambf_core::sim::Simulation;
+use nalgebra::Vector3;
+
+use super::reference::{BodyState, Case, JointState, Table};
+
+/// How a run starts.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Start {
+    AsWritten,
+    /// The first dynamic body stands so far (m) along x from where it should.
+    Shifted(f64),
+}
+
+/// A run of a scene.
+pub struct Recording {
+    pub bodies: Table<BodyState>,
+    pub joints: Table<JointState>,
+    /// First step after which there was a contact point.
+    pub first_contact: Option<u64>,
+}
+
+/// The scene of a trace, built without a complaint.
+pub fn load_case(case: &Case) -> Scene {
+    let Loaded { scene, report } = load(&case.files, &SceneOptions::default());
+    assert_eq!(report.errors(), 0, "{report}");
+    scene
+}
+
+/// Runs a scene as `ambf_batch` does and records it at `steps`, which are in rising order.
+pub fn simulate(case: &Case, steps: &[u64], start: Start) -> Recording {
+    let mut scene = load_case(case);
+    if let Start::Shifted(distance) = start {
+        let body = scene.bodies.iter().position(|body| body.mass > 0.0).expect("a dynamic body");
+        let handle = scene.world.bodies()[body];
+        let mut pose = scene.world.pose(handle).expect("a live body");
+        pose.translation.x += distance;
+        scene.world.set_pose(handle, &pose);
+    }
+    let mut simulation = Simulation::new(scene, 0.001);
+    let names = simulation.scene().unique_body_names();
+    let commands = match &case.commands {
+        Some(file) => {
+            let text = std::fs::read_to_string(file).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
+            let joints = |body| simulation.scene().graph.active(body).count();
+            Commands::parse(&text, &file.display().to_string(), &names, joints)
+                .unwrap_or_else(|error| panic!("{error}"))
+        }
+        None => Commands::default(),
+    };
+    let mut recording = Recording {
+        bodies: Table { names, rows: Vec::new() },
+        joints: Table { names: Vec::new(), rows: Vec::new() },
+        first_contact: None,
+    };
+    recording.joints.names = simulation.scene().joints.iter().map(|joint| joint.name.clone()).collect();
+    let mut wanted = steps.iter().copied().peekable();
+    commands.apply(&mut simulation, 0);
+    for step in 0..=case.steps {
+        if step > 0 {
+            simulation.update(0.001).unwrap_or_else(|error| panic!("{}: {error}", case.name));
+        }
+        if recording.first_contact.is_none() && simulation.scene().world.contact_count() > 0 {
+            recording.first_contact = Some(step);
+        }
+        if wanted.next_if_eq(&step).is_some() {
+            record(&simulation, step, &mut recording);
+        }
+        if step > 0 {
+            commands.apply(&mut simulation, step);
+        }
+    }
+    assert_eq!(wanted.next(), None, "{}: more rows than steps", case.name);
+    recording
+}
+
+fn record(simulation: &Simulation, step: u64, recording: &mut Recording) {
+    let (scene, time) = (simulation.scene(), simulation.sim_time());
+    let mut states = vec![BodyKinematics::default(); scene.bodies.len()];
+    scene.world.read_bodies(&mut states);
+    let bodies = scene.bodies.iter().zip(&states).map(|(body, state)| {
+        let pose = state.body_pose(&body.inertial_offset_inverse);
+        BodyState {
+            position: pose.translation.vector,
+            rotation: pose.rotation.into_inner(),
+            linear: Vector3::from(state.linear_velocity),
+            angular: Vector3::from(state.angular_velocity),
+        }
+    });
+    recording.bodies.rows.push((step, time, bodies.collect()));
+    let names = &recording.bodies.names;
+    let joints = scene.joints.iter().map(|joint| JointState {
+        kind: joint.joint_type.code(),
+        parent: names[joint.parent].clone(),
+        child: names[joint.child].clone(),
+        position: joint.position,
+        velocity: joint.velocity,
+        effort: joint.effort,
+    });
+    recording.joints.rows.push((step, time, joints.collect()));
+}
