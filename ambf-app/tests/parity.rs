@@ -2,12 +2,46 @@
 
 mod parity_common;
 
+use std::ops::RangeInclusive;
 use std::thread;
 
+use nalgebra::Vector3;
 use parity_common::{
-    at_rest, bodies, cases, compare_bodies, compare_joints, joints, load_case, meta, shared, simulate, Case, Quantity,
-    Start,
+    apart_at_end, at_rest, bodies, cases, compare_bodies, compare_joints, joints, load_case, meta, shared, simulate,
+    Case, Quantity, Recording, Start, SHIFTS,
 };
+use Quantity::{Angular, JointEffort, JointPosition, JointVelocity, Linear, Position, Rotation};
+
+/// Before the first contact. Position and rotation are the contract's; the others allow that much to build up in 0.1 s, where at most a
+/// twentieth of it was seen (a cone twist joint, whose rows turn with every rounding error).
+const FREE: [(Quantity, f64); 7] = [
+    (Position, 1e-8),
+    (Rotation, 1e-7),
+    (Linear, 1e-7),
+    (Angular, 1e-6),
+    (JointPosition, 1e-8),
+    (JointVelocity, 1e-6),
+    (JointEffort, 1e-8),
+];
+
+/// In the first 100 steps, and in the 100 after the first contact. Position is the contract's. Rotation moves a point 0.1 m away as far,
+/// and a velocity is one that gets there in a step: between two steps of a contact that is all that is known.
+const CONTACT: [(Quantity, f64); 7] = [
+    (Position, 1e-5),
+    (Rotation, 1e-4),
+    (Linear, 1e-2),
+    (Angular, 1e-1),
+    (JointPosition, 1e-4),
+    (JointVelocity, 1e-1),
+    (JointEffort, 1e-1),
+];
+
+/// Bodies at rest at the end, m.
+const REST: f64 = 2e-3;
+
+/// Traces in which nothing touches anything.
+const CONTACT_FREE: [&str; 7] =
+    ["pendulum", "pendulum_pos", "chain", "joints", "psm_free", "kuka_free", "parallel_structure"];
 
 /// The cases that can be compared; none, and a word about it, where the test data is absent.
 fn comparable() -> Vec<Case> {
@@ -33,25 +67,121 @@ fn for_each(cases: &[Case], check: impl Fn(&Case) -> Vec<String> + Sync) {
     assert!(complaints.is_empty(), "\n{}", complaints.join("\n"));
 }
 
-#[test]
-fn explore() {
-    for_each(&comparable(), |case| {
-        let (b, j) = (bodies(case), joints(case));
-        let steps: Vec<_> = b.rows.iter().map(|row| row.0).collect();
-        let ours = simulate(case, &steps, Start::AsWritten);
-        let mut out = format!("{} contact {:?}\n", case.name, ours.first_contact);
-        for range in [0..=100, 0..=u64::MAX] {
-            for q in [Quantity::Position, Quantity::Rotation, Quantity::Linear, Quantity::Angular] {
-                out += &format!("   {q:?} {:?}\n", compare_bodies(&ours.bodies, &b, q, range.clone()));
+fn run(case: &Case, start: Start) -> Recording {
+    let steps: Vec<_> = bodies(case).rows.iter().map(|row| row.0).collect();
+    simulate(case, &steps, start)
+}
+
+fn compare(case: &Case, ours: &Recording, limits: &[(Quantity, f64)], range: RangeInclusive<u64>) -> Vec<String> {
+    let (their_bodies, their_joints) = (bodies(case), joints(case));
+    let mut complaints = Vec::new();
+    for &(quantity, limit) in limits {
+        let worst = match quantity {
+            Position | Rotation | Linear | Angular => {
+                compare_bodies(&ours.bodies, &their_bodies, quantity, range.clone())
             }
-            for q in [Quantity::JointPosition, Quantity::JointVelocity, Quantity::JointEffort] {
-                if !j.names.is_empty() {
-                    out += &format!("   {q:?} {:?}\n", compare_joints(&ours.joints, &j, q, range.clone()));
-                }
+            _ if their_joints.names.is_empty() && ours.joints.names.is_empty() => continue,
+            _ => compare_joints(&ours.joints, &their_joints, quantity, range.clone()),
+        };
+        if worst.difference.is_nan() || worst.difference > limit {
+            complaints.push(format!("{quantity:?} in steps {range:?}: {worst:?} is above {limit:e}"));
+        }
+    }
+    complaints
+}
+
+#[test]
+fn motion_is_the_same_up_to_rounding() {
+    for_each(&comparable(), |case| {
+        let ours = run(case, Start::AsWritten);
+        let mut complaints = Vec::new();
+        if CONTACT_FREE.contains(&case.name.as_str()) && ours.first_contact.is_some() {
+            complaints.push(format!("contact in step {:?}", ours.first_contact));
+        }
+        match ours.first_contact {
+            None => complaints.extend(compare(case, &ours, &FREE, 0..=case.steps)),
+            Some(touch) => {
+                complaints.extend(compare(case, &ours, &FREE, 0..=touch.saturating_sub(1)));
+                complaints.extend(compare(case, &ours, &CONTACT, 0..=100));
+                complaints.extend(compare(case, &ours, &CONTACT, touch..=touch + 100));
             }
         }
-        out += &format!("   rest {:?}\n", at_rest(&ours.bodies, &b));
-        println!("{out}");
-        vec![]
+        complaints
+    });
+}
+
+/// Contacts make some scenes chaotic: what the last digit of the start decides cannot be compared. So a later difference from the trace
+/// is accepted only as far as runs of ours whose starts differ by a shift of at most 1e-12 m come apart themselves.
+#[test]
+fn later_differences_are_no_greater_than_those_of_an_invisible_shift() {
+    for_each(&comparable(), |case| {
+        let (ours, theirs) = (run(case, Start::AsWritten), bodies(case));
+        let mut resting = at_rest(&theirs);
+        resting.retain(|name| apart_at_end(&ours.bodies, &theirs, name) > REST);
+        let all = compare_bodies(&ours.bodies, &theirs, Position, 0..=case.steps);
+        if resting.is_empty() && all.difference <= 1e-5 {
+            return Vec::new();
+        }
+        let shifted: Vec<_> = SHIFTS.iter().map(|&shift| run(case, Start::Shifted(shift))).collect();
+        let largest = |of: &dyn Fn(&Recording) -> f64| shifted.iter().map(of).fold(0.0, f64::max);
+        let mut complaints = Vec::new();
+        for name in resting {
+            let apart = apart_at_end(&ours.bodies, &theirs, name);
+            let spread = largest(&|run| apart_at_end(&ours.bodies, &run.bodies, name));
+            if apart > spread {
+                complaints.push(format!("`{name}` rests {apart} m away; shifted starts move it by {spread} m only"));
+            }
+        }
+        let spread = largest(&|run| compare_bodies(&ours.bodies, &run.bodies, Position, 0..=case.steps).difference);
+        // Six runs are a small sample.
+        if all.difference.is_nan() || all.difference > 3.0 * spread {
+            complaints.push(format!("{all:?}; shifted starts come {spread} m apart only"));
+        }
+        complaints
+    });
+}
+
+fn equal(found: f64, expected: f64) -> bool {
+    (found - expected).abs() <= 1e-9 * expected.abs()
+}
+
+fn vectors_equal(found: &Vector3<f64>, expected: &Vector3<f64>) -> bool {
+    (found - expected).norm() <= 1e-9 * expected.norm()
+}
+
+#[test]
+fn descriptions_become_the_same_bodies_and_joints() {
+    for_each(&comparable(), |case| {
+        let scene = load_case(case);
+        let names = scene.unique_body_names();
+        let (bodies, mut joints) = meta(case);
+        let mut complaints = Vec::new();
+        if bodies.len() != scene.bodies.len() {
+            complaints.push(format!("{} bodies instead of {}", scene.bodies.len(), bodies.len()));
+        }
+        for expected in &bodies {
+            let Some(index) = names.iter().position(|name| *name == expected.name) else {
+                complaints.push(format!("no body `{}`", expected.name));
+                continue;
+            };
+            let body = &scene.bodies[index];
+            let active = scene.graph.active(index);
+            let active: Vec<_> = active.map(|e| (scene.joints[e.joint].name.clone(), names[e.body].clone())).collect();
+            let same = equal(body.mass, expected.mass)
+                && vectors_equal(&body.inertia, &expected.inertia)
+                && vectors_equal(&body.inertial_offset.translation.vector, &expected.inertial_offset)
+                && body.passive == expected.passive
+                && active == expected.active_joints;
+            if !same {
+                complaints.push(format!("{body:?}\nwith {active:?} instead of {expected:?}"));
+            }
+        }
+        let mut ours: Vec<_> = scene.joints.iter().map(|j| (j.name.clone(), j.joint_type.code())).collect();
+        ours.sort();
+        joints.sort();
+        if ours != joints {
+            complaints.push(format!("joints {ours:?} instead of {joints:?}"));
+        }
+        complaints
     });
 }

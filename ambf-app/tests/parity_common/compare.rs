@@ -117,20 +117,24 @@ pub fn compare_joints(
     worst
 }
 
-/// Difference (m) at the end of bodies that stand still there in `theirs`: over the last 100 steps no speed above 1 mm/s or 10 mrad/s.
-/// `None` when nothing that can move stands still.
-pub fn at_rest(ours: &Table<BodyState>, theirs: &Table<BodyState>) -> Option<Worst> {
-    let places = places(ours, theirs);
-    let (first, last) = (theirs.rows.first()?, theirs.rows.last()?);
-    let late: Vec<_> = theirs.rows.iter().filter(|row| row.0 + 100 >= last.0).collect();
-    let mut worst: Option<Worst> = None;
-    for (i, name) in theirs.names.iter().enumerate() {
-        let stands = late.iter().all(|row| row.2[i].linear.norm() < 1e-3 && row.2[i].angular.norm() < 1e-2);
-        let moved = theirs.rows.iter().any(|row| row.2[i] != first.2[i]);
-        if stands && moved {
-            let apart = difference(&ours.rows.last()?.2[places[i]], &last.2[i], Quantity::Position);
-            worst.get_or_insert_default().take(apart, last.0, name);
-        }
-    }
-    worst
+/// Names of the bodies that have moved and stand still at the end: over the last 100 steps no speed above 1 mm/s or 10 mrad/s.
+pub fn at_rest(table: &Table<BodyState>) -> Vec<&str> {
+    let (Some(first), Some(last)) = (table.rows.first(), table.rows.last()) else { return Vec::new() };
+    let late: Vec<_> = table.rows.iter().filter(|row| row.0 + 100 >= last.0).collect();
+    let is_still = |state: &BodyState| state.linear.norm() < 1e-3 && state.angular.norm() < 1e-2;
+    let rests =
+        |&i: &usize| late.iter().all(|row| is_still(&row.2[i])) && table.rows.iter().any(|row| row.2[i] != first.2[i]);
+    (0..table.names.len()).filter(rests).map(|i| table.names[i].as_str()).collect()
+}
+
+/// How far (m) a body ends from where it ends in the other recording.
+///
+/// # Panics
+/// When one of the recordings does not know it.
+pub fn apart_at_end(ours: &Table<BodyState>, theirs: &Table<BodyState>, name: &str) -> f64 {
+    let end = |table: &Table<BodyState>| {
+        let place = table.names.iter().position(|known| known == name).unwrap_or_else(|| panic!("no `{name}`"));
+        table.rows.last().expect("rows").2[place]
+    };
+    difference(&end(ours), &end(theirs), Quantity::Position)
 }

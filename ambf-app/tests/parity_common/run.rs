@@ -12,7 +12,7 @@ use super::reference::{BodyState, Case, JointState, Table};
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Start {
     AsWritten,
-    /// The first dynamic body stands so far (m) along x from where it should.
+    /// Dynamic bodies stand so far (m) along x from where they should, by turns forwards and backwards.
     Shifted(f64),
 }
 
@@ -35,11 +35,13 @@ pub fn load_case(case: &Case) -> Scene {
 pub fn simulate(case: &Case, steps: &[u64], start: Start) -> Recording {
     let mut scene = load_case(case);
     if let Start::Shifted(distance) = start {
-        let body = scene.bodies.iter().position(|body| body.mass > 0.0).expect("a dynamic body");
-        let handle = scene.world.bodies()[body];
-        let mut pose = scene.world.pose(handle).expect("a live body");
-        pose.translation.x += distance;
-        scene.world.set_pose(handle, &pose);
+        let dynamic = (0..scene.bodies.len()).filter(|&body| scene.bodies[body].mass > 0.0);
+        for (count, body) in dynamic.collect::<Vec<_>>().into_iter().enumerate() {
+            let handle = scene.world.bodies()[body];
+            let mut pose = scene.world.pose(handle).expect("a live body");
+            pose.translation.x += if count % 2 == 0 { distance } else { -distance };
+            scene.world.set_pose(handle, &pose);
+        }
     }
     let mut simulation = Simulation::new(scene, 0.001);
     let names = simulation.scene().unique_body_names();
