@@ -152,7 +152,7 @@ fn vectors_equal(found: &Vector3<f64>, expected: &Vector3<f64>) -> bool {
 #[test]
 fn descriptions_become_the_same_bodies_and_joints() {
     for_each(&comparable(), |case| {
-        let scene = load_case(case);
+        let scene = load_case(case, Start::AsWritten);
         let names = scene.unique_body_names();
         let (bodies, mut joints) = meta(case);
         let mut complaints = Vec::new();

@@ -2,14 +2,16 @@
 //!
 //! The traces are optional test data in `../shared`, beside the repository. `traces/README.md` there says which scene and which
 //! commands each of them was recorded with.
-#![allow(dead_code, missing_docs)]
+#![allow(dead_code, unused_imports, missing_docs)]
 
 mod compare;
 mod reference;
 mod run;
 
 pub use compare::{apart_at_end, at_rest, compare_bodies, compare_joints, Quantity};
-pub use reference::{bodies, cases, joints, meta, shared, Case};
+pub use reference::{bodies, cases, joints, meta, shared, BodyState, Case, Table};
+/// Bodies of a trace or a run.
+pub type Bodies = Table<BodyState>;
 pub use run::{load_case, simulate, Recording, Start};
 
 /// Shifts (m) of the start whose effect shows how predictable a scene is. Far below what any file or clock can tell.

@@ -1,19 +1,21 @@
 //! Runs of our program, recorded like the traces.
 
 use ambf_app::batch::Commands;
-use ambf_core::bullet::BodyKinematics;
+use ambf_core::bullet::{BodyKinematics, Solver};
 use ambf_core::scene::{load, Loaded, Scene, SceneOptions};
 use ambf_core::sim::Simulation;
 use nalgebra::Vector3;
 
 use super::reference::{BodyState, Case, JointState, Table};
 
-/// How a run starts.
+/// How a run is started.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Start {
     AsWritten,
     /// Dynamic bodies stand so far (m) along x from where they should, by turns forwards and backwards.
     Shifted(f64),
+    /// As written, but friction starts from nothing in each step, as Bullet 3 does it.
+    ColdFriction,
 }
 
 /// A run of a scene.
@@ -25,15 +27,19 @@ pub struct Recording {
 }
 
 /// The scene of a trace, built without a complaint.
-pub fn load_case(case: &Case) -> Scene {
-    let Loaded { scene, report } = load(&case.files, &SceneOptions::default());
+pub fn load_case(case: &Case, start: Start) -> Scene {
+    let mut options = SceneOptions::default();
+    if start == Start::ColdFriction {
+        options.physics.solver = Some(Solver::SequentialImpulse);
+    }
+    let Loaded { scene, report } = load(&case.files, &options);
     assert_eq!(report.errors(), 0, "{report}");
     scene
 }
 
 /// Runs a scene as `ambf_batch` does and records it at `steps`, which are in rising order.
 pub fn simulate(case: &Case, steps: &[u64], start: Start) -> Recording {
-    let mut scene = load_case(case);
+    let mut scene = load_case(case, start);
     if let Start::Shifted(distance) = start {
         let dynamic = (0..scene.bodies.len()).filter(|&body| scene.bodies[body].mass > 0.0);
         for (count, body) in dynamic.collect::<Vec<_>>().into_iter().enumerate() {
