@@ -1,0 +1,118 @@
+//! Who collides with whom.
+
+mod physics_common;
+
+use physics_common::{close, Bench, HEAVY};
+
+/// A box 5 mm above a slab whose top is at z = 0; `SLAB` and `BOX` are further keys of either, `MODEL` of the model.
+const SCENE: &str = "bodies: [BODY Slab, BODY Box]\nMODEL\n\
+    BODY Slab: {name: Slab, mass: 0, location: {position: {x: 0, y: 0, z: -0.05}}, collision shape: Box, \
+    collision geometry: {x: 2, y: 2, z: 0.1}SLAB}\n\
+    BODY Box: {name: Box, mass: 1, location: {position: {x: 0, y: 0, z: 0.105}}, collision shape: Box, restitution: 0, \
+    collision geometry: {x: 0.2, y: 0.2, z: 0.2}BOX}\n";
+
+fn height_after_a_second(model: &str, slab: &str, falling: &str) -> f64 {
+    let text = SCENE.replace("MODEL", model).replace("SLAB", slab).replace("BOX", falling);
+    let mut bench = Bench::new(HEAVY, &text);
+    bench.steps(1000);
+    bench.position("Box").z
+}
+
+#[track_caller]
+fn rests(height: f64) {
+    close(height, 0.1, 1e-3);
+}
+
+#[track_caller]
+fn falls(height: f64) {
+    assert!(height < -4.0, "{height}");
+}
+
+#[test]
+fn bodies_collide_unless_told_otherwise() {
+    rests(height_after_a_second("", "", ""));
+    rests(height_after_a_second("ignore inter-collision: false", "", ""));
+    falls(height_after_a_second("ignore inter-collision: true", "", ""));
+}
+
+#[test]
+fn bodies_collide_if_they_share_a_group_or_one_has_none() {
+    let groups = |list: &str| format!(", collision groups: [{list}]");
+    for (slab, falling, is_held) in [
+        ("1", "1", true),
+        ("1", "2", false),
+        ("1, 2", "2, 3", true),
+        ("1, 4", "2, 3", false),
+        ("0", "999", false),
+        ("", "7", true),
+    ] {
+        let slab = if slab.is_empty() { String::new() } else { groups(slab) };
+        let height = height_after_a_second("", &slab, &groups(falling));
+        if is_held {
+            rests(height)
+        } else {
+            falls(height)
+        }
+    }
+}
+
+#[test]
+fn groups_hold_between_models() {
+    let [slab, falling]: [String; 2] = std::array::from_fn(|i| {
+        let text = SCENE.replace("MODEL", "").replace("SLAB", "").replace("BOX", "");
+        let lines: Vec<_> = text.lines().collect();
+        let name = ["BODY Slab", "BODY Box"][i];
+        let line = lines.iter().find(|line| line.starts_with(&format!("{name}:"))).expect("the body");
+        format!("bodies: [{name}]\n{}, collision groups: [G]}}\n", line.trim_end_matches('}'))
+    });
+    for (group, is_held) in [("5", true), ("6", false)] {
+        // The last brace of the geometry was cut off as well.
+        let close_geometry = |text: &str, group: &str| {
+            text.replace(", collision groups: [G]", &format!("}}, collision groups: [{group}]"))
+        };
+        let models = [close_geometry(&slab, "5"), close_geometry(&falling, group)];
+        let loaded = physics_common::load_texts(HEAVY, &[&models[0], &models[1]]);
+        assert_eq!(loaded.report.errors(), 0, "{}", loaded.report);
+        let mut bench = Bench(ambf_core::sim::Simulation::new(loaded.scene, physics_common::DT));
+        bench.steps(1000);
+        let height = bench.position("Box").z;
+        if is_held {
+            rests(height)
+        } else {
+            falls(height)
+        }
+    }
+}
+
+#[test]
+fn a_joint_lets_its_bodies_overlap_unless_told_otherwise() {
+    // Two overlapping boxes on a common axis; a push apart would turn the free one.
+    let text = |key: &str| {
+        format!(
+            "bodies: [BODY A, BODY B]\njoints: [J]\n\
+             BODY A: {{name: A, mass: 0, collision shape: Box, collision geometry: {{x: 0.2, y: 0.2, z: 0.2}}}}\n\
+             BODY B: {{name: B, mass: 1, location: {{position: {{x: 0.15, y: 0.02, z: 0}}}}, collision shape: Box, \
+             collision geometry: {{x: 0.2, y: 0.2, z: 0.2}}}}\n\
+             J: {{name: J, parent: BODY A, child: BODY B, type: prismatic, parent axis: {{x: 1, y: 0, z: 0}}, \
+             child axis: {{x: 1, y: 0, z: 0}}, parent pivot: {{x: 0.15, y: 0.02, z: 0}}, child pivot: {{x: 0, y: 0, z: 0}}, \
+             joint limits: {{low: -1, high: 1}}{key}}}\n"
+        )
+    };
+    let moved = |key: &str| {
+        let mut bench = Bench::new("gravity: {x: 0, y: 0, z: 0}\n", &text(key));
+        bench.steps(500);
+        bench.position("B").x - 0.15
+    };
+    close(moved(""), 0.0, 1e-9);
+    close(moved(", ignore inter-collision: true"), 0.0, 1e-9);
+    assert!(moved(", ignore inter-collision: false") > 0.03);
+}
+
+#[test]
+fn static_bodies_do_not_collide_with_each_other() {
+    let text = SCENE.replace("MODEL", "").replace("SLAB", "").replace("BOX", "").replace("mass: 1", "mass: 0");
+    let mut bench = Bench::new(HEAVY, &text.replace("z: 0.105", "z: 0.0"));
+    bench.steps(10);
+    assert_eq!(bench.0.scene().world.contact_count(), 0);
+    assert_eq!(bench.position("Box").z, 0.0);
+}
