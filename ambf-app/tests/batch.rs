@@ -24,7 +24,7 @@ fn traces_have_the_agreed_columns_and_give_every_number_back() {
         // The last step is written although 3 does not divide 7.
         assert_eq!(csv.distinct("sim_step"), ["0", "3", "6", "7"]);
     }
-    assert_eq!(bodies.distinct("body"), ["Base", "Link", "Plane"], "sorted by name");
+    assert_eq!(bodies.distinct("body"), ["Base", "Link", "Plane"], "sorted by identifier");
     for line in &bodies.lines {
         let (step, time): (f64, f64) = (line[0].parse().unwrap(), line[1].parse().unwrap());
         close(time, step * 0.001, 1e-15);
@@ -135,7 +135,7 @@ fn names_that_occur_twice_get_suffixes() {
         "-a ball.yaml,twins.yaml,ball.yaml,ball.yaml --world world.yaml --steps 1 --trace t --commands commands.txt",
     );
     let csv = folder.csv("t_bodies.csv");
-    assert_eq!(csv.distinct("body"), ["Ball", "Ball1", "Ball2", "Twin", "Twin1"]);
+    assert_eq!(csv.distinct("body"), ["Twin", "Twin1", "Ball", "Ball1", "Ball2"], "BODY A comes first");
     assert_eq!(csv.at(0, "Ball1", "vx"), 1.0);
     assert_eq!(csv.at(0, "Ball", "vx"), 0.0);
 }
@@ -240,6 +240,20 @@ fn a_bad_command_is_status_2_with_its_line() {
         assert_eq!(ran.status, 2, "{line}: {ran:?}");
         assert!(ran.stderr.contains("commands.txt:3:") && ran.stderr.contains(part), "{line}: {ran:?}");
     }
+}
+
+#[test]
+fn a_scene_with_a_dropped_body_runs_and_is_status_2() {
+    let folder = Folder::new();
+    folder.write("world.yaml", "gravity: {x: 0, y: 0, z: -10}\n");
+    folder.write(
+        "model.yaml",
+        &(BALL.replace("[BODY Ball]", "[BODY Ball, BODY Bad]") + "BODY Bad: {name: Bad, mass: -1}\n"),
+    );
+    let ran = folder.run("-a model.yaml --world world.yaml --steps 10 --trace t --json");
+    assert_eq!(ran.status, 2, "{ran:?}");
+    assert!(ran.stderr.contains("model.yaml:3") && ran.stdout.contains("\"bodies\":1,"), "{ran:?}");
+    assert_eq!(folder.csv("t_bodies.csv").distinct("body"), ["Ball"]);
 }
 
 #[test]

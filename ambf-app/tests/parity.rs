@@ -3,8 +3,10 @@
 mod parity_common;
 
 use std::ops::RangeInclusive;
+use std::process::Command;
 use std::thread;
 
+use ambf_core::scene::Body;
 use nalgebra::Vector3;
 use parity_common::{
     apart_at_end, at_rest, bodies, cases, compare_bodies, compare_joints, joints, load_case, meta, shared, simulate,
@@ -141,6 +143,50 @@ fn later_differences_are_no_greater_than_those_of_an_invisible_shift() {
     });
 }
 
+/// The other tests step scenes themselves. That is what the program does too, and its traces list objects in the order of the C++ program.
+#[test]
+fn the_program_writes_what_is_compared_here() {
+    for_each(&comparable(), |case| {
+        let folder = std::env::temp_dir().join(format!("ambf_parity_{}_{}", std::process::id(), case.name));
+        let steps = case.steps.to_string();
+        let mut command = Command::new(env!("CARGO_BIN_EXE_ambf_batch"));
+        command.arg("-a").arg(&case.files.models[0]).arg("--world").arg(case.files.world.as_ref().expect("a world"));
+        command.args(["--steps", &steps, "--every", &steps, "--trace"]).arg(folder.join("t"));
+        if let Some(commands) = &case.commands {
+            command.arg("--commands").arg(commands);
+        }
+        let output = command.output().expect("ambf_batch runs");
+        let written = std::fs::read_to_string(folder.join("t_bodies.csv")).unwrap_or_default();
+        let joint_lines = std::fs::read_to_string(folder.join("t_joints.csv")).unwrap_or_default();
+        let _ = std::fs::remove_dir_all(&folder);
+        if !output.status.success() {
+            return vec![format!("{output:?}")];
+        }
+
+        let mut complaints = Vec::new();
+        let names = |text: &str| {
+            let lines = text.lines().filter(|line| line.starts_with("0,"));
+            lines.map(|line| line.split(',').nth(2).unwrap_or_default().to_owned()).collect::<Vec<_>>()
+        };
+        let (their_bodies, their_joints) = (bodies(case).names, joints(case).names);
+        if names(&written) != their_bodies || names(&joint_lines) != their_joints {
+            complaints.push(format!("order {:?} {:?}", names(&written), names(&joint_lines)));
+        }
+        let ours = simulate(case, &[case.steps], Start::AsWritten).bodies;
+        for (name, state) in ours.names.iter().zip(&ours.rows[0].2) {
+            let mark = format!(",{name},");
+            let is_last = |line: &&str| line.starts_with(&format!("{steps},")) && line.contains(&mark);
+            let line = written.lines().find(is_last).unwrap_or_default();
+            let position: Vec<_> =
+                line.split(',').skip(3).take(3).filter_map(|cell| cell.parse::<f64>().ok()).collect();
+            if position != state.position.as_slice() {
+                complaints.push(format!("`{name}` ends at {position:?} instead of {}", state.position));
+            }
+        }
+        complaints
+    });
+}
+
 fn equal(found: f64, expected: f64) -> bool {
     (found - expected).abs() <= 1e-9 * expected.abs()
 }
@@ -153,7 +199,7 @@ fn vectors_equal(found: &Vector3<f64>, expected: &Vector3<f64>) -> bool {
 fn descriptions_become_the_same_bodies_and_joints() {
     for_each(&comparable(), |case| {
         let scene = load_case(case, Start::AsWritten);
-        let names = scene.unique_body_names();
+        let names = scene.bodies.iter().map(Body::communication_name).collect::<Vec<_>>();
         let (bodies, mut joints) = meta(case);
         let mut complaints = Vec::new();
         if bodies.len() != scene.bodies.len() {

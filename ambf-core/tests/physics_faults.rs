@@ -2,7 +2,7 @@
 
 mod physics_common;
 
-use ambf_core::scene::Loaded;
+use ambf_core::scene::{Body, Loaded};
 use ambf_core::sim::Simulation;
 use physics_common::{load_texts, DT, HEAVY};
 
@@ -108,7 +108,7 @@ fn a_file_with_a_text_for_a_number_is_refused_and_the_others_live() {
         let good = format!("{TWO}\n{GOOD}");
         let Loaded { scene, report } = load_texts(HEAVY, &[&bad, &good]);
         assert!(report.to_string().contains("m0.yaml:2") && report.refused.len() == 1, "{value}: {report}");
-        assert_eq!(scene.unique_body_names(), ["Good", "Other"], "{value}");
+        assert_eq!(scene.bodies.iter().map(Body::communication_name).collect::<Vec<_>>(), ["Good", "Other"], "{value}");
     }
 }
 
