@@ -230,6 +230,7 @@ fn a_bad_command_is_status_2_with_its_line() {
         ("0|1|J|Base|0.5 0 1", "0.5"),
         ("0|1|WR|Link|1 2 3", "6 numbers"),
         ("0|1|TW|Link|nan 0 0 0 0 0", "nan"),
+        ("0|1|J|Base|0 0 1e39", "3.4"),
         ("3|2|TW|Link|0 0 0 0 0 0", "3"),
         ("-1|2|TW|Link|0 0 0 0 0 0", "-1"),
         ("0|1|VEH|Base|0 0 0", "vehicle"),
@@ -274,7 +275,9 @@ fn a_state_that_becomes_non_finite_is_status_3_and_said_where() {
         folder.write("commands.txt", &format!("2|9999|{command}\n"));
         let ran = folder.run("-a model.yaml --world world.yaml --steps 5000 --trace t --commands commands.txt --json");
         assert_eq!(ran.status, 3, "{command}: {ran:?}");
-        assert!(ran.stderr.contains("BODY Ball") && ran.stderr.contains("step "), "{command}: {ran:?}");
+        for part in ["BODY Ball", "step ", "last command: commands.txt:1"] {
+            assert!(ran.stderr.contains(part), "{command}: {ran:?} should say {part}");
+        }
         let csv = folder.csv("t_bodies.csv");
         // What went before is kept, and nothing that is no number.
         assert!(csv.lines.len() >= 3, "{command}");

@@ -32,6 +32,7 @@ enum Action {
 
 #[derive(Debug, Clone, PartialEq)]
 struct TimedCommand {
+    line: usize,
     steps: RangeInclusive<u64>,
     body: usize,
     action: Action,
@@ -39,7 +40,11 @@ struct TimedCommand {
 
 /// The commands of a file, bound to the bodies of a simulation.
 #[derive(Debug, Default)]
-pub struct Commands(Vec<TimedCommand>);
+pub struct Commands {
+    file: String,
+    /// In the order of the file.
+    list: Vec<TimedCommand>,
+}
 
 impl Commands {
     /// Reads the text of `file`; `bodies` are the names that may be addressed, by index, and `active_joints` says how many joints a
@@ -59,17 +64,24 @@ impl Commands {
             if line.is_empty() {
                 continue;
             }
-            let command = parse_line(line, bodies)
+            let command = parse_line(line, number + 1, bodies)
                 .and_then(|command| command.check(&active_joints))
                 .map_err(|message| CommandError { file: file.into(), line: number + 1, message })?;
             commands.push(command);
         }
-        Ok(Self(commands))
+        Ok(Self { file: file.into(), list: commands })
+    }
+
+    /// The place of the last command that has acted on `body` before the end of step `step`.
+    pub fn latest(&self, body: usize, step: u64) -> Option<String> {
+        let acted = |command: &&TimedCommand| command.body == body && *command.steps.start() < step;
+        let latest = self.list.iter().filter(acted).max_by_key(|command| *command.steps.end().min(&step))?;
+        Some(format!("{}:{}", self.file, latest.line))
     }
 
     /// Applies the commands whose range contains `step`; they act in the step after.
     pub fn apply(&self, simulation: &mut Simulation, step: u64) {
-        for command in self.0.iter().filter(|command| command.steps.contains(&step)) {
+        for command in self.list.iter().filter(|command| command.steps.contains(&step)) {
             match command.action {
                 Action::Joint { index, kind, offset, amplitude, frequency } => {
                     let value = offset + amplitude * (TAU * frequency * simulation.sim_time()).sin();
@@ -101,7 +113,7 @@ impl TimedCommand {
     }
 }
 
-fn parse_line(line: &str, bodies: &[String]) -> Result<TimedCommand, String> {
+fn parse_line(line: &str, number: usize, bodies: &[String]) -> Result<TimedCommand, String> {
     let fields: Vec<_> = line.split('|').map(str::trim).collect();
     let &[first, last, kind, body, numbers] = fields.as_slice() else {
         return Err(format!("expected `first|last|kind|body|numbers`, found {} fields", fields.len()));
@@ -127,7 +139,7 @@ fn parse_line(line: &str, bodies: &[String]) -> Result<TimedCommand, String> {
         ("VEH", _) => return Err("VEH drives a vehicle, and this scene has none".into()),
         _ => return Err(format!("expected J, JS, WR, TW, POSE or VEH, found `{kind}`")),
     };
-    Ok(TimedCommand { steps: step(first)?..=step(last)?, body, action })
+    Ok(TimedCommand { line: number, steps: step(first)?..=step(last)?, body, action })
 }
 
 fn joint(index: f64, kind: f64, offset: f64, amplitude: f64, frequency: f64) -> Result<Action, String> {
@@ -140,6 +152,12 @@ fn joint(index: f64, kind: f64, offset: f64, amplitude: f64, frequency: f64) -> 
         2.0 => JointCommandType::Velocity,
         _ => return Err(format!("expected joint command type 0 (effort), 1 (position) or 2 (velocity), found {kind}")),
     };
+    // Values are rounded to 32 bits, so what does not fit would be none.
+    let largest = f64::from(f32::MAX);
+    if let Some(number) = [offset.abs() + amplitude.abs(), frequency.abs()].into_iter().find(|number| *number > largest)
+    {
+        return Err(format!("expected numbers of at most {largest:e}, found {number:e}"));
+    }
     Ok(Action::Joint { index: index as usize, kind, offset, amplitude, frequency })
 }
 
@@ -156,11 +174,19 @@ mod tests {
         let text = "# comment\n1|30|J|Base|0 2 2.5 # after\n0|5|JS|Base|6 1 0.0 0.5 0.5\n\n1|1|WR|Base|1 2 3 4 5 6\n\
                     1|1|TW|Base|1 2 3 4 5 6\n1|1|POSE|Base|0 0 1 0 0 0 1\n";
         let commands = parse(text).unwrap();
-        assert_eq!(commands.0.len(), 5);
-        assert_eq!(commands.0[0].steps, 1..=30);
+        assert_eq!(commands.list.len(), 5);
+        assert_eq!(commands.list[0].steps, 1..=30);
         let expected =
             Action::Joint { index: 0, kind: JointCommandType::Velocity, offset: 2.5, amplitude: 0.0, frequency: 0.0 };
-        assert_eq!((commands.0[0].body, &commands.0[0].action), (0, &expected));
+        assert_eq!((commands.list[0].body, &commands.list[0].action), (0, &expected));
+    }
+
+    #[test]
+    fn the_latest_command_of_a_body_is_known() {
+        let commands = parse("0|3|TW|Base|0 0 0 0 0 0\n2|9|TW|Link|0 0 0 0 0 0\n4|5|WR|Base|0 0 0 0 0 0\n").unwrap();
+        for (body, step, line) in [(0, 0, None), (0, 4, Some(1)), (0, 5, Some(3)), (1, 2, None), (1, 90, Some(2))] {
+            assert_eq!(commands.latest(body, step), line.map(|line: u32| format!("c.txt:{line}")), "{body} {step}");
+        }
     }
 
     #[test]
@@ -173,6 +199,8 @@ mod tests {
             ("1|2|J|Base|7 1 1", "no joint 7"),
             ("1|2|J|Link|0 1 1", "no active joint"),
             ("2|1|J|Base|0 1 1", "before"),
+            ("1|2|J|Base|0 0 1e308", "at most"),
+            ("1|2|JS|Base|0 0 0 1 1e308", "at most"),
             ("1|2|WR|Base|1 2 3 nan 5 6", "finite"),
             ("1|x|J|Base|0 1 0", "step number"),
             ("1|2|FLY|Base|1", "FLY"),

@@ -138,7 +138,7 @@ pub fn run(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<Summary, B
     for step in 0..=options.steps {
         if step > 0 {
             let begin = Instant::now();
-            simulation.update(options.dt)?;
+            simulation.update(options.dt).map_err(|error| name_command(error, &commands, &simulation))?;
             let cost = begin.elapsed();
             wall += cost;
             if step > options.steps - options.steps / 4 {
@@ -196,6 +196,15 @@ fn load_scene(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<(Simula
     }
     warn(report.to_string().trim_end());
     Ok((Simulation::new(scene, options.dt), report.errors() > 0))
+}
+
+/// Says which line of the command file the lost body was last told.
+fn name_command(mut error: NonFinite, commands: &Commands, simulation: &Simulation) -> NonFinite {
+    let body = simulation.scene().bodies.iter().position(|body| body.key() == error.body);
+    if let Some(place) = body.and_then(|body| commands.latest(body, u64::from(error.step))) {
+        error.command = place;
+    }
+    error
 }
 
 /// Names of the bodies as in the ADF; later ones of the same name get the first free of the suffixes 1, 2, …
