@@ -42,7 +42,7 @@ fn measure(case: &Case) -> Measured {
 
 impl Measured {
     /// Largest difference of a quantity from the trace.
-    fn from_trace(&self, run: &Recording, quantity: Quantity, range: RangeInclusive<u64>) -> Option<f64> {
+    fn distance_from_trace(&self, run: &Recording, quantity: Quantity, range: RangeInclusive<u64>) -> Option<f64> {
         use Quantity::{JointEffort, JointPosition, JointVelocity};
         if !matches!(quantity, JointPosition | JointVelocity | JointEffort) {
             return Some(compare_bodies(&run.bodies, &bodies(&self.case), quantity, range).difference);
@@ -64,7 +64,7 @@ impl Measured {
     }
 
     fn is_chaotic(&self) -> bool {
-        self.from_trace(&self.ours, Quantity::Position, self.whole()) > Some(1e-5)
+        self.distance_from_trace(&self.ours, Quantity::Position, self.whole()) > Some(1e-5)
     }
 }
 
@@ -85,7 +85,7 @@ fn differences(all: &[Measured], range: impl Fn(&Measured) -> RangeInclusive<u64
     );
     for one in all {
         let quantities = [Position, Rotation, Linear, Angular, JointPosition, JointVelocity];
-        let cells = quantities.map(|quantity| short(one.from_trace(&one.ours, quantity, range(one))));
+        let cells = quantities.map(|quantity| short(one.distance_from_trace(&one.ours, quantity, range(one))));
         let _ = writeln!(table, "| {} | {} |", one.case.name, cells.join(" | "));
     }
     table
@@ -122,7 +122,7 @@ fn chaos(all: &[Measured]) -> String {
     for one in all {
         let Some(touch) = one.ours.first_contact else { continue };
         let early = 0..=touch + 100;
-        let trace = |range| short(one.from_trace(&one.ours, Quantity::Position, range));
+        let trace = |range| short(one.distance_from_trace(&one.ours, Quantity::Position, range));
         let _ = writeln!(
             table,
             "| {} | {touch} | {} | {} | {} | {} |",
@@ -142,7 +142,7 @@ fn friction(all: &[Measured]) -> String {
     );
     for one in all {
         let Some(touch) = one.ours.first_contact else { continue };
-        let cell = |run, range| short(one.from_trace(run, Quantity::Position, range));
+        let cell = |run, range| short(one.distance_from_trace(run, Quantity::Position, range));
         let early = 0..=touch + 100;
         let _ = writeln!(
             table,

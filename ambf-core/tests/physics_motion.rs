@@ -166,6 +166,25 @@ fn the_moment_of_inertia_is_that_of_the_bounding_box() {
 }
 
 #[test]
+fn several_shapes_count_as_their_common_box() {
+    let text = "bodies: [B]\nB: {name: B, mass: 12, compound collision shape: [\
+                {shape: Box, geometry: {x: 0.2, y: 0.2, z: 0.2}, offset: {position: {x: 0.4, y: 0, z: 0}}}, \
+                {shape: Sphere, geometry: {radius: 0.1}, offset: {position: {x: -0.4, y: 0, z: 0}}}]}\n";
+    let bench = Bench::new(WEIGHTLESS, text);
+    let (x, y) = (1.0, 0.04);
+    near(bench.0.scene().bodies[0].inertia, [y + y, x + y, x + y], 1e-9);
+}
+
+#[test]
+fn a_written_moment_of_inertia_is_used_and_a_plane_has_none() {
+    let bench = ball(WEIGHTLESS, 0.0);
+    near(bench.0.scene().bodies[0].inertia, [0.1, 0.2, 0.3], 0.0);
+    let text = "bodies: [P]\nP: {name: P, mass: 0, collision shape: Plane, \
+                collision geometry: {normal: {x: 0, y: 0, z: 1}, offset: 0}}\n";
+    near(Bench::new(HEAVY, text).0.scene().bodies[0].inertia, [0.0; 3], 0.0);
+}
+
+#[test]
 fn a_body_without_a_shape_does_not_turn() {
     let mut bench = Bench::new(WEIGHTLESS, "bodies: [B]\nB: {name: B, mass: 1}\n");
     assert_eq!(bench.0.scene().bodies[0].inertia, Vector3::zeros());

@@ -42,7 +42,8 @@ pub enum Quantity {
 fn places<T>(ours: &Table<T>, theirs: &Table<T>) -> Vec<usize> {
     let known: HashMap<&str, usize> = ours.names.iter().enumerate().map(|(i, name)| (name.as_str(), i)).collect();
     let (mut a, mut b) = (ours.names.clone(), theirs.names.clone());
-    (a.sort(), b.sort());
+    a.sort();
+    b.sort();
     assert_eq!(a, b, "names differ");
     assert_eq!(known.len(), a.len(), "a name occurs twice");
     let steps = |table: &Table<T>| table.rows.iter().map(|row| row.0).collect::<Vec<_>>();
