@@ -107,10 +107,12 @@ fn shipped_scenes_end_in_the_known_state() {
         std::fs::write(golden_file(), &text).expect("written");
     }
     let known = std::fs::read_to_string(golden_file()).unwrap_or_default();
-    assert_eq!(
-        text, known,
-        "\nThe final states are not those in golden.txt. Another build of Bullet or another processor's maths library may cause that, and \
-         so may a scene that was edited; if neither is the case, the physics has changed. When that is meant:\n    \
-         {REGENERATE}=1 cargo test -p ambf-app --test golden\n"
+    let changed: Vec<_> = text.lines().filter(|line| known.lines().all(|other| other != *line)).collect();
+    assert!(
+        text == known,
+        "final states are not those in golden.txt:\n    {}\nAnother build of Bullet or another processor's maths library may cause \
+         that, and so may a scene that was edited; if neither is the case, the physics has changed. When that is meant:\n    \
+         {REGENERATE}=1 cargo test -p ambf-app --test golden\n",
+        changed.join("\n    ")
     );
 }
