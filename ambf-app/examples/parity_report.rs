@@ -226,6 +226,8 @@ fn main() {
         let threads: Vec<_> = rigid.iter().map(|case| scope.spawn(|| measure(case))).collect();
         threads.into_iter().map(|thread| thread.join().expect("measured")).collect()
     });
+    let efforts = all.iter().filter_map(|one| one.distance_from_trace(&one.ours, Quantity::JointEffort, one.whole()));
+    let effort = efforts.fold(0.0, f64::max);
     let left_out: Vec<_> = soft.iter().map(|case| format!("`{}`", case.name)).collect();
     let text = TEXT
         .replace("{free}", &all.iter().filter(|one| one.ours.first_contact.is_none()).count().to_string())
@@ -234,6 +236,7 @@ fn main() {
         .replace("{whole}", &differences(&all, Measured::whole))
         .replace("{rest}", &rest(&all))
         .replace("{chaos}", &chaos(&all))
+        .replace("{effort}", &format!("{effort:.0e}"))
         .replace("{friction}", &friction(&all))
         .replace("{soft}", &left_out.join(", "));
     let docs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs");

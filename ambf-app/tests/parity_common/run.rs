@@ -12,7 +12,7 @@ use super::reference::{BodyState, Case, JointState, Table};
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Start {
     AsWritten,
-    /// Dynamic bodies stand so far (m) along x from where they should, by turns forwards and backwards.
+    /// Dynamic bodies stand so far (m) along x and along z from where they should, by turns forwards and backwards.
     Shifted(f64),
     /// As written, but friction starts from nothing in each step, as Bullet 3 does it.
     ColdFriction,
@@ -45,7 +45,8 @@ pub fn simulate(case: &Case, steps: &[u64], start: Start) -> Recording {
         for (count, body) in dynamic.collect::<Vec<_>>().into_iter().enumerate() {
             let handle = scene.world.bodies()[body];
             let mut pose = scene.world.pose(handle).expect("a live body");
-            pose.translation.x += if count % 2 == 0 { distance } else { -distance };
+            let shift = if count % 2 == 0 { distance } else { -distance };
+            pose.translation.vector += Vector3::new(shift, 0.0, shift);
             scene.world.set_pose(handle, &pose);
         }
     }
