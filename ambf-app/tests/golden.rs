@@ -67,6 +67,18 @@ fn final_hash(world: Option<PathBuf>, model: &Path) -> u64 {
     hash.0
 }
 
+/// Hash of what the maths library gives here: it differs in the last bit between processors, and the states with it.
+fn maths_hash() -> u64 {
+    let mut hash = Fnv::new();
+    for i in 0..2000 {
+        let x = f64::from(i) * 0.000_917_3 - 0.9;
+        [x.sin(), x.cos(), x.atan2(0.3), (x / 2.0).acos(), (x / 2.0).asin(), (1.0 + x.abs()).powf(0.001)]
+            .iter()
+            .for_each(|&number| hash.add_number(number));
+    }
+    hash.0
+}
+
 /// Two independent runs of every shipped scene.
 fn hashes() -> BTreeMap<String, [u64; 2]> {
     let launch = launch();
@@ -100,6 +112,8 @@ fn shipped_scenes_end_in_the_known_state() {
     }
     let mut text =
         String::from("# State of each shipped scene after 500 steps, as FNV-1a hash. Written by tests/golden.rs.\n");
+    let maths = format!("(maths library) {:016x}", maths_hash());
+    writeln!(text, "{maths}").expect("written");
     for (name, [hash, _]) in &hashes {
         writeln!(text, "{name} {hash:016x}").expect("written");
     }
@@ -107,11 +121,15 @@ fn shipped_scenes_end_in_the_known_state() {
         std::fs::write(golden_file(), &text).expect("written");
     }
     let known = std::fs::read_to_string(golden_file()).unwrap_or_default();
+    if known.lines().all(|line| line != maths) {
+        eprintln!("SKIPPED: golden.txt was written with another maths library or processor; only that two runs agree was tested");
+        return;
+    }
     let changed: Vec<_> = text.lines().filter(|line| known.lines().all(|other| other != *line)).collect();
     assert!(
         text == known,
-        "final states are not those in golden.txt:\n    {}\nAnother build of Bullet or another processor's maths library may cause \
-         that, and so may a scene that was edited; if neither is the case, the physics has changed. When that is meant:\n    \
+        "final states are not those in golden.txt:\n    {}\nAnother build of Bullet may cause that, and so may a scene that was edited; \
+         if neither is the case, the physics has changed. When that is meant:\n    \
          {REGENERATE}=1 cargo test -p ambf-app --test golden\n",
         changed.join("\n    ")
     );
