@@ -6,7 +6,6 @@ use std::ops::RangeInclusive;
 use std::process::Command;
 use std::thread;
 
-use ambf_core::scene::Body;
 use nalgebra::Vector3;
 use parity_common::{
     apart_at_end, at_rest, bodies, cases, compare_bodies, compare_joints, joints, load_case, meta, shared, simulate,
@@ -199,7 +198,7 @@ fn vectors_equal(found: &Vector3<f64>, expected: &Vector3<f64>) -> bool {
 fn descriptions_become_the_same_bodies_and_joints() {
     for_each(&comparable(), |case| {
         let scene = load_case(case, Start::AsWritten);
-        let names = scene.bodies.iter().map(Body::communication_name).collect::<Vec<_>>();
+        let names = scene.bodies.iter().map(|body| body.identity.communication_name()).collect::<Vec<_>>();
         let (bodies, mut joints) = meta(case);
         let mut complaints = Vec::new();
         if bodies.len() != scene.bodies.len() {
@@ -216,7 +215,7 @@ fn descriptions_become_the_same_bodies_and_joints() {
             let same = equal(body.mass, expected.mass)
                 && vectors_equal(&body.inertia, &expected.inertia)
                 && vectors_equal(&body.inertial_offset.translation.vector, &expected.inertial_offset)
-                && body.passive == expected.passive
+                && body.identity.passive == expected.passive
                 && active == expected.active_joints;
             if !same {
                 complaints.push(format!("{body:?}\nwith {active:?} instead of {expected:?}"));

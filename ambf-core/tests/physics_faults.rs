@@ -24,7 +24,8 @@ fn survives(lists: &str, more: &str, parts: &[&str]) -> Simulation {
     }
     let scene = simulation.scene();
     for name in ["Good", "Other"] {
-        let body = scene.bodies.iter().position(|body| body.name == name).unwrap_or_else(|| panic!("{name} is lost"));
+        let body =
+            scene.bodies.iter().position(|body| body.identity.name == name).unwrap_or_else(|| panic!("{name} is lost"));
         let (velocity, _) = scene.world.velocity(scene.world.bodies()[body]).expect("live");
         assert!((velocity.z + 1.0).abs() < 1e-9, "{name} does not fall: {velocity}");
     }
@@ -108,7 +109,11 @@ fn a_file_with_a_text_for_a_number_is_refused_and_the_others_live() {
         let good = format!("{TWO}\n{GOOD}");
         let Loaded { scene, report } = load_texts(HEAVY, &[&bad, &good]);
         assert!(report.to_string().contains("m0.yaml:2") && report.refused.len() == 1, "{value}: {report}");
-        assert_eq!(scene.bodies.iter().map(Body::communication_name).collect::<Vec<_>>(), ["Good", "Other"], "{value}");
+        assert_eq!(
+            scene.bodies.iter().map(|body| body.identity.communication_name()).collect::<Vec<_>>(),
+            ["Good", "Other"],
+            "{value}"
+        );
     }
 }
 
@@ -117,7 +122,7 @@ fn a_body_that_is_listed_but_not_defined_is_said_and_replaced() {
     let simulation = survives(WITH_BODY, "", &["m0.yaml:1", "BODY Bad", "not defined"]);
     // An unnamed one, as in the C++ program.
     let body = &simulation.scene().bodies[1];
-    assert_eq!((body.name.as_str(), body.mass), ("", 1.0));
+    assert_eq!((body.identity.name.as_str(), body.mass), ("", 1.0));
 }
 
 #[test]
@@ -138,7 +143,10 @@ fn a_key_that_is_written_twice_is_said() {
     let text = format!("{TWO}\n{GOOD}BODY Good: {{name: Again, mass: 3}}\n");
     let Loaded { scene, report } = load_texts(HEAVY, &[&text]);
     assert!(report.to_string().contains("BODY Good"), "silent: {report}");
-    assert_eq!(scene.bodies.iter().find(|body| body.identifier == "BODY Good").expect("one of them").name, "Good");
+    assert_eq!(
+        scene.bodies.iter().find(|body| body.identity.identifier == "BODY Good").expect("one of them").identity.name,
+        "Good"
+    );
     assert_eq!(scene.bodies.len(), 2);
 }
 

@@ -200,7 +200,7 @@ fn load_scene(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<(Simula
 
 /// Says which line of the command file the lost body was last told.
 fn name_command(mut error: NonFinite, commands: &Commands, simulation: &Simulation) -> NonFinite {
-    let body = simulation.scene().bodies.iter().position(|body| body.key() == error.body);
+    let body = simulation.scene().bodies.iter().position(|body| body.identity.key() == error.body);
     if let Some(place) = body.and_then(|body| commands.latest(body, u64::from(error.step))) {
         error.command = place;
     }
@@ -219,5 +219,5 @@ fn unique_names(simulation: &Simulation) -> Vec<String> {
         }
         candidate
     };
-    simulation.scene().bodies.iter().map(|body| unique(&body.name)).collect()
+    simulation.scene().bodies.iter().map(|body| unique(&body.identity.name)).collect()
 }

@@ -47,7 +47,7 @@ impl TraceWriter {
             heading += ",cx,cy,cz,cqx,cqy,cqz,cqw";
         }
         let mut order: Vec<usize> = (0..names.len()).collect();
-        order.sort_by_cached_key(|&body| (scene.bodies[body].key(), body));
+        order.sort_by_cached_key(|&body| (scene.bodies[body].identity.key(), body));
         let mut joint_order: Vec<usize> = (0..scene.joints.len()).collect();
         joint_order.sort_by_key(|&joint| &scene.joints[joint].key);
         Ok(Self {

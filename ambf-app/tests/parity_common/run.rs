@@ -2,7 +2,7 @@
 
 use ambf_app::batch::Commands;
 use ambf_core::bullet::{BodyKinematics, Solver};
-use ambf_core::scene::{load, Body, Loaded, Scene, SceneOptions};
+use ambf_core::scene::{load, Loaded, Scene, SceneOptions};
 use ambf_core::sim::Simulation;
 use nalgebra::Vector3;
 
@@ -51,7 +51,7 @@ pub fn simulate(case: &Case, steps: &[u64], start: Start) -> Recording {
         }
     }
     let mut simulation = Simulation::new(scene, 0.001);
-    let names = simulation.scene().bodies.iter().map(Body::communication_name).collect::<Vec<_>>();
+    let names = simulation.scene().bodies.iter().map(|body| body.identity.communication_name()).collect::<Vec<_>>();
     let commands = match &case.commands {
         Some(file) => {
             let text = std::fs::read_to_string(file).unwrap_or_else(|error| panic!("{}: {error}", file.display()));

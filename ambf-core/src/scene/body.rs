@@ -2,26 +2,17 @@
 
 use nalgebra::{Isometry3, Vector3};
 
+use super::Identity;
 use crate::adf::SourcePos;
 use crate::bullet::{BodyHandle, World};
-use crate::comm::{CartesianCommandType, Rates, RigidBodyCommand};
+use crate::comm::{CartesianCommandType, RigidBodyCommand};
 use crate::control::{orientation_of, CartesianController, CartesianOutput};
 
 /// A rigid body of a [`Scene`](super::Scene).
 #[derive(Debug, Clone)]
 pub struct Body {
-    /// Name without suffix, as in children's names.
-    pub name: String,
-    /// Suffix that tells copies apart; usually empty.
-    pub suffix: String,
-    /// Global prefix and namespace.
-    pub namespace: String,
-    /// Mapping key in the file.
-    pub identifier: String,
-    /// No State, no Command.
-    pub passive: bool,
-    /// How often it is published.
-    pub rates: Rates,
+    /// Names and publishing rates.
+    pub identity: Identity,
     /// kg; 0: static.
     pub mass: f64,
     /// Principal moments about the axes of the inertial frame, kg·m².
@@ -55,16 +46,6 @@ pub struct Body {
 const SAME_POSE: (f64, f64) = (1e-5, 1e-4);
 
 impl Body {
-    /// Prefix, namespace and identifier.
-    pub fn key(&self) -> String {
-        format!("{}{}", self.namespace, self.identifier)
-    }
-
-    /// Name with the suffix that tells copies apart: the last part of its topics.
-    pub fn communication_name(&self) -> String {
-        format!("{}{}", self.name, self.suffix)
-    }
-
     /// Pose of the body frame in the world as reported: from the motion state, up to one sub-step old.
     pub fn pose(&self, world: &World) -> Isometry3<f64> {
         world.motion_state(self.handle).unwrap_or(self.initial_pose) * self.inertial_offset_inverse

@@ -8,7 +8,7 @@ use nalgebra::Isometry3;
 use super::body::Body;
 use super::joint::{constraint, frames, Joint};
 use super::placed::{camera_parameters, camera_pose, light_rotation, Camera, Light, Placed};
-use super::{shape, BodyGraph, Found, ModelInfo, NameMap, Note, PhysicsOptions, Scene, SceneOptions};
+use super::{shape, BodyGraph, Found, Identity, ModelInfo, NameMap, Note, PhysicsOptions, Scene, SceneOptions};
 use crate::adf::{self, CollisionGeometry, PhysicsProfile, Severity, SourcePos};
 use crate::bullet::{self, Integrator, Solver, World};
 use crate::comm::{LightParameters, Rates};
@@ -140,7 +140,7 @@ impl<'a> Builder<'a> {
         let mut own_names = NameMap::default();
         for body in &model.bodies {
             if let Some(index) = self.add_body(body, model) {
-                own_names.insert(&self.scene.bodies[index].key(), index);
+                own_names.insert(&self.scene.bodies[index].identity.key(), index);
             }
         }
         for joint in &model.joints {
@@ -194,14 +194,10 @@ impl<'a> Builder<'a> {
         let controller = body.controller.unwrap_or_default();
         let namespace = format!("{}{}", self.options.prefix, body.common.namespace);
         let key = format!("{namespace}{}", body.common.identifier);
+        let suffix = self.scene.body_names.free_suffix(&key);
         let rates = self.rates(&body.common);
         self.scene.bodies.push(Body {
-            name: body.common.name.clone(),
-            suffix: self.scene.body_names.free_suffix(&key),
-            namespace,
-            identifier: body.common.identifier.clone(),
-            passive: body.common.passive,
-            rates,
+            identity: Identity::new(&body.common, namespace, suffix, rates),
             mass: body.mass,
             inertia,
             inertial_offset: built.inertial_offset,
@@ -296,7 +292,7 @@ impl<'a> Builder<'a> {
             match found.index() {
                 Some(index) if step < 2 => return Ok((index, Some(format!("is {found}")))),
                 Some(index) => {
-                    let remark = format!("is taken from another model: `{}`", self.scene.bodies[index].key());
+                    let remark = format!("is taken from another model: `{}`", self.scene.bodies[index].identity.key());
                     return Ok((index, Some(remark)));
                 }
                 None if matches!(found, Found::Ambiguous(_)) => ambiguous = ambiguous.or(Some(found)),
@@ -328,7 +324,7 @@ impl<'a> Builder<'a> {
         let namespace = format!("{}{}", self.options.prefix, common.namespace);
         let suffix = names(&self.scene).free_suffix(&format!("{namespace}{}", common.identifier));
         let rates = self.rates(common);
-        Placed::new(common, namespace, suffix, rates, pose)
+        Placed::new(Identity::new(common, namespace, suffix, rates), pose)
     }
 
     /// Enters a model's objects in the world's maps and applies what concerns them together.
@@ -340,7 +336,8 @@ impl<'a> Builder<'a> {
         scene.models.push(ModelInfo { key: key + &suffix, bodies: first_body..scene.bodies.len() });
 
         // Sorted by key, as the C++ program's maps are.
-        let mut bodies: Vec<_> = (first_body..scene.bodies.len()).map(|i| (scene.bodies[i].key(), i)).collect();
+        let mut bodies: Vec<_> =
+            (first_body..scene.bodies.len()).map(|i| (scene.bodies[i].identity.key(), i)).collect();
         bodies.sort();
         bodies.iter().for_each(|(key, index)| scene.body_names.insert(key, *index));
         for index in self.first_joint_of_model..scene.joints.len() {
@@ -395,7 +392,10 @@ impl<'a> Builder<'a> {
             let Some((text, found)) = wanted else { return };
             placed.parent = found.index();
             if placed.parent.is_none() {
-                lost.push(format!("`{}`: parent `{text}` is {found}; it stays in the world", placed.identifier));
+                lost.push(format!(
+                    "`{}`: parent `{text}` is {found}; it stays in the world",
+                    placed.identity.identifier
+                ));
             }
         };
         for (camera, wanted) in self.scene.cameras.iter_mut().zip(cameras) {
@@ -412,7 +412,7 @@ impl<'a> Builder<'a> {
 fn enter_placed<'p>(names: &mut NameMap, placed: impl Iterator<Item = &'p Placed>) {
     let known = names.iter().count();
     for (index, placed) in placed.enumerate().skip(known) {
-        names.insert(&format!("{}{}", placed.namespace, placed.identifier), index);
+        names.insert(&placed.identity.key(), index);
     }
 }
 

@@ -3,6 +3,7 @@
 mod body;
 mod build;
 mod graph;
+mod identity;
 mod joint;
 mod load;
 mod names;
@@ -11,6 +12,7 @@ mod shape;
 
 pub use body::Body;
 pub use graph::{BodyGraph, Descendant};
+pub use identity::Identity;
 pub use joint::{Joint, JointType};
 pub use load::{load, Loaded, SceneFiles, SceneReport};
 pub use names::{Found, NameMap};
@@ -125,7 +127,7 @@ impl Scene {
             .into_iter()
             .flat_map(|model| {
                 let mut bodies: Vec<_> = model.bodies.clone().collect();
-                bodies.sort_by_cached_key(|&body| self.bodies[body].key());
+                bodies.sort_by_cached_key(|&body| self.bodies[body].identity.key());
                 bodies
             })
             .collect()
@@ -145,30 +147,15 @@ impl Scene {
             identifier: format!("{}World", self.namespace),
             rates: self.world_rates,
         };
-        let placed = |kind: ObjectKind, placed: &Placed| {
-            (!placed.passive).then(|| ObjectInfo {
-                kind,
-                namespace: placed.namespace.clone(),
-                name: format!("{}{}", placed.name, placed.suffix),
-                identifier: format!("{}{}{}", placed.namespace, placed.identifier, placed.suffix),
-                rates: placed.rates,
-            })
-        };
         let lights = self.lights.iter().enumerate();
-        let lights = lights
-            .filter_map(|(i, light)| placed(ObjectKind::Light(i, Box::new(light.parameters.clone())), &light.placed));
+        let lights =
+            lights.filter_map(|(i, l)| l.placed.identity.object(ObjectKind::Light(i, Box::new(l.parameters.clone()))));
         let cameras = self.cameras.iter().enumerate();
-        let cameras = cameras.filter_map(|(i, camera)| {
-            placed(ObjectKind::Camera(i, Box::new(camera.parameters.clone())), &camera.placed)
-        });
-        let bodies = self.bodies.iter().enumerate().filter(|(_, body)| !body.passive);
-        let bodies = bodies.map(|(i, body)| ObjectInfo {
-            kind: ObjectKind::RigidBody(i, Box::new(self.body_info(i))),
-            namespace: body.namespace.clone(),
-            name: body.communication_name(),
-            identifier: format!("{}{}", body.key(), body.suffix),
-            rates: body.rates,
-        });
+        let cameras = cameras
+            .filter_map(|(i, c)| c.placed.identity.object(ObjectKind::Camera(i, Box::new(c.parameters.clone()))));
+        let bodies = self.bodies.iter().enumerate();
+        let bodies =
+            bodies.filter_map(|(i, body)| body.identity.object(ObjectKind::RigidBody(i, Box::new(self.body_info(i)))));
         std::iter::once(world).chain(lights).chain(cameras).chain(bodies).collect()
     }
 
@@ -178,7 +165,11 @@ impl Scene {
             mass: body.mass,
             inertia: body.inertia,
             inertial_offset_inverse: body.inertial_offset_inverse,
-            children_names: self.graph.active(index).map(|entry| self.bodies[entry.body].name.clone()).collect(),
+            children_names: self
+                .graph
+                .active(index)
+                .map(|entry| self.bodies[entry.body].identity.name.clone())
+                .collect(),
             joint_names: self.graph.active(index).map(|entry| self.joints[entry.joint].name.clone()).collect(),
             joints: self.active_joints(index).to_vec(),
             publish_children_names: body.publish_children_names,

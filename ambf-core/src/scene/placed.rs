@@ -2,26 +2,16 @@
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 
-use super::NameMap;
+use super::{Identity, NameMap};
 use crate::adf;
-use crate::comm::{CameraParameters, Command, LightParameters, PoseCommand, Rates};
+use crate::comm::{CameraParameters, Command, LightParameters, PoseCommand};
 use crate::control::orientation_of;
 
 /// What cameras and lights share.
 #[derive(Debug, Clone)]
 pub struct Placed {
-    /// Name without suffix.
-    pub name: String,
-    /// Suffix that tells copies apart; usually empty.
-    pub suffix: String,
-    /// Global prefix and namespace.
-    pub namespace: String,
-    /// Mapping key in the file.
-    pub identifier: String,
-    /// No State, no Command.
-    pub passive: bool,
-    /// How often it is published.
-    pub rates: Rates,
+    /// Names and publishing rates.
+    pub identity: Identity,
     /// Index of the parent body; `None`: the world.
     pub parent: Option<usize>,
     /// Pose in the parent's body frame.
@@ -31,24 +21,8 @@ pub struct Placed {
 }
 
 impl Placed {
-    pub(super) fn new(
-        common: &adf::Common,
-        namespace: String,
-        suffix: String,
-        rates: Rates,
-        pose: Isometry3<f64>,
-    ) -> Self {
-        Self {
-            name: common.name.clone(),
-            suffix,
-            namespace,
-            identifier: common.identifier.clone(),
-            passive: common.passive,
-            rates,
-            parent: None,
-            pose,
-            initial_pose: pose,
-        }
+    pub(super) fn new(identity: Identity, pose: Isometry3<f64>) -> Self {
+        Self { identity, parent: None, pose, initial_pose: pose }
     }
 
     fn set_parent(&mut self, text: &str, bodies: &NameMap) {
@@ -67,7 +41,7 @@ impl Placed {
 /// A camera. It looks along its −x axis; +y is right in the picture, +z up.
 #[derive(Debug, Clone)]
 pub struct Camera {
-    /// Identity and pose.
+    /// Names and pose.
     pub placed: Placed,
     /// What clients may change.
     pub parameters: CameraParameters,
@@ -76,7 +50,7 @@ pub struct Camera {
 /// A spot light. It shines along its +x axis.
 #[derive(Debug, Clone)]
 pub struct Light {
-    /// Identity and pose.
+    /// Names and pose.
     pub placed: Placed,
     /// What clients may change.
     pub parameters: LightParameters,

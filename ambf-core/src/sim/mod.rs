@@ -180,7 +180,7 @@ impl Simulation {
         let body = &self.scene.bodies[index];
         let holds = |joint: &&crate::scene::Joint| joint.parent == index || joint.child == index;
         Err(NonFinite {
-            body: body.key(),
+            body: body.identity.key(),
             joint: self.scene.joints.iter().find(holds).map(|joint| joint.name.clone()),
             step: self.sim_step(),
             command: self.link.as_ref().map_or_else(|| "none".into(), |link| link.last_command(index)),

@@ -1,0 +1,55 @@
+//! Who an object is to its clients.
+
+use crate::adf;
+use crate::comm::{ObjectInfo, ObjectKind, Rates};
+
+/// Names and publishing rates of an object with a State and a Command.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Identity {
+    /// Name without suffix, as in children's names.
+    pub name: String,
+    /// Suffix that tells copies apart; usually empty.
+    pub suffix: String,
+    /// Global prefix and namespace.
+    pub namespace: String,
+    /// Mapping key in the file.
+    pub identifier: String,
+    /// No State, no Command.
+    pub passive: bool,
+    /// How often it is published.
+    pub rates: Rates,
+}
+
+impl Identity {
+    pub(super) fn new(common: &adf::Common, namespace: String, suffix: String, rates: Rates) -> Self {
+        Self {
+            name: common.name.clone(),
+            suffix,
+            namespace,
+            identifier: common.identifier.clone(),
+            passive: common.passive,
+            rates,
+        }
+    }
+
+    /// Qualified identifier: prefix, namespace and identifier.
+    pub fn key(&self) -> String {
+        format!("{}{}", self.namespace, self.identifier)
+    }
+
+    /// Name with the suffix that tells copies apart: the last part of its topics.
+    pub fn communication_name(&self) -> String {
+        format!("{}{}", self.name, self.suffix)
+    }
+
+    /// What a middleware is told; `None` for a passive object.
+    pub(super) fn object(&self, kind: ObjectKind) -> Option<ObjectInfo> {
+        (!self.passive).then(|| ObjectInfo {
+            kind,
+            namespace: self.namespace.clone(),
+            name: self.communication_name(),
+            identifier: self.key() + &self.suffix,
+            rates: self.rates,
+        })
+    }
+}
