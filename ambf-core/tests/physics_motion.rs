@@ -2,7 +2,6 @@
 
 mod physics_common;
 
-use ambf_core::scene::Body;
 use ambf_core::sim::Simulation;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use physics_common::{close, load_texts, near, turned, Bench, DT, HEAVY, WEIGHTLESS};
@@ -243,7 +242,10 @@ fn copies_of_a_model_are_separate_bodies() {
     let loaded = load_texts(HEAVY, &[&text, &text]);
     assert_eq!(loaded.report.errors(), 0, "{}", loaded.report);
     let mut bench = Bench(Simulation::new(loaded.scene, DT));
-    assert_eq!(bench.0.scene().bodies.iter().map(Body::communication_name).collect::<Vec<_>>(), ["Ball", "Ball1"]);
+    assert_eq!(
+        bench.0.scene().bodies.iter().map(|body| body.identity.communication_name()).collect::<Vec<_>>(),
+        ["Ball", "Ball1"]
+    );
     bench.0.set_velocity(1, Vector3::x(), Vector3::zeros());
     bench.steps(10);
     let world = &bench.0.scene().world;
