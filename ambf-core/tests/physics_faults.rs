@@ -2,7 +2,7 @@
 
 mod physics_common;
 
-use ambf_core::scene::{Body, Loaded};
+use ambf_core::scene::Loaded;
 use ambf_core::sim::Simulation;
 use physics_common::{load_texts, DT, HEAVY};
 
