@@ -13,6 +13,7 @@ import unittest
 
 import rosgraph
 
+import bad_scenes
 import scenes
 
 REPOSITORY = pathlib.Path(__file__).resolve().parents[2]
@@ -22,12 +23,14 @@ STOP_S = 20.0
 
 folder = pathlib.Path(tempfile.mkdtemp(prefix="ambf-ros-tests-"))
 scene = folder / "scene"
+bad_scene = folder / "bad"
 python_messages = folder / "python"
 
 
 def set_up():
     """Writes the scenes and generates the messages' Python classes; call once a process, before importing ambf_msgs."""
     scenes.write(scene)
+    bad_scenes.write(bad_scene)
     subprocess.run([REPOSITORY / "scripts/python-messages", python_messages], check=True)
     sys.path.insert(0, str(python_messages))
 
