@@ -2,6 +2,7 @@
 
 import os
 import pathlib
+import resource
 import shutil
 import signal
 import socket
@@ -91,7 +92,8 @@ def environment(port, **more):
 class Program:
     """A child process whose output goes to a file; always ended when the `with` block ends."""
 
-    def __init__(self, command, env):
+    def __init__(self, command, env, address_space=resource.RLIM_INFINITY):
+        """`address_space`: bytes that it may reserve."""
         handle, name = tempfile.mkstemp(dir=folder, suffix=".log")
         self._log = pathlib.Path(name)
         self.process = subprocess.Popen(
@@ -101,6 +103,7 @@ class Program:
             stdout=handle,
             stderr=subprocess.STDOUT,
             start_new_session=True,
+            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (address_space, resource.RLIM_INFINITY)),
         )
         os.close(handle)
 
@@ -157,9 +160,9 @@ class Master(Program):
 class Simulator(Program):
     """The simulator, headless. `with` and `close` check that it never panicked."""
 
-    def __init__(self, port, *arguments, gui=("-g", "0"), **env):
+    def __init__(self, port, *arguments, gui=("-g", "0"), address_space=resource.RLIM_INFINITY, **env):
         self.port = port
-        super().__init__([simulator_path(), *gui, *arguments], environment(port, **env))
+        super().__init__([simulator_path(), *gui, *arguments], environment(port, **env), address_space)
 
     def __exit__(self, kind, *_):
         self.stop()
