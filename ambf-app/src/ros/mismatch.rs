@@ -1,6 +1,9 @@
 //! Clients that use another version of a message, or send bytes that are none: rosrust refuses them and says so only in the `log`
 //! facade.
 
+use std::collections::BTreeMap;
+use std::sync::{Mutex, PoisonError};
+
 use log::{Level, LevelFilter, Log, Metadata, Record};
 
 use super::signal::Complaints;
@@ -14,8 +17,22 @@ pub(super) fn report_mismatches() {
     }
 }
 
+/// How many different lines are told apart.
+const MAX_LINES: usize = 256;
+
+/// Repeats a line at most once a second, without holding up others.
 #[derive(Default)]
-struct MismatchLogger(Complaints);
+struct MismatchLogger(Mutex<BTreeMap<String, Complaints>>);
+
+impl MismatchLogger {
+    fn report(&self, line: String) {
+        let mut lines = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if lines.len() >= MAX_LINES {
+            lines.clear();
+        }
+        lines.entry(line.clone()).or_default().report(line);
+    }
+}
 
 impl Log for MismatchLogger {
     fn enabled(&self, metadata: &Metadata<'_>) -> bool {
@@ -26,7 +43,7 @@ impl Log for MismatchLogger {
         // All other lines are about clients that come and go.
         if self.enabled(record.metadata()) {
             if let Some(line) = mismatch(&record.args().to_string()) {
-                self.0.report(line);
+                self.report(line);
             }
         }
     }
