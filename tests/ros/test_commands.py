@@ -299,17 +299,17 @@ class Commands(Driven):
                     while time.monotonic() < end:
                         for listener in bodies:
                             self.assertTrue(finite(listener.next()), (case, listener.newest()))
-                # Until the watchdog has cleared the command, a reset would only lose the state again.
-                time.sleep(1.0)
-                reset = resets[case % 2]
+                step, reset = self.free.next().sim_step, resets[case % 2]
                 harness.wait_for(reset.get_num_connections, "the simulator listens to resets")
-                reset.publish(Empty())
-                step = self.free.next().sim_step
-                self.free.until(
-                    lambda state, step=step: state.sim_step > step and abs(state.pose.position.x) < 0.05,
-                    "the body is back",
-                )
-                self.base.until(lambda state: abs(state.joint_positions[0]) < 0.05, "the joint is back")
+
+                def is_back(step=step, reset=reset):
+                    # Until the watchdog has cleared the command, a reset only loses the state again.
+                    reset.publish(Empty())
+                    state = self.free.next()
+                    is_home = abs(state.pose.position.x) < 0.05 and abs(self.base.next().joint_positions[0]) < 0.05
+                    return state.sim_step > step + 10 and is_home
+
+                harness.wait_for(is_back, "everything is back")
                 self.test_twist()
                 self.test_joint_position()
         self.assertRegex(self.simulator.log(), "BODY Free.* non-finite.*last command.*paused")

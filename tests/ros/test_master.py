@@ -45,6 +45,18 @@ class Real(harness.RosTest):
             self.assertNotIn("started one", simulator.log())
 
 
+    def test_rosnode_kill(self):
+        """The simulation goes on without ROS."""
+        with harness.Simulator(self.port, *LAUNCH) as simulator:
+            simulator.wait_for_topics(f"{BODY}/State")
+            (name,) = harness.simulator_nodes(self.port)
+            harness.ros(self.port, "rosnode", "kill", name)
+            harness.wait_for(lambda: not harness.simulator_nodes(self.port), "the node is gone")
+            harness.wait_for(lambda: "goes on without ROS" in simulator.log(), "the simulator says so")
+            self.assertTrue(simulator.running())
+            self.assertEqual(simulator.interrupt(), 0)
+
+
 class Embedded(unittest.TestCase):
     """Nobody listens at the local ROS_MASTER_URI: the simulator brings its own master."""
 

@@ -97,6 +97,26 @@ class Tools(harness.RosTest):
         self.assertEqual(harness.ros(self.port, "rosparam", "get", names[3]).strip(), "SPOT")
         self.assertEqual(harness.ros(self.port, "rosparam", "get", f"{CAMERA}/far_plane").strip(), "20.0")
 
+    def test_parameters_of_no_use(self):
+        """They are named, change nothing, and the next sound one works."""
+        clouds = f"{WORLD}/point_cloud_topics"
+        bad = {f"{LIGHT}/cutoff_angle": "wide", f"{CAMERA}/mode": "QUAD", clouds: "7"}
+        harness.wait_for(lambda: set(bad) <= set(harness.ros(self.port, "rosparam", "list").split()), "parameters")
+        for name, value in bad.items():
+            harness.ros(self.port, "rosparam", "set", name, value)
+        for word in ("cutoff_angle: expected", "mode: expected", "point_cloud_topics: expected"):
+            harness.wait_for(lambda word=word: word in self.simulator.log(), word)
+        harness.ros(self.port, "rosparam", "set", f"{LIGHT}/cutoff_angle", "0.7")
+        harness.ros(self.port, "rosparam", "set", f"{CAMERA}/mode", "MONO")
+        harness.ros(self.port, "rosparam", "set", clouds, f"[{WORLD}/point_cloud, /scan]")
+        harness.wait_for(
+            lambda: "/scan" in {name for name, _ in harness.state_of(self.port)[1]}, "the simulator listens to /scan"
+        )
+        harness.ros(self.port, "rosparam", "set", clouds, f"[{WORLD}/point_cloud]")
+        harness.wait_for(
+            lambda: "/scan" not in {name for name, _ in harness.state_of(self.port)[1]}, "it listens no more"
+        )
+
     def test_rosnode_list(self):
         """One node, with the original's name and a suffix."""
         listed = [name for name in harness.ros(self.port, "rosnode", "list").split() if "ambf" in name]
