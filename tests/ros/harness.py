@@ -2,6 +2,7 @@
 
 import os
 import pathlib
+import resource
 import shutil
 import signal
 import socket
@@ -13,6 +14,7 @@ import unittest
 
 import rosgraph
 
+import bad_scenes
 import scenes
 
 REPOSITORY = pathlib.Path(__file__).resolve().parents[2]
@@ -22,12 +24,14 @@ STOP_S = 20.0
 
 folder = pathlib.Path(tempfile.mkdtemp(prefix="ambf-ros-tests-"))
 scene = folder / "scene"
+bad_scene = folder / "bad"
 python_messages = folder / "python"
 
 
 def set_up():
     """Writes the scenes and generates the messages' Python classes; call once a process, before importing ambf_msgs."""
     scenes.write(scene)
+    bad_scenes.write(bad_scene)
     subprocess.run([REPOSITORY / "scripts/python-messages", python_messages], check=True)
     sys.path.insert(0, str(python_messages))
 
@@ -88,7 +92,8 @@ def environment(port, **more):
 class Program:
     """A child process whose output goes to a file; always ended when the `with` block ends."""
 
-    def __init__(self, command, env):
+    def __init__(self, command, env, address_space=resource.RLIM_INFINITY):
+        """`address_space`: bytes that it may reserve."""
         handle, name = tempfile.mkstemp(dir=folder, suffix=".log")
         self._log = pathlib.Path(name)
         self.process = subprocess.Popen(
@@ -98,6 +103,7 @@ class Program:
             stdout=handle,
             stderr=subprocess.STDOUT,
             start_new_session=True,
+            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (address_space, resource.RLIM_INFINITY)),
         )
         os.close(handle)
 
@@ -154,9 +160,9 @@ class Master(Program):
 class Simulator(Program):
     """The simulator, headless. `with` and `close` check that it never panicked."""
 
-    def __init__(self, port, *arguments, gui=("-g", "0"), **env):
+    def __init__(self, port, *arguments, gui=("-g", "0"), address_space=resource.RLIM_INFINITY, **env):
         self.port = port
-        super().__init__([simulator_path(), *gui, *arguments], environment(port, **env))
+        super().__init__([simulator_path(), *gui, *arguments], environment(port, **env), address_space)
 
     def __exit__(self, kind, *_):
         self.stop()

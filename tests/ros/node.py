@@ -14,7 +14,8 @@ def start(port):
     for name, value in harness.environment(port).items():
         if name.startswith("ROS_"):
             os.environ[name] = value
-    rospy.init_node("tests", anonymous=True, disable_signals=True)
+    # Some tests provoke rospy's warnings.
+    rospy.init_node("tests", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
 
 
 class Listener:

@@ -5,6 +5,7 @@ import math
 
 NOWHERE = {"x": 0.0, "y": 0.0, "z": 0.0}
 LIGHT = "/ambf/env/lights/lamp"
+CAMERA = "/ambf/env/cameras/eye"
 WORLD = "/ambf/env/World"
 
 
@@ -56,7 +57,7 @@ def write(folder):
         "max iterations": 50,
         "gravity": NOWHERE,
         "lights": ["LIGHT lamp"],
-        "cameras": [],
+        "cameras": ["CAMERA eye"],
         "LIGHT lamp": {
             "namespace": "/ambf/env/lights/",
             "name": "lamp",
@@ -65,6 +66,15 @@ def write(folder):
             "spot exponent": 0.3,
             "shadow quality": 0,
             "cutoff angle": 0.7,
+        },
+        "CAMERA eye": {
+            "namespace": "/ambf/env/cameras/",
+            "name": "eye",
+            "location": {"x": 4.0, "y": 0.0, "z": 1.0},
+            "look at": {"x": 0.0, "y": 0.0, "z": 1.0},
+            "up": {"x": 0.0, "y": 0.0, "z": 1.0},
+            "clipping plane": {"near": 0.01, "far": 20.0},
+            "field view angle": 0.8,
         },
     }
     ground = model({"BODY Ground": dict(box("Ground", 0.0, z=-50.0, size=1.0), passive=True)})

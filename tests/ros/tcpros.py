@@ -8,6 +8,12 @@ import harness
 import rosgraph
 
 
+class Connection(socket.socket):
+    """A socket that knows what the publisher said about itself in `fields`."""
+
+    fields = None
+
+
 def publisher_address(port, topic):
     """Host and TCP port at which the only publisher of `topic` takes subscribers."""
     master = rosgraph.Master("/raw", f"http://localhost:{port}")
@@ -19,8 +25,8 @@ def publisher_address(port, topic):
 
 
 def subscribe(address, topic, name, buffer_bytes=None):
-    """A socket that the states of `topic` arrive at; the handshake is done."""
-    raw = socket.socket()
+    """A connection at which the states of `topic` arrive; the handshake is done."""
+    raw = Connection()
     if buffer_bytes:
         raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, buffer_bytes)
     raw.settimeout(harness.PATIENCE_S)
@@ -28,9 +34,19 @@ def subscribe(address, topic, name, buffer_bytes=None):
     fields = [f"callerid=/{name}", f"topic={topic}", "type=*", "md5sum=*", "message_definition=", "tcp_nodelay=1"]
     data = b"".join(struct.pack("<I", len(field)) + field.encode() for field in fields)
     raw.sendall(struct.pack("<I", len(data)) + data)
-    header = read_block(raw)
-    assert b"md5sum=" in header, header
+    raw.fields = fields_of(read_block(raw))
+    assert "md5sum" in raw.fields, raw.fields
     return raw
+
+
+def fields_of(header):
+    """{name: value} of a connection header."""
+    fields, at = {}, 0
+    while at < len(header):
+        (length,) = struct.unpack_from("<I", header, at)
+        name, _, value = header[at + 4 : at + 4 + length].decode().partition("=")
+        fields[name], at = value, at + 4 + length
+    return fields
 
 
 def read_block(raw):

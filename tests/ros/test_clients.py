@@ -1,17 +1,35 @@
 """Clients that misbehave don't disturb the others."""
 
+import contextlib
+import io
 import os
+import re
 import signal
+import struct
 
+import genpy.dynamic
 import harness
 import node
 import rospy
 import tcpros
-from ambf_msgs.msg import RigidBodyState
+from ambf_msgs.msg import RigidBodyCmd, RigidBodyState
 from scenes import WORLD
+from std_msgs.msg import Empty
 
 BODY = "/ambf/env/Base"
 TOPIC = f"{BODY}/State"
+
+
+class Bytes(RigidBodyCmd):
+    """Claims to be a command and sends any bytes."""
+
+    def __init__(self, data=b""):
+        super().__init__()
+        self._data = data
+
+    def serialize(self, buff):
+        """Writes the bytes as they are."""
+        buff.write(self._data)
 
 
 class Crowd(harness.RosTest):
@@ -21,9 +39,9 @@ class Crowd(harness.RosTest):
     def setUpClass(cls):
         super().setUpClass()
         node.start(cls.port)
-        cls.simulator = harness.Simulator(
-            cls.port, "--launch_file", harness.scene / "launch.yaml", "-l0", "--override_min_comm_freq", "1000"
-        )
+        arguments = ("--launch_file", harness.scene / "launch.yaml", "-l0", "--override_min_comm_freq", "1000")
+        # As on a small computer.
+        cls.simulator = harness.Simulator(cls.port, *arguments, address_space=8 << 30)
         cls.simulator.wait_for_topics(TOPIC, f"{WORLD}/State")
 
     @classmethod
@@ -68,6 +86,50 @@ class Crowd(harness.RosTest):
             other.until(lambda state: state.header.seq > arrived + 5000, "the other subscriber goes on")
             os.kill(tool.process.pid, signal.SIGCONT)
             self.assertTrue(tool.running())
+
+    def test_messages_that_are_none(self):
+        """Bytes that are too short, or announce more than follows, are no command and do no harm."""
+        sound = io.BytesIO()
+        RigidBodyCmd(joint_cmds=[0.0]).serialize(sound)
+        sound = sound.getvalue()
+        # Header, type, pose, wrench and twist come before the two arrays.
+        arrays = 16 + 1 + 56 + 48 + 48
+        huge = struct.pack("<I", 0xFFFFFFFF)
+        broken = [b"", b"\0" * 10, sound[:-1], huge * 4, sound[:arrays] + huge + sound[arrays + 4 :]]
+        broken += [sound[: arrays + 4] + huge + sound[arrays + 8 :], sound[:12] + huge + sound[16:], sound + b"more"]
+        publisher = rospy.Publisher(f"{BODY}/Command", Bytes, queue_size=len(broken))
+        self.addCleanup(publisher.unregister)
+        harness.wait_for(publisher.get_num_connections, "the simulator listens")
+        with node.Listener(TOPIC, RigidBodyState) as state:
+            for data in broken:
+                publisher.publish(Bytes(data))
+                seen = state.newest().header.seq
+                state.until(lambda state, seen=seen: state.header.seq > seen + 50, "states go on")
+                self.assertTrue(self.simulator.running(), self.simulator.log())
+            self.assertIn("not a ambf_msgs/RigidBodyCmd", self.simulator.log())
+            command = RigidBodyCmd(joint_cmds=[0.3], joint_cmds_types=[RigidBodyCmd.TYPE_POSITION])
+            with node.Stream(f"{BODY}/Command", command):
+                state.until(lambda state: abs(state.joint_positions[0] - 0.3) < 0.05, "the joint obeys")
+
+    def test_wrong_types(self):
+        """Clients with another message under the same name are not connected, and the simulator says so once it knows."""
+        publisher = rospy.Publisher("/ambf/env/Link/Command", Empty, queue_size=1)
+        self.addCleanup(publisher.unregister)
+        subscriber = rospy.Subscriber(TOPIC, Empty, self.fail)
+        self.addCleanup(subscriber.unregister)
+        harness.wait_for(
+            lambda: re.search(f"{TOPIC}.*mismatched.*version of the message", self.simulator.log()), "the reason"
+        )
+        self.assertEqual(publisher.get_num_connections(), 0)
+
+    def test_definition_in_the_header(self):
+        """Tools that record or decode without our package get the whole definition."""
+        with contextlib.closing(tcpros.subscribe(tcpros.publisher_address(self.port, TOPIC), TOPIC, "reader")) as raw:
+            kind, definition = raw.fields["type"], raw.fields["message_definition"]
+            classes = genpy.dynamic.generate_dynamic(kind, definition)
+            state = classes[kind]()
+            state.deserialize(tcpros.read_block(raw))
+            self.assertEqual((state.name.data, classes[kind]._md5sum), ("Base", RigidBodyState._md5sum))
 
     def test_five_hundred_come_and_go(self):
         """Each gets a state; afterwards nothing of them is left in the simulator."""

@@ -7,11 +7,21 @@ import unittest
 import harness
 import node
 import rospy
-from ambf_msgs.msg import LightState, RigidBodyCmd, RigidBodyState, Timing, WorldCmd, WorldState
+from ambf_msgs.msg import (
+    CameraCmd,
+    CameraState,
+    LightCmd,
+    LightState,
+    RigidBodyCmd,
+    RigidBodyState,
+    Timing,
+    WorldCmd,
+    WorldState,
+)
+from scenes import CAMERA, LIGHT, WORLD
 from std_msgs.msg import Empty
 
 BASE, LINK, FREE, WALL = (f"/ambf/env/{name}" for name in ("Base", "Link", "Free", "Wall"))
-WORLD = "/ambf/env/World"
 MASTER = None
 
 
@@ -121,11 +131,11 @@ class States(Driven):
 
     def test_light(self):
         """Lights have a state and parameters."""
-        state = self.listen("/ambf/env/lights/lamp/State", LightState).newest()
+        state = self.listen(f"{LIGHT}/State", LightState).newest()
         self.assertEqual(state.name.data, "lamp")
         self.assertAlmostEqual(state.pose.position.z, 2.5, places=5)
         parameter = harness.wait_for(
-            lambda: rospy.get_param("/ambf/env/lights/lamp/cutoff_angle", None), "cutoff_angle"
+            lambda: rospy.get_param(f"{LIGHT}/cutoff_angle", None), "cutoff_angle"
         )
         self.assertAlmostEqual(parameter, 0.7, places=5)
 
@@ -174,6 +184,22 @@ class Commands(Driven):
         """A torque accelerates; its sign is the angle's."""
         with node.Stream(f"{BASE}/Command", joints([-0.05], RigidBodyCmd.TYPE_FORCE)):
             self.base.until(lambda state: state.joint_velocities[0] < -0.1, "the joint turns backwards")
+
+    def test_camera_and_light(self):
+        """They go where they are told, and parameters change what they say."""
+        for kind, command, name in ((CameraState, CameraCmd(), CAMERA), (LightState, LightCmd(), LIGHT)):
+            listener = self.listen(f"{name}/State", kind)
+            command.enable_position_controller = True
+            command.pose.position.y = 0.75
+            with self.subTest(name), node.Stream(f"{name}/Command", command):
+                state = listener.until(lambda state: abs(state.pose.position.y - 0.75) < 1e-6, "it moves")
+                self.assertEqual(abs(state.pose.orientation.w), 1.0)
+            command.pose.position.y = math.nan
+            with self.subTest(name), node.Stream(f"{name}/Command", command):
+                for _ in range(20):
+                    self.assertAlmostEqual(listener.next().pose.position.y, 0.75, places=6)
+            rospy.set_param(f"{name}/parent_name", "BODY Free")
+            listener.until(lambda state: state.parent_name.data == "BODY Free", "it has a parent")
 
     def test_pose_of_a_static_body(self):
         """It is where it was put."""
@@ -233,6 +259,15 @@ class Commands(Driven):
         self.test_a_stream_of_wrenches_keeps_pushing()
         self.test_joint_position()
 
+    def test_a_bad_command_costs_no_other_object_its_own(self):
+        """While one body is sent NaN without end, the others obey."""
+        bad = RigidBodyCmd(cartesian_cmd_type=RigidBodyCmd.TYPE_VELOCITY)
+        bad.twist.linear.x = math.nan
+        with node.Stream(f"{WALL}/Command", bad), node.Stream(f"{LINK}/Command", force(math.inf)):
+            self.test_a_stream_of_wrenches_keeps_pushing()
+            self.test_joint_position()
+        self.assertAlmostEqual(self.wall.next().pose.position.x, 5.0, places=5)
+
     def test_arrays_of_any_length(self):
         """Surplus commands are ignored, missing types are efforts, unknown types leave the joint alone."""
         long = RigidBodyCmd(joint_cmds=[0.5] * 1000, joint_cmds_types=[1] * 1000)
@@ -243,6 +278,41 @@ class Commands(Driven):
             self.assertTrue(finite(self.base.next()))
         with node.Stream(f"{BASE}/Command", RigidBodyCmd(joint_cmds=[0.05])):
             self.base.until(lambda state: state.joint_velocities[0] > 0.1, "without a type it is an effort")
+
+    def test_numbers_beyond_all_measure(self):
+        """A state that gets lost is named and pauses the simulation, never published; a reset brings everything back."""
+        resets = [rospy.Publisher(f"{WORLD}/Command/{name}", Empty, queue_size=1) for name in ("Reset", "Reset/Bodies")]
+        velocity = RigidBodyCmd(cartesian_cmd_type=RigidBodyCmd.TYPE_VELOCITY)
+        velocity.twist.linear.x = velocity.twist.angular.y = 1e308
+        fast = RigidBodyCmd(cartesian_cmd_type=RigidBodyCmd.TYPE_VELOCITY)
+        fast.twist.linear.x = 1e25
+        far = RigidBodyCmd(cartesian_cmd_type=RigidBodyCmd.TYPE_POSITION)
+        far.pose.position.y = 1e308
+        efforts = [joints([3e38], kind) for kind in (0, 1, 2)]
+        cases = [(FREE, velocity), (FREE, force(1e308)), (FREE, fast), (FREE, far), (WALL, far), (WALL, fast)]
+        cases += [(BASE, command) for command in efforts]
+        bodies = (self.base, self.link, self.free, self.wall)
+        for case, (body, command) in enumerate(cases):
+            with self.subTest(case=case, body=body):
+                with node.Stream(f"{body}/Command", command):
+                    end = time.monotonic() + 1.0
+                    while time.monotonic() < end:
+                        for listener in bodies:
+                            self.assertTrue(finite(listener.next()), (case, listener.newest()))
+                step, reset = self.free.next().sim_step, resets[case % 2]
+                harness.wait_for(reset.get_num_connections, "the simulator listens to resets")
+
+                def is_back(step=step, reset=reset):
+                    # Until the watchdog has cleared the command, a reset only loses the state again.
+                    reset.publish(Empty())
+                    state = self.free.next()
+                    is_home = abs(state.pose.position.x) < 0.05 and abs(self.base.next().joint_positions[0]) < 0.05
+                    return state.sim_step > step + 10 and is_home
+
+                harness.wait_for(is_back, "everything is back")
+                self.test_twist()
+                self.test_joint_position()
+        self.assertRegex(self.simulator.log(), "BODY Free.* non-finite.*last command.*paused")
 
     def test_reset(self):
         """Poses return; simulated time goes on."""

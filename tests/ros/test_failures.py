@@ -1,5 +1,6 @@
 """What the user got wrong: clear messages, the original's exit statuses, and never a panic."""
 
+import bad_scenes
 import harness
 from scenes import WORLD
 
@@ -42,6 +43,24 @@ class Starting(harness.RosTest):
             with self.subTest(name):
                 log = self.keeps_running(*launch, "-a", harness.scene / name)
                 self.assertIn(name, log)
+
+    def test_mistakes_in_models(self):
+        """Each is named with its file; what is sound is there, and every published number is finite."""
+        files = [harness.bad_scene / name for name in bad_scenes.FILES]
+        arguments = ("--launch_file", harness.scene / "launch.yaml", "-l1", "-a", ",".join(map(str, files)))
+        with harness.Simulator(self.port, *arguments) as simulator:
+            simulator.wait_for_topics(f"{BODY}/State", "/ambf/env/Same/State", "/ambf/env/ZeroAxisB/State")
+            bodies = [name for name in harness.published(self.port) if name.endswith("/State") and "World" not in name]
+            for name in bodies:
+                text = harness.ros(self.port, "rostopic", "echo", "-n", "1", name)
+                self.assertNotRegex(text, r"\b(nan|inf)\b")
+            self.assertTrue(simulator.running())
+            self.assertEqual(simulator.interrupt(), 0)
+            log = simulator.log()
+        for name, (_, words) in bad_scenes.FILES.items():
+            lines = [line for line in log.splitlines() if name in line or name == "same_name.yaml"]
+            for word in words:
+                self.assertTrue(any(word in line for line in lines), f"{word} of {name} in:\n{log}")
 
     def test_nothing_to_load(self):
         """An empty world is a world."""

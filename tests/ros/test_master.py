@@ -1,6 +1,7 @@
 """ROS masters that come, go, are missing or are not wanted."""
 
 import signal
+import sys
 import time
 import unittest
 
@@ -23,6 +24,37 @@ class RosMaster(harness.Program):
     def __init__(self, port):
         super().__init__(["rosmaster", "--core", "-p", port], harness.environment(port))
         harness.wait_for(lambda: harness.state_of(port) is not None, "rosmaster answers")
+
+
+def run_client(port):
+    """A rospy script reads states and drives a joint and a body."""
+    client = [sys.executable, harness.REPOSITORY / "tests/ros/client.py"]
+    with harness.Program(client, harness.environment(port)) as program:
+        status = program.status()
+        assert (status, program.log().split()[::2]) == (0, ["Base", "Wall"]), (status, program.log())
+
+
+class Real(harness.RosTest):
+    """`roscore` runs already."""
+
+    def test_a_script(self):
+        """It meets the simulator there, and no second master is started."""
+        with harness.Simulator(self.port, *LAUNCH) as simulator:
+            run_client(self.port)
+            self.assertEqual(simulator.interrupt(), 0)
+            self.assertNotIn("started one", simulator.log())
+
+
+    def test_rosnode_kill(self):
+        """The simulation goes on without ROS."""
+        with harness.Simulator(self.port, *LAUNCH) as simulator:
+            simulator.wait_for_topics(f"{BODY}/State")
+            (name,) = harness.simulator_nodes(self.port)
+            harness.ros(self.port, "rosnode", "kill", name)
+            harness.wait_for(lambda: not harness.simulator_nodes(self.port), "the node is gone")
+            harness.wait_for(lambda: "goes on without ROS" in simulator.log(), "the simulator says so")
+            self.assertTrue(simulator.running())
+            self.assertEqual(simulator.interrupt(), 0)
 
 
 class Embedded(unittest.TestCase):
@@ -51,6 +83,9 @@ class Embedded(unittest.TestCase):
             ]
             with harness.Program(command, harness.environment(port)):
                 harness.wait_for(lambda: echo(port, f"{BODY}/State")["twist"]["linear"]["y"] > 0.1, "the body moves")
+            with harness.Program(["rostopic", "hz", f"{BODY}/State"], harness.environment(port)) as tool:
+                harness.wait_for(lambda: "average rate" in tool.log(), "rostopic hz counts")
+            run_client(port)
             self.assertEqual(simulator.interrupt(), 0)
         self.assertIsNone(harness.state_of(port))
 
@@ -74,6 +109,7 @@ class Lost(unittest.TestCase):
         self.addCleanup(lambda: master.running() and master.kill())
         with harness.Simulator(port, *LAUNCH) as simulator:
             simulator.wait_for_topics(*topics)
+            took = []
             for _ in range(2):
                 before, start = echo(port, f"{WORLD}/State"), time.monotonic()
                 master.process.send_signal(signal.SIGKILL)
@@ -82,10 +118,10 @@ class Lost(unittest.TestCase):
                 master = RosMaster(port)
                 back = time.monotonic()
                 simulator.wait_for_topics(*topics)
-                self.assertLess(time.monotonic() - back, 10.0)
                 harness.wait_for(
                     lambda: f"{BODY}/Command" in {name for name, _ in harness.state_of(port)[1]}, "Command"
                 )
+                took.append(time.monotonic() - back)
                 after, passed = echo(port, f"{WORLD}/State"), time.monotonic() - start
                 self.assertEqual(len(harness.simulator_nodes(port)), 1)
                 self.assertLess(abs(after["sim_time"] - before["sim_time"] - passed), 3.0)
@@ -102,6 +138,8 @@ class Lost(unittest.TestCase):
                     harness.wait_for(
                         lambda: echo(port, f"{BODY}/State")["twist"]["linear"]["y"] == 0.25, "commands arrive"
                     )
+            # Promised are 5 s; a busy machine may spoil one of the two.
+            self.assertLess(min(took), 5.0, took)
             self.assertEqual(simulator.interrupt(), 0)
             self.assertFalse([name for name in harness.published(port) if name.startswith("/ambf")])
 

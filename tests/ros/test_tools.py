@@ -4,7 +4,7 @@ import re
 
 import harness
 import yaml
-from scenes import WORLD
+from scenes import CAMERA, LIGHT, WORLD
 
 BODY = "/ambf/env/Free"
 
@@ -28,9 +28,9 @@ class Tools(harness.RosTest):
         self.simulator.check_log()
 
     def test_rostopic_list(self):
-        """All states and commands, normalised, and none of passive bodies or cameras."""
+        """All states and commands, normalised, and none of passive bodies."""
         listed = set(harness.ros(self.port, "rostopic", "list").split())
-        objects = ["World", "Base", "Link", "Free", "Wall", "lights/lamp"]
+        objects = ["World", "Base", "Link", "Free", "Wall", "lights/lamp", "cameras/eye"]
         expected = {f"/ambf/env/{name}/{end}" for name in objects for end in ("State", "Command")}
         expected |= {f"{WORLD}/Command/Reset", f"{WORLD}/Command/Reset/Bodies", f"{WORLD}/Timing"}
         found = {name for name in listed if name.startswith("/ambf")} - {
@@ -49,7 +49,9 @@ class Tools(harness.RosTest):
             (f"{WORLD}/Timing", "ambf_msgs/Timing"),
             (f"{BODY}/State", "ambf_msgs/RigidBodyState"),
             (f"{BODY}/Command", "ambf_msgs/RigidBodyCmd"),
-            ("/ambf/env/lights/lamp/State", "ambf_msgs/LightState"),
+            (f"{LIGHT}/State", "ambf_msgs/LightState"),
+            (f"{CAMERA}/State", "ambf_msgs/CameraState"),
+            (f"{CAMERA}/Command", "ambf_msgs/CameraCmd"),
         ):
             self.assertEqual(harness.ros(self.port, "rostopic", "type", topic).strip(), kind)
 
@@ -87,11 +89,33 @@ class Tools(harness.RosTest):
     def test_rosparam(self):
         """Parameters of the world and of lights."""
         names = ["/ambf/env/World/point_cloud_topics"]
-        names += [f"/ambf/env/lights/lamp/{name}" for name in ("cutoff_angle", "parent_name", "type")]
+        names += [f"{LIGHT}/{name}" for name in ("cutoff_angle", "parent_name", "type")]
+        names += [f"{CAMERA}/{name}" for name in ("near_plane", "far_plane", "field_view_angle", "projection", "mode")]
         harness.wait_for(lambda: set(names) <= set(harness.ros(self.port, "rosparam", "list").split()), names)
         self.assertEqual(yaml.safe_load(harness.ros(self.port, "rosparam", "get", names[0])), [f"{WORLD}/point_cloud"])
         self.assertAlmostEqual(float(harness.ros(self.port, "rosparam", "get", names[1])), 0.7, places=5)
         self.assertEqual(harness.ros(self.port, "rosparam", "get", names[3]).strip(), "SPOT")
+        self.assertEqual(harness.ros(self.port, "rosparam", "get", f"{CAMERA}/far_plane").strip(), "20.0")
+
+    def test_parameters_of_no_use(self):
+        """They are named, change nothing, and the next sound one works."""
+        clouds = f"{WORLD}/point_cloud_topics"
+        bad = {f"{LIGHT}/cutoff_angle": "wide", f"{CAMERA}/mode": "QUAD", clouds: "7"}
+        harness.wait_for(lambda: set(bad) <= set(harness.ros(self.port, "rosparam", "list").split()), "parameters")
+        for name, value in bad.items():
+            harness.ros(self.port, "rosparam", "set", name, value)
+        for word in ("cutoff_angle: expected", "mode: expected", "point_cloud_topics: expected"):
+            harness.wait_for(lambda word=word: word in self.simulator.log(), word)
+        harness.ros(self.port, "rosparam", "set", f"{LIGHT}/cutoff_angle", "0.7")
+        harness.ros(self.port, "rosparam", "set", f"{CAMERA}/mode", "MONO")
+        harness.ros(self.port, "rosparam", "set", clouds, f"[{WORLD}/point_cloud, /scan]")
+        harness.wait_for(
+            lambda: "/scan" in {name for name, _ in harness.state_of(self.port)[1]}, "the simulator listens to /scan"
+        )
+        harness.ros(self.port, "rosparam", "set", clouds, f"[{WORLD}/point_cloud]")
+        harness.wait_for(
+            lambda: "/scan" not in {name for name, _ in harness.state_of(self.port)[1]}, "it listens no more"
+        )
 
     def test_rosnode_list(self):
         """One node, with the original's name and a suffix."""
@@ -109,7 +133,7 @@ class Names(harness.RosTest):
             names = {f"{name}/State" for name in expected}
             simulator.wait_for_topics(*names)
             found = {name for name in harness.published(self.port) if name.endswith("/State")}
-            self.assertEqual({name for name in found if "lamp" not in name and "World" not in name}, names)
+            self.assertEqual({name for name in found if not re.search("lamp|eye|World", name)}, names)
             texts = [
                 harness.ros(self.port, "rostopic", "echo", "-n", "1", f"{name}/State/identifier/data")
                 for name in expected

@@ -1,10 +1,15 @@
-//! Clients that use another version of a message: rosrust refuses them and says so only in the `log` facade.
+//! Clients that use another version of a message, or send bytes that are none: rosrust refuses them and says so only in the `log`
+//! facade.
+
+use std::collections::BTreeMap;
+use std::sync::{Mutex, PoisonError};
 
 use log::{Level, LevelFilter, Log, Metadata, Record};
 
 use super::signal::Complaints;
 
-/// Reports from now on which topic a client could not connect to, because type or checksum differ. Does nothing when the program
+/// Reports from now on which topic a client could not connect to, because type or checksum differ, and messages that cannot be
+/// decoded. Does nothing when the program
 /// has a logger of its own, which then gets those lines.
 pub(super) fn report_mismatches() {
     if log::set_boxed_logger(Box::<MismatchLogger>::default()).is_ok() {
@@ -12,8 +17,22 @@ pub(super) fn report_mismatches() {
     }
 }
 
+/// How many different lines are told apart.
+const MAX_LINES: usize = 256;
+
+/// Repeats a line at most once a second, without holding up others.
 #[derive(Default)]
-struct MismatchLogger(Complaints);
+struct MismatchLogger(Mutex<BTreeMap<String, Complaints>>);
+
+impl MismatchLogger {
+    fn report(&self, line: String) {
+        let mut lines = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if lines.len() >= MAX_LINES {
+            lines.clear();
+        }
+        lines.entry(line.clone()).or_default().report(line);
+    }
+}
 
 impl Log for MismatchLogger {
     fn enabled(&self, metadata: &Metadata<'_>) -> bool {
@@ -24,7 +43,7 @@ impl Log for MismatchLogger {
         // All other lines are about clients that come and go.
         if self.enabled(record.metadata()) {
             if let Some(line) = mismatch(&record.args().to_string()) {
-                self.0.report(line);
+                self.report(line);
             }
         }
     }
@@ -34,6 +53,9 @@ impl Log for MismatchLogger {
 
 /// A line for the user if `text` is about a mismatch.
 fn mismatch(text: &str) -> Option<String> {
+    if text.starts_with("Failed to decode message") {
+        return Some(format!("{text}; the bytes of a client are ignored"));
+    }
     text.contains("mismatched").then(|| {
         let lines: Vec<&str> = text.lines().map(|line| line.trim_start_matches("Caused by:").trim()).collect();
         format!("{} (a client with another version of the message; is it built with our ambf_msgs?)", lines.join(": "))
@@ -50,6 +72,7 @@ mod tests {
         let line = mismatch(text).unwrap();
         assert!(line.starts_with("Failed to connect to topic '/a': Data field 'md5sum'"), "{line}");
         assert!(!line.contains('\n'));
+        assert!(mismatch("Failed to decode message: not a x/Y").is_some_and(|line| line.contains("x/Y")));
         assert_eq!(mismatch("TCP connection failed at topic '/a': try again"), None);
     }
 }

@@ -25,6 +25,7 @@ mod objects;
 mod parameters;
 mod point_cloud;
 mod posed;
+mod received;
 mod remap;
 mod rigid_body;
 mod scheduler;

@@ -10,6 +10,7 @@ use rosrust::Message;
 use super::messages::ambf_msgs;
 use super::naming::object_names;
 use super::posed::{self, Identity, ParentName};
+use super::received::FromClient;
 use super::rigid_body::{self, Requests};
 use super::scheduler::{is_live, Entry, StateOutlet};
 use super::signal::{Complaints, Waker};
@@ -96,7 +97,7 @@ impl Builder<'_> {
         self.served.entries.push(Entry::new(outlet, rates, commanded_by, self.hub.now()));
     }
 
-    fn subscribe<M: Message>(&mut self, topic: String, on_message: impl Fn(M) + Send + Sync + 'static) {
+    fn subscribe<M: FromClient>(&mut self, topic: String, on_message: impl Fn(M) + Send + Sync + 'static) {
         self.served.announcements.push(Subscription::new(topic, on_message));
     }
 

@@ -103,8 +103,10 @@ impl StateSource {
 }
 
 fn select(out: &mut Vec<f32>, values: &[f64], indices: &[usize]) {
+    // What is too large for the wire's f32 must not become infinite on it.
+    let narrow = |x: f64| x.clamp(f64::from(f32::MIN), f64::from(f32::MAX)) as f32;
     out.clear();
-    out.extend(indices.iter().map(|&i| values.get(i).copied().unwrap_or_default() as f32));
+    out.extend(indices.iter().map(|&i| values.get(i).copied().map_or(0.0, narrow)));
 }
 
 /// The command in `message`. Entries beyond the body's `n_joints` are dropped here: nobody could use them.
@@ -187,6 +189,7 @@ mod tests {
         assert_eq!((state.pose.position.x, state.pose.position.z), (0.1, 2.5));
         assert_eq!(state.twist.angular.z, 4.0);
         assert_eq!(state.joint_positions, [0.3, 0.1]);
+        assert_eq!(source.message(&snapshot(1e300)).unwrap().joint_positions, [0.3, f32::MAX]);
         assert_eq!(state.joint_velocities, [3.0, 1.0]);
         assert_eq!(state.joint_names, ["j1", "j2"]);
         assert!(state.children_names.is_empty());

@@ -6,6 +6,8 @@ use rosrust::api::Ros;
 use rosrust::error::{tcpros, Error, ErrorKind};
 use rosrust::{Message, Publisher, Subscriber};
 
+use super::received::{FromClient, Received};
+
 /// Queue of every State and Command, as in the original.
 pub(super) const QUEUE: usize = 10;
 
@@ -93,27 +95,27 @@ impl<M: Message> Announcement for Publication<M> {
 }
 
 /// A topic to listen to.
-pub(super) struct Subscription<M: Message> {
+pub(super) struct Subscription<M: FromClient> {
     topic: String,
     on_message: Arc<dyn Fn(M) + Send + Sync>,
     subscriber: Mutex<Option<Subscriber>>,
 }
 
-impl<M: Message> Subscription<M> {
+impl<M: FromClient> Subscription<M> {
     /// `on_message` runs in a thread of this topic and must not block.
     pub fn new(topic: String, on_message: impl Fn(M) + Send + Sync + 'static) -> Arc<Self> {
         Arc::new(Self { topic, on_message: Arc::new(on_message), subscriber: Mutex::new(None) })
     }
 }
 
-impl<M: Message> Announcement for Subscription<M> {
+impl<M: FromClient> Announcement for Subscription<M> {
     fn registration(&self) -> Registration {
         Registration { topic: self.topic.clone(), message_type: M::msg_type(), direction: Direction::Subscribes }
     }
 
     fn announce(&self, ros: &Ros) -> Result<(), Error> {
         let on_message = Arc::clone(&self.on_message);
-        let subscriber = ros.subscribe(&self.topic, QUEUE, move |message| on_message(message))?;
+        let subscriber = ros.subscribe(&self.topic, QUEUE, move |Received(message)| on_message(message))?;
         *lock(&self.subscriber) = Some(subscriber);
         Ok(())
     }

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use nalgebra::{Isometry3, Vector3};
 
-use super::Simulation;
+use super::{NonFinite, Simulation};
 use crate::bullet::BodyKinematics;
 use crate::comm::{
     CameraParameters, CartesianCommandType, Hub, Inbox, JointCommandType, LightParameters, ObjectKind, PoseCommand,
@@ -91,11 +91,20 @@ impl Link {
 
 impl Simulation {
     /// Executes the newest commands.
-    pub(super) fn execute_commands(&mut self) {
-        let Some(mut link) = self.link.take() else { return };
+    ///
+    /// # Errors
+    /// [`NonFinite`] when a finite command has a result that is not, such as a goal so far off that the velocity towards it
+    /// overflows.
+    pub(super) fn execute_commands(&mut self) -> Result<(), NonFinite> {
+        let Some(mut link) = self.link.take() else { return Ok(()) };
         self.fetch(&mut link);
         self.execute(&mut link);
+        let is_commanded = !link.commanded.is_empty();
         self.link = Some(link);
+        if is_commanded {
+            self.check_finite()?;
+        }
+        Ok(())
     }
 
     /// Publishes the states. `wall_time` in s.
@@ -115,7 +124,9 @@ impl Simulation {
             let channel = hub.channel(object);
             let slot = &mut slots[object];
             if slot.body.fetch(&channel.body) | slot.pose.fetch(&channel.pose) {
-                if let Err(place) = commanded.binary_search_by_key(&rank[object], |&other| rank[other]) {
+                // Only bodies have ranks of their own.
+                let place = |object: usize| (rank[object], object);
+                if let Err(place) = commanded.binary_search_by_key(&place(object), |&other| place(other)) {
                     commanded.insert(place, object);
                 }
             }

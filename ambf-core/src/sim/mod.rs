@@ -187,16 +187,23 @@ impl Simulation {
         })
     }
 
-    /// Returns every rigid body to its initial pose at rest. Time goes on.
+    /// Returns every rigid body to its initial pose at rest. Time goes on. If the state was non-finite, controllers forget what they
+    /// remember of it.
     pub fn reset_bodies(&mut self) {
         let was_finite = self.scene.world.first_non_finite().is_none();
         let Scene { bodies, world, .. } = &mut self.scene;
         bodies.iter().for_each(|body| body.reset(world));
         if !was_finite {
             world.recover();
+            self.reset_controllers();
         }
         self.scene.world.refresh_constraints();
         self.scene.observe_joints(0.0, &mut self.joint_buffer);
+    }
+
+    fn reset_controllers(&mut self) {
+        self.scene.joints.iter_mut().for_each(|joint| joint.controller.reset());
+        self.scene.bodies.iter_mut().for_each(|body| body.controller.reset());
     }
 
     /// Returns every object to its initial state. Time goes on; commands stay in force. The accurate profile also clears the memory of
@@ -210,8 +217,7 @@ impl Simulation {
             light.placed.pose = light.placed.initial_pose;
         }
         if self.scene.profile == crate::control::Profile::Accurate {
-            self.scene.joints.iter_mut().for_each(|joint| joint.controller.reset());
-            self.scene.bodies.iter_mut().for_each(|body| body.controller.reset());
+            self.reset_controllers();
         }
     }
 

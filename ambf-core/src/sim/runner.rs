@@ -204,16 +204,17 @@ impl PhysicsLoop {
             return;
         }
         if let Err(problem) = self.simulation.update(interval) {
-            self.control.set_paused(true);
-            self.lost = true;
-            self.tell(Event::NonFinite(problem));
+            self.pause_lost(problem);
             return;
         }
         let stepped = begin.elapsed();
         self.hold_for_clients();
         let resumed = Instant::now();
         let wall = self.start.elapsed();
-        self.simulation.execute_commands();
+        if let Err(problem) = self.simulation.execute_commands() {
+            self.pause_lost(problem);
+            return;
+        }
         self.publish(wall);
         let cost = stepped + resumed.elapsed();
         self.statistics.record(wall, cost);
@@ -221,6 +222,12 @@ impl PhysicsLoop {
             self.simulation.learn_cost(cost);
         }
         self.report_loss(wall);
+    }
+
+    fn pause_lost(&mut self, problem: NonFinite) {
+        self.control.set_paused(true);
+        self.lost = true;
+        self.tell(Event::NonFinite(problem));
     }
 
     /// Interval of this iteration, s: what the wall clock is ahead, or fixed. The first one after a pause is one period.

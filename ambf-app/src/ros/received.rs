@@ -1,0 +1,157 @@
+//! Messages from clients, whose bytes are looked at before rosrust decodes them.
+//!
+//! rosrust reserves memory for as many elements as an array on the wire announces, before it looks whether they follow: 16 bytes
+//! that are no message could end the program.
+
+use std::io;
+use std::sync::atomic::AtomicUsize;
+use std::sync::Arc;
+
+use rosrust::{Clock, Message, RosMsg};
+
+use super::messages::{ambf_msgs, sensor_msgs, std_msgs};
+
+/// A message that clients send.
+pub(super) trait FromClient: Message {
+    /// Walks over the message's arrays of numbers; `None` if one does not fit. Types without such arrays have nothing to check.
+    fn walk(_wire: &mut Wire<'_>) -> Option<()> {
+        Some(())
+    }
+}
+
+/// The bytes of a message not walked over yet.
+pub(super) struct Wire<'a>(&'a [u8]);
+
+impl Wire<'_> {
+    fn skip(&mut self, bytes: usize) -> Option<()> {
+        self.0 = self.0.get(bytes..)?;
+        Some(())
+    }
+
+    fn count(&mut self) -> Option<usize> {
+        let (count, rest) = self.0.split_first_chunk::<4>()?;
+        self.0 = rest;
+        usize::try_from(u32::from_le_bytes(*count)).ok()
+    }
+
+    /// A text, or an array of elements of so many bytes.
+    fn array(&mut self, element: usize) -> Option<()> {
+        let bytes = self.count()?.checked_mul(element)?;
+        self.skip(bytes)
+    }
+
+    fn header(&mut self) -> Option<()> {
+        self.skip(12)?;
+        self.array(1)
+    }
+}
+
+impl FromClient for ambf_msgs::WorldCmd {}
+impl FromClient for ambf_msgs::CameraCmd {}
+impl FromClient for ambf_msgs::LightCmd {}
+impl FromClient for std_msgs::Empty {}
+impl FromClient for std_msgs::Float32 {}
+
+impl FromClient for ambf_msgs::RigidBodyCmd {
+    fn walk(wire: &mut Wire<'_>) -> Option<()> {
+        const TYPE: usize = 1;
+        const POSE: usize = 7 * 8;
+        const WRENCH_AND_TWIST: usize = 12 * 8;
+        wire.header()?;
+        wire.skip(TYPE + POSE + WRENCH_AND_TWIST)?;
+        wire.array(1)?;
+        wire.array(4)
+    }
+}
+
+impl FromClient for sensor_msgs::PointCloud {
+    fn walk(wire: &mut Wire<'_>) -> Option<()> {
+        wire.header()?;
+        wire.array(3 * 4)?;
+        for _ in 0..wire.count()? {
+            wire.array(1)?;
+            wire.array(4)?;
+        }
+        Some(())
+    }
+}
+
+/// An `M` for rosrust to decode.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(super) struct Received<M>(pub M);
+
+impl<M: FromClient> RosMsg for Received<M> {
+    fn encode<W: io::Write>(&self, writer: W) -> io::Result<()> {
+        self.0.encode(writer)
+    }
+
+    fn decode<R: io::Read>(reader: R) -> io::Result<Self> {
+        M::decode(reader).map(Self)
+    }
+
+    fn decode_slice(bytes: &[u8]) -> io::Result<Self> {
+        let malformed = || io::Error::new(io::ErrorKind::InvalidData, format!("not a {}", M::msg_type()));
+        // The length of the whole comes first.
+        let mut wire = Wire(bytes.get(4..).ok_or_else(malformed)?);
+        M::walk(&mut wire).ok_or_else(malformed)?;
+        M::decode_slice(bytes).map(Self).map_err(|_| malformed())
+    }
+}
+
+impl<M: FromClient> Message for Received<M> {
+    fn msg_definition() -> String {
+        M::msg_definition()
+    }
+
+    fn md5sum() -> String {
+        M::md5sum()
+    }
+
+    fn msg_type() -> String {
+        M::msg_type()
+    }
+
+    fn set_header(&mut self, clock: &Arc<dyn Clock>, seq: &Arc<AtomicUsize>) {
+        self.0.set_header(clock, seq);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Every prefix is refused, and so are counts that announce more than follows.
+    fn check<M: FromClient>(message: &M, counts: &[usize]) {
+        let bytes = message.encode_vec().unwrap();
+        assert_eq!(Received::<M>::decode_slice(&bytes).unwrap().0, *message);
+        for end in 0..bytes.len() {
+            assert!(Received::<M>::decode_slice(&bytes[..end]).is_err(), "{end} of {} bytes", bytes.len());
+        }
+        for &at in counts {
+            let mut lying = bytes.clone();
+            lying[at..at + 4].copy_from_slice(&u32::MAX.to_le_bytes());
+            let error = Received::<M>::decode_slice(&lying).unwrap_err();
+            assert!(error.to_string().contains(&M::msg_type()), "{error}");
+        }
+    }
+
+    #[test]
+    fn bytes_that_are_no_command_are_refused() {
+        let command =
+            ambf_msgs::RigidBodyCmd { joint_cmds_types: vec![1, 2], joint_cmds: vec![0.5; 3], ..Default::default() };
+        let arrays = 4 + 16 + 1 + 56 + 96;
+        check(&command, &[4 + 12, arrays, arrays + 4 + 2]);
+        check(&ambf_msgs::WorldCmd { n_skip_steps: 3, ..Default::default() }, &[]);
+    }
+
+    #[test]
+    fn bytes_that_are_no_cloud_are_refused() {
+        let cloud = sensor_msgs::PointCloud {
+            points: vec![Default::default(); 2],
+            channels: vec![sensor_msgs::ChannelFloat32 { name: "rgb".into(), values: vec![1.0, 2.0] }],
+            ..Default::default()
+        };
+        let channels = 4 + 16 + 4 + 24;
+        check(&cloud, &[4 + 12, 4 + 16, channels, channels + 4, channels + 4 + 4 + 3]);
+    }
+}
