@@ -204,6 +204,7 @@ fn a_lost_state_pauses_is_named_and_is_never_seen() {
         angular_velocity: Vector3::repeat(1e308),
         ..Default::default()
     };
+    running.state();
     running.hub.post_body(object, &fling).unwrap();
     let event = running.wait_for_event("the loss", |event| matches!(event, Event::NonFinite(_)));
     let Event::NonFinite(problem) = event else { unreachable!("just matched") };

@@ -93,19 +93,18 @@ impl RigidBody {
             publish_joint_names: map.boolean("publish joint names").unwrap_or(true),
             publish_joint_positions: map.boolean("publish joint positions").unwrap_or(true),
         };
-        if let Some(mass) = map.real_in("mass", Range::NotNegative) {
-            body.mass = mass;
+        if map.has("mass") {
+            body.mass = map.real_in("mass", Range::NotNegative).unwrap_or(body.mass);
             body.inertia = map.vector_named("inertia", ["ix", "iy", "iz"]);
             body.inertial_offset = map.pose("inertial offset");
             body.gravity = map.vector("gravity");
-        } else if !map.has("mass") {
+        } else {
             map.warn(ProblemKind::Absent, "mass", "a mass in kg", "1 kg and an estimated inertia are used");
             let why = "the body has no `mass`";
             map.ignore(&["inertia", "inertial offset", "gravity"], why);
         }
-        if body.inertia.is_some_and(|i| i.min() < 0.0) {
-            let expected = "moments of at least 0 kg·m²";
-            map.reject(ProblemKind::OutOfRange, "inertia", expected);
+        if let Some(inertia) = body.inertia.filter(|inertia| inertia.min() < 0.0) {
+            map.reject_numbers("inertia", inertia.as_slice(), "moments of at least 0 kg·m²");
         }
         if body.collision == CollisionGeometry::None {
             let expected = "a collision shape or mesh";
@@ -232,7 +231,7 @@ mod tests {
         for (keys, message) in [
             ("mass: -1", "`A / mass` is `-1`, expected a finite number, at least 0; the body is dropped"),
             ("mass: .nan", "`A / mass` is `.nan`"),
-            ("mass: 1, inertia: {ix: 1, iy: -1, iz: 1}", "`A / inertia` is a mapping, expected moments"),
+            ("mass: 1, inertia: {ix: 1, iy: -1, iz: 1}", "`A / inertia` is (1, -1, 1), expected moments"),
             ("mass: 1, scale: 0", "`A / scale` is `0`, expected a finite number above 0"),
             ("mass: 1, location: {position: {x: .inf, y: 0, z: 0}}", "`A / location / position / x` is `.inf`"),
             ("mass: 1, collision shape: Sphere, collision geometry: {radius: -0.0}", "collision geometry / radius"),

@@ -470,7 +470,7 @@ mod tests {
         let with = |kind: &str| text(&format!("type: {kind}")).replace("child axis: {x: 0, y: 0, z: 1}", zero);
         let (model, problems) = read::<Model>(&with("revolute"));
         assert!(model.joints.is_empty());
-        assert!(problems[0].contains("`J / child axis` is a mapping, expected a direction that is not zero"));
+        assert!(problems[0].contains("`J / child axis` is (0, 0, 0), expected a direction that is not zero"));
         assert_eq!(clean::<Model>(&with("p2p")).joints.len(), 1);
         let (model, problems) = read::<Model>(&text("type: fixed").replace("parent: A, ", ""));
         assert!(model.joints.is_empty() && problems[0].contains("`J / parent` is missing"));

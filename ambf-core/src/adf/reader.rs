@@ -436,6 +436,15 @@ impl<'m> Map<'m> {
         self.r.spoil();
     }
 
+    /// Reports numbers, once converted, that drop the element being read.
+    pub(super) fn reject_numbers(&self, key: &str, numbers: &[f64], expected: &str) {
+        let numbers: Vec<_> = numbers.iter().map(f64::to_string).collect();
+        let found = format!("({})", numbers.join(", "));
+        let action = self.r.dropped();
+        self.note(Severity::Error, ProblemKind::OutOfRange, self.place(key), key, &found, expected, &action);
+        self.r.spoil();
+    }
+
     fn found(&self, key: &str) -> String {
         self.position(key).map_or(String::new(), |i| described(self.r.doc.node(self.entries[i].1)))
     }

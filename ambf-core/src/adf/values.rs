@@ -107,7 +107,7 @@ impl Map<'_> {
     pub(super) fn reject_zero(&self, key: &str, vector: &Vector3<f64>) {
         // Numbers whose squares underflow or overflow cannot be normalised.
         if self.has(key) && !vector.norm_squared().is_normal() {
-            self.reject(ProblemKind::OutOfRange, key, "a direction that is not zero");
+            self.reject_numbers(key, vector.as_slice(), "a direction that is not zero");
         }
     }
 
