@@ -5,6 +5,7 @@ use std::fs::read_to_string;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
+use ambf_app::ros::naming::object_names;
 use ambf_app::ros::{RosMiddleware, RosOptions};
 use ambf_core::comm::{Hub, Middleware};
 use ambf_core::scene::{load, SceneOptions};
@@ -206,8 +207,8 @@ fn step(simulation: &mut Simulation) {
 /// ROS with every topic announced to an embedded master.
 fn serve(hub: std::sync::Arc<Hub>) -> RosMiddleware {
     let master = use_own_master();
-    let last = hub.objects().last().expect("the world at least");
-    let topic = format!("{}{}/State", last.namespace, last.name).replace(' ', "");
+    let last = object_names(hub.objects()).pop().expect("the world at least");
+    let topic = format!("{last}/State");
     let mut ros = RosMiddleware::new(RosOptions::default());
     ros.start(hub).expect("ROS starts");
     until(&format!("topic {topic}"), || published_topics(&master).iter().any(|(name, _)| *name == topic));

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use ambf_app::ros::messages::ambf_msgs::{RigidBodyState, Timing};
 use rosrust::RosMsg;
 
-use super::ros_common::{free_port, published_topics, publisher_of, RawSubscriber};
+use super::ros_common::{free_port, publisher_of, RawSubscriber};
 use super::scenes::Scene;
 
 /// A running simulator; it ends when this is dropped.
@@ -35,32 +35,9 @@ impl Live {
         Self { child, master: format!("http://localhost:{port}/"), begin }
     }
 
-    /// Subscribes a topic below `/ambf/env/`, once it is there.
+    /// Subscribes a topic once it is there.
     pub fn subscribe(&self, topic: &str) -> RawSubscriber {
-        let topic = format!("/ambf/env/{topic}");
-        RawSubscriber::connect(&publisher_of(&self.master, &topic), &topic)
-    }
-
-    /// Bodies that communicate, by name, once all of them are announced.
-    pub fn bodies(&self) -> Vec<String> {
-        let mut before = 0;
-        loop {
-            let names = self.body_topics();
-            if !names.is_empty() && names.len() == before {
-                return names;
-            }
-            before = names.len();
-            std::thread::sleep(Duration::from_millis(200));
-        }
-    }
-
-    fn body_topics(&self) -> Vec<String> {
-        let topics = published_topics(&self.master);
-        let name = |(topic, kind): (String, String)| {
-            let name = topic.strip_suffix("/State")?.strip_prefix("/ambf/env/")?.to_owned();
-            (kind == "ambf_msgs/RigidBodyState").then_some(name)
-        };
-        topics.into_iter().filter_map(name).collect()
+        RawSubscriber::connect(&publisher_of(&self.master, topic), topic)
     }
 
     /// CPU time so far, s.

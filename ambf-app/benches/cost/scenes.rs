@@ -4,8 +4,10 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 use ambf_app::launch::scene_files;
+use ambf_app::ros::naming::object_names;
 use ambf_core::adf::{self, Launch};
-use ambf_core::scene::SceneFiles;
+use ambf_core::comm::ObjectKind;
+use ambf_core::scene::{load, SceneFiles, SceneOptions};
 
 /// A launch file and a model: an index into its list, or a file.
 #[derive(Debug, Clone, PartialEq)]
@@ -19,6 +21,13 @@ impl Scene {
     /// A model file in the shipped world.
     pub fn shipped(name: &str, model: &Path) -> Self {
         Self { name: name.into(), launch: shipped_launch(), model: model.display().to_string() }
+    }
+
+    /// Name of the last body that communicates, as topics begin with it: the last one that is announced.
+    pub fn last_body(&self) -> Option<String> {
+        let objects = load(&self.files(), &SceneOptions::default()).scene.objects();
+        let last = objects.iter().rposition(|object| matches!(object.kind, ObjectKind::RigidBody(..)))?;
+        object_names(&objects).into_iter().nth(last)
     }
 
     fn index(&self) -> Option<usize> {
@@ -137,11 +146,9 @@ pub fn clocked_boxes(n: usize) -> Scene {
     written(&format!("clocked_boxes{n}"), &model(&bodies, &[], "ignore inter-collision: false"))
 }
 
-/// `n` boxes that overlap their neighbours; with `ignored` none of them may collide with another.
-pub fn overlapping(n: usize, ignored: bool) -> Scene {
-    let keys = format!("{BOX}, gravity: {{x: 0, y: 0, z: 0}}");
-    let text = model(&grid(n, 0.09, &keys), &[], &format!("ignore inter-collision: {ignored}"));
-    written(&format!("overlapping{n}_{}", if ignored { "ignored" } else { "colliding" }), &text)
+/// As [`boxes`], but they fall through each other: pairs that overlap and never collide.
+pub fn ghostly_boxes(n: usize) -> Scene {
+    written(&format!("ghostly_boxes{n}"), &model(&grid(n, PITCH, BOX), &[], "ignore inter-collision: true"))
 }
 
 /// `n` hinged links that hang from a fixed one, with or without joint feedback.

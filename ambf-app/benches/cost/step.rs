@@ -138,13 +138,12 @@ pub fn skip(effort: Effort) -> Section {
         ..Section::default()
     };
     let chain = |feedback| scenes::chain(20, feedback);
-    let overlapping = |ignored| scenes::overlapping(100, ignored);
     let ball = |kind| scenes::balls(6, kind);
     let variants: [Vec<(&str, Scene)>; 3] = [
         vec![("20 hinges", chain(false)), ("with joint feedback", chain(true))],
         vec![
-            ("100 overlapping boxes, no pair may collide", overlapping(true)),
-            ("all may collide", overlapping(false)),
+            ("100 boxes that overlap, no pair may collide", scenes::ghostly_boxes(100)),
+            ("100 boxes on each other, all may collide", scenes::boxes(100)),
         ],
         vec![
             ("36 balls on the ground, primitives", ball(None)),

@@ -72,10 +72,10 @@ struct Start {
 }
 
 fn start(scene: &Scene) -> Start {
+    let last = scene.last_body();
     let live = Live::start(scene, &[]);
-    first_state(&mut live.subscribe("World/State"), |state: &WorldState| state.sim_step);
+    first_state(&mut live.subscribe("/ambf/env/World/State"), |state: &WorldState| state.sim_step);
     let world = live.begin.elapsed().as_secs_f64();
-    let last = live.bodies().pop();
     let body = last.map(|name| {
         first_state(&mut live.subscribe(&format!("{name}/State")), |state: &RigidBodyState| state.sim_step);
         live.begin.elapsed().as_secs_f64()
@@ -120,16 +120,15 @@ pub fn rates(time: Duration) -> Section {
         ],
         ..Section::default()
     };
-    for (scene, theirs) in [
-        (scenes::floating(200), "1270–1315, physics 970"),
-        (scenes::boxes(200), "1140–1230, physics 22"),
-        (scenes::boxes(50), "1970–1983, physics 950"),
+    for (n, scene, theirs) in [
+        (200, scenes::floating(200), "1270–1315, physics 970"),
+        (200, scenes::boxes(200), "1140–1230, physics 22"),
+        (50, scenes::boxes(50), "1970–1983, physics 950"),
     ] {
         let live = Live::start(&scene, &FAST);
-        let n = live.bodies().len();
-        let topics: Vec<String> = (0..LISTENED).map(|i| format!("Box{}/State", i * n / LISTENED)).collect();
+        let topics: Vec<String> = (0..LISTENED).map(|i| format!("/ambf/env/Box{}/State", i * n / LISTENED)).collect();
         let subscribers: Vec<RawSubscriber> = topics.iter().map(|topic| live.subscribe(topic)).collect();
-        let mut world = live.subscribe("World/Timing");
+        let mut world = live.subscribe("/ambf/env/World/Timing");
         let cpu = live.cpu();
         let timing = std::thread::spawn(move || read::<Timing>(&mut world, time));
         let readers: Vec<_> = subscribers
@@ -177,7 +176,8 @@ pub fn overload(time: Duration) -> Section {
     for (n, theirs) in [(200, "22 iterations/s, 18 states/s"), (400, "–"), (800, "–")] {
         let scene = scenes::clocked_boxes(n);
         let live = Live::start(&scene, &FAST);
-        let (mut clock, mut world) = (live.subscribe("Clock/State"), live.subscribe("World/Timing"));
+        let (mut clock, mut world) =
+            (live.subscribe("/ambf/env/Clock/State"), live.subscribe("/ambf/env/World/Timing"));
         let timing = std::thread::spawn(move || read::<Timing>(&mut world, time));
         let states = read::<RigidBodyState>(&mut clock, time);
         let timing = timing.join().expect("a reader ends well");
@@ -240,7 +240,7 @@ pub fn real_time(time: Duration) -> Section {
         (scenes::boxes(50), time.min(Duration::from_secs(10))),
     ] {
         let live = Live::start(&scene, &[]);
-        let mut world = live.subscribe("World/Timing");
+        let mut world = live.subscribe("/ambf/env/World/Timing");
         let cpu = live.cpu();
         let timing = read::<Timing>(&mut world, time);
         let spent = time.as_secs_f64() + 0.5;
