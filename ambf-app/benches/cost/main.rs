@@ -87,6 +87,6 @@ fn run(group: &str, quick: bool) -> (Section, Option<(&'static str, String)>) {
         }
         "rate" => (watch::rates(seconds(10, 2)), None),
         "overload" => (watch::overload(seconds(10, 3)), None),
-        _ => (watch::real_time(seconds(60, 10)), None),
+        _ => (watch::real_time(seconds(60, 10), quick), None),
     }
 }

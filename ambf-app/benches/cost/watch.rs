@@ -223,7 +223,7 @@ fn dishonesty(timing: &[Arrival<Timing>], states: &[Arrival<RigidBodyState>]) ->
 }
 
 /// How well simulated time follows the clock, and at what cost.
-pub fn real_time(time: Duration) -> Section {
+pub fn real_time(time: Duration, quick: bool) -> Section {
     let mut section = Section {
         title: "simulator/real-time",
         intro: "`-p 1000`, simulated time following the clock; `World/Timing` subscribed at 50 Hz. *Behind* is wall time less simulated time \
@@ -234,11 +234,8 @@ pub fn real_time(time: Duration) -> Section {
     };
     let own = scenes::own();
     let named = |name: &str| own.iter().find(|scene| scene.name == name).expect("a shipped scene").clone();
-    for (scene, time) in [
-        (named("arm7"), time),
-        (named("chain"), time.min(Duration::from_secs(10))),
-        (scenes::boxes(50), time.min(Duration::from_secs(10))),
-    ] {
+    let shorter = Duration::from_secs(if quick { 3 } else { 10 });
+    for (scene, time) in [(named("arm7"), time), (named("chain"), shorter), (scenes::boxes(50), shorter)] {
         let live = Live::start(&scene, &[]);
         let mut world = live.subscribe("/ambf/env/World/Timing");
         let cpu = live.cpu();
