@@ -74,9 +74,11 @@ impl Lane {
         self.spread(|slice| (slice.wall - slice.bullet) / slice.steps * 1e6)
     }
 
-    /// µs a step.
-    pub fn total(&self) -> Spread {
-        self.spread(|slice| slice.wall / slice.steps * 1e6)
+    /// The whole step over that of `other` in the slice that was measured right before or after.
+    pub fn over(&self, other: &Self) -> Spread {
+        let us = |slice: &Slice| slice.wall / slice.steps;
+        let pairs = self.slices.iter().zip(&other.slices);
+        Spread::of(pairs.map(|(mine, theirs)| us(mine) / us(theirs))).expect("a lane has slices")
     }
 
     /// Outside as a share of inside, %.

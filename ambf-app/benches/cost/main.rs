@@ -72,7 +72,7 @@ fn run(group: &str, quick: bool) -> (Section, Option<(&'static str, String)>) {
     let effort = if quick {
         Effort { slice: Duration::from_millis(100), rounds: 5 }
     } else {
-        Effort { slice: Duration::from_millis(250), rounds: 9 }
+        Effort { slice: Duration::from_millis(250), rounds: 7 }
     };
     let seconds = |full, short| Duration::from_secs(if quick { short } else { full });
     match group {

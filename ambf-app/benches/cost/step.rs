@@ -76,15 +76,10 @@ fn row(scene: &Scene, lanes: &[Lane]) -> Vec<String> {
     let mut row = vec![scene.name.clone(), lanes[0].bodies.to_string(), lanes[0].inside().to_string()];
     row.extend(lanes.iter().map(|lane| lane.outside().to_string()));
     row.extend(lanes.iter().map(|lane| percent(lane.overhead())));
-    row.push(short(with_ros(lanes)));
+    row.push(format!("{:.2}", lanes[2].over(&lanes[1])));
     row.push(percent(lanes[2].others()));
     row.push(observed::cell(observed::step_us(&scene.name)));
     row
-}
-
-/// The whole step with ROS over that without.
-fn with_ros(lanes: &[Lane]) -> f64 {
-    lanes[2].total().median / lanes[1].total().median
 }
 
 fn percent(spread: Spread) -> String {
@@ -157,9 +152,8 @@ pub fn skip(effort: Effort) -> Section {
             Ok(lanes) => lanes,
             Err(problem) => panic!("{}: {problem}", group[0].0),
         };
-        let base = lanes[0].total().median;
         for ((name, _), lane) in group.iter().zip(&lanes) {
-            let ratio = short(lane.total().median / base);
+            let ratio = format!("{:.2}", lane.over(&lanes[0]));
             let load = short(lane.load * 1e3);
             section.rows.push(vec![(*name).into(), load, lane.inside().to_string(), lane.outside().to_string(), ratio]);
         }

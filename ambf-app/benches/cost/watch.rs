@@ -27,7 +27,7 @@ pub fn start_up(repetitions: usize, quick: bool) -> (Section, String) {
     let mut section = Section {
         title: "simulator/start",
         intro: "From the start of the program to the first State of the world and of the last body, headless, embedded ROS master; \
-                peak memory (VmHWM) and threads 2 s later. C++ without a window: 0.23–0.41 s to the world's State, 0.6–1.1 s to a \
+                peak memory (VmHWM) and threads 1 s later. C++ without a window: 0.23–0.41 s to the world's State, 0.6–1.1 s to a \
                 body's State with 200 boxes; threads: communicating objects + 6.",
         header: &["scene", "world, s", "last body, s", "peak, MB", "without ROS, MB", "threads", "C++ MB (observed, other run)"],
         ..Section::default()
@@ -80,7 +80,7 @@ fn start(scene: &Scene) -> Start {
         first_state(&mut live.subscribe(&format!("{name}/State")), |state: &RigidBodyState| state.sim_step);
         live.begin.elapsed().as_secs_f64()
     });
-    std::thread::sleep(Duration::from_secs(2));
+    std::thread::sleep(Duration::from_secs(1));
     Start { world, body: body.unwrap_or(f64::NAN), memory: live.peak_memory(), threads: live.threads() }
 }
 
@@ -99,7 +99,7 @@ fn memory_without_ros(scene: &Scene) -> f64 {
     // Loading the largest scenes takes a few seconds on a busy machine; memory no longer grows once it is done.
     let mut before = 0.0;
     loop {
-        std::thread::sleep(Duration::from_secs(2));
+        std::thread::sleep(Duration::from_secs(1));
         let memory = live.peak_memory();
         if memory == before {
             return memory;
@@ -173,7 +173,7 @@ pub fn overload(time: Duration) -> Section {
         ],
         ..Section::default()
     };
-    for (n, theirs) in [(200, "22 iterations/s, 18 states/s"), (400, "–"), (800, "–")] {
+    for (n, theirs) in [(200, "22 iterations/s, 18 states/s"), (400, "–")] {
         let scene = scenes::clocked_boxes(n);
         let live = Live::start(&scene, &FAST);
         let (mut clock, mut world) =
