@@ -21,12 +21,20 @@ use std::time::Duration;
 use lanes::Effort;
 use report::Section;
 
+/// What `cargo bench` adds to the arguments of every benchmark.
+const CARGO_BENCH: &str = "--bench";
+
 const GROUPS: [&str; 6] = ["step", "skip", "start", "rate", "overload", "real-time"];
 
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     if arguments.first().is_some_and(|first| first == lanes::WORKER) {
         return lanes::work(&arguments[1..]);
+    }
+    // `cargo test --all-targets` starts it too, without this word.
+    if !arguments.iter().any(|argument| argument == CARGO_BENCH) {
+        println!("nothing is measured: this is started by `cargo bench` or scripts/bench");
+        return;
     }
     let (quick, only) = match read(&arguments) {
         Ok(wanted) => wanted,
@@ -60,8 +68,7 @@ fn read(arguments: &[String]) -> Result<(bool, Vec<String>), String> {
                 Some(group) if GROUPS.contains(&group.as_str()) => only.push(group.clone()),
                 _ => return Err(format!("--only needs one of {}", GROUPS.join(", "))),
             },
-            // Cargo says so to every benchmark.
-            "--bench" => (),
+            CARGO_BENCH => (),
             _ => return Err(format!("{argument} is not known; expected --quick or --only GROUP")),
         }
     }
