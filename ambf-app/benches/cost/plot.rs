@@ -38,6 +38,7 @@ pub fn log_lines(title: &str, x_name: &str, y_name: &str, lines: &[Line]) -> Str
     }
     push(&mut svg, label((left + WIDTH - right) / 2.0, height - 10.0, "middle", x_name));
     push(&mut svg, label(8.0, top - 12.0, "start", y_name));
+    let mut names = Vec::new();
     for (line, colour) in lines.iter().zip(COLOURS) {
         let points: Vec<_> = line.points.iter().filter(|point| point.1 > 0.0).collect();
         let path: Vec<_> = points.iter().map(|point| format!("{:.1},{:.1}", x(point.0), y(point.1))).collect();
@@ -48,8 +49,16 @@ pub fn log_lines(title: &str, x_name: &str, y_name: &str, lines: &[Line]) -> Str
             push(&mut svg, format!("<circle cx=\"{cx:.1}\" cy=\"{cy:.1}\" r=\"3.5\" fill=\"{colour}\"/>"));
         }
         if let Some(last) = points.last() {
-            push(&mut svg, label(x(last.0) + 10.0, y(last.1) + 4.0, "start", line.name));
+            names.push((y(last.1) + 4.0, x(last.0) + 10.0, line.name));
         }
+    }
+    names.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut free = 0.0_f64;
+    for (wanted, from, name) in names {
+        // Names of lines that end close to each other must not cover each other.
+        let at = wanted.max(free);
+        push(&mut svg, label(from, at, "start", name));
+        free = at + 16.0;
     }
     svg + "</svg>\n"
 }
