@@ -69,11 +69,21 @@ void set_ignored(AmbBody &body, size_t other) {
   body.ignored[other / 64] |= uint64_t(1) << (other % 64);
 }
 
+// Bullet's default of 4096 manifolds takes 7 MB that are touched at once, half of what a small scene needs in all. Piles that need
+// more get theirs from the heap, one by one.
+btDefaultCollisionConstructionInfo small_pools() {
+  btDefaultCollisionConstructionInfo info;
+  info.m_defaultMaxPersistentManifoldPoolSize = 1024;
+  info.m_defaultMaxCollisionAlgorithmPoolSize = 1024;
+  return info;
+}
+
 }  // namespace
 
 struct AmbWorld {
   explicit AmbWorld(int solver_kind)
-      : dispatcher(&configuration),
+      : configuration(small_pools()),
+        dispatcher(&configuration),
         mlcp(mlcp_of(solver_kind)),
         solver(solver_of(solver_kind, mlcp.get())),
         world(&dispatcher, &broadphase, solver.get(), &configuration) {
