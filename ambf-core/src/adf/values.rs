@@ -191,7 +191,7 @@ impl Map<'_> {
     /// Material of the colour keys.
     pub(super) fn material(&self) -> Option<Material> {
         let use_material = self.boolean("use material").unwrap_or(true);
-        let why = "named colours are not implemented; write `color rgba` or `color components`";
+        let why = "named colours have no effect; write `color rgba` or `color components`";
         let has_colour = self.has("color rgba") || self.has("color components");
         if has_colour {
             self.skip(&["color"]);
