@@ -47,9 +47,9 @@ pub(super) fn merge_namespace(file: &str, element: Option<&str>) -> String {
     }
 }
 
-/// Joins a path to the directory of the file unless it is absolute.
+/// Joins a path to the directory of the file unless it is absolute. `.` on the way is left out: it would only stand in messages.
 pub(super) fn beside(dir: &Path, path: impl AsRef<Path>) -> PathBuf {
-    dir.join(path)
+    dir.join(path).components().collect()
 }
 
 /// Path of a mesh: below the element's directory; if that is relative below the model's; if still relative below the file's.
@@ -61,7 +61,7 @@ pub(super) fn mesh_path(dir: &Path, model: &Path, element: &Path, mesh: &str) ->
     if path.is_relative() {
         path = dir.join(path);
     }
-    path
+    path.components().collect()
 }
 
 /// A vector whose components are all there and finite.
