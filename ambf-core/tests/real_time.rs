@@ -36,8 +36,8 @@ impl Running {
     }
 
     fn object(&self, name: &str) -> (usize, usize) {
-        let found = self.hub.objects().iter().enumerate().find_map(|(place, object)| match object.kind {
-            ObjectKind::RigidBody(index, _) if object.name == name => Some((place, index)),
+        let found = self.hub.objects().iter().enumerate().find_map(|(place, object)| match object.info.kind {
+            ObjectKind::RigidBody(index, _) if object.info.name == name => Some((place, index)),
             _ => None,
         });
         found.unwrap_or_else(|| panic!("no body {name}"))
@@ -157,7 +157,7 @@ fn a_joint_command_moves_its_joint_until_the_watchdog_lets_go() {
         ..Default::default()
     };
     running.wait_for("the set point", |state| {
-        running.hub.post_body(object, &command).unwrap();
+        running.hub.post(object, &command).unwrap();
         (state.joint_positions[0] - 0.3).abs() < 0.05 && state.joint_velocities[0].abs() < 0.05
     });
     running.wait_for("letting go", |state| (state.joint_positions[0] - 0.3).abs() > 0.3);
@@ -170,10 +170,10 @@ fn a_wrench_acts_and_a_reset_brings_everything_back() {
     let start = running.state().bodies[index].origin;
     let command = RigidBodyCommand { force: Vector3::new(50.0, 0.0, 0.0), ..Default::default() };
     running.wait_for("motion", |state| {
-        running.hub.post_body(object, &command).unwrap();
+        running.hub.post(object, &command).unwrap();
         state.bodies[index].origin[0] - start[0] > 0.5
     });
-    running.hub.post_body(object, &RigidBodyCommand::default()).unwrap();
+    running.hub.post(object, &RigidBodyCommand::default()).unwrap();
     let before = running.state();
     running.hub.request_world_reset();
     running.wait_for_event("the reset", |event| *event == Event::Reset);
@@ -205,7 +205,7 @@ fn a_lost_state_pauses_is_named_and_is_never_seen() {
         ..Default::default()
     };
     running.state();
-    running.hub.post_body(object, &fling).unwrap();
+    running.hub.post(object, &fling).unwrap();
     let event = running.wait_for_event("the loss", |event| matches!(event, Event::NonFinite(_)));
     let Event::NonFinite(problem) = event else { unreachable!("just matched") };
     let text = problem.to_string();
@@ -214,7 +214,7 @@ fn a_lost_state_pauses_is_named_and_is_never_seen() {
     let finite = |state: &Snapshot| state.bodies.iter().all(|body| body.origin.iter().all(|x| x.is_finite()));
     assert!(finite(&running.state()));
 
-    running.hub.post_body(object, &RigidBodyCommand::default()).unwrap();
+    running.hub.post(object, &RigidBodyCommand::default()).unwrap();
     running.hub.request_world_reset();
     let step = running.state().sim_step;
     let state = running.wait_for("going on", |state| state.sim_step > step + 100);
@@ -229,13 +229,13 @@ fn the_hub_survives_many_clients_at_once() {
             let running = &running;
             scope.spawn(move || {
                 let bodies: Vec<usize> = (0..running.hub.objects().len())
-                    .filter(|&place| matches!(running.hub.objects()[place].kind, ObjectKind::RigidBody(..)))
+                    .filter(|&place| matches!(running.hub.objects()[place].info.kind, ObjectKind::RigidBody(..)))
                     .collect();
                 for i in 0..5000 {
                     let force = Vector3::new(0.0, 0.0, f64::from(client * 5000 + i) * 1e-6);
                     let command =
                         RigidBodyCommand { force, joint_commands: vec![0.0; i as usize % 7], ..Default::default() };
-                    running.hub.post_body(bodies[i as usize % bodies.len()], &command).unwrap();
+                    running.hub.post(bodies[i as usize % bodies.len()], &command).unwrap();
                     drop(running.hub.snapshot());
                 }
             });

@@ -209,7 +209,7 @@ fn step(simulation: &mut Simulation) {
 /// ROS with every topic announced to an embedded master.
 fn serve(hub: std::sync::Arc<Hub>) -> RosMiddleware {
     let master = use_own_master();
-    let last = object_names(hub.objects()).pop().expect("the world at least");
+    let last = object_names(hub.objects().iter().map(|object| &object.info)).pop().expect("the world at least");
     let topic = format!("{last}/State");
     let mut ros = RosMiddleware::new(RosOptions::default());
     ros.start(hub).expect("ROS starts");

@@ -29,10 +29,10 @@ pub fn graph_name(parts: &[&str]) -> (String, bool) {
 ///
 /// Replaced characters and objects that share one name are reported. Sharing is harmless: both publish on the one topic, and a
 /// command reaches both.
-pub fn object_names(objects: &[ObjectInfo]) -> Vec<String> {
+pub fn object_names<'o>(objects: impl IntoIterator<Item = &'o ObjectInfo>) -> Vec<String> {
     let mut first: HashMap<String, &str> = HashMap::new();
     objects
-        .iter()
+        .into_iter()
         .map(|object| {
             // An object without a name still gets a topic of its own level, not one that swallows the namespace.
             let own = if object.name.is_empty() { "_" } else { &object.name };

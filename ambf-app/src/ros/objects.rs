@@ -43,12 +43,15 @@ pub(super) struct Served {
 /// Topics of all objects of `hub`.
 pub(super) fn serve(hub: &Arc<Hub>, waker: &Arc<Waker>, n_devices: u8) -> Served {
     let mut builder = Builder { hub, waker, n_devices, served: Served::default() };
-    for (object, (info, name)) in hub.objects().iter().zip(object_names(hub.objects())).enumerate() {
+    let objects = hub.objects();
+    let infos = || objects.iter().map(|object| &object.info);
+    for (object, (info, name)) in infos().zip(object_names(infos())).enumerate() {
         match &info.kind {
             ObjectKind::World => builder.world(object, info, name),
             ObjectKind::RigidBody(index, body) => builder.rigid_body(object, info, name, *index, body),
             ObjectKind::Camera(index, parameters) => builder.camera(object, info, name, *index, parameters),
             ObjectKind::Light(index, parameters) => builder.light(object, info, name, *index, parameters),
+            _ => (),
         }
     }
     builder.served
@@ -141,7 +144,7 @@ impl Builder<'_> {
         self.subscribe(format!("{name}/Command"), move |message: ambf_msgs::RigidBodyCmd| {
             let command = rigid_body::command(&message, n_joints);
             commanded.post(|hub, object| {
-                hub.post_body(object, &command)?;
+                hub.post(object, &command)?;
                 requests.note(&message);
                 Ok(())
             });
@@ -159,7 +162,7 @@ impl Builder<'_> {
         });
         let commanded = self.commanded(object, &name);
         self.subscribe(format!("{name}/Command"), move |message| {
-            commanded.post(|hub, object| hub.post_pose(object, &posed::camera_command(&message)));
+            commanded.post(|hub, object| hub.post(object, &posed::camera_command(&message)));
         });
         self.served.cameras.push(Parameterised { object, name, values: parameters.clone(), parent });
     }
@@ -172,7 +175,7 @@ impl Builder<'_> {
         });
         let commanded = self.commanded(object, &name);
         self.subscribe(format!("{name}/Command"), move |message| {
-            commanded.post(|hub, object| hub.post_pose(object, &posed::light_command(&message)));
+            commanded.post(|hub, object| hub.post(object, &posed::light_command(&message)));
         });
         self.served.lights.push(Parameterised { object, name, values: parameters.clone(), parent });
     }

@@ -329,10 +329,10 @@ impl Parameters {
             world.poll(master, &self.link, &self.clouds)?;
         }
         for camera in &mut self.cameras {
-            camera.poll(master, |object, values| hub.post_camera(object, values))?;
+            camera.poll(master, |object, values| hub.post(object, values))?;
         }
         for light in &mut self.lights {
-            light.poll(master, |object, values| hub.post_light(object, values))?;
+            light.poll(master, |object, values| hub.post(object, values))?;
         }
         Ok(())
     }

@@ -65,7 +65,7 @@ impl Entry {
             self.live = live;
             self.schedule.set_fast(live, now);
             if !live {
-                report!("WatchDog expired, Resetting \"{}\" command", hub.objects()[object].name);
+                report!("WatchDog expired, Resetting \"{}\" command", hub.objects()[object].info.name);
             }
         }
     }
@@ -73,10 +73,10 @@ impl Entry {
 
 /// Whether commands keep coming for the object at position `object`.
 pub(super) fn is_live(hub: &Hub, object: usize, now_ns: u64) -> bool {
-    match hub.objects()[object].kind {
+    let object = &hub.objects()[object];
+    match object.info.kind {
         ObjectKind::World => hub.throttle().is_live(now_ns),
-        ObjectKind::RigidBody(..) => hub.channel(object).body.is_live(now_ns),
-        ObjectKind::Camera(..) | ObjectKind::Light(..) => hub.channel(object).pose.is_live(now_ns),
+        _ => object.is_live(now_ns),
     }
 }
 
@@ -171,7 +171,7 @@ mod tests {
         assert_eq!(count(&wanted), 50);
 
         // The hub's clock is real and near 0 here, so the stream ends 0.5 s of simulated time after the post.
-        hub.post_body(0, &RigidBodyCommand::default()).unwrap();
+        hub.post(0, &RigidBodyCommand::default()).unwrap();
         let mut entries = [entry(true, &wanted), entry(false, &unwanted)];
         simulate(&hub, &mut entries, 0, 400);
         assert_eq!(count(&wanted), 400);

@@ -99,7 +99,7 @@ impl Simulator {
 
     /// Position in the hub of the object called `name`.
     pub fn object(&self, name: &str) -> usize {
-        self.hub.objects().iter().position(|o| o.name == name).unwrap()
+        self.hub.objects().iter().position(|o| o.info.name == name).unwrap()
     }
 
     pub fn step(&self) -> u32 {

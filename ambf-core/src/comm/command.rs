@@ -1,5 +1,7 @@
 use nalgebra::Vector3;
 
+use super::{Channel, Mailbox};
+
 /// What the Cartesian part of a [`RigidBodyCommand`] asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum CartesianCommandType {
@@ -60,6 +62,15 @@ pub trait Command: Default + Send {
 
     /// Whether every number in it is finite.
     fn is_finite(&self) -> bool;
+
+    /// Where commands of this type wait.
+    fn mailbox(channel: &Channel) -> &Mailbox<Self>
+    where
+        Self: Sized;
+}
+
+fn all_finite<'a>(numbers: impl IntoIterator<Item = &'a f64>) -> bool {
+    numbers.into_iter().all(|x| x.is_finite())
 }
 
 /// Command of one rigid body. The default asks for nothing: zero force, no joint commands.
@@ -113,9 +124,11 @@ impl Command for RigidBodyCommand {
 
     fn is_finite(&self) -> bool {
         let vectors = [&self.position, &self.force, &self.torque, &self.linear_velocity, &self.angular_velocity];
-        vectors.iter().all(|v| v.iter().all(|x| x.is_finite()))
-            && self.orientation.iter().all(|x| x.is_finite())
-            && self.joint_commands.iter().all(|x| x.is_finite())
+        all_finite(vectors.into_iter().flatten()) && all_finite(&self.orientation) && all_finite(&self.joint_commands)
+    }
+
+    fn mailbox(channel: &Channel) -> &Mailbox<Self> {
+        &channel.body
     }
 }
 
@@ -140,7 +153,143 @@ impl Command for PoseCommand {
     }
 
     fn is_finite(&self) -> bool {
-        self.position.iter().all(|x| x.is_finite()) && self.orientation.iter().all(|x| x.is_finite())
+        all_finite(&self.position) && all_finite(&self.orientation)
+    }
+
+    fn mailbox(channel: &Channel) -> &Mailbox<Self> {
+        &channel.pose
+    }
+}
+
+/// Command of a ghost object or a soft body.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct ObjectCommand {
+    /// While true the local pose of a ghost object is set to the fields below in each iteration. No effect on soft bodies.
+    pub enabled: bool,
+    /// Position in the parent's body frame (world without a parent), m.
+    pub position: Vector3<f64>,
+    /// Orientation as a quaternion `[x, y, z, w]`, as received.
+    pub orientation: [f64; 4],
+    /// Force on a soft body, N, world axes, shared among its nodes by mass. No effect on ghost objects.
+    pub force: Vector3<f64>,
+}
+
+impl Command for ObjectCommand {
+    fn copy_from(&mut self, other: &Self) {
+        self.clone_from(other);
+    }
+
+    /// Zero force, no pose to follow.
+    fn expire(&mut self) {
+        self.enabled = false;
+        self.force = Vector3::zeros();
+    }
+
+    fn is_finite(&self) -> bool {
+        all_finite(&self.position) && all_finite(&self.orientation) && all_finite(&self.force)
+    }
+
+    fn mailbox(channel: &Channel) -> &Mailbox<Self> {
+        &channel.object
+    }
+}
+
+/// Command of a constraint actuator. The default holds nothing.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct ActuatorCommand {
+    /// Hold something; `false` lets go.
+    pub actuate: bool,
+    /// Text that names the rigid body to hold.
+    pub body_name: String,
+    /// Hold the body at the offset below instead of where it is.
+    pub use_offset: bool,
+    /// Position of the actuator in the body's inertial frame, m.
+    pub offset_position: Vector3<f64>,
+    /// Orientation of the actuator in the body's inertial frame, a quaternion `[x, y, z, w]`, as received.
+    pub offset_orientation: [f64; 4],
+    /// Hold what the rays of a sensor hit, not the body named above.
+    pub use_sensor_data: bool,
+    /// Text that names the sensor.
+    pub sensor_identifier: String,
+}
+
+impl Command for ActuatorCommand {
+    fn copy_from(&mut self, other: &Self) {
+        self.clone_from(other);
+    }
+
+    /// Lets go.
+    fn expire(&mut self) {
+        self.actuate = false;
+        self.body_name.clear();
+    }
+
+    fn is_finite(&self) -> bool {
+        all_finite(&self.offset_position) && all_finite(&self.offset_orientation)
+    }
+
+    fn mailbox(channel: &Channel) -> &Mailbox<Self> {
+        &channel.actuator
+    }
+}
+
+/// Command of a sensor. It has no effect, but raises the rate at which the sensor is published.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct SensorCommand;
+
+impl Command for SensorCommand {
+    fn copy_from(&mut self, _: &Self) {}
+
+    fn expire(&mut self) {}
+
+    fn is_finite(&self) -> bool {
+        true
+    }
+
+    fn mailbox(channel: &Channel) -> &Mailbox<Self> {
+        &channel.sensor
+    }
+}
+
+/// Command of a vehicle. The default lets it roll.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct VehicleCommand {
+    /// Force at the centre of mass of the chassis, N, world axes.
+    pub force: Vector3<f64>,
+    /// Torque on the chassis, N·m, world axes.
+    pub torque: Vector3<f64>,
+    /// (n x 1) steering angle of each wheel, rad, clamped to its limits; surplus entries are ignored, missing ones leave the wheel as it is.
+    pub steering: Vec<f64>,
+    /// (n x 1) engine force of each wheel, N, clamped to ± its maximum.
+    pub power: Vec<f64>,
+    /// (n x 1) brake of each wheel, N, clamped to 0 and its maximum.
+    pub brake: Vec<f64>,
+    /// No power and full brake on all wheels.
+    pub full_brake: bool,
+}
+
+impl Command for VehicleCommand {
+    fn copy_from(&mut self, other: &Self) {
+        self.clone_from(other);
+    }
+
+    /// No force, no torque, all wheels at 0, brake released; array lengths stay.
+    fn expire(&mut self) {
+        self.force = Vector3::zeros();
+        self.torque = Vector3::zeros();
+        self.steering.fill(0.0);
+        self.power.fill(0.0);
+        self.brake.fill(0.0);
+        self.full_brake = false;
+    }
+
+    fn is_finite(&self) -> bool {
+        let arrays = [&self.steering, &self.power, &self.brake];
+        all_finite(&self.force) && all_finite(&self.torque) && all_finite(arrays.into_iter().flatten())
+    }
+
+    fn mailbox(channel: &Channel) -> &Mailbox<Self> {
+        &channel.vehicle
     }
 }
 
@@ -177,7 +326,7 @@ pub struct LightParameters {
 }
 
 macro_rules! parameters_as_command {
-    ($type:ty, [$($number:ident),*]) => {
+    ($type:ty, $mailbox:ident, [$($number:ident),*]) => {
         impl Command for $type {
             fn copy_from(&mut self, other: &Self) {
                 self.clone_from(other);
@@ -187,7 +336,11 @@ macro_rules! parameters_as_command {
             fn expire(&mut self) {}
 
             fn is_finite(&self) -> bool {
-                [$(self.$number),*].iter().all(|x| x.is_finite())
+                all_finite(&[$(self.$number),*])
+            }
+
+            fn mailbox(channel: &Channel) -> &Mailbox<Self> {
+                &channel.$mailbox
             }
         }
     };
@@ -195,9 +348,10 @@ macro_rules! parameters_as_command {
 
 parameters_as_command!(
     CameraParameters,
+    camera,
     [near_plane, far_plane, field_view_angle, orthographic_view_width, stereo_eye_separation, stereo_focal_length]
 );
-parameters_as_command!(LightParameters, [cutoff_angle]);
+parameters_as_command!(LightParameters, light, [cutoff_angle]);
 
 #[cfg(test)]
 mod tests {

@@ -1,15 +1,16 @@
+use std::ops::Deref;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use arc_swap::Guard;
+use arc_swap::{ArcSwap, Guard};
 use nalgebra::{Isometry3, Vector3};
 use thiserror::Error;
 
 use super::snapshot::Slot;
 use super::{
-    CameraParameters, Command, LightParameters, Mailbox, PoseCommand, Rates, RigidBodyCommand, Snapshot,
-    SnapshotWriter, StepThrottle,
+    ActuatorCommand, CameraParameters, Command, LightParameters, Mailbox, ObjectCommand, PoseCommand, Rates,
+    RigidBodyCommand, SensorCommand, Snapshot, SnapshotWriter, StepThrottle, VehicleCommand,
 };
 
 /// What an object is, and where its state stands in a [`Snapshot`].
@@ -23,6 +24,16 @@ pub enum ObjectKind {
     Camera(usize, Box<CameraParameters>),
     /// Index into [`Snapshot::lights`], and the parameters at the start.
     Light(usize, Box<LightParameters>),
+    /// Index into [`Snapshot::sensors`], and what does not change in its state.
+    Sensor(usize, Box<SensorInfo>),
+    /// Index into [`Snapshot::actuators`], and what does not change in its state.
+    Actuator(usize, Box<ActuatorInfo>),
+    /// Index into [`Snapshot::vehicles`], and what does not change in its state.
+    Vehicle(usize, Box<VehicleInfo>),
+    /// Index into [`Snapshot::soft_bodies`], and its mass, kg.
+    SoftBody(usize, f64),
+    /// Index into [`Snapshot::ghosts`].
+    Ghost(usize),
 }
 
 /// The part of a rigid body's state that does not change while it runs.
@@ -46,6 +57,51 @@ pub struct RigidBodyInfo {
     pub publish_joint_names: bool,
     /// Whether joint positions, velocities and efforts are in the state before a client asks.
     pub publish_joint_positions: bool,
+}
+
+/// Types of sensors.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum SensorType {
+    /// Rays that see.
+    #[default]
+    Proximity,
+    /// Rays that see and push.
+    Resistance,
+    /// Contacts of its parent body.
+    Contact,
+}
+
+/// The part of a sensor's state that does not change while it runs.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct SensorInfo {
+    /// Type of the sensor.
+    pub kind: SensorType,
+    /// Parent body as named in the file.
+    pub parent_name: String,
+    /// Pose of the sensor in its parent's body frame.
+    pub pose: Isometry3<f64>,
+    /// Reach of a ray of direction length 1, m; for contact sensors the largest distance that counts as contact.
+    pub range: f64,
+}
+
+/// The part of an actuator's state that does not change while it runs.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct ActuatorInfo {
+    /// Parent body as named in the file.
+    pub parent_name: String,
+    /// Pose of the actuator in its parent's body frame.
+    pub pose: Isometry3<f64>,
+}
+
+/// The part of a vehicle's state that does not change while it runs.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct VehicleInfo {
+    /// Mass of the chassis, kg.
+    pub mass: f64,
+    /// Principal moments of inertia of the chassis, kg·m².
+    pub inertia: Vector3<f64>,
+    /// Number of wheels.
+    pub wheels: usize,
 }
 
 /// An object that has a State and a Command.
@@ -74,6 +130,85 @@ pub struct Channel {
     pub camera: Mailbox<CameraParameters>,
     /// Changed parameters of a light.
     pub light: Mailbox<LightParameters>,
+    /// Commands of a sensor.
+    pub sensor: Mailbox<SensorCommand>,
+    /// Commands of an actuator.
+    pub actuator: Mailbox<ActuatorCommand>,
+    /// Commands of a vehicle.
+    pub vehicle: Mailbox<VehicleCommand>,
+    /// Commands of a ghost object or a soft body.
+    pub object: Mailbox<ObjectCommand>,
+}
+
+/// An object of the hub: what it is and where its commands are left.
+pub struct HubObject {
+    /// What it is.
+    pub info: ObjectInfo,
+    /// Where its commands are left.
+    pub channel: Channel,
+    removed: AtomicBool,
+}
+
+impl HubObject {
+    fn new(info: ObjectInfo) -> Arc<Self> {
+        Arc::new(Self { info, channel: Channel::default(), removed: AtomicBool::new(false) })
+    }
+
+    /// Whether the object is no longer part of the scene: what is left for it is not read.
+    pub fn is_removed(&self) -> bool {
+        self.removed.load(Ordering::Acquire)
+    }
+
+    /// Whether commands keep coming for the object at `now_ns` on the hub's clock. Not for the world: see [`StepThrottle::is_live`].
+    pub fn is_live(&self, now_ns: u64) -> bool {
+        let channel = &self.channel;
+        match self.info.kind {
+            ObjectKind::World => false,
+            ObjectKind::RigidBody(..) => channel.body.is_live(now_ns),
+            ObjectKind::Camera(..) | ObjectKind::Light(..) => channel.pose.is_live(now_ns),
+            ObjectKind::Sensor(..) => channel.sensor.is_live(now_ns),
+            ObjectKind::Actuator(..) => channel.actuator.is_live(now_ns),
+            ObjectKind::Vehicle(..) => channel.vehicle.is_live(now_ns),
+            ObjectKind::SoftBody(..) | ObjectKind::Ghost(_) => channel.object.is_live(now_ns),
+        }
+    }
+}
+
+/// All objects of a hub at one moment. An object keeps its place for good, also when it is removed.
+#[derive(Clone, Default)]
+pub struct ObjectList {
+    objects: Vec<Arc<HubObject>>,
+    /// One bit an object: something waits in its channel.
+    pending: Vec<Arc<AtomicU64>>,
+}
+
+impl Deref for ObjectList {
+    type Target = [Arc<HubObject>];
+
+    fn deref(&self) -> &Self::Target {
+        &self.objects
+    }
+}
+
+impl ObjectList {
+    fn extend(&mut self, infos: Vec<ObjectInfo>) {
+        self.objects.extend(infos.into_iter().map(HubObject::new));
+        self.pending.resize_with(self.objects.len().div_ceil(64), Arc::default);
+    }
+
+    /// Physics thread: calls `visit` for each object for which something was left since the last call.
+    pub fn take_pending(&self, mut visit: impl FnMut(usize)) {
+        for (word, bits) in self.pending.iter().enumerate() {
+            if bits.load(Ordering::Relaxed) == 0 {
+                continue;
+            }
+            let mut rest = bits.swap(0, Ordering::Acquire);
+            while rest != 0 {
+                visit(word * 64 + rest.trailing_zeros() as usize);
+                rest &= rest - 1;
+            }
+        }
+    }
 }
 
 /// Error when a command cannot be accepted. The command before stays in force.
@@ -89,10 +224,10 @@ pub enum PostError {
 
 /// Meeting point of the physics thread and everybody who talks to it. See the [module](super).
 pub struct Hub {
-    objects: Vec<ObjectInfo>,
-    channels: Vec<Channel>,
-    /// One bit an object: something waits in its channel.
-    pending: Vec<AtomicU64>,
+    objects: ArcSwap<ObjectList>,
+    /// Counts changes of the list of objects.
+    generation: AtomicU64,
+    changing: Mutex<()>,
     snapshot: Slot,
     listeners: AtomicBool,
     throttle: StepThrottle,
@@ -104,10 +239,12 @@ pub struct Hub {
 impl Hub {
     /// A hub for `objects`.
     pub fn new(objects: Vec<ObjectInfo>) -> Self {
+        let mut list = ObjectList::default();
+        list.extend(objects);
         Self {
-            channels: objects.iter().map(|_| Channel::default()).collect(),
-            pending: objects.chunks(64).map(|_| AtomicU64::new(0)).collect(),
-            objects,
+            objects: ArcSwap::from_pointee(list),
+            generation: AtomicU64::new(0),
+            changing: Mutex::default(),
             snapshot: Slot::empty(),
             listeners: AtomicBool::new(false),
             throttle: StepThrottle::default(),
@@ -117,9 +254,31 @@ impl Hub {
         }
     }
 
-    /// All objects that have a State and a Command; the position in this list names an object below.
-    pub fn objects(&self) -> &[ObjectInfo] {
-        &self.objects
+    /// All objects that have a State and a Command; the position in this list names an object below. Models that are added at run
+    /// time make it longer.
+    pub fn objects(&self) -> Guard<Arc<ObjectList>> {
+        self.objects.load()
+    }
+
+    /// How often the list of objects changed.
+    pub fn generation(&self) -> u64 {
+        self.generation.load(Ordering::Acquire)
+    }
+
+    /// Physics thread: appends the objects of a new model.
+    pub fn add_objects(&self, infos: Vec<ObjectInfo>) {
+        let _one_at_a_time = self.changing.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut list = ObjectList::clone(&self.objects.load());
+        list.extend(infos);
+        self.objects.store(Arc::new(list));
+        self.generation.fetch_add(1, Ordering::AcqRel);
+    }
+
+    /// Physics thread: says that the objects at these positions are no longer part of the scene.
+    pub fn remove_objects(&self, positions: impl IntoIterator<Item = usize>) {
+        let list = self.objects.load();
+        positions.into_iter().for_each(|position| list[position].removed.store(true, Ordering::Release));
+        self.generation.fetch_add(1, Ordering::AcqRel);
     }
 
     /// The hub's clock: monotonic time since it was made; never 0.
@@ -153,64 +312,19 @@ impl Hub {
         writer.publish(&self.snapshot, fill)
     }
 
-    /// Leaves a command for the rigid body at position `object`.
+    /// Leaves a command, or changed parameters, for the object at position `object`. What doesn't fit its kind is never read.
     ///
     /// # Errors
     /// [`PostError::NotFinite`].
-    pub fn post_body(&self, object: usize, command: &RigidBodyCommand) -> Result<(), PostError> {
-        self.post(object, &self.channels[object].body, command)
-    }
-
-    /// Leaves a command for the camera or light at position `object`.
-    ///
-    /// # Errors
-    /// [`PostError::NotFinite`].
-    pub fn post_pose(&self, object: usize, command: &PoseCommand) -> Result<(), PostError> {
-        self.post(object, &self.channels[object].pose, command)
-    }
-
-    /// Leaves changed parameters for the camera at position `object`.
-    ///
-    /// # Errors
-    /// [`PostError::NotFinite`].
-    pub fn post_camera(&self, object: usize, parameters: &CameraParameters) -> Result<(), PostError> {
-        self.post(object, &self.channels[object].camera, parameters)
-    }
-
-    /// Leaves changed parameters for the light at position `object`.
-    ///
-    /// # Errors
-    /// [`PostError::NotFinite`].
-    pub fn post_light(&self, object: usize, parameters: &LightParameters) -> Result<(), PostError> {
-        self.post(object, &self.channels[object].light, parameters)
-    }
-
-    fn post<C: Command>(&self, object: usize, mailbox: &Mailbox<C>, command: &C) -> Result<(), PostError> {
+    pub fn post<C: Command>(&self, object: usize, command: &C) -> Result<(), PostError> {
+        let list = self.objects.load();
+        let target = &list[object];
         if !command.is_finite() {
-            return Err(PostError::NotFinite(self.objects[object].name.clone()));
+            return Err(PostError::NotFinite(target.info.name.clone()));
         }
-        mailbox.post(command, self.now_ns());
-        self.pending[object / 64].fetch_or(1 << (object % 64), Ordering::Release);
+        C::mailbox(&target.channel).post(command, self.now_ns());
+        list.pending[object / 64].fetch_or(1 << (object % 64), Ordering::Release);
         Ok(())
-    }
-
-    /// Where commands for the object at position `object` are left.
-    pub fn channel(&self, object: usize) -> &Channel {
-        &self.channels[object]
-    }
-
-    /// Physics thread: calls `visit` for each object for which something was left since the last call.
-    pub fn take_pending(&self, mut visit: impl FnMut(usize)) {
-        for (word, bits) in self.pending.iter().enumerate() {
-            if bits.load(Ordering::Relaxed) == 0 {
-                continue;
-            }
-            let mut rest = bits.swap(0, Ordering::Acquire);
-            while rest != 0 {
-                visit(word * 64 + rest.trailing_zeros() as usize);
-                rest &= rest - 1;
-            }
-        }
     }
 
     /// Step throttling by the world's clients.
@@ -260,20 +374,35 @@ mod tests {
     fn only_objects_with_mail_are_visited() {
         let hub = hub(130);
         for object in [0, 63, 64, 129] {
-            hub.post_body(object, &RigidBodyCommand::default()).unwrap();
+            hub.post(object, &RigidBodyCommand::default()).unwrap();
         }
         let mut seen = Vec::new();
-        hub.take_pending(|object| seen.push(object));
+        hub.objects().take_pending(|object| seen.push(object));
         assert_eq!(seen, [0, 63, 64, 129]);
-        hub.take_pending(|object| panic!("{object} has nothing new"));
+        hub.objects().take_pending(|object| panic!("{object} has nothing new"));
     }
 
     #[test]
     fn a_command_with_nan_is_refused_by_name() {
         let hub = hub(1);
         let command = RigidBodyCommand { joint_commands: vec![f64::NAN], ..Default::default() };
-        let error = hub.post_body(0, &command).unwrap_err();
+        let error = hub.post(0, &command).unwrap_err();
         assert!(error.to_string().contains("Box0"), "{error}");
-        hub.take_pending(|_| panic!("nothing was posted"));
+        hub.objects().take_pending(|_| panic!("nothing was posted"));
+    }
+
+    #[test]
+    fn the_list_grows_and_positions_stay() {
+        let hub = hub(64);
+        let before = hub.objects().clone();
+        hub.add_objects(vec![before[0].info.clone()]);
+        hub.remove_objects([3]);
+        assert_eq!((hub.objects().len(), before.len(), hub.generation()), (65, 64, 2));
+        assert!(before[3].is_removed(), "the object is the same in both lists");
+        hub.post(64, &RigidBodyCommand::default()).unwrap();
+        hub.post(0, &RigidBodyCommand::default()).unwrap();
+        let mut seen = Vec::new();
+        hub.objects().take_pending(|object| seen.push(object));
+        assert_eq!(seen, [0, 64]);
     }
 }

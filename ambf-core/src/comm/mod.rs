@@ -6,7 +6,7 @@
 //! copy of an old snapshot alive.
 //!
 //! A [`Middleware`] carries the values over a wire. What it may rely on:
-//! * the list of objects is complete before it starts and does not change while it runs;
+//! * the list of objects only grows: an object keeps its position, and one that is removed says so ([`Hub::generation`] counts changes);
 //! * [`Hub::snapshot`] is `None` until the first physics iteration has filled it;
 //! * a command is in force until the next one, or until its watchdog expires ([`WATCHDOG_TIMEOUT`]).
 
@@ -19,12 +19,18 @@ mod throttle;
 
 pub use crate::bullet::BodyKinematics;
 pub use command::{
-    CameraParameters, CartesianCommandType, Command, JointCommandType, LightParameters, PoseCommand, RigidBodyCommand,
+    ActuatorCommand, CameraParameters, CartesianCommandType, Command, JointCommandType, LightParameters, ObjectCommand,
+    PoseCommand, RigidBodyCommand, SensorCommand, VehicleCommand,
 };
-pub use hub::{Channel, Hub, ObjectInfo, ObjectKind, PostError, RigidBodyInfo};
+pub use hub::{
+    ActuatorInfo, Channel, Hub, HubObject, ObjectInfo, ObjectKind, ObjectList, PostError, RigidBodyInfo, SensorInfo,
+    SensorType, VehicleInfo,
+};
 pub use mailbox::{Inbox, Mailbox};
 pub use schedule::{PublishSchedule, Rates};
-pub use snapshot::{Snapshot, SnapshotWriter, Timing, Wrench};
+pub use snapshot::{
+    GhostReading, RayReading, Snapshot, SnapshotWriter, SoftBodyReading, Timing, VehicleReading, Wrench,
+};
 pub use throttle::{StepThrottle, WorldCommand};
 
 use std::sync::Arc;

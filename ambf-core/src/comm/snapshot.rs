@@ -29,6 +29,44 @@ pub struct Timing {
     pub sub_step_cap: u32,
 }
 
+/// What one ray of a sensor sees, or one contact of a contact sensor.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct RayReading {
+    /// Something is hit.
+    pub triggered: bool,
+    /// Rays: 1 − distance / length, 0 when nothing is hit. Contacts: normal force, N.
+    pub measurement: f64,
+    /// Name of the rigid body that is hit, without namespace.
+    pub sensed: Option<Arc<str>>,
+}
+
+/// Where a vehicle and its wheels are.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct VehicleReading {
+    /// Body frame of the chassis in the world.
+    pub pose: Isometry3<f64>,
+    /// (wheels x 1) pose of each wheel in the body frame of the chassis, steering and rotation included.
+    pub wheels: Vec<Isometry3<f64>>,
+}
+
+/// Shape of a soft body.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct SoftBodyReading {
+    /// Centre of mass in the world, m.
+    pub center: Vector3<f64>,
+    /// (nodes x 3) in the world, m.
+    pub nodes: Vec<[f64; 3]>,
+}
+
+/// Where a ghost object is, and what is in it.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct GhostReading {
+    /// Pose in the world.
+    pub pose: Isometry3<f64>,
+    /// Names of the rigid bodies that penetrate it, without namespace, each once.
+    pub sensed: Vec<Arc<str>>,
+}
+
 /// State of every object after one physics iteration. Arrays are indexed as [`ObjectKind`](super::ObjectKind) says.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Snapshot {
@@ -56,6 +94,16 @@ pub struct Snapshot {
     pub cameras: Vec<Isometry3<f64>>,
     /// (lights x 1) pose in the parent's body frame, or in the world.
     pub lights: Vec<Isometry3<f64>>,
+    /// (sensors x rays), for contact sensors (sensors x contacts).
+    pub sensors: Vec<Vec<RayReading>>,
+    /// (actuators x 1) whether it holds something.
+    pub actuators: Vec<bool>,
+    /// (vehicles x 1).
+    pub vehicles: Vec<VehicleReading>,
+    /// (soft bodies x 1).
+    pub soft_bodies: Vec<SoftBodyReading>,
+    /// (ghost objects x 1).
+    pub ghosts: Vec<GhostReading>,
 }
 
 impl Default for Snapshot {
@@ -73,6 +121,11 @@ impl Default for Snapshot {
             joint_efforts: Vec::new(),
             cameras: Vec::new(),
             lights: Vec::new(),
+            sensors: Vec::new(),
+            actuators: Vec::new(),
+            vehicles: Vec::new(),
+            soft_bodies: Vec::new(),
+            ghosts: Vec::new(),
         }
     }
 }
@@ -83,7 +136,6 @@ pub(super) type Slot = ArcSwapOption<Snapshot>;
 /// The physics thread's end: fills a snapshot that nobody reads and makes it the newest, without waiting or allocating.
 pub struct SnapshotWriter {
     pool: VecDeque<Arc<Snapshot>>,
-    template: Snapshot,
 }
 
 /// Readers hold a snapshot for microseconds; with this many in turn one is always free.
@@ -92,7 +144,7 @@ const POOL: usize = 6;
 impl SnapshotWriter {
     /// A writer of snapshots with the array sizes of `template`.
     pub fn new(template: Snapshot) -> Self {
-        Self { pool: (0..POOL).map(|_| Arc::new(template.clone())).collect(), template }
+        Self { pool: (0..POOL).map(|_| Arc::new(template.clone())).collect() }
     }
 
     /// Lets `fill` overwrite a free snapshot and swaps it into `slot`. False, and nothing is published, in the rare case that
@@ -109,11 +161,6 @@ impl SnapshotWriter {
             self.pool.push_back(candidate);
         }
         false
-    }
-
-    /// The array sizes this writer was made for.
-    pub fn template(&self) -> &Snapshot {
-        &self.template
     }
 }
 

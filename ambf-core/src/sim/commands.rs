@@ -8,14 +8,15 @@ use nalgebra::{Isometry3, Vector3};
 use super::{NonFinite, Simulation};
 use crate::bullet::BodyKinematics;
 use crate::comm::{
-    CameraParameters, CartesianCommandType, Hub, Inbox, JointCommandType, LightParameters, ObjectKind, PoseCommand,
-    RigidBodyCommand, Snapshot, SnapshotWriter, Timing, Wrench,
+    CameraParameters, CartesianCommandType, Channel, Hub, Inbox, JointCommandType, LightParameters, ObjectKind,
+    ObjectList, PoseCommand, RigidBodyCommand, Snapshot, SnapshotWriter, Timing, Wrench,
 };
 use crate::scene::Scene;
 
 /// The physics thread's end of the hub.
 pub(super) struct Link {
     pub hub: Arc<Hub>,
+    objects: Arc<ObjectList>,
     writer: SnapshotWriter,
     slots: Vec<Slot>,
     /// Objects that were ever commanded, in visiting order: only they are looked at in an iteration.
@@ -24,43 +25,55 @@ pub(super) struct Link {
     rank: Vec<usize>,
 }
 
-struct Slot {
-    target: Target,
-    body: Inbox<RigidBodyCommand>,
-    pose: Inbox<PoseCommand>,
-    camera: Inbox<CameraParameters>,
-    light: Inbox<LightParameters>,
+/// Commands in force for one object, which is named by its index in the scene.
+enum Slot {
+    /// The world and sensors: commands do nothing to them.
+    Idle,
+    Body(usize, Inbox<RigidBodyCommand>),
+    Camera(usize, Inbox<PoseCommand>, Inbox<CameraParameters>),
+    Light(usize, Inbox<PoseCommand>, Inbox<LightParameters>),
 }
 
-#[derive(Clone, Copy)]
-enum Target {
-    World,
-    Body(usize),
-    Camera(usize),
-    Light(usize),
+impl Slot {
+    fn of(kind: &ObjectKind) -> Self {
+        match *kind {
+            ObjectKind::RigidBody(index, _) => Self::Body(index, Inbox::default()),
+            ObjectKind::Camera(index, _) => Self::Camera(index, Inbox::default(), Inbox::default()),
+            ObjectKind::Light(index, _) => Self::Light(index, Inbox::default(), Inbox::default()),
+            _ => Self::Idle,
+        }
+    }
+
+    /// Takes what waits in `channel`; true when there is a command to execute from now on.
+    fn fetch(&mut self, channel: &Channel, scene: &mut Scene) -> bool {
+        match self {
+            Self::Idle => false,
+            Self::Body(_, inbox) => inbox.fetch(&channel.body),
+            Self::Camera(index, pose, parameters) => {
+                if parameters.fetch(&channel.camera) {
+                    scene.cameras[*index].set_parameters(parameters.command(), &scene.body_names);
+                }
+                pose.fetch(&channel.pose)
+            }
+            Self::Light(index, pose, parameters) => {
+                if parameters.fetch(&channel.light) {
+                    scene.lights[*index].set_parameters(parameters.command(), &scene.body_names);
+                }
+                pose.fetch(&channel.pose)
+            }
+        }
+    }
 }
 
 impl Link {
     pub fn new(hub: Arc<Hub>, scene: &Scene, wrenches: &[Wrench]) -> Self {
+        let objects = hub.objects().clone();
         let mut body_rank = vec![0; scene.bodies.len()];
         for (rank, body) in scene.visiting_order().into_iter().enumerate() {
             body_rank[body] = rank + 1;
         }
-        let slots = hub.objects().iter().map(|object| Slot {
-            target: match object.kind {
-                ObjectKind::World => Target::World,
-                ObjectKind::RigidBody(index, _) => Target::Body(index),
-                ObjectKind::Camera(index, _) => Target::Camera(index),
-                ObjectKind::Light(index, _) => Target::Light(index),
-            },
-            body: Inbox::default(),
-            pose: Inbox::default(),
-            camera: Inbox::default(),
-            light: Inbox::default(),
-        });
-        let slots: Vec<Slot> = slots.collect();
-        let rank = slots.iter().map(|slot| match slot.target {
-            Target::Body(index) => body_rank[index],
+        let rank = objects.iter().map(|object| match object.info.kind {
+            ObjectKind::RigidBody(index, _) => body_rank[index],
             _ => 0,
         });
         let template = Snapshot {
@@ -75,8 +88,9 @@ impl Link {
         };
         Self {
             rank: rank.collect(),
-            commanded: Vec::with_capacity(slots.len()),
-            slots,
+            commanded: Vec::with_capacity(objects.len()),
+            slots: objects.iter().map(|object| Slot::of(&object.info.kind)).collect(),
+            objects,
             hub,
             writer: SnapshotWriter::new(template),
         }
@@ -84,8 +98,11 @@ impl Link {
 
     /// What the body was last told, in words.
     pub fn last_command(&self, body: usize) -> String {
-        let slot = self.slots.iter().find(|slot| matches!(slot.target, Target::Body(index) if index == body));
-        slot.map_or_else(|| "none".into(), |slot| format!("{:?}", slot.body.command()))
+        let slot = self.slots.iter().find_map(|slot| match slot {
+            Slot::Body(index, inbox) if *index == body => Some(inbox),
+            _ => None,
+        });
+        slot.map_or_else(|| "none".into(), |inbox| format!("{:?}", inbox.command()))
     }
 }
 
@@ -119,25 +136,14 @@ impl Simulation {
     }
 
     fn fetch(&mut self, link: &mut Link) {
-        let Link { hub, slots, commanded, rank, .. } = link;
-        hub.take_pending(|object| {
-            let channel = hub.channel(object);
-            let slot = &mut slots[object];
-            if slot.body.fetch(&channel.body) | slot.pose.fetch(&channel.pose) {
+        let Link { objects, slots, commanded, rank, .. } = link;
+        objects.take_pending(|object| {
+            if slots[object].fetch(&objects[object].channel, &mut self.scene) {
                 // Only bodies have ranks of their own.
                 let place = |object: usize| (rank[object], object);
                 if let Err(place) = commanded.binary_search_by_key(&place(object), |&other| place(other)) {
                     commanded.insert(place, object);
                 }
-            }
-            match slot.target {
-                Target::Camera(index) if slot.camera.fetch(&channel.camera) => {
-                    self.scene.cameras[index].set_parameters(slot.camera.command(), &self.scene.body_names);
-                }
-                Target::Light(index) if slot.light.fetch(&channel.light) => {
-                    self.scene.lights[index].set_parameters(slot.light.command(), &self.scene.body_names);
-                }
-                _ => (),
             }
         });
     }
@@ -148,20 +154,19 @@ impl Simulation {
         }
         let now = link.hub.now_ns();
         for &object in &link.commanded {
-            let slot = &mut link.slots[object];
-            match slot.target {
-                Target::World => (),
-                Target::Body(index) => {
-                    slot.body.check_watchdog(now);
-                    self.command_body(index, slot.body.command());
+            match &mut link.slots[object] {
+                Slot::Idle => (),
+                Slot::Body(index, inbox) => {
+                    inbox.check_watchdog(now);
+                    self.command_body(*index, inbox.command());
                 }
-                Target::Camera(index) => {
-                    slot.pose.check_watchdog(now);
-                    self.scene.cameras[index].placed.apply_command(slot.pose.command());
+                Slot::Camera(index, inbox, _) => {
+                    inbox.check_watchdog(now);
+                    self.scene.cameras[*index].placed.apply_command(inbox.command());
                 }
-                Target::Light(index) => {
-                    slot.pose.check_watchdog(now);
-                    self.scene.lights[index].placed.apply_command(slot.pose.command());
+                Slot::Light(index, inbox, _) => {
+                    inbox.check_watchdog(now);
+                    self.scene.lights[*index].placed.apply_command(inbox.command());
                 }
             }
         }
