@@ -3,7 +3,8 @@
 use std::f64::consts::TAU;
 use std::ops::RangeInclusive;
 
-use ambf_core::comm::JointCommandType;
+use ambf_core::comm::{JointCommandType, VehicleCommand};
+use ambf_core::scene::Scene;
 use ambf_core::sim::Simulation;
 use nalgebra::Vector3;
 use thiserror::Error;
@@ -28,14 +29,38 @@ enum Action {
     Twist(Vector3<f64>, Vector3<f64>),
     /// Pose of the body frame: position (m) and quaternion x, y, z, w.
     Pose(Vector3<f64>, [f64; 4]),
+    /// Brake, power and steering of all wheels.
+    Drive(VehicleCommand),
 }
 
 #[derive(Debug, Clone, PartialEq)]
 struct TimedCommand {
     line: usize,
     steps: RangeInclusive<u64>,
-    body: usize,
+    /// Index of the body, or of the vehicle that is driven.
+    target: usize,
     action: Action,
+}
+
+/// What commands can address.
+#[derive(Debug, Default)]
+pub struct Targets<'n> {
+    bodies: &'n [String],
+    /// Number of active joints of each body.
+    active_joints: Vec<usize>,
+    /// Name and number of wheels of each vehicle.
+    vehicles: Vec<(String, usize)>,
+}
+
+impl<'n> Targets<'n> {
+    /// The bodies of `scene`, called `names`, and its vehicles.
+    pub fn new(scene: &Scene, names: &'n [String]) -> Self {
+        Self {
+            bodies: names,
+            active_joints: (0..names.len()).map(|body| scene.active_joints(body).len()).collect(),
+            vehicles: scene.vehicles.iter().map(|v| (v.identity.communication_name(), v.wheels.len())).collect(),
+        }
+    }
 }
 
 /// The commands of a file, bound to the bodies of a simulation.
@@ -47,25 +72,19 @@ pub struct Commands {
 }
 
 impl Commands {
-    /// Reads the text of `file`; `bodies` are the names that may be addressed, by index, and `active_joints` says how many joints a
-    /// body commands.
+    /// Reads the text of `file`.
     ///
     /// # Errors
     /// [`CommandError`] for the first line that cannot be used.
-    pub fn parse(
-        text: &str,
-        file: &str,
-        bodies: &[String],
-        active_joints: impl Fn(usize) -> usize,
-    ) -> Result<Self, CommandError> {
+    pub fn parse(text: &str, file: &str, targets: &Targets<'_>) -> Result<Self, CommandError> {
         let mut commands = Vec::new();
         for (number, line) in text.lines().enumerate() {
             let line = line.split('#').next().unwrap_or_default().trim();
             if line.is_empty() {
                 continue;
             }
-            let command = parse_line(line, number + 1, bodies)
-                .and_then(|command| command.check(&active_joints))
+            let command = parse_line(line, number + 1, targets)
+                .and_then(|command| command.check(&targets.active_joints))
                 .map_err(|message| CommandError { file: file.into(), line: number + 1, message })?;
             commands.push(command);
         }
@@ -74,7 +93,10 @@ impl Commands {
 
     /// The place of the last command that has acted on `body` before the end of step `step`.
     pub fn latest(&self, body: usize, step: u64) -> Option<String> {
-        let acted = |command: &&TimedCommand| command.body == body && *command.steps.start() < step;
+        let acted = |command: &&TimedCommand| {
+            let is_drive = matches!(command.action, Action::Drive(_));
+            !is_drive && command.target == body && *command.steps.start() < step
+        };
         let latest = self.list.iter().filter(acted).max_by_key(|command| *command.steps.end().min(&step))?;
         Some(format!("{}:{}", self.file, latest.line))
     }
@@ -82,15 +104,17 @@ impl Commands {
     /// Applies the commands whose range contains `step`; they act in the step after.
     pub fn apply(&self, simulation: &mut Simulation, step: u64) {
         for command in self.list.iter().filter(|command| command.steps.contains(&step)) {
+            let target = command.target;
             match command.action {
                 Action::Joint { index, kind, offset, amplitude, frequency } => {
                     let value = offset + amplitude * (TAU * frequency * simulation.sim_time()).sin();
                     // As on the wire.
-                    simulation.command_joint(command.body, index, kind, f64::from(value as f32));
+                    simulation.command_joint(target, index, kind, f64::from(value as f32));
                 }
-                Action::Wrench(force, torque) => simulation.apply_wrench(command.body, force, torque),
-                Action::Twist(linear, angular) => simulation.set_velocity(command.body, linear, angular),
-                Action::Pose(position, orientation) => simulation.follow_pose(command.body, position, orientation),
+                Action::Wrench(force, torque) => simulation.apply_wrench(target, force, torque),
+                Action::Twist(linear, angular) => simulation.set_velocity(target, linear, angular),
+                Action::Pose(position, orientation) => simulation.follow_pose(target, position, orientation),
+                Action::Drive(ref drive) => simulation.command_vehicle(target, drive),
             }
         }
     }
@@ -98,12 +122,12 @@ impl Commands {
 
 impl TimedCommand {
     /// Refuses what would never do anything.
-    fn check(self, active_joints: impl Fn(usize) -> usize) -> Result<Self, String> {
+    fn check(self, active_joints: &[usize]) -> Result<Self, String> {
         if self.steps.is_empty() {
             return Err(format!("the range ends at {} before it begins at {}", self.steps.end(), self.steps.start()));
         }
         let Action::Joint { index, .. } = self.action else { return Ok(self) };
-        match active_joints(self.body) {
+        match active_joints[self.target] {
             0 => Err("the body has no active joint to command".into()),
             known if index >= known => {
                 Err(format!("there is no joint {index}: the body has {known} active joint(s), counted from 0"))
@@ -113,18 +137,26 @@ impl TimedCommand {
     }
 }
 
-fn parse_line(line: &str, number: usize, bodies: &[String]) -> Result<TimedCommand, String> {
+fn parse_line(line: &str, number: usize, targets: &Targets<'_>) -> Result<TimedCommand, String> {
     let fields: Vec<_> = line.split('|').map(str::trim).collect();
     let &[first, last, kind, body, numbers] = fields.as_slice() else {
         return Err(format!("expected `first|last|kind|body|numbers`, found {} fields", fields.len()));
     };
     let step = |text: &str| text.parse().map_err(|_| format!("expected a step number, found `{text}`"));
-    let body = bodies.iter().position(|name| name == body).ok_or_else(|| format!("there is no body `{body}`"))?;
     let numbers = numbers.split_whitespace().map(|text| match text.parse::<f64>() {
         Ok(number) if number.is_finite() => Ok(number),
         _ => Err(format!("expected a finite number, found `{text}`")),
     });
     let numbers = numbers.collect::<Result<Vec<_>, _>>()?;
+    let steps = step(first)?..=step(last)?;
+    if kind == "VEH" {
+        let found = targets.vehicles.iter().position(|(name, _)| name == body);
+        let target = found.ok_or_else(|| format!("there is no vehicle `{body}`"))?;
+        let action = Action::Drive(drive(&numbers, targets.vehicles[target].1)?);
+        return Ok(TimedCommand { line: number, steps, target, action });
+    }
+    let found = targets.bodies.iter().position(|name| name == body);
+    let target = found.ok_or_else(|| format!("there is no body `{body}`"))?;
     let vector = |i: usize| Vector3::new(numbers[i], numbers[i + 1], numbers[i + 2]);
     let action = match (kind, numbers.as_slice()) {
         ("J", &[index, kind, offset]) => joint(index, kind, offset, 0.0, 0.0)?,
@@ -136,10 +168,24 @@ fn parse_line(line: &str, number: usize, bodies: &[String]) -> Result<TimedComma
         ("JS", _) => return Err("JS takes 5 numbers: index, type, offset, amplitude, frequency".into()),
         ("WR" | "TW", _) => return Err(format!("{kind} takes 6 numbers")),
         ("POSE", _) => return Err("POSE takes 7 numbers: position, then quaternion x y z w".into()),
-        ("VEH", _) => return Err("VEH drives a vehicle, and this scene has none".into()),
         _ => return Err(format!("expected J, JS, WR, TW, POSE or VEH, found `{kind}`")),
     };
-    Ok(TimedCommand { line: number, steps: step(first)?..=step(last)?, body, action })
+    Ok(TimedCommand { line: number, steps, target, action })
+}
+
+/// Brake, then the power of each wheel, then its steering angle.
+fn drive(numbers: &[f64], wheels: usize) -> Result<VehicleCommand, String> {
+    if numbers.len() != 1 + 2 * wheels {
+        let expected = 1 + 2 * wheels;
+        return Err(format!("VEH takes {expected} numbers here: brake, then power, then steering of {wheels} wheels"));
+    }
+    let (power, steering) = numbers[1..].split_at(wheels);
+    Ok(VehicleCommand {
+        power: power.to_vec(),
+        steering: steering.to_vec(),
+        full_brake: numbers[0] > 0.0,
+        ..VehicleCommand::default()
+    })
 }
 
 fn joint(index: f64, kind: f64, offset: f64, amplitude: f64, frequency: f64) -> Result<Action, String> {
@@ -166,19 +212,23 @@ mod tests {
     use super::*;
 
     fn parse(text: &str) -> Result<Commands, CommandError> {
-        Commands::parse(text, "c.txt", &["Base".into(), "Link".into()], |body| 7 * (1 - body))
+        let bodies = ["Base".into(), "Link".into()];
+        let vehicles = vec![("Car".into(), 2)];
+        Commands::parse(text, "c.txt", &Targets { bodies: &bodies, active_joints: vec![7, 0], vehicles })
     }
 
     #[test]
     fn every_kind_is_read() {
         let text = "# comment\n1|30|J|Base|0 2 2.5 # after\n0|5|JS|Base|6 1 0.0 0.5 0.5\n\n1|1|WR|Base|1 2 3 4 5 6\n\
-                    1|1|TW|Base|1 2 3 4 5 6\n1|1|POSE|Base|0 0 1 0 0 0 1\n";
+                    1|1|TW|Base|1 2 3 4 5 6\n1|1|POSE|Base|0 0 1 0 0 0 1\n1|9|VEH|Car|0 10 20 0.1 0.2\n";
         let commands = parse(text).unwrap();
-        assert_eq!(commands.list.len(), 5);
+        assert_eq!(commands.list.len(), 6);
         assert_eq!(commands.list[0].steps, 1..=30);
         let expected =
             Action::Joint { index: 0, kind: JointCommandType::Velocity, offset: 2.5, amplitude: 0.0, frequency: 0.0 };
-        assert_eq!((commands.list[0].body, &commands.list[0].action), (0, &expected));
+        assert_eq!((commands.list[0].target, &commands.list[0].action), (0, &expected));
+        let drive = VehicleCommand { power: vec![10.0, 20.0], steering: vec![0.1, 0.2], ..VehicleCommand::default() };
+        assert_eq!(commands.list[5].action, Action::Drive(drive));
     }
 
     #[test]
@@ -204,6 +254,8 @@ mod tests {
             ("1|2|WR|Base|1 2 3 nan 5 6", "finite"),
             ("1|x|J|Base|0 1 0", "step number"),
             ("1|2|FLY|Base|1", "FLY"),
+            ("1|2|VEH|Base|1 0 0 0 0", "no vehicle"),
+            ("1|2|VEH|Car|1 0", "5 numbers"),
             ("1|2", "fields"),
         ] {
             let error = parse(&format!("\n{text}")).unwrap_err().to_string();

@@ -3,7 +3,7 @@
 mod commands;
 mod trace;
 
-pub use commands::{CommandError, Commands};
+pub use commands::{CommandError, Commands, Targets};
 pub use trace::TraceWriter;
 
 use std::collections::HashMap;
@@ -120,7 +120,7 @@ pub fn run(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<Summary, B
         Some(path) => {
             let file = path.display().to_string();
             let text = std::fs::read_to_string(path).map_err(|error| BatchError::Load(format!("{file}: {error}")))?;
-            Commands::parse(&text, &file, &names, |body| simulation.scene().active_joints(body).len())?
+            Commands::parse(&text, &file, &Targets::new(simulation.scene(), &names))?
         }
         None => Commands::default(),
     };

@@ -8,21 +8,24 @@ use ambf_core::bullet::BodyKinematics;
 use ambf_core::sim::Simulation;
 use nalgebra::Isometry3;
 
-/// Trace files of bodies and joints. Only what exists in the scene is written.
+/// Trace files of bodies, joints and soft bodies. Only what exists in the scene is written.
 pub struct TraceWriter {
     bodies: Option<BufWriter<File>>,
     joints: Option<BufWriter<File>>,
+    soft_nodes: Option<BufWriter<File>>,
     names: Vec<String>,
     /// Bodies in order of their qualified identifiers.
     order: Vec<usize>,
     /// Joints in order of their qualified identifiers.
     joint_order: Vec<usize>,
     states: Vec<BodyKinematics>,
+    /// Room for the nodes of the largest soft body.
+    nodes: Vec<[f64; 3]>,
     full: bool,
 }
 
 impl TraceWriter {
-    /// Creates `PREFIX_bodies.csv` and `PREFIX_joints.csv` with their headings. `names` names each body; with `full` the pose of the
+    /// Creates `PREFIX_bodies.csv`, `PREFIX_joints.csv` and `PREFIX_softnodes.csv` with their headings. `names` names each body; with `full` the pose of the
     /// inertial frame at the end of the step is written too.
     ///
     /// # Errors
@@ -57,6 +60,12 @@ impl TraceWriter {
                 "sim_step,sim_time,joint,type,parent,child,position,velocity,effort",
                 !scene.joints.is_empty(),
             )?,
+            soft_nodes: create(
+                "_softnodes.csv",
+                "sim_step,sim_time,softbody,node,x,y,z",
+                !scene.soft_bodies.is_empty(),
+            )?,
+            nodes: vec![[0.0; 3]; scene.soft_bodies.iter().map(|soft| soft.nodes).max().unwrap_or(0)],
             states: vec![BodyKinematics::default(); scene.bodies.len()],
             names,
             order,
@@ -94,6 +103,17 @@ impl TraceWriter {
                 writeln!(out)?;
             }
         }
+        if let Some(out) = &mut self.soft_nodes {
+            for soft in &scene.soft_bodies {
+                let nodes = &mut self.nodes[..soft.nodes];
+                soft.read_nodes(&scene.world, nodes);
+                for (number, node) in nodes.iter().enumerate() {
+                    write!(out, "{step},{time:?},{},{number}", soft.identity.communication_name())?;
+                    write_numbers(out, node)?;
+                    writeln!(out)?;
+                }
+            }
+        }
         Ok(())
     }
 
@@ -102,7 +122,8 @@ impl TraceWriter {
     /// # Errors
     /// When the rest cannot be written.
     pub fn finish(mut self) -> io::Result<()> {
-        [self.bodies.as_mut(), self.joints.as_mut()].into_iter().flatten().try_for_each(BufWriter::flush)
+        let files = [self.bodies.as_mut(), self.joints.as_mut(), self.soft_nodes.as_mut()];
+        files.into_iter().flatten().try_for_each(BufWriter::flush)
     }
 }
 

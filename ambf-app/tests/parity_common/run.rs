@@ -1,6 +1,6 @@
 //! Runs of our program, recorded like the traces.
 
-use ambf_app::batch::Commands;
+use ambf_app::batch::{Commands, Targets};
 use ambf_core::bullet::{BodyKinematics, Solver};
 use ambf_core::scene::{load, Loaded, Scene, SceneOptions};
 use ambf_core::sim::Simulation;
@@ -55,8 +55,7 @@ pub fn simulate(case: &Case, steps: &[u64], start: Start) -> Recording {
     let commands = match &case.commands {
         Some(file) => {
             let text = std::fs::read_to_string(file).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
-            let joints = |body| simulation.scene().active_joints(body).len();
-            Commands::parse(&text, &file.display().to_string(), &names, joints)
+            Commands::parse(&text, &file.display().to_string(), &Targets::new(simulation.scene(), &names))
                 .unwrap_or_else(|error| panic!("{error}"))
         }
         None => Commands::default(),

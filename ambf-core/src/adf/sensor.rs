@@ -26,7 +26,7 @@ pub struct Sensor {
     pub visible: bool,
     /// Radius of the markers, m. Default: 0.02.
     pub visible_size: f64,
-    /// Where the rays are.
+    /// Where the rays are; no ray for a contact sensor.
     pub rays: RaySource,
 }
 
@@ -37,6 +37,11 @@ pub enum SensorKind {
     Proximity,
     /// Also pushes what its rays hit.
     Resistance(ResistanceParameters),
+    /// Reports what touches its parent body. It has no rays.
+    Contact {
+        /// Largest distance that counts as contact even without a force, m, negative inside. Default: 0.
+        threshold: f64,
+    },
 }
 
 /// Contact law of a resistance sensor.
@@ -153,10 +158,12 @@ fn parent_of(map: &Map<'_>) -> String {
 
 impl Sensor {
     pub(super) fn read(map: &Map<'_>, base: &Base) -> Option<Self> {
-        let kind = match type_of(map, &["Proximity", "Resistance"])?.as_str() {
+        let kind = match type_of(map, &["Proximity", "Resistance", "Contact"])?.as_str() {
             "Proximity" => SensorKind::Proximity,
-            _ => SensorKind::Resistance(ResistanceParameters::read(map)),
+            "Resistance" => SensorKind::Resistance(ResistanceParameters::read(map)),
+            _ => SensorKind::Contact { threshold: map.real("distance threshold").unwrap_or(0.0) },
         };
+        let has_rays = !matches!(kind, SensorKind::Contact { .. });
         let sensor = Self {
             common: map.common(base),
             parent: parent_of(map),
@@ -164,10 +171,13 @@ impl Sensor {
             range: map.real_in("range", Range::NotNegative).unwrap_or(0.5),
             visible: map.boolean("visible").unwrap_or(false),
             visible_size: map.real("visible size").unwrap_or(0.02),
-            rays: RaySource::read(map, base)?,
+            rays: if has_rays { RaySource::read(map, base)? } else { RaySource::Array(Vec::new()) },
             kind,
         };
-        if sensor.kind == SensorKind::Proximity {
+        if !has_rays {
+            map.ignore(&["array", "mesh", "parametric", "range"], "a contact sensor has no rays");
+        }
+        if !matches!(sensor.kind, SensorKind::Resistance(_)) {
             let why = "only resistance sensors have it";
             map.ignore(&["friction", "contact area"], why);
             map.ignore(&["contact stiffness", "contact damping"], why);
@@ -293,6 +303,8 @@ mod tests {
         assert_eq!((p.static_friction, p.friction_damping, p.contact_area), (3.0, 0.1, 2.0));
         let RaySource::Mesh { candidates } = s.rays else { panic!() };
         assert_eq!(candidates, ["dir/t.stl", "dir/lo/t.stl", "dir/hi/t.stl"].map(PathBuf::from));
+        let s = sensor("type: Contact, distance threshold: 0.001");
+        assert_eq!((s.kind, s.rays), (SensorKind::Contact { threshold: 0.001 }, RaySource::Array(vec![])));
         let fan = "parametric: {resolution: 2, horizontal angle: 1, vertical angle: 0.5, start offset: 0}";
         let s = sensor(&format!("type: Proximity, {fan}"));
         assert!(matches!(s.rays, RaySource::Parametric { resolution: 2, .. }));
@@ -302,7 +314,7 @@ mod tests {
     fn unusable_sensors_are_dropped() {
         for keys in [
             ARRAY.to_owned(),
-            format!("type: Contact, {ARRAY}"),
+            format!("type: Range, {ARRAY}"),
             "type: Proximity".to_owned(),
             "type: Proximity, array: []".to_owned(),
             format!("type: Proximity, range: -1, {ARRAY}"),

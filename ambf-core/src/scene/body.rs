@@ -1,6 +1,9 @@
 //! A live rigid body: what its description became, and what acts on it.
 
+use std::ops::{Deref, DerefMut};
+
 use nalgebra::{Isometry3, Vector3};
+use slotmap::SecondaryMap;
 
 use super::Identity;
 use crate::adf::SourcePos;
@@ -44,6 +47,39 @@ pub struct Body {
 
 /// Cartesian commands closer than this to the pose of a static body leave it alone: m and rad.
 const SAME_POSE: (f64, f64) = (1e-5, 1e-4);
+
+/// All rigid bodies, by index in order of creation. One that was removed keeps its place: its handle leads nowhere.
+#[derive(Debug, Default)]
+pub struct Bodies {
+    list: Vec<Body>,
+    places: SecondaryMap<BodyHandle, usize>,
+}
+
+impl Bodies {
+    pub(super) fn push(&mut self, body: Body) {
+        self.places.insert(body.handle, self.list.len());
+        self.list.push(body);
+    }
+
+    /// Index of the body behind a handle of Bullet's world.
+    pub fn index_of(&self, handle: BodyHandle) -> Option<usize> {
+        self.places.get(handle).copied()
+    }
+}
+
+impl Deref for Bodies {
+    type Target = [Body];
+
+    fn deref(&self) -> &[Body] {
+        &self.list
+    }
+}
+
+impl DerefMut for Bodies {
+    fn deref_mut(&mut self) -> &mut [Body] {
+        &mut self.list
+    }
+}
 
 impl Body {
     /// Pose of the body frame in the world as reported: from the motion state, up to one sub-step old.

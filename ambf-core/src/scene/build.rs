@@ -1,131 +1,197 @@
 //! Builds the objects of one model after the other.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use nalgebra::Isometry3;
 
 use super::body::Body;
 use super::joint::{constraint, frames, Joint};
 use super::placed::{camera_parameters, camera_pose, light_rotation, Camera, Light, Placed};
-use super::{shape, BodyGraph, Found, Identity, ModelInfo, NameMap, Note, PhysicsOptions, Scene, SceneOptions};
-use crate::adf::{self, CollisionGeometry, PhysicsProfile, Severity, SourcePos};
+use super::{
+    shape, Bodies, BodyGraph, Counts, Found, Identity, ModelInfo, NameMap, Names, Note, Parent, PhysicsOptions, Scene,
+    SceneOptions,
+};
+use crate::adf::{self, CollisionGeometry, PhysicsProfile, RaySource, Severity, SourcePos};
 use crate::bullet::{self, Integrator, Solver, World};
 use crate::comm::{LightParameters, Rates};
 use crate::control::{CartesianController, Profile};
 use crate::mesh::{Mesh, MeshCache};
 
+/// Adds models to a scene, one after the other.
 pub(super) struct Builder<'a> {
-    pub scene: Scene,
+    pub scene: &'a mut Scene,
     pub notes: Vec<Note>,
-    options: &'a SceneOptions,
     meshes: &'a MeshCache,
-    model_names: NameMap,
-    first_joint_of_model: usize,
+    /// Index of the model that is being built.
+    model: usize,
+    /// Its bodies by qualified identifier.
+    own_names: NameMap,
+    /// Objects and joints of the models before it.
+    known: Counts,
+    known_joints: usize,
 }
 
-/// Meshes that a model's collision shapes need, with their scales.
-pub(super) fn collision_meshes(model: &adf::Model) -> impl Iterator<Item = (PathBuf, f64)> + '_ {
-    model.bodies.iter().filter_map(|body| match &body.collision {
-        CollisionGeometry::Mesh { path, .. } => Some((path.clone(), body.scale)),
+/// Meshes that the objects of a model need, with their scales.
+pub(super) fn needed_meshes(model: &adf::Model) -> impl Iterator<Item = (PathBuf, f64)> + '_ {
+    let of = |collision: &CollisionGeometry, scale| match collision {
+        CollisionGeometry::Mesh { path, .. } => Some((path.clone(), scale)),
         _ => None,
-    })
+    };
+    let bodies = model.bodies.iter().filter_map(move |body| of(&body.collision, body.scale));
+    let ghosts = model.ghosts.iter().filter_map(move |ghost| of(&ghost.collision, ghost.scale));
+    let soft_bodies = model.soft_bodies.iter().map(|soft| (soft.collision_mesh.clone(), soft.scale));
+    let sensors = model.sensors.iter().filter_map(|sensor| Some((ray_mesh(&sensor.rays)?.clone(), 1.0)));
+    bodies.chain(ghosts).chain(soft_bodies).chain(sensors)
+}
+
+/// The file of a mesh with rays: the first that exists, else the best.
+pub(super) fn ray_mesh(rays: &RaySource) -> Option<&PathBuf> {
+    let RaySource::Mesh { candidates } = rays else { return None };
+    candidates.iter().find(|path| path.is_file()).or(candidates.first())
+}
+
+/// A scene without objects.
+pub(super) fn empty_scene(
+    world: adf::World,
+    options: &SceneOptions,
+    has_soft_bodies: bool,
+    notes: &mut Vec<Note>,
+) -> Scene {
+    let physics = physics(&world, &options.physics, notes);
+    let profile = physics.profile.unwrap_or_default();
+    let (solver, integrator) = match profile {
+        Profile::Legacy => (Solver::WarmFriction, Integrator::Euler),
+        Profile::Accurate => (Solver::SequentialImpulse, Integrator::Ballistic),
+    };
+    let solver = physics.solver.unwrap_or(solver);
+    let (source, common) = (&world.common.source, &world.common);
+    let mut warn = |message| notes.push(Note { severity: Severity::Warning, source: source.clone(), message });
+    common.plugins.iter().for_each(|plugin| warn(plugin_message(plugin)));
+    if world.skybox.is_some() {
+        warn("kept, but not drawn: skybox".into());
+    }
+    let mut bullet = if has_soft_bodies { World::with_soft_bodies(solver) } else { World::new(solver) };
+    bullet.set_integrator(physics.integrator.unwrap_or(integrator));
+    bullet.set_lag(profile == Profile::Legacy);
+    bullet.set_gravity(world.gravity);
+    if let Some(iterations) = physics.iterations {
+        bullet.set_iterations(iterations);
+    }
+    Scene {
+        world: bullet,
+        bodies: Bodies::default(),
+        joints: Vec::new(),
+        soft_bodies: Vec::new(),
+        ghosts: Vec::new(),
+        sensors: Vec::new(),
+        actuators: Vec::new(),
+        vehicles: Vec::new(),
+        cameras: Vec::new(),
+        lights: Vec::new(),
+        graph: BodyGraph::default(),
+        models: Vec::new(),
+        body_names: NameMap::default(),
+        namespace: format!("{}{}", options.prefix, world.common.namespace),
+        world_rates: options.rates.unwrap_or_default(),
+        gravity: world.gravity,
+        max_sub_steps: world.max_iterations.max(1),
+        sub_step: physics.sub_step,
+        profile,
+        has_feedback: false,
+        description: Arc::new(world),
+        options: options.clone(),
+        active_joints: Vec::new(),
+        names: Names::default(),
+        elements: Vec::new(),
+    }
 }
 
 impl<'a> Builder<'a> {
-    pub fn new(world: &adf::World, options: &'a SceneOptions, meshes: &'a MeshCache) -> Self {
-        let mut notes = Vec::new();
-        let physics = physics(world, &options.physics, &mut notes);
-        let profile = physics.profile.unwrap_or_default();
-        let (solver, integrator) = match profile {
-            Profile::Legacy => (Solver::WarmFriction, Integrator::Euler),
-            Profile::Accurate => (Solver::SequentialImpulse, Integrator::Ballistic),
-        };
-        let mut bullet = World::new(physics.solver.unwrap_or(solver));
-        bullet.set_integrator(physics.integrator.unwrap_or(integrator));
-        bullet.set_lag(profile == Profile::Legacy);
-        bullet.set_gravity(world.gravity);
-        if let Some(iterations) = physics.iterations {
-            bullet.set_iterations(iterations);
-        }
-        let scene = Scene {
-            world: bullet,
-            bodies: Vec::new(),
-            joints: Vec::new(),
-            cameras: Vec::new(),
-            lights: Vec::new(),
-            graph: BodyGraph::default(),
-            models: Vec::new(),
-            body_names: NameMap::default(),
-            namespace: format!("{}{}", options.prefix, world.common.namespace),
-            world_rates: options.rates.unwrap_or_default(),
-            gravity: world.gravity,
-            max_sub_steps: world.max_iterations.max(1),
-            sub_step: physics.sub_step,
-            profile,
-            has_feedback: false,
-            active_joints: Vec::new(),
-            joint_names: NameMap::default(),
-            camera_names: NameMap::default(),
-            light_names: NameMap::default(),
-        };
-        Self { scene, notes, options, meshes, model_names: NameMap::default(), first_joint_of_model: 0 }
+    pub fn new(scene: &'a mut Scene, meshes: &'a MeshCache) -> Self {
+        let (known, known_joints) = (scene.counts(), scene.joints.len());
+        Self { scene, notes: Vec::new(), meshes, model: 0, own_names: NameMap::default(), known, known_joints }
     }
 
     /// Builds the environment model with the world's own lights and cameras in it.
-    pub fn add_environment(&mut self, model: &adf::Model, world: &adf::World) {
-        let first = self.begin_model(model);
-        self.add_bodies(model);
+    pub fn add_environment(&mut self, model: adf::Model) {
+        let world = Arc::clone(&self.scene.description);
+        let model = self.begin_model(model);
+        self.add_objects(&model);
         self.add_lights(&world.lights);
         self.add_cameras(&world.cameras);
-        self.finish_model(model, first);
+        self.finish_model();
     }
 
     /// Builds a model.
-    pub fn add_model(&mut self, model: &adf::Model) {
-        let first = self.begin_model(model);
-        self.add_bodies(model);
+    pub fn add_model(&mut self, model: adf::Model) {
+        let model = self.begin_model(model);
+        self.add_objects(&model);
         self.add_cameras(&model.cameras);
         self.add_lights(&model.lights);
-        self.finish_model(model, first);
+        self.finish_model();
     }
 
     /// Resolves what may refer to later models, and reads the joints for the first time.
-    pub fn finish(mut self) -> (Scene, Vec<Note>) {
+    pub fn finish(mut self) -> Vec<Note> {
         self.resolve_parents();
-        let graph = &self.scene.graph;
-        let active = |body| graph.active(body).map(|entry| entry.joint).collect();
-        self.scene.active_joints = (0..self.scene.bodies.len()).map(active).collect();
+        self.scene.arrange();
         let mut buffer = vec![0.0; self.scene.world.constraints().len()];
         self.scene.world.refresh_constraints();
         self.scene.observe_joints(0.0, &mut buffer);
-        (self.scene, self.notes)
+        self.notes
     }
 
-    fn note(&mut self, severity: Severity, source: &SourcePos, message: String) {
+    pub(super) fn note(&mut self, severity: Severity, source: &SourcePos, message: String) {
         self.notes.push(Note { severity, source: source.clone(), message });
     }
 
-    fn begin_model(&mut self, model: &adf::Model) -> usize {
-        self.first_joint_of_model = self.scene.joints.len();
-        let unbuilt = [
-            ("soft body", model.soft_bodies.len()),
-            ("ghost object", model.ghosts.len()),
-            ("sensor", model.sensors.len()),
-            ("actuator", model.actuators.len()),
-            ("vehicle", model.vehicles.len()),
-            ("volume", model.volumes.len()),
-        ];
-        let unbuilt: Vec<_> = unbuilt.iter().filter(|(_, n)| *n > 0).map(|(what, n)| format!("{n} × {what}")).collect();
-        if !unbuilt.is_empty() {
-            let source = SourcePos { file: model.file.clone(), line: 0, column: 0 };
-            self.note(Severity::Warning, &source, format!("read but not simulated: {}", unbuilt.join(", ")));
+    fn begin_model(&mut self, model: adf::Model) -> Arc<adf::Model> {
+        let scene = &mut *self.scene;
+        (self.known, self.known_joints) = (scene.counts(), scene.joints.len());
+        self.own_names = NameMap::default();
+        self.model = scene.models.len();
+        let key = format!("{}{}{}", scene.options.prefix, model.namespace, model.name);
+        let suffix = scene.names.models.free_suffix(&key);
+        scene.names.models.insert(&key, self.model);
+        let description = Arc::new(model);
+        scene.models.push(ModelInfo { key: key + &suffix, description: Arc::clone(&description), removed: false });
+        self.note_undrawn(&description);
+        for plugin in plugins(&description) {
+            self.note(Severity::Warning, &plugin.source, plugin_message(plugin));
         }
-        self.scene.bodies.len()
+        description
+    }
+
+    /// What is kept for a viewer only.
+    fn note_undrawn(&mut self, model: &adf::Model) {
+        let shaders = model.shaders.iter().count()
+            + model.bodies.iter().filter(|body| body.visual.shaders.is_some()).count()
+            + model.volumes.iter().filter(|volume| volume.shaders.is_some()).count();
+        let kinds = [("volume", model.volumes.len()), ("shader program", shaders)];
+        let kinds: Vec<_> = kinds.iter().filter(|(_, n)| *n > 0).map(|(kind, n)| format!("{n} × {kind}")).collect();
+        if !kinds.is_empty() {
+            let source = SourcePos { file: model.file.clone(), line: 0, column: 0 };
+            self.note(Severity::Warning, &source, format!("kept, but not drawn: {}", kinds.join(", ")));
+        }
+    }
+
+    /// Prefix and namespace of an element.
+    pub(super) fn namespace(&self, common: &adf::Common) -> String {
+        format!("{}{}", self.scene.options.prefix, common.namespace)
+    }
+
+    /// Names of an element whose type has `names` in the world.
+    pub(super) fn identity(&mut self, common: &adf::Common, names: impl Fn(&Scene) -> &NameMap) -> Identity {
+        let namespace = self.namespace(common);
+        let suffix = names(self.scene).free_suffix(&format!("{namespace}{}", common.identifier));
+        let rates = self.rates(common);
+        Identity::new(common, namespace, suffix, rates, self.model)
     }
 
     fn rates(&mut self, common: &adf::Common) -> Rates {
-        match (self.options.rates, common.publish_frequency) {
+        match (self.scene.options.rates, common.publish_frequency) {
             (Some(rates), _) => rates,
             (None, None) => Rates::default(),
             (None, Some((low, high))) => Rates::new(low, high).unwrap_or_else(|message| {
@@ -135,17 +201,20 @@ impl<'a> Builder<'a> {
         }
     }
 
-    fn add_bodies(&mut self, model: &adf::Model) {
+    /// All but cameras and lights, in the order of the C++ program.
+    fn add_objects(&mut self, model: &adf::Model) {
         let first = self.scene.bodies.len();
-        let mut own_names = NameMap::default();
         for body in &model.bodies {
             if let Some(index) = self.add_body(body, model) {
-                own_names.insert(&self.scene.bodies[index].identity.key(), index);
+                self.own_names.insert(&self.scene.bodies[index].identity.key(), index);
             }
         }
-        for joint in &model.joints {
-            self.add_joint(joint, &own_names);
-        }
+        model.soft_bodies.iter().for_each(|soft| self.add_soft_body(soft));
+        model.ghosts.iter().for_each(|ghost| self.add_ghost(ghost));
+        model.sensors.iter().for_each(|sensor| self.add_sensor(sensor));
+        model.actuators.iter().for_each(|actuator| self.add_actuator(actuator));
+        model.joints.iter().for_each(|joint| self.add_joint(joint));
+        model.vehicles.iter().for_each(|vehicle| self.add_vehicle(vehicle));
         if model.ignore_inter_collision {
             self.ignore_all_pairs(first..self.scene.bodies.len());
         }
@@ -154,14 +223,7 @@ impl<'a> Builder<'a> {
     fn add_body(&mut self, body: &adf::RigidBody, model: &adf::Model) -> Option<usize> {
         let source = &body.common.source;
         let mesh = match &body.collision {
-            CollisionGeometry::Mesh { path, .. } => match self.meshes.get(path, body.scale) {
-                Ok(mesh) => Some(mesh),
-                Err(error) => {
-                    let message = format!("`{}` is dropped: {error}", body.common.identifier);
-                    self.note(Severity::Error, source, message);
-                    return None;
-                }
-            },
+            CollisionGeometry::Mesh { path, .. } => Some(self.mesh(path, body.scale, &body.common)?),
             _ => None,
         };
         let built = shape::build(body, mesh.as_deref(), self.scene.profile);
@@ -192,12 +254,9 @@ impl<'a> Builder<'a> {
             gravity,
         });
         let controller = body.controller.unwrap_or_default();
-        let namespace = format!("{}{}", self.options.prefix, body.common.namespace);
-        let key = format!("{namespace}{}", body.common.identifier);
-        let suffix = self.scene.body_names.free_suffix(&key);
-        let rates = self.rates(&body.common);
+        let identity = self.identity(&body.common, |scene| &scene.body_names);
         self.scene.bodies.push(Body {
-            identity: Identity::new(&body.common, namespace, suffix, rates),
+            identity,
             mass: body.mass,
             inertia,
             inertial_offset: built.inertial_offset,
@@ -217,6 +276,21 @@ impl<'a> Builder<'a> {
         Some(self.scene.graph.add_body())
     }
 
+    /// A mesh; `None`, and a note that the element is dropped, when it cannot be used.
+    pub(super) fn mesh(&mut self, path: &Path, scale: f64, common: &adf::Common) -> Option<Arc<Mesh>> {
+        match self.meshes.get(path, scale) {
+            Ok(mesh) => Some(mesh),
+            Err(error) => {
+                self.drop_element(common, error);
+                None
+            }
+        }
+    }
+
+    pub(super) fn drop_element(&mut self, common: &adf::Common, why: impl std::fmt::Display) {
+        self.note(Severity::Error, &common.source, format!("`{}` is dropped: {why}", common.identifier));
+    }
+
     fn note_displacement(&mut self, body: &adf::RigidBody, mesh: Option<&Mesh>, offset: &Isometry3<f64>) {
         let distance = offset.translation.vector.norm();
         if mesh.is_some() && body.inertial_offset.is_none() && distance > 0.0 {
@@ -229,37 +303,21 @@ impl<'a> Builder<'a> {
         }
     }
 
-    fn add_joint(&mut self, joint: &adf::Joint, own_names: &NameMap) {
-        let source = &joint.common.source;
-        let namespace = format!("{}{}", self.options.prefix, joint.common.namespace);
-        let key = format!("{namespace}{}", joint.common.identifier);
-        let suffix = self.scene.joint_names.free_suffix(&key);
-        let mut find = |role: &str, text: &str| {
-            let found = self.find_body(text, &namespace, &suffix, own_names);
-            match &found {
-                Ok((index, None)) => return Some(*index),
-                Ok((index, Some(remark))) => {
-                    let message = format!("`{}`: {role} `{text}` {remark}", joint.common.identifier);
-                    self.notes.push(Note { severity: Severity::Warning, source: source.clone(), message });
-                    return Some(*index);
-                }
-                Err(why) => {
-                    let message = format!("`{}` is dropped: {role} `{text}` {why}", joint.common.identifier);
-                    self.notes.push(Note { severity: Severity::Error, source: source.clone(), message });
-                }
-            }
-            None
-        };
-        let (Some(parent), Some(child)) = (find("parent", &joint.parent), find("child", &joint.child)) else { return };
+    fn add_joint(&mut self, joint: &adf::Joint) {
+        let key = format!("{}{}", self.namespace(&joint.common), joint.common.identifier);
+        let suffix = self.scene.names.joints.free_suffix(&key);
+        let parent = self.body_for(&joint.common, &suffix, "parent", &joint.parent);
+        let child = self.body_for(&joint.common, &suffix, "child", &joint.child);
+        let (Some(parent), Some(child)) = (parent, child) else { return };
         if parent == child {
-            let message = format!("`{}` is dropped: it joins `{}` with itself", joint.common.identifier, joint.parent);
-            self.note(Severity::Error, source, message);
+            self.drop_element(&joint.common, format_args!("it joins `{}` with itself", joint.parent));
             return;
         }
         let (frame_a, frame_b, axis) = frames(joint, &self.scene.bodies[parent], &self.scene.bodies[child]);
         let handle = constraint(joint, frame_a, frame_b).and_then(|constraint| {
             let [a, b] = [parent, child].map(|body| self.scene.bodies[body].handle);
-            self.scene.world.add_constraint(a, b, &constraint)
+            let handle = self.scene.world.add_constraint(a, b, &constraint)?;
+            Some((handle, self.scene.world.constraint_place(handle)?))
         });
         let index = self.scene.joints.len();
         self.scene.graph.add_joint(parent, child, index, joint.common.passive);
@@ -268,15 +326,33 @@ impl<'a> Builder<'a> {
         self.scene.joints.push(live);
     }
 
-    /// Where a joint's text leads: in its own model as it is, then with its namespace; in the world with namespace and suffix, then as
+    /// The body that `text` names for an element; `None`, and a note that the element is dropped, if there is none. `suffix` tells
+    /// copies of the element apart, `role` is what the body is to it.
+    pub(super) fn body_for(&mut self, common: &adf::Common, suffix: &str, role: &str, text: &str) -> Option<usize> {
+        match self.find_body(text, &self.namespace(common), suffix) {
+            Ok((index, remark)) => {
+                if let Some(remark) = remark {
+                    let message = format!("`{}`: {role} `{text}` {remark}", common.identifier);
+                    self.note(Severity::Warning, &common.source, message);
+                }
+                Some(index)
+            }
+            Err(why) => {
+                self.drop_element(common, format_args!("{role} `{text}` {why}"));
+                None
+            }
+        }
+    }
+
+    /// Where a text leads: in its own model as it is, then with its namespace; in the world with namespace and suffix, then as
     /// it is. A remark says when it was no exact hit in the own model.
-    fn find_body(
+    pub(super) fn find_body(
         &self,
         text: &str,
         namespace: &str,
         suffix: &str,
-        own_names: &NameMap,
     ) -> Result<(usize, Option<String>), String> {
+        let own_names = &self.own_names;
         let qualified = format!("{namespace}{text}");
         // The usual case first, without a search: a key that is `qualified` holds `text`, so that the steps below could only end at it.
         if let Some(index) = own_names.exact(text).or_else(|| own_names.exact(&qualified)) {
@@ -305,8 +381,13 @@ impl<'a> Builder<'a> {
     fn add_cameras(&mut self, cameras: &[adf::Camera]) {
         for camera in cameras {
             let pose = camera_pose(&camera.location, &camera.look_at, &camera.up);
-            let placed = self.placed(&camera.common, pose, |scene| &scene.camera_names);
-            self.scene.cameras.push(Camera { placed, parameters: camera_parameters(camera) });
+            let identity = self.identity(&camera.common, |scene| &scene.names.cameras);
+            self.scene.cameras.push(Camera {
+                placed: Placed::new(identity, pose),
+                parameters: camera_parameters(camera),
+                look_at: camera.look_at,
+                description: camera.clone(),
+            });
         }
     }
 
@@ -314,37 +395,28 @@ impl<'a> Builder<'a> {
         for light in lights {
             let mut pose = light.location;
             pose.rotation = light.direction.as_ref().and_then(light_rotation).unwrap_or(pose.rotation);
-            let placed = self.placed(&light.common, pose, |scene| &scene.light_names);
+            let identity = self.identity(&light.common, |scene| &scene.names.lights);
             let parameters = LightParameters { cutoff_angle: light.cutoff_angle, parent_name: light.parent.clone() };
-            self.scene.lights.push(Light { placed, parameters });
+            let placed = Placed::new(identity, pose);
+            self.scene.lights.push(Light { placed, parameters, description: light.clone() });
         }
-    }
-
-    fn placed(&mut self, common: &adf::Common, pose: Isometry3<f64>, names: fn(&Scene) -> &NameMap) -> Placed {
-        let namespace = format!("{}{}", self.options.prefix, common.namespace);
-        let suffix = names(&self.scene).free_suffix(&format!("{namespace}{}", common.identifier));
-        let rates = self.rates(common);
-        Placed::new(Identity::new(common, namespace, suffix, rates), pose)
     }
 
     /// Enters a model's objects in the world's maps and applies what concerns them together.
-    fn finish_model(&mut self, model: &adf::Model, first_body: usize) {
-        let scene = &mut self.scene;
-        let key = format!("{}{}{}", self.options.prefix, model.namespace, model.name);
-        let suffix = self.model_names.free_suffix(&key);
-        self.model_names.insert(&key, scene.models.len());
-        scene.models.push(ModelInfo { key: key + &suffix, bodies: first_body..scene.bodies.len() });
-
-        // Sorted by key, as the C++ program's maps are.
-        let mut bodies: Vec<_> =
-            (first_body..scene.bodies.len()).map(|i| (scene.bodies[i].identity.key(), i)).collect();
-        bodies.sort();
-        bodies.iter().for_each(|(key, index)| scene.body_names.insert(key, *index));
-        for index in self.first_joint_of_model..scene.joints.len() {
-            scene.joint_names.insert(&scene.joints[index].key, index);
+    fn finish_model(&mut self) {
+        let (scene, known) = (&mut *self.scene, self.known);
+        let Names { joints, soft_bodies, ghosts, sensors, actuators, vehicles, cameras, lights, .. } = &mut scene.names;
+        enter(&mut scene.body_names, known.bodies, scene.bodies.iter().map(|body| body.identity.key()));
+        enter(soft_bodies, known.soft_bodies, scene.soft_bodies.iter().map(|soft| soft.identity.key()));
+        enter(ghosts, known.ghosts, scene.ghosts.iter().map(|ghost| ghost.placed.identity.key()));
+        enter(sensors, known.sensors, scene.sensors.iter().map(|sensor| sensor.identity.key()));
+        enter(actuators, known.actuators, scene.actuators.iter().map(|actuator| actuator.identity.key()));
+        enter(vehicles, known.vehicles, scene.vehicles.iter().map(|vehicle| vehicle.identity.key()));
+        enter(cameras, known.cameras, scene.cameras.iter().map(|camera| camera.placed.identity.key()));
+        enter(lights, known.lights, scene.lights.iter().map(|light| light.placed.identity.key()));
+        for index in self.known_joints..scene.joints.len() {
+            joints.insert(&scene.joints[index].key, index);
         }
-        enter_placed(&mut scene.camera_names, scene.cameras.iter().map(|camera| &camera.placed));
-        enter_placed(&mut scene.light_names, scene.lights.iter().map(|light| &light.placed));
         self.ignore_foreign_groups();
     }
 
@@ -383,37 +455,55 @@ impl<'a> Builder<'a> {
     }
 
     fn resolve_parents(&mut self) {
-        let scene = &self.scene;
-        let find = |text: &str| (!text.is_empty()).then(|| (text.to_owned(), scene.body_names.find(text)));
-        let cameras: Vec<_> = scene.cameras.iter().map(|camera| find(&camera.parameters.parent_name)).collect();
-        let lights: Vec<_> = scene.lights.iter().map(|light| find(&light.parameters.parent_name)).collect();
-        let mut lost = Vec::new();
-        let mut set = |placed: &mut Placed, wanted: Option<(String, Found)>| {
-            let Some((text, found)) = wanted else { return };
-            placed.parent = found.index();
-            if placed.parent.is_none() {
-                lost.push(format!(
-                    "`{}`: parent `{text}` is {found}; it stays in the world",
-                    placed.identity.identifier
-                ));
+        for object in self.scene.all_placed().collect::<Vec<_>>() {
+            let text = match object {
+                Parent::Body(_) => continue,
+                Parent::Camera(index) => &self.scene.cameras[index].parameters.parent_name,
+                Parent::Light(index) => &self.scene.lights[index].parameters.parent_name,
+                Parent::Ghost(index) => &self.scene.ghosts[index].parent_name,
+            };
+            let (text, source) = (text.clone(), self.source_of(object));
+            let is_resolved = self.scene.placed_mut(object).is_some_and(|placed| placed.parent.is_some());
+            if let (false, Err(message)) = (is_resolved, self.scene.set_parent(object, &text)) {
+                self.note(Severity::Warning, &source, message);
             }
-        };
-        for (camera, wanted) in self.scene.cameras.iter_mut().zip(cameras) {
-            set(&mut camera.placed, wanted);
         }
-        for (light, wanted) in self.scene.lights.iter_mut().zip(lights) {
-            set(&mut light.placed, wanted);
+    }
+
+    fn source_of(&self, object: Parent) -> SourcePos {
+        match object {
+            Parent::Body(index) => self.scene.bodies[index].source.clone(),
+            Parent::Camera(index) => self.scene.cameras[index].description.common.source.clone(),
+            Parent::Light(index) => self.scene.lights[index].description.common.source.clone(),
+            Parent::Ghost(index) => self.scene.ghosts[index].source.clone(),
         }
-        let source = SourcePos { file: PathBuf::from("scene").into(), line: 0, column: 0 };
-        lost.into_iter().for_each(|message| self.note(Severity::Warning, &source, message));
     }
 }
 
-fn enter_placed<'p>(names: &mut NameMap, placed: impl Iterator<Item = &'p Placed>) {
-    let known = names.iter().count();
-    for (index, placed) in placed.enumerate().skip(known) {
-        names.insert(&placed.identity.key(), index);
-    }
+/// Plugins of a model and of its objects.
+fn plugins(model: &adf::Model) -> impl Iterator<Item = &adf::PluginEntry> {
+    let commons = (model.bodies.iter().map(|x| &x.common))
+        .chain(model.soft_bodies.iter().map(|x| &x.common))
+        .chain(model.ghosts.iter().map(|x| &x.common))
+        .chain(model.sensors.iter().map(|x| &x.common))
+        .chain(model.actuators.iter().map(|x| &x.common))
+        .chain(model.joints.iter().map(|x| &x.common))
+        .chain(model.vehicles.iter().map(|x| &x.common))
+        .chain(model.cameras.iter().map(|x| &x.common))
+        .chain(model.lights.iter().map(|x| &x.common))
+        .chain(model.volumes.iter().map(|x| &x.common));
+    model.plugins.iter().chain(commons.flat_map(|common| &common.plugins))
+}
+
+fn plugin_message(plugin: &adf::PluginEntry) -> String {
+    format!("plugin {} is left out: libraries of the C++ program cannot be loaded", plugin.filename.display())
+}
+
+/// Enters the objects beyond the first `known` under their keys, sorted by key, as the C++ program's maps are.
+fn enter(names: &mut NameMap, known: usize, keys: impl Iterator<Item = String>) {
+    let mut new: Vec<_> = keys.enumerate().skip(known).map(|(index, key)| (key, index)).collect();
+    new.sort();
+    new.iter().for_each(|(key, index)| names.insert(key, *index));
 }
 
 /// The options, completed by the world file.

@@ -1,5 +1,7 @@
 //! Who an object is to its clients.
 
+use std::sync::Arc;
+
 use crate::adf;
 use crate::comm::{ObjectInfo, ObjectKind, Rates};
 
@@ -7,7 +9,7 @@ use crate::comm::{ObjectInfo, ObjectKind, Rates};
 #[derive(Debug, Clone, PartialEq)]
 pub struct Identity {
     /// Name without suffix, as in children's names.
-    pub name: String,
+    pub name: Arc<str>,
     /// Suffix that tells copies apart; usually empty.
     pub suffix: String,
     /// Global prefix and namespace.
@@ -18,17 +20,20 @@ pub struct Identity {
     pub passive: bool,
     /// How often it is published.
     pub rates: Rates,
+    /// Index of its model.
+    pub model: usize,
 }
 
 impl Identity {
-    pub(super) fn new(common: &adf::Common, namespace: String, suffix: String, rates: Rates) -> Self {
+    pub(super) fn new(common: &adf::Common, namespace: String, suffix: String, rates: Rates, model: usize) -> Self {
         Self {
-            name: common.name.clone(),
+            name: common.name.as_str().into(),
             suffix,
             namespace,
             identifier: common.identifier.clone(),
             passive: common.passive,
             rates,
+            model,
         }
     }
 

@@ -119,6 +119,10 @@ pub struct Joint {
     /// Joint axis in the parent's inertial frame, of length 1.
     pub axis: Vector3<f64>,
     pub(crate) handle: Option<ConstraintHandle>,
+    /// Where its position stands among those that are read of Bullet's constraints.
+    pub(crate) place: Option<usize>,
+    /// It was taken out of the scene.
+    pub removed: bool,
     pub(crate) controller: JointController,
     pub(crate) output: ControllerOutput,
     profile: Profile,
@@ -130,7 +134,7 @@ impl Joint {
         key: String,
         (parent, child): (usize, usize),
         axis: Vector3<f64>,
-        handle: Option<ConstraintHandle>,
+        constraint: Option<(ConstraintHandle, usize)>,
         profile: Profile,
     ) -> Self {
         Self {
@@ -149,7 +153,9 @@ impl Joint {
             effort: 0.0,
             source: joint.common.source.clone(),
             axis,
-            handle,
+            handle: constraint.map(|(handle, _)| handle),
+            place: constraint.map(|(_, place)| place),
+            removed: false,
             controller: JointController::new(joint.controller.gains, profile),
             output: joint.controller.output,
             profile,

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-use super::build::{collision_meshes, Builder};
+use super::build::{empty_scene, needed_meshes, Builder};
 use super::{Note, Scene, SceneOptions};
 use crate::adf::{self, Report, Severity};
 use crate::mesh::MeshCache;
@@ -93,17 +93,58 @@ pub fn load(files: &SceneFiles, options: &SceneOptions) -> Loaded {
     let models: Vec<adf::Model> = files.models.iter().filter_map(|path| read(path, &mut report)).collect();
 
     let meshes = MeshCache::new();
-    let mut wanted: Vec<_> = std::iter::once(&environment).chain(&models).flat_map(collision_meshes).collect();
+    preload(&meshes, std::iter::once(&environment).chain(&models));
+    let has_soft_bodies = std::iter::once(&environment).chain(&models).any(|model| !model.soft_bodies.is_empty());
+    let mut notes = Vec::new();
+    let mut scene = empty_scene(with_defaults(world), options, has_soft_bodies, &mut notes);
+    let mut builder = Builder::new(&mut scene, &meshes);
+    builder.add_environment(environment);
+    models.into_iter().for_each(|model| builder.add_model(model));
+    notes.extend(builder.finish());
+    report.notes = notes;
+    Loaded { scene, report }
+}
+
+/// Loads the meshes of `models` in parallel.
+fn preload<'m>(meshes: &MeshCache, models: impl Iterator<Item = &'m adf::Model>) {
+    let mut wanted: Vec<_> = models.flat_map(needed_meshes).collect();
     wanted.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
     wanted.dedup();
     meshes.preload(&wanted);
+}
 
-    let mut builder = Builder::new(&world, options, &meshes);
-    builder.add_environment(&environment, &with_defaults(world));
-    models.iter().for_each(|model| builder.add_model(model));
-    let (scene, notes) = builder.finish();
-    report.notes = notes;
-    Loaded { scene, report }
+/// A model that was read and whose meshes are in memory, ready to be built into a scene.
+pub struct PreparedModel {
+    description: adf::Model,
+    meshes: MeshCache,
+    /// What was found while it was read.
+    pub report: SceneReport,
+}
+
+impl PreparedModel {
+    /// Reads a model file and its meshes; takes as long as that takes, but no scene.
+    ///
+    /// # Errors
+    /// Why the file is of no use, with all problems in it.
+    pub fn read(path: &Path) -> Result<Self, String> {
+        let mut report = SceneReport::default();
+        let Some(description) = read::<adf::Model>(path, &mut report) else {
+            return Err(report.to_string().trim_end().to_owned());
+        };
+        let meshes = MeshCache::new();
+        preload(&meshes, std::iter::once(&description));
+        Ok(Self { description, meshes, report })
+    }
+}
+
+impl Scene {
+    /// Builds a model into the scene; returns its index and what was dropped, replaced or guessed.
+    pub(crate) fn add_model(&mut self, model: PreparedModel) -> (usize, Vec<Note>) {
+        let mut builder = Builder::new(self, &model.meshes);
+        builder.add_model(model.description);
+        let notes = builder.finish();
+        (self.models.len() - 1, notes)
+    }
 }
 
 fn read<T: adf::Description>(path: &Path, report: &mut SceneReport) -> Option<T> {

@@ -1,30 +1,46 @@
 //! Descriptions → live objects in a Bullet world.
 
+mod actuator;
 mod body;
 mod build;
+mod elements;
+mod ghost;
 mod graph;
 mod identity;
 mod joint;
 mod load;
 mod names;
 mod placed;
+mod remove;
+mod sensor;
 mod shape;
+mod soft_body;
+mod vehicle;
 
-pub use body::Body;
+pub use actuator::Actuator;
+pub use body::{Bodies, Body};
+pub use ghost::Ghost;
 pub use graph::{BodyGraph, Descendant};
 pub use identity::Identity;
 pub use joint::{Joint, JointType};
-pub use load::{load, Loaded, SceneFiles, SceneReport};
+pub use load::{load, Loaded, PreparedModel, SceneFiles, SceneReport};
 pub use names::{Found, NameMap};
-pub use placed::{Camera, Light, Placed};
+pub use placed::{Camera, Light, Parent, Placed};
+pub use sensor::{LocalRay, Sensed, Sensor};
+pub use soft_body::SoftBody;
+pub use vehicle::{Vehicle, Wheel};
 
 use std::fmt;
+use std::sync::Arc;
 
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, Vector3};
 
-use crate::adf::{Severity, SourcePos};
+use crate::adf::{self, Severity, SourcePos};
 use crate::bullet::{Integrator, Solver, World};
-use crate::comm::{ObjectInfo, ObjectKind, Rates, RigidBodyInfo};
+use crate::comm::{
+    ActuatorCommand, BodyKinematics, GhostReading, ObjectInfo, ObjectKind, Rates, RigidBodyInfo, Snapshot,
+    SoftBodyReading, VehicleInfo, VehicleReading, Wrench,
+};
 use crate::control::Profile;
 
 /// How a scene is built, beside what its files say.
@@ -71,22 +87,34 @@ impl fmt::Display for Note {
 }
 
 /// A model as part of a scene.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone)]
 pub struct ModelInfo {
     /// Namespace and file name, with the suffix that tells copies apart: models are visited in the order of these.
     pub key: String,
-    /// Bodies, as a range of [`Scene::bodies`].
-    pub bodies: std::ops::Range<usize>,
+    /// What it was made from: also all that is only drawn (volumes, shaders, materials).
+    pub description: Arc<adf::Model>,
+    /// It was taken out of the scene.
+    pub removed: bool,
 }
 
-/// All objects of a world, by index in order of creation.
+/// All objects of a world, by index in order of creation. What is removed while running keeps its place.
 pub struct Scene {
     /// Bullet's side. Its bodies are [`bodies`](Self::bodies), place for place.
     pub world: World,
     /// Rigid bodies.
-    pub bodies: Vec<Body>,
+    pub bodies: Bodies,
     /// Joints, those of unknown type included.
     pub joints: Vec<Joint>,
+    /// Soft bodies.
+    pub soft_bodies: Vec<SoftBody>,
+    /// Ghost objects.
+    pub ghosts: Vec<Ghost>,
+    /// Sensors.
+    pub sensors: Vec<Sensor>,
+    /// Actuators.
+    pub actuators: Vec<Actuator>,
+    /// Vehicles.
+    pub vehicles: Vec<Vehicle>,
     /// Cameras.
     pub cameras: Vec<Camera>,
     /// Lights.
@@ -111,33 +139,39 @@ pub struct Scene {
     pub profile: Profile,
     /// Whether any joint estimates its reactions.
     pub has_feedback: bool,
+    /// What the world was made from: also all that is only drawn (skybox, shaders).
+    pub description: Arc<adf::World>,
+    options: SceneOptions,
     /// For each body its active joints; see [`active_joints`](Self::active_joints).
     active_joints: Vec<Vec<usize>>,
-    joint_names: NameMap,
-    camera_names: NameMap,
-    light_names: NameMap,
+    names: Names,
+    /// Ghosts, sensors and vehicles in the order in which they are updated.
+    elements: Vec<Element>,
+}
+
+/// Objects by qualified identifier, bodies excepted.
+#[derive(Debug, Default)]
+struct Names {
+    models: NameMap,
+    joints: NameMap,
+    soft_bodies: NameMap,
+    ghosts: NameMap,
+    sensors: NameMap,
+    actuators: NameMap,
+    vehicles: NameMap,
+    cameras: NameMap,
+    lights: NameMap,
+}
+
+/// An object that has something to do in each iteration, by index.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Element {
+    Ghost(usize),
+    Sensor(usize),
+    Vehicle(usize),
 }
 
 impl Scene {
-    /// Indices of the bodies in the order in which models and objects are visited: by model, then by qualified identifier.
-    pub fn visiting_order(&self) -> Vec<usize> {
-        let mut models: Vec<_> = self.models.iter().collect();
-        models.sort_by(|a, b| a.key.cmp(&b.key));
-        models
-            .into_iter()
-            .flat_map(|model| {
-                let mut bodies: Vec<_> = model.bodies.clone().collect();
-                bodies.sort_by_cached_key(|&body| self.bodies[body].identity.key());
-                bodies
-            })
-            .collect()
-    }
-
-    /// Indices of the active joints of a body: what its joint commands are indexed by.
-    pub fn active_joints(&self, body: usize) -> &[usize] {
-        &self.active_joints[body]
-    }
-
     /// The objects that have a State and a Command, the world first.
     pub fn objects(&self) -> Vec<ObjectInfo> {
         let world = ObjectInfo {
@@ -147,16 +181,91 @@ impl Scene {
             identifier: format!("{}World", self.namespace),
             rates: self.world_rates,
         };
-        let lights = self.lights.iter().enumerate();
-        let lights =
-            lights.filter_map(|(i, l)| l.placed.identity.object(ObjectKind::Light(i, Box::new(l.parameters.clone()))));
-        let cameras = self.cameras.iter().enumerate();
-        let cameras = cameras
-            .filter_map(|(i, c)| c.placed.identity.object(ObjectKind::Camera(i, Box::new(c.parameters.clone()))));
-        let bodies = self.bodies.iter().enumerate();
-        let bodies =
-            bodies.filter_map(|(i, body)| body.identity.object(ObjectKind::RigidBody(i, Box::new(self.body_info(i)))));
-        std::iter::once(world).chain(lights).chain(cameras).chain(bodies).collect()
+        std::iter::once(world).chain(self.objects_from(&Counts::default())).collect()
+    }
+
+    /// The objects that have a State and a Command beyond the first `known` of each type, without the world.
+    pub(crate) fn objects_from(&self, known: &Counts) -> Vec<ObjectInfo> {
+        let mut objects = Vec::new();
+        let mut add = |identity: &Identity, kind: ObjectKind| objects.extend(identity.object(kind));
+        for (i, light) in self.lights.iter().enumerate().skip(known.lights) {
+            add(&light.placed.identity, ObjectKind::Light(i, Box::new(light.parameters.clone())));
+        }
+        for (i, camera) in self.cameras.iter().enumerate().skip(known.cameras) {
+            add(&camera.placed.identity, ObjectKind::Camera(i, Box::new(camera.parameters.clone())));
+        }
+        for (i, body) in self.bodies.iter().enumerate().skip(known.bodies) {
+            add(&body.identity, ObjectKind::RigidBody(i, Box::new(self.body_info(i))));
+        }
+        for (i, soft) in self.soft_bodies.iter().enumerate().skip(known.soft_bodies) {
+            add(&soft.identity, ObjectKind::SoftBody(i, soft.mass));
+        }
+        for (i, ghost) in self.ghosts.iter().enumerate().skip(known.ghosts) {
+            add(&ghost.placed.identity, ObjectKind::Ghost(i));
+        }
+        for (i, sensor) in self.sensors.iter().enumerate().skip(known.sensors) {
+            add(&sensor.identity, ObjectKind::Sensor(i, Box::new(sensor.info.clone())));
+        }
+        for (i, actuator) in self.actuators.iter().enumerate().skip(known.actuators) {
+            add(&actuator.identity, ObjectKind::Actuator(i, Box::new(actuator.info.clone())));
+        }
+        for (i, vehicle) in self.vehicles.iter().enumerate().skip(known.vehicles) {
+            let chassis = &self.bodies[vehicle.chassis];
+            let info = VehicleInfo { mass: chassis.mass, inertia: chassis.inertia, wheels: vehicle.wheels.len() };
+            add(&vehicle.identity, ObjectKind::Vehicle(i, Box::new(info)));
+        }
+        objects
+    }
+
+    /// How many objects of each type there are, removed ones included.
+    pub(crate) fn counts(&self) -> Counts {
+        Counts {
+            bodies: self.bodies.len(),
+            soft_bodies: self.soft_bodies.len(),
+            ghosts: self.ghosts.len(),
+            sensors: self.sensors.len(),
+            actuators: self.actuators.len(),
+            vehicles: self.vehicles.len(),
+            cameras: self.cameras.len(),
+            lights: self.lights.len(),
+        }
+    }
+
+    /// Names of an object that has a State; `None` for the world.
+    pub(crate) fn identity(&self, kind: &ObjectKind) -> Option<&Identity> {
+        match *kind {
+            ObjectKind::World => None,
+            ObjectKind::RigidBody(i, _) => Some(&self.bodies[i].identity),
+            ObjectKind::Camera(i, _) => Some(&self.cameras[i].placed.identity),
+            ObjectKind::Light(i, _) => Some(&self.lights[i].placed.identity),
+            ObjectKind::Sensor(i, _) => Some(&self.sensors[i].identity),
+            ObjectKind::Actuator(i, _) => Some(&self.actuators[i].identity),
+            ObjectKind::Vehicle(i, _) => Some(&self.vehicles[i].identity),
+            ObjectKind::SoftBody(i, _) => Some(&self.soft_bodies[i].identity),
+            ObjectKind::Ghost(i) => Some(&self.ghosts[i].placed.identity),
+        }
+    }
+
+    /// What sorts objects into the order in which they are visited: by model, then by type, then by qualified identifier.
+    pub(crate) fn visiting_key(&self, kind: &ObjectKind) -> (String, u8, String) {
+        let Some(identity) = self.identity(kind) else { return Default::default() };
+        let rank = match kind {
+            ObjectKind::World => 0,
+            ObjectKind::Actuator(..) => 1,
+            ObjectKind::Camera(..) => 2,
+            ObjectKind::Light(..) => 3,
+            ObjectKind::RigidBody(..) => 4,
+            ObjectKind::SoftBody(..) => 5,
+            ObjectKind::Ghost(_) => 6,
+            ObjectKind::Sensor(..) => 7,
+            ObjectKind::Vehicle(..) => 8,
+        };
+        (self.models[identity.model].key.clone(), rank, identity.key())
+    }
+
+    /// Indices of the active joints of a body: what its joint commands are indexed by.
+    pub fn active_joints(&self, body: usize) -> &[usize] {
+        &self.active_joints[body]
     }
 
     fn body_info(&self, index: usize) -> RigidBodyInfo {
@@ -168,7 +277,7 @@ impl Scene {
             children_names: self
                 .graph
                 .active(index)
-                .map(|entry| self.bodies[entry.body].identity.name.clone())
+                .map(|entry| self.bodies[entry.body].identity.name.to_string())
                 .collect(),
             joint_names: self.graph.active(index).map(|entry| self.joints[entry.joint].name.clone()).collect(),
             joints: self.active_joints(index).to_vec(),
@@ -181,13 +290,106 @@ impl Scene {
     /// Reads all joint positions from Bullet; `dt` is the interval before, s.
     pub(crate) fn observe_joints(&mut self, dt: f64, buffer: &mut [f64]) {
         self.world.read_constraints(buffer);
-        let mut place = 0;
         for joint in &mut self.joints {
             // Joints of unknown type have no constraint: their position stays 0.
-            if joint.handle.is_some() {
+            if let Some(place) = joint.place {
                 joint.observe(buffer[place], dt);
-                place += 1;
             }
         }
     }
+
+    /// Lets an actuator hold or let go.
+    pub(crate) fn command_actuator(&mut self, index: usize, command: &ActuatorCommand) -> Option<String> {
+        let Self { actuators, world, bodies, body_names, sensors, names, .. } = self;
+        actuators[index].apply_command(world, bodies, body_names, sensors, &names.sensors, command)
+    }
+
+    /// Cameras, lights and ghost objects back to where they were.
+    pub(crate) fn reset_placed(&mut self) {
+        for object in self.all_placed().collect::<Vec<_>>() {
+            if let Some(placed) = self.placed_mut(object) {
+                placed.pose = placed.initial_pose;
+            }
+        }
+    }
+
+    /// A snapshot with place for the state of every object.
+    pub(crate) fn snapshot(&self, wrenches: &[Wrench]) -> Snapshot {
+        let identities = |n: usize| vec![Isometry3::identity(); n];
+        let vehicle = |vehicle: &Vehicle| VehicleReading {
+            wheels: identities(vehicle.wheels.len()),
+            ..VehicleReading::default()
+        };
+        let soft =
+            |soft: &SoftBody| SoftBodyReading { nodes: vec![[0.0; 3]; soft.nodes], ..SoftBodyReading::default() };
+        Snapshot {
+            bodies: vec![BodyKinematics::default(); self.bodies.len()],
+            wrenches: wrenches.to_vec(),
+            joint_positions: vec![0.0; self.joints.len()],
+            joint_velocities: vec![0.0; self.joints.len()],
+            joint_efforts: vec![0.0; self.joints.len()],
+            cameras: identities(self.cameras.len()),
+            lights: identities(self.lights.len()),
+            sensors: self.sensors.iter().map(|sensor| sensor.readings().to_vec()).collect(),
+            actuators: vec![false; self.actuators.len()],
+            vehicles: self.vehicles.iter().map(vehicle).collect(),
+            soft_bodies: self.soft_bodies.iter().map(soft).collect(),
+            ghosts: vec![GhostReading::default(); self.ghosts.len()],
+            ..Snapshot::default()
+        }
+    }
+
+    /// Writes the states of everything but bodies, joints, cameras and lights.
+    pub(crate) fn fill_elements(&self, snapshot: &mut Snapshot) {
+        for (readings, sensor) in snapshot.sensors.iter_mut().zip(&self.sensors) {
+            // Keeps the memory of what was there.
+            readings.clear();
+            readings.extend_from_slice(sensor.readings());
+        }
+        for (actuated, actuator) in snapshot.actuators.iter_mut().zip(&self.actuators) {
+            *actuated = actuator.is_actuated();
+        }
+        for (reading, vehicle) in snapshot.vehicles.iter_mut().zip(&self.vehicles) {
+            vehicle.read(&self.world, &self.bodies, reading);
+        }
+        for (reading, soft) in snapshot.soft_bodies.iter_mut().zip(&self.soft_bodies) {
+            soft.read(&self.world, reading);
+        }
+        for (reading, ghost) in snapshot.ghosts.iter_mut().zip(&self.ghosts) {
+            ghost.read(&self.bodies, reading);
+        }
+    }
+
+    /// Updates everything that has something to do besides moving: ghosts, sensors, vehicles. `sub_step` in s.
+    pub(crate) fn update_elements(&mut self, sub_step: f64) {
+        for i in 0..self.elements.len() {
+            match self.elements[i] {
+                Element::Ghost(index) => {
+                    let Placed { parent, pose, .. } = self.ghosts[index].placed;
+                    let pose = self.global_pose(parent, &pose);
+                    let carrier = match parent {
+                        Some(Parent::Body(body)) => Some(body),
+                        _ => None,
+                    };
+                    let Self { ghosts, world, bodies, gravity, profile, .. } = self;
+                    ghosts[index].update(world, bodies, pose, carrier, gravity, *profile);
+                }
+                Element::Sensor(index) => self.sensors[index].update(&mut self.world, &self.bodies, sub_step),
+                Element::Vehicle(index) => self.vehicles[index].update(&mut self.world, &self.bodies),
+            }
+        }
+    }
+}
+
+/// Numbers of objects by type.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Counts {
+    pub bodies: usize,
+    pub soft_bodies: usize,
+    pub ghosts: usize,
+    pub sensors: usize,
+    pub actuators: usize,
+    pub vehicles: usize,
+    pub cameras: usize,
+    pub lights: usize,
 }

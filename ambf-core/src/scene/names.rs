@@ -67,6 +67,20 @@ impl NameMap {
         self.0.get(text).copied()
     }
 
+    /// The object that [`find`](Self::find) finds, without saying how.
+    pub fn index(&self, text: &str) -> Option<usize> {
+        self.exact(text).or_else(|| {
+            let mut holding = self.0.iter().filter(|(key, _)| key.contains(text));
+            let first = holding.next()?;
+            holding.next().is_none().then_some(*first.1)
+        })
+    }
+
+    /// Forgets the objects for which `gone` is true.
+    pub fn remove(&mut self, gone: impl Fn(usize) -> bool) {
+        self.0.retain(|_, index| !gone(*index));
+    }
+
     /// The object whose key is `text`, else the only one whose key holds `text`.
     pub fn find(&self, text: &str) -> Found {
         if let Some(index) = self.exact(text) {
@@ -113,6 +127,9 @@ mod tests {
         map.insert("/env/BODY base", 2);
         assert_eq!(map.find("/env/BODY link1"), Found::Exact(0));
         assert_eq!(map.find("BODY base").index(), Some(2));
+        for text in ["/env/BODY link1", "BODY base", "BODY link1", "BODY tip"] {
+            assert_eq!(map.index(text), map.find(text).index(), "{text}");
+        }
         assert_eq!(map.find("BODY link1").index(), None);
         assert_eq!(map.find("BODY tip"), Found::Nothing);
     }

@@ -1,20 +1,33 @@
-//! Cameras and lights: objects with a pose and parameters, without physics.
+//! Objects with a pose in a parent: cameras, lights and, with physics, ghost objects.
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 
-use super::{Identity, NameMap};
+use super::{Identity, Scene};
 use crate::adf;
 use crate::comm::{CameraParameters, Command, LightParameters, PoseCommand};
 use crate::control::orientation_of;
 
-/// What cameras and lights share.
+/// What an object can hang on, by index.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Parent {
+    /// Body frame of a rigid body.
+    Body(usize),
+    /// A camera.
+    Camera(usize),
+    /// A light.
+    Light(usize),
+    /// A ghost object.
+    Ghost(usize),
+}
+
+/// What cameras, lights and ghost objects share.
 #[derive(Debug, Clone)]
 pub struct Placed {
     /// Names and publishing rates.
     pub identity: Identity,
-    /// Index of the parent body; `None`: the world.
-    pub parent: Option<usize>,
-    /// Pose in the parent's body frame.
+    /// `None`: the world.
+    pub parent: Option<Parent>,
+    /// Pose in the parent's frame.
     pub pose: Isometry3<f64>,
     /// Pose that a reset returns to.
     pub initial_pose: Isometry3<f64>,
@@ -23,12 +36,6 @@ pub struct Placed {
 impl Placed {
     pub(super) fn new(identity: Identity, pose: Isometry3<f64>) -> Self {
         Self { identity, parent: None, pose, initial_pose: pose }
-    }
-
-    fn set_parent(&mut self, text: &str, bodies: &NameMap) {
-        if !text.is_empty() {
-            self.parent = bodies.find(text).index().or(self.parent);
-        }
     }
 
     pub(crate) fn apply_command(&mut self, command: &PoseCommand) {
@@ -45,6 +52,10 @@ pub struct Camera {
     pub placed: Placed,
     /// What clients may change.
     pub parameters: CameraParameters,
+    /// The point that it looked at in the beginning, in its parent's frame, m.
+    pub look_at: Vector3<f64>,
+    /// What it was made from.
+    pub description: adf::Camera,
 }
 
 /// A spot light. It shines along its +x axis.
@@ -54,21 +65,115 @@ pub struct Light {
     pub placed: Placed,
     /// What clients may change.
     pub parameters: LightParameters,
+    /// What it was made from.
+    pub description: adf::Light,
 }
 
-impl Camera {
-    /// Takes over what a client changed. A parent that is not found, or an empty text, leaves the parent as it is.
-    pub(crate) fn set_parameters(&mut self, parameters: &CameraParameters, bodies: &NameMap) {
-        self.parameters.copy_from(parameters);
-        self.placed.set_parent(&parameters.parent_name, bodies);
+impl Scene {
+    /// What `text` names as a parent. Several hits of different types are as bad as several of one, unless exactly one of them is exact.
+    ///
+    /// # Errors
+    /// A clause that says why there is none.
+    pub(crate) fn find_parent(&self, text: &str) -> Result<Parent, String> {
+        type Make = fn(usize) -> Parent;
+        let kinds: [(&super::NameMap, Make); 4] = [
+            (&self.body_names, Parent::Body),
+            (&self.names.cameras, Parent::Camera),
+            (&self.names.lights, Parent::Light),
+            (&self.names.ghosts, Parent::Ghost),
+        ];
+        let exact = kinds.iter().filter_map(|(names, make)| names.exact(text).map(make));
+        let parts = kinds.iter().filter_map(|(names, make)| names.index(text).map(make));
+        match (exact.collect::<Vec<_>>().as_slice(), parts.collect::<Vec<_>>().as_slice()) {
+            (&[parent], _) | ([], &[parent]) => Ok(parent),
+            ([], []) => Err(self.body_names.find(text).to_string()),
+            _ => Err("the name of objects of several types".into()),
+        }
     }
-}
 
-impl Light {
-    /// Takes over what a client changed. A parent that is not found, or an empty text, leaves the parent as it is.
-    pub(crate) fn set_parameters(&mut self, parameters: &LightParameters, bodies: &NameMap) {
-        self.parameters.copy_from(parameters);
-        self.placed.set_parent(&parameters.parent_name, bodies);
+    /// Hangs `child` on what `text` names. An empty text changes nothing.
+    ///
+    /// # Errors
+    /// A sentence that says why the parent stays what it was.
+    pub(crate) fn set_parent(&mut self, child: Parent, text: &str) -> Result<(), String> {
+        if text.is_empty() {
+            return Ok(());
+        }
+        let refuse = |scene: &Self, why: String| {
+            let key = scene.placed(child).map(|placed| placed.identity.key()).unwrap_or_default();
+            Err(format!("`{key}`: parent `{text}` is {why}; it stays where it is"))
+        };
+        let parent = match self.find_parent(text) {
+            Ok(parent) => parent,
+            Err(why) => return refuse(self, why),
+        };
+        let mut above = Some(parent);
+        while let Some(link) = above {
+            if link == child {
+                return refuse(self, "itself or hangs on it".into());
+            }
+            above = self.placed(link).and_then(|placed| placed.parent);
+        }
+        if let Some(placed) = self.placed_mut(child) {
+            placed.parent = Some(parent);
+        }
+        Ok(())
+    }
+
+    /// Pose in the world of a pose in `parent`.
+    pub fn global_pose(&self, parent: Option<Parent>, local: &Isometry3<f64>) -> Isometry3<f64> {
+        let (mut pose, mut above) = (*local, parent);
+        while let Some(link) = above {
+            match self.placed(link) {
+                // Loops are refused in `set_parent`.
+                Some(placed) => (pose, above) = (placed.pose * pose, placed.parent),
+                None => {
+                    if let Parent::Body(body) = link {
+                        pose = self.bodies[body].pose(&self.world) * pose;
+                    }
+                    above = None;
+                }
+            }
+        }
+        pose
+    }
+
+    /// `None` for a body.
+    fn placed(&self, object: Parent) -> Option<&Placed> {
+        match object {
+            Parent::Body(_) => None,
+            Parent::Camera(index) => Some(&self.cameras[index].placed),
+            Parent::Light(index) => Some(&self.lights[index].placed),
+            Parent::Ghost(index) => Some(&self.ghosts[index].placed),
+        }
+    }
+
+    pub(super) fn placed_mut(&mut self, object: Parent) -> Option<&mut Placed> {
+        match object {
+            Parent::Body(_) => None,
+            Parent::Camera(index) => Some(&mut self.cameras[index].placed),
+            Parent::Light(index) => Some(&mut self.lights[index].placed),
+            Parent::Ghost(index) => Some(&mut self.ghosts[index].placed),
+        }
+    }
+
+    /// Cameras, lights and ghost objects.
+    pub(super) fn all_placed(&self) -> impl Iterator<Item = Parent> {
+        let cameras = (0..self.cameras.len()).map(Parent::Camera);
+        let lights = (0..self.lights.len()).map(Parent::Light);
+        cameras.chain(lights).chain((0..self.ghosts.len()).map(Parent::Ghost))
+    }
+
+    /// Takes over what a client changed of a camera; a sentence when its parent is not found.
+    pub(crate) fn set_camera_parameters(&mut self, index: usize, parameters: &CameraParameters) -> Result<(), String> {
+        self.cameras[index].parameters.copy_from(parameters);
+        self.set_parent(Parent::Camera(index), &parameters.parent_name)
+    }
+
+    /// Takes over what a client changed of a light; a sentence when its parent is not found.
+    pub(crate) fn set_light_parameters(&mut self, index: usize, parameters: &LightParameters) -> Result<(), String> {
+        self.lights[index].parameters.copy_from(parameters);
+        self.set_parent(Parent::Light(index), &parameters.parent_name)
     }
 }
 

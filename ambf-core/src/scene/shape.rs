@@ -22,27 +22,37 @@ pub(super) fn build(body: &RigidBody, mesh: Option<&Mesh>, profile: Profile) -> 
         Some(mesh) => Isometry3::from(estimated_centre(mesh, profile)),
         None => Isometry3::identity(),
     });
-    let body_in_inertial = inertial_offset.inverse();
-    let margin = body.collision_margin;
     let mut left_out = Vec::new();
-    let shape = match &body.collision {
+    let shape = geometry(&body.collision, body.collision_margin, mesh, &inertial_offset, &mut left_out);
+    BuiltShape { shape, inertial_offset, left_out }
+}
+
+/// The shape of a collision geometry in a frame at `origin` in the body frame; a single primitive without an offset is centred there.
+pub(super) fn geometry(
+    collision: &CollisionGeometry,
+    margin: f64,
+    mesh: Option<&Mesh>,
+    origin: &Isometry3<f64>,
+    left_out: &mut Vec<String>,
+) -> Shape {
+    let to_origin = origin.inverse();
+    match collision {
         CollisionGeometry::None => Shape::empty(),
         CollisionGeometry::Primitive { primitive: Primitive::Plane { normal, offset }, .. } => {
             Shape::plane(*normal, *offset, margin)
         }
         CollisionGeometry::Primitive { primitive: p, offset } => {
-            let pose = body_in_inertial * offset.unwrap_or(inertial_offset);
+            let pose = to_origin * offset.unwrap_or(*origin);
             Shape::compound([(primitive(p, margin), pose)])
         }
-        CollisionGeometry::Compound(parts) => Shape::compound(
-            parts.iter().map(|part| (primitive(&part.primitive, margin), body_in_inertial * part.offset)),
-        ),
+        CollisionGeometry::Compound(parts) => {
+            Shape::compound(parts.iter().map(|part| (primitive(&part.primitive, margin), to_origin * part.offset)))
+        }
         CollisionGeometry::Mesh { kind, .. } => match mesh {
-            Some(mesh) => mesh_shape(mesh, *kind, margin, &body_in_inertial, &mut left_out),
+            Some(mesh) => mesh_shape(mesh, *kind, margin, &to_origin, left_out),
             None => Shape::empty(),
         },
-    };
-    BuiltShape { shape, inertial_offset, left_out }
+    }
 }
 
 /// Estimate of the centre of mass of a mesh without a written one: the mean of its vertices.

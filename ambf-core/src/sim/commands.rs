@@ -3,13 +3,13 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::Vector3;
 
 use super::{NonFinite, Simulation};
-use crate::bullet::BodyKinematics;
 use crate::comm::{
-    CameraParameters, CartesianCommandType, Channel, Hub, Inbox, JointCommandType, LightParameters, ObjectKind,
-    ObjectList, PoseCommand, RigidBodyCommand, Snapshot, SnapshotWriter, Timing, Wrench,
+    ActuatorCommand, CameraParameters, CartesianCommandType, Channel, Hub, Inbox, JointCommandType, LightParameters,
+    ObjectCommand, ObjectKind, ObjectList, PoseCommand, RigidBodyCommand, Snapshot, SnapshotWriter, Timing,
+    VehicleCommand, Wrench,
 };
 use crate::scene::Scene;
 
@@ -32,6 +32,10 @@ enum Slot {
     Body(usize, Inbox<RigidBodyCommand>),
     Camera(usize, Inbox<PoseCommand>, Inbox<CameraParameters>),
     Light(usize, Inbox<PoseCommand>, Inbox<LightParameters>),
+    Actuator(usize, Inbox<ActuatorCommand>),
+    SoftBody(usize, Inbox<ObjectCommand>),
+    Ghost(usize, Inbox<ObjectCommand>),
+    Vehicle(usize, Inbox<VehicleCommand>),
 }
 
 impl Slot {
@@ -40,60 +44,77 @@ impl Slot {
             ObjectKind::RigidBody(index, _) => Self::Body(index, Inbox::default()),
             ObjectKind::Camera(index, _) => Self::Camera(index, Inbox::default(), Inbox::default()),
             ObjectKind::Light(index, _) => Self::Light(index, Inbox::default(), Inbox::default()),
-            _ => Self::Idle,
+            ObjectKind::Actuator(index, _) => Self::Actuator(index, Inbox::default()),
+            ObjectKind::SoftBody(index, _) => Self::SoftBody(index, Inbox::default()),
+            ObjectKind::Ghost(index) => Self::Ghost(index, Inbox::default()),
+            ObjectKind::Vehicle(index, _) => Self::Vehicle(index, Inbox::default()),
+            ObjectKind::World | ObjectKind::Sensor(..) => Self::Idle,
         }
     }
 
-    /// Takes what waits in `channel`; true when there is a command to execute from now on.
-    fn fetch(&mut self, channel: &Channel, scene: &mut Scene) -> bool {
+    /// Takes what waits in `channel`; true when there is a command to execute from now on. Sentences about what cannot be done go to
+    /// `notices`.
+    fn fetch(&mut self, channel: &Channel, scene: &mut Scene, notices: &mut Vec<String>) -> bool {
         match self {
             Self::Idle => false,
             Self::Body(_, inbox) => inbox.fetch(&channel.body),
             Self::Camera(index, pose, parameters) => {
                 if parameters.fetch(&channel.camera) {
-                    scene.cameras[*index].set_parameters(parameters.command(), &scene.body_names);
+                    notices.extend(scene.set_camera_parameters(*index, parameters.command()).err());
                 }
                 pose.fetch(&channel.pose)
             }
             Self::Light(index, pose, parameters) => {
                 if parameters.fetch(&channel.light) {
-                    scene.lights[*index].set_parameters(parameters.command(), &scene.body_names);
+                    notices.extend(scene.set_light_parameters(*index, parameters.command()).err());
                 }
                 pose.fetch(&channel.pose)
             }
+            Self::Actuator(_, inbox) => inbox.fetch(&channel.actuator),
+            Self::SoftBody(_, inbox) | Self::Ghost(_, inbox) => inbox.fetch(&channel.object),
+            Self::Vehicle(_, inbox) => inbox.fetch(&channel.vehicle),
         }
     }
 }
 
 impl Link {
     pub fn new(hub: Arc<Hub>, scene: &Scene, wrenches: &[Wrench]) -> Self {
-        let objects = hub.objects().clone();
-        let mut body_rank = vec![0; scene.bodies.len()];
-        for (rank, body) in scene.visiting_order().into_iter().enumerate() {
-            body_rank[body] = rank + 1;
-        }
-        let rank = objects.iter().map(|object| match object.info.kind {
-            ObjectKind::RigidBody(index, _) => body_rank[index],
-            _ => 0,
-        });
-        let template = Snapshot {
-            bodies: vec![BodyKinematics::default(); scene.bodies.len()],
-            wrenches: wrenches.to_vec(),
-            joint_positions: vec![0.0; scene.joints.len()],
-            joint_velocities: vec![0.0; scene.joints.len()],
-            joint_efforts: vec![0.0; scene.joints.len()],
-            cameras: vec![Isometry3::identity(); scene.cameras.len()],
-            lights: vec![Isometry3::identity(); scene.lights.len()],
-            ..Snapshot::default()
-        };
-        Self {
-            rank: rank.collect(),
-            commanded: Vec::with_capacity(objects.len()),
-            slots: objects.iter().map(|object| Slot::of(&object.info.kind)).collect(),
-            objects,
+        let mut link = Self {
+            objects: hub.objects().clone(),
             hub,
-            writer: SnapshotWriter::new(template),
+            writer: SnapshotWriter::new(Snapshot::default()),
+            slots: Vec::new(),
+            commanded: Vec::new(),
+            rank: Vec::new(),
+        };
+        link.follow_scene(scene, wrenches);
+        link
+    }
+
+    /// Makes place for what the hub and the scene hold now.
+    pub fn follow_scene(&mut self, scene: &Scene, wrenches: &[Wrench]) {
+        self.objects = self.hub.objects().clone();
+        let new = self.objects.iter().skip(self.slots.len());
+        self.slots.extend(new.map(|object| Slot::of(&object.info.kind)));
+        let mut order: Vec<usize> = (0..self.objects.len()).collect();
+        order.sort_by_cached_key(|&object| scene.visiting_key(&self.objects[object].info.kind));
+        self.rank = vec![0; order.len()];
+        for (rank, object) in order.into_iter().enumerate() {
+            self.rank[object] = rank;
         }
+        self.commanded.retain(|&object| !self.objects[object].is_removed());
+        self.commanded.sort_by_key(|&object| self.rank[object]);
+        self.commanded.reserve(self.objects.len());
+        self.writer = SnapshotWriter::new(scene.snapshot(wrenches));
+    }
+
+    /// Tells the hub which objects are no longer part of the scene.
+    pub fn remove_objects(&mut self, scene: &Scene) {
+        let gone = |&object: &usize| {
+            let object = &self.objects[object];
+            !object.is_removed() && scene.is_removed(&object.info.kind)
+        };
+        self.hub.remove_objects((0..self.objects.len()).filter(gone).collect::<Vec<_>>());
     }
 
     /// What the body was last told, in words.
@@ -138,10 +159,11 @@ impl Simulation {
     fn fetch(&mut self, link: &mut Link) {
         let Link { objects, slots, commanded, rank, .. } = link;
         objects.take_pending(|object| {
-            if slots[object].fetch(&objects[object].channel, &mut self.scene) {
-                // Only bodies have ranks of their own.
-                let place = |object: usize| (rank[object], object);
-                if let Err(place) = commanded.binary_search_by_key(&place(object), |&other| place(other)) {
+            if objects[object].is_removed() {
+                return;
+            }
+            if slots[object].fetch(&objects[object].channel, &mut self.scene, &mut self.notices) {
+                if let Err(place) = commanded.binary_search_by_key(&rank[object], |&other| rank[other]) {
                     commanded.insert(place, object);
                 }
             }
@@ -167,6 +189,22 @@ impl Simulation {
                 Slot::Light(index, inbox, _) => {
                     inbox.check_watchdog(now);
                     self.scene.lights[*index].placed.apply_command(inbox.command());
+                }
+                Slot::Actuator(index, inbox) => {
+                    inbox.check_watchdog(now);
+                    self.notices.extend(self.scene.command_actuator(*index, inbox.command()));
+                }
+                Slot::SoftBody(index, inbox) => {
+                    inbox.check_watchdog(now);
+                    self.scene.soft_bodies[*index].apply_command(&mut self.scene.world, inbox.command());
+                }
+                Slot::Ghost(index, inbox) => {
+                    inbox.check_watchdog(now);
+                    self.scene.ghosts[*index].apply_command(inbox.command());
+                }
+                Slot::Vehicle(index, inbox) => {
+                    inbox.check_watchdog(now);
+                    self.command_vehicle(*index, inbox.command());
                 }
             }
         }
@@ -194,6 +232,17 @@ impl Simulation {
         let Scene { joints, bodies, world, .. } = &mut self.scene;
         joints[joint].apply_command(world, bodies, kind, value, time);
         true
+    }
+
+    /// Applies a whole command to a vehicle; it acts in the next update.
+    pub fn command_vehicle(&mut self, vehicle: usize, command: &VehicleCommand) {
+        let Scene { vehicles, world, bodies, .. } = &mut self.scene;
+        vehicles[vehicle].apply_command(world, bodies, command);
+    }
+
+    /// Lets an actuator hold or let go. A sentence when what the command names is not there.
+    pub fn command_actuator(&mut self, actuator: usize, command: &ActuatorCommand) -> Option<String> {
+        self.scene.command_actuator(actuator, command)
     }
 
     /// Adds a force (N) at the centre of mass and a torque (N·m), world axes, for the next update.

@@ -2,10 +2,12 @@
 
 mod cap;
 mod commands;
+mod models;
 mod pace;
 mod runner;
 mod statistics;
 
+pub use models::{AddedModel, ModelError, Models, ANSWER_TIMEOUT};
 pub use runner::{Control, Event, Runner, RunnerOptions};
 
 use std::fmt;
@@ -19,6 +21,7 @@ use crate::comm::{Hub, Snapshot, Timing, Wrench};
 use crate::scene::Scene;
 use cap::SubStepCap;
 use commands::Link;
+use models::ModelRequests;
 
 /// Bullet's internal step unless somebody asks for another: 1 ms, whatever the frequency of the loop.
 pub const DEFAULT_SUB_STEP: f64 = 0.001;
@@ -63,6 +66,9 @@ pub struct Simulation {
     joint_buffer: Vec<f64>,
     wrenches: Vec<Wrench>,
     link: Option<Link>,
+    requests: Option<ModelRequests>,
+    /// Sentences about commands that name what is not there.
+    notices: Vec<String>,
 }
 
 impl Simulation {
@@ -83,6 +89,8 @@ impl Simulation {
             joint_buffer: vec![0.0; scene.world.constraints().len()],
             wrenches,
             link: None,
+            requests: None,
+            notices: Vec::new(),
             scene,
         }
     }
@@ -144,6 +152,7 @@ impl Simulation {
         if self.scene.has_feedback {
             self.estimate_efforts();
         }
+        self.scene.update_elements(self.sub_step);
         self.check_finite()
     }
 
@@ -176,6 +185,15 @@ impl Simulation {
     }
 
     fn check_finite(&self) -> Result<(), NonFinite> {
+        if let Some((handle, _)) = self.scene.world.soft_first_non_finite() {
+            let soft = self.scene.soft_bodies.iter().find(|soft| soft.handle == handle);
+            return Err(NonFinite {
+                body: soft.map(|soft| soft.identity.key()).unwrap_or_default(),
+                joint: None,
+                step: self.sim_step(),
+                command: "none".into(),
+            });
+        }
         let Some(index) = self.scene.world.first_non_finite() else { return Ok(()) };
         let body = &self.scene.bodies[index];
         let holds = |joint: &&crate::scene::Joint| joint.parent == index || joint.child == index;
@@ -190,13 +208,15 @@ impl Simulation {
     /// Returns every rigid body to its initial pose at rest. Time goes on. If the state was non-finite, controllers forget what they
     /// remember of it.
     pub fn reset_bodies(&mut self) {
-        let was_finite = self.scene.world.first_non_finite().is_none();
+        let was_finite = self.check_finite().is_ok();
         let Scene { bodies, world, .. } = &mut self.scene;
         bodies.iter().for_each(|body| body.reset(world));
         if !was_finite {
             world.recover();
             self.reset_controllers();
         }
+        self.scene.vehicles.iter_mut().for_each(|vehicle| vehicle.reset(&mut self.scene.world));
+        self.scene.sensors.iter_mut().for_each(crate::scene::Sensor::reset);
         self.scene.world.refresh_constraints();
         self.scene.observe_joints(0.0, &mut self.joint_buffer);
     }
@@ -210,15 +230,16 @@ impl Simulation {
     /// controllers.
     pub fn reset_world(&mut self) {
         self.reset_bodies();
-        for camera in &mut self.scene.cameras {
-            camera.placed.pose = camera.placed.initial_pose;
-        }
-        for light in &mut self.scene.lights {
-            light.placed.pose = light.placed.initial_pose;
-        }
+        self.scene.reset_placed();
+        self.scene.soft_bodies.iter().for_each(|soft| soft.reset(&mut self.scene.world));
         if self.scene.profile == crate::control::Profile::Accurate {
             self.reset_controllers();
         }
+    }
+
+    /// Takes the sentences about commands that name what is not there.
+    pub fn take_notices(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.notices)
     }
 
     fn fill(&self, snapshot: &mut Snapshot, wall_time: f64, timing: Timing) {
@@ -241,5 +262,6 @@ impl Simulation {
         for (pose, light) in snapshot.lights.iter_mut().zip(&scene.lights) {
             *pose = light.placed.pose;
         }
+        scene.fill_elements(snapshot);
     }
 }

@@ -46,6 +46,8 @@ pub enum Event {
     EmptySteps,
     /// Objects were reset on request.
     Reset,
+    /// A command names what is not there.
+    Notice(String),
 }
 
 /// Pause, manual steps and the end of a running simulation, from any thread.
@@ -119,11 +121,6 @@ impl Runner {
         &self.events
     }
 
-    /// Whether the thread still runs.
-    pub fn is_running(&self) -> bool {
-        self.thread.as_ref().is_some_and(|thread| !thread.is_finished())
-    }
-
     /// Ends the thread and returns the simulation; `None` if it panicked.
     pub fn stop(mut self) -> Option<Simulation> {
         self.end()
@@ -185,6 +182,9 @@ impl PhysicsLoop {
             if self.simulation.do_requested_resets() {
                 self.resume_after_reset();
             }
+            if self.simulation.do_requested_changes() {
+                self.publish(self.start.elapsed());
+            }
             if self.control.is_paused() && !self.control.take_manual_step() {
                 self.was_paused = true;
                 std::thread::sleep(PAUSED_PERIOD);
@@ -214,6 +214,9 @@ impl PhysicsLoop {
         if let Err(problem) = self.simulation.execute_commands() {
             self.pause_lost(problem);
             return;
+        }
+        for notice in self.simulation.take_notices() {
+            self.tell(Event::Notice(notice));
         }
         self.publish(wall);
         let cost = stepped + resumed.elapsed();
@@ -246,11 +249,20 @@ impl PhysicsLoop {
     fn hold_for_clients(&mut self) {
         loop {
             let (control, simulation) = (&self.control, &self.simulation);
-            simulation.wait_for_clients(|| control.is_stopping() || simulation.reset_is_requested());
-            if self.control.is_stopping() || !self.simulation.do_requested_resets() {
+            simulation.wait_for_clients(|| {
+                control.is_stopping() || simulation.reset_is_requested() || simulation.change_is_requested()
+            });
+            if self.control.is_stopping() {
                 break;
             }
-            self.resume_after_reset();
+            let (reset, changed) = (self.simulation.do_requested_resets(), self.simulation.do_requested_changes());
+            if reset {
+                self.resume_after_reset();
+            } else if changed {
+                self.publish(self.start.elapsed());
+            } else {
+                break;
+            }
         }
         if self.simulation.count_for_clients(&mut self.throttle_counter) {
             self.tell(Event::EmptySteps);

@@ -50,7 +50,7 @@ impl Bench {
     }
 
     pub fn body(&self, name: &str) -> usize {
-        let found = self.0.scene().bodies.iter().position(|body| body.identity.name == name);
+        let found = self.0.scene().bodies.iter().position(|body| *body.identity.name == *name);
         found.unwrap_or_else(|| panic!("no body `{name}`"))
     }
 

@@ -1,0 +1,154 @@
+//! Live constraint actuators: they hold what they are told to, or what a sensor sees.
+
+use nalgebra::Isometry3;
+
+use super::sensor::{Sensed, Sensor};
+use super::{Bodies, Identity, NameMap};
+use crate::bullet::{BodyHandle, Constraint, ConstraintHandle, ConstraintKind, SoftBodyHandle, World};
+use crate::comm::{ActuatorCommand, ActuatorInfo};
+use crate::control::orientation_of;
+
+/// An actuator of a [`Scene`](super::Scene).
+#[derive(Debug)]
+pub struct Actuator {
+    /// Names and publishing rates.
+    pub identity: Identity,
+    /// Parent's name and pose in the parent's body frame.
+    pub info: ActuatorInfo,
+    /// Index of the parent body.
+    pub parent: usize,
+    /// Pose of the constraint in the parent's inertial frame.
+    pub(super) frame: Isometry3<f64>,
+    held: Held,
+    /// What it could not find was named.
+    complained: bool,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Held {
+    Nothing,
+    Body(BodyHandle, ConstraintHandle),
+    SoftBody(SoftBodyHandle),
+}
+
+/// How far from the point that a ray hits a node or the middle of a face may be, m.
+const REACH: f64 = 0.1;
+
+impl Actuator {
+    pub(super) fn new(identity: Identity, info: ActuatorInfo, parent: usize, frame: Isometry3<f64>) -> Self {
+        Self { identity, info, parent, frame, held: Held::Nothing, complained: false }
+    }
+
+    /// Whether it holds something.
+    pub fn is_actuated(&self) -> bool {
+        self.held != Held::Nothing
+    }
+
+    /// Executes a command. A sentence when what it names is not there, once until it lets go.
+    pub(crate) fn apply_command(
+        &mut self,
+        world: &mut World,
+        bodies: &Bodies,
+        body_names: &NameMap,
+        sensors: &[Sensor],
+        sensor_names: &NameMap,
+        command: &ActuatorCommand,
+    ) -> Option<String> {
+        if !command.actuate {
+            self.release(world, bodies);
+            self.complained = false;
+            return None;
+        }
+        if self.is_actuated() {
+            return None;
+        }
+        if command.use_sensor_data {
+            let Some(sensor) = sensor_names.index(&command.sensor_identifier) else {
+                return self.complain(sensor_names, "sensor", &command.sensor_identifier);
+            };
+            for sensed in sensors[sensor].sensed(bodies) {
+                match sensed {
+                    Sensed::Body(body) => self.hold(world, bodies, body, None),
+                    Sensed::SoftBody(body, point) => self.hold_soft(world, bodies, body, &point.into()),
+                    Sensed::Other => (),
+                }
+            }
+            return None;
+        }
+        let Some(body) = body_names.index(&command.body_name) else {
+            return self.complain(body_names, "body", &command.body_name);
+        };
+        let offset = command.use_offset.then(|| {
+            let rotation = orientation_of(&command.offset_orientation).0;
+            Isometry3::from_parts(command.offset_position.into(), rotation)
+        });
+        self.hold(world, bodies, body, offset);
+        None
+    }
+
+    fn complain(&mut self, names: &NameMap, what: &str, text: &str) -> Option<String> {
+        let first = !std::mem::replace(&mut self.complained, true);
+        first.then(|| format!("actuator `{}`: {what} `{text}` is {}", self.identity.key(), names.find(text)))
+    }
+
+    /// Holds a body at `offset`, the pose of the constraint in its inertial frame, or where it is now.
+    pub(crate) fn hold(&mut self, world: &mut World, bodies: &Bodies, body: usize, offset: Option<Isometry3<f64>>) {
+        let (parent, target) = (bodies[self.parent].handle, bodies[body].handle);
+        if matches!(self.held, Held::Body(held, _) if held == target) || parent == target {
+            return;
+        }
+        self.release(world, bodies);
+        let (Some(pose), Some(target_pose)) = (world.pose(parent), world.pose(target)) else { return };
+        let constraint = Constraint {
+            kind: ConstraintKind::Fixed,
+            frame_a: self.frame,
+            frame_b: offset.unwrap_or_else(|| target_pose.inverse() * pose * self.frame),
+            parameters: Vec::new(),
+            feedback: false,
+            disable_collisions: false,
+        };
+        if let Some(constraint) = world.add_constraint(parent, target, &constraint) {
+            self.held = Held::Body(target, constraint);
+        }
+    }
+
+    /// Ties the nodes of a soft body around `point` to the parent.
+    fn hold_soft(&mut self, world: &mut World, bodies: &Bodies, soft: SoftBodyHandle, point: &nalgebra::Point3<f64>) {
+        if let Held::Body(..) = self.held {
+            self.release(world, bodies);
+        }
+        let parent = bodies[self.parent].handle;
+        let features = world.soft_features(soft, &point.coords, REACH);
+        match (features.face, features.node) {
+            (Some(nodes), _) => nodes.into_iter().for_each(|node| self.anchor(world, soft, node, parent)),
+            (None, Some(node)) => self.anchor(world, soft, node, parent),
+            (None, None) => (),
+        }
+    }
+
+    fn anchor(&mut self, world: &mut World, soft: SoftBodyHandle, node: usize, parent: BodyHandle) {
+        let (Some(pose), Some(position)) = (world.pose(parent), world.soft_node(soft, node)) else { return };
+        let pivot = pose.inverse_transform_point(&position.into()).coords;
+        if world.add_anchor(soft, node, parent, &pivot, 1.0, false) {
+            self.held = Held::SoftBody(soft);
+        }
+    }
+
+    /// Lets go of everything.
+    pub(crate) fn release(&mut self, world: &mut World, bodies: &Bodies) {
+        match std::mem::replace(&mut self.held, Held::Nothing) {
+            Held::Nothing => (),
+            Held::Body(_, constraint) => {
+                world.remove_constraint(constraint);
+            }
+            Held::SoftBody(soft) => {
+                world.remove_anchors(soft, bodies[self.parent].handle);
+            }
+        }
+    }
+
+    /// Whether it holds this body.
+    pub(super) fn holds(&self, body: BodyHandle) -> bool {
+        matches!(self.held, Held::Body(held, _) if held == body)
+    }
+}

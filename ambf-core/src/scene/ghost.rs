@@ -1,0 +1,129 @@
+//! Live ghost objects: volumes that take the weight and the speed off what is in them.
+
+use std::sync::Arc;
+
+use nalgebra::{Isometry3, Vector3};
+
+use super::placed::Placed;
+use super::Bodies;
+use crate::adf::{self, SourcePos};
+use crate::bullet::{BodyHandle, GhostHandle, World};
+use crate::comm::{GhostReading, ObjectCommand};
+use crate::control::{orientation_of, Profile};
+
+/// A ghost object of a [`Scene`](super::Scene).
+#[derive(Debug)]
+pub struct Ghost {
+    /// Names, parent and pose.
+    pub placed: Placed,
+    /// Text that names the parent; empty: the world.
+    pub parent_name: String,
+    /// Collision groups.
+    pub collision_groups: Vec<u32>,
+    /// Where it is defined.
+    pub source: SourcePos,
+    pub(crate) handle: GhostHandle,
+    pose: Isometry3<f64>,
+    /// Bodies in it, one entry a contact.
+    sensed: Vec<BodyHandle>,
+    found: Vec<BodyHandle>,
+}
+
+/// Share of the velocity against the ghost that is left after an iteration in it.
+const KEPT: f64 = 0.9;
+/// Bodies in a ghost, counted by contact, that take no new memory.
+const CONTACTS: usize = 256;
+
+impl Ghost {
+    pub(super) fn new(placed: Placed, ghost: &adf::GhostObject, handle: GhostHandle) -> Self {
+        Self {
+            pose: placed.pose,
+            placed,
+            parent_name: ghost.parent.clone(),
+            collision_groups: ghost.collision_groups.clone(),
+            source: ghost.common.source.clone(),
+            handle,
+            sensed: Vec::with_capacity(CONTACTS),
+            found: Vec::with_capacity(CONTACTS),
+        }
+    }
+
+    /// Pose in the world.
+    pub fn pose(&self) -> &Isometry3<f64> {
+        &self.pose
+    }
+
+    /// Indices of the bodies in it, one entry a contact.
+    pub fn sensed<'a>(&'a self, bodies: &'a Bodies) -> impl Iterator<Item = usize> + 'a {
+        self.sensed.iter().filter_map(|&handle| bodies.index_of(handle))
+    }
+
+    pub(crate) fn apply_command(&mut self, command: &ObjectCommand) {
+        if command.enabled {
+            let rotation = orientation_of(&command.orientation).0;
+            self.placed.pose = Isometry3::from_parts(command.position.into(), rotation);
+        }
+    }
+
+    /// Moves to `pose` in the world; what left it gets its weight back, what is in it is held. `carrier` is the parent body.
+    pub(crate) fn update(
+        &mut self,
+        world: &mut World,
+        bodies: &Bodies,
+        pose: Isometry3<f64>,
+        carrier: Option<usize>,
+        gravity: &Vector3<f64>,
+        profile: Profile,
+    ) {
+        self.pose = pose;
+        world.set_ghost_pose(self.handle, &pose);
+        self.release(world, bodies, gravity);
+        world.ghost_overlaps(self.handle, &mut self.found);
+        let velocity = carrier.and_then(|body| world.velocity(bodies[body].handle)).unwrap_or_default().0;
+        for i in 0..self.found.len() {
+            let handle = self.found[i];
+            let Some(body) = bodies.index_of(handle) else { continue };
+            let is_again = self.sensed.contains(&handle);
+            // The C++ program slows a body once for each contact, and what carries the ghost too.
+            let left_out = profile == Profile::Accurate && (is_again || carrier == Some(body));
+            if left_out || bodies[body].mass == 0.0 || !self.shares_group(&bodies[body].collision_groups) {
+                continue;
+            }
+            self.sensed.push(handle);
+            hold(world, handle, &velocity);
+        }
+    }
+
+    /// Gives everything in it its own weight back.
+    pub(crate) fn release(&mut self, world: &mut World, bodies: &Bodies, gravity: &Vector3<f64>) {
+        for handle in self.sensed.drain(..) {
+            let Some(body) = bodies.index_of(handle) else { continue };
+            world.set_body_gravity(handle, bodies[body].gravity.as_ref().unwrap_or(gravity));
+        }
+    }
+
+    fn shares_group(&self, groups: &[u32]) -> bool {
+        let own = &self.collision_groups;
+        own.is_empty() || groups.is_empty() || groups.iter().any(|group| own.contains(group))
+    }
+
+    pub(crate) fn read(&self, bodies: &Bodies, reading: &mut GhostReading) {
+        reading.pose = self.pose;
+        reading.sensed.clear();
+        for body in self.sensed(bodies) {
+            let name = &bodies[body].identity.name;
+            if !reading.sensed.iter().any(|known| Arc::ptr_eq(known, name)) {
+                reading.sensed.push(Arc::clone(name));
+            }
+        }
+    }
+}
+
+/// Takes the weight and a share of the velocity against `carried`, m/s, off a body.
+fn hold(world: &mut World, body: BodyHandle, carried: &Vector3<f64>) {
+    let Some((linear, angular)) = world.velocity(body) else { return };
+    let speed = carried.norm();
+    let across = if speed > 1e-5 { linear - carried * (linear.dot(carried) / (speed * speed)) } else { linear };
+    world.set_body_gravity(body, &Vector3::zeros());
+    world.set_velocity(body, &(across * KEPT + carried), &(angular * KEPT));
+}

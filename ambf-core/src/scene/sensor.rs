@@ -1,0 +1,389 @@
+//! Live sensors: rays that see, rays that also push, and contacts of a body.
+
+use std::sync::Arc;
+
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+
+use super::{Bodies, Identity};
+use crate::adf::{RaySource, ResistanceParameters};
+use crate::bullet::{Contact, Ray, RayHit, RayTarget, SoftBodyHandle, World};
+use crate::comm::{RayReading, SensorInfo};
+use crate::control::Profile;
+use crate::mesh::Mesh;
+
+/// A ray in the sensor frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LocalRay {
+    /// Start, m.
+    pub start: Vector3<f64>,
+    /// From start to end when multiplied by the range; not normalised.
+    pub direction: Vector3<f64>,
+}
+
+/// What a ray of a sensor hits.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Sensed {
+    /// A rigid body, by index.
+    Body(usize),
+    /// A soft body, at a point in the world, m.
+    SoftBody(SoftBodyHandle, Vector3<f64>),
+    /// Something without a name.
+    Other,
+}
+
+/// A sensor of a [`Scene`](super::Scene).
+#[derive(Debug)]
+pub struct Sensor {
+    /// Names and publishing rates.
+    pub identity: Identity,
+    /// Type, parent's name, pose in the parent's body frame, range.
+    pub info: SensorInfo,
+    /// Index of the parent body.
+    pub parent: usize,
+    /// Rays in the sensor frame; none for a contact sensor.
+    pub rays: Vec<LocalRay>,
+    /// What is seen, one entry a ray or a body in contact.
+    readings: Vec<RayReading>,
+    work: Work,
+}
+
+#[derive(Debug)]
+enum Work {
+    Rays { world: Vec<Ray>, hits: Vec<Option<RayHit>>, resistance: Option<Resistance> },
+    Contacts { threshold: f64, contacts: Vec<Contact> },
+}
+
+/// Bodies that a contact sensor can name at a time without allocating.
+const CONTACTS: usize = 64;
+
+impl Sensor {
+    pub(super) fn with_rays(
+        identity: Identity,
+        info: SensorInfo,
+        parent: usize,
+        rays: Vec<LocalRay>,
+        resistance: Option<Resistance>,
+    ) -> Self {
+        let nowhere = Ray { from: Vector3::zeros(), to: Vector3::zeros() };
+        let work = Work::Rays { world: vec![nowhere; rays.len()], hits: vec![None; rays.len()], resistance };
+        Self { identity, info, parent, readings: vec![RayReading::default(); rays.len()], rays, work }
+    }
+
+    pub(super) fn with_contacts(identity: Identity, info: SensorInfo, parent: usize) -> Self {
+        let work = Work::Contacts { threshold: info.range, contacts: Vec::with_capacity(CONTACTS) };
+        Self { identity, info, parent, rays: Vec::new(), readings: Vec::with_capacity(CONTACTS), work }
+    }
+
+    /// What is seen, one entry a ray; for a contact sensor one entry a body in contact.
+    pub fn readings(&self) -> &[RayReading] {
+        &self.readings
+    }
+
+    /// What each ray that is triggered hits, in order of the rays. Nothing for contact sensors.
+    pub fn sensed<'a>(&'a self, bodies: &'a Bodies) -> impl Iterator<Item = Sensed> + 'a {
+        let hits: &[Option<RayHit>] = match &self.work {
+            Work::Rays { hits, .. } => hits,
+            Work::Contacts { .. } => &[],
+        };
+        hits.iter().flatten().map(|hit| match hit.target {
+            RayTarget::Body(handle) => bodies.index_of(handle).map_or(Sensed::Other, Sensed::Body),
+            RayTarget::SoftBody(handle) => Sensed::SoftBody(handle, hit.point),
+            RayTarget::Other => Sensed::Other,
+        })
+    }
+
+    /// Forgets what is remembered of contacts.
+    pub(crate) fn reset(&mut self) {
+        if let Work::Rays { resistance: Some(resistance), .. } = &mut self.work {
+            resistance.reset();
+        }
+    }
+
+    /// Looks, and pushes if it is a resistance sensor. The forces act in the next update. `sub_step` in s.
+    pub(crate) fn update(&mut self, world: &mut World, bodies: &Bodies, sub_step: f64) {
+        match &mut self.work {
+            Work::Contacts { threshold, contacts } => {
+                world.contacts(bodies[self.parent].handle, f64::INFINITY, contacts);
+                // What rests on a thin cushion of Bullet's margin touches too: it is carried.
+                contacts.retain(|contact| contact.distance <= *threshold || contact.impulse > 0.0);
+                read_contacts(&mut self.readings, contacts, bodies, sub_step);
+            }
+            Work::Rays { world: rays, hits, resistance } => {
+                let pose = bodies[self.parent].pose(world) * self.info.pose;
+                for (ray, local) in rays.iter_mut().zip(&self.rays) {
+                    let end = local.start + local.direction * self.info.range;
+                    ray.from = (pose * Point3::from(local.start)).coords;
+                    ray.to = (pose * Point3::from(end)).coords;
+                }
+                world.cast_rays(rays, hits);
+                for (reading, hit) in self.readings.iter_mut().zip(hits.iter()) {
+                    let sensed = hit.as_ref().and_then(|hit| match hit.target {
+                        RayTarget::Body(handle) => bodies.index_of(handle),
+                        RayTarget::SoftBody(_) | RayTarget::Other => None,
+                    });
+                    reading.triggered = hit.is_some();
+                    reading.measurement = hit.as_ref().map_or(0.0, |hit| 1.0 - hit.fraction);
+                    reading.sensed = sensed.map(|body| Arc::clone(&bodies[body].identity.name));
+                }
+                if let Some(resistance) = resistance {
+                    resistance.push(world, bodies, self.parent, &self.info.pose.rotation, &self.rays, hits);
+                }
+            }
+        }
+    }
+}
+
+/// One reading a body: the sum of the normal forces of its contacts.
+fn read_contacts(readings: &mut Vec<RayReading>, contacts: &[Contact], bodies: &Bodies, sub_step: f64) {
+    readings.clear();
+    for contact in contacts {
+        let Some(body) = bodies.index_of(contact.other) else { continue };
+        let name = &bodies[body].identity.name;
+        let force = contact.impulse / sub_step;
+        match readings.iter_mut().find(|reading| reading.sensed.as_ref().is_some_and(|other| Arc::ptr_eq(other, name)))
+        {
+            Some(reading) => reading.measurement += force,
+            None => {
+                readings.push(RayReading { triggered: true, measurement: force, sensed: Some(Arc::clone(name)) });
+            }
+        }
+    }
+}
+
+/// The contact law of a resistance sensor. With N the direction of the ray, d the depth fraction, a the body that carries the sensor and
+/// b the one that is hit:
+///
+/// F = k·d·N + c·e + s·(e − e_before) + m·Δv, where e is the tangential part of the drift between the points of a and b that
+/// met first, Δv the tangential velocity of a against b, and c = static friction, s = friction damping, m = dynamic friction (each but s
+/// multiplied by |k·d·N| when the friction is variable). b gets F at the hit point, a gets −F.
+#[derive(Debug)]
+pub(super) struct Resistance {
+    parameters: ResistanceParameters,
+    profile: Profile,
+    memory: Vec<Option<Stuck>>,
+}
+
+/// Two points that met, and how far they have drifted apart.
+#[derive(Debug, Clone, Copy)]
+struct Stuck {
+    body: usize,
+    /// In the inertial frames of the two bodies, m.
+    on_parent: Vector3<f64>,
+    on_body: Vector3<f64>,
+    depth: f64,
+    /// Tangential drift one and two iterations ago, m.
+    drift: [Vector3<f64>; 2],
+}
+
+/// Directions shorter than this are not normalised, as in the C++ program.
+const SHORT: f64 = 1e-4;
+
+impl Resistance {
+    pub fn new(parameters: ResistanceParameters, rays: usize, profile: Profile) -> Self {
+        Self { parameters, profile, memory: vec![None; rays] }
+    }
+
+    fn reset(&mut self) {
+        self.memory.fill(None);
+    }
+
+    fn push(
+        &mut self,
+        world: &mut World,
+        bodies: &Bodies,
+        parent: usize,
+        rotation: &UnitQuaternion<f64>,
+        rays: &[LocalRay],
+        hits: &[Option<RayHit>],
+    ) {
+        for (ray, (hit, memory)) in rays.iter().zip(hits.iter().zip(&mut self.memory)) {
+            let body = hit.as_ref().and_then(|hit| match hit.target {
+                RayTarget::Body(handle) => bodies.index_of(handle),
+                _ => None,
+            });
+            let (Some(hit), Some(body)) = (hit, body) else {
+                *memory = None;
+                continue;
+            };
+            let (a, b) = (bodies[parent].handle, bodies[body].handle);
+            let (Some(pose_a), Some(pose_b)) = (world.pose(a), world.pose(b)) else { continue };
+            // The C++ program takes the direction in the inertial frame of the parent and leaves the sensor's rotation out.
+            let normal = match self.profile {
+                Profile::Legacy => pose_a.rotation * ray.direction,
+                Profile::Accurate => {
+                    let to_body = bodies[parent].inertial_offset_inverse.rotation;
+                    (pose_a.rotation * to_body * (rotation * ray.direction)).normalize()
+                }
+            };
+            let depth = 1.0 - hit.fraction;
+            let velocity = |handle, pose: &Isometry3<f64>| {
+                let (linear, angular) = world.velocity(handle).unwrap_or_default();
+                linear + angular.cross(&(hit.point - pose.translation.vector))
+            };
+            let sliding = velocity(a, &pose_a) - velocity(b, &pose_b);
+            let force = self.parameters.force(
+                self.profile,
+                &normal,
+                depth,
+                &(sliding - hit.normal * hit.normal.dot(&sliding)),
+                memory.filter(|stuck| stuck.body == body).as_mut(),
+                |stuck| (pose_a * Point3::from(stuck.on_parent)) - (pose_b * Point3::from(stuck.on_body)),
+            );
+            *memory = force.1.or_else(|| {
+                let local = |pose: &Isometry3<f64>| pose.inverse_transform_point(&Point3::from(hit.point)).coords;
+                let (on_parent, on_body) = (local(&pose_a), local(&pose_b));
+                Some(Stuck { body, on_parent, on_body, depth, drift: [Vector3::zeros(); 2] })
+            });
+            let mut apply = |handle, pose: &Isometry3<f64>, force: Vector3<f64>| {
+                let torque = (hit.point - pose.translation.vector).cross(&force);
+                world.apply_wrench(handle, &force, &torque);
+            };
+            apply(b, &pose_b, force.0);
+            apply(a, &pose_a, -force.0);
+        }
+    }
+}
+
+impl ResistanceParameters {
+    /// Force on the body that is hit, and what is remembered if the points still stick.
+    fn force(
+        &self,
+        profile: Profile,
+        normal: &Vector3<f64>,
+        depth: f64,
+        sliding: &Vector3<f64>,
+        stuck: Option<&mut Stuck>,
+        drift_of: impl Fn(&Stuck) -> Vector3<f64>,
+    ) -> (Vector3<f64>, Option<Stuck>) {
+        let mut pressing = normal * (self.contact_stiffness * depth);
+        if let (Profile::Accurate, Some(stuck)) = (profile, &stuck) {
+            // In the C++ program the depth before is the present one: no damping.
+            pressing += normal * (self.contact_damping * (depth - stuck.depth));
+        }
+        let scale = if self.variable_friction { pressing.norm() } else { 1.0 };
+        let mut force = pressing + sliding * (self.dynamic_friction * scale);
+        let kept = stuck.and_then(|stuck| {
+            let drift = tangential(&drift_of(stuck), normal);
+            let distance = drift.norm();
+            if distance == 0.0 || distance > self.contact_area {
+                return None;
+            }
+            // The C++ program compares with the drift of two iterations ago.
+            let before = match profile {
+                Profile::Legacy => stuck.drift[1],
+                Profile::Accurate => stuck.drift[0],
+            };
+            force += drift * (self.static_friction * scale) + (drift - before) * self.friction_damping;
+            Some(Stuck { depth, drift: [drift, stuck.drift[0]], ..*stuck })
+        });
+        (force, kept)
+    }
+}
+
+/// The part of `drift` orthogonal to `normal`.
+fn tangential(drift: &Vector3<f64>, normal: &Vector3<f64>) -> Vector3<f64> {
+    let mut along = normal.cross(drift).cross(normal);
+    let length = along.norm();
+    if length > SHORT {
+        along /= length;
+    }
+    along * along.dot(drift)
+}
+
+/// The rays of a source in the sensor frame; `mesh` is that of a mesh source.
+pub(super) fn rays_of(source: &RaySource, mesh: Option<&Mesh>) -> Vec<LocalRay> {
+    match source {
+        RaySource::Array(rays) => {
+            rays.iter().map(|ray| LocalRay { start: ray.offset, direction: ray.direction }).collect()
+        }
+        RaySource::Mesh { .. } => mesh.map(rays_of_mesh).unwrap_or_default(),
+        &RaySource::Parametric { resolution, horizontal_angle, vertical_angle, start_offset } => {
+            let angle = |full: f64, i: u32| -full / 2.0 + f64::from(i) * full / f64::from(resolution - 1);
+            let ray = |(i, j): (u32, u32)| {
+                let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle(horizontal_angle, i))
+                    * UnitQuaternion::from_axis_angle(&Vector3::y_axis(), angle(vertical_angle, j));
+                let direction = turn * Vector3::x();
+                LocalRay { start: direction * start_offset, direction }
+            };
+            (0..resolution).flat_map(|i| (0..resolution).map(move |j| (i, j))).map(ray).collect()
+        }
+    }
+}
+
+/// One ray a triangle, from its centroid along its normal. Triangles without an area have none.
+fn rays_of_mesh(mesh: &Mesh) -> Vec<LocalRay> {
+    let ray = |[a, b, c]: [Vector3<f64>; 3]| {
+        let direction = (b - a).cross(&(c - a)).try_normalize(0.0)?;
+        Some(LocalRay { start: (a + b + c) / 3.0, direction })
+    };
+    let corners = mesh.sub_meshes.iter().flat_map(|sub| {
+        sub.triangles.iter().map(|triangle| triangle.map(|corner| Vector3::from(sub.vertices[corner as usize])))
+    });
+    corners.filter_map(ray).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parameters() -> ResistanceParameters {
+        ResistanceParameters {
+            static_friction: 3.0,
+            friction_damping: 0.5,
+            dynamic_friction: 2.0,
+            variable_friction: true,
+            contact_area: 0.1,
+            contact_stiffness: 10.0,
+            contact_damping: 4.0,
+        }
+    }
+
+    fn stuck(drift: [Vector3<f64>; 2]) -> Stuck {
+        Stuck { body: 0, on_parent: Vector3::zeros(), on_body: Vector3::zeros(), depth: 0.5, drift }
+    }
+
+    #[test]
+    fn the_force_follows_the_formula() {
+        let (normal, sliding) = (Vector3::x(), Vector3::new(0.0, 0.1, 0.0));
+        let drift = Vector3::new(0.7, 0.02, 0.0);
+        let before = [Vector3::new(0.0, 0.015, 0.0), Vector3::new(0.0, 0.01, 0.0)];
+        let force = |profile| parameters().force(profile, &normal, 0.6, &sliding, Some(&mut stuck(before)), |_| drift);
+        let (legacy, kept) = force(Profile::Legacy);
+        // |F_n| = 6: F_y = 2·6·0.1 + 3·6·0.02 + 0.5·(0.02 − 0.01).
+        assert!((legacy - Vector3::new(6.0, 1.2 + 0.36 + 0.005, 0.0)).norm() < 1e-12, "{legacy}");
+        let kept = kept.unwrap();
+        assert!((kept.drift[0].y - 0.02).abs() < 1e-15 && kept.drift[1] == before[0]);
+        // |F_n| = 6 + 4·0.1 = 6.4, and the drift of one iteration ago.
+        let (accurate, _) = force(Profile::Accurate);
+        assert!((accurate - Vector3::new(6.4, 1.28 + 0.384 + 0.0025, 0.0)).norm() < 1e-12, "{accurate}");
+    }
+
+    #[test]
+    fn points_that_drifted_too_far_or_not_at_all_are_forgotten() {
+        for drift in [Vector3::new(0.0, 0.2, 0.0), Vector3::new(0.5, 0.0, 0.0)] {
+            let (force, kept) = parameters().force(
+                Profile::Legacy,
+                &Vector3::x(),
+                1.0,
+                &Vector3::zeros(),
+                Some(&mut stuck([Vector3::zeros(); 2])),
+                |_| drift,
+            );
+            assert!(kept.is_none());
+            assert_eq!(force, Vector3::new(10.0, 0.0, 0.0));
+        }
+    }
+
+    #[test]
+    fn a_fan_is_symmetric_and_starts_at_its_offset() {
+        let source =
+            RaySource::Parametric { resolution: 3, horizontal_angle: 1.0, vertical_angle: 0.4, start_offset: 0.1 };
+        let rays = rays_of(&source, None);
+        assert_eq!(rays.len(), 9);
+        assert!((rays[4].direction - Vector3::x()).norm() < 1e-15 && (rays[4].start.x - 0.1).abs() < 1e-15);
+        assert!((rays[0].direction.y + rays[6].direction.y).abs() < 1e-15);
+        // Index 0 is h = −0.5, v = −0.2: Rz(h)·Ry(v)·x.
+        let expected = Vector3::new(0.5f64.cos() * 0.2f64.cos(), -0.5f64.sin() * 0.2f64.cos(), 0.2f64.sin());
+        assert!((rays[0].direction - expected).norm() < 1e-15, "{:?}", rays[0]);
+    }
+}

@@ -1,0 +1,132 @@
+//! Live soft bodies: a mesh whose vertices are nodes and whose edges are links.
+
+use nalgebra::Vector3;
+
+use super::Identity;
+use crate::adf;
+use crate::bullet::{self, SoftBodyHandle, World};
+use crate::comm::{ObjectCommand, SoftBodyReading};
+use crate::control::Profile;
+use crate::mesh::{Mesh, SubMesh};
+
+/// A soft body of a [`Scene`](super::Scene).
+#[derive(Debug)]
+pub struct SoftBody {
+    /// Names and publishing rates.
+    pub identity: Identity,
+    /// Total mass, kg.
+    pub mass: f64,
+    /// Number of nodes.
+    pub nodes: usize,
+    pub(crate) handle: SoftBodyHandle,
+}
+
+impl SoftBody {
+    /// Executes a command; it acts in the next update.
+    pub(crate) fn apply_command(&self, world: &mut World, command: &ObjectCommand) {
+        if command.force != Vector3::zeros() {
+            world.apply_soft_force(self.handle, &command.force);
+        }
+    }
+
+    /// Positions of the nodes in the world, m, as many as `out` has place for.
+    pub fn read_nodes(&self, world: &World, out: &mut [[f64; 3]]) {
+        world.read_soft_nodes(self.handle, out);
+    }
+
+    /// Back to its first shape, at rest.
+    pub(crate) fn reset(&self, world: &mut World) {
+        world.restore_soft_body(self.handle);
+    }
+
+    pub(crate) fn read(&self, world: &World, reading: &mut SoftBodyReading) {
+        reading.center = world.soft_center(self.handle).unwrap_or_default();
+        world.read_soft_nodes(self.handle, &mut reading.nodes);
+    }
+}
+
+/// A soft body as Bullet is told to make it, and remarks on what of the description could not be used.
+///
+/// The legacy profile keeps the habits of the C++ program: only the last part of the mesh counts, a vertex that became node 0 cannot
+/// be fixed by its number in the file, and the list of fixed nodes ends at the first number that is too large.
+pub(super) fn describe(soft: &adf::SoftBody, mesh: &Mesh, profile: Profile) -> (bullet::SoftBody, Vec<String>) {
+    let mut remarks = Vec::new();
+    let filled: Vec<&SubMesh> = mesh.sub_meshes.iter().filter(|sub| !sub.vertices.is_empty()).collect();
+    let used: &[&SubMesh] = match (profile, filled.as_slice()) {
+        (Profile::Legacy, [rest @ .., last]) if !rest.is_empty() => {
+            remarks.push(format!("only the last of the {} parts of its mesh is simulated", filled.len()));
+            std::slice::from_ref(last)
+        }
+        (_, all) => all,
+    };
+    let (mut nodes, mut faces, mut lines, mut fixed_nodes) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let mut file_nodes = std::collections::BTreeMap::new();
+    for sub in used {
+        // Positions are finite and indices in range: the readers see to it.
+        let first = nodes.len() as u32;
+        nodes.extend_from_slice(&sub.vertices);
+        faces.extend(sub.triangles.iter().map(|face| face.map(|node| node + first)));
+        lines.extend(sub.lines.iter().map(|link| link.map(|node| node + first)));
+        file_nodes.extend(sub.file_vertices.iter().map(|&(vertex, node)| (vertex, node + first)));
+    }
+    for &number in &soft.config.fixed_nodes {
+        let node = if file_nodes.is_empty() { Some(number) } else { file_nodes.get(&number).copied() };
+        match node {
+            Some(0) if profile == Profile::Legacy && !file_nodes.is_empty() => (),
+            Some(node) if (node as usize) < nodes.len() => fixed_nodes.push(node),
+            _ => {
+                remarks
+                    .push(format!("`fixed nodes`: there is no vertex {number}; it and those after it are left free"));
+                break;
+            }
+        }
+    }
+    let mut links = bullet::SoftBody::triangle_links(&faces);
+    links.extend(lines);
+    let body = bullet::SoftBody {
+        nodes,
+        links,
+        faces,
+        mass: soft.mass,
+        margin: soft.collision_margin,
+        pose: soft.location,
+        config: config(&soft.config),
+        material: soft.config.material.map(|material| [material.kLST, material.kAST, material.kVST]),
+        pose_matching: soft.config.kMT.is_some(),
+        bending_distance: soft.config.bending_constraint,
+        clusters: soft.config.clusters,
+        fixed_nodes,
+        randomize: soft.randomize_constraints,
+    };
+    (body, remarks)
+}
+
+fn config(config: &adf::SoftBodyConfig) -> bullet::SoftConfig {
+    bullet::SoftConfig {
+        kVCF: config.kVCF,
+        kDP: config.kDP,
+        kDG: config.kDG,
+        kLF: config.kLF,
+        kPR: config.kPR,
+        kVC: config.kVC,
+        kDF: config.kDF,
+        kMT: config.kMT.unwrap_or(0.0),
+        kCHR: config.kCHR,
+        kKHR: config.kKHR,
+        kSHR: config.kSHR,
+        kAHR: config.kAHR,
+        kSRHR_CL: config.kSRHR_CL,
+        kSKHR_CL: config.kSKHR_CL,
+        kSSHR_CL: config.kSSHR_CL,
+        kSR_SPLT_CL: config.kSR_SPLT_CL,
+        kSK_SPLT_CL: config.kSK_SPLT_CL,
+        kSS_SPLT_CL: config.kSS_SPLT_CL,
+        maxvolume: config.maxvolume,
+        timescale: config.timescale,
+        viterations: config.viterations,
+        piterations: config.piterations,
+        diterations: config.diterations,
+        citerations: config.citerations,
+        flags: config.flags,
+    }
+}

@@ -1,0 +1,108 @@
+//! Live ray-cast vehicles.
+
+use nalgebra::{Isometry3, Vector3};
+
+use super::{Bodies, Identity};
+use crate::adf::Limits;
+use crate::bullet::{VehicleHandle, World};
+use crate::comm::{VehicleCommand, VehicleReading};
+
+/// A vehicle of a [`Scene`](super::Scene).
+#[derive(Debug)]
+pub struct Vehicle {
+    /// Names and publishing rates.
+    pub identity: Identity,
+    /// Index of the chassis.
+    pub chassis: usize,
+    /// Wheels in file order.
+    pub wheels: Vec<Wheel>,
+    pub(crate) handle: VehicleHandle,
+}
+
+/// A wheel of a [`Vehicle`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct Wheel {
+    /// Index of the body that shows the wheel; its inertial frame follows it.
+    pub body: Option<usize>,
+    /// Range of the steering angle, rad.
+    pub steering_limits: Limits,
+    /// Largest engine force, N.
+    pub max_power: f64,
+    /// Largest brake, as Bullet takes it: an impulse a step, N·s.
+    pub max_brake: f64,
+    /// In force.
+    drive: Drive,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct Drive {
+    steering: f64,
+    power: f64,
+    brake: f64,
+}
+
+impl Wheel {
+    pub(super) fn new(body: Option<usize>, wheel: &crate::adf::Wheel) -> Self {
+        Self {
+            body,
+            steering_limits: wheel.steering_limits,
+            max_power: wheel.max_engine_power,
+            max_brake: wheel.max_brake_power,
+            drive: Drive::default(),
+        }
+    }
+}
+
+/// Not `clamp`: the limits may be the wrong way round.
+fn within(value: f64, low: f64, high: f64) -> f64 {
+    value.min(high).max(low)
+}
+
+impl Vehicle {
+    /// Executes a command; it acts in the next update.
+    pub(crate) fn apply_command(&mut self, world: &mut World, bodies: &Bodies, command: &VehicleCommand) {
+        for (i, wheel) in self.wheels.iter_mut().enumerate() {
+            let asked = |values: &[f64]| values.get(i).copied().unwrap_or(0.0);
+            let (power, brake) = if command.full_brake {
+                (0.0, wheel.max_brake)
+            } else {
+                (asked(&command.power), asked(&command.brake))
+            };
+            // A wheel that no value is given for keeps its angle.
+            let steering = command.steering.get(i).copied().unwrap_or(wheel.drive.steering);
+            wheel.drive = Drive {
+                steering: within(steering, wheel.steering_limits.low, wheel.steering_limits.high),
+                power: within(power, -wheel.max_power, wheel.max_power),
+                brake: within(brake, 0.0, wheel.max_brake),
+            };
+            world.drive(self.handle, i, wheel.drive.steering, wheel.drive.power, wheel.drive.brake);
+        }
+        if command.force != Vector3::zeros() || command.torque != Vector3::zeros() {
+            world.apply_wrench(bodies[self.chassis].handle, &command.force, &command.torque);
+        }
+    }
+
+    /// Lets the bodies that show wheels follow them.
+    pub(crate) fn update(&self, world: &mut World, bodies: &Bodies) {
+        for (i, wheel) in self.wheels.iter().enumerate() {
+            if let (Some(body), Some(pose)) = (wheel.body, world.wheel_pose(self.handle, i)) {
+                world.set_pose(bodies[body].handle, &pose);
+            }
+        }
+    }
+
+    /// Wheels straight, no power, no brake, suspension at rest.
+    pub(crate) fn reset(&mut self, world: &mut World) {
+        self.wheels.iter_mut().for_each(|wheel| wheel.drive = Drive::default());
+        world.reset_vehicle(self.handle);
+    }
+
+    pub(crate) fn read(&self, world: &World, bodies: &Bodies, reading: &mut VehicleReading) {
+        // Wheels are drawn on the chassis as it is reported.
+        reading.pose = bodies[self.chassis].pose(world);
+        let to_chassis = reading.pose.inverse();
+        for (i, wheel) in reading.wheels.iter_mut().enumerate() {
+            *wheel = world.wheel_pose(self.handle, i).map_or_else(Isometry3::identity, |pose| to_chassis * pose);
+        }
+    }
+}

@@ -1,0 +1,176 @@
+//! Adding models to a running simulation and taking them out again.
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use crossbeam_channel::{bounded, Receiver, Sender};
+use thiserror::Error;
+
+use super::Simulation;
+use crate::adf::Severity;
+use crate::scene::{Note, PreparedModel};
+
+/// Why a model was not added or removed.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+#[non_exhaustive]
+pub enum ModelError {
+    /// Error when the file is of no use; with all problems in it.
+    #[error("{0}")]
+    Load(String),
+    /// Error when no model, or more than one, has the name; also for the world's environment, which cannot be removed.
+    #[error("there is no model `{name}` to remove: {why}")]
+    Unknown {
+        /// What was asked for.
+        name: String,
+        /// What was found instead.
+        why: String,
+    },
+    /// Error when the physics thread does not answer within [`ANSWER_TIMEOUT`], because it has ended or is held up.
+    #[error("the simulation does not answer")]
+    NoAnswer,
+}
+
+/// What came of adding a model.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct AddedModel {
+    /// Key of the model: what it is removed by.
+    pub key: String,
+    /// Problems of its file and of what was built, one line each; empty if there were none.
+    pub report: String,
+    /// Whether elements had to be dropped.
+    pub incomplete: bool,
+}
+
+/// How long the physics thread may take to answer.
+pub const ANSWER_TIMEOUT: Duration = Duration::from_secs(10);
+
+type Answer<T> = Sender<Result<T, ModelError>>;
+
+enum Request {
+    Add(Box<PreparedModel>, Answer<AddedModel>),
+    Remove(String, Answer<String>),
+    List(Answer<Vec<(String, PathBuf)>>),
+}
+
+/// Adds models to a running simulation and removes them, from any thread. Files are read in the calling thread; the physics thread only
+/// builds, which for a large model can take longer than an iteration.
+#[derive(Clone)]
+pub struct Models(Sender<Request>);
+
+/// Requests that may wait.
+const REQUESTS: usize = 16;
+
+impl Models {
+    /// Reads a model file and adds what it describes. Waits for the physics thread; a paused simulation answers too.
+    ///
+    /// # Errors
+    /// [`ModelError::Load`], [`ModelError::NoAnswer`].
+    pub fn add(&self, file: &Path) -> Result<AddedModel, ModelError> {
+        let prepared = Box::new(PreparedModel::read(file).map_err(ModelError::Load)?);
+        self.ask(|answer| Request::Add(prepared, answer))
+    }
+
+    /// Removes the model whose key is `name`, or the only one whose key holds `name`. Returns its key.
+    ///
+    /// # Errors
+    /// [`ModelError::Unknown`], [`ModelError::NoAnswer`].
+    pub fn remove(&self, name: &str) -> Result<String, ModelError> {
+        self.ask(|answer| Request::Remove(name.to_owned(), answer))
+    }
+
+    /// Keys and files of all models, the environment first.
+    ///
+    /// # Errors
+    /// [`ModelError::NoAnswer`].
+    pub fn list(&self) -> Result<Vec<(String, PathBuf)>, ModelError> {
+        self.ask(Request::List)
+    }
+
+    fn ask<T>(&self, request: impl FnOnce(Answer<T>) -> Request) -> Result<T, ModelError> {
+        let (answer, answered) = bounded(1);
+        self.0.send_timeout(request(answer), ANSWER_TIMEOUT).map_err(|_| ModelError::NoAnswer)?;
+        answered.recv_timeout(ANSWER_TIMEOUT).unwrap_or(Err(ModelError::NoAnswer))
+    }
+}
+
+/// The physics thread's end.
+pub(super) struct ModelRequests(Receiver<Request>);
+
+impl Simulation {
+    /// The handle through which other threads add and remove models. Replaces an earlier one.
+    pub fn models(&mut self) -> Models {
+        let (sender, requests) = bounded(REQUESTS);
+        self.requests = Some(ModelRequests(requests));
+        Models(sender)
+    }
+
+    /// Whether somebody waits for a change of the scene.
+    pub(super) fn change_is_requested(&self) -> bool {
+        self.requests.as_ref().is_some_and(|requests| !requests.0.is_empty())
+    }
+
+    /// Physics thread: does what was asked for; true if the scene has changed. Costs next to nothing when nothing was.
+    pub(super) fn do_requested_changes(&mut self) -> bool {
+        let mut changed = false;
+        while let Some(Ok(request)) = self.requests.as_ref().map(|requests| requests.0.try_recv()) {
+            // An answer that nobody waits for any more is dropped.
+            match request {
+                Request::Add(prepared, answer) => {
+                    let _ = answer.send(Ok(self.add_model(*prepared)));
+                    changed = true;
+                }
+                Request::Remove(name, answer) => {
+                    let outcome = self.remove_model(&name);
+                    changed |= outcome.is_ok();
+                    let _ = answer.send(outcome);
+                }
+                Request::List(answer) => {
+                    let live = self.scene.models.iter().filter(|model| !model.removed);
+                    let list = live.map(|model| (model.key.clone(), model.description.file.to_path_buf()));
+                    let _ = answer.send(Ok(list.collect()));
+                }
+            }
+        }
+        changed
+    }
+
+    /// Builds a model into the scene. Objects of other models keep their state.
+    pub fn add_model(&mut self, mut prepared: PreparedModel) -> AddedModel {
+        let mut report = std::mem::take(&mut prepared.report);
+        let known = self.scene.counts();
+        let (index, notes) = self.scene.add_model(prepared);
+        let incomplete = report.errors() > 0 || notes.iter().any(|note: &Note| note.severity > Severity::Warning);
+        report.notes.extend(notes);
+        self.grow();
+        if let Some(link) = &mut self.link {
+            link.hub.add_objects(self.scene.objects_from(&known));
+            link.follow_scene(&self.scene, &self.wrenches);
+        }
+        let key = self.scene.models[index].key.clone();
+        AddedModel { key, report: report.to_string().trim_end().to_owned(), incomplete }
+    }
+
+    /// Removes the model whose key is `name`, or the only one whose key holds `name`. Returns its key.
+    ///
+    /// # Errors
+    /// [`ModelError::Unknown`].
+    pub fn remove_model(&mut self, name: &str) -> Result<String, ModelError> {
+        let unknown = |why| ModelError::Unknown { name: name.to_owned(), why };
+        let model = self.scene.find_model(name).map_err(unknown)?;
+        self.scene.remove_model(model);
+        self.grow();
+        if let Some(link) = &mut self.link {
+            link.remove_objects(&self.scene);
+            link.follow_scene(&self.scene, &self.wrenches);
+        }
+        Ok(self.scene.models[model].key.clone())
+    }
+
+    /// Makes place for what the scene has now.
+    fn grow(&mut self) {
+        self.joint_buffer.resize(self.scene.world.constraints().len(), 0.0);
+        if self.scene.has_feedback {
+            self.wrenches.resize(self.scene.bodies.len(), Default::default());
+        }
+    }
+}
