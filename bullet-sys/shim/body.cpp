@@ -51,6 +51,7 @@ void amb_body_velocity(const AmbBody *body, double velocity[6]) {
 
 void amb_bodies_read(AmbBody *const *bodies, int n, double *out) {
   for (int i = 0; i < n; ++i, out += 18) {
+    if (!bodies[i]) continue;
     amb_body_motion_state(bodies[i], out);
     amb_body_velocity(bodies[i], out + 12);
   }
@@ -58,6 +59,7 @@ void amb_bodies_read(AmbBody *const *bodies, int n, double *out) {
 
 int amb_bodies_first_non_finite(AmbBody *const *bodies, int n) {
   for (int i = 0; i < n; ++i) {
+    if (!bodies[i]) continue;
     const btRigidBody &body = bodies[i]->body;
     // A sum is finite only if each term is, short of an overflow that deserves the alarm too. A rotation that is not finite has
     // a velocity that is not.

@@ -23,9 +23,10 @@ void amb_body_pose(const AmbBody *body, double pose[12]);
 void amb_body_motion_state(const AmbBody *body, double pose[12]);
 void amb_body_velocity(const AmbBody *body, double velocity[6]);
 
-/* Reads n bodies into out (n x 18): pose from the motion state (12), linear (3) and angular (3) velocity. */
+/* Reads n bodies into out (n x 18): pose from the motion state (12), linear (3) and angular (3) velocity. Null entries of the list
+   leave their place as it is. */
 void amb_bodies_read(AmbBody *const *bodies, int n, double *out);
-/* Index of the first body whose pose or velocity is not finite, or -1. */
+/* Index of the first body whose pose or velocity is not finite, or -1. Null entries are skipped. */
 int amb_bodies_first_non_finite(AmbBody *const *bodies, int n);
 
 #endif

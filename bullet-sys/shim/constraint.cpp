@@ -159,7 +159,7 @@ void amb_constraint_feedback(const AmbConstraint *constraint, double out[12]) {
 
 void amb_constraints_refresh(AmbConstraint *const *constraints, int n) {
   for (int i = 0; i < n; ++i) {
-    if (constraints[i]->kind != Kind::Slider) continue;
+    if (!constraints[i] || constraints[i]->kind != Kind::Slider) continue;
     auto &slider = constraints[i]->as<btSliderConstraint>();
     slider.calculateTransforms(slider.getRigidBodyA().getCenterOfMassTransform(),
                                slider.getRigidBodyB().getCenterOfMassTransform());
@@ -168,7 +168,9 @@ void amb_constraints_refresh(AmbConstraint *const *constraints, int n) {
 }
 
 void amb_constraints_read(AmbConstraint *const *constraints, const unsigned char *readings, int n, double *out) {
-  for (int i = 0; i < n; ++i) out[i] = read(*constraints[i], readings[i]);
+  for (int i = 0; i < n; ++i) {
+    if (constraints[i]) out[i] = read(*constraints[i], readings[i]);
+  }
 }
 
 }  // extern "C"

@@ -49,9 +49,9 @@ void amb_constraint_enable_feedback(AmbConstraint *constraint);
 /* Force on A, torque on A, force on B, torque on B (12), world axes, of the last sub-step; zero without feedback. */
 void amb_constraint_feedback(const AmbConstraint *constraint, double out[12]);
 
-/* Brings positions that are otherwise as of the last solver pass up to the present poses. */
+/* Brings positions that are otherwise as of the last solver pass up to the present poses. Null entries are skipped. */
 void amb_constraints_refresh(AmbConstraint *const *constraints, int n);
-/* Reads one scalar a constraint into out (n x 1); readings: enum AmbReading. */
+/* Reads one scalar a constraint into out (n x 1); readings: enum AmbReading. Null entries leave their place as it is. */
 void amb_constraints_read(AmbConstraint *const *constraints, const unsigned char *readings, int n, double *out);
 
 #endif

@@ -6,6 +6,9 @@
 #include <memory>
 #include <vector>
 
+#include <BulletCollision/CollisionDispatch/btGhostObject.h>
+#include <BulletDynamics/MLCPSolvers/btMLCPSolverInterface.h>
+#include <BulletSoftBody/btSoftRigidDynamicsWorld.h>
 #include <btBulletDynamicsCommon.h>
 
 extern "C" {
@@ -20,29 +23,89 @@ struct AmbShape {
   bool needs_gimpact = false;
 };
 
-struct AmbBody {
-  AmbBody(btScalar mass, const btVector3 &inertia, AmbShape *owner_shape, const btTransform &pose)
-      : shape(owner_shape),
-        motion(pose),
-        body(btRigidBody::btRigidBodyConstructionInfo(mass, &motion, owner_shape->shape.get(), inertia)) {
-    body.setUserPointer(this);
-    body.setActivationState(DISABLE_DEACTIVATION);
-    body.setSleepingThresholds(0, 0);
-  }
+enum class ObjectKind { Body, Ghost, SoftBody };
 
-  bool ignores(const AmbBody &other) const {
+// What the user pointer of every collision object points at.
+struct AmbObject {
+  explicit AmbObject(ObjectKind object_kind) : kind(object_kind) {}
+
+  bool ignores(const AmbObject &other) const {
     const size_t word = other.index / 64;
     return word < ignored.size() && (ignored[word] >> (other.index % 64) & 1) != 0;
+  }
+
+  void ignore(const AmbObject &other) {
+    if (ignored.size() <= other.index / 64) ignored.resize(other.index / 64 + 1);
+    ignored[other.index / 64] |= uint64_t(1) << (other.index % 64);
+  }
+
+  ObjectKind kind;
+  // Never used again in this world, so that what an object ignores stays true when others are removed.
+  size_t index = 0;
+  AmbHandle handle = 0;
+  std::vector<uint64_t> ignored;
+};
+
+struct AmbBody : AmbObject {
+  AmbBody(btScalar mass, const btVector3 &inertia, AmbShape *owner_shape, const btTransform &pose)
+      : AmbObject(ObjectKind::Body),
+        shape(owner_shape),
+        motion(pose),
+        body(btRigidBody::btRigidBodyConstructionInfo(mass, &motion, owner_shape->shape.get(), inertia)) {
+    body.setUserPointer(static_cast<AmbObject *>(this));
+    body.setActivationState(DISABLE_DEACTIVATION);
+    body.setSleepingThresholds(0, 0);
   }
 
   AmbShape *shape;
   btDefaultMotionState motion;
   btRigidBody body;
-  size_t index = 0;
   // Sub-step in which the body was last in contact; only counted for the ballistic correction.
   uint64_t touched = 0;
-  std::vector<uint64_t> ignored;
 };
+
+struct AmbGhost : AmbObject {
+  AmbGhost(AmbShape *owner_shape, const btTransform &pose) : AmbObject(ObjectKind::Ghost), shape(owner_shape) {
+    ghost.setUserPointer(static_cast<AmbObject *>(this));
+    ghost.setCollisionShape(owner_shape->shape.get());
+    ghost.setCollisionFlags(ghost.getCollisionFlags() | btCollisionObject::CF_NO_CONTACT_RESPONSE);
+    ghost.setWorldTransform(pose);
+  }
+
+  AmbShape *shape;
+  btPairCachingGhostObject ghost;
+};
+
+struct AmbSoft : AmbObject {
+  struct Pull {
+    int node;
+    btVector3 goal;
+  };
+
+  AmbSoft(btSoftBodyWorldInfo *info, int n, const btVector3 *nodes)
+      : AmbObject(ObjectKind::SoftBody), body(info, n, nodes, nullptr) {
+    body.setUserPointer(static_cast<AmbObject *>(this));
+  }
+
+  btSoftBody body;
+  // Where the nodes were when the body was added.
+  std::vector<btVector3> initial;
+  std::vector<Pull> pulls;
+  // Acts in every sub-step of the next step.
+  btVector3 force{0, 0, 0};
+  // Whether the nodes are where the narrow phase can deal with them, found once a sub-step.
+  bool checked = false;
+  bool sound = false;
+};
+
+inline AmbObject *object_of(const btCollisionObject *object) { return static_cast<AmbObject *>(object->getUserPointer()); }
+
+inline AmbBody *body_of(const btCollisionObject *object) {
+  AmbObject *owner = object_of(object);
+  return owner->kind == ObjectKind::Body ? static_cast<AmbBody *>(owner) : nullptr;
+}
+
+inline AmbSoft *soft_of(const btSoftBody *body) { return static_cast<AmbSoft *>(object_of(body)); }
 
 enum class Kind { Hinge, Slider, Fixed, PointToPoint, ConeTwist, SixDof, SixDofSpring };
 
@@ -56,6 +119,39 @@ struct AmbConstraint {
     return static_cast<T &>(*constraint);
   }
 };
+
+struct AmbWorld {
+  AmbWorld(int solver_kind, bool with_soft_bodies);
+
+  // Objects of any kind are numbered here, and what their shapes need is set up.
+  void adopt(AmbObject &object, const AmbShape *shape, AmbHandle handle);
+  // The two never collide from now on, and lose the contacts that they have.
+  void part(AmbObject &a, btCollisionObject &object_a, AmbObject &b, btCollisionObject &object_b);
+
+  std::unique_ptr<btDefaultCollisionConfiguration> configuration;
+  btCollisionDispatcher dispatcher;
+  // Bullet makes its pairs known to ghosts through it; set when there is one.
+  std::unique_ptr<btGhostPairCallback> ghost_pairs;
+  btDbvtBroadphase broadphase;
+  std::unique_ptr<btMLCPSolverInterface> mlcp;
+  std::unique_ptr<btConstraintSolver> solver;
+  std::unique_ptr<btDiscreteDynamicsWorld> world;
+  // The same world, if it was made for soft bodies.
+  btSoftRigidDynamicsWorld *soft = nullptr;
+  bool has_gimpact = false;
+  // Somebody casts rays: soft bodies keep a tree of their faces.
+  bool has_rays = false;
+  size_t next_index = 0;
+  uint64_t sub_step = 0;
+};
+
+// Soft bodies in a world, see soft_body.cpp.
+void before_soft_sub_step(btDynamicsWorld *dynamics, btScalar dt);
+void after_soft_step(AmbWorld &world);
+void prepare_soft_rays(AmbWorld &world);
+void forget_in_soft_bodies(AmbWorld &world, AmbBody &body);
+// Whether the narrow phase may look at a pair one of which is a soft body.
+bool soft_pair_is_sound(const btCollisionObject &a, const btCollisionObject &b);
 
 inline btVector3 vector_of(const double v[3]) { return btVector3(v[0], v[1], v[2]); }
 

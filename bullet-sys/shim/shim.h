@@ -2,7 +2,11 @@
 #define AMB_SHIM_H
 #include "body.h"
 #include "constraint.h"
+#include "ghost.h"
+#include "query.h"
 #include "shape.h"
+#include "soft_body.h"
 #include "types.h"
+#include "vehicle.h"
 #include "world.h"
 #endif

@@ -6,6 +6,12 @@ typedef struct AmbWorld AmbWorld;
 typedef struct AmbShape AmbShape;
 typedef struct AmbBody AmbBody;
 typedef struct AmbConstraint AmbConstraint;
+typedef struct AmbGhost AmbGhost;
+typedef struct AmbVehicle AmbVehicle;
+typedef struct AmbSoft AmbSoft;
+
+/* Names an object towards the caller: given with the object, handed back by queries. */
+typedef unsigned long long AmbHandle;
 
 /* sizeof(btScalar) that the shim and, through the size of a transform, the library were built with. */
 int amb_scalar_size(void);

@@ -6,6 +6,7 @@
 #include <BulletDynamics/MLCPSolvers/btLemkeSolver.h>
 #include <BulletDynamics/MLCPSolvers/btMLCPSolver.h>
 #include <BulletDynamics/MLCPSolvers/btSolveProjectedGaussSeidel.h>
+#include <BulletSoftBody/btSoftBodyRigidBodyCollisionConfiguration.h>
 
 namespace {
 
@@ -50,23 +51,20 @@ std::unique_ptr<btConstraintSolver> solver_of(int solver, btMLCPSolverInterface 
   return std::make_unique<btSequentialImpulseConstraintSolver>();
 }
 
-const AmbBody *body_of(const btBroadphaseProxy *proxy) {
-  return static_cast<const AmbBody *>(static_cast<const btCollisionObject *>(proxy->m_clientObject)->getUserPointer());
-}
-
 // Pairs that never collide stay in the pair cache, so that the order of the others, and with it the order in which contacts are
 // solved, is that of a world without a bit set.
 void near_callback(btBroadphasePair &pair, btCollisionDispatcher &dispatcher, const btDispatcherInfo &info) {
-  const AmbBody *a = body_of(pair.m_pProxy0), *b = body_of(pair.m_pProxy1);
-  if (a && b && a->ignores(*b)) return;
+  const auto &first = *static_cast<const btCollisionObject *>(pair.m_pProxy0->m_clientObject);
+  const auto &second = *static_cast<const btCollisionObject *>(pair.m_pProxy1->m_clientObject);
+  const AmbObject &a = *object_of(&first), &b = *object_of(&second);
+  if (a.ignores(b)) return;
+  const bool soft = a.kind == ObjectKind::SoftBody || b.kind == ObjectKind::SoftBody;
+  if (soft && !soft_pair_is_sound(first, second)) return;
   btCollisionDispatcher::defaultNearCallback(pair, dispatcher, info);
 }
 
-AmbBody *body_of(const btCollisionObject *object) { return static_cast<AmbBody *>(object->getUserPointer()); }
-
-void set_ignored(AmbBody &body, size_t other) {
-  if (body.ignored.size() <= other / 64) body.ignored.resize(other / 64 + 1);
-  body.ignored[other / 64] |= uint64_t(1) << (other % 64);
+bool responds(const btPersistentManifold &manifold) {
+  return manifold.getBody0()->hasContactResponse() && manifold.getBody1()->hasContactResponse();
 }
 
 // Bullet's default of 4096 manifolds takes 7 MB that are touched at once, half of what a small scene needs in all. Piles that need
@@ -78,30 +76,47 @@ btDefaultCollisionConstructionInfo small_pools() {
   return info;
 }
 
+std::unique_ptr<btDefaultCollisionConfiguration> configuration_of(bool soft) {
+  if (soft) return std::make_unique<btSoftBodyRigidBodyCollisionConfiguration>(small_pools());
+  return std::make_unique<btDefaultCollisionConfiguration>(small_pools());
+}
+
 }  // namespace
 
-struct AmbWorld {
-  explicit AmbWorld(int solver_kind)
-      : configuration(small_pools()),
-        dispatcher(&configuration),
-        mlcp(mlcp_of(solver_kind)),
-        solver(solver_of(solver_kind, mlcp.get())),
-        world(&dispatcher, &broadphase, solver.get(), &configuration) {
-    dispatcher.setNearCallback(near_callback);
-    // An MLCP solver takes one island at a time; merging small ones would only make its matrices larger.
-    if (mlcp) world.getSolverInfo().m_minimumSolverBatchSize = 1;
+AmbWorld::AmbWorld(int solver_kind, bool with_soft_bodies)
+    : configuration(configuration_of(with_soft_bodies)),
+      dispatcher(configuration.get()),
+      mlcp(mlcp_of(solver_kind)),
+      solver(solver_of(solver_kind, mlcp.get())) {
+  if (with_soft_bodies) {
+    soft = new btSoftRigidDynamicsWorld(&dispatcher, &broadphase, solver.get(), configuration.get());
+    world.reset(soft);
+    soft->getWorldInfo().air_density = 0;
+    soft->setInternalTickCallback(before_soft_sub_step, this, true);
+  } else {
+    world = std::make_unique<btDiscreteDynamicsWorld>(&dispatcher, &broadphase, solver.get(), configuration.get());
   }
+  dispatcher.setNearCallback(near_callback);
+  // An MLCP solver takes one island at a time; merging small ones would only make its matrices larger.
+  if (mlcp) world->getSolverInfo().m_minimumSolverBatchSize = 1;
+}
 
-  btDefaultCollisionConfiguration configuration;
-  btCollisionDispatcher dispatcher;
-  btDbvtBroadphase broadphase;
-  std::unique_ptr<btMLCPSolverInterface> mlcp;
-  std::unique_ptr<btConstraintSolver> solver;
-  btDiscreteDynamicsWorld world;
-  bool has_gimpact = false;
-  size_t next_index = 0;
-  uint64_t sub_step = 0;
-};
+void AmbWorld::adopt(AmbObject &object, const AmbShape *shape, AmbHandle handle) {
+  if (shape && shape->needs_gimpact && !has_gimpact) {
+    btGImpactCollisionAlgorithm::registerAlgorithm(&dispatcher);
+    has_gimpact = true;
+  }
+  object.index = next_index++;
+  object.handle = handle;
+}
+
+void AmbWorld::part(AmbObject &a, btCollisionObject &object_a, AmbObject &b, btCollisionObject &object_b) {
+  a.ignore(b);
+  b.ignore(a);
+  btOverlappingPairCache &pairs = *broadphase.getOverlappingPairCache();
+  btBroadphasePair *pair = pairs.findPair(object_a.getBroadphaseHandle(), object_b.getBroadphaseHandle());
+  if (pair) pairs.cleanOverlappingPair(*pair, &dispatcher);
+}
 
 namespace {
 
@@ -111,7 +126,7 @@ void correct_ballistic(btDynamicsWorld *dynamics, btScalar dt) {
   const uint64_t now = ++world.sub_step;
   for (int i = 0; i < world.dispatcher.getNumManifolds(); ++i) {
     const btPersistentManifold *manifold = world.dispatcher.getManifoldByIndexInternal(i);
-    if (manifold->getNumContacts() == 0) continue;
+    if (manifold->getNumContacts() == 0 || !responds(*manifold)) continue;
     for (const btCollisionObject *object : {manifold->getBody0(), manifold->getBody1()}) {
       if (AmbBody *body = body_of(object)) body->touched = now;
     }
@@ -134,59 +149,67 @@ void correct_ballistic(btDynamicsWorld *dynamics, btScalar dt) {
 
 extern "C" {
 
-AmbWorld *amb_world_new(int solver) { return new AmbWorld(solver); }
+AmbWorld *amb_world_new(int solver, int soft) { return new AmbWorld(solver, soft != 0); }
 
 void amb_world_free(AmbWorld *world) { delete world; }
 
-void amb_world_set_gravity(AmbWorld *world, const double gravity[3]) { world->world.setGravity(vector_of(gravity)); }
-
-void amb_world_set_iterations(AmbWorld *world, int iterations) {
-  world->world.getSolverInfo().m_numIterations = iterations;
+void amb_world_set_gravity(AmbWorld *world, const double gravity[3]) {
+  world->world->setGravity(vector_of(gravity));
+  if (world->soft) world->soft->getWorldInfo().m_gravity = vector_of(gravity);
 }
 
-void amb_world_set_erp(AmbWorld *world, double erp, double erp2) {
-  world->world.getSolverInfo().m_erp = erp;
-  world->world.getSolverInfo().m_erp2 = erp2;
+void amb_world_set_iterations(AmbWorld *world, int iterations) {
+  world->world->getSolverInfo().m_numIterations = iterations;
 }
 
 void amb_world_set_ballistic(AmbWorld *world, int enabled) {
-  world->world.setInternalTickCallback(enabled ? correct_ballistic : nullptr, world);
+  world->world->setInternalTickCallback(enabled ? correct_ballistic : nullptr, world);
 }
 
 void amb_world_set_lag(AmbWorld *world, int enabled) {
-  world->world.setLatencyMotionStateInterpolation(enabled != 0);
+  world->world->setLatencyMotionStateInterpolation(enabled != 0);
 }
 
-void amb_world_add_body(AmbWorld *world, AmbBody *body) {
-  if (body->shape->needs_gimpact && !world->has_gimpact) {
-    btGImpactCollisionAlgorithm::registerAlgorithm(&world->dispatcher);
-    world->has_gimpact = true;
-  }
-  body->index = world->next_index++;
-  world->world.addRigidBody(&body->body);
+void amb_world_add_body(AmbWorld *world, AmbBody *body, AmbHandle handle) {
+  world->adopt(*body, body->shape, handle);
+  world->world->addRigidBody(&body->body);
 }
 
-void amb_world_remove_body(AmbWorld *world, AmbBody *body) { world->world.removeRigidBody(&body->body); }
+void amb_world_remove_body(AmbWorld *world, AmbBody *body) {
+  if (world->soft) forget_in_soft_bodies(*world, *body);
+  world->world->removeRigidBody(&body->body);
+}
+
+void amb_world_make_drawing(AmbWorld *world, AmbBody *body) {
+  amb_world_remove_body(world, body);
+  const btVector3 zero(0, 0, 0);
+  body->body.setMassProps(0, zero);
+  body->body.setLinearVelocity(zero);
+  body->body.setAngularVelocity(zero);
+  body->body.clearForces();
+  world->world->addRigidBody(&body->body, 0, 0);
+}
 
 void amb_world_add_constraint(AmbWorld *world, AmbConstraint *constraint, int disable_collisions) {
-  world->world.addConstraint(constraint->constraint.get(), disable_collisions != 0);
+  world->world->addConstraint(constraint->constraint.get(), disable_collisions != 0);
 }
 
 void amb_world_remove_constraint(AmbWorld *world, AmbConstraint *constraint) {
-  world->world.removeConstraint(constraint->constraint.get());
+  world->world->removeConstraint(constraint->constraint.get());
 }
 
-void amb_world_ignore_pair(AmbWorld *, AmbBody *a, AmbBody *b) {
-  set_ignored(*a, b->index);
-  set_ignored(*b, a->index);
+void amb_world_ignore_pair(AmbWorld *world, AmbBody *a, AmbBody *b) {
+  world->part(*a, a->body, *b, b->body);
 }
 
 int amb_world_step(AmbWorld *world, double interval, int max_sub_steps, double sub_step) {
-  return world->world.stepSimulation(interval, max_sub_steps, sub_step);
+  const int due = world->world->stepSimulation(interval, max_sub_steps, sub_step);
+  if (world->soft) after_soft_step(*world);
+  return due;
 }
 
 void amb_world_recover(AmbWorld *world) {
-  btCollisionObjectArray &objects = world->world.getCollisionObjectArray();
+  btCollisionObjectArray &objects = world->world->getCollisionObjectArray();
   for (int i = 0; i < objects.size(); ++i) {
     btCollisionObject *object = objects[i];
     object->forceActivationState(DISABLE_DEACTIVATION);
@@ -201,7 +224,8 @@ void amb_world_recover(AmbWorld *world) {
 int amb_world_contact_count(const AmbWorld *world) {
   int count = 0;
   for (int i = 0; i < world->dispatcher.getNumManifolds(); ++i) {
-    count += world->dispatcher.getManifoldByIndexInternal(i)->getNumContacts();
+    const btPersistentManifold *manifold = world->dispatcher.getManifoldByIndexInternal(i);
+    if (responds(*manifold)) count += manifold->getNumContacts();
   }
   return count;
 }

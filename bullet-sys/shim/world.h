@@ -13,21 +13,23 @@ enum AmbSolver {
   AmbSolver_WarmFriction = 5
 };
 
-AmbWorld *amb_world_new(int solver);
+/* soft: whether soft bodies may be added. Rigid bodies move the same way in both, bit for bit. */
+AmbWorld *amb_world_new(int solver, int soft);
 void amb_world_free(AmbWorld *world);
-/* Also sets it on every dynamic body in the world. */
+/* Also sets it on every dynamic body and all soft bodies in the world. */
 void amb_world_set_gravity(AmbWorld *world, const double gravity[3]);
 void amb_world_set_iterations(AmbWorld *world, int iterations);
-/* Error reduction of joints (erp) and of contacts (erp2), 0 to 1. */
-void amb_world_set_erp(AmbWorld *world, double erp, double erp2);
 
 /* Bodies without contacts and constraints move exactly under constant force: Bullet's step x += v' dt is a a dt^2 / 2 too long. */
 void amb_world_set_ballistic(AmbWorld *world, int enabled);
 /* Whether motion states lag up to a sub-step behind (Bullet's default) or are as recent as the last sub-step. */
 void amb_world_set_lag(AmbWorld *world, int enabled);
 
-void amb_world_add_body(AmbWorld *world, AmbBody *body);
+void amb_world_add_body(AmbWorld *world, AmbBody *body, AmbHandle handle);
+/* Also drops the anchors of soft bodies on it and what soft bodies remember of it. */
 void amb_world_remove_body(AmbWorld *world, AmbBody *body);
+/* Makes a picture of a body: no mass, at rest, touched by nothing and seen by no ray. */
+void amb_world_make_drawing(AmbWorld *world, AmbBody *body);
 void amb_world_add_constraint(AmbWorld *world, AmbConstraint *constraint, int disable_collisions);
 void amb_world_remove_constraint(AmbWorld *world, AmbConstraint *constraint);
 /* The two bodies never collide from now on; found in constant time. */
@@ -39,7 +41,7 @@ int amb_world_step(AmbWorld *world, double interval, int max_sub_steps, double s
 /* Forgets contacts and what the solver starts from, and revives bodies that Bullet switched off because their state was not finite. Poses
    and velocities must have been set to finite values before. */
 void amb_world_recover(AmbWorld *world);
-/* Contact points that touch or are about to, after the last sub-step. */
+/* Contact points of rigid bodies that touch or are about to, after the last sub-step. */
 int amb_world_contact_count(const AmbWorld *world);
 
 #endif

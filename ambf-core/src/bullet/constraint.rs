@@ -1,7 +1,9 @@
-use bullet_sys as sys;
-use nalgebra::Isometry3;
+use std::ptr::NonNull;
 
-use super::raw_pose;
+use bullet_sys as sys;
+use nalgebra::{Isometry3, Vector3};
+
+use super::{raw_pose, BodyHandle, ConstraintHandle, World};
 
 /// A constraint to be made between bodies A and B.
 #[derive(Debug, Clone, PartialEq)]
@@ -85,7 +87,7 @@ pub enum ConstraintParameter {
 
 impl ConstraintKind {
     /// What is read of a constraint as its position.
-    pub(super) fn reading(&self) -> u8 {
+    fn reading(&self) -> u8 {
         let reading = match self {
             Self::Hinge { .. } => sys::AmbReading::AmbReading_HingeAngle,
             Self::Slider { .. } => sys::AmbReading::AmbReading_SliderPosition,
@@ -104,11 +106,7 @@ impl ConstraintKind {
 ///
 /// # Safety
 /// `a` and `b` are live bodies, different from each other, that outlive the result.
-pub(super) unsafe fn make(
-    a: *mut sys::AmbBody,
-    b: *mut sys::AmbBody,
-    constraint: &Constraint,
-) -> *mut sys::AmbConstraint {
+unsafe fn make(a: *mut sys::AmbBody, b: *mut sys::AmbBody, constraint: &Constraint) -> *mut sys::AmbConstraint {
     let (raw_a, raw_b) = (raw_pose(&constraint.frame_a), raw_pose(&constraint.frame_b));
     let (frame_a, frame_b) = (raw_a.as_ptr(), raw_b.as_ptr());
     // SAFETY: the caller vouches for the bodies; frames are 12 doubles, of which a point-to-point joint reads the first three; each
@@ -158,6 +156,184 @@ pub(super) unsafe fn make(
                 }
                 raw
             }
+        }
+    }
+}
+
+/// Reaction of a joint on its two bodies in the last sub-step: N and N·m, world axes.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct JointWrench {
+    /// Force on A.
+    pub force_a: Vector3<f64>,
+    /// Torque on A.
+    pub torque_a: Vector3<f64>,
+    /// Force on B.
+    pub force_b: Vector3<f64>,
+    /// Torque on B.
+    pub torque_b: Vector3<f64>,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Motor {
+    None,
+    Hinge,
+    Slider,
+}
+
+pub(super) struct OwnedConstraint {
+    raw: NonNull<sys::AmbConstraint>,
+    bodies: [BodyHandle; 2],
+    motor: Motor,
+    /// In the world's lists.
+    place: usize,
+}
+
+impl World {
+    /// Adds a constraint from `a` to `b`; `None` when one of them is not there or both are the same.
+    pub fn add_constraint(
+        &mut self,
+        a: BodyHandle,
+        b: BodyHandle,
+        constraint: &Constraint,
+    ) -> Option<ConstraintHandle> {
+        if a == b {
+            return None;
+        }
+        let (raw_a, raw_b) = (self.raw_body(a)?, self.raw_body(b)?);
+        // SAFETY: both bodies are alive and different, and outlive the constraint: `remove_body` refuses while it exists.
+        let raw = unsafe { make(raw_a, raw_b, constraint) };
+        let raw = NonNull::new(raw).expect("operator new throws rather than return null");
+        // SAFETY: constraint and world are alive; the constraint is removed from the world before it is freed.
+        unsafe {
+            for &(parameter, value, axis) in &constraint.parameters {
+                sys::amb_constraint_set_param(raw.as_ptr(), parameter as i32, value, axis);
+            }
+            sys::amb_world_add_constraint(self.raw.as_ptr(), raw.as_ptr(), constraint.disable_collisions.into());
+            if constraint.feedback {
+                sys::amb_constraint_enable_feedback(raw.as_ptr());
+            }
+        }
+        for handle in [a, b] {
+            self.bodies[handle].held += 1;
+        }
+        let motor = match constraint.kind {
+            ConstraintKind::Hinge { .. } => Motor::Hinge,
+            ConstraintKind::Slider { .. } => Motor::Slider,
+            _ => Motor::None,
+        };
+        let place = self.constraint_list.len();
+        self.constraint_list.push(raw.as_ptr());
+        self.readings.push(constraint.kind.reading());
+        let handle = self.constraints.insert(OwnedConstraint { raw, bodies: [a, b], motor, place });
+        self.constraint_order.push(handle);
+        Some(handle)
+    }
+
+    /// Removes a constraint; the places of others in [`constraints`](Self::constraints) stay. False when it is not there.
+    pub fn remove_constraint(&mut self, handle: ConstraintHandle) -> bool {
+        let Some(constraint) = self.constraints.remove(handle) else { return false };
+        for body in constraint.bodies {
+            self.bodies[body].held -= 1;
+        }
+        self.constraint_list[constraint.place] = std::ptr::null_mut();
+        // SAFETY: the constraint is in this world, and no pointer to it is left after this.
+        unsafe {
+            sys::amb_world_remove_constraint(self.raw.as_ptr(), constraint.raw.as_ptr());
+            sys::amb_constraint_free(constraint.raw.as_ptr());
+        }
+        true
+    }
+
+    /// Handles of all constraints in order of creation: the order of [`read_constraints`](Self::read_constraints).
+    /// In the place of a removed constraint stands its stale handle.
+    pub fn constraints(&self) -> &[ConstraintHandle] {
+        &self.constraint_order
+    }
+
+    /// Reads the position of all constraints in order of creation, as many as `out` has place for: angle of a hinge (rad),
+    /// position of a slider (m), of a spring on z (m or rad), 0 for others. In the place of a removed constraint `out` stays as it is.
+    pub fn read_constraints(&self, out: &mut [f64]) {
+        let n = out.len().min(self.constraint_list.len());
+        // SAFETY: the lists are of the same length, hold live constraints and null only, and each reading fits the constraint's type.
+        unsafe {
+            sys::amb_constraints_read(
+                self.constraint_list.as_ptr(),
+                self.readings.as_ptr(),
+                n as i32,
+                out.as_mut_ptr(),
+            );
+        }
+    }
+
+    /// Brings what [`read_constraints`](Self::read_constraints) gives up to the present poses: the position of a slider is otherwise that
+    /// of the last solver pass. For use after poses were set.
+    pub fn refresh_constraints(&mut self) {
+        // SAFETY: the list holds live constraints and null only, whose bodies are alive.
+        unsafe { sys::amb_constraints_refresh(self.constraint_list.as_ptr(), self.constraint_list.len() as i32) }
+    }
+
+    /// Switches the motor of a hinge (velocity in rad/s, `max` the largest impulse a sub-step, N·m·s) or slider (m/s, largest force,
+    /// N). False for other constraints.
+    pub fn set_motor(&mut self, handle: ConstraintHandle, enabled: bool, velocity: f64, max: f64) -> bool {
+        let Some(constraint) = self.constraints.get(handle) else { return false };
+        let raw = constraint.raw.as_ptr();
+        // SAFETY: the constraint is alive and of the type that the call casts it to.
+        unsafe {
+            match constraint.motor {
+                Motor::Hinge => sys::amb_hinge_set_motor(raw, enabled.into(), velocity, max),
+                Motor::Slider => sys::amb_slider_set_motor(raw, enabled.into(), velocity, max),
+                Motor::None => return false,
+            }
+        }
+        true
+    }
+
+    /// Reaction of a joint with feedback in the last sub-step; zero without feedback.
+    pub fn joint_wrench(&self, handle: ConstraintHandle) -> Option<JointWrench> {
+        let mut out = [0.0; 12];
+        // SAFETY: the constraint is alive; 12 doubles are written.
+        unsafe { sys::amb_constraint_feedback(self.constraints.get(handle)?.raw.as_ptr(), out.as_mut_ptr()) }
+        let vector = |i: usize| Vector3::from_column_slice(&out[i..i + 3]);
+        Some(JointWrench { force_a: vector(0), torque_a: vector(3), force_b: vector(6), torque_b: vector(9) })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{ball, hinge};
+    use super::super::Solver;
+    use super::*;
+
+    #[test]
+    fn a_motor_turns_its_hinge_and_feedback_carries_the_weight() {
+        let mut world = World::new(Solver::default());
+        world.set_gravity(Vector3::new(0.0, 0.0, -10.0));
+        let (a, b) = (world.add_body(ball(0.0, 0.0)), world.add_body(ball(2.0, 1.0)));
+        let joint = world.add_constraint(a, b, &hinge()).unwrap();
+        world.set_motor(joint, true, 1.0, 10.0);
+        for _ in 0..500 {
+            world.step(0.001, 1, 0.001);
+        }
+        let mut angle = [0.0];
+        world.read_constraints(&mut angle);
+        assert!((angle[0] - 0.5).abs() < 0.01, "{}", angle[0]);
+        let wrench = world.joint_wrench(joint).unwrap();
+        assert!((wrench.force_b.z - 20.0).abs() < 0.1, "{wrench:?}");
+    }
+
+    #[test]
+    fn every_solver_holds_a_pendulum() {
+        for (name, solver) in Solver::NAMES {
+            let mut world = World::new(solver);
+            world.set_gravity(Vector3::new(0.0, -10.0, 0.0));
+            let (a, b) = (world.add_body(ball(0.0, 0.0)), world.add_body(ball(1.0, 1.0)));
+            world.add_constraint(a, b, &hinge()).unwrap();
+            for _ in 0..300 {
+                world.step(0.001, 1, 0.001);
+            }
+            let distance = world.pose(b).unwrap().translation.vector.norm();
+            assert!((distance - 1.0).abs() < 1e-3, "{name}: {distance}");
+            assert_eq!(Solver::from_name(name), Some(solver));
         }
     }
 }

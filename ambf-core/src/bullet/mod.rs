@@ -1,20 +1,33 @@
 //! Safe owners over Bullet: the only `unsafe` code of the simulator besides callbacks and vendor libraries.
 //!
-//! A [`World`] owns its bodies, their shapes and the constraints between them. Outside they are named by handles; a handle of
-//! something that was removed gives `None` or `false`, never undefined behaviour. Constraints are freed before bodies, bodies
-//! before shapes. No panic can cross into C++: nothing here is called back from it.
+//! A [`World`] owns its bodies, soft bodies, ghosts, their shapes, the constraints between bodies and vehicles on them. Outside they are
+//! named by handles; a handle of something that was removed gives `None` or `false`, never undefined behaviour. Vehicles and constraints
+//! are freed before bodies, bodies before shapes. No panic can cross into C++: nothing here is called back from it.
 
+mod body;
 mod constraint;
+mod contact;
+mod ghost;
 mod kinematics;
 mod method;
+mod ray;
 mod shape;
+mod soft_body;
+mod soft_world;
+mod vehicle;
 mod world;
 
-pub use constraint::{Constraint, ConstraintKind, ConstraintParameter, Spring};
+pub use body::RigidBody;
+pub use constraint::{Constraint, ConstraintKind, ConstraintParameter, JointWrench, Spring};
+pub use contact::Contact;
 pub use kinematics::BodyKinematics;
 pub use method::{Integrator, Solver};
+pub use ray::{Ray, RayHit, RayTarget};
 pub use shape::{Axis, Shape};
-pub use world::{BodyHandle, ConstraintHandle, JointWrench, RigidBody, World};
+pub use soft_body::{SoftBody, SoftBodyError, SoftConfig};
+pub use soft_world::SoftFeatures;
+pub use vehicle::Wheel;
+pub use world::{BodyHandle, ConstraintHandle, GhostHandle, SoftBodyHandle, VehicleHandle, World};
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
@@ -29,4 +42,35 @@ fn pose_of(raw: &[f64; 12]) -> Isometry3<f64> {
     let rotation = Rotation3::from_matrix_unchecked(Matrix3::from_row_slice(&raw[3..]));
     let origin = Vector3::from_column_slice(&raw[..3]);
     Isometry3::from_parts(Translation3::from(origin), UnitQuaternion::from_rotation_matrix(&rotation))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    pub fn ball(mass: f64, x: f64) -> RigidBody {
+        RigidBody {
+            mass,
+            inertia: Vector3::repeat(0.004 * mass),
+            shape: Shape::sphere(0.1, 0.001),
+            pose: Isometry3::translation(x, 0.0, 0.0),
+            friction: 0.5,
+            rolling_friction: 0.0,
+            restitution: 0.0,
+            linear_damping: 0.0,
+            angular_damping: 0.0,
+            gravity: None,
+        }
+    }
+
+    pub fn hinge() -> Constraint {
+        Constraint {
+            kind: ConstraintKind::Hinge { limits: None },
+            frame_a: Isometry3::identity(),
+            frame_b: Isometry3::translation(-1.0, 0.0, 0.0),
+            parameters: vec![],
+            feedback: true,
+            disable_collisions: true,
+        }
+    }
 }

@@ -1,0 +1,235 @@
+use std::ptr::NonNull;
+
+use bullet_sys as sys;
+use nalgebra::{Isometry3, Vector3};
+use slotmap::Key;
+
+use super::{pose_of, raw_pose, BodyHandle, BodyKinematics, Shape, World};
+
+/// A rigid body to be made. It never sleeps.
+#[derive(Debug)]
+pub struct RigidBody {
+    /// kg; 0: static.
+    pub mass: f64,
+    /// Principal moments about the axes of the inertial frame, kg·m²; 0: no rotation about that axis.
+    pub inertia: Vector3<f64>,
+    /// Shape, in the inertial frame.
+    pub shape: Shape,
+    /// Pose of the inertial frame in the world.
+    pub pose: Isometry3<f64>,
+    /// Coefficient of friction.
+    pub friction: f64,
+    /// Coefficient of rolling friction.
+    pub rolling_friction: f64,
+    /// Coefficient of restitution.
+    pub restitution: f64,
+    /// Share of linear velocity lost in 1 s.
+    pub linear_damping: f64,
+    /// Share of angular velocity lost in 1 s.
+    pub angular_damping: f64,
+    /// Acceleration instead of the world's gravity, m/s².
+    pub gravity: Option<Vector3<f64>>,
+}
+
+pub(super) struct OwnedBody {
+    raw: NonNull<sys::AmbBody>,
+    /// Kept alive for the body; freed after it.
+    _shape: Shape,
+    /// In the world's lists.
+    place: usize,
+    /// Constraints and vehicles that refer to it.
+    pub(super) held: usize,
+    pub(super) dynamic: bool,
+}
+
+impl World {
+    /// Adds a body.
+    pub fn add_body(&mut self, body: RigidBody) -> BodyHandle {
+        // SAFETY: the shape is alive and stays so with the body; numbers are read before the call returns.
+        let raw = unsafe {
+            sys::amb_body_new(body.mass, body.inertia.as_ptr(), body.shape.raw(), raw_pose(&body.pose).as_ptr())
+        };
+        let raw = NonNull::new(raw).expect("operator new throws rather than return null");
+        // SAFETY: the body is alive.
+        unsafe {
+            sys::amb_body_set_surface(raw.as_ptr(), body.friction, body.rolling_friction, body.restitution);
+            sys::amb_body_set_damping(raw.as_ptr(), body.linear_damping, body.angular_damping);
+        }
+        let handle = self.bodies.insert(OwnedBody {
+            raw,
+            _shape: body.shape,
+            place: self.body_list.len(),
+            held: 0,
+            dynamic: body.mass != 0.0,
+        });
+        // SAFETY: body and world are alive; the world removes the body before it frees it.
+        unsafe {
+            sys::amb_world_add_body(self.raw.as_ptr(), raw.as_ptr(), handle.data().as_ffi());
+            if let Some(gravity) = &body.gravity {
+                sys::amb_body_set_gravity(raw.as_ptr(), gravity.as_ptr());
+            }
+        }
+        self.body_list.push(raw.as_ptr());
+        self.body_order.push(handle);
+        handle
+    }
+
+    /// Removes a body; the places of other bodies in [`bodies`](Self::bodies) stay. Anchors of soft bodies on it are dropped. False when
+    /// it is not there or a constraint or vehicle still holds it.
+    pub fn remove_body(&mut self, handle: BodyHandle) -> bool {
+        if self.bodies.get(handle).is_none_or(|body| body.held > 0) {
+            return false;
+        }
+        let Some(body) = self.bodies.remove(handle) else { return false };
+        self.body_list[body.place] = std::ptr::null_mut();
+        // SAFETY: the body is in this world, no constraint or vehicle refers to it, removing it drops anchors, and no pointer to it is
+        // left after this.
+        unsafe {
+            sys::amb_world_remove_body(self.raw.as_ptr(), body.raw.as_ptr());
+            sys::amb_body_free(body.raw.as_ptr());
+        }
+        true
+    }
+
+    /// Makes a body a picture: without mass, at rest, touched by nothing and seen by no ray. Only [`set_pose`](Self::set_pose) moves it.
+    /// Anchors of soft bodies on it are dropped. False when it is not there or a constraint or vehicle holds it.
+    pub fn make_drawing(&mut self, handle: BodyHandle) -> bool {
+        let Some(body) = self.bodies.get_mut(handle).filter(|body| body.held == 0) else { return false };
+        body.dynamic = false;
+        // SAFETY: the body is alive and in this world.
+        unsafe { sys::amb_world_make_drawing(self.raw.as_ptr(), body.raw.as_ptr()) }
+        true
+    }
+
+    /// The two bodies never collide from now on. Found in constant time, however many such pairs there are.
+    pub fn ignore_collision(&mut self, a: BodyHandle, b: BodyHandle) {
+        if let (Some(a), Some(b)) = (self.raw_body(a), self.raw_body(b)) {
+            // SAFETY: world and bodies are alive.
+            unsafe { sys::amb_world_ignore_pair(self.raw.as_ptr(), a, b) }
+        }
+    }
+
+    /// Handles of all bodies in order of creation: the order of [`read_bodies`](Self::read_bodies). In the place of a removed body
+    /// stands its stale handle.
+    pub fn bodies(&self) -> &[BodyHandle] {
+        &self.body_order
+    }
+
+    /// Reads all bodies in order of creation, as many as `out` has place for. In the place of a removed body `out` stays as it is.
+    pub fn read_bodies(&self, out: &mut [BodyKinematics]) {
+        let n = out.len().min(self.body_list.len());
+        // SAFETY: the list holds live bodies and null only; `BodyKinematics` is 18 doubles in the order the shim writes.
+        unsafe { sys::amb_bodies_read(self.body_list.as_ptr(), n as i32, out.as_mut_ptr().cast()) }
+    }
+
+    /// The first body whose pose or velocity is not finite, as its place in [`bodies`](Self::bodies).
+    pub fn first_non_finite(&self) -> Option<usize> {
+        // SAFETY: the list holds live bodies and null only.
+        let index = unsafe { sys::amb_bodies_first_non_finite(self.body_list.as_ptr(), self.body_list.len() as i32) };
+        usize::try_from(index).ok()
+    }
+
+    /// True pose of the inertial frame in the world, not interpolated.
+    pub fn pose(&self, handle: BodyHandle) -> Option<Isometry3<f64>> {
+        let mut raw = [0.0; 12];
+        // SAFETY: the body is alive; 12 doubles are written.
+        unsafe { sys::amb_body_pose(self.raw_body(handle)?, raw.as_mut_ptr()) }
+        Some(pose_of(&raw))
+    }
+
+    /// Pose of the inertial frame from the motion state: up to one sub-step old.
+    pub fn motion_state(&self, handle: BodyHandle) -> Option<Isometry3<f64>> {
+        let mut raw = [0.0; 12];
+        // SAFETY: the body is alive; 12 doubles are written.
+        unsafe { sys::amb_body_motion_state(self.raw_body(handle)?, raw.as_mut_ptr()) }
+        Some(pose_of(&raw))
+    }
+
+    /// Sets world transform and motion state of the inertial frame; velocities stay.
+    pub fn set_pose(&mut self, handle: BodyHandle, pose: &Isometry3<f64>) {
+        if let Some(body) = self.raw_body(handle) {
+            // SAFETY: the body is alive; 12 doubles are read.
+            unsafe { sys::amb_body_set_pose(body, raw_pose(pose).as_ptr()) }
+        }
+    }
+
+    /// Linear (m/s, of the centre of mass) and angular (rad/s) velocity, world axes.
+    pub fn velocity(&self, handle: BodyHandle) -> Option<(Vector3<f64>, Vector3<f64>)> {
+        let mut raw = [0.0; 6];
+        // SAFETY: the body is alive; 6 doubles are written.
+        unsafe { sys::amb_body_velocity(self.raw_body(handle)?, raw.as_mut_ptr()) }
+        Some((Vector3::from_column_slice(&raw[..3]), Vector3::from_column_slice(&raw[3..])))
+    }
+
+    /// Sets linear and angular velocity, world axes.
+    pub fn set_velocity(&mut self, handle: BodyHandle, linear: &Vector3<f64>, angular: &Vector3<f64>) {
+        if let Some(body) = self.raw_body(handle) {
+            // SAFETY: the body is alive; twice three doubles are read.
+            unsafe { sys::amb_body_set_velocity(body, linear.as_ptr(), angular.as_ptr()) }
+        }
+    }
+
+    /// Adds a force (N) at the centre of mass and a torque (N·m), world axes, for the next step. No effect on static bodies.
+    pub fn apply_wrench(&mut self, handle: BodyHandle, force: &Vector3<f64>, torque: &Vector3<f64>) {
+        if let Some(body) = self.raw_body(handle) {
+            // SAFETY: the body is alive; twice three doubles are read.
+            unsafe { sys::amb_body_apply_wrench(body, force.as_ptr(), torque.as_ptr()) }
+        }
+    }
+
+    /// Forgets the forces applied since the last step.
+    pub fn clear_forces(&mut self, handle: BodyHandle) {
+        if let Some(body) = self.raw_body(handle) {
+            // SAFETY: the body is alive.
+            unsafe { sys::amb_body_clear_forces(body) }
+        }
+    }
+
+    /// Sets the gravity of one body, m/s².
+    pub fn set_body_gravity(&mut self, handle: BodyHandle, gravity: &Vector3<f64>) {
+        if let Some(body) = self.raw_body(handle) {
+            // SAFETY: the body is alive; three doubles are read.
+            unsafe { sys::amb_body_set_gravity(body, gravity.as_ptr()) }
+        }
+    }
+
+    pub(super) fn raw_body(&self, handle: BodyHandle) -> Option<*mut sys::AmbBody> {
+        Some(self.bodies.get(handle)?.raw.as_ptr())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::ball;
+    use super::super::Solver;
+    use super::*;
+
+    #[test]
+    fn a_body_that_is_not_finite_is_found() {
+        let mut world = World::new(Solver::default());
+        let _ = world.add_body(ball(1.0, 0.0));
+        let second = world.add_body(ball(1.0, 1.0));
+        assert_eq!(world.first_non_finite(), None);
+        world.set_velocity(second, &Vector3::new(f64::NAN, 0.0, 0.0), &Vector3::zeros());
+        assert_eq!(world.first_non_finite(), Some(1));
+    }
+
+    #[test]
+    fn ignored_pairs_fall_through_each_other() {
+        let drop_onto_plane = |ignore: bool| {
+            let mut world = World::new(Solver::default());
+            world.set_gravity(Vector3::new(0.0, 0.0, -10.0));
+            let plane = world.add_body(RigidBody { shape: Shape::plane(Vector3::z(), -0.2, 0.0), ..ball(0.0, 0.0) });
+            let falling = world.add_body(ball(1.0, 0.0));
+            if ignore {
+                world.ignore_collision(plane, falling);
+            }
+            for _ in 0..1000 {
+                world.step(0.001, 1, 0.001);
+            }
+            world.pose(falling).unwrap().translation.z
+        };
+        assert!((drop_onto_plane(false) + 0.1).abs() < 0.01);
+        assert!(drop_onto_plane(true) < -4.0);
+    }
+}

@@ -1,0 +1,387 @@
+use std::collections::HashSet;
+
+use bullet_sys as sys;
+use nalgebra::Isometry3;
+use thiserror::Error;
+
+/// Most nodes of a soft body.
+pub(super) const MAX_NODES: usize = 100_000;
+/// Most links, and most bending links, of a soft body.
+pub(super) const MAX_LINKS: usize = 1_000_000;
+/// Most faces of a soft body.
+const MAX_FACES: usize = 200_000;
+/// Most nodes at one point: Bullet's trees of nodes become as deep.
+const MAX_COINCIDENT: usize = 100;
+/// Largest coordinate, m: squares of lengths must stay numbers, and Bullet's grids end at 1e7 m here.
+const MAX_COORDINATE: f64 = 1e6;
+/// Most iterations of each solver in a sub-step.
+const MAX_ITERATIONS: i32 = 1000;
+/// Most nodes × clusters: each of up to 8192 rounds of clustering takes time in proportion.
+const MAX_CLUSTERING: usize = 1 << 20;
+/// Most members of all clusters together: what they share is found in quadratic time.
+const MAX_MEMBERS: usize = 30_000;
+
+/// A soft body to be made: nodes held together by links, with faces for what it meets and what is drawn.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SoftBody {
+    /// Positions of the nodes in the mesh frame, m. Up to 100 000.
+    pub nodes: Vec<[f64; 3]>,
+    /// Pairs of nodes at a fixed distance, in the order in which they are solved; see [`triangle_links`](Self::triangle_links). A link
+    /// from a node to itself is left out. Up to 1 000 000.
+    pub links: Vec<[u32; 2]>,
+    /// Triangles. One with a node twice is left out. Up to 200 000.
+    pub faces: Vec<[u32; 3]>,
+    /// Mass of all nodes together before some are fixed, kg, positive.
+    pub mass: f64,
+    /// Collision margin, m, not negative.
+    pub margin: f64,
+    /// Pose of the mesh frame in the world.
+    pub pose: Isometry3<f64>,
+    /// Parameters.
+    pub config: SoftConfig,
+    /// Linear, area and volume stiffness, 0 to 1; `None`: 1 each.
+    pub material: Option<[f64; 3]>,
+    /// Whether the body is pulled towards its shape, as strongly as `kMT` says.
+    pub pose_matching: bool,
+    /// Nodes so many links apart are linked too, against bending; `None`, or below 2: none are.
+    pub bending_distance: Option<i32>,
+    /// Number of clusters, parts that collide as one; 0: each face is one. `None`: no clusters.
+    pub clusters: Option<i32>,
+    /// Nodes that do not move.
+    pub fixed_nodes: Vec<u32>,
+    /// Whether the order of links and faces is shuffled, always in the same way.
+    pub randomize: bool,
+}
+
+impl SoftBody {
+    /// The edges of triangles as links, each once, in the order in which Bullet makes them of a triangle mesh.
+    pub fn triangle_links(faces: &[[u32; 3]]) -> Vec<[u32; 2]> {
+        let mut seen = HashSet::new();
+        let edges = faces.iter().flat_map(|&[a, b, c]| [[c, a], [a, b], [b, c]]);
+        edges.filter(|&[a, b]| a != b && seen.insert([a.min(b), a.max(b)])).collect()
+    }
+}
+
+/// Bullet's parameters of a soft body under Bullet's names. The default is Bullet's.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[allow(non_snake_case)] // Bullet's names, known to every user of it
+pub struct SoftConfig {
+    /// Velocities correction factor (Baumgarte).
+    pub kVCF: f64,
+    /// Damping, 0 to 1: share of the velocity lost in a sub-step.
+    pub kDP: f64,
+    /// Drag. There is no air: without effect.
+    pub kDG: f64,
+    /// Lift. There is no air: without effect.
+    pub kLF: f64,
+    /// Pressure; needs faces that enclose a volume.
+    pub kPR: f64,
+    /// Volume conservation.
+    pub kVC: f64,
+    /// Dynamic friction, 0 to 1.
+    pub kDF: f64,
+    /// Pose matching, 0 to 1.
+    pub kMT: f64,
+    /// Hardness of contacts with dynamic bodies, 0 to 1.
+    pub kCHR: f64,
+    /// Hardness of contacts with static bodies, 0 to 1.
+    pub kKHR: f64,
+    /// Hardness of contacts with soft bodies, 0 to 1.
+    pub kSHR: f64,
+    /// Hardness of anchors, 0 to 1.
+    pub kAHR: f64,
+    /// Clusters: hardness against dynamic bodies, 0 to 1.
+    pub kSRHR_CL: f64,
+    /// Clusters: hardness against static bodies, 0 to 1.
+    pub kSKHR_CL: f64,
+    /// Clusters: hardness against soft bodies, 0 to 1.
+    pub kSSHR_CL: f64,
+    /// Clusters: split of the impulse with dynamic bodies, 0 to 1.
+    pub kSR_SPLT_CL: f64,
+    /// Clusters: split of the impulse with static bodies, 0 to 1.
+    pub kSK_SPLT_CL: f64,
+    /// Clusters: split of the impulse with soft bodies, 0 to 1.
+    pub kSS_SPLT_CL: f64,
+    /// Maximum volume ratio for the pose.
+    pub maxvolume: f64,
+    /// Time scale, positive.
+    pub timescale: f64,
+    /// Iterations of the velocity solver, up to 1000.
+    pub viterations: i32,
+    /// Iterations of the position solver, up to 1000.
+    pub piterations: i32,
+    /// Iterations of the drift solver, up to 1000.
+    pub diterations: i32,
+    /// Iterations of the cluster solver, up to 1000.
+    pub citerations: i32,
+    /// What collides how: 1 nodes against bodies, 2 clusters against bodies, 16 nodes against faces of soft bodies, 32 clusters against
+    /// clusters of soft bodies. Other bits are left out: Bullet 3 has no collision of a soft body's clusters with each other.
+    pub flags: i32,
+}
+
+impl Default for SoftConfig {
+    fn default() -> Self {
+        Self {
+            kVCF: 1.0,
+            kDP: 0.0,
+            kDG: 0.0,
+            kLF: 0.0,
+            kPR: 0.0,
+            kVC: 0.0,
+            kDF: 0.2,
+            kMT: 0.0,
+            kCHR: 1.0,
+            kKHR: 0.1,
+            kSHR: 1.0,
+            kAHR: 0.7,
+            kSRHR_CL: 0.1,
+            kSKHR_CL: 1.0,
+            kSSHR_CL: 0.5,
+            kSR_SPLT_CL: 0.5,
+            kSK_SPLT_CL: 0.5,
+            kSS_SPLT_CL: 0.5,
+            maxvolume: 1.0,
+            timescale: 1.0,
+            viterations: 0,
+            piterations: 1,
+            diterations: 0,
+            citerations: 4,
+            flags: 1,
+        }
+    }
+}
+
+/// Why a soft body was refused.
+#[derive(Debug, Clone, Copy, PartialEq, Error)]
+#[non_exhaustive]
+pub enum SoftBodyError {
+    /// Error when the world was made without soft bodies.
+    #[error("the world was made without soft bodies")]
+    NoSoftWorld,
+    /// Error when there is no node.
+    #[error("a soft body needs a mesh with at least one vertex")]
+    Empty,
+    /// Error when there is more of something than can be simulated in bounded time.
+    #[error("{what}: {count}, where at most {limit} are possible; take a coarser mesh")]
+    TooMany {
+        /// What there is too much of.
+        what: &'static str,
+        /// How much there is, or a part of it that already is too much.
+        count: usize,
+        /// How much is possible.
+        limit: usize,
+    },
+    /// Error when an index is not that of a node.
+    #[error("{what} refer to vertex {index}, but there are {nodes}")]
+    Index {
+        /// What refers to it.
+        what: &'static str,
+        /// The index.
+        index: u32,
+        /// Number of nodes.
+        nodes: usize,
+    },
+    /// Error when a number is not finite.
+    #[error("{0} must be finite")]
+    NotFinite(&'static str),
+    /// Error when a number is out of its range.
+    #[error("`{what}` is {value}, expected {expected}")]
+    OutOfRange {
+        /// Name of the parameter.
+        what: &'static str,
+        /// What it is.
+        value: f64,
+        /// What is possible.
+        expected: &'static str,
+    },
+    /// Error when a pressure is given to a mesh that encloses no volume.
+    #[error("`kPR` (pressure) needs a closed mesh; this one encloses no volume")]
+    NoVolume,
+}
+
+use SoftBodyError as E;
+
+impl SoftBody {
+    /// Checks all that Bullet would crash, hang or lose its numbers on.
+    pub(super) fn check(&self) -> Result<(), SoftBodyError> {
+        self.check_sizes()?;
+        self.check_indices()?;
+        self.check_numbers()?;
+        self.check_clusters()?;
+        self.check_coincidence()
+    }
+
+    fn check_sizes(&self) -> Result<(), SoftBodyError> {
+        if self.nodes.is_empty() {
+            return Err(E::Empty);
+        }
+        for (what, count, limit) in [
+            ("vertices", self.nodes.len(), MAX_NODES),
+            ("links", self.links.len(), MAX_LINKS),
+            ("triangles", self.faces.len(), MAX_FACES),
+        ] {
+            at_most(what, count, limit)?;
+        }
+        Ok(())
+    }
+
+    fn check_indices(&self) -> Result<(), SoftBodyError> {
+        let nodes = self.nodes.len();
+        let in_range = |what, indices: &[u32]| match indices.iter().find(|&&index| index as usize >= nodes) {
+            Some(&index) => Err(E::Index { what, index, nodes }),
+            None => Ok(()),
+        };
+        in_range("links", self.links.as_flattened())?;
+        in_range("triangles", self.faces.as_flattened())?;
+        in_range("fixed nodes", &self.fixed_nodes)
+    }
+
+    fn check_numbers(&self) -> Result<(), SoftBodyError> {
+        let c = &self.config;
+        let finite = |what, numbers: &[f64]| match numbers.iter().all(|x| x.is_finite()) {
+            true => Ok(()),
+            false => Err(E::NotFinite(what)),
+        };
+        let orientation = self.pose.rotation.coords;
+        finite("vertices", self.nodes.as_flattened())?;
+        finite("location", self.pose.translation.vector.as_slice())?;
+        finite("location", orientation.as_slice())?;
+        finite("stiffness", self.material.as_ref().map_or(&[], |m| m.as_slice()))?;
+        finite("k… of the config", &[c.kVCF, c.kDP, c.kDG, c.kLF, c.kPR, c.kVC, c.kDF, c.kMT])?;
+        finite("k… of the config", &[c.kCHR, c.kKHR, c.kSHR, c.kAHR, c.kSRHR_CL, c.kSKHR_CL, c.kSSHR_CL])?;
+        finite("k… of the config", &[c.kSR_SPLT_CL, c.kSK_SPLT_CL, c.kSS_SPLT_CL, c.maxvolume])?;
+        let range = |what, value: f64, good, expected| match good {
+            true => Ok(()),
+            false => Err(E::OutOfRange { what, value, expected }),
+        };
+        let near = |what, numbers: &[f64]| match numbers.iter().find(|x| x.abs() > MAX_COORDINATE) {
+            Some(&value) => range(what, value, false, "at most 1e6 m"),
+            None => Ok(()),
+        };
+        near("vertices", self.nodes.as_flattened())?;
+        near("location", self.pose.translation.vector.as_slice())?;
+        // Of a mass too small or too large the inverse mass of a node would not be a number.
+        range("mass", self.mass, (1e-9..=1e12).contains(&self.mass), "1e-9 to 1e12 kg")?;
+        let good = self.margin.is_finite() && self.margin >= 0.0;
+        range("collision margin", self.margin, good, "0 m or more")?;
+        range("timescale", c.timescale, (1e-6..=1e6).contains(&c.timescale), "1e-6 to 1e6")?;
+        for (what, value) in [
+            ("viterations", c.viterations),
+            ("piterations", c.piterations),
+            ("diterations", c.diterations),
+            ("citerations", c.citerations),
+        ] {
+            range(what, value.into(), (0..=MAX_ITERATIONS).contains(&value), "0 to 1000")?;
+        }
+        let clusters = self.clusters.unwrap_or(0);
+        range("clusters", clusters.into(), clusters >= 0, "0 or more")
+    }
+
+    fn check_clusters(&self) -> Result<(), SoftBodyError> {
+        match self.clusters {
+            None => Ok(()),
+            Some(0) => at_most("triangles as clusters", 3 * self.faces.len(), MAX_MEMBERS),
+            Some(clusters) => {
+                let clusters = (clusters as usize).min(self.nodes.len());
+                // Each node is in its cluster and in the one that holds all.
+                at_most("vertices in clusters", 2 * self.nodes.len(), MAX_MEMBERS)?;
+                at_most("vertices × clusters", self.nodes.len() * clusters, MAX_CLUSTERING)
+            }
+        }
+    }
+
+    fn check_coincidence(&self) -> Result<(), SoftBodyError> {
+        let mut points: Vec<_> = self.nodes.iter().map(|node| node.map(|x| (x + 0.0).to_bits())).collect();
+        points.sort_unstable();
+        let most = points.chunk_by(|a, b| a == b).map(<[_]>::len).max().unwrap_or(0);
+        at_most("vertices at one point", most, MAX_COINCIDENT)
+    }
+
+    /// Size of the bounding box of the nodes, m.
+    pub(super) fn size(&self) -> f64 {
+        let extent = |axis: usize| {
+            let along = self.nodes.iter().map(|node| node[axis]);
+            along.clone().fold(f64::MIN, f64::max) - along.fold(f64::MAX, f64::min)
+        };
+        extent(0).hypot(extent(1)).hypot(extent(2))
+    }
+
+    /// Links between nodes that are `bending_distance` links apart, in the order in which Bullet's `generateBendingConstraints` adds them.
+    /// Bullet itself takes memory quadratic and time cubic in the number of nodes.
+    pub(super) fn bending_links(&self) -> Result<Vec<[u32; 2]>, SoftBodyError> {
+        let distance = self.bending_distance.unwrap_or(0);
+        let mut bending = Vec::new();
+        if distance < 2 {
+            return Ok(bending);
+        }
+        let mut neighbours = vec![Vec::new(); self.nodes.len()];
+        for &[a, b] in &self.links {
+            neighbours[a as usize].push(b);
+            neighbours[b as usize].push(a);
+        }
+        let (mut seen_from, mut visited) = (vec![u32::MAX; self.nodes.len()], 0);
+        for from in 0..self.nodes.len() as u32 {
+            seen_from[from as usize] = from;
+            let mut frontier = vec![from];
+            for _ in 0..distance {
+                let mut next = Vec::new();
+                for &to in frontier.iter().flat_map(|&node| &neighbours[node as usize]) {
+                    visited += 1;
+                    if seen_from[to as usize] != from {
+                        seen_from[to as usize] = from;
+                        next.push(to);
+                    }
+                }
+                frontier = next;
+                if frontier.is_empty() {
+                    break;
+                }
+            }
+            at_most("steps from link to link for `bending constraint`", visited, 100 * MAX_LINKS)?;
+            frontier.retain(|&to| to > from);
+            frontier.sort_unstable();
+            bending.extend(frontier.iter().map(|&to| [to, from]));
+            at_most("links by `bending constraint`", bending.len(), MAX_LINKS)?;
+        }
+        Ok(bending)
+    }
+}
+
+fn at_most(what: &'static str, count: usize, limit: usize) -> Result<(), SoftBodyError> {
+    match count <= limit {
+        true => Ok(()),
+        false => Err(E::TooMany { what, count, limit }),
+    }
+}
+
+impl SoftConfig {
+    pub(super) fn raw(&self) -> sys::AmbSoftConfig {
+        sys::AmbSoftConfig {
+            kVCF: self.kVCF,
+            kDP: self.kDP,
+            kDG: self.kDG,
+            kLF: self.kLF,
+            kPR: self.kPR,
+            kVC: self.kVC,
+            kDF: self.kDF,
+            kMT: self.kMT,
+            kCHR: self.kCHR,
+            kKHR: self.kKHR,
+            kSHR: self.kSHR,
+            kAHR: self.kAHR,
+            kSRHR_CL: self.kSRHR_CL,
+            kSKHR_CL: self.kSKHR_CL,
+            kSSHR_CL: self.kSSHR_CL,
+            kSR_SPLT_CL: self.kSR_SPLT_CL,
+            kSK_SPLT_CL: self.kSK_SPLT_CL,
+            kSS_SPLT_CL: self.kSS_SPLT_CL,
+            maxvolume: self.maxvolume,
+            timescale: self.timescale,
+            viterations: self.viterations,
+            piterations: self.piterations,
+            diterations: self.diterations,
+            citerations: self.citerations,
+            flags: self.flags,
+        }
+    }
+}

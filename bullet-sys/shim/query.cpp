@@ -1,0 +1,67 @@
+#include "internal.h"
+
+#include <cmath>
+
+namespace {
+
+// Directions are normalised in Bullet; the square of the length must be a number to divide by.
+bool castable(const btVector3 &from, const btVector3 &to) { return std::isnormal((to - from).length2()); }
+
+int target_of(const AmbObject &object) {
+  switch (object.kind) {
+    case ObjectKind::Body: return AmbTarget_Body;
+    case ObjectKind::SoftBody: return AmbTarget_SoftBody;
+    default: return AmbTarget_Other;
+  }
+}
+
+}  // namespace
+
+extern "C" {
+
+void amb_world_cast_rays(AmbWorld *world, const AmbRay *rays, int n, AmbRayHit *hits) {
+  prepare_soft_rays(*world);
+  for (int i = 0; i < n; ++i) {
+    AmbRayHit &hit = hits[i];
+    hit.target = AmbTarget_None;
+    const btVector3 from = vector_of(rays[i].from), to = vector_of(rays[i].to);
+    if (!castable(from, to)) continue;
+    btCollisionWorld::ClosestRayResultCallback closest(from, to);
+    world->world->rayTest(from, to, closest);
+    if (!closest.hasHit()) continue;
+    const AmbObject &object = *object_of(closest.m_collisionObject);
+    hit.target = target_of(object);
+    hit.handle = object.handle;
+    hit.fraction = closest.m_closestHitFraction;
+    write_vector(closest.m_hitPointWorld, hit.point);
+    write_vector(closest.m_hitNormalWorld, hit.normal);
+  }
+}
+
+int amb_body_contacts(const AmbWorld *world, const AmbBody *body, double threshold, AmbContact *out, int capacity) {
+  int count = 0;
+  for (int i = 0; i < world->dispatcher.getNumManifolds(); ++i) {
+    const btPersistentManifold &manifold = *world->dispatcher.getManifoldByIndexInternal(i);
+    const bool first = manifold.getBody0() == &body->body;
+    if (!first && manifold.getBody1() != &body->body) continue;
+    const AmbBody *other = body_of(first ? manifold.getBody1() : manifold.getBody0());
+    if (!other) continue;
+    for (int p = 0; p < manifold.getNumContacts(); ++p) {
+      const btManifoldPoint &point = manifold.getContactPoint(p);
+      if (!(point.getDistance() <= threshold)) continue;
+      if (count < capacity) {
+        AmbContact &contact = out[count];
+        contact.other = other->handle;
+        write_vector(first ? point.getPositionWorldOnA() : point.getPositionWorldOnB(), contact.point);
+        // Bullet's normal points from its second body to its first.
+        write_vector(first ? point.m_normalWorldOnB : -point.m_normalWorldOnB, contact.normal);
+        contact.distance = point.getDistance();
+        contact.impulse = point.getAppliedImpulse();
+      }
+      ++count;
+    }
+  }
+  return count;
+}
+
+}  // extern "C"

@@ -1,0 +1,43 @@
+/* What touches what: rays and contacts. */
+#ifndef AMB_QUERY_H
+#define AMB_QUERY_H
+#include "types.h"
+
+enum AmbTarget {
+  AmbTarget_None = 0,
+  AmbTarget_Body = 1,
+  AmbTarget_SoftBody = 2,
+  AmbTarget_Other = 3 /* a ghost */
+};
+
+/* From one point to another, world axes, m. */
+typedef struct AmbRay {
+  double from[3];
+  double to[3];
+} AmbRay;
+
+typedef struct AmbRayHit {
+  int target;       /* enum AmbTarget; all else is only set where it is not AmbTarget_None */
+  AmbHandle handle; /* of the body or soft body */
+  double fraction;  /* of the way, 0 to 1 */
+  double point[3];  /* m, world axes */
+  double normal[3]; /* unit, world axes, off the surface */
+} AmbRayHit;
+
+/* Closest hit of each of n rays with Bullet's default filter. A ray without length or with a coordinate that is not finite hits
+   nothing. */
+void amb_world_cast_rays(AmbWorld *world, const AmbRay *rays, int n, AmbRayHit *hits);
+
+typedef struct AmbContact {
+  AmbHandle other;
+  double point[3];  /* m, world axes, on the body */
+  double normal[3]; /* unit, world axes, from the other body to this one */
+  double distance;  /* m; negative where they overlap */
+  double impulse;   /* N s along the normal in the last sub-step */
+} AmbContact;
+
+/* Contact points of a body with other bodies at a distance of at most threshold. Writes up to capacity and returns how many there are.
+   Looks at every pair of bodies that are near each other. */
+int amb_body_contacts(const AmbWorld *world, const AmbBody *body, double threshold, AmbContact *out, int capacity);
+
+#endif
