@@ -240,6 +240,8 @@ void amb_soft_positions(const AmbSoft *soft, double *out, int n) {
   for (int i = 0; i < n; ++i) write_vector(soft->body.m_nodes[i].m_x, out + 3 * i);
 }
 
+void amb_soft_position(const AmbSoft *soft, int node, double out[3]) { write_vector(soft->body.m_nodes[node].m_x, out); }
+
 void amb_soft_velocities(const AmbSoft *soft, double *out, int n) {
   for (int i = 0; i < n; ++i) write_vector(soft->body.m_nodes[i].m_v, out + 3 * i);
 }

@@ -43,6 +43,7 @@ int amb_soft_node_count(const AmbSoft *soft);
 /* The first n nodes into out (n x 3), world axes: m, or m/s. */
 void amb_soft_positions(const AmbSoft *soft, double *out, int n);
 void amb_soft_velocities(const AmbSoft *soft, double *out, int n);
+void amb_soft_position(const AmbSoft *soft, int node, double out[3]);
 /* Centre of mass, m; of nodes that are all fixed: their mean. */
 void amb_soft_center(const AmbSoft *soft, double center[3]);
 /* The node that is nearest to point within radius, or -1. */

@@ -221,12 +221,24 @@ impl World {
             ConstraintKind::Slider { .. } => Motor::Slider,
             _ => Motor::None,
         };
-        let place = self.constraint_list.len();
-        self.constraint_list.push(raw.as_ptr());
-        self.readings.push(constraint.kind.reading());
+        // What holds and lets go all the time must not make the lists longer and longer.
+        let place = self.free_places.pop().unwrap_or(self.constraint_list.len());
         let handle = self.constraints.insert(OwnedConstraint { raw, bodies: [a, b], motor, place });
-        self.constraint_order.push(handle);
+        if place == self.constraint_list.len() {
+            self.constraint_list.push(raw.as_ptr());
+            self.readings.push(constraint.kind.reading());
+            self.constraint_order.push(handle);
+        } else {
+            self.constraint_list[place] = raw.as_ptr();
+            self.readings[place] = constraint.kind.reading();
+            self.constraint_order[place] = handle;
+        }
         Some(handle)
+    }
+
+    /// Place of a constraint in [`constraints`](Self::constraints), for as long as it is there.
+    pub fn constraint_place(&self, handle: ConstraintHandle) -> Option<usize> {
+        Some(self.constraints.get(handle)?.place)
     }
 
     /// Removes a constraint; the places of others in [`constraints`](Self::constraints) stay. False when it is not there.
@@ -236,6 +248,7 @@ impl World {
             self.bodies[body].held -= 1;
         }
         self.constraint_list[constraint.place] = std::ptr::null_mut();
+        self.free_places.push(constraint.place);
         // SAFETY: the constraint is in this world, and no pointer to it is left after this.
         unsafe {
             sys::amb_world_remove_constraint(self.raw.as_ptr(), constraint.raw.as_ptr());
@@ -244,13 +257,13 @@ impl World {
         true
     }
 
-    /// Handles of all constraints in order of creation: the order of [`read_constraints`](Self::read_constraints).
-    /// In the place of a removed constraint stands its stale handle.
+    /// Handles of all constraints, in the order of [`read_constraints`](Self::read_constraints). In the place of a removed constraint stands
+    /// its stale handle, until a new one takes the place.
     pub fn constraints(&self) -> &[ConstraintHandle] {
         &self.constraint_order
     }
 
-    /// Reads the position of all constraints in order of creation, as many as `out` has place for: angle of a hinge (rad),
+    /// Reads the position of all constraints by place, as many as `out` has place for: angle of a hinge (rad),
     /// position of a slider (m), of a spring on z (m or rad), 0 for others. In the place of a removed constraint `out` stays as it is.
     pub fn read_constraints(&self, out: &mut [f64]) {
         let n = out.len().min(self.constraint_list.len());

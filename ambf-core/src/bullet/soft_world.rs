@@ -203,6 +203,15 @@ impl World {
         true
     }
 
+    /// Position of a node in the world, m.
+    pub fn soft_node(&self, handle: SoftBodyHandle, node: usize) -> Option<Vector3<f64>> {
+        let body = self.soft_bodies.get(handle).filter(|body| node < body.nodes)?;
+        let mut out = Vector3::zeros();
+        // SAFETY: the soft body is alive and has this node; three doubles are written.
+        unsafe { sys::amb_soft_position(body.raw.as_ptr(), node as i32, out.as_mut_ptr()) }
+        Some(out)
+    }
+
     /// Unties a soft body from a body. Returns how many nodes were tied.
     pub fn remove_anchors(&mut self, soft: SoftBodyHandle, body: BodyHandle) -> usize {
         let (Some(soft), Some(body)) = (self.raw_soft(soft), self.raw_body(body)) else { return 0 };

@@ -41,6 +41,8 @@ pub struct World {
     pub(super) constraint_list: Vec<*mut sys::AmbConstraint>,
     pub(super) constraint_order: Vec<ConstraintHandle>,
     pub(super) readings: Vec<u8>,
+    /// Places of removed constraints in these lists.
+    pub(super) free_places: Vec<usize>,
     /// Room for what queries answer, kept between calls.
     pub(super) scratch: RefCell<Scratch>,
 }
@@ -106,6 +108,7 @@ impl World {
             constraint_list: Vec::new(),
             constraint_order: Vec::new(),
             readings: Vec::new(),
+            free_places: Vec::new(),
             scratch: RefCell::default(),
         };
         world.set_gravity(Vector3::zeros());
