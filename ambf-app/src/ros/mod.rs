@@ -16,7 +16,9 @@
 //! `rosparam list` shows namespaces too. When more than eight commands for one object arrive at once, rosrust drops some of
 //! them, which need not be the oldest.
 
+mod actuator;
 mod embedded;
+mod ghost;
 mod link;
 pub mod messages;
 mod mismatch;
@@ -29,9 +31,12 @@ mod received;
 mod remap;
 mod rigid_body;
 mod scheduler;
+mod sensor;
 mod signal;
 mod sockets;
+mod soft_body;
 mod topic;
+mod vehicle;
 mod world;
 mod xmlrpc;
 

@@ -3,7 +3,8 @@
 use std::sync::Arc;
 
 use ambf_core::comm::{
-    CameraParameters, Hub, LightParameters, ObjectInfo, ObjectKind, PostError, Rates, RigidBodyInfo, Snapshot,
+    ActuatorInfo, CameraParameters, Hub, LightParameters, ObjectInfo, ObjectKind, PostError, Rates, RigidBodyInfo,
+    SensorCommand, SensorInfo, Snapshot, VehicleInfo,
 };
 use rosrust::Message;
 
@@ -13,9 +14,10 @@ use super::posed::{self, Identity, ParentName};
 use super::received::FromClient;
 use super::rigid_body::{self, Requests};
 use super::scheduler::{is_live, Entry, StateOutlet};
-use super::signal::{Complaints, Waker};
+use super::signal::{Complaints, Said, Waker};
 use super::topic::{Announcement, Publication, Subscription};
-use super::world;
+use super::{actuator, ghost, sensor, soft_body, vehicle, world};
+use crate::report;
 
 /// An object whose parameters are on the parameter server.
 pub(super) struct Parameterised<P> {
@@ -51,7 +53,11 @@ pub(super) fn serve(hub: &Arc<Hub>, waker: &Arc<Waker>, n_devices: u8) -> Served
             ObjectKind::RigidBody(index, body) => builder.rigid_body(object, info, name, *index, body),
             ObjectKind::Camera(index, parameters) => builder.camera(object, info, name, *index, parameters),
             ObjectKind::Light(index, parameters) => builder.light(object, info, name, *index, parameters),
-            _ => (),
+            ObjectKind::Sensor(index, sensor) => builder.sensor(object, info, name, *index, sensor),
+            ObjectKind::Actuator(index, actuator) => builder.actuator(object, info, name, *index, actuator),
+            ObjectKind::Vehicle(index, vehicle) => builder.vehicle(object, info, name, *index, vehicle),
+            ObjectKind::SoftBody(index, mass) => builder.soft_body(object, info, name, *index, *mass),
+            ObjectKind::Ghost(index) => builder.ghost(object, info, name, *index),
         }
     }
     builder.served
@@ -64,6 +70,8 @@ struct Commanded {
     object: usize,
     topic: String,
     complaints: Complaints,
+    /// Fields without effect that have been named.
+    named: Said,
 }
 
 impl Commanded {
@@ -74,6 +82,15 @@ impl Commanded {
             self.complaints.report(format_args!("{}: {error}", self.topic));
         } else if !was_live {
             self.waker.wake();
+        }
+    }
+}
+
+impl Commanded {
+    /// Says once a topic which `fields` of a command have no effect, and that `taken` is what has.
+    fn name_unused(&self, fields: impl Iterator<Item = &'static str>, taken: &str) {
+        for field in self.named.first_of(fields) {
+            report!("ROS: {}: {field} has no effect: {taken}; this is said once", self.topic);
         }
     }
 }
@@ -111,6 +128,7 @@ impl Builder<'_> {
             object,
             topic: format!("{name}/Command"),
             complaints: Complaints::default(),
+            named: Said::default(),
         }
     }
 
@@ -181,6 +199,71 @@ impl Builder<'_> {
     }
 }
 
+impl Builder<'_> {
+    fn sensor(&mut self, object: usize, info: &ObjectInfo, name: String, index: usize, sensor: &SensorInfo) {
+        let (of, sensor) = (info.clone(), sensor.clone());
+        self.publish(format!("{name}/State"), info.rates, Some(object), move |snapshot| {
+            sensor::state(&of, index, &sensor, snapshot?)
+        });
+        let commanded = self.commanded(object, &name);
+        self.subscribe(format!("{name}/Command"), move |_: ambf_msgs::SensorCmd| {
+            commanded.post(|hub, object| hub.post(object, &SensorCommand));
+        });
+    }
+
+    fn actuator(&mut self, object: usize, info: &ObjectInfo, name: String, index: usize, actuator: &ActuatorInfo) {
+        let (of, actuator) = (info.clone(), actuator.clone());
+        self.publish(format!("{name}/State"), info.rates, Some(object), move |snapshot| {
+            actuator::state(&of, index, &actuator, snapshot?)
+        });
+        let commanded = self.commanded(object, &name);
+        self.subscribe(format!("{name}/Command"), move |message| match actuator::command(message) {
+            Ok(command) => commanded.post(|hub, object| hub.post(object, &command)),
+            Err(why) => {
+                commanded.complaints.report(format_args!("{}: {why}", commanded.topic));
+            }
+        });
+    }
+
+    fn vehicle(&mut self, object: usize, info: &ObjectInfo, name: String, index: usize, vehicle: &VehicleInfo) {
+        let (of, wheels, vehicle) = (info.clone(), vehicle.wheels, vehicle.clone());
+        self.publish(format!("{name}/State"), info.rates, Some(object), move |snapshot| {
+            vehicle::state(&of, index, &vehicle, snapshot?)
+        });
+        let commanded = self.commanded(object, &name);
+        self.subscribe(format!("{name}/Command"), move |message| {
+            commanded.post(|hub, object| hub.post(object, &vehicle::command(&message, wheels)));
+        });
+    }
+
+    fn soft_body(&mut self, object: usize, info: &ObjectInfo, name: String, index: usize, mass: f64) {
+        let of = info.clone();
+        self.publish(format!("{name}/State"), info.rates, Some(object), move |snapshot| {
+            soft_body::state(&of, index, mass, snapshot?)
+        });
+        let commanded = self.commanded(object, &name);
+        self.subscribe(format!("{name}/Command"), move |message| {
+            commanded.name_unused(soft_body::unused_fields(&message), "a soft body takes a wrench.force");
+            commanded.post(|hub, object| hub.post(object, &soft_body::command(&message)));
+        });
+    }
+
+    fn ghost(&mut self, object: usize, info: &ObjectInfo, name: String, index: usize) {
+        let of = info.clone();
+        self.publish(format!("{name}/State"), info.rates, Some(object), move |snapshot| {
+            ghost::state(&of, index, snapshot?)
+        });
+        let commanded = self.commanded(object, &name);
+        self.subscribe(format!("{name}/Command"), move |message| {
+            commanded.name_unused(
+                ghost::unused_fields(&message),
+                "a ghost object takes a pose, with enable_position_controller",
+            );
+            commanded.post(|hub, object| hub.post(object, &ghost::command(&message)));
+        });
+    }
+}
+
 fn identity(info: &ObjectInfo, parent: &str) -> (Identity, Arc<ParentName>) {
     let parent = ParentName::new(parent);
     let identity =
@@ -207,6 +290,11 @@ mod tests {
             object(ObjectKind::RigidBody(0, Box::default()), "psm/baselink1"),
             object(ObjectKind::Camera(0, Box::default()), "cameras/default_camera"),
             object(ObjectKind::Light(0, Box::default()), "light"),
+            object(ObjectKind::Sensor(0, Box::default()), "sensor"),
+            object(ObjectKind::Actuator(0, Box::default()), "actuator"),
+            object(ObjectKind::Vehicle(0, Box::default()), "vehicle"),
+            object(ObjectKind::SoftBody(0, 1.0), "soft body"),
+            object(ObjectKind::Ghost(0), "ghost"),
         ]));
         let served = serve(&hub, &Arc::default(), 0);
         let mut lines: Vec<_> = served
@@ -224,12 +312,22 @@ mod tests {
                 "/ambf/env/World/Command/Reset/Bodies std_msgs/Empty false",
                 "/ambf/env/World/State ambf_msgs/WorldState true",
                 "/ambf/env/World/Timing ambf_msgs/Timing true",
+                "/ambf/env/actuator/Command ambf_msgs/ActuatorCmd false",
+                "/ambf/env/actuator/State ambf_msgs/ActuatorState true",
                 "/ambf/env/cameras/default_camera/Command ambf_msgs/CameraCmd false",
                 "/ambf/env/cameras/default_camera/State ambf_msgs/CameraState true",
+                "/ambf/env/ghost/Command ambf_msgs/ObjectCmd false",
+                "/ambf/env/ghost/State ambf_msgs/ObjectState true",
                 "/ambf/env/light/Command ambf_msgs/LightCmd false",
                 "/ambf/env/light/State ambf_msgs/LightState true",
                 "/ambf/env/psm/baselink1/Command ambf_msgs/RigidBodyCmd false",
                 "/ambf/env/psm/baselink1/State ambf_msgs/RigidBodyState true",
+                "/ambf/env/sensor/Command ambf_msgs/SensorCmd false",
+                "/ambf/env/sensor/State ambf_msgs/SensorState true",
+                "/ambf/env/soft_body/Command ambf_msgs/SoftBodyCmd false",
+                "/ambf/env/soft_body/State ambf_msgs/SoftBodyState true",
+                "/ambf/env/vehicle/Command ambf_msgs/VehicleCmd false",
+                "/ambf/env/vehicle/State ambf_msgs/VehicleState true",
             ]
         );
         assert_eq!((served.cameras.len(), served.lights.len(), served.worlds.len()), (1, 1, 1));
