@@ -1,4 +1,4 @@
-//! ROS messages, generated at build time from the definitions on `ROSRUST_MSG_PATH` (see `.cargo/config.toml`), and
+//! ROS messages and services, generated at build time from the definitions on `ROSRUST_MSG_PATH` (see `.cargo/config.toml`), and
 //! conversions between their parts and the simulator's types.
 
 #[allow(missing_docs, clippy::all, clippy::pedantic)]
@@ -6,12 +6,15 @@ mod generated {
     rosrust::rosmsg_include!(
         ambf_msgs / ActuatorCmd,
         ambf_msgs / ActuatorState,
+        ambf_msgs / AddModel,
         ambf_msgs / CameraCmd,
         ambf_msgs / CameraState,
         ambf_msgs / LightCmd,
         ambf_msgs / LightState,
+        ambf_msgs / ListModels,
         ambf_msgs / ObjectCmd,
         ambf_msgs / ObjectState,
+        ambf_msgs / RemoveModel,
         ambf_msgs / RigidBodyCmd,
         ambf_msgs / RigidBodyState,
         ambf_msgs / SensorCmd,
@@ -131,6 +134,10 @@ mod tests {
         check::<ambf_msgs::WorldCmd>("ambf_msgs/WorldCmd", "6941ddbc8f8196cff4beb0278a6ad79d");
         check::<ambf_msgs::WorldState>("ambf_msgs/WorldState", "6e545bb4d1457db0c1ee58df8e46d570");
         check::<sensor_msgs::PointCloud>("sensor_msgs/PointCloud", "d8e9c3f5afbdd8a130fd1d2763945fca");
+        // Ours, as Debian's genpy computes them.
+        check::<ambf_msgs::AddModel>("ambf_msgs/AddModel", "f5bd0122d8d7f607648fac2661ce032e");
+        check::<ambf_msgs::ListModels>("ambf_msgs/ListModels", "ff08cbe897983592b3543e831685aaec");
+        check::<ambf_msgs::RemoveModel>("ambf_msgs/RemoveModel", "6b1b98e3880995cce04976ee2d7995e8");
         assert!(ambf_msgs::RigidBodyState::msg_definition().contains("geometry_msgs/Twist twist"));
     }
 

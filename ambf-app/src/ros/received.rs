@@ -57,6 +57,7 @@ impl Wire<'_> {
 impl FromClient for ambf_msgs::WorldCmd {}
 impl FromClient for ambf_msgs::CameraCmd {}
 impl FromClient for ambf_msgs::LightCmd {}
+impl FromClient for ambf_msgs::ListModelsReq {}
 impl FromClient for std_msgs::Empty {}
 impl FromClient for std_msgs::Float32 {}
 
@@ -118,6 +119,18 @@ impl FromClient for ambf_msgs::ObjectCmd {
 impl FromClient for ambf_msgs::SoftBodyCmd {
     fn walk(wire: &mut Wire<'_>) -> Option<()> {
         walk_object(wire)
+    }
+}
+
+impl FromClient for ambf_msgs::AddModelReq {
+    fn walk(wire: &mut Wire<'_>) -> Option<()> {
+        wire.array(1)
+    }
+}
+
+impl FromClient for ambf_msgs::RemoveModelReq {
+    fn walk(wire: &mut Wire<'_>) -> Option<()> {
+        wire.array(1)
     }
 }
 
@@ -234,6 +247,12 @@ mod tests {
     }
 
     #[test]
+    fn bytes_that_are_no_request_are_refused() {
+        check(&ambf_msgs::AddModelReq { file: "car.yaml".into() }, &[4]);
+        check(&ambf_msgs::RemoveModelReq { model: "car".into() }, &[4]);
+    }
+
+    #[test]
     fn bytes_of_any_kind_end_in_a_message_or_an_error() {
         // A linear congruential generator: the same bytes in every run.
         let mut state = 1u64;
@@ -251,6 +270,7 @@ mod tests {
             let _ = Received::<ambf_msgs::VehicleCmd>::decode_slice(&bytes);
             let _ = Received::<ambf_msgs::ObjectCmd>::decode_slice(&bytes);
             let _ = Received::<ambf_msgs::SoftBodyCmd>::decode_slice(&bytes);
+            let _ = Received::<ambf_msgs::AddModelReq>::decode_slice(&bytes);
             let _ = Received::<sensor_msgs::PointCloud>::decode_slice(&bytes);
         }
     }
