@@ -2,10 +2,13 @@
 
 mod ros_common;
 
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use ambf_app::ros::messages::ambf_msgs;
+use ambf_app::ros::{ModelHost, ModelReply};
 use ambf_core::comm::{Inbox, Middleware, Rates, RigidBodyCommand};
 use dxr::Value;
 use ros_common::*;
@@ -33,6 +36,23 @@ impl Drop for Master {
     }
 }
 
+/// There is one model and nothing to be done about it.
+struct OneModel;
+
+impl ModelHost for OneModel {
+    fn add(&self, _: &Path) -> Result<ModelReply, String> {
+        Err("there is one already".into())
+    }
+
+    fn remove(&self, _: &str) -> Result<String, String> {
+        Err("it stays".into())
+    }
+
+    fn list(&self) -> Vec<(String, PathBuf)> {
+        vec![("the one".into(), PathBuf::new())]
+    }
+}
+
 fn answers(uri: &str) -> bool {
     call(uri, "getPid", vec![]).is_some()
 }
@@ -52,7 +72,8 @@ fn a_master_that_dies_and_comes_back_is_told_everything_again() {
         return;
     };
     until("the master", || answers(&uri));
-    let mut simulator = Simulator::start(objects("/ambf/env/", 10, Rates::default()));
+    let list = objects("/ambf/env/", 10, Rates::default());
+    let mut simulator = Simulator::start_with(list, |ros| ros.with_models(Arc::new(OneModel)));
     until("the last topic", || system_state_mentions(&uri, "/ambf/env/light/Command"));
     until("the parameters", || call(&uri, "getParam", vec![text("/ambf/env/light/type")]).is_some());
 
@@ -73,6 +94,9 @@ fn a_master_that_dies_and_comes_back_is_told_everything_again() {
     std::thread::sleep(Duration::from_millis(1500));
     assert!(simulator.step() > step, "the simulation goes on");
     states.count(Duration::from_millis(300));
+    // What comes and goes meanwhile is right when the master is back.
+    simulator.hub.add_objects(elements("/ambf/env/later/"));
+    simulator.hub.remove_objects([simulator.object("Box9")]);
 
     let master = Master::start(port).unwrap();
     until("the master is back", || answers(&uri));
@@ -80,6 +104,8 @@ fn a_master_that_dies_and_comes_back_is_told_everything_again() {
     until("everything is registered again", || {
         system_state_mentions(&uri, "/ambf/env/light/Command") && system_state_mentions(&uri, "/rosout")
     });
+    until("so is what came meanwhile", || system_state_mentions(&uri, "/ambf/env/later/Water/Command"));
+    assert!(!system_state_mentions(&uri, "/ambf/env/Box9"));
     println!("registered again {} ms after the master came back", back.elapsed().as_millis());
     assert_eq!(publisher_of(&uri, topic), node, "the node is the same");
     assert!(published_topics(&uri).contains(&(topic.to_owned(), "ambf_msgs/RigidBodyState".to_owned())));
@@ -88,6 +114,8 @@ fn a_master_that_dies_and_comes_back_is_told_everything_again() {
 
     // A client that comes now is heard.
     let client = rosrust::api::Ros::new("tester").unwrap();
+    let list_models = client.client::<ambf_msgs::ListModels>("/ambf/env/World/list_models").unwrap();
+    assert_eq!(list_models.req(&ambf_msgs::ListModelsReq {}).unwrap().unwrap().models, ["the one"]);
     let commands = client.publish::<ambf_msgs::RigidBodyCmd>("/ambf/env/Box1/Command", 10).unwrap();
     until("the simulator listens", || commands.subscriber_count() > 0);
     commands.send(ambf_msgs::RigidBodyCmd { cartesian_cmd_type: 2, ..Default::default() }).unwrap();

@@ -4,6 +4,7 @@
 //! calls of our own, in the name and with the address of the running node: connections between nodes stay up meanwhile.
 
 use std::collections::HashSet;
+use std::mem::discriminant;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -26,13 +27,23 @@ const ROSOUT: &str = "/rosout";
 
 struct Item {
     announcement: Arc<dyn Announcement>,
-    announced: bool,
+    /// Number of its announcement, unique in the link; `None` before.
+    announced: Option<u64>,
+}
+
+impl Item {
+    fn new(announcement: Arc<dyn Announcement>) -> Self {
+        Self { announcement, announced: None }
+    }
 }
 
 /// What the threads of the ROS side share about the link.
 pub(super) struct Link {
     master: Peer,
     items: Mutex<Vec<Item>>,
+    /// Held while something is announced or withdrawn, which can take long.
+    changing: Mutex<()>,
+    announcements: AtomicU64,
     /// Name and address of the node once there is one.
     node: Mutex<Option<(String, String)>>,
     generation: AtomicU64,
@@ -41,12 +52,13 @@ pub(super) struct Link {
 }
 
 impl Link {
-    /// A link to `master` that will announce `announcements`.
-    pub fn new(master: Peer, announcements: Vec<Arc<dyn Announcement>>) -> Self {
-        let items = announcements.into_iter().map(|announcement| Item { announcement, announced: false }).collect();
+    /// A link to `master`.
+    pub fn new(master: Peer) -> Self {
         Self {
             master,
-            items: Mutex::new(items),
+            items: Mutex::default(),
+            changing: Mutex::default(),
+            announcements: AtomicU64::new(0),
             node: Mutex::new(None),
             generation: AtomicU64::new(0),
             stop: Stop::default(),
@@ -75,43 +87,57 @@ impl Link {
         }
     }
 
-    /// Announces one more topic soon.
-    pub fn add(&self, announcement: Arc<dyn Announcement>) {
-        self.items().push(Item { announcement, announced: false });
+    fn change(&self) -> MutexGuard<'_, ()> {
+        self.changing.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Announces more soon.
+    pub fn add(&self, announcements: impl IntoIterator<Item = Arc<dyn Announcement>>) {
+        self.items().extend(announcements.into_iter().map(Item::new));
         self.stop.nudge();
     }
 
-    /// Withdraws what was announced about `topic`.
-    pub fn remove(&self, topic: &str) {
-        let mut gone = Vec::new();
-        self.items().retain(|item| {
-            let keep = item.announcement.registration().topic != topic;
-            if !keep {
-                gone.push(Arc::clone(&item.announcement));
-            }
-            keep
-        });
-        gone.iter().for_each(|announcement| announcement.withdraw());
+    /// Withdraws `gone`; blocks while the master thinks.
+    pub fn remove(&self, gone: &[Arc<dyn Announcement>]) {
+        if gone.is_empty() {
+            return;
+        }
+        let _change = self.change();
+        let key = |announcement: &dyn Announcement| {
+            let Registration { topic, direction, .. } = announcement.registration();
+            (topic, discriminant(&direction))
+        };
+        let keys: HashSet<_> = gone.iter().map(|announcement| key(&**announcement)).collect();
+        // rosrust closes a topic for all who share it: the others have to open it again.
+        let touched = self.items().extract_if(.., |item| keys.contains(&key(&*item.announcement))).collect::<Vec<_>>();
+        let own = self.node().as_ref().and_then(|(_, uri)| own_peer(uri).ok());
+        let published = touched.iter().filter(|item| item.announced.is_some()).map(|item| key(&*item.announcement));
+        let published: HashSet<_> =
+            published.filter(|(_, side)| *side == discriminant(&Direction::Publishes)).collect();
+        let ports = published.iter().filter_map(|(topic, _)| port_of(own.as_ref()?, topic)).collect();
+        touched.iter().for_each(|item| item.announcement.withdraw());
+        end_listeners(ports);
+        let others = touched.into_iter().map(|item| item.announcement);
+        self.add(others.filter(|other| !gone.iter().any(|one| Arc::ptr_eq(one, other))));
     }
 
     /// The first that is not announced yet.
     fn next_pending(&self) -> Option<Arc<dyn Announcement>> {
-        self.items().iter().find(|item| !item.announced).map(|item| Arc::clone(&item.announcement))
+        self.items().iter().find(|item| item.announced.is_none()).map(|item| Arc::clone(&item.announcement))
     }
 
     fn mark_announced(&self, done: &Arc<dyn Announcement>) {
+        let number = self.announcements.fetch_add(1, Ordering::Relaxed);
         let mut items = self.items();
         if let Some(item) = items.iter_mut().find(|item| Arc::ptr_eq(&item.announcement, done)) {
-            item.announced = true;
-            return;
+            item.announced = Some(number);
         }
-        drop(items);
-        // It was removed in the meantime.
-        done.withdraw();
     }
 
-    fn registrations(&self) -> Vec<Registration> {
-        self.items().iter().filter(|item| item.announced).map(|item| item.announcement.registration()).collect()
+    /// What is announced, each with the number of its announcement.
+    fn registrations(&self) -> Vec<(u64, Registration)> {
+        let items = self.items();
+        items.iter().filter_map(|item| Some((item.announced?, item.announcement.registration()))).collect()
     }
 }
 
@@ -243,6 +269,7 @@ impl Worker<'_> {
             }
         }
         if self.forgotten {
+            let _change = self.link.change();
             match register_again(&self.link.registrations(), node, &master) {
                 Ok(()) => {
                     report!("ROS: the master {} did not know us; everything is registered again", master.uri());
@@ -263,7 +290,10 @@ impl Worker<'_> {
 
     fn announce_pending(&mut self) {
         let Some(node) = &self.node else { return };
-        while let Some(announcement) = self.link.next_pending() {
+        loop {
+            // Nothing may be removed half announced.
+            let _change = self.link.change();
+            let Some(announcement) = self.link.next_pending() else { break };
             if self.link.stop.is_stopped() {
                 return;
             }
@@ -288,9 +318,10 @@ impl Worker<'_> {
     }
 
     fn withdraw(&mut self) {
+        let _change = self.link.change();
         let items = std::mem::take(&mut *self.link.items());
         let Some(node) = self.node.take() else { return };
-        items.iter().filter(|item| item.announced).for_each(|item| item.announcement.withdraw());
+        items.iter().filter(|item| item.announced.is_some()).for_each(|item| item.announcement.withdraw());
         // Withdraws the log topic.
         node.shutdown_sender().shutdown();
         // Only a call from outside ends the node's server thread.
@@ -298,11 +329,15 @@ impl Worker<'_> {
             let _ = own.call("shutdown", vec![Value::String("end of the simulation".into())]);
         }
         drop(node);
-        // A thread that waits for the next subscriber of a withdrawn topic ends with the next connection.
-        for port in self.link.sockets.ports() {
-            let address = (std::net::Ipv4Addr::LOCALHOST, port).into();
-            let _ = std::net::TcpStream::connect_timeout(&address, Duration::from_millis(50));
-        }
+        end_listeners(self.link.sockets.ports());
+    }
+}
+
+/// Lets the threads end that wait for the next subscriber of a withdrawn topic at `ports`: they do so with the next connection.
+fn end_listeners(ports: Vec<u16>) {
+    for port in ports {
+        let address = (std::net::Ipv4Addr::LOCALHOST, port).into();
+        let _ = std::net::TcpStream::connect_timeout(&address, Duration::from_millis(50));
     }
 }
 
@@ -313,16 +348,16 @@ fn own_peer(uri: &str) -> Result<Peer, CallError> {
 
 /// Tends the sockets of the node until the link is stopped.
 pub(super) fn tend_sockets(link: &Link) {
-    let mut bounded: HashSet<String> = HashSet::new();
+    let mut bounded: HashSet<u64> = HashSet::new();
     while !link.stop.wait(POLL) {
         link.sockets.sweep();
         let uri = link.node().as_ref().map(|(_, uri)| uri.clone());
         let Some(Ok(own)) = uri.as_deref().map(own_peer) else { continue };
         let mut ports = HashSet::new();
-        for Registration { topic, direction, .. } in link.registrations() {
-            if direction == Direction::Publishes && !bounded.contains(&topic) && !link.stop.is_stopped() {
+        for (number, Registration { topic, direction, .. }) in link.registrations() {
+            if direction == Direction::Publishes && !bounded.contains(&number) && !link.stop.is_stopped() {
                 ports.extend(port_of(&own, &topic));
-                bounded.insert(topic);
+                bounded.insert(number);
             }
         }
         if !ports.is_empty() {
@@ -344,12 +379,15 @@ fn port_of(node: &Peer, topic: &str) -> Option<u16> {
 }
 
 /// Registers all of `registrations` of `node` with a master that does not know them.
-fn register_again(registrations: &[Registration], node: &Ros, master: &Peer) -> Result<(), CallError> {
+fn register_again(registrations: &[(u64, Registration)], node: &Ros, master: &Peer) -> Result<(), CallError> {
     let text = |s: &str| Value::String(s.to_owned());
     let own = own_peer(node.uri())?;
-    for registration in registrations {
+    for (_, registration) in registrations {
         let arguments = vec![text(&registration.topic), text(&registration.message_type), text(node.uri())];
-        match registration.direction {
+        match &registration.direction {
+            Direction::Serves { uri } => {
+                master.call("registerService", vec![text(&registration.topic), text(uri), text(node.uri())])?;
+            }
             Direction::Publishes => {
                 master.call("registerPublisher", arguments)?;
             }

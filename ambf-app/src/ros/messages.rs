@@ -1,16 +1,29 @@
-//! ROS messages, generated at build time from the definitions on `ROSRUST_MSG_PATH` (see `.cargo/config.toml`), and
+//! ROS messages and services, generated at build time from the definitions on `ROSRUST_MSG_PATH` (see `.cargo/config.toml`), and
 //! conversions between their parts and the simulator's types.
 
 #[allow(missing_docs, clippy::all, clippy::pedantic)]
 mod generated {
     rosrust::rosmsg_include!(
+        ambf_msgs / ActuatorCmd,
+        ambf_msgs / ActuatorState,
+        ambf_msgs / AddModel,
         ambf_msgs / CameraCmd,
         ambf_msgs / CameraState,
         ambf_msgs / LightCmd,
         ambf_msgs / LightState,
+        ambf_msgs / ListModels,
+        ambf_msgs / ObjectCmd,
+        ambf_msgs / ObjectState,
+        ambf_msgs / RemoveModel,
         ambf_msgs / RigidBodyCmd,
         ambf_msgs / RigidBodyState,
+        ambf_msgs / SensorCmd,
+        ambf_msgs / SensorState,
+        ambf_msgs / SoftBodyCmd,
+        ambf_msgs / SoftBodyState,
         ambf_msgs / Timing,
+        ambf_msgs / VehicleCmd,
+        ambf_msgs / VehicleState,
         ambf_msgs / WorldCmd,
         ambf_msgs / WorldState,
         sensor_msgs / PointCloud,
@@ -66,6 +79,16 @@ pub fn pose(pose: &Isometry3<f64>) -> geometry_msgs::Pose {
     }
 }
 
+/// For a field of single precision: what is too large for it becomes the largest number, not infinite.
+pub fn narrow(x: f64) -> f32 {
+    x.clamp(f64::from(f32::MIN), f64::from(f32::MAX)) as f32
+}
+
+/// Whether nothing but zeros is in `v`.
+pub fn is_zero(v: &geometry_msgs::Vector3) -> bool {
+    [v.x, v.y, v.z] == [0.0; 3]
+}
+
 /// Vector of a `geometry_msgs/Vector3`.
 pub fn from_vector(v: &geometry_msgs::Vector3) -> Vector3<f64> {
     Vector3::new(v.x, v.y, v.z)
@@ -89,32 +112,32 @@ mod tests {
 
     #[test]
     fn types_are_those_of_the_original() {
-        let sums = [
-            (ambf_msgs::CameraCmd::msg_type(), ambf_msgs::CameraCmd::md5sum(), "4c77af9a51e6b28efe30862e7d6b0479"),
-            (ambf_msgs::CameraState::msg_type(), ambf_msgs::CameraState::md5sum(), "a407bd98dbe1308fc98fc9d52379c405"),
-            (ambf_msgs::LightCmd::msg_type(), ambf_msgs::LightCmd::md5sum(), "4c77af9a51e6b28efe30862e7d6b0479"),
-            (ambf_msgs::LightState::msg_type(), ambf_msgs::LightState::md5sum(), "a407bd98dbe1308fc98fc9d52379c405"),
-            (
-                ambf_msgs::RigidBodyCmd::msg_type(),
-                ambf_msgs::RigidBodyCmd::md5sum(),
-                "c54fc48da5e84240a367eff7725e74b4",
-            ),
-            (
-                ambf_msgs::RigidBodyState::msg_type(),
-                ambf_msgs::RigidBodyState::md5sum(),
-                "c0ba0eb38f2481828a038f3b17ce0623",
-            ),
-            (ambf_msgs::WorldCmd::msg_type(), ambf_msgs::WorldCmd::md5sum(), "6941ddbc8f8196cff4beb0278a6ad79d"),
-            (ambf_msgs::WorldState::msg_type(), ambf_msgs::WorldState::md5sum(), "6e545bb4d1457db0c1ee58df8e46d570"),
-            (
-                sensor_msgs::PointCloud::msg_type(),
-                sensor_msgs::PointCloud::md5sum(),
-                "d8e9c3f5afbdd8a130fd1d2763945fca",
-            ),
-        ];
-        for (name, sum, expected) in sums {
-            assert_eq!(sum, expected, "{name}");
+        fn check<M: Message>(name: &str, sum: &str) {
+            assert_eq!((M::msg_type().as_str(), M::md5sum().as_str()), (name, sum));
         }
+        check::<ambf_msgs::ActuatorCmd>("ambf_msgs/ActuatorCmd", "95500dea47e70fe03427341c7d1aa9f0");
+        check::<ambf_msgs::ActuatorState>("ambf_msgs/ActuatorState", "bb54291f69633b7821b7930b1ec68d2b");
+        check::<ambf_msgs::CameraCmd>("ambf_msgs/CameraCmd", "4c77af9a51e6b28efe30862e7d6b0479");
+        check::<ambf_msgs::CameraState>("ambf_msgs/CameraState", "a407bd98dbe1308fc98fc9d52379c405");
+        check::<ambf_msgs::LightCmd>("ambf_msgs/LightCmd", "4c77af9a51e6b28efe30862e7d6b0479");
+        check::<ambf_msgs::LightState>("ambf_msgs/LightState", "a407bd98dbe1308fc98fc9d52379c405");
+        check::<ambf_msgs::ObjectCmd>("ambf_msgs/ObjectCmd", "091c255bd5039de21056e952538cf83c");
+        check::<ambf_msgs::ObjectState>("ambf_msgs/ObjectState", "3dc87d37c7ec8f949bfbd135c2cfe5a8");
+        check::<ambf_msgs::RigidBodyCmd>("ambf_msgs/RigidBodyCmd", "c54fc48da5e84240a367eff7725e74b4");
+        check::<ambf_msgs::RigidBodyState>("ambf_msgs/RigidBodyState", "c0ba0eb38f2481828a038f3b17ce0623");
+        check::<ambf_msgs::SensorCmd>("ambf_msgs/SensorCmd", "8f1886769be440a6a76a9e6c56ba2056");
+        check::<ambf_msgs::SensorState>("ambf_msgs/SensorState", "e405887246b5afd9e382d4a7a0f69926");
+        check::<ambf_msgs::SoftBodyCmd>("ambf_msgs/SoftBodyCmd", "091c255bd5039de21056e952538cf83c");
+        check::<ambf_msgs::SoftBodyState>("ambf_msgs/SoftBodyState", "3dc87d37c7ec8f949bfbd135c2cfe5a8");
+        check::<ambf_msgs::VehicleCmd>("ambf_msgs/VehicleCmd", "20858f9fdd87217d00304616067bb7b4");
+        check::<ambf_msgs::VehicleState>("ambf_msgs/VehicleState", "0196943764f0cf7865b5798046e2027c");
+        check::<ambf_msgs::WorldCmd>("ambf_msgs/WorldCmd", "6941ddbc8f8196cff4beb0278a6ad79d");
+        check::<ambf_msgs::WorldState>("ambf_msgs/WorldState", "6e545bb4d1457db0c1ee58df8e46d570");
+        check::<sensor_msgs::PointCloud>("sensor_msgs/PointCloud", "d8e9c3f5afbdd8a130fd1d2763945fca");
+        // Ours, as Debian's genpy computes them.
+        check::<ambf_msgs::AddModel>("ambf_msgs/AddModel", "f5bd0122d8d7f607648fac2661ce032e");
+        check::<ambf_msgs::ListModels>("ambf_msgs/ListModels", "ff08cbe897983592b3543e831685aaec");
+        check::<ambf_msgs::RemoveModel>("ambf_msgs/RemoveModel", "6b1b98e3880995cce04976ee2d7995e8");
         assert!(ambf_msgs::RigidBodyState::msg_definition().contains("geometry_msgs/Twist twist"));
     }
 

@@ -1,12 +1,14 @@
-//! ROS 1: topics and parameters of the original simulator, through rosrust.
+//! ROS 1: topics and parameters of the original simulator, through rosrust, and services of our own.
 //!
 //! | thread | what it does |
 //! |---|---|
 //! | `ros-publish` | publishes all states, each at its own rate ([`PublishSchedule`](ambf_core::comm::PublishSchedule)) |
 //! | `ros-link` | finds or starts the master, announces topics, registers again when the master was restarted |
+//! | `ros-objects` | announces and withdraws the topics of objects that come and go |
 //! | `ros-parameters` | writes and polls the parameters of cameras, lights and the world |
 //! | `ros-sockets` | sets the options of new sockets |
 //! | `ros-master` | the embedded master, when there is one |
+//! | `ros-service`, `ros-request` | one a service for its new clients, one a client for its requests |
 //!
 //! rosrust adds two threads for each topic. None of them can hold up the physics: states are read from the hub's newest
 //! snapshot and commands are left in its mailboxes.
@@ -16,10 +18,13 @@
 //! `rosparam list` shows namespaces too. When more than eight commands for one object arrive at once, rosrust drops some of
 //! them, which need not be the oldest.
 
+mod actuator;
 mod embedded;
+mod ghost;
 mod link;
 pub mod messages;
 mod mismatch;
+mod models;
 pub mod naming;
 mod objects;
 mod parameters;
@@ -29,9 +34,14 @@ mod received;
 mod remap;
 mod rigid_body;
 mod scheduler;
+mod sensor;
+mod service;
 mod signal;
 mod sockets;
+mod soft_body;
 mod topic;
+mod topics;
+mod vehicle;
 mod world;
 mod xmlrpc;
 
@@ -43,13 +53,17 @@ use std::time::{Duration, Instant};
 
 use ambf_core::comm::{Hub, Middleware};
 
+pub use models::{ModelHost, ModelReply};
 pub use point_cloud::{PointCloud, PointClouds};
 pub use remap::without_remappings;
 pub use xmlrpc::CallError;
 
 use crate::report;
 use link::Link;
+use objects::{Objects, Told};
+use parameters::Parameters;
 use signal::Waker;
+use topics::Surroundings;
 use xmlrpc::Peer;
 
 /// Master when `ROS_MASTER_URI` is not set.
@@ -78,11 +92,12 @@ impl Default for RosOptions {
 
 /// Serves the objects of a hub to ROS 1.
 ///
-/// The environment (`ROS_MASTER_URI`, `ROS_IP`, `ROS_HOSTNAME`, `ROS_NAMESPACE`) is honoured. Without a master, one is started in
+/// Objects that come and go in the hub are followed. The environment (`ROS_MASTER_URI`, `ROS_IP`, `ROS_HOSTNAME`, `ROS_NAMESPACE`) is honoured. Without a master, one is started in
 /// this process if the address is one of this machine; otherwise the simulation goes on and the master is asked for every second.
 pub struct RosMiddleware {
     options: RosOptions,
     clouds: Arc<PointClouds>,
+    models: Option<Arc<dyn ModelHost>>,
     running: Option<Running>,
 }
 
@@ -97,7 +112,13 @@ struct Running {
 impl RosMiddleware {
     /// Not started yet.
     pub fn new(options: RosOptions) -> Self {
-        Self { options, clouds: Arc::default(), running: None }
+        Self { options, clouds: Arc::default(), models: None, running: None }
+    }
+
+    /// Offers services with which clients add, remove and list models through `host`. Default: there are none.
+    pub fn with_models(mut self, host: Arc<dyn ModelHost>) -> Self {
+        self.models = Some(host);
+        self
     }
 
     /// Point clouds that clients publish, to be drawn.
@@ -119,25 +140,28 @@ impl Middleware for RosMiddleware {
         mismatch::report_mismatches();
         hub.set_listening();
         let waker = Arc::<Waker>::default();
-        let served = objects::serve(&hub, &waker, self.options.n_devices);
-        let link = Arc::new(Link::new(master, served.announcements));
+        let link = Arc::new(Link::new(master.clone()));
+        let (publisher, entries) = channel();
+        let (to_parameters, changes) = channel();
+        let told = Told { link: Arc::clone(&link), publisher, parameters: to_parameters };
+        let mut objects = Objects::new(Surroundings {
+            hub: Arc::clone(&hub),
+            waker: Arc::clone(&waker),
+            n_devices: self.options.n_devices,
+            master,
+            models: self.models.clone(),
+        });
+        objects.follow(&told);
         let (alive, ended) = channel();
         let publisher = {
             let (hub, link, waker) = (Arc::clone(&hub), Arc::clone(&link), Arc::clone(&waker));
-            let entries = served.entries;
-            named("ros-publish").spawn(move || scheduler::run(&hub, entries, &link.stop, &waker))?
+            named("ros-publish").spawn(move || scheduler::run(&hub, &entries, &link.stop, &waker))?
         };
         // From here on `stop` cleans up whatever has been started.
         self.running = Some(Running { link: Arc::clone(&link), waker, publisher, ended });
-        let parameters = parameters::Parameters::new(
-            hub,
-            Arc::clone(&link),
-            served.cameras,
-            served.lights,
-            served.worlds,
-            Arc::clone(&self.clouds),
-        );
+        let parameters = Parameters::new(hub, Arc::clone(&link), changes, Arc::clone(&self.clouds));
         spawn_detached("ros-parameters", &alive, move || parameters.run())?;
+        spawn_detached("ros-objects", &alive, move || objects.run(&told))?;
         let swept = Arc::clone(&link);
         spawn_detached("ros-sockets", &alive, move || link::tend_sockets(&swept))?;
         let name = self.options.node_name.clone();

@@ -25,36 +25,56 @@ pub fn graph_name(parts: &[&str]) -> (String, bool) {
     (name, replaced)
 }
 
-/// The part that all topics and parameters of each object share: `/<namespace>/<name>`, one an object in the same order.
-///
-/// Replaced characters and objects that share one name are reported. Sharing is harmless: both publish on the one topic, and a
-/// command reaches both.
+/// Names in use: the part that all topics and parameters of an object share, `/<namespace>/<name>`.
+#[derive(Debug, Default)]
+pub struct Names {
+    /// Identifiers of the objects that have each name.
+    users: HashMap<String, Vec<String>>,
+}
+
+impl Names {
+    /// The name of `object`.
+    ///
+    /// Replaced characters and objects that share one name are reported. Sharing is harmless: both publish on the one topic, and
+    /// a command reaches both.
+    pub fn take(&mut self, object: &ObjectInfo) -> String {
+        // An object without a name still gets a topic of its own level, not one that swallows the namespace.
+        let own = if object.name.is_empty() { "_" } else { &object.name };
+        let (name, replaced) = graph_name(&[&object.namespace, own]);
+        if replaced {
+            report!(
+                "ROS: \"{}/{}\" holds characters that a topic name may not hold; it is published as {name}",
+                object.namespace.trim_end_matches('/'),
+                object.name
+            );
+        }
+        let users = self.users.entry(name.clone()).or_default();
+        if let Some(other) = users.first() {
+            report!(
+                "ROS: \"{}\" and \"{other}\" share the topics {name}/State and {name}/Command; rename one of them to tell them apart",
+                object.identifier
+            );
+        }
+        users.push(object.identifier.clone());
+        name
+    }
+
+    /// Says that `object` no longer uses `name`.
+    pub fn give_back(&mut self, name: &str, object: &ObjectInfo) {
+        let Some(users) = self.users.get_mut(name) else { return };
+        if let Some(user) = users.iter().position(|user| *user == object.identifier) {
+            users.remove(user);
+        }
+        if users.is_empty() {
+            self.users.remove(name);
+        }
+    }
+}
+
+/// [`Names::take`] for each of `objects`, in the same order.
 pub fn object_names<'o>(objects: impl IntoIterator<Item = &'o ObjectInfo>) -> Vec<String> {
-    let mut first: HashMap<String, &str> = HashMap::new();
-    objects
-        .into_iter()
-        .map(|object| {
-            // An object without a name still gets a topic of its own level, not one that swallows the namespace.
-            let own = if object.name.is_empty() { "_" } else { &object.name };
-            let (name, replaced) = graph_name(&[&object.namespace, own]);
-            if replaced {
-                report!(
-                    "ROS: \"{}/{}\" holds characters that a topic name may not hold; it is published as {name}",
-                    object.namespace.trim_end_matches('/'),
-                    object.name
-                );
-            }
-            if let Some(other) = first.get(&name) {
-                report!(
-                    "ROS: \"{}\" and \"{other}\" share the topics {name}/State and {name}/Command; rename one of them to tell them apart",
-                    object.identifier
-                );
-            } else {
-                first.insert(name.clone(), &object.identifier);
-            }
-            name
-        })
-        .collect()
+    let mut names = Names::default();
+    objects.into_iter().map(|object| names.take(object)).collect()
 }
 
 #[cfg(test)]
@@ -86,5 +106,17 @@ mod tests {
     fn shared_names_are_kept() {
         let names = object_names(&[object("/e/", "a-b"), object("/e", "a_b"), object("/e/", "")]);
         assert_eq!(names, ["/e/a_b", "/e/a_b", "/e/_"]);
+    }
+
+    #[test]
+    fn a_name_that_was_given_back_is_free() {
+        let (mut names, a, b) = (Names::default(), object("/e/", "a-b"), object("/e/", "a_b"));
+        let name = names.take(&a);
+        assert_eq!(names.take(&b), name);
+        names.give_back(&name, &a);
+        assert!(names.users[&name].iter().eq([&b.identifier]), "the other still has it");
+        names.give_back(&name, &b);
+        names.give_back(&name, &b);
+        assert!(names.users.is_empty());
     }
 }

@@ -1,237 +1,240 @@
-//! From the hub's list of objects to topics: what is published, what is listened to.
+//! From the hub's list of objects to topics and parameters, also while objects come and go.
 
+use std::sync::mpsc::Sender;
 use std::sync::Arc;
+use std::time::Duration;
 
-use ambf_core::comm::{
-    CameraParameters, Hub, LightParameters, ObjectInfo, ObjectKind, PostError, Rates, RigidBodyInfo, Snapshot,
-};
-use rosrust::Message;
+use super::link::Link;
+use super::naming::Names;
+use super::parameters::ParameterChange;
+use super::scheduler::Entry;
+use super::topic::Announcement;
+use super::topics::{self, Served, Surroundings};
 
-use super::messages::ambf_msgs;
-use super::naming::object_names;
-use super::posed::{self, Identity, ParentName};
-use super::received::FromClient;
-use super::rigid_body::{self, Requests};
-use super::scheduler::{is_live, Entry, StateOutlet};
-use super::signal::{Complaints, Waker};
-use super::topic::{Announcement, Publication, Subscription};
-use super::world;
+/// How often the list is compared with what is served.
+const POLL: Duration = Duration::from_millis(50);
 
-/// An object whose parameters are on the parameter server.
-pub(super) struct Parameterised<P> {
-    /// Position in the hub.
-    pub object: usize,
-    /// `/<namespace>/<name>`.
-    pub name: String,
-    /// Values in force.
-    pub values: P,
-    /// Shown in the object's state.
-    pub parent: Arc<ParentName>,
+/// An object that is served.
+struct Known {
+    name: String,
+    announcements: Vec<Arc<dyn Announcement>>,
 }
 
-/// Everything that follows from the list of objects.
+/// Keeps what is served in step with the hub's list of objects.
+pub(super) struct Objects {
+    around: Surroundings,
+    names: Names,
+    /// One an object of the hub, as far as it has been looked at; `None` once it is gone.
+    known: Vec<Option<Known>>,
+    /// The hub's when it was last looked at; `None` before.
+    generation: Option<u64>,
+}
+
+/// What has changed.
 #[derive(Default)]
-pub(super) struct Served {
-    pub entries: Vec<Entry>,
-    pub announcements: Vec<Arc<dyn Announcement>>,
-    pub cameras: Vec<Parameterised<CameraParameters>>,
-    pub lights: Vec<Parameterised<LightParameters>>,
-    /// `/<namespace>/World`.
-    pub worlds: Vec<String>,
+struct Change {
+    come: Served,
+    withdrawn: Vec<Arc<dyn Announcement>>,
 }
 
-/// Topics of all objects of `hub`.
-pub(super) fn serve(hub: &Arc<Hub>, waker: &Arc<Waker>, n_devices: u8) -> Served {
-    let mut builder = Builder { hub, waker, n_devices, served: Served::default() };
-    let objects = hub.objects();
-    let infos = || objects.iter().map(|object| &object.info);
-    for (object, (info, name)) in infos().zip(object_names(infos())).enumerate() {
-        match &info.kind {
-            ObjectKind::World => builder.world(object, info, name),
-            ObjectKind::RigidBody(index, body) => builder.rigid_body(object, info, name, *index, body),
-            ObjectKind::Camera(index, parameters) => builder.camera(object, info, name, *index, parameters),
-            ObjectKind::Light(index, parameters) => builder.light(object, info, name, *index, parameters),
-            _ => (),
-        }
-    }
-    builder.served
+/// Who is told of changes.
+pub(super) struct Told {
+    pub link: Arc<Link>,
+    pub publisher: Sender<Vec<Entry>>,
+    pub parameters: Sender<ParameterChange>,
 }
 
-/// What a command callback needs: one an object.
-struct Commanded {
-    hub: Arc<Hub>,
-    waker: Arc<Waker>,
-    object: usize,
-    topic: String,
-    complaints: Complaints,
-}
-
-impl Commanded {
-    /// Leaves a command with the hub. The first one of a stream raises the rate at once, not at the next slow tick.
-    fn post(&self, post: impl FnOnce(&Hub, usize) -> Result<(), PostError>) {
-        let was_live = is_live(&self.hub, self.object, self.hub.now_ns());
-        if let Err(error) = post(&self.hub, self.object) {
-            self.complaints.report(format_args!("{}: {error}", self.topic));
-        } else if !was_live {
-            self.waker.wake();
-        }
-    }
-}
-
-struct Builder<'a> {
-    hub: &'a Arc<Hub>,
-    waker: &'a Arc<Waker>,
-    n_devices: u8,
-    served: Served,
-}
-
-impl Builder<'_> {
-    /// Publishes on `topic`, at the fast rate while commands come for `commanded_by`.
-    fn publish<M: Message>(
-        &mut self,
-        topic: String,
-        rates: Rates,
-        commanded_by: Option<usize>,
-        message: impl FnMut(Option<&Snapshot>) -> Option<M> + Send + 'static,
-    ) {
-        let publication = Publication::new(topic);
-        self.served.announcements.push(Arc::clone(&publication) as Arc<dyn Announcement>);
-        let outlet = Box::new(StateOutlet { publication, message });
-        self.served.entries.push(Entry::new(outlet, rates, commanded_by, self.hub.now()));
+impl Objects {
+    /// Serves nothing yet.
+    pub fn new(around: Surroundings) -> Self {
+        Self { around, names: Names::default(), known: Vec::new(), generation: None }
     }
 
-    fn subscribe<M: FromClient>(&mut self, topic: String, on_message: impl Fn(M) + Send + Sync + 'static) {
-        self.served.announcements.push(Subscription::new(topic, on_message));
-    }
-
-    fn commanded(&self, object: usize, name: &str) -> Commanded {
-        Commanded {
-            hub: Arc::clone(self.hub),
-            waker: Arc::clone(self.waker),
-            object,
-            topic: format!("{name}/Command"),
-            complaints: Complaints::default(),
+    /// Follows the list until the link is stopped. Blocks while the master thinks, which is why it needs a thread of its own.
+    pub fn run(mut self, told: &Told) {
+        while !told.link.stop.wait(POLL) {
+            self.follow(told);
         }
     }
 
-    fn world(&mut self, object: usize, info: &ObjectInfo, name: String) {
-        let n_devices = self.n_devices;
-        self.publish(format!("{name}/State"), info.rates, Some(object), move |snapshot| {
-            Some(world::state(snapshot, n_devices))
-        });
-        let timing_rates = Rates { min: 10, max: 10 };
-        self.publish(format!("{name}/Timing"), timing_rates, None, |snapshot| snapshot.map(world::timing));
-        let on_command = world::on_command(Arc::clone(self.hub));
-        let commanded = self.commanded(object, &name);
-        self.subscribe(format!("{name}/Command"), move |message| {
-            commanded.post(|_, _| {
-                on_command(message);
-                Ok(())
-            });
-        });
-        self.subscribe(format!("{name}/Command/Reset"), world::on_reset(Arc::clone(self.hub)));
-        self.subscribe(format!("{name}/Command/Reset/Bodies"), world::on_body_reset(Arc::clone(self.hub)));
-        self.served.worlds.push(name);
+    /// Announces what has come since the last call, withdraws what has gone.
+    pub fn follow(&mut self, told: &Told) {
+        let Some(Change { come, withdrawn }) = self.compare() else { return };
+        // Withdrawn first: what comes may have the same topics.
+        told.link.remove(&withdrawn);
+        // Nobody listens any more while the program ends.
+        let _ = told.publisher.send(come.entries);
+        let _ = told.parameters.send(come.parameters);
+        told.link.add(come.announcements);
     }
 
-    fn rigid_body(&mut self, object: usize, info: &ObjectInfo, name: String, index: usize, body: &RigidBodyInfo) {
-        let requests = Arc::<Requests>::default();
-        let mut source =
-            rigid_body::StateSource::new(index, body.clone(), &info.name, &info.identifier, Arc::clone(&requests));
-        self.publish(format!("{name}/State"), info.rates, Some(object), move |snapshot| source.message(snapshot?));
-        let n_joints = body.joint_names.len().max(body.joints.len());
-        let commanded = self.commanded(object, &name);
-        self.subscribe(format!("{name}/Command"), move |message: ambf_msgs::RigidBodyCmd| {
-            let command = rigid_body::command(&message, n_joints);
-            commanded.post(|hub, object| {
-                hub.post(object, &command)?;
-                requests.note(&message);
-                Ok(())
-            });
-            if let Some(what) = rigid_body::unknown_type(&command) {
-                commanded.complaints.report(format_args!("{}: {what}", commanded.topic));
+    fn compare(&mut self) -> Option<Change> {
+        // Read before the list: what changes between the two is seen again.
+        let generation = self.around.hub.generation();
+        if self.generation == Some(generation) {
+            return None;
+        }
+        self.generation = Some(generation);
+        let objects = self.around.hub.objects().clone();
+        let mut change = Change::default();
+        for (position, known) in self.known.iter_mut().enumerate() {
+            if let Some(known) = known.take_if(|_| objects[position].is_removed()) {
+                self.names.give_back(&known.name, &objects[position].info);
+                change.withdrawn.extend(known.announcements);
+                change.come.parameters.removed.push(position);
             }
-        });
+        }
+        for (position, object) in objects.iter().enumerate().skip(self.known.len()) {
+            let known = (!object.is_removed()).then(|| {
+                let begin = change.come.announcements.len();
+                let name = self.names.take(&object.info);
+                topics::serve(&self.around, &mut change.come, position, &object.info, name.clone());
+                Known { name, announcements: change.come.announcements[begin..].to_vec() }
+            });
+            self.known.push(known);
+        }
+        Some(change)
     }
-
-    fn camera(&mut self, object: usize, info: &ObjectInfo, name: String, index: usize, parameters: &CameraParameters) {
-        let (identity, parent) = identity(info, &parameters.parent_name);
-        self.publish(format!("{name}/State"), info.rates, Some(object), move |snapshot| {
-            let snapshot = snapshot?;
-            Some(posed::camera_state(&identity, snapshot.cameras.get(index)?, snapshot))
-        });
-        let commanded = self.commanded(object, &name);
-        self.subscribe(format!("{name}/Command"), move |message| {
-            commanded.post(|hub, object| hub.post(object, &posed::camera_command(&message)));
-        });
-        self.served.cameras.push(Parameterised { object, name, values: parameters.clone(), parent });
-    }
-
-    fn light(&mut self, object: usize, info: &ObjectInfo, name: String, index: usize, parameters: &LightParameters) {
-        let (identity, parent) = identity(info, &parameters.parent_name);
-        self.publish(format!("{name}/State"), info.rates, Some(object), move |snapshot| {
-            let snapshot = snapshot?;
-            Some(posed::light_state(&identity, snapshot.lights.get(index)?, snapshot))
-        });
-        let commanded = self.commanded(object, &name);
-        self.subscribe(format!("{name}/Command"), move |message| {
-            commanded.post(|hub, object| hub.post(object, &posed::light_command(&message)));
-        });
-        self.served.lights.push(Parameterised { object, name, values: parameters.clone(), parent });
-    }
-}
-
-fn identity(info: &ObjectInfo, parent: &str) -> (Identity, Arc<ParentName>) {
-    let parent = ParentName::new(parent);
-    let identity =
-        Identity { name: info.name.clone(), identifier: info.identifier.clone(), parent: Arc::clone(&parent) };
-    (identity, parent)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::ros::models::{ModelHost, ModelReply};
     use crate::ros::topic::Direction;
+    use crate::ros::xmlrpc::Peer;
+    use ambf_core::comm::{Hub, ObjectInfo, ObjectKind, Rates};
+    use std::path::{Path, PathBuf};
 
-    #[test]
-    fn every_object_gets_its_topics_and_the_world_five_of_its_own() {
-        let object = |kind, name: &str| ObjectInfo {
+    /// A host that does nothing.
+    struct Nobody;
+
+    impl ModelHost for Nobody {
+        fn add(&self, _: &Path) -> Result<ModelReply, String> {
+            Err("nobody is here".into())
+        }
+
+        fn remove(&self, _: &str) -> Result<String, String> {
+            Err("nobody is here".into())
+        }
+
+        fn list(&self) -> Vec<(String, PathBuf)> {
+            Vec::new()
+        }
+    }
+
+    fn object(kind: ObjectKind, name: &str) -> ObjectInfo {
+        ObjectInfo {
             kind,
             namespace: "/ambf//env/".into(),
             name: name.into(),
             identifier: format!("/ambf/env/{name}"),
             rates: Rates::default(),
-        };
+        }
+    }
+
+    fn objects(hub: &Arc<Hub>, models: Option<Arc<dyn ModelHost>>) -> Objects {
+        let master = Peer::new("http://localhost:1/", "/test", Duration::from_millis(1)).unwrap();
+        Objects::new(Surroundings { hub: Arc::clone(hub), waker: Arc::default(), n_devices: 0, master, models })
+    }
+
+    fn lines(announcements: &[Arc<dyn Announcement>]) -> Vec<String> {
+        let registrations = announcements.iter().map(|announcement| announcement.registration());
+        let mut lines: Vec<_> = registrations
+            .map(|r| {
+                let side = match r.direction {
+                    Direction::Publishes => "out",
+                    Direction::Subscribes => "in",
+                    Direction::Serves { .. } => "service",
+                };
+                format!("{} {} {side}", r.topic, r.message_type)
+            })
+            .collect();
+        lines.sort();
+        lines
+    }
+
+    #[test]
+    fn every_object_gets_its_topics_and_the_world_some_of_its_own() {
         let hub = Arc::new(Hub::new(vec![
             object(ObjectKind::World, "World"),
             object(ObjectKind::RigidBody(0, Box::default()), "psm/baselink1"),
             object(ObjectKind::Camera(0, Box::default()), "cameras/default_camera"),
             object(ObjectKind::Light(0, Box::default()), "light"),
+            object(ObjectKind::Sensor(0, Box::default()), "sensor"),
+            object(ObjectKind::Actuator(0, Box::default()), "actuator"),
+            object(ObjectKind::Vehicle(0, Box::default()), "vehicle"),
+            object(ObjectKind::SoftBody(0, 1.0), "soft body"),
+            object(ObjectKind::Ghost(0), "ghost"),
         ]));
-        let served = serve(&hub, &Arc::default(), 0);
-        let mut lines: Vec<_> = served
-            .announcements
-            .iter()
-            .map(|a| a.registration())
-            .map(|r| format!("{} {} {}", r.topic, r.message_type, r.direction == Direction::Publishes))
-            .collect();
-        lines.sort();
+        let change = objects(&hub, Some(Arc::new(Nobody))).compare().unwrap();
         assert_eq!(
-            lines,
+            lines(&change.come.announcements),
             [
-                "/ambf/env/World/Command ambf_msgs/WorldCmd false",
-                "/ambf/env/World/Command/Reset std_msgs/Empty false",
-                "/ambf/env/World/Command/Reset/Bodies std_msgs/Empty false",
-                "/ambf/env/World/State ambf_msgs/WorldState true",
-                "/ambf/env/World/Timing ambf_msgs/Timing true",
-                "/ambf/env/cameras/default_camera/Command ambf_msgs/CameraCmd false",
-                "/ambf/env/cameras/default_camera/State ambf_msgs/CameraState true",
-                "/ambf/env/light/Command ambf_msgs/LightCmd false",
-                "/ambf/env/light/State ambf_msgs/LightState true",
-                "/ambf/env/psm/baselink1/Command ambf_msgs/RigidBodyCmd false",
-                "/ambf/env/psm/baselink1/State ambf_msgs/RigidBodyState true",
+                "/ambf/env/World/Command ambf_msgs/WorldCmd in",
+                "/ambf/env/World/Command/Reset std_msgs/Empty in",
+                "/ambf/env/World/Command/Reset/Bodies std_msgs/Empty in",
+                "/ambf/env/World/State ambf_msgs/WorldState out",
+                "/ambf/env/World/Timing ambf_msgs/Timing out",
+                "/ambf/env/World/add_model ambf_msgs/AddModel service",
+                "/ambf/env/World/list_models ambf_msgs/ListModels service",
+                "/ambf/env/World/remove_model ambf_msgs/RemoveModel service",
+                "/ambf/env/actuator/Command ambf_msgs/ActuatorCmd in",
+                "/ambf/env/actuator/State ambf_msgs/ActuatorState out",
+                "/ambf/env/cameras/default_camera/Command ambf_msgs/CameraCmd in",
+                "/ambf/env/cameras/default_camera/State ambf_msgs/CameraState out",
+                "/ambf/env/ghost/Command ambf_msgs/ObjectCmd in",
+                "/ambf/env/ghost/State ambf_msgs/ObjectState out",
+                "/ambf/env/light/Command ambf_msgs/LightCmd in",
+                "/ambf/env/light/State ambf_msgs/LightState out",
+                "/ambf/env/psm/baselink1/Command ambf_msgs/RigidBodyCmd in",
+                "/ambf/env/psm/baselink1/State ambf_msgs/RigidBodyState out",
+                "/ambf/env/sensor/Command ambf_msgs/SensorCmd in",
+                "/ambf/env/sensor/State ambf_msgs/SensorState out",
+                "/ambf/env/soft_body/Command ambf_msgs/SoftBodyCmd in",
+                "/ambf/env/soft_body/State ambf_msgs/SoftBodyState out",
+                "/ambf/env/vehicle/Command ambf_msgs/VehicleCmd in",
+                "/ambf/env/vehicle/State ambf_msgs/VehicleState out",
             ]
         );
-        assert_eq!((served.cameras.len(), served.lights.len(), served.worlds.len()), (1, 1, 1));
+        let parameters = change.come.parameters;
+        assert_eq!((parameters.cameras.len(), parameters.lights.len(), parameters.worlds.len()), (1, 1, 1));
+        assert_eq!(change.come.entries.len(), 10, "a state each, and the world's timing");
+        assert!(change.withdrawn.is_empty());
+    }
+
+    #[test]
+    fn objects_come_and_go() {
+        let hub = Arc::new(Hub::new(vec![object(ObjectKind::World, "World")]));
+        let mut objects = objects(&hub, None);
+        assert_eq!(objects.compare().unwrap().come.announcements.len(), 5, "no host, no services");
+        assert!(objects.compare().is_none(), "nothing has changed");
+
+        let car = || object(ObjectKind::Vehicle(0, Box::default()), "car");
+        let light = || object(ObjectKind::Light(0, Box::default()), "light");
+        hub.add_objects(vec![car(), light()]);
+        let change = objects.compare().unwrap();
+        assert_eq!(
+            lines(&change.come.announcements),
+            [
+                "/ambf/env/car/Command ambf_msgs/VehicleCmd in",
+                "/ambf/env/car/State ambf_msgs/VehicleState out",
+                "/ambf/env/light/Command ambf_msgs/LightCmd in",
+                "/ambf/env/light/State ambf_msgs/LightState out",
+            ]
+        );
+        assert_eq!((change.come.parameters.lights.len(), change.come.entries.len()), (1, 2));
+
+        // One goes, one comes and goes unseen, one comes that has the name of the one that goes.
+        hub.remove_objects([1]);
+        hub.add_objects(vec![object(ObjectKind::Ghost(0), "unseen"), car()]);
+        hub.remove_objects([3]);
+        let change = objects.compare().unwrap();
+        let topics =
+            ["/ambf/env/car/Command ambf_msgs/VehicleCmd in", "/ambf/env/car/State ambf_msgs/VehicleState out"];
+        assert_eq!(lines(&change.withdrawn), topics);
+        assert_eq!(lines(&change.come.announcements), topics);
+        assert_eq!(change.come.parameters.removed, [1]);
+        assert!(!change.withdrawn.iter().any(|old| change.come.announcements.iter().any(|new| Arc::ptr_eq(old, new))));
     }
 }

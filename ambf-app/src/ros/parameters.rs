@@ -1,17 +1,19 @@
-//! Parameters of cameras, lights and the world: written when the master is there, then polled.
+//! Parameters of cameras, lights and the world: written when the master is there, then polled; deleted when their object goes.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
+use std::sync::mpsc::Receiver;
 use std::sync::Arc;
 use std::time::Duration;
 
-use ambf_core::comm::{CameraParameters, Hub, LightParameters};
+use ambf_core::comm::{CameraParameters, Hub, LightParameters, PostError};
 use dxr::Value;
 
 use super::link::Link;
 use super::naming::graph_name;
-use super::objects::Parameterised;
-use super::point_cloud::{radius_topic, subscriptions, PointClouds};
+use super::point_cloud::{subscriptions, PointClouds};
+use super::posed::ParentName;
 use super::signal::Complaints;
+use super::topic::Announcement;
 use super::xmlrpc::{CallError, Peer};
 use crate::report;
 
@@ -29,6 +31,29 @@ const DEFAULT_FIELD_VIEW_ANGLE: f64 = 0.7;
 
 /// Width of an orthographic view in place of 0, m.
 const DEFAULT_ORTHOGRAPHIC_WIDTH: f64 = 10.0;
+
+/// An object whose parameters are on the parameter server.
+pub(super) struct Parameterised<P> {
+    /// Position in the hub.
+    pub object: usize,
+    /// `/<namespace>/<name>`.
+    pub name: String,
+    /// Values in force.
+    pub values: P,
+    /// Shown in the object's state.
+    pub parent: Arc<ParentName>,
+}
+
+/// Objects with parameters that come, and objects that go.
+#[derive(Default)]
+pub(super) struct ParameterChange {
+    pub cameras: Vec<Parameterised<CameraParameters>>,
+    pub lights: Vec<Parameterised<LightParameters>>,
+    /// `/<namespace>/World`.
+    pub worlds: Vec<String>,
+    /// Positions in the hub, with or without parameters.
+    pub removed: Vec<usize>,
+}
 
 /// Parameters of an object as the server holds them.
 trait OnServer: Clone + PartialEq {
@@ -150,13 +175,25 @@ impl Reader<'_> {
     }
 }
 
-/// One object and what was last complained about, so that a bad value is named once and not every two seconds.
+/// One object on the server.
 struct Watched<P> {
     object: Parameterised<P>,
+    /// Generation of the link in which it was last written; 0 before.
+    written: u64,
+    /// What was last complained about, so that a bad value is named once and not every two seconds.
     complaints: Vec<String>,
 }
 
 impl<P: OnServer> Watched<P> {
+    fn new(object: Parameterised<P>) -> Self {
+        Self { object, written: 0, complaints: Vec::new() }
+    }
+
+    /// Names of its parameters.
+    fn keys(&self) -> impl Iterator<Item = String> + '_ {
+        self.object.values.values().into_iter().map(|(key, _)| format!("{}/{key}", self.object.name))
+    }
+
     fn write(&mut self, master: &Peer) -> Result<(), CallError> {
         self.object.values.fill_in();
         for (key, value) in self.object.values.values() {
@@ -165,12 +202,23 @@ impl<P: OnServer> Watched<P> {
         Ok(())
     }
 
-    /// Takes changes from the server and passes them on to `post`.
-    fn poll(
+    /// Writes to a server that does not hold the parameters yet, takes changes from one that does.
+    fn visit(
         &mut self,
         master: &Peer,
-        post: impl FnOnce(usize, &P) -> Result<(), ambf_core::comm::PostError>,
+        generation: u64,
+        post: impl FnOnce(usize, &P) -> Result<(), PostError>,
     ) -> Result<(), CallError> {
+        if self.written == generation {
+            return self.poll(master, post);
+        }
+        self.write(master)?;
+        self.written = generation;
+        Ok(())
+    }
+
+    /// Takes changes from the server and passes them on to `post`.
+    fn poll(&mut self, master: &Peer, post: impl FnOnce(usize, &P) -> Result<(), PostError>) -> Result<(), CallError> {
         let Some(Value::Struct(tree)) = get(master, &self.object.name)? else { return Ok(()) };
         let mut values = self.object.values.clone();
         let complaints = values.update(&tree);
@@ -196,12 +244,25 @@ impl<P: OnServer> Watched<P> {
     }
 }
 
-fn watched<P>(objects: Vec<Parameterised<P>>) -> Vec<Watched<P>> {
-    objects.into_iter().map(|object| Watched { object, complaints: Vec::new() }).collect()
-}
-
 fn set(master: &Peer, name: &str, value: Value) -> Result<(), CallError> {
     master.call("setParam", vec![Value::String(name.to_owned()), value]).map(|_| ())
+}
+
+/// Deletes the parameter `name`, and the namespace above it when nothing else is in it.
+fn delete(master: &Peer, name: &str) -> Result<(), CallError> {
+    let call = |name: &str| match master.call("deleteParam", vec![Value::String(name.to_owned())]) {
+        // It was deleted by somebody else.
+        Err(error) if error.is_refusal() => Ok(()),
+        result => result.map(|_| ()),
+    };
+    call(name)?;
+    let Some((namespace, _)) = name.rsplit_once('/').filter(|(namespace, _)| !namespace.is_empty()) else {
+        return Ok(());
+    };
+    match get(master, namespace)? {
+        Some(Value::Struct(rest)) if rest.is_empty() => call(namespace),
+        _ => Ok(()),
+    }
 }
 
 /// `None` when the parameter does not exist.
@@ -217,7 +278,9 @@ fn get(master: &Peer, name: &str) -> Result<Option<Value>, CallError> {
 struct CloudTopics {
     /// `/<namespace>/World/point_cloud_topics`.
     parameter: String,
-    topics: Vec<String>,
+    topics: Vec<(String, [Arc<dyn Announcement>; 2])>,
+    /// Generation of the link in which the list was last written; 0 before.
+    written: u64,
     complaints: Complaints,
 }
 
@@ -226,6 +289,7 @@ impl CloudTopics {
         let mut new = Self {
             parameter: format!("{world}/point_cloud_topics"),
             topics: Vec::new(),
+            written: 0,
             complaints: Complaints::default(),
         };
         new.follow(vec![format!("{world}/point_cloud")], link, clouds);
@@ -233,8 +297,24 @@ impl CloudTopics {
     }
 
     fn write(&self, master: &Peer) -> Result<(), CallError> {
-        let list = self.topics.iter().map(|topic| Value::String(topic.clone())).collect();
+        let list = self.topics.iter().map(|(topic, _)| Value::String(topic.clone())).collect();
         set(master, &self.parameter, Value::Array(list))
+    }
+
+    /// Writes to a server that does not hold the list yet, follows one that does.
+    fn visit(
+        &mut self,
+        master: &Peer,
+        generation: u64,
+        link: &Link,
+        clouds: &Arc<PointClouds>,
+    ) -> Result<(), CallError> {
+        if self.written == generation {
+            return self.poll(master, link, clouds);
+        }
+        self.write(master)?;
+        self.written = generation;
+        Ok(())
     }
 
     fn poll(&mut self, master: &Peer, link: &Link, clouds: &Arc<PointClouds>) -> Result<(), CallError> {
@@ -257,19 +337,17 @@ impl CloudTopics {
 
     /// Listens to `topics` and to nothing else.
     fn follow(&mut self, topics: Vec<String>, link: &Link, clouds: &Arc<PointClouds>) {
-        for gone in self.topics.iter().filter(|topic| !topics.contains(topic)) {
-            link.remove(gone);
-            link.remove(&radius_topic(gone));
-            clouds.remove(gone);
+        for (gone, subscriptions) in self.topics.extract_if(.., |(topic, _)| !topics.contains(topic)) {
+            link.remove(&subscriptions);
+            clouds.remove(&gone);
         }
-        let mut followed: Vec<String> = self.topics.iter().filter(|topic| topics.contains(topic)).cloned().collect();
         for topic in topics {
-            if !followed.contains(&topic) {
-                subscriptions(clouds, &topic).into_iter().for_each(|subscription| link.add(subscription));
-                followed.push(topic);
+            if self.topics.iter().all(|(followed, _)| *followed != topic) {
+                let subscriptions = subscriptions(clouds, &topic);
+                link.add(subscriptions.clone());
+                self.topics.push((topic, subscriptions));
             }
         }
-        self.topics = followed;
     }
 }
 
@@ -277,38 +355,31 @@ impl CloudTopics {
 pub(super) struct Parameters {
     hub: Arc<Hub>,
     link: Arc<Link>,
+    changes: Receiver<ParameterChange>,
     cameras: Vec<Watched<CameraParameters>>,
     lights: Vec<Watched<LightParameters>>,
     worlds: Vec<CloudTopics>,
+    /// Parameters of objects that are gone, still to be deleted.
+    gone: Vec<String>,
     clouds: Arc<PointClouds>,
 }
 
 impl Parameters {
-    /// Parameters of `cameras`, `lights` and of the `worlds` (`/<namespace>/World`).
-    pub fn new(
-        hub: Arc<Hub>,
-        link: Arc<Link>,
-        cameras: Vec<Parameterised<CameraParameters>>,
-        lights: Vec<Parameterised<LightParameters>>,
-        worlds: Vec<String>,
-        clouds: Arc<PointClouds>,
-    ) -> Self {
-        let worlds = worlds.iter().map(|world| CloudTopics::new(world, &link, &clouds)).collect();
-        Self { hub, link, cameras: watched(cameras), lights: watched(lights), worlds, clouds }
+    /// Parameters of the objects that come through `changes`.
+    pub fn new(hub: Arc<Hub>, link: Arc<Link>, changes: Receiver<ParameterChange>, clouds: Arc<PointClouds>) -> Self {
+        let (cameras, lights, worlds, gone) = Default::default();
+        Self { hub, link, changes, cameras, lights, worlds, gone, clouds }
     }
 
     /// Writes and polls until the link is stopped. A master that does not answer is the link's business to report.
     pub fn run(mut self) {
-        let mut written = 0;
         loop {
+            while let Ok(change) = self.changes.try_recv() {
+                self.take(change);
+            }
             let generation = self.link.generation();
-            let master = self.link.master();
-            if generation != written {
-                if self.write(&master).is_ok() {
-                    written = generation;
-                }
-            } else if generation != 0 {
-                let _ = self.poll(&master);
+            if generation != 0 {
+                let _ = self.visit(&self.link.master(), generation);
             }
             let wait = if generation == 0 { IMPATIENT_POLL } else { POLL };
             if self.link.stop.wait(wait) {
@@ -317,25 +388,43 @@ impl Parameters {
         }
     }
 
-    fn write(&mut self, master: &Peer) -> Result<(), CallError> {
-        self.worlds.iter().try_for_each(|world| world.write(master))?;
-        self.cameras.iter_mut().try_for_each(|camera| camera.write(master))?;
-        self.lights.iter_mut().try_for_each(|light| light.write(master))
+    fn take(&mut self, change: ParameterChange) {
+        self.gone.extend(remove(&mut self.cameras, &change.removed));
+        self.gone.extend(remove(&mut self.lights, &change.removed));
+        self.cameras.extend(change.cameras.into_iter().map(Watched::new));
+        self.lights.extend(change.lights.into_iter().map(Watched::new));
+        for world in &change.worlds {
+            self.worlds.push(CloudTopics::new(world, &self.link, &self.clouds));
+        }
+        // What has another owner now is overwritten, not deleted.
+        let of_cameras = self.cameras.iter().flat_map(Watched::keys);
+        let owned: HashSet<String> = of_cameras.chain(self.lights.iter().flat_map(Watched::keys)).collect();
+        self.gone.retain(|key| !owned.contains(key));
     }
 
-    fn poll(&mut self, master: &Peer) -> Result<(), CallError> {
+    fn visit(&mut self, master: &Peer, generation: u64) -> Result<(), CallError> {
         let hub = &self.hub;
+        while let Some(key) = self.gone.last() {
+            delete(master, key)?;
+            self.gone.pop();
+        }
         for world in &mut self.worlds {
-            world.poll(master, &self.link, &self.clouds)?;
+            world.visit(master, generation, &self.link, &self.clouds)?;
         }
         for camera in &mut self.cameras {
-            camera.poll(master, |object, values| hub.post(object, values))?;
+            camera.visit(master, generation, |object, values| hub.post(object, values))?;
         }
         for light in &mut self.lights {
-            light.poll(master, |object, values| hub.post(object, values))?;
+            light.visit(master, generation, |object, values| hub.post(object, values))?;
         }
         Ok(())
     }
+}
+
+/// Removes the objects at the positions `removed`; returns the names of their parameters.
+fn remove<P: OnServer>(objects: &mut Vec<Watched<P>>, removed: &[usize]) -> Vec<String> {
+    let gone: Vec<Watched<P>> = objects.extract_if(.., |watched| removed.contains(&watched.object.object)).collect();
+    gone.iter().flat_map(Watched::keys).collect()
 }
 
 #[cfg(test)]

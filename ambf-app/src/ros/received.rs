@@ -13,7 +13,7 @@ use super::messages::{ambf_msgs, sensor_msgs, std_msgs};
 
 /// A message that clients send.
 pub(super) trait FromClient: Message {
-    /// Walks over the message's arrays of numbers; `None` if one does not fit. Types without such arrays have nothing to check.
+    /// Walks over the message's texts and arrays; `None` if one does not fit. Types without them have nothing to check.
     fn walk(_wire: &mut Wire<'_>) -> Option<()> {
         Some(())
     }
@@ -40,6 +40,14 @@ impl Wire<'_> {
         self.skip(bytes)
     }
 
+    /// An array of booleans. rosrust takes their bytes as they are, and anything but 0 and 1 is no `bool`.
+    fn booleans(&mut self) -> Option<()> {
+        let count = self.count()?;
+        let (booleans, rest) = self.0.split_at_checked(count)?;
+        self.0 = rest;
+        booleans.iter().all(|&byte| byte <= 1).then_some(())
+    }
+
     fn header(&mut self) -> Option<()> {
         self.skip(12)?;
         self.array(1)
@@ -49,18 +57,80 @@ impl Wire<'_> {
 impl FromClient for ambf_msgs::WorldCmd {}
 impl FromClient for ambf_msgs::CameraCmd {}
 impl FromClient for ambf_msgs::LightCmd {}
+impl FromClient for ambf_msgs::ListModelsReq {}
 impl FromClient for std_msgs::Empty {}
 impl FromClient for std_msgs::Float32 {}
+
+/// Sizes on the wire, bytes.
+const BOOL: usize = 1;
+const POSE: usize = 7 * 8;
+const WRENCH: usize = 6 * 8;
+const TWIST: usize = 6 * 8;
 
 impl FromClient for ambf_msgs::RigidBodyCmd {
     fn walk(wire: &mut Wire<'_>) -> Option<()> {
         const TYPE: usize = 1;
-        const POSE: usize = 7 * 8;
-        const WRENCH_AND_TWIST: usize = 12 * 8;
         wire.header()?;
-        wire.skip(TYPE + POSE + WRENCH_AND_TWIST)?;
+        wire.skip(TYPE + POSE + WRENCH + TWIST)?;
         wire.array(1)?;
         wire.array(4)
+    }
+}
+
+impl FromClient for ambf_msgs::SensorCmd {
+    fn walk(wire: &mut Wire<'_>) -> Option<()> {
+        wire.header()?;
+        wire.booleans()
+    }
+}
+
+impl FromClient for ambf_msgs::ActuatorCmd {
+    fn walk(wire: &mut Wire<'_>) -> Option<()> {
+        wire.header()?;
+        wire.skip(BOOL)?;
+        wire.array(1)?;
+        wire.skip(BOOL + POSE + BOOL)?;
+        wire.array(1)
+    }
+}
+
+impl FromClient for ambf_msgs::VehicleCmd {
+    fn walk(wire: &mut Wire<'_>) -> Option<()> {
+        wire.header()?;
+        wire.skip(WRENCH)?;
+        (0..3).try_for_each(|_| wire.array(4))
+    }
+}
+
+/// `ObjectCmd` and `SoftBodyCmd` have the same fields.
+fn walk_object(wire: &mut Wire<'_>) -> Option<()> {
+    wire.header()?;
+    wire.skip(BOOL + POSE + WRENCH)?;
+    wire.array(4)?;
+    wire.booleans()
+}
+
+impl FromClient for ambf_msgs::ObjectCmd {
+    fn walk(wire: &mut Wire<'_>) -> Option<()> {
+        walk_object(wire)
+    }
+}
+
+impl FromClient for ambf_msgs::SoftBodyCmd {
+    fn walk(wire: &mut Wire<'_>) -> Option<()> {
+        walk_object(wire)
+    }
+}
+
+impl FromClient for ambf_msgs::AddModelReq {
+    fn walk(wire: &mut Wire<'_>) -> Option<()> {
+        wire.array(1)
+    }
+}
+
+impl FromClient for ambf_msgs::RemoveModelReq {
+    fn walk(wire: &mut Wire<'_>) -> Option<()> {
+        wire.array(1)
     }
 }
 
@@ -142,6 +212,67 @@ mod tests {
         let arrays = 4 + 16 + 1 + 56 + 96;
         check(&command, &[4 + 12, arrays, arrays + 4 + 2]);
         check(&ambf_msgs::WorldCmd { n_skip_steps: 3, ..Default::default() }, &[]);
+    }
+
+    #[test]
+    fn bytes_that_are_no_command_of_an_element_are_refused() {
+        const HEADER: usize = 4 + 16;
+        let sensor = ambf_msgs::SensorCmd { actuate: vec![true, false], ..Default::default() };
+        check(&sensor, &[4 + 12, HEADER]);
+        let mut neither = sensor.encode_vec().unwrap();
+        *neither.last_mut().unwrap() = 2;
+        assert!(Received::<ambf_msgs::SensorCmd>::decode_slice(&neither).is_err(), "2 is neither true nor false");
+        let actuator = ambf_msgs::ActuatorCmd {
+            body_name: std_msgs::String { data: "Box".into() },
+            sensor_identifier: std_msgs::String { data: "Eye".into() },
+            ..Default::default()
+        };
+        let name = HEADER + BOOL;
+        check(&actuator, &[4 + 12, name, name + 4 + 3 + BOOL + POSE + BOOL]);
+        let vehicle = ambf_msgs::VehicleCmd {
+            wheel_steering: vec![0.1, 0.2],
+            wheel_power: vec![1.0],
+            wheel_brake: vec![],
+            ..Default::default()
+        };
+        let arrays = HEADER + WRENCH;
+        check(&vehicle, &[4 + 12, arrays, arrays + 4 + 8, arrays + 4 + 8 + 4 + 4]);
+        let arrays = HEADER + BOOL + POSE + WRENCH;
+        let (joint_cmds, position_controller_mask) = (vec![0.5, 0.25], vec![true]);
+        let object = ambf_msgs::ObjectCmd { joint_cmds, position_controller_mask, ..Default::default() };
+        check(&object, &[4 + 12, arrays, arrays + 4 + 8]);
+        let (joint_cmds, position_controller_mask) = (object.joint_cmds, object.position_controller_mask);
+        let soft_body = ambf_msgs::SoftBodyCmd { joint_cmds, position_controller_mask, ..Default::default() };
+        check(&soft_body, &[4 + 12, arrays, arrays + 4 + 8]);
+    }
+
+    #[test]
+    fn bytes_that_are_no_request_are_refused() {
+        check(&ambf_msgs::AddModelReq { file: "car.yaml".into() }, &[4]);
+        check(&ambf_msgs::RemoveModelReq { model: "car".into() }, &[4]);
+    }
+
+    #[test]
+    fn bytes_of_any_kind_end_in_a_message_or_an_error() {
+        // A linear congruential generator: the same bytes in every run.
+        let mut state = 1u64;
+        let mut random = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 33) as usize
+        };
+        for _ in 0..5_000 {
+            let mut bytes: Vec<u8> = (0..4 + random() % 300).map(|_| random() as u8).collect();
+            // Mostly small counts, so that some get far.
+            bytes.iter_mut().for_each(|byte| *byte = if random() % 4 > 0 { 0 } else { *byte });
+            let _ = Received::<ambf_msgs::RigidBodyCmd>::decode_slice(&bytes);
+            let _ = Received::<ambf_msgs::SensorCmd>::decode_slice(&bytes);
+            let _ = Received::<ambf_msgs::ActuatorCmd>::decode_slice(&bytes);
+            let _ = Received::<ambf_msgs::VehicleCmd>::decode_slice(&bytes);
+            let _ = Received::<ambf_msgs::ObjectCmd>::decode_slice(&bytes);
+            let _ = Received::<ambf_msgs::SoftBodyCmd>::decode_slice(&bytes);
+            let _ = Received::<ambf_msgs::AddModelReq>::decode_slice(&bytes);
+            let _ = Received::<sensor_msgs::PointCloud>::decode_slice(&bytes);
+        }
     }
 
     #[test]

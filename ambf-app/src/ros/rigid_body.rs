@@ -6,7 +6,7 @@ use std::sync::Arc;
 use ambf_core::comm::{CartesianCommandType, JointCommandType, RigidBodyCommand, RigidBodyInfo, Snapshot};
 
 use super::messages::{
-    ambf_msgs, from_point, from_quaternion, from_vector, geometry_msgs, header, point, pose, string, vector,
+    ambf_msgs, from_point, from_quaternion, from_vector, geometry_msgs, header, narrow, point, pose, string, vector,
 };
 
 /// What clients have asked to see, set by commands and read when a state is made.
@@ -81,7 +81,7 @@ impl StateSource {
             name: string(&self.name),
             wall_time: snapshot.wall_time as f32,
             sim_time: snapshot.sim_time as f32,
-            mass: self.info.mass as f32,
+            mass: narrow(self.info.mass),
             pInertia: point(&self.info.inertia),
             pose: pose(&body.body_pose(&self.info.inertial_offset_inverse)),
             twist: geometry_msgs::Twist {
@@ -103,8 +103,6 @@ impl StateSource {
 }
 
 fn select(out: &mut Vec<f32>, values: &[f64], indices: &[usize]) {
-    // What is too large for the wire's f32 must not become infinite on it.
-    let narrow = |x: f64| x.clamp(f64::from(f32::MIN), f64::from(f32::MAX)) as f32;
     out.clear();
     out.extend(indices.iter().map(|&i| values.get(i).copied().map_or(0.0, narrow)));
 }

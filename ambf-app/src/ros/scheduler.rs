@@ -1,5 +1,6 @@
 //! One thread that publishes the states of all objects, each at its own rate.
 
+use std::sync::mpsc::Receiver;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -44,28 +45,33 @@ impl<M: Message, F: FnMut(Option<&Snapshot>) -> Option<M> + Send> Outlet for Sta
 pub(super) struct Entry {
     outlet: Box<dyn Outlet>,
     schedule: PublishSchedule,
-    /// Position in the hub of the object whose commands switch to the fast rate.
-    commanded_by: Option<usize>,
+    /// Position in the hub.
+    object: usize,
+    /// Whether commands for the object switch to the fast rate.
+    commanded: bool,
     live: bool,
     /// Somebody listened when it was last due.
     wanted: bool,
 }
 
 impl Entry {
-    /// An outlet at the lower of `rates`, and at the higher one while commands come for the object at `commanded_by`.
-    pub fn new(outlet: Box<dyn Outlet>, rates: Rates, commanded_by: Option<usize>, now: Duration) -> Self {
-        Self { outlet, schedule: PublishSchedule::new(rates, now), commanded_by, live: false, wanted: false }
+    /// An outlet of the object at position `object` at the lower of `rates`, and, if it is `commanded`, at the higher one while
+    /// commands come for the object.
+    pub fn new(outlet: Box<dyn Outlet>, rates: Rates, object: usize, commanded: bool, now: Duration) -> Self {
+        Self { outlet, schedule: PublishSchedule::new(rates, now), object, commanded, live: false, wanted: false }
     }
 
     /// Follows the command stream; says so when it has stopped.
     fn follow_commands(&mut self, hub: &Hub, now: Duration) {
-        let Some(object) = self.commanded_by else { return };
-        let live = is_live(hub, object, now.as_nanos() as u64);
+        if !self.commanded {
+            return;
+        }
+        let live = is_live(hub, self.object, now.as_nanos() as u64);
         if live != self.live {
             self.live = live;
             self.schedule.set_fast(live, now);
             if !live {
-                report!("WatchDog expired, Resetting \"{}\" command", hub.objects()[object].info.name);
+                report!("WatchDog expired, Resetting \"{}\" command", hub.objects()[self.object].info.name);
             }
         }
     }
@@ -80,10 +86,22 @@ pub(super) fn is_live(hub: &Hub, object: usize, now_ns: u64) -> bool {
     }
 }
 
-/// Publishes until `stop`. `waker` is nudged by the first command of a stream and by the stop.
-pub(super) fn run(hub: &Hub, mut entries: Vec<Entry>, stop: &Stop, waker: &Waker) {
+/// Publishes what comes in through `fresh`, each as long as its object exists, until `stop`. `waker` is nudged by the first command
+/// of a stream and by the stop.
+pub(super) fn run(hub: &Hub, fresh: &Receiver<Vec<Entry>>, stop: &Stop, waker: &Waker) {
     waker.claim();
+    let mut entries = Vec::new();
+    let mut generation = hub.generation();
     while !stop.is_stopped() {
+        let before = entries.len();
+        entries.extend(fresh.try_iter().flatten());
+        let present = hub.generation();
+        if present != generation || entries.len() != before {
+            generation = present;
+            let objects = hub.objects();
+            // Its topic is withdrawn elsewhere: that can take long.
+            entries.retain(|entry: &Entry| !objects[entry.object].is_removed());
+        }
         let next = publish_due(hub, &mut entries, hub.now());
         // The schedules are absolute: a late wake-up delays one message, it does not lower the rate.
         std::thread::park_timeout(next.saturating_sub(hub.now()).min(LONGEST_SLEEP));
@@ -116,6 +134,8 @@ mod tests {
     use super::*;
     use ambf_core::comm::{ObjectInfo, RigidBodyCommand, SnapshotWriter};
     use std::sync::atomic::{AtomicUsize, Ordering};
+    use std::sync::mpsc::channel;
+    use std::time::Instant;
 
     struct Counter {
         wanted: bool,
@@ -147,7 +167,7 @@ mod tests {
 
     fn entry(wanted: bool, sent: &Arc<AtomicUsize>) -> Entry {
         let outlet = Counter { wanted, sent: Arc::clone(sent), needs_snapshot: true };
-        Entry::new(Box::new(outlet), Rates::new(50, 1000).unwrap(), Some(0), Duration::ZERO)
+        Entry::new(Box::new(outlet), Rates::new(50, 1000).unwrap(), 0, true, Duration::ZERO)
     }
 
     fn simulate(hub: &Hub, entries: &mut [Entry], from_ms: u64, to_ms: u64) {
@@ -194,8 +214,38 @@ mod tests {
         let hub = Hub::new(vec![body("a")]);
         let (stop, waker) = (Stop::default(), Waker::default());
         std::thread::scope(|scope| {
-            let thread = scope.spawn(|| run(&hub, Vec::new(), &stop, &waker));
+            let thread = scope.spawn(|| run(&hub, &channel().1, &stop, &waker));
             std::thread::sleep(Duration::from_millis(5));
+            stop.stop();
+            waker.wake();
+            thread.join().unwrap();
+        });
+    }
+
+    #[test]
+    fn objects_are_published_from_when_they_come_until_they_go() {
+        let hub = Hub::new(vec![body("a")]);
+        let mut writer = SnapshotWriter::new(Snapshot::default());
+        hub.publish(&mut writer, |s| s.sim_step = 1);
+        let (stop, waker, sent) = (Stop::default(), Waker::default(), Arc::default());
+        let (sender, fresh) = channel();
+        let deadline = Instant::now() + Duration::from_secs(20);
+        let wait = |what: &str, condition: &dyn Fn() -> bool| {
+            while !condition() {
+                assert!(Instant::now() < deadline, "{what}");
+                std::thread::sleep(Duration::from_millis(1));
+            }
+        };
+        std::thread::scope(|scope| {
+            let (hub, stop, waker) = (&hub, &stop, &waker);
+            let thread = scope.spawn(move || run(hub, &fresh, stop, waker));
+            sender.send(vec![entry(true, &sent)]).unwrap();
+            wait("it is published", &|| sent.load(Ordering::Relaxed) > 0);
+            assert_eq!(Arc::strong_count(&sent), 2);
+            hub.remove_objects([0]);
+            wait("its outlet is dropped", &|| Arc::strong_count(&sent) == 1);
+            sender.send(vec![entry(true, &sent)]).unwrap();
+            wait("one that comes too late is dropped at once", &|| Arc::strong_count(&sent) == 1);
             stop.stop();
             waker.wake();
             thread.join().unwrap();

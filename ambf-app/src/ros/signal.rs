@@ -1,5 +1,6 @@
 //! Small helpers of the ROS threads: a stop signal, a waker, and complaints that do not flood the log.
 
+use std::collections::BTreeSet;
 use std::fmt::Display;
 use std::sync::{Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::thread::Thread;
@@ -86,6 +87,22 @@ impl Complaints {
     }
 }
 
+/// Which of a few things have been said already.
+#[derive(Debug, Default)]
+pub(super) struct Said(Mutex<BTreeSet<&'static str>>);
+
+impl Said {
+    /// Those of `things` that come for the first time.
+    pub fn first_of(&self, things: impl Iterator<Item = &'static str>) -> Vec<&'static str> {
+        let mut things = things.peekable();
+        if things.peek().is_none() {
+            return Vec::new();
+        }
+        let mut said = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        things.filter(|thing| said.insert(thing)).collect()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -107,5 +124,13 @@ mod tests {
         let complaints = Complaints::default();
         assert!(complaints.report("a test line"));
         assert!(!complaints.report("one too many"));
+    }
+
+    #[test]
+    fn a_thing_is_new_once() {
+        let said = Said::default();
+        assert_eq!(said.first_of(["a", "b"].into_iter()), ["a", "b"]);
+        assert_eq!(said.first_of(["b", "c"].into_iter()), ["c"]);
+        assert!(said.first_of(["a"].into_iter()).is_empty());
     }
 }

@@ -1,4 +1,4 @@
-//! What the node announces to the master: topics it publishes and topics it subscribes.
+//! What the node announces to the master: topics it publishes, topics it subscribes and services.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -11,29 +11,34 @@ use super::received::{FromClient, Received};
 /// Queue of every State and Command, as in the original.
 pub(super) const QUEUE: usize = 10;
 
-/// Which side of a topic the node is on.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// Which side of a topic the node is on, or that it offers a service.
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum Direction {
     Publishes,
     Subscribes,
+    Serves {
+        /// `rosrpc://HOST:PORT`; empty before it is announced.
+        uri: String,
+    },
 }
 
-/// A topic as the master knows it.
+/// A topic or service as the master knows it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Registration {
+    /// Name of the topic or service.
     pub topic: String,
     pub message_type: String,
     pub direction: Direction,
 }
 
-/// One topic that the node takes part in.
+/// One topic that the node takes part in, or one service.
 pub(super) trait Announcement: Send + Sync {
     fn registration(&self) -> Registration;
 
-    /// Opens the topic and tells the master; blocks while the master thinks.
+    /// Opens it and tells the master; blocks while the master thinks.
     fn announce(&self, ros: &Ros) -> Result<(), Error>;
 
-    /// Closes the topic and tells the master; blocks while the master thinks.
+    /// Closes it and tells the master; blocks while the master thinks.
     fn withdraw(&self);
 }
 

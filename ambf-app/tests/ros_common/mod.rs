@@ -11,11 +11,12 @@ use std::time::{Duration, Instant, SystemTime};
 
 use ambf_app::ros::{RosMiddleware, RosOptions};
 use ambf_core::comm::{
-    BodyKinematics, CameraParameters, Hub, LightParameters, Middleware, ObjectInfo, ObjectKind, Rates, RigidBodyInfo,
-    Snapshot, SnapshotWriter,
+    ActuatorInfo, BodyKinematics, CameraParameters, GhostReading, Hub, LightParameters, Middleware, ObjectInfo,
+    ObjectKind, Rates, RayReading, RigidBodyInfo, SensorInfo, Snapshot, SnapshotWriter, SoftBodyReading, VehicleInfo,
+    VehicleReading,
 };
 use dxr::{MethodCall, MethodResponse, Value};
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Vector3};
 
 /// How long a condition may take to become true on a busy machine.
 pub const PATIENCE: Duration = Duration::from_secs(20);
@@ -75,6 +76,32 @@ pub fn objects(namespace: &str, n_bodies: usize, rates: Rates) -> Vec<ObjectInfo
     objects
 }
 
+/// An object of `namespace` with the default rates.
+pub fn object(kind: ObjectKind, namespace: &str, name: &str) -> ObjectInfo {
+    ObjectInfo {
+        kind,
+        namespace: namespace.into(),
+        identifier: format!("{namespace}KEY {name}"),
+        name: name.into(),
+        rates: Rates::default(),
+    }
+}
+
+/// A sensor, an actuator, a vehicle of two wheels, a soft body and a ghost object in `namespace`.
+pub fn elements(namespace: &str) -> Vec<ObjectInfo> {
+    let parent_name = String::from("BODY Box0");
+    let pose = Isometry3::translation(0.0, 0.0, 0.25);
+    let sensor = SensorInfo { parent_name: parent_name.clone(), pose, range: 2.0, ..Default::default() };
+    let vehicle = VehicleInfo { mass: 20.0, inertia: Vector3::new(1.0, 2.0, 3.0), wheels: 2 };
+    vec![
+        object(ObjectKind::Sensor(0, Box::new(sensor)), namespace, "Eye"),
+        object(ObjectKind::Actuator(0, Box::new(ActuatorInfo { parent_name, pose })), namespace, "Hand"),
+        object(ObjectKind::Vehicle(0, Box::new(vehicle)), namespace, "Car"),
+        object(ObjectKind::SoftBody(0, 4.0), namespace, "Cloth"),
+        object(ObjectKind::Ghost(0), namespace, "Water"),
+    ]
+}
+
 /// Publishes snapshots at about 1 kHz in place of a physics thread, and serves them to ROS.
 pub struct Simulator {
     pub hub: Arc<Hub>,
@@ -85,9 +112,14 @@ pub struct Simulator {
 
 impl Simulator {
     pub fn start(objects: Vec<ObjectInfo>) -> Self {
+        Self::start_with(objects, |ros| ros)
+    }
+
+    /// With a middleware that `furnish` has furnished.
+    pub fn start_with(objects: Vec<ObjectInfo>, furnish: impl FnOnce(RosMiddleware) -> RosMiddleware) -> Self {
         let n_bodies = objects.iter().filter(|o| matches!(o.kind, ObjectKind::RigidBody(..))).count();
         let hub = Arc::new(Hub::new(objects));
-        let mut ros = RosMiddleware::new(RosOptions { n_devices: 3, ..Default::default() });
+        let mut ros = furnish(RosMiddleware::new(RosOptions { n_devices: 3, ..Default::default() }));
         ros.start(Arc::clone(&hub)).unwrap();
         let stop = Arc::new(AtomicBool::new(false));
         let physics = {
@@ -125,6 +157,20 @@ fn physics(hub: &Hub, n_bodies: usize, stop: &AtomicBool) {
         joint_efforts: vec![0.0],
         cameras: vec![Isometry3::translation(1.0, 2.0, 3.0)],
         lights: vec![Isometry3::identity()],
+        sensors: vec![vec![
+            RayReading { triggered: true, measurement: 0.75, sensed: Some("Box0".into()) },
+            RayReading::default(),
+        ]],
+        actuators: vec![true],
+        vehicles: vec![VehicleReading {
+            pose: Isometry3::translation(0.0, 0.0, 0.5),
+            wheels: vec![Isometry3::translation(1.0, 0.0, 0.0), Isometry3::translation(-1.0, 0.0, 0.0)],
+        }],
+        soft_bodies: vec![SoftBodyReading {
+            center: Vector3::new(0.5, 0.0, 0.0),
+            nodes: vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]],
+        }],
+        ghosts: vec![GhostReading { pose: Isometry3::translation(7.0, 0.0, 0.0), sensed: vec!["Box1".into()] }],
         ..Default::default()
     });
     let mut step = 0;

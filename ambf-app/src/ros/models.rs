@@ -1,0 +1,74 @@
+//! Services that add, remove and list models while the simulation runs.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use super::messages::ambf_msgs::{
+    AddModel, AddModelReq, AddModelRes, ListModels, ListModelsReq, ListModelsRes, RemoveModel, RemoveModelReq,
+    RemoveModelRes,
+};
+use super::service::Service;
+use super::topic::Announcement;
+use super::xmlrpc::Peer;
+
+/// What a client is told about a model that was added.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct ModelReply {
+    /// What to call it when it is removed.
+    pub model: String,
+    /// Warnings, one a line; empty when there are none.
+    pub message: String,
+}
+
+/// Adds and removes models of the simulation on behalf of clients.
+///
+/// Each client is served in a thread of its own, so that the functions are called from several at once; they may block, but not for
+/// ever: the client waits. A call may still be going on when the middleware has stopped.
+pub trait ModelHost: Send + Sync {
+    /// Adds the model in `file`, as the client wrote it.
+    ///
+    /// # Errors
+    /// One sentence for the client; the simulation is as before.
+    fn add(&self, file: &Path) -> Result<ModelReply, String>;
+
+    /// Removes the model called `model`; returns what the client should know about it, which may be nothing.
+    ///
+    /// # Errors
+    /// One sentence for the client; the simulation is as before.
+    fn remove(&self, model: &str) -> Result<String, String>;
+
+    /// Name and file of each model, in the order in which they were added.
+    fn list(&self) -> Vec<(String, PathBuf)>;
+}
+
+/// The services `<world>/add_model`, `<world>/remove_model` and `<world>/list_models`; `world` is `/<namespace>/World`.
+pub(super) fn services(world: &str, master: &Peer, host: &Arc<dyn ModelHost>) -> [Arc<dyn Announcement>; 3] {
+    let name = |service: &str| format!("{world}/{service}");
+    let (adder, remover, lister) = (Arc::clone(host), Arc::clone(host), Arc::clone(host));
+    [
+        Service::<AddModel>::new(name("add_model"), master.clone(), move |request| add(&*adder, &request)),
+        Service::<RemoveModel>::new(name("remove_model"), master.clone(), move |request| remove(&*remover, &request)),
+        Service::<ListModels>::new(name("list_models"), master.clone(), move |request| list(&*lister, &request)),
+    ]
+}
+
+fn add(host: &dyn ModelHost, request: &AddModelReq) -> AddModelRes {
+    match host.add(Path::new(&request.file)) {
+        Ok(ModelReply { model, message }) => AddModelRes { success: true, model, message },
+        Err(message) => AddModelRes { success: false, model: String::new(), message },
+    }
+}
+
+fn remove(host: &dyn ModelHost, request: &RemoveModelReq) -> RemoveModelRes {
+    let (success, message) = match host.remove(&request.model) {
+        Ok(message) => (true, message),
+        Err(message) => (false, message),
+    };
+    RemoveModelRes { success, message }
+}
+
+fn list(host: &dyn ModelHost, _: &ListModelsReq) -> ListModelsRes {
+    let (models, files) =
+        host.list().into_iter().map(|(name, file)| (name, file.to_string_lossy().into_owned())).unzip();
+    ListModelsRes { models, files }
+}

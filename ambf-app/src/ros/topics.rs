@@ -1,0 +1,265 @@
+//! The topics of one object: what is published, what is listened to.
+
+use std::sync::Arc;
+
+use ambf_core::comm::{
+    ActuatorInfo, CameraParameters, Hub, LightParameters, ObjectInfo, ObjectKind, PostError, Rates, RigidBodyInfo,
+    SensorCommand, SensorInfo, Snapshot, VehicleInfo,
+};
+use rosrust::Message;
+
+use super::messages::ambf_msgs;
+use super::models::{self, ModelHost};
+use super::parameters::{ParameterChange, Parameterised};
+use super::posed::{self, Identity, ParentName};
+use super::received::FromClient;
+use super::rigid_body::{self, Requests};
+use super::scheduler::{is_live, Entry, StateOutlet};
+use super::signal::{Complaints, Said, Waker};
+use super::topic::{Announcement, Publication, Subscription};
+use super::xmlrpc::Peer;
+use super::{actuator, ghost, sensor, soft_body, vehicle, world};
+use crate::report;
+
+/// Everything that follows from objects that have come.
+#[derive(Default)]
+pub(super) struct Served {
+    pub entries: Vec<Entry>,
+    pub announcements: Vec<Arc<dyn Announcement>>,
+    pub parameters: ParameterChange,
+}
+
+/// What a command callback needs: one an object.
+struct Commanded {
+    hub: Arc<Hub>,
+    waker: Arc<Waker>,
+    object: usize,
+    topic: String,
+    complaints: Complaints,
+    /// Fields without effect that have been named.
+    named: Said,
+}
+
+impl Commanded {
+    /// Leaves a command with the hub. The first one of a stream raises the rate at once, not at the next slow tick.
+    fn post(&self, post: impl FnOnce(&Hub, usize) -> Result<(), PostError>) {
+        let was_live = is_live(&self.hub, self.object, self.hub.now_ns());
+        if let Err(error) = post(&self.hub, self.object) {
+            self.complaints.report(format_args!("{}: {error}", self.topic));
+        } else if !was_live {
+            self.waker.wake();
+        }
+    }
+
+    /// Says once a topic which `fields` of a command have no effect, and that `taken` is what has.
+    fn name_unused(&self, fields: impl Iterator<Item = &'static str>, taken: &str) {
+        for field in self.named.first_of(fields) {
+            report!("ROS: {}: {field} has no effect: {taken}; this is said once", self.topic);
+        }
+    }
+}
+
+/// What the topics of every object are made with.
+pub(super) struct Surroundings {
+    pub hub: Arc<Hub>,
+    pub waker: Arc<Waker>,
+    /// Haptic devices loaded.
+    pub n_devices: u8,
+    /// Where services are registered.
+    pub master: Peer,
+    /// Who adds and removes models; without one there are no services.
+    pub models: Option<Arc<dyn ModelHost>>,
+}
+
+/// Makes the topics of the object at position `object`, whose name is `name` (`/<namespace>/<name>`), and adds them to `served`.
+pub(super) fn serve(around: &Surroundings, served: &mut Served, object: usize, info: &ObjectInfo, name: String) {
+    let mut builder = Builder { around, served, object };
+    match &info.kind {
+        ObjectKind::World => builder.world(info, name),
+        ObjectKind::RigidBody(index, body) => builder.rigid_body(info, name, *index, body),
+        ObjectKind::Camera(index, parameters) => builder.camera(info, name, *index, parameters),
+        ObjectKind::Light(index, parameters) => builder.light(info, name, *index, parameters),
+        ObjectKind::Sensor(index, sensor) => builder.sensor(info, name, *index, sensor),
+        ObjectKind::Actuator(index, actuator) => builder.actuator(info, name, *index, actuator),
+        ObjectKind::Vehicle(index, vehicle) => builder.vehicle(info, name, *index, vehicle),
+        ObjectKind::SoftBody(index, mass) => builder.soft_body(info, name, *index, *mass),
+        ObjectKind::Ghost(index) => builder.ghost(info, name, *index),
+    }
+}
+
+struct Builder<'a> {
+    around: &'a Surroundings,
+    served: &'a mut Served,
+    /// Position in the hub.
+    object: usize,
+}
+
+impl Builder<'_> {
+    /// Publishes on `topic`; if it is `commanded`, at the fast rate while commands come for the object.
+    fn publish<M: Message>(
+        &mut self,
+        topic: String,
+        rates: Rates,
+        commanded: bool,
+        message: impl FnMut(Option<&Snapshot>) -> Option<M> + Send + 'static,
+    ) {
+        let publication = Publication::new(topic);
+        self.served.announcements.push(Arc::clone(&publication) as Arc<dyn Announcement>);
+        let outlet = Box::new(StateOutlet { publication, message });
+        self.served.entries.push(Entry::new(outlet, rates, self.object, commanded, self.around.hub.now()));
+    }
+
+    fn subscribe<M: FromClient>(&mut self, topic: String, on_message: impl Fn(M) + Send + Sync + 'static) {
+        self.served.announcements.push(Subscription::new(topic, on_message));
+    }
+
+    fn commanded(&self, name: &str) -> Commanded {
+        Commanded {
+            hub: Arc::clone(&self.around.hub),
+            waker: Arc::clone(&self.around.waker),
+            object: self.object,
+            topic: format!("{name}/Command"),
+            complaints: Complaints::default(),
+            named: Said::default(),
+        }
+    }
+
+    fn world(&mut self, info: &ObjectInfo, name: String) {
+        let n_devices = self.around.n_devices;
+        self.publish(format!("{name}/State"), info.rates, true, move |snapshot| {
+            Some(world::state(snapshot, n_devices))
+        });
+        let timing_rates = Rates { min: 10, max: 10 };
+        self.publish(format!("{name}/Timing"), timing_rates, false, |snapshot| snapshot.map(world::timing));
+        let on_command = world::on_command(Arc::clone(&self.around.hub));
+        let commanded = self.commanded(&name);
+        self.subscribe(format!("{name}/Command"), move |message| {
+            commanded.post(|_, _| {
+                on_command(message);
+                Ok(())
+            });
+        });
+        self.subscribe(format!("{name}/Command/Reset"), world::on_reset(Arc::clone(&self.around.hub)));
+        self.subscribe(format!("{name}/Command/Reset/Bodies"), world::on_body_reset(Arc::clone(&self.around.hub)));
+        if let Some(host) = &self.around.models {
+            self.served.announcements.extend(models::services(&name, &self.around.master, host));
+        }
+        self.served.parameters.worlds.push(name);
+    }
+
+    fn rigid_body(&mut self, info: &ObjectInfo, name: String, index: usize, body: &RigidBodyInfo) {
+        let requests = Arc::<Requests>::default();
+        let mut source =
+            rigid_body::StateSource::new(index, body.clone(), &info.name, &info.identifier, Arc::clone(&requests));
+        self.publish(format!("{name}/State"), info.rates, true, move |snapshot| source.message(snapshot?));
+        let n_joints = body.joint_names.len().max(body.joints.len());
+        let commanded = self.commanded(&name);
+        self.subscribe(format!("{name}/Command"), move |message: ambf_msgs::RigidBodyCmd| {
+            let command = rigid_body::command(&message, n_joints);
+            commanded.post(|hub, object| {
+                hub.post(object, &command)?;
+                requests.note(&message);
+                Ok(())
+            });
+            if let Some(what) = rigid_body::unknown_type(&command) {
+                commanded.complaints.report(format_args!("{}: {what}", commanded.topic));
+            }
+        });
+    }
+
+    fn camera(&mut self, info: &ObjectInfo, name: String, index: usize, parameters: &CameraParameters) {
+        let (identity, parent) = identity(info, &parameters.parent_name);
+        self.publish(format!("{name}/State"), info.rates, true, move |snapshot| {
+            let snapshot = snapshot?;
+            Some(posed::camera_state(&identity, snapshot.cameras.get(index)?, snapshot))
+        });
+        let commanded = self.commanded(&name);
+        self.subscribe(format!("{name}/Command"), move |message| {
+            commanded.post(|hub, object| hub.post(object, &posed::camera_command(&message)));
+        });
+        let object = self.object;
+        self.served.parameters.cameras.push(Parameterised { object, name, values: parameters.clone(), parent });
+    }
+
+    fn light(&mut self, info: &ObjectInfo, name: String, index: usize, parameters: &LightParameters) {
+        let (identity, parent) = identity(info, &parameters.parent_name);
+        self.publish(format!("{name}/State"), info.rates, true, move |snapshot| {
+            let snapshot = snapshot?;
+            Some(posed::light_state(&identity, snapshot.lights.get(index)?, snapshot))
+        });
+        let commanded = self.commanded(&name);
+        self.subscribe(format!("{name}/Command"), move |message| {
+            commanded.post(|hub, object| hub.post(object, &posed::light_command(&message)));
+        });
+        let object = self.object;
+        self.served.parameters.lights.push(Parameterised { object, name, values: parameters.clone(), parent });
+    }
+
+    fn sensor(&mut self, info: &ObjectInfo, name: String, index: usize, sensor: &SensorInfo) {
+        let (of, sensor) = (info.clone(), sensor.clone());
+        self.publish(format!("{name}/State"), info.rates, true, move |snapshot| {
+            sensor::state(&of, index, &sensor, snapshot?)
+        });
+        let commanded = self.commanded(&name);
+        self.subscribe(format!("{name}/Command"), move |_: ambf_msgs::SensorCmd| {
+            commanded.post(|hub, object| hub.post(object, &SensorCommand));
+        });
+    }
+
+    fn actuator(&mut self, info: &ObjectInfo, name: String, index: usize, actuator: &ActuatorInfo) {
+        let (of, actuator) = (info.clone(), actuator.clone());
+        self.publish(format!("{name}/State"), info.rates, true, move |snapshot| {
+            actuator::state(&of, index, &actuator, snapshot?)
+        });
+        let commanded = self.commanded(&name);
+        self.subscribe(format!("{name}/Command"), move |message| match actuator::command(message) {
+            Ok(command) => commanded.post(|hub, object| hub.post(object, &command)),
+            Err(why) => {
+                commanded.complaints.report(format_args!("{}: {why}", commanded.topic));
+            }
+        });
+    }
+
+    fn vehicle(&mut self, info: &ObjectInfo, name: String, index: usize, vehicle: &VehicleInfo) {
+        let (of, wheels, vehicle) = (info.clone(), vehicle.wheels, vehicle.clone());
+        self.publish(format!("{name}/State"), info.rates, true, move |snapshot| {
+            vehicle::state(&of, index, &vehicle, snapshot?)
+        });
+        let commanded = self.commanded(&name);
+        self.subscribe(format!("{name}/Command"), move |message| {
+            commanded.post(|hub, object| hub.post(object, &vehicle::command(&message, wheels)));
+        });
+    }
+
+    fn soft_body(&mut self, info: &ObjectInfo, name: String, index: usize, mass: f64) {
+        let of = info.clone();
+        self.publish(format!("{name}/State"), info.rates, true, move |snapshot| {
+            soft_body::state(&of, index, mass, snapshot?)
+        });
+        let commanded = self.commanded(&name);
+        self.subscribe(format!("{name}/Command"), move |message| {
+            commanded.name_unused(soft_body::unused_fields(&message), "a soft body takes a wrench.force");
+            commanded.post(|hub, object| hub.post(object, &soft_body::command(&message)));
+        });
+    }
+
+    fn ghost(&mut self, info: &ObjectInfo, name: String, index: usize) {
+        let of = info.clone();
+        self.publish(format!("{name}/State"), info.rates, true, move |snapshot| ghost::state(&of, index, snapshot?));
+        let commanded = self.commanded(&name);
+        self.subscribe(format!("{name}/Command"), move |message| {
+            commanded.name_unused(
+                ghost::unused_fields(&message),
+                "a ghost object takes a pose, with enable_position_controller",
+            );
+            commanded.post(|hub, object| hub.post(object, &ghost::command(&message)));
+        });
+    }
+}
+
+fn identity(info: &ObjectInfo, parent: &str) -> (Identity, Arc<ParentName>) {
+    let parent = ParentName::new(parent);
+    let identity =
+        Identity { name: info.name.clone(), identifier: info.identifier.clone(), parent: Arc::clone(&parent) };
+    (identity, parent)
+}
