@@ -9,7 +9,7 @@ use super::body::Body;
 use super::joint::{constraint, frames, Joint};
 use super::placed::{camera_parameters, camera_pose, light_rotation, Camera, Light, Placed};
 use super::{shape, BodyGraph, Found, Identity, ModelInfo, NameMap, Note, PhysicsOptions, Scene, SceneOptions};
-use crate::adf::{self, CollisionGeometry, PhysicsProfile, Severity, SourcePos};
+use crate::adf::{self, CollisionGeometry, Part, PartGeometry, PhysicsProfile, Severity, SourcePos};
 use crate::bullet::{self, Integrator, Solver, World};
 use crate::comm::{LightParameters, Rates};
 use crate::control::{CartesianController, Profile};
@@ -26,9 +26,17 @@ pub(super) struct Builder<'a> {
 
 /// Meshes that a model's collision shapes need, with their scales.
 pub(super) fn collision_meshes(model: &adf::Model) -> impl Iterator<Item = (PathBuf, f64)> + '_ {
-    model.bodies.iter().filter_map(|body| match &body.collision {
-        CollisionGeometry::Mesh { path, .. } => Some((path.clone(), body.scale)),
-        _ => None,
+    model.bodies.iter().flat_map(|body| match &body.collision {
+        CollisionGeometry::Mesh { path, .. } => vec![(path.clone(), body.scale)],
+        CollisionGeometry::Parts { parts, .. } => {
+            // Each part has its own scale, which is applied when its shape is made.
+            let mesh = |part: &Part| match &part.geometry {
+                PartGeometry::Mesh { path, .. } => Some((path.clone(), 1.0)),
+                PartGeometry::Primitive(_) => None,
+            };
+            parts.iter().filter_map(mesh).collect()
+        }
+        _ => vec![],
     })
 }
 
@@ -164,9 +172,9 @@ impl<'a> Builder<'a> {
             },
             _ => None,
         };
-        let built = shape::build(body, mesh.as_deref(), self.scene.profile);
-        for message in &built.left_out {
-            self.note(Severity::Warning, source, format!("`{}`: {message}", body.common.identifier));
+        let built = shape::build(body, mesh.as_deref(), self.meshes, self.scene.profile);
+        for (severity, message) in &built.left_out {
+            self.note(*severity, source, format!("`{}`: {message}", body.common.identifier));
         }
         self.note_displacement(body, mesh.as_deref(), &built.inertial_offset);
 
