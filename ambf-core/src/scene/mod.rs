@@ -14,7 +14,7 @@ pub use body::Body;
 pub use graph::{BodyGraph, Descendant};
 pub use identity::Identity;
 pub use joint::{Joint, JointType};
-pub use load::{load, Loaded, SceneFiles, SceneReport};
+pub use load::{load, read_model, Loaded, SceneFiles, SceneReport};
 pub use names::{Found, NameMap};
 pub use placed::{Camera, Light, Placed};
 
