@@ -90,7 +90,11 @@ pub(super) fn joints(links: &[String], places: &[Place], joints: &[Joint<'_>], n
             let in_parent = parent.in_host * joint.origin;
             let in_child = child.in_host;
             AdfJoint {
-                common: common("JOINT", joint.name, namespace, joint.element.source()),
+                common: Common {
+                    // Joint states and commands of ROS are about the joints with a coordinate.
+                    passive: !joint.kind.is_one_dof(),
+                    ..common("JOINT", joint.name, namespace, joint.element.source())
+                },
                 kind: joint.adf_kind(),
                 parent: format!("BODY {}", links[parent.host]),
                 child: format!("BODY {}", links[child.host]),

@@ -161,7 +161,8 @@ impl Kind {
         }
     }
 
-    fn is_one_dof(self) -> bool {
+    /// Whether the joint has a coordinate.
+    pub fn is_one_dof(self) -> bool {
         matches!(self, Self::Revolute | Self::Prismatic)
     }
 }

@@ -81,11 +81,14 @@ fn a_root_without_mass_stands_still_one_with_mass_does_not() {
 
 #[test]
 fn what_is_fixed_to_the_world_stands_still() {
-    let text =
-        links(&["world", "Base", "Arm"]) + &joint("fixed", "world", "Base") + &joint("continuous", "Base", "Arm");
+    let text = links(&["world", "frame", "Base", "Arm"])
+        + &joint("fixed", "world", "frame")
+        + &joint("fixed", "frame", "Base")
+        + &joint("continuous", "Base", "Arm");
     let model = clean(&robot(&text));
-    assert_eq!(names(&model), [("world", 0.0, 0.0), ("Base", 0.0, 1.0), ("Arm", 2.0, 2.0)]);
-    assert_eq!(joined(&model).len(), 2);
+    assert_eq!(names(&model), [("world", 0.0, 0.0), ("frame", 0.0, 1.0), ("Base", 0.0, 2.0), ("Arm", 2.0, 3.0)]);
+    let passive: Vec<_> = model.joints.iter().map(|joint| joint.common.passive).collect();
+    assert_eq!(passive, [true, true, false]);
 }
 
 #[test]
@@ -232,7 +235,7 @@ fn what_is_no_tree_loses_a_joint() {
     let (_, problems) = read(&robot(&links(&["A", "B"])));
     assert!(problems[0].contains("error: `link B` is a root beside `A`: no joint leads to it"), "{problems:#?}");
     let (model, problems) = read("<robot name='r'/>");
-    assert!(model.bodies.is_empty() && problems[0].contains("`robot / link` is missing"), "{problems:#?}");
+    assert!(model.bodies.is_empty() && problems[0].contains("`robot r / link` is missing"), "{problems:#?}");
 }
 
 #[test]

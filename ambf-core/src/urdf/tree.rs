@@ -1,7 +1,7 @@
 //! Links and joints → a tree of rigid bodies.
 //!
-//! A link without a mass is a frame: it becomes part of the body it is fixed to. What stands still in the world is known here
-//! too: a root without a mass, or called `world`, and all that is fixed to it.
+//! What stands still in the world is known here: a root without a mass, or called `world`, and all that is fixed to it. A link
+//! without a mass that moves is a frame: it becomes part of the body it is fixed to.
 
 use nalgebra::Isometry3;
 
@@ -125,7 +125,7 @@ impl<'t, 'a> Tree<'t, 'a> {
             _ => (Isometry3::identity(), None),
         };
         if let Some((parent, origin)) = fixed_to {
-            if has_mass {
+            if has_mass || parent.is_static {
                 return own(in_world, parent.is_static);
             }
             return Place { in_host: parent.in_host * origin, in_world, ..parent };
