@@ -200,7 +200,7 @@ fn arm_in_adf() -> String {
             )
             .expect("a text takes everything");
         }
-        parent = (names.last().expect("just pushed").clone().leak(), if i == 0 { height / 2.0 } else { height });
+        parent = (name, if i == 0 { height / 2.0 } else { height });
         z += parent.1;
     }
     format!("bodies: [{}]\njoints: [{}]\n{text}", names.join(", "), joints.join(", "))
