@@ -55,7 +55,7 @@ type Row = (&'static str, [f64; 3], [f64; 3], [f64; 3], [f64; 2]);
 
 /// Joints whose frames are turned by nothing, by nearly nothing, by half a turn, by nearly half a turn and by anything.
 const CHAIN: [Row; 9] = [
-    ("revolute", [0.0, 0.0, 0.3], [0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [-2.0, 2.0]),
+    ("revolute", [0.0, 0.0, 0.3], [0.0, 0.0, 0.0], [0.0008, 0.0, 1.0], [-2.0, 2.0]),
     ("revolute", [0.1, 0.0, 0.2], [0.0005, 0.0, 0.0], [0.0, 0.0, 1.0], [-2.0, 2.0]),
     ("revolute", [0.0, 0.2, 0.0], [std::f64::consts::PI, 0.0, 0.0], [0.0, 0.0, 1.0], [-2.0, 2.0]),
     ("revolute", [0.0, 0.2, 0.1], [3.1406, 0.0, 0.0], [1.0, 0.0, 1.0], [-2.0, 2.0]),
