@@ -154,6 +154,7 @@ fn inertials() {
         ("<mass value='-1'/>", "`link a / inertial / mass / value` is -1, expected a mass", 0.0),
         ("<mass value='0'/><inertia/>", "", 0.0),
         ("", "`link a / inertial / mass` is missing", 0.0),
+        ("<mass value='0'/>x", "`link a / inertial` is mixed with text, expected elements only", 0.0),
         ("<mass value='1'/>", "`link a / inertial / inertia` is missing", 1.0),
         (&tensor.replace("ixx='2'", "ixx='-2'"), "expected three moments above 0; it is estimated", 1.0),
         (&tensor.replace("'2'", "'0'").replace("'3'", "'0'"), "expected three moments above 0", 1.0),
@@ -313,4 +314,55 @@ fn ten_thousand_links_in_one_line() {
     };
     assert_eq!((report, severity), (9_999, Severity::Error), "a root each");
     assert!(started.elapsed().as_secs() < 60, "{:?}", started.elapsed());
+}
+
+/// Texts that a damaged disk or an unfinished edit leaves behind.
+#[test]
+fn damaged_texts_give_a_report_and_finite_numbers() {
+    let whole = robot(
+        &(links(&["base", "A", "B", "frame", "C"])
+            + &joint("fixed", "base", "A")
+            + &joint("revolute", "A", "B").replace("</joint>", "<axis xyz='0 1 0'/><limit lower='-1' upper='1'/></joint>")
+            + &joint("fixed", "B", "frame")
+            + &joint("prismatic", "frame", "C").replace("<origin", "<origin rpy='0.1 -2 3e0'")
+            + "<link name='m'><collision><geometry><mesh filename='a.stl' scale='1 -1 2'/></geometry></collision></link>"),
+    );
+    let pieces = ["'", "<", ">", "/>", "-", "e300", "nan", "<link", "</link>", "&amp;", "&#0;", "é", "0"];
+    let values =
+        ["", "nan", "-1", "1e99", "1e-320", "0 0 0", "1e99 -1e-99 1", "A", "C", "m", "fixed", "planar", "revolute"];
+    let (mut random, mut read) = (0x2545_f491_4f6c_dd1d_u64, 0);
+    let mut next = |below: usize| {
+        random ^= random << 13;
+        random ^= random >> 7;
+        random ^= random << 17;
+        (random % below as u64) as usize
+    };
+    for damage in 0..6000 {
+        let mut bytes = whole.clone().into_bytes();
+        for _ in 0..=next(4) {
+            let (range, piece) = if damage % 3 == 0 {
+                let start = next(bytes.len());
+                (start..(start + next(12)).min(bytes.len()), pieces[next(pieces.len())])
+            } else {
+                // Another value of an attribute.
+                let quotes: Vec<_> = (0..bytes.len()).filter(|&i| bytes[i] == b'\'').collect();
+                let attribute = 2 * next(quotes.len() / 2);
+                (quotes[attribute] + 1..quotes[attribute + 1], values[next(values.len())])
+            };
+            bytes.splice(range, piece.bytes());
+        }
+        let text = String::from_utf8_lossy(&bytes);
+        let Ok((model, _)) = parse(&text, Path::new("t.urdf"), &Packages::default()) else { continue };
+        read += 1;
+        let poses = model.bodies.iter().flat_map(|b| [b.location, b.inertial_offset.unwrap_or_default()]);
+        let moments = model.bodies.iter().filter_map(|b| b.inertia);
+        let axes = model.joints.iter().flat_map(|j| [j.parent_axis, j.child_axis, j.parent_pivot, j.child_pivot]);
+        assert!(poses
+            .flat_map(|p| [p.translation.vector, p.rotation.scaled_axis()])
+            .chain(axes)
+            .all(|v| v.iter().all(|x| x.is_finite())));
+        assert!(moments.flat_map(|m| [m.x, m.y, m.z]).all(|x| x.is_finite() && x > 0.0), "{text}");
+        assert!(model.bodies.iter().all(|b| b.mass.is_finite() && b.mass >= 0.0), "{text}");
+    }
+    assert!(read > 1000, "{read} of the texts still are robots");
 }

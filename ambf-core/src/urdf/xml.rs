@@ -284,7 +284,7 @@ impl<'a> Element<'a> {
         Isometry3::from_parts(Translation3::from(xyz), UnitQuaternion::from_euler_angles(rpy.x, rpy.y, rpy.z))
     }
 
-    /// Names the attributes and elements that nothing reads.
+    /// Names the attributes, elements and texts that nothing reads.
     pub fn finish(&self, attributes: &[&str], elements: &[&str]) {
         for attribute in self.node.attributes() {
             if attribute.namespace().is_none() && !attributes.contains(&attribute.name()) {
@@ -292,6 +292,11 @@ impl<'a> Element<'a> {
             }
         }
         let own = self.node.tag_name().namespace();
+        let stray = |node: &Node| node.is_text() && node.text().is_some_and(|text| !text.trim().is_empty());
+        if self.node.children().any(|node| stray(&node)) {
+            let action = "a text between its elements is ignored";
+            self.problem(Severity::Warning, ProblemKind::WrongType, "", "mixed with text", "elements only", action);
+        }
         for node in self.node.children().filter(Node::is_element) {
             if node.tag_name().namespace() != own || !elements.contains(&node.tag_name().name()) {
                 let element = Element { node, file: self.file };
