@@ -7,3 +7,4 @@ pub mod control;
 pub mod mesh;
 pub mod scene;
 pub mod sim;
+pub mod urdf;

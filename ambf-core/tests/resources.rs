@@ -3,7 +3,11 @@
 
 use std::path::{Path, PathBuf};
 
-use ambf_core::adf::{load, ColorTable, Description, InputDevices, JointKind, Launch, Model, RigidBody, World};
+use ambf_core::adf::{
+    load, ColorTable, Description, InputDevices, JointKind, Launch, Model, Problem, RigidBody, World,
+};
+use ambf_core::scene::read_model;
+use ambf_core::urdf::is_urdf;
 use nalgebra::{Point3, Vector3};
 
 fn resources() -> PathBuf {
@@ -18,6 +22,14 @@ fn clean<T: Description>(path: &Path) -> T {
 
 fn launch() -> Launch {
     clean(&resources().join("launch.yaml"))
+}
+
+/// A model that may be URDF, where velocity limits and frames without a mass are reported.
+fn model(path: &Path) -> Model {
+    let (model, report) = read_model(path).unwrap_or_else(|e| panic!("{e}"));
+    let known = |p: &Problem| is_urdf(path) && matches!(p.key.as_str(), "velocity" | "inertial");
+    assert!(report.errors() == 0 && report.problems().iter().all(known), "{}", report.verbose());
+    model
 }
 
 fn models() -> Vec<PathBuf> {
@@ -50,17 +62,18 @@ fn every_scene_is_listed_and_loads_without_a_warning() {
     let in_folder = resources().join("models").read_dir().expect("models").count();
     assert_eq!(listed.len(), in_folder);
     for path in &listed {
-        let model: Model = clean(path);
+        let model = model(path);
         assert!(!model.bodies.is_empty(), "{}", model.name);
         let text = std::fs::read_to_string(path).expect("readable scene");
-        assert!(text.starts_with("# "), "{}: the first line says what the scene shows", model.name);
+        let comment = if is_urdf(path) { "<?xml version=\"1.0\"?>\n<!--\n  " } else { "# " };
+        assert!(text.starts_with(comment), "{}: the first line says what the scene shows", model.name);
     }
 }
 
 #[test]
 fn bodies_stand_where_their_joints_hold_them() {
     for path in models() {
-        let model: Model = clean(&path);
+        let model = model(&path);
         for joint in &model.joints {
             let (parent, child) = (body(&model, &joint.parent), body(&model, &joint.child));
             let pivot_p = parent.location * Point3::from(joint.parent_pivot);
@@ -82,7 +95,7 @@ fn bodies_stand_where_their_joints_hold_them() {
 #[test]
 fn the_springs_of_the_arm_balance_it() {
     let path = models().into_iter().find(|p| p.ends_with("arm7.yaml")).expect("the arm");
-    let model: Model = clean(&path);
+    let model = model(&path);
     let spring = |j: &&ambf_core::adf::Joint| j.kind == JointKind::TorsionSpring;
     for (i, joint) in model.joints.iter().filter(spring).enumerate() {
         let parent = body(&model, &joint.parent);

@@ -79,6 +79,38 @@ pub struct PlacedPrimitive {
     pub offset: Isometry3<f64>,
 }
 
+/// A primitive or a mesh at a pose in the body frame. ADF has no bodies made of several meshes; URDF has.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Part {
+    /// What is placed.
+    pub geometry: PartGeometry,
+    /// Pose of the shape or mesh in the body frame.
+    pub offset: Isometry3<f64>,
+}
+
+/// Shape of a [`Part`].
+#[derive(Clone, Debug, PartialEq)]
+pub enum PartGeometry {
+    /// A primitive.
+    Primitive(Primitive),
+    /// A mesh file.
+    Mesh {
+        /// The mesh file; absolute or relative to the working directory; not looked for yet.
+        path: PathBuf,
+        /// Factors along the axes of the mesh; finite, none is zero, negative ones mirror.
+        scale: Vector3<f64>,
+    },
+}
+
+/// A [`Part`] that is drawn.
+#[derive(Clone, Debug, PartialEq)]
+pub struct VisualPart {
+    /// What is drawn.
+    pub part: Part,
+    /// Replaces the part's own materials; `None`: they stay.
+    pub material: Option<Material>,
+}
+
 /// What collides.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum CollisionGeometry {
@@ -99,6 +131,14 @@ pub enum CollisionGeometry {
         /// The mesh file; absolute or relative to the working directory; not looked for yet.
         path: PathBuf,
         /// What Bullet shape the mesh becomes.
+        kind: CollisionMeshKind,
+    },
+    /// Primitives and meshes together, for descriptions that are not ADF; not empty. A mesh that cannot be used leaves the
+    /// other parts as they are. The body's scale has no effect on them.
+    Parts {
+        /// The parts.
+        parts: Vec<Part>,
+        /// What Bullet shape each mesh becomes.
         kind: CollisionMeshKind,
     },
 }
@@ -132,6 +172,8 @@ pub enum VisualGeometry {
         /// The mesh file; absolute or relative to the working directory; not looked for yet.
         path: PathBuf,
     },
+    /// Primitives and meshes together, for descriptions that are not ADF; not empty.
+    Parts(Vec<VisualPart>),
 }
 
 /// Appearance of a body.

@@ -42,7 +42,7 @@ impl GhostObject {
             CollisionGeometry::Primitive { offset, .. } => {
                 offset.get_or_insert(inertial_offset);
             }
-            CollisionGeometry::Compound(_) | CollisionGeometry::Mesh { .. } => {}
+            CollisionGeometry::Compound(_) | CollisionGeometry::Mesh { .. } | CollisionGeometry::Parts { .. } => {}
         }
         let ghost = Self {
             common: map.common(base),

@@ -1,6 +1,6 @@
 //! Joints.
 
-use nalgebra::Vector3;
+use nalgebra::{UnitQuaternion, Vector3};
 
 use super::common::Common;
 use super::controller::{Controller, ControllerOutput, Gains};
@@ -29,6 +29,9 @@ pub struct Joint {
     pub child_axis: Vector3<f64>,
     /// Rotation of the child about the axis at joint position zero, rad. Default: 0.
     pub child_offset: f64,
+    /// Orientation of the child's body frame in the parent's at joint position zero; it turns the child axis into the parent
+    /// axis. `None`, as in every ADF file: the least rotation that does so, then `child_offset` about the parent axis.
+    pub child_rotation: Option<UnitQuaternion<f64>>,
     /// Rotation of the joint frame about the parent axis, rad. Default: 0.
     pub joint_offset: f64,
     /// Limits of a one-dof joint; `None`: unlimited.
@@ -192,6 +195,7 @@ impl Joint {
             parent_axis: map.need_vector("parent axis"),
             child_axis: map.need_vector("child axis"),
             child_offset: old_offset.or_else(|| map.real("child offset")).unwrap_or(0.0),
+            child_rotation: None,
             joint_offset: map.real("joint offset").unwrap_or(0.0),
             limits: one_dof.then(|| Limits::read(map)).flatten(),
             // The original takes the value of `enable feedback` here, which no author of a file can have meant.

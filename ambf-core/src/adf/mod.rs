@@ -41,7 +41,10 @@ pub use color::ColorTable;
 pub use common::{Common, Material, PluginEntry, ShaderProgram, SourcePos};
 pub use controller::{CartesianController, Controller, ControllerOutput, Gains};
 pub use device::{ButtonMapping, HapticGain, InputDevice, InputDevices};
-pub use geometry::{Axis, CollisionGeometry, CollisionMeshKind, PlacedPrimitive, Primitive, Visual, VisualGeometry};
+pub use geometry::{
+    Axis, CollisionGeometry, CollisionMeshKind, Part, PartGeometry, PlacedPrimitive, Primitive, Visual, VisualGeometry,
+    VisualPart,
+};
 pub use ghost::GhostObject;
 pub use joint::{ConeTwistLimits, Joint, JointKind, Limits, LinearAngular, SixDofLimits, SixDofSpring};
 pub use launch::Launch;
@@ -92,13 +95,18 @@ mod sealed {
 /// Every [`LoadError`]: the file is unreadable, larger than 64 MiB, no text, no YAML, no mapping, of another version than 1.0, or
 /// holds values that do not convert (then all of them are reported).
 pub fn load<T: Description>(path: &Path) -> Result<(T, Report), LoadError> {
+    parse_bytes(&read_bytes(path)?, path)
+}
+
+/// Content of a file, at most one byte more than [`text_of`] takes.
+pub(crate) fn read_bytes(path: &Path) -> Result<Vec<u8>, LoadError> {
     let unreadable = |source| LoadError::Unreadable { file: path.to_owned(), source };
     let file = std::fs::File::open(path).map_err(unreadable)?;
     let mut bytes = Vec::new();
     // Not by the length of the file: pipes and devices have none.
     let limited = &mut file.take(MAX_BYTES + 1);
     limited.read_to_end(&mut bytes).map_err(unreadable)?;
-    parse_bytes(&bytes, path)
+    Ok(bytes)
 }
 
 /// Reads a text as [`load`] reads a file; `path` stands for its name.
@@ -110,9 +118,6 @@ pub fn parse<T: Description>(text: &str, path: &Path) -> Result<(T, Report), Loa
 }
 
 fn parse_bytes<T: Description>(bytes: &[u8], path: &Path) -> Result<(T, Report), LoadError> {
-    if bytes.len() as u64 > MAX_BYTES {
-        return Err(LoadError::TooLarge { file: path.to_owned(), limit: MAX_BYTES });
-    }
     let text = text_of(bytes, path)?;
     let at = |mark: Mark| SourcePos { file: path.into(), line: mark.line, column: mark.column };
     let normalised;
@@ -155,8 +160,11 @@ fn parse_bytes<T: Description>(bytes: &[u8], path: &Path) -> Result<(T, Report),
     Ok((value, report))
 }
 
-/// UTF-8 text without control characters; a byte-order mark is skipped.
-fn text_of<'t>(bytes: &'t [u8], path: &Path) -> Result<&'t str, LoadError> {
+/// UTF-8 text of at most 64 MiB without control characters; a byte-order mark is skipped.
+pub(crate) fn text_of<'t>(bytes: &'t [u8], path: &Path) -> Result<&'t str, LoadError> {
+    if bytes.len() as u64 > MAX_BYTES {
+        return Err(LoadError::TooLarge { file: path.to_owned(), limit: MAX_BYTES });
+    }
     let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
     let not_text = |at: usize, message: &str| {
         let before = &bytes[..at];

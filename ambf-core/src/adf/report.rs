@@ -60,6 +60,8 @@ pub enum ProblemKind {
     SecondDocument,
     /// Aliases make the file unreasonably large.
     TooLarge,
+    /// Links and joints that form no tree; what was found says how.
+    Structure,
 }
 
 /// One problem.
@@ -97,6 +99,7 @@ impl Problem {
             K::EmptyElement => "is listed but empty".into(),
             K::SecondDocument => "a second document starts".into(),
             K::TooLarge => "aliases make the file too large".into(),
+            K::Structure => self.found.clone(),
             K::WrongType | K::OutOfRange | K::NonFinite | K::UnknownValue => {
                 format!("is {}, expected {}", self.found, self.expected)
             }
@@ -162,7 +165,7 @@ impl Report {
         Verbose(self)
     }
 
-    pub(super) fn push(&mut self, problem: Problem) {
+    pub(crate) fn push(&mut self, problem: Problem) {
         self.counts[problem.severity as usize] += 1;
         // Whatever refuses the file must be seen, however many warnings came before.
         if self.problems.len() < MAX_PROBLEMS || (problem.severity == Severity::Fatal && self.counts[2] < MAX_PROBLEMS)
@@ -171,7 +174,7 @@ impl Report {
         }
     }
 
-    pub(super) fn is_fatal(&self) -> bool {
+    pub(crate) fn is_fatal(&self) -> bool {
         self.counts[2] > 0
     }
 
@@ -264,14 +267,14 @@ pub enum LoadError {
         limit: u64,
     },
     /// Error when the file is not UTF-8 text or holds control characters.
-    #[error("{at}: {message}; expected YAML text in UTF-8")]
+    #[error("{at}: {message}; expected text in UTF-8")]
     NotText {
         /// The first byte that is not text.
         at: SourcePos,
         /// What was found.
         message: String,
     },
-    /// Error when the text is not YAML.
+    /// Error when the text is not YAML or, in a robot description, not XML.
     #[error("{at}: syntax error: {message}")]
     Syntax {
         /// Where the parser stopped.
@@ -294,6 +297,20 @@ pub enum LoadError {
         at: SourcePos,
         /// What the root is.
         found: &'static str,
+    },
+    /// Error when the root element of a robot description is not `<robot>`.
+    #[error("{at}: the root element is <{found}>, expected <robot>")]
+    NotARobot {
+        /// The root element.
+        at: SourcePos,
+        /// Its name.
+        found: String,
+    },
+    /// Error when a robot description still has to be processed by xacro.
+    #[error("{at}: this is xacro, which has to become URDF first: xacro {} > robot.urdf", at.file.display())]
+    Xacro {
+        /// The first element that is xacro's.
+        at: SourcePos,
     },
     /// Error when values do not convert: the original refuses the whole file then. The report lists all of them.
     #[error("{}: refused because of the following\n{report}", file.display())]

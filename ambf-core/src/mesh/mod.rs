@@ -193,12 +193,19 @@ impl Mesh {
     /// A copy with all positions multiplied by `scale` (dimensionless). A negative scale mirrors, and reverses the triangles
     /// so that they still face outwards.
     pub fn scaled(&self, scale: f64) -> Mesh {
+        self.scaled_along([scale; 3])
+    }
+
+    /// A copy with x, y and z of all positions multiplied by a factor each (dimensionless). An odd number of negative factors
+    /// mirrors, and reverses the triangles so that they still face outwards.
+    pub fn scaled_along(&self, scale: [f64; 3]) -> Mesh {
+        let mirrors = scale.iter().filter(|factor| **factor < 0.0).count() % 2 == 1;
         let mut mesh = self.clone();
         for sub in &mut mesh.sub_meshes {
             for vertex in &mut sub.vertices {
-                *vertex = vertex.map(|x| x * scale);
+                *vertex = [vertex[0] * scale[0], vertex[1] * scale[1], vertex[2] * scale[2]];
             }
-            if scale < 0.0 {
+            if mirrors {
                 sub.triangles.iter_mut().for_each(|t| t.swap(1, 2));
             }
         }
@@ -302,6 +309,9 @@ mod tests {
         w.triangle([[1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 3.0]]);
         let mesh = Mesh { sub_meshes: vec![w.finish()] }.scaled(-2.0);
         assert_eq!(mesh.sub_meshes[0].vertices[2], [0.0, 0.0, -6.0]);
+        assert_eq!(mesh.sub_meshes[0].triangles, [[0, 2, 1]]);
+        let mesh = mesh.scaled_along([-0.5, -1.0, 2.0]);
+        assert_eq!(mesh.sub_meshes[0].vertices[2], [0.0, 0.0, -12.0]);
         assert_eq!(mesh.sub_meshes[0].triangles, [[0, 2, 1]]);
     }
 

@@ -13,7 +13,7 @@ use super::{
     shape, Bodies, BodyGraph, Counts, Found, Identity, ModelInfo, NameMap, Names, Note, Parent, PhysicsOptions, Scene,
     SceneOptions,
 };
-use crate::adf::{self, CollisionGeometry, PhysicsProfile, RaySource, Severity, SourcePos};
+use crate::adf::{self, CollisionGeometry, Part, PartGeometry, PhysicsProfile, RaySource, Severity, SourcePos};
 use crate::bullet::{self, Integrator, Solver, World};
 use crate::comm::{LightParameters, Rates};
 use crate::control::{CartesianController, Profile};
@@ -23,7 +23,7 @@ use crate::mesh::{Mesh, MeshCache};
 pub(super) struct Builder<'a> {
     pub scene: &'a mut Scene,
     pub notes: Vec<Note>,
-    meshes: &'a MeshCache,
+    pub(super) meshes: &'a MeshCache,
     /// Index of the model that is being built.
     model: usize,
     /// Its bodies by qualified identifier.
@@ -36,11 +36,19 @@ pub(super) struct Builder<'a> {
 /// Meshes that the objects of a model need, with their scales.
 pub(super) fn needed_meshes(model: &adf::Model) -> impl Iterator<Item = (PathBuf, f64)> + '_ {
     let of = |collision: &CollisionGeometry, scale| match collision {
-        CollisionGeometry::Mesh { path, .. } => Some((path.clone(), scale)),
-        _ => None,
+        CollisionGeometry::Mesh { path, .. } => vec![(path.clone(), scale)],
+        CollisionGeometry::Parts { parts, .. } => {
+            // Each part has its own scale, which is applied when its shape is made.
+            let mesh = |part: &Part| match &part.geometry {
+                PartGeometry::Mesh { path, .. } => Some((path.clone(), 1.0)),
+                PartGeometry::Primitive(_) => None,
+            };
+            parts.iter().filter_map(mesh).collect()
+        }
+        _ => vec![],
     };
-    let bodies = model.bodies.iter().filter_map(move |body| of(&body.collision, body.scale));
-    let ghosts = model.ghosts.iter().filter_map(move |ghost| of(&ghost.collision, ghost.scale));
+    let bodies = model.bodies.iter().flat_map(move |body| of(&body.collision, body.scale));
+    let ghosts = model.ghosts.iter().flat_map(move |ghost| of(&ghost.collision, ghost.scale));
     let soft_bodies = model.soft_bodies.iter().map(|soft| (soft.collision_mesh.clone(), soft.scale));
     let sensors = model.sensors.iter().filter_map(|sensor| Some((ray_mesh(&sensor.rays)?.clone(), 1.0)));
     bodies.chain(ghosts).chain(soft_bodies).chain(sensors)
@@ -226,9 +234,9 @@ impl<'a> Builder<'a> {
             CollisionGeometry::Mesh { path, .. } => Some(self.mesh(path, body.scale, &body.common)?),
             _ => None,
         };
-        let built = shape::build(body, mesh.as_deref(), self.scene.profile);
-        for message in &built.left_out {
-            self.note(Severity::Warning, source, format!("`{}`: {message}", body.common.identifier));
+        let built = shape::build(body, mesh.as_deref(), self.meshes, self.scene.profile);
+        for (severity, message) in &built.left_out {
+            self.note(*severity, source, format!("`{}`: {message}", body.common.identifier));
         }
         self.note_displacement(body, mesh.as_deref(), &built.inertial_offset);
 

@@ -40,9 +40,10 @@ impl Builder<'_> {
         };
         let mut left_out = Vec::new();
         let origin = nalgebra::Isometry3::identity();
-        let shape = shape::geometry(&ghost.collision, ghost.collision_margin, mesh.as_deref(), &origin, &mut left_out);
-        for message in left_out {
-            self.note(Severity::Warning, &ghost.common.source, format!("`{}`: {message}", ghost.common.identifier));
+        let (collision, margin) = (&ghost.collision, ghost.collision_margin);
+        let shape = shape::geometry(collision, margin, mesh.as_deref(), self.meshes, &origin, &mut left_out);
+        for (severity, message) in left_out {
+            self.note(severity, &ghost.common.source, format!("`{}`: {message}", ghost.common.identifier));
         }
         let handle = self.scene.world.add_ghost(shape, &ghost.location);
         let identity = self.identity(&ghost.common, |scene| &scene.names.ghosts);

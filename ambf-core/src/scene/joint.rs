@@ -257,10 +257,20 @@ pub(super) fn frames(
 
     let to_axis = rotation_between(&own_axis, &axis_a);
     let joint_turn = about(&axis_a, joint.joint_offset);
-    let child_to_parent = rotation_between(&axis_b, &axis_a);
-    let child_turn = about(&axis_a, joint.child_offset);
-    let rotation_a = joint_turn * to_axis;
-    let rotation_b = child_to_parent.inverse() * child_turn.inverse() * joint_turn * to_axis;
+    let (rotation_a, rotation_b) = match &joint.child_rotation {
+        None => {
+            let child_to_parent = rotation_between(&axis_b, &axis_a);
+            let child_turn = about(&axis_a, joint.child_offset);
+            (joint_turn * to_axis, child_to_parent.inverse() * child_turn.inverse() * joint_turn * to_axis)
+        }
+        Some(child_in_parent) => {
+            // The C++ program's rotation misses an axis that is nearly parallel to its own by up to 0.001 rad.
+            let rest = UnitQuaternion::rotation_between(&(to_axis * own_axis), &axis_a).unwrap_or_default();
+            let rotation_a = joint_turn * rest * to_axis;
+            let child_in_parent = to_parent.rotation * child_in_parent * child.inertial_offset.rotation;
+            (rotation_a, child_in_parent.inverse() * rotation_a)
+        }
+    };
     (Isometry3::from_parts(pivot_a.into(), rotation_a), Isometry3::from_parts(pivot_b.into(), rotation_b), axis_a)
 }
 

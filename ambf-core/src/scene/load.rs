@@ -5,15 +5,16 @@ use std::path::{Path, PathBuf};
 
 use super::build::{empty_scene, needed_meshes, Builder};
 use super::{Note, Scene, SceneOptions};
-use crate::adf::{self, Report, Severity};
+use crate::adf::{self, LoadError, Report, Severity};
 use crate::mesh::MeshCache;
+use crate::urdf;
 
 /// The files a scene is made of, in the order in which their contents are created.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct SceneFiles {
     /// World file; `None`: default world attributes and no environment.
     pub world: Option<PathBuf>,
-    /// Model files. One that is given twice is built twice.
+    /// Model files, ADF or URDF. One that is given twice is built twice.
     pub models: Vec<PathBuf>,
 }
 
@@ -86,11 +87,12 @@ pub struct Loaded {
 /// apply (gravity −9.8 m/s² along z, 10 sub-steps, no environment).
 pub fn load(files: &SceneFiles, options: &SceneOptions) -> Loaded {
     let mut report = SceneReport::default();
-    let world: Option<adf::World> = files.world.as_deref().and_then(|path| read(path, &mut report));
+    let world: Option<adf::World> = files.world.as_deref().and_then(|path| taken(adf::load(path), &mut report));
     let world = world.unwrap_or_else(|| described("gravity: {x: 0, y: 0, z: -9.8}\n"));
-    let environment: Option<adf::Model> = world.environment.as_deref().and_then(|path| read(path, &mut report));
+    let environment: Option<adf::Model> =
+        world.environment.as_deref().and_then(|path| taken(read_model(path), &mut report));
     let environment = environment.unwrap_or_else(|| built_in_environment(&world));
-    let models: Vec<adf::Model> = files.models.iter().filter_map(|path| read(path, &mut report)).collect();
+    let models: Vec<adf::Model> = files.models.iter().filter_map(|path| taken(read_model(path), &mut report)).collect();
 
     let meshes = MeshCache::new();
     preload(&meshes, std::iter::once(&environment).chain(&models));
@@ -128,7 +130,7 @@ impl PreparedModel {
     /// Why the file is of no use, with all problems in it.
     pub fn read(path: &Path) -> Result<Self, String> {
         let mut report = SceneReport::default();
-        let Some(description) = read::<adf::Model>(path, &mut report) else {
+        let Some(description) = taken(read_model(path), &mut report) else {
             return Err(report.to_string().trim_end().to_owned());
         };
         let meshes = MeshCache::new();
@@ -147,8 +149,20 @@ impl Scene {
     }
 }
 
-fn read<T: adf::Description>(path: &Path, report: &mut SceneReport) -> Option<T> {
-    match adf::load::<T>(path) {
+/// Reads a model file: URDF if its name says so ([`urdf::is_urdf`]), else ADF.
+///
+/// # Errors
+/// Those of [`urdf::load`] and [`adf::load`].
+pub fn read_model(path: &Path) -> Result<(adf::Model, Report), LoadError> {
+    if urdf::is_urdf(path) {
+        urdf::load(path)
+    } else {
+        adf::load(path)
+    }
+}
+
+fn taken<T>(read: Result<(T, Report), LoadError>, report: &mut SceneReport) -> Option<T> {
+    match read {
         Ok((description, problems)) => {
             report.files.push(problems);
             Some(description)

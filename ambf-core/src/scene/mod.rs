@@ -23,7 +23,7 @@ pub use ghost::Ghost;
 pub use graph::{BodyGraph, Descendant};
 pub use identity::Identity;
 pub use joint::{Joint, JointType};
-pub use load::{load, Loaded, PreparedModel, SceneFiles, SceneReport};
+pub use load::{load, read_model, Loaded, PreparedModel, SceneFiles, SceneReport};
 pub use names::{Found, NameMap};
 pub use placed::{Camera, Light, Parent, Placed};
 pub use sensor::{LocalRay, Sensed, Sensor};

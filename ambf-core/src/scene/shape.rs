@@ -2,10 +2,10 @@
 
 use nalgebra::{Isometry3, Vector3};
 
-use crate::adf::{self, CollisionGeometry, CollisionMeshKind, Primitive, RigidBody};
+use crate::adf::{self, CollisionGeometry, CollisionMeshKind, Part, PartGeometry, Primitive, RigidBody, Severity};
 use crate::bullet::{Axis, Shape};
 use crate::control::Profile;
-use crate::mesh::Mesh;
+use crate::mesh::{Mesh, MeshCache};
 
 /// A collision shape in the inertial frame, and the inertial frame it was made for.
 pub(super) struct BuiltShape {
@@ -13,17 +13,18 @@ pub(super) struct BuiltShape {
     /// Pose of the inertial frame in the body frame.
     pub inertial_offset: Isometry3<f64>,
     /// Parts that had to be left out, one sentence each.
-    pub left_out: Vec<String>,
+    pub left_out: Vec<(Severity, String)>,
 }
 
-/// Makes the collision shape of `body`. `mesh` is its collision mesh, welded and scaled, when the geometry is one.
-pub(super) fn build(body: &RigidBody, mesh: Option<&Mesh>, profile: Profile) -> BuiltShape {
+/// Makes the collision shape of `body`. `mesh` is its collision mesh, welded and scaled, when the geometry is one; `meshes` gives
+/// those of its parts, when it has several.
+pub(super) fn build(body: &RigidBody, mesh: Option<&Mesh>, meshes: &MeshCache, profile: Profile) -> BuiltShape {
     let inertial_offset = body.inertial_offset.unwrap_or_else(|| match mesh {
         Some(mesh) => Isometry3::from(estimated_centre(mesh, profile)),
         None => Isometry3::identity(),
     });
     let mut left_out = Vec::new();
-    let shape = geometry(&body.collision, body.collision_margin, mesh, &inertial_offset, &mut left_out);
+    let shape = geometry(&body.collision, body.collision_margin, mesh, meshes, &inertial_offset, &mut left_out);
     BuiltShape { shape, inertial_offset, left_out }
 }
 
@@ -32,8 +33,9 @@ pub(super) fn geometry(
     collision: &CollisionGeometry,
     margin: f64,
     mesh: Option<&Mesh>,
+    meshes: &MeshCache,
     origin: &Isometry3<f64>,
-    left_out: &mut Vec<String>,
+    left_out: &mut Vec<(Severity, String)>,
 ) -> Shape {
     let to_origin = origin.inverse();
     match collision {
@@ -49,9 +51,13 @@ pub(super) fn geometry(
             Shape::compound(parts.iter().map(|part| (primitive(&part.primitive, margin), to_origin * part.offset)))
         }
         CollisionGeometry::Mesh { kind, .. } => match mesh {
-            Some(mesh) => mesh_shape(mesh, *kind, margin, &to_origin, left_out),
+            Some(mesh) => compound(mesh_children(mesh, *kind, margin, &to_origin, left_out)),
             None => Shape::empty(),
         },
+        CollisionGeometry::Parts { parts, kind } => {
+            let children = |part| part_children(part, *kind, margin, &to_origin, meshes, left_out);
+            compound(parts.iter().flat_map(children).collect())
+        }
     }
 }
 
@@ -98,13 +104,50 @@ fn primitive(primitive: &Primitive, margin: f64) -> Shape {
     }
 }
 
-fn mesh_shape(
+fn compound(children: Vec<(Shape, Isometry3<f64>)>) -> Shape {
+    if children.is_empty() {
+        Shape::empty()
+    } else {
+        Shape::compound(children)
+    }
+}
+
+fn part_children(
+    part: &Part,
+    kind: CollisionMeshKind,
+    margin: f64,
+    body_in_inertial: &Isometry3<f64>,
+    meshes: &MeshCache,
+    left_out: &mut Vec<(Severity, String)>,
+) -> Vec<(Shape, Isometry3<f64>)> {
+    let pose = body_in_inertial * part.offset;
+    match &part.geometry {
+        PartGeometry::Primitive(p) => vec![(primitive(p, margin), pose)],
+        PartGeometry::Mesh { path, scale } => match meshes.get(path, 1.0) {
+            Ok(mesh) => {
+                let mesh = mesh.scaled_along((*scale).into());
+                if mesh.sub_meshes.iter().flat_map(|sub| sub.vertices.as_flattened()).all(|x| x.is_finite()) {
+                    return mesh_children(&mesh, kind, margin, &pose, left_out);
+                }
+                let message = format!("{}: too large for its numbers when scaled; it is left out", path.display());
+                left_out.push((Severity::Error, message));
+                vec![]
+            }
+            Err(error) => {
+                left_out.push((Severity::Error, format!("a collision mesh is left out: {error}")));
+                vec![]
+            }
+        },
+    }
+}
+
+fn mesh_children(
     mesh: &Mesh,
     kind: CollisionMeshKind,
     margin: f64,
     pose: &Isometry3<f64>,
-    left_out: &mut Vec<String>,
-) -> Shape {
+    left_out: &mut Vec<(Severity, String)>,
+) -> Vec<(Shape, Isometry3<f64>)> {
     let mut children = Vec::new();
     for (number, sub) in mesh.sub_meshes.iter().enumerate() {
         let child = match kind {
@@ -124,12 +167,11 @@ fn mesh_shape(
         };
         match child {
             Some(child) => children.push((child, *pose)),
-            None => left_out.push(format!("part {number} of the collision mesh has no surface and is left out")),
+            None => {
+                let message = format!("part {number} of the collision mesh has no surface and is left out");
+                left_out.push((Severity::Warning, message));
+            }
         }
     }
-    if children.is_empty() {
-        Shape::empty()
-    } else {
-        Shape::compound(children)
-    }
+    children
 }

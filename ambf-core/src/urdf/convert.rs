@@ -1,0 +1,135 @@
+//! The tree of bodies → the description that ADF files have.
+
+use nalgebra::{Isometry3, Vector3};
+
+use super::joint::Joint;
+use super::link::Link;
+use super::tree::Place;
+use crate::adf::{
+    CollisionGeometry, CollisionMeshKind, Common, Controller, Joint as AdfJoint, Part, ProblemKind, RigidBody,
+    SourcePos, Surface, Visual, VisualGeometry, VisualPart,
+};
+
+/// Mass of a link without one on a joint that moves, kg, and of a body without, in ADF.
+const MASS: f64 = 1.0;
+
+/// Radius of the solid sphere whose inertia a link gets that has neither a usable one nor a collision shape, m.
+const RADIUS: f64 = 0.1;
+
+/// The bodies of a robot, in the order of their links.
+pub(super) fn bodies(links: Vec<Link<'_>>, places: &[Place], namespace: &str) -> Vec<RigidBody> {
+    let mut shapes: Vec<(Vec<Part>, Vec<VisualPart>)> = links.iter().map(|_| Default::default()).collect();
+    let mut without_shapes = Vec::new();
+    for (mut link, place) in links.into_iter().zip(places) {
+        let into_host = |part: Part| Part { offset: place.in_host * part.offset, ..part };
+        let (collisions, visuals) = &mut shapes[place.host];
+        collisions.extend(link.collisions.drain(..).map(into_host));
+        let visual = |v: VisualPart| VisualPart { part: into_host(v.part), ..v };
+        visuals.extend(link.visuals.drain(..).map(visual));
+        without_shapes.push(link);
+    }
+    let mut bodies = Vec::new();
+    for (index, (link, (collisions, visuals))) in without_shapes.iter().zip(shapes).enumerate() {
+        if places[index].host == index {
+            bodies.push(body(link, &places[index], collisions, visuals, namespace));
+        } else {
+            let action = "the link is part of the body it is fixed to";
+            link.element.warn(ProblemKind::Absent, "inertial", "", "a mass above 0", action);
+        }
+    }
+    bodies
+}
+
+fn body(link: &Link<'_>, place: &Place, parts: Vec<Part>, visuals: Vec<VisualPart>, namespace: &str) -> RigidBody {
+    let inertial = link.inertial.as_ref();
+    let mass = match inertial {
+        _ if place.is_static => 0.0,
+        Some(inertial) => inertial.mass,
+        None => {
+            let action = format!("it has {MASS} kg, since it can move");
+            link.element.warn(ProblemKind::Absent, "inertial", "", "a mass above 0", &action);
+            MASS
+        }
+    };
+    let sphere = parts.is_empty().then(|| Vector3::repeat(0.4 * mass * RADIUS * RADIUS));
+    let moments = inertial.and_then(|inertial| inertial.moments).or(sphere);
+    // A hull is quick and robust where things move; what stands still may well be a room or a table.
+    let kind = if place.is_static { CollisionMeshKind::ConcaveMesh } else { CollisionMeshKind::ConvexHull };
+    let collision = if parts.is_empty() { CollisionGeometry::None } else { CollisionGeometry::Parts { parts, kind } };
+    RigidBody {
+        common: common("BODY", link.name, namespace, link.element.source()),
+        location: place.in_world,
+        scale: 1.0,
+        mass,
+        inertia: moments.filter(|_| !place.is_static),
+        inertial_offset: Some(inertial.map_or_else(Isometry3::identity, |inertial| inertial.offset)),
+        gravity: None,
+        visual: Visual {
+            geometry: match visuals.is_empty() {
+                true => VisualGeometry::None,
+                false => VisualGeometry::Parts(visuals),
+            },
+            ..Visual::default()
+        },
+        collision,
+        collision_margin: 0.001,
+        collision_groups: vec![],
+        surface: Surface::default(),
+        controller: None,
+        publish_children_names: false,
+        publish_joint_names: true,
+        publish_joint_positions: true,
+    }
+}
+
+/// The joints between different bodies, in file order.
+pub(super) fn joints(links: &[String], places: &[Place], joints: &[Joint<'_>], namespace: &str) -> Vec<AdfJoint> {
+    let between = joints.iter().filter(|joint| places[joint.parent].host != places[joint.child].host);
+    between
+        .map(|joint| {
+            let (parent, child) = (&places[joint.parent], &places[joint.child]);
+            let in_parent = parent.in_host * joint.origin;
+            let in_child = child.in_host;
+            AdfJoint {
+                common: Common {
+                    // Joint states and commands of ROS are about the joints with a coordinate.
+                    passive: !joint.kind.is_one_dof(),
+                    ..common("JOINT", joint.name, namespace, joint.element.source())
+                },
+                kind: joint.adf_kind(),
+                parent: format!("BODY {}", links[parent.host]),
+                child: format!("BODY {}", links[child.host]),
+                parent_pivot: in_parent.translation.vector,
+                child_pivot: in_child.translation.vector,
+                parent_axis: in_parent * joint.axis,
+                child_axis: in_child * joint.axis,
+                child_offset: 0.0,
+                child_rotation: Some(in_parent.rotation * in_child.rotation.inverse()),
+                joint_offset: 0.0,
+                limits: joint.limits,
+                enable_motor: true,
+                enable_feedback: false,
+                max_motor_impulse: joint.motor_impulse(),
+                damping: 0.0,
+                stiffness: 0.0,
+                equilibrium_point: None,
+                erp: 0.1,
+                cfm: 0.1,
+                ignore_inter_collision: true,
+                controller: Controller::default(),
+            }
+        })
+        .collect()
+}
+
+fn common(kind: &str, name: &str, namespace: &str, source: SourcePos) -> Common {
+    Common {
+        identifier: format!("{kind} {name}"),
+        name: name.split_whitespace().collect(),
+        namespace: namespace.to_owned(),
+        passive: false,
+        publish_frequency: None,
+        plugins: vec![],
+        source,
+    }
+}

@@ -1,0 +1,237 @@
+//! Joints as written, and what they become.
+
+use std::collections::HashMap;
+
+use nalgebra::{Isometry3, Vector3};
+
+use super::xml::{quoted, Element};
+use crate::adf::{JointKind, Limits, ProblemKind, SixDofLimits};
+
+/// A joint as written, with the links it joins.
+#[derive(Clone)]
+pub(super) struct Joint<'a> {
+    pub name: &'a str,
+    pub element: Element<'a>,
+    pub kind: Kind,
+    /// Index of the parent link.
+    pub parent: usize,
+    /// Index of the child link.
+    pub child: usize,
+    /// Pose of the child's frame in the parent's at joint position zero.
+    pub origin: Isometry3<f64>,
+    /// Axis in the child's frame, of length 1.
+    pub axis: Vector3<f64>,
+    /// Range of the coordinate; `None`: unlimited.
+    pub limits: Option<Limits>,
+    /// Largest effort, N·m or N; `None`: not given.
+    pub effort: Option<f64>,
+}
+
+/// Types of joints.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Kind {
+    /// Revolute, or continuous without limits.
+    Revolute,
+    Prismatic,
+    Fixed,
+    Floating,
+    Planar,
+}
+
+/// Motor impulses are given for this step, s.
+const IMPULSE_STEP: f64 = 0.001;
+
+/// Largest motor impulse of a joint that says nothing about it, as in ADF.
+const MOTOR_IMPULSE: f64 = 0.1;
+
+impl<'a> Joint<'a> {
+    /// Reads a joint between `links` (their indices by name). `None`, reported, when it joins nothing or is broken.
+    pub fn read(element: Element<'a>, links: &HashMap<&'a str, usize>) -> Option<Self> {
+        element.finish(
+            &["name", "type"],
+            &["origin", "parent", "child", "axis", "limit", "dynamics", "mimic", "safety_controller", "calibration"],
+        );
+        let name = element.need_name("name", "a name");
+        let kind = Kind::read(&element);
+        let link = |tag: &'static str| {
+            let Some(end) = element.child(tag) else {
+                element.problem(
+                    crate::adf::Severity::Fatal,
+                    ProblemKind::MissingKey,
+                    tag,
+                    "",
+                    "the name of a link",
+                    "",
+                );
+                return None;
+            };
+            end.finish(&["link"], &[]);
+            let link = end.need_name("link", "the name of a link");
+            let found = links.get(link).copied();
+            if found.is_none() && !link.is_empty() {
+                let expected = "the name of a link";
+                end.error(ProblemKind::UnknownValue, "link", &quoted(link), expected, "the joint is dropped");
+            }
+            found
+        };
+        let (parent, child) = (link("parent"), link("child"));
+        let (limits, effort) = limits(&element, kind);
+        if let Some(mimic) = element.child("mimic") {
+            mimic.ignored("", "the joint moves on its own");
+        }
+        if let Some(dynamics) = element.child("dynamics") {
+            dynamics.finish(&["damping", "friction"], &[]);
+            for name in ["damping", "friction"] {
+                if dynamics.real(name).is_some_and(|value| value != 0.0) {
+                    dynamics.ignored(name, "joints move without; a body's own damping is that of ADF");
+                }
+            }
+        }
+        Some(Self {
+            name,
+            element,
+            kind,
+            parent: parent?,
+            child: child?,
+            origin: element.origin(),
+            axis: axis(&element, kind),
+            limits,
+            effort,
+        })
+    }
+
+    /// Position at which the joint starts: zero, or the limit next to it.
+    pub fn start(&self) -> f64 {
+        self.limits.map_or(0.0, |limits| 0.0_f64.clamp(limits.low, limits.high))
+    }
+
+    /// Pose of the child's frame in the parent's at joint position `q`, rad or m.
+    pub fn pose(&self, q: f64) -> Isometry3<f64> {
+        self.origin
+            * match self.kind {
+                Kind::Revolute => Isometry3::rotation(self.axis * q),
+                Kind::Prismatic => Isometry3::from(self.axis * q),
+                Kind::Fixed | Kind::Floating | Kind::Planar => Isometry3::identity(),
+            }
+    }
+
+    /// What the joint is in ADF.
+    pub fn adf_kind(&self) -> JointKind {
+        match self.kind {
+            Kind::Revolute => JointKind::Revolute,
+            Kind::Prismatic => JointKind::Prismatic,
+            Kind::Fixed => JointKind::Fixed,
+            // A joint of unknown type joins nothing, as a floating one.
+            Kind::Floating => JointKind::Unknown("floating".into()),
+            // The third axis of the joint's frame is the normal of the plane; low above high is free.
+            Kind::Planar => {
+                let (free, locked) = (Vector3::new(1.0, 1.0, 0.0), Vector3::new(0.0, 0.0, 1.0));
+                JointKind::SixDof(SixDofLimits {
+                    linear_low: free,
+                    linear_high: -free,
+                    angular_low: locked,
+                    angular_high: -locked,
+                })
+            }
+        }
+    }
+
+    /// Largest impulse of the motor, N·m·s or N·s.
+    pub fn motor_impulse(&self) -> f64 {
+        self.effort.map_or(MOTOR_IMPULSE, |effort| effort * IMPULSE_STEP)
+    }
+}
+
+impl Kind {
+    fn read(element: &Element<'_>) -> Self {
+        let expected = "revolute, continuous, prismatic, fixed, floating or planar";
+        match element.need("type", expected) {
+            "revolute" | "continuous" => Self::Revolute,
+            "prismatic" => Self::Prismatic,
+            "floating" => Self::Floating,
+            "planar" => Self::Planar,
+            "fixed" => Self::Fixed,
+            other => {
+                if element.attribute("type").is_some() {
+                    let action = "the joint is fixed";
+                    element.error(ProblemKind::UnknownValue, "type", &quoted(other), expected, action);
+                }
+                Self::Fixed
+            }
+        }
+    }
+
+    /// Whether the joint has a coordinate.
+    pub fn is_one_dof(self) -> bool {
+        matches!(self, Self::Revolute | Self::Prismatic)
+    }
+}
+
+fn axis(element: &Element<'_>, kind: Kind) -> Vector3<f64> {
+    let Some(axis) = element.child("axis") else { return Vector3::x() };
+    axis.finish(&["xyz"], &[]);
+    let xyz = axis.vector("xyz").unwrap_or(Vector3::x());
+    // Scaled first: the squares of small and large numbers are none.
+    let unit = xyz.unscale(xyz.amax().max(f64::MIN_POSITIVE)).try_normalize(0.5);
+    unit.unwrap_or_else(|| {
+        if kind.is_one_dof() || kind == Kind::Planar {
+            let found = quoted(axis.attribute("xyz").unwrap_or_default());
+            axis.error(ProblemKind::OutOfRange, "xyz", &found, "a direction", "1 0 0 is used");
+        }
+        Vector3::x()
+    })
+}
+
+/// Range and largest effort of a joint.
+fn limits(joint: &Element<'_>, kind: Kind) -> (Option<Limits>, Option<f64>) {
+    let continuous = joint.attribute("type") == Some("continuous");
+    let Some(limit) = joint.child("limit") else {
+        if kind.is_one_dof() && !continuous {
+            let expected = "an element with `lower`, `upper`, `effort`, `velocity`";
+            joint.error(ProblemKind::Absent, "limit", "", expected, "the joint is unlimited");
+        }
+        return (None, None);
+    };
+    limit.finish(&["lower", "upper", "effort", "velocity"], &[]);
+    let values = ["lower", "upper", "effort", "velocity"].map(|name| limit.real(name));
+    let [low, high, effort, velocity] = values;
+    if !kind.is_one_dof() {
+        return (None, None);
+    }
+    if velocity.is_some() {
+        limit.ignored("velocity", "joints are as fast as their commands ask for");
+    }
+    let effort = effort.filter(|effort| {
+        let usable = *effort > 0.0;
+        if !usable {
+            let expected = "an effort above 0 in N·m or N";
+            let action = format!("that of a joint without is used, {}", MOTOR_IMPULSE / IMPULSE_STEP);
+            limit.warn(ProblemKind::OutOfRange, "effort", &effort.to_string(), expected, &action);
+        }
+        usable
+    });
+    if continuous {
+        let bounds = [("lower", low), ("upper", high)];
+        bounds.iter().filter(|(_, value)| value.is_some()).for_each(|(name, _)| {
+            limit.ignored(name, "a continuous joint has no limits");
+        });
+        return (None, effort);
+    }
+    let limits = Limits { low: low.unwrap_or(0.0), high: high.unwrap_or(0.0) };
+    let range = limits.high - limits.low;
+    let found = format!("a range from {} to {}", limits.low, limits.high);
+    if range < 0.0 {
+        limit.error(ProblemKind::OutOfRange, "", &found, "`lower` below `upper`", "the joint is unlimited");
+        return (None, effort);
+    }
+    if low.is_none() && high.is_none() {
+        let expected = "`lower` and `upper`";
+        limit.warn(ProblemKind::Absent, "", "", expected, "both are 0, so that the joint cannot move");
+    }
+    if kind == Kind::Revolute && range >= std::f64::consts::TAU {
+        let expected = "less than a turn, which angles are measured in";
+        limit.warn(ProblemKind::OutOfRange, "", &found, expected, "the joint is unlimited");
+        return (None, effort);
+    }
+    (Some(limits), effort)
+}

@@ -1,0 +1,157 @@
+//! Links and joints → a tree of rigid bodies.
+//!
+//! What stands still in the world is known here: a root without a mass, or called `world`, and all that is fixed to it. A link
+//! without a mass that moves is a frame: it becomes part of the body it is fixed to.
+
+use nalgebra::Isometry3;
+
+use super::joint::{Joint, Kind};
+use super::link::Link;
+use crate::adf::{ProblemKind, Severity};
+
+/// Where a link belongs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Place {
+    /// Index of the link whose body it is part of; its own when it is a body.
+    pub host: usize,
+    /// Pose of the link's frame in the body frame.
+    pub in_host: Isometry3<f64>,
+    /// Pose of the link's frame in the world at the start.
+    pub in_world: Isometry3<f64>,
+    /// Does not move.
+    pub is_static: bool,
+}
+
+/// Takes the joints out of `joints` that do not belong to a tree, and says where each link belongs.
+pub(super) fn places(links: &[Link<'_>], joints: &mut Vec<Joint<'_>>) -> Vec<Place> {
+    let leading_to = cut(links, joints);
+    let tree = Tree::new(links, joints, leading_to);
+    tree.places()
+}
+
+/// Leaves each link at most one joint that leads to it, and no closed loop. Returns that joint for each link.
+fn cut(links: &[Link<'_>], joints: &mut Vec<Joint<'_>>) -> Vec<Option<usize>> {
+    let mut leading_to: Vec<Option<usize>> = vec![None; links.len()];
+    let mut dropped = vec![false; joints.len()];
+    for (index, joint) in joints.iter().enumerate() {
+        let why = match leading_to[joint.child] {
+            _ if joint.parent == joint.child => "joins a link with itself".to_owned(),
+            Some(other) => format!("leads to the same link as joint `{}`", joints[other].name),
+            None => {
+                leading_to[joint.child] = Some(index);
+                continue;
+            }
+        };
+        dropped[index] = true;
+        broken(joint, &why);
+    }
+    // Walks towards the root from each link that was not passed yet: a walk that meets itself is in a loop.
+    let mut walk_of = vec![usize::MAX; links.len()];
+    for start in 0..links.len() {
+        let mut link = start;
+        while walk_of[link] == usize::MAX {
+            walk_of[link] = start;
+            match leading_to[link] {
+                Some(joint) => link = joints[joint].parent,
+                None => break,
+            }
+        }
+        if let (true, Some(joint)) = (walk_of[link] == start, leading_to[link]) {
+            dropped[joint] = true;
+            leading_to[link] = None;
+            broken(&joints[joint], "closes a loop of links");
+        }
+    }
+    let mut kept = dropped.iter().map(|dropped| !dropped);
+    joints.retain(|_| kept.next() == Some(true));
+    // Indices again, now that some joints are gone.
+    let mut leading_to = vec![None; links.len()];
+    for (index, joint) in joints.iter().enumerate() {
+        leading_to[joint.child] = Some(index);
+    }
+    leading_to
+}
+
+fn broken(joint: &Joint<'_>, why: &str) {
+    joint.element.error(ProblemKind::Structure, "", why, "", "the joint is dropped: a robot is a tree of links");
+}
+
+struct Tree<'t, 'a> {
+    links: &'t [Link<'a>],
+    joints: &'t [Joint<'a>],
+    /// For each link the joint that leads to it.
+    leading_to: Vec<Option<usize>>,
+    /// For each link the joints that start there, in file order.
+    leaving: Vec<Vec<usize>>,
+}
+
+impl<'t, 'a> Tree<'t, 'a> {
+    fn new(links: &'t [Link<'a>], joints: &'t [Joint<'a>], leading_to: Vec<Option<usize>>) -> Self {
+        let mut leaving = vec![Vec::new(); links.len()];
+        for (index, joint) in joints.iter().enumerate() {
+            leaving[joint.parent].push(index);
+        }
+        Self { links, joints, leading_to, leaving }
+    }
+
+    fn places(&self) -> Vec<Place> {
+        let mut places: Vec<Option<Place>> = vec![None; self.links.len()];
+        let roots: Vec<_> = (0..self.links.len()).filter(|&link| self.leading_to[link].is_none()).collect();
+        for &root in roots.iter().skip(1) {
+            let found = format!("is a root beside `{}`: no joint leads to it", self.links[roots[0]].name);
+            let action = "it starts a robot of its own at the origin";
+            self.links[root].element.problem(Severity::Error, ProblemKind::Structure, "", &found, "", action);
+        }
+        let mut waiting: Vec<_> = roots.into_iter().rev().collect();
+        while let Some(link) = waiting.pop() {
+            places[link] = Some(self.place(link, &places));
+            waiting.extend(self.leaving[link].iter().rev().map(|&joint| self.joints[joint].child));
+        }
+        // Without loops every link hangs below a root.
+        places.into_iter().flatten().collect()
+    }
+
+    /// The place of a link whose parent has one.
+    fn place(&self, link: usize, places: &[Option<Place>]) -> Place {
+        let joint = self.leading_to[link].map(|joint| &self.joints[joint]);
+        let parent = joint.and_then(|joint| places[joint.parent]);
+        let has_mass = self.links[link].inertial.is_some();
+        let own = |in_world, is_static| Place { host: link, in_host: Isometry3::identity(), in_world, is_static };
+        let (in_world, fixed_to) = match (joint, parent) {
+            (Some(joint), Some(parent)) => {
+                let fixed = joint.kind == Kind::Fixed;
+                (parent.in_world * joint.pose(joint.start()), fixed.then_some((parent, joint.origin)))
+            }
+            _ => (Isometry3::identity(), None),
+        };
+        if let Some((parent, origin)) = fixed_to {
+            if has_mass || parent.is_static {
+                return own(in_world, parent.is_static);
+            }
+            return Place { in_host: parent.in_host * origin, in_world, ..parent };
+        }
+        let is_root = joint.is_none();
+        if is_root && self.links[link].name == "world" {
+            return own(in_world, true);
+        }
+        if !has_mass {
+            if let Some((host, host_in_link)) = self.mass_fixed_to(link) {
+                return Place { host, in_host: host_in_link.inverse(), in_world, is_static: false };
+            }
+        }
+        own(in_world, is_root && !has_mass)
+    }
+
+    /// The first link with a mass that is fixed to a link without, over other links without; and its pose in that link.
+    fn mass_fixed_to(&self, link: usize) -> Option<(usize, Isometry3<f64>)> {
+        let mut waiting = vec![(link, Isometry3::identity())];
+        while let Some((link, pose)) = waiting.pop() {
+            if self.links[link].inertial.is_some() {
+                return Some((link, pose));
+            }
+            let fixed = self.leaving[link].iter().rev().map(|&joint| &self.joints[joint]);
+            waiting.extend(fixed.filter(|j| j.kind == Kind::Fixed).map(|j| (j.child, pose * j.origin)));
+        }
+        None
+    }
+}
