@@ -159,7 +159,7 @@ fn joint_positions_are_those_of_urdf() {
 /// ADF text of the shipped arm, with the same frames.
 fn arm_in_adf() -> String {
     let rows = [
-        ("base", 0.0, [0.016075, 0.01215], 0.09, 0.2, "z", 0.0, 0.0),
+        ("base", 0.0, [0.0, 0.0], 0.09, 0.2, "z", 0.0, 0.0),
         ("shoulder", 1.5, [0.0041625, 0.0027], 0.06, 0.15, "z", 2.9, 100.0),
         ("upper_arm", 1.2, [0.00475, 0.0015], 0.05, 0.2, "y", 2.0, 100.0),
         ("elbow", 1.0, [0.0038396, 0.0010125], 0.045, 0.2, "z", 2.9, 60.0),

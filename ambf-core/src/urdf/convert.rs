@@ -52,7 +52,8 @@ fn body(link: &Link<'_>, place: &Place, parts: Vec<Part>, visuals: Vec<VisualPar
         }
     };
     let sphere = parts.is_empty().then(|| Vector3::repeat(0.4 * mass * RADIUS * RADIUS));
-    let moments = inertial.and_then(|inertial| inertial.moments).or(sphere);
+    // Bullet's joints would give way to the inertia of what has no mass.
+    let moments = inertial.and_then(|inertial| inertial.moments).or(sphere).filter(|_| !place.is_static);
     // A hull is quick and robust where things move; what stands still may well be a room or a table.
     let kind = if place.is_static { CollisionMeshKind::ConcaveMesh } else { CollisionMeshKind::ConvexHull };
     let collision = if parts.is_empty() { CollisionGeometry::None } else { CollisionGeometry::Parts { parts, kind } };
@@ -61,7 +62,7 @@ fn body(link: &Link<'_>, place: &Place, parts: Vec<Part>, visuals: Vec<VisualPar
         location: place.in_world,
         scale: 1.0,
         mass,
-        inertia: moments.filter(|_| !place.is_static),
+        inertia: moments,
         inertial_offset: Some(inertial.map_or_else(Isometry3::identity, |inertial| inertial.offset)),
         gravity: None,
         visual: Visual {
