@@ -26,6 +26,14 @@ MD5 = {
 }
 
 
+# Ours: the original has no services.
+SERVICES = {
+    "AddModel": "f5bd0122d8d7f607648fac2661ce032e",
+    "ListModels": "ff08cbe897983592b3543e831685aaec",
+    "RemoveModel": "6b1b98e3880995cce04976ee2d7995e8",
+}
+
+
 class Messages(unittest.TestCase):
     """No master and no simulator is needed."""
 
@@ -42,6 +50,19 @@ class Messages(unittest.TestCase):
         cmake = (harness.REPOSITORY / "resources/ros/ambf_msgs/CMakeLists.txt").read_text()
         for name in listed:
             self.assertIn(name.split("/")[1] + ".msg", cmake)
+
+    def test_services(self):
+        """rossrv, the Python classes, the simulator and catkin know the same services."""
+        import ambf_msgs.srv  # pylint: disable=import-outside-toplevel
+
+        listed = harness.ros(1, "rossrv", "package", "ambf_msgs").split()
+        self.assertEqual(sorted(listed), sorted(f"ambf_msgs/{name}" for name in SERVICES))
+        cmake = (harness.REPOSITORY / "resources/ros/ambf_msgs/CMakeLists.txt").read_text()
+        for name, expected in SERVICES.items():
+            with self.subTest(name):
+                self.assertEqual(harness.ros(1, "rossrv", "md5", f"ambf_msgs/{name}").strip(), expected)
+                self.assertEqual(getattr(ambf_msgs.srv, name)._md5sum, expected)  # pylint: disable=protected-access
+                self.assertIn(name + ".srv", cmake)
 
     def test_constants(self):
         """Scripts use the names of the command types."""

@@ -478,4 +478,26 @@ mod tests {
         camera.fill_in();
         assert_eq!((camera.far_plane, camera.field_view_angle, camera.orthographic_view_width), (20.0, 0.7, 0.0));
     }
+
+    #[test]
+    fn what_belonged_to_one_that_is_gone_is_deleted_unless_another_has_it_now() {
+        let master = Peer::new("http://localhost:1/", "/test", Duration::from_millis(1)).unwrap();
+        let (sender, changes) = std::sync::mpsc::channel();
+        let hub = Arc::new(Hub::new(Vec::new()));
+        let mut parameters = Parameters::new(hub, Arc::new(Link::new(master.clone())), changes, Arc::default());
+        let light = |object, name: &str| {
+            let (values, parent) = (LightParameters::default(), ParentName::new(""));
+            Parameterised { object, name: name.into(), values, parent }
+        };
+        let lights = vec![light(0, "/e/a"), light(1, "/e/b"), light(2, "/e/b")];
+        parameters.take(ParameterChange { lights, ..Default::default() });
+        parameters.take(ParameterChange { removed: vec![0, 1, 7], ..Default::default() });
+        assert_eq!(parameters.gone, ["/e/a/cutoff_angle", "/e/a/parent_name", "/e/a/type"], "/e/b is the third's too");
+        assert_eq!(parameters.lights.len(), 1);
+        assert!(parameters.visit(&master, 1).is_err(), "nobody answers");
+        assert_eq!(parameters.gone.len(), 3, "they are tried again");
+        parameters.take(ParameterChange { lights: vec![light(8, "/e/a")], ..Default::default() });
+        assert!(parameters.gone.is_empty());
+        drop(sender);
+    }
 }
