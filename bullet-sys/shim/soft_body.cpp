@@ -288,12 +288,14 @@ int amb_soft_nearest_face(const AmbSoft *soft, const double point[3], double rad
   return nearest != nullptr;
 }
 
-int amb_soft_first_non_finite(const AmbSoft *soft) {
+int amb_soft_first_lost(const AmbSoft *soft) {
+  int farthest = 0;
   for (int i = 0; i < soft->body.m_nodes.size(); ++i) {
     const btSoftBody::Node &node = soft->body.m_nodes[i];
     if (!finite(node.m_x + node.m_v)) return i;
+    if (node.m_x.length2() > soft->body.m_nodes[farthest].m_x.length2()) farthest = i;
   }
-  return -1;
+  return soft->body.isActive() ? -1 : farthest;
 }
 
 void amb_soft_restore(AmbSoft *soft) {
