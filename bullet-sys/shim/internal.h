@@ -151,7 +151,7 @@ void after_soft_step(AmbWorld &world);
 void prepare_soft_rays(AmbWorld &world);
 void forget_in_soft_bodies(AmbWorld &world, AmbBody &body);
 // Whether the narrow phase may look at a pair one of which is a soft body.
-bool soft_pair_is_sound(const btCollisionObject &a, const btCollisionObject &b);
+bool may_touch(const btCollisionObject &a, const btCollisionObject &b);
 
 inline btVector3 vector_of(const double v[3]) { return btVector3(v[0], v[1], v[2]); }
 

@@ -28,11 +28,14 @@ bool within_reach(const btCollisionShape &shape) {
   return within_reach(low) && within_reach(high);
 }
 
-bool is_sound(const btCollisionObject &object) {
-  if (object_of(&object)->kind != ObjectKind::SoftBody) {
+bool may_touch(const btCollisionObject &object) {
+  AmbObject &owner = *object_of(&object);
+  // Clusters would bounce off a ghost.
+  if (owner.kind == ObjectKind::Ghost) return false;
+  if (owner.kind == ObjectKind::Body) {
     return within_reach(object.getWorldTransform().getOrigin()) && within_reach(*object.getCollisionShape());
   }
-  auto &soft = static_cast<AmbSoft &>(*object_of(&object));
+  auto &soft = static_cast<AmbSoft &>(owner);
   if (!soft.checked) {
     soft.checked = soft.sound = true;
     for (int i = 0; soft.sound && i < soft.body.m_nodes.size(); ++i) soft.sound = within_reach(soft.body.m_nodes[i].m_x);
@@ -124,7 +127,7 @@ void forget_in_soft_bodies(AmbWorld &world, AmbBody &body) {
   forget_shape(world.soft->getWorldInfo().m_sparsesdf, *body.shape);
 }
 
-bool soft_pair_is_sound(const btCollisionObject &a, const btCollisionObject &b) { return is_sound(a) && is_sound(b); }
+bool may_touch(const btCollisionObject &a, const btCollisionObject &b) { return may_touch(a) && may_touch(b); }
 
 extern "C" {
 
@@ -290,12 +293,14 @@ int amb_soft_nearest_face(const AmbSoft *soft, const double point[3], double rad
   return nearest != nullptr;
 }
 
-int amb_soft_first_non_finite(const AmbSoft *soft) {
+int amb_soft_first_lost(const AmbSoft *soft) {
+  int farthest = 0;
   for (int i = 0; i < soft->body.m_nodes.size(); ++i) {
     const btSoftBody::Node &node = soft->body.m_nodes[i];
     if (!finite(node.m_x + node.m_v)) return i;
+    if (node.m_x.length2() > soft->body.m_nodes[farthest].m_x.length2()) farthest = i;
   }
-  return -1;
+  return soft->body.isActive() ? -1 : farthest;
 }
 
 void amb_soft_restore(AmbSoft *soft) {

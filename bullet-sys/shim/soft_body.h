@@ -50,8 +50,9 @@ void amb_soft_center(const AmbSoft *soft, double center[3]);
 int amb_soft_nearest_node(const AmbSoft *soft, const double point[3], double radius);
 /* The nodes of the face whose centroid is nearest to point within radius; 0 when there is none. */
 int amb_soft_nearest_face(const AmbSoft *soft, const double point[3], double radius, int face[3]);
-/* Index of the first node whose position or velocity is not finite, or -1. */
-int amb_soft_first_non_finite(const AmbSoft *soft);
+/* Index of the first node whose position or velocity is not finite; of the farthest, if the soft body has become so large, 10^6 m, that
+   Bullet has switched it off; or -1. */
+int amb_soft_first_lost(const AmbSoft *soft);
 
 /* Nodes back to where they were when the body was added, at rest and without contacts. Anchors and pulls stay. */
 void amb_soft_restore(AmbSoft *soft);

@@ -385,3 +385,100 @@ impl SoftConfig {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A strip of three triangles.
+    fn strip() -> SoftBody {
+        let faces = vec![[0, 1, 2], [1, 3, 2], [2, 3, 4]];
+        SoftBody {
+            nodes: vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 2.0, 0.0]],
+            links: SoftBody::triangle_links(&faces),
+            faces,
+            mass: 1.0,
+            margin: 0.01,
+            pose: Isometry3::identity(),
+            config: SoftConfig::default(),
+            material: None,
+            pose_matching: false,
+            bending_distance: None,
+            clusters: None,
+            fixed_nodes: vec![],
+            randomize: false,
+        }
+    }
+
+    #[test]
+    fn each_edge_is_one_link() {
+        assert_eq!(strip().links, [[2, 0], [0, 1], [1, 2], [1, 3], [3, 2], [4, 2], [3, 4]]);
+        assert_eq!(SoftBody::triangle_links(&[[0, 0, 1]]), [[1, 0]], "a degenerate triangle");
+    }
+
+    #[test]
+    fn bending_links_join_nodes_at_their_distance() {
+        let bending = |distance| SoftBody { bending_distance: distance, ..strip() }.bending_links().unwrap();
+        for none in [None, Some(-3), Some(0), Some(1), Some(4), Some(i32::MAX)] {
+            assert!(bending(none).is_empty(), "{none:?}");
+        }
+        assert_eq!(bending(Some(2)), [[3, 0], [4, 0], [4, 1]]);
+        // 4 is two links from 0: nothing is three away, until that link is taken out.
+        assert!(bending(Some(3)).is_empty());
+        let chain = SoftBody { links: vec![[0, 1], [1, 2], [2, 2], [2, 3], [3, 4]], ..strip() };
+        assert_eq!(SoftBody { bending_distance: Some(3), ..chain }.bending_links().unwrap(), [[3, 0], [4, 1]]);
+    }
+
+    #[test]
+    fn what_bullet_cannot_deal_with_is_refused() {
+        let config = SoftConfig::default();
+        let far = Isometry3::translation(0.0, 2e6, 0.0);
+        let lost = Isometry3::translation(0.0, f64::NAN, 0.0);
+        for (bad, part) in [
+            (SoftBody { nodes: vec![], ..strip() }, "at least one vertex"),
+            (SoftBody { links: vec![[0, 5]], ..strip() }, "links refer to vertex 5, but there are 5"),
+            (SoftBody { faces: vec![[0, 1, 7]], ..strip() }, "triangles refer to vertex 7"),
+            (SoftBody { fixed_nodes: vec![5], ..strip() }, "fixed nodes refer to vertex 5"),
+            (SoftBody { nodes: vec![[f64::NAN; 3]; 5], ..strip() }, "vertices must be finite"),
+            (SoftBody { nodes: vec![[1e300; 3]; 5], ..strip() }, "expected at most 1e6 m"),
+            (SoftBody { nodes: vec![[1.0; 3]; 200], ..strip() }, "vertices at one point: 200"),
+            (SoftBody { nodes: vec![[0.0; 3]; MAX_NODES + 1], ..strip() }, "take a coarser mesh"),
+            (SoftBody { mass: 0.0, ..strip() }, "`mass` is 0"),
+            (SoftBody { mass: f64::NAN, ..strip() }, "`mass` is NaN"),
+            (SoftBody { margin: -0.1, ..strip() }, "`collision margin` is -0.1"),
+            (SoftBody { pose: far, ..strip() }, "`location` is 2000000"),
+            (SoftBody { pose: lost, ..strip() }, "location must be finite"),
+            (SoftBody { material: Some([f64::INFINITY, 1.0, 1.0]), ..strip() }, "stiffness must be finite"),
+            (SoftBody { config: SoftConfig { kDP: f64::NAN, ..config }, ..strip() }, "config must be finite"),
+            (SoftBody { config: SoftConfig { timescale: 0.0, ..config }, ..strip() }, "`timescale` is 0"),
+            (
+                SoftBody { config: SoftConfig { piterations: i32::MAX, ..config }, ..strip() },
+                "`piterations` is 2147483647",
+            ),
+            (SoftBody { config: SoftConfig { citerations: -1, ..config }, ..strip() }, "`citerations` is -1"),
+            (SoftBody { clusters: Some(-1), ..strip() }, "`clusters` is -1"),
+        ] {
+            let error = bad.check().unwrap_err().to_string();
+            assert!(error.contains(part), "{error}");
+        }
+        assert_eq!(strip().check(), Ok(()));
+    }
+
+    #[test]
+    fn too_much_work_is_refused() {
+        let nodes: Vec<_> = (0..20_000).map(|i| [f64::from(i), 0.0, 0.0]).collect();
+        // A star: every pair of leaves is two links apart.
+        let star = SoftBody {
+            links: (1..20_000).map(|i| [0, i]).collect(),
+            nodes,
+            faces: vec![],
+            bending_distance: Some(2),
+            ..strip()
+        };
+        assert!(matches!(star.bending_links(), Err(SoftBodyError::TooMany { .. })));
+        assert!(matches!(SoftBody { clusters: Some(10), ..star }.check(), Err(SoftBodyError::TooMany { .. })));
+        let faces = vec![[0, 1, 2]; 20_000];
+        let many = SoftBody { faces, clusters: Some(0), ..strip() };
+        assert!(matches!(many.check(), Err(SoftBodyError::TooMany { .. })));
+    }
+}

@@ -151,11 +151,12 @@ impl World {
         }
     }
 
-    /// The first node of a soft body whose position or velocity is not finite.
+    /// The first node of a soft body whose position or velocity is not finite; the farthest node of one that has become larger than 10⁶ m:
+    /// Bullet no longer moves it then. [`restore_soft_body`](Self::restore_soft_body) brings both back.
     pub fn soft_first_non_finite(&self) -> Option<(SoftBodyHandle, usize)> {
         self.soft_bodies.iter().find_map(|(handle, body)| {
             // SAFETY: the soft body is alive.
-            let node = unsafe { sys::amb_soft_first_non_finite(body.raw.as_ptr()) };
+            let node = unsafe { sys::amb_soft_first_lost(body.raw.as_ptr()) };
             Some((handle, usize::try_from(node).ok()?))
         })
     }
@@ -240,4 +241,295 @@ impl World {
 
 fn is_finite(v: &Vector3<f64>) -> bool {
     v.iter().all(|x| x.is_finite())
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Isometry3;
+
+    use super::super::tests::ball;
+    use super::super::{RigidBody, Shape, SoftConfig, Solver};
+    use super::*;
+
+    /// A square cloth of n × n nodes, 0.1 m apart, from the origin along x and y, of 1 kg.
+    fn cloth(n: u32) -> SoftBody {
+        let node = |x: u32, y: u32| x + n * y;
+        let faces: Vec<_> = (0..n - 1)
+            .flat_map(|y| (0..n - 1).map(move |x| (x, y)))
+            .flat_map(|(x, y)| {
+                let [a, b, c, d] = [node(x, y), node(x + 1, y), node(x, y + 1), node(x + 1, y + 1)];
+                [[a, b, c], [b, d, c]]
+            })
+            .collect();
+        SoftBody {
+            nodes: (0..n * n).map(|i| [0.1 * f64::from(i % n), 0.1 * f64::from(i / n), 0.0]).collect(),
+            links: SoftBody::triangle_links(&faces),
+            faces,
+            mass: 1.0,
+            margin: 0.02,
+            pose: Isometry3::identity(),
+            config: SoftConfig { piterations: 5, ..SoftConfig::default() },
+            material: None,
+            pose_matching: false,
+            bending_distance: None,
+            clusters: None,
+            fixed_nodes: vec![],
+            randomize: false,
+        }
+    }
+
+    fn world() -> World {
+        let mut world = World::with_soft_bodies(Solver::default());
+        world.set_gravity(Vector3::new(0.0, 0.0, -10.0));
+        world
+    }
+
+    fn run(world: &mut World, steps: u32) {
+        for _ in 0..steps {
+            world.step(0.001, 1, 0.001);
+        }
+        assert_eq!(world.soft_first_non_finite(), None);
+    }
+
+    fn nodes(world: &World, body: SoftBodyHandle) -> Vec<[f64; 3]> {
+        let mut nodes = vec![[0.0; 3]; world.soft_nodes(body).unwrap()];
+        assert!(world.read_soft_nodes(body, &mut nodes));
+        nodes
+    }
+
+    fn velocities(world: &World, body: SoftBodyHandle) -> Vec<[f64; 3]> {
+        let mut velocities = vec![[0.0; 3]; world.soft_nodes(body).unwrap()];
+        assert!(world.read_soft_velocities(body, &mut velocities));
+        velocities
+    }
+
+    fn node(world: &World, body: SoftBodyHandle, index: usize) -> Vector3<f64> {
+        nodes(world, body)[index].into()
+    }
+
+    #[test]
+    fn a_free_cloth_falls_as_a_body() {
+        let mut world = world();
+        let pose = Isometry3::new(Vector3::new(1.0, 2.0, 3.0), Vector3::x());
+        let cloth = world.add_soft_body(&SoftBody { pose, ..cloth(5) }).unwrap();
+        let start = nodes(&world, cloth);
+        assert!((node(&world, cloth, 24) - (pose * nalgebra::Point3::new(0.4, 0.4, 0.0)).coords).norm() < 1e-12);
+        run(&mut world, 500);
+        // Semi-implicit Euler with the sub-step that Bullet rounds to single precision for soft bodies.
+        let fall = Vector3::new(0.0, 0.0, -10.0 * 1e-6 * 500.0 * 501.0 / 2.0);
+        for (now, start) in nodes(&world, cloth).into_iter().zip(start) {
+            assert!((Vector3::from(now) - Vector3::from(start) - fall).norm() < 1e-6, "{now:?}");
+        }
+        let v = Vector3::from(velocities(&world, cloth)[7]);
+        assert!((v - Vector3::new(0.0, 0.0, -5.0)).norm() < 1e-5, "{v}");
+        let middle = (pose * nalgebra::Point3::new(0.2, 0.2, 0.0)).coords + fall;
+        assert!((world.soft_center(cloth).unwrap() - middle).norm() < 1e-6);
+    }
+
+    #[test]
+    fn a_restored_cloth_is_where_it_was_bit_for_bit_and_moves_as_before() {
+        let mut world = world();
+        let cloth = world
+            .add_soft_body(&SoftBody {
+                fixed_nodes: vec![0, 4],
+                bending_distance: Some(2),
+                randomize: true,
+                ..cloth(5)
+            })
+            .unwrap();
+        let start = nodes(&world, cloth);
+        run(&mut world, 300);
+        let moved = nodes(&world, cloth);
+        assert_ne!(moved, start);
+        world.restore_soft_body(cloth);
+        assert_eq!(nodes(&world, cloth), start);
+        assert_eq!(velocities(&world, cloth), vec![[0.0; 3]; 25]);
+        run(&mut world, 300);
+        assert_eq!(nodes(&world, cloth), moved);
+    }
+
+    #[test]
+    fn a_lost_cloth_can_be_restored() {
+        for far_away in [false, true] {
+            let mut world = world();
+            world.add_body(RigidBody { shape: Shape::plane(Vector3::z(), -0.3, 0.0), ..ball(0.0, 0.0) });
+            let config = SoftConfig { flags: 17, ..cloth(5).config };
+            let lost = world.add_soft_body(&SoftBody { config, fixed_nodes: vec![0], ..cloth(5) }).unwrap();
+            let above = Isometry3::translation(0.0, 0.0, 0.1);
+            let other = world.add_soft_body(&SoftBody { config, pose: above, ..cloth(5) }).unwrap();
+            let falling = world.add_body(ball(1.0, 5.0));
+            let culprit = world.add_body(ball(1.0, 9.0));
+            let start = nodes(&world, lost);
+            run(&mut world, 10);
+            if far_away {
+                assert!(world.pull_node(lost, 0, Some(Vector3::repeat(1e200))));
+            } else {
+                assert!(world.add_anchor(lost, 24, culprit, &Vector3::zeros(), 1.0, true));
+                world.set_velocity(culprit, &Vector3::repeat(f64::NAN), &Vector3::zeros());
+            }
+            world.step(0.010, 10, 0.001);
+            assert_eq!(world.soft_first_non_finite().map(|(body, _)| body), Some(lost));
+            assert!(world.pull_node(lost, 0, None));
+            assert!(world.remove_body(culprit));
+            world.restore_soft_body(lost);
+            world.restore_soft_body(other);
+            world.recover();
+            assert_eq!(nodes(&world, lost), start);
+            run(&mut world, 2000);
+            assert_eq!(node(&world, lost, 0), Vector3::zeros(), "it is still fixed");
+            let [hangs, lies] = [lost, other].map(|body| world.soft_center(body).unwrap().z);
+            assert!((-0.3..-0.1).contains(&hangs) && (-0.3..0.0).contains(&lies), "{hangs} {lies}");
+            assert!((world.pose(falling).unwrap().translation.z + 0.2).abs() < 0.01, "the ball lies on the plane");
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_anchored_is_refused() {
+        let mut world = world();
+        let cloth = world.add_soft_body(&SoftBody { fixed_nodes: vec![0], ..cloth(3) }).unwrap();
+        let (wall, moving) = (world.add_body(ball(0.0, 5.0)), world.add_body(ball(1.0, 6.0)));
+        let zero = Vector3::zeros();
+        assert!(!world.add_anchor(cloth, 0, wall, &zero, 1.0, false), "neither can move");
+        assert!(!world.add_anchor(cloth, 9, moving, &zero, 1.0, false), "there are nine nodes");
+        assert!(!world.add_anchor(cloth, 1, moving, &Vector3::repeat(f64::NAN), 1.0, false));
+        assert!(!world.add_anchor(cloth, 1, moving, &zero, f64::NAN, false));
+        assert!(world.add_anchor(cloth, 0, moving, &(zero - Vector3::x()), 1.0, false));
+        assert!(world.make_drawing(moving), "its anchor is dropped");
+        assert!(!world.add_anchor(cloth, 0, moving, &zero, 1.0, false), "it cannot move any more");
+        run(&mut world, 100);
+    }
+
+    #[test]
+    fn a_pulled_node_goes_to_its_goal() {
+        let mut world = world();
+        let cloth = world.add_soft_body(&SoftBody { fixed_nodes: vec![0], ..cloth(5) }).unwrap();
+        let goal = Vector3::new(0.3, 0.3, 0.2);
+        assert!(world.pull_node(cloth, 24, Some(goal)));
+        run(&mut world, 500);
+        let end = node(&world, cloth, 24);
+        assert!((end - goal).norm() < 0.05, "{end}");
+        assert!(world.pull_node(cloth, 24, None));
+        run(&mut world, 500);
+        let end = node(&world, cloth, 24);
+        assert!((end - goal).norm() > 0.2, "let go of, but at {end}");
+        assert!(world.pull_node(cloth, 0, Some(Vector3::new(0.0, 0.0, 1.0))));
+        run(&mut world, 1);
+        assert_eq!(node(&world, cloth, 0), Vector3::new(0.0, 0.0, 1.0), "a fixed node is put there");
+        assert!(!world.pull_node(cloth, 25, Some(goal)));
+        assert!(!world.pull_node(cloth, 1, Some(Vector3::repeat(f64::NAN))));
+    }
+
+    #[test]
+    fn a_force_acts_in_every_sub_step_of_one_step() {
+        let mut world = World::with_soft_bodies(Solver::default());
+        let cloth = world.add_soft_body(&cloth(3)).unwrap();
+        world.apply_soft_force(cloth, &Vector3::new(2.0, 0.0, 0.0));
+        world.apply_soft_force(cloth, &Vector3::repeat(f64::NAN));
+        world.step(0.010, 10, 0.001);
+        world.step(0.010, 10, 0.001);
+        // 2 N on 1 kg for 10 ms.
+        for v in velocities(&world, cloth) {
+            assert!((Vector3::from(v) - Vector3::new(0.02, 0.0, 0.0)).norm() < 1e-6, "{v:?}");
+        }
+    }
+
+    #[test]
+    fn rays_and_points_find_faces_and_nodes() {
+        use super::super::{Ray, RayTarget};
+        let mut world = World::with_soft_bodies(Solver::default());
+        // Two pieces that share nothing.
+        let one = cloth(3);
+        let mut two = one.clone();
+        two.nodes.extend(one.nodes.iter().map(|[x, y, z]| [x + 1.0, *y, *z]));
+        two.faces.extend(one.faces.iter().map(|face| face.map(|node| node + 9)));
+        two.links = SoftBody::triangle_links(&two.faces);
+        two.config.flags = 17;
+        let cloth = world.add_soft_body(&two).unwrap();
+        run(&mut world, 2);
+        let down = |x: f64, y: f64| Ray { from: Vector3::new(x, y, 1.0), to: Vector3::new(x, y, -1.0) };
+        let mut hits = [None; 3];
+        world.cast_rays(&[down(0.03, 0.03), down(1.17, 0.17), down(0.5, 0.1)], &mut hits);
+        let hit = hits[0].unwrap();
+        assert_eq!(hit.target, RayTarget::SoftBody(cloth));
+        assert!((hit.fraction - 0.5).abs() < 1e-9 && (hit.normal - Vector3::z()).norm() < 1e-9, "{hit:?}");
+        assert!((hit.point - Vector3::new(0.03, 0.03, 0.0)).norm() < 1e-9, "{hit:?}");
+        assert_eq!(hits[1].map(|hit| hit.target), Some(RayTarget::SoftBody(cloth)), "the other piece");
+        assert_eq!(hits[2], None, "between them");
+
+        let features = world.soft_features(cloth, &hit.point, 0.1);
+        assert_eq!(features, SoftFeatures { face: Some([0, 1, 3]), node: Some(0) });
+        let features = world.soft_features(cloth, &hits[1].unwrap().point, 0.1);
+        assert_eq!(features, SoftFeatures { face: Some([14, 17, 16]), node: Some(17) });
+        assert_eq!(world.soft_features(cloth, &Vector3::new(0.5, 0.1, 0.0), 0.1), SoftFeatures::default());
+        assert_eq!(world.soft_features(cloth, &Vector3::repeat(f64::NAN), 0.1), SoftFeatures::default());
+    }
+
+    #[test]
+    fn clusters_that_have_no_inertia_do_no_harm() {
+        let mut world = world();
+        world.add_body(RigidBody { shape: Shape::cuboid(Vector3::new(2.0, 2.0, 0.5), 0.01), ..ball(0.0, 0.0) });
+        // A chain on a line in as many clusters as nodes, without faces.
+        let chain = SoftBody {
+            nodes: (0..10).map(|i| [0.1 * f64::from(i), 0.0, 0.0]).collect(),
+            links: (0..9).map(|i| [i, i + 1]).collect(),
+            faces: vec![],
+            clusters: Some(10),
+            config: SoftConfig { flags: 2, ..SoftConfig::default() },
+            pose: Isometry3::translation(0.0, 0.0, 0.55),
+            ..cloth(2)
+        };
+        world.add_soft_body(&chain).unwrap();
+        let triangles = SoftBody {
+            clusters: Some(0),
+            config: SoftConfig { flags: 0x7f, ..SoftConfig::default() },
+            pose: Isometry3::translation(0.0, 0.5, 0.55),
+            ..cloth(4)
+        };
+        world.add_soft_body(&triangles).unwrap();
+        run(&mut world, 300);
+    }
+
+    #[test]
+    fn pressure_needs_a_volume() {
+        let mut world = world();
+        let config = SoftConfig { kPR: 1.0, ..cloth(3).config };
+        let pose = Isometry3::rotation(Vector3::new(1.0, 0.3, 0.2));
+        let flat = SoftBody { config, pose, ..cloth(3) };
+        assert_eq!(world.add_soft_body(&flat), Err(SoftBodyError::NoVolume));
+        let tetrahedron = SoftBody {
+            nodes: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+            faces: vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]],
+            links: vec![[0, 1], [0, 2], [0, 3], [1, 2], [2, 3], [3, 1]],
+            ..flat
+        };
+        assert!(world.add_soft_body(&tetrahedron).is_ok());
+        run(&mut world, 100);
+    }
+
+    #[test]
+    fn stale_handles_do_nothing() {
+        let mut world = world();
+        assert_eq!(World::new(Solver::default()).add_soft_body(&cloth(2)), Err(SoftBodyError::NoSoftWorld));
+        let body = world.add_body(ball(1.0, 3.0));
+        let gone = world.add_soft_body(&cloth(3)).unwrap();
+        assert!(world.add_anchor(gone, 0, body, &Vector3::zeros(), 1.0, true));
+        assert!(world.remove_soft_body(gone) && !world.remove_soft_body(gone));
+        assert_eq!(world.soft_nodes(gone), None);
+        assert!(!world.read_soft_nodes(gone, &mut [[0.0; 3]]) && !world.read_soft_velocities(gone, &mut [[0.0; 3]]));
+        assert_eq!(world.soft_center(gone), None);
+        assert_eq!(world.nearest_node(gone, &Vector3::zeros(), 1.0), None);
+        assert_eq!(world.soft_features(gone, &Vector3::zeros(), 1.0), SoftFeatures::default());
+        assert!(!world.add_anchor(gone, 0, body, &Vector3::zeros(), 1.0, false));
+        assert_eq!(world.remove_anchors(gone, body), 0);
+        assert!(!world.pull_node(gone, 0, None));
+        world.restore_soft_body(gone);
+        world.apply_soft_force(gone, &Vector3::x());
+        run(&mut world, 10);
+        let there = world.add_soft_body(&cloth(3)).unwrap();
+        assert!(world.remove_body(body));
+        assert!(!world.add_anchor(there, 0, body, &Vector3::zeros(), 1.0, false));
+        let mut few = [[9.0; 3]; 2];
+        assert!(world.read_soft_nodes(there, &mut few));
+        assert_eq!(few[0], [0.0; 3]);
+    }
 }
