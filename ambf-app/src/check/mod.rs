@@ -162,9 +162,15 @@ impl Checker {
         let kind = expected.map_or("?", FileKind::words);
         self.rows.push(Row { file: path.display().to_string(), kind, ..Row::default() });
 
+        // It is read more than once, which a pipe cannot give.
+        if path.metadata().is_ok_and(|metadata| !metadata.is_file()) {
+            let place = SourcePos { file: path.into(), line: 0, column: 0 };
+            let sentence = "is no regular file; it is not checked";
+            return self.findings.push(Finding::new(Level::Error, "unreadable", place, &[], sentence));
+        }
         let outline = match Outline::load(path) {
             Ok(outline) => outline,
-            Err(error) => return self.unreadable(&error, path, context),
+            Err(error) => return self.unreadable(&error, path, expected, context),
         };
         let kind = self.kind(&outline, expected, context);
         self.rows[row].kind = kind.words();
@@ -179,8 +185,11 @@ impl Checker {
         }
     }
 
-    fn unreadable(&mut self, error: &LoadError, path: &Path, context: &Context) {
+    fn unreadable(&mut self, error: &LoadError, path: &Path, expected: Option<FileKind>, context: &Context) {
         let mut finding = Finding::of_error(error, path);
+        if expected == Some(FileKind::World) {
+            finding.original = Some(original::WORLD_UNUSABLE);
+        }
         if let (Some(place), true) = (&context.named_at, finding.place.line == 0) {
             finding.sentence += &format!("; it is named in {place}");
         }

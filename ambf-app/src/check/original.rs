@@ -164,6 +164,13 @@ differences! {
         "takes 0 for no gripper button";
 }
 
+/// What comes of a visual mesh that is missing or of no known format.
+pub(super) const VISUAL_MESH_MISSING: &str = "drops the element";
+/// What comes of images of a volume that are missing.
+pub(super) const IMAGES_MISSING: &str = "drops the volume";
+/// What comes of a world file that cannot be used.
+pub(super) const WORLD_UNUSABLE: &str = "goes on with an undefined environment and crashes";
+
 /// Sentences for problems of the reader: element, kind, key (empty: any), what the C++ program does.
 const PROBLEMS: &[(&str, K, &str, &str)] = &[
     ("", K::NonFinite, "", "computes with it"),

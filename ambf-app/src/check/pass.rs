@@ -84,6 +84,14 @@ impl<'a> Pass<'a> {
         let place = self.place(common, key);
         let path = [common.identifier.as_str(), key];
         self.say(level, "missing file", place, &path, &format!("is of no use: {why}; {consequence}"));
+        if let Some(finding) = self.findings.last_mut() {
+            finding.action = consequence.to_owned();
+            finding.original = match (level, key) {
+                (Level::Warning, "mesh") => Some(original::VISUAL_MESH_MISSING),
+                (Level::Warning, "images") => Some(original::IMAGES_MISSING),
+                _ => None,
+            };
+        }
     }
 
     /// Looks for a file beside meshes at `path` in the outline.

@@ -140,7 +140,7 @@ impl Row {
     }
 }
 
-/// A table of the columns that are not empty. A cell `4/3` means: 4 written, 3 of them built or found.
+/// A table of the columns that are not empty. A cell `4/3` means: 4 written, 3 of them built, found or usable.
 pub(super) fn table(rows: &[Row]) -> String {
     let pair = |written: usize, built: Option<usize>| match built {
         Some(built) if written + built > 0 => format!("{written}/{built}"),
@@ -158,6 +158,8 @@ pub(super) fn table(rows: &[Row]) -> String {
     columns.push(("other files", Box::new(move |row| pair(row.others.named, Some(row.others.found)))));
     columns.push(("unknown keys", Box::new(move |row| number(row.unknown_keys))));
     columns.push(("keys without effect", Box::new(move |row| number(row.ignored_keys))));
+    let kept = |row: &Row| row.kept.iter().map(|(what, n)| format!("{n} × {what}")).collect::<Vec<_>>().join(", ");
+    columns.push(("kept, not drawn", Box::new(kept)));
 
     let mut lines = vec![String::new(); rows.len() + 1];
     for (heading, cell) in columns {
@@ -171,12 +173,7 @@ pub(super) fn table(rows: &[Row]) -> String {
             let _ = write!(line, "{text:width$}  ");
         }
     }
-    let mut text: String = lines.iter().map(|line| format!("{}\n", line.trim_end())).collect();
-    for row in rows.iter().filter(|row| !row.kept.is_empty()) {
-        let kept: Vec<_> = row.kept.iter().map(|(what, n)| format!("{n} × {what}")).collect();
-        let _ = writeln!(text, "{}: kept but not drawn: {}", row.file, kept.join(", "));
-    }
-    text
+    lines.iter().map(|line| format!("{}\n", line.trim_end())).collect()
 }
 
 #[cfg(test)]
@@ -194,8 +191,8 @@ mod tests {
         let mut other = row.clone();
         (other.file, other.built) = ("b.yaml".into(), None);
         other.kept.clear();
-        let expected = "file    taken for  bodies\na.yaml  model      3/2\nb.yaml  model      3\n\
-                        a.yaml: kept but not drawn: 2 × material\n";
+        let expected = "file    taken for  bodies  kept, not drawn\na.yaml  model      3/2     2 × material\n\
+                        b.yaml  model      3\n";
         assert_eq!(table(&[row, other]), expected);
     }
 }
