@@ -33,8 +33,7 @@ pub use summary::{built, written, Counts, Presence, Row};
 
 /// Checks what a command line names.
 pub fn run(options: &CheckOptions) -> Checked {
-    let mut checker = Checker::default();
-    checker.colours = Colours::beside(&options.launch_file);
+    let mut checker = Checker { colours: Colours::beside(&options.launch_file), ..Checker::default() };
     for file in &options.files {
         checker.file(file, None, &Context::default());
     }
