@@ -122,6 +122,8 @@ impl Finding {
         let (kind, place) = match error {
             LoadError::NotText { at, .. } => ("no text", at.clone()),
             LoadError::Syntax { at, .. } => ("syntax", at.clone()),
+            LoadError::Xacro { at } => ("xacro", at.clone()),
+            LoadError::NotARobot { at, .. } => ("no robot", at.clone()),
             LoadError::Version { at, .. } => ("version", at.clone()),
             LoadError::NotAMapping { at, .. } => ("no mapping", at.clone()),
             LoadError::TooLarge { .. } => ("too large", whole),

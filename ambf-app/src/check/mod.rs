@@ -16,10 +16,9 @@ use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use ambf_core::adf::{
-    self, ColorTable, FileKind, InputDevices, Launch, LoadError, Model, Outline, Report, SourcePos, World,
-};
-use ambf_core::scene::{load, Loaded, NameMap, SceneFiles, SceneOptions};
+use ambf_core::adf::{self, ColorTable, FileKind, InputDevices, Launch, LoadError, Outline, Report, SourcePos, World};
+use ambf_core::scene::{load, read_model, Loaded, NameMap, SceneFiles, SceneOptions};
+use ambf_core::urdf;
 use serde_json::{json, Value};
 
 use crate::cli::CheckOptions;
@@ -167,11 +166,12 @@ impl Checker {
             let sentence = "is no regular file; it is not checked";
             return self.findings.push(Finding::new(Level::Error, "unreadable", place, &[], sentence));
         }
-        let outline = match Outline::load(path) {
+        let is_urdf = urdf::is_urdf(path);
+        let outline = match if is_urdf { Ok(Outline::empty(path)) } else { Outline::load(path) } {
             Ok(outline) => outline,
             Err(error) => return self.unreadable(&error, path, expected, context),
         };
-        let kind = self.kind(&outline, expected, context);
+        let kind = if is_urdf { FileKind::Model } else { self.kind(&outline, expected, context) };
         self.rows[row].kind = kind.words();
         self.rows[row].written = written(&outline, kind);
         self.rows[row].built = Some(Counts::default());
@@ -218,8 +218,12 @@ impl Checker {
 
     /// Reads a file and takes over what the reader has to say.
     fn read<T: adf::Description>(&mut self, outline: &Outline, row: usize) -> Option<T> {
+        self.described(adf::load::<T>(outline.file()), outline, row)
+    }
+
+    fn described<T>(&mut self, read: Result<(T, Report), LoadError>, outline: &Outline, row: usize) -> Option<T> {
         let elements = Elements::of(outline);
-        match adf::load::<T>(outline.file()) {
+        match read {
             Ok((description, report)) => {
                 self.report(&report, &elements, row);
                 Some(description)
@@ -313,12 +317,22 @@ impl Checker {
     }
 
     fn model(&mut self, outline: &Outline, row: usize, context: &Context) {
-        let described = self.read::<Model>(outline, row);
+        let first = self.findings.len();
+        let described = self.described(read_model(outline.file()), outline, row);
         if let Some(described) = &described {
             let mut pass = Pass::new(outline);
             model::model(&mut pass, described);
             self.take(pass, row);
             self.look_up_colours(outline, row, context);
+        }
+        if urdf::is_urdf(outline.file()) {
+            // All there is to say of the C++ program.
+            self.findings[first..].iter_mut().for_each(|finding| finding.original = None);
+            self.findings.push(Finding::differs(&original::ROBOT_DESCRIPTION, outline.root(), &[]));
+            if let Some(described) = &described {
+                self.rows[row].written.set("bodies", described.bodies.len());
+                self.rows[row].written.set("joints", described.joints.len());
+            }
         }
         if context.built_elsewhere {
             self.rows[row].built = None;
@@ -482,16 +496,23 @@ impl Checker {
         };
         // Stable: what was found first stays first.
         self.findings.sort_by_key(key);
-        // That an element is dropped because its file is missing is a remark of the scene too.
+        // Missing files and plugins are remarks of the scene too.
         let missing: HashSet<_> = (self.findings.iter())
             .filter(|finding| finding.kind == "missing file" && finding.level == Level::Error)
             .map(|finding| (Arc::clone(&finding.place.file), finding.path.clone()))
             .filter_map(|(file, path)| Some((file, path.split(" / ").next()?.to_owned())))
             .collect();
+        let plugins: HashSet<_> = self
+            .findings
+            .iter()
+            .filter(|finding| finding.kind == "plugin")
+            .map(|finding| finding.place.clone())
+            .collect();
         let known = |finding: &Finding| {
             let dropped = finding.sentence.strip_prefix('`').and_then(|text| text.split_once("` is dropped"));
             let of = |(identifier, _): (&str, &str)| (Arc::clone(&finding.place.file), identifier.to_owned());
-            finding.kind == "scene" && dropped.is_some_and(|dropped| missing.contains(&of(dropped)))
+            let is_plugin = finding.sentence.starts_with("plugin ") && plugins.contains(&finding.place);
+            finding.kind == "scene" && (is_plugin || dropped.is_some_and(|dropped| missing.contains(&of(dropped))))
         };
         let mut said = HashSet::new();
         let mut findings = Vec::with_capacity(self.findings.len());
@@ -570,7 +591,7 @@ fn device_differences(pass: &mut Pass<'_>, device: &adf::InputDevice) {
 /// The root link of a device has to be a body of its model.
 fn root_link(pass: &mut Pass<'_>, device: &adf::InputDevice, path: &Path) {
     let Some(link) = &device.root_link else { return };
-    let Ok((model, _)) = adf::load::<Model>(path) else { return };
+    let Ok((model, _)) = read_model(path) else { return };
     let mut names = NameMap::default();
     for (index, body) in model.bodies.iter().enumerate() {
         names.insert(&format!("{}{}", body.common.namespace, body.common.identifier), index);

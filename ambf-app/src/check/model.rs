@@ -1,8 +1,9 @@
 //! What is worth saying about the elements of a model.
 
 use ambf_core::adf::{
-    Actuator, Axis, CollisionGeometry, Common, GhostObject, ImageStack, Joint, JointKind, Model, Primitive, RaySource,
-    RigidBody, Sensor, SensorKind, SoftBody, Vehicle, Visual, VisualGeometry, Volume, WheelVisual,
+    Actuator, Axis, CollisionGeometry, Common, GhostObject, ImageStack, Joint, JointKind, Model, Part, PartGeometry,
+    Primitive, RaySource, RigidBody, Sensor, SensorKind, SoftBody, Vehicle, Visual, VisualGeometry, Volume,
+    WheelVisual,
 };
 use ambf_core::mesh;
 use ambf_core::scene::NameMap;
@@ -32,11 +33,6 @@ pub(super) fn model(pass: &mut Pass<'_>, model: &Model) {
     model.volumes.iter().for_each(|v| volume(pass, v));
     pass.shaders(&whole, &["shaders"], model.shaders.as_ref());
     pass.plugins(&[], &model.plugins);
-    let ghosts = model.ghosts.iter().map(|ghost| (&ghost.common, ghost.parent.as_str()));
-    let volumes = model.volumes.iter().map(|volume| (&volume.common, volume.parent.as_str()));
-    let cameras = model.cameras.iter().map(|camera| (&camera.common, camera.parent.as_str()));
-    let lights = model.lights.iter().map(|light| (&light.common, light.parent.as_str()));
-    view::loops(pass, ghosts.chain(volumes).chain(cameras).chain(lights));
 }
 
 /// The bodies of a model by qualified identifier.
@@ -82,6 +78,10 @@ fn rigid_body(pass: &mut Pass<'_>, body: &RigidBody) {
             pass.mesh(Level::Error, common, key, path, "the body is dropped");
             Some(path)
         }
+        CollisionGeometry::Parts { parts, .. } => {
+            parts.iter().for_each(|p| part(pass, Level::Error, common, p, "it collides with nothing"));
+            None
+        }
         _ => None,
     };
     visual(pass, common, &body.visual, collision);
@@ -107,6 +107,12 @@ fn visual(pass: &mut Pass<'_>, common: &Common, visual: &Visual, known: Option<&
             }
             parts.iter().for_each(|part| drawn_primitive(pass, common, &part.primitive));
         }
+        VisualGeometry::Parts(parts) => {
+            for drawn in parts {
+                part(pass, Level::Warning, common, &drawn.part, "it is not drawn");
+                pass.material(drawn.material.as_ref());
+            }
+        }
         VisualGeometry::Mesh { .. } | VisualGeometry::None => (),
     }
     if !visual.visible && visual.material.is_none() {
@@ -115,6 +121,13 @@ fn visual(pass: &mut Pass<'_>, common: &Common, visual: &Visual, known: Option<&
     pass.material(visual.material.as_ref());
     let place = pass.place(common, "shaders");
     pass.shaders(&place, &[&common.identifier, "shaders"], visual.shaders.as_ref());
+}
+
+/// A part of a body of a robot description.
+fn part(pass: &mut Pass<'_>, level: Level, common: &Common, part: &Part, consequence: &str) {
+    if let PartGeometry::Mesh { path, .. } = &part.geometry {
+        pass.mesh(level, common, "mesh", path, consequence);
+    }
 }
 
 fn drawn_primitive(pass: &mut Pass<'_>, common: &Common, primitive: &Primitive) {
@@ -164,6 +177,9 @@ fn sensor(pass: &mut Pass<'_>, sensor: &Sensor, bodies: &Bodies<'_>) {
         if parameters.contact_damping != 0.0 {
             pass.differs(&original::RESISTANCE_DAMPING, identifier);
         }
+    }
+    if matches!(sensor.kind, SensorKind::Contact { .. }) {
+        pass.differs(&original::CONTACT_SENSOR, identifier);
     }
     match &sensor.rays {
         RaySource::Mesh { candidates } => {
@@ -279,11 +295,6 @@ fn soft_body(pass: &mut Pass<'_>, body: &SoftBody) {
         pass.differs(&original::SOFT_PARTS, identifier);
     }
     let Some(part) = mesh.sub_meshes.last() else { return };
-    let in_file = part.file_vertices.iter().map(|(vertex, _)| vertex + 1).max().unwrap_or(0);
-    let nodes = u32::try_from(part.vertices.len()).unwrap_or(u32::MAX).max(in_file);
-    if body.config.fixed_nodes.iter().any(|node| *node >= nodes) {
-        pass.differs(&original::NODE_BEYOND, identifier);
-    }
     let is_first = |vertex: &u32| part.file_vertices.binary_search(&(*vertex, 0)).is_ok();
     if body.config.fixed_nodes.iter().any(is_first) {
         pass.differs(&original::NODE_ZERO, identifier);

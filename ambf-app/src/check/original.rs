@@ -77,10 +77,13 @@ differences! {
         "publishes nothing of resistance sensors";
     RESISTANCE_NORMAL: "resistance normal", "location",
         "turns the rays of a resistance sensor",
-        "pushes along the direction as if `location` had no orientation";
+        "pushes as if `location` had no orientation; so does the profile `legacy`";
     RESISTANCE_DAMPING: "resistance damping", "contact damping",
         "is given",
-        "multiplies it with a difference that is always zero";
+        "multiplies it with a difference that is always zero; so does the profile `legacy`";
+    CONTACT_SENSOR: "contact sensor", "type",
+        "is Contact",
+        "knows no such type and goes on with an uninitialised sensor, which may crash";
     SENSOR_MESH: "sensor mesh", "mesh",
         "is found below the resolution path of the model",
         "looks beside the file only and drops the sensor";
@@ -98,7 +101,7 @@ differences! {
         "takes them relative to the working directory";
     ACTUATOR_FRAME: "actuator frame", "location",
         "stands in the body frame of the parent",
-        "takes it in the parent's inertial frame, which differs";
+        "takes it in the parent's inertial frame, which differs; so does the profile `legacy`";
     ACTUATOR_LIMIT: "no effect", "max impulse",
         "has no effect",
         "";
@@ -123,13 +126,10 @@ differences! {
         "";
     SOFT_PARTS: "soft body parts", "",
         "has a mesh of several parts",
-        "keeps the last one only";
-    NODE_BEYOND: "fixed nodes", "config",
-        "fixes nodes that the mesh does not have",
-        "stops at the first such index: those after it stay free";
+        "keeps the last one only; so does the profile `legacy`";
     NODE_ZERO: "fixed nodes", "config",
         "fixes the first node",
-        "leaves the first node free";
+        "leaves the first node free; so does the profile `legacy`";
     VOLUME_EMPTY: "volume images", "",
         "has no `images`: an empty volume",
         "leaves the kind of the volume undefined";
@@ -143,7 +143,10 @@ differences! {
     DEPTH_RESOLUTION: "depth resolution", "publish depth resolution",
         "is the size of the depth picture",
         "uses `publish image resolution`";
-    // --- worlds, input devices -----------------------------------------------------------------------------------------
+    // --- models, worlds, input devices -----------------------------------------------------------------------------------------
+    ROBOT_DESCRIPTION: "robot description", "",
+        "the file is a robot description (URDF)",
+        "reads none";
     ENCLOSURE: "enclosure", "enclosure",
         "makes five static planes",
         "leaves the environment undefined and crashes";

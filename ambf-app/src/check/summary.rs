@@ -62,8 +62,15 @@ pub fn built(scene: &Scene) -> Counts {
     let mut counts = Counts::default();
     counts.set("bodies", scene.bodies.len());
     counts.set("joints", scene.joints.len());
+    counts.set("soft bodies", scene.soft_bodies.len());
+    counts.set("ghost objects", scene.ghosts.len());
+    counts.set("sensors", scene.sensors.len());
+    counts.set("actuators", scene.actuators.len());
+    counts.set("vehicles", scene.vehicles.len());
     counts.set("cameras", scene.cameras.len());
     counts.set("lights", scene.lights.len());
+    // Kept for a viewer.
+    counts.set("volumes", scene.models.iter().map(|model| model.description.volumes.len()).sum());
     counts
 }
 

@@ -99,6 +99,12 @@ impl Outline {
         super::with_document(&bytes, path, |doc, _| Ok(Self::of(doc, path)))
     }
 
+    /// The outline of a file that has no keys, such as one that is not YAML.
+    pub fn empty(path: &Path) -> Self {
+        let node = Node { mark: Mark { line: 1, column: 1 }, value: Value::Null };
+        Self { file: path.into(), nodes: vec![node], root: 0 }
+    }
+
     pub(super) fn of(doc: &Document<'_>, path: &Path) -> Self {
         let text = |id: u32| match &doc.node(id).kind {
             Kind::Scalar(text) => text.clone().into_owned(),

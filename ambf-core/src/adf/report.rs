@@ -103,6 +103,7 @@ impl ProblemKind {
             Self::Absent => "absent",
             Self::SecondDocument => "second document",
             Self::TooLarge => "too large",
+            Self::Structure => "structure",
         }
     }
 }
