@@ -1,6 +1,7 @@
 //! Parts shared by `ambf_simulator` and `ambf_batch`.
 
 pub mod batch;
+pub mod check;
 pub mod cli;
 pub mod launch;
 pub mod process;

@@ -14,6 +14,9 @@ fn main() {
             exit(CliError::BATCH_STATUS);
         }
     };
+    if let Some(check) = &options.check {
+        exit(ambf_app::check::print(check));
+    }
     let warn = |report: &str| {
         if !report.is_empty() {
             ambf_app::report!("{report}");

@@ -3,7 +3,7 @@
 use std::process::exit;
 
 use ambf_app::cli::{CliError, Parsed, SimulatorOptions};
-use ambf_app::{report, ros, simulator};
+use ambf_app::{check, report, ros, simulator};
 
 fn main() {
     if let Err(error) = ros::without_remappings() {
@@ -20,6 +20,9 @@ fn main() {
             exit(CliError::SIMULATOR_STATUS);
         }
     };
+    if let Some(check) = &options.check {
+        exit(check::print(check));
+    }
     if let Err(error) = simulator::run(&options) {
         report!("{error}");
         exit(error.status());

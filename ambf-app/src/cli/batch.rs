@@ -1,7 +1,7 @@
 //! Options of `ambf_batch`.
 
 use super::values::{indexes, parts, positive};
-use super::{launch_file, print_or_fail, utf8, CliError, Parsed, PhysicsOptions};
+use super::{launch_file, print_or_fail, utf8, CheckOptions, CliError, Parsed, PhysicsOptions};
 use clap::Parser;
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -35,6 +35,8 @@ pub struct BatchOptions {
     pub json: bool,
     /// Solver and profile.
     pub physics: PhysicsOptions,
+    /// Files to check instead of stepping; `None`: step.
+    pub check: Option<CheckOptions>,
 }
 
 impl BatchOptions {
@@ -45,7 +47,13 @@ impl BatchOptions {
     /// argument isn't text.
     pub fn parse(argv: impl IntoIterator<Item = OsString>) -> Result<Parsed<Self>, CliError> {
         match Arguments::try_parse_from(utf8(argv)?) {
-            Ok(arguments) => Ok(Parsed::Run { options: arguments.into_options(), notes: Vec::new() }),
+            Ok(arguments) => match arguments.files.first() {
+                Some(file) if !arguments.check => Err(CliError::Usage(format!(
+                    "error: unexpected argument '{file}': only --check takes files without an option (try --help)",
+                    file = file.display()
+                ))),
+                _ => Ok(Parsed::Run { options: arguments.into_options(), notes: Vec::new() }),
+            },
             Err(error) => print_or_fail(&error),
         }
     }
@@ -62,19 +70,20 @@ impl BatchOptions {
     name = "ambf_batch",
     version,
     about = "Steps a scene as fast as it can, without ROS and without a clock, and writes traces.",
-    after_help = "At least one of -l and -a is needed.\n\n\
-                  Exit status: 0 done; 1 wrong usage; 2 a file could not be loaded; 3 the state became non-finite.\n\n\
-                  Example:\n  ambf_batch -a pendulum.yaml --steps 3000 --trace out/pendulum --every 20 --json"
+    after_help = "At least one of -l and -a is needed, except with --check.\n\n\
+                  Exit status: 0 done; 1 wrong usage; 2 a file could not be loaded; 3 the state became non-finite.\n\
+                  Of --check: 0 nothing is dropped; 1 wrong usage; 2 something is refused or dropped.\n\n\
+                  Examples:\n  ambf_batch -a pendulum.yaml --steps 3000 --trace out/pendulum --every 20 --json\n  \
+                  ambf_batch --check robot.yaml world.yaml"
 )]
-#[command(group = clap::ArgGroup::new("models").required(true).multiple(true))]
 struct Arguments {
     /// Models to load: indexes into the launch file's list, from 0
     #[arg(short = 'l', long = "load_multibodies", value_name = "INDEX,…", value_parser = strict_indexes)]
-    #[arg(group = "models", help_heading = "Scene")]
+    #[arg(required_unless_present_any = ["check", "model_files"], help_heading = "Scene")]
     model_indexes: Option<List<usize>>,
     /// Model files to load, before those of -l
     #[arg(short = 'a', long = "load_multibody_files", value_name = "FILE,…", value_parser = strict_paths)]
-    #[arg(group = "models", help_heading = "Scene")]
+    #[arg(help_heading = "Scene")]
     model_files: Option<List<PathBuf>>,
     /// Launch file [default: launch.yaml in $AMBF_ROOT_PATH/ambf_models/descriptions, $AMBF_RESOURCES or resources]
     #[arg(long = "launch_file", value_name = "FILE", help_heading = "Scene")]
@@ -88,7 +97,8 @@ struct Arguments {
 
     /// Number of steps
     #[arg(long, value_name = "N", value_parser = steps, help_heading = "Time")]
-    steps: u64,
+    #[arg(required_unless_present = "check")]
+    steps: Option<u64>,
     /// Length of a step, s
     #[arg(long, value_name = "SECONDS", default_value = "0.001", value_parser = positive, help_heading = "Time")]
     dt: f64,
@@ -102,9 +112,16 @@ struct Arguments {
     /// Write the poses of the inertial frames too
     #[arg(long, help_heading = "Output")]
     full: bool,
-    /// Print one line of JSON about the run
+    /// Print one line of JSON about the run, or what --check finds as JSON
     #[arg(long, help_heading = "Output")]
     json: bool,
+
+    /// Check files instead of stepping: say what is wrong with them, what they hold and what becomes of it
+    #[arg(long, help_heading = "Check")]
+    check: bool,
+    /// Files to check [default: what -l and -a name, else the launch file]
+    #[arg(value_name = "FILE", help_heading = "Check")]
+    files: Vec<PathBuf>,
 
     #[command(flatten)]
     physics: PhysicsOptions,
@@ -141,12 +158,20 @@ fn strict_paths(text: &str) -> Result<List<PathBuf>, String> {
 
 impl Arguments {
     fn into_options(self) -> BatchOptions {
+        let launch_file = self.launch_file.unwrap_or_else(launch_file::default);
+        let model_files = self.model_files.map(|list| list.0).unwrap_or_default();
+        let model_indexes = self.model_indexes.map(|list| list.0).unwrap_or_default();
+        let check = self.check.then(|| CheckOptions {
+            world: self.world.clone(),
+            ..CheckOptions::new(self.files, model_files.clone(), model_indexes.clone(), launch_file.clone(), self.json)
+        });
         BatchOptions {
-            launch_file: self.launch_file.unwrap_or_else(launch_file::default),
+            launch_file,
             world: self.world,
-            model_files: self.model_files.map(|list| list.0).unwrap_or_default(),
-            model_indexes: self.model_indexes.map(|list| list.0).unwrap_or_default(),
-            steps: self.steps,
+            model_files,
+            model_indexes,
+            // Not needed for a check only.
+            steps: self.steps.unwrap_or(0),
             dt: self.dt,
             commands: self.commands,
             trace: self.trace,
@@ -154,6 +179,7 @@ impl Arguments {
             full: self.full,
             json: self.json,
             physics: self.physics,
+            check,
         }
     }
 }
@@ -190,6 +216,7 @@ mod tests {
             full: false,
             json: false,
             physics: PhysicsOptions::default(),
+            check: None,
         };
         assert_eq!(options, expected);
         assert!(options.needs_launch_file());
@@ -219,6 +246,7 @@ mod tests {
                 iterations: Some(5),
                 integrator: Some("rk4".to_owned()),
             },
+            check: None,
         };
         assert_eq!(options, expected);
         assert!(!options.needs_launch_file());
@@ -248,6 +276,19 @@ mod tests {
                 other => panic!("{line} gave {other:?}"),
             }
         }
+    }
+
+    #[test]
+    fn check_takes_files_or_models() {
+        let check = |line| run(line).check.expect("a check");
+        let options = check("--check a.yaml b.yaml --json");
+        assert_eq!(options.files, ["a.yaml", "b.yaml"].map(PathBuf::from));
+        assert_eq!((options.together, options.json), (None, true));
+        let options = check("--check -a a.yaml,b.yaml -l 1 --world w.yaml --launch_file l.yaml");
+        assert_eq!(options.together, Some((["a.yaml", "b.yaml"].map(PathBuf::from).to_vec(), vec![1])));
+        assert_eq!((options.world, options.launch_file), (Some("w.yaml".into()), "l.yaml".into()));
+        assert_eq!(check("--check --launch_file l.yaml").files, [PathBuf::from("l.yaml")]);
+        assert!(run("-l 1 --steps 1").check.is_none());
     }
 
     #[test]

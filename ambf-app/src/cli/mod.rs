@@ -13,6 +13,8 @@ mod values;
 pub use batch::BatchOptions;
 pub use simulator::{DeviceSelection, PublishFrequency, SimulatorOptions};
 
+use std::path::PathBuf;
+
 use clap::error::ErrorKind;
 
 /// What a command line asks for.
@@ -73,6 +75,32 @@ pub struct PhysicsOptions {
     /// Integrator, by name [default: the profile's]
     #[arg(long, value_name = "NAME")]
     pub integrator: Option<String>,
+}
+
+/// What `--check` was asked to look at.
+///
+/// Paths are as typed: relative ones are relative to the working directory.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct CheckOptions {
+    /// Files to check, each with what it names; the launch file when neither files nor models are named.
+    pub files: Vec<PathBuf>,
+    /// Model files and indexes into the launch file's list that are checked as they are loaded, one after the other into one world.
+    pub together: Option<(Vec<PathBuf>, Vec<usize>)>,
+    /// Launch file, for [`together`](Self::together) and for the names of colours. It need not exist.
+    pub launch_file: PathBuf,
+    /// World file used instead of the launch file's; `None`: that.
+    pub world: Option<PathBuf>,
+    /// Whether to print JSON instead of text; default: `false`.
+    pub json: bool,
+}
+
+impl CheckOptions {
+    /// `models` and `indexes` are those that the command line names.
+    fn new(files: Vec<PathBuf>, models: Vec<PathBuf>, indexes: Vec<usize>, launch_file: PathBuf, json: bool) -> Self {
+        let together = (!models.is_empty() || !indexes.is_empty()).then_some((models, indexes));
+        let files = if files.is_empty() && together.is_none() { vec![launch_file.clone()] } else { files };
+        Self { files, together, launch_file, world: None, json }
+    }
 }
 
 /// The arguments as text.

@@ -1,7 +1,7 @@
 //! Options of `ambf_simulator`.
 
 use super::values::{boolean, count, indexes, paths, positive, whole};
-use super::{filter, launch_file, print_or_fail, utf8, CliError, Parsed, PhysicsOptions};
+use super::{filter, launch_file, print_or_fail, utf8, CheckOptions, CliError, Parsed, PhysicsOptions};
 use clap::{CommandFactory, FromArgMatches};
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -49,6 +49,8 @@ pub struct SimulatorOptions {
     pub verbose: bool,
     /// Solver and profile.
     pub physics: PhysicsOptions,
+    /// Files to check instead of simulating; `None`: simulate.
+    pub check: Option<CheckOptions>,
 }
 
 /// Which entries of the launch file's list of input devices are loaded.
@@ -92,9 +94,11 @@ impl SimulatorOptions {
         let arguments = command.try_get_matches_from(kept).and_then(|matches| Arguments::from_arg_matches(&matches));
         match arguments {
             Ok(arguments) => {
+                let is_file = |word: &String| arguments.check && !word.starts_with('-');
+                let (files, ignored): (Vec<_>, Vec<_>) = ignored.into_iter().partition(is_file);
                 let mut notes: Vec<String> =
                     ignored.iter().map(|word| format!("ignored on the command line: {word}")).collect();
-                let options = arguments.into_options(&mut notes);
+                let options = arguments.into_options(files.into_iter().map(PathBuf::from).collect(), &mut notes);
                 Ok(Parsed::Run { options, notes })
             }
             Err(error) => print_or_fail(&error),
@@ -111,6 +115,8 @@ impl SimulatorOptions {
     after_help = "\
 BOOL is true, yes, on, 1 or false, no, off, 0. Long names may be shortened: --launch. A value may be attached: -l1, --ns=/a.
 Without -l and -a, -l 1 is assumed. Unknown options are ignored and named.
+With --check, words that belong to no option are files to check; without any, what -l and -a name, else the launch file.
+Exit status of --check: 0 nothing is dropped, 2 something is refused or dropped.
 
 Environment: ROS_MASTER_URI, ROS_IP, ROS_HOSTNAME; AMBF_ROOT_PATH, AMBF_RESOURCES (folder of launch.yaml);
 AMBF_PLUGIN_PATH (folders of plugins, separated by colons).
@@ -118,7 +124,8 @@ AMBF_PLUGIN_PATH (folders of plugins, separated by colons).
 Examples:
   ambf_simulator -g false -l 1,3
   ambf_simulator -g 0 -a robot.yaml,table.yaml -p 2000
-  ambf_simulator -g 0 -t 1 -p 1000 --ns /left --launch_file launch.yaml"
+  ambf_simulator -g 0 -t 1 -p 1000 --ns /left --launch_file launch.yaml
+  ambf_simulator --check robot.yaml world.yaml"
 )]
 struct Arguments {
     /// Launch file [default: launch.yaml in $AMBF_ROOT_PATH/ambf_models/descriptions, $AMBF_RESOURCES or resources]
@@ -196,10 +203,17 @@ struct Arguments {
     #[arg(default_value = "false", default_missing_value = "true", value_parser = boolean, hide_default_value = true)]
     #[arg(action = clap::ArgAction::Set)]
     verbose: bool,
+
+    /// Check files instead of simulating: say what is wrong with them, what they hold and what becomes of it
+    #[arg(long, help_heading = "Check")]
+    check: bool,
+    /// Print what --check finds as JSON
+    #[arg(long, help_heading = "Check")]
+    json: bool,
 }
 
 impl Arguments {
-    fn into_options(self, notes: &mut Vec<String>) -> SimulatorOptions {
+    fn into_options(self, files: Vec<PathBuf>, notes: &mut Vec<String>) -> SimulatorOptions {
         let mut numbers = |option: &str, text: &str| {
             let (indexes, others) = indexes(text);
             notes.extend(
@@ -223,6 +237,14 @@ impl Arguments {
             notes.push("--sim_speed_factor has an effect only with -t 1 and is ignored".to_owned());
             1.0
         };
+        if self.json && !self.check {
+            notes.push("--json has an effect only with --check and is ignored".to_owned());
+        }
+        let launch_file = self.launch_file.unwrap_or_else(launch_file::default);
+        let check = self.check.then(|| {
+            let indexes = if self.model_indexes.is_some() { model_indexes.clone() } else { Vec::new() };
+            CheckOptions::new(files, model_files.clone(), indexes, launch_file.clone(), self.json)
+        });
         let publish_frequency = publish_frequency(self.min_publish_frequency, self.max_publish_frequency, notes);
         SimulatorOptions {
             devices,
@@ -236,12 +258,13 @@ impl Arguments {
             namespace: self.ns,
             speed_factor,
             plugins: self.plugins.as_deref().map(paths).unwrap_or_default(),
-            launch_file: self.launch_file.unwrap_or_else(launch_file::default),
+            launch_file,
             model_files,
             model_indexes,
             no_ros: self.no_ros,
             verbose: self.verbose,
             physics: self.physics,
+            check,
         }
     }
 }

@@ -17,6 +17,7 @@ mod launch;
 mod light;
 mod model;
 mod normalise;
+mod outline;
 mod reader;
 mod report;
 mod scalar;
@@ -33,7 +34,7 @@ use std::path::Path;
 
 use normalise::normalise;
 use reader::{Map, Reader};
-use yaml::{Document, Kind, Mark, SyntaxError};
+use yaml::{Document, Kind, Mark, NodeId, SyntaxError};
 
 pub use body::{RigidBody, Surface};
 pub use camera::{Camera, DepthNoise, MouseMultipliers, PublishedFrame, Stereo};
@@ -50,6 +51,7 @@ pub use joint::{ConeTwistLimits, Joint, JointKind, Limits, LinearAngular, SixDof
 pub use launch::Launch;
 pub use light::{Attenuation, Light};
 pub use model::Model;
+pub use outline::{Entry, FileKind, Outline};
 pub use report::{LoadError, Problem, ProblemKind, Report, Severity, Verbose};
 pub use sensor::{Actuator, Ray, RaySource, ResistanceParameters, Sensor, SensorKind};
 pub use soft_body::{SoftBody, SoftBodyConfig, SoftMaterial};
@@ -118,6 +120,30 @@ pub fn parse<T: Description>(text: &str, path: &Path) -> Result<(T, Report), Loa
 }
 
 fn parse_bytes<T: Description>(bytes: &[u8], path: &Path) -> Result<(T, Report), LoadError> {
+    with_document(bytes, path, |doc, entries| {
+        let reader = Reader::new(doc, path.into());
+        let value = {
+            let root = Map::root(&reader, entries);
+            if let Some((mark, found)) = root.other_version() {
+                return Err(LoadError::Version { at: reader.source(mark), found });
+            }
+            root.warn_second_document();
+            T::read_root(&root)
+        };
+        let report = reader.into_report();
+        if report.is_fatal() {
+            return Err(LoadError::Refused { file: path.into(), report });
+        }
+        Ok((value, report))
+    })
+}
+
+/// Hands the tree of a file and the entries of its root to `read`.
+fn with_document<T>(
+    bytes: &[u8],
+    path: &Path,
+    read: impl FnOnce(&Document<'_>, &[(NodeId, NodeId)]) -> Result<T, LoadError>,
+) -> Result<T, LoadError> {
     let text = text_of(bytes, path)?;
     let at = |mark: Mark| SourcePos { file: path.into(), line: mark.line, column: mark.column };
     let normalised;
@@ -136,28 +162,12 @@ fn parse_bytes<T: Description>(bytes: &[u8], path: &Path) -> Result<(T, Report),
     };
     let root = doc.root();
     let found = match &root.kind {
-        Kind::Map(_) => "",
+        Kind::Map(entries) => return read(&doc, entries),
         Kind::Null => "nothing",
         Kind::Scalar(_) => "a single value",
         Kind::List(_) => "a list",
     };
-    let Kind::Map(entries) = &root.kind else {
-        return Err(LoadError::NotAMapping { at: at(root.mark), found });
-    };
-    let reader = Reader::new(&doc, path.into());
-    let value = {
-        let root = Map::root(&reader, entries);
-        if let Some((mark, found)) = root.other_version() {
-            return Err(LoadError::Version { at: at(mark), found });
-        }
-        root.warn_second_document();
-        T::read_root(&root)
-    };
-    let report = reader.into_report();
-    if report.is_fatal() {
-        return Err(LoadError::Refused { file: path.into(), report });
-    }
-    Ok((value, report))
+    Err(LoadError::NotAMapping { at: at(root.mark), found })
 }
 
 /// UTF-8 text of at most 64 MiB without control characters; a byte-order mark is skipped.

@@ -356,8 +356,8 @@ impl<'m> Map<'m> {
     pub(super) fn ignore(&self, keys: &[&str], why: &str) {
         for key in keys {
             if let Some((mark, _)) = self.entry(key) {
-                let kind = ProblemKind::IgnoredKey;
-                self.note(Severity::Warning, kind, mark, key, "", "", why);
+                let (kind, found) = (ProblemKind::IgnoredKey, self.found(key));
+                self.note(Severity::Warning, kind, mark, key, &found, "", why);
             }
         }
     }

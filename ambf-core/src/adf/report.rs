@@ -86,7 +86,42 @@ pub struct Problem {
     pub action: String,
 }
 
+impl ProblemKind {
+    /// A short name that stays the same, for tools: `unknown key`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::UnknownKey => "unknown key",
+            Self::IgnoredKey => "ignored key",
+            Self::DuplicateKey => "duplicate key",
+            Self::WrongType => "wrong type",
+            Self::MissingKey => "missing key",
+            Self::MissingElement => "missing element",
+            Self::EmptyElement => "empty element",
+            Self::OutOfRange => "out of range",
+            Self::NonFinite => "not finite",
+            Self::UnknownValue => "unknown value",
+            Self::Absent => "absent",
+            Self::SecondDocument => "second document",
+            Self::TooLarge => "too large",
+            Self::Structure => "structure",
+        }
+    }
+}
+
 impl Problem {
+    /// What is wrong and what is done instead, without place and severity.
+    pub fn sentence(&self) -> String {
+        let mut sentence = String::new();
+        if !self.path.is_empty() {
+            sentence += &format!("`{}` ", self.path);
+        }
+        sentence += &self.what();
+        if !self.action.is_empty() {
+            sentence += &format!("; {}", self.action);
+        }
+        sentence
+    }
+
     /// What is wrong, without place and key.
     fn what(&self) -> String {
         use ProblemKind as K;
@@ -109,15 +144,7 @@ impl Problem {
 
 impl fmt::Display for Problem {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: {}: ", self.source, self.severity)?;
-        if !self.path.is_empty() {
-            write!(f, "`{}` ", self.path)?;
-        }
-        f.write_str(&self.what())?;
-        if !self.action.is_empty() {
-            write!(f, "; {}", self.action)?;
-        }
-        Ok(())
+        write!(f, "{}: {}: {}", self.source, self.severity, self.sentence())
     }
 }
 

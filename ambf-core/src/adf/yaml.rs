@@ -66,6 +66,10 @@ impl<'t> Document<'t> {
         self.node(self.root)
     }
 
+    pub(super) fn root_id(&self) -> NodeId {
+        self.root
+    }
+
     pub(super) fn node(&self, id: NodeId) -> &Node<'t> {
         &self.nodes[id as usize]
     }

@@ -47,6 +47,7 @@ fn defaults_are_those_of_the_original() {
         no_ros: false,
         verbose: false,
         physics: PhysicsOptions::default(),
+        check: None,
     };
     assert_eq!(options, expected);
     assert!(options.launch_file.ends_with("launch.yaml"));
@@ -119,6 +120,7 @@ fn every_long_name_sets_its_option() {
             iterations: Some(30),
             integrator: Some("rk4".to_owned()),
         },
+        check: None,
     };
     assert_eq!(options, expected);
 }
@@ -298,4 +300,24 @@ fn arguments_that_are_no_text_are_refused() {
     let argument = OsString::from_vec(vec![b'-', b'a', 0xff]);
     let result = SimulatorOptions::parse([OsString::from("ambf_simulator"), argument.clone()]);
     assert_eq!(result, Err(CliError::NotUtf8(argument)));
+}
+
+#[test]
+fn words_without_an_option_are_files_only_for_check() {
+    let check = |words: &[&str]| quiet(words).check.expect("a check");
+    let options = check(&["--check", "a.yaml", "--json", "-g", "0", "b.yaml"]);
+    assert_eq!(options.files, ["a.yaml", "b.yaml"].map(PathBuf::from));
+    assert_eq!((options.together, options.json), (None, true));
+    let options = check(&["--check", "-l", "2,3", "-a", "c.yaml"]);
+    assert_eq!(options.files, [] as [PathBuf; 0]);
+    assert_eq!(options.together, Some((vec!["c.yaml".into()], vec![2, 3])));
+    let options = check(&["--check", "--launch_file", "x.yaml"]);
+    assert_eq!((options.files, options.together), (vec![PathBuf::from("x.yaml")], None));
+
+    let (options, notes) = run(&["a.yaml", "--json"]);
+    assert_eq!((options.check, notes.len()), (None, 2));
+    let (options, notes) = run(&["--check", "--unknown", "a.yaml"]);
+    assert_eq!(options.check.expect("a check").files, [PathBuf::from("a.yaml")]);
+    assert!(notes.len() == 1 && notes[0].contains("--unknown"), "{notes:?}");
+    assert!(refused(&["--check=x"]).contains("--check"));
 }
