@@ -94,7 +94,8 @@ mod sealed {
 /// files) are not opened; relative paths are joined to the directory of `path`. A file without `adf version` is taken for 1.0.
 ///
 /// # Errors
-/// Every [`LoadError`]: the file is unreadable, larger than 64 MiB, no text, no YAML, no mapping, of another version than 1.0, or
+/// Every [`LoadError`]: the file is unreadable or no regular file, larger than 64 MiB, no text, no YAML, no mapping, of another version
+/// than 1.0, or
 /// holds values that do not convert (then all of them are reported).
 pub fn load<T: Description>(path: &Path) -> Result<(T, Report), LoadError> {
     parse_bytes(&read_bytes(path)?, path)
@@ -103,9 +104,13 @@ pub fn load<T: Description>(path: &Path) -> Result<(T, Report), LoadError> {
 /// Content of a file, at most one byte more than [`text_of`] takes.
 pub(crate) fn read_bytes(path: &Path) -> Result<Vec<u8>, LoadError> {
     let unreadable = |source| LoadError::Unreadable { file: path.to_owned(), source };
+    // Asked for before opening: opening a named pipe would wait for its writer, for ever if there is none.
+    if !std::fs::metadata(path).map_err(unreadable)?.is_file() {
+        return Err(unreadable(std::io::Error::new(std::io::ErrorKind::InvalidInput, "not a regular file")));
+    }
     let file = std::fs::File::open(path).map_err(unreadable)?;
     let mut bytes = Vec::new();
-    // Not by the length of the file: pipes and devices have none.
+    // Not by the length of the file, which some system files lack.
     let limited = &mut file.take(MAX_BYTES + 1);
     limited.read_to_end(&mut bytes).map_err(unreadable)?;
     Ok(bytes)

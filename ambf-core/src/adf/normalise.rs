@@ -3,6 +3,9 @@
 //! The reference parser does not look at the indentation of flow collections, so existing files start or continue them
 //! left of the block they belong to. Here such lines are indented; nothing else changes, and lines keep their number.
 
+/// Blanks that are added at most, in multiples of the text's length.
+const MAX_GROWTH: usize = 8;
+
 /// A text with some lines indented.
 #[derive(Debug)]
 pub(super) struct Normalised {
@@ -21,14 +24,17 @@ impl Normalised {
     }
 }
 
-/// Indents the lines of flow collections that lie too far left; `None` when there are none.
+/// Indents the lines of flow collections that lie too far left; `None` when there are none, or when the text would grow beyond reason: a
+/// few far indented keys would be enough.
 pub(super) fn normalise(text: &str) -> Option<Normalised> {
     let mut scan = Scan::default();
     let mut out = String::with_capacity(text.len() + 64);
     let mut shifted = Vec::new();
+    let mut room = MAX_GROWTH * text.len();
     for (number, line) in (1u32..).zip(text.split_inclusive('\n')) {
         let missing = scan.missing_columns(line);
         if missing > 0 {
+            room = room.checked_sub(missing as usize)?;
             shifted.push((number, missing));
             out.extend(std::iter::repeat_n(' ', missing as usize));
         }

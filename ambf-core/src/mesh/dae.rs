@@ -2,6 +2,7 @@
 //!
 //! Only the XML is left to a library: those that read Collada meshes assert what a damaged file does not hold.
 
+use std::collections::hash_map::Entry;
 use std::collections::HashMap;
 use std::path::Path;
 use std::rc::Rc;
@@ -10,11 +11,11 @@ use std::str::FromStr;
 use nalgebra::{Matrix4, Point3, Rotation3, Unit, Vector3};
 use roxmltree::{Document, Node, NodeId};
 
-use super::{check_finite, quoted, Mesh, MeshError, Position, Welder};
+use super::{check_finite, quoted, Mesh, MeshError, Position, Welder, MAX_SUB_MESHES};
 
-/// Nodes and triangles that one file may expand to: nested instances can grow exponentially, or for ever.
-const MAX_NODES: usize = 1_000_000;
-const MAX_TRIANGLES: usize = 20_000_000;
+/// Elements of nodes and triangles that one file may expand to: nested instances can grow exponentially, or for ever.
+const MAX_ELEMENTS: usize = 1_000_000;
+const MAX_TRIANGLES: usize = 10_000_000;
 
 /// Largest `offset` or `stride` attribute taken for real.
 const MAX_STRIDE: usize = 1024;
@@ -42,6 +43,9 @@ pub(super) fn read(path: &Path, bytes: Vec<u8>) -> Result<Mesh, MeshError> {
             if triangle_count > MAX_TRIANGLES {
                 return Err(file.malformed(geometry, format!("more than {MAX_TRIANGLES} triangles after instancing")));
             }
+            if mesh.sub_meshes.len() == MAX_SUB_MESHES {
+                return Err(file.malformed(geometry, format!("more than {MAX_SUB_MESHES} parts after instancing")));
+            }
             mesh.sub_meshes.push(primitive.place(path, &transform)?);
         }
     }
@@ -57,9 +61,28 @@ struct File<'a> {
 /// One `<triangles>`, `<polylist>`, `<polygons>`, `<tristrips>` or `<trifans>`.
 struct Primitive {
     name: String,
-    positions: Rc<Vec<[f64; 3]>>,
+    positions: Positions,
     /// Indices into `positions`, checked.
     triangles: Vec<[usize; 3]>,
+}
+
+/// A view of an array of numbers, which many sources can share.
+#[derive(Clone)]
+struct Positions {
+    numbers: Rc<Vec<f64>>,
+    first: usize,
+    stride: usize,
+}
+
+impl Positions {
+    fn len(&self) -> usize {
+        self.numbers.len().saturating_sub(self.first) / self.stride
+    }
+
+    fn get(&self, index: usize) -> Point3<f64> {
+        let at = self.first + index * self.stride;
+        Point3::from_slice(&self.numbers[at..at + 3])
+    }
 }
 
 impl Primitive {
@@ -69,7 +92,7 @@ impl Primitive {
         for (i, triangle) in self.triangles.iter().enumerate() {
             let mut corners = [[0.0; 3]; 3];
             for (k, &index) in triangle.iter().enumerate() {
-                let position = transform.transform_point(&Point3::from(self.positions[index]));
+                let position = transform.transform_point(&self.positions.get(index));
                 corners[k] = check_finite(path, 3 * i + k, position.into())?;
             }
             if mirrored {
@@ -147,13 +170,13 @@ impl<'a> File<'a> {
         let mut visited = 0;
         let mut stack = vec![(scene, unit)];
         while let Some((node, parent)) = stack.pop() {
-            visited += 1;
-            if visited > MAX_NODES {
-                return Err(self.malformed(scene, "the scene is endless: a node seems to contain itself"));
-            }
             let mut transform = parent;
             let mut inner = Vec::new();
             for element in node.children().filter(Node::is_element) {
+                visited += 1;
+                if visited > MAX_ELEMENTS {
+                    return Err(self.malformed(scene, "the scene is endless: a node seems to contain itself"));
+                }
                 match element.tag_name().name() {
                     "node" => inner.push(element),
                     "instance_node" => inner.push(self.target(element, "url")?),
@@ -195,7 +218,7 @@ impl<'a> File<'a> {
     }
 
     fn primitives(&self, geometry: Node<'a, 'a>) -> Result<Vec<Primitive>, MeshError> {
-        let mut sources: HashMap<NodeId, Rc<Vec<[f64; 3]>>> = HashMap::new();
+        let mut arrays = HashMap::new();
         let mut primitives = Vec::new();
         let Some(mesh) = child(geometry, "mesh") else { return Ok(primitives) };
         for element in mesh.children().filter(Node::is_element) {
@@ -214,15 +237,7 @@ impl<'a> File<'a> {
             }
             // An element without any index list is empty, whatever its inputs.
             let Some((input, offset)) = vertex_input else { continue };
-            let source = self.position_source(input)?;
-            let positions = match sources.get(&source.id()) {
-                Some(known) => Rc::clone(known),
-                None => {
-                    let positions = Rc::new(self.positions(source)?);
-                    sources.insert(source.id(), Rc::clone(&positions));
-                    positions
-                }
-            };
+            let positions = self.positions(self.position_source(input)?, &mut arrays)?;
             let triangles = self.triangles(element, kind, stride, offset)?;
             if let Some(index) = triangles.iter().flatten().find(|&&i| i >= positions.len()) {
                 let message = format!("vertex {index} does not exist: the source has {}", positions.len());
@@ -241,7 +256,12 @@ impl<'a> File<'a> {
         self.target(position.ok_or_else(|| self.malformed(vertices, "no input with semantic=\"POSITION\""))?, "source")
     }
 
-    fn positions(&self, source: Node<'a, 'a>) -> Result<Vec<[f64; 3]>, MeshError> {
+    /// The positions of a source; `arrays` holds the numbers that were read before.
+    fn positions(
+        &self,
+        source: Node<'a, 'a>,
+        arrays: &mut HashMap<NodeId, Rc<Vec<f64>>>,
+    ) -> Result<Positions, MeshError> {
         let accessor = child(source, "technique_common").and_then(|t| child(t, "accessor"));
         let accessor = accessor.ok_or_else(|| self.malformed(source, "<source> without an <accessor>"))?;
         let stride = self.small_attribute(accessor, "stride", 1)?;
@@ -249,9 +269,12 @@ impl<'a> File<'a> {
         if stride < 3 {
             return Err(self.malformed(accessor, format!("stride {stride}: positions need 3 numbers")));
         }
-        let numbers: Vec<f64> = self.numbers(self.target(accessor, "source")?)?;
-        let numbers = numbers.get(first..).unwrap_or(&[]);
-        Ok(numbers.chunks_exact(stride).map(|p| [p[0], p[1], p[2]]).collect())
+        let array = self.target(accessor, "source")?;
+        let numbers = match arrays.entry(array.id()) {
+            Entry::Occupied(known) => Rc::clone(known.get()),
+            Entry::Vacant(slot) => Rc::clone(slot.insert(Rc::new(self.numbers(array)?))),
+        };
+        Ok(Positions { numbers, first, stride })
     }
 
     /// Triangles of position indices; polygons become fans around their first corner.

@@ -24,6 +24,9 @@ pub use cache::MeshCache;
 /// Largest file that is read, in bytes. Far above any usable collision mesh; stops a wrong path from eating the memory.
 const MAX_FILE_BYTES: u64 = 512 << 20;
 
+/// Sub-meshes that are made of one file. One costs more than the few bytes that ask for it.
+const MAX_SUB_MESHES: usize = 100_000;
+
 /// Triangles and lines of one mesh file, split as the file's materials and objects demand.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Mesh {
@@ -156,25 +159,54 @@ impl MeshError {
 /// * Collada: `<up_axis>` is ignored (robot descriptions expect coordinates as written), the unit and the node transforms are
 ///   applied; skins, splines and lines are skipped.
 pub fn load(path: &Path) -> Result<Mesh, MeshError> {
-    type Reader = fn(&Path, Vec<u8>) -> Result<Mesh, MeshError>;
+    let reader = reader_of(path)?;
+    not_empty(path, reader(path, read_file(path)?, read_file)?)
+}
+
+/// Reads the content of a mesh file as [`load`] reads a file; `path` stands for its name. No file is opened: the material libraries that
+/// an OBJ names count as missing.
+///
+/// # Errors
+/// As [`load`].
+pub fn parse(bytes: Vec<u8>, path: &Path) -> Result<Mesh, MeshError> {
+    let reader = reader_of(path)?;
+    if bytes.len() as u64 > MAX_FILE_BYTES {
+        return Err(MeshError::TooLarge { path: path.to_path_buf(), bytes: bytes.len() as u64 });
+    }
+    let no_file = |path: &Path| Err(io_error(path, io::ErrorKind::NotFound.into()));
+    not_empty(path, reader(path, bytes, no_file)?)
+}
+
+/// Reads a file that another one names.
+type Open = fn(&Path) -> Result<Vec<u8>, MeshError>;
+
+type Reader = fn(&Path, Vec<u8>, Open) -> Result<Mesh, MeshError>;
+
+fn reader_of(path: &Path) -> Result<Reader, MeshError> {
     let extension = path.extension().unwrap_or_default().to_string_lossy();
-    let reader: Reader = match extension.to_ascii_lowercase().as_str() {
-        "stl" => stl::read,
+    Ok(match extension.to_ascii_lowercase().as_str() {
+        "stl" => |path, bytes, _| stl::read(path, bytes),
         "obj" => obj::read,
-        "3ds" => three_ds::read,
-        "dae" => dae::read,
+        "3ds" => |path, bytes, _| three_ds::read(path, bytes),
+        "dae" => |path, bytes, _| dae::read(path, bytes),
         _ => return Err(MeshError::UnknownFormat { path: path.to_path_buf(), extension: extension.into_owned() }),
-    };
-    let mesh = reader(path, read_file(path)?)?;
+    })
+}
+
+fn not_empty(path: &Path, mesh: Mesh) -> Result<Mesh, MeshError> {
     if mesh.sub_meshes.iter().all(|s| s.vertices.is_empty()) {
         return Err(MeshError::Empty { path: path.to_path_buf() });
     }
     Ok(mesh)
 }
 
+fn io_error(path: &Path, source: io::Error) -> MeshError {
+    MeshError::Io { path: path.to_path_buf(), source }
+}
+
 /// Reads a regular file of bounded size.
 fn read_file(path: &Path) -> Result<Vec<u8>, MeshError> {
-    let io_error = |source| MeshError::Io { path: path.to_path_buf(), source };
+    let io_error = |source| io_error(path, source);
     // Asked for before opening: opening a named pipe would block.
     let metadata = std::fs::metadata(path).map_err(io_error)?;
     if !metadata.is_file() {

@@ -3,10 +3,11 @@
 //! Read here rather than by a library: `tobj` takes a polyline `l a b c` for a triangle, panics on a short colour in the
 //! material file, and names no line.
 
-use std::collections::BTreeMap;
+use std::collections::hash_map::Entry;
+use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
-use super::{check_finite, quoted, read_file, Mesh, MeshError, Position, Welder};
+use super::{check_finite, quoted, Mesh, MeshError, Open, Position, Welder, MAX_SUB_MESHES};
 
 /// A face or polyline: its corners are `corners[start..]` up to the start of the next one.
 struct Element {
@@ -27,8 +28,9 @@ struct Contents {
     objects: Vec<String>,
 }
 
-pub(super) fn read(path: &Path, bytes: Vec<u8>) -> Result<Mesh, MeshError> {
-    let contents = parse(path, &String::from_utf8_lossy(&bytes))?;
+/// `open` reads the material libraries that the file names.
+pub(super) fn read(path: &Path, bytes: Vec<u8>, open: Open) -> Result<Mesh, MeshError> {
+    let contents = parse(path, &String::from_utf8_lossy(&bytes), open)?;
     let names = if contents.materials.is_empty() { &contents.objects } else { &contents.materials };
     let count = contents.materials.len().max(contents.objects.len()).max(1);
     let mut parts: Vec<Part> = (0..count).map(|i| Part::named(names.get(i).map_or("", |n| n))).collect();
@@ -105,8 +107,12 @@ impl Contents {
     }
 }
 
-fn parse(path: &Path, text: &str) -> Result<Contents, MeshError> {
+fn parse(path: &Path, text: &str, open: Open) -> Result<Contents, MeshError> {
     let mut contents = Contents::default();
+    // The first of a name counts.
+    let mut material_indices = HashMap::new();
+    // Each is read once.
+    let mut libraries: HashMap<String, Vec<String>> = HashMap::new();
     let mut material = 0;
     let mut continued = String::new();
     for (line, content) in (1..).zip(text.lines()) {
@@ -139,10 +145,23 @@ fn parse(path: &Path, text: &str) -> Result<Contents, MeshError> {
                 contents.elements.push(Element { start, material, line, is_face: keyword == "f" });
             }
             "o" => contents.objects.push(rest.to_owned()),
-            "mtllib" => contents.materials.extend(material_names(path, rest)?),
+            "mtllib" => {
+                let names = match libraries.entry(rest.to_owned()) {
+                    Entry::Occupied(known) => known.into_mut(),
+                    Entry::Vacant(slot) => slot.insert(material_names(path, rest, open)?),
+                };
+                for name in names.iter() {
+                    material_indices.entry(name.clone()).or_insert(contents.materials.len());
+                    contents.materials.push(name.clone());
+                }
+            }
             // An unknown name leaves the material as it is, as the C++ program does.
-            "usemtl" => material = contents.materials.iter().position(|m| m == rest).unwrap_or(material),
+            "usemtl" => material = material_indices.get(rest).copied().unwrap_or(material),
             _ => {}
+        }
+        if contents.objects.len().max(contents.materials.len()) > MAX_SUB_MESHES {
+            let message = format!("more than {MAX_SUB_MESHES} objects or materials");
+            return Err(MeshError::malformed(path, Position::Line(line), message));
         }
     }
     Ok(contents)
@@ -169,9 +188,9 @@ fn parse_corner(word: &str, known: usize) -> Option<usize> {
 }
 
 /// Names of the materials in the library `name` beside the mesh `path`; none when there is no such file.
-fn material_names(path: &Path, name: &str) -> Result<Vec<String>, MeshError> {
+fn material_names(path: &Path, name: &str, open: Open) -> Result<Vec<String>, MeshError> {
     let library = path.with_file_name(name);
-    let bytes = match read_file(&library) {
+    let bytes = match open(&library) {
         Err(MeshError::Io { source, .. }) if source.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
         other => other?,
     };
@@ -185,7 +204,7 @@ mod tests {
     use super::*;
 
     fn parse_text(text: &str) -> Result<Mesh, MeshError> {
-        read(Path::new("/nowhere/t.obj"), text.into())
+        crate::mesh::parse(text.into(), Path::new("t.obj"))
     }
 
     const SQUARE: &str = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n";

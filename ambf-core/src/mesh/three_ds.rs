@@ -1,8 +1,9 @@
 //! Autodesk 3DS: a tree of chunks, each with a 16-bit id and a 32-bit length that includes these six bytes.
 
+use std::collections::HashMap;
 use std::path::Path;
 
-use super::{check_finite, Mesh, MeshError, Position, SubMesh, Welder};
+use super::{check_finite, Mesh, MeshError, Position, SubMesh, Welder, MAX_SUB_MESHES};
 
 const MAIN: u16 = 0x4D4D;
 const EDITOR: u16 = 0x3D3D;
@@ -33,8 +34,13 @@ pub(super) fn read(path: &Path, bytes: Vec<u8>) -> Result<Mesh, MeshError> {
             let name = object.text()?;
             while let Some((id, trimesh)) = object.chunk()? {
                 if id == TRIMESH {
+                    let at = trimesh.at;
                     let object = Object::read(trimesh, &mut vertex_count)?;
                     mesh.sub_meshes.extend(object.split(&name));
+                    if mesh.sub_meshes.len() > MAX_SUB_MESHES {
+                        let message = format!("more than {MAX_SUB_MESHES} parts of one material");
+                        return Err(MeshError::malformed(path, Position::Byte(at), message));
+                    }
                 }
             }
         }
@@ -140,13 +146,15 @@ impl Object {
         let faces = chunk.take(FACE_BYTES * count)?.chunks_exact(FACE_BYTES);
         self.faces = faces.map(|f| [word_at(f, 0), word_at(f, 2), word_at(f, 4)]).collect();
         self.face_materials = vec![None; count];
+        let mut material_indices: HashMap<String, usize> =
+            self.materials.iter().enumerate().map(|(i, name)| (name.clone(), i)).collect();
         while let Some((id, mut group)) = chunk.chunk()? {
             if id != FACE_MATERIAL {
                 continue;
             }
             let name = group.text()?;
-            let material = self.materials.iter().position(|m| *m == name).unwrap_or_else(|| {
-                self.materials.push(name);
+            let material = *material_indices.entry(name).or_insert_with_key(|name| {
+                self.materials.push(name.clone());
                 self.materials.len() - 1
             });
             for _ in 0..group.word()? {
@@ -163,16 +171,16 @@ impl Object {
 
     /// One sub-mesh for each material in order of first use, faces without a material making one too.
     fn split(self, name: &str) -> impl Iterator<Item = SubMesh> {
-        let mut parts: Vec<(Option<usize>, Welder)> = Vec::new();
-        for (face, material) in self.faces.iter().zip(&self.face_materials) {
-            let part = parts.iter().position(|(m, _)| m == material).unwrap_or_else(|| {
-                let label = material.map_or(name, |m| &self.materials[m]);
-                parts.push((*material, Welder::named(label)));
+        let mut parts: Vec<Welder> = Vec::new();
+        let mut part_of = HashMap::new();
+        for (face, &material) in self.faces.iter().zip(&self.face_materials) {
+            let part = *part_of.entry(material).or_insert_with(|| {
+                parts.push(Welder::named(material.map_or(name, |m| &self.materials[m])));
                 parts.len() - 1
             });
-            parts[part].1.triangle(face.map(|i| self.vertices[usize::from(i)]));
+            parts[part].triangle(face.map(|i| self.vertices[usize::from(i)]));
         }
-        parts.into_iter().map(|(_, welder)| welder.finish())
+        parts.into_iter().map(Welder::finish)
     }
 }
 

@@ -328,7 +328,16 @@ impl<'a> Builder<'a> {
             Some((handle, self.scene.world.constraint_place(handle)?))
         });
         let index = self.scene.joints.len();
+        let was_full = self.scene.graph.is_full();
         self.scene.graph.add_joint(parent, child, index, joint.common.passive);
+        if !was_full && self.scene.graph.is_full() {
+            let message = format!(
+                "`{}` makes chains too long to be listed: of it and of some later joints only the parent body has names, positions and \
+                 commands",
+                joint.common.identifier
+            );
+            self.note(Severity::Warning, &joint.common.source, message);
+        }
         self.scene.has_feedback |= joint.enable_feedback && handle.is_some();
         let live = Joint::new(joint, key, (parent, child), axis, handle, self.scene.profile);
         self.scene.joints.push(live);

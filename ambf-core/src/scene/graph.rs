@@ -41,7 +41,13 @@ struct Node {
 #[derive(Debug, Clone, Default)]
 pub struct BodyGraph {
     nodes: Vec<Node>,
+    /// Descendants in all lists.
+    listed: usize,
+    is_full: bool,
 }
+
+/// Descendants that all lists together may hold. They grow with the square of a chain's length; this is a chain of 2000 bodies.
+const MAX_LISTED: usize = 2_000_000;
 
 impl BodyGraph {
     /// Makes place for one more body and returns its index.
@@ -52,22 +58,35 @@ impl BodyGraph {
 
     /// Enters a joint from `parent` to `child`. A joint of a body with itself changes nothing; so does, in the lists, a second path to
     /// the same child.
+    /// A joint with which the lists together would grow beyond two million entries is listed by `parent` only.
     pub fn add_joint(&mut self, parent: usize, child: usize, joint: usize, passive: bool) {
         if parent == child {
             return;
         }
-        let mut below = self.nodes[child].descendants.clone();
+        let (descendants, ancestors) = (&self.nodes[child].descendants, &self.nodes[parent].ancestors);
+        let is_full = self.listed + (descendants.len() + 1) * (ancestors.len() + 1) > MAX_LISTED;
+        self.is_full |= is_full;
+        let (mut below, mut above) = match is_full {
+            true => (Vec::new(), Vec::new()),
+            false => (descendants.clone(), ancestors.clone()),
+        };
         below.push(Descendant { body: child, joint, passive });
-        let mut above = self.nodes[parent].ancestors.clone();
         above.push(parent);
         for &body in &above {
             let Node { descendants, below: known, .. } = &mut self.nodes[body];
+            let before = descendants.len();
             descendants.extend(below.iter().filter(|entry| known.insert(entry.body)));
+            self.listed += descendants.len() - before;
         }
         for entry in &below {
             let Node { ancestors, above: known, .. } = &mut self.nodes[entry.body];
             ancestors.extend(above.iter().filter(|&&body| known.insert(body)));
         }
+    }
+
+    /// Whether joints had to be left out of lists because they would have become too long.
+    pub fn is_full(&self) -> bool {
+        self.is_full
     }
 
     /// All bodies below `body` with the joints that lead to them.
@@ -126,6 +145,19 @@ mod tests {
         assert_eq!(active(&graph, 0), [0, 2]);
         assert_eq!(active(&graph, 2), [3]);
         assert_eq!(graph.descendants(0).len(), 3);
+    }
+
+    #[test]
+    fn long_chains_are_listed_up_to_a_bound() {
+        let mut graph = BodyGraph::default();
+        for _ in 0..=10_000 {
+            graph.add_body();
+        }
+        (0..10_000).for_each(|i| graph.add_joint(i, i + 1, i, false));
+        assert!(graph.is_full());
+        let listed = graph.descendants(0).len();
+        assert!((1_990..2_060).contains(&listed), "{listed}");
+        assert_eq!(active(&graph, 9_999), [9_999]);
     }
 
     #[test]

@@ -7,6 +7,9 @@ use crate::adf::report::{ProblemKind, Severity};
 use crate::adf::scalar;
 use crate::adf::yaml::{Kind, Mark, NodeId};
 
+/// Elements or mappings that a list may hold. An entry of three bytes can stand for an element of a kilobyte.
+const MAX_ELEMENTS: usize = 100_000;
+
 impl<'m> Map<'m> {
     fn scalar<T>(&self, key: &str, expected: &str, convert: impl FnOnce(&str) -> Option<T>) -> Option<T> {
         let node = self.node(key)?;
@@ -166,19 +169,30 @@ impl<'m> Map<'m> {
         }
     }
 
+    /// The items of a list that stand for elements.
+    fn elements_of(&self, key: &str) -> &'m [NodeId] {
+        let items = self.items(key);
+        if items.len() <= MAX_ELEMENTS {
+            return items;
+        }
+        let expected = format!("at most {MAX_ELEMENTS} of them");
+        self.refuse(ProblemKind::OutOfRange, self.place(key), key, &self.found(key), &expected);
+        &[]
+    }
+
     /// The mappings of a list.
     pub(in crate::adf) fn maps(&'m self, key: &'m str) -> Vec<Map<'m>> {
         let view = |(i, &id): (usize, &NodeId)| {
             let mark = self.r.doc.node(id).mark;
             self.view(format!("{key}[{i}]").into(), mark, id)
         };
-        self.items(key).iter().enumerate().map(view).collect()
+        self.elements_of(key).iter().enumerate().map(view).collect()
     }
 
     /// The texts of a list.
     pub(in crate::adf) fn strings(&self, key: &str) -> Vec<(&'m str, Mark)> {
         let mut texts = Vec::new();
-        for &id in self.items(key) {
+        for &id in self.elements_of(key) {
             let node = self.r.doc.node(id);
             match node.kind {
                 Kind::Scalar(_) | Kind::Null => {

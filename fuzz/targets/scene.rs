@@ -1,0 +1,70 @@
+//! A scene from any model, and of any world before a line `=====`: built, stepped, told a few things and reset without a crash.
+#![no_main]
+
+use std::path::PathBuf;
+use std::sync::OnceLock;
+
+use ambf_core::comm::JointCommandType;
+use ambf_core::scene::{load, Loaded, SceneFiles, SceneOptions};
+use ambf_core::sim::{Simulation, DEFAULT_SUB_STEP};
+use libfuzzer_sys::fuzz_target;
+use nalgebra::Vector3;
+
+/// Meshes that models may name.
+const MESHES: [(&str, &str); 5] = [
+    ("tetra.obj", include_str!("../meshes/tetra.obj")),
+    ("one.obj", include_str!("../meshes/one.obj")),
+    ("open.obj", include_str!("../meshes/open.obj")),
+    ("flat.obj", include_str!("../meshes/flat.obj")),
+    ("book.obj", include_str!("../meshes/book.obj")),
+];
+
+const WORLD: &str = "gravity: {x: 0, y: 0, z: -10}\nmax iterations: 5\nenclosure: {length: 4, width: 4, height: 2}\n";
+
+/// A folder with the meshes; in memory where the system has such a place.
+fn folder() -> &'static PathBuf {
+    static FOLDER: OnceLock<PathBuf> = OnceLock::new();
+    FOLDER.get_or_init(|| {
+        let memory = PathBuf::from("/dev/shm");
+        let base = if memory.is_dir() { memory } else { std::env::temp_dir() };
+        let folder = base.join(format!("ambf_fuzz_{}", std::process::id()));
+        std::fs::create_dir_all(&folder).expect("a folder");
+        for (name, text) in MESHES {
+            std::fs::write(folder.join(name), text).expect("written");
+        }
+        folder
+    })
+}
+
+fuzz_target!(|text: &str| {
+    let (world, model) = text.split_once("=====\n").unwrap_or((WORLD, text));
+    let folder = folder();
+    let file = |name: &str, text: &str| {
+        let path = folder.join(name);
+        std::fs::write(&path, text).expect("written");
+        path
+    };
+    let files = SceneFiles { world: Some(file("world.yaml", world)), models: vec![file("model.yaml", model)] };
+    let Loaded { scene, report } = load(&files, &SceneOptions::default());
+    let _ = report.verbose().to_string();
+
+    let mut simulation = Simulation::new(scene, DEFAULT_SUB_STEP);
+    let _hub = simulation.connect();
+    for round in 0..2 {
+        for _ in 0..3 {
+            // A lost state is an answer; a crash is not.
+            if simulation.update(DEFAULT_SUB_STEP).is_err() {
+                simulation.reset_bodies();
+            }
+        }
+        if round == 0 {
+            for body in 0..simulation.scene().bodies.len().min(4) {
+                simulation.command_joint(body, 0, JointCommandType::Position, 0.5);
+                simulation.command_joint(body, 1, JointCommandType::Velocity, 1.0);
+                simulation.apply_wrench(body, Vector3::new(1.0, 0.0, 2.0), Vector3::z());
+            }
+        } else {
+            simulation.reset_world();
+        }
+    }
+});
