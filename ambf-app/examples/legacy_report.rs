@@ -82,7 +82,7 @@ fn line(name: &str, file: &Path, launch_file: &Path, programs: &Programs<'_>) ->
     let checked = checked(file, launch_file);
     let row = &checked.rows[0];
     let own = |level| {
-        let here = |finding: &&check::Finding| finding.level == level && *finding.place.file == *file;
+        let here = move |finding: &&check::Finding| finding.level == level && *finding.place.file == *file;
         checked.findings.iter().filter(here)
     };
     let refused =
