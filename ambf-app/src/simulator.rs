@@ -1,5 +1,6 @@
 //! The life of `ambf_simulator`: loading, running, ending.
 
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -7,13 +8,13 @@ use std::time::{Duration, Instant};
 use ambf_core::adf::PluginEntry;
 use ambf_core::comm::{Middleware, Rates};
 use ambf_core::scene::{load, Loaded, SceneOptions, SceneReport};
-use ambf_core::sim::{Event, Runner, RunnerOptions, Simulation, DEFAULT_SUB_STEP};
+use ambf_core::sim::{Event, Models, Runner, RunnerOptions, Simulation, DEFAULT_SUB_STEP};
 use crossbeam_channel::RecvTimeoutError;
 use thiserror::Error;
 
 use crate::cli::{DeviceSelection, SimulatorOptions};
 use crate::launch::{self, LaunchError};
-use crate::ros::{RosMiddleware, RosOptions};
+use crate::ros::{ModelHost, ModelReply, RosMiddleware, RosOptions};
 use crate::{print_line, report};
 
 /// How often the main thread looks whether it should end.
@@ -156,7 +157,8 @@ fn print_summary(simulation: &Simulation, took: Duration) {
 
 fn serve(mut simulation: Simulation, options: &SimulatorOptions, stop: &AtomicBool) -> Result<(), SimulatorError> {
     let hub = simulation.connect();
-    let mut ros = (!options.no_ros).then(|| RosMiddleware::new(RosOptions::default()));
+    let host = Arc::new(Host(simulation.models()));
+    let mut ros = (!options.no_ros).then(|| RosMiddleware::new(RosOptions::default()).with_models(host));
     if let Some(ros) = &mut ros {
         if let Err(error) = ros.start(hub) {
             report!("ROS is not available: {error}; the simulation runs without");
@@ -178,6 +180,28 @@ fn serve(mut simulation: Simulation, options: &SimulatorOptions, stop: &AtomicBo
     outcome
 }
 
+/// Lets ROS clients add and remove models.
+struct Host(Models);
+
+impl ModelHost for Host {
+    fn add(&self, file: &Path) -> Result<ModelReply, String> {
+        let added = self.0.add(file).map_err(|error| error.to_string())?;
+        added.report.lines().for_each(|line| report!("{line}"));
+        report!("added {} from {}", added.key, file.display());
+        Ok(ModelReply { model: added.key, message: added.report })
+    }
+
+    fn remove(&self, model: &str) -> Result<String, String> {
+        let key = self.0.remove(model).map_err(|error| error.to_string())?;
+        report!("removed {key}");
+        Ok(key)
+    }
+
+    fn list(&self) -> Vec<(String, PathBuf)> {
+        self.0.list().unwrap_or_default()
+    }
+}
+
 /// Prints what the physics thread has to say until the program should end.
 fn follow(runner: &Runner, stop: &AtomicBool) -> Result<(), SimulatorError> {
     let mut empty_steps = Limited::default();
@@ -195,6 +219,7 @@ fn follow(runner: &Runner, stop: &AtomicBool) -> Result<(), SimulatorError> {
                 }
             }
             Ok(Event::Reset) => report!("reset"),
+            Ok(Event::Notice(notice)) => report!("{notice}"),
             Ok(_) | Err(RecvTimeoutError::Timeout) => (),
             Err(RecvTimeoutError::Disconnected) => return Err(SimulatorError::Physics),
         }
