@@ -9,8 +9,8 @@ use std::path::Path;
 use std::thread;
 
 use parity_common::{
-    apart_at_end, at_rest, bodies, cases, compare_bodies, compare_joints, joints, shared, simulate, Case, Quantity,
-    Recording, Start, SHIFTS,
+    apart_at_end, at_rest, bodies, cases, compare_bodies, compare_joints, joints, shared, simulate, soft_distances,
+    soft_nodes, Case, Quantity, Recording, Start, SHIFTS,
 };
 
 const TEXT: &str = include_str!("parity_report.md");
@@ -157,6 +157,22 @@ fn friction(all: &[Measured]) -> String {
     table
 }
 
+fn soft_bodies(cases: &[Case]) -> String {
+    let mut table = String::from(
+        "| trace | recorded nodes | first 100 steps, m | first 500, m | whole run, m |\n|---|---|---|---|---|\n",
+    );
+    for case in cases {
+        let nodes = soft_nodes(case).iter().filter(|(step, ..)| *step == 0).count();
+        let distances = soft_distances(case);
+        let until = |last: u64| {
+            let early = distances.iter().filter(|(step, _)| *step <= last);
+            short(Some(early.map(|(_, distance)| *distance).fold(0.0, f64::max)))
+        };
+        let _ = writeln!(table, "| {} | {nodes} | {} | {} | {} |", case.name, until(100), until(500), until(u64::MAX));
+    }
+    table
+}
+
 /// One panel a chaotic scene: distance from our run against time, on a logarithmic scale.
 fn figure(all: &[Measured]) -> String {
     let (width, height, left, top) = (300.0, 260.0, 60.0, 40.0);
@@ -228,7 +244,6 @@ fn main() {
     });
     let efforts = all.iter().filter_map(|one| one.distance_from_trace(&one.ours, Quantity::JointEffort, one.whole()));
     let effort = efforts.fold(0.0, f64::max);
-    let left_out: Vec<_> = soft.iter().map(|case| format!("`{}`", case.name)).collect();
     let text = TEXT
         .replace("{free}", &all.iter().filter(|one| one.ours.first_contact.is_none()).count().to_string())
         .replace("{count}", &all.len().to_string())
@@ -238,7 +253,7 @@ fn main() {
         .replace("{chaos}", &chaos(&all))
         .replace("{effort}", &format!("{effort:.0e}"))
         .replace("{friction}", &friction(&all))
-        .replace("{soft}", &left_out.join(", "));
+        .replace("{soft}", &soft_bodies(&soft));
     let docs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs");
     for (name, contents) in [("parity.md", text), ("parity.svg", figure(&all))] {
         let path = docs.join(name);

@@ -9,10 +9,10 @@ mod reference;
 mod run;
 
 pub use compare::{apart_at_end, at_rest, compare_bodies, compare_joints, Quantity};
-pub use reference::{bodies, cases, joints, meta, shared, BodyState, Case, Table};
+pub use reference::{bodies, cases, joints, meta, shared, soft_nodes, BodyState, Case, Table};
 /// Bodies of a trace or a run.
 pub type Bodies = Table<BodyState>;
-pub use run::{load_case, simulate, Recording, Start};
+pub use run::{load_case, simulate, soft_distances, Recording, Start};
 
 /// Shifts (m) of the start whose effect shows how predictable a scene is. Far below what any file or clock can tell.
 pub const SHIFTS: [f64; 6] = [1e-12, -1e-12, 1e-13, -1e-13, 1e-14, -1e-14];

@@ -133,14 +133,31 @@ pub fn joints(case: &Case) -> Table<JointState> {
     })
 }
 
+/// The nodes of a trace's soft body that were recorded: step, node, position (m, world).
+pub fn soft_nodes(case: &Case) -> Vec<(u64, usize, Vector3<f64>)> {
+    let text = unpacked(&case.file("_softnodes.csv.gz"));
+    let rows = text.lines().skip(1).map(|line| {
+        let cells: Vec<_> = line.split(',').collect();
+        let &[step, _, _, node, x, y, z] = cells.as_slice() else { panic!("{}: {line}", case.name) };
+        let index = |text: &str| text.parse().expect("a number");
+        (index(step), index(node) as usize, Vector3::new(number(x), number(y), number(z)))
+    });
+    rows.collect()
+}
+
 fn number(text: &str) -> f64 {
     text.parse().unwrap_or_else(|_| panic!("`{text}` is no number"))
 }
 
-fn read_table<T>(file: &Path, columns: usize, state: impl Fn(&[&str]) -> T) -> Table<T> {
+fn unpacked(file: &Path) -> String {
     let compressed = std::fs::read(file).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
     let mut text = String::new();
     GzDecoder::new(&compressed[..]).read_to_string(&mut text).unwrap_or_else(|e| panic!("{}: {e}", file.display()));
+    text
+}
+
+fn read_table<T>(file: &Path, columns: usize, state: impl Fn(&[&str]) -> T) -> Table<T> {
+    let text = unpacked(file);
     let mut table = Table { names: Vec::new(), rows: Vec::new() };
     for line in text.lines().skip(1) {
         let cells: Vec<_> = line.split(',').collect();

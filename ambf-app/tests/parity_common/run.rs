@@ -6,7 +6,7 @@ use ambf_core::scene::{load, Loaded, Scene, SceneOptions};
 use ambf_core::sim::Simulation;
 use nalgebra::Vector3;
 
-use super::reference::{BodyState, Case, JointState, Table};
+use super::reference::{soft_nodes, BodyState, Case, JointState, Table};
 
 /// How a run is started.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -110,4 +110,30 @@ fn record(simulation: &Simulation, step: u64, recording: &mut Recording) {
         effort: joint.effort,
     });
     recording.joints.rows.push((step, time, joints.collect()));
+}
+
+/// Largest distance of a soft body's nodes from the trace at each recorded step, m, in rising order of steps.
+pub fn soft_distances(case: &Case) -> Vec<(u64, f64)> {
+    let mut simulation = Simulation::new(load_case(case, Start::AsWritten), 0.001);
+    let mut nodes = vec![[0.0; 3]; simulation.scene().soft_bodies[0].nodes];
+    let mut distances: Vec<(u64, f64)> = Vec::new();
+    let mut done = 0;
+    for (step, node, theirs) in soft_nodes(case) {
+        while done < step {
+            simulation.update(0.001).unwrap_or_else(|error| panic!("{}: {error}", case.name));
+            done += 1;
+        }
+        if distances.last().is_none_or(|last| last.0 != step) {
+            distances.push((step, 0.0));
+            let scene = simulation.scene();
+            scene.soft_bodies[0].read_nodes(&scene.world, &mut nodes);
+        }
+        let apart = (Vector3::from(nodes[node]) - theirs).norm();
+        let worst = &mut distances.last_mut().expect("just pushed").1;
+        // NaN must not pass as small.
+        if apart > *worst || apart.is_nan() {
+            *worst = apart;
+        }
+    }
+    distances
 }
