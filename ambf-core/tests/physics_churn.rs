@@ -123,7 +123,9 @@ fn churn(world: &mut World, things: &mut Things, random: &mut Random) {
             }
         }
         _ => {
-            soft_body.map(|handle| world.restore_soft_body(handle));
+            if let Some(handle) = soft_body {
+                world.restore_soft_body(handle);
+            }
             if let (Some(a), Some(b)) = (a, b) {
                 world.ignore_collision(a, b);
             }

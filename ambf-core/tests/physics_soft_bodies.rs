@@ -134,3 +134,17 @@ fn rigid_bodies_do_not_notice_the_kind_of_world() {
     };
     assert_eq!(end(World::new(Solver::default())), end(World::with_soft_bodies(Solver::default())));
 }
+
+#[test]
+fn a_cloth_slides_far_on_a_plane() {
+    let mut world = world();
+    world.set_gravity(Vector3::new(3.0, 0.0, -10.0));
+    world.add_body(RigidBody { shape: Shape::plane(Vector3::z(), 0.0, 0.0), ..ball(0.0, 0.0) });
+    let config = SoftConfig { kDF: 0.0, ..cloth(5).config };
+    let pose = Isometry3::translation(0.0, 0.0, 0.1);
+    let cloth = world.add_soft_body(&SoftBody { pose, config, ..cloth(5) }).unwrap();
+    run(&mut world, 2000);
+    let center = world.soft_center(cloth).unwrap();
+    // a t² / 2 along the plane, less what friction takes.
+    assert!(center.x > 2.0 && (0.0..0.2).contains(&center.z), "{center}");
+}

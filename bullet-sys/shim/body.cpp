@@ -1,7 +1,5 @@
 #include "internal.h"
 
-#include <cmath>
-
 extern "C" {
 
 AmbBody *amb_body_new(double mass, const double inertia[3], AmbShape *shape, const double pose[12]) {
@@ -61,11 +59,10 @@ int amb_bodies_first_non_finite(AmbBody *const *bodies, int n) {
   for (int i = 0; i < n; ++i) {
     if (!bodies[i]) continue;
     const btRigidBody &body = bodies[i]->body;
-    // A sum is finite only if each term is, short of an overflow that deserves the alarm too. A rotation that is not finite has
-    // a velocity that is not.
+    // A rotation that is not finite has a velocity that is not.
     const btVector3 sum = body.getWorldTransform().getOrigin() + body.getWorldTransform().getBasis()[0] +
                           body.getLinearVelocity() + body.getAngularVelocity();
-    if (!std::isfinite(sum.x() + sum.y() + sum.z())) return i;
+    if (!finite(sum)) return i;
   }
   return -1;
 }

@@ -2,6 +2,7 @@
 #ifndef AMB_INTERNAL_H
 #define AMB_INTERNAL_H
 
+#include <cmath>
 #include <cstdint>
 #include <memory>
 #include <vector>
@@ -96,6 +97,10 @@ struct AmbSoft : AmbObject {
   // Whether the nodes are where the narrow phase can deal with them, found once a sub-step.
   bool checked = false;
   bool sound = false;
+  // What of planes the narrow phase knows: about patch_radius around the projection of patch_center.
+  btVector3 patch_center{0, 0, 0};
+  btScalar patch_radius = 0;
+  bool left_patch = false;
 };
 
 inline AmbObject *object_of(const btCollisionObject *object) { return static_cast<AmbObject *>(object->getUserPointer()); }
@@ -150,10 +155,13 @@ void before_soft_sub_step(btDynamicsWorld *dynamics, btScalar dt);
 void after_soft_step(AmbWorld &world);
 void prepare_soft_rays(AmbWorld &world);
 void forget_in_soft_bodies(AmbWorld &world, AmbBody &body);
-// Whether the narrow phase may look at a pair one of which is a soft body.
-bool may_touch(const btCollisionObject &a, const btCollisionObject &b);
+// Before the narrow phase looks at a pair one of which is a soft body; false: it may not.
+bool prepare_soft_pair(btBroadphasePair &pair, const btCollisionObject &a, const btCollisionObject &b);
 
 inline btVector3 vector_of(const double v[3]) { return btVector3(v[0], v[1], v[2]); }
+
+// A sum is finite only if each term is, short of an overflow that deserves the alarm too.
+inline bool finite(const btVector3 &v) { return std::isfinite(v.x() + v.y() + v.z()); }
 
 inline btTransform transform_of(const double pose[12]) {
   return btTransform(btMatrix3x3(pose[3], pose[4], pose[5], pose[6], pose[7], pose[8], pose[9], pose[10], pose[11]),

@@ -7,6 +7,18 @@ namespace {
 // Directions are normalised in Bullet; the square of the length must be a number to divide by.
 bool castable(const btVector3 &from, const btVector3 &to) { return std::isnormal((to - from).length2()); }
 
+// Passes by objects without a pose: Bullet looks for the farthest point of their shape among numbers none of which is the largest.
+struct ClosestHit : btCollisionWorld::ClosestRayResultCallback {
+  using btCollisionWorld::ClosestRayResultCallback::ClosestRayResultCallback;
+
+  bool needsCollision(btBroadphaseProxy *proxy) const override {
+    const auto &object = *static_cast<const btCollisionObject *>(proxy->m_clientObject);
+    const btTransform &pose = object.getWorldTransform();
+    return finite(pose.getOrigin() + pose.getBasis()[0] + pose.getBasis()[1] + pose.getBasis()[2]) &&
+           ClosestRayResultCallback::needsCollision(proxy);
+  }
+};
+
 int target_of(const AmbObject &object) {
   switch (object.kind) {
     case ObjectKind::Body: return AmbTarget_Body;
@@ -26,7 +38,7 @@ void amb_world_cast_rays(AmbWorld *world, const AmbRay *rays, int n, AmbRayHit *
     hit.target = AmbTarget_None;
     const btVector3 from = vector_of(rays[i].from), to = vector_of(rays[i].to);
     if (!castable(from, to)) continue;
-    btCollisionWorld::ClosestRayResultCallback closest(from, to);
+    ClosestHit closest(from, to);
     world->world->rayTest(from, to, closest);
     if (!closest.hasHit()) continue;
     const AmbObject &object = *object_of(closest.m_collisionObject);

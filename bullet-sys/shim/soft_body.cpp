@@ -1,5 +1,6 @@
 #include "internal.h"
 
+#include <BulletSoftBody/btSoftBodyConcaveCollisionAlgorithm.h>
 #include <cmath>
 
 namespace {
@@ -10,8 +11,6 @@ constexpr btScalar kReach = 1e7;
 bool within_reach(const btVector3 &v) {
   return std::fabs(v.x()) < kReach && std::fabs(v.y()) < kReach && std::fabs(v.z()) < kReach;
 }
-
-bool finite(const btVector3 &v) { return std::isfinite(v.x() + v.y() + v.z()); }
 
 // Planes have no end, but are handed to the narrow phase in pieces as large as the soft body.
 bool within_reach(const btCollisionShape &shape) {
@@ -28,6 +27,20 @@ bool within_reach(const btCollisionShape &shape) {
   return within_reach(low) && within_reach(high);
 }
 
+// Bullet keeps the piece of a plane that lies below the soft body when they first meet, and never another: a cloth that slides off it
+// would fall through the ground.
+void follow_patch(AmbSoft &soft) {
+  btVector3 low, high;
+  soft.body.getAabb(low, high);
+  const btVector3 center = (low + high) / 2;
+  const btScalar radius = (high - low).length() / 2;
+  const btScalar moved = (center - soft.patch_center).length();
+  soft.left_patch = moved > soft.patch_radius / 8 || radius > soft.patch_radius * btScalar(1.2);
+  if (!soft.left_patch) return;
+  soft.patch_center = center;
+  soft.patch_radius = radius;
+}
+
 bool may_touch(const btCollisionObject &object) {
   AmbObject &owner = *object_of(&object);
   // Clusters would bounce off a ghost.
@@ -39,8 +52,13 @@ bool may_touch(const btCollisionObject &object) {
   if (!soft.checked) {
     soft.checked = soft.sound = true;
     for (int i = 0; soft.sound && i < soft.body.m_nodes.size(); ++i) soft.sound = within_reach(soft.body.m_nodes[i].m_x);
+    if (soft.sound) follow_patch(soft);
   }
   return soft.sound;
+}
+
+bool is_plane(const btCollisionObject &object) {
+  return object.getCollisionShape()->getShapeType() == STATIC_PLANE_PROXYTYPE;
 }
 
 // btAlignedObjectArray::resize needs an element to fill with, which the types here cannot be made without warnings.
@@ -127,7 +145,15 @@ void forget_in_soft_bodies(AmbWorld &world, AmbBody &body) {
   forget_shape(world.soft->getWorldInfo().m_sparsesdf, *body.shape);
 }
 
-bool may_touch(const btCollisionObject &a, const btCollisionObject &b) { return may_touch(a) && may_touch(b); }
+bool prepare_soft_pair(btBroadphasePair &pair, const btCollisionObject &a, const btCollisionObject &b) {
+  if (!may_touch(a) || !may_touch(b)) return false;
+  if (pair.m_algorithm && (is_plane(a) || is_plane(b))) {
+    const auto &soft = static_cast<const AmbSoft &>(*object_of(is_plane(a) ? &b : &a));
+    // What the collision configuration makes for a soft body and a concave shape.
+    if (soft.left_patch) static_cast<btSoftBodyConcaveCollisionAlgorithm *>(pair.m_algorithm)->clearCache();
+  }
+  return true;
+}
 
 extern "C" {
 

@@ -58,7 +58,8 @@ void near_callback(btBroadphasePair &pair, btCollisionDispatcher &dispatcher, co
   const auto &second = *static_cast<const btCollisionObject *>(pair.m_pProxy1->m_clientObject);
   const AmbObject &a = *object_of(&first), &b = *object_of(&second);
   if (a.ignores(b)) return;
-  if ((a.kind == ObjectKind::SoftBody || b.kind == ObjectKind::SoftBody) && !may_touch(first, second)) return;
+  const bool soft = a.kind == ObjectKind::SoftBody || b.kind == ObjectKind::SoftBody;
+  if (soft && !prepare_soft_pair(pair, first, second)) return;
   btCollisionDispatcher::defaultNearCallback(pair, dispatcher, info);
 }
 

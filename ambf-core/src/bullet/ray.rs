@@ -154,6 +154,10 @@ mod tests {
         world.cast_rays(&rays, &mut hits);
         assert_eq!(hits[..5], [None; 5]);
         assert!(hits[5].is_some(), "it ends in the sphere");
+        let lost = world.bodies()[0];
+        world.set_pose(lost, &Isometry3::translation(f64::NAN, 0.0, 0.0));
+        world.cast_rays(&rays, &mut hits);
+        assert_eq!(hits, [None; 6], "the sphere is nowhere");
     }
 
     #[test]
