@@ -83,7 +83,7 @@ fn ten_thousand_bodies_in_one_model() {
             )
             .expect("text");
         }
-        within(20, || {
+        within(60, || {
             let loaded = Folder::new().load(&text);
             assert_eq!(loaded.report.errors(), 0, "{}", loaded.report);
             assert_eq!(loaded.scene.bodies.len(), COUNT);
@@ -114,7 +114,7 @@ fn ten_thousand_joints_in_a_chain() {
         )
         .expect("text");
     }
-    within(20, || {
+    within(60, || {
         let loaded = Folder::new().load(&text);
         assert_eq!(loaded.report.errors(), 0, "{}", loaded.report);
         assert_eq!(loaded.scene.joints.len(), COUNT);
@@ -140,7 +140,7 @@ fn an_stl_of_50_mb() {
         }
         bytes.extend([0; 2]);
     }
-    let mesh = within(20, || mesh::parse(bytes, Path::new("m.stl")).expect("read"));
+    let mesh = within(60, || mesh::parse(bytes, Path::new("m.stl")).expect("read"));
     assert_eq!(mesh.triangle_count(), triangles);
     assert!(mesh.vertex_count() < triangles * 11 / 10, "not welded");
 }
@@ -157,7 +157,7 @@ fn an_obj_of_50_mb() {
             writeln!(text, "f {count} {} {}", count - 1, count - 1000).expect("text");
         }
     }
-    let mesh = within(20, || mesh::parse(text.into_bytes(), Path::new("m.obj")).expect("read"));
+    let mesh = within(60, || mesh::parse(text.into_bytes(), Path::new("m.obj")).expect("read"));
     assert_eq!(mesh.triangle_count(), count as usize - 1000);
 }
 
@@ -271,7 +271,7 @@ fn lines_of_10_mb() {
     ] {
         let text = format!("{begin}{}{end}\n", unit.repeat(LENGTH / unit.len()));
         // What comes of it does not matter, only that something does.
-        let message = within(20, || match adf::parse::<Model>(&text, Path::new("m.yaml")) {
+        let message = within(60, || match adf::parse::<Model>(&text, Path::new("m.yaml")) {
             Ok((_, report)) => report.to_string(),
             Err(error) => error.to_string(),
         });
@@ -364,5 +364,91 @@ fn scenes_that_are_no_files() {
     let files = SceneFiles { world: Some(environment), models: refused.to_vec() };
     let loaded = within(10, || load(&files, &SceneOptions::default()));
     assert_eq!(loaded.report.refused.len(), refused.len() + 1, "{:#?}", loaded.report.refused);
+    step(loaded);
+}
+
+/// A dynamic body A and a static one B, with `lists` and `more` beside them.
+fn with_two_bodies(lists: &str, more: &str) -> String {
+    format!(
+        "bodies: [A, B]\n{lists}\nA: {{name: A, mass: 1, collision shape: Box, collision geometry: {{x: 1, y: 1, z: 0.2}}}}\n\
+         B: {{name: B, mass: 0, collision shape: Box, collision geometry: {{x: 9, y: 9, z: 1}}, location: {{position: {{x: 0, y: 0, z: -2}}}}}}\n\
+         {more}"
+    )
+}
+
+#[test]
+fn sensors_without_rays_or_with_too_many() {
+    let folder = Folder::new();
+    folder.write("flat.obj", "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n");
+    let none = "S: {name: S, type: Proximity, parent: A, array: []}\nT: {name: T, type: Proximity, parent: A, mesh: flat.obj}\n";
+    let loaded = folder.load(&with_two_bodies("sensors: [S, T]", none));
+    assert_eq!((loaded.report.errors(), loaded.scene.sensors.len()), (2, 0), "{}", loaded.report);
+    step(loaded);
+
+    let fan =
+        "{name: s, type: Proximity, parent: A, parametric: {resolution: 1000, horizontal angle: 1, vertical angle: 1, \
+               start offset: 0}}";
+    let names: Vec<_> = (0..100).map(|i| format!("S{i}")).collect();
+    let fans: String = names.iter().map(|name| format!("{name}: {fan}\n")).collect();
+    let text = with_two_bodies(&format!("sensors: [{}]", names.join(", ")), &fans);
+    let loaded = within(60, || folder.load(&text));
+    assert_eq!((loaded.report.errors(), loaded.scene.sensors.len()), (99, 1), "{}", loaded.report);
+    assert!(loaded.report.to_string().contains("more than 1000000"), "{}", loaded.report);
+    within(60, || step(loaded));
+}
+
+#[test]
+fn a_stack_of_four_thousand_million_images() {
+    let text = with_two_bodies(
+        "volumes: [V]",
+        "V: {name: V, images: {path: slices, prefix: s, format: png, count: 4000000000}}\n",
+    );
+    step(within(5, || Folder::new().load(&text)));
+}
+
+#[test]
+fn soft_bodies_of_surfaces_that_enclose_nothing() {
+    for (mesh, what) in [
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "one triangle"),
+        ("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n", "an open sheet"),
+        ("v 0 0 0\nv 0 0 1\nv 1 0 0\nv 0 1 0\nv -1 -1 0\nf 1 2 3\nf 1 2 4\nf 1 2 5\n", "three pages on a spine"),
+        ("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\nf 1 1 2\n", "triangles without an area"),
+        ("v 0 0 0\n", "a point"),
+    ] {
+        let folder = Folder::new();
+        folder.write("soft.obj", mesh);
+        for keys in
+            ["", "kPR: 100", "kVC: 1, kMT: 0.5, bending constraint: 5", "clusters: 3, flags: 34, citerations: 10"]
+        {
+            let soft = format!("F: {{name: F, mass: 1, mesh: soft.obj, collision margin: 0.01, config: {{{keys}}}}}\n");
+            let loaded = folder.load(&with_two_bodies("soft bodies: [F]", &soft));
+            // Either it is refused with a reason, or it moves and stays finite.
+            assert_eq!(loaded.scene.soft_bodies.len() + loaded.report.errors(), 1, "{what}, {keys}: {}", loaded.report);
+            let mut simulation = Simulation::new(loaded.scene, DEFAULT_SUB_STEP);
+            for _ in 0..200 {
+                simulation.update(DEFAULT_SUB_STEP).unwrap_or_else(|error| panic!("{what}, {keys}: {error}"));
+            }
+        }
+    }
+}
+
+#[test]
+fn vehicles_that_cannot_drive() {
+    let wheel =
+        "{mesh: none.obj, radius: 0.2, suspension: {stiffness: 10, damping: 1, compression: 1, rest length: 0.2}, \
+                 down direction: {x: 0, y: 0, z: -1}, axle direction: {x: 1, y: 0, z: 0}, offset: {x: 0, y: 0, z: 0}}";
+    let text = with_two_bodies(
+        "vehicles: [V, W, X]",
+        &format!(
+            "V: {{name: V, chassis: A, wheels: []}}\nW: {{name: W, chassis: B, wheels: [{wheel}]}}\n\
+             X: {{name: X, chassis: C, wheels: [{wheel}]}}\n"
+        ),
+    );
+    let loaded = Folder::new().load(&text);
+    let message = loaded.report.to_string();
+    assert_eq!((loaded.report.errors(), loaded.scene.vehicles.len()), (2, 1), "{message}");
+    for part in ["`V` has no wheels", "`W` is dropped: its chassis has no mass", "`X` is dropped"] {
+        assert!(message.contains(part), "{part}: {message}");
+    }
     step(loaded);
 }

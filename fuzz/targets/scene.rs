@@ -1,13 +1,15 @@
 //! A scene from any model, and of any world before a line `=====`: built, stepped, told a few things and reset without a crash.
 #![no_main]
 
+mod numbers;
+
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
 use ambf_core::comm::JointCommandType;
 use ambf_core::scene::{load, Loaded, SceneFiles, SceneOptions};
 use ambf_core::sim::{Simulation, DEFAULT_SUB_STEP};
-use libfuzzer_sys::fuzz_target;
+use libfuzzer_sys::{fuzz_mutator, fuzz_target};
 use nalgebra::Vector3;
 
 /// Meshes that models may name.
@@ -35,6 +37,10 @@ fn folder() -> &'static PathBuf {
         folder
     })
 }
+
+fuzz_mutator!(|data: &mut [u8], size: usize, max_size: usize, seed: u32| {
+    numbers::mutate(data, size, max_size, seed)
+});
 
 fuzz_target!(|text: &str| {
     let (world, model) = text.split_once("=====\n").unwrap_or((WORLD, text));

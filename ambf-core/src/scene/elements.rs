@@ -2,12 +2,15 @@
 
 use super::build::{ray_mesh, Builder};
 use super::placed::Placed;
-use super::sensor::{rays_of, Resistance, Sensor};
+use super::sensor::{ray_count, rays_of, Resistance, Sensor};
 use super::{shape, soft_body, Actuator, Ghost, SoftBody, Vehicle, Wheel};
 use crate::adf::{self, CollisionGeometry, SensorKind, Severity, WheelVisual};
 use crate::bullet;
 use crate::comm::{ActuatorInfo, SensorInfo, SensorType};
 use crate::control::Profile;
+
+/// Rays of all sensors of a scene. A few keys can ask for a million each, which take a quarter of a gigabyte.
+const MAX_RAYS: usize = 1_000_000;
 
 impl Builder<'_> {
     pub(super) fn add_soft_body(&mut self, soft: &adf::SoftBody) {
@@ -61,6 +64,12 @@ impl Builder<'_> {
             },
             None => None,
         };
+        let known: usize = self.scene.sensors.iter().map(|sensor| sensor.rays.len()).sum();
+        let wanted = ray_count(&sensor.rays, mesh.as_deref());
+        if known + wanted > MAX_RAYS {
+            let why = format!("with its {wanted} rays the scene would have more than {MAX_RAYS}");
+            return self.drop_element(&sensor.common, why);
+        }
         let rays = rays_of(&sensor.rays, mesh.as_deref());
         let (kind, range, resistance) = match sensor.kind {
             SensorKind::Proximity => (SensorType::Proximity, sensor.range, None),

@@ -290,6 +290,15 @@ fn tangential(drift: &Vector3<f64>, normal: &Vector3<f64>) -> Vector3<f64> {
     along * along.dot(drift)
 }
 
+/// Number of rays that [`rays_of`] gives at most.
+pub(super) fn ray_count(source: &RaySource, mesh: Option<&Mesh>) -> usize {
+    match source {
+        RaySource::Array(rays) => rays.len(),
+        RaySource::Mesh { .. } => mesh.map_or(0, Mesh::triangle_count),
+        RaySource::Parametric { resolution, .. } => (*resolution as usize).saturating_mul(*resolution as usize),
+    }
+}
+
 /// The rays of a source in the sensor frame; `mesh` is that of a mesh source.
 pub(super) fn rays_of(source: &RaySource, mesh: Option<&Mesh>) -> Vec<LocalRay> {
     match source {
