@@ -11,7 +11,7 @@ use ambf_app::cli::CheckOptions;
 use serde_json::Value;
 
 const TEXT: &str = include_str!("legacy_report.md");
-/// Steps that are timed, after one in which everything is touched for the first time.
+/// Steps that are timed.
 const STEPS: u32 = 1000;
 /// Numbers in the columns of the table.
 const ELEMENTS: [(&str, &str); 10] = [
@@ -132,6 +132,14 @@ fn table(folder: &Path, launch_file: &Path, programs: &Programs<'_>) -> (usize, 
     (files.len(), table)
 }
 
+/// The processor and the number of its cores.
+fn machine() -> String {
+    let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let model = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(": ")).map(|(_, name)| name);
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    format!("{}, {cores} cores", model.unwrap_or("processor unknown"))
+}
+
 fn run() -> Result<(), String> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..").canonicalize().map_err(|error| error.to_string())?;
     // Programs lie in the folder above that of examples.
@@ -146,6 +154,7 @@ fn run() -> Result<(), String> {
     let text = TEXT
         .replace("{count}", &count.to_string())
         .replace("{steps}", &STEPS.to_string())
+        .replace("{machine}", &machine())
         .replace("{original}", &original)
         .replace("{own_count}", &own_count.to_string())
         .replace("{own}", &own);

@@ -3,6 +3,7 @@
 mod batch_common;
 
 use std::fmt::Write as _;
+use std::path::Path;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
@@ -169,7 +170,10 @@ fn meshes_are_looked_for_and_said_once() {
          C: {mass: 1, mesh: x.ply, collision shape: Sphere, collision geometry: {radius: 1}}\n",
     );
     assert_eq!(found.len(), 3, "{found:#?}");
-    assert_eq!(found[0], "m.yaml:2:14: error: `A / mesh` is of no use: absent.stl does not exist; the body is dropped");
+    assert_eq!(
+        found[0],
+        "m.yaml:2:14: error: `A / mesh` cannot be used: absent.stl does not exist; the body is dropped"
+    );
     assert!(found[1].contains("warning") && found[1].contains("`There.STL` does"), "{found:#?}");
     assert!(found[1].ends_with("it is not drawn (the C++ program: drops the element)"), "{found:#?}");
     assert!(found[2].contains("x.ply does not exist"), "{found:#?}");
@@ -398,4 +402,50 @@ fn models_of_a_scene_are_built_together() {
     let (document, status) = check(&folder, "-l 99");
     assert_eq!(status, 2);
     assert!(problem(&document, "no such model")["message"].as_str().expect("a text").contains("99"));
+}
+
+#[test]
+fn robot_descriptions_are_models() {
+    let folder = Folder::new();
+    let mesh = |file: &str| format!("<geometry><mesh filename='{file}'/></geometry>");
+    folder.write(
+        "r.urdf",
+        &format!(
+            "<robot name='r'><link name='a'><visual>{}</visual><collision>{}</collision></link></robot>",
+            mesh("x.stl"),
+            mesh("y.stl")
+        ),
+    );
+    folder.write("broken.urdf", "<robot name='r'><link");
+    let (document, status) = check(&folder, "r.urdf");
+    assert_eq!((status, &document["errors"]), (2, &1.into()), "{document:#}");
+    assert_eq!(document["files"][0]["meshes"]["missing"], 2);
+    assert_eq!((&document["files"][0]["kind"], &document["files"][0]["built"]["bodies"]), (&"model".into(), &1.into()));
+    assert_eq!(problem(&document, "robot description")["original"], "reads none");
+    let (document, status) = check(&folder, "broken.urdf");
+    assert_eq!(status, 2);
+    assert_eq!(problem(&document, "syntax")["line"], 1);
+}
+
+#[test]
+fn scenes_of_the_original_are_checked() {
+    let unpack = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/legacy/unpack");
+    if !unpack.exists() {
+        eprintln!("SKIPPED: {} does not exist", unpack.display());
+        return;
+    }
+    let output = Command::new(&unpack).output().expect("unpack runs");
+    let models = String::from_utf8(output.stdout).expect("a path");
+    let folder = Folder::new();
+    let (document, status) = check(&folder, &format!("{}/descriptions/launch.yaml", models.trim()));
+    assert_eq!(status, 2, "some meshes are missing");
+    assert_eq!(document["files"][0]["built"]["models"], 23);
+    let problems = document["problems"].as_array().expect("a list");
+    assert!(problems.iter().all(|problem| problem["file"].as_str().is_some_and(|file| file.ends_with(".yaml"))));
+    let errors = problems.iter().filter(|problem| problem["severity"] == "error");
+    for error in errors {
+        // Nothing but what is not there, and what hangs on it.
+        let message = error["message"].as_str().expect("a text");
+        assert!(message.contains("does not exist") || message.contains("is not found"), "{error:#}");
+    }
 }

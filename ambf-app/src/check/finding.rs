@@ -66,7 +66,7 @@ pub struct Finding {
 
 impl Finding {
     /// A finding of the linter itself at an entry of a file: `` `path` sentence``.
-    pub fn new(level: Level, kind: &'static str, place: SourcePos, path: &[&str], sentence: &str) -> Self {
+    pub(super) fn new(level: Level, kind: &'static str, place: SourcePos, path: &[&str], sentence: &str) -> Self {
         let joined = path.join(" / ");
         let quoted = if joined.is_empty() { String::new() } else { format!("`{joined}` ") };
         Self {
@@ -84,7 +84,7 @@ impl Finding {
     }
 
     /// Something that is fine here and different in the C++ program.
-    pub fn differs(difference: &Difference, entry: Entry<'_>, path: &[&str]) -> Self {
+    pub(super) fn differs(difference: &Difference, entry: Entry<'_>, path: &[&str]) -> Self {
         let mut whole = path.to_vec();
         if !difference.key.is_empty() {
             whole.push(difference.key);
@@ -96,7 +96,7 @@ impl Finding {
     }
 
     /// A problem that the reader met in an element called `element`.
-    pub fn of_problem(problem: &Problem, element: &str) -> Self {
+    pub(super) fn of_problem(problem: &Problem, element: &str) -> Self {
         Self {
             level: problem.severity.into(),
             kind: problem.kind.name(),
@@ -112,12 +112,18 @@ impl Finding {
     }
 
     /// A remark made while the scene was built.
-    pub fn of_note(note: &Note) -> Self {
-        Self::new(note.severity.into(), "scene", note.source.clone(), &[], &note.message)
+    pub(super) fn of_note(note: &Note) -> Self {
+        let mut finding = Self::new(note.severity.into(), "scene", note.source.clone(), &[], &note.message);
+        // Messages begin with the element that they are about.
+        if let Some((element, _)) = note.message.strip_prefix('`').and_then(|text| text.split_once('`')) {
+            finding.path = element.to_owned();
+            finding.key = element.to_owned();
+        }
+        finding
     }
 
     /// Why a file could not be read at all.
-    pub fn of_error(error: &LoadError, file: &std::path::Path) -> Self {
+    pub(super) fn of_error(error: &LoadError, file: &std::path::Path) -> Self {
         let whole = SourcePos { file: file.into(), line: 0, column: 0 };
         let (kind, place) = match error {
             LoadError::NotText { at, .. } => ("no text", at.clone()),

@@ -7,7 +7,7 @@ use ambf_core::adf::{Problem, ProblemKind as K};
 
 /// Something that is fine here and different in the C++ program.
 #[derive(Debug, PartialEq, Eq)]
-pub struct Difference {
+pub(super) struct Difference {
     /// A few words that stay the same, for tools.
     pub kind: &'static str,
     /// Key of the element that it is about; empty: the element as a whole.
@@ -211,7 +211,7 @@ const PROBLEMS: &[(&str, K, &str, &str)] = &[
     ("input device", K::MissingKey, "p", "ends with an uncaught exception"),
     ("input device", K::MissingKey, "P", "ends with an uncaught exception"),
     ("input device", K::MissingKey, "D", "ends with an uncaught exception"),
-    ("input device", K::OutOfRange, "g1", "uses the button for both"),
+    ("input device", K::OutOfRange, "g1", "uses the button for both, unless it is 0, which it takes for none"),
     ("input device", K::OutOfRange, "deadband", "uses it as it is"),
     ("launch file", K::MissingKey, "", "ends with exit status 255"),
     ("colours", K::WrongType, "", "never opens a colour table"),

@@ -83,7 +83,7 @@ impl<'a> Pass<'a> {
     pub fn missing(&mut self, level: Level, common: &Common, key: &str, why: &str, consequence: &str) {
         let place = self.place(common, key);
         let path = [common.identifier.as_str(), key];
-        self.say(level, "missing file", place, &path, &format!("is of no use: {why}; {consequence}"));
+        self.say(level, "missing file", place, &path, &format!("cannot be used: {why}; {consequence}"));
         if let Some(finding) = self.findings.last_mut() {
             finding.action = consequence.to_owned();
             finding.original = match (level, key) {
@@ -97,7 +97,7 @@ impl<'a> Pass<'a> {
     /// Looks for a file beside meshes at `path` in the outline.
     pub fn other_file(&mut self, place: &SourcePos, path: &[&str], file: &Path, consequence: &str) {
         if let Some(why) = self.files.other(file) {
-            let sentence = format!("is of no use: {why}; {consequence}");
+            let sentence = format!("cannot be used: {why}; {consequence}");
             self.say(Level::Warning, "missing file", place.clone(), path, &sentence);
         }
     }

@@ -1,0 +1,507 @@
+//! From file to file: what is named is checked too.
+
+use std::collections::{HashMap, HashSet};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use ambf_core::adf::{self, ColorTable, FileKind, InputDevices, Launch, LoadError, Outline, Report, SourcePos, World};
+use ambf_core::scene::{load, read_model, Loaded, SceneFiles, SceneOptions};
+use ambf_core::urdf;
+
+use super::files::Files;
+use super::finding::{Finding, Level};
+use super::pass::Pass;
+use super::summary::{built, written, Counts, Row};
+use super::{device, model, original, view, Checked};
+use crate::cli::CheckOptions;
+use crate::launch;
+
+/// Names of colours, and the file they come from.
+#[derive(Debug)]
+struct Colours {
+    file: PathBuf,
+    table: ColorTable,
+}
+
+impl Colours {
+    fn load(file: &Path) -> Option<Arc<Self>> {
+        let (table, _) = adf::load::<ColorTable>(file).ok()?;
+        Some(Arc::new(Self { file: file.to_owned(), table }))
+    }
+
+    /// The table that a launch file names; what is wrong with either is said where they are checked.
+    fn beside(launch_file: &Path) -> Option<Arc<Self>> {
+        let (launch, _) = adf::load::<Launch>(launch_file).ok()?;
+        Self::load(&launch.color_config?)
+    }
+
+    fn knows(&self, name: &str) -> bool {
+        name == "random" || self.table.colors.contains_key(name)
+    }
+}
+
+/// What the file that names another one says about it.
+#[derive(Debug, Clone, Default)]
+struct Context {
+    /// World that models are built in; `None`: an empty one.
+    world: Option<PathBuf>,
+    /// Colour table of the launch file.
+    colours: Option<Arc<Colours>>,
+    /// Place that names the file.
+    named_at: Option<SourcePos>,
+    /// Models are built later, together with others.
+    built_elsewhere: bool,
+}
+
+/// Goes from file to file and collects what is found.
+#[derive(Default)]
+pub(super) struct Checker {
+    findings: Vec<Finding>,
+    rows: Vec<Row>,
+    /// Files by canonical path: how each was named first.
+    names: HashMap<PathBuf, Arc<Path>>,
+    order: HashMap<Arc<Path>, usize>,
+    /// Elements of worlds without a model.
+    empty_worlds: HashMap<Option<PathBuf>, Counts>,
+    colours: Option<Arc<Colours>>,
+}
+
+impl Checker {
+    /// `launch_file` gives the names of colours to files that no other launch file names.
+    pub fn new(launch_file: &Path) -> Self {
+        Self { colours: Colours::beside(launch_file), ..Self::default() }
+    }
+
+    /// Checks a file that the command line names.
+    pub fn named(&mut self, path: &Path) {
+        self.file(path, None, &Context::default());
+    }
+
+    /// Checks a file unless it was checked before.
+    fn file(&mut self, path: &Path, expected: Option<FileKind>, context: &Context) {
+        let canonical = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+        if self.names.contains_key(&canonical) {
+            return;
+        }
+        let name: Arc<Path> = path.into();
+        self.names.insert(canonical, Arc::clone(&name));
+        self.order.insert(name, self.order.len());
+        let row = self.rows.len();
+        let kind = expected.map_or("?", FileKind::words);
+        self.rows.push(Row { file: path.display().to_string(), kind, ..Row::default() });
+
+        // It is read more than once, which a pipe cannot give.
+        if path.metadata().is_ok_and(|metadata| !metadata.is_file()) {
+            let place = SourcePos { file: path.into(), line: 0, column: 0 };
+            let sentence = "is no regular file; it is not checked";
+            return self.findings.push(Finding::new(Level::Error, "unreadable", place, &[], sentence));
+        }
+        let is_urdf = urdf::is_urdf(path);
+        let outline = match if is_urdf { Ok(Outline::empty(path)) } else { Outline::load(path) } {
+            Ok(outline) => outline,
+            Err(error) => return self.unreadable(&error, path, expected, context),
+        };
+        let kind = if is_urdf { FileKind::Model } else { self.kind(&outline, expected, context) };
+        self.rows[row].kind = kind.words();
+        self.rows[row].written = written(&outline, kind);
+        self.rows[row].built = Some(Counts::default());
+        match kind {
+            FileKind::Launch => self.launch(&outline, row),
+            FileKind::World => self.world(&outline, row, context),
+            FileKind::Model => self.model(&outline, row, context),
+            FileKind::InputDevices => self.devices(&outline, row, context),
+            FileKind::ColorTable => self.color_table(&outline, row),
+        }
+    }
+
+    fn unreadable(&mut self, error: &LoadError, path: &Path, expected: Option<FileKind>, context: &Context) {
+        let mut finding = Finding::of_error(error, path);
+        if expected == Some(FileKind::World) {
+            finding.original = Some(original::WORLD_UNUSABLE);
+        }
+        if let (Some(place), true) = (&context.named_at, finding.place.line == 0) {
+            finding.sentence += &format!("; it is named in {place}");
+        }
+        self.findings.push(finding);
+    }
+
+    /// What a file is taken for.
+    fn kind(&mut self, outline: &Outline, expected: Option<FileKind>, context: &Context) -> FileKind {
+        let found = outline.kind();
+        let say =
+            |sentence: String| Finding::new(Level::Warning, "kind of file", outline.root().source(), &[], &sentence);
+        match (expected, found) {
+            (Some(expected), Some(found)) if expected != found => {
+                let place = context.named_at.as_ref().map_or(String::new(), |place| format!(" in {place}"));
+                let (expected_words, found) = (expected.words(), found.words());
+                self.findings.push(say(format!("is named as {expected_words}{place}, its keys are those of: {found}")));
+                expected
+            }
+            (Some(expected), _) => expected,
+            (None, Some(found)) => found,
+            (None, None) => {
+                self.findings.push(say("no key tells what this file is; it is taken for a model".into()));
+                FileKind::Model
+            }
+        }
+    }
+
+    /// Reads a file and takes over what the reader has to say.
+    fn read<T: adf::Description>(&mut self, outline: &Outline, row: usize) -> Option<T> {
+        self.described(adf::load::<T>(outline.file()), outline, row)
+    }
+
+    fn described<T>(&mut self, read: Result<(T, Report), LoadError>, outline: &Outline, row: usize) -> Option<T> {
+        let elements = Elements::of(outline);
+        match read {
+            Ok((description, report)) => {
+                self.report(&report, &elements, row);
+                Some(description)
+            }
+            Err(LoadError::Refused { report, .. }) => {
+                self.report(&report, &elements, row);
+                None
+            }
+            Err(error) => {
+                self.findings.push(Finding::of_error(&error, outline.file()));
+                None
+            }
+        }
+    }
+
+    fn report(&mut self, report: &Report, elements: &Elements<'_>, row: usize) {
+        let row = &mut self.rows[row];
+        for problem in report.problems() {
+            match problem.kind {
+                adf::ProblemKind::UnknownKey => row.unknown_keys += 1,
+                adf::ProblemKind::IgnoredKey => row.ignored_keys += 1,
+                _ => (),
+            }
+            let default = row.kind;
+            self.findings.push(Finding::of_problem(problem, elements.kind_of(&problem.path).unwrap_or(default)));
+        }
+        let unlisted = report.warnings() + report.errors() - report.problems().len();
+        if unlisted > 0 {
+            let place = SourcePos { file: Path::new(&row.file).into(), line: 0, column: 0 };
+            let sentence = format!("{unlisted} further problems are not listed");
+            let level = if report.errors() > 0 { Level::Error } else { Level::Warning };
+            self.findings.push(Finding::new(level, "too many", place, &[], &sentence));
+        }
+    }
+
+    fn launch(&mut self, outline: &Outline, row: usize) {
+        let Some(launch) = self.read::<Launch>(outline, row) else { return };
+        let mut pass = Pass::new(outline);
+        pass.plugins(&[], &launch.plugins);
+        let models = launch.multibody_configs.clone().unwrap_or_default();
+        let named = [&launch.world_config, &launch.input_devices_config, &launch.color_config];
+        let exist = |paths: &mut dyn Iterator<Item = &PathBuf>| paths.filter(|path| path.is_file()).count();
+        let (mut built, mut others) = (Counts::default(), Files::default());
+        built.set("models", exist(&mut models.iter()));
+        named.into_iter().flatten().for_each(|path| drop(others.other(path)));
+        self.rows[row].others = others.others();
+        self.rows[row].built = Some(built);
+        self.take(pass, row);
+
+        let root = outline.root();
+        let colours = launch.color_config.as_deref().and_then(Colours::load);
+        let at = |key: &str| Context {
+            world: launch.world_config.clone(),
+            colours: colours.clone(),
+            named_at: root.get(key).map(|entry| entry.source()),
+            built_elsewhere: false,
+        };
+        for (key, kind, path) in [
+            ("world config", FileKind::World, &launch.world_config),
+            ("input devices config", FileKind::InputDevices, &launch.input_devices_config),
+            ("color config", FileKind::ColorTable, &launch.color_config),
+        ] {
+            if let Some(path) = path {
+                self.file(path, Some(kind), &at(key));
+            }
+        }
+        let places = root.get("multibody configs").into_iter().flat_map(|list| list.items());
+        for (model, entry) in models.iter().zip(places) {
+            let context = Context { named_at: Some(entry.source()), ..at("multibody configs") };
+            self.file(model, Some(FileKind::Model), &context);
+        }
+    }
+
+    fn world(&mut self, outline: &Outline, row: usize, context: &Context) {
+        let Some(world) = self.read::<World>(outline, row) else { return };
+        let mut pass = Pass::new(outline);
+        view::world(&mut pass, &world);
+        self.take(pass, row);
+        let path = outline.file().to_path_buf();
+        let mut built = self.empty_world(Some(&path));
+        // The environment is a file of its own, with a line of its own.
+        for what in ["bodies", "joints"] {
+            built.set(what, 0);
+        }
+        self.rows[row].built = Some(only_written(built, &self.rows[row].written));
+        if let Some(environment) = &world.environment {
+            let named_at = outline.root().get("environment").map(|entry| entry.source());
+            let context = Context { named_at, world: None, ..context.clone() };
+            self.file(environment, Some(FileKind::Model), &context);
+        }
+    }
+
+    fn model(&mut self, outline: &Outline, row: usize, context: &Context) {
+        let first = self.findings.len();
+        let described = self.described(read_model(outline.file()), outline, row);
+        if let Some(described) = &described {
+            let mut pass = Pass::new(outline);
+            model::model(&mut pass, described);
+            self.take(pass, row);
+            self.look_up_colours(outline, row, context);
+        }
+        if urdf::is_urdf(outline.file()) {
+            // All there is to say of the C++ program.
+            self.findings[first..].iter_mut().for_each(|finding| finding.original = None);
+            self.findings.push(Finding::differs(&original::ROBOT_DESCRIPTION, outline.root(), &[]));
+            if let Some(described) = &described {
+                self.rows[row].written.set("bodies", described.bodies.len());
+                self.rows[row].written.set("joints", described.joints.len());
+            }
+        }
+        if context.built_elsewhere {
+            self.rows[row].built = None;
+        } else if described.is_some() {
+            let world = context.world.as_deref();
+            let built = self.build(world, &[outline.file().to_path_buf()]);
+            self.rows[row].built = Some(built);
+        }
+    }
+
+    fn devices(&mut self, outline: &Outline, row: usize, context: &Context) {
+        let Some(devices) = self.read::<InputDevices>(outline, row) else { return };
+        let mut pass = Pass::new(outline);
+        let mut built = Counts::default();
+        built.set("devices", devices.entries.iter().flatten().count());
+        self.rows[row].built = Some(built);
+        let mut models = Vec::new();
+        for device in devices.entries.iter().flatten() {
+            device::differences(&mut pass, device);
+            let Some(path) = &device.simulated_multibody else { continue };
+            let entry = pass.entry(&device.identifier).and_then(|entry| entry.get("simulated multibody"));
+            let place = entry.map_or_else(|| device.source.clone(), |entry| entry.source());
+            let keys = [device.identifier.as_str(), "simulated multibody"];
+            pass.other_file(&place, &keys, path, "the device is dropped");
+            if path.is_file() {
+                device::root_link(&mut pass, device, path);
+                models.push((path.clone(), place));
+            }
+        }
+        self.take(pass, row);
+        for (path, place) in models {
+            let context = Context { named_at: Some(place), ..context.clone() };
+            self.file(&path, Some(FileKind::Model), &context);
+        }
+    }
+
+    fn color_table(&mut self, outline: &Outline, row: usize) {
+        let Some(table) = self.read::<ColorTable>(outline, row) else { return };
+        let mut built = Counts::default();
+        built.set("colours", table.colors.len());
+        self.rows[row].built = Some(built);
+    }
+
+    /// Checks models as `-l` and `-a` load them: one after the other into one world.
+    pub fn together(&mut self, options: &CheckOptions, model_files: &[PathBuf], indexes: &[usize]) {
+        let needs_launch = options.world.is_none() || !indexes.is_empty();
+        let launch = needs_launch.then(|| adf::load::<Launch>(&options.launch_file));
+        let launch = match launch {
+            Some(Ok((launch, _))) => Some(launch),
+            Some(Err(_)) => {
+                // Says what is wrong with it.
+                self.file(&options.launch_file, Some(FileKind::Launch), &Context::default());
+                None
+            }
+            None => None,
+        };
+        let (files, skipped) = launch::scene_files(launch.as_ref(), options.world.as_deref(), model_files, indexes);
+        let place = SourcePos { file: options.launch_file.as_path().into(), line: 0, column: 0 };
+        for sentence in skipped {
+            self.findings.push(Finding::new(Level::Error, "no such model", place.clone(), &[], &sentence));
+        }
+        let alone = files.models.len() == 1;
+        let context = Context { world: files.world.clone(), built_elsewhere: !alone, ..Context::default() };
+        if let Some(world) = &files.world {
+            self.file(world, Some(FileKind::World), &context);
+        }
+        for model in &files.models {
+            self.file(model, Some(FileKind::Model), &context);
+        }
+        if !alone && !files.models.is_empty() {
+            let built = self.build(files.world.as_deref(), &files.models);
+            let of = |path: &PathBuf| {
+                let name = path.canonicalize().ok().and_then(|path| self.names.get(&path).cloned());
+                let row = name.and_then(|name| self.order.get(&name).copied());
+                row.map_or(Counts::default(), |row| self.rows[row].written)
+            };
+            let written = files.models.iter().map(of).fold(Counts::default(), |sum, one| sum.plus(&one));
+            let file = format!("{} models together", files.models.len());
+            self.rows.push(Row { file, kind: "scene", written, built: Some(built), ..Row::default() });
+        }
+    }
+
+    /// Builds models in a world and takes over the remarks on it; what the models have made.
+    fn build(&mut self, world: Option<&Path>, models: &[PathBuf]) -> Counts {
+        let empty = self.empty_world(world);
+        let files = SceneFiles { world: world.map(Path::to_owned), models: models.to_vec() };
+        let Loaded { scene, report } = load(&files, &SceneOptions::default());
+        self.findings.extend(report.notes.iter().map(Finding::of_note));
+        built(&scene).minus(&empty)
+    }
+
+    /// What a world has before any model is in it.
+    fn empty_world(&mut self, world: Option<&Path>) -> Counts {
+        let world = world.map(Path::to_owned);
+        if let Some(counts) = self.empty_worlds.get(&world) {
+            return *counts;
+        }
+        let files = SceneFiles { world: world.clone(), models: Vec::new() };
+        let Loaded { scene, report } = load(&files, &SceneOptions::default());
+        self.findings.extend(report.notes.iter().map(Finding::of_note));
+        let counts = built(&scene);
+        self.empty_worlds.insert(world, counts);
+        counts
+    }
+
+    /// Takes over what a walk over a file found.
+    fn take(&mut self, pass: Pass<'_>, row: usize) {
+        let row = &mut self.rows[row];
+        row.meshes = pass.files.meshes();
+        let others = pass.files.others();
+        row.others.named += others.named;
+        row.others.found += others.found;
+        row.kept = pass.kept();
+        self.findings.extend(pass.findings);
+    }
+
+    /// Colours by name have no effect, but a name that is in no table is a mistake even so.
+    fn look_up_colours(&mut self, outline: &Outline, row: usize, context: &Context) {
+        let Some(colours) = context.colours.clone().or_else(|| self.colours.clone()) else { return };
+        let root = outline.root();
+        let mut named = 0;
+        for list in ["bodies", "soft bodies", "ghost objects", "volumes"] {
+            let listed = root.get(list).into_iter().flat_map(|list| list.items()).filter_map(|name| name.text());
+            for identifier in listed {
+                let Some(color) = root.get(identifier).and_then(|element| element.get("color")) else { continue };
+                let Some(name) = color.text().filter(|name| !name.is_empty()) else { continue };
+                named += 1;
+                if !colours.knows(name) {
+                    let sentence = format!("is `{name}`, which {} does not hold", colours.file.display());
+                    let path = [identifier, "color"];
+                    self.findings.push(Finding::new(
+                        Level::Warning,
+                        "unknown colour",
+                        color.source(),
+                        &path,
+                        &sentence,
+                    ));
+                }
+            }
+        }
+        if named > 0 {
+            self.rows[row].kept.push(("colour by name", named));
+        }
+    }
+
+    /// Puts the findings in order and leaves out what is said twice.
+    pub fn finish(mut self) -> Checked {
+        let mut spelling: HashMap<Arc<Path>, Arc<Path>> = HashMap::new();
+        for finding in &mut self.findings {
+            let file = &finding.place.file;
+            let name = spelling.entry(Arc::clone(file)).or_insert_with(|| {
+                let canonical = file.canonicalize().unwrap_or_else(|_| file.to_path_buf());
+                self.names.get(&canonical).unwrap_or(file).clone()
+            });
+            finding.place.file = Arc::clone(name);
+        }
+        let last = self.order.len();
+        let key = |finding: &Finding| {
+            let file = self.order.get(&finding.place.file).copied().unwrap_or(last);
+            (file, finding.place.line, finding.place.column, std::cmp::Reverse(finding.level))
+        };
+        // Stable: what was found first stays first.
+        self.findings.sort_by_key(key);
+        // Missing files and plugins are remarks of the scene too.
+        let missing: HashSet<_> = (self.findings.iter())
+            .filter(|finding| finding.kind == "missing file" && finding.level == Level::Error)
+            .map(|finding| (Arc::clone(&finding.place.file), finding.path.clone()))
+            .filter_map(|(file, path)| Some((file, path.split(" / ").next()?.to_owned())))
+            .collect();
+        // Robot descriptions keep no places of keys: what they miss stands where the body does.
+        let missing_parts: HashSet<_> = (self.findings.iter())
+            .filter(|finding| finding.kind == "missing file" && finding.level == Level::Error)
+            .map(|finding| finding.place.clone())
+            .collect();
+        let plugins: HashSet<_> = self
+            .findings
+            .iter()
+            .filter(|finding| finding.kind == "plugin")
+            .map(|finding| finding.place.clone())
+            .collect();
+        let known = |finding: &Finding| {
+            let dropped = finding.sentence.strip_prefix('`').and_then(|text| text.split_once("` is dropped"));
+            let of = |(identifier, _): (&str, &str)| (Arc::clone(&finding.place.file), identifier.to_owned());
+            let is_part = missing_parts.contains(&finding.place) && finding.sentence.contains("is left out");
+            let is_plugin = finding.sentence.starts_with("plugin ") && plugins.contains(&finding.place);
+            finding.kind == "scene"
+                && (is_part || is_plugin || dropped.is_some_and(|dropped| missing.contains(&of(dropped))))
+        };
+        let mut said = HashSet::new();
+        let mut findings = Vec::with_capacity(self.findings.len());
+        for finding in self.findings {
+            if !known(&finding) && said.insert((finding.place.clone(), finding.sentence.clone())) {
+                findings.push(finding);
+            }
+        }
+        Checked { findings, rows: self.rows }
+    }
+}
+
+/// A world makes a light and a camera that no file asks for.
+fn only_written(mut built: Counts, written: &Counts) -> Counts {
+    for what in ["lights", "cameras"] {
+        if written.get(what) == 0 {
+            built.set(what, 0);
+        }
+    }
+    built
+}
+
+/// What kind of element the elements of a file are.
+struct Elements<'o>(HashMap<&'o str, &'static str>);
+
+impl<'o> Elements<'o> {
+    fn of(outline: &'o Outline) -> Self {
+        const LISTS: [(&str, &str); 11] = [
+            ("bodies", "body"),
+            ("soft bodies", "soft body"),
+            ("ghost objects", "ghost object"),
+            ("sensors", "sensor"),
+            ("actuators", "actuator"),
+            ("joints", "joint"),
+            ("vehicles", "vehicle"),
+            ("cameras", "camera"),
+            ("lights", "light"),
+            ("volumes", "volume"),
+            ("input devices", "input device"),
+        ];
+        let mut kinds = HashMap::new();
+        for (list, kind) in LISTS {
+            let items = outline.root().get(list).into_iter().flat_map(|list| list.items());
+            for identifier in items.filter_map(|name| name.text()) {
+                kinds.entry(identifier).or_insert(kind);
+            }
+        }
+        Self(kinds)
+    }
+
+    /// The kind of the element that a problem's path starts with.
+    fn kind_of(&self, path: &str) -> Option<&'static str> {
+        self.0.get(path.split(" / ").next()?).copied()
+    }
+}
