@@ -173,6 +173,90 @@ pub fn chain(n: usize, feedback: bool) -> Scene {
     written(&name, &model(&bodies, &joints, "ignore inter-collision: true"))
 }
 
+/// Ten boxes on the ground, a post without a shape above them and a car's body beside them, and one element of each kind in turn.
+pub fn elements() -> Vec<(&'static str, Scene)> {
+    let mesh = Path::new(env!("CARGO_TARGET_TMPDIR")).join("sheet.obj");
+    std::fs::write(&mesh, sheet_obj(10)).expect("the target folder can be written");
+    let bodies = || {
+        let mut bodies = grid(10, PITCH, BOX);
+        bodies.push(("BODY Post".into(), "name: Post, mass: 0, location: {position: {x: 0, y: 0, z: 0}}".into()));
+        let at = "location: {position: {x: 3, y: 0, z: -1.3}}";
+        bodies.push(("BODY Car".into(), format!("name: Car, mass: 5, {at}, {BOX}")));
+        bodies
+    };
+    let sensor = |kind: &str, resolution: u32| {
+        format!(
+            "sensors: [S]\nS: {{name: S, type: {kind}, parent: BODY Post, range: 3, location: {{orientation: {{r: 0, p: 1.5708, y: 0}}}}, \
+             parametric: {{resolution: {resolution}, horizontal angle: 0.8, vertical angle: 0.8, start offset: 0}}}}"
+        )
+    };
+    let wheel = |x: f64, y: f64| {
+        format!(
+            "{{mesh: none.stl, radius: 0.1, friction: 1, roll influence: 0.1, suspension: {{stiffness: 40, damping: 4, compression: 3, \
+             rest length: 0.1}}, down direction: {{x: 0, y: 0, z: -1}}, axel direction: {{x: 0, y: 1, z: 0}}, offset: {{x: {x}, y: {y}, z: 0}}}}"
+        )
+    };
+    let wheels = [wheel(0.1, 0.1), wheel(0.1, -0.1), wheel(-0.1, 0.1), wheel(-0.1, -0.1)].join(", ");
+    let kinds: [(&'static str, &str, String); 11] = [
+        ("10 boxes, a post, a car's body", "none", String::new()),
+        ("with a proximity sensor of 4 rays", "rays4", sensor("Proximity", 2)),
+        ("with one of 100 rays", "rays100", sensor("Proximity", 10)),
+        ("with a resistance sensor of 100 rays", "resistance", sensor("Resistance, contact stiffness: 0.1", 10)),
+        ("with a contact sensor", "contact", "sensors: [S]\nS: {name: S, type: Contact, parent: BODY Box0}".into()),
+        ("with an actuator", "actuator", "actuators: [A]\nA: {name: A, type: Constraint, parent: BODY Post}".into()),
+        (
+            "with a ghost object",
+            "ghost",
+            "ghost objects: [G]\nG: {name: G, location: {position: {x: 3, y: 3, z: 0}}, collision shape: Box, \
+             collision geometry: {x: 1, y: 1, z: 1}}"
+                .into(),
+        ),
+        (
+            "with a vehicle of 4 wheels",
+            "vehicle",
+            format!("vehicles: [V]\nV: {{name: V, chassis: BODY Car, wheels: [{wheels}]}}"),
+        ),
+        (
+            "with a cloth of 100 nodes",
+            "cloth",
+            format!(
+                "soft bodies: [C]\nC: {{name: C, mass: 0.1, mesh: {}, location: {{position: {{x: -3, y: 0, z: 2}}}}, \
+                 config: {{piterations: 4, kDP: 0.01, fixed nodes: [0, 9]}}}}",
+                mesh.display()
+            ),
+        ),
+        (
+            "with a camera and a light",
+            "camera",
+            "cameras: [K]\nlights: [L]\nK: {name: K, location: {x: 1, y: 0, z: 0}, look at: {x: 0, y: 0, z: 0}}\n\
+             L: {name: L, location: {x: 1, y: 0, z: 0}}"
+                .into(),
+        ),
+        ("with an empty volume", "volume", "volumes: [U]\nU: {name: U}".into()),
+    ];
+    let scene = |(words, name, keys): (&'static str, &str, String)| {
+        let text = model(&bodies(), &[], &format!("ignore inter-collision: false\n{keys}"));
+        (words, written(&format!("element_{name}"), &text))
+    };
+    kinds.into_iter().map(scene).collect()
+}
+
+/// A square sheet of `n` × `n` vertices, 1 m wide, as an OBJ file.
+fn sheet_obj(n: usize) -> String {
+    let mut text = String::new();
+    let place = |i: usize| i as f64 / (n - 1) as f64;
+    for i in 0..n * n {
+        writeln!(text, "v {:.4} {:.4} 0", place(i % n), place(i / n)).expect("a text takes everything");
+    }
+    for row in 0..n - 1 {
+        for a in row * n + 1..(row + 1) * n {
+            writeln!(text, "f {a} {} {}\nf {} {} {}", a + 1, a + n, a + 1, a + n + 1, a + n)
+                .expect("a text takes everything");
+        }
+    }
+    text
+}
+
 /// `n` balls of 0.1 m diameter that lie on the ground, as primitives or as meshes of 1280 triangles of the given type.
 pub fn balls(n: usize, mesh_type: Option<&str>) -> Scene {
     let keys = match mesh_type {

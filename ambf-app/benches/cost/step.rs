@@ -134,7 +134,7 @@ pub fn skip(effort: Effort) -> Section {
     };
     let chain = |feedback| scenes::chain(20, feedback);
     let ball = |kind| scenes::balls(6, kind);
-    let variants: [Vec<(&str, Scene)>; 3] = [
+    let variants: [Vec<(&str, Scene)>; 4] = [
         vec![("20 hinges", chain(false)), ("with joint feedback", chain(true))],
         vec![
             ("100 boxes that overlap, no pair may collide", scenes::ghostly_boxes(100)),
@@ -145,6 +145,7 @@ pub fn skip(effort: Effort) -> Section {
             ("convex meshes", ball(Some("CONVEX_HULL"))),
             ("concave meshes", ball(Some("CONCAVE_MESH"))),
         ],
+        scenes::elements(),
     ];
     for group in &variants {
         let lanes: Vec<(Mode, &Scene)> = group.iter().map(|(_, scene)| (Mode::Update, scene)).collect();
