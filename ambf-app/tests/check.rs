@@ -157,6 +157,8 @@ fn a_file_that_is_named_twice_is_checked_once() {
     assert_eq!(copies.stdout.matches("`BODY Ball / colour`").count(), 1, "{copies:?}");
     let line = copies.stdout.lines().find(|line| line.starts_with("2 models together")).expect("a line");
     assert!(line.contains("scene") && line.ends_with("2/2"), "{line}");
+    let ground = copies.stdout.lines().find(|line| line.contains("ground.yaml")).expect("a line");
+    assert!(ground.contains("1/1"), "{ground}");
 }
 
 #[test]

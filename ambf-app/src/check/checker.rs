@@ -241,7 +241,7 @@ impl Checker {
         self.rows[row].built = Some(only_written(built, &self.rows[row].written));
         if let Some(environment) = &world.environment {
             let named_at = outline.root().get("environment").map(|entry| entry.source());
-            let context = Context { named_at, world: None, ..context.clone() };
+            let context = Context { named_at, world: None, built_elsewhere: false, ..context.clone() };
             self.file(environment, Some(FileKind::Model), &context);
         }
     }

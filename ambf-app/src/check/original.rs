@@ -38,7 +38,7 @@ differences! {
         "reads no DAE: it drops the element, or does not draw it";
     NAME_CHARACTERS: "name", "name",
         "holds characters that a ROS topic may not hold; they are replaced by `_`",
-        "takes them over, and ROS refuses the topic";
+        "takes them over into the names of topics";
     SAME_TOPICS: "same topics", "name",
         "and namespace are those of another element: both share their topics, and a command reaches both",
         "does the same without a word";
@@ -152,7 +152,7 @@ differences! {
         "leaves the environment undefined and crashes";
     NO_ENVIRONMENT: "environment", "",
         "has neither `environment` nor `enclosure`: the environment is empty",
-        "leaves it undefined and crashes";
+        "leaves it undefined, which may crash";
     MAX_FORCE: "max force", "max force",
         "is read",
         "replaces it by what the device is rated for";
@@ -172,7 +172,7 @@ pub(super) const VISUAL_MESH_MISSING: &str = "drops the element";
 /// What comes of images of a volume that are missing.
 pub(super) const IMAGES_MISSING: &str = "drops the volume";
 /// What comes of a world file that cannot be used.
-pub(super) const WORLD_UNUSABLE: &str = "goes on with an undefined environment and crashes";
+pub(super) const WORLD_UNUSABLE: &str = "goes on with an undefined environment, which may crash";
 
 /// Sentences for problems of the reader: element, kind, key (empty: any), what the C++ program does.
 const PROBLEMS: &[(&str, K, &str, &str)] = &[
@@ -183,8 +183,8 @@ const PROBLEMS: &[(&str, K, &str, &str)] = &[
     ("actuator", K::MissingKey, "type", "skips it without a word"),
     ("", K::UnknownValue, "shape", "uses an uninitialised shape"),
     ("", K::UnknownValue, "collision shape", "uses an uninitialised shape"),
-    ("body", K::OutOfRange, "mass", "does not check it: the body is accelerated against each force"),
-    ("body", K::OutOfRange, "inertia", "does not check it: the body may gain energy"),
+    ("body", K::OutOfRange, "mass", "does not check it"),
+    ("body", K::OutOfRange, "inertia", "does not check it"),
     ("joint", K::OutOfRange, "parent axis", "normalises it to numbers that are none"),
     ("joint", K::OutOfRange, "child axis", "normalises it to numbers that are none"),
     ("", K::OutOfRange, "scale", "does not check it"),
