@@ -232,4 +232,25 @@ mod tests {
         assert!((drop_onto_plane(false) + 0.1).abs() < 0.01);
         assert!(drop_onto_plane(true) < -4.0);
     }
+
+    #[test]
+    fn a_drawing_only_goes_where_it_is_put() {
+        let mut world = World::new(Solver::default());
+        world.set_gravity(Vector3::new(0.0, 0.0, -10.0));
+        let picture = world.add_body(ball(1.0, 0.0));
+        let falling = world.add_body(RigidBody { pose: Isometry3::translation(0.0, 0.0, 1.0), ..ball(1.0, 0.0) });
+        world.set_velocity(picture, &Vector3::x(), &Vector3::x());
+        assert!(world.make_drawing(picture));
+        for _ in 0..1000 {
+            world.step(0.001, 1, 0.001);
+        }
+        assert_eq!(world.pose(picture), Some(Isometry3::identity()));
+        assert_eq!(world.velocity(picture), Some((Vector3::zeros(), Vector3::zeros())));
+        assert!(world.pose(falling).unwrap().translation.z < -3.0, "it passed through");
+        let put = Isometry3::translation(0.0, 2.0, 0.0);
+        world.set_pose(picture, &put);
+        world.step(0.001, 1, 0.001);
+        assert_eq!((world.pose(picture), world.motion_state(picture)), (Some(put), Some(put)));
+        assert!(world.remove_body(picture) && !world.make_drawing(picture));
+    }
 }

@@ -53,9 +53,10 @@ impl World {
 
     fn make_soft(&self, body: &SoftBody, bending: &[[u32; 2]]) -> OwnedSoftBody {
         let links: Vec<_> = body.links.iter().copied().filter(|[a, b]| a != b).collect();
-        let n = |length: usize| length as i32; // `check` has bounded all of them
-                                               // SAFETY: the world was made for soft bodies and outlives this one; pointers and lengths come from slices, and `check` and
-                                               // `bending_links` have seen that every index is that of a node.
+        // `check` has bounded all of them.
+        let n = |length: usize| length as i32;
+        // SAFETY: the world was made for soft bodies and outlives this one; pointers and lengths come from slices, and `check` and
+        // `bending_links` have seen that every index is that of a node.
         unsafe {
             let raw = sys::amb_soft_new(self.raw.as_ptr(), body.nodes.as_ptr().cast(), n(body.nodes.len()));
             let owned = OwnedSoftBody {
