@@ -8,3 +8,4 @@ pub mod mesh;
 pub mod scene;
 pub mod sim;
 pub mod urdf;
+mod xml;

@@ -11,19 +11,30 @@ use std::str::FromStr;
 use nalgebra::{Matrix4, Point3, Rotation3, Unit, Vector3};
 use roxmltree::{Document, Node, NodeId};
 
-use super::{check_finite, quoted, Mesh, MeshError, Position, Welder, MAX_SUB_MESHES};
+use super::{check_finite, printable, quoted, Mesh, MeshError, Position, Welder, MAX_SUB_MESHES};
+use crate::xml::find_excess;
 
 /// Elements of nodes and triangles that one file may expand to: nested instances can grow exponentially, or for ever.
 const MAX_ELEMENTS: usize = 1_000_000;
 const MAX_TRIANGLES: usize = 10_000_000;
+
+/// Most quotes in one tag and its text: comments may hold many.
+const MAX_QUOTES: usize = 4096;
 
 /// Largest `offset` or `stride` attribute taken for real.
 const MAX_STRIDE: usize = 1024;
 
 pub(super) fn read(path: &Path, bytes: Vec<u8>) -> Result<Mesh, MeshError> {
     let text = String::from_utf8_lossy(&bytes);
-    let document = Document::parse(&text)
-        .map_err(|e| MeshError::malformed(path, Position::Line(e.pos().row), format!("not readable as XML: {e}")))?;
+    if let Some((byte, what)) = find_excess(&text, MAX_QUOTES) {
+        return Err(MeshError::malformed(path, Position::Byte(byte), what));
+    }
+    let document = Document::parse(&text).map_err(|e| {
+        // The sentence quotes names of the file as they are, and ends with the place.
+        let (line, e) = (e.pos().row, e.to_string());
+        let what = printable(e.rsplit_once(" at ").map_or(&e, |(what, _)| what), 120);
+        MeshError::malformed(path, Position::Line(line), format!("not readable as XML: {what}"))
+    })?;
     let ids = document.descendants().filter_map(|n| Some((n.attribute("id")?, n))).collect();
     let file = File { path, document: &document, ids };
     let mut geometries = HashMap::new();
@@ -406,6 +417,8 @@ mod tests {
         for (text, expected) in [
             (String::new(), ":1: not readable as XML"),
             (good[..good.len() / 2].to_owned(), "not readable as XML"),
+            (format!("<a></{}>", "x".repeat(5000)), "xxx…"),
+            (format!("<a {}/>", "b=\"1\" ".repeat(100_000)), "too many attributes in one tag"),
             (good.replace("9 3</p>", "9 4</p>"), ":8: vertex 4 does not exist: the source has 4"),
             (good.replace("9 3</p>", "9 -3</p>"), ":8: expected a number, got '-3'"),
             (good.replace("9 3</p>", "9</p>"), ":8: 11 indices are no multiple of 2"),
@@ -417,7 +430,7 @@ mod tests {
             (document(&triangles(), &scene("<node><matrix>1</matrix></node>")), "<matrix> has 16 numbers, got 1"),
         ] {
             let message = parse(text).unwrap_err().to_string();
-            assert!(message.contains(expected), "{message}");
+            assert!(message.contains(expected) && message.len() < 1000, "{message}");
         }
     }
 

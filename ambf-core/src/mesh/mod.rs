@@ -307,8 +307,13 @@ impl Welder {
 
 /// A word of the file as it may stand in a message: printable and short.
 fn quoted(word: &str) -> String {
-    let start: String = word.chars().take(40).collect();
-    format!("'{}{}'", start.escape_debug(), if start.len() < word.len() { "…" } else { "" })
+    format!("'{}'", printable(word, 40))
+}
+
+/// The first `limit` characters of a text, those that cannot be printed escaped.
+fn printable(text: &str, limit: usize) -> String {
+    let start: String = text.chars().take(limit).collect();
+    format!("{}{}", start.escape_debug(), if start.len() < text.len() { "…" } else { "" })
 }
 
 fn check_finite(path: &Path, vertex: usize, value: [f64; 3]) -> Result<[f64; 3], MeshError> {

@@ -10,16 +10,10 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use roxmltree::{Document, Node, ParsingOptions};
 
 use crate::adf::{LoadError, Problem, ProblemKind, Report, Severity, SourcePos};
+use crate::xml::{find_excess, MAX_NODES};
 
-/// Most elements and texts of a file: a robot of 10 000 links has some 400 000.
-const MAX_NODES: u32 = 2_000_000;
-
-/// Most attributes of a file, and most quotes in one tag: the parser compares each attribute of a tag with all before it.
-const MAX_ATTRIBUTES: usize = 4_000_000;
+/// Most quotes in one tag.
 const MAX_QUOTES: usize = 512;
-
-/// Most declarations of namespaces: the parser copies those of the outer element into each element that has one.
-const MAX_NAMESPACES: usize = 256;
 
 /// Longest name, bytes. Names are repeated in each object that refers to them.
 const MAX_NAME: usize = 255;
@@ -75,7 +69,9 @@ impl<'t> File<'t> {
 
     /// Parses the text.
     pub fn parse(&self) -> Result<Document<'t>, LoadError> {
-        self.check_size()?;
+        if let Some((byte, what)) = find_excess(self.text, MAX_QUOTES) {
+            return Err(self.syntax(Some(byte), what));
+        }
         let options = ParsingOptions { nodes_limit: MAX_NODES, ..ParsingOptions::default() };
         Document::parse_with_options(self.text, options).map_err(|error| {
             use roxmltree::Error as E;
@@ -93,27 +89,6 @@ impl<'t> File<'t> {
                 }
             }
         })
-    }
-
-    /// Refuses what would keep the parser busy for minutes or exhaust the memory.
-    fn check_size(&self) -> Result<(), LoadError> {
-        let attributes = self.text.bytes().filter(|b| *b == b'=').count();
-        let tags = self.text.bytes().filter(|b| *b == b'<').count();
-        if attributes > MAX_ATTRIBUTES || tags > MAX_NODES as usize {
-            return Err(self.syntax(None, "too many elements or attributes for a robot"));
-        }
-        if let Some((byte, _)) = self.text.match_indices("xmlns").nth(MAX_NAMESPACES) {
-            return Err(self.syntax(Some(byte), "too many declarations of namespaces"));
-        }
-        let mut byte = 0;
-        for tag in self.text.split('<') {
-            // A tag holds no `<`, so that what follows it is counted with it: text, of which URDF has little.
-            if tag.bytes().filter(|b| matches!(b, b'"' | b'\'')).count() > MAX_QUOTES {
-                return Err(self.syntax(Some(byte.max(1) - 1), "too many attributes in one tag"));
-            }
-            byte += tag.len() + 1;
-        }
-        Ok(())
     }
 
     fn syntax(&self, byte: Option<usize>, message: &str) -> LoadError {
