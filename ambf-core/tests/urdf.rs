@@ -330,8 +330,10 @@ fn links_of_one_robot_pass_through_each_other_unless_gazebo_is_told_otherwise() 
         bench.position("a").x
     };
     assert!(reach("") > 0.6);
-    let stopped = reach("<gazebo><self_collide>true</self_collide></gazebo>");
-    assert!(stopped < 0.35, "went to {stopped}");
+    for link in ["", "reference='a'", "reference='b'"] {
+        let stopped = reach(&format!("<gazebo {link}><self_collide>true</self_collide></gazebo>"));
+        assert!(stopped < 0.35, "{link}: went to {stopped}");
+    }
 }
 
 #[test]

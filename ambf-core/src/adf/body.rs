@@ -34,6 +34,9 @@ pub struct RigidBody {
     pub collision_margin: f64,
     /// Collision groups, each 0 to 999, in file order.
     pub collision_groups: Vec<u32>,
+    /// Collides with the other bodies of its model although the model says that they don't collide with each other. Default:
+    /// `false`, as in every ADF file.
+    pub self_collision: bool,
     /// Contact and damping properties.
     pub surface: Surface,
     /// Cartesian controller; `None`: the key is absent.
@@ -87,6 +90,7 @@ impl RigidBody {
             collision: CollisionGeometry::read(map, base),
             collision_margin: map.real_in("collision margin", Range::NotNegative).unwrap_or(0.001),
             collision_groups: map.collision_groups(),
+            self_collision: false,
             surface: Surface::read(map),
             controller: map.cartesian_controller("controller"),
             publish_children_names: map.boolean("publish children names").unwrap_or(false),

@@ -212,8 +212,10 @@ impl<'a> Builder<'a> {
     /// All but cameras and lights, in the order of the C++ program.
     fn add_objects(&mut self, model: &adf::Model) {
         let first = self.scene.bodies.len();
+        let mut self_collision = Vec::with_capacity(model.bodies.len());
         for body in &model.bodies {
             if let Some(index) = self.add_body(body, model) {
+                self_collision.push(body.self_collision);
                 self.own_names.insert(&self.scene.bodies[index].identity.key(), index);
             }
         }
@@ -224,7 +226,7 @@ impl<'a> Builder<'a> {
         model.joints.iter().for_each(|joint| self.add_joint(joint));
         model.vehicles.iter().for_each(|vehicle| self.add_vehicle(vehicle));
         if model.ignore_inter_collision {
-            self.ignore_all_pairs(first..self.scene.bodies.len());
+            self.ignore_all_pairs(first, &self_collision);
         }
     }
 
@@ -437,9 +439,11 @@ impl<'a> Builder<'a> {
         self.ignore_foreign_groups();
     }
 
-    fn ignore_all_pairs(&mut self, bodies: std::ops::Range<usize>) {
-        for a in bodies.clone() {
-            for b in a + 1..bodies.end {
+    /// Keeps the bodies from `first` on from colliding with each other, but for those that are to do so.
+    fn ignore_all_pairs(&mut self, first: usize, self_collision: &[bool]) {
+        let apart: Vec<_> = (0..self_collision.len()).filter(|&i| !self_collision[i]).map(|i| first + i).collect();
+        for (i, &a) in apart.iter().enumerate() {
+            for &b in &apart[i + 1..] {
                 self.ignore_pair(a, b);
             }
         }

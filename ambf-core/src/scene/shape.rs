@@ -149,6 +149,7 @@ fn mesh_children(
     left_out: &mut Vec<(Severity, String)>,
 ) -> Vec<(Shape, Isometry3<f64>)> {
     let mut children = Vec::new();
+    let mut empty = Vec::new();
     for (number, sub) in mesh.sub_meshes.iter().enumerate() {
         let child = match kind {
             CollisionMeshKind::ConvexHull => {
@@ -167,10 +168,20 @@ fn mesh_children(
         };
         match child {
             Some(child) => children.push((child, *pose)),
-            None => {
-                let message = format!("part {number} of the collision mesh has no surface and is left out");
-                left_out.push((Severity::Warning, message));
-            }
+            None => empty.push(number),
+        }
+    }
+    match empty[..] {
+        [] => (),
+        [number] => {
+            let message = format!("part {number} of the collision mesh has no surface and is left out");
+            left_out.push((Severity::Warning, message));
+        }
+        [first, ..] => {
+            let count = empty.len();
+            let message =
+                format!("{count} parts of the collision mesh, {first} first, have no surface and are left out");
+            left_out.push((Severity::Warning, message));
         }
     }
     children

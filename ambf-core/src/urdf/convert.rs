@@ -1,5 +1,7 @@
 //! The tree of bodies → the description that ADF files have.
 
+use std::collections::HashSet;
+
 use nalgebra::{Isometry3, Vector3};
 
 use super::joint::Joint;
@@ -16,22 +18,25 @@ const MASS: f64 = 1.0;
 /// Radius of the solid sphere whose inertia a link gets that has neither a usable one nor a collision shape, m.
 const RADIUS: f64 = 0.1;
 
-/// The bodies of a robot, in the order of their links.
-pub(super) fn bodies(links: Vec<Link<'_>>, places: &[Place], namespace: &str) -> Vec<RigidBody> {
-    let mut shapes: Vec<(Vec<Part>, Vec<VisualPart>)> = links.iter().map(|_| Default::default()).collect();
-    let mut without_shapes = Vec::new();
-    for (mut link, place) in links.into_iter().zip(places) {
+/// The bodies of a robot, in the order of their links. `self_collision`: names of the links that collide with others of the robot.
+pub(super) fn bodies(
+    mut links: Vec<Link<'_>>,
+    places: &[Place],
+    namespace: &str,
+    self_collision: &HashSet<&str>,
+) -> Vec<RigidBody> {
+    let mut shapes: Vec<Shapes> = links.iter().map(|_| Shapes::default()).collect();
+    for (link, place) in links.iter_mut().zip(places) {
         let into_host = |part: Part| Part { offset: place.in_host * part.offset, ..part };
-        let (collisions, visuals) = &mut shapes[place.host];
-        collisions.extend(link.collisions.drain(..).map(into_host));
-        let visual = |v: VisualPart| VisualPart { part: into_host(v.part), ..v };
-        visuals.extend(link.visuals.drain(..).map(visual));
-        without_shapes.push(link);
+        let shapes = &mut shapes[place.host];
+        shapes.collisions.extend(link.collisions.drain(..).map(into_host));
+        shapes.visuals.extend(link.visuals.drain(..).map(|v| VisualPart { part: into_host(v.part), ..v }));
+        shapes.self_collision |= self_collision.contains(link.name);
     }
     let mut bodies = Vec::new();
-    for (index, (link, (collisions, visuals))) in without_shapes.iter().zip(shapes).enumerate() {
+    for (index, (link, shapes)) in links.iter().zip(shapes).enumerate() {
         if places[index].host == index {
-            bodies.push(body(link, &places[index], collisions, visuals, namespace));
+            bodies.push(body(link, &places[index], shapes, namespace));
         } else {
             let action = "the link is part of the body it is fixed to";
             link.element.warn(ProblemKind::Absent, "inertial", "", "a mass above 0", action);
@@ -40,7 +45,16 @@ pub(super) fn bodies(links: Vec<Link<'_>>, places: &[Place], namespace: &str) ->
     bodies
 }
 
-fn body(link: &Link<'_>, place: &Place, parts: Vec<Part>, visuals: Vec<VisualPart>, namespace: &str) -> RigidBody {
+/// What a body is made of.
+#[derive(Default)]
+struct Shapes {
+    collisions: Vec<Part>,
+    visuals: Vec<VisualPart>,
+    self_collision: bool,
+}
+
+fn body(link: &Link<'_>, place: &Place, shapes: Shapes, namespace: &str) -> RigidBody {
+    let Shapes { collisions: parts, visuals, self_collision } = shapes;
     let inertial = link.inertial.as_ref();
     let mass = match inertial {
         _ if place.is_static => 0.0,
@@ -75,6 +89,7 @@ fn body(link: &Link<'_>, place: &Place, parts: Vec<Part>, visuals: Vec<VisualPar
         collision,
         collision_margin: 0.001,
         collision_groups: vec![],
+        self_collision,
         surface: Surface::default(),
         controller: None,
         publish_children_names: false,

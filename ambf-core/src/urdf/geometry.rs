@@ -155,6 +155,8 @@ fn mesh(shape: &Element<'_>, packages: &Packages, severity: Severity, left_out: 
 /// The file that a mesh's `filename` in the description `urdf` means, or what was expected instead.
 fn mesh_path(filename: &str, urdf: &Path, packages: &Packages) -> Result<PathBuf, String> {
     if let Some(rest) = filename.strip_prefix("package://") {
+        // Some tools write a third slash.
+        let rest = rest.trim_start_matches('/');
         let (name, inside) = rest.split_once('/').unwrap_or((rest, ""));
         let folder = packages.find(name);
         return folder.map(|folder| folder.join(inside.trim_start_matches('/'))).ok_or_else(|| {

@@ -3,7 +3,7 @@
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 use super::xml::Element;
-use crate::adf::ProblemKind;
+use crate::adf::{ProblemKind, Severity};
 
 /// Element `inertial` of a link with a mass above 0.
 #[derive(Debug, Clone, PartialEq)]
@@ -56,7 +56,10 @@ impl Inertial {
 
 const ESTIMATED: &str = "it is estimated from the collision shapes";
 
-/// Relative size of what rounding leaves of a moment or of a sum of moments.
+/// Moments smaller than this share of the largest are 0, and so are all below the square of it, kg·m².
+const NOTHING: f64 = 1e-12;
+
+/// Share by which the numbers of a file may miss the sum of two moments.
 const ROUNDING: f64 = 1e-6;
 
 /// Principal moments and axes of a written tensor; what is wrong with it is reported.
@@ -66,10 +69,18 @@ fn principal(element: &Element<'_>) -> Option<(Vector3<f64>, Rotation3<f64>)> {
     let [xx, yy, zz, xy, xz, yz] = names.map(|name| element.need_real(name));
     let (xx, yy, zz, xy, xz, yz) = (xx?, yy?, zz?, xy?, xz?, yz?);
     let (moments, axes) = diagonalised(Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz));
-    let found = format!("a tensor with the principal moments {:e}, {:e}, {:e}", moments.x, moments.y, moments.z);
-    if moments.min() <= ROUNDING * ROUNDING * moments.amax() {
+    let size = moments.amax();
+    let written = |moment: f64| if moment == 0.0 { "0".into() } else { format!("{moment:.3e}") };
+    let found = format!(
+        "a tensor with the principal moments {}",
+        moments.data.as_slice().iter().map(|m| written(*m)).collect::<Vec<_>>().join(", ")
+    );
+    if moments.min() <= NOTHING * size || size < NOTHING * NOTHING {
         let expected = "three moments above 0";
-        element.error(ProblemKind::OutOfRange, "", &found, expected, ESTIMATED);
+        // Zeros stand for what nobody has measured; a negative moment is a mistake.
+        let is_mistake = moments.min() < -NOTHING * size && size >= NOTHING * NOTHING;
+        let severity = if is_mistake { Severity::Error } else { Severity::Warning };
+        element.problem(severity, ProblemKind::OutOfRange, "", &found, expected, ESTIMATED);
         return None;
     }
     if 2.0 * moments.max() > moments.sum() * (1.0 + ROUNDING) {

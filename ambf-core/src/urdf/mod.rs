@@ -18,7 +18,7 @@ mod tree;
 mod xml;
 
 use std::collections::hash_map::Entry;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
 pub use package::Packages;
@@ -106,14 +106,15 @@ fn read(robot: &Element<'_>, packages: &Packages) -> Model {
     }
     let places = tree::places(&links, &mut joints);
     let names: Vec<String> = links.iter().map(|link| link.name.to_owned()).collect();
+    let self_collision = self_collision(robot);
     let path = robot.file().path();
     Model {
         name: path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
         file: path.clone(),
-        bodies: convert::bodies(links, &places, &namespace),
+        bodies: convert::bodies(links, &places, &namespace, &self_collision.links),
         joints: convert::joints(&names, &places, &joints, &namespace),
         namespace,
-        ignore_inter_collision: !self_collide(robot),
+        ignore_inter_collision: !self_collision.all,
         soft_bodies: vec![],
         ghosts: vec![],
         sensors: vec![],
@@ -149,15 +150,20 @@ fn namespace(robot: &Element<'_>) -> String {
     }
 }
 
-/// Whether the links of the robot collide with each other: what Gazebo is told counts, by default no. What else concerns other
-/// programs is reported.
-fn self_collide(robot: &Element<'_>) -> bool {
-    let mut collide = false;
+/// Which links collide with others of the robot: what Gazebo is told counts, by default none. What else concerns other programs is
+/// reported.
+fn self_collision<'a>(robot: &Element<'a>) -> SelfCollision<'a> {
+    let mut collision = SelfCollision::default();
     for element in robot.elements() {
         match element.tag() {
             "gazebo" => {
                 let is_setting = |e: &Element<'_>| matches!(e.tag(), "self_collide" | "selfCollide");
-                collide |= element.elements().any(|e| is_setting(&e) && matches!(e.text(), "true" | "1"));
+                if element.elements().any(|e| is_setting(&e) && matches!(e.text(), "true" | "1")) {
+                    match element.attribute("reference") {
+                        Some(link) => _ = collision.links.insert(link),
+                        None => collision.all = true,
+                    }
+                }
                 if !element.elements().all(|e| is_setting(&e)) {
                     element.ignored("", "of this only `self_collide` is");
                 }
@@ -166,7 +172,16 @@ fn self_collide(robot: &Element<'_>) -> bool {
             _ => (),
         }
     }
-    collide
+    collision
+}
+
+/// Links that collide with others of their robot.
+#[derive(Default)]
+struct SelfCollision<'a> {
+    /// Every link.
+    all: bool,
+    /// By name.
+    links: HashSet<&'a str>,
 }
 
 #[cfg(test)]

@@ -156,6 +156,16 @@ fn inertials() {
         ("", "`link a / inertial / mass` is missing", 0.0),
         ("<mass value='0'/>x", "`link a / inertial` is mixed with text, expected elements only", 0.0),
         ("<mass value='1'/>", "`link a / inertial / inertia` is missing", 1.0),
+        (
+            &tensor.replace("ixx='2'", "ixx='-2'"),
+            "error: `link a / inertial / inertia` is a tensor with the principal moments -2.236e0",
+            1.0,
+        ),
+        (
+            &tensor.replace("'2'", "'0'").replace("'1' ixz", "'0' ixz"),
+            "warning: `link a / inertial / inertia` is a tensor with the principal moments 0, 0, 3.000e0",
+            1.0,
+        ),
         (&tensor.replace("ixx='2'", "ixx='-2'"), "expected three moments above 0; it is estimated", 1.0),
         (&tensor.replace("'2'", "'0'").replace("'3'", "'0'"), "expected three moments above 0", 1.0),
         (&tensor.replace("'3'", "'9'"), "expected none larger than the sum of the others", 1.0),
@@ -243,11 +253,16 @@ fn what_is_no_tree_loses_a_joint() {
 fn what_other_programs_read_is_named_and_self_collision_is_gazebos() {
     let text = "<transmission name='t'><type>x</type></transmission><gazebo><static>true</static></gazebo>\
                 <gazebo reference='A'><selfCollide> true </selfCollide></gazebo><camera/>";
-    let (model, problems) = read(&robot(&(links(&["A"]) + text)));
-    assert!(!model.ignore_inter_collision);
-    assert_eq!(problems.len(), 3, "{problems:#?}");
-    let (model, _) = read(&robot(&(links(&["A"]) + "<gazebo><self_collide>false</self_collide></gazebo>")));
+    let (model, problems) = read(&robot(&(links(&["A", "B"]) + &joint("continuous", "A", "B") + text)));
+    assert_eq!(model.bodies.iter().map(|body| body.self_collision).collect::<Vec<_>>(), [true, false]);
     assert!(model.ignore_inter_collision);
+    assert_eq!(problems.len(), 3, "{problems:#?}");
+    let all = |value| {
+        let (model, _) =
+            read(&robot(&(links(&["A"]) + &format!("<gazebo><self_collide>{value}</self_collide></gazebo>"))));
+        !model.ignore_inter_collision
+    };
+    assert!(all("1") && all("true") && !all("false"));
 }
 
 #[test]
