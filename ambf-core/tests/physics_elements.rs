@@ -301,6 +301,102 @@ fn commands_of_vehicles_are_clamped_and_may_be_short() {
     assert!(bench.velocity("Chassis").0.z - before > 0.5, "20 m/s² up against 10 down");
 }
 
+/// A cloth of 6 × 6 nodes, 0.5 m wide, that hangs from two corners at z = 1, with a hand that looks at its middle.
+fn cloth_and_hand(name: &str) -> Bench {
+    let mesh = std::env::temp_dir().join(format!("ambf_cloth_{}_{name}.obj", std::process::id()));
+    let mut text = String::new();
+    for i in 0..36 {
+        text += &format!("v {} 0 {}\n", f64::from(i % 6) * 0.1, -f64::from(i / 6) * 0.1);
+    }
+    // From the far end: the legacy profile cannot fix what becomes node 0.
+    for a in (1..30).rev().filter(|a| a % 6 != 0) {
+        text += &format!("f {a} {} {}\nf {} {} {}\n", a + 1, a + 6, a + 1, a + 7, a + 6);
+    }
+    std::fs::write(&mesh, text).expect("a mesh");
+    let model = format!(
+        "bodies: [BODY Hand]\nsoft bodies: [CLOTH]\nsensors: [SENSOR eye]\nactuators: [ACTUATOR grip]\n\
+         BODY Hand: {{name: Hand, mass: 0, location: {{position: {{x: 0.25, y: -0.2, z: 0.75}}}}}}\n\
+         CLOTH: {{name: cloth, mass: 0.2, mesh: {}, location: {{position: {{x: 0, y: 0, z: 1}}}}, \
+         config: {{kLST: 0.5, kDP: 0.02, piterations: 8, fixed nodes: [0, 5]}}}}\n\
+         SENSOR eye: {{name: eye, type: Proximity, parent: BODY Hand, range: 0.5, \
+         array: [{{offset: {{x: 0, y: 0, z: 0}}, direction: {{x: 0, y: 1, z: 0}}}}]}}\n\
+         ACTUATOR grip: {{name: grip, type: Constraint, parent: BODY Hand}}\n",
+        mesh.display()
+    );
+    let bench = Bench::new(HEAVY, &model);
+    let _ = std::fs::remove_file(mesh);
+    bench
+}
+
+fn nodes(bench: &Bench) -> Vec<Vector3<f64>> {
+    let (scene, mut nodes) = (bench.0.scene(), vec![[0.0; 3]; 36]);
+    scene.soft_bodies[0].read_nodes(&scene.world, &mut nodes);
+    nodes.into_iter().map(Vector3::from).collect()
+}
+
+#[test]
+fn a_cloth_hangs_settles_and_is_restored() {
+    let mut bench = cloth_and_hand("hangs");
+    let before = nodes(&bench);
+    bench.steps(200);
+    let early = nodes(&bench);
+    bench.steps(4000);
+    let (late, mut moved) = (nodes(&bench), 0.0_f64);
+    bench.steps(100);
+    for (a, b) in late.iter().zip(nodes(&bench)) {
+        moved = moved.max((a - b).norm());
+    }
+    assert!(moved < 1e-3, "it still moves by {moved} m in 0.1 s");
+    assert!(early.iter().zip(&before).any(|(a, b)| (a - b).norm() > 1e-3), "it sagged");
+    let fixed = (0..36).filter(|&i| late[i] == before[i]);
+    let corners: Vec<_> = fixed.map(|i| (before[i].x, before[i].z)).collect();
+    assert_eq!(corners.len(), 2, "{corners:?}");
+    assert!(corners.contains(&(0.0, 1.0)) && corners.contains(&(0.5, 1.0)), "{corners:?}");
+    bench.0.reset_world();
+    assert_eq!(nodes(&bench), before);
+}
+
+#[test]
+fn an_actuator_ties_what_it_sees_of_a_cloth_to_its_parent() {
+    let mut bench = cloth_and_hand("held");
+    bench.steps(1);
+    assert!(bench.0.scene().sensors[0].readings()[0].triggered);
+    assert_eq!(bench.0.scene().sensors[0].readings()[0].sensed, None, "a soft body has no name to a sensor");
+    let command =
+        ActuatorCommand { actuate: true, use_sensor_data: true, sensor_identifier: "eye".into(), ..Default::default() };
+    assert_eq!(bench.0.command_actuator(0, &command), None);
+    assert!(bench.0.scene().actuators[0].is_actuated());
+    let middle = |bench: &Bench| {
+        nodes(bench).iter().map(|node| (node - Vector3::new(0.25, 0.0, 0.75)).norm()).fold(9.0, f64::min)
+    };
+    assert!(middle(&bench) < 0.1);
+    // Pull it 0.2 m away from where it hangs.
+    let hand = bench.body("Hand");
+    for step in 0..1000 {
+        bench.0.follow_pose(hand, Vector3::new(0.25, -0.2 - 0.0002 * f64::from(step), 0.75), [0.0, 0.0, 0.0, 1.0]);
+        bench.steps(1);
+    }
+    let pulled = nodes(&bench).iter().map(|node| node.y).fold(0.0, f64::min);
+    close(pulled, -0.2, 0.03);
+    bench.0.command_actuator(0, &ActuatorCommand::default());
+    assert!(!bench.0.scene().actuators[0].is_actuated());
+    bench.steps(3000);
+    assert!(nodes(&bench).iter().all(|node| node.y.abs() < 0.1), "it swings back");
+}
+
+#[test]
+fn a_node_can_be_picked_and_dragged() {
+    let mut bench = cloth_and_hand("picked");
+    let goal = Vector3::new(0.25, 0.3, 0.6);
+    assert_eq!(bench.0.pick_soft_node(0, &Vector3::new(9.0, 9.0, 9.0), 0.1, goal), None);
+    let node = bench.0.pick_soft_node(0, &Vector3::new(0.3, 0.0, 0.6), 0.1, goal).expect("a node");
+    bench.steps(500);
+    assert!((nodes(&bench)[node] - goal).norm() < 0.1, "{}", nodes(&bench)[node]);
+    bench.0.drag_soft_node(0, node, None);
+    bench.steps(3000);
+    assert!((nodes(&bench)[node] - goal).norm() > 0.2);
+}
+
 #[test]
 fn bad_elements_are_dropped_with_a_reason() {
     let model = "bodies: [BODY A]\nsensors: [S1, S2]\nactuators: [C]\nvehicles: [V1, V2]\nghost objects: [G]\n\

@@ -72,7 +72,10 @@ pub(super) fn describe(soft: &adf::SoftBody, mesh: &Mesh, profile: Profile) -> (
     for &number in &soft.config.fixed_nodes {
         let node = if file_nodes.is_empty() { Some(number) } else { file_nodes.get(&number).copied() };
         match node {
-            Some(0) if profile == Profile::Legacy && !file_nodes.is_empty() => (),
+            Some(0) if profile == Profile::Legacy && !file_nodes.is_empty() => remarks.push(format!(
+                "`fixed nodes`: vertex {number} stays free, as in the C++ program, because the first face begins with it; the \
+                 accurate profile fixes it"
+            )),
             Some(node) if (node as usize) < nodes.len() => fixed_nodes.push(node),
             _ => {
                 remarks

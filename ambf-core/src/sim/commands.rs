@@ -245,6 +245,26 @@ impl Simulation {
         self.scene.command_actuator(actuator, command)
     }
 
+    /// Draws the node of a soft body that is nearest to `point` (m, world axes) and within `radius` of it towards `goal` before each
+    /// sub-step from now on: what picking with a mouse does. The node, or `None` when none is that near.
+    pub fn pick_soft_node(
+        &mut self,
+        soft: usize,
+        point: &Vector3<f64>,
+        radius: f64,
+        goal: Vector3<f64>,
+    ) -> Option<usize> {
+        let Scene { soft_bodies, world, .. } = &mut self.scene;
+        let handle = soft_bodies[soft].handle;
+        let node = world.nearest_node(handle, point, radius)?;
+        world.pull_node(handle, node, Some(goal)).then_some(node)
+    }
+
+    /// Moves the goal of a picked node, or lets go of it.
+    pub fn drag_soft_node(&mut self, soft: usize, node: usize, goal: Option<Vector3<f64>>) {
+        self.scene.world.pull_node(self.scene.soft_bodies[soft].handle, node, goal);
+    }
+
     /// Adds a force (N) at the centre of mass and a torque (N·m), world axes, for the next update.
     pub fn apply_wrench(&mut self, body: usize, force: Vector3<f64>, torque: Vector3<f64>) {
         let command =
