@@ -67,25 +67,28 @@ class Gripper(Simulated):
 
     @contextlib.contextmanager
     def carried(self, x, z):
-        """Moves the palm from (0, 0, -1) there, in steps of 0.2 mm, and checks at every step that the block follows rigidly."""
+        """Moves the palm from (0, 0, -1) there, and checks that the block follows rigidly."""
         with node.Stream(f"{PALM}/Command", palm_at(0.0, -1.0)) as stream:
             self.palm.until(lambda state: max(state.joint_positions) < OPEN, "the fingers open")
             self.pass_time(0.3)
             held = self.offset()
-            self.both.clear()
             steps = math.ceil(math.hypot(x, z + 1.0) / 0.0002)
             for i in range(1, steps + 1):
-                stream.command = palm_at(x * i / steps, -1.0 + (z + 1.0) * i / steps)
-                time.sleep(0.01 if i % 3 == 0 else 0.0)
-            self.palm.until(lambda state: abs(state.pose.position.z - z) < 1e-4, "the palm is there")
-            self.pass_time(0.2)
-            seen = self.both.all()
-            self.assertGreater(len(seen), 20)
-            for palm, block in seen:
-                now = relative(pose_of(palm.pose), pose_of(block.pose))
-                self.assertLess(distance(now[0], held[0]), 1e-3, f"at {palm.pose.position}")
-                self.assertLess(angle(now[1], held[1]), 0.02)
-            self.assertAlmostEqual(seen[-1][1].pose.position.x, x, delta=0.01)
+                goal = (x * i / steps, -1.0 + (z + 1.0) * i / steps)
+                stream.command = palm_at(*goal)
+                time.sleep(0.01 if i % 4 == 0 else 0.0)
+                if i % 25 == 0:
+                    # The palm has no inertia: on a busy machine it leaps, and what it holds comes after.
+                    now = self.offset()
+                    self.assertLess(distance(now[0], held[0]), 0.01)
+                    self.assertLess(angle(now[1], held[1]), 0.1)
+                if i == steps or i % (steps // 4) == 0:
+                    self.palm.until(lambda state, goal=goal: abs(state.pose.position.z - goal[1]) < 1e-6, "it is there")
+                    self.pass_time(0.1)
+                    now = self.offset()
+                    self.assertLess(distance(now[0], held[0]), 1e-3, goal)
+                    self.assertLess(angle(now[1], held[1]), 0.01, goal)
+            self.assertAlmostEqual(self.block.next().pose.position.x, x, delta=0.01)
             yield
 
     def assert_falls(self):
