@@ -74,6 +74,48 @@ class Listener:
         return len(arrivals) / (time.monotonic() - start_s)
 
 
+class Together:
+    """States of several topics, matched by step: a tuple for each step of which all topics told."""
+
+    def __init__(self, *topics):
+        """`topics`: pairs of name and message type."""
+        self._lock = threading.Lock()
+        self._seen = [{} for _ in topics]
+        self._names = [name for name, _ in topics]
+        self._subscribers = [
+            rospy.Subscriber(name, kind, self._receive, seen, queue_size=1000, tcp_nodelay=True)
+            for (name, kind), seen in zip(topics, self._seen)
+        ]
+
+    def close(self):
+        """Unsubscribes."""
+        for subscriber in self._subscribers:
+            subscriber.unregister()
+
+    def _receive(self, message, seen):
+        with self._lock:
+            seen[message.sim_step] = message
+
+    def clear(self):
+        """Forgets everything received so far."""
+        with self._lock:
+            for seen in self._seen:
+                seen.clear()
+
+    def all(self):
+        """What was received of each step, in order."""
+        with self._lock:
+            steps = set.intersection(*(set(seen) for seen in self._seen))
+            return [tuple(seen[step] for seen in self._seen) for step in sorted(steps)]
+
+    def next(self, count=1):
+        """Forgets what was received and waits for `count` steps."""
+        self.clear()
+        return harness.wait_for(
+            lambda: found if len(found := self.all()) >= count else None, f"{count} steps of all of {self._names}"
+        )
+
+
 class Stream:
     """Sends a command again and again (100 Hz), as clients do, while the `with` block lasts."""
 

@@ -10,10 +10,10 @@ use super::reader::{Map, Range};
 use super::report::ProblemKind;
 use super::values::Base;
 
-/// A soft body as written. It is always passive.
+/// A soft body as written.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SoftBody {
-    /// Identity and plugins; `passive` is `true` whatever was written.
+    /// Identity, communication and plugins.
     pub common: Common,
     /// Initial pose in the world. Default: identity.
     pub location: Isometry3<f64>,
@@ -153,8 +153,7 @@ impl Default for SoftMaterial {
 
 impl SoftBody {
     pub(super) fn read(map: &Map<'_>, base: &Base) -> Option<Self> {
-        let mut common = map.common(base);
-        common.passive = true;
+        let common = map.common(base);
         if !map.has("mass") {
             map.warn(ProblemKind::Absent, "mass", "a mass in kg", "1 kg is used");
         }
@@ -280,7 +279,7 @@ mod tests {
         let text = "soft bodies: [S]\nS:\n  mass: 1\n  mesh: a.obj\n  randomize constraints: false\n  \
                     config: {kLST: 0.5, kMT: 0.1, piterations: 6, bending constraint: 2, fixed nodes: [0, 3]}\n";
         let body = clean::<Model>(text).soft_bodies.remove(0);
-        assert!(body.common.passive && body.randomize_constraints);
+        assert!(!body.common.passive && body.randomize_constraints);
         assert_eq!(body.collision_mesh, std::path::Path::new("dir/a.obj"));
         let expected = SoftBodyConfig {
             kMT: Some(0.1),

@@ -136,6 +136,8 @@ pub(super) type Slot = ArcSwapOption<Snapshot>;
 /// The physics thread's end: fills a snapshot that nobody reads and makes it the newest, without waiting or allocating.
 pub struct SnapshotWriter {
     pool: VecDeque<Arc<Snapshot>>,
+    /// Whether what is in the slot may come from another writer, with arrays of other sizes.
+    is_new: bool,
 }
 
 /// Readers hold a snapshot for microseconds; with this many in turn one is always free.
@@ -144,7 +146,7 @@ const POOL: usize = 6;
 impl SnapshotWriter {
     /// A writer of snapshots with the array sizes of `template`.
     pub fn new(template: Snapshot) -> Self {
-        Self { pool: (0..POOL).map(|_| Arc::new(template.clone())).collect() }
+        Self { pool: (0..POOL).map(|_| Arc::new(template.clone())).collect(), is_new: true }
     }
 
     /// Lets `fill` overwrite a free snapshot and swaps it into `slot`. False, and nothing is published, in the rare case that
@@ -155,7 +157,9 @@ impl SnapshotWriter {
             if let Some(snapshot) = Arc::get_mut(&mut candidate) {
                 fill(snapshot);
                 let old = slot.swap(Some(candidate));
-                self.pool.extend(old);
+                if !std::mem::take(&mut self.is_new) {
+                    self.pool.extend(old);
+                }
                 return true;
             }
             self.pool.push_back(candidate);
@@ -180,6 +184,16 @@ mod tests {
         }
         assert_eq!((held.sim_step, held.joint_positions[1]), (1, 1.0));
         assert_eq!(slot.load_full().unwrap().sim_step, 99);
+    }
+
+    #[test]
+    fn what_another_writer_left_is_not_filled() {
+        let slot = Slot::empty();
+        assert!(SnapshotWriter::new(Snapshot::default()).publish(&slot, |_| ()));
+        let mut writer = SnapshotWriter::new(Snapshot { joint_positions: vec![0.0], ..Default::default() });
+        for _ in 0..2 * POOL {
+            assert!(writer.publish(&slot, |snapshot| snapshot.joint_positions[0] = 1.0));
+        }
     }
 
     #[test]

@@ -308,6 +308,11 @@ impl Simulation {
         }
     }
 
+    /// Whether clients let no iteration go on.
+    pub(super) fn is_held_by_clients(&self) -> bool {
+        self.link.as_ref().is_some_and(|link| !link.hub.throttle().is_open())
+    }
+
     /// Counts the iteration for throttling clients; true when they ask for steps of no iterations.
     pub(super) fn count_for_clients(&self, counter: &mut u32) -> bool {
         self.link.as_ref().is_some_and(|link| {

@@ -245,7 +245,7 @@ impl PhysicsLoop {
         wall - self.skipped - self.simulation.sim_time()
     }
 
-    /// Blocks while clients throttle. Resets are honoured meanwhile.
+    /// Blocks while clients throttle. Resets and requests about models are honoured meanwhile.
     fn hold_for_clients(&mut self) {
         loop {
             let (control, simulation) = (&self.control, &self.simulation);
@@ -260,7 +260,7 @@ impl PhysicsLoop {
                 self.resume_after_reset();
             } else if changed {
                 self.publish(self.start.elapsed());
-            } else {
+            } else if !self.simulation.is_held_by_clients() {
                 break;
             }
         }
