@@ -1,4 +1,5 @@
-//! A scene from any model, and of any world before a line `=====`: built, stepped, told a few things and reset without a crash.
+//! A scene from any model, and of any world before a line `=====`: built, stepped, told a few things, reset, and its models added and
+//! removed without a crash.
 #![no_main]
 
 mod numbers;
@@ -6,8 +7,8 @@ mod numbers;
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
-use ambf_core::comm::JointCommandType;
-use ambf_core::scene::{load, Loaded, SceneFiles, SceneOptions};
+use ambf_core::comm::{ActuatorCommand, JointCommandType, VehicleCommand};
+use ambf_core::scene::{load, Loaded, PreparedModel, SceneFiles, SceneOptions};
 use ambf_core::sim::{Simulation, DEFAULT_SUB_STEP};
 use libfuzzer_sys::{fuzz_mutator, fuzz_target};
 use nalgebra::Vector3;
@@ -56,21 +57,55 @@ fuzz_target!(|text: &str| {
 
     let mut simulation = Simulation::new(scene, DEFAULT_SUB_STEP);
     let _hub = simulation.connect();
-    for round in 0..2 {
-        for _ in 0..3 {
-            // A lost state is an answer; a crash is not.
-            if simulation.update(DEFAULT_SUB_STEP).is_err() {
-                simulation.reset_bodies();
-            }
-        }
-        if round == 0 {
-            for body in 0..simulation.scene().bodies.len().min(4) {
-                simulation.command_joint(body, 0, JointCommandType::Position, 0.5);
-                simulation.command_joint(body, 1, JointCommandType::Velocity, 1.0);
-                simulation.apply_wrench(body, Vector3::new(1.0, 0.0, 2.0), Vector3::z());
-            }
-        } else {
-            simulation.reset_world();
-        }
+    steps(&mut simulation);
+    command(&mut simulation);
+    steps(&mut simulation);
+    simulation.reset_world();
+    steps(&mut simulation);
+
+    // A second one of the model comes, then the first goes, then all that is left.
+    let Ok(again) = PreparedModel::read(&files.models[0]) else { return };
+    let second = simulation.add_model(again).key;
+    command(&mut simulation);
+    steps(&mut simulation);
+    let first = simulation.scene().models.iter().rfind(|model| !model.removed && model.key != second);
+    let first = first.map(|model| model.key.clone()).expect("an environment at least");
+    for key in [first, second] {
+        let _ = simulation.remove_model(&key);
+        steps(&mut simulation);
     }
 });
+
+fn steps(simulation: &mut Simulation) {
+    for _ in 0..3 {
+        // A lost state is an answer; a crash is not.
+        if simulation.update(DEFAULT_SUB_STEP).is_err() {
+            simulation.reset_bodies();
+        }
+    }
+}
+
+/// Tells the first of everything to do something.
+fn command(simulation: &mut Simulation) {
+    let scene = simulation.scene();
+    let (bodies, vehicles, actuators) = (scene.bodies.len(), scene.vehicles.len(), scene.actuators.len());
+    let name = |i: usize| scene.bodies.get(i).map(|body| body.identity.name.to_string()).unwrap_or_default();
+    let hold = |body_name, use_sensor_data| ActuatorCommand {
+        actuate: true,
+        body_name,
+        use_sensor_data,
+        sensor_identifier: "S".into(),
+        ..Default::default()
+    };
+    let holds = [hold(name(1), false), hold(name(2), true)];
+    for body in 0..bodies.min(4) {
+        simulation.command_joint(body, 0, JointCommandType::Position, 0.5);
+        simulation.command_joint(body, 1, JointCommandType::Velocity, 1.0);
+        simulation.apply_wrench(body, Vector3::new(1.0, 0.0, 2.0), Vector3::z());
+    }
+    let drive = VehicleCommand { steering: vec![0.3; 4], power: vec![50.0; 4], ..Default::default() };
+    (0..vehicles.min(2)).for_each(|vehicle| simulation.command_vehicle(vehicle, &drive));
+    for (actuator, command) in (0..actuators).zip(&holds) {
+        let _ = simulation.command_actuator(actuator, command);
+    }
+}
