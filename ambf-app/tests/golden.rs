@@ -43,7 +43,7 @@ impl Fnv {
     }
 }
 
-/// Hash of the state after [`STEPS`] steps of 1 ms: reported poses and velocities of all bodies, and all joints.
+/// Hash of the state after [`STEPS`] steps of 1 ms: reported poses and velocities of all bodies, nodes of soft bodies, and all joints.
 fn final_hash(world: Option<PathBuf>, model: &Path) -> u64 {
     let files = SceneFiles { world, models: vec![model.to_owned()] };
     let Loaded { scene, report } = load(&files, &SceneOptions::default());
@@ -60,6 +60,11 @@ fn final_hash(world: Option<PathBuf>, model: &Path) -> u64 {
         let numbers =
             state.origin.iter().chain(&state.basis).chain(&state.linear_velocity).chain(&state.angular_velocity);
         numbers.for_each(|&number| hash.add_number(number));
+    }
+    for soft in &scene.soft_bodies {
+        let mut nodes = vec![[0.0; 3]; soft.nodes];
+        soft.read_nodes(&scene.world, &mut nodes);
+        nodes.as_flattened().iter().for_each(|&number| hash.add_number(number));
     }
     for joint in &scene.joints {
         [joint.position, joint.velocity, joint.effort].iter().for_each(|&number| hash.add_number(number));
