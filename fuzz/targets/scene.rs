@@ -24,13 +24,11 @@ const MESHES: [(&str, &str); 5] = [
 
 const WORLD: &str = "gravity: {x: 0, y: 0, z: -10}\nmax iterations: 5\nenclosure: {length: 4, width: 4, height: 2}\n";
 
-/// A folder with the meshes; in memory where the system has such a place.
+/// A folder with the meshes.
 fn folder() -> &'static PathBuf {
     static FOLDER: OnceLock<PathBuf> = OnceLock::new();
     FOLDER.get_or_init(|| {
-        let memory = PathBuf::from("/dev/shm");
-        let base = if memory.is_dir() { memory } else { std::env::temp_dir() };
-        let folder = base.join(format!("ambf_fuzz_{}", std::process::id()));
+        let folder = std::env::temp_dir().join(format!("ambf_fuzz_{}", std::process::id()));
         std::fs::create_dir_all(&folder).expect("a folder");
         for (name, text) in MESHES {
             std::fs::write(folder.join(name), text).expect("written");
