@@ -262,7 +262,7 @@ pub struct VehicleCommand {
     pub steering: Vec<f64>,
     /// (n x 1) engine force of each wheel, N, clamped to ± its maximum.
     pub power: Vec<f64>,
-    /// (n x 1) brake of each wheel, N, clamped to 0 and its maximum.
+    /// (n x 1) brake of each wheel, N·s: the largest impulse of a sub-step, clamped to 0 and its maximum.
     pub brake: Vec<f64>,
     /// No power and full brake on all wheels.
     pub full_brake: bool,

@@ -28,7 +28,7 @@ pub struct Wheel {
     pub steering_limits: Limits,
     /// Largest engine force, N.
     pub max_power: f64,
-    /// Largest brake, as Bullet takes it: an impulse a step, N·s.
+    /// Largest brake, N·s: the largest impulse of a sub-step.
     pub max_brake: f64,
     /// In force.
     drive: Drive,
