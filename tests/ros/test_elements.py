@@ -17,6 +17,7 @@ from ambf_msgs.msg import (
     SoftBodyState,
     WorldCmd,
 )
+from ambf_msgs.srv import RemoveModel
 from poses import distance
 from scenes import NOWHERE, box, model
 from simulated import MODELS, WORLD, Ros, Simulated, written
@@ -143,7 +144,7 @@ class Cloth(Simulated):
     def test_it_hangs_and_settles(self):
         """The cords' upper ends stay, the rest swings down below them and comes to rest; the ball has passed."""
         first = self.cloth.next()
-        self.assertEqual(first.mass, first.mass)
+        self.assertAlmostEqual(first.mass, 0.2, places=6)
         self.assertIn("node positions", first.userdata_description)
         self.assertEqual((len(first.userdata), first.name.data), (3 * 127, "cloth"))
         ends = [i for i, point in enumerate(nodes(first)) if abs(point[2] + 0.45) < 1e-4]
@@ -295,14 +296,20 @@ class Parents(Simulated):
             self.assertAlmostEqual(state.pose.position.z, z, places=6)
         self.assertEqual(rospy.get_param(f"{HEADLAMP}/eye/parent_name"), "BODY head")
 
+    def hang(self, listener, name, parent):
+        """Sets the parameter until the state says that it was read: at its start the simulator writes its own value over it."""
+
+        def read():
+            rospy.set_param(f"{HEADLAMP}/{name}/parent_name", parent)
+            return listener.next().parent_name.data == parent
+
+        harness.wait_for(read, f"{name} has read its parent {parent}")
+
     def test_another_parent(self):
         """When the new parent goes, the camera stays where it was with it: that shows where it hung."""
-        rospy.set_param(f"{HEADLAMP}/eye/parent_name", "BODY Far")
-        self.eye.until(lambda state: state.parent_name.data == "BODY Far", "the camera has another parent")
+        self.hang(self.eye, "eye", "BODY Far")
         self.assertAlmostEqual(self.eye.next().pose.position.x, 0.1, places=6)
         self.pass_time(0.2)
-        from ambf_msgs.srv import RemoveModel  # pylint: disable=import-outside-toplevel
-
         answer = rospy.ServiceProxy(f"{WORLD}/remove_model", RemoveModel)("far")
         self.assertTrue(answer.success, answer)
         state = self.eye.until(lambda state: state.pose.position.x > 1.0, "the camera hangs in the world")
@@ -311,16 +318,15 @@ class Parents(Simulated):
 
     def test_a_loop_is_refused(self):
         """With a message, and so is a name that nobody has; everything goes on."""
-        rospy.set_param(f"{HEADLAMP}/eye/parent_name", "LIGHT lamp")
-        self.eye.until(lambda state: state.parent_name.data == "LIGHT lamp", "the camera hangs on the light")
-        rospy.set_param(f"{HEADLAMP}/lamp/parent_name", "CAMERA eye")
-        self.wait_for_log("parent `CAMERA eye` is itself or hangs on it")
-        rospy.set_param(f"{HEADLAMP}/lamp/parent_name", "LIGHT lamp")
-        self.wait_for_log("parent `LIGHT lamp` is itself or hangs on it")
-        rospy.set_param(f"{HEADLAMP}/lamp/parent_name", "BODY nobody")
-        self.wait_for_log("parent `BODY nobody` is not found")
+        self.hang(self.eye, "eye", "LIGHT lamp")
+        for parent, text in (
+            ("CAMERA eye", "itself or hangs on it"),
+            ("LIGHT lamp", "itself or hangs on it"),
+            ("BODY nobody", "not found"),
+        ):
+            self.hang(self.lamp, "lamp", parent)
+            self.wait_for_log(f"parent `{parent}` is {text}")
         rospy.set_param(f"{HEADLAMP}/lamp/parent_name", 7)
         self.wait_for_log("parent_name: expected text")
-        rospy.set_param(f"{HEADLAMP}/lamp/parent_name", "BODY post")
-        self.lamp.until(lambda state: state.parent_name.data == "BODY post", "the light has a parent that exists")
+        self.hang(self.lamp, "lamp", "BODY post")
         self.pass_time(0.2)

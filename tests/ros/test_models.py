@@ -176,9 +176,10 @@ class Services(Changing):
 
         def work(path):
             for _ in range(5):
-                proxies = (rospy.ServiceProxy(f"{WORLD}/add_model", AddModel), rospy.ServiceProxy(f"{WORLD}/remove_model", RemoveModel))
-                answer = proxies[0](str(path))
-                if not (answer.success and proxies[1](answer.model).success):
+                add = rospy.ServiceProxy(f"{WORLD}/add_model", AddModel)
+                remove = rospy.ServiceProxy(f"{WORLD}/remove_model", RemoveModel)
+                answer = add(str(path))
+                if not (answer.success and remove(answer.model).success):
                     failed.append((path, answer))
 
         threads = [threading.Thread(target=work, args=(path,)) for path in files]
@@ -239,7 +240,8 @@ class Refused(Changing):
         for i in range(2):
             self.added(written(f"pair{i}.yaml", model({f"BODY P{i}": weightless(f"P{i}", x=30.0 + i)})))
         before = self.names()
-        for name, text in (("nobody.yaml", "not found"), ("pair", "part of several"), ("ground", "environment"), ("", "")):
+        cases = (("nobody.yaml", "not found"), ("pair", "part of several"), ("ground", "environment"), ("", ""))
+        for name, text in cases:
             with self.subTest(name):
                 answer = self.remove_model(name)
                 self.assertFalse(answer.success, answer)
@@ -325,7 +327,8 @@ class Held(Changing):
     def test_what_holds_is_removed(self):
         """Then the body falls, and the topics of the actuator go."""
         self.added(written("load.yaml", model({"BODY Load": box("Load", 1.0, x=10.0, z=-0.3)})))
-        load, grip = self.listen("/ambf/env/Load/State", RigidBodyState), self.listen("/ambf/env/grip/State", ActuatorState)
+        load = self.listen("/ambf/env/Load/State", RigidBodyState)
+        grip = self.listen("/ambf/env/grip/State", ActuatorState)
         with node.Stream("/ambf/env/grip/Command", ActuatorCmd(actuate=True, body_name=String("BODY Load"))):
             grip.until(lambda state: state.actuated, "it holds")
             height = load.next().pose.position.z
