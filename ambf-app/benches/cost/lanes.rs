@@ -56,6 +56,8 @@ pub struct Lane {
     /// s.
     pub load: f64,
     pub bodies: usize,
+    /// Rays that sensors cast in each step.
+    pub rays: usize,
     slices: Vec<Slice>,
 }
 
@@ -117,7 +119,9 @@ pub fn measure(effort: Effort, lanes: &[(Mode, &Scene)]) -> Result<Vec<Lane>, St
     for line in text.lines() {
         let numbers: Vec<f64> = line.split_whitespace().map(|text| text.parse().expect("a number")).collect();
         match numbers[..] {
-            [load, bodies] => measured.push(Lane { load, bodies: bodies as usize, slices: Vec::new() }),
+            [load, bodies, rays] => {
+                measured.push(Lane { load, bodies: bodies as usize, rays: rays as usize, slices: Vec::new() })
+            }
             [lane, steps, wall, bullet, others] => {
                 measured[lane as usize].slices.push(Slice { steps, wall, bullet, others })
             }
@@ -155,7 +159,8 @@ impl Working {
         let loaded = load(&scene.files(), &SceneOptions::default());
         assert!(loaded.report.refused.is_empty(), "{}", loaded.report.refused[0]);
         let mut simulation = Simulation::new(loaded.scene, DEFAULT_SUB_STEP);
-        println!("{:e} {}", begin.elapsed().as_secs_f64(), simulation.scene().bodies.len());
+        let rays: usize = simulation.scene().sensors.iter().map(|sensor| sensor.rays.len()).sum();
+        println!("{:e} {} {rays}", begin.elapsed().as_secs_f64(), simulation.scene().bodies.len());
         for _ in 0..WARM_UP {
             step(&mut simulation);
         }
