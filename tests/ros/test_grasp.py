@@ -154,17 +154,19 @@ class Watchdog(Gripper):
 
     def test_a_client_that_stops(self):
         """0.5 s after its last command."""
-        with node.Stream(f"{PALM}/Command", palm_at(0.0, -1.0)):
-            with node.Stream(f"{HOLDER}/Command", hold_seen()):
-                self.holder.until(lambda state: state.actuated, "the actuator holds")
-                self.palm.until(lambda state: max(state.joint_positions) < OPEN, "the fingers open")
-                # Longer than the watchdog's patience: a living client is let alone.
-                self.pass_time(1.0)
-                self.assertTrue(self.holder.next().actuated)
-                last = time.monotonic()
-            self.holder.until(lambda state: not state.actuated, "the watchdog lets go")
-            self.assertGreater(time.monotonic() - last, 0.4)
-            self.assert_falls()
+        # The fingers open when the block is held, not before.
+        palm = node.Stream(f"{PALM}/Command", palm_at(0.0, -1.0))
+        with node.Stream(f"{HOLDER}/Command", hold_seen()):
+            self.holder.until(lambda state: state.actuated, "the actuator holds")
+            self.enterContext(palm)
+            self.palm.until(lambda state: max(state.joint_positions) < OPEN, "the fingers open")
+            # Longer than the watchdog's patience: a living client is let alone.
+            self.pass_time(1.0)
+            self.assertTrue(self.holder.next().actuated)
+            last = time.monotonic()
+        self.holder.until(lambda state: not state.actuated, "the watchdog lets go")
+        self.assertGreater(time.monotonic() - last, 0.4)
+        self.assert_falls()
 
     def test_one_command(self):
         """It holds for as long as the watchdog waits, and a new one holds again."""
