@@ -24,7 +24,7 @@ pub use contact::Contact;
 pub use kinematics::BodyKinematics;
 pub use method::{Integrator, Solver};
 pub use ray::{Ray, RayHit, RayTarget};
-pub use settings::{Gyroscopic, SolverSettings};
+pub use settings::{Gyroscopic, Preset, SolverSettings};
 pub use shape::{Axis, Shape};
 pub use soft_body::{SoftBody, SoftBodyError, SoftConfig};
 pub use soft_world::SoftFeatures;

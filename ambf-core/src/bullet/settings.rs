@@ -67,6 +67,33 @@ pub enum Gyroscopic {
     ImplicitBody,
 }
 
+/// Settings that come as a set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Preset {
+    /// Those with which pybullet 3.2.7 makes its world.
+    PyBullet,
+}
+
+impl Preset {
+    /// The settings of the preset; what it has no opinion on stays as in `settings`.
+    pub fn apply(self, settings: SolverSettings) -> SolverSettings {
+        match self {
+            Self::PyBullet => SolverSettings {
+                iterations: 50,
+                minimum_batch_size: 0,
+                contact_erp: 0.08,
+                friction_erp: 0.2,
+                linear_slop: 1e-5,
+                warm_starting: true,
+                warm_starting_factor: 0.1,
+                residual_threshold: 1e-7,
+                two_friction_directions: true,
+                ..settings
+            },
+        }
+    }
+}
+
 /// Largest number of iterations: a sub-step must come to an end.
 const MAX_ITERATIONS: u32 = 100_000;
 
