@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use ambf_core::adf::{self, Launch, LoadError, Report};
-use ambf_core::bullet::{Integrator, Solver};
+use ambf_core::bullet::{Integrator, Preset, Solver};
 use ambf_core::control::Profile;
 use ambf_core::scene::{PhysicsOptions, SceneFiles};
 use thiserror::Error;
@@ -98,7 +98,9 @@ pub fn physics(options: &cli::PhysicsOptions) -> Result<PhysicsOptions, String> 
         profile: options.profile.map(|profile| match profile {
             cli::Profile::Legacy => Profile::Legacy,
             cli::Profile::Accurate => Profile::Accurate,
+            cli::Profile::PyBullet => Profile::Legacy,
         }),
+        preset: (options.profile == Some(cli::Profile::PyBullet)).then_some(Preset::PyBullet),
         solver,
         integrator,
         iterations: options.iterations,

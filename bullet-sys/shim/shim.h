@@ -4,6 +4,7 @@
 #include "constraint.h"
 #include "ghost.h"
 #include "query.h"
+#include "settings.h"
 #include "shape.h"
 #include "soft_body.h"
 #include "types.h"

@@ -57,13 +57,16 @@ pub enum Profile {
     Legacy,
     /// The most accurate result for the same cost.
     Accurate,
+    /// As `legacy`, with the solver and the shapes of pybullet.
+    #[value(name = "pybullet")]
+    PyBullet,
 }
 
 /// How Bullet solves and integrates; `None` leaves a choice to the world file and then to the profile.
 #[derive(Debug, Clone, Default, PartialEq, Eq, clap::Args)]
 #[command(next_help_heading = "Physics")]
 pub struct PhysicsOptions {
-    /// Behaviour of the physics: legacy or accurate [default: the world file's, else legacy]
+    /// Behaviour of the physics: legacy, accurate or pybullet [default: the world file's, else legacy]
     #[arg(long, value_enum, value_name = "PROFILE", hide_possible_values = true)]
     pub profile: Option<Profile>,
     /// Constraint solver, by name [default: the profile's]

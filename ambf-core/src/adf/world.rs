@@ -60,7 +60,7 @@ pub struct Skybox {
 /// Key `physics` of a world file; the reference has no such key. Every part is optional.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PhysicsSettings {
-    /// `legacy` or `accurate`.
+    /// `legacy`, `accurate` or `pybullet`.
     pub profile: Option<PhysicsProfile>,
     /// Name of the constraint solver, as written.
     pub solver: Option<String>,
@@ -79,6 +79,8 @@ pub enum PhysicsProfile {
     Legacy,
     /// The best result at the same cost.
     Accurate,
+    /// As the reference, with the solver and the shapes of pybullet.
+    PyBullet,
 }
 
 impl World {
@@ -162,8 +164,9 @@ impl PhysicsSettings {
             profile: match profile.as_deref() {
                 Some("legacy") => Some(PhysicsProfile::Legacy),
                 Some("accurate") => Some(PhysicsProfile::Accurate),
+                Some("pybullet") => Some(PhysicsProfile::PyBullet),
                 Some(_) => {
-                    let expected = "legacy or accurate";
+                    let expected = "legacy, accurate or pybullet";
                     let action = "the default is used";
                     block.error(ProblemKind::UnknownValue, "profile", expected, action);
                     None

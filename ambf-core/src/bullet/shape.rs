@@ -127,6 +127,15 @@ impl Shape {
         compound
     }
 
+    /// The only child of a compound if it is where the compound is, else the shape as it is. It collides alike, with less work, but its
+    /// estimate of inertia is its own, not that of a bounding box.
+    pub fn unwrapped(self) -> Self {
+        // SAFETY: the shape is alive; ownership passes to the shim, which returns the shape that is left.
+        let raw = unsafe { sys::amb_shape_unwrap(self.raw()) };
+        std::mem::forget(self);
+        Self::own(raw)
+    }
+
     /// Bullet's estimate of the principal moments of inertia for `mass` kg, kg·m²; for a compound that of its bounding box. Zero
     /// for an empty shape or a plane.
     pub fn inertia(&self, mass: f64) -> Vector3<f64> {
@@ -169,6 +178,20 @@ mod tests {
                 assert!((size[long] - 2.0).abs() < 0.01, "{size}");
                 assert!(size[(long + 1) % 3] < 0.3, "{size}");
             }
+        }
+    }
+
+    #[test]
+    fn only_a_single_child_in_place_is_unwrapped() {
+        let ball = || Shape::sphere(0.1, 0.0);
+        let inertia = |shape: Shape| shape.unwrapped().inertia(1.0).x;
+        let (of_ball, of_box) = (ball().inertia(1.0).x, 0.04 / 6.0);
+        assert_eq!(inertia(Shape::compound([(ball(), Isometry3::identity())])), of_ball);
+        assert_eq!(inertia(ball()), of_ball);
+        let twice = Shape::compound([(ball(), Isometry3::identity()), (ball(), Isometry3::identity())]);
+        let moved = Shape::compound([(ball(), Isometry3::translation(0.1, 0.0, 0.0))]);
+        for shape in [twice, moved] {
+            assert!((inertia(shape) - of_box).abs() < 1e-6);
         }
     }
 

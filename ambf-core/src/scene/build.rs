@@ -14,7 +14,7 @@ use super::{
     SceneOptions,
 };
 use crate::adf::{self, CollisionGeometry, Part, PartGeometry, PhysicsProfile, RaySource, Severity, SourcePos};
-use crate::bullet::{self, Integrator, Solver, World};
+use crate::bullet::{self, Integrator, Preset, Solver, World};
 use crate::comm::{LightParameters, Rates};
 use crate::control::{CartesianController, Profile};
 use crate::mesh::{Mesh, MeshCache};
@@ -69,9 +69,10 @@ pub(super) fn empty_scene(
 ) -> Scene {
     let physics = physics(&world, &options.physics, notes);
     let profile = physics.profile.unwrap_or_default();
-    let (solver, integrator) = match profile {
-        Profile::Legacy => (Solver::WarmFriction, Integrator::Euler),
-        Profile::Accurate => (Solver::SequentialImpulse, Integrator::Ballistic),
+    let (solver, integrator) = match (physics.preset, profile) {
+        (Some(Preset::PyBullet), _) => (Solver::SequentialImpulse, Integrator::Euler),
+        (None, Profile::Legacy) => (Solver::WarmFriction, Integrator::Euler),
+        (None, Profile::Accurate) => (Solver::SequentialImpulse, Integrator::Ballistic),
     };
     let solver = physics.solver.unwrap_or(solver);
     let (source, common) = (&world.common.source, &world.common);
@@ -82,7 +83,10 @@ pub(super) fn empty_scene(
     }
     let mut bullet = if has_soft_bodies { World::with_soft_bodies(solver) } else { World::new(solver) };
     bullet.set_integrator(physics.integrator.unwrap_or(integrator));
-    bullet.set_lag(profile == Profile::Legacy);
+    bullet.set_lag(profile == Profile::Legacy && physics.preset.is_none());
+    if let Some(preset) = physics.preset {
+        bullet.set_solver_settings(&preset.apply(bullet.solver_settings()));
+    }
     bullet.set_gravity(world.gravity);
     if let Some(iterations) = physics.iterations {
         bullet.set_iterations(iterations);
@@ -107,6 +111,7 @@ pub(super) fn empty_scene(
         max_sub_steps: world.max_iterations.max(1),
         sub_step: physics.sub_step,
         profile,
+        preset: physics.preset,
         has_feedback: false,
         description: Arc::new(world),
         options: options.clone(),
@@ -236,7 +241,10 @@ impl<'a> Builder<'a> {
             CollisionGeometry::Mesh { path, .. } => Some(self.mesh(path, body.scale, &body.common)?),
             _ => None,
         };
-        let built = shape::build(body, mesh.as_deref(), self.meshes, self.scene.profile);
+        let mut built = shape::build(body, mesh.as_deref(), self.meshes, self.scene.profile);
+        if self.scene.preset == Some(Preset::PyBullet) {
+            built.shape = built.shape.unwrapped();
+        }
         for (severity, message) in &built.left_out {
             self.note(*severity, source, format!("`{}`: {message}", body.common.identifier));
         }
@@ -548,12 +556,16 @@ fn physics(world: &adf::World, options: &PhysicsOptions, notes: &mut Vec<Note>) 
         }
         integrator
     });
-    let profile = settings.profile.map(|profile| match profile {
-        PhysicsProfile::Legacy => Profile::Legacy,
-        PhysicsProfile::Accurate => Profile::Accurate,
-    });
+    let (profile, preset) = match (options.profile, settings.profile) {
+        (Some(profile), _) => (Some(profile), options.preset),
+        (None, Some(PhysicsProfile::Legacy)) => (Some(Profile::Legacy), options.preset),
+        (None, Some(PhysicsProfile::Accurate)) => (Some(Profile::Accurate), options.preset),
+        (None, Some(PhysicsProfile::PyBullet)) => (Some(Profile::Legacy), Some(Preset::PyBullet)),
+        (None, None) => (None, options.preset),
+    };
     PhysicsOptions {
-        profile: options.profile.or(profile),
+        profile,
+        preset,
         solver: options.solver.or(solver),
         iterations: options.iterations.or(settings.iterations),
         integrator: options.integrator.or(integrator),

@@ -36,7 +36,7 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Vector3};
 
 use crate::adf::{self, Severity, SourcePos};
-use crate::bullet::{Integrator, Solver, World};
+use crate::bullet::{Integrator, Preset, Solver, World};
 use crate::comm::{
     ActuatorCommand, BodyKinematics, GhostReading, ObjectInfo, ObjectKind, Rates, RigidBodyInfo, Snapshot,
     SoftBodyReading, VehicleInfo, VehicleReading, Wrench,
@@ -59,6 +59,8 @@ pub struct SceneOptions {
 pub struct PhysicsOptions {
     /// Legacy or accurate.
     pub profile: Option<Profile>,
+    /// Settings of the solver and of shapes instead of the profile's. A `profile` here is without the preset of the world file.
+    pub preset: Option<Preset>,
     /// Constraint solver.
     pub solver: Option<Solver>,
     /// Iterations of the solver.
@@ -137,6 +139,8 @@ pub struct Scene {
     pub sub_step: Option<f64>,
     /// Physics wanted.
     pub profile: Profile,
+    /// Settings of the solver and of shapes instead of the profile's.
+    pub preset: Option<Preset>,
     /// Whether any joint estimates its reactions.
     pub has_feedback: bool,
     /// What the world was made from: also all that is only drawn (skybox, shaders).
