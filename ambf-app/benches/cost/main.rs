@@ -6,11 +6,14 @@
 mod lanes;
 mod live;
 mod observed;
+#[path = "../common/plot.rs"]
 mod plot;
+#[path = "../common/report.rs"]
 mod report;
 #[path = "../../tests/ros_common/mod.rs"]
 mod ros_common;
 mod scenes;
+#[path = "../common/statistics.rs"]
 mod statistics;
 mod step;
 mod watch;
@@ -53,7 +56,7 @@ fn main() {
         figures.extend(figure);
     }
     if only.is_empty() {
-        report::publish(&machine, &sections, &figures);
+        report::publish("benchmarks.md", "figures", &machine, &sections, &figures);
     }
 }
 

@@ -58,11 +58,6 @@ fn shipped_launch() -> PathBuf {
     root().join("resources/launch.yaml")
 }
 
-/// Where the report belongs.
-pub fn docs() -> PathBuf {
-    root().join("docs")
-}
-
 /// The scenes of the shipped launch file.
 pub fn own() -> Vec<Scene> {
     listed(&shipped_launch(), usize::MAX)

@@ -1,9 +1,8 @@
-//! What was found, as text: on the terminal and in `docs/benchmarks.md`.
+//! What was found, as text: on the terminal and in a page of `docs`.
 
 use std::fmt::{self, Write as _};
 use std::fs::{create_dir_all, read_to_string, write};
-
-use super::scenes::docs;
+use std::path::{Path, PathBuf};
 
 /// A table with words before and after it.
 #[derive(Debug, Default)]
@@ -58,19 +57,24 @@ pub fn machine(quick: bool) -> String {
 const BEGIN: &str = "<!-- measured: begin -->";
 const END: &str = "<!-- measured: end -->";
 
-/// Replaces what is between the markers of `docs/benchmarks.md` and writes the figures.
-pub fn publish(machine: &str, sections: &[Section], figures: &[(&str, String)]) {
-    let path = docs().join("benchmarks.md");
-    let text = read_to_string(&path).expect("docs/benchmarks.md can be read");
-    let (before, rest) = text.split_once(BEGIN).expect("docs/benchmarks.md has its first marker");
-    let (_, after) = rest.split_once(END).expect("docs/benchmarks.md has its second marker");
+/// Where reports belong.
+pub fn docs() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the workspace").join("docs")
+}
+
+/// Replaces what is between the markers of a page in `docs` and writes the figures into a folder there.
+pub fn publish(page: &str, folder: &str, machine: &str, sections: &[Section], figures: &[(impl AsRef<Path>, String)]) {
+    let path = docs().join(page);
+    let text = read_to_string(&path).unwrap_or_else(|error| panic!("docs/{page} can be read: {error}"));
+    let (before, rest) = text.split_once(BEGIN).unwrap_or_else(|| panic!("docs/{page} has its first marker"));
+    let (_, after) = rest.split_once(END).unwrap_or_else(|| panic!("docs/{page} has its second marker"));
     let mut measured = format!("Machine: {machine}\n\n");
     for section in sections {
         write!(measured, "{section}").expect("a text takes everything");
     }
-    write(&path, format!("{before}{BEGIN}\n{measured}{END}{after}")).expect("docs/benchmarks.md can be written");
-    let folder = docs().join("figures");
-    create_dir_all(&folder).expect("docs/figures can be made");
+    write(&path, format!("{before}{BEGIN}\n{measured}{END}{after}")).expect("a page can be written");
+    let folder = docs().join(folder);
+    create_dir_all(&folder).expect("a folder of docs can be made");
     for (name, svg) in figures {
         write(folder.join(name), svg).expect("a figure can be written");
     }

@@ -1,0 +1,113 @@
+//! Run time against error: `scripts/bench accuracy [--quick] [--only CASE]… [--no-peers]`
+//!
+//! With `--only` tables are printed and nothing is written; else they go into `docs/benchmarks/accuracy.md`, between its markers, with
+//! a figure for each case, and into `docs/benchmarks/accuracy.csv`.
+
+mod case;
+mod jointed;
+mod lanes;
+mod own;
+mod peers;
+#[path = "../common/plot.rs"]
+mod plot;
+mod reference;
+#[path = "../common/report.rs"]
+mod report;
+#[path = "../common/statistics.rs"]
+mod statistics;
+mod system;
+
+use std::process::exit;
+use std::time::Duration;
+
+use case::Case;
+use lanes::Effort;
+use peers::Peers;
+
+/// What `cargo bench` adds to the arguments of every benchmark.
+const CARGO_BENCH: &str = "--bench";
+
+/// Names of the cases and how they are made, which takes a moment where there is a reference to integrate.
+const CASES: [(&str, fn() -> Case); 12] = [
+    ("free-rotation", jointed::free_rotating),
+    ("free-flight", jointed::free_flying),
+    ("pendulum", jointed::pendulum),
+    ("double-pendulum", jointed::double_pendulum),
+    ("chain10", jointed::chain10),
+    ("chain10-heavy", jointed::heavy_chain),
+    ("four-bar", jointed::four_bar1),
+    ("four-bar10", jointed::four_bar10),
+    ("four-bar40", jointed::four_bar40),
+    ("bricard", jointed::bricard),
+    ("governor", jointed::governor),
+    ("arm7", jointed::arm),
+];
+
+#[derive(Default)]
+struct Wanted {
+    quick: bool,
+    no_peers: bool,
+    /// Empty: all.
+    only: Vec<String>,
+}
+
+fn main() {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    // `cargo test --all-targets` starts it too, without this word.
+    if !arguments.iter().any(|argument| argument == CARGO_BENCH) {
+        println!("nothing is measured: this is started by `cargo bench` or scripts/bench");
+        return;
+    }
+    let wanted = read(&arguments).unwrap_or_else(|problem| {
+        eprintln!("bench: {problem}");
+        exit(1);
+    });
+    let effort = if wanted.quick {
+        Effort { rounds: 1, most: Duration::from_millis(60) }
+    } else {
+        Effort { rounds: 5, most: Duration::from_secs(2) }
+    };
+    let mut peers = match Peers::start() {
+        _ if wanted.no_peers => None,
+        Ok(peers) => Some(peers),
+        Err(problem) => {
+            eprintln!("bench: no other simulators: {problem}");
+            None
+        }
+    };
+    for (_, make) in CASES.iter().filter(|(name, _)| wanted.wants(name)) {
+        let case = make();
+        println!("{}", case.name);
+        for lane in lanes::measure(&case, &mut peers, effort) {
+            print!("{:20}", lane.name);
+            for point in &lane.points {
+                print!(" {:.1e} ({:.1})", point.error, point.cost.median);
+            }
+            println!(" {}", lane.problem.unwrap_or_default());
+        }
+    }
+}
+
+impl Wanted {
+    fn wants(&self, name: &str) -> bool {
+        self.only.is_empty() || self.only.iter().any(|only| only == name)
+    }
+}
+
+fn read(arguments: &[String]) -> Result<Wanted, String> {
+    let mut wanted = Wanted::default();
+    let mut rest = arguments.iter();
+    while let Some(argument) = rest.next() {
+        match argument.as_str() {
+            "--quick" => wanted.quick = true,
+            "--no-peers" => wanted.no_peers = true,
+            "--only" => match rest.next() {
+                Some(name) if CASES.iter().any(|(known, _)| known == name) => wanted.only.push(name.clone()),
+                _ => return Err(format!("--only needs one of {}", CASES.map(|(name, _)| name).join(", "))),
+            },
+            CARGO_BENCH => (),
+            _ => return Err(format!("{argument} is not known; expected --quick, --only CASE or --no-peers")),
+        }
+    }
+    Ok(wanted)
+}
