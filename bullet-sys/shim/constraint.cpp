@@ -1,4 +1,4 @@
-#include "tree_rows.h"
+#include "tree.h"
 
 namespace {
 
@@ -10,6 +10,13 @@ struct ForceSpring : btGeneric6DofSpring2Constraint {
     m_flags |= BT_6DOF_FLAGS_USE_INFINITE_ERROR;
   }
 };
+
+AmbConstraint *own(Kind kind, btTypedConstraint *constraint) {
+  auto *owner = new AmbConstraint;
+  owner->kind = kind;
+  owner->constraint.reset(constraint);
+  return owner;
+}
 
 // Distance of frame B's origin along frame A's z axis.
 btScalar axis_distance(const btTransform &a, const btTransform &b) {
@@ -24,7 +31,6 @@ btScalar axis_angle(const btTransform &a, const btTransform &b) {
 
 btScalar read(AmbConstraint &c, unsigned char reading) {
   if (c.tree && reading != AmbReading_None) {
-    c.tree->settle();
     const btScalar coordinate = c.tree->coordinate(c);
     return reading == AmbReading_HingeAngle ? std::remainder(coordinate, 2 * SIMD_PI) : coordinate;
   }
@@ -44,16 +50,11 @@ btScalar read(AmbConstraint &c, unsigned char reading) {
 
 }  // namespace
 
-AmbConstraint::AmbConstraint(Kind constraint_kind, AmbBody *body_a, AmbBody *body_b, btTypedConstraint *typed)
-    : kind(constraint_kind), a(body_a), b(body_b), constraint(typed) {}
-
-AmbConstraint::~AmbConstraint() = default;
-
 extern "C" {
 
 AmbConstraint *amb_hinge_new(AmbBody *a, AmbBody *b, const double frame_a[12], const double frame_b[12]) {
-  return new AmbConstraint(Kind::Hinge, a, b,
-                           new btHingeConstraint(a->body, b->body, transform_of(frame_a), transform_of(frame_b), true));
+  return own(Kind::Hinge,
+             new btHingeConstraint(a->body, b->body, transform_of(frame_a), transform_of(frame_b), true));
 }
 
 void amb_hinge_set_limit(AmbConstraint *hinge, double low, double high) {
@@ -67,8 +68,8 @@ void amb_hinge_set_motor(AmbConstraint *hinge, int enabled, double velocity, dou
 }
 
 AmbConstraint *amb_slider_new(AmbBody *a, AmbBody *b, const double frame_a[12], const double frame_b[12]) {
-  return new AmbConstraint(Kind::Slider, a, b,
-                           new btSliderConstraint(a->body, b->body, transform_of(frame_a), transform_of(frame_b), true));
+  return own(Kind::Slider,
+             new btSliderConstraint(a->body, b->body, transform_of(frame_a), transform_of(frame_b), true));
 }
 
 void amb_slider_set_limit(AmbConstraint *slider, double low, double high) {
@@ -93,18 +94,17 @@ void amb_slider_set_motor(AmbConstraint *slider, int enabled, double velocity, d
 }
 
 AmbConstraint *amb_fixed_new(AmbBody *a, AmbBody *b, const double frame_a[12], const double frame_b[12]) {
-  return new AmbConstraint(Kind::Fixed, a, b,
-                           new btFixedConstraint(a->body, b->body, transform_of(frame_a), transform_of(frame_b)));
+  return own(Kind::Fixed, new btFixedConstraint(a->body, b->body, transform_of(frame_a), transform_of(frame_b)));
 }
 
 AmbConstraint *amb_point_to_point_new(AmbBody *a, AmbBody *b, const double pivot_a[3], const double pivot_b[3]) {
-  return new AmbConstraint(Kind::PointToPoint, a, b,
-                           new btPoint2PointConstraint(a->body, b->body, vector_of(pivot_a), vector_of(pivot_b)));
+  return own(Kind::PointToPoint,
+             new btPoint2PointConstraint(a->body, b->body, vector_of(pivot_a), vector_of(pivot_b)));
 }
 
 AmbConstraint *amb_cone_twist_new(AmbBody *a, AmbBody *b, const double frame_a[12], const double frame_b[12]) {
-  return new AmbConstraint(Kind::ConeTwist, a, b,
-                           new btConeTwistConstraint(a->body, b->body, transform_of(frame_a), transform_of(frame_b)));
+  return own(Kind::ConeTwist,
+             new btConeTwistConstraint(a->body, b->body, transform_of(frame_a), transform_of(frame_b)));
 }
 
 void amb_cone_twist_set_limit(AmbConstraint *cone, double swing1, double swing2, double twist) {
@@ -112,8 +112,8 @@ void amb_cone_twist_set_limit(AmbConstraint *cone, double swing1, double swing2,
 }
 
 AmbConstraint *amb_six_dof_new(AmbBody *a, AmbBody *b, const double frame_a[12], const double frame_b[12]) {
-  return new AmbConstraint(Kind::SixDof, a, b,
-                           new btGeneric6DofConstraint(a->body, b->body, transform_of(frame_a), transform_of(frame_b), true));
+  return own(Kind::SixDof,
+             new btGeneric6DofConstraint(a->body, b->body, transform_of(frame_a), transform_of(frame_b), true));
 }
 
 void amb_six_dof_set_limit(AmbConstraint *six_dof, int axis, double low, double high) {
@@ -121,8 +121,8 @@ void amb_six_dof_set_limit(AmbConstraint *six_dof, int axis, double low, double 
 }
 
 AmbConstraint *amb_six_dof_spring_new(AmbBody *a, AmbBody *b, const double frame_a[12], const double frame_b[12]) {
-  return new AmbConstraint(Kind::SixDofSpring, a, b,
-                           new ForceSpring(a->body, b->body, transform_of(frame_a), transform_of(frame_b)));
+  return own(Kind::SixDofSpring,
+             new ForceSpring(a->body, b->body, transform_of(frame_a), transform_of(frame_b)));
 }
 
 void amb_six_dof_spring_set_limit(AmbConstraint *spring, int axis, double low, double high) {

@@ -125,11 +125,7 @@ class TreeWorld;
 enum class Kind { Hinge, Slider, Fixed, PointToPoint, ConeTwist, SixDof, SixDofSpring };
 
 struct AmbConstraint {
-  AmbConstraint(Kind constraint_kind, AmbBody *body_a, AmbBody *body_b, btTypedConstraint *typed);
-  ~AmbConstraint();
-
   Kind kind;
-  AmbBody *a, *b;
   std::unique_ptr<btTypedConstraint> constraint;
   std::unique_ptr<btJointFeedback> feedback;
   // Of a hinge or slider as they were given: Bullet keeps those of a hinge between -pi and pi. Low above high: free.
@@ -140,7 +136,7 @@ struct AmbConstraint {
   AmbTree *tree = nullptr;
   int link = 0;
   // In its stead while one of its bodies is a link of a tree that it is no joint of.
-  std::unique_ptr<TieRows> tie;
+  std::shared_ptr<TieRows> tie;
 
   template <typename T>
   T &as() {

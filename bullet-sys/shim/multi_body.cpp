@@ -77,9 +77,9 @@ AmbTree::AmbTree(AmbWorld &owner, AmbBody &base, AmbConstraint *const *joints, i
   if (!fixed) base.tree = this;
   for (int i = 0; i < n; ++i) {
     AmbConstraint &joint = *joints[i];
-    const bool from_a = member_of(joint.a) >= 0;
-    AmbBody &child = from_a ? *joint.b : *joint.a;
-    const int parent = member_of(from_a ? joint.a : joint.b);
+    const bool from_a = member_of(&first_of(joint)) >= 0;
+    AmbBody &child = from_a ? second_of(joint) : first_of(joint);
+    const int parent = member_of(from_a ? &first_of(joint) : &second_of(joint));
     const btTransform in_parent = frame_of(joint, !from_a), in_child = frame_of(joint, from_a);
     const btVector3 axis = joint.kind == Kind::Slider ? btVector3(1, 0, 0) : btVector3(0, 0, 1);
     // The coordinate is that of B with respect to A.
@@ -137,7 +137,7 @@ AmbTree::AmbTree(AmbWorld &owner, AmbBody &base, AmbConstraint *const *joints, i
   for (size_t i = 1; i < members.size(); ++i) {
     const AmbConstraint &joint = *members[i].joint;
     if (!joint.parts) continue;
-    members[i].collider->parted.push_back(joint.a == members[i].body ? joint.b : joint.a);
+    members[i].collider->parted.push_back(&first_of(joint) == members[i].body ? &second_of(joint) : &first_of(joint));
   }
   joint_rows = std::make_unique<JointRows>(*this);
   world.trees->addMultiBody(multi_body.get());
@@ -155,7 +155,7 @@ AmbTree::~AmbTree() {
   }
   std::vector<AmbConstraint *> tied;
   for (AmbConstraint *constraint : world.trees->ties) {
-    if (constraint->a->tree == this || constraint->b->tree == this) tied.push_back(constraint);
+    if (first_of(*constraint).tree == this || second_of(*constraint).tree == this) tied.push_back(constraint);
   }
   for (AmbConstraint *constraint : tied) remove_tie(world, *constraint);
   world.trees->removeMultiBodyConstraint(joint_rows.get());
@@ -355,7 +355,7 @@ void AmbTree::write_feedback(btScalar h) {
     const btVector3 at_parent = torques[i] + arm.cross(forces[i]);
     const AmbConstraint &joint = *members[i].joint;
     if (joint.feedback) {
-      const bool child_is_b = joint.b == members[i].body;
+      const bool child_is_b = &second_of(joint) == members[i].body;
       btJointFeedback &feedback = *joint.feedback;
       (child_is_b ? feedback.m_appliedForceBodyB : feedback.m_appliedForceBodyA) = forces[i];
       (child_is_b ? feedback.m_appliedTorqueBodyB : feedback.m_appliedTorqueBodyA) = torques[i];
@@ -373,7 +373,8 @@ void AmbTree::clear_forces() {
   }
 }
 
-btScalar AmbTree::coordinate(const AmbConstraint &joint) const {
+btScalar AmbTree::coordinate(const AmbConstraint &joint) {
+  settle();
   const int coordinate = dynamics.links[joint.link - 1].coordinate;
   return coordinate < 0 ? 0 : position.q[coordinate];
 }
@@ -383,7 +384,7 @@ extern "C" {
 AmbTree *amb_world_articulate(AmbWorld *world, AmbBody *base, AmbConstraint *const *joints, int n) {
   if (!world->trees) return nullptr;
   for (int i = 0; i < n; ++i) {
-    for (const AmbBody *body : {joints[i]->a, joints[i]->b}) {
+    for (const AmbBody *body : {&first_of(*joints[i]), &second_of(*joints[i])}) {
       if (body->tree || (!turns_freely(*body) && (body != base || body->body.getInvMass() > 0))) return nullptr;
     }
   }

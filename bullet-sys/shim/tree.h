@@ -46,8 +46,8 @@ struct AmbTree {
   void integrate(btScalar h);
   void clear_forces();
 
-  // Position of a hinge or slider.
-  btScalar coordinate(const AmbConstraint &joint) const;
+  // Position of a hinge or slider; 0 of others.
+  btScalar coordinate(const AmbConstraint &joint);
 
   AmbWorld &world;
   TreeDynamics dynamics;
@@ -98,6 +98,9 @@ class TreeWorld : public btMultiBodyDynamicsWorld {
   // Constraints that hold a link and are none of its tree.
   std::vector<AmbConstraint *> ties;
 };
+
+inline AmbBody &first_of(const AmbConstraint &c) { return *body_of(&c.constraint->getRigidBodyA()); }
+inline AmbBody &second_of(const AmbConstraint &c) { return *body_of(&c.constraint->getRigidBodyB()); }
 
 // Whether a constraint has to be a tie: one of its bodies is a link.
 bool holds_link(const AmbConstraint &constraint);

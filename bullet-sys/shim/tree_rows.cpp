@@ -178,7 +178,7 @@ void TieRows::write_feedback(btScalar h) {
   if (m_numRows > 3) torque = btVector3(m_data[3] / h, m_data[4] / h, m_data[5] / h);
   const btVector3 arm = link.body.getWorldTransform().getBasis() * frame.getOrigin();
   const btVector3 other_arm = other.body.getWorldTransform().getBasis() * other_frame.getOrigin();
-  const bool link_is_a = constraint.a == &link;
+  const bool link_is_a = &first_of(constraint) == &link;
   btJointFeedback &feedback = *constraint.feedback;
   (link_is_a ? feedback.m_appliedForceBodyA : feedback.m_appliedForceBodyB) = force;
   (link_is_a ? feedback.m_appliedTorqueBodyA : feedback.m_appliedTorqueBodyB) = torque + arm.cross(force);

@@ -56,7 +56,7 @@ void TreeWorld::integrateTransforms(btScalar h) {
   for (AmbConstraint *constraint : ties) constraint->tie->write_feedback(h);
 }
 
-bool holds_link(const AmbConstraint &constraint) { return constraint.a->tree || constraint.b->tree; }
+bool holds_link(const AmbConstraint &constraint) { return first_of(constraint).tree || second_of(constraint).tree; }
 
 void add_tie(AmbWorld &world, AmbConstraint &constraint) {
   btTransform frame_a, frame_b;
@@ -73,9 +73,9 @@ void add_tie(AmbWorld &world, AmbConstraint &constraint) {
     frame_a.setOrigin(point.getPivotInA());
     frame_b.setOrigin(point.getPivotInB());
   }
-  AmbBody &a = *constraint.a, &b = *constraint.b;
-  constraint.tie = a.tree ? std::make_unique<TieRows>(constraint, a, frame_a, b, frame_b, rows)
-                          : std::make_unique<TieRows>(constraint, b, frame_b, a, frame_a, rows);
+  AmbBody &a = first_of(constraint), &b = second_of(constraint);
+  constraint.tie = a.tree ? std::make_shared<TieRows>(constraint, a, frame_a, b, frame_b, rows)
+                          : std::make_shared<TieRows>(constraint, b, frame_b, a, frame_a, rows);
   for (AmbBody *body : {&a, &b}) {
     if (!body->tree) continue;
     ++body->tree->ties;
@@ -92,10 +92,10 @@ void remove_tie(AmbWorld &world, AmbConstraint &constraint) {
   for (size_t i = ties.size(); i-- > 0;) {
     if (ties[i] == &constraint) ties.erase(ties.begin() + i);
   }
-  for (AmbBody *body : {constraint.a, constraint.b}) {
+  for (AmbBody *body : {&first_of(constraint), &second_of(constraint)}) {
     if (!body->tree) continue;
     --body->tree->ties;
-    const AmbObject *other = body == constraint.a ? constraint.b : constraint.a;
+    const AmbObject *other = body == &first_of(constraint) ? &second_of(constraint) : &first_of(constraint);
     auto &parted = body->tree->members[body->member].collider->parted;
     for (size_t i = parted.size(); constraint.parts && i-- > 0;) {
       if (parted[i] != other) continue;

@@ -282,7 +282,7 @@ mod tests {
         let (mut world, bodies, joints) = chain(&[1.0, 2.0, 0.5]);
         world.articulate(&joints).unwrap();
         let initial = poses(&world, &bodies);
-        let mut motion = |world: &mut World| {
+        let motion = |world: &mut World| {
             run(world, 400);
             poses(world, &bodies)
         };
