@@ -1,4 +1,4 @@
-#include "internal.h"
+#include "tree.h"
 
 namespace {
 
@@ -30,6 +30,10 @@ btScalar axis_angle(const btTransform &a, const btTransform &b) {
 }
 
 btScalar read(AmbConstraint &c, unsigned char reading) {
+  if (c.tree && reading != AmbReading_None) {
+    const btScalar coordinate = c.tree->coordinate(c);
+    return reading == AmbReading_HingeAngle ? std::remainder(coordinate, 2 * SIMD_PI) : coordinate;
+  }
   switch (reading) {
     case AmbReading_HingeAngle: return c.as<btHingeConstraint>().getHingeAngle();
     case AmbReading_SliderPosition: return c.as<btSliderConstraint>().getLinearPos();
@@ -55,6 +59,8 @@ AmbConstraint *amb_hinge_new(AmbBody *a, AmbBody *b, const double frame_a[12], c
 
 void amb_hinge_set_limit(AmbConstraint *hinge, double low, double high) {
   hinge->as<btHingeConstraint>().setLimit(low, high);
+  hinge->low = low;
+  hinge->high = high;
 }
 
 void amb_hinge_set_motor(AmbConstraint *hinge, int enabled, double velocity, double max_impulse) {
@@ -70,6 +76,8 @@ void amb_slider_set_limit(AmbConstraint *slider, double low, double high) {
   auto &s = slider->as<btSliderConstraint>();
   s.setLowerLinLimit(low);
   s.setUpperLinLimit(high);
+  slider->low = low;
+  slider->high = high;
 }
 
 void amb_slider_lock_rotation(AmbConstraint *slider) {

@@ -20,7 +20,7 @@ void amb_world_remove_ghost(AmbWorld *world, AmbGhost *ghost) { world->world->re
 void amb_ghost_set_pose(AmbGhost *ghost, const double pose[12]) { ghost->ghost.setWorldTransform(transform_of(pose)); }
 
 void amb_world_ignore_ghost(AmbWorld *world, AmbGhost *ghost, AmbBody *body) {
-  world->part(*ghost, ghost->ghost, *body, body->body);
+  world->part(*ghost, ghost->ghost, *body, *body->collider);
 }
 
 int amb_ghost_overlaps(AmbWorld *world, AmbGhost *ghost, AmbHandle *out, int capacity) {

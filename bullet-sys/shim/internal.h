@@ -47,6 +47,8 @@ struct AmbObject {
   std::vector<uint64_t> ignored;
 };
 
+struct AmbTree;
+
 struct AmbBody : AmbObject {
   AmbBody(btScalar mass, const btVector3 &inertia, AmbShape *owner_shape, const btTransform &pose)
       : AmbObject(ObjectKind::Body),
@@ -63,6 +65,11 @@ struct AmbBody : AmbObject {
   btRigidBody body;
   // Sub-step in which the body was last in contact; only counted for the ballistic correction.
   uint64_t touched = 0;
+  // What of it is in the world: the body, or its link of a tree.
+  btCollisionObject *collider = &body;
+  // The tree of which it is a link, and which of its bodies it is.
+  AmbTree *tree = nullptr;
+  int member = 0;
 };
 
 struct AmbGhost : AmbObject {
@@ -112,12 +119,24 @@ inline AmbBody *body_of(const btCollisionObject *object) {
 
 inline AmbSoft *soft_of(const btSoftBody *body) { return static_cast<AmbSoft *>(object_of(body)); }
 
+class TieRows;
+class TreeWorld;
+
 enum class Kind { Hinge, Slider, Fixed, PointToPoint, ConeTwist, SixDof, SixDofSpring };
 
 struct AmbConstraint {
   Kind kind;
   std::unique_ptr<btTypedConstraint> constraint;
   std::unique_ptr<btJointFeedback> feedback;
+  // Of a hinge or slider as they were given: Bullet keeps those of a hinge between -pi and pi. Low above high: free.
+  btScalar low = 1, high = -1;
+  // Its bodies don't collide.
+  bool parts = false;
+  // The tree of which it is a joint, and to which of its links.
+  AmbTree *tree = nullptr;
+  int link = 0;
+  // In its stead while one of its bodies is a link of a tree that it is no joint of.
+  std::shared_ptr<TieRows> tie;
 
   template <typename T>
   T &as() {
@@ -126,7 +145,7 @@ struct AmbConstraint {
 };
 
 struct AmbWorld {
-  AmbWorld(int solver_kind, bool with_soft_bodies);
+  AmbWorld(int solver_kind, int kind);
 
   // Objects of any kind are numbered here, and what their shapes need is set up.
   void adopt(AmbObject &object, const AmbShape *shape, AmbHandle handle);
@@ -143,6 +162,8 @@ struct AmbWorld {
   std::unique_ptr<btDiscreteDynamicsWorld> world;
   // The same world, if it was made for soft bodies.
   btSoftRigidDynamicsWorld *soft = nullptr;
+  // The same world, if it was made for trees.
+  TreeWorld *trees = nullptr;
   bool has_gimpact = false;
   // Somebody casts rays: soft bodies keep a tree of their faces.
   bool has_rays = false;

@@ -54,8 +54,8 @@ int amb_body_contacts(const AmbWorld *world, const AmbBody *body, double thresho
   int count = 0;
   for (int i = 0; i < world->dispatcher.getNumManifolds(); ++i) {
     const btPersistentManifold &manifold = *world->dispatcher.getManifoldByIndexInternal(i);
-    const bool first = manifold.getBody0() == &body->body;
-    if (!first && manifold.getBody1() != &body->body) continue;
+    const bool first = manifold.getBody0() == body->collider;
+    if (!first && manifold.getBody1() != body->collider) continue;
     const AmbBody *other = body_of(first ? manifold.getBody1() : manifold.getBody0());
     if (!other) continue;
     for (int p = 0; p < manifold.getNumContacts(); ++p) {

@@ -3,6 +3,7 @@
 #include "body.h"
 #include "constraint.h"
 #include "ghost.h"
+#include "multi_body.h"
 #include "query.h"
 #include "settings.h"
 #include "shape.h"

@@ -50,3 +50,7 @@ std::unique_ptr<btConstraintSolver> solver_of(int solver, btMLCPSolverInterface 
   if (solver == AmbSolver_WarmFriction) return std::make_unique<WarmFrictionSolver>();
   return std::make_unique<btSequentialImpulseConstraintSolver>();
 }
+
+std::unique_ptr<btMultiBodyConstraintSolver> multi_body_solver_of(int) {
+  return std::make_unique<btMultiBodyConstraintSolver>();
+}

@@ -9,6 +9,7 @@ typedef struct AmbConstraint AmbConstraint;
 typedef struct AmbGhost AmbGhost;
 typedef struct AmbVehicle AmbVehicle;
 typedef struct AmbSoft AmbSoft;
+typedef struct AmbTree AmbTree;
 
 /* Names an object towards the caller: given with the object, handed back by queries. */
 typedef unsigned long long AmbHandle;

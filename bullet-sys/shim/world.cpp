@@ -1,5 +1,5 @@
-#include "internal.h"
 #include "solvers.h"
+#include "tree_rows.h"
 
 #include <BulletCollision/Gimpact/btGImpactCollisionAlgorithm.h>
 #include <BulletSoftBody/btSoftBodyRigidBodyCollisionConfiguration.h>
@@ -38,12 +38,20 @@ std::unique_ptr<btDefaultCollisionConfiguration> configuration_of(bool soft) {
 
 }  // namespace
 
-AmbWorld::AmbWorld(int solver_kind, bool with_soft_bodies)
-    : configuration(configuration_of(with_soft_bodies)),
-      dispatcher(configuration.get()),
-      mlcp(mlcp_of(solver_kind)),
-      solver(solver_of(solver_kind, mlcp.get())) {
-  if (with_soft_bodies) {
+AmbWorld::AmbWorld(int solver_kind, int kind)
+    : configuration(configuration_of(kind == AmbWorldKind_Soft)),
+      dispatcher(configuration.get()) {
+  if (kind == AmbWorldKind_Trees) {
+    auto owned = multi_body_solver_of(solver_kind);
+    trees = new TreeWorld(&dispatcher, &broadphase, owned.get(), configuration.get());
+    solver = std::move(owned);
+    world.reset(trees);
+    dispatcher.setNearCallback(near_callback);
+    return;
+  }
+  mlcp = mlcp_of(solver_kind);
+  solver = solver_of(solver_kind, mlcp.get());
+  if (kind == AmbWorldKind_Soft) {
     soft = new btSoftRigidDynamicsWorld(&dispatcher, &broadphase, solver.get(), configuration.get());
     world.reset(soft);
     soft->getWorldInfo().air_density = 0;
@@ -89,7 +97,7 @@ void correct_ballistic(btDynamicsWorld *dynamics, btScalar dt) {
   const btCollisionObjectArray &objects = dynamics->getCollisionObjectArray();
   for (int i = 0; i < objects.size(); ++i) {
     AmbBody *owner = body_of(objects[i]);
-    if (!owner || owner->touched == now) continue;
+    if (!owner || owner->tree || owner->touched == now) continue;
     btRigidBody &body = owner->body;
     if (body.isStaticOrKinematicObject() || body.getNumConstraintRefs() > 0) continue;
     const btVector3 back = body.getTotalForce() * (body.getInvMass() * dt * dt / 2);
@@ -104,13 +112,19 @@ void correct_ballistic(btDynamicsWorld *dynamics, btScalar dt) {
 
 extern "C" {
 
-AmbWorld *amb_world_new(int solver, int soft) { return new AmbWorld(solver, soft != 0); }
+AmbWorld *amb_world_new(int solver, int kind) { return new AmbWorld(solver, kind); }
 
 void amb_world_free(AmbWorld *world) { delete world; }
 
 void amb_world_set_gravity(AmbWorld *world, const double gravity[3]) {
   world->world->setGravity(vector_of(gravity));
   if (world->soft) world->soft->getWorldInfo().m_gravity = vector_of(gravity);
+  if (!world->trees) return;
+  for (AmbTree *tree : world->trees->trees) {
+    for (AmbTree::Member &member : tree->members) {
+      if (member.collider) member.body->body.setGravity(vector_of(gravity));
+    }
+  }
 }
 
 void amb_world_set_iterations(AmbWorld *world, int iterations) {
@@ -146,15 +160,18 @@ void amb_world_make_drawing(AmbWorld *world, AmbBody *body) {
 }
 
 void amb_world_add_constraint(AmbWorld *world, AmbConstraint *constraint, int disable_collisions) {
-  world->world->addConstraint(constraint->constraint.get(), disable_collisions != 0);
+  constraint->parts = disable_collisions != 0;
+  if (holds_link(*constraint)) return add_tie(*world, *constraint);
+  world->world->addConstraint(constraint->constraint.get(), constraint->parts);
 }
 
 void amb_world_remove_constraint(AmbWorld *world, AmbConstraint *constraint) {
+  if (constraint->tie) return remove_tie(*world, *constraint);
   world->world->removeConstraint(constraint->constraint.get());
 }
 
 void amb_world_ignore_pair(AmbWorld *world, AmbBody *a, AmbBody *b) {
-  world->part(*a, a->body, *b, b->body);
+  world->part(*a, *a->collider, *b, *b->collider);
 }
 
 int amb_world_step(AmbWorld *world, double interval, int max_sub_steps, double sub_step) {
@@ -174,6 +191,8 @@ void amb_world_recover(AmbWorld *world) {
     world->broadphase.getOverlappingPairCache()->cleanProxyFromPairs(object->getBroadphaseHandle(), &world->dispatcher);
   }
   world->solver->reset();
+  if (!world->trees) return;
+  for (AmbConstraint *constraint : world->trees->ties) constraint->tie->forget();
 }
 
 int amb_world_contact_count(const AmbWorld *world) {

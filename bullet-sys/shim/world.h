@@ -13,8 +13,15 @@ enum AmbSolver {
   AmbSolver_WarmFriction = 5
 };
 
-/* soft: whether soft bodies may be added. Rigid bodies move the same way in both, bit for bit. */
-AmbWorld *amb_world_new(int solver, int soft);
+enum AmbWorldKind {
+  AmbWorldKind_Rigid = 0,
+  /* Soft bodies may be added. Rigid bodies move as in a rigid world, bit for bit. */
+  AmbWorldKind_Soft = 1,
+  /* Constraints may be made trees, see multi_body.h. */
+  AmbWorldKind_Trees = 2
+};
+
+AmbWorld *amb_world_new(int solver, int kind);
 void amb_world_free(AmbWorld *world);
 /* Also sets it on every dynamic body and all soft bodies in the world. */
 void amb_world_set_gravity(AmbWorld *world, const double gravity[3]);

@@ -4,7 +4,7 @@ use bullet_sys as sys;
 use nalgebra::{Isometry3, Vector3};
 use slotmap::Key;
 
-use super::{pose_of, raw_pose, BodyHandle, BodyKinematics, Shape, World};
+use super::{pose_of, raw_pose, ArticulationHandle, BodyHandle, BodyKinematics, Shape, World};
 
 /// A rigid body to be made. It never sleeps.
 #[derive(Debug)]
@@ -40,6 +40,8 @@ pub(super) struct OwnedBody {
     /// Constraints and vehicles that refer to it.
     pub(super) held: usize,
     pub(super) dynamic: bool,
+    /// Of which it is a link; the fixed base is none.
+    pub(super) articulation: Option<ArticulationHandle>,
 }
 
 impl World {
@@ -61,6 +63,7 @@ impl World {
             place: self.body_list.len(),
             held: 0,
             dynamic: body.mass != 0.0,
+            articulation: None,
         });
         // SAFETY: body and world are alive; the world removes the body before it frees it.
         unsafe {
@@ -145,7 +148,8 @@ impl World {
         Some(pose_of(&raw))
     }
 
-    /// Sets world transform and motion state of the inertial frame; velocities stay.
+    /// Sets world transform and motion state of the inertial frame; velocities stay. A link of an articulation takes the place next to it
+    /// that the joints allow, in the next step or when joints are read.
     pub fn set_pose(&mut self, handle: BodyHandle, pose: &Isometry3<f64>) {
         if let Some(body) = self.raw_body(handle) {
             // SAFETY: the body is alive; 12 doubles are read.
@@ -161,7 +165,8 @@ impl World {
         Some((Vector3::from_column_slice(&raw[..3]), Vector3::from_column_slice(&raw[3..])))
     }
 
-    /// Sets linear and angular velocity, world axes.
+    /// Sets linear and angular velocity, world axes. Of links of an articulation the next step takes what perfect joints leave of all of
+    /// them: the velocities nearest to them, weighted with mass and inertia.
     pub fn set_velocity(&mut self, handle: BodyHandle, linear: &Vector3<f64>, angular: &Vector3<f64>) {
         if let Some(body) = self.raw_body(handle) {
             // SAFETY: the body is alive; twice three doubles are read.

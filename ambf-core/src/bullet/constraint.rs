@@ -3,7 +3,7 @@ use std::ptr::NonNull;
 use bullet_sys as sys;
 use nalgebra::{Isometry3, Vector3};
 
-use super::{raw_pose, BodyHandle, ConstraintHandle, World};
+use super::{raw_pose, ArticulationHandle, BodyHandle, ConstraintHandle, World};
 
 /// A constraint to be made between bodies A and B.
 #[derive(Debug, Clone, PartialEq)]
@@ -181,15 +181,20 @@ enum Motor {
 }
 
 pub(super) struct OwnedConstraint {
-    raw: NonNull<sys::AmbConstraint>,
-    bodies: [BodyHandle; 2],
+    pub(super) raw: NonNull<sys::AmbConstraint>,
+    pub(super) bodies: [BodyHandle; 2],
     motor: Motor,
+    /// Hinge, slider or fixed.
+    pub(super) is_simple: bool,
+    /// Of which it is a joint.
+    pub(super) articulation: Option<ArticulationHandle>,
     /// In the world's lists.
     place: usize,
 }
 
 impl World {
-    /// Adds a constraint from `a` to `b`; `None` when one of them is not there or both are the same.
+    /// Adds a constraint from `a` to `b`; `None` when one of them is not there or both are the same. Articulations of which they are links
+    /// are dissolved, unless the constraint is fixed or point-to-point and leads out of the articulation.
     pub fn add_constraint(
         &mut self,
         a: BodyHandle,
@@ -200,6 +205,7 @@ impl World {
             return None;
         }
         let (raw_a, raw_b) = (self.raw_body(a)?, self.raw_body(b)?);
+        self.dissolve_for(a, b, &constraint.kind);
         // SAFETY: both bodies are alive and different, and outlive the constraint: `remove_body` refuses while it exists.
         let raw = unsafe { make(raw_a, raw_b, constraint) };
         let raw = NonNull::new(raw).expect("operator new throws rather than return null");
@@ -221,9 +227,20 @@ impl World {
             ConstraintKind::Slider { .. } => Motor::Slider,
             _ => Motor::None,
         };
+        let is_simple = matches!(
+            constraint.kind,
+            ConstraintKind::Hinge { .. } | ConstraintKind::Slider { .. } | ConstraintKind::Fixed
+        );
         // What holds and lets go all the time must not make the lists longer and longer.
         let place = self.free_places.pop().unwrap_or(self.constraint_list.len());
-        let handle = self.constraints.insert(OwnedConstraint { raw, bodies: [a, b], motor, place });
+        let handle = self.constraints.insert(OwnedConstraint {
+            raw,
+            bodies: [a, b],
+            motor,
+            is_simple,
+            articulation: None,
+            place,
+        });
         if place == self.constraint_list.len() {
             self.constraint_list.push(raw.as_ptr());
             self.readings.push(constraint.kind.reading());
@@ -241,8 +258,12 @@ impl World {
         Some(self.constraints.get(handle)?.place)
     }
 
-    /// Removes a constraint; the places of others in [`constraints`](Self::constraints) stay. False when it is not there.
+    /// Removes a constraint; the places of others in [`constraints`](Self::constraints) stay. An articulation of which it is a joint is
+    /// dissolved. False when it is not there.
     pub fn remove_constraint(&mut self, handle: ConstraintHandle) -> bool {
+        if let Some(articulation) = self.constraints.get(handle).and_then(|constraint| constraint.articulation) {
+            self.dissolve(articulation);
+        }
         let Some(constraint) = self.constraints.remove(handle) else { return false };
         for body in constraint.bodies {
             self.bodies[body].held -= 1;

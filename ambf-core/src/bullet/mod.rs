@@ -4,6 +4,7 @@
 //! named by handles; a handle of something that was removed gives `None` or `false`, never undefined behaviour. Vehicles and constraints
 //! are freed before bodies, bodies before shapes. No panic can cross into C++: nothing here is called back from it.
 
+mod articulation;
 mod body;
 mod constraint;
 mod contact;
@@ -29,7 +30,7 @@ pub use shape::{Axis, Shape};
 pub use soft_body::{SoftBody, SoftBodyError, SoftConfig};
 pub use soft_world::SoftFeatures;
 pub use vehicle::Wheel;
-pub use world::{BodyHandle, ConstraintHandle, GhostHandle, SoftBodyHandle, VehicleHandle, World};
+pub use world::{ArticulationHandle, BodyHandle, ConstraintHandle, GhostHandle, SoftBodyHandle, VehicleHandle, World};
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 

@@ -79,7 +79,7 @@ pub(super) struct OwnedVehicle {
 impl World {
     /// Puts a body on wheels that are rays: `btRaycastVehicle` with its default tuning. `None` when the body is not there or is static,
     /// or a wheel has a number that is not finite, a radius or reach that is not positive, or an axle that is zero or along its
-    /// direction. Wheels only stand on rigid bodies, and are lifted where a ghost or soft body is nearer.
+    /// direction. Articulations are dissolved. Wheels only stand on rigid bodies, and are lifted where a ghost or soft body is nearer.
     pub fn add_vehicle(&mut self, chassis: BodyHandle, wheels: &[Wheel]) -> Option<VehicleHandle> {
         let dynamic = self.bodies.get(chassis)?.dynamic;
         if !dynamic || !wheels.iter().all(Wheel::is_sound) {
@@ -87,6 +87,7 @@ impl World {
         }
         let raw_wheels: Vec<_> = wheels.iter().map(Wheel::raw).collect();
         let n = i32::try_from(wheels.len()).ok()?;
+        self.dissolve_all();
         // SAFETY: world and chassis are alive and outlive the vehicle: `remove_body` refuses while it exists; n wheels are copied.
         let raw = unsafe { sys::amb_vehicle_new(self.raw.as_ptr(), self.raw_body(chassis)?, raw_wheels.as_ptr(), n) };
         let raw = NonNull::new(raw).expect("operator new throws rather than return null");

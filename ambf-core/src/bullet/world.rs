@@ -5,6 +5,7 @@ use bullet_sys as sys;
 use nalgebra::Vector3;
 use slotmap::{new_key_type, SlotMap};
 
+use super::articulation::OwnedArticulation;
 use super::body::OwnedBody;
 use super::constraint::OwnedConstraint;
 use super::ghost::OwnedGhost;
@@ -23,12 +24,16 @@ new_key_type! {
     pub struct VehicleHandle;
     /// Names a soft body of a [`World`].
     pub struct SoftBodyHandle;
+    /// Names constraints of a [`World`] that are in reduced coordinates.
+    pub struct ArticulationHandle;
 }
 
 /// A Bullet world with all that is in it. SI units, z up by convention only.
 pub struct World {
     pub(super) raw: NonNull<sys::AmbWorld>,
     pub(super) has_soft_bodies: bool,
+    pub(super) has_articulations: bool,
+    pub(super) articulations: SlotMap<ArticulationHandle, OwnedArticulation>,
     pub(super) bodies: SlotMap<BodyHandle, OwnedBody>,
     pub(super) constraints: SlotMap<ConstraintHandle, OwnedConstraint>,
     pub(super) ghosts: SlotMap<GhostHandle, OwnedGhost>,
@@ -83,21 +88,29 @@ impl Drop for World {
 impl World {
     /// An empty world without gravity, for rigid bodies.
     pub fn new(solver: Solver) -> Self {
-        Self::make(solver, false)
+        Self::make(solver, sys::AmbWorldKind::AmbWorldKind_Rigid)
     }
 
     /// An empty world without gravity, for rigid and soft bodies. Rigid bodies that meet no soft body move as in a plain world, bit for
     /// bit.
     pub fn with_soft_bodies(solver: Solver) -> Self {
-        Self::make(solver, true)
+        Self::make(solver, sys::AmbWorldKind::AmbWorldKind_Soft)
     }
 
-    fn make(solver: Solver, has_soft_bodies: bool) -> Self {
-        // SAFETY: a number that the enum of the shim has.
-        let raw = unsafe { sys::amb_world_new(solver as i32, has_soft_bodies.into()) };
+    /// An empty world without gravity, for rigid bodies whose constraints may be [articulated](Self::articulate). Contacts have two
+    /// directions of friction.
+    pub fn with_articulations(solver: Solver) -> Self {
+        Self::make(solver, sys::AmbWorldKind::AmbWorldKind_Trees)
+    }
+
+    fn make(solver: Solver, kind: sys::AmbWorldKind::Type) -> Self {
+        // SAFETY: numbers that the enums of the shim have.
+        let raw = unsafe { sys::amb_world_new(solver as i32, kind as i32) };
         let mut world = Self {
             raw: NonNull::new(raw).expect("operator new throws rather than return null"),
-            has_soft_bodies,
+            has_soft_bodies: kind == sys::AmbWorldKind::AmbWorldKind_Soft,
+            has_articulations: kind == sys::AmbWorldKind::AmbWorldKind_Trees,
+            articulations: SlotMap::with_key(),
             bodies: SlotMap::with_key(),
             constraints: SlotMap::with_key(),
             ghosts: SlotMap::with_key(),

@@ -1,0 +1,291 @@
+#include "tree_dynamics.h"
+
+#include <cmath>
+
+namespace {
+
+// [v] times a matrix: each column of the result is v x the column.
+btMatrix3x3 cross_matrix(const btVector3 &v, const btMatrix3x3 &m) {
+  const btVector3 x = m[2] * v.y() - m[1] * v.z();
+  const btVector3 y = m[0] * v.z() - m[2] * v.x();
+  const btVector3 z = m[1] * v.x() - m[0] * v.y();
+  return btMatrix3x3(x.x(), x.y(), x.z(), y.x(), y.y(), y.z(), z.x(), z.y(), z.z());
+}
+
+// A matrix times [v]: each row of the result is the row x v.
+btMatrix3x3 matrix_cross(const btMatrix3x3 &m, const btVector3 &v) {
+  const btVector3 x = m[0].cross(v), y = m[1].cross(v), z = m[2].cross(v);
+  return btMatrix3x3(x.x(), x.y(), x.z(), y.x(), y.y(), y.z(), z.x(), z.y(), z.z());
+}
+
+void subtract_outer(btMatrix3x3 &m, const btVector3 &a, const btVector3 &b, btScalar factor) {
+  for (int row = 0; row < 3; ++row) m[row] -= b * (a[row] * factor);
+}
+
+btMatrix3x3 scaled_rotation(const btMatrix3x3 &rotation, const btVector3 &diagonal) {
+  return rotation.scaled(diagonal).timesTranspose(rotation);
+}
+
+btVector3 transpose_times(const btMatrix3x3 &m, const btVector3 &v) { return m[0] * v[0] + m[1] * v[1] + m[2] * v[2]; }
+
+// Solves [a b; b^T m] (x; y) = (p; q) for a symmetric positive definite matrix, by its Cholesky factor.
+void solve_six(const btMatrix3x3 &a, const btMatrix3x3 &b, const btMatrix3x3 &m, const btVector3 &p, const btVector3 &q,
+               btVector3 &x, btVector3 &y) {
+  btScalar l[6][6], v[6];
+  for (int i = 0; i < 6; ++i) {
+    for (int j = 0; j <= i; ++j) {
+      btScalar sum = i < 3 ? a[i][j] : j < 3 ? b[j][i - 3] : m[i - 3][j - 3];
+      for (int k = 0; k < j; ++k) sum -= l[i][k] * l[j][k];
+      l[i][j] = i == j ? std::sqrt(sum) : sum / l[j][j];
+    }
+    btScalar sum = i < 3 ? p[i] : q[i - 3];
+    for (int k = 0; k < i; ++k) sum -= l[i][k] * v[k];
+    v[i] = sum / l[i][i];
+  }
+  for (int i = 5; i >= 0; --i) {
+    for (int k = i + 1; k < 6; ++k) v[i] -= l[k][i] * v[k];
+    v[i] /= l[i][i];
+  }
+  x.setValue(v[0], v[1], v[2]);
+  y.setValue(v[3], v[4], v[5]);
+}
+
+btQuaternion spin_of(const btVector3 &omega, const btQuaternion &rotation) {
+  return btQuaternion(omega.x(), omega.y(), omega.z(), 0) * rotation * btScalar(0.5);
+}
+
+void advance(TreeDynamics::Rate &to, const TreeDynamics::Rate &from, btScalar h, const TreeDynamics::Rate &slope) {
+  to.angular = from.angular + slope.angular * h;
+  to.linear = from.linear + slope.linear * h;
+  for (size_t i = 0; i < to.q.size(); ++i) to.q[i] = from.q[i] + h * slope.q[i];
+}
+
+}  // namespace
+
+void TreeDynamics::add(const Body &body, int parent, Motion motion, const btVector3 &axis,
+                       const btTransform &joint_in_parent, const btTransform &joint_in_child) {
+  Link link;
+  link.parent = parent;
+  link.motion = motion;
+  link.coordinate = motion == Motion::Fixed ? -1 : coordinates++;
+  link.axis = joint_in_parent.getBasis() * axis;
+  link.pivot = joint_in_parent.getOrigin();
+  link.rotation = joint_in_parent.getBasis().timesTranspose(joint_in_child.getBasis());
+  link.arm = -joint_in_child.getOrigin();
+  link.turn = cross_matrix(link.axis, link.rotation);
+  link.turn2 = cross_matrix(link.axis, link.turn);
+  links.push_back(link);
+  bodies.push_back(body);
+}
+
+void TreeDynamics::finish() {
+  const size_t n = bodies.size();
+  rotations.resize(n, btMatrix3x3::getIdentity());
+  origins.resize(n, btVector3(0, 0, 0));
+  linear.resize(n, btVector3(0, 0, 0));
+  angular.resize(n, btVector3(0, 0, 0));
+  work.resize(n);
+  stage.q.resize(coordinates);
+  stage_rate.q.resize(coordinates);
+  for (int i = 0; i < 4; ++i) {
+    slopes[i].q.resize(coordinates);
+    speeds[i].q.resize(coordinates);
+  }
+}
+
+void TreeDynamics::place(const Position &position) {
+  rotations[0] = btMatrix3x3(position.rotation);
+  origins[0] = position.origin;
+  for (size_t i = 0; i < links.size(); ++i) {
+    const Link &link = links[i];
+    const btMatrix3x3 &parent = rotations[link.parent];
+    btVector3 pivot = origins[link.parent] + parent * link.pivot;
+    if (link.motion == Motion::Revolute) {
+      const btScalar sine = std::sin(position.q[link.coordinate]);
+      const btScalar versine = 1 - std::cos(position.q[link.coordinate]);
+      btMatrix3x3 local;
+      for (int row = 0; row < 3; ++row) {
+        local[row] = link.rotation[row] + link.turn[row] * sine + link.turn2[row] * versine;
+      }
+      rotations[i + 1] = parent * local;
+    } else {
+      rotations[i + 1] = parent * link.rotation;
+      if (link.motion == Motion::Prismatic) pivot += parent * link.axis * position.q[link.coordinate];
+    }
+    origins[i + 1] = pivot + rotations[i + 1] * link.arm;
+  }
+}
+
+void TreeDynamics::move(const Rate &rate) {
+  angular[0] = rate.angular;
+  linear[0] = rate.linear;
+  for (size_t i = 0; i < links.size(); ++i) {
+    const Link &link = links[i];
+    Work &w = work[i + 1];
+    const btVector3 &omega = angular[link.parent];
+    w.r = origins[i + 1] - origins[link.parent];
+    angular[i + 1] = omega;
+    linear[i + 1] = linear[link.parent] + omega.cross(w.r);
+    w.s_angular.setZero();
+    w.s_linear.setZero();
+    w.c_angular.setZero();
+    if (link.motion == Motion::Fixed) {
+      w.c_linear = omega.cross(omega.cross(w.r));
+      continue;
+    }
+    const btVector3 axis = rotations[link.parent] * link.axis;
+    const btScalar speed = rate.q[link.coordinate];
+    if (link.motion == Motion::Revolute) {
+      const btVector3 arm = rotations[i + 1] * link.arm;
+      w.s_angular = axis;
+      w.s_linear = axis.cross(arm);
+      angular[i + 1] += axis * speed;
+      w.c_angular = omega.cross(axis) * speed;
+      w.c_linear = w.c_angular.cross(arm) + omega.cross(omega.cross(w.r - arm)) +
+                   angular[i + 1].cross(angular[i + 1].cross(arm));
+    } else {
+      w.s_linear = axis;
+      w.c_linear = omega.cross(omega.cross(w.r)) + omega.cross(axis) * (2 * speed);
+    }
+    linear[i + 1] += w.s_linear * speed;
+  }
+}
+
+void TreeDynamics::add_inertias() {
+  for (size_t i = fixed_base ? 1 : 0; i < bodies.size(); ++i) {
+    Work &w = work[i];
+    w.inertia = scaled_rotation(rotations[i], bodies[i].inertia);
+    w.a = w.inertia;
+    w.b.setValue(0, 0, 0, 0, 0, 0, 0, 0, 0);
+    const btScalar mass = bodies[i].mass;
+    w.m.setValue(mass, 0, 0, 0, mass, 0, 0, 0, mass);
+  }
+}
+
+// From the leaves to the base and back. The bias forces of all bodies have been set.
+void TreeDynamics::sweep(Rate &out, bool with_bias) {
+  for (int i = static_cast<int>(links.size()) - 1; i >= 0; --i) {
+    const Link &link = links[i];
+    Work &w = work[i + 1];
+    if (link.motion != Motion::Fixed) {
+      w.u_angular = w.a * w.s_angular + w.b * w.s_linear;
+      w.u_linear = transpose_times(w.b, w.s_angular) + w.m * w.s_linear;
+      const btScalar d = w.s_angular.dot(w.u_angular) + w.s_linear.dot(w.u_linear);
+      w.d_inverse = d > 0 ? 1 / d : 0;
+      w.u = -(w.s_angular.dot(w.torque) + w.s_linear.dot(w.force));
+    }
+    if (link.parent == 0 && fixed_base) continue;
+    btVector3 torque = w.torque, force = w.force;
+    if (link.motion != Motion::Fixed) {
+      subtract_outer(w.a, w.u_angular, w.u_angular, w.d_inverse);
+      subtract_outer(w.b, w.u_angular, w.u_linear, w.d_inverse);
+      subtract_outer(w.m, w.u_linear, w.u_linear, w.d_inverse);
+      torque += w.u_angular * (w.u * w.d_inverse);
+      force += w.u_linear * (w.u * w.d_inverse);
+    }
+    if (with_bias) {
+      torque += w.a * w.c_angular + w.b * w.c_linear;
+      force += transpose_times(w.b, w.c_angular) + w.m * w.c_linear;
+    }
+    Work &parent = work[link.parent];
+    const btMatrix3x3 b = w.b + cross_matrix(w.r, w.m);
+    parent.a += w.a - matrix_cross(w.b, w.r) + cross_matrix(w.r, b.transpose());
+    parent.b += b;
+    parent.m += w.m;
+    parent.torque += torque + w.r.cross(force);
+    parent.force += force;
+  }
+  Work &base = work[0];
+  base.alpha.setZero();
+  base.accel.setZero();
+  if (!fixed_base) solve_six(base.a, base.b, base.m, -base.torque, -base.force, base.alpha, base.accel);
+  out.angular = base.alpha;
+  out.linear = base.accel;
+  for (size_t i = 0; i < links.size(); ++i) {
+    const Link &link = links[i];
+    Work &w = work[i + 1];
+    w.alpha = work[link.parent].alpha;
+    w.accel = work[link.parent].accel + w.alpha.cross(w.r);
+    if (with_bias) {
+      w.alpha += w.c_angular;
+      w.accel += w.c_linear;
+    }
+    if (link.motion == Motion::Fixed) continue;
+    const btScalar acceleration = (w.u - w.u_angular.dot(w.alpha) - w.u_linear.dot(w.accel)) * w.d_inverse;
+    w.alpha += w.s_angular * acceleration;
+    w.accel += w.s_linear * acceleration;
+    out.q[link.coordinate] = acceleration;
+  }
+}
+
+void TreeDynamics::accelerate(Rate &acceleration) {
+  add_inertias();
+  for (size_t i = fixed_base ? 1 : 0; i < bodies.size(); ++i) {
+    const Body &body = bodies[i];
+    const btVector3 momentum = work[i].inertia * angular[i];
+    work[i].torque = angular[i].cross(momentum) + momentum * body.angular_drag - body.torque;
+    work[i].force = linear[i] * (body.mass * body.linear_drag) - body.force;
+  }
+  sweep(acceleration, true);
+}
+
+void TreeDynamics::project(const btVector3 *linear_wanted, const btVector3 *angular_wanted, Rate &rate) {
+  // Sets the motions of the coordinates; without rates there is no bias.
+  for (btScalar &q : stage_rate.q) q = 0;
+  stage_rate.angular.setZero();
+  stage_rate.linear.setZero();
+  move(stage_rate);
+  add_inertias();
+  for (size_t i = fixed_base ? 1 : 0; i < bodies.size(); ++i) {
+    work[i].torque = -(work[i].inertia * angular_wanted[i]);
+    work[i].force = linear_wanted[i] * -bodies[i].mass;
+  }
+  sweep(rate, false);
+}
+
+void TreeDynamics::step(btScalar h, const Position &from, const Rate &rate, Position &to, Rate &new_rate) {
+  const btScalar way[4] = {0, h / 2, h / 2, h};
+  btQuaternion spins[4];
+  for (int i = 0; i < 4; ++i) {
+    if (i == 0) {
+      speeds[0] = rate;
+      spins[0] = spin_of(rate.angular, from.rotation);
+    } else {
+      const Rate &speed = speeds[i - 1];
+      stage.rotation = from.rotation + spins[i - 1] * way[i];
+      stage.origin = from.origin + speed.linear * way[i];
+      for (int k = 0; k < coordinates; ++k) stage.q[k] = from.q[k] + way[i] * speed.q[k];
+      place(stage);
+      advance(speeds[i], rate, way[i], slopes[i - 1]);
+      spins[i] = spin_of(speeds[i].angular, stage.rotation);
+    }
+    move(speeds[i]);
+    accelerate(slopes[i]);
+  }
+  auto way_of = [h](const auto &a, const auto &b, const auto &c, const auto &d) {
+    return (a + b * 2 + c * 2 + d) * (h / 6);
+  };
+  const Rate *v = speeds, *a = slopes;
+  to.rotation = from.rotation;
+  if (!fixed_base) to.rotation = (from.rotation + way_of(spins[0], spins[1], spins[2], spins[3])).normalized();
+  to.origin = from.origin + way_of(v[0].linear, v[1].linear, v[2].linear, v[3].linear);
+  new_rate.angular = rate.angular + way_of(a[0].angular, a[1].angular, a[2].angular, a[3].angular);
+  new_rate.linear = rate.linear + way_of(a[0].linear, a[1].linear, a[2].linear, a[3].linear);
+  for (int k = 0; k < coordinates; ++k) {
+    to.q[k] = from.q[k] + way_of(v[0].q[k], v[1].q[k], v[2].q[k], v[3].q[k]);
+    new_rate.q[k] = rate.q[k] + way_of(a[0].q[k], a[1].q[k], a[2].q[k], a[3].q[k]);
+  }
+}
+
+void TreeDynamics::shift(Position &position, btScalar h, const Rate &rate) {
+  position.origin += rate.linear * h;
+  for (size_t i = 0; i < position.q.size(); ++i) position.q[i] += h * rate.q[i];
+  const btScalar speed = rate.angular.length();
+  if (speed * h == 0) return;
+  position.rotation = btQuaternion(rate.angular / speed, speed * h) * position.rotation;
+  position.rotation.normalize();
+}
+
+btVector3 TreeDynamics::angular_momentum(size_t body) const {
+  return rotations[body] * (transpose_times(rotations[body], angular[body]) * bodies[body].inertia);
+}

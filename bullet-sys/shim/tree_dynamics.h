@@ -1,0 +1,107 @@
+// Motion of a tree of rigid bodies in reduced coordinates. C++ only.
+#ifndef AMB_TREE_DYNAMICS_H
+#define AMB_TREE_DYNAMICS_H
+
+#include <vector>
+
+#include <LinearMath/btTransform.h>
+
+// A tree of hinges, sliders and fixed joints on a base that is fixed or free. Featherstone's articulated-body algorithm (Rigid Body
+// Dynamics Algorithms, 2008, chapter 7) with every quantity in world axes about the centre of mass of its body: matrices then need no
+// rotation on their way from link to link. Classical accelerations are used, not spatial ones.
+//
+// Body 0 is the base, body i + 1 is link i. Poses are those of inertial frames; SI units.
+class TreeDynamics {
+ public:
+  enum class Motion { Fixed, Revolute, Prismatic };
+
+  struct Link {
+    int parent;  // body
+    Motion motion;
+    int coordinate;          // place in `q`; -1 if fixed
+    btVector3 axis;          // of length 1, in the parent's frame
+    btVector3 pivot;         // in the parent's frame
+    btMatrix3x3 rotation;    // child in parent at coordinate 0
+    btVector3 arm;           // from the pivot to the centre of mass at coordinate 0, in the child's frame
+    btMatrix3x3 turn, turn2;  // axis x rotation, axis x (axis x rotation)
+  };
+
+  struct Body {
+    btScalar mass;
+    btVector3 inertia;  // principal moments
+    // Rates of decay of momentum, 1/s.
+    btScalar linear_drag = 0, angular_drag = 0;
+    // External, constant over a step.
+    btVector3 force{0, 0, 0}, torque{0, 0, 0};
+  };
+
+  // Where the tree is.
+  struct Position {
+    btQuaternion rotation{0, 0, 0, 1};  // of the base
+    btVector3 origin{0, 0, 0};
+    std::vector<btScalar> q;
+  };
+
+  // How it moves: velocity of the base and rates of the coordinates. Also used for accelerations.
+  struct Rate {
+    btVector3 angular{0, 0, 0}, linear{0, 0, 0};
+    std::vector<btScalar> q;
+  };
+
+  explicit TreeDynamics(bool with_fixed_base) : fixed_base(with_fixed_base) {}
+
+  // Adds a link; `joint_in_parent` and `joint_in_child` are frames that coincide at coordinate 0, `axis` is in them.
+  void add(const Body &body, int parent, Motion motion, const btVector3 &axis, const btTransform &joint_in_parent,
+           const btTransform &joint_in_child);
+  // After the last link.
+  void finish();
+
+  // Poses of all bodies from the position.
+  void place(const Position &position);
+  // Velocities of all bodies from the rates; the poses must be those of the position.
+  void move(const Rate &rate);
+  // Accelerations under the external forces, of bodies that were placed and moved.
+  void accelerate(Rate &acceleration);
+  // The rates that come nearest to velocities of the bodies, weighted with their masses and inertias: what perfect joints would leave of
+  // them. The poses must be those of the position.
+  void project(const btVector3 *linear, const btVector3 *angular, Rate &rate);
+
+  // One step of the classical Runge-Kutta method from where `place` put the bodies; poses are spoilt.
+  void step(btScalar h, const Position &from, const Rate &rate, Position &to, Rate &new_rate);
+
+  // Moves on by h times rate, the rotation by the exponential map.
+  static void shift(Position &position, btScalar h, const Rate &rate);
+
+  // About the body's own centre of mass.
+  btVector3 angular_momentum(size_t body) const;
+
+  const bool fixed_base;
+  int coordinates = 0;
+  std::vector<Body> bodies;
+  std::vector<Link> links;
+  // State of the bodies, world axes.
+  std::vector<btMatrix3x3> rotations;
+  std::vector<btVector3> origins, linear, angular;
+
+ private:
+  struct Work {
+    btMatrix3x3 inertia;        // of the body alone
+    btMatrix3x3 a, b, m;        // articulated: torque and force from angular and linear acceleration, [a b; b^T m]
+    btVector3 torque, force;    // bias
+    btVector3 r;                // from the parent's centre of mass to the body's
+    btVector3 s_angular, s_linear;  // motion of a coordinate
+    btVector3 c_angular, c_linear;  // acceleration at rest of the coordinate
+    btVector3 u_angular, u_linear;
+    btScalar d_inverse, u;
+    btVector3 alpha, accel;
+  };
+
+  void add_inertias();
+  void sweep(Rate &out, bool with_bias);
+
+  std::vector<Work> work;
+  Position stage;
+  Rate stage_rate, slopes[4], speeds[4];
+};
+
+#endif

@@ -1,0 +1,251 @@
+#include "tree_rows.h"
+
+#include <algorithm>
+
+namespace {
+
+// What Bullet's hinge leaves of the speed into a limit; its slider leaves nothing.
+constexpr btScalar HINGE_BOUNCE = 0.3;
+// Share of a limit's violation that is corrected in a sub-step.
+constexpr btScalar LIMIT_ERP = 0.2;
+// Keeps two rows of one coordinate apart, as a share of their response.
+constexpr btScalar SOFTNESS = 1e-9;
+
+void set_no_normals(btMultiBodySolverConstraint &row) {
+  const btVector3 zero(0, 0, 0);
+  row.m_relpos1CrossNormal = row.m_contactNormal1 = row.m_angularComponentA = zero;
+  row.m_relpos2CrossNormal = row.m_contactNormal2 = row.m_angularComponentB = zero;
+}
+
+}  // namespace
+
+JointRows::JointRows(AmbTree &owner)
+    : btMultiBodyConstraint(owner.multi_body.get(), nullptr, 0, -1, 3 * owner.dynamics.coordinates, false,
+                            MULTIBODY_CONSTRAINT_1DOF_JOINT_MOTOR),
+      tree(owner),
+      jacobian(6 + owner.dynamics.coordinates) {
+  m_data.resize(m_numRows);
+}
+
+int JointRows::getIslandIdA() const { return tree.members[1].collider->getIslandTag(); }
+
+void JointRows::plan_limit(const AmbConstraint &joint, int coordinate, btScalar h) {
+  const btScalar infinity = BT_LARGE_FLOAT;
+  btScalar low = joint.low, high = joint.high;
+  if (low > high) return;
+  btScalar q = tree.position.q[coordinate];
+  if (joint.kind == Kind::Hinge) {
+    // Angles have no beginning: the limits nearest to q count.
+    const btScalar center = (low + high) / 2;
+    q = center + std::remainder(q - center, 2 * SIMD_PI);
+  }
+  if (low == high) {
+    planned.push_back({coordinate, (low - q) * LIMIT_ERP / h, 0, -infinity, infinity, true});
+    return;
+  }
+  const btScalar bounce = joint.kind == Kind::Hinge ? HINGE_BOUNCE : 0;
+  for (btScalar side : {1, -1}) {
+    // Way to the limit, and speed towards its free side.
+    const btScalar gap = side * (q - (side > 0 ? low : high));
+    const btScalar speed = side * tree.free_rate.q[coordinate];
+    if (gap + h * speed >= 0) continue;
+    btScalar target = -gap / h * (gap < 0 ? LIMIT_ERP : 1);
+    target = std::max(target, -bounce * speed);
+    planned.push_back({coordinate, side * target, 0, side > 0 ? 0 : -infinity, side > 0 ? infinity : 0, true});
+  }
+}
+
+void JointRows::plan_motor(const AmbConstraint &joint, int coordinate, btScalar h) {
+  btScalar target, impulse;
+  if (joint.kind == Kind::Hinge) {
+    auto &hinge = static_cast<btHingeConstraint &>(*joint.constraint);
+    if (!hinge.getEnableAngularMotor()) return;
+    target = hinge.getMotorTargetVelocity();
+    impulse = hinge.getMaxMotorImpulse();
+  } else {
+    auto &slider = static_cast<btSliderConstraint &>(*joint.constraint);
+    if (!slider.getPoweredLinMotor()) return;
+    target = slider.getTargetLinMotorVelocity();
+    impulse = slider.getMaxLinMotorForce() * h;
+  }
+  if (impulse > 0) planned.push_back({coordinate, target, 0, -impulse, impulse, false});
+}
+
+bool JointRows::plan(btScalar h) {
+  planned.clear();
+  for (size_t i = 1; i < tree.members.size(); ++i) {
+    const AmbConstraint &joint = *tree.members[i].joint;
+    const int coordinate = tree.dynamics.links[i - 1].coordinate;
+    if (coordinate < 0) continue;
+    plan_limit(joint, coordinate, h);
+    plan_motor(joint, coordinate, h);
+  }
+  return !planned.empty();
+}
+
+bool JointRows::stopped() const {
+  for (size_t i = 0; i < planned.size(); ++i) {
+    if (planned[i].limit && m_data[i] != 0) return true;
+  }
+  return false;
+}
+
+void JointRows::createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBodyJacobianData &data,
+                                     const btContactSolverInfo &info) {
+  const int n = static_cast<int>(planned.size()), first = rows.size();
+  const btVector3 zero(0, 0, 0);
+  for (int i = 0; i < n; ++i) {
+    btMultiBodySolverConstraint &row = rows.expandNonInitializing();
+    const Row &plan = planned[i];
+    set_no_normals(row);
+    row.m_orgConstraint = this;
+    row.m_orgDofIndex = i;
+    row.m_solverBodyIdA = row.m_solverBodyIdB = data.m_fixedBodyId;
+    std::fill(jacobian.begin(), jacobian.end(), 0);
+    jacobian[6 + plan.coordinate] = 1;
+    fillMultiBodyConstraint(row, data, jacobian.data(), nullptr, zero, zero, zero, zero, 0, info, plan.low, plan.high,
+                            true);
+  }
+  matrix.resize(n * n);
+  right.resize(n);
+  impulses.resize(n);
+  std::vector<btScalar> low(n), high(n);
+  for (int i = 0; i < n; ++i) {
+    btMultiBodySolverConstraint &row = rows[first + i];
+    const Row &plan = planned[i];
+    for (int j = 0; j < n; ++j) {
+      // The rate of i that an impulse of 1 on j gives.
+      matrix[i * n + j] = data.m_deltaVelocitiesUnitImpulse[rows[first + j].m_jacAindex + 6 + plan.coordinate];
+    }
+    btScalar &own = matrix[i * n + i];
+    const btScalar softness = std::max(plan.softness, own * SOFTNESS);
+    own += softness;
+    right[i] = plan.target - tree.free_rate.q[plan.coordinate];
+    low[i] = plan.low;
+    high[i] = plan.high;
+    row.m_jacDiagABInv = 1 / own;
+    row.m_cfm = softness / own;
+    row.m_rhs = right[i] / own;
+  }
+  solve_within_bounds(n, matrix.data(), right.data(), low.data(), high.data(), impulses.data());
+  for (int i = 0; i < n; ++i) internalSetAppliedImpulse(i, impulses[i] / info.m_articulatedWarmstartingFactor);
+}
+
+TieRows::TieRows(AmbConstraint &owner, AmbBody &link_body, const btTransform &link_frame, AmbBody &other_body,
+                 const btTransform &frame_of_other, int rows)
+    : btMultiBodyConstraint(link_body.tree->multi_body.get(),
+                            other_body.tree ? other_body.tree->multi_body.get() : nullptr, link_body.member - 1,
+                            other_body.tree ? other_body.member - 1 : -1, rows, false, MULTIBODY_CONSTRAINT_FIXED),
+      constraint(owner),
+      link(link_body),
+      other(other_body),
+      frame(link_frame),
+      other_frame(frame_of_other) {
+  m_data.resize(rows);
+  forget();
+}
+
+void TieRows::forget() {
+  for (int i = 0; i < m_numRows; ++i) m_data[i] = 0;
+}
+
+void TieRows::createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBodyJacobianData &data,
+                                   const btContactSolverInfo &info) {
+  const btTransform a = link.body.getWorldTransform() * frame, b = other.body.getWorldTransform() * other_frame;
+  const btVector3 gap = a.getOrigin() - b.getOrigin();
+  const btQuaternion turn = (a.getRotation() * b.getRotation().inverse()).normalized();
+  btVector3 angle(0, 0, 0);
+  const btScalar half = btVector3(turn.x(), turn.y(), turn.z()).length();
+  if (half > 0) angle = btVector3(turn.x(), turn.y(), turn.z()) / half * std::remainder(2 * btAtan2(half, turn.w()), 2 * SIMD_PI);
+  const bool is_dynamic = !other.tree && other.body.getInvMass() > 0;
+  for (int i = 0; i < m_numRows; ++i) {
+    btMultiBodySolverConstraint &row = rows.expandNonInitializing();
+    set_no_normals(row);
+    row.m_orgConstraint = this;
+    row.m_orgDofIndex = i;
+    row.m_solverBodyIdA = data.m_fixedBodyId;
+    row.m_solverBodyIdB = is_dynamic ? other.body.getCompanionId() : data.m_fixedBodyId;
+    btVector3 linear(0, 0, 0), angular(0, 0, 0);
+    (i < 3 ? linear : angular)[i % 3] = 1;
+    fillMultiBodyConstraint(row, data, nullptr, nullptr, angular, linear, a.getOrigin(), b.getOrigin(),
+                            i < 3 ? gap[i] : angle[i - 3], info, -BT_LARGE_FLOAT, BT_LARGE_FLOAT, i >= 3);
+  }
+}
+
+void TieRows::write_feedback(btScalar h) {
+  if (!constraint.feedback) return;
+  btVector3 force(m_data[0] / h, m_data[1] / h, m_data[2] / h), torque(0, 0, 0);
+  if (m_numRows > 3) torque = btVector3(m_data[3] / h, m_data[4] / h, m_data[5] / h);
+  const btVector3 arm = link.body.getWorldTransform().getBasis() * frame.getOrigin();
+  const btVector3 other_arm = other.body.getWorldTransform().getBasis() * other_frame.getOrigin();
+  const bool link_is_a = &first_of(constraint) == &link;
+  btJointFeedback &feedback = *constraint.feedback;
+  (link_is_a ? feedback.m_appliedForceBodyA : feedback.m_appliedForceBodyB) = force;
+  (link_is_a ? feedback.m_appliedTorqueBodyA : feedback.m_appliedTorqueBodyB) = torque + arm.cross(force);
+  (link_is_a ? feedback.m_appliedForceBodyB : feedback.m_appliedForceBodyA) = -force;
+  (link_is_a ? feedback.m_appliedTorqueBodyB : feedback.m_appliedTorqueBodyA) = -(torque + other_arm.cross(force));
+}
+
+// Block principal pivoting (Judice and Pires, Computers and Operations Research 21, 1994): all that are wrong change sides at once as long
+// as there get fewer of them, else only the last one, which ends for every such matrix.
+void solve_within_bounds(int n, const btScalar *matrix, const btScalar *b, const btScalar *low, const btScalar *high,
+                         btScalar *x) {
+  enum Side : char { Free, Low, High };
+  std::vector<Side> sides(n, Free);
+  std::vector<btScalar> factor(n * n), v(n);
+  std::vector<int> open;
+  int fewest = n + 1, patience = 3;
+  for (int round = 0; round < 50 + 10 * n; ++round) {
+    open.clear();
+    for (int i = 0; i < n; ++i) {
+      if (sides[i] == Free) open.push_back(i);
+      else x[i] = sides[i] == Low ? low[i] : high[i];
+    }
+    const int m = static_cast<int>(open.size());
+    for (int i = 0; i < m; ++i) {
+      btScalar rest = b[open[i]];
+      for (int k = 0; k < n; ++k) {
+        if (sides[k] != Free) rest -= matrix[open[i] * n + k] * x[k];
+      }
+      for (int j = 0; j <= i; ++j) {
+        btScalar sum = matrix[open[i] * n + open[j]];
+        for (int k = 0; k < j; ++k) sum -= factor[i * n + k] * factor[j * n + k];
+        factor[i * n + j] = i == j ? std::sqrt(std::max(sum, btScalar(1e-300))) : sum / factor[j * n + j];
+      }
+      for (int k = 0; k < i; ++k) rest -= factor[i * n + k] * v[k];
+      v[i] = rest / factor[i * n + i];
+    }
+    for (int i = m - 1; i >= 0; --i) {
+      for (int k = i + 1; k < m; ++k) v[i] -= factor[k * n + i] * v[k];
+      v[i] /= factor[i * n + i];
+      x[open[i]] = v[i];
+    }
+    int wrong = 0, last = -1;
+    std::vector<Side> next = sides;
+    for (int i = 0; i < n; ++i) {
+      if (sides[i] == Free) {
+        if (x[i] < low[i]) next[i] = Low;
+        else if (x[i] > high[i]) next[i] = High;
+      } else {
+        btScalar slope = -b[i];
+        for (int k = 0; k < n; ++k) slope += matrix[i * n + k] * x[k];
+        if (sides[i] == Low ? slope < 0 : slope > 0) next[i] = Free;
+      }
+      if (next[i] == sides[i]) continue;
+      ++wrong;
+      last = i;
+    }
+    if (wrong == 0) return;
+    if (wrong < fewest) {
+      fewest = wrong;
+      patience = 3;
+    } else if (patience-- <= 0) {
+      const Side side = next[last];
+      next = sides;
+      next[last] = side;
+    }
+    sides.swap(next);
+  }
+  // Rounding can keep it from an end; what is there is kept within its bounds.
+  for (int i = 0; i < n; ++i) x[i] = std::min(std::max(x[i], low[i]), high[i]);
+}
