@@ -12,6 +12,8 @@
 #include <BulletSoftBody/btSoftRigidDynamicsWorld.h>
 #include <btBulletDynamicsCommon.h>
 
+#include "soft_rows.h"
+
 extern "C" {
 #include "shim.h"
 }
@@ -63,6 +65,8 @@ struct AmbBody : AmbObject {
   btRigidBody body;
   // Sub-step in which the body was last in contact; only counted for the ballistic correction.
   uint64_t touched = 0;
+  // Rows that drive the body, see drive.cpp. Made when they are first needed, dropped when the body leaves its world.
+  std::unique_ptr<btTypedConstraint> drive;
 };
 
 struct AmbGhost : AmbObject {
@@ -114,8 +118,20 @@ inline AmbSoft *soft_of(const btSoftBody *body) { return static_cast<AmbSoft *>(
 
 enum class Kind { Hinge, Slider, Fixed, PointToPoint, ConeTwist, SixDof, SixDofSpring };
 
+// A row that drives a hinge or slider, see drive.cpp.
+struct JointDrive {
+  bool enabled = false;
+  btScalar velocity = 0;
+  btScalar max_impulse = 0;
+  // Limits of the joint as they were given: Bullet wraps those of a hinge.
+  btScalar low = 1, high = -1;
+  // The softness of the row, and where it is in this sub-step.
+  SoftRows rows;
+};
+
 struct AmbConstraint {
   Kind kind;
+  JointDrive drive;
   std::unique_ptr<btTypedConstraint> constraint;
   std::unique_ptr<btJointFeedback> feedback;
 
@@ -123,6 +139,15 @@ struct AmbConstraint {
   T &as() {
     return static_cast<T &>(*constraint);
   }
+};
+
+// Bullet's step in pieces, between which controllers act.
+struct Stepper {
+  virtual ~Stepper() = default;
+  // Counts the interval and begins a step of at most `most` sub-steps. Returns the sub-steps that are due.
+  virtual int begin(btScalar interval, int most, btScalar sub_step) = 0;
+  virtual void advance(btScalar sub_step) = 0;
+  virtual void finish() = 0;
 };
 
 struct AmbWorld {
@@ -141,6 +166,8 @@ struct AmbWorld {
   std::unique_ptr<btMLCPSolverInterface> mlcp;
   std::unique_ptr<btConstraintSolver> solver;
   std::unique_ptr<btDiscreteDynamicsWorld> world;
+  // The same world.
+  Stepper *stepper = nullptr;
   // The same world, if it was made for soft bodies.
   btSoftRigidDynamicsWorld *soft = nullptr;
   bool has_gimpact = false;
@@ -157,6 +184,14 @@ void prepare_soft_rays(AmbWorld &world);
 void forget_in_soft_bodies(AmbWorld &world, AmbBody &body);
 // Before the narrow phase looks at a pair one of which is a soft body; false: it may not.
 bool prepare_soft_pair(btBroadphasePair &pair, const btCollisionObject &a, const btCollisionObject &b);
+
+// Before a body leaves its world.
+void drop_drive(AmbWorld &world, AmbBody &body);
+// A hinge and a slider with the row of `drive`, which outlives them.
+std::unique_ptr<btTypedConstraint> driven_hinge(AmbBody &a, AmbBody &b, const btTransform &frame_a,
+                                                const btTransform &frame_b, JointDrive &drive);
+std::unique_ptr<btTypedConstraint> driven_slider(AmbBody &a, AmbBody &b, const btTransform &frame_a,
+                                                 const btTransform &frame_b, JointDrive &drive);
 
 inline btVector3 vector_of(const double v[3]) { return btVector3(v[0], v[1], v[2]); }
 

@@ -7,6 +7,7 @@
 mod body;
 mod constraint;
 mod contact;
+mod drive;
 mod ghost;
 mod kinematics;
 mod method;
@@ -20,6 +21,7 @@ mod world;
 pub use body::RigidBody;
 pub use constraint::{Constraint, ConstraintKind, ConstraintParameter, JointWrench, Spring};
 pub use contact::Contact;
+pub use drive::{BodyDrive, Drive};
 pub use kinematics::BodyKinematics;
 pub use method::{Integrator, Solver};
 pub use ray::{Ray, RayHit, RayTarget};
