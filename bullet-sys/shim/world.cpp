@@ -1,3 +1,4 @@
+#include "continuous.h"
 #include "internal.h"
 #include "solvers.h"
 
@@ -44,13 +45,15 @@ AmbWorld::AmbWorld(int solver_kind, bool with_soft_bodies)
       mlcp(mlcp_of(solver_kind)),
       solver(solver_of(solver_kind, mlcp.get())) {
   if (with_soft_bodies) {
-    soft = new btSoftRigidDynamicsWorld(&dispatcher, &broadphase, solver.get(), configuration.get());
+    soft = new ContinuousWorld<btSoftRigidDynamicsWorld>(&dispatcher, &broadphase, solver.get(), configuration.get());
     world.reset(soft);
     soft->getWorldInfo().air_density = 0;
     soft->setInternalTickCallback(before_soft_sub_step, this, true);
   } else {
-    world = std::make_unique<btDiscreteDynamicsWorld>(&dispatcher, &broadphase, solver.get(), configuration.get());
+    world = std::make_unique<ContinuousWorld<btDiscreteDynamicsWorld>>(&dispatcher, &broadphase, solver.get(),
+                                                                       configuration.get());
   }
+  world->setWorldUserInfo(this);
   dispatcher.setNearCallback(near_callback);
   // An MLCP solver takes one island at a time; merging small ones would only make its matrices larger.
   if (mlcp) world->getSolverInfo().m_minimumSolverBatchSize = 1;
