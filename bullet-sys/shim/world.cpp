@@ -43,7 +43,7 @@ AmbWorld::AmbWorld(int solver_kind, int kind)
       dispatcher(configuration.get()) {
   if (kind == AmbWorldKind_Trees) {
     auto owned = multi_body_solver_of(solver_kind);
-    trees = new TreeWorld(&dispatcher, &broadphase, owned.get(), configuration.get());
+    trees = new TreeWorld(clock, &dispatcher, &broadphase, owned.get(), configuration.get());
     solver = std::move(owned);
     world.reset(trees);
     dispatcher.setNearCallback(near_callback);
@@ -52,12 +52,12 @@ AmbWorld::AmbWorld(int solver_kind, int kind)
   mlcp = mlcp_of(solver_kind);
   solver = solver_of(solver_kind, mlcp.get());
   if (kind == AmbWorldKind_Soft) {
-    soft = new btSoftRigidDynamicsWorld(&dispatcher, &broadphase, solver.get(), configuration.get());
+    soft = new Lean<btSoftRigidDynamicsWorld>(clock, &dispatcher, &broadphase, solver.get(), configuration.get());
     world.reset(soft);
     soft->getWorldInfo().air_density = 0;
     soft->setInternalTickCallback(before_soft_sub_step, this, true);
   } else {
-    world = std::make_unique<btDiscreteDynamicsWorld>(&dispatcher, &broadphase, solver.get(), configuration.get());
+    world = std::make_unique<Lean<btDiscreteDynamicsWorld>>(clock, &dispatcher, &broadphase, solver.get(), configuration.get());
   }
   dispatcher.setNearCallback(near_callback);
   // An MLCP solver takes one island at a time; merging small ones would only make its matrices larger.
@@ -141,6 +141,7 @@ void amb_world_set_lag(AmbWorld *world, int enabled) {
 
 void amb_world_add_body(AmbWorld *world, AmbBody *body, AmbHandle handle) {
   world->adopt(*body, body->shape, handle);
+  body->motion.follow(world->clock);
   world->world->addRigidBody(&body->body);
 }
 
@@ -150,6 +151,8 @@ void amb_world_remove_body(AmbWorld *world, AmbBody *body) {
 }
 
 void amb_world_make_drawing(AmbWorld *world, AmbBody *body) {
+  // Before it is static, whose motion states stay.
+  body->motion.pose();
   amb_world_remove_body(world, body);
   const btVector3 zero(0, 0, 0);
   body->body.setMassProps(0, zero);
@@ -184,6 +187,7 @@ void amb_world_recover(AmbWorld *world) {
   btCollisionObjectArray &objects = world->world->getCollisionObjectArray();
   for (int i = 0; i < objects.size(); ++i) {
     btCollisionObject *object = objects[i];
+    if (AmbBody *body = body_of(object)) body->motion.pose();
     object->forceActivationState(DISABLE_DEACTIVATION);
     object->setInterpolationWorldTransform(object->getWorldTransform());
     object->setInterpolationLinearVelocity(btVector3(0, 0, 0));
