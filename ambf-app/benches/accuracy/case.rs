@@ -18,6 +18,8 @@ pub type Samples = Vec<Vec<State>>;
 pub struct Run {
     /// CPU time of the steps alone.
     pub cpu: Duration,
+    /// CPU time of those after the last but one time of comparison.
+    pub tail: Duration,
     pub samples: Samples,
 }
 

@@ -100,7 +100,7 @@ impl Running<'_> {
 
 /// Runs a case in all ways, from large steps to small ones.
 pub fn measure(case: &Case, peers: &mut Option<Peers>, effort: Effort) -> Vec<Lane> {
-    let own = own::settings(case.family).into_iter().map(|setting| (setting.name.to_owned(), Way::Own(setting)));
+    let own = own::settings(case).into_iter().map(|setting| (setting.name.to_owned(), Way::Own(setting)));
     let others = Peer::of(case.family).iter().map(|&peer| (peer.name().to_owned(), Way::Peer(peer)));
     let mut running: Vec<Running> = own
         .chain(others)
