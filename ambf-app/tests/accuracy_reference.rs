@@ -100,8 +100,8 @@ fn loops_keep_their_energy_and_stay_closed() {
         assert!(drift < 1e-10, "{name}: {drift:e}");
         let open = samples.iter().map(|states| gap(&system, states)).fold(0.0, f64::max);
         assert!(open < 1e-10, "{name}: {open:e}");
-        let moved = samples[9][1].pose.rotation.angle_to(&system.bodies[1].pose.rotation);
-        assert!(moved > 0.01, "{name} does not move");
+        let turned = |states: &Vec<State>| states[1].pose.rotation.angle_to(&system.bodies[1].pose.rotation);
+        assert!(samples.iter().map(turned).fold(0.0, f64::max) > 0.1, "{name} does not move");
     }
 }
 
