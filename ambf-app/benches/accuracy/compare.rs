@@ -2,15 +2,12 @@
 
 use std::cmp::Ordering;
 
-use super::case::{Case, Family};
+use super::case::{Case, Family, USUAL};
 use super::lanes::{Lane, Point};
 use super::own::{ACCURATE, LEGACY};
 use super::plot::{log_lines, Line};
 use super::report::{goal, Section};
 use super::statistics::short;
-
-/// The step at which costs are compared, s.
-const STEP: f64 = 0.001;
 
 /// What was found for a case.
 pub struct Found {
@@ -25,7 +22,7 @@ impl Found {
 
     /// What a lane gave at 1 ms.
     fn usual(&self, name: &str) -> Option<&Point> {
-        self.lane(name)?.at(STEP)
+        self.lane(name)?.at(USUAL)
     }
 
     /// Lanes whose names begin so.
@@ -35,7 +32,7 @@ impl Found {
 
     /// The accurate profile's error over that of `other` at 1 ms, at the cost of the latter.
     fn ratio(&self, other: &Lane) -> Option<Ratio> {
-        let theirs = other.at(STEP)?;
+        let theirs = other.at(USUAL)?;
         let ours = error_at(self.lane(ACCURATE)?, theirs.cost.median);
         Some(match ours {
             None => Ratio::Dearer,
@@ -121,15 +118,15 @@ fn error_cell(point: Option<&Point>) -> String {
 pub fn section(found: &Found) -> Section {
     let budget = found.usual(ACCURATE).map(|point| point.cost.median);
     let row = |lane: &Lane| {
-        let usual = lane.at(STEP);
+        let usual = lane.at(USUAL);
         let largest =
             lane.points.iter().filter(|point| point.error.is_finite()).map(|point| point.step).fold(0.0, f64::max);
         let equal = budget.and_then(|budget| error_at(lane, budget));
         vec![
             lane.problem.as_ref().map_or_else(|| lane.name.clone(), |problem| format!("{} ({problem})", lane.name)),
-            error_cell(lane.at(4.0 * STEP)),
+            error_cell(lane.at(4.0 * USUAL)),
             error_cell(usual),
-            error_cell(lane.at(STEP / 4.0)),
+            error_cell(lane.at(USUAL / 4.0)),
             usual.map_or_else(|| "–".into(), |point| point.cost.to_string()),
             if largest > 0.0 { (largest * 1e3).to_string() } else { "none".into() },
             equal.map_or_else(|| "–".into(), number),
@@ -169,7 +166,7 @@ pub fn summary(all: &[Found]) -> Section {
         None => "–".into(),
     };
     let best = |found: &Found, start: &str| {
-        let points = found.named(start).filter_map(|lane| Some((lane, lane.at(STEP)?)));
+        let points = found.named(start).filter_map(|lane| Some((lane, lane.at(USUAL)?)));
         let best = points.min_by(|a, b| a.1.error.total_cmp(&b.1.error));
         best.map_or_else(|| "–".into(), |(lane, _)| cell(found, &lane.name))
     };

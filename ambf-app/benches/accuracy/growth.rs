@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use nalgebra::Vector3;
 
-use super::case::{times, Case, Family};
+use super::case::{times, Case, Family, USUAL};
 use super::own::{self, Setting};
 use super::peers::{Peer, Peers};
 use super::plot::{log_lines, Line};
@@ -12,7 +12,6 @@ use super::report::Section;
 use super::statistics::short;
 use super::system::{Body, Shape, System};
 
-const STEP: f64 = 0.001;
 /// Exponents are fitted from here on.
 const LARGE: usize = 100;
 
@@ -64,14 +63,14 @@ pub fn measure(peers: &mut Option<Peers>, quick: bool) -> (Section, String) {
                 continue;
             }
             let run = match (way, peers.as_mut()) {
-                (Way::Own(setting), _) => own::run(&case, setting, STEP, most),
-                (Way::Peer(peer), Some(peers)) => peers.run(&case, *peer, STEP, most),
+                (Way::Own(setting), _) => own::run(&case, setting, USUAL, most),
+                (Way::Peer(peer), Some(peers)) => peers.run(&case, *peer, USUAL, most),
                 (Way::Peer(_), None) => continue,
             };
             let Ok(Some(run)) = run else { continue };
             last[index] = run.cpu;
             if let [from, to] = case.times[..] {
-                found[index].push((n as f64, run.tail.as_secs_f64() * 1e6 / ((to - from) / STEP)));
+                found[index].push((n as f64, run.tail.as_secs_f64() * 1e6 / ((to - from) / USUAL)));
             }
         }
     }
