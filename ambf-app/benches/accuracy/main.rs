@@ -31,8 +31,10 @@ use peers::Peers;
 /// What `cargo bench` adds to the arguments of every benchmark.
 const CARGO_BENCH: &str = "--bench";
 
-/// Names of the cases and how they are made, which takes a moment where there is a reference to integrate.
-const CASES: [(&str, fn() -> Case); 24] = [
+/// Name of a case and how it is made, which takes a moment where there is a reference to integrate.
+type Entry = (&'static str, fn() -> Case);
+
+const CASES: [Entry; 24] = [
     ("free-rotation", jointed::free_rotating),
     ("free-flight", jointed::free_flying),
     ("pendulum", jointed::pendulum),
