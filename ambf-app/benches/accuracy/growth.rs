@@ -48,7 +48,7 @@ enum Way {
 /// Costs of piles of boxes in all ways, with the exponents of their growth, and a figure.
 pub fn measure(peers: &mut Option<Peers>, quick: bool) -> (Section, String) {
     let sizes: &[usize] = if quick { &[25, 50, 100] } else { &[25, 50, 100, 200, 400, 800, 1600] };
-    let most = Duration::from_secs(if quick { 1 } else { 20 });
+    let most = Duration::from_secs(if quick { 1 } else { 10 });
     let settings = own::settings(&pile(1)).into_iter().take(2);
     let mut ways: Vec<(String, Way)> = settings.map(|setting| (setting.name.into(), Way::Own(setting))).collect();
     let others = [Peer::Featherstone, Peer::Maximal, Peer::MujocoEuler];

@@ -86,7 +86,7 @@ fn main() {
     let effort = if wanted.quick {
         Effort { rounds: 1, most: Duration::from_millis(60) }
     } else {
-        Effort { rounds: 5, most: Duration::from_secs(2) }
+        Effort { rounds: 5, most: Duration::from_secs(1) }
     };
     let mut peers = match Peers::start() {
         _ if wanted.no_peers => None,
