@@ -74,6 +74,14 @@ struct AmbBody : AmbObject {
   int member = 0;
   // Rows that drive the body, see drive.cpp. Made when they are first needed, dropped when the body leaves its world.
   std::unique_ptr<btTypedConstraint> drive;
+  // Of the sphere that is swept when the body moves further than that in a sub-step; 0: never.
+  btScalar swept_radius = 0;
+};
+
+// A body that hits something within the sub-step, and its pose there.
+struct AmbImpact {
+  AmbBody *body;
+  btTransform pose;
 };
 
 struct AmbGhost : AmbObject {
@@ -194,6 +202,9 @@ struct AmbWorld {
   bool has_rays = false;
   size_t next_index = 0;
   uint64_t sub_step = 0;
+  // Some body is swept, see continuous.h.
+  bool has_continuous = false;
+  std::vector<AmbImpact> impacts;
 };
 
 // Soft bodies in a world, see soft_body.cpp.

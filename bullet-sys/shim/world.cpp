@@ -1,3 +1,4 @@
+#include "continuous.h"
 #include "solvers.h"
 #include "tree_rows.h"
 
@@ -73,7 +74,7 @@ struct Stepped : Base, Stepper {
 
 template <class Base>
 Stepper *make_world(std::unique_ptr<btDiscreteDynamicsWorld> &owner, AmbWorld &world) {
-  auto *made = new Stepped<Base>(&world.dispatcher, &world.broadphase, world.solver.get(), world.configuration.get());
+  auto *made = new Stepped<ContinuousWorld<Base>>(&world.dispatcher, &world.broadphase, world.solver.get(), world.configuration.get());
   owner.reset(made);
   return made;
 }
@@ -85,11 +86,12 @@ AmbWorld::AmbWorld(int solver_kind, int kind)
       dispatcher(configuration.get()) {
   if (kind == AmbWorldKind_Trees) {
     auto owned = multi_body_solver_of(solver_kind);
-    auto *made = new Stepped<TreeWorld>(&dispatcher, &broadphase, owned.get(), configuration.get());
+    auto *made = new Stepped<ContinuousWorld<TreeWorld>>(&dispatcher, &broadphase, owned.get(), configuration.get());
     solver = std::move(owned);
     world.reset(made);
     trees = made;
     stepper = made;
+    world->setWorldUserInfo(this);
     dispatcher.setNearCallback(near_callback);
     return;
   }
@@ -103,6 +105,7 @@ AmbWorld::AmbWorld(int solver_kind, int kind)
   } else {
     stepper = make_world<btDiscreteDynamicsWorld>(world, *this);
   }
+  world->setWorldUserInfo(this);
   dispatcher.setNearCallback(near_callback);
   // An MLCP solver takes one island at a time; merging small ones would only make its matrices larger.
   if (mlcp) world->getSolverInfo().m_minimumSolverBatchSize = 1;

@@ -271,6 +271,7 @@ impl<'a> Builder<'a> {
             angular_damping: body.surface.angular_damping,
             gravity,
         });
+        self.set_continuous(body, handle);
         let controller = body.controller.unwrap_or_default();
         let identity = self.identity(&body.common, |scene| &scene.body_names);
         self.scene.bodies.push(Body {
@@ -292,6 +293,21 @@ impl<'a> Builder<'a> {
             controlled_in: 0,
         });
         Some(self.scene.graph.add_body())
+    }
+
+    /// Continuous collision detection: on request, or where the accurate profile can.
+    fn set_continuous(&mut self, body: &adf::RigidBody, handle: bullet::BodyHandle) {
+        let wanted = body.continuous_collision.unwrap_or(self.scene.profile == Profile::Accurate);
+        if body.mass == 0.0 || !wanted || self.scene.world.set_continuous(handle, true) {
+            return;
+        }
+        if body.continuous_collision == Some(true) {
+            let message = format!(
+                "`{}`: `continuous collision` is not possible: its shape is concave or empty, or its centre of mass lies outside",
+                body.common.identifier
+            );
+            self.note(Severity::Warning, &body.common.source, message);
+        }
     }
 
     /// A mesh; `None`, and a note that the element is dropped, when it cannot be used.
