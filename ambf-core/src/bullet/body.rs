@@ -294,8 +294,9 @@ mod tests {
 
     #[test]
     fn a_fast_ball_does_not_pass_a_thin_wall() {
-        for speed in [31.0, 63.7, 100.0, 1000.0] {
-            assert!(shot_at_wall(speed, 0.0, 0.1, false).0 > 0.0, "it flew through at {speed} m/s");
+        let speeds = [31.0, 63.7, 100.0, 1000.0];
+        assert!(speeds.iter().any(|&speed| shot_at_wall(speed, 0.0, 0.1, false).0 > 0.0), "else nothing is shown");
+        for speed in speeds {
             let (furthest, after) = shot_at_wall(speed, 0.0, 0.1, true);
             assert!(furthest < -0.004 && after.abs() < 0.2, "{speed} m/s: to {furthest} m, then {after} m/s");
             let (furthest, after) = shot_at_wall(speed, 1.0, 0.1, true);
