@@ -72,43 +72,37 @@ struct Stepped : Base, Stepper {
   bool idle = true;
 };
 
-template <class Base>
-Stepper *make_world(std::unique_ptr<btDiscreteDynamicsWorld> &owner, AmbWorld &world) {
-  auto *made = new Stepped<ContinuousWorld<Base>>(&world.dispatcher, &world.broadphase, world.solver.get(), world.configuration.get());
-  owner.reset(made);
+template <class Base, class Solver>
+Base *make_world(AmbWorld &owner, Solver *solver) {
+  auto *made = new Stepped<ContinuousWorld<Base>>(&owner.dispatcher, &owner.broadphase, solver, owner.configuration.get());
+  owner.world.reset(made);
+  owner.stepper = made;
   return made;
 }
 
 }  // namespace
 
 AmbWorld::AmbWorld(int solver_kind, int kind)
-    : configuration(configuration_of(kind == AmbWorldKind_Soft)),
-      dispatcher(configuration.get()) {
+    : configuration(configuration_of(kind == AmbWorldKind_Soft)), dispatcher(configuration.get()) {
   if (kind == AmbWorldKind_Trees) {
-    auto owned = multi_body_solver_of(solver_kind);
-    auto *made = new Stepped<ContinuousWorld<TreeWorld>>(&dispatcher, &broadphase, owned.get(), configuration.get());
-    solver = std::move(owned);
-    world.reset(made);
-    trees = made;
-    stepper = made;
-    world->setWorldUserInfo(this);
-    dispatcher.setNearCallback(near_callback);
-    return;
-  }
-  mlcp = mlcp_of(solver_kind);
-  solver = solver_of(solver_kind, mlcp.get());
-  if (kind == AmbWorldKind_Soft) {
-    stepper = make_world<btSoftRigidDynamicsWorld>(world, *this);
-    soft = static_cast<btSoftRigidDynamicsWorld *>(world.get());
-    soft->getWorldInfo().air_density = 0;
-    soft->setInternalTickCallback(before_soft_sub_step, this, true);
+    auto rows = multi_body_solver_of(solver_kind);
+    trees = make_world<TreeWorld>(*this, rows.get());
+    solver = std::move(rows);
   } else {
-    stepper = make_world<btDiscreteDynamicsWorld>(world, *this);
+    mlcp = mlcp_of(solver_kind);
+    solver = solver_of(solver_kind, mlcp.get());
+    if (kind == AmbWorldKind_Soft) {
+      soft = make_world<btSoftRigidDynamicsWorld>(*this, solver.get());
+      soft->getWorldInfo().air_density = 0;
+      soft->setInternalTickCallback(before_soft_sub_step, this, true);
+    } else {
+      make_world<btDiscreteDynamicsWorld>(*this, solver.get());
+    }
+    // An MLCP solver takes one island at a time; merging small ones would only make its matrices larger.
+    if (mlcp) world->getSolverInfo().m_minimumSolverBatchSize = 1;
   }
   world->setWorldUserInfo(this);
   dispatcher.setNearCallback(near_callback);
-  // An MLCP solver takes one island at a time; merging small ones would only make its matrices larger.
-  if (mlcp) world->getSolverInfo().m_minimumSolverBatchSize = 1;
 }
 
 void AmbWorld::adopt(AmbObject &object, const AmbShape *shape, AmbHandle handle) {
