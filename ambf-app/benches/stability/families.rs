@@ -24,6 +24,11 @@ pub struct Family {
 }
 
 impl Family {
+    /// Runs take minutes: only the profiles are compared.
+    pub fn is_long(&self) -> bool {
+        self.name == "commands"
+    }
+
     /// The difficulty in words.
     pub fn label(&self, value: f64) -> String {
         match self.name {

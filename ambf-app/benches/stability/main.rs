@@ -74,7 +74,13 @@ fn main() {
     sections.insert(0, summary(&blocks));
     println!("{}", sections[0]);
     if only.is_empty() {
-        report::publish("benchmarks/stability.md", "benchmarks", &machine, &sections, &[("stability.svg", map::draw(&blocks))]);
+        report::publish(
+            "benchmarks/stability.md",
+            "benchmarks",
+            &machine,
+            &sections,
+            &[("stability.svg", map::draw(&blocks))],
+        );
     }
 }
 
@@ -101,19 +107,30 @@ fn read(arguments: &[String], families: &[Family]) -> Result<(bool, Vec<String>)
 
 fn measure(family: &Family, ways: &[&'static str], quick: bool) -> (Section, Block) {
     let values = if quick { family.quick } else { family.values };
-    let most = Duration::from_secs(if quick { 4 } else { 90 });
+    let most = Duration::from_secs(match (quick, family.is_long()) {
+        (true, _) => 8,
+        (false, false) => 30,
+        (false, true) => 300,
+    });
+    let wanted = |way: &str| !family.is_long() || WAYS[..2].contains(&way);
     let mut rows: Vec<Vec<String>> = values.iter().map(|&value| vec![family.label(value)]).collect();
     let mut block = Block { title: family.title, rows: Vec::new() };
     let mut message = None;
     for &way in ways {
         let mut verdicts = Vec::new();
         for (row, &value) in rows.iter_mut().zip(values) {
+            if !wanted(way) {
+                row.push(String::new());
+                continue;
+            }
             let outcome = trial::run(family.name, (family.make)(value), physics(way), most);
             row.push(cell(family, &outcome));
             verdicts.push((family.label(value), outcome.verdict));
             message = message.or(outcome.message.map(|text| format!("{way}, {}: “{text}”.", family.label(value))));
         }
-        block.rows.push((way, verdicts));
+        if !verdicts.is_empty() {
+            block.rows.push((way, verdicts));
+        }
     }
     let header: &[&str] = match ways.len() {
         2 => &["difficulty", WAYS[0], WAYS[1]],

@@ -111,8 +111,13 @@ impl RigidBody {
             let why = "the body has no `mass`";
             map.ignore(&["inertia", "inertial offset", "gravity"], why);
         }
-        if let Some(inertia) = body.inertia.filter(|inertia| inertia.min() < 0.0) {
-            map.reject_numbers("inertia", inertia.as_slice(), "moments of at least 0 kg·m²");
+        // What is too small to divide by would be infinite in the first step.
+        let is_usable = |x: f64| x == 0.0 || x > 0.0 && x.recip().is_finite();
+        if !is_usable(body.mass) {
+            map.reject_numbers("mass", &[body.mass], "0 kg (static) or at least 1e-300 kg");
+        }
+        if let Some(inertia) = body.inertia.filter(|inertia| !inertia.iter().copied().all(is_usable)) {
+            map.reject_numbers("inertia", inertia.as_slice(), "moments of 0 (no rotation) or at least 1e-300 kg·m²");
         }
         if body.collision == CollisionGeometry::None {
             let expected = "a collision shape or mesh";
@@ -241,6 +246,8 @@ mod tests {
             ("mass: -1", "`A / mass` is `-1`, expected a finite number, at least 0; the body is dropped"),
             ("mass: .nan", "`A / mass` is `.nan`"),
             ("mass: 1, inertia: {ix: 1, iy: -1, iz: 1}", "`A / inertia` is (1, -1, 1), expected moments"),
+            ("mass: 1e-310", "`A / mass` is"),
+            ("mass: 1, inertia: {ix: 1, iy: 1e-310, iz: 1}", "expected moments"),
             ("mass: 1, scale: 0", "`A / scale` is `0`, expected a finite number above 0"),
             ("mass: 1, location: {position: {x: .inf, y: 0, z: 0}}", "`A / location / position / x` is `.inf`"),
             ("mass: 1, collision shape: Sphere, collision geometry: {radius: -0.0}", "collision geometry / radius"),

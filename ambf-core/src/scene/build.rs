@@ -257,7 +257,8 @@ impl<'a> Builder<'a> {
 
         let inertia = body.inertia.unwrap_or_else(|| {
             if body.mass > 0.0 {
-                built.shape.inertia(body.mass)
+                // An extent whose square underflows doesn't turn.
+                built.shape.inertia(body.mass).map(|moment| if moment.recip().is_finite() { moment } else { 0.0 })
             } else {
                 nalgebra::Vector3::zeros()
             }
