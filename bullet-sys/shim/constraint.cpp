@@ -18,6 +18,17 @@ AmbConstraint *own(Kind kind, btTypedConstraint *constraint) {
   return owner;
 }
 
+using MakeDriven = std::unique_ptr<btTypedConstraint>(AmbBody &, AmbBody &, const btTransform &, const btTransform &,
+                                                      AmbConstraint &);
+
+AmbConstraint *own_driven(Kind kind, MakeDriven make, AmbBody &a, AmbBody &b, const double frame_a[12],
+                          const double frame_b[12]) {
+  AmbConstraint *owner = own(kind, nullptr);
+  owner->constraint = make(a, b, transform_of(frame_a), transform_of(frame_b), *owner);
+  owner->constraint->setUserConstraintPtr(&owner->drive.rows);
+  return owner;
+}
+
 // Distance of frame B's origin along frame A's z axis.
 btScalar axis_distance(const btTransform &a, const btTransform &b) {
   return (b.getOrigin() - a.getOrigin()).dot(a.getBasis().getColumn(2));
@@ -53,8 +64,7 @@ btScalar read(AmbConstraint &c, unsigned char reading) {
 extern "C" {
 
 AmbConstraint *amb_hinge_new(AmbBody *a, AmbBody *b, const double frame_a[12], const double frame_b[12]) {
-  return own(Kind::Hinge,
-             new btHingeConstraint(a->body, b->body, transform_of(frame_a), transform_of(frame_b), true));
+  return own_driven(Kind::Hinge, driven_hinge, *a, *b, frame_a, frame_b);
 }
 
 void amb_hinge_set_limit(AmbConstraint *hinge, double low, double high) {
@@ -68,8 +78,7 @@ void amb_hinge_set_motor(AmbConstraint *hinge, int enabled, double velocity, dou
 }
 
 AmbConstraint *amb_slider_new(AmbBody *a, AmbBody *b, const double frame_a[12], const double frame_b[12]) {
-  return own(Kind::Slider,
-             new btSliderConstraint(a->body, b->body, transform_of(frame_a), transform_of(frame_b), true));
+  return own_driven(Kind::Slider, driven_slider, *a, *b, frame_a, frame_b);
 }
 
 void amb_slider_set_limit(AmbConstraint *slider, double low, double high) {

@@ -12,6 +12,8 @@
 #include <BulletSoftBody/btSoftRigidDynamicsWorld.h>
 #include <btBulletDynamicsCommon.h>
 
+#include "soft_rows.h"
+
 extern "C" {
 #include "shim.h"
 }
@@ -70,6 +72,8 @@ struct AmbBody : AmbObject {
   // The tree of which it is a link, and which of its bodies it is.
   AmbTree *tree = nullptr;
   int member = 0;
+  // Rows that drive the body, see drive.cpp. Made when they are first needed, dropped when the body leaves its world.
+  std::unique_ptr<btTypedConstraint> drive;
 };
 
 struct AmbGhost : AmbObject {
@@ -124,8 +128,18 @@ class TreeWorld;
 
 enum class Kind { Hinge, Slider, Fixed, PointToPoint, ConeTwist, SixDof, SixDofSpring };
 
+// A row that drives a hinge or slider, see drive.cpp.
+struct JointDrive {
+  bool enabled = false;
+  btScalar velocity = 0;
+  btScalar max_impulse = 0;
+  // The softness of the row, and where it is in this sub-step.
+  SoftRows rows;
+};
+
 struct AmbConstraint {
   Kind kind;
+  JointDrive drive;
   std::unique_ptr<btTypedConstraint> constraint;
   std::unique_ptr<btJointFeedback> feedback;
   // Of a hinge or slider as they were given: Bullet keeps those of a hinge between -pi and pi. Low above high: free.
@@ -144,6 +158,15 @@ struct AmbConstraint {
   }
 };
 
+// Bullet's step in pieces, between which controllers act.
+struct Stepper {
+  virtual ~Stepper() = default;
+  // Counts the interval and begins a step of at most `most` sub-steps. Returns the sub-steps that are due.
+  virtual int begin(btScalar interval, int most, btScalar sub_step) = 0;
+  virtual void advance(btScalar sub_step) = 0;
+  virtual void finish() = 0;
+};
+
 struct AmbWorld {
   AmbWorld(int solver_kind, int kind);
 
@@ -160,6 +183,8 @@ struct AmbWorld {
   std::unique_ptr<btMLCPSolverInterface> mlcp;
   std::unique_ptr<btConstraintSolver> solver;
   std::unique_ptr<btDiscreteDynamicsWorld> world;
+  // The same world.
+  Stepper *stepper = nullptr;
   // The same world, if it was made for soft bodies.
   btSoftRigidDynamicsWorld *soft = nullptr;
   // The same world, if it was made for trees.
@@ -178,6 +203,14 @@ void prepare_soft_rays(AmbWorld &world);
 void forget_in_soft_bodies(AmbWorld &world, AmbBody &body);
 // Before the narrow phase looks at a pair one of which is a soft body; false: it may not.
 bool prepare_soft_pair(btBroadphasePair &pair, const btCollisionObject &a, const btCollisionObject &b);
+
+// Before a body leaves its world.
+void drop_drive(AmbWorld &world, AmbBody &body);
+// A hinge and a slider with the row of `owner`'s drive.
+std::unique_ptr<btTypedConstraint> driven_hinge(AmbBody &a, AmbBody &b, const btTransform &frame_a,
+                                                const btTransform &frame_b, AmbConstraint &owner);
+std::unique_ptr<btTypedConstraint> driven_slider(AmbBody &a, AmbBody &b, const btTransform &frame_a,
+                                                 const btTransform &frame_b, AmbConstraint &owner);
 
 inline btVector3 vector_of(const double v[3]) { return btVector3(v[0], v[1], v[2]); }
 

@@ -2,6 +2,7 @@
 #define AMB_SHIM_H
 #include "body.h"
 #include "constraint.h"
+#include "drive.h"
 #include "ghost.h"
 #include "multi_body.h"
 #include "query.h"

@@ -1,5 +1,7 @@
 #include "solvers.h"
 
+#include "soft_rows.h"
+
 #include <BulletDynamics/ConstraintSolver/btNNCGConstraintSolver.h>
 #include <BulletDynamics/MLCPSolvers/btDantzigSolver.h>
 #include <BulletDynamics/MLCPSolvers/btLemkeSolver.h>
@@ -45,10 +47,10 @@ std::unique_ptr<btMLCPSolverInterface> mlcp_of(int solver) {
 }
 
 std::unique_ptr<btConstraintSolver> solver_of(int solver, btMLCPSolverInterface *mlcp) {
-  if (mlcp) return std::make_unique<btMLCPSolver>(mlcp);
-  if (solver == AmbSolver_Nncg) return std::make_unique<btNNCGConstraintSolver>();
-  if (solver == AmbSolver_WarmFriction) return std::make_unique<WarmFrictionSolver>();
-  return std::make_unique<btSequentialImpulseConstraintSolver>();
+  if (mlcp) return std::make_unique<WithSoftMatrix<btMLCPSolver>>(mlcp);
+  if (solver == AmbSolver_Nncg) return std::make_unique<WithSoftRows<btNNCGConstraintSolver>>();
+  if (solver == AmbSolver_WarmFriction) return std::make_unique<WithSoftRows<WarmFrictionSolver>>();
+  return std::make_unique<WithSoftRows<btSequentialImpulseConstraintSolver>>();
 }
 
 std::unique_ptr<btMultiBodyConstraintSolver> multi_body_solver_of(int) {

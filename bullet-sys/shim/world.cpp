@@ -36,6 +36,41 @@ std::unique_ptr<btDefaultCollisionConfiguration> configuration_of(bool soft) {
   return std::make_unique<btDefaultCollisionConfiguration>(small_pools());
 }
 
+// The same calls in the same order as in Bullet's own loop: results agree bit for bit.
+template <class Base>
+struct Stepped : Base, Stepper {
+  using Base::Base;
+
+  int begin(btScalar interval, int most, btScalar sub_step) override {
+    this->m_fixedTimeStep = sub_step;
+    this->m_localTime += interval;
+    int due = 0;
+    if (this->m_localTime >= sub_step) {
+      due = int(this->m_localTime / sub_step);
+      this->m_localTime -= due * sub_step;
+    }
+    idle = due == 0;
+    if (!idle) {
+      this->saveKinematicState(sub_step * btMin(due, most));
+      this->applyGravity();
+    }
+    return due;
+  }
+
+  void advance(btScalar sub_step) override {
+    this->internalSingleStepSimulation(sub_step);
+    this->synchronizeMotionStates();
+  }
+
+  void finish() override {
+    if (idle) this->synchronizeMotionStates();
+    this->clearForces();
+  }
+
+ private:
+  bool idle = true;
+};
+
 }  // namespace
 
 AmbWorld::AmbWorld(int solver_kind, int kind)
@@ -43,7 +78,9 @@ AmbWorld::AmbWorld(int solver_kind, int kind)
       dispatcher(configuration.get()) {
   if (kind == AmbWorldKind_Trees) {
     auto owned = multi_body_solver_of(solver_kind);
-    trees = new TreeWorld(&dispatcher, &broadphase, owned.get(), configuration.get());
+    auto *stepped = new Stepped<TreeWorld>(&dispatcher, &broadphase, owned.get(), configuration.get());
+    stepper = stepped;
+    trees = stepped;
     solver = std::move(owned);
     world.reset(trees);
     dispatcher.setNearCallback(near_callback);
@@ -52,12 +89,16 @@ AmbWorld::AmbWorld(int solver_kind, int kind)
   mlcp = mlcp_of(solver_kind);
   solver = solver_of(solver_kind, mlcp.get());
   if (kind == AmbWorldKind_Soft) {
-    soft = new btSoftRigidDynamicsWorld(&dispatcher, &broadphase, solver.get(), configuration.get());
+    auto *stepped = new Stepped<btSoftRigidDynamicsWorld>(&dispatcher, &broadphase, solver.get(), configuration.get());
+    stepper = stepped;
+    soft = stepped;
     world.reset(soft);
     soft->getWorldInfo().air_density = 0;
     soft->setInternalTickCallback(before_soft_sub_step, this, true);
   } else {
-    world = std::make_unique<btDiscreteDynamicsWorld>(&dispatcher, &broadphase, solver.get(), configuration.get());
+    auto *stepped = new Stepped<btDiscreteDynamicsWorld>(&dispatcher, &broadphase, solver.get(), configuration.get());
+    stepper = stepped;
+    world.reset(stepped);
   }
   dispatcher.setNearCallback(near_callback);
   // An MLCP solver takes one island at a time; merging small ones would only make its matrices larger.
@@ -146,6 +187,7 @@ void amb_world_add_body(AmbWorld *world, AmbBody *body, AmbHandle handle) {
 
 void amb_world_remove_body(AmbWorld *world, AmbBody *body) {
   if (world->soft) forget_in_soft_bodies(*world, *body);
+  drop_drive(*world, *body);
   world->world->removeRigidBody(&body->body);
 }
 
@@ -178,6 +220,17 @@ int amb_world_step(AmbWorld *world, double interval, int max_sub_steps, double s
   const int due = world->world->stepSimulation(interval, max_sub_steps, sub_step);
   if (world->soft) after_soft_step(*world);
   return due;
+}
+
+int amb_world_begin_step(AmbWorld *world, double interval, int max_sub_steps, double sub_step) {
+  return world->stepper->begin(interval, max_sub_steps, sub_step);
+}
+
+void amb_world_advance(AmbWorld *world, double sub_step) { world->stepper->advance(sub_step); }
+
+void amb_world_finish_step(AmbWorld *world) {
+  world->stepper->finish();
+  if (world->soft) after_soft_step(*world);
 }
 
 void amb_world_recover(AmbWorld *world) {

@@ -45,6 +45,10 @@ void amb_world_ignore_pair(AmbWorld *world, AmbBody *a, AmbBody *b);
 /* Advances by interval s in sub-steps of sub_step s, at most max_sub_steps of them. Returns the sub-steps that were due: those
    above max_sub_steps are lost. */
 int amb_world_step(AmbWorld *world, double interval, int max_sub_steps, double sub_step);
+/* The same in pieces: begin returns the sub-steps that are due, of which at most max_sub_steps calls of advance follow, then finish. */
+int amb_world_begin_step(AmbWorld *world, double interval, int max_sub_steps, double sub_step);
+void amb_world_advance(AmbWorld *world, double sub_step);
+void amb_world_finish_step(AmbWorld *world);
 /* Forgets contacts and what the solver starts from, and revives bodies that Bullet switched off because their state was not finite. Poses
    and velocities must have been set to finite values before. */
 void amb_world_recover(AmbWorld *world);

@@ -322,6 +322,10 @@ impl World {
         true
     }
 
+    pub(super) fn raw_constraint(&self, handle: ConstraintHandle) -> Option<*mut sys::AmbConstraint> {
+        Some(self.constraints.get(handle)?.raw.as_ptr())
+    }
+
     /// Reaction of a joint with feedback in the last sub-step; zero without feedback.
     pub fn joint_wrench(&self, handle: ConstraintHandle) -> Option<JointWrench> {
         let mut out = [0.0; 12];

@@ -1,0 +1,246 @@
+//! Drives that the constraint solver sees: they act on the velocity at the end of a sub-step and so cannot overshoot it.
+
+use bullet_sys as sys;
+use nalgebra::Vector3;
+
+use super::{BodyHandle, ConstraintHandle, World};
+
+/// A row of the constraint solver that drives the coordinate q of a hinge (rad) or slider (m):
+/// `q̇ = velocity − softness · impulse`, with the impulse of a sub-step within ± `max_impulse`.
+///
+/// Without softness it is a motor. What a spring with damper becomes: [`spring`](crate::control::spring).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Drive {
+    /// rad/s or m/s at the end of the sub-step.
+    pub velocity: f64,
+    /// What the velocity gives way, rad/s per N·m·s or m/s per N·s; not negative.
+    pub softness: f64,
+    /// Largest impulse of a sub-step, N·m·s or N·s.
+    pub max_impulse: f64,
+}
+
+/// Rows of the constraint solver that drive the centre of mass of a body, world axes: each component of the velocity is that of
+/// `velocity` less `softness` times its impulse.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BodyDrive {
+    /// Linear, m/s, and angular, rad/s, at the end of the sub-step.
+    pub velocity: [Vector3<f64>; 2],
+    /// Of the linear, 1/kg, and of the angular part, 1/(kg·m²); not negative.
+    pub softness: [f64; 2],
+}
+
+impl World {
+    /// Drives a hinge or slider from now on, instead of its motor; `None` lets it go. Nothing pushes against a limit that is reached. False
+    /// for other constraints.
+    pub fn set_drive(&mut self, handle: ConstraintHandle, drive: Option<Drive>) -> bool {
+        let Some(raw) = self.raw_constraint(handle) else { return false };
+        // SAFETY: the constraint is alive.
+        unsafe {
+            match drive {
+                Some(Drive { velocity, softness, max_impulse }) => {
+                    sys::amb_constraint_set_drive(raw, velocity, softness, max_impulse) != 0
+                }
+                None => {
+                    sys::amb_constraint_release(raw);
+                    true
+                }
+            }
+        }
+    }
+
+    /// Coordinate of a hinge (rad, in [−π, π]) or slider (m), and its rate, from the present poses and velocities. `None` for other
+    /// constraints.
+    pub fn coordinate(&self, handle: ConstraintHandle) -> Option<(f64, f64)> {
+        let mut out = [0.0; 2];
+        // SAFETY: the constraint is alive; two doubles are written.
+        let known = unsafe { sys::amb_constraint_coordinate(self.raw_constraint(handle)?, out.as_mut_ptr()) };
+        (known != 0).then_some((out[0], out[1]))
+    }
+
+    /// Drives a dynamic body from now on; `None` lets it go. The first call for a body makes the rows. False for bodies that can't be
+    /// driven.
+    pub fn set_body_drive(&mut self, handle: BodyHandle, drive: Option<&BodyDrive>) -> bool {
+        let Some(raw) = self.raw_body(handle).filter(|_| self.bodies[handle].dynamic) else { return false };
+        let Some(BodyDrive { velocity: [linear, angular], softness }) = drive else {
+            // SAFETY: the body is alive.
+            unsafe { sys::amb_body_release(raw) };
+            return true;
+        };
+        let velocity = [linear.x, linear.y, linear.z, angular.x, angular.y, angular.z];
+        // SAFETY: world and body are alive; six and two doubles are read.
+        unsafe { sys::amb_body_set_drive(self.raw.as_ptr(), raw, velocity.as_ptr(), softness.as_ptr()) }
+        true
+    }
+
+    /// Sets the velocity of a dynamic body so that it has this one at the end of a sub-step of `dt` s in which only gravity acts on it.
+    pub fn hold_velocity(&mut self, handle: BodyHandle, linear: &Vector3<f64>, angular: &Vector3<f64>, dt: f64) {
+        let Some(raw) = self.raw_body(handle).filter(|_| self.bodies[handle].dynamic) else { return };
+        // SAFETY: world and body are alive; twice three doubles are read.
+        unsafe { sys::amb_body_hold_velocity(self.raw.as_ptr(), raw, linear.as_ptr(), angular.as_ptr(), dt) }
+    }
+
+    /// [`step`](Self::step) in pieces: `before` is called before each sub-step with the number of sub-steps that this call does.
+    pub fn step_with(
+        &mut self,
+        interval: f64,
+        max_sub_steps: u32,
+        sub_step: f64,
+        mut before: impl FnMut(&mut Self, u32),
+    ) -> u32 {
+        let cap = max_sub_steps.clamp(1, i32::MAX as u32);
+        // SAFETY, here and below: the world and everything in it are alive.
+        let due = unsafe { sys::amb_world_begin_step(self.raw.as_ptr(), interval, cap as i32, sub_step) }.max(0) as u32;
+        let count = due.min(cap);
+        for _ in 0..count {
+            before(self, count);
+            unsafe { sys::amb_world_advance(self.raw.as_ptr(), sub_step) }
+        }
+        unsafe { sys::amb_world_finish_step(self.raw.as_ptr()) }
+        due
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Isometry3;
+
+    use super::super::tests::{ball, hinge};
+    use super::super::{BodyKinematics, Constraint, ConstraintKind, Integrator, RigidBody, Shape, Solver};
+    use super::*;
+
+    fn falling(lag: bool, soft: bool) -> World {
+        let mut world =
+            if soft { World::with_soft_bodies(Solver::default()) } else { World::new(Solver::WarmFriction) };
+        world.set_gravity(Vector3::new(0.1, 0.0, -10.0));
+        world.set_lag(lag);
+        if !lag {
+            world.set_integrator(Integrator::Ballistic);
+        }
+        world.add_body(RigidBody { shape: Shape::plane(Vector3::z(), -0.15, 0.0), ..ball(0.0, 0.0) });
+        let a = world.add_body(ball(1.0, 0.0));
+        world.add_body(ball(1.0, 0.5));
+        let b = world.add_body(ball(2.0, 1.5));
+        world.add_constraint(a, b, &hinge()).unwrap();
+        world
+    }
+
+    fn states(world: &World) -> [BodyKinematics; 4] {
+        let mut states = [BodyKinematics::default(); 4];
+        world.read_bodies(&mut states);
+        states
+    }
+
+    #[test]
+    fn a_step_in_pieces_is_bullets_own_bit_for_bit() {
+        // Remainders, no sub-step, more than the cap.
+        let intervals = [0.001, 0.0004, 0.0004, 0.0004, 0.0163, 0.002, 0.0501, 0.00099];
+        for (lag, soft) in [(true, false), (false, false), (true, true)] {
+            let (mut whole, mut pieces) = (falling(lag, soft), falling(lag, soft));
+            for interval in intervals.iter().cycle().take(200) {
+                let pushed = whole.bodies()[2];
+                for world in [&mut whole, &mut pieces] {
+                    world.apply_wrench(pushed, &Vector3::new(0.0, 3.0, 0.1), &Vector3::new(0.0, 0.01, 0.2));
+                }
+                let mut calls = 0;
+                let due = pieces.step_with(*interval, 20, 0.001, |_, count| {
+                    calls += 1;
+                    assert!(count <= 20);
+                });
+                assert_eq!(whole.step(*interval, 20, 0.001), due);
+                assert_eq!(calls, due.min(20));
+                assert_eq!(states(&whole), states(&pieces));
+            }
+        }
+    }
+
+    /// A ball of 2 kg on a slider along x.
+    fn slider(solver: Solver) -> (World, ConstraintHandle) {
+        let mut world = World::new(solver);
+        let (a, b) = (world.add_body(ball(0.0, 0.0)), world.add_body(ball(2.0, 0.0)));
+        let kind = ConstraintKind::Slider { limits: Some([-1.0, 0.25]) };
+        let slider = Constraint { kind, frame_b: Isometry3::identity(), parameters: vec![], ..hinge() };
+        let slider = world.add_constraint(a, b, &slider).unwrap();
+        (world, slider)
+    }
+
+    #[test]
+    fn every_solver_gives_way_as_the_softness_says() {
+        for (name, solver) in Solver::NAMES {
+            // Softer and harder than 1/m.
+            for softness in [20.0, 0.5, 1e-3] {
+                let (mut world, slider) = slider(solver);
+                assert!(world.set_drive(slider, Some(Drive { velocity: 0.3, softness, max_impulse: 100.0 })));
+                world.step(0.001, 1, 0.001);
+                // v = 0.3 - softness λ with λ = m v.
+                let wanted = 0.3 / (1.0 + 2.0 * softness);
+                let (x, v) = world.coordinate(slider).unwrap();
+                assert!((v - wanted).abs() < 1e-6 && (x - 0.001 * v).abs() < 1e-12, "{name}, {softness}: {v}, {wanted}");
+            }
+        }
+    }
+
+    #[test]
+    fn impulses_are_bounded_and_limits_are_not_torn_at() {
+        let (mut world, slider) = slider(Solver::default());
+        let drive = Drive { velocity: 1.0, softness: 0.0, max_impulse: 0.01 };
+        world.set_drive(slider, Some(drive));
+        for _ in 0..10 {
+            world.step(0.001, 1, 0.001);
+        }
+        assert!((world.coordinate(slider).unwrap().1 - 10.0 * 0.01 / 2.0).abs() < 1e-9);
+        world.set_drive(slider, Some(Drive { max_impulse: 1e6, ..drive }));
+        for _ in 0..1000 {
+            world.step(0.001, 1, 0.001);
+        }
+        let (x, v) = world.coordinate(slider).unwrap();
+        assert!((x - 0.25).abs() < 2e-3 && v.abs() < 1e-3, "{x}, {v}");
+        world.set_drive(slider, Some(Drive { velocity: -1.0, ..drive }));
+        for _ in 0..100 {
+            world.step(0.001, 1, 0.001);
+        }
+        assert!(world.coordinate(slider).unwrap().0 < 0.25, "it comes back");
+        let before = world.coordinate(slider).unwrap().1;
+        assert!(world.set_drive(slider, None));
+        world.step(0.001, 1, 0.001);
+        assert!((world.coordinate(slider).unwrap().1 - before).abs() < 1e-9, "nothing drives it");
+    }
+
+    #[test]
+    fn a_body_is_driven_and_let_go() {
+        let mut world = World::new(Solver::default());
+        world.set_integrator(Integrator::Ballistic);
+        world.set_gravity(Vector3::new(0.0, 0.0, -10.0));
+        let body = world.add_body(ball(2.0, 0.0));
+        // Springs of softness 1/m: half of the velocity that gravity gives is left.
+        let drive = BodyDrive { velocity: [Vector3::zeros(), Vector3::y()], softness: [0.5, 0.0] };
+        assert!(world.set_body_drive(body, Some(&drive)));
+        world.step(0.001, 1, 0.001);
+        let (v, w) = world.velocity(body).unwrap();
+        assert!((v.z + 0.005).abs() < 1e-7 && (w.y - 1.0).abs() < 1e-9, "{v} {w}");
+        assert!((world.pose(body).unwrap().translation.z - 0.001 * v.z).abs() < 1e-12, "not in free flight");
+        assert!(world.set_body_drive(body, None));
+        let before = v.z;
+        world.step(0.001, 1, 0.001);
+        assert!((world.velocity(body).unwrap().0.z - before + 0.01).abs() < 1e-12);
+        world.set_body_drive(body, Some(&drive));
+        assert!(world.remove_body(body), "its rows go with it");
+        assert!(!world.set_body_drive(body, Some(&drive)));
+        world.step(0.001, 1, 0.001);
+    }
+
+    #[test]
+    fn a_held_velocity_is_that_of_the_way() {
+        for integrator in [Integrator::Euler, Integrator::Ballistic] {
+            let mut world = World::new(Solver::default());
+            world.set_integrator(integrator);
+            world.set_gravity(Vector3::new(0.0, 0.0, -10.0));
+            let body = world.add_body(ball(2.0, 0.0));
+            for _ in 0..100 {
+                world.hold_velocity(body, &Vector3::x(), &Vector3::z(), 0.001);
+                world.step(0.001, 1, 0.001);
+            }
+            let pose = world.pose(body).unwrap();
+            assert!((pose.translation.vector - Vector3::x() * 0.1).norm() < 1e-12, "{integrator:?}: {pose}");
+        }
+    }
+}
