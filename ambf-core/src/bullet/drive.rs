@@ -88,13 +88,15 @@ impl World {
         mut before: impl FnMut(&mut Self, u32),
     ) -> u32 {
         let cap = max_sub_steps.clamp(1, i32::MAX as u32);
-        // SAFETY, here and below: the world and everything in it are alive.
+        // SAFETY: the world and everything in it are alive.
         let due = unsafe { sys::amb_world_begin_step(self.raw.as_ptr(), interval, cap as i32, sub_step) }.max(0) as u32;
         let count = due.min(cap);
         for _ in 0..count {
             before(self, count);
+            // SAFETY: as above.
             unsafe { sys::amb_world_advance(self.raw.as_ptr(), sub_step) }
         }
+        // SAFETY: as above.
         unsafe { sys::amb_world_finish_step(self.raw.as_ptr()) }
         due
     }
