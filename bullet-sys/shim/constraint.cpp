@@ -69,8 +69,8 @@ AmbConstraint *amb_hinge_new(AmbBody *a, AmbBody *b, const double frame_a[12], c
 
 void amb_hinge_set_limit(AmbConstraint *hinge, double low, double high) {
   hinge->as<btHingeConstraint>().setLimit(low, high);
-  hinge->low = low;
-  hinge->high = high;
+  hinge->drive.low = low;
+  hinge->drive.high = high;
 }
 
 void amb_hinge_set_motor(AmbConstraint *hinge, int enabled, double velocity, double max_impulse) {
@@ -85,8 +85,8 @@ void amb_slider_set_limit(AmbConstraint *slider, double low, double high) {
   auto &s = slider->as<btSliderConstraint>();
   s.setLowerLinLimit(low);
   s.setUpperLinLimit(high);
-  slider->low = low;
-  slider->high = high;
+  slider->drive.low = low;
+  slider->drive.high = high;
 }
 
 void amb_slider_lock_rotation(AmbConstraint *slider) {

@@ -142,8 +142,6 @@ struct AmbConstraint {
   JointDrive drive;
   std::unique_ptr<btTypedConstraint> constraint;
   std::unique_ptr<btJointFeedback> feedback;
-  // Of a hinge or slider as they were given: Bullet keeps those of a hinge between -pi and pi. Low above high: free.
-  btScalar low = 1, high = -1;
   // Its bodies don't collide.
   bool parts = false;
   // The tree of which it is a joint, and to which of its links.

@@ -31,7 +31,7 @@ int JointRows::getIslandIdA() const { return tree.members[1].collider->getIsland
 
 void JointRows::plan_limit(const AmbConstraint &joint, int coordinate, btScalar h) {
   const btScalar infinity = BT_LARGE_FLOAT;
-  btScalar low = joint.low, high = joint.high;
+  btScalar low = joint.drive.low, high = joint.drive.high;
   if (low > high) return;
   btScalar q = tree.position.q[coordinate];
   if (joint.kind == Kind::Hinge) {

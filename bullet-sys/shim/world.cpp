@@ -82,7 +82,9 @@ AmbWorld::AmbWorld(int solver_kind, int kind)
     stepper = stepped;
     trees = stepped;
     solver = std::move(owned);
-    world.reset(trees);
+    world.reset(made);
+    trees = made;
+    stepper = made;
     dispatcher.setNearCallback(near_callback);
     return;
   }
