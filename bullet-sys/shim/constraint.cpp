@@ -19,12 +19,12 @@ AmbConstraint *own(Kind kind, btTypedConstraint *constraint) {
 }
 
 using MakeDriven = std::unique_ptr<btTypedConstraint>(AmbBody &, AmbBody &, const btTransform &, const btTransform &,
-                                                      AmbConstraint &);
+                                                      JointDrive &);
 
 AmbConstraint *own_driven(Kind kind, MakeDriven make, AmbBody &a, AmbBody &b, const double frame_a[12],
                           const double frame_b[12]) {
   AmbConstraint *owner = own(kind, nullptr);
-  owner->constraint = make(a, b, transform_of(frame_a), transform_of(frame_b), *owner);
+  owner->constraint = make(a, b, transform_of(frame_a), transform_of(frame_b), owner->drive);
   owner->constraint->setUserConstraintPtr(&owner->drive.rows);
   return owner;
 }

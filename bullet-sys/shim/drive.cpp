@@ -32,34 +32,34 @@ void add_row(JointDrive &drive, btTypedConstraint::btConstraintInfo1 &info) {
 }
 
 // A motor that pushes against the limit it has reached only tears at it, and one that goes on would pass it before Bullet sees it.
-void respect_limits(Row &row, const AmbConstraint &joint, btScalar at, btScalar per_second) {
-  if (joint.low > joint.high) return;
-  if (at <= joint.low) row.lower = 0;
-  if (at >= joint.high) row.upper = 0;
-  if (joint.drive.rows.softness[0] > 0) return;
+void respect_limits(Row &row, const JointDrive &drive, btScalar at, btScalar per_second) {
+  if (drive.low > drive.high) return;
+  if (at <= drive.low) row.lower = 0;
+  if (at >= drive.high) row.upper = 0;
+  if (drive.rows.softness[0] > 0) return;
   // Backwards it is for Bullet's own rows to bring the joint.
-  if (row.target < 0) row.target = btMax(row.target, btMin((joint.low - at) * per_second, btScalar(0)));
-  if (row.target > 0) row.target = btMin(row.target, btMax((joint.high - at) * per_second, btScalar(0)));
+  if (row.target < 0) row.target = btMax(row.target, btMin((drive.low - at) * per_second, btScalar(0)));
+  if (row.target > 0) row.target = btMin(row.target, btMax((drive.high - at) * per_second, btScalar(0)));
 }
 
 struct DrivenHinge : btHingeConstraint {
-  DrivenHinge(btRigidBody &a, btRigidBody &b, const btTransform &frame_a, const btTransform &frame_b, AmbConstraint &owner_constraint)
-      : btHingeConstraint(a, b, frame_a, frame_b, true), owner(owner_constraint) {}
+  DrivenHinge(btRigidBody &a, btRigidBody &b, const btTransform &frame_a, const btTransform &frame_b, JointDrive &row)
+      : btHingeConstraint(a, b, frame_a, frame_b, true), drive(row) {}
 
   void getInfo1(btConstraintInfo1 *info) override {
     btHingeConstraint::getInfo1(info);
-    add_row(owner.drive, *info);
+    add_row(drive, *info);
   }
 
   void getInfo2(btConstraintInfo2 *info) override {
     btHingeConstraint::getInfo2(info);
-    if (owner.drive.rows.count == 0) return;
-    Row row(*info, owner.drive.rows.first);
+    if (drive.rows.count == 0) return;
+    Row row(*info, drive.rows.first);
     const btVector3 axis = (m_rbA.getCenterOfMassTransform() * getAFrame()).getBasis().getColumn(2);
     write_vector(-axis, row.angular_a);
     write_vector(axis, row.angular_b);
-    row.drive(owner.drive);
-    respect_limits(row, owner, getHingeAngle(), info->fps);
+    row.drive(drive);
+    respect_limits(row, drive, getHingeAngle(), info->fps);
   }
 
   btScalar rate() {
@@ -67,14 +67,14 @@ struct DrivenHinge : btHingeConstraint {
     return axis.dot(m_rbB.getAngularVelocity() - m_rbA.getAngularVelocity());
   }
 
-  AmbConstraint &owner;
+  JointDrive &drive;
 };
 
 // The coordinate of a slider is a . (p_B - p_A), with the axis a and the point p_A fixed in A, p_B in B. Its rate is
 // a . (v_B + w_B x r_B - v_A - w_A x (p_B - x_A)): the force that belongs to it acts on both bodies at p_B.
 struct DrivenSlider : btSliderConstraint {
-  DrivenSlider(btRigidBody &a, btRigidBody &b, const btTransform &frame_a, const btTransform &frame_b, AmbConstraint &owner_constraint)
-      : btSliderConstraint(a, b, frame_a, frame_b, true), owner(owner_constraint) {}
+  DrivenSlider(btRigidBody &a, btRigidBody &b, const btTransform &frame_a, const btTransform &frame_b, JointDrive &row)
+      : btSliderConstraint(a, b, frame_a, frame_b, true), drive(row) {}
 
   struct Geometry {
     btVector3 axis, arm_a, arm_b;
@@ -91,27 +91,27 @@ struct DrivenSlider : btSliderConstraint {
 
   void getInfo1(btConstraintInfo1 *info) override {
     btSliderConstraint::getInfo1(info);
-    add_row(owner.drive, *info);
+    add_row(drive, *info);
   }
 
   void getInfo2(btConstraintInfo2 *info) override {
     btSliderConstraint::getInfo2(info);
-    if (owner.drive.rows.count == 0) return;
-    Row row(*info, owner.drive.rows.first);
+    if (drive.rows.count == 0) return;
+    Row row(*info, drive.rows.first);
     const Geometry now = geometry();
     write_vector(-now.axis, row.linear_a);
     write_vector(now.axis, row.linear_b);
     write_vector(-now.arm_a.cross(now.axis), row.angular_a);
     write_vector(now.arm_b.cross(now.axis), row.angular_b);
-    row.drive(owner.drive);
-    respect_limits(row, owner, now.position, info->fps);
+    row.drive(drive);
+    respect_limits(row, drive, now.position, info->fps);
   }
 
   btScalar rate(const Geometry &now) {
     return now.axis.dot(m_rbB.getVelocityInLocalPoint(now.arm_b) - m_rbA.getVelocityInLocalPoint(now.arm_a));
   }
 
-  AmbConstraint &owner;
+  JointDrive &drive;
 };
 
 // What drives of bodies push against: no mass, no shape, in no world.
@@ -156,13 +156,13 @@ class BodyDrive : public btTypedConstraint {
 }  // namespace
 
 std::unique_ptr<btTypedConstraint> driven_hinge(AmbBody &a, AmbBody &b, const btTransform &frame_a,
-                                                const btTransform &frame_b, AmbConstraint &owner) {
-  return std::make_unique<DrivenHinge>(a.body, b.body, frame_a, frame_b, owner);
+                                                const btTransform &frame_b, JointDrive &drive) {
+  return std::make_unique<DrivenHinge>(a.body, b.body, frame_a, frame_b, drive);
 }
 
 std::unique_ptr<btTypedConstraint> driven_slider(AmbBody &a, AmbBody &b, const btTransform &frame_a,
-                                                 const btTransform &frame_b, AmbConstraint &owner) {
-  return std::make_unique<DrivenSlider>(a.body, b.body, frame_a, frame_b, owner);
+                                                 const btTransform &frame_b, JointDrive &drive) {
+  return std::make_unique<DrivenSlider>(a.body, b.body, frame_a, frame_b, drive);
 }
 
 void drop_drive(AmbWorld &world, AmbBody &body) {

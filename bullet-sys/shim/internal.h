@@ -133,6 +133,8 @@ struct JointDrive {
   bool enabled = false;
   btScalar velocity = 0;
   btScalar max_impulse = 0;
+  // Limits of the joint as they were given: Bullet keeps those of a hinge between -pi and pi. Low above high: free.
+  btScalar low = 1, high = -1;
   // The softness of the row, and where it is in this sub-step.
   SoftRows rows;
 };
@@ -204,11 +206,11 @@ bool prepare_soft_pair(btBroadphasePair &pair, const btCollisionObject &a, const
 
 // Before a body leaves its world.
 void drop_drive(AmbWorld &world, AmbBody &body);
-// A hinge and a slider with the row of `owner`'s drive.
+// A hinge and a slider with the row of `drive`, which outlives them.
 std::unique_ptr<btTypedConstraint> driven_hinge(AmbBody &a, AmbBody &b, const btTransform &frame_a,
-                                                const btTransform &frame_b, AmbConstraint &owner);
+                                                const btTransform &frame_b, JointDrive &drive);
 std::unique_ptr<btTypedConstraint> driven_slider(AmbBody &a, AmbBody &b, const btTransform &frame_a,
-                                                 const btTransform &frame_b, AmbConstraint &owner);
+                                                 const btTransform &frame_b, JointDrive &drive);
 
 inline btVector3 vector_of(const double v[3]) { return btVector3(v[0], v[1], v[2]); }
 

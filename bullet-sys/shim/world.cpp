@@ -71,6 +71,13 @@ struct Stepped : Base, Stepper {
   bool idle = true;
 };
 
+template <class Base>
+Stepper *make_world(std::unique_ptr<btDiscreteDynamicsWorld> &owner, AmbWorld &world) {
+  auto *made = new Stepped<Base>(&world.dispatcher, &world.broadphase, world.solver.get(), world.configuration.get());
+  owner.reset(made);
+  return made;
+}
+
 }  // namespace
 
 AmbWorld::AmbWorld(int solver_kind, int kind)
@@ -78,9 +85,7 @@ AmbWorld::AmbWorld(int solver_kind, int kind)
       dispatcher(configuration.get()) {
   if (kind == AmbWorldKind_Trees) {
     auto owned = multi_body_solver_of(solver_kind);
-    auto *stepped = new Stepped<TreeWorld>(&dispatcher, &broadphase, owned.get(), configuration.get());
-    stepper = stepped;
-    trees = stepped;
+    auto *made = new Stepped<TreeWorld>(&dispatcher, &broadphase, owned.get(), configuration.get());
     solver = std::move(owned);
     world.reset(made);
     trees = made;
@@ -91,16 +96,12 @@ AmbWorld::AmbWorld(int solver_kind, int kind)
   mlcp = mlcp_of(solver_kind);
   solver = solver_of(solver_kind, mlcp.get());
   if (kind == AmbWorldKind_Soft) {
-    auto *stepped = new Stepped<btSoftRigidDynamicsWorld>(&dispatcher, &broadphase, solver.get(), configuration.get());
-    stepper = stepped;
-    soft = stepped;
-    world.reset(soft);
+    stepper = make_world<btSoftRigidDynamicsWorld>(world, *this);
+    soft = static_cast<btSoftRigidDynamicsWorld *>(world.get());
     soft->getWorldInfo().air_density = 0;
     soft->setInternalTickCallback(before_soft_sub_step, this, true);
   } else {
-    auto *stepped = new Stepped<btDiscreteDynamicsWorld>(&dispatcher, &broadphase, solver.get(), configuration.get());
-    stepper = stepped;
-    world.reset(stepped);
+    stepper = make_world<btDiscreteDynamicsWorld>(world, *this);
   }
   dispatcher.setNearCallback(near_callback);
   // An MLCP solver takes one island at a time; merging small ones would only make its matrices larger.

@@ -24,7 +24,7 @@ pub struct Setting {
 }
 
 const NOTHING: PhysicsOptions =
-    PhysicsOptions { profile: None, solver: None, iterations: None, integrator: None, sub_step: None };
+    PhysicsOptions { profile: None, solver: None, iterations: None, integrator: None, sub_step: None, preset: None };
 
 /// Name of the setting that the goals are about.
 pub const ACCURATE: &str = "accurate";
