@@ -57,6 +57,11 @@ impl World {
         (known != 0).then_some((out[0], out[1]))
     }
 
+    /// Whether a constraint is a joint in reduced coordinates.
+    pub fn is_articulated(&self, handle: ConstraintHandle) -> bool {
+        self.constraints.get(handle).is_some_and(|constraint| constraint.articulation.is_some())
+    }
+
     /// Drives a dynamic body from now on; `None` lets it go. The first call for a body makes the rows, and dissolves an articulation of
     /// which it is a link. False for bodies that can't be driven.
     pub fn set_body_drive(&mut self, handle: BodyHandle, drive: Option<&BodyDrive>) -> bool {

@@ -9,7 +9,7 @@ use super::joint::{Joint, JointType};
 use crate::adf::{Controller, Limits};
 use crate::bullet::{BodyDrive, Drive, World};
 use crate::comm::{CartesianCommandType, JointCommandType, RigidBodyCommand};
-use crate::control::{orientation_of, shortest_angle, JointDriver, PoseAction, PoseDriver, Profile};
+use crate::control::{orientation_of, shortest_angle, Deviation, JointDriver, PoseAction, PoseDriver, Profile, Scheme};
 
 /// The sub-step that `max motor impulse` is given for, s.
 const IMPULSE_STEP: f64 = 0.001;
@@ -155,7 +155,9 @@ impl Joint {
             order.last_goal = Some(goal);
         }
         let error = if turns_freely { shortest_angle(position, goal, Profile::Accurate) } else { goal - position };
-        let row = order.driver.update(error, order.goal_rate, rate, sub_steps.length);
+        let scheme = if world.is_articulated(handle) { Scheme::Collocated } else { Scheme::Staggered };
+        let at = Deviation { error, set_rate: order.goal_rate, rate };
+        let row = order.driver.update(&at, scheme, sub_steps.length);
         order.has_spring = order.driver.is_spring();
         let drive = if order.has_spring {
             // As in the C++ program, forces of a controller have no bound.
@@ -290,7 +292,9 @@ impl Body {
             order.target_rates = moved.map(|part| part / sub_steps.duration());
             order.last_target = Some(*target);
         }
-        match order.driver.update(&between(&pose), &order.target_rates, &[linear, angular], sub_steps.length) {
+        let (errors, rates) = (between(&pose), [linear, angular]);
+        let deviation = |i: usize| Deviation { error: errors[i], set_rate: order.target_rates[i], rate: rates[i] };
+        match order.driver.update(&[deviation(0), deviation(1)], sub_steps.length) {
             PoseAction::Springs([linear, angular]) => {
                 let drive = BodyDrive {
                     velocity: [linear.velocity, angular.velocity],
