@@ -1,4 +1,4 @@
-#include "internal.h"
+#include "tree.h"
 
 namespace {
 
@@ -185,7 +185,7 @@ int amb_constraint_set_drive(AmbConstraint *constraint, double velocity, double 
   JointDrive &drive = constraint->drive;
   drive.enabled = true;
   drive.velocity = velocity;
-  drive.max_impulse = max_impulse;
+  drive.max_impulse = btMin(max_impulse, btScalar(BT_LARGE_FLOAT));
   drive.rows.softness[0] = softness;
   return 1;
 }
@@ -233,6 +233,7 @@ void amb_body_release(AmbBody *body) {
 void amb_body_hold_velocity(AmbWorld *world, AmbBody *body, const double linear[3], const double angular[3], double dt) {
   body->body.setLinearVelocity(vector_of(linear) - body->body.getGravity() * dt);
   body->body.setAngularVelocity(vector_of(angular));
+  if (body->tree) body->tree->velocities_set = true;
   body->touched = world->sub_step + 1;
 }
 

@@ -122,6 +122,7 @@ AmbTree::AmbTree(AmbWorld &owner, AmbBody &base, AmbConstraint *const *joints, i
   for (size_t i = fixed ? 1 : 0; i < members.size(); ++i) {
     Member &member = members[i];
     AmbBody &body = *member.body;
+    drop_drive(world, body);
     world.world->removeRigidBody(&body.body);
     const int link = static_cast<int>(i) - 1;
     member.collider = std::make_unique<LinkCollider>(body, multi_body.get(), link);

@@ -56,6 +56,11 @@ void JointRows::plan_limit(const AmbConstraint &joint, int coordinate, btScalar 
 }
 
 void JointRows::plan_motor(const AmbConstraint &joint, int coordinate, btScalar h) {
+  const JointDrive &drive = joint.drive;
+  if (drive.enabled) {
+    planned.push_back({coordinate, drive.velocity, drive.rows.softness[0], -drive.max_impulse, drive.max_impulse, false});
+    return;
+  }
   btScalar target, impulse;
   if (joint.kind == Kind::Hinge) {
     auto &hinge = static_cast<btHingeConstraint &>(*joint.constraint);

@@ -1,6 +1,5 @@
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 
-use super::Profile;
 use crate::adf::{Controller, ControllerOutput};
 
 /// Intervals below this have no derivative, s.
@@ -49,7 +48,7 @@ pub fn orientation_of(raw: &[f64; 4]) -> (UnitQuaternion<f64>, bool) {
     (UnitQuaternion::from_quaternion(q), !(0.9..=1.1).contains(&norm))
 }
 
-/// Proportional-derivative controller of a body's pose. I gains are stored and not used.
+/// Proportional-derivative controller of a body's pose in the legacy profile. I gains are stored and not used.
 ///
 /// `u_lin = P·e + D·Δe/dt` in world axes, `u_ang = R·(P·φ + D·Δφ/dt)` with the rotation vector φ in body axes. The output type of the
 /// linear part decides for both.
@@ -57,39 +56,26 @@ pub fn orientation_of(raw: &[f64; 4]) -> (UnitQuaternion<f64>, bool) {
 pub struct CartesianController {
     linear: Controller,
     angular: Controller,
-    profile: Profile,
     previous: CartesianError,
 }
 
 impl CartesianController {
     /// A controller without memory.
     ///
-    /// With the default gains and velocity output the D part makes a dead-beat loop that diverges: it is left out, in both profiles.
-    /// The accurate profile leaves it out of every velocity output.
-    pub fn new(linear: Controller, angular: Controller, profile: Profile) -> Self {
+    /// With the default gains and velocity output the D part makes a dead-beat loop that diverges: it is left out.
+    pub fn new(linear: Controller, angular: Controller) -> Self {
         let damped = |mut part: Controller| {
-            let is_velocity = part.output != ControllerOutput::Force;
-            if is_velocity && (profile == Profile::Accurate || part == Controller::default()) {
+            if part == Controller::default() && part.output != ControllerOutput::Force {
                 part.gains.d = 0.0;
             }
             part
         };
-        Self { linear: damped(linear), angular: damped(angular), profile, previous: CartesianError::default() }
+        Self { linear: damped(linear), angular: damped(angular), previous: CartesianError::default() }
     }
 
-    /// Output that brings the body frame from `pose` to `target`. `dt` is the interval before, s; `resumed` says that the controller
-    /// did not run in the iteration before: the accurate profile then has no derivative.
-    pub fn update(
-        &mut self,
-        pose: &Isometry3<f64>,
-        target: &Isometry3<f64>,
-        dt: f64,
-        resumed: bool,
-    ) -> CartesianOutput {
+    /// Output that brings the body frame from `pose` to `target`. `dt` is the interval before, s.
+    pub fn update(&mut self, pose: &Isometry3<f64>, target: &Isometry3<f64>, dt: f64) -> CartesianOutput {
         let error = CartesianError::between(pose, target);
-        if resumed && self.profile == Profile::Accurate {
-            self.previous = error;
-        }
         let rate = if dt < MIN_DT { 0.0 } else { 1.0 / dt };
         let linear =
             error.linear * self.linear.gains.p + (error.linear - self.previous.linear) * (self.linear.gains.d * rate);
@@ -121,13 +107,13 @@ mod tests {
 
     #[test]
     fn force_output_has_spring_damper_and_kick() {
-        let mut controller = CartesianController::new(force(100.0, 2.0), force(10.0, 1.0), Profile::Legacy);
+        let mut controller = CartesianController::new(force(100.0, 2.0), force(10.0, 1.0));
         let target = Isometry3::translation(0.1, 0.0, 0.0);
-        let CartesianOutput::Wrench(f, t) = controller.update(&Isometry3::identity(), &target, 0.001, true) else {
+        let CartesianOutput::Wrench(f, t) = controller.update(&Isometry3::identity(), &target, 0.001) else {
             panic!("force output")
         };
         assert!((f.x - (10.0 + 2.0 * 0.1 / 0.001)).abs() < 1e-9 && t.norm() == 0.0);
-        let CartesianOutput::Wrench(f, _) = controller.update(&Isometry3::identity(), &target, 0.001, false) else {
+        let CartesianOutput::Wrench(f, _) = controller.update(&Isometry3::identity(), &target, 0.001) else {
             panic!("force output")
         };
         assert!((f.x - 10.0).abs() < 1e-12);
@@ -135,9 +121,9 @@ mod tests {
 
     #[test]
     fn the_default_controller_is_proportional_velocity() {
-        let mut controller = CartesianController::new(Controller::default(), Controller::default(), Profile::Legacy);
+        let mut controller = CartesianController::new(Controller::default(), Controller::default());
         let target = Isometry3::rotation(Vector3::z() * 0.2);
-        let output = controller.update(&Isometry3::identity(), &target, 0.001, true);
+        let output = controller.update(&Isometry3::identity(), &target, 0.001);
         let CartesianOutput::Velocity(v, w) = output else { panic!("velocity output") };
         assert!(v.norm() == 0.0 && (w - Vector3::z() * 2.0).norm() < 1e-12, "{w}");
     }

@@ -6,13 +6,12 @@ use crate::adf::Gains;
 /// Differences of time below this are taken as this, s.
 const MIN_DT: f64 = 1e-5;
 
-/// PID controller of a joint: `u = P·e + I·∫e dt + D·de/dt`, without anti-windup or saturation.
+/// PID controller of a joint in the legacy profile: `u = P·e + I·∫e dt + D·de/dt`, without anti-windup or saturation.
 ///
 /// Force output: P in N·m/rad (N/m), I in N·m/(rad·s), D in N·m·s/rad. Velocity output: P in 1/s, I in 1/s², D without unit.
 #[derive(Debug, Clone)]
 pub struct JointController {
     gains: Gains,
-    profile: Profile,
     error: f64,
     time: f64,
     integral: f64,
@@ -20,24 +19,18 @@ pub struct JointController {
 
 impl JointController {
     /// A controller without memory.
-    pub fn new(gains: Gains, profile: Profile) -> Self {
-        Self { gains, profile, error: 0.0, time: 0.0, integral: 0.0 }
+    pub fn new(gains: Gains) -> Self {
+        Self { gains, error: 0.0, time: 0.0, integral: 0.0 }
     }
 
-    /// Output for a process value and set point (rad or m) at `time` (s, simulated); `period` is the length of an iteration, s.
+    /// Output for a process value and set point (rad or m) at `time` (s, simulated).
     ///
-    /// The legacy profile differentiates over whatever time has passed since the last call, from an error of 0 at the start: a kick
-    /// that clients of the C++ program live with. The accurate one forgets its memory after a gap of more than one iteration. Two
-    /// calls at the same time have no derivative.
-    pub fn update(&mut self, process: f64, set_point: f64, time: f64, period: f64) -> f64 {
+    /// It differentiates over whatever time has passed since the last call, from an error of 0 at the start: a kick that clients of the
+    /// C++ program live with. Two calls at the same time have no derivative.
+    pub fn update(&mut self, process: f64, set_point: f64, time: f64) -> f64 {
         let error = set_point - process;
         let elapsed = time - self.time;
         let dt = elapsed.max(MIN_DT);
-        let after_gap = self.profile == Profile::Accurate && (elapsed > 1.5 * period || self.time == 0.0);
-        if after_gap {
-            self.integral = 0.0;
-            self.error = error;
-        }
         let derivative = if elapsed < MIN_DT { 0.0 } else { (error - self.error) / dt };
         self.integral += dt * (error + self.error) / 2.0;
         self.error = error;
@@ -47,7 +40,7 @@ impl JointController {
 
     /// Forgets everything, as at the start.
     pub fn reset(&mut self) {
-        *self = Self::new(self.gains, self.profile);
+        *self = Self::new(self.gains);
     }
 }
 
@@ -73,26 +66,18 @@ mod tests {
 
     #[test]
     fn terms_add_up() {
-        let mut controller = JointController::new(GAINS, Profile::Legacy);
+        let mut controller = JointController::new(GAINS);
         // First call: the error before was 0 at time 0.
-        let u = controller.update(0.0, 0.5, 0.001, 0.001);
+        let u = controller.update(0.0, 0.5, 0.001);
         assert!((u - (50.0 + 10.0 * 0.001 * 0.25 + 5.0 * 0.5 / 0.001)).abs() < 1e-9, "{u}");
-        let u = controller.update(0.1, 0.5, 0.002, 0.001);
+        let u = controller.update(0.1, 0.5, 0.002);
         assert!((u - (40.0 + 10.0 * (0.00025 + 0.00045) - 5.0 * 0.1 / 0.001)).abs() < 1e-9, "{u}");
     }
 
     #[test]
     fn no_derivative_without_time() {
-        let mut controller = JointController::new(GAINS, Profile::Legacy);
-        assert!((controller.update(0.0, 0.5, 0.0, 0.001) - 50.0).abs() < 1e-3);
-    }
-
-    #[test]
-    fn the_accurate_profile_does_not_kick() {
-        let mut controller = JointController::new(Gains { i: 0.0, ..GAINS }, Profile::Accurate);
-        assert_eq!(controller.update(0.0, 0.5, 0.001, 0.001), 50.0);
-        controller.update(0.0, 0.5, 0.002, 0.001);
-        assert_eq!(controller.update(0.0, 1.0, 5.0, 0.001), 100.0);
+        let mut controller = JointController::new(GAINS);
+        assert!((controller.update(0.0, 0.5, 0.0) - 50.0).abs() < 1e-3);
     }
 
     #[test]

@@ -1,9 +1,11 @@
 //! Controllers as pure functions of numbers: they know no world and are tested without one.
 
 mod cartesian;
+mod drive;
 mod joint;
 
 pub use cartesian::{orientation_of, CartesianController, CartesianError, CartesianOutput};
+pub use drive::{spring, Deviation, JointDriver, PoseAction, PoseDriver, Quantity, Scheme, SoftVelocity};
 pub use joint::{shortest_angle, JointController};
 
 /// Which physics is wanted where the C++ program and the best result differ.

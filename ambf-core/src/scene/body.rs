@@ -5,6 +5,7 @@ use std::ops::{Deref, DerefMut};
 use nalgebra::{Isometry3, Vector3};
 use slotmap::SecondaryMap;
 
+use super::driven::BodyOrder;
 use super::Identity;
 use crate::adf::SourcePos;
 use crate::bullet::{BodyHandle, World};
@@ -42,7 +43,7 @@ pub struct Body {
     pub source: SourcePos,
     pub(crate) handle: BodyHandle,
     pub(crate) controller: CartesianController,
-    pub(crate) controlled_in: u64,
+    pub(crate) order: BodyOrder,
 }
 
 /// Cartesian commands closer than this to the pose of a static body leave it alone: m and rad.
@@ -87,6 +88,11 @@ impl Body {
         world.motion_state(self.handle).unwrap_or(self.initial_pose) * self.inertial_offset_inverse
     }
 
+    /// Whether forces move it.
+    pub fn is_dynamic(&self) -> bool {
+        self.mass != 0.0
+    }
+
     /// Returns to the initial pose, at rest, with its own gravity.
     pub(crate) fn reset(&self, world: &mut World) {
         world.clear_forces(self.handle);
@@ -97,14 +103,14 @@ impl Body {
         world.set_pose(self.handle, &self.initial_pose);
     }
 
-    /// Applies the Cartesian part of a command. `dt` is the interval before, s; `iteration` tells gaps in control.
-    pub(crate) fn apply_command(&mut self, world: &mut World, command: &RigidBodyCommand, dt: f64, iteration: u64) {
+    /// Applies the Cartesian part of a command at once, as the legacy profile does. `dt` is the interval before, s.
+    pub(crate) fn apply_command(&mut self, world: &mut World, command: &RigidBodyCommand, dt: f64) {
         match command.cartesian {
             CartesianCommandType::Force => world.apply_wrench(self.handle, &command.force, &command.torque),
             CartesianCommandType::Position => {
                 let (orientation, _) = orientation_of(&command.orientation);
                 let target = Isometry3::from_parts(command.position.into(), orientation);
-                self.apply_pose(world, &target, dt, iteration);
+                self.apply_pose(world, &target, dt);
             }
             CartesianCommandType::Velocity => {
                 self.apply_velocity(world, &command.linear_velocity, &command.angular_velocity, dt);
@@ -114,7 +120,7 @@ impl Body {
     }
 
     /// Sets the pose of a static body, or lets the Cartesian controller of a dynamic one follow `target` (body frame in the world).
-    pub(crate) fn apply_pose(&mut self, world: &mut World, target: &Isometry3<f64>, dt: f64, iteration: u64) {
+    pub(crate) fn apply_pose(&mut self, world: &mut World, target: &Isometry3<f64>, dt: f64) {
         if self.mass == 0.0 {
             let wanted = target * self.inertial_offset;
             let Some(current) = world.pose(self.handle) else { return };
@@ -124,9 +130,7 @@ impl Body {
             }
             return;
         }
-        let resumed = self.controlled_in + 1 != iteration;
-        self.controlled_in = iteration;
-        match self.controller.update(&self.pose(world), target, dt, resumed) {
+        match self.controller.update(&self.pose(world), target, dt) {
             CartesianOutput::Wrench(force, torque) => world.apply_wrench(self.handle, &force, &torque),
             CartesianOutput::Velocity(linear, angular) => world.set_velocity(self.handle, &linear, &angular),
         }

@@ -7,6 +7,7 @@ use std::sync::Arc;
 use nalgebra::Isometry3;
 
 use super::body::Body;
+use super::driven::BodyOrder;
 use super::joint::{constraint, frames, Joint};
 use super::placed::{camera_parameters, camera_pose, light_rotation, Camera, Light, Placed};
 use super::{
@@ -295,8 +296,8 @@ impl<'a> Builder<'a> {
             publish_joint_positions: body.publish_joint_positions,
             source: source.clone(),
             handle,
-            controller: CartesianController::new(controller.linear, controller.angular, self.scene.profile),
-            controlled_in: 0,
+            order: BodyOrder::new(&controller.linear, &controller.angular),
+            controller: CartesianController::new(controller.linear, controller.angular),
         });
         Some(self.scene.graph.add_body())
     }
@@ -371,7 +372,7 @@ impl<'a> Builder<'a> {
             self.note(Severity::Warning, &joint.common.source, message);
         }
         self.scene.has_feedback |= joint.enable_feedback && handle.is_some();
-        let live = Joint::new(joint, key, (parent, child), axis, handle, self.scene.profile);
+        let live = Joint::new(joint, key, (parent, child), axis, handle);
         self.scene.joints.push(live);
     }
 

@@ -5,6 +5,7 @@ use std::f64::consts::{PI, TAU};
 use nalgebra::{Isometry3, Unit, UnitQuaternion, Vector3};
 
 use super::body::Body;
+use super::driven::JointOrder;
 use crate::adf::{self, ControllerOutput, JointKind, Limits, SixDofLimits, SourcePos};
 use crate::bullet::{Constraint, ConstraintHandle, ConstraintKind, ConstraintParameter, Spring, World};
 use crate::comm::JointCommandType;
@@ -125,7 +126,7 @@ pub struct Joint {
     pub removed: bool,
     pub(crate) controller: JointController,
     pub(crate) output: ControllerOutput,
-    profile: Profile,
+    pub(crate) order: JointOrder,
 }
 
 impl Joint {
@@ -135,7 +136,6 @@ impl Joint {
         (parent, child): (usize, usize),
         axis: Vector3<f64>,
         constraint: Option<(ConstraintHandle, usize)>,
-        profile: Profile,
     ) -> Self {
         Self {
             name: joint.common.name.clone(),
@@ -156,9 +156,9 @@ impl Joint {
             handle: constraint.map(|(handle, _)| handle),
             place: constraint.map(|(_, place)| place),
             removed: false,
-            controller: JointController::new(joint.controller.gains, profile),
+            controller: JointController::new(joint.controller.gains),
             output: joint.controller.output,
-            profile,
+            order: JointOrder::new(&joint.controller),
         }
     }
 
@@ -182,34 +182,36 @@ impl Joint {
         }
     }
 
-    /// Applies one joint command at simulated `time` s; `period` is the length of an iteration, s.
+    /// Applies one joint command at simulated `time` s, as the legacy profile does.
     pub(crate) fn apply_command(
         &mut self,
         world: &mut World,
         bodies: &[Body],
         kind: JointCommandType,
         value: f64,
-        (time, period): (f64, f64),
+        time: f64,
     ) {
         match kind {
             JointCommandType::Effort => self.apply_effort(world, bodies, value),
             JointCommandType::Velocity => self.set_motor(world, true, value),
-            JointCommandType::Position => self.apply_position(world, bodies, value, (time, period)),
+            JointCommandType::Position => self.apply_position(world, bodies, value, time),
             JointCommandType::Unknown(_) => (),
         }
     }
 
-    fn apply_position(&mut self, world: &mut World, bodies: &[Body], value: f64, (time, period): (f64, f64)) {
+    fn apply_position(&mut self, world: &mut World, bodies: &[Body], value: f64, time: f64) {
         if !self.enable_motor || !self.joint_type.has_motor() {
             return;
         }
         let (process, set_point) = match self.limits {
             // Not `clamp`: the limits may be the wrong way round.
             Some(Limits { low, high }) => (self.position, value.min(high).max(low)),
-            None if self.joint_type == JointType::Revolute => (0.0, shortest_angle(self.position, value, self.profile)),
+            None if self.joint_type == JointType::Revolute => {
+                (0.0, shortest_angle(self.position, value, Profile::Legacy))
+            }
             None => (self.position, value),
         };
-        let output = self.controller.update(process, set_point, time, period);
+        let output = self.controller.update(process, set_point, time);
         match self.output {
             ControllerOutput::Force => self.apply_effort(world, bodies, output),
             ControllerOutput::Velocity | ControllerOutput::Position => self.set_motor(world, true, output),

@@ -3,6 +3,7 @@
 mod actuator;
 mod body;
 mod build;
+mod driven;
 mod elements;
 mod ghost;
 mod graph;
@@ -19,6 +20,7 @@ mod vehicle;
 
 pub use actuator::Actuator;
 pub use body::{Bodies, Body};
+pub(crate) use driven::SubSteps;
 pub use ghost::Ghost;
 pub use graph::{BodyGraph, Descendant};
 pub use identity::Identity;

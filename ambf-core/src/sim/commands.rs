@@ -11,6 +11,7 @@ use crate::comm::{
     ObjectCommand, ObjectKind, ObjectList, PoseCommand, RigidBodyCommand, Snapshot, SnapshotWriter, Timing,
     VehicleCommand, Wrench,
 };
+use crate::control::Profile;
 use crate::scene::Scene;
 
 /// The physics thread's end of the hub.
@@ -213,8 +214,13 @@ impl Simulation {
 
     /// Applies a whole command to a body; it acts in the next update.
     pub fn command_body(&mut self, body: usize, command: &RigidBodyCommand) {
-        let Scene { bodies, world, .. } = &mut self.scene;
-        bodies[body].apply_command(world, command, self.dt, self.iteration);
+        let Scene { bodies, world, profile, .. } = &mut self.scene;
+        let commanded = &mut bodies[body];
+        if *profile == Profile::Legacy || !commanded.is_dynamic() || command.cartesian == CartesianCommandType::Force {
+            commanded.apply_command(world, command, self.dt);
+        } else if commanded.take_order(world, command) {
+            self.driven.bodies.push(body);
+        }
         let n = command.joint_commands.len().min(self.scene.active_joints(body).len());
         for (i, &value) in command.joint_commands[..n].iter().enumerate() {
             let kind = command.joint_command_types.get(i).copied().unwrap_or_default();
@@ -228,10 +234,13 @@ impl Simulation {
         if !value.is_finite() {
             return false;
         }
-        let time = (self.sim_time, self.interval);
         let Some(&joint) = self.scene.active_joints(body).get(index) else { return false };
-        let Scene { joints, bodies, world, .. } = &mut self.scene;
-        joints[joint].apply_command(world, bodies, kind, value, time);
+        let Scene { joints, bodies, world, profile, .. } = &mut self.scene;
+        if *profile == Profile::Legacy {
+            joints[joint].apply_command(world, bodies, kind, value, self.sim_time);
+        } else if joints[joint].take_order(world, kind, value, self.sub_step) {
+            self.driven.joints.push(joint);
+        }
         true
     }
 

@@ -2,6 +2,7 @@
 
 mod cap;
 mod commands;
+mod driven;
 mod models;
 mod pace;
 mod runner;
@@ -21,6 +22,7 @@ use crate::comm::{Hub, Snapshot, Timing, Wrench};
 use crate::scene::Scene;
 use cap::SubStepCap;
 use commands::Link;
+use driven::Driven;
 use models::ModelRequests;
 
 /// Bullet's internal step unless somebody asks for another: 1 ms, whatever the frequency of the loop.
@@ -67,6 +69,7 @@ pub struct Simulation {
     wrenches: Vec<Wrench>,
     link: Option<Link>,
     requests: Option<ModelRequests>,
+    driven: Driven,
     /// Sentences about commands that name what is not there.
     notices: Vec<String>,
 }
@@ -75,6 +78,8 @@ impl Simulation {
     /// A simulation of `scene` at time zero in sub-steps of `sub_step` s.
     pub fn new(scene: Scene, sub_step: f64) -> Self {
         let wrenches = if scene.has_feedback { vec![Wrench::default(); scene.bodies.len()] } else { Vec::new() };
+        let mut driven = Driven::default();
+        driven.reserve(&scene);
         Self {
             sub_step,
             cap: SubStepCap::new(scene.max_sub_steps),
@@ -90,6 +95,7 @@ impl Simulation {
             wrenches,
             link: None,
             requests: None,
+            driven,
             notices: Vec::new(),
             scene,
         }
@@ -159,7 +165,7 @@ impl Simulation {
     fn advance(&mut self, interval: f64) {
         let cap = self.cap.get();
         let begin = Instant::now();
-        let due = self.scene.world.step(interval, cap, self.sub_step);
+        let due = self.driven.step(&mut self.scene, interval, cap, self.sub_step);
         self.bullet_time += begin.elapsed();
         self.due = due;
         self.lost_time += f64::from(due.saturating_sub(cap)) * self.sub_step;
@@ -233,6 +239,7 @@ impl Simulation {
             world.recover();
             // A motor may have been told a speed that is not finite.
             joints.iter().for_each(|joint| joint.stop_motor(world));
+            self.release_drives();
             self.reset_controllers();
         }
         self.scene.vehicles.iter_mut().for_each(|vehicle| vehicle.reset(&mut self.scene.world));
@@ -242,8 +249,14 @@ impl Simulation {
     }
 
     fn reset_controllers(&mut self) {
-        self.scene.joints.iter_mut().for_each(|joint| joint.controller.reset());
-        self.scene.bodies.iter_mut().for_each(|body| body.controller.reset());
+        for joint in &mut self.scene.joints {
+            joint.controller.reset();
+            joint.order.reset();
+        }
+        for body in self.scene.bodies.iter_mut() {
+            body.controller.reset();
+            body.order.reset();
+        }
     }
 
     /// Returns every object to its initial state. Time goes on; commands stay in force. The accurate profile also clears the memory of

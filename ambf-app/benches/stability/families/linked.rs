@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::super::jointed::{bricard_system, chain_system, four_bar_system};
+use super::super::jointed::{bricard_system, chain_system, window_system};
 use super::super::system::{Body, Joint, System};
 use super::super::trial::Trial;
 use super::Family;
@@ -109,7 +109,7 @@ fn chain(n: usize, last: f64) -> Trial {
 }
 
 fn loops(n: f64) -> Trial {
-    let system = if n == 0.0 { bricard_system() } else { four_bar_system(n as usize) };
+    let system = if n == 0.0 { bricard_system() } else { window_system(n as usize) };
     let mass: f64 = system.bodies.iter().map(|body| body.mass).sum();
     let mut trial = Trial::of(system, 4.0, 0.05 * mass * G);
     trial.limits.gap = GAP;

@@ -1,0 +1,310 @@
+//! Commands of the accurate profile: they are kept for an update and executed in each of its sub-steps.
+
+use std::f64::consts::{PI, TAU};
+
+use nalgebra::{Isometry3, Vector3};
+
+use super::body::Body;
+use super::joint::{Joint, JointType};
+use crate::adf::{Controller, Limits};
+use crate::bullet::{BodyDrive, Drive, World};
+use crate::comm::{CartesianCommandType, JointCommandType, RigidBodyCommand};
+use crate::control::{orientation_of, shortest_angle, Deviation, JointDriver, PoseAction, PoseDriver, Profile, Scheme};
+
+/// The sub-step that `max motor impulse` is given for, s.
+const IMPULSE_STEP: f64 = 0.001;
+
+/// The sub-steps of an update.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct SubSteps {
+    /// Length, s.
+    pub length: f64,
+    /// How many the update has.
+    pub count: u32,
+    /// This is the first of them.
+    pub first: bool,
+}
+
+impl SubSteps {
+    fn duration(&self) -> f64 {
+        self.length * f64::from(self.count)
+    }
+}
+
+/// What a joint was told for the next update.
+#[derive(Debug, Clone)]
+pub(crate) struct JointOrder {
+    driver: JointDriver,
+    /// N·m or N.
+    effort: f64,
+    /// Position, rad or m.
+    goal: Option<f64>,
+    /// Goal of the update before, if there was one, and how fast it moves.
+    last_goal: Option<f64>,
+    goal_rate: f64,
+    /// Bullet holds a spring, which goes when nobody asks for it.
+    has_spring: bool,
+    /// Force and torque on the parent that the effort made of in the sub-step before, world axes; the child has the opposite force, and,
+    /// if it turns, the opposite torque.
+    applied: Option<[Vector3<f64>; 2]>,
+    is_listed: bool,
+}
+
+impl JointOrder {
+    pub fn new(controller: &Controller) -> Self {
+        Self {
+            driver: JointDriver::new(controller),
+            effort: 0.0,
+            goal: None,
+            last_goal: None,
+            goal_rate: 0.0,
+            has_spring: false,
+            applied: None,
+            is_listed: false,
+        }
+    }
+
+    /// Forgets what the controller remembers.
+    pub fn reset(&mut self) {
+        self.driver.reset();
+        self.last_goal = None;
+    }
+}
+
+impl Joint {
+    /// Takes a command for the next update; `sub_step` in s. True when the joint has to be [driven](Self::drive) from now on.
+    pub(crate) fn take_order(&mut self, world: &mut World, kind: JointCommandType, value: f64, sub_step: f64) -> bool {
+        match kind {
+            JointCommandType::Effort => {
+                self.let_go(world);
+                self.order.effort += value;
+                self.order.goal = None;
+            }
+            JointCommandType::Velocity if self.has_motor() => {
+                let drive = self.motor(value, sub_step);
+                self.handle.map(|handle| world.set_drive(handle, Some(drive)));
+                self.order.has_spring = false;
+                self.order.goal = None;
+                return false;
+            }
+            JointCommandType::Position if self.enable_motor && self.has_motor() => self.order.goal = Some(value),
+            _ => return false,
+        }
+        !std::mem::replace(&mut self.order.is_listed, true)
+    }
+
+    /// Executes the order in the sub-step that follows.
+    pub(crate) fn drive(&mut self, world: &mut World, bodies: &[Body], sub_steps: SubSteps) {
+        if sub_steps.first {
+            self.order.applied = None;
+        }
+        match self.order.goal {
+            Some(goal) => self.pursue(world, goal, sub_steps),
+            None if sub_steps.first => {
+                self.order.reset();
+                if self.order.has_spring {
+                    self.let_go(world);
+                }
+            }
+            None => (),
+        }
+        if self.order.effort != 0.0 {
+            self.push(world, bodies);
+        }
+    }
+
+    /// Ends an update; without sub-steps its goal waits for the next one. False when nothing is left to do.
+    pub(crate) fn finish_order(&mut self, sub_steps: u32) -> bool {
+        self.order.effort = 0.0;
+        if sub_steps > 0 {
+            self.order.is_listed = self.order.goal.take().is_some();
+        }
+        self.order.is_listed
+    }
+
+    /// Takes the drive out of Bullet's joint.
+    pub(crate) fn let_go(&mut self, world: &mut World) {
+        self.order.has_spring = false;
+        if let Some(handle) = self.handle.filter(|_| self.has_motor()) {
+            world.set_drive(handle, None);
+        }
+    }
+
+    fn has_motor(&self) -> bool {
+        matches!(self.joint_type, JointType::Revolute | JointType::Prismatic)
+    }
+
+    fn motor(&self, velocity: f64, sub_step: f64) -> Drive {
+        // The same force at any sub-step.
+        Drive { velocity, softness: 0.0, max_impulse: self.max_motor_impulse * (sub_step / IMPULSE_STEP) }
+    }
+
+    fn pursue(&mut self, world: &mut World, goal: f64, sub_steps: SubSteps) {
+        let Some((handle, (position, rate))) = self.handle.and_then(|handle| Some((handle, world.coordinate(handle)?)))
+        else {
+            return;
+        };
+        let turns_freely = self.limits.is_none() && self.joint_type == JointType::Revolute;
+        // Not `clamp`: the limits may be the wrong way round.
+        let goal = self.limits.map_or(goal, |Limits { low, high }| goal.min(high).max(low));
+        let order = &mut self.order;
+        if sub_steps.first {
+            let moved = order.last_goal.map_or(0.0, |last| goal - last);
+            let moved = if turns_freely { (moved + PI).rem_euclid(TAU) - PI } else { moved };
+            order.goal_rate = moved / sub_steps.duration();
+            order.last_goal = Some(goal);
+        }
+        let error = if turns_freely { shortest_angle(position, goal, Profile::Accurate) } else { goal - position };
+        let scheme = if world.is_articulated(handle) { Scheme::Collocated } else { Scheme::Staggered };
+        let at = Deviation { error, set_rate: order.goal_rate, rate };
+        let row = order.driver.update(&at, scheme, sub_steps.length);
+        order.has_spring = order.driver.is_spring();
+        let drive = if order.has_spring {
+            // As in the C++ program, forces of a controller have no bound.
+            Drive { velocity: row.velocity, softness: row.softness, max_impulse: f64::INFINITY }
+        } else {
+            self.motor(row.velocity, sub_steps.length)
+        };
+        world.set_drive(handle, Some(drive));
+    }
+
+    /// Replaces the wrenches of the sub-step before by those of the present pose.
+    fn push(&mut self, world: &mut World, bodies: &[Body]) {
+        let (parent, child) = (bodies[self.parent].handle, bodies[self.child].handle);
+        let (Some(pose), Some(child_pose)) = (world.pose(parent), world.pose(child)) else { return };
+        let along = pose.rotation * self.axis * self.order.effort;
+        let on_parent = match self.joint_type {
+            JointType::Revolute | JointType::TorsionSpring => [Vector3::zeros(), -along],
+            JointType::Prismatic | JointType::LinearSpring => {
+                // Through the child's centre of mass on both: two forces on different lines would be a torque from nowhere.
+                [-along, (pose.translation.vector - child_pose.translation.vector).cross(&along)]
+            }
+            _ => return,
+        };
+        let before = self.order.applied.replace(on_parent).unwrap_or_default();
+        let [force, torque] = [on_parent[0] - before[0], on_parent[1] - before[1]];
+        world.apply_wrench(parent, &force, &torque);
+        let turns = matches!(self.joint_type, JointType::Revolute | JointType::TorsionSpring);
+        world.apply_wrench(child, &-force, &if turns { -torque } else { Vector3::zeros() });
+    }
+}
+
+/// What a body was told for the next update.
+#[derive(Debug, Clone)]
+pub(crate) struct BodyOrder {
+    driver: PoseDriver,
+    goal: Option<BodyGoal>,
+    /// Wanted pose of the update before, if there was one, and how fast it moves: m/s and rad/s, world axes.
+    last_target: Option<Isometry3<f64>>,
+    target_rates: [Vector3<f64>; 2],
+    has_spring: bool,
+    is_listed: bool,
+}
+
+/// Of the inertial frame in the world.
+#[derive(Debug, Clone, Copy)]
+enum BodyGoal {
+    Pose(Isometry3<f64>),
+    Velocity([Vector3<f64>; 2]),
+}
+
+impl BodyOrder {
+    pub fn new(linear: &Controller, angular: &Controller) -> Self {
+        Self {
+            driver: PoseDriver::new(linear, angular),
+            goal: None,
+            last_target: None,
+            target_rates: Default::default(),
+            has_spring: false,
+            is_listed: false,
+        }
+    }
+
+    /// Forgets what the controller remembers.
+    pub fn reset(&mut self) {
+        self.last_target = None;
+    }
+}
+
+impl Body {
+    /// Takes the Cartesian part of a command for the next update. True when the body has to be [driven](Self::drive) from now on.
+    pub(crate) fn take_order(&mut self, world: &mut World, command: &RigidBodyCommand) -> bool {
+        match command.cartesian {
+            CartesianCommandType::Position => {
+                let (orientation, _) = orientation_of(&command.orientation);
+                let target = Isometry3::from_parts(command.position.into(), orientation) * self.inertial_offset;
+                self.order.goal = Some(BodyGoal::Pose(target));
+            }
+            CartesianCommandType::Velocity => {
+                let (linear, angular) = (command.linear_velocity, command.angular_velocity);
+                world.set_velocity(self.handle, &linear, &angular);
+                self.order.goal = Some(BodyGoal::Velocity([linear, angular]));
+            }
+            CartesianCommandType::Force | CartesianCommandType::Unknown(_) => return false,
+        }
+        !std::mem::replace(&mut self.order.is_listed, true)
+    }
+
+    /// Executes the order in the sub-step that follows.
+    pub(crate) fn drive(&mut self, world: &mut World, sub_steps: SubSteps) {
+        match self.order.goal {
+            Some(BodyGoal::Pose(target)) => self.pursue(world, &target, sub_steps),
+            Some(BodyGoal::Velocity([linear, angular])) => {
+                if sub_steps.first {
+                    self.let_go(world);
+                }
+                world.hold_velocity(self.handle, &linear, &angular, sub_steps.length);
+            }
+            None if sub_steps.first => self.let_go(world),
+            None => (),
+        }
+    }
+
+    /// Ends an update; without sub-steps its goal waits for the next one. False when nothing is left to do.
+    pub(crate) fn finish_order(&mut self, sub_steps: u32) -> bool {
+        if sub_steps > 0 {
+            self.order.is_listed = self.order.goal.take().is_some();
+        }
+        self.order.is_listed
+    }
+
+    /// Takes the springs away from Bullet's body.
+    pub(crate) fn let_go(&mut self, world: &mut World) {
+        self.order.reset();
+        if std::mem::take(&mut self.order.has_spring) {
+            world.set_body_drive(self.handle, None);
+        }
+    }
+
+    /// `target` is a pose of the inertial frame: with the error of the body frame, whose origin is not where the force acts, a turning body
+    /// would be pushed about.
+    fn pursue(&mut self, world: &mut World, target: &Isometry3<f64>, sub_steps: SubSteps) {
+        let (Some(pose), Some((linear, angular))) = (world.pose(self.handle), world.velocity(self.handle)) else {
+            return;
+        };
+        let between = |from: &Isometry3<f64>| {
+            let turn = (target.rotation * from.rotation.inverse()).scaled_axis();
+            [target.translation.vector - from.translation.vector, turn]
+        };
+        let order = &mut self.order;
+        if sub_steps.first {
+            let moved = order.last_target.as_ref().map(between).unwrap_or_default();
+            order.target_rates = moved.map(|part| part / sub_steps.duration());
+            order.last_target = Some(*target);
+        }
+        let (errors, rates) = (between(&pose), [linear, angular]);
+        let deviation = |i: usize| Deviation { error: errors[i], set_rate: order.target_rates[i], rate: rates[i] };
+        match order.driver.update(&[deviation(0), deviation(1)], sub_steps.length) {
+            PoseAction::Springs([linear, angular]) => {
+                let drive = BodyDrive {
+                    velocity: [linear.velocity, angular.velocity],
+                    softness: [linear.softness, angular.softness],
+                };
+                order.has_spring = world.set_body_drive(self.handle, Some(&drive));
+            }
+            PoseAction::Velocity([linear, angular]) => {
+                world.hold_velocity(self.handle, &linear, &angular, sub_steps.length);
+            }
+        }
+    }
+}

@@ -1,0 +1,59 @@
+//! Sub-steps of the accurate profile: what was commanded is executed before each.
+
+use super::Simulation;
+use crate::control::Profile;
+use crate::scene::{Scene, SubSteps};
+
+/// Joints and bodies that have something to execute in sub-steps, by index.
+#[derive(Debug, Default)]
+pub(super) struct Driven {
+    pub joints: Vec<usize>,
+    pub bodies: Vec<usize>,
+}
+
+impl Driven {
+    /// Makes place for all that the scene has, so that commands allocate nothing.
+    pub fn reserve(&mut self, scene: &Scene) {
+        if scene.profile == Profile::Accurate {
+            self.joints.reserve(scene.joints.len());
+            self.bodies.reserve(scene.bodies.len());
+        }
+    }
+
+    fn is_empty(&self) -> bool {
+        self.joints.is_empty() && self.bodies.is_empty()
+    }
+
+    /// Steps the world of `scene` as [`World::step`](crate::bullet::World::step) does. Returns the sub-steps that were due.
+    pub fn step(&mut self, scene: &mut Scene, interval: f64, cap: u32, length: f64) -> u32 {
+        if self.is_empty() {
+            return scene.world.step(interval, cap, length);
+        }
+        let Scene { world, joints, bodies, .. } = scene;
+        let mut done = 0;
+        let due = world.step_with(interval, cap, length, |world, count| {
+            let sub_steps = SubSteps { length, count, first: done == 0 };
+            done += 1;
+            for &joint in &self.joints {
+                joints[joint].drive(world, bodies, sub_steps);
+            }
+            for &body in &self.bodies {
+                bodies[body].drive(world, sub_steps);
+            }
+        });
+        self.joints.retain(|&joint| joints[joint].finish_order(done));
+        self.bodies.retain(|&body| bodies[body].finish_order(done));
+        due
+    }
+}
+
+impl Simulation {
+    /// Lets go of all joints and bodies that controllers hold.
+    pub(super) fn release_drives(&mut self) {
+        let Scene { world, joints, bodies, profile, .. } = &mut self.scene;
+        if *profile == Profile::Accurate {
+            joints.iter_mut().for_each(|joint| joint.let_go(world));
+            bodies.iter_mut().for_each(|body| body.let_go(world));
+        }
+    }
+}
