@@ -104,6 +104,7 @@ pub fn physics(options: &cli::PhysicsOptions) -> Result<PhysicsOptions, String> 
         solver,
         integrator,
         iterations: options.iterations,
+        articulated: options.articulated,
         sub_step: None,
         sleep: options.sleep,
     })

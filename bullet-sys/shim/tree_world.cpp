@@ -4,10 +4,7 @@
 
 TreeWorld::TreeWorld(MotionClock &clock, btDispatcher *dispatcher, btBroadphaseInterface *broadphase,
                      btMultiBodyConstraintSolver *solver, btCollisionConfiguration *configuration)
-    : Lean(clock, dispatcher, broadphase, solver, configuration) {
-  // Rows of trees start from what their constraints found.
-  getSolverInfo().m_solverMode |= SOLVER_USE_ARTICULATED_WARMSTARTING;
-}
+    : Lean(clock, dispatcher, broadphase, solver, configuration) {}
 
 // Trees take the gravity of their bodies themselves.
 void TreeWorld::applyGravity() { btDiscreteDynamicsWorld::applyGravity(); }
@@ -20,6 +17,8 @@ void TreeWorld::clearForces() {
 void TreeWorld::predictUnconstraintMotion(btScalar h) { btDiscreteDynamicsWorld::predictUnconstraintMotion(h); }
 
 void TreeWorld::solveExternalForces(btContactSolverInfo &info) {
+  // Rows of trees start from what their constraints found. Of one friction direction Bullet would take a fixed one.
+  if (!trees.empty()) info.m_solverMode |= SOLVER_USE_ARTICULATED_WARMSTARTING | SOLVER_USE_2_FRICTION_DIRECTIONS;
   for (AmbTree *tree : trees) {
     tree->touched = false;
     tree->settle();

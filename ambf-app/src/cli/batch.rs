@@ -246,6 +246,7 @@ mod tests {
                 iterations: Some(5),
                 integrator: Some("rk4".to_owned()),
                 sleep: Some(true),
+                articulated: Some(false),
             },
             check: None,
         };

@@ -82,6 +82,10 @@ pub struct PhysicsOptions {
     #[arg(long, value_name = "BOOL", num_args = 0..=1, require_equals = true, default_missing_value = "true")]
     #[arg(value_parser = values::boolean)]
     pub sleep: Option<bool>,
+    /// Put joints that form trees into reduced coordinates [default: the world file's, else yes in the accurate profile]
+    #[arg(long, value_name = "BOOL", num_args = 0..=1, require_equals = true, default_missing_value = "true")]
+    #[arg(value_parser = values::boolean)]
+    pub articulated: Option<bool>,
 }
 
 /// What `--check` was asked to look at.

@@ -68,6 +68,8 @@ pub struct PhysicsSettings {
     pub integrator: Option<String>,
     /// Iterations of the constraint solver; at least 1.
     pub iterations: Option<u32>,
+    /// Whether joints that form trees are put into reduced coordinates.
+    pub articulated: Option<bool>,
     /// Length of a sub-step, s; positive.
     pub sub_step: Option<f64>,
     /// Bodies at rest sleep.
@@ -178,6 +180,7 @@ impl PhysicsSettings {
             solver: block.filled("solver"),
             integrator: block.filled("integrator"),
             iterations: at_least_one(&block, "iterations"),
+            articulated: block.boolean("articulated"),
             sub_step: block.real_in("sub step", Range::Positive),
             sleep: block.boolean("sleep"),
         };
@@ -199,7 +202,8 @@ mod tests {
         assert_eq!((world.environment, world.physics), (None, PhysicsSettings::default()));
         let world: World = clean(
             "namespace: env/\nenvironment: e.yaml\nlights: [l]\nl: {namespace: a/}\nmax iterations: 3\n\
-             physics: {profile: accurate, solver: nncg, iterations: 4, sub step: 0.0005, sleep: true}\n",
+             physics: {profile: accurate, solver: nncg, iterations: 4, sub step: 0.0005, sleep: true, \
+             articulated: false}\n",
         );
         assert_eq!(world.common.namespace, "env/");
         assert_eq!(world.lights[0].common.namespace, "env/a/");
@@ -207,6 +211,7 @@ mod tests {
         assert_eq!(world.physics.profile, Some(PhysicsProfile::Accurate));
         assert_eq!((world.physics.iterations, world.physics.sub_step), (Some(4), Some(0.0005)));
         assert_eq!(world.physics.sleep, Some(true));
+        assert_eq!(world.physics.articulated, Some(false));
     }
 
     #[test]

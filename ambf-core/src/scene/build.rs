@@ -32,6 +32,8 @@ pub(super) struct Builder<'a> {
     /// Objects and joints of the models before it.
     known: Counts,
     known_joints: usize,
+    /// Of the joints that this builder makes.
+    first_joint: usize,
 }
 
 /// Meshes that the objects of a model need, with their scales.
@@ -61,11 +63,12 @@ pub(super) fn ray_mesh(rays: &RaySource) -> Option<&PathBuf> {
     candidates.iter().find(|path| path.is_file()).or(candidates.first())
 }
 
-/// A scene without objects.
+/// A scene without objects. `may_articulate`: there is no reason against joints in reduced coordinates but the options.
 pub(super) fn empty_scene(
     world: adf::World,
     options: &SceneOptions,
     has_soft_bodies: bool,
+    may_articulate: bool,
     notes: &mut Vec<Note>,
 ) -> Scene {
     let physics = physics(&world, &options.physics, notes);
@@ -82,7 +85,12 @@ pub(super) fn empty_scene(
     if world.skybox.is_some() {
         warn("kept, but not drawn: skybox".into());
     }
-    let mut bullet = if has_soft_bodies { World::with_soft_bodies(solver) } else { World::new(solver) };
+    let may_articulate = may_articulate && physics.articulated.unwrap_or(profile == Profile::Accurate);
+    let mut bullet = match (has_soft_bodies, may_articulate) {
+        (true, _) => World::with_soft_bodies(solver),
+        (false, true) => World::with_articulations(solver),
+        (false, false) => World::new(solver),
+    };
     bullet.set_integrator(physics.integrator.unwrap_or(integrator));
     bullet.set_lag(profile == Profile::Legacy && physics.preset.is_none());
     if let Some(preset) = physics.preset {
@@ -130,7 +138,8 @@ pub(super) fn empty_scene(
 impl<'a> Builder<'a> {
     pub fn new(scene: &'a mut Scene, meshes: &'a MeshCache) -> Self {
         let (known, known_joints) = (scene.counts(), scene.joints.len());
-        Self { scene, notes: Vec::new(), meshes, model: 0, own_names: NameMap::default(), known, known_joints }
+        let own_names = NameMap::default();
+        Self { scene, notes: Vec::new(), meshes, model: 0, own_names, known, known_joints, first_joint: known_joints }
     }
 
     /// Builds the environment model with the world's own lights and cameras in it.
@@ -156,6 +165,8 @@ impl<'a> Builder<'a> {
     pub fn finish(mut self) -> Vec<Note> {
         self.resolve_parents();
         self.scene.arrange();
+        let remarks = self.scene.articulate(self.first_joint);
+        self.notes.extend(remarks);
         let mut buffer = vec![0.0; self.scene.world.constraints().len()];
         self.scene.world.refresh_constraints();
         self.scene.observe_joints(0.0, &mut buffer);
@@ -592,6 +603,7 @@ fn physics(world: &adf::World, options: &PhysicsOptions, notes: &mut Vec<Note>) 
         solver: options.solver.or(solver),
         iterations: options.iterations.or(settings.iterations),
         integrator: options.integrator.or(integrator),
+        articulated: options.articulated.or(settings.articulated),
         sub_step: options.sub_step.or(settings.sub_step),
         sleep: options.sleep.or(settings.sleep),
     }

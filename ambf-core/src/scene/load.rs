@@ -3,6 +3,7 @@
 use std::fmt;
 use std::path::{Path, PathBuf};
 
+use super::articulate;
 use super::build::{empty_scene, needed_meshes, Builder};
 use super::{Note, Scene, SceneOptions};
 use crate::adf::{self, LoadError, Report, Severity};
@@ -97,8 +98,9 @@ pub fn load(files: &SceneFiles, options: &SceneOptions) -> Loaded {
     let meshes = MeshCache::new();
     preload(&meshes, std::iter::once(&environment).chain(&models));
     let has_soft_bodies = std::iter::once(&environment).chain(&models).any(|model| !model.soft_bodies.is_empty());
+    let may_articulate = std::iter::once(&environment).chain(&models).any(articulate::may_articulate);
     let mut notes = Vec::new();
-    let mut scene = empty_scene(with_defaults(world), options, has_soft_bodies, &mut notes);
+    let mut scene = empty_scene(with_defaults(world), options, has_soft_bodies, may_articulate, &mut notes);
     let mut builder = Builder::new(&mut scene, &meshes);
     builder.add_environment(environment);
     models.into_iter().for_each(|model| builder.add_model(model));

@@ -1,6 +1,7 @@
 //! Descriptions → live objects in a Bullet world.
 
 mod actuator;
+mod articulate;
 mod body;
 mod build;
 mod driven;
@@ -69,6 +70,8 @@ pub struct PhysicsOptions {
     pub iterations: Option<u32>,
     /// How free bodies are moved.
     pub integrator: Option<Integrator>,
+    /// Whether joints that form trees are put into reduced coordinates. Default: `true` in the accurate profile.
+    pub articulated: Option<bool>,
     /// Length of a sub-step, s.
     pub sub_step: Option<f64>,
     /// Whether bodies at rest sleep: no, unless asked for.

@@ -121,6 +121,7 @@ fn every_long_name_sets_its_option() {
             iterations: Some(30),
             integrator: Some("rk4".to_owned()),
             sleep: Some(false),
+            articulated: Some(false),
         },
         check: None,
     };

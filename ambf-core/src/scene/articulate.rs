@@ -1,0 +1,67 @@
+//! Which joints of a scene are put into reduced coordinates.
+
+use std::collections::BTreeMap;
+
+use super::{Note, Scene};
+use crate::adf::{self, JointKind, Severity};
+use crate::bullet::ConstraintHandle;
+
+/// Whether a model has joints that can be put into reduced coordinates.
+pub(super) fn may_articulate(model: &adf::Model) -> bool {
+    let is_simple = |kind: &JointKind| matches!(kind, JointKind::Revolute | JointKind::Prismatic | JointKind::Fixed);
+    model.joints.iter().any(|joint| is_simple(&joint.kind))
+}
+
+/// Disjoint sets of bodies.
+struct Sets(Vec<usize>);
+
+impl Sets {
+    fn root(&mut self, mut body: usize) -> usize {
+        while self.0[body] != body {
+            self.0[body] = self.0[self.0[body]];
+            body = self.0[body];
+        }
+        body
+    }
+
+    fn join(&mut self, a: usize, b: usize) {
+        let (a, b) = (self.root(a), self.root(b));
+        self.0[b] = a;
+    }
+}
+
+impl Scene {
+    /// Puts the joints from `first` on into reduced coordinates, as far as they form trees: whole groups of bodies that joints hold
+    /// together, no parts of them. What has loops, springs or ball joints stays as it is. Says what was done.
+    pub(super) fn articulate(&mut self, first: usize) -> Option<Note> {
+        if !self.world.has_articulations() {
+            return None;
+        }
+        let mut sets = Sets((0..self.bodies.len()).collect());
+        let is_dynamic = |body: &usize| self.bodies[*body].mass != 0.0;
+        for joint in &self.joints[first..] {
+            if is_dynamic(&joint.parent) && is_dynamic(&joint.child) && joint.handle.is_some() {
+                sets.join(joint.parent, joint.child);
+            }
+        }
+        let mut groups: BTreeMap<usize, Vec<ConstraintHandle>> = BTreeMap::new();
+        for joint in &self.joints[first..] {
+            let Some(body) = [joint.parent, joint.child].into_iter().find(is_dynamic) else { continue };
+            groups.entry(sets.root(body)).or_default().extend(joint.handle);
+        }
+        let (mut trees, mut joints, mut others) = (0, 0, 0);
+        for group in groups.into_values() {
+            if self.world.articulate(&group).is_some() {
+                trees += 1;
+                joints += group.len();
+            } else {
+                others += group.len();
+            }
+        }
+        let source = self.joints.get(first)?.source.clone();
+        let others =
+            if others > 0 { format!("; {others} stay constraints between free bodies") } else { String::new() };
+        let message = format!("{joints} joints in {trees} trees are in reduced coordinates{others}");
+        (trees > 0).then_some(Note { severity: Severity::Warning, source, message })
+    }
+}
