@@ -338,7 +338,8 @@ void AmbTree::remember_momenta() {
 // What the joints must have done over the sub-step: the change of momentum that nothing else explains, summed from the leaves.
 void AmbTree::write_feedback(btScalar h) {
   const size_t n = members.size();
-  std::vector<btVector3> forces(n), torques(n);
+  const btVector3 zero(0, 0, 0);
+  std::vector<btVector3> forces(n, zero), torques(n, zero);
   for (size_t i = n; i-- > 0;) {
     const TreeDynamics::Body &body = dynamics.bodies[i];
     const btVector3 velocity = (velocities[i] + dynamics.linear[i]) / 2;

@@ -50,7 +50,7 @@ void JointRows::plan_limit(const AmbConstraint &joint, int coordinate, btScalar 
     const btScalar speed = side * tree.free_rate.q[coordinate];
     if (gap + h * speed >= 0) continue;
     btScalar target = -gap / h * (gap < 0 ? LIMIT_ERP : 1);
-    target = std::max(target, -bounce * speed);
+    if (bounce > 0) target = std::max(target, -bounce * speed);
     planned.push_back({coordinate, side * target, 0, side > 0 ? 0 : -infinity, side > 0 ? infinity : 0, true});
   }
 }

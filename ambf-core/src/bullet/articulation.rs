@@ -339,4 +339,119 @@ mod tests {
         run(&mut world, 2000);
         assert!((momentum(&world) - before).norm() < 1e-9);
     }
+
+    /// A link on a hinge or slider, horizontal, with gravity along -y, and what holds it.
+    fn pendulum(constraint: Constraint, articulated: bool) -> (World, BodyHandle, ConstraintHandle) {
+        let mut world = World::with_articulations(Solver::default());
+        world.set_gravity(Vector3::new(0.0, -GRAVITY, 0.0));
+        world.set_iterations(100);
+        world.set_lag(false);
+        let base = world.add_body(link(0.0, 0.0));
+        let body = world.add_body(link(2.0, 0.5));
+        let joint = world.add_constraint(base, body, &constraint).unwrap();
+        if articulated {
+            world.articulate(&[joint]).unwrap();
+        }
+        (world, body, joint)
+    }
+
+    fn slider(limits: Option<[f64; 2]>) -> Constraint {
+        let mut slider = hinge(ConstraintKind::Slider { limits }, 0.5, 0.0);
+        // The axis x turned to y.
+        let turn = nalgebra::UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::FRAC_PI_2);
+        slider.frame_a.rotation = turn;
+        slider.frame_b.rotation = turn;
+        slider
+    }
+
+    fn position(world: &World) -> f64 {
+        let mut position = [0.0];
+        world.read_constraints(&mut position);
+        position[0]
+    }
+
+    #[test]
+    fn limits_stop_hinges_and_sliders() {
+        for articulated in [true, false] {
+            let (mut world, ..) =
+                pendulum(hinge(ConstraintKind::Hinge { limits: Some([-0.8, 3.5]) }, 0.0, -0.5), articulated);
+            let lowest = (0..3000).map(|_| {
+                run(&mut world, 1);
+                position(&world)
+            });
+            let lowest = lowest.fold(f64::MAX, f64::min);
+            assert!(lowest > -0.82, "{lowest}");
+            assert!((position(&world) + 0.8).abs() < 2e-3, "{articulated}: {}", position(&world));
+            let (mut world, body, _) = pendulum(slider(Some([-0.1, 0.2])), articulated);
+            run(&mut world, 1000);
+            assert!((position(&world) + 0.1).abs() < 1e-3, "{articulated}: {}", position(&world));
+            world.set_body_gravity(body, &Vector3::new(0.0, GRAVITY, 0.0));
+            run(&mut world, 1000);
+            assert!((position(&world) - 0.2).abs() < 1e-3, "{articulated}: {}", position(&world));
+        }
+    }
+
+    #[test]
+    fn motors_hold_what_they_can() {
+        for articulated in [true, false] {
+            let (mut world, _, joint) = pendulum(hinge(ConstraintKind::Hinge { limits: None }, 0.0, -0.5), articulated);
+            assert!(world.set_motor(joint, true, 0.7, 10.0));
+            run(&mut world, 1000);
+            assert!((position(&world) - 0.7).abs() < 1e-3, "{articulated}: {}", position(&world));
+            // Too weak for the weight: impulse a sub-step below torque times step.
+            world.set_motor(joint, true, 0.0, 0.5 * 0.001);
+            run(&mut world, 200);
+            assert!(position(&world) < 0.65, "{articulated}: {}", position(&world));
+            world.set_motor(joint, false, 0.0, 10.0);
+            let (mut world, _, joint) = pendulum(slider(None), articulated);
+            world.set_motor(joint, true, -0.3, 100.0);
+            run(&mut world, 1000);
+            assert!((position(&world) + 0.3).abs() < 1e-3, "{articulated}: {}", position(&world));
+            world.set_motor(joint, true, 0.0, 2.0 * GRAVITY - 2.0);
+            run(&mut world, 1000);
+            assert!(
+                (position(&world) + 1.1).abs() < 5e-3,
+                "from 0.3 m/s, 1 m/s² down for 1 s; {articulated}: {}",
+                position(&world)
+            );
+        }
+    }
+
+    #[test]
+    fn feedback_says_what_the_joint_does() {
+        for make in [hinge(ConstraintKind::Hinge { limits: None }, 0.0, -0.5), slider(None)] {
+            for reversed in [false, true] {
+                for swinging in [false, true] {
+                    let wrench = |articulated: bool| {
+                        let mut constraint = Constraint { feedback: true, ..make.clone() };
+                        if reversed {
+                            std::mem::swap(&mut constraint.frame_a, &mut constraint.frame_b);
+                        }
+                        let mut world = World::with_articulations(Solver::default());
+                        world.set_gravity(Vector3::new(0.0, -GRAVITY, 0.0));
+                        world.set_iterations(100);
+                        let base = world.add_body(link(0.0, 0.0));
+                        let body = world.add_body(link(2.0, 0.5));
+                        let (a, b) = if reversed { (body, base) } else { (base, body) };
+                        let joint = world.add_constraint(a, b, &constraint).unwrap();
+                        if articulated {
+                            world.articulate(&[joint]).unwrap();
+                        }
+                        world.set_motor(joint, !swinging, 0.0, 100.0);
+                        run(&mut world, 300);
+                        world.joint_wrench(joint).unwrap()
+                    };
+                    let (tree, free) = (wrench(true), wrench(false));
+                    let mut pairs = vec![(tree.force_a, free.force_a), (tree.force_b, free.force_b)];
+                    // Of the torque that the force of a slider has about a static body Bullet says nothing.
+                    if matches!(make.kind, ConstraintKind::Hinge { .. }) {
+                        pairs.extend([(tree.torque_a, free.torque_a), (tree.torque_b, free.torque_b)]);
+                    }
+                    for (a, b) in pairs {
+                        assert!((a - b).norm() < 0.3, "reversed {reversed}, swinging {swinging}: {tree:?} {free:?}");
+                    }
+                }
+            }
+        }
+    }
 }
