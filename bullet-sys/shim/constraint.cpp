@@ -40,26 +40,31 @@ btScalar axis_angle(const btTransform &a, const btTransform &b) {
   return -btAtan2(y.dot(a.getBasis().getColumn(0)), y.dot(a.getBasis().getColumn(1)));
 }
 
+btScalar axis_reading(AmbConstraint &c, bool is_angle) {
+  auto &spring = c.as<btGeneric6DofSpring2Constraint>();
+  const btTransform a = spring.getRigidBodyA().getCenterOfMassTransform() * spring.getFrameOffsetA();
+  const btTransform b = spring.getRigidBodyB().getCenterOfMassTransform() * spring.getFrameOffsetB();
+  return is_angle ? axis_angle(a, b) : axis_distance(a, b);
+}
+
 btScalar read(AmbConstraint &c, unsigned char reading) {
   if (c.tree && reading != AmbReading_None) {
     const btScalar coordinate = c.tree->coordinate(c);
-    return reading == AmbReading_HingeAngle ? std::remainder(coordinate, 2 * SIMD_PI) : coordinate;
+    const bool is_angle = reading == AmbReading_HingeAngle || reading == AmbReading_AxisAngle;
+    return is_angle ? std::remainder(coordinate, 2 * SIMD_PI) : coordinate;
   }
   switch (reading) {
     case AmbReading_HingeAngle: return c.as<btHingeConstraint>().getHingeAngle();
     case AmbReading_SliderPosition: return c.as<btSliderConstraint>().getLinearPos();
     case AmbReading_AxisDistance:
-    case AmbReading_AxisAngle: {
-      auto &spring = c.as<btGeneric6DofSpring2Constraint>();
-      const btTransform a = spring.getRigidBodyA().getCenterOfMassTransform() * spring.getFrameOffsetA();
-      const btTransform b = spring.getRigidBodyB().getCenterOfMassTransform() * spring.getFrameOffsetB();
-      return reading == AmbReading_AxisDistance ? axis_distance(a, b) : axis_angle(a, b);
-    }
+    case AmbReading_AxisAngle: return axis_reading(c, reading == AmbReading_AxisAngle);
     default: return 0;
   }
 }
 
 }  // namespace
+
+btScalar spring_coordinate(AmbConstraint &c) { return axis_reading(c, moves_about_z(c)); }
 
 extern "C" {
 

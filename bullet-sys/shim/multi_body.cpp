@@ -2,10 +2,13 @@
 
 namespace {
 
-TreeDynamics::Motion motion_of(Kind kind) {
-  switch (kind) {
+TreeDynamics::Motion motion_of(AmbConstraint &c) {
+  switch (c.kind) {
     case Kind::Hinge: return TreeDynamics::Motion::Revolute;
     case Kind::Slider: return TreeDynamics::Motion::Prismatic;
+    case Kind::SixDofSpring:
+      if (moves_about_z(c)) return TreeDynamics::Motion::Revolute;
+      return moves_along_z(c) ? TreeDynamics::Motion::Prismatic : TreeDynamics::Motion::Fixed;
     default: return TreeDynamics::Motion::Fixed;
   }
 }
@@ -15,8 +18,45 @@ btTransform frame_of(AmbConstraint &c, bool of_b) {
     case Kind::Hinge: return of_b ? c.as<btHingeConstraint>().getBFrame() : c.as<btHingeConstraint>().getAFrame();
     case Kind::Slider:
       return of_b ? c.as<btSliderConstraint>().getFrameOffsetB() : c.as<btSliderConstraint>().getFrameOffsetA();
+    case Kind::SixDofSpring: {
+      auto &spring = c.as<btGeneric6DofSpring2Constraint>();
+      return of_b ? spring.getFrameOffsetB() : spring.getFrameOffsetA();
+    }
     default: return of_b ? c.as<btFixedConstraint>().getFrameOffsetB() : c.as<btFixedConstraint>().getFrameOffsetA();
   }
+}
+
+btVector3 axis_of(const AmbConstraint &c) { return c.kind == Kind::Slider ? btVector3(1, 0, 0) : btVector3(0, 0, 1); }
+
+// How far apart axes and pivots of a spring and its joint may be: rad and m.
+constexpr btScalar SAME_AXIS = 2e-3;
+
+// Whether a spring acts on the coordinate of a joint between the same bodies.
+bool acts_along(AmbConstraint &spring, AmbConstraint &joint) {
+  const TreeDynamics::Motion motion = motion_of(spring);
+  if (motion == TreeDynamics::Motion::Fixed || motion != motion_of(joint)) return false;
+  const bool same_order = &first_of(spring) == &first_of(joint);
+  for (bool of_b : {false, true}) {
+    const btTransform theirs = frame_of(joint, of_b), own = frame_of(spring, same_order ? of_b : !of_b);
+    const btVector3 axis = theirs.getBasis() * axis_of(joint);
+    if (axis.cross(own.getBasis() * axis_of(spring)).length() > SAME_AXIS) return false;
+    // Where it is along the axis doesn't matter, for a slider not even where the axis is.
+    const bool hinge = motion == TreeDynamics::Motion::Revolute;
+    if (hinge && axis.cross(own.getOrigin() - theirs.getOrigin()).length() > SAME_AXIS) return false;
+  }
+  return true;
+}
+
+bool joins_the_same(const AmbConstraint &a, const AmbConstraint &b) {
+  return (&first_of(a) == &first_of(b) && &second_of(a) == &second_of(b)) ||
+         (&first_of(a) == &second_of(b) && &second_of(a) == &first_of(b));
+}
+
+AmbConstraint *joint_of(AmbConstraint &spring, AmbConstraint *const *joints, int n) {
+  for (int i = 0; i < n; ++i) {
+    if (joins_the_same(spring, *joints[i]) && acts_along(spring, *joints[i])) return joints[i];
+  }
+  return nullptr;
 }
 
 // A share of velocity lost in 1 s as the rate of its decay. What is lost at once is lost in a step of 0.1 ms.
@@ -64,7 +104,8 @@ bool LinkCollider::checkCollideWithOverride(const btCollisionObject *other) cons
   return btMultiBodyLinkCollider::checkCollideWithOverride(other);
 }
 
-AmbTree::AmbTree(AmbWorld &owner, AmbBody &base, AmbConstraint *const *joints, int n)
+AmbTree::AmbTree(AmbWorld &owner, AmbBody &base, AmbConstraint *const *joints, int n,
+                 AmbConstraint *const *parallel, int n_parallel)
     : world(owner), dynamics(base.body.getInvMass() == 0) {
   const bool fixed = dynamics.fixed_base;
   dynamics.bodies.push_back(body_of(base));
@@ -81,9 +122,9 @@ AmbTree::AmbTree(AmbWorld &owner, AmbBody &base, AmbConstraint *const *joints, i
     AmbBody &child = from_a ? second_of(joint) : first_of(joint);
     const int parent = member_of(from_a ? &first_of(joint) : &second_of(joint));
     const btTransform in_parent = frame_of(joint, !from_a), in_child = frame_of(joint, from_a);
-    const btVector3 axis = joint.kind == Kind::Slider ? btVector3(1, 0, 0) : btVector3(0, 0, 1);
+    const btVector3 axis = axis_of(joint);
     // The coordinate is that of B with respect to A.
-    dynamics.add(body_of(child), parent, motion_of(joint.kind), from_a ? axis : -axis, in_parent, in_child);
+    dynamics.add(body_of(child), parent, motion_of(joint), from_a ? axis : -axis, in_parent, in_child);
     child.tree = this;
     child.member = i + 1;
     joint.tree = this;
@@ -119,6 +160,7 @@ AmbTree::AmbTree(AmbWorld &owner, AmbBody &base, AmbConstraint *const *joints, i
   free_position = position;
   free_rate = rate;
   for (size_t i = 1; i < members.size(); ++i) world.trees->removeConstraint(members[i].joint->constraint.get());
+  for (int i = 0; i < n_parallel; ++i) world.trees->removeConstraint(parallel[i]->constraint.get());
   for (size_t i = fixed ? 1 : 0; i < members.size(); ++i) {
     Member &member = members[i];
     AmbBody &body = *member.body;
@@ -140,12 +182,72 @@ AmbTree::AmbTree(AmbWorld &owner, AmbBody &base, AmbConstraint *const *joints, i
     if (!joint.parts) continue;
     members[i].collider->parted.push_back(&first_of(joint) == members[i].body ? &second_of(joint) : &first_of(joint));
   }
+  poses_set = velocities_set = true;
+  settle();
+  for (size_t i = 1; i < members.size(); ++i) {
+    AmbConstraint &joint = *members[i].joint;
+    if (joint.kind == Kind::SixDofSpring && dynamics.links[i - 1].coordinate >= 0) add_spring(joint, i - 1, true);
+  }
+  for (int i = 0; i < n_parallel; ++i) {
+    AmbConstraint &spring = *parallel[i];
+    has_feedback |= spring.feedback != nullptr;
+    add_spring(spring, joint_of(spring, joints, n)->link - 1, false);
+    if (!spring.parts) continue;
+    LinkCollider &collider = *members[springs.back().link + 1].collider;
+    collider.parted.push_back(&first_of(spring) == members[springs.back().link + 1].body ? &second_of(spring)
+                                                                                       : &first_of(spring));
+  }
   joint_rows = std::make_unique<JointRows>(*this);
   world.trees->addMultiBody(multi_body.get());
   world.trees->addMultiBodyConstraint(joint_rows.get());
   world.trees->trees.push_back(this);
-  poses_set = velocities_set = true;
-  settle();
+}
+
+void AmbTree::add_spring(AmbConstraint &constraint, size_t link, bool is_joint) {
+  const TreeDynamics::Link &joint = dynamics.links[link];
+  const bool is_angle = joint.motion == TreeDynamics::Motion::Revolute;
+  auto &six_dof = constraint.as<btGeneric6DofSpring2Constraint>();
+  const auto &turn = *six_dof.getRotationalLimitMotor(2);
+  const auto &way = *six_dof.getTranslationalLimitMotor();
+  // What has another sign in Bullet has the hinge's here.
+  const bool enabled = is_angle ? turn.m_enableSpring : way.m_enableSpring[2];
+  TreeDynamics::Spring spring;
+  spring.coordinate = joint.coordinate;
+  spring.is_angle = is_angle;
+  spring.stiffness = !enabled ? 0 : is_angle ? turn.m_springStiffness : way.m_springStiffness.z();
+  spring.damping = !enabled ? 0 : is_angle ? turn.m_springDamping : way.m_springDamping.z();
+  spring.rest = is_angle ? -turn.m_equilibriumPoint : way.m_equilibriumPoint.z();
+  btScalar low = is_angle ? -turn.m_hiLimit : way.m_lowerLimit.z();
+  btScalar high = is_angle ? -turn.m_loLimit : way.m_upperLimit.z();
+  spring.sign = 1;
+  spring.offset = 0;
+  if (!is_joint) {
+    AmbConstraint &own = *members[link + 1].joint;
+    const bool same_order = &first_of(constraint) == &first_of(own);
+    const btVector3 axis = frame_of(own, false).getBasis() * axis_of(own);
+    const btVector3 other = frame_of(constraint, !same_order).getBasis() * axis_of(constraint);
+    spring.sign = (axis.dot(other) > 0) == same_order ? 1 : -1;
+    spring.offset = spring_coordinate(constraint) - spring.sign * position.q[joint.coordinate];
+    if (low <= high) {
+      low = (low - spring.offset) * spring.sign;
+      high = (high - spring.offset) * spring.sign;
+      if (low > high) std::swap(low, high);
+      // Usually it has those of its joint.
+      const btScalar tolerance = 1e-6;
+      if (btFabs(low - own.drive.low) < tolerance && btFabs(high - own.drive.high) < tolerance) low = high + 1;
+    }
+  }
+  dynamics.springs.push_back(spring);
+  springs.push_back({&constraint, link, low, high});
+}
+
+// Springs that are slow against the step are integrated with the motion; the others become rows, which cannot overshoot.
+void AmbTree::choose_springs(btScalar h) {
+  for (size_t i = 0; i < springs.size(); ++i) {
+    TreeDynamics::Spring &spring = dynamics.springs[i];
+    const btScalar response = dynamics.response(springs[i].link) * h;
+    spring.left_out = spring.stiffness * h * response > 0.04 || spring.damping * response > 0.1;
+  }
 }
 
 AmbTree::~AmbTree() {
@@ -180,6 +282,10 @@ AmbTree::~AmbTree() {
     AmbConstraint &joint = *members[i].joint;
     joint.tree = nullptr;
     world.world->addConstraint(joint.constraint.get(), joint.parts);
+  }
+  for (const Spring &spring : springs) {
+    if (spring.constraint == members[spring.link + 1].joint) continue;
+    world.world->addConstraint(spring.constraint->constraint.get(), spring.constraint->parts);
   }
   for (AmbConstraint *constraint : tied) amb_world_add_constraint(&world, constraint, constraint->parts);
 }
@@ -255,6 +361,7 @@ void AmbTree::predict(btScalar h) {
     body.torque = mirror.getTotalTorque();
   }
   if (has_feedback) remember_momenta();
+  choose_springs(h);
   dynamics.step(h, position, rate, free_position, free_rate);
   has_rows = joint_rows->plan(h) || touched || ties > 0;
 }
@@ -355,19 +462,43 @@ void AmbTree::write_feedback(btScalar h) {
     if (i == 0) continue;
     const int parent = dynamics.links[i - 1].parent;
     const btVector3 arm = dynamics.origins[i] - dynamics.origins[parent];
-    const btVector3 at_parent = torques[i] + arm.cross(forces[i]);
-    const AmbConstraint &joint = *members[i].joint;
-    if (joint.feedback) {
-      const bool child_is_b = &second_of(joint) == members[i].body;
-      btJointFeedback &feedback = *joint.feedback;
-      (child_is_b ? feedback.m_appliedForceBodyB : feedback.m_appliedForceBodyA) = forces[i];
-      (child_is_b ? feedback.m_appliedTorqueBodyB : feedback.m_appliedTorqueBodyA) = torques[i];
-      (child_is_b ? feedback.m_appliedForceBodyA : feedback.m_appliedForceBodyB) = -forces[i];
-      (child_is_b ? feedback.m_appliedTorqueBodyA : feedback.m_appliedTorqueBodyB) = -at_parent;
-    }
     forces[parent] += forces[i];
-    torques[parent] += at_parent;
+    torques[parent] += torques[i] + arm.cross(forces[i]);
+    btVector3 force = forces[i], torque = torques[i];
+    for (size_t s = 0; s < springs.size(); ++s) {
+      AmbConstraint &constraint = *springs[s].constraint;
+      if (springs[s].link + 1 != i || &constraint == members[i].joint) continue;
+      const TreeDynamics::Link &link = dynamics.links[i - 1];
+      const btVector3 axis = dynamics.rotations[parent] * link.axis * spring_effort(s, h);
+      const bool is_angle = link.motion == TreeDynamics::Motion::Revolute;
+      const btVector3 push = is_angle ? zero : axis;
+      // About the child's centre of mass, of a force at its end of the joint.
+      const btVector3 twist = is_angle ? axis : axis.cross(dynamics.rotations[i] * link.arm);
+      write_wrench(constraint, i, push, twist, arm);
+      force -= push;
+      torque -= twist;
+    }
+    write_wrench(*members[i].joint, i, force, torque, arm);
   }
+}
+
+// A force on member i and a torque about its centre of mass, and what answers them on its parent, from which `arm` leads to it.
+void AmbTree::write_wrench(const AmbConstraint &constraint, size_t i, const btVector3 &force, const btVector3 &torque,
+                           const btVector3 &arm) {
+  if (!constraint.feedback) return;
+  const bool child_is_b = &second_of(constraint) == members[i].body;
+  btJointFeedback &feedback = *constraint.feedback;
+  (child_is_b ? feedback.m_appliedForceBodyB : feedback.m_appliedForceBodyA) = force;
+  (child_is_b ? feedback.m_appliedTorqueBodyB : feedback.m_appliedTorqueBodyA) = torque;
+  (child_is_b ? feedback.m_appliedForceBodyA : feedback.m_appliedForceBodyB) = -force;
+  (child_is_b ? feedback.m_appliedTorqueBodyA : feedback.m_appliedTorqueBodyB) = -(torque + arm.cross(force));
+}
+
+btScalar AmbTree::spring_effort(size_t index, btScalar h) const {
+  const TreeDynamics::Spring &spring = dynamics.springs[index];
+  if (spring.left_out) return joint_rows->spring_impulse(index) / h;
+  const int i = spring.coordinate;
+  return -spring.sign * spring.stiffness * spring.displacement(position.q[i]) - spring.damping * rate.q[i];
 }
 
 void AmbTree::clear_forces() {
@@ -384,14 +515,18 @@ btScalar AmbTree::coordinate(const AmbConstraint &joint) {
 
 extern "C" {
 
-AmbTree *amb_world_articulate(AmbWorld *world, AmbBody *base, AmbConstraint *const *joints, int n) {
+AmbTree *amb_world_articulate(AmbWorld *world, AmbBody *base, AmbConstraint *const *joints, int n,
+                              AmbConstraint *const *springs, int n_springs) {
   if (!world->trees) return nullptr;
   for (int i = 0; i < n; ++i) {
     for (const AmbBody *body : {&first_of(*joints[i]), &second_of(*joints[i])}) {
       if (body->tree || (!turns_freely(*body) && (body != base || body->body.getInvMass() > 0))) return nullptr;
     }
   }
-  return new AmbTree(*world, *base, joints, n);
+  for (int i = 0; i < n_springs; ++i) {
+    if (!joint_of(*springs[i], joints, n)) return nullptr;
+  }
+  return new AmbTree(*world, *base, joints, n, springs, n_springs);
 }
 
 void amb_world_dissolve(AmbWorld *, AmbTree *tree) { delete tree; }

@@ -1,15 +1,18 @@
-/* Trees of hinges, sliders and fixed constraints in reduced coordinates. */
+/* Trees of hinges, sliders, fixed constraints and springs about or along one axis in reduced coordinates. */
 #ifndef AMB_MULTI_BODY_H
 #define AMB_MULTI_BODY_H
 #include "types.h"
 
 /* Makes the n constraints, which are in the world, the joints of one tree: each must have one end on the base or the end of a constraint
-   before it, and its other end on a body that the tree has not reached yet, which becomes a link. A base without mass is fixed and may
+   before it, and its other end on a body that the tree has not reached yet, which becomes a link. The n_springs springs each lie between
+   the two bodies of one of these hinges or sliders, and act about or along its axis. A base without mass is fixed and may
    carry several trees; else it is part of this one. Nothing else may hold the links, or the base if it is free.
    Links are set to poses and velocities that the joints allow, next to what they were. All calls on the bodies and constraints go on to
    work: wrenches, gravity, damping, poses and velocities, readings, motors, limits and feedback.
-   Null where reduced coordinates don't serve: the world was not made for trees, or a body cannot turn about all axes. */
-AmbTree *amb_world_articulate(AmbWorld *world, AmbBody *base, AmbConstraint *const *joints, int n);
+   Null where reduced coordinates don't serve: the world was not made for trees, a body cannot turn about all axes, or a spring has another
+   axis than its joint. */
+AmbTree *amb_world_articulate(AmbWorld *world, AmbBody *base, AmbConstraint *const *joints, int n,
+                              AmbConstraint *const *springs, int n_springs);
 /* Puts bodies and constraints back into the world, each with its present pose and velocity, and frees the tree. */
 void amb_world_dissolve(AmbWorld *world, AmbTree *tree);
 

@@ -54,5 +54,5 @@ std::unique_ptr<btConstraintSolver> solver_of(int solver, btMLCPSolverInterface 
 }
 
 std::unique_ptr<btMultiBodyConstraintSolver> multi_body_solver_of(int) {
-  return std::make_unique<btMultiBodyConstraintSolver>();
+  return std::make_unique<WithSoftRows<btMultiBodyConstraintSolver>>();
 }

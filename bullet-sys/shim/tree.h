@@ -34,7 +34,16 @@ struct AmbTree {
     std::unique_ptr<LinkCollider> collider;
   };
 
-  AmbTree(AmbWorld &owner, AmbBody &base, AmbConstraint *const *joints, int n);
+  // A spring beside a joint, or in it: then it is the joint.
+  struct Spring {
+    AmbConstraint *constraint;
+    size_t link;
+    // Of the coordinate.
+    btScalar low, high;
+  };
+
+  AmbTree(AmbWorld &owner, AmbBody &base, AmbConstraint *const *joints, int n, AmbConstraint *const *springs,
+          int n_springs);
   ~AmbTree();
 
   // Takes up poses and velocities that were set on bodies.
@@ -52,6 +61,8 @@ struct AmbTree {
   AmbWorld &world;
   TreeDynamics dynamics;
   std::vector<Member> members;
+  // In the order of those of the dynamics.
+  std::vector<Spring> springs;
   std::unique_ptr<btMultiBody> multi_body;
   std::unique_ptr<JointRows> joint_rows;
   TreeDynamics::Position position;
@@ -67,11 +78,16 @@ struct AmbTree {
   int ties = 0;
 
  private:
+  void add_spring(AmbConstraint &constraint, size_t link, bool is_joint);
+  void choose_springs(btScalar h);
   void follow_base();
   void write_mirrors();
   bool was_pushed() const;
   void remember_momenta();
   void write_feedback(btScalar h);
+  void write_wrench(const AmbConstraint &constraint, size_t member, const btVector3 &force, const btVector3 &torque,
+                    const btVector3 &arm);
+  btScalar spring_effort(size_t index, btScalar h) const;
 
   btTransform base_pose;
   bool has_feedback = false;
@@ -98,6 +114,19 @@ class TreeWorld : public Lean<btMultiBodyDynamicsWorld> {
   // Constraints that hold a link and are none of its tree.
   std::vector<AmbConstraint *> ties;
 };
+
+// Coordinate of a spring about or along z of its frames, from the present poses: positive as for a hinge.
+btScalar spring_coordinate(AmbConstraint &spring);
+
+// Of such a spring: whether z of the frames is free to turn, or to move along. Locked otherwise.
+inline bool moves_about_z(AmbConstraint &c) {
+  const auto &axis = *c.as<btGeneric6DofSpring2Constraint>().getRotationalLimitMotor(2);
+  return axis.m_loLimit != axis.m_hiLimit;
+}
+inline bool moves_along_z(AmbConstraint &c) {
+  const auto &axes = *c.as<btGeneric6DofSpring2Constraint>().getTranslationalLimitMotor();
+  return axes.m_lowerLimit.z() != axes.m_upperLimit.z();
+}
 
 inline AmbBody &first_of(const AmbConstraint &c) { return *body_of(&c.constraint->getRigidBodyA()); }
 inline AmbBody &second_of(const AmbConstraint &c) { return *body_of(&c.constraint->getRigidBodyB()); }

@@ -1,5 +1,6 @@
 #include "tree_dynamics.h"
 
+#include <algorithm>
 #include <cmath>
 
 namespace {
@@ -85,6 +86,7 @@ void TreeDynamics::finish() {
   linear.resize(n, btVector3(0, 0, 0));
   angular.resize(n, btVector3(0, 0, 0));
   work.resize(n);
+  efforts.resize(coordinates);
   stage.q.resize(coordinates);
   stage_rate.q.resize(coordinates);
   for (int i = 0; i < 4; ++i) {
@@ -172,7 +174,7 @@ void TreeDynamics::sweep(Rate &out, bool with_bias) {
       w.u_linear = transpose_times(w.b, w.s_angular) + w.m * w.s_linear;
       const btScalar d = w.s_angular.dot(w.u_angular) + w.s_linear.dot(w.u_linear);
       w.d_inverse = d > 0 ? 1 / d : 0;
-      w.u = -(w.s_angular.dot(w.torque) + w.s_linear.dot(w.force));
+      w.u = efforts[link.coordinate] - w.s_angular.dot(w.torque) - w.s_linear.dot(w.force);
     }
     if (link.parent == 0 && fixed_base) continue;
     btVector3 torque = w.torque, force = w.force;
@@ -218,7 +220,18 @@ void TreeDynamics::sweep(Rate &out, bool with_bias) {
   }
 }
 
-void TreeDynamics::accelerate(Rate &acceleration) {
+btScalar TreeDynamics::Spring::displacement(btScalar q) const {
+  const btScalar x = sign * q + offset;
+  return (is_angle ? std::remainder(x, 2 * SIMD_PI) : x) - rest;
+}
+
+void TreeDynamics::accelerate(const Position &position, const Rate &rate, Rate &acceleration) {
+  std::fill(efforts.begin(), efforts.end(), 0);
+  for (const Spring &spring : springs) {
+    if (spring.left_out) continue;
+    const int i = spring.coordinate;
+    efforts[i] -= spring.sign * spring.stiffness * spring.displacement(position.q[i]) + spring.damping * rate.q[i];
+  }
   add_inertias();
   for (size_t i = fixed_base ? 1 : 0; i < bodies.size(); ++i) {
     const Body &body = bodies[i];
@@ -235,6 +248,7 @@ void TreeDynamics::project(const btVector3 *linear_wanted, const btVector3 *angu
   stage_rate.angular.setZero();
   stage_rate.linear.setZero();
   move(stage_rate);
+  std::fill(efforts.begin(), efforts.end(), 0);
   add_inertias();
   for (size_t i = fixed_base ? 1 : 0; i < bodies.size(); ++i) {
     work[i].torque = -(work[i].inertia * angular_wanted[i]);
@@ -260,7 +274,7 @@ void TreeDynamics::step(btScalar h, const Position &from, const Rate &rate, Posi
       spins[i] = spin_of(speeds[i].angular, stage.rotation);
     }
     move(speeds[i]);
-    accelerate(slopes[i]);
+    accelerate(i == 0 ? from : stage, speeds[i], slopes[i]);
   }
   auto way_of = [h](const auto &a, const auto &b, const auto &c, const auto &d) {
     return (a + b * 2 + c * 2 + d) * (h / 6);

@@ -35,6 +35,17 @@ class TreeDynamics {
     btVector3 force{0, 0, 0}, torque{0, 0, 0};
   };
 
+  // Pushes a coordinate q with -sign k (x - rest) - d q' where x = sign q + offset, between -pi and pi if it is an angle.
+  struct Spring {
+    int coordinate;
+    bool is_angle;
+    btScalar sign, offset, stiffness, damping, rest;
+    // Left to whoever deals with springs that are too stiff for the step.
+    bool left_out = false;
+
+    btScalar displacement(btScalar q) const;
+  };
+
   // Where the tree is.
   struct Position {
     btQuaternion rotation{0, 0, 0, 1};  // of the base
@@ -60,8 +71,10 @@ class TreeDynamics {
   void place(const Position &position);
   // Velocities of all bodies from the rates; the poses must be those of the position.
   void move(const Rate &rate);
-  // Accelerations under the external forces, of bodies that were placed and moved.
-  void accelerate(Rate &acceleration);
+  // Accelerations under external forces and springs, of bodies that were placed at a position and moved with a rate.
+  void accelerate(const Position &position, const Rate &rate, Rate &acceleration);
+  // What a force of 1 on the coordinate of a link gives if its parent doesn't move, as of the last sweep.
+  btScalar response(size_t link) const { return work[link + 1].d_inverse; }
   // The rates that come nearest to velocities of the bodies, weighted with their masses and inertias: what perfect joints would leave of
   // them. The poses must be those of the position.
   void project(const btVector3 *linear, const btVector3 *angular, Rate &rate);
@@ -79,6 +92,7 @@ class TreeDynamics {
   int coordinates = 0;
   std::vector<Body> bodies;
   std::vector<Link> links;
+  std::vector<Spring> springs;
   // State of the bodies, world axes.
   std::vector<btMatrix3x3> rotations;
   std::vector<btVector3> origins, linear, angular;
@@ -100,6 +114,7 @@ class TreeDynamics {
   void sweep(Rate &out, bool with_bias);
 
   std::vector<Work> work;
+  std::vector<btScalar> efforts;
   Position stage;
   Rate stage_rate, slopes[4], speeds[4];
 };

@@ -24,17 +24,18 @@ JointRows::JointRows(AmbTree &owner)
                             MULTIBODY_CONSTRAINT_1DOF_JOINT_MOTOR),
       tree(owner),
       jacobian(6 + owner.dynamics.coordinates) {
+  // A limit and a motor of each joint, and a limit and a row of each spring.
+  m_numRows = 2 * (owner.dynamics.coordinates + static_cast<int>(owner.springs.size()));
   m_data.resize(m_numRows);
 }
 
 int JointRows::getIslandIdA() const { return tree.members[1].collider->getIslandTag(); }
 
-void JointRows::plan_limit(const AmbConstraint &joint, int coordinate, btScalar h) {
+void JointRows::plan_limit(int coordinate, btScalar low, btScalar high, bool is_angle, btScalar h) {
   const btScalar infinity = BT_LARGE_FLOAT;
-  btScalar low = joint.drive.low, high = joint.drive.high;
   if (low > high) return;
   btScalar q = tree.position.q[coordinate];
-  if (joint.kind == Kind::Hinge) {
+  if (is_angle) {
     // Angles have no beginning: the limits nearest to q count.
     const btScalar center = (low + high) / 2;
     q = center + std::remainder(q - center, 2 * SIMD_PI);
@@ -43,7 +44,7 @@ void JointRows::plan_limit(const AmbConstraint &joint, int coordinate, btScalar 
     planned.push_back({coordinate, (low - q) * LIMIT_ERP / h, 0, -infinity, infinity, true});
     return;
   }
-  const btScalar bounce = joint.kind == Kind::Hinge ? HINGE_BOUNCE : 0;
+  const btScalar bounce = is_angle ? HINGE_BOUNCE : 0;
   for (btScalar side : {1, -1}) {
     // Way to the limit, and speed towards its free side.
     const btScalar gap = side * (q - (side > 0 ? low : high));
@@ -52,28 +53,30 @@ void JointRows::plan_limit(const AmbConstraint &joint, int coordinate, btScalar 
     btScalar target = -gap / h * (gap < 0 ? LIMIT_ERP : 1);
     if (bounce > 0) target = std::max(target, -bounce * speed);
     planned.push_back({coordinate, side * target, 0, side > 0 ? 0 : -infinity, side > 0 ? infinity : 0, true});
+    return;
   }
 }
 
 void JointRows::plan_motor(const AmbConstraint &joint, int coordinate, btScalar h) {
-  const JointDrive &drive = joint.drive;
-  if (drive.enabled) {
-    planned.push_back({coordinate, drive.velocity, drive.rows.softness[0], -drive.max_impulse, drive.max_impulse, false});
-    return;
-  }
-  btScalar target, impulse;
-  if (joint.kind == Kind::Hinge) {
+  btScalar target, impulse, softness = 0;
+  if (joint.drive.enabled) {
+    target = joint.drive.velocity;
+    softness = joint.drive.rows.softness[0];
+    impulse = joint.drive.max_impulse;
+  } else if (joint.kind == Kind::Hinge) {
     auto &hinge = static_cast<btHingeConstraint &>(*joint.constraint);
     if (!hinge.getEnableAngularMotor()) return;
     target = hinge.getMotorTargetVelocity();
     impulse = hinge.getMaxMotorImpulse();
-  } else {
+  } else if (joint.kind == Kind::Slider) {
     auto &slider = static_cast<btSliderConstraint &>(*joint.constraint);
     if (!slider.getPoweredLinMotor()) return;
     target = slider.getTargetLinMotorVelocity();
     impulse = slider.getMaxLinMotorForce() * h;
+  } else {
+    return;
   }
-  if (impulse > 0) planned.push_back({coordinate, target, 0, -impulse, impulse, false});
+  if (impulse > 0) planned.push_back({coordinate, target, softness, -impulse, impulse, false});
 }
 
 bool JointRows::plan(btScalar h) {
@@ -82,8 +85,19 @@ bool JointRows::plan(btScalar h) {
     const AmbConstraint &joint = *tree.members[i].joint;
     const int coordinate = tree.dynamics.links[i - 1].coordinate;
     if (coordinate < 0) continue;
-    plan_limit(joint, coordinate, h);
+    plan_limit(coordinate, joint.drive.low, joint.drive.high, joint.kind == Kind::Hinge, h);
     plan_motor(joint, coordinate, h);
+  }
+  for (size_t i = 0; i < tree.springs.size(); ++i) {
+    const TreeDynamics::Spring &spring = tree.dynamics.springs[i];
+    const int coordinate = spring.coordinate;
+    plan_limit(coordinate, tree.springs[i].low, tree.springs[i].high, spring.is_angle, h);
+    if (!spring.left_out) continue;
+    // The force at the end of the sub-step, -k (x + h q') - d q', as a rate that gives way to its impulse.
+    const btScalar push = spring.sign * spring.stiffness * spring.displacement(tree.position.q[coordinate]);
+    const btScalar give = spring.damping + h * spring.stiffness;
+    planned.push_back({coordinate, -push / give, 1 / (h * give), -BT_LARGE_FLOAT, BT_LARGE_FLOAT, false,
+                       static_cast<int>(i)});
   }
   return !planned.empty();
 }
@@ -93,6 +107,13 @@ bool JointRows::stopped() const {
     if (planned[i].limit && m_data[i] != 0) return true;
   }
   return false;
+}
+
+btScalar JointRows::spring_impulse(size_t spring) const {
+  for (size_t i = 0; i < planned.size(); ++i) {
+    if (planned[i].spring == static_cast<int>(spring)) return m_data[i];
+  }
+  return 0;
 }
 
 void JointRows::createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBodyJacobianData &data,

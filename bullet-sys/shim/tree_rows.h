@@ -6,7 +6,7 @@
 
 #include <BulletDynamics/Featherstone/btMultiBodyConstraint.h>
 
-// Limits and motors of all joints of a tree. They are solved together and exactly; the solver's iterations, which start from
+// Limits, motors, drives and stiff springs of all joints of a tree. They are solved together and exactly; the solver's iterations, which start from
 // that, only add what contacts change.
 class JointRows : public btMultiBodyConstraint {
  public:
@@ -16,6 +16,8 @@ class JointRows : public btMultiBodyConstraint {
   bool plan(btScalar h);
   // Whether a limit pushed in the last sub-step.
   bool stopped() const;
+  // Of a spring that was left out of the dynamics.
+  btScalar spring_impulse(size_t spring) const;
 
   void finalizeMultiDof() override {}
   int getIslandIdA() const override;
@@ -31,9 +33,11 @@ class JointRows : public btMultiBodyConstraint {
     btScalar softness;  // rate given up per impulse
     btScalar low, high;  // of the impulse
     bool limit;
+    // Of the tree's, or -1.
+    int spring = -1;
   };
 
-  void plan_limit(const AmbConstraint &joint, int coordinate, btScalar h);
+  void plan_limit(int coordinate, btScalar low, btScalar high, bool is_angle, btScalar h);
   void plan_motor(const AmbConstraint &joint, int coordinate, btScalar h);
 
   AmbTree &tree;

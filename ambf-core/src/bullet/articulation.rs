@@ -17,13 +17,16 @@ pub(super) struct OwnedArticulation {
 struct Tree {
     base: BodyHandle,
     joints: Vec<ConstraintHandle>,
+    /// Beside joints, between the same bodies.
+    springs: Vec<ConstraintHandle>,
     /// Bodies that move with it.
     links: Vec<BodyHandle>,
 }
 
 impl World {
-    /// Puts hinges, sliders and fixed constraints that form one tree into reduced coordinates: the coordinates of the joints and, if no
-    /// body is static, the pose of the base. Joints then have no gap, and motion between impacts is integrated by the classical
+    /// Puts hinges, sliders, fixed constraints and springs about or along one axis that form one tree into reduced coordinates: the
+    /// coordinates of the joints and, if no body is static, the pose of the base. Such springs may also lie beside a hinge or slider whose
+    /// axis they share. Joints then have no gap, and motion between impacts is integrated by the classical
     /// Runge-Kutta method, fourth order in the sub-step. The base is the static body, else that which is first of a constraint and second
     /// of none. Links take the poses and velocities next to theirs that the joints allow.
     ///
@@ -37,14 +40,25 @@ impl World {
         if !self.has_articulations || !self.vehicles.is_empty() {
             return None;
         }
-        let Tree { base, joints, links } = self.tree_of(constraints)?;
-        let raw: Vec<_> = joints.iter().map(|&joint| self.constraints[joint].raw.as_ptr()).collect();
+        let Tree { base, mut joints, springs, links } = self.tree_of(constraints)?;
+        let pointers = |of: &[ConstraintHandle]| -> Vec<_> {
+            of.iter().map(|&constraint| self.constraints[constraint].raw.as_ptr()).collect()
+        };
+        let (raw_joints, raw_springs) = (pointers(&joints), pointers(&springs));
         // SAFETY: world, base and constraints are alive, the constraints are in the world, lead from the base on one body at a time, and
         // nothing else holds the links. The tree is dissolved before any of them is removed.
         let raw = unsafe {
-            sys::amb_world_articulate(self.raw.as_ptr(), self.raw_body(base)?, raw.as_ptr(), raw.len() as i32)
+            sys::amb_world_articulate(
+                self.raw.as_ptr(),
+                self.raw_body(base)?,
+                raw_joints.as_ptr(),
+                raw_joints.len() as i32,
+                raw_springs.as_ptr(),
+                raw_springs.len() as i32,
+            )
         };
         let raw = NonNull::new(raw)?;
+        joints.extend(springs);
         let handle = self.articulations.insert(OwnedArticulation { raw, joints: joints.clone(), links: links.clone() });
         joints.into_iter().for_each(|joint| self.constraints[joint].articulation = Some(handle));
         links.into_iter().for_each(|link| self.bodies[link].articulation = Some(handle));
@@ -91,53 +105,64 @@ impl World {
     }
 
     fn tree_of(&self, constraints: &[ConstraintHandle]) -> Option<Tree> {
-        let mut held: HashMap<BodyHandle, Vec<ConstraintHandle>> = HashMap::new();
-        let mut children = HashSet::new();
-        for &handle in constraints {
-            let constraint = self.constraints.get(handle)?;
-            if !constraint.is_simple || constraint.articulation.is_some() {
+        let mut held: HashMap<BodyHandle, usize> = HashMap::new();
+        for handle in constraints {
+            let constraint = self.constraints.get(*handle)?;
+            if !(constraint.is_simple || constraint.is_axis_spring) || constraint.articulation.is_some() {
                 return None;
             }
-            constraint.bodies.iter().for_each(|&body| held.entry(body).or_default().push(handle));
-            children.insert(constraint.bodies[1]);
+            constraint.bodies.iter().for_each(|&body| *held.entry(body).or_default() += 1);
         }
-        let is_static = |body: &BodyHandle| !self.bodies[*body].dynamic;
-        let anchor = held.keys().find(|body| is_static(body));
-        // In the order of the constraints, not of the map.
-        let root = || {
-            let mut firsts = constraints.iter().map(|&handle| self.constraints[handle].bodies[0]);
-            firsts.clone().find(|body| !children.contains(body)).or_else(|| firsts.next())
-        };
-        let base = anchor.copied().or_else(root)?;
-        if held.iter().any(|(body, joints)| !is_static(body) && self.bodies[*body].held != joints.len()) {
+        let is_static = |body: BodyHandle| !self.bodies[body].dynamic;
+        if held.iter().any(|(&body, &n)| !is_static(body) && self.bodies[body].held != n) {
             return None;
         }
-        // A tree has one joint fewer than bodies, and all of them are reached.
-        if held.len() != constraints.len() + 1 {
-            return None;
-        }
-        let mut joints = Vec::new();
-        let (mut reached, mut seen) = (vec![base], HashSet::new());
-        let mut next = 0;
-        while next < reached.len() {
-            let body = reached[next];
-            next += 1;
-            if next > 1 && is_static(&body) {
-                return None;
-            }
-            for &joint in &held[&body] {
-                if !seen.insert(joint) {
-                    continue;
+        // Of several between the same bodies the joint is that which is no spring.
+        let mut between: HashMap<[BodyHandle; 2], ConstraintHandle> = HashMap::new();
+        let (mut joints, mut springs) = (Vec::new(), Vec::new());
+        let is_simple = |handle: &ConstraintHandle| self.constraints[*handle].is_simple;
+        let (simple, others): (Vec<_>, Vec<_>) = constraints.iter().copied().partition(is_simple);
+        for handle in simple.into_iter().chain(others) {
+            let mut bodies = self.constraints[handle].bodies;
+            bodies.sort();
+            if between.contains_key(&bodies) {
+                if is_simple(&handle) {
+                    return None;
                 }
+                springs.push(handle);
+            } else {
+                between.insert(bodies, handle);
+                joints.push(handle);
+            }
+        }
+        let mut joints_of: HashMap<BodyHandle, Vec<ConstraintHandle>> = HashMap::new();
+        let mut children = HashSet::new();
+        for &joint in &joints {
+            let bodies = self.constraints[joint].bodies;
+            bodies.iter().for_each(|&body| joints_of.entry(body).or_default().push(joint));
+            children.insert(bodies[1]);
+        }
+        let ends = || constraints.iter().flat_map(|&handle| self.constraints[handle].bodies);
+        let root = || ends().find(|body| !children.contains(body)).or_else(|| ends().next());
+        let base = ends().find(|&body| is_static(body)).or_else(root)?;
+        let (mut reached, mut seen) = (vec![base], HashSet::new());
+        let mut order = Vec::with_capacity(joints.len());
+        let mut next = 0;
+        while let Some(&body) = reached.get(next) {
+            next += 1;
+            if next > 1 && is_static(body) {
+                return None;
+            }
+            for &joint in joints_of[&body].iter().filter(|joint| seen.insert(**joint)) {
                 let [a, b] = self.constraints[joint].bodies;
-                joints.push(joint);
+                order.push(joint);
                 reached.push(if a == body { b } else { a });
             }
         }
-        let links: Vec<_> = reached.into_iter().filter(|body| !is_static(body)).collect();
-        let all_reached =
-            links.len() + usize::from(is_static(&base)) == held.len() && joints.len() == constraints.len();
-        (all_reached && !joints.is_empty()).then_some(Tree { base, joints, links })
+        // A tree has one joint fewer than bodies, and all of them are reached.
+        let is_tree = reached.len() == held.len() && order.len() == joints.len();
+        let links = reached.into_iter().filter(|&body| !is_static(body)).collect();
+        is_tree.then_some(Tree { base, joints: order, springs, links })
     }
 }
 

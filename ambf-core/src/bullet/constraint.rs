@@ -102,6 +102,17 @@ impl ConstraintKind {
     }
 }
 
+impl ConstraintKind {
+    /// Whether it is a spring on z, linear or angular, all other axes of which are locked.
+    fn is_axis_spring(&self) -> bool {
+        let Self::SixDofSpring { limits, springs } = self else { return false };
+        let on_z = |axis: usize| {
+            (0..6).all(|i| i == axis || (limits[i] == [0.0; 2] && springs[i].is_none())) && springs[axis].is_some()
+        };
+        on_z(2) || on_z(5)
+    }
+}
+
 /// Makes the Bullet constraint; the caller frees it.
 ///
 /// # Safety
@@ -186,6 +197,8 @@ pub(super) struct OwnedConstraint {
     motor: Motor,
     /// Hinge, slider or fixed.
     pub(super) is_simple: bool,
+    /// Spring about or along one axis, the other axes are locked.
+    pub(super) is_axis_spring: bool,
     /// Of which it is a joint.
     pub(super) articulation: Option<ArticulationHandle>,
     /// In the world's lists.
@@ -238,6 +251,7 @@ impl World {
             bodies: [a, b],
             motor,
             is_simple,
+            is_axis_spring: constraint.kind.is_axis_spring(),
             articulation: None,
             place,
         });

@@ -8,8 +8,9 @@ use crate::bullet::ConstraintHandle;
 
 /// Whether a model has joints that can be put into reduced coordinates.
 pub(super) fn may_articulate(model: &adf::Model) -> bool {
-    let is_simple = |kind: &JointKind| matches!(kind, JointKind::Revolute | JointKind::Prismatic | JointKind::Fixed);
-    model.joints.iter().any(|joint| is_simple(&joint.kind))
+    use JointKind::{Fixed, LinearSpring, Prismatic, Revolute, TorsionSpring};
+    let may = |kind: &JointKind| matches!(kind, Revolute | Prismatic | Fixed | LinearSpring | TorsionSpring);
+    model.joints.iter().any(|joint| may(&joint.kind))
 }
 
 /// Disjoint sets of bodies.
@@ -32,7 +33,7 @@ impl Sets {
 
 impl Scene {
     /// Puts the joints from `first` on into reduced coordinates, as far as they form trees: whole groups of bodies that joints hold
-    /// together, no parts of them. What has loops, springs or ball joints stays as it is. Says what was done.
+    /// together, no parts of them. What has loops, ball joints or springs with several axes stays as it is. Says what was done.
     pub(super) fn articulate(&mut self, first: usize) -> Option<Note> {
         if !self.world.has_articulations() {
             return None;
