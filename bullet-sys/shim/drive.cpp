@@ -1,4 +1,4 @@
-#include "tree.h"
+#include "tree_rows.h"
 
 namespace {
 
@@ -193,6 +193,11 @@ int amb_constraint_set_drive(AmbConstraint *constraint, double velocity, double 
 void amb_constraint_release(AmbConstraint *constraint) { constraint->drive.enabled = false; }
 
 int amb_constraint_coordinate(const AmbConstraint *constraint, double out[2]) {
+  if (constraint->tree && (constraint->kind == Kind::Hinge || constraint->kind == Kind::Slider)) {
+    out[0] = constraint->tree->coordinate(*constraint, out + 1);
+    if (constraint->kind == Kind::Hinge) out[0] = std::remainder(out[0], 2 * SIMD_PI);
+    return 1;
+  }
   if (constraint->kind == Kind::Hinge) {
     auto &hinge = static_cast<DrivenHinge &>(*constraint->constraint);
     out[0] = hinge.getHingeAngle();
@@ -210,6 +215,13 @@ int amb_constraint_coordinate(const AmbConstraint *constraint, double out[2]) {
 
 void amb_body_set_drive(AmbWorld *world, AmbBody *body, const double velocity[6], const double softness[2]) {
   if (body->body.isStaticOrKinematicObject()) return;
+  if (body->tree) {
+    LinkDrive &drive = body->tree->drive_of(*body);
+    for (int i = 0; i < 6; ++i) drive.velocity[i] = velocity[i];
+    for (int i = 0; i < 2; ++i) drive.softness[i] = softness[i];
+    drive.enabled = true;
+    return;
+  }
   if (!body->drive) {
     body->drive = std::make_unique<BodyDrive>(body->body);
     world->world->addConstraint(body->drive.get());
@@ -225,6 +237,7 @@ void amb_body_set_drive(AmbWorld *world, AmbBody *body, const double velocity[6]
 }
 
 void amb_body_release(AmbBody *body) {
+  if (body->tree && body->tree->members[body->member].drive) body->tree->members[body->member].drive->enabled = false;
   if (!body->drive) return;
   body->drive->setEnabled(false);
   body->body.removeConstraintRef(body->drive.get());

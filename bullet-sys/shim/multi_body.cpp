@@ -109,7 +109,7 @@ AmbTree::AmbTree(AmbWorld &owner, AmbBody &base, AmbConstraint *const *joints, i
     : world(owner), dynamics(base.body.getInvMass() == 0) {
   const bool fixed = dynamics.fixed_base;
   dynamics.bodies.push_back(body_of(base));
-  members.push_back({&base, nullptr, nullptr});
+  members.push_back({&base, nullptr, nullptr, nullptr});
   multi_body = std::make_unique<btMultiBody>(n, dynamics.bodies[0].mass, dynamics.bodies[0].inertia, fixed, false);
   auto member_of = [this](const AmbBody *body) {
     // A fixed base may be the base of other trees.
@@ -130,7 +130,7 @@ AmbTree::AmbTree(AmbWorld &owner, AmbBody &base, AmbConstraint *const *joints, i
     joint.tree = this;
     joint.link = i + 1;
     has_feedback |= joint.feedback != nullptr;
-    members.push_back({&child, &joint, nullptr});
+    members.push_back({&child, &joint, nullptr, nullptr});
 
     const TreeDynamics::Link &link = dynamics.links[i];
     const TreeDynamics::Body &body = dynamics.bodies[i + 1];
@@ -264,6 +264,7 @@ AmbTree::~AmbTree() {
   world.trees->removeMultiBodyConstraint(joint_rows.get());
   world.trees->removeMultiBody(multi_body.get());
   for (Member &member : members) {
+    if (member.drive) world.trees->removeMultiBodyConstraint(member.drive.get());
     if (!member.collider) continue;
     AmbBody &body = *member.body;
     world.world->removeCollisionObject(member.collider.get());
@@ -363,7 +364,7 @@ void AmbTree::predict(btScalar h) {
   if (has_feedback) remember_momenta();
   choose_springs(h);
   dynamics.step(h, position, rate, free_position, free_rate);
-  has_rows = joint_rows->plan(h) || touched || ties > 0;
+  has_rows = joint_rows->plan(h) || touched || ties > 0 || is_driven();
 }
 
 void AmbTree::prepare_rows() {
@@ -507,9 +508,26 @@ void AmbTree::clear_forces() {
   }
 }
 
-btScalar AmbTree::coordinate(const AmbConstraint &joint) {
+bool AmbTree::is_driven() const {
+  for (const Member &member : members) {
+    if (member.drive && member.drive->enabled) return true;
+  }
+  return false;
+}
+
+LinkDrive &AmbTree::drive_of(AmbBody &link) {
+  auto &drive = members[link.member].drive;
+  if (!drive) {
+    drive = std::make_shared<LinkDrive>(link);
+    world.trees->addMultiBodyConstraint(drive.get());
+  }
+  return *drive;
+}
+
+btScalar AmbTree::coordinate(const AmbConstraint &joint, btScalar *speed) {
   settle();
   const int coordinate = dynamics.links[joint.link - 1].coordinate;
+  if (speed) *speed = coordinate < 0 ? 0 : rate.q[coordinate];
   return coordinate < 0 ? 0 : position.q[coordinate];
 }
 

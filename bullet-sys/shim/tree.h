@@ -14,6 +14,7 @@
 #include <BulletDynamics/Featherstone/btMultiBodyLinkCollider.h>
 
 class JointRows;
+class LinkDrive;
 
 // What of a link collides.
 struct LinkCollider : btMultiBodyLinkCollider {
@@ -32,6 +33,8 @@ struct AmbTree {
     AmbConstraint *joint;
     // Null for a fixed base.
     std::unique_ptr<LinkCollider> collider;
+    // Made when it is first needed.
+    std::shared_ptr<LinkDrive> drive;
   };
 
   // A spring beside a joint, or in it: then it is the joint.
@@ -55,8 +58,10 @@ struct AmbTree {
   void integrate(btScalar h);
   void clear_forces();
 
-  // Position of a hinge or slider; 0 of others.
-  btScalar coordinate(const AmbConstraint &joint);
+  // Position of a hinge, slider or spring, and its rate; 0 of others.
+  btScalar coordinate(const AmbConstraint &joint, btScalar *speed = nullptr);
+  // What drives a member; made if it has none.
+  LinkDrive &drive_of(AmbBody &link);
 
   AmbWorld &world;
   TreeDynamics dynamics;
@@ -83,6 +88,7 @@ struct AmbTree {
   void follow_base();
   void write_mirrors();
   bool was_pushed() const;
+  bool is_driven() const;
   void remember_momenta();
   void write_feedback(btScalar h);
   void write_wrench(const AmbConstraint &constraint, size_t member, const btVector3 &force, const btVector3 &torque,

@@ -212,6 +212,37 @@ void TieRows::write_feedback(btScalar h) {
   (link_is_a ? feedback.m_appliedTorqueBodyB : feedback.m_appliedTorqueBodyA) = -(torque + other_arm.cross(force));
 }
 
+LinkDrive::LinkDrive(AmbBody &body)
+    : btMultiBodyConstraint(body.tree->multi_body.get(), nullptr, body.member - 1, -1, 6, false,
+                            MULTIBODY_CONSTRAINT_FIXED),
+      link(body) {
+  m_data.resize(6);
+  for (int i = 0; i < 6; ++i) m_data[i] = 0;
+}
+
+void LinkDrive::createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBodyJacobianData &data,
+                                     const btContactSolverInfo &info) {
+  if (!enabled) return;
+  const btVector3 &center = link.body.getWorldTransform().getOrigin();
+  for (int i = 0; i < 6; ++i) {
+    btMultiBodySolverConstraint &row = rows.expandNonInitializing();
+    set_no_normals(row);
+    row.m_orgConstraint = this;
+    row.m_orgDofIndex = i;
+    row.m_solverBodyIdA = row.m_solverBodyIdB = data.m_fixedBodyId;
+    btVector3 linear(0, 0, 0), angular(0, 0, 0);
+    (i < 3 ? linear : angular)[i % 3] = 1;
+    const btScalar rate = fillMultiBodyConstraint(row, data, nullptr, nullptr, angular, linear, center, center, 0, info,
+                                                  -BT_LARGE_FLOAT, BT_LARGE_FLOAT, i >= 3);
+    // Directions in which the tree cannot move have no response.
+    if (row.m_jacDiagABInv == 0) continue;
+    const btScalar whole = 1 / row.m_jacDiagABInv + softness[i / 3];
+    row.m_jacDiagABInv = 1 / whole;
+    row.m_cfm = softness[i / 3] / whole;
+    row.m_rhs = (velocity[i] - rate) / whole;
+  }
+}
+
 // Block principal pivoting (Judice and Pires, Computers and Operations Research 21, 1994): all that are wrong change sides at once as long
 // as there get fewer of them, else only the last one, which ends for every such matrix.
 void solve_within_bounds(int n, const btScalar *matrix, const btScalar *b, const btScalar *low, const btScalar *high,

@@ -67,6 +67,27 @@ class TieRows : public btMultiBodyConstraint {
   btTransform frame, other_frame;
 };
 
+// Six rows that drive a link, as those that drive a body do, see drive.h.
+class LinkDrive : public btMultiBodyConstraint {
+ public:
+  explicit LinkDrive(AmbBody &link);
+
+  void finalizeMultiDof() override {}
+  int getIslandIdA() const override { return link.collider->getIslandTag(); }
+  int getIslandIdB() const override { return -1; }
+  void createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBodyJacobianData &data,
+                            const btContactSolverInfo &info) override;
+  void debugDraw(btIDebugDraw *) override {}
+
+  bool enabled = false;
+  btScalar velocity[6] = {};
+  // Of the linear and of the angular rows.
+  btScalar softness[2] = {};
+
+ private:
+  AmbBody &link;
+};
+
 // Minimises x^T A x / 2 - b^T x within low <= x <= high for a symmetric positive definite n x n matrix.
 void solve_within_bounds(int n, const btScalar *matrix, const btScalar *b, const btScalar *low, const btScalar *high,
                          btScalar *x);
