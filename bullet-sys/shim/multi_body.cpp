@@ -52,6 +52,28 @@ bool joins_the_same(const AmbConstraint &a, const AmbConstraint &b) {
          (&first_of(a) == &second_of(b) && &second_of(a) == &first_of(b));
 }
 
+// How far off its joint a body may be that is moved into it: m and rad. Farther it is for constraints to pull.
+constexpr btScalar NEAR = 0.02, NEARLY_PARALLEL = 0.05;
+
+// Whether the bodies of a joint are where a coordinate of it puts them, but for little.
+bool fits(AmbConstraint &joint) {
+  const btTransform a = first_of(joint).body.getWorldTransform() * frame_of(joint, false);
+  const btTransform b = second_of(joint).body.getWorldTransform() * frame_of(joint, true);
+  const btVector3 axis = a.getBasis() * axis_of(joint);
+  btVector3 gap = b.getOrigin() - a.getOrigin();
+  const TreeDynamics::Motion motion = motion_of(joint);
+  if (motion == TreeDynamics::Motion::Prismatic) gap -= axis * axis.dot(gap);
+  btScalar angle;
+  if (motion == TreeDynamics::Motion::Revolute) {
+    const btVector3 other = b.getBasis() * axis_of(joint);
+    angle = btAtan2(axis.cross(other).length(), axis.dot(other));
+  } else {
+    const btQuaternion turn = b.getRotation() * a.getRotation().inverse();
+    angle = 2 * btAtan2(btVector3(turn.x(), turn.y(), turn.z()).length(), btFabs(turn.w()));
+  }
+  return gap.length() < NEAR && angle < NEARLY_PARALLEL;
+}
+
 AmbConstraint *joint_of(AmbConstraint &spring, AmbConstraint *const *joints, int n) {
   for (int i = 0; i < n; ++i) {
     if (joins_the_same(spring, *joints[i]) && acts_along(spring, *joints[i])) return joints[i];
@@ -537,6 +559,7 @@ AmbTree *amb_world_articulate(AmbWorld *world, AmbBody *base, AmbConstraint *con
                               AmbConstraint *const *springs, int n_springs) {
   if (!world->trees) return nullptr;
   for (int i = 0; i < n; ++i) {
+    if (!fits(*joints[i])) return nullptr;
     for (const AmbBody *body : {&first_of(*joints[i]), &second_of(*joints[i])}) {
       if (body->tree || (!turns_freely(*body) && (body != base || body->body.getInvMass() > 0))) return nullptr;
     }

@@ -9,8 +9,8 @@
    carry several trees; else it is part of this one. Nothing else may hold the links, or the base if it is free.
    Links are set to poses and velocities that the joints allow, next to what they were. All calls on the bodies and constraints go on to
    work: wrenches, gravity, damping, poses and velocities, readings, motors, limits and feedback.
-   Null where reduced coordinates don't serve: the world was not made for trees, a body cannot turn about all axes, or a spring has another
-   axis than its joint. */
+   Null where reduced coordinates don't serve: the world was not made for trees, a body cannot turn about all axes, is more than 2 cm or
+   0.05 rad off its joint, or a spring has another axis than its joint. */
 AmbTree *amb_world_articulate(AmbWorld *world, AmbBody *base, AmbConstraint *const *joints, int n,
                               AmbConstraint *const *springs, int n_springs);
 /* Puts bodies and constraints back into the world, each with its present pose and velocity, and frees the tree. */

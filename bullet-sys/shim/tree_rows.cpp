@@ -8,6 +8,8 @@ namespace {
 constexpr btScalar HINGE_BOUNCE = 0.3;
 // Share of a limit's violation that is corrected in a sub-step.
 constexpr btScalar LIMIT_ERP = 0.2;
+// Fastest such correction, rad/s or m/s: what begins far beyond its limits must not be shot back.
+constexpr btScalar FASTEST_RETURN = 5;
 // Keeps two rows of one coordinate apart, as a share of their response.
 constexpr btScalar SOFTNESS = 1e-9;
 
@@ -41,7 +43,9 @@ void JointRows::plan_limit(int coordinate, btScalar low, btScalar high, bool is_
     q = center + std::remainder(q - center, 2 * SIMD_PI);
   }
   if (low == high) {
-    planned.push_back({coordinate, (low - q) * LIMIT_ERP / h, 0, -infinity, infinity, true});
+    const btScalar target = (low - q) * LIMIT_ERP / h;
+    const btScalar bounded = std::max(std::min(target, FASTEST_RETURN), -FASTEST_RETURN);
+    planned.push_back({coordinate, bounded, 0, -infinity, infinity, true});
     return;
   }
   const btScalar bounce = is_angle ? HINGE_BOUNCE : 0;
@@ -50,7 +54,7 @@ void JointRows::plan_limit(int coordinate, btScalar low, btScalar high, bool is_
     const btScalar gap = side * (q - (side > 0 ? low : high));
     const btScalar speed = side * tree.free_rate.q[coordinate];
     if (gap + h * speed >= 0) continue;
-    btScalar target = -gap / h * (gap < 0 ? LIMIT_ERP : 1);
+    btScalar target = gap < 0 ? std::min(-gap / h * LIMIT_ERP, FASTEST_RETURN) : -gap / h;
     if (bounce > 0) target = std::max(target, -bounce * speed);
     planned.push_back({coordinate, side * target, 0, side > 0 ? 0 : -infinity, side > 0 ? infinity : 0, true});
     return;
