@@ -324,7 +324,12 @@ pub fn angles(system: &System, bodies: &[State]) -> Vec<f64> {
 }
 
 pub fn arm() -> Case {
-    let (system, times) = (arm_system(), times(25, 10));
+    arm_at(25, 10)
+}
+
+/// The arm, compared at [`times`].
+pub fn arm_at(count: usize, grains: usize) -> Case {
+    let (system, times) = (arm_system(), times(count, grains));
     let expected: Vec<_> =
         MultiBody::new(&system).states(&times).iter().map(|bodies| angles(&system, bodies)).collect();
     let model = system.clone();

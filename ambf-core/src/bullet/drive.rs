@@ -62,12 +62,9 @@ impl World {
         self.constraints.get(handle).is_some_and(|constraint| constraint.articulation.is_some())
     }
 
-    /// Drives a dynamic body from now on; `None` lets it go. The first call for a body makes the rows, and dissolves an articulation of
-    /// which it is a link. False for bodies that can't be driven.
+    /// Drives a dynamic body from now on; `None` lets it go. The first call for a body makes the rows. False for bodies that can't be
+    /// driven.
     pub fn set_body_drive(&mut self, handle: BodyHandle, drive: Option<&BodyDrive>) -> bool {
-        if let Some(articulation) = self.articulation(handle).filter(|_| drive.is_some()) {
-            self.dissolve(articulation);
-        }
         let Some(raw) = self.raw_body(handle).filter(|_| self.bodies[handle].dynamic) else { return false };
         let Some(BodyDrive { velocity: [linear, angular], softness }) = drive else {
             // SAFETY: the body is alive.

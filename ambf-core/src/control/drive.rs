@@ -141,6 +141,14 @@ impl JointDriver {
     }
 }
 
+/// Rate of a set point over the update to come, from how it moved in the latest one and in the one before, 1/s: both rates are those of
+/// updates past, and by a whole update too old. A jump of the set point is not taken for a motion: the change is at most a quarter.
+pub fn lead<T: Quantity>(latest: T, before: T) -> T {
+    let change = latest - before;
+    let share = (0.25 * latest.size() / change.size()).min(1.0);
+    latest + change * if share.is_nan() { 0.0 } else { share }
+}
+
 /// What a [`PoseDriver`] wants of a body, world axes: linear part first.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum PoseAction {
@@ -274,6 +282,12 @@ mod tests {
         let mut driver = JointDriver::new(&controller(1e3, 0.0, 50.0, ControllerOutput::Force));
         let row = driver.update(&Deviation { error: 0.0, set_rate: 0.7, rate: 0.7 }, Scheme::Staggered, 1e-3);
         assert!((solve(&row, 2.0, 0.7) - 0.7).abs() < 1e-12, "it follows without error: {row:?}");
+    }
+
+    #[test]
+    fn a_set_point_is_led_by_its_acceleration_but_a_jump_is_not() {
+        assert!((lead(1.0, 0.9) - 1.1_f64).abs() < 1e-12);
+        assert_eq!([lead(1.0, 0.0), lead(0.0, 1.0), lead(0.0, 0.0)], [1.25, 0.0, 0.0]);
     }
 
     #[test]

@@ -9,7 +9,9 @@ use super::joint::{Joint, JointType};
 use crate::adf::{Controller, Limits};
 use crate::bullet::{BodyDrive, Drive, World};
 use crate::comm::{CartesianCommandType, JointCommandType, RigidBodyCommand};
-use crate::control::{orientation_of, shortest_angle, Deviation, JointDriver, PoseAction, PoseDriver, Profile, Scheme};
+use crate::control::{
+    lead, orientation_of, shortest_angle, Deviation, JointDriver, PoseAction, PoseDriver, Profile, Scheme,
+};
 
 /// The sub-step that `max motor impulse` is given for, s.
 const IMPULSE_STEP: f64 = 0.001;
@@ -39,8 +41,9 @@ pub(crate) struct JointOrder {
     effort: f64,
     /// Position, rad or m.
     goal: Option<f64>,
-    /// Goal of the update before, if there was one, and how fast it moves.
+    /// Goal of the update before, if there was one, how fast it moved since, and how fast it moves.
     last_goal: Option<f64>,
+    last_rate: Option<f64>,
     goal_rate: f64,
     /// Bullet holds a spring, which goes when nobody asks for it.
     has_spring: bool,
@@ -57,6 +60,7 @@ impl JointOrder {
             effort: 0.0,
             goal: None,
             last_goal: None,
+            last_rate: None,
             goal_rate: 0.0,
             has_spring: false,
             applied: None,
@@ -67,7 +71,7 @@ impl JointOrder {
     /// Forgets what the controller remembers.
     pub fn reset(&mut self) {
         self.driver.reset();
-        self.last_goal = None;
+        (self.last_goal, self.last_rate) = (None, None);
     }
 }
 
@@ -149,10 +153,12 @@ impl Joint {
         let goal = self.limits.map_or(goal, |Limits { low, high }| goal.min(high).max(low));
         let order = &mut self.order;
         if sub_steps.first {
-            let moved = order.last_goal.map_or(0.0, |last| goal - last);
-            let moved = if turns_freely { (moved + PI).rem_euclid(TAU) - PI } else { moved };
-            order.goal_rate = moved / sub_steps.duration();
-            order.last_goal = Some(goal);
+            let rate = order.last_goal.replace(goal).map(|last| {
+                let moved = goal - last;
+                (if turns_freely { (moved + PI).rem_euclid(TAU) - PI } else { moved }) / sub_steps.duration()
+            });
+            order.goal_rate = rate.map_or(0.0, |rate| lead(rate, order.last_rate.unwrap_or(rate)));
+            order.last_rate = rate;
         }
         let error = if turns_freely { shortest_angle(position, goal, Profile::Accurate) } else { goal - position };
         let scheme = if world.is_articulated(handle) { Scheme::Collocated } else { Scheme::Staggered };
@@ -194,8 +200,9 @@ impl Joint {
 pub(crate) struct BodyOrder {
     driver: PoseDriver,
     goal: Option<BodyGoal>,
-    /// Wanted pose of the update before, if there was one, and how fast it moves: m/s and rad/s, world axes.
+    /// Wanted pose of the update before, if there was one, how fast it moved since, and how fast it moves: m/s and rad/s, world axes.
     last_target: Option<Isometry3<f64>>,
+    last_rates: Option<[Vector3<f64>; 2]>,
     target_rates: [Vector3<f64>; 2],
     has_spring: bool,
     is_listed: bool,
@@ -214,6 +221,7 @@ impl BodyOrder {
             driver: PoseDriver::new(linear, angular),
             goal: None,
             last_target: None,
+            last_rates: None,
             target_rates: Default::default(),
             has_spring: false,
             is_listed: false,
@@ -222,7 +230,7 @@ impl BodyOrder {
 
     /// Forgets what the controller remembers.
     pub fn reset(&mut self) {
-        self.last_target = None;
+        (self.last_target, self.last_rates) = (None, None);
     }
 }
 
@@ -288,9 +296,11 @@ impl Body {
         };
         let order = &mut self.order;
         if sub_steps.first {
-            let moved = order.last_target.as_ref().map(between).unwrap_or_default();
-            order.target_rates = moved.map(|part| part / sub_steps.duration());
-            order.last_target = Some(*target);
+            let rates = order.last_target.replace(*target);
+            let rates = rates.map(|last| between(&last).map(|part| part / sub_steps.duration()));
+            let before = order.last_rates.or(rates).unwrap_or_default();
+            order.target_rates = rates.map_or_else(Default::default, |[v, w]| [lead(v, before[0]), lead(w, before[1])]);
+            order.last_rates = rates;
         }
         let (errors, rates) = (between(&pose), [linear, angular]);
         let deviation = |i: usize| Deviation { error: errors[i], set_rate: order.target_rates[i], rate: rates[i] };
