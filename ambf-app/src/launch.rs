@@ -142,4 +142,14 @@ mod tests {
         let options = cli::PhysicsOptions { integrator: Some("ballistic".into()), ..Default::default() };
         assert_eq!(physics(&options).unwrap().integrator, Some(Integrator::Ballistic));
     }
+
+    #[test]
+    fn pybullet_is_legacy_with_a_preset() {
+        let of = |profile| {
+            let physics = physics(&cli::PhysicsOptions { profile: Some(profile), ..Default::default() }).unwrap();
+            (physics.profile, physics.preset)
+        };
+        assert_eq!(of(cli::Profile::PyBullet), (Some(Profile::Legacy), Some(Preset::PyBullet)));
+        assert_eq!(of(cli::Profile::Accurate), (Some(Profile::Accurate), None));
+    }
 }

@@ -187,6 +187,20 @@ struct Stepper {
   virtual void finish() = 0;
 };
 
+// Finds pairs of bounding boxes that overlap.
+struct Broadphase : btDbvtBroadphase {
+  // Bullet puts a margin around boxes that move; it is a global variable there, which worlds in several threads cannot share.
+  void setAabb(btBroadphaseProxy *proxy, const btVector3 &low, const btVector3 &high, btDispatcher *dispatcher) override {
+    if (tight && !static_cast<btDbvtProxy *>(proxy)->leaf->volume.Contain(btDbvtVolume::FromMM(low, high))) {
+      setAabbForceUpdate(proxy, low, high, dispatcher);
+    } else {
+      btDbvtBroadphase::setAabb(proxy, low, high, dispatcher);
+    }
+  }
+
+  bool tight = false;
+};
+
 struct AmbWorld {
   AmbWorld(int solver_kind, int kind);
 
@@ -199,7 +213,7 @@ struct AmbWorld {
   btCollisionDispatcher dispatcher;
   // Bullet makes its pairs known to ghosts through it; set when there is one.
   std::unique_ptr<btGhostPairCallback> ghost_pairs;
-  btDbvtBroadphase broadphase;
+  Broadphase broadphase;
   std::unique_ptr<btMLCPSolverInterface> mlcp;
   std::unique_ptr<btConstraintSolver> solver;
   std::unique_ptr<btDiscreteDynamicsWorld> world;

@@ -66,6 +66,8 @@ void amb_world_set_settings(AmbWorld *world, const AmbSolverSettings *settings) 
   info.m_solverMode = bits ^ INVERTED;
 }
 
+void amb_world_set_tight_bounds(AmbWorld *world, int enabled) { world->broadphase.tight = enabled != 0; }
+
 void amb_body_set_gyroscopic(AmbBody *body, int kind) {
   constexpr int FLAGS[] = {0, BT_ENABLE_GYROSCOPIC_FORCE_EXPLICIT, BT_ENABLE_GYROSCOPIC_FORCE_IMPLICIT_WORLD,
                            BT_ENABLE_GYROSCOPIC_FORCE_IMPLICIT_BODY};

@@ -38,6 +38,9 @@ enum AmbGyroscopic {
 
 void amb_world_get_settings(const AmbWorld *world, AmbSolverSettings *settings);
 void amb_world_set_settings(AmbWorld *world, const AmbSolverSettings *settings);
+/* Whether the broad phase remembers bounding boxes without the margin of 0.05 m that Bullet gives those of moving objects. The order in
+   which pairs are found, and with it the order in which contacts are solved, depends on it. */
+void amb_world_set_tight_bounds(AmbWorld *world, int enabled);
 /* How the torque of a turning body's own momentum is integrated: an AmbGyroscopic. */
 void amb_body_set_gyroscopic(AmbBody *body, int kind);
 

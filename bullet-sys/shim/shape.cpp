@@ -107,14 +107,17 @@ void amb_shape_compound_add(AmbShape *compound, AmbShape *child, const double po
   compound->children.emplace_back(child);
 }
 
-AmbShape *amb_shape_unwrap(AmbShape *shape) {
+AmbShape *amb_shape_simplify(AmbShape *shape) {
+  if (shape->shape->getShapeType() == CONVEX_HULL_SHAPE_PROXYTYPE) {
+    static_cast<btConvexHullShape &>(*shape->shape).recalcLocalAabb();
+  }
   if (!shape->shape->isCompound() || shape->children.size() != 1) return shape;
   const auto &compound = static_cast<const btCompoundShape &>(*shape->shape);
   if (!(compound.getChildTransform(0) == btTransform::getIdentity())) return shape;
   AmbShape *child = shape->children[0].release();
   // The compound goes without its child, which it does not own and does not touch.
   delete shape;
-  return child;
+  return amb_shape_simplify(child);
 }
 
 void amb_shape_free(AmbShape *shape) { delete shape; }

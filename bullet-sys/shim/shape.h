@@ -20,8 +20,9 @@ AmbShape *amb_shape_gimpact(const double *vertices, int n, const unsigned *trian
 AmbShape *amb_shape_compound(void);
 /* Takes ownership of child. */
 void amb_shape_compound_add(AmbShape *compound, AmbShape *child, const double pose[12]);
-/* Takes ownership of shape and returns the only child of a compound if it is where the compound is, else shape itself. */
-AmbShape *amb_shape_unwrap(AmbShape *shape);
+/* Takes ownership of shape and returns the only child of a compound if it is where the compound is, else shape itself. A hull forgets
+   the larger margin that it was made with: its bounding box becomes as tight as Bullet makes it. */
+AmbShape *amb_shape_simplify(AmbShape *shape);
 void amb_shape_free(AmbShape *shape);
 
 /* Bullet's estimate of the principal moments for a mass in kg; kg m^2. Zero for shapes that have none. */

@@ -1,11 +1,13 @@
 //! Traces of pybullet, runs of our program on the same scenes, and how far they are apart.
+#![allow(dead_code, missing_docs)]
 
 use std::collections::BTreeMap;
+use std::f64::consts::{PI, TAU};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use ambf_app::batch::{Commands, Targets};
-use ambf_core::scene::{load, Loaded, SceneFiles, SceneOptions};
+use ambf_core::scene::{load, JointType, Loaded, SceneFiles, SceneOptions};
 use ambf_core::sim::Simulation;
 use flate2::read::GzDecoder;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
@@ -40,7 +42,26 @@ pub struct Differences {
     pub joint: f64,
 }
 
+/// Up to which step a run of rigid bodies is the same in both programs; see docs/pybullet.md.
+pub fn same_until(run: &Run) -> u64 {
+    match run.name.as_str() {
+        "pile_all" => 96,
+        _ => run.steps,
+    }
+}
+
 impl Differences {
+    /// Of all rows.
+    pub fn of(rows: &[(u64, Differences)]) -> Self {
+        rows.iter().fold(Self::default(), |a, (_, b)| Self {
+            position: raise(a.position, b.position),
+            rotation: raise(a.rotation, b.rotation),
+            linear: raise(a.linear, b.linear),
+            angular: raise(a.angular, b.angular),
+            joint: raise(a.joint, b.joint),
+        })
+    }
+
     pub fn largest(&self) -> f64 {
         [self.position, self.rotation, self.linear, self.angular, self.joint].into_iter().fold(0.0, raise)
     }
@@ -139,7 +160,12 @@ fn differences(
     }
     assert!(joints.is_empty() || joints.len() == scene.joints.len(), "joints of the scene and of the trace");
     for joint in scene.joints.iter().filter(|_| !joints.is_empty()) {
-        largest.joint = raise(largest.joint, (joint.position - joints[&joint.name][0]).abs());
+        let mut apart = joint.position - joints[&joint.name][0];
+        if joint.joint_type == JointType::Revolute {
+            // pybullet counts turns, we do not.
+            apart = (apart + PI).rem_euclid(TAU) - PI;
+        }
+        largest.joint = raise(largest.joint, apart.abs());
     }
     largest
 }

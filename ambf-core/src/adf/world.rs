@@ -212,6 +212,8 @@ mod tests {
         assert_eq!((world.physics.iterations, world.physics.sub_step), (Some(4), Some(0.0005)));
         assert_eq!(world.physics.sleep, Some(true));
         assert_eq!(world.physics.articulated, Some(false));
+        let world: World = clean("physics: {profile: pybullet}\n");
+        assert_eq!(world.physics.profile, Some(PhysicsProfile::PyBullet));
     }
 
     #[test]

@@ -161,6 +161,13 @@ impl World {
         unsafe { sys::amb_world_set_settings(self.raw.as_ptr(), &raw) }
     }
 
+    /// Whether the broad phase remembers the bounding boxes of moving bodies without Bullet's margin of 0.05 m. The order in which pairs are
+    /// found, and with it the order in which contacts are solved, depends on it. Default: `false`.
+    pub fn set_tight_bounds(&mut self, tight: bool) {
+        // SAFETY: the world is alive.
+        unsafe { sys::amb_world_set_tight_bounds(self.raw.as_ptr(), tight.into()) }
+    }
+
     /// Chooses how the gyroscopic torque on a body is integrated.
     pub fn set_gyroscopic(&mut self, handle: BodyHandle, gyroscopic: Gyroscopic) {
         if let Some(body) = self.raw_body(handle) {

@@ -128,10 +128,11 @@ impl Shape {
     }
 
     /// The only child of a compound if it is where the compound is, else the shape as it is. It collides alike, with less work, but its
-    /// estimate of inertia is its own, not that of a bounding box.
-    pub fn unwrapped(self) -> Self {
+    /// estimate of inertia is its own, not that of a bounding box. The bounding box of a hull, which is made for Bullet's default margin
+    /// of 0.04 m, becomes that for its own margin.
+    pub fn simplified(self) -> Self {
         // SAFETY: the shape is alive; ownership passes to the shim, which returns the shape that is left.
-        let raw = unsafe { sys::amb_shape_unwrap(self.raw()) };
+        let raw = unsafe { sys::amb_shape_simplify(self.raw()) };
         std::mem::forget(self);
         Self::own(raw)
     }
@@ -182,9 +183,9 @@ mod tests {
     }
 
     #[test]
-    fn only_a_single_child_in_place_is_unwrapped() {
+    fn only_a_single_child_in_place_takes_the_place_of_a_compound() {
         let ball = || Shape::sphere(0.1, 0.0);
-        let inertia = |shape: Shape| shape.unwrapped().inertia(1.0).x;
+        let inertia = |shape: Shape| shape.simplified().inertia(1.0).x;
         let (of_ball, of_box) = (ball().inertia(1.0).x, 0.04 / 6.0);
         assert_eq!(inertia(Shape::compound([(ball(), Isometry3::identity())])), of_ball);
         assert_eq!(inertia(ball()), of_ball);

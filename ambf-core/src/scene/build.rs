@@ -95,6 +95,7 @@ pub(super) fn empty_scene(
     bullet.set_lag(profile == Profile::Legacy && physics.preset.is_none());
     if let Some(preset) = physics.preset {
         bullet.set_solver_settings(&preset.apply(bullet.solver_settings()));
+        bullet.set_tight_bounds(true);
     } else if profile == Profile::Accurate {
         bullet.rest_static_bodies();
     }
@@ -260,7 +261,7 @@ impl<'a> Builder<'a> {
         };
         let mut built = shape::build(body, mesh.as_deref(), self.meshes, self.scene.profile);
         if self.scene.preset == Some(Preset::PyBullet) {
-            built.shape = built.shape.unwrapped();
+            built.shape = built.shape.simplified();
         }
         for (severity, message) in &built.left_out {
             self.note(*severity, source, format!("`{}`: {message}", body.common.identifier));

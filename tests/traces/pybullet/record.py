@@ -7,6 +7,7 @@ is compared that one side has not seen.
 import csv
 import gzip
 import json
+import math
 import sys
 from pathlib import Path
 
@@ -53,13 +54,7 @@ def vertices(path):
 def collision_shape(body):
     if "collision mesh" in body:
         assert body["collision mesh type"] == "CONVEX_HULL"
-        points = vertices(FOLDER / body["collision mesh"])
-        shape = p.createCollisionShape(p.GEOM_MESH, vertices=points)
-        probe = p.createMultiBody(1, shape, useMaximalCoordinates=1)
-        used = [list(vertex) for vertex in p.getMeshData(probe, -1)[1]]
-        p.removeBody(probe)
-        assert used == points, f"{body['collision mesh']}: pybullet would move vertices; use those of --hull"
-        return p.createCollisionShape(p.GEOM_MESH, vertices=points)
+        return p.createCollisionShape(p.GEOM_MESH, vertices=vertices(FOLDER / body["collision mesh"]))
     kind, geometry = body["collision shape"], body["collision geometry"]
     if kind == "Plane":
         assert geometry["offset"] == 0
@@ -86,7 +81,9 @@ def set_dynamics(body, index, link):
         linearDamping=damping.get("linear", 0.04), angularDamping=damping.get("angular", 0.1),
     )
     if "inertia" in body:
-        p.changeDynamics(index, link, localInertiaDiagonal=[float(body["inertia"][axis]) for axis in ("ix", "iy", "iz")])
+        # With the mass again: pybullet divides by it, and by nothing when it is not given here.
+        moments = [float(body["inertia"][axis]) for axis in ("ix", "iy", "iz")]
+        p.changeDynamics(index, link, mass=body["mass"], localInertiaDiagonal=moments)
 
 
 class Rigid:
@@ -222,6 +219,7 @@ def record(run):
             p.stepSimulation()
         if step % every == 0 or step == steps:
             for key, name in made.names.items():
+                assert all(map(math.isfinite, made.state(key))), f"{run['run']}: pybullet lost {name} in step {step}"
                 write_body([str(step), name, *(f"{number:.17g}" for number in made.state(key))])
             for name, link in made.joints.items():
                 write_joint([str(step), name, *(f"{number:.17g}" for number in made.joint(link))])
@@ -230,14 +228,16 @@ def record(run):
         joints.close()
 
 
+def hull(points):
+    """The vertices that pybullet makes of those of a hull: it leaves some out and rounds the others."""
+    body = p.createMultiBody(1, p.createCollisionShape(p.GEOM_MESH, vertices=points), useMaximalCoordinates=1)
+    return [list(vertex) for vertex in p.getMeshData(body, -1)[1]]
+
+
 def print_hull(path):
-    """Prints the vertices that pybullet makes of a hull, repeated until it leaves them as they are."""
+    """Prints vertices of a hull that pybullet leaves as they are."""
     points = vertices(path)
-    while True:
-        body = p.createMultiBody(1, p.createCollisionShape(p.GEOM_MESH, vertices=points), useMaximalCoordinates=1)
-        used = [list(vertex) for vertex in p.getMeshData(body, -1)[1]]
-        if used == points:
-            break
+    while (used := hull(points)) != points:
         points = used
     for point in points:
         print("v", *(repr(number) for number in point))
@@ -248,6 +248,8 @@ def main():
     if sys.argv[1:2] == ["--hull"]:
         print_hull(Path(sys.argv[2]))
         return
+    for path in FOLDER.glob("*.obj"):
+        assert hull(vertices(path)) == vertices(path), f"{path}: pybullet moves its vertices; take those of --hull"
     settings = {
         "pybullet": "3.2.7", "api": p.getAPIVersion(), "engine": p.getPhysicsEngineParameters(),
         "python": sys.version.split()[0],
