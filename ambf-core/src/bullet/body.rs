@@ -111,7 +111,7 @@ impl World {
     /// False when there is no such sphere: the shape is concave or empty, or the centre of mass is outside.
     ///
     /// ## Limitations
-    /// Rotation is not swept, nor what sticks out of the sphere; soft bodies are not hit.
+    /// Rotation is not swept, nor what sticks out of the sphere, nor a link of a tree in reduced coordinates; soft bodies are not hit.
     pub fn set_continuous(&mut self, handle: BodyHandle, enabled: bool) -> bool {
         let Some(body) = self.raw_body(handle) else { return false };
         // SAFETY: world, body and its shape are alive.
