@@ -41,7 +41,7 @@ void amb_body_set_pose(AmbBody *body, const double pose[12]) {
 void amb_body_pose(const AmbBody *body, double pose[12]) { write_pose(body->body.getWorldTransform(), pose); }
 
 void amb_body_motion_state(const AmbBody *body, double pose[12]) {
-  write_pose(body->motion.m_graphicsWorldTrans, pose);
+  write_pose(body->motion.pose(), pose);
 }
 
 void amb_body_velocity(const AmbBody *body, double velocity[6]) {

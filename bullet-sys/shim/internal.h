@@ -12,6 +12,7 @@
 #include <BulletSoftBody/btSoftRigidDynamicsWorld.h>
 #include <btBulletDynamicsCommon.h>
 
+#include "lean.h"
 #include "soft_rows.h"
 
 extern "C" {
@@ -55,7 +56,7 @@ struct AmbBody : AmbObject {
   AmbBody(btScalar mass, const btVector3 &inertia, AmbShape *owner_shape, const btTransform &pose)
       : AmbObject(ObjectKind::Body),
         shape(owner_shape),
-        motion(pose),
+        motion(pose, body),
         body(btRigidBody::btRigidBodyConstructionInfo(mass, &motion, owner_shape->shape.get(), inertia)) {
     body.setUserPointer(static_cast<AmbObject *>(this));
     body.setActivationState(DISABLE_DEACTIVATION);
@@ -63,7 +64,7 @@ struct AmbBody : AmbObject {
   }
 
   AmbShape *shape;
-  btDefaultMotionState motion;
+  LazyMotionState motion;
   btRigidBody body;
   // Sub-step in which the body was last in contact; only counted for the ballistic correction.
   uint64_t touched = 0;
@@ -197,6 +198,7 @@ struct AmbWorld {
   btSoftRigidDynamicsWorld *soft = nullptr;
   // The same world, if it was made for trees.
   TreeWorld *trees = nullptr;
+  MotionClock clock;
   bool has_gimpact = false;
   // Somebody casts rays: soft bodies keep a tree of their faces.
   bool has_rays = false;

@@ -74,7 +74,8 @@ struct Stepped : Base, Stepper {
 
 template <class Base, class Solver>
 Base *make_world(AmbWorld &owner, Solver *solver) {
-  auto *made = new Stepped<ContinuousWorld<Base>>(&owner.dispatcher, &owner.broadphase, solver, owner.configuration.get());
+  using Made = Stepped<Lean<ContinuousWorld<Base>>>;
+  auto *made = new Made(owner.clock, &owner.dispatcher, &owner.broadphase, solver, owner.configuration.get());
   owner.world.reset(made);
   owner.stepper = made;
   return made;
@@ -182,6 +183,7 @@ void amb_world_set_lag(AmbWorld *world, int enabled) {
 
 void amb_world_add_body(AmbWorld *world, AmbBody *body, AmbHandle handle) {
   world->adopt(*body, body->shape, handle);
+  body->motion.follow(world->clock);
   world->world->addRigidBody(&body->body);
 }
 
@@ -192,6 +194,8 @@ void amb_world_remove_body(AmbWorld *world, AmbBody *body) {
 }
 
 void amb_world_make_drawing(AmbWorld *world, AmbBody *body) {
+  // Before it is static, whose motion states stay.
+  body->motion.pose();
   amb_world_remove_body(world, body);
   const btVector3 zero(0, 0, 0);
   body->body.setMassProps(0, zero);
@@ -237,6 +241,7 @@ void amb_world_recover(AmbWorld *world) {
   btCollisionObjectArray &objects = world->world->getCollisionObjectArray();
   for (int i = 0; i < objects.size(); ++i) {
     btCollisionObject *object = objects[i];
+    if (AmbBody *body = body_of(object)) body->motion.pose();
     object->forceActivationState(DISABLE_DEACTIVATION);
     object->setInterpolationWorldTransform(object->getWorldTransform());
     object->setInterpolationLinearVelocity(btVector3(0, 0, 0));
