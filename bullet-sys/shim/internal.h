@@ -29,6 +29,8 @@ struct AmbShape {
 
 enum class ObjectKind { Body, Ghost, SoftBody };
 
+struct AmbWorld;
+
 // What the user pointer of every collision object points at.
 struct AmbObject {
   explicit AmbObject(ObjectKind object_kind) : kind(object_kind) {}
@@ -66,6 +68,10 @@ struct AmbBody : AmbObject {
   AmbShape *shape;
   LazyMotionState motion;
   btRigidBody body;
+  // The world it is in.
+  AmbWorld *home = nullptr;
+  // What keeps it from falling asleep.
+  int restless = 0;
   // Sub-step in which the body was last in contact; only counted for the ballistic correction.
   uint64_t touched = 0;
   // What of it is in the world: the body, or its link of a tree.
@@ -176,6 +182,11 @@ struct Stepper {
   virtual void finish() = 0;
 };
 
+inline void wake(AmbConstraint &owner) {
+  owner.constraint->getRigidBodyA().activate();
+  owner.constraint->getRigidBodyB().activate();
+}
+
 struct AmbWorld {
   AmbWorld(int solver_kind, int kind);
 
@@ -199,6 +210,11 @@ struct AmbWorld {
   // The same world, if it was made for trees.
   TreeWorld *trees = nullptr;
   MotionClock clock;
+  // Static bodies are looked at only when they are set.
+  bool rests = false;
+  // Bodies may fall asleep, below these linear and angular velocities.
+  bool sleeps = false;
+  btScalar sleeps_below[2] = {0, 0};
   bool has_gimpact = false;
   // Somebody casts rays: soft bodies keep a tree of their faces.
   bool has_rays = false;
@@ -208,6 +224,13 @@ struct AmbWorld {
   bool has_continuous = false;
   std::vector<AmbImpact> impacts;
 };
+
+// Bodies at rest, see rest.cpp: whether a body may fall asleep, beginning awake, ...
+void set_activity(AmbWorld &world, AmbBody &owner);
+// ... what happens to those that a body touches or holds when it goes, ...
+void wake_around(AmbWorld &world, const AmbBody &owner);
+// ... and when it is put somewhere else.
+void place(AmbWorld &world, AmbBody &owner, const btTransform &pose);
 
 // Soft bodies in a world, see soft_body.cpp.
 void before_soft_sub_step(btDynamicsWorld *dynamics, btScalar dt);

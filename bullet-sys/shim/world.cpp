@@ -141,7 +141,7 @@ void correct_ballistic(btDynamicsWorld *dynamics, btScalar dt) {
     AmbBody *owner = body_of(objects[i]);
     if (!owner || owner->tree || owner->touched == now) continue;
     btRigidBody &body = owner->body;
-    if (body.isStaticOrKinematicObject() || body.getNumConstraintRefs() > 0) continue;
+    if (!body.isActive() || body.isStaticOrKinematicObject() || body.getNumConstraintRefs() > 0) continue;
     const btVector3 back = body.getTotalForce() * (body.getInvMass() * dt * dt / 2);
     btTransform pose = body.getWorldTransform();
     pose.setOrigin(pose.getOrigin() - back);
@@ -159,6 +159,9 @@ AmbWorld *amb_world_new(int solver, int kind) { return new AmbWorld(solver, kind
 void amb_world_free(AmbWorld *world) { delete world; }
 
 void amb_world_set_gravity(AmbWorld *world, const double gravity[3]) {
+  // Bullet leaves out what sleeps.
+  btCollisionObjectArray &objects = world->world->getCollisionObjectArray();
+  for (int i = 0; i < objects.size(); ++i) objects[i]->activate();
   world->world->setGravity(vector_of(gravity));
   if (world->soft) world->soft->getWorldInfo().m_gravity = vector_of(gravity);
   if (!world->trees) return;
@@ -184,13 +187,17 @@ void amb_world_set_lag(AmbWorld *world, int enabled) {
 void amb_world_add_body(AmbWorld *world, AmbBody *body, AmbHandle handle) {
   world->adopt(*body, body->shape, handle);
   body->motion.follow(world->clock);
+  body->home = world;
   world->world->addRigidBody(&body->body);
+  set_activity(*world, *body);
 }
 
 void amb_world_remove_body(AmbWorld *world, AmbBody *body) {
   if (world->soft) forget_in_soft_bodies(*world, *body);
   drop_drive(*world, *body);
+  wake_around(*world, *body);
   world->world->removeRigidBody(&body->body);
+  body->home = nullptr;
 }
 
 void amb_world_make_drawing(AmbWorld *world, AmbBody *body) {
@@ -203,21 +210,27 @@ void amb_world_make_drawing(AmbWorld *world, AmbBody *body) {
   body->body.setAngularVelocity(zero);
   body->body.clearForces();
   world->world->addRigidBody(&body->body, 0, 0);
+  body->home = world;
+  set_activity(*world, *body);
 }
 
 void amb_world_add_constraint(AmbWorld *world, AmbConstraint *constraint, int disable_collisions) {
   constraint->parts = disable_collisions != 0;
+  wake(*constraint);
   if (holds_link(*constraint)) return add_tie(*world, *constraint);
   world->world->addConstraint(constraint->constraint.get(), constraint->parts);
 }
 
 void amb_world_remove_constraint(AmbWorld *world, AmbConstraint *constraint) {
+  wake(*constraint);
   if (constraint->tie) return remove_tie(*world, *constraint);
   world->world->removeConstraint(constraint->constraint.get());
 }
 
 void amb_world_ignore_pair(AmbWorld *world, AmbBody *a, AmbBody *b) {
   world->part(*a, *a->collider, *b, *b->collider);
+  a->body.activate();
+  b->body.activate();
 }
 
 int amb_world_step(AmbWorld *world, double interval, int max_sub_steps, double sub_step) {
@@ -241,8 +254,12 @@ void amb_world_recover(AmbWorld *world) {
   btCollisionObjectArray &objects = world->world->getCollisionObjectArray();
   for (int i = 0; i < objects.size(); ++i) {
     btCollisionObject *object = objects[i];
-    if (AmbBody *body = body_of(object)) body->motion.pose();
     object->forceActivationState(DISABLE_DEACTIVATION);
+    AmbBody *body = body_of(object);
+    if (body && object == &body->body) {
+      body->motion.pose();
+      set_activity(*world, *body);
+    }
     object->setInterpolationWorldTransform(object->getWorldTransform());
     object->setInterpolationLinearVelocity(btVector3(0, 0, 0));
     object->setInterpolationAngularVelocity(btVector3(0, 0, 0));

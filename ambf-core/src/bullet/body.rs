@@ -6,7 +6,7 @@ use slotmap::Key;
 
 use super::{pose_of, raw_pose, ArticulationHandle, BodyHandle, BodyKinematics, Shape, World};
 
-/// A rigid body to be made. It never sleeps.
+/// A rigid body to be made. It never sleeps, unless [`World::let_bodies_sleep`] lets it.
 #[derive(Debug)]
 pub struct RigidBody {
     /// kg; 0: static.

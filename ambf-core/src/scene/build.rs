@@ -86,6 +86,11 @@ pub(super) fn empty_scene(
     bullet.set_lag(profile == Profile::Legacy && physics.preset.is_none());
     if let Some(preset) = physics.preset {
         bullet.set_solver_settings(&preset.apply(bullet.solver_settings()));
+    } else if profile == Profile::Accurate {
+        bullet.rest_static_bodies();
+    }
+    if physics.sleep == Some(true) && !bullet.let_bodies_sleep() {
+        warn("`physics / sleep`: in a scene with soft bodies nothing sleeps".into());
     }
     bullet.set_gravity(world.gravity);
     if let Some(iterations) = physics.iterations {
@@ -586,5 +591,6 @@ fn physics(world: &adf::World, options: &PhysicsOptions, notes: &mut Vec<Note>) 
         iterations: options.iterations.or(settings.iterations),
         integrator: options.integrator.or(integrator),
         sub_step: options.sub_step.or(settings.sub_step),
+        sleep: options.sleep.or(settings.sleep),
     }
 }
