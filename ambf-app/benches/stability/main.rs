@@ -74,7 +74,13 @@ fn main() {
     sections.insert(0, summary(&blocks));
     println!("{}", sections[0]);
     if only.is_empty() {
-        report::publish("benchmarks/stability.md", "benchmarks", &machine, &sections, &[("stability.svg", map::draw(&blocks))]);
+        report::publish(
+            "benchmarks/stability.md",
+            "benchmarks",
+            &machine,
+            &sections,
+            &[("stability.svg", map::draw(&blocks))],
+        );
     }
 }
 

@@ -174,7 +174,10 @@ mod tests {
                 // v = 0.3 - softness λ with λ = m v.
                 let wanted = 0.3 / (1.0 + 2.0 * softness);
                 let (x, v) = world.coordinate(slider).unwrap();
-                assert!((v - wanted).abs() < 1e-6 && (x - 0.001 * v).abs() < 1e-12, "{name}, {softness}: {v}, {wanted}");
+                assert!(
+                    (v - wanted).abs() < 1e-6 && (x - 0.001 * v).abs() < 1e-12,
+                    "{name}, {softness}: {v}, {wanted}"
+                );
             }
         }
     }
