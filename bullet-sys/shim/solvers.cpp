@@ -59,6 +59,6 @@ std::unique_ptr<btConstraintSolver> solver_of(int solver, btMLCPSolverInterface 
 }
 
 std::unique_ptr<btMultiBodyConstraintSolver> multi_body_solver_of(int solver, const AccurateContext &accurate) {
-  if (solver == AmbSolver_Accurate) return std::make_unique<AccurateSolver<btMultiBodyConstraintSolver>>(accurate);
+  if (solver == AmbSolver_Accurate) return std::make_unique<WithSoftRows<AccurateSolver<btMultiBodyConstraintSolver>>>(accurate);
   return std::make_unique<btMultiBodyConstraintSolver>();
 }
