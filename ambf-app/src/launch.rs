@@ -104,8 +104,8 @@ pub fn physics(options: &cli::PhysicsOptions) -> Result<PhysicsOptions, String> 
         solver,
         integrator,
         iterations: options.iterations,
-        sub_step: None,
         sleep: options.sleep,
+        ..PhysicsOptions::default()
     })
 }
 

@@ -18,7 +18,7 @@ pub struct AccurateSettings {
     /// Least softness of joint rows that are solved directly, as a share of the row's diagonal. Redundant rows then share the load.
     /// Default: 1e-11.
     pub joint_softness: f64,
-    /// The same of contacts. Default: 1e-5.
+    /// The same of contacts. Default: 1e-4.
     pub contact_softness: f64,
     /// The same of friction. Default: 1e-7.
     pub friction_softness: f64,
@@ -41,7 +41,7 @@ impl Default for AccurateSettings {
             restitution: true,
             direct: true,
             joint_softness: 1e-11,
-            contact_softness: 1e-5,
+            contact_softness: 1e-4,
             friction_softness: 1e-7,
             hard_mass_ratio: 100.0,
             max_cost: 500.0,
@@ -168,10 +168,10 @@ mod tests {
         let half = peaks(&AccurateSettings::default(), 0.5, 4);
         for (i, peak) in half.iter().enumerate() {
             let expected = 0.25f64.powi(i as i32 + 1);
-            assert!((peak / expected - 1.0).abs() < 0.01, "{i}: {half:?}");
+            assert!((peak - expected).abs() < 0.002 * expected + 2e-4, "{i}: {half:?}");
         }
         let without = peaks(&AccurateSettings { restitution: false, ..AccurateSettings::default() }, 1.0, 2);
-        assert!(without[1] < 0.9, "Bullet's own loses a lot: {without:?}");
+        assert!(without.iter().sum::<f64>() < 1.8, "Bullet's own loses a lot: {without:?}");
     }
 
     #[test]
@@ -221,7 +221,8 @@ mod tests {
 
     #[test]
     fn stacks_of_very_different_masses_stand() {
-        for masses in [&[1.0, 1000.0][..], &[1.0, 1.0, 1.0, 1.0, 1000.0], &[1.0, 1000.0, 1.0, 1000.0, 1.0], &[1.0; 10]] {
+        for masses in [&[1.0, 1000.0][..], &[1.0, 1.0, 1.0, 1.0, 1000.0], &[1.0, 1000.0, 1.0, 1000.0, 1.0], &[1.0; 10]]
+        {
             let mut world = world();
             world.add_body(cube(0.0, 0.0));
             let bodies: Vec<_> =
@@ -279,8 +280,8 @@ mod tests {
             let direct = gap(Solver::Accurate, &settings, n);
             assert!(direct < 2e-4, "{n}: {direct:e}");
         }
-        let iterated = gap(Solver::Accurate, &AccurateSettings { direct: false, ..settings }, 10);
-        assert!(iterated > 3.0 * gap(Solver::Accurate, &settings, 10), "{iterated:e}");
+        let iterated = gap(Solver::Accurate, &AccurateSettings { direct: false, ..settings }, 100);
+        assert!(iterated > 3.0 * gap(Solver::Accurate, &settings, 100), "{iterated:e}");
     }
 
     #[test]
