@@ -105,6 +105,7 @@ pub fn physics(options: &cli::PhysicsOptions) -> Result<PhysicsOptions, String> 
         integrator,
         iterations: options.iterations,
         sub_step: None,
+        sleep: options.sleep,
     })
 }
 

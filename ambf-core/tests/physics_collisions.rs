@@ -116,3 +116,35 @@ fn static_bodies_do_not_collide_with_each_other() {
     assert_eq!(bench.0.scene().world.contact_count(), 0);
     assert_eq!(bench.position("Box").z, 0.0);
 }
+
+/// Whether a ball of 5 mm radius shot at 100 m/s at a wall of 1 mm is behind it after 20 ms; its keys and the profile are given.
+fn passes_a_wall(profile: &str, keys: &str) -> bool {
+    let world = format!("gravity: {{x: 0, y: 0, z: 0}}\nphysics: {{profile: {profile}}}\n");
+    let text = format!(
+        "bodies: [BODY Wall, BODY Ball]\n\
+         BODY Wall: {{name: Wall, mass: 0, collision shape: Box, collision geometry: {{x: 0.001, y: 1, z: 1}}}}\n\
+         BODY Ball: {{name: Ball, mass: 0.01, location: {{position: {{x: -0.53, y: 0.1, z: 0}}}}, collision shape: Sphere, \
+         collision geometry: {{radius: 0.005}}{keys}}}\n"
+    );
+    let mut bench = Bench::new(&world, &text);
+    bench.throw("Ball", nalgebra::Vector3::new(100.0, 1.0, 0.0));
+    bench.steps(20);
+    bench.position("Ball").x > 0.0
+}
+
+#[test]
+fn a_fast_ball_is_stopped_by_a_thin_wall_in_the_accurate_profile_and_on_request() {
+    assert!(passes_a_wall("legacy", ""));
+    assert!(!passes_a_wall("legacy", ", continuous collision: true"));
+    assert!(!passes_a_wall("accurate", ""));
+    assert!(passes_a_wall("accurate", ", continuous collision: false"));
+}
+
+#[test]
+fn continuous_collision_of_a_body_without_an_inside_is_refused() {
+    let text = "bodies: [BODY A, BODY B]\nBODY A: {name: A, mass: 1, continuous collision: true}\nBODY B: {name: B, mass: 1}\n";
+    let world = format!("{HEAVY}physics: {{profile: accurate}}\n");
+    let report = physics_common::load_texts(&world, &[text]).report.to_string();
+    assert_eq!(report.matches("continuous collision").count(), 1, "{report}");
+    assert!(report.contains("m0.yaml:2") && report.contains("BODY A"), "{report}");
+}

@@ -16,11 +16,19 @@ void amb_body_set_surface(AmbBody *body, double friction, double rolling_frictio
 
 void amb_body_set_damping(AmbBody *body, double linear, double angular) { body->body.setDamping(linear, angular); }
 
-void amb_body_set_gravity(AmbBody *body, const double gravity[3]) { body->body.setGravity(vector_of(gravity)); }
+// activate() wakes what sleeps, and does nothing to what never does.
+
+void amb_body_set_gravity(AmbBody *body, const double gravity[3]) {
+  const btVector3 before = body->body.getGravity();
+  body->body.setGravity(vector_of(gravity));
+  if (before != body->body.getGravity()) body->body.activate();
+}
 
 void amb_body_apply_wrench(AmbBody *body, const double force[3], const double torque[3]) {
-  body->body.applyCentralForce(vector_of(force));
-  body->body.applyTorque(vector_of(torque));
+  const btVector3 f = vector_of(force), t = vector_of(torque);
+  body->body.applyCentralForce(f);
+  body->body.applyTorque(t);
+  if (!f.isZero() || !t.isZero()) body->body.activate();
 }
 
 void amb_body_clear_forces(AmbBody *body) { body->body.clearForces(); }
@@ -29,19 +37,24 @@ void amb_body_set_velocity(AmbBody *body, const double linear[3], const double a
   body->body.setLinearVelocity(vector_of(linear));
   body->body.setAngularVelocity(vector_of(angular));
   if (body->tree) body->tree->velocities_set = true;
+  body->body.activate();
 }
 
 void amb_body_set_pose(AmbBody *body, const double pose[12]) {
   const btTransform transform = transform_of(pose);
-  body->body.setWorldTransform(transform);
-  body->motion.setWorldTransform(transform);
+  if (body->home) {
+    place(*body->home, *body, transform);
+  } else {
+    body->body.setWorldTransform(transform);
+    body->motion.setWorldTransform(transform);
+  }
   if (body->tree) body->tree->poses_set = true;
 }
 
 void amb_body_pose(const AmbBody *body, double pose[12]) { write_pose(body->body.getWorldTransform(), pose); }
 
 void amb_body_motion_state(const AmbBody *body, double pose[12]) {
-  write_pose(body->motion.m_graphicsWorldTrans, pose);
+  write_pose(body->motion.pose(), pose);
 }
 
 void amb_body_velocity(const AmbBody *body, double velocity[6]) {

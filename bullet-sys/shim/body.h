@@ -3,7 +3,7 @@
 #define AMB_BODY_H
 #include "types.h"
 
-/* A body that never sleeps. The shape stays the caller's and must outlive the body. mass 0: static. */
+/* A body that never sleeps unless its world lets it. The shape stays the caller's and must outlive the body. mass 0: static. */
 AmbBody *amb_body_new(double mass, const double inertia[3], AmbShape *shape, const double pose[12]);
 /* The body must have been removed from its world, and so must every constraint on it. */
 void amb_body_free(AmbBody *body);

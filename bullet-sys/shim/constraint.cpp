@@ -74,7 +74,9 @@ void amb_hinge_set_limit(AmbConstraint *hinge, double low, double high) {
 }
 
 void amb_hinge_set_motor(AmbConstraint *hinge, int enabled, double velocity, double max_impulse) {
-  hinge->as<btHingeConstraint>().enableAngularMotor(enabled != 0, velocity, max_impulse);
+  auto &h = hinge->as<btHingeConstraint>();
+  if (enabled || h.getEnableAngularMotor()) wake(*hinge);
+  h.enableAngularMotor(enabled != 0, velocity, max_impulse);
 }
 
 AmbConstraint *amb_slider_new(AmbBody *a, AmbBody *b, const double frame_a[12], const double frame_b[12]) {
@@ -97,6 +99,7 @@ void amb_slider_lock_rotation(AmbConstraint *slider) {
 
 void amb_slider_set_motor(AmbConstraint *slider, int enabled, double velocity, double max_force) {
   auto &s = slider->as<btSliderConstraint>();
+  if (enabled || s.getPoweredLinMotor()) wake(*slider);
   s.setPoweredLinMotor(enabled != 0);
   s.setTargetLinMotorVelocity(velocity);
   s.setMaxLinMotorForce(max_force);

@@ -12,6 +12,7 @@
 #include <BulletSoftBody/btSoftRigidDynamicsWorld.h>
 #include <btBulletDynamicsCommon.h>
 
+#include "lean.h"
 #include "soft_rows.h"
 
 extern "C" {
@@ -27,6 +28,8 @@ struct AmbShape {
 };
 
 enum class ObjectKind { Body, Ghost, SoftBody };
+
+struct AmbWorld;
 
 // What the user pointer of every collision object points at.
 struct AmbObject {
@@ -55,7 +58,7 @@ struct AmbBody : AmbObject {
   AmbBody(btScalar mass, const btVector3 &inertia, AmbShape *owner_shape, const btTransform &pose)
       : AmbObject(ObjectKind::Body),
         shape(owner_shape),
-        motion(pose),
+        motion(pose, body),
         body(btRigidBody::btRigidBodyConstructionInfo(mass, &motion, owner_shape->shape.get(), inertia)) {
     body.setUserPointer(static_cast<AmbObject *>(this));
     body.setActivationState(DISABLE_DEACTIVATION);
@@ -63,8 +66,12 @@ struct AmbBody : AmbObject {
   }
 
   AmbShape *shape;
-  btDefaultMotionState motion;
+  LazyMotionState motion;
   btRigidBody body;
+  // The world it is in.
+  AmbWorld *home = nullptr;
+  // What keeps it from falling asleep.
+  int restless = 0;
   // Sub-step in which the body was last in contact; only counted for the ballistic correction.
   uint64_t touched = 0;
   // What of it is in the world: the body, or its link of a tree.
@@ -74,6 +81,14 @@ struct AmbBody : AmbObject {
   int member = 0;
   // Rows that drive the body, see drive.cpp. Made when they are first needed, dropped when the body leaves its world.
   std::unique_ptr<btTypedConstraint> drive;
+  // Of the sphere that is swept when the body moves further than that in a sub-step; 0: never.
+  btScalar swept_radius = 0;
+};
+
+// A body that hits something within the sub-step, and its pose there.
+struct AmbImpact {
+  AmbBody *body;
+  btTransform pose;
 };
 
 struct AmbGhost : AmbObject {
@@ -158,6 +173,11 @@ struct AmbConstraint {
   }
 };
 
+inline void wake(AmbConstraint &owner) {
+  owner.constraint->getRigidBodyA().activate();
+  owner.constraint->getRigidBodyB().activate();
+}
+
 // Bullet's step in pieces, between which controllers act.
 struct Stepper {
   virtual ~Stepper() = default;
@@ -189,12 +209,28 @@ struct AmbWorld {
   btSoftRigidDynamicsWorld *soft = nullptr;
   // The same world, if it was made for trees.
   TreeWorld *trees = nullptr;
+  MotionClock clock;
+  // Static bodies are looked at only when they are set.
+  bool rests = false;
+  // Bodies may fall asleep, below these linear and angular velocities.
+  bool sleeps = false;
+  btScalar sleeps_below[2] = {0, 0};
   bool has_gimpact = false;
   // Somebody casts rays: soft bodies keep a tree of their faces.
   bool has_rays = false;
   size_t next_index = 0;
   uint64_t sub_step = 0;
+  // Some body is swept, see continuous.h.
+  bool has_continuous = false;
+  std::vector<AmbImpact> impacts;
 };
+
+// Bodies at rest, see rest.cpp: whether a body may fall asleep, beginning awake, ...
+void set_activity(AmbWorld &world, AmbBody &owner);
+// ... what happens to those that a body touches or holds when it goes, ...
+void wake_around(AmbWorld &world, const AmbBody &owner);
+// ... and when it is put somewhere else.
+void place(AmbWorld &world, AmbBody &owner, const btTransform &pose);
 
 // Soft bodies in a world, see soft_body.cpp.
 void before_soft_sub_step(btDynamicsWorld *dynamics, btScalar dt);

@@ -169,6 +169,7 @@ AmbTree::~AmbTree() {
     body.tree = nullptr;
     const btVector3 gravity = body.body.getGravity();
     world.world->addRigidBody(&body.body);
+    body.motion.setWorldTransform(body.body.getWorldTransform());
     body.body.setGravity(gravity);
     body.body.setInterpolationWorldTransform(body.body.getWorldTransform());
     body.body.setInterpolationLinearVelocity(body.body.getLinearVelocity());
@@ -239,7 +240,7 @@ void AmbTree::write_mirrors() {
     body.body.setWorldTransform(pose);
     body.body.setLinearVelocity(dynamics.linear[i]);
     body.body.setAngularVelocity(dynamics.angular[i]);
-    body.motion.m_graphicsWorldTrans = pose;
+    body.motion.setWorldTransform(pose);
     members[i].collider->setWorldTransform(pose);
     members[i].collider->setInterpolationWorldTransform(pose);
   }

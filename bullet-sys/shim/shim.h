@@ -6,6 +6,7 @@
 #include "ghost.h"
 #include "multi_body.h"
 #include "query.h"
+#include "rest.h"
 #include "settings.h"
 #include "shape.h"
 #include "soft_body.h"

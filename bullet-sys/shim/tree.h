@@ -83,10 +83,10 @@ struct AmbTree {
 };
 
 // A world with trees.
-class TreeWorld : public btMultiBodyDynamicsWorld {
+class TreeWorld : public Lean<btMultiBodyDynamicsWorld> {
  public:
-  TreeWorld(btDispatcher *dispatcher, btBroadphaseInterface *broadphase, btMultiBodyConstraintSolver *solver,
-            btCollisionConfiguration *configuration);
+  TreeWorld(MotionClock &clock, btDispatcher *dispatcher, btBroadphaseInterface *broadphase,
+            btMultiBodyConstraintSolver *solver, btCollisionConfiguration *configuration);
 
   void applyGravity() override;
   void clearForces() override;

@@ -2,9 +2,9 @@
 
 #include <BulletDynamics/Featherstone/btMultiBodyConstraintSolver.h>
 
-TreeWorld::TreeWorld(btDispatcher *dispatcher, btBroadphaseInterface *broadphase, btMultiBodyConstraintSolver *solver,
-                     btCollisionConfiguration *configuration)
-    : btMultiBodyDynamicsWorld(dispatcher, broadphase, solver, configuration) {
+TreeWorld::TreeWorld(MotionClock &clock, btDispatcher *dispatcher, btBroadphaseInterface *broadphase,
+                     btMultiBodyConstraintSolver *solver, btCollisionConfiguration *configuration)
+    : Lean(clock, dispatcher, broadphase, solver, configuration) {
   // Rows of trees start from what their constraints found.
   getSolverInfo().m_solverMode |= SOLVER_USE_ARTICULATED_WARMSTARTING;
 }

@@ -1,14 +1,24 @@
 #include "internal.h"
 
 struct AmbVehicle {
-  AmbVehicle(AmbWorld *owner, AmbBody *chassis)
+  AmbVehicle(AmbWorld *owner, AmbBody *body)
       : world(owner),
+        chassis(body),
         raycaster(owner->world.get()),
-        vehicle(btRaycastVehicle::btVehicleTuning(), &chassis->body, &raycaster) {
+        vehicle(btRaycastVehicle::btVehicleTuning(), &body->body, &raycaster) {
     vehicle.setCoordinateSystem(1, 2, 0);
+    // Its suspension acts in every sub-step, and what it stands on may go.
+    ++chassis->restless;
+    set_activity(*world, *chassis);
+  }
+
+  ~AmbVehicle() {
+    --chassis->restless;
+    set_activity(*world, *chassis);
   }
 
   AmbWorld *world;
+  AmbBody *chassis;
   btDefaultVehicleRaycaster raycaster;
   btRaycastVehicle vehicle;
 };

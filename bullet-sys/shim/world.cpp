@@ -1,3 +1,4 @@
+#include "continuous.h"
 #include "solvers.h"
 #include "tree_rows.h"
 
@@ -71,41 +72,38 @@ struct Stepped : Base, Stepper {
   bool idle = true;
 };
 
-template <class Base>
-Stepper *make_world(std::unique_ptr<btDiscreteDynamicsWorld> &owner, AmbWorld &world) {
-  auto *made = new Stepped<Base>(&world.dispatcher, &world.broadphase, world.solver.get(), world.configuration.get());
-  owner.reset(made);
+template <class Base, class Solver>
+Base *make_world(AmbWorld &owner, Solver *solver) {
+  auto *made = new Stepped<ContinuousWorld<Base>>(owner.clock, &owner.dispatcher, &owner.broadphase, solver,
+                                                 owner.configuration.get());
+  owner.world.reset(made);
+  owner.stepper = made;
   return made;
 }
 
 }  // namespace
 
 AmbWorld::AmbWorld(int solver_kind, int kind)
-    : configuration(configuration_of(kind == AmbWorldKind_Soft)),
-      dispatcher(configuration.get()) {
+    : configuration(configuration_of(kind == AmbWorldKind_Soft)), dispatcher(configuration.get()) {
   if (kind == AmbWorldKind_Trees) {
-    auto owned = multi_body_solver_of(solver_kind);
-    auto *made = new Stepped<TreeWorld>(&dispatcher, &broadphase, owned.get(), configuration.get());
-    solver = std::move(owned);
-    world.reset(made);
-    trees = made;
-    stepper = made;
-    dispatcher.setNearCallback(near_callback);
-    return;
-  }
-  mlcp = mlcp_of(solver_kind);
-  solver = solver_of(solver_kind, mlcp.get());
-  if (kind == AmbWorldKind_Soft) {
-    stepper = make_world<btSoftRigidDynamicsWorld>(world, *this);
-    soft = static_cast<btSoftRigidDynamicsWorld *>(world.get());
-    soft->getWorldInfo().air_density = 0;
-    soft->setInternalTickCallback(before_soft_sub_step, this, true);
+    auto rows = multi_body_solver_of(solver_kind);
+    trees = make_world<TreeWorld>(*this, rows.get());
+    solver = std::move(rows);
   } else {
-    stepper = make_world<btDiscreteDynamicsWorld>(world, *this);
+    mlcp = mlcp_of(solver_kind);
+    solver = solver_of(solver_kind, mlcp.get());
+    if (kind == AmbWorldKind_Soft) {
+      soft = make_world<Lean<btSoftRigidDynamicsWorld>>(*this, solver.get());
+      soft->getWorldInfo().air_density = 0;
+      soft->setInternalTickCallback(before_soft_sub_step, this, true);
+    } else {
+      make_world<Lean<btDiscreteDynamicsWorld>>(*this, solver.get());
+    }
+    // An MLCP solver takes one island at a time; merging small ones would only make its matrices larger.
+    if (mlcp) world->getSolverInfo().m_minimumSolverBatchSize = 1;
   }
+  world->setWorldUserInfo(this);
   dispatcher.setNearCallback(near_callback);
-  // An MLCP solver takes one island at a time; merging small ones would only make its matrices larger.
-  if (mlcp) world->getSolverInfo().m_minimumSolverBatchSize = 1;
 }
 
 void AmbWorld::adopt(AmbObject &object, const AmbShape *shape, AmbHandle handle) {
@@ -143,7 +141,7 @@ void correct_ballistic(btDynamicsWorld *dynamics, btScalar dt) {
     AmbBody *owner = body_of(objects[i]);
     if (!owner || owner->tree || owner->touched == now) continue;
     btRigidBody &body = owner->body;
-    if (body.isStaticOrKinematicObject() || body.getNumConstraintRefs() > 0) continue;
+    if (!body.isActive() || body.isStaticOrKinematicObject() || body.getNumConstraintRefs() > 0) continue;
     const btVector3 back = body.getTotalForce() * (body.getInvMass() * dt * dt / 2);
     btTransform pose = body.getWorldTransform();
     pose.setOrigin(pose.getOrigin() - back);
@@ -161,6 +159,9 @@ AmbWorld *amb_world_new(int solver, int kind) { return new AmbWorld(solver, kind
 void amb_world_free(AmbWorld *world) { delete world; }
 
 void amb_world_set_gravity(AmbWorld *world, const double gravity[3]) {
+  // Bullet leaves out what sleeps.
+  btCollisionObjectArray &objects = world->world->getCollisionObjectArray();
+  for (int i = 0; i < objects.size(); ++i) objects[i]->activate();
   world->world->setGravity(vector_of(gravity));
   if (world->soft) world->soft->getWorldInfo().m_gravity = vector_of(gravity);
   if (!world->trees) return;
@@ -185,16 +186,23 @@ void amb_world_set_lag(AmbWorld *world, int enabled) {
 
 void amb_world_add_body(AmbWorld *world, AmbBody *body, AmbHandle handle) {
   world->adopt(*body, body->shape, handle);
+  body->motion.follow(world->clock);
+  body->home = world;
   world->world->addRigidBody(&body->body);
+  set_activity(*world, *body);
 }
 
 void amb_world_remove_body(AmbWorld *world, AmbBody *body) {
   if (world->soft) forget_in_soft_bodies(*world, *body);
   drop_drive(*world, *body);
+  wake_around(*world, *body);
   world->world->removeRigidBody(&body->body);
+  body->home = nullptr;
 }
 
 void amb_world_make_drawing(AmbWorld *world, AmbBody *body) {
+  // Before it is static, whose motion states stay.
+  body->motion.pose();
   amb_world_remove_body(world, body);
   const btVector3 zero(0, 0, 0);
   body->body.setMassProps(0, zero);
@@ -202,21 +210,27 @@ void amb_world_make_drawing(AmbWorld *world, AmbBody *body) {
   body->body.setAngularVelocity(zero);
   body->body.clearForces();
   world->world->addRigidBody(&body->body, 0, 0);
+  body->home = world;
+  set_activity(*world, *body);
 }
 
 void amb_world_add_constraint(AmbWorld *world, AmbConstraint *constraint, int disable_collisions) {
   constraint->parts = disable_collisions != 0;
+  wake(*constraint);
   if (holds_link(*constraint)) return add_tie(*world, *constraint);
   world->world->addConstraint(constraint->constraint.get(), constraint->parts);
 }
 
 void amb_world_remove_constraint(AmbWorld *world, AmbConstraint *constraint) {
+  wake(*constraint);
   if (constraint->tie) return remove_tie(*world, *constraint);
   world->world->removeConstraint(constraint->constraint.get());
 }
 
 void amb_world_ignore_pair(AmbWorld *world, AmbBody *a, AmbBody *b) {
   world->part(*a, *a->collider, *b, *b->collider);
+  a->body.activate();
+  b->body.activate();
 }
 
 int amb_world_step(AmbWorld *world, double interval, int max_sub_steps, double sub_step) {
@@ -241,6 +255,11 @@ void amb_world_recover(AmbWorld *world) {
   for (int i = 0; i < objects.size(); ++i) {
     btCollisionObject *object = objects[i];
     object->forceActivationState(DISABLE_DEACTIVATION);
+    AmbBody *body = body_of(object);
+    if (body && object == &body->body) {
+      body->motion.pose();
+      set_activity(*world, *body);
+    }
     object->setInterpolationWorldTransform(object->getWorldTransform());
     object->setInterpolationLinearVelocity(btVector3(0, 0, 0));
     object->setInterpolationAngularVelocity(btVector3(0, 0, 0));

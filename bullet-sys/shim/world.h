@@ -39,6 +39,10 @@ void amb_world_remove_body(AmbWorld *world, AmbBody *body);
 void amb_world_make_drawing(AmbWorld *world, AmbBody *body);
 void amb_world_add_constraint(AmbWorld *world, AmbConstraint *constraint, int disable_collisions);
 void amb_world_remove_constraint(AmbWorld *world, AmbConstraint *constraint);
+/* Whether a body that moves further in a sub-step than a sphere inside it is large stops where it hits something, instead of passing
+   through what is thinner than its way. Returns 0 when the shape has no such sphere: it is concave, or its centre is outside. Costs
+   nothing while the body is slow. */
+int amb_world_set_continuous(AmbWorld *world, AmbBody *body, int enabled);
 /* The two bodies never collide from now on; found in constant time. */
 void amb_world_ignore_pair(AmbWorld *world, AmbBody *a, AmbBody *b);
 

@@ -7,6 +7,8 @@ use super::system::System;
 
 /// Steps of 1/8 … 16 ms: all divide 16 ms, of which the times of comparison are multiples.
 pub const STEPS: [f64; 8] = [0.000125, 0.00025, 0.0005, 0.001, 0.002, 0.004, 0.008, 0.016];
+/// The one at which settings are compared, s.
+pub const USUAL: f64 = 0.001;
 /// Longest of them, s.
 pub const GRAIN: f64 = 0.016;
 
@@ -18,6 +20,8 @@ pub type Samples = Vec<Vec<State>>;
 pub struct Run {
     /// CPU time of the steps alone.
     pub cpu: Duration,
+    /// CPU time of those after the last but one time of comparison.
+    pub tail: Duration,
     pub samples: Samples,
 }
 

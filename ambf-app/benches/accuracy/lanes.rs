@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::case::{Case, STEPS};
+use super::case::{Case, STEPS, USUAL};
 use super::own::{self, Setting};
 use super::peers::{Peer, Peers};
 use super::statistics::Spread;
@@ -100,7 +100,7 @@ impl Running<'_> {
 
 /// Runs a case in all ways, from large steps to small ones.
 pub fn measure(case: &Case, peers: &mut Option<Peers>, effort: Effort) -> Vec<Lane> {
-    let own = own::settings(case.family).into_iter().map(|setting| (setting.name.to_owned(), Way::Own(setting)));
+    let own = own::settings(case).into_iter().map(|setting| (setting.name.to_owned(), Way::Own(setting)));
     let others = Peer::of(case.family).iter().map(|&peer| (peer.name().to_owned(), Way::Peer(peer)));
     let mut running: Vec<Running> = own
         .chain(others)
@@ -115,6 +115,8 @@ pub fn measure(case: &Case, peers: &mut Option<Peers>, effort: Effort) -> Vec<La
         })
         .collect();
     for &step in STEPS.iter().rev() {
+        // What others are compared with should not be missing.
+        let effort = if step >= USUAL { Effort { most: effort.most * 4, ..effort } } else { effort };
         for round in 0..effort.rounds {
             for way in &mut running {
                 // Half the step is twice the work.

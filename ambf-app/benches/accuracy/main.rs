@@ -4,6 +4,9 @@
 //! a figure for each case, and into `docs/benchmarks/accuracy.csv`.
 
 mod case;
+mod compare;
+mod contact;
+mod growth;
 mod jointed;
 mod lanes;
 mod own;
@@ -21,27 +24,45 @@ use std::process::exit;
 use std::time::Duration;
 
 use case::Case;
+use compare::Found;
 use lanes::Effort;
 use peers::Peers;
 
 /// What `cargo bench` adds to the arguments of every benchmark.
 const CARGO_BENCH: &str = "--bench";
 
-/// Names of the cases and how they are made, which takes a moment where there is a reference to integrate.
-const CASES: [(&str, fn() -> Case); 12] = [
+/// Name of a case and how it is made, which takes a moment where there is a reference to integrate.
+type Entry = (&'static str, fn() -> Case);
+
+const CASES: [Entry; 24] = [
     ("free-rotation", jointed::free_rotating),
     ("free-flight", jointed::free_flying),
     ("pendulum", jointed::pendulum),
     ("double-pendulum", jointed::double_pendulum),
     ("chain10", jointed::chain10),
     ("chain10-heavy", jointed::heavy_chain),
-    ("four-bar", jointed::four_bar1),
-    ("four-bar10", jointed::four_bar10),
-    ("four-bar40", jointed::four_bar40),
+    ("four-bar", jointed::crank_rocker),
+    ("window1", jointed::window1),
+    ("window10", jointed::window10),
+    ("window40", jointed::window40),
     ("bricard", jointed::bricard),
     ("governor", jointed::governor),
     ("arm7", jointed::arm),
+    ("bounce", contact::bounce),
+    ("bounce-half", contact::bounce_half),
+    ("stick", contact::stick),
+    ("slide", contact::slide),
+    ("slide-oblique", contact::slide_oblique),
+    ("roll", contact::roll),
+    ("stack10", contact::stack10),
+    ("stack2-heavy", contact::stack2),
+    ("stack5-heavy", contact::stack5),
+    ("spheres", contact::spheres),
+    ("spheres-elastic", contact::elastic_spheres),
 ];
+
+/// The case that has costs only.
+const GROWTH: &str = "growth";
 
 #[derive(Default)]
 struct Wanted {
@@ -65,7 +86,7 @@ fn main() {
     let effort = if wanted.quick {
         Effort { rounds: 1, most: Duration::from_millis(60) }
     } else {
-        Effort { rounds: 5, most: Duration::from_secs(2) }
+        Effort { rounds: 5, most: Duration::from_secs(1) }
     };
     let mut peers = match Peers::start() {
         _ if wanted.no_peers => None,
@@ -75,16 +96,36 @@ fn main() {
             None
         }
     };
+    let mut machine = report::machine(wanted.quick);
+    if let Some(peers) = &peers {
+        machine += &format!(" Others: {}.", peers.versions);
+    }
+    println!("{machine}\n");
+    let (mut found, mut sections, mut figures) = (Vec::new(), Vec::new(), Vec::new());
     for (_, make) in CASES.iter().filter(|(name, _)| wanted.wants(name)) {
         let case = make();
-        println!("{}", case.name);
-        for lane in lanes::measure(&case, &mut peers, effort) {
-            print!("{:20}", lane.name);
-            for point in &lane.points {
-                print!(" {:.1e} ({:.1})", point.error, point.cost.median);
-            }
-            println!(" {}", lane.problem.unwrap_or_default());
-        }
+        let lanes = lanes::measure(&case, &mut peers, effort);
+        let case = Found { case, lanes };
+        let section = compare::section(&case);
+        println!("{section}");
+        sections.push(section);
+        figures.push((format!("accuracy-{}.svg", case.case.name), compare::figure(&case)));
+        found.push(case);
+    }
+    if wanted.wants(GROWTH) {
+        let (section, figure) = growth::measure(&mut peers, wanted.quick);
+        println!("{section}");
+        sections.push(section);
+        figures.push(("accuracy-growth.svg".into(), figure));
+    }
+    let summary = compare::summary(&found);
+    if !found.is_empty() {
+        println!("{summary}");
+    }
+    if wanted.only.is_empty() {
+        sections.insert(0, summary);
+        figures.push(("accuracy.csv".into(), compare::csv(&found)));
+        report::publish("benchmarks/accuracy.md", "benchmarks", &machine, &sections, &figures);
     }
 }
 
@@ -102,8 +143,13 @@ fn read(arguments: &[String]) -> Result<Wanted, String> {
             "--quick" => wanted.quick = true,
             "--no-peers" => wanted.no_peers = true,
             "--only" => match rest.next() {
-                Some(name) if CASES.iter().any(|(known, _)| known == name) => wanted.only.push(name.clone()),
-                _ => return Err(format!("--only needs one of {}", CASES.map(|(name, _)| name).join(", "))),
+                Some(name) if name == GROWTH || CASES.iter().any(|(known, _)| known == name) => {
+                    wanted.only.push(name.clone())
+                }
+                _ => {
+                    let names = CASES.map(|(name, _)| name).join(", ");
+                    return Err(format!("--only needs one of {names}, {GROWTH}"));
+                }
             },
             CARGO_BENCH => (),
             _ => return Err(format!("{argument} is not known; expected --quick, --only CASE or --no-peers")),

@@ -23,22 +23,21 @@ pub struct Setting {
     pub joint_keys: &'static str,
 }
 
-const NOTHING: PhysicsOptions =
-    PhysicsOptions { profile: None, solver: None, iterations: None, integrator: None, sub_step: None, preset: None };
-
 /// Name of the setting that the goals are about.
 pub const ACCURATE: &str = "accurate";
 /// Name of the one it is compared to first.
 pub const LEGACY: &str = "legacy";
 
 /// The two profiles, then single settings of the legacy one that show where differences come from.
-pub fn settings(family: Family) -> Vec<Setting> {
-    let legacy = PhysicsOptions { profile: Some(Profile::Legacy), ..NOTHING };
+pub fn settings(case: &Case) -> Vec<Setting> {
+    let legacy = PhysicsOptions { profile: Some(Profile::Legacy), ..PhysicsOptions::default() };
     let solver = |solver, iterations| PhysicsOptions { solver: Some(solver), iterations: Some(iterations), ..legacy };
     let plain = |name, physics| Setting { name, physics, joint_keys: "" };
-    let mut settings =
-        vec![plain(LEGACY, legacy), plain(ACCURATE, PhysicsOptions { profile: Some(Profile::Accurate), ..NOTHING })];
-    match family {
+    let mut settings = vec![
+        plain(LEGACY, legacy),
+        plain(ACCURATE, PhysicsOptions { profile: Some(Profile::Accurate), ..PhysicsOptions::default() }),
+    ];
+    match case.family {
         Family::Free => {
             settings.push(plain("ballistic", PhysicsOptions { integrator: Some(Integrator::Ballistic), ..legacy }))
         }
@@ -46,13 +45,16 @@ pub fn settings(family: Family) -> Vec<Setting> {
             let stiff = |name, physics| Setting { name, physics, joint_keys: "joint erp: 0.8, joint cfm: 1e-12, " };
             settings.push(plain("SI 50", solver(Solver::SequentialImpulse, 50)));
             settings.push(stiff("SI 50, ERP 0.8", solver(Solver::SequentialImpulse, 50)));
-            if family == Family::Tree {
+            if case.family == Family::Tree {
                 settings.push(stiff("Dantzig, ERP 0.8", solver(Solver::Dantzig, 50)));
             }
         }
         Family::Contact | Family::Bounce => {
             settings.push(plain("SI 50", solver(Solver::SequentialImpulse, 50)));
             settings.push(plain("Dantzig", solver(Solver::Dantzig, 50)));
+            if case.name.ends_with("-heavy") {
+                settings.push(plain("SI 1000", solver(Solver::SequentialImpulse, 1000)));
+            }
         }
     }
     settings
@@ -84,7 +86,7 @@ pub fn simulation(name: &str, system: &System, setting: &Setting, step: f64) -> 
 /// Runs a case; `Ok(None)` when it takes longer than `most`.
 pub fn run(case: &Case, setting: &Setting, step: f64, most: Duration) -> Result<Option<Run>, String> {
     let mut simulation = simulation(case.name, &case.system, setting, step)?;
-    let (mut samples, mut cpu, mut done) = (Samples::new(), Duration::ZERO, 0_u64);
+    let (mut samples, mut cpu, mut tail, mut done) = (Samples::new(), Duration::ZERO, Duration::ZERO, 0_u64);
     for &time in &case.times {
         let until = (time / step).round() as u64;
         let begin = cpu_time();
@@ -97,7 +99,8 @@ pub fn run(case: &Case, setting: &Setting, step: f64, most: Duration) -> Result<
             }
             simulation.update(step).is_err()
         });
-        cpu += cpu_time() - begin;
+        tail = cpu_time() - begin;
+        cpu += tail;
         done = until;
         if lost {
             break;
@@ -107,7 +110,7 @@ pub fn run(case: &Case, setting: &Setting, step: f64, most: Duration) -> Result<
             return Ok(None);
         }
     }
-    Ok(Some(Run { cpu, samples }))
+    Ok(Some(Run { cpu, tail, samples }))
 }
 
 /// True poses, not those of motion states, which lag in the legacy profile.

@@ -1,7 +1,7 @@
 """Runs cases of the accuracy benchmark in pybullet and MuJoCo.
 
 Reads a request a line from standard input (JSON: peer, system, step, times, most) and answers each with a line: cpu (s, of the steps
-alone), samples (for each time and body: position, quaternion x y z w, velocity, angular velocity; world axes, SI units), or late, or
+alone), tail (of the last interval), samples (for each time and body: position, quaternion x y z w, velocity, angular velocity; world axes, SI units), or late, or
 problem. Control laws are computed here and are not part of the time.
 """
 
@@ -52,6 +52,8 @@ class Bullet:
         self.p, self.drive = pybullet, system["drive"]
         self.client = pybullet.connect(pybullet.DIRECT)
         pybullet.setPhysicsEngineParameter(fixedTimeStep=step, numSubSteps=0, deterministicOverlappingPairs=1)
+        if system["restitution"] > 0:
+            pybullet.setPhysicsEngineParameter(restitutionVelocityThreshold=0)
         pybullet.setGravity(*system["gravity"])
         bodies, joints = system["bodies"], system["joints"]
         if joints:
@@ -80,9 +82,9 @@ class Bullet:
         p.changeDynamics(made, -1, lateralFriction=math.sqrt(system["friction"]), rollingFriction=0, spinningFriction=0,
                          restitution=math.sqrt(system["restitution"]), linearDamping=0, angularDamping=0)
         if body["mass"] > 0:
-            p.changeDynamics(made, -1, localInertiaDiagonal=body["inertia"], activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING)
-            if system["restitution"] > 0:
-                p.setPhysicsEngineParameter(restitutionVelocityThreshold=0)
+            # A body in maximal coordinates loses its mass when only its inertia is set.
+            p.changeDynamics(made, -1, mass=body["mass"], localInertiaDiagonal=body["inertia"],
+                             activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING)
             p.resetBaseVelocity(made, body["velocity"], body["spin"])
         return made
 
@@ -270,9 +272,9 @@ def run(request):
     system, step = request["system"], request["step"]
     simulator = build(request["peer"], system, step)
     try:
-        cpu, done, samples = 0.0, 0, []
+        cpu, tail, done, samples = 0.0, 0.0, 0, []
         for now in request["times"]:
-            until = round(now / step)
+            until, before = round(now / step), cpu
             if system["drive"]:
                 for index in range(done, until):
                     simulator.control(index * step)
@@ -283,14 +285,14 @@ def run(request):
                 begin = time.thread_time_ns()
                 simulator.steps(until - done)
                 cpu += time.thread_time_ns() - begin
-            done = until
+            done, tail = until, cpu - before
             states = np.array(simulator.states(), dtype=float)
             if not np.isfinite(states).all():
                 break
             samples.append(states.tolist())
             if cpu > request["most"] * 1e9:
                 return {"late": True}
-        return {"cpu": cpu * 1e-9, "samples": samples}
+        return {"cpu": cpu * 1e-9, "tail": tail * 1e-9, "samples": samples}
     finally:
         simulator.close_down()
 

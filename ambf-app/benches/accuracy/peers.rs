@@ -70,6 +70,8 @@ impl Peers {
         let python = std::env::var_os("AMBF_PEERS_PYTHON").ok_or("AMBF_PEERS_PYTHON is not set")?;
         let program = concat!(env!("CARGO_MANIFEST_DIR"), "/benches/accuracy/peers.py");
         let mut command = Command::new(python);
+        // MuJoCo writes its log where it runs.
+        command.current_dir(env!("CARGO_TARGET_TMPDIR"));
         command.arg(program).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null());
         let mut child = command.spawn().map_err(|error| error.to_string())?;
         let input = child.stdin.take().expect("it is piped");
@@ -102,11 +104,12 @@ impl Peers {
         if answer["late"] == json!(true) {
             return Ok(None);
         }
-        let seconds = answer["cpu"].as_f64().ok_or("an answer without a time")?;
+        let seconds = |key: &str| answer[key].as_f64().ok_or("an answer without a time");
+        let (cpu, tail) = (Duration::from_secs_f64(seconds("cpu")?), Duration::from_secs_f64(seconds("tail")?));
         let samples: Option<Vec<Vec<State>>> = answer["samples"]
             .as_array()
             .and_then(|samples| samples.iter().map(|bodies| bodies.as_array()?.iter().map(state).collect()).collect());
-        Ok(Some(Run { cpu: Duration::from_secs_f64(seconds), samples: samples.ok_or("an answer without samples")? }))
+        Ok(Some(Run { cpu, tail, samples: samples.ok_or("an answer without samples")? }))
     }
 }
 

@@ -3,6 +3,7 @@
 //! Groups: `step`, `skip`, `start`, `rate`, `overload`, `real-time`. With `--only` the tables are printed and nothing is written; else
 //! they go into `docs/benchmarks.md`, between its markers, with their figures.
 
+mod bars;
 mod lanes;
 mod live;
 mod observed;

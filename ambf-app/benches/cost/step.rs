@@ -121,7 +121,7 @@ fn figure(measured: &[Vec<Lane>]) -> String {
         line("outside, ROS up", &|lanes| lanes[2].outside().median),
         Line { name: "C++ in all (other run)", points: observed.collect() },
     ];
-    log_lines("Cost of a step of 1 ms", "boxes in contact", "µs", &lines)
+    log_lines("Cost of a step of 1 ms", "boxes in contact", "µs", &BOXES.map(|n| n as f64), &lines)
 }
 
 /// What is saved where a scene does not need something.

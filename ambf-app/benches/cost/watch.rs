@@ -6,9 +6,9 @@ use ambf_app::ros::messages::ambf_msgs::{RigidBodyState, Timing, WorldState};
 use ambf_core::comm::{PublishSchedule, Rates};
 use rosrust::RosMsg;
 
+use super::bars::bars;
 use super::live::{distinct, gaps, physics_rate, rate, read, Arrival, Live};
 use super::observed;
-use super::plot::bars;
 use super::report::{goal, Section};
 use super::ros_common::RawSubscriber;
 use super::scenes::{self, Scene};

@@ -201,7 +201,8 @@ fn load_scene(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<(Simula
 /// Says which line of the command file the lost body was last told.
 fn name_command(mut error: NonFinite, commands: &Commands, simulation: &Simulation) -> NonFinite {
     let body = simulation.scene().bodies.iter().position(|body| body.identity.key() == error.body);
-    if let Some(place) = body.and_then(|body| commands.latest(body, u64::from(error.step))) {
+    let latest = |body| commands.latest(body, u64::from(error.step));
+    if let Some(place) = body.and_then(|body| simulation.commanders(body).find_map(latest)) {
         error.command = place;
     }
     error

@@ -78,6 +78,10 @@ pub struct PhysicsOptions {
     /// Integrator, by name [default: the profile's]
     #[arg(long, value_name = "NAME")]
     pub integrator: Option<String>,
+    /// Let bodies at rest sleep until something moves them [default: the world file's, else no]
+    #[arg(long, value_name = "BOOL", num_args = 0..=1, require_equals = true, default_missing_value = "true")]
+    #[arg(value_parser = values::boolean)]
+    pub sleep: Option<bool>,
 }
 
 /// What `--check` was asked to look at.

@@ -32,6 +32,9 @@ pub struct RigidBody {
     pub collision: CollisionGeometry,
     /// Collision margin of each child shape, m, not negative. Default: 0.001.
     pub collision_margin: f64,
+    /// Whether the body stops at what it hits within a sub-step instead of passing through what is thinner than its way; `None`: the
+    /// profile decides.
+    pub continuous_collision: Option<bool>,
     /// Collision groups, each 0 to 999, in file order.
     pub collision_groups: Vec<u32>,
     /// Collides with the other bodies of its model although the model says that they don't collide with each other. Default:
@@ -89,6 +92,7 @@ impl RigidBody {
             visual: Visual::read(map, base),
             collision: CollisionGeometry::read(map, base),
             collision_margin: map.real_in("collision margin", Range::NotNegative).unwrap_or(0.001),
+            continuous_collision: map.boolean("continuous collision"),
             collision_groups: map.collision_groups(),
             self_collision: false,
             surface: Surface::read(map),
@@ -107,8 +111,13 @@ impl RigidBody {
             let why = "the body has no `mass`";
             map.ignore(&["inertia", "inertial offset", "gravity"], why);
         }
-        if let Some(inertia) = body.inertia.filter(|inertia| inertia.min() < 0.0) {
-            map.reject_numbers("inertia", inertia.as_slice(), "moments of at least 0 kg·m²");
+        // What is too small to divide by would be infinite in the first step.
+        let is_usable = |x: f64| x == 0.0 || x > 0.0 && x.recip().is_finite();
+        if !is_usable(body.mass) {
+            map.reject_numbers("mass", &[body.mass], "0 kg (static) or at least 1e-300 kg");
+        }
+        if let Some(inertia) = body.inertia.filter(|inertia| !inertia.iter().copied().all(is_usable)) {
+            map.reject_numbers("inertia", inertia.as_slice(), "moments of 0 (no rotation) or at least 1e-300 kg·m²");
         }
         if body.collision == CollisionGeometry::None {
             let expected = "a collision shape or mesh";
@@ -168,6 +177,7 @@ mod tests {
         assert_eq!((body.common.name.as_str(), body.common.namespace.as_str()), ("", "/n/"));
         assert_eq!((body.mass, body.scale, body.collision_margin), (2.0, 1.0, 0.001));
         assert_eq!((body.inertia, body.inertial_offset), (None, None));
+        assert_eq!(body.continuous_collision, None);
         assert_eq!(body.surface, Surface::default());
         assert_eq!(body.controller, None);
         assert!(!body.publish_children_names && body.publish_joint_names);
@@ -186,7 +196,7 @@ mod tests {
    inertia: {ix: 1, iy: 2, iz: 3}, gravity: {x: 0, y: 0, z: 1}, namespace: sub/,
    inertial offset: {position: {x: 0, y: 0, z: 1}}, friction: {static: 1, rolling: 2},
    damping: {linear: 0.3, angular: 0.4}, restitution: 0.5, collision groups: [0, 999],
-   collision margin: 0, controller: {linear: {P: 1, D: 2}}, controller output type: velocity,
+   collision margin: 0, continuous collision: yes, controller: {linear: {P: 1, D: 2}}, controller output type: velocity,
    collision shape: BOX, collision geometry: {x: 1, y: 2, z: 3},
    collision offset: {orientation: {r: 0, p: 0, y: 1}}, shape: sphere, geometry: {radius: 1}}",
         );
@@ -195,7 +205,7 @@ mod tests {
         assert_eq!(body.common.publish_frequency, Some((60, 2000)));
         assert_eq!(body.inertia, Some(Vector3::new(1.0, 2.0, 3.0)));
         assert_eq!(body.inertial_offset, Some(Isometry3::translation(0.0, 0.0, 1.0)));
-        assert_eq!(body.collision_groups, [0, 999]);
+        assert_eq!((body.collision_groups.as_slice(), body.continuous_collision), (&[0, 999][..], Some(true)));
         let controller = body.controller.expect("a controller");
         assert_eq!(controller.linear.gains.i, 0.0);
         assert_eq!(controller.linear.output, ControllerOutput::Velocity);
@@ -236,6 +246,8 @@ mod tests {
             ("mass: -1", "`A / mass` is `-1`, expected a finite number, at least 0; the body is dropped"),
             ("mass: .nan", "`A / mass` is `.nan`"),
             ("mass: 1, inertia: {ix: 1, iy: -1, iz: 1}", "`A / inertia` is (1, -1, 1), expected moments"),
+            ("mass: 1e-310", "`A / mass` is"),
+            ("mass: 1, inertia: {ix: 1, iy: 1e-310, iz: 1}", "expected moments"),
             ("mass: 1, scale: 0", "`A / scale` is `0`, expected a finite number above 0"),
             ("mass: 1, location: {position: {x: .inf, y: 0, z: 0}}", "`A / location / position / x` is `.inf`"),
             ("mass: 1, collision shape: Sphere, collision geometry: {radius: -0.0}", "collision geometry / radius"),

@@ -70,6 +70,8 @@ pub struct PhysicsSettings {
     pub iterations: Option<u32>,
     /// Length of a sub-step, s; positive.
     pub sub_step: Option<f64>,
+    /// Bodies at rest sleep.
+    pub sleep: Option<bool>,
 }
 
 /// Profile of the physics.
@@ -177,6 +179,7 @@ impl PhysicsSettings {
             integrator: block.filled("integrator"),
             iterations: at_least_one(&block, "iterations"),
             sub_step: block.real_in("sub step", Range::Positive),
+            sleep: block.boolean("sleep"),
         };
         block.finish();
         settings
@@ -196,13 +199,14 @@ mod tests {
         assert_eq!((world.environment, world.physics), (None, PhysicsSettings::default()));
         let world: World = clean(
             "namespace: env/\nenvironment: e.yaml\nlights: [l]\nl: {namespace: a/}\nmax iterations: 3\n\
-             physics: {profile: accurate, solver: nncg, iterations: 4, sub step: 0.0005}\n",
+             physics: {profile: accurate, solver: nncg, iterations: 4, sub step: 0.0005, sleep: true}\n",
         );
         assert_eq!(world.common.namespace, "env/");
         assert_eq!(world.lights[0].common.namespace, "env/a/");
         assert_eq!(world.environment, Some("dir/e.yaml".into()));
         assert_eq!(world.physics.profile, Some(PhysicsProfile::Accurate));
         assert_eq!((world.physics.iterations, world.physics.sub_step), (Some(4), Some(0.0005)));
+        assert_eq!(world.physics.sleep, Some(true));
     }
 
     #[test]

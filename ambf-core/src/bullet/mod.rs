@@ -13,6 +13,7 @@ mod ghost;
 mod kinematics;
 mod method;
 mod ray;
+mod rest;
 mod settings;
 mod shape;
 mod soft_body;

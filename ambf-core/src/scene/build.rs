@@ -87,6 +87,11 @@ pub(super) fn empty_scene(
     bullet.set_lag(profile == Profile::Legacy && physics.preset.is_none());
     if let Some(preset) = physics.preset {
         bullet.set_solver_settings(&preset.apply(bullet.solver_settings()));
+    } else if profile == Profile::Accurate {
+        bullet.rest_static_bodies();
+    }
+    if physics.sleep == Some(true) && !bullet.let_bodies_sleep() {
+        warn("`physics / sleep`: in a scene with soft bodies nothing sleeps".into());
     }
     bullet.set_gravity(world.gravity);
     if let Some(iterations) = physics.iterations {
@@ -253,7 +258,8 @@ impl<'a> Builder<'a> {
 
         let inertia = body.inertia.unwrap_or_else(|| {
             if body.mass > 0.0 {
-                built.shape.inertia(body.mass)
+                // An extent whose square underflows doesn't turn.
+                built.shape.inertia(body.mass).map(|moment| if moment.recip().is_finite() { moment } else { 0.0 })
             } else {
                 nalgebra::Vector3::zeros()
             }
@@ -272,6 +278,7 @@ impl<'a> Builder<'a> {
             angular_damping: body.surface.angular_damping,
             gravity,
         });
+        self.set_continuous(body, handle);
         let controller = body.controller.unwrap_or_default();
         let identity = self.identity(&body.common, |scene| &scene.body_names);
         self.scene.bodies.push(Body {
@@ -293,6 +300,21 @@ impl<'a> Builder<'a> {
             controller: CartesianController::new(controller.linear, controller.angular),
         });
         Some(self.scene.graph.add_body())
+    }
+
+    /// Continuous collision detection: on request, or where the accurate profile can.
+    fn set_continuous(&mut self, body: &adf::RigidBody, handle: bullet::BodyHandle) {
+        let wanted = body.continuous_collision.unwrap_or(self.scene.profile == Profile::Accurate);
+        if body.mass == 0.0 || !wanted || self.scene.world.set_continuous(handle, true) {
+            return;
+        }
+        if body.continuous_collision == Some(true) {
+            let message = format!(
+                "`{}`: `continuous collision` is not possible: its shape is concave or empty, or its centre of mass lies outside",
+                body.common.identifier
+            );
+            self.note(Severity::Warning, &body.common.source, message);
+        }
     }
 
     /// A mesh; `None`, and a note that the element is dropped, when it cannot be used.
@@ -571,5 +593,6 @@ fn physics(world: &adf::World, options: &PhysicsOptions, notes: &mut Vec<Note>) 
         iterations: options.iterations.or(settings.iterations),
         integrator: options.integrator.or(integrator),
         sub_step: options.sub_step.or(settings.sub_step),
+        sleep: options.sleep.or(settings.sleep),
     }
 }

@@ -233,6 +233,11 @@ impl Joint {
         }
     }
 
+    /// Switches the motor off.
+    pub(crate) fn stop_motor(&self, world: &mut World) {
+        self.set_motor(world, false, 0.0);
+    }
+
     fn set_motor(&self, world: &mut World, enabled: bool, velocity: f64) {
         let strength = match self.joint_type {
             JointType::Prismatic => self.max_motor_impulse / IMPULSE_STEP,

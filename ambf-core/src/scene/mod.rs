@@ -71,6 +71,8 @@ pub struct PhysicsOptions {
     pub integrator: Option<Integrator>,
     /// Length of a sub-step, s.
     pub sub_step: Option<f64>,
+    /// Whether bodies at rest sleep: no, unless asked for.
+    pub sleep: Option<bool>,
 }
 
 /// A remark on a scene: what was dropped, replaced or guessed while it was built.

@@ -118,13 +118,14 @@ impl Link {
         self.hub.remove_objects((0..self.objects.len()).filter(gone).collect::<Vec<_>>());
     }
 
-    /// What the body was last told, in words.
-    pub fn last_command(&self, body: usize) -> String {
+    /// What the body was last told, in words; `None` where that is nothing.
+    pub fn last_command(&self, body: usize) -> Option<String> {
         let slot = self.slots.iter().find_map(|slot| match slot {
             Slot::Body(index, inbox) if *index == body => Some(inbox),
             _ => None,
         });
-        slot.map_or_else(|| "none".into(), |inbox| format!("{:?}", inbox.command()))
+        let command = slot.map(Inbox::command).filter(|command| **command != RigidBodyCommand::default())?;
+        Some(format!("{command:?}"))
     }
 }
 

@@ -207,18 +207,38 @@ impl Simulation {
             body: body.identity.key(),
             joint: self.scene.joints.iter().find(holds).map(|joint| joint.name.clone()),
             step: self.sim_step(),
-            command: self.link.as_ref().map_or_else(|| "none".into(), |link| link.last_command(index)),
+            command: self.last_command(index).unwrap_or_else(|| "none".into()),
         })
     }
 
+    /// What a body was last told through the hub, in words; else what was told a joint of it.
+    fn last_command(&self, body: usize) -> Option<String> {
+        let link = self.link.as_ref()?;
+        self.commanders(body).find_map(|commander| {
+            let command = link.last_command(commander)?;
+            let whose = |text: String| format!("{text} to `{}`", self.scene.bodies[commander].identity.key());
+            Some(if commander == body { command } else { whose(command) })
+        })
+    }
+
+    /// Bodies whose commands reach a body: itself, then those of whose active joints one holds it.
+    pub fn commanders(&self, body: usize) -> impl Iterator<Item = usize> + '_ {
+        let scene = &self.scene;
+        let holds = move |&joint: &usize| scene.joints[joint].parent == body || scene.joints[joint].child == body;
+        let others = (0..scene.bodies.len()).filter(move |&other| other != body);
+        std::iter::once(body).chain(others.filter(move |&other| scene.active_joints(other).iter().any(holds)))
+    }
+
     /// Returns every rigid body to its initial pose at rest. Time goes on. If the state was non-finite, controllers forget what they
-    /// remember of it.
+    /// remember of it and motors are switched off.
     pub fn reset_bodies(&mut self) {
         let was_finite = self.check_finite().is_ok();
-        let Scene { bodies, world, .. } = &mut self.scene;
+        let Scene { bodies, joints, world, .. } = &mut self.scene;
         bodies.iter().for_each(|body| body.reset(world));
         if !was_finite {
             world.recover();
+            // A motor may have been told a speed that is not finite.
+            joints.iter().for_each(|joint| joint.stop_motor(world));
             self.release_drives();
             self.reset_controllers();
         }

@@ -90,6 +90,7 @@ fn body(link: &Link<'_>, place: &Place, shapes: Shapes, namespace: &str) -> Rigi
         collision_margin: 0.001,
         collision_groups: vec![],
         self_collision,
+        continuous_collision: None,
         surface: Surface::default(),
         controller: None,
         publish_children_names: false,

@@ -46,7 +46,7 @@ pub fn free_rotation(inertia: Vector3<f64>, spin: Vector3<f64>, times: &[f64]) -
 ///
 /// The n + 1 uprights turn about their feet (I = 1/3), the n crossbars move along with the tops (m l² = 1), so
 /// ((n + 1)/3 + n) θ̈ = g ((n + 1)/2 + n) sin θ.
-pub fn four_bars(n: usize, gravity: f64, rate: f64, times: &[f64]) -> Vec<f64> {
+pub fn windows(n: usize, gravity: f64, rate: f64, times: &[f64]) -> Vec<f64> {
     let n = n as f64;
     let factor = gravity * ((n + 1.0) / 2.0 + n) / ((n + 1.0) / 3.0 + n);
     let mut y = vec![0.0, rate];

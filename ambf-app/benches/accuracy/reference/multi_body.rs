@@ -1,14 +1,14 @@
 //! Trees of hinges and sliders on a fixed base in joint coordinates, with loops closed by point constraints.
 //!
-//! Accelerations follow from M(q) q̈ + h(q, q̇) = τ + Jᵀλ with J q̈ = −J̇ q̇. Redundant constraints are solved in the
-//! least-squares sense; after each step of the integration the state is projected back onto closed loops.
+//! Accelerations follow from M(q) q̈ + h(q, q̇) = τ + Jᵀλ with J q̈ = −J̇ q̇. Redundant constraints are
+//! left out; after each step of the integration the state is projected back onto closed loops.
 
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Translation3, UnitQuaternion, UnitVector3, Vector3};
 
 use super::{extrapolation, State, TOLERANCE};
 use crate::system::{Drive, Freedom, Joint, System};
 
-/// Singular values below this share of the largest count as none: loops have redundant constraints.
+/// Pivots below this share of the largest count as none: loops have redundant constraints.
 const RANK: f64 = 1e-7;
 
 struct Link {
@@ -100,7 +100,7 @@ impl MultiBody {
             values.fixed_rows_mut::<3>(6 * i).copy_from(&system.bodies[body].velocity);
             values.fixed_rows_mut::<3>(6 * i + 3).copy_from(&system.bodies[body].spin);
         }
-        least_squares(rows, &values)
+        smallest_solution(&rows, &values)
     }
 
     fn motion(&self, q: &[f64], rates: &[f64]) -> Motion {
@@ -266,7 +266,7 @@ impl MultiBody {
         let lower = factor.l();
         let missing = -(bias + &jacobian * &free);
         let scaled = lower.solve_lower_triangular(&jacobian.transpose()).expect("it has a diagonal").transpose();
-        let change = least_squares(scaled, &missing);
+        let change = smallest_solution(&scaled, &missing);
         free + lower.transpose().solve_upper_triangular(&change).expect("it has a diagonal")
     }
 
@@ -278,12 +278,12 @@ impl MultiBody {
         let n = self.links.len();
         for _ in 0..2 {
             let (gap, jacobian, _) = self.constraints(&self.motion(&y[..n], &y[n..]));
-            let change = least_squares(jacobian, &gap);
+            let change = smallest_solution(&jacobian, &gap);
             y[..n].iter_mut().zip(&change).for_each(|(y, change)| *y -= change);
         }
         let (_, jacobian, _) = self.constraints(&self.motion(&y[..n], &y[n..]));
         let speed = &jacobian * DVector::from_column_slice(&y[n..]);
-        let change = least_squares(jacobian, &speed);
+        let change = smallest_solution(&jacobian, &speed);
         y[n..].iter_mut().zip(&change).for_each(|(y, change)| *y -= change);
     }
 
@@ -315,9 +315,15 @@ impl MultiBody {
     }
 }
 
-/// The smallest x for which |A x − b| is smallest.
-fn least_squares(a: DMatrix<f64>, b: &DVector<f64>) -> DVector<f64> {
-    let svd = a.svd(true, true);
-    let threshold = svd.singular_values.max() * RANK;
-    svd.solve(b, threshold).expect("both sides were computed")
+/// The smallest x with A x = b, where some equations may repeat others. Rank-revealing: QR decomposition of Aᵀ with pivots.
+fn smallest_solution(a: &DMatrix<f64>, b: &DVector<f64>) -> DVector<f64> {
+    let decomposition = a.transpose().col_piv_qr();
+    let (q, r) = (decomposition.q(), decomposition.r());
+    let mut values = b.clone();
+    decomposition.p().permute_rows(&mut values);
+    let rank = (0..r.nrows().min(r.ncols())).take_while(|&i| r[(i, i)].abs() > RANK * r[(0, 0)].abs()).count();
+    // The pivots put independent equations first: Aᵀ P = Q R, so x = Q y with Rᵀ y = Pᵀ b.
+    let independent = r.view((0, 0), (rank, rank)).transpose();
+    let y = independent.solve_lower_triangular(&values.rows(0, rank)).expect("its diagonal is not zero");
+    q.columns(0, rank) * y
 }

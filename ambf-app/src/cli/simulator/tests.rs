@@ -96,6 +96,7 @@ fn every_long_name_sets_its_option() {
         "30",
         "--integrator",
         "rk4",
+        "--sleep=0",
     ]);
     let expected = SimulatorOptions {
         devices: DeviceSelection::First(2),
@@ -119,6 +120,7 @@ fn every_long_name_sets_its_option() {
             solver: Some("nncg".to_owned()),
             iterations: Some(30),
             integrator: Some("rk4".to_owned()),
+            sleep: Some(false),
         },
         check: None,
     };

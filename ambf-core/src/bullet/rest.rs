@@ -1,0 +1,263 @@
+use bullet_sys as sys;
+
+use super::{BodyHandle, World};
+
+/// Bodies fall asleep below these velocities: m/s and rad/s. Bullet's own 0.8 m/s and 1 rad/s would stop a pendulum of 1 m that swings by
+/// 10°; boxes that lie on each other tremble with up to 0.04 rad/s.
+const SLEEP_BELOW: (f64, f64) = (0.02, 0.1);
+
+impl World {
+    /// Looks at static bodies only when they are set, not in every sub-step. Contacts are then solved in another order.
+    pub fn rest_static_bodies(&mut self) {
+        // SAFETY: the world and everything in it are alive.
+        unsafe { sys::amb_world_rest_static(self.raw.as_ptr()) }
+    }
+
+    /// Lets bodies at rest sleep: those that touch or are joined fall asleep together when all of them have been slower than 0.02 m/s and
+    /// 0.1 rad/s for 2 s. They keep their pose, their velocity is zero, and they cost next to nothing. What is set, pushed, driven, joined
+    /// or let go through this interface wakes up with its neighbours, and so does what an awake body comes near. Vehicles never sleep.
+    /// Includes [`rest_static_bodies`](Self::rest_static_bodies). Default: nothing sleeps.
+    ///
+    /// False, and no effect, for a world with soft bodies: what they press on would not feel it.
+    pub fn let_bodies_sleep(&mut self) -> bool {
+        if self.has_soft_bodies {
+            return false;
+        }
+        // SAFETY: the world and everything in it are alive.
+        unsafe { sys::amb_world_let_sleep(self.raw.as_ptr(), SLEEP_BELOW.0, SLEEP_BELOW.1) }
+        true
+    }
+
+    /// Whether a body is asleep; never a static one. `None` when it is not there.
+    pub fn is_asleep(&self, handle: BodyHandle) -> Option<bool> {
+        // SAFETY: the body is alive.
+        Some(unsafe { sys::amb_body_sleeps(self.raw_body(handle)?) } != 0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Isometry3, Vector3};
+
+    use super::super::tests::{ball, hinge};
+    use super::super::{BodyKinematics, RigidBody, Shape, Solver};
+    use super::*;
+
+    fn run(world: &mut World, seconds: f64) {
+        for _ in 0..(seconds * 1000.0) as usize {
+            world.step(0.001, 1, 0.001);
+        }
+    }
+
+    fn cube(mass: f64, z: f64) -> RigidBody {
+        let pose = Isometry3::translation(0.0, 0.0, z);
+        RigidBody { shape: Shape::cuboid(Vector3::repeat(0.1), 0.001), pose, ..ball(mass, 0.0) }
+    }
+
+    /// A table of 0.2 m on which two cubes lie, asleep.
+    fn stack() -> (World, [BodyHandle; 3]) {
+        let mut world = World::new(Solver::default());
+        assert!(world.let_bodies_sleep());
+        world.set_gravity(Vector3::new(0.0, 0.0, -10.0));
+        let bodies = [cube(0.0, 0.0), cube(1.0, 0.2), cube(1.0, 0.4)].map(|body| world.add_body(body));
+        run(&mut world, 1.5);
+        assert_eq!(bodies.map(|body| world.is_asleep(body)), [Some(false); 3], "not yet");
+        run(&mut world, 1.5);
+        assert_eq!(bodies.map(|body| world.is_asleep(body)), [Some(false), Some(true), Some(true)]);
+        (world, bodies)
+    }
+
+    fn height(world: &World, body: BodyHandle) -> f64 {
+        world.pose(body).unwrap().translation.z
+    }
+
+    #[test]
+    fn a_sleeping_body_stays_and_is_read_completely() {
+        let (mut world, [_, low, high]) = stack();
+        let before = [low, high].map(|body| world.pose(body).unwrap());
+        run(&mut world, 1.0);
+        assert_eq!([low, high].map(|body| world.pose(body).unwrap()), before);
+        let mut states = [BodyKinematics::default(); 3];
+        world.read_bodies(&mut states);
+        for (state, pose) in states[1..].iter().zip(before) {
+            assert_eq!((state.linear_velocity, state.angular_velocity), ([0.0; 3], [0.0; 3]));
+            assert!((state.inertial_pose().translation.vector - pose.translation.vector).norm() < 1e-15);
+        }
+        assert!((before[1].translation.z - 0.4).abs() < 0.002);
+        assert!(world.contact_count() >= 8, "contacts are remembered");
+    }
+
+    #[test]
+    fn what_is_acted_on_wakes_its_neighbours() {
+        type Act = fn(&mut World, BodyHandle);
+        let acts: [(&str, Act); 4] = [
+            ("force", |world, body| world.apply_wrench(body, &Vector3::x(), &Vector3::zeros())),
+            ("velocity", |world, body| world.set_velocity(body, &Vector3::zeros(), &Vector3::zeros())),
+            ("gravity", |world, body| world.set_body_gravity(body, &Vector3::zeros())),
+            ("pose", |world, body| world.set_pose(body, &Isometry3::translation(0.0, 0.0, 0.21))),
+        ];
+        for (name, act) in acts {
+            let (mut world, [_, low, high]) = stack();
+            world.apply_wrench(low, &Vector3::zeros(), &Vector3::zeros());
+            run(&mut world, 0.01);
+            assert_eq!(world.is_asleep(low), Some(true), "no force is no reason");
+            act(&mut world, low);
+            run(&mut world, 0.001);
+            assert_eq!([low, high].map(|body| world.is_asleep(body)), [Some(false); 2], "{name}");
+            run(&mut world, 3.5);
+            assert_eq!(world.is_asleep(high), Some(true), "{name}: asleep again");
+        }
+    }
+
+    #[test]
+    fn what_loses_its_support_falls() {
+        type Act = fn(&mut World, [BodyHandle; 3]);
+        let acts: [(&str, Act); 4] = [
+            ("put away", |world, [table, ..]| world.set_pose(table, &Isometry3::translation(5.0, 0.0, 0.0))),
+            ("removed", |world, [table, ..]| assert!(world.remove_body(table))),
+            ("made a picture", |world, [table, ..]| assert!(world.make_drawing(table))),
+            ("ignored", |world, [table, low, _]| world.ignore_collision(table, low)),
+        ];
+        for (name, act) in acts {
+            let (mut world, bodies) = stack();
+            act(&mut world, bodies);
+            run(&mut world, 0.3);
+            assert!(height(&world, bodies[1]) < -0.1, "{name}: {}", height(&world, bodies[1]));
+        }
+        // The dynamic one between them.
+        let (mut world, [_, low, high]) = stack();
+        world.set_pose(low, &Isometry3::translation(5.0, 0.0, 0.0));
+        run(&mut world, 0.5);
+        assert!((height(&world, high) - 0.2).abs() < 0.01, "{}", height(&world, high));
+    }
+
+    #[test]
+    fn a_static_body_that_is_moved_pushes_what_slept() {
+        let (mut world, [table, low, high]) = stack();
+        for i in 1..=100 {
+            world.set_pose(table, &Isometry3::translation(0.0, 0.0, 1e-3 * f64::from(i)));
+            run(&mut world, 0.01);
+        }
+        assert!((height(&world, low) - 0.3).abs() < 0.01 && (height(&world, high) - 0.5).abs() < 0.01);
+        // One that comes from afar.
+        run(&mut world, 3.0);
+        assert_eq!(world.is_asleep(high), Some(true));
+        let wall = world.add_body(cube(0.0, 3.0));
+        run(&mut world, 0.01);
+        assert_eq!(world.is_asleep(high), Some(true));
+        world.set_pose(wall, &Isometry3::translation(0.15, 0.0, 0.5));
+        run(&mut world, 0.5);
+        assert!(world.pose(high).unwrap().translation.x < -0.02);
+    }
+
+    #[test]
+    fn joints_wake_what_they_hold() {
+        let mut world = World::new(Solver::default());
+        world.let_bodies_sleep();
+        world.set_gravity(Vector3::new(0.0, 0.0, -10.0));
+        // The hinge's axis is vertical: nothing moves until a motor does.
+        let (a, b) = (world.add_body(ball(0.0, 0.0)), world.add_body(ball(2.0, 1.0)));
+        let joint = world.add_constraint(a, b, &hinge()).unwrap();
+        run(&mut world, 3.0);
+        assert_eq!(world.is_asleep(b), Some(true));
+        world.set_motor(joint, false, 0.0, 1.0);
+        run(&mut world, 0.01);
+        assert_eq!(world.is_asleep(b), Some(true), "a motor that stays off changes nothing");
+        world.set_motor(joint, true, 1.0, 10.0);
+        run(&mut world, 0.5);
+        let mut angle = [0.0];
+        world.read_constraints(&mut angle);
+        assert!((angle[0] - 0.5).abs() < 0.02, "{}", angle[0]);
+        world.set_motor(joint, true, 0.0, 10.0);
+        run(&mut world, 3.0);
+        assert_eq!(world.is_asleep(b), Some(true));
+        // What holds it is moved without touching it.
+        world.set_pose(a, &Isometry3::translation(0.0, 0.0, 0.5));
+        run(&mut world, 2.0);
+        assert!((height(&world, b) - 0.5).abs() < 0.05, "{}", height(&world, b));
+        run(&mut world, 3.0);
+        assert_eq!(world.is_asleep(b), Some(true));
+        assert!(world.remove_constraint(joint));
+        run(&mut world, 0.5);
+        assert!(height(&world, b) < -0.5);
+    }
+
+    #[test]
+    fn a_pendulum_goes_on_swinging() {
+        let mut world = World::new(Solver::default());
+        world.let_bodies_sleep();
+        let (a, b) = (world.add_body(ball(0.0, 0.0)), world.add_body(ball(2.0, 1.0)));
+        world.add_constraint(a, b, &hinge()).unwrap();
+        // It hangs along x; at the lowest point it has the speed of an amplitude of 10°.
+        world.set_gravity(Vector3::new(10.0, 0.0, 0.0));
+        world.set_velocity(b, &Vector3::new(0.0, 0.55, 0.0), &Vector3::new(0.0, 0.0, 0.55));
+        for _ in 0..20 {
+            run(&mut world, 0.5);
+            assert_eq!(world.is_asleep(b), Some(false));
+        }
+    }
+
+    #[test]
+    fn a_body_that_comes_near_wakes_it() {
+        let (mut world, [_, low, high]) = stack();
+        let falling = world.add_body(cube(1.0, 2.0));
+        run(&mut world, 0.2);
+        assert_eq!(world.is_asleep(high), Some(true));
+        run(&mut world, 0.8);
+        assert_eq!([low, high].map(|body| world.is_asleep(body)), [Some(false); 2]);
+        assert!((height(&world, falling) - 0.6).abs() < 0.02);
+    }
+
+    #[test]
+    fn gravity_and_recovery_wake_everything() {
+        let (mut world, [_, low, high]) = stack();
+        world.set_gravity(Vector3::new(0.0, 0.0, 10.0));
+        run(&mut world, 0.3);
+        assert!(height(&world, high) > 0.6 && height(&world, low) > 0.4);
+        let (mut world, [_, low, _]) = stack();
+        world.recover();
+        run(&mut world, 0.001);
+        assert_eq!(world.is_asleep(low), Some(false));
+        run(&mut world, 3.0);
+        assert_eq!(world.is_asleep(low), Some(true));
+    }
+
+    #[test]
+    fn static_bodies_at_rest_are_still_seen_where_they_are_put() {
+        let mut world = World::new(Solver::default());
+        world.rest_static_bodies();
+        world.set_gravity(Vector3::new(0.0, 0.0, -10.0));
+        let table = world.add_body(cube(0.0, 0.0));
+        let falling = world.add_body(cube(1.0, 3.0));
+        run(&mut world, 0.1);
+        world.set_pose(table, &Isometry3::translation(0.0, 0.0, 1.0));
+        run(&mut world, 1.5);
+        assert!((height(&world, falling) - 1.2).abs() < 0.01, "{}", height(&world, falling));
+        assert_eq!(world.is_asleep(falling), Some(false), "only static ones rest");
+        assert!(!World::with_soft_bodies(Solver::default()).let_bodies_sleep());
+    }
+
+    #[test]
+    fn motion_states_are_the_same_however_often_they_are_read() {
+        let run = |every: usize| {
+            let mut world = World::new(Solver::default());
+            world.set_gravity(Vector3::new(0.0, 0.0, -10.0));
+            let body = world.add_body(cube(1.0, 0.0));
+            world.set_velocity(body, &Vector3::x(), &Vector3::new(1.0, 2.0, 3.0));
+            let mut seen = Vec::new();
+            for i in 0..400 {
+                // Of all lengths: none, one and several sub-steps.
+                world.step(0.0001 * (i % 37) as f64, 10, 0.001);
+                if i == 200 {
+                    world.set_pose(body, &Isometry3::translation(1.0, 0.0, 0.0));
+                }
+                let read = (i % every == 0).then(|| world.motion_state(body).unwrap());
+                if i % 8 == 0 {
+                    seen.extend(read);
+                }
+            }
+            seen
+        };
+        assert_eq!(run(1), run(8));
+    }
+}
