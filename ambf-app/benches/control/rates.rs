@@ -98,8 +98,7 @@ pub fn measure() -> (Section, String) {
         title: "Body on a curve: outer rate against error",
         intro: "A body of 1 kg without gravity gets pose commands on P(t) = P₀ + 0.1·(sin 4t, cos 4t, 2 sin 4t) m. Commands and updates come at \
                 the outer rate, sub-steps are of 1 ms. Error: root mean square of the distance from the curve, m, from 2 to 10 s, at the ends of \
-                updates. !: lost. What is left at low rates is the age of the command, which both profiles hold for an update: half a period \
-                on average.",
+                updates. !: lost. Between commands, `accurate` lets a set point that moves steadily go on.",
         header: &["controller", "profile", "1000 Hz", "500 Hz", "200 Hz", "100 Hz", "60 Hz", "30 Hz", "10 Hz"],
         rows: runs.iter().map(row).collect(),
         remarks: vec!["![Outer rate against error](../figures/control-rates.svg)".into()],

@@ -141,12 +141,26 @@ impl JointDriver {
     }
 }
 
-/// Rate of a set point over the update to come, from how it moved in the latest one and in the one before, 1/s: both rates are those of
-/// updates past, and by a whole update too old. A jump of the set point is not taken for a motion: the change is at most a quarter.
-pub fn lead<T: Quantity>(latest: T, before: T) -> T {
-    let change = latest - before;
-    let share = (0.25 * latest.size() / change.size()).min(1.0);
-    latest + change * if share.is_nan() { 0.0 } else { share }
+/// How a set point moves in the update to come, 1/s.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct SetMotion<T> {
+    /// Its rate: what the D part of a controller sees.
+    pub rate: T,
+    /// With which it goes on from the last command until the next one comes.
+    pub drift: T,
+}
+
+impl<T: Quantity> SetMotion<T> {
+    /// From the rates at which it moved in the latest update and in the one before: both are those of updates past, and by a whole update too
+    /// old, so that their change is added. A jump is not taken for a motion: at most a quarter of the latest rate is added, and the set
+    /// point drifts only as far as the two rates agree (fully, if they differ by no more than half of the larger one).
+    pub fn following(latest: T, before: T) -> Self {
+        let change = latest - before;
+        let share = (0.25 * latest.size() / change.size()).min(1.0);
+        let rate = latest + change * if share.is_nan() { 0.0 } else { share };
+        let agreement = 2.0 * (1.0 - change.size() / latest.size().max(before.size()));
+        Self { rate, drift: rate * if agreement > 0.0 { agreement.min(1.0) } else { 0.0 } }
+    }
 }
 
 /// What a [`PoseDriver`] wants of a body, world axes: linear part first.
@@ -285,9 +299,13 @@ mod tests {
     }
 
     #[test]
-    fn a_set_point_is_led_by_its_acceleration_but_a_jump_is_not() {
-        assert!((lead(1.0, 0.9) - 1.1_f64).abs() < 1e-12);
-        assert_eq!([lead(1.0, 0.0), lead(0.0, 1.0), lead(0.0, 0.0)], [1.25, 0.0, 0.0]);
+    fn a_set_point_goes_on_but_a_jump_does_not() {
+        let SetMotion { rate, drift } = SetMotion::following(1.0, 0.9);
+        assert!((rate - 1.1_f64).abs() < 1e-12 && drift == rate);
+        assert_eq!(SetMotion::following(1.0, 0.0), SetMotion { rate: 1.25, drift: 0.0 });
+        for (latest, before) in [(0.0, 1.0), (0.0, 0.0)] {
+            assert_eq!(SetMotion::following(latest, before), SetMotion { rate: 0.0, drift: 0.0 });
+        }
     }
 
     #[test]

@@ -10,7 +10,8 @@ use crate::adf::{Controller, Limits};
 use crate::bullet::{BodyDrive, Drive, World};
 use crate::comm::{CartesianCommandType, JointCommandType, RigidBodyCommand};
 use crate::control::{
-    lead, orientation_of, shortest_angle, Deviation, JointDriver, PoseAction, PoseDriver, Profile, Scheme,
+    orientation_of, shortest_angle, Deviation, JointDriver, PoseAction, PoseDriver, Profile, Quantity, Scheme,
+    SetMotion,
 };
 
 /// The sub-step that `max motor impulse` is given for, s.
@@ -23,13 +24,22 @@ pub(crate) struct SubSteps {
     pub length: f64,
     /// How many the update has.
     pub count: u32,
-    /// This is the first of them.
-    pub first: bool,
+    /// Which of them this is, from 0.
+    pub index: u32,
 }
 
 impl SubSteps {
+    fn is_first(&self) -> bool {
+        self.index == 0
+    }
+
     fn duration(&self) -> f64 {
         self.length * f64::from(self.count)
+    }
+
+    /// Time since the update began, s.
+    fn elapsed(&self) -> f64 {
+        self.length * f64::from(self.index)
     }
 }
 
@@ -44,7 +54,7 @@ pub(crate) struct JointOrder {
     /// Goal of the update before, if there was one, how fast it moved since, and how fast it moves.
     last_goal: Option<f64>,
     last_rate: Option<f64>,
-    goal_rate: f64,
+    goal_motion: SetMotion<f64>,
     /// Bullet holds a spring, which goes when nobody asks for it.
     has_spring: bool,
     /// Force and torque on the parent that the effort made of in the sub-step before, world axes; the child has the opposite force, and,
@@ -61,7 +71,7 @@ impl JointOrder {
             goal: None,
             last_goal: None,
             last_rate: None,
-            goal_rate: 0.0,
+            goal_motion: SetMotion::default(),
             has_spring: false,
             applied: None,
             is_listed: false,
@@ -99,12 +109,12 @@ impl Joint {
 
     /// Executes the order in the sub-step that follows.
     pub(crate) fn drive(&mut self, world: &mut World, bodies: &[Body], sub_steps: SubSteps) {
-        if sub_steps.first {
+        if sub_steps.is_first() {
             self.order.applied = None;
         }
         match self.order.goal {
             Some(goal) => self.pursue(world, goal, sub_steps),
-            None if sub_steps.first => {
+            None if sub_steps.is_first() => {
                 self.order.reset();
                 if self.order.has_spring {
                     self.let_go(world);
@@ -152,17 +162,22 @@ impl Joint {
         // Not `clamp`: the limits may be the wrong way round.
         let goal = self.limits.map_or(goal, |Limits { low, high }| goal.min(high).max(low));
         let order = &mut self.order;
-        if sub_steps.first {
+        if sub_steps.is_first() {
             let rate = order.last_goal.replace(goal).map(|last| {
                 let moved = goal - last;
                 (if turns_freely { (moved + PI).rem_euclid(TAU) - PI } else { moved }) / sub_steps.duration()
             });
-            order.goal_rate = rate.map_or(0.0, |rate| lead(rate, order.last_rate.unwrap_or(rate)));
+            order.goal_motion = motion_of(rate, order.last_rate);
             order.last_rate = rate;
         }
-        let error = if turns_freely { shortest_angle(position, goal, Profile::Accurate) } else { goal - position };
+        let goal = goal + order.goal_motion.drift * sub_steps.elapsed();
+        let error = match self.limits {
+            Some(Limits { low, high }) => goal.min(high).max(low) - position,
+            None if turns_freely => shortest_angle(position, goal, Profile::Accurate),
+            None => goal - position,
+        };
         let scheme = if world.is_articulated(handle) { Scheme::Collocated } else { Scheme::Staggered };
-        let at = Deviation { error, set_rate: order.goal_rate, rate };
+        let at = Deviation { error, set_rate: order.goal_motion.rate, rate };
         let row = order.driver.update(&at, scheme, sub_steps.length);
         order.has_spring = order.driver.is_spring();
         let drive = if order.has_spring {
@@ -195,6 +210,14 @@ impl Joint {
     }
 }
 
+/// Motion of a set point by its rates in the latest update and in the one before, as far as there were commands then.
+fn motion_of<T: Quantity + Default>(latest: Option<T>, before: Option<T>) -> SetMotion<T> {
+    match (latest, before) {
+        (Some(latest), Some(before)) => SetMotion::following(latest, before),
+        (latest, _) => SetMotion { rate: latest.unwrap_or_default(), drift: T::default() },
+    }
+}
+
 /// What a body was told for the next update.
 #[derive(Debug, Clone)]
 pub(crate) struct BodyOrder {
@@ -203,7 +226,7 @@ pub(crate) struct BodyOrder {
     /// Wanted pose of the update before, if there was one, how fast it moved since, and how fast it moves: m/s and rad/s, world axes.
     last_target: Option<Isometry3<f64>>,
     last_rates: Option<[Vector3<f64>; 2]>,
-    target_rates: [Vector3<f64>; 2],
+    target_motion: [SetMotion<Vector3<f64>>; 2],
     has_spring: bool,
     is_listed: bool,
 }
@@ -222,7 +245,7 @@ impl BodyOrder {
             goal: None,
             last_target: None,
             last_rates: None,
-            target_rates: Default::default(),
+            target_motion: Default::default(),
             has_spring: false,
             is_listed: false,
         }
@@ -258,12 +281,12 @@ impl Body {
         match self.order.goal {
             Some(BodyGoal::Pose(target)) => self.pursue(world, &target, sub_steps),
             Some(BodyGoal::Velocity([linear, angular])) => {
-                if sub_steps.first {
+                if sub_steps.is_first() {
                     self.let_go(world);
                 }
                 world.hold_velocity(self.handle, &linear, &angular, sub_steps.length);
             }
-            None if sub_steps.first => self.let_go(world),
+            None if sub_steps.is_first() => self.let_go(world),
             None => (),
         }
     }
@@ -295,15 +318,19 @@ impl Body {
             [target.translation.vector - from.translation.vector, turn]
         };
         let order = &mut self.order;
-        if sub_steps.first {
+        if sub_steps.is_first() {
             let rates = order.last_target.replace(*target);
             let rates = rates.map(|last| between(&last).map(|part| part / sub_steps.duration()));
-            let before = order.last_rates.or(rates).unwrap_or_default();
-            order.target_rates = rates.map_or_else(Default::default, |[v, w]| [lead(v, before[0]), lead(w, before[1])]);
+            let motion = |i: usize| motion_of(rates.map(|rates| rates[i]), order.last_rates.map(|rates| rates[i]));
+            order.target_motion = [motion(0), motion(1)];
             order.last_rates = rates;
         }
-        let (errors, rates) = (between(&pose), [linear, angular]);
-        let deviation = |i: usize| Deviation { error: errors[i], set_rate: order.target_rates[i], rate: rates[i] };
+        let (errors, rates, motion) = (between(&pose), [linear, angular], &order.target_motion);
+        let deviation = |i: usize| Deviation {
+            error: errors[i] + motion[i].drift * sub_steps.elapsed(),
+            set_rate: motion[i].rate,
+            rate: rates[i],
+        };
         match order.driver.update(&[deviation(0), deviation(1)], sub_steps.length) {
             PoseAction::Springs([linear, angular]) => {
                 let drive = BodyDrive {

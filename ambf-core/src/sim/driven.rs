@@ -32,7 +32,7 @@ impl Driven {
         let Scene { world, joints, bodies, .. } = scene;
         let mut done = 0;
         let due = world.step_with(interval, cap, length, |world, count| {
-            let sub_steps = SubSteps { length, count, first: done == 0 };
+            let sub_steps = SubSteps { length, count, index: done };
             done += 1;
             for &joint in &self.joints {
                 joints[joint].drive(world, bodies, sub_steps);
