@@ -128,6 +128,12 @@ impl World {
         world
     }
 
+    /// The shim's world, for what this interface does not offer. It stays this world's: whoever changes it through the pointer must leave
+    /// it as this world knows it.
+    pub fn as_raw(&self) -> *mut sys::AmbWorld {
+        self.raw.as_ptr()
+    }
+
     /// Whether soft bodies may be added.
     pub fn has_soft_bodies(&self) -> bool {
         self.has_soft_bodies
