@@ -260,7 +260,8 @@ impl<'a> Builder<'a> {
             _ => None,
         };
         let mut built = shape::build(body, mesh.as_deref(), self.meshes, self.scene.profile);
-        if self.scene.preset == Some(Preset::PyBullet) {
+        // The trajectories of the C++ program depend on the compound.
+        if self.scene.preset == Some(Preset::PyBullet) || self.scene.profile == Profile::Accurate {
             built.shape = built.shape.simplified();
         }
         for (severity, message) in &built.left_out {

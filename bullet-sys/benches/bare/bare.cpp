@@ -1,6 +1,8 @@
 // A plain Bullet program for scenes that were built through the shim: its bodies, constraints, solver and numbers, and no more.
 #include "../../shim/internal.h"
 
+#include <BulletCollision/Gimpact/btGImpactCollisionAlgorithm.h>
+
 #include <ctime>
 
 namespace {
@@ -77,6 +79,7 @@ Bare *bare_take(AmbWorld *from, int skips) {
   bare->world->skips = skips;
   if (skips & PairLists) bare->dispatcher.setNearCallback(skip_ignored);
   bare->world->setForceUpdateAllAabbs(!(skips & StaticBodies));
+  if (from->has_gimpact) btGImpactCollisionAlgorithm::registerAlgorithm(&bare->dispatcher);
   bare->world->getSolverInfo() = old.getSolverInfo();
   bare->world->setGravity(old.getGravity());
   for (auto &[constraint, parts] : constraints) old.removeConstraint(constraint);
