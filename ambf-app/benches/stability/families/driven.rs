@@ -24,7 +24,6 @@ pub fn families() -> Vec<Family> {
             difficulty: "gains ×",
             stray: "off, rad",
             values: &[1.0, 3.0, 10.0, 100.0, 1e3, 1e4],
-            quick: &[1.0, 10.0, 1e4],
             make: |factor| {
                 let mut trial = arm();
                 let drive = trial.system.drive.as_mut().expect("the arm has one");
@@ -39,7 +38,6 @@ pub fn families() -> Vec<Family> {
             difficulty: "step, ms",
             stray: "off, rad",
             values: &[0.1, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0],
-            quick: &[1.0, 10.0, 50.0],
             make: |ms| {
                 let mut trial = arm();
                 trial.step = ms / 1e3;
@@ -55,7 +53,6 @@ pub fn families() -> Vec<Family> {
             difficulty: "cap",
             stray: "off, rad",
             values: &[1.0, 5.0, 20.0, 50.0, 100.0, 500.0],
-            quick: &[1.0, 50.0, 500.0],
             make: starved_arm,
         },
         Family {
@@ -66,7 +63,6 @@ pub fn families() -> Vec<Family> {
             difficulty: "gains ×",
             stray: "off, m",
             values: &[1.0, 3.0, 10.0, 100.0, 1e3, 1e4],
-            quick: &[1.0, 10.0, 1e4],
             make: |factor| cartesian(factor, 0.001),
         },
         Family {
@@ -76,7 +72,6 @@ pub fn families() -> Vec<Family> {
             difficulty: "step, ms",
             stray: "off, m",
             values: &[0.1, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0],
-            quick: &[1.0, 10.0, 50.0],
             make: |ms| cartesian(1.0, ms / 1e3),
         },
         Family {
@@ -87,7 +82,6 @@ pub fn families() -> Vec<Family> {
             difficulty: "simulated, s",
             stray: "",
             values: &[60.0, 3600.0],
-            quick: &[20.0],
             make: random_commands,
         },
     ]
