@@ -24,6 +24,10 @@ fn main() {
         .unwrap_or_else(|error| fail(&format!("cannot list shim/: {error}")));
     sources.retain(|path| path.extension().is_some_and(|extension| extension == "cpp"));
     sources.sort();
+    if env::var_os("CARGO_FEATURE_BARE").is_some() {
+        println!("cargo:rerun-if-changed=benches/bare/bare.cpp");
+        sources.push("benches/bare/bare.cpp".into());
+    }
 
     let mut build = cc::Build::new();
     build.cpp(true).std("c++17").warnings(true).files(sources);

@@ -105,8 +105,8 @@ pub fn physics(options: &cli::PhysicsOptions) -> Result<PhysicsOptions, String> 
         integrator,
         iterations: options.iterations,
         articulated: options.articulated,
-        sub_step: None,
         sleep: options.sleep,
+        ..PhysicsOptions::default()
     })
 }
 

@@ -182,6 +182,7 @@ int amb_constraint_set_drive(AmbConstraint *constraint, double velocity, double 
   } else {
     return 0;
   }
+  wake(*constraint);
   JointDrive &drive = constraint->drive;
   drive.enabled = true;
   drive.velocity = velocity;
@@ -190,7 +191,10 @@ int amb_constraint_set_drive(AmbConstraint *constraint, double velocity, double 
   return 1;
 }
 
-void amb_constraint_release(AmbConstraint *constraint) { constraint->drive.enabled = false; }
+void amb_constraint_release(AmbConstraint *constraint) {
+  if (constraint->drive.enabled) wake(*constraint);
+  constraint->drive.enabled = false;
+}
 
 int amb_constraint_coordinate(const AmbConstraint *constraint, double out[2]) {
   if (constraint->tree && (constraint->kind == Kind::Hinge || constraint->kind == Kind::Slider)) {
@@ -226,6 +230,7 @@ void amb_body_set_drive(AmbWorld *world, AmbBody *body, const double velocity[6]
     body->drive = std::make_unique<BodyDrive>(body->body);
     world->world->addConstraint(body->drive.get());
   }
+  body->body.activate();
   auto &drive = static_cast<BodyDrive &>(*body->drive);
   for (int i = 0; i < 6; ++i) {
     drive.velocity[i] = velocity[i];
@@ -239,6 +244,7 @@ void amb_body_set_drive(AmbWorld *world, AmbBody *body, const double velocity[6]
 void amb_body_release(AmbBody *body) {
   if (body->tree && body->tree->members[body->member].drive) body->tree->members[body->member].drive->enabled = false;
   if (!body->drive) return;
+  if (body->drive->isEnabled()) body->body.activate();
   body->drive->setEnabled(false);
   body->body.removeConstraintRef(body->drive.get());
 }
@@ -248,6 +254,7 @@ void amb_body_hold_velocity(AmbWorld *world, AmbBody *body, const double linear[
   body->body.setAngularVelocity(vector_of(angular));
   if (body->tree) body->tree->velocities_set = true;
   body->touched = world->sub_step + 1;
+  body->body.activate();
 }
 
 }  // extern "C"

@@ -54,6 +54,12 @@ struct AmbObject {
 
 struct AmbTree;
 
+// State of a body before a sub-step.
+struct FlightStart {
+  btTransform pose;
+  btVector3 linear_velocity, angular_velocity;
+};
+
 struct AmbBody : AmbObject {
   AmbBody(btScalar mass, const btVector3 &inertia, AmbShape *owner_shape, const btTransform &pose)
       : AmbObject(ObjectKind::Body),
@@ -72,13 +78,16 @@ struct AmbBody : AmbObject {
   AmbWorld *home = nullptr;
   // What keeps it from falling asleep.
   int restless = 0;
-  // Sub-step in which the body was last in contact; only counted for the ballistic correction.
+  // Sub-step in which the body was last in contact; only counted where the integrator asks for it.
   uint64_t touched = 0;
   // What of it is in the world: the body, or its link of a tree.
   btCollisionObject *collider = &body;
   // The tree of which it is a link, and which of its bodies it is.
   AmbTree *tree = nullptr;
   int member = 0;
+  // Constraints on it.
+  int held = 0;
+  FlightStart start;
   // Rows that drive the body, see drive.cpp. Made when they are first needed, dropped when the body leaves its world.
   std::unique_ptr<btTypedConstraint> drive;
   // Of the sphere that is swept when the body moves further than that in a sub-step; 0: never.
@@ -201,6 +210,14 @@ struct Broadphase : btDbvtBroadphase {
   bool tight = false;
 };
 
+// What the solver of profile `accurate` knows of its world.
+struct AccurateContext : AmbAccurateSettings {
+  AccurateContext() : AmbAccurateSettings{} {}
+
+  // Free bodies fly exactly, not by Bullet's semi-implicit Euler.
+  bool exact_flight = false;
+};
+
 struct AmbWorld {
   AmbWorld(int solver_kind, int kind);
 
@@ -215,6 +232,8 @@ struct AmbWorld {
   std::unique_ptr<btGhostPairCallback> ghost_pairs;
   Broadphase broadphase;
   std::unique_ptr<btMLCPSolverInterface> mlcp;
+  AccurateContext accurate;
+  int integrator = AmbIntegrator_Euler;
   std::unique_ptr<btConstraintSolver> solver;
   std::unique_ptr<btDiscreteDynamicsWorld> world;
   // The same world.

@@ -1,5 +1,6 @@
 #ifndef AMB_SHIM_H
 #define AMB_SHIM_H
+#include "accurate.h"
 #include "body.h"
 #include "constraint.h"
 #include "drive.h"

@@ -8,6 +8,8 @@
 #include <BulletDynamics/MLCPSolvers/btMLCPSolver.h>
 #include <BulletDynamics/MLCPSolvers/btSolveProjectedGaussSeidel.h>
 
+#include "accurate_solver.h"
+
 namespace {
 
 // Bullet 3 no longer warm-starts friction; results of Bullet 2 need it. The rows are set up from velocities without impulses, so
@@ -46,13 +48,17 @@ std::unique_ptr<btMLCPSolverInterface> mlcp_of(int solver) {
   }
 }
 
-std::unique_ptr<btConstraintSolver> solver_of(int solver, btMLCPSolverInterface *mlcp) {
+std::unique_ptr<btConstraintSolver> solver_of(int solver, btMLCPSolverInterface *mlcp, const AccurateContext &accurate) {
   if (mlcp) return std::make_unique<WithSoftMatrix<btMLCPSolver>>(mlcp);
   if (solver == AmbSolver_Nncg) return std::make_unique<WithSoftRows<btNNCGConstraintSolver>>();
   if (solver == AmbSolver_WarmFriction) return std::make_unique<WithSoftRows<WarmFrictionSolver>>();
+  if (solver == AmbSolver_Accurate) {
+    return std::make_unique<WithSoftRows<AccurateSolver<btSequentialImpulseConstraintSolver>>>(accurate);
+  }
   return std::make_unique<WithSoftRows<btSequentialImpulseConstraintSolver>>();
 }
 
-std::unique_ptr<btMultiBodyConstraintSolver> multi_body_solver_of(int) {
+std::unique_ptr<btMultiBodyConstraintSolver> multi_body_solver_of(int solver, const AccurateContext &accurate) {
+  if (solver == AmbSolver_Accurate) return std::make_unique<WithSoftRows<AccurateSolver<btMultiBodyConstraintSolver>>>(accurate);
   return std::make_unique<WithSoftRows<btMultiBodyConstraintSolver>>();
 }

@@ -8,8 +8,9 @@
 
 // What an MLCP solver solves its islands with; null for all others.
 std::unique_ptr<btMLCPSolverInterface> mlcp_of(int solver);
-std::unique_ptr<btConstraintSolver> solver_of(int solver, btMLCPSolverInterface *mlcp);
+// accurate: switches of AmbSolver_Accurate, which must outlive the solver.
+std::unique_ptr<btConstraintSolver> solver_of(int solver, btMLCPSolverInterface *mlcp, const AccurateContext &accurate);
 // The solver of a world with trees: rows of trees are solved by sequential impulses, whatever the number.
-std::unique_ptr<btMultiBodyConstraintSolver> multi_body_solver_of(int solver);
+std::unique_ptr<btMultiBodyConstraintSolver> multi_body_solver_of(int solver, const AccurateContext &accurate);
 
 #endif

@@ -1,4 +1,5 @@
 #include "continuous.h"
+#include "flight.h"
 #include "solvers.h"
 #include "tree_rows.h"
 
@@ -32,9 +33,16 @@ btDefaultCollisionConstructionInfo small_pools() {
   return info;
 }
 
-std::unique_ptr<btDefaultCollisionConfiguration> configuration_of(bool soft) {
-  if (soft) return std::make_unique<btSoftBodyRigidBodyCollisionConfiguration>(small_pools());
-  return std::make_unique<btDefaultCollisionConfiguration>(small_pools());
+std::unique_ptr<btDefaultCollisionConfiguration> configuration_of(bool soft, bool accurate) {
+  std::unique_ptr<btDefaultCollisionConfiguration> made;
+  if (soft) {
+    made = std::make_unique<btSoftBodyRigidBodyCollisionConfiguration>(small_pools());
+  } else {
+    made = std::make_unique<btDefaultCollisionConfiguration>(small_pools());
+  }
+  // A plane otherwise finds one point a step: what slides on it rocks from corner to corner.
+  if (accurate) made->setPlaneConvexMultipointIterations(4, 4);
+  return made;
 }
 
 // The same calls in the same order as in Bullet's own loop: results agree bit for bit.
@@ -84,14 +92,15 @@ Base *make_world(AmbWorld &owner, Solver *solver) {
 }  // namespace
 
 AmbWorld::AmbWorld(int solver_kind, int kind)
-    : configuration(configuration_of(kind == AmbWorldKind_Soft)), dispatcher(configuration.get()) {
+    : configuration(configuration_of(kind == AmbWorldKind_Soft, solver_kind == AmbSolver_Accurate)),
+      dispatcher(configuration.get()) {
   if (kind == AmbWorldKind_Trees) {
-    auto rows = multi_body_solver_of(solver_kind);
+    auto rows = multi_body_solver_of(solver_kind, accurate);
     trees = make_world<TreeWorld>(*this, rows.get());
     solver = std::move(rows);
   } else {
     mlcp = mlcp_of(solver_kind);
-    solver = solver_of(solver_kind, mlcp.get());
+    solver = solver_of(solver_kind, mlcp.get(), accurate);
     if (kind == AmbWorldKind_Soft) {
       soft = make_world<Lean<btSoftRigidDynamicsWorld>>(*this, solver.get());
       soft->getWorldInfo().air_density = 0;
@@ -125,8 +134,20 @@ void AmbWorld::part(AmbObject &a, btCollisionObject &object_a, AmbObject &b, btC
 
 namespace {
 
-// After a sub-step: takes back a dt^2 / 2 of the way of every free body.
-void correct_ballistic(btDynamicsWorld *dynamics, btScalar dt) {
+void count_held(const AmbConstraint &constraint, int change) {
+  for (const btRigidBody *body : {&constraint.constraint->getRigidBodyA(), &constraint.constraint->getRigidBodyB()}) {
+    if (AmbBody *owner = body_of(body)) owner->held += change;
+  }
+}
+
+void before_sub_step(btDynamicsWorld *dynamics, btScalar dt) {
+  auto &world = *static_cast<AmbWorld *>(dynamics->getWorldUserInfo());
+  if (world.soft) before_soft_sub_step(dynamics, dt);
+  remember_flight(world);
+}
+
+// After a sub-step: moves every free body as the integrator says.
+void correct_free_bodies(btDynamicsWorld *dynamics, btScalar dt) {
   auto &world = *static_cast<AmbWorld *>(dynamics->getWorldUserInfo());
   const uint64_t now = ++world.sub_step;
   for (int i = 0; i < world.dispatcher.getNumManifolds(); ++i) {
@@ -141,7 +162,11 @@ void correct_ballistic(btDynamicsWorld *dynamics, btScalar dt) {
     AmbBody *owner = body_of(objects[i]);
     if (!owner || owner->tree || owner->touched == now) continue;
     btRigidBody &body = owner->body;
-    if (!body.isActive() || body.isStaticOrKinematicObject() || body.getNumConstraintRefs() > 0) continue;
+    if (!body.isActive() || body.isStaticOrKinematicObject() || owner->held > 0 || owner->drive) continue;
+    if (world.integrator == AmbIntegrator_RungeKutta) {
+      fly(body, owner->start, dt);
+      continue;
+    }
     const btVector3 back = body.getTotalForce() * (body.getInvMass() * dt * dt / 2);
     btTransform pose = body.getWorldTransform();
     pose.setOrigin(pose.getOrigin() - back);
@@ -176,8 +201,16 @@ void amb_world_set_iterations(AmbWorld *world, int iterations) {
   world->world->getSolverInfo().m_numIterations = iterations;
 }
 
-void amb_world_set_ballistic(AmbWorld *world, int enabled) {
-  world->world->setInternalTickCallback(enabled ? correct_ballistic : nullptr, world);
+void amb_world_set_accurate(AmbWorld *world, const AmbAccurateSettings *settings) {
+  static_cast<AmbAccurateSettings &>(world->accurate) = *settings;
+}
+
+void amb_world_set_integrator(AmbWorld *world, int integrator) {
+  world->integrator = integrator;
+  world->accurate.exact_flight = integrator != AmbIntegrator_Euler;
+  world->world->setInternalTickCallback(integrator == AmbIntegrator_Euler ? nullptr : correct_free_bodies, world);
+  const btInternalTickCallback soft = world->soft ? before_soft_sub_step : nullptr;
+  world->world->setInternalTickCallback(integrator == AmbIntegrator_RungeKutta ? before_sub_step : soft, world, true);
 }
 
 void amb_world_set_lag(AmbWorld *world, int enabled) {
@@ -215,6 +248,7 @@ void amb_world_make_drawing(AmbWorld *world, AmbBody *body) {
 }
 
 void amb_world_add_constraint(AmbWorld *world, AmbConstraint *constraint, int disable_collisions) {
+  count_held(*constraint, 1);
   constraint->parts = disable_collisions != 0;
   wake(*constraint);
   if (holds_link(*constraint)) return add_tie(*world, *constraint);
@@ -222,6 +256,7 @@ void amb_world_add_constraint(AmbWorld *world, AmbConstraint *constraint, int di
 }
 
 void amb_world_remove_constraint(AmbWorld *world, AmbConstraint *constraint) {
+  count_held(*constraint, -1);
   wake(*constraint);
   if (constraint->tie) return remove_tie(*world, *constraint);
   world->world->removeConstraint(constraint->constraint.get());

@@ -10,7 +10,9 @@ enum AmbSolver {
   AmbSolver_ProjectedGaussSeidel = 3,
   AmbSolver_Lemke = 4,
   /* Sequential impulses that start friction from the impulses of the step before, as Bullet 2 did. */
-  AmbSolver_WarmFriction = 5
+  AmbSolver_WarmFriction = 5,
+  /* Direct solution of islands where it is cheap, else sequential impulses; its switches are in accurate.h, all off at first. */
+  AmbSolver_Accurate = 6
 };
 
 enum AmbWorldKind {
@@ -27,8 +29,16 @@ void amb_world_free(AmbWorld *world);
 void amb_world_set_gravity(AmbWorld *world, const double gravity[3]);
 void amb_world_set_iterations(AmbWorld *world, int iterations);
 
-/* Bodies without contacts and constraints move exactly under constant force: Bullet's step x += v' dt is a a dt^2 / 2 too long. */
-void amb_world_set_ballistic(AmbWorld *world, int enabled);
+/* How bodies without contacts and constraints move. */
+enum AmbIntegrator {
+  AmbIntegrator_Euler = 0,
+  /* Exactly under constant force: Bullet's step x += v' dt is a a dt^2 / 2 too long. */
+  AmbIntegrator_Ballistic = 1,
+  /* Also exactly under damping, turning as Euler's equations say, by Runge-Kutta of fourth order. */
+  AmbIntegrator_RungeKutta = 2
+};
+
+void amb_world_set_integrator(AmbWorld *world, int integrator);
 /* Whether motion states lag up to a sub-step behind (Bullet's default) or are as recent as the last sub-step. */
 void amb_world_set_lag(AmbWorld *world, int enabled);
 

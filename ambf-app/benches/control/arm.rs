@@ -51,10 +51,21 @@ pub fn measure() -> (Section, String) {
         .zip(&errors)
         .map(|(setting, errors)| Line {
             name: setting.name,
-            points: STEPS.iter().map(|step| step * 1000.0).zip(errors.iter().copied()).filter(|p| p.1.is_finite()).collect(),
+            points: STEPS
+                .iter()
+                .map(|step| step * 1000.0)
+                .zip(errors.iter().copied())
+                .filter(|p| p.1.is_finite())
+                .collect(),
         })
         .collect();
-    let figure = log_lines("Arm of 7 joints under position control", "step, ms", "error, rad", &lines);
+    let figure = log_lines(
+        "Arm of 7 joints under position control",
+        "step, ms",
+        "error, rad",
+        &STEPS.map(|step| step * 1000.0),
+        &lines,
+    );
     let section = Section {
         title: "Arm of 7 joints: step against error",
         intro: "Every joint follows 0.3·(1 − cos 4t) rad for 3.8 s with torques of its own P and D; a command a step. Error: largest difference \

@@ -93,7 +93,7 @@ pub fn measure() -> (Section, String) {
     };
     let names = ["P 1000, legacy", "P 1000, accurate", "P 4000, legacy", "P 4000, accurate"];
     let lines: Vec<_> = names.into_iter().zip(&runs).map(|(name, run)| line(name, run)).collect();
-    let figure = log_lines("Body that follows a curve", "commands a second", "error, m", &lines);
+    let figure = log_lines("Body that follows a curve", "commands a second", "error, m", &RATES, &lines);
     let section = Section {
         title: "Body on a curve: outer rate against error",
         intro: "A body of 1 kg without gravity gets pose commands on P(t) = P₀ + 0.1·(sin 4t, cos 4t, 2 sin 4t) m. Commands and updates come at \

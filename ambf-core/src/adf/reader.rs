@@ -26,6 +26,8 @@ pub(super) enum Range {
     Any,
     NotNegative,
     Positive,
+    /// More than 0, at most 1.
+    Share,
 }
 
 impl Range {
@@ -34,6 +36,7 @@ impl Range {
             Range::Any => true,
             Range::NotNegative => x >= 0.0,
             Range::Positive => x > 0.0,
+            Range::Share => x > 0.0 && x <= 1.0,
         }
     }
 
@@ -42,6 +45,7 @@ impl Range {
             Range::Any => "a finite number",
             Range::NotNegative => "a finite number, at least 0",
             Range::Positive => "a finite number above 0",
+            Range::Share => "a number above 0, at most 1",
         }
     }
 }

@@ -74,6 +74,10 @@ pub struct PhysicsSettings {
     pub sub_step: Option<f64>,
     /// Bodies at rest sleep.
     pub sleep: Option<bool>,
+    /// Share of the position error of joints that is corrected in a sub-step, 0 to 1, instead of that of every joint.
+    pub joint_erp: Option<f64>,
+    /// Name of the way in which the gyroscopic torque is integrated, as written.
+    pub gyroscopic: Option<String>,
 }
 
 /// Profile of the physics.
@@ -183,6 +187,8 @@ impl PhysicsSettings {
             articulated: block.boolean("articulated"),
             sub_step: block.real_in("sub step", Range::Positive),
             sleep: block.boolean("sleep"),
+            joint_erp: block.real_in("joint erp", Range::Share),
+            gyroscopic: block.filled("gyroscopic"),
         };
         block.finish();
         settings
@@ -202,8 +208,8 @@ mod tests {
         assert_eq!((world.environment, world.physics), (None, PhysicsSettings::default()));
         let world: World = clean(
             "namespace: env/\nenvironment: e.yaml\nlights: [l]\nl: {namespace: a/}\nmax iterations: 3\n\
-             physics: {profile: accurate, solver: nncg, iterations: 4, sub step: 0.0005, sleep: true, \
-             articulated: false}\n",
+             physics: {profile: accurate, solver: nncg, iterations: 4, sub step: 0.0005, joint erp: 0.5, \
+             gyroscopic: none, sleep: true, articulated: false}\n",
         );
         assert_eq!(world.common.namespace, "env/");
         assert_eq!(world.lights[0].common.namespace, "env/a/");
@@ -212,6 +218,7 @@ mod tests {
         assert_eq!((world.physics.iterations, world.physics.sub_step), (Some(4), Some(0.0005)));
         assert_eq!(world.physics.sleep, Some(true));
         assert_eq!(world.physics.articulated, Some(false));
+        assert_eq!((world.physics.joint_erp, world.physics.gyroscopic.as_deref()), (Some(0.5), Some("none")));
         let world: World = clean("physics: {profile: pybullet}\n");
         assert_eq!(world.physics.profile, Some(PhysicsProfile::PyBullet));
     }

@@ -14,18 +14,27 @@ pub enum Solver {
     Lemke,
     /// Sequential impulses that start friction from the impulses of the step before, as the Bullet of the C++ program did.
     WarmFriction,
+    /// Direct solution of every group of joined and touching bodies for which it is cheap, else sequential impulses with the
+    /// corrections of [`AccurateSettings`](super::AccurateSettings).
+    Accurate,
 }
 
 impl Solver {
     /// All of them, with the names by which users choose.
-    pub const NAMES: [(&'static str, Self); 6] = [
+    pub const NAMES: [(&'static str, Self); 7] = [
         ("si", Self::SequentialImpulse),
         ("nncg", Self::Nncg),
         ("dantzig", Self::Dantzig),
         ("pgs", Self::ProjectedGaussSeidel),
         ("lemke", Self::Lemke),
         ("si-warm", Self::WarmFriction),
+        ("accurate", Self::Accurate),
     ];
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        Self::NAMES.iter().find(|(_, solver)| *solver == self).map_or("", |(name, _)| name)
+    }
 
     /// The solver called `name`.
     pub fn from_name(name: &str) -> Option<Self> {
@@ -41,14 +50,39 @@ pub enum Integrator {
     Euler,
     /// The same velocities, with positions that are exact under constant force.
     Ballistic,
+    /// Positions and velocities that are exact under constant force and damping; rotation by Euler's equations and the
+    /// classical Runge-Kutta method.
+    RungeKutta,
 }
 
 impl Integrator {
-    /// Both, with the names by which users choose.
-    pub const NAMES: [(&'static str, Self); 2] = [("euler", Self::Euler), ("ballistic", Self::Ballistic)];
+    /// All of them, with the names by which users choose.
+    pub const NAMES: [(&'static str, Self); 3] =
+        [("euler", Self::Euler), ("ballistic", Self::Ballistic), ("rk4", Self::RungeKutta)];
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        Self::NAMES.iter().find(|(_, integrator)| *integrator == self).map_or("", |(name, _)| name)
+    }
 
     /// The integrator called `name`.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::NAMES.iter().find(|(known, _)| *known == name).map(|&(_, integrator)| integrator)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_name_names_one() {
+        for (name, solver) in Solver::NAMES {
+            assert_eq!((Solver::from_name(name), solver.name()), (Some(solver), name));
+        }
+        for (name, integrator) in Integrator::NAMES {
+            assert_eq!((Integrator::from_name(name), integrator.name()), (Some(integrator), name));
+        }
+        assert_eq!(Solver::from_name("best"), None);
     }
 }

@@ -4,6 +4,7 @@
 //! named by handles; a handle of something that was removed gives `None` or `false`, never undefined behaviour. Vehicles and constraints
 //! are freed before bodies, bodies before shapes. No panic can cross into C++: nothing here is called back from it.
 
+mod accurate;
 mod articulation;
 mod body;
 mod constraint;
@@ -21,6 +22,7 @@ mod soft_world;
 mod vehicle;
 mod world;
 
+pub use accurate::AccurateSettings;
 pub use body::RigidBody;
 pub use constraint::{Constraint, ConstraintKind, ConstraintParameter, JointWrench, Spring};
 pub use contact::Contact;

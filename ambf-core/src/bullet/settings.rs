@@ -67,6 +67,17 @@ pub enum Gyroscopic {
     ImplicitBody,
 }
 
+impl Gyroscopic {
+    /// Those between which users choose, with their names.
+    pub const NAMES: [(&'static str, Self); 3] =
+        [("none", Self::None), ("explicit", Self::Explicit), ("implicit", Self::ImplicitBody)];
+
+    /// The way called `name`.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::NAMES.iter().find(|(known, _)| *known == name).map(|&(_, way)| way)
+    }
+}
+
 /// Settings that come as a set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Preset {

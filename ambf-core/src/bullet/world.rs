@@ -32,6 +32,8 @@ new_key_type! {
 pub struct World {
     pub(super) raw: NonNull<sys::AmbWorld>,
     pub(super) has_soft_bodies: bool,
+    solver: Solver,
+    integrator: Integrator,
     pub(super) has_articulations: bool,
     pub(super) articulations: SlotMap<ArticulationHandle, OwnedArticulation>,
     pub(super) bodies: SlotMap<BodyHandle, OwnedBody>,
@@ -108,6 +110,8 @@ impl World {
         let raw = unsafe { sys::amb_world_new(solver as i32, kind as i32) };
         let mut world = Self {
             raw: NonNull::new(raw).expect("operator new throws rather than return null"),
+            solver,
+            integrator: Integrator::default(),
             has_soft_bodies: kind == sys::AmbWorldKind::AmbWorldKind_Soft,
             has_articulations: kind == sys::AmbWorldKind::AmbWorldKind_Trees,
             articulations: SlotMap::with_key(),
@@ -125,7 +129,24 @@ impl World {
             scratch: RefCell::default(),
         };
         world.set_gravity(Vector3::zeros());
+        world.set_defaults(solver);
         world
+    }
+
+    /// The method that solves contacts and constraints.
+    pub fn solver(&self) -> Solver {
+        self.solver
+    }
+
+    /// How free bodies are moved.
+    pub fn integrator(&self) -> Integrator {
+        self.integrator
+    }
+
+    /// The shim's world, for what this interface does not offer. It stays this world's: whoever changes it through the pointer must leave
+    /// it as this world knows it.
+    pub fn as_raw(&self) -> *mut sys::AmbWorld {
+        self.raw.as_ptr()
     }
 
     /// Whether soft bodies may be added.
@@ -147,8 +168,9 @@ impl World {
 
     /// Chooses how free bodies are moved.
     pub fn set_integrator(&mut self, integrator: Integrator) {
+        self.integrator = integrator;
         // SAFETY: the world is alive and stays where it is: it is the callback's user pointer.
-        unsafe { sys::amb_world_set_ballistic(self.raw.as_ptr(), (integrator == Integrator::Ballistic).into()) }
+        unsafe { sys::amb_world_set_integrator(self.raw.as_ptr(), integrator as i32) }
     }
 
     /// Whether motion states lag up to a sub-step behind the poses. Default: `true`.
@@ -184,7 +206,7 @@ mod tests {
     use nalgebra::Isometry3;
 
     use super::super::tests::{ball, hinge};
-    use super::super::{BodyKinematics, RigidBody, Shape};
+    use super::super::{BodyKinematics, Constraint, RigidBody, Shape};
     use super::*;
 
     #[test]
@@ -247,6 +269,88 @@ mod tests {
             world.step(0.001, 1, 0.001);
         }
         assert!((world.pose(handle).unwrap().translation.z + 1.9).abs() < 1e-3, "it rests on the plane");
+    }
+
+    /// Rotation vector of the error and energy gained, relative, of an asymmetric body after 10 s of free flight.
+    fn free_flight(integrator: Integrator, dt: f64) -> (f64, f64) {
+        let inertia = Vector3::new(0.16 + 0.81, 0.01 + 0.81, 0.01 + 0.16) * (10.0 / 12.0);
+        let start = Vector3::new(0.1, 5.0, 0.1);
+        let mut world = World::new(Solver::default());
+        world.set_integrator(integrator);
+        world.set_gravity(Vector3::new(0.0, 0.0, -9.81));
+        let body = world.add_body(RigidBody { mass: 10.0, inertia, ..ball(10.0, 0.0) });
+        world.set_velocity(body, &Vector3::new(-2.0, 2.0, 8.0), &start);
+        // Euler's equations with quaternions, at a fine step of the same order but in the body's axes.
+        let (mut q, mut w) = (nalgebra::Quaternion::identity(), start);
+        let slope = |q: &nalgebra::Quaternion<f64>, w: &Vector3<f64>| {
+            let torque = (inertia.component_mul(w)).cross(w);
+            (*q * nalgebra::Quaternion::from_imag(*w) * 0.5, torque.component_div(&inertia))
+        };
+        let h = 1e-4;
+        for _ in 0..100_000 {
+            let (q1, w1) = slope(&q, &w);
+            let (q2, w2) = slope(&(q + q1 * (h / 2.0)), &(w + w1 * (h / 2.0)));
+            let (q3, w3) = slope(&(q + q2 * (h / 2.0)), &(w + w2 * (h / 2.0)));
+            let (q4, w4) = slope(&(q + q3 * h), &(w + w3 * h));
+            q += (q1 + q2 * 2.0 + q3 * 2.0 + q4) * (h / 6.0);
+            w += (w1 + w2 * 2.0 + w3 * 2.0 + w4) * (h / 6.0);
+        }
+        for _ in 0..(10.0 / dt).round() as usize {
+            world.step(dt, 1, dt);
+        }
+        let pose = world.pose(body).unwrap();
+        let error = pose.rotation.angle_to(&nalgebra::UnitQuaternion::from_quaternion(q));
+        let turned = pose.rotation.inverse() * world.velocity(body).unwrap().1;
+        let energy = |w: &Vector3<f64>| inertia.dot(&w.component_mul(w));
+        (error, energy(&turned) / energy(&start) - 1.0)
+    }
+
+    #[test]
+    fn runge_kutta_turns_a_free_body_as_eulers_equations_say() {
+        let (error, gained) = free_flight(Integrator::RungeKutta, 1e-3);
+        assert!(error < 1e-9, "{error:e}");
+        assert!(gained.abs() < 1e-10, "{gained:e}");
+        let (coarse, _) = free_flight(Integrator::RungeKutta, 8e-3);
+        assert!(coarse > 100.0 * error && coarse < 1e-5, "of fourth order: {coarse:e}");
+        assert!(free_flight(Integrator::Ballistic, 1e-3).0 > 0.1, "Bullet's own rotation is of first order");
+    }
+
+    #[test]
+    fn runge_kutta_is_exact_under_force_and_damping() {
+        let mut world = World::new(Solver::default());
+        world.set_integrator(Integrator::RungeKutta);
+        world.set_gravity(Vector3::new(0.0, 0.0, -10.0));
+        let body = world.add_body(RigidBody { linear_damping: 0.3, angular_damping: 0.5, ..ball(1.0, 0.0) });
+        world.set_velocity(body, &Vector3::new(1.0, 0.0, 2.0), &Vector3::new(0.0, 0.0, 3.0));
+        for _ in 0..50 {
+            world.step(0.02, 1, 0.02);
+        }
+        // v' = g - c v.
+        let c = -(0.7f64.ln());
+        let v = |v0: f64, g: f64| v0 * 0.7 + g * 0.3 / c;
+        let x = |v0: f64, g: f64| v0 * 0.3 / c + g * (1.0 - 0.3 / c) / c;
+        let (linear, angular) = world.velocity(body).unwrap();
+        assert!((linear - Vector3::new(v(1.0, 0.0), 0.0, v(2.0, -10.0))).norm() < 1e-12, "{linear}");
+        assert!((angular.z - 1.5).abs() < 1e-12, "{angular}");
+        let expected = Vector3::new(x(1.0, 0.0), 0.0, x(2.0, -10.0));
+        assert!((world.pose(body).unwrap().translation.vector - expected).norm() < 1e-12);
+    }
+
+    #[test]
+    fn runge_kutta_leaves_what_is_held_to_the_solver() {
+        let swing = |integrator| {
+            let mut world = World::new(Solver::default());
+            world.set_integrator(integrator);
+            world.set_gravity(Vector3::new(0.0, -10.0, 0.0));
+            let (a, b) = (world.add_body(ball(0.0, 0.0)), world.add_body(ball(1.0, 1.0)));
+            let joint = Constraint { disable_collisions: false, ..hinge() };
+            world.add_constraint(a, b, &joint).unwrap();
+            for _ in 0..300 {
+                world.step(0.001, 1, 0.001);
+            }
+            world.pose(b).unwrap()
+        };
+        assert_eq!(swing(Integrator::RungeKutta), swing(Integrator::Euler));
     }
 
     #[test]

@@ -323,22 +323,34 @@ fn angle_between(u: &Vector3<f64>, v: &Vector3<f64>) -> f64 {
 }
 
 /// The Bullet constraint that a joint becomes; `None` for an unknown type.
-pub(super) fn constraint(joint: &adf::Joint, frame_a: Isometry3<f64>, frame_b: Isometry3<f64>) -> Option<Constraint> {
+///
+/// `erp`: share of the position error that every joint corrects in a sub-step, without giving way to its load. `None`: as the
+/// description and Bullet's own defaults say.
+pub(super) fn constraint(
+    joint: &adf::Joint,
+    frame_a: Isometry3<f64>,
+    frame_b: Isometry3<f64>,
+    erp: Option<f64>,
+) -> Option<Constraint> {
     use ConstraintParameter::{Cfm, Erp, StopErp};
     let limits = joint.limits.map(|Limits { low, high }| [low, high]);
-    let (erp, cfm) = (joint.erp, joint.cfm);
+    let stiff = erp;
+    let (erp, cfm) = stiff.map_or((joint.erp, joint.cfm), |erp| (erp, 0.0));
+    // Of these types Bullet knows errors of their limits only; a locked axis is one.
+    let all_axes = || stiff.map_or(vec![], |erp| (0..6).map(|axis| (StopErp, erp, axis)).collect());
+    let one_axis = |axis| if stiff.is_some() { all_axes() } else { vec![(StopErp, erp, axis), (Cfm, cfm, axis)] };
     let (kind, parameters) = match &joint.kind {
         JointKind::Revolute => (ConstraintKind::Hinge { limits }, vec![(Erp, erp, -1), (Cfm, cfm, -1)]),
         JointKind::Prismatic => (ConstraintKind::Slider { limits }, vec![(Cfm, cfm, -1)]),
-        JointKind::Fixed => (ConstraintKind::Fixed, vec![]),
+        JointKind::Fixed => (ConstraintKind::Fixed, all_axes()),
         JointKind::PointToPoint => (ConstraintKind::PointToPoint, vec![(Erp, erp, -1), (Cfm, cfm, -1)]),
-        JointKind::LinearSpring => (one_axis_spring(joint, 2), vec![(StopErp, erp, 2), (Cfm, cfm, 2)]),
-        JointKind::TorsionSpring => (one_axis_spring(joint, 5), vec![(StopErp, erp, 5), (Cfm, cfm, 5)]),
+        JointKind::LinearSpring => (one_axis_spring(joint, 2), one_axis(2)),
+        JointKind::TorsionSpring => (one_axis_spring(joint, 5), one_axis(5)),
         JointKind::ConeTwist(span) => {
             let kind = ConstraintKind::ConeTwist { swing1: span.swing_z, swing2: span.swing_y, twist: span.twist };
             (kind, vec![])
         }
-        JointKind::SixDof(limits) => (ConstraintKind::SixDof(six_limits(limits)), vec![]),
+        JointKind::SixDof(limits) => (ConstraintKind::SixDof(six_limits(limits)), all_axes()),
         JointKind::SixDofSpring(spring) => {
             let axis = |i: usize| {
                 let pick = |v: &adf::LinearAngular| if i < 3 { v.linear[i] } else { v.angular[i - 3] };
@@ -352,7 +364,7 @@ pub(super) fn constraint(joint: &adf::Joint, frame_a: Isometry3<f64>, frame_b: I
                 })
             };
             let springs = std::array::from_fn(axis);
-            (ConstraintKind::SixDofSpring { limits: six_limits(&spring.limits), springs }, vec![])
+            (ConstraintKind::SixDofSpring { limits: six_limits(&spring.limits), springs }, all_axes())
         }
         JointKind::Unknown(_) => return None,
     };

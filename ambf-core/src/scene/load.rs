@@ -7,6 +7,8 @@ use super::articulate;
 use super::build::{empty_scene, needed_meshes, Builder};
 use super::{Note, Scene, SceneOptions};
 use crate::adf::{self, LoadError, Report, Severity};
+use crate::bullet::Solver;
+use crate::control::Profile;
 use crate::mesh::MeshCache;
 use crate::urdf;
 
@@ -28,6 +30,8 @@ pub struct SceneReport {
     pub files: Vec<Report>,
     /// What was dropped, replaced or guessed while objects were built.
     pub notes: Vec<Note>,
+    /// How physics is solved, where it is not as in the C++ program.
+    pub physics: Option<String>,
 }
 
 impl SceneReport {
@@ -51,6 +55,9 @@ struct Written<'a> {
 impl fmt::Display for Written<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let report = self.report;
+        if let Some(physics) = &report.physics {
+            writeln!(f, "{physics}")?;
+        }
         for message in &report.refused {
             writeln!(f, "{}", message.trim_end())?;
         }
@@ -106,7 +113,26 @@ pub fn load(files: &SceneFiles, options: &SceneOptions) -> Loaded {
     models.into_iter().for_each(|model| builder.add_model(model));
     notes.extend(builder.finish());
     report.notes = notes;
+    report.physics = (scene.profile == Profile::Accurate && scene.preset.is_none()).then(|| physics_line(&scene));
     Loaded { scene, report }
+}
+
+/// What profile `accurate` chose for a scene, in one line.
+fn physics_line(scene: &Scene) -> String {
+    let (solver, integrator) = (scene.world.solver(), scene.world.integrator());
+    let settings = scene.world.solver_settings();
+    let directly = match solver {
+        Solver::Accurate => " (joints and small groups of contacts directly, piles by iterations)",
+        _ => "",
+    };
+    let sub_step = scene.sub_step.map_or(String::new(), |sub_step| format!(", sub step {sub_step} s"));
+    format!(
+        "physics: accurate – solver {}{directly}, iterations {}, integrator {}, joint ERP {}{sub_step}",
+        solver.name(),
+        settings.iterations,
+        integrator.name(),
+        settings.joint_erp,
+    )
 }
 
 /// Loads the meshes of `models` in parallel.

@@ -39,7 +39,7 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Vector3};
 
 use crate::adf::{self, Severity, SourcePos};
-use crate::bullet::{Integrator, Preset, Solver, World};
+use crate::bullet::{Gyroscopic, Integrator, Preset, Solver, World};
 use crate::comm::{
     ActuatorCommand, BodyKinematics, GhostReading, ObjectInfo, ObjectKind, Rates, RigidBodyInfo, Snapshot,
     SoftBodyReading, VehicleInfo, VehicleReading, Wrench,
@@ -76,6 +76,10 @@ pub struct PhysicsOptions {
     pub sub_step: Option<f64>,
     /// Whether bodies at rest sleep: no, unless asked for.
     pub sleep: Option<bool>,
+    /// Share of the position error of joints that is corrected in a sub-step.
+    pub joint_erp: Option<f64>,
+    /// How the gyroscopic torque is integrated.
+    pub gyroscopic: Option<Gyroscopic>,
 }
 
 /// A remark on a scene: what was dropped, replaced or guessed while it was built.
@@ -148,6 +152,10 @@ pub struct Scene {
     pub profile: Profile,
     /// Settings of the solver and of shapes instead of the profile's.
     pub preset: Option<Preset>,
+    /// Share of the position error that every joint corrects in a sub-step; `None`: as the descriptions say.
+    pub joint_erp: Option<f64>,
+    /// How the gyroscopic torque is integrated.
+    pub gyroscopic: Gyroscopic,
     /// Whether any joint estimates its reactions.
     pub has_feedback: bool,
     /// What the world was made from: also all that is only drawn (skybox, shaders).

@@ -147,6 +147,11 @@ impl Simulation {
         Ok(())
     }
 
+    /// Whether states go anywhere.
+    pub(super) fn is_listened_to(&self) -> bool {
+        self.link.as_ref().is_some_and(|link| link.hub.is_listening())
+    }
+
     /// Publishes the states. `wall_time` in s.
     pub(super) fn publish(&mut self, wall_time: f64, timing: Timing) {
         let Some(mut link) = self.link.take() else { return };

@@ -64,7 +64,8 @@ pub struct Simulation {
     /// Sub-steps that the latest update should have done.
     due: u32,
     bullet_time: Duration,
-    stamp: SystemTime,
+    /// When the latest update was; taken where somebody listens.
+    stamp: Option<SystemTime>,
     joint_buffer: Vec<f64>,
     wrenches: Vec<Wrench>,
     link: Option<Link>,
@@ -90,7 +91,7 @@ impl Simulation {
             lost_time: 0.0,
             due: 0,
             bullet_time: Duration::ZERO,
-            stamp: SystemTime::now(),
+            stamp: None,
             joint_buffer: vec![0.0; scene.world.constraints().len()],
             wrenches,
             link: None,
@@ -153,7 +154,7 @@ impl Simulation {
         self.interval = interval;
         self.advance(interval);
         self.sim_time += interval;
-        self.stamp = SystemTime::now();
+        self.stamp = self.is_listened_to().then(SystemTime::now);
         self.scene.observe_joints(self.dt, &mut self.joint_buffer);
         if self.scene.has_feedback {
             self.estimate_efforts();
@@ -277,7 +278,7 @@ impl Simulation {
 
     fn fill(&self, snapshot: &mut Snapshot, wall_time: f64, timing: Timing) {
         let scene = &self.scene;
-        snapshot.stamp = self.stamp;
+        snapshot.stamp = self.stamp.unwrap_or_else(SystemTime::now);
         snapshot.sim_step = self.sim_step();
         snapshot.wall_time = wall_time;
         snapshot.sim_time = self.sim_time;

@@ -25,6 +25,10 @@ impl Pacer {
             self.next = now + self.period;
             return;
         }
+        if now >= self.next {
+            self.next += self.period;
+            return;
+        }
         if let Some(rest) = self.next.checked_duration_since(now + SPIN) {
             std::thread::sleep(rest);
         }

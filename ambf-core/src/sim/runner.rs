@@ -199,7 +199,7 @@ impl PhysicsLoop {
     /// One physics iteration.
     fn iterate(&mut self) {
         let begin = Instant::now();
-        let interval = self.choose_interval();
+        let interval = self.choose_interval(begin);
         if interval <= 0.0 {
             return;
         }
@@ -210,7 +210,7 @@ impl PhysicsLoop {
         let stepped = begin.elapsed();
         self.hold_for_clients();
         let resumed = Instant::now();
-        let wall = self.start.elapsed();
+        let wall = resumed - self.start;
         if let Err(problem) = self.simulation.execute_commands() {
             self.pause_lost(problem);
             return;
@@ -234,11 +234,11 @@ impl PhysicsLoop {
     }
 
     /// Interval of this iteration, s: what the wall clock is ahead, or fixed. The first one after a pause is one period.
-    fn choose_interval(&mut self) -> f64 {
+    fn choose_interval(&mut self, now: Instant) -> f64 {
         if self.options.fixed_step {
             return self.options.speed_factor / self.options.frequency;
         }
-        let wall = self.start.elapsed().as_secs_f64();
+        let wall = (now - self.start).as_secs_f64();
         if std::mem::take(&mut self.was_paused) {
             self.skipped = wall - self.simulation.sim_time() - 1.0 / self.options.frequency;
         }

@@ -1,0 +1,333 @@
+use bullet_sys as sys;
+
+use super::{Solver, SolverSettings, World};
+
+/// Switches of [`Solver::Accurate`], each of use alone. Worlds with another solver ignore them. The numbers were measured: see
+/// `docs/benchmarks.md`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AccurateSettings {
+    /// Friction ends with the normal impulse that bounds it; Bullet keeps the last one. Default: `true`.
+    pub release_friction: bool,
+    /// CFM of a joint, which Bullet takes for a share of the diagonal of its row, is also in what is divided by, which makes soft rows
+    /// implicit; Bullet leaves it out. Default: `true`.
+    pub diagonal_cfm: bool,
+    /// Contacts bounce at the velocity that restitution asks for, whatever the gap or depth at that moment. Default: `true`.
+    pub restitution: bool,
+    /// Islands are solved directly where that is cheap. Default: `true`.
+    pub direct: bool,
+    /// Least softness of joint rows that are solved directly, as a share of the row's diagonal. Redundant rows then share the load.
+    /// Default: 1e-11.
+    pub joint_softness: f64,
+    /// The same of contacts. Default: 1e-4.
+    pub contact_softness: f64,
+    /// The same of friction. Default: 1e-7.
+    pub friction_softness: f64,
+    /// Islands are hard that have joints or masses which differ by more than this factor. Default: 100.
+    pub hard_mass_ratio: f64,
+    /// Most multiplications of a factorisation, a row, of an island that is solved directly without being hard. Default: 500.
+    pub max_cost: f64,
+    /// The same of one that is hard. Default: 4000.
+    pub max_hard_cost: f64,
+    /// Most factorisations of block pivoting, and again of projected Gauss-Seidel with subspace minimisation, which follows on hard
+    /// islands where pivoting cycles. Default: 20.
+    pub max_rounds: u32,
+}
+
+impl Default for AccurateSettings {
+    fn default() -> Self {
+        Self {
+            release_friction: true,
+            diagonal_cfm: true,
+            restitution: true,
+            direct: true,
+            joint_softness: 1e-11,
+            contact_softness: 1e-4,
+            friction_softness: 1e-7,
+            hard_mass_ratio: 100.0,
+            max_cost: 500.0,
+            max_hard_cost: 4000.0,
+            max_rounds: 20,
+        }
+    }
+}
+
+impl AccurateSettings {
+    /// The settings of the solver that go with these: two friction directions, so that friction does not depend on the direction of
+    /// sliding; joints that correct nearly all of their error in a sub-step. Iterations are for what is not solved directly, and five times as
+    /// many for hard islands.
+    pub fn solver_settings(settings: SolverSettings) -> SolverSettings {
+        SolverSettings {
+            iterations: 10,
+            minimum_batch_size: 1,
+            joint_erp: 0.9,
+            residual_threshold: 1e-12,
+            restitution_velocity_threshold: 0.05,
+            two_friction_directions: true,
+            ..settings
+        }
+    }
+}
+
+impl World {
+    /// Changes the switches of [`Solver::Accurate`].
+    pub fn set_accurate(&mut self, settings: &AccurateSettings) {
+        let raw = sys::AmbAccurateSettings {
+            release_friction: settings.release_friction.into(),
+            diagonal_cfm: settings.diagonal_cfm.into(),
+            restitution: settings.restitution.into(),
+            direct: settings.direct.into(),
+            joint_softness: settings.joint_softness,
+            contact_softness: settings.contact_softness,
+            friction_softness: settings.friction_softness,
+            hard_mass_ratio: settings.hard_mass_ratio,
+            max_cost: settings.max_cost,
+            max_hard_cost: settings.max_hard_cost,
+            max_rounds: settings.max_rounds.clamp(1, 1000) as i32,
+        };
+        // SAFETY: the world is alive; the struct is read before the call returns.
+        unsafe { sys::amb_world_set_accurate(self.raw.as_ptr(), &raw) }
+    }
+
+    /// Switches and settings of a new world: those of its solver.
+    pub(super) fn set_defaults(&mut self, solver: Solver) {
+        if solver == Solver::Accurate {
+            self.set_accurate(&AccurateSettings::default());
+            self.set_solver_settings(&AccurateSettings::solver_settings(self.solver_settings()));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+
+    use super::super::tests::ball;
+    use super::super::{
+        BodyHandle, Constraint, ConstraintKind, ConstraintParameter, Integrator, RigidBody, Shape, SolverSettings,
+    };
+    use super::*;
+
+    const DT: f64 = 1e-3;
+    const G: f64 = 9.81;
+
+    fn world() -> World {
+        let mut world = World::new(Solver::Accurate);
+        world.set_gravity(Vector3::new(0.0, 0.0, -G));
+        world.set_integrator(Integrator::RungeKutta);
+        world
+    }
+
+    fn run(world: &mut World, seconds: f64) {
+        for _ in 0..(seconds / DT).round() as usize {
+            world.step(DT, 1, DT);
+        }
+    }
+
+    fn height(world: &World, body: BodyHandle) -> f64 {
+        world.pose(body).unwrap().translation.z
+    }
+
+    /// A cube of 1 m and `mass` kg with its centre at height `z`; a static one is a floor below the plane z = 0.
+    fn cube(mass: f64, z: f64) -> RigidBody {
+        let half = if mass > 0.0 { 0.5 } else { 50.0 };
+        RigidBody {
+            inertia: Vector3::repeat(mass / 6.0),
+            shape: Shape::cuboid(Vector3::repeat(half), 0.04),
+            pose: Isometry3::translation(0.0, 0.0, if mass > 0.0 { z } else { -half }),
+            ..ball(mass, 0.0)
+        }
+    }
+
+    /// Heights of the peaks between bounces of a ball that falls from 1 m.
+    fn peaks(settings: &AccurateSettings, restitution: f64, n: usize) -> Vec<f64> {
+        let mut world = world();
+        world.set_accurate(settings);
+        world.add_body(RigidBody { shape: Shape::plane(Vector3::z(), 0.0, 0.0), restitution: 1.0, ..ball(0.0, 0.0) });
+        let pose = Isometry3::translation(0.0, 0.0, 1.1);
+        let ball = world.add_body(RigidBody { pose, restitution, ..ball(1.0, 0.0) });
+        let (mut found, mut rises) = (vec![], false);
+        for _ in 0..20_000 {
+            world.step(DT, 1, DT);
+            let (z, v) = (height(&world, ball) - 0.1, world.velocity(ball).unwrap().0.z);
+            if rises && v <= 0.0 {
+                // From the state just after the peak.
+                found.push(z + v * v / (2.0 * G));
+            }
+            rises = v > 0.0;
+            if found.len() == n {
+                break;
+            }
+        }
+        found
+    }
+
+    #[test]
+    fn bounces_keep_the_energy_that_restitution_asks_for() {
+        let elastic = peaks(&AccurateSettings::default(), 1.0, 10);
+        assert!(elastic.len() == 10 && (0.995..1.002).contains(&elastic[9]), "{elastic:?}");
+        let half = peaks(&AccurateSettings::default(), 0.5, 4);
+        for (i, peak) in half.iter().enumerate() {
+            let expected = 0.25f64.powi(i as i32 + 1);
+            assert!((peak - expected).abs() < 0.002 * expected + 2e-4, "{i}: {half:?}");
+        }
+        let without = peaks(&AccurateSettings { restitution: false, ..AccurateSettings::default() }, 1.0, 2);
+        assert!(without.iter().sum::<f64>() < 1.8, "Bullet's own loses a lot: {without:?}");
+    }
+
+    #[test]
+    fn what_bounces_comes_to_rest() {
+        let mut world = world();
+        world.add_body(RigidBody { restitution: 0.5, ..cube(0.0, 0.0) });
+        let body = world.add_body(RigidBody { restitution: 0.5, ..cube(1.0, 0.6) });
+        run(&mut world, 3.0);
+        let (linear, angular) = world.velocity(body).unwrap();
+        assert!(linear.norm() < 1e-9 && angular.norm() < 1e-9, "{linear} {angular}");
+        assert!((height(&world, body) - 0.5).abs() < 1e-4);
+    }
+
+    /// Error of the acceleration of a box that slides down a slope of 0.5 rad, relative, with its edges turned by `turn` rad.
+    fn sliding_error(solver: Solver, turn: f64) -> f64 {
+        let mut world = World::new(solver);
+        let (slope, friction) = (0.5f64, 0.3);
+        let down = Vector3::new(turn.cos(), turn.sin(), 0.0);
+        world.set_gravity(down * (G * slope.sin()) - Vector3::z() * (G * slope.cos()));
+        world.add_body(RigidBody { friction: 1.0, ..cube(0.0, 0.0) });
+        let body = world.add_body(RigidBody { friction, ..cube(1.0, 0.5) });
+        run(&mut world, 0.2);
+        let before = world.velocity(body).unwrap().0;
+        run(&mut world, 1.0);
+        let expected = G * (slope.sin() - friction * slope.cos());
+        ((world.velocity(body).unwrap().0 - before) / expected - down).norm()
+    }
+
+    #[test]
+    fn sliding_boxes_accelerate_as_coulomb_says_in_every_direction() {
+        for turn in [0.0, 0.3, std::f64::consts::FRAC_PI_4] {
+            let error = sliding_error(Solver::Accurate, turn);
+            assert!(error < 1e-4, "{turn}: {error:e}");
+        }
+        assert!(sliding_error(Solver::SequentialImpulse, 0.0) > 1e-3);
+    }
+
+    #[test]
+    fn a_box_sticks_below_the_friction_angle() {
+        let mut world = world();
+        world.set_gravity(Vector3::new(G * 0.3f64.sin(), 0.0, -G * 0.3f64.cos()));
+        world.add_body(RigidBody { friction: 1.0, ..cube(0.0, 0.0) });
+        let body = world.add_body(RigidBody { friction: 0.4, ..cube(1.0, 0.5) });
+        run(&mut world, 5.0);
+        assert!(world.pose(body).unwrap().translation.x.abs() < 1e-5, "{}", world.pose(body).unwrap().translation.x);
+    }
+
+    #[test]
+    fn stacks_of_very_different_masses_stand() {
+        for masses in [&[1.0, 1000.0][..], &[1.0, 1.0, 1.0, 1.0, 1000.0], &[1.0, 1000.0, 1.0, 1000.0, 1.0], &[1.0; 10]]
+        {
+            let mut world = world();
+            world.add_body(cube(0.0, 0.0));
+            let bodies: Vec<_> =
+                masses.iter().enumerate().map(|(i, &mass)| world.add_body(cube(mass, i as f64 + 0.5))).collect();
+            run(&mut world, 5.0);
+            for (i, &body) in bodies.iter().enumerate() {
+                let offset = world.pose(body).unwrap().translation.vector - Vector3::z() * (i as f64 + 0.5);
+                assert!(offset.norm() < 1e-3, "{masses:?}: body {i} moved {offset}");
+            }
+        }
+    }
+
+    /// A chain of `n` rods of 0.1 m and 1 kg from a fixed body, level at first, about the y axis.
+    fn chain(world: &mut World, n: usize, erp: f64) -> Vec<BodyHandle> {
+        let rod = |mass: f64, x: f64| RigidBody {
+            inertia: Vector3::new(1e-4, 8.5e-4, 8.5e-4) * mass,
+            shape: Shape::empty(),
+            pose: Isometry3::translation(x, 0.0, 0.0),
+            ..ball(mass, x)
+        };
+        let along = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), -std::f64::consts::FRAC_PI_2);
+        let mut bodies = vec![world.add_body(rod(0.0, -0.05))];
+        for i in 0..n {
+            bodies.push(world.add_body(rod(1.0, 0.1 * i as f64 + 0.05)));
+            let at = |x: f64| Isometry3::from_parts(Vector3::new(x, 0.0, 0.0).into(), along);
+            let hinge = Constraint {
+                kind: ConstraintKind::Hinge { limits: None },
+                frame_a: at(0.05),
+                frame_b: at(-0.05),
+                parameters: vec![(ConstraintParameter::Erp, erp, -1)],
+                feedback: false,
+                disable_collisions: true,
+            };
+            assert!(world.add_constraint(bodies[i], bodies[i + 1], &hinge).is_some());
+        }
+        bodies
+    }
+
+    /// Widest gap of the joints of a chain of `n` that swings for 1 s, m.
+    fn gap(solver: Solver, settings: &AccurateSettings, n: usize) -> f64 {
+        let mut world = World::new(solver);
+        world.set_gravity(Vector3::new(0.0, 0.0, -G));
+        world.set_accurate(settings);
+        world.set_iterations(10);
+        let bodies = chain(&mut world, n, 0.9);
+        run(&mut world, 1.0);
+        let end = |body, x: f64| world.pose(body).unwrap() * nalgebra::Point3::new(x, 0.0, 0.0);
+        bodies.windows(2).map(|pair| (end(pair[0], 0.05) - end(pair[1], -0.05)).norm()).fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn chains_hold_together_at_any_length() {
+        let settings = AccurateSettings::default();
+        for n in [2, 10, 100] {
+            let direct = gap(Solver::Accurate, &settings, n);
+            assert!(direct < 2e-4, "{n}: {direct:e}");
+        }
+        let iterated = gap(Solver::Accurate, &AccurateSettings { direct: false, ..settings }, 100);
+        assert!(iterated > 3.0 * gap(Solver::Accurate, &settings, 100), "{iterated:e}");
+    }
+
+    #[test]
+    fn a_joint_that_exists_twice_does_no_harm() {
+        let mut world = world();
+        let bodies = chain(&mut world, 2, 0.9);
+        let twin = Constraint {
+            kind: ConstraintKind::PointToPoint,
+            frame_a: Isometry3::translation(0.05, 0.0, 0.0),
+            frame_b: Isometry3::translation(-0.05, 0.0, 0.0),
+            parameters: vec![(ConstraintParameter::Erp, 0.9, -1)],
+            feedback: true,
+            disable_collisions: true,
+        };
+        let twins = [0, 1].map(|i| world.add_constraint(bodies[i], bodies[i + 1], &twin).unwrap());
+        run(&mut world, 2.0);
+        assert_eq!(world.first_non_finite(), None);
+        for twin in twins {
+            let force = world.joint_wrench(twin).unwrap().force_a.norm();
+            assert!(force < 1000.0, "{force}");
+        }
+    }
+
+    #[test]
+    fn piles_settle_without_a_direct_solution() {
+        let mut world = world();
+        world.add_body(cube(0.0, 0.0));
+        let bodies: Vec<_> = (0..64)
+            .map(|i| {
+                let [x, y, z] = [i % 4, i / 4 % 4, i / 16].map(f64::from);
+                let pose = Isometry3::translation(1.01 * x + 0.1 * z, 1.01 * y, 0.5 + 1.02 * z);
+                world.add_body(RigidBody { pose, ..cube(1.0, 0.0) })
+            })
+            .collect();
+        run(&mut world, 1.5);
+        for body in bodies {
+            assert!(height(&world, body) > 0.49 && world.velocity(body).unwrap().0.norm() < 0.05);
+        }
+    }
+
+    #[test]
+    fn iterations_and_erp_come_with_the_solver() {
+        let settings = World::new(Solver::Accurate).solver_settings();
+        assert!(settings.two_friction_directions);
+        assert_eq!((settings.minimum_batch_size, settings.joint_erp), (1, 0.9));
+        let default: SolverSettings = World::new(Solver::default()).solver_settings();
+        assert!(!default.two_friction_directions, "others keep Bullet's");
+    }
+}

@@ -1,0 +1,340 @@
+// The solver of profile `accurate`: Bullet's rows, solved directly where that is cheap and by sequential impulses elsewhere. C++ only.
+#ifndef AMB_ACCURATE_SOLVER_H
+#define AMB_ACCURATE_SOLVER_H
+
+#include <BulletDynamics/ConstraintSolver/btContactSolverInfo.h>
+#include <BulletDynamics/ConstraintSolver/btSequentialImpulseConstraintSolver.h>
+#include <BulletDynamics/Dynamics/btRigidBody.h>
+#include <BulletDynamics/Featherstone/btMultiBodyConstraintSolver.h>
+
+#include <algorithm>
+#include <cmath>
+#include <type_traits>
+
+#include "direct.h"
+#include "internal.h"
+
+// Base: btSequentialImpulseConstraintSolver or a subclass that keeps its rows for rigid bodies.
+template <class Base>
+class AccurateSolver : public Base {
+ public:
+  explicit AccurateSolver(const AccurateContext &settings) : settings_(settings) {}
+
+ protected:
+  void convertJoints(btTypedConstraint **constraints, int n, const btContactSolverInfo &info) override {
+    Base::convertJoints(constraints, n, info);
+    if (!settings_.diagonal_cfm) return;
+    // Bullet takes m_cfm for a share of the diagonal but leaves it out of what it divides by, so that soft rows overshoot.
+    btConstraintArray &rows = this->m_tmpSolverNonContactConstraintPool;
+    for (int i = 0; i < rows.size(); ++i) {
+      btSolverConstraint &row = rows[i];
+      if (row.m_cfm <= 0) continue;
+      const btScalar share = 1 / (1 + row.m_cfm);
+      row.m_rhs *= share;
+      row.m_jacDiagABInv *= share;
+      row.m_cfm *= share;
+    }
+  }
+
+  void convertContacts(btPersistentManifold **manifolds, int n, const btContactSolverInfo &info) override {
+    remember_friction(manifolds, n);
+    Base::convertContacts(manifolds, n, info);
+    warm_start_friction(info);
+    if (settings_.restitution) bounce(info);
+  }
+
+  btScalar solveSingleIteration(int iteration, btCollisionObject **bodies, int n, btPersistentManifold **manifolds,
+                                int manifold_count, btTypedConstraint **constraints, int constraint_count,
+                                const btContactSolverInfo &info, btIDebugDraw *debug) override {
+    const btScalar residual = Base::solveSingleIteration(iteration, bodies, n, manifolds, manifold_count, constraints,
+                                                         constraint_count, info, debug);
+    if (settings_.release_friction) release_friction();
+    return residual;
+  }
+
+  btScalar solveGroupCacheFriendlyIterations(btCollisionObject **bodies, int n, btPersistentManifold **manifolds,
+                                             int manifold_count, btTypedConstraint **constraints, int constraint_count,
+                                             const btContactSolverInfo &info, btIDebugDraw *debug) override {
+    hard_ = settings_.direct && is_hard();
+    if (settings_.direct && !has_tree_rows() && gather(info)) {
+      if (direct_.solve(settings_.max_rounds, hard_)) {
+        write_back();
+        if (has_deep_contacts()) {
+          this->solveGroupCacheFriendlySplitImpulseIterations(bodies, n, manifolds, manifold_count, constraints, constraint_count,
+                                                              info, debug);
+        }
+        return 0;
+      }
+      // What could not be solved now will hardly be in the next steps.
+      wait() = 8;
+    }
+    if (hard_) {
+      btContactSolverInfo more = info;
+      more.m_numIterations *= 5;
+      btConstraintArray &joints = this->m_tmpSolverNonContactConstraintPool;
+      for (int i = 0; i < joints.size(); ++i) joints[i].m_overrideNumSolverIterations *= 5;
+      return Base::solveGroupCacheFriendlyIterations(bodies, n, manifolds, manifold_count, constraints, constraint_count, more,
+                                                     debug);
+    }
+    return Base::solveGroupCacheFriendlyIterations(bodies, n, manifolds, manifold_count, constraints, constraint_count, info,
+                                                   debug);
+  }
+
+ private:
+  btSolverBody &body(int id) { return this->m_tmpSolverBodyPool[id]; }
+
+  // Friction of the step before, as a vector: its two directions are about to be replaced.
+  void remember_friction(btPersistentManifold **manifolds, int n) {
+    friction_before_.clear();
+    for (int i = 0; i < n; ++i) {
+      for (int k = 0; k < manifolds[i]->getNumContacts(); ++k) {
+        btManifoldPoint &point = manifolds[i]->getContactPoint(k);
+        point.m_userPersistentData = reinterpret_cast<void *>(friction_before_.size());
+        friction_before_.push_back(point.m_appliedImpulseLateral1 * point.m_lateralFrictionDir1 +
+                                   point.m_appliedImpulseLateral2 * point.m_lateralFrictionDir2);
+      }
+    }
+  }
+
+  void warm_start_friction(const btContactSolverInfo &info) {
+    if (!(info.m_solverMode & SOLVER_USE_WARMSTARTING)) return;
+    const btConstraintArray &contacts = this->m_tmpSolverContactConstraintPool;
+    const int directions = info.m_solverMode & SOLVER_USE_2_FRICTION_DIRECTIONS ? 2 : 1;
+    for (int i = 0; i < contacts.size(); ++i) {
+      const auto &point = *static_cast<const btManifoldPoint *>(contacts[i].m_originalContactPoint);
+      const btVector3 before = friction_before_[reinterpret_cast<size_t>(point.m_userPersistentData)];
+      for (int k = 0; k < directions; ++k) {
+        btSolverConstraint &row = this->m_tmpSolverContactFrictionConstraintPool[contacts[i].m_frictionIndex + k];
+        row.m_appliedImpulse =
+            before.dot(k ? point.m_lateralFrictionDir2 : point.m_lateralFrictionDir1) * info.m_warmstartingFactor;
+        apply(row, row.m_appliedImpulse);
+      }
+    }
+  }
+
+  void apply(const btSolverConstraint &row, btScalar impulse) {
+    btSolverBody &a = body(row.m_solverBodyIdA), &b = body(row.m_solverBodyIdB);
+    if (a.m_originalBody) a.internalApplyImpulse(row.m_contactNormal1 * a.internalGetInvMass(), row.m_angularComponentA, impulse);
+    if (b.m_originalBody) b.internalApplyImpulse(row.m_contactNormal2 * b.internalGetInvMass(), row.m_angularComponentB, impulse);
+  }
+
+  // A contact that bounces waits until the bodies touch and leaves with the energy that restitution asks for, wherever between two
+  // steps the impact was.
+  void bounce(const btContactSolverInfo &info) {
+    btConstraintArray &contacts = this->m_tmpSolverContactConstraintPool;
+    const btScalar h = info.m_timeStep;
+    for (int i = 0; i < contacts.size(); ++i) {
+      btSolverConstraint &row = contacts[i];
+      const auto &point = *static_cast<const btManifoldPoint *>(row.m_originalContactPoint);
+      if (point.m_combinedRestitution <= 0) continue;
+      const btSolverBody &a = body(row.m_solverBodyIdA), &b = body(row.m_solverBodyIdB);
+      btScalar before = 0, forced = 0;
+      if (a.m_originalBody) {
+        before += row.m_contactNormal1.dot(a.m_linearVelocity) + row.m_relpos1CrossNormal.dot(a.m_angularVelocity);
+        forced += row.m_contactNormal1.dot(a.m_externalForceImpulse) + row.m_relpos1CrossNormal.dot(a.m_externalTorqueImpulse);
+      }
+      if (b.m_originalBody) {
+        before += row.m_contactNormal2.dot(b.m_linearVelocity) + row.m_relpos2CrossNormal.dot(b.m_angularVelocity);
+        forced += row.m_contactNormal2.dot(b.m_externalForceImpulse) + row.m_relpos2CrossNormal.dot(b.m_externalTorqueImpulse);
+      }
+      const btScalar gap = point.getDistance() + info.m_linearSlop, push = -gap * info.m_erp2 / h;
+      if (-before >= info.m_restitutionVelocityThreshold) {
+        const btScalar pull = std::max(btScalar(0), -forced / h);
+        const btScalar target = gap > 0 ? -BT_LARGE_FLOAT : leaving(before, gap, pull, h, point.m_combinedRestitution);
+        row.m_rhs = (target - before - forced) * row.m_jacDiagABInv;
+        row.m_rhsPenetration = 0;
+      } else if (push > info.m_restitutionVelocityThreshold) {
+        // The depth reached before the bounce is left behind without adding to its velocity.
+        row.m_rhs = (-before - forced) * row.m_jacDiagABInv;
+        row.m_rhsPenetration = push * row.m_jacDiagABInv;
+      }
+    }
+  }
+
+  // Velocity at the end of a step with which bodies separate that approach at -before, `gap` <= 0 below the surface, and accelerate
+  // towards each other by `pull`. Flight conserves the energy v^2 / 2 + pull (x + k v / 2), with k minus the step for Bullet's
+  // x += v' h and 0 for exact flight; impact keeps the share restitution^2 of what it is at the surface.
+  btScalar leaving(btScalar before, btScalar gap, btScalar pull, btScalar h, btScalar restitution) const {
+    const btScalar k = settings_.exact_flight ? 0 : -h;
+    const btScalar energy = before * before / 2 + pull * (gap + k * before / 2);
+    const btScalar kept = restitution * restitution * std::max(btScalar(0), energy);
+    // The position at the end of the step is gap + v h.
+    const btScalar linear = pull * (2 * h + k);
+    return std::max(btScalar(0), (btSqrt(linear * linear + 8 * (kept - pull * gap)) - linear) / 2);
+  }
+
+  // Bullet skips friction once its normal impulse is zero, so that what was applied before stays.
+  void release_friction() {
+    btConstraintArray &frictions = this->m_tmpSolverContactFrictionConstraintPool;
+    for (int i = 0; i < frictions.size(); ++i) {
+      btSolverConstraint &row = frictions[i];
+      const btScalar applied = row.m_appliedImpulse;
+      if (applied == 0 || this->m_tmpSolverContactConstraintPool[row.m_frictionIndex].m_appliedImpulse > btScalar(0)) continue;
+      row.m_appliedImpulse = 0;
+      apply(row, -applied);
+    }
+    if constexpr (std::is_base_of_v<btMultiBodyConstraintSolver, Base>) {
+      for (int i = 0; i < this->m_multiBodyFrictionContactConstraints.size(); ++i) {
+        btMultiBodySolverConstraint &row = this->m_multiBodyFrictionContactConstraints[i];
+        const bool holds = this->m_multiBodyNormalContactConstraints[row.m_frictionIndex].m_appliedImpulse > btScalar(0);
+        if (holds || row.m_appliedImpulse == btScalar(0)) continue;
+        row.m_lowerLimit = row.m_upperLimit = 0;
+        Base::resolveSingleConstraintRowGeneric(row);
+      }
+    }
+  }
+
+  // Whether there are rows of trees, which are solved by sequential impulses only.
+  bool has_tree_rows() const {
+    if constexpr (std::is_base_of_v<btMultiBodyConstraintSolver, Base>) {
+      return this->m_multiBodyNonContactConstraints.size() > 0 || this->m_multiBodyNormalContactConstraints.size() > 0;
+    }
+    return false;
+  }
+
+  bool has_deep_contacts() const {
+    const btConstraintArray &contacts = this->m_tmpSolverContactConstraintPool;
+    for (int i = 0; i < contacts.size(); ++i) {
+      if (contacts[i].m_rhsPenetration != 0) return true;
+    }
+    return false;
+  }
+
+  int dynamic_body(int id) const {
+    const btSolverBody &b = this->m_tmpSolverBodyPool[id];
+    return b.m_originalBody && b.m_originalBody->getInvMass() > 0 ? id : -1;
+  }
+
+  DirectRow &add_row(const btSolverConstraint &row) {
+    direct_.rows.emplace_back();
+    DirectRow &out = direct_.rows.back();
+    out.body_a = dynamic_body(row.m_solverBodyIdA);
+    out.body_b = dynamic_body(row.m_solverBodyIdB);
+    for (int side = 0; side < 2; ++side) {
+      const int id = side ? out.body_b : out.body_a;
+      if (id < 0) continue;
+      const btVector3 &linear = side ? row.m_contactNormal2 : row.m_contactNormal1;
+      const btVector3 &angular = side ? row.m_relpos2CrossNormal : row.m_relpos1CrossNormal;
+      const btVector3 by_linear = linear * body(id).internalGetInvMass();
+      const btVector3 &by_angular = side ? row.m_angularComponentB : row.m_angularComponentA;
+      double *jacobian = side ? out.jacobian_b : out.jacobian_a, *response = side ? out.response_b : out.response_a;
+      for (int k = 0; k < 3; ++k) {
+        jacobian[k] = linear[k];
+        jacobian[k + 3] = angular[k];
+        response[k] = by_linear[k];
+        response[k + 3] = by_angular[k];
+      }
+    }
+    if (row.m_jacDiagABInv > 0) {
+      out.target = row.m_rhs / row.m_jacDiagABInv;
+      out.cfm = row.m_cfm / row.m_jacDiagABInv;
+    }
+    out.low = row.m_lowerLimit;
+    out.high = row.m_upperLimit;
+    return out;
+  }
+
+  static void soften(DirectRow &row, const btSolverConstraint &from, double share) {
+    if (from.m_jacDiagABInv > 0) row.cfm = std::max(row.cfm, share / from.m_jacDiagABInv);
+  }
+
+  // Steps for which the island is not solved directly; islands are known by their first body.
+  unsigned char &wait() {
+    size_t first = 0;
+    for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i) {
+      const btRigidBody *b = this->m_tmpSolverBodyPool[i].m_originalBody;
+      if (!b) continue;
+      first = static_cast<size_t>(std::max(0, b->getWorldArrayIndex()));
+      break;
+    }
+    if (waits_.size() <= first) waits_.resize(first + 1);
+    return waits_[first];
+  }
+
+  // Sequential impulses converge badly across joints and between light and heavy bodies.
+  bool is_hard() const {
+    if (this->m_tmpSolverNonContactConstraintPool.size() > 0) return true;
+    btScalar least = BT_LARGE_FLOAT, most = 0;
+    for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i) {
+      const btRigidBody *b = this->m_tmpSolverBodyPool[i].m_originalBody;
+      if (!b || b->getInvMass() <= 0) continue;
+      least = std::min(least, b->getInvMass());
+      most = std::max(most, b->getInvMass());
+    }
+    return most > settings_.hard_mass_ratio * least;
+  }
+
+  // Takes over all rows of the island if a direct solution is worth its cost.
+  bool gather(const btContactSolverInfo &info) {
+    const btConstraintArray &joints = this->m_tmpSolverNonContactConstraintPool;
+    const btConstraintArray &contacts = this->m_tmpSolverContactConstraintPool;
+    const btConstraintArray &frictions = this->m_tmpSolverContactFrictionConstraintPool;
+    const btConstraintArray &rolling = this->m_tmpSolverContactRollingFrictionConstraintPool;
+    const int n = joints.size() + contacts.size() + frictions.size() + rolling.size();
+    if (n == 0) return false;
+    unsigned char &left = wait();
+    if (left > 0) {
+      --left;
+      return false;
+    }
+    direct_.rows.clear();
+    for (int i = 0; i < joints.size(); ++i) {
+      DirectRow &row = add_row(joints[i]);
+      soften(row, joints[i], settings_.joint_softness);
+    }
+    const int first_contact = joints.size();
+    for (int i = 0; i < contacts.size(); ++i) {
+      DirectRow &row = add_row(contacts[i]);
+      const auto &point = *static_cast<const btManifoldPoint *>(contacts[i].m_originalContactPoint);
+      row.x = std::max(btScalar(0), point.m_appliedImpulse);
+      soften(row, contacts[i], settings_.contact_softness);
+      const bool opens = row.target < 0 && row.x == 0;
+      row.state = opens || (point.m_lifeTime > 1 && row.x == 0) ? DirectRow::Low : DirectRow::Free;
+    }
+    const double kept = info.m_solverMode & SOLVER_USE_WARMSTARTING ? info.m_warmstartingFactor : 1;
+    for (int i = 0; i < frictions.size(); ++i) {
+      add_friction(frictions[i], first_contact, frictions[i].m_friction, BT_LARGE_FLOAT, kept);
+    }
+    for (int i = 0; i < rolling.size(); ++i) {
+      add_friction(rolling[i], first_contact, rolling[i].m_friction, rolling[i].m_friction, kept);
+    }
+    const double cost = direct_.prepare(this->m_tmpSolverBodyPool.size());
+    return cost <= (hard_ ? settings_.max_hard_cost : settings_.max_cost) * n;
+  }
+
+  void add_friction(const btSolverConstraint &from, int first_contact, double friction, double cap, double kept) {
+    DirectRow &row = add_row(from);
+    row.normal = first_contact + from.m_frictionIndex;
+    row.friction = friction;
+    row.cap = cap;
+    soften(row, from, settings_.friction_softness);
+    const DirectRow &normal = direct_.rows[row.normal];
+    const double guess = from.m_appliedImpulse, bound = std::min(friction * normal.x, cap) * (1 - 1e-6);
+    row.state = guess >= bound * kept ? DirectRow::High
+                : guess <= -bound * kept ? DirectRow::Low : DirectRow::Free;
+    if (normal.state == DirectRow::Free && normal.x == 0) row.state = DirectRow::Free;
+  }
+
+  void write_back() {
+    size_t at = 0;
+    for (btConstraintArray *pool : {&this->m_tmpSolverNonContactConstraintPool, &this->m_tmpSolverContactConstraintPool,
+                                    &this->m_tmpSolverContactFrictionConstraintPool,
+                                    &this->m_tmpSolverContactRollingFrictionConstraintPool}) {
+      for (int i = 0; i < pool->size(); ++i) (*pool)[i].m_appliedImpulse = direct_.rows[at++].x;
+    }
+    for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i) {
+      btSolverBody &b = body(i);
+      const double *v = direct_.velocity(i);
+      b.internalGetDeltaLinearVelocity().setValue(v[0], v[1], v[2]);
+      b.internalGetDeltaAngularVelocity().setValue(v[3], v[4], v[5]);
+    }
+  }
+
+  const AccurateContext &settings_;
+  DirectSolver direct_;
+  bool hard_ = false;
+  std::vector<btVector3> friction_before_;
+  std::vector<unsigned char> waits_;
+};
+
+#endif
