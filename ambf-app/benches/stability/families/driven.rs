@@ -78,7 +78,7 @@ pub fn families() -> Vec<Family> {
             name: "commands",
             title: "Commands at random",
             words: "A hundred times a second a joint of the arm is told another position, velocity or effort. Good: no joint opens by more \
-                    than 1 cm, and the arm never moves with more than 3 kJ.",
+                    than 1 cm, and the arm never has more than 5 kJ, what the stiffest controller stores at π.",
             difficulty: "simulated, s",
             stray: "",
             values: &[60.0, 3600.0],
@@ -170,8 +170,9 @@ fn cartesian(factor: f64, step: f64) -> Trial {
 }
 
 fn random_commands(seconds: f64) -> Trial {
-    let mut trial = Trial::of(arm_system(), seconds, 3000.0);
-    let joints = trial.system.joints.len();
+    let mut trial = Trial::of(arm_system(), seconds, 5000.0);
+    let gains = drive(&trial).gains;
+    let joints = gains.len();
     let mut dice = Dice(7);
     // A client repeats its commands until they change.
     let mut commands = vec![(JointCommandType::Position, 0.0); joints];
@@ -179,9 +180,9 @@ fn random_commands(seconds: f64) -> Trial {
         if n % 10 == 0 {
             let (joint, x) = (dice.index(joints), 2.0 * dice.roll() - 1.0);
             commands[joint] = match dice.index(3) {
-                0 => (JointCommandType::Position, PI * x),
-                1 => (JointCommandType::Velocity, 3.0 * x),
-                _ => (JointCommandType::Effort, 10.0 * x),
+                0 => (JointCommandType::Position, 0.5 * x),
+                1 => (JointCommandType::Velocity, x),
+                _ => (JointCommandType::Effort, 0.02 * gains[joint].0 * x),
             };
         }
         for (joint, &(kind, value)) in commands.iter().enumerate() {
