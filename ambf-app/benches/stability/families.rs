@@ -18,8 +18,6 @@ pub struct Family {
     pub stray: &'static str,
     /// In order of difficulty.
     pub values: &'static [f64],
-    /// Which of them a quick run takes.
-    pub quick: &'static [f64],
     pub make: fn(f64) -> Trial,
 }
 

@@ -106,9 +106,9 @@ fn read(arguments: &[String], families: &[Family]) -> Result<(bool, Vec<String>)
 }
 
 fn measure(family: &Family, ways: &[&'static str], quick: bool) -> (Section, Block) {
-    let values = if quick { family.quick } else { family.values };
+    let values = if quick && family.is_long() { &[20.0] } else { family.values };
     let most = Duration::from_secs(match (quick, family.is_long()) {
-        (true, _) => 8,
+        (true, _) => 5,
         (false, false) => 30,
         (false, true) => 300,
     });

@@ -19,7 +19,6 @@ pub fn families() -> Vec<Family> {
             difficulty: "mass ratio",
             stray: "moved, m",
             values: &[1.0, 10.0, 100.0, 1e3, 1e4, 1e5, 1e6],
-            quick: &[1.0, 1e3, 1e6],
             make: |ratio| stack(&[1.0, ratio]),
         },
         Family {
@@ -29,7 +28,6 @@ pub fn families() -> Vec<Family> {
             difficulty: "mass ratio",
             stray: "moved, m",
             values: &[1.0, 10.0, 100.0, 1e3, 1e4, 1e5, 1e6],
-            quick: &[1.0, 1e3],
             make: |ratio| stack(&[1.0, 1.0, 1.0, 1.0, ratio]),
         },
         Family {
@@ -39,7 +37,6 @@ pub fn families() -> Vec<Family> {
             difficulty: "boxes",
             stray: "moved, m",
             values: &[2.0, 5.0, 10.0, 20.0, 35.0, 50.0],
-            quick: &[2.0, 10.0],
             make: |n| stack(&vec![1.0; n as usize]),
         },
         Family {
@@ -49,7 +46,6 @@ pub fn families() -> Vec<Family> {
             difficulty: "step, ms",
             stray: "moved, m",
             values: &[0.1, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0],
-            quick: &[1.0, 10.0, 50.0],
             make: |ms| Trial { step: ms / 1e3, ..stack(&[1.0; 5]) },
         },
         Family {
@@ -60,7 +56,6 @@ pub fn families() -> Vec<Family> {
             difficulty: "spin, rad/s",
             stray: "momentum error",
             values: &[1.0, 5.0, 20.0, 100.0, 300.0, 1e3],
-            quick: &[1.0, 100.0, 1e3],
             make: spin_free,
         },
         Family {
@@ -70,7 +65,6 @@ pub fn families() -> Vec<Family> {
             difficulty: "spin, rad/s",
             stray: "",
             values: &[1.0, 5.0, 20.0, 100.0, 300.0, 1e3],
-            quick: &[1.0, 100.0, 1e3],
             make: spin_ground,
         },
         Family {
@@ -81,7 +75,6 @@ pub fn families() -> Vec<Family> {
             difficulty: "overlap, share of the edge",
             stray: "",
             values: &[0.01, 0.1, 0.25, 0.5, 0.75, 0.95],
-            quick: &[0.1, 0.5, 0.95],
             make: overlap,
         },
         Family {
@@ -92,7 +85,6 @@ pub fn families() -> Vec<Family> {
             difficulty: "overlap, share of the edge",
             stray: "",
             values: &[0.05, 0.1, 0.25, 0.5, 0.75, 1.0],
-            quick: &[0.1, 0.5, 1.0],
             make: teleport,
         },
         Family {
@@ -102,7 +94,6 @@ pub fn families() -> Vec<Family> {
             difficulty: "speed, m/s",
             stray: "beyond the wall, m",
             values: &[1.0, 3.0, 10.0, 31.0, 100.0, 310.0, 1e3],
-            quick: &[1.0, 31.0, 100.0],
             make: thin_wall,
         },
         Family {
@@ -113,7 +104,6 @@ pub fn families() -> Vec<Family> {
             difficulty: "inertia, kg·m²",
             stray: "",
             values: &[1e-2, 1e-3, 1e-4, 1e-6, 1e-9, 1e-12],
-            quick: &[1e-2, 1e-6, 1e-9],
             make: inertia_ground,
         },
     ]

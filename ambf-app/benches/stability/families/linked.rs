@@ -21,7 +21,6 @@ pub fn families() -> Vec<Family> {
             difficulty: "mass ratio",
             stray: "",
             values: &[1.0, 10.0, 100.0, 1e3, 1e4, 1e5, 1e6],
-            quick: &[1.0, 1e3, 1e6],
             make: |ratio| chain(10, ratio),
         },
         Family {
@@ -31,7 +30,6 @@ pub fn families() -> Vec<Family> {
             difficulty: "links",
             stray: "",
             values: &[2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0],
-            quick: &[2.0, 10.0, 50.0],
             make: |n| chain(n as usize, 1.0),
         },
         Family {
@@ -41,7 +39,6 @@ pub fn families() -> Vec<Family> {
             difficulty: "step, ms",
             stray: "",
             values: &[0.1, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0],
-            quick: &[1.0, 10.0, 50.0],
             make: |ms| Trial { step: ms / 1e3, ..chain(10, 1.0) },
         },
         Family {
@@ -51,7 +48,6 @@ pub fn families() -> Vec<Family> {
             difficulty: "windows",
             stray: "",
             values: &[0.0, 1.0, 2.0, 5.0, 10.0, 20.0, 40.0],
-            quick: &[0.0, 1.0, 10.0],
             make: loops,
         },
         Family {
@@ -61,7 +57,6 @@ pub fn families() -> Vec<Family> {
             difficulty: "inertia, kg·m²",
             stray: "",
             values: &[1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-9, 1e-12],
-            quick: &[1e-1, 1e-4, 1e-9],
             make: |inertia| {
                 let mut trial = chain(3, 1.0);
                 trial.system.bodies.iter_mut().skip(1).for_each(|body| body.inertia = Vector3::repeat(inertia));
@@ -75,7 +70,6 @@ pub fn families() -> Vec<Family> {
             difficulty: "overlap, rad",
             stray: "",
             values: &[0.001, 0.01, 0.1, 0.5, 1.0, 3.0],
-            quick: &[0.001, 0.1, 3.0],
             make: |overlap| {
                 let mut trial = chain(1, 1.0);
                 trial.joint_keys(0, &limits(overlap / 2.0, -overlap / 2.0));
@@ -90,7 +84,6 @@ pub fn families() -> Vec<Family> {
             difficulty: "apart, rad",
             stray: "",
             values: &[0.001, 0.01, 0.1, 0.5, 1.0, 3.0],
-            quick: &[0.01, 0.1, 1.0],
             make: conflict,
         },
     ]
