@@ -15,13 +15,13 @@ const ARM: &str = "bodies: [BODY Base, BODY Upper, BODY Lower, BODY Finger]\njoi
     location: {position: {x: 1, y: 0, z: 0}}}\n\
     JOINT A: {name: A, type: revolute, parent: BODY Base, child: BODY Upper, parent axis: {x: 0, y: 1, z: 0}, \
     child axis: {x: 0, y: 1, z: 0}, parent pivot: {x: 0, y: 0, z: 0}, child pivot: {x: -0.25, y: 0, z: 0}, \
-    joint limits: {low: -1.2, high: 1.2}, enable feedback: true, controller: {P: 20, I: 0, D: 1}, max motor impulse: 0.2}\n\
+    joint limits: {low: -1.2, high: 1.2}, enable feedback: true, controller: {P: 5000, I: 0, D: 200}, max motor impulse: 0.2}\n\
     JOINT B: {name: B, type: revolute, parent: BODY Upper, child: BODY Lower, parent axis: {x: 0, y: 1, z: 0}, \
     child axis: {x: 0, y: 1, z: 0}, parent pivot: {x: 0.25, y: 0, z: 0}, child pivot: {x: -0.25, y: 0, z: 0}, \
-    enable feedback: true, controller: {P: 20, I: 0, D: 1}, max motor impulse: 0.2}\n\
+    enable feedback: true, controller: {P: 5000, I: 0, D: 200}, max motor impulse: 0.2}\n\
     JOINT C: {name: C, type: prismatic, parent: BODY Lower, child: BODY Finger, parent axis: {x: 1, y: 0, z: 0}, \
     child axis: {x: 1, y: 0, z: 0}, parent pivot: {x: 0.25, y: 0, z: 0}, child pivot: {x: 0, y: 0, z: 0}, \
-    joint limits: {low: 0, high: 0.1}, enable feedback: true, controller: {P: 20, I: 0, D: 1}, max motor impulse: 0.1}\n";
+    joint limits: {low: 0, high: 0.1}, enable feedback: true, controller: {P: 5000, I: 0, D: 200}, max motor impulse: 0.1}\n";
 
 const JOINTS: [&str; 3] = ["A", "B", "C"];
 
