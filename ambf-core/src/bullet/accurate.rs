@@ -2,8 +2,7 @@ use bullet_sys as sys;
 
 use super::{Solver, SolverSettings, World};
 
-/// Switches of [`Solver::Accurate`], each of use alone. Worlds with another solver ignore them. The numbers were measured: see
-/// `docs/benchmarks.md`.
+/// Switches of [`Solver::Accurate`], each of use alone. Worlds with another solver ignore them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AccurateSettings {
     /// Friction ends with the normal impulse that bounds it; Bullet keeps the last one. Default: `true`.
