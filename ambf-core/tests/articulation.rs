@@ -37,13 +37,27 @@ fn bench(articulated: bool) -> Bench {
     bench
 }
 
-/// What `run` leaves of positions, velocities, efforts and the place of the finger, with trees and without.
-fn both(run: impl Fn(&mut Bench)) -> [(Vec<f64>, Vec<f64>, Vec<f64>, Vector3<f64>); 2] {
+/// What a run leaves.
+#[derive(Debug)]
+struct Outcome {
+    positions: [f64; 3],
+    velocities: [f64; 3],
+    efforts: [f64; 3],
+    finger: Vector3<f64>,
+}
+
+/// With trees and without.
+fn both(run: impl Fn(&mut Bench)) -> [Outcome; 2] {
     [true, false].map(|articulated| {
         let mut bench = bench(articulated);
         run(&mut bench);
-        let of = |value: fn(&ambf_core::scene::Joint) -> f64| JOINTS.map(|name| value(bench.joint(name))).to_vec();
-        (of(|joint| joint.position), of(|joint| joint.velocity), of(|joint| joint.effort), bench.position("Finger"))
+        let of = |value: fn(&ambf_core::scene::Joint) -> f64| JOINTS.map(|name| value(bench.joint(name)));
+        Outcome {
+            positions: of(|joint| joint.position),
+            velocities: of(|joint| joint.velocity),
+            efforts: of(|joint| joint.effort),
+            finger: bench.position("Finger"),
+        }
     })
 }
 
@@ -51,10 +65,10 @@ fn both(run: impl Fn(&mut Bench)) -> [(Vec<f64>, Vec<f64>, Vec<f64>, Vector3<f64
 fn alike(run: impl Fn(&mut Bench), place: f64, speed: f64, effort: f64) {
     let [tree, free] = both(run);
     let far = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-    assert!(far(&tree.0, &free.0) < place, "positions {tree:?} {free:?}");
-    assert!(far(&tree.1, &free.1) < speed, "velocities {tree:?} {free:?}");
-    assert!(far(&tree.2, &free.2) < effort, "efforts {tree:?} {free:?}");
-    assert!((tree.3 - free.3).norm() < place, "places {tree:?} {free:?}");
+    assert!(far(&tree.positions, &free.positions) < place, "positions {tree:?} {free:?}");
+    assert!(far(&tree.velocities, &free.velocities) < speed, "velocities {tree:?} {free:?}");
+    assert!(far(&tree.efforts, &free.efforts) < effort, "efforts {tree:?} {free:?}");
+    assert!((tree.finger - free.finger).norm() < place, "places {tree:?} {free:?}");
 }
 
 fn hold(bench: &mut Bench, kind: JointCommandType, values: [f64; 3], steps: u32) {
@@ -92,7 +106,7 @@ fn velocities() {
 fn positions() {
     alike(|bench| hold(bench, JointCommandType::Position, [-0.4, 0.6, 0.05], 2000), 2e-3, 2e-3, 0.2);
     let [tree, _] = both(|bench| hold(bench, JointCommandType::Position, [-0.4, 0.6, 0.05], 3000));
-    for (found, wanted) in tree.0.iter().zip([-0.4, 0.6, 0.05]) {
+    for (found, wanted) in tree.positions.iter().zip([-0.4, 0.6, 0.05]) {
         assert!((found - wanted).abs() < 5e-3, "{found} instead of {wanted}");
     }
 }

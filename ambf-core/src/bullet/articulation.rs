@@ -119,21 +119,19 @@ impl World {
             return None;
         }
         // Of several between the same bodies the joint is that which is no spring.
-        let mut between: HashMap<[BodyHandle; 2], ConstraintHandle> = HashMap::new();
+        let mut joined = HashSet::new();
         let (mut joints, mut springs) = (Vec::new(), Vec::new());
         let is_simple = |handle: &ConstraintHandle| self.constraints[*handle].is_simple;
         let (simple, others): (Vec<_>, Vec<_>) = constraints.iter().copied().partition(is_simple);
         for handle in simple.into_iter().chain(others) {
             let mut bodies = self.constraints[handle].bodies;
             bodies.sort();
-            if between.contains_key(&bodies) {
-                if is_simple(&handle) {
-                    return None;
-                }
-                springs.push(handle);
-            } else {
-                between.insert(bodies, handle);
+            if joined.insert(bodies) {
                 joints.push(handle);
+            } else if is_simple(&handle) {
+                return None;
+            } else {
+                springs.push(handle);
             }
         }
         let mut joints_of: HashMap<BodyHandle, Vec<ConstraintHandle>> = HashMap::new();
