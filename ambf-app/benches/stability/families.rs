@@ -31,7 +31,7 @@ impl Family {
     pub fn label(&self, value: f64) -> String {
         match self.name {
             "loops" if value == 0.0 => "Bricard".into(),
-            _ if value >= 1e4 || value < 1e-3 => format!("{value:e}"),
+            _ if !(1e-3..1e4).contains(&value) => format!("{value:e}"),
             _ => value.to_string(),
         }
     }

@@ -3,12 +3,11 @@
 use std::f64::consts::{PI, TAU};
 
 use ambf_core::comm::JointCommandType;
-use ambf_core::sim::Simulation;
 use nalgebra::Vector3;
 
 use super::super::jointed::arm_system;
 use super::super::system::{Body, Drive, System};
-use super::super::trial::{pose, Stray, Trial};
+use super::super::trial::{pose, Act, Stray, Trial};
 use super::{Dice, Family};
 
 /// Energy that the arm, 17 kg and 1.4 m, never has when it follows, J.
@@ -100,10 +99,7 @@ fn off_goal(drive: Drive) -> Stray {
 }
 
 /// Commands all joints in each iteration, whose length `interval` chooses.
-fn follow_arm(
-    drive: Drive,
-    mut interval: impl FnMut(u64) -> f64 + 'static,
-) -> Box<dyn FnMut(&mut Simulation, u64) -> f64> {
+fn follow_arm(drive: Drive, mut interval: impl FnMut(u64) -> f64 + 'static) -> Act {
     Box::new(move |simulation, n| {
         let (goal, _) = drive.set_point(simulation.sim_time());
         for joint in 0..drive.gains.len() {
