@@ -226,7 +226,7 @@ mod tests {
     fn every_option_is_read() {
         let options = run(
             "-a a.yaml,b.yaml --launch_file l.yaml --world w.yaml --steps 7 --dt 0.0005 --commands c.txt --trace out/t \
-             --every 20 --full --profile legacy --solver nncg --iterations 5 --integrator rk4 --sleep --json",
+             --every 20 --full --profile legacy --solver nncg --iterations 5 --integrator rk4 --sleep --articulated=no --json",
         );
         let expected = BatchOptions {
             launch_file: "l.yaml".into(),

@@ -97,6 +97,7 @@ fn every_long_name_sets_its_option() {
         "--integrator",
         "rk4",
         "--sleep=0",
+        "--articulated=false",
     ]);
     let expected = SimulatorOptions {
         devices: DeviceSelection::First(2),
