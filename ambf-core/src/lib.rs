@@ -4,6 +4,7 @@ pub mod adf;
 pub mod bullet;
 pub mod comm;
 pub mod control;
+pub mod device;
 pub mod mesh;
 pub mod scene;
 pub mod sim;
