@@ -13,6 +13,8 @@ const MAX_PROBLEMS: usize = 10_000;
 /// How bad a problem is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Severity {
+    /// What was chosen where there was a choice; nothing is wrong.
+    Info,
     /// Something is not used or not as expected; nothing is dropped.
     Warning,
     /// An element is dropped, or a default replaces what was written.
@@ -24,6 +26,7 @@ pub enum Severity {
 impl fmt::Display for Severity {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
+            Severity::Info => "info",
             Severity::Warning => "warning",
             Severity::Error | Severity::Fatal => "error",
         })
