@@ -1,3 +1,4 @@
+use std::panic::{catch_unwind, AssertUnwindSafe};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -176,8 +177,8 @@ impl Drop for Link {
     fn drop(&mut self) {
         if self.moves {
             for _ in 0..3 {
-                // A device that is gone can't be told.
-                drop(self.command(&Command::zero(Led::Off)));
+                // A device that is gone can't be told. The stack may be unwinding, so a panic must not get out.
+                drop(catch_unwind(AssertUnwindSafe(|| self.command(&Command::zero(Led::Off)))));
             }
         }
     }

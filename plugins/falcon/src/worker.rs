@@ -193,6 +193,9 @@ impl Worker {
             self.connected(link);
             return Ok(());
         }
+        if stopped() {
+            return Ok(());
+        }
         let Some(firmware) = self.config.firmware.clone() else { return Err(Problem::NeedsFirmware) };
         self.say(format!("gets its firmware, {} bytes", firmware.len()));
         self.leave(State::Loading);

@@ -332,6 +332,14 @@ fn a_device_that_was_switched_off_gets_its_firmware_again() {
     assert_eq!(bench.last_command().control, 1 | 8);
 }
 
+#[test]
+fn a_device_that_was_switched_off_and_has_no_firmware_is_given_up() {
+    let mut bench = Bench::ready(Vector3::zeros());
+    bench.fake.power_cycle();
+    let problem = (0..100).find_map(|_| bench.worker.step().err());
+    assert_eq!(problem, Some(Problem::NeedsFirmware));
+}
+
 fn uploads(leading_zero: bool, fault: Option<(Fault, u64)>) -> (Bench, Result<(), Problem>) {
     let setup = Setup { firmware_runs: false, leading_zero, ..Setup::new("fake-1") };
     let mut bench = Bench::new(setup, Some(firmware()), false);
