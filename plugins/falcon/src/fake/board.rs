@@ -30,7 +30,6 @@ struct Loader {
     woken: bool,
     awake: bool,
     loading: bool,
-    image: usize,
     recent: Vec<u8>,
 }
 
@@ -58,6 +57,8 @@ pub(super) struct Board {
     offsets: [i16; 3],
     /// Encoders at the marks, counts.
     marks: [i16; 3],
+    /// What the loader was given last.
+    pub image: Vec<u8>,
     pub hand: Hand,
     pub commands: VecDeque<Received>,
     /// Commands in all.
@@ -69,7 +70,7 @@ impl Board {
         let program =
             if firmware_runs { Program::Motion(MotionProgram::default()) } else { Program::Loader(Loader::default()) };
         let marks = [-150, -130, -170];
-        Self { program, leading_zero, offsets, marks, hand, commands: VecDeque::new(), count: 0 }
+        Self { program, leading_zero, offsets, marks, image: Vec::new(), hand, commands: VecDeque::new(), count: 0 }
     }
 
     /// After power was away.
@@ -79,13 +80,6 @@ impl Board {
 
     pub fn is_running(&self) -> bool {
         matches!(self.program, Program::Motion(_))
-    }
-
-    pub fn image(&self) -> usize {
-        match &self.program {
-            Program::Loader(loader) => loader.image,
-            Program::Motion(_) => 0,
-        }
     }
 
     /// Motor values in force.
@@ -104,7 +98,7 @@ impl Board {
                 loader.woken |= high && !loader.dtr;
                 loader.dtr = high;
             }
-            Line::Baud(BAUD_MOTION) if loader.loading && loader.image >= SHORTEST_IMAGE => {
+            Line::Baud(BAUD_MOTION) if loader.loading && self.image.len() >= SHORTEST_IMAGE => {
                 self.program = Program::Motion(MotionProgram::default());
             }
             Line::Baud(BAUD_MOTION) => *loader = Loader { dtr: loader.dtr, ..Loader::default() },
@@ -115,7 +109,7 @@ impl Board {
     /// A byte comes at a rate of the line; what the board says to it.
     pub fn receive(&mut self, byte: u8, baud: u16, now: Instant) -> Vec<u8> {
         match &mut self.program {
-            Program::Loader(loader) => loader.receive(byte, baud, self.leading_zero),
+            Program::Loader(loader) => loader.receive(byte, baud, self.leading_zero, &mut self.image),
             Program::Motion(_) if baud != BAUD_MOTION => Vec::new(),
             Program::Motion(motion) => {
                 let Some((motors, control)) = motion.receive(byte) else { return Vec::new() };
@@ -136,7 +130,7 @@ impl Board {
 }
 
 impl Loader {
-    fn receive(&mut self, byte: u8, baud: u16, leading_zero: bool) -> Vec<u8> {
+    fn receive(&mut self, byte: u8, baud: u16, leading_zero: bool, image: &mut Vec<u8>) -> Vec<u8> {
         match baud {
             BAUD_LOADER if self.woken && self.dtr => {
                 self.recent.push(byte);
@@ -149,11 +143,12 @@ impl Loader {
                 answer[usize::from(!leading_zero)..].to_vec()
             }
             BAUD_LOADING if self.loading => {
-                self.image += 1;
+                image.push(byte);
                 vec![byte]
             }
             BAUD_LOADING if self.awake && !self.dtr && byte == b'A' => {
                 self.loading = true;
+                image.clear();
                 vec![byte]
             }
             _ => Vec::new(),

@@ -6,7 +6,7 @@ use std::time::Instant;
 use nalgebra::Vector3;
 
 use crate::kinematics;
-use crate::motion::{to_base, to_device};
+use crate::motion::to_base;
 
 /// Step of the hand's motion, s.
 const STEP: f64 = 1e-4;
@@ -121,11 +121,9 @@ impl Hand {
         }
     }
 
+    /// Where the grip is, m, in the base frame.
     fn base(&self) -> Vector3<f64> {
-        let mut base = to_base(&self.position);
-        base.z += Z0;
-        debug_assert!((to_device(&base, Z0) - self.position).norm() < 1e-12);
-        base
+        to_base(&self.position) + Vector3::new(0.0, 0.0, Z0)
     }
 
     /// Where the grip is, m, in the device frame.

@@ -39,6 +39,8 @@ pub enum Fault {
     Slow(Duration),
     /// A byte of what is sent is lost.
     LoseSentByte(usize),
+    /// A byte of what is sent is another.
+    ChangeSentByte(usize, u8),
     /// What is sent is not taken.
     Refuse,
     /// What is sent fails.
@@ -51,7 +53,8 @@ pub enum Fault {
 
 impl Fault {
     fn is_about_sending(self) -> bool {
-        matches!(self, Self::LoseSentByte(_) | Self::Refuse | Self::Fail | Self::Unplug | Self::Panic)
+        use Fault::{ChangeSentByte, Fail, LoseSentByte, Panic, Refuse, Unplug};
+        matches!(self, LoseSentByte(_) | ChangeSentByte(..) | Refuse | Fail | Unplug | Panic)
     }
 }
 
@@ -92,6 +95,7 @@ struct Device {
     plugged: bool,
     open: bool,
     begun: bool,
+    attempts: u64,
     /// Counts how often it was plugged in: ports of before are dead.
     generation: u64,
     faults: Vec<(Fault, u64)>,
@@ -173,6 +177,7 @@ impl FakeFalcon {
             plugged: true,
             open: false,
             begun: false,
+            attempts: 0,
             generation: 0,
             faults: Vec::new(),
             held_back: Vec::new(),
@@ -231,9 +236,14 @@ impl FakeFalcon {
         self.device().board.is_running()
     }
 
-    /// Bytes of an image that the loader has.
-    pub fn image(&self) -> usize {
-        self.device().board.image()
+    /// Firmware that the loader was given last, as far as it came.
+    pub fn image(&self) -> Vec<u8> {
+        self.device().board.image.clone()
+    }
+
+    /// How often somebody tried to open it.
+    pub fn attempts(&self) -> u64 {
+        self.device().attempts
     }
 
     /// Commands that the motion program has got, in all.
@@ -300,6 +310,7 @@ impl Bus for FakeBus {
         let falcon = self.falcons.iter().find(|falcon| falcon.identity == identity).ok_or(TransportError::Gone)?;
         let now = self.clock.now();
         let mut device = falcon.device();
+        device.attempts += 1;
         if !device.plugged {
             return Err(TransportError::Gone);
         }
@@ -356,6 +367,7 @@ impl Port for FakePort {
             Some(Fault::LoseSentByte(place)) if place < bytes.len() => {
                 bytes.remove(place);
             }
+            Some(Fault::ChangeSentByte(place, byte)) if place < bytes.len() => bytes[place] = byte,
             Some(Fault::Refuse) => {
                 drop(device);
                 self.falcon.clock.wait_until(now + timeout);

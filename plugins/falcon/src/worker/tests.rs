@@ -20,11 +20,15 @@ struct Bench {
     sentences: Box<dyn Fn() -> Vec<String>>,
 }
 
+/// Every byte occurs, those of the protocol too.
+fn image() -> Vec<u8> {
+    (0..8492_u32).map(|n| (n * 7) as u8).collect()
+}
+
 fn firmware() -> Firmware {
     let path =
         std::env::temp_dir().join(format!("falcon-image-{}-{:?}", std::process::id(), std::thread::current().id()));
-    // Every byte occurs, those of the protocol too.
-    std::fs::write(&path, (0..8492_u32).map(|n| (n * 7) as u8).collect::<Vec<u8>>()).unwrap();
+    std::fs::write(&path, image()).unwrap();
     let firmware = Firmware::read(&path).unwrap();
     std::fs::remove_file(&path).unwrap();
     firmware
@@ -225,8 +229,10 @@ fn damaged_replies_cost_little_and_show_nothing_wrong() {
             assert!(!sample.valid || (sample.position - position).norm() < 2e-3, "{damage:?}: {}", sample.position);
         }
         assert!(bench.status.get().sample.valid, "{damage:?}");
-        // At most the time after which silence counts is lost.
-        assert!(bench.status.get().exchanges - before >= 75, "{damage:?}");
+        // What is seen to be damaged is asked again at once; an end that is missing takes as long as silence.
+        let no_end = matches!(damage, Fault::LoseByte(0 | 15) | Fault::ChangeByte(0 | 15, _));
+        let exchanges = bench.status.get().exchanges - before;
+        assert!(exchanges >= if no_end { 75 } else { 97 }, "{damage:?}: {exchanges}");
     }
 }
 
@@ -300,6 +306,7 @@ fn an_unplugged_device_is_found_again_every_second() {
     let sequence = status.sample.sequence;
     bench.run(Duration::from_millis(3500));
     assert_eq!(bench.status.get().sample.sequence, sequence);
+    assert_eq!(bench.fake.attempts(), 1 + 3);
     bench.fake.plug();
     let end = bench.clock.now() + Duration::from_millis(1200);
     while !bench.status.get().sample.valid {
@@ -389,6 +396,7 @@ fn firmware_is_uploaded_whatever_goes_wrong_at_first() {
         Fault::Slow(15 * MS),
         Fault::Slow(600 * MS),
         Fault::LoseSentByte(1),
+        Fault::ChangeSentByte(1, 0),
         Fault::Refuse,
         Fault::Fail,
     ];
@@ -397,7 +405,34 @@ fn firmware_is_uploaded_whatever_goes_wrong_at_first() {
             let (bench, result) = uploads(false, Some((fault, count)));
             assert_eq!(result, Ok(()), "{fault:?}, {count} times: {:?}", (bench.sentences)());
             assert!(bench.fake.is_running(), "{fault:?}, {count} times");
+            assert!(bench.fake.image() == image(), "{fault:?}, {count} times");
         }
+    }
+}
+
+#[test]
+fn an_echo_that_is_wrong_begins_the_upload_again() {
+    for fault in [Fault::ChangeSentByte(30, 0), Fault::LoseSentByte(30), Fault::ChangeByte(30, 0), Fault::LoseByte(30)]
+    {
+        let setup = Setup { firmware_runs: false, ..Setup::new("fake-1") };
+        let mut bench = Bench::new(setup, Some(firmware()), false);
+        bench.worker.begin().unwrap();
+        let mut link = Link::open(&bench.worker.bus, "fake-1", false).unwrap();
+        let sent = std::cell::Cell::new(0);
+        // Asked before each block: in the middle of the image something goes wrong.
+        let stopped = || {
+            sent.set(sent.get() + 1);
+            if sent.get() == 70 {
+                bench.fake.inject(fault, 1);
+            }
+            false
+        };
+        let result = firmware().upload(&*bench.worker.bus, &mut link, &stopped);
+        assert!(matches!(result, Err(FirmwareError::Loader(_))), "{fault:?}: {result:?}");
+        assert!((62 * 60..62 * 71).contains(&bench.fake.image().len()), "{fault:?}");
+        drop(link);
+        bench.run(Duration::from_secs(6));
+        assert!(bench.fake.is_running() && bench.fake.image() == image(), "{fault:?}");
     }
 }
 
