@@ -172,8 +172,7 @@ impl HapticLoop {
 
         let velocity = sample.linear_velocity.unwrap_or_else(|| self.velocity.linear());
         output.camera = self.mover.update(output.camera_pressed, input.view.camera, hand.rotation, velocity, dt);
-        // A time that is no number holds.
-        output.holding = !(input.time >= self.hold);
+        output.holding = input.time.is_nan() || input.time < self.hold;
         self.reference.update(&Motion {
             hand,
             camera,
