@@ -104,8 +104,7 @@ fn each_half_has_its_own_output_type_and_velocities_have_no_damping() {
     for _ in 0..2001 {
         effector.tick(&input(target, target));
     }
-    effector.reset();
-    let output = effector.tick(&input(target, Isometry3::identity()));
+    let output = effector.tick(&EffectorInput { dt: 0.0, ..input(target, Isometry3::identity()) });
     assert!((force(output.linear).x - 7.0).abs() < 1e-9 && matches!(output.angular, Some(Drive::Velocity(_))));
 }
 
@@ -133,17 +132,28 @@ fn a_milliradian_drives_and_half_a_turn_stays_continuous() {
     effector.tick(&input(turned(1e-3), Isometry3::identity()));
     let u = force(effector.tick(&input(turned(1e-3), Isometry3::identity())).angular);
     assert!((u - axis * 1e-2).norm() < 1e-9, "{u}");
+    let (step, start) = (1e-4, f64::to_radians(179.0));
     let mut effector = risen(GAINS, Isometry3::identity());
-    effector.reset();
-    let step = 1e-4;
-    let mut angle = f64::to_radians(179.0);
+    effector.tick(&input(turned(start), Isometry3::identity()));
+    let mut angle = start + step;
     while angle < f64::to_radians(181.0) {
         let u = force(effector.tick(&input(turned(angle), Isometry3::identity())).angular);
         // Past half a turn the other way is shorter. The damping sees a steady turn either way.
         let way = if angle <= std::f64::consts::PI { angle } else { angle - std::f64::consts::TAU };
-        let damping = if angle == f64::to_radians(179.0) { 0.0 } else { 0.5 * step / 1e-3 };
-        assert!((u - axis * (10.0 * way + damping)).norm() < 1e-6, "{angle}: {u}");
+        assert!((u - axis * (10.0 * way + 0.5 * step / 1e-3)).norm() < 1e-6, "{angle}: {u}");
         angle += step;
+    }
+}
+
+#[test]
+fn after_a_reset_it_rises_anew() {
+    let target = Isometry3::translation(0.1, 0.0, 0.0);
+    let mut effector = risen(GAINS, target);
+    effector.reset();
+    // The reference of before, then that of after: no kick of the derivative.
+    for (reference, limit) in [(target, 1e-9), (Isometry3::identity(), 1.1), (Isometry3::identity(), 1e-9)] {
+        let u = force(effector.tick(&input(reference, Isometry3::identity())).linear);
+        assert!(u.norm() < limit, "{u}");
     }
 }
 
