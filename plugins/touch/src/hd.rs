@@ -1,0 +1,309 @@
+//! The HD interface of OpenHaptics: its symbols, types and numbers as far as the driver needs them, and safe calls of them.
+
+use std::ffi::{c_char, c_void, CStr};
+use std::path::PathBuf;
+use std::ptr;
+
+use ambf_core::device::DeviceError;
+use libloading::Library;
+
+/// A device that was initialised.
+pub(crate) type Handle = u32;
+/// A callback that was scheduled.
+pub(crate) type ScheduleHandle = u64;
+/// What the scheduler calls; it gives back [`DONE`] or [`CONTINUE`].
+pub(crate) type Callback = extern "C" fn(*mut c_void) -> u32;
+
+/// The callback is not called again.
+pub(crate) const DONE: u32 = 0;
+/// The callback is called in the next tick too.
+pub(crate) const CONTINUE: u32 = 1;
+pub(crate) const INVALID_HANDLE: Handle = 0xFFFF_FFFF;
+pub(crate) const DEFAULT_PRIORITY: u16 = 32767;
+
+pub(crate) const CURRENT_BUTTONS: u32 = 0x2000;
+pub(crate) const CURRENT_VELOCITY: u32 = 0x2051;
+pub(crate) const CURRENT_TRANSFORM: u32 = 0x2052;
+pub(crate) const CURRENT_JOINT_ANGLES: u32 = 0x2100;
+pub(crate) const CURRENT_GIMBAL_ANGLES: u32 = 0x2150;
+pub(crate) const DEVICE_MODEL_TYPE: u32 = 0x2501;
+pub(crate) const DEVICE_VENDOR: u32 = 0x2503;
+pub(crate) const DEVICE_SERIAL_NUMBER: u32 = 0x2504;
+pub(crate) const USABLE_WORKSPACE_DIMENSIONS: u32 = 0x2551;
+pub(crate) const CALIBRATION_STYLE: u32 = 0x2555;
+pub(crate) const NOMINAL_MAX_FORCE: u32 = 0x2603;
+pub(crate) const CURRENT_FORCE: u32 = 0x2700;
+/// Deprecated by the vendor, but the only torque that is Cartesian.
+pub(crate) const CURRENT_TORQUE: u32 = 0x2701;
+pub(crate) const FORCE_OUTPUT: u32 = 0x4000;
+pub(crate) const MAX_FORCE_CLAMPING: u32 = 0x4001;
+
+pub(crate) const CALIBRATION_OK: u32 = 0x5000;
+pub(crate) const CALIBRATION_NEEDS_UPDATE: u32 = 0x5001;
+pub(crate) const CALIBRATION_NEEDS_MANUAL_INPUT: u32 = 0x5002;
+pub(crate) const STYLE_ENCODER_RESET: u32 = 1;
+pub(crate) const STYLE_AUTO: u32 = 2;
+pub(crate) const STYLE_INKWELL: u32 = 4;
+
+pub(crate) const SUCCESS: u32 = 0;
+pub(crate) const DEVICE_ALREADY_INITIATED: u32 = 0x0301;
+
+/// The newest error, as `hdGetError` gives it back by value: 12 bytes.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct ErrorInfo {
+    pub code: u32,
+    pub internal: i32,
+    pub handle: Handle,
+}
+
+/// Families of error codes, which the driver treats alike.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum ErrorKind {
+    /// A call that this library or device does not know.
+    Call,
+    /// Motors too warm, force or velocity too large.
+    Force,
+    /// The device does not answer, or a frame went wrong.
+    Device,
+    /// The scheduler, or the licence.
+    Scheduler,
+}
+
+impl ErrorInfo {
+    pub fn kind(self) -> ErrorKind {
+        match self.code {
+            0x0200..=0x02FF => ErrorKind::Force,
+            0x0300..=0x04FF => ErrorKind::Device,
+            0x0500..=0x06FF => ErrorKind::Scheduler,
+            _ => ErrorKind::Call,
+        }
+    }
+}
+
+/// What an error code means.
+pub(crate) fn explain(code: u32) -> &'static str {
+    match code {
+        0x0100..=0x01FF => "a call that it does not know",
+        0x0200 => "its motors are too warm",
+        0x0201 => "the force was too large",
+        0x0202 => "the force changed too fast",
+        0x0203 => "it was moved too fast",
+        0x0204 => "its forces are off",
+        0x0300 => "the device is at fault",
+        0x0301 => "another device or program uses it already",
+        0x0302 => "the device does not answer",
+        0x0303 => "its configuration does not fit",
+        0x0304 => "its timer failed",
+        0x0400..=0x04FF => "a frame went wrong",
+        0x0500 => "a wrong priority",
+        0x0501 => "the scheduler is full",
+        0x0600 => "the licence of the library is not valid",
+        _ => "an unknown error",
+    }
+}
+
+/// A function of the library; its name goes to `missing` if there is none.
+///
+/// # Safety
+/// `T` must be the type of that function.
+unsafe fn symbol<T: Copy>(library: &Library, name: &'static str, missing: &mut Vec<&'static str>) -> Option<T> {
+    // SAFETY: the caller names the type.
+    let symbol = unsafe { library.get::<T>(name.as_bytes()) };
+    symbol.map(|symbol| *symbol).map_err(|_| missing.push(name)).ok()
+}
+
+/// Declares a table of functions that are resolved by name.
+macro_rules! functions {
+    ($(#[$doc:meta])* $table:ident { $($name:ident: fn($($arg:ty),*) $(-> $result:ty)?;)* }) => {
+        $(#[$doc])*
+        #[allow(non_snake_case, reason = "the fields have the names of the symbols")]
+        pub(crate) struct $table {
+            $($name: unsafe extern "C" fn($($arg),*) $(-> $result)?,)*
+            /// Where the functions are; it outlives them.
+            _library: Library,
+        }
+
+        #[allow(non_snake_case, reason = "as above")]
+        impl $table {
+            /// Resolves all functions.
+            ///
+            /// # Errors
+            /// The names of those that are missing.
+            pub fn resolve(library: Library) -> Result<Self, Vec<&'static str>> {
+                let mut missing = Vec::new();
+                $(
+                    // SAFETY: this is the type of that function in every version of HD on 64-bit Linux.
+                    let $name = unsafe { symbol(&library, stringify!($name), &mut missing) };
+                )*
+                Ok(Self {
+                    $($name: match $name {
+                        Some(function) => function,
+                        None => return Err(missing),
+                    },)*
+                    _library: library,
+                })
+            }
+        }
+    };
+}
+
+functions! {
+    /// The functions that the driver calls.
+    Hd {
+        hdInitDevice: fn(*const c_char) -> Handle;
+        hdDisableDevice: fn(Handle);
+        hdMakeCurrentDevice: fn(Handle);
+        hdGetCurrentDevice: fn() -> Handle;
+        hdBeginFrame: fn(Handle);
+        hdEndFrame: fn(Handle);
+        hdGetError: fn() -> ErrorInfo;
+        hdEnable: fn(u32);
+        hdGetIntegerv: fn(u32, *mut i32);
+        hdGetDoublev: fn(u32, *mut f64);
+        hdGetString: fn(u32) -> *const c_char;
+        hdSetDoublev: fn(u32, *const f64);
+        hdCheckCalibration: fn() -> u32;
+        hdUpdateCalibration: fn(u32);
+        hdStartScheduler: fn();
+        hdStopScheduler: fn();
+        hdSetSchedulerRate: fn(u64);
+        hdScheduleAsynchronous: fn(Callback, *mut c_void, u16) -> ScheduleHandle;
+        hdUnschedule: fn(ScheduleHandle);
+    }
+}
+
+/// Safe methods for functions that take and give numbers only.
+macro_rules! calls {
+    ($($(#[$doc:meta])* $name:ident = $symbol:ident($($arg:ident: $type:ty),*) $(-> $result:ty)?;)*) => {
+        impl Hd {
+            $($(#[$doc])*
+            pub fn $name(&self $(, $arg: $type)*) $(-> $result)? {
+                // SAFETY: the function takes numbers by value and checks them itself; it belongs to a library that stays loaded.
+                unsafe { (self.$symbol)($($arg),*) }
+            })*
+        }
+    };
+}
+
+calls! {
+    disable_device = hdDisableDevice(device: Handle);
+    make_current = hdMakeCurrentDevice(device: Handle);
+    current = hdGetCurrentDevice() -> Handle;
+    begin_frame = hdBeginFrame(device: Handle);
+    end_frame = hdEndFrame(device: Handle);
+    /// Takes the newest error from the stack; [`SUCCESS`] when there is none.
+    pop_error = hdGetError() -> ErrorInfo;
+    enable = hdEnable(capability: u32);
+    check_calibration = hdCheckCalibration() -> u32;
+    update_calibration = hdUpdateCalibration(style: u32);
+    start_scheduler = hdStartScheduler();
+    stop_scheduler = hdStopScheduler();
+    /// Hz.
+    set_scheduler_rate = hdSetSchedulerRate(rate: u64);
+    unschedule = hdUnschedule(callback: ScheduleHandle);
+}
+
+impl Hd {
+    /// Initialises a device; `None` is the default one.
+    pub fn init_device(&self, name: Option<&CStr>) -> Handle {
+        // SAFETY: the name is null or ends with a zero, and is only read during the call.
+        unsafe { (self.hdInitDevice)(name.map_or(ptr::null(), CStr::as_ptr)) }
+    }
+
+    /// A whole number of the current device.
+    pub fn integer(&self, name: u32) -> i32 {
+        // The values asked for are one number; room for more costs nothing should a version of the library think otherwise.
+        let mut values = [0; 16];
+        // SAFETY: the function writes at most as many numbers as there is room for.
+        unsafe { (self.hdGetIntegerv)(name, values.as_mut_ptr()) };
+        values[0]
+    }
+
+    /// `N` numbers of the current device. Those that the library did not write are not a number.
+    pub fn doubles<const N: usize>(&self, name: u32) -> [f64; N] {
+        const ROOM: usize = 16;
+        assert!(N <= ROOM, "no value of HD has more than 16 numbers that the driver asks for");
+        let mut values = [f64::NAN; ROOM];
+        // SAFETY: what the driver asks for has at most 16 numbers (a transform), for which there is room.
+        unsafe { (self.hdGetDoublev)(name, values.as_mut_ptr()) };
+        std::array::from_fn(|i| values[i])
+    }
+
+    /// Hands over the three numbers of a force or torque.
+    pub fn set_vector(&self, name: u32, values: &[f64; 3]) {
+        // SAFETY: forces and torques are three numbers, and are only read during the call.
+        unsafe { (self.hdSetDoublev)(name, values.as_ptr()) };
+    }
+
+    /// A text of the current device; empty if it has none.
+    pub fn text(&self, name: u32) -> String {
+        // SAFETY: the function takes a number by value.
+        let text = unsafe { (self.hdGetString)(name) };
+        if text.is_null() {
+            return String::new();
+        }
+        // SAFETY: texts of the library end with a zero and stay until the next call, which only this thread makes.
+        unsafe { CStr::from_ptr(text) }.to_string_lossy().trim().to_owned()
+    }
+
+    /// Schedules `callback` with `user`.
+    ///
+    /// # Safety
+    /// `user` must be what `callback` takes it for, until the callback has given back [`DONE`] or was unscheduled.
+    pub unsafe fn schedule(&self, callback: Callback, user: *mut c_void, priority: u16) -> ScheduleHandle {
+        // SAFETY: the caller answers for `user`.
+        unsafe { (self.hdScheduleAsynchronous)(callback, user, priority) }
+    }
+
+    /// Takes all errors from the stack and gives back the newest that concerns `device` or no device at all.
+    pub fn newest_error(&self, device: Handle) -> Option<ErrorInfo> {
+        let mut newest = None;
+        // A stack that never ends must not stop the scheduler.
+        for _ in 0..32 {
+            let error = self.pop_error();
+            if error.code == SUCCESS {
+                break;
+            }
+            if error.handle == device || error.handle == INVALID_HANDLE || device == INVALID_HANDLE {
+                newest = newest.or(Some(error));
+            }
+        }
+        newest
+    }
+}
+
+/// Names of the vendor's library, in the order in which they are tried.
+const NAMES: [&str; 3] = ["libHD.so", "libHD.so.3.0", "libHD.so.3.4"];
+
+/// Opens the library at `path`, or the vendor's from the loader's search path.
+///
+/// # Errors
+/// [`DeviceError::Unavailable`] if there is none, or lacks a function.
+pub(crate) fn load(path: Option<&PathBuf>) -> Result<Hd, DeviceError> {
+    let open = |name: &std::ffi::OsStr| {
+        // SAFETY: what a library does when it is loaded is its maker's business; the user asked for it by naming such a device.
+        unsafe { Library::new(name) }
+    };
+    let (library, name) = match path {
+        Some(path) => {
+            let library = open(path.as_os_str()).map_err(|error| {
+                DeviceError::Unavailable(format!("{}: cannot be opened as the HD library: {error}", path.display()))
+            })?;
+            (library, path.display().to_string())
+        }
+        None => NAMES.iter().find_map(|name| Some((open(name.as_ref()).ok()?, (*name).to_owned()))).ok_or_else(|| {
+            DeviceError::Unavailable(format!(
+                "no HD library ({}) was found: install OpenHaptics and the Touch device driver of 3D Systems, or name the \
+                 library with `driver settings: {{library: …}}`",
+                NAMES.join(", ")
+            ))
+        })?,
+    };
+    Hd::resolve(library).map_err(|missing| {
+        DeviceError::Unavailable(format!(
+            "{name}: lacks {}, which the HD library of OpenHaptics 3 has",
+            missing.join(", ")
+        ))
+    })
+}
