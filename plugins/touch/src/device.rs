@@ -158,3 +158,36 @@ impl Drop for Touch {
         self.close();
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::Instant;
+
+    #[test]
+    fn a_panic_of_the_callback_ends_in_zero_force_and_not_in_the_library() {
+        let fake = fake_hd::Fake::new(&[("Arm", "Touch")]).unwrap();
+        let library = HdLibrary::shared(Some(fake.path().to_owned())).unwrap();
+        let log = DeviceLog::new().0;
+        let mut touch = Touch::new(library.clone(), library.open("Arm", None, &log).unwrap(), "Arm", &log);
+        let mut force = DeviceForce::zero();
+        force.force.z = 1.0;
+        let start = Instant::now();
+        while fake.newest_force("Arm").is_none_or(|felt| felt.force[1] == 0.0) {
+            touch.write(&force).unwrap();
+            assert!(start.elapsed() < Duration::from_secs(20));
+        }
+        touch.opened.as_ref().unwrap().shared.panic.store(true, Ordering::Relaxed);
+        let error = loop {
+            touch.write(&force).unwrap();
+            match touch.read() {
+                Ok(_) => assert!(start.elapsed() < Duration::from_secs(20)),
+                Err(error) => break error,
+            }
+        };
+        assert!(error.to_string().contains("panicked"), "{error}");
+        assert_eq!(fake.newest_force("Arm").unwrap().force, [0.0; 3]);
+        touch.close();
+        assert_eq!(fake.log().last().unwrap(), "disable Arm");
+    }
+}

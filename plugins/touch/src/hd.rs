@@ -307,3 +307,108 @@ pub(crate) fn load(path: Option<&PathBuf>) -> Result<Hd, DeviceError> {
         ))
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use fake_hd::Fake;
+    use std::sync::atomic::{AtomicU32, Ordering};
+
+    functions! {
+        /// Functions of HD that the driver does not need.
+        Rest {
+            hdGetErrorString: fn(u32) -> *const c_char;
+            hdDisable: fn(u32);
+            hdIsEnabled: fn(u32) -> u8;
+            hdGetBooleanv: fn(u32, *mut u8);
+            hdGetFloatv: fn(u32, *mut f32);
+            hdGetLongv: fn(u32, *mut i64);
+            hdSetBooleanv: fn(u32, *const u8);
+            hdSetIntegerv: fn(u32, *const i32);
+            hdSetFloatv: fn(u32, *const f32);
+            hdSetLongv: fn(u32, *const i64);
+            hdCheckCalibrationStyle: fn() -> u32;
+            hdScheduleSynchronous: fn(Callback, *mut c_void, u16);
+            hdWaitForCompletion: fn(ScheduleHandle, u32) -> u8;
+            hdGetSchedulerTimeStamp: fn() -> f64;
+        }
+    }
+
+    extern "C" fn count(user: *mut c_void) -> u32 {
+        // SAFETY: the test passes a counter that outlives the scheduler.
+        let counter = unsafe { &*user.cast::<AtomicU32>() };
+        if counter.fetch_add(1, Ordering::Relaxed) % 3 < 2 {
+            CONTINUE
+        } else {
+            DONE
+        }
+    }
+
+    #[test]
+    fn every_function_works_from_rust() {
+        let fake = Fake::new(&[("Arm", "Touch"), ("Other", "Touch")]).unwrap();
+        fake.tell("Arm: pose 1 2 3");
+        let hd = load(Some(&fake.path().to_owned())).unwrap();
+        // SAFETY: loading the fake starts nothing.
+        let rest = Rest::resolve(unsafe { Library::new(fake.path()) }.unwrap()).unwrap();
+
+        assert_eq!(hd.init_device(Some(c"Nobody")), INVALID_HANDLE);
+        let error = hd.pop_error();
+        assert_eq!(error, ErrorInfo { code: 0x0302, internal: -0x0302, handle: INVALID_HANDLE });
+        assert_eq!((size_of::<ErrorInfo>(), error.kind()), (12, ErrorKind::Device));
+        let device = hd.init_device(Some(c"Arm"));
+        hd.make_current(9);
+        assert_eq!(hd.pop_error(), ErrorInfo { code: 0x0104, internal: -0x0104, handle: 9 }, "three numbers by value");
+        assert_eq!(hd.pop_error(), ErrorInfo { code: SUCCESS, internal: 0, handle: INVALID_HANDLE });
+        assert_eq!((hd.current(), hd.text(DEVICE_MODEL_TYPE)), (device, String::from("Touch")));
+        hd.enable(FORCE_OUTPUT);
+        hd.begin_frame(device);
+        assert_eq!(hd.doubles::<16>(CURRENT_TRANSFORM)[12..], [1.0, 2.0, 3.0, 1.0]);
+        assert!(hd.doubles::<3>(0x2999).iter().all(|x| x.is_nan()) && hd.pop_error().code == 0x0100);
+        hd.set_vector(CURRENT_FORCE, &[0.0, 1.0, 0.0]);
+        hd.end_frame(device);
+        assert_eq!(fake.newest_force("Arm").unwrap().force, [0.0, 1.0, 0.0]);
+        assert_eq!((hd.integer(CALIBRATION_STYLE), hd.check_calibration()), (6, CALIBRATION_OK));
+        hd.update_calibration(STYLE_AUTO);
+        hd.set_scheduler_rate(1000);
+        hd.start_scheduler();
+        let counter = AtomicU32::new(0);
+        let user = std::ptr::from_ref(&counter).cast_mut().cast();
+        // SAFETY: the counter outlives the callback, which has ended when it was counted to three.
+        let handle = unsafe { hd.schedule(count, user, DEFAULT_PRIORITY) };
+        // SAFETY: the types are those of HD, pointers have room for what is asked for, and the scheduler's callback ends.
+        unsafe {
+            assert_eq!((rest.hdWaitForCompletion)(handle, 1), 0);
+            assert_eq!(counter.load(Ordering::Relaxed), 3);
+            (rest.hdScheduleSynchronous)(count, user, 1);
+            assert_eq!(counter.load(Ordering::Relaxed), 6);
+            assert!((rest.hdGetSchedulerTimeStamp)() >= 0.0);
+            hd.unschedule(handle);
+            assert_eq!(hd.pop_error().code, 0x0101, "it is over");
+            assert_eq!(CStr::from_ptr((rest.hdGetErrorString)(0x0302)), c"device error");
+            assert_eq!((rest.hdIsEnabled)(FORCE_OUTPUT), 1);
+            (rest.hdDisable)(FORCE_OUTPUT);
+            assert_eq!((rest.hdIsEnabled)(FORCE_OUTPUT), 0);
+            assert_eq!((rest.hdCheckCalibrationStyle)(), 6);
+            hd.begin_frame(device);
+            let (mut truth, mut float, mut long) = ([9_u8], [0.0_f32; 3], [-1_i64; 6]);
+            (rest.hdGetBooleanv)(0x2001, truth.as_mut_ptr());
+            (rest.hdGetFloatv)(0x2050, float.as_mut_ptr());
+            (rest.hdGetLongv)(0x2010, long.as_mut_ptr());
+            assert_eq!((truth, float, long), ([0], [1.0, 2.0, 3.0], [0; 6]));
+            (rest.hdSetFloatv)(CURRENT_FORCE, [0.5_f32, 0.0, 0.0].as_ptr());
+            assert_eq!(hd.doubles::<3>(CURRENT_FORCE), [0.5, 0.0, 0.0]);
+            (rest.hdSetBooleanv)(CURRENT_FORCE, truth.as_ptr());
+            (rest.hdSetIntegerv)(CURRENT_FORCE, [0; 3].as_ptr());
+            (rest.hdSetLongv)(CURRENT_FORCE, [0; 3].as_ptr());
+            assert_eq!(
+                [hd.pop_error().code, hd.pop_error().code, hd.pop_error().code, hd.pop_error().code],
+                [0x0103, 0x0103, 0x0103, 0]
+            );
+            hd.end_frame(device);
+        }
+        hd.stop_scheduler();
+        hd.disable_device(device);
+        assert_eq!(hd.newest_error(INVALID_HANDLE), None);
+    }
+}
