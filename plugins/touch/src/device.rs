@@ -1,6 +1,6 @@
 use std::sync::atomic::Ordering;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use ambf_core::device::{DeviceError, DeviceForce, DeviceLog, DeviceSample, DeviceSpec, InputDevice};
 
@@ -14,6 +14,9 @@ const STALE: u64 = 50_000_000;
 /// A scheduler that stands still for so long is lost, ns.
 const LOST: u64 = 2_000_000_000;
 
+/// Force errors that go on are said no more often.
+const BETWEEN_SENTENCES: Duration = Duration::from_secs(5);
+
 /// A device of the Touch and Phantom family that is open.
 pub struct Touch {
     library: Arc<HdLibrary>,
@@ -24,8 +27,10 @@ pub struct Touch {
     name: String,
     log: DeviceLog,
     newest: Measured,
-    /// What was said last: state of the calibration, force error.
-    said: (u32, u32),
+    /// State of the calibration that was said last.
+    said: u32,
+    /// When a force error was said last.
+    said_force: Option<Instant>,
 }
 
 impl Touch {
@@ -41,7 +46,8 @@ impl Touch {
             name: name.to_owned(),
             log: log.clone(),
             newest: Measured::nothing(),
-            said: (0, 0),
+            said: 0,
+            said_force: None,
         }
     }
 
@@ -64,7 +70,7 @@ impl Touch {
     fn report(&mut self) {
         let Some(opened) = &self.opened else { return };
         let calibration = opened.shared.calibration.load(Ordering::Relaxed);
-        if calibration != self.said.0 {
+        if calibration != self.said {
             let styles = opened.shared.styles.load(Ordering::Relaxed);
             let what = match calibration {
                 hd::CALIBRATION_OK => "is calibrated",
@@ -76,16 +82,16 @@ impl Touch {
                 _ => "does not say how its calibration is",
             };
             self.log.say(format!("`{}` {what}", self.name));
-            self.said.0 = calibration;
+            self.said = calibration;
         }
         let error = opened.shared.force_error.swap(0, Ordering::Relaxed);
-        if error != 0 && error != self.said.1 {
+        if error != 0 && self.said_force.is_none_or(|said| said.elapsed() > BETWEEN_SENTENCES) {
             self.log.say(format!(
                 "`{}` is without force for 0.1 s: {} (error {error:04x})",
                 self.name,
                 hd::explain(error)
             ));
-            self.said.1 = error;
+            self.said_force = Some(Instant::now());
         }
     }
 
@@ -162,7 +168,6 @@ impl Drop for Touch {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::time::Instant;
 
     #[test]
     fn a_panic_of_the_callback_ends_in_zero_force_and_not_in_the_library() {

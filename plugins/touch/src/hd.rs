@@ -57,8 +57,8 @@ pub(crate) struct ErrorInfo {
     pub handle: Handle,
 }
 
-/// Families of error codes, which the driver treats alike.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// Families of error codes, which the driver treats alike; the later, the worse.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum ErrorKind {
     /// A call that this library or device does not know.
     Call,
@@ -256,20 +256,21 @@ impl Hd {
         unsafe { (self.hdScheduleAsynchronous)(callback, user, priority) }
     }
 
-    /// Takes all errors from the stack and gives back the newest that concerns `device` or no device at all.
-    pub fn newest_error(&self, device: Handle) -> Option<ErrorInfo> {
-        let mut newest = None;
+    /// Takes all errors from the stack and gives back the worst that concerns `device` or no device at all, the newest of those.
+    pub fn worst_error(&self, device: Handle) -> Option<ErrorInfo> {
+        let mut worst: Option<ErrorInfo> = None;
         // A stack that never ends must not stop the scheduler.
         for _ in 0..32 {
             let error = self.pop_error();
             if error.code == SUCCESS {
                 break;
             }
-            if error.handle == device || error.handle == INVALID_HANDLE || device == INVALID_HANDLE {
-                newest = newest.or(Some(error));
+            let ours = error.handle == device || error.handle == INVALID_HANDLE || device == INVALID_HANDLE;
+            if ours && worst.is_none_or(|worst| error.kind() > worst.kind()) {
+                worst = Some(error);
             }
         }
-        newest
+        worst
     }
 }
 
@@ -409,6 +410,11 @@ mod tests {
         }
         hd.stop_scheduler();
         hd.disable_device(device);
-        assert_eq!(hd.newest_error(INVALID_HANDLE), None);
+        // The worst first, whatever came last.
+        hd.set_scheduler_rate(77);
+        assert_eq!(hd.init_device(Some(c"Nobody")), INVALID_HANDLE);
+        hd.set_scheduler_rate(77);
+        assert_eq!(hd.worst_error(device).map(|error| error.code), Some(0x0302));
+        assert_eq!(hd.worst_error(INVALID_HANDLE), None);
     }
 }

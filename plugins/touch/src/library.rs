@@ -89,7 +89,7 @@ impl HdLibrary {
         self.set_rate(&mut control, rate, log);
         if control.open.is_empty() {
             self.hd.start_scheduler();
-            if let Some(error) = self.hd.newest_error(hd::INVALID_HANDLE) {
+            if let Some(error) = self.hd.worst_error(hd::INVALID_HANDLE) {
                 self.hd.disable_device(device);
                 return Err(DeviceError::Unavailable(format!(
                     "the scheduler of the HD library does not start: {} (error {:04x})",
@@ -108,7 +108,7 @@ impl HdLibrary {
         if wait(PATIENCE, || opened.shared.phase.load(Ordering::Acquire) != servo::WAITING) {
             return Ok(opened);
         }
-        let why = self.hd.newest_error(device).map_or("it never calls back", |error| hd::explain(error.code));
+        let why = self.hd.worst_error(device).map_or("it never calls back", |error| hd::explain(error.code));
         self.end(&mut control, opened);
         Err(DeviceError::Lost(format!("the scheduler of the HD library does not serve `{name}`: {why}")))
     }
@@ -117,7 +117,7 @@ impl HdLibrary {
         let text = CString::new(name)
             .map_err(|_| DeviceError::Unavailable(String::from("the name of the device has a zero in it")))?;
         let device = self.hd.init_device((name != DEFAULT_DEVICE).then_some(text.as_c_str()));
-        let error = self.hd.newest_error(hd::INVALID_HANDLE);
+        let error = self.hd.worst_error(hd::INVALID_HANDLE);
         match error {
             None if device != hd::INVALID_HANDLE => Ok(device),
             _ => {
@@ -149,7 +149,7 @@ impl HdLibrary {
             return;
         }
         self.hd.set_scheduler_rate(rate);
-        match self.hd.newest_error(hd::INVALID_HANDLE) {
+        match self.hd.worst_error(hd::INVALID_HANDLE) {
             Some(error) => log.say(format!(
                 "the HD library refuses `rate: {rate}` ({}, error {:04x}) and keeps its own",
                 hd::explain(error.code),
@@ -176,7 +176,7 @@ impl HdLibrary {
             self.hd.stop_scheduler();
         }
         self.hd.disable_device(opened.device);
-        self.hd.newest_error(hd::INVALID_HANDLE);
+        self.hd.worst_error(hd::INVALID_HANDLE);
         if ended {
             // SAFETY: the pointer is that of `Box::into_raw`, and the callback that used it has said that it is over.
             drop(unsafe { Box::from_raw(opened.servo.0) });

@@ -230,7 +230,7 @@ impl Servo {
         }
         hd.end_frame(self.device);
 
-        let fine = match hd.newest_error(self.device).map(|error| (error.kind(), error)) {
+        let fine = match hd.worst_error(self.device).map(|error| (error.kind(), error)) {
             None | Some((ErrorKind::Call, _)) => {
                 self.fault_since = None;
                 true
@@ -277,7 +277,7 @@ impl Servo {
         hd.enable(hd::MAX_FORCE_CLAMPING);
         hd.enable(hd::FORCE_OUTPUT);
         // Values that a device does not have are none of the next frame's errors.
-        hd.newest_error(self.device);
+        hd.worst_error(self.device);
         self.shared.styles.store(styles, Ordering::Relaxed);
         // Nobody else sets it.
         drop(self.shared.facts.set(facts));
@@ -359,7 +359,7 @@ impl Servo {
             hd.set_vector(hd::CURRENT_TORQUE, &[0.0; 3]);
         }
         hd.end_frame(self.device);
-        hd.newest_error(self.device);
+        hd.worst_error(self.device);
     }
 }
 

@@ -76,6 +76,14 @@ mod tests {
     }
 
     #[test]
+    fn a_file_that_is_no_hydra_refuses() {
+        let mut file = HidRaw::open(Path::new("/dev/null")).unwrap();
+        assert!(file.set_feature([0; FEATURE]).is_err());
+        assert_eq!(file.read(&mut [0; 8]).unwrap(), 0);
+        assert!(HidRaw::open(Path::new("/nowhere")).is_err());
+    }
+
+    #[test]
     fn hydras_are_found_by_their_numbers() {
         let sys = std::env::temp_dir().join(format!("trackers-hid-{}", std::process::id()));
         let add = |name: &str, text: &str| {

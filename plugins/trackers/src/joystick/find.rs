@@ -61,8 +61,10 @@ pub(super) fn list(sys: &Path, model: &str) -> Vec<Found> {
         let known = [text("phys"), text("uniq"), name.clone()].into_iter().find(|text| !text.is_empty());
         let identity = known.unwrap_or_else(|| format!("event{number}"));
         // Two devices behind one port: the second is told apart by its place.
-        let same = found.iter().filter(|other| other.identity.starts_with(&identity)).count();
-        let identity = if same == 0 { identity } else { format!("{identity} #{}", same + 1) };
+        let numbered = format!("{identity} #");
+        let is_same = |other: &&Found| other.identity == identity || other.identity.starts_with(&numbered);
+        let same = found.iter().filter(is_same).count();
+        let identity = if same == 0 { identity } else { format!("{numbered}{}", same + 1) };
         found.push(Found { identity, name, path: PathBuf::from(format!("/dev/input/event{number}")) });
     }
     found
@@ -144,10 +146,10 @@ pub(super) mod tests {
     #[test]
     fn two_devices_behind_one_port_have_two_identities() {
         let sys = Sys::new("port");
-        for event in [1, 2] {
-            sys.add(event, &[("capabilities/abs", "3"), ("capabilities/key", "100000000 0 0 0 0"), ("phys", "usb-1")]);
+        for (event, port) in [(1, "usb-10"), (2, "usb-1"), (3, "usb-1")] {
+            sys.add(event, &[("capabilities/abs", "3"), ("capabilities/key", "100000000 0 0 0 0"), ("phys", port)]);
         }
         let identities: Vec<_> = list(&sys.0, JOYSTICK).into_iter().map(|found| found.identity).collect();
-        assert_eq!(identities, ["usb-1", "usb-1 #2"]);
+        assert_eq!(identities, ["usb-10", "usb-1", "usb-1 #2"]);
     }
 }

@@ -221,3 +221,8 @@ fn devices_are_found_without_opening_them() {
     assert!(driver.find(JOYSTICK, &settings(&[("mode", "both")])).is_err());
     assert!(driver.serves("Joystick") && driver.serves("SpaceMouse") && !driver.serves("Falcon"));
 }
+
+#[test]
+fn a_file_that_is_no_input_device_refuses() {
+    assert!(EventFile::open(std::path::Path::new("/dev/null")).is_err());
+}
