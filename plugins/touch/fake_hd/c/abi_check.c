@@ -1,4 +1,5 @@
-/* Calls every function of a libHD.so through C and checks what comes back: `abi_check LIBRARY`. Exit status 0 if all is right. */
+/* `abi_check LIBRARY` calls every function of the fake libHD.so through C and checks what comes back; exit status 0 if all is right.
+   `abi_check LIBRARY NAME` prints model and position of the device of that name, as AMBF_FAKE_HD has set it up. */
 #include <dlfcn.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -43,12 +44,27 @@ static uint32_t forever(void *user)
     return HD_CALLBACK_CONTINUE;
 }
 
+static int show(const char *name)
+{
+    double p[3];
+    HHD device = CALL(hdInitDevice)(name);
+    CHECK(device != HD_INVALID_HANDLE);
+    CALL(hdBeginFrame)(device);
+    CALL(hdGetDoublev)(HD_CURRENT_POSITION, p);
+    CALL(hdEndFrame)(device);
+    CHECK(CALL(hdGetError)().errorCode == HD_SUCCESS);
+    printf("%s %g %g %g\n", CALL(hdGetString)(HD_DEVICE_MODEL_TYPE), p[0], p[1], p[2]);
+    return 0;
+}
+
 int main(int argc, char **argv)
 {
     if (argc < 2 || !(library = dlopen(argv[1], RTLD_NOW))) {
         fprintf(stderr, "cannot open the library\n");
         return 2;
     }
+    if (argc > 2)
+        return show(argv[2]);
     char reply[256];
     CHECK(sizeof(HDErrorInfo) == 12);
     CHECK(CALL(ambf_fake_hd_control)("reset", NULL, 0) == 0);

@@ -19,7 +19,8 @@ use libloading::Library;
 pub const LIBRARY: &str = concat!(env!("OUT_DIR"), "/libHD.so");
 /// The same without `hdGetError`.
 pub const OLD_LIBRARY: &str = concat!(env!("OUT_DIR"), "/libHD_old.so");
-/// A program that calls every function of the library given to it through C; it ends with status 0 if all is right.
+/// A program that calls every function of the library given to it through C, and ends with status 0 if all is right; with the name of a device too, it
+/// prints model and position of that device instead.
 pub const ABI_CHECK: &str = concat!(env!("OUT_DIR"), "/abi_check");
 
 type Control = unsafe extern "C" fn(*const c_char, *mut c_char, u64) -> i32;
@@ -141,6 +142,22 @@ mod tests {
         let output = Command::new(ABI_CHECK).arg(fake.path()).output().unwrap();
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         assert!(String::from_utf8_lossy(&output.stdout).contains("checks"));
+    }
+
+    #[test]
+    fn a_variable_scripts_the_devices() {
+        let show = |name: &str, script: Option<&str>| {
+            let mut command = Command::new(ABI_CHECK);
+            command.args([LIBRARY, name]).env_remove("AMBF_FAKE_HD");
+            script.map(|script| command.env("AMBF_FAKE_HD", script));
+            let output = command.output().unwrap();
+            (String::from_utf8(output.stdout).unwrap(), String::from_utf8(output.stderr).unwrap())
+        };
+        let script = "device Left = Touch X; device Right = Touch; Left: pose 1 2 3; jump";
+        let (shown, complaint) = show("Left", Some(script));
+        assert_eq!(shown, "Touch X 1 2 3\n");
+        assert_eq!(complaint, "fake libHD: ` jump` in AMBF_FAKE_HD is not known\n");
+        assert!(show("Default Device", None).0.starts_with("Touch "), "a device without a script");
     }
 
     #[test]
