@@ -308,6 +308,9 @@ impl Scene {
 
     /// Reads all joint positions from Bullet; `dt` is the interval before, s.
     pub(crate) fn observe_joints(&mut self, dt: f64, buffer: &mut [f64]) {
+        if self.profile == Profile::Accurate {
+            self.world.refresh_constraints();
+        }
         self.world.read_constraints(buffer);
         for joint in &mut self.joints {
             // Joints of unknown type have no constraint: their position stays 0.
