@@ -145,7 +145,7 @@ fn preload<'m>(meshes: &MeshCache, models: impl Iterator<Item = &'m adf::Model>)
 
 /// A model that was read and whose meshes are in memory, ready to be built into a scene.
 pub struct PreparedModel {
-    description: adf::Model,
+    pub(super) description: adf::Model,
     meshes: MeshCache,
     /// What was found while it was read.
     pub report: SceneReport,

@@ -6,6 +6,7 @@ mod body;
 mod build;
 mod driven;
 mod elements;
+mod end_effector;
 mod ghost;
 mod graph;
 mod identity;
@@ -21,6 +22,7 @@ mod vehicle;
 
 pub use actuator::Actuator;
 pub use body::{Bodies, Body};
+pub use end_effector::{EndEffectorParts, PreparedEndEffector};
 pub(crate) use driven::SubSteps;
 pub use ghost::Ghost;
 pub use graph::{BodyGraph, Descendant};
