@@ -1,6 +1,7 @@
 //! Input devices: what a driver offers, and how a device moves a body of the simulation and feels it.
 
 mod driver;
+pub mod law;
 mod sample;
 mod settings;
 mod spec;
