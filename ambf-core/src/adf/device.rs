@@ -8,6 +8,7 @@ use super::common::SourcePos;
 use super::controller::CartesianController;
 use super::reader::{Absent, Map, Range};
 use super::report::ProblemKind;
+use crate::device::Settings;
 
 /// An input device paired with a simulated end-effector, as written.
 #[derive(Clone, Debug, PartialEq)]
@@ -16,11 +17,11 @@ pub struct InputDevice {
     pub identifier: String,
     /// Model name that the device's driver reports.
     pub hardware_name: String,
-    /// Proportional gains of the force feedback; `None`: 10 and 10 with derivative gains of 1.
+    /// Proportional gains of the force feedback; `None`: no feedback.
     pub haptic_gain: Option<HapticGain>,
     /// Wrenches below it are zeroed, N. Default: 0.001.
     pub deadband: f64,
-    /// As written, N; the device's rated maximum is used instead.
+    /// Largest force, N; the device's rated maximum counts too.
     pub max_force: Option<f64>,
     /// As written; without use.
     pub max_jerk: Option<f64>,
@@ -44,6 +45,16 @@ pub struct InputDevice {
     pub controller_gain: Option<CartesianController>,
     /// Gripper opening drives the joints. Default: `true`.
     pub enable_joint_control: bool,
+    /// Forces start with the first press of button 0. Default: `true`.
+    pub enable_on_button: bool,
+    /// The proportional gain of the end-effector shrinks in steps that are longer than nominal. Default: `false`.
+    pub time_scaled_gain: bool,
+    /// Name of the driver; `None`: the one that serves the hardware name.
+    pub driver: Option<String>,
+    /// Which of several equal devices: USB port, serial number, name of the arm; `None`: the first that is free.
+    pub identity: Option<String>,
+    /// Settings of the driver.
+    pub driver_settings: Settings,
     /// Names of cameras; motion is relative to the first. Empty: all cameras.
     pub pair_cameras: Vec<String>,
     /// Where the entry stands.
@@ -129,6 +140,11 @@ impl InputDevice {
             location: map.pose("location"),
             controller_gain: map.cartesian_controller("controller gain"),
             enable_joint_control: map.boolean("enable joint control").unwrap_or(true),
+            enable_on_button: map.boolean("enable on button").unwrap_or(true),
+            time_scaled_gain: map.boolean("time scaled gain").unwrap_or(false),
+            driver: map.filled("driver"),
+            identity: map.filled("identity"),
+            driver_settings: Settings::default(),
             pair_cameras: (map.strings("pair cameras").iter()).map(|(camera, _)| (*camera).to_owned()).collect(),
             source: map.reader().source(map.mark),
         };

@@ -1,7 +1,8 @@
 //! Input devices: what a driver offers, and how a device moves a body of the simulation and feels it.
 
 mod driver;
-mod host;
+pub mod host;
+pub mod law;
 mod sample;
 mod settings;
 mod spec;

@@ -17,6 +17,8 @@ pub struct PreparedEndEffector {
     /// Its own model and the key of the root link in it; `None`: the root link is a body of the scene.
     model: Option<(PreparedModel, String)>,
     notes: Vec<Note>,
+    /// Problems in the text of its model.
+    report: String,
 }
 
 /// A simulated end-effector of a [`Scene`], by index.
@@ -48,7 +50,8 @@ impl PreparedEndEffector {
             Some(path) => Some(read_model(path, device, &mut notes)?),
             None => None,
         };
-        Ok(Self { device: device.clone(), model, notes })
+        let report = model.as_ref().map(|(model, _)| model.report.to_string()).unwrap_or_default();
+        Ok(Self { device: device.clone(), model, notes, report })
     }
 }
 
@@ -100,8 +103,9 @@ fn find_root(model: &adf::Model, device: &adf::InputDevice, notes: &mut Vec<Note
     }
     // In the order of the C++ program's map, of which the last counts.
     let roots: Vec<_> = names.iter().filter(|(_, index)| !has_parent[*index]).collect();
-    let &(key, root) =
-        roots.last().ok_or_else(|| format!("{} has no body without a parent; name a `root link`", model.file.display()))?;
+    let &(key, root) = roots
+        .last()
+        .ok_or_else(|| format!("{} has no body without a parent; name a `root link`", model.file.display()))?;
     if roots.len() > 1 {
         let others: Vec<_> = roots[..roots.len() - 1].iter().map(|(key, _)| *key).collect();
         let message = format!(
@@ -143,8 +147,8 @@ impl Scene {
     pub(crate) fn add_end_effector(
         &mut self,
         prepared: PreparedEndEffector,
-    ) -> Result<(EndEffectorParts, Vec<Note>), String> {
-        let PreparedEndEffector { device, model, mut notes } = prepared;
+    ) -> Result<(EndEffectorParts, Vec<String>), String> {
+        let PreparedEndEffector { device, model, mut notes, report } = prepared;
         let (model, root) = match model {
             Some((prepared, key)) => {
                 let (model, remarks) = self.add_model(prepared);
@@ -173,7 +177,8 @@ impl Scene {
             initial_pose: body.initial_pose * body.inertial_offset_inverse,
             actuator: self.add_gripping_actuator(&device, root),
         };
-        Ok((parts, notes))
+        let said = report.lines().map(str::to_owned).chain(notes.iter().map(ToString::to_string));
+        Ok((parts, said.collect()))
     }
 
     /// A body that is there already becomes a root link.

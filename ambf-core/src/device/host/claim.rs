@@ -45,7 +45,10 @@ pub(super) fn claim(entry: &adf::InputDevice, drivers: &Drivers, claimed: &[Clai
         let there: Vec<_> = found.iter().map(|info| info.identity.clone()).collect();
         found.retain(|info| info.identity == *identity);
         if found.is_empty() {
-            return Err(format!("no `{model}` with the identity `{identity}` is connected, only `{}`", there.join("`, `")));
+            return Err(format!(
+                "no `{model}` with the identity `{identity}` is connected, only `{}`",
+                there.join("`, `")
+            ));
         }
     }
     let count = found.len();

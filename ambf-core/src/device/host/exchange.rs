@@ -18,10 +18,6 @@ pub(crate) struct BodyState {
     pub stamp: Option<Instant>,
     /// Body frame in the world.
     pub pose: Isometry3<f64>,
-    /// Of the centre of mass, m/s, world axes.
-    pub linear_velocity: Vector3<f64>,
-    /// rad/s, world axes.
-    pub angular_velocity: Vector3<f64>,
     /// The body is part of the scene.
     pub is_there: bool,
     /// Rotation of the first paired camera in its parent, if there is one.
@@ -35,14 +31,12 @@ pub(crate) struct BodyState {
 /// What a device tells the physics thread, in each tick.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Hand {
-    /// When it was written; `None`: not yet.
-    pub stamp: Option<Instant>,
     /// Where the root link should be: body frame in the world.
     pub reference: Isometry3<f64>,
     /// 0 closed … 1 open.
     pub gripper: f64,
     /// Motion of the paired cameras in all ticks until now.
-    pub camera: CameraSum,
+    pub cameras: CameraSum,
 }
 
 /// How far a device has moved its cameras since it was coupled: as a sum no tick is lost between two iterations.
@@ -84,17 +78,8 @@ pub(crate) struct DeviceEnd {
 
 /// Both ends of a coupling of a device to a body at `pose`.
 pub(crate) fn couple(pose: Isometry3<f64>) -> (PhysicsEnd, DeviceEnd) {
-    let body = BodyState {
-        stamp: None,
-        pose,
-        linear_velocity: Vector3::zeros(),
-        angular_velocity: Vector3::zeros(),
-        is_there: true,
-        camera: None,
-        paused: true,
-        resets: 0,
-    };
-    let hand = Hand { stamp: None, reference: pose, gripper: 0.5, camera: CameraSum::default() };
+    let body = BodyState { stamp: None, pose, is_there: true, camera: None, paused: true, resets: 0 };
+    let hand = Hand { reference: pose, gripper: 0.5, cameras: CameraSum::default() };
     let ((state_in, state_out), (hand_in, hand_out)) = (triple_buffer(&body), triple_buffer(&hand));
     (PhysicsEnd { state: state_in, hand: hand_out }, DeviceEnd { state: state_out, hand: hand_in })
 }

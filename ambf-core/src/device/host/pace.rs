@@ -31,11 +31,6 @@ impl Pace {
         Self { period, next: now() + period, spin: SPIN }
     }
 
-    /// Begins afresh from now.
-    pub fn restart(&mut self) {
-        self.next = now() + self.period;
-    }
-
     /// Waits for the next tick: sleeps to shortly before it, then spins.
     pub fn wait(&mut self) {
         let begin = now();

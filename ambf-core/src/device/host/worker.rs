@@ -310,7 +310,7 @@ struct Haptic {
     coupling: Coupling,
     law: Option<HapticLoop>,
     followed: Followed,
-    camera: CameraSum,
+    cameras: CameraSum,
     /// When the last sample was read; `None`: none was since the device was opened.
     last: Option<Instant>,
     physics_start: Option<Instant>,
@@ -327,7 +327,7 @@ impl Haptic {
             coupling,
             law: None,
             followed: Followed::default(),
-            camera: CameraSum::default(),
+            cameras: CameraSum::default(),
             last: None,
             physics_start: None,
             resets: 0,
@@ -374,13 +374,7 @@ impl Haptic {
         Ok(())
     }
 
-    fn compute(
-        &mut self,
-        worker: &Worker,
-        sample: DeviceSample,
-        now: Instant,
-        interval: Duration,
-    ) -> HapticOutput {
+    fn compute(&mut self, worker: &Worker, sample: DeviceSample, now: Instant, interval: Duration) -> HapticOutput {
         let state = *self.coupling.end.state.read();
         let started = state.stamp.is_some();
         if started {
@@ -414,13 +408,12 @@ impl Haptic {
             worker.tell(DeviceEvent::Gain(change.quantity, value));
         }
         if let Some(motion) = &output.camera {
-            self.camera.add(motion);
+            self.cameras.add(motion);
         }
         self.coupling.end.hand.write(Hand {
-            stamp: Some(now),
             reference: output.reference,
             gripper: output.gripper,
-            camera: self.camera,
+            cameras: self.cameras,
         });
         output
     }
