@@ -1,12 +1,15 @@
 //! Input devices: what a driver offers, and how a device moves a body of the simulation and feels it.
 
 mod driver;
+pub mod known;
 pub mod law;
+mod mock;
 mod sample;
 mod settings;
 mod spec;
 
 pub use driver::{DeviceError, DeviceInfo, DeviceLog, Driver, Drivers, InputDevice};
+pub use mock::{CommandedForce, MockDriver, MockRecording};
 pub use sample::{DeviceForce, DeviceSample};
 pub use settings::{Setting, Settings};
 pub use spec::{Axes, DeviceSpec};
