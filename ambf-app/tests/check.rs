@@ -239,6 +239,8 @@ const DIFFERENCES: &[(&str, &str)] = &[
     ("enclosure", "enclosure: {length: 1, width: 1, height: 1}\n"),
     ("environment", "gravity: {x: 0, y: 0, z: 0}\n"),
     ("max force", "input devices: [D]\nD: {hardware name: x, root link: A, max force: 3}\n"),
+    ("haptic gain", "input devices: [D]\nD: {hardware name: x, root link: A}\n"),
+    ("device key", "input devices: [D]\nD: {hardware name: x, root link: A, driver settings: {rate: 100}}\n"),
     ("deadband", "input devices: [D]\nD: {hardware name: x, root link: A}\n"),
     ("button mapping", "input devices: [D]\nD: {hardware name: x, root link: A}\n"),
     ("button mapping", "input devices: [D]\nD: {hardware name: x, root link: A, \

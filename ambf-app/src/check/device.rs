@@ -19,6 +19,13 @@ pub(super) fn differences(pass: &mut Pass<'_>, device: &InputDevice) {
     if entry.get("deadband").is_none() {
         pass.differs(&original::DEADBAND, identifier);
     }
+    if device.haptic_gain.is_none() {
+        pass.differs(&original::HAPTIC_GAIN, identifier);
+    }
+    let own = ["driver", "identity", "driver settings", "enable on button", "time scaled gain"];
+    if own.iter().any(|key| entry.get(key).is_some()) {
+        pass.differs(&original::DEVICE_KEY, identifier);
+    }
     let buttons = entry.get("button mapping");
     let all = ["a1", "a2", "next mode", "prev mode"];
     if all.iter().any(|key| buttons.is_none_or(|buttons| buttons.get(key).is_none())) {

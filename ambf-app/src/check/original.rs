@@ -154,7 +154,7 @@ differences! {
         "has neither `environment` nor `enclosure`: the environment is empty",
         "leaves it undefined, which may crash";
     MAX_FORCE: "max force", "max force",
-        "is read",
+        "limits the force, beside what the device is rated for",
         "replaces it by what the device is rated for";
     DEADBAND: "deadband", "",
         "has no `deadband`: 0.001 N is used",
@@ -162,6 +162,12 @@ differences! {
     BUTTONS: "button mapping", "button mapping",
         "leaves out a button, which then does nothing",
         "leaves its number uninitialised";
+    HAPTIC_GAIN: "haptic gain", "haptic gain",
+        "is missing: the user feels nothing",
+        "uses gains of 10 N/m and 10 N·m/rad with a damping of 1";
+    DEVICE_KEY: "device key", "",
+        "has keys about its driver or its laws",
+        "does not know the keys `driver`, `identity`, `driver settings`, `enable on button`, `time scaled gain` and ignores them";
     BUTTON_ZERO: "button mapping", "button mapping",
         "has the gripper on button 0",
         "takes 0 for no gripper button";

@@ -8,7 +8,8 @@ use super::common::SourcePos;
 use super::controller::CartesianController;
 use super::reader::{Absent, Map, Range};
 use super::report::ProblemKind;
-use crate::device::Settings;
+use super::yaml::Mark;
+use crate::device::{Setting, Settings};
 
 /// An input device paired with a simulated end-effector, as written.
 #[derive(Clone, Debug, PartialEq)]
@@ -144,7 +145,7 @@ impl InputDevice {
             time_scaled_gain: map.boolean("time scaled gain").unwrap_or(false),
             driver: map.filled("driver"),
             identity: map.filled("identity"),
-            driver_settings: Settings::default(),
+            driver_settings: settings(map),
             pair_cameras: (map.strings("pair cameras").iter()).map(|(camera, _)| (*camera).to_owned()).collect(),
             source: map.reader().source(map.mark),
         };
@@ -157,6 +158,15 @@ impl InputDevice {
         map.finish();
         Some(device)
     }
+}
+
+fn settings(map: &Map<'_>) -> Settings {
+    let file = map.reader().file().display();
+    let setting = |(key, value, mark): (&str, &str, Mark)| {
+        (key.to_owned(), Setting { value: value.to_owned(), place: format!("{file}:{}", mark.line) })
+    };
+    let entries = map.scalars("driver settings").into_iter().map(setting).collect();
+    Settings::new(entries, map.reader().dir().to_owned())
 }
 
 impl ButtonMapping {
@@ -200,6 +210,37 @@ mod tests {
         let buttons = device.button_mapping;
         assert_eq!((buttons.a1, buttons.a2, buttons.next_mode), (Some(0), None, Some(3)));
         assert!(device.enable_joint_control && device.controller_gain.is_some());
+    }
+
+    #[test]
+    fn keys_that_the_original_lacks() {
+        let text = "input devices: [D, E]\nD:\n  hardware name: Falcon\n  root link: L\n  driver: falcon
+  identity: 1-2\n  enable on button: false\n  time scaled gain: true
+  driver settings: {firmware: f.bin, rate: 250, home: yes, empty: }\nE: {hardware name: x, root link: l}\n";
+        let devices: InputDevices = clean(text);
+        let [device, other] = [0, 1].map(|i| devices.entries[i].as_ref().expect("a device"));
+        assert_eq!((device.driver.as_deref(), device.identity.as_deref()), (Some("falcon"), Some("1-2")));
+        assert!(!device.enable_on_button && device.time_scaled_gain);
+        let settings = &device.driver_settings;
+        assert_eq!(settings.path("firmware"), Some("dir/f.bin".into()));
+        assert_eq!(settings.parsed("rate", "a number").unwrap(), Some(250.0));
+        assert_eq!((settings.boolean("home").unwrap(), settings.text("empty")), (Some(true), Some("")));
+        let error = settings.boolean("firmware").unwrap_err().to_string();
+        assert_eq!(error, "dir/t.yaml:9: `firmware` is `f.bin`, expected true or false");
+        assert!(other.enable_on_button && !other.time_scaled_gain && other.driver.is_none());
+        assert!(other.driver_settings.unknown(&[]).is_ok());
+    }
+
+    #[test]
+    fn settings_of_a_driver_are_scalars() {
+        let text = "input devices: [D]\nD: {hardware name: x, root link: l, driver settings: {a: 1, b: [2]}}\n";
+        let (devices, problems) = read::<InputDevices>(text);
+        assert_eq!((devices.entries.as_slice(), problems.len()), ([None].as_slice(), 1));
+        assert!(problems[0].contains("`D / driver settings / b` is a list of 1, expected a text"), "{problems:?}");
+        let text = "input devices: [D]\nD: {hardware name: x, root link: l, driver settings: {a: 1, a: 2}}\n";
+        let (devices, problems) = read::<InputDevices>(text);
+        let device = devices.entries[0].as_ref().expect("a device");
+        assert_eq!((device.driver_settings.text("a"), problems.len()), (Some("1"), 1), "{problems:?}");
     }
 
     #[test]

@@ -2,12 +2,15 @@
 
 mod driver;
 pub mod host;
+pub mod known;
 pub mod law;
+mod mock;
 mod sample;
 mod settings;
 mod spec;
 
 pub use driver::{DeviceError, DeviceInfo, DeviceLog, Driver, Drivers, InputDevice};
+pub use mock::{CommandedForce, MockDriver, MockRecording};
 pub use sample::{DeviceForce, DeviceSample};
 pub use settings::{Setting, Settings};
 pub use spec::{Axes, DeviceSpec};

@@ -148,6 +148,25 @@ impl<'m> Map<'m> {
         self.map_opt(key).unwrap_or_else(|| Map::new(self.r, Some(self), key.into(), self.mark, None, &[]))
     }
 
+    /// Keys, texts and places of a mapping that holds nothing but scalars; empty when it is absent.
+    pub(in crate::adf) fn scalars(&'m self, key: &'m str) -> Vec<(&'m str, &'m str, Mark)> {
+        let map = self.map(key);
+        let mut scalars = Vec::new();
+        for (i, &(name, value)) in map.entries.iter().enumerate() {
+            let (name, value) = (text_of(self.r.doc.node(name)), self.r.doc.node(value));
+            if map.read[i].replace(true) {
+                continue; // it occurs twice, which has been said
+            }
+            match &value.kind {
+                Kind::Scalar(text) if self.r.spend_text(text) => scalars.push((name, text.as_ref(), value.mark)),
+                Kind::Scalar(_) => {}
+                Kind::Null => scalars.push((name, "", value.mark)),
+                _ => map.wrong_type(name, value, "a text or a number"),
+            }
+        }
+        scalars
+    }
+
     fn items(&self, key: &str) -> &'m [NodeId] {
         let Some(node) = self.node(key) else {
             return &[];
