@@ -1,18 +1,21 @@
 //! Which drivers of input devices the programs have, and which devices they are asked for.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use ambf_core::adf::{self, InputDevice, InputDevices};
 use ambf_core::device::host::{DeviceHost, HostOptions};
 use ambf_core::device::law::Switches;
-use ambf_core::device::Drivers;
+use ambf_core::device::{Drivers, MockDriver};
 use ambf_core::sim::Simulation;
 
 use crate::cli::{DeviceSelection, SimulatorOptions};
 
 /// All drivers of this program. Where two serve a model, the first does unless the device file names another.
 pub fn drivers() -> Drivers {
-    Drivers::default()
+    let mut drivers = Drivers::default();
+    drivers.add(Arc::new(MockDriver::default()));
+    drivers
 }
 
 /// Whether any device is asked for.

@@ -265,14 +265,14 @@ impl Drop for Folder {
 /// Opens devices and gives them end-effectors.
 ///
 /// # Panics
-/// When anything is said about it.
+/// When one is left out.
 pub fn coupled(entries: &[Entry], drivers: &Drivers, forces: bool, simulation: &mut Simulation) -> DeviceHost {
     let switches = Switches { forces, ..Switches::default() };
     let options = HostOptions { switches, ..HostOptions::default() };
     let (mut host, problems) = DeviceHost::open(&entries.iter().collect::<Vec<_>>(), drivers, &options);
     assert!(problems.is_empty(), "{problems:?}");
     let said = simulation.add_devices(&mut host);
-    assert!(said.is_empty(), "{said:?}");
+    assert!(said.iter().all(|line| line.contains("warning")), "{said:?}");
     host
 }
 
