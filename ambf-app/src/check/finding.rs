@@ -33,6 +33,7 @@ impl Level {
 impl From<Severity> for Level {
     fn from(severity: Severity) -> Self {
         match severity {
+            Severity::Info => Self::Info,
             Severity::Warning => Self::Warning,
             Severity::Error | Severity::Fatal => Self::Error,
         }

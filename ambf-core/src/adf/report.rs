@@ -13,6 +13,8 @@ const MAX_PROBLEMS: usize = 10_000;
 /// How bad a problem is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Severity {
+    /// What was chosen where there was a choice; nothing is wrong.
+    Info,
     /// Something is not used or not as expected; nothing is dropped.
     Warning,
     /// An element is dropped, or a default replaces what was written.
@@ -24,6 +26,7 @@ pub enum Severity {
 impl fmt::Display for Severity {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
+            Severity::Info => "info",
             Severity::Warning => "warning",
             Severity::Error | Severity::Fatal => "error",
         })
@@ -155,7 +158,7 @@ impl fmt::Display for Problem {
 pub struct Report {
     problems: Vec<Problem>,
     /// Warnings, errors, fatal problems, those included that were not kept.
-    counts: [usize; 3],
+    counts: [usize; 4],
 }
 
 impl Report {
@@ -166,17 +169,17 @@ impl Report {
 
     /// Number of warnings.
     pub fn warnings(&self) -> usize {
-        self.counts[0]
+        self.counts[Severity::Warning as usize]
     }
 
     /// Number of errors, fatal ones included.
     pub fn errors(&self) -> usize {
-        self.counts[1] + self.counts[2]
+        self.counts[Severity::Error as usize] + self.counts[Severity::Fatal as usize]
     }
 
     /// True when nothing was found.
     pub fn is_empty(&self) -> bool {
-        self.counts == [0; 3]
+        self.counts == [0; 4]
     }
 
     /// Appends the problems of another file.
@@ -195,14 +198,15 @@ impl Report {
     pub(crate) fn push(&mut self, problem: Problem) {
         self.counts[problem.severity as usize] += 1;
         // Whatever refuses the file must be seen, however many warnings came before.
-        if self.problems.len() < MAX_PROBLEMS || (problem.severity == Severity::Fatal && self.counts[2] < MAX_PROBLEMS)
+        if self.problems.len() < MAX_PROBLEMS
+            || (problem.severity == Severity::Fatal && self.counts[Severity::Fatal as usize] < MAX_PROBLEMS)
         {
             self.problems.push(problem);
         }
     }
 
     pub(crate) fn is_fatal(&self) -> bool {
-        self.counts[2] > 0
+        self.counts[Severity::Fatal as usize] > 0
     }
 
     fn write_rest(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

@@ -62,7 +62,7 @@ impl Scene {
         let source = self.joints.get(first)?.source.clone();
         let others =
             if others > 0 { format!("; {others} stay constraints between free bodies") } else { String::new() };
-        let message = format!("{joints} joints in {trees} trees are in reduced coordinates{others}");
-        (trees > 0).then_some(Note { severity: Severity::Warning, source, message })
+        let message = format!("joints in reduced coordinates: {joints}, in {trees} tree(s){others}");
+        (trees > 0).then_some(Note { severity: Severity::Info, source, message })
     }
 }

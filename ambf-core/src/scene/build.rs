@@ -89,7 +89,15 @@ pub(super) fn empty_scene(
     if world.skybox.is_some() {
         warn("kept, but not drawn: skybox".into());
     }
-    let may_articulate = may_articulate && physics.articulated.unwrap_or(profile == Profile::Accurate);
+    let may_articulate =
+        may_articulate && physics.articulated.unwrap_or(profile == Profile::Accurate && solver == Solver::Accurate);
+    if may_articulate && physics.solver.is_some_and(|solver| solver != Solver::Accurate) {
+        // Only two of the solvers know rows of trees.
+        warn(format!(
+            "solver {} knows no joints in reduced coordinates: sequential impulses solve what touches or ends there",
+            solver.name()
+        ));
+    }
     // The error reduction of joints in files is that of the C++ program: a tenth.
     let accurate = profile == Profile::Accurate && physics.preset.is_none();
     let joint_erp = physics.joint_erp.or(accurate.then_some(ACCURATE_JOINT_ERP));

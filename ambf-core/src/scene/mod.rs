@@ -74,7 +74,7 @@ pub struct PhysicsOptions {
     pub iterations: Option<u32>,
     /// How free bodies are moved.
     pub integrator: Option<Integrator>,
-    /// Whether joints that form trees are put into reduced coordinates. Default: `true` in the accurate profile.
+    /// Whether joints that form trees are put into reduced coordinates. Default: `true` in the accurate profile with its own solver.
     pub articulated: Option<bool>,
     /// Length of a sub-step, s.
     pub sub_step: Option<f64>,
