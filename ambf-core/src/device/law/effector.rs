@@ -134,9 +134,10 @@ impl EndEffector {
         output
     }
 
-    /// The world was reset: the derivative starts anew. The ramp stays.
+    /// The world was reset: all starts anew, the ramp too, so that what the device refers to may arrive a few steps later.
     pub fn reset(&mut self) {
         self.previous = None;
+        self.ramp = 0.0;
     }
 
     /// Changes a gain if it is one of end-effectors; the value after it.

@@ -1,4 +1,4 @@
-use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, UnitQuaternion};
 
 use super::camera::{CameraMotion, CameraMover};
 use super::controls::{Buttons, GainChange, Mode, Status};
@@ -172,8 +172,7 @@ impl HapticLoop {
 
         let velocity = sample.linear_velocity.unwrap_or_else(|| self.velocity.linear());
         output.camera = self.mover.update(output.camera_pressed, input.view.camera, hand.rotation, velocity, dt);
-        // A time that is no number holds.
-        output.holding = !(input.time >= self.hold);
+        output.holding = input.time.is_nan() || input.time < self.hold;
         self.reference.update(&Motion {
             hand,
             camera,
@@ -202,11 +201,6 @@ impl HapticLoop {
     /// Gains of the force feedback in use: N/m and N·m/rad.
     pub fn gains(&self) -> (f64, f64) {
         self.feedback.gains()
-    }
-
-    /// Velocity of the hand in the device frame as estimated from samples: m/s, rad/s.
-    pub fn estimated_velocity(&self) -> (Vector3<f64>, Vector3<f64>) {
-        (self.velocity.linear(), self.velocity.angular())
     }
 
     fn held(&self) -> HapticOutput {

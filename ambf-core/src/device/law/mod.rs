@@ -11,6 +11,8 @@ mod haptic;
 mod random;
 mod reference;
 mod rotation;
+#[cfg(test)]
+mod tests;
 mod velocity;
 
 pub use camera::CameraMotion;
