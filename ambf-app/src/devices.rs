@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use ambf_core::adf::{self, InputDevice, InputDevices};
-use ambf_core::device::host::{DeviceHost, HostOptions};
+use ambf_core::device::host::{DeviceHost, DeviceState, HostOptions};
 use ambf_core::device::law::Switches;
 use ambf_core::device::{Drivers, MockDriver};
 use ambf_core::sim::Simulation;
@@ -51,7 +51,7 @@ pub fn open(file: Option<&Path>, options: &SimulatorOptions, simulation: &mut Si
     let (mut host, problems) = DeviceHost::open(&entries, &drivers(), &host_options);
     said.extend(problems);
     said.extend(simulation.add_devices(&mut host));
-    for status in host.status() {
+    for status in host.status().iter().filter(|status| status.state != DeviceState::Closed) {
         said.push(format!("device {} [{} {}]", status.name, status.model, status.identity));
     }
     (host, said)

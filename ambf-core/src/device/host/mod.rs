@@ -113,7 +113,7 @@ pub enum DeviceEvent {
     Stalled,
     /// Its driver has returned.
     Resumed,
-    /// Whether the system runs its thread before all others (`SCHED_FIFO`), or why not.
+    /// Whether the system runs the threads of devices before all others (`SCHED_FIFO`), or why not; said by one of them.
     Urgency(Result<(), String>),
     /// Its buttons have changed the mode of all devices.
     Mode(Mode),
@@ -141,15 +141,24 @@ struct Unit {
     coupling: Option<Sender<Coupling>>,
     thread: Option<JoinHandle<()>>,
     was_stalled: bool,
+    /// It is of no use, or has nothing to move.
+    is_left_out: bool,
 }
 
 impl Unit {
+    /// Ends its thread.
+    fn leave_out(&mut self) {
+        self.coupling = None;
+        self.is_left_out = true;
+    }
+
     fn is_stalled(&self) -> bool {
         self.shared.stage() == Stage::Running && self.shared.silence() > STALE
     }
 
     fn state(&self) -> DeviceState {
         match self.shared.stage() {
+            _ if self.is_left_out => DeviceState::Closed,
             Stage::Opening => DeviceState::Opening,
             Stage::Running if self.is_stalled() => DeviceState::Stalled,
             Stage::Running => DeviceState::Running,
@@ -202,6 +211,7 @@ impl DeviceHost {
         let timing = Timing {
             period: Duration::from_secs_f64(1.0 / options.frequency),
             fixed: options.fixed_step.then(|| options.speed_factor / options.frequency),
+            told_urgency: Arc::default(),
         };
         let mut host = Self { units: Vec::new(), controls, news };
         for (entry, claim) in claims {
@@ -240,7 +250,8 @@ impl DeviceHost {
             .spawn(move || worker.run())
             .expect("a thread can be started: no device runs without it");
         let coupling = Some(coupling_sender);
-        self.units.push(Unit { entry, claim, shared, said, coupling, thread: Some(thread), was_stalled: false });
+        let (thread, was_stalled, is_left_out) = (Some(thread), false, false);
+        self.units.push(Unit { entry, claim, shared, said, coupling, thread, was_stalled, is_left_out });
     }
 
     fn wait_until_open(&mut self, opened: &Receiver<(usize, Opened)>, problems: &mut Vec<String>) {
@@ -255,7 +266,7 @@ impl DeviceHost {
                 Opened::Later(why) => problems.push(format!("{}: {why}; waiting for it", unit.entry.identifier)),
                 Opened::Refused(why) => {
                     problems.push(left_out(&unit.entry, &why));
-                    unit.coupling = None;
+                    unit.leave_out();
                 }
             }
         }
@@ -284,7 +295,7 @@ impl DeviceHost {
 
     /// Ends the thread of a device that has nothing to move.
     pub(crate) fn release(&mut self, index: usize) {
-        self.units[index].coupling = None;
+        self.units[index].leave_out();
     }
 
     /// What all devices share.
@@ -336,9 +347,9 @@ impl DeviceHost {
                 format!("{status}; its driver does not return: its end-effector stays where it is until it does")
             }
             DeviceEvent::Resumed => format!("{status}; its driver has returned"),
-            DeviceEvent::Urgency(Ok(())) => format!("{name}: its thread goes before others (SCHED_FIFO)"),
+            DeviceEvent::Urgency(Ok(())) => "device threads go before all others (SCHED_FIFO)".into(),
             DeviceEvent::Urgency(Err(why)) => {
-                format!("{name}: its thread runs as any other, SCHED_FIFO is refused: {why}")
+                format!("device threads run as any other: SCHED_FIFO is refused ({why})")
             }
             DeviceEvent::Mode(mode) => format!("mode of the device buttons: {}", mode.name()),
             DeviceEvent::Gain(quantity, value) => format!("{name}: {} = {value:.4}", quantity.label()),
@@ -370,7 +381,7 @@ impl DeviceHost {
                 lines.push(format!("{status}; its driver has not returned within {seconds} s and is abandoned"));
             } else if thread.join().is_err() {
                 lines.push(format!("{status}; its thread panicked, which is a bug"));
-            } else {
+            } else if !unit.is_left_out {
                 lines.push(status.to_string());
             }
         }

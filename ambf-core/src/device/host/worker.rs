@@ -95,6 +95,8 @@ pub(super) struct Timing {
     pub period: Duration,
     /// Interval of each tick, s; `None`: as measured.
     pub fixed: Option<f64>,
+    /// One of them has said how urgently their threads run.
+    pub told_urgency: Arc<AtomicBool>,
 }
 
 /// What a device moves.
@@ -279,7 +281,7 @@ impl Worker {
     fn serve(&self, open: &mut Open, hand: &mut Haptic) -> Result<(), Fault> {
         let mut pace = Pace::new(self.timing.period);
         let outcome = pace.be_urgent();
-        if !std::mem::replace(&mut hand.told_urgency, true) {
+        if !self.timing.told_urgency.swap(true, Ordering::Relaxed) {
             self.tell(DeviceEvent::Urgency(outcome));
         }
         self.shared.set_stage(Stage::Running);
@@ -318,7 +320,6 @@ struct Haptic {
     sequence: Option<u64>,
     loops: Counter,
     samples: Counter,
-    told_urgency: bool,
 }
 
 impl Haptic {
@@ -334,7 +335,6 @@ impl Haptic {
             sequence: None,
             loops: Counter::new(),
             samples: Counter::new(),
-            told_urgency: false,
         }
     }
 
