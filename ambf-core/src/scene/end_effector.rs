@@ -264,3 +264,45 @@ impl Scene {
         (paired, missing)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MODEL: &str = "bodies: [BODY a, BODY b, BODY c]\njoints: [J]\nnamespace: /n/\n\
+        BODY a: {name: a, mass: 1}\nBODY b: {name: b, mass: 1}\nBODY c: {name: c, mass: 1}\n\
+        J: {name: J, type: fixed, parent: BODY b, child: BODY a}\n";
+
+    fn root(device: &str, model: &str) -> (Result<String, String>, usize) {
+        let text = format!("input devices: [A]\nA: {{hardware name: x, simulated multibody: m.yaml{device}}}\n");
+        let (devices, _) = adf::parse::<adf::InputDevices>(&text, Path::new("d.yaml")).expect("a list");
+        let (model, _) = adf::parse::<adf::Model>(model, Path::new("m.yaml")).expect("a model");
+        let mut notes = Vec::new();
+        let root = find_root(&model, devices.entries[0].as_ref().expect("an entry"), &mut notes);
+        (root.map(|index| model.bodies[index].common.name.clone()), notes.len())
+    }
+
+    #[test]
+    fn a_named_root_link_is_found_with_and_without_its_namespace() {
+        assert_eq!(root(", root link: BODY a", MODEL), (Ok("a".into()), 0));
+        assert_eq!(root(", root link: /n/BODY b", MODEL), (Ok("b".into()), 0));
+        let (missing, _) = root(", root link: BODY z", MODEL);
+        assert!(missing.is_err_and(|why| why.contains("`root link: BODY z` is not found")));
+    }
+
+    #[test]
+    fn without_a_name_it_is_the_body_without_parents() {
+        assert_eq!(root("", MODEL), (Ok("c".into()), 1), "b and c have none: the last, with a warning");
+        assert_eq!(root("", &MODEL.replace(", BODY c]", "]")), (Ok("b".into()), 0));
+    }
+
+    #[test]
+    fn models_move_as_a_whole() {
+        let text = MODEL.replace("BODY c: {", "BODY c: {location: {position: {x: 1, y: 0, z: 0}}, ");
+        let (mut model, _) = adf::parse::<adf::Model>(&text, Path::new("m.yaml")).expect("a model");
+        let shift = Isometry3::new(Vector3::z(), Vector3::z() * std::f64::consts::FRAC_PI_2);
+        move_model(&mut model, &shift);
+        let moved = model.bodies[2].location.translation.vector;
+        assert!((moved - Vector3::new(0.0, 1.0, 1.0)).norm() < 1e-12, "{moved}");
+    }
+}

@@ -93,3 +93,74 @@ pub(super) fn panic_text(panic: &(dyn std::any::Any + Send)) -> String {
     let text = panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied());
     text.unwrap_or("without a word").to_owned()
 }
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::device::{DeviceError, DeviceLog, InputDevice, MockDriver};
+
+    /// A driver with which something is wrong.
+    struct Bad;
+
+    impl Driver for Bad {
+        fn name(&self) -> &str {
+            "bad"
+        }
+
+        fn serves(&self, model: &str) -> bool {
+            model == "Bad"
+        }
+
+        fn find(&self, _: &str, settings: &Settings) -> Result<Vec<DeviceInfo>, DeviceError> {
+            match settings.text("how") {
+                Some("panic") => panic!("no bus"),
+                Some("refuse") => Err(DeviceError::Unavailable("no permission".into())),
+                _ => Ok(Vec::new()),
+            }
+        }
+
+        fn open(&self, _: &DeviceInfo, _: &Settings, _: &DeviceLog) -> Result<Box<dyn InputDevice>, DeviceError> {
+            Err(DeviceError::Unavailable("never".into()))
+        }
+    }
+
+    fn outcome(entry: &str, claimed: &[Claim]) -> Result<Claim, String> {
+        let mut drivers = Drivers::default();
+        drivers.add(Arc::new(MockDriver::default()));
+        drivers.add(Arc::new(Bad));
+        let text = format!("input devices: [A]\nA: {{root link: l, {entry}}}\n");
+        let (devices, _) = adf::parse::<adf::InputDevices>(&text, Path::new("d.yaml")).expect("a list");
+        claim(devices.entries[0].as_ref().expect("an entry"), &drivers, claimed)
+    }
+
+    #[test]
+    fn equal_entries_get_different_devices() {
+        let mut claimed = Vec::new();
+        for identity in ["0", "1", "2"] {
+            let claim = outcome("hardware name: Mock", &claimed).unwrap_or_else(|error| panic!("{error}"));
+            assert_eq!(claim.info.identity, identity);
+            claimed.push(claim);
+        }
+        let taken = outcome("hardware name: Mock, identity: 1", &claimed).err().expect("it is taken");
+        assert_eq!(taken, "the only `Mock` is taken by another entry");
+    }
+
+    #[test]
+    fn a_named_driver_serves_any_model() {
+        let claim = outcome("hardware name: Falcon, driver: mock", &[]).unwrap_or_else(|error| panic!("{error}"));
+        assert_eq!((claim.driver.name(), claim.info.model.as_str()), ("mock", "Falcon"));
+    }
+
+    #[test]
+    fn failures_say_what_is_wrong() {
+        let of = |entry| outcome(entry, &[]).err().expect("a failure");
+        assert_eq!(of("hardware name: Falcon"), "no driver serves `Falcon`; there are mock, bad");
+        assert_eq!(of("hardware name: Bad"), "no `Bad` is connected");
+        assert_eq!(of("hardware name: Bad, driver settings: {how: refuse}"), "no permission");
+        assert_eq!(of("hardware name: Bad, driver settings: {how: panic}"), "driver `bad` panicked: no bus");
+        let found = of("hardware name: Mock, identity: 99");
+        assert!(found.starts_with("no `Mock` with the identity `99` is connected, only `0`, `1`"), "{found}");
+    }
+}
