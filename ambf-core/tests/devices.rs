@@ -117,7 +117,7 @@ impl Running {
     fn pull(&self, device: usize) {
         static COUNT: std::sync::atomic::AtomicU32 = std::sync::atomic::AtomicU32::new(0);
         let n = COUNT.fetch_add(1, Ordering::Relaxed);
-        self.puppets[device].set(|pose| pose.position.z = if n / 100 % 2 == 0 { 0.5 } else { -0.5 });
+        self.puppets[device].set(|pose| pose.position.z = if (n / 100) & 1 == 0 { 0.5 } else { -0.5 });
     }
 
     fn until_force(&self, device: usize) {
@@ -189,7 +189,7 @@ fn no_force_when_physics_stalls_or_ends() {
     let mut n = 0;
     until("a force", || {
         n += 1;
-        puppets[0].set(|pose| pose.position.z = if n / 100 % 2 == 0 { 0.5 } else { -0.5 });
+        puppets[0].set(|pose| pose.position.z = if (n / 100) & 1 == 0 { 0.5 } else { -0.5 });
         simulation.update(0.001).expect("finite");
         puppets[0].force() > 0.1
     });

@@ -271,7 +271,8 @@ mod tests {
 
     const MODEL: &str = "bodies: [BODY a, BODY b, BODY c]\njoints: [J]\nnamespace: /n/\n\
         BODY a: {name: a, mass: 1}\nBODY b: {name: b, mass: 1}\nBODY c: {name: c, mass: 1}\n\
-        J: {name: J, type: fixed, parent: BODY b, child: BODY a}\n";
+        J: {name: J, type: fixed, parent: BODY b, child: BODY a, parent pivot: {x: 0, y: 0, z: 0}, \
+        child pivot: {x: 0, y: 0, z: 0}, parent axis: {x: 0, y: 0, z: 1}, child axis: {x: 0, y: 0, z: 1}}\n";
 
     fn root(device: &str, model: &str) -> (Result<String, String>, usize) {
         let text = format!("input devices: [A]\nA: {{hardware name: x, simulated multibody: m.yaml{device}}}\n");
