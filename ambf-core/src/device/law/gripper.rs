@@ -40,7 +40,7 @@ impl Gripper {
 /// What the gripping assist does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Grip {
-    /// Attach the nearest body that a proximity sensor of the root link sees, unless one is attached: see [`nearest`].
+    /// Attach the nearest rigid body that a proximity sensor of the root link sees and that is not below the root link, unless one is attached.
     Attach,
     /// Release what is attached.
     Release,
@@ -59,13 +59,6 @@ impl Grip {
             Self::Leave
         }
     }
-}
-
-/// The nearest of what the rays of a sensor hit: pairs of a body and its distance, of those that are `accepted` (rigid bodies that are not below the
-/// root link). Distances that are no numbers do not count.
-pub fn nearest<B>(hits: impl IntoIterator<Item = (B, f64)>, mut accepted: impl FnMut(&B) -> bool) -> Option<B> {
-    let hits = hits.into_iter().filter(|(body, distance)| !distance.is_nan() && accepted(body));
-    hits.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(body, _)| body)
 }
 
 /// Position command of a joint for an opening of 0…1: `lower + opening·(upper − lower)`. `None` for a joint without limits.
@@ -124,13 +117,6 @@ mod tests {
         assert_eq!(of(0.499), [Grip::Attach, Grip::Leave]);
         assert_eq!(of(0.5), [Grip::Release, Grip::Release]);
         assert_eq!(of(f64::NAN), [Grip::Leave, Grip::Leave]);
-    }
-
-    #[test]
-    fn the_nearest_accepted_hit_is_gripped() {
-        let hits = [("palm", 0.01), ("far", 0.3), ("near", 0.2), ("odd", f64::NAN)];
-        assert_eq!(nearest(hits, |body| *body != "palm"), Some("near"));
-        assert_eq!(nearest(hits, |body| *body == "odd"), None);
     }
 
     #[test]

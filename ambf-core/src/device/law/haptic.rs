@@ -1,4 +1,4 @@
-use nalgebra::{Isometry3, UnitQuaternion};
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use super::camera::{CameraMotion, CameraMover};
 use super::controls::{Buttons, GainChange, Mode, Status};
@@ -12,6 +12,8 @@ use crate::device::{DeviceForce, DeviceSample, DeviceSpec};
 
 /// Range of a tick's `dt`, s.
 const DT: (f64, f64) = (0.1e-3, 20e-3);
+/// A hand of which nothing new was measured for longer is at rest, s.
+const AT_REST: f64 = 0.1;
 /// The button that switches forces on.
 const ENABLING_BUTTON: Option<u32> = Some(0);
 
@@ -111,6 +113,8 @@ pub struct HapticLoop {
     feedback: Feedback,
     velocity: VelocityEstimator,
     sequence: Option<u64>,
+    /// Time since the sample changed, s.
+    age: f64,
 }
 
 impl HapticLoop {
@@ -131,6 +135,7 @@ impl HapticLoop {
             feedback: Feedback::new(device, spec),
             velocity: VelocityEstimator::default(),
             sequence: None,
+            age: 0.0,
         }
     }
 
@@ -147,7 +152,9 @@ impl HapticLoop {
             return output;
         };
         let sample = &input.sample;
+        self.age += dt;
         if self.sequence != Some(sample.sequence) {
+            self.age = 0.0;
             self.sequence = Some(sample.sequence);
             self.velocity.push(sample.stamp, hand.translation.vector, hand.rotation, sample.gripper);
         }
@@ -170,7 +177,11 @@ impl HapticLoop {
         }
         output.status = self.status(mode, output.mode_steps);
 
-        let velocity = sample.linear_velocity.unwrap_or_else(|| self.velocity.linear());
+        let velocity = match sample.linear_velocity {
+            _ if self.age > AT_REST => Vector3::zeros(),
+            Some(velocity) => velocity,
+            None => self.velocity.linear(),
+        };
         output.camera = self.mover.update(output.camera_pressed, input.view.camera, hand.rotation, velocity, dt);
         output.holding = input.time.is_nan() || input.time < self.hold;
         self.reference.update(&Motion {

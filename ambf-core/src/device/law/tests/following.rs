@@ -291,3 +291,56 @@ fn the_camera_button_moves_cameras_and_freezes_the_tool() {
     hand.input.sample.buttons = 0;
     assert_eq!(hand.tick().status, Some(Status::Cleared));
 }
+
+#[test]
+fn a_camera_that_turns_all_the_time_loses_no_motion_of_the_hand() {
+    let mut hand = Hand::new("  workspace scaling: 2", "MTMR", Isometry3::identity()).settled();
+    let mut expected = hand.tick().reference.translation.vector;
+    for tick in 0..500 {
+        let camera = UnitQuaternion::new(Vector3::new(0.0, 2e-3 * f64::from(tick), 0.0));
+        hand.input.view.camera = Some(camera);
+        let step = Vector3::new(1e-4, 0.0, -2e-4);
+        hand.input.sample.position += step;
+        expected += matrix(&camera) * step * 2.0;
+        let moved = hand.tick().reference.translation.vector;
+        assert!((moved - expected).norm() < 1e-9, "tick {tick}");
+    }
+}
+
+#[test]
+fn what_was_pressed_or_moved_during_an_interruption_does_nothing_after_it() {
+    let keys = "  button mapping: {a1: 1, a2: 2, next mode: 3}";
+    let mut hand = Hand::new(keys, "MTMR", Isometry3::identity());
+    hand.input.view.camera = Some(UnitQuaternion::identity());
+    let mut hand = hand.settled();
+    hand.tick();
+    hand.input.sample.valid = false;
+    hand.tick();
+    hand.input.sample.valid = true;
+    hand.input.sample.buttons = 0b1100;
+    hand.input.sample.position.x = 0.3;
+    let output = hand.tick();
+    assert_eq!((output.mode_steps, output.status), (0, None));
+    assert!(output.camera_pressed);
+    // The velocity that is estimated knows nothing of where the hand was before.
+    assert_eq!(output.camera.expect("a motion").displacement, Vector3::zeros());
+}
+
+#[test]
+fn cameras_stop_when_nothing_new_is_measured() {
+    let mut hand = Hand::new("  button mapping: {a2: 2}", "MTMR", Isometry3::identity());
+    hand.input.view.camera = Some(UnitQuaternion::identity());
+    let mut hand = hand.settled();
+    hand.input.sample.buttons = 0b100;
+    for measured in [None, Some(Vector3::new(0.0, 1.0, 0.0))] {
+        hand.input.sample.linear_velocity = measured;
+        for _ in 0..20 {
+            hand.input.sample.position.y += 1e-3;
+            hand.tick();
+        }
+        // The same sample again and again.
+        let moved: Vec<_> =
+            (0..200).map(|_| hand.device.tick(&hand.input).camera.expect("a motion").displacement.y).collect();
+        assert!((moved[0] - 0.01).abs() < 1e-9 && moved[199] == 0.0, "{moved:?}");
+    }
+}
