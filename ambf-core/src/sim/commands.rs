@@ -221,6 +221,7 @@ impl Simulation {
     pub fn command_body(&mut self, body: usize, command: &RigidBodyCommand) {
         let Scene { bodies, world, profile, .. } = &mut self.scene;
         let commanded = &mut bodies[body];
+        commanded.control = command.cartesian;
         if *profile == Profile::Legacy || !commanded.is_dynamic() || command.cartesian == CartesianCommandType::Force {
             commanded.apply_command(world, command, self.dt);
         } else if commanded.take_order(world, command) {
@@ -240,13 +241,18 @@ impl Simulation {
             return false;
         }
         let Some(&joint) = self.scene.active_joints(body).get(index) else { return false };
+        self.order_joint(joint, kind, value);
+        true
+    }
+
+    /// Applies a finite command to a joint.
+    pub(super) fn order_joint(&mut self, joint: usize, kind: JointCommandType, value: f64) {
         let Scene { joints, bodies, world, profile, .. } = &mut self.scene;
         if *profile == Profile::Legacy {
             joints[joint].apply_command(world, bodies, kind, value, self.sim_time);
         } else if joints[joint].take_order(world, kind, value, self.sub_step) {
             self.driven.joints.push(joint);
         }
-        true
     }
 
     /// Applies a whole command to a vehicle; it acts in the next update.
