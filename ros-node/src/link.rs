@@ -5,7 +5,7 @@
 
 use std::collections::HashSet;
 use std::mem::discriminant;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -60,6 +60,7 @@ pub struct Link {
     /// Name and address of the node once there is one.
     node: Mutex<Option<(String, String)>>,
     generation: AtomicU64,
+    dismissed: AtomicBool,
     /// Ends everything.
     pub stop: Stop,
     sockets: Sockets,
@@ -76,6 +77,7 @@ impl Link {
             announcements: AtomicU64::new(0),
             node: Mutex::new(None),
             generation: AtomicU64::new(0),
+            dismissed: AtomicBool::new(false),
             stop: Stop::default(),
             sockets,
         }
@@ -100,6 +102,11 @@ impl Link {
             Some((name, _)) => self.options.master.called_by(name),
             None => self.options.master.clone(),
         }
+    }
+
+    /// Whether somebody told the node to shut down (`rosnode kill`).
+    pub fn is_dismissed(&self) -> bool {
+        self.dismissed.load(Ordering::Acquire)
     }
 
     pub(crate) fn report(&self, line: std::fmt::Arguments<'_>) {
@@ -183,6 +190,7 @@ pub fn run(link: &Link) {
         }
     }
     let dismissed = worker.dismissed();
+    link.dismissed.store(dismissed, Ordering::Release);
     worker.withdraw();
     if dismissed {
         link.report(format_args!("ROS: the node was told to shut down; going on without ROS"));

@@ -2,7 +2,7 @@
 
 use std::io;
 use std::sync::mpsc::{channel, Receiver, RecvTimeoutError};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::Duration;
 
@@ -14,8 +14,8 @@ const STOP_TIMEOUT: Duration = Duration::from_secs(2);
 /// A node. Topics are added to and removed from its [`link`](Self::link). Dropping it stops it.
 pub struct Node {
     link: Arc<Link>,
-    /// Disconnects when the last thread has ended.
-    ended: Option<Receiver<()>>,
+    /// Disconnects when the last thread has ended. The lock is for nothing but sharing the node between threads.
+    ended: Mutex<Option<Receiver<()>>>,
 }
 
 impl Node {
@@ -27,7 +27,7 @@ impl Node {
         let link = Arc::new(Link::new(options));
         let (alive, ended) = channel::<()>();
         // From here on dropping cleans up whatever has been started.
-        let node = Self { link, ended: Some(ended) };
+        let node = Self { link, ended: Mutex::new(Some(ended)) };
         for (name, work) in [("ros-sockets", tend_sockets as fn(&Link)), ("ros-link", run)] {
             let (link, alive) = (Arc::clone(&node.link), alive.clone());
             thread::Builder::new().name(name.into()).spawn(move || {
@@ -44,8 +44,8 @@ impl Node {
     }
 
     /// Withdraws everything. Takes at most 2 s, also when the master does not answer.
-    pub fn stop(&mut self) {
-        let Some(ended) = self.ended.take() else { return };
+    pub fn stop(&self) {
+        let Some(ended) = self.ended.lock().unwrap_or_else(PoisonError::into_inner).take() else { return };
         self.link.stop.stop();
         if ended.recv_timeout(STOP_TIMEOUT) == Err(RecvTimeoutError::Timeout) {
             self.link.report(format_args!("ROS: the master did not let us go within {} s", STOP_TIMEOUT.as_secs()));
