@@ -83,6 +83,11 @@ impl Names {
         format!("{}/{}/{name}", self.root(dialect), self.arm)
     }
 
+    /// Name of the arm.
+    pub fn arm(&self) -> &str {
+        &self.arm
+    }
+
     /// Name of the arm with its namespace.
     pub fn identity(&self) -> String {
         format!("{}/{}", self.namespace.as_deref().unwrap_or_default(), self.arm)

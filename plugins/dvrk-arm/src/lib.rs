@@ -2,6 +2,7 @@
 //!
 //! * [`driver`] makes them input devices of the simulator.
 //! * [`Arm`] offers them to other programs.
+//! * [`fake`] is a node that behaves like the robot's, for tests and for those who have none; the program `fake_dvrk` runs it.
 //!
 //! The four ways in which releases of the robot's software name and type their topics, [`Dialect`], are told apart automatically.
 //!
@@ -16,6 +17,7 @@
 mod arm;
 mod device;
 mod dialect;
+pub mod fake;
 mod frames;
 mod gravity;
 mod hub;

@@ -91,8 +91,7 @@ impl Session {
         *self = Self { dialect: Some(dialect), ..Self::default() };
         inner.speak(dialect);
         inner.say(&format!("found, dialect {dialect}"));
-        let arm = inner.names.identity();
-        let has_jaw = ["PSM", "ECM"].iter().any(|kind| arm.rsplit('/').next().unwrap_or_default().starts_with(kind));
+        let has_jaw = inner.names.arm().starts_with("PSM");
         let subscriptions = readings(dialect, has_jaw).into_iter();
         self.inputs = subscriptions.map(|(name, reading)| listen(inner, dialect, name, reading)).collect();
         let outputs = Arc::new(Outputs::new(&inner.names, dialect, inner.options.motion));
