@@ -9,6 +9,7 @@
 mod embedded;
 mod link;
 mod node;
+mod raw;
 mod sockets;
 mod stop;
 mod topic;
@@ -17,8 +18,9 @@ mod xmlrpc;
 use std::fmt::Arguments;
 use std::sync::Arc;
 
-pub use link::{run, tend_sockets, Link, LinkOptions};
+pub use link::{run, tend_connections, tend_sockets, Link, LinkOptions};
 pub use node::Node;
+pub use raw::{Publishers, RawReceived, RawSubscription};
 pub use stop::Stop;
 pub use topic::{is_permanent, Announcement, Direction, Publication, Registration, Subscription};
 pub use xmlrpc::{CallError, Peer};

@@ -13,6 +13,7 @@ use dxr::Value;
 use rosrust::api::Ros;
 
 use super::embedded::{local_address, EmbeddedMaster};
+use super::raw;
 use super::sockets::Sockets;
 use super::stop::Stop;
 use super::topic::{is_permanent, Announcement, Direction, Registration};
@@ -21,6 +22,9 @@ use super::Report;
 
 /// How often the master is asked whether it knows us.
 const POLL: Duration = Duration::from_secs(1);
+
+/// How often the master is asked who publishes, where topics of any type are listened to.
+const CONNECT_POLL: Duration = Duration::from_millis(250);
 
 /// Type of the log topic that rosrust opens for each node.
 const ROSOUT: &str = "/rosout";
@@ -348,6 +352,10 @@ impl Worker<'_> {
                 }
             }
             self.link.mark_announced(&announcement);
+            if announcement.connects() {
+                // Who publishes already is connected to at once.
+                self.link.stop.nudge();
+            }
         }
         self.complained = false;
         let _ = self.link.generation.compare_exchange(0, 1, Ordering::AcqRel, Ordering::Relaxed);
@@ -380,6 +388,25 @@ fn end_listeners(ports: Vec<u16>) {
 /// Our own node at `uri`, called as the master does it.
 fn own_peer(uri: &str) -> Result<Peer, CallError> {
     Peer::new(uri, "/master", Duration::from_millis(500))
+}
+
+/// Connects to publishers until the link is stopped.
+pub fn tend_connections(link: &Link) {
+    while !link.stop.wait(CONNECT_POLL) {
+        let items: Vec<_> = link
+            .items()
+            .iter()
+            .filter(|item| item.announced.is_some())
+            .map(|item| Arc::clone(&item.announcement))
+            .collect();
+        let listening: Vec<_> = items.iter().filter(|item| item.connects()).collect();
+        if listening.is_empty() {
+            continue;
+        }
+        if let Some(publishers) = raw::publishers(&link.master()) {
+            listening.iter().for_each(|item| item.connect(&publishers));
+        }
+    }
 }
 
 /// Tends the sockets of the node until the link is stopped.

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::Duration;
 
-use super::link::{run, tend_sockets, Link, LinkOptions};
+use super::link::{run, tend_connections, tend_sockets, Link, LinkOptions};
 
 /// How long [`Node::stop`] waits for a master that does not answer.
 const STOP_TIMEOUT: Duration = Duration::from_secs(2);
@@ -28,7 +28,9 @@ impl Node {
         let (alive, ended) = channel::<()>();
         // From here on dropping cleans up whatever has been started.
         let node = Self { link, ended: Mutex::new(Some(ended)) };
-        for (name, work) in [("ros-sockets", tend_sockets as fn(&Link)), ("ros-link", run)] {
+        for (name, work) in
+            [("ros-sockets", tend_sockets as fn(&Link)), ("ros-connect", tend_connections), ("ros-link", run)]
+        {
             let (link, alive) = (Arc::clone(&node.link), alive.clone());
             thread::Builder::new().name(name.into()).spawn(move || {
                 let _alive = alive;

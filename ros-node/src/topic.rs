@@ -1,11 +1,12 @@
 //! What the node announces to the master: topics it publishes, topics it subscribes and services.
 
-use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use rosrust::api::Ros;
 use rosrust::error::{tcpros, Error, ErrorKind};
 use rosrust::{Message, Publisher, Subscriber};
+
+use super::raw::Publishers;
 
 /// Queue of every State and Command, as in the original.
 const QUEUE: usize = 10;
@@ -48,6 +49,14 @@ pub trait Announcement: Send + Sync {
 
     /// Closes it and tells the master; blocks while the master thinks.
     fn withdraw(&self);
+
+    /// Whether it wants to be told who publishes, see [`connect`](Self::connect).
+    fn connects(&self) -> bool {
+        false
+    }
+
+    /// Connects to publishers that it is not connected to; returns at once.
+    fn connect(&self, _publishers: &Publishers) {}
 }
 
 /// Whether it is no use to announce the same thing again later.
@@ -120,28 +129,17 @@ impl<M: Message> Announcement for Publication<M> {
     }
 }
 
-/// A topic to listen to. `M` may be [`rosrust::RawMessage`]: then messages of every type come.
+/// A topic to listen to, for messages of one type. See [`RawSubscription`](crate::RawSubscription) for what this one does not do.
 pub struct Subscription<M: Message> {
     topic: String,
     on_message: Arc<dyn Fn(M) + Send + Sync>,
-    on_connection: Arc<dyn Fn(&str) + Send + Sync>,
     subscriber: Mutex<Option<Subscriber>>,
 }
 
 impl<M: Message> Subscription<M> {
     /// `on_message` runs in a thread of this topic and must not block.
     pub fn new(topic: String, on_message: impl Fn(M) + Send + Sync + 'static) -> Arc<Self> {
-        Self::with_types(topic, on_message, |_| ())
-    }
-
-    /// In addition `on_connection` gets the type of the messages of each publisher that is connected, about when its first message comes.
-    pub fn with_types(
-        topic: String,
-        on_message: impl Fn(M) + Send + Sync + 'static,
-        on_connection: impl Fn(&str) + Send + Sync + 'static,
-    ) -> Arc<Self> {
-        let subscriber = Mutex::new(None);
-        Arc::new(Self { topic, on_message: Arc::new(on_message), on_connection: Arc::new(on_connection), subscriber })
+        Arc::new(Self { topic, on_message: Arc::new(on_message), subscriber: Mutex::new(None) })
     }
 }
 
@@ -151,13 +149,8 @@ impl<M: Message> Announcement for Subscription<M> {
     }
 
     fn announce(&self, ros: &Ros) -> Result<(), Error> {
-        let (on_message, on_connection) = (Arc::clone(&self.on_message), Arc::clone(&self.on_connection));
-        let subscriber = ros.subscribe_with_ids_and_headers(
-            &self.topic,
-            QUEUE,
-            move |message, _| on_message(message),
-            move |header: HashMap<String, String>| on_connection(header.get("type").map_or("", String::as_str)),
-        )?;
+        let on_message = Arc::clone(&self.on_message);
+        let subscriber = ros.subscribe(&self.topic, QUEUE, move |message| on_message(message))?;
         *lock(&self.subscriber) = Some(subscriber);
         Ok(())
     }

@@ -184,7 +184,7 @@ impl PedalBoards {
                     pedals.set(pedal, wire::button(kind, bytes)?);
                     Some(())
                 };
-                subscribe(topic.clone(), wire::BUTTON_TYPES, take, |text| eprintln!("ROS: {text}"))
+                subscribe(&link.master(), topic.clone(), wire::BUTTON_TYPES, take, |text| eprintln!("ROS: {text}"))
             };
             let subscriptions: Vec<_> = key.iter().map(listen).collect();
             link.add(subscriptions.iter().map(Arc::clone));

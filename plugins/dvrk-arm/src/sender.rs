@@ -33,18 +33,19 @@ pub(crate) fn run(inner: &Inner) {
             Mode::JointPosition | Mode::CartesianPosition => servo.as_ref().map(|(number, at, _)| (*number, *at)),
         };
         let forces = kind == Mode::CartesianEffort;
+        let moves = matches!(kind, Mode::JointPosition | Mode::CartesianPosition);
         let situation = Situation {
             now: Instant::now(),
             command,
             clutched: forces && inner.is_clutched(),
-            listening: outputs.as_ref().is_some_and(|outputs| outputs.is_felt() || !forces),
+            listening: outputs.as_ref().is_some_and(|outputs| moves || outputs.is_felt()),
         };
         let (act, wait) = pace.step(situation);
         let outputs = outputs.as_deref();
         match (act, servo) {
             (Act::Nothing, _) => (),
             // Positions need no zero: the arm holds the last one.
-            (Act::Zero, _) if !forces && kind != Mode::Uninitialised => (),
+            (Act::Zero, _) if moves => (),
             (Act::Zero, _) => send(inner, outputs, &compensated(inner, Wrench::zero(), situation.clutched)),
             (Act::Command, _) if forces => {
                 let mut wrench = wrench.map_or_else(Wrench::zero, |(_, _, wrench)| wrench);

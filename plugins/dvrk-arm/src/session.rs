@@ -1,11 +1,10 @@
 //! Finds out how an arm speaks, listens and shakes hands; run by the thread that watches the master.
 
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use ros_node::{Announcement, Link, Subscription};
-use rosrust::RawMessage;
+use ros_node::{Announcement, Link, Peer, RawReceived, RawSubscription};
 
 use crate::dialect::{readings, Dialect, DialectChoice, Reading, Topics};
 use crate::hub::{PedalBoard, PedalBoards};
@@ -92,8 +91,9 @@ impl Session {
         inner.speak(dialect);
         inner.say(&format!("found, dialect {dialect}"));
         let has_jaw = inner.names.arm().starts_with("PSM");
+        let master = link.master();
         let subscriptions = readings(dialect, has_jaw).into_iter();
-        self.inputs = subscriptions.map(|(name, reading)| listen(inner, dialect, name, reading)).collect();
+        self.inputs = subscriptions.map(|(name, reading)| listen(&master, inner, dialect, name, reading)).collect();
         let outputs = Arc::new(Outputs::new(&inner.names, dialect, inner.options.motion));
         link.add(self.inputs.iter().map(Arc::clone).chain(outputs.announcements().iter().map(Arc::clone)));
         inner.outputs.store(Some(Arc::clone(&outputs)));
@@ -154,7 +154,7 @@ impl Session {
 }
 
 /// Listens to one topic of an arm.
-fn listen(inner: &Arc<Inner>, dialect: Dialect, name: &'static str, reading: Reading) -> Arc<dyn Announcement> {
+fn listen(master: &Peer, inner: &Arc<Inner>, dialect: Dialect, name: &str, reading: Reading) -> Arc<dyn Announcement> {
     let accepted = match reading {
         Reading::Pose => wire::POSE_TYPES,
         Reading::Joints | Reading::Gripper => wire::JOINT_TYPES,
@@ -167,6 +167,7 @@ fn listen(inner: &Arc<Inner>, dialect: Dialect, name: &'static str, reading: Rea
     let inner = Arc::clone(inner);
     let say = Arc::clone(&inner);
     subscribe(
+        master,
         topic,
         accepted,
         move |kind, bytes| take(&inner, dialect, reading, kind, bytes),
@@ -176,36 +177,23 @@ fn listen(inner: &Arc<Inner>, dialect: Dialect, name: &'static str, reading: Rea
 
 /// Messages of `accepted` types go to `take`; others, and bytes that are none, are named once.
 pub(crate) fn subscribe(
+    master: &Peer,
     topic: String,
     accepted: &'static [&'static str],
     take: impl Fn(&str, &[u8]) -> Option<()> + Send + Sync + 'static,
     say: impl Fn(&str) + Send + Sync + 'static,
 ) -> Arc<dyn Announcement> {
-    let kind = Arc::new(arc_swap::ArcSwap::from_pointee(""));
-    let (known, said, name) = (Arc::clone(&kind), std::sync::atomic::AtomicBool::new(false), topic.clone());
-    let say = Arc::new(say);
-    let complain = Arc::clone(&say);
-    let on_message = move |RawMessage(bytes): RawMessage| {
-        let kind = **known.load();
-        // The type may come after the first message.
-        if !kind.is_empty() && take(kind, &bytes).is_none() && !said.swap(true, Ordering::Relaxed) {
-            complain(&format!(
-                "{name}: a message of {} bytes is no valid {kind}; it and others like it are left out",
-                bytes.len()
-            ));
+    let (name, said) = (topic.clone(), AtomicBool::new(false));
+    RawSubscription::new(master.clone(), topic, move |RawReceived { kind, body }| {
+        if !accepted.contains(&kind) {
+            if !said.swap(true, Ordering::Relaxed) {
+                say(&format!("{name}: messages of type {kind} are not understood, expected {}", accepted.join(" or ")));
+            }
+        } else if take(kind, body).is_none() && !said.swap(true, Ordering::Relaxed) {
+            let length = body.len();
+            say(&format!("{name}: a message of {length} bytes is no valid {kind}; it and others like it are left out"));
         }
-    };
-    let on_connection = {
-        let topic = topic.clone();
-        move |found: &str| match accepted.iter().find(|kind| **kind == found) {
-            Some(found) => kind.store(Arc::new(found)),
-            None => say(&format!(
-                "{topic}: messages of type {found} are not understood, expected {}",
-                accepted.join(" or ")
-            )),
-        }
-    };
-    Subscription::with_types(topic, on_message, on_connection)
+    })
 }
 
 /// Takes a message in; `None` if it is none.

@@ -415,7 +415,7 @@ fn connect(
         embedded_master: options.embedded_master,
         report: Arc::clone(&options.report),
     })?;
-    let wired = Wired::new(world, dialect);
+    let wired = Wired::new(world, dialect, master.clone());
     node.link().add(wired.announcements.iter().map(Arc::clone));
     // What is latched is said again by a node that starts.
     let mut state = lock(&world.state);

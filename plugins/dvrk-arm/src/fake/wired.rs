@@ -6,7 +6,7 @@ use std::sync::{Arc, Weak};
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
-use ros_node::{Announcement, Publication, Subscription};
+use ros_node::{Announcement, Peer, Publication, RawReceived, RawSubscription};
 use rosrust::{Clock, Message, RosMsg};
 
 use super::machine::Machine;
@@ -86,6 +86,7 @@ pub(super) struct Wired {
 
 /// Collects what is announced.
 struct Maker {
+    master: Peer,
     world: Weak<World>,
     arm: usize,
     announcements: Vec<Arc<dyn Announcement>>,
@@ -106,11 +107,14 @@ impl Maker {
 
     fn hear<M: Message>(&mut self, topic: String, read: impl Fn(M) -> Told + Send + Sync + 'static) {
         let (world, arm) = (Weak::clone(&self.world), self.arm);
-        self.announcements.push(Subscription::new(topic, move |message| {
-            if let Some(world) = world.upgrade() {
+        let heard = move |RawReceived { kind, body }: RawReceived<'_>| {
+            // As a real node, which does not even connect to messages of another type.
+            let message = (kind == M::msg_type()).then(|| M::decode(body).ok()).flatten();
+            if let (Some(world), Some(message)) = (world.upgrade(), message) {
                 world.hear(arm, read(message));
             }
-        }));
+        };
+        self.announcements.push(RawSubscription::new(self.master.clone(), topic, heard));
     }
 }
 
@@ -125,9 +129,9 @@ fn from_parts(p: [f64; 3], q: &geometry_msgs::Quaternion) -> Told {
 }
 
 impl Wired {
-    pub fn new(world: &Arc<World>, dialect: Dialect) -> Self {
+    pub fn new(world: &Arc<World>, dialect: Dialect, master: Peer) -> Self {
         let root = world.names[0].root(dialect).to_owned();
-        let mut maker = Maker { world: Arc::downgrade(world), arm: 0, announcements: Vec::new() };
+        let mut maker = Maker { master, world: Arc::downgrade(world), arm: 0, announcements: Vec::new() };
         let mut arms = Vec::new();
         for (arm, names) in world.names.iter().enumerate() {
             maker.arm = arm;
