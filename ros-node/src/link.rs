@@ -29,6 +29,9 @@ const CONNECT_POLL: Duration = Duration::from_millis(250);
 /// Type of the log topic that rosrust opens for each node.
 const ROSOUT: &str = "/rosout";
 
+/// Nodes that this process has made.
+static NODES: AtomicU64 = AtomicU64::new(0);
+
 struct Item {
     announcement: Arc<dyn Announcement>,
     /// Number of its announcement, unique in the link; `None` before.
@@ -46,7 +49,7 @@ impl Item {
 pub struct LinkOptions {
     /// The master.
     pub master: Peer,
-    /// Base of the node's name; process id and time are appended.
+    /// Base of the node's name; process id and time are appended, and a number if it is not the first of the process.
     pub name: String,
     /// Whether a master is started in this process when there is none and the address is one of this machine.
     pub embedded_master: bool,
@@ -235,7 +238,12 @@ impl Worker<'_> {
             }
         }
         let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
-        let name = format!("{}_{}_{}", self.link.options.name, std::process::id(), now.as_millis());
+        let mut name = format!("{}_{}_{}", self.link.options.name, std::process::id(), now.as_millis());
+        // Another node of this process may come up in the same millisecond, and would be shut down in favour of this one.
+        let earlier = NODES.fetch_add(1, Ordering::Relaxed);
+        if earlier > 0 {
+            name += &format!("_{earlier}");
+        }
         match Ros::new(&name) {
             Ok(node) => {
                 self.link.sockets.sweep();

@@ -99,6 +99,8 @@ pub(crate) struct Inner {
     mode: AtomicU8,
     /// Kind of the newest command.
     commanding: AtomicU8,
+    /// Kind of the command that the thread that sends is busy with.
+    acting: AtomicU8,
     /// Wrenches that were sent.
     pub sent: AtomicU64,
     pub closing: AtomicBool,
@@ -134,6 +136,7 @@ impl Inner {
             servo: Mutex::default(),
             mode: AtomicU8::new(Mode::Uninitialised as u8),
             commanding: AtomicU8::new(Mode::Uninitialised as u8),
+            acting: AtomicU8::new(Mode::Uninitialised as u8),
             sent: AtomicU64::new(0),
             closing: AtomicBool::new(false),
             sender: OnceLock::new(),
@@ -259,10 +262,20 @@ impl Inner {
         Mode::from_number(self.commanding.load(Ordering::Acquire))
     }
 
-    /// No command is repeated any more until the next one.
+    /// No command is repeated any more until the next one. Waits a moment until that is so.
     pub fn stop_commands(&self) {
         self.commanding.store(Mode::Uninitialised as u8, Ordering::Release);
         self.wake();
+        let deadline = Instant::now() + Duration::from_millis(100);
+        while Mode::from_number(self.acting.load(Ordering::Acquire)) != Mode::Uninitialised && Instant::now() < deadline
+        {
+            std::thread::sleep(Duration::from_micros(200));
+        }
+    }
+
+    /// The thread that sends has done with commands of other kinds.
+    pub fn acts(&self, kind: Mode) {
+        self.acting.store(kind as u8, Ordering::Release);
     }
 
     fn command(&self, mode: Mode) {

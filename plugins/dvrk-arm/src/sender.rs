@@ -26,6 +26,7 @@ pub(crate) fn run(inner: &Inner) {
                 send(inner, outputs.as_deref(), &Wrench::zero());
             }
             (kind, pace) = (now_kind, Pace::new(0));
+            inner.acts(kind);
         }
         let command = match kind {
             Mode::Uninitialised => None,

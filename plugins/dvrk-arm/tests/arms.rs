@@ -275,8 +275,7 @@ fn an_arm_offers_everything_to_programs() {
         let measured = arm.measured_wrench();
         (measured.force.x - 0.5).abs() < 1e-9 && (measured.torque.z - 0.05).abs() < 1e-9
     });
-    // A gravity term of one's own: torques that the Jacobian makes 1 N along the tip's x.
-    let expected = Frames::of("MTMR").to_arm(&arm.pose()).rotation * Vector3::x();
+    // A gravity term of one's own.
     let joints = arm.joint_positions();
     arm.set_gravity_term(2.0, 1.0, move |q| {
         assert_eq!(q.len(), joints.len());
@@ -287,12 +286,11 @@ fn an_arm_offers_everything_to_programs() {
         arm.set_moment(&Vector3::zeros()).unwrap();
         arm.measured_force().norm() < 1e-9
     });
-    arm.set_gravity_term(1.0, 0.0, |q| Some(vec![0.3; q.len()]));
+    arm.set_gravity_term(1.0, 0.0, |q| Some(vec![9.0; q.len()]));
     until("a term, limited", || {
         arm.set_force(&Vector3::zeros()).unwrap();
         (arm.measured_force().norm() - 1.0).abs() < 1e-6
     });
-    assert!(expected.norm() > 0.0);
     arm.clear_gravity_term();
 
     // An origin elsewhere moves the device frame.
