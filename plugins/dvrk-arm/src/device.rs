@@ -4,7 +4,7 @@ use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 use ambf_core::device::{
-    Axes, DeviceError, DeviceForce, DeviceInfo, DeviceLog, DeviceSample, DeviceSpec, Driver, InputDevice, Settings,
+    known, Axes, DeviceError, DeviceForce, DeviceInfo, DeviceLog, DeviceSample, DeviceSpec, Driver, InputDevice, Settings,
 };
 
 use crate::arm::{Arm, ArmError};
@@ -70,29 +70,17 @@ impl Driver for DvrkDriver {
     }
 }
 
-/// What an arm can do. Limits of masters as in the original, for all arms.
+/// What an arm can do: as a master of the original, for all arms.
 fn spec(model: &str, arm: &str, torque: bool) -> DeviceSpec {
     let (left, right) = (arm.starts_with("MTML"), arm.starts_with("MTMR"));
-    let gripper = !arm.starts_with("ECM");
+    let known = known::spec("MTMR").unwrap_or_else(|| DeviceSpec::unknown(model));
     DeviceSpec {
         model: model.to_owned(),
-        manufacturer: String::from("Intuitive Surgical, Inc."),
-        max_force: 5.0,
-        max_torque: 0.1,
-        max_gripper_force: 3.0,
-        max_stiffness: 1000.0,
-        max_angular_stiffness: 1.0,
-        max_gripper_stiffness: 1000.0,
-        max_damping: 20.0,
-        max_angular_damping: 1.0,
-        max_gripper_damping: 1.0,
-        workspace_radius: 0.2,
-        gripper_max_angle: f64::to_radians(60.0),
-        sensed: Axes { position: true, rotation: true, gripper },
+        sensed: Axes { position: true, rotation: true, gripper: !arm.starts_with("ECM") },
         actuated: Axes { position: true, rotation: torque, gripper: false },
         left_hand: left || !right,
         right_hand: right || !left,
-        start_up_hold: 3.0,
+        ..known
     }
 }
 

@@ -32,6 +32,10 @@ impl Wrench {
     }
 }
 
+/// Yaw of the origin of masters, rad, as the original has it: 6e-6 less than a right angle.
+#[allow(clippy::approx_constant)]
+const YAW: f64 = 1.57079;
+
 /// Origin and tip offset of an arm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Frames {
@@ -49,9 +53,8 @@ impl Frames {
             Some("MTML") => 0.181_025,
             _ => return Self { origin: Isometry3::identity(), tip: Isometry3::identity() },
         };
-        // The angle as the original has it, 6e-6 rad away from a right one.
         Self {
-            origin: isometry([x, -0.0163, -0.2620, 0.0, 0.0, -1.57079]),
+            origin: isometry([x, -0.0163, -0.2620, 0.0, 0.0, -YAW]),
             tip: isometry([0.0, 0.0, 0.0, 0.0, std::f64::consts::FRAC_PI_2, 0.0]),
         }
     }
@@ -118,8 +121,8 @@ mod tests {
     fn rotations_are_those_of_the_formula() {
         let frames = Frames::of("MTML");
         let measured = isometry([0.1, 0.2, 0.3, 3.058663, -1.055021, -1.500306]);
-        // Rz(1.57079) · R_m · Ry(π/2), by matrices.
-        let expected = nalgebra::Rotation3::from_euler_angles(0.0, 0.0, 1.57079)
+        // Rz(yaw) · R_m · Ry(π/2), by matrices.
+        let expected = nalgebra::Rotation3::from_euler_angles(0.0, 0.0, YAW)
             * nalgebra::Rotation3::from_euler_angles(3.058663, -1.055021, -1.500306)
             * nalgebra::Rotation3::from_euler_angles(0.0, std::f64::consts::FRAC_PI_2, 0.0);
         let got = frames.to_device(&measured).rotation.to_rotation_matrix();

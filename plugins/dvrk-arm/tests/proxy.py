@@ -3,40 +3,38 @@
 in a wider range, its closed event under an old name. Lines on standard input set the pose and the gripper: x y z roll pitch yaw gripper.
 Forces that come are printed."""
 
+import math
 import sys
 import threading
 
-import numpy
 import rospy
 from geometry_msgs.msg import TransformStamped, TwistStamped, WrenchStamped
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Empty, String
 
 
-def rotation(roll, pitch, yaw):
-    """Fixed axes: Rz(yaw) Ry(pitch) Rx(roll)."""
-    (cr, cp, cy), (sr, sp, sy) = numpy.cos((roll, pitch, yaw)), numpy.sin((roll, pitch, yaw))
-    x = numpy.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
-    y = numpy.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
-    z = numpy.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
-    return z @ y @ x
-
-
-def quaternion(r):
-    """x, y, z, w by the largest of four."""
-    w, x, y, z = candidates = numpy.array(
-        [1 + r[0, 0] + r[1, 1] + r[2, 2], 1 + r[0, 0] - r[1, 1] - r[2, 2], 1 - r[0, 0] + r[1, 1] - r[2, 2], 1 - r[0, 0] - r[1, 1] + r[2, 2]]
+def product(a, b):
+    """Of two quaternions x, y, z, w."""
+    (ax, ay, az, aw), (bx, by, bz, bw) = a, b
+    return (
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+        aw * bw - ax * bx - ay * by - az * bz,
     )
-    i = int(numpy.argmax(candidates))
-    s = 2 * numpy.sqrt(candidates[i])
-    wx, wy, wz = r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]
-    xy, xz, yz = r[0, 1] + r[1, 0], r[0, 2] + r[2, 0], r[1, 2] + r[2, 1]
-    return [
-        (wx / s, wy / s, wz / s, s / 4),
-        (s / 4, xy / s, xz / s, wx / s),
-        (xy / s, s / 4, yz / s, wy / s),
-        (xz / s, yz / s, s / 4, wz / s),
-    ][i]
+
+
+def rotation(roll, pitch, yaw):
+    """Quaternion about fixed axes: Rz(yaw) Ry(pitch) Rx(roll)."""
+    half = [(math.sin(angle / 2), math.cos(angle / 2)) for angle in (roll, pitch, yaw)]
+    x, y, z = ([*[half[i][0] * (i == j) for j in range(3)], half[i][1]] for i in range(3))
+    return product(product(z, y), x)
+
+
+def turned(q, v):
+    """The vector v, turned by q."""
+    x, y, z, w = q
+    return product(product(q, (*v, 0)), (-x, -y, -z, w))[:3]
 
 
 class Proxy:
@@ -56,14 +54,14 @@ class Proxy:
         print(force.x, force.y, force.z, flush=True)
 
     def publish(self):
-        before, after = rotation(0, 0, 1.57079), rotation(0, -1.57079, 0)
+        before, after = rotation(0, 0, -1.57079), rotation(0, -1.57079, 0)
         # The very first sample is far below.
         position = (0, 0, -1.3) if self.tick == 0 else self.position
         self.tick += 1
         message = TransformStamped()
         translation, r = message.transform.translation, message.transform.rotation
-        translation.x, translation.y, translation.z = before.T @ numpy.array(position)
-        r.x, r.y, r.z, r.w = quaternion(before.T @ rotation(*self.rpy) @ after)
+        translation.x, translation.y, translation.z = turned(before, position)
+        r.x, r.y, r.z, r.w = product(product(before, rotation(*self.rpy)), after)
         self.pose.publish(message)
         self.twist.publish(TwistStamped())
         self.joints.publish(JointState(position=[-3.16 + self.gripper * (1.2 + 3.16)]))
