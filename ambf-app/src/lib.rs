@@ -4,6 +4,7 @@ pub mod batch;
 pub mod check;
 pub mod cli;
 pub mod launch;
+pub mod plugins;
 pub mod process;
 pub mod report;
 pub mod ros;

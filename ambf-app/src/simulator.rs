@@ -5,7 +5,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use ambf_core::adf::PluginEntry;
 use ambf_core::comm::{Middleware, Rates};
 use ambf_core::scene::{load, Loaded, SceneOptions, SceneReport};
 use ambf_core::sim::{Event, Models, Runner, RunnerOptions, Simulation, DEFAULT_SUB_STEP};
@@ -15,7 +14,7 @@ use thiserror::Error;
 use crate::cli::{DeviceSelection, SimulatorOptions};
 use crate::launch::{self, LaunchError};
 use crate::ros::{ModelHost, ModelReply, RosMiddleware, RosOptions};
-use crate::{print_line, report};
+use crate::{plugins, print_line, report};
 
 /// How often the main thread looks whether it should end.
 const POLL: Duration = Duration::from_millis(50);
@@ -99,7 +98,6 @@ fn stop_flag() -> Arc<AtomicBool> {
 fn load_simulation(options: &SimulatorOptions) -> Result<Simulation, SimulatorError> {
     let physics = launch::physics(&options.physics).map_err(SimulatorError::Usage)?;
     let (launch, problems) = launch::read_strict(&options.launch_file)?;
-    report_plugins(&launch.plugins, options);
     report_devices(options);
     let (files, skipped) = launch::scene_files(Some(&launch), None, &options.model_files, &options.model_indexes);
     skipped.iter().for_each(|problem| report!("{problem}"));
@@ -113,15 +111,9 @@ fn load_simulation(options: &SimulatorOptions) -> Result<Simulation, SimulatorEr
     found.files.insert(0, problems);
     print_report(&found, options.verbose);
     let sub_step = scene.sub_step.unwrap_or(DEFAULT_SUB_STEP);
-    Ok(Simulation::new(scene, sub_step))
-}
-
-fn report_plugins(plugins: &[PluginEntry], options: &SimulatorOptions) {
-    let listed = plugins.iter().map(|plugin| plugin.filename.display().to_string());
-    let given = options.plugins.iter().map(|path| path.display().to_string());
-    for name in listed.chain(given) {
-        report!("plugin {name} is left out: libraries of the C++ program cannot be loaded");
-    }
+    let mut simulation = Simulation::new(scene, sub_step);
+    plugins::load(&mut simulation, &launch.plugins, &options.plugins, options.verbose);
+    Ok(simulation)
 }
 
 fn report_devices(options: &SimulatorOptions) {
@@ -173,7 +165,9 @@ fn serve(mut simulation: Simulation, options: &SimulatorOptions, stop: &AtomicBo
         },
     );
     let outcome = follow(&runner, stop);
-    drop(runner.stop());
+    if let Some(mut simulation) = runner.stop() {
+        plugins::close(&mut simulation);
+    }
     if let Some(ros) = &mut ros {
         ros.stop();
     }

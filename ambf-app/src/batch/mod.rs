@@ -16,6 +16,7 @@ use thiserror::Error;
 
 use crate::cli::BatchOptions;
 use crate::launch;
+use crate::plugins;
 use crate::process::{cpu_seconds, peak_memory_mb};
 
 /// Why a batch run ended early.
@@ -131,6 +132,7 @@ pub fn run(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<Summary, B
     };
     let load = begin.elapsed();
 
+    let has_plugins = simulation.has_plugins();
     let cpu_before = cpu_seconds();
     let mut wall = Duration::ZERO;
     let mut tail = (Duration::ZERO, 0);
@@ -139,6 +141,7 @@ pub fn run(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<Summary, B
         if step > 0 {
             let begin = Instant::now();
             simulation.update(options.dt).map_err(|error| name_command(error, &commands, &simulation))?;
+            simulation.update_plugins();
             let cost = begin.elapsed();
             wall += cost;
             if step > options.steps - options.steps / 4 {
@@ -155,7 +158,11 @@ pub fn run(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<Summary, B
             commands.apply(&mut simulation, step);
             wall += begin.elapsed();
         }
+        if has_plugins {
+            plugins::say(&mut simulation);
+        }
     }
+    plugins::close(&mut simulation);
     let cpu_s = cpu_seconds() - cpu_before;
     if let Some(trace) = trace {
         trace.finish().map_err(trace_error)?;
@@ -195,7 +202,10 @@ fn load_scene(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<(Simula
         return Err(BatchError::Load(report.to_string().trim_end().to_owned()));
     }
     warn(report.to_string().trim_end());
-    Ok((Simulation::new(scene, options.dt), report.errors() > 0))
+    let mut simulation = Simulation::new(scene, options.dt);
+    let listed = launch.as_ref().map(|launch| launch.plugins.as_slice()).unwrap_or_default();
+    plugins::load(&mut simulation, listed, &options.plugins, false);
+    Ok((simulation, report.errors() > 0))
 }
 
 /// Says which line of the command file the lost body was last told.

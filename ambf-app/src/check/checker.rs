@@ -426,7 +426,7 @@ impl Checker {
         };
         // Stable: what was found first stays first.
         self.findings.sort_by_key(key);
-        // Missing files and plugins are remarks of the scene too.
+        // Missing files are remarks of the scene too.
         let missing: HashSet<_> = (self.findings.iter())
             .filter(|finding| finding.kind == "missing file" && finding.level == Level::Error)
             .map(|finding| (Arc::clone(&finding.place.file), finding.path.clone()))
@@ -437,19 +437,11 @@ impl Checker {
             .filter(|finding| finding.kind == "missing file" && finding.level == Level::Error)
             .map(|finding| finding.place.clone())
             .collect();
-        let plugins: HashSet<_> = self
-            .findings
-            .iter()
-            .filter(|finding| finding.kind == "plugin")
-            .map(|finding| finding.place.clone())
-            .collect();
         let known = |finding: &Finding| {
             let dropped = finding.sentence.strip_prefix('`').and_then(|text| text.split_once("` is dropped"));
             let of = |(identifier, _): (&str, &str)| (Arc::clone(&finding.place.file), identifier.to_owned());
             let is_part = missing_parts.contains(&finding.place) && finding.sentence.contains("is left out");
-            let is_plugin = finding.sentence.starts_with("plugin ") && plugins.contains(&finding.place);
-            finding.kind == "scene"
-                && (is_part || is_plugin || dropped.is_some_and(|dropped| missing.contains(&of(dropped))))
+            finding.kind == "scene" && (is_part || dropped.is_some_and(|dropped| missing.contains(&of(dropped))))
         };
         let mut said = HashSet::new();
         let mut findings = Vec::with_capacity(self.findings.len());

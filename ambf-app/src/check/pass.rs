@@ -5,9 +5,12 @@ use std::path::Path;
 
 use ambf_core::adf::{Common, Entry, Material, Outline, PluginEntry, ShaderProgram, SourcePos};
 
+use ambf_core::plugin::PluginSetup;
+
 use super::files::Files;
 use super::finding::{Finding, Level};
 use super::original::{self, Difference};
+use crate::plugins;
 
 /// Collects what is worth saying about a file beside the problems that the reader met.
 pub(super) struct Pass<'a> {
@@ -18,11 +21,19 @@ pub(super) struct Pass<'a> {
     kept: BTreeMap<&'static str, usize>,
     /// Topics of the file's objects and the first object that has them.
     topics: HashMap<String, String>,
+    setup: PluginSetup,
 }
 
 impl<'a> Pass<'a> {
     pub fn new(outline: &'a Outline) -> Self {
-        Self { outline, files: Files::default(), findings: Vec::new(), kept: BTreeMap::new(), topics: HashMap::new() }
+        Self {
+            outline,
+            files: Files::default(),
+            findings: Vec::new(),
+            kept: BTreeMap::new(),
+            topics: HashMap::new(),
+            setup: plugins::setup(&[], &[]),
+        }
     }
 
     /// What is kept but not drawn, sorted by name.
@@ -117,13 +128,13 @@ impl<'a> Pass<'a> {
         }
     }
 
-    /// Names plugins: none of them can be loaded.
+    /// Looks for the libraries of plugins. They are not opened: what is in them could run.
     pub fn plugins(&mut self, path: &[&str], plugins: &[PluginEntry]) {
         for plugin in plugins {
             let path: Vec<_> = path.iter().copied().chain(["plugins"]).collect();
+            let Err(error) = self.setup.check(plugin) else { continue };
             let library = plugin.filename.display();
-            let sentence =
-                format!("lists `{}` ({library}), which cannot be loaded: it is made for the C++ program", plugin.name);
+            let sentence = format!("lists `{}` ({library}), which is left out: {error}", plugin.name);
             self.say(Level::Warning, "plugin", plugin.source.clone(), &path, &sentence);
         }
     }

@@ -8,7 +8,6 @@ use std::time::{Duration, Instant};
 use super::desk::{Desk, Incoming, Shared};
 use super::export::message_of;
 use super::registry::BUILTIN;
-use super::search::{advice, cpp_plugin, Found};
 use super::view::Access;
 use super::{library, AnyPlugin, Host, InitContext, Input, PluginError, Registry, Search, Subject, View};
 use crate::adf::PluginEntry;
@@ -190,7 +189,7 @@ impl Plugins {
 
     fn make(&self, entry: &PluginEntry, subject: Subject, desk: &Arc<Desk>) -> Result<AnyPlugin, PluginError> {
         let kind = subject.kind();
-        if let Some(name) = entry.filename.to_str().and_then(|name| name.strip_prefix(BUILTIN)) {
+        if let Some(name) = builtin(entry) {
             return catch_unwind(AssertUnwindSafe(|| self.setup.registry.make(name, kind)))
                 .unwrap_or_else(|panic| Err(PluginError::Panicked(message_of(panic))));
         }
@@ -376,25 +375,34 @@ impl Drop for Plugins {
     }
 }
 
-/// The file of an entry; a bare name that no folder holds is left to the dynamic loader.
-pub(super) fn resolve(search: &Search, entry: &PluginEntry) -> Result<PathBuf, PluginError> {
-    let cpp = || PluginError::Cpp { advice: advice(&entry.filename).to_owned() };
-    match search.find(&entry.filename, entry.path.as_deref()) {
-        Found::File(file) if cpp_plugin(&file) => Err(cpp()),
-        Found::File(file) => Ok(file),
-        Found::Nothing(tried) => {
-            if let Err(error @ PluginError::Cpp { .. }) = search.check(&entry.filename, entry.path.as_deref()) {
-                return Err(error);
-            }
-            if entry.filename.components().count() > 1 {
-                return Err(PluginError::NotFound { tried, loader: None });
-            }
+impl PluginSetup {
+    /// Whether there is something to load for an entry, without loading it: nothing of it runs.
+    ///
+    /// # Errors
+    /// [`PluginError::Builtin`], [`PluginError::NotFound`], [`PluginError::Cpp`].
+    pub fn check(&self, entry: &PluginEntry) -> Result<(), PluginError> {
+        match builtin(entry) {
+            Some(name) => self.registry.check(name),
+            None => self.search.look_up(entry).map(|_| ()),
+        }
+    }
+}
+
+/// Name of a built-in plugin.
+fn builtin(entry: &PluginEntry) -> Option<&str> {
+    entry.filename.to_str()?.strip_prefix(BUILTIN)
+}
+
+/// The file of an entry. The dynamic loader is asked for a bare name that no folder holds.
+fn resolve(search: &Search, entry: &PluginEntry) -> Result<PathBuf, PluginError> {
+    match search.look_up(entry) {
+        Err(PluginError::NotFound { tried, .. }) if entry.filename.components().count() == 1 => {
             match library::open(Path::new(&entry.filename)) {
-                Ok(_) => Ok(entry.filename.clone()),
                 Err(PluginError::Open { why, .. }) => Err(PluginError::NotFound { tried, loader: Some(why) }),
-                Err(other) => Err(other),
+                other => other.map(|_| entry.filename.clone()),
             }
         }
+        found => found,
     }
 }
 

@@ -29,12 +29,17 @@ impl Registry {
     /// # Errors
     /// [`PluginError::Builtin`], [`PluginError::BuiltinKind`].
     pub fn make(&self, name: &str, kind: PluginKind) -> Result<AnyPlugin, PluginError> {
-        let make = self.0.get(name).ok_or_else(|| PluginError::Builtin {
-            name: name.to_owned(),
-            known: self.names().map(str::to_owned).collect(),
-        })?;
-        let wrong = PluginError::BuiltinKind { name: name.to_owned(), kind };
-        make(kind).filter(|plugin| plugin.kind() == kind).ok_or(wrong)
+        self.check(name)?;
+        let made = self.0.get(name).and_then(|make| make(kind)).filter(|plugin| plugin.kind() == kind);
+        made.ok_or_else(|| PluginError::BuiltinKind { name: name.to_owned(), kind })
+    }
+
+    /// Whether there is a plugin of that name.
+    pub(crate) fn check(&self, name: &str) -> Result<(), PluginError> {
+        if self.0.contains_key(name) {
+            return Ok(());
+        }
+        Err(PluginError::Builtin { name: name.to_owned(), known: self.names().map(str::to_owned).collect() })
     }
 }
 

@@ -4,6 +4,7 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 use super::PluginError;
+use crate::adf::PluginEntry;
 
 /// Where libraries are looked for.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -16,10 +17,10 @@ pub struct Search {
 
 /// What a file name leads to.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) enum Found {
+enum Found {
     /// A file.
     File(PathBuf),
-    /// Nothing of what was tried; the dynamic loader may know the bare name.
+    /// Nothing of what was tried.
     Nothing(Vec<PathBuf>),
 }
 
@@ -44,7 +45,7 @@ impl Search {
     /// The file that `filename` means, for an entry whose own folder is `path`: an absolute name only itself; otherwise the first that exists
     /// in its own folder, in the folders of the environment or the default ones, in the working folder. A name with a folder in it is
     /// tried in the working folder first.
-    pub(crate) fn find(&self, filename: &Path, path: Option<&Path>) -> Found {
+    fn find(&self, filename: &Path, path: Option<&Path>) -> Found {
         if filename.is_absolute() {
             let is_there = filename.is_file();
             return if is_there { Found::File(filename.to_owned()) } else { Found::Nothing(vec![filename.to_owned()]) };
@@ -66,20 +67,17 @@ impl Search {
         Found::Nothing(tried)
     }
 
-    /// The file of an entry, without opening it: `Ok(None)` where the dynamic loader may know the bare name.
+    /// The file of an entry, without opening it.
     ///
     /// # Errors
     /// [`PluginError::NotFound`], [`PluginError::Cpp`].
-    pub fn check(&self, filename: &Path, path: Option<&Path>) -> Result<Option<PathBuf>, PluginError> {
-        match self.find(filename, path) {
-            Found::File(file) => match cpp_plugin(&file) {
-                true => Err(PluginError::Cpp { advice: advice(filename).to_owned() }),
-                false => Ok(Some(file)),
-            },
-            Found::Nothing(_) if known(filename).is_some() => {
-                Err(PluginError::Cpp { advice: advice(filename).to_owned() })
-            }
-            Found::Nothing(tried) => Err(PluginError::NotFound { tried, loader: None }),
+    pub(crate) fn look_up(&self, entry: &PluginEntry) -> Result<PathBuf, PluginError> {
+        let cpp = |advice: &str| PluginError::Cpp { advice: advice.to_owned() };
+        let known = known(&entry.filename);
+        match self.find(&entry.filename, entry.path.as_deref()) {
+            Found::File(file) if is_cpp_plugin(&file) => Err(cpp(known.unwrap_or(REWRITE))),
+            Found::File(file) => Ok(file),
+            Found::Nothing(tried) => Err(known.map_or(PluginError::NotFound { tried, loader: None }, cpp)),
         }
     }
 }
@@ -105,14 +103,9 @@ fn known(filename: &Path) -> Option<&'static str> {
     KNOWN.iter().find(|(start, _)| name.starts_with(start)).map(|(_, advice)| *advice)
 }
 
-/// What to do instead of loading a plugin of the C++ program.
-pub(crate) fn advice(filename: &Path) -> &'static str {
-    known(filename).unwrap_or(REWRITE)
-}
-
 /// Whether a file exports what plugins of the C++ program do and not what ours do. It is only read, not opened by the dynamic loader, so that
 /// nothing in it runs.
-pub(crate) fn cpp_plugin(file: &Path) -> bool {
+fn is_cpp_plugin(file: &Path) -> bool {
     let Ok(bytes) = std::fs::read(file) else { return false };
     let holds = |text: &[u8]| bytes.windows(text.len()).any(|window| window == text);
     holds(b"CreatePlugin\0") && !holds(b"ambf_plugin_abi_version\0")
@@ -121,6 +114,7 @@ pub(crate) fn cpp_plugin(file: &Path) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::adf::SourcePos;
 
     struct Folder(PathBuf);
 
@@ -187,12 +181,15 @@ mod tests {
         let folder = root.with("f", "libmine.so", "\u{7f}ELF\0CreatePlugin\0");
         root.with("f", "libours.so", "CreatePlugin\0ambf_plugin_abi_version\0");
         let search = Search { folders: vec![folder], working_folder: root.0.clone() };
-        let check = |name: &str| search.check(Path::new(name), None);
+        let check = |name: &str| {
+            let source = SourcePos { file: Path::new("w.yaml").into(), line: 1, column: 1 };
+            search.look_up(&PluginEntry { name: "p".into(), filename: name.into(), path: None, source })
+        };
         let error = check("libambf_crtk_simulator_plugin.so").unwrap_err().to_string();
         assert!(error.contains("C++") && error.contains("dvrk"), "{error}");
         let error = check("libmine.so").unwrap_err().to_string();
         assert!(error.contains("C++") && error.contains("docs/plugins.md"), "{error}");
-        assert!(check("libours.so").unwrap().is_some());
+        assert!(check("libours.so").is_ok());
         let error = check("libabsent.so").unwrap_err().to_string();
         assert!(error.contains("f/libabsent.so"), "{error}");
     }
