@@ -14,7 +14,7 @@ use thiserror::Error;
 use crate::cli::{DeviceSelection, SimulatorOptions};
 use crate::launch::{self, LaunchError};
 use crate::ros::{ModelHost, ModelReply, RosMiddleware, RosOptions};
-use crate::{plugins, print_line, report};
+use crate::{plugins, print_line, process, report};
 
 /// How often the main thread looks whether it should end.
 const POLL: Duration = Duration::from_millis(50);
@@ -50,7 +50,7 @@ impl SimulatorError {
 /// # Errors
 /// [`SimulatorError`]. Everything else that goes wrong is reported, and the simulation goes on with the rest.
 pub fn run(options: &SimulatorOptions) -> Result<(), SimulatorError> {
-    let stop = stop_flag();
+    let stop = process::stop_flag();
     print_line!(
         "AMBF simulator {} (physics {} Hz{})",
         env!("CARGO_PKG_VERSION"),
@@ -78,21 +78,6 @@ fn time_step(options: &SimulatorOptions) -> String {
     } else {
         String::from(", simulated time follows the clock")
     }
-}
-
-/// Set by SIGINT and SIGTERM; the second of them ends the program at once.
-fn stop_flag() -> Arc<AtomicBool> {
-    let stop = Arc::new(AtomicBool::new(false));
-    let flag = Arc::clone(&stop);
-    let set = ctrlc::set_handler(move || {
-        if flag.swap(true, Ordering::AcqRel) {
-            std::process::exit(130);
-        }
-    });
-    if let Err(error) = set {
-        report!("Ctrl+C cannot be caught ({error}): it will end the program without withdrawing its topics");
-    }
-    stop
 }
 
 fn load_simulation(options: &SimulatorOptions) -> Result<Simulation, SimulatorError> {

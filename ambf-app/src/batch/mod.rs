@@ -8,6 +8,7 @@ pub use trace::TraceWriter;
 
 use std::collections::HashMap;
 use std::path::PathBuf;
+use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use ambf_core::scene::{load, Loaded, SceneOptions};
@@ -17,7 +18,7 @@ use thiserror::Error;
 use crate::cli::BatchOptions;
 use crate::launch;
 use crate::plugins;
-use crate::process::{cpu_seconds, peak_memory_mb};
+use crate::process::{self, cpu_seconds, peak_memory_mb};
 
 /// Why a batch run ended early.
 #[derive(Debug, Error)]
@@ -43,15 +44,19 @@ pub enum BatchError {
     /// Error when the state became non-finite.
     #[error(transparent)]
     NonFinite(#[from] NonFinite),
+    /// Error when SIGINT or SIGTERM ended a run with plugins, after they were closed. Without plugins these end the program at once.
+    #[error("interrupted")]
+    Interrupted,
 }
 
 impl BatchError {
-    /// Exit status of the program: 1 usage, 2 loading, 3 non-finite.
+    /// Exit status of the program: 1 usage, 2 loading, 3 non-finite, 130 interrupted.
     pub fn status(&self) -> i32 {
         match self {
             Self::Usage(_) => 1,
             Self::Load(_) | Self::Commands(_) | Self::Trace { .. } => 2,
             Self::NonFinite(_) => 3,
+            Self::Interrupted => 130,
         }
     }
 }
@@ -133,6 +138,7 @@ pub fn run(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<Summary, B
     let load = begin.elapsed();
 
     let has_plugins = simulation.has_plugins();
+    let stop = has_plugins.then(process::stop_flag);
     let cpu_before = cpu_seconds();
     let mut wall = Duration::ZERO;
     let mut tail = (Duration::ZERO, 0);
@@ -160,6 +166,10 @@ pub fn run(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<Summary, B
         }
         if has_plugins {
             plugins::say(&mut simulation);
+        }
+        if stop.as_ref().is_some_and(|stop| stop.load(Ordering::Acquire)) {
+            plugins::close(&mut simulation);
+            return Err(BatchError::Interrupted);
         }
     }
     plugins::close(&mut simulation);

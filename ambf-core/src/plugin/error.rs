@@ -23,7 +23,7 @@ pub enum PluginError {
         advice: String,
     },
     /// Error when the dynamic loader refuses the file.
-    #[error("{} cannot be opened: {why}", file.display())]
+    #[error("the dynamic loader cannot open it: {why}")]
     Open {
         /// Library.
         file: PathBuf,
