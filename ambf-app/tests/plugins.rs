@@ -84,7 +84,10 @@ fn the_example_records_what_its_force_field_does() {
     let arguments = ["-a", "model.yaml", "--world", "world.yaml", "--steps", "200", "--trace", "t", "--every", "10"];
     let (said, status) = batch(&folder, &arguments, &library);
     assert_eq!(status, Some(0), "{said}");
-    assert!(said.contains("plugin recorder: 21 rows are in ./ball.csv") || said.contains("21 rows are in ball.csv"), "{said}");
+    assert!(
+        said.contains("plugin recorder: 21 rows are in ./ball.csv") || said.contains("21 rows are in ball.csv"),
+        "{said}"
+    );
     let rows: Vec<Vec<f64>> = (folder.read("ball.csv").lines().skip(1))
         .map(|line| line.split(',').map(|field| field.parse().unwrap()).collect())
         .collect();
@@ -207,6 +210,10 @@ fn the_linter_looks_for_libraries_without_loading_them() {
     let said = check(&library);
     assert!(!said.contains("left out"), "{said}");
     let said = check(Path::new("/nowhere"));
-    assert_eq!(said.matches("is left out: no such library: looked for /nowhere/libambf_recorder.so").count(), 2, "{said}");
+    assert_eq!(
+        said.matches("is left out: no such library: looked for /nowhere/libambf_recorder.so").count(),
+        2,
+        "{said}"
+    );
     assert!(!folder.0.join("ball.csv").exists(), "nothing was run");
 }

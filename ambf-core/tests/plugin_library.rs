@@ -7,7 +7,7 @@ use std::process::Command;
 
 use ambf_core::plugin::{Input, PluginSetup};
 use ambf_core::sim::Simulation;
-use plugin_common::Stage;
+use plugin_common::{library_of, Stage};
 
 /// Compiles a library in C against the header in `resources/plugins`.
 fn compiled(stage: &Stage, name: &str, text: &str) -> PathBuf {
@@ -21,21 +21,6 @@ fn compiled(stage: &Stage, name: &str, text: &str) -> PathBuf {
         .expect("a C compiler, which the simulator is built with, too");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     library
-}
-
-/// The library that `examples/faulty_plugin.rs` makes.
-fn faulty() -> PathBuf {
-    let program = std::env::current_exe().unwrap();
-    let profile = program.ancestors().nth(2).unwrap();
-    let mut build = Command::new(env!("CARGO"));
-    build.args(["build", "--quiet", "--package", "ambf-core", "--example", "faulty_plugin"]);
-    build.current_dir(env!("CARGO_MANIFEST_DIR")).arg("--target-dir").arg(profile.parent().unwrap());
-    if profile.ends_with("release") {
-        build.arg("--release");
-    }
-    let output = build.output().expect("cargo");
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    profile.join("examples/libfaulty_plugin.so")
 }
 
 const VERSION: &str = "#include <string.h>\n#include <stdlib.h>\n#include \"ambf_plugin.h\"\n\
@@ -192,7 +177,7 @@ fn with_faulty(stage: &Stage, library: &Path, world_handle: &str, simulator_hand
 
 #[test]
 fn a_panic_in_a_library_never_leaves_it() {
-    let (stage, library) = (Stage::new(), faulty());
+    let (stage, library) = (Stage::new(), library_of("faulty_plugin"));
     for what in
         ["init", "physics_update", "reset", "graphics_update", "keyboard_update", "on_object_add", "close", "drop"]
     {
@@ -236,7 +221,7 @@ fn a_panic_in_a_library_never_leaves_it() {
 
 #[test]
 fn what_a_library_says_about_its_start_is_passed_on() {
-    let (stage, library) = (Stage::new(), faulty());
+    let (stage, library) = (Stage::new(), library_of("faulty_plugin"));
     let (simulation, problems) = with_faulty(&stage, &library, "an error", "good");
     let [problem] = problems.as_slice() else { panic!("{problems:?}") };
     assert!(problem.ends_with("it cannot start: as told"), "{problem}");

@@ -394,7 +394,7 @@ fn builtin(entry: &PluginEntry) -> Option<&str> {
 }
 
 /// The file of an entry. The dynamic loader is asked for a bare name that no folder holds.
-fn resolve(search: &Search, entry: &PluginEntry) -> Result<PathBuf, PluginError> {
+pub(super) fn resolve(search: &Search, entry: &PluginEntry) -> Result<PathBuf, PluginError> {
     match search.look_up(entry) {
         Err(PluginError::NotFound { tried, .. }) if entry.filename.components().count() == 1 => {
             match library::open(Path::new(&entry.filename)) {

@@ -11,6 +11,9 @@
 pub mod abi;
 mod command;
 mod desk;
+pub mod driver_abi;
+mod driver_export;
+mod driver_library;
 mod error;
 mod export;
 mod host;
@@ -24,6 +27,9 @@ mod view;
 pub use crate::scene::{ObjectId, ObjectType};
 pub use command::{Command, CommandError};
 pub(crate) use desk::Shared;
+#[doc(hidden)]
+pub use driver_export::export_driver;
+pub use driver_library::load_driver;
 pub use error::PluginError;
 #[doc(hidden)]
 pub use export::export;

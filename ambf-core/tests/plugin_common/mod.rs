@@ -241,3 +241,18 @@ pub fn pendulum(namespace: &str, prefix: &str) -> String {
 pub fn world() -> String {
     format!("gravity: {{x: 0, y: 0, z: -10}}\nmax iterations: 50\nnamespace: /w/\n{}\n", probes(&["world1", "world2"]))
 }
+
+/// The shared library that an example of this crate makes.
+pub fn library_of(example: &str) -> PathBuf {
+    let program = std::env::current_exe().unwrap();
+    let profile = program.ancestors().nth(2).unwrap();
+    let mut build = std::process::Command::new(env!("CARGO"));
+    build.args(["build", "--quiet", "--package", "ambf-core", "--example", example]);
+    build.current_dir(env!("CARGO_MANIFEST_DIR")).arg("--target-dir").arg(profile.parent().unwrap());
+    if profile.ends_with("release") {
+        build.arg("--release");
+    }
+    let output = build.output().expect("cargo");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    profile.join(format!("examples/lib{example}.so"))
+}

@@ -125,8 +125,7 @@ impl Plugin for ForceField {
             Some(Ok(value)) if value.is_finite() => Ok(value),
             _ => Err(format!("`force field / {key}` is {:?}, expected a number", text(key).unwrap_or(""))),
         };
-        self.centre =
-            text("centre").ok_or("`force field / centre` is missing, expected the name of a body")?.to_owned();
+        self.name = text("centre").ok_or("`force field / centre` is missing, expected the name of a body")?.to_owned();
         (self.radius, self.force) = (number("radius")?, number("force")?);
         Ok(())
     }
