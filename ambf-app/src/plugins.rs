@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use ambf_core::adf::PluginEntry;
-use ambf_core::plugin::{PluginReport, PluginSetup, Registry, Search};
+use ambf_core::device::Drivers;
+use ambf_core::plugin::{load_driver, PluginReport, PluginSetup, Registry, Search};
 use ambf_core::sim::Simulation;
 
 use crate::report;
@@ -32,6 +33,22 @@ pub fn load(simulation: &mut Simulation, launch: &[PluginEntry], command_line: &
     }
     problems.iter().for_each(|line| report!("{line}"));
     say(simulation);
+}
+
+/// Adds the drivers of input devices that a launch file names to those of the program; a sentence for each one that is left out.
+pub fn add_drivers(drivers: &mut Drivers, entries: &[PluginEntry]) -> Vec<String> {
+    let search = Search::from_environment();
+    let mut problems = Vec::new();
+    for entry in entries {
+        match load_driver(&search, entry) {
+            Ok(driver) => drivers.add(driver),
+            Err(error) => {
+                let PluginEntry { name, filename, source, .. } = entry;
+                problems.push(format!("{source}: device plugin {name} ({}) is left out: {error}", filename.display()));
+            }
+        }
+    }
+    problems
 }
 
 /// Closes all plugins, and prints what they have to say about it.

@@ -138,6 +138,67 @@ typedef struct ambf_plugin {
 uint32_t ambf_plugin_abi_version(void);
 ambf_plugin *ambf_plugin_create(uint32_t kind, const ambf_host *host);
 
+/* ---- Drivers of input devices ---- */
+
+/* Where a function of a driver says what it has to say, until it returns. */
+typedef struct {
+    const void *context;
+    void (*fail)(const void *context, uint32_t kind, ambf_text why); /* kind 0: what is needed is not there; 1: the device is lost */
+    void (*found)(const void *context, ambf_text model, ambf_text identity); /* in find: there is this device */
+} ambf_answer;
+
+/* Sentences for the user, from any thread, as long as the device is open. */
+typedef struct {
+    const void *context;
+    void (*say)(const void *context, ambf_text sentence);
+} ambf_log;
+
+typedef struct { ambf_text key, value, place; } ambf_setting;
+typedef struct { const ambf_setting *entries; uint64_t count; ambf_text directory; } ambf_settings;
+
+typedef struct {
+    ambf_text model, manufacturer;
+    double max_force[3];     /* N, N m, gripper N */
+    double max_stiffness[3]; /* N/m, N m/rad, gripper N/m */
+    double max_damping[3];   /* N s/m, N m s/rad, gripper N s/m */
+    double workspace_radius, gripper_max_angle, start_up_hold;
+    uint32_t sensed, actuated; /* bits: 1 position, 2 rotation, 4 gripper */
+    uint32_t hands;            /* bits: 1 left, 2 right */
+} ambf_spec;
+
+/* In the frame of the device: x out of it towards the user, y to the user's right, z up. */
+typedef struct {
+    double age; /* s since it was measured */
+    uint64_t sequence;
+    double position[3], rotation[4], linear_velocity[3], angular_velocity[3], gripper;
+    uint32_t buttons;
+    uint32_t flags; /* bits: 1 the pose may be trusted, 2 linear velocity, 4 angular velocity, 8 gripper */
+} ambf_sample;
+typedef struct { double force[3], torque[3], gripper; } ambf_force;
+
+/* An open device: called from one thread at a time, about a thousand times a second. No function may be null. */
+typedef struct ambf_device {
+    void *instance;
+    ambf_spec spec;
+    int32_t (*read)(void *instance, const ambf_answer *answer, ambf_sample *out);
+    int32_t (*write)(void *instance, const ambf_answer *answer, const ambf_force *force);
+    int32_t (*close)(void *instance, const ambf_answer *answer);
+    void (*destroy)(struct ambf_device *device);
+} ambf_device;
+
+/* A driver: called from any thread, also from several at a time; never freed. No function may be null. */
+typedef struct {
+    void *instance;
+    ambf_text name;
+    int32_t (*serves)(void *instance, ambf_text model);
+    int32_t (*find)(void *instance, const ambf_answer *answer, ambf_text model, const ambf_settings *settings);
+    ambf_device *(*open)(void *instance, const ambf_answer *answer, ambf_text model, ambf_text identity,
+                         const ambf_settings *settings, const ambf_log *log);
+} ambf_driver;
+
+/* What a library of a driver exports, with ambf_plugin_abi_version. */
+ambf_driver *ambf_driver_create(void);
+
 #ifdef __cplusplus
 }
 #endif

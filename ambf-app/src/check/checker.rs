@@ -64,6 +64,8 @@ pub(super) struct Checker {
     /// Elements of worlds without a model.
     empty_worlds: HashMap<Option<PathBuf>, Counts>,
     colours: Option<Arc<Colours>>,
+    /// By row: plugins whose libraries are there.
+    plugins: HashMap<usize, usize>,
 }
 
 impl Checker {
@@ -192,7 +194,8 @@ impl Checker {
     fn launch(&mut self, outline: &Outline, row: usize) {
         let Some(launch) = self.read::<Launch>(outline, row) else { return };
         let mut pass = Pass::new(outline);
-        pass.plugins(&[], &launch.plugins);
+        pass.plugins(&["plugins"], &launch.plugins);
+        pass.plugins(&["device plugins"], &launch.device_plugins);
         let models = launch.multibody_configs.clone().unwrap_or_default();
         let named = [&launch.world_config, &launch.input_devices_config, &launch.color_config];
         let exist = |paths: &mut dyn Iterator<Item = &PathBuf>| paths.filter(|path| path.is_file()).count();
@@ -334,12 +337,14 @@ impl Checker {
         }
         if !alone && !files.models.is_empty() {
             let built = self.build(files.world.as_deref(), &files.models);
-            let of = |path: &PathBuf| {
+            let row_of = |path: &PathBuf| {
                 let name = path.canonicalize().ok().and_then(|path| self.names.get(&path).cloned());
-                let row = name.and_then(|name| self.order.get(&name).copied());
-                row.map_or(Counts::default(), |row| self.rows[row].written)
+                name.and_then(|name| self.order.get(&name).copied())
             };
-            let written = files.models.iter().map(of).fold(Counts::default(), |sum, one| sum.plus(&one));
+            let rows: Vec<usize> = files.models.iter().filter_map(row_of).collect();
+            let written = rows.iter().fold(Counts::default(), |sum, &row| sum.plus(&self.rows[row].written));
+            let plugins = rows.iter().filter_map(|row| self.plugins.get(row)).sum();
+            self.plugins.insert(self.rows.len(), plugins);
             let file = format!("{} models together", files.models.len());
             self.rows.push(Row { file, kind: "scene", written, built: Some(built), ..Row::default() });
         }
@@ -369,13 +374,14 @@ impl Checker {
     }
 
     /// Takes over what a walk over a file found.
-    fn take(&mut self, pass: Pass<'_>, row: usize) {
-        let row = &mut self.rows[row];
+    fn take(&mut self, pass: Pass<'_>, place: usize) {
+        let row = &mut self.rows[place];
         row.meshes = pass.files.meshes();
         let others = pass.files.others();
         row.others.named += others.named;
         row.others.found += others.found;
         row.kept = pass.kept();
+        *self.plugins.entry(place).or_default() += pass.plugins;
         self.findings.extend(pass.findings);
     }
 
@@ -448,6 +454,11 @@ impl Checker {
         for finding in self.findings {
             if !known(&finding) && said.insert((finding.place.clone(), finding.sentence.clone())) {
                 findings.push(finding);
+            }
+        }
+        for (row, plugins) in self.plugins {
+            if let Some(built) = &mut self.rows[row].built {
+                built.set("plugins", plugins);
             }
         }
         Checked { findings, rows: self.rows }

@@ -22,6 +22,8 @@ pub(super) struct Pass<'a> {
     /// Topics of the file's objects and the first object that has them.
     topics: HashMap<String, String>,
     setup: PluginSetup,
+    /// Plugins whose libraries are there.
+    pub plugins: usize,
 }
 
 impl<'a> Pass<'a> {
@@ -33,6 +35,7 @@ impl<'a> Pass<'a> {
             kept: BTreeMap::new(),
             topics: HashMap::new(),
             setup: plugins::setup(&[], &[]),
+            plugins: 0,
         }
     }
 
@@ -131,17 +134,19 @@ impl<'a> Pass<'a> {
     /// Looks for the libraries of plugins. They are not opened: what is in them could run.
     pub fn plugins(&mut self, path: &[&str], plugins: &[PluginEntry]) {
         for plugin in plugins {
-            let path: Vec<_> = path.iter().copied().chain(["plugins"]).collect();
-            let Err(error) = self.setup.check(plugin) else { continue };
+            let Err(error) = self.setup.check(plugin) else {
+                self.plugins += 1;
+                continue;
+            };
             let library = plugin.filename.display();
             let sentence = format!("lists `{}` ({library}), which is left out: {error}", plugin.name);
-            self.say(Level::Warning, "plugin", plugin.source.clone(), &path, &sentence);
+            self.say(Level::Warning, "plugin", plugin.source.clone(), path, &sentence);
         }
     }
 
     /// What every element has; `topics`: an object of its type talks to clients.
     pub fn common(&mut self, common: &Common, topics: bool) {
-        self.plugins(&[&common.identifier], &common.plugins);
+        self.plugins(&[&common.identifier, "plugins"], &common.plugins);
         if let Some((low, high)) = common.publish_frequency {
             if low <= high && original_rates(low, high) != (low, high) {
                 self.differs(&original::PUBLISH_FREQUENCY, &common.identifier);

@@ -240,12 +240,12 @@ impl Simulation {
             return false;
         }
         let Some(&joint) = self.scene.active_joints(body).get(index) else { return false };
-        self.command_joint_at(joint, kind, value);
+        self.order_joint(joint, kind, value);
         true
     }
 
     /// Applies a finite command to a joint.
-    pub(super) fn command_joint_at(&mut self, joint: usize, kind: JointCommandType, value: f64) {
+    pub(super) fn order_joint(&mut self, joint: usize, kind: JointCommandType, value: f64) {
         let Scene { joints, bodies, world, profile, .. } = &mut self.scene;
         if *profile == Profile::Legacy {
             joints[joint].apply_command(world, bodies, kind, value, self.sim_time);

@@ -530,7 +530,7 @@ impl Access for Simulation {
                 if matches!(kind, JointCommandType::Unknown(_)) {
                     return Err(CommandError::Unknown);
                 }
-                self.command_joint_at(joint, kind, value);
+                self.order_joint(joint, kind, value);
             }
             Command::Place { object, pose } => self.place(object, &pose)?,
             Command::Hold { actuator, body } => {
