@@ -166,6 +166,29 @@ fn a_plugin_in_c_works_through_the_same_interface() {
     assert_eq!(simulation.take_notices(), ["plugin holder: all was seen", "plugin holder: destroyed"]);
 }
 
+#[test]
+fn the_c_example_of_the_guide_lifts_its_body() {
+    let stage = Stage::new();
+    let guide = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/plugins.md")).unwrap();
+    let example = guide.split("```c\n").map(|rest| rest.split("```").next().unwrap());
+    let example = example.into_iter().find(|code| code.starts_with("#include <stdlib.h>")).expect("the example");
+    let library = compiled(&stage, "lift", example);
+    let model = format!(
+        "bodies: [BODY Ball]\nBODY Ball: {{name: Ball, mass: 1, collision shape: Sphere, collision geometry: {{radius: 0.1}}, \
+         plugins: [{{name: lift, filename: {}}}]}}\n",
+        library.display()
+    );
+    let mut simulation = stage.simulation("gravity: {x: 0, y: 0, z: -9.8}\nmax iterations: 50\n", &[&model]);
+    for _ in 0..100 {
+        simulation.update(0.001).unwrap();
+        simulation.update_plugins();
+    }
+    let scene = simulation.scene();
+    let fallen = scene.bodies[0].pose(&scene.world).translation.vector.z;
+    // One step of free fall, then carried.
+    assert!((fallen + 9.8 * 0.001 * 0.1).abs() < 1e-4, "{fallen}");
+}
+
 fn with_faulty(stage: &Stage, library: &Path, world_handle: &str, simulator_handle: &str) -> (Simulation, Vec<String>) {
     let entry = |handle: &str| format!("plugins: [{{name: {handle}, filename: {}}}]\n", library.display());
     let mut simulation = stage.scene(&format!("gravity: {{x: 0, y: 0, z: 0}}\n{}", entry(world_handle)), &[]);

@@ -8,6 +8,11 @@
 //! [`Simulation::load_plugins`](crate::sim::Simulation::load_plugins) loads what the files of a scene and a command line ask for. Nothing a
 //! plugin does wrong stops the simulation, except what no program can stop: memory that is corrupted, and a callback that never returns.
 
+/// The examples of the guide are compiled.
+#[cfg(doctest)]
+#[doc = include_str!("../../../docs/plugins.md")]
+struct Guide;
+
 pub mod abi;
 mod command;
 mod desk;
