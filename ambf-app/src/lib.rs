@@ -5,6 +5,7 @@ pub mod check;
 pub mod cli;
 pub mod devices;
 pub mod launch;
+pub mod plugins;
 pub mod process;
 pub mod report;
 pub mod ros;

@@ -1,6 +1,25 @@
-//! What this process has used, from `/proc`.
+//! What this process has used, from `/proc`, and how it is told to end.
 
 use std::fs::read_to_string;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::Arc;
+
+use crate::report;
+
+/// Set by SIGINT and SIGTERM; the second of them ends the program at once.
+pub fn stop_flag() -> Arc<AtomicBool> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&stop);
+    let set = ctrlc::set_handler(move || {
+        if flag.swap(true, Ordering::AcqRel) {
+            std::process::exit(130);
+        }
+    });
+    if let Err(error) = set {
+        report!("Ctrl+C cannot be caught ({error}): it will end the program without withdrawing its topics");
+    }
+    stop
+}
 
 /// User and system time of all threads so far, s; 0 where `/proc` does not tell.
 pub fn cpu_seconds() -> f64 {

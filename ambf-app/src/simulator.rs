@@ -5,7 +5,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use ambf_core::adf::PluginEntry;
 use ambf_core::comm::{Middleware, Rates};
 use ambf_core::device::host::DeviceHost;
 use ambf_core::scene::{load, Loaded, SceneOptions, SceneReport};
@@ -17,7 +16,7 @@ use crate::cli::SimulatorOptions;
 use crate::devices;
 use crate::launch::{self, LaunchError};
 use crate::ros::{ModelHost, ModelReply, RosMiddleware, RosOptions};
-use crate::{print_line, report};
+use crate::{plugins, print_line, process, report};
 
 /// How often the main thread looks whether it should end.
 const POLL: Duration = Duration::from_millis(50);
@@ -53,7 +52,7 @@ impl SimulatorError {
 /// # Errors
 /// [`SimulatorError`]. Everything else that goes wrong is reported, and the simulation goes on with the rest.
 pub fn run(options: &SimulatorOptions) -> Result<(), SimulatorError> {
-    let stop = stop_flag();
+    let stop = process::stop_flag();
     print_line!(
         "AMBF simulator {} (physics {} Hz{})",
         env!("CARGO_PKG_VERSION"),
@@ -83,25 +82,9 @@ fn time_step(options: &SimulatorOptions) -> String {
     }
 }
 
-/// Set by SIGINT and SIGTERM; the second of them ends the program at once.
-fn stop_flag() -> Arc<AtomicBool> {
-    let stop = Arc::new(AtomicBool::new(false));
-    let flag = Arc::clone(&stop);
-    let set = ctrlc::set_handler(move || {
-        if flag.swap(true, Ordering::AcqRel) {
-            std::process::exit(130);
-        }
-    });
-    if let Err(error) = set {
-        report!("Ctrl+C cannot be caught ({error}): it will end the program without withdrawing its topics");
-    }
-    stop
-}
-
 fn load_simulation(options: &SimulatorOptions) -> Result<(Simulation, DeviceHost), SimulatorError> {
     let physics = launch::physics(&options.physics).map_err(SimulatorError::Usage)?;
     let (launch, problems) = launch::read_strict(&options.launch_file)?;
-    report_plugins(&launch.plugins, options);
     let (files, skipped) = launch::scene_files(Some(&launch), None, &options.model_files, &options.model_indexes);
     skipped.iter().for_each(|problem| report!("{problem}"));
 
@@ -116,17 +99,10 @@ fn load_simulation(options: &SimulatorOptions) -> Result<(Simulation, DeviceHost
     print_report(&found, options.verbose);
     let sub_step = scene.sub_step.unwrap_or(DEFAULT_SUB_STEP);
     let mut simulation = Simulation::new(scene, sub_step);
-    let (host, said) = devices::open(launch.input_devices_config.as_deref(), options, &mut simulation);
+    let (host, said) = devices::open(&launch, options, &mut simulation);
     said.iter().for_each(|line| report!("{line}"));
+    plugins::load(&mut simulation, &launch.plugins, &options.plugins, options.verbose);
     Ok((simulation, host))
-}
-
-fn report_plugins(plugins: &[PluginEntry], options: &SimulatorOptions) {
-    let listed = plugins.iter().map(|plugin| plugin.filename.display().to_string());
-    let given = options.plugins.iter().map(|path| path.display().to_string());
-    for name in listed.chain(given) {
-        report!("plugin {name} is left out: libraries of the C++ program cannot be loaded");
-    }
 }
 
 fn print_report(found: &SceneReport, verbose: bool) {
@@ -171,8 +147,11 @@ fn serve(
         },
     );
     let outcome = follow(&runner, &mut devices, stop);
-    drop(runner.stop());
+    let simulation = runner.stop();
     devices.stop().iter().for_each(|line| report!("{line}"));
+    if let Some(mut simulation) = simulation {
+        plugins::close(&mut simulation);
+    }
     if let Some(ros) = &mut ros {
         ros.stop();
     }

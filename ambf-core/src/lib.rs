@@ -6,6 +6,7 @@ pub mod comm;
 pub mod control;
 pub mod device;
 pub mod mesh;
+pub mod plugin;
 pub mod scene;
 pub mod sim;
 pub mod urdf;

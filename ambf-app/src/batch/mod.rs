@@ -8,6 +8,7 @@ pub use trace::TraceWriter;
 
 use std::collections::HashMap;
 use std::path::PathBuf;
+use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use ambf_core::scene::{load, Loaded, SceneOptions};
@@ -16,7 +17,8 @@ use thiserror::Error;
 
 use crate::cli::BatchOptions;
 use crate::launch;
-use crate::process::{cpu_seconds, peak_memory_mb};
+use crate::plugins;
+use crate::process::{self, cpu_seconds, peak_memory_mb};
 
 /// Why a batch run ended early.
 #[derive(Debug, Error)]
@@ -42,15 +44,19 @@ pub enum BatchError {
     /// Error when the state became non-finite.
     #[error(transparent)]
     NonFinite(#[from] NonFinite),
+    /// Error when SIGINT or SIGTERM ended a run with plugins, after they were closed. Without plugins these end the program at once.
+    #[error("interrupted")]
+    Interrupted,
 }
 
 impl BatchError {
-    /// Exit status of the program: 1 usage, 2 loading, 3 non-finite.
+    /// Exit status of the program: 1 usage, 2 loading, 3 non-finite, 130 interrupted.
     pub fn status(&self) -> i32 {
         match self {
             Self::Usage(_) => 1,
             Self::Load(_) | Self::Commands(_) | Self::Trace { .. } => 2,
             Self::NonFinite(_) => 3,
+            Self::Interrupted => 130,
         }
     }
 }
@@ -131,6 +137,8 @@ pub fn run(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<Summary, B
     };
     let load = begin.elapsed();
 
+    let has_plugins = simulation.has_plugins();
+    let stop = has_plugins.then(process::stop_flag);
     let cpu_before = cpu_seconds();
     let mut wall = Duration::ZERO;
     let mut tail = (Duration::ZERO, 0);
@@ -139,6 +147,7 @@ pub fn run(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<Summary, B
         if step > 0 {
             let begin = Instant::now();
             simulation.update(options.dt).map_err(|error| name_command(error, &commands, &simulation))?;
+            simulation.update_plugins();
             let cost = begin.elapsed();
             wall += cost;
             if step > options.steps - options.steps / 4 {
@@ -155,7 +164,15 @@ pub fn run(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<Summary, B
             commands.apply(&mut simulation, step);
             wall += begin.elapsed();
         }
+        if has_plugins {
+            plugins::say(&mut simulation);
+        }
+        if stop.as_ref().is_some_and(|stop| stop.load(Ordering::Acquire)) {
+            plugins::close(&mut simulation);
+            return Err(BatchError::Interrupted);
+        }
     }
+    plugins::close(&mut simulation);
     let cpu_s = cpu_seconds() - cpu_before;
     if let Some(trace) = trace {
         trace.finish().map_err(trace_error)?;
@@ -195,7 +212,10 @@ fn load_scene(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<(Simula
         return Err(BatchError::Load(report.to_string().trim_end().to_owned()));
     }
     warn(report.to_string().trim_end());
-    Ok((Simulation::new(scene, options.dt), report.errors() > 0))
+    let mut simulation = Simulation::new(scene, options.dt);
+    let listed = launch.as_ref().map(|launch| launch.plugins.as_slice()).unwrap_or_default();
+    plugins::load(&mut simulation, listed, &options.plugins, false);
+    Ok((simulation, report.errors() > 0))
 }
 
 /// Says which line of the command file the lost body was last told.

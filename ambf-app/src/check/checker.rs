@@ -64,6 +64,8 @@ pub(super) struct Checker {
     /// Elements of worlds without a model.
     empty_worlds: HashMap<Option<PathBuf>, Counts>,
     colours: Option<Arc<Colours>>,
+    /// By row: plugins whose libraries are there.
+    plugins: HashMap<usize, usize>,
 }
 
 impl Checker {
@@ -192,7 +194,8 @@ impl Checker {
     fn launch(&mut self, outline: &Outline, row: usize) {
         let Some(launch) = self.read::<Launch>(outline, row) else { return };
         let mut pass = Pass::new(outline);
-        pass.plugins(&[], &launch.plugins);
+        pass.plugins(&["plugins"], &launch.plugins);
+        pass.plugins(&["device plugins"], &launch.device_plugins);
         let models = launch.multibody_configs.clone().unwrap_or_default();
         let named = [&launch.world_config, &launch.input_devices_config, &launch.color_config];
         let exist = |paths: &mut dyn Iterator<Item = &PathBuf>| paths.filter(|path| path.is_file()).count();
@@ -334,12 +337,14 @@ impl Checker {
         }
         if !alone && !files.models.is_empty() {
             let built = self.build(files.world.as_deref(), &files.models);
-            let of = |path: &PathBuf| {
+            let row_of = |path: &PathBuf| {
                 let name = path.canonicalize().ok().and_then(|path| self.names.get(&path).cloned());
-                let row = name.and_then(|name| self.order.get(&name).copied());
-                row.map_or(Counts::default(), |row| self.rows[row].written)
+                name.and_then(|name| self.order.get(&name).copied())
             };
-            let written = files.models.iter().map(of).fold(Counts::default(), |sum, one| sum.plus(&one));
+            let rows: Vec<usize> = files.models.iter().filter_map(row_of).collect();
+            let written = rows.iter().fold(Counts::default(), |sum, &row| sum.plus(&self.rows[row].written));
+            let plugins = rows.iter().filter_map(|row| self.plugins.get(row)).sum();
+            self.plugins.insert(self.rows.len(), plugins);
             let file = format!("{} models together", files.models.len());
             self.rows.push(Row { file, kind: "scene", written, built: Some(built), ..Row::default() });
         }
@@ -369,13 +374,14 @@ impl Checker {
     }
 
     /// Takes over what a walk over a file found.
-    fn take(&mut self, pass: Pass<'_>, row: usize) {
-        let row = &mut self.rows[row];
+    fn take(&mut self, pass: Pass<'_>, place: usize) {
+        let row = &mut self.rows[place];
         row.meshes = pass.files.meshes();
         let others = pass.files.others();
         row.others.named += others.named;
         row.others.found += others.found;
         row.kept = pass.kept();
+        *self.plugins.entry(place).or_default() += pass.plugins;
         self.findings.extend(pass.findings);
     }
 
@@ -426,7 +432,7 @@ impl Checker {
         };
         // Stable: what was found first stays first.
         self.findings.sort_by_key(key);
-        // Missing files and plugins are remarks of the scene too.
+        // Missing files are remarks of the scene too.
         let missing: HashSet<_> = (self.findings.iter())
             .filter(|finding| finding.kind == "missing file" && finding.level == Level::Error)
             .map(|finding| (Arc::clone(&finding.place.file), finding.path.clone()))
@@ -437,25 +443,22 @@ impl Checker {
             .filter(|finding| finding.kind == "missing file" && finding.level == Level::Error)
             .map(|finding| finding.place.clone())
             .collect();
-        let plugins: HashSet<_> = self
-            .findings
-            .iter()
-            .filter(|finding| finding.kind == "plugin")
-            .map(|finding| finding.place.clone())
-            .collect();
         let known = |finding: &Finding| {
             let dropped = finding.sentence.strip_prefix('`').and_then(|text| text.split_once("` is dropped"));
             let of = |(identifier, _): (&str, &str)| (Arc::clone(&finding.place.file), identifier.to_owned());
             let is_part = missing_parts.contains(&finding.place) && finding.sentence.contains("is left out");
-            let is_plugin = finding.sentence.starts_with("plugin ") && plugins.contains(&finding.place);
-            finding.kind == "scene"
-                && (is_part || is_plugin || dropped.is_some_and(|dropped| missing.contains(&of(dropped))))
+            finding.kind == "scene" && (is_part || dropped.is_some_and(|dropped| missing.contains(&of(dropped))))
         };
         let mut said = HashSet::new();
         let mut findings = Vec::with_capacity(self.findings.len());
         for finding in self.findings {
             if !known(&finding) && said.insert((finding.place.clone(), finding.sentence.clone())) {
                 findings.push(finding);
+            }
+        }
+        for (row, plugins) in self.plugins {
+            if let Some(built) = &mut self.rows[row].built {
+                built.set("plugins", plugins);
             }
         }
         Checked { findings, rows: self.rows }

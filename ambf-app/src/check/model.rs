@@ -32,7 +32,7 @@ pub(super) fn model(pass: &mut Pass<'_>, model: &Model) {
     view::lights(pass, &model.lights);
     model.volumes.iter().for_each(|v| volume(pass, v));
     pass.shaders(&whole, &["shaders"], model.shaders.as_ref());
-    pass.plugins(&[], &model.plugins);
+    pass.plugins(&["plugins"], &model.plugins);
 }
 
 /// The bodies of a model by qualified identifier.

@@ -5,9 +5,12 @@ use std::path::Path;
 
 use ambf_core::adf::{Common, Entry, Material, Outline, PluginEntry, ShaderProgram, SourcePos};
 
+use ambf_core::plugin::PluginSetup;
+
 use super::files::Files;
 use super::finding::{Finding, Level};
 use super::original::{self, Difference};
+use crate::plugins;
 
 /// Collects what is worth saying about a file beside the problems that the reader met.
 pub(super) struct Pass<'a> {
@@ -18,11 +21,22 @@ pub(super) struct Pass<'a> {
     kept: BTreeMap<&'static str, usize>,
     /// Topics of the file's objects and the first object that has them.
     topics: HashMap<String, String>,
+    setup: PluginSetup,
+    /// Plugins whose libraries are there.
+    pub plugins: usize,
 }
 
 impl<'a> Pass<'a> {
     pub fn new(outline: &'a Outline) -> Self {
-        Self { outline, files: Files::default(), findings: Vec::new(), kept: BTreeMap::new(), topics: HashMap::new() }
+        Self {
+            outline,
+            files: Files::default(),
+            findings: Vec::new(),
+            kept: BTreeMap::new(),
+            topics: HashMap::new(),
+            setup: plugins::setup(&[], &[]),
+            plugins: 0,
+        }
     }
 
     /// What is kept but not drawn, sorted by name.
@@ -117,20 +131,22 @@ impl<'a> Pass<'a> {
         }
     }
 
-    /// Names plugins: none of them can be loaded.
+    /// Looks for the libraries of plugins. They are not opened: what is in them could run.
     pub fn plugins(&mut self, path: &[&str], plugins: &[PluginEntry]) {
         for plugin in plugins {
-            let path: Vec<_> = path.iter().copied().chain(["plugins"]).collect();
+            let Err(error) = self.setup.check(plugin) else {
+                self.plugins += 1;
+                continue;
+            };
             let library = plugin.filename.display();
-            let sentence =
-                format!("lists `{}` ({library}), which cannot be loaded: it is made for the C++ program", plugin.name);
-            self.say(Level::Warning, "plugin", plugin.source.clone(), &path, &sentence);
+            let sentence = format!("lists `{}` ({library}), which is left out: {error}", plugin.name);
+            self.say(Level::Warning, "plugin", plugin.source.clone(), path, &sentence);
         }
     }
 
     /// What every element has; `topics`: an object of its type talks to clients.
     pub fn common(&mut self, common: &Common, topics: bool) {
-        self.plugins(&[&common.identifier], &common.plugins);
+        self.plugins(&[&common.identifier, "plugins"], &common.plugins);
         if let Some((low, high)) = common.publish_frequency {
             if low <= high && original_rates(low, high) != (low, high) {
                 self.differs(&original::PUBLISH_FREQUENCY, &common.identifier);

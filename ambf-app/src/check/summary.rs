@@ -90,7 +90,7 @@ pub fn written(outline: &Outline, kind: FileKind) -> Counts {
         }
         FileKind::Launch => {
             counts.set("models", listed("multibody configs"));
-            counts.set("plugins", listed("plugins"));
+            counts.set("plugins", listed("plugins") + listed("device plugins"));
         }
         FileKind::InputDevices => counts.set("devices", listed("input devices")),
         FileKind::ColorTable => counts.set("colours", root.keys().filter(|key| *key != "adf version").count()),

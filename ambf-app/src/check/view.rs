@@ -25,7 +25,7 @@ pub(super) fn world(pass: &mut Pass<'_>, world: &World) {
         }
         pass.shaders(&place, &["skybox", "shaders"], skybox.shaders.as_ref());
     }
-    pass.plugins(&[], &world.common.plugins);
+    pass.plugins(&["plugins"], &world.common.plugins);
 }
 
 pub(super) fn lights(pass: &mut Pass<'_>, lights: &[Light]) {

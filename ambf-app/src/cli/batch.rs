@@ -25,6 +25,8 @@ pub struct BatchOptions {
     pub dt: f64,
     /// Command file.
     pub commands: Option<PathBuf>,
+    /// Simulator plugins, in load order.
+    pub plugins: Vec<PathBuf>,
     /// What the names of the trace files begin with; `None`: no traces.
     pub trace: Option<PathBuf>,
     /// A row is written every so many steps, at least 1; default: 1.
@@ -94,6 +96,9 @@ struct Arguments {
     /// Commands to apply
     #[arg(long, value_name = "FILE", help_heading = "Scene")]
     commands: Option<PathBuf>,
+    /// Simulator plugins to load
+    #[arg(long, value_name = "FILE,…", value_parser = strict_paths, help_heading = "Scene")]
+    plugins: Option<List<PathBuf>>,
 
     /// Number of steps
     #[arg(long, value_name = "N", value_parser = steps, help_heading = "Time")]
@@ -174,6 +179,7 @@ impl Arguments {
             steps: self.steps.unwrap_or(0),
             dt: self.dt,
             commands: self.commands,
+            plugins: self.plugins.map(|list| list.0).unwrap_or_default(),
             trace: self.trace,
             every: self.every,
             full: self.full,
@@ -211,6 +217,7 @@ mod tests {
             steps: 10,
             dt: 0.001,
             commands: None,
+            plugins: vec![],
             trace: None,
             every: 1,
             full: false,
@@ -225,7 +232,7 @@ mod tests {
     #[test]
     fn every_option_is_read() {
         let options = run(
-            "-a a.yaml,b.yaml --launch_file l.yaml --world w.yaml --steps 7 --dt 0.0005 --commands c.txt --trace out/t \
+            "-a a.yaml,b.yaml --launch_file l.yaml --world w.yaml --steps 7 --dt 0.0005 --commands c.txt --plugins p.so,builtin:q --trace out/t \
              --every 20 --full --profile legacy --solver nncg --iterations 5 --integrator rk4 --sleep --articulated=no --json",
         );
         let expected = BatchOptions {
@@ -236,6 +243,7 @@ mod tests {
             steps: 7,
             dt: 0.0005,
             commands: Some("c.txt".into()),
+            plugins: ["p.so", "builtin:q"].map(PathBuf::from).to_vec(),
             trace: Some("out/t".into()),
             every: 20,
             full: true,

@@ -20,6 +20,8 @@ pub struct Launch {
     pub multibody_configs: Option<Vec<PathBuf>>,
     /// Simulator plugins.
     pub plugins: Vec<PluginEntry>,
+    /// Drivers of input devices in shared libraries; the reference has no such key.
+    pub device_plugins: Vec<PluginEntry>,
     /// The file.
     pub source: SourcePos,
 }
@@ -46,7 +48,8 @@ impl Launch {
             color_config: root.path_beside("color config"),
             multibody_configs: (root.has("multibody configs"))
                 .then(|| models.iter().map(|(path, _)| beside(dir, path)).collect()),
-            plugins: root.plugins(),
+            plugins: root.plugins("plugins"),
+            device_plugins: root.plugins("device plugins"),
             source: root.reader().source(root.mark),
         };
         for key in launch.missing_keys() {
@@ -66,13 +69,15 @@ mod tests {
     #[test]
     fn paths_and_missing_keys() {
         let text = "world config: w.yaml\ninput devices config: /d.yaml\ncolor config: ./c.yaml\n\
-                    multibody configs: [a.yaml, 'b c.yaml']\nplugins: [{name: p, filename: libp.so, path: x}]\n";
+                    multibody configs: [a.yaml, 'b c.yaml']\nplugins: [{name: p, filename: libp.so, path: x}]\n\
+                    device plugins: [{name: d, filename: libd.so}]\n";
         let launch: Launch = clean(text);
         assert_eq!(launch.world_config, Some("dir/w.yaml".into()));
         assert_eq!(launch.input_devices_config, Some("/d.yaml".into()));
         let models = launch.multibody_configs.as_deref().expect("models");
         assert_eq!(models, ["dir/a.yaml", "dir/b c.yaml"].map(PathBuf::from));
         assert_eq!(launch.plugins[0].path, Some("dir/x".into()));
+        assert_eq!((launch.device_plugins.len(), launch.device_plugins[0].name.as_str()), (1, "d"));
         let (launch, problems) = read::<Launch>("multibody configs:\nplugins: [{name: p}]\n");
         assert_eq!(launch.multibody_configs, Some(vec![]));
         assert_eq!(launch.missing_keys().len(), 3);

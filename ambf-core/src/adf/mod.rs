@@ -16,6 +16,7 @@ mod joint;
 mod launch;
 mod light;
 mod model;
+mod node_text;
 mod normalise;
 mod outline;
 mod reader;
@@ -51,6 +52,7 @@ pub use joint::{ConeTwistLimits, Joint, JointKind, Limits, LinearAngular, SixDof
 pub use launch::Launch;
 pub use light::{Attenuation, Light};
 pub use model::Model;
+pub use node_text::node_text;
 pub use outline::{Entry, FileKind, Outline};
 pub use report::{LoadError, Problem, ProblemKind, Report, Severity, Verbose};
 pub use sensor::{Actuator, Ray, RaySource, ResistanceParameters, Sensor, SensorKind};

@@ -84,7 +84,7 @@ impl Model {
             ignore_inter_collision: root.boolean("ignore inter-collision").unwrap_or(false),
             gravity: root.vector("gravity"),
             shaders: root.shaders("shaders"),
-            plugins: root.plugins(),
+            plugins: root.plugins("plugins"),
             namespace: base.namespace,
             file,
         };

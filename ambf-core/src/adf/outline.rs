@@ -99,6 +99,14 @@ impl Outline {
         super::with_document(&bytes, path, |doc, _| Ok(Self::of(doc, path)))
     }
 
+    /// Reads a text as [`load`](Self::load) reads a file; `path` stands for its name.
+    ///
+    /// # Errors
+    /// As [`load`](Self::load), except that nothing is unreadable.
+    pub fn parse(text: &str, path: &Path) -> Result<Self, LoadError> {
+        super::with_document(text.as_bytes(), path, |doc, _| Ok(Self::of(doc, path)))
+    }
+
     /// The outline of a file that has no keys, such as one that is not YAML.
     pub fn empty(path: &Path) -> Self {
         let node = Node { mark: Mark { line: 1, column: 1 }, value: Value::Null };

@@ -151,14 +151,15 @@ impl Map<'_> {
                 map.finish();
                 range
             }),
-            plugins: self.plugins(),
+            plugins: self.plugins("plugins"),
             source: self.reader().source(self.mark),
         }
     }
 
-    pub(super) fn plugins(&self) -> Vec<PluginEntry> {
+    /// The list of plugins under `key`.
+    pub(super) fn plugins(&self, key: &'static str) -> Vec<PluginEntry> {
         let mut plugins = Vec::new();
-        for map in self.maps("plugins") {
+        for map in self.maps(key) {
             let entry = (map.string("name"), map.string("filename"));
             let path = map.path_beside("path");
             map.finish();

@@ -28,6 +28,7 @@ pub use hub::{
 };
 pub use mailbox::{Inbox, Mailbox};
 pub use schedule::{PublishSchedule, Rates};
+pub(crate) use snapshot::Slot as SnapshotSlot;
 pub use snapshot::{
     GhostReading, RayReading, Snapshot, SnapshotWriter, SoftBodyReading, Timing, VehicleReading, Wrench,
 };

@@ -131,11 +131,11 @@ impl Default for Snapshot {
 }
 
 /// Where the newest snapshot is found.
-pub(super) type Slot = ArcSwapOption<Snapshot>;
+pub(crate) type Slot<T = Snapshot> = ArcSwapOption<T>;
 
 /// The physics thread's end: fills a snapshot that nobody reads and makes it the newest, without waiting or allocating.
-pub struct SnapshotWriter {
-    pool: VecDeque<Arc<Snapshot>>,
+pub struct SnapshotWriter<T = Snapshot> {
+    pool: VecDeque<Arc<T>>,
     /// Whether what is in the slot may come from another writer, with arrays of other sizes.
     is_new: bool,
 }
@@ -143,15 +143,15 @@ pub struct SnapshotWriter {
 /// Readers hold a snapshot for microseconds; with this many in turn one is always free.
 const POOL: usize = 6;
 
-impl SnapshotWriter {
+impl<T: Clone> SnapshotWriter<T> {
     /// A writer of snapshots with the array sizes of `template`.
-    pub fn new(template: Snapshot) -> Self {
+    pub fn new(template: T) -> Self {
         Self { pool: (0..POOL).map(|_| Arc::new(template.clone())).collect(), is_new: true }
     }
 
     /// Lets `fill` overwrite a free snapshot and swaps it into `slot`. False, and nothing is published, in the rare case that
     /// readers hold all of them.
-    pub(super) fn publish(&mut self, slot: &Slot, fill: impl FnOnce(&mut Snapshot)) -> bool {
+    pub(crate) fn publish(&mut self, slot: &Slot<T>, fill: impl FnOnce(&mut T)) -> bool {
         for _ in 0..self.pool.len() {
             let Some(mut candidate) = self.pool.pop_front() else { break };
             if let Some(snapshot) = Arc::get_mut(&mut candidate) {

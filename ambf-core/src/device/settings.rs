@@ -26,6 +26,16 @@ impl Settings {
         Self { entries, directory }
     }
 
+    /// Keys and settings, sorted by key.
+    pub fn iter(&self) -> impl Iterator<Item = (&str, &Setting)> {
+        self.entries.iter().map(|(key, setting)| (key.as_str(), setting))
+    }
+
+    /// Directory to which relative paths belong.
+    pub fn directory(&self) -> &Path {
+        &self.directory
+    }
+
     /// Text of `key`.
     pub fn text(&self, key: &str) -> Option<&str> {
         self.entries.get(key).map(|setting| setting.value.as_str())

@@ -11,8 +11,8 @@ use super::driven::BodyOrder;
 use super::joint::{constraint, frames, Joint};
 use super::placed::{camera_parameters, camera_pose, light_rotation, Camera, Light, Placed};
 use super::{
-    shape, Bodies, BodyGraph, Counts, Found, Identity, ModelInfo, NameMap, Names, Note, Parent, PhysicsOptions, Scene,
-    SceneOptions,
+    shape, Bodies, BodyGraph, Counts, Found, Identity, ModelInfo, NameMap, Names, Note, ObjectType, Parent,
+    PhysicsOptions, Scene, SceneOptions,
 };
 use crate::adf::{self, CollisionGeometry, Part, PartGeometry, PhysicsProfile, RaySource, Severity, SourcePos};
 use crate::bullet::{self, Gyroscopic, Integrator, Preset, Solver, SolverSettings, World};
@@ -30,7 +30,7 @@ pub(super) struct Builder<'a> {
     pub notes: Vec<Note>,
     pub(super) meshes: &'a MeshCache,
     /// Index of the model that is being built.
-    model: usize,
+    pub(super) model: usize,
     /// Its bodies by qualified identifier.
     own_names: NameMap,
     /// Objects and joints of the models before it.
@@ -83,9 +83,8 @@ pub(super) fn empty_scene(
         (None, Profile::Accurate) => (Solver::Accurate, Integrator::RungeKutta),
     };
     let solver = physics.solver.unwrap_or(solver);
-    let (source, common) = (&world.common.source, &world.common);
+    let source = &world.common.source;
     let mut warn = |message| notes.push(Note { severity: Severity::Warning, source: source.clone(), message });
-    common.plugins.iter().for_each(|plugin| warn(plugin_message(plugin)));
     if world.skybox.is_some() {
         warn("kept, but not drawn: skybox".into());
     }
@@ -154,6 +153,7 @@ pub(super) fn empty_scene(
         active_joints: Vec::new(),
         names: Names::default(),
         elements: Vec::new(),
+        plugins: Vec::new(),
     }
 }
 
@@ -169,6 +169,7 @@ impl<'a> Builder<'a> {
         let world = Arc::clone(&self.scene.description);
         let model = self.begin_model(model);
         self.add_objects(&model);
+        self.declare_plugins(&model);
         self.add_lights(&world.lights);
         self.add_cameras(&world.cameras);
         self.finish_model();
@@ -180,6 +181,7 @@ impl<'a> Builder<'a> {
         self.add_objects(&model);
         self.add_cameras(&model.cameras);
         self.add_lights(&model.lights);
+        self.declare_plugins(&model);
         self.finish_model();
     }
 
@@ -210,9 +212,6 @@ impl<'a> Builder<'a> {
         let description = Arc::new(model);
         scene.models.push(ModelInfo { key: key + &suffix, description: Arc::clone(&description), removed: false });
         self.note_undrawn(&description);
-        for plugin in plugins(&description) {
-            self.note(Severity::Warning, &plugin.source, plugin_message(plugin));
-        }
         description
     }
 
@@ -258,17 +257,31 @@ impl<'a> Builder<'a> {
         let first = self.scene.bodies.len();
         let mut self_collision = Vec::with_capacity(model.bodies.len());
         for body in &model.bodies {
-            if let Some(index) = self.add_body(body, model) {
-                self_collision.push(body.self_collision);
-                self.own_names.insert(&self.scene.bodies[index].identity.key(), index);
-            }
+            self.with_plugins(ObjectType::Body, &body.common, |builder| {
+                if let Some(index) = builder.add_body(body, model) {
+                    self_collision.push(body.self_collision);
+                    builder.own_names.insert(&builder.scene.bodies[index].identity.key(), index);
+                }
+            });
         }
-        model.soft_bodies.iter().for_each(|soft| self.add_soft_body(soft));
-        model.ghosts.iter().for_each(|ghost| self.add_ghost(ghost));
-        model.sensors.iter().for_each(|sensor| self.add_sensor(sensor));
-        model.actuators.iter().for_each(|actuator| self.add_actuator(actuator));
-        model.joints.iter().for_each(|joint| self.add_joint(joint));
-        model.vehicles.iter().for_each(|vehicle| self.add_vehicle(vehicle));
+        for soft in &model.soft_bodies {
+            self.with_plugins(ObjectType::SoftBody, &soft.common, |builder| builder.add_soft_body(soft));
+        }
+        for ghost in &model.ghosts {
+            self.with_plugins(ObjectType::Ghost, &ghost.common, |builder| builder.add_ghost(ghost));
+        }
+        for sensor in &model.sensors {
+            self.with_plugins(ObjectType::Sensor, &sensor.common, |builder| builder.add_sensor(sensor));
+        }
+        for actuator in &model.actuators {
+            self.with_plugins(ObjectType::Actuator, &actuator.common, |builder| builder.add_actuator(actuator));
+        }
+        for joint in &model.joints {
+            self.with_plugins(ObjectType::Joint, &joint.common, |builder| builder.add_joint(joint));
+        }
+        for vehicle in &model.vehicles {
+            self.with_plugins(ObjectType::Vehicle, &vehicle.common, |builder| builder.add_vehicle(vehicle));
+        }
         if model.ignore_inter_collision {
             self.ignore_all_pairs(first, &self_collision);
         }
@@ -408,7 +421,7 @@ impl<'a> Builder<'a> {
             self.note(Severity::Warning, &joint.common.source, message);
         }
         self.scene.has_feedback |= joint.enable_feedback && handle.is_some();
-        let live = Joint::new(joint, key, (parent, child), axis, handle);
+        let live = Joint::new(joint, key, (parent, child), self.model, axis, handle);
         self.scene.joints.push(live);
     }
 
@@ -466,26 +479,33 @@ impl<'a> Builder<'a> {
 
     fn add_cameras(&mut self, cameras: &[adf::Camera]) {
         for camera in cameras {
-            let pose = camera_pose(&camera.location, &camera.look_at, &camera.up);
-            let identity = self.identity(&camera.common, |scene| &scene.names.cameras);
-            self.scene.cameras.push(Camera {
-                placed: Placed::new(identity, pose),
-                parameters: camera_parameters(camera),
-                look_at: camera.look_at,
-                description: camera.clone(),
-            });
+            self.with_plugins(ObjectType::Camera, &camera.common, |builder| builder.add_camera(camera));
         }
+    }
+
+    fn add_camera(&mut self, camera: &adf::Camera) {
+        let pose = camera_pose(&camera.location, &camera.look_at, &camera.up);
+        let identity = self.identity(&camera.common, |scene| &scene.names.cameras);
+        self.scene.cameras.push(Camera {
+            placed: Placed::new(identity, pose),
+            parameters: camera_parameters(camera),
+            look_at: camera.look_at,
+            description: camera.clone(),
+        });
     }
 
     fn add_lights(&mut self, lights: &[adf::Light]) {
         for light in lights {
-            let mut pose = light.location;
-            pose.rotation = light.direction.as_ref().and_then(light_rotation).unwrap_or(pose.rotation);
-            let identity = self.identity(&light.common, |scene| &scene.names.lights);
-            let parameters = LightParameters { cutoff_angle: light.cutoff_angle, parent_name: light.parent.clone() };
-            let placed = Placed::new(identity, pose);
-            self.scene.lights.push(Light { placed, parameters, description: light.clone() });
+            self.with_plugins(ObjectType::Light, &light.common, |builder| builder.add_light(light));
         }
+    }
+
+    fn add_light(&mut self, light: &adf::Light) {
+        let mut pose = light.location;
+        pose.rotation = light.direction.as_ref().and_then(light_rotation).unwrap_or(pose.rotation);
+        let identity = self.identity(&light.common, |scene| &scene.names.lights);
+        let parameters = LightParameters { cutoff_angle: light.cutoff_angle, parent_name: light.parent.clone() };
+        self.scene.lights.push(Light { placed: Placed::new(identity, pose), parameters, description: light.clone() });
     }
 
     /// Enters a model's objects in the world's maps and applies what concerns them together.
@@ -566,25 +586,6 @@ impl<'a> Builder<'a> {
             Parent::Ghost(index) => self.scene.ghosts[index].source.clone(),
         }
     }
-}
-
-/// Plugins of a model and of its objects.
-fn plugins(model: &adf::Model) -> impl Iterator<Item = &adf::PluginEntry> {
-    let commons = (model.bodies.iter().map(|x| &x.common))
-        .chain(model.soft_bodies.iter().map(|x| &x.common))
-        .chain(model.ghosts.iter().map(|x| &x.common))
-        .chain(model.sensors.iter().map(|x| &x.common))
-        .chain(model.actuators.iter().map(|x| &x.common))
-        .chain(model.joints.iter().map(|x| &x.common))
-        .chain(model.vehicles.iter().map(|x| &x.common))
-        .chain(model.cameras.iter().map(|x| &x.common))
-        .chain(model.lights.iter().map(|x| &x.common))
-        .chain(model.volumes.iter().map(|x| &x.common));
-    model.plugins.iter().chain(commons.flat_map(|common| &common.plugins))
-}
-
-fn plugin_message(plugin: &adf::PluginEntry) -> String {
-    format!("plugin {} is left out: libraries of the C++ program cannot be loaded", plugin.filename.display())
 }
 
 /// Enters the objects beyond the first `known` under their keys, sorted by key, as the C++ program's maps are.

@@ -99,6 +99,8 @@ pub struct Joint {
     pub parent: usize,
     /// Index of the child body.
     pub child: usize,
+    /// Index of the model that describes it.
+    pub model: usize,
     /// Left out of states and joint commands, with its child.
     pub passive: bool,
     /// Range of the coordinate, rad or m.
@@ -134,6 +136,7 @@ impl Joint {
         joint: &adf::Joint,
         key: String,
         (parent, child): (usize, usize),
+        model: usize,
         axis: Vector3<f64>,
         constraint: Option<(ConstraintHandle, usize)>,
     ) -> Self {
@@ -143,6 +146,7 @@ impl Joint {
             joint_type: JointType::from(&joint.kind),
             parent,
             child,
+            model,
             passive: joint.common.passive,
             limits: joint.limits,
             enable_motor: joint.enable_motor,

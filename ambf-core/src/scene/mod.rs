@@ -13,6 +13,7 @@ mod identity;
 mod joint;
 mod load;
 mod names;
+mod object;
 mod placed;
 mod remove;
 mod sensor;
@@ -30,6 +31,7 @@ pub use identity::Identity;
 pub use joint::{Joint, JointType};
 pub use load::{load, read_model, Loaded, PreparedModel, SceneFiles, SceneReport};
 pub use names::{Found, NameMap};
+pub use object::{DeclaredPlugins, ObjectId, ObjectType};
 pub use placed::{Camera, Light, Parent, Placed};
 pub use sensor::{LocalRay, Sensed, Sensor};
 pub use soft_body::SoftBody;
@@ -164,6 +166,9 @@ pub struct Scene {
     pub has_feedback: bool,
     /// What the world was made from: also all that is only drawn (skybox, shaders).
     pub description: Arc<adf::World>,
+    /// Plugins that models and objects ask for, in the order in which they are loaded; those of the world are in its
+    /// [`description`](Self::description). Nothing here loads them.
+    pub plugins: Vec<DeclaredPlugins>,
     options: SceneOptions,
     /// For each body its active joints; see [`active_joints`](Self::active_joints).
     active_joints: Vec<Vec<usize>>,
@@ -328,6 +333,15 @@ impl Scene {
     pub(crate) fn command_actuator(&mut self, index: usize, command: &ActuatorCommand) -> Option<String> {
         let Self { actuators, world, bodies, body_names, sensors, names, .. } = self;
         actuators[index].apply_command(world, bodies, body_names, sensors, &names.sensors, command)
+    }
+
+    /// Lets an actuator hold a body where it is, or let go.
+    pub(crate) fn hold_with_actuator(&mut self, index: usize, body: Option<usize>) {
+        let Self { actuators, world, bodies, .. } = self;
+        match body {
+            Some(body) => actuators[index].hold(world, bodies, body, None),
+            None => actuators[index].release(world, bodies),
+        }
     }
 
     /// Cameras, lights and ghost objects back to where they were.

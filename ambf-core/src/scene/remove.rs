@@ -14,6 +14,11 @@ impl Scene {
         }
     }
 
+    /// Index of the model called `name`, the environment included.
+    pub(crate) fn find_any_model(&self, name: &str) -> Option<usize> {
+        self.names.models.index(name)
+    }
+
     /// Takes a model out of the scene, with all joints and everything held that leads into it.
     pub(crate) fn remove_model(&mut self, model: usize) {
         self.orphan_children(model);

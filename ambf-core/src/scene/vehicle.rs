@@ -53,6 +53,18 @@ impl Wheel {
     }
 }
 
+impl Wheel {
+    /// Takes over what is wanted, within the limits.
+    fn drive(&mut self, world: &mut World, vehicle: VehicleHandle, index: usize, wanted: Drive) {
+        self.drive = Drive {
+            steering: within(wanted.steering, self.steering_limits.low, self.steering_limits.high),
+            power: within(wanted.power, -self.max_power, self.max_power),
+            brake: within(wanted.brake, 0.0, self.max_brake),
+        };
+        world.drive(vehicle, index, self.drive.steering, self.drive.power, self.drive.brake);
+    }
+}
+
 /// Not `clamp`: the limits may be the wrong way round.
 fn within(value: f64, low: f64, high: f64) -> f64 {
     value.min(high).max(low)
@@ -70,16 +82,25 @@ impl Vehicle {
             };
             // A wheel that no value is given for keeps its angle.
             let steering = command.steering.get(i).copied().unwrap_or(wheel.drive.steering);
-            wheel.drive = Drive {
-                steering: within(steering, wheel.steering_limits.low, wheel.steering_limits.high),
-                power: within(power, -wheel.max_power, wheel.max_power),
-                brake: within(brake, 0.0, wheel.max_brake),
-            };
-            world.drive(self.handle, i, wheel.drive.steering, wheel.drive.power, wheel.drive.brake);
+            wheel.drive(world, self.handle, i, Drive { steering, power, brake });
         }
         if command.force != Vector3::zeros() || command.torque != Vector3::zeros() {
             world.apply_wrench(bodies[self.chassis].handle, &command.force, &command.torque);
         }
+    }
+
+    /// Drives one wheel; false when there is none of that index.
+    pub(crate) fn drive_wheel(
+        &mut self,
+        world: &mut World,
+        index: usize,
+        steering: f64,
+        power: f64,
+        brake: f64,
+    ) -> bool {
+        let Some(wheel) = self.wheels.get_mut(index) else { return false };
+        wheel.drive(world, self.handle, index, Drive { steering, power, brake });
+        true
     }
 
     /// Lets the bodies that show wheels follow them.

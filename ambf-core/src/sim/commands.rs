@@ -342,10 +342,20 @@ impl Simulation {
         })
     }
 
-    /// Does the resets that were asked for through the hub; true if there was one.
+    /// Does the resets that clients or plugins asked for; true if there was one.
     pub(super) fn do_requested_resets(&mut self) -> bool {
-        let Some(link) = &self.link else { return false };
-        match link.hub.take_resets() {
+        let from_clients = self.link.as_ref().map(|link| link.hub.take_resets()).unwrap_or_default();
+        self.do_resets(from_clients) | self.do_plugin_resets()
+    }
+
+    /// Does the resets that plugins asked for; true if there was one.
+    pub(super) fn do_plugin_resets(&mut self) -> bool {
+        let resets = self.take_plugin_resets();
+        self.do_resets(resets)
+    }
+
+    fn do_resets(&mut self, resets: (bool, bool)) -> bool {
+        match resets {
             (true, _) => self.reset_world(),
             (false, true) => self.reset_bodies(),
             (false, false) => return false,
@@ -353,9 +363,9 @@ impl Simulation {
         true
     }
 
-    /// Whether clients asked for a reset that was not done yet.
+    /// Whether clients or plugins asked for a reset that was not done yet.
     pub(super) fn reset_is_requested(&self) -> bool {
-        self.link.as_ref().is_some_and(|link| link.hub.reset_requested())
+        self.link.as_ref().is_some_and(|link| link.hub.reset_requested()) || self.plugins_want_reset()
     }
 
     /// Lets the cap on sub-steps learn what the latest update cost.

@@ -6,6 +6,7 @@ mod devices;
 mod driven;
 mod models;
 mod pace;
+mod plugins;
 mod runner;
 mod statistics;
 
@@ -20,12 +21,14 @@ use nalgebra::Vector3;
 use thiserror::Error;
 
 use crate::comm::{Hub, Snapshot, Timing, Wrench};
+use crate::plugin::Plugins;
 use crate::scene::Scene;
 use cap::SubStepCap;
 use commands::Link;
 use devices::Devices;
 use driven::Driven;
 use models::ModelRequests;
+use plugins::PluginState;
 
 /// Bullet's internal step unless somebody asks for another: 1 ms, whatever the frequency of the loop.
 pub const DEFAULT_SUB_STEP: f64 = 0.001;
@@ -54,6 +57,9 @@ impl fmt::Display for Joined<'_> {
 
 /// A scene in time. It owns the Bullet world and all objects; one thread steps it.
 pub struct Simulation {
+    /// Before the scene, so that they are closed before it goes.
+    plugins: Option<Box<Plugins>>,
+    plugin_state: PluginState,
     scene: Scene,
     sub_step: f64,
     cap: SubStepCap,
@@ -86,6 +92,8 @@ impl Simulation {
         let mut driven = Driven::default();
         driven.reserve(&scene);
         Self {
+            plugins: None,
+            plugin_state: PluginState::default(),
             sub_step,
             cap: SubStepCap::new(scene.max_sub_steps),
             sim_time: 0.0,
@@ -154,6 +162,8 @@ impl Simulation {
         if interval.is_nan() || interval <= 0.0 {
             return Ok(());
         }
+        self.do_plugin_resets();
+        self.execute_posted();
         self.iteration += 1;
         self.dt = self.interval;
         self.interval = interval;
@@ -269,8 +279,8 @@ impl Simulation {
         }
     }
 
-    /// Returns every object to its initial state. Time goes on; commands stay in force. The accurate profile also clears the memory of
-    /// controllers.
+    /// Returns every object to its initial state and tells all plugins. Time goes on; commands stay in force. The accurate profile also
+    /// clears the memory of controllers.
     pub fn reset_world(&mut self) {
         self.reset_bodies();
         self.scene.reset_placed();
@@ -278,10 +288,12 @@ impl Simulation {
         if self.scene.profile == crate::control::Profile::Accurate {
             self.reset_controllers();
         }
+        self.reset_plugins();
     }
 
-    /// Takes the sentences about commands that name what is not there.
+    /// Takes the sentences about commands that name what is not there, and what plugins have to say.
     pub fn take_notices(&mut self) -> Vec<String> {
+        self.hear_plugins();
         std::mem::take(&mut self.notices)
     }
 

@@ -147,7 +147,11 @@ impl Simulation {
             link.follow_scene(&self.scene, &self.wrenches);
         }
         let key = self.scene.models[index].key.clone();
-        AddedModel { key, report: report.to_string().trim_end().to_owned(), incomplete }
+        let mut report = report.to_string().trim_end().to_owned();
+        for problem in self.start_model_plugins(index) {
+            report += &format!("{}{problem}", if report.is_empty() { "" } else { "\n" });
+        }
+        AddedModel { key, report, incomplete }
     }
 
     /// Removes the model whose key is `name`, or the only one whose key holds `name`. Returns its key.
@@ -157,6 +161,7 @@ impl Simulation {
     pub fn remove_model(&mut self, name: &str) -> Result<String, ModelError> {
         let unknown = |why| ModelError::Unknown { name: name.to_owned(), why };
         let model = self.scene.find_model(name).map_err(unknown)?;
+        self.end_model_plugins(model);
         self.scene.remove_model(model);
         self.grow();
         if let Some(link) = &mut self.link {

@@ -11,6 +11,7 @@ use super::pace::Pacer;
 use super::statistics::StepStatistics;
 use super::{NonFinite, Simulation};
 use crate::comm::Timing;
+use crate::plugin::Phase;
 
 /// How the loop keeps time.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -46,7 +47,7 @@ pub enum Event {
     EmptySteps,
     /// Objects were reset on request.
     Reset,
-    /// A command names what is not there.
+    /// A command names what is not there, or a plugin has something to say.
     Notice(String),
 }
 
@@ -186,6 +187,7 @@ impl PhysicsLoop {
             if self.simulation.do_requested_changes() {
                 self.publish(self.start.elapsed());
             }
+            self.obey_plugins();
             self.simulation.pause_devices(self.control.is_paused());
             if self.control.is_paused() && !self.control.take_manual_step() {
                 self.was_paused = true;
@@ -210,24 +212,43 @@ impl PhysicsLoop {
             self.pause_lost(problem);
             return;
         }
+        self.simulation.update_plugins_of(Phase::World);
         let stepped = begin.elapsed();
         self.hold_for_clients();
         let resumed = Instant::now();
         let wall = resumed - self.start;
+        self.simulation.update_plugins_of(Phase::Models);
         if let Err(problem) = self.simulation.execute_commands() {
             self.pause_lost(problem);
             return;
         }
-        for notice in self.simulation.take_notices() {
-            self.tell(Event::Notice(notice));
-        }
         self.publish(wall);
+        self.simulation.update_plugins_of(Phase::Simulator);
+        self.tell_notices();
         let cost = stepped + resumed.elapsed();
         self.statistics.record(wall, cost);
         if !self.options.fixed_step {
             self.simulation.learn_cost(cost);
         }
         self.report_loss(wall);
+    }
+
+    /// What plugins ask of the loop, and what they have to say while nothing moves.
+    fn obey_plugins(&mut self) {
+        let (pause, steps) = self.simulation.take_plugin_requests();
+        if let Some(pause) = pause {
+            self.control.set_paused(pause);
+        }
+        if steps > 0 {
+            self.control.step(steps);
+        }
+        self.tell_notices();
+    }
+
+    fn tell_notices(&mut self) {
+        for notice in self.simulation.take_notices() {
+            self.tell(Event::Notice(notice));
+        }
     }
 
     fn pause_lost(&mut self, problem: NonFinite) {

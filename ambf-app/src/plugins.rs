@@ -1,0 +1,63 @@
+//! Plugins of the programs: what is built in, where libraries are looked for, what is said about them.
+
+use std::path::PathBuf;
+
+use ambf_core::adf::PluginEntry;
+use ambf_core::device::Drivers;
+use ambf_core::plugin::{load_driver, PluginReport, PluginSetup, Registry, Search};
+use ambf_core::sim::Simulation;
+
+use crate::report;
+
+/// Plugins that are part of the programs.
+pub fn registry() -> Registry {
+    Registry::default()
+}
+
+/// What is to be loaded, and from where.
+pub fn setup(launch: &[PluginEntry], command_line: &[PathBuf]) -> PluginSetup {
+    PluginSetup {
+        registry: registry(),
+        search: Search::from_environment(),
+        arguments: std::env::args_os().map(|word| word.to_string_lossy().into_owned()).collect(),
+        command_line: command_line.to_vec(),
+        launch: launch.to_vec(),
+    }
+}
+
+/// Loads the plugins that a scene, a launch file and a command line ask for; each one that is left out is named, the others too if `verbose`.
+pub fn load(simulation: &mut Simulation, launch: &[PluginEntry], command_line: &[PathBuf], verbose: bool) {
+    let PluginReport { loaded, problems } = simulation.load_plugins(setup(launch, command_line));
+    if verbose {
+        loaded.iter().for_each(|line| report!("{line} is running"));
+    }
+    problems.iter().for_each(|line| report!("{line}"));
+    say(simulation);
+}
+
+/// Adds the drivers of input devices that a launch file names to those of the program; a sentence for each one that is left out.
+pub fn add_drivers(drivers: &mut Drivers, entries: &[PluginEntry]) -> Vec<String> {
+    let search = Search::from_environment();
+    let mut problems = Vec::new();
+    for entry in entries {
+        match load_driver(&search, entry) {
+            Ok(driver) => drivers.add(driver),
+            Err(error) => {
+                let PluginEntry { name, filename, source, .. } = entry;
+                problems.push(format!("{source}: device plugin {name} ({}) is left out: {error}", filename.display()));
+            }
+        }
+    }
+    problems
+}
+
+/// Closes all plugins, and prints what they have to say about it.
+pub fn close(simulation: &mut Simulation) {
+    simulation.close_plugins();
+    say(simulation);
+}
+
+/// Prints what plugins have to say.
+pub fn say(simulation: &mut Simulation) {
+    simulation.take_notices().iter().for_each(|notice| report!("{notice}"));
+}

@@ -1,0 +1,51 @@
+//! Plugins: code of others that runs with the simulation.
+//!
+//! Four kinds ([`SimulatorPlugin`], [`WorldPlugin`], [`ModelPlugin`], [`ObjectPlugin`]) share the callbacks of [`Plugin`]. A program has some
+//! built in ([`Registry`]); others come from shared libraries that [`export_plugin!`](crate::export_plugin) makes, or that are written in any
+//! language against the C interface in [`abi`]. Both are the same to the simulation: what a plugin can see and do is [`View`], and what crosses
+//! between a library and the program is plain data.
+//!
+//! [`Simulation::load_plugins`](crate::sim::Simulation::load_plugins) loads what the files of a scene and a command line ask for. Nothing a
+//! plugin does wrong stops the simulation, except what no program can stop: memory that is corrupted, and a callback that never returns.
+
+/// The examples of the guide are compiled.
+#[cfg(doctest)]
+#[doc = include_str!("../../../docs/plugins.md")]
+struct Guide;
+
+pub mod abi;
+mod command;
+mod desk;
+pub mod driver_abi;
+mod driver_export;
+mod driver_library;
+mod error;
+mod export;
+mod host;
+mod library;
+mod registry;
+mod search;
+mod state;
+mod traits;
+mod view;
+
+pub use crate::scene::{ObjectId, ObjectType};
+pub use command::{Command, CommandError};
+pub(crate) use desk::Shared;
+#[doc(hidden)]
+pub use driver_export::export_driver;
+pub use driver_library::load_driver;
+pub use error::PluginError;
+#[doc(hidden)]
+pub use export::export;
+pub(crate) use host::{Phase, Plugins, Wanted};
+pub use host::{PluginReport, PluginSetup};
+pub use registry::Registry;
+pub use search::Search;
+pub use state::{BodyState, Clock, Hit, JointState, StateSnapshot, Touch};
+pub use traits::{
+    AnyPlugin, Host, InitContext, Input, ModelPlugin, ObjectPlugin, Plugin, PluginKind, SimulatorPlugin, Subject,
+    WorldPlugin,
+};
+pub use view::View;
+pub(crate) use view::{Access, TextOf};

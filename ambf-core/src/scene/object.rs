@@ -1,0 +1,266 @@
+//! Any object of a scene, named by its type and its place; which of them have plugins.
+
+use super::build::Builder;
+use super::{Identity, Scene};
+use crate::adf::{self, PluginEntry, SourcePos};
+
+/// Types of objects that a model is made of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[repr(u32)]
+pub enum ObjectType {
+    /// Rigid body.
+    Body = 0,
+    /// Soft body.
+    SoftBody = 1,
+    /// Ghost object.
+    Ghost = 2,
+    /// Joint.
+    Joint = 3,
+    /// Sensor.
+    Sensor = 4,
+    /// Actuator.
+    Actuator = 5,
+    /// Vehicle.
+    Vehicle = 6,
+    /// Camera.
+    Camera = 7,
+    /// Light.
+    Light = 8,
+    /// Volume: kept for a viewer, without anything that moves.
+    Volume = 9,
+}
+
+impl ObjectType {
+    /// All types, in the order of their numbers.
+    pub const ALL: [Self; 10] = [
+        Self::Body,
+        Self::SoftBody,
+        Self::Ghost,
+        Self::Joint,
+        Self::Sensor,
+        Self::Actuator,
+        Self::Vehicle,
+        Self::Camera,
+        Self::Light,
+        Self::Volume,
+    ];
+
+    /// The type with a number.
+    pub fn from_number(number: u32) -> Option<Self> {
+        Self::ALL.get(number as usize).copied()
+    }
+
+    /// What a message calls it.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Body => "rigid body",
+            Self::SoftBody => "soft body",
+            Self::Ghost => "ghost object",
+            Self::Joint => "joint",
+            Self::Sensor => "sensor",
+            Self::Actuator => "actuator",
+            Self::Vehicle => "vehicle",
+            Self::Camera => "camera",
+            Self::Light => "light",
+            Self::Volume => "volume",
+        }
+    }
+}
+
+/// An object: its type, and its index among all of that type in order of creation. Indices are never used again.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct ObjectId {
+    /// What it is.
+    pub kind: ObjectType,
+    /// Which one.
+    pub index: usize,
+}
+
+impl ObjectId {
+    /// Object `index` of a type.
+    pub fn new(kind: ObjectType, index: usize) -> Self {
+        Self { kind, index }
+    }
+}
+
+/// The plugins that a description asks for at one place.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DeclaredPlugins {
+    /// Index of the model.
+    pub model: usize,
+    /// The object that has them; `None`: the model itself.
+    pub object: Option<ObjectId>,
+    /// In file order.
+    pub entries: Vec<PluginEntry>,
+    /// Where the object's key stands; of a model the file, without a line.
+    pub source: SourcePos,
+}
+
+impl Builder<'_> {
+    /// Makes an object with `add`, and remembers its plugins if it was not dropped.
+    pub(super) fn with_plugins(&mut self, kind: ObjectType, common: &adf::Common, add: impl FnOnce(&mut Self)) {
+        let index = self.scene.object_count(kind);
+        add(self);
+        if !common.plugins.is_empty() && self.scene.object_count(kind) > index {
+            self.scene.plugins.push(DeclaredPlugins {
+                model: self.model,
+                object: Some(ObjectId { kind, index }),
+                entries: common.plugins.clone(),
+                source: common.source.clone(),
+            });
+        }
+    }
+
+    /// Remembers the plugins of the model and its volumes, after those of its other objects.
+    pub(super) fn declare_plugins(&mut self, model: &adf::Model) {
+        let first = self.scene.object_count(ObjectType::Volume) - model.volumes.len();
+        for (i, volume) in model.volumes.iter().enumerate().filter(|(_, volume)| !volume.common.plugins.is_empty()) {
+            self.scene.plugins.push(DeclaredPlugins {
+                model: self.model,
+                object: Some(ObjectId { kind: ObjectType::Volume, index: first + i }),
+                entries: volume.common.plugins.clone(),
+                source: volume.common.source.clone(),
+            });
+        }
+        if !model.plugins.is_empty() {
+            self.scene.plugins.push(DeclaredPlugins {
+                model: self.model,
+                object: None,
+                entries: model.plugins.clone(),
+                source: SourcePos { file: model.file.clone(), line: 0, column: 0 },
+            });
+        }
+    }
+}
+
+impl Scene {
+    /// How many objects of a type there ever were.
+    pub fn object_count(&self, kind: ObjectType) -> usize {
+        match kind {
+            ObjectType::Body => self.bodies.len(),
+            ObjectType::SoftBody => self.soft_bodies.len(),
+            ObjectType::Ghost => self.ghosts.len(),
+            ObjectType::Joint => self.joints.len(),
+            ObjectType::Sensor => self.sensors.len(),
+            ObjectType::Actuator => self.actuators.len(),
+            ObjectType::Vehicle => self.vehicles.len(),
+            ObjectType::Camera => self.cameras.len(),
+            ObjectType::Light => self.lights.len(),
+            ObjectType::Volume => self.models.iter().map(|model| model.description.volumes.len()).sum(),
+        }
+    }
+
+    /// Model of an object; `None` when there is no such object.
+    pub fn model_of(&self, object: ObjectId) -> Option<usize> {
+        match object.kind {
+            ObjectType::Joint => self.joints.get(object.index).map(|joint| joint.model),
+            ObjectType::Volume => self.volume(object.index).map(|(model, _)| model),
+            _ => self.identity_of(object).map(|identity| identity.model),
+        }
+    }
+
+    /// Name (without namespace, with the suffix that tells copies apart) and qualified identifier of an object; `None` when there is no such
+    /// object.
+    pub fn names_of(&self, object: ObjectId) -> Option<(String, String)> {
+        match object.kind {
+            ObjectType::Joint => self.joints.get(object.index).map(|joint| (joint.name.clone(), joint.key.clone())),
+            ObjectType::Volume => self.volume(object.index).map(|(_, volume)| {
+                let common = &volume.common;
+                (common.name.clone(), format!("{}{}{}", self.options.prefix, common.namespace, common.identifier))
+            }),
+            _ => self.identity_of(object).map(|identity| {
+                let key = format!("{}{}", identity.key(), identity.suffix);
+                (identity.communication_name(), key)
+            }),
+        }
+    }
+
+    /// Whether an object is in the scene: it was made, and neither it nor its model was taken out.
+    pub fn has_object(&self, object: ObjectId) -> bool {
+        let joint_is_gone = || object.kind == ObjectType::Joint && self.joints[object.index].removed;
+        self.model_of(object).is_some_and(|model| !self.models[model].removed && !joint_is_gone())
+    }
+
+    /// The object of a type whose qualified identifier is `text`, else the only one whose identifier holds it, else the only one whose name
+    /// is `text`.
+    pub fn find_object(&self, kind: ObjectType, text: &str) -> Option<usize> {
+        let names = match kind {
+            ObjectType::Body => Some(&self.body_names),
+            ObjectType::SoftBody => Some(&self.names.soft_bodies),
+            ObjectType::Ghost => Some(&self.names.ghosts),
+            ObjectType::Joint => Some(&self.names.joints),
+            ObjectType::Sensor => Some(&self.names.sensors),
+            ObjectType::Actuator => Some(&self.names.actuators),
+            ObjectType::Vehicle => Some(&self.names.vehicles),
+            ObjectType::Camera => Some(&self.names.cameras),
+            ObjectType::Light => Some(&self.names.lights),
+            ObjectType::Volume => None,
+        };
+        if let Some(index) = names.and_then(|names| names.exact(text)) {
+            return Some(index);
+        }
+        let mut named = (0..self.object_count(kind)).filter(|&index| {
+            let object = ObjectId { kind, index };
+            self.has_object(object) && self.names_of(object).is_some_and(|(name, _)| name == text)
+        });
+        match (named.next(), named.next()) {
+            (Some(index), None) => Some(index),
+            (Some(_), Some(_)) => None,
+            (None, _) => names.and_then(|names| names.index(text)),
+        }
+    }
+
+    /// The objects of a model in the order in which plugins are called: by type, then by qualified identifier.
+    pub(crate) fn objects_of_model(&self, model: usize) -> Vec<ObjectId> {
+        let all = ObjectType::ALL.into_iter().flat_map(|kind| {
+            let objects = (0..self.object_count(kind)).map(move |index| ObjectId { kind, index });
+            objects.filter(|&object| self.model_of(object) == Some(model) && self.has_object(object))
+        });
+        let mut objects: Vec<ObjectId> = all.collect();
+        objects.sort_by_cached_key(|&object| self.calling_key(object));
+        objects
+    }
+
+    /// What sorts the objects of a model into the order in which their plugins are called.
+    pub(crate) fn calling_key(&self, object: ObjectId) -> (u8, String) {
+        let rank = match object.kind {
+            ObjectType::Actuator => 0,
+            ObjectType::Camera => 1,
+            ObjectType::Light => 2,
+            ObjectType::Body => 3,
+            ObjectType::SoftBody => 4,
+            ObjectType::Ghost => 5,
+            ObjectType::Sensor => 6,
+            ObjectType::Vehicle => 7,
+            ObjectType::Volume => 8,
+            ObjectType::Joint => 9,
+        };
+        (rank, self.names_of(object).unwrap_or_default().1)
+    }
+
+    fn identity_of(&self, object: ObjectId) -> Option<&Identity> {
+        let index = object.index;
+        match object.kind {
+            ObjectType::Body => self.bodies.get(index).map(|body| &body.identity),
+            ObjectType::SoftBody => self.soft_bodies.get(index).map(|soft| &soft.identity),
+            ObjectType::Ghost => self.ghosts.get(index).map(|ghost| &ghost.placed.identity),
+            ObjectType::Sensor => self.sensors.get(index).map(|sensor| &sensor.identity),
+            ObjectType::Actuator => self.actuators.get(index).map(|actuator| &actuator.identity),
+            ObjectType::Vehicle => self.vehicles.get(index).map(|vehicle| &vehicle.identity),
+            ObjectType::Camera => self.cameras.get(index).map(|camera| &camera.placed.identity),
+            ObjectType::Light => self.lights.get(index).map(|light| &light.placed.identity),
+            ObjectType::Joint | ObjectType::Volume => None,
+        }
+    }
+
+    /// Model and description of a volume.
+    fn volume(&self, mut index: usize) -> Option<(usize, &adf::Volume)> {
+        for (model, info) in self.models.iter().enumerate() {
+            match info.description.volumes.get(index) {
+                Some(volume) => return Some((model, volume)),
+                None => index -= info.description.volumes.len(),
+            }
+        }
+        None
+    }
+}

@@ -1,0 +1,570 @@
+//! The simulation's side of its plugins: when they are called, and what they can see and do.
+
+use std::path::Path;
+use std::sync::atomic::Ordering;
+use std::sync::Arc;
+
+use nalgebra::{Isometry3, Vector3};
+
+use super::Simulation;
+use crate::adf::{node_text, PluginEntry, SourcePos};
+use crate::bullet::{Constraint, ConstraintHandle, ConstraintKind, Ray, RayTarget};
+use crate::comm::JointCommandType;
+use crate::plugin::{
+    Access, BodyState, Clock, Command, CommandError, Hit, Input, JointState, ObjectId, ObjectType, Phase, PluginReport,
+    PluginSetup, Plugins, Shared, StateSnapshot, Subject, TextOf, Touch, Wanted,
+};
+use crate::scene::Scene;
+
+/// What the simulation keeps for its plugins.
+#[derive(Default)]
+pub(super) struct PluginState {
+    /// Plugin that is being called.
+    caller: u64,
+    attachments: Vec<Attachment>,
+    next_attachment: u64,
+    /// Where requests to the loop are left, also while the plugins themselves are being called.
+    shared: Option<Arc<Shared>>,
+}
+
+/// Bodies that a plugin holds together.
+struct Attachment {
+    number: u64,
+    plugin: u64,
+    bodies: [usize; 2],
+    constraint: ConstraintHandle,
+}
+
+impl Simulation {
+    /// Loads the plugins that the scene and `setup` ask for, in this order: those of the environment's objects, the environment's, the world's;
+    /// for each model those of its objects, then its own; those of the command line; those of the launch file. A plugin that cannot be loaded
+    /// is left out. Models that are added later bring theirs along. Without a call of this, no plugin runs.
+    pub fn load_plugins(&mut self, setup: PluginSetup) -> PluginReport {
+        self.close_plugins();
+        let mut plugins = Box::new(Plugins::new(setup));
+        self.plugin_state.shared = Some(Arc::clone(&plugins.shared));
+        let mut report = PluginReport::default();
+        for model in 0..self.scene.models.len() {
+            self.load_model_plugins(&mut plugins, model, &mut report);
+            if model == 0 {
+                self.load_world_plugins(&mut plugins, &mut report);
+            }
+            self.announce(&mut plugins, model, true);
+        }
+        let command_line: Vec<PluginEntry> =
+            plugins.setup.command_line.iter().map(|path| named_by_itself(path)).collect();
+        for entry in &command_line {
+            let directory = plugins.setup.search.working_folder.clone();
+            let wanted = Wanted { entry, subject: Subject::Simulator, model: None, node: String::new(), directory };
+            load(&mut plugins, self, wanted, &mut report);
+        }
+        let launch = plugins.setup.launch.clone();
+        let source = launch.first().map(|entry| entry.source.clone());
+        self.load_entries(&mut plugins, &launch, (Subject::Simulator, None), source, &mut report);
+        self.arrange_plugins(&mut plugins);
+        self.notices.append(&mut plugins.notices);
+        self.plugins = Some(plugins);
+        report
+    }
+
+    fn load_world_plugins(&mut self, plugins: &mut Plugins, report: &mut PluginReport) {
+        let world = Arc::clone(&self.scene.description);
+        let source = Some(world.common.source.clone());
+        self.load_entries(plugins, &world.common.plugins, (Subject::World, None), source, report);
+    }
+
+    fn load_model_plugins(&mut self, plugins: &mut Plugins, model: usize, report: &mut PluginReport) {
+        let declared: Vec<_> = self.scene.plugins.iter().filter(|place| place.model == model).cloned().collect();
+        for place in declared {
+            let subject = place.object.map_or(Subject::Model(model), Subject::Object);
+            let source = place.source;
+            let node = node_text(&source);
+            self.load_at(plugins, &place.entries, (subject, Some(model)), &source, node, report);
+        }
+    }
+
+    /// Loads plugins that are declared at the root of a file.
+    fn load_entries(
+        &mut self,
+        plugins: &mut Plugins,
+        entries: &[PluginEntry],
+        on: (Subject, Option<usize>),
+        source: Option<SourcePos>,
+        report: &mut PluginReport,
+    ) {
+        if let (Some(source), false) = (source, entries.is_empty()) {
+            // The root is the whole file.
+            let root = SourcePos { line: 0, column: 0, ..source };
+            let node = node_text(&root);
+            self.load_at(plugins, entries, on, &root, node, report);
+        }
+    }
+
+    fn load_at(
+        &mut self,
+        plugins: &mut Plugins,
+        entries: &[PluginEntry],
+        (subject, model): (Subject, Option<usize>),
+        source: &SourcePos,
+        node: Result<String, crate::adf::LoadError>,
+        report: &mut PluginReport,
+    ) {
+        let node = node.unwrap_or_else(|error| {
+            report.problems.push(format!("{source}: plugins here cannot read their own keys: {error}"));
+            String::new()
+        });
+        let directory = source.file.parent().unwrap_or(Path::new("")).to_owned();
+        for entry in entries {
+            let wanted = Wanted { entry, subject, model, node: node.clone(), directory: directory.clone() };
+            load(plugins, self, wanted, report);
+        }
+    }
+
+    fn arrange_plugins(&self, plugins: &mut Plugins) {
+        let scene = &self.scene;
+        plugins
+            .arrange(|model, object| (scene.models[model].key.clone(), object.map(|object| scene.calling_key(object))));
+    }
+
+    fn announce(&mut self, plugins: &mut Plugins, model: usize, added: bool) {
+        if plugins.watches_models() {
+            let objects = self.scene.objects_of_model(model);
+            plugins.model_changed(self, model, &objects, added);
+        }
+    }
+
+    /// Loads the plugins of a model that was just added; sentences about what is left out.
+    pub(super) fn start_model_plugins(&mut self, model: usize) -> Vec<String> {
+        let mut report = PluginReport::default();
+        self.with_plugins(|simulation, plugins| {
+            simulation.load_model_plugins(plugins, model, &mut report);
+            simulation.announce(plugins, model, true);
+            simulation.arrange_plugins(plugins);
+        });
+        report.problems
+    }
+
+    /// Tells of a model that is about to leave, and closes its plugins.
+    pub(super) fn end_model_plugins(&mut self, model: usize) {
+        self.with_plugins(|simulation, plugins| {
+            simulation.announce(plugins, model, false);
+            plugins.close_model(simulation, model);
+            simulation.arrange_plugins(plugins);
+        });
+        let Scene { bodies, world, .. } = &mut self.scene;
+        self.plugin_state.attachments.retain(|attachment| {
+            let stays = attachment.bodies.iter().all(|&body| bodies[body].identity.model != model);
+            if !stays {
+                world.remove_constraint(attachment.constraint);
+            }
+            stays
+        });
+    }
+
+    /// Whether plugins are running or were.
+    pub fn has_plugins(&self) -> bool {
+        self.plugins.as_ref().is_some_and(|plugins| !plugins.is_empty())
+    }
+
+    /// Calls all plugins after an [`update`](Self::update) that made a step, in the order of the C++ program: of the world, of each model and its
+    /// objects, of the simulator. Who steps a simulation without a [`Runner`](super::Runner) calls this after each step.
+    pub fn update_plugins(&mut self) {
+        for phase in [Phase::World, Phase::Models, Phase::Simulator] {
+            self.update_plugins_of(phase);
+        }
+    }
+
+    pub(super) fn update_plugins_of(&mut self, phase: Phase) {
+        if self.plugins.is_none() {
+            return;
+        }
+        let dt = self.interval;
+        self.with_plugins(|simulation, plugins| {
+            plugins.update(simulation, phase, dt);
+            if phase == Phase::Simulator {
+                let Plugins { incoming, shared, .. } = plugins;
+                incoming.publish(shared, |snapshot| simulation.fill_states(snapshot));
+            }
+        });
+    }
+
+    pub(super) fn reset_plugins(&mut self) {
+        self.with_plugins(|simulation, plugins| plugins.reset(simulation));
+    }
+
+    /// Calls all plugins after a picture: for a program that has windows.
+    pub fn plugins_after_picture(&mut self) {
+        self.with_plugins(|_, plugins| plugins.graphics_update());
+    }
+
+    /// Tells the simulator's plugins of a use of a window: for a program that has windows.
+    pub fn plugins_input(&mut self, input: &Input) {
+        self.with_plugins(|_, plugins| plugins.input(input));
+    }
+
+    /// Closes all plugins: the simulator's, those of objects, of models, of the world, each in the reverse order of loading, each once.
+    /// Dropping the simulation does the same.
+    pub fn close_plugins(&mut self) {
+        self.with_plugins(|simulation, plugins| plugins.close(simulation));
+        self.plugins = None;
+    }
+
+    /// Lets plugins work with the rest of the simulation, and collects what they have to say.
+    fn with_plugins(&mut self, work: impl FnOnce(&mut Self, &mut Plugins)) {
+        let Some(mut plugins) = self.plugins.take() else { return };
+        work(self, &mut plugins);
+        self.notices.append(&mut plugins.notices);
+        self.notices.extend(plugins.incoming.lines.try_iter());
+        self.plugins = Some(plugins);
+    }
+
+    /// Collects what plugins have said in threads of their own.
+    pub(super) fn hear_plugins(&mut self) {
+        if let Some(plugins) = &self.plugins {
+            self.notices.extend(plugins.incoming.lines.try_iter());
+        }
+    }
+
+    /// Executes what plugins have left since the step before.
+    pub(super) fn execute_posted(&mut self) {
+        if self.plugins.as_ref().is_none_or(|plugins| plugins.incoming.commands.is_empty()) {
+            return;
+        }
+        self.with_plugins(|simulation, plugins| {
+            // As many as wait now: a plugin that posts without end holds nothing up.
+            for _ in 0..plugins.incoming.commands.len() {
+                let Ok((plugin, command)) = plugins.incoming.commands.try_recv() else { break };
+                simulation.act_as(plugin);
+                if let Err(error) = Access::execute(simulation, &command) {
+                    simulation.notices.push(format!("a command that a plugin left failed: {error}: {command:?}"));
+                }
+            }
+        });
+    }
+
+    /// Whether a plugin asked for a reset.
+    pub(super) fn plugins_want_reset(&self) -> bool {
+        self.plugins.as_ref().is_some_and(|plugins| {
+            let requests = &plugins.shared.requests;
+            requests.reset_world.load(Ordering::Acquire) || requests.reset_bodies.load(Ordering::Acquire)
+        })
+    }
+
+    /// Takes what plugins asked for: reset of the world, of the bodies.
+    pub(super) fn take_plugin_resets(&self) -> (bool, bool) {
+        let Some(plugins) = &self.plugins else { return (false, false) };
+        let requests = &plugins.shared.requests;
+        (requests.reset_world.swap(false, Ordering::AcqRel), requests.reset_bodies.swap(false, Ordering::AcqRel))
+    }
+
+    /// Takes what plugins asked of the loop: pause or resume, manual steps.
+    pub(super) fn take_plugin_requests(&self) -> (Option<bool>, u32) {
+        let Some(plugins) = &self.plugins else { return (None, 0) };
+        let requests = &plugins.shared.requests;
+        (requests.take_pause(), requests.take_steps())
+    }
+
+    fn fill_states(&self, snapshot: &mut StateSnapshot) {
+        let scene = &self.scene;
+        snapshot.clock = Access::clock(self);
+        snapshot.bodies.resize(scene.bodies.len(), BodyState::default());
+        for (i, state) in snapshot.bodies.iter_mut().enumerate() {
+            *state = Access::body(self, i).unwrap_or(*state);
+        }
+        snapshot.joints.clear();
+        snapshot.joints.extend((0..scene.joints.len()).map(|i| self.joint_state(i)));
+    }
+
+    fn joint_state(&self, index: usize) -> JointState {
+        let joint = &self.scene.joints[index];
+        let limits = joint.limits.map_or((f64::NEG_INFINITY, f64::INFINITY), |limits| (limits.low, limits.high));
+        JointState {
+            position: joint.position,
+            velocity: joint.velocity,
+            effort: joint.effort,
+            limits,
+            parent: joint.parent,
+            child: joint.child,
+        }
+    }
+
+    fn live(&self, kind: ObjectType, index: usize) -> Result<(), CommandError> {
+        let object = ObjectId { kind, index };
+        self.scene.has_object(object).then_some(()).ok_or(CommandError::NoObject)
+    }
+
+    fn attach(&mut self, body: usize, to: usize) -> Result<u64, CommandError> {
+        self.live(ObjectType::Body, body)?;
+        self.live(ObjectType::Body, to)?;
+        let Scene { bodies, world, .. } = &mut self.scene;
+        let [a, b] = [body, to].map(|index| bodies[index].handle);
+        let (Some(pose), Some(other)) = (world.pose(a), world.pose(b)) else { return Err(CommandError::NoObject) };
+        if body == to {
+            return Err(CommandError::Refused);
+        }
+        let constraint = Constraint {
+            kind: ConstraintKind::Fixed,
+            frame_a: Isometry3::identity(),
+            frame_b: other.inverse() * pose,
+            parameters: Vec::new(),
+            feedback: false,
+            disable_collisions: true,
+        };
+        let constraint = world.add_constraint(a, b, &constraint).ok_or(CommandError::Refused)?;
+        let state = &mut self.plugin_state;
+        state.next_attachment += 1;
+        let (number, plugin) = (state.next_attachment, state.caller);
+        state.attachments.push(Attachment { number, plugin, bodies: [body, to], constraint });
+        Ok(number)
+    }
+
+    fn detach_where(&mut self, which: impl Fn(&Attachment) -> bool) -> bool {
+        let before = self.plugin_state.attachments.len();
+        let world = &mut self.scene.world;
+        self.plugin_state.attachments.retain(|attachment| {
+            let goes = which(attachment);
+            if goes {
+                world.remove_constraint(attachment.constraint);
+            }
+            !goes
+        });
+        self.plugin_state.attachments.len() < before
+    }
+
+    fn place(&mut self, object: ObjectId, pose: &Isometry3<f64>) -> Result<(), CommandError> {
+        self.live(object.kind, object.index)?;
+        let placed = match object.kind {
+            ObjectType::Camera => &mut self.scene.cameras[object.index].placed,
+            ObjectType::Light => &mut self.scene.lights[object.index].placed,
+            ObjectType::Ghost => &mut self.scene.ghosts[object.index].placed,
+            _ => return Err(CommandError::Refused),
+        };
+        placed.pose = *pose;
+        Ok(())
+    }
+
+    fn pull_node(&mut self, soft: usize, node: usize, goal: Option<Vector3<f64>>) -> Result<(), CommandError> {
+        self.live(ObjectType::SoftBody, soft)?;
+        if node >= self.scene.soft_bodies[soft].nodes {
+            return Err(CommandError::NoObject);
+        }
+        self.drag_soft_node(soft, node, goal);
+        Ok(())
+    }
+}
+
+/// The entry of a plugin that the command line names.
+fn named_by_itself(path: &Path) -> PluginEntry {
+    let name = path.display().to_string();
+    let source = SourcePos { file: Path::new("--plugins").into(), line: 0, column: 0 };
+    PluginEntry { name, filename: path.to_owned(), path: None, source }
+}
+
+fn load(plugins: &mut Plugins, simulation: &mut Simulation, wanted: Wanted<'_>, report: &mut PluginReport) {
+    let (entry, subject) = (wanted.entry, wanted.subject);
+    let file = entry.filename.display();
+    match plugins.load(simulation, wanted) {
+        Ok(()) => report.loaded.push(format!("{} plugin {} ({file})", subject.kind().words(), entry.name)),
+        Err(error) => {
+            report.problems.push(format!("{}: plugin {} ({file}) is left out: {error}", entry.source, entry.name));
+        }
+    }
+}
+
+impl Access for Simulation {
+    fn act_as(&mut self, plugin: u64) {
+        self.plugin_state.caller = plugin;
+    }
+
+    fn release(&mut self, plugin: u64) {
+        self.detach_where(|attachment| attachment.plugin == plugin);
+    }
+
+    fn clock(&self) -> Clock {
+        Clock { sim_time: self.sim_time, dt: self.interval, step: self.iteration }
+    }
+
+    fn count(&self, kind: Option<ObjectType>) -> usize {
+        kind.map_or(self.scene.models.len(), |kind| self.scene.object_count(kind))
+    }
+
+    fn find(&self, kind: Option<ObjectType>, text: &str) -> Option<usize> {
+        match kind {
+            Some(kind) => self.scene.find_object(kind, text),
+            None => self.scene.find_any_model(text),
+        }
+    }
+
+    fn text(&self, what: TextOf, kind: Option<ObjectType>, index: usize) -> Option<String> {
+        let Some(kind) = kind else {
+            let model = self.scene.models.get(index)?;
+            return Some(match what {
+                TextOf::Name => model.description.name.clone(),
+                TextOf::Identifier => model.key.clone(),
+                TextOf::File => model.description.file.display().to_string(),
+            });
+        };
+        let (name, identifier) = self.scene.names_of(ObjectId { kind, index })?;
+        match what {
+            TextOf::Name => Some(name),
+            TextOf::Identifier => Some(identifier),
+            TextOf::File => None,
+        }
+    }
+
+    fn model_of(&self, object: ObjectId) -> Option<usize> {
+        self.scene.model_of(object)
+    }
+
+    fn body(&self, index: usize) -> Option<BodyState> {
+        let world = &self.scene.world;
+        let body = self.scene.bodies.get(index)?;
+        let (linear_velocity, angular_velocity) = world.velocity(body.handle)?;
+        Some(BodyState {
+            pose: body.pose(world),
+            inertial_pose: world.pose(body.handle)?,
+            linear_velocity,
+            angular_velocity,
+            mass: body.mass,
+            inertia: body.inertia,
+        })
+    }
+
+    fn joint(&self, index: usize) -> Option<JointState> {
+        self.live(ObjectType::Joint, index).ok()?;
+        Some(self.joint_state(index))
+    }
+
+    fn pose(&self, object: ObjectId) -> Option<Isometry3<f64>> {
+        self.live(object.kind, object.index).ok()?;
+        let (scene, i) = (&self.scene, object.index);
+        let body_pose = |body: usize| scene.bodies[body].pose(&scene.world);
+        match object.kind {
+            ObjectType::Body => Some(body_pose(i)),
+            ObjectType::SoftBody => {
+                let centre = scene.world.soft_center(scene.soft_bodies[i].handle)?;
+                Some(Isometry3::from_parts(centre.into(), Default::default()))
+            }
+            ObjectType::Ghost => Some(*scene.ghosts[i].pose()),
+            ObjectType::Sensor => Some(body_pose(scene.sensors[i].parent) * scene.sensors[i].info.pose),
+            ObjectType::Actuator => Some(body_pose(scene.actuators[i].parent) * scene.actuators[i].info.pose),
+            ObjectType::Vehicle => Some(body_pose(scene.vehicles[i].chassis)),
+            ObjectType::Camera => {
+                let placed = &scene.cameras[i].placed;
+                Some(scene.global_pose(placed.parent, &placed.pose))
+            }
+            ObjectType::Light => {
+                let placed = &scene.lights[i].placed;
+                Some(scene.global_pose(placed.parent, &placed.pose))
+            }
+            ObjectType::Joint | ObjectType::Volume => None,
+        }
+    }
+
+    fn values(&self, object: ObjectId, out: &mut Vec<f64>) -> Option<()> {
+        self.live(object.kind, object.index).ok()?;
+        let (scene, i) = (&self.scene, object.index);
+        match object.kind {
+            ObjectType::Sensor => out.extend(scene.sensors[i].readings().iter().map(|reading| reading.measurement)),
+            ObjectType::Ghost => out.extend(scene.ghosts[i].sensed(&scene.bodies).map(|body| body as f64)),
+            ObjectType::SoftBody => {
+                let mut nodes = vec![[0.0; 3]; scene.soft_bodies[i].nodes];
+                scene.soft_bodies[i].read_nodes(&scene.world, &mut nodes);
+                out.extend(nodes.as_flattened());
+            }
+            ObjectType::Actuator => out.push(f64::from(u8::from(scene.actuators[i].is_actuated()))),
+            _ => (),
+        }
+        Some(())
+    }
+
+    fn cast_ray(&self, from: &Vector3<f64>, to: &Vector3<f64>) -> Option<Hit> {
+        let mut hits = [None];
+        self.scene.world.cast_rays(&[Ray { from: *from, to: *to }], &mut hits);
+        let hit = hits[0]?;
+        let body = match hit.target {
+            RayTarget::Body(handle) => self.scene.bodies.index_of(handle),
+            RayTarget::SoftBody(_) | RayTarget::Other => None,
+        };
+        Some(Hit { body, point: hit.point, normal: hit.normal, fraction: hit.fraction })
+    }
+
+    fn contacts(&self, body: usize, out: &mut Vec<Touch>) -> Option<()> {
+        self.live(ObjectType::Body, body).ok()?;
+        let mut contacts = Vec::new();
+        self.scene.world.contacts(self.scene.bodies[body].handle, f64::INFINITY, &mut contacts);
+        out.extend(contacts.iter().map(|contact| Touch {
+            body: self.scene.bodies.index_of(contact.other),
+            point: contact.point,
+            normal: contact.normal,
+            distance: contact.distance,
+            impulse: contact.impulse,
+        }));
+        Some(())
+    }
+
+    fn execute(&mut self, command: &Command) -> Result<u64, CommandError> {
+        if !command.is_finite() {
+            return Err(CommandError::NotFinite);
+        }
+        match *command {
+            Command::Wrench { body, force, torque } => {
+                self.live(ObjectType::Body, body)?;
+                self.apply_wrench(body, force, torque);
+            }
+            Command::Velocity { body, linear, angular } => {
+                self.live(ObjectType::Body, body)?;
+                self.set_velocity(body, linear, angular);
+            }
+            Command::Pose { body, pose } => {
+                self.live(ObjectType::Body, body)?;
+                let Scene { bodies, world, .. } = &mut self.scene;
+                world.set_pose(bodies[body].handle, &(pose * bodies[body].inertial_offset));
+            }
+            Command::FollowPose { body, pose } => {
+                self.live(ObjectType::Body, body)?;
+                self.follow_pose(body, pose.translation.vector, pose.rotation.coords.into());
+            }
+            Command::Joint { joint, kind, value } => {
+                self.live(ObjectType::Joint, joint)?;
+                if matches!(kind, JointCommandType::Unknown(_)) {
+                    return Err(CommandError::Unknown);
+                }
+                self.order_joint(joint, kind, value);
+            }
+            Command::Place { object, pose } => self.place(object, &pose)?,
+            Command::Hold { actuator, body } => {
+                self.live(ObjectType::Actuator, actuator)?;
+                if let Some(body) = body {
+                    self.live(ObjectType::Body, body)?;
+                }
+                self.scene.hold_with_actuator(actuator, body);
+            }
+            Command::Drive { vehicle, wheel, steering, power, brake } => {
+                self.live(ObjectType::Vehicle, vehicle)?;
+                let Scene { vehicles, world, .. } = &mut self.scene;
+                if !vehicles[vehicle].drive_wheel(world, wheel, steering, power, brake) {
+                    return Err(CommandError::NoObject);
+                }
+            }
+            Command::SoftForce { soft, force } => {
+                self.live(ObjectType::SoftBody, soft)?;
+                self.scene.world.apply_soft_force(self.scene.soft_bodies[soft].handle, &force);
+            }
+            Command::PullNode { soft, node, goal } => self.pull_node(soft, node, goal)?,
+            Command::Attach { body, to } => return self.attach(body, to),
+            Command::Detach { attachment } => {
+                let plugin = self.plugin_state.caller;
+                if !self.detach_where(|own| own.number == attachment && own.plugin == plugin) {
+                    return Err(CommandError::NoObject);
+                }
+            }
+            Command::ResetWorld | Command::ResetBodies | Command::Pause(_) | Command::Step(_) => {
+                if let Some(shared) = &self.plugin_state.shared {
+                    shared.requests.keep(command);
+                }
+            }
+        }
+        Ok(0)
+    }
+}
