@@ -39,6 +39,7 @@ mod service;
 mod signal;
 mod sockets;
 mod soft_body;
+mod step;
 mod topic;
 mod topics;
 mod vehicle;
@@ -150,6 +151,7 @@ impl Middleware for RosMiddleware {
             n_devices: self.options.n_devices,
             master,
             models: self.models.clone(),
+            steppables: Arc::default(),
         });
         objects.follow(&told);
         let (alive, ended) = channel();

@@ -159,7 +159,7 @@ impl HubObject {
         self.removed.load(Ordering::Acquire)
     }
 
-    /// Whether commands keep coming for the object at `now_ns` on the hub's clock. Not for the world: see [`StepThrottle::is_live`].
+    /// Whether commands keep coming for the object at `now_ns` on the hub's clock ([`StepThrottle::watch_time`]). Not for the world: see [`StepThrottle::is_live`].
     pub fn is_live(&self, now_ns: u64) -> bool {
         let channel = &self.channel;
         match self.info.kind {
@@ -231,6 +231,10 @@ pub struct Hub {
     snapshot: Slot,
     listeners: AtomicBool,
     throttle: StepThrottle,
+    /// Held while an order of steps is carried out.
+    pub(super) turn: Mutex<()>,
+    /// Resets that were done and published.
+    resets: AtomicU64,
     reset_world: AtomicBool,
     reset_bodies: AtomicBool,
     start: Instant,
@@ -248,6 +252,8 @@ impl Hub {
             snapshot: Slot::empty(),
             listeners: AtomicBool::new(false),
             throttle: StepThrottle::default(),
+            turn: Mutex::default(),
+            resets: AtomicU64::new(0),
             reset_world: AtomicBool::new(false),
             reset_bodies: AtomicBool::new(false),
             start: Instant::now(),
@@ -347,6 +353,17 @@ impl Hub {
     /// Whether a reset waits to be done.
     pub fn reset_requested(&self) -> bool {
         self.reset_world.load(Ordering::Acquire) || self.reset_bodies.load(Ordering::Acquire)
+    }
+
+    /// Physics thread: says that a reset was done and its result published.
+    pub fn note_reset(&self) {
+        self.resets.fetch_add(1, Ordering::AcqRel);
+        self.throttle.tell();
+    }
+
+    /// How many resets were done and published.
+    pub fn resets(&self) -> u64 {
+        self.resets.load(Ordering::Acquire)
     }
 
     /// Physics thread: takes the requests (world, bodies).

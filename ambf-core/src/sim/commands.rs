@@ -7,9 +7,9 @@ use nalgebra::Vector3;
 
 use super::{NonFinite, Simulation};
 use crate::comm::{
-    ActuatorCommand, CameraParameters, CartesianCommandType, Channel, Hub, Inbox, JointCommandType, LightParameters,
-    ObjectCommand, ObjectKind, ObjectList, PoseCommand, RigidBodyCommand, Snapshot, SnapshotWriter, Timing,
-    VehicleCommand, Wrench,
+    Activity, ActuatorCommand, CameraParameters, CartesianCommandType, Channel, Hub, Inbox, JointCommandType,
+    LightParameters, ObjectCommand, ObjectKind, ObjectList, PoseCommand, RigidBodyCommand, Snapshot, SnapshotWriter,
+    Timing, VehicleCommand, Wrench,
 };
 use crate::control::Profile;
 use crate::scene::Scene;
@@ -156,11 +156,42 @@ impl Simulation {
     pub(super) fn publish(&mut self, wall_time: f64, timing: Timing) {
         let Some(mut link) = self.link.take() else { return };
         if link.hub.is_listening() {
-            // When readers hold every spare snapshot they see this state one iteration later.
+            // When readers hold every spare snapshot they see this state one iteration later. There is no later one when a client
+            // waits for just this state.
             let hub = Arc::clone(&link.hub);
-            hub.publish(&mut link.writer, |snapshot| self.fill(snapshot, wall_time, timing));
+            while !hub.publish(&mut link.writer, |snapshot| self.fill(snapshot, wall_time, timing))
+                && !hub.throttle().is_open()
+            {
+                std::thread::yield_now();
+            }
         }
         self.link = Some(link);
+    }
+
+    /// Tells clients that the state of this iteration is published.
+    pub(super) fn note_published(&self) {
+        if let Some(link) = &self.link {
+            link.hub.throttle().note_published(link.hub.now_ns());
+        }
+    }
+
+    /// Tells clients that a reset is published.
+    pub(super) fn note_reset(&self) {
+        if let Some(link) = &self.link {
+            link.hub.note_reset();
+        }
+    }
+
+    /// Tells clients what the physics thread does.
+    pub(super) fn tell_activity(&self, activity: Activity) {
+        if let Some(link) = &self.link {
+            link.hub.throttle().set_activity(activity);
+        }
+    }
+
+    /// Whether clients order iterations one by one.
+    pub(super) fn is_stepped_by_orders(&self) -> bool {
+        self.link.as_ref().is_some_and(|link| link.hub.throttle().is_stepped_by_orders())
     }
 
     fn fetch(&mut self, link: &mut Link) {
@@ -181,7 +212,7 @@ impl Simulation {
         if link.commanded.is_empty() {
             return;
         }
-        let now = link.hub.now_ns();
+        let now = link.hub.throttle().watch_time(link.hub.now_ns());
         for &object in &link.commanded {
             match &mut link.slots[object] {
                 Slot::Idle => (),

@@ -10,7 +10,7 @@ use crossbeam_channel::{bounded, Receiver, Sender};
 use super::pace::Pacer;
 use super::statistics::StepStatistics;
 use super::{NonFinite, Simulation};
-use crate::comm::Timing;
+use crate::comm::{Activity, Timing};
 
 /// How the loop keeps time.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -187,11 +187,16 @@ impl PhysicsLoop {
             }
             if self.control.is_paused() && !self.control.take_manual_step() {
                 self.was_paused = true;
+                self.simulation.tell_activity(Activity::Paused);
                 std::thread::sleep(PAUSED_PERIOD);
                 continue;
             }
+            self.simulation.tell_activity(Activity::Runs);
             self.iterate();
-            pacer.wait();
+            // With fixed steps a client that orders them gets them as fast as they can be made.
+            if !(self.options.fixed_step && self.simulation.is_stepped_by_orders()) {
+                pacer.wait();
+            }
         }
         self.simulation
     }
@@ -219,6 +224,7 @@ impl PhysicsLoop {
             self.tell(Event::Notice(notice));
         }
         self.publish(wall);
+        self.simulation.note_published();
         let cost = stepped + resumed.elapsed();
         self.statistics.record(wall, cost);
         if !self.options.fixed_step {
@@ -278,7 +284,9 @@ impl PhysicsLoop {
         self.publish(self.start.elapsed());
         if std::mem::take(&mut self.lost) {
             self.control.set_paused(false);
+            self.simulation.tell_activity(Activity::Runs);
         }
+        self.simulation.note_reset();
         self.tell(Event::Reset);
     }
 
