@@ -121,6 +121,12 @@ class BaseObject(WatchDog):
                 end.unregister()
         self._pub = self._sub = None
 
+    def stop_listening(self) -> None:
+        """Ends the subscription: states then come from `World.step` only."""
+        if self._sub is not None:
+            self._sub.unregister()
+            self._sub = None
+
     def wait_for_state(self, is_there: Callable[[Any], bool], timeout: float = 5.0) -> Any:
         """Waits until a state has arrived for which `is_there` is true; the state.
 

@@ -6,7 +6,7 @@ import os
 import socket
 import threading
 import time
-from typing import Any, Dict, List, Optional, Tuple, Type
+from typing import Any, Dict, Iterable, List, Optional, Tuple, Type
 
 import rosgraph
 import rospy
@@ -49,9 +49,15 @@ class Client:
     As a context manager it connects at the start and cleans up at the end.
     """
 
-    def __init__(self, client_name: str = "ambf_client") -> None:
-        """`client_name`: name of the ROS node, unless this process is one already. Two nodes of one name evict each other."""
+    def __init__(self, client_name: str = "ambf_client", *, namespace: str = "", anonymous: bool = False) -> None:
+        """`client_name`: name of the ROS node, unless this process is one already. Two nodes of one name evict each other, unless
+        they are `anonymous`, which adds a number to the name.
+
+        `namespace`: only objects are found whose topics are below it, for a simulator that was started with `--ns`.
+        """
         self._client_name = client_name
+        self._namespace = namespace.rstrip("/")
+        self._anonymous = anonymous
         self._ros_topics: List[Any] = []
         self._objects: Dict[str, BaseObject] = {}
         self._world: Optional[World] = None
@@ -98,7 +104,7 @@ class Client:
             time.sleep(0.05)
         if rospy.get_name() == "/unnamed":
             in_main = threading.current_thread() is threading.main_thread()
-            rospy.init_node(self._client_name, disable_signals=not in_main)
+            rospy.init_node(self._client_name, anonymous=self._anonymous, disable_signals=not in_main)
             rospy.on_shutdown(self.clean_up)
         else:
             self._client_name = rospy.get_name()
@@ -110,6 +116,8 @@ class Client:
         except (OSError, rosgraph.MasterException):
             return False
         for topic, kind in self._ros_topics:
+            if not topic.startswith(f"{self._namespace}/"):
+                continue
             if kind == "ambf_msgs/WorldState":
                 self._add_world(topic)
             elif kind in _KINDS:
@@ -269,6 +277,14 @@ class Client:
             found.set_publish_joint_positions_flag(True)
         found.set_active()
         return found
+
+    def keep_only(self, handles: Iterable[BaseObject]) -> None:
+        """Closes and forgets the handles of all other objects, which then cost nothing; the world stays."""
+        kept = {id(handle) for handle in handles}
+        for name, handle in list(self._objects.items()):
+            if id(handle) not in kept:
+                del self._objects[name]
+                handle.close()
 
     def print_active_topics(self) -> None:
         """Prints all topics and their types."""
