@@ -40,7 +40,7 @@ expect("joint position by index", abs(base.get_joint_pos(0) - 0.3) < 0.1)
 expect("all joint positions", len(base.get_all_joint_pos()) == 7)
 
 # The pose of a body without mass is set.
-palm.set_pos(0, 0, -0.9)
+palm.set_pos(5, 0, -0.9)
 palm.set_rpy(0, 0, 0.5)
 time.sleep(0.3)
 pose = palm.get_pose()

@@ -34,7 +34,7 @@ def tearDownModule():
     MASTER.stop()
 
 
-class Scripts(support.TimedTest):
+class AsEver(support.TimedTest):
     """Programs as users write them."""
 
     def test_the_way_of_use_of_the_original(self):
@@ -124,13 +124,13 @@ class Objects(support.TimedTest):
     def test_two_clients_drive_one_body(self):
         """The body follows now one, now the other; neither is disturbed, and the second's end leaves the first in charge."""
         palm = CLIENT.get_obj_handle("gripper/palm")
-        palm.set_pos(0, 0, -0.8)
+        palm.set_pos(5, 0, -0.8)
         palm.wait_for_state(lambda state: abs(state.pose.position.z + 0.8) < 1e-6)
         text = """
 from ambf_client import Client
 c = Client('second'); c.connect()
 palm = c.get_obj_handle('gripper/palm')
-palm.set_pos(0, 0, -0.7)
+palm.set_pos(5, 0, -0.7)
 palm.wait_for_state(lambda state: abs(state.pose.position.z + 0.7) < 1e-6)
 palm.wait_for_state(lambda state: abs(state.pose.position.z + 0.8) < 1e-6)
 print('both', flush=True)
@@ -140,7 +140,7 @@ print('both', flush=True)
         palm.wait_for_state(lambda state: abs(state.pose.position.z + 0.8) < 1e-6)
         time.sleep(0.2)
         self.assertAlmostEqual(palm.get_pos().z, -0.8)
-        palm.set_pos(0, 0, -1.0)
+        palm.set_pos(5, 0, -1.0)
 
 
 class Watchdogs(support.TimedTest):
@@ -150,7 +150,7 @@ class Watchdogs(support.TimedTest):
 import sys, time
 from ambf_client import Client
 c = Client('pusher', anonymous=True); c.connect()
-box = c.get_obj_handle('/ambf/env/Sphere')
+box = c.get_obj_handle('/ambf/env/Cylinder')
 print('pushes', flush=True)
 while True:
     if sys.argv[1] == 'force':
@@ -161,8 +161,10 @@ while True:
 """
 
     def check_release(self, what, is_driven):
-        """A driver that is killed is forgotten 0.5 s later."""
-        ball = CLIENT._objects["/ambf/env/Sphere"]
+        """A driver that is killed is forgotten 0.5 s later; nobody else drives the body."""
+        ball = CLIENT._objects["/ambf/env/Cylinder"]
+        CLIENT.get_world_handle().reset()
+        ball.wait_for_state(lambda state: state.twist.linear.z < 0.0)
         with support.script(MASTER.port, self.FORCE, what) as program:
             ball.wait_for_state(is_driven, 30.0)
             program.kill()
@@ -225,7 +227,7 @@ class Stepping(support.TimedTest):
             result = self.world.step(steps, observe=[self.body], patience=60.0)
             at += steps
             self.assertEqual((result.sim_step, self.body.get_sim_step()), (at, at))
-        self.body.set_pos(0, 0, -0.85)
+        self.body.set_pos(5, 0, -0.85)
         state = self.world.step(3, [self.body], [self.body], patience=60.0).states[self.body.get_name()]
         self.assertAlmostEqual(state.pose.position.z, -0.85)
         result = self.world.step(1, [self.body], [self.body], reset=True, patience=60.0)

@@ -116,17 +116,19 @@ while True:
                 world.wait_for_step(world.get_sim_step() + 1000, 30.0)
 
     def test_e_a_client_that_thinks_for_long(self):
-        """While it does, within its patience, nothing moves and no command ends: the next step goes on as if nothing had been."""
+        """While it does, within its patience, nothing moves; and within a step no command ends, however long that takes."""
         _, client = self.start()
         world, base = client.get_world_handle(), client.get_obj_handle("arm7/base")
-        base.set_joint_vel(0, 0.5)
-        at = world.step(200, [base], [base], patience=60.0).sim_step
         client._stop.set()  # nothing is published meanwhile
-        before = base.get_joint_pos(0)
+        base.set_joint_pos("shoulder", 0.6)
+        at = world.step(200, [base], [base], patience=60.0).sim_step
         time.sleep(1.5)
-        result = world.step(200, [], [base], patience=60.0)
-        self.assertEqual(result.sim_step, at + 200)
-        self.assertAlmostEqual(base.get_joint_pos(0) - before, 0.5 * 0.2, delta=0.02)
+        begin = time.monotonic()
+        result = world.step(100_000, [base], [base], patience=60.0, timeout=60.0)
+        self.assertEqual(result.sim_step, at + 100_000)
+        self.assertGreater(time.monotonic() - begin, 0.6, "longer than the watchdog's time")
+        # Without its command it would have returned to 0.3 rad.
+        self.assertAlmostEqual(base.get_joint_pos("shoulder"), 0.58, delta=0.02)
 
     def test_f_a_state_that_is_lost(self):
         """The step says that the simulation is paused; a reset resumes it."""

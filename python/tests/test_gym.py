@@ -136,7 +136,7 @@ class Environments(support.TimedTest):
         """It is noticed."""
         process = SimulatorProcess(SCENE)
         self.addCleanup(process.close)
-        env = self.make(make_reach, RosBackend(namespace=process.namespace, timeout=30.0))
+        env = self.make(make_reach, RosBackend(SCENE, attach=process.namespace))
         env.reset(seed=1)
         env._backend._world.step(7, patience=60.0)
         with self.assertRaisesRegex(GymError, "somebody else"):

@@ -236,6 +236,7 @@ pub struct Hub {
     /// Resets that were done and published.
     resets: AtomicU64,
     reset_world: AtomicBool,
+    reset_thoroughly: AtomicBool,
     reset_bodies: AtomicBool,
     start: Instant,
 }
@@ -255,6 +256,7 @@ impl Hub {
             turn: Mutex::default(),
             resets: AtomicU64::new(0),
             reset_world: AtomicBool::new(false),
+            reset_thoroughly: AtomicBool::new(false),
             reset_bodies: AtomicBool::new(false),
             start: Instant::now(),
         }
@@ -342,6 +344,18 @@ impl Hub {
     pub fn request_world_reset(&self) {
         self.reset_world.store(true, Ordering::Release);
         self.throttle.wake();
+    }
+
+    /// Asks for a reset of all objects after which nothing is left of what was before: controllers, solver and contacts forget, motors
+    /// are off. What follows does then not depend on it.
+    pub fn request_thorough_reset(&self) {
+        self.reset_thoroughly.store(true, Ordering::Release);
+        self.request_world_reset();
+    }
+
+    /// Physics thread: takes the request for thoroughness; before [`take_resets`](Self::take_resets).
+    pub fn take_thoroughness(&self) -> bool {
+        self.reset_thoroughly.swap(false, Ordering::AcqRel)
     }
 
     /// Asks for a reset of the rigid bodies before the next step; honoured also while paused or throttled.

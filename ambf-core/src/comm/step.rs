@@ -38,7 +38,7 @@ impl Hub {
     /// Holds the physics, lets `command` post what is to be in force, lets exactly the ordered iterations through, and returns
     /// the state after them. Blocks; orders of several threads are carried out one after the other.
     ///
-    /// A reset is done at rest: between the Bullet step of one iteration and its commands, as every order begins. So, with fixed
+    /// A reset is [thorough](Hub::request_thorough_reset), and done at rest: between the Bullet step of one iteration and its commands, as every order begins. So, with fixed
     /// steps, the result of a series of orders depends on nothing else.
     ///
     /// # Errors
@@ -60,7 +60,7 @@ impl Hub {
         }
         if order.reset {
             let before = self.resets();
-            self.request_world_reset();
+            self.request_thorough_reset();
             self.await_progress(|| self.resets() != before)?;
         }
         command(self)?;

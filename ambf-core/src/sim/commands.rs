@@ -370,7 +370,9 @@ impl Simulation {
     /// Does the resets that were asked for through the hub; true if there was one.
     pub(super) fn do_requested_resets(&mut self) -> bool {
         let Some(link) = &self.link else { return false };
+        let is_thorough = link.hub.take_thoroughness();
         match link.hub.take_resets() {
+            (true, _) if is_thorough => self.reset_thoroughly(),
             (true, _) => self.reset_world(),
             (false, true) => self.reset_bodies(),
             (false, false) => return false,

@@ -213,6 +213,10 @@ impl PhysicsLoop {
             return;
         }
         let stepped = begin.elapsed();
+        if self.simulation.is_held_by_clients() && self.simulation.sim_step() == 1 {
+            // Held from the start: clients have to see what there is.
+            self.publish(self.start.elapsed());
+        }
         self.hold_for_clients();
         let resumed = Instant::now();
         let wall = resumed - self.start;

@@ -6,7 +6,7 @@ import os
 import socket
 import threading
 import time
-from typing import Any, Dict, Iterable, List, Optional, Tuple, Type
+from typing import Any, Dict, List, Optional, Sequence, Tuple, Type
 
 import rosgraph
 import rospy
@@ -26,6 +26,9 @@ from .vehicle import Vehicle
 from .world import World
 
 _STATE = "/State"
+
+# All objects are there when none has come for so long, s.
+_QUIET_S = 0.2
 
 # Message type of the state: handle and message type of the command.
 _KINDS: Dict[str, Tuple[Type[Any], Any, Any]] = {
@@ -49,14 +52,18 @@ class Client:
     As a context manager it connects at the start and cleans up at the end.
     """
 
-    def __init__(self, client_name: str = "ambf_client", *, namespace: str = "", anonymous: bool = False) -> None:
+    def __init__(
+        self, client_name: str = "ambf_client", *, namespace: str = "", only: Optional[Sequence[str]] = None, anonymous: bool = False
+    ) -> None:
         """`client_name`: name of the ROS node, unless this process is one already. Two nodes of one name evict each other, unless
         they are `anonymous`, which adds a number to the name.
 
         `namespace`: only objects are found whose topics are below it, for a simulator that was started with `--ns`.
+        `only`: of these, only the objects whose names contain one of these texts; the others cost nothing then.
         """
         self._client_name = client_name
         self._namespace = namespace.rstrip("/")
+        self._only = only
         self._anonymous = anonymous
         self._ros_topics: List[Any] = []
         self._objects: Dict[str, BaseObject] = {}
@@ -89,8 +96,12 @@ class Client:
         end = time.monotonic() + timeout
         self._join_ros(end)
         self.set_publish_rate(publish_rate)
-        while not self._find() or self._world is None:
-            if time.monotonic() > end:
+        quiet_since, known = time.monotonic(), -1
+        # A simulator that is just starting announces its objects one after the other.
+        while self._world is None or time.monotonic() < quiet_since + _QUIET_S:
+            if self._find() and len(self._objects) != known:
+                quiet_since, known = time.monotonic(), len(self._objects)
+            if self._world is None and time.monotonic() > end:
                 raise SimulatorNotFound(
                     f"the ROS master at {_master_uri()} answers, but within {timeout} s no simulator has published a world; does it run?"
                 )
@@ -118,10 +129,10 @@ class Client:
         for topic, kind in self._ros_topics:
             if not topic.startswith(f"{self._namespace}/"):
                 continue
+            name = topic.replace(_STATE, "")
             if kind == "ambf_msgs/WorldState":
                 self._add_world(topic)
-            elif kind in _KINDS:
-                name = topic.replace(_STATE, "")
+            elif kind in _KINDS and (self._only is None or any(part in name for part in self._only)):
                 if name not in self._objects:
                     self._objects[name] = self._make(topic, name, *_KINDS[kind])
         self._common_obj_namespace = os.path.commonprefix(list(self._objects))
@@ -232,11 +243,15 @@ class Client:
 
         From now on its command is published; the world's is not.
         """
-        try:
-            return self._look_up(a_name)
-        except ObjectNotFound as error:
-            say(str(error))
-            return None
+        for attempt in range(2):
+            try:
+                return self._look_up(a_name)
+            except ObjectNotFound as error:
+                # It may have come since the master was asked last.
+                if attempt or not self._find():
+                    say(str(error))
+                    break
+        return None
 
     def wait_for_object(self, a_name: str, timeout: float = 5.0) -> Any:
         """`get_obj_handle`, but waits for objects that are still to come.
@@ -277,14 +292,6 @@ class Client:
             found.set_publish_joint_positions_flag(True)
         found.set_active()
         return found
-
-    def keep_only(self, handles: Iterable[BaseObject]) -> None:
-        """Closes and forgets the handles of all other objects, which then cost nothing; the world stays."""
-        kept = {id(handle) for handle in handles}
-        for name, handle in list(self._objects.items()):
-            if id(handle) not in kept:
-                del self._objects[name]
-                handle.close()
 
     def print_active_topics(self) -> None:
         """Prints all topics and their types."""

@@ -5,7 +5,8 @@ A backend steps one world. All of them do the same, number for number, if the si
 * Physics iterations are a loop of *update* (Bullet), *commands*, *publish*. Between the calls of a backend it rests after the update
   of an iteration, before its commands. So commands act from the second iteration of a step on, and what is observed after `n`
   iterations is published by the n-th.
-* A reset is done at that point of rest too.
+* A reset is done at that point of rest too. Nothing is left of what was before: controllers, solver and contacts forget, actuators let
+  go. Simulated time and the count of iterations go on.
 * Joint commands and joint states are single precision, poses and twists double.
 """
 

@@ -111,9 +111,6 @@ class SimulatorEnv(gymnasium.Env[Observation, Any]):
             raise InvalidDescription(f"the goal has the shape {self._goal.shape}, goal_size is {self._task.goal_size}")
         if not self._is_open:
             self._open()
-        elif self._states is not None:
-            # Controllers remember their last error, also across a reset: it should be small.
-            self._guarded(self._rest(self._states), 1, False)
         states = self._guarded(self._rest(self._start), 1, True)
         for part in self._task.act:
             part.start(states)

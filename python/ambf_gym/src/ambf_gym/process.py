@@ -61,7 +61,7 @@ class SimulatorProcess:
         launch = scene.launch_file or str(resources() / "launch.yaml")
         handle, log = tempfile.mkstemp(prefix="ambf_gym_", suffix=".log")
         self._log = Path(log)
-        command = [simulator(), "-g", "0", "-t", "1", "--ns", self.namespace, "--launch_file", launch]
+        command = [simulator(), "-g", "0", "-t", "1", "--hold", "--ns", self.namespace, "--launch_file", launch]
         command += ["-a", ",".join(scene.model_files()), *scene.options]
         self._process = subprocess.Popen(
             ["/bin/sh", "-c", _GUARD, "ambf_gym", *command],

@@ -25,17 +25,20 @@ class RosBackend:
         self,
         scene: Optional[Scene] = None,
         *,
-        namespace: str = "",
+        attach: Optional[str] = None,
         patience: float = 60.0,
         timeout: float = 30.0,
     ) -> None:
-        """`scene`: start a simulator with it; without, attach to the one whose topics begin with `namespace`.
+        """`scene`: a simulator is started with it, unless `attach` says what the topics of the one begin with that runs: its `--ns`,
+        or '' for any. Then the scene only tells the limits of joints, and may be missing.
 
         `patience`: seconds between two steps after which the simulator runs freely, so that a client that died doesn't hold it.
         `timeout`: seconds that the simulator may take to start, or for a step.
         """
         self._scene = scene
-        self._namespace = namespace
+        if scene is None and attach is None:
+            raise InvalidDescription("give a scene to start, or say what to attach to")
+        self._attach = attach
         self._patience = patience
         self._timeout = timeout
         self._process: Optional[SimulatorProcess] = None
@@ -57,10 +60,12 @@ class RosBackend:
         """
         self.close()
         try:
-            if self._scene is not None:
+            namespace = self._attach
+            if self._scene is not None and namespace is None:
                 self._process = SimulatorProcess(self._scene)
-                self._namespace = self._process.namespace
-            client = self._client = Client("ambf_gym", namespace=self._namespace, anonymous=True)
+                namespace = self._process.namespace
+            only = (*bodies, *sensors, *actuators)
+            client = self._client = Client("ambf_gym", namespace=namespace or "", only=only, anonymous=True)
             client.create_objs_from_rostopics(120, self._timeout)
             self._world = client.get_world_handle()
             self._bodies = {name: self._find(name, RigidBody) for name in bodies}
@@ -69,10 +74,10 @@ class RosBackend:
             self._settle_names()
             # From now on states come with the steps; topics would only take time from the learner.
             used: List[Any] = [*self._bodies.values(), *self._sensors.values(), *self._actuators.values()]
-            client.keep_only(used)
             for handle in used:
                 handle.stop_listening()
-            self._sim_step = self._require_world().step(0, patience=self._patience, timeout=self._timeout).sim_step
+            # The first step tells where the count stands.
+            self._sim_step = self._require_world().step(1, patience=self._patience, timeout=self._timeout).sim_step
         except ClientError as error:
             log = self._process.log() if self._process else ""
             self.close()
