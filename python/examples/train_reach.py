@@ -24,7 +24,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.monitor import Monitor
 
 matplotlib.use("Agg")
-from matplotlib import pyplot  # noqa: E402
+from matplotlib import pyplot
 
 EPISODES = 20
 

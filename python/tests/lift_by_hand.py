@@ -14,10 +14,12 @@ class Hand:
 
     def __call__(self, observation):
         """The action: velocity of the palm, m/s, and whether to hold."""
-        palm, block, goal = (np.asarray(observation[part], dtype=float) for part in (slice(0, 3), slice(3, 6), slice(-3, None)))
+        palm, block, goal = (
+            np.asarray(observation[part], dtype=float) for part in (slice(0, 3), slice(3, 6), slice(-3, None))
+        )
         holds = observation[16] > 0.5
         away = [
-            block + [0.0, 0.0, 0.09] - palm,
+            block + np.array([0.0, 0.0, 0.09]) - palm,
             np.zeros(3),
             [0.0, 0.0, _HEIGHT - palm[2]],
             [*(goal - block)[:2], 0.0],

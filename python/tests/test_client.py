@@ -7,7 +7,18 @@ import time
 import harness
 import rospy
 import support
-from ambf_client import Actuator, Client, GhostObject, Light, ObjectNotFound, RigidBody, Sensor, SoftBody, StepRefused, Vehicle
+from ambf_client import (
+    Actuator,
+    Client,
+    GhostObject,
+    Light,
+    ObjectNotFound,
+    RigidBody,
+    Sensor,
+    SoftBody,
+    StepRefused,
+    Vehicle,
+)
 from ambf_msgs.srv import AddModel
 
 MODELS = ("arm7", "gripper", "free_bodies", "cloth", "ghost", "car")

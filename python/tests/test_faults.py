@@ -1,6 +1,8 @@
 """What can go wrong between a client and the simulator: each has its error, in time."""
 
 import os
+import pathlib
+import signal
 import time
 
 import harness
@@ -74,12 +76,14 @@ class WithMaster(support.TimedTest):
         simulator, client = self.start()
         world = client.get_world_handle()
         world.step(1, patience=60.0)
-        os.kill(simulator.process.pid, 19)
+        os.kill(simulator.process.pid, signal.SIGSTOP)
         try:
+            status = pathlib.Path(f"/proc/{simulator.process.pid}/stat")
+            harness.wait_for(lambda: status.read_text().rsplit(")", 1)[1].split()[0] == "T", "it is stopped")
             with self.within(5.0), self.assertRaises(SimulatorTimeout):
                 world.step(1, patience=60.0, timeout=0.5)
         finally:
-            os.kill(simulator.process.pid, 18)
+            os.kill(simulator.process.pid, signal.SIGCONT)
         world.step(1)
 
     def test_d_a_client_that_throttles_and_dies(self):

@@ -120,7 +120,9 @@ class Bodies(unittest.TestCase):
         handle = body()
         handle.set_force(1, 2, 3)
         handle.set_torque(4, 5, 6)
-        self.assertEqual((handle._cmd.cartesian_cmd_type, handle.get_force_command().y, handle.get_torque_command().z), (FORCE, 2, 6))
+        self.assertEqual(
+            (handle._cmd.cartesian_cmd_type, handle.get_force_command().y, handle.get_torque_command().z), (FORCE, 2, 6)
+        )
         handle.set_linear_vel(1, 0, 0)
         handle.set_angular_vel(0, 0, 2)
         self.assertEqual(handle._cmd.cartesian_cmd_type, VELOCITY)
@@ -222,10 +224,16 @@ class Others(unittest.TestCase):
         """Rays by index; None where there is none."""
         sensor = Sensor("/ambf/env/eye")
         seen = [String("box"), String("")]
-        sensor.ros_cb(SensorState(count=2, triggered=[True, False], range=[0.5], measurement=[0.25, 0.0], sensed_objects=seen))
+        sensor.ros_cb(
+            SensorState(count=2, triggered=[True, False], range=[0.5], measurement=[0.25, 0.0], sensed_objects=seen)
+        )
         self.assertEqual((sensor.get_count(), sensor.is_triggered(0), sensor.is_triggered(2)), (2, True, None))
-        self.assertEqual((sensor.get_range(0), sensor.get_range(1), sensor.get_all_measurements()), (0.5, None, [0.25, 0.0]))
-        self.assertEqual((sensor.get_sensed_object(0), sensor.get_sensed_object(1), sensor.get_sensed_object(-1)), ("box", "", None))
+        self.assertEqual(
+            (sensor.get_range(0), sensor.get_range(1), sensor.get_all_measurements()), (0.5, None, [0.25, 0.0])
+        )
+        self.assertEqual(
+            (sensor.get_sensed_object(0), sensor.get_sensed_object(1), sensor.get_sensed_object(-1)), ("box", "", None)
+        )
         self.assertIsInstance(sensor.get_pose(), Pose)
 
     def test_actuator(self):
@@ -234,11 +242,16 @@ class Others(unittest.TestCase):
         offset = Pose()
         offset.position.z = 0.5
         actuator.actuate("box", offset)
-        self.assertEqual((actuator._cmd.actuate, actuator._cmd.use_offset, actuator._cmd.body_offset.position.z), (True, True, 0.5))
+        self.assertEqual(
+            (actuator._cmd.actuate, actuator._cmd.use_offset, actuator._cmd.body_offset.position.z), (True, True, 0.5)
+        )
         actuator.actuate_from_sensor_data("eye")
         self.assertEqual((actuator._cmd.use_sensor_data, actuator._cmd.sensor_identifier.data), (True, "eye"))
         actuator.deactuate()
-        self.assertEqual((actuator._cmd.actuate, actuator._cmd.use_sensor_data, actuator._cmd.sensor_identifier.data), (False, False, ""))
+        self.assertEqual(
+            (actuator._cmd.actuate, actuator._cmd.use_sensor_data, actuator._cmd.sensor_identifier.data),
+            (False, False, ""),
+        )
 
     def test_vehicle(self):
         """Wheels one by one and together; those that don't exist change nothing."""

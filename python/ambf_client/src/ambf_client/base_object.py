@@ -266,7 +266,9 @@ class BaseObject(WatchDog):
 
     def _check_pose_command(self) -> None:
         if not self._HAS_POSE_COMMAND:
-            raise UnsupportedCommand(f"{self._name} has no poses in its commands: it is of the type {type(self).__name__}")
+            raise UnsupportedCommand(
+                f"{self._name} has no poses in its commands: it is of the type {type(self).__name__}"
+            )
 
 
 def _point(x: float, y: float, z: float) -> Point:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import socket
 import threading
@@ -53,7 +54,12 @@ class Client:
     """
 
     def __init__(
-        self, client_name: str = "ambf_client", *, namespace: str = "", only: Optional[Sequence[str]] = None, anonymous: bool = False
+        self,
+        client_name: str = "ambf_client",
+        *,
+        namespace: str = "",
+        only: Optional[Sequence[str]] = None,
+        anonymous: bool = False,
     ) -> None:
         """`client_name`: name of the ROS node, unless this process is one already. Two nodes of one name evict each other, unless
         they are `anonymous`, which adds a number to the name.
@@ -111,7 +117,9 @@ class Client:
     def _join_ros(self, end: float) -> None:
         while not _master_answers():
             if time.monotonic() > end:
-                raise MasterNotFound(f"no ROS master answers at {_master_uri()}; start the simulator, or set ROS_MASTER_URI")
+                raise MasterNotFound(
+                    f"no ROS master answers at {_master_uri()}; start the simulator, or set ROS_MASTER_URI"
+                )
             time.sleep(0.05)
         if rospy.get_name() == "/unnamed":
             in_main = threading.current_thread() is threading.main_thread()
@@ -132,11 +140,14 @@ class Client:
             name = topic.replace(_STATE, "")
             if kind == "ambf_msgs/WorldState":
                 self._add_world(topic)
-            elif kind in _KINDS and (self._only is None or any(part in name for part in self._only)):
-                if name not in self._objects:
-                    self._objects[name] = self._make(topic, name, *_KINDS[kind])
-        self._common_obj_namespace = os.path.commonprefix(list(self._objects))
+            elif kind in _KINDS and name not in self._objects and self._is_wanted(name):
+                self._objects[name] = self._make(topic, name, *_KINDS[kind])
+        # Letter by letter, as the original does.
+        self._common_obj_namespace = os.path.commonprefix(list(self._objects))  # noqa: RUF071
         return True
+
+    def _is_wanted(self, name: str) -> bool:
+        return self._only is None or any(part in name for part in self._only)
 
     def _add_world(self, topic: str) -> None:
         name = topic.replace(_STATE, "")
@@ -197,11 +208,9 @@ class Client:
             if self._world is not None and self._world.is_active():
                 active.append(self._world)
             for handle in active:
-                try:
+                # The topic may have been closed meanwhile.
+                with contextlib.suppress(rospy.ROSException):
                     handle.run_publisher()
-                except rospy.ROSException:
-                    # The topic was closed meanwhile.
-                    pass
             due = max(due + 1.0 / self._publish_rate, time.monotonic())
             self._stop.wait(due - time.monotonic())
 
@@ -306,9 +315,7 @@ class Client:
         handle = self.get_obj_handle(a_name)
         return None if handle is None else handle.get_pose()
 
-    def set_obj_cmd(
-        self, a_name: str, fx: float, fy: float, fz: float, nx: float, ny: float, nz: float
-    ) -> None:
+    def set_obj_cmd(self, a_name: str, fx: float, fy: float, fz: float, nx: float, ny: float, nz: float) -> None:
         """Pushes a body with a force, N, and a torque, N·m, world axes."""
         handle = self.get_obj_handle(a_name)
         if handle is not None:

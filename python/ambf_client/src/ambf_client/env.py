@@ -62,7 +62,7 @@ class AmbfEnv:
         self.base_handle: RigidBody = self.ambf_client.wait_for_object(base_name)
         self.n_skip_steps = 5
         self.enable_step_throttling = True
-        self.action: Sequence[float] = [0.0] * 7
+        self.action: Any = [0.0] * 7
         self.action_lims_low = np.array(_LOW)
         self.action_lims_high = np.array(_HIGH)
         self.action_space = Box(_LOW, _HIGH)

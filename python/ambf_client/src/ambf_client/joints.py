@@ -34,7 +34,7 @@ class JointStates(BaseObject):
         names = self.get_joint_names()
         if joint_name in names:
             return names.index(joint_name)
-        say(f"{self._name}: there is no joint \"{joint_name}\"; there are {', '.join(names) or 'none'}")
+        say(f'{self._name}: there is no joint "{joint_name}"; there are {", ".join(names) or "none"}')
         return None
 
     def get_joint_name_from_idx(self, joint_idx: int) -> Optional[str]:

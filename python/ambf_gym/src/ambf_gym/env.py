@@ -76,7 +76,7 @@ class SimulatorEnv(gymnasium.Env[Observation, Any]):
     iterations of the episode.
     """
 
-    metadata: Dict[str, Any] = {"render_modes": []}
+    metadata: Dict[str, Any] = {"render_modes": []}  # noqa: RUF012  as in the base class
 
     def __init__(self, backend: Backend, task: Task, render_mode: Optional[str] = None) -> None:
         """Raises InvalidDescription if the task lacks bounds that the scene does not tell."""
@@ -101,7 +101,9 @@ class SimulatorEnv(gymnasium.Env[Observation, Any]):
         self._steps = 0
         self._first_step = 0
 
-    def reset(self, *, seed: Optional[int] = None, options: Optional[Dict[str, Any]] = None) -> Tuple[Observation, Info]:
+    def reset(
+        self, *, seed: Optional[int] = None, options: Optional[Dict[str, Any]] = None
+    ) -> Tuple[Observation, Info]:
         """Returns the simulation to its start. The same seed draws the same goals."""
         super().reset(seed=seed)
         if options:
@@ -165,7 +167,9 @@ class SimulatorEnv(gymnasium.Env[Observation, Any]):
         also = Commands()
         self._task.also(also)
         used: List[Tuple[str, Sequence[str]]] = [(name, list(body.joints)) for name, body in also.bodies.items()]
-        used += [(getattr(part, "body", ""), getattr(part, "joints", ())) for part in (*self._task.observe, *self._task.act)]
+        used += [
+            (getattr(part, "body", ""), getattr(part, "joints", ())) for part in (*self._task.observe, *self._task.act)
+        ]
         for body, names in used:
             missing = {plain(name) for name in names} - set(joints.get(body, ()))
             if missing:
@@ -179,7 +183,7 @@ class SimulatorEnv(gymnasium.Env[Observation, Any]):
         parts: List[Any] = [*self._task.observe, *self._task.act]
         also = Commands()
         self._task.also(also)
-        bodies = [*self._task.bodies, *also.bodies]
+        bodies: List[Any] = [*self._task.bodies, *also.bodies]
         for part in parts:
             if not hasattr(part, "actuator"):
                 bodies += [getattr(part, "body", None), getattr(part, "relative_to", None)]

@@ -237,7 +237,9 @@ class DriveJoints:
 
     def bounds(self, limits: Optional[Limits]) -> Tuple[Array, Array]:
         """As given, or the joints' limits."""
-        self._low, self._high = _joint_bounds(self.joints, self.low, self.high, limits if self.mode == "position" else None)
+        self._low, self._high = _joint_bounds(
+            self.joints, self.low, self.high, limits if self.mode == "position" else None
+        )
         if not (np.isfinite(self._low) & np.isfinite(self._high) & (self._low < self._high)).all():
             raise InvalidDescription(f"{self.mode} of {', '.join(self.joints)}: give low and high, the scene does not")
         if self.increment is None:

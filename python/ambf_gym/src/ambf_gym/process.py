@@ -29,8 +29,10 @@ def own_master() -> str:
     global _MASTER, _MASTER_PROCESS
     import rospy
 
-    if _MASTER is not None and _MASTER_PROCESS != os.getpid():
-        raise SimulatorFailed("this process was forked from one that had an environment open; start it with 'spawn' instead")
+    if _MASTER is not None and os.getpid() != _MASTER_PROCESS:
+        raise SimulatorFailed(
+            "this process was forked from one that had an environment open; start it with 'spawn' instead"
+        )
     if _MASTER is None:
         if rospy.get_name() != "/unnamed":
             return os.environ["ROS_MASTER_URI"]

@@ -124,9 +124,7 @@ class RosBackend:
             _command_actuator(self._actuators[name], hold)
             driven.append(self._actuators[name])
         observed = [*self._bodies.values(), *self._sensors.values(), *self._actuators.values()]
-        result = world.step(
-            steps, driven, observed, reset=reset, patience=self._patience, timeout=self._timeout
-        )
+        result = world.step(steps, driven, observed, reset=reset, patience=self._patience, timeout=self._timeout)
         expected, self._sim_step = (self._sim_step + steps) % 2**32, result.sim_step
         if result.sim_step != expected:
             raise StepMismatch(

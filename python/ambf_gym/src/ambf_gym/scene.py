@@ -78,7 +78,11 @@ def limits_in(model: Path) -> Limits:
     """Limits of the joints in a model file."""
     try:
         text = model.read_text()
-        return _urdf_limits(xml.fromstring(text)) if model.suffix in (".urdf", ".xml") else _adf_limits(yaml.safe_load(text))
+        return (
+            _urdf_limits(xml.fromstring(text))
+            if model.suffix in (".urdf", ".xml")
+            else _adf_limits(yaml.safe_load(text))
+        )
     except (OSError, ValueError, yaml.YAMLError, xml.ParseError) as error:
         raise InvalidDescription(f"{model}: {error}; give low and high for its joints") from error
 

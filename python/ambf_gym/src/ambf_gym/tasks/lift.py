@@ -73,7 +73,14 @@ def info(transition: Transition) -> Info:
 
 
 TASK = Task(
-    observe=(Position(PALM), Position(BLOCK), Position(BLOCK, relative_to=PALM), Twist(BLOCK), Measurements(EYE), Holds(HOLDER)),
+    observe=(
+        Position(PALM),
+        Position(BLOCK),
+        Position(BLOCK, relative_to=PALM),
+        Twist(BLOCK),
+        Measurements(EYE),
+        Holds(HOLDER),
+    ),
     act=(DriveBody(PALM, mode="velocity", low=-0.5, high=0.5), Hold(HOLDER, sensor="SENSOR proximity")),
     reward=reward,
     terminated=is_over,
