@@ -19,8 +19,6 @@ from ambf_gym.tasks.reach import BASE, JOINTS, SCENE
 from gymnasium.utils.env_checker import check_env
 from lift_by_hand import Hand
 
-PENDULUM = Scene((str(support.RESOURCES / "models/pendulum.yaml"),))
-
 
 def setUpModule():
     """Environments start this simulator."""
@@ -68,6 +66,15 @@ class Environments(support.TimedTest):
                 found = roll_out(first, 30, seed=5)
                 self.assertEqual(found, roll_out(second, 30, seed=5))
                 self.assertNotEqual(found, roll_out(second, 30, seed=6))
+                self.assertEqual(found, roll_out(first, 30, seed=5), "a reset leaves nothing of what was before")
+        legacy = Scene(SCENE.models)
+        task = Task(
+            (JointPositions(BASE, JOINTS),),
+            (DriveJoints(BASE, JOINTS),),
+            lambda step: step.after.bodies[BASE].position[2],
+        )
+        first, second = (self.make(SimulatorEnv, RosBackend(legacy), task) for _ in range(2))
+        self.assertEqual(roll_out(first, 30, seed=5), roll_out(second, 30, seed=5), "profile legacy")
 
     def test_no_step_is_skipped_or_doubled(self):
         """The simulator's own count says so."""
@@ -91,7 +98,7 @@ class Environments(support.TimedTest):
             observation, *_ = env.step([0.5, 0.6])
         np.testing.assert_allclose(observation, [0.5, 0.6], atol=0.05)
 
-    def test_reach_can_be_done_and_lift_too(self):
+    def test_lifting_and_placing_can_be_done(self):
         """By hand: the gripper fetches the block and puts it down at the goal."""
         env = self.make(make_lift)
         for seed in range(3):

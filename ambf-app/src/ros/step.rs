@@ -29,7 +29,7 @@ pub(super) struct Steppable {
 
 /// What it is.
 pub(super) enum Kind {
-    Body { source: Mutex<rigid_body::StateSource>, requests: Arc<Requests>, n_joints: usize },
+    Body { source: Box<Mutex<rigid_body::StateSource>>, requests: Arc<Requests>, n_joints: usize },
     Sensor(usize, SensorInfo),
     Actuator(usize, ActuatorInfo),
 }
@@ -42,7 +42,7 @@ impl Kind {
             rigid_body::StateSource::new(index, body.clone(), &info.name, &info.identifier, Arc::clone(requests));
         // The client knows the names.
         let source = source.without_names();
-        Self::Body { source: Mutex::new(source), requests: Arc::clone(requests), n_joints }
+        Self::Body { source: Box::new(Mutex::new(source)), requests: Arc::clone(requests), n_joints }
     }
 }
 
