@@ -307,7 +307,9 @@ impl StepThrottle {
         let mut guard = lock(&self.told);
         while !is_there() {
             let Some(left) = end.checked_duration_since(Instant::now()) else { return false };
-            guard = self.changed.wait_timeout(guard, left).unwrap_or_else(PoisonError::into_inner).0;
+            // Not everything that is waited for is told of.
+            let nap = left.min(Duration::from_millis(5));
+            guard = self.changed.wait_timeout(guard, nap).unwrap_or_else(PoisonError::into_inner).0;
         }
         true
     }
