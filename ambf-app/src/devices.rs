@@ -103,7 +103,7 @@ mod tests {
     fn listed() -> Vec<Option<InputDevice>> {
         let text = "input devices: [A, B, C]\nA: {hardware name: x, root link: l}\nB: {root link: l}\n\
                     C: {hardware name: y, root link: l}\n";
-        adf::parse::<InputDevices>(text, Path::new("devices.yaml")).expect("a list").0.entries
+        adf::parse::<InputDevices>(text, std::path::Path::new("devices.yaml")).expect("a list").0.entries
     }
 
     fn names(selection: &DeviceSelection) -> (Vec<String>, usize) {

@@ -134,6 +134,9 @@ fn serve(
     let host = Arc::new(Host(simulation.models()));
     let mut ros = (!options.no_ros).then(|| RosMiddleware::new(RosOptions::default()).with_models(host));
     if let Some(ros) = &mut ros {
+        if options.hold {
+            hub.throttle().hold(Duration::MAX, hub.now_ns());
+        }
         if let Err(error) = ros.start(hub) {
             report!("ROS is not available: {error}; the simulation runs without");
         }
