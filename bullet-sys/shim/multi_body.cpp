@@ -327,6 +327,7 @@ void AmbTree::follow_base() {
 void AmbTree::settle() {
   if (!poses_set && !velocities_set) return;
   if (poses_set) {
+    dynamics.forget();
     base_pose = members[0].body->body.getWorldTransform();
     position.origin = base_pose.getOrigin();
     position.rotation = base_pose.getRotation();
