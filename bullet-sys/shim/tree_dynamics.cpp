@@ -87,6 +87,7 @@ void TreeDynamics::finish() {
   angular.resize(n, btVector3(0, 0, 0));
   work.resize(n);
   efforts.resize(coordinates);
+  pushes.resize(coordinates);
   stage.q.resize(coordinates);
   stage_rate.q.resize(coordinates);
   for (int i = 0; i < 4; ++i) {
@@ -226,7 +227,7 @@ btScalar TreeDynamics::Spring::displacement(btScalar q) const {
 }
 
 void TreeDynamics::accelerate(const Position &position, const Rate &rate, Rate &acceleration) {
-  std::fill(efforts.begin(), efforts.end(), 0);
+  efforts = pushes;
   for (const Spring &spring : springs) {
     if (spring.left_out) continue;
     const int i = spring.coordinate;

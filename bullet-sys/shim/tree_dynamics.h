@@ -119,6 +119,8 @@ class TreeDynamics {
     btVector3 alpha, accel;
   };
 
+  void runge_kutta(btScalar h, const Position &from, const Rate &rate, Position &to, Rate &new_rate);
+  void probe(const Position &at, const Rate &rate);
   void add_inertias();
   void sweep(Rate &out, bool with_bias);
 
