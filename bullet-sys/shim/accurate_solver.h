@@ -40,6 +40,8 @@ class AccurateSolver : public Base {
     remember_friction(manifolds, n);
     Base::convertContacts(manifolds, n, info);
     warm_start_friction(info);
+    limit_pushes(info);
+    // What bounces has a velocity of its own.
     if (settings_.restitution) bounce(info);
   }
 
@@ -148,6 +150,35 @@ class AccurateSolver : public Base {
         row.m_rhs = (-before - forced) * row.m_jacDiagABInv;
         row.m_rhsPenetration = push * row.m_jacDiagABInv;
       }
+    }
+  }
+
+  // Bodies that overlap leave each other at no more than this speed, m/s, however deep they are: what takes the overlap away stays as
+  // velocity. A fall of 5 cm is as fast.
+  static constexpr btScalar FASTEST_PUSH = 1;
+
+  void limit_pushes(const btContactSolverInfo &info) {
+    limit_pushes(this->m_tmpSolverContactConstraintPool, info);
+    if constexpr (std::is_base_of_v<btMultiBodyConstraintSolver, Base>) {
+      limit_pushes(this->m_multiBodyNormalContactConstraints, info);
+    }
+  }
+
+  template <class Rows>
+  void limit_pushes(Rows &rows, const btContactSolverInfo &info) {
+    for (int i = 0; i < rows.size(); ++i) {
+      auto &row = rows[i];
+      const auto &point = *static_cast<const btManifoldPoint *>(row.m_originalContactPoint);
+      const btScalar push = -(point.getDistance() + info.m_linearSlop) * info.m_erp2 / info.m_timeStep;
+      if (push <= FASTEST_PUSH || row.m_jacDiagABInv <= 0) continue;
+      // A soft contact under load gives most of its push away.
+      const btScalar load = std::max(btScalar(0), point.m_appliedImpulse);
+      const btScalar most = FASTEST_PUSH + settings_.contact_softness * load / row.m_jacDiagABInv;
+      if (push <= most) continue;
+      // Bullet keeps what is deep out of the velocities, and moves bodies instead; this is slow enough for both.
+      if (row.m_rhsPenetration == 0) row.m_rhs -= push * row.m_jacDiagABInv;
+      row.m_rhsPenetration = 0;
+      row.m_rhs += most * row.m_jacDiagABInv;
     }
   }
 
