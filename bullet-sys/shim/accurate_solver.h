@@ -166,6 +166,8 @@ class AccurateSolver : public Base {
   // Bodies that overlap leave each other at no more than this speed, m/s, however deep they are: what takes the overlap away stays as
   // velocity. A fall of 5 cm is as fast.
   static constexpr btScalar FASTEST_PUSH = 1;
+  // What is added at most for contacts under load, which may be let go of at any time.
+  static constexpr btScalar MOST_GIVEN_AWAY = 3;
 
   void limit_pushes(const btContactSolverInfo &info) {
     limit_pushes(this->m_tmpSolverContactConstraintPool, info);
@@ -183,7 +185,8 @@ class AccurateSolver : public Base {
       if (push <= FASTEST_PUSH || row.m_jacDiagABInv <= 0) continue;
       // A soft contact under load gives most of its push away.
       const btScalar load = std::max(btScalar(0), point.m_appliedImpulse);
-      const btScalar most = FASTEST_PUSH + settings_.contact_softness * load / row.m_jacDiagABInv;
+      const btScalar given = settings_.contact_softness * load / row.m_jacDiagABInv;
+      const btScalar most = FASTEST_PUSH + std::min(given, MOST_GIVEN_AWAY);
       if (push <= most) continue;
       // Bullet keeps what is deep out of the velocities, and moves bodies instead; this is slow enough for both.
       if (row.m_rhsPenetration == 0) row.m_rhs -= push * row.m_jacDiagABInv;

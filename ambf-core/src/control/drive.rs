@@ -300,6 +300,26 @@ mod tests {
     }
 
     #[test]
+    fn dampers_are_right_to_second_order() {
+        // x'' = -(x' - 1)·D: behind a set point that moves.
+        for scheme in SCHEMES {
+            let error = |h: f64| {
+                let mut driver = JointDriver::new(&controller(0.0, 0.0, 5.0, ControllerOutput::Force));
+                let (mut v, n) = (0.0, (0.4 / h) as usize);
+                for i in 0..n {
+                    // It speeds up, so that what a step misses does not decay.
+                    let set_rate = (i as f64 + 0.5) * h;
+                    v = solve(&driver.update(&Deviation { error: 0.0, set_rate, rate: v }, scheme, h), 1.0, v);
+                }
+                let t = n as f64 * h;
+                (v - (t - (1.0 - (-5.0 * t).exp()) / 5.0)).abs()
+            };
+            let (coarse, fine) = (error(0.01), error(0.0025));
+            assert!(fine < 1e-4 && fine < coarse / 8.0, "{scheme:?}: {coarse} {fine}");
+        }
+    }
+
+    #[test]
     fn no_step_is_too_long_and_no_gain_too_high() {
         for (scheme, h) in SCHEMES.iter().flat_map(|scheme| [1e-3, 0.016, 0.1].map(|h| (*scheme, h))) {
             for gain in [1.0, 1e3, 1e6, 1e9] {
