@@ -19,6 +19,7 @@ from ambf_client import (
     StepRefused,
     Vehicle,
 )
+from ambf_env import AmbfEnv
 from ambf_msgs.srv import AddModel
 
 MODELS = ("arm7", "gripper", "free_bodies", "cloth", "ghost", "car")
@@ -230,6 +231,22 @@ class Stepping(support.TimedTest):
         before = self.body.get_sim_step()
         time.sleep(0.1)
         return self.body.get_sim_step() == before
+
+    def test_the_environment_of_the_original(self):
+        """Its class and its results are as they were: four things, thirteen numbers."""
+        env = AmbfEnv(base_name="Plane")
+        self.addCleanup(env.ambf_client.clean_up)
+        with self.assertRaises(ObjectNotFound):
+            env.step([0.0] * 7)
+        env.make("gripper/palm")
+        self.assertEqual(env.reset().shape, (13,))
+        state, reward, done, info = env.step([5.0, 0.0, -0.9, 0.0, 0.0, 0.0, 0.0])
+        self.assertEqual((state.shape, done, info), ((13,), False, {}))
+        self.assertGreaterEqual(state[12], 5.0)
+        self.assertTrue(math.isfinite(reward))
+        self.assertRaises(ValueError, env.step, [0.0] * 6)
+        env.set_throttling_enable(False)
+        env.world_handle.update()
 
     def test_steps_make_exact_steps(self):
         """States come with the answer; commands act at once."""
