@@ -3,6 +3,7 @@
 pub mod batch;
 pub mod check;
 pub mod cli;
+pub mod devices;
 pub mod launch;
 pub mod plugins;
 pub mod process;

@@ -6,12 +6,14 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use ambf_core::comm::{Middleware, Rates};
+use ambf_core::device::host::DeviceHost;
 use ambf_core::scene::{load, Loaded, SceneOptions, SceneReport};
 use ambf_core::sim::{Event, Models, Runner, RunnerOptions, Simulation, DEFAULT_SUB_STEP};
 use crossbeam_channel::RecvTimeoutError;
 use thiserror::Error;
 
-use crate::cli::{DeviceSelection, SimulatorOptions};
+use crate::cli::SimulatorOptions;
+use crate::devices;
 use crate::launch::{self, LaunchError};
 use crate::ros::{ModelHost, ModelReply, RosMiddleware, RosOptions};
 use crate::{plugins, print_line, process, report};
@@ -62,12 +64,12 @@ pub fn run(options: &SimulatorOptions) -> Result<(), SimulatorError> {
     }
 
     let begin = Instant::now();
-    let simulation = load_simulation(options)?;
+    let (simulation, devices) = load_simulation(options)?;
     if stop.load(Ordering::Acquire) {
         return Ok(());
     }
     print_summary(&simulation, begin.elapsed());
-    let outcome = serve(simulation, options, &stop);
+    let outcome = serve(simulation, devices, options, &stop);
     report!("stopped");
     outcome
 }
@@ -80,10 +82,9 @@ fn time_step(options: &SimulatorOptions) -> String {
     }
 }
 
-fn load_simulation(options: &SimulatorOptions) -> Result<Simulation, SimulatorError> {
+fn load_simulation(options: &SimulatorOptions) -> Result<(Simulation, DeviceHost), SimulatorError> {
     let physics = launch::physics(&options.physics).map_err(SimulatorError::Usage)?;
     let (launch, problems) = launch::read_strict(&options.launch_file)?;
-    report_devices(options);
     let (files, skipped) = launch::scene_files(Some(&launch), None, &options.model_files, &options.model_indexes);
     skipped.iter().for_each(|problem| report!("{problem}"));
 
@@ -91,26 +92,20 @@ fn load_simulation(options: &SimulatorOptions) -> Result<Simulation, SimulatorEr
         prefix: options.namespace.clone(),
         rates: options.publish_frequency.map(|rates| Rates { min: rates.min, max: rates.max }),
         physics,
+        may_grow: devices::are_wanted(&options.devices),
     };
     let Loaded { scene, report: mut found } = load(&files, &scene_options);
     found.files.insert(0, problems);
     print_report(&found, options.verbose);
     let sub_step = scene.sub_step.unwrap_or(DEFAULT_SUB_STEP);
     let mut simulation = Simulation::new(scene, sub_step);
+    let mut drivers = devices::drivers();
+    plugins::add_drivers(&mut drivers, &launch.device_plugins).iter().for_each(|line| report!("{line}"));
+    let device_file = launch.input_devices_config.as_deref();
+    let (host, said) = devices::open(device_file, &drivers, options, &mut simulation);
+    said.iter().for_each(|line| report!("{line}"));
     plugins::load(&mut simulation, &launch.plugins, &options.plugins, options.verbose);
-    Ok(simulation)
-}
-
-fn report_devices(options: &SimulatorOptions) {
-    let wanted = match &options.devices {
-        DeviceSelection::First(n) => *n,
-        DeviceSelection::Indexes(indexes) => indexes.len(),
-    };
-    if wanted > 0 {
-        report!(
-            "{wanted} input device(s) wanted: this build has no drivers for input devices, the simulation runs without"
-        );
-    }
+    Ok((simulation, host))
 }
 
 fn print_report(found: &SceneReport, verbose: bool) {
@@ -132,7 +127,12 @@ fn print_summary(simulation: &Simulation, took: Duration) {
     );
 }
 
-fn serve(mut simulation: Simulation, options: &SimulatorOptions, stop: &AtomicBool) -> Result<(), SimulatorError> {
+fn serve(
+    mut simulation: Simulation,
+    mut devices: DeviceHost,
+    options: &SimulatorOptions,
+    stop: &AtomicBool,
+) -> Result<(), SimulatorError> {
     let hub = simulation.connect();
     let host = Arc::new(Host(simulation.models()));
     let mut ros = (!options.no_ros).then(|| RosMiddleware::new(RosOptions::default()).with_models(host));
@@ -149,10 +149,11 @@ fn serve(mut simulation: Simulation, options: &SimulatorOptions, stop: &AtomicBo
             speed_factor: options.speed_factor,
         },
     );
-    let outcome = follow(&runner, stop);
+    let outcome = follow(&runner, &mut devices, stop);
     if let Some(mut simulation) = runner.stop() {
         plugins::close(&mut simulation);
     }
+    devices.stop().iter().for_each(|line| report!("{line}"));
     if let Some(ros) = &mut ros {
         ros.stop();
     }
@@ -182,9 +183,12 @@ impl ModelHost for Host {
 }
 
 /// Prints what the physics thread has to say until the program should end.
-fn follow(runner: &Runner, stop: &AtomicBool) -> Result<(), SimulatorError> {
+fn follow(runner: &Runner, devices: &mut DeviceHost, stop: &AtomicBool) -> Result<(), SimulatorError> {
     let mut empty_steps = Limited::default();
     while !stop.load(Ordering::Acquire) {
+        for news in devices.news() {
+            report!("{}", devices.line(&news));
+        }
         match runner.events().recv_timeout(POLL) {
             Ok(Event::LostTime { recent, total }) => report!(
                 "the scene is too heavy for this computer: {recent:.3} s of simulated time were not computed ({total:.3} s in all)"

@@ -114,12 +114,13 @@ fn positions() {
 #[test]
 fn forces_and_velocities_of_bodies() {
     let push = |bench: &mut Bench| {
-        for _ in 0..200 {
+        // The finger then is short of its end stop, at which hundredths of a millimetre decide how it bounces.
+        for _ in 0..80 {
             bench.push("Finger", Vector3::new(3.0, 5.0, 12.0));
             bench.steps(1);
         }
     };
-    alike(push, 1e-2, 0.2, 5.0);
+    alike(push, 1e-4, 0.05, 5.0);
     let throw = |bench: &mut Bench| {
         bench.throw("Lower", Vector3::new(0.0, 0.0, 1.0));
         bench.steps(20);

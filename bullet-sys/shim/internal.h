@@ -87,6 +87,10 @@ struct AmbBody : AmbObject {
   int member = 0;
   // Constraints on it.
   int held = 0;
+  // Whether it was put where it is and has not moved since, and what all but the gyroscopic torque added to its angular velocity in the
+  // sub-step before; see second_order.h.
+  bool begins = true;
+  btVector3 turned{0, 0, 0};
   FlightStart start;
   // Rows that drive the body, see drive.cpp. Made when they are first needed, dropped when the body leaves its world.
   std::unique_ptr<btTypedConstraint> drive;

@@ -50,6 +50,8 @@ void place(AmbWorld &world, AmbBody &owner, const btTransform &pose) {
   btRigidBody &body = owner.body;
   const bool moves = !(body.getWorldTransform() == pose);
   if (moves) wake_around(world, owner);
+  owner.begins = true;
+  owner.turned.setZero();
   body.setWorldTransform(pose);
   owner.motion.setWorldTransform(pose);
   // A link follows in the next sub-step, and is never at rest.

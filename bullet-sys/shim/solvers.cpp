@@ -9,6 +9,7 @@
 #include <BulletDynamics/MLCPSolvers/btSolveProjectedGaussSeidel.h>
 
 #include "accurate_solver.h"
+#include "second_order.h"
 
 namespace {
 
@@ -53,12 +54,12 @@ std::unique_ptr<btConstraintSolver> solver_of(int solver, btMLCPSolverInterface 
   if (solver == AmbSolver_Nncg) return std::make_unique<WithSoftRows<btNNCGConstraintSolver>>();
   if (solver == AmbSolver_WarmFriction) return std::make_unique<WithSoftRows<WarmFrictionSolver>>();
   if (solver == AmbSolver_Accurate) {
-    return std::make_unique<WithSoftRows<AccurateSolver<btSequentialImpulseConstraintSolver>>>(accurate);
+    return std::make_unique<WithSoftRows<AccurateSolver<SecondOrder<btSequentialImpulseConstraintSolver>>>>(accurate);
   }
   return std::make_unique<WithSoftRows<btSequentialImpulseConstraintSolver>>();
 }
 
 std::unique_ptr<btMultiBodyConstraintSolver> multi_body_solver_of(int solver, const AccurateContext &accurate) {
-  if (solver == AmbSolver_Accurate) return std::make_unique<WithSoftRows<AccurateSolver<btMultiBodyConstraintSolver>>>(accurate);
+  if (solver == AmbSolver_Accurate) return std::make_unique<WithSoftRows<AccurateSolver<SecondOrder<btMultiBodyConstraintSolver>>>>(accurate);
   return std::make_unique<WithSoftRows<btMultiBodyConstraintSolver>>();
 }

@@ -19,9 +19,7 @@
 //! them, which need not be the oldest.
 
 mod actuator;
-mod embedded;
 mod ghost;
-mod link;
 pub mod messages;
 mod mismatch;
 mod models;
@@ -37,13 +35,10 @@ mod scheduler;
 mod sensor;
 mod service;
 mod signal;
-mod sockets;
 mod soft_body;
-mod topic;
 mod topics;
 mod vehicle;
 mod world;
-mod xmlrpc;
 
 use std::error::Error;
 use std::sync::mpsc::{channel, Receiver, Sender};
@@ -52,22 +47,18 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use ambf_core::comm::{Hub, Middleware};
+use ros_node::{Link, LinkOptions, Peer};
 
 pub use models::{ModelHost, ModelReply};
 pub use point_cloud::{PointCloud, PointClouds};
 pub use remap::without_remappings;
-pub use xmlrpc::CallError;
+pub use ros_node::CallError;
 
 use crate::report;
-use link::Link;
 use objects::{Objects, Told};
 use parameters::Parameters;
 use signal::Waker;
 use topics::Surroundings;
-use xmlrpc::Peer;
-
-/// Master when `ROS_MASTER_URI` is not set.
-const DEFAULT_MASTER: &str = "http://localhost:11311/";
 
 /// How long one call to the master may take before it counts as absent.
 const MASTER_TIMEOUT: Duration = Duration::from_secs(1);
@@ -134,13 +125,16 @@ impl Middleware for RosMiddleware {
         if self.running.is_some() {
             return Ok(());
         }
-        let uri = std::env::var("ROS_MASTER_URI").ok().filter(|uri| !uri.is_empty());
-        let uri = uri.as_deref().unwrap_or(DEFAULT_MASTER);
-        let master = Peer::new(uri, &format!("/{}", self.options.node_name), MASTER_TIMEOUT)?;
+        let master = Peer::new(&ros_node::master_uri(), &format!("/{}", self.options.node_name), MASTER_TIMEOUT)?;
         mismatch::report_mismatches();
         hub.set_listening();
         let waker = Arc::<Waker>::default();
-        let link = Arc::new(Link::new(master.clone()));
+        let link = Arc::new(Link::new(LinkOptions {
+            master: master.clone(),
+            name: self.options.node_name.clone(),
+            embedded_master: true,
+            report: Arc::new(crate::report::report),
+        }));
         let (publisher, entries) = channel();
         let (to_parameters, changes) = channel();
         let told = Told { link: Arc::clone(&link), publisher, parameters: to_parameters };
@@ -163,9 +157,8 @@ impl Middleware for RosMiddleware {
         spawn_detached("ros-parameters", &alive, move || parameters.run())?;
         spawn_detached("ros-objects", &alive, move || objects.run(&told))?;
         let swept = Arc::clone(&link);
-        spawn_detached("ros-sockets", &alive, move || link::tend_sockets(&swept))?;
-        let name = self.options.node_name.clone();
-        spawn_detached("ros-link", &alive, move || link::run(&link, &name))?;
+        spawn_detached("ros-sockets", &alive, move || ros_node::tend_sockets(&swept))?;
+        spawn_detached("ros-link", &alive, move || ros_node::run(&link))?;
         Ok(())
     }
 

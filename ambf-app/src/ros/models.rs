@@ -3,13 +3,13 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use ros_node::{Announcement, Peer};
+
 use super::messages::ambf_msgs::{
     AddModel, AddModelReq, AddModelRes, ListModels, ListModelsReq, ListModelsRes, RemoveModel, RemoveModelReq,
     RemoveModelRes,
 };
 use super::service::Service;
-use super::topic::Announcement;
-use super::xmlrpc::Peer;
 
 /// What a client is told about a model that was added.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]

@@ -4,11 +4,11 @@ use std::sync::mpsc::Sender;
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::link::Link;
+use ros_node::{Announcement, Link};
+
 use super::naming::Names;
 use super::parameters::ParameterChange;
 use super::scheduler::Entry;
-use super::topic::Announcement;
 use super::topics::{self, Served, Surroundings};
 
 /// How often the list is compared with what is served.
@@ -101,9 +101,8 @@ impl Objects {
 mod tests {
     use super::*;
     use crate::ros::models::{ModelHost, ModelReply};
-    use crate::ros::topic::Direction;
-    use crate::ros::xmlrpc::Peer;
     use ambf_core::comm::{Hub, ObjectInfo, ObjectKind, Rates};
+    use ros_node::{Direction, Peer};
     use std::path::{Path, PathBuf};
 
     /// A host that does nothing.

@@ -7,14 +7,12 @@ use std::time::Duration;
 
 use ambf_core::comm::{CameraParameters, Hub, LightParameters, PostError};
 use dxr::Value;
+use ros_node::{Announcement, CallError, Link, Peer};
 
-use super::link::Link;
 use super::naming::graph_name;
 use super::point_cloud::{subscriptions, PointClouds};
 use super::posed::ParentName;
 use super::signal::Complaints;
-use super::topic::Announcement;
-use super::xmlrpc::{CallError, Peer};
 use crate::report;
 
 /// How often changes are looked for.
@@ -430,6 +428,7 @@ fn remove<P: OnServer>(objects: &mut Vec<Watched<P>>, removed: &[usize]) -> Vec<
 #[cfg(test)]
 mod tests {
     use super::*;
+    use ros_node::LinkOptions;
 
     fn tree(values: Vec<(&str, Value)>) -> Tree {
         values.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
@@ -484,7 +483,13 @@ mod tests {
         let master = Peer::new("http://localhost:1/", "/test", Duration::from_millis(1)).unwrap();
         let (sender, changes) = std::sync::mpsc::channel();
         let hub = Arc::new(Hub::new(Vec::new()));
-        let mut parameters = Parameters::new(hub, Arc::new(Link::new(master.clone())), changes, Arc::default());
+        let link = Link::new(LinkOptions {
+            master: master.clone(),
+            name: "test".into(),
+            embedded_master: false,
+            report: ros_node::silent(),
+        });
+        let mut parameters = Parameters::new(hub, Arc::new(link), changes, Arc::default());
         let light = |object, name: &str| {
             let (values, parent) = (LightParameters::default(), ParentName::new(""));
             Parameterised { object, name: name.into(), values, parent }

@@ -3,8 +3,10 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
+use ros_node::{Announcement, Subscription};
+
 use super::messages::{sensor_msgs, std_msgs};
-use super::topic::{Announcement, Subscription};
+use super::received::Received;
 
 /// Size of points until a client says otherwise, pixels.
 const DEFAULT_RADIUS: f32 = 10.0;
@@ -69,7 +71,7 @@ pub(super) fn subscriptions(clouds: &Arc<PointClouds>, topic: &str) -> [Arc<dyn 
     let (points, radius) = (Arc::clone(clouds), Arc::clone(clouds));
     let (of_points, of_radius) = (topic.to_owned(), topic.to_owned());
     [
-        Subscription::new(topic.to_owned(), move |message: sensor_msgs::PointCloud| {
+        Subscription::new(topic.to_owned(), move |Received(message): Received<sensor_msgs::PointCloud>| {
             points.change(&of_points, |cloud| {
                 cloud.frame_id = message.header.frame_id;
                 cloud.points.clear();
@@ -77,7 +79,7 @@ pub(super) fn subscriptions(clouds: &Arc<PointClouds>, topic: &str) -> [Arc<dyn 
                 cloud.points.extend(all.filter(|p| p.iter().all(|x| x.is_finite())));
             });
         }),
-        Subscription::new(radius_topic(topic), move |message: std_msgs::Float32| {
+        Subscription::new(radius_topic(topic), move |Received(message): Received<std_msgs::Float32>| {
             let radius_px = message.data.abs();
             if radius_px.is_finite() {
                 radius.change(&of_radius, |cloud| cloud.radius = radius_px);

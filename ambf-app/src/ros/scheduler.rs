@@ -5,10 +5,10 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use ambf_core::comm::{Hub, ObjectKind, PublishSchedule, Rates, Snapshot};
+use ros_node::{Publication, Stop};
 use rosrust::Message;
 
-use super::signal::{Stop, Waker};
-use super::topic::Publication;
+use super::signal::Waker;
 use crate::report;
 
 /// Longest sleep: bounds how late a new listener or the end of a command stream is seen.

@@ -11,14 +11,13 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use dxr::Value;
+use ros_node::{Announcement, Direction, Peer, Registration};
 use rosrust::api::Ros;
 use rosrust::error::Error;
 use rosrust::{RosMsg, ServicePair};
 
 use super::received::{FromClient, Received};
 use super::signal::Complaints;
-use super::topic::{Announcement, Direction, Registration};
-use super::xmlrpc::Peer;
 
 /// Longest header or request, bytes: a request is a file or a name.
 const LONGEST: usize = 64 << 10;

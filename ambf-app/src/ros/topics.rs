@@ -6,18 +6,17 @@ use ambf_core::comm::{
     ActuatorInfo, CameraParameters, Hub, LightParameters, ObjectInfo, ObjectKind, PostError, Rates, RigidBodyInfo,
     SensorCommand, SensorInfo, Snapshot, VehicleInfo,
 };
+use ros_node::{Announcement, Peer, Publication, Subscription};
 use rosrust::Message;
 
 use super::messages::ambf_msgs;
 use super::models::{self, ModelHost};
 use super::parameters::{ParameterChange, Parameterised};
 use super::posed::{self, Identity, ParentName};
-use super::received::FromClient;
+use super::received::{FromClient, Received};
 use super::rigid_body::{self, Requests};
 use super::scheduler::{is_live, Entry, StateOutlet};
 use super::signal::{Complaints, Said, Waker};
-use super::topic::{Announcement, Publication, Subscription};
-use super::xmlrpc::Peer;
 use super::{actuator, ghost, sensor, soft_body, vehicle, world};
 use crate::report;
 
@@ -110,7 +109,9 @@ impl Builder<'_> {
     }
 
     fn subscribe<M: FromClient>(&mut self, topic: String, on_message: impl Fn(M) + Send + Sync + 'static) {
-        self.served.announcements.push(Subscription::new(topic, on_message));
+        self.served
+            .announcements
+            .push(Subscription::new(topic, move |Received(message): Received<M>| on_message(message)));
     }
 
     fn commanded(&self, name: &str) -> Commanded {

@@ -329,4 +329,38 @@ mod tests {
         let default: SolverSettings = World::new(Solver::default()).solver_settings();
         assert!(!default.two_friction_directions, "others keep Bullet's");
     }
+
+    /// Where a body of three different inertias that hangs on a ball joint, tumbling, is after 0.5 s of steps of `dt`.
+    fn tumbled(dt: f64) -> Vector3<f64> {
+        let mut world = world();
+        let post = world.add_body(RigidBody { pose: Isometry3::translation(0.0, 0.0, 2.0), ..ball(0.0, 0.0) });
+        let pose = Isometry3::new(Vector3::new(0.3, 0.0, 2.0), Vector3::new(0.2, 0.1, 0.0));
+        let body = world.add_body(RigidBody { inertia: Vector3::new(0.02, 0.05, 0.04), pose, ..ball(1.0, 0.0) });
+        let turn = Vector3::new(4.0, 2.0, -3.0);
+        world.set_velocity(body, &turn.cross(&Vector3::new(0.3, 0.0, 0.0)), &turn);
+        let joint = Constraint {
+            kind: ConstraintKind::PointToPoint,
+            frame_a: Isometry3::identity(),
+            frame_b: Isometry3::from_parts(
+                (pose.inverse() * nalgebra::Point3::new(0.0, 0.0, 2.0)).coords.into(),
+                UnitQuaternion::identity(),
+            ),
+            parameters: vec![],
+            feedback: false,
+            disable_collisions: true,
+        };
+        world.add_constraint(post, body, &joint).unwrap();
+        for _ in 0..(0.5 / dt).round() as usize {
+            world.step(dt, 1, dt);
+        }
+        world.pose(body).unwrap().translation.vector
+    }
+
+    #[test]
+    fn joined_bodies_move_to_second_order() {
+        let truth = tumbled(1.0 / 32_000.0);
+        let [coarse, fine] = [2e-3, 1e-3].map(|dt| (tumbled(dt) - truth).norm());
+        assert!(fine < 2e-5, "{fine}");
+        assert!(coarse > 3.5 * fine, "{coarse} {fine}");
+    }
 }

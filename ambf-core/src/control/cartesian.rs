@@ -1,6 +1,6 @@
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 
-use crate::adf::{Controller, ControllerOutput};
+use crate::adf::{self, Controller, ControllerOutput};
 
 /// Intervals below this have no derivative, s.
 const MIN_DT: f64 = 1e-5;
@@ -87,6 +87,11 @@ impl CartesianController {
             ControllerOutput::Force => CartesianOutput::Wrench(linear, angular),
             ControllerOutput::Velocity | ControllerOutput::Position => CartesianOutput::Velocity(linear, angular),
         }
+    }
+
+    /// Gains and outputs in use.
+    pub fn settings(&self) -> adf::CartesianController {
+        adf::CartesianController { linear: self.linear, angular: self.angular }
     }
 
     /// Forgets everything, as at the start.

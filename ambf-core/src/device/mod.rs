@@ -1,6 +1,7 @@
 //! Input devices: what a driver offers, and how a device moves a body of the simulation and feels it.
 
 mod driver;
+pub mod host;
 pub mod known;
 pub mod law;
 mod mock;

@@ -42,6 +42,8 @@ pub struct Body {
     /// Where it is defined.
     pub source: SourcePos,
     pub(crate) handle: BodyHandle,
+    /// Type of the latest command; a device moves the body only while it is force.
+    pub(crate) control: CartesianCommandType,
     pub(crate) controller: CartesianController,
     pub(crate) order: BodyOrder,
 }

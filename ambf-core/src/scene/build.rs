@@ -16,7 +16,7 @@ use super::{
 };
 use crate::adf::{self, CollisionGeometry, Part, PartGeometry, PhysicsProfile, RaySource, Severity, SourcePos};
 use crate::bullet::{self, Gyroscopic, Integrator, Preset, Solver, SolverSettings, World};
-use crate::comm::{LightParameters, Rates};
+use crate::comm::{CartesianCommandType, LightParameters, Rates};
 use crate::control::{CartesianController, Profile};
 use crate::mesh::{Mesh, MeshCache};
 
@@ -344,6 +344,7 @@ impl<'a> Builder<'a> {
             publish_joint_positions: body.publish_joint_positions,
             source: source.clone(),
             handle,
+            control: CartesianCommandType::Force,
             order: BodyOrder::new(&controller.linear, &controller.angular),
             controller: CartesianController::new(controller.linear, controller.angular),
         });

@@ -105,7 +105,8 @@ pub fn load(files: &SceneFiles, options: &SceneOptions) -> Loaded {
     let meshes = MeshCache::new();
     preload(&meshes, std::iter::once(&environment).chain(&models));
     let has_soft_bodies = std::iter::once(&environment).chain(&models).any(|model| !model.soft_bodies.is_empty());
-    let may_articulate = std::iter::once(&environment).chain(&models).any(articulate::may_articulate);
+    let may_articulate =
+        options.may_grow || std::iter::once(&environment).chain(&models).any(articulate::may_articulate);
     let mut notes = Vec::new();
     let mut scene = empty_scene(with_defaults(world), options, has_soft_bodies, may_articulate, &mut notes);
     let mut builder = Builder::new(&mut scene, &meshes);
@@ -145,7 +146,7 @@ fn preload<'m>(meshes: &MeshCache, models: impl Iterator<Item = &'m adf::Model>)
 
 /// A model that was read and whose meshes are in memory, ready to be built into a scene.
 pub struct PreparedModel {
-    description: adf::Model,
+    pub(super) description: adf::Model,
     meshes: MeshCache,
     /// What was found while it was read.
     pub report: SceneReport,

@@ -6,6 +6,7 @@ mod body;
 mod build;
 mod driven;
 mod elements;
+mod end_effector;
 mod ghost;
 mod graph;
 mod identity;
@@ -23,6 +24,7 @@ mod vehicle;
 pub use actuator::Actuator;
 pub use body::{Bodies, Body};
 pub(crate) use driven::SubSteps;
+pub use end_effector::{EndEffectorParts, PreparedEndEffector};
 pub use ghost::Ghost;
 pub use graph::{BodyGraph, Descendant};
 pub use identity::Identity;
@@ -57,6 +59,8 @@ pub struct SceneOptions {
     pub rates: Option<Rates>,
     /// Physics wanted; `None`: the world file's, else the default.
     pub physics: PhysicsOptions,
+    /// Models with joints will be added later: where joints may be put into reduced coordinates, theirs may be too. Default: `false`.
+    pub may_grow: bool,
 }
 
 /// How physics is solved; what is `None` comes from the world file, else from the profile.
@@ -313,6 +317,9 @@ impl Scene {
 
     /// Reads all joint positions from Bullet; `dt` is the interval before, s.
     pub(crate) fn observe_joints(&mut self, dt: f64, buffer: &mut [f64]) {
+        if self.profile == Profile::Accurate {
+            self.world.refresh_constraints();
+        }
         self.world.read_constraints(buffer);
         for joint in &mut self.joints {
             // Joints of unknown type have no constraint: their position stays 0.

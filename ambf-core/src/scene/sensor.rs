@@ -92,6 +92,18 @@ impl Sensor {
         })
     }
 
+    /// The nearest rigid body that a ray hits among those that are accepted, with its distance from the start of the ray, m.
+    pub(crate) fn nearest_body(&self, bodies: &Bodies, accept: impl Fn(usize) -> bool) -> Option<(usize, f64)> {
+        let Work::Rays { world, hits, .. } = &self.work else { return None };
+        let bodies_hit = world.iter().zip(hits).filter_map(|(ray, hit)| {
+            let hit = hit.as_ref()?;
+            let RayTarget::Body(handle) = hit.target else { return None };
+            let body = bodies.index_of(handle).filter(|&body| accept(body))?;
+            Some((body, hit.fraction * (ray.to - ray.from).norm()))
+        });
+        bodies_hit.min_by(|a, b| a.1.total_cmp(&b.1))
+    }
+
     /// Forgets what is remembered of contacts.
     pub(crate) fn reset(&mut self) {
         if let Work::Rays { resistance: Some(resistance), .. } = &mut self.work {

@@ -221,6 +221,7 @@ impl Simulation {
     pub fn command_body(&mut self, body: usize, command: &RigidBodyCommand) {
         let Scene { bodies, world, profile, .. } = &mut self.scene;
         let commanded = &mut bodies[body];
+        commanded.control = command.cartesian;
         if *profile == Profile::Legacy || !commanded.is_dynamic() || command.cartesian == CartesianCommandType::Force {
             commanded.apply_command(world, command, self.dt);
         } else if commanded.take_order(world, command) {

@@ -2,6 +2,7 @@
 
 mod cap;
 mod commands;
+mod devices;
 mod driven;
 mod models;
 mod pace;
@@ -24,6 +25,7 @@ use crate::plugin::Plugins;
 use crate::scene::Scene;
 use cap::SubStepCap;
 use commands::Link;
+use devices::Devices;
 use driven::Driven;
 use models::ModelRequests;
 use plugins::PluginState;
@@ -77,6 +79,8 @@ pub struct Simulation {
     link: Option<Link>,
     requests: Option<ModelRequests>,
     driven: Driven,
+    /// Input devices, if there are any.
+    devices: Option<Box<Devices>>,
     /// Sentences about commands that name what is not there.
     notices: Vec<String>,
 }
@@ -105,6 +109,7 @@ impl Simulation {
             link: None,
             requests: None,
             driven,
+            devices: None,
             notices: Vec::new(),
             scene,
         }
@@ -162,6 +167,7 @@ impl Simulation {
         self.iteration += 1;
         self.dt = self.interval;
         self.interval = interval;
+        self.drive_devices(interval);
         self.advance(interval);
         self.sim_time += interval;
         self.stamp = self.is_listened_to().then(SystemTime::now);
@@ -170,7 +176,9 @@ impl Simulation {
             self.estimate_efforts();
         }
         self.scene.update_elements(self.sub_step);
-        self.check_finite()
+        self.check_finite()?;
+        self.tell_devices();
+        Ok(())
     }
 
     fn advance(&mut self, interval: f64) {
@@ -257,6 +265,7 @@ impl Simulation {
         self.scene.sensors.iter_mut().for_each(crate::scene::Sensor::reset);
         self.scene.world.refresh_constraints();
         self.scene.observe_joints(0.0, &mut self.joint_buffer);
+        self.reset_devices();
     }
 
     fn reset_controllers(&mut self) {

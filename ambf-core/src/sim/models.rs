@@ -172,11 +172,12 @@ impl Simulation {
     }
 
     /// Makes place for what the scene has now.
-    fn grow(&mut self) {
+    pub(super) fn grow(&mut self) {
         self.driven.reserve(&self.scene);
         self.joint_buffer.resize(self.scene.world.constraints().len(), 0.0);
         if self.scene.has_feedback {
             self.wrenches.resize(self.scene.bodies.len(), Default::default());
         }
+        self.find_device_parts();
     }
 }

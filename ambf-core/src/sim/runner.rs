@@ -178,6 +178,7 @@ impl PhysicsLoop {
 
     fn run(mut self) -> Simulation {
         self.simulation.wait_in_this_thread();
+        self.simulation.set_nominal_frequency(self.options.frequency);
         let mut pacer = Pacer::new(Duration::from_secs_f64(1.0 / self.options.frequency));
         while !self.control.is_stopping() {
             if self.simulation.do_requested_resets() {
@@ -187,6 +188,7 @@ impl PhysicsLoop {
                 self.publish(self.start.elapsed());
             }
             self.obey_plugins();
+            self.simulation.pause_devices(self.control.is_paused());
             if self.control.is_paused() && !self.control.take_manual_step() {
                 self.was_paused = true;
                 std::thread::sleep(PAUSED_PERIOD);
@@ -195,6 +197,7 @@ impl PhysicsLoop {
             self.iterate();
             pacer.wait();
         }
+        self.simulation.pause_devices(true);
         self.simulation
     }
 
@@ -250,6 +253,7 @@ impl PhysicsLoop {
 
     fn pause_lost(&mut self, problem: NonFinite) {
         self.control.set_paused(true);
+        self.simulation.pause_devices(true);
         self.lost = true;
         self.tell(Event::NonFinite(problem));
     }

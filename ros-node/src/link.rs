@@ -5,7 +5,7 @@
 
 use std::collections::HashSet;
 use std::mem::discriminant;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -13,17 +13,24 @@ use dxr::Value;
 use rosrust::api::Ros;
 
 use super::embedded::{local_address, EmbeddedMaster};
-use super::signal::Stop;
+use super::raw;
 use super::sockets::Sockets;
+use super::stop::Stop;
 use super::topic::{is_permanent, Announcement, Direction, Registration};
 use super::xmlrpc::{CallError, Peer};
-use crate::report;
+use super::Report;
 
 /// How often the master is asked whether it knows us.
 const POLL: Duration = Duration::from_secs(1);
 
+/// How often the master is asked who publishes, where topics of any type are listened to.
+const CONNECT_POLL: Duration = Duration::from_millis(250);
+
 /// Type of the log topic that rosrust opens for each node.
 const ROSOUT: &str = "/rosout";
+
+/// Nodes that this process has made.
+static NODES: AtomicU64 = AtomicU64::new(0);
 
 struct Item {
     announcement: Arc<dyn Announcement>,
@@ -37,9 +44,22 @@ impl Item {
     }
 }
 
-/// What the threads of the ROS side share about the link.
-pub(super) struct Link {
-    master: Peer,
+/// How a link is to be.
+#[derive(Clone)]
+pub struct LinkOptions {
+    /// The master.
+    pub master: Peer,
+    /// Base of the node's name; process id and time are appended, and a number if it is not the first of the process.
+    pub name: String,
+    /// Whether a master is started in this process when there is none and the address is one of this machine.
+    pub embedded_master: bool,
+    /// Where it says what its user should know.
+    pub report: Report,
+}
+
+/// What the threads of a node share.
+pub struct Link {
+    options: LinkOptions,
     items: Mutex<Vec<Item>>,
     /// Held while something is announced or withdrawn, which can take long.
     changing: Mutex<()>,
@@ -47,22 +67,26 @@ pub(super) struct Link {
     /// Name and address of the node once there is one.
     node: Mutex<Option<(String, String)>>,
     generation: AtomicU64,
+    dismissed: AtomicBool,
+    /// Ends everything.
     pub stop: Stop,
-    pub sockets: Sockets,
+    sockets: Sockets,
 }
 
 impl Link {
-    /// A link to `master`.
-    pub fn new(master: Peer) -> Self {
+    /// A link that nobody tends yet, see [`run`] and [`tend_sockets`].
+    pub fn new(options: LinkOptions) -> Self {
+        let sockets = Sockets::new(&options.report);
         Self {
-            master,
+            options,
             items: Mutex::default(),
             changing: Mutex::default(),
             announcements: AtomicU64::new(0),
             node: Mutex::new(None),
             generation: AtomicU64::new(0),
+            dismissed: AtomicBool::new(false),
             stop: Stop::default(),
-            sockets: Sockets::new(),
+            sockets,
         }
     }
 
@@ -82,9 +106,18 @@ impl Link {
     /// The master, called in the node's name once there is a node.
     pub fn master(&self) -> Peer {
         match &*self.node() {
-            Some((name, _)) => self.master.called_by(name),
-            None => self.master.clone(),
+            Some((name, _)) => self.options.master.called_by(name),
+            None => self.options.master.clone(),
         }
+    }
+
+    /// Whether somebody told the node to shut down (`rosnode kill`).
+    pub fn is_dismissed(&self) -> bool {
+        self.dismissed.load(Ordering::Acquire)
+    }
+
+    pub(crate) fn report(&self, line: std::fmt::Arguments<'_>) {
+        (self.options.report)(line);
     }
 
     fn change(&self) -> MutexGuard<'_, ()> {
@@ -144,7 +177,6 @@ impl Link {
 /// What the link's thread knows.
 struct Worker<'a> {
     link: &'a Link,
-    base_name: &'a str,
     node: Option<Ros>,
     embedded: Option<EmbeddedMaster>,
     /// The master did not answer when last asked.
@@ -156,9 +188,8 @@ struct Worker<'a> {
 }
 
 /// Keeps the link up until it is stopped, then withdraws everything.
-pub(super) fn run(link: &Link, base_name: &str) {
-    let mut worker =
-        Worker { link, base_name, node: None, embedded: None, lost: false, forgotten: false, complained: false };
+pub fn run(link: &Link) {
+    let mut worker = Worker { link, node: None, embedded: None, lost: false, forgotten: false, complained: false };
     loop {
         worker.step();
         if link.stop.is_stopped() || worker.dismissed() || link.stop.wait(POLL) {
@@ -166,9 +197,10 @@ pub(super) fn run(link: &Link, base_name: &str) {
         }
     }
     let dismissed = worker.dismissed();
+    link.dismissed.store(dismissed, Ordering::Release);
     worker.withdraw();
     if dismissed {
-        report!("ROS: the node was told to shut down; the simulation goes on without ROS");
+        link.report(format_args!("ROS: the node was told to shut down; going on without ROS"));
         // The embedded master is not ours alone: it serves others until the program ends.
         while !link.stop.wait(Duration::from_secs(3600)) {}
     }
@@ -194,35 +226,43 @@ impl Worker<'_> {
 
     /// Makes the node as soon as there is a master; starts a master once if there is none and it may be here.
     fn connect(&mut self) {
-        let master = &self.link.master;
+        let master = &self.link.options.master;
         if let Err(error) = master.call("getPid", vec![]) {
             if self.complained || self.embedded.is_some() {
                 return;
             }
             if !self.start_embedded(&error) {
-                report!("ROS: {error}; the simulation goes on and asks again every second");
+                self.link.report(format_args!("ROS: {error}; going on without it and asking again every second"));
                 self.complained = true;
                 return;
             }
         }
         let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
-        let name = format!("{}_{}_{}", self.base_name, std::process::id(), now.as_millis());
+        let mut name = format!("{}_{}_{}", self.link.options.name, std::process::id(), now.as_millis());
+        // Another node of this process may come up in the same millisecond, and would be shut down in favour of this one.
+        let earlier = NODES.fetch_add(1, Ordering::Relaxed);
+        if earlier > 0 {
+            name += &format!("_{earlier}");
+        }
         match Ros::new(&name) {
             Ok(node) => {
                 self.link.sockets.sweep();
-                report!("ROS: node {} at the master {}", node.name(), master.uri());
+                self.link.report(format_args!("ROS: node {} at the master {}", node.name(), master.uri()));
                 if own_peer(node.uri()).and_then(|own| own.addresses()).is_err() {
-                    report!(
+                    self.link.report(format_args!(
                         "ROS: this machine is called \"{}\", which has no address: other nodes cannot connect; set ROS_HOSTNAME or ROS_IP",
                         node.hostname()
-                    );
+                    ));
                 }
                 *self.link.node() = Some((node.name().to_owned(), node.uri().to_owned()));
                 self.node = Some(node);
                 self.complained = false;
             }
             Err(error) if !self.complained => {
-                report!("ROS: no node could be made: {}; asking again every second", full_text(&error));
+                self.link.report(format_args!(
+                    "ROS: no node could be made: {}; asking again every second",
+                    full_text(&error)
+                ));
                 self.complained = true;
             }
             Err(_) => (),
@@ -231,18 +271,21 @@ impl Worker<'_> {
 
     /// True when the master is now ours and answers.
     fn start_embedded(&mut self, why: &CallError) -> bool {
-        if !matches!(why, CallError::NoAnswer { .. }) {
+        if !self.link.options.embedded_master || !matches!(why, CallError::NoAnswer { .. }) {
             return false;
         }
-        let Some(address) = local_address(&self.link.master) else { return false };
-        match EmbeddedMaster::start(address) {
+        let Some(address) = local_address(&self.link.options.master) else { return false };
+        match EmbeddedMaster::start(address, Arc::clone(&self.link.options.report)) {
             Ok(embedded) => self.embedded = Some(embedded),
             // Perhaps another program has just started one.
-            Err(_) => return self.link.master.call("getPid", vec![]).is_ok(),
+            Err(_) => return self.link.options.master.call("getPid", vec![]).is_ok(),
         }
         for _ in 0..200 {
-            if self.link.master.call("getPid", vec![]).is_ok() {
-                report!("ROS: no master at {}: started one in this program, on {address}", self.link.master.uri());
+            if self.link.options.master.call("getPid", vec![]).is_ok() {
+                self.link.report(format_args!(
+                    "ROS: no master at {}: started one in this program, on {address}",
+                    self.link.options.master.uri()
+                ));
                 return true;
             }
             if self.link.stop.wait(Duration::from_millis(10)) {
@@ -262,7 +305,9 @@ impl Worker<'_> {
             Err(error) if error.is_refusal() => self.forgotten = true,
             Err(error) => {
                 if !self.lost {
-                    report!("ROS: lost the master: {error}; the simulation goes on and waits for it to come back");
+                    self.link.report(format_args!(
+                        "ROS: lost the master: {error}; going on and waiting for it to come back"
+                    ));
                 }
                 self.lost = true;
                 return;
@@ -272,19 +317,22 @@ impl Worker<'_> {
             let _change = self.link.change();
             match register_again(&self.link.registrations(), node, &master) {
                 Ok(()) => {
-                    report!("ROS: the master {} did not know us; everything is registered again", master.uri());
+                    self.link.report(format_args!(
+                        "ROS: the master {} did not know us; everything is registered again",
+                        master.uri()
+                    ));
                     (self.forgotten, self.lost) = (false, false);
                     self.link.generation.fetch_add(1, Ordering::AcqRel);
                 }
                 Err(error) => {
                     if !self.lost {
-                        report!("ROS: registering again did not succeed: {error}; trying again");
+                        self.link.report(format_args!("ROS: registering again did not succeed: {error}; trying again"));
                     }
                     self.lost = true;
                 }
             }
         } else if std::mem::take(&mut self.lost) {
-            report!("ROS: the master {} is back", master.uri());
+            self.link.report(format_args!("ROS: the master {} is back", master.uri()));
         }
     }
 
@@ -303,15 +351,19 @@ impl Worker<'_> {
                     let Registration { topic, .. } = announcement.registration();
                     if !is_permanent(&error) {
                         if !self.complained {
-                            report!("ROS: {topic}: {}; trying again", full_text(&error));
+                            self.link.report(format_args!("ROS: {topic}: {}; trying again", full_text(&error)));
                             self.complained = true;
                         }
                         return;
                     }
-                    report!("ROS: {topic} is left out: {}", full_text(&error));
+                    self.link.report(format_args!("ROS: {topic} is left out: {}", full_text(&error)));
                 }
             }
             self.link.mark_announced(&announcement);
+            if announcement.connects() {
+                // Who publishes already is connected to at once.
+                self.link.stop.nudge();
+            }
         }
         self.complained = false;
         let _ = self.link.generation.compare_exchange(0, 1, Ordering::AcqRel, Ordering::Relaxed);
@@ -326,7 +378,7 @@ impl Worker<'_> {
         node.shutdown_sender().shutdown();
         // Only a call from outside ends the node's server thread.
         if let Ok(own) = own_peer(node.uri()) {
-            let _ = own.call("shutdown", vec![Value::String("end of the simulation".into())]);
+            let _ = own.call("shutdown", vec![Value::String("end of the program".into())]);
         }
         drop(node);
         end_listeners(self.link.sockets.ports());
@@ -346,8 +398,27 @@ fn own_peer(uri: &str) -> Result<Peer, CallError> {
     Peer::new(uri, "/master", Duration::from_millis(500))
 }
 
+/// Connects to publishers until the link is stopped.
+pub fn tend_connections(link: &Link) {
+    while !link.stop.wait(CONNECT_POLL) {
+        let items: Vec<_> = link
+            .items()
+            .iter()
+            .filter(|item| item.announced.is_some())
+            .map(|item| Arc::clone(&item.announcement))
+            .collect();
+        let listening: Vec<_> = items.iter().filter(|item| item.connects()).collect();
+        if listening.is_empty() {
+            continue;
+        }
+        if let Some(publishers) = raw::publishers(&link.master()) {
+            listening.iter().for_each(|item| item.connect(&publishers));
+        }
+    }
+}
+
 /// Tends the sockets of the node until the link is stopped.
-pub(super) fn tend_sockets(link: &Link) {
+pub fn tend_sockets(link: &Link) {
     let mut bounded: HashSet<u64> = HashSet::new();
     while !link.stop.wait(POLL) {
         link.sockets.sweep();

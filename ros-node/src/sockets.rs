@@ -15,7 +15,7 @@ use rustix::net::sockopt;
 use rustix::net::AddressFamily;
 use rustix::process::{getpid, pidfd_getfd, pidfd_open, PidfdFlags, PidfdGetfdFlags};
 
-use crate::report;
+use super::Report;
 
 /// How long one subscriber may hold up the others of its topic before it is dropped.
 const SEND_TIMEOUT: Duration = Duration::from_millis(200);
@@ -31,7 +31,7 @@ const SEND_BUFFER: usize = 256 << 10;
 const KEEP_ALIVE: Duration = Duration::from_secs(10);
 
 /// Looks after the sockets of this process.
-pub(super) struct Sockets {
+pub struct Sockets {
     pidfd: Option<OwnedFd>,
     state: Mutex<State>,
 }
@@ -46,7 +46,7 @@ struct State {
 
 impl Sockets {
     /// Reports once when the kernel does not allow it; sweeps then do nothing.
-    pub fn new() -> Self {
+    pub fn new(report: &Report) -> Self {
         let pidfd = pidfd_open(getpid(), PidfdFlags::empty());
         // Containers forbid pidfd_getfd at times: try it on standard error, which is nearly always open.
         let pidfd = pidfd.and_then(|pidfd| match pidfd_getfd(&pidfd, 2, PidfdGetfdFlags::empty()) {
@@ -54,10 +54,10 @@ impl Sockets {
             Err(error) => Err(error),
         });
         if let Err(error) = &pidfd {
-            report!(
+            report(format_args!(
                 "ROS: the kernel does not let this process set its socket options ({error}): a subscriber that hangs can hold up \
                  others of its topic; in a container, allow pidfd_getfd (--cap-add SYS_PTRACE)"
-            );
+            ));
         }
         Self { pidfd: pidfd.ok(), state: Mutex::default() }
     }
@@ -153,7 +153,7 @@ mod tests {
 
     #[test]
     fn accepted_sockets_inherit_from_the_listening_one_and_older_ones_are_swept() {
-        let sockets = Sockets::new();
+        let sockets = Sockets::new(&crate::silent());
         if sockets.pidfd.is_none() {
             println!("skipped: this kernel or container forbids pidfd_getfd");
             return;

@@ -6,16 +6,19 @@ use rosrust::api::Ros;
 use rosrust::error::{tcpros, Error, ErrorKind};
 use rosrust::{Message, Publisher, Subscriber};
 
-use super::received::{FromClient, Received};
+use super::raw::Publishers;
 
 /// Queue of every State and Command, as in the original.
-pub(super) const QUEUE: usize = 10;
+const QUEUE: usize = 10;
 
 /// Which side of a topic the node is on, or that it offers a service.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) enum Direction {
+pub enum Direction {
+    /// Messages go out.
     Publishes,
+    /// Messages come in.
     Subscribes,
+    /// A service.
     Serves {
         /// `rosrpc://HOST:PORT`; empty before it is announced.
         uri: String,
@@ -24,26 +27,40 @@ pub(super) enum Direction {
 
 /// A topic or service as the master knows it.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Registration {
+pub struct Registration {
     /// Name of the topic or service.
     pub topic: String,
+    /// `package/Type`.
     pub message_type: String,
+    /// Which side.
     pub direction: Direction,
 }
 
 /// One topic that the node takes part in, or one service.
-pub(super) trait Announcement: Send + Sync {
+pub trait Announcement: Send + Sync {
+    /// What the master is told.
     fn registration(&self) -> Registration;
 
     /// Opens it and tells the master; blocks while the master thinks.
+    ///
+    /// # Errors
+    /// rosrust's; see [`is_permanent`].
     fn announce(&self, ros: &Ros) -> Result<(), Error>;
 
     /// Closes it and tells the master; blocks while the master thinks.
     fn withdraw(&self);
+
+    /// Whether it wants to be told who publishes, see [`connect`](Self::connect).
+    fn connects(&self) -> bool {
+        false
+    }
+
+    /// Connects to publishers that it is not connected to; returns at once.
+    fn connect(&self, _publishers: &Publishers) {}
 }
 
 /// Whether it is no use to announce the same thing again later.
-pub(super) fn is_permanent(error: &Error) -> bool {
+pub fn is_permanent(error: &Error) -> bool {
     matches!(
         error.kind(),
         ErrorKind::Naming(_)
@@ -57,14 +74,26 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 /// A topic to publish on. Nothing is sent before it is announced.
-pub(super) struct Publication<M: Message> {
+pub struct Publication<M: Message> {
     topic: String,
+    latched: bool,
     publisher: Mutex<Option<Publisher<M>>>,
 }
 
 impl<M: Message> Publication<M> {
+    /// A topic whose subscribers get what is sent after they have connected.
     pub fn new(topic: String) -> Arc<Self> {
-        Arc::new(Self { topic, publisher: Mutex::new(None) })
+        Arc::new(Self { topic, latched: false, publisher: Mutex::new(None) })
+    }
+
+    /// A topic whose subscribers get the last message too that was sent before they connected.
+    pub fn latched(topic: String) -> Arc<Self> {
+        Arc::new(Self { topic, latched: true, publisher: Mutex::new(None) })
+    }
+
+    /// Whether the master has been told and [`send`](Self::send) has an effect.
+    pub fn is_announced(&self) -> bool {
+        lock(&self.publisher).is_some()
     }
 
     /// Whether anybody is connected.
@@ -87,7 +116,8 @@ impl<M: Message> Announcement for Publication<M> {
     }
 
     fn announce(&self, ros: &Ros) -> Result<(), Error> {
-        let publisher = ros.publish(&self.topic, QUEUE)?;
+        let mut publisher = ros.publish(&self.topic, QUEUE)?;
+        publisher.set_latching(self.latched);
         *lock(&self.publisher) = Some(publisher);
         Ok(())
     }
@@ -99,28 +129,28 @@ impl<M: Message> Announcement for Publication<M> {
     }
 }
 
-/// A topic to listen to.
-pub(super) struct Subscription<M: FromClient> {
+/// A topic to listen to, for messages of one type. See [`RawSubscription`](crate::RawSubscription) for what this one does not do.
+pub struct Subscription<M: Message> {
     topic: String,
     on_message: Arc<dyn Fn(M) + Send + Sync>,
     subscriber: Mutex<Option<Subscriber>>,
 }
 
-impl<M: FromClient> Subscription<M> {
+impl<M: Message> Subscription<M> {
     /// `on_message` runs in a thread of this topic and must not block.
     pub fn new(topic: String, on_message: impl Fn(M) + Send + Sync + 'static) -> Arc<Self> {
         Arc::new(Self { topic, on_message: Arc::new(on_message), subscriber: Mutex::new(None) })
     }
 }
 
-impl<M: FromClient> Announcement for Subscription<M> {
+impl<M: Message> Announcement for Subscription<M> {
     fn registration(&self) -> Registration {
         Registration { topic: self.topic.clone(), message_type: M::msg_type(), direction: Direction::Subscribes }
     }
 
     fn announce(&self, ros: &Ros) -> Result<(), Error> {
         let on_message = Arc::clone(&self.on_message);
-        let subscriber = ros.subscribe(&self.topic, QUEUE, move |Received(message)| on_message(message))?;
+        let subscriber = ros.subscribe(&self.topic, QUEUE, move |message| on_message(message))?;
         *lock(&self.subscriber) = Some(subscriber);
         Ok(())
     }

@@ -7,10 +7,10 @@ use std::thread::JoinHandle;
 use tokio::sync::oneshot;
 
 use super::xmlrpc::Peer;
-use crate::report;
+use super::Report;
 
 /// A ROS master in this process. It lives until it is dropped.
-pub(super) struct EmbeddedMaster {
+pub struct EmbeddedMaster {
     stop: Option<oneshot::Sender<()>>,
     thread: Option<JoinHandle<()>>,
 }
@@ -20,7 +20,7 @@ impl EmbeddedMaster {
     ///
     /// # Errors
     /// When the port is taken or the runtime cannot be made.
-    pub fn start(address: SocketAddr) -> io::Result<Self> {
+    pub fn start(address: SocketAddr, report: Report) -> io::Result<Self> {
         // The master reports a failed bind only after it was started: see first whether the port is free.
         drop(TcpListener::bind(address)?);
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
@@ -31,7 +31,7 @@ impl EmbeddedMaster {
                 tokio::select! {
                     result = master.serve() => {
                         if let Err(error) = result {
-                            report!("ROS: the embedded master on {address} has ended: {error}");
+                            report(format_args!("ROS: the embedded master on {address} has ended: {error}"));
                         }
                     }
                     _ = stopped => (),
@@ -53,7 +53,7 @@ impl Drop for EmbeddedMaster {
 
 /// Where a master for `peer` has to listen so that `peer` reaches it: on loopback for a loopback address, on all interfaces for
 /// another address of this machine; `None` when the address is that of another machine.
-pub(super) fn local_address(peer: &Peer) -> Option<SocketAddr> {
+pub fn local_address(peer: &Peer) -> Option<SocketAddr> {
     let addresses = peer.addresses().ok()?;
     let v4 = addresses.iter().find(|address| address.is_ipv4());
     let address = *v4.or(addresses.first())?;
@@ -86,13 +86,13 @@ mod tests {
     fn it_answers_while_it_lives_and_frees_its_port() {
         let address = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
         let peer = peer(&format!("http://{address}/"));
-        let master = EmbeddedMaster::start(address).unwrap();
+        let master = EmbeddedMaster::start(address, crate::silent()).unwrap();
         let deadline = Instant::now() + Duration::from_secs(20);
         while peer.call("getPid", vec![]).is_err() {
             assert!(Instant::now() < deadline, "no answer");
             std::thread::sleep(Duration::from_millis(10));
         }
-        assert!(EmbeddedMaster::start(address).is_err(), "the port is taken");
+        assert!(EmbeddedMaster::start(address, crate::silent()).is_err(), "the port is taken");
         drop(master);
         assert!(peer.call("getPid", vec![]).is_err());
         drop(TcpListener::bind(address).expect("the port is free again"));

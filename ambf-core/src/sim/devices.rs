@@ -1,0 +1,278 @@
+//! The physics side of input devices: what their end-effectors do before each step, and what devices are told after it.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use nalgebra::{Isometry3, Vector3};
+
+use super::Simulation;
+use crate::adf;
+use crate::comm::{CartesianCommandType, JointCommandType, RigidBodyCommand};
+use crate::control::Profile;
+use crate::device::host::{BodyState, CameraSum, Controls, DeviceHost, Followed, Hand, PhysicsEnd};
+use crate::device::law::{joint_target, Drive, EffectorInput, EffectorOutput, EndEffector, Grip};
+use crate::scene::{EndEffectorParts, PreparedEndEffector, Scene};
+
+/// All devices of a simulation.
+pub(super) struct Devices {
+    list: Vec<Coupled>,
+    controls: Arc<Controls>,
+    /// Period of the physics loop, s.
+    nominal_dt: f64,
+    paused: bool,
+    resets: u64,
+}
+
+/// A device and what it moves.
+struct Coupled {
+    entry: adf::InputDevice,
+    end: PhysicsEnd,
+    law: EndEffector,
+    followed: Followed,
+    cameras_moved: CameraSum,
+    parts: EndEffectorParts,
+    is_there: bool,
+    /// (bodies x 1) what is not gripped: the root link and all below it.
+    own: Vec<bool>,
+    /// Joints below the root link.
+    joints: Vec<usize>,
+    /// Proximity sensors of the root link.
+    sensors: Vec<usize>,
+    /// Paired cameras.
+    cameras: Vec<usize>,
+}
+
+impl Coupled {
+    fn new(entry: adf::InputDevice, end: PhysicsEnd, parts: EndEffectorParts) -> Self {
+        Self {
+            law: EndEffector::new(&entry, &parts.controller),
+            entry,
+            end,
+            followed: Followed::default(),
+            cameras_moved: CameraSum::default(),
+            parts,
+            is_there: true,
+            own: Vec::new(),
+            joints: Vec::new(),
+            sensors: Vec::new(),
+            cameras: Vec::new(),
+        }
+    }
+
+    /// Finds its parts in a scene that has changed.
+    fn find_parts(&mut self, scene: &Scene) {
+        let root = self.parts.root;
+        self.is_there = !scene.models[scene.bodies[root].identity.model].removed;
+        self.own = vec![false; scene.bodies.len()];
+        self.own[root] = true;
+        let below = scene.graph.descendants(root);
+        below.iter().for_each(|below| self.own[below.body] = true);
+        self.joints = below.iter().map(|below| below.joint).collect();
+        self.sensors = scene.proximity_sensors(root).collect();
+        self.cameras = scene.paired_cameras(&self.entry.pair_cameras).0;
+    }
+
+    fn tell(&mut self, scene: &Scene, paused: bool, resets: u64) {
+        let root = &scene.bodies[self.parts.root];
+        self.end.state.write(BodyState {
+            stamp: Some(Instant::now()),
+            pose: root.pose(&scene.world),
+            is_there: self.is_there,
+            camera: self.cameras.first().map(|&camera| scene.cameras[camera].placed.pose.rotation),
+            paused,
+            resets,
+        });
+    }
+}
+
+impl Devices {
+    fn tell(&mut self, scene: &Scene) {
+        for device in &mut self.list {
+            device.tell(scene, self.paused, self.resets);
+        }
+    }
+}
+
+impl Simulation {
+    /// Builds or finds an end-effector for each device of `host` that has none yet, in the order of their entries; to be called before the
+    /// simulation runs. Says what was dropped, replaced or guessed, and which devices got none: these are closed.
+    pub fn add_devices(&mut self, host: &mut DeviceHost) -> Vec<String> {
+        let mut said = Vec::new();
+        for (index, entry) in host.waiting() {
+            let place = format!("{}: device `{}`", entry.source, entry.identifier);
+            let known = self.scene.counts();
+            let added = PreparedEndEffector::read(&entry).and_then(|prepared| self.scene.add_end_effector(prepared));
+            let (parts, notes) = match added {
+                Ok(added) => added,
+                Err(why) => {
+                    said.push(format!("{place} is left out: {why}"));
+                    host.release(index);
+                    continue;
+                }
+            };
+            said.extend(notes);
+            said.extend(self.scene.paired_cameras(&entry.pair_cameras).1.iter().map(|why| format!("{place}: {why}")));
+            let device = Coupled::new(entry, host.couple(index, parts.initial_pose), parts);
+            let devices = self.devices.get_or_insert_with(|| {
+                Box::new(Devices {
+                    list: Vec::new(),
+                    controls: Arc::clone(host.controls()),
+                    nominal_dt: self.sub_step,
+                    paused: false,
+                    resets: 0,
+                })
+            });
+            devices.list.push(device);
+            self.grow();
+            if let Some(link) = &mut self.link {
+                link.hub.add_objects(self.scene.objects_from(&known));
+                link.follow_scene(&self.scene, &self.wrenches);
+            }
+        }
+        said
+    }
+
+    /// Finds the parts of end-effectors in a scene that has changed.
+    pub(super) fn find_device_parts(&mut self) {
+        if let Some(devices) = &mut self.devices {
+            devices.list.iter_mut().for_each(|device| device.find_parts(&self.scene));
+            devices.tell(&self.scene);
+        }
+    }
+
+    /// Says how often updates are made, Hz: for gains that shrink in longer steps.
+    pub(super) fn set_nominal_frequency(&mut self, frequency: f64) {
+        if let Some(devices) = &mut self.devices {
+            devices.nominal_dt = 1.0 / frequency;
+        }
+    }
+
+    /// Tells devices at once that no steps are made, or that they are again.
+    pub(super) fn pause_devices(&mut self, paused: bool) {
+        if let Some(devices) = self.devices.as_mut().filter(|devices| devices.paused != paused) {
+            devices.paused = paused;
+            devices.tell(&self.scene);
+        }
+    }
+
+    /// Tells devices that bodies were reset.
+    pub(super) fn reset_devices(&mut self) {
+        if let Some(devices) = &mut self.devices {
+            devices.resets += 1;
+            devices.list.iter_mut().for_each(|device| device.law.reset());
+            devices.tell(&self.scene);
+        }
+    }
+
+    /// Tells devices what the step made of their end-effectors.
+    pub(super) fn tell_devices(&mut self) {
+        if let Some(devices) = &mut self.devices {
+            devices.tell(&self.scene);
+        }
+    }
+
+    /// Drives all end-effectors in the step of `interval` s that follows.
+    pub(super) fn drive_devices(&mut self, interval: f64) {
+        let Some(mut devices) = self.devices.take() else { return };
+        let switches = devices.controls.switches();
+        for device in devices.list.iter_mut().filter(|device| device.is_there) {
+            let Coupled { law, followed, .. } = device;
+            followed.catch_up(&devices.controls, |change| {
+                if let Some(value) = law.change(change) {
+                    let (name, label) = (&device.entry.identifier, change.quantity.label());
+                    self.notices.push(format!("{name}: {label} = {value:.4}"));
+                }
+            });
+            let hand = *device.end.hand.read();
+            self.move_cameras(device, &hand);
+            let Scene { bodies, world, .. } = &self.scene;
+            let root = &bodies[device.parts.root];
+            let output = device.law.tick(&EffectorInput {
+                reference: hand.reference,
+                pose: root.pose(world),
+                gripper: hand.gripper,
+                dt: interval,
+                nominal_dt: devices.nominal_dt,
+                force_active: root.control == CartesianCommandType::Force,
+                gripping_assist: switches.gripping_assist,
+            });
+            self.grip(device, output.grip);
+            self.drive_root(device.parts.root, &output);
+            if let Some(opening) = output.joints {
+                self.drive_joints(&device.joints, opening);
+            }
+        }
+        self.devices = Some(devices);
+    }
+
+    fn move_cameras(&mut self, device: &mut Coupled, hand: &Hand) {
+        if let Some(motion) = hand.cameras.since(&device.cameras_moved) {
+            device.cameras_moved = hand.cameras;
+            for &camera in &device.cameras {
+                let pose: &mut Isometry3<f64> = &mut self.scene.cameras[camera].placed.pose;
+                *pose = motion.applied(pose);
+            }
+        }
+    }
+
+    /// Takes hold of the nearest foreign body that a sensor of the root link sees, or lets go.
+    fn grip(&mut self, device: &Coupled, grip: Grip) {
+        let Scene { actuators, sensors, bodies, world, .. } = &mut self.scene;
+        let actuator = &mut actuators[device.parts.actuator];
+        match grip {
+            Grip::Attach if !actuator.is_actuated() => {
+                let foreign = |body: usize| !device.own[body];
+                let hits = device.sensors.iter().filter_map(|&sensor| sensors[sensor].nearest_body(bodies, foreign));
+                if let Some((body, _)) = hits.min_by(|a, b| a.1.total_cmp(&b.1)) {
+                    actuator.hold(world, bodies, body, None);
+                }
+            }
+            Grip::Release if actuator.is_actuated() => actuator.release(world, bodies),
+            Grip::Attach | Grip::Release | Grip::Leave => (),
+        }
+    }
+
+    fn drive_root(&mut self, root: usize, output: &EffectorOutput) {
+        let Scene { bodies, world, profile, .. } = &mut self.scene;
+        let body = &mut bodies[root];
+        if !body.is_dynamic() {
+            return;
+        }
+        let force = |drive: Option<Drive>| match drive {
+            Some(Drive::Force(u)) => u,
+            _ => Vector3::zeros(),
+        };
+        let velocity = |drive: Option<Drive>| match drive {
+            Some(Drive::Velocity(u)) => Some(u),
+            _ => None,
+        };
+        world.apply_wrench(body.handle, &force(output.linear), &force(output.angular));
+        match (velocity(output.linear), velocity(output.angular)) {
+            (None, None) => (),
+            (Some(linear_velocity), Some(angular_velocity)) if *profile == Profile::Accurate => {
+                // Held in all sub-steps.
+                let cartesian = CartesianCommandType::Velocity;
+                let command =
+                    RigidBodyCommand { cartesian, linear_velocity, angular_velocity, ..RigidBodyCommand::default() };
+                if body.take_order(world, &command) {
+                    self.driven.bodies.push(root);
+                }
+            }
+            (linear, angular) => {
+                // The other half goes on as it is.
+                let (linear_now, angular_now) = world.velocity(body.handle).unwrap_or_default();
+                world.set_velocity(body.handle, &linear.unwrap_or(linear_now), &angular.unwrap_or(angular_now));
+            }
+        }
+    }
+
+    fn drive_joints(&mut self, joints: &[usize], opening: f64) {
+        for &joint in joints {
+            let limits = self.scene.joints[joint].limits;
+            let target = limits.and_then(|limits| joint_target(opening, limits.low, limits.high));
+            if let Some(target) = target {
+                self.order_joint(joint, JointCommandType::Position, target);
+            }
+        }
+    }
+}

@@ -1,0 +1,94 @@
+// What makes motion of joined bodies of second order in the sub-step. C++ only.
+#ifndef AMB_SECOND_ORDER_H
+#define AMB_SECOND_ORDER_H
+
+#include <BulletDynamics/ConstraintSolver/btContactSolverInfo.h>
+#include <BulletDynamics/Dynamics/btRigidBody.h>
+
+#include "internal.h"
+
+// Bullet adds the forces at a pose to the velocity and then moves by it, x += v h: the leapfrog method, which is of second order in h
+// where velocities are those between two poses. For that, forces act for half a sub-step in the first one, and the gyroscopic torque
+// is that at the pose. Of free bodies, flight.h is more exact.
+template <class Base>
+class SecondOrder : public Base {
+ public:
+  using Base::Base;
+
+ protected:
+  void convertBodies(btCollisionObject **bodies, int n, const btContactSolverInfo &info) override {
+    Base::convertBodies(bodies, n, info);
+    for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i) {
+      btSolverBody &row = this->m_tmpSolverBodyPool[i];
+      AmbBody *owner = held_body_of(row);
+      if (!owner) continue;
+      const btRigidBody &body = owner->body;
+      const btScalar h = info.m_timeStep;
+      if (body.getFlags() & BT_ENABLE_GYROSCOPIC_FORCE_IMPLICIT_BODY) {
+        const btVector3 forced = body.getInvInertiaTensorWorld() * body.getTotalTorque() * h;
+        btVector3 turned;
+        if (gyroscopic_change(body, owner->turned, h, turned)) {
+          row.m_externalTorqueImpulse = forced + turned;
+        } else {
+          turned = row.m_externalTorqueImpulse - forced;
+        }
+        owner->turned = -turned;
+      }
+      if (owner->begins) {
+        row.m_externalForceImpulse *= btScalar(0.5);
+        row.m_externalTorqueImpulse *= btScalar(0.5);
+        owner->turned *= btScalar(0.5);
+      }
+    }
+  }
+
+  btScalar solveGroupCacheFriendlyFinish(btCollisionObject **bodies, int n, const btContactSolverInfo &info) override {
+    for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i) {
+      btSolverBody &row = this->m_tmpSolverBodyPool[i];
+      AmbBody *owner = held_body_of(row);
+      if (!owner) continue;
+      owner->turned += row.internalGetDeltaAngularVelocity() + row.m_externalTorqueImpulse;
+      if (owner->begins) owner->turned *= 2;
+      owner->begins = false;
+    }
+    return Base::solveGroupCacheFriendlyFinish(bodies, n, info);
+  }
+
+ private:
+  static AmbBody *held_body_of(const btSolverBody &row) {
+    AmbBody *owner = row.m_originalBody && row.m_originalBody->getInvMass() > 0 ? body_of(row.m_originalBody) : nullptr;
+    return owner && owner->held > 0 ? owner : nullptr;
+  }
+
+  // What the gyroscopic torque adds to the angular velocity w: I d = -h v x I v at the mean v = w + d / 2 + other / 2 of the velocities
+  // before and after, of which what other torques add is guessed from the sub-step before. Alone it conserves the energy. False: no
+  // solution was found, because the body turns too far in h.
+  static bool gyroscopic_change(const btRigidBody &body, const btVector3 &other, btScalar h, btVector3 &change) {
+    const btVector3 &inverse = body.getInvInertiaDiagLocal();
+    if (!(inverse.x() > 0 && inverse.y() > 0 && inverse.z() > 0)) return false;
+    const btVector3 inertia(1 / inverse.x(), 1 / inverse.y(), 1 / inverse.z());
+    const btMatrix3x3 &pose = body.getWorldTransform().getBasis();
+    const btVector3 start = (body.getAngularVelocity() + other * btScalar(0.5)) * pose;
+    btVector3 d(0, 0, 0);
+    for (int round = 0; round < 4; ++round) {
+      const btVector3 v = start + d * btScalar(0.5), momentum = inertia * v;
+      const btVector3 rest = inertia * d + v.cross(momentum) * h;
+      if (rest.length2() <= btScalar(1e-28) * momentum.length2()) {
+        change = pose * d;
+        return true;
+      }
+      // Derivative of v x I v, in whose columns I scales that of v.
+      btMatrix3x3 slope, by_momentum;
+      v.getSkewSymmetricMatrix(&slope[0], &slope[1], &slope[2]);
+      momentum.getSkewSymmetricMatrix(&by_momentum[0], &by_momentum[1], &by_momentum[2]);
+      for (int i = 0; i < 3; ++i) {
+        slope[i] = (slope[i] * inertia - by_momentum[i]) * (h / 2);
+        slope[i][i] += inertia[i];
+      }
+      d -= slope.solve33(rest);
+    }
+    return false;
+  }
+};
+
+#endif

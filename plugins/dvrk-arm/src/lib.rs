@@ -1,0 +1,42 @@
+//! Arms of a da Vinci Research Kit (dVRK) over ROS 1: masters MTML and MTMR, slaves PSM1 to PSM3, ECM, and arms of any other name.
+//!
+//! * [`driver`] makes them input devices of the simulator.
+//! * [`Arm`] offers them to other programs.
+//! * [`fake`] is a node that behaves like the robot's, for tests and for those who have none; the program `fake_dvrk` runs it.
+//!
+//! The four ways in which releases of the robot's software name and type their topics, [`Dialect`], are told apart automatically.
+//!
+//! | thread | what it does |
+//! |---|---|
+//! | `dvrk-ARM` | one an arm: sends commands, watches that they are not old |
+//! | `dvrk-watch` | asks the master every 0.5 s what is published; finds arms and shakes hands with them |
+//! | `ros-link`, `ros-sockets` | tend the one node that all arms share, see [`ros_node`] |
+//!
+//! rosrust adds three threads for each topic that is listened to and two for each other.
+
+mod arm;
+mod device;
+mod dialect;
+pub mod fake;
+mod frames;
+mod gravity;
+mod hub;
+mod inner;
+mod latest;
+mod messages;
+mod options;
+mod outputs;
+mod pace;
+mod pedals;
+mod sender;
+mod session;
+mod wire;
+
+pub use arm::{Arm, ArmError};
+pub use device::driver;
+pub use dialect::{Dialect, DialectChoice};
+pub use frames::{isometry, Frames, Wrench};
+pub use gravity::tip_wrench;
+pub use inner::Mode;
+pub use options::{ArmOptions, Say, SETTINGS};
+pub use pedals::{ClutchSource, Pedal};

@@ -1,0 +1,40 @@
+//! A ROS 1 node that outlives its master, on rosrust.
+//!
+//! rosrust registers a topic once and never looks back, waits for ever for a peer that hangs, and leaves its sockets as they come. What
+//! programs need that run beside a robot all day is added here, without changes to rosrust: the master may be absent at the start, restart or
+//! hang; one subscriber that stops reading does not starve the others; small messages are sent at once; messages of any type can be received.
+//!
+//! A [`Node`] does everything in threads of its own. Two nodes in one process do not know of each other.
+
+mod embedded;
+mod link;
+mod node;
+mod raw;
+mod sockets;
+mod stop;
+mod topic;
+mod xmlrpc;
+
+use std::fmt::Arguments;
+use std::sync::Arc;
+
+pub use link::{run, tend_connections, tend_sockets, Link, LinkOptions};
+pub use node::Node;
+pub use raw::{Publishers, RawReceived, RawSubscription};
+pub use stop::Stop;
+pub use topic::{is_permanent, Announcement, Direction, Publication, Registration, Subscription};
+pub use xmlrpc::{CallError, Peer};
+
+/// Where a node says what its user should know, a line at a time; called from any thread.
+pub type Report = Arc<dyn Fn(Arguments<'_>) + Send + Sync>;
+
+/// Says nothing.
+pub fn silent() -> Report {
+    Arc::new(|_| ())
+}
+
+/// Address of the master: `ROS_MASTER_URI`, or `http://localhost:11311/` where that is not set.
+pub fn master_uri() -> String {
+    let uri = std::env::var("ROS_MASTER_URI").ok().filter(|uri| !uri.is_empty());
+    uri.unwrap_or_else(|| String::from("http://localhost:11311/"))
+}
