@@ -62,7 +62,7 @@ impl Plugin for Recorder {
     }
 
     fn physics_update(&mut self, world: &mut View<'_>, _dt: f64) {
-        if world.clock().step % self.every == 0 {
+        if world.clock().step.is_multiple_of(self.every) {
             self.record(world);
         }
     }
