@@ -1,19 +1,23 @@
 //! Which drivers of input devices the programs have, and which devices they are asked for.
 
-use std::path::Path;
 use std::sync::Arc;
 
-use ambf_core::adf::{self, InputDevice, InputDevices};
+use ambf_core::adf::{self, InputDevice, InputDevices, Launch};
 use ambf_core::device::host::{DeviceHost, DeviceState, HostOptions};
 use ambf_core::device::law::Switches;
 use ambf_core::device::{Drivers, MockDriver};
 use ambf_core::sim::Simulation;
 
 use crate::cli::{DeviceSelection, SimulatorOptions};
+use crate::plugins;
 
 /// All drivers of this program. Where two serve a model, the first does unless the device file names another.
 pub fn drivers() -> Drivers {
     let mut drivers = Drivers::default();
+    drivers.add(Arc::new(dvrk_arm::driver()));
+    drivers.add(Arc::new(falcon::driver()));
+    drivers.add(touch::driver());
+    trackers::drivers().into_iter().for_each(|driver| drivers.add(driver));
     drivers.add(Arc::new(MockDriver::default()));
     drivers
 }
@@ -28,13 +32,9 @@ pub fn are_wanted(selection: &DeviceSelection) -> bool {
 
 /// Opens the devices that the command line asks for, out of the device file of a launch file, and gives each its end-effector. Nothing that goes
 /// wrong keeps the others from going on; it is in the sentences.
-pub fn open(
-    file: Option<&Path>,
-    drivers: &Drivers,
-    options: &SimulatorOptions,
-    simulation: &mut Simulation,
-) -> (DeviceHost, Vec<String>) {
+pub fn open(launch: &Launch, options: &SimulatorOptions, simulation: &mut Simulation) -> (DeviceHost, Vec<String>) {
     let mut said = Vec::new();
+    let file = launch.input_devices_config.as_deref();
     let listed = match file.filter(|_| are_wanted(&options.devices)).map(adf::load::<InputDevices>) {
         Some(Ok((devices, report))) => {
             said.extend(report.to_string().lines().map(str::to_owned));
@@ -53,7 +53,11 @@ pub fn open(
         speed_factor: options.speed_factor,
         switches: Switches { forces: options.force_feedback, ..Switches::default() },
     };
-    let (mut host, problems) = DeviceHost::open(&entries, drivers, &host_options);
+    let mut drivers = drivers();
+    if !entries.is_empty() {
+        said.extend(plugins::add_drivers(&mut drivers, &launch.device_plugins));
+    }
+    let (mut host, problems) = DeviceHost::open(&entries, &drivers, &host_options);
     said.extend(problems);
     said.extend(simulation.add_devices(&mut host));
     for status in host.status().iter().filter(|status| status.state != DeviceState::Closed) {
@@ -99,7 +103,7 @@ mod tests {
     fn listed() -> Vec<Option<InputDevice>> {
         let text = "input devices: [A, B, C]\nA: {hardware name: x, root link: l}\nB: {root link: l}\n\
                     C: {hardware name: y, root link: l}\n";
-        adf::parse::<InputDevices>(text, Path::new("devices.yaml")).expect("a list").0.entries
+        adf::parse::<InputDevices>(text, std::path::Path::new("devices.yaml")).expect("a list").0.entries
     }
 
     fn names(selection: &DeviceSelection) -> (Vec<String>, usize) {

@@ -99,10 +99,7 @@ fn load_simulation(options: &SimulatorOptions) -> Result<(Simulation, DeviceHost
     print_report(&found, options.verbose);
     let sub_step = scene.sub_step.unwrap_or(DEFAULT_SUB_STEP);
     let mut simulation = Simulation::new(scene, sub_step);
-    let mut drivers = devices::drivers();
-    plugins::add_drivers(&mut drivers, &launch.device_plugins).iter().for_each(|line| report!("{line}"));
-    let device_file = launch.input_devices_config.as_deref();
-    let (host, said) = devices::open(device_file, &drivers, options, &mut simulation);
+    let (host, said) = devices::open(&launch, options, &mut simulation);
     said.iter().for_each(|line| report!("{line}"));
     plugins::load(&mut simulation, &launch.plugins, &options.plugins, options.verbose);
     Ok((simulation, host))
@@ -137,6 +134,9 @@ fn serve(
     let host = Arc::new(Host(simulation.models()));
     let mut ros = (!options.no_ros).then(|| RosMiddleware::new(RosOptions::default()).with_models(host));
     if let Some(ros) = &mut ros {
+        if options.hold {
+            hub.throttle().hold(Duration::MAX, hub.now_ns());
+        }
         if let Err(error) = ros.start(hub) {
             report!("ROS is not available: {error}; the simulation runs without");
         }
@@ -150,10 +150,11 @@ fn serve(
         },
     );
     let outcome = follow(&runner, &mut devices, stop);
-    if let Some(mut simulation) = runner.stop() {
+    let simulation = runner.stop();
+    devices.stop().iter().for_each(|line| report!("{line}"));
+    if let Some(mut simulation) = simulation {
         plugins::close(&mut simulation);
     }
-    devices.stop().iter().for_each(|line| report!("{line}"));
     if let Some(ros) = &mut ros {
         ros.stop();
     }

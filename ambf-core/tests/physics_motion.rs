@@ -2,6 +2,7 @@
 
 mod physics_common;
 
+use ambf_core::scene::Loaded;
 use ambf_core::sim::Simulation;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use physics_common::{close, load_texts, near, turned, Bench, DT, HEAVY, WEIGHTLESS};
@@ -252,4 +253,32 @@ fn copies_of_a_model_are_separate_bodies() {
     let x = [0, 1].map(|body| world.pose(world.bodies()[body]).expect("live").translation.x);
     close(x[0], 0.0, 0.0);
     close(x[1], 0.01, 1e-12);
+}
+
+#[test]
+fn what_collides_cannot_turn_like_a_point() {
+    let text = |inertia: &str| {
+        format!(
+            "bodies: [BODY Floor, BODY Cube]\n\
+             BODY Floor: {{name: Floor, mass: 0, collision shape: Plane, collision geometry: {{normal: {{x: 0, y: 0, z: 1}}, offset: 0}}}}\n\
+             BODY Cube: {{name: Cube, mass: 1, inertia: {{ix: {inertia}, iy: {inertia}, iz: {inertia}}}, collision shape: Box, \
+             collision geometry: {{x: 0.2, y: 0.2, z: 0.2}}, \
+             location: {{position: {{x: 0, y: 0, z: 0.25}}, orientation: {{r: 0.3, p: 0.4, y: 0}}}}}}\n"
+        )
+    };
+    let world = format!("{HEAVY}physics: {{profile: accurate}}\n");
+    for inertia in ["1e-5", "1e-9"] {
+        let Loaded { scene, report } = load_texts(&world, &[&text(inertia)]);
+        assert!(report.to_string().contains("a solid body of its collision shape"), "{report}");
+        let mut bench = Bench(Simulation::new(scene, DT));
+        for _ in 0..100 {
+            bench.steps(20);
+            let height = bench.position("Cube").z;
+            assert!((0.09..0.251).contains(&height), "{inertia}: {height}");
+        }
+    }
+    let report = load_texts(&world, &[&text("0.006")]).report;
+    assert!(!report.to_string().contains("inertia"), "{report}");
+    let Loaded { scene, .. } = load_texts(HEAVY, &[&text("1e-9")]);
+    assert_eq!(scene.bodies[1].inertia, Vector3::repeat(1e-9), "legacy takes what is written");
 }

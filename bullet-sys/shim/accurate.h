@@ -19,7 +19,7 @@ typedef struct AmbAccurateSettings {
   double hard_mass_ratio;
   /* Most multiplications of a factorisation, a row, of other islands and of hard ones that are solved directly. */
   double max_cost, max_hard_cost;
-  /* Most factorisations of block pivoting, and again of the method that follows on hard islands where it cycles. */
+  /* Most factorisations of block pivoting, and again of the method that follows where it cycles. */
   int max_rounds;
 } AmbAccurateSettings;
 

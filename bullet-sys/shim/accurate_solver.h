@@ -20,6 +20,11 @@ class AccurateSolver : public Base {
  public:
   explicit AccurateSolver(const AccurateContext &settings) : settings_(settings) {}
 
+  void reset() override {
+    Base::reset();
+    histories_.clear();
+  }
+
  protected:
   void convertJoints(btTypedConstraint **constraints, int n, const btContactSolverInfo &info) override {
     Base::convertJoints(constraints, n, info);
@@ -40,6 +45,8 @@ class AccurateSolver : public Base {
     remember_friction(manifolds, n);
     Base::convertContacts(manifolds, n, info);
     warm_start_friction(info);
+    limit_pushes(info);
+    // What bounces has a velocity of its own.
     if (settings_.restitution) bounce(info);
   }
 
@@ -57,8 +64,9 @@ class AccurateSolver : public Base {
                                              const btContactSolverInfo &info, btIDebugDraw *debug) override {
     hard_ = settings_.direct && is_hard();
     if (settings_.direct && !has_tree_rows() && gather(info)) {
-      if (direct_.solve(settings_.max_rounds, hard_)) {
+      if (direct_.solve(settings_.max_rounds)) {
         write_back();
+        give_rest();
         if (has_deep_contacts()) {
           this->solveGroupCacheFriendlySplitImpulseIterations(bodies, n, manifolds, manifold_count, constraints, constraint_count,
                                                               info, debug);
@@ -66,7 +74,7 @@ class AccurateSolver : public Base {
         return 0;
       }
       // What could not be solved now will hardly be in the next steps.
-      wait() = 8;
+      history().rest = 8;
     }
     if (hard_) {
       btContactSolverInfo more = info;
@@ -140,14 +148,50 @@ class AccurateSolver : public Base {
       const btScalar gap = point.getDistance() + info.m_linearSlop, push = -gap * info.m_erp2 / h;
       if (-before >= info.m_restitutionVelocityThreshold) {
         const btScalar pull = std::max(btScalar(0), -forced / h);
-        const btScalar target = gap > 0 ? -BT_LARGE_FLOAT : leaving(before, gap, pull, h, point.m_combinedRestitution);
-        row.m_rhs = (target - before - forced) * row.m_jacDiagABInv;
         row.m_rhsPenetration = 0;
+        if (gap > 0) {
+          row.m_rhs = row.m_upperLimit = 0;
+          continue;
+        }
+        const btScalar target = leaving(before, gap, pull, h, point.m_combinedRestitution);
+        row.m_rhs = (target - before - forced) * row.m_jacDiagABInv;
       } else if (push > info.m_restitutionVelocityThreshold) {
         // The depth reached before the bounce is left behind without adding to its velocity.
         row.m_rhs = (-before - forced) * row.m_jacDiagABInv;
         row.m_rhsPenetration = push * row.m_jacDiagABInv;
       }
+    }
+  }
+
+  // Bodies that overlap leave each other at no more than this speed, m/s, however deep they are: what takes the overlap away stays as
+  // velocity. A fall of 5 cm is as fast.
+  static constexpr btScalar FASTEST_PUSH = 1;
+  // What is added at most for contacts under load, which may be let go of at any time.
+  static constexpr btScalar MOST_GIVEN_AWAY = 3;
+
+  void limit_pushes(const btContactSolverInfo &info) {
+    limit_pushes(this->m_tmpSolverContactConstraintPool, info);
+    if constexpr (std::is_base_of_v<btMultiBodyConstraintSolver, Base>) {
+      limit_pushes(this->m_multiBodyNormalContactConstraints, info);
+    }
+  }
+
+  template <class Rows>
+  void limit_pushes(Rows &rows, const btContactSolverInfo &info) {
+    for (int i = 0; i < rows.size(); ++i) {
+      auto &row = rows[i];
+      const auto &point = *static_cast<const btManifoldPoint *>(row.m_originalContactPoint);
+      const btScalar push = -(point.getDistance() + info.m_linearSlop) * info.m_erp2 / info.m_timeStep;
+      if (push <= FASTEST_PUSH || row.m_jacDiagABInv <= 0) continue;
+      // A soft contact under load gives most of its push away.
+      const btScalar load = std::max(btScalar(0), point.m_appliedImpulse);
+      const btScalar given = settings_.contact_softness * load / row.m_jacDiagABInv;
+      const btScalar most = FASTEST_PUSH + std::min(given, MOST_GIVEN_AWAY);
+      if (push <= most) continue;
+      // Bullet keeps what is deep out of the velocities, and moves bodies instead; this is slow enough for both.
+      if (row.m_rhsPenetration == 0) row.m_rhs -= push * row.m_jacDiagABInv;
+      row.m_rhsPenetration = 0;
+      row.m_rhs += most * row.m_jacDiagABInv;
     }
   }
 
@@ -238,8 +282,26 @@ class AccurateSolver : public Base {
     if (from.m_jacDiagABInv > 0) row.cfm = std::max(row.cfm, share / from.m_jacDiagABInv);
   }
 
-  // Steps for which the island is not solved directly; islands are known by their first body.
-  unsigned char &wait() {
+  // Of an island: steps for which it is not solved directly, and how often in a row that took long.
+  struct History {
+    unsigned char rest = 0, toils = 0;
+  };
+
+  // What comes to rest is solved in few rounds once it has been solved, and must not be disturbed by iterations. But rows of bodies that
+  // fall about change sides in every step: after some of those iterations are better for a while.
+  void give_rest() {
+    if (hard_) return;
+    History &island = history();
+    if (direct_.rounds() <= settings_.max_rounds) {
+      island.toils = 0;
+    } else if (++island.toils >= 8) {
+      island.toils = 4;
+      island.rest = 64;
+    }
+  }
+
+  // Islands are known by their first body.
+  History &history() {
     size_t first = 0;
     for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i) {
       const btRigidBody *b = this->m_tmpSolverBodyPool[i].m_originalBody;
@@ -247,8 +309,8 @@ class AccurateSolver : public Base {
       first = static_cast<size_t>(std::max(0, b->getWorldArrayIndex()));
       break;
     }
-    if (waits_.size() <= first) waits_.resize(first + 1);
-    return waits_[first];
+    if (histories_.size() <= first) histories_.resize(first + 1);
+    return histories_[first];
   }
 
   // Sequential impulses converge badly across joints and between light and heavy bodies.
@@ -272,9 +334,9 @@ class AccurateSolver : public Base {
     const btConstraintArray &rolling = this->m_tmpSolverContactRollingFrictionConstraintPool;
     const int n = joints.size() + contacts.size() + frictions.size() + rolling.size();
     if (n == 0) return false;
-    unsigned char &left = wait();
-    if (left > 0) {
-      --left;
+    History &island = history();
+    if (island.rest > 0) {
+      --island.rest;
       return false;
     }
     direct_.rows.clear();
@@ -299,7 +361,10 @@ class AccurateSolver : public Base {
       add_friction(rolling[i], first_contact, rolling[i].m_friction, rolling[i].m_friction, kept);
     }
     const double cost = direct_.prepare(this->m_tmpSolverBodyPool.size());
-    return cost <= (hard_ ? settings_.max_hard_cost : settings_.max_cost) * n;
+    if (cost <= (hard_ ? settings_.max_hard_cost : settings_.max_cost) * n) return true;
+    // A pile stays one, and to see that costs a third of what its iterations do.
+    if (!hard_) island.rest = 15;
+    return false;
   }
 
   void add_friction(const btSolverConstraint &from, int first_contact, double friction, double cap, double kept) {
@@ -334,7 +399,7 @@ class AccurateSolver : public Base {
   DirectSolver direct_;
   bool hard_ = false;
   std::vector<btVector3> friction_before_;
-  std::vector<unsigned char> waits_;
+  std::vector<History> histories_;
 };
 
 #endif

@@ -364,24 +364,25 @@ bool DirectSolver::polish(int max_rounds) {
   return false;
 }
 
-bool DirectSolver::solve(int max_rounds, bool persistent) {
+bool DirectSolver::solve(int max_rounds) {
   assemble();
   double scale = 0;
-  bool bounded = false;
+  bool bounded = false, finite = true;
   guess.resize(rows.size());
   for (size_t i = 0; i < rows.size(); ++i) {
     DirectRow &row = rows[i];
-    scale = std::max(scale, std::fabs(row.target));
+    // What need not move, like a contact that opens, doesn't count.
+    if (row.low < 0 || row.target > 0) scale = std::max(scale, std::fabs(row.target));
+    finite = finite && std::isfinite(row.target);
     bounded = bounded || row.low > -1e9 || row.high < 1e9;
     // The first bounds come from the guess of the normal impulse.
     if (row.normal >= 0) bound_friction(row);
     guess[i] = row.x;
   }
-  if (!std::isfinite(scale)) return false;
+  if (!finite) return false;
   tolerance = 1e-9 * scale + 1e-14;
   rounds_ = 0;
   if (!pivot(bounded ? max_rounds : 1)) {
-    if (!persistent) return false;
     for (size_t i = 0; i < rows.size(); ++i) {
       DirectRow &row = rows[i];
       row.x = guess[i];

@@ -36,8 +36,8 @@ class DirectSolver {
   // Orders the rows so that those that share bodies are close, and returns the multiplications that a factorisation would take.
   double prepare(int body_count);
   // Solves what was prepared by block pivoting of at most max_rounds factorisations, and, where that cycles, by as many rounds of the
-  // slower method if `persistent`. False: neither gave a solution.
-  bool solve(int max_rounds, bool persistent);
+  // slower method. False: neither gave a solution.
+  bool solve(int max_rounds);
   // Velocity that the solution adds to a body, linear and angular part.
   const double *velocity(int body) const { return &velocities[6 * static_cast<size_t>(body)]; }
   // Factorisations of the last solve.

@@ -327,6 +327,8 @@ void AmbTree::follow_base() {
 void AmbTree::settle() {
   if (!poses_set && !velocities_set) return;
   if (poses_set) {
+    dynamics.forget();
+    if (joint_rows) joint_rows->forget();
     base_pose = members[0].body->body.getWorldTransform();
     position.origin = base_pose.getOrigin();
     position.rotation = base_pose.getRotation();
@@ -385,8 +387,10 @@ void AmbTree::predict(btScalar h) {
   }
   if (has_feedback) remember_momenta();
   choose_springs(h);
+  joint_rows->plan_motors(h);
   dynamics.step(h, position, rate, free_position, free_rate);
-  has_rows = joint_rows->plan(h) || touched || ties > 0 || is_driven();
+  joint_rows->plan_limits(h);
+  has_rows = joint_rows->any() || touched || ties > 0 || is_driven();
 }
 
 void AmbTree::prepare_rows() {

@@ -79,8 +79,15 @@ class TreeDynamics {
   // them. The poses must be those of the position.
   void project(const btVector3 *linear, const btVector3 *angular, Rate &rate);
 
-  // One step of the classical Runge-Kutta method from where `place` put the bodies; poses are spoilt.
+  // A step by the classical Runge-Kutta method from where `place` put the bodies; poses are spoilt. It is divided where the tree swings too
+  // fast for it: a light link under a heavy load is a string under tension.
   void step(btScalar h, const Position &from, const Rate &rate, Position &to, Rate &new_rate);
+
+  // After a jump: what was learnt of the motion doesn't count any more.
+  void forget() {
+    mode.clear();
+    trust = 0;
+  }
 
   // Moves on by h times rate, the rotation by the exponential map.
   static void shift(Position &position, btScalar h, const Rate &rate);
@@ -93,6 +100,8 @@ class TreeDynamics {
   std::vector<Body> bodies;
   std::vector<Link> links;
   std::vector<Spring> springs;
+  // On each coordinate, constant over a step.
+  std::vector<btScalar> pushes;
   // State of the bodies, world axes.
   std::vector<btMatrix3x3> rotations;
   std::vector<btVector3> origins, linear, angular;
@@ -110,13 +119,20 @@ class TreeDynamics {
     btVector3 alpha, accel;
   };
 
+  void runge_kutta(btScalar h, const Position &from, const Rate &rate, Position &to, Rate &new_rate);
+  void probe(const Position &at, const Rate &rate);
   void add_inertias();
   void sweep(Rate &out, bool with_bias);
 
   std::vector<Work> work;
   std::vector<btScalar> efforts;
-  Position stage;
-  Rate stage_rate, slopes[4], speeds[4];
+  Position stage, part;
+  Rate stage_rate, part_rate, slopes[4], speeds[4];
+  // Fastest mode: its shape, and the square of its angular frequency, 1/s^2.
+  std::vector<btScalar> mode;
+  btScalar stiffness = 0;
+  // Steps until it is looked at again.
+  int trust = 0;
 };
 
 #endif

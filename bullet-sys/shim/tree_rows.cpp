@@ -32,6 +32,12 @@ JointRows::JointRows(AmbTree &owner)
   // A limit and a motor of each joint, and a limit and a row of each spring.
   m_numRows = 2 * (owner.dynamics.coordinates + static_cast<int>(owner.springs.size()));
   m_data.resize(m_numRows);
+  forget();
+}
+
+void JointRows::forget() {
+  planned.clear();
+  forces.assign(tree.dynamics.coordinates + tree.springs.size(), 0);
 }
 
 int JointRows::getIslandIdA() const { return tree.members[1].collider->getIslandTag(); }
@@ -48,7 +54,7 @@ void JointRows::plan_limit(int coordinate, btScalar low, btScalar high, bool is_
   if (low == high) {
     const btScalar target = (low - q) * LIMIT_ERP / h;
     const btScalar bounded = std::max(std::min(target, FASTEST_RETURN), -FASTEST_RETURN);
-    planned.push_back({coordinate, bounded, 0, -infinity, infinity, true});
+    planned.push_back({coordinate, bounded, 0, -infinity, infinity});
     return;
   }
   const btScalar bounce = is_angle ? HINGE_BOUNCE : 0;
@@ -59,7 +65,7 @@ void JointRows::plan_limit(int coordinate, btScalar low, btScalar high, bool is_
     if (gap + h * speed >= 0) continue;
     btScalar target = gap < 0 ? std::min(-gap / h * LIMIT_ERP, FASTEST_RETURN) : -gap / h;
     if (bounce > 0) target = std::max(target, -bounce * speed);
-    planned.push_back({coordinate, side * target, 0, side > 0 ? 0 : -infinity, side > 0 ? infinity : 0, true});
+    planned.push_back({coordinate, side * target, 0, side > 0 ? 0 : -infinity, side > 0 ? infinity : 0});
     return;
   }
 }
@@ -83,42 +89,63 @@ void JointRows::plan_motor(const AmbConstraint &joint, int coordinate, btScalar 
   } else {
     return;
   }
-  if (impulse > 0) planned.push_back({coordinate, target, softness, -impulse, impulse, false});
+  if (impulse > 0) expect({coordinate, target, softness, -impulse, impulse, coordinate}, h);
 }
 
-bool JointRows::plan(btScalar h) {
+void JointRows::expect(Row row, btScalar h) {
+  row.expected = std::min(std::max(forces[row.source] * h, row.low), row.high);
+  if (!(btFabs(row.expected) < BT_LARGE_FLOAT)) row.expected = 0;
+  tree.dynamics.pushes[row.coordinate] += row.expected / h;
+  planned.push_back(row);
+}
+
+void JointRows::plan_motors(btScalar h) {
+  std::fill(forces.begin(), forces.end(), 0);
+  for (size_t i = 0; i < planned.size(); ++i) {
+    if (planned[i].source >= 0) forces[planned[i].source] = (planned[i].expected + m_data[i]) / step;
+  }
+  step = h;
   planned.clear();
+  std::fill(tree.dynamics.pushes.begin(), tree.dynamics.pushes.end(), 0);
   for (size_t i = 1; i < tree.members.size(); ++i) {
     const AmbConstraint &joint = *tree.members[i].joint;
     const int coordinate = tree.dynamics.links[i - 1].coordinate;
-    if (coordinate < 0) continue;
-    plan_limit(coordinate, joint.drive.low, joint.drive.high, joint.kind == Kind::Hinge, h);
-    plan_motor(joint, coordinate, h);
+    if (coordinate >= 0) plan_motor(joint, coordinate, h);
   }
   for (size_t i = 0; i < tree.springs.size(); ++i) {
     const TreeDynamics::Spring &spring = tree.dynamics.springs[i];
-    const int coordinate = spring.coordinate;
-    plan_limit(coordinate, tree.springs[i].low, tree.springs[i].high, spring.is_angle, h);
     if (!spring.left_out) continue;
+    const int coordinate = spring.coordinate;
     // The force at the end of the sub-step, -k (x + h q') - d q', as a rate that gives way to its impulse.
     const btScalar push = spring.sign * spring.stiffness * spring.displacement(tree.position.q[coordinate]);
     const btScalar give = spring.damping + h * spring.stiffness;
-    planned.push_back({coordinate, -push / give, 1 / (h * give), -BT_LARGE_FLOAT, BT_LARGE_FLOAT, false,
-                       static_cast<int>(i)});
+    const int source = tree.dynamics.coordinates + static_cast<int>(i);
+    expect({coordinate, -push / give, 1 / (h * give), -BT_LARGE_FLOAT, BT_LARGE_FLOAT, source}, h);
   }
-  return !planned.empty();
+}
+
+void JointRows::plan_limits(btScalar h) {
+  for (size_t i = 1; i < tree.members.size(); ++i) {
+    const AmbConstraint &joint = *tree.members[i].joint;
+    const int coordinate = tree.dynamics.links[i - 1].coordinate;
+    if (coordinate >= 0) plan_limit(coordinate, joint.drive.low, joint.drive.high, joint.kind == Kind::Hinge, h);
+  }
+  for (size_t i = 0; i < tree.springs.size(); ++i) {
+    const TreeDynamics::Spring &spring = tree.dynamics.springs[i];
+    plan_limit(spring.coordinate, tree.springs[i].low, tree.springs[i].high, spring.is_angle, h);
+  }
 }
 
 bool JointRows::stopped() const {
   for (size_t i = 0; i < planned.size(); ++i) {
-    if (planned[i].limit && m_data[i] != 0) return true;
+    if (planned[i].source < 0 && m_data[i] != 0) return true;
   }
   return false;
 }
 
 btScalar JointRows::spring_impulse(size_t spring) const {
   for (size_t i = 0; i < planned.size(); ++i) {
-    if (planned[i].spring == static_cast<int>(spring)) return m_data[i];
+    if (planned[i].source == tree.dynamics.coordinates + static_cast<int>(spring)) return planned[i].expected + m_data[i];
   }
   return 0;
 }
@@ -136,8 +163,8 @@ void JointRows::createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBo
     row.m_solverBodyIdA = row.m_solverBodyIdB = data.m_fixedBodyId;
     std::fill(jacobian.begin(), jacobian.end(), 0);
     jacobian[6 + plan.coordinate] = 1;
-    fillMultiBodyConstraint(row, data, jacobian.data(), nullptr, zero, zero, zero, zero, 0, info, plan.low, plan.high,
-                            true);
+    fillMultiBodyConstraint(row, data, jacobian.data(), nullptr, zero, zero, zero, zero, 0, info, plan.low - plan.expected,
+                            plan.high - plan.expected, true);
   }
   matrix.resize(n * n);
   right.resize(n);
@@ -153,9 +180,9 @@ void JointRows::createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBo
     btScalar &own = matrix[i * n + i];
     const btScalar softness = std::max(plan.softness, own * SOFTNESS);
     own += softness;
-    right[i] = plan.target - tree.free_rate.q[plan.coordinate];
-    low[i] = plan.low;
-    high[i] = plan.high;
+    right[i] = plan.target - plan.softness * plan.expected - tree.free_rate.q[plan.coordinate];
+    low[i] = plan.low - plan.expected;
+    high[i] = plan.high - plan.expected;
     row.m_jacDiagABInv = 1 / own;
     row.m_cfm = softness / own;
     row.m_rhs = right[i] / own;

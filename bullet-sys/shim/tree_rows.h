@@ -8,12 +8,20 @@
 
 // Limits, motors, drives and stiff springs of all joints of a tree. They are solved together and exactly; the solver's iterations, which start from
 // that, only add what contacts change.
+//
+// What motors, drives and springs did in the last sub-step is part of the tree's motion over the next one, and their rows only change it: an
+// impulse would act on the tree where it was at the beginning, and without it the tree would move as if nothing held it up.
 class JointRows : public btMultiBodyConstraint {
  public:
   explicit JointRows(AmbTree &tree);
 
-  // Finds the rows of the coming sub-step. Whether there are any.
-  bool plan(btScalar h);
+  // Finds the rows of the coming sub-step in two parts: what moves joints, which expects forces in the dynamics, and then, from
+  // the motion that these give, limits.
+  void plan_motors(btScalar h);
+  void plan_limits(btScalar h);
+  bool any() const { return !planned.empty(); }
+  // What was here is no guide to what will be.
+  void forget();
   // Whether a limit pushed in the last sub-step.
   bool stopped() const;
   // Of a spring that was left out of the dynamics.
@@ -32,16 +40,21 @@ class JointRows : public btMultiBodyConstraint {
     btScalar target;    // rate
     btScalar softness;  // rate given up per impulse
     btScalar low, high;  // of the impulse
-    bool limit;
-    // Of the tree's, or -1.
-    int spring = -1;
+    // Coordinate of a motor, or the number of coordinates and a spring; -1: a limit.
+    int source = -1;
+    // Impulse that is part of the motion already.
+    btScalar expected = 0;
   };
 
   void plan_limit(int coordinate, btScalar low, btScalar high, bool is_angle, btScalar h);
   void plan_motor(const AmbConstraint &joint, int coordinate, btScalar h);
+  void expect(Row row, btScalar h);
 
   AmbTree &tree;
   std::vector<Row> planned;
+  // Last force of each source of rows.
+  std::vector<btScalar> forces;
+  btScalar step = 0;
   std::vector<btScalar> jacobian, matrix, right, impulses;
 };
 

@@ -285,6 +285,31 @@ void amb_world_finish_step(AmbWorld *world) {
   if (world->soft) after_soft_step(*world);
 }
 
+namespace {
+
+// Finds all pairs anew: their order, and with it that of the solver, then depends on the poses alone. Bounds that were not finite go too.
+void rebuild_broadphase(AmbWorld &world) {
+  btCollisionObjectArray &objects = world.world->getCollisionObjectArray();
+  std::vector<btBroadphaseProxy> old;
+  old.reserve(objects.size());
+  for (int i = 0; i < objects.size(); ++i) {
+    btBroadphaseProxy *proxy = objects[i]->getBroadphaseHandle();
+    old.push_back(*proxy);
+    world.broadphase.destroyProxy(proxy, &world.dispatcher);
+  }
+  world.broadphase.resetPool(&world.dispatcher);
+  for (int i = 0; i < objects.size(); ++i) {
+    btCollisionObject *object = objects[i];
+    btVector3 low, high;
+    object->getCollisionShape()->getAabb(object->getWorldTransform(), low, high);
+    object->setBroadphaseHandle(world.broadphase.createProxy(low, high, object->getCollisionShape()->getShapeType(), object,
+                                                             old[i].m_collisionFilterGroup, old[i].m_collisionFilterMask,
+                                                             &world.dispatcher));
+  }
+}
+
+}  // namespace
+
 void amb_world_recover(AmbWorld *world) {
   btCollisionObjectArray &objects = world->world->getCollisionObjectArray();
   for (int i = 0; i < objects.size(); ++i) {
@@ -294,12 +319,14 @@ void amb_world_recover(AmbWorld *world) {
     if (body && object == &body->body) {
       body->motion.pose();
       set_activity(*world, *body);
+      // Setting a pose leaves it as it was.
+      body->body.updateInertiaTensor();
     }
     object->setInterpolationWorldTransform(object->getWorldTransform());
     object->setInterpolationLinearVelocity(btVector3(0, 0, 0));
     object->setInterpolationAngularVelocity(btVector3(0, 0, 0));
-    world->broadphase.getOverlappingPairCache()->cleanProxyFromPairs(object->getBroadphaseHandle(), &world->dispatcher);
   }
+  rebuild_broadphase(*world);
   world->solver->reset();
   if (!world->trees) return;
   for (AmbConstraint *constraint : world->trees->ties) constraint->tie->forget();

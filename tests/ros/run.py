@@ -1,4 +1,4 @@
-"""Runs the tests of this folder against the simulator: run.py [MODULE…].
+"""Runs the tests of this folder, or of others, against the simulator: run.py [MODULE | FOLDER]…
 
 Each module gets its own process, since a process can be a ROS node only once. Ends with one line `N passed, N failed`
 and exit status 1 if any failed."""
@@ -11,13 +11,21 @@ import unittest
 FOLDER = pathlib.Path(__file__).resolve().parent
 
 
-def run_module(name):
+def files(arguments):
+    """The modules that the arguments name."""
+    for argument in arguments or [FOLDER]:
+        path = pathlib.Path(argument)
+        yield from sorted(path.resolve().glob("test_*.py")) if path.is_dir() else [FOLDER / f"{argument}.py"]
+
+
+def run_module(path):
     """Runs one module in this process; the last line printed holds the counts for `main`."""
+    sys.path[:0] = [str(path.parent), str(FOLDER)]
     import harness  # pylint: disable=import-outside-toplevel
 
     harness.set_up()
     try:
-        suite = unittest.defaultTestLoader.loadTestsFromName(name)
+        suite = unittest.defaultTestLoader.loadTestsFromName(path.stem)
         result = unittest.TextTestRunner(stream=sys.stdout, verbosity=2).run(suite)
     finally:
         harness.tear_down()
@@ -26,12 +34,11 @@ def run_module(name):
     print(f"counts {passed} {failed}", flush=True)
 
 
-def main(modules):
+def main(arguments):
     """Runs all modules and returns the exit status."""
-    modules = modules or sorted(path.stem for path in FOLDER.glob("test_*.py"))
     passed = failed = 0
-    for module in modules:
-        print(f"-- {module}", flush=True)
+    for module in files(arguments):
+        print(f"-- {module.stem}", flush=True)
         last = ""
         with subprocess.Popen(
             [sys.executable, "-u", __file__, "--here", module], stdout=subprocess.PIPE, text=True
@@ -45,7 +52,7 @@ def main(modules):
             passed += int(counts[1])
             failed += int(counts[2])
         else:
-            print(f"{module} ended with status {child.returncode}")
+            print(f"{module.stem} ended with status {child.returncode}")
             failed += 1
     print(f"{passed} passed, {failed} failed")
     return 1 if failed or not passed else 0
@@ -53,6 +60,6 @@ def main(modules):
 
 if __name__ == "__main__":
     if sys.argv[1:2] == ["--here"]:
-        run_module(sys.argv[2])
+        run_module(pathlib.Path(sys.argv[2]))
     else:
         sys.exit(main(sys.argv[1:]))

@@ -31,6 +31,7 @@ SERVICES = {
     "AddModel": "f5bd0122d8d7f607648fac2661ce032e",
     "ListModels": "ff08cbe897983592b3543e831685aaec",
     "RemoveModel": "6b1b98e3880995cce04976ee2d7995e8",
+    "Step": "d20da7e32bd0766d390cd8b49ae47ca7",
 }
 
 

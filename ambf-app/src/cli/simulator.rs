@@ -45,6 +45,8 @@ pub struct SimulatorOptions {
     pub model_indexes: Vec<usize>,
     /// Whether to run without any ROS communication; default: `false`.
     pub no_ros: bool,
+    /// Whether the physics waits for the first step that a client asks for; default: `false`.
+    pub hold: bool,
     /// Whether to print more about loading and running; default: `false`.
     pub verbose: bool,
     /// Solver and profile.
@@ -194,6 +196,11 @@ struct Arguments {
     #[arg(default_value = "false", default_missing_value = "true", value_parser = boolean, hide_default_value = true)]
     #[arg(action = clap::ArgAction::Set)]
     no_ros: bool,
+    /// Make the first step of the physics when a client asks for it, with the service World/step or by throttling
+    #[arg(long, value_name = "BOOL", num_args = 0..=1, require_equals = true, help_heading = "ROS")]
+    #[arg(default_value = "false", default_missing_value = "true", value_parser = boolean, hide_default_value = true)]
+    #[arg(action = clap::ArgAction::Set)]
+    hold: bool,
 
     #[command(flatten)]
     physics: PhysicsOptions,
@@ -262,6 +269,7 @@ impl Arguments {
             model_files,
             model_indexes,
             no_ros: self.no_ros,
+            hold: self.hold,
             verbose: self.verbose,
             physics: self.physics,
             check,

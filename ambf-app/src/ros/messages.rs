@@ -21,6 +21,7 @@ mod generated {
         ambf_msgs / SensorState,
         ambf_msgs / SoftBodyCmd,
         ambf_msgs / SoftBodyState,
+        ambf_msgs / Step,
         ambf_msgs / Timing,
         ambf_msgs / VehicleCmd,
         ambf_msgs / VehicleState,
@@ -137,6 +138,7 @@ mod tests {
         // Ours, as Debian's genpy computes them.
         check::<ambf_msgs::AddModel>("ambf_msgs/AddModel", "f5bd0122d8d7f607648fac2661ce032e");
         check::<ambf_msgs::ListModels>("ambf_msgs/ListModels", "ff08cbe897983592b3543e831685aaec");
+        check::<ambf_msgs::Step>("ambf_msgs/Step", "d20da7e32bd0766d390cd8b49ae47ca7");
         check::<ambf_msgs::RemoveModel>("ambf_msgs/RemoveModel", "6b1b98e3880995cce04976ee2d7995e8");
         assert!(ambf_msgs::RigidBodyState::msg_definition().contains("geometry_msgs/Twist twist"));
     }

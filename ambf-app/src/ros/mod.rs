@@ -36,6 +36,7 @@ mod sensor;
 mod service;
 mod signal;
 mod soft_body;
+mod step;
 mod topics;
 mod vehicle;
 mod world;
@@ -144,6 +145,7 @@ impl Middleware for RosMiddleware {
             n_devices: self.options.n_devices,
             master,
             models: self.models.clone(),
+            steppables: Arc::default(),
         });
         objects.follow(&told);
         let (alive, ended) = channel();

@@ -134,7 +134,14 @@ mod tests {
 
     fn objects(hub: &Arc<Hub>, models: Option<Arc<dyn ModelHost>>) -> Objects {
         let master = Peer::new("http://localhost:1/", "/test", Duration::from_millis(1)).unwrap();
-        Objects::new(Surroundings { hub: Arc::clone(hub), waker: Arc::default(), n_devices: 0, master, models })
+        Objects::new(Surroundings {
+            hub: Arc::clone(hub),
+            waker: Arc::default(),
+            n_devices: 0,
+            master,
+            models,
+            steppables: Arc::default(),
+        })
     }
 
     fn lines(announcements: &[Arc<dyn Announcement>]) -> Vec<String> {
@@ -178,6 +185,7 @@ mod tests {
                 "/ambf/env/World/add_model ambf_msgs/AddModel service",
                 "/ambf/env/World/list_models ambf_msgs/ListModels service",
                 "/ambf/env/World/remove_model ambf_msgs/RemoveModel service",
+                "/ambf/env/World/step ambf_msgs/Step service",
                 "/ambf/env/actuator/Command ambf_msgs/ActuatorCmd in",
                 "/ambf/env/actuator/State ambf_msgs/ActuatorState out",
                 "/ambf/env/cameras/default_camera/Command ambf_msgs/CameraCmd in",
@@ -206,7 +214,7 @@ mod tests {
     fn objects_come_and_go() {
         let hub = Arc::new(Hub::new(vec![object(ObjectKind::World, "World")]));
         let mut objects = objects(&hub, None);
-        assert_eq!(objects.compare().unwrap().come.announcements.len(), 5, "no host, no services");
+        assert_eq!(objects.compare().unwrap().come.announcements.len(), 6, "no host, no services for models");
         assert!(objects.compare().is_none(), "nothing has changed");
 
         let car = || object(ObjectKind::Vehicle(0, Box::default()), "car");

@@ -48,6 +48,11 @@ impl Wire<'_> {
         booleans.iter().all(|&byte| byte <= 1).then_some(())
     }
 
+    /// An array of elements that have texts or arrays.
+    fn each(&mut self, walk: impl Fn(&mut Self) -> Option<()>) -> Option<()> {
+        (0..self.count()?).try_for_each(|_| walk(self))
+    }
+
     fn header(&mut self) -> Option<()> {
         self.skip(12)?;
         self.array(1)
@@ -73,7 +78,8 @@ impl FromClient for ambf_msgs::RigidBodyCmd {
         wire.header()?;
         wire.skip(TYPE + POSE + WRENCH + TWIST)?;
         wire.array(1)?;
-        wire.array(4)
+        wire.array(4)?;
+        wire.skip(3 * BOOL)
     }
 }
 
@@ -134,15 +140,25 @@ impl FromClient for ambf_msgs::RemoveModelReq {
     }
 }
 
+impl FromClient for ambf_msgs::StepReq {
+    fn walk(wire: &mut Wire<'_>) -> Option<()> {
+        wire.skip(4 + BOOL + 8)?;
+        wire.each(|name| name.array(1))?;
+        wire.each(ambf_msgs::RigidBodyCmd::walk)?;
+        wire.each(|name| name.array(1))?;
+        wire.each(ambf_msgs::ActuatorCmd::walk)?;
+        wire.each(|name| name.array(1))
+    }
+}
+
 impl FromClient for sensor_msgs::PointCloud {
     fn walk(wire: &mut Wire<'_>) -> Option<()> {
         wire.header()?;
         wire.array(3 * 4)?;
-        for _ in 0..wire.count()? {
-            wire.array(1)?;
-            wire.array(4)?;
-        }
-        Some(())
+        wire.each(|channel| {
+            channel.array(1)?;
+            channel.array(4)
+        })
     }
 }
 
@@ -250,6 +266,18 @@ mod tests {
     fn bytes_that_are_no_request_are_refused() {
         check(&ambf_msgs::AddModelReq { file: "car.yaml".into() }, &[4]);
         check(&ambf_msgs::RemoveModelReq { model: "car".into() }, &[4]);
+        let step = ambf_msgs::StepReq {
+            body_names: vec!["/e/box".into()],
+            body_commands: vec![ambf_msgs::RigidBodyCmd { joint_cmds: vec![1.0], ..Default::default() }],
+            actuator_names: vec!["/e/hand".into()],
+            actuator_commands: vec![ambf_msgs::ActuatorCmd::default()],
+            observe: vec!["/e/box".into()],
+            ..Default::default()
+        };
+        let bodies = 4 + 4 + BOOL + 8;
+        let commands = bodies + 4 + 4 + 6;
+        let actuators = commands + 4 + 16 + 1 + POSE + WRENCH + TWIST + 4 + 8 + 3 * BOOL;
+        check(&step, &[bodies, bodies + 4, commands, commands + 4 + 12, actuators, actuators + 4 + 4 + 7]);
     }
 
     #[test]
@@ -271,6 +299,7 @@ mod tests {
             let _ = Received::<ambf_msgs::ObjectCmd>::decode_slice(&bytes);
             let _ = Received::<ambf_msgs::SoftBodyCmd>::decode_slice(&bytes);
             let _ = Received::<ambf_msgs::AddModelReq>::decode_slice(&bytes);
+            let _ = Received::<ambf_msgs::StepReq>::decode_slice(&bytes);
             let _ = Received::<sensor_msgs::PointCloud>::decode_slice(&bytes);
         }
     }

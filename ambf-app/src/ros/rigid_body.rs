@@ -40,6 +40,7 @@ pub(super) struct StateSource {
     positions: Vec<f32>,
     velocities: Vec<f32>,
     efforts: Vec<f32>,
+    names: bool,
 }
 
 impl StateSource {
@@ -54,14 +55,20 @@ impl StateSource {
             positions: Vec::new(),
             velocities: Vec::new(),
             efforts: Vec::new(),
+            names: true,
         }
+    }
+
+    /// Leaves out names, whoever asks for them.
+    pub fn without_names(self) -> Self {
+        Self { names: false, ..self }
     }
 
     /// The state as of `snapshot`; `None` when the snapshot does not know the body.
     pub fn message(&mut self, snapshot: &Snapshot) -> Option<ambf_msgs::RigidBodyState> {
         let body = snapshot.bodies.get(self.index)?;
         let names = |wanted: bool, asked: &AtomicBool, names: &Vec<String>| {
-            if wanted || asked.load(Ordering::Relaxed) {
+            if self.names && (wanted || asked.load(Ordering::Relaxed)) {
                 names.clone()
             } else {
                 Vec::new()

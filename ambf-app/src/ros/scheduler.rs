@@ -82,7 +82,7 @@ pub(super) fn is_live(hub: &Hub, object: usize, now_ns: u64) -> bool {
     let object = &hub.objects()[object];
     match object.info.kind {
         ObjectKind::World => hub.throttle().is_live(now_ns),
-        _ => object.is_live(now_ns),
+        _ => object.is_live(hub.throttle().watch_time(now_ns)),
     }
 }
 
@@ -90,6 +90,8 @@ pub(super) fn is_live(hub: &Hub, object: usize, now_ns: u64) -> bool {
 /// of a stream and by the stop.
 pub(super) fn run(hub: &Hub, fresh: &Receiver<Vec<Entry>>, stop: &Stop, waker: &Waker) {
     waker.claim();
+    hub.throttle().set_follower(std::thread::current());
+    let mut followed = hub.throttle().clocked_steps();
     let mut entries = Vec::new();
     let mut generation = hub.generation();
     while !stop.is_stopped() {
@@ -102,9 +104,22 @@ pub(super) fn run(hub: &Hub, fresh: &Receiver<Vec<Entry>>, stop: &Stop, waker: &
             // Its topic is withdrawn elsewhere: that can take long.
             entries.retain(|entry: &Entry| !objects[entry.object].is_removed());
         }
+        // A client that clocks the physics waits for the state of the step: it gets it at once.
+        let steps = hub.throttle().clocked_steps();
+        if std::mem::replace(&mut followed, steps) != steps {
+            publish_live(hub, &mut entries);
+        }
         let next = publish_due(hub, &mut entries, hub.now());
         // The schedules are absolute: a late wake-up delays one message, it does not lower the rate.
         std::thread::park_timeout(next.saturating_sub(hub.now()).min(LONGEST_SLEEP));
+    }
+}
+
+/// Publishes the objects for which commands keep coming, whether they are due or not.
+fn publish_live(hub: &Hub, entries: &mut [Entry]) {
+    let snapshot = hub.snapshot();
+    for entry in entries.iter_mut().filter(|entry| entry.live && entry.wanted) {
+        entry.outlet.publish(snapshot.as_deref());
     }
 }
 

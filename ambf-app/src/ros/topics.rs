@@ -17,6 +17,7 @@ use super::received::{FromClient, Received};
 use super::rigid_body::{self, Requests};
 use super::scheduler::{is_live, Entry, StateOutlet};
 use super::signal::{Complaints, Said, Waker};
+use super::step::{self, Kind, Steppable, Steppables};
 use super::{actuator, ghost, sensor, soft_body, vehicle, world};
 use crate::report;
 
@@ -68,6 +69,8 @@ pub(super) struct Surroundings {
     pub master: Peer,
     /// Who adds and removes models; without one there are no services.
     pub models: Option<Arc<dyn ModelHost>>,
+    /// What steps can command and observe.
+    pub steppables: Arc<Steppables>,
 }
 
 /// Makes the topics of the object at position `object`, whose name is `name` (`/<namespace>/<name>`), and adds them to `served`.
@@ -125,6 +128,11 @@ impl Builder<'_> {
         }
     }
 
+    fn can_be_stepped(&self, name: &str, info: &ObjectInfo, kind: Kind) {
+        let steppable = Steppable { object: self.object, info: info.clone(), kind };
+        self.around.steppables.insert(name.to_owned(), steppable);
+    }
+
     fn world(&mut self, info: &ObjectInfo, name: String) {
         let n_devices = self.around.n_devices;
         self.publish(format!("{name}/State"), info.rates, true, move |snapshot| {
@@ -142,6 +150,8 @@ impl Builder<'_> {
         });
         self.subscribe(format!("{name}/Command/Reset"), world::on_reset(Arc::clone(&self.around.hub)));
         self.subscribe(format!("{name}/Command/Reset/Bodies"), world::on_body_reset(Arc::clone(&self.around.hub)));
+        let Surroundings { hub, master, steppables, .. } = self.around;
+        self.served.announcements.push(step::service(&name, master, hub, steppables));
         if let Some(host) = &self.around.models {
             self.served.announcements.extend(models::services(&name, &self.around.master, host));
         }
@@ -154,6 +164,7 @@ impl Builder<'_> {
             rigid_body::StateSource::new(index, body.clone(), &info.name, &info.identifier, Arc::clone(&requests));
         self.publish(format!("{name}/State"), info.rates, true, move |snapshot| source.message(snapshot?));
         let n_joints = body.joint_names.len().max(body.joints.len());
+        self.can_be_stepped(&name, info, Kind::body(index, body, info, &requests));
         let commanded = self.commanded(&name);
         self.subscribe(format!("{name}/Command"), move |message: ambf_msgs::RigidBodyCmd| {
             let command = rigid_body::command(&message, n_joints);
@@ -197,6 +208,7 @@ impl Builder<'_> {
     }
 
     fn sensor(&mut self, info: &ObjectInfo, name: String, index: usize, sensor: &SensorInfo) {
+        self.can_be_stepped(&name, info, Kind::Sensor(index, sensor.clone()));
         let (of, sensor) = (info.clone(), sensor.clone());
         self.publish(format!("{name}/State"), info.rates, true, move |snapshot| {
             sensor::state(&of, index, &sensor, snapshot?)
@@ -208,6 +220,7 @@ impl Builder<'_> {
     }
 
     fn actuator(&mut self, info: &ObjectInfo, name: String, index: usize, actuator: &ActuatorInfo) {
+        self.can_be_stepped(&name, info, Kind::Actuator(index, actuator.clone()));
         let (of, actuator) = (info.clone(), actuator.clone());
         self.publish(format!("{name}/State"), info.rates, true, move |snapshot| {
             actuator::state(&of, index, &actuator, snapshot?)

@@ -159,7 +159,7 @@ impl HubObject {
         self.removed.load(Ordering::Acquire)
     }
 
-    /// Whether commands keep coming for the object at `now_ns` on the hub's clock. Not for the world: see [`StepThrottle::is_live`].
+    /// Whether commands keep coming for the object at `now_ns` on the hub's clock ([`StepThrottle::watch_time`]). Not for the world: see [`StepThrottle::is_live`].
     pub fn is_live(&self, now_ns: u64) -> bool {
         let channel = &self.channel;
         match self.info.kind {
@@ -231,7 +231,12 @@ pub struct Hub {
     snapshot: Slot,
     listeners: AtomicBool,
     throttle: StepThrottle,
+    /// Held while an order of steps is carried out.
+    pub(super) turn: Mutex<()>,
+    /// Resets that were done and published.
+    resets: AtomicU64,
     reset_world: AtomicBool,
+    reset_thoroughly: AtomicBool,
     reset_bodies: AtomicBool,
     start: Instant,
 }
@@ -248,7 +253,10 @@ impl Hub {
             snapshot: Slot::empty(),
             listeners: AtomicBool::new(false),
             throttle: StepThrottle::default(),
+            turn: Mutex::default(),
+            resets: AtomicU64::new(0),
             reset_world: AtomicBool::new(false),
+            reset_thoroughly: AtomicBool::new(false),
             reset_bodies: AtomicBool::new(false),
             start: Instant::now(),
         }
@@ -338,6 +346,18 @@ impl Hub {
         self.throttle.wake();
     }
 
+    /// Asks for a reset of all objects after which nothing is left of what was before: controllers, solver and contacts forget, motors
+    /// are off. What follows does then not depend on it.
+    pub fn request_thorough_reset(&self) {
+        self.reset_thoroughly.store(true, Ordering::Release);
+        self.request_world_reset();
+    }
+
+    /// Physics thread: takes the request for thoroughness; before [`take_resets`](Self::take_resets).
+    pub fn take_thoroughness(&self) -> bool {
+        self.reset_thoroughly.swap(false, Ordering::AcqRel)
+    }
+
     /// Asks for a reset of the rigid bodies before the next step; honoured also while paused or throttled.
     pub fn request_body_reset(&self) {
         self.reset_bodies.store(true, Ordering::Release);
@@ -347,6 +367,17 @@ impl Hub {
     /// Whether a reset waits to be done.
     pub fn reset_requested(&self) -> bool {
         self.reset_world.load(Ordering::Acquire) || self.reset_bodies.load(Ordering::Acquire)
+    }
+
+    /// Physics thread: says that a reset was done and its result published.
+    pub fn note_reset(&self) {
+        self.resets.fetch_add(1, Ordering::AcqRel);
+        self.throttle.tell();
+    }
+
+    /// How many resets were done and published.
+    pub fn resets(&self) -> u64 {
+        self.resets.load(Ordering::Acquire)
     }
 
     /// Physics thread: takes the requests (world, bodies).

@@ -15,6 +15,7 @@ mod hub;
 mod mailbox;
 mod schedule;
 mod snapshot;
+mod step;
 mod throttle;
 
 pub use crate::bullet::BodyKinematics;
@@ -32,7 +33,8 @@ pub(crate) use snapshot::Slot as SnapshotSlot;
 pub use snapshot::{
     GhostReading, RayReading, Snapshot, SnapshotWriter, SoftBodyReading, Timing, VehicleReading, Wrench,
 };
-pub use throttle::{StepThrottle, WorldCommand};
+pub use step::{StepError, StepOrder};
+pub use throttle::{Activity, StepThrottle, WorldCommand};
 
 use std::sync::Arc;
 use std::time::Duration;

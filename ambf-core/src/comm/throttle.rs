@@ -1,7 +1,7 @@
-use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicU8, Ordering};
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::Thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use super::WATCHDOG_TIMEOUT;
 
@@ -16,17 +16,48 @@ pub struct WorldCommand {
     pub n_skip_steps: u8,
 }
 
+/// What the physics thread does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Activity {
+    /// Iterates, or is about to.
+    Runs,
+    /// Waits for a client's step.
+    Held,
+    /// Is paused: by a user, or because the state became non-finite.
+    Paused,
+}
+
 /// The step-throttling protocol between the clients of the world and the physics thread.
 ///
 /// While throttling, one clock edge releases exactly [`WorldCommand::n_skip_steps`] iterations. An edge that comes while stepping
-/// is still allowed is absorbed. The watchdog ends throttling when world commands stop.
+/// is still allowed is absorbed. Orders ([`order`](Self::order)) are added up instead. The watchdog ends throttling when world
+/// commands and orders stop.
 pub struct StepThrottle {
     previous: Mutex<WorldCommand>,
     throttling: AtomicBool,
     allowed: AtomicBool,
     skip: AtomicU32,
     last_post_ns: AtomicU64,
+    /// When the latest iterations were asked for.
+    edge_ns: AtomicU64,
+    /// Ordered iterations that are not done.
+    ordered: AtomicU32,
+    /// The latest iterations were ordered, not clocked.
+    by_order: AtomicBool,
+    /// How long the client of the latest order may think, ns, and until when.
+    patience_ns: AtomicU64,
+    patient_until_ns: AtomicU64,
+    /// The last ordered iteration is done, but not published.
+    unpublished: AtomicBool,
+    /// Clocked steps that are done and published.
+    clocked_steps: AtomicU64,
+    activity: AtomicU8,
     waiter: Mutex<Option<Thread>>,
+    follower: Mutex<Option<Thread>>,
+    /// Guards nothing: what it tells of is atomic.
+    told: Mutex<()>,
+    changed: Condvar,
 }
 
 impl Default for StepThrottle {
@@ -37,49 +68,150 @@ impl Default for StepThrottle {
             allowed: AtomicBool::new(true),
             skip: AtomicU32::new(10),
             last_post_ns: AtomicU64::new(0),
+            edge_ns: AtomicU64::new(0),
+            ordered: AtomicU32::new(0),
+            by_order: AtomicBool::new(false),
+            patience_ns: AtomicU64::new(0),
+            patient_until_ns: AtomicU64::new(0),
+            unpublished: AtomicBool::new(false),
+            clocked_steps: AtomicU64::new(0),
+            activity: AtomicU8::new(Activity::Runs as u8),
             waiter: Mutex::new(None),
+            follower: Mutex::new(None),
+            told: Mutex::new(()),
+            changed: Condvar::new(),
         }
     }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl StepThrottle {
     /// Takes a client's command, at `now_ns` on the hub's clock. Every message counts: clock edges are found by comparing it with
     /// the one before.
     pub fn post(&self, command: WorldCommand, now_ns: u64) {
-        let mut previous = self.previous.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut previous = lock(&self.previous);
         self.last_post_ns.store(now_ns, Ordering::Release);
         self.skip.store(u32::from(command.n_skip_steps), Ordering::Release);
-        self.throttling.store(command.enable_step_throttling, Ordering::Release);
+        let begins = !self.throttling.swap(command.enable_step_throttling, Ordering::AcqRel);
         let edge = command.step_clock != previous.step_clock;
         if !command.enable_step_throttling || edge {
             self.allowed.store(true, Ordering::Release);
+            self.by_order.store(false, Ordering::Release);
+        }
+        if begins || edge {
+            self.edge_ns.store(now_ns, Ordering::Release);
         }
         *previous = command;
         drop(previous);
         self.wake();
     }
 
-    /// Whether the world's command stream is alive at `now_ns`.
+    /// Holds the physics from now on until iterations are ordered or `patience` has passed since the last of them; at `now_ns` on
+    /// the hub's clock.
+    pub fn hold(&self, patience: Duration, now_ns: u64) {
+        let patience = u64::try_from(patience.as_nanos()).unwrap_or(u64::MAX);
+        self.patience_ns.store(patience, Ordering::Release);
+        self.patient_until_ns.store(now_ns.saturating_add(patience), Ordering::Release);
+        self.by_order.store(true, Ordering::Release);
+        self.allowed.store(false, Ordering::Release);
+        if !self.throttling.swap(true, Ordering::AcqRel) {
+            self.edge_ns.store(now_ns, Ordering::Release);
+        }
+    }
+
+    /// Lets `steps` iterations through, after those that were ordered before. Call [`hold`](Self::hold) first.
+    pub fn order(&self, steps: u32, now_ns: u64) {
+        self.edge_ns.store(now_ns, Ordering::Release);
+        self.ordered.fetch_add(steps, Ordering::AcqRel);
+        self.wake();
+    }
+
+    /// Ordered iterations that are still to be done.
+    pub fn ordered(&self) -> u32 {
+        self.ordered.load(Ordering::Acquire)
+    }
+
+    /// Forgets ordered iterations that are not done.
+    pub fn cancel(&self) {
+        self.ordered.store(0, Ordering::Release);
+        self.unpublished.store(false, Ordering::Release);
+    }
+
+    /// Whether ordered iterations are still to be done or to be published.
+    pub fn is_busy(&self) -> bool {
+        self.ordered.load(Ordering::Acquire) > 0 || self.unpublished.load(Ordering::Acquire)
+    }
+
+    /// Whether clients order the iterations, so that there is no need to keep time between them.
+    pub fn is_stepped_by_orders(&self) -> bool {
+        self.throttling.load(Ordering::Acquire) && self.by_order.load(Ordering::Acquire)
+    }
+
+    /// Whether the world's command stream is alive at `now_ns`, or an order is in force.
     pub fn is_live(&self, now_ns: u64) -> bool {
         let last = self.last_post_ns.load(Ordering::Acquire);
-        last != 0 && now_ns.saturating_sub(last) <= WATCHDOG_TIMEOUT.as_nanos() as u64
+        let timeout = WATCHDOG_TIMEOUT.as_nanos() as u64;
+        last != 0 && now_ns.saturating_sub(last) <= timeout
+            || now_ns < self.patient_until_ns.load(Ordering::Acquire)
+            || self.is_busy()
+    }
+
+    /// The time by which the watchdogs of objects go at `now_ns`: while throttling it stands still from one step to the next, so that
+    /// a command that was in force when a step was asked for is so until it is done, and while the client thinks.
+    pub fn watch_time(&self, now_ns: u64) -> u64 {
+        if self.throttling.load(Ordering::Acquire) {
+            now_ns.min(self.edge_ns.load(Ordering::Acquire))
+        } else {
+            now_ns
+        }
     }
 
     /// Names the thread that calls [`wait`](Self::wait), so that a command can wake it. Once, before its loop starts.
     pub fn set_waiter(&self, thread: Thread) {
-        *self.waiter.lock().unwrap_or_else(PoisonError::into_inner) = Some(thread);
+        *lock(&self.waiter) = Some(thread);
+    }
+
+    /// Names a thread that is unparked when a clocked step is published: it may pass on the states at once.
+    pub fn set_follower(&self, thread: Thread) {
+        *lock(&self.follower) = Some(thread);
+    }
+
+    /// Steps that were clocked, not ordered, and are done and published.
+    pub fn clocked_steps(&self) -> u64 {
+        self.clocked_steps.load(Ordering::Acquire)
     }
 
     /// Wakes the waiting physics thread, for example to end.
     pub fn wake(&self) {
-        if let Some(thread) = self.waiter.lock().unwrap_or_else(PoisonError::into_inner).as_ref() {
+        if let Some(thread) = lock(&self.waiter).as_ref() {
             thread.unpark();
         }
     }
 
     /// Whether an iteration may go on now.
     pub fn is_open(&self) -> bool {
-        !self.throttling.load(Ordering::Acquire) || self.allowed.load(Ordering::Acquire)
+        !self.throttling.load(Ordering::Acquire)
+            || self.allowed.load(Ordering::Acquire)
+            || self.ordered.load(Ordering::Acquire) > 0
+    }
+
+    /// What the physics thread does.
+    pub fn activity(&self) -> Activity {
+        match self.activity.load(Ordering::Acquire) {
+            x if x == Activity::Held as u8 => Activity::Held,
+            x if x == Activity::Paused as u8 => Activity::Paused,
+            _ => Activity::Runs,
+        }
+    }
+
+    /// Physics thread: says what it does.
+    pub fn set_activity(&self, activity: Activity) {
+        if self.activity.swap(activity as u8, Ordering::AcqRel) != activity as u8 && activity != Activity::Runs {
+            self.tell();
+        }
     }
 
     /// Physics thread: waits until an iteration may go on, the stream of world commands dries up, or `give_up` says so. `now_ns`
@@ -87,9 +219,10 @@ impl StepThrottle {
     pub fn wait(&self, now_ns: impl Fn() -> u64, give_up: impl Fn() -> bool) {
         let mut spins = 0u32;
         while !self.is_open() && !give_up() {
+            self.set_activity(Activity::Held);
             if !self.is_live(now_ns()) {
                 self.end();
-                return;
+                break;
             }
             // A client that answers at once is met spinning; for all others the core is given back. `post` unparks.
             if spins < 2000 {
@@ -98,6 +231,9 @@ impl StepThrottle {
             } else {
                 std::thread::park_timeout(Duration::from_millis(5));
             }
+        }
+        if self.is_open() {
+            self.set_activity(Activity::Runs);
         }
     }
 
@@ -112,12 +248,23 @@ impl StepThrottle {
 
     fn end(&self) {
         self.throttling.store(false, Ordering::Release);
+        self.by_order.store(false, Ordering::Release);
         self.allowed.store(true, Ordering::Release);
     }
 
     /// Physics thread: counts an iteration in `counter` after the world has reported its time; true when the client asked for
     /// steps of 0 iterations, which never block.
     pub fn count(&self, counter: &mut u32) -> bool {
+        if self.ordered.load(Ordering::Acquire) > 0 {
+            *counter = 0;
+            // Said before the number falls: in between it is never idle.
+            self.unpublished.store(true, Ordering::Release);
+            let one_less = |steps: u32| Some(steps.saturating_sub(1));
+            if self.ordered.fetch_update(Ordering::AcqRel, Ordering::Acquire, one_less).unwrap_or(0) != 1 {
+                self.unpublished.store(false, Ordering::Release);
+            }
+            return false;
+        }
         if !self.throttling.load(Ordering::Acquire) {
             *counter = 0;
             return false;
@@ -130,6 +277,41 @@ impl StepThrottle {
             *counter = 0;
         }
         skip == 0
+    }
+
+    /// Physics thread: says that the state of the iteration counted last is published, at `now_ns`.
+    pub fn note_published(&self, now_ns: u64) {
+        if self.unpublished.load(Ordering::Acquire) {
+            // The client's time to think begins now.
+            let until = now_ns.saturating_add(self.patience_ns.load(Ordering::Acquire));
+            self.patient_until_ns.store(until, Ordering::Release);
+            self.unpublished.store(false, Ordering::Release);
+            self.tell();
+        } else if !self.is_open() && !self.by_order.load(Ordering::Acquire) {
+            self.clocked_steps.fetch_add(1, Ordering::AcqRel);
+            if let Some(thread) = lock(&self.follower).as_ref() {
+                thread.unpark();
+            }
+        }
+    }
+
+    /// Physics thread: tells those who [wait](Self::wait_until) to look again.
+    pub fn tell(&self) {
+        drop(lock(&self.told));
+        self.changed.notify_all();
+    }
+
+    /// Not for the physics thread: waits until `is_there`; false after `timeout`.
+    pub fn wait_until(&self, timeout: Duration, is_there: impl Fn() -> bool) -> bool {
+        let end = Instant::now() + timeout;
+        let mut guard = lock(&self.told);
+        while !is_there() {
+            let Some(left) = end.checked_duration_since(Instant::now()) else { return false };
+            // Not everything that is waited for is told of.
+            let nap = left.min(Duration::from_millis(5));
+            guard = self.changed.wait_timeout(guard, nap).unwrap_or_else(PoisonError::into_inner).0;
+        }
+        true
     }
 }
 
@@ -195,5 +377,37 @@ mod tests {
             throttle.wait(|| 1, || false);
         });
         assert!(throttle.is_open());
+    }
+
+    #[test]
+    fn orders_add_up_and_wait_for_their_publication() {
+        let (throttle, mut counter) = (StepThrottle::default(), 0);
+        throttle.hold(Duration::from_secs(1), 1);
+        assert!(!throttle.is_open() && throttle.is_stepped_by_orders());
+        throttle.order(3, 2);
+        throttle.order(2, 3);
+        assert_eq!(run(&throttle, &mut counter, 100), 5);
+        assert!(throttle.is_busy(), "not published yet");
+        assert!(throttle.is_live(u64::MAX), "a step under way is never given up");
+        throttle.note_published(10);
+        assert!(!throttle.is_busy());
+        assert!(throttle.is_live(1_000_000_000) && !throttle.is_live(1_000_000_010), "then patience begins");
+        assert_eq!(throttle.clocked_steps(), 0);
+        throttle.order(2, 3);
+        throttle.cancel();
+        assert_eq!(run(&throttle, &mut counter, 100), 0);
+    }
+
+    #[test]
+    fn the_time_of_watchdogs_stands_still_between_steps() {
+        let throttle = StepThrottle::default();
+        assert_eq!(throttle.watch_time(7), 7);
+        throttle.post(command(false, 1), 10);
+        throttle.post(command(false, 1), 20);
+        assert_eq!(throttle.watch_time(30), 10, "no edge");
+        throttle.post(command(true, 1), 40);
+        assert_eq!((throttle.watch_time(35), throttle.watch_time(50)), (35, 40));
+        throttle.post(WorldCommand::default(), 60);
+        assert_eq!(throttle.watch_time(70), 70);
     }
 }

@@ -82,6 +82,38 @@ pub fn spring<T: Quantity>(gains: &Gains, at: &Deviation<T>, force: T, scheme: S
     SoftVelocity { velocity: at.set_rate + force * (1.0 / stiffness), softness: 1.0 / (h * stiffness) }
 }
 
+/// Expects of a rate that it changes in a sub-step as it did in the one before, as far as it did so steadily.
+///
+/// The D part of an implicit [`spring`] sees the rate at the end of the sub-step, half a change later than the one that its force belongs to:
+/// D times half the expected change, beside it, makes it right to second order. All roots stay in the unit disc for all K and κ.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct Trend<T> {
+    rate: Option<T>,
+    change: Option<T>,
+}
+
+impl<T: Quantity + Default> Trend<T> {
+    /// Half the expected change from the rate at the beginning of the sub-step.
+    fn half_change(&mut self, rate: T) -> T {
+        let change = self.rate.replace(rate).map(|before| rate - before);
+        let before = std::mem::replace(&mut self.change, change);
+        match (change, before) {
+            (Some(change), Some(before)) => change * (0.5 * agreement(change, before)),
+            _ => T::default(),
+        }
+    }
+}
+
+/// How far two quantities agree: 1, if they differ by no more than half of the larger one, 0 if by all of it.
+fn agreement<T: Quantity>(a: T, b: T) -> f64 {
+    let share = 2.0 * (1.0 - (a - b).size() / a.size().max(b.size()));
+    if share > 0.0 {
+        share.min(1.0)
+    } else {
+        0.0
+    }
+}
+
 /// Mean of exp(−x·t) over t in [0, 1].
 fn mean_decay(x: f64) -> f64 {
     if x == 0.0 {
@@ -102,12 +134,13 @@ pub struct JointDriver {
     integral: f64,
     /// Error of the sub-step before; `None` after a break.
     error: Option<f64>,
+    trend: Trend<f64>,
 }
 
 impl JointDriver {
     /// A controller without memory.
     pub fn new(controller: &Controller) -> Self {
-        Self { gains: controller.gains, output: controller.output, integral: 0.0, error: None }
+        Self { gains: controller.gains, output: controller.output, integral: 0.0, error: None, trend: Trend::default() }
     }
 
     /// Whether it pulls like a spring rather than like a motor.
@@ -123,7 +156,8 @@ impl JointDriver {
         self.integral += self.error.map_or(0.0, |before| h * (error + before) / 2.0);
         self.error = Some(error);
         if self.is_spring() {
-            return spring(&self.gains, at, i * self.integral, scheme, h);
+            let ahead = d.max(0.0) * self.trend.half_change(rate);
+            return spring(&self.gains, at, i * self.integral + ahead, scheme, h);
         }
         let wanted = p * error + i * self.integral;
         let own = 1.0 + d;
@@ -137,7 +171,7 @@ impl JointDriver {
 
     /// Forgets everything, as after a break.
     pub fn reset(&mut self) {
-        (self.integral, self.error) = (0.0, None);
+        (self.integral, self.error, self.trend) = (0.0, None, Trend::default());
     }
 }
 
@@ -158,8 +192,7 @@ impl<T: Quantity> SetMotion<T> {
         let change = latest - before;
         let share = (0.25 * latest.size() / change.size()).min(1.0);
         let rate = latest + change * if share.is_nan() { 0.0 } else { share };
-        let agreement = 2.0 * (1.0 - change.size() / latest.size().max(before.size()));
-        Self { rate, drift: rate * if agreement > 0.0 { agreement.min(1.0) } else { 0.0 } }
+        Self { rate, drift: rate * agreement(latest, before) }
     }
 }
 
@@ -181,12 +214,13 @@ pub enum PoseAction {
 pub struct PoseDriver {
     gains: [Gains; 2],
     output: ControllerOutput,
+    trends: [Trend<Vector3<f64>>; 2],
 }
 
 impl PoseDriver {
     /// The controller of the two parts.
     pub fn new(linear: &Controller, angular: &Controller) -> Self {
-        Self { gains: [linear.gains, angular.gains], output: linear.output }
+        Self { gains: [linear.gains, angular.gains], output: linear.output, trends: Default::default() }
     }
 
     /// Whether it pulls like a spring.
@@ -196,15 +230,23 @@ impl PoseDriver {
 
     /// The action in the sub-step of `h` s that follows. Deviations of position (m, m/s) and of orientation (rotation vector, rad, and
     /// rad/s) in world axes.
-    pub fn update(&self, at: &[Deviation<Vector3<f64>>; 2], h: f64) -> PoseAction {
+    pub fn update(&mut self, at: &[Deviation<Vector3<f64>>; 2], h: f64) -> PoseAction {
         if self.is_spring() {
-            PoseAction::Springs([0, 1].map(|i| spring(&self.gains[i], &at[i], Vector3::zeros(), Scheme::Staggered, h)))
+            PoseAction::Springs([0, 1].map(|i| {
+                let ahead = self.trends[i].half_change(at[i].rate) * self.gains[i].d.max(0.0);
+                spring(&self.gains[i], &at[i], ahead, Scheme::Staggered, h)
+            }))
         } else {
             PoseAction::Velocity([0, 1].map(|i| {
                 let (Deviation { error, set_rate, .. }, p) = (at[i], self.gains[i].p);
                 set_rate + (error * p - set_rate) * mean_decay(h * p)
             }))
         }
+    }
+
+    /// Forgets how the body moved, as after a break.
+    pub fn reset(&mut self) {
+        self.trends = Default::default();
     }
 }
 
@@ -254,6 +296,26 @@ mod tests {
                 (settle(&controller(p, 0.0, d, ControllerOutput::Force), 1.0, scheme, h, t).0 - expected).abs()
             };
             assert!(error(1e-3) < 4e-3 && error(1e-4) < 5e-4, "{scheme:?}: {} {}", error(1e-3), error(1e-4));
+        }
+    }
+
+    #[test]
+    fn dampers_are_right_to_second_order() {
+        // x'' = -(x' - 1)·D: behind a set point that moves.
+        for scheme in SCHEMES {
+            let error = |h: f64| {
+                let mut driver = JointDriver::new(&controller(0.0, 0.0, 5.0, ControllerOutput::Force));
+                let (mut v, n) = (0.0, (0.4 / h) as usize);
+                for i in 0..n {
+                    // It speeds up, so that what a step misses does not decay.
+                    let set_rate = (i as f64 + 0.5) * h;
+                    v = solve(&driver.update(&Deviation { error: 0.0, set_rate, rate: v }, scheme, h), 1.0, v);
+                }
+                let t = n as f64 * h;
+                (v - (t - (1.0 - (-5.0 * t).exp()) / 5.0)).abs()
+            };
+            let (coarse, fine) = (error(0.01), error(0.0025));
+            assert!(fine < 1e-4 && fine < coarse / 8.0, "{scheme:?}: {coarse} {fine}");
         }
     }
 
@@ -326,13 +388,14 @@ mod tests {
             set_rate: Vector3::zeros(),
             rate: Vector3::zeros(),
         });
-        let driver = PoseDriver::new(&part(100.0, ControllerOutput::Force), &part(10.0, ControllerOutput::Velocity));
+        let mut driver =
+            PoseDriver::new(&part(100.0, ControllerOutput::Force), &part(10.0, ControllerOutput::Velocity));
         let PoseAction::Springs([linear, angular]) = driver.update(&at, 0.01) else {
             panic!("the linear part decides")
         };
         assert!((linear.velocity - Vector3::x() * 50.0).norm() < 1e-9 && (linear.softness - 50.0).abs() < 1e-9);
         assert!((angular.velocity - Vector3::y() / 1.1).norm() < 1e-9 && (angular.softness - 100.0 / 1.1).abs() < 1e-9);
-        let driver = PoseDriver::new(&Controller::default(), &Controller::default());
+        let mut driver = PoseDriver::new(&Controller::default(), &Controller::default());
         let PoseAction::Velocity([v, w]) = driver.update(&at, 0.01) else { panic!("velocities") };
         let mean = (1.0 - (-0.1_f64).exp()) / 0.01;
         assert!((v - Vector3::x() * mean).norm() < 1e-9 && (w - Vector3::y() * 0.1 * mean).norm() < 1e-9);

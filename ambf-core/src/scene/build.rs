@@ -20,6 +20,9 @@ use crate::comm::{CartesianCommandType, LightParameters, Rates};
 use crate::control::{CartesianController, Profile};
 use crate::mesh::{Mesh, MeshCache};
 
+/// Least principal moment of what collides, as a share of that of a solid body of its shape.
+const LEAST_INERTIA: f64 = 0.01;
+
 /// Share of the position error of joints that profile `accurate` corrects in a sub-step: the joint gap is proportional to its
 /// inverse, and with 1 rounding errors of redundant loops begin to show.
 const ACCURATE_JOINT_ERP: f64 = 0.9;
@@ -311,6 +314,7 @@ impl<'a> Builder<'a> {
                 nalgebra::Vector3::zeros()
             }
         });
+        let inertia = self.bounded_inertia(body, inertia, &built.shape);
         let initial_pose = body.location * built.inertial_offset;
         let gravity = body.gravity.or(model.gravity);
         let handle = self.scene.world.add_body(bullet::RigidBody {
@@ -349,6 +353,29 @@ impl<'a> Builder<'a> {
             controller: CartesianController::new(controller.linear, controller.angular),
         });
         Some(self.scene.graph.add_body())
+    }
+
+    /// What collides far out but turns like a point is shot away by any contact: one step cannot follow it. Zero moments, which don't turn,
+    /// stay.
+    fn bounded_inertia(
+        &mut self,
+        body: &adf::RigidBody,
+        inertia: nalgebra::Vector3<f64>,
+        shape: &bullet::Shape,
+    ) -> nalgebra::Vector3<f64> {
+        if self.scene.profile != Profile::Accurate || body.mass <= 0.0 || body.inertia.is_none() {
+            return inertia;
+        }
+        let least = shape.inertia(body.mass) * LEAST_INERTIA;
+        let bounded = inertia.zip_map(&least, |moment, least| if moment > 0.0 { moment.max(least) } else { moment });
+        if bounded != inertia {
+            let message = format!(
+                "`{}`: `inertia` is less than {LEAST_INERTIA} times that of a solid body of its collision shape, which contacts cannot stand;                  that is taken",
+                body.common.identifier
+            );
+            self.note(Severity::Warning, &body.common.source, message);
+        }
+        bounded
     }
 
     /// Continuous collision detection: on request, or where the accurate profile can.

@@ -254,6 +254,7 @@ impl BodyOrder {
     /// Forgets what the controller remembers.
     pub fn reset(&mut self) {
         (self.last_target, self.last_rates) = (None, None);
+        self.driver.reset();
     }
 }
 

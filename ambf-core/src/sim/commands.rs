@@ -7,9 +7,9 @@ use nalgebra::Vector3;
 
 use super::{NonFinite, Simulation};
 use crate::comm::{
-    ActuatorCommand, CameraParameters, CartesianCommandType, Channel, Hub, Inbox, JointCommandType, LightParameters,
-    ObjectCommand, ObjectKind, ObjectList, PoseCommand, RigidBodyCommand, Snapshot, SnapshotWriter, Timing,
-    VehicleCommand, Wrench,
+    Activity, ActuatorCommand, CameraParameters, CartesianCommandType, Channel, Hub, Inbox, JointCommandType,
+    LightParameters, ObjectCommand, ObjectKind, ObjectList, PoseCommand, RigidBodyCommand, Snapshot, SnapshotWriter,
+    Timing, VehicleCommand, Wrench,
 };
 use crate::control::Profile;
 use crate::scene::Scene;
@@ -156,11 +156,42 @@ impl Simulation {
     pub(super) fn publish(&mut self, wall_time: f64, timing: Timing) {
         let Some(mut link) = self.link.take() else { return };
         if link.hub.is_listening() {
-            // When readers hold every spare snapshot they see this state one iteration later.
+            // When readers hold every spare snapshot they see this state one iteration later. There is no later one when a client
+            // waits for just this state.
             let hub = Arc::clone(&link.hub);
-            hub.publish(&mut link.writer, |snapshot| self.fill(snapshot, wall_time, timing));
+            while !hub.publish(&mut link.writer, |snapshot| self.fill(snapshot, wall_time, timing))
+                && !hub.throttle().is_open()
+            {
+                std::thread::yield_now();
+            }
         }
         self.link = Some(link);
+    }
+
+    /// Tells clients that the state of this iteration is published.
+    pub(super) fn note_published(&self) {
+        if let Some(link) = &self.link {
+            link.hub.throttle().note_published(link.hub.now_ns());
+        }
+    }
+
+    /// Tells clients that a reset is published.
+    pub(super) fn note_reset(&self) {
+        if let Some(link) = &self.link {
+            link.hub.note_reset();
+        }
+    }
+
+    /// Tells clients what the physics thread does.
+    pub(super) fn tell_activity(&self, activity: Activity) {
+        if let Some(link) = &self.link {
+            link.hub.throttle().set_activity(activity);
+        }
+    }
+
+    /// Whether clients order iterations one by one.
+    pub(super) fn is_stepped_by_orders(&self) -> bool {
+        self.link.as_ref().is_some_and(|link| link.hub.throttle().is_stepped_by_orders())
     }
 
     fn fetch(&mut self, link: &mut Link) {
@@ -181,7 +212,7 @@ impl Simulation {
         if link.commanded.is_empty() {
             return;
         }
-        let now = link.hub.now_ns();
+        let now = link.hub.throttle().watch_time(link.hub.now_ns());
         for &object in &link.commanded {
             match &mut link.slots[object] {
                 Slot::Idle => (),
@@ -344,18 +375,21 @@ impl Simulation {
 
     /// Does the resets that clients or plugins asked for; true if there was one.
     pub(super) fn do_requested_resets(&mut self) -> bool {
-        let from_clients = self.link.as_ref().map(|link| link.hub.take_resets()).unwrap_or_default();
-        self.do_resets(from_clients) | self.do_plugin_resets()
+        let Some(link) = &self.link else { return self.do_plugin_resets() };
+        let is_thorough = link.hub.take_thoroughness();
+        let from_clients = link.hub.take_resets();
+        self.do_resets(from_clients, is_thorough) | self.do_plugin_resets()
     }
 
     /// Does the resets that plugins asked for; true if there was one.
     pub(super) fn do_plugin_resets(&mut self) -> bool {
         let resets = self.take_plugin_resets();
-        self.do_resets(resets)
+        self.do_resets(resets, false)
     }
 
-    fn do_resets(&mut self, resets: (bool, bool)) -> bool {
+    fn do_resets(&mut self, resets: (bool, bool), is_thorough: bool) -> bool {
         match resets {
+            (true, _) if is_thorough => self.reset_thoroughly(),
             (true, _) => self.reset_world(),
             (false, true) => self.reset_bodies(),
             (false, false) => return false,

@@ -291,6 +291,20 @@ impl Simulation {
         self.reset_plugins();
     }
 
+    /// [`reset_world`](Self::reset_world) after which nothing is left of what was before: actuators let go, motors are off, controllers,
+    /// solver and contacts forget. Time and commands go on.
+    pub fn reset_thoroughly(&mut self) {
+        for actuator in 0..self.scene.actuators.len() {
+            self.scene.command_actuator(actuator, &crate::comm::ActuatorCommand::default());
+        }
+        let Scene { joints, world, .. } = &mut self.scene;
+        joints.iter().for_each(|joint| joint.stop_motor(world));
+        self.release_drives();
+        self.reset_world();
+        self.reset_controllers();
+        self.scene.world.recover();
+    }
+
     /// Takes the sentences about commands that name what is not there, and what plugins have to say.
     pub fn take_notices(&mut self) -> Vec<String> {
         self.hear_plugins();

@@ -10,7 +10,7 @@ use crossbeam_channel::{bounded, Receiver, Sender};
 use super::pace::Pacer;
 use super::statistics::StepStatistics;
 use super::{NonFinite, Simulation};
-use crate::comm::Timing;
+use crate::comm::{Activity, Timing};
 use crate::plugin::Phase;
 
 /// How the loop keeps time.
@@ -191,11 +191,16 @@ impl PhysicsLoop {
             self.simulation.pause_devices(self.control.is_paused());
             if self.control.is_paused() && !self.control.take_manual_step() {
                 self.was_paused = true;
+                self.simulation.tell_activity(Activity::Paused);
                 std::thread::sleep(PAUSED_PERIOD);
                 continue;
             }
+            self.simulation.tell_activity(Activity::Runs);
             self.iterate();
-            pacer.wait();
+            // With fixed steps a client that orders them gets them as fast as they can be made.
+            if !(self.options.fixed_step && self.simulation.is_stepped_by_orders()) {
+                pacer.wait();
+            }
         }
         self.simulation.pause_devices(true);
         self.simulation
@@ -214,6 +219,10 @@ impl PhysicsLoop {
         }
         self.simulation.update_plugins_of(Phase::World);
         let stepped = begin.elapsed();
+        if self.simulation.is_held_by_clients() && self.simulation.sim_step() == 1 {
+            // Held from the start: clients have to see what there is.
+            self.publish(self.start.elapsed());
+        }
         self.hold_for_clients();
         let resumed = Instant::now();
         let wall = resumed - self.start;
@@ -223,6 +232,7 @@ impl PhysicsLoop {
             return;
         }
         self.publish(wall);
+        self.simulation.note_published();
         self.simulation.update_plugins_of(Phase::Simulator);
         self.tell_notices();
         let cost = stepped + resumed.elapsed();
@@ -303,7 +313,9 @@ impl PhysicsLoop {
         self.publish(self.start.elapsed());
         if std::mem::take(&mut self.lost) {
             self.control.set_paused(false);
+            self.simulation.tell_activity(Activity::Runs);
         }
+        self.simulation.note_reset();
         self.tell(Event::Reset);
     }
 

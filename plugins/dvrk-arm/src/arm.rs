@@ -6,12 +6,13 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3};
+use ros_node::Peer;
 use thiserror::Error;
 
-use crate::dialect::{Dialect, Names};
+use crate::dialect::{arms, Dialect, Names};
 use crate::frames::{is_finite, Frames, Wrench};
 use crate::gravity::GravityTerm;
-use crate::hub::Hub;
+use crate::hub::{published, Hub};
 use crate::inner::{lock, Inner, Mode, Servo};
 use crate::options::ArmOptions;
 use crate::pedals::Pedal;
@@ -39,6 +40,15 @@ pub enum ArmError {
     /// Error when the arm's dialect has no such command, or [`ArmOptions::motion`] is off.
     #[error("{0} is not told: {1} is no topic of its dialect, or motion commands were not asked for")]
     Unsupported(String, &'static str),
+}
+
+/// Names of the arms that publish their pose at present, sorted, in `namespace` or, without one, where arms usually are.
+///
+/// # Errors
+/// [`ArmError::Master`] when the master does not answer.
+pub fn active_arms(namespace: Option<&str>) -> Result<Vec<String>, ArmError> {
+    let master = Peer::new(&ros_node::master_uri(), "/dvrk_arm", Duration::from_secs(1))?;
+    Ok(arms(namespace, &published(&master)?))
 }
 
 /// An arm of a da Vinci Research Kit: its state as it comes over ROS, and commands to it.

@@ -117,6 +117,22 @@ impl Names {
     }
 }
 
+/// Names of the arms below a namespace that publish their pose, sorted.
+pub(crate) fn arms(namespace: Option<&str>, topics: &Topics) -> Vec<String> {
+    // Any arm's names know where all arms of the namespace are.
+    let Some(names) = Names::new(namespace, "A") else { return Vec::new() };
+    let found = topics.keys().filter_map(|topic| {
+        let (dialect, arm) = match topic.strip_suffix("/position_cartesian_current") {
+            Some(arm) => (Dialect::Legacy, arm),
+            None => (Dialect::CrtkPose, topic.strip_suffix("/measured_cp")?),
+        };
+        let arm = arm.strip_prefix(names.root(dialect))?.strip_prefix('/')?;
+        // Deeper ones are frames and grippers of an arm.
+        (!arm.contains('/')).then(|| arm.to_owned())
+    });
+    found.collect::<std::collections::BTreeSet<_>>().into_iter().collect()
+}
+
 /// What a topic is read for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Reading {
@@ -204,6 +220,16 @@ mod tests {
         assert_eq!(found(DialectChoice::Crtk), Some(Dialect::CrtkTransform));
         assert_eq!(Names::new(None, "MTMR").unwrap().dialect(DialectChoice::Auto, &topics(&list)), None);
         assert_eq!(names.topic(Dialect::Legacy, "set_wrench_body"), "/lab/MTMR/set_wrench_body");
+    }
+
+    #[test]
+    fn arms_are_listed_by_their_poses() {
+        let list = ["/MTMR/measured_cp", "/MTMR/local/measured_cp", "/PSM1/measured_cp", "/lab/ECM/measured_cp"];
+        let mut topics = topics(&list.map(|topic| (topic, "geometry_msgs/PoseStamped")));
+        topics.insert("/dvrk/MTML/position_cartesian_current".into(), "geometry_msgs/PoseStamped".into());
+        topics.insert("/MTML/status".into(), "std_msgs/Empty".into());
+        assert_eq!(arms(None, &topics), ["MTML", "MTMR", "PSM1"]);
+        assert_eq!(arms(Some("/lab"), &topics), ["ECM"]);
     }
 
     #[test]

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, Weak};
 use std::time::Duration;
 
 use dxr::Value;
-use ros_node::{Announcement, Link, LinkOptions, Node, Peer, Stop};
+use ros_node::{Announcement, CallError, Link, LinkOptions, Node, Peer, Stop};
 
 use crate::arm::ArmError;
 use crate::dialect::Topics;
@@ -116,9 +116,9 @@ impl Watch {
             for (arm, session) in &arms {
                 let open = arm.upgrade().filter(|arm| !arm.closing.load(Ordering::Acquire));
                 match (open, &topics) {
-                    (Some(arm), Some(topics)) => lock(session).watch(&arm, topics, &self.link, &self.boards),
+                    (Some(arm), Ok(topics)) => lock(session).watch(&arm, topics, &self.link, &self.boards),
                     // The master is away: connections between nodes stay.
-                    (Some(_), None) => (),
+                    (Some(_), Err(_)) => (),
                     (None, _) => lock(session).end(&self.link),
                 }
             }
@@ -132,10 +132,13 @@ impl Watch {
     }
 }
 
-/// What is published at present, and its types; `None` when the master does not answer.
-pub(crate) fn published(master: &Peer) -> Option<Topics> {
-    let Ok(Value::Array(list)) = master.call("getPublishedTopics", vec![Value::String(String::new())]) else {
-        return None;
+/// What is published at present, and its types.
+///
+/// # Errors
+/// When the master does not answer.
+pub(crate) fn published(master: &Peer) -> Result<Topics, CallError> {
+    let Value::Array(list) = master.call("getPublishedTopics", vec![Value::String(String::new())])? else {
+        return Err(CallError::NotRos(master.uri().to_owned()));
     };
     let pair = |entry| match entry {
         Value::Array(pair) => match <[Value; 2]>::try_from(pair) {
@@ -144,7 +147,7 @@ pub(crate) fn published(master: &Peer) -> Option<Topics> {
         },
         _ => None,
     };
-    Some(list.into_iter().filter_map(pair).collect())
+    Ok(list.into_iter().filter_map(pair).collect())
 }
 
 /// Topics of the pedals and which pedal each is.

@@ -32,7 +32,7 @@ mod sender;
 mod session;
 mod wire;
 
-pub use arm::{Arm, ArmError};
+pub use arm::{active_arms, Arm, ArmError};
 pub use device::driver;
 pub use dialect::{Dialect, DialectChoice};
 pub use frames::{isometry, Frames, Wrench};

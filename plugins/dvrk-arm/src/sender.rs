@@ -47,13 +47,14 @@ pub(crate) fn run(inner: &Inner) {
             (Act::Nothing, _) => (),
             // Positions need no zero: the arm holds the last one.
             (Act::Zero, _) if moves => (),
-            (Act::Zero, _) => send(inner, outputs, &compensated(inner, Wrench::zero(), situation.clutched)),
+            (Act::Zero, _) => send(inner, outputs, &Wrench::zero()),
+            (Act::Clutched, _) => send(inner, outputs, &compensated(inner, Wrench::zero())),
             (Act::Command, _) if forces => {
                 let mut wrench = wrench.map_or_else(Wrench::zero, |(_, _, wrench)| wrench);
                 if !inner.options.send_torque {
                     wrench.torque = nalgebra::Vector3::zeros();
                 }
-                send(inner, outputs, &compensated(inner, wrench, true));
+                send(inner, outputs, &compensated(inner, wrench));
             }
             (Act::Command, Some((_, _, servo))) => {
                 if let Some(motion) = outputs.and_then(Outputs::motion) {
@@ -74,11 +75,11 @@ pub(crate) fn run(inner: &Inner) {
     }
 }
 
-/// A wrench of the device frame in the arm's, with the user's own gravity term while the arm is in use.
-fn compensated(inner: &Inner, wrench: Wrench, in_use: bool) -> Wrench {
+/// A wrench of the device frame in the arm's, with the user's own gravity term.
+fn compensated(inner: &Inner, wrench: Wrench) -> Wrench {
     let frames = *lock(&inner.frames);
     let mut wrench = frames.wrench_to_arm(&wrench);
-    if let Some(term) = lock(&inner.gravity).as_mut().filter(|_| in_use) {
+    if let Some(term) = lock(&inner.gravity).as_mut() {
         if let Some(posed) = inner.posed() {
             let joints = lock(&inner.joints).position.clone();
             // From the frame of the tip to the axes of the base.

@@ -251,6 +251,7 @@ fn an_arm_offers_everything_to_programs() {
     let options = ArmOptions { namespace: Some("api".into()), send_torque: true, ..Default::default() };
     let arm = Arm::connect("MTMR", options).unwrap();
     assert!(arm.wait_until_available(PATIENCE) && arm.name() == "/api/MTMR");
+    assert_eq!(dvrk_arm::active_arms(Some("api")).unwrap(), ["MTMR"]);
     assert_eq!(arm.dialect(), Some(Dialect::CrtkPose));
     until("its state", || arm.is_ready() && arm.state().as_deref() == Some("ENABLED"));
     let goal = isometry([0.03, 0.02, 0.01, 0.0, 0.1, 0.0]);

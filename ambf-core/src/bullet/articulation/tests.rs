@@ -471,6 +471,24 @@ fn links_touch_are_seen_and_can_be_held() {
 }
 
 #[test]
+fn light_links_carry_any_weight() {
+    for ratio in [1e5, 1e6] {
+        let mut masses = [1.0; 10];
+        masses[9] = ratio;
+        let (mut world, bodies, joints) = chain(&masses);
+        world.articulate(&joints).unwrap();
+        run(&mut world, 1000);
+        let energy = |(&body, mass): (&BodyHandle, f64)| {
+            let (v, w) = world.velocity(body).unwrap();
+            let y = world.pose(body).unwrap().translation.y;
+            mass * ((v.norm_squared() + INERTIA * w.norm_squared()) / 2.0 + GRAVITY * y)
+        };
+        let gained: f64 = bodies[1..].iter().zip(masses).map(energy).sum();
+        assert!(gained.abs() < 1e-5 * ratio * GRAVITY, "{ratio:e}: {gained} J");
+    }
+}
+
+#[test]
 fn a_lost_tree_recovers() {
     let (mut world, bodies, joints) = chain(&[1.0, 1.0]);
     let initial = poses(&world, &bodies);

@@ -1,0 +1,154 @@
+use std::sync::{Arc, PoisonError};
+use std::time::Duration;
+
+use thiserror::Error;
+
+use super::{Activity, Hub, PostError, Snapshot};
+
+/// How long iterations may take to make any progress.
+const STALLED: Duration = Duration::from_secs(30);
+
+/// A number of iterations to be made while the physics is otherwise held.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StepOrder {
+    /// Iterations; 0 only holds.
+    pub steps: u32,
+    /// Everything returns to its initial state first.
+    pub reset: bool,
+    /// How long the physics waits for the next order before it runs freely.
+    pub patience: Duration,
+}
+
+/// Error when an order cannot be carried out.
+#[derive(Debug, Error, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum StepError {
+    /// Error when the simulation is paused, by a user or because its state became non-finite; a reset ends the latter.
+    #[error("the simulation is paused: by a user, or because its state became infinite or not a number (a reset then resumes it)")]
+    Paused,
+    /// Error when the physics makes no progress, or has ended.
+    #[error("the physics has made no progress for {} s", STALLED.as_secs())]
+    Stalled,
+    /// Error when a command is refused.
+    #[error(transparent)]
+    Command(#[from] PostError),
+}
+
+impl Hub {
+    /// Holds the physics, lets `command` post what is to be in force, lets exactly the ordered iterations through, and returns
+    /// the state after them. Blocks; orders of several threads are carried out one after the other.
+    ///
+    /// A reset is [thorough](Hub::request_thorough_reset), and done at rest: between the Bullet step of one iteration and its commands, as every order begins. So, with fixed
+    /// steps, the result of a series of orders depends on nothing else.
+    ///
+    /// # Errors
+    /// [`StepError`]. After [`StepError::Command`] nothing has moved, except for a reset.
+    pub fn step(
+        &self,
+        order: StepOrder,
+        command: impl FnOnce(&Hub) -> Result<(), PostError>,
+    ) -> Result<Arc<Snapshot>, StepError> {
+        let _turn = self.turn.lock().unwrap_or_else(PoisonError::into_inner);
+        let throttle = self.throttle();
+        if throttle.activity() == Activity::Paused && !order.reset {
+            return Err(StepError::Paused);
+        }
+        self.await_progress(|| self.snapshot().is_some())?;
+        throttle.hold(order.patience, self.now_ns());
+        if order.reset || order.steps == 0 {
+            self.await_progress(|| throttle.activity() != Activity::Runs)?;
+        }
+        if order.reset {
+            let before = self.resets();
+            self.request_thorough_reset();
+            self.await_progress(|| self.resets() != before)?;
+        }
+        command(self)?;
+        if order.steps > 0 {
+            throttle.order(order.steps, self.now_ns());
+            let done = self.await_progress(|| !throttle.is_busy() || throttle.activity() == Activity::Paused);
+            if done.is_err() || throttle.is_busy() {
+                throttle.cancel();
+                return Err(done.err().unwrap_or(StepError::Paused));
+            }
+        }
+        self.snapshot().clone().ok_or(StepError::Stalled)
+    }
+
+    /// Waits as long as iterations are made.
+    fn await_progress(&self, is_there: impl Fn() -> bool) -> Result<(), StepError> {
+        let progress = || (self.throttle().ordered(), self.snapshot().as_ref().map(|snapshot| snapshot.sim_step));
+        let mut before = progress();
+        while !self.throttle().wait_until(STALLED, &is_there) {
+            let now = progress();
+            if now == before {
+                return Err(StepError::Stalled);
+            }
+            before = now;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::comm::{Snapshot, SnapshotWriter, StepThrottle};
+    use std::sync::atomic::{AtomicBool, Ordering};
+
+    const PATIENCE: Duration = Duration::from_secs(60);
+
+    fn order(steps: u32, reset: bool) -> StepOrder {
+        StepOrder { steps, reset, patience: PATIENCE }
+    }
+
+    /// Does to a hub what the physics loop does, with a counter for a simulation.
+    fn iterate(hub: &Hub, stop: &AtomicBool) {
+        let (mut writer, mut counter, mut step) = (SnapshotWriter::new(Snapshot::default()), 0, 0);
+        let throttle: &StepThrottle = hub.throttle();
+        throttle.set_waiter(std::thread::current());
+        while !stop.load(Ordering::Acquire) {
+            step += 1;
+            let publish = |writer: &mut SnapshotWriter| hub.publish(writer, |snapshot| snapshot.sim_step = step);
+            while !throttle.is_open() && !stop.load(Ordering::Acquire) {
+                throttle.wait(|| hub.now_ns(), || stop.load(Ordering::Acquire) || hub.reset_requested());
+                if hub.take_resets().0 {
+                    publish(&mut writer);
+                    hub.note_reset();
+                }
+            }
+            throttle.count(&mut counter);
+            publish(&mut writer);
+            throttle.note_published(hub.now_ns());
+        }
+    }
+
+    #[test]
+    fn orders_make_exactly_as_many_iterations() {
+        let (hub, stop) = (Hub::new(Vec::new()), AtomicBool::new(false));
+        std::thread::scope(|scope| {
+            scope.spawn(|| iterate(&hub, &stop));
+            let start = hub.step(order(0, false), |_| Ok(())).unwrap().sim_step;
+            assert_eq!(hub.snapshot().as_ref().unwrap().sim_step, start, "held");
+            let mut expected = start;
+            for steps in [1, 1, 7, 300, 1, 2] {
+                expected += steps;
+                assert_eq!(hub.step(order(steps, false), |_| Ok(())).unwrap().sim_step, expected);
+            }
+            assert_eq!(hub.step(order(0, true), |_| Ok(())).unwrap().sim_step, expected + 1, "the iteration under way");
+            assert_eq!(hub.step(order(1, false), |_| Ok(())).unwrap().sim_step, expected + 1, "is the next to be done");
+            let refused = hub.step(order(5, false), |_| Err(PostError::NotFinite("a".into())));
+            assert_eq!(refused, Err(StepError::Command(PostError::NotFinite("a".into()))));
+            assert_eq!(hub.step(order(1, false), |_| Ok(())).unwrap().sim_step, expected + 2);
+            stop.store(true, Ordering::Release);
+            hub.throttle().wake();
+        });
+    }
+
+    #[test]
+    fn a_pause_is_told() {
+        let hub = Hub::new(Vec::new());
+        hub.throttle().set_activity(Activity::Paused);
+        assert_eq!(hub.step(order(1, false), |_| Ok(())), Err(StepError::Paused));
+    }
+}

@@ -1,0 +1,60 @@
+"""Client of the AMBF simulator: finds its objects over ROS 1, commands them and reads their states.
+
+SI units and radians everywhere. Poses of bodies, wrenches and twists are in world axes, poses of cameras, lights, sensors and
+actuators in the frame of their parent. Quaternions are (x, y, z, w).
+"""
+
+from __future__ import annotations
+
+try:
+    import ambf_msgs.msg  # noqa: F401
+except ImportError as _error:
+    raise ImportError(
+        "the Python classes of ambf_msgs are missing; `source scripts/ros-env` in the simulator's repository makes them"
+    ) from _error
+
+from .actuator import Actuator
+from .base_object import BaseObject
+from .client import Client
+from .errors import (
+    ClientError,
+    MasterNotFound,
+    ObjectNotFound,
+    SimulatorNotFound,
+    SimulatorTimeout,
+    StepRefused,
+    UnsupportedCommand,
+)
+from .ghost import GhostObject
+from .legacy_object import Object
+from .posed import Camera, Light
+from .rigid_body import RigidBody
+from .sensor import Sensor
+from .soft_body import SoftBody
+from .vehicle import Vehicle
+from .watch_dog import WatchDog
+from .world import StepResult, World
+
+__all__ = [
+    "Actuator",
+    "BaseObject",
+    "Camera",
+    "Client",
+    "ClientError",
+    "GhostObject",
+    "Light",
+    "MasterNotFound",
+    "Object",
+    "ObjectNotFound",
+    "RigidBody",
+    "Sensor",
+    "SimulatorNotFound",
+    "SimulatorTimeout",
+    "SoftBody",
+    "StepRefused",
+    "StepResult",
+    "UnsupportedCommand",
+    "Vehicle",
+    "WatchDog",
+    "World",
+]

@@ -1,0 +1,31 @@
+"""What can go wrong between a client and the simulator."""
+
+from __future__ import annotations
+
+
+class ClientError(Exception):
+    """Base of all errors of this package."""
+
+
+class MasterNotFound(ClientError):
+    """Error when no ROS master answers in time."""
+
+
+class SimulatorNotFound(ClientError):
+    """Error when a ROS master answers, but no simulator speaks in time."""
+
+
+class ObjectNotFound(ClientError, LookupError):
+    """Error when no object of that name, or more than one, is there in time."""
+
+
+class SimulatorTimeout(ClientError, TimeoutError):
+    """Error when the simulator was there, but an expected answer or state does not come in time: it ended, hangs or is paused."""
+
+
+class StepRefused(ClientError):
+    """Error when the simulator does not carry out a step; the message is its reason. Nothing has moved."""
+
+
+class UnsupportedCommand(ClientError, AttributeError):
+    """Error when an object has no such command, for example a pose for a sensor."""

@@ -1,0 +1,265 @@
+"""Rigid bodies and the joints below them."""
+
+from __future__ import annotations
+
+from typing import Any, Optional, Sequence
+
+from ambf_msgs.msg import RigidBodyCmd, RigidBodyState
+from geometry_msgs.msg import Point, Pose, Quaternion, Twist, Vector3, Wrench
+
+from .base_object import check_pose, number, say
+from .joints import JointStates, NameOrIndex
+from .rotations import quaternion_from_rpy, quaternion_from_zyx
+
+
+class RigidBody(JointStates):
+    """A rigid body: pose, twist, and the joints below it.
+
+    It is driven in one of three ways, by the last setter: with a wrench, which ends 0.1 s after the last setter; to a pose; with a
+    twist. Joint commands are independent of that.
+
+    Commanding joint k makes the joints before it follow an effort of 0, which means that they are free, unless they were commanded
+    too: joint commands are one array.
+    """
+
+    def __init__(self, a_name: str, time_out: float = 0.1) -> None:
+        super().__init__(a_name, time_out, RigidBodyState(), RigidBodyCmd())
+        self.object_type = "RIGID_BODY"
+        self.body_type = "DYNAMIC"
+        self._twist_cmd_set = False
+
+    # --- state ------------------------------------------------------------------------------------------------------------------
+
+    def get_linear_vel(self) -> Vector3:
+        """Velocity of the centre of mass, m/s, world axes."""
+        return self._state.twist.linear
+
+    def get_angular_vel(self) -> Vector3:
+        """Angular velocity, rad/s, world axes."""
+        return self._state.twist.angular
+
+    def get_inertia(self) -> Point:
+        """Principal moments of inertia, kg·m²."""
+        return self._state.pInertia
+
+    def get_mass(self) -> float:
+        """Mass, kg; 0 is static."""
+        return float(self._state.mass)
+
+    def get_joint_vel(self, joint_name_or_idx: NameOrIndex) -> Optional[float]:
+        """Velocity of a joint, rad/s or m/s; None if there is no such joint."""
+        return self._value(self._state.joint_velocities, joint_name_or_idx)
+
+    def get_joint_effort(self, joint_name_or_idx: NameOrIndex) -> Optional[float]:
+        """Effort of a joint with `enable feedback`, N·m or N, else 0; None if there is no such joint."""
+        return self._value(self._state.joint_efforts, joint_name_or_idx)
+
+    def get_all_joint_vel(self) -> Any:
+        """Velocities of all joints, rad/s or m/s."""
+        return self._state.joint_velocities
+
+    def get_all_joint_effort(self) -> Any:
+        """Efforts of all joints, N·m or N."""
+        return self._state.joint_efforts
+
+    # --- the command as it is ---------------------------------------------------------------------------------------------------
+
+    def get_force_command(self) -> Vector3:
+        """Commanded force, N."""
+        return self._cmd.wrench.force
+
+    def get_torque_command(self) -> Vector3:
+        """Commanded torque, N·m."""
+        return self._cmd.wrench.torque
+
+    def get_linear_velocity_command(self) -> Vector3:
+        """Commanded velocity, m/s; the present one if no twist has been commanded."""
+        return self._cmd.twist.linear if self._twist_cmd_set else self._state.twist.linear
+
+    def get_angular_velocity_command(self) -> Vector3:
+        """Commanded angular velocity, rad/s; the present one if no twist has been commanded."""
+        return self._cmd.twist.angular if self._twist_cmd_set else self._state.twist.angular
+
+    def get_publish_children_name_flag(self) -> bool:
+        """Whether the simulator is asked for the children's names."""
+        return bool(self._cmd.publish_children_names)
+
+    def get_publish_joint_names_flag(self) -> bool:
+        """Whether the simulator is asked for the joints' names."""
+        return bool(self._cmd.publish_joint_names)
+
+    def get_publish_joint_positions_flag(self) -> bool:
+        """Whether the simulator is asked for joint positions."""
+        return bool(self._cmd.publish_joint_positions)
+
+    def set_publish_children_names_flag(self, state: bool) -> None:
+        """Asks for the children's names; they stay once asked for."""
+        self._cmd.publish_children_names = bool(state)
+
+    def set_publish_joint_names_flag(self, state: bool) -> None:
+        """Asks for the joints' names; they stay once asked for."""
+        self._cmd.publish_joint_names = bool(state)
+
+    def set_publish_joint_positions_flag(self, state: bool) -> None:
+        """Asks for positions, velocities and efforts of the joints."""
+        self._cmd.publish_joint_positions = bool(state)
+
+    # --- wrench -----------------------------------------------------------------------------------------------------------------
+
+    def set_force(self, fx: float, fy: float, fz: float) -> None:
+        """A force at the centre of mass, N, world axes; the commanded torque is kept. To be refreshed at 10 Hz or more."""
+        with self._lock:
+            self.set_wrench(Wrench(_vector(fx, fy, fz), self._cmd.wrench.torque))
+
+    def set_torque(self, nx: float, ny: float, nz: float) -> None:
+        """A torque, N·m, world axes; the commanded force is kept. To be refreshed at 10 Hz or more."""
+        with self._lock:
+            self.set_wrench(Wrench(self._cmd.wrench.force, _vector(nx, ny, nz)))
+
+    def wrench_command(self, fx: float, fy: float, fz: float, nx: float, ny: float, nz: float) -> None:
+        """Force, N, and torque, N·m, world axes. To be refreshed at 10 Hz or more."""
+        self.set_wrench(Wrench(_vector(fx, fy, fz), _vector(nx, ny, nz)))
+
+    def set_wrench(self, wrench: Wrench) -> None:
+        """A `geometry_msgs/Wrench`, N and N·m, world axes. To be refreshed at 10 Hz or more."""
+        _check(wrench.force, wrench.torque)
+        with self._lock:
+            self._cmd.cartesian_cmd_type = RigidBodyCmd.TYPE_FORCE
+            self._cmd.wrench = wrench
+            self._apply_command()
+
+    def _clear_command(self) -> None:
+        self._cmd.wrench = Wrench()
+
+    # --- pose -------------------------------------------------------------------------------------------------------------------
+
+    def set_pose(self, pose: Pose) -> None:
+        """A pose of the body frame in the world, `geometry_msgs/Pose`: set directly on a static body, else followed by a controller."""
+        check_pose(pose)
+        with self._lock:
+            self._cmd.cartesian_cmd_type = RigidBodyCmd.TYPE_POSITION
+            self._cmd.pose = pose
+            self._pose_cmd_set = True
+            self._apply_command()
+
+    def set_pose_rpy(self, px: float, py: float, pz: float, roll: float, pitch: float, yaw: float) -> None:
+        """A pose: position, m, and angles about the fixed axes x, y, z, rad, as in `set_rpy` and `get_rpy`."""
+        angles = [number(angle, "an angle") for angle in (roll, pitch, yaw)]
+        position = _vector(px, py, pz)
+        self.set_pose(Pose(Point(position.x, position.y, position.z), Quaternion(*quaternion_from_rpy(*angles))))
+
+    def pose_command(
+        self, px: float, py: float, pz: float, roll: float, pitch: float, yaw: float, *jnt_cmds: float
+    ) -> None:
+        """A pose with the angles as the C++ simulator's client takes them: `roll` about z, `pitch` about y, `yaw` about x, in this order.
+
+        New programs use `set_pose_rpy`. `jnt_cmds` have no effect.
+        """
+        del jnt_cmds
+        angles = [number(angle, "an angle") for angle in (roll, pitch, yaw)]
+        position = _vector(px, py, pz)
+        self.set_pose(Pose(Point(position.x, position.y, position.z), Quaternion(*quaternion_from_zyx(*angles))))
+
+    # --- twist ------------------------------------------------------------------------------------------------------------------
+
+    def set_linear_vel(self, vx: float, vy: float, vz: float) -> None:
+        """A velocity of the centre of mass, m/s, world axes; the commanded angular velocity is kept."""
+        with self._lock:
+            self.set_twist(Twist(_vector(vx, vy, vz), self._cmd.twist.angular))
+
+    def set_angular_vel(self, ax: float, ay: float, az: float) -> None:
+        """An angular velocity, rad/s, world axes; the commanded velocity is kept."""
+        with self._lock:
+            self.set_twist(Twist(self._cmd.twist.linear, _vector(ax, ay, az)))
+
+    def velocity_command(self, vx: float, vy: float, vz: float, ax: float, ay: float, az: float) -> None:
+        """Velocity of the centre of mass, m/s, and angular velocity, rad/s, world axes."""
+        self.set_twist(Twist(_vector(vx, vy, vz), _vector(ax, ay, az)))
+
+    def set_twist(self, twist: Twist) -> None:
+        """A `geometry_msgs/Twist`, m/s and rad/s, world axes."""
+        _check(twist.linear, twist.angular)
+        with self._lock:
+            self._cmd.cartesian_cmd_type = RigidBodyCmd.TYPE_VELOCITY
+            self._cmd.twist = twist
+            self._twist_cmd_set = True
+            self._apply_command()
+
+    # --- joints -----------------------------------------------------------------------------------------------------------------
+
+    def set_joint_pos(self, joint_name_or_idx: NameOrIndex, pos: float) -> None:
+        """Lets the joint's controller follow a position, rad or m. Nothing happens, but a line says so, if there is no such joint."""
+        self._set_joint(joint_name_or_idx, pos, RigidBodyCmd.TYPE_POSITION)
+
+    def set_joint_vel(self, joint_name_or_idx: NameOrIndex, vel: float) -> None:
+        """Lets the joint's motor hold a velocity, rad/s or m/s."""
+        self._set_joint(joint_name_or_idx, vel, RigidBodyCmd.TYPE_VELOCITY)
+
+    def set_joint_effort(self, joint_name_or_idx: NameOrIndex, effort: float) -> None:
+        """Drives the joint with a torque or force, N·m or N."""
+        self._set_joint(joint_name_or_idx, effort, RigidBodyCmd.TYPE_FORCE)
+
+    def set_multiple_joint_pos(self, values: Sequence[float], indices: Sequence[int]) -> None:
+        """Positions, rad or m, for the joints `indices`.
+
+        If `values` reaches that far it is addressed by joint, as in the C++ simulator's client: joint i gets `values[i]`. Else it
+        must be as long as `indices`, and joint `indices[k]` gets `values[k]`.
+        """
+        self._set_joints(values, indices, RigidBodyCmd.TYPE_POSITION)
+
+    def set_multiple_joint_vel(self, values: Sequence[float], indices: Sequence[int]) -> None:
+        """Velocities, rad/s or m/s, for the joints `indices`; see `set_multiple_joint_pos`."""
+        self._set_joints(values, indices, RigidBodyCmd.TYPE_VELOCITY)
+
+    def set_multiple_joint_effort(self, values: Sequence[float], indices: Sequence[int]) -> None:
+        """Efforts, N·m or N, for the joints `indices`; see `set_multiple_joint_pos`."""
+        self._set_joints(values, indices, RigidBodyCmd.TYPE_FORCE)
+
+    def resize_joint_cmd_array(self, req_len: int) -> bool:
+        """Makes the arrays of joint commands at least `req_len` long; new entries are efforts of 0. They never become shorter.
+
+        False, and a line that says so, if there are not so many joints.
+        """
+        if req_len > self.get_num_joints():
+            say(f"{self._name}: {req_len} joint commands, but {self.get_num_joints()} joints")
+            return False
+        with self._lock:
+            missing = req_len - len(self._cmd.joint_cmds)
+            if missing > 0:
+                self._cmd.joint_cmds = [*self._cmd.joint_cmds, *[0.0] * missing]
+                self._cmd.joint_cmds_types = [*self._cmd.joint_cmds_types, *[RigidBodyCmd.TYPE_FORCE] * missing]
+        return True
+
+    def _set_joint(self, name_or_idx: NameOrIndex, value: float, kind: int) -> None:
+        value = number(value, "the command of a joint")
+        index = self._index(name_or_idx)
+        if index is None:
+            return
+        with self._lock:
+            if self.resize_joint_cmd_array(index + 1):
+                self._cmd.joint_cmds[index] = value
+                self._cmd.joint_cmds_types[index] = kind
+                self._apply_command()
+
+    def _set_joints(self, values: Sequence[float], indices: Sequence[int], kind: int) -> None:
+        if not all(self.is_joint_idx_valid(index) for index in indices) or len(indices) == 0:
+            return
+        if max(indices) < len(values):
+            pairs = [(index, values[index]) for index in indices]
+        elif len(values) == len(indices):
+            pairs = list(zip(indices, values))
+        else:
+            say(f"{self._name}: {len(values)} values for {len(indices)} joints; nothing is commanded")
+            return
+        with self._lock:
+            for index, value in pairs:
+                self._set_joint(index, value, kind)
+
+
+def _vector(x: float, y: float, z: float) -> Vector3:
+    return Vector3(number(x, "x"), number(y, "y"), number(z, "z"))
+
+
+def _check(*vectors: Vector3) -> None:
+    for vector in vectors:
+        _vector(vector.x, vector.y, vector.z)

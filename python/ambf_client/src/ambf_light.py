@@ -1,0 +1,5 @@
+"""`Light` under the name that scripts of the C++ simulator import it by."""
+
+from ambf_client.posed import Light
+
+__all__ = ["Light"]

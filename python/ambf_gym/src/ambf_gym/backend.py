@@ -1,0 +1,133 @@
+"""What an environment needs of a simulator, whichever way it is reached.
+
+A backend steps one world. All of them do the same, number for number, if the simulator's steps are fixed:
+
+* Physics iterations are a loop of *update* (Bullet), *commands*, *publish*. Between the calls of a backend it rests after the update
+  of an iteration, before its commands. So commands act from the second iteration of a step on, and what is observed after `n`
+  iterations is published by the n-th.
+* A reset is done at that point of rest too. Nothing is left of what was before: controllers, solver and contacts forget, actuators let
+  go. Simulated time and the count of iterations go on.
+* Joint commands and joint states are single precision, poses and twists double.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Dict, Optional, Protocol, Sequence, Tuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+FORCE, POSITION, VELOCITY = 0, 1, 2
+"""How joints and bodies are driven."""
+
+
+@dataclass
+class BodyCommand:
+    """What is commanded to a body and to the joints below it. The default does nothing: zero force, joints as they are."""
+
+    kind: int = FORCE
+    """Which of the following counts for the body."""
+    linear: Tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Force, N; position, m; or velocity, m/s; world axes."""
+    angular: Tuple[float, ...] = (0.0, 0.0, 0.0)
+    """Torque, N·m; quaternion (x, y, z, w); or angular velocity, rad/s; world axes."""
+    joints: Dict[str, Tuple[int, float]] = field(default_factory=dict)
+    """By plain name of joint: how it is driven, and effort (N·m, N), position (rad, m) or velocity (rad/s, m/s)."""
+
+
+@dataclass
+class HoldCommand:
+    """What is commanded to an actuator."""
+
+    hold: bool = False
+    sensor: str = ""
+    """Hold what this sensor sees."""
+    body: str = ""
+    """Or else this body."""
+
+
+@dataclass
+class Commands:
+    """Commands by the names of bodies and actuators."""
+
+    bodies: Dict[str, BodyCommand] = field(default_factory=dict)
+    actuators: Dict[str, HoldCommand] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class BodyState:
+    """State of a body, world axes."""
+
+    position: Array
+    """(3) m."""
+    rotation: Array
+    """(4) quaternion x, y, z, w."""
+    linear_velocity: Array
+    """(3) of the centre of mass, m/s."""
+    angular_velocity: Array
+    """(3) rad/s."""
+    joint_positions: Dict[str, float]
+    """rad or m, by plain name of joint."""
+    joint_velocities: Dict[str, float]
+    """rad/s or m/s."""
+    joint_efforts: Dict[str, float]
+    """N·m or N; 0 without `enable feedback`."""
+
+
+@dataclass(frozen=True)
+class SensorState:
+    """State of a sensor: one number a ray."""
+
+    measurement: Array
+    """0 … 1, larger is closer, 0 is nothing."""
+    sensed: Tuple[str, ...]
+    """Names of what the rays see, empty for nothing."""
+
+
+@dataclass(frozen=True)
+class States:
+    """State of everything that is observed, all of the same step."""
+
+    sim_step: int
+    """Physics iterations since the simulator started."""
+    sim_time: float
+    """Simulated time, s."""
+    bodies: Dict[str, BodyState]
+    sensors: Dict[str, SensorState]
+    actuators: Dict[str, bool]
+    """Whether they hold something."""
+
+
+class Backend(Protocol):
+    """One world of a simulator."""
+
+    def open(self, bodies: Sequence[str], sensors: Sequence[str], actuators: Sequence[str]) -> Dict[str, Sequence[str]]:
+        """Connects, holds the physics, and will observe these from now on; the plain names of the joints of each body.
+
+        Calling it again after an error starts afresh.
+        """
+
+    def step(self, commands: Commands, steps: int, reset: bool = False) -> States:
+        """Puts `commands` in force, makes `steps` (1 or more) iterations and observes. With `reset` all returns to the start first.
+
+        Raises StepMismatch if another number of iterations was made.
+        """
+
+    def close(self) -> None:
+        """Lets go of the simulator; ends it if the backend has started it. May be called more than once."""
+
+    def joint_limits(self) -> Optional[Dict[str, Tuple[float, float]]]:
+        """Lower and upper limit, rad or m, of the joints by name; None if the backend can't know."""
+
+
+def plain(name: str) -> str:
+    """The name of a joint as the simulator tells it: blanks of the scene file left out."""
+    return name.replace(" ", "")
+
+
+def array(values: Any) -> Array:
+    """A copy of some numbers."""
+    return np.array(values, dtype=np.float64)

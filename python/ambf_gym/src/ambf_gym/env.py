@@ -1,0 +1,221 @@
+"""A Gymnasium environment whose physics is the simulator."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass, field
+from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from .backend import Array, Backend, Commands, States, plain
+from .errors import InvalidAction, InvalidDescription
+from .parts import ActionPart, ObservationPart
+
+Observation = NDArray[np.float32]
+Info = Dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Transition:
+    """A step, as reward and termination see it."""
+
+    before: States
+    after: States
+    action: Array
+    """As applied: within the bounds."""
+    goal: Array
+    """What `Task.goal` has drawn for this episode."""
+    steps: int
+    """Steps of the episode, this one included."""
+
+
+def _no_goal(rng: np.random.Generator) -> Array:
+    del rng
+    return np.zeros(0)
+
+
+def _never(transition: Transition) -> bool:
+    del transition
+    return False
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is observed, what is done and what it is for."""
+
+    observe: Sequence[ObservationPart]
+    act: Sequence[ActionPart]
+    reward: Callable[[Transition], float]
+    terminated: Callable[[Transition], bool] = _never
+    """Whether the episode has come to an end of its own: success or failure."""
+    goal: Callable[[np.random.Generator], Array] = _no_goal
+    """Draws a goal at the start of an episode; it is the last part of the observation."""
+    goal_size: int = 0
+    """How many numbers `goal` returns."""
+    also: Callable[[Commands], None] = field(default=lambda commands: None)
+    """Adds commands that are always the same, such as those of joints that are not to move."""
+    info: Callable[[Transition], Info] = field(default=lambda transition: {})
+    """More about a step, for example `is_success`."""
+    max_steps: int = 200
+    """Steps after which an episode is truncated."""
+    n_skip_steps: int = 10
+    """Physics iterations of a step: with the usual 1 ms, 10 are 100 steps a simulated second."""
+    settle_steps: int = 1
+    """Physics iterations between a reset and the first observation, 1 or more."""
+    bodies: Sequence[str] = ()
+    """Bodies whose state the functions need besides those that are observed."""
+
+
+class SimulatorEnv(gymnasium.Env[Observation, Any]):
+    """Steps a task in a backend. The simulator is started, or attached to, at the first reset, and after it failed at the next.
+
+    Actions outside their bounds are moved to the nearest within; `info['clipped']` says so. `info['iterations']` counts the physics
+    iterations of the episode.
+    """
+
+    metadata: Dict[str, Any] = {"render_modes": []}  # noqa: RUF012  as in the base class
+
+    def __init__(self, backend: Backend, task: Task, render_mode: Optional[str] = None) -> None:
+        """Raises InvalidDescription if the task lacks bounds that the scene does not tell."""
+        if render_mode is not None:
+            raise ValueError(f"there is nothing to render, so no render_mode {render_mode!r}")
+        if task.n_skip_steps < 1 or task.settle_steps < 1 or task.max_steps < 1:
+            raise InvalidDescription("n_skip_steps, settle_steps and max_steps are 1 or more")
+        self.render_mode = render_mode
+        self._backend = backend
+        # Parts remember set points: those of another environment are not ours.
+        self._task = copy.deepcopy(task)
+        limits = backend.joint_limits()
+        self._low, self._high, self._slices = _stack([part.bounds(limits) for part in self._task.act])
+        low, high, _ = _stack([part.bounds(limits) for part in self._task.observe])
+        infinite = np.full(task.goal_size, np.inf)
+        low, high = np.concatenate((low, -infinite)), np.concatenate((high, infinite))
+        self.action_space = gymnasium.spaces.Box(self._low.astype(np.float32), self._high.astype(np.float32))
+        self.observation_space = gymnasium.spaces.Box(low.astype(np.float32), high.astype(np.float32))
+        self._is_open = False
+        self._states: Optional[States] = None
+        self._goal: Array = np.zeros(task.goal_size)
+        self._steps = 0
+        self._first_step = 0
+
+    def reset(
+        self, *, seed: Optional[int] = None, options: Optional[Dict[str, Any]] = None
+    ) -> Tuple[Observation, Info]:
+        """Returns the simulation to its start. The same seed draws the same goals."""
+        super().reset(seed=seed)
+        if options:
+            raise ValueError(f"there are no options, so not {sorted(options)}")
+        self._goal = np.asarray(self._task.goal(self.np_random), dtype=np.float64)
+        if self._goal.shape != (self._task.goal_size,):
+            raise InvalidDescription(f"the goal has the shape {self._goal.shape}, goal_size is {self._task.goal_size}")
+        if not self._is_open:
+            self._open()
+        states = self._guarded(self._rest(self._start), 1, True)
+        for part in self._task.act:
+            part.start(states)
+        if self._task.settle_steps > 1:
+            states = self._guarded(self._rest(self._start), self._task.settle_steps - 1, False)
+        self._steps = 0
+        self._first_step = states.sim_step
+        return self._observation(states), {"iterations": 0}
+
+    def step(self, action: Any) -> Tuple[Observation, float, bool, bool, Info]:
+        """Commands an action and lets `n_skip_steps` iterations pass.
+
+        Raises InvalidAction; StepMismatch or an error of `ambf_client` if the simulator fails, after which `reset` starts afresh.
+        """
+        if self._states is None:
+            raise gymnasium.error.ResetNeeded("call reset() before step()")
+        wanted = np.asarray(action, dtype=np.float64)
+        if wanted.shape != self._low.shape:
+            raise InvalidAction(f"an action of the shape {wanted.shape}; expected {self._low.shape}")
+        if not np.isfinite(wanted).all():
+            raise InvalidAction(f"an action that is not finite: {wanted}")
+        applied = np.clip(wanted, self._low, self._high)
+        commands = Commands()
+        self._task.also(commands)
+        for part, piece in zip(self._task.act, self._slices):
+            part.write(applied[piece], commands)
+        before = self._states
+        after = self._guarded(commands, self._task.n_skip_steps, False)
+        self._steps += 1
+        transition = Transition(before, after, applied, self._goal, self._steps)
+        iterations = (after.sim_step - self._first_step) % 2**32
+        info: Info = {"iterations": iterations, "clipped": bool((applied != wanted).any())}
+        info.update(self._task.info(transition))
+        terminated = bool(self._task.terminated(transition))
+        truncated = not terminated and self._steps >= self._task.max_steps
+        return self._observation(after), float(self._task.reward(transition)), terminated, truncated, info
+
+    def close(self) -> None:
+        """Lets go of the simulator; ends it if the environment has started it."""
+        self._is_open = False
+        self._states = None
+        self._backend.close()
+
+    @property
+    def states(self) -> Optional[States]:
+        """What was observed last, in full."""
+        return self._states
+
+    def _open(self) -> None:
+        bodies, sensors, actuators = self._names()
+        joints = self._backend.open(bodies, sensors, actuators)
+        also = Commands()
+        self._task.also(also)
+        used: List[Tuple[str, Sequence[str]]] = [(name, list(body.joints)) for name, body in also.bodies.items()]
+        used += [
+            (getattr(part, "body", ""), getattr(part, "joints", ())) for part in (*self._task.observe, *self._task.act)
+        ]
+        for body, names in used:
+            missing = {plain(name) for name in names} - set(joints.get(body, ()))
+            if missing:
+                self._backend.close()
+                raise InvalidDescription(f"{body} has no joints {', '.join(sorted(missing))}")
+        self._is_open = True
+        # How things are at the start: what a reset returns to.
+        self._start = self._guarded(Commands(), 1, True)
+
+    def _names(self) -> Tuple[Sequence[str], Sequence[str], Sequence[str]]:
+        parts: List[Any] = [*self._task.observe, *self._task.act]
+        also = Commands()
+        self._task.also(also)
+        bodies: List[Any] = [*self._task.bodies, *also.bodies]
+        for part in parts:
+            if not hasattr(part, "actuator"):
+                bodies += [getattr(part, "body", None), getattr(part, "relative_to", None)]
+        sensors = [part.sensor for part in parts if hasattr(part, "sensor") and not hasattr(part, "actuator")]
+        actuators = [*(getattr(part, "actuator", None) for part in parts), *also.actuators]
+        unique = [tuple(dict.fromkeys(name for name in names if name)) for names in (bodies, sensors, actuators)]
+        return unique[0], unique[1], unique[2]
+
+    def _rest(self, states: States) -> Commands:
+        commands = Commands()
+        self._task.also(commands)
+        for part in self._task.act:
+            part.rest(states, commands)
+        return commands
+
+    def _guarded(self, commands: Commands, steps: int, reset: bool) -> States:
+        """A step after whose failure the next reset starts afresh."""
+        try:
+            self._states = self._backend.step(commands, steps, reset)
+        except BaseException:
+            self.close()
+            raise
+        return self._states
+
+    def _observation(self, states: States) -> Observation:
+        parts = [part.read(states) for part in self._task.observe]
+        return np.concatenate((*parts, self._goal)).astype(np.float32)
+
+
+def _stack(bounds: Sequence[Tuple[Array, Array]]) -> Tuple[Array, Array, Sequence[slice]]:
+    if not bounds:
+        return np.zeros(0), np.zeros(0), ()
+    ends = np.cumsum([len(low) for low, _ in bounds])
+    slices = [slice(int(end) - len(low), int(end)) for end, (low, _) in zip(ends, bounds)]
+    return np.concatenate([low for low, _ in bounds]), np.concatenate([high for _, high in bounds]), slices

@@ -1,0 +1,110 @@
+"""Which scene an environment simulates, and what its files say about joints."""
+
+from __future__ import annotations
+
+import math
+import os
+import shutil
+import xml.etree.ElementTree as xml
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Dict, Optional, Sequence, Tuple
+
+import yaml
+
+from .backend import plain
+from .errors import InvalidDescription
+
+Limits = Dict[str, Tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A scene of the simulator."""
+
+    models: Sequence[str]
+    """Model files (ADF or URDF), absolute or below the simulator's `resources`."""
+    launch_file: Optional[str] = None
+    """Launch file with the world; the simulator's own if none."""
+    options: Sequence[str] = ()
+    """Further options of `ambf_simulator`, such as `('--profile', 'accurate')`."""
+
+    def model_files(self) -> Tuple[str, ...]:
+        """The model files, found; raises InvalidDescription if one is missing."""
+        return tuple(str(_find(model)) for model in self.models)
+
+    def joint_limits(self) -> Limits:
+        """Limits of all joints that have some, rad or m, by name without blanks."""
+        limits: Limits = {}
+        for model in self.model_files():
+            limits.update(limits_in(Path(model)))
+        return limits
+
+
+def resources() -> Path:
+    """The simulator's folder `resources`: `$AMBF_RESOURCES`, or that of the repository in which this file lies."""
+    chosen = os.environ.get("AMBF_RESOURCES")
+    if chosen:
+        return Path(chosen)
+    for folder in Path(__file__).resolve().parents:
+        if (folder / "resources/launch.yaml").is_file():
+            return folder / "resources"
+    raise InvalidDescription("the simulator's folder of scenes is not known; set AMBF_RESOURCES to it")
+
+
+def simulator() -> str:
+    """The program: `$AMBF_SIMULATOR`, that on the PATH, or that built in the repository in which this file lies."""
+    chosen = os.environ.get("AMBF_SIMULATOR") or shutil.which("ambf_simulator")
+    if chosen:
+        return chosen
+    for folder in Path(__file__).resolve().parents:
+        for kind in ("release", "debug"):
+            built = folder / "target" / kind / "ambf_simulator"
+            if built.is_file():
+                return str(built)
+    raise InvalidDescription("ambf_simulator is not on the PATH; set AMBF_SIMULATOR to it")
+
+
+def _find(model: str) -> Path:
+    path = Path(model)
+    if not path.is_absolute() and not path.is_file():
+        path = resources() / model
+    if not path.is_file():
+        raise InvalidDescription(f"there is no model file {path}")
+    return path.resolve()
+
+
+def limits_in(model: Path) -> Limits:
+    """Limits of the joints in a model file."""
+    try:
+        text = model.read_text()
+        return (
+            _urdf_limits(xml.fromstring(text))
+            if model.suffix in (".urdf", ".xml")
+            else _adf_limits(yaml.safe_load(text))
+        )
+    except (OSError, ValueError, yaml.YAMLError, xml.ParseError) as error:
+        raise InvalidDescription(f"{model}: {error}; give low and high for its joints") from error
+
+
+def _adf_limits(model: Any) -> Limits:
+    limits: Limits = {}
+    for key in (model or {}).get("joints") or ():
+        joint = model.get(key) or {}
+        bounds = joint.get("joint limits") or {}
+        name = plain(str(joint.get("name", key)))
+        # The first of a name is the one that is commanded: springs lie beside their joint and are passive.
+        if {"low", "high"} <= set(bounds) and not joint.get("passive") and name not in limits:
+            limits[name] = (float(bounds["low"]), float(bounds["high"]))
+    return limits
+
+
+def _urdf_limits(robot: xml.Element) -> Limits:
+    limits: Limits = {}
+    for joint in robot.iter("joint"):
+        bounds = joint.find("limit")
+        if bounds is not None and joint.get("type") in ("revolute", "prismatic"):
+            low, high = float(bounds.get("lower", 0.0)), float(bounds.get("upper", 0.0))
+            if math.isfinite(low) and low < high:
+                limits[plain(str(joint.get("name")))] = (low, high)
+    return limits

@@ -1,0 +1,69 @@
+"""Reach: the flange of the arm of seven joints is to go to a point and stay there."""
+
+from __future__ import annotations
+
+from typing import Any, Optional
+
+import numpy as np
+
+from ..backend import Array, Backend
+from ..env import Info, SimulatorEnv, Task, Transition
+from ..parts import DriveJoints, JointPositions, JointVelocities, Position
+from ..scene import Scene
+
+SCENE = Scene(("models/arm7.yaml",), options=("--profile", "accurate"))
+
+BASE = "arm7/base"
+FLANGE = "arm7/flange"
+JOINTS = ("yaw", "shoulder", "roll", "elbow", "forearm_roll", "wrist", "flange_roll")
+
+# Where the flange is at the start, m, and how far from there goals are.
+HOME = np.array([0.515, 0.0, -0.939])
+SPREAD = np.array([0.15, 0.3, 0.2])
+
+SUCCESS = 0.03
+"""Distance that counts as there, m."""
+
+
+def draw_goal(rng: np.random.Generator) -> Array:
+    """A point in a box about the home position, m."""
+    return HOME + rng.uniform(-SPREAD, SPREAD)
+
+
+def distance(transition: Transition) -> float:
+    """From flange to goal, m."""
+    return float(np.linalg.norm(transition.after.bodies[FLANGE].position - transition.goal))
+
+
+def reward(transition: Transition) -> float:
+    """Less for distance and for moving about; a bonus for being there."""
+    away = distance(transition)
+    return -away - 0.02 * float(np.mean(np.square(transition.action / 0.08))) + 0.5 * (away < SUCCESS)
+
+
+def info(transition: Transition) -> Info:
+    """Distance, m, and whether it is there."""
+    away = distance(transition)
+    return {"distance": away, "is_success": away < SUCCESS}
+
+
+TASK = Task(
+    observe=(JointPositions(BASE, JOINTS), JointVelocities(BASE, JOINTS), Position(FLANGE)),
+    # Each step moves the set points by up to 0.08 rad.
+    act=(DriveJoints(BASE, JOINTS, mode="position", increment=0.08),),
+    reward=reward,
+    goal=draw_goal,
+    goal_size=3,
+    info=info,
+    max_steps=50,
+    n_skip_steps=40,
+)
+
+
+def make_reach(backend: Optional[Backend] = None, render_mode: Optional[str] = None, **ros: Any) -> SimulatorEnv:
+    """The environment `ambf/Reach-v0`: in `backend`, else over ROS in a simulator of its own (`ros`: options of `RosBackend`)."""
+    if backend is None:
+        from ..ros_backend import RosBackend
+
+        backend = RosBackend(SCENE, **ros)
+    return SimulatorEnv(backend, TASK, render_mode)

@@ -1,0 +1,251 @@
+"""Environments without a simulator: spaces, actions, episodes."""
+
+import math
+import pathlib
+import tempfile
+import unittest
+
+import gymnasium
+import numpy as np
+from ambf_gym import InvalidAction, InvalidDescription, Scene, SimulatorEnv, Task
+from ambf_gym.backend import FORCE, POSITION, VELOCITY, BodyCommand, BodyState, Commands, SensorState, States, array
+from ambf_gym.parts import (
+    DriveBody,
+    DriveJoints,
+    Hold,
+    Holds,
+    JointEfforts,
+    JointPositions,
+    JointVelocities,
+    Measurements,
+    Position,
+    Rotation,
+    Twist,
+)
+from ambf_gym.scene import limits_in
+
+
+class Toy:
+    """A backend in which joints go where they are told, at once."""
+
+    def __init__(self):
+        self.sim_step = 100
+        self.joints = {"a": 0.0, "b": 0.0}
+        self.log = []
+        self.fail = False
+        self.opened = 0
+
+    def joint_limits(self):
+        """Of one joint only."""
+        return {"a": (-1.0, 2.0)}
+
+    def open(self, bodies, sensors, actuators):
+        """Says what is there."""
+        self.opened += 1
+        self.names = (bodies, sensors, actuators)
+        return {body: ["a", "b"] for body in bodies}
+
+    def step(self, commands, steps, reset=False):
+        """Obeys."""
+        if self.fail:
+            raise ConnectionError("gone")
+        if reset:
+            self.joints = {"a": 0.5, "b": 0.0}
+        self.log.append((commands, steps, reset))
+        self.sim_step += steps
+        for command in commands.bodies.values():
+            self.joints.update({joint: value for joint, (kind, value) in command.joints.items() if kind == POSITION})
+        zeros = {"a": 0.0, "b": 0.0}
+        body = BodyState(
+            array((1, 2, 3)),
+            array((0, 0, 1, -1e-9)),
+            array((4, 5, 6)),
+            array((7, 8, 9)),
+            self.joints.copy(),
+            zeros,
+            zeros,
+        )
+        other = BodyState(array((0, 0, 1)), array((0, 0, 0, 1)), array((0, 0, 0)), array((0, 0, 0)), {}, {}, {})
+        sensors = {"eye": SensorState(array((0.25,)), ("a",))}
+        return States(self.sim_step, 0.0, {"arm": body, "other": other}, sensors, {"hand": True})
+
+    def close(self):
+        """Nothing to let go of."""
+
+
+def task(act, observe=(JointPositions("arm", ("a", "b")),), **more):
+    """A task that rewards the position of joint a."""
+    return Task(observe, act, lambda t: t.after.bodies["arm"].joint_positions["a"], **more)
+
+
+class Spaces(unittest.TestCase):
+    """What bounds become."""
+
+    def test_bounds_are_the_limits_of_joints(self):
+        """Given ones go before them; without either it is an error."""
+        joints = DriveJoints("arm", ("a", "b"), low=(-0.5, -3), high=None)
+        with self.assertRaisesRegex(InvalidDescription, "a, b: give low and high"):
+            SimulatorEnv(Toy(), task((joints,)))
+        env = SimulatorEnv(Toy(), task((DriveJoints("arm", ("a",)), DriveBody("other", low=-2, high=2))))
+        np.testing.assert_allclose(env.action_space.low, [-1, -2, -2, -2])
+        np.testing.assert_allclose(env.action_space.high, [2, 2, 2, 2])
+        np.testing.assert_allclose(env.observation_space.high, [2.3, np.inf], rtol=1e-6)
+        for wrong in (
+            lambda: DriveJoints("arm", ("a",), mode="torque"),
+            lambda: DriveJoints("arm", ("a",), mode="effort", increment=1),
+            lambda: DriveBody("arm", mode="wrench"),
+            lambda: DriveBody("arm", mode="position", size=6),
+            lambda: SimulatorEnv(Toy(), task((DriveBody("arm"),))),
+            lambda: SimulatorEnv(Toy(), task((), n_skip_steps=0)),
+        ):
+            self.assertRaises(InvalidDescription, wrong)
+
+    def test_all_observations(self):
+        """Each part reads what it says; quaternions have one sign; missing rays are nothing."""
+        observe = (
+            JointPositions("arm", ("a",)),
+            JointVelocities("arm", ("a",)),
+            JointEfforts("arm", ("b",)),
+            Position("arm"),
+            Position("arm", relative_to="other"),
+            Rotation("arm"),
+            Twist("arm"),
+            Measurements("eye", rays=2),
+            Holds("hand"),
+        )
+        backend = Toy()
+        env = SimulatorEnv(backend, task((), observe))
+        observation, _ = env.reset(seed=0)
+        expected = [0.5, 0, 0, 1, 2, 3, 1, 2, 2, 0, 0, -1, 1e-9, 4, 5, 6, 7, 8, 9, 0.25, 0, 1]
+        np.testing.assert_allclose(observation, expected)
+        self.assertEqual(observation.dtype, np.float32)
+        self.assertEqual(backend.names, (("arm", "other"), ("eye",), ("hand",)))
+        self.assertTrue(env.observation_space.contains(observation))
+
+    def test_limits_in_files(self):
+        """Of ADF and URDF; springs beside a joint do not count."""
+        with tempfile.TemporaryDirectory() as folder:
+            model = pathlib.Path(folder) / "m.yaml"
+            model.write_text(
+                "joints: [J 1, S 1, J 2]\n"
+                "J 1: {name: left slide, joint limits: {low: -1, high: 2}}\n"
+                "S 1: {name: spring, passive: true, joint limits: {low: -9, high: 9}}\n"
+                "J 2: {name: free}\n"
+            )
+            self.assertEqual(limits_in(model), {"leftslide": (-1.0, 2.0)})
+            robot = pathlib.Path(folder) / "m.urdf"
+            robot.write_text(
+                '<robot><joint name="j" type="revolute"><limit lower="-1.5" upper="0.5"/></joint>'
+                '<joint name="k" type="continuous"/></robot>'
+            )
+            self.assertEqual(limits_in(robot), {"j": (-1.5, 0.5)})
+            model.write_text("joints: [")
+            self.assertRaises(InvalidDescription, limits_in, model)
+        self.assertRaises(InvalidDescription, Scene(("/nothing.yaml",)).model_files)
+
+
+class Actions(unittest.TestCase):
+    """What actions become."""
+
+    def test_positions_and_what_is_refused(self):
+        """Clipped to the bounds; wrong shapes and NaN move nothing."""
+        backend = Toy()
+        env = SimulatorEnv(backend, task((DriveJoints("arm", ("a",)),), n_skip_steps=7))
+        self.assertRaises(gymnasium.error.ResetNeeded, env.step, [0.0])
+        env.reset(seed=0)
+        observation, reward, terminated, truncated, info = env.step([5.0])
+        self.assertEqual((observation[0], reward, terminated, truncated), (2.0, 2.0, False, False))
+        self.assertEqual(info, {"iterations": 7, "clipped": True})
+        calls = len(backend.log)
+        for wrong in ([math.nan], [math.inf], [0.0, 0.0], 0.0, [[0.0]]):
+            self.assertRaises(InvalidAction, env.step, wrong)
+        self.assertEqual(len(backend.log), calls)
+        self.assertFalse(env.step([0.25])[-1]["clipped"])
+
+    def test_increments(self):
+        """They move a set point, which stays within the limits and starts anew."""
+        env = SimulatorEnv(Toy(), task((DriveJoints("arm", ("a",), increment=0.4),)))
+        np.testing.assert_allclose(env.action_space.high, [0.4])
+        for _ in range(2):
+            env.reset(seed=0)
+            positions = [float(env.step([0.4])[0][0]) for _ in range(5)]
+            np.testing.assert_allclose(positions, [0.9, 1.3, 1.7, 2.0, 2.0], rtol=1e-6)
+
+    def test_two_environments_of_one_task(self):
+        """They do not share set points."""
+        shared = task((DriveJoints("arm", ("a",), increment=0.4),))
+        one, two = SimulatorEnv(Toy(), shared), SimulatorEnv(Toy(), shared)
+        one.reset(seed=0)
+        two.reset(seed=0)
+        one.step([0.4])
+        np.testing.assert_allclose(two.step([0.1])[0][0], 0.6, rtol=1e-6)
+
+    def test_other_commands(self):
+        """Bodies by force and velocity, actuators, and commands that are always the same."""
+        backend = Toy()
+
+        def also(commands):
+            commands.bodies.setdefault("arm", BodyCommand()).joints["b"] = (POSITION, 0.75)
+
+        act = (
+            DriveBody("arm", mode="velocity", low=-1, high=1, size=6),
+            DriveBody("other", low=-1, high=1),
+            DriveJoints("arm", ("a",), mode="effort", low=-9, high=9),
+            Hold("hand", sensor="eye"),
+        )
+        env = SimulatorEnv(backend, task(act, also=also))
+        env.reset(seed=0)
+        rest: Commands = backend.log[-1][0]
+        self.assertEqual(rest.bodies["arm"].joints, {"a": (FORCE, 0.0), "b": (POSITION, 0.75)})
+        self.assertFalse(rest.actuators["hand"].hold)
+        env.step([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0, 0, 1, 5, 0.5])
+        commands: Commands = backend.log[-1][0]
+        arm, other = commands.bodies["arm"], commands.bodies["other"]
+        self.assertEqual((arm.kind, arm.linear, arm.angular), (VELOCITY, (0.1, 0.2, 0.3), (0.4, 0.5, 0.6)))
+        self.assertEqual((other.kind, other.linear), (FORCE, (0.0, 0.0, 1.0)))
+        self.assertEqual(arm.joints, {"a": (FORCE, 5.0), "b": (POSITION, 0.75)})
+        self.assertTrue(commands.actuators["hand"].hold)
+
+
+class Episodes(unittest.TestCase):
+    """From reset to end."""
+
+    def test_goals_come_from_the_seed(self):
+        """And are observed."""
+        env = SimulatorEnv(Toy(), task((), goal=lambda rng: rng.uniform(size=2), goal_size=2))
+        first, again, other = (env.reset(seed=seed)[0][-2:] for seed in (1, 1, 2))
+        np.testing.assert_array_equal(first, again)
+        self.assertFalse((first == other).any())
+        wrong = SimulatorEnv(Toy(), task((), goal=lambda _: np.zeros(3), goal_size=2))
+        self.assertRaises(InvalidDescription, wrong.reset)
+
+    def test_ends(self):
+        """Truncated after so many steps, unless terminated."""
+        env = SimulatorEnv(Toy(), task((), max_steps=3))
+        env.reset(seed=0)
+        self.assertEqual([env.step([])[2:4] for _ in range(3)], [(False, False), (False, False), (False, True)])
+        env = SimulatorEnv(Toy(), task((), max_steps=3, terminated=lambda t: t.steps == 3))
+        env.reset(seed=0)
+        self.assertEqual([env.step([])[2:4] for _ in range(3)][-1], (True, False))
+
+    def test_resets(self):
+        """One reset, then the time to settle; the physics is opened once, and again after a failure."""
+        backend = Toy()
+        env = SimulatorEnv(backend, task((DriveJoints("arm", ("a",)),), settle_steps=5))
+        env.reset(seed=0)
+        self.assertEqual([(steps, reset) for _, steps, reset in backend.log], [(1, True), (1, True), (4, False)])
+        env.reset(seed=0)
+        self.assertEqual(backend.opened, 1)
+        backend.fail = True
+        self.assertRaises(ConnectionError, env.step, [0.0])
+        self.assertRaises(gymnasium.error.ResetNeeded, env.step, [0.0])
+        backend.fail = False
+        env.reset(seed=0)
+        self.assertEqual(backend.opened, 2)
+        self.assertRaises(ValueError, env.reset, options={"speed": 1})
+
+    def test_names_that_are_not_there(self):
+        """Joints are looked for when the scene is known."""
+        env = SimulatorEnv(Toy(), task((), (JointPositions("arm", ("c",)),)))
+        with self.assertRaisesRegex(InvalidDescription, "arm has no joints c"):
+            env.reset()
