@@ -3,6 +3,7 @@
 mod driver;
 pub mod host;
 pub mod known;
+mod latest;
 pub mod law;
 mod mock;
 mod sample;
@@ -10,6 +11,7 @@ mod settings;
 mod spec;
 
 pub use driver::{DeviceError, DeviceInfo, DeviceLog, Driver, Drivers, InputDevice};
+pub use latest::Latest;
 pub use mock::{CommandedForce, MockDriver, MockRecording};
 pub use sample::{DeviceForce, DeviceSample};
 pub use settings::{Setting, Settings};

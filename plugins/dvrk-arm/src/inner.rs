@@ -5,13 +5,13 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::thread::Thread;
 use std::time::{Duration, Instant};
 
+use ambf_core::device::Latest;
 use arc_swap::{ArcSwap, ArcSwapOption};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 use crate::dialect::{Dialect, Names};
 use crate::frames::{Frames, Wrench};
 use crate::gravity::GravityTerm;
-use crate::latest::Latest;
 use crate::options::ArmOptions;
 use crate::outputs::Outputs;
 use crate::pedals::{Pedal, Pedals};

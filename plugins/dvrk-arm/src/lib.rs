@@ -22,7 +22,6 @@ mod frames;
 mod gravity;
 mod hub;
 mod inner;
-mod latest;
 mod messages;
 mod options;
 mod outputs;

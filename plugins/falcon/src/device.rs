@@ -6,8 +6,8 @@ use std::thread::JoinHandle;
 
 use ambf_core::device::{Axes, DeviceError, DeviceForce, DeviceLog, DeviceSample, DeviceSpec, InputDevice};
 use nalgebra::Vector3;
+use triple_buffer::{triple_buffer, Input, Output};
 
-use crate::latest::{latest, Reader, Writer};
 use crate::motion::Wanted;
 use crate::settings::Config;
 use crate::transport::{Bus, TransportError};
@@ -18,8 +18,8 @@ use crate::MODEL;
 pub struct FalconDevice {
     spec: DeviceSpec,
     bus: Arc<dyn Bus>,
-    wanted: Writer<Wanted>,
-    status: Reader<Status>,
+    wanted: Input<Wanted>,
+    status: Output<Status>,
     stop: Arc<AtomicBool>,
     ended: Arc<OnceLock<String>>,
     thread: Option<JoinHandle<()>>,
@@ -33,8 +33,8 @@ impl FalconDevice {
         log: &DeviceLog,
     ) -> Result<Self, DeviceError> {
         let now = bus.now();
-        let (wanted, wanted_reader) = latest(Wanted { force: Vector3::zeros(), since: now });
-        let (published, status) = latest(Status::none(now));
+        let (wanted, wanted_reader) = triple_buffer(&Wanted { force: Vector3::zeros(), since: now });
+        let (published, status) = triple_buffer(&Status::none(now));
         let stop = Arc::new(AtomicBool::new(false));
         let ended = Arc::new(OnceLock::new());
         if let Some(firmware) = config.firmware.as_ref().filter(|firmware| !firmware.is_known()) {
@@ -65,7 +65,7 @@ impl FalconDevice {
 
     /// What is known of the device: more than a sample.
     pub fn status(&mut self) -> Status {
-        self.status.get()
+        *self.status.read()
     }
 
     fn alive(&self) -> Result<(), DeviceError> {
@@ -103,12 +103,12 @@ impl InputDevice for FalconDevice {
 
     fn read(&mut self) -> Result<DeviceSample, DeviceError> {
         self.alive()?;
-        Ok(self.status.get().sample)
+        Ok(self.status.read().sample)
     }
 
     fn write(&mut self, force: &DeviceForce) -> Result<(), DeviceError> {
         self.alive()?;
-        self.wanted.set(Wanted { force: force.force, since: self.bus.now() });
+        self.wanted.write(Wanted { force: force.force, since: self.bus.now() });
         Ok(())
     }
 

@@ -22,7 +22,6 @@ mod driver;
 pub mod fake;
 mod firmware;
 mod kinematics;
-mod latest;
 mod link;
 mod motion;
 mod packet;

@@ -3,9 +3,9 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use ambf_core::device::{DeviceLog, DeviceSample};
+use triple_buffer::{Input, Output};
 
 use crate::firmware::{Firmware, FirmwareError};
-use crate::latest::{Reader, Writer};
 use crate::link::{Answer, Link};
 use crate::motion::{Motion, Wanted};
 use crate::settings::Config;
@@ -66,8 +66,8 @@ pub(crate) struct Worker {
     log: DeviceLog,
     said: String,
     stop: Arc<AtomicBool>,
-    wanted: Reader<Wanted>,
-    published: Writer<Status>,
+    wanted: Output<Wanted>,
+    published: Input<Status>,
     status: Status,
     motion: Motion,
     link: Option<Link>,
@@ -83,8 +83,8 @@ impl Worker {
         config: Config,
         log: DeviceLog,
         stop: Arc<AtomicBool>,
-        wanted: Reader<Wanted>,
-        published: Writer<Status>,
+        wanted: Output<Wanted>,
+        published: Input<Status>,
     ) -> Self {
         let now = bus.now();
         let motion = Motion::new(config.z0, now);
@@ -140,7 +140,7 @@ impl Worker {
     }
 
     fn exchange(&mut self, mut link: Link) {
-        let command = self.motion.command(&self.wanted.get(), self.bus.now());
+        let command = self.motion.command(self.wanted.read(), self.bus.now());
         let deadline = self.bus.now() + REPLY_TIMEOUT;
         let answer = link.command(&command).and_then(|()| link.answer(deadline));
         let now = self.bus.now();
@@ -258,7 +258,7 @@ impl Worker {
 
     fn publish(&mut self) {
         self.status.sample = *self.motion.sample();
-        self.published.set(self.status);
+        self.published.write(self.status);
     }
 
     /// Says a sentence about the device, unless it was the last one too.

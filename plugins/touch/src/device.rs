@@ -122,7 +122,7 @@ impl InputDevice for Touch {
                 )))
             }
         }
-        if let Some(words) = shared.sample.read() {
+        if let Some(words) = shared.sample.newest() {
             self.newest = Measured::from_words(&words);
         }
         let silence = shared.now().saturating_sub(shared.beat.load(Ordering::Relaxed));

@@ -25,7 +25,6 @@ mod hd;
 mod library;
 mod models;
 mod servo;
-mod slot;
 
 pub use device::Touch;
 pub use driver::{driver, TouchDriver};

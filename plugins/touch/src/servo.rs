@@ -6,14 +6,13 @@ use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
-use ambf_core::device::DeviceForce;
+use ambf_core::device::{DeviceForce, Latest};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::convert::{self, MILLI};
 use crate::hd::{self, ErrorInfo, ErrorKind, Handle};
 use crate::library::HdLibrary;
 use crate::models::{self, Facts};
-use crate::slot::Slot;
 
 const MS: u64 = 1_000_000;
 /// A force older than this is not sent, ns.
@@ -99,9 +98,9 @@ pub(crate) struct Shared {
     /// Stamps count from here.
     pub origin: Instant,
     /// Written by the callback.
-    pub sample: Slot<SAMPLE_WORDS>,
+    pub sample: Latest<SAMPLE_WORDS>,
     /// Written by the host: stamp, force, torque.
-    pub force: Slot<7>,
+    pub force: Latest<7>,
     pub phase: AtomicU32,
     pub facts: OnceLock<Facts>,
     /// Asks the callback to end.
@@ -125,8 +124,8 @@ impl Shared {
     pub fn new() -> Self {
         Self {
             origin: Instant::now(),
-            sample: Slot::new(),
-            force: Slot::new(),
+            sample: Latest::new(),
+            force: Latest::new(),
             phase: AtomicU32::new(WAITING),
             facts: OnceLock::new(),
             closing: AtomicBool::new(false),
@@ -150,7 +149,7 @@ impl Shared {
         let force = if force.is_finite() { *force } else { DeviceForce::zero() };
         let mut numbers = force.force.iter().chain(force.torque.iter()).map(|x| x.to_bits());
         let now = self.now();
-        self.force.write(&std::array::from_fn(|i| if i == 0 { now } else { numbers.next().unwrap_or(0) }));
+        self.force.store(std::array::from_fn(|i| if i == 0 { now } else { numbers.next().unwrap_or(0) }));
     }
 }
 
@@ -296,7 +295,7 @@ impl Servo {
 
     /// Force [N] and torque [N·m] to be sent: the newest of the host, none if that is too old or after a force error.
     fn newest_force(&mut self, now: u64) -> (Vector3<f64>, Vector3<f64>) {
-        if let Some(words) = self.shared.force.read() {
+        if let Some(words) = self.shared.force.newest() {
             self.force = words;
         }
         let old = now.saturating_sub(self.force[0]) > WATCHDOG || self.force[0] == 0;
@@ -346,7 +345,7 @@ impl Servo {
             // Nothing was measured: the last pose stays, and is not to be trusted.
             None => Measured { valid: false, ..self.last },
         };
-        self.shared.sample.write(&self.last.to_words());
+        self.shared.sample.store(self.last.to_words());
     }
 
     /// One frame without force, whatever state the last one was left in.
@@ -412,7 +411,7 @@ mod tests {
     fn a_force_that_is_no_number_is_none() {
         let shared = Shared::new();
         shared.leave_force(&DeviceForce { force: Vector3::new(1.0, f64::NAN, 0.0), ..DeviceForce::zero() });
-        let words = shared.force.read().unwrap();
+        let words = shared.force.newest().unwrap();
         assert!(words[0] > 0 && words[1..].iter().all(|word| *word == 0));
     }
 }

@@ -3,10 +3,10 @@
 use ambf_core::device::DeviceForce;
 use crossbeam_utils::atomic::AtomicCell;
 use nalgebra::Vector3;
+use triple_buffer::triple_buffer;
 
 use super::*;
 use crate::fake::{Aim, Clock, FakeBus, FakeFalcon, Fault, Hand, Received, Script, Setup, Softness};
-use crate::latest::latest;
 
 const MS: Duration = Duration::from_millis(1);
 
@@ -15,8 +15,8 @@ struct Bench {
     worker: Worker,
     fake: FakeFalcon,
     clock: Clock,
-    wanted: Writer<Wanted>,
-    status: Reader<Status>,
+    wanted: Input<Wanted>,
+    status: Output<Status>,
     sentences: Box<dyn Fn() -> Vec<String>>,
 }
 
@@ -48,8 +48,8 @@ impl Bench {
         let bus = FakeBus::new(clock.clone(), [setup]);
         let fake = bus.falcons()[0].clone();
         let (log, receiver) = DeviceLog::new();
-        let (wanted, wanted_reader) = latest(Wanted { force: Vector3::zeros(), since: clock.now() });
-        let (published, status) = latest(Status::none(clock.now()));
+        let (wanted, wanted_reader) = triple_buffer(&Wanted { force: Vector3::zeros(), since: clock.now() });
+        let (published, status) = triple_buffer(&Status::none(clock.now()));
         let config = Config { firmware, z0: 0.125, event_character };
         let worker = Worker::new(
             Arc::new(bus),
@@ -70,7 +70,7 @@ impl Bench {
         let mut bench = Self::new(setup, None, false);
         bench.worker.begin().unwrap();
         bench.run(Duration::from_millis(2500));
-        assert_eq!(bench.status.get().state, State::Ready);
+        assert_eq!(bench.status.read().state, State::Ready);
         bench
     }
 
@@ -86,7 +86,7 @@ impl Bench {
     }
 
     fn push(&mut self, force: Vector3<f64>) {
-        self.wanted.set(Wanted { force, since: self.clock.now() });
+        self.wanted.write(Wanted { force, since: self.clock.now() });
     }
 
     /// Exchanges for `duration` while the host asks for `force` at each step.
@@ -113,7 +113,7 @@ fn the_device_homes_and_says_where_it_is() {
     for _ in 0..2000 {
         bench.push(Vector3::x());
         bench.step();
-        let status = bench.status.get();
+        let status = *bench.status.read();
         let command = bench.last_command();
         assert_eq!(command.control & 1, 1, "homing stays on in every packet");
         if status.homed == [true; 3] && homed.is_none() {
@@ -124,7 +124,7 @@ fn the_device_homes_and_says_where_it_is() {
             assert!(!status.sample.valid && command.motors == [0; 3] && command.control == 1 | 8);
         }
     }
-    let status = bench.status.get();
+    let status = *bench.status.read();
     assert!(status.sample.valid && status.state == State::Ready);
     assert!((status.sample.position - position).norm() < 5e-5, "{}", status.sample.position);
     assert_eq!(status.sample.buttons, 1 << 2);
@@ -137,12 +137,12 @@ fn the_device_homes_and_says_where_it_is() {
 #[test]
 fn a_thousand_exchanges_a_second_are_made() {
     let mut bench = Bench::ready(Vector3::zeros());
-    let before = (bench.clock.now(), bench.status.get().exchanges, bench.fake.count());
+    let before = (bench.clock.now(), bench.status.read().exchanges, bench.fake.count());
     bench.run(Duration::from_secs(10));
     let seconds = (bench.clock.now() - before.0).as_secs_f64();
-    let rate = (bench.status.get().exchanges - before.1) as f64 / seconds;
+    let rate = (bench.status.read().exchanges - before.1) as f64 / seconds;
     assert!((980.0..1001.0).contains(&rate), "{rate} Hz");
-    assert_eq!(bench.fake.count() - before.2, bench.status.get().exchanges - before.1, "one question, one answer");
+    assert_eq!(bench.fake.count() - before.2, bench.status.read().exchanges - before.1, "one question, one answer");
 }
 
 #[test]
@@ -153,7 +153,7 @@ fn the_event_character_makes_it_faster() {
         bench.worker.begin().unwrap();
         bench.run(Duration::from_secs(2));
         assert!(bench.fake.requests().contains(&(6, 0x013E)));
-        let rate = bench.status.get().exchanges / 2;
+        let rate = bench.status.read().exchanges / 2;
         // A chip that does not know it is as fast as without.
         assert!(if known { rate > 3000 } else { (980..1001).contains(&rate) }, "{rate} Hz");
     }
@@ -200,10 +200,10 @@ fn replies_that_are_split_late_or_merged_are_read() {
     let delays = [Fault::Split, Fault::Slow(8 * MS), Fault::Merge];
     for fault in delays {
         let mut bench = Bench::ready(Vector3::zeros());
-        let before = bench.status.get();
+        let before = *bench.status.read();
         bench.fake.inject(fault, 5);
         bench.run(200 * MS);
-        let status = bench.status.get();
+        let status = *bench.status.read();
         assert!(status.sample.valid && status.state == State::Ready, "{fault:?}");
         assert!(status.exchanges > before.exchanges + 20, "{fault:?}");
         assert_eq!(bench.worker.link.as_ref().map(|_| ()), Some(()), "{fault:?}: no reason to open it again");
@@ -220,18 +220,18 @@ fn damaged_replies_cost_little_and_show_nothing_wrong() {
         let mut bench = Bench::ready(position);
         bench.push_for(Vector3::x(), 10 * MS);
         bench.fake.inject(damage, 1);
-        let before = bench.status.get().exchanges;
+        let before = bench.status.read().exchanges;
         let end = bench.clock.now() + 100 * MS;
         while bench.clock.now() < end {
             bench.push(Vector3::x());
             bench.step();
-            let sample = bench.status.get().sample;
+            let sample = bench.status.read().sample;
             assert!(!sample.valid || (sample.position - position).norm() < 2e-3, "{damage:?}: {}", sample.position);
         }
-        assert!(bench.status.get().sample.valid, "{damage:?}");
+        assert!(bench.status.read().sample.valid, "{damage:?}");
         // What is seen to be damaged is asked again at once; an end that is missing takes as long as silence.
         let no_end = matches!(damage, Fault::LoseByte(0 | 15) | Fault::ChangeByte(0 | 15, _));
-        let exchanges = bench.status.get().exchanges - before;
+        let exchanges = bench.status.read().exchanges - before;
         assert!(exchanges >= if no_end { 75 } else { 97 }, "{damage:?}: {exchanges}");
     }
 }
@@ -244,13 +244,13 @@ fn commands_that_are_lost_are_sent_again_without_force() {
         let mut bench = Bench::ready(Vector3::zeros());
         bench.push_for(Vector3::new(3.0, 0.0, 0.0), 10 * MS);
         bench.fake.inject(fault, 1);
-        let before = bench.status.get().exchanges;
+        let before = bench.status.read().exchanges;
         // The fault costs one exchange of 20 ms; the next command is at rest, and the ramp begins again.
         bench.push_for(Vector3::new(3.0, 0.0, 0.0), 25 * MS);
         assert!(bench.fake.motors().iter().all(|motor| motor.abs() < 20), "{fault:?}: {:?}", bench.fake.motors());
         bench.push_for(Vector3::new(3.0, 0.0, 0.0), 1100 * MS);
         assert!(bench.fake.motors().iter().all(|motor| motor.abs() > 700), "{fault:?}: {:?}", bench.fake.motors());
-        assert!(bench.status.get().exchanges - before > 1050, "{fault:?}");
+        assert!(bench.status.read().exchanges - before > 1050, "{fault:?}");
     }
 }
 
@@ -262,14 +262,14 @@ fn a_silent_device_is_told_to_rest_then_opened_again() {
     bench.fake.inject(Fault::Silence, 11);
     let requests = bench.fake.requests().len();
     bench.push_for(Vector3::new(3.0, 0.0, 0.0), 150 * MS);
-    assert!(!bench.status.get().sample.valid);
+    assert!(!bench.status.read().sample.valid);
     let later: Vec<Received> =
         bench.fake.commands().into_iter().filter(|command| command.time > begin + 25 * MS).collect();
     assert!(later.len() >= 5 && later.iter().all(|command| command.motors == [0; 3]), "{later:?}");
     assert_eq!(bench.fake.requests().len(), requests, "not opened again before 200 ms");
     bench.push_for(Vector3::new(3.0, 0.0, 0.0), 200 * MS);
     assert!(bench.fake.requests().len() > requests);
-    assert!(bench.status.get().sample.valid, "it comes back by itself");
+    assert!(bench.status.read().sample.valid, "it comes back by itself");
     let sentences = (bench.sentences)();
     assert!(sentences.iter().any(|sentence| sentence.contains("is lost: it does not answer")), "{sentences:?}");
 }
@@ -285,7 +285,7 @@ fn three_zeros_are_sent_on_close_and_on_errors() {
     assert_eq!(at_rest(&commands), 3);
     assert_eq!(commands.last().unwrap().control, 1, "dark");
     assert!(!bench.fake.is_open());
-    assert!(!bench.status.get().sample.valid);
+    assert!(!bench.status.read().sample.valid);
 
     let mut bench = Bench::ready(Vector3::zeros());
     bench.push_for(Vector3::x(), 10 * MS);
@@ -301,15 +301,15 @@ fn an_unplugged_device_is_found_again_every_second() {
     bench.push_for(Vector3::x(), 10 * MS);
     bench.fake.inject(Fault::Unplug, 1);
     bench.step();
-    let status = bench.status.get();
+    let status = *bench.status.read();
     assert!(!status.sample.valid && status.state == State::Away && status.homed == [false; 3]);
     let sequence = status.sample.sequence;
     bench.run(Duration::from_millis(3500));
-    assert_eq!(bench.status.get().sample.sequence, sequence);
+    assert_eq!(bench.status.read().sample.sequence, sequence);
     assert_eq!(bench.fake.attempts(), 1 + 3);
     bench.fake.plug();
     let end = bench.clock.now() + Duration::from_millis(1200);
-    while !bench.status.get().sample.valid {
+    while !bench.status.read().sample.valid {
         assert!(bench.clock.now() < end, "it kept its power, so it is still homed");
         bench.step();
     }
@@ -335,7 +335,7 @@ fn a_device_that_was_switched_off_gets_its_firmware_again() {
     bench.run(Duration::from_secs(10));
     assert!(bench.fake.is_running());
     // The hand rests and passes no marks any more.
-    assert_eq!(bench.status.get().state, State::Homing);
+    assert_eq!(bench.status.read().state, State::Homing);
     assert_eq!(bench.last_command().control, 1 | 8);
 }
 
@@ -374,7 +374,7 @@ fn firmware_is_uploaded() {
         let sentences = (bench.sentences)();
         assert!(sentences[0].contains("gets its firmware, 8492 bytes"), "{sentences:?}");
         bench.run(100 * MS);
-        assert_eq!(bench.status.get().state, State::Homing);
+        assert_eq!(bench.status.read().state, State::Homing);
         let requests = bench.fake.requests();
         let upload = [(9, 16), (3, 0x4138), (4, 8), (2, 0), (1, 0x0200), (1, 0x0100), (1, 0x0101)];
         assert!(requests.windows(upload.len()).any(|window| window == upload), "{requests:?}");
@@ -500,7 +500,7 @@ fn push_wall(stiffness: f64, delay: usize) -> (f64, f64) {
     let first = energy(bench.fake.grip());
     let (mut largest, mut depths) = (0.0_f64, vec![0.0; delay]);
     for _ in 0..5000 {
-        depths.push((-bench.status.get().sample.position.x).max(0.0));
+        depths.push((-bench.status.read().sample.position.x).max(0.0));
         let depth = depths[depths.len() - 1 - delay];
         bench.push(Vector3::new(stiffness * depth, 0.0, 0.0));
         bench.step();

@@ -1,14 +1,21 @@
-//! The newest of a few numbers, handed from one thread to another without either ever waiting.
-
 use std::sync::atomic::{fence, AtomicU64, Ordering};
 
 /// How often a reader that meets a writer tries again: a writer needs some tens of nanoseconds unless it is interrupted.
 const TRIES: usize = 64;
 
-/// `N` numbers that belong together. A sequence lock: its number is odd while somebody writes.
-pub(crate) struct Latest<const N: usize> {
+/// The newest `N` numbers that belong together, handed between threads without any of them waiting: a sequence lock whose words are atomics
+/// (H.-J. Boehm, "Can seqlocks get along with programming language memory models?", 2012).
+#[derive(Debug)]
+pub struct Latest<const N: usize> {
+    /// Odd while somebody writes.
     sequence: AtomicU64,
     words: [AtomicU64; N],
+}
+
+impl<const N: usize> Default for Latest<N> {
+    fn default() -> Self {
+        Self::new()
+    }
 }
 
 impl<const N: usize> Latest<N> {
@@ -29,6 +36,11 @@ impl<const N: usize> Latest<N> {
         }
         self.sequence.store(even + 2, Ordering::Release);
         true
+    }
+
+    /// The numbers; `None` before there were any and when a writer was interrupted in the middle, whereupon a reader keeps what it has.
+    pub fn newest(&self) -> Option<[u64; N]> {
+        self.load().filter(|(count, _)| *count > 0).map(|(_, words)| words)
     }
 
     /// The numbers and how often there were new ones; `None` when a writer was interrupted in the middle.
@@ -56,9 +68,9 @@ mod tests {
     #[test]
     fn numbers_are_counted() {
         let latest = Latest::<2>::new();
-        assert_eq!(latest.load(), Some((0, [0, 0])));
+        assert_eq!((latest.load(), latest.newest()), (Some((0, [0, 0])), None));
         assert!(latest.store([3, 4]) && latest.store([5, 6]));
-        assert_eq!(latest.load(), Some((2, [5, 6])));
+        assert_eq!((latest.load(), latest.newest()), (Some((2, [5, 6])), Some([5, 6])));
     }
 
     #[test]
