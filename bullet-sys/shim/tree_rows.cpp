@@ -214,6 +214,8 @@ void TieRows::createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBody
   btVector3 angle(0, 0, 0);
   const btScalar half = btVector3(turn.x(), turn.y(), turn.z()).length();
   if (half > 0) angle = btVector3(turn.x(), turn.y(), turn.z()) / half * std::remainder(2 * btAtan2(half, turn.w()), 2 * SIMD_PI);
+  // What Bullet starts with it applies to trees only.
+  forget();
   const bool is_dynamic = !other.tree && other.body.getInvMass() > 0;
   for (int i = 0; i < m_numRows; ++i) {
     btMultiBodySolverConstraint &row = rows.expandNonInitializing();
@@ -227,14 +229,10 @@ void TieRows::createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBody
     fillMultiBodyConstraint(row, data, nullptr, nullptr, angular, linear, a.getOrigin(), b.getOrigin(),
                             i < 3 ? gap[i] : angle[i - 3], info, -BT_LARGE_FLOAT, BT_LARGE_FLOAT, i >= 3);
     if (!is_dynamic) continue;
-    btSolverBody &body = (*data.m_solverBodyPool)[row.m_solverBodyIdB];
-    // Bullet forgets that forces change the velocity of the body as they did that of the tree, ...
+    const btSolverBody &body = (*data.m_solverBodyPool)[row.m_solverBodyIdB];
+    // Bullet forgets that forces change the velocity of the body as they did that of the tree.
     row.m_rhs -= row.m_jacDiagABInv * (row.m_contactNormal2.dot(body.m_externalForceImpulse) +
                                        row.m_relpos2CrossNormal.dot(body.m_externalTorqueImpulse));
-    // ... and that the impulse with which it starts acts on both.
-    if (!(info.m_solverMode & SOLVER_USE_ARTICULATED_WARMSTARTING)) continue;
-    body.internalApplyImpulse(row.m_contactNormal2 * body.internalGetInvMass(), row.m_angularComponentB,
-                              m_data[i] * info.m_articulatedWarmstartingFactor);
   }
 }
 
