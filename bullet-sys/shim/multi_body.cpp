@@ -423,6 +423,11 @@ bool AmbTree::was_pushed() const {
 }
 
 void AmbTree::integrate(btScalar h) {
+  // Rows act where the tree was, and what they change of its rates is another momentum where it gets. A free tree has none but
+  // what they and forces give it.
+  const bool keeps_momentum = has_rows && !dynamics.fixed_base;
+  const btVector3 about = position.origin;
+  TreeDynamics::Momentum momentum;
   if (has_rows) {
     TreeDynamics::Rate change = rate, &after = rate;
     after.angular = multi_body->getBaseOmega();
@@ -434,6 +439,16 @@ void AmbTree::integrate(btScalar h) {
     }
     change.angular = after.angular - free_rate.angular;
     change.linear = after.linear - free_rate.linear;
+    if (keeps_momentum) {
+      dynamics.place(position);
+      dynamics.move(change);
+      const TreeDynamics::Momentum by_rows = dynamics.momentum(about);
+      dynamics.place(free_position);
+      dynamics.move(free_rate);
+      momentum = dynamics.momentum(about);
+      momentum.linear += by_rows.linear;
+      momentum.angular += by_rows.angular;
+    }
     if (touched || ties > 0 || was_pushed()) {
       // Impacts act from the beginning of the sub-step, so that nothing moves into what stopped it.
       TreeDynamics::shift(position, h, after);
@@ -453,6 +468,7 @@ void AmbTree::integrate(btScalar h) {
   }
   dynamics.place(position);
   dynamics.move(rate);
+  if (keeps_momentum) dynamics.give(momentum, about, rate);
   if (has_feedback) write_feedback(h);
   write_mirrors();
 }

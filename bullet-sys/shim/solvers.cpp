@@ -10,6 +10,7 @@
 
 #include "accurate_solver.h"
 #include "second_order.h"
+#include "tie_solver.h"
 
 namespace {
 
@@ -60,6 +61,6 @@ std::unique_ptr<btConstraintSolver> solver_of(int solver, btMLCPSolverInterface 
 }
 
 std::unique_ptr<btMultiBodyConstraintSolver> multi_body_solver_of(int solver, const AccurateContext &accurate) {
-  if (solver == AmbSolver_Accurate) return std::make_unique<WithSoftRows<AccurateSolver<SecondOrder<btMultiBodyConstraintSolver>>>>(accurate);
-  return std::make_unique<WithSoftRows<btMultiBodyConstraintSolver>>();
+  if (solver == AmbSolver_Accurate) return std::make_unique<WithSoftRows<AccurateSolver<SecondOrder<TieSolver>>>>(accurate);
+  return std::make_unique<WithSoftRows<TieSolver>>();
 }

@@ -354,3 +354,36 @@ void TreeDynamics::shift(Position &position, btScalar h, const Rate &rate) {
 btVector3 TreeDynamics::angular_momentum(size_t body) const {
   return rotations[body] * (transpose_times(rotations[body], angular[body]) * bodies[body].inertia);
 }
+
+TreeDynamics::Momentum TreeDynamics::momentum(const btVector3 &about) const {
+  Momentum sum;
+  for (size_t i = 0; i < bodies.size(); ++i) {
+    const btVector3 part = linear[i] * bodies[i].mass;
+    sum.linear += part;
+    sum.angular += angular_momentum(i) + (origins[i] - about).cross(part);
+  }
+  return sum;
+}
+
+void TreeDynamics::give(const Momentum &wanted, const btVector3 &about, Rate &rate) {
+  btScalar mass = 0;
+  btVector3 center(0, 0, 0);
+  for (size_t i = 0; i < bodies.size(); ++i) {
+    mass += bodies[i].mass;
+    center += origins[i] * bodies[i].mass;
+  }
+  center /= mass;
+  btMatrix3x3 inertia(0, 0, 0, 0, 0, 0, 0, 0, 0);
+  for (size_t i = 0; i < bodies.size(); ++i) {
+    const btVector3 arm = origins[i] - center;
+    inertia += scaled_rotation(rotations[i], bodies[i].inertia);
+    for (int k = 0; k < 3; ++k) inertia[k][k] += bodies[i].mass * arm.length2();
+    subtract_outer(inertia, arm, arm, bodies[i].mass);
+  }
+  const Momentum present = momentum(about);
+  const btVector3 linear_change = wanted.linear - present.linear;
+  const btVector3 turn = inertia.solve33(wanted.angular - present.angular - (center - about).cross(linear_change));
+  rate.angular += turn;
+  rate.linear += linear_change / mass + turn.cross(origins[0] - center);
+  move(rate);
+}

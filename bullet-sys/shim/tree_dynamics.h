@@ -94,6 +94,13 @@ class TreeDynamics {
 
   // About the body's own centre of mass.
   btVector3 angular_momentum(size_t body) const;
+  // Of all bodies, which were placed and moved, about a point.
+  struct Momentum {
+    btVector3 linear{0, 0, 0}, angular{0, 0, 0};
+  };
+  Momentum momentum(const btVector3 &about) const;
+  // Moves a tree that was placed and moved, with a free base, as one body, so that it gets a momentum; changes the rate of the base.
+  void give(const Momentum &momentum, const btVector3 &about, Rate &rate);
 
   const bool fixed_base;
   int coordinates = 0;

@@ -10,9 +10,6 @@ constexpr btScalar HINGE_BOUNCE = 0.3;
 constexpr btScalar LIMIT_ERP = 0.2;
 // Fastest such correction, rad/s or m/s: what begins far beyond its limits must not be shot back.
 constexpr btScalar FASTEST_RETURN = 5;
-// Most of a tie's gap that is corrected in a sub-step. Its six rows are iterated, not solved: with the share of joints, which are, what is left over
-// swings up until a free tree that holds a body flies apart.
-constexpr btScalar TIE_ERP = 0.2;
 // Keeps two rows of one coordinate apart, as a share of their response.
 constexpr btScalar SOFTNESS = 1e-9;
 
@@ -217,10 +214,9 @@ void TieRows::createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBody
   btVector3 angle(0, 0, 0);
   const btScalar half = btVector3(turn.x(), turn.y(), turn.z()).length();
   if (half > 0) angle = btVector3(turn.x(), turn.y(), turn.z()) / half * std::remainder(2 * btAtan2(half, turn.w()), 2 * SIMD_PI);
+  // What Bullet starts with it applies to trees only.
+  forget();
   const bool is_dynamic = !other.tree && other.body.getInvMass() > 0;
-  btContactSolverInfo gentle(info);
-  gentle.m_erp = std::min(info.m_erp, TIE_ERP);
-  gentle.m_erp2 = std::min(info.m_erp2, TIE_ERP);
   for (int i = 0; i < m_numRows; ++i) {
     btMultiBodySolverConstraint &row = rows.expandNonInitializing();
     set_no_normals(row);
@@ -231,7 +227,12 @@ void TieRows::createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBody
     btVector3 linear(0, 0, 0), angular(0, 0, 0);
     (i < 3 ? linear : angular)[i % 3] = 1;
     fillMultiBodyConstraint(row, data, nullptr, nullptr, angular, linear, a.getOrigin(), b.getOrigin(),
-                            i < 3 ? gap[i] : angle[i - 3], gentle, -BT_LARGE_FLOAT, BT_LARGE_FLOAT, i >= 3);
+                            i < 3 ? gap[i] : angle[i - 3], info, -BT_LARGE_FLOAT, BT_LARGE_FLOAT, i >= 3);
+    if (!is_dynamic) continue;
+    const btSolverBody &body = (*data.m_solverBodyPool)[row.m_solverBodyIdB];
+    // Bullet forgets that forces change the velocity of the body as they did that of the tree.
+    row.m_rhs -= row.m_jacDiagABInv * (row.m_contactNormal2.dot(body.m_externalForceImpulse) +
+                                       row.m_relpos2CrossNormal.dot(body.m_externalTorqueImpulse));
   }
 }
 

@@ -3,6 +3,8 @@ use nalgebra::{DMatrix, DVector, Isometry3, Vector3};
 use super::*;
 use crate::bullet::{BodyDrive, Constraint, Drive, Ray, RayTarget, RigidBody, Shape, Solver, Spring};
 
+mod ties;
+
 const GRAVITY: f64 = 9.81;
 /// Of a rod of 1 kg and 1 m across it, kg·m².
 const INERTIA: f64 = 1.0 / 12.0;
