@@ -51,7 +51,12 @@ fn launch_world_devices_and_colours_load_without_a_warning() {
     assert_eq!((ground.bodies.len(), ground.bodies[0].mass), (1, 0.0));
     assert!(ground.bodies[0].collision_groups.is_empty(), "the ground must collide with every group");
     let devices: InputDevices = clean(&launch.input_devices_config.expect("devices"));
-    assert!(devices.entries.is_empty());
+    for entry in devices.entries.iter().map(|entry| entry.as_ref().expect("every entry is of use")) {
+        let path = entry.simulated_multibody.as_ref().expect("an end-effector");
+        let model: Model = clean(path);
+        assert_eq!(entry.root_link.as_deref(), Some("BODY palm"));
+        assert!(body(&model, "BODY palm").mass > 0.0, "{}: nothing moves it", entry.identifier);
+    }
     let colors: ColorTable = clean(&launch.color_config.expect("colours"));
     assert_eq!(colors.colors["white"][..3], [255, 255, 255]);
 }
