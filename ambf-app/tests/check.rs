@@ -57,9 +57,10 @@ fn our_own_scenes_hold_no_error() {
     assert_eq!((status, &document["errors"], &document["status"]), (0, &0.into(), &0.into()), "{document:#}");
     let files = document["files"].as_array().expect("a list");
     let kinds: Vec<_> = files.iter().map(|file| file["kind"].as_str().expect("a kind")).collect();
-    assert_eq!(kinds[..5], ["launch file", "world", "model", "input devices", "colours"]);
+    // The device file names the gripper that all devices have.
+    assert_eq!(kinds[..6], ["launch file", "world", "model", "input devices", "model", "colours"]);
     let models = files[0]["written"]["models"].as_u64().expect("a number");
-    assert_eq!(kinds.len() as u64, 5 + models, "{kinds:?}");
+    assert_eq!(kinds.len() as u64, 6 + models, "{kinds:?}");
     let chain = files.iter().find(|file| file["file"].as_str().expect("a name").ends_with("chain.yaml"));
     let chain = chain.expect("checked");
     assert_eq!((&chain["written"]["bodies"], &chain["built"]["bodies"]), (&7.into(), &7.into()), "{chain:#}");
