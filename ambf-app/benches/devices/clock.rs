@@ -3,7 +3,7 @@
 use ambf_core::sim::{Runner, RunnerOptions};
 
 use super::chart;
-use super::load::heavy_boxes;
+use super::load::{heavy_boxes, warm_up};
 use super::plot::Line;
 use super::report::{goal, Section};
 use super::rig::{watch, Scenery, TOOLS};
@@ -15,6 +15,7 @@ const POINTS: usize = 150;
 /// (wall, simulated) time since the first iteration, s.
 fn run(boxes: usize, fixed_step: bool, effort: &Effort) -> Vec<(f64, f64)> {
     let mut simulation = Scenery::new(TOOLS, boxes).load();
+    warm_up(&mut simulation);
     let iterations = watch(&mut simulation);
     let runner = Runner::start(simulation, RunnerOptions { fixed_step, ..RunnerOptions::default() });
     std::thread::sleep(effort.clock);

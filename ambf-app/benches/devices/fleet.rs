@@ -13,8 +13,8 @@ use super::rig::Wanted;
 pub const NAMES: [&str; 5] = ["Falcon 1", "Falcon 2", "Touch", "MTMR", "MTML"];
 /// Place of the Touch among them.
 pub const TOUCH: usize = 2;
-/// Name of the Touch in its library.
-pub const STYLUS: &str = "Stylus";
+/// Name of the Touch in its library: what the driver looks for by itself.
+pub const STYLUS: &str = "Default Device";
 
 /// Fakes that run as long as this lives.
 pub struct Fleet {

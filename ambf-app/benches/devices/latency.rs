@@ -34,8 +34,6 @@ struct Latencies {
     moved: Vec<f64>,
     /// Until the wrench arrived at the arm's node.
     felt: Vec<f64>,
-    /// Jumps of which a part was not seen before the next one.
-    lost: usize,
 }
 
 fn measured(arm_count: usize, jumps: usize) -> Latencies {
@@ -74,14 +72,9 @@ fn measured(arm_count: usize, jumps: usize) -> Latencies {
             let felt = wrenches.windows(2).find(|pair| {
                 inside(pair[1].at) && (pair[1].wrench.force - pair[0].wrench.force).norm() > FEEDBACK * JUMP / 2.0
             });
-            match (read, moved, felt) {
-                (Some(read), Some(moved), Some(felt)) => {
-                    found.read.push(since(read[1].read));
-                    found.moved.push(since(moved[1].at));
-                    found.felt.push(since(felt[1].at));
-                }
-                _ => found.lost += 1,
-            }
+            found.read.extend(read.map(|pair| since(pair[1].read)));
+            found.moved.extend(moved.map(|pair| since(pair[1].at)));
+            found.felt.extend(felt.map(|pair| since(pair[1].at)));
         }
     }
     rig.stop();
@@ -102,7 +95,6 @@ pub fn measure(effort: &Effort) -> (Section, Vec<(&'static str, String)>) {
     let mut rows = Vec::new();
     for &count in effort.arms {
         let mut found = measured(count, effort.jumps);
-        let lost = found.lost;
         let cells = [&mut found.read, &mut found.moved, &mut found.felt].map(|times| {
             times.sort_by(f64::total_cmp);
             match times.as_slice() {
@@ -110,8 +102,9 @@ pub fn measure(effort: &Effort) -> (Section, Vec<(&'static str, String)>) {
                 times => format!("{:.2} / {:.2}", percentile(times, 0.5) * 1e3, percentile(times, 0.99) * 1e3),
             }
         });
-        let number = found.felt.len();
-        rows.push([count.to_string()].into_iter().chain(cells).chain([number.to_string(), lost.to_string()]).collect());
+        let seen = [&found.read, &found.moved, &found.felt].map(|times| times.len().to_string()).join(" / ");
+        let seen = format!("{seen} of {}", count * effort.jumps);
+        rows.push([count.to_string()].into_iter().chain(cells).chain([seen]).collect());
     }
     let section = Section {
         title: "Latency from the hand to the force",
@@ -120,7 +113,7 @@ pub fn measure(effort: &Effort) -> (Section, Vec<(&'static str, String)>) {
                 1 ms, is part of all times. *Read*: the device's loop has the pose. *End-effector*: an iteration of physics has ended in which its \
                 force acted. *Felt*: a wrench with the change has arrived at the arm's node. That wrench follows from the reference in the same tick \
                 of the device, so it does not wait for the end-effector.",
-        header: &["arms", "read", "end-effector", "felt", "jumps seen", "not seen"],
+        header: &["arms", "read", "end-effector", "felt", "jumps seen in each"],
         rows,
         remarks: Vec::new(),
     };

@@ -1,9 +1,10 @@
 //! Five devices, asynchronous and sequential, with light and with heavy physics.
 
+use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
 use ambf_core::device::law::{HapticInput, HapticLoop, Switches, WorldView};
-use ambf_core::device::{DeviceError, DeviceForce, DeviceLog, DeviceSample, Driver, InputDevice};
+use ambf_core::device::{DeviceError, DeviceForce, DeviceLog, DeviceSample, InputDevice};
 use ambf_core::sim::{RunnerOptions, Simulation};
 
 use super::chart;
@@ -24,6 +25,11 @@ const SILENCE: Duration = Duration::from_millis(100);
 
 /// Boxes for which a sub-step takes about [`HEAVY_STEP`] here and now.
 pub fn heavy_boxes() -> usize {
+    static FOUND: OnceLock<usize> = OnceLock::new();
+    *FOUND.get_or_init(find_heavy_boxes)
+}
+
+fn find_heavy_boxes() -> usize {
     let mut boxes = 300;
     for _ in 0..2 {
         let mut simulation = Scenery::new(0, boxes).load();
@@ -42,7 +48,7 @@ pub fn heavy_boxes() -> usize {
 }
 
 /// Lets what overlaps or hangs come to rest.
-fn warm_up(simulation: &mut Simulation) {
+pub fn warm_up(simulation: &mut Simulation) {
     for _ in 0..60 {
         simulation.update(SUB_STEP).expect("a finite state");
     }

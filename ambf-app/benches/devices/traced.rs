@@ -23,8 +23,6 @@ pub struct Tick {
     pub position: Vector3<f64>,
     pub is_clutched: bool,
     pub is_valid: bool,
-    /// Amount of the force that was written, N.
-    pub force: f64,
 }
 
 /// What is to go wrong.
@@ -165,7 +163,6 @@ impl InputDevice for TracedDevice {
             position: sample.position,
             is_clutched: sample.is_pressed(1),
             is_valid: sample.valid && sample.is_finite(),
-            force: 0.0,
         });
         Ok(sample)
     }
@@ -173,7 +170,7 @@ impl InputDevice for TracedDevice {
     fn write(&mut self, force: &DeviceForce) -> Result<(), DeviceError> {
         let written = self.inner.write(force);
         if let Some(tick) = self.last.take() {
-            lock(&self.trace.0.ticks).push(Tick { force: force.force.norm(), ..tick });
+            lock(&self.trace.0.ticks).push(tick);
         }
         written
     }
