@@ -8,7 +8,7 @@ use super::fleet::{Fleet, NAMES, STYLUS, TOUCH};
 use super::rates::Periods;
 use super::report::{goal, Section};
 use super::rig::{Rig, Scenery, TOOLS};
-use super::traced::Fault;
+use super::traced::{Fault, Tick, Trace};
 use super::Effort;
 
 /// A force that can be felt, N.
@@ -36,6 +36,18 @@ fn library_epoch(fleet: &Fleet) -> Instant {
     tries.min().expect("the library has frames")
 }
 
+/// What was seen while a driver failed.
+struct Suffered {
+    name: &'static str,
+    from: Instant,
+    injected: Instant,
+    /// When the driver could have been right again.
+    over: Instant,
+    to: Instant,
+    /// At the motors since the fault.
+    forces: Vec<(Instant, f64)>,
+}
+
 struct Outcome {
     name: &'static str,
     /// The others before and during.
@@ -43,46 +55,48 @@ struct Outcome {
     during: Vec<Periods>,
     /// Until the last force that can be felt, s.
     zero: f64,
-    /// Until valid samples come again after the fault began, s.
+    /// From the fault until valid samples come again, s.
     back: f64,
 }
 
 /// Injects a fault into the stylus of a rig that has settled.
-fn suffer(rig: &Rig, fleet: &Fleet, epoch: Instant, name: &'static str, fault: Fault, before: Duration) -> Outcome {
+fn suffer(rig: &Rig, fleet: &Fleet, epoch: Instant, name: &'static str, fault: Fault, before: Duration) -> Suffered {
     let from = Instant::now();
     std::thread::sleep(before);
     let frame = fleet.hd.frames(STYLUS);
     let injected = rig.traces[TOUCH].inject(fault);
-    let is_back = || rig.traces[TOUCH].ticks().iter().rev().map(|tick| (tick.begin, tick.is_valid)).find(|tick| tick.1);
-    let lasts = match fault {
-        Fault::Block(time) | Fault::NotANumber(time) | Fault::Disappear(time) => time,
-        Fault::Panic => Duration::ZERO,
-    };
-    let back = loop {
+    let over = injected
+        + match fault {
+            Fault::Block(time) | Fault::NotANumber(time) | Fault::Disappear(time) => time,
+            // It may be in the middle of a read.
+            Fault::Panic => Duration::from_millis(5),
+        };
+    while !rig.traces[TOUCH].is_valid_since(over) {
+        assert!(injected.elapsed() < PATIENCE, "{name}: the device does not come back");
         std::thread::sleep(Duration::from_millis(20));
-        match is_back() {
-            // The tick in which it blocks began before its end.
-            Some((at, _)) if at > injected + lasts.max(Duration::from_millis(5)) => break at,
-            _ => assert!(injected.elapsed() < PATIENCE, "{name}: the device does not come back"),
+    }
+    let to = Instant::now().max(injected + before);
+    std::thread::sleep(to.saturating_duration_since(Instant::now()));
+    Suffered { name, from, injected, over, to, forces: motor_forces(fleet, frame, epoch) }
+}
+
+impl Suffered {
+    fn judge(&self, ticks: &[Vec<Tick>]) -> Outcome {
+        let back =
+            ticks[TOUCH].iter().find(|tick| tick.is_valid && tick.read > self.over).map_or(self.to, |tick| tick.read);
+        // Forces rise again once the device is back.
+        let felt = self.forces.iter().filter(|(at, force)| *at < back && *force > FELT).map(|(at, _)| *at).max();
+        let others = |from, to| {
+            let lines = ticks.iter().enumerate().filter(|(i, _)| *i != TOUCH);
+            lines.map(|(_, ticks)| Periods::of(ticks.iter().map(|tick| tick.begin), from, to)).collect()
+        };
+        Outcome {
+            name: self.name,
+            before: others(self.from, self.injected),
+            during: others(self.injected, self.to),
+            zero: felt.map_or(0.0, |at| at.saturating_duration_since(self.injected).as_secs_f64()),
+            back: (back - self.injected).as_secs_f64(),
         }
-    };
-    let during_to = back.max(injected + before);
-    std::thread::sleep(during_to.saturating_duration_since(Instant::now()));
-    let first =
-        rig.traces[TOUCH].ticks().iter().map(|tick| tick.begin).find(|at| *at > injected + lasts).unwrap_or(back);
-    let forces = motor_forces(fleet, frame, epoch);
-    // Forces rise again once the device is back.
-    let felt = forces.iter().filter(|(at, force)| *at < first && *force > FELT).map(|(at, _)| *at).max();
-    let others = |from, to| {
-        let lines = rig.traces.iter().enumerate().filter(|(i, _)| *i != TOUCH);
-        lines.map(|(_, trace)| Periods::of(trace.ticks().iter().map(|tick| tick.begin), from, to)).collect()
-    };
-    Outcome {
-        name,
-        before: others(from, injected),
-        during: others(injected, during_to),
-        zero: felt.map_or(0.0, |at| at.saturating_duration_since(injected).as_secs_f64()),
-        back: (first - injected).as_secs_f64(),
     }
 }
 
@@ -99,14 +113,17 @@ pub fn measure(effort: &Effort) -> (Section, Vec<(&'static str, String)>) {
         ("returns NaN for 0.3 s", Fault::NotANumber(Duration::from_millis(300))),
         (effort.away_words, Fault::Disappear(effort.away)),
     ];
-    let mut outcomes = Vec::new();
+    let mut suffered = Vec::new();
     for (name, fault) in faults {
-        outcomes.push(suffer(&rig, &fleet, epoch, name, fault, effort.before));
+        suffered.push(suffer(&rig, &fleet, epoch, name, fault, effort.before));
         // Its forces are to be there again.
         std::thread::sleep(Duration::from_millis(1200));
         rig.news();
     }
+    let traces = rig.traces.clone();
     rig.stop();
+    let ticks: Vec<_> = traces.iter().map(Trace::ticks).collect();
+    let outcomes: Vec<_> = suffered.iter().map(|suffered| suffered.judge(&ticks)).collect();
     let others: Vec<_> = NAMES.iter().enumerate().filter(|(i, _)| *i != TOUCH).map(|(_, name)| *name).collect();
     let mut rows = Vec::new();
     for outcome in &outcomes {

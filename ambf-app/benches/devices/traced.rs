@@ -1,6 +1,7 @@
 //! A driver around a driver: it writes down what passes, and can let things go wrong.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 use ambf_core::device::{
@@ -46,12 +47,25 @@ pub struct Trace(Arc<Inner>);
 struct Inner {
     ticks: Mutex<Vec<Tick>>,
     fault: Mutex<Option<(Fault, Instant)>>,
+    /// When the last valid sample was read, ns after [`epoch`].
+    valid: AtomicU64,
+}
+
+/// A moment before all others.
+fn epoch() -> Instant {
+    static EPOCH: OnceLock<Instant> = OnceLock::new();
+    *EPOCH.get_or_init(Instant::now)
 }
 
 impl Trace {
-    /// All ticks until now.
+    /// All ticks until now. Not while they are measured: the device waits for the copy.
     pub fn ticks(&self) -> Vec<Tick> {
         lock(&self.0.ticks).clone()
+    }
+
+    /// Whether a valid sample came after `time`.
+    pub fn is_valid_since(&self, time: Instant) -> bool {
+        epoch() + Duration::from_nanos(self.0.valid.load(Ordering::Acquire)) > time
     }
 
     /// Lets something go wrong from now on; says when that was.
@@ -77,6 +91,7 @@ pub struct Traced {
 impl Traced {
     /// `name`: as `driver` in entries.
     pub fn new(name: &str, inner: Arc<dyn Driver>) -> (Self, Trace) {
+        epoch();
         let trace = Trace::default();
         lock(&trace.0.ticks).reserve(ROOM);
         (Self { name: name.into(), inner, trace: trace.clone() }, trace)
@@ -156,13 +171,17 @@ impl InputDevice for TracedDevice {
         if matches!(fault, Some(Fault::NotANumber(_))) {
             sample.position.x = f64::NAN;
         }
+        let is_valid = sample.valid && sample.is_finite();
+        if is_valid {
+            self.trace.0.valid.store(epoch().elapsed().as_nanos() as u64, Ordering::Release);
+        }
         self.last = Some(Tick {
             begin,
             read: Instant::now(),
             sequence: sample.sequence,
             position: sample.position,
             is_clutched: sample.is_pressed(1),
-            is_valid: sample.valid && sample.is_finite(),
+            is_valid,
         });
         Ok(sample)
     }
