@@ -19,6 +19,8 @@ const PROFILES: [(&str, Profile); 2] = [("legacy", Profile::Legacy), ("accurate"
 const CLUTCHED: f64 = 0.8;
 /// The end-effectors' gains rise in the 2 s after physics has started.
 const RAMP: Duration = Duration::from_millis(2700);
+/// A device that was not read for longer holds its reference.
+const GAP: Duration = Duration::from_millis(50);
 /// Farther off than if it did not move at all, m.
 const LOST: f64 = 0.5;
 
@@ -26,14 +28,21 @@ const LOST: f64 = 0.5;
 fn errors(ticks: &[Tick], iterations: &[Iteration], tool: usize, readings: usize) -> Option<Vec<f64>> {
     let start = iterations.first()?.positions[tool];
     let clutched = ticks.iter().rposition(|tick| tick.is_clutched).expect("it was clutched");
-    let hand = ticks[clutched].position;
-    let mut next = 0;
+    let counted = ticks.len().checked_sub(readings)?;
+    let (mut reference, mut next) = (start, 0);
     let mut errors = Vec::with_capacity(readings);
-    for tick in &ticks[ticks.len().checked_sub(readings)?..] {
+    for (place, pair) in ticks.windows(2).enumerate().skip(clutched) {
+        let [before, tick] = pair else { continue };
+        // After a gap the reference goes on from where it is.
+        if tick.read - before.read <= GAP {
+            reference += tick.position - before.position;
+        }
         while iterations.get(next + 1).is_some_and(|iteration| iteration.at <= tick.read) {
             next += 1;
         }
-        let reference = start + tick.position - hand;
+        if place + 1 < counted {
+            continue;
+        }
         let error = (reference - iterations[next].positions[tool]).norm();
         if error.is_nan() || error > LOST {
             return None;

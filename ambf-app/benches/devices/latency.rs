@@ -65,12 +65,15 @@ fn measured(arm_count: usize, jumps: usize) -> Latencies {
             let read = ticks
                 .windows(2)
                 .find(|pair| inside(pair[1].read) && (pair[1].position - pair[0].position).norm() > JUMP / 2.0);
+            // What it causes comes after it.
+            let read_at = read.map_or(until, |pair| pair[1].read);
+            let caused = |found: Instant| (read_at..until).contains(&found);
             let pushed = 0.5 * STIFFNESS * JUMP * SUB_STEP;
             let moved = iterations.windows(2).find(|pair| {
-                inside(pair[1].at) && (pair[1].velocities[place] - pair[0].velocities[place]).norm() > pushed
+                caused(pair[1].at) && (pair[1].velocities[place] - pair[0].velocities[place]).norm() > pushed
             });
             let felt = wrenches.windows(2).find(|pair| {
-                inside(pair[1].at) && (pair[1].wrench.force - pair[0].wrench.force).norm() > FEEDBACK * JUMP / 2.0
+                caused(pair[1].at) && (pair[1].wrench.force - pair[0].wrench.force).norm() > FEEDBACK * JUMP / 2.0
             });
             found.read.extend(read.map(|pair| since(pair[1].read)));
             found.moved.extend(moved.map(|pair| since(pair[1].at)));

@@ -69,8 +69,8 @@ const FULL: Effort = Effort {
 
 const QUICK: Effort = Effort {
     settle: Duration::from_millis(300),
-    stretch: Duration::from_secs(2),
-    before: Duration::from_millis(800),
+    stretch: Duration::from_millis(1500),
+    before: Duration::from_millis(600),
     block: Duration::from_secs(1),
     block_words: "blocks for 1 s",
     away: Duration::from_secs(1),
@@ -79,7 +79,7 @@ const QUICK: Effort = Effort {
     rates: &[1000.0, 100.0, 20.0],
     clock: Duration::from_millis(1200),
     arms: &[1, 4],
-    jumps: 15,
+    jumps: 12,
 };
 
 /// A part of the benchmark: its name, and what gives its section and figures.
