@@ -28,6 +28,7 @@ class AccurateSolver : public Base {
  protected:
   void convertJoints(btTypedConstraint **constraints, int n, const btContactSolverInfo &info) override {
     Base::convertJoints(constraints, n, info);
+    limit_returns(constraints, n);
     if (!settings_.diagonal_cfm) return;
     // Bullet takes m_cfm for a share of the diagonal but leaves it out of what it divides by, so that soft rows overshoot.
     btConstraintArray &rows = this->m_tmpSolverNonContactConstraintPool;
@@ -126,6 +127,47 @@ class AccurateSolver : public Base {
     if (b.m_originalBody) b.internalApplyImpulse(row.m_contactNormal2 * b.internalGetInvMass(), row.m_angularComponentB, impulse);
   }
 
+  // That of a row before the step, and what forces add to it.
+  void find_velocity(const btSolverConstraint &row, btScalar &before, btScalar &forced) {
+    const btSolverBody &a = body(row.m_solverBodyIdA), &b = body(row.m_solverBodyIdB);
+    before = forced = 0;
+    if (a.m_originalBody) {
+      before += row.m_contactNormal1.dot(a.m_linearVelocity) + row.m_relpos1CrossNormal.dot(a.m_angularVelocity);
+      forced += row.m_contactNormal1.dot(a.m_externalForceImpulse) + row.m_relpos1CrossNormal.dot(a.m_externalTorqueImpulse);
+    }
+    if (b.m_originalBody) {
+      before += row.m_contactNormal2.dot(b.m_linearVelocity) + row.m_relpos2CrossNormal.dot(b.m_angularVelocity);
+      forced += row.m_contactNormal2.dot(b.m_externalForceImpulse) + row.m_relpos2CrossNormal.dot(b.m_externalTorqueImpulse);
+    }
+  }
+
+  // Of the speed into a limit, what a joint is asked to leave with.
+  static btScalar bounce_of(const btTypedConstraint &constraint) {
+    if (constraint.getConstraintType() != HINGE_CONSTRAINT_TYPE) return 0;
+    const auto &hinge = static_cast<const btHingeConstraint &>(constraint);
+    return hinge.getLimitRelaxationFactor() * hinge.getLimitBiasFactor();
+  }
+
+  // What brings a joint back within its limits stays as velocity, like that which takes overlap away.
+  void limit_returns(btTypedConstraint **constraints, int n) {
+    int next = 0;
+    for (int i = 0; i < n; ++i) {
+      for (int k = this->m_tmpConstraintSizesPool[i].m_numConstraintRows; k > 0; --k, ++next) {
+        btSolverConstraint &row = this->m_tmpSolverNonContactConstraintPool[next];
+        const bool is_low = row.m_lowerLimit == 0 && row.m_upperLimit >= BT_LARGE_FLOAT;
+        const bool is_high = row.m_upperLimit == 0 && row.m_lowerLimit <= -BT_LARGE_FLOAT;
+        if (is_low == is_high || row.m_jacDiagABInv <= 0) continue;
+        const btScalar side = is_low ? 1 : -1;
+        btScalar before, forced;
+        find_velocity(row, before, forced);
+        const btScalar target = side * (row.m_rhs / row.m_jacDiagABInv + before + forced);
+        const btScalar most = row.m_contactNormal1.isZero() ? FASTEST_TURN : FASTEST_PUSH;
+        const btScalar excess = target - std::max(most, -side * before * bounce_of(*constraints[i]));
+        if (excess > 0) row.m_rhs -= side * excess * row.m_jacDiagABInv;
+      }
+    }
+  }
+
   // A contact that bounces waits until the bodies touch and leaves with the energy that restitution asks for, wherever between two
   // steps the impact was.
   void bounce(const btContactSolverInfo &info) {
@@ -135,16 +177,8 @@ class AccurateSolver : public Base {
       btSolverConstraint &row = contacts[i];
       const auto &point = *static_cast<const btManifoldPoint *>(row.m_originalContactPoint);
       if (point.m_combinedRestitution <= 0) continue;
-      const btSolverBody &a = body(row.m_solverBodyIdA), &b = body(row.m_solverBodyIdB);
-      btScalar before = 0, forced = 0;
-      if (a.m_originalBody) {
-        before += row.m_contactNormal1.dot(a.m_linearVelocity) + row.m_relpos1CrossNormal.dot(a.m_angularVelocity);
-        forced += row.m_contactNormal1.dot(a.m_externalForceImpulse) + row.m_relpos1CrossNormal.dot(a.m_externalTorqueImpulse);
-      }
-      if (b.m_originalBody) {
-        before += row.m_contactNormal2.dot(b.m_linearVelocity) + row.m_relpos2CrossNormal.dot(b.m_angularVelocity);
-        forced += row.m_contactNormal2.dot(b.m_externalForceImpulse) + row.m_relpos2CrossNormal.dot(b.m_externalTorqueImpulse);
-      }
+      btScalar before, forced;
+      find_velocity(row, before, forced);
       const btScalar gap = point.getDistance() + info.m_linearSlop, push = -gap * info.m_erp2 / h;
       if (-before >= info.m_restitutionVelocityThreshold) {
         const btScalar pull = std::max(btScalar(0), -forced / h);
@@ -166,6 +200,8 @@ class AccurateSolver : public Base {
   // Bodies that overlap leave each other at no more than this speed, m/s, however deep they are: what takes the overlap away stays as
   // velocity. A fall of 5 cm is as fast.
   static constexpr btScalar FASTEST_PUSH = 1;
+  // The same of hinges beyond their limits, rad/s; as in trees.
+  static constexpr btScalar FASTEST_TURN = 5;
   // What is added at most for contacts under load, which may be let go of at any time.
   static constexpr btScalar MOST_GIVEN_AWAY = 3;
 

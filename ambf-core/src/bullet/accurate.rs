@@ -331,6 +331,49 @@ mod tests {
     }
 
     #[test]
+    fn joints_return_slowly_from_beyond_their_limits() {
+        // Position or angle and its speed; fastest return, and slowest where a hinge bounces: by 0.3.
+        let slider = ConstraintKind::Slider { limits: Some([-0.5, 0.5]) };
+        let hinge = ConstraintKind::Hinge { limits: Some([-0.5, 0.5]) };
+        for (kind, start, speed, most, bounce) in [
+            (&slider, 1.0, 0.0, 1.0, 0.0),
+            (&slider, 0.499, 3.0, 1.0, 0.0),
+            (&hinge, 1.0, 0.0, 5.0, 0.0),
+            (&hinge, 0.499, 10.0, 5.0, 2.5),
+            (&hinge, 0.499, 30.0, 9.1, 8.0),
+        ] {
+            let mut world = world();
+            world.set_gravity(Vector3::zeros());
+            let turns = matches!(kind, ConstraintKind::Hinge { .. });
+            let base = world.add_body(ball(0.0, 0.0));
+            let body = world.add_body(ball(1.0, 0.0));
+            let joint = Constraint { kind: kind.clone(), ..super::super::tests::hinge() };
+            let joint = Constraint { frame_a: Isometry3::identity(), frame_b: Isometry3::identity(), ..joint };
+            world.add_constraint(base, body, &joint).unwrap();
+            if turns {
+                world.set_pose(body, &Isometry3::rotation(Vector3::z() * start));
+                world.set_velocity(body, &Vector3::zeros(), &(Vector3::z() * speed));
+            } else {
+                world.set_pose(body, &Isometry3::translation(start, 0.0, 0.0));
+                world.set_velocity(body, &(Vector3::x() * speed), &Vector3::zeros());
+            }
+            let mut fastest = 0.0_f64;
+            for _ in 0..700 {
+                run(&mut world, DT);
+                let (linear, angular) = world.velocity(body).unwrap();
+                fastest = fastest.max(if turns { -angular.z } else { -linear.x });
+                if fastest > 0.0 && start < 0.5 {
+                    break;
+                }
+            }
+            assert!(fastest < most * 1.001 && fastest >= bounce, "{kind:?} from {start} at {speed}: {fastest}");
+            let pose = world.pose(body).unwrap();
+            let at = if turns { pose.rotation.angle() } else { pose.translation.x.abs() };
+            assert!(at < 0.55, "{kind:?} from {start} at {speed}: {at}");
+        }
+    }
+
+    #[test]
     fn elastic_crowds_gain_no_energy() {
         let mut world = world();
         world.add_body(RigidBody { shape: Shape::plane(Vector3::z(), 0.0, 0.0), restitution: 1.0, ..ball(0.0, 0.0) });
