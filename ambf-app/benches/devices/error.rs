@@ -109,7 +109,7 @@ pub fn measure(effort: &Effort) -> (Section, Vec<(&'static str, String)>) {
         "Distance of end-effectors from their hands",
         "physics loop, Hz",
         "root mean square, m",
-        &effort.rates,
+        effort.rates,
         &lines,
     );
     let slowest = |profile: usize| {

@@ -86,7 +86,7 @@ fn measured(arm_count: usize, jumps: usize) -> Latencies {
 
 /// Moves all hands there or back, and waits until all is at rest again.
 fn jump(fake: &Fake, names: &[&str], number: usize) -> Instant {
-    let x = if number % 2 == 0 { JUMP } else { 0.0 };
+    let x = if number.is_multiple_of(2) { JUMP } else { 0.0 };
     let at = Instant::now();
     names.iter().for_each(|name| fake.set_pose(name, &Isometry3::translation(x, 0.0, 0.0)));
     std::thread::sleep(PAUSE);
