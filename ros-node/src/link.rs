@@ -200,7 +200,7 @@ pub fn run(link: &Link) {
     link.dismissed.store(dismissed, Ordering::Release);
     worker.withdraw();
     if dismissed {
-        link.report(format_args!("ROS: the node was told to shut down; going on without ROS"));
+        link.report(format_args!("ROS: the node was told to shut down; the program goes on without ROS"));
         // The embedded master is not ours alone: it serves others until the program ends.
         while !link.stop.wait(Duration::from_secs(3600)) {}
     }

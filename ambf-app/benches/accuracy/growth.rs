@@ -67,7 +67,10 @@ pub fn measure(peers: &mut Option<Peers>, quick: bool) -> (Section, String) {
                 (Way::Peer(peer), Some(peers)) => peers.run(&case, *peer, USUAL, most),
                 (Way::Peer(_), None) => continue,
             };
-            let Ok(Some(run)) = run else { continue };
+            let Ok(Some(run)) = run else {
+                last[index] = most;
+                continue;
+            };
             last[index] = run.cpu;
             if let [from, to] = case.times[..] {
                 found[index].push((n as f64, run.tail.as_secs_f64() * 1e6 / ((to - from) / USUAL)));
