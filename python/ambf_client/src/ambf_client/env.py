@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from typing import Any, Dict, List, Sequence, Tuple
 
 import numpy as np
@@ -15,6 +16,11 @@ from .world import World
 
 _LOW = (-30.0, -30.0, -30.0, -2.0, -2.0, -2.0, 0.0)
 _HIGH = (30.0, 30.0, 30.0, 2.0, 2.0, 2.0, 1.0)
+
+_FREE_AFTER = 0.45
+"""Time without a clock edge after which the physics may run freely, s; it does after 0.5."""
+_REST = 0.2
+"""Time without an iteration after which the physics is taken to be held, s; well above the pauses of a busy computer."""
 
 
 class Box:
@@ -68,6 +74,7 @@ class AmbfEnv:
         self.action_space = Box(_LOW, _HIGH)
         self.observation_space = Box([-math.inf] * 13, [math.inf] * 13)
         self.obs = Observation()
+        self._last_edge = -math.inf
 
     def make(self, a_name: str) -> None:
         """Drives the body called `a_name`. Raises ObjectNotFound."""
@@ -78,7 +85,7 @@ class AmbfEnv:
         self.world_handle = world
         self.world_handle.enable_throttling(self.enable_step_throttling)
         self.world_handle.set_num_step_skips(self.n_skip_steps)
-        self.obs.sim_step_no = self.obj_handle.get_sim_step()
+        self._hold()
 
     def skip_sim_steps(self, num: int) -> None:
         """Iterations that a step makes, 1 … 100."""
@@ -89,6 +96,7 @@ class AmbfEnv:
         """Whether the physics waits for steps."""
         self.enable_step_throttling = check
         self._world().enable_throttling(check)
+        self._last_edge = -math.inf
 
     def reset(self) -> Any:
         """A step without action; the state. The simulation is not reset."""
@@ -101,7 +109,8 @@ class AmbfEnv:
         world = self._world()
         self.action = np.clip(np.asarray(action, dtype=np.float64), self.action_lims_low, self.action_lims_high)
         self.obj_handle.pose_command(*self.action)
-        world.update()
+        self._hold()
+        self._edge(world)
         self._update_observation(self.action)
         return self.obs.cur_observation()
 
@@ -113,6 +122,32 @@ class AmbfEnv:
         if self.world_handle is None:
             raise ObjectNotFound("call make(NAME) first")
         return self.world_handle  # type: ignore[no-any-return]
+
+    def _edge(self, world: World) -> None:
+        world.update()
+        self._last_edge = time.monotonic()
+
+    def _hold(self) -> None:
+        """Brings a freely running physics to rest, so that the next edge is neither lost nor mistaken for steps made before it."""
+        if not self.enable_step_throttling or time.monotonic() - self._last_edge < _FREE_AFTER:
+            return
+        world = self._world()
+        end = time.monotonic() + 5.0
+        self._edge(world)
+        at, since = self.obj_handle.get_sim_step(), time.monotonic()
+        while time.monotonic() - since < _REST:
+            time.sleep(0.01)
+            now = self.obj_handle.get_sim_step()
+            if now != at:
+                at, since = now, time.monotonic()
+            if time.monotonic() > end:
+                say("the physics goes on; does the simulator take commands of the world?")
+                break
+            # The first edges are lost while the simulator is still connecting; it runs freely then.
+            if time.monotonic() - self._last_edge > _FREE_AFTER / 2:
+                self._edge(world)
+                at, since = self.obj_handle.get_sim_step(), time.monotonic()
+        self.obs.sim_step_no = self.obj_handle.get_sim_step()
 
     def _update_observation(self, action: Any) -> None:
         jumped = 0
