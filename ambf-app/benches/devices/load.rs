@@ -16,33 +16,28 @@ use super::rig::{entries, watch, Iterations, Rig, Scenery, SUB_STEP, TOOLS};
 use super::traced::{Tick, Trace};
 use super::Effort;
 
-/// Sub-step that lets physics run at about 300 Hz, s.
-const HEAVY_STEP: f64 = 1.0 / 300.0;
+/// Rate of physics in the heavy scene, Hz.
+const HEAVY_RATE: f64 = 300.0;
 /// How wide the slices of the figures are.
 const SLICE: Duration = Duration::from_millis(100);
 /// A device that says nothing new for longer is not waited for.
 const SILENCE: Duration = Duration::from_millis(100);
 
-/// Boxes for which a sub-step takes about [`HEAVY_STEP`] here and now.
+/// Boxes with which physics runs at about [`HEAVY_RATE`] here and now, beside five devices.
 pub fn heavy_boxes() -> usize {
     static FOUND: OnceLock<usize> = OnceLock::new();
     *FOUND.get_or_init(find_heavy_boxes)
 }
 
 fn find_heavy_boxes() -> usize {
-    let mut boxes = 300;
-    for _ in 0..2 {
-        let mut simulation = Scenery::new(0, boxes).load();
+    let mut boxes = 200;
+    for _ in 0..3 {
+        let fleet = Fleet::start();
+        let mut simulation = Scenery::new(TOOLS, boxes).load();
         warm_up(&mut simulation);
-        let mut costs: Vec<f64> = (0..30)
-            .map(|_| {
-                let begin = Instant::now();
-                simulation.update(SUB_STEP).expect("a finite state");
-                begin.elapsed().as_secs_f64()
-            })
-            .collect();
-        costs.sort_by(f64::total_cmp);
-        boxes = (boxes as f64 * HEAVY_STEP / costs[costs.len() / 2]).clamp(20.0, 4000.0) as usize;
+        let run = asynchronous(simulation, &fleet, true, Duration::from_millis(300), Duration::from_secs(1));
+        let rate = Periods::of(run.iterations.iter().copied(), run.from, run.to).rate;
+        boxes = (boxes as f64 * rate / HEAVY_RATE).clamp(20.0, 4000.0) as usize;
     }
     boxes
 }
@@ -62,10 +57,10 @@ struct Run {
     to: Instant,
 }
 
-fn asynchronous(simulation: Simulation, fleet: &Fleet, fixed_step: bool, effort: &Effort) -> Run {
+fn asynchronous(simulation: Simulation, fleet: &Fleet, fixed_step: bool, settle: Duration, stretch: Duration) -> Run {
     let rig = Rig::start(simulation, &fleet.wanted, RunnerOptions { fixed_step, ..RunnerOptions::default() });
-    let from = rig.settle(effort.settle);
-    std::thread::sleep(effort.stretch);
+    let from = rig.settle(settle);
+    std::thread::sleep(stretch);
     let to = Instant::now();
     let run = gather(&rig.traces, &rig.iterations, from, to);
     rig.stop();
@@ -188,7 +183,7 @@ pub fn measure(effort: &Effort) -> (Section, Vec<(&'static str, String)>) {
             let mut simulation = Scenery::new(TOOLS, boxes).load();
             warm_up(&mut simulation);
             let run = match control {
-                "asynchronous" => asynchronous(simulation, &fleet, boxes > 0, effort),
+                "asynchronous" => asynchronous(simulation, &fleet, boxes > 0, effort.settle, effort.stretch),
                 _ => sequential(simulation, &fleet, boxes > 0, effort),
             };
             let found: Vec<Periods> = run
@@ -227,7 +222,7 @@ pub fn measure(effort: &Effort) -> (Section, Vec<(&'static str, String)>) {
         ));
     }
     remarks.push(format!(
-        "The heavy scene has {boxes} boxes in stacks of two: so many that Bullet alone would run at about 300 Hz here."
+        "The heavy scene has {boxes} boxes in stacks of two: so many that physics ran at about {HEAVY_RATE} Hz beside the devices in a trial before."
     ));
     let section = Section {
         title: "Five devices: asynchronous and sequential control",
