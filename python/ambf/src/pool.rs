@@ -70,7 +70,7 @@ fn run(index: usize, mut physics: Physics, steps: u32, cancelled: &AtomicBool) -
 
 /// See `_ambf.pyi`.
 #[pyfunction]
-pub fn step_all(py: Python<'_>, worlds: Vec<Bound<'_, World>>, steps: u32) -> PyResult<Vec<Option<Py<PyAny>>>> {
+pub fn step_all(py: Python<'_>, worlds: Vec<Bound<'_, World>>, steps: Vec<u32>) -> PyResult<Vec<Option<Py<PyAny>>>> {
     let mut taken: Vec<Physics> = Vec::with_capacity(worlds.len());
     for world in &worlds {
         match world.get().take(py) {
@@ -87,7 +87,7 @@ pub fn step_all(py: Python<'_>, worlds: Vec<Bound<'_, World>>, steps: u32) -> Py
     let cancelled = Arc::new(AtomicBool::new(false));
     let (sender, results) = bounded::<Done>(count);
     let jobs = jobs();
-    for (index, physics) in taken.into_iter().enumerate() {
+    for (index, (physics, steps)) in taken.into_iter().zip(steps).enumerate() {
         let (sender, cancelled) = (sender.clone(), Arc::clone(&cancelled));
         let job: Job = Box::new(move || {
             // There is room for the results of all.

@@ -112,7 +112,7 @@ class Simulation:
 
     @property
     def sim_step(self) -> int:
-        """Iterations since the start, that at rest not counted. Resets leave it alone; it wraps at 2**32."""
+        """Iteration whose states the arrays hold. It begins with 1: the scene before any command. Resets leave it alone; it wraps at 2**32."""
         return self._world.sim_step
 
     @property
@@ -259,13 +259,17 @@ class Actuator:
         self.simulation._world.hold(self.index, False, "", "")
 
 
-def step_all(simulations: Sequence[Simulation], steps: int = 1) -> None:
+def step_all(simulations: Sequence[Simulation], steps: Union[int, Sequence[int]] = 1) -> None:
     """`Simulation.step` for each of them, at once on as many threads as there are processors; the threads are kept for the next call.
 
-    Each does what it would do alone, to the last bit. A simulation may not be given twice (BusyError). When some fail the others
-    are stepped all the same, and the error of the first is raised; `NonFiniteError.index` says which it is.
+    `steps`: iterations, the same for all or one number each. Each does what it would do alone, to the last bit. A simulation may not
+    be given twice (BusyError). When some fail the others are stepped all the same, and the error of the first is raised;
+    `NonFiniteError.index` says which it is.
     """
-    problems = _ambf.step_all([simulation._world for simulation in simulations], steps)
+    counts = [steps] * len(simulations) if isinstance(steps, int) else list(steps)
+    if len(counts) != len(simulations):
+        raise ValueError(f"{len(counts)} numbers of steps for {len(simulations)} simulations")
+    problems = _ambf.step_all([simulation._world for simulation in simulations], counts)
     for index, problem in enumerate(problems):
         if problem is not None:
             if isinstance(problem, NonFiniteError):
