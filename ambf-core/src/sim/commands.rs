@@ -118,6 +118,20 @@ impl Link {
         self.hub.remove_objects((0..self.objects.len()).filter(gone).collect::<Vec<_>>());
     }
 
+    /// The command in force for the body at position `object`, to be changed; no watchdog follows it. `None` when that is no body.
+    pub fn body_command(&mut self, object: usize) -> Option<&mut RigidBodyCommand> {
+        let Some(Slot::Body(_, inbox)) = self.slots.get_mut(object) else { return None };
+        note_commanded(&mut self.commanded, &self.rank, object);
+        Some(inbox.command_mut())
+    }
+
+    /// [`body_command`](Self::body_command) for an actuator.
+    pub fn actuator_command(&mut self, object: usize) -> Option<&mut ActuatorCommand> {
+        let Some(Slot::Actuator(_, inbox)) = self.slots.get_mut(object) else { return None };
+        note_commanded(&mut self.commanded, &self.rank, object);
+        Some(inbox.command_mut())
+    }
+
     /// What the body was last told, in words; `None` where that is nothing.
     pub fn last_command(&self, body: usize) -> Option<String> {
         let slot = self.slots.iter().find_map(|slot| match slot {
@@ -126,6 +140,13 @@ impl Link {
         });
         let command = slot.map(Inbox::command).filter(|command| **command != RigidBodyCommand::default())?;
         Some(format!("{command:?}"))
+    }
+}
+
+/// Puts `object` among those that are visited in each iteration.
+fn note_commanded(commanded: &mut Vec<usize>, rank: &[usize], object: usize) {
+    if let Err(place) = commanded.binary_search_by_key(&rank[object], |&other| rank[other]) {
+        commanded.insert(place, object);
     }
 }
 
@@ -201,9 +222,7 @@ impl Simulation {
                 return;
             }
             if slots[object].fetch(&objects[object].channel, &mut self.scene, &mut self.notices) {
-                if let Err(place) = commanded.binary_search_by_key(&rank[object], |&other| rank[other]) {
-                    commanded.insert(place, object);
-                }
+                note_commanded(commanded, rank, object);
             }
         });
     }

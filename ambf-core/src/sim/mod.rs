@@ -9,9 +9,11 @@ mod pace;
 mod plugins;
 mod runner;
 mod statistics;
+mod stepper;
 
 pub use models::{AddedModel, ModelError, Models, ANSWER_TIMEOUT};
 pub use runner::{Control, Event, Runner, RunnerOptions};
+pub use stepper::Stepper;
 
 use std::fmt;
 use std::sync::Arc;

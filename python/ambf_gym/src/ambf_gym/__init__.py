@@ -1,10 +1,13 @@
 """Gymnasium environments in the AMBF simulator.
 
-`SimulatorEnv` steps a `Task`, which is put together from parts of observations and actions and a few functions, in a `Backend`.
+`SimulatorEnv` steps a `Task`, which is put together from parts of observations and actions and a few functions, in a `Backend`:
+`RosBackend`, or `InProcessBackend` with the package `ambf`. `InProcessVectorEnv` steps many at once.
 The worked tasks are registered as `ambf/Reach-v0` and `ambf/Lift-v0`.
 """
 
 from __future__ import annotations
+
+import importlib
 
 import gymnasium
 
@@ -37,6 +40,8 @@ __all__ = [
     "Hold",
     "HoldCommand",
     "Holds",
+    "InProcessBackend",
+    "InProcessVectorEnv",
     "InvalidAction",
     "InvalidDescription",
     "JointEfforts",
@@ -58,13 +63,18 @@ __all__ = [
 ]
 
 for _name in ("Reach", "Lift"):
-    gymnasium.register(f"ambf/{_name}-v0", entry_point=f"ambf_gym.tasks:make_{_name.lower()}")
+    gymnasium.register(
+        f"ambf/{_name}-v0",
+        entry_point=f"ambf_gym.tasks:make_{_name.lower()}",
+        vector_entry_point=f"ambf_gym.tasks:make_{_name.lower()}_vec",
+    )
+
+
+# ROS and the module of the simulator are needed only by those who use them.
+_LAZY = {"RosBackend": "ros_backend", "InProcessBackend": "in_process", "InProcessVectorEnv": "vector"}
 
 
 def __getattr__(name: str) -> object:
-    # ROS is needed only by those who use it.
-    if name == "RosBackend":
-        from .ros_backend import RosBackend
-
-        return RosBackend
-    raise AttributeError(name)
+    if name in _LAZY:
+        return getattr(importlib.import_module(f"{__name__}.{_LAZY[name]}"), name)
+    raise AttributeError(f"module {__name__} has no attribute {name}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, field
-from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Generator, List, NamedTuple, Optional, Sequence, Tuple, TypeVar
 
 import gymnasium
 import numpy as np
@@ -16,6 +16,20 @@ from .parts import ActionPart, ObservationPart
 
 Observation = NDArray[np.float32]
 Info = Dict[str, Any]
+Outcome = Tuple[Observation, float, bool, bool, Info]
+Result = TypeVar("Result")
+
+
+class Order(NamedTuple):
+    """Arguments of `Backend.step`."""
+
+    commands: Commands
+    steps: int
+    reset: bool
+
+
+Course = Generator[Order, States, Result]
+"""Says what is to be stepped, is sent the states, and ends with a result."""
 
 
 @dataclass(frozen=True)
@@ -105,6 +119,19 @@ class SimulatorEnv(gymnasium.Env[Observation, Any]):
         self, *, seed: Optional[int] = None, options: Optional[Dict[str, Any]] = None
     ) -> Tuple[Observation, Info]:
         """Returns the simulation to its start. The same seed draws the same goals."""
+        return self._drive(self.resetting(seed=seed, options=options))
+
+    def step(self, action: Any) -> Outcome:
+        """Commands an action and lets `n_skip_steps` iterations pass.
+
+        Raises InvalidAction; StepMismatch or an error of the backend if the simulator fails, after which `reset` starts afresh.
+        """
+        return self._drive(self.stepping(action))
+
+    def resetting(
+        self, *, seed: Optional[int] = None, options: Optional[Dict[str, Any]] = None
+    ) -> Course[Tuple[Observation, Info]]:
+        """`reset` as a series of orders, for whoever steps many environments at once."""
         super().reset(seed=seed)
         if options:
             raise ValueError(f"there are no options, so not {sorted(options)}")
@@ -113,34 +140,31 @@ class SimulatorEnv(gymnasium.Env[Observation, Any]):
             raise InvalidDescription(f"the goal has the shape {self._goal.shape}, goal_size is {self._task.goal_size}")
         if not self._is_open:
             self._open()
-        states = self._guarded(self._rest(self._start), 1, True)
+            # How things are at the start: what a reset returns to.
+            self._start = yield Order(Commands(), 1, True)
+        states = yield Order(self._rest(self._start), 1, True)
         for part in self._task.act:
             part.start(states)
         if self._task.settle_steps > 1:
-            states = self._guarded(self._rest(self._start), self._task.settle_steps - 1, False)
+            states = yield Order(self._rest(self._start), self._task.settle_steps - 1, False)
+        self._states = states
         self._steps = 0
         self._first_step = states.sim_step
         return self._observation(states), {"iterations": 0}
 
-    def step(self, action: Any) -> Tuple[Observation, float, bool, bool, Info]:
-        """Commands an action and lets `n_skip_steps` iterations pass.
-
-        Raises InvalidAction; StepMismatch or an error of `ambf_client` if the simulator fails, after which `reset` starts afresh.
-        """
-        if self._states is None:
+    def stepping(self, action: Any) -> Course[Outcome]:
+        """`step` as a series of orders."""
+        before = self._states
+        if before is None:
             raise gymnasium.error.ResetNeeded("call reset() before step()")
-        wanted = np.asarray(action, dtype=np.float64)
-        if wanted.shape != self._low.shape:
-            raise InvalidAction(f"an action of the shape {wanted.shape}; expected {self._low.shape}")
-        if not np.isfinite(wanted).all():
-            raise InvalidAction(f"an action that is not finite: {wanted}")
+        wanted = self.checked(action)
         applied = np.clip(wanted, self._low, self._high)
         commands = Commands()
         self._task.also(commands)
         for part, piece in zip(self._task.act, self._slices):
             part.write(applied[piece], commands)
-        before = self._states
-        after = self._guarded(commands, self._task.n_skip_steps, False)
+        after = yield Order(commands, self._task.n_skip_steps, False)
+        self._states = after
         self._steps += 1
         transition = Transition(before, after, applied, self._goal, self._steps)
         iterations = (after.sim_step - self._first_step) % 2**32
@@ -149,6 +173,15 @@ class SimulatorEnv(gymnasium.Env[Observation, Any]):
         terminated = bool(self._task.terminated(transition))
         truncated = not terminated and self._steps >= self._task.max_steps
         return self._observation(after), float(self._task.reward(transition)), terminated, truncated, info
+
+    def checked(self, action: Any) -> Array:
+        """An action as an array of numbers. Raises InvalidAction."""
+        wanted = np.asarray(action, dtype=np.float64)
+        if wanted.shape != self._low.shape:
+            raise InvalidAction(f"an action of the shape {wanted.shape}; expected {self._low.shape}")
+        if not np.isfinite(wanted).all():
+            raise InvalidAction(f"an action that is not finite: {wanted}")
+        return wanted
 
     def close(self) -> None:
         """Lets go of the simulator; ends it if the environment has started it."""
@@ -176,8 +209,6 @@ class SimulatorEnv(gymnasium.Env[Observation, Any]):
                 self._backend.close()
                 raise InvalidDescription(f"{body} has no joints {', '.join(sorted(missing))}")
         self._is_open = True
-        # How things are at the start: what a reset returns to.
-        self._start = self._guarded(Commands(), 1, True)
 
     def _names(self) -> Tuple[Sequence[str], Sequence[str], Sequence[str]]:
         parts: List[Any] = [*self._task.observe, *self._task.act]
@@ -199,14 +230,20 @@ class SimulatorEnv(gymnasium.Env[Observation, Any]):
             part.rest(states, commands)
         return commands
 
-    def _guarded(self, commands: Commands, steps: int, reset: bool) -> States:
-        """A step after whose failure the next reset starts afresh."""
+    def _drive(self, course: Course[Result]) -> Result:
+        """Carries out the orders. After a failure of the simulator the next reset starts afresh."""
         try:
-            self._states = self._backend.step(commands, steps, reset)
-        except BaseException:
-            self.close()
-            raise
-        return self._states
+            order = next(course)
+            while True:
+                try:
+                    states = self._backend.step(order.commands, order.steps, order.reset)
+                except BaseException:
+                    self.close()
+                    raise
+                order = course.send(states)
+        except StopIteration as end:
+            result: Result = end.value
+            return result
 
     def _observation(self, states: States) -> Observation:
         parts = [part.read(states) for part in self._task.observe]

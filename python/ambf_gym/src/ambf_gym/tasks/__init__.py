@@ -1,6 +1,6 @@
 """Worked tasks: templates for one's own."""
 
-from .lift import make_lift
-from .reach import make_reach
+from .lift import make_lift, make_lift_vec
+from .reach import make_reach, make_reach_vec
 
-__all__ = ["make_lift", "make_reach"]
+__all__ = ["make_lift", "make_lift_vec", "make_reach", "make_reach_vec"]

@@ -6,7 +6,7 @@ actuator, fixes to it what the palm's ray sees.
 
 from __future__ import annotations
 
-from typing import Any, Optional
+from typing import TYPE_CHECKING, Any, Optional
 
 import numpy as np
 
@@ -14,6 +14,10 @@ from ..backend import POSITION, Array, Backend, BodyCommand, Commands
 from ..env import Info, SimulatorEnv, Task, Transition
 from ..parts import DriveBody, Hold, Holds, Measurements, Position, Twist
 from ..scene import Scene
+from .making import make_backend
+
+if TYPE_CHECKING:
+    from ..vector import InProcessVectorEnv
 
 SCENE = Scene(("models/gripper.yaml",), options=("--profile", "accurate"))
 
@@ -94,10 +98,17 @@ TASK = Task(
 )
 
 
-def make_lift(backend: Optional[Backend] = None, render_mode: Optional[str] = None, **ros: Any) -> SimulatorEnv:
-    """The environment `ambf/Lift-v0`: in `backend`, else over ROS in a simulator of its own (`ros`: options of `RosBackend`)."""
-    if backend is None:
-        from ..ros_backend import RosBackend
+def make_lift(
+    backend: Optional[Backend] = None, render_mode: Optional[str] = None, *, in_process: bool = False, **ros: Any
+) -> SimulatorEnv:
+    """The environment `ambf/Lift-v0`: in `backend`, or in this process, else over ROS in a simulator of its own (`ros`: options of
+    `RosBackend`).
+    """
+    return SimulatorEnv(backend or make_backend(SCENE, in_process, ros), TASK, render_mode)
 
-        backend = RosBackend(SCENE, **ros)
-    return SimulatorEnv(backend, TASK, render_mode)
+
+def make_lift_vec(num_envs: int = 1, **options: Any) -> InProcessVectorEnv:
+    """`num_envs` of them in this process, on threads; `options` of `InProcessVectorEnv`."""
+    from ..vector import InProcessVectorEnv
+
+    return InProcessVectorEnv(SCENE, TASK, num_envs, **options)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Optional
+from typing import TYPE_CHECKING, Any, Optional
 
 import numpy as np
 
@@ -10,6 +10,10 @@ from ..backend import Array, Backend
 from ..env import Info, SimulatorEnv, Task, Transition
 from ..parts import DriveJoints, JointPositions, JointVelocities, Position
 from ..scene import Scene
+from .making import make_backend
+
+if TYPE_CHECKING:
+    from ..vector import InProcessVectorEnv
 
 SCENE = Scene(("models/arm7.yaml",), options=("--profile", "accurate"))
 
@@ -60,10 +64,17 @@ TASK = Task(
 )
 
 
-def make_reach(backend: Optional[Backend] = None, render_mode: Optional[str] = None, **ros: Any) -> SimulatorEnv:
-    """The environment `ambf/Reach-v0`: in `backend`, else over ROS in a simulator of its own (`ros`: options of `RosBackend`)."""
-    if backend is None:
-        from ..ros_backend import RosBackend
+def make_reach(
+    backend: Optional[Backend] = None, render_mode: Optional[str] = None, *, in_process: bool = False, **ros: Any
+) -> SimulatorEnv:
+    """The environment `ambf/Reach-v0`: in `backend`, or in this process, else over ROS in a simulator of its own (`ros`: options of
+    `RosBackend`).
+    """
+    return SimulatorEnv(backend or make_backend(SCENE, in_process, ros), TASK, render_mode)
 
-        backend = RosBackend(SCENE, **ros)
-    return SimulatorEnv(backend, TASK, render_mode)
+
+def make_reach_vec(num_envs: int = 1, **options: Any) -> InProcessVectorEnv:
+    """`num_envs` of them in this process, on threads; `options` of `InProcessVectorEnv`."""
+    from ..vector import InProcessVectorEnv
+
+    return InProcessVectorEnv(SCENE, TASK, num_envs, **options)

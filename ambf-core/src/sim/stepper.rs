@@ -1,0 +1,145 @@
+//! Iterations when the caller wants them, in the caller's thread.
+
+use std::sync::Arc;
+
+use super::{NonFinite, Simulation};
+use crate::comm::{ActuatorCommand, Hub, ObjectList, RigidBodyCommand, Snapshot, Timing};
+use crate::plugin::Phase;
+
+/// A simulation without a clock and without threads of its own: it moves in [`step`](Self::step) and nowhere else.
+///
+/// It does what a [`Runner`](super::Runner) with fixed steps does for [orders of steps](crate::comm::Hub::step), number for number. An
+/// iteration is update, commands, publication; between calls the physics rests after the update of an iteration, before its
+/// commands. So a command acts from the second iteration of a call on, and what is seen after `n` iterations is what the n-th publishes.
+/// Commands stay in force until they are changed: there is no watchdog.
+pub struct Stepper {
+    simulation: Simulation,
+    hub: Arc<Hub>,
+    interval: f64,
+    snapshot: Snapshot,
+    lost: Option<NonFinite>,
+    notices: Vec<String>,
+}
+
+/// Most notices that wait to be taken; further ones are dropped.
+const MOST_NOTICES: usize = 1000;
+
+impl Stepper {
+    /// Steps `simulation` by `interval` s (above 0) an iteration. The first update is done here, as it is before a client sees anything
+    /// of a simulator.
+    pub fn new(mut simulation: Simulation, interval: f64) -> Self {
+        let hub = simulation.connect();
+        simulation.set_nominal_frequency(1.0 / interval);
+        let snapshot = simulation.scene().snapshot(simulation.wrenches());
+        let mut stepper = Self { simulation, hub, interval, snapshot, lost: None, notices: Vec::new() };
+        stepper.update();
+        stepper.publish();
+        stepper
+    }
+
+    /// The simulation.
+    pub fn simulation(&self) -> &Simulation {
+        &self.simulation
+    }
+
+    /// All objects that have a State and a Command; positions in this list name them below.
+    pub fn objects(&self) -> Arc<ObjectList> {
+        Arc::clone(&self.hub.objects())
+    }
+
+    /// The states that the latest iteration published.
+    pub fn snapshot(&self) -> &Snapshot {
+        &self.snapshot
+    }
+
+    /// The command in force for a body, to be changed. `None` when the object at that position is no body.
+    pub fn body_command(&mut self, object: usize) -> Option<&mut RigidBodyCommand> {
+        self.simulation.link.as_mut()?.body_command(object)
+    }
+
+    /// The command in force for an actuator, to be changed. `None` when the object at that position is no actuator.
+    pub fn actuator_command(&mut self, object: usize) -> Option<&mut ActuatorCommand> {
+        self.simulation.link.as_mut()?.actuator_command(object)
+    }
+
+    /// Makes `steps` iterations.
+    ///
+    /// # Errors
+    /// [`NonFinite`]; then, and until the next [`reset`](Self::reset), nothing moves. A state that is lost while the physics comes to
+    /// rest after the last iteration is the error of the next call: what was published is sound.
+    pub fn step(&mut self, steps: u32) -> Result<(), NonFinite> {
+        self.step_while(steps, || true).map(|_| ())
+    }
+
+    /// Makes `steps` iterations, or fewer if `go_on`, which is asked in each of them, says that it is the last; how many were made.
+    ///
+    /// # Errors
+    /// Those of [`step`](Self::step).
+    pub fn step_while(&mut self, steps: u32, mut go_on: impl FnMut() -> bool) -> Result<u32, NonFinite> {
+        for made in 1..=steps {
+            if let Some(problem) = &self.lost {
+                return Err(problem.clone());
+            }
+            self.simulation.update_plugins_of(Phase::Models);
+            if let Err(problem) = self.simulation.execute_commands() {
+                self.lost = Some(problem.clone());
+                return Err(problem);
+            }
+            let is_last = made == steps || !go_on();
+            if is_last {
+                self.publish();
+            }
+            self.simulation.update_plugins_of(Phase::Simulator);
+            self.hear();
+            // Plugins may ask for resets.
+            self.simulation.do_requested_resets();
+            self.update();
+            if is_last {
+                return Ok(made);
+            }
+        }
+        Ok(0)
+    }
+
+    /// Returns everything to its start; nothing is left of what was before ([`Simulation::reset_thoroughly`]). Time, the count of iterations
+    /// and commands go on.
+    pub fn reset(&mut self) {
+        self.simulation.reset_thoroughly();
+        self.lost = None;
+        self.publish();
+    }
+
+    /// Why nothing moves; `None` while all is well.
+    pub fn lost(&self) -> Option<&NonFinite> {
+        self.lost.as_ref()
+    }
+
+    /// Takes the sentences about commands that name what is not there, and what plugins have to say.
+    pub fn take_notices(&mut self) -> Vec<String> {
+        self.hear();
+        std::mem::take(&mut self.notices)
+    }
+
+    fn hear(&mut self) {
+        let heard = self.simulation.take_notices();
+        let room = MOST_NOTICES.saturating_sub(self.notices.len());
+        self.notices.extend(heard.into_iter().take(room));
+    }
+
+    fn update(&mut self) {
+        match self.simulation.update(self.interval) {
+            Ok(()) => self.simulation.update_plugins_of(Phase::World),
+            Err(problem) => self.lost = Some(problem),
+        }
+    }
+
+    fn publish(&mut self) {
+        self.simulation.fill(&mut self.snapshot, 0.0, Timing::default());
+    }
+}
+
+impl Drop for Stepper {
+    fn drop(&mut self) {
+        self.simulation.close_plugins();
+    }
+}

@@ -1,0 +1,47 @@
+"""The AMBF simulator in the Python process: no ROS, no clock, the physics moves when it is told to.
+
+    import ambf
+
+    sim = ambf.Simulation('resources/models/arm7.yaml', profile='accurate')
+    arm, flange = sim.body('arm7/base'), sim.body('arm7/flange')
+    arm.joint_kinds[:] = ambf.POSITION
+    arm.joint_commands[:] = 0.3
+    sim.step(1000)
+    print(sim.sim_time, arm.joint_positions, flange.pose)
+"""
+
+from __future__ import annotations
+
+from .errors import AmbfError, BusyError, ClosedError, InvalidCommand, LoadError, NonFiniteError, NotFoundError
+from .simulation import (
+    EFFORT,
+    FORCE,
+    NONE,
+    POSITION,
+    VELOCITY,
+    Actuator,
+    Body,
+    Sensor,
+    Simulation,
+    step_all,
+)
+
+__all__ = [
+    "EFFORT",
+    "FORCE",
+    "NONE",
+    "POSITION",
+    "VELOCITY",
+    "Actuator",
+    "AmbfError",
+    "Body",
+    "BusyError",
+    "ClosedError",
+    "InvalidCommand",
+    "LoadError",
+    "NonFiniteError",
+    "NotFoundError",
+    "Sensor",
+    "Simulation",
+    "step_all",
+]

@@ -1,0 +1,51 @@
+"""What can go wrong with a simulation in this process."""
+
+from __future__ import annotations
+
+from typing import List, Optional
+
+
+class AmbfError(Exception):
+    """Base of the errors of this package."""
+
+
+class LoadError(AmbfError, ValueError):
+    """Error when a scene can't be loaded: a file that is missing or no scene, a name that is not known."""
+
+    def __init__(self, problems: List[str]) -> None:
+        super().__init__("\n".join(problems))
+        self.problems = problems
+        """One sentence a problem; those of files begin with file:line:column."""
+
+
+class NonFiniteError(AmbfError, ArithmeticError):
+    """Error when a state became infinite or not a number. Nothing moves until the simulation is reset or restored."""
+
+    def __init__(self, message: str, body: str, joint: Optional[str], step: int, command: str) -> None:
+        super().__init__(message)
+        self.body = body
+        """Qualified identifier of the body."""
+        self.joint = joint
+        """A joint that holds it."""
+        self.step = step
+        """Iteration in which it was seen."""
+        self.command = command
+        """What the body was last told."""
+        self.index = 0
+        """Which of the simulations it was, in `step_all`."""
+
+
+class InvalidCommand(AmbfError, ValueError):
+    """Error when a command is not finite or of no known kind. Nothing has moved."""
+
+
+class NotFoundError(AmbfError, LookupError):
+    """Error when a name is that of no object, or part of the names of several."""
+
+
+class ClosedError(AmbfError, RuntimeError):
+    """Error when a closed simulation is used."""
+
+
+class BusyError(AmbfError, RuntimeError):
+    """Error when a simulation is used while another thread steps it."""

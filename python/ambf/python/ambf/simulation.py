@@ -1,0 +1,290 @@
+"""Simulations, and handles of what is in them."""
+
+from __future__ import annotations
+
+import os
+from types import TracebackType
+from typing import Dict, List, Optional, Sequence, Tuple, Type, Union
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _ambf
+from .errors import NonFiniteError, NotFoundError
+
+Array = NDArray[np.float64]
+Kinds = NDArray[np.int8]
+Path = Union[str, "os.PathLike[str]"]
+
+NONE, FORCE, POSITION, VELOCITY = -1, 0, 1, 2
+"""Kinds of commands."""
+EFFORT = FORCE
+"""What a force is called where a joint is driven."""
+
+
+class Simulation:
+    """A scene that moves when `step` is called.
+
+    **States** are arrays that the simulation writes at the end of `step`, `reset` and `restore`: they need not be asked for again, and
+    can't be written. World axes, m, rad, s; quaternions x, y, z, w. **Commands** are arrays that `step` reads; they stay in force until they
+    are changed. A command that is not finite is an `InvalidCommand`, and nothing moves.
+
+    An iteration is update (Bullet), commands, publication; between calls the physics rests after an update, before the commands. So a
+    command acts from the second iteration of a call on, and the states are those that the last iteration published: exactly as over
+    ROS with the service `World/step`.
+
+    One thread at a time may use a simulation; Python's global lock is released while it steps. Ctrl+C ends a long step after
+    a whole number of iterations.
+    """
+
+    def __init__(
+        self,
+        models: Union[Path, Sequence[Path]] = (),
+        *,
+        launch_file: Optional[Path] = None,
+        world: Optional[Path] = None,
+        indexes: Sequence[int] = (),
+        profile: Optional[str] = None,
+        solver: Optional[str] = None,
+        integrator: Optional[str] = None,
+        iterations: Optional[int] = None,
+        articulated: Optional[bool] = None,
+        sleep: Optional[bool] = None,
+        step: float = 0.001,
+        plugins: Sequence[Path] = (),
+    ) -> None:
+        """Loads `models` (ADF or URDF files), then those at `indexes` of the launch file's list, into the world of `world`, else of the
+        launch file, else an empty one.
+
+        `profile`: "legacy", "accurate" or "pybullet"; `solver`, `integrator`, `iterations`, `articulated`, `sleep`: as the options of
+        the programs. None: what the world file says, else the profile, else "legacy". `step`: interval of an iteration, s. `plugins`:
+        simulator plugins, shared libraries.
+
+        Raises LoadError. What of a scene had to be left out or guessed is in `warnings`.
+        """
+        files = [models] if isinstance(models, (str, os.PathLike)) else list(models)
+        self._world = _ambf.World(
+            [os.fspath(file) for file in files],
+            None if launch_file is None else os.fspath(launch_file),
+            None if world is None else os.fspath(world),
+            list(indexes),
+            profile,
+            solver,
+            integrator,
+            iterations,
+            articulated,
+            sleep,
+            step,
+            [os.fspath(file) for file in plugins],
+        )
+        inside = self._world
+        self.warnings: Tuple[str, ...] = tuple(inside.warnings)
+        """What was left out or guessed while the scene was loaded; each begins with file:line."""
+        self.bodies: Tuple[str, ...] = tuple(inside.bodies)
+        """Names of the bodies, in the order of the arrays; called as their topics are over ROS."""
+        self.joints: Tuple[str, ...] = tuple(inside.joints)
+        """Names of the joints, in the order of the arrays."""
+        self.sensors: Tuple[str, ...] = tuple(inside.sensors)
+        self.actuators: Tuple[str, ...] = tuple(inside.actuators)
+        self.poses: Array = inside.poses
+        """(bodies x 7) position, m, and quaternion of the body frames. Read-only."""
+        self.twists: Array = inside.twists
+        """(bodies x 6) velocity of the centre of mass, m/s, and angular velocity, rad/s. Read-only."""
+        self.joint_positions: Array = inside.joint_positions
+        """(joints) rad or m. Read-only."""
+        self.joint_velocities: Array = inside.joint_velocities
+        """(joints) rad/s or m/s. Read-only."""
+        self.joint_efforts: Array = inside.joint_efforts
+        """(joints) N·m or N; 0 without `enable feedback`. Read-only."""
+        self.measurements: Array = inside.measurements
+        """(rays of all sensors) 0 … 1, larger is closer, 0 is nothing. Read-only. `Sensor.measurements` is a sensor's part."""
+        self.holding: NDArray[np.bool_] = inside.holding
+        """(actuators) whether they hold something. Read-only."""
+        self.kinds: Kinds = inside.kinds
+        """(bodies) how each is commanded: NONE, FORCE, POSITION or VELOCITY."""
+        self.wrenches: Array = inside.wrenches
+        """(bodies x 6) force at the centre of mass, N, and torque, N·m, for kind FORCE."""
+        self.target_poses: Array = inside.target_poses
+        """(bodies x 7) position, m, and quaternion, for kind POSITION."""
+        self.target_twists: Array = inside.target_twists
+        """(bodies x 6) velocity, m/s, and angular velocity, rad/s, for kind VELOCITY."""
+        self._handles: Dict[int, Body] = {}
+
+    @property
+    def sim_step(self) -> int:
+        """Iteration whose states the arrays hold. It begins with 1: the scene before any command. Resets leave it alone; it wraps at 2**32."""
+        return self._world.sim_step
+
+    @property
+    def sim_time(self) -> float:
+        """Simulated time, s. Resets leave it alone."""
+        return self._world.sim_time
+
+    def body(self, name: Union[str, int]) -> Body:
+        """The body of that name, or the only one whose name contains it, or at that index. Raises NotFoundError."""
+        index = _find(name, self.bodies, "bodies")
+        if index not in self._handles:
+            self._handles[index] = Body(self, index)
+        return self._handles[index]
+
+    def sensor(self, name: Union[str, int]) -> Sensor:
+        """The sensor of that name, as `body` finds it. Raises NotFoundError."""
+        return Sensor(self, _find(name, self.sensors, "sensors"))
+
+    def actuator(self, name: Union[str, int]) -> Actuator:
+        """The actuator of that name, as `body` finds it. Raises NotFoundError."""
+        return Actuator(self, _find(name, self.actuators, "actuators"))
+
+    def step(self, steps: int = 1) -> None:
+        """Makes `steps` iterations under the commands of the arrays; 0 changes nothing.
+
+        Raises NonFiniteError, InvalidCommand, ClosedError or BusyError.
+        """
+        self._world.step(steps)
+
+    def reset(self) -> None:
+        """Returns everything to its start. Nothing is left of what was before; time and commands go on."""
+        self._world.reset()
+
+    def notices(self) -> List[str]:
+        """Takes the sentences about commands that name what is not there, and what plugins have to say."""
+        return self._world.notices()
+
+    def close(self) -> None:
+        """Frees the physics. Arrays keep the numbers they have. May be called more than once."""
+        self._world.close()
+
+    def __enter__(self) -> Simulation:
+        return self
+
+    def __exit__(
+        self, kind: Optional[Type[BaseException]], error: Optional[BaseException], trace: Optional[TracebackType]
+    ) -> None:
+        self.close()
+
+
+class Body:
+    """A body of a simulation and the joints below it. Its arrays are rows of those of the simulation."""
+
+    def __init__(self, simulation: Simulation, index: int) -> None:
+        self.simulation = simulation
+        self.index = index
+        """Row in the arrays of bodies."""
+        self.name = simulation.bodies[index]
+        joints, indices = simulation._world.body_joints(index)
+        self.joints: Tuple[str, ...] = tuple(joints)
+        """Names of the joints below it, in the order of its joint commands."""
+        self.joint_indices: NDArray[np.intp] = np.array(indices, dtype=np.intp)
+        """(joints below) where they stand in the simulation's arrays."""
+        self.pose: Array = simulation.poses[index]
+        """(7) position, m, and quaternion x, y, z, w of the body frame. Read-only."""
+        self.twist: Array = simulation.twists[index]
+        """(6) velocity of the centre of mass, m/s, and angular velocity, rad/s. Read-only."""
+        self.wrench: Array = simulation.wrenches[index]
+        """(6) force, N, and torque, N·m; in force while `kind` is FORCE."""
+        self.target_pose: Array = simulation.target_poses[index]
+        """(7) position, m, and quaternion; in force while `kind` is POSITION."""
+        self.target_twist: Array = simulation.target_twists[index]
+        """(6) velocity, m/s, and angular velocity, rad/s; in force while `kind` is VELOCITY."""
+        self.joint_kinds: Kinds
+        self.joint_commands: Array
+        self.joint_kinds, self.joint_commands = simulation._world.joint_commands(index)
+
+    @property
+    def kind(self) -> int:
+        """How the body is commanded: NONE, FORCE, POSITION or VELOCITY."""
+        return int(self.simulation.kinds[self.index])
+
+    @kind.setter
+    def kind(self, kind: int) -> None:
+        self.simulation.kinds[self.index] = kind
+
+    @property
+    def joint_positions(self) -> Array:
+        """(joints below) rad or m: a copy."""
+        return self.simulation.joint_positions[self.joint_indices]
+
+    @property
+    def joint_velocities(self) -> Array:
+        """(joints below) rad/s or m/s: a copy."""
+        return self.simulation.joint_velocities[self.joint_indices]
+
+    @property
+    def joint_efforts(self) -> Array:
+        """(joints below) N·m or N: a copy."""
+        return self.simulation.joint_efforts[self.joint_indices]
+
+
+class Sensor:
+    """A sensor of a simulation."""
+
+    def __init__(self, simulation: Simulation, index: int) -> None:
+        self.simulation = simulation
+        self.index = index
+        self.name = simulation.sensors[index]
+        begin, end = simulation._world.sensor_rays(index)
+        self.measurements: Array = simulation.measurements[begin:end]
+        """(rays) 0 … 1, larger is closer, 0 is nothing. Read-only. Contact sensors have no rays: `readings` tells theirs."""
+
+    def readings(self) -> Tuple[Array, Tuple[str, ...]]:
+        """One number and one name a ray, or a contact (normal force, N): measurement, and body that is seen; "" for none."""
+        measured, seen = self.simulation._world.sensor_readings(self.index)
+        return measured, tuple(seen)
+
+
+class Actuator:
+    """An actuator of a simulation: holds bodies."""
+
+    def __init__(self, simulation: Simulation, index: int) -> None:
+        self.simulation = simulation
+        self.index = index
+        self.name = simulation.actuators[index]
+
+    @property
+    def holding(self) -> bool:
+        """Whether it holds something."""
+        return bool(self.simulation.holding[self.index])
+
+    def hold(self, *, sensor: str = "", body: str = "") -> None:
+        """Holds what a sensor sees, or a body, from the next step on; given by identifier, or a part of it that is unique.
+
+        Whether there is such a thing turns out in the step; `Simulation.notices` says so.
+        """
+        if bool(sensor) == bool(body):
+            raise ValueError("give either sensor or body")
+        self.simulation._world.hold(self.index, True, sensor, body)
+
+    def release(self) -> None:
+        """Lets go in the next step."""
+        self.simulation._world.hold(self.index, False, "", "")
+
+
+def step_all(simulations: Sequence[Simulation], steps: Union[int, Sequence[int]] = 1) -> None:
+    """`Simulation.step` for each of them, at once on as many threads as there are processors; the threads are kept for the next call.
+
+    `steps`: iterations, the same for all or one number each. Each does what it would do alone, to the last bit. A simulation may not
+    be given twice (BusyError). When some fail the others are stepped all the same, and the error of the first is raised;
+    `NonFiniteError.index` says which it is.
+    """
+    counts = [steps] * len(simulations) if isinstance(steps, int) else list(steps)
+    if len(counts) != len(simulations):
+        raise ValueError(f"{len(counts)} numbers of steps for {len(simulations)} simulations")
+    problems = _ambf.step_all([simulation._world for simulation in simulations], counts)
+    for index, problem in enumerate(problems):
+        if problem is not None:
+            if isinstance(problem, NonFiniteError):
+                problem.index = index
+            raise problem
+
+
+def _find(name: Union[str, int], names: Sequence[str], what: str) -> int:
+    if not isinstance(name, str):
+        if not 0 <= name < len(names):
+            raise NotFoundError(f"there is no number {name} of {len(names)} {what}")
+        return int(name)
+    found = [index for index, other in enumerate(names) if other == name]
+    found = found or [index for index, other in enumerate(names) if name in other]
+    if len(found) != 1:
+        several = f"several {what}: {', '.join(names[index] for index in found)}" if found else f"none of the {what}"
+        raise NotFoundError(f'"{name}" is the name or part of the name of {several}')
+    return found[0]

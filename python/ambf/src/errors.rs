@@ -1,0 +1,36 @@
+//! Exceptions. Their classes are Python's, in `ambf.errors`.
+
+use ambf_core::sim::NonFinite;
+use pyo3::call::PyCallArgs;
+use pyo3::prelude::*;
+
+fn raise<'py>(py: Python<'py>, class: &str, arguments: impl PyCallArgs<'py>) -> PyErr {
+    let made = py.import("ambf.errors").and_then(|module| module.getattr(class)?.call1(arguments));
+    made.map_or_else(|error| error, PyErr::from_value)
+}
+
+/// Error when the scene can't be used; one sentence a problem, each with its place in a file.
+pub fn load(py: Python<'_>, problems: Vec<String>) -> PyErr {
+    raise(py, "LoadError", (problems,))
+}
+
+/// Error when a state became infinite or not a number.
+pub fn non_finite(py: Python<'_>, problem: &NonFinite) -> PyErr {
+    let NonFinite { body, joint, step, command } = problem;
+    raise(py, "NonFiniteError", (problem.to_string(), body, joint, step, command))
+}
+
+/// Error when a command can't be used; nothing has moved.
+pub fn invalid_command(py: Python<'_>, message: String) -> PyErr {
+    raise(py, "InvalidCommand", (message,))
+}
+
+/// Error when a closed simulation is used.
+pub fn closed(py: Python<'_>) -> PyErr {
+    raise(py, "ClosedError", ("the simulation is closed",))
+}
+
+/// Error when a simulation is used while another thread steps it.
+pub fn busy(py: Python<'_>) -> PyErr {
+    raise(py, "BusyError", ("another thread is stepping this simulation",))
+}

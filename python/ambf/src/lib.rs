@@ -1,0 +1,23 @@
+//! The extension module `ambf._ambf`: the simulator without ROS for Python. What users see is the package `ambf` around it.
+//!
+//! A [`World`](world::World) owns a [`Stepper`](ambf_core::sim::Stepper). States are written into, and commands read from, NumPy arrays that
+//! live as long as anyone holds them; both happens only while Python's global lock is held, so that a thread which reads an array while
+//! another one steps the physics sees the states of one step.
+
+mod arrays;
+mod commands;
+mod errors;
+mod load;
+mod names;
+mod pool;
+mod world;
+
+use pyo3::pymodule;
+
+#[pymodule]
+mod _ambf {
+    #[pymodule_export]
+    use super::pool::step_all;
+    #[pymodule_export]
+    use super::world::World;
+}

@@ -1,0 +1,124 @@
+//! From arguments to a simulation.
+
+use std::path::PathBuf;
+
+use ambf_core::adf::{self, Launch};
+use ambf_core::bullet::{Integrator, Preset, Solver};
+use ambf_core::control::Profile;
+use ambf_core::plugin::{PluginSetup, Registry, Search};
+use ambf_core::scene::{load, Loaded, PhysicsOptions, SceneFiles, SceneOptions};
+use ambf_core::sim::{Simulation, Stepper, DEFAULT_SUB_STEP};
+
+/// Which scene, and how it is simulated.
+pub struct Wanted {
+    pub models: Vec<PathBuf>,
+    pub launch_file: Option<PathBuf>,
+    pub world: Option<PathBuf>,
+    /// Models of the launch file's list, from 0.
+    pub indexes: Vec<usize>,
+    pub profile: Option<String>,
+    pub solver: Option<String>,
+    pub integrator: Option<String>,
+    pub iterations: Option<u32>,
+    pub articulated: Option<bool>,
+    pub sleep: Option<bool>,
+    /// Interval of an iteration, s.
+    pub step: f64,
+    pub plugins: Vec<PathBuf>,
+}
+
+/// Loads the scene; what is left out or guessed is in the sentences.
+///
+/// # Errors
+/// One sentence for each file, element of a list or name that can't be used at all.
+pub fn stepper(wanted: &Wanted) -> Result<(Stepper, Vec<String>), Vec<String>> {
+    if !(wanted.step.is_finite() && wanted.step > 0.0 && wanted.step <= 1.0) {
+        return Err(vec![format!("step={}: expected seconds, above 0 and at most 1", wanted.step)]);
+    }
+    let physics = physics(wanted).map_err(|problem| vec![problem])?;
+    let mut warnings = Vec::new();
+    let launch = match &wanted.launch_file {
+        Some(path) => {
+            let (launch, report) = adf::load::<Launch>(path).map_err(|error| vec![error.to_string()])?;
+            warnings.extend(lines(&report));
+            Some(launch)
+        }
+        None => None,
+    };
+    let files = files(wanted, launch.as_ref())?;
+    let Loaded { scene, report } = load(&files, &SceneOptions { physics, ..SceneOptions::default() });
+    if !report.refused.is_empty() {
+        return Err(report.refused);
+    }
+    warnings.extend(report.files.iter().flat_map(|file| lines(&file.verbose())));
+    warnings.extend(report.notes.iter().map(ToString::to_string));
+    let sub_step = scene.sub_step.unwrap_or(DEFAULT_SUB_STEP);
+    let mut simulation = Simulation::new(scene, sub_step);
+    let setup = PluginSetup {
+        registry: Registry::default(),
+        search: Search::from_environment(),
+        arguments: vec!["python".into()],
+        command_line: wanted.plugins.clone(),
+        launch: launch.map(|launch| launch.plugins).unwrap_or_default(),
+    };
+    warnings.extend(simulation.load_plugins(setup).problems);
+    let stepper = Stepper::new(simulation, wanted.step);
+    match stepper.lost() {
+        Some(problem) => Err(vec![problem.to_string()]),
+        None => Ok((stepper, warnings)),
+    }
+}
+
+fn lines(report: &impl ToString) -> Vec<String> {
+    report.to_string().lines().map(str::to_owned).collect()
+}
+
+fn files(wanted: &Wanted, launch: Option<&Launch>) -> Result<SceneFiles, Vec<String>> {
+    let listed = launch.and_then(|launch| launch.multibody_configs.as_deref()).unwrap_or_default();
+    let mut models = wanted.models.clone();
+    for &index in &wanted.indexes {
+        let missing = || vec![format!("there is no model {index}: the launch file lists {}", listed.len())];
+        models.push(listed.get(index).ok_or_else(missing)?.clone());
+    }
+    let world = wanted.world.clone().or_else(|| launch.and_then(|launch| launch.world_config.clone()));
+    Ok(SceneFiles { world, models })
+}
+
+fn physics(wanted: &Wanted) -> Result<PhysicsOptions, String> {
+    fn named<T>(
+        what: &str,
+        name: Option<&String>,
+        find: impl Fn(&str) -> Option<T>,
+        known: &[&str],
+    ) -> Result<Option<T>, String> {
+        let Some(name) = name else { return Ok(None) };
+        let problem = || format!("{what}={name:?}: not known, expected one of {}", known.join(", "));
+        find(name).map(Some).ok_or_else(problem)
+    }
+    let profiles = ["legacy", "accurate", "pybullet"];
+    let profile = |name: &str| match name {
+        "legacy" => Some((Profile::Legacy, None)),
+        "accurate" => Some((Profile::Accurate, None)),
+        "pybullet" => Some((Profile::Legacy, Some(Preset::PyBullet))),
+        _ => None,
+    };
+    let profile = named("profile", wanted.profile.as_ref(), profile, &profiles)?;
+    if wanted.iterations == Some(0) {
+        return Err("iterations=0: expected 1 or more".into());
+    }
+    Ok(PhysicsOptions {
+        profile: profile.map(|(profile, _)| profile),
+        preset: profile.and_then(|(_, preset)| preset),
+        solver: named("solver", wanted.solver.as_ref(), Solver::from_name, &Solver::NAMES.map(|(name, _)| name))?,
+        integrator: named(
+            "integrator",
+            wanted.integrator.as_ref(),
+            Integrator::from_name,
+            &Integrator::NAMES.map(|(name, _)| name),
+        )?,
+        iterations: wanted.iterations,
+        articulated: wanted.articulated,
+        sleep: wanted.sleep,
+        ..PhysicsOptions::default()
+    })
+}

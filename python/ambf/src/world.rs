@@ -1,0 +1,425 @@
+//! A simulation and its arrays.
+
+use std::panic::{catch_unwind, resume_unwind, AssertUnwindSafe};
+use std::path::PathBuf;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use ambf_core::comm::{ActuatorCommand, ObjectKind, Snapshot};
+use ambf_core::sim::{NonFinite, Stepper};
+use nalgebra::Isometry3;
+use numpy::PyArray1;
+use pyo3::prelude::*;
+
+use crate::arrays::Buffer;
+use crate::commands::{BodyCommands, Row};
+use crate::load::{self, Wanted};
+use crate::{errors, names};
+
+/// How long the physics goes on before Python is asked whether it was interrupted.
+pub const SLICE: Duration = Duration::from_millis(100);
+
+/// The physics of a [`World`], which moves to the thread that steps it.
+pub struct Physics {
+    pub stepper: Box<Stepper>,
+    /// (bodies x 1) whether a command was ever in force.
+    commanded: Vec<bool>,
+}
+
+enum Slot {
+    Here(Physics),
+    Away,
+    Closed,
+}
+
+struct Sensor {
+    name: String,
+    index: usize,
+    /// Where its rays stand in the array of measurements; contact sensors have none.
+    rays: std::ops::Range<usize>,
+}
+
+struct Actuator {
+    name: String,
+    object: usize,
+    index: usize,
+}
+
+/// Where the latest refresh stands.
+#[derive(Clone, Copy, Default)]
+struct Clock {
+    step: u32,
+    time: f64,
+}
+
+/// A world that is simulated; see `_ambf.pyi`.
+#[pyclass(frozen, module = "ambf._ambf")]
+pub struct World {
+    slot: Mutex<Slot>,
+    clock: Mutex<Clock>,
+    warnings: Vec<String>,
+    rows: Vec<Row>,
+    joints: Vec<String>,
+    sensors: Vec<Sensor>,
+    actuators: Vec<Actuator>,
+    poses: Buffer,
+    twists: Buffer,
+    joint_positions: Buffer,
+    joint_velocities: Buffer,
+    joint_efforts: Buffer,
+    measurements: Buffer,
+    holding: Buffer,
+    commands: BodyCommands,
+}
+
+impl World {
+    fn lock(&self) -> MutexGuard<'_, Slot> {
+        self.slot.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Takes the physics away and puts what the arrays command in force.
+    pub fn take(&self, py: Python<'_>) -> PyResult<Physics> {
+        let mut slot = self.lock();
+        let physics = match &mut *slot {
+            Slot::Here(physics) => physics,
+            Slot::Away => return Err(errors::busy(py)),
+            Slot::Closed => return Err(errors::closed(py)),
+        };
+        self.commands.put_in_force(py, &self.rows, &mut physics.stepper, &mut physics.commanded)?;
+        match std::mem::replace(&mut *slot, Slot::Away) {
+            Slot::Here(physics) => Ok(physics),
+            Slot::Away | Slot::Closed => Err(errors::closed(py)),
+        }
+    }
+
+    /// Takes the physics back and shows its states; `None`: it was lost in a panic, and the world is closed.
+    pub fn give(&self, py: Python<'_>, physics: Option<Physics>) -> PyResult<()> {
+        let mut slot = self.lock();
+        let Some(physics) = physics else {
+            *slot = Slot::Closed;
+            return Ok(());
+        };
+        let refreshed = self.refresh(py, physics.stepper.snapshot());
+        *slot = Slot::Here(physics);
+        refreshed
+    }
+
+    fn with<R>(&self, py: Python<'_>, act: impl FnOnce(&mut Physics) -> R) -> PyResult<R> {
+        match &mut *self.lock() {
+            Slot::Here(physics) => Ok(act(physics)),
+            Slot::Away => Err(errors::busy(py)),
+            Slot::Closed => Err(errors::closed(py)),
+        }
+    }
+
+    fn refresh(&self, py: Python<'_>, snapshot: &Snapshot) -> PyResult<()> {
+        let bodies = || self.rows.iter().map(|row| (row, &snapshot.bodies[row.index]));
+        self.poses.write::<f64>(py, |poses| {
+            for (pose, (row, body)) in poses.chunks_exact_mut(7).zip(bodies()) {
+                let Isometry3 { translation, rotation } = body.body_pose(&row.offset);
+                pose[..3].copy_from_slice(translation.vector.as_slice());
+                // x, y, z, w.
+                pose[3..].copy_from_slice(rotation.coords.as_slice());
+            }
+        })?;
+        self.twists.write::<f64>(py, |twists| {
+            for (twist, (_, body)) in twists.chunks_exact_mut(6).zip(bodies()) {
+                twist[..3].copy_from_slice(&body.linear_velocity);
+                twist[3..].copy_from_slice(&body.angular_velocity);
+            }
+        })?;
+        let joints = [
+            (&self.joint_positions, &snapshot.joint_positions),
+            (&self.joint_velocities, &snapshot.joint_velocities),
+            (&self.joint_efforts, &snapshot.joint_efforts),
+        ];
+        for (buffer, values) in joints {
+            buffer.write::<f64>(py, |numbers| numbers.iter_mut().zip(values).for_each(|(to, from)| *to = *from))?;
+        }
+        self.measurements.write::<f64>(py, |numbers| {
+            for sensor in &self.sensors {
+                let rays = numbers.get_mut(sensor.rays.clone()).unwrap_or_default();
+                rays.iter_mut().zip(&snapshot.sensors[sensor.index]).for_each(|(to, from)| *to = from.measurement);
+            }
+        })?;
+        self.holding.write::<bool>(py, |holding| {
+            let held = self.actuators.iter().map(|actuator| snapshot.actuators[actuator.index]);
+            holding.iter_mut().zip(held).for_each(|(to, from)| *to = from);
+        })?;
+        let clock = Clock { step: snapshot.sim_step, time: snapshot.sim_time };
+        *self.clock.lock().unwrap_or_else(PoisonError::into_inner) = clock;
+        Ok(())
+    }
+
+    fn clock(&self) -> Clock {
+        *self.clock.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn row(&self, body: usize) -> PyResult<&Row> {
+        self.rows.get(body).ok_or_else(|| no_such("body", body, self.rows.len()))
+    }
+}
+
+fn no_such(what: &str, index: usize, count: usize) -> PyErr {
+    pyo3::exceptions::PyIndexError::new_err(format!("there is no {what} {index}: there are {count}"))
+}
+
+/// Makes iterations until they are done, or until about [`SLICE`] has passed; how many were made.
+pub fn slice(stepper: &mut Stepper, steps: u32) -> Result<u32, NonFinite> {
+    let begin = Instant::now();
+    stepper.step_while(steps, || begin.elapsed() < SLICE)
+}
+
+#[pymethods]
+impl World {
+    #[new]
+    #[pyo3(signature = (models, launch_file, world, indexes, profile, solver, integrator, iterations, articulated, sleep, step, plugins))]
+    #[allow(clippy::too_many_arguments)]
+    fn new(
+        py: Python<'_>,
+        models: Vec<PathBuf>,
+        launch_file: Option<PathBuf>,
+        world: Option<PathBuf>,
+        indexes: Vec<usize>,
+        profile: Option<String>,
+        solver: Option<String>,
+        integrator: Option<String>,
+        iterations: Option<u32>,
+        articulated: Option<bool>,
+        sleep: Option<bool>,
+        step: f64,
+        plugins: Vec<PathBuf>,
+    ) -> PyResult<Self> {
+        let wanted = Wanted {
+            models,
+            launch_file,
+            world,
+            indexes,
+            profile,
+            solver,
+            integrator,
+            iterations,
+            articulated,
+            sleep,
+            step,
+            plugins,
+        };
+        let (stepper, warnings) =
+            py.detach(|| load::stepper(&wanted)).map_err(|problems| errors::load(py, problems))?;
+        let (mut rows, mut sensors, mut actuators, mut rays) = (Vec::new(), Vec::new(), Vec::new(), 0);
+        let snapshot = stepper.snapshot();
+        for (object, entry) in stepper.objects().iter().enumerate() {
+            let name = names::of(&entry.info);
+            match &entry.info.kind {
+                ObjectKind::RigidBody(index, info) => rows.push(Row::new(name, object, *index, info)),
+                ObjectKind::Sensor(index, info) => {
+                    let is_contact = info.kind == ambf_core::comm::SensorType::Contact;
+                    let count = if is_contact { 0 } else { snapshot.sensors[*index].len() };
+                    sensors.push(Sensor { name, index: *index, rays: rays..rays + count });
+                    rays += count;
+                }
+                ObjectKind::Actuator(index, _) => actuators.push(Actuator { name, object, index: *index }),
+                _ => (),
+            }
+        }
+        let joints: Vec<String> = stepper.simulation().scene().joints.iter().map(|joint| joint.name.clone()).collect();
+        let made = Self {
+            clock: Mutex::default(),
+            poses: Buffer::state::<f64>(py, &[rows.len(), 7])?,
+            twists: Buffer::state::<f64>(py, &[rows.len(), 6])?,
+            joint_positions: Buffer::state::<f64>(py, &[joints.len()])?,
+            joint_velocities: Buffer::state::<f64>(py, &[joints.len()])?,
+            joint_efforts: Buffer::state::<f64>(py, &[joints.len()])?,
+            measurements: Buffer::state::<f64>(py, &[rays])?,
+            holding: Buffer::state::<bool>(py, &[actuators.len()])?,
+            commands: BodyCommands::new(py, rows.len())?,
+            slot: Mutex::new(Slot::Away),
+            warnings,
+            rows,
+            joints,
+            sensors,
+            actuators,
+        };
+        let commanded = vec![false; made.rows.len()];
+        made.give(py, Some(Physics { stepper: Box::new(stepper), commanded }))?;
+        Ok(made)
+    }
+
+    #[getter]
+    fn warnings(&self) -> Vec<String> {
+        self.warnings.clone()
+    }
+
+    #[getter]
+    fn bodies(&self) -> Vec<String> {
+        self.rows.iter().map(|row| row.name.clone()).collect()
+    }
+
+    #[getter]
+    fn joints(&self) -> Vec<String> {
+        self.joints.clone()
+    }
+
+    #[getter]
+    fn sensors(&self) -> Vec<String> {
+        self.sensors.iter().map(|sensor| sensor.name.clone()).collect()
+    }
+
+    #[getter]
+    fn actuators(&self) -> Vec<String> {
+        self.actuators.iter().map(|actuator| actuator.name.clone()).collect()
+    }
+
+    fn body_joints(&self, body: usize) -> PyResult<(Vec<String>, Vec<usize>)> {
+        let row = self.row(body)?;
+        Ok((row.joint_names.clone(), row.joints.clone()))
+    }
+
+    fn sensor_rays(&self, sensor: usize) -> PyResult<(usize, usize)> {
+        let found = self.sensors.get(sensor).ok_or_else(|| no_such("sensor", sensor, self.sensors.len()))?;
+        Ok((found.rays.start, found.rays.end))
+    }
+
+    fn sensor_readings<'py>(
+        &self,
+        py: Python<'py>,
+        sensor: usize,
+    ) -> PyResult<(Bound<'py, PyArray1<f64>>, Vec<String>)> {
+        let found = self.sensors.get(sensor).ok_or_else(|| no_such("sensor", sensor, self.sensors.len()))?;
+        self.with(py, |physics| {
+            let readings = &physics.stepper.snapshot().sensors[found.index];
+            let seen = readings
+                .iter()
+                .map(|reading| reading.sensed.as_deref().filter(|_| reading.triggered).unwrap_or_default().to_owned());
+            let measured = PyArray1::from_iter(py, readings.iter().map(|reading| reading.measurement));
+            (measured, seen.collect())
+        })
+    }
+
+    #[getter]
+    fn poses(&self, py: Python<'_>) -> Py<PyAny> {
+        self.poses.view(py)
+    }
+
+    #[getter]
+    fn twists(&self, py: Python<'_>) -> Py<PyAny> {
+        self.twists.view(py)
+    }
+
+    #[getter]
+    fn joint_positions(&self, py: Python<'_>) -> Py<PyAny> {
+        self.joint_positions.view(py)
+    }
+
+    #[getter]
+    fn joint_velocities(&self, py: Python<'_>) -> Py<PyAny> {
+        self.joint_velocities.view(py)
+    }
+
+    #[getter]
+    fn joint_efforts(&self, py: Python<'_>) -> Py<PyAny> {
+        self.joint_efforts.view(py)
+    }
+
+    #[getter]
+    fn measurements(&self, py: Python<'_>) -> Py<PyAny> {
+        self.measurements.view(py)
+    }
+
+    #[getter]
+    fn holding(&self, py: Python<'_>) -> Py<PyAny> {
+        self.holding.view(py)
+    }
+
+    #[getter]
+    fn kinds(&self, py: Python<'_>) -> Py<PyAny> {
+        self.commands.kinds.view(py)
+    }
+
+    #[getter]
+    fn wrenches(&self, py: Python<'_>) -> Py<PyAny> {
+        self.commands.wrenches.view(py)
+    }
+
+    #[getter]
+    fn target_poses(&self, py: Python<'_>) -> Py<PyAny> {
+        self.commands.poses.view(py)
+    }
+
+    #[getter]
+    fn target_twists(&self, py: Python<'_>) -> Py<PyAny> {
+        self.commands.twists.view(py)
+    }
+
+    fn joint_commands(&self, py: Python<'_>, body: usize) -> PyResult<(Py<PyAny>, Py<PyAny>)> {
+        self.commands.of_joints(py, body, self.row(body)?.joints.len())
+    }
+
+    fn hold(&self, py: Python<'_>, actuator: usize, hold: bool, sensor: String, body: String) -> PyResult<()> {
+        let found = self.actuators.get(actuator).ok_or_else(|| no_such("actuator", actuator, self.actuators.len()))?;
+        self.with(py, |physics| {
+            if let Some(command) = physics.stepper.actuator_command(found.object) {
+                *command = ActuatorCommand {
+                    actuate: hold,
+                    body_name: body,
+                    use_sensor_data: !sensor.is_empty(),
+                    sensor_identifier: sensor,
+                    ..ActuatorCommand::default()
+                };
+            }
+        })
+    }
+
+    #[getter]
+    fn sim_step(&self) -> u32 {
+        self.clock().step
+    }
+
+    #[getter]
+    fn sim_time(&self) -> f64 {
+        self.clock().time
+    }
+
+    fn step(&self, py: Python<'_>, steps: u32) -> PyResult<()> {
+        let mut left = steps;
+        loop {
+            let mut physics = self.take(py)?;
+            let stepped = py.detach(|| catch_unwind(AssertUnwindSafe(|| slice(&mut physics.stepper, left))));
+            match stepped {
+                Ok(result) => {
+                    self.give(py, Some(physics))?;
+                    left -= result.map_err(|problem| errors::non_finite(py, &problem))?;
+                }
+                Err(panic) => {
+                    self.give(py, None)?;
+                    // Python shows it as what it is, a bug.
+                    resume_unwind(panic);
+                }
+            }
+            if left == 0 {
+                return Ok(());
+            }
+            py.check_signals()?;
+        }
+    }
+
+    fn reset(&self, py: Python<'_>) -> PyResult<()> {
+        self.with(py, |physics| {
+            physics.stepper.reset();
+            self.refresh(py, physics.stepper.snapshot())
+        })?
+    }
+
+    fn notices(&self, py: Python<'_>) -> PyResult<Vec<String>> {
+        self.with(py, |physics| physics.stepper.take_notices())
+    }
+
+    fn close(&self, py: Python<'_>) -> PyResult<()> {
+        let mut slot = self.lock();
+        if matches!(*slot, Slot::Away) {
+            return Err(errors::busy(py));
+        }
+        *slot = Slot::Closed;
+        Ok(())
+    }
+}

@@ -1,0 +1,140 @@
+"""Many worlds of a task in one process, stepped at once on threads."""
+
+from __future__ import annotations
+
+from typing import Any, Dict, Generator, List, Optional, Sequence, Tuple, Union
+
+import ambf
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.vector.utils import iterate
+
+from .env import Course, Observation, Order, SimulatorEnv, Task
+from .in_process import InProcessBackend
+from .scene import Scene
+
+Ready = List[Any]
+
+
+class InProcessVectorEnv(SyncVectorEnv):
+    """`num_envs` environments of a task, each with a simulation of its own: what they return is what each would return alone.
+
+    It is used like any vector environment of Gymnasium, with its three modes of autoreset; world `i` is seeded with `seed + i`. When a
+    simulation fails the error is raised and all are closed; the next `reset` starts afresh.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        task: Task,
+        num_envs: int,
+        autoreset_mode: Union[str, AutoresetMode] = AutoresetMode.NEXT_STEP,
+    ) -> None:
+        """Raises InvalidDescription as `SimulatorEnv` does; simulations are loaded at the first reset."""
+        if num_envs < 1:
+            raise ValueError(f"num_envs={num_envs}: expected 1 or more")
+        self._backends = [InProcessBackend(scene) for _ in range(num_envs)]
+        self._lanes = [_Lane(SimulatorEnv(backend, task)) for backend in self._backends]
+        super().__init__([lambda lane=lane: lane for lane in self._lanes], autoreset_mode=autoreset_mode)  # type: ignore[misc]
+
+    def reset(
+        self,
+        *,
+        seed: Union[int, List[Optional[int]], None] = None,
+        options: Optional[Dict[str, Any]] = None,
+    ) -> Tuple[Any, Dict[str, Any]]:
+        """See `SyncVectorEnv.reset`; with the option `reset_mask` only those of the mask."""
+        count = self.num_envs
+        seeds = [seed + i for i in range(count)] if isinstance(seed, int) else seed or [None] * count
+        mask = np.ones(count, dtype=np.bool_)
+        rest = dict(options or {})
+        if "reset_mask" in rest:
+            mask = rest.pop("reset_mask")
+        # Otherwise the base class says what is wrong, and no world has moved.
+        if len(seeds) == count and isinstance(mask, np.ndarray) and mask.shape == (count,) and mask.dtype == np.bool_:
+            self._run(
+                {i: _single(lane.unwrapped.resetting(seed=seeds[i], options=rest)) for i, lane in self._chosen(mask)}
+            )
+        return super().reset(seed=seed, options=options)
+
+    def step(self, actions: Any) -> Tuple[Any, Any, Any, Any, Dict[str, Any]]:
+        """See `SyncVectorEnv.step`. Raises InvalidAction; then no world has moved."""
+        for lane, action in zip(self._lanes, iterate(self.action_space, actions)):
+            lane.unwrapped.checked(action)
+        is_same_step = self.autoreset_mode == AutoresetMode.SAME_STEP
+        courses: Dict[int, Course[Ready]] = {}
+        for i, (action, lane) in enumerate(zip(iterate(self.action_space, actions), self._lanes)):
+            if self.autoreset_mode == AutoresetMode.NEXT_STEP and self._autoreset_envs[i]:
+                courses[i] = _single(lane.unwrapped.resetting())
+            elif is_same_step:
+                courses[i] = _step_and_reset(lane.unwrapped, action)
+            else:
+                courses[i] = _single(lane.unwrapped.stepping(action))
+        self._run(courses)
+        return super().step(actions)
+
+    def _chosen(self, mask: Any) -> Sequence[Tuple[int, _Lane]]:
+        return [(i, lane) for i, lane in enumerate(self._lanes) if mask[i]]
+
+    def _run(self, courses: Dict[int, Course[Ready]]) -> None:
+        """Carries out all courses, their orders side by side; results wait in the lanes."""
+        for lane in self._lanes:
+            lane.ready.clear()
+        orders: Dict[int, Order] = {}
+        try:
+            for i, course in courses.items():
+                self._advance(orders, i, course, None)
+            while orders:
+                for i, order in orders.items():
+                    self._backends[i].prepare(order.commands, order.reset)
+                simulations = [self._backends[i].simulation for i in orders]
+                ambf.step_all(simulations, [order.steps for order in orders.values()])
+                for i, order in list(orders.items()):
+                    self._advance(orders, i, courses[i], self._backends[i].observe(order.steps))
+        except BaseException:
+            for lane in self._lanes:
+                lane.close()
+            raise
+
+    def _advance(self, orders: Dict[int, Order], i: int, course: Course[Ready], states: Any) -> None:
+        try:
+            orders[i] = course.send(states)
+        except StopIteration as end:
+            orders.pop(i, None)
+            self._lanes[i].ready.extend(end.value)
+
+
+class _Lane(gymnasium.Wrapper[Observation, Any, Observation, Any]):
+    """An environment whose results have been computed before they are asked for."""
+
+    def __init__(self, env: SimulatorEnv) -> None:
+        super().__init__(env)
+        self.ready: Ready = []
+
+    @property
+    def unwrapped(self) -> SimulatorEnv:
+        """The environment."""
+        env: SimulatorEnv = self.env  # type: ignore[assignment]
+        return env
+
+    def reset(self, *, seed: Optional[int] = None, options: Optional[Dict[str, Any]] = None) -> Any:
+        """What is ready."""
+        return self.ready.pop(0) if self.ready else self.env.reset(seed=seed, options=options)
+
+    def step(self, action: Any) -> Any:
+        """What is ready."""
+        return self.ready.pop(0) if self.ready else self.env.step(action)
+
+
+def _single(course: Course[Any]) -> Course[Ready]:
+    result = yield from course
+    return [result]
+
+
+def _step_and_reset(env: SimulatorEnv, action: Any) -> Generator[Order, Any, Ready]:
+    outcome = yield from env.stepping(action)
+    if not (outcome[2] or outcome[3]):
+        return [outcome]
+    start = yield from env.resetting()
+    return [outcome, start]
