@@ -61,6 +61,8 @@ pub struct SceneOptions {
     pub physics: PhysicsOptions,
     /// Models with joints will be added later: where joints may be put into reduced coordinates, theirs may be too. Default: `false`.
     pub may_grow: bool,
+    /// States of the simulation can be [saved](crate::sim::Simulation::save). Default: `false`.
+    pub savable: bool,
 }
 
 /// How physics is solved; what is `None` comes from the world file, else from the profile.

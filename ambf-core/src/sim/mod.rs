@@ -8,10 +8,13 @@ mod models;
 mod pace;
 mod plugins;
 mod runner;
+mod saved;
 mod statistics;
 
+pub use crate::bullet::StateError;
 pub use models::{AddedModel, ModelError, Models, ANSWER_TIMEOUT};
 pub use runner::{Control, Event, Runner, RunnerOptions};
+pub use saved::SavedState;
 
 use std::fmt;
 use std::sync::Arc;
