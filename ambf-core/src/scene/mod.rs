@@ -16,6 +16,7 @@ mod names;
 mod object;
 mod placed;
 mod remove;
+mod saved;
 mod sensor;
 mod shape;
 mod soft_body;
@@ -33,6 +34,7 @@ pub use load::{load, read_model, Loaded, PreparedModel, SceneFiles, SceneReport}
 pub use names::{Found, NameMap};
 pub use object::{DeclaredPlugins, ObjectId, ObjectType};
 pub use placed::{Camera, Light, Parent, Placed};
+pub(crate) use saved::SavedScene;
 pub use sensor::{LocalRay, Sensed, Sensor};
 pub use soft_body::SoftBody;
 pub use vehicle::{Vehicle, Wheel};
@@ -424,7 +426,7 @@ impl Scene {
 }
 
 /// Numbers of objects by type.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Counts {
     pub bodies: usize,
     pub soft_bodies: usize,
