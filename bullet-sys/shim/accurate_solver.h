@@ -434,8 +434,8 @@ class AccurateSolver : public Base {
   const AccurateContext &settings_;
   DirectSolver direct_;
   bool hard_ = false;
-  std::vector<btVector3> friction_before_;
-  std::vector<History> histories_;
+  Vector<btVector3> friction_before_;
+  Vector<History> histories_;
 };
 
 #endif

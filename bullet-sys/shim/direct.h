@@ -3,7 +3,7 @@
 #define AMB_DIRECT_H
 
 #include <cstddef>
-#include <vector>
+#include "arena_memory.h"
 
 // One scalar constraint between two bodies: jacobian v + cfm x = target with low <= x <= high, where x is an impulse and v the
 // change of the bodies' velocities.
@@ -31,7 +31,7 @@ struct DirectRow {
 // cycles, projected Gauss-Seidel with subspace minimisation takes over, which never does.
 class DirectSolver {
  public:
-  std::vector<DirectRow> rows;
+  Vector<DirectRow> rows;
 
   // Orders the rows so that those that share bodies are close, and returns the multiplications that a factorisation would take.
   double prepare(int body_count);
@@ -64,15 +64,15 @@ class DirectSolver {
   // Largest error of a velocity that counts as none.
   double tolerance = 0;
   // Rows by place; their envelope starts at place first[i], and its entries lie at matrix[start[i] + place - first[i]].
-  std::vector<int> order, first, place;
-  std::vector<size_t> start;
-  std::vector<double> matrix;
+  Vector<int> order, first, place;
+  Vector<size_t> start;
+  Vector<double> matrix;
   // The same for the rows between their bounds.
-  std::vector<int> free_rows, free_first;
-  std::vector<size_t> free_start;
-  std::vector<double> factors, inverse_diagonal, unknowns;
-  std::vector<double> velocities, guess, saved;
-  std::vector<int> body_place, neighbours, neighbour_start, queue, body_first;
+  Vector<int> free_rows, free_first;
+  Vector<size_t> free_start;
+  Vector<double> factors, inverse_diagonal, unknowns;
+  Vector<double> velocities, guess, saved;
+  Vector<int> body_place, neighbours, neighbour_start, queue, body_first;
 };
 
 #endif

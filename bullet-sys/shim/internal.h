@@ -12,6 +12,7 @@
 #include <BulletSoftBody/btSoftRigidDynamicsWorld.h>
 #include <btBulletDynamicsCommon.h>
 
+#include "arena_memory.h"
 #include "lean.h"
 #include "soft_rows.h"
 
@@ -33,6 +34,8 @@ struct AmbWorld;
 
 // What the user pointer of every collision object points at.
 struct AmbObject {
+  BT_DECLARE_ALIGNED_ALLOCATOR();
+
   explicit AmbObject(ObjectKind object_kind) : kind(object_kind) {}
 
   bool ignores(const AmbObject &other) const {
@@ -49,7 +52,7 @@ struct AmbObject {
   // Never used again in this world, so that what an object ignores stays true when others are removed.
   size_t index = 0;
   AmbHandle handle = 0;
-  std::vector<uint64_t> ignored;
+  Vector<uint64_t> ignored;
 };
 
 struct AmbTree;
@@ -129,8 +132,8 @@ struct AmbSoft : AmbObject {
 
   btSoftBody body;
   // Where the nodes were when the body was added.
-  std::vector<btVector3> initial;
-  std::vector<Pull> pulls;
+  Vector<btVector3> initial;
+  Vector<Pull> pulls;
   // Acts in every sub-step of the next step.
   btVector3 force{0, 0, 0};
   // Whether the nodes are where the narrow phase can deal with them, found once a sub-step.
@@ -168,6 +171,8 @@ struct JointDrive {
 };
 
 struct AmbConstraint {
+  BT_DECLARE_ALIGNED_ALLOCATOR();
+
   Kind kind;
   JointDrive drive;
   std::unique_ptr<btTypedConstraint> constraint;
@@ -223,13 +228,17 @@ struct AccurateContext : AmbAccurateSettings {
 };
 
 struct AmbWorld {
-  AmbWorld(int solver_kind, int kind);
+  BT_DECLARE_ALIGNED_ALLOCATOR();
+
+  AmbWorld(int solver_kind, int kind, const AmbArena *memory);
 
   // Objects of any kind are numbered here, and what their shapes need is set up.
   void adopt(AmbObject &object, const AmbShape *shape, AmbHandle handle);
   // The two never collide from now on, and lose the contacts that they have.
   void part(AmbObject &a, btCollisionObject &object_a, AmbObject &b, btCollisionObject &object_b);
 
+  // In which it lies itself; null: on the heap.
+  const AmbArena *arena;
   std::unique_ptr<btDefaultCollisionConfiguration> configuration;
   btCollisionDispatcher dispatcher;
   // Bullet makes its pairs known to ghosts through it; set when there is one.
@@ -259,7 +268,7 @@ struct AmbWorld {
   uint64_t sub_step = 0;
   // Some body is swept, see continuous.h.
   bool has_continuous = false;
-  std::vector<AmbImpact> impacts;
+  Vector<AmbImpact> impacts;
 };
 
 // Bodies at rest, see rest.cpp: whether a body may fall asleep, beginning awake, ...
@@ -274,6 +283,9 @@ void before_soft_sub_step(btDynamicsWorld *dynamics, btScalar dt);
 void after_soft_step(AmbWorld &world);
 void prepare_soft_rays(AmbWorld &world);
 void forget_in_soft_bodies(AmbWorld &world, AmbBody &body);
+// Distance fields are not part of copies of a world: Bullet makes their cells elsewhere, and they follow from the shapes.
+void keep_distance_fields_out(AmbWorld &world);
+void put_back_soft(AmbWorld &world, AmbArena &arena, const unsigned char *copy, size_t size);
 // Before the narrow phase looks at a pair one of which is a soft body; false: it may not.
 bool prepare_soft_pair(btBroadphasePair &pair, const btCollisionObject &a, const btCollisionObject &b);
 

@@ -560,7 +560,7 @@ bool AmbTree::is_driven() const {
 LinkDrive &AmbTree::drive_of(AmbBody &link) {
   auto &drive = members[link.member].drive;
   if (!drive) {
-    drive = std::make_shared<LinkDrive>(link);
+    drive = make_held<LinkDrive>(link);
     world.trees->addMultiBodyConstraint(drive.get());
   }
   return *drive;

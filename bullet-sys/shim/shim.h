@@ -1,6 +1,7 @@
 #ifndef AMB_SHIM_H
 #define AMB_SHIM_H
 #include "accurate.h"
+#include "arena.h"
 #include "body.h"
 #include "constraint.h"
 #include "drive.h"

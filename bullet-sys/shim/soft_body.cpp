@@ -2,6 +2,7 @@
 
 #include <BulletSoftBody/btSoftBodyConcaveCollisionAlgorithm.h>
 #include <cmath>
+#include <cstring>
 
 namespace {
 
@@ -153,6 +154,37 @@ bool prepare_soft_pair(btBroadphasePair &pair, const btCollisionObject &a, const
     if (soft.left_patch) static_cast<btSoftBodyConcaveCollisionAlgorithm *>(pair.m_algorithm)->clearCache();
   }
   return true;
+}
+
+void keep_distance_fields_out(AmbWorld &world) {
+  btSparseSdf<3> &fields = world.soft->getWorldInfo().m_sparsesdf;
+  const int size = fields.cells.size();
+  AmbArena *const arena = amb_arena_enter(nullptr);
+  fields.Reset();
+  fields.cells.clear();
+  fields.Initialize(size, fields.m_clampCells);
+  amb_arena_enter(arena);
+}
+
+void put_back_soft(AmbWorld &world, AmbArena &arena, const unsigned char *copy, size_t size) {
+  btSparseSdf<3> &fields = world.soft->getWorldInfo().m_sparsesdf;
+  // With shapes that Bullet makes in the arena, such as pieces of planes, others may come back at the same address.
+  for (int i = 0; i < fields.cells.size(); ++i) {
+    for (btSparseSdf<3>::Cell **at = &fields.cells[i]; *at;) {
+      btSparseSdf<3>::Cell *cell = *at;
+      if (lies_in(arena, cell->pclient)) {
+        *at = cell->next;
+        delete cell;
+        --fields.ncells;
+      } else {
+        at = &cell->next;
+      }
+    }
+  }
+  alignas(btSparseSdf<3>) unsigned char kept[sizeof(btSparseSdf<3>)];
+  memcpy(kept, static_cast<const void *>(&fields), sizeof(kept));
+  put_back(arena, copy, size);
+  memcpy(static_cast<void *>(&fields), kept, sizeof(kept));
 }
 
 extern "C" {
@@ -385,7 +417,7 @@ int amb_soft_remove_anchors(AmbSoft *soft, AmbBody *body) {
 }
 
 void amb_soft_pull(AmbSoft *soft, int node, const double *goal) {
-  std::vector<AmbSoft::Pull> &pulls = soft->pulls;
+  Vector<AmbSoft::Pull> &pulls = soft->pulls;
   for (auto pull = pulls.begin(); pull != pulls.end(); ++pull) {
     if (pull->node == node) {
       pulls.erase(pull);

@@ -43,9 +43,9 @@ class WarmFrictionSolver : public btSequentialImpulseConstraintSolver {
 
 std::unique_ptr<btMLCPSolverInterface> mlcp_of(int solver) {
   switch (solver) {
-    case AmbSolver_Dantzig: return std::make_unique<btDantzigSolver>();
-    case AmbSolver_ProjectedGaussSeidel: return std::make_unique<btSolveProjectedGaussSeidel>();
-    case AmbSolver_Lemke: return std::make_unique<btLemkeSolver>();
+    case AmbSolver_Dantzig: return std::make_unique<Held<btDantzigSolver>>();
+    case AmbSolver_ProjectedGaussSeidel: return std::make_unique<Held<btSolveProjectedGaussSeidel>>();
+    case AmbSolver_Lemke: return std::make_unique<Held<btLemkeSolver>>();
     default: return nullptr;
   }
 }

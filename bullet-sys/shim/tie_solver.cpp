@@ -81,7 +81,7 @@ void TieSolver::apply(const Sides &row, btScalar impulse) {
   }
 }
 
-void TieSolver::solve(const std::vector<Sides> &rows) {
+void TieSolver::solve(const Vector<Sides> &rows) {
   const int n = static_cast<int>(rows.size());
   matrix.resize(n * n);
   right.resize(n);

@@ -2,7 +2,7 @@
 #ifndef AMB_TIE_SOLVER_H
 #define AMB_TIE_SOLVER_H
 
-#include <vector>
+#include "arena_memory.h"
 
 #include <BulletDynamics/Featherstone/btMultiBodyConstraintSolver.h>
 
@@ -37,10 +37,10 @@ class TieSolver : public btMultiBodyConstraintSolver {
   btScalar coupling(const Sides &of, const Sides &by) const;
   btScalar velocity(const Sides &row) const;
   void apply(const Sides &row, btScalar impulse);
-  void solve(const std::vector<Sides> &group);
+  void solve(const Vector<Sides> &group);
 
-  std::vector<Sides> all, group;
-  std::vector<btScalar> matrix, right, low, high, impulses;
+  Vector<Sides> all, group;
+  Vector<btScalar> matrix, right, low, high, impulses;
 };
 
 #endif

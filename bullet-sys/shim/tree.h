@@ -23,10 +23,12 @@ struct LinkCollider : btMultiBodyLinkCollider {
   bool checkCollideWithOverride(const btCollisionObject *other) const override;
 
   // Held by a joint that disables collisions.
-  std::vector<const AmbObject *> parted;
+  Vector<const AmbObject *> parted;
 };
 
 struct AmbTree {
+  BT_DECLARE_ALIGNED_ALLOCATOR();
+
   struct Member {
     AmbBody *body;
     // To the parent; null for the base.
@@ -65,9 +67,9 @@ struct AmbTree {
 
   AmbWorld &world;
   TreeDynamics dynamics;
-  std::vector<Member> members;
+  Vector<Member> members;
   // In the order of those of the dynamics.
-  std::vector<Spring> springs;
+  Vector<Spring> springs;
   std::unique_ptr<btMultiBody> multi_body;
   std::unique_ptr<JointRows> joint_rows;
   TreeDynamics::Position position;
@@ -97,7 +99,7 @@ struct AmbTree {
 
   btTransform base_pose;
   bool has_feedback = false;
-  std::vector<btVector3> momenta, angular_momenta, velocities, angular_velocities;
+  Vector<btVector3> momenta, angular_momenta, velocities, angular_velocities;
   btAlignedObjectArray<btQuaternion> scratch_q;
   btAlignedObjectArray<btScalar> scratch_r;
   btAlignedObjectArray<btVector3> scratch_v;
@@ -116,9 +118,9 @@ class TreeWorld : public Lean<btMultiBodyDynamicsWorld> {
   void solveExternalForces(btContactSolverInfo &info) override;
   void integrateTransforms(btScalar h) override;
 
-  std::vector<AmbTree *> trees;
+  Vector<AmbTree *> trees;
   // Constraints that hold a link and are none of its tree.
-  std::vector<AmbConstraint *> ties;
+  Vector<AmbConstraint *> ties;
 };
 
 // Coordinate of a spring about or along z of its frames, from the present poses: positive as for a hinge.

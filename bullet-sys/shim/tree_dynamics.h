@@ -2,7 +2,7 @@
 #ifndef AMB_TREE_DYNAMICS_H
 #define AMB_TREE_DYNAMICS_H
 
-#include <vector>
+#include "arena_memory.h"
 
 #include <LinearMath/btTransform.h>
 
@@ -50,13 +50,13 @@ class TreeDynamics {
   struct Position {
     btQuaternion rotation{0, 0, 0, 1};  // of the base
     btVector3 origin{0, 0, 0};
-    std::vector<btScalar> q;
+    Vector<btScalar> q;
   };
 
   // How it moves: velocity of the base and rates of the coordinates. Also used for accelerations.
   struct Rate {
     btVector3 angular{0, 0, 0}, linear{0, 0, 0};
-    std::vector<btScalar> q;
+    Vector<btScalar> q;
   };
 
   explicit TreeDynamics(bool with_fixed_base) : fixed_base(with_fixed_base) {}
@@ -104,14 +104,14 @@ class TreeDynamics {
 
   const bool fixed_base;
   int coordinates = 0;
-  std::vector<Body> bodies;
-  std::vector<Link> links;
-  std::vector<Spring> springs;
+  Vector<Body> bodies;
+  Vector<Link> links;
+  Vector<Spring> springs;
   // On each coordinate, constant over a step.
-  std::vector<btScalar> pushes;
+  Vector<btScalar> pushes;
   // State of the bodies, world axes.
-  std::vector<btMatrix3x3> rotations;
-  std::vector<btVector3> origins, linear, angular;
+  Vector<btMatrix3x3> rotations;
+  Vector<btVector3> origins, linear, angular;
 
  private:
   struct Work {
@@ -131,12 +131,12 @@ class TreeDynamics {
   void add_inertias();
   void sweep(Rate &out, bool with_bias);
 
-  std::vector<Work> work;
-  std::vector<btScalar> efforts;
+  Vector<Work> work;
+  Vector<btScalar> efforts;
   Position stage, part;
   Rate stage_rate, part_rate, slopes[4], speeds[4];
   // Fastest mode: its shape, and the square of its angular frequency, 1/s^2.
-  std::vector<btScalar> mode;
+  Vector<btScalar> mode;
   btScalar stiffness = 0;
   // Steps until it is looked at again.
   int trust = 0;

@@ -51,11 +51,11 @@ class JointRows : public btMultiBodyConstraint {
   void expect(Row row, btScalar h);
 
   AmbTree &tree;
-  std::vector<Row> planned;
+  Vector<Row> planned;
   // Last force of each source of rows.
-  std::vector<btScalar> forces;
+  Vector<btScalar> forces;
   btScalar step = 0;
-  std::vector<btScalar> jacobian, matrix, right, impulses;
+  Vector<btScalar> jacobian, matrix, right, impulses;
 };
 
 // A fixed or point-to-point constraint one end of which is a link of a tree.

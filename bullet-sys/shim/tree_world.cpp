@@ -4,7 +4,11 @@
 
 TreeWorld::TreeWorld(MotionClock &clock, btDispatcher *dispatcher, btBroadphaseInterface *broadphase,
                      btMultiBodyConstraintSolver *solver, btCollisionConfiguration *configuration)
-    : Lean(clock, dispatcher, broadphase, solver, configuration) {}
+    : Lean(clock, dispatcher, broadphase, solver, configuration) {
+  // Bullet's own lies on the heap.
+  delete m_solverMultiBodyIslandCallback;
+  m_solverMultiBodyIslandCallback = new Held<MultiBodyInplaceSolverIslandCallback>(solver, dispatcher);
+}
 
 // Trees take the gravity of their bodies themselves.
 void TreeWorld::applyGravity() { btDiscreteDynamicsWorld::applyGravity(); }
@@ -73,8 +77,8 @@ void add_tie(AmbWorld &world, AmbConstraint &constraint) {
     frame_b.setOrigin(point.getPivotInB());
   }
   AmbBody &a = first_of(constraint), &b = second_of(constraint);
-  constraint.tie = a.tree ? std::make_shared<TieRows>(constraint, a, frame_a, b, frame_b, rows)
-                          : std::make_shared<TieRows>(constraint, b, frame_b, a, frame_a, rows);
+  constraint.tie = a.tree ? make_held<TieRows>(constraint, a, frame_a, b, frame_b, rows)
+                          : make_held<TieRows>(constraint, b, frame_b, a, frame_a, rows);
   for (AmbBody *body : {&a, &b}) {
     if (!body->tree) continue;
     ++body->tree->ties;

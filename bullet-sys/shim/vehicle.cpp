@@ -1,6 +1,8 @@
 #include "internal.h"
 
 struct AmbVehicle {
+  BT_DECLARE_ALIGNED_ALLOCATOR();
+
   AmbVehicle(AmbWorld *owner, AmbBody *body)
       : world(owner),
         chassis(body),

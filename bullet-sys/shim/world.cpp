@@ -25,20 +25,20 @@ bool responds(const btPersistentManifold &manifold) {
 }
 
 // Bullet's default of 4096 manifolds takes 7 MB that are touched at once, half of what a small scene needs in all. Piles that need
-// more get theirs from the heap, one by one.
-btDefaultCollisionConstructionInfo small_pools() {
+// more get theirs from the heap, one by one. In an arena all come from the same memory, and what is not used would be copied.
+btDefaultCollisionConstructionInfo small_pools(bool in_arena) {
   btDefaultCollisionConstructionInfo info;
-  info.m_defaultMaxPersistentManifoldPoolSize = 1024;
-  info.m_defaultMaxCollisionAlgorithmPoolSize = 1024;
+  info.m_defaultMaxPersistentManifoldPoolSize = in_arena ? 1 : 1024;
+  info.m_defaultMaxCollisionAlgorithmPoolSize = in_arena ? 1 : 1024;
   return info;
 }
 
-std::unique_ptr<btDefaultCollisionConfiguration> configuration_of(bool soft, bool accurate) {
+std::unique_ptr<btDefaultCollisionConfiguration> configuration_of(bool soft, bool accurate, bool in_arena) {
   std::unique_ptr<btDefaultCollisionConfiguration> made;
   if (soft) {
-    made = std::make_unique<btSoftBodyRigidBodyCollisionConfiguration>(small_pools());
+    made = std::make_unique<Held<btSoftBodyRigidBodyCollisionConfiguration>>(small_pools(in_arena));
   } else {
-    made = std::make_unique<btDefaultCollisionConfiguration>(small_pools());
+    made = std::make_unique<Held<btDefaultCollisionConfiguration>>(small_pools(in_arena));
   }
   // A plane otherwise finds one point a step: what slides on it rocks from corner to corner.
   if (accurate) made->setPlaneConvexMultipointIterations(4, 4);
@@ -91,8 +91,9 @@ Base *make_world(AmbWorld &owner, Solver *solver) {
 
 }  // namespace
 
-AmbWorld::AmbWorld(int solver_kind, int kind)
-    : configuration(configuration_of(kind == AmbWorldKind_Soft, solver_kind == AmbSolver_Accurate)),
+AmbWorld::AmbWorld(int solver_kind, int kind, const AmbArena *memory)
+    : arena(memory),
+      configuration(configuration_of(kind == AmbWorldKind_Soft, solver_kind == AmbSolver_Accurate, memory)),
       dispatcher(configuration.get()) {
   if (kind == AmbWorldKind_Trees) {
     auto rows = multi_body_solver_of(solver_kind, accurate);
@@ -104,6 +105,7 @@ AmbWorld::AmbWorld(int solver_kind, int kind)
     if (kind == AmbWorldKind_Soft) {
       soft = make_world<Lean<btSoftRigidDynamicsWorld>>(*this, solver.get());
       soft->getWorldInfo().air_density = 0;
+      if (arena) keep_distance_fields_out(*this);
       soft->setInternalTickCallback(before_soft_sub_step, this, true);
     } else {
       make_world<Lean<btDiscreteDynamicsWorld>>(*this, solver.get());
@@ -179,7 +181,20 @@ void correct_free_bodies(btDynamicsWorld *dynamics, btScalar dt) {
 
 extern "C" {
 
-AmbWorld *amb_world_new(int solver, int kind) { return new AmbWorld(solver, kind); }
+AmbWorld *amb_world_new(int solver, int kind, AmbArena *arena) {
+  AmbArena *const before = amb_arena_enter(arena);
+  auto *world = new AmbWorld(solver, kind, arena);
+  amb_arena_enter(before);
+  return world;
+}
+
+void amb_world_restore(AmbWorld *world, AmbArena *arena, const unsigned char *copy, unsigned long size) {
+  if (world->soft) {
+    put_back_soft(*world, *arena, copy, size);
+  } else {
+    put_back(*arena, copy, size);
+  }
+}
 
 void amb_world_free(AmbWorld *world) { delete world; }
 

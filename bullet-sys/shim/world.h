@@ -1,6 +1,7 @@
 /* The dynamics world. Objects added to it stay the caller's and must be removed before they are freed. */
 #ifndef AMB_WORLD_H
 #define AMB_WORLD_H
+#include "arena.h"
 #include "types.h"
 
 enum AmbSolver {
@@ -23,7 +24,12 @@ enum AmbWorldKind {
   AmbWorldKind_Trees = 2
 };
 
-AmbWorld *amb_world_new(int solver, int kind);
+/* The arena is that of this world alone, or null. Who has given one enters it before each of the functions below, which may all allocate, and
+   whenever something is made for the world; shapes don't change and stay out. */
+AmbWorld *amb_world_new(int solver, int kind, AmbArena *arena);
+/* Back to what it was when the copy of its arena was made. The same bodies, soft bodies, ghosts and vehicles must be in the world as then;
+   constraints and trees made since are gone, and those removed are back. */
+void amb_world_restore(AmbWorld *world, AmbArena *arena, const unsigned char *copy, unsigned long size);
 void amb_world_free(AmbWorld *world);
 /* Also sets it on every dynamic body and all soft bodies in the world. */
 void amb_world_set_gravity(AmbWorld *world, const double gravity[3]);

@@ -7,6 +7,7 @@ use bullet_sys as sys;
 
 use super::{ArticulationHandle, BodyHandle, ConstraintHandle, ConstraintKind, World};
 
+#[derive(Clone)]
 pub(super) struct OwnedArticulation {
     raw: NonNull<sys::AmbTree>,
     joints: Vec<ConstraintHandle>,
@@ -38,6 +39,7 @@ impl World {
     /// turn about all its axes, is a link already, or is more than 2 cm or 0.05 rad off its joint; or when there are vehicles, whose wheels
     /// would not find the links.
     pub fn articulate(&mut self, constraints: &[ConstraintHandle]) -> Option<ArticulationHandle> {
+        let _inside = self.enter();
         if !self.has_articulations || !self.vehicles.is_empty() {
             return None;
         }
@@ -69,6 +71,7 @@ impl World {
     /// Puts the bodies and constraints of an articulation back into the world as such, with their present poses and velocities. False
     /// when it is not there.
     pub fn dissolve(&mut self, handle: ArticulationHandle) -> bool {
+        let _inside = self.enter();
         let Some(articulation) = self.articulations.remove(handle) else { return false };
         // SAFETY: world and tree are alive, and so are its bodies and constraints; no pointer to the tree is left after this.
         unsafe { sys::amb_world_dissolve(self.raw.as_ptr(), articulation.raw.as_ptr()) }

@@ -47,6 +47,8 @@ pub(super) struct OwnedBody {
 impl World {
     /// Adds a body.
     pub fn add_body(&mut self, body: RigidBody) -> BodyHandle {
+        let _inside = self.enter();
+        self.structure += 1;
         // SAFETY: the shape is alive and stays so with the body; numbers are read before the call returns.
         let raw = unsafe {
             sys::amb_body_new(body.mass, body.inertia.as_ptr(), body.shape.raw(), raw_pose(&body.pose).as_ptr())
@@ -80,10 +82,12 @@ impl World {
     /// Removes a body; the places of other bodies in [`bodies`](Self::bodies) stay. Anchors of soft bodies on it are dropped. False when
     /// it is not there or a constraint or vehicle still holds it.
     pub fn remove_body(&mut self, handle: BodyHandle) -> bool {
+        let _inside = self.enter();
         if self.bodies.get(handle).is_none_or(|body| body.held > 0) {
             return false;
         }
         let Some(body) = self.bodies.remove(handle) else { return false };
+        self.structure += 1;
         self.body_list[body.place] = std::ptr::null_mut();
         // SAFETY: the body is in this world, no constraint or vehicle refers to it, removing it drops anchors, and no pointer to it is
         // left after this.
@@ -97,8 +101,10 @@ impl World {
     /// Makes a body a picture: without mass, at rest, touched by nothing and seen by no ray. Only [`set_pose`](Self::set_pose) moves it.
     /// Anchors of soft bodies on it are dropped. False when it is not there or a constraint or vehicle holds it.
     pub fn make_drawing(&mut self, handle: BodyHandle) -> bool {
+        let _inside = self.enter();
         let Some(body) = self.bodies.get_mut(handle).filter(|body| body.held == 0) else { return false };
         body.dynamic = false;
+        self.structure += 1;
         // SAFETY: the body is alive and in this world.
         unsafe { sys::amb_world_make_drawing(self.raw.as_ptr(), body.raw.as_ptr()) }
         true
@@ -120,6 +126,7 @@ impl World {
 
     /// The two bodies never collide from now on. Found in constant time, however many such pairs there are.
     pub fn ignore_collision(&mut self, a: BodyHandle, b: BodyHandle) {
+        let _inside = self.enter();
         if let (Some(a), Some(b)) = (self.raw_body(a), self.raw_body(b)) {
             // SAFETY: world and bodies are alive.
             unsafe { sys::amb_world_ignore_pair(self.raw.as_ptr(), a, b) }
@@ -165,6 +172,7 @@ impl World {
     /// Sets world transform and motion state of the inertial frame; velocities stay. A link of an articulation takes the place next to it
     /// that the joints allow, in the next step or when joints are read.
     pub fn set_pose(&mut self, handle: BodyHandle, pose: &Isometry3<f64>) {
+        let _inside = self.enter();
         if let Some(body) = self.raw_body(handle) {
             // SAFETY: the body is alive; 12 doubles are read.
             unsafe { sys::amb_body_set_pose(body, raw_pose(pose).as_ptr()) }

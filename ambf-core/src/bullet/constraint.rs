@@ -191,6 +191,7 @@ enum Motor {
     Slider,
 }
 
+#[derive(Clone)]
 pub(super) struct OwnedConstraint {
     pub(super) raw: NonNull<sys::AmbConstraint>,
     pub(super) bodies: [BodyHandle; 2],
@@ -214,6 +215,7 @@ impl World {
         b: BodyHandle,
         constraint: &Constraint,
     ) -> Option<ConstraintHandle> {
+        let _inside = self.enter();
         if a == b {
             return None;
         }
@@ -275,6 +277,7 @@ impl World {
     /// Removes a constraint; the places of others in [`constraints`](Self::constraints) stay. An articulation of which it is a joint is
     /// dissolved. False when it is not there.
     pub fn remove_constraint(&mut self, handle: ConstraintHandle) -> bool {
+        let _inside = self.enter();
         if let Some(articulation) = self.constraints.get(handle).and_then(|constraint| constraint.articulation) {
             self.dissolve(articulation);
         }
@@ -301,6 +304,7 @@ impl World {
     /// Reads the position of all constraints by place, as many as `out` has place for: angle of a hinge (rad),
     /// position of a slider (m), of a spring on z (m or rad), 0 for others. In the place of a removed constraint `out` stays as it is.
     pub fn read_constraints(&self, out: &mut [f64]) {
+        let _inside = self.enter();
         let n = out.len().min(self.constraint_list.len());
         // SAFETY: the lists are of the same length, hold live constraints and null only, and each reading fits the constraint's type.
         unsafe {

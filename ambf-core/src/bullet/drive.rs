@@ -33,6 +33,7 @@ impl World {
     /// Drives a hinge or slider from now on, instead of its motor; `None` lets it go. Nothing pushes against a limit that is reached. False
     /// for other constraints.
     pub fn set_drive(&mut self, handle: ConstraintHandle, drive: Option<Drive>) -> bool {
+        let _inside = self.enter();
         let Some(raw) = self.raw_constraint(handle) else { return false };
         // SAFETY: the constraint is alive.
         unsafe {
@@ -51,6 +52,7 @@ impl World {
     /// Coordinate of a hinge (rad, in [−π, π]) or slider (m), and its rate, from the present poses and velocities. `None` for other
     /// constraints.
     pub fn coordinate(&self, handle: ConstraintHandle) -> Option<(f64, f64)> {
+        let _inside = self.enter();
         let mut out = [0.0; 2];
         // SAFETY: the constraint is alive; two doubles are written.
         let known = unsafe { sys::amb_constraint_coordinate(self.raw_constraint(handle)?, out.as_mut_ptr()) };
@@ -65,6 +67,7 @@ impl World {
     /// Drives a dynamic body from now on; `None` lets it go. The first call for a body makes the rows. False for bodies that can't be
     /// driven.
     pub fn set_body_drive(&mut self, handle: BodyHandle, drive: Option<&BodyDrive>) -> bool {
+        let _inside = self.enter();
         let Some(raw) = self.raw_body(handle).filter(|_| self.bodies[handle].dynamic) else { return false };
         let Some(BodyDrive { velocity: [linear, angular], softness }) = drive else {
             // SAFETY: the body is alive.
@@ -92,6 +95,7 @@ impl World {
         sub_step: f64,
         mut before: impl FnMut(&mut Self, u32),
     ) -> u32 {
+        let _inside = self.enter();
         let cap = max_sub_steps.clamp(1, i32::MAX as u32);
         // SAFETY: the world and everything in it are alive.
         let due = unsafe { sys::amb_world_begin_step(self.raw.as_ptr(), interval, cap as i32, sub_step) }.max(0) as u32;

@@ -5,6 +5,7 @@
 //! are freed before bodies, bodies before shapes. No panic can cross into C++: nothing here is called back from it.
 
 mod accurate;
+mod arena;
 mod articulation;
 mod body;
 mod constraint;
@@ -15,6 +16,7 @@ mod kinematics;
 mod method;
 mod ray;
 mod rest;
+mod saved;
 mod settings;
 mod shape;
 mod soft_body;
@@ -30,12 +32,15 @@ pub use drive::{BodyDrive, Drive};
 pub use kinematics::BodyKinematics;
 pub use method::{Integrator, Solver};
 pub use ray::{Ray, RayHit, RayTarget};
+pub use saved::{SavedWorld, StateError};
 pub use settings::{Gyroscopic, Preset, SolverSettings};
 pub use shape::{Axis, Shape};
 pub use soft_body::{SoftBody, SoftBodyError, SoftConfig};
 pub use soft_world::SoftFeatures;
 pub use vehicle::Wheel;
-pub use world::{ArticulationHandle, BodyHandle, ConstraintHandle, GhostHandle, SoftBodyHandle, VehicleHandle, World};
+pub use world::{
+    ArticulationHandle, BodyHandle, ConstraintHandle, GhostHandle, SoftBodyHandle, VehicleHandle, World, WorldKind,
+};
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 

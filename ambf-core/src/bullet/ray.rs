@@ -47,6 +47,7 @@ impl World {
     /// Bullet's default filter: all bodies count, ghosts too, drawings not. A ray that starts inside a convex shape does not see it.
     /// Objects are where the last sub-step saw them: one that was placed by hand since may be missed. Soft bodies are hit on their faces.
     pub fn cast_rays(&self, rays: &[Ray], hits: &mut [Option<RayHit>]) {
+        let _inside = self.enter();
         hits.fill(None);
         // In pieces on the stack, so that nothing is allocated.
         for (rays, hits) in rays.chunks(PIECE).zip(hits.chunks_mut(PIECE)) {

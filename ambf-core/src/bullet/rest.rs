@@ -9,6 +9,7 @@ const SLEEP_BELOW: (f64, f64) = (0.02, 0.1);
 impl World {
     /// Looks at static bodies only when they are set, not in every sub-step. Contacts are then solved in another order.
     pub fn rest_static_bodies(&mut self) {
+        let _inside = self.enter();
         // SAFETY: the world and everything in it are alive.
         unsafe { sys::amb_world_rest_static(self.raw.as_ptr()) }
     }
@@ -20,6 +21,7 @@ impl World {
     ///
     /// False, and no effect, for a world with soft bodies: what they press on would not feel it.
     pub fn let_bodies_sleep(&mut self) -> bool {
+        let _inside = self.enter();
         if self.has_soft_bodies {
             return false;
         }

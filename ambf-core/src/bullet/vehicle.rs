@@ -81,6 +81,7 @@ impl World {
     /// or a wheel has a number that is not finite, a radius or reach that is not positive, or an axle that is zero or along its
     /// direction. Articulations are dissolved. Wheels only stand on rigid bodies, and are lifted where a ghost or soft body is nearer.
     pub fn add_vehicle(&mut self, chassis: BodyHandle, wheels: &[Wheel]) -> Option<VehicleHandle> {
+        let _inside = self.enter();
         let dynamic = self.bodies.get(chassis)?.dynamic;
         if !dynamic || !wheels.iter().all(Wheel::is_sound) {
             return None;
@@ -92,13 +93,16 @@ impl World {
         let raw = unsafe { sys::amb_vehicle_new(self.raw.as_ptr(), self.raw_body(chassis)?, raw_wheels.as_ptr(), n) };
         let raw = NonNull::new(raw).expect("operator new throws rather than return null");
         self.bodies[chassis].held += 1;
+        self.structure += 1;
         Some(self.vehicles.insert(OwnedVehicle { raw, chassis, wheels: wheels.len() }))
     }
 
     /// Takes a body off its wheels; false when the vehicle is not there.
     pub fn remove_vehicle(&mut self, handle: VehicleHandle) -> bool {
+        let _inside = self.enter();
         let Some(vehicle) = self.vehicles.remove(handle) else { return false };
         self.bodies[vehicle.chassis].held -= 1;
+        self.structure += 1;
         // SAFETY: the vehicle is in this world, and no pointer to it is left after this.
         unsafe { sys::amb_vehicle_free(vehicle.raw.as_ptr()) }
         true
@@ -136,6 +140,7 @@ impl World {
 
     /// Brings suspensions to rest and the angles of all wheels, their steering, engine and brake to zero.
     pub fn reset_vehicle(&mut self, handle: VehicleHandle) {
+        let _inside = self.enter();
         if let Some(vehicle) = self.vehicles.get(handle) {
             // SAFETY: the vehicle is alive.
             unsafe { sys::amb_vehicle_reset(vehicle.raw.as_ptr()) }

@@ -5,6 +5,7 @@ use bullet_sys as sys;
 use nalgebra::Vector3;
 use slotmap::{new_key_type, SlotMap};
 
+use super::arena::{Arena, Inside};
 use super::articulation::OwnedArticulation;
 use super::body::OwnedBody;
 use super::constraint::OwnedConstraint;
@@ -32,8 +33,8 @@ new_key_type! {
 pub struct World {
     pub(super) raw: NonNull<sys::AmbWorld>,
     pub(super) has_soft_bodies: bool,
-    solver: Solver,
-    integrator: Integrator,
+    pub(super) solver: Solver,
+    pub(super) integrator: Integrator,
     pub(super) has_articulations: bool,
     pub(super) articulations: SlotMap<ArticulationHandle, OwnedArticulation>,
     pub(super) bodies: SlotMap<BodyHandle, OwnedBody>,
@@ -52,6 +53,21 @@ pub struct World {
     pub(super) free_places: Vec<usize>,
     /// Room for what queries answer, kept between calls.
     pub(super) scratch: RefCell<Scratch>,
+    /// Counts bodies, soft bodies, ghosts and vehicles that came or went.
+    pub(super) structure: u64,
+    /// Where Bullet's side lies, if the world can be saved. Goes after everything that lies in it.
+    pub(super) arena: Option<Arena>,
+}
+
+/// What a world may hold beside rigid bodies and their constraints.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum WorldKind {
+    /// Nothing: [`World::new`].
+    Rigid,
+    /// [`World::with_soft_bodies`].
+    Soft,
+    /// [`World::with_articulations`].
+    Articulated,
 }
 
 /// Answers of queries as the shim writes them.
@@ -67,6 +83,7 @@ unsafe impl Send for World {}
 
 impl Drop for World {
     fn drop(&mut self) {
+        let _inside = self.enter();
         for handle in self.vehicles.keys().collect::<Vec<_>>() {
             self.remove_vehicle(handle);
         }
@@ -90,30 +107,42 @@ impl Drop for World {
 impl World {
     /// An empty world without gravity, for rigid bodies.
     pub fn new(solver: Solver) -> Self {
-        Self::make(solver, sys::AmbWorldKind::AmbWorldKind_Rigid)
+        Self::make(solver, WorldKind::Rigid, None)
     }
 
     /// An empty world without gravity, for rigid and soft bodies. Rigid bodies that meet no soft body move as in a plain world, bit for
     /// bit.
     pub fn with_soft_bodies(solver: Solver) -> Self {
-        Self::make(solver, sys::AmbWorldKind::AmbWorldKind_Soft)
+        Self::make(solver, WorldKind::Soft, None)
     }
 
     /// An empty world without gravity, for rigid bodies whose constraints may be [articulated](Self::articulate). Contacts have two
     /// directions of friction.
     pub fn with_articulations(solver: Solver) -> Self {
-        Self::make(solver, sys::AmbWorldKind::AmbWorldKind_Trees)
+        Self::make(solver, WorldKind::Articulated, None)
     }
 
-    fn make(solver: Solver, kind: sys::AmbWorldKind::Type) -> Self {
-        // SAFETY: numbers that the enums of the shim have.
-        let raw = unsafe { sys::amb_world_new(solver as i32, kind as i32) };
+    /// An empty world whose state can be saved; it moves as one of the others, bit for bit. `None`: the process may have no more address
+    /// space.
+    pub fn savable(solver: Solver, kind: WorldKind) -> Option<Self> {
+        Arena::new().map(|arena| Self::make(solver, kind, Some(arena)))
+    }
+
+    fn make(solver: Solver, kind: WorldKind, arena: Option<Arena>) -> Self {
+        let raw_kind = match kind {
+            WorldKind::Rigid => sys::AmbWorldKind::AmbWorldKind_Rigid,
+            WorldKind::Soft => sys::AmbWorldKind::AmbWorldKind_Soft,
+            WorldKind::Articulated => sys::AmbWorldKind::AmbWorldKind_Trees,
+        };
+        let place = arena.as_ref().map_or(std::ptr::null_mut(), Arena::as_ptr);
+        // SAFETY: numbers that the enums of the shim have; the arena is this world's alone and goes after it.
+        let raw = unsafe { sys::amb_world_new(solver as i32, raw_kind as i32, place) };
         let mut world = Self {
             raw: NonNull::new(raw).expect("operator new throws rather than return null"),
             solver,
             integrator: Integrator::default(),
-            has_soft_bodies: kind == sys::AmbWorldKind::AmbWorldKind_Soft,
-            has_articulations: kind == sys::AmbWorldKind::AmbWorldKind_Trees,
+            has_soft_bodies: kind == WorldKind::Soft,
+            has_articulations: kind == WorldKind::Articulated,
             articulations: SlotMap::with_key(),
             bodies: SlotMap::with_key(),
             constraints: SlotMap::with_key(),
@@ -127,10 +156,17 @@ impl World {
             readings: Vec::new(),
             free_places: Vec::new(),
             scratch: RefCell::default(),
+            structure: 0,
+            arena,
         };
         world.set_gravity(Vector3::zeros());
         world.set_defaults(solver);
         world
+    }
+
+    /// Until the guard goes, what Bullet allocates in this thread lies where this world does. Needed for every call that may allocate.
+    pub(super) fn enter(&self) -> Inside {
+        Inside::of(self.arena.as_ref())
     }
 
     /// The method that solves contacts and constraints.
@@ -144,7 +180,7 @@ impl World {
     }
 
     /// The shim's world, for what this interface does not offer. It stays this world's: whoever changes it through the pointer must leave
-    /// it as this world knows it.
+    /// it as this world knows it. Not for worlds that can be saved.
     pub fn as_raw(&self) -> *mut sys::AmbWorld {
         self.raw.as_ptr()
     }
@@ -156,6 +192,7 @@ impl World {
 
     /// Sets gravity, m/s², also of all dynamic bodies and soft bodies in the world.
     pub fn set_gravity(&mut self, gravity: Vector3<f64>) {
+        let _inside = self.enter();
         // SAFETY: the world is alive; three doubles are read.
         unsafe { sys::amb_world_set_gravity(self.raw.as_ptr(), gravity.as_ptr()) }
     }
@@ -182,6 +219,7 @@ impl World {
     /// Advances by `interval` s in sub-steps of `sub_step` s, at most `max_sub_steps` of them. Returns how many were due; those
     /// above `max_sub_steps` are lost. A remainder is kept for the next call. Applied forces are cleared.
     pub fn step(&mut self, interval: f64, max_sub_steps: u32, sub_step: f64) -> u32 {
+        let _inside = self.enter();
         let cap = max_sub_steps.clamp(1, i32::MAX as u32) as i32;
         // SAFETY: the world and everything in it are alive.
         unsafe { sys::amb_world_step(self.raw.as_ptr(), interval, cap, sub_step) }.max(0) as u32
@@ -190,6 +228,7 @@ impl World {
     /// Forgets contacts and what the solver starts from, and revives bodies that Bullet switched off because their state was not finite.
     /// To be called after poses and velocities were set back to finite values.
     pub fn recover(&mut self) {
+        let _inside = self.enter();
         // SAFETY: the world and everything in it are alive.
         unsafe { sys::amb_world_recover(self.raw.as_ptr()) }
     }

@@ -62,6 +62,15 @@ impl<C: Command> Default for Inbox<C> {
     }
 }
 
+impl<C: Command + Clone> Inbox<C> {
+    /// The same command in force, as if it had come `later_ns` later.
+    pub fn later(&self, later_ns: u64) -> Self {
+        let Mail { command, posted_ns } = &*self.current;
+        let mail = Mail { command: command.clone(), posted_ns: posted_ns.saturating_add(later_ns) };
+        Self { current: Box::new(mail), watched: self.watched }
+    }
+}
+
 impl<C: Command> Inbox<C> {
     /// Takes what waits in `mailbox`; true when there was something.
     pub fn fetch(&mut self, mailbox: &Mailbox<C>) -> bool {

@@ -34,7 +34,24 @@ enum Held {
 /// How far from the point that a ray hits a node or the middle of a face may be, m.
 const REACH: f64 = 0.1;
 
+/// What of an [`Actuator`] changes while the simulation runs.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct SavedActuator {
+    held: Held,
+    complained: bool,
+}
+
 impl Actuator {
+    pub(super) fn save(&self) -> SavedActuator {
+        // All fields by name, so that no new one is forgotten.
+        let Self { identity: _, info: _, parent: _, frame: _, held, complained } = self;
+        SavedActuator { held: *held, complained: *complained }
+    }
+
+    pub(super) fn restore(&mut self, saved: &SavedActuator) {
+        (self.held, self.complained) = (saved.held, saved.complained);
+    }
+
     pub(super) fn new(identity: Identity, info: ActuatorInfo, parent: usize, frame: Isometry3<f64>) -> Self {
         Self { identity, info, parent, frame, held: Held::Nothing, complained: false }
     }

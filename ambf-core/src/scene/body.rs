@@ -48,6 +48,14 @@ pub struct Body {
     pub(crate) order: BodyOrder,
 }
 
+/// What of a [`Body`] changes while the simulation runs, beside what Bullet knows.
+#[derive(Debug, Clone)]
+pub(super) struct SavedBody {
+    control: CartesianCommandType,
+    controller: CartesianController,
+    order: BodyOrder,
+}
+
 /// Cartesian commands closer than this to the pose of a static body leave it alone: m and rad.
 const SAME_POSE: (f64, f64) = (1e-5, 1e-4);
 
@@ -85,6 +93,37 @@ impl DerefMut for Bodies {
 }
 
 impl Body {
+    pub(super) fn save(&self) -> SavedBody {
+        // All fields by name, so that no new one is forgotten.
+        let Self {
+            identity: _,
+            mass: _,
+            inertia: _,
+            inertial_offset: _,
+            inertial_offset_inverse: _,
+            initial_pose: _,
+            gravity: _,
+            scale: _,
+            collision_groups: _,
+            publish_children_names: _,
+            publish_joint_names: _,
+            publish_joint_positions: _,
+            source: _,
+            handle: _,
+            control,
+            controller,
+            order,
+        } = self;
+        SavedBody { control: *control, controller: controller.clone(), order: order.clone() }
+    }
+
+    pub(super) fn restore(&mut self, saved: &SavedBody) {
+        let SavedBody { control, controller, order } = saved;
+        self.control = *control;
+        self.controller.clone_from(controller);
+        self.order.clone_from(order);
+    }
+
     /// Pose of the body frame in the world as reported: from the motion state, up to one sub-step old.
     pub fn pose(&self, world: &World) -> Isometry3<f64> {
         world.motion_state(self.handle).unwrap_or(self.initial_pose) * self.inertial_offset_inverse

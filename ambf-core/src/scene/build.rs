@@ -15,7 +15,7 @@ use super::{
     PhysicsOptions, Scene, SceneOptions,
 };
 use crate::adf::{self, CollisionGeometry, Part, PartGeometry, PhysicsProfile, RaySource, Severity, SourcePos};
-use crate::bullet::{self, Gyroscopic, Integrator, Preset, Solver, SolverSettings, World};
+use crate::bullet::{self, Gyroscopic, Integrator, Preset, Solver, SolverSettings, World, WorldKind};
 use crate::comm::{CartesianCommandType, LightParameters, Rates};
 use crate::control::{CartesianController, Profile};
 use crate::mesh::{Mesh, MeshCache};
@@ -103,11 +103,20 @@ pub(super) fn empty_scene(
     // The error reduction of joints in files is that of the C++ program: a tenth.
     let accurate = profile == Profile::Accurate && physics.preset.is_none();
     let joint_erp = physics.joint_erp.or(accurate.then_some(ACCURATE_JOINT_ERP));
-    let mut bullet = match (has_soft_bodies, may_articulate) {
-        (true, _) => World::with_soft_bodies(solver),
-        (false, true) => World::with_articulations(solver),
-        (false, false) => World::new(solver),
+    let kind = match (has_soft_bodies, may_articulate) {
+        (true, _) => WorldKind::Soft,
+        (false, true) => WorldKind::Articulated,
+        (false, false) => WorldKind::Rigid,
     };
+    let savable = options.savable.then(|| World::savable(solver, kind));
+    if matches!(savable, Some(None)) {
+        warn("states cannot be saved: the process may have no more address space (`ulimit -v`)".into());
+    }
+    let mut bullet = savable.flatten().unwrap_or_else(|| match kind {
+        WorldKind::Soft => World::with_soft_bodies(solver),
+        WorldKind::Articulated => World::with_articulations(solver),
+        WorldKind::Rigid => World::new(solver),
+    });
     bullet.set_integrator(physics.integrator.unwrap_or(integrator));
     bullet.set_lag(profile == Profile::Legacy && physics.preset.is_none());
     if let Some(preset) = physics.preset {

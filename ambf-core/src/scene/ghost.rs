@@ -29,6 +29,14 @@ pub struct Ghost {
     found: Vec<BodyHandle>,
 }
 
+/// What of a [`Ghost`] changes while the simulation runs, beside what Bullet knows.
+#[derive(Debug, Clone)]
+pub(super) struct SavedGhost {
+    placed: Isometry3<f64>,
+    pose: Isometry3<f64>,
+    sensed: Vec<BodyHandle>,
+}
+
 /// Share of the velocity against the ghost that is left after an iteration in it.
 const KEPT: f64 = 0.9;
 /// Bodies in a ghost, counted by contact, that take no new memory.
@@ -46,6 +54,17 @@ impl Ghost {
             sensed: Vec::with_capacity(CONTACTS),
             found: Vec::with_capacity(CONTACTS),
         }
+    }
+
+    pub(super) fn save(&self) -> SavedGhost {
+        // All fields by name, so that no new one is forgotten.
+        let Self { placed, parent_name: _, collision_groups: _, source: _, handle: _, pose, sensed, found: _ } = self;
+        SavedGhost { placed: placed.pose, pose: *pose, sensed: sensed.clone() }
+    }
+
+    pub(super) fn restore(&mut self, saved: &SavedGhost) {
+        (self.placed.pose, self.pose) = (saved.placed, saved.pose);
+        self.sensed.clone_from(&saved.sensed);
     }
 
     /// Pose in the world.

@@ -131,7 +131,59 @@ pub struct Joint {
     pub(crate) order: JointOrder,
 }
 
+/// What of a [`Joint`] changes while the simulation runs, beside what Bullet knows.
+#[derive(Debug, Clone)]
+pub(super) struct SavedJoint {
+    position: f64,
+    velocity: f64,
+    effort: f64,
+    controller: JointController,
+    order: JointOrder,
+}
+
 impl Joint {
+    pub(super) fn save(&self) -> SavedJoint {
+        // All fields by name, so that no new one is forgotten.
+        let Self {
+            name: _,
+            key: _,
+            joint_type: _,
+            parent: _,
+            child: _,
+            model: _,
+            passive: _,
+            limits: _,
+            enable_motor: _,
+            max_motor_impulse: _,
+            feedback: _,
+            position,
+            velocity,
+            effort,
+            source: _,
+            axis: _,
+            handle: _,
+            place: _,
+            removed: _,
+            controller,
+            output: _,
+            order,
+        } = self;
+        SavedJoint {
+            position: *position,
+            velocity: *velocity,
+            effort: *effort,
+            controller: controller.clone(),
+            order: order.clone(),
+        }
+    }
+
+    pub(super) fn restore(&mut self, saved: &SavedJoint) {
+        let SavedJoint { position, velocity, effort, controller, order } = saved;
+        (self.position, self.velocity, self.effort) = (*position, *velocity, *effort);
+        self.controller.clone_from(controller);
+        self.order.clone_from(order);
+    }
+
     pub(super) fn new(
         joint: &adf::Joint,
         key: String,

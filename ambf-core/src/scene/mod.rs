@@ -16,6 +16,7 @@ mod names;
 mod object;
 mod placed;
 mod remove;
+mod saved;
 mod sensor;
 mod shape;
 mod soft_body;
@@ -33,6 +34,7 @@ pub use load::{load, read_model, Loaded, PreparedModel, SceneFiles, SceneReport}
 pub use names::{Found, NameMap};
 pub use object::{DeclaredPlugins, ObjectId, ObjectType};
 pub use placed::{Camera, Light, Parent, Placed};
+pub(crate) use saved::SavedScene;
 pub use sensor::{LocalRay, Sensed, Sensor};
 pub use soft_body::SoftBody;
 pub use vehicle::{Vehicle, Wheel};
@@ -61,6 +63,8 @@ pub struct SceneOptions {
     pub physics: PhysicsOptions,
     /// Models with joints will be added later: where joints may be put into reduced coordinates, theirs may be too. Default: `false`.
     pub may_grow: bool,
+    /// States of the simulation can be [saved](crate::sim::Simulation::save). Default: `false`.
+    pub savable: bool,
 }
 
 /// How physics is solved; what is `None` comes from the world file, else from the profile.
@@ -422,7 +426,7 @@ impl Scene {
 }
 
 /// Numbers of objects by type.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Counts {
     pub bodies: usize,
     pub soft_bodies: usize,

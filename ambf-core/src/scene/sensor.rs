@@ -53,6 +53,15 @@ enum Work {
     Contacts { threshold: f64, contacts: Vec<Contact> },
 }
 
+/// What of a [`Sensor`] changes while the simulation runs.
+#[derive(Debug, Clone)]
+pub(super) struct SavedSensor {
+    readings: Vec<RayReading>,
+    rays: Vec<Ray>,
+    hits: Vec<Option<RayHit>>,
+    memory: Vec<Option<Stuck>>,
+}
+
 /// Bodies that a contact sensor can name at a time without allocating.
 const CONTACTS: usize = 64;
 
@@ -72,6 +81,31 @@ impl Sensor {
     pub(super) fn with_contacts(identity: Identity, info: SensorInfo, parent: usize) -> Self {
         let work = Work::Contacts { threshold: info.range, contacts: Vec::with_capacity(CONTACTS) };
         Self { identity, info, parent, rays: Vec::new(), readings: Vec::with_capacity(CONTACTS), work }
+    }
+
+    pub(super) fn save(&self) -> SavedSensor {
+        // All fields by name, so that no new one is forgotten.
+        let Self { identity: _, info: _, parent: _, rays: _, readings, work } = self;
+        let (rays, hits, memory) = match work {
+            Work::Rays { world, hits, resistance } => {
+                let memory = resistance.as_ref().map(|Resistance { parameters: _, profile: _, memory }| memory.clone());
+                (world.clone(), hits.clone(), memory.unwrap_or_default())
+            }
+            // Contacts are asked for in each update.
+            Work::Contacts { threshold: _, contacts: _ } => Default::default(),
+        };
+        SavedSensor { readings: readings.clone(), rays, hits, memory }
+    }
+
+    pub(super) fn restore(&mut self, saved: &SavedSensor) {
+        self.readings.clone_from(&saved.readings);
+        if let Work::Rays { world, hits, resistance } = &mut self.work {
+            world.clone_from(&saved.rays);
+            hits.clone_from(&saved.hits);
+            if let Some(resistance) = resistance {
+                resistance.memory.clone_from(&saved.memory);
+            }
+        }
     }
 
     /// What is seen, one entry a ray; for a contact sensor one entry a body in contact.

@@ -34,8 +34,9 @@ pub struct Wheel {
     drive: Drive,
 }
 
+/// What is in force for a wheel.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-struct Drive {
+pub(super) struct Drive {
     steering: f64,
     power: f64,
     brake: f64,
@@ -71,6 +72,23 @@ fn within(value: f64, low: f64, high: f64) -> f64 {
 }
 
 impl Vehicle {
+    /// What changes while the simulation runs, beside what Bullet knows: of each wheel.
+    pub(super) fn save(&self) -> Vec<Drive> {
+        // All fields by name, so that no new one is forgotten.
+        let Self { identity: _, chassis: _, wheels, handle: _ } = self;
+        let drive = |wheel: &Wheel| {
+            let Wheel { body: _, steering_limits: _, max_power: _, max_brake: _, drive } = wheel;
+            *drive
+        };
+        wheels.iter().map(drive).collect()
+    }
+
+    pub(super) fn restore(&mut self, saved: &[Drive]) {
+        for (wheel, &drive) in self.wheels.iter_mut().zip(saved) {
+            wheel.drive = drive;
+        }
+    }
+
     /// Executes a command; it acts in the next update.
     pub(crate) fn apply_command(&mut self, world: &mut World, bodies: &Bodies, command: &VehicleCommand) {
         for (i, wheel) in self.wheels.iter_mut().enumerate() {

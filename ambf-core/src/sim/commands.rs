@@ -53,6 +53,20 @@ impl Slot {
         }
     }
 
+    /// The same commands, as if they had come `by` ns later.
+    fn later(&self, by: u64) -> Self {
+        match self {
+            Self::Idle => Self::Idle,
+            Self::Body(index, inbox) => Self::Body(*index, inbox.later(by)),
+            Self::Camera(index, pose, parameters) => Self::Camera(*index, pose.later(by), parameters.later(by)),
+            Self::Light(index, pose, parameters) => Self::Light(*index, pose.later(by), parameters.later(by)),
+            Self::Actuator(index, inbox) => Self::Actuator(*index, inbox.later(by)),
+            Self::SoftBody(index, inbox) => Self::SoftBody(*index, inbox.later(by)),
+            Self::Ghost(index, inbox) => Self::Ghost(*index, inbox.later(by)),
+            Self::Vehicle(index, inbox) => Self::Vehicle(*index, inbox.later(by)),
+        }
+    }
+
     /// Takes what waits in `channel`; true when there is a command to execute from now on. Sentences about what cannot be done go to
     /// `notices`.
     fn fetch(&mut self, channel: &Channel, scene: &mut Scene, notices: &mut Vec<String>) -> bool {
@@ -78,7 +92,37 @@ impl Slot {
     }
 }
 
+/// Commands in force.
+#[derive(Default)]
+pub(super) struct SavedCommands {
+    /// Time of the watchdog, ns.
+    saved_at: u64,
+    slots: Vec<(usize, Slot)>,
+}
+
 impl Link {
+    pub fn save(&self) -> SavedCommands {
+        let slot = |&object: &usize| (object, self.slots[object].later(0));
+        SavedCommands { saved_at: self.watch_time(), slots: self.commanded.iter().map(slot).collect() }
+    }
+
+    /// Commands that came since are forgotten, but for those that were not looked at yet; watchdogs leave the others as long as they would
+    /// have.
+    pub fn restore(&mut self, saved: &SavedCommands) {
+        let passed = self.watch_time().saturating_sub(saved.saved_at);
+        for object in std::mem::take(&mut self.commanded) {
+            self.slots[object] = Slot::of(&self.objects[object].info.kind);
+        }
+        for (object, slot) in &saved.slots {
+            self.slots[*object] = slot.later(passed);
+            self.commanded.push(*object);
+        }
+    }
+
+    fn watch_time(&self) -> u64 {
+        self.hub.throttle().watch_time(self.hub.now_ns())
+    }
+
     pub fn new(hub: Arc<Hub>, scene: &Scene, wrenches: &[Wrench]) -> Self {
         let mut link = Self {
             objects: hub.objects().clone(),
@@ -231,7 +275,7 @@ impl Simulation {
         if link.commanded.is_empty() {
             return;
         }
-        let now = link.hub.throttle().watch_time(link.hub.now_ns());
+        let now = link.watch_time();
         for &object in &link.commanded {
             match &mut link.slots[object] {
                 Slot::Idle => (),

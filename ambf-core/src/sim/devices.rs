@@ -86,6 +86,17 @@ impl Coupled {
 }
 
 impl Devices {
+    /// What controllers of end-effectors remember. Devices are in hands and stay where they are.
+    pub fn save(&self) -> Vec<EndEffector> {
+        self.list.iter().map(|device| device.law.clone()).collect()
+    }
+
+    pub fn restore(&mut self, saved: &[EndEffector]) {
+        for (device, law) in self.list.iter_mut().zip(saved) {
+            device.law.clone_from(law);
+        }
+    }
+
     fn tell(&mut self, scene: &Scene) {
         for device in &mut self.list {
             device.tell(scene, self.paused, self.resets);

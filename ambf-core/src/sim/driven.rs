@@ -5,7 +5,7 @@ use crate::control::Profile;
 use crate::scene::{Scene, SubSteps};
 
 /// Joints and bodies that have something to execute in sub-steps, by index.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct Driven {
     pub joints: Vec<usize>,
     pub bodies: Vec<usize>,
@@ -18,6 +18,12 @@ impl Driven {
             self.joints.reserve(scene.joints.len());
             self.bodies.reserve(scene.bodies.len());
         }
+    }
+
+    /// Keeps the place that was made.
+    pub fn restore(&mut self, saved: &Self) {
+        self.joints.clone_from(&saved.joints);
+        self.bodies.clone_from(&saved.bodies);
     }
 
     fn is_empty(&self) -> bool {

@@ -8,11 +8,14 @@ mod models;
 mod pace;
 mod plugins;
 mod runner;
+mod saved;
 mod statistics;
 mod stepper;
 
+pub use crate::bullet::StateError;
 pub use models::{AddedModel, ModelError, Models, ANSWER_TIMEOUT};
 pub use runner::{Control, Event, Runner, RunnerOptions};
+pub use saved::SavedState;
 pub use stepper::Stepper;
 
 use std::fmt;

@@ -28,11 +28,25 @@ pub(super) struct PluginState {
 }
 
 /// Bodies that a plugin holds together.
-struct Attachment {
+#[derive(Clone)]
+pub(super) struct Attachment {
     number: u64,
     plugin: u64,
     bodies: [usize; 2],
     constraint: ConstraintHandle,
+}
+
+impl PluginState {
+    /// What plugins hold. Numbers go on, so that none names another thing after a state was restored.
+    pub fn save(&self) -> Vec<Attachment> {
+        // All fields by name, so that no new one is forgotten.
+        let Self { caller: _, attachments, next_attachment: _, shared: _ } = self;
+        attachments.clone()
+    }
+
+    pub fn restore(&mut self, saved: &[Attachment]) {
+        saved.clone_into(&mut self.attachments);
+    }
 }
 
 impl Simulation {
