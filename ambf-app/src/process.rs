@@ -3,15 +3,22 @@
 use std::fs::read_to_string;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 use crate::report;
 
-/// Set by SIGINT and SIGTERM; the second of them ends the program at once.
+/// Signals that come so soon after the first are the same wish: terminals and scripts send them to whole groups of processes. By then devices
+/// have let go of their forces, so that a program that has to be ended by force leaves none behind.
+const SAME: Duration = Duration::from_secs(1);
+
+/// Set by SIGINT, SIGTERM and SIGHUP; one that comes more than a second after the first ends the program at once.
 pub fn stop_flag() -> Arc<AtomicBool> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&stop);
+    let mut first: Option<Instant> = None;
     let set = ctrlc::set_handler(move || {
-        if flag.swap(true, Ordering::AcqRel) {
+        flag.store(true, Ordering::Release);
+        if first.get_or_insert_with(Instant::now).elapsed() > SAME {
             std::process::exit(130);
         }
     });

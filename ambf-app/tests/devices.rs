@@ -64,7 +64,10 @@ impl Folder {
             }
             std::thread::sleep(Duration::from_millis(10));
         }
-        kill_process(Pid::from_raw(child.id() as i32).expect("a process"), Signal::INT).expect("it is there");
+        // Twice, as a script and its terminal do.
+        for _ in 0..2 {
+            kill_process(Pid::from_raw(child.id() as i32).expect("a process"), Signal::INT).expect("it is there");
+        }
         let status = child.wait().expect("it ends");
         readers.into_iter().for_each(|reader| reader.join().expect("no reader panics"));
         assert_eq!(status.code(), Some(0), "{}", printed());

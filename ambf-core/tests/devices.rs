@@ -150,6 +150,7 @@ fn trouble_of_one_device_does_not_reach_the_other_and_passes() {
         let stalled = news.iter().any(|news| news.event == DeviceEvent::Stalled);
         let lost = news.iter().any(|news| matches!(news.event, DeviceEvent::Lost { .. }));
         assert_eq!((stalled, lost), (opened == 1, opened != 1), "{news:?}");
+        assert!(opened == 1 || a.left() == 0.0, "{trouble:?}: closed with {} N", a.left());
 
         let reads = a.reads();
         until("it comes back", || a.reads() > reads + 10);

@@ -35,7 +35,7 @@ impl Fleet {
         let falcon_keys =
             |i| format!("hardware name: Falcon, identity: fake-{i}, {gain}, driver settings: {{transport: fake}}");
         let touch_keys = format!(
-            "hardware name: Touch, identity: {STYLUS}, {gain}, driver settings: {{library: {}}}",
+            "hardware name: Touch, identity: {STYLUS}, haptic gain: {{linear: 100, angular: 0}}, driver settings: {{library: {}}}",
             hd.path().display()
         );
         let arm_keys = |name: &str| format!("hardware name: {name}, {gain}");

@@ -13,8 +13,16 @@ use super::Effort;
 
 /// A force that can be felt, N.
 const FELT: f64 = 0.01;
+/// What is at least at the motors when a fault begins, N.
+const CLEAR: f64 = 0.5;
+/// It was there for so long.
+const HELD: Duration = Duration::from_millis(100);
+/// End-effectors hang 10 mm below their hands, which the Touch shows with 100 N/m, N/kg.
+const GRAVITY: f64 = 10.0;
 /// How long a failed device may stay away.
 const PATIENCE: Duration = Duration::from_secs(20);
+/// Until forces that were off are there again.
+const RISEN: Duration = Duration::from_millis(1200);
 /// After which a device without new forces must let go.
 const WATCHDOG: Duration = Duration::from_millis(50);
 
@@ -44,7 +52,7 @@ struct Suffered {
     /// When the driver could have been right again.
     over: Instant,
     to: Instant,
-    /// At the motors since the fault.
+    /// At the motors, since shortly before the fault.
     forces: Vec<(Instant, f64)>,
 }
 
@@ -53,6 +61,8 @@ struct Outcome {
     /// The others before and during.
     before: Vec<Periods>,
     during: Vec<Periods>,
+    /// The least force at the motors just before the fault, N.
+    held: f64,
     /// Until the last force that can be felt, s.
     zero: f64,
     /// From the fault until valid samples come again, s.
@@ -62,8 +72,9 @@ struct Outcome {
 /// Injects a fault into the stylus of a rig that has settled.
 fn suffer(rig: &Rig, fleet: &Fleet, epoch: Instant, name: &'static str, fault: Fault, before: Duration) -> Suffered {
     let from = Instant::now();
-    std::thread::sleep(before);
+    std::thread::sleep(before.saturating_sub(HELD));
     let frame = fleet.hd.frames(STYLUS);
+    std::thread::sleep(HELD);
     let injected = rig.traces[TOUCH].inject(fault);
     let over = injected
         + match fault {
@@ -82,6 +93,10 @@ fn suffer(rig: &Rig, fleet: &Fleet, epoch: Instant, name: &'static str, fault: F
 
 impl Suffered {
     fn judge(&self, ticks: &[Vec<Tick>]) -> Outcome {
+        let held: Vec<f64> =
+            self.forces.iter().filter(|(at, _)| *at < self.injected).map(|(_, force)| *force).collect();
+        let held = held.iter().copied().reduce(f64::min).unwrap_or(0.0);
+        assert!(held > CLEAR, "{}: only {held} N to be let go of", self.name);
         let back =
             ticks[TOUCH].iter().find(|tick| tick.is_valid && tick.read > self.over).map_or(self.to, |tick| tick.read);
         // Forces rise again once the device is back.
@@ -94,6 +109,7 @@ impl Suffered {
             name: self.name,
             before: others(self.from, self.injected),
             during: others(self.injected, self.to),
+            held,
             zero: felt.map_or(0.0, |at| at.saturating_duration_since(self.injected).as_secs_f64()),
             back: (back - self.injected).as_secs_f64(),
         }
@@ -103,9 +119,9 @@ impl Suffered {
 /// The table.
 pub fn measure(effort: &Effort) -> (Section, Vec<(&'static str, String)>) {
     let fleet = Fleet::start();
-    // Something to be let go of: the hand moves, and its end-effector lags behind.
-    let mut rig = Rig::start(Scenery::new(TOOLS, 0).load(), &fleet.wanted, RunnerOptions::default());
-    rig.settle(effort.settle);
+    let scenery = Scenery { gravity: GRAVITY, ..Scenery::new(TOOLS, 0) };
+    let mut rig = Rig::start(scenery.load(), &fleet.wanted, RunnerOptions::default());
+    rig.settle(effort.settle.max(RISEN));
     let epoch = library_epoch(&fleet);
     let faults = [
         (effort.block_words, Fault::Block(effort.block)),
@@ -116,8 +132,7 @@ pub fn measure(effort: &Effort) -> (Section, Vec<(&'static str, String)>) {
     let mut suffered = Vec::new();
     for (name, fault) in faults {
         suffered.push(suffer(&rig, &fleet, epoch, name, fault, effort.before));
-        // Its forces are to be there again.
-        std::thread::sleep(Duration::from_millis(1200));
+        std::thread::sleep(RISEN);
         rig.news();
     }
     let traces = rig.traces.clone();
@@ -147,7 +162,8 @@ pub fn measure(effort: &Effort) -> (Section, Vec<(&'static str, String)>) {
                 &format!("a Touch whose driver {}: no force after {:.0} ms, back by itself", outcome.name, limit * 1e3),
                 outcome.zero <= limit,
                 &format!(
-                    "last force at its motors {:.1} ms after the fault began, first good tick after {:.2} s",
+                    "at least {:.2} N at its motors before, the last force there {:.1} ms after the fault began, first good tick after {:.2} s",
+                    outcome.held,
                     outcome.zero * 1e3,
                     outcome.back
                 ),
@@ -165,7 +181,7 @@ pub fn measure(effort: &Effort) -> (Section, Vec<(&'static str, String)>) {
     let section = Section {
         title: "One driver fails",
         intro: "All five devices run; the driver of the Touch fails in `read`. The others' loops before → during: until the Touch is back, at least as \
-                long as before. The last force is the one that reached the motors of the fake HD library: where the driver does not return, the device \
+                long as before. Its end-effector hangs below the hand, which the hand feels all the time. The last force is the one that reached the motors of the fake HD library: where the driver does not return, the device \
                 must let go by itself, 50 ms after the last force that it was told.",
         header: &["the driver", "other device", "mean, Hz", "p50, ms", "p99, ms", "max, ms"],
         rows,

@@ -76,7 +76,7 @@ const QUICK: Effort = Effort {
     away: Duration::from_secs(1),
     away_words: "loses it for 1 s",
     readings: 500,
-    rates: &[1000.0, 100.0, 20.0],
+    rates: &[1000.0, 100.0, 10.0],
     clock: Duration::from_millis(1200),
     arms: &[1, 4],
     jumps: 12,

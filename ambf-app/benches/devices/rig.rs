@@ -33,6 +33,8 @@ pub struct Scenery {
     pub profile: Profile,
     /// Controller of the end-effectors, as in a model file.
     pub controller: &'static str,
+    /// What pulls the end-effectors down, N/kg.
+    pub gravity: f64,
 }
 
 /// For a body of 1 kg.
@@ -40,7 +42,7 @@ pub const CONTROLLER: &str = "{linear: {P: 1000, I: 0, D: 60}, angular: {P: 10, 
 
 impl Scenery {
     pub fn new(tools: usize, boxes: usize) -> Self {
-        Self { tools, boxes, profile: Profile::Legacy, controller: CONTROLLER }
+        Self { tools, boxes, profile: Profile::Legacy, controller: CONTROLLER, gravity: 0.0 }
     }
 
     fn model(&self) -> String {
@@ -60,9 +62,9 @@ impl Scenery {
     }
 
     fn tool(&self, i: usize) -> String {
-        let controller = self.controller;
+        let (controller, down) = (self.controller, -self.gravity);
         format!(
-            "mass: 1, inertia: {{ix: 0.01, iy: 0.01, iz: 0.01}}, gravity: {{x: 0, y: 0, z: 0}}, controller: {controller}, \
+            "mass: 1, inertia: {{ix: 0.01, iy: 0.01, iz: 0.01}}, gravity: {{x: 0, y: 0, z: {down}}}, controller: {controller}, \
              collision shape: Sphere, collision geometry: {{radius: 0.05}}, location: {{position: {{x: {i}, y: 0, z: 10}}}}"
         )
     }

@@ -1,6 +1,6 @@
 //! A driver around a driver: it writes down what passes, and can let things go wrong.
 
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -11,6 +11,8 @@ use nalgebra::Vector3;
 
 /// Start-up hold of every device here, s: with the usual 3 s there would be nothing to see for long.
 const HOLD: f64 = 0.3;
+/// Button of the clutch, as `a1` of entries: that of arms.
+pub const CLUTCH: u32 = 1;
 /// Ticks that a log has room for without allocating: two minutes.
 const ROOM: usize = 120_000;
 
@@ -49,6 +51,8 @@ struct Inner {
     fault: Mutex<Option<(Fault, Instant)>>,
     /// When the last valid sample was read, ns after [`epoch`].
     valid: AtomicU64,
+    /// Whether the clutch was pressed then.
+    clutched: AtomicBool,
 }
 
 /// A moment before all others.
@@ -66,6 +70,11 @@ impl Trace {
     /// Whether a valid sample came after `time`.
     pub fn is_valid_since(&self, time: Instant) -> bool {
         epoch() + Duration::from_nanos(self.0.valid.load(Ordering::Acquire)) > time
+    }
+
+    /// Whether the clutch was pressed in the newest valid sample.
+    pub fn is_clutched(&self) -> bool {
+        self.0.clutched.load(Ordering::Acquire)
     }
 
     /// Lets something go wrong from now on; says when that was.
@@ -171,8 +180,9 @@ impl InputDevice for TracedDevice {
         if matches!(fault, Some(Fault::NotANumber(_))) {
             sample.position.x = f64::NAN;
         }
-        let is_valid = sample.valid && sample.is_finite();
+        let (is_valid, is_clutched) = (sample.valid && sample.is_finite(), sample.is_pressed(CLUTCH));
         if is_valid {
+            self.trace.0.clutched.store(is_clutched, Ordering::Release);
             self.trace.0.valid.store(epoch().elapsed().as_nanos() as u64, Ordering::Release);
         }
         self.last = Some(Tick {
@@ -180,7 +190,7 @@ impl InputDevice for TracedDevice {
             read: Instant::now(),
             sequence: sample.sequence,
             position: sample.position,
-            is_clutched: sample.is_pressed(1),
+            is_clutched,
             is_valid,
         });
         Ok(sample)

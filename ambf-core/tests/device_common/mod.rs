@@ -59,6 +59,8 @@ pub struct Puppet {
     pub reads: AtomicU64,
     pub writes: AtomicU64,
     pub writes_when_closed: AtomicU64,
+    /// The force that was there when it was closed last, as bits.
+    left: AtomicU64,
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -85,6 +87,7 @@ impl Puppet {
             reads: AtomicU64::new(0),
             writes: AtomicU64::new(0),
             writes_when_closed: AtomicU64::new(0),
+            left: AtomicU64::new(0),
         })
     }
 
@@ -103,6 +106,11 @@ impl Puppet {
     /// The newest force, N; 0 before the first.
     pub fn force(&self) -> f64 {
         lock(&self.force).map_or(0.0, |force| force.force.norm() + force.torque.norm())
+    }
+
+    /// The force with which it was closed last, N.
+    pub fn left(&self) -> f64 {
+        f64::from_bits(self.left.load(Ordering::Relaxed))
     }
 
     pub fn reads(&self) -> u64 {
@@ -165,6 +173,7 @@ impl InputDevice for Opened {
 
     fn close(&mut self) {
         self.is_open = false;
+        self.puppet.left.store(self.puppet.force().to_bits(), Ordering::Relaxed);
         self.puppet.closed.fetch_add(1, Ordering::Relaxed);
     }
 }

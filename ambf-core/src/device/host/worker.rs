@@ -290,6 +290,8 @@ impl Worker {
                 break Ok(());
             }
             if let Err(fault) = hand.tick(self, open) {
+                // At once, not with the watchdog of a device that is told nothing more.
+                let _ = open.write(&DeviceForce::zero());
                 break Err(fault);
             }
             pace.wait();
@@ -355,8 +357,6 @@ impl Haptic {
         let now = Instant::now();
         shared.beat(now);
         if !sample.is_finite() {
-            // Its last force goes first.
-            let _ = open.write(&DeviceForce::zero());
             return Err(Fault("it sent a value that is not finite".into()));
         }
         // After a gap the hand may be anywhere: the reference goes on from where it is, and forces rise from zero.

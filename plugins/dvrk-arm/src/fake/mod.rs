@@ -243,6 +243,11 @@ impl Fake {
         self.arm(arm, |arm| arm.pose = Some(*pose));
     }
 
+    /// Lets an arm that was put somewhere move as script and curve say again.
+    pub fn release(&self, arm: &str) {
+        self.arm(arm, |arm| arm.pose = None);
+    }
+
     /// Where an arm was put or told to go, in the device frame.
     pub fn pose(&self, arm: &str) -> Option<Isometry3<f64>> {
         self.arm(arm, |arm| arm.pose).flatten()
