@@ -48,7 +48,7 @@ class AccurateSolver : public Base {
     remember_friction(manifolds, n);
     Base::convertContacts(manifolds, n, info);
     warm_start_friction(info);
-    limit_pushes(info);
+    keep_pushes(info);
     // What bounces has a velocity of its own.
     if (settings_.restitution) bounce(info);
   }
@@ -79,6 +79,7 @@ class AccurateSolver : public Base {
       // What could not be solved now will hardly be in the next steps.
       history().rest = 8;
     }
+    limit_pushes(info);
     if (hard_) {
       btContactSolverInfo more = info;
       more.m_numIterations *= 5;
@@ -200,37 +201,45 @@ class AccurateSolver : public Base {
   }
 
   // Bodies that overlap leave each other at no more than this speed, m/s, however deep they are: what takes the overlap away stays as
-  // velocity. A fall of 5 cm is as fast.
-  static constexpr btScalar FASTEST_PUSH = 1;
-  // The same of hinges beyond their limits, rad/s; as in trees.
+  // velocity. A fall of 5 cm is as fast. What is less deep is slower, at this rate, 1/s, down to this speed: a body that was pressed into
+  // another and let go does not jump.
+  static constexpr btScalar FASTEST_PUSH = 1, PUSH_RATE = 10, SLOWEST_PUSH = 0.1;
+  // The fastest of hinges beyond their limits, rad/s; as in trees.
   static constexpr btScalar FASTEST_TURN = 5;
-  // What is added at most for contacts under load, which may be let go of at any time.
-  static constexpr btScalar MOST_GIVEN_AWAY = 3;
 
-  void limit_pushes(const btContactSolverInfo &info) {
-    limit_pushes(this->m_tmpSolverContactConstraintPool, info);
-    if constexpr (HAS_TREES) {
-      limit_pushes(this->m_multiBodyNormalContactConstraints, info);
+  // What of the velocity that takes the overlap at a contact away is too much.
+  template <class Row>
+  btScalar excess_push(const Row &row, const btContactSolverInfo &info) const {
+    const auto &point = *static_cast<const btManifoldPoint *>(row.m_originalContactPoint);
+    const bool bounces = settings_.restitution && point.m_combinedRestitution > 0;
+    if (row.m_jacDiagABInv <= 0 || (bounces && std::is_same_v<Row, btSolverConstraint>)) return 0;
+    const btScalar depth = -(point.getDistance() + info.m_linearSlop);
+    return depth * info.m_erp2 / info.m_timeStep - std::min(std::max(depth * PUSH_RATE, SLOWEST_PUSH), FASTEST_PUSH);
+  }
+
+  // Bullet keeps what is deep out of the velocities, and moves bodies instead; what is slow enough for both must not move them out of
+  // their joints.
+  void keep_pushes(const btContactSolverInfo &info) {
+    btConstraintArray &contacts = this->m_tmpSolverContactConstraintPool;
+    for (int i = 0; i < contacts.size(); ++i) {
+      btSolverConstraint &row = contacts[i];
+      if (row.m_rhsPenetration == 0 || excess_push(row, info) <= 0) continue;
+      row.m_rhs += row.m_rhsPenetration;
+      row.m_rhsPenetration = 0;
     }
   }
 
+  // For iterations, in which contacts are not soft. Those that are may ask for more than they get: a load takes it away.
   template <class Rows>
   void limit_pushes(Rows &rows, const btContactSolverInfo &info) {
     for (int i = 0; i < rows.size(); ++i) {
-      auto &row = rows[i];
-      const auto &point = *static_cast<const btManifoldPoint *>(row.m_originalContactPoint);
-      const btScalar push = -(point.getDistance() + info.m_linearSlop) * info.m_erp2 / info.m_timeStep;
-      if (push <= FASTEST_PUSH || row.m_jacDiagABInv <= 0) continue;
-      // A soft contact under load gives most of its push away.
-      const btScalar load = std::max(btScalar(0), point.m_appliedImpulse);
-      const btScalar given = settings_.contact_softness * load / row.m_jacDiagABInv;
-      const btScalar most = FASTEST_PUSH + std::min(given, MOST_GIVEN_AWAY);
-      if (push <= most) continue;
-      // Bullet keeps what is deep out of the velocities, and moves bodies instead; this is slow enough for both.
-      if (row.m_rhsPenetration == 0) row.m_rhs -= push * row.m_jacDiagABInv;
-      row.m_rhsPenetration = 0;
-      row.m_rhs += most * row.m_jacDiagABInv;
+      rows[i].m_rhs -= std::max(btScalar(0), excess_push(rows[i], info)) * rows[i].m_jacDiagABInv;
     }
+  }
+
+  void limit_pushes(const btContactSolverInfo &info) {
+    limit_pushes(this->m_tmpSolverContactConstraintPool, info);
+    if constexpr (HAS_TREES) limit_pushes(this->m_multiBodyNormalContactConstraints, info);
   }
 
   // Velocity at the end of a step with which bodies separate that approach at -before, `gap` <= 0 below the surface, and accelerate
@@ -434,7 +443,7 @@ class AccurateSolver : public Base {
       soften(row, joints[i], settings_.joint_softness);
     }
     const int first_contact = joints.size();
-    for (int i = 0; i < contacts.size(); ++i) add_contact(contacts[i]);
+    for (int i = 0; i < contacts.size(); ++i) add_contact(contacts[i], info);
     const double kept = info.m_solverMode & SOLVER_USE_WARMSTARTING ? info.m_warmstartingFactor : 1;
     for (int i = 0; i < frictions.size(); ++i) {
       add_friction(frictions[i], first_contact, frictions[i].m_appliedImpulse, BT_LARGE_FLOAT, kept);
@@ -442,7 +451,7 @@ class AccurateSolver : public Base {
     for (int i = 0; i < rolling.size(); ++i) {
       add_friction(rolling[i], first_contact, rolling[i].m_appliedImpulse, rolling[i].m_friction, kept);
     }
-    gather_tree_rows();
+    gather_tree_rows(info);
     if (direct_.rows.empty()) return false;
     const double cost = direct_.prepare(this->m_tmpSolverBodyPool.size(), tree_sizes_);
     const bool is_hard = hard_ || !tree_rows_.empty();
@@ -452,7 +461,7 @@ class AccurateSolver : public Base {
     return false;
   }
 
-  void gather_tree_rows() {
+  void gather_tree_rows(const btContactSolverInfo &info) {
     trees_.clear();
     tree_sizes_.clear();
     tree_rows_.clear();
@@ -462,7 +471,7 @@ class AccurateSolver : public Base {
       for (int i = 0; i < joints.size(); ++i) add_row(joints[i]).x = joints[i].m_appliedImpulse;
       btMultiBodyConstraintArray &contacts = this->m_multiBodyNormalContactConstraints;
       const int first_contact = static_cast<int>(direct_.rows.size());
-      for (int i = 0; i < contacts.size(); ++i) add_contact(contacts[i]);
+      for (int i = 0; i < contacts.size(); ++i) add_contact(contacts[i], info);
       btMultiBodyConstraintArray &frictions = this->m_multiBodyFrictionContactConstraints;
       for (int i = 0; i < frictions.size(); ++i) {
         const auto &point = *static_cast<const btManifoldPoint *>(frictions[i].m_originalContactPoint);
@@ -479,10 +488,12 @@ class AccurateSolver : public Base {
   }
 
   template <class Row>
-  void add_contact(Row &from) {
+  void add_contact(Row &from, const btContactSolverInfo &info) {
     DirectRow &row = add_row(from);
     const auto &point = *static_cast<const btManifoldPoint *>(from.m_originalContactPoint);
     row.x = std::max(btScalar(0), point.m_appliedImpulse);
+    const btScalar excess = excess_push(from, info);
+    if (excess > 0) row.most = row.target - excess;
     soften(row, from, settings_.contact_softness);
     const bool opens = row.target < 0 && row.x == 0;
     row.state = opens || (point.m_lifeTime > 1 && row.x == 0) ? DirectRow::Low : DirectRow::Free;

@@ -3,10 +3,11 @@
 #define AMB_DIRECT_H
 
 #include <cstddef>
+#include <limits>
 #include <vector>
 
 // One scalar constraint between two bodies: jacobian v + cfm x = target with low <= x <= high, where x is an impulse and v the
-// change of the bodies' velocities.
+// change of the bodies' velocities. What yields little may ask for a large target; where it would be reached, it is `most`.
 struct DirectRow {
   enum State : unsigned char { Free, Low, High };
 
@@ -22,7 +23,7 @@ struct DirectRow {
   };
 
   Side sides[2];
-  double target = 0;
+  double target = 0, most = std::numeric_limits<double>::infinity();
   double cfm = 0;
   double low = 0, high = 0;
   // Row of the normal impulse that bounds this one by friction x normal impulse, at most cap; -1: bounds are fixed.
@@ -53,6 +54,8 @@ class DirectSolver {
 
  private:
   void assemble();
+  bool solve_targets(int max_rounds);
+  bool lower_targets();
   void factor();
   void solve_free();
   void settle();
