@@ -5,7 +5,6 @@
 #include <BulletDynamics/ConstraintSolver/btContactSolverInfo.h>
 #include <BulletDynamics/ConstraintSolver/btSequentialImpulseConstraintSolver.h>
 #include <BulletDynamics/Dynamics/btRigidBody.h>
-#include <BulletDynamics/Featherstone/btMultiBodyConstraintSolver.h>
 
 #include <algorithm>
 #include <cmath>
@@ -13,10 +12,13 @@
 
 #include "direct.h"
 #include "internal.h"
+#include "tie_solver.h"
 
 // Base: btSequentialImpulseConstraintSolver or a subclass that keeps its rows for rigid bodies.
 template <class Base>
 class AccurateSolver : public Base {
+  static constexpr bool HAS_TREES = std::is_base_of_v<TieSolver, Base>;
+
  public:
   explicit AccurateSolver(const AccurateContext &settings) : settings_(settings) {}
 
@@ -46,7 +48,7 @@ class AccurateSolver : public Base {
     remember_friction(manifolds, n);
     Base::convertContacts(manifolds, n, info);
     warm_start_friction(info);
-    limit_pushes(info);
+    keep_pushes(info);
     // What bounces has a velocity of its own.
     if (settings_.restitution) bounce(info);
   }
@@ -64,7 +66,7 @@ class AccurateSolver : public Base {
                                              int manifold_count, btTypedConstraint **constraints, int constraint_count,
                                              const btContactSolverInfo &info, btIDebugDraw *debug) override {
     hard_ = settings_.direct && is_hard();
-    if (settings_.direct && !has_tree_rows() && gather(info)) {
+    if (settings_.direct && !is_solved() && gather(info)) {
       if (direct_.solve(settings_.max_rounds)) {
         write_back();
         give_rest();
@@ -77,6 +79,7 @@ class AccurateSolver : public Base {
       // What could not be solved now will hardly be in the next steps.
       history().rest = 8;
     }
+    limit_pushes(info);
     if (hard_) {
       btContactSolverInfo more = info;
       more.m_numIterations *= 5;
@@ -116,12 +119,12 @@ class AccurateSolver : public Base {
         btSolverConstraint &row = this->m_tmpSolverContactFrictionConstraintPool[contacts[i].m_frictionIndex + k];
         row.m_appliedImpulse =
             before.dot(k ? point.m_lateralFrictionDir2 : point.m_lateralFrictionDir1) * info.m_warmstartingFactor;
-        apply(row, row.m_appliedImpulse);
+        push(row, row.m_appliedImpulse);
       }
     }
   }
 
-  void apply(const btSolverConstraint &row, btScalar impulse) {
+  void push(const btSolverConstraint &row, btScalar impulse) {
     btSolverBody &a = body(row.m_solverBodyIdA), &b = body(row.m_solverBodyIdB);
     if (a.m_originalBody) a.internalApplyImpulse(row.m_contactNormal1 * a.internalGetInvMass(), row.m_angularComponentA, impulse);
     if (b.m_originalBody) b.internalApplyImpulse(row.m_contactNormal2 * b.internalGetInvMass(), row.m_angularComponentB, impulse);
@@ -198,37 +201,45 @@ class AccurateSolver : public Base {
   }
 
   // Bodies that overlap leave each other at no more than this speed, m/s, however deep they are: what takes the overlap away stays as
-  // velocity. A fall of 5 cm is as fast.
-  static constexpr btScalar FASTEST_PUSH = 1;
-  // The same of hinges beyond their limits, rad/s; as in trees.
+  // velocity. A fall of 5 cm is as fast. What is less deep is slower, at this rate, 1/s, down to this speed: a body that was pressed into
+  // another and let go does not jump.
+  static constexpr btScalar FASTEST_PUSH = 1, PUSH_RATE = 10, SLOWEST_PUSH = 0.1;
+  // The fastest of hinges beyond their limits, rad/s; as in trees.
   static constexpr btScalar FASTEST_TURN = 5;
-  // What is added at most for contacts under load, which may be let go of at any time.
-  static constexpr btScalar MOST_GIVEN_AWAY = 3;
 
-  void limit_pushes(const btContactSolverInfo &info) {
-    limit_pushes(this->m_tmpSolverContactConstraintPool, info);
-    if constexpr (std::is_base_of_v<btMultiBodyConstraintSolver, Base>) {
-      limit_pushes(this->m_multiBodyNormalContactConstraints, info);
+  // What of the velocity that takes the overlap at a contact away is too much.
+  template <class Row>
+  btScalar excess_push(const Row &row, const btContactSolverInfo &info) const {
+    const auto &point = *static_cast<const btManifoldPoint *>(row.m_originalContactPoint);
+    const bool bounces = settings_.restitution && point.m_combinedRestitution > 0;
+    if (row.m_jacDiagABInv <= 0 || (bounces && std::is_same_v<Row, btSolverConstraint>)) return 0;
+    const btScalar depth = -(point.getDistance() + info.m_linearSlop);
+    return depth * info.m_erp2 / info.m_timeStep - std::min(std::max(depth * PUSH_RATE, SLOWEST_PUSH), FASTEST_PUSH);
+  }
+
+  // Bullet keeps what is deep out of the velocities, and moves bodies instead; what is slow enough for both must not move them out of
+  // their joints.
+  void keep_pushes(const btContactSolverInfo &info) {
+    btConstraintArray &contacts = this->m_tmpSolverContactConstraintPool;
+    for (int i = 0; i < contacts.size(); ++i) {
+      btSolverConstraint &row = contacts[i];
+      if (row.m_rhsPenetration == 0 || excess_push(row, info) <= 0) continue;
+      row.m_rhs += row.m_rhsPenetration;
+      row.m_rhsPenetration = 0;
     }
   }
 
+  // For iterations, in which contacts are not soft. Those that are may ask for more than they get: a load takes it away.
   template <class Rows>
   void limit_pushes(Rows &rows, const btContactSolverInfo &info) {
     for (int i = 0; i < rows.size(); ++i) {
-      auto &row = rows[i];
-      const auto &point = *static_cast<const btManifoldPoint *>(row.m_originalContactPoint);
-      const btScalar push = -(point.getDistance() + info.m_linearSlop) * info.m_erp2 / info.m_timeStep;
-      if (push <= FASTEST_PUSH || row.m_jacDiagABInv <= 0) continue;
-      // A soft contact under load gives most of its push away.
-      const btScalar load = std::max(btScalar(0), point.m_appliedImpulse);
-      const btScalar given = settings_.contact_softness * load / row.m_jacDiagABInv;
-      const btScalar most = FASTEST_PUSH + std::min(given, MOST_GIVEN_AWAY);
-      if (push <= most) continue;
-      // Bullet keeps what is deep out of the velocities, and moves bodies instead; this is slow enough for both.
-      if (row.m_rhsPenetration == 0) row.m_rhs -= push * row.m_jacDiagABInv;
-      row.m_rhsPenetration = 0;
-      row.m_rhs += most * row.m_jacDiagABInv;
+      rows[i].m_rhs -= std::max(btScalar(0), excess_push(rows[i], info)) * rows[i].m_jacDiagABInv;
     }
+  }
+
+  void limit_pushes(const btContactSolverInfo &info) {
+    limit_pushes(this->m_tmpSolverContactConstraintPool, info);
+    if constexpr (HAS_TREES) limit_pushes(this->m_multiBodyNormalContactConstraints, info);
   }
 
   // Velocity at the end of a step with which bodies separate that approach at -before, `gap` <= 0 below the surface, and accelerate
@@ -251,9 +262,9 @@ class AccurateSolver : public Base {
       const btScalar applied = row.m_appliedImpulse;
       if (applied == 0 || this->m_tmpSolverContactConstraintPool[row.m_frictionIndex].m_appliedImpulse > btScalar(0)) continue;
       row.m_appliedImpulse = 0;
-      apply(row, -applied);
+      push(row, -applied);
     }
-    if constexpr (std::is_base_of_v<btMultiBodyConstraintSolver, Base>) {
+    if constexpr (HAS_TREES) {
       for (int i = 0; i < this->m_multiBodyFrictionContactConstraints.size(); ++i) {
         btMultiBodySolverConstraint &row = this->m_multiBodyFrictionContactConstraints[i];
         const bool holds = this->m_multiBodyNormalContactConstraints[row.m_frictionIndex].m_appliedImpulse > btScalar(0);
@@ -264,10 +275,11 @@ class AccurateSolver : public Base {
     }
   }
 
-  // Whether there are rows of trees, which are solved by sequential impulses only.
-  bool has_tree_rows() const {
-    if constexpr (std::is_base_of_v<btMultiBodyConstraintSolver, Base>) {
-      return this->m_multiBodyNonContactConstraints.size() > 0 || this->m_multiBodyNormalContactConstraints.size() > 0;
+  // Whether there are only rows of trees and their ties, which were solved together when they were made.
+  bool is_solved() const {
+    if constexpr (HAS_TREES) {
+      return this->m_multiBodyNonContactConstraints.size() > 0 && this->m_multiBodyNormalContactConstraints.size() == 0 &&
+             this->m_tmpSolverNonContactConstraintPool.size() == 0 && this->m_tmpSolverContactConstraintPool.size() == 0;
     }
     return false;
   }
@@ -286,25 +298,22 @@ class AccurateSolver : public Base {
   }
 
   DirectRow &add_row(const btSolverConstraint &row) {
+    DirectRow &out = new_row(row);
+    for (int k = 0; k < 2; ++k) {
+      const int id = dynamic_body(k ? row.m_solverBodyIdB : row.m_solverBodyIdA);
+      if (id < 0) continue;
+      const btVector3 &linear = k ? row.m_contactNormal2 : row.m_contactNormal1;
+      fill(out.sides[k], id, linear, k ? row.m_relpos2CrossNormal : row.m_relpos1CrossNormal,
+           linear * body(id).internalGetInvMass(), k ? row.m_angularComponentB : row.m_angularComponentA);
+    }
+    return out;
+  }
+
+  // What rows of all kinds share.
+  template <class Row>
+  DirectRow &new_row(const Row &row) {
     direct_.rows.emplace_back();
     DirectRow &out = direct_.rows.back();
-    out.body_a = dynamic_body(row.m_solverBodyIdA);
-    out.body_b = dynamic_body(row.m_solverBodyIdB);
-    for (int side = 0; side < 2; ++side) {
-      const int id = side ? out.body_b : out.body_a;
-      if (id < 0) continue;
-      const btVector3 &linear = side ? row.m_contactNormal2 : row.m_contactNormal1;
-      const btVector3 &angular = side ? row.m_relpos2CrossNormal : row.m_relpos1CrossNormal;
-      const btVector3 by_linear = linear * body(id).internalGetInvMass();
-      const btVector3 &by_angular = side ? row.m_angularComponentB : row.m_angularComponentA;
-      double *jacobian = side ? out.jacobian_b : out.jacobian_a, *response = side ? out.response_b : out.response_a;
-      for (int k = 0; k < 3; ++k) {
-        jacobian[k] = linear[k];
-        jacobian[k + 3] = angular[k];
-        response[k] = by_linear[k];
-        response[k + 3] = by_angular[k];
-      }
-    }
     if (row.m_jacDiagABInv > 0) {
       out.target = row.m_rhs / row.m_jacDiagABInv;
       out.cfm = row.m_cfm / row.m_jacDiagABInv;
@@ -314,7 +323,48 @@ class AccurateSolver : public Base {
     return out;
   }
 
-  static void soften(DirectRow &row, const btSolverConstraint &from, double share) {
+  static void fill(DirectRow::Side &side, int body, const btVector3 &linear, const btVector3 &angular,
+                   const btVector3 &by_linear, const btVector3 &by_angular) {
+    side.body = body;
+    for (int k = 0; k < 3; ++k) {
+      side.jacobian[k] = linear[k];
+      side.jacobian[k + 3] = angular[k];
+      side.response[k] = by_linear[k];
+      side.response[k + 3] = by_angular[k];
+    }
+  }
+
+  DirectRow &add_row(btMultiBodySolverConstraint &row) {
+    DirectRow &out = new_row(row);
+    tree_rows_.push_back(this->sides_of(row));
+    for (int k = 0; k < 2; ++k) {
+      const auto &from = tree_rows_.back().sides[k];
+      DirectRow::Side &side = out.sides[k];
+      if (from.body) {
+        const int id = static_cast<int>(from.body - &this->m_tmpSolverBodyPool[0]);
+        fill(side, id, from.linear, from.angular, from.by_linear, from.by_angular);
+      } else if (from.tree) {
+        side.body = this->m_tmpSolverBodyPool.size() + tree_at(from.velocity, from.n);
+        side.size = from.n;
+        side.tree_jacobian = &this->m_data.m_jacobians[from.jacobian];
+        side.tree_response = &this->m_data.m_deltaVelocitiesUnitImpulse[from.jacobian];
+      }
+    }
+    return out;
+  }
+
+  // Trees are known by where their velocities are.
+  int tree_at(int velocity, int size) {
+    for (size_t i = 0; i < trees_.size(); ++i) {
+      if (trees_[i] == velocity) return static_cast<int>(i);
+    }
+    trees_.push_back(velocity);
+    tree_sizes_.push_back(size);
+    return static_cast<int>(trees_.size()) - 1;
+  }
+
+  template <class Row>
+  static void soften(DirectRow &row, const Row &from, double share) {
     if (from.m_jacDiagABInv > 0) row.cfm = std::max(row.cfm, share / from.m_jacDiagABInv);
   }
 
@@ -336,17 +386,31 @@ class AccurateSolver : public Base {
     }
   }
 
-  // Islands are known by their first body.
+  // Islands are known by their first tree or body.
   History &history() {
-    size_t first = 0;
+    int first = 0;
+    if constexpr (HAS_TREES) {
+      for (const btMultiBodyConstraintArray *rows :
+           {&this->m_multiBodyNonContactConstraints, &this->m_multiBodyNormalContactConstraints}) {
+        if (rows->size() == 0) continue;
+        const btMultiBodySolverConstraint &row = (*rows)[0];
+        const btMultiBody &tree = *(row.m_multiBodyA ? row.m_multiBodyA : row.m_multiBodyB);
+        return history(tree.getLink(0).m_collider->getWorldArrayIndex());
+      }
+    }
     for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i) {
       const btRigidBody *b = this->m_tmpSolverBodyPool[i].m_originalBody;
       if (!b) continue;
-      first = static_cast<size_t>(std::max(0, b->getWorldArrayIndex()));
+      first = b->getWorldArrayIndex();
       break;
     }
-    if (histories_.size() <= first) histories_.resize(first + 1);
-    return histories_[first];
+    return history(first);
+  }
+
+  History &history(int object) {
+    const size_t index = static_cast<size_t>(std::max(0, object));
+    if (histories_.size() <= index) histories_.resize(index + 1);
+    return histories_[index];
   }
 
   // Sequential impulses converge badly across joints and between light and heavy bodies.
@@ -368,8 +432,6 @@ class AccurateSolver : public Base {
     const btConstraintArray &contacts = this->m_tmpSolverContactConstraintPool;
     const btConstraintArray &frictions = this->m_tmpSolverContactFrictionConstraintPool;
     const btConstraintArray &rolling = this->m_tmpSolverContactRollingFrictionConstraintPool;
-    const int n = joints.size() + contacts.size() + frictions.size() + rolling.size();
-    if (n == 0) return false;
     History &island = history();
     if (island.rest > 0) {
       --island.rest;
@@ -381,36 +443,72 @@ class AccurateSolver : public Base {
       soften(row, joints[i], settings_.joint_softness);
     }
     const int first_contact = joints.size();
-    for (int i = 0; i < contacts.size(); ++i) {
-      DirectRow &row = add_row(contacts[i]);
-      const auto &point = *static_cast<const btManifoldPoint *>(contacts[i].m_originalContactPoint);
-      row.x = std::max(btScalar(0), point.m_appliedImpulse);
-      soften(row, contacts[i], settings_.contact_softness);
-      const bool opens = row.target < 0 && row.x == 0;
-      row.state = opens || (point.m_lifeTime > 1 && row.x == 0) ? DirectRow::Low : DirectRow::Free;
-    }
+    for (int i = 0; i < contacts.size(); ++i) add_contact(contacts[i], info);
     const double kept = info.m_solverMode & SOLVER_USE_WARMSTARTING ? info.m_warmstartingFactor : 1;
     for (int i = 0; i < frictions.size(); ++i) {
-      add_friction(frictions[i], first_contact, frictions[i].m_friction, BT_LARGE_FLOAT, kept);
+      add_friction(frictions[i], first_contact, frictions[i].m_appliedImpulse, BT_LARGE_FLOAT, kept);
     }
     for (int i = 0; i < rolling.size(); ++i) {
-      add_friction(rolling[i], first_contact, rolling[i].m_friction, rolling[i].m_friction, kept);
+      add_friction(rolling[i], first_contact, rolling[i].m_appliedImpulse, rolling[i].m_friction, kept);
     }
-    const double cost = direct_.prepare(this->m_tmpSolverBodyPool.size());
-    if (cost <= (hard_ ? settings_.max_hard_cost : settings_.max_cost) * n) return true;
+    gather_tree_rows(info);
+    if (direct_.rows.empty()) return false;
+    const double cost = direct_.prepare(this->m_tmpSolverBodyPool.size(), tree_sizes_);
+    const bool is_hard = hard_ || !tree_rows_.empty();
+    if (cost <= (is_hard ? settings_.max_hard_cost : settings_.max_cost) * static_cast<double>(direct_.rows.size())) return true;
     // A pile stays one, and to see that costs a third of what its iterations do.
     if (!hard_) island.rest = 15;
     return false;
   }
 
-  void add_friction(const btSolverConstraint &from, int first_contact, double friction, double cap, double kept) {
+  void gather_tree_rows(const btContactSolverInfo &info) {
+    trees_.clear();
+    tree_sizes_.clear();
+    tree_rows_.clear();
+    if constexpr (HAS_TREES) {
+      // Those of joints and ties are soft enough.
+      btMultiBodyConstraintArray &joints = this->m_multiBodyNonContactConstraints;
+      for (int i = 0; i < joints.size(); ++i) add_row(joints[i]).x = joints[i].m_appliedImpulse;
+      btMultiBodyConstraintArray &contacts = this->m_multiBodyNormalContactConstraints;
+      const int first_contact = static_cast<int>(direct_.rows.size());
+      for (int i = 0; i < contacts.size(); ++i) add_contact(contacts[i], info);
+      btMultiBodyConstraintArray &frictions = this->m_multiBodyFrictionContactConstraints;
+      for (int i = 0; i < frictions.size(); ++i) {
+        const auto &point = *static_cast<const btManifoldPoint *>(frictions[i].m_originalContactPoint);
+        // Their directions follow from the normal, the first one first.
+        const bool is_first = i == 0 || frictions[i - 1].m_frictionIndex != frictions[i].m_frictionIndex;
+        const double guess = is_first ? point.m_appliedImpulseLateral1 : point.m_appliedImpulseLateral2;
+        add_friction(frictions[i], first_contact, guess, BT_LARGE_FLOAT, 1);
+      }
+      for (btMultiBodyConstraintArray *rows :
+           {&this->m_multiBodyTorsionalFrictionContactConstraints, &this->m_multiBodySpinningFrictionContactConstraints}) {
+        for (int i = 0; i < rows->size(); ++i) add_friction((*rows)[i], first_contact, 0, BT_LARGE_FLOAT, 1);
+      }
+    }
+  }
+
+  template <class Row>
+  void add_contact(Row &from, const btContactSolverInfo &info) {
+    DirectRow &row = add_row(from);
+    const auto &point = *static_cast<const btManifoldPoint *>(from.m_originalContactPoint);
+    row.x = std::max(btScalar(0), point.m_appliedImpulse);
+    const btScalar excess = excess_push(from, info);
+    if (excess > 0) row.most = row.target - excess;
+    soften(row, from, settings_.contact_softness);
+    const bool opens = row.target < 0 && row.x == 0;
+    row.state = opens || (point.m_lifeTime > 1 && row.x == 0) ? DirectRow::Low : DirectRow::Free;
+  }
+
+  // kept: the share of the impulse of the step before that `guess` is.
+  template <class Row>
+  void add_friction(Row &from, int first_contact, double guess, double cap, double kept) {
     DirectRow &row = add_row(from);
     row.normal = first_contact + from.m_frictionIndex;
-    row.friction = friction;
+    row.friction = from.m_friction;
     row.cap = cap;
     soften(row, from, settings_.friction_softness);
     const DirectRow &normal = direct_.rows[row.normal];
-    const double guess = from.m_appliedImpulse, bound = std::min(friction * normal.x, cap) * (1 - 1e-6);
+    const double bound = std::min(row.friction * normal.x, cap) * (1 - 1e-6);
     row.state = guess >= bound * kept ? DirectRow::High
                 : guess <= -bound * kept ? DirectRow::Low : DirectRow::Free;
     if (normal.state == DirectRow::Free && normal.x == 0) row.state = DirectRow::Free;
@@ -423,6 +521,10 @@ class AccurateSolver : public Base {
                                     &this->m_tmpSolverContactRollingFrictionConstraintPool}) {
       for (int i = 0; i < pool->size(); ++i) (*pool)[i].m_appliedImpulse = direct_.rows[at++].x;
     }
+    // Trees already have what was applied when their rows were made.
+    if constexpr (HAS_TREES) {
+      for (const auto &row : tree_rows_) this->apply(row, direct_.rows[at++].x - btScalar(row.row->m_appliedImpulse));
+    }
     for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i) {
       btSolverBody &b = body(i);
       const double *v = direct_.velocity(i);
@@ -433,6 +535,9 @@ class AccurateSolver : public Base {
 
   const AccurateContext &settings_;
   DirectSolver direct_;
+  // Of the rows that act on trees, which are the last of the direct solver.
+  Vector<TieSolver::Sides> tree_rows_;
+  Vector<int> trees_, tree_sizes_;
   bool hard_ = false;
   Vector<btVector3> friction_before_;
   Vector<History> histories_;

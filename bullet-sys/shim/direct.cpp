@@ -23,44 +23,49 @@ double dot(const double *a, const double *b, int n) {
   return (s0 + s1) + (s2 + s3);
 }
 
+double moved(const DirectRow::Side &side, const double *velocity) {
+  return side.tree_jacobian ? dot(side.tree_jacobian, velocity, side.size) : dot6(side.jacobian, velocity);
+}
+
 // Entry of jacobian x inverse mass x jacobian^T.
 double coupling(const DirectRow &a, const DirectRow &b) {
   double sum = 0;
-  if (a.body_a >= 0) {
-    if (a.body_a == b.body_a) sum += dot6(a.jacobian_a, b.response_a);
-    if (a.body_a == b.body_b) sum += dot6(a.jacobian_a, b.response_b);
-  }
-  if (a.body_b >= 0) {
-    if (a.body_b == b.body_a) sum += dot6(a.jacobian_b, b.response_a);
-    if (a.body_b == b.body_b) sum += dot6(a.jacobian_b, b.response_b);
+  for (const DirectRow::Side &of : a.sides) {
+    if (of.body < 0) continue;
+    for (const DirectRow::Side &by : b.sides) {
+      if (of.body == by.body) sum += moved(of, by.tree_response ? by.tree_response : by.response);
+    }
   }
   return sum;
 }
 
 }  // namespace
 
-double DirectSolver::prepare(int body_count) {
-  bodies = body_count;
-  const int n = static_cast<int>(rows.size());
+double DirectSolver::prepare(int rigid, const Vector<int> &tree_sizes) {
+  const int body_count = rigid + static_cast<int>(tree_sizes.size()), n = static_cast<int>(rows.size());
+  velocity_start.resize(body_count + 1);
+  for (int b = 0; b <= body_count; ++b) {
+    velocity_start[b] = b <= rigid ? 6 * static_cast<size_t>(b) : velocity_start[b - 1] + tree_sizes[b - rigid - 1];
+  }
   // Bodies in the order of a breadth-first search (Cuthill-McKee) that starts at the far end of another one.
   neighbour_start.assign(body_count + 1, 0);
-  const auto joins = [](const DirectRow &row) { return row.body_a >= 0 && row.body_b >= 0; };
+  const auto joins = [](const DirectRow &row) { return row.sides[0].body >= 0 && row.sides[1].body >= 0; };
   // Consecutive rows mostly join the same bodies; one edge is enough.
   const auto repeats = [&](int i) {
-    return i > 0 && rows[i].body_a == rows[i - 1].body_a && rows[i].body_b == rows[i - 1].body_b;
+    return i > 0 && rows[i].sides[0].body == rows[i - 1].sides[0].body && rows[i].sides[1].body == rows[i - 1].sides[1].body;
   };
   for (int i = 0; i < n; ++i) {
     if (!joins(rows[i]) || repeats(i)) continue;
-    ++neighbour_start[rows[i].body_a + 1];
-    ++neighbour_start[rows[i].body_b + 1];
+    for (const DirectRow::Side &side : rows[i].sides) ++neighbour_start[side.body + 1];
   }
   for (int b = 0; b < body_count; ++b) neighbour_start[b + 1] += neighbour_start[b];
   neighbours.resize(neighbour_start[body_count]);
   body_first.assign(neighbour_start.begin(), neighbour_start.end());
   for (int i = 0; i < n; ++i) {
     if (!joins(rows[i]) || repeats(i)) continue;
-    neighbours[body_first[rows[i].body_a]++] = rows[i].body_b;
-    neighbours[body_first[rows[i].body_b]++] = rows[i].body_a;
+    const int a = rows[i].sides[0].body, b = rows[i].sides[1].body;
+    neighbours[body_first[a]++] = b;
+    neighbours[body_first[b]++] = a;
   }
   body_place.assign(body_count, -1);
   queue.clear();
@@ -88,8 +93,9 @@ double DirectSolver::prepare(int body_count) {
   }
   // A row stands with the later of its bodies: counting sort, which keeps the rows of a pair in their order.
   const auto key = [&](const DirectRow &row) {
-    const int a = row.body_a >= 0 ? body_place[row.body_a] : -1, b = row.body_b >= 0 ? body_place[row.body_b] : -1;
-    return std::max(std::max(a, b), 0);
+    int latest = 0;
+    for (const DirectRow::Side &side : row.sides) latest = std::max(latest, side.body >= 0 ? body_place[side.body] : 0);
+    return latest;
   };
   body_first.assign(body_count + 1, 0);
   for (const DirectRow &row : rows) ++body_first[key(row) + 1];
@@ -109,10 +115,10 @@ double DirectSolver::prepare(int body_count) {
   for (int p = 0; p < n; ++p) {
     const DirectRow &row = rows[order[p]];
     int reach = p;
-    for (const int body : {row.body_a, row.body_b}) {
-      if (body < 0) continue;
-      body_first[body] = std::min(body_first[body], p);
-      reach = std::min(reach, body_first[body]);
+    for (const DirectRow::Side &side : row.sides) {
+      if (side.body < 0) continue;
+      body_first[side.body] = std::min(body_first[side.body], p);
+      reach = std::min(reach, body_first[side.body]);
     }
     first[p] = reach;
     start[p] = size;
@@ -194,19 +200,19 @@ double DirectSolver::diagonal(int row) const {
 
 double DirectSolver::along(const DirectRow &row) const {
   double sum = 0;
-  if (row.body_a >= 0) sum += dot6(row.jacobian_a, velocity(row.body_a));
-  if (row.body_b >= 0) sum += dot6(row.jacobian_b, velocity(row.body_b));
+  for (const DirectRow::Side &side : row.sides) {
+    if (side.body >= 0) sum += moved(side, velocity(side.body));
+  }
   return sum;
 }
 
 void DirectSolver::push(const DirectRow &row, double impulse) {
   if (impulse == 0) return;
-  for (int side = 0; side < 2; ++side) {
-    const int body = side ? row.body_b : row.body_a;
-    if (body < 0) continue;
-    const double *response = side ? row.response_b : row.response_a;
-    double *v = &velocities[6 * static_cast<size_t>(body)];
-    for (int k = 0; k < 6; ++k) v[k] += response[k] * impulse;
+  for (const DirectRow::Side &side : row.sides) {
+    if (side.body < 0) continue;
+    const double *response = side.tree_response ? side.tree_response : side.response;
+    double *v = &velocities[velocity_start[static_cast<size_t>(side.body)]];
+    for (int k = 0; k < side.size; ++k) v[k] += response[k] * impulse;
   }
 }
 
@@ -283,7 +289,7 @@ bool DirectSolver::pivot(int max_rounds) {
 
 // Velocities of the rows that stand on their bounds.
 void DirectSolver::settle() {
-  velocities.assign(6 * static_cast<size_t>(bodies), 0);
+  velocities.assign(velocity_start.back(), 0);
   for (DirectRow &row : rows) {
     if (row.state == DirectRow::Free) continue;
     row.x = row.state == DirectRow::High ? row.high : row.low;
@@ -293,7 +299,7 @@ void DirectSolver::settle() {
 
 // Velocities of all impulses.
 void DirectSolver::accumulate() {
-  velocities.assign(6 * static_cast<size_t>(bodies), 0);
+  velocities.assign(velocity_start.back(), 0);
   for (const DirectRow &row : rows) push(row, row.x);
 }
 
@@ -364,8 +370,29 @@ bool DirectSolver::polish(int max_rounds) {
   return false;
 }
 
+// Of rows that are faster than they may be. Returns whether there were any.
+bool DirectSolver::lower_targets() {
+  bool any = false;
+  for (DirectRow &row : rows) {
+    if (row.target <= row.most || row.x <= row.low || along(row) <= row.most + tolerance) continue;
+    row.target = row.most;
+    any = true;
+  }
+  return any;
+}
+
 bool DirectSolver::solve(int max_rounds) {
+  // What is lowered slows others down too: a few times are enough.
+  constexpr int TIMES = 4;
   assemble();
+  for (int i = 0; i < TIMES; ++i) {
+    if (!solve_targets(max_rounds)) return false;
+    if (!lower_targets()) break;
+  }
+  return true;
+}
+
+bool DirectSolver::solve_targets(int max_rounds) {
   double scale = 0;
   bool bounded = false, finite = true;
   guess.resize(rows.size());

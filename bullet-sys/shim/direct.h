@@ -3,19 +3,27 @@
 #define AMB_DIRECT_H
 
 #include <cstddef>
+#include <limits>
 #include "arena_memory.h"
 
 // One scalar constraint between two bodies: jacobian v + cfm x = target with low <= x <= high, where x is an impulse and v the
-// change of the bodies' velocities.
+// change of the bodies' velocities. What yields little may ask for a large target; where it would be reached, it is `most`.
 struct DirectRow {
   enum State : unsigned char { Free, Low, High };
 
-  // Bodies, numbered from 0; -1: one that no impulse moves.
-  int body_a = -1, body_b = -1;
-  // Linear and angular part of the Jacobian, and what a unit impulse adds to the velocity (inverse mass times Jacobian).
-  double jacobian_a[6], jacobian_b[6];
-  double response_a[6], response_b[6];
-  double target = 0;
+  // What the row acts on.
+  struct Side {
+    // Numbered from 0; -1: one that no impulse moves.
+    int body = -1;
+    // Linear and angular part of the Jacobian, and what a unit impulse adds to the velocity (inverse mass times Jacobian).
+    double jacobian[6], response[6];
+    // In their stead, where the body is a tree: as long as its velocity.
+    const double *tree_jacobian = nullptr, *tree_response = nullptr;
+    int size = 6;
+  };
+
+  Side sides[2];
+  double target = 0, most = std::numeric_limits<double>::infinity();
   double cfm = 0;
   double low = 0, high = 0;
   // Row of the normal impulse that bounds this one by friction x normal impulse, at most cap; -1: bounds are fixed.
@@ -33,18 +41,21 @@ class DirectSolver {
  public:
   Vector<DirectRow> rows;
 
-  // Orders the rows so that those that share bodies are close, and returns the multiplications that a factorisation would take.
-  double prepare(int body_count);
+  // Orders the rows so that those that share bodies are close, and returns the multiplications that a factorisation would take. Bodies
+  // from `rigid` on are trees, with velocities of these sizes.
+  double prepare(int rigid, const Vector<int> &tree_sizes);
   // Solves what was prepared by block pivoting of at most max_rounds factorisations, and, where that cycles, by as many rounds of the
   // slower method. False: neither gave a solution.
   bool solve(int max_rounds);
   // Velocity that the solution adds to a body, linear and angular part.
-  const double *velocity(int body) const { return &velocities[6 * static_cast<size_t>(body)]; }
+  const double *velocity(int body) const { return &velocities[velocity_start[static_cast<size_t>(body)]]; }
   // Factorisations of the last solve.
   int rounds() const { return rounds_; }
 
  private:
   void assemble();
+  bool solve_targets(int max_rounds);
+  bool lower_targets();
   void factor();
   void solve_free();
   void settle();
@@ -60,7 +71,9 @@ class DirectSolver {
   double along(const DirectRow &row) const;
   void push(const DirectRow &row, double impulse);
 
-  int bodies = 0, rounds_ = 0;
+  int rounds_ = 0;
+  // Where the velocity of each body begins, and the end of the last.
+  Vector<size_t> velocity_start;
   // Largest error of a velocity that counts as none.
   double tolerance = 0;
   // Rows by place; their envelope starts at place first[i], and its entries lie at matrix[start[i] + place - first[i]].

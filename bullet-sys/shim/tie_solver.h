@@ -7,13 +7,10 @@
 #include <BulletDynamics/Featherstone/btMultiBodyConstraintSolver.h>
 
 // Bullet's, which only iterates: on the six rows of a tie between bodies of unlike mass and reach that leaves so much of the gap that the
-// two fly apart. Here ties and the joint rows of the trees they hold are solved together and exactly before the iterations, which then
-// only add what contacts change.
+// two fly apart. Here ties and the joint rows of the trees they hold are solved together and exactly before all else, which then only
+// adds what contacts change.
 class TieSolver : public btMultiBodyConstraintSolver {
- protected:
-  void convertContacts(btPersistentManifold **manifolds, int n, const btContactSolverInfo &info) override;
-
- private:
+ public:
   using Row = btMultiBodySolverConstraint;
 
   // What a row acts on: a tree or a free body.
@@ -32,11 +29,16 @@ class TieSolver : public btMultiBodyConstraintSolver {
     Side sides[2];
   };
 
+ protected:
+  void convertContacts(btPersistentManifold **manifolds, int n, const btContactSolverInfo &info) override;
+
   Sides sides_of(Row &row);
+  void apply(const Sides &row, btScalar impulse);
+
+ private:
   bool are_coupled(const Sides &a, const Sides &b) const;
   btScalar coupling(const Sides &of, const Sides &by) const;
   btScalar velocity(const Sides &row) const;
-  void apply(const Sides &row, btScalar impulse);
   void solve(const Vector<Sides> &group);
 
   Vector<Sides> all, group;
