@@ -12,6 +12,7 @@ mod node;
 mod raw;
 mod sockets;
 mod stop;
+pub mod tcpros;
 mod topic;
 mod xmlrpc;
 
@@ -22,7 +23,7 @@ pub use link::{run, tend_connections, tend_sockets, Link, LinkOptions};
 pub use node::Node;
 pub use raw::{Publishers, RawReceived, RawSubscription};
 pub use stop::Stop;
-pub use topic::{is_permanent, Announcement, Direction, Publication, Registration, Subscription};
+pub use topic::{is_permanent, Announcement, Direction, Publication, Registration};
 pub use xmlrpc::{CallError, Peer};
 
 /// Where a node says what its user should know, a line at a time; called from any thread.

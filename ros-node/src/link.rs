@@ -13,7 +13,7 @@ use dxr::Value;
 use rosrust::api::Ros;
 
 use super::embedded::{local_address, EmbeddedMaster};
-use super::raw;
+use super::raw::Listing;
 use super::sockets::Sockets;
 use super::stop::Stop;
 use super::topic::{is_permanent, Announcement, Direction, Registration};
@@ -23,8 +23,9 @@ use super::Report;
 /// How often the master is asked whether it knows us.
 const POLL: Duration = Duration::from_secs(1);
 
-/// How often the master is asked who publishes, where topics of any type are listened to.
-const CONNECT_POLL: Duration = Duration::from_millis(250);
+/// How often the master is asked who publishes: it tells only rosrust by itself, which does not pass it on. Costs a master with 400 topics about
+/// 2 ms of computing each time.
+const CONNECT_POLL: Duration = Duration::from_millis(100);
 
 /// Type of the log topic that rosrust opens for each node.
 const ROSOUT: &str = "/rosout";
@@ -400,20 +401,19 @@ fn own_peer(uri: &str) -> Result<Peer, CallError> {
 
 /// Connects to publishers until the link is stopped.
 pub fn tend_connections(link: &Link) {
+    let mut listing = Listing::default();
     while !link.stop.wait(CONNECT_POLL) {
-        let items: Vec<_> = link
+        let listening: Vec<_> = link
             .items()
             .iter()
-            .filter(|item| item.announced.is_some())
+            .filter(|item| item.announced.is_some() && item.announcement.connects())
             .map(|item| Arc::clone(&item.announcement))
             .collect();
-        let listening: Vec<_> = items.iter().filter(|item| item.connects()).collect();
         if listening.is_empty() {
             continue;
         }
-        if let Some(publishers) = raw::publishers(&link.master()) {
-            listening.iter().for_each(|item| item.connect(&publishers));
-        }
+        let publishers = listing.refresh(&link.master());
+        listening.iter().for_each(|item| item.connect(publishers, &link.options.report));
     }
 }
 

@@ -1,34 +1,43 @@
-//! Listening to messages of any type, on connections of our own.
+//! Listening to topics on connections of our own.
 //!
-//! rosrust's subscribers do not try again when a connection fails, wait for ever for a publisher that hangs, and do not ask for small messages to
-//! be sent at once. Here each publisher that the master lists is connected to until it answers, also after it was restarted, and its thread hands
-//! each message over directly.
+//! rosrust's subscribers do not try again when a connection fails, wait for ever for a publisher that hangs, lose messages that come in bursts,
+//! believe any length that is announced, and do not ask for small messages to be sent at once. Here each publisher that the master lists is
+//! connected to until it answers, also after it was restarted, and its thread hands each message over directly.
 
-use std::collections::BTreeMap;
-use std::io::{self, ErrorKind, Read, Write};
+use std::collections::{BTreeMap, BTreeSet};
+use std::io;
 use std::net::{Shutdown, TcpStream, ToSocketAddrs};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use dxr::Value;
 use rosrust::api::Ros;
 use rosrust::error::Error;
+use rosrust::Message;
 
+use super::tcpros::{Incoming, Trouble, Wanted};
 use super::topic::{Announcement, Direction, Registration};
 use super::xmlrpc::Peer;
+use super::Report;
 
 /// How long a publisher may take for each step of connecting.
 const TIMEOUT: Duration = Duration::from_secs(1);
 
-/// Longest message or header that is read, bytes.
+/// Longest message of any type, bytes.
 const LONGEST: usize = 16 << 20;
 
-/// How often a thread without messages looks whether it should end.
-const GLANCE: Duration = Duration::from_millis(500);
+/// How long a publisher that was connected to in vain is left alone the first time; doubled each time.
+const BACK_OFF: Duration = Duration::from_millis(200);
+
+/// Longest such pause for one that is not there: a program that was killed stays on the master's list, and comes back under the same name.
+const LONGEST_ABSENCE: Duration = Duration::from_secs(3);
+
+/// Longest such pause for one that does what publishers don't do: it may say something about each attempt.
+const LONGEST_PENANCE: Duration = Duration::from_secs(30);
 
 /// Names of the nodes that publish each topic.
-pub type Publishers = BTreeMap<String, Vec<String>>;
+pub type Publishers = BTreeMap<String, BTreeSet<String>>;
 
 /// A message as it came.
 #[derive(Debug, Clone, Copy)]
@@ -41,20 +50,36 @@ pub struct RawReceived<'a> {
 
 type Handler = dyn Fn(RawReceived<'_>) + Send + Sync;
 
-/// A topic to listen to, whatever is the type of its messages.
+/// A topic to listen to. A publisher that does not do as publishers do is named once.
 pub struct RawSubscription {
     shared: Arc<Shared>,
 }
 
 struct Shared {
     topic: String,
+    wanted: Wanted,
     master: Peer,
     on_message: Box<Handler>,
     /// Name and address of our node while it listens.
     node: Mutex<Option<(String, String)>>,
-    /// By name of the publishing node; `None` while it is being connected to.
-    connections: Mutex<BTreeMap<String, Option<TcpStream>>>,
+    /// By name of the publishing node.
+    lines: Mutex<BTreeMap<String, Line>>,
     stop: AtomicBool,
+}
+
+/// A publisher that the master lists.
+#[derive(Default)]
+struct Line {
+    /// A thread looks after it.
+    busy: bool,
+    /// The connection, to be ended from outside.
+    stream: Option<TcpStream>,
+    /// Attempts since the last message.
+    attempts: u32,
+    /// Not before then again.
+    not_before: Option<Instant>,
+    /// How often it did what publishers don't do.
+    faults: u32,
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -62,14 +87,35 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl RawSubscription {
-    /// `on_message` runs in a thread of each publisher's and must not block.
+    /// Messages of any type, of 16 MiB at most. `on_message` runs in a thread of each publisher's and must not block.
     pub fn new(master: Peer, topic: String, on_message: impl Fn(RawReceived<'_>) + Send + Sync + 'static) -> Arc<Self> {
+        Self::with(master, topic, Wanted::any(LONGEST), on_message)
+    }
+
+    /// Messages that claim to be an `M`, of `longest` bytes at most; other publishers are not listened to. `on_message` runs in a thread of
+    /// each publisher's and must not block.
+    pub fn of<M: Message>(
+        master: Peer,
+        topic: String,
+        longest: usize,
+        on_message: impl Fn(RawReceived<'_>) + Send + Sync + 'static,
+    ) -> Arc<Self> {
+        Self::with(master, topic, Wanted::of::<M>(longest), on_message)
+    }
+
+    fn with(
+        master: Peer,
+        topic: String,
+        wanted: Wanted,
+        on_message: impl Fn(RawReceived<'_>) + Send + Sync + 'static,
+    ) -> Arc<Self> {
         let shared = Shared {
             topic,
+            wanted,
             master,
             on_message: Box::new(on_message),
             node: Mutex::default(),
-            connections: Mutex::default(),
+            lines: Mutex::default(),
             stop: AtomicBool::new(false),
         };
         Arc::new(Self { shared: Arc::new(shared) })
@@ -78,7 +124,8 @@ impl RawSubscription {
 
 impl Announcement for RawSubscription {
     fn registration(&self) -> Registration {
-        Registration { topic: self.shared.topic.clone(), message_type: "*".into(), direction: Direction::Subscribes }
+        let Shared { topic, wanted, .. } = &*self.shared;
+        Registration { topic: topic.clone(), message_type: wanted.kind.clone(), direction: Direction::Subscribes }
     }
 
     /// The master may fail: it is told again when it does not know us.
@@ -87,7 +134,7 @@ impl Announcement for RawSubscription {
         shared.stop.store(false, Ordering::Release);
         *lock(&shared.node) = Some((ros.name().to_owned(), ros.uri().to_owned()));
         let text = |s: &str| Value::String(s.to_owned());
-        let arguments = vec![text(&shared.topic), text("*"), text(ros.uri())];
+        let arguments = vec![text(&shared.topic), text(&shared.wanted.kind), text(ros.uri())];
         shared.master.called_by(ros.name()).call("registerSubscriber", arguments).map_err(|error| error.to_string())?;
         Ok(())
     }
@@ -95,7 +142,7 @@ impl Announcement for RawSubscription {
     fn withdraw(&self) {
         let shared = &self.shared;
         shared.stop.store(true, Ordering::Release);
-        for stream in lock(&shared.connections).values().flatten() {
+        for stream in lock(&shared.lines).values().filter_map(|line| line.stream.as_ref()) {
             let _ = stream.shutdown(Shutdown::Both);
         }
         if let Some((name, uri)) = lock(&shared.node).take() {
@@ -109,57 +156,105 @@ impl Announcement for RawSubscription {
         true
     }
 
-    fn connect(&self, publishers: &Publishers) {
+    fn connect(&self, publishers: &Publishers, report: &Report) {
         let Some((own, _)) = lock(&self.shared.node).clone() else { return };
-        for publisher in publishers.get(&self.shared.topic).into_iter().flatten() {
-            let mut connections = lock(&self.shared.connections);
-            if connections.contains_key(publisher) {
+        let listed = publishers.get(&self.shared.topic);
+        let mut lines = lock(&self.shared.lines);
+        lines.retain(|publisher, line| line.busy || listed.is_some_and(|listed| listed.contains(publisher)));
+        let now = Instant::now();
+        for publisher in listed.into_iter().flatten() {
+            let line = lines.entry(publisher.clone()).or_default();
+            if line.busy || line.not_before.is_some_and(|then| now < then) {
                 continue;
             }
-            connections.insert(publisher.clone(), None);
-            drop(connections);
-            let (shared, publisher, own) = (Arc::clone(&self.shared), publisher.clone(), own.clone());
+            line.begin(now);
+            let call = Call { shared: Arc::clone(&self.shared), publisher: publisher.clone() };
+            let (own, report) = (own.clone(), Arc::clone(report));
             let thread = std::thread::Builder::new().name("ros-listen".into());
-            let (failed, name) = (Arc::clone(&self.shared), publisher.clone());
-            let spawned = thread.spawn(move || {
-                // Whatever goes wrong, it is tried again as long as the master lists that publisher.
-                let _ = shared.listen(&publisher, &own);
-                lock(&shared.connections).remove(&publisher);
-            });
-            if spawned.is_err() {
-                lock(&failed.connections).remove(&name);
-            }
+            // Without a thread the call ends here, and the lock must be free for that.
+            drop(lines);
+            let _ = thread.spawn(move || call.run(&own, &report));
+            lines = lock(&self.shared.lines);
         }
     }
 }
 
-impl Shared {
-    fn is_stopped(&self) -> bool {
-        self.stop.load(Ordering::Acquire)
+impl Line {
+    /// Another attempt; the time of the next one, should it fail, is settled now.
+    fn begin(&mut self, now: Instant) {
+        self.busy = true;
+        self.not_before = Some(now + pause(self.attempts, LONGEST_ABSENCE));
+        self.attempts = self.attempts.saturating_add(1);
     }
 
-    /// Connects to a publisher and hands over what it sends, until it or we end.
-    fn listen(&self, publisher: &str, own: &str) -> io::Result<()> {
-        let mut stream = self.connect(publisher, own)?;
-        let kind = self.shake_hands(&mut stream, own)?;
-        stream.set_read_timeout(Some(GLANCE))?;
-        lock(&self.connections).insert(publisher.to_owned(), Some(stream.try_clone()?));
-        let mut message = Vec::new();
-        while !self.is_stopped() {
-            self.read_block(&mut stream, &mut message, None)?;
-            (self.on_message)(RawReceived { kind: &kind, body: &message });
+    /// It did what publishers don't do; true for the first time.
+    fn fault(&mut self, now: Instant) -> bool {
+        self.not_before = Some(now + pause(self.faults, LONGEST_PENANCE));
+        self.faults = self.faults.saturating_add(1);
+        self.faults == 1
+    }
+}
+
+/// How long to wait after so many attempts in vain before the last one.
+fn pause(attempts: u32, longest: Duration) -> Duration {
+    (BACK_OFF * 2u32.pow(attempts.min(10))).min(longest)
+}
+
+/// One publisher, as long as its thread runs.
+struct Call {
+    shared: Arc<Shared>,
+    publisher: String,
+}
+
+impl Drop for Call {
+    /// However the thread ends, the publisher is connected to again as long as the master lists it.
+    fn drop(&mut self) {
+        self.with_line(|line| (line.busy, line.stream) = (false, None));
+    }
+}
+
+impl Call {
+    fn with_line<T>(&self, change: impl FnOnce(&mut Line) -> T) -> Option<T> {
+        lock(&self.shared.lines).get_mut(&self.publisher).map(change)
+    }
+
+    fn run(&self, own: &str, report: &Report) {
+        let Err(Trouble::Fault(what)) = self.listen(own) else { return };
+        if self.with_line(|line| line.fault(Instant::now())) == Some(true) {
+            let Self { shared, publisher } = self;
+            report(format_args!("ROS: {}: {publisher} is not listened to: {what}", shared.topic));
+        }
+    }
+
+    /// Connects to the publisher and hands over what it sends, until it or we end.
+    fn listen(&self, own: &str) -> Result<(), Trouble> {
+        let shared = &*self.shared;
+        let stream = self.connect(own)?;
+        let stopped = || shared.stop.load(Ordering::Acquire);
+        let held = stream.try_clone()?;
+        self.with_line(|line| line.stream = Some(held));
+        let mut incoming = Incoming::new(&stream, stopped)?;
+        let kind = incoming.shake_hands(own, &shared.topic, &shared.wanted)?;
+        let (mut message, mut is_first) = (Vec::new(), true);
+        while !stopped() {
+            incoming.read_message(&mut message, shared.wanted.longest)?;
+            if std::mem::take(&mut is_first) {
+                self.with_line(|line| line.attempts = 0);
+            }
+            (shared.on_message)(RawReceived { kind: &kind, body: &message });
         }
         Ok(())
     }
 
-    fn connect(&self, publisher: &str, own: &str) -> io::Result<TcpStream> {
+    fn connect(&self, own: &str) -> io::Result<TcpStream> {
+        let Self { shared, publisher } = self;
         let bad = |what: String| io::Error::other(what);
-        let master = self.master.called_by(own);
-        let uri = master.call("lookupNode", vec![Value::String(publisher.to_owned())]);
+        let master = shared.master.called_by(own);
+        let uri = master.call("lookupNode", vec![Value::String(publisher.clone())]);
         let Ok(Value::String(uri)) = uri else { return Err(bad(format!("{publisher} is not known"))) };
         let node = Peer::new(&uri, own, TIMEOUT).map_err(|error| bad(error.to_string()))?;
         let protocols = Value::Array(vec![Value::Array(vec![Value::String("TCPROS".into())])]);
-        let answer = node.call("requestTopic", vec![Value::String(self.topic.clone()), protocols]);
+        let answer = node.call("requestTopic", vec![Value::String(shared.topic.clone()), protocols]);
         let answer = answer.map_err(|error| bad(error.to_string()))?;
         let Value::Array(parts) = answer else { return Err(bad("no address".into())) };
         let (Some(Value::String(host)), Some(&Value::Integer(port))) = (parts.get(1), parts.get(2)) else {
@@ -175,74 +270,29 @@ impl Shared {
         }
         Err(last)
     }
+}
 
-    /// Says who we are and what we want; returns the type of the messages.
-    fn shake_hands(&self, stream: &mut TcpStream, own: &str) -> io::Result<String> {
-        stream.set_nodelay(true)?;
-        stream.set_read_timeout(Some(TIMEOUT))?;
-        stream.set_write_timeout(Some(TIMEOUT))?;
-        let callerid = format!("callerid={own}");
-        let topic = format!("topic={}", self.topic);
-        let fields = [callerid.as_str(), topic.as_str(), "type=*", "md5sum=*", "message_definition=", "tcp_nodelay=1"];
-        let mut header = Vec::new();
-        for field in fields {
-            header.extend(u32::try_from(field.len()).unwrap_or(0).to_le_bytes());
-            header.extend(field.as_bytes());
-        }
-        stream.write_all(&u32::try_from(header.len()).unwrap_or(0).to_le_bytes())?;
-        stream.write_all(&header)?;
-        let mut answer = Vec::new();
-        self.read_block(stream, &mut answer, Some(5))?;
-        type_of(&answer).ok_or_else(|| io::Error::from(ErrorKind::InvalidData))
-    }
+/// Who publishes what, as the master says when it is asked again and again.
+#[derive(Default)]
+pub(crate) struct Listing {
+    answer: String,
+    publishers: Publishers,
+}
 
-    /// A length and so many bytes; silence is no error, except more than `patience` times in a row.
-    fn read_block(&self, stream: &mut TcpStream, block: &mut Vec<u8>, patience: Option<u32>) -> io::Result<()> {
-        let mut length = [0; 4];
-        self.fill(stream, &mut length, patience)?;
-        let length = u32::from_le_bytes(length) as usize;
-        if length > LONGEST {
-            return Err(ErrorKind::InvalidData.into());
+impl Listing {
+    /// What `master` says now; what it said before when it does not answer.
+    pub fn refresh(&mut self, master: &Peer) -> &Publishers {
+        match master.call_unless("getSystemState", vec![], &mut self.answer) {
+            Ok(Some(state)) => self.publishers = publishers(state).unwrap_or_default(),
+            Ok(None) | Err(_) => (),
         }
-        block.resize(length, 0);
-        self.fill(stream, block, patience)
-    }
-
-    fn fill(&self, stream: &mut TcpStream, mut rest: &mut [u8], patience: Option<u32>) -> io::Result<()> {
-        let mut silent = 0;
-        while !rest.is_empty() {
-            match stream.read(rest) {
-                Ok(0) => return Err(ErrorKind::UnexpectedEof.into()),
-                Ok(count) => rest = &mut rest[count..],
-                Err(error) if error.kind() == ErrorKind::Interrupted => (),
-                Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {
-                    silent += 1;
-                    if self.is_stopped() || patience.is_some_and(|most| silent >= most) {
-                        return Err(error);
-                    }
-                }
-                Err(error) => return Err(error),
-            }
-        }
-        Ok(())
+        &self.publishers
     }
 }
 
-/// Field `type` of a connection header; `None` if there is none, as in a refusal.
-fn type_of(mut header: &[u8]) -> Option<String> {
-    while let Some((length, rest)) = header.split_first_chunk::<4>() {
-        let (field, rest) = rest.split_at_checked(u32::from_le_bytes(*length) as usize)?;
-        if let Some(kind) = field.strip_prefix(b"type=") {
-            return Some(String::from_utf8_lossy(kind).into_owned());
-        }
-        header = rest;
-    }
-    None
-}
-
-/// Who publishes what, as the master of `master` says.
-pub(crate) fn publishers(master: &Peer) -> Option<Publishers> {
-    let Ok(Value::Array(lists)) = master.call("getSystemState", vec![]) else { return None };
+/// Who publishes what in a system state: (publishers, subscribers, services), each a list of names with lists of nodes.
+fn publishers(state: Value) -> Option<Publishers> {
+    let Value::Array(lists) = state else { return None };
     let Some(Value::Array(topics)) = lists.into_iter().next() else { return None };
     let entry = |entry| {
         let Value::Array(pair) = entry else { return None };
@@ -261,14 +311,29 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_type_is_found_in_a_header() {
-        let header = |fields: &[&str]| -> Vec<u8> {
-            let field = |f: &&str| [&(f.len() as u32).to_le_bytes()[..], f.as_bytes()].concat();
-            fields.iter().flat_map(field).collect()
+    fn a_publisher_that_fails_is_tried_less_and_less_often_and_named_once() {
+        let (mut line, now) = (Line::default(), Instant::now());
+        let mut pauses = |next: &dyn Fn(&mut Line)| {
+            let after = |line: &mut Line| {
+                next(line);
+                line.not_before.unwrap() - now
+            };
+            let pauses: Vec<_> = (0..40).map(|_| after(&mut line)).collect();
+            assert!(pauses.windows(2).all(|pair| pair[0] <= pair[1]));
+            (pauses[0], pauses[39])
         };
-        let good = header(&["md5sum=1", "type=std_msgs/Bool", "callerid=/a"]);
-        assert_eq!(type_of(&good).as_deref(), Some("std_msgs/Bool"));
-        assert_eq!(type_of(&header(&["error=no such topic"])), None);
-        assert_eq!(type_of(&[255, 255, 255, 255, 1]), None);
+        assert_eq!(pauses(&|line| line.begin(now)), (BACK_OFF, LONGEST_ABSENCE));
+        assert_eq!(pauses(&|line| assert_eq!(line.fault(now), line.faults == 1)), (BACK_OFF, LONGEST_PENANCE));
+    }
+
+    #[test]
+    fn publishers_are_read_from_a_system_state() {
+        let text = |text: &str| Value::String(text.into());
+        let list = Value::Array;
+        let topic = list(vec![text("/t"), list(vec![text("/b"), Value::Integer(3), text("/a")])]);
+        let state = list(vec![list(vec![topic, text("nonsense")]), list(vec![]), list(vec![])]);
+        let names = BTreeSet::from(["/a".to_owned(), "/b".to_owned()]);
+        assert_eq!(publishers(state), Some(Publishers::from([("/t".to_owned(), names)])));
+        assert_eq!(publishers(text("nonsense")), None);
     }
 }

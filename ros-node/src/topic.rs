@@ -4,11 +4,12 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use rosrust::api::Ros;
 use rosrust::error::{tcpros, Error, ErrorKind};
-use rosrust::{Message, Publisher, Subscriber};
+use rosrust::{Message, Publisher};
 
 use super::raw::Publishers;
+use super::Report;
 
-/// Queue of every State and Command, as in the original.
+/// Queue of every State, as in the original.
 const QUEUE: usize = 10;
 
 /// Which side of a topic the node is on, or that it offers a service.
@@ -55,8 +56,8 @@ pub trait Announcement: Send + Sync {
         false
     }
 
-    /// Connects to publishers that it is not connected to; returns at once.
-    fn connect(&self, _publishers: &Publishers) {}
+    /// Connects to publishers that it is not connected to, and says through `report` what is wrong with one; returns at once.
+    fn connect(&self, _publishers: &Publishers, _report: &Report) {}
 }
 
 /// Whether it is no use to announce the same thing again later.
@@ -126,37 +127,5 @@ impl<M: Message> Announcement for Publication<M> {
         // Dropped outside the lock: telling the master can take long.
         let publisher = lock(&self.publisher).take();
         drop(publisher);
-    }
-}
-
-/// A topic to listen to, for messages of one type. See [`RawSubscription`](crate::RawSubscription) for what this one does not do.
-pub struct Subscription<M: Message> {
-    topic: String,
-    on_message: Arc<dyn Fn(M) + Send + Sync>,
-    subscriber: Mutex<Option<Subscriber>>,
-}
-
-impl<M: Message> Subscription<M> {
-    /// `on_message` runs in a thread of this topic and must not block.
-    pub fn new(topic: String, on_message: impl Fn(M) + Send + Sync + 'static) -> Arc<Self> {
-        Arc::new(Self { topic, on_message: Arc::new(on_message), subscriber: Mutex::new(None) })
-    }
-}
-
-impl<M: Message> Announcement for Subscription<M> {
-    fn registration(&self) -> Registration {
-        Registration { topic: self.topic.clone(), message_type: M::msg_type(), direction: Direction::Subscribes }
-    }
-
-    fn announce(&self, ros: &Ros) -> Result<(), Error> {
-        let on_message = Arc::clone(&self.on_message);
-        let subscriber = ros.subscribe(&self.topic, QUEUE, move |message| on_message(message))?;
-        *lock(&self.subscriber) = Some(subscriber);
-        Ok(())
-    }
-
-    fn withdraw(&self) {
-        let subscriber = lock(&self.subscriber).take();
-        drop(subscriber);
     }
 }

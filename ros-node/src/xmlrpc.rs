@@ -108,27 +108,61 @@ impl Peer {
     /// # Errors
     /// [`CallError::NoAnswer`], [`CallError::NotRos`], and [`CallError::Refused`] when the code is not 1.
     pub fn call(&self, method: &str, arguments: Vec<Value>) -> Result<Value, CallError> {
+        let answer = self.ask(method, arguments)?;
+        self.value_of(method, &answer)
+    }
+
+    /// The same, for a question that is asked again and again: `None` when the answer is `last`, letter by letter, and need not be looked at.
+    /// `last` becomes the answer if it is a good one.
+    ///
+    /// # Errors
+    /// Those of [`call`](Self::call).
+    pub(crate) fn call_unless(
+        &self,
+        method: &str,
+        arguments: Vec<Value>,
+        last: &mut String,
+    ) -> Result<Option<Value>, CallError> {
+        let answer = self.ask(method, arguments)?;
+        if answer == *last {
+            return Ok(None);
+        }
+        let value = self.value_of(method, &answer)?;
+        *last = answer;
+        Ok(Some(value))
+    }
+
+    fn not_ros(&self) -> CallError {
+        CallError::NotRos(self.uri.clone())
+    }
+
+    /// The XML that is answered.
+    fn ask(&self, method: &str, arguments: Vec<Value>) -> Result<String, CallError> {
         let mut params = vec![Value::String(self.caller_id.clone())];
         params.extend(arguments);
-        let not_ros = || CallError::NotRos(self.uri.clone());
-        let body = MethodCall { name: method.into(), params }.to_xml().map_err(|_| not_ros())?;
+        let body = MethodCall { name: method.into(), params }.to_xml().map_err(|_| self.not_ros())?;
         let answer = self.post(&body).map_err(|e| self.no_answer(e))?;
-        let (_head, xml) = answer.split_once("\r\n\r\n").ok_or_else(not_ros)?;
+        // The head has the time in it.
+        let (_head, xml) = answer.split_once("\r\n\r\n").ok_or_else(|| self.not_ros())?;
+        Ok(xml.trim().to_owned())
+    }
+
+    fn value_of(&self, method: &str, xml: &str) -> Result<Value, CallError> {
         let refused = |reason: String| CallError::Refused { method: method.to_owned(), reason };
-        let value = match MethodResponse::from_xml(xml.trim()) {
+        let value = match MethodResponse::from_xml(xml) {
             Ok(response) => response.value,
-            Err(_) => match FaultResponse::from_xml(xml.trim()) {
+            Err(_) => match FaultResponse::from_xml(xml) {
                 Ok(response) => return Err(refused(response.fault.string().to_owned())),
-                Err(_) => return Err(not_ros()),
+                Err(_) => return Err(self.not_ros()),
             },
         };
         match value {
             Value::Array(parts) => match <[Value; 3]>::try_from(parts) {
                 Ok([Value::Integer(1), _, value]) => Ok(value),
                 Ok([_, Value::String(message), _]) => Err(refused(message)),
-                _ => Err(not_ros()),
+                _ => Err(self.not_ros()),
             },
-            _ => Err(not_ros()),
+            _ => Err(self.not_ros()),
         }
     }
 

@@ -1,5 +1,4 @@
-//! Clients that use another version of a message, or send bytes that are none: rosrust refuses them and says so only in the `log`
-//! facade.
+//! Subscribers that use another version of a message: rosrust refuses them and says so only in the `log` facade.
 
 use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
@@ -8,9 +7,8 @@ use log::{Level, LevelFilter, Log, Metadata, Record};
 
 use super::signal::Complaints;
 
-/// Reports from now on which topic a client could not connect to, because type or checksum differ, and messages that cannot be
-/// decoded. Does nothing when the program
-/// has a logger of its own, which then gets those lines.
+/// Reports from now on which topic a client could not connect to, because type or checksum differ. Does nothing when the program has a
+/// logger of its own, which then gets those lines.
 pub(super) fn report_mismatches() {
     if log::set_boxed_logger(Box::<MismatchLogger>::default()).is_ok() {
         log::set_max_level(LevelFilter::Error);
@@ -53,9 +51,6 @@ impl Log for MismatchLogger {
 
 /// A line for the user if `text` is about a mismatch.
 fn mismatch(text: &str) -> Option<String> {
-    if text.starts_with("Failed to decode message") {
-        return Some(format!("{text}; the bytes of a client are ignored"));
-    }
     text.contains("mismatched").then(|| {
         let lines: Vec<&str> = text.lines().map(|line| line.trim_start_matches("Caused by:").trim()).collect();
         format!("{} (a client with another version of the message; is it built with our ambf_msgs?)", lines.join(": "))
@@ -72,7 +67,6 @@ mod tests {
         let line = mismatch(text).unwrap();
         assert!(line.starts_with("Failed to connect to topic '/a': Data field 'md5sum'"), "{line}");
         assert!(!line.contains('\n'));
-        assert!(mismatch("Failed to decode message: not a x/Y").is_some_and(|line| line.contains("x/Y")));
         assert_eq!(mismatch("TCP connection failed at topic '/a': try again"), None);
     }
 }

@@ -6,17 +6,18 @@
 //! | `ros-link` | finds or starts the master, announces topics, registers again when the master was restarted |
 //! | `ros-objects` | announces and withdraws the topics of objects that come and go |
 //! | `ros-parameters` | writes and polls the parameters of cameras, lights and the world |
+//! | `ros-connect` | asks the master which clients publish commands |
+//! | `ros-listen` | one a client and topic, receives its commands |
 //! | `ros-sockets` | sets the options of new sockets |
 //! | `ros-master` | the embedded master, when there is one |
 //! | `ros-service`, `ros-request` | one a service for its new clients, one a client for its requests |
 //!
-//! rosrust adds two threads for each topic. None of them can hold up the physics: states are read from the hub's newest
+//! rosrust adds two threads for each topic that is published. None of them can hold up the physics: states are read from the hub's newest
 //! snapshot and commands are left in its mailboxes.
 //!
 //! ## Limitations
 //! `rosnode info` fails, because rosrust does not implement `getBusInfo`. The embedded master has no `/rosout_agg`, and
-//! `rosparam list` shows namespaces too. When more than eight commands for one object arrive at once, rosrust drops some of
-//! them, which need not be the oldest.
+//! `rosparam list` shows namespaces too. A client is connected to up to 0.1 s after it has registered.
 
 mod actuator;
 mod ghost;
@@ -160,6 +161,8 @@ impl Middleware for RosMiddleware {
         spawn_detached("ros-objects", &alive, move || objects.run(&told))?;
         let swept = Arc::clone(&link);
         spawn_detached("ros-sockets", &alive, move || ros_node::tend_sockets(&swept))?;
+        let connected = Arc::clone(&link);
+        spawn_detached("ros-connect", &alive, move || ros_node::tend_connections(&connected))?;
         spawn_detached("ros-link", &alive, move || ros_node::run(&link))?;
         Ok(())
     }

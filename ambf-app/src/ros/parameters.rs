@@ -341,7 +341,7 @@ impl CloudTopics {
         }
         for topic in topics {
             if self.topics.iter().all(|(followed, _)| *followed != topic) {
-                let subscriptions = subscriptions(clouds, &topic);
+                let subscriptions = subscriptions(&link.master(), clouds, &topic);
                 link.add(subscriptions.clone());
                 self.topics.push((topic, subscriptions));
             }

@@ -3,10 +3,10 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use ros_node::{Announcement, Subscription};
+use ros_node::{Announcement, Peer};
 
 use super::messages::{sensor_msgs, std_msgs};
-use super::received::Received;
+use super::received::subscription;
 
 /// Size of points until a client says otherwise, pixels.
 const DEFAULT_RADIUS: f32 = 10.0;
@@ -65,13 +65,16 @@ pub(super) fn radius_topic(topic: &str) -> String {
     format!("{topic}/radius")
 }
 
+/// Longest cloud, bytes: some twenty million points.
+const LONGEST_CLOUD: usize = 256 << 20;
+
 /// Listens to the cloud on `topic` and to the size of its points.
-pub(super) fn subscriptions(clouds: &Arc<PointClouds>, topic: &str) -> [Arc<dyn Announcement>; 2] {
+pub(super) fn subscriptions(master: &Peer, clouds: &Arc<PointClouds>, topic: &str) -> [Arc<dyn Announcement>; 2] {
     clouds.insert(topic);
     let (points, radius) = (Arc::clone(clouds), Arc::clone(clouds));
     let (of_points, of_radius) = (topic.to_owned(), topic.to_owned());
     [
-        Subscription::new(topic.to_owned(), move |Received(message): Received<sensor_msgs::PointCloud>| {
+        subscription(master, topic.to_owned(), LONGEST_CLOUD, move |message: sensor_msgs::PointCloud| {
             points.change(&of_points, |cloud| {
                 cloud.frame_id = message.header.frame_id;
                 cloud.points.clear();
@@ -79,7 +82,7 @@ pub(super) fn subscriptions(clouds: &Arc<PointClouds>, topic: &str) -> [Arc<dyn 
                 cloud.points.extend(all.filter(|p| p.iter().all(|x| x.is_finite())));
             });
         }),
-        Subscription::new(radius_topic(topic), move |Received(message): Received<std_msgs::Float32>| {
+        subscription(master, radius_topic(topic), 4, move |message: std_msgs::Float32| {
             let radius_px = message.data.abs();
             if radius_px.is_finite() {
                 radius.change(&of_radius, |cloud| cloud.radius = radius_px);
@@ -95,7 +98,8 @@ mod tests {
     #[test]
     fn a_cloud_is_kept_while_its_topic_is_listened_to() {
         let clouds = Arc::<PointClouds>::default();
-        let _subscriptions = subscriptions(&clouds, "/a");
+        let master = Peer::new("http://localhost:1/", "/test", std::time::Duration::ZERO).unwrap();
+        let _subscriptions = subscriptions(&master, &clouds, "/a");
         clouds.change("/a", |cloud| cloud.points.push([1.0, 2.0, 3.0]));
         clouds.change("/b", |_| panic!("nobody listens to /b"));
         let all = clouds.all();

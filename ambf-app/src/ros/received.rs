@@ -1,15 +1,15 @@
-//! Messages from clients, whose bytes are looked at before rosrust decodes them.
+//! Messages from clients, whose bytes are looked at before rosrust decodes them, and topics that bring them.
 //!
 //! rosrust reserves memory for as many elements as an array on the wire announces, before it looks whether they follow: 16 bytes
 //! that are no message could end the program.
 
-use std::io;
-use std::sync::atomic::AtomicUsize;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
-use rosrust::{Clock, Message, RosMsg};
+use ros_node::{Announcement, Peer, RawReceived, RawSubscription};
+use rosrust::Message;
 
 use super::messages::{ambf_msgs, sensor_msgs, std_msgs};
+use super::signal::Complaints;
 
 /// A message that clients send.
 pub(super) trait FromClient: Message {
@@ -162,62 +162,54 @@ impl FromClient for sensor_msgs::PointCloud {
     }
 }
 
-/// An `M` for rosrust to decode.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub(super) struct Received<M>(pub M);
-
-impl<M: FromClient> RosMsg for Received<M> {
-    fn encode<W: io::Write>(&self, writer: W) -> io::Result<()> {
-        self.0.encode(writer)
-    }
-
-    fn decode<R: io::Read>(reader: R) -> io::Result<Self> {
-        M::decode(reader).map(Self)
-    }
-
-    fn decode_slice(bytes: &[u8]) -> io::Result<Self> {
-        let malformed = || io::Error::new(io::ErrorKind::InvalidData, format!("not a {}", M::msg_type()));
-        // The length of the whole comes first.
-        let mut wire = Wire(bytes.get(4..).ok_or_else(malformed)?);
-        M::walk(&mut wire).ok_or_else(malformed)?;
-        M::decode_slice(bytes).map(Self).map_err(|_| malformed())
-    }
+/// The `M` in `body`, the bytes behind the length of the whole.
+///
+/// # Errors
+/// A few words when it is none.
+pub(super) fn read<M: FromClient>(body: &[u8]) -> Result<M, String> {
+    let message = M::walk(&mut Wire(body)).and_then(|()| M::decode(body).ok());
+    message.ok_or_else(|| format!("{} bytes are not a {}", body.len(), M::msg_type()))
 }
 
-impl<M: FromClient> Message for Received<M> {
-    fn msg_definition() -> String {
-        M::msg_definition()
-    }
-
-    fn md5sum() -> String {
-        M::md5sum()
-    }
-
-    fn msg_type() -> String {
-        M::msg_type()
-    }
-
-    fn set_header(&mut self, clock: &Arc<dyn Clock>, seq: &Arc<AtomicUsize>) {
-        self.0.set_header(clock, seq);
-    }
+/// Listens to `topic` for messages of `longest` bytes at most; bytes that are no `M` are named. `on_message` runs in a thread of each client's,
+/// in one at a time, and must not block.
+pub(super) fn subscription<M: FromClient>(
+    master: &Peer,
+    topic: String,
+    longest: usize,
+    on_message: impl FnMut(M) + Send + 'static,
+) -> Arc<dyn Announcement> {
+    let (complaints, name) = (Complaints::default(), topic.clone());
+    // Posts to one mailbox that race would make the physics thread free memory.
+    let on_message = Mutex::new(on_message);
+    RawSubscription::of::<M>(master.clone(), topic, longest, move |RawReceived { body, .. }| match read(body) {
+        Ok(message) => (on_message.lock().unwrap_or_else(PoisonError::into_inner))(message),
+        Err(why) => {
+            complaints.report(format_args!("{name}: {why}; they are ignored"));
+        }
+    })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    fn body_of<M: Message>(message: &M) -> Vec<u8> {
+        message.encode_vec().unwrap().split_off(4)
+    }
+
     /// Every prefix is refused, and so are counts that announce more than follows.
     fn check<M: FromClient>(message: &M, counts: &[usize]) {
-        let bytes = message.encode_vec().unwrap();
-        assert_eq!(Received::<M>::decode_slice(&bytes).unwrap().0, *message);
+        let bytes = body_of(message);
+        assert_eq!(read::<M>(&bytes).unwrap(), *message);
         for end in 0..bytes.len() {
-            assert!(Received::<M>::decode_slice(&bytes[..end]).is_err(), "{end} of {} bytes", bytes.len());
+            assert!(read::<M>(&bytes[..end]).is_err(), "{end} of {} bytes", bytes.len());
         }
         for &at in counts {
             let mut lying = bytes.clone();
             lying[at..at + 4].copy_from_slice(&u32::MAX.to_le_bytes());
-            let error = Received::<M>::decode_slice(&lying).unwrap_err();
-            assert!(error.to_string().contains(&M::msg_type()), "{error}");
+            let error = read::<M>(&lying).unwrap_err();
+            assert!(error.contains(&M::msg_type()), "{error}");
         }
     }
 
@@ -225,26 +217,26 @@ mod tests {
     fn bytes_that_are_no_command_are_refused() {
         let command =
             ambf_msgs::RigidBodyCmd { joint_cmds_types: vec![1, 2], joint_cmds: vec![0.5; 3], ..Default::default() };
-        let arrays = 4 + 16 + 1 + 56 + 96;
-        check(&command, &[4 + 12, arrays, arrays + 4 + 2]);
+        let arrays = 16 + 1 + 56 + 96;
+        check(&command, &[12, arrays, arrays + 4 + 2]);
         check(&ambf_msgs::WorldCmd { n_skip_steps: 3, ..Default::default() }, &[]);
     }
 
     #[test]
     fn bytes_that_are_no_command_of_an_element_are_refused() {
-        const HEADER: usize = 4 + 16;
+        const HEADER: usize = 16;
         let sensor = ambf_msgs::SensorCmd { actuate: vec![true, false], ..Default::default() };
-        check(&sensor, &[4 + 12, HEADER]);
-        let mut neither = sensor.encode_vec().unwrap();
+        check(&sensor, &[12, HEADER]);
+        let mut neither = body_of(&sensor);
         *neither.last_mut().unwrap() = 2;
-        assert!(Received::<ambf_msgs::SensorCmd>::decode_slice(&neither).is_err(), "2 is neither true nor false");
+        assert!(read::<ambf_msgs::SensorCmd>(&neither).is_err(), "2 is neither true nor false");
         let actuator = ambf_msgs::ActuatorCmd {
             body_name: std_msgs::String { data: "Box".into() },
             sensor_identifier: std_msgs::String { data: "Eye".into() },
             ..Default::default()
         };
         let name = HEADER + BOOL;
-        check(&actuator, &[4 + 12, name, name + 4 + 3 + BOOL + POSE + BOOL]);
+        check(&actuator, &[12, name, name + 4 + 3 + BOOL + POSE + BOOL]);
         let vehicle = ambf_msgs::VehicleCmd {
             wheel_steering: vec![0.1, 0.2],
             wheel_power: vec![1.0],
@@ -252,20 +244,20 @@ mod tests {
             ..Default::default()
         };
         let arrays = HEADER + WRENCH;
-        check(&vehicle, &[4 + 12, arrays, arrays + 4 + 8, arrays + 4 + 8 + 4 + 4]);
+        check(&vehicle, &[12, arrays, arrays + 4 + 8, arrays + 4 + 8 + 4 + 4]);
         let arrays = HEADER + BOOL + POSE + WRENCH;
         let (joint_cmds, position_controller_mask) = (vec![0.5, 0.25], vec![true]);
         let object = ambf_msgs::ObjectCmd { joint_cmds, position_controller_mask, ..Default::default() };
-        check(&object, &[4 + 12, arrays, arrays + 4 + 8]);
+        check(&object, &[12, arrays, arrays + 4 + 8]);
         let (joint_cmds, position_controller_mask) = (object.joint_cmds, object.position_controller_mask);
         let soft_body = ambf_msgs::SoftBodyCmd { joint_cmds, position_controller_mask, ..Default::default() };
-        check(&soft_body, &[4 + 12, arrays, arrays + 4 + 8]);
+        check(&soft_body, &[12, arrays, arrays + 4 + 8]);
     }
 
     #[test]
     fn bytes_that_are_no_request_are_refused() {
-        check(&ambf_msgs::AddModelReq { file: "car.yaml".into() }, &[4]);
-        check(&ambf_msgs::RemoveModelReq { model: "car".into() }, &[4]);
+        check(&ambf_msgs::AddModelReq { file: "car.yaml".into() }, &[0]);
+        check(&ambf_msgs::RemoveModelReq { model: "car".into() }, &[0]);
         let step = ambf_msgs::StepReq {
             body_names: vec!["/e/box".into()],
             body_commands: vec![ambf_msgs::RigidBodyCmd { joint_cmds: vec![1.0], ..Default::default() }],
@@ -274,7 +266,7 @@ mod tests {
             observe: vec!["/e/box".into()],
             ..Default::default()
         };
-        let bodies = 4 + 4 + BOOL + 8;
+        let bodies = 4 + BOOL + 8;
         let commands = bodies + 4 + 4 + 6;
         let actuators = commands + 4 + 16 + 1 + POSE + WRENCH + TWIST + 4 + 8 + 3 * BOOL;
         check(&step, &[bodies, bodies + 4, commands, commands + 4 + 12, actuators, actuators + 4 + 4 + 7]);
@@ -289,18 +281,18 @@ mod tests {
             (state >> 33) as usize
         };
         for _ in 0..5_000 {
-            let mut bytes: Vec<u8> = (0..4 + random() % 300).map(|_| random() as u8).collect();
+            let mut bytes: Vec<u8> = (0..random() % 300).map(|_| random() as u8).collect();
             // Mostly small counts, so that some get far.
             bytes.iter_mut().for_each(|byte| *byte = if random() % 4 > 0 { 0 } else { *byte });
-            let _ = Received::<ambf_msgs::RigidBodyCmd>::decode_slice(&bytes);
-            let _ = Received::<ambf_msgs::SensorCmd>::decode_slice(&bytes);
-            let _ = Received::<ambf_msgs::ActuatorCmd>::decode_slice(&bytes);
-            let _ = Received::<ambf_msgs::VehicleCmd>::decode_slice(&bytes);
-            let _ = Received::<ambf_msgs::ObjectCmd>::decode_slice(&bytes);
-            let _ = Received::<ambf_msgs::SoftBodyCmd>::decode_slice(&bytes);
-            let _ = Received::<ambf_msgs::AddModelReq>::decode_slice(&bytes);
-            let _ = Received::<ambf_msgs::StepReq>::decode_slice(&bytes);
-            let _ = Received::<sensor_msgs::PointCloud>::decode_slice(&bytes);
+            let _ = read::<ambf_msgs::RigidBodyCmd>(&bytes);
+            let _ = read::<ambf_msgs::SensorCmd>(&bytes);
+            let _ = read::<ambf_msgs::ActuatorCmd>(&bytes);
+            let _ = read::<ambf_msgs::VehicleCmd>(&bytes);
+            let _ = read::<ambf_msgs::ObjectCmd>(&bytes);
+            let _ = read::<ambf_msgs::SoftBodyCmd>(&bytes);
+            let _ = read::<ambf_msgs::AddModelReq>(&bytes);
+            let _ = read::<ambf_msgs::StepReq>(&bytes);
+            let _ = read::<sensor_msgs::PointCloud>(&bytes);
         }
     }
 
@@ -311,7 +303,7 @@ mod tests {
             channels: vec![sensor_msgs::ChannelFloat32 { name: "rgb".into(), values: vec![1.0, 2.0] }],
             ..Default::default()
         };
-        let channels = 4 + 16 + 4 + 24;
-        check(&cloud, &[4 + 12, 4 + 16, channels, channels + 4, channels + 4 + 4 + 3]);
+        let channels = 16 + 4 + 24;
+        check(&cloud, &[12, 16, channels, channels + 4, channels + 4 + 4 + 3]);
     }
 }

@@ -11,12 +11,13 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use dxr::Value;
+use ros_node::tcpros::{block, fields, header_of};
 use ros_node::{Announcement, Direction, Peer, Registration};
 use rosrust::api::Ros;
 use rosrust::error::Error;
 use rosrust::{RosMsg, ServicePair};
 
-use super::received::{FromClient, Received};
+use super::received::{self, FromClient};
 use super::signal::Complaints;
 
 /// Longest header or request, bytes: a request is a file or a name.
@@ -221,7 +222,7 @@ where
         stream.set_write_timeout(Some(WRITE_TIMEOUT))?;
         stream.set_read_timeout(Some(READ_TIMEOUT))?;
         let Ok(header) = read_block(&mut stream)? else { return Ok(()) };
-        let fields = fields(&header[4..]);
+        let fields = fields(&header);
         if let Some(mismatch) = self.mismatch(&fields) {
             self.complaints.report(format_args!("a client was refused: {mismatch}"));
             return stream.write_all(&header_of(&[("error", &mismatch)]));
@@ -249,15 +250,15 @@ where
                     return stream.write_all(&refusal(&why));
                 }
             };
-            let answer = match Received::<S::Request>::decode_slice(&request) {
-                Ok(Received(request)) => {
+            let answer = match received::read(&request) {
+                Ok(request) => {
                     let mut answer = vec![1];
                     answer.extend((self.answer)(request).encode_vec()?);
                     answer
                 }
                 Err(error) => {
                     self.complaints.report(format_args!("{}: {error}; it is refused", self.name));
-                    refusal(&error.to_string())
+                    refusal(&error)
                 }
             };
             stream.write_all(&answer)?;
@@ -282,45 +283,17 @@ where
     }
 }
 
-/// A length and as many bytes, both of it; the length alone if it is too long to be taken.
+/// A length and as many bytes, which are returned; the length alone if it is too long to be taken.
 fn read_block(stream: &mut TcpStream) -> io::Result<Result<Vec<u8>, u32>> {
-    let mut block = vec![0; 4];
-    stream.read_exact(&mut block)?;
-    let length = u32::from_le_bytes([block[0], block[1], block[2], block[3]]);
+    let mut length = [0; 4];
+    stream.read_exact(&mut length)?;
+    let length = u32::from_le_bytes(length);
     if length as usize > LONGEST {
         return Ok(Err(length));
     }
-    block.resize(4 + length as usize, 0);
-    stream.read_exact(&mut block[4..])?;
+    let mut block = vec![0; length as usize];
+    stream.read_exact(&mut block)?;
     Ok(Ok(block))
-}
-
-/// The fields of a header without its length; what is no field is left out.
-fn fields(mut header: &[u8]) -> HashMap<String, String> {
-    let mut fields = HashMap::new();
-    while let Some((length, rest)) = header.split_first_chunk::<4>() {
-        let length = u32::from_le_bytes(*length) as usize;
-        let Some((field, rest)) = rest.split_at_checked(length) else { break };
-        header = rest;
-        if let Some((key, value)) = std::str::from_utf8(field).ok().and_then(|field| field.split_once('=')) {
-            fields.insert(key.to_owned(), value.to_owned());
-        }
-    }
-    fields
-}
-
-/// `text` behind its length.
-fn block(text: &[u8]) -> Vec<u8> {
-    // No text of ours comes near 4 GB.
-    let mut block = (text.len() as u32).to_le_bytes().to_vec();
-    block.extend(text);
-    block
-}
-
-/// A header of these fields.
-fn header_of(fields: &[(&str, &str)]) -> Vec<u8> {
-    let fields: Vec<u8> = fields.iter().flat_map(|(key, value)| block(format!("{key}={value}").as_bytes())).collect();
-    block(&fields)
 }
 
 /// An answer that says that there is none.
@@ -372,7 +345,7 @@ mod tests {
             says.extend(more.iter().copied());
             let mut stream = self.connect();
             stream.write_all(&header_of(&says.into_iter().collect::<Vec<_>>())).unwrap();
-            let header = fields(&read_block(&mut stream).unwrap().unwrap()[4..]);
+            let header = fields(&read_block(&mut stream).unwrap().unwrap());
             (stream, header)
         }
     }
@@ -408,13 +381,13 @@ mod tests {
         assert_eq!(header["md5sum"], AddModel::md5sum());
         let (success, answer) = ask(&mut once, &request("car.yaml"));
         assert!(success);
-        assert_eq!(AddModelRes::decode_slice(&answer).unwrap().model, "car.yaml");
+        assert_eq!(AddModelRes::decode(&answer[..]).unwrap().model, "car.yaml");
         assert_closed(&mut once);
         let (mut persistent, _) = fixture.client(&[("persistent", "1"), ("md5sum", "*")]);
         for file in ["a", "b", ""] {
             let (success, answer) = ask(&mut persistent, &request(file));
             assert!(success);
-            assert_eq!(AddModelRes::decode_slice(&answer).unwrap().model, file);
+            assert_eq!(AddModelRes::decode(&answer[..]).unwrap().model, file);
         }
     }
 
@@ -441,7 +414,7 @@ mod tests {
         let (mut stream, _) = fixture.client(&[("persistent", "1")]);
         let mut lying = request("car.yaml");
         lying[4..8].copy_from_slice(&u32::MAX.to_le_bytes());
-        let text = |answer: Vec<u8>| String::from_utf8(answer[4..].to_vec()).unwrap();
+        let text = |answer: Vec<u8>| String::from_utf8(answer).unwrap();
         let (success, why) = ask(&mut stream, &lying);
         assert!(!success && text(why).contains("AddModel"));
         let (success, why) = ask(&mut stream, &(u32::MAX).to_le_bytes());

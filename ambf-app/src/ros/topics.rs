@@ -6,20 +6,23 @@ use ambf_core::comm::{
     ActuatorInfo, CameraParameters, Hub, LightParameters, ObjectInfo, ObjectKind, PostError, Rates, RigidBodyInfo,
     SensorCommand, SensorInfo, Snapshot, VehicleInfo,
 };
-use ros_node::{Announcement, Peer, Publication, Subscription};
+use ros_node::{Announcement, Peer, Publication};
 use rosrust::Message;
 
 use super::messages::ambf_msgs;
 use super::models::{self, ModelHost};
 use super::parameters::{ParameterChange, Parameterised};
 use super::posed::{self, Identity, ParentName};
-use super::received::{FromClient, Received};
+use super::received::{self, FromClient};
 use super::rigid_body::{self, Requests};
 use super::scheduler::{is_live, Entry, StateOutlet};
 use super::signal::{Complaints, Said, Waker};
 use super::step::{self, Kind, Steppable, Steppables};
 use super::{actuator, ghost, sensor, soft_body, vehicle, world};
 use crate::report;
+
+/// Longest command, bytes: some hundred thousand joints.
+const LONGEST_COMMAND: usize = 1 << 20;
 
 /// Everything that follows from objects that have come.
 #[derive(Default)]
@@ -111,10 +114,9 @@ impl Builder<'_> {
         self.served.entries.push(Entry::new(outlet, rates, self.object, commanded, self.around.hub.now()));
     }
 
-    fn subscribe<M: FromClient>(&mut self, topic: String, on_message: impl Fn(M) + Send + Sync + 'static) {
-        self.served
-            .announcements
-            .push(Subscription::new(topic, move |Received(message): Received<M>| on_message(message)));
+    fn subscribe<M: FromClient>(&mut self, topic: String, on_message: impl FnMut(M) + Send + 'static) {
+        let subscription = received::subscription(&self.around.master, topic, LONGEST_COMMAND, on_message);
+        self.served.announcements.push(subscription);
     }
 
     fn commanded(&self, name: &str) -> Commanded {
