@@ -93,6 +93,7 @@ fn load_simulation(options: &SimulatorOptions) -> Result<(Simulation, DeviceHost
         rates: options.publish_frequency.map(|rates| Rates { min: rates.min, max: rates.max }),
         physics,
         may_grow: devices::are_wanted(&options.devices),
+        savable: false,
     };
     let Loaded { scene, report: mut found } = load(&files, &scene_options);
     found.files.insert(0, problems);
