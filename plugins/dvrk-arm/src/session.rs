@@ -19,12 +19,18 @@ const ASK_AGAIN: Duration = Duration::from_secs(2);
 /// Most such requests until the arm's state changes.
 const MOST_ASKED: u32 = 3;
 
+/// An arm that is listed but silent for so long may speak another dialect, if that is listed too.
+const SILENCE: Duration = Duration::from_secs(2);
+
 /// What the watching thread knows about an arm.
 #[derive(Default)]
 pub(crate) struct Session {
     dialect: Option<Dialect>,
     /// Found once; topics of a node that starts come one after the other.
     doubted: Option<Dialect>,
+    found: Option<Instant>,
+    /// When a pose of it was there, or it was found.
+    heard: Option<Instant>,
     inputs: Vec<Arc<dyn Announcement>>,
     outputs: Option<Arc<Outputs>>,
     pedals: Option<Arc<PedalBoard>>,
@@ -37,12 +43,13 @@ pub(crate) struct Session {
     available: bool,
     said_waiting: bool,
     said_unready: bool,
+    said_stateless: bool,
 }
 
 impl Session {
     /// One look at an arm; `topics` is what is published at present.
     pub fn watch(&mut self, inner: &Arc<Inner>, topics: &Topics, link: &Link, boards: &PedalBoards) {
-        match inner.names.dialect(inner.options.dialect, topics) {
+        match self.speaks(inner, topics) {
             found if found == self.dialect => self.doubted = None,
             // It is away; when it comes back it speaks as before, or is found to have changed.
             None => self.doubted = None,
@@ -74,6 +81,22 @@ impl Session {
         self.report(inner);
     }
 
+    /// The dialect in which the arm speaks, as far as is known.
+    fn speaks(&mut self, inner: &Inner, topics: &Topics) -> Option<Dialect> {
+        let listed = inner.names.dialects(inner.options.dialect, topics);
+        if inner.is_available() {
+            self.heard = Some(Instant::now());
+        }
+        let silent = self.heard.is_none_or(|heard| heard.elapsed() > SILENCE);
+        let now = self.dialect.filter(|now| listed.contains(now));
+        let other = || listed.iter().copied().find(|listed| Some(*listed) != now);
+        match now {
+            Some(now) if silent => other().or(Some(now)),
+            Some(now) => Some(now),
+            None => other(),
+        }
+    }
+
     /// Lets go of all topics.
     pub fn end(&mut self, link: &Link) {
         let inputs = std::mem::take(&mut self.inputs);
@@ -87,7 +110,8 @@ impl Session {
     fn switch(&mut self, inner: &Arc<Inner>, dialect: Dialect, link: &Link) {
         inner.outputs.store(None);
         self.end(link);
-        *self = Self { dialect: Some(dialect), ..Self::default() };
+        let now = Some(Instant::now());
+        *self = Self { dialect: Some(dialect), found: now, heard: now, ..Self::default() };
         inner.speak(dialect);
         inner.say(&format!("found, dialect {dialect}"));
         let has_jaw = inner.names.arm().starts_with("PSM");
@@ -149,6 +173,11 @@ impl Session {
             (false, true) => inner.say("poses come"),
             (true, false) => inner.say("no poses come any more; held still until they do"),
             _ => (),
+        }
+        let ready = inner.ready.load(Ordering::Acquire) || lock(&inner.state).is_some();
+        let awaited = available && !ready && self.found.is_some_and(|found| found.elapsed() > SILENCE);
+        if awaited && !std::mem::replace(&mut self.said_stateless, true) {
+            inner.say("poses come, but not its operating_state, which is listed: held still until it does");
         }
     }
 }

@@ -86,6 +86,35 @@ fn arms_come_late_go_and_change_their_dialect() {
     device.wait_valid();
 }
 
+/// A node that was killed stays in the master's list; another release that takes its place is found all the same.
+#[test]
+fn a_killed_node_does_not_hide_the_next_one() {
+    share_master();
+    let start = |dialect: &str| {
+        let fake = std::process::Command::new(env!("CARGO_BIN_EXE_fake_dvrk"))
+            .args(["MTMR", "--quiet", "--namespace", "killed", "--dialect", dialect])
+            .spawn();
+        Killed(fake.unwrap())
+    };
+    let mut device = Device::open("MTMR", &[("namespace", "killed")]);
+    for dialect in ["ambf", "legacy", "crtk"] {
+        let node = start(dialect);
+        device.wait_valid();
+        drop(node);
+        until("it is away", || !device.read().valid);
+    }
+}
+
+/// A process that ends as by `kill -9`.
+struct Killed(std::process::Child);
+
+impl Drop for Killed {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
 /// Two arms at 1 kHz each.
 #[test]
 fn wrenches_flow_at_the_rate_of_the_loop() {
