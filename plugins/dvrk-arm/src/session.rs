@@ -131,6 +131,10 @@ impl Session {
             self.settled = outputs.settle(true, true);
         }
         if !outputs.dialect.is_crtk() {
+            let wanted = inner.options.enable || inner.options.home;
+            if wanted && !std::mem::replace(&mut self.said_unready, true) {
+                inner.say("`enable` and `home` have no effect in this dialect: power on and home it from its console");
+            }
             let heard = outputs.is_asked();
             self.asked_mode = heard && (self.asked_mode || outputs.ask(Mode::CartesianEffort.name()));
             return;

@@ -271,6 +271,11 @@ fn nothing_homes_unasked() {
         asked.wait_valid();
         assert_eq!(fake.commands("MTMR"), ["enable", "home", "enable"]);
     }
+    let fake = fake("homing_legacy", Dialect::Legacy, right(200.0));
+    let mut device = Device::open("MTMR", &[("namespace", "homing_legacy"), ("home", "true")]);
+    device.wait_valid();
+    until("it says so", || (device.said)().iter().any(|line| line.contains("have no effect in this dialect")));
+    until("the handshake", || fake.commands("MTMR") == ["DVRK_EFFORT_CARTESIAN"]);
 }
 
 /// The interface for programs, in a dialect that has everything.
