@@ -28,9 +28,12 @@ pub(crate) struct Session {
     dialect: Option<Dialect>,
     /// Found once; topics of a node that starts come one after the other.
     doubted: Option<Dialect>,
-    found: Option<Instant>,
-    /// When a pose of it was there, or it was found.
+    /// When a pose of it was there, or this dialect was found.
     heard: Option<Instant>,
+    /// When any dialect was found first.
+    listed: Option<Instant>,
+    /// When poses came, or came again.
+    posed: Option<Instant>,
     inputs: Vec<Arc<dyn Announcement>>,
     outputs: Option<Arc<Outputs>>,
     pedals: Option<Arc<PedalBoard>>,
@@ -43,7 +46,8 @@ pub(crate) struct Session {
     available: bool,
     said_waiting: bool,
     said_unready: bool,
-    said_stateless: bool,
+    said_missing: bool,
+    said_found: bool,
 }
 
 impl Session {
@@ -58,7 +62,12 @@ impl Session {
             {
                 self.doubted = Some(Dialect::Ambf);
             }
-            Some(found) => self.switch(inner, found, link),
+            Some(found) => {
+                // Two may be listed and both be silent: they are tried in turn, without a word.
+                let listed = inner.names.dialects(inner.options.dialect, topics);
+                let is_guess = self.dialect.is_some_and(|now| listed.contains(&now));
+                self.switch(inner, found, link, is_guess);
+            }
         }
         let Some(dialect) = self.dialect else {
             if !std::mem::replace(&mut self.said_waiting, true) {
@@ -107,13 +116,16 @@ impl Session {
         self.pedals = None;
     }
 
-    fn switch(&mut self, inner: &Arc<Inner>, dialect: Dialect, link: &Link) {
+    fn switch(&mut self, inner: &Arc<Inner>, dialect: Dialect, link: &Link, is_guess: bool) {
         inner.outputs.store(None);
         self.end(link);
-        let now = Some(Instant::now());
-        *self = Self { dialect: Some(dialect), found: now, heard: now, ..Self::default() };
+        let (heard, listed) = (Some(Instant::now()), self.listed.or_else(|| Some(Instant::now())));
+        let Self { posed, said_missing, .. } = *self;
+        *self = Self { dialect: Some(dialect), heard, listed, posed, said_missing, ..Self::default() };
+        if !is_guess {
+            self.say_found(inner);
+        }
         inner.speak(dialect);
-        inner.say(&format!("found, dialect {dialect}"));
         let has_jaw = inner.names.arm().starts_with("PSM");
         let master = link.master();
         let subscriptions = readings(dialect, has_jaw).into_iter();
@@ -171,18 +183,38 @@ impl Session {
         }
     }
 
+    /// Says how the arm speaks, unless that was said.
+    fn say_found(&mut self, inner: &Inner) {
+        if let Some(dialect) = self.dialect.filter(|_| !std::mem::replace(&mut self.said_found, true)) {
+            inner.say(&format!("found, dialect {dialect}"));
+        }
+    }
+
     fn report(&mut self, inner: &Inner) {
         let available = inner.is_available();
         match (std::mem::replace(&mut self.available, available), available) {
-            (false, true) => inner.say("poses come"),
+            (false, true) => {
+                (self.posed, self.said_missing) = (Some(Instant::now()), false);
+                self.say_found(inner);
+                inner.say("poses come");
+            }
             (true, false) => inner.say("no poses come any more; held still until they do"),
             _ => (),
         }
-        let ready = inner.ready.load(Ordering::Acquire) || lock(&inner.state).is_some();
-        let awaited = available && !ready && self.found.is_some_and(|found| found.elapsed() > SILENCE);
-        if awaited && !std::mem::replace(&mut self.said_stateless, true) {
-            inner.say("poses come, but not its operating_state, which is listed: held still until it does");
-        }
+        let long = |since: Option<Instant>| since.is_some_and(|since| since.elapsed() > SILENCE);
+        let is_stateless = || !inner.ready.load(Ordering::Acquire) && lock(&inner.state).is_none();
+        let missing = match available {
+            _ if self.said_missing => return,
+            false if self.posed.is_none() && long(self.listed) => {
+                "the master lists it, but no valid pose comes: is its node alive, and does it reach this computer (ROS_IP)?"
+            }
+            true if long(self.posed) && is_stateless() => {
+                "poses come, but not its operating_state, which is listed: held still until it does"
+            }
+            _ => return,
+        };
+        self.said_missing = true;
+        inner.say(missing);
     }
 }
 

@@ -47,11 +47,10 @@ fn all_dialects_are_found_and_spoken() {
         let expected = Frames::of("MTMR").origin.rotation * FORCE;
         assert!((shown.force - expected).norm() < 1e-9, "{dialect}: {} instead of {expected}", shown.force);
         assert_eq!(shown.torque.norm(), 0.0);
-        let commands = fake.commands("MTMR");
         if dialect.is_crtk() {
-            assert_eq!(commands, Vec::<String>::new(), "nothing is asked of an arm that is ready");
+            assert_eq!(fake.commands("MTMR"), Vec::<String>::new(), "nothing is asked of an arm that is ready");
         } else {
-            assert_eq!(commands, ["DVRK_EFFORT_CARTESIAN"]);
+            until("the request of a mode", || fake.commands("MTMR") == ["DVRK_EFFORT_CARTESIAN"]);
         }
         fake.set_gripper("MTMR", 0.0);
         until("the closed gripper", || device.read().buttons == 1 && device.read().gripper == Some(0.0));
@@ -103,6 +102,8 @@ fn a_killed_node_does_not_hide_the_next_one() {
         drop(node);
         until("it is away", || !device.read().valid);
     }
+    let late = Device::open("MTMR", &[("namespace", "killed")]);
+    until("it is said", || (late.said)().iter().any(|line| line.contains("no valid pose comes")));
 }
 
 /// A process that ends as by `kill -9`.
