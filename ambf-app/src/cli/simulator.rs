@@ -1,6 +1,6 @@
 //! Options of `ambf_simulator`.
 
-use super::values::{boolean, count, indexes, paths, positive, whole};
+use super::values::{boolean, count, haptic_frequency, indexes, paths, positive, whole};
 use super::{filter, launch_file, print_or_fail, utf8, CheckOptions, CliError, Parsed, PhysicsOptions};
 use clap::{CommandFactory, FromArgMatches};
 use std::ffi::OsString;
@@ -173,7 +173,7 @@ struct Arguments {
     force_feedback: bool,
     /// Target frequency of each haptic loop, Hz
     #[arg(short = 'd', long = "htx_frequency", value_name = "HZ", default_value = "1000")]
-    #[arg(value_parser = count, help_heading = "Input devices")]
+    #[arg(value_parser = haptic_frequency, help_heading = "Input devices")]
     haptic_frequency: u32,
     /// Fixed haptic interval 1/frequency instead of following the clock
     #[arg(short = 'f', long = "fixed_htx_timestep", value_name = "BOOL", default_value = "false", value_parser = boolean)]

@@ -27,6 +27,17 @@ pub(super) fn count(text: &str) -> Result<u32, String> {
     }
 }
 
+/// A frequency of devices' loops, Hz: a device lets go of a force that is not renewed within 50 ms, and the laws know periods of 0.1 to 20 ms.
+pub(super) fn haptic_frequency(text: &str) -> Result<u32, String> {
+    match text.trim().parse() {
+        Ok(number) if (50..=10_000).contains(&number) => Ok(number),
+        _ => {
+            Err("expected a whole number from 50 to 10000 (forces of a slower loop would end before the next)"
+                .to_owned())
+        }
+    }
+}
+
 /// A whole number from 0 on.
 pub(super) fn whole(text: &str) -> Result<usize, String> {
     text.trim().parse().map_err(|_| "expected a whole number, 0 or more".to_owned())
@@ -88,6 +99,8 @@ mod tests {
             assert!(count(text).is_err(), "{text}");
         }
         assert!(whole("-1").is_err() && whole("").is_err());
+        assert_eq!((haptic_frequency("50"), haptic_frequency(" 10000")), (Ok(50), Ok(10_000)));
+        assert!(haptic_frequency("49").is_err() && haptic_frequency("10001").is_err());
     }
 
     #[test]

@@ -93,8 +93,9 @@ impl Names {
         format!("{}/{}", self.namespace.as_deref().unwrap_or_default(), self.arm)
     }
 
-    /// The dialect in which the arm speaks at present, `None` while it does not speak.
-    pub fn dialect(&self, choice: DialectChoice, topics: &Topics) -> Option<Dialect> {
+    /// The dialects in which the arm may speak at present, the likeliest first; none while it does not speak. Two of them: a node that was killed
+    /// is still listed beside the one that has taken its place.
+    pub fn dialects(&self, choice: DialectChoice, topics: &Topics) -> Vec<Dialect> {
         let kind = |dialect, name: &str| topics.get(&self.topic(dialect, name)).map(String::as_str);
         let of_crtk = match kind(Dialect::CrtkPose, "measured_cp") {
             Some("geometry_msgs/PoseStamped") => Some(Dialect::CrtkPose),
@@ -105,15 +106,16 @@ impl Names {
             _ => None,
         };
         let legacy = kind(Dialect::Legacy, "position_cartesian_current").map(|_| Dialect::Legacy);
-        match choice {
-            DialectChoice::Auto => of_crtk.or(legacy),
-            DialectChoice::Legacy => legacy,
-            DialectChoice::Ambf => of_crtk.map(|_| Dialect::Ambf),
-            DialectChoice::Crtk => of_crtk.map(|found| match found {
-                Dialect::Ambf => Dialect::CrtkTransform,
-                found => found,
-            }),
-        }
+        let wanted = match choice {
+            DialectChoice::Auto => [of_crtk, legacy],
+            DialectChoice::Legacy => [None, legacy],
+            DialectChoice::Ambf => [of_crtk.map(|_| Dialect::Ambf), None],
+            DialectChoice::Crtk => {
+                let typed = |found| if found == Dialect::Ambf { Dialect::CrtkTransform } else { found };
+                [of_crtk.map(typed), None]
+            }
+        };
+        wanted.into_iter().flatten().collect()
     }
 }
 
@@ -192,7 +194,7 @@ mod tests {
     fn the_four_are_told_apart() {
         const TRANSFORM: &str = "geometry_msgs/TransformStamped";
         let names = Names::new(None, "MTMR").unwrap();
-        let found = |list: &[(&str, &str)]| names.dialect(DialectChoice::Auto, &topics(list));
+        let found = |list: &[(&str, &str)]| names.dialects(DialectChoice::Auto, &topics(list)).first().copied();
         assert_eq!(found(&[("/MTML/measured_cp", TRANSFORM)]), None);
         assert_eq!(found(&[("/MTMR/measured_cp", "geometry_msgs/PoseStamped")]), Some(Dialect::CrtkPose));
         let state = ("/MTMR/operating_state", "crtk_msgs/operating_state");
@@ -205,6 +207,9 @@ mod tests {
         }
         assert_eq!(found(&[state]), None, "no pose, no dialect");
         assert_eq!(found(&[("/MTMR/measured_cp", "std_msgs/String")]), None);
+        let both =
+            [("/MTMR/measured_cp", TRANSFORM), ("/dvrk/MTMR/position_cartesian_current", "geometry_msgs/PoseStamped")];
+        assert_eq!(names.dialects(DialectChoice::Auto, &topics(&both)), [Dialect::Ambf, Dialect::Legacy]);
     }
 
     #[test]
@@ -214,11 +219,12 @@ mod tests {
             ("/lab/MTMR/position_cartesian_current", "geometry_msgs/PoseStamped"),
         ];
         let names = Names::new(Some("lab/"), "MTMR").unwrap();
-        let found = |choice| names.dialect(choice, &topics(&list));
-        assert_eq!(found(DialectChoice::Auto), Some(Dialect::Ambf));
-        assert_eq!(found(DialectChoice::Legacy), Some(Dialect::Legacy));
-        assert_eq!(found(DialectChoice::Crtk), Some(Dialect::CrtkTransform));
-        assert_eq!(Names::new(None, "MTMR").unwrap().dialect(DialectChoice::Auto, &topics(&list)), None);
+        let found = |choice| names.dialects(choice, &topics(&list));
+        assert_eq!(found(DialectChoice::Auto), [Dialect::Ambf, Dialect::Legacy]);
+        assert_eq!(found(DialectChoice::Legacy), [Dialect::Legacy]);
+        assert_eq!(found(DialectChoice::Ambf), [Dialect::Ambf]);
+        assert_eq!(found(DialectChoice::Crtk), [Dialect::CrtkTransform]);
+        assert_eq!(Names::new(None, "MTMR").unwrap().dialects(DialectChoice::Auto, &topics(&list)), []);
         assert_eq!(names.topic(Dialect::Legacy, "set_wrench_body"), "/lab/MTMR/set_wrench_body");
     }
 

@@ -19,12 +19,21 @@ const ASK_AGAIN: Duration = Duration::from_secs(2);
 /// Most such requests until the arm's state changes.
 const MOST_ASKED: u32 = 3;
 
+/// An arm that is listed but silent for so long may speak another dialect, if that is listed too.
+const SILENCE: Duration = Duration::from_secs(2);
+
 /// What the watching thread knows about an arm.
 #[derive(Default)]
 pub(crate) struct Session {
     dialect: Option<Dialect>,
     /// Found once; topics of a node that starts come one after the other.
     doubted: Option<Dialect>,
+    /// When a pose of it was there, or this dialect was found.
+    heard: Option<Instant>,
+    /// When any dialect was found first.
+    listed: Option<Instant>,
+    /// When poses came, or came again.
+    posed: Option<Instant>,
     inputs: Vec<Arc<dyn Announcement>>,
     outputs: Option<Arc<Outputs>>,
     pedals: Option<Arc<PedalBoard>>,
@@ -37,12 +46,14 @@ pub(crate) struct Session {
     available: bool,
     said_waiting: bool,
     said_unready: bool,
+    said_missing: bool,
+    said_found: bool,
 }
 
 impl Session {
     /// One look at an arm; `topics` is what is published at present.
     pub fn watch(&mut self, inner: &Arc<Inner>, topics: &Topics, link: &Link, boards: &PedalBoards) {
-        match inner.names.dialect(inner.options.dialect, topics) {
+        match self.speaks(inner, topics) {
             found if found == self.dialect => self.doubted = None,
             // It is away; when it comes back it speaks as before, or is found to have changed.
             None => self.doubted = None,
@@ -51,7 +62,12 @@ impl Session {
             {
                 self.doubted = Some(Dialect::Ambf);
             }
-            Some(found) => self.switch(inner, found, link),
+            Some(found) => {
+                // Two may be listed and both be silent: they are tried in turn, without a word.
+                let listed = inner.names.dialects(inner.options.dialect, topics);
+                let is_guess = self.dialect.is_some_and(|now| listed.contains(&now));
+                self.switch(inner, found, link, is_guess);
+            }
         }
         let Some(dialect) = self.dialect else {
             if !std::mem::replace(&mut self.said_waiting, true) {
@@ -74,6 +90,22 @@ impl Session {
         self.report(inner);
     }
 
+    /// The dialect in which the arm speaks, as far as is known.
+    fn speaks(&mut self, inner: &Inner, topics: &Topics) -> Option<Dialect> {
+        let listed = inner.names.dialects(inner.options.dialect, topics);
+        if inner.is_available() {
+            self.heard = Some(Instant::now());
+        }
+        let silent = self.heard.is_none_or(|heard| heard.elapsed() > SILENCE);
+        let now = self.dialect.filter(|now| listed.contains(now));
+        let other = || listed.iter().copied().find(|listed| Some(*listed) != now);
+        match now {
+            Some(now) if silent => other().or(Some(now)),
+            Some(now) => Some(now),
+            None => other(),
+        }
+    }
+
     /// Lets go of all topics.
     pub fn end(&mut self, link: &Link) {
         let inputs = std::mem::take(&mut self.inputs);
@@ -84,12 +116,16 @@ impl Session {
         self.pedals = None;
     }
 
-    fn switch(&mut self, inner: &Arc<Inner>, dialect: Dialect, link: &Link) {
+    fn switch(&mut self, inner: &Arc<Inner>, dialect: Dialect, link: &Link, is_guess: bool) {
         inner.outputs.store(None);
         self.end(link);
-        *self = Self { dialect: Some(dialect), ..Self::default() };
+        let (heard, listed) = (Some(Instant::now()), self.listed.or_else(|| Some(Instant::now())));
+        let Self { posed, said_missing, .. } = *self;
+        *self = Self { dialect: Some(dialect), heard, listed, posed, said_missing, ..Self::default() };
+        if !is_guess {
+            self.say_found(inner);
+        }
         inner.speak(dialect);
-        inner.say(&format!("found, dialect {dialect}"));
         let has_jaw = inner.names.arm().starts_with("PSM");
         let master = link.master();
         let subscriptions = readings(dialect, has_jaw).into_iter();
@@ -107,6 +143,10 @@ impl Session {
             self.settled = outputs.settle(true, true);
         }
         if !outputs.dialect.is_crtk() {
+            let wanted = inner.options.enable || inner.options.home;
+            if wanted && !std::mem::replace(&mut self.said_unready, true) {
+                inner.say("`enable` and `home` have no effect in this dialect: power on and home it from its console");
+            }
             let heard = outputs.is_asked();
             self.asked_mode = heard && (self.asked_mode || outputs.ask(Mode::CartesianEffort.name()));
             return;
@@ -143,13 +183,38 @@ impl Session {
         }
     }
 
+    /// Says how the arm speaks, unless that was said.
+    fn say_found(&mut self, inner: &Inner) {
+        if let Some(dialect) = self.dialect.filter(|_| !std::mem::replace(&mut self.said_found, true)) {
+            inner.say(&format!("found, dialect {dialect}"));
+        }
+    }
+
     fn report(&mut self, inner: &Inner) {
         let available = inner.is_available();
         match (std::mem::replace(&mut self.available, available), available) {
-            (false, true) => inner.say("poses come"),
+            (false, true) => {
+                (self.posed, self.said_missing) = (Some(Instant::now()), false);
+                self.say_found(inner);
+                inner.say("poses come");
+            }
             (true, false) => inner.say("no poses come any more; held still until they do"),
             _ => (),
         }
+        let long = |since: Option<Instant>| since.is_some_and(|since| since.elapsed() > SILENCE);
+        let is_stateless = || !inner.ready.load(Ordering::Acquire) && lock(&inner.state).is_none();
+        let missing = match available {
+            _ if self.said_missing => return,
+            false if self.posed.is_none() && long(self.listed) => {
+                "the master lists it, but no valid pose comes: is its node alive, and does it reach this computer (ROS_IP)?"
+            }
+            true if long(self.posed) && is_stateless() => {
+                "poses come, but not its operating_state, which is listed: held still until it does"
+            }
+            _ => return,
+        };
+        self.said_missing = true;
+        inner.say(missing);
     }
 }
 

@@ -47,11 +47,10 @@ fn all_dialects_are_found_and_spoken() {
         let expected = Frames::of("MTMR").origin.rotation * FORCE;
         assert!((shown.force - expected).norm() < 1e-9, "{dialect}: {} instead of {expected}", shown.force);
         assert_eq!(shown.torque.norm(), 0.0);
-        let commands = fake.commands("MTMR");
         if dialect.is_crtk() {
-            assert_eq!(commands, Vec::<String>::new(), "nothing is asked of an arm that is ready");
+            assert_eq!(fake.commands("MTMR"), Vec::<String>::new(), "nothing is asked of an arm that is ready");
         } else {
-            assert_eq!(commands, ["DVRK_EFFORT_CARTESIAN"]);
+            until("the request of a mode", || fake.commands("MTMR") == ["DVRK_EFFORT_CARTESIAN"]);
         }
         fake.set_gripper("MTMR", 0.0);
         until("the closed gripper", || device.read().buttons == 1 && device.read().gripper == Some(0.0));
@@ -84,6 +83,37 @@ fn arms_come_late_go_and_change_their_dialect() {
         fake.start_node();
     }
     device.wait_valid();
+}
+
+/// A node that was killed stays in the master's list; another release that takes its place is found all the same.
+#[test]
+fn a_killed_node_does_not_hide_the_next_one() {
+    share_master();
+    let start = |dialect: &str| {
+        let fake = std::process::Command::new(env!("CARGO_BIN_EXE_fake_dvrk"))
+            .args(["MTMR", "--quiet", "--namespace", "killed", "--dialect", dialect])
+            .spawn();
+        Killed(fake.unwrap())
+    };
+    let mut device = Device::open("MTMR", &[("namespace", "killed")]);
+    for dialect in ["ambf", "legacy", "crtk"] {
+        let node = start(dialect);
+        device.wait_valid();
+        drop(node);
+        until("it is away", || !device.read().valid);
+    }
+    let late = Device::open("MTMR", &[("namespace", "killed")]);
+    until("it is said", || (late.said)().iter().any(|line| line.contains("no valid pose comes")));
+}
+
+/// A process that ends as by `kill -9`.
+struct Killed(std::process::Child);
+
+impl Drop for Killed {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
 }
 
 /// Two arms at 1 kHz each.
@@ -242,6 +272,11 @@ fn nothing_homes_unasked() {
         asked.wait_valid();
         assert_eq!(fake.commands("MTMR"), ["enable", "home", "enable"]);
     }
+    let fake = fake("homing_legacy", Dialect::Legacy, right(200.0));
+    let mut device = Device::open("MTMR", &[("namespace", "homing_legacy"), ("home", "true")]);
+    device.wait_valid();
+    until("it says so", || (device.said)().iter().any(|line| line.contains("have no effect in this dialect")));
+    until("the handshake", || fake.commands("MTMR") == ["DVRK_EFFORT_CARTESIAN"]);
 }
 
 /// The interface for programs, in a dialect that has everything.

@@ -206,6 +206,8 @@ fn malformed_values_are_refused_with_the_name_of_the_option() {
         ("--phx_frequency", "0"),
         ("--phx_frequency", "fast"),
         ("--htx_frequency", "-5"),
+        ("--htx_frequency", "10"),
+        ("--htx_frequency", "20000"),
         ("--phx_frequency", "1e3"),
         ("--phx_frequency", "100001"),
         ("--fixed_phx_timestep", "maybe"),

@@ -30,6 +30,8 @@ use claim::{claim, Claim};
 use exchange::{couple, STALE};
 use worker::{Coupling, Opened, Shared, Stage, Timing, Worker};
 
+/// Ticks a second, see [`HostOptions::frequency`].
+const FREQUENCY: (f64, f64) = (50.0, 10_000.0);
 /// How long the start waits for devices to open; what takes longer comes later.
 const OPEN_TIMEOUT: Duration = Duration::from_secs(5);
 /// How long the end waits for drivers; what takes longer is abandoned.
@@ -40,7 +42,7 @@ const NEWS: usize = 256;
 /// How devices run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HostOptions {
-    /// Ticks a second of each device. Default: 1000.
+    /// Ticks a second of each device, 50…10000: what is beyond counts as the bound. Default: 1000.
     pub frequency: f64,
     /// Every interval counts as `speed_factor / frequency` instead of what the clock says. Default: `false`.
     pub fixed_step: bool,
@@ -208,9 +210,11 @@ impl DeviceHost {
         let controls = Arc::new(Controls::new(options.switches));
         let (news_sender, news) = bounded(NEWS);
         let (opened_sender, opened) = bounded(claims.len());
+        // No force may end before the next tick, and no number may be none.
+        let frequency = options.frequency.max(FREQUENCY.0).min(FREQUENCY.1);
         let timing = Timing {
-            period: Duration::from_secs_f64(1.0 / options.frequency),
-            fixed: options.fixed_step.then(|| options.speed_factor / options.frequency),
+            period: Duration::from_secs_f64(1.0 / frequency),
+            fixed: options.fixed_step.then(|| options.speed_factor / frequency),
             told_urgency: Arc::default(),
         };
         let mut host = Self { units: Vec::new(), controls, news };

@@ -13,6 +13,9 @@ use dvrk_arm::fake::{parse_dialect, Curve, Fake, FakeOptions, Hand, Machine, Mot
 use dvrk_arm::{isometry, Dialect};
 use nalgebra::{UnitQuaternion, Vector3};
 
+/// Grippers of hands on the curve, where no script moves them: the first time that they are closed switches forces on.
+const GRIPPERS: &str = "0 gripper 1\n1 gripper 0\n2 gripper 0\n3 gripper 1\n4 loop";
+
 /// Arms of a da Vinci Research Kit that are not there: publishes what their node would, and records the forces that they are told to show.
 #[derive(Debug, Parser)]
 #[command(version)]
@@ -80,7 +83,7 @@ struct Arguments {
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum Moves {
-    /// The curve of the paper, its equation 9.
+    /// The curve of the paper, its equation 9; without a script, grippers close and open every 4 s.
     Curve,
     /// At rest.
     Still,
@@ -129,9 +132,10 @@ fn main() -> ExitCode {
 }
 
 fn options(arguments: &Arguments) -> Result<FakeOptions, String> {
-    let script = match &arguments.script {
-        None => Script::default(),
-        Some(path) => {
+    let script = match (&arguments.script, arguments.motion) {
+        (None, Moves::Curve) => Script::parse("grippers", GRIPPERS).map_err(|error| error.to_string())?,
+        (None, Moves::Still) => Script::default(),
+        (Some(path), _) => {
             let name = path.display().to_string();
             let text = std::fs::read_to_string(path).map_err(|error| format!("{name}: {error}"))?;
             Script::parse(&name, &text).map_err(|error| error.to_string())?
