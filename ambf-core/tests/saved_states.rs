@@ -2,14 +2,17 @@
 
 mod saved_common;
 
+use std::hash::{DefaultHasher, Hasher};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, Instant};
 
 use ambf_core::bullet::Solver;
+use ambf_core::comm::ActuatorCommand;
 use ambf_core::control::Profile;
 use ambf_core::scene::{PhysicsOptions, PreparedModel, SceneFiles};
-use ambf_core::sim::{SavedState, StateError};
+use ambf_core::sim::{SavedState, Simulation, StateError};
+use nalgebra::Vector3;
 use saved_common::*;
 
 const PROFILES: [Profile; 2] = [Profile::Legacy, Profile::Accurate];
@@ -96,7 +99,7 @@ fn sleeping_bodies_sleep_on_and_wake_as_they_did() {
     for _ in 0..4000 {
         simulation.update(DT).expect("finite");
     }
-    let asleep = |simulation: &ambf_core::sim::Simulation| {
+    let asleep = |simulation: &Simulation| {
         let world = &simulation.scene().world;
         world.bodies().iter().filter(|&&body| world.is_asleep(body) == Some(true)).count()
     };
@@ -242,5 +245,84 @@ fn legacy_scenes_go_on_as_they_did() {
         for profile in PROFILES {
             assert!(check(&format!("{scene} {profile:?}"), &files, physics(profile), 60, 60));
         }
+    }
+}
+
+/// What is held when a state is saved is held after it was restored, and what was taken since is let go.
+#[test]
+fn grips_come_and_go_with_the_states() {
+    for profile in PROFILES {
+        let mut simulation = simulation(&shipped("gripper.yaml"), profile);
+        let hold = |simulation: &mut Simulation, actuate: bool| {
+            let scene = simulation.scene();
+            let heavy = scene.bodies.iter().rev().find(|body| body.mass > 0.0).expect("a dynamic body");
+            let body_name = heavy.identity.key();
+            let command = ActuatorCommand { actuate, body_name, ..ActuatorCommand::default() };
+            assert_eq!(simulation.command_actuator(0, &command), None);
+        };
+        let steps = |simulation: &mut Simulation| {
+            let mut hasher = DefaultHasher::new();
+            for _ in 0..80 {
+                simulation.update(DT).expect("finite");
+                hash(simulation, &mut hasher);
+            }
+            hasher.finish()
+        };
+        let held = |simulation: &Simulation| simulation.scene().actuators[0].is_actuated();
+        steps(&mut simulation);
+        let free = simulation.save().expect("savable");
+        let after_free = steps(&mut simulation);
+        simulation.restore(&free).expect("of this simulation");
+        hold(&mut simulation, true);
+        assert!(held(&simulation), "{profile:?}");
+        let taken = simulation.save().expect("savable");
+        let after_taken = steps(&mut simulation);
+        assert_ne!(after_taken, after_free);
+        hold(&mut simulation, false);
+        steps(&mut simulation);
+        for _ in 0..3 {
+            simulation.restore(&free).expect("of this simulation");
+            assert!(!held(&simulation));
+            assert_eq!(steps(&mut simulation), after_free, "{profile:?}");
+            simulation.restore(&taken).expect("of this simulation");
+            assert!(held(&simulation));
+            assert_eq!(steps(&mut simulation), after_taken, "{profile:?}");
+            // The joint that holds is another one each time.
+            hold(&mut simulation, false);
+            hold(&mut simulation, true);
+            steps(&mut simulation);
+        }
+    }
+}
+
+#[test]
+fn a_picked_node_of_a_cloth_is_drawn_on() {
+    let mut simulation = simulation(&shipped("cloth.yaml"), Profile::Legacy);
+    let steps = |simulation: &mut Simulation| {
+        let mut hasher = DefaultHasher::new();
+        for _ in 0..150 {
+            simulation.update(DT).expect("finite");
+            hash(simulation, &mut hasher);
+        }
+        hasher.finish()
+    };
+    steps(&mut simulation);
+    let free = simulation.save().expect("savable");
+    let after_free = steps(&mut simulation);
+    let scene = simulation.scene();
+    let mut nodes = vec![[0.0; 3]; scene.soft_bodies[0].nodes];
+    scene.soft_bodies[0].read_nodes(&scene.world, &mut nodes);
+    let point = Vector3::from(nodes[5]);
+    let node = simulation.pick_soft_node(0, &point, 0.1, point + Vector3::z() * 0.3).expect("a node is near");
+    let picked = simulation.save().expect("savable");
+    let after_picked = steps(&mut simulation);
+    assert_ne!(after_picked, after_free);
+    simulation.drag_soft_node(0, node, None);
+    steps(&mut simulation);
+    for _ in 0..2 {
+        simulation.restore(&picked).expect("of this simulation");
+        assert_eq!(steps(&mut simulation), after_picked);
+        simulation.restore(&free).expect("of this simulation");
+        assert_eq!(steps(&mut simulation), after_free);
     }
 }
