@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use ambf_core::comm::{ActuatorCommand, JointCommandType, VehicleCommand};
 use ambf_core::control::Profile;
-use ambf_core::scene::{load, PhysicsOptions, Scene, SceneFiles, SceneOptions};
+use ambf_core::scene::{load, PhysicsOptions, SceneFiles, SceneOptions};
 use ambf_core::sim::Simulation;
 use nalgebra::Vector3;
 
@@ -73,12 +73,12 @@ pub fn command(simulation: &mut Simulation, step: u32) {
     }
     for actuator in 0..actuators {
         // Holds and lets go, each for a while.
-        let use_sensor_data = !simulation.scene().sensors.is_empty() && step % 2 == 0;
+        let use_sensor_data = !simulation.scene().sensors.is_empty() && step.is_multiple_of(2);
         let sensor_identifier = simulation.scene().sensors.first().map(|sensor| sensor.identity.key());
         let target =
             simulation.scene().bodies.iter().rev().find(|body| body.mass > 0.0).map(|body| body.identity.key());
         let command = ActuatorCommand {
-            actuate: step / 37 % 2 == 0,
+            actuate: (step / 37).is_multiple_of(2),
             use_sensor_data,
             sensor_identifier: sensor_identifier.unwrap_or_default(),
             body_name: target.unwrap_or_default(),
@@ -196,8 +196,4 @@ pub fn disturb(simulation: &mut Simulation) {
 
 pub fn scene_name(files: &SceneFiles) -> String {
     files.models.iter().map(|path| path.file_name().unwrap_or_default().to_string_lossy()).collect()
-}
-
-pub fn dynamic_bodies(scene: &Scene) -> usize {
-    scene.bodies.iter().filter(|body| body.mass > 0.0).count()
 }
