@@ -73,7 +73,11 @@ impl Case {
     }
 
     fn top(&self) -> f64 {
-        if self.below == Below::Ground { 0.0 } else { 0.05 }
+        if self.below == Below::Ground {
+            0.0
+        } else {
+            0.05
+        }
     }
 
     /// Height of the tool while what is held just touches.
@@ -198,11 +202,7 @@ impl Case {
         let n = (total / self.step) as usize;
         for i in 0..n {
             let t = i as f64 * self.step;
-            let z = if t < 0.1 {
-                start
-            } else {
-                (start - 0.02 * (t - 0.1)).max(touch - self.press)
-            };
+            let z = if t < 0.1 { start } else { (start - 0.02 * (t - 0.1)).max(touch - self.press) };
             if i == 1 {
                 for a in 0..tools.len() {
                     let grip = ActuatorCommand { actuate: true, body_name: "BODY Held".into(), ..Default::default() };
@@ -246,7 +246,9 @@ impl Case {
                     "{t:.4} z {:.5} tool {:.5} v {:.4} {:.4} {:.4} w {:.3} gap {:.5} contacts {}",
                     pose.translation.z - self.top() - self.reach(),
                     bench.pose("Tool").translation.z - touch,
-                    v.x, v.y, v.z,
+                    v.x,
+                    v.y,
+                    v.z,
                     w.norm(),
                     gap,
                     bench.0.scene().world.contact_count()

@@ -61,6 +61,12 @@ impl fmt::Debug for SavedWorld {
 }
 
 impl SavedWorld {
+    /// Bullet's side.
+    #[cfg(test)]
+    pub(crate) fn bytes(&self) -> &[u8] {
+        &self.bytes
+    }
+
     /// Memory that it takes, bytes.
     pub fn size(&self) -> usize {
         self.bytes.len()

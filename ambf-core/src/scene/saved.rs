@@ -37,6 +37,12 @@ struct Extent {
 }
 
 impl SavedScene {
+    /// Bullet's side.
+    #[cfg(test)]
+    pub fn bytes(&self) -> &[u8] {
+        self.world.bytes()
+    }
+
     /// Memory that it takes, bytes, but for little.
     pub fn size(&self) -> usize {
         self.world.size() + size_of_val(self.bodies.as_slice()) + size_of_val(self.joints.as_slice())

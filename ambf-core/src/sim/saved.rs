@@ -36,7 +36,10 @@ impl std::fmt::Debug for SavedState {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Self { sim_time, iteration, .. } = self;
         let mut out = f.debug_struct("SavedState");
-        out.field("sim_time", sim_time).field("iteration", iteration).field("size", &self.size()).finish_non_exhaustive()
+        out.field("sim_time", sim_time)
+            .field("iteration", iteration)
+            .field("size", &self.size())
+            .finish_non_exhaustive()
     }
 }
 
@@ -125,5 +128,108 @@ impl Simulation {
         }
         self.tell_devices();
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::comm::{JointCommandType, ObjectKind, RigidBodyCommand};
+    use crate::control::Profile;
+    use crate::scene::{load, PhysicsOptions, SceneFiles, SceneOptions};
+
+    fn simulation(model: &str, profile: Profile) -> Simulation {
+        let resources = Path::new(env!("CARGO_MANIFEST_DIR")).join("../resources");
+        let files = SceneFiles {
+            world: Some(resources.join("world/world.yaml")),
+            models: vec![resources.join("models").join(model)],
+        };
+        let physics = PhysicsOptions { profile: Some(profile), ..PhysicsOptions::default() };
+        let loaded = load(&files, &SceneOptions { physics, savable: true, ..SceneOptions::default() });
+        assert_eq!(loaded.report.errors(), 0, "{}", loaded.report);
+        Simulation::new(loaded.scene, 0.001)
+    }
+
+    fn run(simulation: &mut Simulation, steps: u32) {
+        for step in 0..steps {
+            for body in 0..simulation.scene.bodies.len() {
+                for joint in 0..simulation.scene.active_joints(body).len() {
+                    let goal = 0.3 * f64::from(step).sin();
+                    simulation.command_joint(body, joint, JointCommandType::Position, goal);
+                }
+            }
+            simulation.update(0.001).expect("finite");
+        }
+    }
+
+    /// Stronger than what can be seen: all of it, even what is free.
+    #[test]
+    fn memory_is_the_same_when_the_same_was_done() {
+        for model in
+            ["gripper.yaml", "arm7.yaml", "car.yaml", "stack.yaml", "ghost.yaml", "touch.yaml", "boxes200.yaml"]
+        {
+            for profile in [Profile::Legacy, Profile::Accurate] {
+                let mut simulation = simulation(model, profile);
+                run(&mut simulation, 50);
+                let saved = simulation.save().expect("savable");
+                run(&mut simulation, 100);
+                let first = simulation.save().expect("savable");
+                assert!(first.scene.bytes() != saved.scene.bytes());
+                simulation.restore(&saved).expect("of this simulation");
+                assert!(simulation.save().expect("savable").scene.bytes() == saved.scene.bytes());
+                run(&mut simulation, 100);
+                let second = simulation.save().expect("savable");
+                let words = |state: &SavedState| state.scene.bytes().chunks(8).map(<[u8]>::to_vec).collect::<Vec<_>>();
+                let (first, second) = (words(&first), words(&second));
+                assert_eq!(first.len(), second.len(), "{model} {profile:?}");
+                let pairs = || first.iter().zip(&second).filter(|(a, b)| a != b);
+                // Structures are copied with what was on the stack between an `int` and what follows it.
+                assert!(pairs().count() <= 8 && pairs().all(|(a, b)| a[..4] == b[..4]), "{model} {profile:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn commands_in_force_are_restored_with_the_time_they_have_left() {
+        let mut simulation = simulation("pendulum.yaml", Profile::Legacy);
+        let hub = simulation.connect();
+        let objects = hub.objects().clone();
+        let is_body = |kind: &ObjectKind| matches!(kind, ObjectKind::RigidBody(body, _) if !simulation.scene.active_joints(*body).is_empty());
+        let object = objects.iter().position(|object| is_body(&object.info.kind)).expect("a body with joints");
+        let push = |effort: f64| {
+            let command = RigidBodyCommand {
+                joint_commands: vec![effort],
+                joint_command_types: vec![JointCommandType::Effort],
+                ..RigidBodyCommand::default()
+            };
+            hub.post(object, &command).expect("finite");
+        };
+        let step = |simulation: &mut Simulation| {
+            simulation.execute_commands().expect("finite");
+            simulation.update(0.001).expect("finite");
+            simulation.scene.joints[0].position
+        };
+        let without = simulation.save().expect("savable");
+        push(3.0);
+        step(&mut simulation);
+        let with = simulation.save().expect("savable");
+        let expected: Vec<_> = (0..50).map(|_| step(&mut simulation)).collect();
+        // Longer than the watchdog waits.
+        std::thread::sleep(crate::comm::WATCHDOG_TIMEOUT + std::time::Duration::from_millis(100));
+        simulation.restore(&with).expect("of this simulation");
+        let again: Vec<_> = (0..50).map(|_| step(&mut simulation)).collect();
+        assert_eq!(again, expected);
+        simulation.restore(&without).expect("of this simulation");
+        step(&mut simulation);
+        let free: Vec<_> = (0..50).map(|_| step(&mut simulation)).collect();
+        assert_ne!(free, expected, "the command came later");
+    }
+
+    #[test]
+    fn states_may_go_to_other_threads() {
+        fn is_free<T: Send + Sync>() {}
+        is_free::<SavedState>();
     }
 }
