@@ -1,8 +1,11 @@
-"""A subscriber in a few lines, for the things that well-behaved clients never do."""
+"""A subscriber and a publisher in a few lines, for the things that well-behaved clients never do."""
 
+import contextlib
 import socket
 import struct
+import threading
 import xmlrpc.client
+import xmlrpc.server
 
 import harness
 import rosgraph
@@ -31,12 +34,67 @@ def subscribe(address, topic, name, buffer_bytes=None):
         raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, buffer_bytes)
     raw.settimeout(harness.PATIENCE_S)
     raw.connect(address)
-    fields = [f"callerid=/{name}", f"topic={topic}", "type=*", "md5sum=*", "message_definition=", "tcp_nodelay=1"]
-    data = b"".join(struct.pack("<I", len(field)) + field.encode() for field in fields)
-    raw.sendall(struct.pack("<I", len(data)) + data)
+    anything = {"type": "*", "md5sum": "*", "message_definition": "", "tcp_nodelay": "1"}
+    raw.sendall(header_of(callerid=f"/{name}", topic=topic, **anything))
     raw.fields = fields_of(read_block(raw))
     assert "md5sum" in raw.fields, raw.fields
     return raw
+
+
+class Publisher:
+    """A node that publishes `topic`, and does `behave(connection)` with each subscriber in a thread of its own."""
+
+    def __init__(self, port, name, topic, kind, behave):
+        self.name, self.topic, self._behave = f"/{name}", topic, behave
+        # How many subscribers have come so far.
+        self.connections = 0
+        self._server = socket.create_server(("127.0.0.1", 0))
+        self._api = xmlrpc.server.SimpleXMLRPCServer(("127.0.0.1", 0), logRequests=False)
+        address = ["TCPROS", "127.0.0.1", self._server.getsockname()[1]]
+        self._api.register_function(lambda *_: (1, "", address), "requestTopic")
+        for work in (self._api.serve_forever, self._accept):
+            threading.Thread(target=work, daemon=True).start()
+        self._uri = f"http://127.0.0.1:{self._api.server_address[1]}/"
+        self._master = rosgraph.Master(self.name, f"http://localhost:{port}")
+        self._master.registerPublisher(topic, kind, self._uri)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self._master.unregisterPublisher(self.topic, self._uri)
+        self.die()
+
+    def die(self):
+        """Ends without telling the master, as a program that is killed."""
+        self._api.shutdown()
+        self._api.server_close()
+        with contextlib.suppress(OSError):
+            self._server.shutdown(socket.SHUT_RDWR)
+        self._server.close()
+
+    def _accept(self):
+        with contextlib.suppress(OSError):
+            while True:
+                raw = self._server.accept()[0]
+                self.connections += 1
+                threading.Thread(target=self._serve, args=(raw,), daemon=True).start()
+
+    def _serve(self, raw):
+        # A subscriber may leave any time.
+        with raw, contextlib.suppress(OSError):
+            self._behave(raw)
+
+
+def header_of(**fields):
+    """A connection header behind its length."""
+    fields = [f"{name}={value}".encode() for name, value in fields.items()]
+    return block(b"".join(block(field) for field in fields))
+
+
+def block(data):
+    """`data` behind its length."""
+    return struct.pack("<I", len(data)) + data
 
 
 def fields_of(header):

@@ -106,7 +106,7 @@ class Crowd(harness.RosTest):
                 seen = state.newest().header.seq
                 state.until(lambda state, seen=seen: state.header.seq > seen + 50, "states go on")
                 self.assertTrue(self.simulator.running(), self.simulator.log())
-            self.assertIn("not a ambf_msgs/RigidBodyCmd", self.simulator.log())
+            self.assertIn("are not a ambf_msgs/RigidBodyCmd", self.simulator.log())
             command = RigidBodyCmd(joint_cmds=[0.3], joint_cmds_types=[RigidBodyCmd.TYPE_POSITION])
             with node.Stream(f"{BODY}/Command", command):
                 state.until(lambda state: abs(state.joint_positions[0] - 0.3) < 0.05, "the joint obeys")
@@ -117,9 +117,8 @@ class Crowd(harness.RosTest):
         self.addCleanup(publisher.unregister)
         subscriber = rospy.Subscriber(TOPIC, Empty, self.fail)
         self.addCleanup(subscriber.unregister)
-        harness.wait_for(
-            lambda: re.search(f"{TOPIC}.*mismatched.*version of the message", self.simulator.log()), "the reason"
-        )
+        for reason in (f"{TOPIC}.*mismatched.*version of the message", "/ambf/env/Link/Command: .*refuses us.*types do not match"):
+            harness.wait_for(lambda reason=reason: re.search(reason, self.simulator.log()), reason)
         self.assertEqual(publisher.get_num_connections(), 0)
 
     def test_definition_in_the_header(self):

@@ -12,7 +12,7 @@
 //! | `dvrk-watch` | asks the master every 0.5 s what is published; finds arms and shakes hands with them |
 //! | `ros-link`, `ros-sockets` | tend the one node that all arms share, see [`ros_node`] |
 //!
-//! rosrust adds three threads for each topic that is listened to and two for each other.
+//! A thread is added for each topic that is listened to and has a publisher; rosrust adds two for each that is published.
 
 mod arm;
 mod device;
