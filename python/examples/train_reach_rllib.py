@@ -89,7 +89,7 @@ def train(algorithm: Any, steps: int) -> list[dict[str, Any]]:
                 "return": round(float(found["episode_return_mean"]), 3),
                 "success": round(float(found["success"]), 3),
                 "distance_m": round(float(found["distance_m"]), 4),
-                "runners": {name: int(count) for name, count in found["runners"].items()},
+                "runners": {name: int(count) for name, count in found["runners"].items() if count > 0},
             }
         )
         print(json.dumps(iterations[-1]), flush=True)
@@ -114,7 +114,10 @@ def main() -> None:
         # A runner asks for a whole core; on a smaller machine they share.
         ray.init(num_cpus=max(os.cpu_count() or 1, chosen.runners), include_dashboard=False)
     try:
-        algorithm = configure(chosen.runners, chosen.envs, chosen.seed).build_algo()
+        try:
+            algorithm = configure(chosen.runners, chosen.envs, chosen.seed).build_algo()
+        except IndexError as error:  # RLlib's, when it asks the runners for the spaces
+            raise RuntimeError("no runner could be started; their errors are above") from error
         try:
             iterations = train(algorithm, chosen.steps)
         finally:
