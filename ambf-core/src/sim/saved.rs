@@ -36,7 +36,10 @@ impl std::fmt::Debug for SavedState {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Self { sim_time, iteration, .. } = self;
         let mut out = f.debug_struct("SavedState");
-        out.field("sim_time", sim_time).field("iteration", iteration).field("size", &self.size()).finish_non_exhaustive()
+        out.field("sim_time", sim_time)
+            .field("iteration", iteration)
+            .field("size", &self.size())
+            .finish_non_exhaustive()
     }
 }
 

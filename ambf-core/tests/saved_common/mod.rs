@@ -75,7 +75,8 @@ pub fn command(simulation: &mut Simulation, step: u32) {
         // Holds and lets go, each for a while.
         let use_sensor_data = !simulation.scene().sensors.is_empty() && step % 2 == 0;
         let sensor_identifier = simulation.scene().sensors.first().map(|sensor| sensor.identity.key());
-        let target = simulation.scene().bodies.iter().rev().find(|body| body.mass > 0.0).map(|body| body.identity.key());
+        let target =
+            simulation.scene().bodies.iter().rev().find(|body| body.mass > 0.0).map(|body| body.identity.key());
         let command = ActuatorCommand {
             actuate: step / 37 % 2 == 0,
             use_sensor_data,
