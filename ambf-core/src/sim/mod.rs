@@ -16,7 +16,7 @@ pub use crate::bullet::StateError;
 pub use models::{AddedModel, ModelError, Models, ANSWER_TIMEOUT};
 pub use runner::{Control, Event, Runner, RunnerOptions};
 pub use saved::SavedState;
-pub use stepper::Stepper;
+pub use stepper::{Stepper, StepperState};
 
 use std::fmt;
 use std::sync::Arc;

@@ -2,7 +2,8 @@
 
 use std::sync::Arc;
 
-use super::{NonFinite, Simulation};
+use super::{NonFinite, SavedState, Simulation};
+use crate::bullet::StateError;
 use crate::comm::{ActuatorCommand, Hub, ObjectList, RigidBodyCommand, Snapshot, Timing};
 use crate::plugin::Phase;
 
@@ -19,6 +20,26 @@ pub struct Stepper {
     snapshot: Snapshot,
     lost: Option<NonFinite>,
     notices: Vec<String>,
+}
+
+/// The state of a [`Stepper`] at one moment: that of its simulation, and what it has published.
+#[derive(Debug, Clone)]
+pub struct StepperState {
+    simulation: Arc<SavedState>,
+    snapshot: Snapshot,
+    lost: Option<NonFinite>,
+}
+
+impl StepperState {
+    /// The state of the simulation.
+    pub fn simulation(&self) -> &SavedState {
+        &self.simulation
+    }
+
+    /// The states that were published.
+    pub fn snapshot(&self) -> &Snapshot {
+        &self.snapshot
+    }
 }
 
 /// Most notices that wait to be taken; further ones are dropped.
@@ -107,6 +128,26 @@ impl Stepper {
         self.simulation.reset_thoroughly();
         self.lost = None;
         self.publish();
+    }
+
+    /// Saves everything: see [`Simulation::save`]; it is at rest.
+    ///
+    /// # Errors
+    /// Those of [`Simulation::save`].
+    pub fn save(&self) -> Result<StepperState, StateError> {
+        let simulation = Arc::new(self.simulation.save()?);
+        Ok(StepperState { simulation, snapshot: self.snapshot.clone(), lost: self.lost.clone() })
+    }
+
+    /// Brings everything back to a saved state, commands in force and what was published too.
+    ///
+    /// # Errors
+    /// Those of [`Simulation::restore`]; nothing has changed then.
+    pub fn restore(&mut self, state: &StepperState) -> Result<(), StateError> {
+        self.simulation.restore(&state.simulation)?;
+        self.snapshot.clone_from(&state.snapshot);
+        self.lost.clone_from(&state.lost);
+        Ok(())
     }
 
     /// Why nothing moves; `None` while all is well.

@@ -59,4 +59,16 @@ impl Buffer {
         }
         Ok(take(numbers))
     }
+
+    /// Lets `take` read all numbers, however many there are.
+    pub fn read_all<T: Element, R>(&self, py: Python<'_>, take: impl FnOnce(&[T]) -> R) -> PyResult<R> {
+        let array = self.array.bind(py).cast::<PyArrayDyn<T>>()?;
+        let numbers = array.try_readonly()?;
+        Ok(take(numbers.as_slice()?))
+    }
+
+    /// Overwrites the numbers with `values`.
+    pub fn write_all<T: Element + Copy>(&self, py: Python<'_>, values: &[T]) -> PyResult<()> {
+        self.write(py, |numbers| numbers.iter_mut().zip(values).for_each(|(to, from)| *to = *from))
+    }
 }

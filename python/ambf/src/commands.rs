@@ -40,6 +40,16 @@ struct JointCommands {
     values: Buffer,
 }
 
+/// What the arrays held at one moment.
+pub struct SavedArrays {
+    kinds: Vec<i8>,
+    wrenches: Vec<f64>,
+    poses: Vec<f64>,
+    twists: Vec<f64>,
+    /// One a body; `None`: not commanded.
+    joints: Vec<Option<(Vec<i8>, Vec<f64>)>>,
+}
+
 /// What the arrays of one body say.
 struct Wanted {
     row: usize,
@@ -81,6 +91,45 @@ impl BodyCommands {
             Some(commands) => Ok((commands.kinds.view(py), commands.values.view(py))),
             None => unreachable!("it was made above"),
         }
+    }
+
+    /// What the arrays hold.
+    pub fn save(&self, py: Python<'_>) -> PyResult<SavedArrays> {
+        let joints = self.joints.lock().unwrap_or_else(PoisonError::into_inner);
+        let of_joints = |commands: &JointCommands| {
+            PyResult::Ok((commands.kinds.read_all(py, <[i8]>::to_vec)?, commands.values.read_all(py, <[f64]>::to_vec)?))
+        };
+        Ok(SavedArrays {
+            kinds: self.kinds.read_all(py, <[i8]>::to_vec)?,
+            wrenches: self.wrenches.read_all(py, <[f64]>::to_vec)?,
+            poses: self.poses.read_all(py, <[f64]>::to_vec)?,
+            twists: self.twists.read_all(py, <[f64]>::to_vec)?,
+            joints: joints
+                .iter()
+                .map(|commands| commands.as_ref().map(of_joints).transpose())
+                .collect::<PyResult<_>>()?,
+        })
+    }
+
+    /// Lets the arrays hold what they held.
+    pub fn restore(&self, py: Python<'_>, saved: &SavedArrays) -> PyResult<()> {
+        self.kinds.write_all(py, &saved.kinds)?;
+        self.wrenches.write_all(py, &saved.wrenches)?;
+        self.poses.write_all(py, &saved.poses)?;
+        self.twists.write_all(py, &saved.twists)?;
+        let joints = self.joints.lock().unwrap_or_else(PoisonError::into_inner);
+        for (commands, saved) in joints.iter().zip(&saved.joints) {
+            match (commands, saved) {
+                (Some(commands), Some((kinds, values))) => {
+                    commands.kinds.write_all(py, kinds)?;
+                    commands.values.write_all(py, values)?;
+                }
+                // They were asked for since.
+                (Some(commands), None) => commands.kinds.write::<i8>(py, |kinds| kinds.fill(NONE))?,
+                _ => (),
+            }
+        }
+        Ok(())
     }
 
     /// Puts everything that the arrays say in force, or nothing.

@@ -1,5 +1,6 @@
 //! Exceptions. Their classes are Python's, in `ambf.errors`.
 
+use ambf_core::bullet::StateError;
 use ambf_core::sim::NonFinite;
 use pyo3::call::PyCallArgs;
 use pyo3::prelude::*;
@@ -33,4 +34,13 @@ pub fn closed(py: Python<'_>) -> PyErr {
 /// Error when a simulation is used while another thread steps it.
 pub fn busy(py: Python<'_>) -> PyErr {
     raise(py, "BusyError", ("another thread is stepping this simulation",))
+}
+
+/// Error when a state can't be saved or restored.
+pub fn state(py: Python<'_>, problem: &StateError) -> PyErr {
+    let message = match problem {
+        StateError::NotSavable => "the simulation can't save states: make it with saving=True".into(),
+        _ => problem.to_string(),
+    };
+    raise(py, "StateError", (message,))
 }

@@ -19,5 +19,5 @@ mod _ambf {
     #[pymodule_export]
     use super::pool::step_all;
     #[pymodule_export]
-    use super::world::World;
+    use super::world::{State, World};
 }

@@ -22,6 +22,8 @@ pub struct Wanted {
     pub iterations: Option<u32>,
     pub articulated: Option<bool>,
     pub sleep: Option<bool>,
+    /// States can be saved.
+    pub saving: bool,
     /// Interval of an iteration, s.
     pub step: f64,
     pub plugins: Vec<PathBuf>,
@@ -46,7 +48,8 @@ pub fn stepper(wanted: &Wanted) -> Result<(Stepper, Vec<String>), Vec<String>> {
         None => None,
     };
     let files = files(wanted, launch.as_ref())?;
-    let Loaded { scene, report } = load(&files, &SceneOptions { physics, ..SceneOptions::default() });
+    let options = SceneOptions { physics, savable: wanted.saving, ..SceneOptions::default() };
+    let Loaded { scene, report } = load(&files, &options);
     if !report.refused.is_empty() {
         return Err(report.refused);
     }

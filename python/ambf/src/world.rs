@@ -6,13 +6,13 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use ambf_core::comm::{ActuatorCommand, ObjectKind, Snapshot};
-use ambf_core::sim::{NonFinite, Stepper};
+use ambf_core::sim::{NonFinite, Stepper, StepperState};
 use nalgebra::Isometry3;
 use numpy::PyArray1;
 use pyo3::prelude::*;
 
 use crate::arrays::Buffer;
-use crate::commands::{BodyCommands, Row};
+use crate::commands::{BodyCommands, Row, SavedArrays};
 use crate::load::{self, Wanted};
 use crate::{errors, names};
 
@@ -170,10 +170,36 @@ pub fn slice(stepper: &mut Stepper, steps: u32) -> Result<u32, NonFinite> {
     stepper.step_while(steps, || begin.elapsed() < SLICE)
 }
 
+/// What [`World::save`] returns; see `_ambf.pyi`.
+#[pyclass(frozen, module = "ambf._ambf")]
+pub struct State {
+    stepper: StepperState,
+    commanded: Vec<bool>,
+    commands: SavedArrays,
+}
+
+#[pymethods]
+impl State {
+    #[getter]
+    fn sim_step(&self) -> u32 {
+        self.stepper.snapshot().sim_step
+    }
+
+    #[getter]
+    fn sim_time(&self) -> f64 {
+        self.stepper.snapshot().sim_time
+    }
+
+    #[getter]
+    fn size(&self) -> usize {
+        self.stepper.simulation().size()
+    }
+}
+
 #[pymethods]
 impl World {
     #[new]
-    #[pyo3(signature = (models, launch_file, world, indexes, profile, solver, integrator, iterations, articulated, sleep, step, plugins))]
+    #[pyo3(signature = (models, launch_file, world, indexes, profile, solver, integrator, iterations, articulated, sleep, saving, step, plugins))]
     #[allow(clippy::too_many_arguments)]
     fn new(
         py: Python<'_>,
@@ -187,6 +213,7 @@ impl World {
         iterations: Option<u32>,
         articulated: Option<bool>,
         sleep: Option<bool>,
+        saving: bool,
         step: f64,
         plugins: Vec<PathBuf>,
     ) -> PyResult<Self> {
@@ -201,6 +228,7 @@ impl World {
             iterations,
             articulated,
             sleep,
+            saving,
             step,
             plugins,
         };
@@ -406,6 +434,21 @@ impl World {
     fn reset(&self, py: Python<'_>) -> PyResult<()> {
         self.with(py, |physics| {
             physics.stepper.reset();
+            self.refresh(py, physics.stepper.snapshot())
+        })?
+    }
+
+    fn save(&self, py: Python<'_>) -> PyResult<State> {
+        let (saved, commanded) = self.with(py, |physics| (physics.stepper.save(), physics.commanded.clone()))?;
+        let stepper = saved.map_err(|problem| errors::state(py, &problem))?;
+        Ok(State { stepper, commanded, commands: self.commands.save(py)? })
+    }
+
+    fn restore(&self, py: Python<'_>, state: &State) -> PyResult<()> {
+        self.with(py, |physics| {
+            physics.stepper.restore(&state.stepper).map_err(|problem| errors::state(py, &problem))?;
+            physics.commanded.clone_from(&state.commanded);
+            self.commands.restore(py, &state.commands)?;
             self.refresh(py, physics.stepper.snapshot())
         })?
     }

@@ -12,7 +12,7 @@
 
 from __future__ import annotations
 
-from .errors import AmbfError, BusyError, ClosedError, InvalidCommand, LoadError, NonFiniteError, NotFoundError
+from .errors import AmbfError, BusyError, ClosedError, InvalidCommand, LoadError, NonFiniteError, NotFoundError, StateError
 from .simulation import (
     EFFORT,
     FORCE,
@@ -23,6 +23,7 @@ from .simulation import (
     Body,
     Sensor,
     Simulation,
+    State,
     step_all,
 )
 
@@ -43,5 +44,7 @@ __all__ = [
     "NotFoundError",
     "Sensor",
     "Simulation",
+    "State",
+    "StateError",
     "step_all",
 ]

@@ -49,3 +49,7 @@ class ClosedError(AmbfError, RuntimeError):
 
 class BusyError(AmbfError, RuntimeError):
     """Error when a simulation is used while another thread steps it."""
+
+
+class StateError(AmbfError, RuntimeError):
+    """Error when a state can't be saved, because the simulation was not made for it, or restored, because it is another's."""

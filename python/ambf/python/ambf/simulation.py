@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _ambf
+from ._ambf import State
 from .errors import NonFiniteError, NotFoundError
 
 Array = NDArray[np.float64]
@@ -50,6 +51,7 @@ class Simulation:
         iterations: Optional[int] = None,
         articulated: Optional[bool] = None,
         sleep: Optional[bool] = None,
+        saving: bool = False,
         step: float = 0.001,
         plugins: Sequence[Path] = (),
     ) -> None:
@@ -57,8 +59,8 @@ class Simulation:
         launch file, else an empty one.
 
         `profile`: "legacy", "accurate" or "pybullet"; `solver`, `integrator`, `iterations`, `articulated`, `sleep`: as the options of
-        the programs. None: what the world file says, else the profile, else "legacy". `step`: interval of an iteration, s. `plugins`:
-        simulator plugins, shared libraries.
+        the programs. None: what the world file says, else the profile, else "legacy". `step`: interval of an iteration, s. `saving`:
+        allows `save`. `plugins`: simulator plugins, shared libraries.
 
         Raises LoadError. What of a scene had to be left out or guessed is in `warnings`.
         """
@@ -74,6 +76,7 @@ class Simulation:
             iterations,
             articulated,
             sleep,
+            saving,
             step,
             [os.fspath(file) for file in plugins],
         )
@@ -145,6 +148,20 @@ class Simulation:
     def reset(self) -> None:
         """Returns everything to its start. Nothing is left of what was before; time and commands go on."""
         self._world.reset()
+
+    def save(self) -> State:
+        """Everything that decides what happens from now on: the physics to the last bit, time, commands.
+
+        Raises StateError unless the simulation was made with `saving=True`.
+        """
+        return self._world.save()
+
+    def restore(self, state: State) -> None:
+        """Brings back a state that this simulation has saved, as often as wanted; the arrays of states and commands hold what they held.
+
+        Raises StateError if another simulation has saved it. What plugins keep for themselves is not part of it.
+        """
+        self._world.restore(state)
 
     def notices(self) -> List[str]:
         """Takes the sentences about commands that name what is not there, and what plugins have to say."""
