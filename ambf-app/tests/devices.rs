@@ -30,7 +30,8 @@ impl Folder {
         let resources = resources.display();
         let launch = format!(
             "world config: {resources}/world/world.yaml\ncolor config: {resources}/colors.yaml\n\
-             input devices config: devices.yaml\nmultibody configs: [{resources}/models/pendulum.yaml]\n"
+             input devices config: devices.yaml\nmultibody configs: [{resources}/models/pendulum.yaml]\n\
+             device plugins: [{{name: gone, filename: libgone.so}}]\n"
         );
         std::fs::write(folder.join("launch.yaml"), launch).expect("written");
         std::fs::write(folder.join("free.yaml"), FREE).expect("written");
@@ -94,6 +95,7 @@ impl Drop for Folder {
 fn devices_run_and_their_rates_are_printed_at_the_end() {
     let folder = Folder::new("run", Some(DEVICES));
     let expected = [
+        "device plugin gone (libgone.so) is left out: no such library",
         "there is no input device 9",
         "device `Gone` is left out: there is no driver `none`",
         "device Left Hand [Mock 0]",

@@ -382,8 +382,17 @@ impl<'m> Map<'m> {
             if !self.read[i].get() {
                 let key = self.r.doc.node(key);
                 let kind = ProblemKind::UnknownKey;
-                self.note(Severity::Warning, kind, key.mark, text_of(key), "", "", "");
+                self.note(Severity::Warning, kind, key.mark, text_of(key), "", "", self.may_be_for_plugins());
             }
+        }
+    }
+
+    /// Plugins are given the mapping that declares them, with keys of their own.
+    fn may_be_for_plugins(&self) -> &'static str {
+        if self.has("plugins") {
+            "its plugins may read it"
+        } else {
+            ""
         }
     }
 
@@ -396,7 +405,7 @@ impl<'m> Map<'m> {
             }
             let (kind, why) = match value.kind {
                 Kind::Map(_) => (ProblemKind::IgnoredKey, "no list names it"),
-                _ => (ProblemKind::UnknownKey, ""),
+                _ => (ProblemKind::UnknownKey, self.may_be_for_plugins()),
             };
             self.note(Severity::Warning, kind, key.mark, text_of(key), "", "", why);
         }
@@ -571,5 +580,17 @@ mod tests {
         assert_eq!(problems.len(), 2);
         assert!(problems[0].contains("2:1: warning: `b` is not known"));
         assert!(problems[1].contains("3:1: warning: `c` is not used; no list names it"));
+    }
+
+    #[test]
+    fn keys_beside_plugins_may_be_theirs() {
+        let plugins = "plugins: [{name: p, filename: p.so}]";
+        let text = format!("{plugins}\nb: 2\nbodies: [A]\nA: {{name: A, mass: 0, {plugins}, c: 1}}\n");
+        let (_, problems) = read::<Model>(&text);
+        assert_eq!(problems.len(), 2, "{problems:?}");
+        assert!(
+            problems.iter().all(|problem| problem.ends_with("is not known; its plugins may read it")),
+            "{problems:?}"
+        );
     }
 }
