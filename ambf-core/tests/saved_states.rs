@@ -194,7 +194,9 @@ fn simulations_in_many_threads_do_not_mix() {
 
 #[test]
 fn saving_and_restoring_are_cheap() {
-    for (name, most_time, most_size) in [("pendulum.yaml", 1.0, 1 << 20), ("gripper.yaml", 1.0, 1 << 20)] {
+    for (name, most_time, most_size) in
+        [("pendulum.yaml", 1.0, 1 << 18), ("gripper.yaml", 1.0, 1 << 19), ("boxes200.yaml", 20.0, 1 << 24)]
+    {
         let mut simulation = simulation(&shipped(name), Profile::Accurate);
         run(&mut simulation, 0, 200);
         let saved = simulation.save().expect("savable");

@@ -41,9 +41,7 @@ struct Header {
 };
 static_assert(sizeof(Header) == kStep, "blocks are aligned by it");
 
-// Address space, which costs nothing before it is used.
-constexpr size_t kMostReserved = size_t(64) << 30, kLeastReserved = size_t(64) << 20;
-constexpr size_t kLeastCommitted = size_t(256) << 10;
+constexpr size_t kLeastReserved = size_t(1) << 20, kLeastCommitted = size_t(256) << 10;
 
 thread_local AmbArena *current = nullptr;
 
@@ -138,10 +136,11 @@ void put_back(AmbArena &arena, const unsigned char *copy, size_t size) { memcpy(
 
 extern "C" {
 
-AmbArena *amb_arena_new(void) {
+AmbArena *amb_arena_new(unsigned long most) {
   static std::once_flag installed;
   std::call_once(installed, [] { btAlignedAllocSetCustomAligned(allocate, release); });
-  size_t reserved = kMostReserved;
+  // Address space, which costs nothing before it is used.
+  size_t reserved = most > kLeastReserved ? most : kLeastReserved;
   void *base = MAP_FAILED;
   while (base == MAP_FAILED && reserved >= kLeastReserved) {
     base = mmap(nullptr, reserved, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);

@@ -4,8 +4,8 @@
 
 typedef struct AmbArena AmbArena;
 
-/* Null: no address space is left. */
-AmbArena *amb_arena_new(void);
+/* One that can grow to `most` bytes, or to as much of that as there is address space for, at least to 1 MiB. Null: there is less. */
+AmbArena *amb_arena_new(unsigned long most);
 /* Everything in it must have been freed, or is never touched again. */
 void amb_arena_free(AmbArena *arena);
 /* What the calling thread allocates through Bullet from now on lies in the arena; null: on the heap. Returns what was there before. What is

@@ -14,11 +14,11 @@ pub(super) struct Arena {
 }
 
 impl Arena {
-    /// `None`: the process may have no more address space.
-    pub fn new() -> Option<Self> {
+    /// One that can grow to `most` bytes, or as far as there is address space. `None`: the process may have no more of that.
+    pub fn new(most: u64) -> Option<Self> {
         static NEXT: AtomicU64 = AtomicU64::new(0);
-        // SAFETY: takes nothing.
-        let raw = NonNull::new(unsafe { sys::amb_arena_new() })?;
+        // SAFETY: takes a number.
+        let raw = NonNull::new(unsafe { sys::amb_arena_new(most) })?;
         Some(Self { raw, id: NEXT.fetch_add(1, Ordering::Relaxed) })
     }
 

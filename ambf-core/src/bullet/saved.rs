@@ -172,3 +172,73 @@ impl World {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+
+    use super::super::tests::{ball, hinge};
+    use super::super::{RigidBody, Shape, Solver, WorldKind};
+    use super::*;
+
+    fn falling(mut world: World, bodies: u32) -> World {
+        world.set_gravity(Vector3::new(0.0, 0.0, -10.0));
+        world.add_body(RigidBody { shape: Shape::plane(Vector3::z(), -0.11, 0.0), ..ball(0.0, 0.0) });
+        for i in 0..bodies {
+            world.add_body(ball(1.0, 0.19 * f64::from(i)));
+        }
+        world
+    }
+
+    fn heights(world: &mut World, steps: u32) -> Vec<f64> {
+        for _ in 0..steps {
+            world.step(0.001, 1, 0.001);
+        }
+        world.bodies().iter().filter_map(|&body| Some(world.pose(body)?.translation.z)).collect()
+    }
+
+    #[test]
+    fn a_world_that_has_outgrown_its_room_goes_on_and_says_so() {
+        let small = World::savable_within(1, Solver::Accurate, WorldKind::Rigid).expect("address space");
+        let small = falling(small, 10);
+        let saved = small.save().expect("room for ten");
+        let mut small = falling(small, 1000);
+        assert_eq!(small.save().err(), Some(StateError::TooLarge));
+        assert_eq!(small.restore(&saved), Err(StateError::Changed));
+        let mut plain = falling(falling(World::new(Solver::Accurate), 10), 1000);
+        assert_eq!(heights(&mut small, 20), heights(&mut plain, 20));
+    }
+
+    #[test]
+    fn constraints_that_came_and_went_are_stale_or_alive_again() {
+        for kind in [WorldKind::Rigid, WorldKind::Soft, WorldKind::Articulated] {
+            let mut world = World::savable(Solver::Accurate, kind).expect("address space");
+            let (a, b) = (world.add_body(ball(0.0, 0.0)), world.add_body(ball(1.0, 1.0)));
+            world.set_gravity(Vector3::new(0.0, -10.0, 0.0));
+            let joint = world.add_constraint(a, b, &hinge()).expect("two bodies");
+            let articulation = world.articulate(&[joint]);
+            assert_eq!(articulation.is_some(), kind == WorldKind::Articulated);
+            heights(&mut world, 20);
+            let with = world.save().expect("savable");
+            heights(&mut world, 200);
+            let expected = world.pose(b);
+            assert!(world.remove_constraint(joint));
+            heights(&mut world, 20);
+            let without = world.save().expect("savable");
+            let other = world.add_constraint(a, b, &hinge()).expect("two bodies");
+            heights(&mut world, 20);
+            for _ in 0..2 {
+                world.restore(&with).expect("of this world");
+                assert!(!world.set_motor(other, false, 0.0, 1.0) && !world.remove_body(b), "it is held");
+                assert_eq!(world.articulation(b), articulation);
+                heights(&mut world, 200);
+                assert_eq!(world.pose(b), expected, "{kind:?}");
+                world.restore(&without).expect("of this world");
+                assert!(!world.remove_constraint(joint) && world.constraints().len() == 1);
+                assert_eq!(world.articulation(b), None);
+            }
+            assert!(world.remove_body(b), "nothing holds it");
+            assert_eq!(world.restore(&with), Err(StateError::Changed));
+        }
+    }
+}

@@ -29,6 +29,9 @@ new_key_type! {
     pub struct ArticulationHandle;
 }
 
+/// Largest Bullet's side of a world that can be saved, bytes: a hundred times what the largest scenes need. Only address space.
+const MOST_SAVED: u64 = 4 << 30;
+
 /// A Bullet world with all that is in it. SI units, z up by convention only.
 pub struct World {
     pub(super) raw: NonNull<sys::AmbWorld>,
@@ -125,7 +128,12 @@ impl World {
     /// An empty world whose state can be saved; it moves as one of the others, bit for bit. `None`: the process may have no more address
     /// space.
     pub fn savable(solver: Solver, kind: WorldKind) -> Option<Self> {
-        Arena::new().map(|arena| Self::make(solver, kind, Some(arena)))
+        Self::savable_within(MOST_SAVED, solver, kind)
+    }
+
+    /// One whose Bullet's side has room for so many bytes.
+    pub(super) fn savable_within(bytes: u64, solver: Solver, kind: WorldKind) -> Option<Self> {
+        Arena::new(bytes).map(|arena| Self::make(solver, kind, Some(arena)))
     }
 
     fn make(solver: Solver, kind: WorldKind, arena: Option<Arena>) -> Self {
