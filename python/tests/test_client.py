@@ -173,17 +173,20 @@ while True:
 """
 
     def check_release(self, what, is_driven):
-        """A driver that is killed is forgotten 0.5 s later; nobody else drives the body."""
+        """A driver that is killed is forgotten 0.5 s later; nobody else drives the body.
+
+        Returns how long it takes until the body falls, s: at most that much of the clock, at least that much of simulated time."""
         ball = CLIENT._objects["/ambf/env/Cylinder"]
         CLIENT.get_world_handle().reset()
         ball.wait_for_state(lambda state: state.twist.linear.z < 0.0)
         with support.script(MASTER.port, self.FORCE, what) as program:
-            ball.wait_for_state(is_driven, 30.0)
+            driven = ball.wait_for_state(is_driven, 30.0).sim_time
+            begin = time.monotonic()
             program.kill()
-        begin = time.monotonic()
+            killed = ball.wait_for_state(lambda state: state.sim_time > driven).sim_time
         # It falls: its speed grows downwards.
-        ball.wait_for_state(lambda state: state.twist.linear.z < -0.2, 30.0)
-        return time.monotonic() - begin
+        fallen = ball.wait_for_state(lambda state: state.twist.linear.z < -0.2, 30.0).sim_time
+        return time.monotonic() - begin, fallen - killed
 
     def test_a_force(self):
         """It ends, and the ball falls again. It was rising at 1 … 10 m/s when the force ended."""
@@ -191,10 +194,10 @@ while True:
 
     def test_a_velocity(self):
         """It was held exactly; then the ball falls after the watchdog's period, not before."""
-        took = self.check_release("velocity", lambda state: abs(state.twist.linear.z - 1.0) < 0.05)
+        at_most, at_least = self.check_release("velocity", lambda state: abs(state.twist.linear.z - 1.0) < 0.05)
         # 0.12 s of free fall from 1 m/s upwards come on top.
-        self.assertLess(took, 2.5)
-        self.assertGreater(took, 0.4)
+        self.assertLess(at_least, 2.5)
+        self.assertGreater(at_most, 0.3)
 
 
 class Stepping(support.TimedTest):
@@ -274,7 +277,7 @@ class Stepping(support.TimedTest):
 
     def test_patience_ends(self):
         """Without further steps the physics runs freely after that time."""
-        at = self.world.step(1, patience=1.0).sim_step
         begin = time.monotonic()
+        at = self.world.step(1, patience=1.0).sim_step
         self.world.wait_for_step(at + 10, 30.0)
-        self.assertGreater(time.monotonic() - begin, 0.7)
+        self.assertGreater(time.monotonic() - begin, 1.0)

@@ -175,6 +175,18 @@ class Simulator(Program):
         """Fails if the program panicked in any of its threads."""
         assert "panicked" not in self.log(), self.log()
 
+    def while_commanded(self, name, attempt, times=5):
+        """Does `attempt`, and again if it fails while the watchdog of `name` has cleared its command: on a busy machine a stream of
+        commands may pause for that long."""
+        for left in reversed(range(times)):
+            expired = self.log().count(f'Resetting "{name}" command')
+            try:
+                return attempt()
+            except AssertionError:
+                if not left or self.log().count(f'Resetting "{name}" command') == expired:
+                    raise
+        raise AssertionError("no attempt at all")
+
     def wait_for_topics(self, *names, seconds=PATIENCE_S):
         """Waits until the simulator publishes all of `names`."""
 

@@ -255,12 +255,18 @@ class Standstill(Changing):
 
     def test_while_a_client_throttles(self):
         """They are there at once; a step is still a step."""
+        names = iter("ABCDE")
+        step = self.simulator.while_commanded("World", lambda: self.come_and_go_between_steps(f"Late{next(names)}"))
+        self.flyer.until(lambda state: state.sim_step > step + 50, "without commands the physics runs freely")
+
+    def come_and_go_between_steps(self, body):
+        """Adds a body while the physics waits, and removes it five steps later; the step."""
         command = WorldCmd(enable_step_throttling=True, n_skip_steps=5)
         with node.Stream(f"{WORLD}/Command", command):
             harness.wait_for(lambda: len({self.flyer.next().sim_step for _ in range(10)}) == 1, "the physics waits")
             before = self.flyer.next().sim_step
-            name = self.added(written("late.yaml", model({"BODY Late": weightless("Late", x=4.0)})))
-            with node.Listener("/ambf/env/Late/State", RigidBodyState) as late:
+            name = self.added(written(f"{body}.yaml", model({f"BODY {body}": weightless(body, x=4.0)})))
+            with node.Listener(f"/ambf/env/{body}/State", RigidBodyState) as late:
                 self.assertAlmostEqual(late.newest().pose.position.x, 4.0, places=6)
                 # A model is published at once, with the step that waits to be published.
                 self.assertLessEqual(late.next().sim_step, before + 1)
@@ -270,9 +276,9 @@ class Standstill(Changing):
                 command.step_clock = True
                 late.until(lambda state: state.sim_step == before + 5, "five steps")
             self.removed(name)
-            self.wait_for_end_of("/ambf/env/Late/State")
+            self.wait_for_end_of(f"/ambf/env/{body}/State")
             self.assertLessEqual(self.flyer.next().sim_step, before + 6)
-        self.flyer.until(lambda state: state.sim_step > before + 50, "without commands the physics runs freely")
+        return before
 
     def test_while_the_simulation_is_paused(self):
         """After a state that was lost: a reset brings everything back, the new model too."""

@@ -8,7 +8,7 @@ mod joystick;
 
 use std::sync::Arc;
 
-use ambf_core::device::Driver;
+use ambf_core::device::{Axes, DeviceSpec, Driver};
 
 pub use hydra::HydraDriver;
 pub use joystick::JoystickDriver;
@@ -16,4 +16,24 @@ pub use joystick::JoystickDriver;
 /// The drivers `hydra` and `joystick`, for [`Drivers`](ambf_core::device::Drivers).
 pub fn drivers() -> [Arc<dyn Driver>; 2] {
     [Arc::new(HydraDriver::default()), Arc::new(JoystickDriver::default())]
+}
+
+/// A tracker for either hand that senses position and rotation, and no more is known about it than that.
+fn tracker(model: &str) -> DeviceSpec {
+    DeviceSpec {
+        max_force: 0.0,
+        max_torque: 0.0,
+        max_gripper_force: 0.0,
+        max_stiffness: 1000.0,
+        max_angular_stiffness: 1.0,
+        max_gripper_stiffness: 0.0,
+        max_damping: 0.0,
+        max_angular_damping: 0.0,
+        max_gripper_damping: 0.0,
+        gripper_max_angle: 0.0,
+        sensed: Axes { position: true, rotation: true, gripper: false },
+        left_hand: true,
+        right_hand: true,
+        ..DeviceSpec::unknown(model)
+    }
 }

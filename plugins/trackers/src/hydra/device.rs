@@ -8,6 +8,7 @@ use super::filter::LowPass;
 use super::hidraw::Hid;
 use super::report::{self, FEATURE};
 use super::streams::Stream;
+use crate::tracker;
 
 /// The base does not always take the first report that starts it.
 const ATTEMPTS: u32 = 50;
@@ -94,23 +95,11 @@ fn is_gone(error: &io::Error) -> bool {
 fn spec() -> DeviceSpec {
     DeviceSpec {
         manufacturer: String::from("Razer"),
-        max_force: 0.0,
-        max_torque: 0.0,
-        max_gripper_force: 0.0,
-        max_stiffness: 1000.0,
-        max_angular_stiffness: 1.0,
-        max_gripper_stiffness: 0.0,
-        max_damping: 0.0,
-        max_angular_damping: 0.0,
-        max_gripper_damping: 0.0,
         workspace_radius: 0.5,
         gripper_max_angle: 30_f64.to_radians(),
         sensed: Axes { position: true, rotation: true, gripper: true },
-        actuated: Axes::default(),
-        left_hand: true,
-        right_hand: true,
         start_up_hold: 5.0,
-        ..DeviceSpec::unknown(MODEL)
+        ..tracker(MODEL)
     }
 }
 

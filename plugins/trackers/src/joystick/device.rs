@@ -9,6 +9,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use super::axes::{Axes, Kind, Map};
 use super::find::SPACE_MOUSE;
 use super::options::Options;
+use crate::tracker;
 
 /// Longer pauses of the host count as this, s: nothing jumps when it goes on.
 const LONGEST_STEP: f64 = 0.02;
@@ -145,24 +146,8 @@ impl<E: Events> Joystick<E> {
 }
 
 fn spec(model: &str, gripper: bool) -> DeviceSpec {
-    DeviceSpec {
-        max_force: 0.0,
-        max_torque: 0.0,
-        max_gripper_force: 0.0,
-        max_stiffness: 1000.0,
-        max_angular_stiffness: 1.0,
-        max_gripper_stiffness: 0.0,
-        max_damping: 0.0,
-        max_angular_damping: 0.0,
-        max_gripper_damping: 0.0,
-        workspace_radius: 0.1,
-        gripper_max_angle: 0.0,
-        sensed: device::Axes { position: true, rotation: true, gripper },
-        actuated: device::Axes::default(),
-        left_hand: true,
-        right_hand: true,
-        ..DeviceSpec::unknown(model)
-    }
+    let sensed = device::Axes { position: true, rotation: true, gripper };
+    DeviceSpec { workspace_radius: 0.1, sensed, ..tracker(model) }
 }
 
 impl<E: Events> InputDevice for Joystick<E> {

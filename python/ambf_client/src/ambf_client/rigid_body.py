@@ -5,14 +5,15 @@ from __future__ import annotations
 from typing import Any, Optional, Sequence
 
 from ambf_msgs.msg import RigidBodyCmd, RigidBodyState
-from geometry_msgs.msg import Point, Pose, Quaternion, Twist, Vector3, Wrench
+from geometry_msgs.msg import Point, Pose, Quaternion, Twist, Vector3
 
 from .base_object import check_pose, number, say
-from .joints import JointStates, NameOrIndex
-from .rotations import quaternion_from_rpy, quaternion_from_zyx
+from .body import Body, check_vectors, vector
+from .joints import NameOrIndex
+from .rotations import quaternion_from_rpy
 
 
-class RigidBody(JointStates):
+class RigidBody(Body):
     """A rigid body: pose, twist, and the joints below it.
 
     It is driven in one of three ways, by the last setter: with a wrench, which ends 0.1 s after the last setter; to a pose; with a
@@ -38,10 +39,6 @@ class RigidBody(JointStates):
         """Angular velocity, rad/s, world axes."""
         return self._state.twist.angular
 
-    def get_inertia(self) -> Point:
-        """Principal moments of inertia, kg·m²."""
-        return self._state.pInertia
-
     def get_mass(self) -> float:
         """Mass, kg; 0 is static."""
         return float(self._state.mass)
@@ -64,14 +61,6 @@ class RigidBody(JointStates):
 
     # --- the command as it is ---------------------------------------------------------------------------------------------------
 
-    def get_force_command(self) -> Vector3:
-        """Commanded force, N."""
-        return self._cmd.wrench.force
-
-    def get_torque_command(self) -> Vector3:
-        """Commanded torque, N·m."""
-        return self._cmd.wrench.torque
-
     def get_linear_velocity_command(self) -> Vector3:
         """Commanded velocity, m/s; the present one if no twist has been commanded."""
         return self._cmd.twist.linear if self._twist_cmd_set else self._state.twist.linear
@@ -80,56 +69,8 @@ class RigidBody(JointStates):
         """Commanded angular velocity, rad/s; the present one if no twist has been commanded."""
         return self._cmd.twist.angular if self._twist_cmd_set else self._state.twist.angular
 
-    def get_publish_children_name_flag(self) -> bool:
-        """Whether the simulator is asked for the children's names."""
-        return bool(self._cmd.publish_children_names)
-
-    def get_publish_joint_names_flag(self) -> bool:
-        """Whether the simulator is asked for the joints' names."""
-        return bool(self._cmd.publish_joint_names)
-
-    def get_publish_joint_positions_flag(self) -> bool:
-        """Whether the simulator is asked for joint positions."""
-        return bool(self._cmd.publish_joint_positions)
-
-    def set_publish_children_names_flag(self, state: bool) -> None:
-        """Asks for the children's names; they stay once asked for."""
-        self._cmd.publish_children_names = bool(state)
-
-    def set_publish_joint_names_flag(self, state: bool) -> None:
-        """Asks for the joints' names; they stay once asked for."""
-        self._cmd.publish_joint_names = bool(state)
-
-    def set_publish_joint_positions_flag(self, state: bool) -> None:
-        """Asks for positions, velocities and efforts of the joints."""
-        self._cmd.publish_joint_positions = bool(state)
-
-    # --- wrench -----------------------------------------------------------------------------------------------------------------
-
-    def set_force(self, fx: float, fy: float, fz: float) -> None:
-        """A force at the centre of mass, N, world axes; the commanded torque is kept. To be refreshed at 10 Hz or more."""
-        with self._lock:
-            self.set_wrench(Wrench(_vector(fx, fy, fz), self._cmd.wrench.torque))
-
-    def set_torque(self, nx: float, ny: float, nz: float) -> None:
-        """A torque, N·m, world axes; the commanded force is kept. To be refreshed at 10 Hz or more."""
-        with self._lock:
-            self.set_wrench(Wrench(self._cmd.wrench.force, _vector(nx, ny, nz)))
-
-    def wrench_command(self, fx: float, fy: float, fz: float, nx: float, ny: float, nz: float) -> None:
-        """Force, N, and torque, N·m, world axes. To be refreshed at 10 Hz or more."""
-        self.set_wrench(Wrench(_vector(fx, fy, fz), _vector(nx, ny, nz)))
-
-    def set_wrench(self, wrench: Wrench) -> None:
-        """A `geometry_msgs/Wrench`, N and N·m, world axes. To be refreshed at 10 Hz or more."""
-        _check(wrench.force, wrench.torque)
-        with self._lock:
-            self._cmd.cartesian_cmd_type = RigidBodyCmd.TYPE_FORCE
-            self._cmd.wrench = wrench
-            self._apply_command()
-
-    def _clear_command(self) -> None:
-        self._cmd.wrench = Wrench()
+    def _choose_wrench(self) -> None:
+        self._cmd.cartesian_cmd_type = RigidBodyCmd.TYPE_FORCE
 
     # --- pose -------------------------------------------------------------------------------------------------------------------
 
@@ -145,40 +86,28 @@ class RigidBody(JointStates):
     def set_pose_rpy(self, px: float, py: float, pz: float, roll: float, pitch: float, yaw: float) -> None:
         """A pose: position, m, and angles about the fixed axes x, y, z, rad, as in `set_rpy` and `get_rpy`."""
         angles = [number(angle, "an angle") for angle in (roll, pitch, yaw)]
-        position = _vector(px, py, pz)
+        position = vector(px, py, pz)
         self.set_pose(Pose(Point(position.x, position.y, position.z), Quaternion(*quaternion_from_rpy(*angles))))
-
-    def pose_command(
-        self, px: float, py: float, pz: float, roll: float, pitch: float, yaw: float, *jnt_cmds: float
-    ) -> None:
-        """A pose with the angles as the C++ simulator's client takes them: `roll` about z, `pitch` about y, `yaw` about x, in this order.
-
-        New programs use `set_pose_rpy`. `jnt_cmds` have no effect.
-        """
-        del jnt_cmds
-        angles = [number(angle, "an angle") for angle in (roll, pitch, yaw)]
-        position = _vector(px, py, pz)
-        self.set_pose(Pose(Point(position.x, position.y, position.z), Quaternion(*quaternion_from_zyx(*angles))))
 
     # --- twist ------------------------------------------------------------------------------------------------------------------
 
     def set_linear_vel(self, vx: float, vy: float, vz: float) -> None:
         """A velocity of the centre of mass, m/s, world axes; the commanded angular velocity is kept."""
         with self._lock:
-            self.set_twist(Twist(_vector(vx, vy, vz), self._cmd.twist.angular))
+            self.set_twist(Twist(vector(vx, vy, vz), self._cmd.twist.angular))
 
     def set_angular_vel(self, ax: float, ay: float, az: float) -> None:
         """An angular velocity, rad/s, world axes; the commanded velocity is kept."""
         with self._lock:
-            self.set_twist(Twist(self._cmd.twist.linear, _vector(ax, ay, az)))
+            self.set_twist(Twist(self._cmd.twist.linear, vector(ax, ay, az)))
 
     def velocity_command(self, vx: float, vy: float, vz: float, ax: float, ay: float, az: float) -> None:
         """Velocity of the centre of mass, m/s, and angular velocity, rad/s, world axes."""
-        self.set_twist(Twist(_vector(vx, vy, vz), _vector(ax, ay, az)))
+        self.set_twist(Twist(vector(vx, vy, vz), vector(ax, ay, az)))
 
     def set_twist(self, twist: Twist) -> None:
         """A `geometry_msgs/Twist`, m/s and rad/s, world axes."""
-        _check(twist.linear, twist.angular)
+        check_vectors(twist.linear, twist.angular)
         with self._lock:
             self._cmd.cartesian_cmd_type = RigidBodyCmd.TYPE_VELOCITY
             self._cmd.twist = twist
@@ -254,12 +183,3 @@ class RigidBody(JointStates):
         with self._lock:
             for index, value in pairs:
                 self._set_joint(index, value, kind)
-
-
-def _vector(x: float, y: float, z: float) -> Vector3:
-    return Vector3(number(x, "x"), number(y, "y"), number(z, "z"))
-
-
-def _check(*vectors: Vector3) -> None:
-    for vector in vectors:
-        _vector(vector.x, vector.y, vector.z)
