@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import textwrap
 import threading
 import time
 import unittest
@@ -91,6 +92,14 @@ class Loading(unittest.TestCase):
                 ambf.Simulation(ARM, indexes=["one"])
             sim = ambf.Simulation([odd])
             self.assertTrue(any("odd.yaml:2" in line for line in sim.warnings), sim.warnings)
+
+    def test_the_lines_of_the_guide(self):
+        """They run, from the root of the repository."""
+        guide = (RESOURCES.parent / "docs/python.md").read_text().split("## In the Python process")[1]
+        text = textwrap.dedent("    import ambf\n" + guide.split("    import ambf\n")[1].split("\n\n")[0])
+        command = [sys.executable, "-c", text]
+        done = subprocess.run(command, cwd=RESOURCES.parent, capture_output=True, text=True, timeout=60, check=False)
+        self.assertTrue(done.stdout.startswith("1.0"), done.stderr)
 
     def test_names(self):
         """A part is enough if it is unique."""
