@@ -21,7 +21,7 @@ fn load(scene: &str, profile: Profile) -> Simulation {
 /// What the body at `object` is told in call `call`, of all kinds; `None`: nothing new.
 fn command(object: usize, kind: &ObjectKind, call: usize) -> Option<RigidBodyCommand> {
     let ObjectKind::RigidBody(_, info) = kind else { return None };
-    if (object + call) % 3 == 0 {
+    if (object + call).is_multiple_of(3) {
         return None;
     }
     let phase = (object as f64 + call as f64 * 0.3).sin();
@@ -60,7 +60,7 @@ fn bits(snapshot: &Snapshot) -> Vec<u64> {
 
 /// How many iterations call `call` makes, and whether it begins with a reset.
 fn schedule(call: usize) -> (u32, bool) {
-    ([1, 2, 7, 1, 20][call % 5], call % 23 == 0)
+    ([1, 2, 7, 1, 20][call % 5], call.is_multiple_of(23))
 }
 
 fn drive(stepper: &mut Stepper, call: usize) -> Vec<u64> {

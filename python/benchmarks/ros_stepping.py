@@ -186,13 +186,9 @@ def draw(folder: Path, ages: Any, stamps: Any, several: dict[str, Any]) -> None:
     pyplot.savefig(folder / "rates.svg")
 
 
-def main() -> None:
-    """Measures and records."""
-    parser = argparse.ArgumentParser(description="What stepping and listening over ROS cost.")
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--seconds", type=float, default=5.0)
-    chosen = parser.parse_args()
-    chosen.folder.mkdir(parents=True, exist_ok=True)
+def measure(folder: Path, seconds: float) -> dict[str, Any]:
+    """Measures, records and draws."""
+    folder.mkdir(parents=True, exist_ok=True)
     found: dict[str, Any] = {
         "python": platform.python_version(),
         "cores": os.cpu_count(),
@@ -200,17 +196,27 @@ def main() -> None:
     }
     with Simulator("models/pendulum.yaml", "Link", "-p", "4000") as client:
         for steps in (1, 10):
-            found[f"service_{steps}"] = by_service(client, "Link", chosen.seconds, steps)
+            found[f"service_{steps}"] = by_service(client, "Link", seconds, steps)
     with Simulator("models/pendulum.yaml", "Link", "-p", "4000") as client:
-        found["topics_1"], ages, stamps = by_topics(client, "Link", chosen.seconds)
-    several = found["rates"] = rates(chosen.seconds, 5)
-    (chosen.folder / "ros_stepping.json").write_text(json.dumps(found, indent=1) + "\n")
-    draw(chosen.folder, ages, stamps, several)
+        found["topics_1"], ages, stamps = by_topics(client, "Link", seconds)
+    several = found["rates"] = rates(seconds, 5)
+    (folder / "ros_stepping.json").write_text(json.dumps(found, indent=1) + "\n")
+    draw(folder, ages, stamps, several)
     for name in ("service_1", "service_10", "topics_1"):
         print(f"{name}: {found[name]['round_trips_hz']:.0f} round trips/s, p50 {found[name]['us']['p50']:.0f} µs")
     print("age of states: " + ", ".join(f"{k} {v:.3f}" for k, v in found["topics_1"]["age_ms"].items()) + " ms")
     for topic, value in several["topics"].items():
         print(f"{topic}: {value['hz']:.0f} Hz")
+    return found
+
+
+def main() -> None:
+    """Measures and records."""
+    parser = argparse.ArgumentParser(description="What stepping and listening over ROS cost.")
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--seconds", type=float, default=5.0)
+    chosen = parser.parse_args()
+    measure(chosen.folder, chosen.seconds)
 
 
 if __name__ == "__main__":

@@ -51,7 +51,7 @@ pub fn stepper(wanted: &Wanted) -> Result<(Stepper, Vec<String>), Vec<String>> {
     let options = SceneOptions { physics, savable: wanted.saving, ..SceneOptions::default() };
     let Loaded { scene, report } = load(&files, &options);
     if !report.refused.is_empty() {
-        return Err(report.refused);
+        return Err(report.refused.iter().map(|problem| problem.trim_end().to_owned()).collect());
     }
     warnings.extend(report.files.iter().flat_map(|file| lines(&file.verbose())));
     warnings.extend(report.notes.iter().map(ToString::to_string));

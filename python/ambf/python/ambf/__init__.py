@@ -1,18 +1,28 @@
 """The AMBF simulator in the Python process: no ROS, no clock, the physics moves when it is told to.
 
-    import ambf
+import ambf
 
-    sim = ambf.Simulation('resources/models/arm7.yaml', profile='accurate')
-    arm, flange = sim.body('arm7/base'), sim.body('arm7/flange')
-    arm.joint_kinds[:] = ambf.POSITION
-    arm.joint_commands[:] = 0.3
-    sim.step(1000)
-    print(sim.sim_time, arm.joint_positions, flange.pose)
+sim = ambf.Simulation('resources/models/arm7.yaml', profile='accurate')
+arm, flange = sim.body('arm7/base'), sim.body('arm7/flange')
+arm.joint_kinds[:] = ambf.POSITION
+arm.joint_commands[:] = 0.3
+sim.step(1000)
+print(sim.sim_time, arm.joint_positions, flange.pose)
 """
 
 from __future__ import annotations
 
-from .errors import AmbfError, BusyError, ClosedError, InvalidCommand, LoadError, NonFiniteError, NotFoundError, StateError
+from ._ambf import State
+from .errors import (
+    AmbfError,
+    BusyError,
+    ClosedError,
+    InvalidCommand,
+    LoadError,
+    NonFiniteError,
+    NotFoundError,
+    StateError,
+)
 from .simulation import (
     EFFORT,
     FORCE,
@@ -23,7 +33,6 @@ from .simulation import (
     Body,
     Sensor,
     Simulation,
-    State,
     step_all,
 )
 

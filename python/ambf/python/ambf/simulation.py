@@ -26,9 +26,9 @@ EFFORT = FORCE
 class Simulation:
     """A scene that moves when `step` is called.
 
-    **States** are arrays that the simulation writes at the end of `step`, `reset` and `restore`: they need not be asked for again, and
-    can't be written. World axes, m, rad, s; quaternions x, y, z, w. **Commands** are arrays that `step` reads; they stay in force until they
-    are changed. A command that is not finite is an `InvalidCommand`, and nothing moves.
+    **States** are arrays that the simulation writes at the end of `step`, `reset` and `restore`: they need not be asked for again,
+    and can't be written. World axes, m, rad, s; quaternions x, y, z, w. **Commands** are arrays that `step` reads; they stay in force
+    until they are changed. A command that is not finite is an `InvalidCommand`, and nothing moves.
 
     An iteration is update (Bullet), commands, publication; between calls the physics rests after an update, before the commands. So a
     command acts from the second iteration of a call on, and the states are those that the last iteration published: exactly as over
@@ -115,7 +115,10 @@ class Simulation:
 
     @property
     def sim_step(self) -> int:
-        """Iteration whose states the arrays hold. It begins with 1: the scene before any command. Resets leave it alone; it wraps at 2**32."""
+        """Iteration whose states the arrays hold. It begins with 1: the scene before any command. Resets leave it alone.
+
+        It wraps at 2**32.
+        """
         return self._world.sim_step
 
     @property

@@ -7,7 +7,6 @@ from typing import Any, Dict, List, NoReturn, Optional, Sequence, Tuple
 
 import ambf
 import numpy as np
-from numpy.typing import NDArray
 
 from .backend import FORCE, POSITION, Array, BodyCommand, BodyState, Commands, SensorState, States, plain
 from .errors import InvalidDescription, SimulatorFailed, StepMismatch
@@ -90,7 +89,9 @@ class InProcessBackend:
         simulation = self.simulation
         expected, self._sim_step = (self._sim_step + steps) % 2**32, simulation.sim_step
         if self._sim_step != expected:
-            raise StepMismatch(f"step {self._sim_step} was reached instead of {expected}: somebody else steps the simulation")
+            raise StepMismatch(
+                f"step {self._sim_step} was reached instead of {expected}: somebody else steps the simulation"
+            )
         return States(
             sim_step=self._sim_step,
             sim_time=simulation.sim_time,
@@ -155,17 +156,20 @@ def _sensor_state(sensor: ambf.Sensor) -> SensorState:
 
 def _narrow(values: Array) -> List[float]:
     """In single precision; what is too large becomes the largest number, not infinite."""
-    narrow: NDArray[np.float32] = np.clip(values, -_LARGEST, _LARGEST).astype(np.float32)
-    return narrow.tolist()
+    return [float(value) for value in np.clip(values, -_LARGEST, _LARGEST).astype(np.float32)]
 
 
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
-        raise InvalidDescription(f"options of the scene: {message}; in this process only those about time and physics count")
+        raise InvalidDescription(
+            f"options of the scene: {message}; in this process only those about time and physics count"
+        )
 
 
 def _boolean(text: str) -> bool:
     words = {"true": True, "yes": True, "on": True, "1": True, "false": False, "no": False, "off": False, "0": False}
+    if text.lower() not in words:
+        raise argparse.ArgumentTypeError(f"{text} is neither true nor false")
     return words[text.lower()]
 
 
@@ -185,8 +189,7 @@ def _options(options: Sequence[str]) -> Dict[str, Any]:
     if unknown:
         parser.error(f"{' '.join(unknown)}: not known")
     found = dict(vars(known))
-    frequency = found.pop("phx_frequency")
-    found["step"] = found.pop("sim_speed_factor") / frequency if frequency > 0.0 else 0.0
-    return found
-
-
+    frequency, factor = found.pop("phx_frequency"), found.pop("sim_speed_factor")
+    if not frequency > 0.0:
+        parser.error(f"a frequency of {frequency} Hz")
+    return {**found, "step": factor / frequency}

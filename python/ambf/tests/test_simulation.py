@@ -1,0 +1,420 @@
+"""The simulation in this process, without ROS."""
+
+import gc
+import os
+import pathlib
+import signal
+import subprocess
+import sys
+import tempfile
+import textwrap
+import threading
+import time
+import unittest
+import warnings
+
+import ambf
+import numpy as np
+
+RESOURCES = pathlib.Path(__file__).resolve().parents[3] / "resources"
+LAUNCH = RESOURCES / "launch.yaml"
+ARM = RESOURCES / "models/arm7.yaml"
+GRIPPER = RESOURCES / "models/gripper.yaml"
+
+
+def arm(**options):
+    """The arm of seven joints."""
+    return ambf.Simulation(ARM, launch_file=LAUNCH, **{"profile": "accurate", **options})
+
+
+def drive(sim, seed, calls=30):
+    """Random commands of all kinds; everything that is seen, as bytes."""
+    rng = np.random.default_rng(seed)
+    base, flange = sim.body("arm7/base"), sim.body("arm7/flange")
+    seen = []
+    for _ in range(calls):
+        base.joint_kinds[:] = rng.integers(-1, 3, size=len(base.joints))
+        base.joint_commands[:] = rng.uniform(-1, 1, size=len(base.joints))
+        flange.kind = ambf.FORCE
+        flange.wrench[:] = rng.uniform(-5, 5, size=6)
+        sim.step(int(rng.integers(1, 20)))
+        seen.append(look(sim))
+    return b"".join(seen)
+
+
+def look(sim):
+    """All states, as bytes."""
+    arrays = (sim.poses, sim.twists, sim.joint_positions, sim.joint_velocities, sim.joint_efforts, sim.measurements)
+    return b"".join(array.tobytes() for array in arrays) + repr((sim.sim_step, sim.sim_time)).encode()
+
+
+class Loading(unittest.TestCase):
+    """From files to arrays."""
+
+    def test_what_there_is(self):
+        """Names, shapes, and where things stand at the start."""
+        sim = arm()
+        self.assertEqual(sim.body("arm7/base").joints[0], "yaw")
+        self.assertEqual(len(sim.body("arm7/base").joints), 7)
+        n, m = len(sim.bodies), len(sim.joints)
+        shapes = [array.shape for array in (sim.poses, sim.twists, sim.joint_positions, sim.kinds, sim.target_poses)]
+        self.assertEqual(shapes, [(n, 7), (n, 6), (m,), (n,), (n, 7)])
+        self.assertEqual((sim.sim_step, sim.sim_time), (1, 0.001))
+        np.testing.assert_allclose(np.linalg.norm(sim.poses[:, 3:], axis=1), 1.0)
+        self.assertIs(sim.body("arm7/base"), sim.body(sim.body("arm7/base").index))
+        self.assertEqual(arm(indexes=[2]).bodies[-1], "/ambf/env/Link")
+        self.assertEqual(ambf.Simulation(launch_file=LAUNCH, indexes=[2], world=None).bodies[-1], "/ambf/env/Link")
+        gripper = ambf.Simulation(str(GRIPPER))
+        self.assertEqual([name.split("/")[-1] for name in gripper.sensors + gripper.actuators], ["proximity", "holder"])
+
+    def test_what_can_not_be_loaded(self):
+        """Each problem is said with its place."""
+        with tempfile.TemporaryDirectory() as folder:
+            bad, odd = pathlib.Path(folder) / "bad.yaml", pathlib.Path(folder) / "odd.yaml"
+            bad.write_text("bodies: [A\n  B: {")
+            odd.write_text("bodies: [BODY A]\nBODY A: {name: A, mass: 1, mesh: none.STL}\n")
+            for message, options in {
+                r"nothing.yaml: cannot be read": {"models": "/nothing.yaml"},
+                r"bad.yaml:2:.*syntax error": {"models": bad},
+                r"launch.*cannot be read": {"models": (), "launch_file": "/launch"},
+                r"no model 99: the launch file lists": {"launch_file": LAUNCH, "indexes": [99]},
+                r'profile="fast": not known.*accurate': {"profile": "fast"},
+                r'solver="magic".*dantzig': {"solver": "magic"},
+                r'integrator="magic"': {"integrator": "magic"},
+                r"iterations=0": {"iterations": 0},
+                r"step=0: expected": {"step": 0.0},
+                r"step=NaN": {"step": float("nan")},
+            }.items():
+                with self.subTest(message), self.assertRaisesRegex(ambf.LoadError, message) as caught:
+                    ambf.Simulation(**options)
+                self.assertTrue(caught.exception.problems)
+            with self.assertRaises(TypeError):
+                ambf.Simulation(ARM, indexes=["one"])
+            sim = ambf.Simulation([odd])
+            self.assertTrue(any("odd.yaml:2" in line for line in sim.warnings), sim.warnings)
+
+    def test_the_lines_of_the_guide(self):
+        """They run, from the root of the repository."""
+        guide = (RESOURCES.parent / "docs/python.md").read_text().split("## In the Python process")[1]
+        text = textwrap.dedent("    import ambf\n" + guide.split("    import ambf\n")[1].split("\n\n")[0])
+        command = [sys.executable, "-c", text]
+        done = subprocess.run(command, cwd=RESOURCES.parent, capture_output=True, text=True, timeout=60, check=False)
+        self.assertTrue(done.stdout.startswith("1.0"), done.stderr)
+
+    def test_names(self):
+        """A part is enough if it is unique."""
+        sim = arm()
+        with self.assertRaisesRegex(ambf.NotFoundError, "several bodies: .*shoulder.*, "):
+            sim.body("arm7")
+        for name in ("nobody", 99, -1):
+            self.assertRaises(ambf.NotFoundError, sim.body, name)
+        self.assertRaises(LookupError, sim.sensor, "eye")
+        self.assertRaises(LookupError, sim.actuator, 0)
+
+
+class Arrays(unittest.TestCase):
+    """States and commands are arrays, for good."""
+
+    def test_states_are_refreshed_in_place_and_can_not_be_written(self):
+        """The same objects, other numbers."""
+        sim = arm()
+        flange, positions, before = sim.body("arm7/flange"), sim.joint_positions, sim.joint_positions.copy()
+        pose = flange.pose.copy()
+        base = sim.body("arm7/base")
+        base.joint_kinds[:], base.joint_commands[:] = ambf.POSITION, 0.5
+        sim.step(300)
+        self.assertTrue((positions[:7] != before[:7]).all())
+        self.assertFalse((flange.pose == pose).all())
+        np.testing.assert_array_equal(base.joint_positions, positions[base.joint_indices])
+        for array in (sim.poses, sim.twists, positions, sim.joint_efforts, sim.holding, flange.pose):
+            with self.assertRaises(ValueError):
+                array[...] = 0
+
+    def test_commands(self):
+        """They stay in force until they are changed."""
+        sim = ambf.Simulation(RESOURCES / "models/pendulum.yaml", world=RESOURCES / "world/world.yaml")
+        root = next(sim.body(i) for i in range(len(sim.bodies)) if sim.body(i).joints)
+        root.joint_kinds[0], root.joint_commands[0] = ambf.EFFORT, 0.4
+        sim.step(50)
+        pushed = sim.joint_positions[root.joint_indices[0]]
+        other = ambf.Simulation(RESOURCES / "models/pendulum.yaml", world=RESOURCES / "world/world.yaml")
+        other.step(50)
+        self.assertNotEqual(pushed, other.joint_positions[root.joint_indices[0]])
+        free = ambf.Simulation(launch_file=LAUNCH, indexes=[0], profile="accurate")
+        ball = free.body("env/Sphere")
+        ball.kind, ball.target_twist[:3] = ambf.VELOCITY, (0.0, 0.0, 0.2)
+        free.step(10)
+        self.assertAlmostEqual(ball.twist[2], 0.2, places=1)
+        ball.kind = ambf.NONE
+        free.step(100)
+        self.assertLess(ball.twist[2], -0.5)
+        ball.kind, ball.wrench[2] = ambf.FORCE, 1000.0
+        height = ball.pose[2]
+        free.step(200)
+        self.assertGreater(ball.pose[2], height)
+        ball.kind, ball.target_pose[:3] = ambf.POSITION, (0.0, 0.0, 1.0)
+        free.step(1)
+        self.assertEqual(free.kinds[ball.index], ambf.POSITION)
+
+    def test_what_is_no_command(self):
+        """Nothing moves, and it is said which."""
+        sim = arm()
+        base, flange = sim.body("arm7/base"), sim.body("arm7/flange")
+        before = look(sim)
+        base.joint_kinds[1] = ambf.POSITION
+        for value in (np.nan, np.inf):
+            base.joint_commands[1] = value
+            self.assertRaisesRegex(ambf.InvalidCommand, "shoulder", sim.step, 3)
+        base.joint_commands[1] = 0
+        base.joint_kinds[2] = 7
+        self.assertRaisesRegex(ambf.InvalidCommand, "roll.*kind 7", sim.step)
+        base.joint_kinds[2] = ambf.NONE
+        flange.kind = -2
+        self.assertRaisesRegex(ValueError, "flange: kind -2", sim.step)
+        flange.kind, flange.wrench[4] = ambf.FORCE, np.nan
+        self.assertRaisesRegex(ambf.InvalidCommand, "flange", sim.step)
+        self.assertRaises(ambf.InvalidCommand, ambf.step_all, [arm(), sim])
+        self.assertEqual(look(sim), before)
+        flange.kind = ambf.NONE
+        sim.step(3)
+        for wrong in (lambda: base.joint_commands.__setitem__(slice(None), np.zeros(3)), lambda: sim.step(-1)):
+            self.assertRaises((ValueError, OverflowError), wrong)
+        with self.assertRaises(TypeError):
+            sim.step(1.5)
+        with self.assertRaises(ValueError):
+            flange.wrench[:] = "force"
+
+    def test_arrays_that_were_tampered_with(self):
+        """Shape and type of what Python holds mean nothing to the simulation; what lies behind it is checked."""
+        sim = arm()
+        before = sim.kinds.copy()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            sim.kinds.shape = (1, len(before))
+            sim.kinds.dtype = np.uint8
+        sim.step()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            sim.wrenches.base.dtype = np.int64
+        sim.kinds[0, 0] = ambf.FORCE
+        self.assertRaises(TypeError, sim.step)
+
+    def test_sensors_and_actuators(self):
+        """A ray sees the floor; the holder takes the block."""
+        sim = ambf.Simulation(GRIPPER, launch_file=LAUNCH, profile="accurate")
+        eye, holder = sim.sensor("proximity"), sim.actuator("holder")
+        self.assertRaises(ValueError, holder.hold)
+        self.assertRaises(ValueError, holder.hold, sensor="a", body="b")
+        sim.step(5)
+        measured, seen = eye.readings()
+        np.testing.assert_array_equal(measured, eye.measurements)
+        self.assertEqual(len(seen), len(measured))
+        holder.hold(body="BODY block")
+        sim.step(5)
+        self.assertTrue(holder.holding and sim.holding[0])
+        holder.release()
+        sim.step(5)
+        self.assertFalse(holder.holding)
+        holder.hold(body="BODY nobody")
+        sim.step(2)
+        self.assertTrue(any("nobody" in notice for notice in sim.notices()))
+        self.assertEqual(sim.notices(), [])
+
+
+class Life(unittest.TestCase):
+    """Reset, save, close."""
+
+    def test_the_same_commands_give_the_same_bits(self):
+        """Also after a reset, but for time."""
+        for profile in ("legacy", "accurate"):
+            first, second = arm(profile=profile), arm(profile=profile)
+            found = drive(first, 3)
+            self.assertEqual(found, drive(second, 3))
+            self.assertNotEqual(found, drive(second, 4))
+        sim = arm()
+        poses = []
+        for _ in range(2):
+            sim.kinds[:] = ambf.NONE
+            sim.body("arm7/base").joint_kinds[:] = ambf.NONE
+            sim.reset()
+            sim.step(1)
+            drive(sim, 5)
+            poses.append(sim.poses.tobytes())
+        self.assertEqual(*poses)
+
+    def test_saved_states(self):
+        """What is restored goes on as it did, with its commands; as often as wanted."""
+        for profile in ("legacy", "accurate"):
+            sim = arm(profile=profile, saving=True)
+            self.assertEqual(drive(sim, 1), drive(arm(profile=profile), 1), "saving changes nothing")
+            state, seen = sim.save(), look(sim)
+            commands = [array.copy() for array in (sim.wrenches, sim.body("arm7/base").joint_commands)]
+            self.assertEqual((state.sim_step, state.sim_time), (sim.sim_step, sim.sim_time))
+            self.assertGreater(state.size, 1000)
+            sim.step(20)
+            alone = look(sim)
+            for seed in (2, 3):
+                sim.restore(state)
+                self.assertEqual(look(sim), seen)
+                np.testing.assert_array_equal(sim.wrenches, commands[0])
+                np.testing.assert_array_equal(sim.body("arm7/base").joint_commands, commands[1])
+                sim.step(20)
+                self.assertEqual(look(sim), alone)
+                drive(sim, seed)
+            sim.restore(state)
+            drive(sim, 9)
+            found = look(sim)
+            sim.restore(state)
+            drive(sim, 9)
+            self.assertEqual(look(sim), found)
+            self.assertRaises(ambf.StateError, arm(profile=profile, saving=True).restore, state)
+            sim.close()
+            self.assertRaises(ambf.ClosedError, sim.restore, state)
+        with self.assertRaisesRegex(ambf.StateError, "saving=True"):
+            arm().save()
+        with self.assertRaises(TypeError):
+            arm().restore(None)
+
+    def test_what_is_lost_comes_back(self):
+        """A force beyond all numbers is an error until the reset."""
+        sim = arm(profile="legacy")
+        flange = sim.body("arm7/flange")
+        flange.kind, flange.wrench[0] = ambf.FORCE, 1e308
+        seen = look(sim)
+        with self.assertRaises(ambf.NonFiniteError) as caught:
+            sim.step(50)
+        error = caught.exception
+        self.assertIn("arm7", error.body)
+        self.assertGreater(error.step, 1)
+        self.assertIn(error.body, str(error))
+        self.assertEqual(look(sim), seen)
+        flange.kind = ambf.NONE
+        self.assertRaises(ArithmeticError, sim.step)
+        good = arm()
+        with self.assertRaises(ambf.NonFiniteError) as caught:
+            ambf.step_all([good, sim], 5)
+        self.assertEqual((caught.exception.index, good.sim_step), (1, 5))
+        sim.reset()
+        sim.step(50)
+        self.assertTrue(np.isfinite(sim.poses).all())
+
+    def test_views_outlive_the_simulation(self):
+        """They keep the numbers that they have."""
+        with arm() as sim:
+            sim.step(10)
+            pose = sim.body("arm7/flange").pose
+            expected = pose.copy()
+            state = sim.poses
+        for use in (sim.step, sim.reset, sim.save, sim.notices, lambda: ambf.step_all([sim])):
+            self.assertRaises(ambf.ClosedError, use)
+        sim.close()
+        np.testing.assert_array_equal(pose, expected)
+        sim = None
+        gc.collect()
+        [arm().step(5) for _ in range(3)]
+        np.testing.assert_array_equal(pose, expected)
+        self.assertTrue(np.isfinite(state).all())
+
+
+class Threads(unittest.TestCase):
+    """One simulation a thread, many threads."""
+
+    def test_many_at_once_are_as_many_alone(self):
+        """Bit for bit, with and without saving."""
+        for options in ({}, {"saving": True}, {"profile": "legacy"}):
+            together, alone = [arm(**options) for _ in range(4)], [arm(**options) for _ in range(4)]
+            for sims in (together, alone):
+                for i, sim in enumerate(sims):
+                    base = sim.body("arm7/base")
+                    base.joint_kinds[:], base.joint_commands[:] = ambf.POSITION, 0.1 * (i + 1)
+            counts = [5, 30, 0, 60]
+            for _ in range(10):
+                ambf.step_all(together, counts)
+                for sim, count in zip(alone, counts):
+                    sim.step(count)
+                self.assertEqual([look(sim) for sim in together], [look(sim) for sim in alone])
+        ambf.step_all([], 5)
+        self.assertRaises(ambf.BusyError, ambf.step_all, [together[0], together[1], together[0]])
+        together[0].step()
+        self.assertRaises(ValueError, ambf.step_all, together, [1, 2])
+
+    def test_threads_of_python(self):
+        """The lock is released; who reads meanwhile sees the states of one step."""
+        sims = [arm() for _ in range(4)]
+        found = [None] * 4
+        torn, stop = [], threading.Event()
+
+        def run(i):
+            found[i] = drive(sims[i], 7, calls=60)
+
+        def read():
+            while not stop.is_set():
+                before = sims[0].sim_step
+                first, second = sims[0].poses.tobytes(), sims[0].poses.tobytes()
+                if first != second and sims[0].sim_step == before:
+                    torn.append(before)
+
+        threads = [threading.Thread(target=run, args=(i,)) for i in range(4)]
+        reader = threading.Thread(target=read)
+        for thread in (*threads, reader):
+            thread.start()
+        for thread in threads:
+            thread.join()
+        stop.set()
+        reader.join()
+        self.assertEqual(found, [drive(arm(), 7, calls=60)] * 4)
+        self.assertEqual(torn, [])
+
+    def test_one_simulation_in_two_threads(self):
+        """Is refused, not broken."""
+        sim = arm()
+        thread = threading.Thread(target=sim.step, args=(20_000,))
+        thread.start()
+        refused = 0
+        while thread.is_alive():
+            for use in (sim.step, sim.reset, sim.close, sim.notices):
+                try:
+                    # The physics is there between slices of a long step.
+                    use() if use != sim.close else sim._world.step(0)
+                except ambf.BusyError:
+                    refused += 1
+            time.sleep(0.001)
+        thread.join()
+        self.assertGreater(refused, 0)
+        sim.step()
+
+    def test_a_long_step_is_interrupted(self):
+        """By Ctrl+C, after a whole number of iterations; the simulation goes on."""
+        text = (
+            "import ambf, sys, threading, os, signal\n"
+            "sims = [ambf.Simulation(sys.argv[1], launch_file=sys.argv[2]) for _ in range(2)]\n"
+            "for step in (lambda n: sims[0].step(n), lambda n: ambf.step_all(sims, n)):\n"
+            "    threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()\n"
+            "    try:\n"
+            "        step(2_000_000_000)\n"
+            "    except KeyboardInterrupt:\n"
+            "        before = sims[0].sim_step\n"
+            "        sims[0].step(3)\n"
+            "        print(before > 10, sims[0].sim_step - before)\n"
+        )
+        done = subprocess.run(
+            [sys.executable, "-c", text, ARM, LAUNCH], capture_output=True, text=True, timeout=60, check=False
+        )
+        self.assertEqual(done.stdout.split(), ["True", "3"] * 2, done.stderr)
+
+    @unittest.skipUnless(hasattr(os, "fork"), "no fork here")
+    def test_after_a_fork(self):
+        """The child has threads of its own."""
+        sims = [arm(), arm()]
+        ambf.step_all(sims, 5)
+        child = os.fork()
+        if child == 0:
+            signal.alarm(30)
+            ambf.step_all(sims, 5)
+            os._exit(0 if sims[1].sim_step == 10 else 1)
+        self.assertEqual(os.waitpid(child, 0)[1], 0)
+        ambf.step_all(sims, 5)
+
+
+if __name__ == "__main__":
+    unittest.main()
