@@ -243,7 +243,8 @@ impl Case {
             let tool_speed = bench.velocity("Tool").0.norm();
             if show && (i % (n / 50) == 0 || v.norm() > 0.12) {
                 println!(
-                    "{t:.4} z {:.5} tool {:.5} v {:.4} {:.4} {:.4} w {:.3} gap {:.5} contacts {}",
+                    "{} {t:.4} z {:.5} tool {:.5} v {:.4} {:.4} {:.4} w {:.3} gap {:.5} contacts {}",
+                    if self.below == Below::Ground { String::new() } else { let (v, w) = bench.velocity("Plate"); let p = bench.pose("Plate"); format!("[plate z {:.5} tilt {:.4} v {:.3} w {:.2}]", p.translation.z - 0.025, (p.rotation * Vector3::z()).xy().norm(), v.norm(), w.norm()) },
                     pose.translation.z - self.top() - self.reach(),
                     bench.pose("Tool").translation.z - touch,
                     v.x, v.y, v.z,

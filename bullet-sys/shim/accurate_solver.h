@@ -203,7 +203,7 @@ class AccurateSolver : public Base {
   // Bodies that overlap leave each other at no more than this speed, m/s, however deep they are: what takes the overlap away stays as
   // velocity. A fall of 5 cm is as fast. What is less deep is slower, at this rate, 1/s, down to this speed: a body that was pressed into
   // another and let go does not jump.
-  static constexpr btScalar FASTEST_PUSH = 1, PUSH_RATE = 10, SLOWEST_PUSH = 0.1;
+  static constexpr btScalar FASTEST_PUSH = 1, PUSH_RATE = 10, SLOWEST_PUSH = 0.05;
   // The fastest of hinges beyond their limits, rad/s; as in trees.
   static constexpr btScalar FASTEST_TURN = 5;
 
