@@ -222,7 +222,7 @@ void DirectSolver::bound_friction(DirectRow &row) const {
   row.low = -row.high;
 }
 
-// Sets the bounds of friction from the normal impulses. Returns the largest change of an impulse, as a velocity.
+// Sets the bounds of friction from the normal impulses. Returns the largest change of an impulse that follows, as a velocity.
 double DirectSolver::bound_frictions() {
   double change = 0;
   for (size_t i = 0; i < rows.size(); ++i) {
@@ -230,7 +230,8 @@ double DirectSolver::bound_frictions() {
     if (row.normal < 0) continue;
     const double before = row.high;
     bound_friction(row);
-    if (row.state != DirectRow::Free) change = std::max(change, std::fabs(row.high - before) * diagonal(static_cast<int>(i)));
+    const double moved = row.state == DirectRow::Free ? std::fabs(row.x) - row.high : std::fabs(row.high - before);
+    change = std::max(change, moved * diagonal(static_cast<int>(i)));
   }
   return change;
 }
@@ -503,10 +504,10 @@ bool DirectSolver::solve_targets(int max_rounds) {
   if (!pivot(bounded ? max_rounds : 1)) {
     tolerance = 1e-6 * scale + 1e-14;
     restore_guess();
-    // A few rows at a time is too slow for many.
-    constexpr double MOST_WORK = 4e6;
-    budget = static_cast<int>(std::min(10.0 * max_rounds, MOST_WORK / (work + 1)));
-    if (budget < max_rounds || !stagger()) {
+    // A row at a time is too slow for many.
+    constexpr double MOST_WORK = 1e7;
+    budget = std::max(max_rounds, static_cast<int>(std::min(10.0 * max_rounds, MOST_WORK / (work + 1))));
+    if (!stagger()) {
       restore_guess();
       polish(max_rounds);
     }
