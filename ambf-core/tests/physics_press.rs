@@ -4,9 +4,9 @@
 
 mod physics_common;
 
-use ambf_core::comm::ActuatorCommand;
+use ambf_core::comm::{ActuatorCommand, JointCommandType};
 use ambf_core::sim::Simulation;
-use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use nalgebra::{UnitQuaternion, Vector3};
 use physics_common::{load_texts, Bench};
 
 /// What holds.
@@ -21,7 +21,7 @@ enum Tool {
     /// The last link of a tree: a slider from a static post.
     Arm,
     /// Two static bodies.
-    Two,
+    TwoStatic,
     /// Two arms.
     TwoArms,
 }
@@ -42,16 +42,26 @@ enum Below {
     Plate(f64),
 }
 
+/// Of what is held.
 const MASS: f64 = 0.1;
+/// Edge of the box, diameter of the ball.
 const EDGE: f64 = 0.04;
 const G: f64 = 10.0;
+/// Where the tool begins, above the height at which what it holds touches, and its speed.
+const ABOVE: f64 = 0.002;
+const SPEED: f64 = 0.02;
+/// When it lets go, and the end.
+const RELEASE: f64 = 0.6;
+const END: f64 = 1.6;
 
 #[derive(Debug, Clone, Copy)]
 struct Case {
     tool: Tool,
     held: Held,
     below: Below,
+    /// How deep it is pressed.
     press: f64,
+    /// Sub-step.
     step: f64,
 }
 
@@ -85,8 +95,8 @@ impl Case {
         self.top() + self.reach() + 0.1
     }
 
-    fn bench(&self, profile: &str) -> Bench {
-        let start = self.touch() + 0.01;
+    fn bench(&self) -> Bench {
+        let start = self.touch() + ABOVE;
         let (roll, pitch, yaw) = self.rotation().euler_angles();
         let shape = match self.held {
             Held::Ball => format!("collision shape: Sphere, collision geometry: {{radius: {}}}", EDGE / 2.0),
@@ -156,7 +166,7 @@ impl Case {
                 names.push("BODY PostTool");
                 joints.push("JOINT slideTool");
             }
-            Tool::Two => {
+            Tool::TwoStatic => {
                 text += &tool("Tool", 0.03, 0.0, "");
                 text += &tool("Other", -0.03, 0.0, "");
                 text += &grip("other", "Other");
@@ -180,138 +190,127 @@ impl Case {
             actuators.join(", "),
             joints.join(", ")
         );
-        let world = format!("gravity: {{x: 0, y: 0, z: -{G}}}\nmax iterations: 50\nphysics: {profile}\n");
+        let world = format!("gravity: {{x: 0, y: 0, z: -{G}}}\nmax iterations: 50\nphysics: {{profile: accurate}}\n");
         let loaded = load_texts(&world, &[&model]);
         assert_eq!(loaded.report.errors(), 0, "{}", loaded.report);
         Bench(Simulation::new(loaded.scene, self.step))
     }
 
-    fn run(&self, profile: &str, show: bool) -> Seen {
-        let mut bench = self.bench(profile);
-        let touch = self.touch();
-        let start = touch + 0.01;
-        let tools: &[&str] = match self.tool {
-            Tool::Two | Tool::TwoArms => &["Tool", "Other"],
+    fn tools(&self) -> &'static [&'static str] {
+        match self.tool {
+            Tool::TwoStatic | Tool::TwoArms => &["Tool", "Other"],
             _ => &["Tool"],
-        };
-        let mut seen = Seen::default();
-        let held = bench.body("Held");
-        let at = bench.pose("Tool").inverse() * bench.pose("Held");
-        let total = 2.5;
-        let mut last = 0.0;
-        let n = (total / self.step) as usize;
-        for i in 0..n {
-            let t = i as f64 * self.step;
-            let z = if t < 0.1 { start } else { (start - 0.02 * (t - 0.1)).max(touch - self.press) };
-            if i == 1 {
-                for a in 0..tools.len() {
-                    let grip = ActuatorCommand { actuate: true, body_name: "BODY Held".into(), ..Default::default() };
-                    assert_eq!(bench.0.command_actuator(a, &grip), None);
-                }
-            }
-            let released = t >= 1.5;
-            if released && last < 1.5 {
-                for a in 0..tools.len() {
-                    bench.0.command_actuator(a, &ActuatorCommand::default());
-                }
-            }
-            for tool in tools {
-                let body = bench.body(tool);
-                match self.tool {
-                    Tool::Arm | Tool::TwoArms => {
-                        let post = bench.body(&format!("Post{tool}"));
-                        bench.0.command_joint(post, 0, ambf_core::comm::JointCommandType::Position, z - 1.0);
-                    }
-                    _ => {
-                        let x = bench.position(tool).x;
-                        let x = if tools.len() == 1 { 0.0 } else { 0.03 * x.signum() };
-                        bench.0.follow_pose(body, Vector3::new(x, 0.0, z), [0.0, 0.0, 0.0, 1.0]);
-                    }
-                }
-            }
-            if self.tool == Tool::Fingers {
-                let tool = bench.body("Tool");
-                for j in 0..2 {
-                    bench.0.command_joint(tool, j, ambf_core::comm::JointCommandType::Position, 0.03);
-                }
-            }
-            bench.update(self.step);
-            let (v, w) = bench.velocity("Held");
-            let pose = bench.pose("Held");
-            let off: Isometry3<f64> = bench.pose("Tool").inverse() * pose;
-            let gap = (off.translation.vector - at.translation.vector).norm();
-            let tool_speed = bench.velocity("Tool").0.norm();
-            if show && (i % (n / 50) == 0 || v.norm() > 0.12) {
-                println!(
-                    "{t:.4} z {:.5} tool {:.5} v {:.4} {:.4} {:.4} w {:.3} gap {:.5} contacts {}",
-                    pose.translation.z - self.top() - self.reach(),
-                    bench.pose("Tool").translation.z - touch,
-                    v.x,
-                    v.y,
-                    v.z,
-                    w.norm(),
-                    gap,
-                    bench.0.scene().world.contact_count()
-                );
-            }
-            let _ = held;
-            if released {
-                seen.after = seen.after.max(v.norm());
-                seen.spin_after = seen.spin_after.max(w.norm() * EDGE / 2.0);
-                seen.rise = seen.rise.max(pose.translation.z - self.top() - self.reach());
-            } else {
-                seen.speed = seen.speed.max(v.norm());
-                seen.spin = seen.spin.max(w.norm() * EDGE / 2.0);
-                seen.tool = seen.tool.max(tool_speed);
-                seen.gap = seen.gap.max(gap);
-            }
-            seen.rest = v.norm() + w.norm() * EDGE / 2.0;
-            seen.low = seen.low.min(pose.translation.z - self.top() - self.reach());
-            last = t;
         }
-        seen.far = bench.position("Held").xy().norm();
-        seen
+    }
+
+    /// Moves the tools to a height, and the fingers towards each other.
+    fn command(&self, bench: &mut Bench, z: f64) {
+        for (i, tool) in self.tools().iter().enumerate() {
+            if let Tool::Arm | Tool::TwoArms = self.tool {
+                let post = bench.body(&format!("Post{tool}"));
+                assert!(bench.0.command_joint(post, 0, JointCommandType::Position, z - 1.0));
+                continue;
+            }
+            let x = if self.tools().len() == 1 { 0.0 } else { [0.03, -0.03][i] };
+            let body = bench.body(tool);
+            bench.0.follow_pose(body, Vector3::new(x, 0.0, z), [0.0, 0.0, 0.0, 1.0]);
+        }
+        if self.tool == Tool::Fingers {
+            let tool = bench.body("Tool");
+            assert!((0..2).all(|finger| bench.0.command_joint(tool, finger, JointCommandType::Position, 0.03)));
+        }
+    }
+
+    /// Takes it, presses it down, lets it go.
+    fn run(&self) {
+        let mut bench = self.bench();
+        let grip = |bench: &mut Bench, actuate: bool| {
+            for tool in 0..self.tools().len() {
+                let command = ActuatorCommand { actuate, body_name: "BODY Held".into(), ..Default::default() };
+                assert_eq!(bench.0.command_actuator(tool, &command), None);
+            }
+        };
+        grip(&mut bench, true);
+        let from_tool = |bench: &Bench| (bench.pose("Tool").inverse() * bench.pose("Held")).translation.vector;
+        let height = |bench: &Bench| bench.position("Held").z - self.top() - self.reach();
+        let held_at = from_tool(&bench);
+        // What a tilted box falls when it is let go.
+        let fall = self.reach() - EDGE / 2.0;
+        let mut t = 0.0;
+        while t < END {
+            let released = t >= RELEASE;
+            if released && t - self.step < RELEASE {
+                grip(&mut bench, false);
+            }
+            self.command(&mut bench, self.touch() + (ABOVE - SPEED * t).max(-self.press));
+            bench.update(self.step);
+            let (linear, angular) = bench.velocity("Held");
+            let speed = linear.norm().max(angular.norm() * EDGE / 2.0);
+            if released {
+                let most = 0.1 + (2.0 * G * fall).sqrt();
+                assert!(speed < most, "{self:?}: let go, it jumps: {speed} m/s at {t}");
+                assert!(height(&bench) < 1e-3, "{self:?}: let go, it rises to {} at {t}", height(&bench));
+            } else {
+                let most = bench.velocity("Tool").0.norm().max(SPEED) + 0.1;
+                assert!(speed < most, "{self:?}: held, it is thrown about: {speed} m/s at {t}");
+                let gap = (from_tool(&bench) - held_at).norm();
+                assert!(gap < 1e-3, "{self:?}: it is torn {gap} m out of the grip at {t}");
+            }
+            t += self.step;
+        }
+        let (linear, angular) = bench.velocity("Held");
+        let speed = linear.norm() + angular.norm() * EDGE / 2.0;
+        // What fingers hold by its edges may turn slowly.
+        let calm = if self.tool == Tool::Fingers { 0.1 } else { 0.01 };
+        assert!(speed < calm, "{self:?}: it does not come to rest: {speed} m/s");
+        let (fallen, away) = (-height(&bench), bench.position("Held").xy().norm());
+        // Fingers go on holding it where it was pressed to.
+        let deepest = if self.tool == Tool::Fingers { fall.max(self.press) } else { fall } + 1e-3;
+        assert!(
+            (-1e-3..deepest).contains(&fallen) && away < 0.02,
+            "{self:?}: it ends {fallen} m lower and {away} m away"
+        );
     }
 }
 
-#[derive(Debug, Default, Clone, Copy)]
-struct Seen {
-    speed: f64,
-    spin: f64,
-    tool: f64,
-    gap: f64,
-    low: f64,
-    after: f64,
-    spin_after: f64,
-    rise: f64,
-    rest: f64,
-    far: f64,
+fn press_with(tool: Tool) {
+    for held in [Held::Flat, Held::Tilted, Held::Ball] {
+        for below in [Below::Ground, Below::Plate(100.0), Below::Plate(1e-4)] {
+            for step in [0.001, 0.004] {
+                for press in [0.001, 0.003] {
+                    Case { tool, held, below, press, step }.run();
+                }
+            }
+        }
+    }
 }
 
 #[test]
-fn explore() {
-    let profile = std::env::var("PROFILE").unwrap_or("{profile: accurate}".into());
-    let only = std::env::var("ONLY").unwrap_or_default();
-    for tool in [Tool::Static, Tool::Fingers, Tool::Driven, Tool::Arm, Tool::Two, Tool::TwoArms] {
-        for held in [Held::Flat, Held::Tilted, Held::Ball] {
-            for below in [Below::Ground, Below::Plate(100.0), Below::Plate(1e-4)] {
-                for step in [0.001, 0.004] {
-                    for press in [0.001, 0.003] {
-                        let case = Case { tool, held, below, press, step };
-                        let name = format!("{case:?}");
-                        if !only.is_empty() && !only.split(';').all(|part| name.contains(part)) {
-                            continue;
-                        }
-                        let seen = case.run(&profile, std::env::var("SHOW").is_ok());
-                        let mm = |x: f64| x * 1e3;
-                        println!(
-                            "{tool:?} {held:?} {below:?} {:.0}ms {:.0}mm: v {:.3} spin {:.3} tool {:.3} gap {:.2}mm low {:.2}mm | after v {:.3} spin {:.3} rise {:.2}mm rest {:.4} far {:.1}mm",
-                            mm(step), mm(press), seen.speed, seen.spin, seen.tool, mm(seen.gap), mm(seen.low),
-                            seen.after, seen.spin_after, mm(seen.rise), seen.rest, mm(seen.far)
-                        );
-                    }
-                }
-            }
-        }
-    }
+fn by_a_static_body() {
+    press_with(Tool::Static);
+}
+
+#[test]
+fn by_the_base_of_fingers_that_touch_it() {
+    press_with(Tool::Fingers);
+}
+
+#[test]
+fn by_a_driven_body() {
+    press_with(Tool::Driven);
+}
+
+#[test]
+fn by_an_arm() {
+    press_with(Tool::Arm);
+}
+
+#[test]
+fn by_two_static_bodies() {
+    press_with(Tool::TwoStatic);
+}
+
+#[test]
+fn by_two_arms() {
+    press_with(Tool::TwoArms);
 }

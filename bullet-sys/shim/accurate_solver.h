@@ -203,7 +203,7 @@ class AccurateSolver : public Base {
   // Bodies that overlap leave each other at no more than this speed, m/s, however deep they are: what takes the overlap away stays as
   // velocity. A fall of 5 cm is as fast. What is less deep is slower, at this rate, 1/s, down to this speed: a body that was pressed into
   // another and let go does not jump.
-  static constexpr btScalar FASTEST_PUSH = 1, PUSH_RATE = 10, SLOWEST_PUSH = 0.1;
+  static constexpr btScalar FASTEST_PUSH = 1, PUSH_RATE = 10, SLOWEST_PUSH = 0.05;
   // The fastest of hinges beyond their limits, rad/s; as in trees.
   static constexpr btScalar FASTEST_TURN = 5;
 
@@ -337,6 +337,8 @@ class AccurateSolver : public Base {
   DirectRow &add_row(btMultiBodySolverConstraint &row) {
     DirectRow &out = new_row(row);
     tree_rows_.push_back(this->sides_of(row));
+    // What a tree can move only as much as rounding lets it is nothing to push at.
+    if (row.m_jacDiagABInv <= 0) return out;
     for (int k = 0; k < 2; ++k) {
       const auto &from = tree_rows_.back().sides[k];
       DirectRow::Side &side = out.sides[k];
@@ -363,9 +365,19 @@ class AccurateSolver : public Base {
     return static_cast<int>(trees_.size()) - 1;
   }
 
-  template <class Row>
-  static void soften(DirectRow &row, const Row &from, double share) {
+  static void soften(DirectRow &row, const btSolverConstraint &from, double share) {
     if (from.m_jacDiagABInv > 0) row.cfm = std::max(row.cfm, share / from.m_jacDiagABInv);
+  }
+
+  // A tree that hardly moves along the row would else have to move far across it.
+  static void soften(DirectRow &row, const btMultiBodySolverConstraint &from, double share) {
+    if (from.m_jacDiagABInv <= 0) return;
+    double response = 1 / from.m_jacDiagABInv;
+    for (const auto &[tree, link] : {std::pair(from.m_multiBodyA, from.m_linkA), std::pair(from.m_multiBodyB, from.m_linkB)}) {
+      const double mass = !tree ? 0 : link < 0 ? tree->getBaseMass() : tree->getLinkMass(link);
+      if (mass > 0) response = std::max(response, 1 / mass);
+    }
+    row.cfm = std::max(row.cfm, share * response);
   }
 
   // Of an island: steps for which it is not solved directly, and how often in a row that took long.

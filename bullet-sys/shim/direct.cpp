@@ -126,6 +126,7 @@ double DirectSolver::prepare(int rigid, const Vector<int> &tree_sizes) {
     size += static_cast<size_t>(p - reach + 1);
     cost += width * width / 2;
   }
+  work = cost;
   return cost;
 }
 
@@ -221,7 +222,7 @@ void DirectSolver::bound_friction(DirectRow &row) const {
   row.low = -row.high;
 }
 
-// Sets the bounds of friction from the normal impulses. Returns the largest change of an impulse, as a velocity.
+// Sets the bounds of friction from the normal impulses. Returns the largest change of an impulse that follows, as a velocity.
 double DirectSolver::bound_frictions() {
   double change = 0;
   for (size_t i = 0; i < rows.size(); ++i) {
@@ -229,7 +230,8 @@ double DirectSolver::bound_frictions() {
     if (row.normal < 0) continue;
     const double before = row.high;
     bound_friction(row);
-    if (row.state != DirectRow::Free) change = std::max(change, std::fabs(row.high - before) * diagonal(static_cast<int>(i)));
+    const double moved = row.state == DirectRow::Free ? std::fabs(row.x) - row.high : std::fabs(row.high - before);
+    change = std::max(change, moved * diagonal(static_cast<int>(i)));
   }
   return change;
 }
@@ -266,13 +268,7 @@ bool DirectSolver::pivot(int max_rounds) {
   int best = static_cast<int>(rows.size()) + 1, patience = 4;
   for (int round = 0; round < max_rounds && !solved; ++round) {
     if (stale) factor();
-    settle();
-    solve_free();
-    for (size_t i = 0; i < free_rows.size(); ++i) {
-      DirectRow &row = rows[free_rows[i]];
-      row.x = unknowns[i];
-      push(row, row.x);
-    }
+    take_free();
     const double moved = bound_frictions();
     const int broken = flip(patience <= 0);
     if (broken < best) {
@@ -285,6 +281,93 @@ bool DirectSolver::pivot(int max_rounds) {
     solved = !broken && moved <= tolerance;
   }
   return solved;
+}
+
+// What solves the rows between their bounds.
+void DirectSolver::take_free() {
+  settle();
+  solve_free();
+  for (size_t i = 0; i < free_rows.size(); ++i) {
+    DirectRow &row = rows[static_cast<size_t>(free_rows[i])];
+    row.x = unknowns[i];
+    push(row, row.x);
+  }
+}
+
+// Block pivoting within fixed bounds, as long as fewer and fewer rows are wrong.
+bool DirectSolver::exchange() {
+  int best = static_cast<int>(rows.size()) + 1, patience = 3;
+  while (budget-- > 0) {
+    factor();
+    take_free();
+    const int broken = flip(false);
+    if (broken == 0) return true;
+    if (broken < best) {
+      best = broken;
+      patience = 3;
+    } else if (--patience < 0) {
+      return false;
+    }
+  }
+  return false;
+}
+
+// The same by a primal active-set method: from one point between the bounds to a better one, a row at a time, which ends.
+bool DirectSolver::descend() {
+  for (DirectRow &row : rows) {
+    row.x = std::min(std::max(row.x, row.low), row.high);
+    row.state = row.x <= row.low ? DirectRow::Low : row.x >= row.high ? DirectRow::High : DirectRow::Free;
+  }
+  while (budget-- > 0) {
+    factor();
+    settle();
+    solve_free();
+    // As far as the first bound.
+    double step = 1;
+    DirectRow *stopped = nullptr;
+    for (size_t i = 0; i < free_rows.size(); ++i) {
+      DirectRow &row = rows[static_cast<size_t>(free_rows[i])];
+      const double way = unknowns[i] - row.x, room = (way > 0 ? row.high : row.low) - row.x;
+      if (std::fabs(way) <= std::fabs(room) || room / way >= step) continue;
+      step = room / way;
+      stopped = &row;
+      stopped->state = way > 0 ? DirectRow::High : DirectRow::Low;
+    }
+    for (size_t i = 0; i < free_rows.size(); ++i) {
+      DirectRow &row = rows[static_cast<size_t>(free_rows[i])];
+      row.x += step * (unknowns[i] - row.x);
+      if (&row != stopped) row.state = DirectRow::Free;
+    }
+    if (stopped) {
+      stopped->x = stopped->state == DirectRow::High ? stopped->high : stopped->low;
+      continue;
+    }
+    accumulate();
+    // Off its bound goes what pulls away from it the most.
+    double most = tolerance;
+    DirectRow *loosened = nullptr;
+    for (DirectRow &row : rows) {
+      if (row.state == DirectRow::Free || row.low >= row.high) continue;
+      const double excess = along(row) + row.cfm * row.x - row.target;
+      const double wrong = row.state == DirectRow::Low ? -excess : excess;
+      if (wrong <= most) continue;
+      most = wrong;
+      loosened = &row;
+    }
+    if (!loosened) return true;
+    loosened->state = DirectRow::Free;
+  }
+  return false;
+}
+
+// Impulses within the bounds of friction and those bounds by turns (staggered projections: Kaufman, Sueda, James and Pai 2008).
+bool DirectSolver::stagger() {
+  bound_frictions();
+  while (budget > 0) {
+    if (!exchange() && !descend()) return false;
+    if (bound_frictions() <= tolerance) return true;
+  }
+  return false;
 }
 
 // Velocities of the rows that stand on their bounds.
@@ -370,6 +453,15 @@ bool DirectSolver::polish(int max_rounds) {
   return false;
 }
 
+void DirectSolver::restore_guess() {
+  for (size_t i = 0; i < rows.size(); ++i) {
+    DirectRow &row = rows[i];
+    row.x = guess[i];
+    if (row.normal >= 0) bound_friction(row);
+    row.x = std::min(std::max(row.x, row.low), row.high);
+  }
+}
+
 // Of rows that are faster than they may be. Returns whether there were any.
 bool DirectSolver::lower_targets() {
   bool any = false;
@@ -410,14 +502,15 @@ bool DirectSolver::solve_targets(int max_rounds) {
   tolerance = 1e-9 * scale + 1e-14;
   rounds_ = 0;
   if (!pivot(bounded ? max_rounds : 1)) {
-    for (size_t i = 0; i < rows.size(); ++i) {
-      DirectRow &row = rows[i];
-      row.x = guess[i];
-      if (row.normal >= 0) bound_friction(row);
-      row.x = std::min(std::max(row.x, row.low), row.high);
-    }
     tolerance = 1e-6 * scale + 1e-14;
-    polish(max_rounds);
+    restore_guess();
+    // A row at a time is too slow for many.
+    constexpr double MOST_WORK = 1e7;
+    budget = std::max(max_rounds, static_cast<int>(std::min(10.0 * max_rounds, MOST_WORK / (work + 1))));
+    if (!stagger()) {
+      restore_guess();
+      polish(max_rounds);
+    }
   }
   for (DirectRow &row : rows) {
     if (!std::isfinite(row.x)) return false;

@@ -36,7 +36,7 @@ struct DirectRow {
 
 // Block principal pivoting (Judice and Pires 1994) over a Cholesky factorisation of the rows between their bounds, stored by
 // envelope: a chain of any length costs time linear in its length. Friction bounds follow the normal impulses. Where pivoting
-// cycles, projected Gauss-Seidel with subspace minimisation takes over, which never does.
+// cycles, few rows are solved within fixed bounds, which then follow, and many by projected Gauss-Seidel with subspace minimisation.
 class DirectSolver {
  public:
   Vector<DirectRow> rows;
@@ -44,8 +44,8 @@ class DirectSolver {
   // Orders the rows so that those that share bodies are close, and returns the multiplications that a factorisation would take. Bodies
   // from `rigid` on are trees, with velocities of these sizes.
   double prepare(int rigid, const Vector<int> &tree_sizes);
-  // Solves what was prepared by block pivoting of at most max_rounds factorisations, and, where that cycles, by as many rounds of the
-  // slower method. False: neither gave a solution.
+  // Solves what was prepared by block pivoting of at most max_rounds factorisations, and, where that cycles, by slower methods of at
+  // most ten times as many. False: neither gave a solution.
   bool solve(int max_rounds);
   // Velocity that the solution adds to a body, linear and angular part.
   const double *velocity(int body) const { return &velocities[velocity_start[static_cast<size_t>(body)]]; }
@@ -61,6 +61,11 @@ class DirectSolver {
   void settle();
   void accumulate();
   bool pivot(int max_rounds);
+  void take_free();
+  bool exchange();
+  bool descend();
+  bool stagger();
+  void restore_guess();
   double sweep();
   bool polish(int max_rounds);
   double energy() const;
@@ -74,6 +79,9 @@ class DirectSolver {
   int rounds_ = 0;
   // Where the velocity of each body begins, and the end of the last.
   Vector<size_t> velocity_start;
+  // Factorisations that are left to the slow methods, and multiplications of one.
+  int budget = 0;
+  double work = 0;
   // Largest error of a velocity that counts as none.
   double tolerance = 0;
   // Rows by place; their envelope starts at place first[i], and its entries lie at matrix[start[i] + place - first[i]].

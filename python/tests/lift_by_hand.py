@@ -4,8 +4,6 @@ import numpy as np
 
 _SPEED = 0.5
 _HEIGHT = -1.2
-# Where it lets go: what is held tilted would else be pressed into the ground, m.
-_ABOVE = 0.008
 
 
 class Hand:
@@ -25,7 +23,7 @@ class Hand:
             np.zeros(3),
             [0.0, 0.0, _HEIGHT - palm[2]],
             [*(goal - block)[:2], 0.0],
-            [0.0, 0.0, (goal - block)[2] + _ABOVE],
+            [0.0, 0.0, (goal - block)[2]],
             np.zeros(3),
         ][self._phase]
         arrived = holds if self._phase == 1 else np.linalg.norm(away) < 0.005

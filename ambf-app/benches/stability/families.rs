@@ -3,6 +3,7 @@
 mod contact;
 mod driven;
 mod linked;
+mod pressed;
 
 use super::trial::Trial;
 
@@ -39,7 +40,8 @@ impl Family {
 
 /// All of them.
 pub fn all() -> Vec<Family> {
-    contact::families().into_iter().chain(linked::families()).chain(driven::families()).collect()
+    let all = contact::families().into_iter().chain(pressed::families());
+    all.chain(linked::families()).chain(driven::families()).collect()
 }
 
 /// Numbers that look random and are always the same (SplitMix64).

@@ -27,8 +27,8 @@ pub struct AccurateSettings {
     pub max_cost: f64,
     /// The same of one that is hard. Default: 4000.
     pub max_hard_cost: f64,
-    /// Most factorisations of block pivoting, and again of projected Gauss-Seidel with subspace minimisation, which follows where pivoting
-    /// cycles. Islands that are not hard and need it in 8 steps on end are iterated for 64. Default: 20.
+    /// Most factorisations of block pivoting. Where it cycles, slower methods follow, with ten times as many as far as that takes
+    /// milliseconds; islands that are not hard and need them in 8 steps on end are iterated for 64. Default: 20.
     pub max_rounds: u32,
 }
 
