@@ -20,7 +20,7 @@ class TieSolver : public btMultiBodyConstraintSolver {
     // Of the tree: dimensions, and where its part of the arrays of m_data begins.
     int n = 0, jacobian = 0, velocity = 0;
     // Of the body.
-    btVector3 linear, angular, by_linear, by_angular;
+    btVector3 linear{0, 0, 0}, angular{0, 0, 0}, by_linear{0, 0, 0}, by_angular{0, 0, 0};
 
     bool shares(const Side &other) const { return tree ? tree == other.tree : body && body == other.body; }
   };

@@ -186,7 +186,8 @@ mod tests {
                 assert_eq!(first.len(), second.len(), "{model} {profile:?}");
                 let pairs = || first.iter().zip(&second).filter(|(a, b)| a != b);
                 // Structures are copied with what was on the stack between an `int` and what follows it.
-                assert!(pairs().count() <= 8 && pairs().all(|(a, b)| a[..4] == b[..4]), "{model} {profile:?}");
+                let same = pairs().count() <= 8 && pairs().all(|(a, b)| a[..4] == b[..4]);
+                assert!(same, "{model} {profile:?}: a pointer to the heap, or something that was not initialised");
             }
         }
     }
