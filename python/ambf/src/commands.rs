@@ -1,6 +1,6 @@
 //! From arrays to commands of bodies and joints.
 
-use std::sync::{Mutex, PoisonError};
+use std::sync::OnceLock;
 
 use ambf_core::comm::{CartesianCommandType, JointCommandType, RigidBodyCommand, RigidBodyInfo};
 use ambf_core::sim::Stepper;
@@ -63,7 +63,7 @@ pub struct BodyCommands {
     pub poses: Buffer,
     pub twists: Buffer,
     /// One a body, made when it is first asked for.
-    joints: Mutex<Vec<Option<JointCommands>>>,
+    joints: Vec<OnceLock<JointCommands>>,
     count: usize,
 }
 
@@ -74,28 +74,28 @@ impl BodyCommands {
             wrenches: Buffer::command(py, &[count, 6], &[0.0])?,
             poses: Buffer::command(py, &[count, 7], &[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])?,
             twists: Buffer::command(py, &[count, 6], &[0.0])?,
-            joints: Mutex::new((0..count).map(|_| None).collect()),
+            joints: (0..count).map(|_| OnceLock::new()).collect(),
             count,
         })
     }
 
     /// Kinds and values, for the `count` joints below a body.
     pub fn of_joints(&self, py: Python<'_>, body: usize, count: usize) -> PyResult<(Py<PyAny>, Py<PyAny>)> {
-        let mut joints = self.joints.lock().unwrap_or_else(PoisonError::into_inner);
-        let place = &mut joints[body];
-        if place.is_none() {
-            let kinds = Buffer::command(py, &[count], &[NONE])?;
-            *place = Some(JointCommands { kinds, values: Buffer::command(py, &[count], &[0.0])? });
-        }
-        match place {
-            Some(commands) => Ok((commands.kinds.view(py), commands.values.view(py))),
-            None => unreachable!("it was made above"),
-        }
+        let place = &self.joints[body];
+        let commands = match place.get() {
+            Some(commands) => commands,
+            None => {
+                let kinds = Buffer::command(py, &[count], &[NONE])?;
+                let made = JointCommands { kinds, values: Buffer::command(py, &[count], &[0.0])? };
+                // Another thread may have been quicker.
+                place.get_or_init(|| made)
+            }
+        };
+        Ok((commands.kinds.view(py), commands.values.view(py)))
     }
 
     /// What the arrays hold.
     pub fn save(&self, py: Python<'_>) -> PyResult<SavedArrays> {
-        let joints = self.joints.lock().unwrap_or_else(PoisonError::into_inner);
         let of_joints = |commands: &JointCommands| {
             PyResult::Ok((commands.kinds.read_all(py, <[i8]>::to_vec)?, commands.values.read_all(py, <[f64]>::to_vec)?))
         };
@@ -104,9 +104,10 @@ impl BodyCommands {
             wrenches: self.wrenches.read_all(py, <[f64]>::to_vec)?,
             poses: self.poses.read_all(py, <[f64]>::to_vec)?,
             twists: self.twists.read_all(py, <[f64]>::to_vec)?,
-            joints: joints
+            joints: self
+                .joints
                 .iter()
-                .map(|commands| commands.as_ref().map(of_joints).transpose())
+                .map(|commands| commands.get().map(of_joints).transpose())
                 .collect::<PyResult<_>>()?,
         })
     }
@@ -117,9 +118,8 @@ impl BodyCommands {
         self.wrenches.write_all(py, &saved.wrenches)?;
         self.poses.write_all(py, &saved.poses)?;
         self.twists.write_all(py, &saved.twists)?;
-        let joints = self.joints.lock().unwrap_or_else(PoisonError::into_inner);
-        for (commands, saved) in joints.iter().zip(&saved.joints) {
-            match (commands, saved) {
+        for (commands, saved) in self.joints.iter().zip(&saved.joints) {
+            match (commands.get(), saved) {
                 (Some(commands), Some((kinds, values))) => {
                     commands.kinds.write_all(py, kinds)?;
                     commands.values.write_all(py, values)?;
@@ -151,11 +151,10 @@ impl BodyCommands {
     }
 
     fn wanted(&self, py: Python<'_>, rows: &[Row], commanded: &[bool]) -> PyResult<Vec<Wanted>> {
-        let joints = self.joints.lock().unwrap_or_else(PoisonError::into_inner);
         let kinds = self.kinds.read(py, self.count, <[i8]>::to_vec)?;
         let mut all = Vec::new();
         for (row, kind) in kinds.into_iter().enumerate() {
-            let (types, values) = match &joints[row] {
+            let (types, values) = match self.joints[row].get() {
                 Some(commands) => joint_commands(py, &rows[row], commands)?,
                 None => Default::default(),
             };

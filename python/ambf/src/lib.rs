@@ -1,6 +1,6 @@
 //! The extension module `ambf._ambf`: the simulator without ROS for Python. What users see is the package `ambf` around it.
 //!
-//! A [`World`](world::World) owns a [`Stepper`](ambf_core::sim::Stepper). States are written into, and commands read from, NumPy arrays that
+//! A `World` owns a [`Stepper`](ambf_core::sim::Stepper). States are written into, and commands read from, NumPy arrays that
 //! live as long as anyone holds them; both happens only while Python's global lock is held, so that a thread which reads an array while
 //! another one steps the physics sees the states of one step.
 

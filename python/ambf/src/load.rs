@@ -56,6 +56,12 @@ pub fn stepper(wanted: &Wanted) -> Result<(Stepper, Vec<String>), Vec<String>> {
     warnings.extend(report.files.iter().flat_map(|file| lines(&file.verbose())));
     warnings.extend(report.notes.iter().map(ToString::to_string));
     let sub_step = scene.sub_step.unwrap_or(DEFAULT_SUB_STEP);
+    let longest = f64::from(scene.max_sub_steps) * sub_step;
+    if wanted.step > longest * (1.0 + 1e-9) {
+        let problem = "is simulated in an iteration, the rest of step";
+        warnings
+            .push(format!("at most {longest} s {problem}={} is lost: see `max iterations` of the world", wanted.step));
+    }
     let mut simulation = Simulation::new(scene, sub_step);
     let setup = PluginSetup {
         registry: Registry::default(),

@@ -50,6 +50,7 @@ struct Actuator {
 struct Clock {
     step: u32,
     time: f64,
+    lost: f64,
 }
 
 /// A world that is simulated; see `_ambf.pyi`.
@@ -77,39 +78,54 @@ impl World {
         self.slot.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Takes the physics away and puts what the arrays command in force.
-    pub fn take(&self, py: Python<'_>) -> PyResult<Physics> {
+    /// Takes the physics away. The lock is held for no longer than that: Python's could change hands meanwhile.
+    fn take_away(&self, py: Python<'_>) -> PyResult<Physics> {
         let mut slot = self.lock();
-        let physics = match &mut *slot {
-            Slot::Here(physics) => physics,
-            Slot::Away => return Err(errors::busy(py)),
-            Slot::Closed => return Err(errors::closed(py)),
-        };
-        self.commands.put_in_force(py, &self.rows, &mut physics.stepper, &mut physics.commanded)?;
-        match std::mem::replace(&mut *slot, Slot::Away) {
+        let before = std::mem::replace(&mut *slot, Slot::Away);
+        match before {
             Slot::Here(physics) => Ok(physics),
-            Slot::Away | Slot::Closed => Err(errors::closed(py)),
+            Slot::Away => {
+                drop(slot);
+                Err(errors::busy(py))
+            }
+            Slot::Closed => {
+                *slot = Slot::Closed;
+                drop(slot);
+                Err(errors::closed(py))
+            }
+        }
+    }
+
+    /// Takes the physics away and puts what the arrays command in force; nothing has changed after an error.
+    pub fn take(&self, py: Python<'_>) -> PyResult<Physics> {
+        let mut physics = self.take_away(py)?;
+        let Physics { stepper, commanded } = &mut physics;
+        match self.commands.put_in_force(py, &self.rows, stepper, commanded) {
+            Ok(()) => Ok(physics),
+            Err(error) => {
+                *self.lock() = Slot::Here(physics);
+                Err(error)
+            }
         }
     }
 
     /// Takes the physics back and shows its states; `None`: it was lost in a panic, and the world is closed.
     pub fn give(&self, py: Python<'_>, physics: Option<Physics>) -> PyResult<()> {
-        let mut slot = self.lock();
         let Some(physics) = physics else {
-            *slot = Slot::Closed;
+            *self.lock() = Slot::Closed;
             return Ok(());
         };
         let refreshed = self.refresh(py, physics.stepper.snapshot());
-        *slot = Slot::Here(physics);
+        *self.lock() = Slot::Here(physics);
         refreshed
     }
 
+    /// Lets `act` use the physics, which is not stepped meanwhile.
     fn with<R>(&self, py: Python<'_>, act: impl FnOnce(&mut Physics) -> R) -> PyResult<R> {
-        match &mut *self.lock() {
-            Slot::Here(physics) => Ok(act(physics)),
-            Slot::Away => Err(errors::busy(py)),
-            Slot::Closed => Err(errors::closed(py)),
-        }
+        let mut physics = self.take_away(py)?;
+        let result = act(&mut physics);
+        *self.lock() = Slot::Here(physics);
+        Ok(result)
     }
 
     fn refresh(&self, py: Python<'_>, snapshot: &Snapshot) -> PyResult<()> {
@@ -146,7 +162,7 @@ impl World {
             let held = self.actuators.iter().map(|actuator| snapshot.actuators[actuator.index]);
             holding.iter_mut().zip(held).for_each(|(to, from)| *to = from);
         })?;
-        let clock = Clock { step: snapshot.sim_step, time: snapshot.sim_time };
+        let clock = Clock { step: snapshot.sim_step, time: snapshot.sim_time, lost: snapshot.timing.lost_time };
         *self.clock.lock().unwrap_or_else(PoisonError::into_inner) = clock;
         Ok(())
     }
@@ -408,16 +424,18 @@ impl World {
         self.clock().time
     }
 
+    #[getter]
+    fn lost_time(&self) -> f64 {
+        self.clock().lost
+    }
+
     fn step(&self, py: Python<'_>, steps: u32) -> PyResult<()> {
+        let mut physics = self.take(py)?;
         let mut left = steps;
-        loop {
-            let mut physics = self.take(py)?;
-            let stepped = py.detach(|| catch_unwind(AssertUnwindSafe(|| slice(&mut physics.stepper, left))));
-            match stepped {
-                Ok(result) => {
-                    self.give(py, Some(physics))?;
-                    left -= result.map_err(|problem| errors::non_finite(py, &problem))?;
-                }
+        let outcome = loop {
+            match py.detach(|| catch_unwind(AssertUnwindSafe(|| slice(&mut physics.stepper, left)))) {
+                Ok(Ok(made)) => left -= made,
+                Ok(Err(problem)) => break Err(errors::non_finite(py, &problem)),
                 Err(panic) => {
                     self.give(py, None)?;
                     // Python shows it as what it is, a bug.
@@ -425,10 +443,14 @@ impl World {
                 }
             }
             if left == 0 {
-                return Ok(());
+                break Ok(());
             }
-            py.check_signals()?;
-        }
+            if let Err(interruption) = py.check_signals() {
+                break Err(interruption);
+            }
+        };
+        self.give(py, Some(physics))?;
+        outcome
     }
 
     fn reset(&self, py: Python<'_>) -> PyResult<()> {
@@ -459,10 +481,14 @@ impl World {
 
     fn close(&self, py: Python<'_>) -> PyResult<()> {
         let mut slot = self.lock();
-        if matches!(*slot, Slot::Away) {
+        let is_busy = matches!(*slot, Slot::Away);
+        let before = if is_busy { Slot::Away } else { std::mem::replace(&mut *slot, Slot::Closed) };
+        drop(slot);
+        // Plugins are closed here.
+        drop(before);
+        if is_busy {
             return Err(errors::busy(py));
         }
-        *slot = Slot::Closed;
         Ok(())
     }
 }

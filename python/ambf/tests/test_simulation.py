@@ -1,8 +1,10 @@
 """The simulation in this process, without ROS."""
 
+import contextlib
 import gc
 import os
 import pathlib
+import pickle
 import signal
 import subprocess
 import sys
@@ -87,7 +89,9 @@ class Loading(unittest.TestCase):
             }.items():
                 with self.subTest(message), self.assertRaisesRegex(ambf.LoadError, message) as caught:
                     ambf.Simulation(**options)
-                self.assertTrue(caught.exception.problems)
+                again = pickle.loads(pickle.dumps(caught.exception))
+                self.assertTrue(again.problems)
+                self.assertEqual(again.problems, caught.exception.problems)
             with self.assertRaises(TypeError):
                 ambf.Simulation(ARM, indexes=["one"])
             sim = ambf.Simulation([odd])
@@ -100,6 +104,16 @@ class Loading(unittest.TestCase):
         command = [sys.executable, "-c", text]
         done = subprocess.run(command, cwd=RESOURCES.parent, capture_output=True, text=True, timeout=60, check=False)
         self.assertTrue(done.stdout.startswith("1.0"), done.stderr)
+
+    def test_steps_that_are_too_long(self):
+        """What is lost is told."""
+        sim = arm(step=0.5)
+        self.assertTrue(any("is lost" in line for line in sim.warnings), sim.warnings)
+        self.assertGreater(sim.lost_time, 0.1)
+        sim = arm(step=0.005)
+        self.assertFalse(any("is lost" in line for line in sim.warnings), sim.warnings)
+        sim.step(10)
+        self.assertEqual((sim.lost_time, round(sim.sim_time, 9)), (0.0, 0.05))
 
     def test_names(self):
         """A part is enough if it is unique."""
@@ -284,6 +298,8 @@ class Life(unittest.TestCase):
         with self.assertRaises(ambf.NonFiniteError) as caught:
             sim.step(50)
         error = caught.exception
+        again = pickle.loads(pickle.dumps(error))
+        self.assertEqual((str(again), vars(again)), (str(error), vars(error)))
         self.assertIn("arm7", error.body)
         self.assertGreater(error.step, 1)
         self.assertIn(error.body, str(error))
@@ -370,18 +386,38 @@ class Threads(unittest.TestCase):
         sim = arm()
         thread = threading.Thread(target=sim.step, args=(20_000,))
         thread.start()
+        time.sleep(0.05)
         refused = 0
         while thread.is_alive():
-            for use in (sim.step, sim.reset, sim.close, sim.notices):
-                try:
-                    # The physics is there between slices of a long step.
-                    use() if use != sim.close else sim._world.step(0)
-                except ambf.BusyError:
-                    refused += 1
-            time.sleep(0.001)
+            for use in (sim.step, sim.reset, sim.save, sim.notices, sim.close, lambda: ambf.step_all([sim])):
+                with contextlib.suppress(ambf.BusyError, ambf.ClosedError, ambf.StateError):
+                    use()
+                    continue
+                refused += 1
         thread.join()
-        self.assertGreater(refused, 0)
-        sim.step()
+        self.assertGreater(refused, 5)
+
+    def test_many_threads_that_make_mistakes(self):
+        """They get in nobody's way."""
+        sim = arm()
+        sim.body("arm7/base").joint_kinds[0] = 9
+        found = []
+
+        def run():
+            for _ in range(200):
+                for use in (sim.step, sim.notices, lambda: sim.body("flange").joint_kinds):
+                    try:
+                        use()
+                    except (ambf.InvalidCommand, ambf.BusyError) as error:
+                        found.append(type(error))
+
+        threads = [threading.Thread(target=run) for _ in range(4)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        self.assertIn(ambf.InvalidCommand, found)
+        self.assertEqual(sim.sim_step, 1)
 
     def test_a_long_step_is_interrupted(self):
         """By Ctrl+C, after a whole number of iterations; the simulation goes on."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import List, Optional
+from typing import Any, List, Optional, Tuple, Type
 
 
 class AmbfError(Exception):
@@ -16,6 +16,9 @@ class LoadError(AmbfError, ValueError):
         super().__init__("\n".join(problems))
         self.problems = problems
         """One sentence a problem; those of files begin with file:line:column."""
+
+    def __reduce__(self) -> Tuple[Type[LoadError], Tuple[List[str]]]:
+        return LoadError, (self.problems,)
 
 
 class NonFiniteError(AmbfError, ArithmeticError):
@@ -33,6 +36,9 @@ class NonFiniteError(AmbfError, ArithmeticError):
         """What the body was last told."""
         self.index = 0
         """Which of the simulations it was, in `step_all`."""
+
+    def __reduce__(self) -> Tuple[Any, ...]:
+        return NonFiniteError, (str(self), self.body, self.joint, self.step, self.command), {"index": self.index}
 
 
 class InvalidCommand(AmbfError, ValueError):

@@ -126,6 +126,11 @@ class Simulation:
         """Simulated time, s. Resets leave it alone."""
         return self._world.sim_time
 
+    @property
+    def lost_time(self) -> float:
+        """Simulated seconds that were not computed, because `step` is longer than the world's `max iterations` of sub-steps."""
+        return self._world.lost_time
+
     def body(self, name: Union[str, int]) -> Body:
         """The body of that name, or the only one whose name contains it, or at that index. Raises NotFoundError."""
         index = _find(name, self.bodies, "bodies")
