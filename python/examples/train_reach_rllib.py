@@ -1,7 +1,7 @@
 """Trains the reach task with PPO of Ray RLlib, on one machine or many: train_reach_rllib.py [--steps N] [--runners N] [--address A].
 
-The environments run in actors of Ray, the runners; each has a simulator of its own. Without --address a local Ray is started and ended
-with this program. `scripts/train-rllib` runs it in a virtual environment that has what it needs.
+The environments run in actors of Ray, the runners, in the runner's process or over ROS in a simulator of the runner's own. Without
+--address a local Ray is started and ended with this program. `scripts/train-rllib` runs it in a virtual environment that has what it needs.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import ray
 import torch
 from ray.rllib.algorithms.ppo import PPOConfig
@@ -27,7 +28,7 @@ EPISODES = 40
 
 
 def open_now(*, env: Any, **_: Any) -> None:
-    """Starts the simulator at once, so that one that can't be started is an error of the runner, and not one that RLlib retries for ever."""
+    """Starts the simulator at once: one that can't be started is then an error of the runner, and nothing that RLlib retries for ever."""
     env.reset()
 
 
@@ -44,12 +45,14 @@ def note_success(*, episode: Any, metrics_logger: Any, **_: Any) -> None:
     metrics_logger.log_value("distance_m", last["distance"], window=EPISODES)
 
 
-def configure(runners: int, envs: int, seed: int) -> PPOConfig:
-    """`runners`: actors that step environments; `envs`: environments, each with its simulator, in each of them."""
+def configure(runners: int, envs: int, backend: str, seed: int) -> PPOConfig:
+    """`runners`: actors that step environments; `envs`: environments in each of them; `backend`: how they reach the simulator."""
+    # In the process, all worlds of a runner are one environment, which steps them at once on threads.
+    vectorized = gymnasium.VectorizeMode.VECTOR_ENTRY_POINT if backend == "in-process" else gymnasium.VectorizeMode.SYNC
     return (
         PPOConfig()
         .environment(TASK)
-        .env_runners(num_env_runners=runners, num_envs_per_env_runner=envs)
+        .env_runners(num_env_runners=runners, num_envs_per_env_runner=envs, gym_env_vectorize_mode=vectorized)
         .callbacks(on_environment_created=open_now, on_sample_end=count_steps, on_episode_end=note_success)
         # A simulator that ended is started anew by its runner; a runner that ended, or whose machine did, by Ray.
         .fault_tolerance(restart_failed_sub_environments=True, restart_failed_env_runners=True)
@@ -102,6 +105,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=100_000, help="of the environment, over all runners")
     parser.add_argument("--runners", type=int, default=2)
     parser.add_argument("--envs", type=int, default=1, help="environments in each runner")
+    parser.add_argument("--backend", choices=("in-process", "ros"), default="in-process")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--address", help="of a cluster that runs, such as `auto` or HOST:6379")
     parser.add_argument("--record", type=Path, metavar="FILE", help="writes numbers there, as JSON")
@@ -115,7 +119,7 @@ def main() -> None:
         ray.init(num_cpus=max(os.cpu_count() or 1, chosen.runners), include_dashboard=False)
     try:
         try:
-            algorithm = configure(chosen.runners, chosen.envs, chosen.seed).build_algo()
+            algorithm = configure(chosen.runners, chosen.envs, chosen.backend, chosen.seed).build_algo()
         except IndexError as error:  # RLlib's, when it asks the runners for the spaces
             raise RuntimeError("no runner could be started; their errors are above") from error
         try:
@@ -129,6 +133,7 @@ def main() -> None:
         "steps_per_s": round(iterations[-1]["steps"] / iterations[-1]["wall_s"], 1),
         "runners": chosen.runners,
         "envs": chosen.envs,
+        "backend": chosen.backend,
         "seed": chosen.seed,
         "ray": ray.__version__,
         "torch": torch.__version__,

@@ -1,6 +1,7 @@
 """The environments: exact, repeatable, and clear about what went wrong."""
 
 import os
+import pathlib
 import signal
 import sys
 import unittest
@@ -238,6 +239,16 @@ os.wait()
         )
         guard = int(log.split("guard")[1].split()[0])
         harness.wait_for(lambda: not os.path.exists(f"/proc/{guard}"), "the guard ends, after its simulator")
+
+    def test_no_simulator_outlives_its_guard(self):
+        """As when a program kills its children before it ends."""
+        env = make_reach()
+        self.addCleanup(env.close)
+        env.reset()
+        guard = env._backend._process._process.pid
+        simulator = int(pathlib.Path(f"/proc/{guard}/task/{guard}/children").read_text())
+        os.kill(guard, signal.SIGKILL)
+        harness.wait_for(lambda: not os.path.exists(f"/proc/{simulator}"), "the simulator ends")
 
 
 if __name__ == "__main__":

@@ -17,8 +17,9 @@ _NUMBERS = itertools.count()
 _MASTER: Optional[Any] = None
 _MASTER_PROCESS = 0
 
-# Ends the simulator when its input is closed, which happens however this process ends.
-_GUARD = '"$@" </dev/null & child=$!; read -r _; kill -TERM $child 2>/dev/null; wait $child'
+# Ends the simulator when its input is closed, which happens however this process ends. Some programs kill their children before they
+# end, Ray's workers for example: then the guard's end is the simulator's too.
+_GUARD = 'setpriv --pdeathsig KILL "$@" </dev/null & child=$!; read -r _; kill -TERM $child 2>/dev/null; wait $child'
 
 
 def own_master() -> str:
