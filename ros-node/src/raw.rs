@@ -282,9 +282,8 @@ pub(crate) struct Listing {
 impl Listing {
     /// What `master` says now; what it said before when it does not answer.
     pub fn refresh(&mut self, master: &Peer) -> &Publishers {
-        match master.call_unless("getSystemState", vec![], &mut self.answer) {
-            Ok(Some(state)) => self.publishers = publishers(state).unwrap_or_default(),
-            Ok(None) | Err(_) => (),
+        if let Ok(Some(state)) = master.call_unless("getSystemState", vec![], &mut self.answer) {
+            self.publishers = publishers(state).unwrap_or_default();
         }
         &self.publishers
     }
