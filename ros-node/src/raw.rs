@@ -5,7 +5,7 @@
 //! connected to until it answers, also after it was restarted, and its thread hands each message over directly.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::io;
+use std::io::{self, ErrorKind};
 use std::net::{Shutdown, TcpStream, ToSocketAddrs};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -16,9 +16,9 @@ use rosrust::api::Ros;
 use rosrust::error::Error;
 use rosrust::Message;
 
-use super::tcpros::{Incoming, Trouble, Wanted};
+use super::tcpros::{quote, Incoming, Trouble, Wanted};
 use super::topic::{Announcement, Direction, Registration};
-use super::xmlrpc::Peer;
+use super::xmlrpc::{CallError, Peer};
 use super::Report;
 
 /// How long a publisher may take for each step of connecting.
@@ -35,6 +35,9 @@ const LONGEST_ABSENCE: Duration = Duration::from_secs(3);
 
 /// Longest such pause for one that does what publishers don't do: it may say something about each attempt.
 const LONGEST_PENANCE: Duration = Duration::from_secs(30);
+
+/// A publisher that there is no way to is named after so many attempts in a row, some seconds: it may be gone by then.
+const ATTEMPTS: u32 = 6;
 
 /// Names of the nodes that publish each topic.
 pub type Publishers = BTreeMap<String, BTreeSet<String>>;
@@ -219,10 +222,19 @@ impl Call {
     }
 
     fn run(&self, own: &str, report: &Report) {
-        let Err(Trouble::Fault(what)) = self.listen(own) else { return };
-        if self.with_line(|line| line.fault(Instant::now())) == Some(true) {
-            let Self { shared, publisher } = self;
-            report(format_args!("ROS: {}: {publisher} is not listened to: {what}", shared.topic));
+        let topic = &self.shared.topic;
+        let publisher = quote(&self.publisher);
+        match self.listen(own) {
+            Err(Trouble::Fault(what)) if self.with_line(|line| line.fault(Instant::now())) == Some(true) => {
+                report(format_args!("ROS: {topic}: {publisher} is not listened to: {what}"));
+            }
+            Err(Trouble::OutOfReach(what)) if self.with_line(|line| line.attempts) == Some(ATTEMPTS) => {
+                report(format_args!(
+                    "ROS: {topic}: {publisher} cannot be reached: {}; trying again and again",
+                    quote(&what)
+                ));
+            }
+            _ => (),
         }
     }
 
@@ -246,29 +258,36 @@ impl Call {
         Ok(())
     }
 
-    fn connect(&self, own: &str) -> io::Result<TcpStream> {
+    fn connect(&self, own: &str) -> Result<TcpStream, Trouble> {
         let Self { shared, publisher } = self;
-        let bad = |what: String| io::Error::other(what);
         let master = shared.master.called_by(own);
         let uri = master.call("lookupNode", vec![Value::String(publisher.clone())]);
-        let Ok(Value::String(uri)) = uri else { return Err(bad(format!("{publisher} is not known"))) };
-        let node = Peer::new(&uri, own, TIMEOUT).map_err(|error| bad(error.to_string()))?;
+        let Ok(Value::String(uri)) = uri else { return Err(io::Error::from(ErrorKind::NotFound).into()) };
+        let node = Peer::new(&uri, own, TIMEOUT).map_err(|error| Trouble::OutOfReach(error.to_string()))?;
         let protocols = Value::Array(vec![Value::Array(vec![Value::String("TCPROS".into())])]);
         let answer = node.call("requestTopic", vec![Value::String(shared.topic.clone()), protocols]);
-        let answer = answer.map_err(|error| bad(error.to_string()))?;
-        let Value::Array(parts) = answer else { return Err(bad("no address".into())) };
-        let (Some(Value::String(host)), Some(&Value::Integer(port))) = (parts.get(1), parts.get(2)) else {
-            return Err(bad("no address".into()));
+        let answer = answer.map_err(|error| match error {
+            // It has just withdrawn its topic, or itself.
+            CallError::Refused { .. } => io::Error::from(ErrorKind::NotFound).into(),
+            CallError::NoAnswer { reason, .. } if reason.kind() == ErrorKind::ConnectionRefused => reason.into(),
+            error => Trouble::OutOfReach(error.to_string()),
+        })?;
+        let no_address = || Trouble::Fault("it does not say where its messages are to be had".into());
+        let Value::Array(parts) = answer else { return Err(no_address()) };
+        let [_, Value::String(host), Value::Integer(port), ..] = &parts[..] else { return Err(no_address()) };
+        let port = u16::try_from(*port).map_err(|_| no_address())?;
+        let out_of_reach = |error: io::Error| match error.kind() {
+            ErrorKind::ConnectionRefused => Trouble::Gone(error),
+            _ => Trouble::OutOfReach(format!("{host}:{port}: {error}")),
         };
-        let port = u16::try_from(port).map_err(|_| bad("no port".into()))?;
-        let mut last = bad(format!("{host} has no address"));
-        for address in (host.as_str(), port).to_socket_addrs()? {
+        let mut last = ErrorKind::AddrNotAvailable.into();
+        for address in (host.as_str(), port).to_socket_addrs().map_err(out_of_reach)? {
             match TcpStream::connect_timeout(&address, TIMEOUT) {
                 Ok(stream) => return Ok(stream),
                 Err(error) => last = error,
             }
         }
-        Err(last)
+        Err(out_of_reach(last))
     }
 }
 

@@ -57,6 +57,9 @@ pub(crate) enum Trouble {
     /// Error when it is not there, or goes: programs come and go, which is nothing to talk about.
     #[error(transparent)]
     Gone(#[from] io::Error),
+    /// Error when there is no way to it: worth a word if it stays like that.
+    #[error("{0}")]
+    OutOfReach(String),
     /// Error when it does what publishers don't do: worth a word.
     #[error("{0}")]
     Fault(String),
@@ -172,7 +175,7 @@ impl<'a, S: Fn() -> bool> Incoming<'a, S> {
 }
 
 /// `text` for a line to the user: printable, and not longer than that.
-fn quote(text: &str) -> String {
+pub(crate) fn quote(text: &str) -> String {
     let printable = text.trim().chars().map(|c| if c.is_control() { ' ' } else { c });
     let mut quoted: String = printable.take(LONGEST_QUOTE).collect();
     if text.chars().nth(LONGEST_QUOTE).is_some() {
@@ -261,7 +264,7 @@ mod tests {
     fn fault<T: std::fmt::Debug>(result: Result<T, Trouble>) -> String {
         match result.unwrap_err() {
             Trouble::Fault(what) => what,
-            Trouble::Gone(error) => panic!("gone: {error}"),
+            other => panic!("{other:?}"),
         }
     }
 

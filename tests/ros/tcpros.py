@@ -44,7 +44,8 @@ def subscribe(address, topic, name, buffer_bytes=None):
 class Publisher:
     """A node that publishes `topic`, and does `behave(connection)` with each subscriber in a thread of its own."""
 
-    def __init__(self, port, name, topic, kind, behave):
+    def __init__(self, port, name, topic, kind, behave, host="127.0.0.1"):
+        """`host`: where it says that it is."""
         self.name, self.topic, self._behave = f"/{name}", topic, behave
         # How many subscribers have come so far.
         self.connections = 0
@@ -54,7 +55,7 @@ class Publisher:
         self._api.register_function(lambda *_: (1, "", address), "requestTopic")
         for work in (self._api.serve_forever, self._accept):
             threading.Thread(target=work, daemon=True).start()
-        self._uri = f"http://127.0.0.1:{self._api.server_address[1]}/"
+        self._uri = f"http://{host}:{self._api.server_address[1]}/"
         self._master = rosgraph.Master(self.name, f"http://localhost:{port}")
         self._master.registerPublisher(topic, kind, self._uri)
 

@@ -202,6 +202,15 @@ class Misbehaving(harness.RosTest):
             self.stands_at(3.0)
         self.assertEqual(self.lines_about("slow"), [])
 
+    def test_a_client_that_cannot_be_reached_is_named(self):
+        """As one on a machine whose name is not known here."""
+        with tcpros.Publisher(self.port, "far", f"{WALL}/Command", KIND, silent, host="nowhere.invalid"):
+            line = harness.wait_for(lambda: self.lines_about("far"), "it is named")[0]
+            self.assertIn("cannot be reached: http://nowhere.invalid", line)
+            # It is tried some more times, without a further word.
+            time.sleep(4.0)
+            self.assertEqual(len(self.lines_about("far")), 1)
+
     def test_a_killed_client_comes_back_under_its_name(self):
         """The master still lists it meanwhile, and nothing is said."""
         first = self.publisher("phoenix", says(place(4.0)))
