@@ -115,7 +115,7 @@ impl Case {
             names.push("BODY Plate");
             text += &format!(
                 "BODY Plate: {{name: Plate, mass: {mass}, location: {{position: {{x: 0, y: 0, z: 0.025}}}}, collision shape: Box, \
-                 collision geometry: {{x: 0.3, y: 0.3, z: 0.05}}, friction: {{static: 0.5}}}}\n"
+                 collision geometry: {{x: 0.3, y: 0.3, z: 0.05}}, friction: {{static: 0.5}}, restitution: 0}}\n"
             );
         }
         let controller = "controller: {linear: {P: 2000, I: 0, D: 80}, angular: {P: 20, I: 0, D: 0.5}}, \
