@@ -3,7 +3,7 @@
 use ambf_core::comm::{ActuatorCommand, JointCommandType};
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::super::system::{Body, Joint, Shape, System};
+use super::super::system::{Body, Freedom, Joint, Shape, System};
 use super::super::trial::{pose, Trial};
 use super::Family;
 
@@ -69,11 +69,11 @@ fn press(depth: f64, plate: Option<f64>, step: f64) -> Trial {
     let mut system = System::of(bodies);
     system.friction = 0.5;
     system.gravity = Vector3::new(0.0, 0.0, -G);
-    system.joints = [(3, -1.0), (4, 1.0)]
-        .map(|(body, side)| {
-            Joint::slider(PALM, body, Vector3::new(side * 0.045, 0.0, start + 0.05), Vector3::x() * -side)
-        })
-        .to_vec();
+    let slide = |(body, side): (usize, f64)| Joint {
+        freedom: Freedom::Slider,
+        ..Joint::hinge(PALM, body, Vector3::new(side * 0.045, 0.0, start + 0.05), Vector3::x() * -side)
+    };
+    system.joints = [(3, -1.0), (4, 1.0)].map(slide).to_vec();
     // Of a fall of 2 cm.
     let mut trial = Trial::of(system, 1.5, MASS * G * 0.02);
     trial.step = step;
