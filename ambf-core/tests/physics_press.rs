@@ -108,7 +108,7 @@ impl Case {
             "BODY Ground: {{name: Ground, mass: 0, location: {{position: {{x: 0, y: 0, z: -0.5}}}}, collision shape: Box, \
              collision geometry: {{x: 4, y: 4, z: 1}}, friction: {{static: 0.5}}}}\n\
              BODY Held: {{name: Held, mass: {MASS}, location: {{position: {{x: 0, y: 0, z: {}}}, orientation: {{r: {roll}, p: {pitch}, \
-             y: {yaw}}}}}, {shape}, friction: {{static: 0.5}}, restitution: 0}}\n",
+             y: {yaw}}}}}, {shape}, friction: {{static: 0.5}}}}\n",
             start - 0.1
         );
         if let Below::Plate(mass) = self.below {
@@ -147,7 +147,7 @@ impl Case {
                     joints.push(if side < 0.0 { "JOINT left" } else { "JOINT right" });
                     text += &format!(
                         "BODY {name}: {{name: {name}, mass: 0.05, location: {{position: {{x: {}, y: 0, z: {}}}}}, collision shape: Box, \
-                         collision geometry: {{x: 0.01, y: 0.03, z: 0.06}}, friction: {{static: 1}}, restitution: 0}}\n\
+                         collision geometry: {{x: 0.01, y: 0.03, z: 0.06}}, friction: {{static: 1}}}}\n\
                          JOINT {slide}: {{name: {slide}, type: prismatic, parent: BODY Tool, child: BODY {name}, parent pivot: \
                          {{x: {}, y: 0, z: -0.04}}, child pivot: {{x: 0, y: 0, z: 0.05}}, parent axis: {{x: {}, y: 0, z: 0}}, child axis: \
                          {{x: {}, y: 0, z: 0}}, joint limits: {{low: 0, high: 0.04}}, controller: {{P: 300, I: 0, D: 10}}}}\n",

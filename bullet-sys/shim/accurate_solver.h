@@ -171,6 +171,17 @@ class AccurateSolver : public Base {
     }
   }
 
+  // Whether it bounces.
+  bool is_impact(const btSolverConstraint &row, const btContactSolverInfo &info) {
+    const auto &point = *static_cast<const btManifoldPoint *>(row.m_originalContactPoint);
+    if (!settings_.restitution || point.m_combinedRestitution <= 0) return false;
+    btScalar before, forced;
+    find_velocity(row, before, forced);
+    return -before >= info.m_restitutionVelocityThreshold;
+  }
+  // Bullet's bounces of trees are beside what takes overlap away.
+  static bool is_impact(const btMultiBodySolverConstraint &, const btContactSolverInfo &) { return false; }
+
   // A contact that bounces waits until the bodies touch and leaves with the energy that restitution asks for, wherever between two
   // steps the impact was.
   void bounce(const btContactSolverInfo &info) {
@@ -179,24 +190,17 @@ class AccurateSolver : public Base {
     for (int i = 0; i < contacts.size(); ++i) {
       btSolverConstraint &row = contacts[i];
       const auto &point = *static_cast<const btManifoldPoint *>(row.m_originalContactPoint);
-      if (point.m_combinedRestitution <= 0) continue;
+      if (!is_impact(row, info)) continue;
       btScalar before, forced;
       find_velocity(row, before, forced);
-      const btScalar gap = point.getDistance() + info.m_linearSlop, push = -gap * info.m_erp2 / h;
-      if (-before >= info.m_restitutionVelocityThreshold) {
-        const btScalar pull = std::max(btScalar(0), -forced / h);
-        row.m_rhsPenetration = 0;
-        if (gap > 0) {
-          row.m_rhs = row.m_upperLimit = 0;
-          continue;
-        }
-        const btScalar target = leaving(before, gap, pull, h, point.m_combinedRestitution);
-        row.m_rhs = (target - before - forced) * row.m_jacDiagABInv;
-      } else if (push > info.m_restitutionVelocityThreshold) {
-        // The depth reached before the bounce is left behind without adding to its velocity.
-        row.m_rhs = (-before - forced) * row.m_jacDiagABInv;
-        row.m_rhsPenetration = push * row.m_jacDiagABInv;
+      const btScalar gap = point.getDistance() + info.m_linearSlop, pull = std::max(btScalar(0), -forced / h);
+      row.m_rhsPenetration = 0;
+      if (gap > 0) {
+        row.m_rhs = row.m_upperLimit = 0;
+        continue;
       }
+      const btScalar target = leaving(before, gap, pull, h, point.m_combinedRestitution);
+      row.m_rhs = (target - before - forced) * row.m_jacDiagABInv;
     }
   }
 
@@ -209,10 +213,9 @@ class AccurateSolver : public Base {
 
   // What of the velocity that takes the overlap at a contact away is too much.
   template <class Row>
-  btScalar excess_push(const Row &row, const btContactSolverInfo &info) const {
+  btScalar excess_push(const Row &row, const btContactSolverInfo &info) {
     const auto &point = *static_cast<const btManifoldPoint *>(row.m_originalContactPoint);
-    const bool bounces = settings_.restitution && point.m_combinedRestitution > 0;
-    if (row.m_jacDiagABInv <= 0 || (bounces && std::is_same_v<Row, btSolverConstraint>)) return 0;
+    if (row.m_jacDiagABInv <= 0 || is_impact(row, info)) return 0;
     const btScalar depth = -(point.getDistance() + info.m_linearSlop);
     return depth * info.m_erp2 / info.m_timeStep - std::min(std::max(depth * PUSH_RATE, SLOWEST_PUSH), FASTEST_PUSH);
   }
