@@ -50,7 +50,7 @@ class AccurateSolver : public Base {
     warm_start_friction(info);
     keep_pushes(info);
     // What bounces has a velocity of its own.
-    if (settings_.restitution) bounce(info);
+    bounce(info);
   }
 
   btScalar solveSingleIteration(int iteration, btCollisionObject **bodies, int n, btPersistentManifold **manifolds,
@@ -171,16 +171,26 @@ class AccurateSolver : public Base {
     }
   }
 
-  // Whether it bounces.
-  bool is_impact(const btSolverConstraint &row, const btContactSolverInfo &info) {
+  // Whether joints hold bodies of the island.
+  bool has_joints() const {
+    if constexpr (HAS_TREES) {
+      if (this->m_multiBodyNonContactConstraints.size() > 0) return true;
+    }
+    return this->m_tmpSolverNonContactConstraintPool.size() > 0;
+  }
+
+  bool is_impact(btScalar before, const btContactSolverInfo &info) const { return -before >= info.m_restitutionVelocityThreshold; }
+
+  // Whether it is for `bounce`: what joints hold must not be moved out of them.
+  bool bounces(const btSolverConstraint &row, const btContactSolverInfo &info) {
     const auto &point = *static_cast<const btManifoldPoint *>(row.m_originalContactPoint);
     if (!settings_.restitution || point.m_combinedRestitution <= 0) return false;
     btScalar before, forced;
     find_velocity(row, before, forced);
-    return -before >= info.m_restitutionVelocityThreshold;
+    return is_impact(before, info) || !has_joints();
   }
   // Bullet's bounces of trees are beside what takes overlap away.
-  static bool is_impact(const btMultiBodySolverConstraint &, const btContactSolverInfo &) { return false; }
+  static bool bounces(const btMultiBodySolverConstraint &, const btContactSolverInfo &) { return false; }
 
   // A contact that bounces waits until the bodies touch and leaves with the energy that restitution asks for, wherever between two
   // steps the impact was.
@@ -190,17 +200,24 @@ class AccurateSolver : public Base {
     for (int i = 0; i < contacts.size(); ++i) {
       btSolverConstraint &row = contacts[i];
       const auto &point = *static_cast<const btManifoldPoint *>(row.m_originalContactPoint);
-      if (!is_impact(row, info)) continue;
+      if (!bounces(row, info)) continue;
       btScalar before, forced;
       find_velocity(row, before, forced);
-      const btScalar gap = point.getDistance() + info.m_linearSlop, pull = std::max(btScalar(0), -forced / h);
-      row.m_rhsPenetration = 0;
-      if (gap > 0) {
-        row.m_rhs = row.m_upperLimit = 0;
-        continue;
+      const btScalar gap = point.getDistance() + info.m_linearSlop, push = -gap * info.m_erp2 / h;
+      if (is_impact(before, info)) {
+        const btScalar pull = std::max(btScalar(0), -forced / h);
+        row.m_rhsPenetration = 0;
+        if (gap > 0) {
+          row.m_rhs = row.m_upperLimit = 0;
+          continue;
+        }
+        const btScalar target = leaving(before, gap, pull, h, point.m_combinedRestitution);
+        row.m_rhs = (target - before - forced) * row.m_jacDiagABInv;
+      } else if (push > info.m_restitutionVelocityThreshold) {
+        // The depth reached before the bounce is left behind without adding to its velocity.
+        row.m_rhs = (-before - forced) * row.m_jacDiagABInv;
+        row.m_rhsPenetration = push * row.m_jacDiagABInv;
       }
-      const btScalar target = leaving(before, gap, pull, h, point.m_combinedRestitution);
-      row.m_rhs = (target - before - forced) * row.m_jacDiagABInv;
     }
   }
 
@@ -215,7 +232,7 @@ class AccurateSolver : public Base {
   template <class Row>
   btScalar excess_push(const Row &row, const btContactSolverInfo &info) {
     const auto &point = *static_cast<const btManifoldPoint *>(row.m_originalContactPoint);
-    if (row.m_jacDiagABInv <= 0 || is_impact(row, info)) return 0;
+    if (row.m_jacDiagABInv <= 0 || bounces(row, info)) return 0;
     const btScalar depth = -(point.getDistance() + info.m_linearSlop);
     return depth * info.m_erp2 / info.m_timeStep - std::min(std::max(depth * PUSH_RATE, SLOWEST_PUSH), FASTEST_PUSH);
   }
