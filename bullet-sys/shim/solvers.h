@@ -10,7 +10,7 @@
 std::unique_ptr<btMLCPSolverInterface> mlcp_of(int solver);
 // accurate: switches of AmbSolver_Accurate, which must outlive the solver.
 std::unique_ptr<btConstraintSolver> solver_of(int solver, btMLCPSolverInterface *mlcp, const AccurateContext &accurate);
-// The solver of a world with trees: rows of trees are solved by sequential impulses, whatever the number.
+// The solver of a world with trees: sequential impulses, but for AmbSolver_Accurate.
 std::unique_ptr<btMultiBodyConstraintSolver> multi_body_solver_of(int solver, const AccurateContext &accurate);
 
 #endif
