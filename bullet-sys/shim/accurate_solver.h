@@ -225,6 +225,9 @@ class AccurateSolver : public Base {
   // velocity. A fall of 5 cm is as fast. What is less deep is slower, at this rate, 1/s, down to this speed: a body that was pressed into
   // another and let go does not jump.
   static constexpr btScalar FASTEST_PUSH = 1, PUSH_RATE = 10, SLOWEST_PUSH = 0.05;
+  // What lies so deep in the links of a tree that more would have to be taken away of its push, m/s, is against what joints can do:
+  // solutions are then far from all, and iterations end somewhere between.
+  static constexpr btScalar MOST_EXCESS = 10;
   // The fastest of hinges beyond their limits, rad/s; as in trees.
   static constexpr btScalar FASTEST_TURN = 5;
 
@@ -484,7 +487,7 @@ class AccurateSolver : public Base {
       add_friction(rolling[i], first_contact, rolling[i].m_appliedImpulse, rolling[i].m_friction, kept);
     }
     gather_tree_rows(info);
-    if (direct_.rows.empty()) return false;
+    if (direct_.rows.empty() || contradicts_) return false;
     const double cost = direct_.prepare(this->m_tmpSolverBodyPool.size(), tree_sizes_);
     const bool is_hard = hard_ || !tree_rows_.empty();
     if (cost <= (is_hard ? settings_.max_hard_cost : settings_.max_cost) * static_cast<double>(direct_.rows.size())) return true;
@@ -497,6 +500,7 @@ class AccurateSolver : public Base {
     trees_.clear();
     tree_sizes_.clear();
     tree_rows_.clear();
+    contradicts_ = false;
     if constexpr (HAS_TREES) {
       // Those of joints and ties are soft enough.
       btMultiBodyConstraintArray &joints = this->m_multiBodyNonContactConstraints;
@@ -526,6 +530,7 @@ class AccurateSolver : public Base {
     row.x = std::max(btScalar(0), point.m_appliedImpulse);
     const btScalar excess = excess_push(from, info);
     if (excess > 0) row.most = row.target - excess;
+    if constexpr (std::is_same_v<Row, btMultiBodySolverConstraint>) contradicts_ = contradicts_ || excess > MOST_EXCESS;
     soften(row, from, settings_.contact_softness);
     const bool opens = row.target < 0 && row.x == 0;
     row.state = opens || (point.m_lifeTime > 1 && row.x == 0) ? DirectRow::Low : DirectRow::Free;
@@ -571,6 +576,8 @@ class AccurateSolver : public Base {
   Vector<TieSolver::Sides> tree_rows_;
   Vector<int> trees_, tree_sizes_;
   bool hard_ = false;
+  // Whether a row of the island asks a tree for what it can't do.
+  bool contradicts_ = false;
   Vector<btVector3> friction_before_;
   Vector<History> histories_;
 };
