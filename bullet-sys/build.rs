@@ -1,4 +1,8 @@
 //! Finds Debian's double-precision Bullet, compiles the C shim over it and generates its Rust side.
+//!
+//! Crates that compile C++ against the shim's internal headers find in their own build script's environment: `DEP_BULLET_FLOAT64_INCLUDE`,
+//! the folder of those headers; `DEP_BULLET_FLOAT64_SYSTEM_INCLUDE`, Bullet's folders, separated by colons; and
+//! `DEP_BULLET_FLOAT64_DEFINES`, macros as `NAME` or `NAME=VALUE`, separated by blanks.
 
 use std::env;
 use std::path::{Path, PathBuf};
@@ -25,20 +29,30 @@ fn main() {
     sources.retain(|path| path.extension().is_some_and(|extension| extension == "cpp"));
     sources.sort();
     if env::var_os("CARGO_FEATURE_BARE").is_some() {
-        println!("cargo:rerun-if-changed=benches/bare/bare.cpp");
-        sources.push("benches/bare/bare.cpp".into());
+        println!("cargo:rerun-if-changed=bare");
+        sources.push("bare/bare.cpp".into());
     }
 
     let mut build = cc::Build::new();
     build.cpp(true).std("c++17").warnings(true).files(sources);
     // -isystem keeps Bullet's own warnings quiet; the bare /usr/include that pkg-config adds must not be passed on, it would
     // break the #include_next of the C++ library.
-    for path in bullet.include_paths.iter().filter(|path| path.as_path() != Path::new("/usr/include")) {
+    let system: Vec<&PathBuf> = bullet.include_paths.iter().filter(|path| *path != Path::new("/usr/include")).collect();
+    for path in &system {
         build.flag("-isystem").flag(path);
     }
+    let mut defines = Vec::new();
     for (name, value) in &bullet.defines {
         build.define(name, value.as_deref());
+        defines.push(value.as_ref().map_or_else(|| name.clone(), |value| format!("{name}={value}")));
     }
+    let shim = env::current_dir().expect("cargo runs build scripts in their package").join("shim");
+    println!("cargo::metadata=include={}", shim.display());
+    let system =
+        env::join_paths(system).unwrap_or_else(|error| fail(&format!("Bullet lies in a folder with a colon: {error}")));
+    println!("cargo::metadata=system_include={}", system.display());
+    defines.sort();
+    println!("cargo::metadata=defines={}", defines.join(" "));
     build.flag("-Wno-unused-parameter").compile("ambf_bullet_shim");
     // After the shim, which needs them.
     for library in &bullet.libs {

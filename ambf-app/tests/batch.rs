@@ -105,6 +105,18 @@ fn json_has_the_agreed_keys() {
         "joints",
         "cpu_s",
         "tail_us_per_step",
+        "islands_solved",
+        "islands_approximate",
+        "islands_iterated",
+        "position_problems",
+        "rows",
+        "factorisations",
+        "pivots",
+        "sweeps",
+        "residual",
+        "joint_gap_m",
+        "joint_angle_rad",
+        "penetration_m",
     ];
     assert_eq!(keys, expected);
     let value = |key: &str| pairs.iter().find(|pair| pair.0 == key).expect("present").1;
@@ -114,6 +126,21 @@ fn json_has_the_agreed_keys() {
     assert!(value("bullet_us_per_step") > 0.0 && value("bullet_us_per_step") <= value("us_per_step"));
     close(value("us_per_step"), value("wall_s") * 1e6 / 50.0, 0.1);
     assert_eq!(folder.succeed(&format!("-a {} --steps 1", pendulum())).stdout, "", "silent without --json");
+}
+
+#[test]
+fn the_energy_of_a_fall_is_written() {
+    let folder = Folder::new();
+    folder.write("model.yaml", BALL);
+    folder.write("world.yaml", "gravity: {x: 0, y: 0, z: -10}\n");
+    folder.succeed("-a model.yaml --world world.yaml --steps 45 --energy out/e.csv --every 10 --profile accurate");
+    let csv = folder.csv("out/e.csv");
+    assert_eq!(csv.distinct("sim_step"), ["0", "10", "20", "30", "40", "45"]);
+    let last = |name: &str| csv.text(&csv.lines[5], name).parse::<f64>().expect("a number");
+    // A ball of 2 kg falls for 45 ms.
+    close(last("kinetic_J"), 2.0 / 2.0 * 0.45 * 0.45, 1e-9);
+    close(last("potential_J"), -last("kinetic_J"), 1e-9);
+    close(last("unexplained_J"), 0.0, 1e-9);
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! Runs are reproducible to the last bit: the shipped scenes end in the states whose hashes `golden.txt` holds.
+//! Runs are reproducible to the last bit: the shipped scenes end in the states whose hashes `golden.txt` holds, in both profiles.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -7,7 +7,8 @@ use std::thread;
 
 use ambf_core::adf::{self, Launch};
 use ambf_core::bullet::BodyKinematics;
-use ambf_core::scene::{load, Loaded, SceneFiles, SceneOptions};
+use ambf_core::control::Profile;
+use ambf_core::scene::{load, Loaded, PhysicsOptions, SceneFiles, SceneOptions};
 use ambf_core::sim::Simulation;
 
 const STEPS: u64 = 500;
@@ -44,9 +45,10 @@ impl Fnv {
 }
 
 /// Hash of the state after [`STEPS`] steps of 1 ms: reported poses and velocities of all bodies, nodes of soft bodies, and all joints.
-fn final_hash(world: Option<PathBuf>, model: &Path) -> u64 {
+fn final_hash(world: Option<PathBuf>, model: &Path, profile: Profile) -> u64 {
     let files = SceneFiles { world, models: vec![model.to_owned()] };
-    let Loaded { scene, report } = load(&files, &SceneOptions::default());
+    let physics = PhysicsOptions { profile: Some(profile), ..PhysicsOptions::default() };
+    let Loaded { scene, report } = load(&files, &SceneOptions { physics, ..SceneOptions::default() });
     assert_eq!(report.errors(), 0, "{report}");
     let mut simulation = Simulation::new(scene, 0.001);
     for _ in 0..STEPS {
@@ -84,19 +86,22 @@ fn maths_hash() -> u64 {
     hash.0
 }
 
-/// Two independent runs of every shipped scene.
+/// Two independent runs of every shipped scene in both profiles; names of `accurate` say so.
 fn hashes() -> BTreeMap<String, [u64; 2]> {
     let launch = launch();
     let models = launch.multibody_configs.expect("models");
     thread::scope(|scope| {
-        let run = |model: &PathBuf| {
+        let run = |model: &PathBuf, profile| {
             let (world, model) = (launch.world_config.clone(), model.clone());
-            scope.spawn(move || final_hash(world, &model))
+            scope.spawn(move || final_hash(world, &model, profile))
         };
-        let threads: Vec<_> = models.iter().map(|model| (model, [run(model), run(model)])).collect();
-        let results = threads.into_iter().map(|(model, pair)| {
-            let name = model.file_stem().expect("a file name").to_string_lossy().into_owned();
-            (name, pair.map(|thread| thread.join().expect("a hash")))
+        let profiles = [(Profile::Legacy, ""), (Profile::Accurate, " (accurate)")];
+        let pairs = models.iter().flat_map(|model| profiles.map(|(profile, suffix)| (model, profile, suffix)));
+        let threads: Vec<_> =
+            pairs.map(|(model, profile, suffix)| (model, suffix, [run(model, profile), run(model, profile)])).collect();
+        let results = threads.into_iter().map(|(model, suffix, pair)| {
+            let name = model.file_stem().expect("a file name").to_string_lossy() + suffix;
+            (name.into_owned(), pair.map(|thread| thread.join().expect("a hash")))
         });
         results.collect()
     })

@@ -2,7 +2,7 @@
 //
 // Everything that changes while a world runs has to lie there: classes by BT_DECLARE_ALIGNED_ALLOCATOR, members by Vector, what is shared
 // by make_held. Bullet's own is there but for the two things that it makes with plain `new`: the island callback of a world with trees,
-// which tree_world.cpp replaces, and the cells of the distance fields of soft bodies, which soft_body.cpp keeps out.
+// which the engine's tree_world.cpp replaces, and the cells of the distance fields of soft bodies, which soft_body.cpp keeps out.
 #ifndef AMB_ARENA_MEMORY_H
 #define AMB_ARENA_MEMORY_H
 

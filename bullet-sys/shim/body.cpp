@@ -1,4 +1,4 @@
-#include "tree.h"
+#include "internal.h"
 
 extern "C" {
 
@@ -36,7 +36,7 @@ void amb_body_clear_forces(AmbBody *body) { body->body.clearForces(); }
 void amb_body_set_velocity(AmbBody *body, const double linear[3], const double angular[3]) {
   body->body.setLinearVelocity(vector_of(linear));
   body->body.setAngularVelocity(vector_of(angular));
-  if (body->tree) body->tree->velocities_set = true;
+  if (body->home && body->home->extension) body->home->extension->velocity_set(*body);
   body->body.activate();
 }
 
@@ -48,7 +48,6 @@ void amb_body_set_pose(AmbBody *body, const double pose[12]) {
     body->body.setWorldTransform(transform);
     body->motion.setWorldTransform(transform);
   }
-  if (body->tree) body->tree->poses_set = true;
 }
 
 void amb_body_pose(const AmbBody *body, double pose[12]) { write_pose(body->body.getWorldTransform(), pose); }

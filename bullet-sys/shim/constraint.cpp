@@ -1,4 +1,4 @@
-#include "tree.h"
+#include "internal.h"
 
 namespace {
 
@@ -18,17 +18,6 @@ AmbConstraint *own(Kind kind, btTypedConstraint *constraint) {
   return owner;
 }
 
-using MakeDriven = std::unique_ptr<btTypedConstraint>(AmbBody &, AmbBody &, const btTransform &, const btTransform &,
-                                                      JointDrive &);
-
-AmbConstraint *own_driven(Kind kind, MakeDriven make, AmbBody &a, AmbBody &b, const double frame_a[12],
-                          const double frame_b[12]) {
-  AmbConstraint *owner = own(kind, nullptr);
-  owner->constraint = make(a, b, transform_of(frame_a), transform_of(frame_b), owner->drive);
-  owner->constraint->setUserConstraintPtr(&owner->drive.rows);
-  return owner;
-}
-
 // Distance of frame B's origin along frame A's z axis.
 btScalar axis_distance(const btTransform &a, const btTransform &b) {
   return (b.getOrigin() - a.getOrigin()).dot(a.getBasis().getColumn(2));
@@ -40,16 +29,10 @@ btScalar axis_angle(const btTransform &a, const btTransform &b) {
   return -btAtan2(y.dot(a.getBasis().getColumn(0)), y.dot(a.getBasis().getColumn(1)));
 }
 
-btScalar axis_reading(AmbConstraint &c, bool is_angle) {
-  auto &spring = c.as<btGeneric6DofSpring2Constraint>();
-  const btTransform a = spring.getRigidBodyA().getCenterOfMassTransform() * spring.getFrameOffsetA();
-  const btTransform b = spring.getRigidBodyB().getCenterOfMassTransform() * spring.getFrameOffsetB();
-  return is_angle ? axis_angle(a, b) : axis_distance(a, b);
-}
-
 btScalar read(AmbConstraint &c, unsigned char reading) {
-  if (c.tree && reading != AmbReading_None) {
-    const btScalar coordinate = c.tree->coordinate(c);
+  const AmbWorld *world = body_of(&c.constraint->getRigidBodyA())->home;
+  btScalar coordinate;
+  if (reading != AmbReading_None && world && world->extension && world->extension->read_coordinate(c, coordinate)) {
     const bool is_angle = reading == AmbReading_HingeAngle || reading == AmbReading_AxisAngle;
     return is_angle ? std::remainder(coordinate, 2 * SIMD_PI) : coordinate;
   }
@@ -64,12 +47,17 @@ btScalar read(AmbConstraint &c, unsigned char reading) {
 
 }  // namespace
 
-btScalar spring_coordinate(AmbConstraint &c) { return axis_reading(c, moves_about_z(c)); }
+btScalar axis_reading(AmbConstraint &c, bool is_angle) {
+  auto &spring = c.as<btGeneric6DofSpring2Constraint>();
+  const btTransform a = spring.getRigidBodyA().getCenterOfMassTransform() * spring.getFrameOffsetA();
+  const btTransform b = spring.getRigidBodyB().getCenterOfMassTransform() * spring.getFrameOffsetB();
+  return is_angle ? axis_angle(a, b) : axis_distance(a, b);
+}
 
 extern "C" {
 
 AmbConstraint *amb_hinge_new(AmbBody *a, AmbBody *b, const double frame_a[12], const double frame_b[12]) {
-  return own_driven(Kind::Hinge, driven_hinge, *a, *b, frame_a, frame_b);
+  return own(Kind::Hinge, new btHingeConstraint(a->body, b->body, transform_of(frame_a), transform_of(frame_b), true));
 }
 
 void amb_hinge_set_limit(AmbConstraint *hinge, double low, double high) {
@@ -85,7 +73,7 @@ void amb_hinge_set_motor(AmbConstraint *hinge, int enabled, double velocity, dou
 }
 
 AmbConstraint *amb_slider_new(AmbBody *a, AmbBody *b, const double frame_a[12], const double frame_b[12]) {
-  return own_driven(Kind::Slider, driven_slider, *a, *b, frame_a, frame_b);
+  return own(Kind::Slider, new btSliderConstraint(a->body, b->body, transform_of(frame_a), transform_of(frame_b), true));
 }
 
 void amb_slider_set_limit(AmbConstraint *slider, double low, double high) {

@@ -13,8 +13,8 @@
 #include <btBulletDynamicsCommon.h>
 
 #include "arena_memory.h"
+#include "extension.h"
 #include "lean.h"
-#include "soft_rows.h"
 
 extern "C" {
 #include "shim.h"
@@ -55,15 +55,7 @@ struct AmbObject {
   Vector<uint64_t> ignored;
 };
 
-struct AmbTree;
-
-// State of a body before a sub-step.
-struct FlightStart {
-  btTransform pose;
-  btVector3 linear_velocity, angular_velocity;
-};
-
-struct AmbBody : AmbObject {
+struct AmbBody : AmbObject, EngineBody {
   AmbBody(btScalar mass, const btVector3 &inertia, AmbShape *owner_shape, const btTransform &pose)
       : AmbObject(ObjectKind::Body),
         shape(owner_shape),
@@ -81,30 +73,10 @@ struct AmbBody : AmbObject {
   AmbWorld *home = nullptr;
   // What keeps it from falling asleep.
   int restless = 0;
-  // Sub-step in which the body was last in contact; only counted where the integrator asks for it.
-  uint64_t touched = 0;
-  // What of it is in the world: the body, or its link of a tree.
+  // What of it is in the world: the body, or what the engine puts there in its place.
   btCollisionObject *collider = &body;
-  // The tree of which it is a link, and which of its bodies it is.
-  AmbTree *tree = nullptr;
-  int member = 0;
   // Constraints on it.
   int held = 0;
-  // Whether it was put where it is and has not moved since, and what all but the gyroscopic torque added to its angular velocity in the
-  // sub-step before; see second_order.h.
-  bool begins = true;
-  btVector3 turned{0, 0, 0};
-  FlightStart start;
-  // Rows that drive the body, see drive.cpp. Made when they are first needed, dropped when the body leaves its world.
-  std::unique_ptr<btTypedConstraint> drive;
-  // Of the sphere that is swept when the body moves further than that in a sub-step; 0: never.
-  btScalar swept_radius = 0;
-};
-
-// A body that hits something within the sub-step, and its pose there.
-struct AmbImpact {
-  AmbBody *body;
-  btTransform pose;
 };
 
 struct AmbGhost : AmbObject {
@@ -154,36 +126,16 @@ inline AmbBody *body_of(const btCollisionObject *object) {
 
 inline AmbSoft *soft_of(const btSoftBody *body) { return static_cast<AmbSoft *>(object_of(body)); }
 
-class TieRows;
-class TreeWorld;
-
 enum class Kind { Hinge, Slider, Fixed, PointToPoint, ConeTwist, SixDof, SixDofSpring };
 
-// A row that drives a hinge or slider, see drive.cpp.
-struct JointDrive {
-  bool enabled = false;
-  btScalar velocity = 0;
-  btScalar max_impulse = 0;
-  // Limits of the joint as they were given: Bullet keeps those of a hinge between -pi and pi. Low above high: free.
-  btScalar low = 1, high = -1;
-  // The softness of the row, and where it is in this sub-step.
-  SoftRows rows;
-};
-
-struct AmbConstraint {
+struct AmbConstraint : EngineConstraint {
   BT_DECLARE_ALIGNED_ALLOCATOR();
 
   Kind kind;
-  JointDrive drive;
   std::unique_ptr<btTypedConstraint> constraint;
   std::unique_ptr<btJointFeedback> feedback;
   // Its bodies don't collide.
   bool parts = false;
-  // The tree of which it is a joint, and to which of its links.
-  AmbTree *tree = nullptr;
-  int link = 0;
-  // In its stead while one of its bodies is a link of a tree that it is no joint of.
-  std::shared_ptr<TieRows> tie;
 
   template <typename T>
   T &as() {
@@ -219,18 +171,10 @@ struct Broadphase : btDbvtBroadphase {
   bool tight = false;
 };
 
-// What the solver of profile `accurate` knows of its world.
-struct AccurateContext : AmbAccurateSettings {
-  AccurateContext() : AmbAccurateSettings{} {}
-
-  // Free bodies fly exactly, not by Bullet's semi-implicit Euler.
-  bool exact_flight = false;
-};
-
 struct AmbWorld {
   BT_DECLARE_ALIGNED_ALLOCATOR();
 
-  AmbWorld(int solver_kind, int kind, const AmbArena *memory);
+  AmbWorld(int solver_kind, int kind, const AmbArena *memory, const AmbEngine *engine);
 
   // Objects of any kind are numbered here, and what their shapes need is set up.
   void adopt(AmbObject &object, const AmbShape *shape, AmbHandle handle);
@@ -239,21 +183,21 @@ struct AmbWorld {
 
   // In which it lies itself; null: on the heap.
   const AmbArena *arena;
+  // What an engine does here; null: plain Bullet. Before all that it makes.
+  std::unique_ptr<Extension> extension;
   std::unique_ptr<btDefaultCollisionConfiguration> configuration;
   btCollisionDispatcher dispatcher;
   // Bullet makes its pairs known to ghosts through it; set when there is one.
   std::unique_ptr<btGhostPairCallback> ghost_pairs;
   Broadphase broadphase;
   std::unique_ptr<btMLCPSolverInterface> mlcp;
-  AccurateContext accurate;
-  int integrator = AmbIntegrator_Euler;
   std::unique_ptr<btConstraintSolver> solver;
   std::unique_ptr<btDiscreteDynamicsWorld> world;
   // The same world.
   Stepper *stepper = nullptr;
   // The same world, if it was made for soft bodies.
   btSoftRigidDynamicsWorld *soft = nullptr;
-  // The same world, if it was made for trees.
+  // The same world, if the engine made it.
   TreeWorld *trees = nullptr;
   MotionClock clock;
   // Static bodies are looked at only when they are set.
@@ -265,11 +209,12 @@ struct AmbWorld {
   // Somebody casts rays: soft bodies keep a tree of their faces.
   bool has_rays = false;
   size_t next_index = 0;
-  uint64_t sub_step = 0;
-  // Some body is swept, see continuous.h.
-  bool has_continuous = false;
-  Vector<AmbImpact> impacts;
 };
+
+// Of manifolds that push.
+inline bool responds(const btPersistentManifold &manifold) {
+  return manifold.getBody0()->hasContactResponse() && manifold.getBody1()->hasContactResponse();
+}
 
 // Bodies at rest, see rest.cpp: whether a body may fall asleep, beginning awake, ...
 void set_activity(AmbWorld &world, AmbBody &owner);
@@ -289,13 +234,8 @@ void put_back_soft(AmbWorld &world, AmbArena &arena, const unsigned char *copy, 
 // Before the narrow phase looks at a pair one of which is a soft body; false: it may not.
 bool prepare_soft_pair(btBroadphasePair &pair, const btCollisionObject &a, const btCollisionObject &b);
 
-// Before a body leaves its world.
-void drop_drive(AmbWorld &world, AmbBody &body);
-// A hinge and a slider with the row of `drive`, which outlives them.
-std::unique_ptr<btTypedConstraint> driven_hinge(AmbBody &a, AmbBody &b, const btTransform &frame_a,
-                                                const btTransform &frame_b, JointDrive &drive);
-std::unique_ptr<btTypedConstraint> driven_slider(AmbBody &a, AmbBody &b, const btTransform &frame_a,
-                                                 const btTransform &frame_b, JointDrive &drive);
+// Of a spring about (rad, as of a hinge) or along (m) z of its frames, from the present poses.
+btScalar axis_reading(AmbConstraint &spring, bool is_angle);
 
 inline btVector3 vector_of(const double v[3]) { return btVector3(v[0], v[1], v[2]); }
 

@@ -50,12 +50,11 @@ void place(AmbWorld &world, AmbBody &owner, const btTransform &pose) {
   btRigidBody &body = owner.body;
   const bool moves = !(body.getWorldTransform() == pose);
   if (moves) wake_around(world, owner);
-  owner.begins = true;
-  owner.turned.setZero();
+  const bool is_link = world.extension && world.extension->pose_set(owner);
   body.setWorldTransform(pose);
   owner.motion.setWorldTransform(pose);
   // A link follows in the next sub-step, and is never at rest.
-  if (!moves || !world.rests || owner.tree) return;
+  if (!moves || !world.rests || is_link) return;
   world.world->updateSingleAabb(&body);
   wake_around(world, owner);
 }

@@ -1,12 +1,9 @@
 #ifndef AMB_SHIM_H
 #define AMB_SHIM_H
-#include "accurate.h"
 #include "arena.h"
 #include "body.h"
 #include "constraint.h"
-#include "drive.h"
 #include "ghost.h"
-#include "multi_body.h"
 #include "query.h"
 #include "rest.h"
 #include "settings.h"

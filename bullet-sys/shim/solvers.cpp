@@ -1,45 +1,33 @@
 #include "solvers.h"
 
-#include "soft_rows.h"
-
 #include <BulletDynamics/ConstraintSolver/btNNCGConstraintSolver.h>
 #include <BulletDynamics/MLCPSolvers/btDantzigSolver.h>
 #include <BulletDynamics/MLCPSolvers/btLemkeSolver.h>
 #include <BulletDynamics/MLCPSolvers/btMLCPSolver.h>
 #include <BulletDynamics/MLCPSolvers/btSolveProjectedGaussSeidel.h>
 
-#include "accurate_solver.h"
-#include "second_order.h"
-#include "tie_solver.h"
-
 namespace {
 
-// Bullet 3 no longer warm-starts friction; results of Bullet 2 need it. The rows are set up from velocities without impulses, so
-// that it can be done after all of them are.
-class WarmFrictionSolver : public btSequentialImpulseConstraintSolver {
- protected:
-  void convertContacts(btPersistentManifold **manifolds, int n, const btContactSolverInfo &info) override {
-    btSequentialImpulseConstraintSolver::convertContacts(manifolds, n, info);
-    if (!(info.m_solverMode & SOLVER_USE_WARMSTARTING)) return;
-    for (int i = 0; i < m_tmpSolverContactConstraintPool.size(); ++i) {
-      const btSolverConstraint &contact = m_tmpSolverContactConstraintPool[i];
-      const auto *point = static_cast<const btManifoldPoint *>(contact.m_originalContactPoint);
-      btSolverConstraint &friction = m_tmpSolverContactFrictionConstraintPool[contact.m_frictionIndex];
-      friction.m_appliedImpulse = point->m_appliedImpulseLateral1 * info.m_warmstartingFactor;
-      apply(m_tmpSolverBodyPool[contact.m_solverBodyIdA], friction.m_contactNormal1, friction.m_angularComponentA,
-            friction.m_appliedImpulse);
-      apply(m_tmpSolverBodyPool[contact.m_solverBodyIdB], friction.m_contactNormal2, friction.m_angularComponentB,
-            friction.m_appliedImpulse);
-    }
-  }
-
- private:
-  static void apply(btSolverBody &body, const btVector3 &normal, const btVector3 &angular, btScalar impulse) {
-    if (body.m_originalBody) body.internalApplyImpulse(normal * body.internalGetInvMass(), angular, impulse);
-  }
-};
+void apply(btSolverBody &body, const btVector3 &normal, const btVector3 &angular, btScalar impulse) {
+  if (body.m_originalBody) body.internalApplyImpulse(normal * body.internalGetInvMass(), angular, impulse);
+}
 
 }  // namespace
+
+void WarmFrictionSolver::convertContacts(btPersistentManifold **manifolds, int n, const btContactSolverInfo &info) {
+  btSequentialImpulseConstraintSolver::convertContacts(manifolds, n, info);
+  if (!(info.m_solverMode & SOLVER_USE_WARMSTARTING)) return;
+  for (int i = 0; i < m_tmpSolverContactConstraintPool.size(); ++i) {
+    const btSolverConstraint &contact = m_tmpSolverContactConstraintPool[i];
+    const auto *point = static_cast<const btManifoldPoint *>(contact.m_originalContactPoint);
+    btSolverConstraint &friction = m_tmpSolverContactFrictionConstraintPool[contact.m_frictionIndex];
+    friction.m_appliedImpulse = point->m_appliedImpulseLateral1 * info.m_warmstartingFactor;
+    apply(m_tmpSolverBodyPool[contact.m_solverBodyIdA], friction.m_contactNormal1, friction.m_angularComponentA,
+          friction.m_appliedImpulse);
+    apply(m_tmpSolverBodyPool[contact.m_solverBodyIdB], friction.m_contactNormal2, friction.m_angularComponentB,
+          friction.m_appliedImpulse);
+  }
+}
 
 std::unique_ptr<btMLCPSolverInterface> mlcp_of(int solver) {
   switch (solver) {
@@ -50,17 +38,9 @@ std::unique_ptr<btMLCPSolverInterface> mlcp_of(int solver) {
   }
 }
 
-std::unique_ptr<btConstraintSolver> solver_of(int solver, btMLCPSolverInterface *mlcp, const AccurateContext &accurate) {
-  if (mlcp) return std::make_unique<WithSoftMatrix<btMLCPSolver>>(mlcp);
-  if (solver == AmbSolver_Nncg) return std::make_unique<WithSoftRows<btNNCGConstraintSolver>>();
-  if (solver == AmbSolver_WarmFriction) return std::make_unique<WithSoftRows<WarmFrictionSolver>>();
-  if (solver == AmbSolver_Accurate) {
-    return std::make_unique<WithSoftRows<AccurateSolver<SecondOrder<btSequentialImpulseConstraintSolver>>>>(accurate);
-  }
-  return std::make_unique<WithSoftRows<btSequentialImpulseConstraintSolver>>();
-}
-
-std::unique_ptr<btMultiBodyConstraintSolver> multi_body_solver_of(int solver, const AccurateContext &accurate) {
-  if (solver == AmbSolver_Accurate) return std::make_unique<WithSoftRows<AccurateSolver<SecondOrder<TieSolver>>>>(accurate);
-  return std::make_unique<WithSoftRows<TieSolver>>();
+std::unique_ptr<btConstraintSolver> solver_of(int solver, btMLCPSolverInterface *mlcp) {
+  if (mlcp) return std::make_unique<btMLCPSolver>(mlcp);
+  if (solver == AmbSolver_Nncg) return std::make_unique<btNNCGConstraintSolver>();
+  if (solver == AmbSolver_WarmFriction) return std::make_unique<WarmFrictionSolver>();
+  return std::make_unique<btSequentialImpulseConstraintSolver>();
 }

@@ -10,6 +10,7 @@ typedef struct AmbGhost AmbGhost;
 typedef struct AmbVehicle AmbVehicle;
 typedef struct AmbSoft AmbSoft;
 typedef struct AmbTree AmbTree;
+typedef struct AmbEngine AmbEngine;
 
 /* Names an object towards the caller: given with the object, handed back by queries. */
 typedef unsigned long long AmbHandle;

@@ -1,7 +1,5 @@
-#include "continuous.h"
-#include "flight.h"
 #include "solvers.h"
-#include "tree_rows.h"
+#include "stepped.h"
 
 #include <BulletCollision/Gimpact/btGImpactCollisionAlgorithm.h>
 #include <BulletSoftBody/btSoftBodyRigidBodyCollisionConfiguration.h>
@@ -20,10 +18,6 @@ void near_callback(btBroadphasePair &pair, btCollisionDispatcher &dispatcher, co
   btCollisionDispatcher::defaultNearCallback(pair, dispatcher, info);
 }
 
-bool responds(const btPersistentManifold &manifold) {
-  return manifold.getBody0()->hasContactResponse() && manifold.getBody1()->hasContactResponse();
-}
-
 // Bullet's default of 4096 manifolds takes 7 MB that are touched at once, half of what a small scene needs in all. Piles that need
 // more get theirs from the heap, one by one. In an arena all come from the same memory, and what is not used would be copied.
 btDefaultCollisionConstructionInfo small_pools(bool in_arena) {
@@ -33,82 +27,37 @@ btDefaultCollisionConstructionInfo small_pools(bool in_arena) {
   return info;
 }
 
-std::unique_ptr<btDefaultCollisionConfiguration> configuration_of(bool soft, bool accurate, bool in_arena) {
+std::unique_ptr<btDefaultCollisionConfiguration> configuration_of(bool soft, bool in_arena, Extension *extension) {
   std::unique_ptr<btDefaultCollisionConfiguration> made;
   if (soft) {
     made = std::make_unique<Held<btSoftBodyRigidBodyCollisionConfiguration>>(small_pools(in_arena));
   } else {
     made = std::make_unique<Held<btDefaultCollisionConfiguration>>(small_pools(in_arena));
   }
-  // A plane otherwise finds one point a step: what slides on it rocks from corner to corner.
-  if (accurate) made->setPlaneConvexMultipointIterations(4, 4);
-  return made;
-}
-
-// The same calls in the same order as in Bullet's own loop: results agree bit for bit.
-template <class Base>
-struct Stepped : Base, Stepper {
-  using Base::Base;
-
-  int begin(btScalar interval, int most, btScalar sub_step) override {
-    this->m_fixedTimeStep = sub_step;
-    this->m_localTime += interval;
-    int due = 0;
-    if (this->m_localTime >= sub_step) {
-      due = int(this->m_localTime / sub_step);
-      this->m_localTime -= due * sub_step;
-    }
-    idle = due == 0;
-    if (!idle) {
-      this->saveKinematicState(sub_step * btMin(due, most));
-      this->applyGravity();
-    }
-    return due;
-  }
-
-  void advance(btScalar sub_step) override {
-    this->internalSingleStepSimulation(sub_step);
-    this->synchronizeMotionStates();
-  }
-
-  void finish() override {
-    if (idle) this->synchronizeMotionStates();
-    this->clearForces();
-  }
-
- private:
-  bool idle = true;
-};
-
-template <class Base, class Solver>
-Base *make_world(AmbWorld &owner, Solver *solver) {
-  auto *made = new Stepped<ContinuousWorld<Base>>(owner.clock, &owner.dispatcher, &owner.broadphase, solver,
-                                                 owner.configuration.get());
-  owner.world.reset(made);
-  owner.stepper = made;
+  if (extension) extension->configure(*made);
   return made;
 }
 
 }  // namespace
 
-AmbWorld::AmbWorld(int solver_kind, int kind, const AmbArena *memory)
+AmbWorld::AmbWorld(int solver_kind, int kind, const AmbArena *memory, const AmbEngine *engine)
     : arena(memory),
-      configuration(configuration_of(kind == AmbWorldKind_Soft, solver_kind == AmbSolver_Accurate, memory)),
+      extension(engine ? engine->extend(*this, solver_kind, kind) : nullptr),
+      configuration(configuration_of(kind == AmbWorldKind_Soft, memory, extension.get())),
       dispatcher(configuration.get()) {
-  if (kind == AmbWorldKind_Trees) {
-    auto rows = multi_body_solver_of(solver_kind, accurate);
-    trees = make_world<TreeWorld>(*this, rows.get());
-    solver = std::move(rows);
+  const bool trees_wanted = extension && kind == AmbWorldKind_Trees;
+  if (!trees_wanted) mlcp = mlcp_of(solver_kind);
+  solver = extension ? extension->make_solver(mlcp.get()) : solver_of(solver_kind, mlcp.get());
+  if (trees_wanted) {
+    extension->make_world(*solver);
   } else {
-    mlcp = mlcp_of(solver_kind);
-    solver = solver_of(solver_kind, mlcp.get(), accurate);
     if (kind == AmbWorldKind_Soft) {
-      soft = make_world<Lean<btSoftRigidDynamicsWorld>>(*this, solver.get());
+      soft = fill_world<Lean<btSoftRigidDynamicsWorld>>(*this, solver.get());
       soft->getWorldInfo().air_density = 0;
       if (arena) keep_distance_fields_out(*this);
       soft->setInternalTickCallback(before_soft_sub_step, this, true);
     } else {
-      make_world<Lean<btDiscreteDynamicsWorld>>(*this, solver.get());
+      fill_world<Lean<btDiscreteDynamicsWorld>>(*this, solver.get());
     }
     // An MLCP solver takes one island at a time; merging small ones would only make its matrices larger.
     if (mlcp) world->getSolverInfo().m_minimumSolverBatchSize = 1;
@@ -142,48 +91,13 @@ void count_held(const AmbConstraint &constraint, int change) {
   }
 }
 
-void before_sub_step(btDynamicsWorld *dynamics, btScalar dt) {
-  auto &world = *static_cast<AmbWorld *>(dynamics->getWorldUserInfo());
-  if (world.soft) before_soft_sub_step(dynamics, dt);
-  remember_flight(world);
-}
-
-// After a sub-step: moves every free body as the integrator says.
-void correct_free_bodies(btDynamicsWorld *dynamics, btScalar dt) {
-  auto &world = *static_cast<AmbWorld *>(dynamics->getWorldUserInfo());
-  const uint64_t now = ++world.sub_step;
-  for (int i = 0; i < world.dispatcher.getNumManifolds(); ++i) {
-    const btPersistentManifold *manifold = world.dispatcher.getManifoldByIndexInternal(i);
-    if (manifold->getNumContacts() == 0 || !responds(*manifold)) continue;
-    for (const btCollisionObject *object : {manifold->getBody0(), manifold->getBody1()}) {
-      if (AmbBody *body = body_of(object)) body->touched = now;
-    }
-  }
-  const btCollisionObjectArray &objects = dynamics->getCollisionObjectArray();
-  for (int i = 0; i < objects.size(); ++i) {
-    AmbBody *owner = body_of(objects[i]);
-    if (!owner || owner->tree || owner->touched == now) continue;
-    btRigidBody &body = owner->body;
-    if (!body.isActive() || body.isStaticOrKinematicObject() || owner->held > 0 || owner->drive) continue;
-    if (world.integrator == AmbIntegrator_RungeKutta) {
-      fly(body, owner->start, dt);
-      continue;
-    }
-    const btVector3 back = body.getTotalForce() * (body.getInvMass() * dt * dt / 2);
-    btTransform pose = body.getWorldTransform();
-    pose.setOrigin(pose.getOrigin() - back);
-    body.setWorldTransform(pose);
-    body.setInterpolationWorldTransform(pose);
-  }
-}
-
 }  // namespace
 
 extern "C" {
 
-AmbWorld *amb_world_new(int solver, int kind, AmbArena *arena) {
+AmbWorld *amb_world_new(int solver, int kind, AmbArena *arena, const AmbEngine *engine) {
   AmbArena *const before = amb_arena_enter(arena);
-  auto *world = new AmbWorld(solver, kind, arena);
+  auto *world = new AmbWorld(solver, kind, arena, engine);
   amb_arena_enter(before);
   return world;
 }
@@ -204,28 +118,11 @@ void amb_world_set_gravity(AmbWorld *world, const double gravity[3]) {
   for (int i = 0; i < objects.size(); ++i) objects[i]->activate();
   world->world->setGravity(vector_of(gravity));
   if (world->soft) world->soft->getWorldInfo().m_gravity = vector_of(gravity);
-  if (!world->trees) return;
-  for (AmbTree *tree : world->trees->trees) {
-    for (AmbTree::Member &member : tree->members) {
-      if (member.collider) member.body->body.setGravity(vector_of(gravity));
-    }
-  }
+  if (world->extension) world->extension->gravity_set(vector_of(gravity));
 }
 
 void amb_world_set_iterations(AmbWorld *world, int iterations) {
   world->world->getSolverInfo().m_numIterations = iterations;
-}
-
-void amb_world_set_accurate(AmbWorld *world, const AmbAccurateSettings *settings) {
-  static_cast<AmbAccurateSettings &>(world->accurate) = *settings;
-}
-
-void amb_world_set_integrator(AmbWorld *world, int integrator) {
-  world->integrator = integrator;
-  world->accurate.exact_flight = integrator != AmbIntegrator_Euler;
-  world->world->setInternalTickCallback(integrator == AmbIntegrator_Euler ? nullptr : correct_free_bodies, world);
-  const btInternalTickCallback soft = world->soft ? before_soft_sub_step : nullptr;
-  world->world->setInternalTickCallback(integrator == AmbIntegrator_RungeKutta ? before_sub_step : soft, world, true);
 }
 
 void amb_world_set_lag(AmbWorld *world, int enabled) {
@@ -242,7 +139,7 @@ void amb_world_add_body(AmbWorld *world, AmbBody *body, AmbHandle handle) {
 
 void amb_world_remove_body(AmbWorld *world, AmbBody *body) {
   if (world->soft) forget_in_soft_bodies(*world, *body);
-  drop_drive(*world, *body);
+  if (world->extension) world->extension->body_leaves(*body);
   wake_around(*world, *body);
   world->world->removeRigidBody(&body->body);
   body->home = nullptr;
@@ -266,14 +163,14 @@ void amb_world_add_constraint(AmbWorld *world, AmbConstraint *constraint, int di
   count_held(*constraint, 1);
   constraint->parts = disable_collisions != 0;
   wake(*constraint);
-  if (holds_link(*constraint)) return add_tie(*world, *constraint);
+  if (world->extension && world->extension->add_constraint(*constraint)) return;
   world->world->addConstraint(constraint->constraint.get(), constraint->parts);
 }
 
 void amb_world_remove_constraint(AmbWorld *world, AmbConstraint *constraint) {
   count_held(*constraint, -1);
   wake(*constraint);
-  if (constraint->tie) return remove_tie(*world, *constraint);
+  if (world->extension && world->extension->remove_constraint(*constraint)) return;
   world->world->removeConstraint(constraint->constraint.get());
 }
 
@@ -343,8 +240,7 @@ void amb_world_recover(AmbWorld *world) {
   }
   rebuild_broadphase(*world);
   world->solver->reset();
-  if (!world->trees) return;
-  for (AmbConstraint *constraint : world->trees->ties) constraint->tie->forget();
+  if (world->extension) world->extension->recovered();
 }
 
 int amb_world_contact_count(const AmbWorld *world) {

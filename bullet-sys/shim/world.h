@@ -12,7 +12,7 @@ enum AmbSolver {
   AmbSolver_Lemke = 4,
   /* Sequential impulses that start friction from the impulses of the step before, as Bullet 2 did. */
   AmbSolver_WarmFriction = 5,
-  /* Direct solution of islands where it is cheap, else sequential impulses; its switches are in accurate.h, all off at first. */
+  /* The engine's own; without an engine, sequential impulses. */
   AmbSolver_Accurate = 6
 };
 
@@ -20,13 +20,14 @@ enum AmbWorldKind {
   AmbWorldKind_Rigid = 0,
   /* Soft bodies may be added. Rigid bodies move as in a rigid world, bit for bit. */
   AmbWorldKind_Soft = 1,
-  /* Constraints may be made trees, see multi_body.h. */
+  /* The engine's own, whose constraints may be made articulations; without an engine, rigid. */
   AmbWorldKind_Trees = 2
 };
 
 /* The arena is that of this world alone, or null. Who has given one enters it before each of the functions below, which may all allocate, and
-   whenever something is made for the world; shapes don't change and stay out. */
-AmbWorld *amb_world_new(int solver, int kind, AmbArena *arena);
+   whenever something is made for the world; shapes don't change and stay out.
+   engine: what replaces parts of Bullet's step, see extension.h, of static lifetime; null: nothing does. */
+AmbWorld *amb_world_new(int solver, int kind, AmbArena *arena, const AmbEngine *engine);
 /* Back to what it was when the copy of its arena was made. The same bodies, soft bodies, ghosts and vehicles must be in the world as then;
    constraints and trees made since are gone, and those removed are back. */
 void amb_world_restore(AmbWorld *world, AmbArena *arena, const unsigned char *copy, unsigned long size);
@@ -35,16 +36,6 @@ void amb_world_free(AmbWorld *world);
 void amb_world_set_gravity(AmbWorld *world, const double gravity[3]);
 void amb_world_set_iterations(AmbWorld *world, int iterations);
 
-/* How bodies without contacts and constraints move. */
-enum AmbIntegrator {
-  AmbIntegrator_Euler = 0,
-  /* Exactly under constant force: Bullet's step x += v' dt is a a dt^2 / 2 too long. */
-  AmbIntegrator_Ballistic = 1,
-  /* Also exactly under damping, turning as Euler's equations say, by Runge-Kutta of fourth order. */
-  AmbIntegrator_RungeKutta = 2
-};
-
-void amb_world_set_integrator(AmbWorld *world, int integrator);
 /* Whether motion states lag up to a sub-step behind (Bullet's default) or are as recent as the last sub-step. */
 void amb_world_set_lag(AmbWorld *world, int enabled);
 
@@ -55,10 +46,6 @@ void amb_world_remove_body(AmbWorld *world, AmbBody *body);
 void amb_world_make_drawing(AmbWorld *world, AmbBody *body);
 void amb_world_add_constraint(AmbWorld *world, AmbConstraint *constraint, int disable_collisions);
 void amb_world_remove_constraint(AmbWorld *world, AmbConstraint *constraint);
-/* Whether a body that moves further in a sub-step than a sphere inside it is large stops where it hits something, instead of passing
-   through what is thinner than its way. Returns 0 when the shape has no such sphere: it is concave, or its centre is outside. Costs
-   nothing while the body is slow. */
-int amb_world_set_continuous(AmbWorld *world, AmbBody *body, int enabled);
 /* The two bodies never collide from now on; found in constant time. */
 void amb_world_ignore_pair(AmbWorld *world, AmbBody *a, AmbBody *b);
 

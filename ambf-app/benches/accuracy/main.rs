@@ -98,7 +98,7 @@ fn main() {
     };
     let mut machine = report::machine(wanted.quick);
     if let Some(peers) = &peers {
-        machine += &format!(" Others: {}.", peers.versions);
+        machine += &format!(" Others: {}.", peers.versions());
     }
     println!("{machine}\n");
     let (mut found, mut sections, mut figures) = (Vec::new(), Vec::new(), Vec::new());

@@ -264,7 +264,7 @@ class Mujoco:
 def build(peer, system, step):
     if peer.startswith("pybullet"):
         return Bullet(system, step, peer.endswith("maximal"))
-    integrator = {"Euler": "Euler", "implicit": "implicit", "RK4": "RK4"}[peer.split()[1]]
+    integrator = {"Euler": "Euler", "implicit": "implicit", "RK4": "RK4"}[peer.split()[-1]]
     return Mujoco(system, step, integrator)
 
 

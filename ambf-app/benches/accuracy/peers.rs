@@ -1,5 +1,6 @@
 //! Other simulators, through a Python program that takes a request a line and answers with a line.
 
+use std::ffi::OsString;
 use std::io::{BufRead, BufReader, Write};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::time::Duration;
@@ -20,6 +21,9 @@ pub enum Peer {
     MujocoEuler,
     MujocoImplicit,
     MujocoRk4,
+    /// MuJoCo 3, beside the newest version: 4.0.0 has a defect of its solver.
+    Mujoco3Euler,
+    Mujoco3Rk4,
 }
 
 impl Peer {
@@ -27,10 +31,10 @@ impl Peer {
     pub fn of(family: Family) -> &'static [Self] {
         use Peer::*;
         match family {
-            Family::Free => &[Featherstone, Maximal, MujocoEuler, MujocoRk4],
+            Family::Free => &[Featherstone, Maximal, MujocoEuler, MujocoRk4, Mujoco3Rk4],
             // Joints of pybullet are Featherstone's.
-            Family::Tree | Family::Loop => &[Featherstone, MujocoEuler, MujocoImplicit, MujocoRk4],
-            Family::Contact => &[Featherstone, Maximal, MujocoEuler],
+            Family::Tree | Family::Loop => &[Featherstone, MujocoEuler, MujocoImplicit, MujocoRk4, Mujoco3Rk4],
+            Family::Contact => &[Featherstone, Maximal, MujocoEuler, Mujoco3Euler],
             // MuJoCo has no coefficient of restitution.
             Family::Bounce => &[Featherstone, Maximal],
         }
@@ -43,20 +47,22 @@ impl Peer {
             Self::MujocoEuler => "MuJoCo Euler",
             Self::MujocoImplicit => "MuJoCo implicit",
             Self::MujocoRk4 => "MuJoCo RK4",
+            Self::Mujoco3Euler => "MuJoCo 3 Euler",
+            Self::Mujoco3Rk4 => "MuJoCo 3 RK4",
         }
     }
 }
 
-/// The running Python program.
-pub struct Peers {
+/// A running Python program.
+struct Program {
     child: Child,
     input: ChildStdin,
     output: BufReader<ChildStdout>,
     /// Versions, as it says them.
-    pub versions: String,
+    versions: String,
 }
 
-impl Drop for Peers {
+impl Drop for Program {
     fn drop(&mut self) {
         // It may have ended by itself.
         let _ = self.child.kill();
@@ -64,22 +70,55 @@ impl Drop for Peers {
     }
 }
 
+/// The running Python programs.
+pub struct Peers {
+    newest: Program,
+    /// With MuJoCo 3.
+    older: Result<Program, String>,
+}
+
 impl Peers {
-    /// Starts the program with the Python interpreter that `AMBF_PEERS_PYTHON` names; `Err` says why there are no peers.
+    /// Starts them with the Python interpreter that `AMBF_PEERS_PYTHON` names, and with the packages in `AMBF_PEERS_MUJOCO3` for MuJoCo 3; `Err`
+    /// says why there are no peers.
     pub fn start() -> Result<Self, String> {
+        let newest = Program::start(None)?;
+        let packages = std::env::var_os("AMBF_PEERS_MUJOCO3").ok_or("AMBF_PEERS_MUJOCO3 is not set".to_owned());
+        Ok(Self { newest, older: packages.and_then(|packages| Program::start(Some(packages))) })
+    }
+
+    /// All versions.
+    pub fn versions(&self) -> String {
+        let older = self.older.as_ref().map_or(String::new(), |older| format!("; {}", older.versions));
+        format!("{}{older}", self.newest.versions)
+    }
+
+    /// Runs a case; `Ok(None)` when it takes longer than `most`.
+    pub fn run(&mut self, case: &Case, peer: Peer, step: f64, most: Duration) -> Result<Option<Run>, String> {
+        let program = match peer {
+            Peer::Mujoco3Euler | Peer::Mujoco3Rk4 => self.older.as_mut().map_err(|problem| problem.clone())?,
+            _ => &mut self.newest,
+        };
+        program.run(case, peer, step, most)
+    }
+}
+
+impl Program {
+    /// packages: a folder of packages that come before those of the interpreter.
+    fn start(packages: Option<OsString>) -> Result<Self, String> {
         let python = std::env::var_os("AMBF_PEERS_PYTHON").ok_or("AMBF_PEERS_PYTHON is not set")?;
         let program = concat!(env!("CARGO_MANIFEST_DIR"), "/benches/accuracy/peers.py");
         let mut command = Command::new(python);
         // MuJoCo writes its log where it runs.
         command.current_dir(env!("CARGO_TARGET_TMPDIR"));
+        command.envs(packages.map(|packages| ("PYTHONPATH", packages)));
         command.arg(program).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null());
         let mut child = command.spawn().map_err(|error| error.to_string())?;
         let input = child.stdin.take().expect("it is piped");
         let output = BufReader::new(child.stdout.take().expect("it is piped"));
-        let mut peers = Self { child, input, output, versions: String::new() };
-        let hello = peers.answer()?;
-        peers.versions = hello["versions"].as_str().ok_or("it did not say its versions")?.to_owned();
-        Ok(peers)
+        let mut program = Self { child, input, output, versions: String::new() };
+        let hello = program.answer()?;
+        program.versions = hello["versions"].as_str().ok_or("it did not say its versions")?.to_owned();
+        Ok(program)
     }
 
     fn answer(&mut self) -> Result<Value, String> {
@@ -91,8 +130,7 @@ impl Peers {
         }
     }
 
-    /// Runs a case; `Ok(None)` when it takes longer than `most`.
-    pub fn run(&mut self, case: &Case, peer: Peer, step: f64, most: Duration) -> Result<Option<Run>, String> {
+    fn run(&mut self, case: &Case, peer: Peer, step: f64, most: Duration) -> Result<Option<Run>, String> {
         let request = json!({
             "peer": peer.name(), "system": case.system.json(), "step": step, "times": case.times, "most": most.as_secs_f64(),
         });

@@ -1,4 +1,5 @@
-//! What survives: `scripts/bench stability [--quick] [--only FAMILY]…`
+//! What survives: `scripts/bench stability [--quick] [--only FAMILY]…`; search for failures in random scenes:
+//! `scripts/bench stability --random N [--seed S]`, see [`random`].
 //!
 //! With `--only` tables are printed and nothing is written; else they go into `docs/benchmarks/stability.md`, between its markers, with a
 //! map of all of it.
@@ -12,6 +13,7 @@ mod families;
 #[path = "../accuracy/jointed.rs"]
 mod jointed;
 mod map;
+mod random;
 #[allow(dead_code)]
 #[path = "../accuracy/reference/mod.rs"]
 mod reference;
@@ -56,6 +58,13 @@ fn main() {
     if !arguments.iter().any(|argument| argument == CARGO_BENCH) {
         println!("nothing is measured: this is started by `cargo bench` or scripts/bench");
         return;
+    }
+    let random = random::Options::read(&arguments).unwrap_or_else(|problem| {
+        eprintln!("bench: {problem}");
+        exit(1);
+    });
+    if let Some(options) = random {
+        return random::search(&options);
     }
     let families = families::all();
     let (quick, only) = read(&arguments, &families).unwrap_or_else(|problem| {

@@ -1,9 +1,11 @@
 //! Batch runs: a scene stepped as fast as it goes, without ROS and without a clock.
 
 mod commands;
+mod energy;
 mod trace;
 
 pub use commands::{CommandError, Commands, Targets};
+pub use energy::EnergyWriter;
 pub use trace::TraceWriter;
 
 use std::collections::HashMap;
@@ -11,6 +13,7 @@ use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
+use ambf_core::bullet::SolverStatistics;
 use ambf_core::scene::{load, Loaded, SceneOptions};
 use ambf_core::sim::{NonFinite, Simulation};
 use thiserror::Error;
@@ -41,6 +44,14 @@ pub enum BatchError {
         /// Why.
         source: std::io::Error,
     },
+    /// Error when the energy ledger cannot be written.
+    #[error("cannot write the energy ledger {}: {source}", path.display())]
+    Energy {
+        /// Where it should be.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
     /// Error when the state became non-finite.
     #[error(transparent)]
     NonFinite(#[from] NonFinite),
@@ -54,7 +65,7 @@ impl BatchError {
     pub fn status(&self) -> i32 {
         match self {
             Self::Usage(_) => 1,
-            Self::Load(_) | Self::Commands(_) | Self::Trace { .. } => 2,
+            Self::Load(_) | Self::Commands(_) | Self::Trace { .. } | Self::Energy { .. } => 2,
             Self::NonFinite(_) => 3,
             Self::Interrupted => 130,
         }
@@ -78,6 +89,7 @@ pub struct Summary {
     joints: usize,
     /// The scene is not what its files say: elements had to be dropped.
     incomplete: bool,
+    solver: SolverStatistics,
 }
 
 impl Summary {
@@ -90,12 +102,16 @@ impl Summary {
         }
     }
 
-    /// One line of JSON. Times in s, a step's in µs, memory in MB.
+    /// One line of JSON. Times in s, a step's in µs, memory in MB; of the solver, sums and maxima over the run.
     pub fn to_json(&self) -> String {
         let per_step = |time: Duration, steps: u64| time.as_secs_f64() * 1e6 / steps.max(1) as f64;
+        let solver = &self.solver;
         format!(
             "{{\"steps\":{},\"sim_s\":{},\"load_s\":{:.6},\"wall_s\":{:.6},\"us_per_step\":{:.4},\"bullet_us_per_step\":{:.4},\
-             \"peak_rss_mb\":{:.1},\"bodies\":{},\"joints\":{},\"cpu_s\":{:.6},\"tail_us_per_step\":{:.4}}}",
+             \"peak_rss_mb\":{:.1},\"bodies\":{},\"joints\":{},\"cpu_s\":{:.6},\"tail_us_per_step\":{:.4},\
+             \"islands_solved\":{},\"islands_approximate\":{},\"islands_iterated\":{},\"position_problems\":{},\"rows\":{},\
+             \"factorisations\":{},\"pivots\":{},\"sweeps\":{},\"residual\":{:e},\"joint_gap_m\":{:e},\"joint_angle_rad\":{:e},\
+             \"penetration_m\":{:e}}}",
             self.steps,
             self.sim_s,
             self.load.as_secs_f64(),
@@ -107,6 +123,18 @@ impl Summary {
             self.joints,
             self.cpu_s,
             per_step(self.tail.0, self.tail.1),
+            solver.islands_solved,
+            solver.islands_approximate,
+            solver.islands_iterated,
+            solver.position_problems,
+            solver.rows,
+            solver.factorisations,
+            solver.pivots,
+            solver.sweeps,
+            solver.residual,
+            solver.joint_gap,
+            solver.joint_angle,
+            solver.penetration,
         )
     }
 }
@@ -135,6 +163,11 @@ pub fn run(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<Summary, B
         Some(prefix) => Some(TraceWriter::create(prefix, &simulation, names, options.full).map_err(trace_error)?),
         None => None,
     };
+    let energy_error = |source| BatchError::Energy { path: options.energy.clone().unwrap_or_default(), source };
+    let mut energy = match &options.energy {
+        Some(path) => Some(EnergyWriter::create(path, &mut simulation).map_err(energy_error)?),
+        None => None,
+    };
     let load = begin.elapsed();
 
     let has_plugins = simulation.has_plugins();
@@ -154,9 +187,12 @@ pub fn run(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<Summary, B
                 tail = (tail.0 + cost, tail.1 + 1);
             }
         }
-        if let Some(trace) = &mut trace {
-            if step % options.every == 0 || step == options.steps {
+        if step % options.every == 0 || step == options.steps {
+            if let Some(trace) = &mut trace {
                 trace.write(&simulation, step).map_err(trace_error)?;
+            }
+            if let Some(energy) = &mut energy {
+                energy.write(&simulation, step).map_err(energy_error)?;
             }
         }
         if step > 0 {
@@ -177,6 +213,9 @@ pub fn run(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<Summary, B
     if let Some(trace) = trace {
         trace.finish().map_err(trace_error)?;
     }
+    if let Some(energy) = energy {
+        energy.finish().map_err(energy_error)?;
+    }
     Ok(Summary {
         steps: options.steps,
         sim_s: simulation.sim_time(),
@@ -189,6 +228,7 @@ pub fn run(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<Summary, B
         bodies: simulation.scene().bodies.len(),
         joints: simulation.scene().joints.len(),
         incomplete,
+        solver: simulation.take_solver_statistics(),
     })
 }
 

@@ -29,6 +29,8 @@ pub struct BatchOptions {
     pub plugins: Vec<PathBuf>,
     /// What the names of the trace files begin with; `None`: no traces.
     pub trace: Option<PathBuf>,
+    /// File of the energy ledger, CSV; `None`: no ledger.
+    pub energy: Option<PathBuf>,
     /// A row is written every so many steps, at least 1; default: 1.
     pub every: u64,
     /// Whether the trace of the bodies has the poses of the inertial frames too; default: `false`.
@@ -111,6 +113,9 @@ struct Arguments {
     /// Write PREFIX_bodies.csv, PREFIX_joints.csv and PREFIX_softnodes.csv
     #[arg(long, value_name = "PREFIX", help_heading = "Output")]
     trace: Option<PathBuf>,
+    /// Write where the mechanical energy comes from and goes, J, as CSV
+    #[arg(long, value_name = "FILE", help_heading = "Output")]
+    energy: Option<PathBuf>,
     /// Write every K-th step (and the last)
     #[arg(long, value_name = "K", default_value = "1", value_parser = interval, help_heading = "Output")]
     every: u64,
@@ -181,6 +186,7 @@ impl Arguments {
             commands: self.commands,
             plugins: self.plugins.map(|list| list.0).unwrap_or_default(),
             trace: self.trace,
+            energy: self.energy,
             every: self.every,
             full: self.full,
             json: self.json,
@@ -219,6 +225,7 @@ mod tests {
             commands: None,
             plugins: vec![],
             trace: None,
+            energy: None,
             every: 1,
             full: false,
             json: false,
@@ -232,7 +239,7 @@ mod tests {
     #[test]
     fn every_option_is_read() {
         let options = run(
-            "-a a.yaml,b.yaml --launch_file l.yaml --world w.yaml --steps 7 --dt 0.0005 --commands c.txt --plugins p.so,builtin:q --trace out/t \
+            "-a a.yaml,b.yaml --launch_file l.yaml --world w.yaml --steps 7 --dt 0.0005 --commands c.txt --plugins p.so,builtin:q --trace out/t --energy e.csv \
              --every 20 --full --profile legacy --solver nncg --iterations 5 --integrator rk4 --sleep --articulated=no --json",
         );
         let expected = BatchOptions {
@@ -245,6 +252,7 @@ mod tests {
             commands: Some("c.txt".into()),
             plugins: ["p.so", "builtin:q"].map(PathBuf::from).to_vec(),
             trace: Some("out/t".into()),
+            energy: Some("e.csv".into()),
             every: 20,
             full: true,
             json: true,

@@ -54,6 +54,9 @@ pub struct Joint {
     pub cfm: f64,
     /// No collision between the two connected bodies. Default: `true`.
     pub ignore_inter_collision: bool,
+    /// Profile `accurate` moves the bodies onto the joint before the first step; `false`: what the file leaves between them is closed by the
+    /// constraint while the simulation runs. Not known to the C++ program. Default: `true`.
+    pub assemble: bool,
     /// Joint controller. Default output: force with key `controller`, velocity without it.
     pub controller: Controller,
 }
@@ -208,6 +211,7 @@ impl Joint {
             erp: map.real("joint erp").unwrap_or(0.1),
             cfm: map.real("joint cfm").unwrap_or(0.1),
             ignore_inter_collision: map.boolean("ignore inter-collision").unwrap_or(true),
+            assemble: map.boolean("assemble").unwrap_or(true),
             controller,
             kind,
         };
@@ -436,6 +440,13 @@ mod tests {
         let (model, problems) = read::<Model>(&text("type: revolute, joint limits: {low: 1}"));
         assert_eq!(model.joints[0].limits, None);
         assert!(problems[0].contains("the joint is unlimited"));
+    }
+
+    #[test]
+    fn joints_are_assembled_unless_they_say_otherwise() {
+        assert!(joint("type: fixed").assemble);
+        assert!(!joint("type: fixed, assemble: false").assemble);
+        assert_eq!(refused::<Model>(&text("type: fixed, assemble: 1")).len(), 1);
     }
 
     #[test]

@@ -1,4 +1,4 @@
-use bullet_sys as sys;
+use ambf_dynamics::ffi as sys;
 
 use super::{Solver, SolverSettings, World};
 
@@ -17,19 +17,24 @@ pub struct AccurateSettings {
     /// Least softness of joint rows that are solved directly, as a share of the row's diagonal. Redundant rows then share the load.
     /// Smaller ones lose accuracy where closed loops hold more than they need. Default: 1e-7.
     pub joint_softness: f64,
-    /// The same of contacts. Default: 1e-4.
+    /// The same of contacts. Default: 1e-7.
     pub contact_softness: f64,
     /// The same of friction. Default: 1e-7.
     pub friction_softness: f64,
-    /// Islands are hard that have joints or masses which differ by more than this factor. Default: 100.
+    /// Islands are hard that have joints, articulations or masses which differ by more than this factor. Default: 100.
     pub hard_mass_ratio: f64,
-    /// Most multiplications of a factorisation, a row, of an island that is solved directly without being hard. Default: 500.
-    pub max_cost: f64,
-    /// The same of one that is hard. Default: 4000.
-    pub max_hard_cost: f64,
-    /// Most factorisations of block pivoting. Where it cycles, slower methods follow, with ten times as many as far as that takes
-    /// milliseconds; islands that are not hard and need them in 8 steps on end are iterated for 64. Default: 20.
-    pub max_rounds: u32,
+    /// Islands that are not hard and have more contacts than this are left to sequential impulses if a factorisation takes more
+    /// multiplications a row than [`max_pile_cost`](Self::max_pile_cost). Default: 60.
+    pub max_pile: u32,
+    /// See [`max_pile`](Self::max_pile). Default: 500.
+    pub max_pile_cost: f64,
+    /// Most multiplications for the solution of an island: this many, and [`budget_per_row`](Self::budget_per_row) more for each of its
+    /// rows. Where the solution needs more, the best that was found is taken. Default: 100 000.
+    pub least_budget: f64,
+    /// See [`least_budget`](Self::least_budget). Default: 1500.
+    pub budget_per_row: f64,
+    /// Most multiplications that a world keeps for hard problems, such as impacts, from what others did not need. Default: 1 000 000.
+    pub most_saved_budget: f64,
 }
 
 impl Default for AccurateSettings {
@@ -40,12 +45,14 @@ impl Default for AccurateSettings {
             restitution: true,
             direct: true,
             joint_softness: 1e-7,
-            contact_softness: 1e-4,
+            contact_softness: 1e-7,
             friction_softness: 1e-7,
             hard_mass_ratio: 100.0,
-            max_cost: 500.0,
-            max_hard_cost: 4000.0,
-            max_rounds: 20,
+            max_pile: 60,
+            max_pile_cost: 500.0,
+            least_budget: 1e5,
+            budget_per_row: 1500.0,
+            most_saved_budget: 1e6,
         }
     }
 }
@@ -79,9 +86,11 @@ impl World {
             contact_softness: settings.contact_softness,
             friction_softness: settings.friction_softness,
             hard_mass_ratio: settings.hard_mass_ratio,
-            max_cost: settings.max_cost,
-            max_hard_cost: settings.max_hard_cost,
-            max_rounds: settings.max_rounds.clamp(1, 1000) as i32,
+            max_pile: settings.max_pile.min(i32::MAX as u32) as i32,
+            max_pile_cost: settings.max_pile_cost,
+            least_budget: settings.least_budget,
+            budget_per_row: settings.budget_per_row,
+            most_saved_budget: settings.most_saved_budget,
         };
         // SAFETY: the world is alive; the struct is read before the call returns.
         unsafe { sys::amb_world_set_accurate(self.raw.as_ptr(), &raw) }

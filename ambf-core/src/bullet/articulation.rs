@@ -3,7 +3,7 @@
 use std::collections::{HashMap, HashSet};
 use std::ptr::NonNull;
 
-use bullet_sys as sys;
+use ambf_dynamics::ffi as sys;
 
 use super::{ArticulationHandle, BodyHandle, ConstraintHandle, ConstraintKind, World};
 

@@ -1,6 +1,6 @@
 use std::ptr::NonNull;
 
-use bullet_sys as sys;
+use ambf_dynamics::ffi as sys;
 use nalgebra::{Isometry3, Vector3};
 use slotmap::Key;
 

@@ -1,6 +1,6 @@
 use std::ptr::NonNull;
 
-use bullet_sys as sys;
+use ambf_dynamics::ffi as sys;
 use nalgebra::{Isometry3, Vector3};
 
 use super::{raw_pose, ArticulationHandle, BodyHandle, ConstraintHandle, World};
@@ -125,14 +125,14 @@ unsafe fn make(a: *mut sys::AmbBody, b: *mut sys::AmbBody, constraint: &Constrai
     unsafe {
         match &constraint.kind {
             ConstraintKind::Hinge { limits } => {
-                let raw = sys::amb_hinge_new(a, b, frame_a, frame_b);
+                let raw = sys::amb_driven_hinge_new(a, b, frame_a, frame_b);
                 if let Some([low, high]) = *limits {
                     sys::amb_hinge_set_limit(raw, low, high);
                 }
                 raw
             }
             ConstraintKind::Slider { limits } => {
-                let raw = sys::amb_slider_new(a, b, frame_a, frame_b);
+                let raw = sys::amb_driven_slider_new(a, b, frame_a, frame_b);
                 if let Some([low, high]) = *limits {
                     sys::amb_slider_set_limit(raw, low, high);
                 }
@@ -154,7 +154,7 @@ unsafe fn make(a: *mut sys::AmbBody, b: *mut sys::AmbBody, constraint: &Constrai
                 raw
             }
             ConstraintKind::SixDofSpring { limits, springs } => {
-                let raw = sys::amb_six_dof_spring_new(a, b, frame_a, frame_b);
+                let raw = sys::amb_implicit_spring_new(a, b, frame_a, frame_b);
                 for (axis, (&[low, high], spring)) in (0..).zip(limits.iter().zip(springs)) {
                     sys::amb_six_dof_spring_set_limit(raw, axis, low, high);
                     if let Some(spring) = spring {

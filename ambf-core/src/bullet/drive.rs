@@ -1,6 +1,6 @@
 //! Drives that the constraint solver sees: they act on the velocity at the end of a sub-step and so cannot overshoot it.
 
-use bullet_sys as sys;
+use ambf_dynamics::ffi as sys;
 use nalgebra::Vector3;
 
 use super::{BodyHandle, ConstraintHandle, World};

@@ -11,6 +11,7 @@ mod body;
 mod constraint;
 mod contact;
 mod drive;
+mod energy;
 mod ghost;
 mod kinematics;
 mod method;
@@ -21,6 +22,7 @@ mod settings;
 mod shape;
 mod soft_body;
 mod soft_world;
+mod statistics;
 mod vehicle;
 mod world;
 
@@ -29,6 +31,7 @@ pub use body::RigidBody;
 pub use constraint::{Constraint, ConstraintKind, ConstraintParameter, JointWrench, Spring};
 pub use contact::Contact;
 pub use drive::{BodyDrive, Drive};
+pub use energy::EnergyLedger;
 pub use kinematics::BodyKinematics;
 pub use method::{Integrator, Solver};
 pub use ray::{Ray, RayHit, RayTarget};
@@ -37,6 +40,7 @@ pub use settings::{Gyroscopic, Preset, SolverSettings};
 pub use shape::{Axis, Shape};
 pub use soft_body::{SoftBody, SoftBodyError, SoftConfig};
 pub use soft_world::SoftFeatures;
+pub use statistics::SolverStatistics;
 pub use vehicle::Wheel;
 pub use world::{
     ArticulationHandle, BodyHandle, ConstraintHandle, GhostHandle, SoftBodyHandle, VehicleHandle, World, WorldKind,

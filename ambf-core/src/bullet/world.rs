@@ -1,7 +1,7 @@
 use std::cell::RefCell;
 use std::ptr::NonNull;
 
-use bullet_sys as sys;
+use ambf_dynamics::ffi as sys;
 use nalgebra::Vector3;
 use slotmap::{new_key_type, SlotMap};
 
@@ -143,8 +143,11 @@ impl World {
             WorldKind::Articulated => sys::AmbWorldKind::AmbWorldKind_Trees,
         };
         let place = arena.as_ref().map_or(std::ptr::null_mut(), Arena::as_ptr);
-        // SAFETY: numbers that the enums of the shim have; the arena is this world's alone and goes after it.
-        let raw = unsafe { sys::amb_world_new(solver as i32, raw_kind as i32, place) };
+        // SAFETY: the table is static and has the layout that the header beside it describes.
+        unsafe { sys::amb_set_mlcp(std::ptr::from_ref(ambf_dynamics::mlcp::ffi::table()).cast()) };
+        // SAFETY: numbers that the enums of the shim have; the arena is this world's alone and goes after it; the engine is
+        // static.
+        let raw = unsafe { sys::amb_world_new(solver as i32, raw_kind as i32, place, sys::amb_dynamics_engine()) };
         let mut world = Self {
             raw: NonNull::new(raw).expect("operator new throws rather than return null"),
             solver,

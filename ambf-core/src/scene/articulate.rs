@@ -1,6 +1,6 @@
 //! Which joints of a scene are put into reduced coordinates.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::{Note, Scene};
 use crate::adf::{self, JointKind, Severity};
@@ -33,8 +33,9 @@ impl Sets {
 
 impl Scene {
     /// Puts the joints from `first` on into reduced coordinates, as far as they form trees: whole groups of bodies that joints hold
-    /// together, no parts of them. What has loops, ball joints or springs with several axes stays as it is. Says what was done.
-    pub(super) fn articulate(&mut self, first: usize) -> Option<Note> {
+    /// together, no parts of them. What has loops, ball joints or springs with several axes stays as it is, and so does what has a joint of
+    /// `open`: reduced coordinates would close it. Says what was done.
+    pub(super) fn articulate(&mut self, first: usize, open: &BTreeSet<usize>) -> Option<Note> {
         if !self.world.has_articulations() {
             return None;
         }
@@ -46,13 +47,17 @@ impl Scene {
             }
         }
         let mut groups: BTreeMap<usize, Vec<ConstraintHandle>> = BTreeMap::new();
-        for joint in &self.joints[first..] {
+        let mut open_roots = BTreeSet::new();
+        for (index, joint) in self.joints.iter().enumerate().skip(first) {
             let Some(body) = [joint.parent, joint.child].into_iter().find(is_dynamic) else { continue };
             groups.entry(sets.root(body)).or_default().extend(joint.handle);
+            if open.contains(&index) {
+                open_roots.insert(sets.root(body));
+            }
         }
         let (mut trees, mut joints, mut others) = (0, 0, 0);
-        for group in groups.into_values() {
-            if self.world.articulate(&group).is_some() {
+        for (root, group) in groups {
+            if !open_roots.contains(&root) && self.world.articulate(&group).is_some() {
                 trees += 1;
                 joints += group.len();
             } else {

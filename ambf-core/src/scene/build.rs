@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use nalgebra::Isometry3;
 
+use super::assemble::Assembly;
 use super::body::Body;
 use super::driven::BodyOrder;
 use super::joint::{constraint, frames, Joint};
@@ -41,6 +42,9 @@ pub(super) struct Builder<'a> {
     known_joints: usize,
     /// Of the joints that this builder makes.
     first_joint: usize,
+    /// Of the bodies that this builder makes.
+    first_body: usize,
+    assembly: Assembly,
 }
 
 /// Meshes that the objects of a model need, with their scales.
@@ -173,7 +177,19 @@ impl<'a> Builder<'a> {
     pub fn new(scene: &'a mut Scene, meshes: &'a MeshCache) -> Self {
         let (known, known_joints) = (scene.counts(), scene.joints.len());
         let own_names = NameMap::default();
-        Self { scene, notes: Vec::new(), meshes, model: 0, own_names, known, known_joints, first_joint: known_joints }
+        let first_body = scene.bodies.len();
+        Self {
+            scene,
+            notes: Vec::new(),
+            meshes,
+            model: 0,
+            own_names,
+            known,
+            known_joints,
+            first_joint: known_joints,
+            first_body,
+            assembly: Assembly::default(),
+        }
     }
 
     /// Builds the environment model with the world's own lights and cameras in it.
@@ -201,7 +217,9 @@ impl<'a> Builder<'a> {
     pub fn finish(mut self) -> Vec<Note> {
         self.resolve_parents();
         self.scene.arrange();
-        let remarks = self.scene.articulate(self.first_joint);
+        let (remarks, open) = self.assembly.put_together(self.scene, self.first_body);
+        self.notes.extend(remarks);
+        let remarks = self.scene.articulate(self.first_joint, &open);
         self.notes.extend(remarks);
         let mut buffer = vec![0.0; self.scene.world.constraints().len()];
         self.scene.world.refresh_constraints();
@@ -440,12 +458,13 @@ impl<'a> Builder<'a> {
             return;
         }
         let (frame_a, frame_b, axis) = frames(joint, &self.scene.bodies[parent], &self.scene.bodies[child]);
+        let index = self.scene.joints.len();
         let handle = constraint(joint, frame_a, frame_b, self.scene.joint_erp).and_then(|constraint| {
+            self.assembly.add(index, &constraint, joint.assemble);
             let [a, b] = [parent, child].map(|body| self.scene.bodies[body].handle);
             let handle = self.scene.world.add_constraint(a, b, &constraint)?;
             Some((handle, self.scene.world.constraint_place(handle)?))
         });
-        let index = self.scene.joints.len();
         let was_full = self.scene.graph.is_full();
         self.scene.graph.add_joint(parent, child, index, joint.common.passive);
         if !was_full && self.scene.graph.is_full() {

@@ -2,6 +2,7 @@
 
 mod actuator;
 mod articulate;
+mod assemble;
 mod body;
 mod build;
 mod driven;
@@ -404,8 +405,8 @@ impl Scene {
         }
     }
 
-    /// Updates everything that has something to do besides moving: ghosts, sensors, vehicles. `sub_step` in s.
-    pub(crate) fn update_elements(&mut self, sub_step: f64) {
+    /// Updates everything that has something to do besides moving: ghosts, sensors, vehicles. Sub-step and update in s.
+    pub(crate) fn update_elements(&mut self, sub_step: f64, interval: f64) {
         for i in 0..self.elements.len() {
             match self.elements[i] {
                 Element::Ghost(index) => {
@@ -418,7 +419,7 @@ impl Scene {
                     let Self { ghosts, world, bodies, gravity, profile, .. } = self;
                     ghosts[index].update(world, bodies, pose, carrier, gravity, *profile);
                 }
-                Element::Sensor(index) => self.sensors[index].update(&mut self.world, &self.bodies, sub_step),
+                Element::Sensor(index) => self.sensors[index].update(&mut self.world, &self.bodies, sub_step, interval),
                 Element::Vehicle(index) => self.vehicles[index].update(&mut self.world, &self.bodies),
             }
         }

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
+use super::body::Body;
 use super::{Bodies, Identity};
 use crate::adf::{RaySource, ResistanceParameters};
 use crate::bullet::{Contact, Ray, RayHit, RayTarget, SoftBodyHandle, World};
@@ -88,7 +89,9 @@ impl Sensor {
         let Self { identity: _, info: _, parent: _, rays: _, readings, work } = self;
         let (rays, hits, memory) = match work {
             Work::Rays { world, hits, resistance } => {
-                let memory = resistance.as_ref().map(|Resistance { parameters: _, profile: _, memory }| memory.clone());
+                let memory = resistance
+                    .as_ref()
+                    .map(|Resistance { parameters: _, profile: _, memory, pushes: _ }| memory.clone());
                 (world.clone(), hits.clone(), memory.unwrap_or_default())
             }
             // Contacts are asked for in each update.
@@ -145,8 +148,9 @@ impl Sensor {
         }
     }
 
-    /// Looks, and pushes if it is a resistance sensor. The forces act in the next update. `sub_step` in s.
-    pub(crate) fn update(&mut self, world: &mut World, bodies: &Bodies, sub_step: f64) {
+    /// Looks, and pushes if it is a resistance sensor. The forces act in the next update, which is taken to be as long as the last one:
+    /// `interval` s. `sub_step` in s.
+    pub(crate) fn update(&mut self, world: &mut World, bodies: &Bodies, sub_step: f64, interval: f64) {
         match &mut self.work {
             Work::Contacts { threshold, contacts } => {
                 world.contacts(bodies[self.parent].handle, f64::INFINITY, contacts);
@@ -172,7 +176,7 @@ impl Sensor {
                     reading.sensed = sensed.map(|body| Arc::clone(&bodies[body].identity.name));
                 }
                 if let Some(resistance) = resistance {
-                    resistance.push(world, bodies, self.parent, &self.info.pose.rotation, &self.rays, hits);
+                    resistance.push(world, bodies, self.parent, &self.info, (&self.rays, hits), interval);
                 }
             }
         }
@@ -202,11 +206,17 @@ fn read_contacts(readings: &mut Vec<RayReading>, contacts: &[Contact], bodies: &
 /// F = k·d·N + c·e + s·(e − e_before) + m·Δv, where e is the tangential part of the drift between the points of a and b that
 /// met first, Δv the tangential velocity of a against b, and c = static friction, s = friction damping, m = dynamic friction (each but s
 /// multiplied by |k·d·N| when the friction is variable). b gets F at the hit point, a gets −F.
+///
+/// In profile `accurate` the law is linearly implicit over the update of h s: F = (F₀ + h·K·v)/(1 + Σ h·(h·K + C)·r), with the
+/// derivatives K and C of F with respect to the relative position and velocity v of the points, their response r to a force, 1/kg, and the sum
+/// over all rays of the sensor that hit the body. Springs of any stiffness then stay below the stability limit of the step.
 #[derive(Debug)]
 pub(super) struct Resistance {
     parameters: ResistanceParameters,
     profile: Profile,
     memory: Vec<Option<Stuck>>,
+    /// Forces of the present update.
+    pushes: Vec<Push>,
 }
 
 /// Two points that met, and how far they have drifted apart.
@@ -226,7 +236,7 @@ const SHORT: f64 = 1e-4;
 
 impl Resistance {
     pub fn new(parameters: ResistanceParameters, rays: usize, profile: Profile) -> Self {
-        Self { parameters, profile, memory: vec![None; rays] }
+        Self { parameters, profile, memory: vec![None; rays], pushes: Vec::with_capacity(rays) }
     }
 
     fn reset(&mut self) {
@@ -238,10 +248,11 @@ impl Resistance {
         world: &mut World,
         bodies: &Bodies,
         parent: usize,
-        rotation: &UnitQuaternion<f64>,
-        rays: &[LocalRay],
-        hits: &[Option<RayHit>],
+        info: &SensorInfo,
+        (rays, hits): (&[LocalRay], &[Option<RayHit>]),
+        interval: f64,
     ) {
+        self.pushes.clear();
         for (ray, (hit, memory)) in rays.iter().zip(hits.iter().zip(&mut self.memory)) {
             let body = hit.as_ref().and_then(|hit| match hit.target {
                 RayTarget::Body(handle) => bodies.index_of(handle),
@@ -258,7 +269,7 @@ impl Resistance {
                 Profile::Legacy => pose_a.rotation * ray.direction,
                 Profile::Accurate => {
                     let to_body = bodies[parent].inertial_offset_inverse.rotation;
-                    (pose_a.rotation * to_body * (rotation * ray.direction)).normalize()
+                    (pose_a.rotation * to_body * (info.pose.rotation * ray.direction)).normalize()
                 }
             };
             let depth = 1.0 - hit.fraction;
@@ -266,31 +277,109 @@ impl Resistance {
                 let (linear, angular) = world.velocity(handle).unwrap_or_default();
                 linear + angular.cross(&(hit.point - pose.translation.vector))
             };
-            let sliding = velocity(a, &pose_a) - velocity(b, &pose_b);
-            let force = self.parameters.force(
+            let approach = velocity(a, &pose_a) - velocity(b, &pose_b);
+            let (force, kept) = self.parameters.force(
                 self.profile,
                 &normal,
                 depth,
-                &(sliding - hit.normal * hit.normal.dot(&sliding)),
+                &(approach - hit.normal * hit.normal.dot(&approach)),
                 memory.filter(|stuck| stuck.body == body).as_mut(),
                 |stuck| (pose_a * Point3::from(stuck.on_parent)) - (pose_b * Point3::from(stuck.on_body)),
             );
-            *memory = force.1.or_else(|| {
+            let gains = self.parameters.gains(depth, kept.is_some(), info.range);
+            *memory = kept.or_else(|| {
                 let local = |pose: &Isometry3<f64>| pose.inverse_transform_point(&Point3::from(hit.point)).coords;
                 let (on_parent, on_body) = (local(&pose_a), local(&pose_b));
                 Some(Stuck { body, on_parent, on_body, depth, drift: [Vector3::zeros(); 2] })
             });
+            let response =
+                response(&bodies[parent], &pose_a, &hit.point) + response(&bodies[body], &pose_b, &hit.point);
+            let ahead = approach_force(&gains, &normal, &approach) * interval;
+            let share = gains.largest(interval) * interval * response;
+            self.pushes.push(Push { body, point: hit.point, force, ahead, share });
+        }
+        let pose_a = world.pose(bodies[parent].handle);
+        for push in &self.pushes {
+            let (Some(pose_a), Some(pose_b)) = (pose_a, world.pose(bodies[push.body].handle)) else { continue };
+            let force = match self.profile {
+                Profile::Legacy => push.force,
+                Profile::Accurate => {
+                    // The rays that push at the same body are stiff together.
+                    let stiff: f64 = self.pushes.iter().filter(|one| one.body == push.body).map(|one| one.share).sum();
+                    (push.force + push.ahead) / (1.0 + stiff)
+                }
+            };
             let mut apply = |handle, pose: &Isometry3<f64>, force: Vector3<f64>| {
-                let torque = (hit.point - pose.translation.vector).cross(&force);
+                let torque = (push.point - pose.translation.vector).cross(&force);
                 world.apply_wrench(handle, &force, &torque);
             };
-            apply(b, &pose_b, force.0);
-            apply(a, &pose_a, -force.0);
+            apply(bodies[push.body].handle, &pose_b, force);
+            apply(bodies[parent].handle, &pose_a, -force);
         }
     }
 }
 
+/// The force of one ray, before it acts.
+#[derive(Debug, Clone, Copy)]
+struct Push {
+    body: usize,
+    /// World axes, m.
+    point: Vector3<f64>,
+    /// At the present positions and velocities, N.
+    force: Vector3<f64>,
+    /// What the present velocities add to it until the end of the interval, N.
+    ahead: Vector3<f64>,
+    /// Velocity that the force would take away in the interval, as a share of the present one.
+    share: f64,
+}
+
+/// Derivatives of a ray's force with respect to the relative motion of the two points: stiffness, N/m, along the ray and across it, and
+/// damping, N·s/m, across it.
+#[derive(Debug, Clone, Copy)]
+struct Gains {
+    along: f64,
+    across: f64,
+    damping: f64,
+}
+
+impl Gains {
+    /// Largest change of the force by a relative velocity of 1 m/s over `h` s, N·s/m.
+    fn largest(&self, h: f64) -> f64 {
+        (self.along * h).max(self.across * h + self.damping)
+    }
+}
+
+/// Change of the force with time, N/s, by the stiffness; damping already is in the force.
+fn approach_force(gains: &Gains, normal: &Vector3<f64>, approach: &Vector3<f64>) -> Vector3<f64> {
+    let along = normal * normal.dot(approach);
+    along * gains.along + (approach - along) * gains.across
+}
+
+/// Largest velocity that a force of 1 N at a point gives to that point of a free body in 1 s, m/s: an upper bound of 1/m plus the part of
+/// the rotation, whatever the direction.
+fn response(body: &Body, pose: &Isometry3<f64>, point: &Vector3<f64>) -> f64 {
+    if body.mass <= 0.0 {
+        return 0.0;
+    }
+    let arm = (point - pose.translation.vector).norm_squared();
+    let least = body.inertia.iter().copied().filter(|&moment| moment > 0.0).fold(f64::INFINITY, f64::min);
+    1.0 / body.mass + arm / least
+}
+
 impl ResistanceParameters {
+    /// Derivatives of the force at a depth; `sticks`: the points that met are still held together; range of the ray in m.
+    fn gains(&self, depth: f64, sticks: bool, range: f64) -> Gains {
+        let pressing = (self.contact_stiffness * depth).abs();
+        let scale = if self.variable_friction { pressing } else { 1.0 };
+        // What damps is proportional to differences between updates, like a stiffness that remembers.
+        let across = if sticks { self.static_friction * scale + self.friction_damping } else { 0.0 };
+        Gains {
+            along: ((self.contact_stiffness + self.contact_damping) / range).abs(),
+            across: across.abs(),
+            damping: (self.dynamic_friction * scale).abs(),
+        }
+    }
+
     /// Force on the body that is hit, and what is remembered if the points still stick.
     fn force(
         &self,

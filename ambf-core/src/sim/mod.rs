@@ -25,6 +25,7 @@ use std::time::{Duration, Instant, SystemTime};
 use nalgebra::Vector3;
 use thiserror::Error;
 
+use crate::bullet::{EnergyLedger, SolverStatistics};
 use crate::comm::{Hub, Snapshot, Timing, Wrench};
 use crate::plugin::Plugins;
 use crate::scene::Scene;
@@ -153,6 +154,21 @@ impl Simulation {
         self.bullet_time
     }
 
+    /// Takes what the solver did since this was called the last time; see [`World::take_statistics`](crate::bullet::World::take_statistics).
+    pub fn take_solver_statistics(&mut self) -> SolverStatistics {
+        self.scene.world.take_statistics()
+    }
+
+    /// Switches the energy ledger on, with all sums at 0, or off; see [`World::set_energy_ledger`](crate::bullet::World::set_energy_ledger).
+    pub fn set_energy_ledger(&mut self, enabled: bool) {
+        self.scene.world.set_energy_ledger(enabled);
+    }
+
+    /// The energy ledger after the latest update; all 0 while it is off.
+    pub fn energy(&self) -> EnergyLedger {
+        self.scene.world.energy()
+    }
+
     /// Force and torque of feedback joints on each body in its inertial frame; empty when no joint has feedback.
     pub fn wrenches(&self) -> &[Wrench] {
         &self.wrenches
@@ -180,7 +196,7 @@ impl Simulation {
         if self.scene.has_feedback {
             self.estimate_efforts();
         }
-        self.scene.update_elements(self.sub_step);
+        self.scene.update_elements(self.sub_step, interval.max(self.sub_step));
         self.check_finite()?;
         self.tell_devices();
         Ok(())

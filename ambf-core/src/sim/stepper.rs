@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::{NonFinite, SavedState, Simulation};
-use crate::bullet::StateError;
+use crate::bullet::{SolverStatistics, StateError};
 use crate::comm::{ActuatorCommand, Hub, ObjectList, RigidBodyCommand, Snapshot, Timing};
 use crate::plugin::Phase;
 
@@ -61,6 +61,16 @@ impl Stepper {
     /// The simulation.
     pub fn simulation(&self) -> &Simulation {
         &self.simulation
+    }
+
+    /// Takes what the solver did since this was called the last time; see [`Simulation::take_solver_statistics`].
+    pub fn take_solver_statistics(&mut self) -> SolverStatistics {
+        self.simulation.take_solver_statistics()
+    }
+
+    /// Switches the energy ledger on, with all sums at 0, or off; see [`Simulation::set_energy_ledger`].
+    pub fn set_energy_ledger(&mut self, enabled: bool) {
+        self.simulation.set_energy_ledger(enabled);
     }
 
     /// All objects that have a State and a Command; positions in this list name them below.

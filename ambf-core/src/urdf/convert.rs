@@ -133,6 +133,7 @@ pub(super) fn joints(links: &[String], places: &[Place], joints: &[Joint<'_>], n
                 erp: 0.1,
                 cfm: 0.1,
                 ignore_inter_collision: true,
+                assemble: true,
                 controller: Controller::default(),
             }
         })

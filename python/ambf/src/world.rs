@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+use ambf_core::bullet::EnergyLedger;
 use ambf_core::comm::{ActuatorCommand, ObjectKind, Snapshot};
 use ambf_core::sim::{NonFinite, Stepper, StepperState};
 use nalgebra::Isometry3;
@@ -473,6 +474,34 @@ impl World {
             self.commands.restore(py, &state.commands)?;
             self.refresh(py, physics.stepper.snapshot())
         })?
+    }
+
+    fn set_energy_ledger(&self, py: Python<'_>, enabled: bool) -> PyResult<()> {
+        self.with(py, |physics| physics.stepper.set_energy_ledger(enabled))
+    }
+
+    fn energy(&self, py: Python<'_>) -> PyResult<Vec<(&'static str, f64)>> {
+        let ledger = self.with(py, |physics| physics.stepper.simulation().energy())?;
+        let names = EnergyLedger::NAMES.iter().map(|name| name.trim_end_matches("_J"));
+        Ok(names.zip(ledger.values()).collect())
+    }
+
+    fn take_solver_statistics(&self, py: Python<'_>) -> PyResult<Vec<(&'static str, f64)>> {
+        let found = self.with(py, |physics| physics.stepper.take_solver_statistics())?;
+        Ok(vec![
+            ("islands_solved", found.islands_solved as f64),
+            ("islands_approximate", found.islands_approximate as f64),
+            ("islands_iterated", found.islands_iterated as f64),
+            ("position_problems", found.position_problems as f64),
+            ("rows", found.rows as f64),
+            ("factorisations", found.factorisations as f64),
+            ("pivots", found.pivots as f64),
+            ("sweeps", found.sweeps as f64),
+            ("residual", found.residual),
+            ("joint_gap", found.joint_gap),
+            ("joint_angle", found.joint_angle),
+            ("penetration", found.penetration),
+        ])
     }
 
     fn notices(&self, py: Python<'_>) -> PyResult<Vec<String>> {

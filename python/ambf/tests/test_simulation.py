@@ -126,6 +126,34 @@ class Loading(unittest.TestCase):
         self.assertRaises(LookupError, sim.actuator, 0)
 
 
+class Accounts(unittest.TestCase):
+    """What the solver did, and where the energy went."""
+
+    def test_energy(self):
+        """The ledger begins when it is switched on, closes, and changes no motion."""
+        seen = []
+        for enabled in (False, True):
+            with arm() as sim:
+                sim.set_energy_ledger(enabled)
+                seen.append(drive(sim, 3))
+                ledger = sim.energy()
+                works = [work for name, work in ledger.items() if name not in ("kinetic", "potential", "elastic")]
+                self.assertEqual(len(works), 12)
+                if not enabled:
+                    self.assertEqual(set(ledger.values()), {0.0})
+                else:
+                    self.assertNotEqual(ledger["motors"], 0)
+                    self.assertNotEqual(ledger["wrenches"], 0)
+        self.assertEqual(seen[0], seen[1])
+
+    def test_solver_statistics(self):
+        """They are taken: the next ones begin anew."""
+        with arm() as sim:
+            sim.step(10)
+            self.assertGreater(sim.take_solver_statistics()["rows"], 0)
+            self.assertEqual(sim.take_solver_statistics()["rows"], 0)
+
+
 class Arrays(unittest.TestCase):
     """States and commands are arrays, for good."""
 

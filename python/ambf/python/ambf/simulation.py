@@ -171,6 +171,28 @@ class Simulation:
         """
         self._world.restore(state)
 
+    def set_energy_ledger(self, enabled: bool) -> None:
+        """Switches the energy ledger on, with all sums at 0, or off. It is off at first. It changes no motion."""
+        self._world.set_energy_ledger(enabled)
+
+    def energy(self) -> Dict[str, float]:
+        """The energy ledger after the last iteration's update, J; all 0 while it is off.
+
+        Energies: `kinetic`, `potential` (against the start), `elastic`. Sums of work, positive where energy was gained: `set_states`
+        (poses and velocities that were set), `wrenches`, `motors`, `body_drives`, `damping`, `joints`, `limits`, `contacts`, `friction`,
+        `corrections` of positions, `outside` (wheels of vehicles, soft bodies), and `unexplained`, the error of the integration.
+        """
+        return dict(self._world.energy())
+
+    def take_solver_statistics(self) -> Dict[str, float]:
+        """What the solver of profile "accurate" did since this was called the last time; zeros in other profiles.
+
+        Sums: `islands_solved`, `islands_approximate` (as far as the budget went), `islands_iterated` (by sequential impulses),
+        `position_problems`, `rows`, `factorisations`, `pivots`, `sweeps`. Maxima: `residual` of the complementarity problem, m/s or
+        rad/s; `joint_gap`, m, and `joint_angle`, rad, of joints that are solved by rows; `penetration` of contacts, m.
+        """
+        return dict(self._world.take_solver_statistics())
+
     def notices(self) -> List[str]:
         """Takes the sentences about commands that name what is not there, and what plugins have to say."""
         return self._world.notices()

@@ -1,0 +1,296 @@
+//! Invariants of a run: finite, no energy from nowhere, joints stay closed, penetration does not grow.
+//!
+//! The state is read from outside, once a sub-step, so the work of controllers is bounded instead of known: see
+//! [`Work`].
+
+use ambf_core::adf;
+use ambf_core::bullet::Contact;
+use ambf_core::scene::{Joint, JointType, Scene};
+use ambf_core::sim::Simulation;
+use nalgebra::{Point3, Vector3};
+
+use super::script::{Action, Script};
+use super::work::Work;
+
+/// Joint gaps and penetration count from this time on, s.
+const SETTLED: f64 = 0.2;
+/// Speed that a correction of initial penetration or of joint frames may leave behind, m/s.
+const PUSH: f64 = 1.0;
+/// Share of the misfit of a joint that a sub-step may turn into velocity.
+const ERP: f64 = 0.2;
+/// Relative slack of the energy balance.
+const SLACK: f64 = 0.1;
+/// A body that is faster than this (m/s) was shot, whatever its energy: all bounds on motors are below it.
+const FASTEST: f64 = 1e5;
+/// Contacts are looked at every this many sub-steps.
+const CONTACT_INTERVAL: u64 = 5;
+
+/// Where the pivot of a joint is on either body, in the inertial frames.
+struct Pivot {
+    parent: usize,
+    child: usize,
+    points: [Point3<f64>; 2],
+    /// Axis along which the pivots may part, in the parent's inertial frame.
+    free: Option<Vector3<f64>>,
+    /// Axis in either inertial frame, of joints that keep these parallel.
+    axes: Option<[Vector3<f64>; 2]>,
+    /// Distance at the start, m.
+    initial: f64,
+    /// Lever arm: distance of the pivots from the centres of mass, m.
+    lever: f64,
+    /// Largest distance since [`SETTLED`], m.
+    worst: f64,
+}
+
+/// What was seen, each as a multiple of what is allowed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Seen {
+    pub energy: f64,
+    pub gap: f64,
+    pub depth: f64,
+    /// Largest speed of a centre of mass, m/s.
+    pub speed: f64,
+    /// When there was too much energy for the first time, s; NaN: never.
+    pub since: f64,
+}
+
+/// Watches a simulation from its first to its last sub-step.
+pub struct Watch {
+    pivots: Vec<Pivot>,
+    work: Work,
+    /// Energy at the start or at the latest reset or prescribed motion, and what may be added to it at once, J.
+    base: f64,
+    allowance: f64,
+    initial_potential: f64,
+    /// Of all bodies that move, N: what lifts them out of initial penetration.
+    weight: f64,
+    /// Largest gap of any joint at the start, and length of the scene's lever arms, m.
+    misfit: f64,
+    size: f64,
+    /// Largest penetration until [`SETTLED`], m.
+    first_depth: f64,
+    worst_depth: f64,
+    energy_ratio: f64,
+    speed: f64,
+    since: f64,
+    moved: bool,
+    step: f64,
+    contacts: Vec<Contact>,
+}
+
+impl Watch {
+    /// Before the first sub-step.
+    pub fn new(simulation: &Simulation, script: &Script) -> Self {
+        let scene = simulation.scene();
+        let mut pivots: Vec<Pivot> = scene.joints.iter().filter_map(|joint| pivot(scene, joint)).collect();
+        for pivot in &mut pivots {
+            pivot.initial = gap(scene, pivot);
+        }
+        let misfit = pivots.iter().map(|pivot| pivot.initial).fold(0.0, f64::max);
+        let mut levers: Vec<f64> = pivots.iter().map(|pivot| pivot.lever).collect();
+        levers.sort_by(f64::total_cmp);
+        let size = levers.get(levers.len() / 2).copied().unwrap_or(0.1).max(1e-4);
+        let mut watch = Self {
+            pivots,
+            work: Work::new(scene, script.step),
+            base: 0.0,
+            allowance: 0.0,
+            initial_potential: 0.0,
+            weight: 0.0,
+            misfit,
+            size,
+            first_depth: 0.0,
+            worst_depth: 0.0,
+            energy_ratio: 0.0,
+            speed: 0.0,
+            since: f64::NAN,
+            moved: false,
+            step: script.step,
+            contacts: Vec::new(),
+        };
+        watch.rebase(simulation);
+        watch
+    }
+
+    /// Starts the balance of energy anew from the present state.
+    fn rebase(&mut self, simulation: &Simulation) {
+        let scene = simulation.scene();
+        let (kinetic, potential) = energy(scene);
+        self.base = kinetic + potential;
+        self.initial_potential = potential;
+        self.work.reset();
+        // Limits that the start violates are corrected like gaps, at the end of a lever.
+        let beyond = scene.joints.iter().map(violation).fold(0.0, f64::max);
+        let present = self.pivots.iter().map(|pivot| gap(scene, pivot)).fold(0.0, f64::max);
+        let skew = self.pivots.iter().map(|pivot| skew(scene, pivot)).fold(0.0, f64::max);
+        let beyond = beyond + skew;
+        let angle = ERP * beyond / self.step;
+        let speed = PUSH + ERP * present / self.step + angle * self.size;
+        let of = |(mass, inertia): (f64, f64)| mass * speed * speed / 2.0 + inertia * (angle * angle + PUSH) / 2.0;
+        let bodies = scene.bodies.iter().filter(|body| body.mass > 0.0);
+        let pull = |body: &ambf_core::scene::Body| body.mass * body.gravity.unwrap_or(scene.gravity).norm();
+        self.weight = scene.bodies.iter().map(pull).sum();
+        let lifted = |mass: f64| mass * scene.gravity.norm() * (present + beyond * self.size);
+        self.allowance = bodies.map(|body| of((body.mass, body.inertia.amax())) + lifted(body.mass)).sum::<f64>()
+            + self.work.elastic_reserve();
+    }
+
+    /// Before sub-step `n`, when its commands have been given.
+    pub fn before(&mut self, simulation: &Simulation, script: &Script, n: u64) {
+        let is_prescribed = |action: &Action| {
+            matches!(action, Action::Twist(..) | Action::Pose(..) | Action::Reset(_) | Action::Hold(..))
+        };
+        self.moved = script.due(n).any(|event| is_prescribed(&event.action));
+        let has_rest = n == script.end();
+        if has_rest || script.due(n).any(|event| matches!(event.action, Action::Reset(_))) {
+            // Once all commands have ended, nothing of what they might have done is left for later.
+            self.rebase(simulation);
+        }
+        self.work.before(simulation, script, n);
+    }
+
+    /// After sub-step `n`.
+    pub fn after(&mut self, simulation: &Simulation, n: u64) {
+        let scene = simulation.scene();
+        self.work.after(simulation);
+        self.judge_energy(simulation);
+        let settled = simulation.sim_time() >= SETTLED;
+        for pivot in &mut self.pivots {
+            let gap = gap(scene, pivot);
+            if settled && !self.moved {
+                pivot.worst = pivot.worst.max(gap);
+            }
+        }
+        if n.is_multiple_of(CONTACT_INTERVAL) {
+            let mut deepest: f64 = 0.0;
+            for &body in scene.world.bodies() {
+                scene.world.contacts(body, 0.0, &mut self.contacts);
+                deepest = self.contacts.iter().map(|contact| -contact.distance).fold(deepest, f64::max);
+            }
+            match settled {
+                true => self.worst_depth = self.worst_depth.max(deepest),
+                false => self.first_depth = self.first_depth.max(deepest),
+            }
+        }
+    }
+
+    /// The one place where energy is judged; a ledger of the simulator itself would replace [`Work`] here.
+    fn judge_energy(&mut self, simulation: &Simulation) {
+        let scene = simulation.scene();
+        let fastest = scene.world.bodies().iter().filter_map(|&body| scene.world.velocity(body));
+        self.speed = fastest.map(|(velocity, _)| velocity.norm()).fold(self.speed, f64::max);
+        if self.moved {
+            // Velocities were prescribed: whatever energy there is now is given.
+            let (kinetic, potential) = energy(scene);
+            let allowance = self.allowance;
+            if kinetic + potential > self.base + self.work.done() {
+                self.rebase(simulation);
+                self.allowance = self.allowance.max(allowance);
+            }
+        } else {
+            let (kinetic, potential) = energy(scene);
+            let allowed = self.work.done()
+                + self.allowance
+                + self.weight * self.first_depth
+                + SLACK
+                    * (kinetic.abs().min(self.base.abs() + self.work.done())
+                        + (potential - self.initial_potential).abs());
+            let gain = kinetic + potential - self.base;
+            let ratio = gain / allowed.max(f64::MIN_POSITIVE);
+            self.energy_ratio = self.energy_ratio.max(if ratio.is_nan() { f64::INFINITY } else { ratio });
+        }
+        if self.speed > FASTEST {
+            self.energy_ratio = f64::INFINITY;
+        }
+        if self.energy_ratio > 1.0 && self.since.is_nan() {
+            self.since = simulation.sim_time();
+        }
+    }
+
+    /// What was seen so far.
+    pub fn seen(&self) -> Seen {
+        let gap = |pivot: &Pivot| {
+            let allowed = 1.5 * self.misfit + 0.02 * pivot.lever.max(0.2 * self.size);
+            pivot.worst / allowed
+        };
+        let depth = 1.5 * self.first_depth + 0.1 * self.size + 2.0 * self.step * self.speed.min(FASTEST);
+        Seen {
+            energy: self.energy_ratio,
+            gap: self.pivots.iter().map(gap).fold(0.0, f64::max),
+            depth: self.worst_depth / depth,
+            speed: self.speed,
+            since: self.since,
+        }
+    }
+}
+
+/// How far the start is beyond a limit, rad or m.
+fn violation(joint: &Joint) -> f64 {
+    let beyond = |limits: adf::Limits| (limits.low - joint.position).max(joint.position - limits.high).max(0.0);
+    joint.limits.filter(|limits| limits.low <= limits.high).map_or(0.0, beyond)
+}
+
+/// Kinetic energy and potential energy, of gravity and of springs with one coordinate, J.
+fn energy(scene: &Scene) -> (f64, f64) {
+    let (mut kinetic, mut potential) = (0.0, 0.0);
+    for (body, &handle) in scene.bodies.iter().zip(scene.world.bodies()).filter(|(body, _)| body.mass > 0.0) {
+        let Some((pose, (velocity, spin))) = scene.world.pose(handle).zip(scene.world.velocity(handle)) else {
+            continue;
+        };
+        let spin = pose.rotation.inverse() * spin;
+        kinetic += body.mass * velocity.norm_squared() / 2.0 + spin.component_mul(&spin).dot(&body.inertia) / 2.0;
+        potential -= body.mass * body.gravity.unwrap_or(scene.gravity).dot(&pose.translation.vector);
+    }
+    for joint in &scene.joints {
+        potential += super::work::spring_energy(scene, joint);
+    }
+    (kinetic, potential)
+}
+
+/// The joint as its file describes it.
+pub fn description<'s>(scene: &'s Scene, joint: &Joint) -> Option<&'s adf::Joint> {
+    let model = scene.models.get(joint.model)?;
+    model.description.joints.iter().find(|described| described.common.source == joint.source)
+}
+
+fn pivot(scene: &Scene, joint: &Joint) -> Option<Pivot> {
+    let described = description(scene, joint)?;
+    let free = match joint.joint_type {
+        JointType::SixDof | JointType::SixDofSpring | JointType::Unknown => return None,
+        JointType::Prismatic | JointType::LinearSpring => Some(joint.axis),
+        _ => None,
+    };
+    let on = |body: usize, pivot: &Vector3<f64>| {
+        let body = &scene.bodies[body];
+        body.inertial_offset_inverse * Point3::from(pivot * body.scale)
+    };
+    let points = [on(joint.parent, &described.parent_pivot), on(joint.child, &described.child_pivot)];
+    let moves = |body: usize| scene.bodies[body].mass > 0.0;
+    let arm = |body: usize, point: &Point3<f64>| if moves(body) { point.coords.norm() } else { 0.0 };
+    let lever = arm(joint.parent, &points[0]).max(arm(joint.child, &points[1]));
+    let is_ball = matches!(joint.joint_type, JointType::PointToPoint | JointType::ConeTwist);
+    let axes = (!is_ball).then(|| {
+        let child = scene.bodies[joint.child].inertial_offset_inverse * described.child_axis;
+        [joint.axis, child.normalize()]
+    });
+    Some(Pivot { parent: joint.parent, child: joint.child, points, free, axes, initial: 0.0, lever, worst: 0.0 })
+}
+
+/// Angle between the axes, rad; 0 where the joint leaves it free.
+fn skew(scene: &Scene, pivot: &Pivot) -> f64 {
+    let Some([parent, child]) = pivot.axes else { return 0.0 };
+    let turn = |body: usize| scene.world.pose(scene.world.bodies()[body]).unwrap_or_default().rotation;
+    (turn(pivot.parent) * parent).angle(&(turn(pivot.child) * child))
+}
+
+/// Distance of the pivots across the free axis, m.
+fn gap(scene: &Scene, pivot: &Pivot) -> f64 {
+    let pose = |body: usize| scene.world.pose(scene.world.bodies()[body]).unwrap_or_default();
+    let (parent, child) = (pose(pivot.parent), pose(pivot.child));
+    let mut apart = child * pivot.points[1] - parent * pivot.points[0];
+    if let Some(axis) = pivot.free {
+        let axis = parent * axis;
+        apart -= axis * axis.dot(&apart);
+    }
+    apart.norm()
+}

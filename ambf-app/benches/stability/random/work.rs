@@ -1,0 +1,235 @@
+//! Upper bound of the work that motors, controllers and commands have done, from what can be seen outside:
+//! coordinates before and after each sub-step.
+//!
+//! * Effort τ on a coordinate q: ∫ max(τ·q̇, 0) dt.
+//! * Controller with output force: the same with |τ| ≤ P·|e| + I·∫|e| dt + D·|ṡ|, where e is the position error
+//!   and ṡ the rate of the set point; D·q̇ only takes energy away.
+//! * Controller with output velocity, or a velocity command: a motor drives the coordinate to the speed u with at
+//!   most F = `max motor impulse` / min(h, 1 ms), and only up to that speed: ∫ F·min(|q̇|, |u|) dt; it stays on
+//!   when its command has ended.
+//! * Wrench on a body: ∫ max(F·v + τ·ω, 0) dt.
+//! * Resistance sensors: ∫ F·v dt with the largest force of their rays and the largest speed of any body.
+
+use std::f64::consts::{PI, TAU};
+
+use ambf_core::adf::{self, ControllerOutput, Gains};
+use ambf_core::comm::JointCommandType;
+use ambf_core::scene::{Joint, JointType, Scene};
+use ambf_core::sim::Simulation;
+
+use super::invariants::description;
+use super::script::{Action, Script};
+
+/// `max motor impulse` is meant per this time, s.
+const IMPULSE_STEP: f64 = 0.001;
+
+/// What drives a joint.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Drive {
+    None,
+    /// N·m or N.
+    Effort(f64),
+    /// Largest |effort|, N·m or N.
+    Controlled(f64),
+    /// Target speed, rad/s or m/s; stays on.
+    Motor(f64),
+}
+
+/// A joint with what it takes to bound its drive.
+struct Driven {
+    gains: Gains,
+    is_force: bool,
+    /// N·m or N.
+    motor: f64,
+    drive: Drive,
+    /// Coordinate before the sub-step, its rate in the sub-step before, and the latest set point.
+    position: f64,
+    rate: f64,
+    set_point: Option<f64>,
+    /// ∫|e| dt.
+    integral: f64,
+}
+
+/// Bound of the work since the latest reset, J.
+pub struct Work {
+    joints: Vec<Driven>,
+    step: f64,
+    done: f64,
+    /// Power of wrenches in the present sub-step: bodies with force and torque.
+    wrenches: Vec<(usize, nalgebra::Vector3<f64>, nalgebra::Vector3<f64>, f64)>,
+    /// Largest force of all resistance sensors, N.
+    resistance: f64,
+    /// Energy that springs of several coordinates and rays of resistance sensors can hold, J.
+    elastic: f64,
+}
+
+impl Work {
+    /// For sub-steps of `step` s.
+    pub fn new(scene: &Scene, step: f64) -> Self {
+        let driven = |joint: &Joint| {
+            let controller = description(scene, joint).map(|described| described.controller).unwrap_or_default();
+            Driven {
+                gains: controller.gains,
+                is_force: controller.output == ControllerOutput::Force,
+                motor: joint.max_motor_impulse / step.min(IMPULSE_STEP),
+                drive: Drive::None,
+                position: joint.position,
+                rate: 0.0,
+                set_point: None,
+                integral: 0.0,
+            }
+        };
+        let models = || scene.models.iter().map(|model| &model.description);
+        Self {
+            joints: scene.joints.iter().map(driven).collect(),
+            step,
+            done: 0.0,
+            wrenches: Vec::new(),
+            resistance: models().flat_map(|model| &model.sensors).map(resistance).sum(),
+            elastic: models().flat_map(|model| &model.joints).map(reserve).sum::<f64>()
+                + models()
+                    .flat_map(|model| &model.sensors)
+                    .map(|sensor| resistance(sensor) * sensor.range)
+                    .sum::<f64>(),
+        }
+    }
+
+    /// Work counts from here.
+    pub fn reset(&mut self) {
+        self.done = 0.0;
+    }
+
+    /// Bound of the work done, J.
+    pub fn done(&self) -> f64 {
+        self.done
+    }
+
+    /// Energy that springs of several coordinates and rays of resistance sensors can hold, J.
+    pub fn elastic_reserve(&self) -> f64 {
+        self.elastic
+    }
+
+    /// Notes what is commanded in sub-step `n`.
+    pub fn before(&mut self, simulation: &Simulation, script: &Script, n: u64) {
+        let scene = simulation.scene();
+        for (driven, joint) in self.joints.iter_mut().zip(&scene.joints) {
+            driven.position = joint.position;
+            if !matches!(driven.drive, Drive::Motor(_)) {
+                driven.drive = Drive::None;
+            }
+        }
+        self.wrenches.clear();
+        for event in script.due(n) {
+            match event.action {
+                Action::Joint(body, index, kind, value) => {
+                    if let Some(&joint) = scene.active_joints(body).get(index) {
+                        self.joints[joint].command(&scene.joints[joint], kind, value, self.step);
+                    }
+                }
+                Action::Wrench(body, force, torque) => {
+                    let power = power(scene, body, &force, &torque);
+                    self.wrenches.push((body, force, torque, power));
+                }
+                _ => (),
+            }
+        }
+    }
+
+    /// Adds what was done in the sub-step.
+    pub fn after(&mut self, simulation: &Simulation) {
+        let scene = simulation.scene();
+        for (driven, joint) in self.joints.iter_mut().zip(&scene.joints) {
+            self.done += driven.work(joint, self.step);
+        }
+        for (body, force, torque, before) in &self.wrenches {
+            self.done += power(scene, *body, force, torque).max(*before).max(0.0) * self.step;
+        }
+        if self.resistance > 0.0 {
+            let speeds = scene.world.bodies().iter().filter_map(|&body| scene.world.velocity(body));
+            let fastest = speeds.map(|(velocity, _)| velocity.norm()).fold(0.0, f64::max);
+            self.done += self.resistance * fastest * self.step;
+        }
+    }
+}
+
+impl Driven {
+    fn command(&mut self, joint: &Joint, kind: JointCommandType, value: f64, step: f64) {
+        self.drive = match kind {
+            JointCommandType::Effort => Drive::Effort(value),
+            JointCommandType::Velocity => Drive::Motor(value.abs()),
+            _ => {
+                let goal = joint.limits.map_or(value, |limits| value.min(limits.high).max(limits.low));
+                let mut error = goal - joint.position;
+                if joint.limits.is_none() && joint.joint_type == JointType::Revolute {
+                    error = (error + PI).rem_euclid(TAU) - PI;
+                }
+                // The first error is taken as a change from 0 or from the present position, whichever is more.
+                let jump = self.set_point.map_or(error.abs().max(goal.abs()), |before| (goal - before).abs());
+                self.set_point = Some(goal);
+                self.integral += error.abs() * step;
+                let Gains { p, i, d } = self.gains;
+                let output = p.abs() * error.abs() + i.abs() * self.integral + d.abs() * jump / step;
+                match self.is_force {
+                    true => Drive::Controlled(output),
+                    // D acts on the rate of the error, which is not only that of the set point.
+                    false => Drive::Motor(output + d.abs() * self.rate.abs()),
+                }
+            }
+        };
+    }
+
+    fn work(&mut self, joint: &Joint, step: f64) -> f64 {
+        let mut change = joint.position - self.position;
+        if joint.limits.is_none() && change.abs() > PI && joint.joint_type == JointType::Revolute {
+            change -= TAU.copysign(change);
+        }
+        let (before, rate) = (self.rate, change / step);
+        self.rate = rate;
+        let speed = before.abs().max(rate.abs());
+        step * match self.drive {
+            Drive::None => 0.0,
+            Drive::Effort(effort) => (effort * rate).max(effort * before).max(0.0),
+            Drive::Controlled(effort) => effort * speed,
+            Drive::Motor(target) => self.motor * speed.min(target),
+        }
+    }
+}
+
+/// W that force (N) and torque (N·m) put into a body.
+fn power(scene: &Scene, body: usize, force: &nalgebra::Vector3<f64>, torque: &nalgebra::Vector3<f64>) -> f64 {
+    let velocity = scene.world.velocity(scene.world.bodies()[body]);
+    velocity.map_or(0.0, |(velocity, spin)| force.dot(&velocity) + torque.dot(&spin))
+}
+
+/// Energy of a spring with one coordinate, J; 0 for other joints.
+pub fn spring_energy(scene: &Scene, joint: &Joint) -> f64 {
+    if !matches!(joint.joint_type, JointType::LinearSpring | JointType::TorsionSpring) {
+        return 0.0;
+    }
+    let Some((described, limits)) = description(scene, joint).zip(joint.limits) else { return 0.0 };
+    let rest = described.equilibrium_point.unwrap_or((limits.low + limits.high) / 2.0);
+    described.stiffness * (joint.position - rest).powi(2) / 2.0
+}
+
+/// Largest force of a sensor, N.
+fn resistance(sensor: &adf::Sensor) -> f64 {
+    let adf::SensorKind::Resistance(law) = &sensor.kind else { return 0.0 };
+    let rays = match &sensor.rays {
+        adf::RaySource::Array(rays) => rays.len() as f64,
+        _ => 100.0,
+    };
+    let normal = law.contact_area.max(1.0) * law.contact_stiffness * sensor.range;
+    rays * normal * (1.0 + law.static_friction + law.dynamic_friction)
+}
+
+/// Energy that a six-dof spring can hold within its limits, J.
+fn reserve(joint: &adf::Joint) -> f64 {
+    let adf::JointKind::SixDofSpring(spring) = &joint.kind else { return 0.0 };
+    let of = |stiffness: &nalgebra::Vector3<f64>, low: &nalgebra::Vector3<f64>, high: &nalgebra::Vector3<f64>| {
+        let range = low.abs().sup(&high.abs());
+        stiffness.dot(&range.component_mul(&range)) / 2.0
+    };
+    let limits = &spring.limits;
+    of(&spring.stiffness.linear, &limits.linear_low, &limits.linear_high)
+        + of(&spring.stiffness.angular, &limits.angular_low, &limits.angular_high)
+}

@@ -1,0 +1,90 @@
+use ambf_dynamics::ffi as sys;
+
+use super::World;
+
+/// What [`Solver::Accurate`](super::Solver::Accurate) did since its statistics were taken the last time: sums over islands and sub-steps,
+/// and maxima. Worlds with another solver have zeros.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct SolverStatistics {
+    /// Islands whose complementarity problem was solved.
+    pub islands_solved: u64,
+    /// Islands whose problem was solved as far as the budget went.
+    pub islands_approximate: u64,
+    /// Islands left to sequential impulses.
+    pub islands_iterated: u64,
+    /// Islands in which errors of position were corrected.
+    pub position_problems: u64,
+    /// Rows of all complementarity problems.
+    pub rows: u64,
+    /// Factorisations of the matrix of a problem or of its active set.
+    pub factorisations: u64,
+    /// Rows that changed sides of the active set.
+    pub pivots: u64,
+    /// Sweeps of projected Gauss-Seidel.
+    pub sweeps: u64,
+    /// Largest violation of complementarity of a solution, m/s or rad/s.
+    pub residual: f64,
+    /// Largest error of position along one axis of a joint that is solved by rows, m. Joints of articulations are exact and do not count.
+    pub joint_gap: f64,
+    /// Largest error of orientation about one axis of such a joint, rad.
+    pub joint_angle: f64,
+    /// Largest penetration depth of a contact whose island was solved, m.
+    pub penetration: f64,
+}
+
+impl World {
+    /// Takes the statistics of the solver, which begin anew. They are part of what [`save`](World::save) saves.
+    pub fn take_statistics(&mut self) -> SolverStatistics {
+        let mut raw = sys::AmbSolverStatistics::default();
+        // SAFETY: the world is alive and was made with the engine; the struct is written before the call returns.
+        unsafe { sys::amb_world_take_statistics(self.raw.as_ptr(), &mut raw) }
+        SolverStatistics {
+            islands_solved: raw.islands_solved,
+            islands_approximate: raw.islands_approximate,
+            islands_iterated: raw.islands_iterated,
+            position_problems: raw.position_problems,
+            rows: raw.rows,
+            factorisations: raw.factorisations,
+            pivots: raw.pivots,
+            sweeps: raw.sweeps,
+            residual: raw.residual,
+            joint_gap: raw.joint_gap,
+            joint_angle: raw.joint_angle,
+            penetration: raw.penetration,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Isometry3, Vector3};
+
+    use super::super::tests::{ball, hinge};
+    use super::super::{Constraint, RigidBody, Shape, Solver};
+    use super::*;
+
+    #[test]
+    fn penetration_and_problems_are_counted_and_taken() {
+        let mut world = World::new(Solver::Accurate);
+        world.set_gravity(Vector3::new(0.0, 0.0, -9.81));
+        world.add_body(RigidBody { shape: Shape::plane(Vector3::z(), 0.0, 0.0), ..ball(0.0, 0.0) });
+        world.add_body(RigidBody { pose: Isometry3::translation(0.0, 0.0, 0.09), ..ball(1.0, 0.0) });
+        world.step(0.001, 1, 0.001);
+        let found = world.take_statistics();
+        assert_eq!((found.islands_solved, found.islands_iterated, found.rows), (1, 0, 3), "{found:?}");
+        assert!((found.penetration - 0.01).abs() < 1e-9, "{found:?}");
+        assert_eq!(world.take_statistics(), SolverStatistics::default());
+    }
+
+    #[test]
+    fn the_gap_of_a_joint_is_found() {
+        let mut world = World::new(Solver::Accurate);
+        let base = world.add_body(ball(0.0, 0.0));
+        // Its pivot is 1 cm beside that of the base.
+        let bob = world.add_body(ball(1.0, 1.01));
+        world.add_constraint(base, bob, &Constraint { parameters: vec![], ..hinge() }).unwrap();
+        world.step(0.001, 1, 0.001);
+        let found = world.take_statistics();
+        assert!((found.joint_gap - 0.01).abs() < 1e-9 && found.joint_angle < 1e-12, "{found:?}");
+    }
+}

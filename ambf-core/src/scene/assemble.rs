@@ -1,0 +1,184 @@
+//! Bodies are put onto their joints before the first step.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::f64::consts::PI;
+
+use ambf_dynamics::assembly::{self, Gap, Kind, Range};
+use nalgebra::Isometry3;
+
+use super::{Note, Scene};
+use crate::adf::Severity;
+use crate::bullet::{Constraint, ConstraintKind};
+use crate::control::Profile;
+
+/// Displacements and gaps up to these are not worth a line: m and rad.
+const NEGLIGIBLE: (f64, f64) = (1e-6, 1e-5);
+
+/// Displacements beyond these mean that the file is wrong rather than rounded: m and rad.
+const FAR: (f64, f64) = (0.02, 0.1);
+
+/// Bodies that the line of a model names, and joints that have a line of their own.
+const MAX_NAMED: usize = 3;
+
+/// What of a joint matters to assembly: what Bullet was given.
+struct Constrained {
+    /// Index of the joint in the scene.
+    joint: usize,
+    kind: Kind,
+    frames: [Isometry3<f64>; 2],
+    /// `assemble: false`.
+    is_left_open: bool,
+}
+
+/// Joints that wait for assembly.
+#[derive(Default)]
+pub(super) struct Assembly(Vec<Constrained>);
+
+/// How far a body was displaced.
+struct Displacement {
+    body: usize,
+    moved: Gap,
+}
+
+impl Assembly {
+    /// Takes a joint over. `joint`: its index in the scene.
+    pub fn add(&mut self, joint: usize, constraint: &Constraint, assemble: bool) {
+        let frames = [constraint.frame_a, constraint.frame_b];
+        self.0.push(Constrained { joint, kind: kind(&constraint.kind), frames, is_left_open: !assemble });
+    }
+
+    /// Moves the bodies from `first` on onto the joints in profile `accurate`, with the least displacement in the metric of their masses;
+    /// those poses become the initial ones. Bodies before `first` and static ones stay. Returns what is worth saying, and the joints that
+    /// are to stay open.
+    pub fn put_together(&self, scene: &mut Scene, first: usize) -> (Vec<Note>, BTreeSet<usize>) {
+        if scene.profile != Profile::Accurate || scene.preset.is_some() || self.0.is_empty() {
+            return Default::default();
+        }
+        let mut bodies: Vec<assembly::Body> =
+            (0..scene.bodies.len()).map(|index| described(scene, index, first)).collect();
+        let all: Vec<assembly::Joint> = self
+            .0
+            .iter()
+            .map(|Constrained { joint, kind, frames, .. }| {
+                let joint = &scene.joints[*joint];
+                assembly::Joint { kind: *kind, bodies: [joint.parent, joint.child], frames: *frames }
+            })
+            .collect();
+        let closed: Vec<usize> = (0..all.len()).filter(|&index| !self.0[index].is_left_open).collect();
+        let to_close: Vec<assembly::Joint> = closed.iter().map(|&index| all[index].clone()).collect();
+        assembly::assemble(&mut bodies, &to_close);
+
+        let displaced = place(scene, &bodies, first);
+        let mut notes = displacements(scene, &displaced);
+        let open = closed.iter().map(|&index| (self.0[index].joint, assembly::gap(&all[index], &bodies)));
+        notes.extend(residuals(scene, open));
+        let is_open = |index: &usize| self.0[*index].is_left_open && matters(&assembly::gap(&all[*index], &bodies));
+        (notes, (0..all.len()).filter(is_open).map(|index| self.0[index].joint).collect())
+    }
+}
+
+fn matters(gap: &Gap) -> bool {
+    gap.exceeds(NEGLIGIBLE.0, NEGLIGIBLE.1)
+}
+
+/// A body as it is now.
+fn described(scene: &Scene, index: usize, first: usize) -> assembly::Body {
+    let body = &scene.bodies[index];
+    let pose = scene.world.pose(body.handle).unwrap_or(body.initial_pose);
+    let movable = index >= first && body.is_dynamic();
+    assembly::Body { pose, mass: body.mass, inertia: body.inertia, movable }
+}
+
+/// Sets the poses that changed, as poses to which resets return.
+fn place(scene: &mut Scene, bodies: &[assembly::Body], first: usize) -> Vec<Displacement> {
+    let mut displaced = Vec::new();
+    for (index, assembled) in bodies.iter().enumerate().skip(first) {
+        let body = &mut scene.bodies[index];
+        if !assembled.movable || assembled.pose == body.initial_pose {
+            continue;
+        }
+        let distance = (assembled.pose.translation.vector - body.initial_pose.translation.vector).norm();
+        let angle = assembled.pose.rotation.angle_to(&body.initial_pose.rotation);
+        body.initial_pose = assembled.pose;
+        scene.world.set_pose(body.handle, &assembled.pose);
+        displaced.push(Displacement { body: index, moved: Gap { distance, angle } });
+    }
+    displaced.retain(|displacement| matters(&displacement.moved));
+    displaced
+}
+
+/// One line a model: how many bodies were displaced, and which most.
+fn displacements(scene: &Scene, displaced: &[Displacement]) -> Vec<Note> {
+    let mut models: BTreeMap<usize, Vec<&Displacement>> = BTreeMap::new();
+    for displacement in displaced {
+        models.entry(scene.bodies[displacement.body].identity.model).or_default().push(displacement);
+    }
+    let line = |mut list: Vec<&Displacement>| {
+        // A radian counts as much as 0.25 m.
+        let size = |d: &Displacement| d.moved.distance.max(d.moved.angle * 0.25);
+        list.sort_by(|a, b| size(b).total_cmp(&size(a)));
+        let name =
+            |d: &&Displacement| format!("`{}` by {}", scene.bodies[d.body].identity.identifier, readable(&d.moved));
+        let named: Vec<_> = list.iter().take(MAX_NAMED).map(name).collect();
+        let rest =
+            if list.len() > MAX_NAMED { format!(", … ({} more)", list.len() - MAX_NAMED) } else { String::new() };
+        let bodies = if list.len() == 1 { "1 body is".to_owned() } else { format!("{} bodies are", list.len()) };
+        let message = format!("{bodies} displaced so that the joints close: {}{rest}", named.join(", "));
+        let is_far = list.iter().any(|displacement| displacement.moved.exceeds(FAR.0, FAR.1));
+        let severity = if is_far { Severity::Warning } else { Severity::Info };
+        Note { severity, source: scene.bodies[list[0].body].source.clone(), message }
+    };
+    models.into_values().map(line).collect()
+}
+
+/// A line for each joint that stays open, the widest first; of many only the first, and how many more.
+fn residuals(scene: &Scene, gaps: impl Iterator<Item = (usize, Gap)>) -> Vec<Note> {
+    let mut models: BTreeMap<usize, Vec<(usize, Gap)>> = BTreeMap::new();
+    for (joint, gap) in gaps.filter(|(_, gap)| matters(gap)) {
+        models.entry(scene.joints[joint].model).or_default().push((joint, gap));
+    }
+    let mut notes = Vec::new();
+    for mut list in models.into_values() {
+        list.sort_by(|(_, a), (_, b)| b.distance.max(b.angle).total_cmp(&a.distance.max(a.angle)));
+        let rest = list.len().saturating_sub(MAX_NAMED);
+        for (place, (joint, gap)) in list.iter().take(MAX_NAMED).enumerate() {
+            let joint = &scene.joints[*joint];
+            let more = match rest {
+                0 => String::new(),
+                _ if place + 1 < MAX_NAMED => String::new(),
+                1 => "; 1 more joint stays open by less".to_owned(),
+                n => format!("; {n} more joints stay open by less"),
+            };
+            let message = format!(
+                "`{}` cannot be closed together with the other joints, limits and static bodies: {:.3e} m and {:.3e} rad remain{more}",
+                joint.name, gap.distance, gap.angle
+            );
+            notes.push(Note { severity: Severity::Warning, source: joint.source.clone(), message });
+        }
+    }
+    notes
+}
+
+/// Millimetres and degrees.
+fn readable(gap: &Gap) -> String {
+    format!("{:.3} mm and {:.3}°", gap.distance * 1e3, gap.angle * 180.0 / PI)
+}
+
+/// The joint that a constraint of Bullet is.
+fn kind(kind: &ConstraintKind) -> Kind {
+    let range = |limits: Option<[f64; 2]>| limits.map_or(Range::FREE, |[low, high]| Range::new(low, high));
+    match kind {
+        ConstraintKind::Hinge { limits } => Kind::Revolute(range(*limits)),
+        ConstraintKind::Slider { limits } => Kind::Prismatic(range(*limits)),
+        ConstraintKind::Fixed => Kind::Fixed,
+        ConstraintKind::PointToPoint => Kind::PointToPoint,
+        &ConstraintKind::ConeTwist { swing1, swing2, twist } => {
+            Kind::ConeTwist { twist, swing_y: swing2, swing_z: swing1 }
+        }
+        ConstraintKind::SixDof(limits) | ConstraintKind::SixDofSpring { limits, .. } => Kind::SixDof {
+            linear: std::array::from_fn(|i| Range::new(limits[i][0], limits[i][1])),
+            // Bullet's angles have the opposite sign.
+            angular: std::array::from_fn(|i| Range::new(-limits[i + 3][1], -limits[i + 3][0])),
+        },
+    }
+}

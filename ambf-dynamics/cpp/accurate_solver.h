@@ -1,0 +1,702 @@
+// The constraint solver of profile `accurate`: Bullet makes the rows of an island, and the solver of mixed linear complementarity problems
+// (ambf_mlcp.h) solves them. C++ only.
+//
+// Velocities and positions are solved apart. The velocity problem has no terms that correct positions, but for the curvature of the motion:
+// impulses are then a projection of the velocities onto a convex set that contains rest, which cannot add kinetic energy (motors and
+// restitution aside). Errors of position are corrected by a second problem over the same rows, whose pseudo-velocities move the bodies in
+// this sub-step and are then forgotten.
+#ifndef AMB_ACCURATE_SOLVER_H
+#define AMB_ACCURATE_SOLVER_H
+
+#include <BulletDynamics/ConstraintSolver/btContactSolverInfo.h>
+#include <BulletDynamics/ConstraintSolver/btSequentialImpulseConstraintSolver.h>
+#include <BulletDynamics/Dynamics/btRigidBody.h>
+
+#include <algorithm>
+#include <cmath>
+#include <type_traits>
+
+#include "accurate_context.h"
+#include "position_error.h"
+#include "tie_solver.h"
+
+// Base: btSequentialImpulseConstraintSolver or a subclass that keeps its rows for rigid bodies.
+template <class Base>
+class AccurateSolver : public Base {
+  static constexpr bool HAS_TREES = std::is_base_of_v<TieSolver, Base>;
+
+ public:
+  explicit AccurateSolver(const AccurateContext &settings) : settings_(settings), mlcp_(mlcp_table->create()) {}
+  ~AccurateSolver() override { mlcp_table->destroy(mlcp_); }
+
+ protected:
+  void prepareSolve(int bodies, int manifolds) override {
+    Base::prepareSolve(bodies, manifolds);
+    ++sub_step_;
+  }
+
+  btScalar solveGroupCacheFriendlySetup(btCollisionObject **bodies, int n, btPersistentManifold **manifolds, int manifold_count,
+                                        btTypedConstraint **constraints, int constraint_count, const btContactSolverInfo &info,
+                                        btIDebugDraw *debug) override {
+    // Penetration is kept apart from the velocities, however deep.
+    btContactSolverInfo apart = info;
+    apart.m_splitImpulse = 1;
+    apart.m_splitImpulsePenetrationThreshold = BT_LARGE_FLOAT;
+    return Base::solveGroupCacheFriendlySetup(bodies, n, manifolds, manifold_count, constraints, constraint_count, apart, debug);
+  }
+
+  void convertJoints(btTypedConstraint **constraints, int n, const btContactSolverInfo &info) override {
+    Base::convertJoints(constraints, n, info);
+    btConstraintArray &rows = this->m_tmpSolverNonContactConstraintPool;
+    joint_errors_.assign(rows.size(), {});
+    int next = 0;
+    for (int i = 0; i < n; ++i) {
+      const int count = this->m_tmpConstraintSizesPool[i].m_numConstraintRows;
+      separate_errors(*constraints[i], next, count, info);
+      next += count;
+    }
+    if (!settings_.diagonal_cfm) return;
+    // Bullet takes m_cfm for a share of the diagonal but leaves it out of what it divides by, so that soft rows overshoot.
+    for (int i = 0; i < rows.size(); ++i) {
+      btSolverConstraint &row = rows[i];
+      if (row.m_cfm <= 0) continue;
+      const btScalar share = 1 / (1 + row.m_cfm);
+      row.m_rhs *= share;
+      row.m_jacDiagABInv *= share;
+      row.m_cfm *= share;
+    }
+  }
+
+  void convertContacts(btPersistentManifold **manifolds, int n, const btContactSolverInfo &info) override {
+    remember_friction(manifolds, n);
+    Base::convertContacts(manifolds, n, info);
+    warm_start_friction(info);
+    bounce(info);
+    limit_push_out(this->m_tmpSolverContactConstraintPool, info);
+    if constexpr (HAS_TREES) limit_push_out(this->m_multiBodyNormalContactConstraints, info);
+  }
+
+  btScalar solveSingleIteration(int iteration, btCollisionObject **bodies, int n, btPersistentManifold **manifolds,
+                                int manifold_count, btTypedConstraint **constraints, int constraint_count,
+                                const btContactSolverInfo &info, btIDebugDraw *debug) override {
+    const btScalar residual = Base::solveSingleIteration(iteration, bodies, n, manifolds, manifold_count, constraints,
+                                                         constraint_count, info, debug);
+    if (settings_.release_friction) release_friction();
+    return residual;
+  }
+
+  btScalar solveGroupCacheFriendlyIterations(btCollisionObject **bodies, int n, btPersistentManifold **manifolds,
+                                             int manifold_count, btTypedConstraint **constraints, int constraint_count,
+                                             const btContactSolverInfo &info, btIDebugDraw *debug) override {
+    // To see that a pile is one costs a third of what its iterations do.
+    const bool is_small = is_hard() || this->m_tmpSolverContactConstraintPool.size() <= settings_.max_pile;
+    if (settings_.direct && (is_small || pile_steps_-- <= 0)) {
+      gather(info);
+      if (row_count_ == 0) return 0;
+      if (solve(info, is_small)) return 0;
+      if (!is_small) pile_steps_ = 15;
+    }
+    ++settings_.statistics.islands_iterated;
+    return Base::solveGroupCacheFriendlyIterations(bodies, n, manifolds, manifold_count, constraints, constraint_count, info,
+                                                   debug);
+  }
+
+ private:
+  // What a row of a joint asks for beside its velocity.
+  struct JointError {
+    // Velocity that would remove the error of position in this sub-step, bounded, m/s or rad/s.
+    btScalar correction = 0;
+    bool is_geometric = false;
+  };
+
+  // Holds a position both ways, one way, or drives.
+  enum class RowKind { Geometric, Limit, Other };
+
+  btSolverBody &body(int id) { return this->m_tmpSolverBodyPool[id]; }
+
+  // Splits the targets of a joint's rows into a velocity and a correction of its error. Motors and springs have none.
+  void separate_errors(const btTypedConstraint &constraint, int first, int count, const btContactSolverInfo &info) {
+    const btScalar h = info.m_timeStep;
+    btConstraintArray &rows = this->m_tmpSolverNonContactConstraintPool;
+    const SoftRows *soft = soft_rows_of(constraint);
+    const auto kind_of = [&](int k) {
+      const btSolverConstraint &row = rows[k];
+      const bool is_soft = soft && k - first >= soft->first && k - first < soft->first + soft->count;
+      const bool low_free = row.m_lowerLimit <= -UNBOUNDED, high_free = row.m_upperLimit >= UNBOUNDED;
+      if (is_soft || row.m_jacDiagABInv <= 0) return RowKind::Other;
+      if (low_free && high_free) return RowKind::Geometric;
+      return (low_free && row.m_upperLimit == 0) || (high_free && row.m_lowerLimit == 0) ? RowKind::Limit : RowKind::Other;
+    };
+    JointMotion motion;
+    for (int k = first; k < first + count; ++k) {
+      if (kind_of(k) != RowKind::Geometric) continue;
+      const btSolverConstraint &row = rows[k];
+      motion.add_row(row.m_contactNormal1, row.m_relpos1CrossNormal, row.m_contactNormal2, row.m_relpos2CrossNormal);
+    }
+    if (count > 0) {
+      const btSolverBody &a = body(rows[first].m_solverBodyIdA), &b = body(rows[first].m_solverBodyIdB);
+      btVector3 arm_a, arm_b;
+      const bool has_pivots = find_pivots(constraint, arm_a, arm_b);
+      motion.finish(a.m_linearVelocity, a.m_angularVelocity, b.m_linearVelocity, b.m_angularVelocity, h,
+                    has_pivots ? &arm_a : nullptr, has_pivots ? &arm_b : nullptr);
+    }
+    for (int k = first; k < first + count; ++k) {
+      btSolverConstraint &row = rows[k];
+      const RowKind kind = kind_of(k);
+      if (kind == RowKind::Other) continue;
+      btScalar before, forced;
+      find_velocity(row, before, forced);
+      const btScalar target = row.m_rhs / row.m_jacDiagABInv + before + forced;
+      const bool is_angular = row.m_contactNormal1.isZero();
+      btScalar kept;
+      if (kind == RowKind::Limit) {
+        const btScalar side = row.m_lowerLimit == 0 ? 1 : -1;
+        kept = side * std::max(btScalar(0), std::min(side * target, -side * before * bounce_of(constraint)));
+      } else {
+        kept = is_angular ? motion.angular_target(row.m_relpos1CrossNormal) : motion.linear_target(row.m_contactNormal2);
+      }
+      const bool is_limit = kind == RowKind::Limit;
+      const btScalar most = is_angular ? (is_limit ? MAX_RETURN_RATE : MAX_CORRECTION_RATE)
+                                       : (is_limit ? MAX_RETURN_SPEED : MAX_CORRECTION_SPEED);
+      // Joints of the profile have the ERP of the world.
+      if (!is_limit) note_error(target * h / info.m_erp, is_angular);
+      joint_errors_[k] = {std::max(-most, std::min(most, is_limit ? target - kept : target)), true};
+      row.m_rhs -= (target - kept) * row.m_jacDiagABInv;
+    }
+  }
+
+  void note_error(btScalar error, bool is_angle) {
+    double &largest = is_angle ? settings_.statistics.joint_angle : settings_.statistics.joint_gap;
+    largest = std::max(largest, double(btFabs(error)));
+  }
+
+  // Arms from the centres of mass to the pivot of a joint, where Bullet's class has one.
+  static bool find_pivots(const btTypedConstraint &constraint, btVector3 &arm_a, btVector3 &arm_b) {
+    const auto arms = [&](const btVector3 &in_a, const btVector3 &in_b) {
+      arm_a = constraint.getRigidBodyA().getCenterOfMassTransform().getBasis() * in_a;
+      arm_b = constraint.getRigidBodyB().getCenterOfMassTransform().getBasis() * in_b;
+      return true;
+    };
+    switch (constraint.getConstraintType()) {
+      case HINGE_CONSTRAINT_TYPE: {
+        auto &hinge = const_cast<btHingeConstraint &>(static_cast<const btHingeConstraint &>(constraint));
+        return arms(hinge.getAFrame().getOrigin(), hinge.getBFrame().getOrigin());
+      }
+      case POINT2POINT_CONSTRAINT_TYPE: {
+        const auto &point = static_cast<const btPoint2PointConstraint &>(constraint);
+        return arms(point.getPivotInA(), point.getPivotInB());
+      }
+      case CONETWIST_CONSTRAINT_TYPE: {
+        const auto &cone = static_cast<const btConeTwistConstraint &>(constraint);
+        return arms(cone.getAFrame().getOrigin(), cone.getBFrame().getOrigin());
+      }
+      // Where B can slide in A, the pivot of B counts on both bodies.
+      case SLIDER_CONSTRAINT_TYPE:
+        return sliding_arms(constraint, static_cast<const btSliderConstraint &>(constraint).getFrameOffsetB(), arm_a, arm_b);
+      case D6_CONSTRAINT_TYPE:
+        // Drives of bodies have this type too, and no positions.
+        if (const auto *joint = dynamic_cast<const btGeneric6DofConstraint *>(&constraint)) {
+          return sliding_arms(constraint, joint->getFrameOffsetB(), arm_a, arm_b);
+        }
+        return false;
+      case D6_SPRING_2_CONSTRAINT_TYPE:
+        return sliding_arms(constraint, static_cast<const btGeneric6DofSpring2Constraint &>(constraint).getFrameOffsetB(), arm_a, arm_b);
+      default: return false;
+    }
+  }
+
+  static bool sliding_arms(const btTypedConstraint &constraint, const btTransform &frame_b, btVector3 &arm_a, btVector3 &arm_b) {
+    const btTransform &a = constraint.getRigidBodyA().getCenterOfMassTransform();
+    const btTransform &b = constraint.getRigidBodyB().getCenterOfMassTransform();
+    arm_b = b.getBasis() * frame_b.getOrigin();
+    arm_a = b.getOrigin() + arm_b - a.getOrigin();
+    return true;
+  }
+
+  // Friction of the step before, as a vector: its two directions are about to be replaced.
+  void remember_friction(btPersistentManifold **manifolds, int n) {
+    friction_before_.clear();
+    for (int i = 0; i < n; ++i) {
+      for (int k = 0; k < manifolds[i]->getNumContacts(); ++k) {
+        btManifoldPoint &point = manifolds[i]->getContactPoint(k);
+        point.m_userPersistentData = reinterpret_cast<void *>(friction_before_.size());
+        friction_before_.push_back(point.m_appliedImpulseLateral1 * point.m_lateralFrictionDir1 +
+                                   point.m_appliedImpulseLateral2 * point.m_lateralFrictionDir2);
+      }
+    }
+  }
+
+  void warm_start_friction(const btContactSolverInfo &info) {
+    if (!(info.m_solverMode & SOLVER_USE_WARMSTARTING)) return;
+    const btConstraintArray &contacts = this->m_tmpSolverContactConstraintPool;
+    const int directions = info.m_solverMode & SOLVER_USE_2_FRICTION_DIRECTIONS ? 2 : 1;
+    for (int i = 0; i < contacts.size(); ++i) {
+      const auto &point = *static_cast<const btManifoldPoint *>(contacts[i].m_originalContactPoint);
+      const btVector3 before = friction_before_[reinterpret_cast<size_t>(point.m_userPersistentData)];
+      for (int k = 0; k < directions; ++k) {
+        btSolverConstraint &row = this->m_tmpSolverContactFrictionConstraintPool[contacts[i].m_frictionIndex + k];
+        row.m_appliedImpulse =
+            before.dot(k ? point.m_lateralFrictionDir2 : point.m_lateralFrictionDir1) * info.m_warmstartingFactor;
+        push(row, row.m_appliedImpulse);
+      }
+    }
+  }
+
+  void push(const btSolverConstraint &row, btScalar impulse) {
+    btSolverBody &a = body(row.m_solverBodyIdA), &b = body(row.m_solverBodyIdB);
+    if (a.m_originalBody) a.internalApplyImpulse(row.m_contactNormal1 * a.internalGetInvMass(), row.m_angularComponentA, impulse);
+    if (b.m_originalBody) b.internalApplyImpulse(row.m_contactNormal2 * b.internalGetInvMass(), row.m_angularComponentB, impulse);
+  }
+
+  // That of a row before the step, and what forces add to it.
+  void find_velocity(const btSolverConstraint &row, btScalar &before, btScalar &forced) {
+    const btSolverBody &a = body(row.m_solverBodyIdA), &b = body(row.m_solverBodyIdB);
+    before = forced = 0;
+    if (a.m_originalBody) {
+      before += row.m_contactNormal1.dot(a.m_linearVelocity) + row.m_relpos1CrossNormal.dot(a.m_angularVelocity);
+      forced += row.m_contactNormal1.dot(a.m_externalForceImpulse) + row.m_relpos1CrossNormal.dot(a.m_externalTorqueImpulse);
+    }
+    if (b.m_originalBody) {
+      before += row.m_contactNormal2.dot(b.m_linearVelocity) + row.m_relpos2CrossNormal.dot(b.m_angularVelocity);
+      forced += row.m_contactNormal2.dot(b.m_externalForceImpulse) + row.m_relpos2CrossNormal.dot(b.m_externalTorqueImpulse);
+    }
+  }
+
+  // Share of the speed into a limit with which a joint is asked to leave it.
+  static btScalar bounce_of(const btTypedConstraint &constraint) {
+    if (constraint.getConstraintType() != HINGE_CONSTRAINT_TYPE) return 0;
+    const auto &hinge = static_cast<const btHingeConstraint &>(constraint);
+    return hinge.getLimitRelaxationFactor() * hinge.getLimitBiasFactor();
+  }
+
+  // Whether joints hold bodies of the island.
+  bool has_joints() const {
+    if constexpr (HAS_TREES) {
+      if (this->m_multiBodyNonContactConstraints.size() > 0) return true;
+    }
+    return this->m_tmpSolverNonContactConstraintPool.size() > 0;
+  }
+
+  bool is_impact(btScalar before, const btContactSolverInfo &info) const { return -before >= info.m_restitutionVelocityThreshold; }
+
+  // Whether it is for `bounce`: what joints hold must not be moved out of them.
+  bool bounces(const btSolverConstraint &row, const btContactSolverInfo &info) {
+    const auto &point = *static_cast<const btManifoldPoint *>(row.m_originalContactPoint);
+    if (!settings_.restitution || point.m_combinedRestitution <= 0) return false;
+    btScalar before, forced;
+    find_velocity(row, before, forced);
+    return is_impact(before, info) || !has_joints();
+  }
+  // Of articulations, Bullet's own restitution.
+  static bool bounces(const btMultiBodySolverConstraint &, const btContactSolverInfo &) { return false; }
+
+  // A contact that bounces waits until the bodies touch and leaves with the energy that restitution asks for, wherever between two
+  // steps the impact was.
+  void bounce(const btContactSolverInfo &info) {
+    btConstraintArray &contacts = this->m_tmpSolverContactConstraintPool;
+    const btScalar h = info.m_timeStep;
+    for (int i = 0; i < contacts.size(); ++i) {
+      btSolverConstraint &row = contacts[i];
+      const auto &point = *static_cast<const btManifoldPoint *>(row.m_originalContactPoint);
+      if (!bounces(row, info)) continue;
+      btScalar before, forced;
+      find_velocity(row, before, forced);
+      const btScalar gap = point.getDistance() + info.m_linearSlop, push = -gap * info.m_erp2 / h;
+      if (is_impact(before, info)) {
+        const btScalar pull = std::max(btScalar(0), -forced / h);
+        row.m_rhsPenetration = 0;
+        if (gap > 0) {
+          row.m_rhs = row.m_upperLimit = 0;
+          continue;
+        }
+        const btScalar target = leaving(before, gap, pull, h, point.m_combinedRestitution);
+        row.m_rhs = (target - before - forced) * row.m_jacDiagABInv;
+      } else if (push > info.m_restitutionVelocityThreshold) {
+        // The depth reached before the bounce is left behind without adding to its velocity.
+        row.m_rhs = (-before - forced) * row.m_jacDiagABInv;
+        row.m_rhsPenetration = push * row.m_jacDiagABInv;
+      }
+    }
+  }
+
+  // Push-out velocity of contacts that don't bounce.
+  template <class Rows>
+  void limit_push_out(Rows &rows, const btContactSolverInfo &info) {
+    for (int i = 0; i < rows.size(); ++i) {
+      auto &row = rows[i];
+      const auto &point = *static_cast<const btManifoldPoint *>(row.m_originalContactPoint);
+      const btScalar depth = -(point.getDistance() + info.m_linearSlop);
+      if (depth <= 0 || row.m_jacDiagABInv <= btScalar(0) || bounces(row, info)) continue;
+      const btScalar push = depth * info.m_erp2 / info.m_timeStep;
+      // Bullet does not separate it for articulations.
+      if (row.m_rhsPenetration == btScalar(0)) row.m_rhs = row.m_rhs - push * row.m_jacDiagABInv;
+      row.m_rhsPenetration = std::min(push, push_out_speed(depth)) * row.m_jacDiagABInv;
+    }
+  }
+
+  // Velocity at the end of a step with which bodies separate that approach at -before, `gap` <= 0 below the surface, and accelerate
+  // towards each other by `pull`. Flight conserves the energy v^2 / 2 + pull (x + k v / 2), with k minus the step for Bullet's
+  // x += v' h and 0 for exact flight; impact keeps the share restitution^2 of what it is at the surface.
+  btScalar leaving(btScalar before, btScalar gap, btScalar pull, btScalar h, btScalar restitution) const {
+    const btScalar k = settings_.exact_flight ? 0 : -h;
+    const btScalar energy = before * before / 2 + pull * (gap + k * before / 2);
+    const btScalar kept = restitution * restitution * std::max(btScalar(0), energy);
+    // The position at the end of the step is gap + v h.
+    const btScalar linear = pull * (2 * h + k);
+    return std::max(btScalar(0), (btSqrt(linear * linear + 8 * (kept - pull * gap)) - linear) / 2);
+  }
+
+  // Bullet skips friction once its normal impulse is zero, so that what was applied before stays.
+  void release_friction() {
+    btConstraintArray &frictions = this->m_tmpSolverContactFrictionConstraintPool;
+    for (int i = 0; i < frictions.size(); ++i) {
+      btSolverConstraint &row = frictions[i];
+      const btScalar applied = row.m_appliedImpulse;
+      if (applied == 0 || this->m_tmpSolverContactConstraintPool[row.m_frictionIndex].m_appliedImpulse > btScalar(0)) continue;
+      row.m_appliedImpulse = 0;
+      push(row, -applied);
+    }
+    if constexpr (HAS_TREES) {
+      for (int i = 0; i < this->m_multiBodyFrictionContactConstraints.size(); ++i) {
+        btMultiBodySolverConstraint &row = this->m_multiBodyFrictionContactConstraints[i];
+        const bool holds = this->m_multiBodyNormalContactConstraints[row.m_frictionIndex].m_appliedImpulse > btScalar(0);
+        if (holds || row.m_appliedImpulse == btScalar(0)) continue;
+        row.m_lowerLimit = row.m_upperLimit = 0;
+        Base::resolveSingleConstraintRowGeneric(row);
+      }
+    }
+  }
+
+  int dynamic_body(int id) const {
+    const btSolverBody &b = this->m_tmpSolverBodyPool[id];
+    return b.m_originalBody && b.m_originalBody->getInvMass() > 0 ? id : -1;
+  }
+
+  // Sequential impulses converge badly across joints and between light and heavy bodies.
+  bool is_hard() const {
+    if (this->m_tmpSolverNonContactConstraintPool.size() > 0) return true;
+    if constexpr (HAS_TREES) {
+      if (this->m_multiBodyNonContactConstraints.size() + this->m_multiBodyNormalContactConstraints.size() > 0) return true;
+    }
+    btScalar least = BT_LARGE_FLOAT, most = 0;
+    for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i) {
+      const btRigidBody *b = this->m_tmpSolverBodyPool[i].m_originalBody;
+      if (!b || b->getInvMass() <= 0) continue;
+      least = std::min(least, b->getInvMass());
+      most = std::max(most, b->getInvMass());
+    }
+    return most > settings_.hard_mass_ratio * least;
+  }
+
+  // Hands all rows of the island to the solver.
+  void gather(const btContactSolverInfo &info) {
+    mlcp_table->clear(mlcp_);
+    row_count_ = 0;
+    trees_.clear();
+    tree_sizes_.clear();
+    tree_rows_.clear();
+    normals_.clear();
+    needs_correction_ = is_urgent_ = false;
+    const btConstraintArray &joints = this->m_tmpSolverNonContactConstraintPool;
+    for (int i = 0; i < joints.size(); ++i) {
+      AmbMlcpRow row = row_of(joints[i]);
+      soften(row, joints[i], settings_.joint_softness);
+      row.in_positions = joint_errors_[i].is_geometric;
+      row.position_target = joint_errors_[i].correction;
+      add(row, MIN_CORRECTION, row.low == 0 || row.high == 0);
+    }
+    // Redundant contacts share the load.
+    add_contacts(this->m_tmpSolverContactConstraintPool, info);
+    const btConstraintArray &frictions = this->m_tmpSolverContactFrictionConstraintPool;
+    const btConstraintArray &rolling = this->m_tmpSolverContactRollingFrictionConstraintPool;
+    const double kept = info.m_solverMode & SOLVER_USE_WARMSTARTING ? info.m_warmstartingFactor : 1;
+    for (int i = 0; i < frictions.size(); ++i) {
+      add_friction(frictions[i], joints.size(), frictions[i].m_appliedImpulse, BT_LARGE_FLOAT, kept);
+    }
+    for (int i = 0; i < rolling.size(); ++i) {
+      add_friction(rolling[i], joints.size(), rolling[i].m_appliedImpulse, rolling[i].m_friction, kept);
+    }
+    if constexpr (HAS_TREES) gather_tree_rows(info);
+  }
+
+  void gather_tree_rows(const btContactSolverInfo &info) {
+    btMultiBodyConstraintArray &joints = this->m_multiBodyNonContactConstraints;
+    for (int i = 0; i < joints.size(); ++i) {
+      AmbMlcpRow row = row_of(joints[i]);
+      // Rows of the articulation's own joints are soft enough.
+      const auto &owner = *static_cast<const EngineRows *>(joints[i].m_orgConstraint);
+      row.in_positions = joints[i].m_jacDiagABInv > 0 && owner.is_geometric(joints[i].m_orgDofIndex);
+      note_error(owner.error(joints[i].m_orgDofIndex), joints[i].m_orgDofIndex >= 3);
+      row.position_target = row.in_positions ? joints[i].m_rhsPenetration / joints[i].m_jacDiagABInv : 0;
+      row.x = 0;
+      row.state = guess_of(row);
+      add(row, MIN_CORRECTION, row.low == 0 || row.high == 0);
+    }
+    const int first_contact = row_count_;
+    add_contacts(this->m_multiBodyNormalContactConstraints, info);
+    btMultiBodyConstraintArray &frictions = this->m_multiBodyFrictionContactConstraints;
+    for (int i = 0; i < frictions.size(); ++i) {
+      const auto &point = *static_cast<const btManifoldPoint *>(frictions[i].m_originalContactPoint);
+      // Their directions follow from the normal, the first one first.
+      const bool is_first = i == 0 || frictions[i - 1].m_frictionIndex != frictions[i].m_frictionIndex;
+      const double guess = is_first ? point.m_appliedImpulseLateral1 : point.m_appliedImpulseLateral2;
+      add_friction(frictions[i], first_contact, guess, BT_LARGE_FLOAT, 1);
+    }
+    for (btMultiBodyConstraintArray *rows :
+         {&this->m_multiBodyTorsionalFrictionContactConstraints, &this->m_multiBodySpinningFrictionContactConstraints}) {
+      for (int i = 0; i < rows->size(); ++i) add_friction((*rows)[i], first_contact, 0, BT_LARGE_FLOAT, 1);
+    }
+  }
+
+  // Of a row that may push one way only and is not asked to: at its bound.
+  static int guess_of(const AmbMlcpRow &row) {
+    if (row.low == 0 && row.target < 0) return AMB_MLCP_LOW;
+    if (row.high == 0 && row.target > 0) return AMB_MLCP_HIGH;
+    return AMB_MLCP_FREE;
+  }
+
+  void add(const AmbMlcpRow &row, double least_correction = MIN_CORRECTION, bool is_limit = false) {
+    mlcp_table->add_row(mlcp_, &row);
+    ++row_count_;
+    const bool idle = (row.low == 0 && row.position_target < 0) || (row.high == 0 && row.position_target > 0);
+    if (row.in_positions && !idle) {
+      const double asked = std::fabs(row.position_target) / least_correction;
+      needs_correction_ = needs_correction_ || asked > 1;
+      // Limits and drives that push against them have no other way back.
+      is_urgent_ = is_urgent_ || asked > URGENT_CORRECTION || (asked > 1 && is_limit);
+    }
+    position_states_.resize(row_count_);
+    position_states_[row_count_ - 1] = static_cast<unsigned char>(
+        row.low == 0 && row.position_target < 0 ? AMB_MLCP_LOW : row.high == 0 && row.position_target > 0 ? AMB_MLCP_HIGH : AMB_MLCP_FREE);
+  }
+
+  // What rows of all kinds share.
+  template <class Row>
+  AmbMlcpRow new_row(const Row &from) {
+    AmbMlcpRow row{};
+    row.body[0] = row.body[1] = -1;
+    row.normal = -1;
+    if (from.m_jacDiagABInv > 0) {
+      row.target = from.m_rhs / from.m_jacDiagABInv;
+      row.cfm = from.m_cfm / from.m_jacDiagABInv;
+    }
+    row.low = from.m_lowerLimit;
+    row.high = from.m_upperLimit;
+    return row;
+  }
+
+  // The arrays to which a row points hold until the next row is made.
+  void fill(AmbMlcpRow &row, int side, int id, const btVector3 &linear, const btVector3 &angular, const btVector3 &by_linear,
+            const btVector3 &by_angular) {
+    row.body[side] = id;
+    row.size[side] = 6;
+    for (int k = 0; k < 3; ++k) {
+      jacobians_[side][k] = linear[k];
+      jacobians_[side][k + 3] = angular[k];
+      responses_[side][k] = by_linear[k];
+      responses_[side][k + 3] = by_angular[k];
+    }
+    row.jacobian[side] = jacobians_[side];
+    row.response[side] = responses_[side];
+  }
+
+  AmbMlcpRow row_of(const btSolverConstraint &from) {
+    AmbMlcpRow row = new_row(from);
+    for (int k = 0; k < 2; ++k) {
+      const int id = dynamic_body(k ? from.m_solverBodyIdB : from.m_solverBodyIdA);
+      if (id < 0) continue;
+      const btVector3 &linear = k ? from.m_contactNormal2 : from.m_contactNormal1;
+      fill(row, k, id, linear, k ? from.m_relpos2CrossNormal : from.m_relpos1CrossNormal,
+           linear * body(id).internalGetInvMass(), k ? from.m_angularComponentB : from.m_angularComponentA);
+    }
+    return row;
+  }
+
+  AmbMlcpRow row_of(btMultiBodySolverConstraint &from) {
+    AmbMlcpRow row = new_row(from);
+    tree_rows_.push_back(this->sides_of(from));
+    // What an articulation can move only as much as rounding lets it is nothing to push at.
+    if (from.m_jacDiagABInv <= 0) return row;
+    for (int k = 0; k < 2; ++k) {
+      const auto &side = tree_rows_.back().sides[k];
+      if (side.body) {
+        const int id = static_cast<int>(side.body - &this->m_tmpSolverBodyPool[0]);
+        fill(row, k, id, side.linear, side.angular, side.by_linear, side.by_angular);
+      } else if (side.tree) {
+        row.body[k] = this->m_tmpSolverBodyPool.size() + tree_at(side.tree, side.velocity, side.n);
+        row.size[k] = side.n;
+        row.jacobian[k] = &this->m_data.m_jacobians[side.jacobian];
+        row.response[k] = &this->m_data.m_deltaVelocitiesUnitImpulse[side.jacobian];
+      }
+    }
+    return row;
+  }
+
+  int tree_at(btMultiBody *tree, int velocity, int size) {
+    for (size_t i = 0; i < trees_.size(); ++i) {
+      if (trees_[i].velocity == velocity) return static_cast<int>(i);
+    }
+    trees_.push_back({tree, velocity});
+    tree_sizes_.push_back(size);
+    return static_cast<int>(trees_.size()) - 1;
+  }
+
+  template <class Row>
+  static void soften(AmbMlcpRow &row, const Row &from, double share) {
+    row.cfm = std::max(row.cfm, softness_of(from, share));
+  }
+
+  // CFM that is this share of the diagonal.
+  static double softness_of(const btSolverConstraint &from, double share) {
+    return from.m_jacDiagABInv > 0 ? share / from.m_jacDiagABInv : 0;
+  }
+
+  // An articulation that hardly moves along the row would else have to move far across it.
+  static double softness_of(const btMultiBodySolverConstraint &from, double share) {
+    if (from.m_jacDiagABInv <= 0) return 0;
+    double response = 1 / from.m_jacDiagABInv;
+    for (const auto &[tree, link] : {std::pair(from.m_multiBodyA, from.m_linkA), std::pair(from.m_multiBodyB, from.m_linkB)}) {
+      const double mass = !tree ? 0 : link < 0 ? tree->getBaseMass() : tree->getLinkMass(link);
+      if (mass > 0) response = std::max(response, 1 / mass);
+    }
+    return share * response;
+  }
+
+  template <class Rows>
+  void add_contacts(Rows &rows, const btContactSolverInfo &info) {
+    for (int i = 0; i < rows.size(); ++i) {
+      AmbMlcpRow row = row_of(rows[i]);
+      const auto &point = *static_cast<const btManifoldPoint *>(rows[i].m_originalContactPoint);
+      row.x = std::max(btScalar(0), point.m_appliedImpulse);
+      row.position_cfm = softness_of(rows[i], CONTACT_POSITION_SOFTNESS);
+      soften(row, rows[i], settings_.contact_softness);
+      const bool opens = row.target < 0 && row.x == 0;
+      row.state = opens || (point.m_lifeTime > 1 && row.x == 0) ? AMB_MLCP_LOW : AMB_MLCP_FREE;
+      const btScalar gap = point.getDistance() + info.m_linearSlop;
+      deepest_ = std::max(deepest_, -gap);
+      row.in_positions = rows[i].m_jacDiagABInv > 0 && row.high > 0;
+      row.position_target = gap > 0 ? -gap / info.m_timeStep
+                            : row.in_positions ? rows[i].m_rhsPenetration / rows[i].m_jacDiagABInv : 0;
+      normals_.push_back({row.x, row.state});
+      add(row, -gap > 0 ? std::fabs(row.position_target) * MIN_DEPTH / -gap : BT_LARGE_FLOAT);
+    }
+  }
+
+  // kept: the share of the impulse of the step before that `guess` is.
+  template <class Row>
+  void add_friction(Row &from, int first_contact, double guess, double cap, double kept) {
+    AmbMlcpRow row = row_of(from);
+    row.normal = first_contact + from.m_frictionIndex;
+    row.friction = from.m_friction;
+    row.cap = cap;
+    row.x = guess / kept;
+    soften(row, from, settings_.friction_softness);
+    const Normal &normal = normals_[normals_.size() - contact_count(from) + from.m_frictionIndex];
+    const double bound = std::min(row.friction * normal.impulse, cap) * (1 - 1e-6);
+    row.state = guess >= bound * kept ? AMB_MLCP_HIGH : guess <= -bound * kept ? AMB_MLCP_LOW : AMB_MLCP_FREE;
+    if (normal.state == AMB_MLCP_FREE && normal.impulse == 0) row.state = AMB_MLCP_FREE;
+    add(row);
+  }
+  size_t contact_count(const btSolverConstraint &) const { return this->m_tmpSolverContactConstraintPool.size(); }
+  size_t contact_count(const btMultiBodySolverConstraint &) const { return this->m_multiBodyNormalContactConstraints.size(); }
+
+  bool solve(const btContactSolverInfo &info, bool is_small) {
+    AmbSolverStatistics &seen = settings_.statistics;
+    const double cost = mlcp_table->prepare(mlcp_, this->m_tmpSolverBodyPool.size(), tree_sizes_.data(),
+                                                static_cast<int>(tree_sizes_.size()));
+    if (cost < 0 || (!is_small && cost > settings_.max_pile_cost * row_count_)) return false;
+    const double budget = settings_.budget_per_row * row_count_ + settings_.least_budget;
+    const int outcome = mlcp_table->solve(mlcp_, budget + saved_budget_);
+    AmbMlcpStatistics found;
+    mlcp_table->statistics(mlcp_, &found);
+    saved_budget_ = std::max(0.0, std::min(saved_budget_ + budget - found.multiplications, settings_.most_saved_budget));
+    seen.rows += found.rows;
+    seen.factorisations += found.factorisations;
+    seen.pivots += found.pivots;
+    seen.sweeps += found.sweeps;
+    if (outcome == AMB_MLCP_NOT_FINITE) return false;
+    ++(outcome == AMB_MLCP_SOLVED ? seen.islands_solved : seen.islands_approximate);
+    seen.residual = std::max(seen.residual, found.residual);
+    write_velocities();
+    seen.penetration = std::max(seen.penetration, double(deepest_));
+    deepest_ = 0;
+    // Small errors can wait.
+    if (!needs_correction_ || !(is_urgent_ || sub_step_ % CORRECTION_INTERVAL == 0)) return true;
+    if (mlcp_table->solve_positions(mlcp_, nullptr, position_states_.data(), POSITION_SOFTNESS, budget) !=
+        AMB_MLCP_NOT_FINITE) {
+      write_corrections(info);
+      ++seen.position_problems;
+    }
+    return true;
+  }
+
+  void write_velocities() {
+    const double *impulses = mlcp_table->impulses(mlcp_), *velocities = mlcp_table->velocities(mlcp_);
+    for (btConstraintArray *pool : {&this->m_tmpSolverNonContactConstraintPool, &this->m_tmpSolverContactConstraintPool,
+                                    &this->m_tmpSolverContactFrictionConstraintPool,
+                                    &this->m_tmpSolverContactRollingFrictionConstraintPool}) {
+      for (int i = 0; i < pool->size(); ++i) (*pool)[i].m_appliedImpulse = *impulses++;
+    }
+    // Articulations already have the impulses with which Bullet warm-started their rows.
+    if constexpr (HAS_TREES) {
+      for (const auto &row : tree_rows_) this->apply(row, *impulses++ - btScalar(row.row->m_appliedImpulse));
+    }
+    for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i, velocities += 6) {
+      btSolverBody &b = body(i);
+      b.internalGetDeltaLinearVelocity().setValue(velocities[0], velocities[1], velocities[2]);
+      b.internalGetDeltaAngularVelocity().setValue(velocities[3], velocities[4], velocities[5]);
+    }
+  }
+
+  // Bullet moves rigid bodies by their pseudo-velocities when it writes back, articulations move themselves.
+  void write_corrections(const btContactSolverInfo &info) {
+    const double *velocities = mlcp_table->position_velocities(mlcp_);
+    const btScalar turn = info.m_splitImpulseTurnErp > 0 ? 1 / info.m_splitImpulseTurnErp : 0;
+    for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i, velocities += 6) {
+      btSolverBody &b = body(i);
+      btVector3 linear(velocities[0], velocities[1], velocities[2]), angular(velocities[3], velocities[4], velocities[5]);
+      const btScalar fastest = std::max(linear.length() / MAX_CORRECTION_SPEED, angular.length() / MAX_CORRECTION_RATE);
+      const btScalar share = fastest > 1 ? 1 / fastest : 1;
+      b.internalGetPushVelocity() = linear * share;
+      b.internalGetTurnVelocity() = angular * (share * turn);
+    }
+    if constexpr (HAS_TREES) {
+      for (size_t i = 0; i < trees_.size(); velocities += tree_sizes_[i++]) correct(*trees_[i].tree, velocities);
+    }
+  }
+
+  struct Tree {
+    btMultiBody *tree;
+    // Where its velocities lie in Bullet's array.
+    int velocity;
+  };
+  // Guess of a contact's normal impulse.
+  struct Normal {
+    double impulse;
+    int state;
+  };
+
+  const AccurateContext &settings_;
+  AmbMlcp *mlcp_;
+  int row_count_ = 0;
+  // Large islands that are left to sequential impulses before the next one is looked at.
+  int pile_steps_ = 0;
+  // What solutions left of their budgets: hard problems, like those of an impact, are rare.
+  double saved_budget_ = 0;
+  double jacobians_[2][6], responses_[2][6];
+  Vector<JointError> joint_errors_;
+  Vector<Normal> normals_;
+  Vector<unsigned char> position_states_;
+  // Whether a row asks for a correction of its position, and one that cannot wait.
+  bool needs_correction_ = false, is_urgent_ = false;
+  unsigned sub_step_ = 0;
+  // Deepest penetration of a contact.
+  btScalar deepest_ = 0;
+  // Of the rows that act on articulations, which are the last.
+  Vector<TieSolver::Sides> tree_rows_;
+  Vector<Tree> trees_;
+  Vector<int> tree_sizes_;
+  Vector<btVector3> friction_before_;
+};
+
+#endif

@@ -1,0 +1,380 @@
+#include "engine.h"
+#include "tree_rows.h"
+
+#include <algorithm>
+
+namespace {
+
+// The row in which a drive is written, of those that the solver asks a constraint for.
+struct Row {
+  Row(btTypedConstraint::btConstraintInfo2 &all, int index)
+      : linear_a(all.m_J1linearAxis + index * all.rowskip),
+        angular_a(all.m_J1angularAxis + index * all.rowskip),
+        linear_b(all.m_J2linearAxis + index * all.rowskip),
+        angular_b(all.m_J2angularAxis + index * all.rowskip),
+        target(all.m_constraintError[index * all.rowskip]),
+        lower(all.m_lowerLimit[index * all.rowskip]),
+        upper(all.m_upperLimit[index * all.rowskip]) {}
+
+  void drive(const JointDrive &joint) {
+    target = joint.velocity;
+    lower = -joint.max_impulse;
+    upper = joint.max_impulse;
+  }
+
+  btScalar *linear_a, *angular_a, *linear_b, *angular_b;
+  btScalar &target, &lower, &upper;
+};
+
+// The row of a drive is the last one, after those of Bullet.
+void add_row(JointDrive &drive, btTypedConstraint::btConstraintInfo1 &info) {
+  drive.rows.count = drive.enabled ? 1 : 0;
+  if (!drive.enabled) return;
+  drive.rows.first = info.m_numConstraintRows++;
+  --info.nub;
+}
+
+// A motor that pushes against the limit it has reached only tears at it, and one that goes on would pass it before Bullet sees it.
+void respect_limits(Row &row, const JointDrive &drive, btScalar at, btScalar per_second) {
+  if (drive.low > drive.high) return;
+  if (at <= drive.low) row.lower = 0;
+  if (at >= drive.high) row.upper = 0;
+  if (drive.rows.softness[0] > 0) return;
+  // Backwards it is for Bullet's own rows to bring the joint.
+  if (row.target < 0) row.target = btMax(row.target, btMin((drive.low - at) * per_second, btScalar(0)));
+  if (row.target > 0) row.target = btMin(row.target, btMax((drive.high - at) * per_second, btScalar(0)));
+}
+
+struct DrivenHinge : btHingeConstraint {
+  DrivenHinge(btRigidBody &a, btRigidBody &b, const btTransform &frame_a, const btTransform &frame_b, JointDrive &row)
+      : btHingeConstraint(a, b, frame_a, frame_b, true), drive(row) {}
+
+  void getInfo1(btConstraintInfo1 *info) override {
+    btHingeConstraint::getInfo1(info);
+    add_row(drive, *info);
+  }
+
+  void getInfo2(btConstraintInfo2 *info) override {
+    btHingeConstraint::getInfo2(info);
+    if (drive.rows.count == 0) return;
+    Row row(*info, drive.rows.first);
+    const btVector3 axis = (m_rbA.getCenterOfMassTransform() * getAFrame()).getBasis().getColumn(2);
+    write_vector(-axis, row.angular_a);
+    write_vector(axis, row.angular_b);
+    row.drive(drive);
+    respect_limits(row, drive, getHingeAngle(), info->fps);
+  }
+
+  btScalar rate() {
+    const btVector3 axis = (m_rbA.getCenterOfMassTransform() * getAFrame()).getBasis().getColumn(2);
+    return axis.dot(m_rbB.getAngularVelocity() - m_rbA.getAngularVelocity());
+  }
+
+  JointDrive &drive;
+};
+
+// The coordinate of a slider is a . (p_B - p_A), with the axis a and the point p_A fixed in A, p_B in B. Its rate is
+// a . (v_B + w_B x r_B - v_A - w_A x (p_B - x_A)): the force that belongs to it acts on both bodies at p_B.
+struct DrivenSlider : btSliderConstraint {
+  DrivenSlider(btRigidBody &a, btRigidBody &b, const btTransform &frame_a, const btTransform &frame_b, JointDrive &row)
+      : btSliderConstraint(a, b, frame_a, frame_b, true), drive(row) {}
+
+  struct Geometry {
+    btVector3 axis, arm_a, arm_b;
+    btScalar position;
+  };
+
+  Geometry geometry() {
+    const btTransform &a = m_rbA.getCenterOfMassTransform(), &b = m_rbB.getCenterOfMassTransform();
+    const btTransform joint_a = a * getFrameOffsetA();
+    const btVector3 point = b * getFrameOffsetB().getOrigin();
+    const btVector3 axis = joint_a.getBasis().getColumn(0);
+    return {axis, point - a.getOrigin(), point - b.getOrigin(), axis.dot(point - joint_a.getOrigin())};
+  }
+
+  void getInfo1(btConstraintInfo1 *info) override {
+    btSliderConstraint::getInfo1(info);
+    add_row(drive, *info);
+  }
+
+  void getInfo2(btConstraintInfo2 *info) override {
+    btSliderConstraint::getInfo2(info);
+    if (drive.rows.count == 0) return;
+    Row row(*info, drive.rows.first);
+    const Geometry now = geometry();
+    write_vector(-now.axis, row.linear_a);
+    write_vector(now.axis, row.linear_b);
+    write_vector(-now.arm_a.cross(now.axis), row.angular_a);
+    write_vector(now.arm_b.cross(now.axis), row.angular_b);
+    row.drive(drive);
+    respect_limits(row, drive, now.position, info->fps);
+  }
+
+  btScalar rate(const Geometry &now) {
+    return now.axis.dot(m_rbB.getVelocityInLocalPoint(now.arm_b) - m_rbA.getVelocityInLocalPoint(now.arm_a));
+  }
+
+  JointDrive &drive;
+};
+
+// The springs of a six-dof constraint as rows that are implicit in position and velocity, in worlds of AmbSolver_Accurate; elsewhere as
+// Bullet has them, which are explicit forces. With the displacement x, its rate v, stiffness k and damping d the force at the end of the
+// sub-step is -k (x + h (v - v0)) - d v; see `spring` in ambf-core's control/drive.rs for why the rate v0 at the beginning is taken back, and
+// that no more than half the displacement is.
+struct ImplicitSpring : btGeneric6DofSpring2Constraint {
+  ImplicitSpring(btRigidBody &a, btRigidBody &b, const btTransform &frame_a, const btTransform &frame_b, JointDrive &row)
+      : btGeneric6DofSpring2Constraint(a, b, frame_a, frame_b, RO_XYZ), rows(row.rows) {
+    // Springs pull with their full force, as in Bullet 2; by default Bullet 3 aims at the velocity that the force would give.
+    m_flags |= BT_6DOF_FLAGS_USE_INFINITE_ERROR;
+  }
+
+  void getInfo1(btConstraintInfo1 *info) override {
+    take_springs();
+    btGeneric6DofSpring2Constraint::getInfo1(info);
+    give_springs();
+    rows.first = info->m_numConstraintRows;
+    info->m_numConstraintRows += rows.count;
+    info->nub -= rows.count;
+  }
+
+  void getInfo2(btConstraintInfo2 *info) override {
+    if (rows.count == 0) return btGeneric6DofSpring2Constraint::getInfo2(info);
+    take_springs();
+    btGeneric6DofSpring2Constraint::getInfo2(info);
+    give_springs();
+    const btScalar h = 1 / info->fps;
+    int next = rows.first;
+    for (int axis = 0; axis < 6; ++axis) {
+      if (!taken[axis]) continue;
+      Row row(*info, next);
+      const btScalar target = axis < 3 ? linear_row(row, axis, h) : angular_row(row, axis - 3, h);
+      row.target = target;
+      row.lower = -BT_LARGE_FLOAT;
+      row.upper = BT_LARGE_FLOAT;
+      ++next;
+    }
+  }
+
+ private:
+  bool is_implicit() const {
+    const AmbBody *a = ::body_of(&m_rbA), *b = ::body_of(&m_rbB);
+    const AmbWorld *home = a && a->home ? a->home : b ? b->home : nullptr;
+    return home && home->extension && engine_of(*home).solver == AmbSolver_Accurate;
+  }
+
+  // Hides the springs from Bullet.
+  void take_springs() {
+    rows.count = 0;
+    const bool implicit = is_implicit();
+    for (int axis = 0; axis < 6; ++axis) {
+      bool &enabled = axis < 3 ? m_linearLimits.m_enableSpring[axis] : m_angularLimits[axis - 3].m_enableSpring;
+      const btScalar stiffness = axis < 3 ? m_linearLimits.m_springStiffness[axis] : m_angularLimits[axis - 3].m_springStiffness;
+      const btScalar damping = axis < 3 ? m_linearLimits.m_springDamping[axis] : m_angularLimits[axis - 3].m_springDamping;
+      taken[axis] = implicit && enabled && stiffness >= 0 && damping >= 0 && stiffness + damping > 0;
+      if (!taken[axis]) continue;
+      enabled = false;
+      ++rows.count;
+    }
+  }
+
+  void give_springs() {
+    for (int axis = 0; axis < 6; ++axis) {
+      if (taken[axis]) (axis < 3 ? m_linearLimits.m_enableSpring[axis] : m_angularLimits[axis - 3].m_enableSpring) = true;
+    }
+  }
+
+  // Target of a row with that displacement and rate; sets its softness.
+  btScalar target_of(int index, btScalar stiffness, btScalar damping, btScalar displacement, btScalar rate, btScalar h) {
+    const btScalar back = h * rate, implicit = damping + h * stiffness;
+    const btScalar share = back == 0 ? 0 : std::min(btScalar(1), btFabs(displacement / back) / 2);
+    rows.softness[index] = 1 / (h * implicit);
+    return -stiffness * (displacement - share * back) / implicit;
+  }
+
+  int index_of(int axis) const { return static_cast<int>(std::count(taken, taken + axis, true)); }
+
+  // The force acts on both bodies at the origin of frame B.
+  btScalar linear_row(Row &row, int axis, btScalar h) {
+    const btVector3 direction = m_calculatedTransformA.getBasis().getColumn(axis), point = m_calculatedTransformB.getOrigin();
+    const btVector3 arm_a = point - m_rbA.getCenterOfMassPosition(), arm_b = point - m_rbB.getCenterOfMassPosition();
+    write_vector(-direction, row.linear_a);
+    write_vector(direction, row.linear_b);
+    write_vector(-arm_a.cross(direction), row.angular_a);
+    write_vector(arm_b.cross(direction), row.angular_b);
+    const btScalar rate = direction.dot(m_rbB.getVelocityInLocalPoint(arm_b) - m_rbA.getVelocityInLocalPoint(arm_a));
+    const btScalar displacement = m_calculatedLinearDiff[axis] - m_linearLimits.m_equilibriumPoint[axis];
+    return target_of(index_of(axis), m_linearLimits.m_springStiffness[axis], m_linearLimits.m_springDamping[axis], displacement, rate, h);
+  }
+
+  // Bullet's angles have the opposite sign.
+  btScalar angular_row(Row &row, int axis, btScalar h) {
+    const btVector3 direction = getAxis(axis);
+    write_vector(-direction, row.angular_a);
+    write_vector(direction, row.angular_b);
+    const btRotationalLimitMotor2 &motor = m_angularLimits[axis];
+    const btScalar rate = direction.dot(m_rbB.getAngularVelocity() - m_rbA.getAngularVelocity());
+    const btScalar displacement = motor.m_equilibriumPoint - m_calculatedAxisAngleDiff[axis];
+    return target_of(index_of(axis + 3), motor.m_springStiffness, motor.m_springDamping, displacement, rate, h);
+  }
+
+  SoftRows &rows;
+  // Of the six axes, those whose springs are rows in this sub-step.
+  bool taken[6] = {};
+};
+
+// What drives of bodies push against: no mass, no shape, in no world.
+std::unique_ptr<btRigidBody> nothing() {
+  return std::make_unique<btRigidBody>(btRigidBody::btRigidBodyConstructionInfo(0, nullptr, nullptr));
+}
+
+// Six rows for the centre of mass of a body.
+class BodyDrive : public btTypedConstraint {
+ public:
+  explicit BodyDrive(btRigidBody &body) : BodyDrive(body, nothing()) {}
+
+  void getInfo1(btConstraintInfo1 *info) override {
+    info->m_numConstraintRows = 6;
+    info->nub = 0;
+  }
+
+  void getInfo2(btConstraintInfo2 *info) override {
+    for (int i = 0; i < 6; ++i) {
+      (i < 3 ? info->m_J1linearAxis : info->m_J1angularAxis)[i * info->rowskip + i % 3] = 1;
+      info->m_constraintError[i * info->rowskip] = velocity[i];
+    }
+  }
+
+  // Nothing about these rows can be set from outside.
+  void setParam(int, btScalar, int) override {}
+  btScalar getParam(int, int) const override { return 0; }
+
+  btScalar velocity[6] = {};
+  SoftRows rows;
+
+ private:
+  BodyDrive(btRigidBody &body, std::unique_ptr<btRigidBody> other)
+      : btTypedConstraint(D6_CONSTRAINT_TYPE, body, *other), fixed(std::move(other)) {
+    rows.count = 6;
+    setUserConstraintPtr(&rows);
+  }
+
+  std::unique_ptr<btRigidBody> fixed;
+};
+
+template <class Driven>
+AmbConstraint *own_driven(Kind kind, AmbBody &a, AmbBody &b, const double frame_a[12], const double frame_b[12]) {
+  auto *owner = new AmbConstraint;
+  owner->kind = kind;
+  owner->constraint =
+      std::make_unique<Driven>(a.body, b.body, transform_of(frame_a), transform_of(frame_b), owner->drive);
+  owner->constraint->setUserConstraintPtr(&owner->drive.rows);
+  return owner;
+}
+
+}  // namespace
+
+void drop_drive(AmbWorld &world, AmbBody &body) {
+  if (!body.drive) return;
+  amb_body_release(&body);
+  world.world->removeConstraint(body.drive.get());
+  body.drive.reset();
+}
+
+extern "C" {
+
+AmbConstraint *amb_driven_hinge_new(AmbBody *a, AmbBody *b, const double frame_a[12], const double frame_b[12]) {
+  return own_driven<DrivenHinge>(Kind::Hinge, *a, *b, frame_a, frame_b);
+}
+
+AmbConstraint *amb_driven_slider_new(AmbBody *a, AmbBody *b, const double frame_a[12], const double frame_b[12]) {
+  return own_driven<DrivenSlider>(Kind::Slider, *a, *b, frame_a, frame_b);
+}
+
+AmbConstraint *amb_implicit_spring_new(AmbBody *a, AmbBody *b, const double frame_a[12], const double frame_b[12]) {
+  return own_driven<ImplicitSpring>(Kind::SixDofSpring, *a, *b, frame_a, frame_b);
+}
+
+int amb_constraint_set_drive(AmbConstraint *constraint, double velocity, double softness, double max_impulse) {
+  if (constraint->kind == Kind::Hinge) {
+    constraint->as<btHingeConstraint>().enableMotor(false);
+  } else if (constraint->kind == Kind::Slider) {
+    constraint->as<btSliderConstraint>().setPoweredLinMotor(false);
+  } else {
+    return 0;
+  }
+  wake(*constraint);
+  JointDrive &drive = constraint->drive;
+  drive.enabled = true;
+  drive.velocity = velocity;
+  drive.max_impulse = btMin(max_impulse, btScalar(BT_LARGE_FLOAT));
+  drive.rows.softness[0] = softness;
+  return 1;
+}
+
+void amb_constraint_release(AmbConstraint *constraint) {
+  if (constraint->drive.enabled) wake(*constraint);
+  constraint->drive.enabled = false;
+}
+
+int amb_constraint_coordinate(const AmbConstraint *constraint, double out[2]) {
+  if (constraint->tree && (constraint->kind == Kind::Hinge || constraint->kind == Kind::Slider)) {
+    out[0] = constraint->tree->coordinate(*constraint, out + 1);
+    if (constraint->kind == Kind::Hinge) out[0] = std::remainder(out[0], 2 * SIMD_PI);
+    return 1;
+  }
+  if (constraint->kind == Kind::Hinge) {
+    auto &hinge = static_cast<DrivenHinge &>(*constraint->constraint);
+    out[0] = hinge.getHingeAngle();
+    out[1] = hinge.rate();
+  } else if (constraint->kind == Kind::Slider) {
+    auto &slider = static_cast<DrivenSlider &>(*constraint->constraint);
+    const DrivenSlider::Geometry now = slider.geometry();
+    out[0] = now.position;
+    out[1] = slider.rate(now);
+  } else {
+    return 0;
+  }
+  return 1;
+}
+
+void amb_body_set_drive(AmbWorld *world, AmbBody *body, const double velocity[6], const double softness[2]) {
+  if (body->body.isStaticOrKinematicObject()) return;
+  if (body->tree) {
+    LinkDrive &drive = body->tree->drive_of(*body);
+    for (int i = 0; i < 6; ++i) drive.velocity[i] = velocity[i];
+    for (int i = 0; i < 2; ++i) drive.softness[i] = softness[i];
+    drive.enabled = true;
+    return;
+  }
+  if (!body->drive) {
+    body->drive = std::make_unique<BodyDrive>(body->body);
+    world->world->addConstraint(body->drive.get());
+  }
+  body->body.activate();
+  auto &drive = static_cast<BodyDrive &>(*body->drive);
+  for (int i = 0; i < 6; ++i) {
+    drive.velocity[i] = velocity[i];
+    drive.rows.softness[i] = softness[i / 3];
+  }
+  drive.setEnabled(true);
+  // A body that is held is not in free flight.
+  body->body.addConstraintRef(&drive);
+}
+
+void amb_body_release(AmbBody *body) {
+  if (body->tree && body->tree->members[body->member].drive) body->tree->members[body->member].drive->enabled = false;
+  if (!body->drive) return;
+  if (body->drive->isEnabled()) body->body.activate();
+  body->drive->setEnabled(false);
+  body->body.removeConstraintRef(body->drive.get());
+}
+
+void amb_body_hold_velocity(AmbWorld *world, AmbBody *body, const double linear[3], const double angular[3], double dt) {
+  body->body.setLinearVelocity(vector_of(linear) - body->body.getGravity() * dt);
+  body->body.setAngularVelocity(vector_of(angular));
+  if (body->tree) body->tree->velocities_set = true;
+  body->touched = engine_of(*world).sub_step + 1;
+  body->body.activate();
+}
+
+}  // extern "C"

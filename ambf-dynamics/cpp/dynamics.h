@@ -1,0 +1,15 @@
+/* C interface of the engine. Its functions are for worlds that were made with `amb_dynamics_engine`, and objects in them. */
+#ifndef AMB_DYNAMICS_H
+#define AMB_DYNAMICS_H
+#include "accurate.h"
+#include "continuous.h"
+#include "drive.h"
+#include "energy.h"
+#include "flight.h"
+#include "multi_body.h"
+#include "types.h"
+
+/* The engine, for `amb_world_new`; of static lifetime, the same at every call, usable in every thread. */
+const AmbEngine *amb_dynamics_engine(void);
+
+#endif

@@ -1,0 +1,126 @@
+#include "engine.h"
+
+#include "engine_solvers.h"
+#include "stepped.h"
+#include "sweep.h"
+#include "tie_solver.h"
+#include "tree_rows.h"
+
+void EngineWorld::configure(btDefaultCollisionConfiguration &configuration) {
+  // A plane otherwise finds one point a step: what slides on it rocks from corner to corner.
+  if (solver == AmbSolver_Accurate) configuration.setPlaneConvexMultipointIterations(4, 4);
+}
+
+std::unique_ptr<btConstraintSolver> EngineWorld::make_solver(btMLCPSolverInterface *mlcp) {
+  if (kind == AmbWorldKind_Trees) return multi_body_solver_of(solver, accurate, ledger);
+  return soft_row_solver_of(solver, mlcp, accurate, ledger);
+}
+
+void EngineWorld::make_world(btConstraintSolver &made) {
+  world.trees = fill_world<TreeWorld>(world, static_cast<btMultiBodyConstraintSolver *>(&made));
+}
+
+void EngineWorld::before_motion(const btAlignedObjectArray<btRigidBody *> &bodies, btScalar dt) {
+  if (has_continuous) find_impacts(*this, bodies, dt);
+}
+
+void EngineWorld::after_motion() {
+  if (has_continuous) stop_at_impacts(*this);
+  if (ledger.enabled) ledger.after_motion(*this);
+}
+
+void EngineWorld::before_sub_step(btScalar h) {
+  if (ledger.enabled) ledger.before_sub_step(*this, h);
+}
+
+void EngineWorld::after_sub_step(btScalar h) {
+  if (ledger.enabled) ledger.after_sub_step(*this, h);
+}
+
+void EngineWorld::gravity_set(const btVector3 &gravity) {
+  if (!world.trees) return;
+  for (AmbTree *tree : world.trees->trees) {
+    for (AmbTree::Member &member : tree->members) {
+      if (member.collider) member.body->body.setGravity(gravity);
+    }
+  }
+}
+
+void EngineWorld::velocity_set(AmbBody &body) {
+  if (body.tree) body.tree->velocities_set = true;
+}
+
+bool EngineWorld::pose_set(AmbBody &body) {
+  body.begins = true;
+  body.turned.setZero();
+  if (body.tree) body.tree->poses_set = true;
+  return body.tree;
+}
+
+void EngineWorld::body_leaves(AmbBody &body) { drop_drive(world, body); }
+
+bool EngineWorld::add_constraint(AmbConstraint &constraint) {
+  if (!holds_link(constraint)) return false;
+  add_tie(world, constraint);
+  return true;
+}
+
+bool EngineWorld::remove_constraint(AmbConstraint &constraint) {
+  if (!constraint.tie) return false;
+  remove_tie(world, constraint);
+  return true;
+}
+
+bool EngineWorld::read_coordinate(const AmbConstraint &constraint, btScalar &coordinate) {
+  if (!constraint.tree) return false;
+  coordinate = constraint.tree->coordinate(constraint);
+  return true;
+}
+
+void EngineWorld::recovered() {
+  if (!world.trees) return;
+  for (AmbConstraint *constraint : world.trees->ties) constraint->tie->forget();
+}
+
+btScalar spring_coordinate(AmbConstraint &c) { return axis_reading(c, moves_about_z(c)); }
+
+namespace {
+
+struct DynamicsEngine final : AmbEngine {
+  std::unique_ptr<Extension> extend(AmbWorld &world, int solver, int kind) const override {
+    return std::make_unique<EngineWorld>(world, solver, kind);
+  }
+};
+
+}  // namespace
+
+extern "C" {
+
+const AmbEngine *amb_dynamics_engine(void) {
+  static const DynamicsEngine engine;
+  return &engine;
+}
+
+void amb_world_set_accurate(AmbWorld *world, const AmbAccurateSettings *settings) {
+  static_cast<AmbAccurateSettings &>(engine_of(*world).accurate) = *settings;
+}
+
+void amb_world_take_statistics(AmbWorld *world, AmbSolverStatistics *out) {
+  *out = engine_of(*world).accurate.statistics;
+  engine_of(*world).accurate.statistics = {};
+}
+
+void amb_world_set_energy_ledger(AmbWorld *world, int enabled) {
+  EngineWorld &engine = engine_of(*world);
+  if (enabled) {
+    engine.ledger.start(engine);
+  } else {
+    engine.ledger.stop();
+  }
+}
+
+void amb_world_energy(const AmbWorld *world, AmbEnergy *out) { *out = engine_of(*world).ledger.read(); }
+
+void amb_set_mlcp(const void *table) { mlcp_table = static_cast<const AmbMlcpTable *>(table); }
+
+}  // extern "C"

@@ -1,0 +1,58 @@
+// The engine's part of a world. C++ only.
+#ifndef AMB_ENGINE_H
+#define AMB_ENGINE_H
+
+#include "accurate_context.h"
+#include "internal.h"
+#include "ledger.h"
+
+extern "C" {
+#include "dynamics.h"
+}
+
+// A body that hits something within the sub-step, and its pose there.
+struct AmbImpact {
+  AmbBody *body;
+  btTransform pose;
+};
+
+class EngineWorld final : public Extension {
+ public:
+  EngineWorld(AmbWorld &owner, int solver_kind, int world_kind) : world(owner), solver(solver_kind), kind(world_kind) {}
+
+  void configure(btDefaultCollisionConfiguration &configuration) override;
+  std::unique_ptr<btConstraintSolver> make_solver(btMLCPSolverInterface *mlcp) override;
+  void make_world(btConstraintSolver &made) override;
+  void before_sub_step(btScalar h) override;
+  void after_sub_step(btScalar h) override;
+  void before_motion(const btAlignedObjectArray<btRigidBody *> &bodies, btScalar dt) override;
+  void after_motion() override;
+  void gravity_set(const btVector3 &gravity) override;
+  void velocity_set(AmbBody &body) override;
+  bool pose_set(AmbBody &body) override;
+  void body_leaves(AmbBody &body) override;
+  bool add_constraint(AmbConstraint &constraint) override;
+  bool remove_constraint(AmbConstraint &constraint) override;
+  bool read_coordinate(const AmbConstraint &constraint, btScalar &coordinate) override;
+  void recovered() override;
+
+  AmbWorld &world;
+  // An AmbSolver and an AmbWorldKind.
+  const int solver, kind;
+  AccurateContext accurate;
+  EnergyLedger ledger;
+  int integrator = AmbIntegrator_Euler;
+  // Number of the sub-step; counted only where the integrator asks for it.
+  uint64_t sub_step = 0;
+  // Some body is swept, see sweep.h.
+  bool has_continuous = false;
+  Vector<AmbImpact> impacts;
+};
+
+// Of a world that was made with this engine.
+inline EngineWorld &engine_of(const AmbWorld &world) { return static_cast<EngineWorld &>(*world.extension); }
+
+// Before a body leaves its world; see drive.cpp.
+void drop_drive(AmbWorld &world, AmbBody &body);
+
+#endif

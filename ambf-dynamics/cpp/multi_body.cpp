@@ -1,0 +1,666 @@
+#include "position_error.h"
+#include "tree_rows.h"
+
+namespace {
+
+TreeDynamics::Motion motion_of(AmbConstraint &c) {
+  switch (c.kind) {
+    case Kind::Hinge: return TreeDynamics::Motion::Revolute;
+    case Kind::Slider: return TreeDynamics::Motion::Prismatic;
+    case Kind::SixDofSpring:
+      if (moves_about_z(c)) return TreeDynamics::Motion::Revolute;
+      return moves_along_z(c) ? TreeDynamics::Motion::Prismatic : TreeDynamics::Motion::Fixed;
+    default: return TreeDynamics::Motion::Fixed;
+  }
+}
+
+btTransform frame_of(AmbConstraint &c, bool of_b) {
+  switch (c.kind) {
+    case Kind::Hinge: return of_b ? c.as<btHingeConstraint>().getBFrame() : c.as<btHingeConstraint>().getAFrame();
+    case Kind::Slider:
+      return of_b ? c.as<btSliderConstraint>().getFrameOffsetB() : c.as<btSliderConstraint>().getFrameOffsetA();
+    case Kind::SixDofSpring: {
+      auto &spring = c.as<btGeneric6DofSpring2Constraint>();
+      return of_b ? spring.getFrameOffsetB() : spring.getFrameOffsetA();
+    }
+    default: return of_b ? c.as<btFixedConstraint>().getFrameOffsetB() : c.as<btFixedConstraint>().getFrameOffsetA();
+  }
+}
+
+btVector3 axis_of(const AmbConstraint &c) { return c.kind == Kind::Slider ? btVector3(1, 0, 0) : btVector3(0, 0, 1); }
+
+// How far apart axes and pivots of a spring and its joint may be: rad and m.
+constexpr btScalar SAME_AXIS = 2e-3;
+
+// Whether a spring acts on the coordinate of a joint between the same bodies.
+bool acts_along(AmbConstraint &spring, AmbConstraint &joint) {
+  const TreeDynamics::Motion motion = motion_of(spring);
+  if (motion == TreeDynamics::Motion::Fixed || motion != motion_of(joint)) return false;
+  const bool same_order = &first_of(spring) == &first_of(joint);
+  for (bool of_b : {false, true}) {
+    const btTransform theirs = frame_of(joint, of_b), own = frame_of(spring, same_order ? of_b : !of_b);
+    const btVector3 axis = theirs.getBasis() * axis_of(joint);
+    if (axis.cross(own.getBasis() * axis_of(spring)).length() > SAME_AXIS) return false;
+    // Where it is along the axis doesn't matter, for a slider not even where the axis is.
+    const bool hinge = motion == TreeDynamics::Motion::Revolute;
+    if (hinge && axis.cross(own.getOrigin() - theirs.getOrigin()).length() > SAME_AXIS) return false;
+  }
+  return true;
+}
+
+bool joins_the_same(const AmbConstraint &a, const AmbConstraint &b) {
+  return (&first_of(a) == &first_of(b) && &second_of(a) == &second_of(b)) ||
+         (&first_of(a) == &second_of(b) && &second_of(a) == &first_of(b));
+}
+
+// Angle a sub-step from which on rates are kept from gaining energy by the change of position, rad.
+constexpr btScalar FAST_TURN = 0.05;
+
+// How far off its joint a body may be that is moved into it: m and rad. Farther it is for constraints to pull.
+constexpr btScalar NEAR = 0.02, NEARLY_PARALLEL = 0.05;
+
+// Whether the bodies of a joint are where a coordinate of it puts them, but for little.
+bool fits(AmbConstraint &joint) {
+  const btTransform a = first_of(joint).body.getWorldTransform() * frame_of(joint, false);
+  const btTransform b = second_of(joint).body.getWorldTransform() * frame_of(joint, true);
+  const btVector3 axis = a.getBasis() * axis_of(joint);
+  btVector3 gap = b.getOrigin() - a.getOrigin();
+  const TreeDynamics::Motion motion = motion_of(joint);
+  if (motion == TreeDynamics::Motion::Prismatic) gap -= axis * axis.dot(gap);
+  btScalar angle;
+  if (motion == TreeDynamics::Motion::Revolute) {
+    const btVector3 other = b.getBasis() * axis_of(joint);
+    angle = btAtan2(axis.cross(other).length(), axis.dot(other));
+  } else {
+    const btQuaternion turn = b.getRotation() * a.getRotation().inverse();
+    angle = 2 * btAtan2(btVector3(turn.x(), turn.y(), turn.z()).length(), btFabs(turn.w()));
+  }
+  return gap.length() < NEAR && angle < NEARLY_PARALLEL;
+}
+
+AmbConstraint *joint_of(AmbConstraint &spring, AmbConstraint *const *joints, int n) {
+  for (int i = 0; i < n; ++i) {
+    if (joins_the_same(spring, *joints[i]) && acts_along(spring, *joints[i])) return joints[i];
+  }
+  return nullptr;
+}
+
+// A share of velocity lost in 1 s as the rate of its decay. What is lost at once is lost in a step of 0.1 ms.
+btScalar drag_of(btScalar share) { return share > 0 ? std::fmin(-std::log1p(-std::fmin(share, btScalar(1))), 1e4) : 0; }
+
+TreeDynamics::Body body_of(const AmbBody &body) {
+  TreeDynamics::Body result;
+  const btScalar inverse = body.body.getInvMass();
+  result.mass = inverse > 0 ? 1 / inverse : 0;
+  result.inertia = inverse > 0 ? body.body.getLocalInertia() : btVector3(0, 0, 0);
+  result.linear_drag = drag_of(body.body.getLinearDamping());
+  result.angular_drag = drag_of(body.body.getAngularDamping());
+  return result;
+}
+
+bool turns_freely(const AmbBody &body) {
+  const btVector3 &inverse = body.body.getInvInertiaDiagLocal();
+  return body.body.getInvMass() > 0 && inverse.x() > 0 && inverse.y() > 0 && inverse.z() > 0;
+}
+
+bool differ(const btTransform &a, const btTransform &b) {
+  return !(a.getOrigin() == b.getOrigin() && a.getBasis() == b.getBasis());
+}
+
+btTransform transform_of(const TreeDynamics &dynamics, size_t body) {
+  return btTransform(dynamics.rotations[body], dynamics.origins[body]);
+}
+
+}  // namespace
+
+LinkCollider::LinkCollider(AmbBody &owner, btMultiBody *multi_body, int link) : btMultiBodyLinkCollider(multi_body, link) {
+  setUserPointer(static_cast<AmbObject *>(&owner));
+  setCollisionShape(owner.shape->shape.get());
+  setFriction(owner.body.getFriction());
+  setRollingFriction(owner.body.getRollingFriction());
+  setRestitution(owner.body.getRestitution());
+  setActivationState(DISABLE_DEACTIVATION);
+}
+
+bool LinkCollider::checkCollideWithOverride(const btCollisionObject *other) const {
+  const AmbObject *object = object_of(other);
+  for (const AmbObject *one : parted) {
+    if (one == object) return false;
+  }
+  return btMultiBodyLinkCollider::checkCollideWithOverride(other);
+}
+
+AmbTree::AmbTree(AmbWorld &owner, AmbBody &base, AmbConstraint *const *joints, int n,
+                 AmbConstraint *const *parallel, int n_parallel)
+    : world(owner), dynamics(base.body.getInvMass() == 0) {
+  const bool fixed = dynamics.fixed_base;
+  dynamics.bodies.push_back(body_of(base));
+  members.push_back({&base, nullptr, nullptr, nullptr});
+  multi_body = std::make_unique<btMultiBody>(n, dynamics.bodies[0].mass, dynamics.bodies[0].inertia, fixed, false);
+  auto member_of = [this](const AmbBody *body) {
+    // A fixed base may be the base of other trees.
+    return body == members[0].body ? 0 : body->tree == this ? body->member : -1;
+  };
+  if (!fixed) base.tree = this;
+  for (int i = 0; i < n; ++i) {
+    AmbConstraint &joint = *joints[i];
+    const bool from_a = member_of(&first_of(joint)) >= 0;
+    AmbBody &child = from_a ? second_of(joint) : first_of(joint);
+    const int parent = member_of(from_a ? &first_of(joint) : &second_of(joint));
+    const btTransform in_parent = frame_of(joint, !from_a), in_child = frame_of(joint, from_a);
+    const btVector3 axis = axis_of(joint);
+    // The coordinate is that of B with respect to A.
+    dynamics.add(body_of(child), parent, motion_of(joint), from_a ? axis : -axis, in_parent, in_child);
+    child.tree = this;
+    child.member = i + 1;
+    joint.tree = this;
+    joint.link = i + 1;
+    has_feedback |= joint.feedback != nullptr;
+    members.push_back({&child, &joint, nullptr, nullptr});
+
+    const TreeDynamics::Link &link = dynamics.links[i];
+    const TreeDynamics::Body &body = dynamics.bodies[i + 1];
+    btQuaternion rotation;
+    link.rotation.transpose().getRotation(rotation);
+    const btVector3 local_axis = link.rotation.transpose() * link.axis;
+    switch (link.motion) {
+      case TreeDynamics::Motion::Revolute:
+        multi_body->setupRevolute(i, body.mass, body.inertia, parent - 1, rotation, local_axis, link.pivot, link.arm);
+        break;
+      case TreeDynamics::Motion::Prismatic:
+        multi_body->setupPrismatic(i, body.mass, body.inertia, parent - 1, rotation, local_axis, link.pivot, link.arm,
+                                   false);
+        break;
+      case TreeDynamics::Motion::Fixed:
+        multi_body->setupFixed(i, body.mass, body.inertia, parent - 1, rotation, link.pivot, link.arm);
+        break;
+    }
+  }
+  dynamics.finish();
+  multi_body->finalizeMultiDof();
+  multi_body->setLinearDamping(0);
+  multi_body->setAngularDamping(0);
+  multi_body->setMaxCoordinateVelocity(BT_LARGE_FLOAT);
+  multi_body->setUserPointer(this);
+  correction.q.resize(dynamics.coordinates);
+  position.q.resize(dynamics.coordinates);
+  rate.q.resize(dynamics.coordinates);
+  free_position = position;
+  free_rate = rate;
+  for (size_t i = 1; i < members.size(); ++i) world.trees->removeConstraint(members[i].joint->constraint.get());
+  for (int i = 0; i < n_parallel; ++i) world.trees->removeConstraint(parallel[i]->constraint.get());
+  for (size_t i = fixed ? 1 : 0; i < members.size(); ++i) {
+    Member &member = members[i];
+    AmbBody &body = *member.body;
+    drop_drive(world, body);
+    world.world->removeRigidBody(&body.body);
+    const int link = static_cast<int>(i) - 1;
+    member.collider = std::make_unique<LinkCollider>(body, multi_body.get(), link);
+    if (link < 0) {
+      multi_body->setBaseCollider(member.collider.get());
+    } else {
+      multi_body->getLink(link).m_collider = member.collider.get();
+    }
+    body.collider = member.collider.get();
+    body.collider->setWorldTransform(body.body.getWorldTransform());
+    world.world->addCollisionObject(body.collider, btBroadphaseProxy::DefaultFilter, btBroadphaseProxy::AllFilter);
+  }
+  for (size_t i = 1; i < members.size(); ++i) {
+    const AmbConstraint &joint = *members[i].joint;
+    if (!joint.parts) continue;
+    members[i].collider->parted.push_back(&first_of(joint) == members[i].body ? &second_of(joint) : &first_of(joint));
+  }
+  poses_set = velocities_set = true;
+  settle();
+  for (size_t i = 1; i < members.size(); ++i) {
+    AmbConstraint &joint = *members[i].joint;
+    if (joint.kind == Kind::SixDofSpring && dynamics.links[i - 1].coordinate >= 0) add_spring(joint, i - 1, true);
+  }
+  for (int i = 0; i < n_parallel; ++i) {
+    AmbConstraint &spring = *parallel[i];
+    has_feedback |= spring.feedback != nullptr;
+    add_spring(spring, joint_of(spring, joints, n)->link - 1, false);
+    if (!spring.parts) continue;
+    LinkCollider &collider = *members[springs.back().link + 1].collider;
+    collider.parted.push_back(&first_of(spring) == members[springs.back().link + 1].body ? &second_of(spring)
+                                                                                       : &first_of(spring));
+  }
+  joint_rows = std::make_unique<JointRows>(*this);
+  world.trees->addMultiBody(multi_body.get());
+  world.trees->addMultiBodyConstraint(joint_rows.get());
+  world.trees->trees.push_back(this);
+}
+
+void AmbTree::add_spring(AmbConstraint &constraint, size_t link, bool is_joint) {
+  const TreeDynamics::Link &joint = dynamics.links[link];
+  const bool is_angle = joint.motion == TreeDynamics::Motion::Revolute;
+  auto &six_dof = constraint.as<btGeneric6DofSpring2Constraint>();
+  const auto &turn = *six_dof.getRotationalLimitMotor(2);
+  const auto &way = *six_dof.getTranslationalLimitMotor();
+  // What has another sign in Bullet has the hinge's here.
+  const bool enabled = is_angle ? turn.m_enableSpring : way.m_enableSpring[2];
+  TreeDynamics::Spring spring;
+  spring.coordinate = joint.coordinate;
+  spring.is_angle = is_angle;
+  spring.stiffness = !enabled ? 0 : is_angle ? turn.m_springStiffness : way.m_springStiffness.z();
+  spring.damping = !enabled ? 0 : is_angle ? turn.m_springDamping : way.m_springDamping.z();
+  spring.rest = is_angle ? -turn.m_equilibriumPoint : way.m_equilibriumPoint.z();
+  btScalar low = is_angle ? -turn.m_hiLimit : way.m_lowerLimit.z();
+  btScalar high = is_angle ? -turn.m_loLimit : way.m_upperLimit.z();
+  spring.sign = 1;
+  spring.offset = 0;
+  if (!is_joint) {
+    AmbConstraint &own = *members[link + 1].joint;
+    const bool same_order = &first_of(constraint) == &first_of(own);
+    const btVector3 axis = frame_of(own, false).getBasis() * axis_of(own);
+    const btVector3 other = frame_of(constraint, !same_order).getBasis() * axis_of(constraint);
+    spring.sign = (axis.dot(other) > 0) == same_order ? 1 : -1;
+    spring.offset = spring_coordinate(constraint) - spring.sign * position.q[joint.coordinate];
+    if (low <= high) {
+      low = (low - spring.offset) * spring.sign;
+      high = (high - spring.offset) * spring.sign;
+      if (low > high) std::swap(low, high);
+      // Usually it has those of its joint.
+      const btScalar tolerance = 1e-6;
+      if (btFabs(low - own.drive.low) < tolerance && btFabs(high - own.drive.high) < tolerance) low = high + 1;
+    }
+  }
+  dynamics.springs.push_back(spring);
+  springs.push_back({&constraint, link, low, high});
+}
+
+// Springs that are slow against the step are integrated with the motion; the others become rows, which cannot overshoot.
+void AmbTree::choose_springs(btScalar h) {
+  for (size_t i = 0; i < springs.size(); ++i) {
+    TreeDynamics::Spring &spring = dynamics.springs[i];
+    const btScalar response = dynamics.response(springs[i].link) * h;
+    spring.left_out = spring.stiffness * h * response > 0.04 || spring.damping * response > 0.1;
+  }
+}
+
+AmbTree::~AmbTree() {
+  settle();
+  auto &trees = world.trees->trees;
+  for (size_t i = 0; i < trees.size(); ++i) {
+    if (trees[i] == this) trees.erase(trees.begin() + i--);
+  }
+  std::vector<AmbConstraint *> tied;
+  for (AmbConstraint *constraint : world.trees->ties) {
+    if (first_of(*constraint).tree == this || second_of(*constraint).tree == this) tied.push_back(constraint);
+  }
+  for (AmbConstraint *constraint : tied) remove_tie(world, *constraint);
+  world.trees->removeMultiBodyConstraint(joint_rows.get());
+  world.trees->removeMultiBody(multi_body.get());
+  for (Member &member : members) {
+    if (member.drive) world.trees->removeMultiBodyConstraint(member.drive.get());
+    if (!member.collider) continue;
+    AmbBody &body = *member.body;
+    world.world->removeCollisionObject(member.collider.get());
+    body.collider = &body.body;
+    body.tree = nullptr;
+    const btVector3 gravity = body.body.getGravity();
+    world.world->addRigidBody(&body.body);
+    body.motion.setWorldTransform(body.body.getWorldTransform());
+    body.body.setGravity(gravity);
+    body.body.setInterpolationWorldTransform(body.body.getWorldTransform());
+    body.body.setInterpolationLinearVelocity(body.body.getLinearVelocity());
+    body.body.setInterpolationAngularVelocity(body.body.getAngularVelocity());
+    body.body.updateInertiaTensor();
+  }
+  for (size_t i = 1; i < members.size(); ++i) {
+    AmbConstraint &joint = *members[i].joint;
+    joint.tree = nullptr;
+    world.world->addConstraint(joint.constraint.get(), joint.parts);
+  }
+  for (const Spring &spring : springs) {
+    if (spring.constraint == members[spring.link + 1].joint) continue;
+    world.world->addConstraint(spring.constraint->constraint.get(), spring.constraint->parts);
+  }
+  for (AmbConstraint *constraint : tied) amb_world_add_constraint(&world, constraint, constraint->parts);
+}
+
+void AmbTree::follow_base() {
+  const btTransform &pose = members[0].body->body.getWorldTransform();
+  if (!differ(pose, base_pose)) return;
+  base_pose = pose;
+  position.origin = pose.getOrigin();
+  position.rotation = pose.getRotation();
+  dynamics.place(position);
+  dynamics.move(rate);
+  write_mirrors();
+}
+
+void AmbTree::settle() {
+  if (!poses_set && !velocities_set) return;
+  if (poses_set) {
+    dynamics.forget();
+    if (joint_rows) joint_rows->forget();
+    base_pose = members[0].body->body.getWorldTransform();
+    position.origin = base_pose.getOrigin();
+    position.rotation = base_pose.getRotation();
+    for (size_t i = 0; i < dynamics.links.size(); ++i) {
+      const TreeDynamics::Link &link = dynamics.links[i];
+      if (link.motion == TreeDynamics::Motion::Fixed) continue;
+      const btTransform &parent = members[link.parent].body->body.getWorldTransform();
+      const btTransform &child = members[i + 1].body->body.getWorldTransform();
+      const btTransform relative = parent.inverseTimes(child);
+      btScalar &q = position.q[link.coordinate];
+      if (link.motion == TreeDynamics::Motion::Revolute) {
+        // The rotation about the axis that comes nearest: of R = turn(axis, q) * rest.
+        const btMatrix3x3 turn = relative.getBasis().timesTranspose(link.rotation);
+        const btVector3 twist(turn[2][1] - turn[1][2], turn[0][2] - turn[2][0], turn[1][0] - turn[0][1]);
+        const btScalar trace = turn[0][0] + turn[1][1] + turn[2][2];
+        q = btAtan2(link.axis.dot(twist), trace - link.axis.dot(turn * link.axis));
+      } else {
+        q = link.axis.dot(relative.getOrigin() - relative.getBasis() * link.arm - link.pivot);
+      }
+    }
+  }
+  dynamics.place(position);
+  if (velocities_set) {
+    std::vector<btVector3> linear, angular;
+    for (const Member &member : members) {
+      linear.push_back(member.body->body.getLinearVelocity());
+      angular.push_back(member.body->body.getAngularVelocity());
+    }
+    dynamics.project(linear.data(), angular.data(), rate);
+  }
+  dynamics.move(rate);
+  poses_set = velocities_set = false;
+  write_mirrors();
+}
+
+void AmbTree::write_mirrors() {
+  for (size_t i = dynamics.fixed_base ? 1 : 0; i < members.size(); ++i) {
+    AmbBody &body = *members[i].body;
+    const btTransform pose = transform_of(dynamics, i);
+    body.body.setWorldTransform(pose);
+    body.body.setLinearVelocity(dynamics.linear[i]);
+    body.body.setAngularVelocity(dynamics.angular[i]);
+    body.motion.setWorldTransform(pose);
+    members[i].collider->setWorldTransform(pose);
+    members[i].collider->setInterpolationWorldTransform(pose);
+  }
+}
+
+void AmbTree::predict(btScalar h) {
+  if (dynamics.fixed_base) follow_base();
+  if (engine_of(world).ledger.enabled) begin_account();
+  for (size_t i = dynamics.fixed_base ? 1 : 0; i < members.size(); ++i) {
+    TreeDynamics::Body &body = dynamics.bodies[i];
+    const btRigidBody &mirror = members[i].body->body;
+    body.force = mirror.getTotalForce() + mirror.getGravity() * body.mass;
+    body.torque = mirror.getTotalTorque();
+  }
+  if (has_feedback) remember_momenta();
+  choose_springs(h);
+  joint_rows->plan_motors(h);
+  dynamics.step(h, position, rate, free_position, free_rate);
+  joint_rows->plan_limits(h);
+  has_rows = joint_rows->any() || touched || ties > 0 || is_driven();
+}
+
+void AmbTree::prepare_rows() {
+  btMultiBody &body = *multi_body;
+  body.setBasePos(position.origin);
+  body.setWorldToBaseRot(position.rotation.inverse());
+  body.setBaseOmega(free_rate.angular);
+  body.setBaseVel(free_rate.linear);
+  for (size_t i = 0; i < dynamics.links.size(); ++i) {
+    const int coordinate = dynamics.links[i].coordinate;
+    if (coordinate < 0) {
+      body.getLink(i).updateCacheMultiDof();
+    } else {
+      body.setJointPos(i, position.q[coordinate]);
+      body.setJointVel(i, free_rate.q[coordinate]);
+    }
+  }
+  body.forwardKinematics(scratch_q, scratch_v);
+  // Of no time: for the factors that responses to impulses need.
+  body.computeAccelerationsArticulatedBodyAlgorithmMultiDof(0, scratch_r, scratch_v, scratch_m, false, false, false);
+}
+
+bool AmbTree::was_pushed() const {
+  auto any = [](const btVector3 &v) { return !v.isZero(); };
+  for (int i = 0; i < multi_body->getNumLinks(); ++i) {
+    const btMultibodyLink &link = multi_body->getLink(i);
+    if (any(link.m_appliedConstraintForce) || any(link.m_appliedConstraintTorque)) return true;
+  }
+  return joint_rows->stopped();
+}
+
+void AmbTree::integrate(btScalar h) {
+  // Rows act where the tree was, and what they change of its rates is another momentum where it gets. A free tree has none but
+  // what they and forces give it.
+  const bool keeps_momentum = has_rows && !dynamics.fixed_base;
+  const btVector3 about = position.origin;
+  TreeDynamics::Momentum momentum;
+  // Most internal energy that the rates may have where the articulation gets.
+  btScalar energy_limit = BT_LARGE_FLOAT;
+  bool is_straight = false;
+  if (has_rows) {
+    TreeDynamics::Rate change = rate, &after = rate;
+    after.angular = multi_body->getBaseOmega();
+    after.linear = multi_body->getBaseVel();
+    const btScalar *rates = multi_body->getVelocityVector() + 6;
+    for (int i = 0; i < dynamics.coordinates; ++i) {
+      after.q[i] = rates[i];
+      change.q[i] = after.q[i] - free_rate.q[i];
+    }
+    change.angular = after.angular - free_rate.angular;
+    change.linear = after.linear - free_rate.linear;
+    dynamics.place(position);
+    dynamics.move(after);
+    const btScalar fastest = dynamics.fastest_rotation(after);
+    const bool is_fast = fastest * h > FAST_TURN;
+    if (is_fast) {
+      // Rows were solved with the inertia at the old position, where they add no energy but the work of motors.
+      const btScalar solved = dynamics.internal_energy();
+      dynamics.move(free_rate);
+      const btScalar unsolved = dynamics.internal_energy();
+      dynamics.place(free_position);
+      dynamics.move(free_rate);
+      // What they take at the old position they take as a share at the new one: inertias may be very different there.
+      const btScalar there = dynamics.internal_energy();
+      energy_limit = solved < unsolved ? there * (solved / unsolved) : there + (solved - unsolved);
+      if (keeps_momentum) dynamics.place(position);
+    }
+    if (keeps_momentum) {
+      dynamics.move(change);
+      const TreeDynamics::Momentum by_rows = dynamics.momentum(about);
+      dynamics.place(free_position);
+      dynamics.move(free_rate);
+      momentum = dynamics.momentum(about);
+      momentum.linear += by_rows.linear;
+      momentum.angular += by_rows.angular;
+    }
+    if (touched || ties > 0 || was_pushed()) {
+      // Impacts act from the beginning of the sub-step, so that nothing moves into what stopped it.
+      TreeDynamics::shift(position, h, after);
+      is_straight = true;
+    } else {
+      // Motors push evenly over the sub-step.
+      position = free_position;
+      TreeDynamics::shift(position, h / 2, change);
+    }
+  } else {
+    std::swap(position, free_position);
+    std::swap(rate, free_rate);
+  }
+  const bool is_accounted = engine_of(world).ledger.enabled;
+  if (is_corrected && is_accounted) book_correction(h);
+  if (is_corrected) TreeDynamics::shift(position, h, correction);
+  is_corrected = false;
+  if (dynamics.fixed_base) {
+    position.origin = base_pose.getOrigin();
+    rate.linear.setZero();
+    rate.angular.setZero();
+  }
+  dynamics.place(position);
+  dynamics.move(rate);
+  if (keeps_momentum) dynamics.give(momentum, about, rate);
+  limit_energy(energy_limit, momentum, about);
+  dynamics.bound_rotation(rate, h);
+  if (is_accounted) end_account(h, is_straight);
+  if (has_feedback) write_feedback(h);
+  write_mirrors();
+}
+
+// Rates that were solved at one position have another kinetic energy at the next: what is above the limit is taken from the coordinates, and,
+// where the base takes it up again with the momentum, from all motion about the centre of mass.
+void AmbTree::limit_energy(btScalar most, const TreeDynamics::Momentum &momentum, const btVector3 &about) {
+  if (most >= BT_LARGE_FLOAT) return;
+  btScalar energy = dynamics.internal_energy();
+  if (!(energy > most)) return;
+  const btScalar share = btSqrt(most / energy);
+  for (btScalar &q : rate.q) q *= share;
+  dynamics.move(rate);
+  if (dynamics.fixed_base) return;
+  dynamics.give(momentum, about, rate);
+  energy = dynamics.internal_energy();
+  if (!(energy > most)) return;
+  dynamics.slow_down(btSqrt(std::max(most, btScalar(0)) / energy), rate);
+  dynamics.move(rate);
+}
+
+void correct(btMultiBody &multi_body, const double *velocities) {
+  AmbTree &tree = *static_cast<AmbTree *>(multi_body.getUserPointer());
+  tree.correction.angular.setValue(velocities[0], velocities[1], velocities[2]);
+  tree.correction.linear.setValue(velocities[3], velocities[4], velocities[5]);
+  std::copy(velocities + 6, velocities + 6 + tree.dynamics.coordinates, tree.correction.q.begin());
+  // Contradictory rows may ask for much where the articulation hardly yields.
+  btScalar fastest = tree.correction.angular.length() / MAX_CORRECTION_RATE;
+  fastest = std::max(fastest, tree.correction.linear.length() / MAX_CORRECTION_SPEED);
+  for (const TreeDynamics::Link &link : tree.dynamics.links) {
+    if (link.coordinate < 0) continue;
+    const bool turns = link.motion == TreeDynamics::Motion::Revolute;
+    fastest = std::max(fastest, btFabs(tree.correction.q[link.coordinate]) / (turns ? MAX_CORRECTION_RATE : MAX_CORRECTION_SPEED));
+  }
+  if (fastest > 1) {
+    tree.correction.angular /= fastest;
+    tree.correction.linear /= fastest;
+    for (btScalar &q : tree.correction.q) q /= fastest;
+  }
+  tree.is_corrected = true;
+}
+
+void AmbTree::remember_momenta() {
+  const size_t n = members.size();
+  momenta.resize(n);
+  angular_momenta.resize(n);
+  velocities = dynamics.linear;
+  angular_velocities = dynamics.angular;
+  for (size_t i = 0; i < n; ++i) {
+    momenta[i] = dynamics.linear[i] * dynamics.bodies[i].mass;
+    angular_momenta[i] = dynamics.angular_momentum(i);
+  }
+}
+
+// What the joints must have done over the sub-step: the change of momentum that nothing else explains, summed from the leaves.
+void AmbTree::write_feedback(btScalar h) {
+  const size_t n = members.size();
+  const btVector3 zero(0, 0, 0);
+  std::vector<btVector3> forces(n, zero), torques(n, zero);
+  for (size_t i = n; i-- > 0;) {
+    const TreeDynamics::Body &body = dynamics.bodies[i];
+    const btVector3 velocity = (velocities[i] + dynamics.linear[i]) / 2;
+    const btVector3 momentum = (angular_momenta[i] + dynamics.angular_momentum(i)) / 2;
+    btVector3 outside = body.force - velocity * (body.mass * body.linear_drag);
+    btVector3 twist = body.torque - momentum * body.angular_drag;
+    if (has_rows && i > 0) {
+      outside += multi_body->getLink(i - 1).m_appliedConstraintForce;
+      twist += multi_body->getLink(i - 1).m_appliedConstraintTorque;
+    }
+    forces[i] += (dynamics.linear[i] * body.mass - momenta[i]) / h - outside;
+    torques[i] += (dynamics.angular_momentum(i) - angular_momenta[i]) / h - twist;
+    if (i == 0) continue;
+    const int parent = dynamics.links[i - 1].parent;
+    const btVector3 arm = dynamics.origins[i] - dynamics.origins[parent];
+    forces[parent] += forces[i];
+    torques[parent] += torques[i] + arm.cross(forces[i]);
+    btVector3 force = forces[i], torque = torques[i];
+    for (size_t s = 0; s < springs.size(); ++s) {
+      AmbConstraint &constraint = *springs[s].constraint;
+      if (springs[s].link + 1 != i || &constraint == members[i].joint) continue;
+      const TreeDynamics::Link &link = dynamics.links[i - 1];
+      const btVector3 axis = dynamics.rotations[parent] * link.axis * spring_effort(s, h);
+      const bool is_angle = link.motion == TreeDynamics::Motion::Revolute;
+      const btVector3 push = is_angle ? zero : axis;
+      // About the child's centre of mass, of a force at its end of the joint.
+      const btVector3 twist = is_angle ? axis : axis.cross(dynamics.rotations[i] * link.arm);
+      write_wrench(constraint, i, push, twist, arm);
+      force -= push;
+      torque -= twist;
+    }
+    write_wrench(*members[i].joint, i, force, torque, arm);
+  }
+}
+
+// A force on member i and a torque about its centre of mass, and what answers them on its parent, from which `arm` leads to it.
+void AmbTree::write_wrench(const AmbConstraint &constraint, size_t i, const btVector3 &force, const btVector3 &torque,
+                           const btVector3 &arm) {
+  if (!constraint.feedback) return;
+  const bool child_is_b = &second_of(constraint) == members[i].body;
+  btJointFeedback &feedback = *constraint.feedback;
+  (child_is_b ? feedback.m_appliedForceBodyB : feedback.m_appliedForceBodyA) = force;
+  (child_is_b ? feedback.m_appliedTorqueBodyB : feedback.m_appliedTorqueBodyA) = torque;
+  (child_is_b ? feedback.m_appliedForceBodyA : feedback.m_appliedForceBodyB) = -force;
+  (child_is_b ? feedback.m_appliedTorqueBodyA : feedback.m_appliedTorqueBodyB) = -(torque + arm.cross(force));
+}
+
+btScalar AmbTree::spring_effort(size_t index, btScalar h) const {
+  const TreeDynamics::Spring &spring = dynamics.springs[index];
+  if (spring.left_out) return joint_rows->spring_impulse(index) / h;
+  const int i = spring.coordinate;
+  return -spring.sign * spring.stiffness * spring.displacement(position.q[i]) - spring.damping * rate.q[i];
+}
+
+void AmbTree::clear_forces() {
+  for (Member &member : members) {
+    if (member.collider) member.body->body.clearForces();
+  }
+}
+
+bool AmbTree::is_driven() const {
+  for (const Member &member : members) {
+    if (member.drive && member.drive->enabled) return true;
+  }
+  return false;
+}
+
+LinkDrive &AmbTree::drive_of(AmbBody &link) {
+  auto &drive = members[link.member].drive;
+  if (!drive) {
+    drive = make_held<LinkDrive>(link);
+    world.trees->addMultiBodyConstraint(drive.get());
+  }
+  return *drive;
+}
+
+btScalar AmbTree::coordinate(const AmbConstraint &joint, btScalar *speed) {
+  settle();
+  const int coordinate = dynamics.links[joint.link - 1].coordinate;
+  if (speed) *speed = coordinate < 0 ? 0 : rate.q[coordinate];
+  return coordinate < 0 ? 0 : position.q[coordinate];
+}
+
+extern "C" {
+
+AmbTree *amb_world_articulate(AmbWorld *world, AmbBody *base, AmbConstraint *const *joints, int n,
+                              AmbConstraint *const *springs, int n_springs) {
+  if (!world->trees) return nullptr;
+  for (int i = 0; i < n; ++i) {
+    if (!fits(*joints[i])) return nullptr;
+    for (const AmbBody *body : {&first_of(*joints[i]), &second_of(*joints[i])}) {
+      if (body->tree || (!turns_freely(*body) && (body != base || body->body.getInvMass() > 0))) return nullptr;
+    }
+  }
+  for (int i = 0; i < n_springs; ++i) {
+    if (!joint_of(*springs[i], joints, n)) return nullptr;
+  }
+  return new AmbTree(*world, *base, joints, n, springs, n_springs);
+}
+
+void amb_world_dissolve(AmbWorld *, AmbTree *tree) { delete tree; }
+
+}  // extern "C"

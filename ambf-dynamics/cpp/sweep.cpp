@@ -1,0 +1,217 @@
+#include "sweep.h"
+
+#include <algorithm>
+
+#include <BulletCollision/CollisionShapes/btTriangleShape.h>
+#include <BulletCollision/NarrowPhaseCollision/btGjkPairDetector.h>
+#include <BulletCollision/NarrowPhaseCollision/btPointCollector.h>
+#include <BulletCollision/NarrowPhaseCollision/btVoronoiSimplexSolver.h>
+
+namespace {
+
+// Of the largest sphere in the body: when it touches, the body itself overlaps enough for the narrow phase to see the contact.
+const btScalar kShareOfSphere = 0.9;
+// Gap, in radii, at which a sphere counts as touching.
+const btScalar kTouch = 0.01;
+// Motion along the normal, in radii, that the narrow phase can be left to deal with: the centre stays on its side.
+const btScalar kHarmless = 0.5;
+
+// What a body may move at least, in radii: it never hangs before something that the narrow phase sees no contact with.
+const btScalar kCreep = 0.1;
+
+// A sphere on its way.
+struct Sweep {
+  btVector3 from, motion;
+  btScalar radius;
+
+  void bounds(btVector3 &low, btVector3 &high) const {
+    const btVector3 to = from + motion, size(radius, radius, radius);
+    low = from;
+    high = from;
+    low.setMin(to);
+    high.setMax(to);
+    low -= size;
+    high += size;
+  }
+
+  Sweep in(const btTransform &frame) const { return {frame.invXform(from), motion * frame.getBasis(), radius}; }
+};
+
+// Share of the motion after which the sphere touches a convex shape; 1: it does not, or not in a way that matters. Conservative
+// advancement: the distance along the normal is never overestimated for a convex shape.
+btScalar impact_convex(const Sweep &sweep, const btConvexShape &shape, const btTransform &pose) {
+  const btSphereShape ball(sweep.radius);
+  btVoronoiSimplexSolver simplex;
+  btGjkPairDetector detector(&ball, &shape, &simplex, nullptr);
+  btScalar share = 0;
+  for (int i = 0; i < 64; ++i) {
+    btGjkPairDetector::ClosestPointInput input;
+    input.m_transformA = btTransform(btMatrix3x3::getIdentity(), sweep.from + sweep.motion * share);
+    input.m_transformB = pose;
+    btPointCollector nearest;
+    detector.getClosestPoints(input, nearest, nullptr);
+    if (!nearest.m_hasResult) return 1;
+    const btScalar closing = -nearest.m_normalOnBInWorld.dot(sweep.motion);
+    if (!(closing > kHarmless * sweep.radius)) return 1;
+    if (nearest.m_distance <= kTouch * sweep.radius) return share;
+    share += (nearest.m_distance - kTouch * sweep.radius / 2) / closing;
+    if (!(share < 1)) return 1;
+  }
+  return share;
+}
+
+btScalar impact_plane(const Sweep &sweep, const btStaticPlaneShape &plane) {
+  const btScalar closing = -plane.getPlaneNormal().dot(sweep.motion);
+  const btScalar distance = plane.getPlaneNormal().dot(sweep.from) - plane.getPlaneConstant() - sweep.radius;
+  // What is below a plane as a whole is for the narrow phase to bring back.
+  if (!(closing > kHarmless * sweep.radius) || distance < -2 * sweep.radius) return 1;
+  return std::clamp((distance - kTouch * sweep.radius / 2) / closing, btScalar(0), btScalar(1));
+}
+
+struct TriangleImpact : btTriangleCallback {
+  explicit TriangleImpact(const Sweep &of) : sweep(of) {}
+
+  void processTriangle(btVector3 *corners, int, int) override {
+    btTriangleShape triangle(corners[0], corners[1], corners[2]);
+    // The narrow phase ignores the margin of some pairs.
+    triangle.setMargin(0);
+    share = btMin(share, impact_convex(sweep, triangle, btTransform::getIdentity()));
+  }
+
+  const Sweep &sweep;
+  btScalar share = 1;
+};
+
+btScalar impact(const Sweep &sweep, const btCollisionShape &shape, const btTransform &pose) {
+  if (shape.getShapeType() == EMPTY_SHAPE_PROXYTYPE) return 1;
+  if (shape.isConvex()) return impact_convex(sweep, static_cast<const btConvexShape &>(shape), pose);
+  const Sweep local = sweep.in(pose);
+  btVector3 low, high;
+  local.bounds(low, high);
+  if (shape.isCompound()) {
+    const auto &compound = static_cast<const btCompoundShape &>(shape);
+    btScalar share = 1;
+    for (int i = 0; i < compound.getNumChildShapes(); ++i) {
+      const btCollisionShape &child = *compound.getChildShape(i);
+      btVector3 child_low, child_high;
+      child.getAabb(compound.getChildTransform(i), child_low, child_high);
+      if (!TestAabbAgainstAabb2(low, high, child_low, child_high)) continue;
+      share = btMin(share, impact(local, child, compound.getChildTransform(i)));
+    }
+    return share;
+  }
+  if (shape.getShapeType() == STATIC_PLANE_PROXYTYPE) {
+    return impact_plane(local, static_cast<const btStaticPlaneShape &>(shape));
+  }
+  if (!shape.isConcave()) return 1;
+  TriangleImpact triangles(local);
+  static_cast<const btConcaveShape &>(shape).processAllTriangles(&triangles, low, high);
+  return triangles.share;
+}
+
+// The first thing that a body hits within dt.
+struct FirstImpact : btBroadphaseAabbCallback {
+  FirstImpact(AmbWorld &in, const btRigidBody &of, btScalar radius, btScalar step)
+      : world(in), body(of), dt(step), sweep{of.getWorldTransform().getOrigin(), of.getLinearVelocity() * step, radius} {}
+
+  bool process(const btBroadphaseProxy *proxy) override {
+    auto *object = static_cast<btCollisionObject *>(proxy->m_clientObject);
+    if (object == &body || !collides(*object)) return true;
+    Sweep relative = sweep;
+    if (const btRigidBody *other = btRigidBody::upcast(object)) relative.motion -= other->getLinearVelocity() * dt;
+    if (relative.motion.length2() <= sweep.radius * sweep.radius) return true;
+    share = btMin(share, impact(relative, *object->getCollisionShape(), object->getWorldTransform()));
+    return true;
+  }
+
+  bool collides(const btCollisionObject &object) const {
+    const AmbObject &me = *object_of(&body), &other = *object_of(&object);
+    if (other.kind == ObjectKind::SoftBody || me.ignores(other)) return false;
+    auto *a = const_cast<btRigidBody *>(&body);
+    auto *b = const_cast<btCollisionObject *>(&object);
+    return world.broadphase.getOverlappingPairCache()->needsBroadphaseCollision(a->getBroadphaseHandle(),
+                                                                                b->getBroadphaseHandle()) &&
+           world.dispatcher.needsCollision(a, b) && world.dispatcher.needsResponse(a, b);
+  }
+
+  AmbWorld &world;
+  const btRigidBody &body;
+  btScalar dt;
+  Sweep sweep;
+  btScalar share = 1;
+};
+
+// Radius of the largest sphere about `centre` within a convex shape: the least value of its support function over all directions,
+// found by descent from many of them. Not positive if the centre lies outside.
+btScalar inner_radius(const btConvexShape &shape, const btVector3 &centre) {
+  btScalar least = BT_LARGE_FLOAT;
+  for (int start = 0; start < 27; ++start) {
+    btVector3 direction(start % 3 - 1, start / 3 % 3 - 1, start / 9 - 1);
+    if (direction.fuzzyZero()) continue;
+    direction.normalize();
+    btScalar step = 0.5;
+    for (int i = 0; i < 24; ++i, step *= 0.75) {
+      const btVector3 vertex = shape.localGetSupportingVertex(direction) - centre;
+      const btScalar height = direction.dot(vertex);
+      least = btMin(least, height);
+      const btVector3 aside = vertex - direction * height;
+      if (aside.length2() < 1e-20 * vertex.length2()) break;
+      direction = (direction - aside.normalized() * step).normalized();
+    }
+  }
+  return least;
+}
+
+btScalar inner_radius(const btCollisionShape &shape, const btTransform &pose) {
+  if (shape.isConvex()) return inner_radius(static_cast<const btConvexShape &>(shape), pose.invXform(btVector3(0, 0, 0)));
+  if (!shape.isCompound()) return 0;
+  const auto &compound = static_cast<const btCompoundShape &>(shape);
+  btScalar most = 0;
+  for (int i = 0; i < compound.getNumChildShapes(); ++i) {
+    most = btMax(most, inner_radius(*compound.getChildShape(i), pose * compound.getChildTransform(i)));
+  }
+  return most;
+}
+
+}  // namespace
+
+void find_impacts(EngineWorld &engine, const btAlignedObjectArray<btRigidBody *> &bodies, btScalar dt) {
+  AmbWorld &world = engine.world;
+  engine.impacts.clear();
+  for (int i = 0; i < bodies.size(); ++i) {
+    btRigidBody &body = *bodies[i];
+    AmbBody *owner = body_of(&body);
+    if (!owner || owner->swept_radius <= 0 || !body.isActive()) continue;
+    const btScalar radius = owner->swept_radius, way = body.getLinearVelocity().length2() * dt * dt;
+    // A way that is not finite is for the search for such states to report.
+    if (way <= radius * radius || !std::isfinite(way)) continue;
+    FirstImpact first(world, body, radius, dt);
+    btVector3 low, high;
+    first.sweep.bounds(low, high);
+    world.broadphase.aabbTest(low, high, first);
+    if (first.share >= 1) continue;
+    AmbImpact impact{owner, btTransform()};
+    const btScalar share = btMax(first.share, kCreep * radius / btSqrt(way));
+    body.predictIntegratedTransform(dt * share, impact.pose);
+    engine.impacts.push_back(impact);
+  }
+}
+
+void stop_at_impacts(EngineWorld &engine) {
+  for (const AmbImpact &impact : engine.impacts) {
+    impact.body->body.proceedToTransform(impact.pose);
+    // Its way was not one of free flight.
+    impact.body->touched = engine.sub_step + 1;
+  }
+}
+
+extern "C" {
+
+int amb_world_set_continuous(AmbWorld *world, AmbBody *body, int enabled) {
+  const btScalar radius = enabled ? inner_radius(*body->shape->shape, btTransform::getIdentity()) : 0;
+  body->swept_radius = std::isfinite(radius) ? kShareOfSphere * btMax(radius, btScalar(0)) : 0;
+  engine_of(*world).has_continuous |= body->swept_radius > 0;
+  return body->swept_radius > 0;
+}
+
+}  // extern "C"

@@ -1,0 +1,324 @@
+#include "tree_rows.h"
+
+#include "position_error.h"
+
+#include <algorithm>
+
+namespace {
+
+// What Bullet's hinge leaves of the speed into a limit; its slider leaves nothing.
+constexpr btScalar HINGE_BOUNCE = 0.3;
+// Share of a limit's violation that is corrected in a sub-step.
+constexpr btScalar LIMIT_ERP = 0.2;
+// Keeps two rows of one coordinate apart, as a share of their response.
+constexpr btScalar SOFTNESS = 1e-9;
+// CFM of constraints from outside the articulation, as a share of the response of their rows.
+constexpr btScalar TIE_SOFTNESS = 1e-6;
+// Farthest that the articulation may move in a sub-step by its acceleration under expected forces, rad; for a slider that angle times the
+// distance between the centres of mass that it joins, m. Beyond that the motion depends too nonlinearly on the forces to be predicted from the last
+// ones: the force of a controller whose set point jumps would be repeated where the controller wants to reverse it.
+constexpr btScalar MAX_EXPECTED = 0.02;
+
+void set_no_normals(btMultiBodySolverConstraint &row) {
+  const btVector3 zero(0, 0, 0);
+  row.m_relpos1CrossNormal = row.m_contactNormal1 = row.m_angularComponentA = zero;
+  row.m_relpos2CrossNormal = row.m_contactNormal2 = row.m_angularComponentB = zero;
+}
+
+}  // namespace
+
+JointRows::JointRows(AmbTree &owner)
+    : EngineRows(owner.multi_body.get(), nullptr, 0, -1, 3 * owner.dynamics.coordinates, false,
+                            MULTIBODY_CONSTRAINT_1DOF_JOINT_MOTOR),
+      tree(owner),
+      jacobian(6 + owner.dynamics.coordinates) {
+  // A limit and a motor of each joint, and a limit and a row of each spring.
+  m_numRows = 2 * (owner.dynamics.coordinates + static_cast<int>(owner.springs.size()));
+  m_data.resize(m_numRows);
+  forget();
+}
+
+void JointRows::forget() {
+  acceleration.q.resize(tree.dynamics.coordinates);
+  planned.clear();
+  forces.assign(tree.dynamics.coordinates + tree.springs.size(), 0);
+}
+
+int JointRows::getIslandIdA() const { return tree.members[1].collider->getIslandTag(); }
+
+void JointRows::plan_limit(int coordinate, btScalar low, btScalar high, bool is_angle, btScalar h) {
+  const btScalar infinity = BT_LARGE_FLOAT, most = is_angle ? MAX_RETURN_RATE : MAX_RETURN_SPEED;
+  if (low > high) return;
+  btScalar q = tree.position.q[coordinate];
+  if (is_angle) {
+    // Angles have no beginning: the limits nearest to q count.
+    const btScalar center = (low + high) / 2;
+    q = center + std::remainder(q - center, 2 * SIMD_PI);
+  }
+  if (low == high) {
+    const btScalar target = (low - q) * LIMIT_ERP / h;
+    const btScalar bounded = std::max(std::min(target, most), -most);
+    planned.push_back({coordinate, 0, 0, -infinity, infinity, -1, 0, bounded});
+    return;
+  }
+  const btScalar bounce = is_angle ? HINGE_BOUNCE : 0;
+  for (btScalar side : {1, -1}) {
+    // Way to the limit, and speed towards its free side.
+    const btScalar gap = side * (q - (side > 0 ? low : high));
+    const btScalar speed = side * tree.free_rate.q[coordinate];
+    if (gap + h * speed >= 0 && gap >= 0) continue;
+    btScalar target = gap < 0 ? 0 : -gap / h;
+    if (bounce > 0) target = std::max(target, -bounce * speed);
+    const btScalar correction = gap < 0 ? std::min(-gap / h * LIMIT_ERP, most) : -gap / h;
+    planned.push_back({coordinate, side * target, 0, side > 0 ? 0 : -infinity, side > 0 ? infinity : 0, -1, 0, side * correction});
+    return;
+  }
+}
+
+void JointRows::plan_motor(const AmbConstraint &joint, int coordinate, btScalar h) {
+  btScalar target, impulse, softness = 0;
+  if (joint.drive.enabled) {
+    target = joint.drive.velocity;
+    softness = joint.drive.rows.softness[0];
+    impulse = joint.drive.max_impulse;
+  } else if (joint.kind == Kind::Hinge) {
+    auto &hinge = static_cast<btHingeConstraint &>(*joint.constraint);
+    if (!hinge.getEnableAngularMotor()) return;
+    target = hinge.getMotorTargetVelocity();
+    impulse = hinge.getMaxMotorImpulse();
+  } else if (joint.kind == Kind::Slider) {
+    auto &slider = static_cast<btSliderConstraint &>(*joint.constraint);
+    if (!slider.getPoweredLinMotor()) return;
+    target = slider.getTargetLinMotorVelocity();
+    impulse = slider.getMaxLinMotorForce() * h;
+  } else {
+    return;
+  }
+  if (impulse > 0) expect({coordinate, target, softness, -impulse, impulse, coordinate}, h);
+}
+
+void JointRows::expect(Row row, btScalar h) {
+  row.expected = std::min(std::max(forces[row.source] * h, row.low), row.high);
+  if (!(btFabs(row.expected) < BT_LARGE_FLOAT)) row.expected = 0;
+  tree.dynamics.pushes[row.coordinate] += row.expected / h;
+  planned.push_back(row);
+}
+
+void JointRows::plan_motors(btScalar h) {
+  std::fill(forces.begin(), forces.end(), 0);
+  for (size_t i = 0; i < planned.size(); ++i) {
+    if (planned[i].source >= 0) forces[planned[i].source] = (planned[i].expected + m_data[i]) / step;
+  }
+  step = h;
+  planned.clear();
+  std::fill(tree.dynamics.pushes.begin(), tree.dynamics.pushes.end(), 0);
+  for (size_t i = 1; i < tree.members.size(); ++i) {
+    const AmbConstraint &joint = *tree.members[i].joint;
+    const int coordinate = tree.dynamics.links[i - 1].coordinate;
+    if (coordinate >= 0) plan_motor(joint, coordinate, h);
+  }
+  for (size_t i = 0; i < tree.springs.size(); ++i) {
+    const TreeDynamics::Spring &spring = tree.dynamics.springs[i];
+    if (!spring.left_out) continue;
+    const int coordinate = spring.coordinate;
+    // The force at the end of the sub-step, -k (x + h q') - d q', as a rate that gives way to its impulse.
+    const btScalar push = spring.sign * spring.stiffness * spring.displacement(tree.position.q[coordinate]);
+    const btScalar give = spring.damping + h * spring.stiffness;
+    const int source = tree.dynamics.coordinates + static_cast<int>(i);
+    expect({coordinate, -push / give, 1 / (h * give), -BT_LARGE_FLOAT, BT_LARGE_FLOAT, source}, h);
+  }
+  drop_wild_expectations(h);
+}
+
+// All or none: they balance each other.
+void JointRows::drop_wild_expectations(btScalar h) {
+  TreeDynamics &dynamics = tree.dynamics;
+  bool any = false;
+  for (const Row &row : planned) any = any || row.expected != 0;
+  if (!any) return;
+  dynamics.place(tree.position);
+  dynamics.move(tree.rate);
+  dynamics.accelerate(tree.position, tree.rate, acceleration);
+  bool wild = false;
+  for (const TreeDynamics::Link &link : dynamics.links) {
+    if (link.coordinate < 0) continue;
+    const btScalar scale = link.motion == TreeDynamics::Motion::Prismatic ? link.arm.length() + link.pivot.length() : 1;
+    // Not so for what is no number.
+    wild = wild || !(btFabs(acceleration.q[link.coordinate]) * h * h <= MAX_EXPECTED * scale);
+  }
+  if (!wild) return;
+  for (Row &row : planned) row.expected = 0;
+  std::fill(dynamics.pushes.begin(), dynamics.pushes.end(), 0);
+}
+
+void JointRows::plan_limits(btScalar h) {
+  for (size_t i = 1; i < tree.members.size(); ++i) {
+    const AmbConstraint &joint = *tree.members[i].joint;
+    const int coordinate = tree.dynamics.links[i - 1].coordinate;
+    if (coordinate >= 0) plan_limit(coordinate, joint.drive.low, joint.drive.high, joint.kind == Kind::Hinge, h);
+  }
+  for (size_t i = 0; i < tree.springs.size(); ++i) {
+    const TreeDynamics::Spring &spring = tree.dynamics.springs[i];
+    plan_limit(spring.coordinate, tree.springs[i].low, tree.springs[i].high, spring.is_angle, h);
+  }
+}
+
+bool JointRows::stopped() const {
+  for (size_t i = 0; i < planned.size(); ++i) {
+    if (planned[i].source < 0 && m_data[i] != 0) return true;
+  }
+  return false;
+}
+
+btScalar JointRows::spring_impulse(size_t spring) const {
+  for (size_t i = 0; i < planned.size(); ++i) {
+    if (planned[i].source == tree.dynamics.coordinates + static_cast<int>(spring)) return planned[i].expected + m_data[i];
+  }
+  return 0;
+}
+
+void JointRows::createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBodyJacobianData &data,
+                                     const btContactSolverInfo &info) {
+  const int n = static_cast<int>(planned.size()), first = rows.size();
+  const btVector3 zero(0, 0, 0);
+  for (int i = 0; i < n; ++i) {
+    btMultiBodySolverConstraint &row = rows.expandNonInitializing();
+    const Row &plan = planned[i];
+    set_no_normals(row);
+    row.m_orgConstraint = this;
+    row.m_orgDofIndex = i;
+    row.m_solverBodyIdA = row.m_solverBodyIdB = data.m_fixedBodyId;
+    std::fill(jacobian.begin(), jacobian.end(), 0);
+    jacobian[6 + plan.coordinate] = 1;
+    fillMultiBodyConstraint(row, data, jacobian.data(), nullptr, zero, zero, zero, zero, 0, info, plan.low - plan.expected,
+                            plan.high - plan.expected, true);
+  }
+  for (int i = 0; i < n; ++i) {
+    btMultiBodySolverConstraint &row = rows[first + i];
+    const Row &plan = planned[i];
+    // The rate that a unit impulse gives.
+    btScalar own = data.m_deltaVelocitiesUnitImpulse[row.m_jacAindex + 6 + plan.coordinate];
+    const btScalar softness = std::max(plan.softness, own * SOFTNESS);
+    own += softness;
+    row.m_jacDiagABInv = 1 / own;
+    row.m_cfm = softness / own;
+    row.m_rhs = (plan.target - plan.softness * plan.expected - tree.free_rate.q[plan.coordinate]) / own;
+    row.m_rhsPenetration = plan.correction / own;
+    internalSetAppliedImpulse(i, 0);
+  }
+}
+
+TieRows::TieRows(AmbConstraint &owner, AmbBody &link_body, const btTransform &link_frame, AmbBody &other_body,
+                 const btTransform &frame_of_other, int rows)
+    : EngineRows(link_body.tree->multi_body.get(),
+                            other_body.tree ? other_body.tree->multi_body.get() : nullptr, link_body.member - 1,
+                            other_body.tree ? other_body.member - 1 : -1, rows, false, MULTIBODY_CONSTRAINT_FIXED),
+      constraint(owner),
+      link(link_body),
+      other(other_body),
+      frame(link_frame),
+      other_frame(frame_of_other) {
+  m_data.resize(rows);
+  forget();
+}
+
+void TieRows::forget() {
+  for (int i = 0; i < m_numRows; ++i) m_data[i] = 0;
+}
+
+void TieRows::createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBodyJacobianData &data,
+                                   const btContactSolverInfo &info) {
+  const btTransform a = link.body.getWorldTransform() * frame, b = other.body.getWorldTransform() * other_frame;
+  const btVector3 gap = a.getOrigin() - b.getOrigin();
+  const btQuaternion turn = (a.getRotation() * b.getRotation().inverse()).normalized();
+  btVector3 angle(0, 0, 0);
+  const btScalar half = btVector3(turn.x(), turn.y(), turn.z()).length();
+  if (half > 0) angle = btVector3(turn.x(), turn.y(), turn.z()) / half * std::remainder(2 * btAtan2(half, turn.w()), 2 * SIMD_PI);
+  // What Bullet starts with it applies to trees only.
+  forget();
+  const bool is_dynamic = !other.tree && other.body.getInvMass() > 0;
+  JointMotion motion;
+  const btVector3 arm_a = a.getOrigin() - link.body.getWorldTransform().getOrigin();
+  const btVector3 arm_b = b.getOrigin() - other.body.getWorldTransform().getOrigin();
+  for (int i = 0; i < 3; ++i) {
+    btVector3 normal(0, 0, 0);
+    normal[i] = 1;
+    motion.add_row(normal, arm_a.cross(normal), -normal, -arm_b.cross(normal));
+  }
+  motion.finish(link.body.getLinearVelocity(), link.body.getAngularVelocity(), other.body.getLinearVelocity(),
+                other.body.getAngularVelocity(), info.m_timeStep);
+  for (int i = 0; i < m_numRows; ++i) {
+    btMultiBodySolverConstraint &row = rows.expandNonInitializing();
+    set_no_normals(row);
+    row.m_orgConstraint = this;
+    row.m_orgDofIndex = i;
+    row.m_solverBodyIdA = data.m_fixedBodyId;
+    row.m_solverBodyIdB = is_dynamic ? other.body.getCompanionId() : data.m_fixedBodyId;
+    btVector3 linear(0, 0, 0), angular(0, 0, 0);
+    (i < 3 ? linear : angular)[i % 3] = 1;
+    fillMultiBodyConstraint(row, data, nullptr, nullptr, angular, linear, a.getOrigin(), b.getOrigin(), 0, info,
+                            -BT_LARGE_FLOAT, BT_LARGE_FLOAT, i >= 3);
+    if (is_dynamic) {
+      const btSolverBody &body = (*data.m_solverBodyPool)[row.m_solverBodyIdB];
+      // Bullet forgets that forces change the velocity of the body as they did that of the tree.
+      row.m_rhs -= row.m_jacDiagABInv * (row.m_contactNormal2.dot(body.m_externalForceImpulse) +
+                                         row.m_relpos2CrossNormal.dot(body.m_externalTorqueImpulse));
+    }
+    const btScalar error = i < 3 ? gap[i] : angle[i - 3], most = i < 3 ? MAX_CORRECTION_SPEED : MAX_CORRECTION_RATE;
+    errors[i] = error;
+    const btScalar target = -error * info.m_erp / info.m_timeStep;
+    if (i < 3) row.m_rhs += motion.linear_target(-linear) * row.m_jacDiagABInv;
+    row.m_rhsPenetration = std::max(-most, std::min(most, target)) * row.m_jacDiagABInv;
+    // The constraint may hold what its articulation cannot move, and redundant rows share the load.
+    const btScalar share = 1 / (1 + TIE_SOFTNESS);
+    row.m_rhs *= share;
+    row.m_rhsPenetration = row.m_rhsPenetration * share;
+    row.m_jacDiagABInv *= share;
+    row.m_cfm = TIE_SOFTNESS * share;
+  }
+}
+
+void TieRows::write_feedback(btScalar h) {
+  if (!constraint.feedback) return;
+  btVector3 force(m_data[0] / h, m_data[1] / h, m_data[2] / h), torque(0, 0, 0);
+  if (m_numRows > 3) torque = btVector3(m_data[3] / h, m_data[4] / h, m_data[5] / h);
+  const btVector3 arm = link.body.getWorldTransform().getBasis() * frame.getOrigin();
+  const btVector3 other_arm = other.body.getWorldTransform().getBasis() * other_frame.getOrigin();
+  const bool link_is_a = &first_of(constraint) == &link;
+  btJointFeedback &feedback = *constraint.feedback;
+  (link_is_a ? feedback.m_appliedForceBodyA : feedback.m_appliedForceBodyB) = force;
+  (link_is_a ? feedback.m_appliedTorqueBodyA : feedback.m_appliedTorqueBodyB) = torque + arm.cross(force);
+  (link_is_a ? feedback.m_appliedForceBodyB : feedback.m_appliedForceBodyA) = -force;
+  (link_is_a ? feedback.m_appliedTorqueBodyB : feedback.m_appliedTorqueBodyA) = -(torque + other_arm.cross(force));
+}
+
+LinkDrive::LinkDrive(AmbBody &body)
+    : EngineRows(body.tree->multi_body.get(), nullptr, body.member - 1, -1, 6, false,
+                            MULTIBODY_CONSTRAINT_FIXED),
+      link(body) {
+  m_data.resize(6);
+  for (int i = 0; i < 6; ++i) m_data[i] = 0;
+}
+
+void LinkDrive::createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBodyJacobianData &data,
+                                     const btContactSolverInfo &info) {
+  if (!enabled) return;
+  const btVector3 &center = link.body.getWorldTransform().getOrigin();
+  for (int i = 0; i < 6; ++i) {
+    btMultiBodySolverConstraint &row = rows.expandNonInitializing();
+    set_no_normals(row);
+    row.m_orgConstraint = this;
+    row.m_orgDofIndex = i;
+    row.m_solverBodyIdA = row.m_solverBodyIdB = data.m_fixedBodyId;
+    btVector3 linear(0, 0, 0), angular(0, 0, 0);
+    (i < 3 ? linear : angular)[i % 3] = 1;
+    const btScalar rate = fillMultiBodyConstraint(row, data, nullptr, nullptr, angular, linear, center, center, 0, info,
+                                                  -BT_LARGE_FLOAT, BT_LARGE_FLOAT, i >= 3);
+    // Directions in which the tree cannot move have no response.
+    if (row.m_jacDiagABInv == 0) continue;
+    const btScalar whole = 1 / row.m_jacDiagABInv + softness[i / 3];
+    row.m_jacDiagABInv = 1 / whole;
+    row.m_cfm = softness[i / 3] / whole;
+    row.m_rhs = (velocity[i] - rate) / whole;
+  }
+}

@@ -1,0 +1,121 @@
+// Rows of trees in the constraint solver. C++ only.
+#ifndef AMB_TREE_ROWS_H
+#define AMB_TREE_ROWS_H
+
+#include "tree.h"
+
+#include "tie_solver.h"
+
+// Limits, motors, drives and stiff springs of all joints of a tree.
+//
+// What motors, drives and springs did in the last sub-step is part of the tree's motion over the next one, and their rows only change it: an
+// impulse would act on the tree where it was at the beginning, and without it the tree would move as if nothing held it up.
+class JointRows : public EngineRows {
+ public:
+  explicit JointRows(AmbTree &tree);
+
+  // Finds the rows of the coming sub-step in two parts: what moves joints, which expects forces in the dynamics, and then, from
+  // the motion that these give, limits.
+  void plan_motors(btScalar h);
+  void plan_limits(btScalar h);
+  bool is_geometric(int row) const override { return planned[row].source < 0; }
+  WorkKind work_kind(int row) const override {
+    const int source = planned[row].source;
+    return source < 0 ? WorkKind::Limit : source < tree.dynamics.coordinates ? WorkKind::Motor : WorkKind::Damping;
+  }
+  // Books the work of the forces that were expected, over the motion since a state; `ahead` as in ledger.h.
+  void book_expected(EnergyLedger &ledger, const TreeDynamics::Position &from, const TreeDynamics::Rate &rate, btScalar ahead) const;
+  bool any() const { return !planned.empty(); }
+  // What was here is no guide to what will be.
+  void forget();
+  // Whether a limit pushed in the last sub-step.
+  bool stopped() const;
+  // Of a spring that was left out of the dynamics.
+  btScalar spring_impulse(size_t spring) const;
+
+  void finalizeMultiDof() override {}
+  int getIslandIdA() const override;
+  int getIslandIdB() const override { return -1; }
+  void createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBodyJacobianData &data,
+                            const btContactSolverInfo &info) override;
+  void debugDraw(btIDebugDraw *) override {}
+
+ private:
+  struct Row {
+    int coordinate;
+    btScalar target;    // rate
+    btScalar softness;  // rate given up per impulse
+    btScalar low, high;  // of the impulse
+    // Coordinate of a motor, or the number of coordinates and a spring; -1: a limit.
+    int source = -1;
+    // Impulse that is part of the motion already.
+    btScalar expected = 0;
+    // Wanted pseudo-velocity that corrects the error of position.
+    btScalar correction = 0;
+  };
+
+  void plan_limit(int coordinate, btScalar low, btScalar high, bool is_angle, btScalar h);
+  void plan_motor(const AmbConstraint &joint, int coordinate, btScalar h);
+  void expect(Row row, btScalar h);
+  void drop_wild_expectations(btScalar h);
+
+  AmbTree &tree;
+  Vector<Row> planned;
+  // Last force of each source of rows.
+  Vector<btScalar> forces;
+  btScalar step = 0;
+  Vector<btScalar> jacobian;
+  TreeDynamics::Rate acceleration;
+};
+
+// A fixed or point-to-point constraint one end of which is a link of a tree.
+class TieRows : public EngineRows {
+ public:
+  TieRows(AmbConstraint &constraint, AmbBody &link, const btTransform &frame, AmbBody &other,
+          const btTransform &other_frame, int rows);
+
+  void finalizeMultiDof() override {}
+  int getIslandIdA() const override { return link.collider->getIslandTag(); }
+  int getIslandIdB() const override { return other.collider->getIslandTag(); }
+  void createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBodyJacobianData &data,
+                            const btContactSolverInfo &info) override;
+  void debugDraw(btIDebugDraw *) override {}
+  void forget();
+  bool is_geometric(int) const override { return true; }
+  btScalar error(int row) const override { return errors[row]; }
+  WorkKind work_kind(int) const override { return WorkKind::Joint; }
+  // After the solver's pass over a sub-step of h.
+  void write_feedback(btScalar h);
+
+ private:
+  AmbConstraint &constraint;
+  AmbBody &link, &other;
+  btTransform frame, other_frame;
+  btScalar errors[6] = {};
+};
+
+// Six rows that drive a link, as those that drive a body do, see drive.h.
+class LinkDrive : public EngineRows {
+ public:
+  explicit LinkDrive(AmbBody &link);
+
+  bool is_geometric(int) const override { return false; }
+  WorkKind work_kind(int) const override { return WorkKind::BodyDrive; }
+
+  void finalizeMultiDof() override {}
+  int getIslandIdA() const override { return link.collider->getIslandTag(); }
+  int getIslandIdB() const override { return -1; }
+  void createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBodyJacobianData &data,
+                            const btContactSolverInfo &info) override;
+  void debugDraw(btIDebugDraw *) override {}
+
+  bool enabled = false;
+  btScalar velocity[6] = {};
+  // Of the linear and of the angular rows.
+  btScalar softness[2] = {};
+
+ private:
+  AmbBody &link;
+};
+
+#endif

@@ -1,0 +1,361 @@
+//! Trees, loops, contradictions, limits and masses.
+
+use std::f64::consts::FRAC_PI_2;
+
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+
+use super::{assemble, gap, Body, Joint, Kind, Range};
+
+/// What counts as closed, m and rad.
+const CLOSED: f64 = 1e-12;
+
+fn at(x: f64, y: f64, z: f64) -> Isometry3<f64> {
+    Isometry3::translation(x, y, z)
+}
+
+fn turned(axis: Vector3<f64>) -> Isometry3<f64> {
+    Isometry3::rotation(axis)
+}
+
+/// A rod of 1 kg and 1 m along x, or whatever is at `pose`.
+fn rod(pose: Isometry3<f64>) -> Body {
+    Body { pose, mass: 1.0, inertia: Vector3::new(0.01, 0.08, 0.09), movable: true }
+}
+
+fn ground() -> Body {
+    Body { pose: Isometry3::identity(), mass: 0.0, inertia: Vector3::zeros(), movable: false }
+}
+
+fn joint(kind: Kind, bodies: [usize; 2], frames: [Isometry3<f64>; 2]) -> Joint {
+    Joint { kind, bodies, frames }
+}
+
+const HINGE: Kind = Kind::Revolute(Range::FREE);
+
+/// Numbers in -1…1 that look random.
+struct Numbers(u32);
+
+impl Numbers {
+    fn next(&mut self) -> f64 {
+        self.0 = self.0.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        f64::from(self.0 >> 8) / f64::from(1u32 << 23) - 1.0
+    }
+
+    fn vector(&mut self) -> Vector3<f64> {
+        Vector3::new(self.next(), self.next(), self.next())
+    }
+
+    /// Shifts and turns a pose by up to `distance` m and `angle` rad an axis.
+    fn disturb(&mut self, pose: &mut Isometry3<f64>, distance: f64, angle: f64) {
+        pose.translation.vector += self.vector() * distance;
+        pose.rotation = UnitQuaternion::from_scaled_axis(self.vector() * angle) * pose.rotation;
+    }
+}
+
+#[track_caller]
+fn all_closed(joints: &[Joint], bodies: &[Body]) {
+    for (index, joint) in joints.iter().enumerate() {
+        let gap = gap(joint, bodies);
+        assert!(!gap.exceeds(CLOSED, CLOSED), "joint {index}: {gap:?}");
+    }
+}
+
+/// Half the sum of squared displacements, each with its mass or moment, kg·m².
+fn cost(bodies: &[Body], from: &[Body]) -> f64 {
+    let of = |(body, from): (&Body, &Body)| {
+        let turn = (from.pose.rotation.inverse() * body.pose.rotation).scaled_axis();
+        let shift = body.pose.translation.vector - from.pose.translation.vector;
+        0.5 * (body.mass * shift.norm_squared() + body.inertia.dot(&turn.component_mul(&turn)))
+    };
+    bodies.iter().zip(from).filter(|(body, _)| body.movable).map(of).sum()
+}
+
+/// A tree of `n` bodies on the ground with joints of all kinds, closed.
+fn tree(n: usize) -> (Vec<Body>, Vec<Joint>) {
+    let mut numbers = Numbers(1);
+    let (mut bodies, mut joints) = (vec![ground()], Vec::new());
+    let kinds = [
+        HINGE,
+        Kind::Prismatic(Range::new(-0.1, 0.1)),
+        Kind::Fixed,
+        Kind::PointToPoint,
+        Kind::ConeTwist { twist: 0.4, swing_y: 0.5, swing_z: 0.6 },
+        Kind::SixDof {
+            linear: [Range::LOCKED; 3],
+            angular: [Range::new(-0.3, 0.3), Range::LOCKED, Range::new(-0.1, 0.2)],
+        },
+        Kind::Revolute(Range::new(-0.1, 0.1)),
+    ];
+    for index in 1..=n {
+        let parent = if index % 5 == 0 { index / 2 } else { index - 1 };
+        let frame = |numbers: &mut Numbers| {
+            let rotation = UnitQuaternion::from_scaled_axis(numbers.vector());
+            Isometry3::from_parts(Translation3::from(numbers.vector() * 0.5), rotation)
+        };
+        let frames = [frame(&mut numbers), frame(&mut numbers)];
+        let mass = 10f64.powf(2.0 * numbers.next());
+        let pose = bodies[parent].pose * frames[0] * frames[1].inverse();
+        bodies.push(Body {
+            pose,
+            mass,
+            inertia: (numbers.vector() + Vector3::repeat(1.5)) * 0.02 * mass,
+            movable: true,
+        });
+        joints.push(joint(kinds[index % kinds.len()], [parent, index], frames));
+    }
+    (bodies, joints)
+}
+
+#[test]
+fn trees_close_exactly_and_the_ground_stays() {
+    let (mut bodies, joints) = tree(200);
+    all_closed(&joints, &bodies);
+    let mut numbers = Numbers(7);
+    for body in &mut bodies[1..] {
+        numbers.disturb(&mut body.pose, 2e-3, 5e-3);
+    }
+    let before = bodies.clone();
+    assert!(assemble(&mut bodies, &joints));
+    all_closed(&joints, &bodies);
+    assert_eq!(bodies[0], before[0]);
+    for (body, before) in bodies.iter().zip(&before) {
+        let moved = (body.pose.translation.vector - before.pose.translation.vector).norm();
+        assert!(moved < 0.05, "{moved}");
+    }
+}
+
+#[test]
+fn what_is_closed_keeps_every_bit_and_so_does_what_no_joint_holds() {
+    // Poses whose products are exact.
+    let mut bodies = vec![ground(), rod(at(0.5, 0.0, 0.0)), rod(at(3.0, 0.1, 0.2)), rod(at(1.5, 0.0, 0.25))];
+    let joints = [
+        joint(HINGE, [0, 1], [at(0.0, 0.0, 0.0), at(-0.5, 0.0, 0.0)]),
+        joint(Kind::PointToPoint, [1, 3], [at(0.5, 0.0, 0.25), at(-0.5, 0.0, 0.0)]),
+    ];
+    let before = bodies.clone();
+    assert!(assemble(&mut bodies, &joints));
+    assert_eq!(bodies, before);
+}
+
+/// A four-bar linkage of hinges about z: crank, coupler and rocker on the ground.
+fn four_bar() -> (Vec<Body>, Vec<Joint>) {
+    let bodies = vec![
+        ground(),
+        rod(at(0.0, 0.5, 0.0) * turned(Vector3::z() * FRAC_PI_2)),
+        rod(at(0.5, 1.0, 0.0)),
+        rod(at(1.0, 0.5, 0.0) * turned(Vector3::z() * -FRAC_PI_2)),
+    ];
+    let (back, front) = (at(-0.5, 0.0, 0.0), at(0.5, 0.0, 0.0));
+    let joints = vec![
+        joint(HINGE, [0, 1], [at(0.0, 0.0, 0.0), back]),
+        joint(HINGE, [1, 2], [front, back]),
+        joint(HINGE, [2, 3], [front, back]),
+        joint(HINGE, [3, 0], [front, at(1.0, 0.0, 0.0)]),
+    ];
+    (bodies, joints)
+}
+
+#[test]
+fn a_four_bar_linkage_that_is_off_by_a_millimetre_closes() {
+    // Hinges about parallel axes: three of the rows are redundant.
+    let (mut bodies, joints) = four_bar();
+    let mut numbers = Numbers(3);
+    for body in &mut bodies[1..] {
+        numbers.disturb(&mut body.pose, 1e-3, 1e-3);
+    }
+    let before = bodies.clone();
+    assert!(assemble(&mut bodies, &joints));
+    all_closed(&joints, &bodies);
+    for (body, before) in bodies.iter().zip(&before) {
+        let moved = (body.pose.translation.vector - before.pose.translation.vector).norm();
+        assert!(moved < 4e-3, "{moved}");
+    }
+}
+
+#[test]
+fn displacements_are_least_in_the_metric_of_the_masses() {
+    let (mut bodies, joints) = four_bar();
+    (bodies[1].mass, bodies[2].mass) = (5.0, 0.3);
+    let mut numbers = Numbers(5);
+    for body in &mut bodies[1..] {
+        numbers.disturb(&mut body.pose, 1e-3, 1e-3);
+    }
+    let file = bodies.clone();
+    assert!(assemble(&mut bodies, &joints));
+    let least = cost(&bodies, &file);
+    // The one motion that the linkage has: each other pose on its joints is farther from the file.
+    for angle in [-1e-3, -1e-4, 1e-4, 1e-3] {
+        let mut others = bodies.clone();
+        let turn = turned(Vector3::z() * angle);
+        others[1].pose = turn * others[1].pose;
+        others[3].pose = at(1.0, 0.0, 0.0) * turn * at(-1.0, 0.0, 0.0) * others[3].pose;
+        others[2].pose.translation.vector += Vector3::new(-angle, 0.0, 0.0);
+        assert!(cost(&others, &file) > least, "{angle}: {} {least}", cost(&others, &file));
+    }
+}
+
+#[test]
+fn a_heavy_body_moves_less_than_a_light_one() {
+    // The gap is on the line through the centres of mass: nothing turns.
+    let mut bodies = vec![rod(at(0.0, 0.0, 0.0)), rod(at(1.01, 0.0, 0.0))];
+    bodies[1].mass = 9.0;
+    let joints = [joint(Kind::PointToPoint, [0, 1], [at(0.5, 0.0, 0.0), at(-0.5, 0.0, 0.0)])];
+    assert!(assemble(&mut bodies, &joints));
+    all_closed(&joints, &bodies);
+    assert!((bodies[0].pose.translation.x - 0.009).abs() < 1e-12, "{}", bodies[0].pose);
+    assert!((bodies[1].pose.translation.x - 1.009).abs() < 1e-12, "{}", bodies[1].pose);
+    assert!(bodies.iter().all(|body| body.pose.rotation.angle() < 1e-12));
+}
+
+#[test]
+fn contradictory_joints_end_at_the_least_squares_compromise() {
+    // Two fixed joints to the ground that ask for places 2 mm apart, and another island.
+    let mut bodies = vec![ground(), rod(at(0.3, 0.0, 0.0)), rod(at(5.0, 0.001, 0.0))];
+    let joints = [
+        joint(Kind::Fixed, [0, 1], [at(0.0, 0.0, 0.001), at(-0.3, 0.0, 0.0)]),
+        joint(Kind::Fixed, [0, 1], [at(0.0, 0.0, -0.001), at(-0.3, 0.0, 0.0)]),
+        joint(Kind::Prismatic(Range::FREE), [0, 2], [at(4.0, 0.0, 0.0), at(0.0, 0.0, 0.0)]),
+    ];
+    assert!(!assemble(&mut bodies, &joints));
+    assert!(
+        bodies[1].pose.translation.vector.metric_distance(&Vector3::new(0.3, 0.0, 0.0)) < 1e-9,
+        "{}",
+        bodies[1].pose
+    );
+    for joint in &joints[..2] {
+        let gap = gap(joint, &bodies);
+        assert!((gap.distance - 1e-3).abs() < 1e-5 && gap.angle < 1e-5, "{gap:?}");
+    }
+    all_closed(&joints[2..], &bodies);
+    // Again from there: nothing is left to gain.
+    let before = bodies.clone();
+    assemble(&mut bodies, &joints);
+    let moved = bodies[1].pose.translation.vector.metric_distance(&before[1].pose.translation.vector);
+    assert!(moved < 1e-8, "{moved}");
+}
+
+#[test]
+fn a_loop_that_is_too_short_is_stretched_and_named() {
+    // Two rods of 1 m cannot reach 2.1 m.
+    let mut bodies = vec![ground(), rod(at(0.5, 0.0, 0.0)), rod(at(1.6, 0.0, 0.0))];
+    let (back, front) = (at(-0.5, 0.0, 0.0), at(0.5, 0.0, 0.0));
+    let joints = [
+        joint(HINGE, [0, 1], [at(0.0, 0.0, 0.0), back]),
+        joint(HINGE, [1, 2], [front, back]),
+        joint(HINGE, [2, 0], [front, at(2.1, 0.0, 0.0)]),
+    ];
+    assert!(!assemble(&mut bodies, &joints));
+    let gaps: Vec<f64> = joints.iter().map(|joint| gap(joint, &bodies).distance).collect();
+    assert!((gaps.iter().sum::<f64>() - 0.1).abs() < 1e-9, "{gaps:?}");
+    assert!(gaps.iter().all(|&gap| gap > 0.01), "{gaps:?}");
+}
+
+#[test]
+fn limits_that_are_violated_are_met_and_others_leave_alone() {
+    let range = Range::new(-0.2, 0.1);
+    let cases = [
+        (Kind::Revolute(range), turned(Vector3::z() * 0.4), turned(Vector3::z() * 0.1)),
+        (Kind::Revolute(range), turned(Vector3::z() * -0.4), turned(Vector3::z() * -0.2)),
+        (Kind::Revolute(Range::new(3.0, 3.2)), turned(Vector3::z() * -3.0), turned(Vector3::z() * 3.2)),
+        (Kind::Prismatic(range), at(0.4, 0.0, 0.0), at(0.1, 0.0, 0.0)),
+        (
+            Kind::ConeTwist { twist: 0.1, swing_y: 0.2, swing_z: 0.3 },
+            turned(Vector3::y() * 0.5),
+            turned(Vector3::y() * 0.2),
+        ),
+        (
+            Kind::SixDof { linear: [range; 3], angular: [range; 3] },
+            at(0.3, -0.1, -0.5) * turned(Vector3::y() * 0.5),
+            at(0.1, -0.1, -0.2) * turned(Vector3::y() * 0.1),
+        ),
+    ];
+    for (kind, file, expected) in cases {
+        // About its centre of mass nothing is shifted by a rotation.
+        let mut bodies = vec![ground(), rod(file)];
+        let joints = [joint(kind, [0, 1], [Isometry3::identity(); 2])];
+        assert!(assemble(&mut bodies, &joints), "{kind:?}");
+        all_closed(&joints, &bodies);
+        let pose = &bodies[1].pose;
+        let error =
+            (pose.translation.vector - expected.translation.vector).norm() + pose.rotation.angle_to(&expected.rotation);
+        assert!(error < 1e-9, "{kind:?}: {pose} instead of {expected}");
+    }
+    let inside = Kind::Revolute(range);
+    let mut bodies = vec![ground(), rod(turned(Vector3::z() * 0.05))];
+    let before = bodies.clone();
+    assert!(assemble(&mut bodies, &[joint(inside, [0, 1], [Isometry3::identity(); 2])]));
+    assert_eq!(bodies, before);
+}
+
+#[test]
+fn a_limit_against_which_other_joints_push_holds() {
+    // A slider on the ground that a spring-loaded partner of the loop would pull beyond its limit.
+    let mut bodies = vec![ground(), rod(at(0.09, 0.0, 0.0)), rod(at(0.3, 0.0, 0.0))];
+    let joints = [
+        joint(Kind::Prismatic(Range::new(-0.1, 0.1)), [0, 1], [Isometry3::identity(); 2]),
+        joint(Kind::PointToPoint, [1, 2], [Isometry3::identity(), at(-0.1, 0.0, 0.0)]),
+    ];
+    assert!(assemble(&mut bodies, &joints));
+    all_closed(&joints, &bodies);
+    assert!((bodies[1].pose.translation.x - 0.1).abs() < 1e-9, "{}", bodies[1].pose);
+    assert!((bodies[2].pose.translation.x - 0.2).abs() < 1e-9, "{}", bodies[2].pose);
+}
+
+#[test]
+fn inertias_of_no_use_break_nothing() {
+    for inertia in [Vector3::zeros(), Vector3::new(1e-12, 1.0, 1.0), Vector3::repeat(1e-15), Vector3::repeat(1e4)] {
+        let (mut bodies, joints) = four_bar();
+        bodies[2].inertia = inertia;
+        bodies[3].mass = 0.0;
+        bodies[2].pose.translation.x += 1e-3;
+        bodies[3].pose.translation.y += 1e-3;
+        assert!(assemble(&mut bodies, &joints), "{inertia}");
+        all_closed(&joints, &bodies);
+        let turn = bodies[2].pose.rotation.angle();
+        assert!(turn < 0.01 && (inertia != Vector3::zeros() || turn == 0.0), "{inertia}: {turn}");
+    }
+}
+
+#[test]
+fn bodies_far_off_are_brought_to_their_joints() {
+    // A robot all links of which lie at the origin, as converters leave them, and a weld turned by half a turn.
+    let mut bodies = vec![ground()];
+    let mut joints = Vec::new();
+    for index in 1..=8 {
+        bodies.push(rod(Isometry3::identity()));
+        let turn = if index % 2 == 0 { FRAC_PI_2 } else { 0.0 };
+        let frames = [at(0.5, 0.0, 0.0) * turned(Vector3::x() * turn), at(-0.5, 0.0, 0.0)];
+        joints.push(joint(Kind::Revolute(Range::new(-1.0, 1.0)), [index - 1, index], frames));
+    }
+    bodies.push(rod(at(3.0, 2.0, 1.0) * turned(Vector3::new(3.1, 0.2, 0.1))));
+    joints.push(joint(Kind::Fixed, [0, 9], [Isometry3::identity(); 2]));
+    assert!(assemble(&mut bodies, &joints));
+    all_closed(&joints, &bodies);
+}
+
+#[test]
+fn a_rope_that_is_too_long_for_its_ends_buckles() {
+    // Alternating hinges with limits, every link 2 % too long.
+    let (n, length, spacing) = (70, 0.042, 0.0412);
+    let (mut bodies, mut joints) = (vec![ground()], Vec::new());
+    for index in 1..n {
+        let pose = at(0.0, 0.0, spacing * index as f64);
+        bodies.push(Body { pose, mass: 0.002, inertia: Vector3::repeat(2e-7), movable: true });
+    }
+    for index in 0..n {
+        let turn = turned(if index % 2 == 0 { Vector3::x() * FRAC_PI_2 } else { Vector3::y() * FRAC_PI_2 });
+        let up = at(0.0, 0.0, length);
+        let kind = Kind::Revolute(Range::new(-0.175, 0.175));
+        let (child, frame) =
+            if index + 1 < n { (index + 1, turn) } else { (0, at(0.0, 0.0, spacing * n as f64) * turn) };
+        joints.push(joint(kind, [index, child], [up * turn, frame]));
+    }
+    // A rope that is straight to the last bit stays so.
+    let mut numbers = Numbers(11);
+    bodies[1..].iter_mut().for_each(|body| numbers.disturb(&mut body.pose, 1e-4, 1e-4));
+    assert!(assemble(&mut bodies, &joints));
+    all_closed(&joints, &bodies);
+    for (index, body) in bodies.iter().enumerate() {
+        assert!((body.pose.translation.vector - Vector3::z() * spacing * index as f64).norm() < 0.3, "{}", body.pose);
+    }
+}

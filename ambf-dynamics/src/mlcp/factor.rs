@@ -1,0 +1,130 @@
+//! Cholesky factorisation of the free rows of a matrix, stored by envelope (George and Liu, *Computer Solution of Large Sparse Positive
+//! Definite Systems*, 1981, chapter 4).
+
+use super::layout::Layout;
+use super::matrix::Matrix;
+use super::vector::{add_scaled, dot};
+
+/// Share of its diagonal below which the pivot of a row counts as zero: the row depends on those before it, and its impulse is 0.
+const DEPENDENT: f64 = 1e-13;
+
+/// `L` with `L Lᵀ = A + diag(cfm)` for the free rows, in the order of their places.
+///
+/// A row of `L` depends on the rows before it only: after changes of the set of free rows, the factor is made anew from the first changed
+/// place on, with the same bits as a whole factorisation.
+#[derive(Debug, Default)]
+pub(super) struct EnvelopeFactor {
+    /// Places of the free rows.
+    pub places: Vec<u32>,
+    first: Vec<u32>,
+    start: Vec<usize>,
+    entries: Vec<f64>,
+    inverse_diagonal: Vec<f64>,
+    /// Free rows before each place, one more than places.
+    count: Vec<u32>,
+    /// Places for which the factor holds.
+    valid: usize,
+}
+
+impl EnvelopeFactor {
+    /// To be called where the matrix changes.
+    pub fn reset(&mut self) {
+        self.valid = 0;
+    }
+
+    /// Finds the first place where the factor is out of date, and the multiplications that an update will take at most.
+    pub fn plan(&mut self, layout: &Layout, is_free: impl Fn(usize) -> bool) -> f64 {
+        let n = layout.order.len();
+        self.count.resize(n + 1, 0);
+        if self.valid == 0 {
+            self.count[0] = 0;
+        }
+        let mut p = 0;
+        while p < self.valid && is_free(p) == (self.count[p + 1] > self.count[p]) {
+            p += 1;
+        }
+        self.valid = p;
+        let mut cost = 0.0;
+        for p in p..n {
+            let free = is_free(p);
+            self.count[p + 1] = self.count[p] + u32::from(free);
+            if free {
+                let width = f64::from(self.count[p + 1] - self.count[layout.first[p] as usize]);
+                cost += width * width / 2.0;
+            }
+        }
+        cost
+    }
+
+    /// Brings the factor up to date with the plan. Returns the multiplications.
+    pub fn update(&mut self, layout: &Layout, matrix: &Matrix, cfm: impl Fn(usize) -> f64) -> f64 {
+        let n = layout.order.len();
+        let kept = self.count[self.valid] as usize;
+        self.places.truncate(kept);
+        self.first.truncate(kept);
+        self.inverse_diagonal.truncate(kept);
+        self.start.truncate(kept + 1);
+        if self.start.is_empty() {
+            self.start.push(0);
+        }
+        if self.entries.len() < matrix.entries.len() {
+            self.entries.resize(matrix.entries.len(), 0.0);
+        }
+        let mut work = 0;
+        for p in self.valid..n {
+            if self.count[p + 1] == self.count[p] {
+                continue;
+            }
+            let diagonal = matrix.diagonal[p] + cfm(p);
+            work += self.add_row(p, layout, &matrix.entries[layout.start[p]..layout.start[p + 1]], diagonal);
+        }
+        self.valid = n;
+        work as f64
+    }
+
+    fn add_row(&mut self, p: usize, layout: &Layout, from: &[f64], diagonal: f64) -> usize {
+        let first_place = layout.first[p];
+        let (m, reach) = (self.places.len(), self.count[first_place as usize] as usize);
+        let used = self.start[m];
+        let (done, row) = self.entries.split_at_mut(used);
+        let row = &mut row[..m - reach];
+        let mut work = 0;
+        let before = self.places[reach..].iter().zip(&self.first[reach..]);
+        let before = before.zip(&self.start[reach..]).zip(&self.inverse_diagonal[reach..]);
+        for (i, (((&place, &first), &start), &inverse)) in before.enumerate() {
+            let first = first as usize;
+            let low = reach.max(first);
+            let k = reach + i;
+            let other = &done[start + (low - first)..start + (k - first)];
+            let (known, open) = row.split_at_mut(i);
+            open[0] = (from[(place - first_place) as usize] - dot(&known[low - reach..], other)) * inverse;
+            work += k - low;
+        }
+        let rest = diagonal - dot(row, row);
+        self.places.push(p as u32);
+        self.first.push(reach as u32);
+        self.start.push(used + (m - reach));
+        self.inverse_diagonal.push(if rest > DEPENDENT * diagonal { 1.0 / rest.sqrt() } else { 0.0 });
+        work + m - reach
+    }
+
+    /// Replaces the right-hand side of the free rows, in the order of `places`, by their impulses.
+    pub fn solve(&self, unknowns: &mut [f64]) {
+        for i in 0..self.places.len() {
+            let reach = self.first[i] as usize;
+            let row = &self.entries[self.start[i]..self.start[i + 1]];
+            unknowns[i] = (unknowns[i] - dot(row, &unknowns[reach..i])) * self.inverse_diagonal[i];
+        }
+        for i in (0..self.places.len()).rev() {
+            let value = unknowns[i] * self.inverse_diagonal[i];
+            unknowns[i] = value;
+            let row = &self.entries[self.start[i]..self.start[i + 1]];
+            add_scaled(&mut unknowns[self.first[i] as usize..i], -value, row);
+        }
+    }
+
+    /// Multiplications of [`Self::solve`].
+    pub fn solve_cost(&self) -> f64 {
+        2.0 * self.start[self.places.len()] as f64
+    }
+}

@@ -1,0 +1,348 @@
+//! Impulses and velocities while they are solved for.
+
+use super::layout::Layout;
+use super::problem::{Rows, State, StoredRow, StoredSide};
+use super::vector::{add_scaled, are_finite, dot_velocity};
+
+/// Bounds beyond this, N·s or N·m·s, are none.
+const UNBOUNDED: f64 = 1e9;
+
+/// CFM of tangential rows in the problem of positions, as a share of the diagonal.
+const STICKING: f64 = 0.1;
+/// Share of the work of the single rows up to which their sum is an error of rounding.
+const ROUNDED: f64 = 1e-9;
+
+/// What impulses are worth.
+#[derive(Debug, Clone, Copy, PartialEq, PartialOrd)]
+pub(super) struct Judgement {
+    /// Whether `xᵀ (A + cfm) x / 2 - targetᵀ x` is above 0, its value without impulses. A solution is never above, whatever friction
+    /// does; other impulses may be, and then add energy to the bodies.
+    pub gains_energy: bool,
+    /// Largest violation of complementarity as a velocity: `d |x - clamp(x - (J v + cfm x - target) / d)|` with `d` the diagonal. Rows
+    /// that no impulse moves do not count. Infinite where a number is not finite.
+    pub residual: f64,
+}
+
+impl Judgement {
+    pub const NOT_FINITE: Self = Self { gains_energy: true, residual: f64::INFINITY };
+}
+
+/// What one row acts on: `size` components of the velocities from `velocity` on; its Jacobian is `data[offset..]`.
+#[derive(Debug, Clone, Copy)]
+struct Acting {
+    size: u32,
+    offset: usize,
+    velocity: usize,
+}
+
+impl Acting {
+    fn new(side: &StoredSide, layout: &Layout) -> Self {
+        let velocity = if side.is_some() { layout.velocity_start[side.body as usize] } else { 0 };
+        Self { size: side.size, offset: side.offset, velocity }
+    }
+}
+
+/// One row of the mixed linear complementarity problem that is solved, of velocities or of positions.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Variable {
+    sides: [Acting; 2],
+    pub target: f64,
+    pub cfm: f64,
+    pub inverse_cfm: f64,
+    /// `A + cfm` on the diagonal.
+    pub diagonal: f64,
+    pub low: f64,
+    pub high: f64,
+    pub x: f64,
+    pub state: State,
+    /// Place of the normal impulse that bounds this one.
+    normal: Option<u32>,
+    coefficient: f64,
+    cap: f64,
+}
+
+impl Variable {
+    /// A row of the velocity problem.
+    pub fn of_velocity(row: &StoredRow, layout: &Layout, diagonal: f64) -> Self {
+        Self {
+            sides: [Acting::new(&row.sides[0], layout), Acting::new(&row.sides[1], layout)],
+            target: row.target,
+            cfm: row.cfm,
+            inverse_cfm: 1.0 / row.cfm,
+            diagonal: diagonal + row.cfm,
+            low: if row.low <= -UNBOUNDED { f64::NEG_INFINITY } else { row.low },
+            high: if row.high >= UNBOUNDED { f64::INFINITY } else { row.high },
+            x: row.x,
+            state: row.state,
+            normal: row.friction.map(|friction| layout.place[friction.normal]),
+            coefficient: row.friction.map_or(0.0, |friction| friction.coefficient),
+            cap: row.friction.map_or(0.0, |friction| friction.cap),
+        }
+        .with_possible_state()
+    }
+
+    /// The same row in the problem of positions, where only the signs of its bounds count. `target` is that of the normal in a row of
+    /// friction.
+    pub fn of_position(row: &StoredRow, layout: &Layout, diagonal: f64, share: f64, target: f64, state: State) -> Self {
+        let sticks = row.friction.is_some() && target > 0.0;
+        let takes_part = row.in_positions && row.friction.is_none();
+        let share = if sticks { share.max(STICKING) } else { share };
+        let cfm = row.cfm.max(row.position_cfm).max(share * diagonal);
+        Self {
+            target: if takes_part { target } else { 0.0 },
+            cfm,
+            inverse_cfm: 1.0 / cfm,
+            diagonal: diagonal + cfm,
+            low: if sticks || (takes_part && row.low < 0.0) { f64::NEG_INFINITY } else { 0.0 },
+            high: if sticks || (takes_part && row.high > 0.0) { f64::INFINITY } else { 0.0 },
+            x: 0.0,
+            state: if sticks {
+                State::Free
+            } else if takes_part {
+                state
+            } else {
+                State::Low
+            },
+            normal: None,
+            coefficient: 0.0,
+            cap: 0.0,
+            ..Self::of_velocity(row, layout, diagonal)
+        }
+        .with_possible_state()
+    }
+
+    /// A bound that does not exist cannot be active. Where the impulse is given the target does not count; Bullet's is then at times the
+    /// largest number there is.
+    fn with_possible_state(mut self) -> Self {
+        if self.is_fixed() && self.normal.is_none() {
+            return Self { state: State::Low, target: 0.0, ..self };
+        }
+        let bound = if self.state == State::Low { self.low } else { self.high };
+        if self.state != State::Free && self.normal.is_none() && !bound.is_finite() {
+            self.state = State::Free;
+        }
+        self
+    }
+
+    pub fn is_finite(&self) -> bool {
+        let given = [self.target, self.cfm, self.diagonal, self.x, self.coefficient];
+        are_finite(&given) && !self.low.is_nan() && !self.high.is_nan() && !self.cap.is_nan()
+    }
+
+    pub fn is_friction(&self) -> bool {
+        self.normal.is_some()
+    }
+
+    pub fn is_unbounded(&self) -> bool {
+        self.low == f64::NEG_INFINITY && self.high == f64::INFINITY
+    }
+
+    pub fn is_fixed(&self) -> bool {
+        self.low >= self.high
+    }
+
+    pub fn clamp(&self, x: f64) -> f64 {
+        x.max(self.low).min(self.high)
+    }
+
+    /// Of sliding friction below its cap: the place of the normal impulse, and the share of it that this impulse is.
+    pub fn slides_with(&self) -> Option<(usize, f64)> {
+        let sign = match self.state {
+            State::Free => return None,
+            State::Low => -1.0,
+            State::High => 1.0,
+        };
+        self.normal.filter(|_| self.high < self.cap).map(|normal| (normal as usize, sign * self.coefficient))
+    }
+
+    /// The side of the bounds on which the impulse is.
+    pub fn state_of_x(&self) -> State {
+        if self.x <= self.low {
+            State::Low
+        } else if self.x >= self.high {
+            State::High
+        } else {
+            State::Free
+        }
+    }
+}
+
+/// Rows by place, and the velocities that their impulses give.
+#[derive(Debug, Default)]
+pub(super) struct Iterate {
+    pub variables: Vec<Variable>,
+    pub velocities: Vec<f64>,
+}
+
+impl Iterate {
+    pub fn begin(&mut self, layout: &Layout) {
+        self.variables.clear();
+        self.velocities.clear();
+        self.velocities.resize(layout.velocity_start[layout.bodies()], 0.0);
+    }
+
+    /// Velocity along a row, `J v`.
+    #[inline(always)]
+    pub fn along(&self, rows: &Rows, row: &Variable) -> f64 {
+        let mut sum = 0.0;
+        for side in &row.sides {
+            let size = side.size as usize;
+            if size > 0 {
+                let jacobian = &rows.data[side.offset..side.offset + size];
+                sum += dot_velocity(jacobian, &self.velocities[side.velocity..side.velocity + size]);
+            }
+        }
+        sum
+    }
+
+    /// By how much the velocity equation of a row is missed, `J v + cfm x - target`.
+    #[inline(always)]
+    pub fn excess(&self, rows: &Rows, row: &Variable) -> f64 {
+        self.along(rows, row) + row.cfm * row.x - row.target
+    }
+
+    /// Applies an impulse along the row at a place.
+    #[inline(always)]
+    pub fn push(&mut self, rows: &Rows, place: usize, impulse: f64) {
+        if impulse == 0.0 {
+            return;
+        }
+        for side in &self.variables[place].sides {
+            let size = side.size as usize;
+            let velocity = &mut self.velocities[side.velocity..side.velocity + size];
+            let response = &rows.data[side.offset + size..side.offset + 2 * size];
+            match (<&mut [f64; 6]>::try_from(&mut *velocity), <&[f64; 6]>::try_from(response)) {
+                (Ok(velocity), Ok(response)) => add_scaled(velocity, impulse, response),
+                _ => add_scaled(velocity, impulse, response),
+            }
+        }
+    }
+
+    /// Applies the impulses of the rows at their bounds, and of no others.
+    pub fn apply_bound_impulses(&mut self, rows: &Rows) {
+        self.velocities.fill(0.0);
+        for p in 0..self.variables.len() {
+            let row = &mut self.variables[p];
+            row.x = match row.state {
+                State::Free => continue,
+                State::Low => row.low,
+                State::High => row.high,
+            };
+            let x = row.x;
+            self.push(rows, p, x);
+        }
+    }
+
+    /// Moves the impulses of the rows at their bounds onto them.
+    pub fn move_to_bounds(&mut self) {
+        for row in &mut self.variables {
+            match row.state {
+                State::Free if row.is_fixed() => row.x = row.low,
+                State::Free => {}
+                State::Low => row.x = row.low,
+                State::High => row.x = row.high,
+            }
+        }
+    }
+
+    /// Finds the velocities from all impulses.
+    pub fn accumulate(&mut self, rows: &Rows) {
+        self.velocities.fill(0.0);
+        for p in 0..self.variables.len() {
+            let x = self.variables[p].x;
+            self.push(rows, p, x);
+        }
+    }
+
+    /// Sets the bounds of a row of friction from its normal impulse.
+    #[inline]
+    pub fn bound_friction(&mut self, place: usize) {
+        if let Some(normal) = self.variables[place].normal {
+            let normal = self.variables[normal as usize].x.max(0.0);
+            let row = &mut self.variables[place];
+            row.high = (row.coefficient * normal).min(row.cap);
+            row.low = -row.high;
+        }
+    }
+
+    /// Sets the bounds of all friction. Returns the largest change of an impulse that follows, as a velocity.
+    pub fn bound_frictions(&mut self) -> f64 {
+        let mut change: f64 = 0.0;
+        for p in 0..self.variables.len() {
+            if !self.variables[p].is_friction() {
+                continue;
+            }
+            let before = self.variables[p].high;
+            self.bound_friction(p);
+            let row = &self.variables[p];
+            let moved = if row.state == State::Free { row.x.abs() - row.high } else { (row.high - before).abs() };
+            change = change.max(moved * row.diagonal);
+        }
+        change
+    }
+
+    /// Brings all impulses within their bounds, those of friction last. Returns whether one of them changed.
+    pub fn clamp(&mut self) -> bool {
+        let mut changed = false;
+        for row in self.variables.iter_mut().filter(|row| !row.is_friction()) {
+            let x = row.clamp(row.x);
+            changed |= x != row.x;
+            row.x = x;
+        }
+        for p in 0..self.variables.len() {
+            if self.variables[p].is_friction() {
+                self.bound_friction(p);
+                let row = &mut self.variables[p];
+                let x = row.clamp(row.x);
+                changed |= x != row.x;
+                row.x = x;
+            }
+        }
+        changed
+    }
+
+    /// Judges the impulses at hand, with the velocities that they give.
+    pub fn judge(&self, rows: &Rows) -> Judgement {
+        let (mut residual, mut energy, mut scale): (f64, f64, f64) = (0.0, 0.0, 0.0);
+        for row in self.variables.iter().filter(|row| row.diagonal > 0.0) {
+            let excess = self.excess(rows, row);
+            let whole = row.x * row.diagonal;
+            let clamped = (whole - excess).max(row.low * row.diagonal).min(row.high * row.diagonal);
+            let moved = (whole - clamped).abs();
+            if !moved.is_finite() {
+                return Judgement::NOT_FINITE;
+            }
+            residual = residual.max(moved);
+            energy += row.x * (excess - row.target) / 2.0;
+            scale += (row.x * row.target).abs();
+        }
+        if are_finite(&self.velocities) && self.variables.iter().all(|row| row.x.is_finite()) {
+            Judgement { residual, gains_energy: energy > ROUNDED * scale }
+        } else {
+            Judgement::NOT_FINITE
+        }
+    }
+
+    /// Multiplies all impulses by the factor of at most 1 with which [`energy`](Self::energy) is least, and then at most 0.
+    pub fn scale_down(&mut self, rows: &Rows) {
+        let (mut asked, mut squared) = (0.0, 0.0);
+        for row in self.variables.iter().filter(|row| row.diagonal > 0.0) {
+            asked += row.x * row.target;
+            squared += row.x * (self.excess(rows, row) + row.target);
+        }
+        let factor = if asked > 0.0 && squared > asked {
+            asked / squared
+        } else if asked > 0.0 {
+            1.0
+        } else {
+            0.0
+        };
+        self.variables.iter_mut().for_each(|row| row.x *= factor);
+    }
+
+    /// What the impulses minimise within fixed bounds, `xᵀ (A + cfm) x / 2 - targetᵀ x`, J.
+    pub fn energy(&self, rows: &Rows) -> f64 {
+        let of = |row: &Variable| row.x * ((self.along(rows, row) + row.cfm * row.x) / 2.0 - row.target);
+        self.variables.iter().map(of).sum()
+    }
+}

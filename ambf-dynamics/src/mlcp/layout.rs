@@ -1,0 +1,373 @@
+//! Order of the rows and envelope of their matrix.
+//!
+//! Bodies are numbered by breadth-first search (Cuthill and McKee 1969) that starts at the far end of another one; a row stands with the
+//! later of its bodies. The envelope of a chain is then as wide as one joint, and a factorisation costs time linear in its length.
+
+use super::problem::{Rows, StoredRow};
+
+/// The coordinates of one body in the matrix of the factorisation in velocity space.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Block {
+    /// First coordinate of the body, and how many it has.
+    pub start: u32,
+    pub size: u32,
+    /// First coordinate and first block of the envelope.
+    pub first: u32,
+    pub first_block: u32,
+    /// Entries in each of its rows of the matrix: from the first of the envelope to the last coordinate of the body.
+    pub stride: u32,
+    /// Where its entries begin.
+    pub offset: usize,
+}
+
+/// Rows are numbered by *place* here, which is their position in the matrix.
+#[derive(Debug, Default)]
+pub(super) struct Layout {
+    /// Where the velocity of each body begins, and the end of the last.
+    pub velocity_start: Vec<usize>,
+    /// Index of the row at each place.
+    pub order: Vec<u32>,
+    /// Place of each row.
+    pub place: Vec<u32>,
+    /// First place of each row's envelope.
+    pub first: Vec<u32>,
+    /// Where the row's entries begin; they end with the diagonal. One more than rows.
+    pub start: Vec<usize>,
+    /// Multiplications of a factorisation of all rows, and of the assembly of the matrix.
+    pub factor_cost: f64,
+    pub assembly_cost: f64,
+    /// Multiplications to find the velocity of every row, or to apply every impulse.
+    pub pass_cost: f64,
+    /// First coordinate of each body in velocity space, `u32::MAX` for bodies without rows; and how many there are in all.
+    pub coordinate_start: Vec<u32>,
+    pub coordinates: usize,
+    /// Bodies with rows, in the order of their coordinates.
+    pub blocks: Vec<Block>,
+    /// Entries of the matrix in velocity space.
+    pub coordinate_entries: usize,
+    /// Multiplications to find the coordinates of all rows, to add all rows to the matrix in velocity space, and to factor it.
+    pub coordinate_cost: f64,
+    pub scatter_all_cost: f64,
+    pub coordinate_factor_cost: f64,
+    /// Block of each coordinate's body.
+    block_of: Vec<u32>,
+    /// Velocity components on which the row at each place acts.
+    acts_on: Vec<u32>,
+    body_place: Vec<i32>,
+    queue: Vec<u32>,
+    neighbours: Vec<u32>,
+    neighbour_start: Vec<u32>,
+    scratch: Vec<u32>,
+}
+
+impl Layout {
+    pub fn bodies(&self) -> usize {
+        self.velocity_start.len() - 1
+    }
+
+    pub fn set_bodies(&mut self, rigid: usize, articulations: impl Iterator<Item = usize>) {
+        self.velocity_start.clear();
+        self.velocity_start.extend((0..=rigid).map(|body| 6 * body));
+        let mut end = 6 * rigid;
+        for size in articulations {
+            end += size;
+            self.velocity_start.push(end);
+        }
+    }
+
+    pub fn arrange(&mut self, rows: &Rows) {
+        if let Some((body, size)) = lone_body(&rows.rows) {
+            self.arrange_lone(rows.rows.len(), body, size);
+        } else {
+            self.arrange_all(rows);
+        }
+    }
+
+    fn arrange_all(&mut self, rows: &Rows) {
+        self.find_neighbours(&rows.rows);
+        self.order_bodies();
+        self.order_rows(&rows.rows);
+        self.find_envelope(&rows.rows);
+        self.find_blocks(&rows.rows);
+    }
+
+    /// Whether velocity space is the cheaper one for two factorisations of all rows, of velocities and of positions.
+    pub fn prefers_velocities(&self) -> bool {
+        let by_velocities = self.coordinate_cost + 2.0 * (self.scatter_all_cost + self.coordinate_factor_cost);
+        by_velocities < self.assembly_cost + 2.0 * self.factor_cost
+    }
+
+    /// Multiplications of a factorisation of all rows.
+    pub fn least_factor_cost(&self) -> f64 {
+        if self.prefers_velocities() {
+            self.scatter_all_cost + self.coordinate_factor_cost
+        } else {
+            self.factor_cost
+        }
+    }
+
+    /// Multiplications to add the row at a place to the matrix in velocity space.
+    pub fn scatter_cost(&self, place: usize) -> f64 {
+        let size = f64::from(self.acts_on[place]);
+        size * (size + 1.0) / 2.0
+    }
+
+    /// The block that begins at a coordinate.
+    pub fn block_at(&self, coordinate: u32) -> &Block {
+        &self.blocks[self.block_of[coordinate as usize] as usize]
+    }
+
+    /// The same for rows that all act on one body: their order is given, and all entries of the matrix are within the envelope.
+    fn arrange_lone(&mut self, rows: usize, body: usize, size: u32) {
+        self.order.clear();
+        self.order.extend(0..rows as u32);
+        self.place.clear();
+        self.place.extend(0..rows as u32);
+        self.first.clear();
+        self.first.resize(rows, 0);
+        self.start.clear();
+        self.start.extend((0..=rows).map(|p| p * (p + 1) / 2));
+        self.acts_on.clear();
+        self.acts_on.resize(rows, size);
+        self.coordinate_start.clear();
+        self.coordinate_start.resize(self.bodies(), u32::MAX);
+        self.coordinate_start[body] = 0;
+        self.coordinates = size as usize;
+        self.block_of.clear();
+        self.block_of.resize(size as usize, 0);
+        self.blocks.clear();
+        self.blocks.push(Block { start: 0, size, first: 0, first_block: 0, stride: size, offset: 0 });
+        let (n, d) = (rows as f64, f64::from(size));
+        let squares = |n: f64| n * (n + 1.0) * (2.0 * n + 1.0) / 6.0;
+        self.factor_cost = squares(n) / 2.0;
+        self.assembly_cost = d * n * (n + 1.0) / 2.0;
+        self.pass_cost = d * n;
+        self.coordinate_entries = (size * size) as usize;
+        self.coordinate_cost = d * d * n;
+        self.scatter_all_cost = n * d * (d + 1.0) / 2.0;
+        self.coordinate_factor_cost = squares(d) / 2.0;
+    }
+
+    fn find_neighbours(&mut self, rows: &[StoredRow]) {
+        let pair = |row: &StoredRow| (row.sides[0].body, row.sides[1].body);
+        let joins = |(a, b): (i32, i32)| a >= 0 && b >= 0 && a != b;
+        // Consecutive rows mostly join the same bodies; one edge is enough.
+        let is_edge = |i: usize| joins(pair(&rows[i])) && !(i > 0 && pair(&rows[i]) == pair(&rows[i - 1]));
+        let bodies = self.bodies();
+        self.neighbour_start.clear();
+        self.neighbour_start.resize(bodies + 1, 0);
+        for i in (0..rows.len()).filter(|&i| is_edge(i)) {
+            for side in &rows[i].sides {
+                self.neighbour_start[side.body as usize + 1] += 1;
+            }
+        }
+        for body in 0..bodies {
+            self.neighbour_start[body + 1] += self.neighbour_start[body];
+        }
+        self.neighbours.clear();
+        self.neighbours.resize(self.neighbour_start[bodies] as usize, 0);
+        self.scratch.clear();
+        self.scratch.extend_from_slice(&self.neighbour_start);
+        for i in (0..rows.len()).filter(|&i| is_edge(i)) {
+            let (a, b) = (rows[i].sides[0].body as usize, rows[i].sides[1].body as usize);
+            for (from, to) in [(a, b), (b, a)] {
+                self.neighbours[self.scratch[from] as usize] = to as u32;
+                self.scratch[from] += 1;
+            }
+        }
+    }
+
+    fn order_bodies(&mut self) {
+        let bodies = self.bodies();
+        self.body_place.clear();
+        self.body_place.resize(bodies, -1);
+        self.queue.clear();
+        for body in 0..bodies {
+            if self.body_place[body] >= 0 {
+                continue;
+            }
+            let begin = self.queue.len();
+            self.search(body);
+            let far_end = self.queue[self.queue.len() - 1] as usize;
+            for at in begin..self.queue.len() {
+                self.body_place[self.queue[at] as usize] = -1;
+            }
+            self.queue.truncate(begin);
+            self.search(far_end);
+        }
+    }
+
+    fn search(&mut self, from: usize) {
+        let mut at = self.queue.len();
+        self.body_place[from] = at as i32;
+        self.queue.push(from as u32);
+        while at < self.queue.len() {
+            let body = self.queue[at] as usize;
+            for k in self.neighbour_start[body]..self.neighbour_start[body + 1] {
+                let next = self.neighbours[k as usize];
+                if self.body_place[next as usize] < 0 {
+                    self.body_place[next as usize] = self.queue.len() as i32;
+                    self.queue.push(next);
+                }
+            }
+            at += 1;
+        }
+    }
+
+    /// Counting sort, which keeps the rows of a pair of bodies in their order.
+    fn order_rows(&mut self, rows: &[StoredRow]) {
+        let body_place = &self.body_place;
+        let key = |row: &StoredRow| {
+            let places = row.sides.iter().map(|side| if side.is_some() { body_place[side.body as usize] } else { 0 });
+            places.max().unwrap_or(0) as usize
+        };
+        let next = &mut self.scratch;
+        next.clear();
+        next.resize(body_place.len().max(1) + 1, 0);
+        for row in rows {
+            next[key(row) + 1] += 1;
+        }
+        for k in 1..next.len() {
+            next[k] += next[k - 1];
+        }
+        self.order.clear();
+        self.order.resize(rows.len(), 0);
+        self.place.clear();
+        for (i, row) in rows.iter().enumerate() {
+            let at = &mut next[key(row)];
+            self.order[*at as usize] = i as u32;
+            self.place.push(*at);
+            *at += 1;
+        }
+    }
+
+    /// A row reaches back to the first one that shares a body with it.
+    fn find_envelope(&mut self, rows: &[StoredRow]) {
+        let bodies = self.bodies();
+        // First row of each body, then its count of rows so far.
+        let none = rows.len() as u32;
+        self.scratch.clear();
+        self.scratch.resize(bodies, none);
+        self.scratch.resize(2 * bodies, 0);
+        self.first.clear();
+        self.start.clear();
+        self.start.push(0);
+        (self.factor_cost, self.assembly_cost, self.pass_cost) = (0.0, 0.0, 0.0);
+        let mut size = 0;
+        for p in 0..rows.len() {
+            let mut reach = p as u32;
+            for side in rows[self.order[p] as usize].sides.iter().filter(|side| side.is_some()) {
+                let body = side.body as usize;
+                self.scratch[body] = self.scratch[body].min(p as u32);
+                reach = reach.min(self.scratch[body]);
+                self.scratch[bodies + body] += 1;
+                self.assembly_cost += f64::from(side.size) * f64::from(self.scratch[bodies + body]);
+                self.pass_cost += f64::from(side.size);
+            }
+            self.first.push(reach);
+            let width = p - reach as usize + 1;
+            size += width;
+            self.start.push(size);
+            self.factor_cost += (width * width) as f64 / 2.0;
+        }
+    }
+
+    /// Numbers the coordinates of velocity space and finds their envelope: two bodies meet in it where a row acts on both.
+    fn find_blocks(&mut self, rows: &[StoredRow]) {
+        let bodies = self.bodies();
+        self.acts_on.clear();
+        self.coordinate_start.clear();
+        self.coordinate_start.resize(bodies, u32::MAX);
+        (self.coordinate_cost, self.scatter_all_cost, self.coordinate_factor_cost) = (0.0, 0.0, 0.0);
+        for p in 0..self.order.len() {
+            let [a, b] = rows[self.order[p] as usize].sides;
+            let mut size = 0;
+            for side in [a, b].iter().filter(|side| side.is_some()) {
+                self.coordinate_start[side.body as usize] = 0;
+                self.coordinate_cost += f64::from(side.size) * f64::from(side.size);
+                size += side.size;
+            }
+            self.acts_on.push(if a.is_some() && a.body == b.body { a.size } else { size });
+            self.scatter_all_cost += self.scatter_cost(p);
+        }
+        self.blocks.clear();
+        self.block_of.clear();
+        let mut start = 0;
+        for &body in &self.queue {
+            let body = body as usize;
+            if self.coordinate_start[body] == u32::MAX {
+                continue;
+            }
+            self.coordinate_start[body] = start;
+            let size = (self.velocity_start[body + 1] - self.velocity_start[body]) as u32;
+            let block = self.blocks.len() as u32;
+            self.block_of.resize((start + size) as usize, block);
+            self.blocks.push(Block { start, size, first: start, first_block: block, stride: 0, offset: 0 });
+            start += size;
+        }
+        self.coordinates = start as usize;
+        for row in rows {
+            let [a, b] = row.sides;
+            // A body without velocity components has no coordinate to start at.
+            if !a.is_some() || !b.is_some() || a.size == 0 || b.size == 0 {
+                continue;
+            }
+            let (a, b) = (self.coordinate_start[a.body as usize], self.coordinate_start[b.body as usize]);
+            let (low, high) = (self.block_of[a.min(b) as usize], self.block_of[a.max(b) as usize]);
+            let first = &mut self.blocks[high as usize].first_block;
+            *first = low.min(*first);
+        }
+        let mut offset = 0;
+        for i in 0..self.blocks.len() {
+            let first = self.blocks[self.blocks[i].first_block as usize].start;
+            let block = &mut self.blocks[i];
+            block.first = first;
+            block.stride = block.start + block.size - first;
+            block.offset = offset;
+            offset += block.size as usize * block.stride as usize;
+            for width in block.stride - block.size + 1..=block.stride {
+                self.coordinate_factor_cost += f64::from(width) * f64::from(width) / 2.0;
+            }
+        }
+        self.coordinate_entries = offset;
+    }
+}
+
+/// The body on which all rows act, each on one side, and its velocity components.
+fn lone_body(rows: &[StoredRow]) -> Option<(usize, u32)> {
+    let side = |row: &StoredRow| match row.sides {
+        [a, b] if a.is_some() && !b.is_some() => Some((a.body, a.size)),
+        [a, b] if b.is_some() && !a.is_some() => Some((b.body, b.size)),
+        _ => None,
+    };
+    let first = rows.first().and_then(side)?;
+    rows.iter().all(|row| side(row) == Some(first)).then_some((first.0 as usize, first.1))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mlcp::{Row, Side};
+
+    #[test]
+    fn a_lone_body_is_arranged_like_one_of_many() {
+        let mut rows = Rows::default();
+        for k in 0..7 {
+            let side = Some(Side { body: 1, jacobian: &[1.0; 5], response: &[1.0; 5] });
+            rows.add(&Row { sides: if k % 2 == 0 { [side, None] } else { [None, side] }, ..Row::default() });
+        }
+        let arrange = |rows: &Rows, lone: bool| {
+            let mut layout = Layout::default();
+            layout.set_bodies(1, [5, 3].into_iter());
+            if lone {
+                layout.arrange(rows);
+            } else {
+                layout.arrange_all(rows);
+            }
+            (layout.queue, layout.neighbours, layout.neighbour_start, layout.body_place, layout.scratch) =
+                Default::default();
+            format!("{layout:?}")
+        };
+        assert_eq!(arrange(&rows, true), arrange(&rows, false));
+    }
+}

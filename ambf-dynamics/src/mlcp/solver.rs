@@ -1,0 +1,462 @@
+//! The solver: its memory, the order of its methods, and what it returns.
+
+use super::free_factor::FreeFactor;
+use super::iterate::{Iterate, Judgement, Variable};
+use super::layout::Layout;
+use super::newton::Newton;
+use super::problem::{ProblemError, Row, Rows, State};
+
+/// Sweeps of projected Gauss–Seidel that are made whatever the budget is.
+pub(super) const MIN_SWEEPS: u32 = 4;
+/// Most factorisations of block pivoting; where it cycles, more of them do not help.
+pub(super) const MAX_PIVOT_ROUNDS: u32 = 20;
+/// Most factorisations of staggered projections.
+pub(super) const MAX_STAGGER_ROUNDS: u32 = 10 * MAX_PIVOT_ROUNDS;
+/// Share of the largest target that is the tolerance of pivoting, and of the result.
+const FINE: f64 = 1e-9;
+const COARSE: f64 = 1e-6;
+/// Share of the largest target up to which a guess is the solution.
+const RESTING: f64 = 1e-8;
+/// Share of the largest target up to which the residual of a guess is small, and the share of the budget at which block pivoting ends then.
+const NEAR: f64 = 1e-3;
+const NEAR_SHARE: f64 = 0.2;
+/// Passes over the rows that a factorisation and the budget must take for the residual of the guess to be found before it.
+const EXPENSIVE: f64 = 10.0;
+/// Velocity that counts as none at any scale, m/s or rad/s.
+const TINY: f64 = 1e-14;
+/// Shares of the budget at which block pivoting, staggered projections and subspace minimisation end. What is left goes into sweeps.
+const PIVOT_SHARE: f64 = 0.4;
+const STAGGER_SHARE: f64 = 0.6;
+const POLISH_SHARE: f64 = 0.7;
+
+/// Largest work of a solution, in multiplications.
+///
+/// Factorisations are made as long as they fit; what is left goes into sweeps. At least four sweeps are made in any case where no
+/// factorisation fits.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Budget(pub f64);
+
+impl Budget {
+    /// No limit but those on the number of iterations.
+    pub const UNLIMITED: Self = Self(f64::INFINITY);
+}
+
+/// What a solution is worth.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Outcome {
+    /// Complementarity holds to 1e-6 of the largest target.
+    Solved,
+    /// The budget ended, the methods did not converge, or rows without CFM contradict each other. The impulses are the best that were
+    /// found, within their bounds.
+    Approximate {
+        /// Largest violation of complementarity, m/s or rad/s.
+        residual: f64,
+    },
+    /// A number of the problem is not finite (or overflows). All impulses and velocities are 0.
+    NotFinite,
+}
+
+/// What the last solution took.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Statistics {
+    /// Rows of the problem.
+    pub rows: u32,
+    /// Factorisations, whole or in part.
+    pub factorisations: u32,
+    /// Rows that changed sides, summed over all iterations.
+    pub pivots: u32,
+    /// Sweeps of projected Gauss–Seidel.
+    pub sweeps: u32,
+    /// Multiplications, without those of the caller's Jacobians and responses.
+    pub multiplications: f64,
+    /// Largest violation of complementarity of the result, m/s or rad/s; infinite for [`Outcome::NotFinite`].
+    pub residual: f64,
+}
+
+/// A solution, by rows and bodies.
+#[derive(Debug, Default)]
+struct Solution {
+    impulses: Vec<f64>,
+    states: Vec<State>,
+    velocities: Vec<f64>,
+}
+
+impl Solution {
+    fn resize(&mut self, rows: usize, velocities: usize) {
+        self.impulses.resize(rows, 0.0);
+        self.states.resize(rows, State::Free);
+        self.velocities.resize(velocities, 0.0);
+        self.reset();
+    }
+
+    fn reset(&mut self) {
+        self.impulses.fill(0.0);
+        self.states.fill(State::Free);
+        self.velocities.fill(0.0);
+    }
+
+    fn take(&mut self, iterate: &Iterate, layout: &Layout) {
+        for (row, &p) in iterate.variables.iter().zip(&layout.order) {
+            self.impulses[p as usize] = row.x;
+            self.states[p as usize] = row.state;
+        }
+        self.velocities.copy_from_slice(&iterate.velocities);
+    }
+}
+
+/// Best impulses so far, by place.
+#[derive(Debug)]
+struct Best {
+    /// That without energy gained comes first, then that of the smaller residual.
+    judgement: Judgement,
+    x: Vec<(f64, State)>,
+    /// Whether the iterate is it.
+    is_current: bool,
+}
+
+impl Default for Best {
+    fn default() -> Self {
+        Self { judgement: Judgement::NOT_FINITE, x: Vec::new(), is_current: false }
+    }
+}
+
+/// Solver of mixed linear complementarity problems; see the [module](super).
+///
+/// Fill it by [`clear`](Self::clear), [`add_row`](Self::add_row) and [`prepare`](Self::prepare), then call [`solve`](Self::solve) or
+/// [`solve_positions`](Self::solve_positions) or both, in any order. It keeps memory between problems, but nothing that changes a result.
+#[derive(Debug, Default)]
+pub struct Solver {
+    pub(super) rows: Rows,
+    pub(super) layout: Layout,
+    pub(super) factor: FreeFactor,
+    pub(super) iterate: Iterate,
+    pub(super) newton: Newton,
+    /// Impulses of the free rows, in the order of `factor.places()`.
+    pub(super) unknowns: Vec<f64>,
+    /// By how much the equations of the free rows are missed, in the same order.
+    pub(super) errors: Vec<f64>,
+    /// Impulses before a subspace minimisation, by place.
+    pub(super) saved: Vec<f64>,
+    /// Largest error of a velocity that counts as none, m/s or rad/s.
+    pub(super) tolerance: f64,
+    /// Residual of a solution, m/s or rad/s.
+    pub(super) accepted: f64,
+    /// The largest target that counts, m/s or rad/s.
+    pub(super) scale: f64,
+    /// What of the budget is for factorisations, in multiplications.
+    pub(super) direct: f64,
+    /// The smallest tolerance of the problem.
+    pub(super) fine: f64,
+    pub(super) statistics: Statistics,
+    guess: Vec<(f64, State)>,
+    best: Best,
+    velocity: Solution,
+    position: Solution,
+    prepared: bool,
+}
+
+impl Solver {
+    /// A solver without rows.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Removes all rows. Memory is kept.
+    pub fn clear(&mut self) {
+        self.rows.clear();
+        self.prepared = false;
+    }
+
+    /// Adds a row, whose numbers are copied, and returns its index.
+    pub fn add_row(&mut self, row: &Row) -> usize {
+        self.prepared = false;
+        self.rows.add(row)
+    }
+
+    /// Orders the rows. Bodies below `rigid` are rigid and have velocities of 6 components; then come the articulations, with
+    /// velocities of the given sizes. Returns the multiplications that a factorisation of all rows would take.
+    ///
+    /// # Errors
+    /// Where a row names a body or row that does not exist, or has a Jacobian of the wrong size. The problem can't be solved then: solving
+    /// it gives [`Outcome::NotFinite`].
+    pub fn prepare(&mut self, rigid: usize, articulations: &[usize]) -> Result<f64, ProblemError> {
+        self.prepare_with(rigid, articulations.iter().copied())
+    }
+
+    pub(super) fn prepare_with(
+        &mut self,
+        rigid: usize,
+        articulations: impl Iterator<Item = usize>,
+    ) -> Result<f64, ProblemError> {
+        self.prepared = false;
+        self.layout.set_bodies(rigid, articulations);
+        let velocities = self.layout.velocity_start[self.layout.bodies()];
+        self.velocity.resize(self.rows.rows.len(), velocities);
+        self.position.resize(self.rows.rows.len(), velocities);
+        self.rows.check(&self.layout.velocity_start)?;
+        self.layout.arrange(&self.rows);
+        self.factor.set_rows(&self.rows, &self.layout);
+        self.prepared = true;
+        Ok(self.layout.least_factor_cost())
+    }
+
+    /// Solves for the impulses that give the bodies the wanted velocities.
+    pub fn solve(&mut self, budget: Budget) -> Outcome {
+        self.velocity.reset();
+        if self.begin() {
+            for (p, &row) in self.layout.order.iter().enumerate() {
+                let row = &self.rows.rows[row as usize];
+                self.iterate.variables.push(Variable::of_velocity(row, &self.layout, self.factor.diagonal()[p]));
+            }
+        }
+        let outcome = self.run(budget);
+        if outcome != Outcome::NotFinite {
+            self.velocity.take(&self.iterate, &self.layout);
+        }
+        outcome
+    }
+
+    /// Solves for pseudo-impulses that correct positions, on the same rows and matrix.
+    ///
+    /// Rows without `in_positions` get no impulse. Of the bounds of the others only the signs count: rows that can
+    /// push both ways are unbounded, unilateral ones have impulses ≥ 0 or ≤ 0. Rows of friction whose normal row has a target above 0 resist tangential
+    /// pseudo-velocities softly (CFM of 0.1 of the diagonal): light bodies would else be squeezed out between heavy ones. Targets are `targets`, one a row in the order of
+    /// [`add_row`](Self::add_row), or the rows' own `position_target`; `states` is a guess of the active set, by default every row free.
+    ///
+    /// CFM is `cfm_share` of the diagonal (1e-4 is a good value), or that of the row or its `position_cfm` if one is larger. It makes the result the best
+    /// compromise between rows that contradict each other: kinetic energy is at most `Σ target² / (2 cfm)`.
+    pub fn solve_positions(
+        &mut self,
+        targets: Option<&[f64]>,
+        states: Option<&[State]>,
+        cfm_share: f64,
+        budget: Budget,
+    ) -> Outcome {
+        let target = |row: usize| targets.map(|targets| targets.get(row).copied().unwrap_or(0.0));
+        let guess = |row: usize| states.and_then(|states| states.get(row).copied()).unwrap_or_default();
+        self.solve_positions_with(target, guess, cfm_share, budget)
+    }
+
+    /// The same with a target, if not the row's own, and a guess for each row.
+    pub(super) fn solve_positions_with(
+        &mut self,
+        target: impl Fn(usize) -> Option<f64>,
+        guess: impl Fn(usize) -> State,
+        cfm_share: f64,
+        budget: Budget,
+    ) -> Outcome {
+        self.position.reset();
+        if self.begin() {
+            for (p, &index) in self.layout.order.iter().enumerate() {
+                let row = &self.rows.rows[index as usize];
+                let of_target = row.friction.map_or(index as usize, |friction| friction.normal);
+                let target = target(of_target).unwrap_or(self.rows.rows[of_target].position_target);
+                let state = guess(index as usize);
+                let diagonal = self.factor.diagonal()[p];
+                let variable = Variable::of_position(row, &self.layout, diagonal, cfm_share, target, state);
+                self.iterate.variables.push(variable);
+            }
+        }
+        let outcome = self.run(budget);
+        if outcome != Outcome::NotFinite {
+            self.position.take(&self.iterate, &self.layout);
+        }
+        outcome
+    }
+
+    /// Impulses of the last [`solve`](Self::solve), N·s or N·m·s, one a row.
+    pub fn impulses(&self) -> &[f64] {
+        &self.velocity.impulses
+    }
+
+    /// Active set of the last [`solve`](Self::solve), one a row.
+    pub fn states(&self) -> &[State] {
+        &self.velocity.states
+    }
+
+    /// Changes of the velocities of all bodies by the last [`solve`](Self::solve), m/s and rad/s, one body after the other: rigid body `b`
+    /// from `6 b` on; see [`velocity_start`](Self::velocity_start).
+    pub fn velocities(&self) -> &[f64] {
+        &self.velocity.velocities
+    }
+
+    /// Pseudo-impulses of the last [`solve_positions`](Self::solve_positions), one a row.
+    pub fn position_impulses(&self) -> &[f64] {
+        &self.position.impulses
+    }
+
+    /// Active set of the last [`solve_positions`](Self::solve_positions), one a row: the guess for the next.
+    pub fn position_states(&self) -> &[State] {
+        &self.position.states
+    }
+
+    /// Pseudo-velocities of the last [`solve_positions`](Self::solve_positions), like [`velocities`](Self::velocities).
+    pub fn position_velocities(&self) -> &[f64] {
+        &self.position.velocities
+    }
+
+    /// Where the velocity of each body begins, and the end of the last one. Empty before the first [`prepare`](Self::prepare).
+    pub fn velocity_start(&self) -> &[usize] {
+        &self.layout.velocity_start
+    }
+
+    /// What the last solution took.
+    pub fn statistics(&self) -> Statistics {
+        self.statistics
+    }
+
+    fn begin(&mut self) -> bool {
+        self.statistics = Statistics { rows: self.rows.rows.len() as u32, ..Statistics::default() };
+        if self.prepared {
+            self.iterate.begin(&self.layout);
+        }
+        self.prepared
+    }
+
+    fn run(&mut self, Budget(budget): Budget) -> Outcome {
+        self.statistics.residual = f64::INFINITY;
+        if !self.prepared || self.rows.not_finite || !self.iterate.variables.iter().all(Variable::is_finite) {
+            return Outcome::NotFinite;
+        }
+        // A row that need not move, like a contact that opens, does not set the scale.
+        let counts = |row: &&Variable| row.is_friction() || row.low < 0.0 || row.target > 0.0;
+        let scale =
+            self.iterate.variables.iter().filter(counts).fold(0.0, |scale: f64, row| scale.max(row.target.abs()));
+        let accepted = COARSE * scale + TINY;
+        self.guess.clear();
+        self.guess.extend(self.iterate.variables.iter().map(|row| (row.x, row.state)));
+        self.best.judgement = Judgement::NOT_FINITE;
+        self.find(if budget.is_nan() { 0.0 } else { budget }, scale);
+        if self.best.judgement.residual == f64::INFINITY {
+            return Outcome::NotFinite;
+        }
+        self.load_best();
+        if self.best.judgement.residual > accepted && self.best.judgement.gains_energy {
+            self.take_energy_out();
+        }
+        let residual = self.best.judgement.residual;
+        self.statistics.residual = residual;
+        if residual <= accepted {
+            Outcome::Solved
+        } else {
+            Outcome::Approximate { residual }
+        }
+    }
+
+    /// Tries one method after the other until the result is accurate or the budget ends.
+    fn find(&mut self, budget: f64, scale: f64) {
+        // The first bounds of friction come from the guess of the normal impulses.
+        self.iterate.bound_frictions();
+        let accepted = COARSE * scale + TINY;
+        self.accepted = accepted;
+        self.newton.reset(self.iterate.variables.len());
+        self.scale = scale;
+        self.fine = FINE * scale + TINY;
+        let direct = budget - f64::from(MIN_SWEEPS) * self.sweep_cost();
+        self.direct = direct;
+        let is_near = self.is_guess_near();
+        if self.best.judgement.residual <= RESTING * scale + TINY {
+            return;
+        }
+        if !self.assemble(direct) {
+            self.tolerance = accepted;
+            self.restore_guess();
+            self.sweeps(budget);
+            self.record();
+            return;
+        }
+        self.tolerance = self.fine;
+        let converged = self.pivot(if is_near { NEAR_SHARE } else { PIVOT_SHARE } * direct);
+        // The velocities are those of the impulses at hand.
+        let changed = self.iterate.clamp();
+        if self.record_clamped(changed) <= accepted {
+            return;
+        }
+        self.tolerance = accepted;
+        if converged {
+            self.refine();
+            if self.record() <= accepted {
+                return;
+            }
+        }
+        self.restore_guess();
+        if is_near {
+            // Sweeps move the guess on, where projections that need not converge leave it.
+            self.sweeps(budget);
+        } else {
+            self.staggered_projections(STAGGER_SHARE * direct);
+            if self.record() <= accepted {
+                return;
+            }
+            self.restore_guess();
+            self.pgs_polish(budget, POLISH_SHARE * direct);
+        }
+        self.record();
+    }
+
+    /// Judges the guess, which is the solution where bodies rest or contacts open, and then the best so far. Returns whether it is a result for
+    /// want of a better one, like that of a pile at rest of which a few contacts change. Not asked of problems that are solved as fast as
+    /// that is found, nor where the budget is small.
+    fn is_guess_near(&mut self) -> bool {
+        let expensive = self.layout.least_factor_cost() >= EXPENSIVE * self.layout.pass_cost;
+        // Joints have no guess.
+        if self.direct < EXPENSIVE * self.layout.pass_cost
+            || !expensive && self.iterate.variables.iter().any(Variable::is_unbounded)
+        {
+            return false;
+        }
+        let residual = self.record();
+        self.load_guess();
+        self.best.is_current = false;
+        expensive && residual <= NEAR * self.scale
+    }
+
+    /// Brings the impulses within their bounds, keeps them if they are the best so far, and returns their residual.
+    pub(super) fn record(&mut self) -> f64 {
+        self.iterate.clamp();
+        self.record_clamped(true)
+    }
+
+    /// The same with impulses within their bounds, and velocities that are new to be found or not.
+    fn record_clamped(&mut self, accumulate: bool) -> f64 {
+        if accumulate {
+            self.iterate.accumulate(&self.rows);
+            self.statistics.multiplications += self.layout.pass_cost;
+        }
+        let judgement = self.iterate.judge(&self.rows);
+        let residual = judgement.residual;
+        self.statistics.multiplications += self.layout.pass_cost;
+        self.best.is_current = judgement < self.best.judgement;
+        if self.best.is_current {
+            self.best.judgement = judgement;
+            self.best.x.clear();
+            self.best.x.extend(self.iterate.variables.iter().map(|row| (row.x, row.state)));
+        }
+        residual
+    }
+
+    pub(super) fn best_gains_energy(&self) -> bool {
+        self.best.judgement.gains_energy
+    }
+
+    pub(super) fn load_best(&mut self) {
+        if self.best.is_current {
+            return;
+        }
+        for (row, &(x, state)) in self.iterate.variables.iter_mut().zip(&self.best.x) {
+            (row.x, row.state) = (x, state);
+        }
+        self.iterate.accumulate(&self.rows);
+    }
+
+    fn load_guess(&mut self) {
+        for (row, &(x, state)) in self.iterate.variables.iter_mut().zip(&self.guess) {
+            (row.x, row.state) = (x, state);
+        }
+    }
+
+    fn restore_guess(&mut self) {
+        self.load_guess();
+        self.iterate.clamp();
+    }
+}
