@@ -9,22 +9,30 @@ const UNBOUNDED: f64 = 1e9;
 
 /// CFM of tangential rows in the problem of positions, as a share of the diagonal.
 const STICKING: f64 = 0.1;
-/// Share of the work of the single rows up to which their sum is an error of rounding.
-const ROUNDED: f64 = 1e-9;
 
 /// What impulses are worth.
-#[derive(Debug, Clone, Copy, PartialEq, PartialOrd)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Judgement {
-    /// Whether `xᵀ (A + cfm) x / 2 - targetᵀ x` is above 0, its value without impulses. A solution is never above, whatever friction
-    /// does; other impulses may be, and then add energy to the bodies.
-    pub gains_energy: bool,
     /// Largest violation of complementarity as a velocity: `d |x - clamp(x - (J v + cfm x - target) / d)|` with `d` the diagonal. Rows
     /// that no impulse moves do not count. Infinite where a number is not finite.
     pub residual: f64,
+    /// `xᵀ (A + cfm) x / 2 - targetᵀ x`, J: 0 without impulses.
+    pub objective: f64,
 }
 
 impl Judgement {
-    pub const NOT_FINITE: Self = Self { gains_energy: true, residual: f64::INFINITY };
+    pub const NOT_FINITE: Self = Self { residual: f64::INFINITY, objective: f64::INFINITY };
+
+    /// Solutions, whose residual is at most `accepted`, are judged by that. Of approximations the one of the lower objective leaves less kinetic
+    /// energy that should not be there: a small residual may be a whole column of bodies in free fall, a large one a single light body.
+    pub fn is_better_than(&self, other: &Self, accepted: f64) -> bool {
+        let is_solved = self.residual <= accepted || other.residual <= accepted;
+        if is_solved || self.objective == other.objective {
+            self.residual < other.residual
+        } else {
+            self.objective < other.objective
+        }
+    }
 }
 
 /// What one row acts on: `size` components of the velocities from `velocity` on; its Jacobian is `data[offset..]`.
@@ -131,6 +139,11 @@ impl Variable {
 
     pub fn is_friction(&self) -> bool {
         self.normal.is_some()
+    }
+
+    /// Of friction: the place of the normal impulse.
+    pub fn normal(&self) -> Option<usize> {
+        self.normal.map(|normal| normal as usize)
     }
 
     pub fn is_unbounded(&self) -> bool {
@@ -303,7 +316,7 @@ impl Iterate {
 
     /// Judges the impulses at hand, with the velocities that they give.
     pub fn judge(&self, rows: &Rows) -> Judgement {
-        let (mut residual, mut energy, mut scale): (f64, f64, f64) = (0.0, 0.0, 0.0);
+        let (mut residual, mut objective): (f64, f64) = (0.0, 0.0);
         for row in self.variables.iter().filter(|row| row.diagonal > 0.0) {
             let excess = self.excess(rows, row);
             let whole = row.x * row.diagonal;
@@ -313,11 +326,10 @@ impl Iterate {
                 return Judgement::NOT_FINITE;
             }
             residual = residual.max(moved);
-            energy += row.x * (excess - row.target) / 2.0;
-            scale += (row.x * row.target).abs();
+            objective += row.x * (excess - row.target) / 2.0;
         }
         if are_finite(&self.velocities) && self.variables.iter().all(|row| row.x.is_finite()) {
-            Judgement { residual, gains_energy: energy > ROUNDED * scale }
+            Judgement { residual, objective }
         } else {
             Judgement::NOT_FINITE
         }

@@ -31,6 +31,7 @@
 //! With friction, solutions need neither exist nor be unique (Painlevé). The pyramid of friction has the directions of the rows.
 
 mod coordinates;
+mod dissipate;
 mod factor;
 pub mod ffi;
 mod free;

@@ -22,12 +22,15 @@ const NEAR: f64 = 1e-3;
 const NEAR_SHARE: f64 = 0.2;
 /// Passes over the rows that a factorisation and the budget must take for the residual of the guess to be found before it.
 const EXPENSIVE: f64 = 10.0;
+/// Share of the largest target from which a residual is poor.
+const POOR: f64 = 1e-2;
 /// Velocity that counts as none at any scale, m/s or rad/s.
 const TINY: f64 = 1e-14;
-/// Shares of the budget at which block pivoting, staggered projections and subspace minimisation end. What is left goes into sweeps.
+/// Shares of the budget at which block pivoting, staggered projections, the factorisations of subspace minimisation and its sweeps end.
 const PIVOT_SHARE: f64 = 0.4;
 const STAGGER_SHARE: f64 = 0.6;
 const POLISH_SHARE: f64 = 0.7;
+const SWEEP_SHARE: f64 = 0.8;
 
 /// Largest work of a solution, in multiplications.
 ///
@@ -107,7 +110,6 @@ impl Solution {
 /// Best impulses so far, by place.
 #[derive(Debug)]
 struct Best {
-    /// That without energy gained comes first, then that of the smaller residual.
     judgement: Judgement,
     x: Vec<(f64, State)>,
     /// Whether the iterate is it.
@@ -135,8 +137,10 @@ pub struct Solver {
     pub(super) unknowns: Vec<f64>,
     /// By how much the equations of the free rows are missed, in the same order.
     pub(super) errors: Vec<f64>,
-    /// Impulses before a subspace minimisation, by place.
+    /// Impulses before a method that may fail, by place.
     pub(super) saved: Vec<f64>,
+    /// Bounds of all rows while some are held, by place.
+    pub(super) bounds: Vec<(f64, f64)>,
     /// Largest error of a velocity that counts as none, m/s or rad/s.
     pub(super) tolerance: f64,
     /// Residual of a solution, m/s or rad/s.
@@ -331,8 +335,9 @@ impl Solver {
             return Outcome::NotFinite;
         }
         self.load_best();
-        if self.best.judgement.residual > accepted && self.best.judgement.gains_energy {
-            self.take_energy_out();
+        if self.best.judgement.residual > accepted.max(POOR * scale) {
+            self.dissipate(budget);
+            self.load_best();
         }
         let residual = self.best.judgement.residual;
         self.statistics.residual = residual;
@@ -389,7 +394,7 @@ impl Solver {
                 return;
             }
             self.restore_guess();
-            self.pgs_polish(budget, POLISH_SHARE * direct);
+            self.pgs_polish(SWEEP_SHARE * budget, POLISH_SHARE * direct);
         }
         self.record();
     }
@@ -424,28 +429,28 @@ impl Solver {
             self.statistics.multiplications += self.layout.pass_cost;
         }
         let judgement = self.iterate.judge(&self.rows);
-        let residual = judgement.residual;
         self.statistics.multiplications += self.layout.pass_cost;
-        self.best.is_current = judgement < self.best.judgement;
+        self.best.is_current = judgement.is_better_than(&self.best.judgement, self.accepted);
         if self.best.is_current {
             self.best.judgement = judgement;
             self.best.x.clear();
             self.best.x.extend(self.iterate.variables.iter().map(|row| (row.x, row.state)));
         }
-        residual
+        judgement.residual
     }
 
-    pub(super) fn best_gains_energy(&self) -> bool {
-        self.best.judgement.gains_energy
+    pub(super) fn best_objective(&self) -> f64 {
+        self.best.judgement.objective
     }
 
-    pub(super) fn load_best(&mut self) {
+    fn load_best(&mut self) {
         if self.best.is_current {
             return;
         }
         for (row, &(x, state)) in self.iterate.variables.iter_mut().zip(&self.best.x) {
             (row.x, row.state) = (x, state);
         }
+        self.iterate.clamp();
         self.iterate.accumulate(&self.rows);
     }
 

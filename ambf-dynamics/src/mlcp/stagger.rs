@@ -42,7 +42,7 @@ impl Solver {
     }
 
     /// Block pivoting within fixed bounds, as long as fewer and fewer rows are wrong.
-    fn block_pivot(&mut self, rounds: &mut u32, limit: f64) -> bool {
+    pub(super) fn block_pivot(&mut self, rounds: &mut u32, limit: f64) -> bool {
         let mut progress = Progress::new(PATIENCE);
         while self.next_factor(rounds, limit) {
             self.take_free();

@@ -14,8 +14,6 @@ const POLISH_PATIENCE: u32 = 3;
 const SWEEPS: u32 = 3;
 /// Most factorisations of one subspace minimisation.
 const INNER_ROUNDS: u32 = 3;
-/// Most sweeps, beyond the budget, that take energy out of a bad approximation.
-const MAX_DISSIPATING_SWEEPS: u32 = 20;
 /// Most subspace minimisations.
 const MAX_POLISH_ROUNDS: u32 = 20;
 
@@ -45,27 +43,22 @@ impl Solver {
         self.set_states();
     }
 
-    /// More sweeps from the impulses at hand, with their velocities, until the bodies gain no energy by them. Where they do not suffice,
-    /// all impulses are multiplied by the one factor with which they do the most good, which keeps them within their bounds.
-    pub(super) fn take_energy_out(&mut self) {
-        for _ in 0..MAX_DISSIPATING_SWEEPS {
-            self.sweep();
-            self.set_states();
-            self.record();
-            if !self.best_gains_energy() {
-                return;
-            }
-        }
-        self.load_best();
-        self.iterate.scale_down(&self.rows);
-        self.record();
+    /// One sweep. Returns the largest change, as a velocity.
+    pub(super) fn sweep(&mut self) -> f64 {
+        self.sweep_with::<true>()
     }
 
-    /// One sweep. Returns the largest change, as a velocity.
-    fn sweep(&mut self) -> f64 {
+    /// One sweep within the bounds that friction has, by which [`energy`](super::iterate::Iterate::energy) never grows.
+    pub(super) fn sweep_within_bounds(&mut self) {
+        self.sweep_with::<false>();
+    }
+
+    fn sweep_with<const BOUNDS_FOLLOW: bool>(&mut self) -> f64 {
         let mut largest: f64 = 0.0;
         for p in 0..self.iterate.variables.len() {
-            self.iterate.bound_friction(p);
+            if BOUNDS_FOLLOW {
+                self.iterate.bound_friction(p);
+            }
             let row = &self.iterate.variables[p];
             if row.diagonal <= 0.0 {
                 continue;
