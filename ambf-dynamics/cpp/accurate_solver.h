@@ -106,6 +106,8 @@ class AccurateSolver : public Base {
   struct JointError {
     // Velocity that would remove the error of position in this sub-step, bounded, m/s or rad/s.
     btScalar correction = 0;
+    // Velocity that is asked for beside rest, m/s or rad/s.
+    btScalar aim = 0;
     bool is_geometric = false;
   };
 
@@ -160,7 +162,7 @@ class AccurateSolver : public Base {
                                        : (is_limit ? MAX_RETURN_SPEED : MAX_CORRECTION_SPEED);
       // Joints of the profile have the ERP of the world.
       if (!is_limit) note_error(target * h / info.m_erp, is_angular);
-      joint_errors_[k] = {std::max(-most, std::min(most, is_limit ? target - kept : target)), true};
+      joint_errors_[k] = {std::max(-most, std::min(most, is_limit ? target - kept : target)), kept, true};
       row.m_rhs -= (target - kept) * row.m_jacDiagABInv;
     }
   }
@@ -295,6 +297,7 @@ class AccurateSolver : public Base {
   void bounce(const btContactSolverInfo &info) {
     btConstraintArray &contacts = this->m_tmpSolverContactConstraintPool;
     const btScalar h = info.m_timeStep;
+    bounces_.assign(contacts.size(), 0);
     for (int i = 0; i < contacts.size(); ++i) {
       btSolverConstraint &row = contacts[i];
       const auto &point = *static_cast<const btManifoldPoint *>(row.m_originalContactPoint);
@@ -310,6 +313,7 @@ class AccurateSolver : public Base {
           continue;
         }
         const btScalar target = leaving(before, gap, pull, h, point.m_combinedRestitution);
+        bounces_[i] = target;
         row.m_rhs = (target - before - forced) * row.m_jacDiagABInv;
       } else if (push > info.m_restitutionVelocityThreshold) {
         // The depth reached before the bounce is left behind without adding to its velocity.
@@ -318,6 +322,10 @@ class AccurateSolver : public Base {
       }
     }
   }
+
+  btScalar bounce_of(const btConstraintArray &, int i) const { return bounces_[i]; }
+  // That of Bullet is not known.
+  static btScalar bounce_of(const btMultiBodyConstraintArray &, int) { return 0; }
 
   // Push-out velocity of contacts that don't bounce.
   template <class Rows>
@@ -402,6 +410,8 @@ class AccurateSolver : public Base {
       AmbMlcpRow row = row_of(joints[i]);
       soften(row, joints[i], settings_.joint_softness);
       row.in_positions = joint_errors_[i].is_geometric;
+      row.is_drive = !joint_errors_[i].is_geometric;
+      row.aim = joint_errors_[i].aim;
       row.position_target = joint_errors_[i].correction;
       add(row, MIN_CORRECTION, row.low == 0 || row.high == 0);
     }
@@ -425,6 +435,7 @@ class AccurateSolver : public Base {
       AmbMlcpRow row = row_of(joints[i]);
       // Rows of the articulation's own joints are soft enough.
       const auto &owner = *static_cast<const EngineRows *>(joints[i].m_orgConstraint);
+      row.is_drive = 1;
       row.in_positions = joints[i].m_jacDiagABInv > 0 && owner.is_geometric(joints[i].m_orgDofIndex);
       note_error(owner.error(joints[i].m_orgDofIndex), joints[i].m_orgDofIndex >= 3);
       row.position_target = row.in_positions ? joints[i].m_rhsPenetration / joints[i].m_jacDiagABInv : 0;
@@ -574,6 +585,7 @@ class AccurateSolver : public Base {
       row.state = opens || (point.m_lifeTime > 1 && row.x == 0) ? AMB_MLCP_LOW : AMB_MLCP_FREE;
       const btScalar gap = point.getDistance() + info.m_linearSlop;
       deepest_ = std::max(deepest_, -gap);
+      row.aim = gap > 0 ? -gap / info.m_timeStep : bounce_of(rows, i);
       row.in_positions = rows[i].m_jacDiagABInv > 0 && row.high > 0;
       row.position_target = gap > 0 ? -gap / info.m_timeStep
                             : row.in_positions ? rows[i].m_rhsPenetration / rows[i].m_jacDiagABInv : 0;
@@ -697,6 +709,8 @@ class AccurateSolver : public Base {
   Vector<Tree> trees_;
   Vector<int> tree_sizes_;
   Vector<btVector3> friction_before_;
+  // Velocity with which each contact of rigid bodies is left, m/s.
+  Vector<btScalar> bounces_;
 };
 
 #endif

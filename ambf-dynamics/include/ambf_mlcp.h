@@ -40,8 +40,9 @@ typedef struct AmbMlcpRow {
   /* Row of the Jacobian, and change of velocity by a unit impulse M^-1 J^T, of each side: `size` numbers, copied by add_row. */
   const double *jacobian[2];
   const double *response[2];
-  /* Wanted change of velocity and wanted pseudo-velocity of solve_positions, m/s or rad/s. */
-  double target, position_target;
+  /* Wanted change of velocity; the part of it that asks for another velocity than 0, such as that of restitution, and is given up where it
+   * adds energy; and wanted pseudo-velocity of solve_positions, m/s or rad/s. */
+  double target, aim, position_target;
   /* Velocity given up per unit of impulse, 1/kg or 1/(kg m^2), >= 0; and that in solve_positions if it is larger. */
   double cfm, position_cfm;
   /* Bounds of the impulse, N s or N m s; beyond 1e9 there are none. Friction replaces them. */
@@ -54,6 +55,8 @@ typedef struct AmbMlcpRow {
   double x;
   /* Whether the row takes part in solve_positions; rows of friction never do. */
   int in_positions;
+  /* Whether the row is a drive, which may do work. */
+  int is_drive;
 } AmbMlcpRow;
 
 /* What the last solution took. */

@@ -29,6 +29,8 @@ pub struct AmbMlcpRow {
     pub response: [*const f64; 2],
     /// See [`Row::target`].
     pub target: f64,
+    /// See [`Row::aim`].
+    pub aim: f64,
     /// See [`Row::position_target`].
     pub position_target: f64,
     /// See [`Row::cfm`].
@@ -51,6 +53,8 @@ pub struct AmbMlcpRow {
     pub x: f64,
     /// See [`Row::in_positions`]; not 0: true.
     pub in_positions: c_int,
+    /// See [`Row::is_drive`]; not 0: true.
+    pub is_drive: c_int,
 }
 
 /// [`Statistics`](super::Statistics) in C.
@@ -199,6 +203,8 @@ unsafe extern "C" fn add_row(solver: *mut Solver, row: *const AmbMlcpRow) -> c_i
         let index = solver.add_row(&Row {
             sides,
             target: row.target,
+            aim: row.aim,
+            is_drive: row.is_drive != 0,
             position_target: row.position_target,
             cfm: row.cfm,
             position_cfm: row.position_cfm,

@@ -57,6 +57,7 @@ fn the_table_of_functions_solves_like_the_solver() {
         jacobian: [JACOBIAN.as_ptr(), none],
         response: [RESPONSE.as_ptr(), none],
         target: 1.0,
+        aim: 0.0,
         position_target: 0.5,
         cfm: 0.0,
         position_cfm: 0.0,
@@ -68,6 +69,7 @@ fn the_table_of_functions_solves_like_the_solver() {
         state: 0,
         x: 0.0,
         in_positions: 1,
+        is_drive: 0,
     };
     let mut statistics = AmbMlcpStatistics::default();
     // SAFETY: the solver is used by this thread only, pointers are read before it is freed, and each row has six numbers.
