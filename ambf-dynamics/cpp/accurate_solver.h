@@ -435,8 +435,9 @@ class AccurateSolver : public Base {
       AmbMlcpRow row = row_of(joints[i]);
       // Rows of the articulation's own joints are soft enough.
       const auto &owner = *static_cast<const EngineRows *>(joints[i].m_orgConstraint);
-      row.is_drive = 1;
-      row.in_positions = joints[i].m_jacDiagABInv > 0 && owner.is_geometric(joints[i].m_orgDofIndex);
+      row.is_drive = !owner.is_geometric(joints[i].m_orgDofIndex);
+      row.aim = row.is_drive ? 0 : owner.aim(joints[i].m_orgDofIndex);
+      row.in_positions = joints[i].m_jacDiagABInv > 0 && !row.is_drive;
       note_error(owner.error(joints[i].m_orgDofIndex), joints[i].m_orgDofIndex >= 3);
       row.position_target = row.in_positions ? joints[i].m_rhsPenetration / joints[i].m_jacDiagABInv : 0;
       row.x = 0;

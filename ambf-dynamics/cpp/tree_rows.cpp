@@ -267,7 +267,8 @@ void TieRows::createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBody
     const btScalar error = i < 3 ? gap[i] : angle[i - 3], most = i < 3 ? MAX_CORRECTION_SPEED : MAX_CORRECTION_RATE;
     errors[i] = error;
     const btScalar target = -error * info.m_erp / info.m_timeStep;
-    if (i < 3) row.m_rhs += motion.linear_target(-linear) * row.m_jacDiagABInv;
+    aims[i] = i < 3 ? motion.linear_target(-linear) : 0;
+    row.m_rhs += aims[i] * row.m_jacDiagABInv;
     row.m_rhsPenetration = std::max(-most, std::min(most, target)) * row.m_jacDiagABInv;
     // The constraint may hold what its articulation cannot move, and redundant rows share the load.
     const btScalar share = 1 / (1 + TIE_SOFTNESS);

@@ -19,6 +19,7 @@ class JointRows : public EngineRows {
   void plan_motors(btScalar h);
   void plan_limits(btScalar h);
   bool is_geometric(int row) const override { return planned[row].source < 0; }
+  btScalar aim(int row) const override { return planned[row].target; }
   WorkKind work_kind(int row) const override {
     const int source = planned[row].source;
     return source < 0 ? WorkKind::Limit : source < tree.dynamics.coordinates ? WorkKind::Motor : WorkKind::Damping;
@@ -83,6 +84,7 @@ class TieRows : public EngineRows {
   void forget();
   bool is_geometric(int) const override { return true; }
   btScalar error(int row) const override { return errors[row]; }
+  btScalar aim(int row) const override { return aims[row]; }
   WorkKind work_kind(int) const override { return WorkKind::Joint; }
   // After the solver's pass over a sub-step of h.
   void write_feedback(btScalar h);
@@ -91,7 +93,7 @@ class TieRows : public EngineRows {
   AmbConstraint &constraint;
   AmbBody &link, &other;
   btTransform frame, other_frame;
-  btScalar errors[6] = {};
+  btScalar errors[6] = {}, aims[6] = {};
 };
 
 // Six rows that drive a link, as those that drive a body do, see drive.h.
