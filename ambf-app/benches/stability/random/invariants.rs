@@ -137,10 +137,11 @@ impl Watch {
 
     /// Before sub-step `n`, when its commands have been given.
     pub fn before(&mut self, simulation: &Simulation, script: &Script, n: u64) {
-        let is_prescribed = |action: &Action| {
-            matches!(action, Action::Twist(..) | Action::Pose(..) | Action::Reset(_) | Action::Hold(..))
-        };
-        self.moved = script.due(n).any(|event| is_prescribed(&event.action));
+        let is_prescribed = |action: &Action| matches!(action, Action::Twist(..) | Action::Pose(..) | Action::Hold(..));
+        // Poses and velocities are followed until all commands have ended.
+        self.moved = n < script.end()
+            && script.events.iter().any(|event| event.first <= n && is_prescribed(&event.action))
+            || script.due(n).any(|event| matches!(event.action, Action::Reset(_)));
         let has_rest = n == script.end();
         if has_rest || script.due(n).any(|event| matches!(event.action, Action::Reset(_))) {
             // Once all commands have ended, nothing of what they might have done is left for later.
