@@ -70,6 +70,8 @@ class AccurateSolver : public Base {
   void convertContacts(btPersistentManifold **manifolds, int n, const btContactSolverInfo &info) override {
     remember_friction(manifolds, n);
     Base::convertContacts(manifolds, n, info);
+    add_torques(this->m_tmpSolverContactFrictionConstraintPool);
+    add_torques(this->m_tmpSolverContactRollingFrictionConstraintPool);
     warm_start_friction(info);
     bounce(info);
     limit_push_out(this->m_tmpSolverContactConstraintPool, info);
@@ -225,6 +227,18 @@ class AccurateSolver : public Base {
         friction_before_.push_back(point.m_appliedImpulseLateral1 * point.m_lateralFrictionDir1 +
                                    point.m_appliedImpulseLateral2 * point.m_lateralFrictionDir2);
       }
+    }
+  }
+
+  // Bullet leaves out what torques do in this sub-step. The velocities along different rows then do not belong to one motion.
+  void add_torques(btConstraintArray &frictions) {
+    for (int i = 0; i < frictions.size(); ++i) {
+      btSolverConstraint &row = frictions[i];
+      const btSolverBody &a = body(row.m_solverBodyIdA), &b = body(row.m_solverBodyIdB);
+      btScalar forced = 0;
+      if (a.m_originalBody) forced += row.m_relpos1CrossNormal.dot(a.m_externalTorqueImpulse);
+      if (b.m_originalBody) forced += row.m_relpos2CrossNormal.dot(b.m_externalTorqueImpulse);
+      row.m_rhs -= forced * row.m_jacDiagABInv;
     }
   }
 
