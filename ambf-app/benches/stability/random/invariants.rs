@@ -284,14 +284,18 @@ fn skew(scene: &Scene, pivot: &Pivot) -> f64 {
     (turn(pivot.parent) * parent).angle(&(turn(pivot.child) * child))
 }
 
-/// Distance of the pivots across the free axis, m.
+/// Distance of the pivots across the free axis, m, for the lever arm of a joint that has not slid.
 fn gap(scene: &Scene, pivot: &Pivot) -> f64 {
     let pose = |body: usize| scene.world.pose(scene.world.bodies()[body]).unwrap_or_default();
     let (parent, child) = (pose(pivot.parent), pose(pivot.child));
     let mut apart = child * pivot.points[1] - parent * pivot.points[0];
+    let mut slide = 0.0;
     if let Some(axis) = pivot.free {
         let axis = parent * axis;
-        apart -= axis * axis.dot(&apart);
+        slide = axis.dot(&apart);
+        apart -= axis * slide;
     }
-    apart.norm()
+    // Where the pivots have slid apart, the lever arm is that much longer.
+    let lever = pivot.lever.max(f64::MIN_POSITIVE);
+    apart.norm() * lever / (lever + slide.abs())
 }
