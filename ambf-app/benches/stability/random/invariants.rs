@@ -38,7 +38,7 @@ struct Pivot {
     initial: f64,
     /// Lever arm: distance of the pivots from the centres of mass, m.
     lever: f64,
-    /// Largest distance since [`SETTLED`], m.
+    /// Largest distance since [`SETTLED`], as a multiple of what is allowed.
     worst: f64,
 }
 
@@ -156,10 +156,12 @@ impl Watch {
         self.work.after(simulation);
         self.judge_energy(simulation);
         let settled = simulation.sim_time() >= SETTLED;
-        for pivot in &mut self.pivots {
-            let gap = gap(scene, pivot);
-            if settled && !self.moved {
-                pivot.worst = pivot.worst.max(gap);
+        if settled && !self.moved {
+            let (misfit, size, step) = (self.misfit, self.size, self.step);
+            for pivot in &mut self.pivots {
+                let lever = pivot.lever.max(0.2 * size);
+                let allowed = 1.5 * misfit + lever * (0.02 + turn(scene, pivot, step).powi(2) / 2.0);
+                pivot.worst = pivot.worst.max(gap(scene, pivot) / allowed);
             }
         }
         if n.is_multiple_of(CONTACT_INTERVAL) {
@@ -210,14 +212,10 @@ impl Watch {
 
     /// What was seen so far.
     pub fn seen(&self) -> Seen {
-        let gap = |pivot: &Pivot| {
-            let allowed = 1.5 * self.misfit + 0.02 * pivot.lever.max(0.2 * self.size);
-            pivot.worst / allowed
-        };
         let depth = 1.5 * self.first_depth + 0.1 * self.size + 2.0 * self.step * self.speed.min(FASTEST);
         Seen {
             energy: self.energy_ratio,
-            gap: self.pivots.iter().map(gap).fold(0.0, f64::max),
+            gap: self.pivots.iter().map(|pivot| pivot.worst).fold(0.0, f64::max),
             depth: self.worst_depth / depth,
             speed: self.speed,
             since: self.since,
@@ -282,6 +280,13 @@ fn skew(scene: &Scene, pivot: &Pivot) -> f64 {
     let Some([parent, child]) = pivot.axes else { return 0.0 };
     let turn = |body: usize| scene.world.pose(scene.world.bodies()[body]).unwrap_or_default().rotation;
     (turn(pivot.parent) * parent).angle(&(turn(pivot.child) * child))
+}
+
+/// Angle by which the bodies turn in a sub-step, rad. Bodies that move along tangents leave a joint by its square, halved, times the lever arm,
+/// before that is corrected.
+fn turn(scene: &Scene, pivot: &Pivot, step: f64) -> f64 {
+    let speed = |body: usize| scene.world.velocity(scene.world.bodies()[body]).map_or(0.0, |(_, spin)| spin.norm());
+    speed(pivot.parent).max(speed(pivot.child)) * step
 }
 
 /// Distance of the pivots across the free axis, m, for the lever arm of a joint that has not slid.
