@@ -1,0 +1,84 @@
+//! Approximations that add no energy.
+//!
+//! Within fixed bounds that contain 0 the objective `xᵀ (A + cfm) x / 2 - targetᵀ x` has a least value of at most 0, and what gets there by
+//! descent never gains energy. The bounds of friction are not fixed, but its impulses can be left out, and then added with normal impulses
+//! that stay: two problems with fixed bounds.
+
+use super::solver::Solver;
+
+/// Sweeps for either problem where it is not solved directly: at least, where the best approximation gains energy, and at most.
+const MIN_SWEEPS: u32 = 4;
+const MAX_SWEEPS: u32 = 10;
+/// Most factorisations for either.
+const MAX_ROUNDS: u32 = 10;
+
+impl Solver {
+    /// Looks for impulses of a lower objective than the best approximation, which is at hand, has. A few sweeps are made beyond the budget where
+    /// that gains energy.
+    pub(super) fn dissipate(&mut self, budget: f64) {
+        let gains_energy = self.best_objective() > 0.0;
+        let has_friction = self.iterate.variables.iter().any(|row| row.is_friction());
+        if !gains_energy && (!has_friction || self.statistics.multiplications + 2.0 * self.sweep_cost() > budget) {
+            return;
+        }
+        let sweeps = if gains_energy { MIN_SWEEPS } else { 0 };
+        self.solve_without_friction(sweeps, budget);
+        self.add_friction(sweeps, budget);
+        self.record();
+    }
+
+    fn solve_without_friction(&mut self, sweeps: u32, budget: f64) {
+        for row in self.iterate.variables.iter_mut().filter(|row| row.is_friction()) {
+            (row.low, row.high, row.x) = (0.0, 0.0, 0.0);
+        }
+        self.iterate.accumulate(&self.rows);
+        self.iterate.scale_down(&self.rows);
+        self.iterate.accumulate(&self.rows);
+        self.minimise_within_bounds(sweeps, budget);
+    }
+
+    /// Friction for the normal impulses at hand.
+    fn add_friction(&mut self, sweeps: u32, budget: f64) {
+        self.iterate.bound_frictions();
+        self.bounds.clear();
+        self.bounds.extend(self.iterate.variables.iter().map(|row| (row.low, row.high)));
+        for p in 0..self.iterate.variables.len() {
+            if let Some(normal) = self.iterate.variables[p].normal() {
+                let row = &mut self.iterate.variables[normal];
+                (row.low, row.high) = (row.x, row.x);
+            }
+        }
+        self.minimise_within_bounds(sweeps, budget);
+        for (row, &(low, high)) in self.iterate.variables.iter_mut().zip(&self.bounds) {
+            (row.low, row.high) = (low, high);
+        }
+        self.set_states();
+    }
+
+    /// Lowers the objective within the bounds, from impulses within them, with their velocities.
+    fn minimise_within_bounds(&mut self, sweeps: u32, budget: f64) {
+        let before = self.iterate.energy(&self.rows);
+        self.saved.clear();
+        self.saved.extend(self.iterate.variables.iter().map(|row| row.x));
+        self.set_states();
+        let mut rounds = MAX_ROUNDS;
+        // Without a factorisation before there is no room for one.
+        if self.statistics.factorisations > 0 && self.block_pivot(&mut rounds, budget) {
+            self.iterate.variables.iter_mut().for_each(|row| row.x = row.clamp(row.x));
+            self.iterate.accumulate(&self.rows);
+            if self.iterate.energy(&self.rows) <= before {
+                return;
+            }
+        }
+        for (row, &x) in self.iterate.variables.iter_mut().zip(&self.saved) {
+            row.x = x;
+        }
+        self.iterate.accumulate(&self.rows);
+        for count in 0..MAX_SWEEPS {
+            if count >= sweeps && self.statistics.multiplications + self.sweep_cost() > budget {
+                return;
+            }
+            self.sweep_within_bounds();
+        }
+    }
+}
