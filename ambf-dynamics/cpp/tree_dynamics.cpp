@@ -308,6 +308,16 @@ btScalar TreeDynamics::internal_energy() const {
   return fixed_base ? whole : std::max(whole - linear_momentum().length2() / (2 * mass()), btScalar(0));
 }
 
+btScalar TreeDynamics::drag_power() const {
+  if (fixed_base) return 0;
+  const btVector3 whole = linear_momentum() / mass();
+  btScalar power = 0;
+  for (size_t i = 0; i < bodies.size(); ++i) {
+    power -= bodies[i].mass * bodies[i].linear_drag * linear[i].dot(linear[i] - whole);
+  }
+  return std::max(power, btScalar(0));
+}
+
 void TreeDynamics::slow_down(btScalar share, Rate &rate) {
   for (btScalar &q : rate.q) q *= share;
   if (fixed_base) return;
@@ -391,7 +401,7 @@ void TreeDynamics::step(btScalar h, const Position &from, const Rate &rate, Posi
   } else {
     move(start_rate);
   }
-  const btScalar kinetic = internal_energy(), fastest = fastest_rotation(start_rate);
+  const btScalar kinetic = internal_energy(), dragged_before = drag_power(), fastest = fastest_rotation(start_rate);
   const btScalar elastic = springs.empty() ? 0 : elastic_energy(from);
   start_origins = origins;
   btScalar twist_before = 0;
@@ -429,7 +439,7 @@ void TreeDynamics::step(btScalar h, const Position &from, const Rate &rate, Posi
     // What moves the centre of mass is no part of the internal energy.
     const btScalar lifted = fixed_base ? 0 : force.dot(moved) / mass();
     work -= lifted;
-    work += h / 2 * (twist_before + twist_after);
+    work += h / 2 * (twist_before + twist_after + dragged_before + drag_power());
     for (int k = 0; k < coordinates; ++k) work += pushes[k] * (to.q[k] - from.q[k]);
     const btScalar allowed = kinetic + work, after = internal_energy();
     const btScalar slack = MAX_GROWTH * (kinetic + btFabs(work)) + ROUNDING * (kinetic_energy() + btFabs(lifted));

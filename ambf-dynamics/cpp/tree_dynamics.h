@@ -88,6 +88,8 @@ class TreeDynamics {
   btScalar kinetic_energy() const;
   // The same without that of the motion of the centre of mass where the base is free: energy that does not depend on how fast the whole falls.
   btScalar internal_energy() const;
+  // What drag adds to that, W: bodies of different drag that fall together push each other. Not negative.
+  btScalar drag_power() const;
   // Multiplies the rates, which `move` has set, by `share`, but for the velocity of the centre of mass.
   void slow_down(btScalar share, Rate &rate);
   // Largest angular velocity of a body or rate of a revolute coordinate, rad/s; `move` has set the velocities.
