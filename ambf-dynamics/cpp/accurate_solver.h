@@ -33,6 +33,8 @@ class AccurateSolver : public Base {
   void prepareSolve(int bodies, int manifolds) override {
     Base::prepareSolve(bodies, manifolds);
     ++sub_step_;
+    is_settled_ = !moved_ && (is_settled_ || corrected_);
+    corrected_ = moved_ = false;
   }
 
   btScalar solveGroupCacheFriendlySetup(btCollisionObject **bodies, int n, btPersistentManifold **manifolds, int manifold_count,
@@ -419,6 +421,7 @@ class AccurateSolver : public Base {
     tree_rows_.clear();
     normals_.clear();
     needs_correction_ = is_urgent_ = false;
+    fastest_asked_ = 0;
     const btConstraintArray &joints = this->m_tmpSolverNonContactConstraintPool;
     for (int i = 0; i < joints.size(); ++i) {
       AmbMlcpRow row = row_of(joints[i]);
@@ -488,6 +491,7 @@ class AccurateSolver : public Base {
     if (row.in_positions && !idle) {
       const double asked = std::fabs(row.position_target) / least_correction;
       needs_correction_ = needs_correction_ || asked > 1;
+      fastest_asked_ = std::max(fastest_asked_, std::fabs(row.position_target));
       // Limits and drives that push against them have no other way back.
       is_urgent_ = is_urgent_ || asked > URGENT_CORRECTION || (asked > 1 && is_limit);
     }
@@ -647,11 +651,13 @@ class AccurateSolver : public Base {
     write_velocities();
     seen.penetration = std::max(seen.penetration, double(deepest_));
     deepest_ = 0;
-    // Small errors can wait.
-    if (!needs_correction_ || !(is_urgent_ || sub_step_ % CORRECTION_INTERVAL == 0)) return true;
+    // Small errors can wait, and so can those that no correction removes.
+    const bool is_urgent = is_urgent_ && !is_settled_;
+    if (!needs_correction_ || !(is_urgent || sub_step_ % CORRECTION_INTERVAL == 0)) return true;
     if (mlcp_table->solve_positions(mlcp_, nullptr, position_states_.data(), POSITION_SOFTNESS, budget) !=
         AMB_MLCP_NOT_FINITE) {
       write_corrections(info);
+      corrected_ = true;
       ++seen.position_problems;
     }
     return true;
@@ -684,12 +690,20 @@ class AccurateSolver : public Base {
       btVector3 linear(velocities[0], velocities[1], velocities[2]), angular(velocities[3], velocities[4], velocities[5]);
       const btScalar fastest = std::max(linear.length() / MAX_CORRECTION_SPEED, angular.length() / MAX_CORRECTION_RATE);
       const btScalar share = fastest > 1 ? 1 / fastest : 1;
+      note_correction(linear.length(), angular.length());
       b.internalGetPushVelocity() = linear * share;
       b.internalGetTurnVelocity() = angular * (share * turn);
     }
     if constexpr (HAS_TREES) {
-      for (size_t i = 0; i < trees_.size(); velocities += tree_sizes_[i++]) correct(*trees_[i].tree, velocities);
+      for (size_t i = 0; i < trees_.size(); velocities += tree_sizes_[i++]) {
+        for (int k = 0; k < tree_sizes_[i]; ++k) note_correction(btFabs(velocities[k]), 0);
+        correct(*trees_[i].tree, velocities);
+      }
     }
+  }
+
+  void note_correction(btScalar linear, btScalar angular) {
+    moved_ = moved_ || std::max(linear, angular) > std::max(URGENT_CORRECTION * MIN_CORRECTION, SETTLED * fastest_asked_);
   }
 
   struct Tree {
@@ -717,6 +731,11 @@ class AccurateSolver : public Base {
   // Whether a row asks for a correction of its position, and one that cannot wait.
   bool needs_correction_ = false, is_urgent_ = false;
   unsigned sub_step_ = 0;
+  // Fastest correction that a row of the island asks for, m/s or rad/s.
+  double fastest_asked_ = 0;
+  // Whether positions were corrected in this sub-step, and whether that moved a body or coordinate by more than can wait. If it did not, the
+  // errors that are left contradict each other, and are settled.
+  bool corrected_ = false, moved_ = false, is_settled_ = false;
   // Deepest penetration of a contact.
   btScalar deepest_ = 0;
   // Of the rows that act on articulations, which are the last.

@@ -17,6 +17,8 @@ constexpr btScalar MIN_DEPTH = 1e-5;
 // Errors of joints and contacts below this multiple of those are corrected in every so many sub-steps only.
 constexpr double URGENT_CORRECTION = 20;
 constexpr unsigned CORRECTION_INTERVAL = 4;
+// Share of the fastest correction that is asked for below which one that is found has settled: what is left contradicts itself.
+constexpr double SETTLED = 0.02;
 // CFM of the position problem as a share of the diagonal, of joints and of contacts: contradictory rows share what cannot be reached, and
 // joints and grips are the stiffer ones.
 constexpr double POSITION_SOFTNESS = 1e-6, CONTACT_POSITION_SOFTNESS = 1e-4;
