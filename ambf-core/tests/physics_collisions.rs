@@ -2,6 +2,7 @@
 
 mod physics_common;
 
+use nalgebra::Vector3;
 use physics_common::{close, Bench, HEAVY};
 
 /// A box 5 mm above a slab whose top is at z = 0; `SLAB` and `BOX` are further keys of either, `MODEL` of the model.
@@ -147,4 +148,26 @@ fn continuous_collision_of_a_body_without_an_inside_is_refused() {
     let report = physics_common::load_texts(&world, &[text]).report.to_string();
     assert_eq!(report.matches("continuous collision").count(), 1, "{report}");
     assert!(report.contains("m0.yaml:2") && report.contains("BODY A"), "{report}");
+}
+
+#[test]
+fn friction_knows_what_torques_do_in_the_same_sub_step() {
+    let world = "gravity: {x: 0, y: 0, z: -10}\nmax iterations: 50\nphysics: {profile: accurate}\n";
+    let model = "bodies: [BODY Ground, BODY Ball]\n\
+        BODY Ground: {name: Ground, mass: 0, location: {position: {x: 0, y: 0, z: -0.05}}, collision shape: Box, \
+        collision geometry: {x: 4, y: 4, z: 0.1}, friction: {static: 1, rolling: 0}}\n\
+        BODY Ball: {name: Ball, mass: 1, location: {position: {x: 0, y: 0, z: 0.1}}, collision shape: Sphere, \
+        collision geometry: {radius: 0.1}, friction: {static: 1, rolling: 0}, restitution: 0, damping: {linear: 0, angular: 0}}\n";
+    let mut bench = Bench::new(world, model);
+    let ball = bench.body("Ball");
+    bench.steps(10);
+    for _ in 0..300 {
+        bench.0.apply_wrench(ball, Vector3::zeros(), Vector3::new(0.0, 0.1, 0.0));
+        bench.steps(1);
+        let (linear, angular) = bench.velocity("Ball");
+        close(linear.x, 0.1 * angular.y, 1e-6);
+    }
+    // τ / (m r² + 2 m r² / 5) for 0.3 s.
+    let (_, angular) = bench.velocity("Ball");
+    close(angular.y, 0.1 / 0.014 * 0.3, 1e-4);
 }

@@ -18,13 +18,15 @@
 //! 2. Block principal pivoting (Júdice and Pires 1994), where the bounds of friction follow the normal impulses.
 //! 3. Where that cycles, staggered projections (Kaufman et al. 2008): the problem within fixed bounds by block pivoting or, at worst, a
 //!    primal active-set method, and those bounds by turns.
+//!    Newton's method for sliding friction (Alart and Curnier 1991) follows each of these turns.
 //! 4. Where that fails, projected Gauss–Seidel with subspace minimisation (Silcowitz, Niebe and Erleben 2010).
+//! 5. Where what was found is poor, the problem without friction and then friction for its normal impulses, which lowers the energy.
 //!
 //! A guess that is the solution is returned as it is where a factorisation is expensive; one that is nearly the solution gets a smaller
 //! share of the budget, and sweeps end where they hardly change velocities.
 //!
 //! The work is bounded by a [`Budget`]; problems whose factorisation does not fit are swept by projected Gauss–Seidel. The result is
-//! always within its bounds, the best of those that were found, and [`Outcome`] says what it is worth. It depends on the rows and the
+//! always within its bounds and adds no energy beyond what aims and drives ask for, and [`Outcome`] says what it is worth. It depends on the rows and the
 //! budget only. No memory is allocated while a solver stays within the sizes it has had before.
 //!
 //! # Limitations
