@@ -631,12 +631,31 @@ class AccurateSolver : public Base {
   size_t contact_count(const btSolverConstraint &) const { return this->m_tmpSolverContactConstraintPool.size(); }
   size_t contact_count(const btMultiBodySolverConstraint &) const { return this->m_multiBodyNormalContactConstraints.size(); }
 
+  // Of all bodies of the island with the velocities that forces give them, J.
+  double kinetic_energy() const {
+    double energy = 0;
+    for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i) {
+      const btSolverBody &b = this->m_tmpSolverBodyPool[i];
+      if (!b.m_originalBody || b.m_originalBody->getInvMass() <= 0) continue;
+      const btVector3 &inverse = b.m_originalBody->getInvInertiaDiagLocal();
+      const btVector3 linear = b.m_linearVelocity + b.m_externalForceImpulse;
+      const btVector3 angular = (b.m_angularVelocity + b.m_externalTorqueImpulse) * b.m_worldTransform.getBasis();
+      energy += linear.length2() / (2 * b.m_originalBody->getInvMass());
+      for (int k = 0; k < 3; ++k) energy += inverse[k] > 0 ? angular[k] * angular[k] / (2 * inverse[k]) : 0;
+    }
+    if constexpr (HAS_TREES) {
+      for (const Tree &tree : trees_) energy += free_energy(*tree.tree);
+    }
+    return energy;
+  }
+
   bool solve(const btContactSolverInfo &info, bool is_small) {
     AmbSolverStatistics &seen = settings_.statistics;
     const double cost = mlcp_table->prepare(mlcp_, this->m_tmpSolverBodyPool.size(), tree_sizes_.data(),
                                                 static_cast<int>(tree_sizes_.size()));
     if (cost < 0 || (!is_small && cost > settings_.max_pile_cost * row_count_)) return false;
     const double budget = settings_.budget_per_row * row_count_ + settings_.least_budget;
+    mlcp_table->set_energy(mlcp_, kinetic_energy());
     const int outcome = mlcp_table->solve(mlcp_, budget + saved_budget_);
     AmbMlcpStatistics found;
     mlcp_table->statistics(mlcp_, &found);

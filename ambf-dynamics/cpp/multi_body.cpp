@@ -396,6 +396,7 @@ void AmbTree::predict(btScalar h) {
   choose_springs(h);
   joint_rows->plan_motors(h);
   dynamics.step(h, position, rate, free_position, free_rate);
+  free_energy = dynamics.kinetic_energy();
   joint_rows->plan_limits(h);
   has_rows = joint_rows->any() || touched || ties > 0 || is_driven();
 }
@@ -522,6 +523,8 @@ void AmbTree::limit_energy(btScalar most, const TreeDynamics::Momentum &momentum
   dynamics.slow_down(btSqrt(std::max(most, btScalar(0)) / energy), rate);
   dynamics.move(rate);
 }
+
+double free_energy(const btMultiBody &multi_body) { return static_cast<const AmbTree *>(multi_body.getUserPointer())->free_energy; }
 
 void correct(btMultiBody &multi_body, const double *velocities) {
   AmbTree &tree = *static_cast<AmbTree *>(multi_body.getUserPointer());

@@ -52,5 +52,7 @@ class TieSolver : public btMultiBodyConstraintSolver {
 
 // Keeps a correction for the sub-step: velocities of the base and rates of the coordinates, as long as the articulation's velocity.
 void correct(btMultiBody &multi_body, const double *velocities);
+// Kinetic energy of an articulation after the free motion of the sub-step, J.
+double free_energy(const btMultiBody &multi_body);
 
 #endif

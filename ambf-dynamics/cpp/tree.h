@@ -77,6 +77,8 @@ struct AmbTree {
   // Where it gets without rows.
   TreeDynamics::Position free_position;
   TreeDynamics::Rate free_rate;
+  // Kinetic energy of that motion, J.
+  btScalar free_energy = 0;
   // Moves the articulation in this sub-step only, beside its rates.
   TreeDynamics::Rate correction;
   bool is_corrected = false;

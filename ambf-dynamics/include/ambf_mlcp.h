@@ -78,6 +78,8 @@ typedef struct AmbMlcpTable {
   void (*destroy)(AmbMlcp *solver);
   /* Removes all rows; memory is kept. */
   void (*clear)(AmbMlcp *solver);
+  /* Kinetic energy of all bodies before the impulses, J; 0 after clear. */
+  void (*set_energy)(AmbMlcp *solver, double energy);
   /* Index of the row, from 0; -1: a negative size, a missing pointer or an internal error. */
   int (*add_row)(AmbMlcp *solver, const AmbMlcpRow *row);
   /* Orders the rows. Bodies below `rigid` have 6 components of velocity; articulation i is body rigid + i and has sizes[i]. Returns the

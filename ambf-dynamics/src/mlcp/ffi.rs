@@ -88,6 +88,8 @@ pub struct AmbMlcpTable {
     pub destroy: unsafe extern "C" fn(solver: *mut Solver),
     /// See [`Solver::clear`].
     pub clear: unsafe extern "C" fn(solver: *mut Solver),
+    /// See [`Solver::set_kinetic_energy`].
+    pub set_energy: unsafe extern "C" fn(solver: *mut Solver, energy: f64),
     /// See [`Solver::add_row`]. Returns the index of the row, -1 after an internal error or for a negative size.
     pub add_row: unsafe extern "C" fn(solver: *mut Solver, row: *const AmbMlcpRow) -> c_int,
     /// See [`Solver::prepare`]; `sizes` has `articulations` elements. Returns the multiplications of a factorisation, -1 on error.
@@ -125,6 +127,7 @@ pub fn table() -> &'static AmbMlcpTable {
         create,
         destroy,
         clear,
+        set_energy,
         add_row,
         prepare,
         solve,
@@ -183,6 +186,11 @@ unsafe extern "C" fn destroy(solver: *mut Solver) {
 unsafe extern "C" fn clear(solver: *mut Solver) {
     // SAFETY: the pointer comes from `create`, and nobody else uses the solver meanwhile.
     guarded((), || unsafe { &mut *solver }.clear());
+}
+
+unsafe extern "C" fn set_energy(solver: *mut Solver, energy: f64) {
+    // SAFETY: the pointer comes from `create`, and nobody else uses the solver meanwhile.
+    guarded((), || unsafe { &mut *solver }.set_kinetic_energy(energy));
 }
 
 unsafe extern "C" fn add_row(solver: *mut Solver, row: *const AmbMlcpRow) -> c_int {
