@@ -339,9 +339,9 @@ class AccurateSolver : public Base {
     }
   }
 
-  btScalar bounce_of(const btConstraintArray &, int i) const { return bounces_[i]; }
+  btScalar bounce_velocity(const btConstraintArray &, int i) const { return bounces_[i]; }
   // That of Bullet is not known.
-  static btScalar bounce_of(const btMultiBodyConstraintArray &, int) { return 0; }
+  static btScalar bounce_velocity(const btMultiBodyConstraintArray &, int) { return 0; }
 
   // Push-out velocity of contacts that don't bounce.
   template <class Rows>
@@ -604,7 +604,7 @@ class AccurateSolver : public Base {
       row.state = opens || (point.m_lifeTime > 1 && row.x == 0) ? AMB_MLCP_LOW : AMB_MLCP_FREE;
       const btScalar gap = point.getDistance() + info.m_linearSlop;
       deepest_ = std::max(deepest_, -gap);
-      row.aim = gap > 0 ? -gap / info.m_timeStep : bounce_of(rows, i);
+      row.aim = gap > 0 ? -gap / info.m_timeStep : bounce_velocity(rows, i);
       row.in_positions = rows[i].m_jacDiagABInv > 0 && row.high > 0;
       row.position_target = gap > 0 ? -gap / info.m_timeStep
                             : row.in_positions ? rows[i].m_rhsPenetration / rows[i].m_jacDiagABInv : 0;

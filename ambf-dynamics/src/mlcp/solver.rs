@@ -24,8 +24,9 @@ const NEAR_SHARE: f64 = 0.2;
 const EXPENSIVE: f64 = 10.0;
 /// Share of the largest target from which a residual is poor.
 const POOR: f64 = 1e-2;
-/// Energy that aims may add, as a share of the work that they ask for and of the kinetic energy: curved motion exchanges the share θ³ of
+/// Energy that aims may add, as a share of the work that they ask for, and of the kinetic energy: curved motion exchanges the share θ³ of
 /// that in a turn of θ rad.
+const ENERGY_SLACK: f64 = 2e-3;
 const AIM_SLACK: f64 = 0.02;
 /// Multiple of that work beyond which energy cannot come from the aims.
 const MAX_AIM_WORK: f64 = 1e4;
@@ -230,13 +231,13 @@ impl Solver {
     /// Solves for the impulses that give the bodies the wanted velocities.
     ///
     /// Impulses that ask all rows for rest add no kinetic energy. Restitution does where other rows are violated: a limit that a light link hits
-    /// fast then accelerates all that hangs on that link. Where rows other than drives add more than 2 % of the kinetic energy before
-    /// and of the work that the aims ask for, the problem is solved again without aims.
+    /// fast then accelerates all that hangs on that link. Where rows other than drives add more than 0.2 % of the kinetic energy before
+    /// and 2 % of the work that the aims ask for, the problem is solved again without aims.
     pub fn solve(&mut self, budget: Budget) -> Outcome {
         let mut outcome = self.solve_velocities(budget, Variable::of_velocity);
         if outcome != Outcome::NotFinite {
             let (work, asked) = self.iterate.work_of_aims(&self.rows, &self.layout.order);
-            let slack = AIM_SLACK * asked.max(self.kinetic_energy);
+            let slack = (AIM_SLACK * asked).max(ENERGY_SLACK * self.kinetic_energy);
             if work > slack && work < MAX_AIM_WORK * asked {
                 let first = self.statistics;
                 outcome = self.solve_velocities(budget, Variable::of_rest);
