@@ -149,7 +149,7 @@ class Accounts(unittest.TestCase):
     def test_solver_statistics(self):
         """They are taken: the next ones begin anew."""
         with arm() as sim:
-            sim.step(10)
+            drive(sim, 3)
             self.assertGreater(sim.take_solver_statistics()["rows"], 0)
             self.assertEqual(sim.take_solver_statistics()["rows"], 0)
 
