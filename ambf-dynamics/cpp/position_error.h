@@ -12,7 +12,7 @@ constexpr btScalar UNBOUNDED = 1e9;
 constexpr btScalar MAX_CORRECTION_SPEED = 10, MAX_CORRECTION_RATE = 50, MAX_RETURN_SPEED = 1, MAX_RETURN_RATE = 5;
 // The problem of positions is solved in sub-steps in which a joint asks for a faster correction than this, m/s or rad/s, or a contact is
 // deeper than this, m.
-constexpr double MIN_CORRECTION = 1e-4;
+constexpr double MIN_CORRECTION = 1e-6;
 constexpr btScalar MIN_DEPTH = 1e-5;
 // Errors of joints and contacts below this multiple of those are corrected in every so many sub-steps only.
 constexpr double URGENT_CORRECTION = 20;
