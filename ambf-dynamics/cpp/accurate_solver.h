@@ -33,8 +33,6 @@ class AccurateSolver : public Base {
   void prepareSolve(int bodies, int manifolds) override {
     Base::prepareSolve(bodies, manifolds);
     ++sub_step_;
-    is_settled_ = !moved_ && (is_settled_ || corrected_);
-    corrected_ = moved_ = false;
   }
 
   btScalar solveGroupCacheFriendlySetup(btCollisionObject **bodies, int n, btPersistentManifold **manifolds, int manifold_count,
@@ -421,7 +419,7 @@ class AccurateSolver : public Base {
     tree_rows_.clear();
     normals_.clear();
     needs_correction_ = is_urgent_ = false;
-    fastest_asked_ = 0;
+    position_rows_.clear();
     const btConstraintArray &joints = this->m_tmpSolverNonContactConstraintPool;
     for (int i = 0; i < joints.size(); ++i) {
       AmbMlcpRow row = row_of(joints[i]);
@@ -430,7 +428,7 @@ class AccurateSolver : public Base {
       row.is_drive = !joint_errors_[i].is_geometric;
       row.aim = joint_errors_[i].aim;
       row.position_target = joint_errors_[i].correction;
-      add(row, MIN_CORRECTION, row.low == 0 || row.high == 0);
+      add(row, joints[i].m_contactNormal1.isZero(), MIN_CORRECTION, row.low == 0 || row.high == 0);
     }
     // Redundant contacts share the load.
     add_contacts(this->m_tmpSolverContactConstraintPool, info);
@@ -455,11 +453,11 @@ class AccurateSolver : public Base {
       row.is_drive = !owner.is_geometric(joints[i].m_orgDofIndex);
       row.aim = row.is_drive ? 0 : owner.aim(joints[i].m_orgDofIndex);
       row.in_positions = joints[i].m_jacDiagABInv > 0 && !row.is_drive;
-      note_error(owner.error(joints[i].m_orgDofIndex), joints[i].m_orgDofIndex >= 3);
+      note_error(owner.error(joints[i].m_orgDofIndex), owner.is_angular(joints[i].m_orgDofIndex));
       row.position_target = row.in_positions ? joints[i].m_rhsPenetration / joints[i].m_jacDiagABInv : 0;
       row.x = 0;
       row.state = guess_of(row);
-      add(row, MIN_CORRECTION, row.low == 0 || row.high == 0);
+      add(row, owner.is_angular(joints[i].m_orgDofIndex), MIN_CORRECTION, row.low == 0 || row.high == 0);
     }
     const int first_contact = row_count_;
     add_contacts(this->m_multiBodyNormalContactConstraints, info);
@@ -484,14 +482,14 @@ class AccurateSolver : public Base {
     return AMB_MLCP_FREE;
   }
 
-  void add(const AmbMlcpRow &row, double least_correction = MIN_CORRECTION, bool is_limit = false) {
+  void add(const AmbMlcpRow &row, bool is_angular, double least_correction, bool is_limit = false) {
     mlcp_table->add_row(mlcp_, &row);
     ++row_count_;
     const bool idle = (row.low == 0 && row.position_target < 0) || (row.high == 0 && row.position_target > 0);
+    position_rows_.push_back({row.in_positions && !idle ? row.position_target : 0, is_angular});
     if (row.in_positions && !idle) {
       const double asked = std::fabs(row.position_target) / least_correction;
       needs_correction_ = needs_correction_ || asked > 1;
-      fastest_asked_ = std::max(fastest_asked_, std::fabs(row.position_target));
       // Limits and drives that push against them have no other way back.
       is_urgent_ = is_urgent_ || asked > URGENT_CORRECTION || (asked > 1 && is_limit);
     }
@@ -609,7 +607,7 @@ class AccurateSolver : public Base {
       row.position_target = gap > 0 ? -gap / info.m_timeStep
                             : row.in_positions ? rows[i].m_rhsPenetration / rows[i].m_jacDiagABInv : 0;
       normals_.push_back({row.x, row.state});
-      add(row, -gap > 0 ? std::fabs(row.position_target) * MIN_DEPTH / -gap : BT_LARGE_FLOAT);
+      add(row, false, -gap > 0 ? std::fabs(row.position_target) * MIN_DEPTH / -gap : BT_LARGE_FLOAT);
     }
   }
 
@@ -626,7 +624,7 @@ class AccurateSolver : public Base {
     const double bound = std::min(row.friction * normal.impulse, cap) * (1 - 1e-6);
     row.state = guess >= bound * kept ? AMB_MLCP_HIGH : guess <= -bound * kept ? AMB_MLCP_LOW : AMB_MLCP_FREE;
     if (normal.state == AMB_MLCP_FREE && normal.impulse == 0) row.state = AMB_MLCP_FREE;
-    add(row);
+    add(row, false, MIN_CORRECTION);
   }
   size_t contact_count(const btSolverConstraint &) const { return this->m_tmpSolverContactConstraintPool.size(); }
   size_t contact_count(const btMultiBodySolverConstraint &) const { return this->m_multiBodyNormalContactConstraints.size(); }
@@ -670,16 +668,68 @@ class AccurateSolver : public Base {
     write_velocities();
     seen.penetration = std::max(seen.penetration, double(deepest_));
     deepest_ = 0;
-    // Small errors can wait, and so can those that no correction removes.
-    const bool is_urgent = is_urgent_ && !is_settled_;
-    if (!needs_correction_ || !(is_urgent || sub_step_ % CORRECTION_INTERVAL == 0)) return true;
-    if (mlcp_table->solve_positions(mlcp_, nullptr, position_states_.data(), POSITION_SOFTNESS, budget) !=
-        AMB_MLCP_NOT_FINITE) {
-      write_corrections(info);
-      corrected_ = true;
-      ++seen.position_problems;
-    }
+    correct_positions(info, budget);
     return true;
+  }
+
+  // Small errors can wait, and so can those that no correction removes.
+  void correct_positions(const btContactSolverInfo &info, double budget) {
+    if (!needs_correction_ || !(is_urgent_ || sub_step_ % CORRECTION_INTERVAL == 0)) return;
+    const void *island = identity();
+    const PositionErrors asked = errors([&](size_t i) { return position_rows_[i].target; });
+    if (is_settled(island, asked)) return;
+    if (mlcp_table->solve_positions(mlcp_, nullptr, position_states_.data(), POSITION_SOFTNESS, budget) == AMB_MLCP_NOT_FINITE) return;
+    ++settings_.statistics.position_problems;
+    const double *left = mlcp_table->position_errors(mlcp_);
+    const PositionErrors after = errors([&](size_t i) { return left[i]; });
+    if (after.linear > UNCORRECTABLE * asked.linear && after.angular > UNCORRECTABLE * asked.angular) {
+      settled_.push_back({island, asked, sub_step_ + SETTLED_INTERVAL});
+      return;
+    }
+    write_corrections(info);
+  }
+
+  // Sums of squares of what rows ask for in positions, (m/s)^2 and (rad/s)^2.
+  struct PositionErrors {
+    double linear = 0, angular = 0;
+  };
+  template <class ErrorOf>
+  PositionErrors errors(ErrorOf error_of) const {
+    PositionErrors sums;
+    for (size_t i = 0; i < position_rows_.size(); ++i) {
+      const double error = error_of(i);
+      (position_rows_[i].is_angular ? sums.angular : sums.linear) += error * error;
+    }
+    return sums;
+  }
+
+  // The first thing of an island that stays what it is from one sub-step to the next.
+  const void *identity() const {
+    if constexpr (HAS_TREES) {
+      if (!trees_.empty()) return trees_[0].tree;
+    }
+    for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i) {
+      if (dynamic_body(i) >= 0) return this->m_tmpSolverBodyPool[i].m_originalBody;
+    }
+    return nullptr;
+  }
+
+  // Whether the errors of an island are those, but for little, that could not be corrected a few sub-steps ago.
+  bool is_settled(const void *island, const PositionErrors &asked) {
+    for (size_t i = 0; i < settled_.size();) {
+      const Settled &it = settled_[i];
+      if (it.island == island && it.until > sub_step_ && asked.linear <= SETTLED_GROWTH * it.errors.linear &&
+          asked.angular <= SETTLED_GROWTH * it.errors.angular) {
+        return true;
+      }
+      if (it.island == island || it.until <= sub_step_) {
+        settled_[i] = settled_.back();
+        settled_.pop_back();
+      } else {
+        ++i;
+      }
+    }
+    return false;
   }
 
   void write_velocities() {
@@ -709,20 +759,12 @@ class AccurateSolver : public Base {
       btVector3 linear(velocities[0], velocities[1], velocities[2]), angular(velocities[3], velocities[4], velocities[5]);
       const btScalar fastest = std::max(linear.length() / MAX_CORRECTION_SPEED, angular.length() / MAX_CORRECTION_RATE);
       const btScalar share = fastest > 1 ? 1 / fastest : 1;
-      note_correction(linear.length(), angular.length());
       b.internalGetPushVelocity() = linear * share;
       b.internalGetTurnVelocity() = angular * (share * turn);
     }
     if constexpr (HAS_TREES) {
-      for (size_t i = 0; i < trees_.size(); velocities += tree_sizes_[i++]) {
-        for (int k = 0; k < tree_sizes_[i]; ++k) note_correction(btFabs(velocities[k]), 0);
-        correct(*trees_[i].tree, velocities);
-      }
+      for (size_t i = 0; i < trees_.size(); velocities += tree_sizes_[i++]) correct(*trees_[i].tree, velocities);
     }
-  }
-
-  void note_correction(btScalar linear, btScalar angular) {
-    moved_ = moved_ || std::max(linear, angular) > std::max(URGENT_CORRECTION * MIN_CORRECTION, SETTLED * fastest_asked_);
   }
 
   struct Tree {
@@ -750,11 +792,18 @@ class AccurateSolver : public Base {
   // Whether a row asks for a correction of its position, and one that cannot wait.
   bool needs_correction_ = false, is_urgent_ = false;
   unsigned sub_step_ = 0;
-  // Fastest correction that a row of the island asks for, m/s or rad/s.
-  double fastest_asked_ = 0;
-  // Whether positions were corrected in this sub-step, and whether that moved a body or coordinate by more than can wait. If it did not, the
-  // errors that are left contradict each other, and are settled.
-  bool corrected_ = false, moved_ = false, is_settled_ = false;
+  struct PositionRow {
+    double target;
+    bool is_angular;
+  };
+  Vector<PositionRow> position_rows_;
+  // Islands whose errors of position contradict each other, and until which sub-step they are left as they are.
+  struct Settled {
+    const void *island;
+    PositionErrors errors;
+    unsigned until;
+  };
+  Vector<Settled> settled_;
   // Deepest penetration of a contact.
   btScalar deepest_ = 0;
   // Of the rows that act on articulations, which are the last.

@@ -21,6 +21,8 @@ class EngineRows : public btMultiBodyConstraint {
   virtual bool is_geometric(int row) const = 0;
   // Error of position of a row of a tie, m for the first three and rad for the others; rows of other kinds have none.
   virtual btScalar error(int) const { return 0; }
+  // Whether its velocity is one in rad/s.
+  virtual bool is_angular(int row) const { return row >= 3; }
   // Velocity that a row which holds a position asks for beside rest, m/s or rad/s.
   virtual btScalar aim(int) const { return 0; }
   virtual WorkKind work_kind(int row) const = 0;

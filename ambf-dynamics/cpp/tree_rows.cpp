@@ -58,7 +58,7 @@ void JointRows::plan_limit(int coordinate, btScalar low, btScalar high, bool is_
   if (low == high) {
     const btScalar target = (low - q) * LIMIT_ERP / h;
     const btScalar bounded = std::max(std::min(target, most), -most);
-    planned.push_back({coordinate, 0, 0, -infinity, infinity, -1, 0, bounded});
+    planned.push_back({coordinate, 0, 0, -infinity, infinity, -1, 0, bounded, is_angle});
     return;
   }
   const btScalar bounce = is_angle ? HINGE_BOUNCE : 0;
@@ -70,7 +70,7 @@ void JointRows::plan_limit(int coordinate, btScalar low, btScalar high, bool is_
     btScalar target = gap < 0 ? 0 : -gap / h;
     if (bounce > 0) target = std::max(target, -bounce * speed);
     const btScalar correction = gap < 0 ? std::min(-gap / h * LIMIT_ERP, most) : -gap / h;
-    planned.push_back({coordinate, side * target, 0, side > 0 ? 0 : -infinity, side > 0 ? infinity : 0, -1, 0, side * correction});
+    planned.push_back({coordinate, side * target, 0, side > 0 ? 0 : -infinity, side > 0 ? infinity : 0, -1, 0, side * correction, is_angle});
     return;
   }
 }

@@ -20,6 +20,7 @@ class JointRows : public EngineRows {
   void plan_limits(btScalar h);
   bool is_geometric(int row) const override { return planned[row].source < 0; }
   btScalar aim(int row) const override { return planned[row].target; }
+  bool is_angular(int row) const override { return planned[row].is_angle; }
   WorkKind work_kind(int row) const override {
     const int source = planned[row].source;
     return source < 0 ? WorkKind::Limit : source < tree.dynamics.coordinates ? WorkKind::Motor : WorkKind::Damping;
@@ -53,6 +54,7 @@ class JointRows : public EngineRows {
     btScalar expected = 0;
     // Wanted pseudo-velocity that corrects the error of position.
     btScalar correction = 0;
+    bool is_angle = false;
   };
 
   void plan_limit(int coordinate, btScalar low, btScalar high, bool is_angle, btScalar h);

@@ -98,10 +98,11 @@ typedef struct AmbMlcpTable {
   const double *(*impulses)(const AmbMlcp *solver);
   const uint8_t *(*states)(const AmbMlcp *solver);
   const double *(*velocities)(const AmbMlcp *solver);
-  /* Results of solve_positions. */
+  /* Results of solve_positions; position_errors: what they leave of the targets where a row could push that way, else 0. */
   const double *(*position_impulses)(const AmbMlcp *solver);
   const uint8_t *(*position_states)(const AmbMlcp *solver);
   const double *(*position_velocities)(const AmbMlcp *solver);
+  const double *(*position_errors)(const AmbMlcp *solver);
   void (*statistics)(const AmbMlcp *solver, AmbMlcpStatistics *out);
 } AmbMlcpTable;
 

@@ -117,6 +117,8 @@ pub struct AmbMlcpTable {
     pub position_states: unsafe extern "C" fn(solver: *const Solver) -> *const u8,
     /// See [`Solver::position_velocities`].
     pub position_velocities: unsafe extern "C" fn(solver: *const Solver) -> *const f64,
+    /// See [`Solver::position_errors`].
+    pub position_errors: unsafe extern "C" fn(solver: *const Solver) -> *const f64,
     /// Writes the statistics of the last solution.
     pub statistics: unsafe extern "C" fn(solver: *const Solver, out: *mut AmbMlcpStatistics),
 }
@@ -138,6 +140,7 @@ pub fn table() -> &'static AmbMlcpTable {
         position_impulses,
         position_states,
         position_velocities,
+        position_errors,
         statistics,
     };
     &TABLE
@@ -298,6 +301,11 @@ unsafe extern "C" fn position_states(solver: *const Solver) -> *const u8 {
 unsafe extern "C" fn position_velocities(solver: *const Solver) -> *const f64 {
     // SAFETY: the contract of the table is that of `read`.
     unsafe { read(solver, Solver::position_velocities) }
+}
+
+unsafe extern "C" fn position_errors(solver: *const Solver) -> *const f64 {
+    // SAFETY: the contract of the table is that of `read`.
+    unsafe { read(solver, Solver::position_errors) }
 }
 
 unsafe extern "C" fn statistics(solver: *const Solver, out: *mut AmbMlcpStatistics) {

@@ -183,6 +183,15 @@ impl Variable {
         self.normal.filter(|_| self.high < self.cap).map(|normal| (normal as usize, sign * self.coefficient))
     }
 
+    /// Whether impulses of this sign are within the bounds.
+    pub fn can_push(&self, sign: f64) -> bool {
+        if sign > 0.0 {
+            self.high > 0.0
+        } else {
+            self.low < 0.0
+        }
+    }
+
     /// The side of the bounds on which the impulse is.
     pub fn state_of_x(&self) -> State {
         if self.x <= self.low {

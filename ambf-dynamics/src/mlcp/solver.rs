@@ -172,6 +172,8 @@ pub struct Solver {
     best: Best,
     velocity: Solution,
     position: Solution,
+    /// What the pseudo-velocities leave of the targets, by row.
+    position_errors: Vec<f64>,
     prepared: bool,
     /// Of all bodies before the impulses, J.
     kinetic_energy: f64,
@@ -221,6 +223,7 @@ impl Solver {
         let velocities = self.layout.velocity_start[self.layout.bodies()];
         self.velocity.resize(self.rows.rows.len(), velocities);
         self.position.resize(self.rows.rows.len(), velocities);
+        self.position_errors.resize(self.rows.rows.len(), 0.0);
         self.rows.check(&self.layout.velocity_start)?;
         self.layout.arrange(&self.rows);
         self.factor.set_rows(&self.rows, &self.layout);
@@ -292,6 +295,7 @@ impl Solver {
         budget: Budget,
     ) -> Outcome {
         self.position.reset();
+        self.position_errors.fill(0.0);
         if self.begin() {
             for (p, &index) in self.layout.order.iter().enumerate() {
                 let row = &self.rows.rows[index as usize];
@@ -306,6 +310,12 @@ impl Solver {
         let outcome = self.run(budget);
         if outcome != Outcome::NotFinite {
             self.position.take(&self.iterate, &self.layout);
+            for (row, &p) in self.iterate.variables.iter().zip(&self.layout.order) {
+                let left = row.target - self.iterate.along(&self.rows, row);
+                let given = &self.rows.rows[p as usize];
+                let counts = given.in_positions && given.friction.is_none() && row.can_push(left);
+                self.position_errors[p as usize] = if counts { left } else { 0.0 };
+            }
         }
         outcome
     }
@@ -339,6 +349,12 @@ impl Solver {
     /// Pseudo-velocities of the last [`solve_positions`](Self::solve_positions), like [`velocities`](Self::velocities).
     pub fn position_velocities(&self) -> &[f64] {
         &self.position.velocities
+    }
+
+    /// What the pseudo-velocities of the last [`solve_positions`](Self::solve_positions) leave of the targets, `target − J v` where the row could
+    /// push that way, else 0; one a row, m/s or rad/s.
+    pub fn position_errors(&self) -> &[f64] {
+        &self.position_errors
     }
 
     /// Where the velocity of each body begins, and the end of the last one. Empty before the first [`prepare`](Self::prepare).
