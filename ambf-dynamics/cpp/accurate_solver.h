@@ -42,6 +42,8 @@ class AccurateSolver : public Base {
     btContactSolverInfo apart = info;
     apart.m_splitImpulse = 1;
     apart.m_splitImpulsePenetrationThreshold = BT_LARGE_FLOAT;
+    // Guesses are handed over with the rows.
+    if (settings_.direct) apart.m_solverMode &= ~SOLVER_USE_ARTICULATED_WARMSTARTING;
     return Base::solveGroupCacheFriendlySetup(bodies, n, manifolds, manifold_count, constraints, constraint_count, apart, debug);
   }
 
@@ -739,14 +741,16 @@ class AccurateSolver : public Base {
                                     &this->m_tmpSolverContactRollingFrictionConstraintPool}) {
       for (int i = 0; i < pool->size(); ++i) (*pool)[i].m_appliedImpulse = *impulses++;
     }
-    // Articulations already have the impulses with which Bullet warm-started their rows.
     if constexpr (HAS_TREES) {
-      for (const auto &row : tree_rows_) this->apply(row, *impulses++ - btScalar(row.row->m_appliedImpulse));
+      for (const auto &row : tree_rows_) row.row->m_appliedImpulse = *impulses++;
     }
     for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i, velocities += 6) {
       btSolverBody &b = body(i);
       b.internalGetDeltaLinearVelocity().setValue(velocities[0], velocities[1], velocities[2]);
       b.internalGetDeltaAngularVelocity().setValue(velocities[3], velocities[4], velocities[5]);
+    }
+    if constexpr (HAS_TREES) {
+      for (size_t i = 0; i < trees_.size(); velocities += tree_sizes_[i++]) this->set_change(*trees_[i].tree, trees_[i].velocity, velocities);
     }
   }
 

@@ -10,8 +10,8 @@
 #include "soft_rows.h"
 #include "tie_solver.h"
 
-// Of an articulation: rates at the beginning of the sub-step, laid out as Bullet's velocity vector. Base first: angular, linear.
-void read_start_rates(const btMultiBody &multi_body, Vector<btScalar> &rates);
+// Of an articulation, in the coordinates of its rows: velocities at the beginning of the sub-step and after its free motion.
+void read_rates(const btMultiBody &multi_body, Vector<btScalar> &start, Vector<btScalar> &free);
 
 // Any solver of the sequential-impulse family. The work of a row is its impulse times the mean of its velocities before and after the
 // sub-step: for rigid bodies the sum over all rows, and forces, is exactly the change of kinetic energy.
@@ -96,18 +96,17 @@ class WithLedger : public Base {
     for (const auto &side : this->sides_of(row).sides) {
       if (side.body) sum += speeds_of(*side.body, side.linear, side.angular);
       if (!side.tree) continue;
-      read_start_rates(*side.tree, start_rates);
-      const btScalar *free = side.tree->getVelocityVector();
+      read_rates(*side.tree, start_rates, free_rates);
       for (int k = 0; k < side.n; ++k) {
         const btScalar change = this->m_data.m_deltaVelocities[side.velocity + k];
-        sum += this->m_data.m_jacobians[side.jacobian + k] * (start_rates[k] + free[k] + change);
+        sum += this->m_data.m_jacobians[side.jacobian + k] * (start_rates[k] + free_rates[k] + change);
       }
     }
     return btScalar(row.m_appliedImpulse) / 2 * sum;
   }
 
   EnergyLedger &ledger;
-  Vector<btScalar> start_rates;
+  Vector<btScalar> start_rates, free_rates;
 };
 
 #endif

@@ -183,6 +183,7 @@ AmbTree::AmbTree(AmbWorld &owner, AmbBody &base, AmbConstraint *const *joints, i
   multi_body->setMaxCoordinateVelocity(BT_LARGE_FLOAT);
   multi_body->setUserPointer(this);
   correction.q.resize(dynamics.coordinates);
+  change.q.resize(dynamics.coordinates);
   position.q.resize(dynamics.coordinates);
   rate.q.resize(dynamics.coordinates);
   free_position = position;
@@ -402,23 +403,11 @@ void AmbTree::predict(btScalar h) {
 }
 
 void AmbTree::prepare_rows() {
-  btMultiBody &body = *multi_body;
-  body.setBasePos(position.origin);
-  body.setWorldToBaseRot(position.rotation.inverse());
-  body.setBaseOmega(free_rate.angular);
-  body.setBaseVel(free_rate.linear);
-  for (size_t i = 0; i < dynamics.links.size(); ++i) {
-    const int coordinate = dynamics.links[i].coordinate;
-    if (coordinate < 0) {
-      body.getLink(i).updateCacheMultiDof();
-    } else {
-      body.setJointPos(i, position.q[coordinate]);
-      body.setJointVel(i, free_rate.q[coordinate]);
-    }
-  }
-  body.forwardKinematics(scratch_q, scratch_v);
-  // Of no time: for the factors that responses to impulses need.
-  body.computeAccelerationsArticulatedBodyAlgorithmMultiDof(0, scratch_r, scratch_v, scratch_m, false, false, false);
+  dynamics.place(position);
+  dynamics.move(free_rate);
+  dynamics.factor_inertia();
+  // It sums up what rows change.
+  multi_body->clearVelocities();
 }
 
 bool AmbTree::was_pushed() const {
@@ -440,16 +429,11 @@ void AmbTree::integrate(btScalar h) {
   btScalar energy_limit = BT_LARGE_FLOAT;
   bool is_straight = false;
   if (has_rows) {
-    TreeDynamics::Rate change = rate, &after = rate;
-    after.angular = multi_body->getBaseOmega();
-    after.linear = multi_body->getBaseVel();
-    const btScalar *rates = multi_body->getVelocityVector() + 6;
-    for (int i = 0; i < dynamics.coordinates; ++i) {
-      after.q[i] = rates[i];
-      change.q[i] = after.q[i] - free_rate.q[i];
-    }
-    change.angular = after.angular - free_rate.angular;
-    change.linear = after.linear - free_rate.linear;
+    TreeDynamics::Rate &after = rate;
+    dynamics.rates_of(multi_body->getVelocityVector(), change);
+    after.angular = free_rate.angular + change.angular;
+    after.linear = free_rate.linear + change.linear;
+    for (int i = 0; i < dynamics.coordinates; ++i) after.q[i] = free_rate.q[i] + change.q[i];
     dynamics.place(position);
     dynamics.move(after);
     const btScalar fastest = dynamics.fastest_rotation(after);
@@ -528,9 +512,7 @@ double free_energy(const btMultiBody &multi_body) { return static_cast<const Amb
 
 void correct(btMultiBody &multi_body, const double *velocities) {
   AmbTree &tree = *static_cast<AmbTree *>(multi_body.getUserPointer());
-  tree.correction.angular.setValue(velocities[0], velocities[1], velocities[2]);
-  tree.correction.linear.setValue(velocities[3], velocities[4], velocities[5]);
-  std::copy(velocities + 6, velocities + 6 + tree.dynamics.coordinates, tree.correction.q.begin());
+  tree.dynamics.rates_of(velocities, tree.correction);
   // Contradictory rows may ask for much where the articulation hardly yields.
   btScalar fastest = tree.correction.angular.length() / MAX_CORRECTION_RATE;
   fastest = std::max(fastest, tree.correction.linear.length() / MAX_CORRECTION_SPEED);

@@ -4,6 +4,229 @@
 
 const AmbMlcpTable *mlcp_table = nullptr;
 
+namespace {
+
+// Contacts of a pair of bodies that get rows of rolling and spinning friction.
+constexpr int ROLLING_CONTACTS = 4;
+
+AmbTree &tree_of(const btMultiBody &multi_body) { return *static_cast<AmbTree *>(multi_body.getUserPointer()); }
+
+void clear(btMultiBodySolverConstraint &row) {
+  const btVector3 zero(0, 0, 0);
+  row.m_relpos1CrossNormal = row.m_contactNormal1 = row.m_angularComponentA = zero;
+  row.m_relpos2CrossNormal = row.m_contactNormal2 = row.m_angularComponentB = zero;
+  row.m_multiBodyA = row.m_multiBodyB = nullptr;
+  row.m_linkA = row.m_linkB = row.m_deltaVelAindex = row.m_deltaVelBindex = row.m_jacAindex = row.m_jacBindex = -1;
+  row.m_orgConstraint = nullptr;
+  row.m_orgDofIndex = row.m_frictionIndex = row.m_overrideNumSolverIterations = -1;
+  row.m_originalContactPoint = nullptr;
+  row.m_appliedImpulse = row.m_appliedPushImpulse = 0;
+  row.m_friction = row.m_jacDiagABInv = row.m_rhs = row.m_rhsPenetration = row.m_cfm = 0;
+  row.m_lowerLimit = -BT_LARGE_FLOAT;
+  row.m_upperLimit = BT_LARGE_FLOAT;
+}
+
+// Room for the row's numbers of an articulation, which are 0.
+btScalar *begin_side(btMultiBodySolverConstraint &row, int side, AmbTree &tree, int link, btMultiBodyJacobianData &data) {
+  btMultiBody &multi_body = *tree.multi_body;
+  const int n = static_cast<int>(tree.dynamics.velocity_size()), at = data.m_jacobians.size();
+  int velocity = multi_body.getCompanionId();
+  if (velocity < 0) {
+    velocity = data.m_deltaVelocities.size();
+    multi_body.setCompanionId(velocity);
+    data.m_deltaVelocities.resize(velocity + n, 0);
+  }
+  data.m_jacobians.resize(at + n, 0);
+  (side ? row.m_multiBodyB : row.m_multiBodyA) = &multi_body;
+  (side ? row.m_linkB : row.m_linkA) = link;
+  (side ? row.m_deltaVelBindex : row.m_deltaVelAindex) = velocity;
+  (side ? row.m_jacBindex : row.m_jacAindex) = at;
+  return &data.m_jacobians[at];
+}
+
+// Brings the numbers into the coordinates of rows, and returns the response of the row so far.
+btScalar finish_side(const btMultiBodySolverConstraint &row, int side, const AmbTree &tree, btMultiBodyJacobianData &data) {
+  const int n = static_cast<int>(tree.dynamics.velocity_size()), at = side ? row.m_jacBindex : row.m_jacAindex;
+  tree.dynamics.normalise(&data.m_jacobians[at]);
+  data.m_deltaVelocitiesUnitImpulse.resize(at + n);
+  // The other side may push another member of the same articulation.
+  const bool is_twice = side == 1 && row.m_multiBodyA == row.m_multiBodyB;
+  btScalar response = 0;
+  for (int k = 0; k < n; ++k) {
+    const btScalar q = data.m_jacobians[at + k];
+    data.m_deltaVelocitiesUnitImpulse[at + k] = q;
+    response += is_twice ? q * (q + 2 * data.m_jacobians[row.m_jacAindex + k]) : q * q;
+  }
+  return response;
+}
+
+}  // namespace
+
+btMultiBodySolverConstraint &EngineRows::new_row(btMultiBodyConstraintArray &rows, int index, const btMultiBodyJacobianData &data) {
+  btMultiBodySolverConstraint &row = rows.expandNonInitializing();
+  clear(row);
+  row.m_orgConstraint = this;
+  row.m_orgDofIndex = index;
+  row.m_solverBodyIdA = row.m_solverBodyIdB = data.m_fixedBodyId;
+  return row;
+}
+
+RowMotion push_member(btMultiBodySolverConstraint &row, int side, AmbTree &tree, int member, const btVector3 &linear, const btVector3 &angular,
+                      btMultiBodyJacobianData &data) {
+  (side ? row.m_contactNormal2 : row.m_contactNormal1) = linear;
+  (side ? row.m_relpos2CrossNormal : row.m_relpos1CrossNormal) = angular;
+  tree.dynamics.add_push(member, linear, angular, begin_side(row, side, tree, member - 1, data));
+  RowMotion motion;
+  motion.velocity = linear.dot(tree.dynamics.linear[member]) + angular.dot(tree.dynamics.angular[member]);
+  motion.response = finish_side(row, side, tree, data);
+  return motion;
+}
+
+RowMotion push_coordinate(btMultiBodySolverConstraint &row, AmbTree &tree, int coordinate, btMultiBodyJacobianData &data) {
+  begin_side(row, 0, tree, -1, data)[6 + coordinate] = 1;
+  RowMotion motion;
+  motion.velocity = tree.free_rate.q[coordinate];
+  motion.response = finish_side(row, 0, tree, data);
+  return motion;
+}
+
+RowMotion push_body(btMultiBodySolverConstraint &row, int side, int id, const btVector3 &linear, const btVector3 &angular,
+                    const btAlignedObjectArray<btSolverBody> &bodies) {
+  (side ? row.m_solverBodyIdB : row.m_solverBodyIdA) = id;
+  (side ? row.m_contactNormal2 : row.m_contactNormal1) = linear;
+  (side ? row.m_relpos2CrossNormal : row.m_relpos1CrossNormal) = angular;
+  const btSolverBody &body = bodies[id];
+  RowMotion motion;
+  if (!body.m_originalBody) return motion;
+  const btVector3 turned = body.m_originalBody->getInvInertiaTensorWorld() * angular * body.m_originalBody->getAngularFactor();
+  (side ? row.m_angularComponentB : row.m_angularComponentA) = turned;
+  motion.velocity = linear.dot(body.m_linearVelocity + body.m_externalForceImpulse) +
+                    angular.dot(body.m_angularVelocity + body.m_externalTorqueImpulse);
+  motion.response = linear.dot(linear * body.internalGetInvMass()) + angular.dot(turned);
+  return motion;
+}
+
+// A point at which a link touches something.
+struct TieSolver::LinkContact {
+  struct Touching {
+    AmbTree *tree = nullptr;
+    // Of the articulation; else the body in the solver.
+    int member = 0, id = 0;
+    btVector3 center{0, 0, 0};
+  };
+  Touching sides[2];
+  btManifoldPoint *point = nullptr;
+  int normal = 0;
+};
+
+void TieSolver::convertContacts(btPersistentManifold **manifolds, int n, const btContactSolverInfo &info) {
+  for (int i = 0; i < n; ++i) {
+    btPersistentManifold &manifold = *manifolds[i];
+    if (btMultiBodyLinkCollider::upcast(manifold.getBody0()) || btMultiBodyLinkCollider::upcast(manifold.getBody1())) {
+      convert_link_contacts(manifold, info);
+    } else {
+      convertContact(&manifold, info);
+    }
+  }
+  m_data.m_solverBodyPool = &m_tmpSolverBodyPool;
+  m_data.m_fixedBodyId = m_fixedBodyId;
+  for (int i = 0; i < m_tmpNumMultiBodyConstraints; ++i) {
+    m_tmpMultiBodyConstraints[i]->createConstraintRows(m_multiBodyNonContactConstraints, m_data, info);
+  }
+}
+
+void TieSolver::convert_link_contacts(btPersistentManifold &manifold, const btContactSolverInfo &info) {
+  const btScalar h = info.m_timeStep;
+  LinkContact contact;
+  for (int k = 0; k < 2; ++k) {
+    LinkContact::Touching &side = contact.sides[k];
+    // Bullet numbers the bodies that it solves for in themselves.
+    auto &object = const_cast<btCollisionObject &>(k ? *manifold.getBody1() : *manifold.getBody0());
+    if (const btMultiBodyLinkCollider *collider = btMultiBodyLinkCollider::upcast(&object)) {
+      side.tree = &tree_of(*collider->m_multiBody);
+      side.member = collider->m_link + 1;
+      side.center = side.tree->dynamics.origins[side.member];
+    } else {
+      side.id = getOrInitSolverBody(object, h);
+      side.center = m_tmpSolverBodyPool[side.id].getWorldTransform().getOrigin();
+    }
+  }
+  int rolling = ROLLING_CONTACTS;
+  const btVector3 none(0, 0, 0);
+  for (int i = 0; i < manifold.getNumContacts(); ++i) {
+    btManifoldPoint &point = manifold.getContactPoint(i);
+    if (point.getDistance() > manifold.getContactProcessingThreshold()) continue;
+    contact.point = &point;
+    contact.normal = m_multiBodyNormalContactConstraints.size();
+    RowMotion motion;
+    Row &row = add_contact_row(m_multiBodyNormalContactConstraints, contact, point.m_normalWorldOnB, none, motion);
+    const btScalar cfm = info.m_globalCfm / h, whole = motion.response + cfm, gap = point.getDistance() + info.m_linearSlop;
+    const btScalar bounce =
+        std::max(btScalar(0), restitutionCurve(motion.velocity, point.m_combinedRestitution, info.m_restitutionVelocityThreshold));
+    row.m_jacDiagABInv = whole > SIMD_EPSILON ? info.m_sor / whole : 0;
+    row.m_rhs = (bounce - motion.velocity - (gap > 0 ? gap : gap * info.m_erp2) / h) * row.m_jacDiagABInv;
+    row.m_cfm = cfm * row.m_jacDiagABInv;
+    row.m_lowerLimit = 0;
+    row.m_friction = point.m_combinedFriction;
+    row.m_frictionIndex = m_multiBodyFrictionContactConstraints.size();
+    if (info.m_solverMode & SOLVER_USE_ARTICULATED_WARMSTARTING) apply(row, point.m_appliedImpulse * info.m_articulatedWarmstartingFactor);
+
+    btVector3 &first = point.m_lateralFrictionDir1, &second = point.m_lateralFrictionDir2;
+    btPlaneSpace1(point.m_normalWorldOnB, first, second);
+    first.normalize();
+    second.normalize();
+    if (rolling-- > 0) {
+      if (point.m_combinedSpinningFriction > 0) {
+        add_friction_row(m_multiBodySpinningFrictionContactConstraints, contact, none, point.m_normalWorldOnB,
+                         point.m_combinedSpinningFriction, 0, info);
+      }
+      if (point.m_combinedRollingFriction > 0) {
+        for (const btVector3 &axis : {first, second}) {
+          add_friction_row(m_multiBodyTorsionalFrictionContactConstraints, contact, none, axis, point.m_combinedRollingFriction, 0, info);
+        }
+      }
+    }
+    btMultiBodyConstraintArray &frictions = m_multiBodyFrictionContactConstraints;
+    add_friction_row(frictions, contact, first, none, point.m_combinedFriction, point.m_appliedImpulseLateral1, info);
+    add_friction_row(frictions, contact, second, none, point.m_combinedFriction, point.m_appliedImpulseLateral2, info);
+  }
+}
+
+// Along a direction at the contact, or about one.
+TieSolver::Row &TieSolver::add_contact_row(btMultiBodyConstraintArray &rows, const LinkContact &contact, const btVector3 &linear,
+                                           const btVector3 &angular, RowMotion &motion) {
+  Row &row = rows.expandNonInitializing();
+  clear(row);
+  row.m_solverBodyIdA = row.m_solverBodyIdB = m_fixedBodyId;
+  row.m_originalContactPoint = contact.point;
+  for (int k = 0; k < 2; ++k) {
+    const LinkContact::Touching &side = contact.sides[k];
+    const btVector3 arm = (k ? contact.point->getPositionWorldOnB() : contact.point->getPositionWorldOnA()) - side.center;
+    const btScalar sign = k ? -1 : 1;
+    const btVector3 push = linear * sign, turn = (angular + arm.cross(linear)) * sign;
+    const RowMotion part = side.tree ? push_member(row, k, *side.tree, side.member, push, turn, m_data)
+                                     : push_body(row, k, side.id, push, turn, m_tmpSolverBodyPool);
+    motion.velocity += part.velocity;
+    motion.response += part.response;
+  }
+  return row;
+}
+
+void TieSolver::add_friction_row(btMultiBodyConstraintArray &rows, const LinkContact &contact, const btVector3 &linear,
+                                 const btVector3 &angular, btScalar friction, btScalar guess, const btContactSolverInfo &info) {
+  RowMotion motion;
+  Row &row = add_contact_row(rows, contact, linear, angular, motion);
+  const btScalar cfm = info.m_frictionCFM / info.m_timeStep, whole = motion.response + cfm;
+  row.m_jacDiagABInv = whole > SIMD_EPSILON ? info.m_sor / whole : 0;
+  row.m_rhs = -motion.velocity * row.m_jacDiagABInv;
+  row.m_cfm = cfm * row.m_jacDiagABInv;
+  row.m_friction = friction;
+  row.m_lowerLimit = -friction;
+  row.m_upperLimit = friction;
+  row.m_frictionIndex = contact.normal;
+  if (info.m_solverMode & SOLVER_USE_ARTICULATED_WARMSTARTING) apply(row, guess * info.m_articulatedWarmstartingFactor);
+}
+
 TieSolver::Sides TieSolver::sides_of(Row &row) {
   Sides result{&row, {}};
   for (int k = 0; k < 2; ++k) {
@@ -26,13 +249,19 @@ TieSolver::Sides TieSolver::sides_of(Row &row) {
   return result;
 }
 
-void TieSolver::apply(const Sides &row, btScalar impulse) {
-  row.row->m_appliedImpulse = btScalar(row.row->m_appliedImpulse) + impulse;
-  for (const Side &side : row.sides) {
+void TieSolver::apply(Row &row, btScalar impulse) {
+  row.m_appliedImpulse = btScalar(row.m_appliedImpulse) + impulse;
+  if (impulse == 0) return;
+  for (const Side &side : sides_of(row).sides) {
     if (side.body) side.body->internalApplyImpulse(side.by_linear, side.by_angular, impulse);
     if (!side.tree) continue;
     btScalar *response = &m_data.m_deltaVelocitiesUnitImpulse[side.jacobian];
     applyDeltaVee(response, impulse, side.velocity, side.n);
     side.tree->applyDeltaVeeMultiDof2(response, impulse);
   }
+}
+
+void TieSolver::set_change(btMultiBody &tree, int velocity, const double *change) {
+  std::copy(change, change + tree.getNumDofs() + 6, &m_data.m_deltaVelocities[velocity]);
+  tree.applyDeltaVeeMultiDof2(change, 1);
 }

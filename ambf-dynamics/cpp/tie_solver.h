@@ -1,4 +1,8 @@
 // The solver of a world with articulations. C++ only.
+//
+// It uses Bullet's rows, their order in a sub-step and what Bullet makes of their impulses afterwards. Velocities of articulations are given in
+// other coordinates than Bullet's, in which the inertia is the identity (TreeDynamics::factor_inertia): the response to an impulse is then the row of the
+// Jacobian, and nothing of Bullet's kinematics and dynamics of articulations is used.
 #ifndef AMB_TIE_SOLVER_H
 #define AMB_TIE_SOLVER_H
 
@@ -11,6 +15,8 @@
 
 // Set once by amb_set_mlcp.
 extern const AmbMlcpTable *mlcp_table;
+
+struct AmbTree;
 
 // What all constraints of this library on links have in common.
 class EngineRows : public btMultiBodyConstraint {
@@ -26,7 +32,25 @@ class EngineRows : public btMultiBodyConstraint {
   // Velocity that a row which holds a position asks for beside rest, m/s or rad/s.
   virtual btScalar aim(int) const { return 0; }
   virtual WorkKind work_kind(int row) const = 0;
+
+ protected:
+  // A row that acts on nothing yet, between no bounds, from rest.
+  btMultiBodySolverConstraint &new_row(btMultiBodyConstraintArray &rows, int row, const btMultiBodyJacobianData &data);
 };
+
+// Velocity along a row that the free motion of the sub-step gives, m/s or rad/s, and the square of the change of it by a unit impulse.
+struct RowMotion {
+  btScalar velocity = 0, response = 0;
+};
+
+// Makes side 0 or 1 of a row push a member of an articulation with an impulse at its centre of mass and an angular one.
+RowMotion push_member(btMultiBodySolverConstraint &row, int side, AmbTree &tree, int member, const btVector3 &linear, const btVector3 &angular,
+                      btMultiBodyJacobianData &data);
+// Makes side 0 of a row push a coordinate of an articulation.
+RowMotion push_coordinate(btMultiBodySolverConstraint &row, AmbTree &tree, int coordinate, btMultiBodyJacobianData &data);
+// The same of a rigid body, which may be one that impulses do not move.
+RowMotion push_body(btMultiBodySolverConstraint &row, int side, int id, const btVector3 &linear, const btVector3 &angular,
+                    const btAlignedObjectArray<btSolverBody> &bodies);
 
 // Bullet's, and what the rows that it makes act on.
 class TieSolver : public btMultiBodyConstraintSolver {
@@ -48,11 +72,23 @@ class TieSolver : public btMultiBodyConstraintSolver {
   };
 
  protected:
+  void convertContacts(btPersistentManifold **manifolds, int n, const btContactSolverInfo &info) override;
   Sides sides_of(Row &row);
-  void apply(const Sides &row, btScalar impulse);
+  // Adds an impulse of a row to the velocities of what it acts on.
+  void apply(Row &row, btScalar impulse);
+  // Sets the change of an articulation's velocity by all impulses.
+  void set_change(btMultiBody &tree, int velocity, const double *change);
+
+ private:
+  struct LinkContact;
+  void convert_link_contacts(btPersistentManifold &manifold, const btContactSolverInfo &info);
+  Row &add_contact_row(btMultiBodyConstraintArray &rows, const LinkContact &contact, const btVector3 &linear, const btVector3 &angular,
+                       RowMotion &motion);
+  void add_friction_row(btMultiBodyConstraintArray &rows, const LinkContact &contact, const btVector3 &linear, const btVector3 &angular,
+                        btScalar friction, btScalar guess, const btContactSolverInfo &info);
 };
 
-// Keeps a correction for the sub-step: velocities of the base and rates of the coordinates, as long as the articulation's velocity.
+// Keeps a correction for the sub-step, in the coordinates of the rows.
 void correct(btMultiBody &multi_body, const double *velocities);
 // Kinetic energy of an articulation after the free motion of the sub-step, J.
 double free_energy(const btMultiBody &multi_body);

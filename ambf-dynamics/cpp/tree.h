@@ -1,8 +1,8 @@
 // What stands behind a tree, see multi_body.h. C++ only.
 //
 // A tree lies over its bodies: each keeps its btRigidBody, which is out of the world and mirrors its link. Who reads a body reads the
-// mirror, and who writes to it leaves there what the tree takes up before its next sub-step. Dynamics are TreeDynamics'; Bullet's
-// multi-body shares in what the links do to others: contacts, constraints, motors and limits.
+// mirror, and who writes to it leaves there what the tree takes up before its next sub-step. Kinematics and dynamics are TreeDynamics'; Bullet's
+// multi-body stands for the articulation in Bullet's solver, islands and colliders.
 #ifndef AMB_TREE_H
 #define AMB_TREE_H
 
@@ -55,7 +55,7 @@ struct AmbTree {
   void settle();
   // Motion over the next sub-step without what rows do.
   void predict(btScalar h);
-  // Brings Bullet's multi-body up to date, so that rows can be made.
+  // Makes rows possible: bodies are placed where they are and move as without rows.
   void prepare_rows();
   void integrate(btScalar h);
   void clear_forces();
@@ -82,6 +82,8 @@ struct AmbTree {
   // Moves the articulation in this sub-step only, beside its rates.
   TreeDynamics::Rate correction;
   bool is_corrected = false;
+  // What rows did in this sub-step.
+  TreeDynamics::Rate change;
   bool poses_set = false;
   bool velocities_set = false;
   // A contact or a constraint from outside holds it in this sub-step.
@@ -126,10 +128,6 @@ struct AmbTree {
   btTransform base_pose;
   bool has_feedback = false;
   Vector<btVector3> momenta, angular_momenta, velocities, angular_velocities;
-  btAlignedObjectArray<btQuaternion> scratch_q;
-  btAlignedObjectArray<btScalar> scratch_r;
-  btAlignedObjectArray<btVector3> scratch_v;
-  btAlignedObjectArray<btMatrix3x3> scratch_m;
 };
 
 // A world with trees.

@@ -88,6 +88,16 @@ void TreeDynamics::finish() {
   work.resize(n);
   efforts.resize(coordinates);
   pushes.resize(coordinates);
+  before.resize(velocity_size());
+  for (int k = 0; k < 6; ++k) before[k] = k - 1;
+  for (const Link &link : links) {
+    if (link.coordinate < 0) continue;
+    int parent = link.parent;
+    while (parent > 0 && links[parent - 1].coordinate < 0) parent = links[parent - 1].parent;
+    before[6 + link.coordinate] = parent > 0 ? 6 + links[parent - 1].coordinate : fixed_base ? -1 : 5;
+  }
+  factor.resize(velocity_size() * velocity_size());
+  inverse_diagonal.resize(velocity_size());
   stage.q.resize(coordinates);
   stage_rate.q.resize(coordinates);
   for (int i = 0; i < 4; ++i) {
@@ -500,6 +510,105 @@ void TreeDynamics::runge_kutta(btScalar h, const Position &from, const Rate &rat
   for (int k = 0; k < coordinates; ++k) {
     to.q[k] = from.q[k] + way_of(v[0].q[k], v[1].q[k], v[2].q[k], v[3].q[k]);
     new_rate.q[k] = rate.q[k] + way_of(a[0].q[k], a[1].q[k], a[2].q[k], a[3].q[k]);
+  }
+}
+
+void TreeDynamics::factor_inertia() {
+  const size_t n = velocity_size();
+  btScalar *const h = factor.data();
+  add_inertias();
+  // Inertias of what hangs on each joint, and the inertia of the coordinates.
+  for (size_t i = links.size(); i-- > 0;) {
+    const Link &link = links[i];
+    const Work &w = work[i + 1];
+    if (link.coordinate >= 0) {
+      btVector3 torque = w.a * w.s_angular + w.b * w.s_linear;
+      btVector3 force = transpose_times(w.b, w.s_angular) + w.m * w.s_linear;
+      btScalar *const row = h + (6 + link.coordinate) * n;
+      row[6 + link.coordinate] = w.s_angular.dot(torque) + w.s_linear.dot(force);
+      size_t body = i + 1;
+      while (body > 0) {
+        torque += work[body].r.cross(force);
+        body = links[body - 1].parent;
+        if (body > 0 && links[body - 1].coordinate >= 0) {
+          row[6 + links[body - 1].coordinate] = work[body].s_angular.dot(torque) + work[body].s_linear.dot(force);
+        }
+      }
+      for (int k = 0; k < 3; ++k) {
+        row[k] = torque[k];
+        row[k + 3] = force[k];
+      }
+    }
+    if (link.parent == 0 && fixed_base) continue;
+    Work &parent = work[link.parent];
+    const btMatrix3x3 b = w.b + cross_matrix(w.r, w.m);
+    parent.a += w.a - matrix_cross(w.b, w.r) + cross_matrix(w.r, b.transpose());
+    parent.b += b;
+    parent.m += w.m;
+  }
+  const size_t first = fixed_base ? 6 : 0;
+  for (size_t k = first; k < 6; ++k) {
+    for (size_t j = 0; j <= k; ++j) h[k * n + j] = k < 3 ? work[0].a[k][j] : j < 3 ? work[0].b[j][k - 3] : work[0].m[k - 3][j - 3];
+  }
+  for (size_t k = n; k-- > first;) {
+    btScalar *const row = h + k * n;
+    // What is not positive is an error of rounding: nothing moves there.
+    const btScalar inverse = row[k] > 0 ? 1 / btSqrt(row[k]) : 0;
+    inverse_diagonal[k] = inverse;
+    row[k] *= inverse;
+    for (int i = before[k]; i >= 0; i = before[i]) row[i] *= inverse;
+    for (int i = before[k]; i >= 0; i = before[i]) {
+      for (int j = i; j >= 0; j = before[j]) h[i * n + j] -= row[i] * row[j];
+    }
+  }
+}
+
+void TreeDynamics::add_push(size_t body, const btVector3 &force, const btVector3 &torque, btScalar *row) const {
+  btVector3 twist = torque;
+  while (body > 0) {
+    const Work &w = work[body];
+    const Link &link = links[body - 1];
+    if (link.coordinate >= 0) row[6 + link.coordinate] += w.s_angular.dot(twist) + w.s_linear.dot(force);
+    twist += w.r.cross(force);
+    body = link.parent;
+  }
+  if (fixed_base) return;
+  for (int k = 0; k < 3; ++k) {
+    row[k] += twist[k];
+    row[k + 3] += force[k];
+  }
+}
+
+void TreeDynamics::normalise(btScalar *row) const {
+  const size_t n = velocity_size();
+  for (size_t k = n; k-- > (fixed_base ? 6u : 0u);) {
+    if (row[k] == 0) continue;
+    row[k] *= inverse_diagonal[k];
+    for (int j = before[k]; j >= 0; j = before[j]) row[j] -= factor[k * n + j] * row[k];
+  }
+}
+
+void TreeDynamics::rates_of(const btScalar *z, Rate &rate) const {
+  const size_t n = velocity_size();
+  const auto component = [&](size_t k) -> btScalar & { return k < 3 ? rate.angular[k] : k < 6 ? rate.linear[k - 3] : rate.q[k - 6]; };
+  for (size_t k = 0; k < n; ++k) {
+    if (fixed_base && k < 6) {
+      component(k) = 0;
+      continue;
+    }
+    btScalar sum = z[k];
+    for (int j = before[k]; j >= 0; j = before[j]) sum -= factor[k * n + j] * component(j);
+    component(k) = sum * inverse_diagonal[k];
+  }
+}
+
+void TreeDynamics::coordinates_of(const Rate &rate, btScalar *z) const {
+  const size_t n = velocity_size();
+  const auto component = [&](size_t k) { return k < 3 ? rate.angular[k] : k < 6 ? rate.linear[k - 3] : rate.q[k - 6]; };
+  for (size_t k = 0; k < n; ++k) {
+    z[k] = 0;
+    if (fixed_base && k < 6) continue;
+    for (int j = static_cast<int>(k); j >= 0; j = before[j]) z[k] += factor[k * n + j] * component(j);
   }
 }
 

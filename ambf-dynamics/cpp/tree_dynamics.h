@@ -106,6 +106,18 @@ class TreeDynamics {
   // placed and moved with the rate.
   void bound_rotation(Rate &rate, btScalar h);
 
+  // Velocity coordinates z in which the kinetic energy is z^T z / 2: z = L v, where v are the base's angular and linear velocity and the rates of
+  // the coordinates, and L^T L their inertia, factored along the branches (Featherstone 2008, section 6.5). The base's six are 0 if it is fixed.
+  // `factor_inertia` is to be called first, with bodies that were placed and moved.
+  void factor_inertia();
+  size_t velocity_size() const { return 6 + static_cast<size_t>(coordinates); }
+  // Adds to a row of the Jacobian of v what a force at the centre of mass of a body and a torque on it do, both of 1 N s or N m s.
+  void add_push(size_t body, const btVector3 &force, const btVector3 &torque, btScalar *row) const;
+  // Turns a row of the Jacobian of v into that of z, which is the response of z to the row's impulse too.
+  void normalise(btScalar *row) const;
+  void rates_of(const btScalar *z, Rate &rate) const;
+  void coordinates_of(const Rate &rate, btScalar *z) const;
+
   // Moves on by h times rate, the rotation by the exponential map.
   static void shift(Position &position, btScalar h, const Rate &rate);
 
@@ -155,6 +167,10 @@ class TreeDynamics {
 
   Vector<Work> work;
   Vector<btScalar> efforts;
+  // Of each component of v, the one before it on its way to the base; -1: none.
+  Vector<int> before;
+  // L, by rows, and the inverses of its diagonal.
+  Vector<btScalar> factor, inverse_diagonal;
   Position stage, part;
   Rate stage_rate, part_rate, start_rate, slopes[4], speeds[4];
   // Damping is integrated apart from the other forces.

@@ -17,14 +17,12 @@ btScalar elastic(const TreeDynamics::Spring &spring, btScalar q) {
 
 }  // namespace
 
-void read_start_rates(const btMultiBody &multi_body, Vector<btScalar> &rates) {
-  const TreeDynamics::Rate &rate = static_cast<const AmbTree *>(multi_body.getUserPointer())->rate;
-  rates.resize(6 + rate.q.size());
-  for (int i = 0; i < 3; ++i) {
-    rates[i] = rate.angular[i];
-    rates[i + 3] = rate.linear[i];
-  }
-  std::copy(rate.q.begin(), rate.q.end(), rates.begin() + 6);
+void read_rates(const btMultiBody &multi_body, Vector<btScalar> &start, Vector<btScalar> &free) {
+  const AmbTree &tree = *static_cast<const AmbTree *>(multi_body.getUserPointer());
+  start.resize(tree.dynamics.velocity_size());
+  free.resize(start.size());
+  tree.dynamics.coordinates_of(tree.rate, start.data());
+  tree.dynamics.coordinates_of(tree.free_rate, free.data());
 }
 
 // Present energy with poses that are taken back by a time.

@@ -19,19 +19,12 @@ constexpr btScalar TIE_SOFTNESS = 1e-6;
 // ones: the force of a controller whose set point jumps would be repeated where the controller wants to reverse it.
 constexpr btScalar MAX_EXPECTED = 0.02;
 
-void set_no_normals(btMultiBodySolverConstraint &row) {
-  const btVector3 zero(0, 0, 0);
-  row.m_relpos1CrossNormal = row.m_contactNormal1 = row.m_angularComponentA = zero;
-  row.m_relpos2CrossNormal = row.m_contactNormal2 = row.m_angularComponentB = zero;
-}
-
 }  // namespace
 
 JointRows::JointRows(AmbTree &owner)
     : EngineRows(owner.multi_body.get(), nullptr, 0, -1, 3 * owner.dynamics.coordinates, false,
                             MULTIBODY_CONSTRAINT_1DOF_JOINT_MOTOR),
-      tree(owner),
-      jacobian(6 + owner.dynamics.coordinates) {
+      tree(owner) {
   // A limit and a motor of each joint, and a limit and a row of each spring.
   m_numRows = 2 * (owner.dynamics.coordinates + static_cast<int>(owner.springs.size()));
   m_data.resize(m_numRows);
@@ -179,32 +172,18 @@ btScalar JointRows::spring_impulse(size_t spring) const {
 
 void JointRows::createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBodyJacobianData &data,
                                      const btContactSolverInfo &info) {
-  const int n = static_cast<int>(planned.size()), first = rows.size();
-  const btVector3 zero(0, 0, 0);
-  for (int i = 0; i < n; ++i) {
-    btMultiBodySolverConstraint &row = rows.expandNonInitializing();
+  for (size_t i = 0; i < planned.size(); ++i) {
     const Row &plan = planned[i];
-    set_no_normals(row);
-    row.m_orgConstraint = this;
-    row.m_orgDofIndex = i;
-    row.m_solverBodyIdA = row.m_solverBodyIdB = data.m_fixedBodyId;
-    std::fill(jacobian.begin(), jacobian.end(), 0);
-    jacobian[6 + plan.coordinate] = 1;
-    fillMultiBodyConstraint(row, data, jacobian.data(), nullptr, zero, zero, zero, zero, 0, info, plan.low - plan.expected,
-                            plan.high - plan.expected, true);
-  }
-  for (int i = 0; i < n; ++i) {
-    btMultiBodySolverConstraint &row = rows[first + i];
-    const Row &plan = planned[i];
-    // The rate that a unit impulse gives.
-    btScalar own = data.m_deltaVelocitiesUnitImpulse[row.m_jacAindex + 6 + plan.coordinate];
-    const btScalar softness = std::max(plan.softness, own * SOFTNESS);
-    own += softness;
-    row.m_jacDiagABInv = 1 / own;
-    row.m_cfm = softness / own;
-    row.m_rhs = (plan.target - plan.softness * plan.expected - tree.free_rate.q[plan.coordinate]) / own;
-    row.m_rhsPenetration = plan.correction / own;
-    internalSetAppliedImpulse(i, 0);
+    btMultiBodySolverConstraint &row = new_row(rows, static_cast<int>(i), data);
+    const RowMotion motion = push_coordinate(row, tree, plan.coordinate, data);
+    const btScalar softness = std::max(plan.softness, motion.response * SOFTNESS), whole = motion.response + softness;
+    row.m_lowerLimit = plan.low - plan.expected;
+    row.m_upperLimit = plan.high - plan.expected;
+    row.m_jacDiagABInv = whole > 0 ? 1 / whole : 0;
+    row.m_cfm = softness * row.m_jacDiagABInv;
+    row.m_rhs = (plan.target - plan.softness * plan.expected - motion.velocity) * row.m_jacDiagABInv;
+    row.m_rhsPenetration = plan.correction * row.m_jacDiagABInv;
+    internalSetAppliedImpulse(static_cast<int>(i), 0);
   }
 }
 
@@ -248,22 +227,20 @@ void TieRows::createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBody
   motion.finish(link.body.getLinearVelocity(), link.body.getAngularVelocity(), other.body.getLinearVelocity(),
                 other.body.getAngularVelocity(), info.m_timeStep);
   for (int i = 0; i < m_numRows; ++i) {
-    btMultiBodySolverConstraint &row = rows.expandNonInitializing();
-    set_no_normals(row);
-    row.m_orgConstraint = this;
-    row.m_orgDofIndex = i;
-    row.m_solverBodyIdA = data.m_fixedBodyId;
-    row.m_solverBodyIdB = is_dynamic ? other.body.getCompanionId() : data.m_fixedBodyId;
+    btMultiBodySolverConstraint &row = new_row(rows, i, data);
     btVector3 linear(0, 0, 0), angular(0, 0, 0);
     (i < 3 ? linear : angular)[i % 3] = 1;
-    fillMultiBodyConstraint(row, data, nullptr, nullptr, angular, linear, a.getOrigin(), b.getOrigin(), 0, info,
-                            -BT_LARGE_FLOAT, BT_LARGE_FLOAT, i >= 3);
-    if (is_dynamic) {
-      const btSolverBody &body = (*data.m_solverBodyPool)[row.m_solverBodyIdB];
-      // Bullet forgets that forces change the velocity of the body as they did that of the tree.
-      row.m_rhs -= row.m_jacDiagABInv * (row.m_contactNormal2.dot(body.m_externalForceImpulse) +
-                                         row.m_relpos2CrossNormal.dot(body.m_externalTorqueImpulse));
+    RowMotion motion_of_row = push_member(row, 0, *link.tree, link.member, linear, angular + arm_a.cross(linear), data);
+    const btVector3 back = -linear, turn_back = -(angular + arm_b.cross(linear));
+    RowMotion part;
+    if (other.tree) {
+      part = push_member(row, 1, *other.tree, other.member, back, turn_back, data);
+    } else if (is_dynamic) {
+      part = push_body(row, 1, other.body.getCompanionId(), back, turn_back, *data.m_solverBodyPool);
     }
+    const btScalar whole = motion_of_row.response + part.response;
+    row.m_jacDiagABInv = whole > SIMD_EPSILON ? 1 / whole : 0;
+    row.m_rhs = -(motion_of_row.velocity + part.velocity) * row.m_jacDiagABInv;
     const btScalar error = i < 3 ? gap[i] : angle[i - 3], most = i < 3 ? MAX_CORRECTION_SPEED : MAX_CORRECTION_RATE;
     errors[i] = error;
     const btScalar target = -error * info.m_erp / info.m_timeStep;
@@ -302,24 +279,18 @@ LinkDrive::LinkDrive(AmbBody &body)
 }
 
 void LinkDrive::createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBodyJacobianData &data,
-                                     const btContactSolverInfo &info) {
+                                     const btContactSolverInfo &) {
   if (!enabled) return;
-  const btVector3 &center = link.body.getWorldTransform().getOrigin();
   for (int i = 0; i < 6; ++i) {
-    btMultiBodySolverConstraint &row = rows.expandNonInitializing();
-    set_no_normals(row);
-    row.m_orgConstraint = this;
-    row.m_orgDofIndex = i;
-    row.m_solverBodyIdA = row.m_solverBodyIdB = data.m_fixedBodyId;
+    btMultiBodySolverConstraint &row = new_row(rows, i, data);
     btVector3 linear(0, 0, 0), angular(0, 0, 0);
     (i < 3 ? linear : angular)[i % 3] = 1;
-    const btScalar rate = fillMultiBodyConstraint(row, data, nullptr, nullptr, angular, linear, center, center, 0, info,
-                                                  -BT_LARGE_FLOAT, BT_LARGE_FLOAT, i >= 3);
+    const RowMotion motion = push_member(row, 0, *link.tree, link.member, linear, angular, data);
     // Directions in which the tree cannot move have no response.
-    if (row.m_jacDiagABInv == 0) continue;
-    const btScalar whole = 1 / row.m_jacDiagABInv + softness[i / 3];
+    if (motion.response <= SIMD_EPSILON) continue;
+    const btScalar whole = motion.response + softness[i / 3];
     row.m_jacDiagABInv = 1 / whole;
     row.m_cfm = softness[i / 3] / whole;
-    row.m_rhs = (velocity[i] - rate) / whole;
+    row.m_rhs = (velocity[i] - motion.velocity) / whole;
   }
 }

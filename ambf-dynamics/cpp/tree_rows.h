@@ -67,7 +67,6 @@ class JointRows : public EngineRows {
   // Last force of each source of rows.
   Vector<btScalar> forces;
   btScalar step = 0;
-  Vector<btScalar> jacobian;
   TreeDynamics::Rate acceleration;
 };
 
