@@ -175,24 +175,47 @@ void TreeDynamics::add_inertias() {
   }
 }
 
+// Force and torque by which a link resists motion of its joint, whose children's joints are free.
+void TreeDynamics::resist(size_t link) {
+  Work &w = work[link + 1];
+  w.u_angular = w.a * w.s_angular + w.b * w.s_linear;
+  w.u_linear = transpose_times(w.b, w.s_angular) + w.m * w.s_linear;
+  const btScalar d = w.s_angular.dot(w.u_angular) + w.s_linear.dot(w.u_linear);
+  w.d_inverse = d > 0 ? 1 / d : 0;
+}
+
+// Takes the motion of the link's joint out of its articulated inertia.
+void TreeDynamics::release(size_t link) {
+  if (links[link].motion == Motion::Fixed) return;
+  Work &w = work[link + 1];
+  subtract_outer(w.a, w.u_angular, w.u_angular, w.d_inverse);
+  subtract_outer(w.b, w.u_angular, w.u_linear, w.d_inverse);
+  subtract_outer(w.m, w.u_linear, w.u_linear, w.d_inverse);
+}
+
+// Adds the articulated inertia of a link to that of its parent.
+void TreeDynamics::add_to_parent(size_t link) {
+  const Work &w = work[link + 1];
+  Work &parent = work[links[link].parent];
+  const btMatrix3x3 b = w.b + cross_matrix(w.r, w.m);
+  parent.a += w.a - matrix_cross(w.b, w.r) + cross_matrix(w.r, b.transpose());
+  parent.b += b;
+  parent.m += w.m;
+}
+
 // From the leaves to the base and back. The bias forces of all bodies have been set.
 void TreeDynamics::sweep(Rate &out, bool with_bias) {
-  for (int i = static_cast<int>(links.size()) - 1; i >= 0; --i) {
+  for (size_t i = links.size(); i-- > 0;) {
     const Link &link = links[i];
     Work &w = work[i + 1];
     if (link.motion != Motion::Fixed) {
-      w.u_angular = w.a * w.s_angular + w.b * w.s_linear;
-      w.u_linear = transpose_times(w.b, w.s_angular) + w.m * w.s_linear;
-      const btScalar d = w.s_angular.dot(w.u_angular) + w.s_linear.dot(w.u_linear);
-      w.d_inverse = d > 0 ? 1 / d : 0;
+      resist(i);
       w.u = efforts[link.coordinate] - w.s_angular.dot(w.torque) - w.s_linear.dot(w.force);
     }
     if (link.parent == 0 && fixed_base) continue;
     btVector3 torque = w.torque, force = w.force;
+    release(i);
     if (link.motion != Motion::Fixed) {
-      subtract_outer(w.a, w.u_angular, w.u_angular, w.d_inverse);
-      subtract_outer(w.b, w.u_angular, w.u_linear, w.d_inverse);
-      subtract_outer(w.m, w.u_linear, w.u_linear, w.d_inverse);
       torque += w.u_angular * (w.u * w.d_inverse);
       force += w.u_linear * (w.u * w.d_inverse);
     }
@@ -200,11 +223,8 @@ void TreeDynamics::sweep(Rate &out, bool with_bias) {
       torque += w.a * w.c_angular + w.b * w.c_linear;
       force += transpose_times(w.b, w.c_angular) + w.m * w.c_linear;
     }
+    add_to_parent(i);
     Work &parent = work[link.parent];
-    const btMatrix3x3 b = w.b + cross_matrix(w.r, w.m);
-    parent.a += w.a - matrix_cross(w.b, w.r) + cross_matrix(w.r, b.transpose());
-    parent.b += b;
-    parent.m += w.m;
     parent.torque += torque + w.r.cross(force);
     parent.force += force;
   }
@@ -513,52 +533,50 @@ void TreeDynamics::runge_kutta(btScalar h, const Position &from, const Rate &rat
   }
 }
 
+// A row of L is the force by which a link resists its joint, moved to each joint on the way to the base, over the root of the joint's own
+// resistance. This is more accurate than to factor the inertia of the coordinates, which is a difference of large numbers where heavy links
+// hang on light ones.
 void TreeDynamics::factor_inertia() {
   const size_t n = velocity_size();
-  btScalar *const h = factor.data();
   add_inertias();
-  // Inertias of what hangs on each joint, and the inertia of the coordinates.
   for (size_t i = links.size(); i-- > 0;) {
     const Link &link = links[i];
     const Work &w = work[i + 1];
     if (link.coordinate >= 0) {
-      btVector3 torque = w.a * w.s_angular + w.b * w.s_linear;
-      btVector3 force = transpose_times(w.b, w.s_angular) + w.m * w.s_linear;
-      btScalar *const row = h + (6 + link.coordinate) * n;
-      row[6 + link.coordinate] = w.s_angular.dot(torque) + w.s_linear.dot(force);
-      size_t body = i + 1;
-      while (body > 0) {
+      resist(i);
+      const size_t k = 6 + link.coordinate;
+      const btScalar inverse = btSqrt(w.d_inverse);
+      inverse_diagonal[k] = inverse;
+      btScalar *const row = &factor[k * n];
+      row[k] = inverse > 0 ? 1 / inverse : 0;
+      btVector3 torque = w.u_angular * inverse, force = w.u_linear * inverse;
+      for (size_t body = i + 1; body > 0;) {
         torque += work[body].r.cross(force);
         body = links[body - 1].parent;
-        if (body > 0 && links[body - 1].coordinate >= 0) {
-          row[6 + links[body - 1].coordinate] = work[body].s_angular.dot(torque) + work[body].s_linear.dot(force);
-        }
+        if (body == 0 || links[body - 1].coordinate < 0) continue;
+        row[6 + links[body - 1].coordinate] = work[body].s_angular.dot(torque) + work[body].s_linear.dot(force);
       }
-      for (int k = 0; k < 3; ++k) {
-        row[k] = torque[k];
-        row[k + 3] = force[k];
+      for (int c = 0; c < 3; ++c) {
+        row[c] = torque[c];
+        row[c + 3] = force[c];
       }
     }
     if (link.parent == 0 && fixed_base) continue;
-    Work &parent = work[link.parent];
-    const btMatrix3x3 b = w.b + cross_matrix(w.r, w.m);
-    parent.a += w.a - matrix_cross(w.b, w.r) + cross_matrix(w.r, b.transpose());
-    parent.b += b;
-    parent.m += w.m;
+    release(i);
+    add_to_parent(i);
   }
-  const size_t first = fixed_base ? 6 : 0;
-  for (size_t k = first; k < 6; ++k) {
-    for (size_t j = 0; j <= k; ++j) h[k * n + j] = k < 3 ? work[0].a[k][j] : j < 3 ? work[0].b[j][k - 3] : work[0].m[k - 3][j - 3];
+  if (fixed_base) return;
+  const Work &base = work[0];
+  for (size_t k = 0; k < 6; ++k) {
+    for (size_t j = 0; j <= k; ++j) factor[k * n + j] = k < 3 ? base.a[k][j] : j < 3 ? base.b[j][k - 3] : base.m[k - 3][j - 3];
   }
-  for (size_t k = n; k-- > first;) {
-    btScalar *const row = h + k * n;
+  for (size_t k = 6; k-- > 0;) {
+    btScalar *const row = &factor[k * n];
     // What is not positive is an error of rounding: nothing moves there.
-    const btScalar inverse = row[k] > 0 ? 1 / btSqrt(row[k]) : 0;
-    inverse_diagonal[k] = inverse;
-    row[k] *= inverse;
-    for (int i = before[k]; i >= 0; i = before[i]) row[i] *= inverse;
-    for (int i = before[k]; i >= 0; i = before[i]) {
-      for (int j = i; j >= 0; j = before[j]) h[i * n + j] -= row[i] * row[j];
+    inverse_diagonal[k] = row[k] > 0 ? 1 / btSqrt(row[k]) : 0;
+    for (size_t i = 0; i <= k; ++i) row[i] *= inverse_diagonal[k];
+    for (size_t i = 0; i < k; ++i) {
+      for (size_t j = 0; j <= i; ++j) factor[i * n + j] -= row[i] * row[j];
     }
   }
 }

@@ -107,8 +107,8 @@ class TreeDynamics {
   void bound_rotation(Rate &rate, btScalar h);
 
   // Velocity coordinates z in which the kinetic energy is z^T z / 2: z = L v, where v are the base's angular and linear velocity and the rates of
-  // the coordinates, and L^T L their inertia, factored along the branches (Featherstone 2008, section 6.5). The base's six are 0 if it is fixed.
-  // `factor_inertia` is to be called first, with bodies that were placed and moved.
+  // the coordinates, and L^T L is their inertia; L has entries along the branches only (Featherstone 2008, section 6.5). The base's six are 0
+  // if it is fixed. `factor_inertia` is to be called first, with bodies that were placed and moved.
   void factor_inertia();
   size_t velocity_size() const { return 6 + static_cast<size_t>(coordinates); }
   // Adds to a row of the Jacobian of v what a force at the centre of mass of a body and a torque on it do, both of 1 N s or N m s.
@@ -163,6 +163,9 @@ class TreeDynamics {
   btScalar mass() const;
   void probe(const Position &at, const Rate &rate);
   void add_inertias();
+  void resist(size_t link);
+  void release(size_t link);
+  void add_to_parent(size_t link);
   void sweep(Rate &out, bool with_bias);
 
   Vector<Work> work;
