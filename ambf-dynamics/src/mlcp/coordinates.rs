@@ -1,7 +1,8 @@
 //! Velocity coordinates of each body in which its mass matrix is the identity.
 //!
 //! `M` is not given, only rows of `J` and their responses `R = M⁻¹ Jᵀ`. The rows of a body are made orthonormal in the inner product
-//! `a M⁻¹ bᵀ` by Gram and Schmidt's method: `G M⁻¹ Gᵀ = 1`. With `q = G R` of each row, `A = J R = Qᵀ Q`.
+//! `a M⁻¹ bᵀ` by Gram and Schmidt's method: `G M⁻¹ Gᵀ = 1`. With `q = G R` of each row, `A = J R = Qᵀ Q`. Where all responses of a body are
+//! its Jacobians, these are the coordinates.
 
 use super::layout::Layout;
 use super::problem::{Rows, StoredRow};
@@ -73,7 +74,9 @@ impl Coordinates {
                 if size == 0 {
                     continue;
                 }
-                if !self.add_side(rows, row, side, at, INDEPENDENT) {
+                if layout.is_unit[row.sides[side].body as usize] {
+                    self.copy_side(rows, row, side, at);
+                } else if !self.add_side(rows, row, side, at, INDEPENDENT) {
                     self.postponed.push((p as u32, side, at));
                 }
                 at += size as usize;
@@ -96,13 +99,23 @@ impl Coordinates {
         let mut end = 0;
         for (body, &start) in layout.coordinate_start.iter().enumerate() {
             self.basis_start.push(end);
-            if start != u32::MAX {
+            if start != u32::MAX && !layout.is_unit[body] {
                 let size = layout.velocity_start[body + 1] - layout.velocity_start[body];
                 end += size * size;
             }
         }
         if self.basis.len() < end {
             self.basis.resize(end, 0.0);
+        }
+    }
+
+    /// Takes the Jacobian of one side for its coordinates.
+    fn copy_side(&mut self, rows: &Rows, row: &StoredRow, side: usize, at: usize) {
+        let (of, other) = (&row.sides[side], &row.sides[1 - side]);
+        let q = &mut self.data[at..at + of.size as usize];
+        q.copy_from_slice(of.jacobian(&rows.data));
+        if other.body == of.body {
+            q.iter_mut().zip(other.jacobian(&rows.data)).for_each(|(q, value)| *q += value);
         }
     }
 

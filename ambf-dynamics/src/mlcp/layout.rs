@@ -3,7 +3,7 @@
 //! Bodies are numbered by breadth-first search (Cuthill and McKee 1969) that starts at the far end of another one; a row stands with the
 //! later of its bodies. The envelope of a chain is then as wide as one joint, and a factorisation costs time linear in its length.
 
-use super::problem::{Rows, StoredRow};
+use super::problem::{Rows, StoredRow, StoredSide};
 
 /// The coordinates of one body in the matrix of the factorisation in velocity space.
 #[derive(Debug, Clone, Copy)]
@@ -51,8 +51,10 @@ pub(super) struct Layout {
     pub coordinate_factor_cost: f64,
     /// Block of each coordinate's body.
     block_of: Vec<u32>,
-    /// Velocity components on which the row at each place acts.
-    acts_on: Vec<u32>,
+    /// Multiplications to add the row at each place to the matrix in velocity space.
+    scatter: Vec<f64>,
+    /// Whether the mass matrix of each body is the identity: all its responses are its Jacobians.
+    pub is_unit: Vec<bool>,
     body_place: Vec<i32>,
     queue: Vec<u32>,
     neighbours: Vec<u32>,
@@ -76,8 +78,13 @@ impl Layout {
     }
 
     pub fn arrange(&mut self, rows: &Rows) {
+        self.is_unit.clear();
+        self.is_unit.resize(self.bodies(), true);
+        for side in rows.rows.iter().flat_map(|row| &row.sides).filter(|side| side.is_some()) {
+            self.is_unit[side.body as usize] &= side.nonzeros.is_some();
+        }
         if let Some((body, size)) = lone_body(&rows.rows) {
-            self.arrange_lone(rows.rows.len(), body, size);
+            self.arrange_lone(&rows.rows, body, size);
         } else {
             self.arrange_all(rows);
         }
@@ -108,8 +115,7 @@ impl Layout {
 
     /// Multiplications to add the row at a place to the matrix in velocity space.
     pub fn scatter_cost(&self, place: usize) -> f64 {
-        let size = f64::from(self.acts_on[place]);
-        size * (size + 1.0) / 2.0
+        self.scatter[place]
     }
 
     /// The block that begins at a coordinate.
@@ -118,7 +124,8 @@ impl Layout {
     }
 
     /// The same for rows that all act on one body: their order is given, and all entries of the matrix are within the envelope.
-    fn arrange_lone(&mut self, rows: usize, body: usize, size: u32) {
+    fn arrange_lone(&mut self, of: &[StoredRow], body: usize, size: u32) {
+        let rows = of.len();
         self.order.clear();
         self.order.extend(0..rows as u32);
         self.place.clear();
@@ -127,8 +134,8 @@ impl Layout {
         self.first.resize(rows, 0);
         self.start.clear();
         self.start.extend((0..=rows).map(|p| p * (p + 1) / 2));
-        self.acts_on.clear();
-        self.acts_on.resize(rows, size);
+        self.scatter.clear();
+        self.scatter.extend(of.iter().map(|row| scatter_cost(row, self.is_unit[body])));
         self.coordinate_start.clear();
         self.coordinate_start.resize(self.bodies(), u32::MAX);
         self.coordinate_start[body] = 0;
@@ -143,8 +150,8 @@ impl Layout {
         self.assembly_cost = d * n * (n + 1.0) / 2.0;
         self.pass_cost = d * n;
         self.coordinate_entries = (size * size) as usize;
-        self.coordinate_cost = d * d * n;
-        self.scatter_all_cost = n * d * (d + 1.0) / 2.0;
+        self.coordinate_cost = if self.is_unit[body] { 0.0 } else { d * d * n };
+        self.scatter_all_cost = self.scatter.iter().sum();
         self.coordinate_factor_cost = squares(d) / 2.0;
     }
 
@@ -275,20 +282,23 @@ impl Layout {
     /// Numbers the coordinates of velocity space and finds their envelope: two bodies meet in it where a row acts on both.
     fn find_blocks(&mut self, rows: &[StoredRow]) {
         let bodies = self.bodies();
-        self.acts_on.clear();
+        self.scatter.clear();
         self.coordinate_start.clear();
         self.coordinate_start.resize(bodies, u32::MAX);
         (self.coordinate_cost, self.scatter_all_cost, self.coordinate_factor_cost) = (0.0, 0.0, 0.0);
         for p in 0..self.order.len() {
-            let [a, b] = rows[self.order[p] as usize].sides;
-            let mut size = 0;
-            for side in [a, b].iter().filter(|side| side.is_some()) {
+            let row = &rows[self.order[p] as usize];
+            let mut is_unit = true;
+            for side in row.sides.iter().filter(|side| side.is_some()) {
                 self.coordinate_start[side.body as usize] = 0;
-                self.coordinate_cost += f64::from(side.size) * f64::from(side.size);
-                size += side.size;
+                if !self.is_unit[side.body as usize] {
+                    is_unit = false;
+                    self.coordinate_cost += f64::from(side.size) * f64::from(side.size);
+                }
             }
-            self.acts_on.push(if a.is_some() && a.body == b.body { a.size } else { size });
-            self.scatter_all_cost += self.scatter_cost(p);
+            let cost = scatter_cost(row, is_unit);
+            self.scatter.push(cost);
+            self.scatter_all_cost += cost;
         }
         self.blocks.clear();
         self.block_of.clear();
@@ -331,6 +341,16 @@ impl Layout {
         }
         self.coordinate_entries = offset;
     }
+}
+
+/// Multiplications to add a row to the matrix in velocity space. `is_unit`: its components that are 0 stay so.
+fn scatter_cost(row: &StoredRow, is_unit: bool) -> f64 {
+    let [a, b] = &row.sides;
+    let is_twice = a.is_some() && a.body == b.body;
+    let size = if is_twice { a.size } else { a.size + b.size };
+    let nonzeros = |side: &StoredSide| side.nonzeros.filter(|_| is_unit).unwrap_or(side.size);
+    let lines = (nonzeros(a) + nonzeros(b)).min(size);
+    f64::from(lines) * f64::from(size + 1) / 2.0
 }
 
 /// The body on which all rows act, each on one side, and its velocity components.

@@ -82,6 +82,6 @@ impl Matrix {
         }
         self.next.clear();
         self.next.extend_from_slice(&self.start);
-        self.sides.resize(count, (0, StoredSide { body: -1, size: 0, offset: 0 }));
+        self.sides.resize(count, (0, StoredSide::NONE));
     }
 }

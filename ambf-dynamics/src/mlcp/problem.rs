@@ -23,7 +23,9 @@ pub struct Side<'a> {
     /// Row of the Jacobian for this body, as long as its generalised velocity (6 for a rigid body: linear, then angular; the frame is
     /// the caller's, the same for all rows of the body).
     pub jacobian: &'a [f64],
-    /// Change of the generalised velocity by a unit impulse on the row, `M⁻¹ Jᵀ`, of the same length.
+    /// Change of the generalised velocity by a unit impulse on the row, `M⁻¹ Jᵀ`, of the same length. Where the velocities of a body are given
+    /// in coordinates in which `M` is the identity it is the Jacobian, and the rows of that body take less work; more so the more of their
+    /// components are 0.
     pub response: &'a [f64],
 }
 
@@ -166,10 +168,12 @@ pub(super) struct StoredSide {
     pub body: i32,
     pub size: u32,
     pub offset: usize,
+    /// Components of the Jacobian that are not 0, where the response is the Jacobian; else `None`.
+    pub nonzeros: Option<u32>,
 }
 
 impl StoredSide {
-    const NONE: Self = Self { body: -1, size: 0, offset: 0 };
+    pub const NONE: Self = Self { body: -1, size: 0, offset: 0, nonzeros: None };
 
     pub fn is_some(&self) -> bool {
         self.body >= 0
@@ -226,7 +230,9 @@ impl Rows {
         self.data.extend_from_slice(&side.jacobian[..size]);
         self.data.extend_from_slice(&side.response[..size]);
         self.not_finite |= !are_finite(&self.data[offset..]);
-        StoredSide { body: i32::try_from(side.body).unwrap_or(i32::MAX), size: size as u32, offset }
+        let (jacobian, response) = self.data[offset..].split_at(size);
+        let nonzeros = (jacobian == response).then(|| jacobian.iter().filter(|&&value| value != 0.0).count() as u32);
+        StoredSide { body: i32::try_from(side.body).unwrap_or(i32::MAX), size: size as u32, offset, nonzeros }
     }
 
     /// `velocity_start`: where the velocity of each body begins, and the end of the last.

@@ -274,6 +274,10 @@ fn add_block<const N: usize>(
         let columns = if is_diagonal { k + 1 } else { right[0].len() };
         let row = &mut matrix[k * stride..k * stride + columns];
         let scales: [f64; N] = std::array::from_fn(|r| weights[r] * left[r][k]);
+        // Coordinates that are not on the way from the base to the link.
+        if scales == [0.0; N] {
+            continue;
+        }
         let right = right.map(|side| &side[..columns]);
         for (j, entry) in row.iter_mut().enumerate() {
             let mut sum = *entry;
