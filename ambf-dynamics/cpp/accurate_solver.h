@@ -421,6 +421,7 @@ class AccurateSolver : public Base {
     tree_rows_.clear();
     normals_.clear();
     needs_correction_ = is_urgent_ = false;
+    is_at_rest_ = true;
     position_rows_.clear();
     const btConstraintArray &joints = this->m_tmpSolverNonContactConstraintPool;
     for (int i = 0; i < joints.size(); ++i) {
@@ -487,6 +488,9 @@ class AccurateSolver : public Base {
   void add(const AmbMlcpRow &row, bool is_angular, double least_correction, bool is_limit = false) {
     mlcp_table->add_row(mlcp_, &row);
     ++row_count_;
+    // A contact may open. Where the impulse is given the target does not count.
+    const bool is_idle = row.low >= row.high ? row.low == 0 : row.target <= NO_SPEED && (row.low == 0 || row.target >= -NO_SPEED);
+    is_at_rest_ = is_at_rest_ && is_idle && row.low <= 0 && row.high >= 0;
     const bool idle = (row.low == 0 && row.position_target < 0) || (row.high == 0 && row.position_target > 0);
     position_rows_.push_back({row.in_positions && !idle ? row.position_target : 0, is_angular});
     if (row.in_positions && !idle) {
@@ -651,10 +655,17 @@ class AccurateSolver : public Base {
 
   bool solve(const btContactSolverInfo &info, bool is_small) {
     AmbSolverStatistics &seen = settings_.statistics;
-    const double cost = mlcp_table->prepare(mlcp_, this->m_tmpSolverBodyPool.size(), tree_sizes_.data(),
-                                                static_cast<int>(tree_sizes_.size()));
-    if (cost < 0 || (!is_small && cost > settings_.max_pile_cost * row_count_)) return false;
     const double budget = settings_.budget_per_row * row_count_ + settings_.least_budget;
+    if (is_at_rest_) {
+      forget_impulses();
+      ++seen.islands_solved;
+      seen.rows += row_count_;
+      note_depth();
+      correct_positions(info, budget, false);
+      return true;
+    }
+    const double cost = prepare();
+    if (cost < 0 || (!is_small && cost > settings_.max_pile_cost * row_count_)) return false;
     mlcp_table->set_energy(mlcp_, kinetic_energy());
     const int outcome = mlcp_table->solve(mlcp_, budget + saved_budget_);
     AmbMlcpStatistics found;
@@ -668,18 +679,26 @@ class AccurateSolver : public Base {
     ++(outcome == AMB_MLCP_SOLVED ? seen.islands_solved : seen.islands_approximate);
     seen.residual = std::max(seen.residual, found.residual);
     write_velocities();
-    seen.penetration = std::max(seen.penetration, double(deepest_));
-    deepest_ = 0;
-    correct_positions(info, budget);
+    note_depth();
+    correct_positions(info, budget, true);
     return true;
   }
 
+  double prepare() {
+    return mlcp_table->prepare(mlcp_, this->m_tmpSolverBodyPool.size(), tree_sizes_.data(), static_cast<int>(tree_sizes_.size()));
+  }
+
+  void note_depth() {
+    settings_.statistics.penetration = std::max(settings_.statistics.penetration, double(deepest_));
+    deepest_ = 0;
+  }
+
   // Small errors can wait, and so can those that no correction removes.
-  void correct_positions(const btContactSolverInfo &info, double budget) {
+  void correct_positions(const btContactSolverInfo &info, double budget, bool is_prepared) {
     if (!needs_correction_ || !(is_urgent_ || sub_step_ % CORRECTION_INTERVAL == 0)) return;
     const void *island = identity();
     const PositionErrors asked = errors([&](size_t i) { return position_rows_[i].target; });
-    if (is_settled(island, asked)) return;
+    if (is_settled(island, asked) || (!is_prepared && prepare() < 0)) return;
     if (mlcp_table->solve_positions(mlcp_, nullptr, position_states_.data(), POSITION_SOFTNESS, budget) == AMB_MLCP_NOT_FINITE) return;
     ++settings_.statistics.position_problems;
     const double *left = mlcp_table->position_errors(mlcp_);
@@ -732,6 +751,19 @@ class AccurateSolver : public Base {
       }
     }
     return false;
+  }
+
+  // Those of the sub-step before, from which sequential impulses would begin.
+  void forget_impulses() {
+    for (btConstraintArray *pool : {&this->m_tmpSolverNonContactConstraintPool, &this->m_tmpSolverContactConstraintPool,
+                                    &this->m_tmpSolverContactFrictionConstraintPool,
+                                    &this->m_tmpSolverContactRollingFrictionConstraintPool}) {
+      for (int i = 0; i < pool->size(); ++i) (*pool)[i].m_appliedImpulse = 0;
+    }
+    for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i) {
+      body(i).internalGetDeltaLinearVelocity().setZero();
+      body(i).internalGetDeltaAngularVelocity().setZero();
+    }
   }
 
   void write_velocities() {
@@ -793,6 +825,8 @@ class AccurateSolver : public Base {
   Vector<JointError> joint_errors_;
   Vector<Normal> normals_;
   Vector<unsigned char> position_states_;
+  // Whether all rows are satisfied without impulses.
+  bool is_at_rest_ = false;
   // Whether a row asks for a correction of its position, and one that cannot wait.
   bool needs_correction_ = false, is_urgent_ = false;
   unsigned sub_step_ = 0;

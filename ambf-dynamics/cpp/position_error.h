@@ -6,6 +6,8 @@
 
 #include <algorithm>
 
+// Velocity that counts as none at any scale, m/s or rad/s.
+constexpr double NO_SPEED = 1e-14;
 // Bounds beyond this are none, N s or N m s.
 constexpr btScalar UNBOUNDED = 1e9;
 // Fastest correction of a joint or loop, m/s and rad/s, and of what is beyond a limit.
