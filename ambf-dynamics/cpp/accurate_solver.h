@@ -14,6 +14,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <initializer_list>
 #include <type_traits>
 
 #include "accurate_context.h"
@@ -33,6 +34,8 @@ class AccurateSolver : public Base {
   void prepareSolve(int bodies, int manifolds) override {
     Base::prepareSolve(bodies, manifolds);
     ++sub_step_;
+    contacts_before_.swap(contacts_);
+    contacts_.clear();
   }
 
   btScalar solveGroupCacheFriendlySetup(btCollisionObject **bodies, int n, btPersistentManifold **manifolds, int manifold_count,
@@ -51,9 +54,11 @@ class AccurateSolver : public Base {
     Base::convertJoints(constraints, n, info);
     btConstraintArray &rows = this->m_tmpSolverNonContactConstraintPool;
     joint_errors_.assign(rows.size(), {});
+    joints_.clear();
     int next = 0;
     for (int i = 0; i < n; ++i) {
       const int count = this->m_tmpConstraintSizesPool[i].m_numConstraintRows;
+      recall(*constraints[i], next, count);
       separate_errors(*constraints[i], next, count, info);
       next += count;
     }
@@ -70,7 +75,7 @@ class AccurateSolver : public Base {
   }
 
   void convertContacts(btPersistentManifold **manifolds, int n, const btContactSolverInfo &info) override {
-    remember_friction(manifolds, n);
+    recall_contacts(manifolds, n);
     Base::convertContacts(manifolds, n, info);
     add_torques(this->m_tmpSolverContactFrictionConstraintPool);
     add_torques(this->m_tmpSolverContactRollingFrictionConstraintPool);
@@ -113,6 +118,13 @@ class AccurateSolver : public Base {
     // Velocity that is asked for beside rest, m/s or rad/s.
     btScalar aim = 0;
     bool is_geometric = false;
+    // Impulse in the sub-step before.
+    btScalar guess = 0;
+  };
+
+  // What friction did at a contact in the sub-step before, N s, and rolling and spinning friction, N m s.
+  struct ContactMemory {
+    btVector3 friction{0, 0, 0}, torque{0, 0, 0};
   };
 
   // Holds a position both ways, one way, or drives.
@@ -166,7 +178,10 @@ class AccurateSolver : public Base {
                                        : (is_limit ? MAX_RETURN_SPEED : MAX_CORRECTION_SPEED);
       // Joints of the profile have the ERP of the world.
       if (!is_limit) note_error(target * h / info.m_erp, is_angular);
-      joint_errors_[k] = {std::max(-most, std::min(most, is_limit ? target - kept : target)), kept, true};
+      JointError &error = joint_errors_[k];
+      error.correction = std::max(-most, std::min(most, is_limit ? target - kept : target));
+      error.aim = kept;
+      error.is_geometric = true;
       row.m_rhs -= (target - kept) * row.m_jacDiagABInv;
     }
   }
@@ -219,15 +234,51 @@ class AccurateSolver : public Base {
     return true;
   }
 
-  // Friction of the step before, as a vector: its two directions are about to be replaced.
-  void remember_friction(btPersistentManifold **manifolds, int n) {
-    friction_before_.clear();
+  // What was found for the rows of a joint in the sub-step before, if it had as many.
+  void recall(const btTypedConstraint &constraint, int first, int count) {
+    // The constraint is this library's, and so is what it points at.
+    auto *memory = const_cast<SoftRows *>(soft_rows_of(constraint));
+    if (!memory || count == 0 || count > SoftRows::MOST_GUESSES) return;
+    joints_.push_back({memory, first, count});
+    for (int k = 0; memory->guesses == count && k < count; ++k) joint_errors_[first + k].guess = memory->guess[k];
+  }
+
+  void remember_joints(const double *impulses) {
+    for (const JointSpan &joint : joints_) {
+      joint.memory->guesses = joint.count;
+      std::copy(impulses + joint.first, impulses + joint.first + joint.count, joint.memory->guess);
+    }
+  }
+
+  // Friction of the sub-step before, as vectors: its directions are about to be replaced. Points keep their number until the next sub-step.
+  void recall_contacts(btPersistentManifold **manifolds, int n) {
     for (int i = 0; i < n; ++i) {
       for (int k = 0; k < manifolds[i]->getNumContacts(); ++k) {
         btManifoldPoint &point = manifolds[i]->getContactPoint(k);
-        point.m_userPersistentData = reinterpret_cast<void *>(friction_before_.size());
-        friction_before_.push_back(point.m_appliedImpulseLateral1 * point.m_lateralFrictionDir1 +
-                                   point.m_appliedImpulseLateral2 * point.m_lateralFrictionDir2);
+        const size_t before = reinterpret_cast<size_t>(point.m_userPersistentData);
+        ContactMemory memory;
+        memory.friction = point.m_appliedImpulseLateral1 * point.m_lateralFrictionDir1 +
+                          point.m_appliedImpulseLateral2 * point.m_lateralFrictionDir2;
+        if (before > 0 && before <= contacts_before_.size()) memory.torque = contacts_before_[before - 1].torque;
+        contacts_.push_back(memory);
+        point.m_userPersistentData = reinterpret_cast<void *>(contacts_.size());
+      }
+    }
+  }
+
+  template <class Row>
+  ContactMemory &memory_of(const Row &normal) {
+    const auto &point = *static_cast<const btManifoldPoint *>(normal.m_originalContactPoint);
+    return contacts_[reinterpret_cast<size_t>(point.m_userPersistentData) - 1];
+  }
+
+  template <class Rows>
+  void remember_torques(const Rows &normals, std::initializer_list<const Rows *> frictions) {
+    for (int i = 0; i < normals.size(); ++i) memory_of(normals[i]).torque.setZero();
+    for (const Rows *rows : frictions) {
+      for (int i = 0; i < rows->size(); ++i) {
+        const auto &row = (*rows)[i];
+        memory_of(normals[row.m_frictionIndex]).torque += row.m_relpos1CrossNormal * btScalar(row.m_appliedImpulse);
       }
     }
   }
@@ -250,7 +301,7 @@ class AccurateSolver : public Base {
     const int directions = info.m_solverMode & SOLVER_USE_2_FRICTION_DIRECTIONS ? 2 : 1;
     for (int i = 0; i < contacts.size(); ++i) {
       const auto &point = *static_cast<const btManifoldPoint *>(contacts[i].m_originalContactPoint);
-      const btVector3 before = friction_before_[reinterpret_cast<size_t>(point.m_userPersistentData)];
+      const btVector3 before = memory_of(contacts[i]).friction;
       for (int k = 0; k < directions; ++k) {
         btSolverConstraint &row = this->m_tmpSolverContactFrictionConstraintPool[contacts[i].m_frictionIndex + k];
         row.m_appliedImpulse =
@@ -431,6 +482,8 @@ class AccurateSolver : public Base {
       row.is_drive = !joint_errors_[i].is_geometric;
       row.aim = joint_errors_[i].aim;
       row.position_target = joint_errors_[i].correction;
+      // Where it is not the solution, pivoting starts from free rows: drives that stop at their bounds change sides at each sub-step.
+      row.x = joint_errors_[i].guess;
       add(row, joints[i].m_contactNormal1.isZero(), MIN_CORRECTION, row.low == 0 || row.high == 0);
     }
     // Redundant contacts share the load.
@@ -442,7 +495,8 @@ class AccurateSolver : public Base {
       add_friction(frictions[i], joints.size(), frictions[i].m_appliedImpulse, BT_LARGE_FLOAT, kept);
     }
     for (int i = 0; i < rolling.size(); ++i) {
-      add_friction(rolling[i], joints.size(), rolling[i].m_appliedImpulse, rolling[i].m_friction, kept);
+      const btVector3 &torque = memory_of(this->m_tmpSolverContactConstraintPool[rolling[i].m_frictionIndex]).torque;
+      add_friction(rolling[i], joints.size(), torque.dot(rolling[i].m_relpos1CrossNormal), rolling[i].m_friction, 1);
     }
     if constexpr (HAS_TREES) gather_tree_rows(info);
   }
@@ -474,7 +528,10 @@ class AccurateSolver : public Base {
     }
     for (btMultiBodyConstraintArray *rows :
          {&this->m_multiBodyTorsionalFrictionContactConstraints, &this->m_multiBodySpinningFrictionContactConstraints}) {
-      for (int i = 0; i < rows->size(); ++i) add_friction((*rows)[i], first_contact, 0, BT_LARGE_FLOAT, 1);
+      for (int i = 0; i < rows->size(); ++i) {
+        const btVector3 &torque = memory_of(this->m_multiBodyNormalContactConstraints[(*rows)[i].m_frictionIndex]).torque;
+        add_friction((*rows)[i], first_contact, torque.dot((*rows)[i].m_relpos1CrossNormal), BT_LARGE_FLOAT, 1);
+      }
     }
   }
 
@@ -764,10 +821,12 @@ class AccurateSolver : public Base {
       body(i).internalGetDeltaLinearVelocity().setZero();
       body(i).internalGetDeltaAngularVelocity().setZero();
     }
+    for (const JointSpan &joint : joints_) joint.memory->guesses = 0;
   }
 
   void write_velocities() {
     const double *impulses = mlcp_table->impulses(mlcp_), *velocities = mlcp_table->velocities(mlcp_);
+    remember_joints(impulses);
     for (btConstraintArray *pool : {&this->m_tmpSolverNonContactConstraintPool, &this->m_tmpSolverContactConstraintPool,
                                     &this->m_tmpSolverContactFrictionConstraintPool,
                                     &this->m_tmpSolverContactRollingFrictionConstraintPool}) {
@@ -783,7 +842,10 @@ class AccurateSolver : public Base {
     }
     if constexpr (HAS_TREES) {
       for (size_t i = 0; i < trees_.size(); velocities += tree_sizes_[i++]) this->set_change(*trees_[i].tree, trees_[i].velocity, velocities);
+      remember_torques(this->m_multiBodyNormalContactConstraints,
+                       {&this->m_multiBodyTorsionalFrictionContactConstraints, &this->m_multiBodySpinningFrictionContactConstraints});
     }
+    remember_torques(this->m_tmpSolverContactConstraintPool, {&this->m_tmpSolverContactRollingFrictionConstraintPool});
   }
 
   // Bullet moves rigid bodies by their pseudo-velocities when it writes back, articulations move themselves.
@@ -848,7 +910,14 @@ class AccurateSolver : public Base {
   Vector<TieSolver::Sides> tree_rows_;
   Vector<Tree> trees_;
   Vector<int> tree_sizes_;
-  Vector<btVector3> friction_before_;
+  // Joints of the island whose impulses are kept for the next sub-step.
+  struct JointSpan {
+    SoftRows *memory;
+    int first, count;
+  };
+  Vector<JointSpan> joints_;
+  // Of all contacts of this sub-step and of the one before, by the numbers that their points bear.
+  Vector<ContactMemory> contacts_, contacts_before_;
   // Velocity with which each contact of rigid bodies is left, m/s.
   Vector<btScalar> bounces_;
 };

@@ -99,11 +99,17 @@ struct EngineBody {
   btScalar swept_radius = 0;
 };
 
-// What the user pointer of every constraint points at: which of its rows are soft in this sub-step, J v = target - softness * impulse.
+// What the user pointer of every constraint points at: which of its rows are soft in this sub-step, J v = target - softness * impulse, and
+// what a solver found for all its rows in the last one.
 struct SoftRows {
+  static constexpr int MOST_GUESSES = 12;
+
   int first = 0;
   int count = 0;
   btScalar softness[6] = {};
+  // Impulses, for a constraint that has as many rows again.
+  int guesses = 0;
+  btScalar guess[MOST_GUESSES] = {};
 };
 
 // A row that drives a hinge or slider.
