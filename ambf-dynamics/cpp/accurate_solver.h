@@ -36,6 +36,8 @@ class AccurateSolver : public Base {
     ++sub_step_;
     contacts_before_.swap(contacts_);
     contacts_.clear();
+    pairs_before_.swap(pairs_);
+    pairs_.clear();
   }
 
   btScalar solveGroupCacheFriendlySetup(btCollisionObject **bodies, int n, btPersistentManifold **manifolds, int manifold_count,
@@ -102,12 +104,17 @@ class AccurateSolver : public Base {
     if (settings_.direct && (is_small || pile_steps_-- <= 0)) {
       gather(info);
       if (row_count_ == 0) return 0;
-      if (solve(info, is_small)) return 0;
+      if (solve(info, is_small)) {
+        remember_contacts();
+        return 0;
+      }
       if (!is_small) pile_steps_ = 15;
     }
     ++settings_.statistics.islands_iterated;
-    return Base::solveGroupCacheFriendlyIterations(bodies, n, manifolds, manifold_count, constraints, constraint_count, info,
-                                                   debug);
+    const btScalar residual = Base::solveGroupCacheFriendlyIterations(bodies, n, manifolds, manifold_count, constraints, constraint_count,
+                                                                      info, debug);
+    remember_contacts();
+    return residual;
   }
 
  private:
@@ -122,9 +129,21 @@ class AccurateSolver : public Base {
     btScalar guess = 0;
   };
 
-  // What friction did at a contact in the sub-step before, N s, and rolling and spinning friction, N m s.
+  // What a contact did: its normal impulse and that of friction, N s, and that of rolling and spinning friction, N m s.
   struct ContactMemory {
+    // In the frame of the first object.
+    btVector3 place{0, 0, 0};
+    btScalar normal = 0;
     btVector3 friction{0, 0, 0}, torque{0, 0, 0};
+    // It was there in the sub-step before.
+    bool is_known = false;
+    // A contact of the next sub-step is taken for it.
+    bool is_taken = false;
+  };
+  // Contacts of two objects, from `begin` to before `end`.
+  struct ContactPair {
+    const btCollisionObject *first, *second;
+    size_t begin, end;
   };
 
   // Holds a position both ways, one way, or drives.
@@ -250,20 +269,48 @@ class AccurateSolver : public Base {
     }
   }
 
-  // Friction of the sub-step before, as vectors: its directions are about to be replaced. Points keep their number until the next sub-step.
+  // What was found for contacts in the sub-step before. Points keep their number until the next; those that Bullet makes anew in each, of concave
+  // meshes, are found by their places.
   void recall_contacts(btPersistentManifold **manifolds, int n) {
     for (int i = 0; i < n; ++i) {
-      for (int k = 0; k < manifolds[i]->getNumContacts(); ++k) {
+      const btPersistentManifold &manifold = *manifolds[i];
+      const ContactPair pair{manifold.getBody0(), manifold.getBody1(), contacts_.size(), contacts_.size() + manifold.getNumContacts()};
+      pairs_.push_back(pair);
+      for (int k = 0; k < manifold.getNumContacts(); ++k) {
         btManifoldPoint &point = manifolds[i]->getContactPoint(k);
-        const size_t before = reinterpret_cast<size_t>(point.m_userPersistentData);
         ContactMemory memory;
-        memory.friction = point.m_appliedImpulseLateral1 * point.m_lateralFrictionDir1 +
-                          point.m_appliedImpulseLateral2 * point.m_lateralFrictionDir2;
-        if (before > 0 && before <= contacts_before_.size()) memory.torque = contacts_before_[before - 1].torque;
+        memory.place = point.m_localPointA;
+        if (ContactMemory *before = find_contact(pair, point, manifold.getContactBreakingThreshold())) {
+          before->is_taken = true;
+          memory.normal = before->normal;
+          memory.friction = before->friction;
+          memory.torque = before->torque;
+          memory.is_known = true;
+          point.m_appliedImpulse = before->normal;
+        }
         contacts_.push_back(memory);
         point.m_userPersistentData = reinterpret_cast<void *>(contacts_.size());
       }
     }
+  }
+
+  // The same contact in the sub-step before, or the nearest one of the same objects, at most that far away.
+  ContactMemory *find_contact(const ContactPair &like, const btManifoldPoint &point, btScalar farthest) {
+    const size_t number = reinterpret_cast<size_t>(point.m_userPersistentData);
+    ContactMemory *nearest = nullptr;
+    btScalar least = farthest * farthest;
+    for (const ContactPair &pair : pairs_before_) {
+      if (pair.first != like.first || pair.second != like.second) continue;
+      for (size_t i = pair.begin; i < pair.end; ++i) {
+        ContactMemory &before = contacts_before_[i];
+        if (i + 1 == number) return &before;
+        const btScalar distance = point.m_localPointA.distance2(before.place);
+        if (before.is_taken || distance > least) continue;
+        least = distance;
+        nearest = &before;
+      }
+    }
+    return nearest;
   }
 
   template <class Row>
@@ -272,10 +319,27 @@ class AccurateSolver : public Base {
     return contacts_[reinterpret_cast<size_t>(point.m_userPersistentData) - 1];
   }
 
+  void remember_contacts() {
+    remember(this->m_tmpSolverContactConstraintPool, this->m_tmpSolverContactFrictionConstraintPool,
+             {&this->m_tmpSolverContactRollingFrictionConstraintPool});
+    if constexpr (HAS_TREES) {
+      remember(this->m_multiBodyNormalContactConstraints, this->m_multiBodyFrictionContactConstraints,
+               {&this->m_multiBodyTorsionalFrictionContactConstraints, &this->m_multiBodySpinningFrictionContactConstraints});
+    }
+  }
+
   template <class Rows>
-  void remember_torques(const Rows &normals, std::initializer_list<const Rows *> frictions) {
-    for (int i = 0; i < normals.size(); ++i) memory_of(normals[i]).torque.setZero();
-    for (const Rows *rows : frictions) {
+  void remember(const Rows &normals, const Rows &frictions, std::initializer_list<const Rows *> rolling) {
+    for (int i = 0; i < normals.size(); ++i) {
+      ContactMemory &memory = memory_of(normals[i]);
+      memory.normal = normals[i].m_appliedImpulse;
+      memory.friction.setZero();
+      memory.torque.setZero();
+    }
+    for (int i = 0; i < frictions.size(); ++i) {
+      memory_of(normals[frictions[i].m_frictionIndex]).friction += frictions[i].m_contactNormal1 * btScalar(frictions[i].m_appliedImpulse);
+    }
+    for (const Rows *rows : rolling) {
       for (int i = 0; i < rows->size(); ++i) {
         const auto &row = (*rows)[i];
         memory_of(normals[row.m_frictionIndex]).torque += row.m_relpos1CrossNormal * btScalar(row.m_appliedImpulse);
@@ -520,11 +584,8 @@ class AccurateSolver : public Base {
     add_contacts(this->m_multiBodyNormalContactConstraints, info);
     btMultiBodyConstraintArray &frictions = this->m_multiBodyFrictionContactConstraints;
     for (int i = 0; i < frictions.size(); ++i) {
-      const auto &point = *static_cast<const btManifoldPoint *>(frictions[i].m_originalContactPoint);
-      // Their directions follow from the normal, the first one first.
-      const bool is_first = i == 0 || frictions[i - 1].m_frictionIndex != frictions[i].m_frictionIndex;
-      const double guess = is_first ? point.m_appliedImpulseLateral1 : point.m_appliedImpulseLateral2;
-      add_friction(frictions[i], first_contact, guess, BT_LARGE_FLOAT, 1);
+      const ContactMemory &memory = memory_of(this->m_multiBodyNormalContactConstraints[frictions[i].m_frictionIndex]);
+      add_friction(frictions[i], first_contact, memory.friction.dot(frictions[i].m_contactNormal1), BT_LARGE_FLOAT, 1);
     }
     for (btMultiBodyConstraintArray *rows :
          {&this->m_multiBodyTorsionalFrictionContactConstraints, &this->m_multiBodySpinningFrictionContactConstraints}) {
@@ -661,8 +722,7 @@ class AccurateSolver : public Base {
       row.x = std::max(btScalar(0), point.m_appliedImpulse);
       row.position_cfm = softness_of(rows[i], CONTACT_POSITION_SOFTNESS);
       soften(row, rows[i], settings_.contact_softness);
-      const bool opens = row.target < 0 && row.x == 0;
-      row.state = opens || (point.m_lifeTime > 1 && row.x == 0) ? AMB_MLCP_LOW : AMB_MLCP_FREE;
+      row.state = row.x == 0 && (row.target < 0 || memory_of(rows[i]).is_known) ? AMB_MLCP_LOW : AMB_MLCP_FREE;
       const btScalar gap = point.getDistance() + info.m_linearSlop;
       deepest_ = std::max(deepest_, -gap);
       row.aim = gap > 0 ? -gap / info.m_timeStep : bounce_velocity(rows, i);
@@ -842,10 +902,7 @@ class AccurateSolver : public Base {
     }
     if constexpr (HAS_TREES) {
       for (size_t i = 0; i < trees_.size(); velocities += tree_sizes_[i++]) this->set_change(*trees_[i].tree, trees_[i].velocity, velocities);
-      remember_torques(this->m_multiBodyNormalContactConstraints,
-                       {&this->m_multiBodyTorsionalFrictionContactConstraints, &this->m_multiBodySpinningFrictionContactConstraints});
     }
-    remember_torques(this->m_tmpSolverContactConstraintPool, {&this->m_tmpSolverContactRollingFrictionConstraintPool});
   }
 
   // Bullet moves rigid bodies by their pseudo-velocities when it writes back, articulations move themselves.
@@ -918,6 +975,7 @@ class AccurateSolver : public Base {
   Vector<JointSpan> joints_;
   // Of all contacts of this sub-step and of the one before, by the numbers that their points bear.
   Vector<ContactMemory> contacts_, contacts_before_;
+  Vector<ContactPair> pairs_, pairs_before_;
   // Velocity with which each contact of rigid bodies is left, m/s.
   Vector<btScalar> bounces_;
 };

@@ -16,7 +16,7 @@ pub(super) const MAX_STAGGER_ROUNDS: u32 = 10 * MAX_PIVOT_ROUNDS;
 const FINE: f64 = 1e-9;
 const COARSE: f64 = 1e-6;
 /// Share of the largest target up to which a guess is the solution.
-const RESTING: f64 = 1e-8;
+const RESTING: f64 = 1e-7;
 /// Share of the largest target up to which the residual of a guess is small, and the share of the budget at which block pivoting ends then.
 const NEAR: f64 = 1e-3;
 const NEAR_SHARE: f64 = 0.2;
