@@ -469,16 +469,17 @@ impl Solver {
             return false;
         }
         let residual = self.record();
-        // Where the impulses of joints and drives are not the solution, methods that begin at them, some of them on their bounds, take
+        let is_near = residual <= NEAR * self.scale;
+        // Where the impulses of joints and drives are far from the solution, methods that begin at them, some of them on their bounds, take
         // many more steps than from 0.
-        for (row, (x, _)) in self.iterate.variables.iter().zip(&mut self.guess) {
+        for (row, (x, state)) in self.iterate.variables.iter().zip(&mut self.guess) {
             if row.low < 0.0 && !row.is_friction() {
-                *x = 0.0;
+                (*x, *state) = if is_near { (row.x, row.state_of_x()) } else { (0.0, State::Free) };
             }
         }
         self.load_guess();
         self.best.is_current = false;
-        expensive && !has_joints && residual <= NEAR * self.scale
+        expensive && !has_joints && is_near
     }
 
     /// Brings the impulses within their bounds, keeps them if they are the best so far, and returns their residual.
