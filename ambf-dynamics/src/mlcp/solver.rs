@@ -473,8 +473,10 @@ impl Solver {
         // Where the impulses of joints and drives are far from the solution, methods that begin at them, some of them on their bounds, take
         // many more steps than from 0.
         for (row, (x, state)) in self.iterate.variables.iter().zip(&mut self.guess) {
-            if row.low < 0.0 && !row.is_friction() {
-                (*x, *state) = if is_near { (row.x, row.state_of_x()) } else { (0.0, State::Free) };
+            if is_near && !row.is_friction() {
+                *state = row.state_of_x();
+            } else if row.low < 0.0 && !row.is_friction() {
+                (*x, *state) = (0.0, State::Free);
             }
         }
         self.load_guess();
