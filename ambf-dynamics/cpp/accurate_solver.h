@@ -14,11 +14,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <initializer_list>
 #include <type_traits>
 
 #include "accurate_context.h"
+#include "contact_memory.h"
 #include "position_error.h"
+#include "settled_islands.h"
 #include "tie_solver.h"
 
 // Base: btSequentialImpulseConstraintSolver or a subclass that keeps its rows for rigid bodies.
@@ -34,10 +35,7 @@ class AccurateSolver : public Base {
   void prepareSolve(int bodies, int manifolds) override {
     Base::prepareSolve(bodies, manifolds);
     ++sub_step_;
-    contacts_before_.swap(contacts_);
-    contacts_.clear();
-    pairs_before_.swap(pairs_);
-    pairs_.clear();
+    contacts_.begin();
   }
 
   btScalar solveGroupCacheFriendlySetup(btCollisionObject **bodies, int n, btPersistentManifold **manifolds, int manifold_count,
@@ -77,7 +75,7 @@ class AccurateSolver : public Base {
   }
 
   void convertContacts(btPersistentManifold **manifolds, int n, const btContactSolverInfo &info) override {
-    recall_contacts(manifolds, n);
+    contacts_.recall(manifolds, n);
     Base::convertContacts(manifolds, n, info);
     add_torques(this->m_tmpSolverContactFrictionConstraintPool);
     add_torques(this->m_tmpSolverContactRollingFrictionConstraintPool);
@@ -127,23 +125,6 @@ class AccurateSolver : public Base {
     bool is_geometric = false;
     // Impulse in the sub-step before.
     btScalar guess = 0;
-  };
-
-  // What a contact did: its normal impulse and that of friction, N s, and that of rolling and spinning friction, N m s.
-  struct ContactMemory {
-    // In the frame of the first object.
-    btVector3 place{0, 0, 0};
-    btScalar normal = 0;
-    btVector3 friction{0, 0, 0}, torque{0, 0, 0};
-    // It was there in the sub-step before.
-    bool is_known = false;
-    // A contact of the next sub-step is taken for it.
-    bool is_taken = false;
-  };
-  // Contacts of two objects, from `begin` to before `end`.
-  struct ContactPair {
-    const btCollisionObject *first, *second;
-    size_t begin, end;
   };
 
   // Holds a position both ways, one way, or drives.
@@ -269,81 +250,12 @@ class AccurateSolver : public Base {
     }
   }
 
-  // What was found for contacts in the sub-step before. Points keep their number until the next; those that Bullet makes anew in each, of concave
-  // meshes, are found by their places.
-  void recall_contacts(btPersistentManifold **manifolds, int n) {
-    for (int i = 0; i < n; ++i) {
-      const btPersistentManifold &manifold = *manifolds[i];
-      const ContactPair pair{manifold.getBody0(), manifold.getBody1(), contacts_.size(), contacts_.size() + manifold.getNumContacts()};
-      pairs_.push_back(pair);
-      for (int k = 0; k < manifold.getNumContacts(); ++k) {
-        btManifoldPoint &point = manifolds[i]->getContactPoint(k);
-        ContactMemory memory;
-        memory.place = point.m_localPointA;
-        if (ContactMemory *before = find_contact(pair, point, manifold.getContactBreakingThreshold())) {
-          before->is_taken = true;
-          memory.normal = before->normal;
-          memory.friction = before->friction;
-          memory.torque = before->torque;
-          memory.is_known = true;
-          point.m_appliedImpulse = before->normal;
-        }
-        contacts_.push_back(memory);
-        point.m_userPersistentData = reinterpret_cast<void *>(contacts_.size());
-      }
-    }
-  }
-
-  // The same contact in the sub-step before, or the nearest one of the same objects, at most that far away.
-  ContactMemory *find_contact(const ContactPair &like, const btManifoldPoint &point, btScalar farthest) {
-    const size_t number = reinterpret_cast<size_t>(point.m_userPersistentData);
-    ContactMemory *nearest = nullptr;
-    btScalar least = farthest * farthest;
-    for (const ContactPair &pair : pairs_before_) {
-      if (pair.first != like.first || pair.second != like.second) continue;
-      for (size_t i = pair.begin; i < pair.end; ++i) {
-        ContactMemory &before = contacts_before_[i];
-        if (i + 1 == number) return &before;
-        const btScalar distance = point.m_localPointA.distance2(before.place);
-        if (before.is_taken || distance > least) continue;
-        least = distance;
-        nearest = &before;
-      }
-    }
-    return nearest;
-  }
-
-  template <class Row>
-  ContactMemory &memory_of(const Row &normal) {
-    const auto &point = *static_cast<const btManifoldPoint *>(normal.m_originalContactPoint);
-    return contacts_[reinterpret_cast<size_t>(point.m_userPersistentData) - 1];
-  }
-
   void remember_contacts() {
-    remember(this->m_tmpSolverContactConstraintPool, this->m_tmpSolverContactFrictionConstraintPool,
-             {&this->m_tmpSolverContactRollingFrictionConstraintPool});
+    contacts_.remember(this->m_tmpSolverContactConstraintPool, this->m_tmpSolverContactFrictionConstraintPool,
+                       {&this->m_tmpSolverContactRollingFrictionConstraintPool});
     if constexpr (HAS_TREES) {
-      remember(this->m_multiBodyNormalContactConstraints, this->m_multiBodyFrictionContactConstraints,
-               {&this->m_multiBodyTorsionalFrictionContactConstraints, &this->m_multiBodySpinningFrictionContactConstraints});
-    }
-  }
-
-  template <class Rows>
-  void remember(const Rows &normals, const Rows &frictions, std::initializer_list<const Rows *> rolling) {
-    for (int i = 0; i < normals.size(); ++i) {
-      ContactMemory &memory = memory_of(normals[i]);
-      memory.normal = normals[i].m_appliedImpulse;
-      memory.friction.setZero();
-      memory.torque.setZero();
-    }
-    for (int i = 0; i < frictions.size(); ++i) {
-      memory_of(normals[frictions[i].m_frictionIndex]).friction += frictions[i].m_contactNormal1 * btScalar(frictions[i].m_appliedImpulse);
-    }
-    for (const Rows *rows : rolling) {
-      for (int i = 0; i < rows->size(); ++i) {
-        const auto &row = (*rows)[i];
-        memory_of(normals[row.m_frictionIndex]).torque += row.m_relpos1CrossNormal * btScalar(row.m_appliedImpulse);
-      }
+      contacts_.remember(this->m_multiBodyNormalContactConstraints, this->m_multiBodyFrictionContactConstraints,
+                         {&this->m_multiBodyTorsionalFrictionContactConstraints, &this->m_multiBodySpinningFrictionContactConstraints});
     }
   }
 
@@ -365,7 +277,7 @@ class AccurateSolver : public Base {
     const int directions = info.m_solverMode & SOLVER_USE_2_FRICTION_DIRECTIONS ? 2 : 1;
     for (int i = 0; i < contacts.size(); ++i) {
       const auto &point = *static_cast<const btManifoldPoint *>(contacts[i].m_originalContactPoint);
-      const btVector3 before = memory_of(contacts[i]).friction;
+      const btVector3 before = contacts_.of(contacts[i]).friction;
       for (int k = 0; k < directions; ++k) {
         btSolverConstraint &row = this->m_tmpSolverContactFrictionConstraintPool[contacts[i].m_frictionIndex + k];
         row.m_appliedImpulse =
@@ -559,7 +471,7 @@ class AccurateSolver : public Base {
       add_friction(frictions[i], joints.size(), frictions[i].m_appliedImpulse, BT_LARGE_FLOAT, kept);
     }
     for (int i = 0; i < rolling.size(); ++i) {
-      const btVector3 &torque = memory_of(this->m_tmpSolverContactConstraintPool[rolling[i].m_frictionIndex]).torque;
+      const btVector3 &torque = contacts_.of(this->m_tmpSolverContactConstraintPool[rolling[i].m_frictionIndex]).torque;
       add_friction(rolling[i], joints.size(), torque.dot(rolling[i].m_relpos1CrossNormal), rolling[i].m_friction, 1);
     }
     if constexpr (HAS_TREES) gather_tree_rows(info);
@@ -584,13 +496,13 @@ class AccurateSolver : public Base {
     add_contacts(this->m_multiBodyNormalContactConstraints, info);
     btMultiBodyConstraintArray &frictions = this->m_multiBodyFrictionContactConstraints;
     for (int i = 0; i < frictions.size(); ++i) {
-      const ContactMemory &memory = memory_of(this->m_multiBodyNormalContactConstraints[frictions[i].m_frictionIndex]);
+      const ContactMemory::Contact &memory = contacts_.of(this->m_multiBodyNormalContactConstraints[frictions[i].m_frictionIndex]);
       add_friction(frictions[i], first_contact, memory.friction.dot(frictions[i].m_contactNormal1), BT_LARGE_FLOAT, 1);
     }
     for (btMultiBodyConstraintArray *rows :
          {&this->m_multiBodyTorsionalFrictionContactConstraints, &this->m_multiBodySpinningFrictionContactConstraints}) {
       for (int i = 0; i < rows->size(); ++i) {
-        const btVector3 &torque = memory_of(this->m_multiBodyNormalContactConstraints[(*rows)[i].m_frictionIndex]).torque;
+        const btVector3 &torque = contacts_.of(this->m_multiBodyNormalContactConstraints[(*rows)[i].m_frictionIndex]).torque;
         add_friction((*rows)[i], first_contact, torque.dot((*rows)[i].m_relpos1CrossNormal), BT_LARGE_FLOAT, 1);
       }
     }
@@ -722,7 +634,7 @@ class AccurateSolver : public Base {
       row.x = std::max(btScalar(0), point.m_appliedImpulse);
       row.position_cfm = softness_of(rows[i], CONTACT_POSITION_SOFTNESS);
       soften(row, rows[i], settings_.contact_softness);
-      row.state = row.x == 0 && (row.target < 0 || memory_of(rows[i]).is_known) ? AMB_MLCP_LOW : AMB_MLCP_FREE;
+      row.state = row.x == 0 && (row.target < 0 || contacts_.of(rows[i]).is_known) ? AMB_MLCP_LOW : AMB_MLCP_FREE;
       const btScalar gap = point.getDistance() + info.m_linearSlop;
       deepest_ = std::max(deepest_, -gap);
       row.aim = gap > 0 ? -gap / info.m_timeStep : bounce_velocity(rows, i);
@@ -815,29 +727,22 @@ class AccurateSolver : public Base {
     if (!needs_correction_ || !(is_urgent_ || sub_step_ % CORRECTION_INTERVAL == 0)) return;
     const void *island = identity();
     const PositionErrors asked = errors([&](size_t i) { return position_rows_[i].target; });
-    if (is_settled(island, asked) || (!is_prepared && prepare() < 0)) return;
+    if (settled_.contain(island, asked, sub_step_) || (!is_prepared && prepare() < 0)) return;
     if (mlcp_table->solve_positions(mlcp_, nullptr, position_states_.data(), POSITION_SOFTNESS, budget) == AMB_MLCP_NOT_FINITE) return;
     ++settings_.statistics.position_problems;
     const double *left = mlcp_table->position_errors(mlcp_);
     const PositionErrors after = errors([&](size_t i) { return left[i]; });
-    if (after.linear > UNCORRECTABLE * asked.linear && after.angular > UNCORRECTABLE * asked.angular) {
-      settled_.push_back({island, asked, sub_step_ + SETTLED_INTERVAL});
+    if (SettledIslands::is_uncorrectable(asked, after)) {
+      settled_.add(island, asked, sub_step_);
       return;
     }
     write_corrections(info);
   }
 
-  // Sums of squares of what rows ask for in positions, (m/s)^2 and (rad/s)^2.
-  struct PositionErrors {
-    double linear = 0, angular = 0;
-  };
   template <class ErrorOf>
   PositionErrors errors(ErrorOf error_of) const {
     PositionErrors sums;
-    for (size_t i = 0; i < position_rows_.size(); ++i) {
-      const double error = error_of(i);
-      (position_rows_[i].is_angular ? sums.angular : sums.linear) += error * error;
-    }
+    for (size_t i = 0; i < position_rows_.size(); ++i) sums.add(error_of(i), position_rows_[i].is_angular);
     return sums;
   }
 
@@ -850,24 +755,6 @@ class AccurateSolver : public Base {
       if (dynamic_body(i) >= 0) return this->m_tmpSolverBodyPool[i].m_originalBody;
     }
     return nullptr;
-  }
-
-  // Whether the errors of an island are those, but for little, that could not be corrected a few sub-steps ago.
-  bool is_settled(const void *island, const PositionErrors &asked) {
-    for (size_t i = 0; i < settled_.size();) {
-      const Settled &it = settled_[i];
-      if (it.island == island && it.until > sub_step_ && asked.linear <= SETTLED_GROWTH * it.errors.linear &&
-          asked.angular <= SETTLED_GROWTH * it.errors.angular) {
-        return true;
-      }
-      if (it.island == island || it.until <= sub_step_) {
-        settled_[i] = settled_.back();
-        settled_.pop_back();
-      } else {
-        ++i;
-      }
-    }
-    return false;
   }
 
   // Those of the sub-step before, from which sequential impulses would begin.
@@ -954,13 +841,7 @@ class AccurateSolver : public Base {
     bool is_angular;
   };
   Vector<PositionRow> position_rows_;
-  // Islands whose errors of position contradict each other, and until which sub-step they are left as they are.
-  struct Settled {
-    const void *island;
-    PositionErrors errors;
-    unsigned until;
-  };
-  Vector<Settled> settled_;
+  SettledIslands settled_;
   // Deepest penetration of a contact.
   btScalar deepest_ = 0;
   // Of the rows that act on articulations, which are the last.
@@ -973,9 +854,7 @@ class AccurateSolver : public Base {
     int first, count;
   };
   Vector<JointSpan> joints_;
-  // Of all contacts of this sub-step and of the one before, by the numbers that their points bear.
-  Vector<ContactMemory> contacts_, contacts_before_;
-  Vector<ContactPair> pairs_, pairs_before_;
+  ContactMemory contacts_;
   // Velocity with which each contact of rigid bodies is left, m/s.
   Vector<btScalar> bounces_;
 };

@@ -19,10 +19,6 @@ constexpr btScalar MIN_DEPTH = 1e-5;
 // Errors of joints and contacts below this multiple of those are corrected in every so many sub-steps only.
 constexpr double URGENT_CORRECTION = 20;
 constexpr unsigned CORRECTION_INTERVAL = 4;
-// A correction that leaves more than this share of the sums of squares of the linear and of the angular errors is not made: what is left
-// contradicts itself. It is looked for again after so many sub-steps, or when a sum has grown by this factor.
-constexpr double UNCORRECTABLE = 0.98, SETTLED_GROWTH = 1.2;
-constexpr unsigned SETTLED_INTERVAL = 16;
 // CFM of the position problem as a share of the diagonal, of joints and of contacts: contradictory rows share what cannot be reached, and
 // joints and grips are the stiffer ones.
 constexpr double POSITION_SOFTNESS = 1e-6, CONTACT_POSITION_SOFTNESS = 1e-4;

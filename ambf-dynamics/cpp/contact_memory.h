@@ -1,0 +1,116 @@
+// What contacts did in the sub-step before: the solver's guess for this one. C++ only.
+#ifndef AMB_CONTACT_MEMORY_H
+#define AMB_CONTACT_MEMORY_H
+
+#include <BulletCollision/NarrowPhaseCollision/btPersistentManifold.h>
+
+#include <initializer_list>
+
+#include "arena_memory.h"
+
+class ContactMemory {
+ public:
+  struct Contact {
+    // In the frame of the first object, m.
+    btVector3 place{0, 0, 0};
+    // Impulses of the contact and of its friction, N s, and of rolling and spinning friction, N m s.
+    btScalar normal = 0;
+    btVector3 friction{0, 0, 0}, torque{0, 0, 0};
+    // It was there in the sub-step before.
+    bool is_known = false;
+    // A contact of the next sub-step is taken for it.
+    bool is_taken = false;
+  };
+
+  // To be called at the beginning of a sub-step, before any island.
+  void begin() {
+    before_.swap(contacts_);
+    contacts_.clear();
+    pairs_before_.swap(pairs_);
+    pairs_.clear();
+  }
+
+  // Finds the contacts of an island. Points bear the number of their contact until the next sub-step; those that Bullet makes anew in each
+  // one, of concave meshes, are found by their places.
+  void recall(btPersistentManifold **manifolds, int n) {
+    for (int i = 0; i < n; ++i) {
+      const btPersistentManifold &manifold = *manifolds[i];
+      const Pair pair{manifold.getBody0(), manifold.getBody1(), contacts_.size(), contacts_.size() + manifold.getNumContacts()};
+      pairs_.push_back(pair);
+      for (int k = 0; k < manifold.getNumContacts(); ++k) {
+        btManifoldPoint &point = manifolds[i]->getContactPoint(k);
+        Contact contact;
+        if (Contact *before = find(pair, point, manifold.getContactBreakingThreshold())) {
+          before->is_taken = true;
+          contact = *before;
+          contact.is_known = true;
+          contact.is_taken = false;
+          point.m_appliedImpulse = contact.normal;
+        }
+        contact.place = point.m_localPointA;
+        contacts_.push_back(contact);
+        point.m_userPersistentData = reinterpret_cast<void *>(contacts_.size());
+      }
+    }
+  }
+
+  // That of a row of the normal impulse, of rigid bodies or of articulations.
+  template <class Row>
+  Contact &of(const Row &normal) {
+    const auto &point = *static_cast<const btManifoldPoint *>(normal.m_originalContactPoint);
+    return contacts_[reinterpret_cast<size_t>(point.m_userPersistentData) - 1];
+  }
+
+  // Keeps the impulses of all rows of an island.
+  template <class Rows>
+  void remember(const Rows &normals, const Rows &frictions, std::initializer_list<const Rows *> rolling) {
+    for (int i = 0; i < normals.size(); ++i) {
+      Contact &contact = of(normals[i]);
+      contact.normal = normals[i].m_appliedImpulse;
+      contact.friction.setZero();
+      contact.torque.setZero();
+    }
+    for (int i = 0; i < frictions.size(); ++i) {
+      const auto &row = frictions[i];
+      of(normals[row.m_frictionIndex]).friction += row.m_contactNormal1 * btScalar(row.m_appliedImpulse);
+    }
+    for (const Rows *rows : rolling) {
+      for (int i = 0; i < rows->size(); ++i) {
+        const auto &row = (*rows)[i];
+        of(normals[row.m_frictionIndex]).torque += row.m_relpos1CrossNormal * btScalar(row.m_appliedImpulse);
+      }
+    }
+  }
+
+ private:
+  // Contacts of two objects, from `begin` to before `end`.
+  struct Pair {
+    const btCollisionObject *first, *second;
+    size_t begin, end;
+  };
+
+  // The same contact in the sub-step before, or the nearest one of the same objects, at most that far away.
+  Contact *find(const Pair &like, const btManifoldPoint &point, btScalar farthest) {
+    const size_t number = reinterpret_cast<size_t>(point.m_userPersistentData);
+    Contact *nearest = nullptr;
+    btScalar least = farthest * farthest;
+    for (const Pair &pair : pairs_before_) {
+      if (pair.first != like.first || pair.second != like.second) continue;
+      for (size_t i = pair.begin; i < pair.end; ++i) {
+        Contact &before = before_[i];
+        if (i + 1 == number) return &before;
+        const btScalar distance = point.m_localPointA.distance2(before.place);
+        if (before.is_taken || distance > least) continue;
+        least = distance;
+        nearest = &before;
+      }
+    }
+    return nearest;
+  }
+
+  // Of all islands of this sub-step and of the one before.
+  Vector<Contact> contacts_, before_;
+  Vector<Pair> pairs_, pairs_before_;
+};
+
+#endif
