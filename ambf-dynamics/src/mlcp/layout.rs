@@ -78,11 +78,7 @@ impl Layout {
     }
 
     pub fn arrange(&mut self, rows: &Rows) {
-        self.is_unit.clear();
-        self.is_unit.resize(self.bodies(), true);
-        for side in rows.rows.iter().flat_map(|row| &row.sides).filter(|side| side.is_some()) {
-            self.is_unit[side.body as usize] &= side.nonzeros.is_some();
-        }
+        self.find_unit_bodies(&rows.rows);
         if let Some((body, size)) = lone_body(&rows.rows) {
             self.arrange_lone(&rows.rows, body, size);
         } else {
@@ -96,6 +92,14 @@ impl Layout {
         self.order_rows(&rows.rows);
         self.find_envelope(&rows.rows);
         self.find_blocks(&rows.rows);
+    }
+
+    fn find_unit_bodies(&mut self, rows: &[StoredRow]) {
+        self.is_unit.clear();
+        self.is_unit.resize(self.bodies(), true);
+        for side in rows.iter().flat_map(|row| &row.sides).filter(|side| side.is_some()) {
+            self.is_unit[side.body as usize] &= side.nonzeros.is_some();
+        }
     }
 
     /// Whether velocity space is the cheaper one for two factorisations of all rows, of velocities and of positions.
@@ -382,6 +386,7 @@ mod tests {
             if lone {
                 layout.arrange(rows);
             } else {
+                layout.find_unit_bodies(&rows.rows);
                 layout.arrange_all(rows);
             }
             (layout.queue, layout.neighbours, layout.neighbour_start, layout.body_place, layout.scratch) =

@@ -172,6 +172,35 @@ fn an_articulation_with_many_contacts_has_the_same_solution_by_both() {
     assert!(velocities.multiplications < rows.multiplications / 2.0, "{velocities:?} {rows:?}");
 }
 
+/// In coordinates in which a mass matrix is the identity rows are their own responses.
+#[test]
+fn rows_in_unit_coordinates_have_the_same_solution_by_both_and_take_less_work() {
+    let mut pair = Pair::new(9, 1, &[24, 5]);
+    // The middle one only.
+    pair.inverse_masses[1] = DMatrix::identity(24, 24);
+    let mut work = [0.0; 2];
+    for is_sparse in [true, false] {
+        pair.solvers.iter_mut().for_each(Solver::clear);
+        for k in 0..90 {
+            let mut sides = pair.sides();
+            if k % 3 == 0 {
+                sides = vec![(1, pair.random.vector(24)); 1 + k % 2];
+            }
+            // A branch of an articulation.
+            for (_, jacobian) in sides.iter_mut().filter(|(body, _)| *body == 1 && is_sparse) {
+                jacobian.rows_mut(6 + 6 * (k % 3), 6).fill(0.0);
+            }
+            let target = pair.random.next();
+            pair.add(&sides, Row { target, position_target: target, low: 0.0, ..Row::default() }, 1e-3);
+        }
+        pair.prepare();
+        assert!(pair.agree(1e-7));
+        let statistics = pair.solvers[1].statistics();
+        work[usize::from(!is_sparse)] = statistics.multiplications / f64::from(statistics.factorisations);
+    }
+    assert!(work[0] < work[1], "{work:?}");
+}
+
 #[test]
 fn redundant_contacts_share_alike_in_both() {
     let mut pair = Pair::new(6, 2, &[]);

@@ -45,6 +45,27 @@ fn only_the_signs_of_bounds_count_and_friction_takes_no_part() {
 }
 
 #[test]
+fn what_remains_of_the_targets_is_told_apart_from_what_could_not_be_pushed() {
+    let mut case = Case::random(&mut Random::new(3), 1, &[]);
+    let along = |axis: usize| vec![(0, (0..6).map(|k| f64::from(u8::from(k == axis))).collect())];
+    // Two that contradict each other, one alone, one that may open, a drive.
+    case.rows.push(CaseRow::new(along(0), 1.0, 0.0, [-NONE, NONE]));
+    case.rows.push(CaseRow::new(along(0), -1.0, 0.0, [-NONE, NONE]));
+    case.rows.push(CaseRow::new(along(1), 0.5, 0.0, [-NONE, NONE]));
+    case.rows.push(CaseRow::new(along(2), -2.0, 0.0, [0.0, NONE]));
+    case.rows.push(CaseRow { in_positions: false, ..CaseRow::new(along(3), 3.0, 0.0, [-NONE, NONE]) });
+    let mut solver = case.solver();
+    assert_eq!(solver.solve_positions(None, None, SHARE, Budget::UNLIMITED), Outcome::Solved);
+    let left = solver.position_errors();
+    let velocities = solver.position_velocities();
+    for (found, expected) in left.iter().zip([1.0 - velocities[0], -1.0 - velocities[0], 0.5 - velocities[1], 0.0, 0.0])
+    {
+        assert!((found - expected).abs() < 1e-9, "{left:?} of {velocities:?}");
+    }
+    assert!(velocities[0].abs() < 0.1 && (velocities[1] - 0.5).abs() < 1e-2, "{velocities:?}");
+}
+
+#[test]
 fn rows_that_contradict_each_other_end_in_a_bounded_compromise() {
     for seed in 1..50 {
         let random = &mut Random::new(seed);
