@@ -522,7 +522,9 @@ class AccurateSolver : public Base {
     const bool is_idle = row.low >= row.high ? row.low == 0 : row.target <= NO_SPEED && (row.low == 0 || row.target >= -NO_SPEED);
     is_at_rest_ = is_at_rest_ && is_idle && row.low <= 0 && row.high >= 0;
     const bool idle = (row.low == 0 && row.position_target < 0) || (row.high == 0 && row.position_target > 0);
-    position_rows_.push_back({row.in_positions && !idle ? row.position_target : 0, is_angular});
+    // As in the problem that is solved, which is the weaker the more CFM a row has.
+    const double weight = row.position_cfm > 0 ? POSITION_SOFTNESS / CONTACT_POSITION_SOFTNESS : 1;
+    position_rows_.push_back({row.in_positions && !idle ? row.position_target : 0, weight, is_angular});
     if (row.in_positions && !idle) {
       const double asked = std::fabs(row.position_target) / least_correction;
       needs_correction_ = needs_correction_ || asked > 1;
@@ -742,7 +744,7 @@ class AccurateSolver : public Base {
   template <class ErrorOf>
   PositionErrors errors(ErrorOf error_of) const {
     PositionErrors sums;
-    for (size_t i = 0; i < position_rows_.size(); ++i) sums.add(error_of(i), position_rows_[i].is_angular);
+    for (size_t i = 0; i < position_rows_.size(); ++i) sums.add(error_of(i), position_rows_[i].weight, position_rows_[i].is_angular);
     return sums;
   }
 
@@ -837,7 +839,7 @@ class AccurateSolver : public Base {
   bool needs_correction_ = false, is_urgent_ = false;
   unsigned sub_step_ = 0;
   struct PositionRow {
-    double target;
+    double target, weight;
     bool is_angular;
   };
   Vector<PositionRow> position_rows_;

@@ -4,11 +4,11 @@
 
 #include "arena_memory.h"
 
-// Sums of squares of what the rows of an island ask for in positions, (m/s)^2 and (rad/s)^2.
+// Weighted sums of squares of what the rows of an island ask for in positions, (m/s)^2 and (rad/s)^2.
 struct PositionErrors {
   double linear = 0, angular = 0;
 
-  void add(double error, bool is_angular) { (is_angular ? angular : linear) += error * error; }
+  void add(double error, double weight, bool is_angular) { (is_angular ? angular : linear) += weight * error * error; }
   // Whether both are at most this multiple of the others.
   bool within(double factor, const PositionErrors &other) const {
     return linear <= factor * other.linear && angular <= factor * other.angular;
