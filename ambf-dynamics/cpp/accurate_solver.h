@@ -31,6 +31,17 @@ class AccurateSolver : public Base {
   explicit AccurateSolver(const AccurateContext &settings) : settings_(settings), mlcp_(mlcp_table->create()) {}
   ~AccurateSolver() override { mlcp_table->destroy(mlcp_); }
 
+  // Nothing of the sub-steps so far decides what is found in the next.
+  void reset() override {
+    Base::reset();
+    ++resets_;
+    sub_step_ = 0;
+    pile_steps_ = 0;
+    saved_budget_ = 0;
+    contacts_.clear();
+    settled_.clear();
+  }
+
  protected:
   void prepareSolve(int bodies, int manifolds) override {
     Base::prepareSolve(bodies, manifolds);
@@ -240,12 +251,14 @@ class AccurateSolver : public Base {
     auto *memory = const_cast<SoftRows *>(soft_rows_of(constraint));
     if (!memory || count == 0 || count > SoftRows::MOST_GUESSES) return;
     joints_.push_back({memory, first, count});
-    for (int k = 0; memory->guesses == count && k < count; ++k) joint_errors_[first + k].guess = memory->guess[k];
+    if (memory->guesses != count || memory->guessed_after != resets_) return;
+    for (int k = 0; k < count; ++k) joint_errors_[first + k].guess = memory->guess[k];
   }
 
   void remember_joints(const double *impulses) {
     for (const JointSpan &joint : joints_) {
       joint.memory->guesses = joint.count;
+      joint.memory->guessed_after = resets_;
       std::copy(impulses + joint.first, impulses + joint.first + joint.count, joint.memory->guess);
     }
   }
@@ -837,7 +850,7 @@ class AccurateSolver : public Base {
   bool is_at_rest_ = false;
   // Whether a row asks for a correction of its position, and one that cannot wait.
   bool needs_correction_ = false, is_urgent_ = false;
-  unsigned sub_step_ = 0;
+  unsigned sub_step_ = 0, resets_ = 0;
   struct PositionRow {
     double target, weight;
     bool is_angular;

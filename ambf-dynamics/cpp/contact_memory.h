@@ -30,6 +30,11 @@ class ContactMemory {
     pairs_.clear();
   }
 
+  void clear() {
+    begin();
+    begin();
+  }
+
   // Finds the contacts of an island. Points bear the number of their contact until the next sub-step; those that Bullet makes anew in each
   // one, of concave meshes, are found by their places.
   void recall(btPersistentManifold **manifolds, int n) {

@@ -27,6 +27,8 @@ class SettledIslands {
   // Leaves an island as it is for some sub-steps. The island is known by something that stays what it is from one to the next.
   void add(const void *island, const PositionErrors &errors, unsigned sub_step) { islands_.push_back({island, errors, sub_step + INTERVAL}); }
 
+  void clear() { islands_.clear(); }
+
   // Whether the errors of an island are those, but for little, for which it was left.
   bool contain(const void *island, const PositionErrors &errors, unsigned sub_step) {
     for (size_t i = 0; i < islands_.size();) {

@@ -107,8 +107,9 @@ struct SoftRows {
   int first = 0;
   int count = 0;
   btScalar softness[6] = {};
-  // Impulses, for a constraint that has as many rows again.
+  // Impulses, for a constraint that has as many rows again, and the number of resets of the solver before they were found.
   int guesses = 0;
+  unsigned guessed_after = 0;
   btScalar guess[MOST_GUESSES] = {};
 };
 
