@@ -18,6 +18,7 @@
 
 #include "accurate_context.h"
 #include "contact_memory.h"
+#include "joint_arms.h"
 #include "position_error.h"
 #include "settled_islands.h"
 #include "tie_solver.h"
@@ -165,7 +166,7 @@ class AccurateSolver : public Base {
     if (count > 0) {
       const btSolverBody &a = body(rows[first].m_solverBodyIdA), &b = body(rows[first].m_solverBodyIdB);
       btVector3 arm_a, arm_b;
-      const bool has_pivots = find_pivots(constraint, arm_a, arm_b);
+      const bool has_pivots = find_joint_arms(constraint, arm_a, arm_b);
       motion.finish(a.m_linearVelocity, a.m_angularVelocity, b.m_linearVelocity, b.m_angularVelocity, h,
                     has_pivots ? &arm_a : nullptr, has_pivots ? &arm_b : nullptr);
     }
@@ -200,49 +201,6 @@ class AccurateSolver : public Base {
   void note_error(btScalar error, bool is_angle) {
     double &largest = is_angle ? settings_.statistics.joint_angle : settings_.statistics.joint_gap;
     largest = std::max(largest, double(btFabs(error)));
-  }
-
-  // Arms from the centres of mass to the pivot of a joint, where Bullet's class has one.
-  static bool find_pivots(const btTypedConstraint &constraint, btVector3 &arm_a, btVector3 &arm_b) {
-    const auto arms = [&](const btVector3 &in_a, const btVector3 &in_b) {
-      arm_a = constraint.getRigidBodyA().getCenterOfMassTransform().getBasis() * in_a;
-      arm_b = constraint.getRigidBodyB().getCenterOfMassTransform().getBasis() * in_b;
-      return true;
-    };
-    switch (constraint.getConstraintType()) {
-      case HINGE_CONSTRAINT_TYPE: {
-        auto &hinge = const_cast<btHingeConstraint &>(static_cast<const btHingeConstraint &>(constraint));
-        return arms(hinge.getAFrame().getOrigin(), hinge.getBFrame().getOrigin());
-      }
-      case POINT2POINT_CONSTRAINT_TYPE: {
-        const auto &point = static_cast<const btPoint2PointConstraint &>(constraint);
-        return arms(point.getPivotInA(), point.getPivotInB());
-      }
-      case CONETWIST_CONSTRAINT_TYPE: {
-        const auto &cone = static_cast<const btConeTwistConstraint &>(constraint);
-        return arms(cone.getAFrame().getOrigin(), cone.getBFrame().getOrigin());
-      }
-      // Where B can slide in A, the pivot of B counts on both bodies.
-      case SLIDER_CONSTRAINT_TYPE:
-        return sliding_arms(constraint, static_cast<const btSliderConstraint &>(constraint).getFrameOffsetB(), arm_a, arm_b);
-      case D6_CONSTRAINT_TYPE:
-        // Drives of bodies have this type too, and no positions.
-        if (const auto *joint = dynamic_cast<const btGeneric6DofConstraint *>(&constraint)) {
-          return sliding_arms(constraint, joint->getFrameOffsetB(), arm_a, arm_b);
-        }
-        return false;
-      case D6_SPRING_2_CONSTRAINT_TYPE:
-        return sliding_arms(constraint, static_cast<const btGeneric6DofSpring2Constraint &>(constraint).getFrameOffsetB(), arm_a, arm_b);
-      default: return false;
-    }
-  }
-
-  static bool sliding_arms(const btTypedConstraint &constraint, const btTransform &frame_b, btVector3 &arm_a, btVector3 &arm_b) {
-    const btTransform &a = constraint.getRigidBodyA().getCenterOfMassTransform();
-    const btTransform &b = constraint.getRigidBodyB().getCenterOfMassTransform();
-    arm_b = b.getBasis() * frame_b.getOrigin();
-    arm_a = b.getOrigin() + arm_b - a.getOrigin();
-    return true;
   }
 
   // What was found for the rows of a joint in the sub-step before, if it had as many.
