@@ -9,8 +9,8 @@ use std::sync::{Arc, Mutex, OnceLock};
 use ambf_app::ros::messages::{ambf_msgs, std_msgs};
 use ambf_app::ros::{ModelHost, ModelReply};
 use ambf_core::comm::{
-    self, ActuatorCommand, CameraParameters, Hub, Inbox, LightParameters, Middleware, ObjectCommand, ObjectKind, Rates,
-    SensorCommand, VehicleCommand,
+    self, ActuatorCommand, CameraParameters, Hub, Inbox, LightParameters, Middleware, ObjectKind, Rates, SensorCommand,
+    SoftBodyCommand, VehicleCommand,
 };
 use dxr::Value;
 use nalgebra::Vector3;
@@ -117,8 +117,12 @@ fn states_of_every_type_are_published() {
     assert_eq!((car.mass, car.wheel_count, car.wheel_offsets[1].position.x), (20.0, 2, -1.0));
     let cloth: ambf_msgs::SoftBodyState = fixture.state("/ambf/env/Cloth/State", "3dc87d37c7ec8f949bfbd135c2cfe5a8");
     assert_eq!((cloth.mass, cloth.userdata), (4.0, vec![0.0, 0.0, 0.0, 1.0, 0.0, 0.0]));
-    let water: ambf_msgs::ObjectState = fixture.state("/ambf/env/Water/State", "3dc87d37c7ec8f949bfbd135c2cfe5a8");
-    assert_eq!((water.pose.position.x, water.children_names), (7.0, vec!["Box1".to_owned()]));
+    let touch: ambf_msgs::ContactSensorState =
+        fixture.state("/ambf/env/Touch/State", "69bafc7aa5201075354dea9d8be980d5");
+    let [event] = &touch.contact_events[..] else { panic!("{touch:?}") };
+    assert_eq!((event.object_name.data.as_str(), event.contact_data[0].distance.data), ("/ambf/env/KEY Box1", -0.5));
+    let water: ambf_msgs::GhostObjectState = fixture.state("/ambf/env/Water/State", "415d13a1e544582332f8da23ceee6c2f");
+    assert_eq!((water.pose.position.x, water.sensed_objects[0].data.as_str()), (7.0, "/ambf/env/KEY Box1"));
     assert!(water.sim_step > 0 && water.identifier.data == "/ambf/env/KEY Water");
 }
 
@@ -136,12 +140,10 @@ fn commands_of_every_type_reach_the_hub() {
     assert_eq!((drive.power, drive.full_brake), (vec![1.0; 2], true));
     let mut push = ambf_msgs::SoftBodyCmd { enable_position_controller: true, ..Default::default() };
     push.wrench.force.y = 3.0;
-    let push: ObjectCommand = fixture.command(NS, "Cloth", push);
-    assert_eq!((push.force, push.enabled), (Vector3::new(0.0, 3.0, 0.0), false));
-    let mut place = ambf_msgs::ObjectCmd { enable_position_controller: true, ..Default::default() };
-    place.pose.position.z = 4.0;
-    let place: ObjectCommand = fixture.command(NS, "Water", place);
-    assert_eq!((place.position.z, place.enabled), (4.0, true));
+    let push: SoftBodyCommand = fixture.command(NS, "Cloth", push);
+    assert_eq!(push.force, Vector3::new(0.0, 3.0, 0.0));
+    let _: SensorCommand = fixture.command(NS, "Touch", ambf_msgs::ContactSensorCmd::default());
+    let _: SensorCommand = fixture.command(NS, "Water", ambf_msgs::GhostObjectCmd::default());
 }
 
 #[test]
@@ -188,7 +190,7 @@ fn objects_come_and_go_and_leave_nothing_behind() {
         add(near_plane);
         remove();
     }
-    // 3 x 16 topics have come and gone, with two threads each; other tests open and close connections meanwhile.
+    // 3 x 18 topics have come and gone, with two threads each; other tests open and close connections meanwhile.
     until("threads and files as before", || {
         let now = resources();
         now.0 < before.0 + 40 && now.1 < before.1 + 40
@@ -207,7 +209,7 @@ fn objects_come_and_go_and_leave_nothing_behind() {
 fn one_of_two_that_share_their_topics_goes_and_the_other_stays() {
     let fixture = fixture();
     let twin = |identifier: &str| {
-        let mut twin = object(ObjectKind::Ghost(0), "/ambf/env/twins/", "Twin");
+        let mut twin = object(ObjectKind::Ghost(0, Box::default()), "/ambf/env/twins/", "Twin");
         twin.identifier = identifier.into();
         twin
     };
@@ -218,7 +220,7 @@ fn one_of_two_that_share_their_topics_goes_and_the_other_stays() {
     let connect = || RawSubscriber::connect(&publisher_of(&fixture.master, topic), topic);
     let who = |states: &mut RawSubscriber| {
         let state = [&[0; 4][..], &states.read_block()?].concat();
-        Some(ambf_msgs::ObjectState::decode_slice(&state).unwrap().identifier.data)
+        Some(ambf_msgs::GhostObjectState::decode_slice(&state).unwrap().identifier.data)
     };
     let mut states = connect();
     until("the second", || who(&mut states).unwrap() == "second");
@@ -228,8 +230,7 @@ fn one_of_two_that_share_their_topics_goes_and_the_other_stays() {
     while who(&mut states).is_some() {}
     let mut states = connect();
     assert!((0..20).all(|_| who(&mut states).unwrap() == "second"));
-    let command: ObjectCommand = fixture.command("/ambf/env/twins/", "Twin", ambf_msgs::ObjectCmd::default());
-    assert!(!command.enabled);
+    let _: SensorCommand = fixture.command("/ambf/env/twins/", "Twin", ambf_msgs::GhostObjectCmd::default());
 }
 
 #[test]

@@ -9,6 +9,12 @@ MD5 = {
     "ActuatorState": "bb54291f69633b7821b7930b1ec68d2b",
     "CameraCmd": "4c77af9a51e6b28efe30862e7d6b0479",
     "CameraState": "a407bd98dbe1308fc98fc9d52379c405",
+    "ContactData": "fa9406851f936701ab8c14a333a3f2e2",
+    "ContactEvent": "eb82193058a0ca0d1eedde1e59b63259",
+    "ContactSensorCmd": "d7be0bb39af8fb9129d5a76e6b63a290",
+    "ContactSensorState": "69bafc7aa5201075354dea9d8be980d5",
+    "GhostObjectCmd": "d7be0bb39af8fb9129d5a76e6b63a290",
+    "GhostObjectState": "415d13a1e544582332f8da23ceee6c2f",
     "LightCmd": "4c77af9a51e6b28efe30862e7d6b0479",
     "LightState": "a407bd98dbe1308fc98fc9d52379c405",
     "ObjectCmd": "091c255bd5039de21056e952538cf83c",
@@ -31,7 +37,7 @@ SERVICES = {
     "AddModel": "f5bd0122d8d7f607648fac2661ce032e",
     "ListModels": "ff08cbe897983592b3543e831685aaec",
     "RemoveModel": "6b1b98e3880995cce04976ee2d7995e8",
-    "Step": "d20da7e32bd0766d390cd8b49ae47ca7",
+    "Step": "ebe26e09d74f794e63141d69f616e688",
 }
 
 

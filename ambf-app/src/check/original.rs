@@ -83,7 +83,7 @@ differences! {
         "multiplies it with a difference that is always zero; so does the profile `legacy`";
     CONTACT_SENSOR: "contact sensor", "type",
         "is Contact",
-        "knows no such type and goes on with an uninitialised sensor, which may crash";
+        "knows the type from version 3.0 on; 2.0 goes on with an uninitialised sensor, which may crash";
     SENSOR_MESH: "sensor mesh", "mesh",
         "is found below the resolution path of the model",
         "looks beside the file only and drops the sensor";

@@ -9,11 +9,13 @@ mod generated {
         ambf_msgs / AddModel,
         ambf_msgs / CameraCmd,
         ambf_msgs / CameraState,
+        ambf_msgs / ContactSensorCmd,
+        ambf_msgs / ContactSensorState,
+        ambf_msgs / GhostObjectCmd,
+        ambf_msgs / GhostObjectState,
         ambf_msgs / LightCmd,
         ambf_msgs / LightState,
         ambf_msgs / ListModels,
-        ambf_msgs / ObjectCmd,
-        ambf_msgs / ObjectState,
         ambf_msgs / RemoveModel,
         ambf_msgs / RigidBodyCmd,
         ambf_msgs / RigidBodyState,
@@ -122,8 +124,6 @@ mod tests {
         check::<ambf_msgs::CameraState>("ambf_msgs/CameraState", "a407bd98dbe1308fc98fc9d52379c405");
         check::<ambf_msgs::LightCmd>("ambf_msgs/LightCmd", "4c77af9a51e6b28efe30862e7d6b0479");
         check::<ambf_msgs::LightState>("ambf_msgs/LightState", "a407bd98dbe1308fc98fc9d52379c405");
-        check::<ambf_msgs::ObjectCmd>("ambf_msgs/ObjectCmd", "091c255bd5039de21056e952538cf83c");
-        check::<ambf_msgs::ObjectState>("ambf_msgs/ObjectState", "3dc87d37c7ec8f949bfbd135c2cfe5a8");
         check::<ambf_msgs::RigidBodyCmd>("ambf_msgs/RigidBodyCmd", "c54fc48da5e84240a367eff7725e74b4");
         check::<ambf_msgs::RigidBodyState>("ambf_msgs/RigidBodyState", "c0ba0eb38f2481828a038f3b17ce0623");
         check::<ambf_msgs::SensorCmd>("ambf_msgs/SensorCmd", "8f1886769be440a6a76a9e6c56ba2056");
@@ -135,10 +135,15 @@ mod tests {
         check::<ambf_msgs::WorldCmd>("ambf_msgs/WorldCmd", "6941ddbc8f8196cff4beb0278a6ad79d");
         check::<ambf_msgs::WorldState>("ambf_msgs/WorldState", "6e545bb4d1457db0c1ee58df8e46d570");
         check::<sensor_msgs::PointCloud>("sensor_msgs/PointCloud", "d8e9c3f5afbdd8a130fd1d2763945fca");
+        // Of version 3.0 of the C++ program: from its field lists.
+        check::<ambf_msgs::ContactSensorCmd>("ambf_msgs/ContactSensorCmd", "d7be0bb39af8fb9129d5a76e6b63a290");
+        check::<ambf_msgs::ContactSensorState>("ambf_msgs/ContactSensorState", "69bafc7aa5201075354dea9d8be980d5");
+        check::<ambf_msgs::GhostObjectCmd>("ambf_msgs/GhostObjectCmd", "d7be0bb39af8fb9129d5a76e6b63a290");
+        check::<ambf_msgs::GhostObjectState>("ambf_msgs/GhostObjectState", "415d13a1e544582332f8da23ceee6c2f");
         // Ours, as Debian's genpy computes them.
         check::<ambf_msgs::AddModel>("ambf_msgs/AddModel", "f5bd0122d8d7f607648fac2661ce032e");
         check::<ambf_msgs::ListModels>("ambf_msgs/ListModels", "ff08cbe897983592b3543e831685aaec");
-        check::<ambf_msgs::Step>("ambf_msgs/Step", "d20da7e32bd0766d390cd8b49ae47ca7");
+        check::<ambf_msgs::Step>("ambf_msgs/Step", "ebe26e09d74f794e63141d69f616e688");
         check::<ambf_msgs::RemoveModel>("ambf_msgs/RemoveModel", "6b1b98e3880995cce04976ee2d7995e8");
         assert!(ambf_msgs::RigidBodyState::msg_definition().contains("geometry_msgs/Twist twist"));
     }

@@ -20,6 +20,7 @@
 //! `rosparam list` shows namespaces too. A client is connected to up to 0.1 s after it has registered.
 
 mod actuator;
+mod contact;
 mod ghost;
 pub mod messages;
 mod mismatch;

@@ -101,7 +101,7 @@ impl Objects {
 mod tests {
     use super::*;
     use crate::ros::models::{ModelHost, ModelReply};
-    use ambf_core::comm::{Hub, ObjectInfo, ObjectKind, Rates};
+    use ambf_core::comm::{Hub, ObjectInfo, ObjectKind, Rates, SensorInfo, SensorType};
     use ros_node::{Direction, Peer};
     use std::path::{Path, PathBuf};
 
@@ -168,10 +168,14 @@ mod tests {
             object(ObjectKind::Camera(0, Box::default()), "cameras/default_camera"),
             object(ObjectKind::Light(0, Box::default()), "light"),
             object(ObjectKind::Sensor(0, Box::default()), "sensor"),
+            object(
+                ObjectKind::Sensor(1, Box::new(SensorInfo { kind: SensorType::Contact, ..Default::default() })),
+                "touch",
+            ),
             object(ObjectKind::Actuator(0, Box::default()), "actuator"),
             object(ObjectKind::Vehicle(0, Box::default()), "vehicle"),
             object(ObjectKind::SoftBody(0, 1.0), "soft body"),
-            object(ObjectKind::Ghost(0), "ghost"),
+            object(ObjectKind::Ghost(0, Box::default()), "ghost"),
         ]));
         let change = objects(&hub, Some(Arc::new(Nobody))).compare().unwrap();
         assert_eq!(
@@ -190,8 +194,8 @@ mod tests {
                 "/ambf/env/actuator/State ambf_msgs/ActuatorState out",
                 "/ambf/env/cameras/default_camera/Command ambf_msgs/CameraCmd in",
                 "/ambf/env/cameras/default_camera/State ambf_msgs/CameraState out",
-                "/ambf/env/ghost/Command ambf_msgs/ObjectCmd in",
-                "/ambf/env/ghost/State ambf_msgs/ObjectState out",
+                "/ambf/env/ghost/Command ambf_msgs/GhostObjectCmd in",
+                "/ambf/env/ghost/State ambf_msgs/GhostObjectState out",
                 "/ambf/env/light/Command ambf_msgs/LightCmd in",
                 "/ambf/env/light/State ambf_msgs/LightState out",
                 "/ambf/env/psm/baselink1/Command ambf_msgs/RigidBodyCmd in",
@@ -200,13 +204,15 @@ mod tests {
                 "/ambf/env/sensor/State ambf_msgs/SensorState out",
                 "/ambf/env/soft_body/Command ambf_msgs/SoftBodyCmd in",
                 "/ambf/env/soft_body/State ambf_msgs/SoftBodyState out",
+                "/ambf/env/touch/Command ambf_msgs/ContactSensorCmd in",
+                "/ambf/env/touch/State ambf_msgs/ContactSensorState out",
                 "/ambf/env/vehicle/Command ambf_msgs/VehicleCmd in",
                 "/ambf/env/vehicle/State ambf_msgs/VehicleState out",
             ]
         );
         let parameters = change.come.parameters;
         assert_eq!((parameters.cameras.len(), parameters.lights.len(), parameters.worlds.len()), (1, 1, 1));
-        assert_eq!(change.come.entries.len(), 10, "a state each, and the world's timing");
+        assert_eq!(change.come.entries.len(), 11, "a state each, and the world's timing");
         assert!(change.withdrawn.is_empty());
     }
 
@@ -234,7 +240,7 @@ mod tests {
 
         // One goes, one comes and goes unseen, one comes that has the name of the one that goes.
         hub.remove_objects([1]);
-        hub.add_objects(vec![object(ObjectKind::Ghost(0), "unseen"), car()]);
+        hub.add_objects(vec![object(ObjectKind::Ghost(0, Box::default()), "unseen"), car()]);
         hub.remove_objects([3]);
         let change = objects.compare().unwrap();
         let topics =

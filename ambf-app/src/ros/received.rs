@@ -108,23 +108,24 @@ impl FromClient for ambf_msgs::VehicleCmd {
     }
 }
 
-/// `ObjectCmd` and `SoftBodyCmd` have the same fields.
-fn walk_object(wire: &mut Wire<'_>) -> Option<()> {
-    wire.header()?;
-    wire.skip(BOOL + POSE + WRENCH)?;
-    wire.array(4)?;
-    wire.booleans()
-}
-
-impl FromClient for ambf_msgs::ObjectCmd {
+impl FromClient for ambf_msgs::SoftBodyCmd {
     fn walk(wire: &mut Wire<'_>) -> Option<()> {
-        walk_object(wire)
+        wire.header()?;
+        wire.skip(BOOL + POSE + WRENCH)?;
+        wire.array(4)?;
+        wire.booleans()
     }
 }
 
-impl FromClient for ambf_msgs::SoftBodyCmd {
+impl FromClient for ambf_msgs::ContactSensorCmd {
     fn walk(wire: &mut Wire<'_>) -> Option<()> {
-        walk_object(wire)
+        wire.header()
+    }
+}
+
+impl FromClient for ambf_msgs::GhostObjectCmd {
+    fn walk(wire: &mut Wire<'_>) -> Option<()> {
+        wire.header()
     }
 }
 
@@ -247,11 +248,10 @@ mod tests {
         check(&vehicle, &[12, arrays, arrays + 4 + 8, arrays + 4 + 8 + 4 + 4]);
         let arrays = HEADER + BOOL + POSE + WRENCH;
         let (joint_cmds, position_controller_mask) = (vec![0.5, 0.25], vec![true]);
-        let object = ambf_msgs::ObjectCmd { joint_cmds, position_controller_mask, ..Default::default() };
-        check(&object, &[12, arrays, arrays + 4 + 8]);
-        let (joint_cmds, position_controller_mask) = (object.joint_cmds, object.position_controller_mask);
         let soft_body = ambf_msgs::SoftBodyCmd { joint_cmds, position_controller_mask, ..Default::default() };
         check(&soft_body, &[12, arrays, arrays + 4 + 8]);
+        check(&ambf_msgs::ContactSensorCmd::default(), &[12]);
+        check(&ambf_msgs::GhostObjectCmd::default(), &[12]);
     }
 
     #[test]
@@ -288,7 +288,7 @@ mod tests {
             let _ = read::<ambf_msgs::SensorCmd>(&bytes);
             let _ = read::<ambf_msgs::ActuatorCmd>(&bytes);
             let _ = read::<ambf_msgs::VehicleCmd>(&bytes);
-            let _ = read::<ambf_msgs::ObjectCmd>(&bytes);
+            let _ = read::<ambf_msgs::GhostObjectCmd>(&bytes);
             let _ = read::<ambf_msgs::SoftBodyCmd>(&bytes);
             let _ = read::<ambf_msgs::AddModelReq>(&bytes);
             let _ = read::<ambf_msgs::StepReq>(&bytes);

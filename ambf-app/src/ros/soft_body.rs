@@ -1,6 +1,6 @@
 //! A soft body on the wire: `SoftBodyState`, which holds its shape, and `SoftBodyCmd`, of which only the force counts.
 
-use ambf_core::comm::{ObjectCommand, ObjectInfo, Snapshot};
+use ambf_core::comm::{ObjectInfo, Snapshot, SoftBodyCommand};
 use nalgebra::Isometry3;
 
 use super::messages::{ambf_msgs, from_vector, header, is_zero, narrow, pose, string};
@@ -32,8 +32,8 @@ pub(super) fn state(
 }
 
 /// The command in `message`: its force.
-pub(super) fn command(message: &ambf_msgs::SoftBodyCmd) -> ObjectCommand {
-    ObjectCommand { force: from_vector(&message.wrench.force), ..Default::default() }
+pub(super) fn command(message: &ambf_msgs::SoftBodyCmd) -> SoftBodyCommand {
+    SoftBodyCommand { force: from_vector(&message.wrench.force) }
 }
 
 /// Fields that `message` uses in vain.
@@ -77,7 +77,7 @@ mod tests {
     fn only_the_force_counts() {
         let mut message = ambf_msgs::SoftBodyCmd::default();
         message.wrench.force.y = 2.0;
-        assert_eq!(command(&message), ObjectCommand { force: Vector3::new(0.0, 2.0, 0.0), ..Default::default() });
+        assert_eq!(command(&message), SoftBodyCommand { force: Vector3::new(0.0, 2.0, 0.0) });
         assert_eq!(unused_fields(&message).count(), 0);
         message.enable_position_controller = true;
         message.wrench.torque.x = 1.0;

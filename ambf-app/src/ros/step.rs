@@ -5,14 +5,14 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use ambf_core::comm::{
-    ActuatorCommand, ActuatorInfo, Hub, ObjectInfo, PostError, RigidBodyCommand, RigidBodyInfo, SensorInfo, Snapshot,
-    StepOrder, WATCHDOG_TIMEOUT,
+    ActuatorCommand, ActuatorInfo, GhostInfo, Hub, ObjectInfo, PostError, RigidBodyCommand, RigidBodyInfo, SensorInfo,
+    SensorType, Snapshot, StepOrder, WATCHDOG_TIMEOUT,
 };
 
 use super::messages::ambf_msgs::{ActuatorCmd, RigidBodyCmd, Step, StepReq, StepRes};
 use super::rigid_body::{self, Requests};
 use super::service::Service;
-use super::{actuator, sensor};
+use super::{actuator, contact, ghost, sensor};
 use ros_node::Peer;
 
 /// Most iterations of one request, and the longest patience, s.
@@ -32,6 +32,7 @@ pub(super) enum Kind {
     Body { source: Box<Mutex<rigid_body::StateSource>>, requests: Arc<Requests>, n_joints: usize },
     Sensor(usize, SensorInfo),
     Actuator(usize, ActuatorInfo),
+    Ghost(usize, GhostInfo),
 }
 
 impl Kind {
@@ -65,7 +66,7 @@ impl Steppables {
         let found = self.lock().get(name).cloned();
         let found = found.filter(|found| hub.objects().get(found.object).is_some_and(|object| !object.is_removed()));
         found.ok_or_else(|| {
-            format!("there is no body, sensor or actuator \"{name}\"; names are those of topics, without /State")
+            format!("there is no body, sensor, actuator or ghost object \"{name}\"; names are those of topics, without /State")
         })
     }
 }
@@ -180,12 +181,16 @@ fn observe(observed: &Steppable, snapshot: &Snapshot, answer: &mut StepRes) -> R
             let state = source.lock().unwrap_or_else(PoisonError::into_inner).message(snapshot);
             state.map(|state| answer.bodies.push(state))
         }
+        Kind::Sensor(index, sensor) if sensor.kind == SensorType::Contact => {
+            contact::state(info, *index, sensor, snapshot).map(|state| answer.contact_sensors.push(state))
+        }
         Kind::Sensor(index, sensor) => {
             sensor::state(info, *index, sensor, snapshot).map(|state| answer.sensors.push(state))
         }
         Kind::Actuator(index, actuator) => {
             actuator::state(info, *index, actuator, snapshot).map(|state| answer.actuators.push(state))
         }
+        Kind::Ghost(index, ghost) => ghost::state(info, *index, ghost, snapshot).map(|state| answer.ghosts.push(state)),
     };
     there.ok_or_else(|| format!("{} is not in the state yet", info.name))
 }

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use ambf_core::comm::{
-    ActuatorInfo, CameraParameters, Hub, LightParameters, ObjectInfo, ObjectKind, PostError, Rates, RigidBodyInfo,
-    SensorCommand, SensorInfo, Snapshot, VehicleInfo,
+    ActuatorInfo, CameraParameters, GhostInfo, Hub, LightParameters, ObjectInfo, ObjectKind, PostError, Rates,
+    RigidBodyInfo, SensorCommand, SensorInfo, SensorType, Snapshot, VehicleInfo,
 };
 use ros_node::{Announcement, Peer, Publication};
 use rosrust::Message;
@@ -18,7 +18,7 @@ use super::rigid_body::{self, Requests};
 use super::scheduler::{is_live, Entry, StateOutlet};
 use super::signal::{Complaints, Said, Waker};
 use super::step::{self, Kind, Steppable, Steppables};
-use super::{actuator, ghost, sensor, soft_body, vehicle, world};
+use super::{actuator, contact, ghost, sensor, soft_body, vehicle, world};
 use crate::report;
 
 /// Longest command, bytes: some hundred thousand joints.
@@ -88,7 +88,7 @@ pub(super) fn serve(around: &Surroundings, served: &mut Served, object: usize, i
         ObjectKind::Actuator(index, actuator) => builder.actuator(info, name, *index, actuator),
         ObjectKind::Vehicle(index, vehicle) => builder.vehicle(info, name, *index, vehicle),
         ObjectKind::SoftBody(index, mass) => builder.soft_body(info, name, *index, *mass),
-        ObjectKind::Ghost(index) => builder.ghost(info, name, *index),
+        ObjectKind::Ghost(index, ghost) => builder.ghost(info, name, *index, ghost),
     }
 }
 
@@ -211,12 +211,21 @@ impl Builder<'_> {
 
     fn sensor(&mut self, info: &ObjectInfo, name: String, index: usize, sensor: &SensorInfo) {
         self.can_be_stepped(&name, info, Kind::Sensor(index, sensor.clone()));
-        let (of, sensor) = (info.clone(), sensor.clone());
-        self.publish(format!("{name}/State"), info.rates, true, move |snapshot| {
-            sensor::state(&of, index, &sensor, snapshot?)
-        });
-        let commanded = self.commanded(&name);
-        self.subscribe(format!("{name}/Command"), move |_: ambf_msgs::SensorCmd| {
+        let (of, own) = (info.clone(), sensor.clone());
+        let state = format!("{name}/State");
+        if sensor.kind == SensorType::Contact {
+            self.publish(state, info.rates, true, move |snapshot| contact::state(&of, index, &own, snapshot?));
+            self.without_effect::<ambf_msgs::ContactSensorCmd>(&name);
+        } else {
+            self.publish(state, info.rates, true, move |snapshot| sensor::state(&of, index, &own, snapshot?));
+            self.without_effect::<ambf_msgs::SensorCmd>(&name);
+        }
+    }
+
+    /// Listens to commands that only raise the rate at which the object is published.
+    fn without_effect<M: FromClient>(&mut self, name: &str) {
+        let commanded = self.commanded(name);
+        self.subscribe(format!("{name}/Command"), move |_: M| {
             commanded.post(|hub, object| hub.post(object, &SensorCommand));
         });
     }
@@ -259,17 +268,13 @@ impl Builder<'_> {
         });
     }
 
-    fn ghost(&mut self, info: &ObjectInfo, name: String, index: usize) {
-        let of = info.clone();
-        self.publish(format!("{name}/State"), info.rates, true, move |snapshot| ghost::state(&of, index, snapshot?));
-        let commanded = self.commanded(&name);
-        self.subscribe(format!("{name}/Command"), move |message| {
-            commanded.name_unused(
-                ghost::unused_fields(&message),
-                "a ghost object takes a pose, with enable_position_controller",
-            );
-            commanded.post(|hub, object| hub.post(object, &ghost::command(&message)));
+    fn ghost(&mut self, info: &ObjectInfo, name: String, index: usize, ghost: &GhostInfo) {
+        self.can_be_stepped(&name, info, Kind::Ghost(index, ghost.clone()));
+        let (of, ghost) = (info.clone(), ghost.clone());
+        self.publish(format!("{name}/State"), info.rates, true, move |snapshot| {
+            ghost::state(&of, index, &ghost, snapshot?)
         });
+        self.without_effect::<ambf_msgs::GhostObjectCmd>(&name);
     }
 }
 

@@ -11,9 +11,9 @@ use std::time::{Duration, Instant, SystemTime};
 
 use ambf_app::ros::{RosMiddleware, RosOptions};
 use ambf_core::comm::{
-    ActuatorInfo, BodyKinematics, CameraParameters, GhostReading, Hub, LightParameters, Middleware, ObjectInfo,
-    ObjectKind, Rates, RayReading, RigidBodyInfo, SensorInfo, Snapshot, SnapshotWriter, SoftBodyReading, VehicleInfo,
-    VehicleReading,
+    ActuatorInfo, BodyKinematics, CameraParameters, ContactPoint, ContactReading, GhostReading, Hub, LightParameters,
+    Middleware, ObjectInfo, ObjectKind, Rates, RayReading, RigidBodyInfo, SensorInfo, SensorType, Snapshot,
+    SnapshotWriter, SoftBodyReading, TouchingBody, VehicleInfo, VehicleReading,
 };
 use dxr::{MethodCall, MethodResponse, Value};
 use nalgebra::{Isometry3, Vector3};
@@ -87,18 +87,20 @@ pub fn object(kind: ObjectKind, namespace: &str, name: &str) -> ObjectInfo {
     }
 }
 
-/// A sensor, an actuator, a vehicle of two wheels, a soft body and a ghost object in `namespace`.
+/// Two sensors, an actuator, a vehicle of two wheels, a soft body and a ghost object in `namespace`.
 pub fn elements(namespace: &str) -> Vec<ObjectInfo> {
     let parent_name = String::from("BODY Box0");
     let pose = Isometry3::translation(0.0, 0.0, 0.25);
     let sensor = SensorInfo { parent_name: parent_name.clone(), pose, range: 2.0, ..Default::default() };
+    let touch = SensorInfo { kind: SensorType::Contact, ..sensor.clone() };
     let vehicle = VehicleInfo { mass: 20.0, inertia: Vector3::new(1.0, 2.0, 3.0), wheels: 2 };
     vec![
         object(ObjectKind::Sensor(0, Box::new(sensor)), namespace, "Eye"),
         object(ObjectKind::Actuator(0, Box::new(ActuatorInfo { parent_name, pose })), namespace, "Hand"),
         object(ObjectKind::Vehicle(0, Box::new(vehicle)), namespace, "Car"),
         object(ObjectKind::SoftBody(0, 4.0), namespace, "Cloth"),
-        object(ObjectKind::Ghost(0), namespace, "Water"),
+        object(ObjectKind::Sensor(1, Box::new(touch)), namespace, "Touch"),
+        object(ObjectKind::Ghost(0, Box::default()), namespace, "Water"),
     ]
 }
 
@@ -161,6 +163,13 @@ fn physics(hub: &Hub, n_bodies: usize, stop: &AtomicBool) {
             RayReading { triggered: true, measurement: 0.75, sensed: Some("Box0".into()) },
             RayReading::default(),
         ]],
+        contacts: vec![
+            ContactReading::default(),
+            ContactReading {
+                bodies: vec![TouchingBody { identifier: "/ambf/env/KEY Box1".into(), points: 1 }],
+                points: vec![ContactPoint { distance: -0.5, ..Default::default() }],
+            },
+        ],
         actuators: vec![true],
         vehicles: vec![VehicleReading {
             pose: Isometry3::translation(0.0, 0.0, 0.5),
@@ -170,7 +179,10 @@ fn physics(hub: &Hub, n_bodies: usize, stop: &AtomicBool) {
             center: Vector3::new(0.5, 0.0, 0.0),
             nodes: vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]],
         }],
-        ghosts: vec![GhostReading { pose: Isometry3::translation(7.0, 0.0, 0.0), sensed: vec!["Box1".into()] }],
+        ghosts: vec![GhostReading {
+            pose: Isometry3::translation(7.0, 0.0, 0.0),
+            sensed: vec!["/ambf/env/KEY Box1".into()],
+        }],
         ..Default::default()
     });
     let mut step = 0;

@@ -41,6 +41,8 @@ pub enum SensorKind {
     Contact {
         /// Largest distance that counts as contact even without a force, m, negative inside. Default: 0.
         threshold: f64,
+        /// The state holds each contact point, not only who touches. Default: `false`.
+        details: bool,
     },
 }
 
@@ -161,7 +163,10 @@ impl Sensor {
         let kind = match type_of(map, &["Proximity", "Resistance", "Contact"])?.as_str() {
             "Proximity" => SensorKind::Proximity,
             "Resistance" => SensorKind::Resistance(ResistanceParameters::read(map)),
-            _ => SensorKind::Contact { threshold: map.real("distance threshold").unwrap_or(0.0) },
+            _ => SensorKind::Contact {
+                threshold: map.real("distance threshold").unwrap_or(0.0),
+                details: map.boolean("process contact details").unwrap_or(false),
+            },
         };
         let has_rays = !matches!(kind, SensorKind::Contact { .. });
         let sensor = Self {
@@ -303,8 +308,9 @@ mod tests {
         assert_eq!((p.static_friction, p.friction_damping, p.contact_area), (3.0, 0.1, 2.0));
         let RaySource::Mesh { candidates } = s.rays else { panic!() };
         assert_eq!(candidates, ["dir/t.stl", "dir/lo/t.stl", "dir/hi/t.stl"].map(PathBuf::from));
-        let s = sensor("type: Contact, distance threshold: 0.001");
-        assert_eq!((s.kind, s.rays), (SensorKind::Contact { threshold: 0.001 }, RaySource::Array(vec![])));
+        let s = sensor("type: Contact, distance threshold: 0.001, process contact details: true");
+        let kind = SensorKind::Contact { threshold: 0.001, details: true };
+        assert_eq!((s.kind, s.rays), (kind, RaySource::Array(vec![])));
         let fan = "parametric: {resolution: 2, horizontal angle: 1, vertical angle: 0.5, start offset: 0}";
         let s = sensor(&format!("type: Proximity, {fan}"));
         assert!(matches!(s.rays, RaySource::Parametric { resolution: 2, .. }));

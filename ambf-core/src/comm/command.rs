@@ -161,36 +161,29 @@ impl Command for PoseCommand {
     }
 }
 
-/// Command of a ghost object or a soft body.
+/// Command of a soft body.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct ObjectCommand {
-    /// While true the local pose of a ghost object is set to the fields below in each iteration. No effect on soft bodies.
-    pub enabled: bool,
-    /// Position in the parent's body frame (world without a parent), m.
-    pub position: Vector3<f64>,
-    /// Orientation as a quaternion `[x, y, z, w]`, as received.
-    pub orientation: [f64; 4],
-    /// Force on a soft body, N, world axes, shared among its nodes by mass. No effect on ghost objects.
+pub struct SoftBodyCommand {
+    /// Force, N, world axes, shared among the nodes by mass.
     pub force: Vector3<f64>,
 }
 
-impl Command for ObjectCommand {
+impl Command for SoftBodyCommand {
     fn copy_from(&mut self, other: &Self) {
         self.clone_from(other);
     }
 
-    /// Zero force, no pose to follow.
+    /// Zero force.
     fn expire(&mut self) {
-        self.enabled = false;
         self.force = Vector3::zeros();
     }
 
     fn is_finite(&self) -> bool {
-        all_finite(&self.position) && all_finite(&self.orientation) && all_finite(&self.force)
+        all_finite(&self.force)
     }
 
     fn mailbox(channel: &Channel) -> &Mailbox<Self> {
-        &channel.object
+        &channel.soft_body
     }
 }
 
@@ -233,7 +226,7 @@ impl Command for ActuatorCommand {
     }
 }
 
-/// Command of a sensor. It has no effect, but raises the rate at which the sensor is published.
+/// Command of a sensor or a ghost object. It has no effect, but raises the rate at which the object is published.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SensorCommand;
 

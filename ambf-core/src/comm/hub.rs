@@ -9,8 +9,8 @@ use thiserror::Error;
 
 use super::snapshot::Slot;
 use super::{
-    ActuatorCommand, CameraParameters, Command, LightParameters, Mailbox, ObjectCommand, PoseCommand, Rates,
-    RigidBodyCommand, SensorCommand, Snapshot, SnapshotWriter, StepThrottle, VehicleCommand,
+    ActuatorCommand, CameraParameters, Command, LightParameters, Mailbox, PoseCommand, Rates, RigidBodyCommand,
+    SensorCommand, Snapshot, SnapshotWriter, SoftBodyCommand, StepThrottle, VehicleCommand,
 };
 
 /// What an object is, and where its state stands in a [`Snapshot`].
@@ -32,8 +32,15 @@ pub enum ObjectKind {
     Vehicle(usize, Box<VehicleInfo>),
     /// Index into [`Snapshot::soft_bodies`], and its mass, kg.
     SoftBody(usize, f64),
-    /// Index into [`Snapshot::ghosts`].
-    Ghost(usize),
+    /// Index into [`Snapshot::ghosts`], and what does not change in its state.
+    Ghost(usize, Box<GhostInfo>),
+}
+
+/// The part of a ghost object's state that does not change while it runs.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct GhostInfo {
+    /// Parent as named in the file; empty: the world.
+    pub parent_name: String,
 }
 
 /// The part of a rigid body's state that does not change while it runs.
@@ -130,14 +137,14 @@ pub struct Channel {
     pub camera: Mailbox<CameraParameters>,
     /// Changed parameters of a light.
     pub light: Mailbox<LightParameters>,
-    /// Commands of a sensor.
+    /// Commands of a sensor or a ghost object.
     pub sensor: Mailbox<SensorCommand>,
     /// Commands of an actuator.
     pub actuator: Mailbox<ActuatorCommand>,
     /// Commands of a vehicle.
     pub vehicle: Mailbox<VehicleCommand>,
-    /// Commands of a ghost object or a soft body.
-    pub object: Mailbox<ObjectCommand>,
+    /// Commands of a soft body.
+    pub soft_body: Mailbox<SoftBodyCommand>,
 }
 
 /// An object of the hub: what it is and where its commands are left.
@@ -166,10 +173,10 @@ impl HubObject {
             ObjectKind::World => false,
             ObjectKind::RigidBody(..) => channel.body.is_live(now_ns),
             ObjectKind::Camera(..) | ObjectKind::Light(..) => channel.pose.is_live(now_ns),
-            ObjectKind::Sensor(..) => channel.sensor.is_live(now_ns),
+            ObjectKind::Sensor(..) | ObjectKind::Ghost(..) => channel.sensor.is_live(now_ns),
             ObjectKind::Actuator(..) => channel.actuator.is_live(now_ns),
             ObjectKind::Vehicle(..) => channel.vehicle.is_live(now_ns),
-            ObjectKind::SoftBody(..) | ObjectKind::Ghost(_) => channel.object.is_live(now_ns),
+            ObjectKind::SoftBody(..) => channel.soft_body.is_live(now_ns),
         }
     }
 }

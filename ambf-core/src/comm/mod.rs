@@ -20,18 +20,19 @@ mod throttle;
 
 pub use crate::bullet::BodyKinematics;
 pub use command::{
-    ActuatorCommand, CameraParameters, CartesianCommandType, Command, JointCommandType, LightParameters, ObjectCommand,
-    PoseCommand, RigidBodyCommand, SensorCommand, VehicleCommand,
+    ActuatorCommand, CameraParameters, CartesianCommandType, Command, JointCommandType, LightParameters, PoseCommand,
+    RigidBodyCommand, SensorCommand, SoftBodyCommand, VehicleCommand,
 };
 pub use hub::{
-    ActuatorInfo, Channel, Hub, HubObject, ObjectInfo, ObjectKind, ObjectList, PostError, RigidBodyInfo, SensorInfo,
-    SensorType, VehicleInfo,
+    ActuatorInfo, Channel, GhostInfo, Hub, HubObject, ObjectInfo, ObjectKind, ObjectList, PostError, RigidBodyInfo,
+    SensorInfo, SensorType, VehicleInfo,
 };
 pub use mailbox::{Inbox, Mailbox};
 pub use schedule::{PublishSchedule, Rates};
 pub(crate) use snapshot::Slot as SnapshotSlot;
 pub use snapshot::{
-    GhostReading, RayReading, Snapshot, SnapshotWriter, SoftBodyReading, Timing, VehicleReading, Wrench,
+    ContactPoint, ContactReading, GhostReading, RayReading, Snapshot, SnapshotWriter, SoftBodyReading, Timing,
+    TouchingBody, VehicleReading, Wrench,
 };
 pub use step::{StepError, StepOrder};
 pub use throttle::{Activity, StepThrottle, WorldCommand};

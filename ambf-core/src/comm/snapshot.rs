@@ -40,6 +40,53 @@ pub struct RayReading {
     pub sensed: Option<Arc<str>>,
 }
 
+/// What touches the body of a contact sensor.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct ContactReading {
+    /// One entry a rigid body that touches.
+    pub bodies: Vec<TouchingBody>,
+    /// Contact points, those of one body together and in the order of `bodies`; empty unless the sensor reports details.
+    pub points: Vec<ContactPoint>,
+}
+
+impl ContactReading {
+    /// Overwrites `self` with `other`, reusing the memory of `self`.
+    pub(crate) fn copy_from(&mut self, other: &Self) {
+        self.bodies.clone_from(&other.bodies);
+        self.points.clone_from(&other.points);
+    }
+
+    /// The bodies, each with its contact points.
+    pub fn iter(&self) -> impl Iterator<Item = (&TouchingBody, &[ContactPoint])> {
+        let mut rest = &self.points[..];
+        self.bodies.iter().map(move |body| {
+            let (own, others) = rest.split_at(body.points.min(rest.len()));
+            rest = others;
+            (body, own)
+        })
+    }
+}
+
+/// A rigid body that touches the body of a contact sensor.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TouchingBody {
+    /// Qualified identifier of the body.
+    pub identifier: Arc<str>,
+    /// How many of the contact points are its own.
+    pub points: usize,
+}
+
+/// A point of contact.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ContactPoint {
+    /// Distance of the surfaces, m; negative where they overlap.
+    pub distance: f64,
+    /// On the surface of the sensor's body, m, world axes.
+    pub point: Vector3<f64>,
+    /// Of unit length, world axes, from the other body to the sensor's.
+    pub normal: Vector3<f64>,
+}
+
 /// Where a vehicle and its wheels are.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct VehicleReading {
@@ -63,7 +110,7 @@ pub struct SoftBodyReading {
 pub struct GhostReading {
     /// Pose in the world.
     pub pose: Isometry3<f64>,
-    /// Names of the rigid bodies that penetrate it, without namespace, each once.
+    /// Qualified identifiers of the rigid bodies that penetrate it, each once.
     pub sensed: Vec<Arc<str>>,
 }
 
@@ -96,6 +143,8 @@ pub struct Snapshot {
     pub lights: Vec<Isometry3<f64>>,
     /// (sensors x rays), for contact sensors (sensors x contacts).
     pub sensors: Vec<Vec<RayReading>>,
+    /// (sensors x 1) what touches the body of each contact sensor; empty for other sensors.
+    pub contacts: Vec<ContactReading>,
     /// (actuators x 1) whether it holds something.
     pub actuators: Vec<bool>,
     /// (vehicles x 1).
@@ -122,6 +171,7 @@ impl Default for Snapshot {
             cameras: Vec::new(),
             lights: Vec::new(),
             sensors: Vec::new(),
+            contacts: Vec::new(),
             actuators: Vec::new(),
             vehicles: Vec::new(),
             soft_bodies: Vec::new(),

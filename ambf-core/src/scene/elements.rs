@@ -77,11 +77,11 @@ impl Builder<'_> {
                 let resistance = Resistance::new(parameters, rays.len(), self.scene.profile);
                 (SensorType::Resistance, sensor.range, Some(resistance))
             }
-            SensorKind::Contact { threshold } => (SensorType::Contact, threshold, None),
+            SensorKind::Contact { threshold, .. } => (SensorType::Contact, threshold, None),
         };
         let info = SensorInfo { kind, parent_name: sensor.parent.clone(), pose: sensor.location, range };
-        if kind == SensorType::Contact {
-            self.scene.sensors.push(Sensor::with_contacts(identity, info, parent));
+        if let SensorKind::Contact { details, .. } = sensor.kind {
+            self.scene.sensors.push(Sensor::with_contacts(identity, info, parent, details));
         } else if rays.is_empty() {
             self.drop_element(&sensor.common, "its mesh has no triangle with an area, so that it has no rays");
         } else {

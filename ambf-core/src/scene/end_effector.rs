@@ -226,6 +226,7 @@ impl Scene {
         };
         let key = identity.key();
         identity.suffix = self.names.actuators.free_suffix(&key);
+        identity.qualified = format!("{key}{}", identity.suffix).into();
         let frame = match (self.profile, self.preset) {
             (Profile::Legacy, None | Some(Preset::PyBullet)) => Isometry3::identity(),
             (Profile::Accurate, _) => body.inertial_offset_inverse,

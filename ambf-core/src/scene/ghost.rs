@@ -8,8 +8,8 @@ use super::placed::Placed;
 use super::Bodies;
 use crate::adf::{self, SourcePos};
 use crate::bullet::{BodyHandle, GhostHandle, World};
-use crate::comm::{GhostReading, ObjectCommand};
-use crate::control::{orientation_of, Profile};
+use crate::comm::GhostReading;
+use crate::control::Profile;
 
 /// A ghost object of a [`Scene`](super::Scene).
 #[derive(Debug)]
@@ -77,13 +77,6 @@ impl Ghost {
         self.sensed.iter().filter_map(|&handle| bodies.index_of(handle))
     }
 
-    pub(crate) fn apply_command(&mut self, command: &ObjectCommand) {
-        if command.enabled {
-            let rotation = orientation_of(&command.orientation).0;
-            self.placed.pose = Isometry3::from_parts(command.position.into(), rotation);
-        }
-    }
-
     /// Moves to `pose` in the world; what left it gets its weight back, what is in it is held. `carrier` is the parent body.
     pub(crate) fn update(
         &mut self,
@@ -130,9 +123,9 @@ impl Ghost {
         reading.pose = self.pose;
         reading.sensed.clear();
         for body in self.sensed(bodies) {
-            let name = &bodies[body].identity.name;
-            if !reading.sensed.iter().any(|known| Arc::ptr_eq(known, name)) {
-                reading.sensed.push(Arc::clone(name));
+            let identifier = &bodies[body].identity.qualified;
+            if !reading.sensed.iter().any(|known| Arc::ptr_eq(known, identifier)) {
+                reading.sensed.push(Arc::clone(identifier));
             }
         }
     }

@@ -16,6 +16,8 @@ pub struct Identity {
     pub namespace: String,
     /// Mapping key in the file.
     pub identifier: String,
+    /// Prefix, namespace, mapping key and suffix: what names the object to clients, and what their commands name it by.
+    pub qualified: Arc<str>,
     /// No State, no Command.
     pub passive: bool,
     /// How often it is published.
@@ -28,6 +30,7 @@ impl Identity {
     pub(super) fn new(common: &adf::Common, namespace: String, suffix: String, rates: Rates, model: usize) -> Self {
         Self {
             name: common.name.as_str().into(),
+            qualified: format!("{namespace}{}{suffix}", common.identifier).into(),
             suffix,
             namespace,
             identifier: common.identifier.clone(),

@@ -48,7 +48,7 @@ use nalgebra::{Isometry3, Vector3};
 use crate::adf::{self, Severity, SourcePos};
 use crate::bullet::{Gyroscopic, Integrator, Preset, Solver, World};
 use crate::comm::{
-    ActuatorCommand, BodyKinematics, GhostReading, ObjectInfo, ObjectKind, Rates, RigidBodyInfo, Snapshot,
+    ActuatorCommand, BodyKinematics, GhostInfo, GhostReading, ObjectInfo, ObjectKind, Rates, RigidBodyInfo, Snapshot,
     SoftBodyReading, VehicleInfo, VehicleReading, Wrench,
 };
 use crate::control::Profile;
@@ -234,7 +234,8 @@ impl Scene {
             add(&soft.identity, ObjectKind::SoftBody(i, soft.mass));
         }
         for (i, ghost) in self.ghosts.iter().enumerate().skip(known.ghosts) {
-            add(&ghost.placed.identity, ObjectKind::Ghost(i));
+            let info = GhostInfo { parent_name: ghost.parent_name.clone() };
+            add(&ghost.placed.identity, ObjectKind::Ghost(i, Box::new(info)));
         }
         for (i, sensor) in self.sensors.iter().enumerate().skip(known.sensors) {
             add(&sensor.identity, ObjectKind::Sensor(i, Box::new(sensor.info.clone())));
@@ -275,7 +276,7 @@ impl Scene {
             ObjectKind::Actuator(i, _) => Some(&self.actuators[i].identity),
             ObjectKind::Vehicle(i, _) => Some(&self.vehicles[i].identity),
             ObjectKind::SoftBody(i, _) => Some(&self.soft_bodies[i].identity),
-            ObjectKind::Ghost(i) => Some(&self.ghosts[i].placed.identity),
+            ObjectKind::Ghost(i, _) => Some(&self.ghosts[i].placed.identity),
         }
     }
 
@@ -289,7 +290,7 @@ impl Scene {
             ObjectKind::Light(..) => 3,
             ObjectKind::RigidBody(..) => 4,
             ObjectKind::SoftBody(..) => 5,
-            ObjectKind::Ghost(_) => 6,
+            ObjectKind::Ghost(..) => 6,
             ObjectKind::Sensor(..) => 7,
             ObjectKind::Vehicle(..) => 8,
         };
@@ -376,6 +377,7 @@ impl Scene {
             cameras: identities(self.cameras.len()),
             lights: identities(self.lights.len()),
             sensors: self.sensors.iter().map(|sensor| sensor.readings().to_vec()).collect(),
+            contacts: self.sensors.iter().map(|sensor| sensor.contacts().cloned().unwrap_or_default()).collect(),
             actuators: vec![false; self.actuators.len()],
             vehicles: self.vehicles.iter().map(vehicle).collect(),
             soft_bodies: self.soft_bodies.iter().map(soft).collect(),
@@ -390,6 +392,11 @@ impl Scene {
             // Keeps the memory of what was there.
             readings.clear();
             readings.extend_from_slice(sensor.readings());
+        }
+        for (reading, sensor) in snapshot.contacts.iter_mut().zip(&self.sensors) {
+            if let Some(contacts) = sensor.contacts() {
+                reading.copy_from(contacts);
+            }
         }
         for (actuated, actuator) in snapshot.actuators.iter_mut().zip(&self.actuators) {
             *actuated = actuator.is_actuated();

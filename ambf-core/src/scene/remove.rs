@@ -122,7 +122,7 @@ impl Scene {
         self.active_joints = (0..self.bodies.len()).map(active).collect();
         let mut order = Vec::new();
         for i in 0..self.ghosts.len() {
-            order.push((ObjectKind::Ghost(i), Element::Ghost(i)));
+            order.push((ObjectKind::Ghost(i, Box::default()), Element::Ghost(i)));
         }
         for i in 0..self.sensors.len() {
             order.push((ObjectKind::Sensor(i, Box::default()), Element::Sensor(i)));

@@ -8,7 +8,7 @@ use super::body::Body;
 use super::{Bodies, Identity};
 use crate::adf::{RaySource, ResistanceParameters};
 use crate::bullet::{Contact, Ray, RayHit, RayTarget, SoftBodyHandle, World};
-use crate::comm::{RayReading, SensorInfo};
+use crate::comm::{ContactPoint, ContactReading, RayReading, SensorInfo, TouchingBody};
 use crate::control::Profile;
 use crate::mesh::Mesh;
 
@@ -51,7 +51,7 @@ pub struct Sensor {
 #[derive(Debug)]
 enum Work {
     Rays { world: Vec<Ray>, hits: Vec<Option<RayHit>>, resistance: Option<Resistance> },
-    Contacts { threshold: f64, contacts: Vec<Contact> },
+    Contacts { threshold: f64, details: bool, contacts: Vec<Contact>, reading: ContactReading },
 }
 
 /// What of a [`Sensor`] changes while the simulation runs.
@@ -61,10 +61,16 @@ pub(super) struct SavedSensor {
     rays: Vec<Ray>,
     hits: Vec<Option<RayHit>>,
     memory: Vec<Option<Stuck>>,
+    touching: ContactReading,
 }
 
-/// Bodies that a contact sensor can name at a time without allocating.
+/// Contact points, and bodies, that a contact sensor can report without allocating.
 const CONTACTS: usize = 64;
+
+/// A reading with memory for [`CONTACTS`].
+fn spacious() -> ContactReading {
+    ContactReading { bodies: Vec::with_capacity(CONTACTS), points: Vec::with_capacity(CONTACTS) }
+}
 
 impl Sensor {
     pub(super) fn with_rays(
@@ -79,41 +85,56 @@ impl Sensor {
         Self { identity, info, parent, readings: vec![RayReading::default(); rays.len()], rays, work }
     }
 
-    pub(super) fn with_contacts(identity: Identity, info: SensorInfo, parent: usize) -> Self {
-        let work = Work::Contacts { threshold: info.range, contacts: Vec::with_capacity(CONTACTS) };
+    /// A contact sensor. With `details` it also reports each contact point.
+    pub(super) fn with_contacts(identity: Identity, info: SensorInfo, parent: usize, details: bool) -> Self {
+        let contacts = Vec::with_capacity(CONTACTS);
+        let work = Work::Contacts { threshold: info.range, details, contacts, reading: spacious() };
         Self { identity, info, parent, rays: Vec::new(), readings: Vec::with_capacity(CONTACTS), work }
     }
 
     pub(super) fn save(&self) -> SavedSensor {
         // All fields by name, so that no new one is forgotten.
         let Self { identity: _, info: _, parent: _, rays: _, readings, work } = self;
-        let (rays, hits, memory) = match work {
+        let (rays, hits, memory, touching) = match work {
             Work::Rays { world, hits, resistance } => {
                 let memory = resistance
                     .as_ref()
                     .map(|Resistance { parameters: _, profile: _, memory, pushes: _ }| memory.clone());
-                (world.clone(), hits.clone(), memory.unwrap_or_default())
+                (world.clone(), hits.clone(), memory.unwrap_or_default(), ContactReading::default())
             }
             // Contacts are asked for in each update.
-            Work::Contacts { threshold: _, contacts: _ } => Default::default(),
+            Work::Contacts { threshold: _, details: _, contacts: _, reading } => {
+                (Vec::new(), Vec::new(), Vec::new(), reading.clone())
+            }
         };
-        SavedSensor { readings: readings.clone(), rays, hits, memory }
+        SavedSensor { readings: readings.clone(), rays, hits, memory, touching }
     }
 
     pub(super) fn restore(&mut self, saved: &SavedSensor) {
         self.readings.clone_from(&saved.readings);
-        if let Work::Rays { world, hits, resistance } = &mut self.work {
-            world.clone_from(&saved.rays);
-            hits.clone_from(&saved.hits);
-            if let Some(resistance) = resistance {
-                resistance.memory.clone_from(&saved.memory);
+        match &mut self.work {
+            Work::Rays { world, hits, resistance } => {
+                world.clone_from(&saved.rays);
+                hits.clone_from(&saved.hits);
+                if let Some(resistance) = resistance {
+                    resistance.memory.clone_from(&saved.memory);
+                }
             }
+            Work::Contacts { reading, .. } => reading.copy_from(&saved.touching),
         }
     }
 
     /// What is seen, one entry a ray; for a contact sensor one entry a body in contact.
     pub fn readings(&self) -> &[RayReading] {
         &self.readings
+    }
+
+    /// What touches the parent of a contact sensor; `None` for other sensors.
+    pub fn contacts(&self) -> Option<&ContactReading> {
+        match &self.work {
+            Work::Contacts { reading, .. } => Some(reading),
+            Work::Rays { .. } => None,
+        }
     }
 
     /// What each ray that is triggered hits, in order of the rays. Nothing for contact sensors.
@@ -152,11 +173,14 @@ impl Sensor {
     /// `interval` s. `sub_step` in s.
     pub(crate) fn update(&mut self, world: &mut World, bodies: &Bodies, sub_step: f64, interval: f64) {
         match &mut self.work {
-            Work::Contacts { threshold, contacts } => {
+            Work::Contacts { threshold, details, contacts, reading } => {
                 world.contacts(bodies[self.parent].handle, f64::INFINITY, contacts);
                 // What rests on a thin cushion of Bullet's margin touches too: it is carried.
                 contacts.retain(|contact| contact.distance <= *threshold || contact.impulse > 0.0);
-                read_contacts(&mut self.readings, contacts, bodies, sub_step);
+                contacts.retain(|contact| bodies.index_of(contact.other).is_some());
+                // Of the bodies the one with the lower handle first: the order does not change from step to step.
+                contacts.sort_unstable_by_key(|contact| contact.other);
+                read_contacts(&mut self.readings, reading, contacts, bodies, sub_step, *details);
             }
             Work::Rays { world: rays, hits, resistance } => {
                 let pose = bodies[self.parent].pose(world) * self.info.pose;
@@ -183,20 +207,31 @@ impl Sensor {
     }
 }
 
-/// One reading a body: the sum of the normal forces of its contacts.
-fn read_contacts(readings: &mut Vec<RayReading>, contacts: &[Contact], bodies: &Bodies, sub_step: f64) {
+/// From contacts, those of one body together: one reading a body, with the sum of the normal forces of its contacts, and the same with
+/// the points if they are asked for.
+fn read_contacts(
+    readings: &mut Vec<RayReading>,
+    reading: &mut ContactReading,
+    contacts: &[Contact],
+    bodies: &Bodies,
+    sub_step: f64,
+    details: bool,
+) {
     readings.clear();
-    for contact in contacts {
-        let Some(body) = bodies.index_of(contact.other) else { continue };
-        let name = &bodies[body].identity.name;
-        let force = contact.impulse / sub_step;
-        match readings.iter_mut().find(|reading| reading.sensed.as_ref().is_some_and(|other| Arc::ptr_eq(other, name)))
-        {
-            Some(reading) => reading.measurement += force,
-            None => {
-                readings.push(RayReading { triggered: true, measurement: force, sensed: Some(Arc::clone(name)) });
-            }
-        }
+    reading.bodies.clear();
+    reading.points.clear();
+    for of_one in contacts.chunk_by(|a, b| a.other == b.other) {
+        let Some(body) = bodies.index_of(of_one[0].other) else { continue };
+        let identity = &bodies[body].identity;
+        let force = of_one.iter().map(|contact| contact.impulse / sub_step).sum();
+        readings.push(RayReading { triggered: true, measurement: force, sensed: Some(Arc::clone(&identity.name)) });
+        let points = if details { of_one } else { &[] };
+        reading.bodies.push(TouchingBody { identifier: Arc::clone(&identity.qualified), points: points.len() });
+        reading.points.extend(points.iter().map(|&Contact { distance, point, normal, .. }| ContactPoint {
+            distance,
+            point,
+            normal,
+        }));
     }
 }
 

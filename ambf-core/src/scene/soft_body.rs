@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use super::Identity;
 use crate::adf;
 use crate::bullet::{self, SoftBodyHandle, World};
-use crate::comm::{ObjectCommand, SoftBodyReading};
+use crate::comm::{SoftBodyCommand, SoftBodyReading};
 use crate::control::Profile;
 use crate::mesh::{Mesh, SubMesh};
 
@@ -23,7 +23,7 @@ pub struct SoftBody {
 
 impl SoftBody {
     /// Executes a command; it acts in the next update.
-    pub(crate) fn apply_command(&self, world: &mut World, command: &ObjectCommand) {
+    pub(crate) fn apply_command(&self, world: &mut World, command: &SoftBodyCommand) {
         if command.force != Vector3::zeros() {
             world.apply_soft_force(self.handle, &command.force);
         }

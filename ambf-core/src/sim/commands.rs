@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 use super::{NonFinite, Simulation};
 use crate::comm::{
     Activity, ActuatorCommand, CameraParameters, CartesianCommandType, Channel, Hub, Inbox, JointCommandType,
-    LightParameters, ObjectCommand, ObjectKind, ObjectList, PoseCommand, RigidBodyCommand, Snapshot, SnapshotWriter,
+    LightParameters, ObjectKind, ObjectList, PoseCommand, RigidBodyCommand, Snapshot, SnapshotWriter, SoftBodyCommand,
     Timing, VehicleCommand, Wrench,
 };
 use crate::control::Profile;
@@ -28,14 +28,13 @@ pub(super) struct Link {
 
 /// Commands in force for one object, which is named by its index in the scene.
 enum Slot {
-    /// The world and sensors: commands do nothing to them.
+    /// The world, sensors and ghost objects: commands do nothing to them.
     Idle,
     Body(usize, Inbox<RigidBodyCommand>),
     Camera(usize, Inbox<PoseCommand>, Inbox<CameraParameters>),
     Light(usize, Inbox<PoseCommand>, Inbox<LightParameters>),
     Actuator(usize, Inbox<ActuatorCommand>),
-    SoftBody(usize, Inbox<ObjectCommand>),
-    Ghost(usize, Inbox<ObjectCommand>),
+    SoftBody(usize, Inbox<SoftBodyCommand>),
     Vehicle(usize, Inbox<VehicleCommand>),
 }
 
@@ -47,9 +46,8 @@ impl Slot {
             ObjectKind::Light(index, _) => Self::Light(index, Inbox::default(), Inbox::default()),
             ObjectKind::Actuator(index, _) => Self::Actuator(index, Inbox::default()),
             ObjectKind::SoftBody(index, _) => Self::SoftBody(index, Inbox::default()),
-            ObjectKind::Ghost(index) => Self::Ghost(index, Inbox::default()),
             ObjectKind::Vehicle(index, _) => Self::Vehicle(index, Inbox::default()),
-            ObjectKind::World | ObjectKind::Sensor(..) => Self::Idle,
+            ObjectKind::World | ObjectKind::Sensor(..) | ObjectKind::Ghost(..) => Self::Idle,
         }
     }
 
@@ -62,7 +60,6 @@ impl Slot {
             Self::Light(index, pose, parameters) => Self::Light(*index, pose.later(by), parameters.later(by)),
             Self::Actuator(index, inbox) => Self::Actuator(*index, inbox.later(by)),
             Self::SoftBody(index, inbox) => Self::SoftBody(*index, inbox.later(by)),
-            Self::Ghost(index, inbox) => Self::Ghost(*index, inbox.later(by)),
             Self::Vehicle(index, inbox) => Self::Vehicle(*index, inbox.later(by)),
         }
     }
@@ -86,7 +83,7 @@ impl Slot {
                 pose.fetch(&channel.pose)
             }
             Self::Actuator(_, inbox) => inbox.fetch(&channel.actuator),
-            Self::SoftBody(_, inbox) | Self::Ghost(_, inbox) => inbox.fetch(&channel.object),
+            Self::SoftBody(_, inbox) => inbox.fetch(&channel.soft_body),
             Self::Vehicle(_, inbox) => inbox.fetch(&channel.vehicle),
         }
     }
@@ -298,10 +295,6 @@ impl Simulation {
                 Slot::SoftBody(index, inbox) => {
                     inbox.check_watchdog(now);
                     self.scene.soft_bodies[*index].apply_command(&mut self.scene.world, inbox.command());
-                }
-                Slot::Ghost(index, inbox) => {
-                    inbox.check_watchdog(now);
-                    self.scene.ghosts[*index].apply_command(inbox.command());
                 }
                 Slot::Vehicle(index, inbox) => {
                     inbox.check_watchdog(now);
