@@ -8,7 +8,7 @@ import time
 import harness
 import rospy
 import support
-from ambf_client import Client, MasterNotFound, SimulatorNotFound, SimulatorTimeout
+from ambf_client import Client, MasterNotFound, SimulationLost, SimulatorNotFound, SimulatorTimeout
 
 
 class NoMaster(support.TimedTest):
@@ -139,16 +139,16 @@ while True:
         self.assertAlmostEqual(base.get_joint_pos("shoulder"), 0.58, delta=0.02)
 
     def test_f_a_state_that_is_lost(self):
-        """The step says that the simulation is paused; a reset resumes it."""
-        from ambf_client import StepRefused
-
+        """The step says so, reading too; a step with a reset resumes."""
         _, client = self.start()
         world, hand = client.get_world_handle(), client.get_obj_handle("arm7/hand")
         world.step(1, patience=60.0)
         hand.wrench_command(1e300, 0, 0, 1e300, 0, 0)
-        with self.assertRaisesRegex(StepRefused, "paused"):
+        with self.assertRaisesRegex(SimulationLost, "^lost at step [0-9]+: .*reset resumes"):
             for _ in range(5):
                 world.step(10, [hand], [hand], patience=60.0)
+        self.assertRaises(SimulationLost, hand.get_pos)
         hand.wrench_command(0, 0, 0, 0, 0, 0)
         result = world.step(10, [hand], [hand], reset=True, patience=60.0)
         self.assertAlmostEqual(result.states[hand.get_name()].pose.position.z, -0.859, places=2)
+        self.assertAlmostEqual(hand.get_pos().z, -0.859, places=2)

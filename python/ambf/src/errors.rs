@@ -1,7 +1,7 @@
 //! Exceptions. Their classes are Python's, in `ambf.errors`.
 
 use ambf_core::bullet::StateError;
-use ambf_core::sim::NonFinite;
+use ambf_core::sim::LostState;
 use pyo3::call::PyCallArgs;
 use pyo3::prelude::*;
 
@@ -16,8 +16,8 @@ pub fn load(py: Python<'_>, problems: Vec<String>) -> PyErr {
 }
 
 /// Error when a state became infinite or not a number.
-pub fn non_finite(py: Python<'_>, problem: &NonFinite) -> PyErr {
-    let NonFinite { body, joint, step, command } = problem;
+pub fn non_finite(py: Python<'_>, problem: &LostState) -> PyErr {
+    let LostState { body, joint, step, command, .. } = problem;
     raise(py, "NonFiniteError", (problem.to_string(), body, joint, step, command))
 }
 

@@ -4,7 +4,7 @@ use std::panic::{catch_unwind, AssertUnwindSafe};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use ambf_core::sim::NonFinite;
+use ambf_core::sim::LostState;
 use crossbeam_channel::{bounded, unbounded, RecvTimeoutError, Sender};
 use pyo3::prelude::*;
 
@@ -51,7 +51,7 @@ struct Done {
     index: usize,
     /// `None` after a panic.
     physics: Option<Physics>,
-    result: Result<(), NonFinite>,
+    result: Result<(), LostState>,
 }
 
 fn run(index: usize, mut physics: Physics, steps: u32, cancelled: &AtomicBool) -> Done {

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use ambf_core::bullet::EnergyLedger;
 use ambf_core::comm::{ActuatorCommand, ObjectKind, Snapshot};
-use ambf_core::sim::{NonFinite, Stepper, StepperState};
+use ambf_core::sim::{LostState, Stepper, StepperState};
 use nalgebra::Isometry3;
 use numpy::PyArray1;
 use pyo3::prelude::*;
@@ -182,7 +182,7 @@ fn no_such(what: &str, index: usize, count: usize) -> PyErr {
 }
 
 /// Makes iterations until they are done, or until about [`SLICE`] has passed; how many were made.
-pub fn slice(stepper: &mut Stepper, steps: u32) -> Result<u32, NonFinite> {
+pub fn slice(stepper: &mut Stepper, steps: u32) -> Result<u32, LostState> {
     let begin = Instant::now();
     stepper.step_while(steps, || begin.elapsed() < SLICE)
 }

@@ -1,6 +1,19 @@
 """All classes in one place, as scripts of the C++ simulator import them."""
 
-from ambf_client import Actuator, Camera, Client, Light, Object, RigidBody, Sensor, Vehicle, WatchDog, World
+from ambf_client import (
+    Actuator,
+    Camera,
+    Client,
+    ContactSensor,
+    GhostObject,
+    Light,
+    Object,
+    RigidBody,
+    Sensor,
+    Vehicle,
+    WatchDog,
+    World,
+)
 from ambf_client.env import AmbfEnv
 
 __all__ = [
@@ -8,6 +21,8 @@ __all__ = [
     "AmbfEnv",
     "Camera",
     "Client",
+    "ContactSensor",
+    "GhostObject",
     "Light",
     "Object",
     "RigidBody",

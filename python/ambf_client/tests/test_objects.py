@@ -1,15 +1,45 @@
 """Handles without a simulator: what setters make of commands, what getters make of states."""
 
 import contextlib
+import importlib
 import io
 import math
+import threading
+import time
+import types
 import unittest
 
 import rospy
-from ambf_client import Actuator, BaseObject, Camera, GhostObject, Object, RigidBody, Sensor, SoftBody, Vehicle, World
-from ambf_client.errors import UnsupportedCommand
+from ambf_client import (
+    Actuator,
+    BaseObject,
+    Camera,
+    Client,
+    ContactSensor,
+    GhostObject,
+    Object,
+    RigidBody,
+    Sensor,
+    SoftBody,
+    Vehicle,
+    WatchDog,
+    World,
+)
+from ambf_client.errors import SimulationLost, StepRefused, UnsupportedCommand
+from ambf_client.ros_abstraction_layer import ral
 from ambf_client.rotations import QuaternionLike, quaternion_from_rpy, quaternion_from_zyx, rpy_from_quaternion
-from ambf_msgs.msg import RigidBodyCmd, RigidBodyState, SensorState, SoftBodyState, VehicleState
+from ambf_msgs.msg import (
+    ContactData,
+    ContactEvent,
+    ContactSensorState,
+    GhostObjectState,
+    RigidBodyCmd,
+    RigidBodyState,
+    SensorState,
+    SoftBodyState,
+    VehicleState,
+    WorldState,
+)
 from geometry_msgs.msg import Pose, Quaternion
 from std_msgs.msg import String
 
@@ -197,24 +227,32 @@ class Others(unittest.TestCase):
         expected = {
             Actuator: ("ACTUATOR", "KINEMATIC"),
             Camera: ("CAMERA", "KINEMATIC"),
-            GhostObject: ("GHOST_OBJECT", "KINEMATIC"),
+            ContactSensor: ("CONTACT_SENSOR", "KINEMATIC"),
+            GhostObject: ("GHOST", "KINEMATIC"),
             Object: ("DEFAULT_OBJECT", "DYNAMIC"),
             RigidBody: ("RIGID_BODY", "DYNAMIC"),
             Sensor: ("SENSOR", "KINEMATIC"),
             SoftBody: ("SOFT_BODY", "DYNAMIC"),
             Vehicle: ("VEHICLE", "DYNAMIC"),
         }
-        for kind, types in expected.items():
+        for kind, names in expected.items():
             handle = kind("/ambf/env/a")
             self.assertIsInstance(handle, BaseObject)
-            self.assertEqual((handle.object_type, handle.body_type), types)
+            self.assertEqual((handle.object_type, handle.body_type), names)
             self.assertEqual((handle.get_name(), handle.is_active()), ("/ambf/env/a", False))
 
     def test_poses_that_can_not_be_commanded(self):
         """A typed error, which is an AttributeError as it always was."""
-        for kind in (Actuator, Sensor, Vehicle, SoftBody):
-            with self.subTest(kind.__name__), self.assertRaises(UnsupportedCommand):
-                kind("/ambf/env/a").set_pose(Pose())
+        for kind in (Actuator, ContactSensor, GhostObject, Sensor, Vehicle, SoftBody):
+            handle = kind("/ambf/env/a")
+            for attempt in (
+                lambda handle=handle: handle.set_pose(Pose()),
+                lambda handle=handle: handle.set_pos(1, 2, 3),
+                lambda handle=handle: handle.set_rpy(1, 2, 3),
+                lambda handle=handle: handle.set_rot([0, 0, 0, 1]),
+            ):
+                with self.subTest(kind.__name__):
+                    self.assertRaises(UnsupportedCommand, attempt)
         self.assertTrue(issubclass(UnsupportedCommand, AttributeError))
         camera = Camera("/ambf/env/cam")
         camera.set_pos(1, 2, 3)
@@ -235,6 +273,35 @@ class Others(unittest.TestCase):
             (sensor.get_sensed_object(0), sensor.get_sensed_object(1), sensor.get_sensed_object(-1)), ("box", "", None)
         )
         self.assertIsInstance(sensor.get_pose(), Pose)
+
+    def test_ghost(self):
+        """What is inside by index; None where there is nothing."""
+        ghost = GhostObject("/ambf/env/ghost")
+        self.assertEqual((ghost.get_num_sensed_obj(), ghost.get_all_sensed_obj_names()), (0, []))
+        names = ["/ambf/env/BODY Needle", "/ambf/env/BODY Thread"]
+        state = GhostObjectState(sensed_objects=[String(name) for name in names])
+        state.pose.position.z = 0.5
+        ghost.ros_cb(state)
+        self.assertEqual((ghost.get_num_sensed_obj(), ghost.get_all_sensed_obj_names()), (2, names))
+        self.assertEqual([ghost.get_sensed_obj_name(i) for i in (-1, 0, 1, 2)], [None, *names, None])
+        self.assertEqual((ghost.get_bodies_inside(), ghost.get_pose()[2]), (names, 0.5))
+
+    def test_contact_sensor(self):
+        """Events by index as messages; None where there is none."""
+        sensor = ContactSensor("/ambf/env/tip")
+        self.assertEqual((sensor.get_num_contact_events(), sensor.get_contact_event(0)), (0, None))
+        data = ContactData()
+        data.distance.data, data.contact_normal.x = -0.002, 1.0
+        plane = ContactEvent(String("/ambf/env/BODY Plane"), [data])
+        sensor.ros_cb(ContactSensorState(contact_events=[plane, ContactEvent(String("other"), [])]))
+        self.assertEqual(sensor.get_num_contact_events(), 2)
+        event = sensor.get_contact_event(0)
+        self.assertEqual(-event.contact_data[0].distance.data, 0.002)
+        self.assertEqual(event.contact_data[0].contact_normal.x, 1.0)
+        names = ["/ambf/env/BODY Plane", "other"]
+        self.assertEqual([sensor.get_contact_object_name(i) for i in (-1, 0, 1, 2)], [None, *names, None])
+        self.assertEqual((sensor.get_all_contact_object_names(), sensor.get_contact_event(2)), (names, None))
+        self.assertEqual(sensor.get_all_contact_events()[1].contact_data, [])
 
     def test_actuator(self):
         """A body, a body at an offset, what a sensor sees, nothing."""
@@ -302,8 +369,131 @@ class Others(unittest.TestCase):
         self.assertFalse(world._cmd.enable_step_throttling)
         self.assertRaises(UnsupportedCommand, world.step, 1, [Camera("/ambf/env/cam")])
 
-    def test_modules_of_the_original(self):
-        """The names by which scripts import."""
+
+class Names(unittest.TestCase):
+    """Look-up by parts of names."""
+
+    def client(self, **kinds):
+        """A client that has found objects of these names and kinds, and finds no more."""
+        client = Client()
+        client._find = lambda: False
+        client._objects = {f"/ambf/env/{name}": kind(f"/ambf/env/{name}") for name, kind in kinds.items()}
+        return client
+
+    def test_ghosts_do_not_hide_bodies(self):
+        """Client 2.0 did not know them: its scripts mean the body."""
+        client = self.client(Entry1=RigidBody, ghostEntry1=GhostObject, Entry1cloth=SoftBody, Entry1tip=ContactSensor)
+        self.assertEqual(client.get_obj_handle("Entry1").get_name(), "/ambf/env/Entry1")
+        self.assertTrue(client.get_obj_handle("Entry1").get_publish_joint_names_flag())
+        self.assertIsInstance(client.get_obj_handle("ghostEntry1"), GhostObject)
+        self.assertIsInstance(client.get_obj_handle("/ambf/env/Entry1tip"), ContactSensor)
+
+    def test_several_are_none(self):
+        """Several that 2.0 knew, or several that it did not know; the candidates are named."""
+        client = self.client(Entry1=RigidBody, Entry12=Sensor, ghostEntry=GhostObject, ghostExit=GhostObject)
+        for part in ("Entry1", "ghost", "E", "nothing"):
+            exact = f"/ambf/env/{part}" in client._objects
+            with self.subTest(part), quiet() as said:
+                self.assertIsNone(client.get_obj_handle(part), exact)
+            self.assertEqual("/ambf/env/ghostEntry" in said.getvalue(), part in ("ghost", "E"))
+        self.assertEqual(client.get_obj_handle("/ambf/env/Entry1").object_type, "RIGID_BODY")
+
+
+class Lost(unittest.TestCase):
+    """A simulator that has lost its state says so in the states of the world."""
+
+    REASON = "lost at step 7: BODY hand is not finite; a reset resumes"
+
+    def setUp(self):
+        self.world, self.body = World("World", "/ambf/env/World"), body()
+        self.body._health = self.world._health
+
+    def hear(self, reason, step=7):
+        """A state of the world comes."""
+        state = WorldState(sim_step=step)
+        state.header.frame_id = reason
+        self.world.ros_cb(state)
+
+    def test_everything_that_reads_raises(self):
+        """Getters, states that scripts read, waits, clock edges; setters that need no state go on."""
+        self.hear("")
+        self.assertEqual(self.body.get_pos().x, 3.0)
+        self.hear(self.REASON)
+        for attempt in (
+            self.body.get_pos,
+            self.body.get_sim_step,
+            self.body.get_joint_names,
+            lambda: self.body.get_joint_pos(0),
+            lambda: self.body._state,
+            lambda: self.body.wait_for_step(0),
+            lambda: self.body.wait_for_state(lambda state: True),
+            lambda: self.world._state.sim_time,
+            self.world.get_sim_time,
+            lambda: self.world.wait_for_step(0),
+            self.world.update,
+        ):
+            with self.assertRaisesRegex(SimulationLost, "^lost at step 7: BODY hand is not finite"):
+                attempt()
+        self.assertFalse(self.world._cmd.step_clock, "no edge was made")
+        self.body.set_force(1, 2, 3)
+        self.body.run_publisher()
+        self.body.ros_cb(RigidBodyState(sim_step=8))
+        self.body.close()
+        self.world.close()
+        self.hear("")
+        self.assertEqual((self.body.get_sim_step(), self.world.get_sim_step()), (8, 7))
+        self.world.update()
+
+    def test_a_wait_ends(self):
+        """As soon as the world says so, though no state of the object comes."""
+        timer = threading.Timer(0.1, self.hear, [self.REASON])
+        timer.start()
+        begin = time.monotonic()
+        with self.assertRaises(SimulationLost):
+            self.body.wait_for_step(100, 30.0)
+        self.assertLess(time.monotonic() - begin, 5.0)
+        timer.join()
+
+    def test_a_reset_waits_until_all_is_well(self):
+        """So that what comes after it can read."""
+        self.hear(self.REASON)
+        self.world._reset_pub = types.SimpleNamespace(
+            get_num_connections=lambda: 1, publish=lambda _: threading.Timer(0.1, self.hear, [""]).start()
+        )
+        self.world.reset()
+        self.assertEqual(self.body.get_pos().x, 3.0)
+        # Without a connection nothing happens.
+        self.hear(self.REASON)
+        self.world.reset_bodies()
+
+    def test_steps(self):
+        """A loss is no ordinary refusal; a step with a reset ends it, whatever is still on its way."""
+
+        def answer(message="", step=0):
+            arrays = dict.fromkeys(("bodies", "sensors", "actuators", "contact_sensors", "ghosts"), ())
+            result = types.SimpleNamespace(success=not message, message=message, sim_step=step, sim_time=0.0, **arrays)
+            return types.SimpleNamespace(call=lambda request, timeout: result, close=lambda: None)
+
+        self.world._stepper = answer("too many steps")
+        self.assertRaises(StepRefused, self.world.step, 1)
+        self.world._stepper = answer(self.REASON)
+        with self.assertRaisesRegex(SimulationLost, "^lost at step 7"):
+            self.world.step(1)
+        self.assertRaises(SimulationLost, self.body.get_pos)
+        self.world._stepper = answer(step=10)
+        threading.Timer(0.1, self.hear, ["", 10]).start()
+        self.assertEqual(self.world.step(3, reset=True).sim_step, 10)
+        self.assertEqual(self.body.get_pos().x, 3.0)
+        self.world.step(3)
+        self.hear(self.REASON, 7)
+        self.assertEqual(self.body.get_pos().x, 3.0, "the report was older than the step")
+
+
+class Modules(unittest.TestCase):
+    """The names by which scripts import."""
+
+    def test_of_client_2(self):
+        """Top-level modules."""
         import ambf_comm
         import watch_dog
         from ambf_rigid_body import RigidBody as Same
@@ -313,3 +503,45 @@ class Others(unittest.TestCase):
         for name in names.split():
             self.assertTrue(hasattr(ambf_comm, name), name)
         self.assertTrue(issubclass(RigidBody, watch_dog.WatchDog))
+
+    def test_of_client_3(self):
+        """The same in the package, and some more in both places: the same things."""
+        names = {
+            "ambf_actuator": "Actuator",
+            "ambf_base_object": "BaseObject",
+            "ambf_camera": "Camera",
+            "ambf_client": "Client",
+            "ambf_comm": "GhostObject",
+            "ambf_contact_sensor": "ContactSensor",
+            "ambf_env": "AmbfEnv",
+            "ambf_ghost_object": "GhostObject",
+            "ambf_light": "Light",
+            "ambf_object": "Object",
+            "ambf_rigid_body": "RigidBody",
+            "ambf_sensor": "Sensor",
+            "ambf_vehicle": "Vehicle",
+            "ambf_world": "World",
+            "ros_abstraction_layer": "ral",
+            "tf_function": "quaternion_from_euler",
+            "transformations": "euler_from_quaternion",
+            "watch_dog": "WatchDog",
+        }
+        for module, name in names.items():
+            inside, outside = importlib.import_module(f"ambf_client.{module}"), importlib.import_module(module)
+            self.assertIs(getattr(inside, name), getattr(outside, name), module)
+        from ambf_client import Client as Same
+        from ambf_client.ambf_client import Client as Other
+        from tf_function import transformations
+
+        self.assertIs(Same, Other)
+        self.assertTrue(hasattr(transformations, "quaternion_matrix"))
+
+    def test_a_ral_may_come_first(self):
+        """Client 3.0's classes take it before the name."""
+        layer = ral("tests", node=object())
+        for kind in (Actuator, Camera, ContactSensor, GhostObject, Object, RigidBody, Sensor, SoftBody, Vehicle, World):
+            for made in (kind(layer, "/ambf/env/a"), kind(ral=layer, a_name="/ambf/env/a"), kind("/ambf/env/a")):
+                self.assertEqual(made.get_name(), "/ambf/env/a")
+        self.assertEqual(RigidBody(layer, "/ambf/env/a", 0.5)._watch_dog_time_out.to_sec(), 0.5)
+        self.assertEqual(WatchDog(layer, 0.5)._watch_dog_time_out.to_sec(), 0.5)
+        self.assertEqual(Client("tests", 5)._client_name, "tests")

@@ -16,14 +16,17 @@ except ImportError as _error:
 from .actuator import Actuator
 from .base_object import BaseObject
 from .client import Client
+from .contact_sensor import ContactSensor
 from .errors import (
     ClientError,
     MasterNotFound,
     ObjectNotFound,
+    SimulationLost,
     SimulatorNotFound,
     SimulatorTimeout,
     StepRefused,
     UnsupportedCommand,
+    UnsupportedRos,
 )
 from .ghost import GhostObject
 from .legacy_object import Object
@@ -41,6 +44,7 @@ __all__ = [
     "Camera",
     "Client",
     "ClientError",
+    "ContactSensor",
     "GhostObject",
     "Light",
     "MasterNotFound",
@@ -48,12 +52,14 @@ __all__ = [
     "ObjectNotFound",
     "RigidBody",
     "Sensor",
+    "SimulationLost",
     "SimulatorNotFound",
     "SimulatorTimeout",
     "SoftBody",
     "StepRefused",
     "StepResult",
     "UnsupportedCommand",
+    "UnsupportedRos",
     "Vehicle",
     "WatchDog",
     "World",

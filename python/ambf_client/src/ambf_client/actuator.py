@@ -8,6 +8,7 @@ from ambf_msgs.msg import ActuatorCmd, ActuatorState
 from geometry_msgs.msg import Pose
 
 from .base_object import BaseObject, check_pose
+from .ros_abstraction_layer import ral_may_come_first
 
 
 class Actuator(BaseObject):
@@ -15,6 +16,7 @@ class Actuator(BaseObject):
 
     _HAS_POSE_COMMAND = False
 
+    @ral_may_come_first
     def __init__(self, a_name: str, time_out: float = 0.1) -> None:
         super().__init__(a_name, time_out, ActuatorState(), ActuatorCmd())
         self.object_type = "ACTUATOR"

@@ -4,23 +4,19 @@ from __future__ import annotations
 
 import math
 import sys
-import threading
 import time
-from typing import Any, Callable, List, Optional, Sequence, Tuple
+from typing import Any, List, Sequence, Tuple
 
 import rospy
 from geometry_msgs.msg import Point, Pose, Quaternion
 from std_msgs.msg import Header, String
 
-from .errors import SimulatorTimeout, UnsupportedCommand
+from .errors import UnsupportedCommand
+from .handle import Handle
 from .rotations import quaternion_from_rpy, rpy_from_quaternion
-from .watch_dog import WatchDog
 
 # The children's and joints' names are in the state this long after they were asked for, s.
 _ROUND_TRIP_S = 0.3
-
-# A state that is more than this older than the last step comes from a simulator that was started again.
-_LATE_STEPS = 5000
 
 
 def say(text: str) -> None:
@@ -39,7 +35,7 @@ def number(value: float, what: str) -> float:
     return value
 
 
-class BaseObject(WatchDog):
+class BaseObject(Handle):
     """An object of the simulator: its newest state, and the command that the client publishes.
 
     Setters change the command only; the client's thread publishes it as long as the object is active. Not for wrenches, which become
@@ -51,53 +47,24 @@ class BaseObject(WatchDog):
 
     def __init__(self, a_name: str, time_out: float, state: Any, command: Any) -> None:
         """`a_name`: name of the handle; `time_out` of the watch dog in s; `state` and `command`: empty messages."""
-        super().__init__(time_out)
-        self.pub_flag = True
+        super().__init__(a_name, time_out, state, command, topic=a_name)
         self.object_type = "BASE_OBJECT"
         self.body_type = "KINEMATIC"
-        self._name = a_name
-        self._state = state
-        self._cmd = command
-        self._pub: Optional[rospy.Publisher] = None
-        self._sub: Optional[rospy.Subscriber] = None
-        self._active = False
         self._active_since = 0.0
         self._pose_cmd_set = False
-        self._count = 0
-        # Older states than that of the last step may still be on their way.
-        self._stepped: Optional[int] = None
-        # What the object's topics begin with.
-        self._topic = a_name
-        # Guards the command: it is published in another thread.
-        self._lock = threading.RLock()
-        self._arrived = threading.Condition()
 
     # --- life -------------------------------------------------------------------------------------------------------------------
-
-    def ros_cb(self, data: Any) -> None:
-        """Takes a state; the subscriber's callback."""
-        with self._arrived:
-            if self._stepped is not None and 0 < self._stepped - data.sim_step < _LATE_STEPS:
-                return
-            self._stepped = None
-            self._state = data
-            self._count += 1
-            self._arrived.notify_all()
 
     def take_step(self, state: Any) -> None:
         """Takes a state that `World.step` returned."""
         with self._arrived:
             for names in ("children_names", "joint_names"):
                 if hasattr(state, names):
-                    setattr(state, names, getattr(self._state, names))
+                    setattr(state, names, getattr(self._newest, names))
             self._state = state
             self._stepped = state.sim_step
             self._count += 1
             self._arrived.notify_all()
-
-    def is_active(self) -> bool:
-        """Whether the command is published."""
-        return self._active
 
     def set_active(self) -> None:
         """Lets the client publish the command from now on."""
@@ -127,24 +94,6 @@ class BaseObject(WatchDog):
             self._sub.unregister()
             self._sub = None
 
-    def wait_for_state(self, is_there: Callable[[Any], bool], timeout: float = 5.0) -> Any:
-        """Waits until a state has arrived for which `is_there` is true; the state.
-
-        Raises SimulatorTimeout after `timeout` s.
-        """
-        with self._arrived:
-            if not self._arrived.wait_for(lambda: self._count > 0 and is_there(self._state), timeout):
-                spoke = "the last one does not do" if self._count else "none has come at all"
-                raise SimulatorTimeout(f"{self._name}: no such state within {timeout} s; {spoke}")
-            return self._state
-
-    def wait_for_step(self, step: int, timeout: float = 5.0) -> int:
-        """Waits until the state is of step `step` or later; its step.
-
-        Raises SimulatorTimeout after `timeout` s.
-        """
-        return int(self.wait_for_state(lambda state: state.sim_step >= step, timeout).sim_step)
-
     def _wait_for_names(self) -> None:
         """Right after activation: names that had to be asked for first may be on their way."""
         if self._active and not getattr(self._state, "children_names", True):
@@ -162,10 +111,6 @@ class BaseObject(WatchDog):
         self.acknowledge_wd()
 
     # --- state ------------------------------------------------------------------------------------------------------------------
-
-    def get_sim_step(self) -> int:
-        """Physics iterations since the simulator started."""
-        return int(self._state.sim_step)
 
     def get_num_of_children(self) -> int:
         """Number of bodies below this one."""
@@ -206,14 +151,6 @@ class BaseObject(WatchDog):
         """Namespace and key of the object in its scene file."""
         return str(self._state.identifier.data)
 
-    def get_name(self) -> str:
-        """Name of this handle."""
-        return self._name
-
-    def set_name(self, name: str) -> None:
-        """Renames this handle."""
-        self._name = name
-
     def get_parent_name(self) -> String:
         """Name of the parent: a `std_msgs/String`, so `.data` is the text."""
         return self._state.parent_name
@@ -238,6 +175,7 @@ class BaseObject(WatchDog):
 
     def set_pos(self, px: float, py: float, pz: float) -> None:
         """Commands a position, m; the commanded (else the present) orientation is kept."""
+        self._check_pose_command()
         with self._lock:
             self.set_pose(Pose(_point(px, py, pz), self.get_rot_command()))
 
@@ -251,6 +189,7 @@ class BaseObject(WatchDog):
         if len(quat) != 4:
             raise ValueError(f"a quaternion has four numbers, not {len(quat)}")
         rotation = Quaternion(*(number(q, "the quaternion") for q in quat))
+        self._check_pose_command()
         with self._lock:
             self.set_pose(Pose(self.get_pos_command(), rotation))
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import socket
 import threading
 import time
 from typing import Any, Dict, List, Optional, Sequence, Tuple, Type
@@ -16,11 +15,14 @@ from std_msgs.msg import Empty
 
 from .actuator import Actuator
 from .base_object import BaseObject, say
-from .errors import MasterNotFound, ObjectNotFound, SimulatorNotFound
+from .contact_sensor import ContactSensor
+from .errors import ObjectNotFound, SimulatorNotFound
 from .ghost import GhostObject
+from .handle import Health
 from .legacy_object import Object
 from .posed import Camera, Light
 from .rigid_body import RigidBody
+from .ros_abstraction_layer import become_node, master_uri, ral
 from .sensor import Sensor
 from .soft_body import SoftBody
 from .vehicle import Vehicle
@@ -37,14 +39,19 @@ _KINDS: Dict[str, Tuple[Type[Any], Any, Any]] = {
     for name, handle in {
         "Actuator": Actuator,
         "Camera": Camera,
+        "ContactSensor": ContactSensor,
+        "GhostObject": GhostObject,
         "Light": Light,
-        "Object": GhostObject,
+        "Object": Object,
         "RigidBody": RigidBody,
         "Sensor": Sensor,
         "SoftBody": SoftBody,
         "Vehicle": Vehicle,
     }.items()
 }
+
+# Kinds that client 2.0 has no handles for: its scripts never mean one of them by a part of a name.
+_NEW_KINDS = (ContactSensor, GhostObject, SoftBody)
 
 
 class Client:
@@ -56,6 +63,7 @@ class Client:
     def __init__(
         self,
         client_name: str = "ambf_client",
+        max_discovery_attempts: int = 5,
         *,
         namespace: str = "",
         only: Optional[Sequence[str]] = None,
@@ -64,10 +72,15 @@ class Client:
         """`client_name`: name of the ROS node, unless this process is one already. Two nodes of one name evict each other, unless
         they are `anonymous`, which adds a number to the name.
 
+        `max_discovery_attempts` is taken for scripts of client 3.0 and has no effect: `connect` has a time-out.
+
         `namespace`: only objects are found whose topics are below it, for a simulator that was started with `--ns`.
         `only`: of these, only the objects whose names contain one of these texts; the others cost nothing then.
         """
+        del max_discovery_attempts
         self._client_name = client_name
+        self._ral: Optional[ral] = None
+        self._health = Health()
         self._namespace = namespace.rstrip("/")
         self._only = only
         self._anonymous = anonymous
@@ -109,21 +122,13 @@ class Client:
                 quiet_since, known = time.monotonic(), len(self._objects)
             if self._world is None and time.monotonic() > end:
                 raise SimulatorNotFound(
-                    f"the ROS master at {_master_uri()} answers, but within {timeout} s no simulator has published a world; does it run?"
+                    f"the ROS master at {master_uri()} answers, but within {timeout} s no simulator has published a world; does it run?"
                 )
             time.sleep(0.02)
         self._hear_all(end, timeout)
 
     def _join_ros(self, end: float) -> None:
-        while not _master_answers():
-            if time.monotonic() > end:
-                raise MasterNotFound(
-                    f"no ROS master answers at {_master_uri()}; start the simulator, or set ROS_MASTER_URI"
-                )
-            time.sleep(0.05)
-        if rospy.get_name() == "/unnamed":
-            in_main = threading.current_thread() is threading.main_thread()
-            rospy.init_node(self._client_name, anonymous=self._anonymous, disable_signals=not in_main)
+        if become_node(self._client_name, self._anonymous, end):
             rospy.on_shutdown(self.clean_up)
         else:
             self._client_name = rospy.get_name()
@@ -141,7 +146,9 @@ class Client:
             if kind == "ambf_msgs/WorldState":
                 self._add_world(topic)
             elif kind in _KINDS and name not in self._objects and self._is_wanted(name):
-                self._objects[name] = self._make(topic, name, *_KINDS[kind])
+                made = self._make(topic, name, *_KINDS[kind])
+                made._health = self._health
+                self._objects[name] = made
         # Letter by letter, as the original does.
         self._common_obj_namespace = os.path.commonprefix(list(self._objects))  # noqa: RUF071
         return True
@@ -156,6 +163,8 @@ class Client:
                 return
             self._world.close()
         world = World("World", name)
+        self._health.lost = ""
+        world._health = self._health
         world._pub = rospy.Publisher(f"{name}/Command", msg.WorldCmd, queue_size=10, tcp_nodelay=True)
         world._reset_pub = rospy.Publisher(f"{name}/Command/Reset", Empty, queue_size=1)
         world._reset_bodies_pub = rospy.Publisher(f"{name}/Command/Reset/Bodies", Empty, queue_size=1)
@@ -177,7 +186,7 @@ class Client:
         while not (world._count and world._pub and world._pub.get_num_connections()):
             if time.monotonic() > end:
                 raise SimulatorNotFound(
-                    f"{world._topic} is registered at {_master_uri()}, but has said nothing within {timeout} s; has the simulator ended?"
+                    f"{world._topic} is registered at {master_uri()}, but has said nothing within {timeout} s; has the simulator ended?"
                 )
             time.sleep(0.005)
         silent = list(self._objects.values())
@@ -233,6 +242,30 @@ class Client:
         if world is not None:
             world.close()
 
+    # --- ROS, as in client 3.0 --------------------------------------------------------------------------------------------------
+
+    def get_ral(self) -> ral:
+        """The ROS node of this process, which becomes one now if need be.
+
+        Raises MasterNotFound if no ROS master answers within 5 s, UnsupportedRos if the environment asks for ROS 2.
+        """
+        if self._ral is None:
+            self._join_ros(time.monotonic() + 5.0)
+            self._ral = ral(self._client_name)
+        return self._ral
+
+    def get_time(self) -> float:
+        """ROS time, s; raises as `get_ral`."""
+        return self.get_ral().now().to_sec()  # type: ignore[no-any-return]
+
+    def create_rate(self, Hz: float) -> rospy.Rate:
+        """A rate whose `sleep` keeps a loop at `Hz`; raises as `get_ral`."""
+        return self.get_ral().create_rate(Hz)
+
+    def is_shutdown(self) -> bool:
+        """Whether the ROS node has ended."""
+        return bool(rospy.is_shutdown())
+
     # --- objects ----------------------------------------------------------------------------------------------------------------
 
     def get_common_namespace(self) -> str:
@@ -249,6 +282,9 @@ class Client:
 
     def get_obj_handle(self, a_name: str) -> Any:
         """The object of that name, or the only one whose name contains it; None, and a line that says so, otherwise.
+
+        If several names contain it, but only one is that of an object which is no ghost object, contact sensor or soft body, it is meant:
+        client 2.0 did not know the others.
 
         From now on its command is published; the world's is not.
         """
@@ -289,6 +325,9 @@ class Client:
             return self._world
         if found is None:
             names = [name for name in self._objects if a_name in name]
+            old = [name for name in names if not isinstance(self._objects[name], _NEW_KINDS)]
+            if len(old) == 1:
+                names = old
             if not names and self._world is not None and a_name in self._world._topic:
                 return self._world
             if len(names) != 1:
@@ -320,20 +359,3 @@ class Client:
         handle = self.get_obj_handle(a_name)
         if handle is not None:
             handle.wrench_command(fx, fy, fz, nx, ny, nz)
-
-
-def _master_uri() -> str:
-    return rosgraph.get_master_uri()  # type: ignore[no-any-return]
-
-
-def _master_answers() -> bool:
-    """Whether the master answers within a second."""
-    previous = socket.getdefaulttimeout()
-    socket.setdefaulttimeout(1.0)
-    try:
-        rosgraph.Master("/ambf_client").getPid()
-        return True
-    except (OSError, rosgraph.MasterException):
-        return False
-    finally:
-        socket.setdefaulttimeout(previous)

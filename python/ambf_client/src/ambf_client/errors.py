@@ -27,5 +27,16 @@ class StepRefused(ClientError):
     """Error when the simulator does not carry out a step; the message is its reason. Nothing has moved."""
 
 
+class SimulationLost(ClientError):
+    """Error when the simulator has paused because its state became non-finite or implausible; the message says where and why.
+
+    `World.reset` resumes.
+    """
+
+
+class UnsupportedRos(ClientError):
+    """Error when the environment asks for ROS 2, which is not served yet."""
+
+
 class UnsupportedCommand(ClientError, AttributeError):
     """Error when an object has no such command, for example a pose for a sensor."""

@@ -9,11 +9,13 @@ from ambf_msgs.msg import ObjectCmd, ObjectState
 from .base_object import number
 from .body import Body
 from .joints import NameOrIndex
+from .ros_abstraction_layer import ral_may_come_first
 
 
 class Object(Body):
     """A body with `ObjectState` and `ObjectCmd`. Units as in `RigidBody`."""
 
+    @ral_may_come_first
     def __init__(self, a_name: str, time_out: float = 0.1) -> None:
         super().__init__(a_name, time_out, ObjectState(), ObjectCmd())
         self.object_type = "DEFAULT_OBJECT"

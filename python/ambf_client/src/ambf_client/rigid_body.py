@@ -10,6 +10,7 @@ from geometry_msgs.msg import Point, Pose, Quaternion, Twist, Vector3
 from .base_object import check_pose, number, say
 from .body import Body, check_vectors, vector
 from .joints import NameOrIndex
+from .ros_abstraction_layer import ral_may_come_first
 from .rotations import quaternion_from_rpy
 
 
@@ -23,6 +24,7 @@ class RigidBody(Body):
     too: joint commands are one array.
     """
 
+    @ral_may_come_first
     def __init__(self, a_name: str, time_out: float = 0.1) -> None:
         super().__init__(a_name, time_out, RigidBodyState(), RigidBodyCmd())
         self.object_type = "RIGID_BODY"

@@ -1,4 +1,4 @@
-"""Sensors: proximity, resistance and contact."""
+"""Proximity and resistance sensors."""
 
 from __future__ import annotations
 
@@ -9,23 +9,25 @@ from geometry_msgs.msg import Pose
 from std_msgs.msg import String
 
 from .base_object import BaseObject
+from .ros_abstraction_layer import ral_may_come_first
 
 
 class Sensor(BaseObject):
-    """A sensor. It has one entry a ray; a contact sensor one a contact."""
+    """A proximity or resistance sensor. It has one entry a ray."""
 
     _HAS_POSE_COMMAND = False
 
+    @ral_may_come_first
     def __init__(self, a_name: str, time_out: float = 0.1) -> None:
         super().__init__(a_name, time_out, SensorState(), SensorCmd())
         self.object_type = "SENSOR"
 
     def get_type(self) -> str:
-        """`PROXIMITY`, `RESISTANCE` or `CONTACT`."""
+        """`PROXIMITY` or `RESISTANCE`."""
         return str(self._state.type.data)
 
     def get_count(self) -> int:
-        """Number of rays or contacts."""
+        """Number of rays."""
         return int(self._state.count)
 
     def is_triggered(self, idx: int) -> Optional[bool]:
@@ -37,7 +39,7 @@ class Sensor(BaseObject):
         return float(self._state.range[idx]) if 0 <= idx < len(self._state.range) else None
 
     def get_measurement(self, idx: int) -> Optional[float]:
-        """0 … 1, larger is closer, 0 is nothing; of a contact sensor the normal force, N."""
+        """0 … 1, larger is closer, 0 is nothing."""
         return float(self._state.measurement[idx]) if 0 <= idx < len(self._state.measurement) else None
 
     def get_all_measurements(self) -> List[float]:

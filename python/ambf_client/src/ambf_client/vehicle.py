@@ -7,6 +7,7 @@ from typing import List, Sequence
 from ambf_msgs.msg import VehicleCmd, VehicleState
 
 from .base_object import BaseObject, number, say
+from .ros_abstraction_layer import ral_may_come_first
 
 
 class Vehicle(BaseObject):
@@ -14,6 +15,7 @@ class Vehicle(BaseObject):
 
     _HAS_POSE_COMMAND = False
 
+    @ral_may_come_first
     def __init__(self, a_name: str, time_out: float = 0.1) -> None:
         super().__init__(a_name, time_out, VehicleState(), VehicleCmd())
         self.object_type = "VEHICLE"

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import rospy
 
+from .ros_abstraction_layer import ral_may_come_first
+
 
 class WatchDog:
     """Says whether more than a time has passed since the last acknowledgement. It uses ROS time and needs a ROS node."""
 
+    @ral_may_come_first
     def __init__(self, time_out: float = 0.1) -> None:
         """`time_out` in s."""
         self._watch_dog_time_out = rospy.Duration.from_sec(time_out)

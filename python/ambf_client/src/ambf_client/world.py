@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from dataclasses import dataclass
-from typing import Any, Callable, Dict, Optional, Sequence
+from typing import Any, Dict, Optional, Sequence, Tuple, Type
 
 import rospy
 from ambf_msgs.msg import WorldCmd, WorldState
@@ -14,11 +13,23 @@ from std_msgs.msg import Empty
 
 from .actuator import Actuator
 from .base_object import BaseObject
-from .errors import SimulatorTimeout, StepRefused, UnsupportedCommand
+from .contact_sensor import ContactSensor
+from .errors import SimulationLost, SimulatorTimeout, StepRefused, UnsupportedCommand
+from .ghost import GhostObject
+from .handle import Handle
 from .rigid_body import RigidBody
+from .ros_abstraction_layer import ral_may_come_first
 from .sensor import Sensor
 from .service import ServiceConnection
-from .watch_dog import WatchDog
+
+# What the reports of a lost simulation begin with.
+_LOST = "lost at step"
+
+# A reset has ended a loss after so long, s.
+_RESUME_S = 5.0
+
+# What a step can observe, in the order of its answer.
+_OBSERVABLE: Tuple[Type[BaseObject], ...] = (RigidBody, Sensor, Actuator, ContactSensor, GhostObject)
 
 
 @dataclass(frozen=True)
@@ -33,26 +44,20 @@ class StepResult:
     """States of the observed objects by the names of their handles, all of step `sim_step`; without names of joints and children."""
 
 
-class World(WatchDog):
-    """The world of the simulator."""
+class World(Handle):
+    """The world of the simulator.
 
+    When the simulator has lost its state, because a number became non-finite or implausible, it pauses. States of all handles of the
+    client, `update` and `step` then raise SimulationLost until everything was reset.
+    """
+
+    @ral_may_come_first
     def __init__(self, a_name: str, topic: str = "") -> None:
         """`a_name`: name of the handle; `topic`: what its topics begin with, `/ambf/env/World`."""
-        super().__init__(2.0)
-        self.pub_flag = True
+        super().__init__(a_name, 2.0, WorldState(), WorldCmd(), topic)
         self.object_type = "WORLD"
-        self._name = a_name
-        self._topic = topic
-        self._state = WorldState()
-        self._cmd = WorldCmd()
-        self._pub: Optional[rospy.Publisher] = None
         self._reset_pub: Optional[rospy.Publisher] = None
         self._reset_bodies_pub: Optional[rospy.Publisher] = None
-        self._sub: Optional[rospy.Subscriber] = None
-        self._active = False
-        self._count = 0
-        self._lock = threading.RLock()
-        self._arrived = threading.Condition()
         self._stepper = ServiceConnection(f"{topic}/step", Step)
 
     # --- life -------------------------------------------------------------------------------------------------------------------
@@ -60,21 +65,9 @@ class World(WatchDog):
     def ros_cb(self, data: WorldState) -> None:
         """Takes a state; the subscriber's callback."""
         with self._arrived:
-            self._state = data
-            self._count += 1
-            self._arrived.notify_all()
-
-    def set_name(self, name: str) -> None:
-        """Renames this handle."""
-        self._name = name
-
-    def get_name(self) -> str:
-        """Name of this handle."""
-        return self._name
-
-    def is_active(self) -> bool:
-        """Whether the client's thread publishes the command."""
-        return self._active
+            if not self._is_late(data):
+                self._health.lost = data.header.frame_id
+            super().ros_cb(data)
 
     def set_active(self) -> None:
         """Lets the client's thread publish the command, without clock edges, so that throttling goes on between calls of `update`.
@@ -101,23 +94,6 @@ class World(WatchDog):
                 end.unregister()
         self._pub = self._reset_pub = self._reset_bodies_pub = self._sub = None
 
-    def wait_for_state(self, is_there: Callable[[WorldState], bool], timeout: float = 5.0) -> WorldState:
-        """Waits until a state has arrived for which `is_there` is true; the state.
-
-        Raises SimulatorTimeout after `timeout` s.
-        """
-        with self._arrived:
-            if not self._arrived.wait_for(lambda: self._count > 0 and is_there(self._state), timeout):
-                raise SimulatorTimeout(f"{self._name}: no such state within {timeout} s")
-            return self._state
-
-    def wait_for_step(self, step: int, timeout: float = 5.0) -> int:
-        """Waits until the state is of step `step` or later; its step.
-
-        Raises SimulatorTimeout after `timeout` s.
-        """
-        return int(self.wait_for_state(lambda state: state.sim_step >= step, timeout).sim_step)
-
     # --- state ------------------------------------------------------------------------------------------------------------------
 
     def get_wall_time(self) -> float:
@@ -127,10 +103,6 @@ class World(WatchDog):
     def get_sim_time(self) -> float:
         """Simulated time, s."""
         return float(self._state.sim_time)
-
-    def get_sim_step(self) -> int:
-        """Physics iterations since the simulator started."""
-        return int(self._state.sim_step)
 
     def get_graphics_loop_freq(self) -> int:
         """Frequency of the graphics loop, Hz; 0 without a window."""
@@ -162,7 +134,10 @@ class World(WatchDog):
         An edge that comes before the iterations of the one before are done is lost: wait for the state of an object
         (`wait_for_step`). 0.5 s after the last `update` the physics runs freely, unless the world is active. Commands of objects travel
         on other topics and may come later than the edge; `step` has neither of these problems.
+
+        Raises SimulationLost, and publishes nothing, while the simulation is lost.
         """
+        self._health.check()
         with self._lock:
             self._cmd.step_clock = not self._cmd.step_clock
             if self._pub is not None:
@@ -174,17 +149,26 @@ class World(WatchDog):
         self._cmd.enable_step_throttling = False
 
     def reset(self) -> None:
-        """Everything returns to where it started; time and step counters go on."""
-        self._send(self._reset_pub)
+        """Everything returns to where it started; time and step counters go on. A lost simulation resumes: it is waited for."""
+        self._reset(self._reset_pub)
 
     def reset_bodies(self) -> None:
-        """Rigid bodies return to where they started."""
-        self._send(self._reset_bodies_pub)
+        """Rigid bodies return to where they started. A lost simulation resumes: it is waited for."""
+        self._reset(self._reset_bodies_pub)
 
-    @staticmethod
-    def _send(publisher: Optional[rospy.Publisher]) -> None:
+    def _reset(self, publisher: Optional[rospy.Publisher]) -> None:
         if publisher is None:
             return
+        self._send(publisher)
+        self._wait_for_recovery()
+
+    def _wait_for_recovery(self) -> None:
+        """After a reset: until the states say so."""
+        with self._arrived:
+            self._arrived.wait_for(lambda: not self._health.lost, _RESUME_S)
+
+    @staticmethod
+    def _send(publisher: rospy.Publisher) -> None:
         # The first message would be lost while the simulator is still connecting.
         end = time.monotonic() + 5.0
         while publisher.get_num_connections() == 0:
@@ -208,14 +192,16 @@ class World(WatchDog):
         """Lets the physics make exactly `steps` iterations (0: only waits) and hold again; states are read in between, at rest.
 
         `commands`: rigid bodies and actuators whose present commands are put in force before the iterations; they hold throughout them.
-        `observe`: rigid bodies, sensors and actuators whose states are to be returned; their handles get them too.
+        `observe`: rigid bodies, sensors, contact sensors, ghost objects and actuators whose states are to be returned; their handles get
+        them too.
         `reset`: everything returns to where it started before that.
         `patience`: time in s after which the physics runs freely if no further step comes.
 
         With a simulator that was started with `-t 1` the result depends on nothing but what was asked since it started, and
         iterations are made as fast as the computer can.
 
-        Raises StepRefused with the simulator's reason, SimulatorNotFound if it is not there or has no steps (the C++ simulator),
+        Raises SimulationLost if the simulation is lost, and `reset` is not asked for, or is lost in one of the iterations; StepRefused
+        with the simulator's reason for other refusals; SimulatorNotFound if it is not there or has no steps (the C++ simulator),
         SimulatorTimeout if no answer comes within `timeout` s.
         """
         request = StepRequest(steps=steps, reset=reset, patience=patience)
@@ -230,13 +216,22 @@ class World(WatchDog):
                 else:
                     raise UnsupportedCommand(f"{handle.get_name()}: steps command rigid bodies and actuators only")
         for handle in observe:
-            if not isinstance(handle, (RigidBody, Actuator, Sensor)):
-                raise UnsupportedCommand(f"{handle.get_name()}: steps observe rigid bodies, sensors and actuators only")
+            if not isinstance(handle, _OBSERVABLE):
+                raise UnsupportedCommand(
+                    f"{handle.get_name()}: steps observe rigid bodies, sensors, ghost objects and actuators only"
+                )
             request.observe.append(handle._topic)
         answer = self._stepper.call(request, timeout)
         if not answer.success:
+            if answer.message.startswith(_LOST):
+                self._health.lost = answer.message
+                raise SimulationLost(answer.message)
             raise StepRefused(answer.message)
-        pools = {RigidBody: iter(answer.bodies), Sensor: iter(answer.sensors), Actuator: iter(answer.actuators)}
+        with self._arrived:
+            self._stepped = answer.sim_step
+        self._wait_for_recovery()
+        arrays = (answer.bodies, answer.sensors, answer.actuators, answer.contact_sensors, answer.ghosts)
+        pools = {kind: iter(array) for kind, array in zip(_OBSERVABLE, arrays)}
         states: Dict[str, Any] = {}
         for handle in observe:
             state = next(next(pool for kind, pool in pools.items() if isinstance(handle, kind)))

@@ -1,0 +1,5 @@
+"""`Light` under the name that scripts of client 3.0 import it by."""
+
+from .posed import Light
+
+__all__ = ["Light"]
