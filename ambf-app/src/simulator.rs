@@ -215,8 +215,8 @@ fn follow(runner: &Runner, devices: &mut DeviceHost, stop: &AtomicBool) -> Resul
             Ok(Event::LostTime { recent, total }) => report!(
                 "the scene is too heavy for this computer: {recent:.3} s of simulated time were not computed ({total:.3} s in all)"
             ),
-            Ok(Event::NonFinite(problem)) => {
-                report!("{problem}; the simulation is paused: reset it (topic Command/Reset) or end it");
+            Ok(Event::Lost(problem)) => {
+                report!("{problem}; nothing of that step is published and the simulation is paused: reset it (topic Command/Reset) or end it");
             }
             Ok(Event::EmptySteps) => {
                 if empty_steps.is_due() {

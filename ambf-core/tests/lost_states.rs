@@ -4,7 +4,7 @@ mod physics_common;
 
 use ambf_core::comm::{CartesianCommandType, JointCommandType, RigidBodyCommand};
 use ambf_core::scene::Loaded;
-use ambf_core::sim::{NonFinite, Simulation};
+use ambf_core::sim::{Loss, LostState, Simulation};
 use nalgebra::Vector3;
 use physics_common::{load_texts, DT};
 
@@ -35,7 +35,7 @@ fn of_scene(scene: &str, profile: &str, body: &str, joint: &str) -> Simulation {
 }
 
 /// Steps 300 times with what `act` does before each; the loss, if there is one.
-fn run(simulation: &mut Simulation, mut act: impl FnMut(&mut Simulation)) -> Option<NonFinite> {
+fn run(simulation: &mut Simulation, mut act: impl FnMut(&mut Simulation)) -> Option<LostState> {
     (0..300).find_map(|_| {
         act(simulation);
         simulation.update(DT).err()
@@ -54,7 +54,7 @@ fn is_sane(simulation: &Simulation) -> bool {
 }
 
 /// What was not lost is sane; what was lost is back after a reset.
-fn comes_back(simulation: &mut Simulation, lost: &Option<NonFinite>, what: &str) {
+fn comes_back(simulation: &mut Simulation, lost: &Option<LostState>, what: &str) {
     if lost.is_some() {
         simulation.reset_bodies();
     }
@@ -193,10 +193,43 @@ fn a_loss_names_the_command_to_the_body_whose_joint_it_is() {
     let runner = ambf_core::sim::Runner::start(simulation, options);
     let lost = std::iter::from_fn(|| runner.events().recv_timeout(std::time::Duration::from_secs(20)).ok()).find_map(
         |event| match event {
-            ambf_core::sim::Event::NonFinite(lost) => Some(lost.to_string()),
+            ambf_core::sim::Event::Lost(lost) => Some(lost.to_string()),
             _ => None,
         },
     );
     let lost = lost.expect("1e308 cannot last");
     assert!(lost.contains("joint `J`") && lost.contains("Position") && lost.contains("BODY Post"), "{lost}");
+}
+
+/// [`SCENE`] in a world with these further keys of `physics`.
+fn bounded(profile: &str, keys: &str) -> Simulation {
+    let world = format!("gravity: {{x: 0, y: 0, z: -10}}\nphysics: {{profile: {profile}{keys}}}\n");
+    let Loaded { scene, report } = load_texts(&world, &[&SCENE.replace("BODY}", "}").replace("JOINT}", "}")]);
+    assert_eq!(report.errors(), 0, "{keys}: {report}");
+    Simulation::new(scene, DT)
+}
+
+#[test]
+fn what_is_finite_but_implausible_is_lost_too_unless_the_world_says_otherwise() {
+    for profile in PROFILES {
+        let fling =
+            |simulation: &mut Simulation| simulation.set_velocity(2, Vector3::new(0.0, 0.0, 1e9), Vector3::zeros());
+        let mut simulation = bounded(profile, "");
+        fling(&mut simulation);
+        let lost = simulation.update(DT).expect_err("faster than light");
+        assert!(matches!(lost.loss, Loss::TooFast { bound: 3e8, .. }), "{profile}: {lost}");
+        assert!(lost.to_string().contains("`physics / largest speed` is 3e8"), "{lost}");
+        simulation.reset_bodies();
+        assert_eq!(simulation.update(DT), Ok(()));
+
+        let mut simulation = bounded(profile, ", largest speed: 1e10");
+        fling(&mut simulation);
+        assert_eq!(simulation.update(DT), Ok(()));
+
+        let mut simulation = bounded(profile, ", largest speed: 1e10, largest distance: 1e6");
+        fling(&mut simulation);
+        let lost = (0..10).find_map(|_| simulation.update(DT).err()).expect("1e6 m are passed in the second step");
+        assert!(matches!(lost.loss, Loss::TooFar { bound: 1e6, .. }), "{profile}: {lost}");
+        assert!(lost.body.ends_with(BALL), "{lost}");
+    }
 }

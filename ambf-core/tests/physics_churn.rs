@@ -3,8 +3,8 @@
 mod soft_common;
 
 use ambf_core::bullet::{
-    BodyHandle, BodyKinematics, Constraint, ConstraintHandle, ConstraintKind, GhostHandle, Ray, RigidBody, Shape,
-    SoftBody, SoftBodyHandle, SoftConfig, Solver, VehicleHandle, Wheel, World,
+    BodyHandle, BodyKinematics, Constraint, ConstraintHandle, ConstraintKind, GhostHandle, PlausibleBounds, Ray,
+    RigidBody, Shape, SoftBody, SoftBodyHandle, SoftConfig, Solver, VehicleHandle, Wheel, World,
 };
 use nalgebra::{Isometry3, Vector3};
 use soft_common::{ball, cloth, world};
@@ -176,7 +176,7 @@ fn removed_bodies_and_joints_leave_holes() {
     assert!(world.remove_constraint(joints[0]) && world.remove_constraint(joints[1]));
     assert!(world.remove_body(bodies[1]));
     world.set_velocity(bodies[3], &Vector3::repeat(f64::NAN), &Vector3::zeros());
-    assert_eq!(world.first_non_finite(), Some(3));
+    assert_eq!(world.first_lost(&PlausibleBounds::default()), Some(3));
     world.set_velocity(bodies[3], &Vector3::zeros(), &Vector3::zeros());
     assert_eq!((world.bodies(), world.constraints()), (&bodies[..], &joints[..]));
 

@@ -5,7 +5,8 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use ambf_core::comm::{
-    CartesianCommandType, Hub, JointCommandType, ObjectKind, RigidBodyCommand, Snapshot, WorldCommand,
+    CartesianCommandType, Hub, JointCommandType, ObjectKind, RigidBodyCommand, Snapshot, StepError, StepOrder,
+    WorldCommand,
 };
 use ambf_core::scene::{load, SceneFiles, SceneOptions};
 use ambf_core::sim::{Event, Runner, RunnerOptions, Simulation, DEFAULT_SUB_STEP};
@@ -206,11 +207,15 @@ fn a_lost_state_pauses_is_named_and_is_never_seen() {
     };
     running.state();
     running.hub.post(object, &fling).unwrap();
-    let event = running.wait_for_event("the loss", |event| matches!(event, Event::NonFinite(_)));
-    let Event::NonFinite(problem) = event else { unreachable!("just matched") };
+    let event = running.wait_for_event("the loss", |event| matches!(event, Event::Lost(_)));
+    let Event::Lost(problem) = event else { unreachable!("just matched") };
     let text = problem.to_string();
     assert!(text.contains("BODY Box") && text.contains("Velocity"), "{text}");
     assert!(running.runner.control().is_paused());
+    let told = running.hub.lost().expect("clients are told");
+    assert_eq!(*told, format!("lost at step {}: {text}; a reset resumes", problem.step));
+    let order = StepOrder { steps: 1, reset: false, patience: Duration::from_secs(1) };
+    assert_eq!(running.hub.step(order, |_| Ok(())).unwrap_err(), StepError::Lost(told.to_string()));
     let finite = |state: &Snapshot| state.bodies.iter().all(|body| body.origin.iter().all(|x| x.is_finite()));
     assert!(finite(&running.state()));
 
@@ -219,6 +224,7 @@ fn a_lost_state_pauses_is_named_and_is_never_seen() {
     let step = running.state().sim_step;
     let state = running.wait_for("going on", |state| state.sim_step > step + 100);
     assert!(finite(&state) && state.bodies[index].origin[2] > -2.0);
+    assert_eq!(running.hub.lost(), None);
 }
 
 #[test]

@@ -69,14 +69,17 @@ void amb_bodies_read(AmbBody *const *bodies, int n, double *out) {
   }
 }
 
-int amb_bodies_first_non_finite(AmbBody *const *bodies, int n) {
+int amb_bodies_first_lost(AmbBody *const *bodies, int n, double speed, double distance) {
   for (int i = 0; i < n; ++i) {
     if (!bodies[i]) continue;
     const btRigidBody &body = bodies[i]->body;
+    const btVector3 &origin = body.getWorldTransform().getOrigin();
+    const btVector3 &linear = body.getLinearVelocity(), &angular = body.getAngularVelocity();
     // A rotation that is not finite has a velocity that is not.
-    const btVector3 sum = body.getWorldTransform().getOrigin() + body.getWorldTransform().getBasis()[0] +
-                          body.getLinearVelocity() + body.getAngularVelocity();
-    if (!finite(sum)) return i;
+    if (!finite(origin + body.getWorldTransform().getBasis()[0] + linear + angular)) return i;
+    // Static bodies are where clients put them.
+    if (body.isStaticOrKinematicObject()) continue;
+    if (linear.length2() > speed * speed || angular.length2() > speed * speed || origin.length2() > distance * distance) return i;
   }
   return -1;
 }

@@ -26,7 +26,8 @@ void amb_body_velocity(const AmbBody *body, double velocity[6]);
 /* Reads n bodies into out (n x 18): pose from the motion state (12), linear (3) and angular (3) velocity. Null entries of the list
    leave their place as it is. */
 void amb_bodies_read(AmbBody *const *bodies, int n, double *out);
-/* Index of the first body whose pose or velocity is not finite, or -1. Null entries are skipped. */
-int amb_bodies_first_non_finite(AmbBody *const *bodies, int n);
+/* Index of the first body whose pose or velocity is not finite, or, unless it is static, whose speed exceeds `speed` (m/s, rad/s) or whose
+   centre of mass is farther than `distance` (m) from the origin; -1 if there is none. Null entries are skipped. */
+int amb_bodies_first_lost(AmbBody *const *bodies, int n, double speed, double distance);
 
 #endif

@@ -18,6 +18,8 @@ from ambf_msgs.msg import (
     WorldCmd,
     WorldState,
 )
+from ambf_msgs.srv import Step, StepRequest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from scenes import CAMERA, LIGHT, WORLD
 from std_msgs.msg import Empty
 
@@ -303,6 +305,8 @@ class Commands(Driven):
                     while time.monotonic() < end:
                         for listener in bodies:
                             self.assertTrue(finite(listener.next()), (case, listener.newest()))
+                    if case == 0:
+                        self.assert_loss_is_told()
                 step, reset = self.free.next().sim_step, resets[case % 2]
                 harness.wait_for(reset.get_num_connections, "the simulator listens to resets")
 
@@ -316,7 +320,19 @@ class Commands(Driven):
                 harness.wait_for(is_back, "everything is back")
                 self.test_twist()
                 self.test_joint_position()
-        self.assertRegex(self.simulator.log(), "BODY Free.* non-finite.*last command.*paused")
+        self.assertRegex(self.simulator.log(), "BODY Free.* (non-finite|implausible).*last command.*paused")
+        self.world.until(lambda state: not state.header.frame_id, "all is well again")
+        self.assertEqual(self.listen("/diagnostics", DiagnosticArray).newest().status[0].level, DiagnosticStatus.OK)
+
+    def assert_loss_is_told(self):
+        """Wherever a client may look: the states of bodies seem alive, but no longer change."""
+        why = self.world.until(lambda state: state.header.frame_id, "the world says so").header.frame_id
+        self.assertRegex(why, "^lost at step [0-9]+: the state of body `/ambf/env/BODY Free` became .*; a reset resumes$")
+        self.assertEqual(self.listen(f"{WORLD}/Timing", Timing).newest().lost, why)
+        status = self.listen("/diagnostics", DiagnosticArray).newest().status[0]
+        self.assertEqual((status.level, status.message), (DiagnosticStatus.ERROR, why))
+        answer = rospy.ServiceProxy(f"{WORLD}/step", Step)(StepRequest(steps=1))
+        self.assertEqual((answer.success, answer.message), (False, why))
 
     def test_reset(self):
         """Poses return; simulated time goes on."""

@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 
 use ambf_core::bullet::SolverStatistics;
 use ambf_core::scene::{load, Loaded, SceneOptions};
-use ambf_core::sim::{NonFinite, Simulation};
+use ambf_core::sim::{LostState, Simulation};
 use thiserror::Error;
 
 use crate::cli::BatchOptions;
@@ -54,7 +54,7 @@ pub enum BatchError {
     },
     /// Error when the state became non-finite.
     #[error(transparent)]
-    NonFinite(#[from] NonFinite),
+    Lost(#[from] LostState),
     /// Error when SIGINT or SIGTERM ended a run with plugins, after they were closed. Without plugins these end the program at once.
     #[error("interrupted")]
     Interrupted,
@@ -66,7 +66,7 @@ impl BatchError {
         match self {
             Self::Usage(_) => 1,
             Self::Load(_) | Self::Commands(_) | Self::Trace { .. } | Self::Energy { .. } => 2,
-            Self::NonFinite(_) => 3,
+            Self::Lost(_) => 3,
             Self::Interrupted => 130,
         }
     }
@@ -259,7 +259,7 @@ fn load_scene(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<(Simula
 }
 
 /// Says which line of the command file the lost body was last told.
-fn name_command(mut error: NonFinite, commands: &Commands, simulation: &Simulation) -> NonFinite {
+fn name_command(mut error: LostState, commands: &Commands, simulation: &Simulation) -> LostState {
     let body = simulation.scene().bodies.iter().position(|body| body.identity.key() == error.body);
     let latest = |body| commands.latest(body, u64::from(error.step));
     if let Some(place) = body.and_then(|body| simulation.commanders(body).find_map(latest)) {

@@ -29,6 +29,7 @@ mod generated {
         ambf_msgs / VehicleState,
         ambf_msgs / WorldCmd,
         ambf_msgs / WorldState,
+        diagnostic_msgs / DiagnosticArray,
         sensor_msgs / PointCloud,
         std_msgs / Empty,
         std_msgs / Float32
@@ -40,7 +41,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use ambf_core::comm::Snapshot;
 use nalgebra::{Isometry3, Vector3};
 
-pub use generated::{ambf_msgs, geometry_msgs, sensor_msgs, std_msgs};
+pub use generated::{ambf_msgs, diagnostic_msgs, geometry_msgs, sensor_msgs, std_msgs};
 
 /// Header of a state: time stamp of the physics step, empty frame; the publisher fills in the running number. Without a
 /// snapshot all zero, which rosrust sends with the time of sending.

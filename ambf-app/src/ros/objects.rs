@@ -208,11 +208,12 @@ mod tests {
                 "/ambf/env/touch/State ambf_msgs/ContactSensorState out",
                 "/ambf/env/vehicle/Command ambf_msgs/VehicleCmd in",
                 "/ambf/env/vehicle/State ambf_msgs/VehicleState out",
+                "/diagnostics diagnostic_msgs/DiagnosticArray out",
             ]
         );
         let parameters = change.come.parameters;
         assert_eq!((parameters.cameras.len(), parameters.lights.len(), parameters.worlds.len()), (1, 1, 1));
-        assert_eq!(change.come.entries.len(), 11, "a state each, and the world's timing");
+        assert_eq!(change.come.entries.len(), 12, "a state each, the world's timing and diagnostics");
         assert!(change.withdrawn.is_empty());
     }
 
@@ -220,7 +221,7 @@ mod tests {
     fn objects_come_and_go() {
         let hub = Arc::new(Hub::new(vec![object(ObjectKind::World, "World")]));
         let mut objects = objects(&hub, None);
-        assert_eq!(objects.compare().unwrap().come.announcements.len(), 6, "no host, no services for models");
+        assert_eq!(objects.compare().unwrap().come.announcements.len(), 7, "no host, no services for models");
         assert!(objects.compare().is_none(), "nothing has changed");
 
         let car = || object(ObjectKind::Vehicle(0, Box::default()), "car");

@@ -21,6 +21,9 @@ use super::step::{self, Kind, Steppable, Steppables};
 use super::{actuator, contact, ghost, sensor, soft_body, vehicle, world};
 use crate::report;
 
+/// Topic of all reports on the health of nodes and devices (REP 107).
+const DIAGNOSTICS: &str = "/diagnostics";
+
 /// Longest command, bytes: some hundred thousand joints.
 const LONGEST_COMMAND: usize = 1 << 20;
 
@@ -137,11 +140,20 @@ impl Builder<'_> {
 
     fn world(&mut self, info: &ObjectInfo, name: String) {
         let n_devices = self.around.n_devices;
+        let hub = Arc::clone(&self.around.hub);
         self.publish(format!("{name}/State"), info.rates, true, move |snapshot| {
-            Some(world::state(snapshot, n_devices))
+            Some(world::state(snapshot, n_devices, hub.lost().as_deref().map(String::as_str)))
         });
-        let timing_rates = Rates { min: 10, max: 10 };
-        self.publish(format!("{name}/Timing"), timing_rates, false, |snapshot| snapshot.map(world::timing));
+        let at = |frequency| Rates { min: frequency, max: frequency };
+        let hub = Arc::clone(&self.around.hub);
+        self.publish(format!("{name}/Timing"), at(10), false, move |snapshot| {
+            Some(world::timing(snapshot?, hub.lost().as_deref().map(String::as_str)))
+        });
+        let (hub, own_name, mut lost_before) = (Arc::clone(&self.around.hub), name.clone(), 0.0);
+        self.publish(DIAGNOSTICS.into(), at(1), false, move |snapshot| {
+            let lost = hub.lost();
+            Some(world::diagnostics(&own_name, snapshot?, lost.as_deref().map(String::as_str), &mut lost_before))
+        });
         let on_command = world::on_command(Arc::clone(&self.around.hub));
         let commanded = self.commanded(&name);
         self.subscribe(format!("{name}/Command"), move |message| {

@@ -74,6 +74,10 @@ pub struct PhysicsSettings {
     pub sub_step: Option<f64>,
     /// Bodies at rest sleep.
     pub sleep: Option<bool>,
+    /// Speed, m/s and rad/s, above which the state counts as lost; positive.
+    pub largest_speed: Option<f64>,
+    /// Distance from the origin, m, beyond which the state counts as lost; positive.
+    pub largest_distance: Option<f64>,
     /// Share of the position error of joints that is corrected in a sub-step, 0 to 1, instead of that of every joint.
     pub joint_erp: Option<f64>,
     /// Name of the way in which the gyroscopic torque is integrated, as written.
@@ -187,6 +191,8 @@ impl PhysicsSettings {
             articulated: block.boolean("articulated"),
             sub_step: block.real_in("sub step", Range::Positive),
             sleep: block.boolean("sleep"),
+            largest_speed: block.real_in("largest speed", Range::Positive),
+            largest_distance: block.real_in("largest distance", Range::Positive),
             joint_erp: block.real_in("joint erp", Range::Share),
             gyroscopic: block.filled("gyroscopic"),
         };
@@ -209,7 +215,7 @@ mod tests {
         let world: World = clean(
             "namespace: env/\nenvironment: e.yaml\nlights: [l]\nl: {namespace: a/}\nmax iterations: 3\n\
              physics: {profile: accurate, solver: nncg, iterations: 4, sub step: 0.0005, joint erp: 0.5, \
-             gyroscopic: none, sleep: true, articulated: false}\n",
+             gyroscopic: none, sleep: true, articulated: false, largest speed: 1e9, largest distance: 1e20}\n",
         );
         assert_eq!(world.common.namespace, "env/");
         assert_eq!(world.lights[0].common.namespace, "env/a/");
@@ -217,6 +223,7 @@ mod tests {
         assert_eq!(world.physics.profile, Some(PhysicsProfile::Accurate));
         assert_eq!((world.physics.iterations, world.physics.sub_step), (Some(4), Some(0.0005)));
         assert_eq!(world.physics.sleep, Some(true));
+        assert_eq!((world.physics.largest_speed, world.physics.largest_distance), (Some(1e9), Some(1e20)));
         assert_eq!(world.physics.articulated, Some(false));
         assert_eq!((world.physics.joint_erp, world.physics.gyroscopic.as_deref()), (Some(0.5), Some("none")));
         let world: World = clean("physics: {profile: pybullet}\n");

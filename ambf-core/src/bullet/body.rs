@@ -44,6 +44,21 @@ pub(super) struct OwnedBody {
     pub(super) articulation: Option<ArticulationHandle>,
 }
 
+/// What no scene of ours reaches: a body beyond it has been thrown there by an error, not by physics.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PlausibleBounds {
+    /// Largest speed, m/s, and angular speed, rad/s. Default: 3e8, the speed of light.
+    pub speed: f64,
+    /// Largest distance of a centre of mass from the origin, m. Default: 1e15, where a number of double precision resolves 0.1 m.
+    pub distance: f64,
+}
+
+impl Default for PlausibleBounds {
+    fn default() -> Self {
+        Self { speed: 3e8, distance: 1e15 }
+    }
+}
+
 impl World {
     /// Adds a body.
     pub fn add_body(&mut self, body: RigidBody) -> BodyHandle {
@@ -146,10 +161,12 @@ impl World {
         unsafe { sys::amb_bodies_read(self.body_list.as_ptr(), n as i32, out.as_mut_ptr().cast()) }
     }
 
-    /// The first body whose pose or velocity is not finite, as its place in [`bodies`](Self::bodies).
-    pub fn first_non_finite(&self) -> Option<usize> {
+    /// The first body whose pose or velocity is not finite or, unless it is static, beyond `bounds`, as its place in
+    /// [`bodies`](Self::bodies).
+    pub fn first_lost(&self, bounds: &PlausibleBounds) -> Option<usize> {
+        let (list, n) = (self.body_list.as_ptr(), self.body_list.len() as i32);
         // SAFETY: the list holds live bodies and null only.
-        let index = unsafe { sys::amb_bodies_first_non_finite(self.body_list.as_ptr(), self.body_list.len() as i32) };
+        let index = unsafe { sys::amb_bodies_first_lost(list, n, bounds.speed, bounds.distance) };
         usize::try_from(index).ok()
     }
 
@@ -236,9 +253,30 @@ mod tests {
         let mut world = World::new(Solver::default());
         let _ = world.add_body(ball(1.0, 0.0));
         let second = world.add_body(ball(1.0, 1.0));
-        assert_eq!(world.first_non_finite(), None);
+        let bounds = PlausibleBounds::default();
+        assert_eq!(world.first_lost(&bounds), None);
         world.set_velocity(second, &Vector3::new(f64::NAN, 0.0, 0.0), &Vector3::zeros());
-        assert_eq!(world.first_non_finite(), Some(1));
+        assert_eq!(world.first_lost(&bounds), Some(1));
+    }
+
+    #[test]
+    fn a_body_beyond_the_bounds_is_found_unless_it_is_static() {
+        let mut world = World::new(Solver::default());
+        let ground = world.add_body(ball(0.0, 0.0));
+        let moving = world.add_body(ball(1.0, 1.0));
+        let bounds = PlausibleBounds { speed: 10.0, distance: 100.0 };
+        let far = Isometry3::translation(101.0, 0.0, 0.0);
+        world.set_pose(ground, &far);
+        assert_eq!(world.first_lost(&bounds), None);
+        world.set_velocity(moving, &Vector3::new(8.0, 0.0, 5.0), &Vector3::zeros());
+        assert_eq!(world.first_lost(&bounds), None);
+        for (linear, angular) in [(10.1, 0.0), (0.0, 10.1)] {
+            world.set_velocity(moving, &Vector3::repeat(linear), &Vector3::repeat(angular));
+            assert_eq!(world.first_lost(&bounds), Some(1));
+        }
+        world.set_velocity(moving, &Vector3::zeros(), &Vector3::zeros());
+        world.set_pose(moving, &far);
+        assert_eq!(world.first_lost(&bounds), Some(1));
     }
 
     #[test]

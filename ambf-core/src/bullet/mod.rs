@@ -27,7 +27,7 @@ mod vehicle;
 mod world;
 
 pub use accurate::AccurateSettings;
-pub use body::RigidBody;
+pub use body::{PlausibleBounds, RigidBody};
 pub use constraint::{Constraint, ConstraintKind, ConstraintParameter, JointWrench, Spring};
 pub use contact::Contact;
 pub use drive::{BodyDrive, Drive};

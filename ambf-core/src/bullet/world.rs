@@ -256,7 +256,7 @@ mod tests {
     use nalgebra::Isometry3;
 
     use super::super::tests::{ball, hinge};
-    use super::super::{BodyKinematics, Constraint, RigidBody, Shape};
+    use super::super::{BodyKinematics, Constraint, PlausibleBounds, RigidBody, Shape};
     use super::*;
 
     #[test]
@@ -423,14 +423,14 @@ mod tests {
         for _ in 0..3 {
             world.step(0.001, 1, 0.001);
         }
-        assert_eq!(world.first_non_finite(), Some(1));
+        assert_eq!(world.first_lost(&PlausibleBounds::default()), Some(1));
         world.set_velocity(lost, &Vector3::zeros(), &Vector3::zeros());
         world.set_pose(lost, &Isometry3::identity());
         world.recover();
         for _ in 0..500 {
             world.step(0.001, 1, 0.001);
         }
-        assert_eq!(world.first_non_finite(), None);
+        assert_eq!(world.first_lost(&PlausibleBounds::default()), None);
         assert!(world.pose(lost).unwrap().translation.z.abs() < 0.01, "it rests on the plane again");
     }
 }

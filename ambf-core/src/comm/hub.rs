@@ -3,7 +3,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use arc_swap::{ArcSwap, Guard};
+use arc_swap::{ArcSwap, ArcSwapOption, Guard};
 use nalgebra::{Isometry3, Vector3};
 use thiserror::Error;
 
@@ -236,6 +236,8 @@ pub struct Hub {
     generation: AtomicU64,
     changing: Mutex<()>,
     snapshot: Slot,
+    /// Why nothing moves.
+    lost: ArcSwapOption<String>,
     listeners: AtomicBool,
     throttle: StepThrottle,
     /// Held while an order of steps is carried out.
@@ -258,6 +260,7 @@ impl Hub {
             generation: AtomicU64::new(0),
             changing: Mutex::default(),
             snapshot: Slot::empty(),
+            lost: ArcSwapOption::empty(),
             listeners: AtomicBool::new(false),
             throttle: StepThrottle::default(),
             turn: Mutex::default(),
@@ -310,6 +313,17 @@ impl Hub {
     /// [listens](Self::set_listening). Hold it briefly.
     pub fn snapshot(&self) -> Guard<Option<Arc<Snapshot>>> {
         self.snapshot.load()
+    }
+
+    /// Why nothing moves, "lost at step 12: …; a reset resumes", when the state was lost; the snapshot is then that of the step before.
+    /// Empty while all is well.
+    pub fn lost(&self) -> Option<Arc<String>> {
+        self.lost.load_full()
+    }
+
+    /// Physics thread: says that the state was lost, and why, or, with `None`, that all is well again.
+    pub fn set_lost(&self, why: Option<String>) {
+        self.lost.store(why.map(Arc::new));
     }
 
     /// Says that somebody reads snapshots; before that none are made.

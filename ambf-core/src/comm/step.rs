@@ -23,9 +23,12 @@ pub struct StepOrder {
 #[derive(Debug, Error, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum StepError {
-    /// Error when the simulation is paused, by a user or because its state became non-finite; a reset ends the latter.
-    #[error("the simulation is paused: by a user, or because its state became infinite or not a number (a reset then resumes it)")]
+    /// Error when the simulation is paused by a user.
+    #[error("the simulation is paused")]
     Paused,
+    /// Error when the state was lost; what [`Hub::lost`] says.
+    #[error("{0}")]
+    Lost(String),
     /// Error when the physics makes no progress, or has ended.
     #[error("the physics has made no progress for {} s", STALLED.as_secs())]
     Stalled,
@@ -51,7 +54,7 @@ impl Hub {
         let _turn = self.turn.lock().unwrap_or_else(PoisonError::into_inner);
         let throttle = self.throttle();
         if throttle.activity() == Activity::Paused && !order.reset {
-            return Err(StepError::Paused);
+            return Err(self.why_paused());
         }
         self.await_progress(|| self.snapshot().is_some())?;
         throttle.hold(order.patience, self.now_ns());
@@ -69,10 +72,14 @@ impl Hub {
             let done = self.await_progress(|| !throttle.is_busy() || throttle.activity() == Activity::Paused);
             if done.is_err() || throttle.is_busy() {
                 throttle.cancel();
-                return Err(done.err().unwrap_or(StepError::Paused));
+                return Err(done.err().unwrap_or_else(|| self.why_paused()));
             }
         }
         self.snapshot().clone().ok_or(StepError::Stalled)
+    }
+
+    fn why_paused(&self) -> StepError {
+        self.lost().map_or(StepError::Paused, |why| StepError::Lost(String::clone(&why)))
     }
 
     /// Waits as long as iterations are made.

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use nalgebra::Vector3;
 
-use super::{NonFinite, Simulation};
+use super::{LostState, Simulation};
 use crate::comm::{
     Activity, ActuatorCommand, CameraParameters, CartesianCommandType, Channel, Hub, Inbox, JointCommandType,
     LightParameters, ObjectKind, ObjectList, PoseCommand, RigidBodyCommand, Snapshot, SnapshotWriter, SoftBodyCommand,
@@ -195,16 +195,16 @@ impl Simulation {
     /// Executes the newest commands.
     ///
     /// # Errors
-    /// [`NonFinite`] when a finite command has a result that is not, such as a goal so far off that the velocity towards it
+    /// [`LostState`] when a finite command has a result that is not, such as a goal so far off that the velocity towards it
     /// overflows.
-    pub(super) fn execute_commands(&mut self) -> Result<(), NonFinite> {
+    pub(super) fn execute_commands(&mut self) -> Result<(), LostState> {
         let Some(mut link) = self.link.take() else { return Ok(()) };
         self.fetch(&mut link);
         self.execute(&mut link);
         let is_commanded = !link.commanded.is_empty();
         self.link = Some(link);
         if is_commanded {
-            self.check_finite()?;
+            self.check_state()?;
         }
         Ok(())
     }
@@ -241,6 +241,14 @@ impl Simulation {
     pub(super) fn note_reset(&self) {
         if let Some(link) = &self.link {
             link.hub.note_reset();
+        }
+    }
+
+    /// Tells clients that the state was lost, or that all is well again.
+    pub(super) fn tell_lost(&self, problem: Option<&LostState>) {
+        if let Some(link) = &self.link {
+            let sentence = |problem: &LostState| format!("lost at step {}: {problem}; a reset resumes", problem.step);
+            link.hub.set_lost(problem.map(sentence));
         }
     }
 

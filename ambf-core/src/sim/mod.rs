@@ -25,7 +25,7 @@ use std::time::{Duration, Instant, SystemTime};
 use nalgebra::Vector3;
 use thiserror::Error;
 
-use crate::bullet::{EnergyLedger, SolverStatistics};
+use crate::bullet::{BodyHandle, EnergyLedger, PlausibleBounds, SolverStatistics};
 use crate::comm::{Hub, Snapshot, Timing, Wrench};
 use crate::plugin::Plugins;
 use crate::scene::Scene;
@@ -39,18 +39,58 @@ use plugins::PluginState;
 /// Bullet's internal step unless somebody asks for another: 1 ms, whatever the frequency of the loop.
 pub const DEFAULT_SUB_STEP: f64 = 0.001;
 
-/// Error when a pose or velocity became infinite or not a number. Nothing of that iteration is published.
+/// Error when the state of a body can no longer be what physics made of it. Nothing of that iteration is published.
 #[derive(Debug, Clone, PartialEq, Error)]
-#[error("the state of body `{body}` became non-finite in step {step}{}; last command: {command}", Joined(.joint))]
-pub struct NonFinite {
+#[error("the state of body `{body}` {loss} in step {step}{}; last command: {command}", Joined(.joint))]
+pub struct LostState {
     /// Qualified identifier of the body.
     pub body: String,
+    /// How it was seen.
+    pub loss: Loss,
     /// A joint that holds it.
     pub joint: Option<String>,
     /// Iteration in which it was seen.
     pub step: u32,
     /// What the body was last told.
     pub command: String,
+}
+
+/// How a state was seen to be lost.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Loss {
+    /// A pose or velocity is infinite or not a number.
+    NonFinite,
+    /// A speed, m/s, or angular speed, rad/s, is above the bound.
+    TooFast {
+        /// The larger of the two.
+        speed: f64,
+        /// [`PlausibleBounds::speed`].
+        bound: f64,
+    },
+    /// A body is farther from the origin than the bound, m.
+    TooFar {
+        /// Distance of the centre of mass.
+        distance: f64,
+        /// [`PlausibleBounds::distance`].
+        bound: f64,
+    },
+}
+
+impl fmt::Display for Loss {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NonFinite => write!(f, "became non-finite"),
+            Self::TooFast { speed, bound } => {
+                write!(f, "became implausible (speed {speed:.1e} m/s or rad/s, `physics / largest speed` is {bound:e})")
+            }
+            Self::TooFar { distance, bound } => {
+                write!(
+                    f,
+                    "became implausible ({distance:.1e} m from the origin, `physics / largest distance` is {bound:e})"
+                )
+            }
+        }
+    }
 }
 
 struct Joined<'a>(&'a Option<String>);
@@ -68,6 +108,7 @@ pub struct Simulation {
     plugin_state: PluginState,
     scene: Scene,
     sub_step: f64,
+    bounds: PlausibleBounds,
     cap: SubStepCap,
     sim_time: f64,
     /// Interval before the present one, s: what object updates, controllers and plugins get.
@@ -97,10 +138,16 @@ impl Simulation {
         let wrenches = if scene.has_feedback { vec![Wrench::default(); scene.bodies.len()] } else { Vec::new() };
         let mut driven = Driven::default();
         driven.reserve(&scene);
+        let (wanted, usual) = (&scene.description.physics, PlausibleBounds::default());
+        let bounds = PlausibleBounds {
+            speed: wanted.largest_speed.unwrap_or(usual.speed),
+            distance: wanted.largest_distance.unwrap_or(usual.distance),
+        };
         Self {
             plugins: None,
             plugin_state: PluginState::default(),
             sub_step,
+            bounds,
             cap: SubStepCap::new(scene.max_sub_steps),
             sim_time: 0.0,
             dt: 0.0,
@@ -178,8 +225,8 @@ impl Simulation {
     /// for an interval that is not positive.
     ///
     /// # Errors
-    /// [`NonFinite`]: the state is lost, the caller should stop or reset.
-    pub fn update(&mut self, interval: f64) -> Result<(), NonFinite> {
+    /// [`LostState`]: the state is lost, the caller should stop or reset.
+    pub fn update(&mut self, interval: f64) -> Result<(), LostState> {
         if interval.is_nan() || interval <= 0.0 {
             return Ok(());
         }
@@ -197,7 +244,7 @@ impl Simulation {
             self.estimate_efforts();
         }
         self.scene.update_elements(self.sub_step, interval.max(self.sub_step));
-        self.check_finite()?;
+        self.check_state()?;
         self.tell_devices();
         Ok(())
     }
@@ -230,25 +277,41 @@ impl Simulation {
         }
     }
 
-    fn check_finite(&self) -> Result<(), NonFinite> {
+    fn check_state(&self) -> Result<(), LostState> {
         if let Some((handle, _)) = self.scene.world.soft_first_non_finite() {
             let soft = self.scene.soft_bodies.iter().find(|soft| soft.handle == handle);
-            return Err(NonFinite {
+            return Err(LostState {
                 body: soft.map(|soft| soft.identity.key()).unwrap_or_default(),
+                loss: Loss::NonFinite,
                 joint: None,
                 step: self.sim_step(),
                 command: "none".into(),
             });
         }
-        let Some(index) = self.scene.world.first_non_finite() else { return Ok(()) };
+        let Some(index) = self.scene.world.first_lost(&self.bounds) else { return Ok(()) };
         let body = &self.scene.bodies[index];
         let holds = |joint: &&crate::scene::Joint| joint.parent == index || joint.child == index;
-        Err(NonFinite {
+        Err(LostState {
             body: body.identity.key(),
+            loss: self.loss_of(body.handle),
             joint: self.scene.joints.iter().find(holds).map(|joint| joint.name.clone()),
             step: self.sim_step(),
             command: self.last_command(index).unwrap_or_else(|| "none".into()),
         })
+    }
+
+    fn loss_of(&self, body: BodyHandle) -> Loss {
+        let PlausibleBounds { speed: fastest, distance: farthest } = self.bounds;
+        let (linear, angular) = self.scene.world.velocity(body).unwrap_or_default();
+        let pose = self.scene.world.pose(body).unwrap_or_default();
+        let (speed, distance) = (linear.norm().max(angular.norm()), pose.translation.vector.norm());
+        if !(speed + distance).is_finite() {
+            Loss::NonFinite
+        } else if speed > fastest {
+            Loss::TooFast { speed, bound: fastest }
+        } else {
+            Loss::TooFar { distance, bound: farthest }
+        }
     }
 
     /// What a body was last told through the hub, in words; else what was told a joint of it.
@@ -269,13 +332,13 @@ impl Simulation {
         std::iter::once(body).chain(others.filter(move |&other| scene.active_joints(other).iter().any(holds)))
     }
 
-    /// Returns every rigid body to its initial pose at rest. Time goes on. If the state was non-finite, controllers forget what they
+    /// Returns every rigid body to its initial pose at rest. Time goes on. If the state was lost, controllers forget what they
     /// remember of it and motors are switched off.
     pub fn reset_bodies(&mut self) {
-        let was_finite = self.check_finite().is_ok();
+        let was_sound = self.check_state().is_ok();
         let Scene { bodies, joints, world, .. } = &mut self.scene;
         bodies.iter().for_each(|body| body.reset(world));
-        if !was_finite {
+        if !was_sound {
             world.recover();
             // A motor may have been told a speed that is not finite.
             joints.iter().for_each(|joint| joint.stop_motor(world));

@@ -9,7 +9,7 @@ use crossbeam_channel::{bounded, Receiver, Sender};
 
 use super::pace::Pacer;
 use super::statistics::StepStatistics;
-use super::{NonFinite, Simulation};
+use super::{LostState, Simulation};
 use crate::comm::{Activity, Timing};
 use crate::plugin::Phase;
 
@@ -41,8 +41,8 @@ pub enum Event {
         /// Since the start.
         total: f64,
     },
-    /// The state became non-finite; the simulation is paused until it is reset.
-    NonFinite(NonFinite),
+    /// The state was lost; the simulation is paused until it is reset.
+    Lost(LostState),
     /// A throttling client asks for steps of no iterations, which throttle nothing.
     EmptySteps,
     /// Objects were reset on request.
@@ -150,7 +150,7 @@ struct PhysicsLoop {
     /// Wall time that did not count as simulated: pauses.
     skipped: f64,
     was_paused: bool,
-    /// The pause was made because the state became non-finite.
+    /// The pause was made because the state was lost.
     lost: bool,
     statistics: StepStatistics,
     throttle_counter: u32,
@@ -261,11 +261,12 @@ impl PhysicsLoop {
         }
     }
 
-    fn pause_lost(&mut self, problem: NonFinite) {
+    fn pause_lost(&mut self, problem: LostState) {
+        self.simulation.tell_lost(Some(&problem));
         self.control.set_paused(true);
         self.simulation.pause_devices(true);
         self.lost = true;
-        self.tell(Event::NonFinite(problem));
+        self.tell(Event::Lost(problem));
     }
 
     /// Interval of this iteration, s: what the wall clock is ahead, or fixed. The first one after a pause is one period.
@@ -308,10 +309,11 @@ impl PhysicsLoop {
         self.simulation.publish(wall.as_secs_f64(), self.timing());
     }
 
-    /// A reset is seen at once, also while paused or throttled. It ends the pause that a non-finite state made.
+    /// A reset is seen at once, also while paused or throttled. It ends the pause that a lost state made.
     fn resume_after_reset(&mut self) {
         self.publish(self.start.elapsed());
         if std::mem::take(&mut self.lost) {
+            self.simulation.tell_lost(None);
             self.control.set_paused(false);
             self.simulation.tell_activity(Activity::Runs);
         }

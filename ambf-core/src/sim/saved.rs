@@ -68,6 +68,7 @@ impl Simulation {
             plugin_state,
             scene,
             sub_step: _,
+            bounds: _,
             cap,
             sim_time,
             dt,
@@ -185,8 +186,9 @@ mod tests {
                 let (first, second) = (words(&first), words(&second));
                 assert_eq!(first.len(), second.len(), "{model} {profile:?}");
                 let pairs = || first.iter().zip(&second).filter(|(a, b)| a != b);
-                // Structures are copied with what was on the stack between an `int` and what follows it.
-                let same = pairs().count() <= 8 && pairs().all(|(a, b)| a[..4] == b[..4]);
+                // Structures are copied with what was on the stack between an `int` and what follows it: a contact point of 47 words has one
+                // such place.
+                let same = pairs().count() <= 8 + first.len() / 47 && pairs().all(|(a, b)| a[..4] == b[..4]);
                 assert!(same, "{model} {profile:?}: a pointer to the heap, or something that was not initialised");
             }
         }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::{NonFinite, SavedState, Simulation};
+use super::{LostState, SavedState, Simulation};
 use crate::bullet::{SolverStatistics, StateError};
 use crate::comm::{ActuatorCommand, Hub, ObjectList, RigidBodyCommand, Snapshot, Timing};
 use crate::plugin::Phase;
@@ -18,7 +18,7 @@ pub struct Stepper {
     hub: Arc<Hub>,
     interval: f64,
     snapshot: Snapshot,
-    lost: Option<NonFinite>,
+    lost: Option<LostState>,
     notices: Vec<String>,
 }
 
@@ -27,7 +27,7 @@ pub struct Stepper {
 pub struct StepperState {
     simulation: Arc<SavedState>,
     snapshot: Snapshot,
-    lost: Option<NonFinite>,
+    lost: Option<LostState>,
 }
 
 impl StepperState {
@@ -96,9 +96,9 @@ impl Stepper {
     /// Makes `steps` iterations.
     ///
     /// # Errors
-    /// [`NonFinite`]; then, and until the next [`reset`](Self::reset), nothing moves. A state that is lost while the physics comes to
+    /// [`LostState`]; then, and until the next [`reset`](Self::reset), nothing moves. A state that is lost while the physics comes to
     /// rest after the last iteration is the error of the next call: what was published is sound.
-    pub fn step(&mut self, steps: u32) -> Result<(), NonFinite> {
+    pub fn step(&mut self, steps: u32) -> Result<(), LostState> {
         self.step_while(steps, || true).map(|_| ())
     }
 
@@ -106,7 +106,7 @@ impl Stepper {
     ///
     /// # Errors
     /// Those of [`step`](Self::step).
-    pub fn step_while(&mut self, steps: u32, mut go_on: impl FnMut() -> bool) -> Result<u32, NonFinite> {
+    pub fn step_while(&mut self, steps: u32, mut go_on: impl FnMut() -> bool) -> Result<u32, LostState> {
         for made in 1..=steps {
             if let Some(problem) = &self.lost {
                 return Err(problem.clone());
@@ -161,7 +161,7 @@ impl Stepper {
     }
 
     /// Why nothing moves; `None` while all is well.
-    pub fn lost(&self) -> Option<&NonFinite> {
+    pub fn lost(&self) -> Option<&LostState> {
         self.lost.as_ref()
     }
 

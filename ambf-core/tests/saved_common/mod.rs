@@ -4,6 +4,7 @@
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::{Path, PathBuf};
 
+use ambf_core::bullet::PlausibleBounds;
 use ambf_core::comm::{ActuatorCommand, JointCommandType, VehicleCommand};
 use ambf_core::control::Profile;
 use ambf_core::scene::{load, PhysicsOptions, SceneFiles, SceneOptions};
@@ -176,7 +177,7 @@ pub fn check(what: &str, files: &SceneFiles, physics: PhysicsOptions, warm: u32,
     disturb(&mut simulation);
     simulation.restore(&saved).expect("of this simulation");
     assert_eq!(run(&mut simulation, warm, warm + steps), after, "{what}: after another life");
-    simulation.sim_step() == warm + steps && simulation.scene().world.first_non_finite().is_none()
+    simulation.sim_step() == warm + steps && simulation.scene().world.first_lost(&PlausibleBounds::default()).is_none()
 }
 
 /// Does what the commands do not, until little is as it was.

@@ -1,7 +1,7 @@
 use nalgebra::{DMatrix, DVector, Isometry3, Vector3};
 
 use super::*;
-use crate::bullet::{BodyDrive, Constraint, Drive, Ray, RayTarget, RigidBody, Shape, Solver, Spring};
+use crate::bullet::{BodyDrive, Constraint, Drive, PlausibleBounds, Ray, RayTarget, RigidBody, Shape, Solver, Spring};
 
 mod ties;
 
@@ -456,7 +456,7 @@ fn links_touch_are_seen_and_can_be_held() {
         contacts.iter().any(|contact| contact.other == floor)
     });
     assert!(touched.count() > 10);
-    assert_eq!(world.first_non_finite(), None);
+    assert_eq!(world.first_lost(&PlausibleBounds::default()), None);
     // It outlives the tree as a constraint, and other constraints on links end the tree.
     let ball = hinge(ConstraintKind::SixDof([[1.0, -1.0]; 6]), 0.0, 0.0);
     let ball = world.add_constraint(
@@ -469,7 +469,7 @@ fn links_touch_are_seen_and_can_be_held() {
     assert!(world.remove_constraint(held) && world.remove_constraint(ball.unwrap()));
     assert!(world.articulate(&joints).is_some());
     run(&mut world, 10);
-    assert_eq!(world.first_non_finite(), None);
+    assert_eq!(world.first_lost(&PlausibleBounds::default()), None);
 }
 
 #[test]
@@ -497,7 +497,7 @@ fn a_lost_tree_recovers() {
     world.articulate(&joints).unwrap();
     world.apply_wrench(bodies[2], &Vector3::repeat(f64::NAN), &Vector3::zeros());
     run(&mut world, 3);
-    assert!(world.first_non_finite().is_some());
+    assert!(world.first_lost(&PlausibleBounds::default()).is_some());
     for (&body, pose) in bodies.iter().zip(&initial) {
         world.clear_forces(body);
         world.set_velocity(body, &Vector3::zeros(), &Vector3::zeros());
@@ -505,7 +505,7 @@ fn a_lost_tree_recovers() {
     }
     world.recover();
     run(&mut world, 300);
-    assert_eq!(world.first_non_finite(), None);
+    assert_eq!(world.first_lost(&PlausibleBounds::default()), None);
     let (mut fresh, others, joints) = chain(&[1.0, 1.0]);
     fresh.articulate(&joints).unwrap();
     run(&mut fresh, 300);
