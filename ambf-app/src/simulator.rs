@@ -11,12 +11,13 @@ use ambf_core::device::host::DeviceHost;
 use ambf_core::scene::{load, Loaded, SceneOptions, SceneReport};
 use ambf_core::sim::{Event, Models, Runner, RunnerOptions, Simulation, DEFAULT_SUB_STEP};
 use crossbeam_channel::RecvTimeoutError;
+use ros_node::OwnMaster;
 use thiserror::Error;
 
 use crate::cli::SimulatorOptions;
 use crate::devices;
 use crate::launch::{self, LaunchError};
-use crate::ros::{ModelHost, ModelReply, RosMiddleware, RosOptions};
+use crate::ros::{ModelHost, ModelReply, RosArguments, RosMiddleware, RosOptions};
 use crate::{plugins, print_line, process, report};
 
 /// How often the main thread looks whether it should end.
@@ -48,11 +49,11 @@ impl SimulatorError {
     }
 }
 
-/// Loads the scene and runs it until SIGINT or SIGTERM.
+/// Loads the scene and runs it until SIGINT, SIGTERM or `rosnode kill`. `arguments`: what the command line says to ROS.
 ///
 /// # Errors
 /// [`SimulatorError`]. Everything else that goes wrong is reported, and the simulation goes on with the rest.
-pub fn run(options: &SimulatorOptions) -> Result<(), SimulatorError> {
+pub fn run(options: &SimulatorOptions, arguments: RosArguments) -> Result<(), SimulatorError> {
     let stop = process::stop_flag();
     print_line!(
         "AMBF simulator {} (physics {} Hz{})",
@@ -70,7 +71,7 @@ pub fn run(options: &SimulatorOptions) -> Result<(), SimulatorError> {
         return Ok(());
     }
     print_summary(&simulation, begin.elapsed());
-    let outcome = serve(simulation, devices, options, &stop);
+    let outcome = serve(simulation, devices, options, arguments, &stop);
     report!("stopped");
     outcome
 }
@@ -130,11 +131,15 @@ fn serve(
     mut simulation: Simulation,
     mut devices: DeviceHost,
     options: &SimulatorOptions,
+    arguments: RosArguments,
     stop: &AtomicBool,
 ) -> Result<(), SimulatorError> {
     let hub = simulation.connect();
     let host = Arc::new(Host(simulation.models()));
-    let mut ros = (!options.no_ros).then(|| RosMiddleware::new(RosOptions::default()).with_models(host));
+    // Clients of this simulator outlive it, and so does the master they need.
+    let own_master = std::env::current_exe().map_or(OwnMaster::InProcess, OwnMaster::Program);
+    let ros_options = RosOptions { arguments, own_master, ..RosOptions::default() };
+    let mut ros = (!options.no_ros).then(|| RosMiddleware::new(ros_options).with_models(host));
     if let Some(ros) = &mut ros {
         if options.hold {
             hub.throttle().hold(Duration::MAX, hub.now_ns());
@@ -151,7 +156,7 @@ fn serve(
             speed_factor: options.speed_factor,
         },
     );
-    let outcome = follow(&runner, &mut devices, stop);
+    let outcome = follow(&runner, &mut devices, ros.as_ref(), stop);
     let simulation = runner.stop();
     devices.stop().iter().for_each(|line| report!("{line}"));
     if let Some(mut simulation) = simulation {
@@ -205,9 +210,15 @@ impl ModelHost for Host {
 }
 
 /// Prints what the physics thread has to say until the program should end.
-fn follow(runner: &Runner, devices: &mut DeviceHost, stop: &AtomicBool) -> Result<(), SimulatorError> {
+fn follow(
+    runner: &Runner,
+    devices: &mut DeviceHost,
+    ros: Option<&RosMiddleware>,
+    stop: &AtomicBool,
+) -> Result<(), SimulatorError> {
     let mut empty_steps = Limited::default();
-    while !stop.load(Ordering::Acquire) {
+    let dismissed = || ros.is_some_and(RosMiddleware::is_dismissed);
+    while !stop.load(Ordering::Acquire) && !dismissed() {
         for news in devices.news() {
             report!("{}", devices.line(&news));
         }

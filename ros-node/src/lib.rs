@@ -7,6 +7,7 @@
 //! A [`Node`] does everything in threads of its own. Two nodes in one process do not know of each other.
 
 mod embedded;
+mod lasting;
 mod link;
 mod node;
 mod raw;
@@ -19,7 +20,8 @@ mod xmlrpc;
 use std::fmt::Arguments;
 use std::sync::Arc;
 
-pub use link::{run, tend_connections, tend_sockets, Link, LinkOptions};
+pub use lasting::{end_master, entries, node, serve_master, start_master, EndError, SERVE_MASTER, UNUSED};
+pub use link::{run, tend_connections, tend_sockets, Link, LinkOptions, NodeName, OwnMaster};
 pub use node::Node;
 pub use raw::{Publishers, RawReceived, RawSubscription};
 pub use stop::Stop;

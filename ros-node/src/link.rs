@@ -5,6 +5,7 @@
 
 use std::collections::HashSet;
 use std::mem::discriminant;
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -13,6 +14,7 @@ use dxr::Value;
 use rosrust::api::Ros;
 
 use super::embedded::{local_address, EmbeddedMaster};
+use super::lasting::{start_master, UNUSED};
 use super::raw::Listing;
 use super::sockets::Sockets;
 use super::stop::Stop;
@@ -27,11 +29,30 @@ const POLL: Duration = Duration::from_secs(1);
 /// 2 ms of computing each time.
 const CONNECT_POLL: Duration = Duration::from_millis(100);
 
+/// How long a master may take to start.
+const STARTING: Duration = Duration::from_secs(5);
+
 /// Type of the log topic that rosrust opens for each node.
 const ROSOUT: &str = "/rosout";
 
 /// Nodes that this process has made.
 static NODES: AtomicU64 = AtomicU64::new(0);
+
+impl NodeName {
+    fn to_use(&self) -> String {
+        let base = match self {
+            Self::Exact(name) => return name.clone(),
+            Self::Anonymous(base) => base,
+        };
+        let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
+        let name = format!("{base}_{}_{}", std::process::id(), now.as_millis());
+        // Another node of this process may come up in the same millisecond, and would be shut down in favour of this one.
+        match NODES.fetch_add(1, Ordering::Relaxed) {
+            0 => name,
+            earlier => format!("{name}_{earlier}"),
+        }
+    }
+}
 
 struct Item {
     announcement: Arc<dyn Announcement>,
@@ -45,15 +66,38 @@ impl Item {
     }
 }
 
+/// What is done when there is no master and its address is one of this machine.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub enum OwnMaster {
+    /// It is waited for.
+    #[default]
+    None,
+    /// One is started in this process; it ends with the program.
+    InProcess,
+    /// This program is started to be one ([`start_master`](super::start_master)); it lasts as long as somebody uses it.
+    Program(PathBuf),
+}
+
+/// How a node is called.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum NodeName {
+    /// Process id and time are appended, and a number if it is not the first of the process.
+    Anonymous(String),
+    /// As it is; a node of the same name is shut down by the master.
+    Exact(String),
+}
+
 /// How a link is to be.
 #[derive(Clone)]
 pub struct LinkOptions {
     /// The master.
     pub master: Peer,
-    /// Base of the node's name; process id and time are appended, and a number if it is not the first of the process.
-    pub name: String,
-    /// Whether a master is started in this process when there is none and the address is one of this machine.
-    pub embedded_master: bool,
+    /// Name of the node, without namespace.
+    pub name: NodeName,
+    /// What is done without a master.
+    pub own_master: OwnMaster,
+    /// Private parameters, name and value, that are set when the node is made.
+    pub parameters: Vec<(String, Value)>,
     /// Where it says what its user should know.
     pub report: Report,
 }
@@ -119,6 +163,19 @@ impl Link {
 
     pub(crate) fn report(&self, line: std::fmt::Arguments<'_>) {
         (self.options.report)(line);
+    }
+
+    /// Waits until a master that was just started answers; false when it does not, or the link is stopped.
+    fn await_master(&self) -> bool {
+        for _ in 0..STARTING.as_millis() / 10 {
+            if self.options.master.call("getPid", vec![]).is_ok() {
+                return true;
+            }
+            if self.stop.wait(Duration::from_millis(10)) {
+                break;
+            }
+        }
+        false
     }
 
     fn change(&self) -> MutexGuard<'_, ()> {
@@ -201,7 +258,7 @@ pub fn run(link: &Link) {
     link.dismissed.store(dismissed, Ordering::Release);
     worker.withdraw();
     if dismissed {
-        link.report(format_args!("ROS: the node was told to shut down; the program goes on without ROS"));
+        link.report(format_args!("ROS: the node was told to shut down"));
         // The embedded master is not ours alone: it serves others until the program ends.
         while !link.stop.wait(Duration::from_secs(3600)) {}
     }
@@ -232,20 +289,13 @@ impl Worker<'_> {
             if self.complained || self.embedded.is_some() {
                 return;
             }
-            if !self.start_embedded(&error) {
+            if !self.start_master(&error) {
                 self.link.report(format_args!("ROS: {error}; going on without it and asking again every second"));
                 self.complained = true;
                 return;
             }
         }
-        let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
-        let mut name = format!("{}_{}_{}", self.link.options.name, std::process::id(), now.as_millis());
-        // Another node of this process may come up in the same millisecond, and would be shut down in favour of this one.
-        let earlier = NODES.fetch_add(1, Ordering::Relaxed);
-        if earlier > 0 {
-            name += &format!("_{earlier}");
-        }
-        match Ros::new(&name) {
+        match Ros::new(&self.link.options.name.to_use()) {
             Ok(node) => {
                 self.link.sockets.sweep();
                 self.link.report(format_args!("ROS: node {} at the master {}", node.name(), master.uri()));
@@ -256,6 +306,7 @@ impl Worker<'_> {
                     ));
                 }
                 *self.link.node() = Some((node.name().to_owned(), node.uri().to_owned()));
+                self.set_parameters(node.name());
                 self.node = Some(node);
                 self.complained = false;
             }
@@ -270,31 +321,52 @@ impl Worker<'_> {
         }
     }
 
-    /// True when the master is now ours and answers.
-    fn start_embedded(&mut self, why: &CallError) -> bool {
-        if !self.link.options.embedded_master || !matches!(why, CallError::NoAnswer { .. }) {
+    fn set_parameters(&self, node: &str) {
+        for (name, value) in &self.link.options.parameters {
+            let name = format!("{node}/{name}");
+            if let Err(error) = self.link.master().call("setParam", vec![Value::String(name.clone()), value.clone()]) {
+                self.link.report(format_args!("ROS: the parameter {name} is not set: {error}"));
+            }
+        }
+    }
+
+    /// True when there is now a master, ours or somebody else's.
+    fn start_master(&mut self, why: &CallError) -> bool {
+        if !matches!(why, CallError::NoAnswer { .. }) {
             return false;
         }
         let Some(address) = local_address(&self.link.options.master) else { return false };
-        match EmbeddedMaster::start(address, Arc::clone(&self.link.options.report)) {
-            Ok(embedded) => self.embedded = Some(embedded),
-            // Perhaps another program has just started one.
-            Err(_) => return self.link.options.master.call("getPid", vec![]).is_ok(),
-        }
-        for _ in 0..200 {
-            if self.link.options.master.call("getPid", vec![]).is_ok() {
-                self.link.report(format_args!(
-                    "ROS: no master at {}: started one in this program, on {address}",
-                    self.link.options.master.uri()
-                ));
-                return true;
+        let (link, uri) = (self.link, self.link.options.master.uri());
+        match &self.link.options.own_master {
+            OwnMaster::None => false,
+            OwnMaster::InProcess => {
+                match EmbeddedMaster::start(address, Arc::clone(&link.options.report)) {
+                    Ok(embedded) => self.embedded = Some(embedded),
+                    // Perhaps another program has just started one.
+                    Err(_) => return link.options.master.call("getPid", vec![]).is_ok(),
+                }
+                if link.await_master() {
+                    link.report(format_args!("ROS: no master at {uri}: started one in this program, on {address}"));
+                    return true;
+                }
+                self.embedded = None;
+                false
             }
-            if self.link.stop.wait(Duration::from_millis(10)) {
-                break;
-            }
+            OwnMaster::Program(program) => match start_master(program, address) {
+                Ok(process) if link.await_master() => {
+                    link.report(format_args!(
+                        "ROS: no master at {uri}: started one on {address} (process {process}); it ends {} s after the last node has gone",
+                        UNUSED.as_secs()
+                    ));
+                    true
+                }
+                Ok(_) => false,
+                Err(error) => {
+                    link.report(format_args!("ROS: {} cannot be started to be a master: {error}", program.display()));
+                    false
+                }
+            },
         }
-        self.embedded = None;
-        false
     }
 
     /// Asks the master whether it knows us, and registers everything again if it does not.

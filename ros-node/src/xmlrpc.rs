@@ -81,6 +81,11 @@ impl Peer {
         Self { caller_id: caller_id.to_owned(), ..self.clone() }
     }
 
+    /// In whose name it is called.
+    pub fn caller(&self) -> &str {
+        &self.caller_id
+    }
+
     /// Its address as given.
     pub fn uri(&self) -> &str {
         &self.uri

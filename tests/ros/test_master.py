@@ -52,19 +52,62 @@ class Real(harness.RosTest):
 
 
     def test_rosnode_kill(self):
-        """The simulation goes on without ROS."""
+        """It ends the simulator, as it ends any other node."""
         with harness.Simulator(self.port, *LAUNCH) as simulator:
             simulator.wait_for_topics(f"{BODY}/State")
             (name,) = harness.simulator_nodes(self.port)
             harness.ros(self.port, "rosnode", "kill", name)
-            harness.wait_for(lambda: not harness.simulator_nodes(self.port), "the node is gone")
-            harness.wait_for(lambda: "goes on without ROS" in simulator.log(), "the simulator says so")
-            self.assertTrue(simulator.running())
-            self.assertEqual(simulator.interrupt(), 0)
+            self.assertEqual(simulator.status(), 0)
+            self.assertIn("told to shut down", simulator.log())
+        self.assertEqual(harness.simulator_nodes(self.port), set())
+
+    def test_arguments_of_ros(self):
+        """Names, remappings and private parameters as of any other node."""
+        words = ("__name:=simulation", "__ns:=/lab", "__log:=/dev/null", f"{BODY}/State:=body", "/ambf/env/World/step:=/go")
+        with harness.Simulator(self.port, *LAUNCH, *words, "_rate:=50", "_who:=me") as simulator:
+            simulator.wait_for_topics("/lab/body", f"{WORLD}/State")
+            self.assertIn("/lab/simulation", harness.nodes(self.port))
+            self.assertNotIn(f"{BODY}/State", harness.published(self.port))
+            self.assertEqual(echo(self.port, "/lab/body")["name"]["data"], "Free")
+            services = harness.ros(self.port, "rosservice", "list").split()
+            self.assertIn("/go", services)
+            self.assertNotIn("/ambf/env/World/step", services)
+            self.assertEqual(harness.ros(self.port, "rosparam", "get", "/lab/simulation/rate").strip(), "50")
+            self.assertEqual(harness.ros(self.port, "rosparam", "get", "/lab/simulation/who").strip(), "me")
+            self.assertNotIn("ignored", simulator.log())
+            # Another node of that name takes its place, as everywhere in ROS.
+            with harness.Simulator(self.port, *LAUNCH, *words[:2], "--ns", "/two") as second:
+                second.wait_for_topics(f"/two{BODY}/State")
+                self.assertEqual(simulator.status(), 0)
+
+    def test_two_in_one_namespace(self):
+        """Both say so; a node that was killed and is registered still is no neighbour."""
+        with harness.Simulator(self.port, *LAUNCH) as killed:
+            killed.wait_for_topics(f"{BODY}/State")
+            killed.process.kill()
+            killed.process.wait()
+        with harness.Simulator(self.port, *LAUNCH) as first:
+            harness.wait_for(lambda: len(harness.simulator_nodes(self.port)) == 2, "the first is there")
+            first.wait_for_topics(f"{BODY}/State")
+            time.sleep(3.0)
+            self.assertNotIn("another simulator", first.log())
+            with harness.Simulator(self.port, *LAUNCH) as second:
+                for simulator in (first, second):
+                    harness.wait_for(
+                        lambda simulator=simulator: "another simulator runs in this namespace" in simulator.log(),
+                        "both say so",
+                    )
 
 
-class Embedded(unittest.TestCase):
-    """Nobody listens at the local ROS_MASTER_URI: the simulator brings its own master."""
+class Brought(unittest.TestCase):
+    """Nobody listens at the local ROS_MASTER_URI: the simulator starts a master, which lasts as long as somebody uses it."""
+
+    def end_master(self, port):
+        """`--end-master`; what it prints."""
+        command = [harness.simulator_path(), "--end-master"]
+        with harness.Program(command, harness.environment(port)) as program:
+            self.assertEqual(program.status(), 0, program.log())
+            return program.log()
 
     def test_tools_and_clients(self):
         """ROS's own programs work with it."""
@@ -93,7 +136,73 @@ class Embedded(unittest.TestCase):
                 harness.wait_for(lambda: "average rate" in tool.log(), "rostopic hz counts")
             run_client(port)
             self.assertEqual(simulator.interrupt(), 0)
+        harness.wait_for(lambda: harness.state_of(port) is None, "the master ends when nobody is registered")
+
+    def test_it_is_ended(self):
+        """At once, on request; there may be none."""
+        port = harness.free_port()
+        with harness.Simulator(port, *LAUNCH) as simulator:
+            simulator.wait_for_topics(f"{BODY}/State")
+            self.assertEqual(simulator.interrupt(), 0)
+            self.assertIsNotNone(harness.state_of(port))
+        self.assertIn("has ended", self.end_master(port))
         self.assertIsNone(harness.state_of(port))
+        self.assertIn("no master answers", self.end_master(port))
+        with RosMaster(port):
+            command = [harness.simulator_path(), "--end-master"]
+            with harness.Program(command, harness.environment(port)) as program:
+                self.assertEqual(program.status(), 1)
+                self.assertIn("not one that a simulator left behind", program.log())
+            self.assertIsNotNone(harness.state_of(port))
+
+    def test_a_client_outlives_simulators(self):
+        """Interrupted, or killed: a rospy client gets states and moves a body of the next one within 2 s of its first topic."""
+        port = harness.free_port()
+        self.addCleanup(self.end_master, port)
+        script = [sys.executable, harness.REPOSITORY / "tests/ros/faithful.py", BODY]
+        took = []
+        for finish in (harness.Simulator.interrupt, harness.Simulator.kill, harness.Simulator.interrupt):
+            with harness.Simulator(port, *LAUNCH) as simulator:
+                simulator.wait_for_topics(f"{BODY}/State")
+                up = time.monotonic()
+                if not took:
+                    client = harness.Program(script, harness.environment(port))
+                    self.addCleanup(client.stop)
+                met = len(took) + 1
+                harness.wait_for(lambda n=met: client.log().count("moves") == n, "the client meets the simulator")
+                took.append(time.monotonic() - up)
+                finish(simulator)
+        self.assertTrue(client.running(), client.log())
+        # The first includes the start of Python; a busy machine may spoil one of the others.
+        self.assertLess(min(took[1:]), 2.0, took)
+
+    def test_either_of_two_may_end_first(self):
+        """The other goes on, with the master that one of them has started."""
+        for first_ends in (True, False):
+            with self.subTest(first_ends=first_ends):
+                port = harness.free_port()
+                with harness.Simulator(port, *LAUNCH) as first, harness.Simulator(port, *LAUNCH, "--ns", "/two") as second:
+                    first.wait_for_topics(f"{BODY}/State")
+                    second.wait_for_topics(f"/two{BODY}/State")
+                    self.assertNotIn("another simulator", first.log() + second.log())
+                    ends, stays = (first, second) if first_ends else (second, first)
+                    topic = f"/two{BODY}/State" if first_ends else f"{BODY}/State"
+                    self.assertEqual(ends.interrupt(), 0)
+                    before = echo(port, topic)["sim_time"]
+                    harness.wait_for(lambda t=topic, b=before: echo(port, t)["sim_time"] > b, "it goes on")
+                    self.assertNotIn("lost the master", stays.log())
+                self.end_master(port)
+
+    def test_killed_nodes_are_forgotten(self):
+        """The master notices that nobody listens at their addresses."""
+        port = harness.free_port()
+        self.addCleanup(self.end_master, port)
+        with harness.Simulator(port, *LAUNCH) as killed:
+            killed.wait_for_topics(f"{BODY}/State")
+            killed.process.kill()
+            killed.process.wait()
+        self.assertIn(f"{BODY}/State", harness.published(port))
+        harness.wait_for(lambda: not harness.nodes(port), "it is unregistered")
 
     def test_a_second_simulator_joins_it(self):
         """The first one's master serves the second."""

@@ -6,9 +6,13 @@ use ambf_app::cli::{CliError, Parsed, SimulatorOptions};
 use ambf_app::{check, report, ros, simulator};
 
 fn main() {
-    if let Err(error) = ros::without_remappings() {
-        report!("{error}");
+    if let Some(ended) = ros_node::serve_master(std::env::args_os().skip(1), &ros_node::silent()) {
+        exit(i32::from(ended.is_err()));
     }
+    let arguments = ros::RosArguments::take().unwrap_or_else(|error| {
+        report!("the program cannot be started again without its arguments for ROS, which are ignored: {error}");
+        ros::RosArguments::default()
+    });
     let options = match SimulatorOptions::parse(std::env::args_os()) {
         Ok(Parsed::Run { options, notes }) => {
             notes.iter().for_each(|note| report!("{note}"));
@@ -23,8 +27,25 @@ fn main() {
     if let Some(check) = &options.check {
         exit(check::print(check));
     }
-    if let Err(error) = simulator::run(&options) {
+    if options.end_master {
+        exit(end_master());
+    }
+    if let Err(error) = simulator::run(&options, arguments) {
         report!("{error}");
         exit(error.status());
     }
+}
+
+/// Ends the master that a simulator left behind; the exit status.
+fn end_master() -> i32 {
+    let uri = ros_node::master_uri();
+    match ros_node::end_master(&uri) {
+        Ok(true) => ambf_app::print_line!("the master at {uri} has ended"),
+        Ok(false) => ambf_app::print_line!("no master answers at {uri}"),
+        Err(error) => {
+            report!("{error}");
+            return 1;
+        }
+    }
+    0
 }

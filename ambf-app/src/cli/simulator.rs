@@ -45,6 +45,8 @@ pub struct SimulatorOptions {
     pub model_indexes: Vec<usize>,
     /// Whether to run without any ROS communication; default: `false`.
     pub no_ros: bool,
+    /// Whether to end the ROS master that was left behind, instead of simulating; default: `false`.
+    pub end_master: bool,
     /// Whether the physics waits for the first step that a client asks for; default: `false`.
     pub hold: bool,
     /// Whether to print more about loading and running; default: `false`.
@@ -201,6 +203,9 @@ struct Arguments {
     #[arg(default_value = "false", default_missing_value = "true", value_parser = boolean, hide_default_value = true)]
     #[arg(action = clap::ArgAction::Set)]
     hold: bool,
+    /// End the ROS master that a simulator started and left behind, instead of simulating
+    #[arg(long = "end-master", help_heading = "ROS")]
+    end_master: bool,
 
     #[command(flatten)]
     physics: PhysicsOptions,
@@ -270,6 +275,7 @@ impl Arguments {
             model_indexes,
             no_ros: self.no_ros,
             hold: self.hold,
+            end_master: self.end_master,
             verbose: self.verbose,
             physics: self.physics,
             check,

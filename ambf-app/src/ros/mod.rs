@@ -16,22 +16,23 @@
 //! snapshot and commands are left in its mailboxes.
 //!
 //! ## Limitations
-//! `rosnode info` fails, because rosrust does not implement `getBusInfo`. The embedded master has no `/rosout_agg`, and
+//! `rosnode info` fails, because rosrust does not implement `getBusInfo`. The master that is started has no `/rosout_agg`, and
 //! `rosparam list` shows namespaces too. A client is connected to up to 0.1 s after it has registered.
 
 mod actuator;
+mod arguments;
 mod contact;
 mod ghost;
 pub mod messages;
 mod mismatch;
 mod models;
 pub mod naming;
+mod neighbours;
 mod objects;
 mod parameters;
 mod point_cloud;
 mod posed;
 mod received;
-mod remap;
 mod rigid_body;
 mod scheduler;
 mod sensor;
@@ -50,11 +51,11 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use ambf_core::comm::{Hub, Middleware};
-use ros_node::{Link, LinkOptions, Peer};
+use ros_node::{Link, LinkOptions, OwnMaster, Peer};
 
+pub use arguments::RosArguments;
 pub use models::{ModelHost, ModelReply};
 pub use point_cloud::{PointCloud, PointClouds};
-pub use remap::without_remappings;
 pub use ros_node::CallError;
 
 use crate::report;
@@ -62,6 +63,9 @@ use objects::{Objects, Told};
 use parameters::Parameters;
 use signal::Waker;
 use topics::Surroundings;
+
+/// Beginning of the node's name.
+const NODE_NAME: &str = "ambf_comm_node";
 
 /// How long one call to the master may take before it counts as absent.
 const MASTER_TIMEOUT: Duration = Duration::from_secs(1);
@@ -72,22 +76,24 @@ const STOP_TIMEOUT: Duration = Duration::from_secs(2);
 /// What the ROS side is told besides the hub.
 #[derive(Debug, Clone)]
 pub struct RosOptions {
-    /// Base of the node's name; process id and time are appended. Default: `ambf_comm_node`.
-    pub node_name: String,
+    /// What the command line says to ROS. Default: nothing; the node is then called `ambf_comm_node` with process id and time appended.
+    pub arguments: RosArguments,
+    /// What is done when no master answers at a local address. Default: one is started in this process.
+    pub own_master: OwnMaster,
     /// Haptic devices loaded, shown in the world's state. Default: 0.
     pub n_devices: u8,
 }
 
 impl Default for RosOptions {
     fn default() -> Self {
-        Self { node_name: "ambf_comm_node".into(), n_devices: 0 }
+        Self { arguments: RosArguments::default(), own_master: OwnMaster::InProcess, n_devices: 0 }
     }
 }
 
 /// Serves the objects of a hub to ROS 1.
 ///
-/// Objects that come and go in the hub are followed. The environment (`ROS_MASTER_URI`, `ROS_IP`, `ROS_HOSTNAME`, `ROS_NAMESPACE`) is honoured. Without a master, one is started in
-/// this process if the address is one of this machine; otherwise the simulation goes on and the master is asked for every second.
+/// Objects that come and go in the hub are followed. The environment (`ROS_MASTER_URI`, `ROS_IP`, `ROS_HOSTNAME`, `ROS_NAMESPACE`) is honoured. Without a master, one is started
+/// if the address is one of this machine ([`RosOptions::own_master`]); otherwise the simulation goes on and the master is asked for every second.
 pub struct RosMiddleware {
     options: RosOptions,
     clouds: Arc<PointClouds>,
@@ -115,6 +121,11 @@ impl RosMiddleware {
         self
     }
 
+    /// Whether somebody told the node to shut down (`rosnode kill`).
+    pub fn is_dismissed(&self) -> bool {
+        self.running.as_ref().is_some_and(|running| running.link.is_dismissed())
+    }
+
     /// Point clouds that clients publish, to be drawn.
     pub fn point_clouds(&self) -> Arc<PointClouds> {
         Arc::clone(&self.clouds)
@@ -128,14 +139,16 @@ impl Middleware for RosMiddleware {
         if self.running.is_some() {
             return Ok(());
         }
-        let master = Peer::new(&ros_node::master_uri(), &format!("/{}", self.options.node_name), MASTER_TIMEOUT)?;
+        let master = Peer::new(&ros_node::master_uri(), &format!("/{NODE_NAME}"), MASTER_TIMEOUT)?;
+        let RosOptions { arguments, own_master, n_devices } = self.options.clone();
         mismatch::report_mismatches();
         hub.set_listening();
         let waker = Arc::<Waker>::default();
         let link = Arc::new(Link::new(LinkOptions {
             master: master.clone(),
-            name: self.options.node_name.clone(),
-            embedded_master: true,
+            name: arguments.node_name(NODE_NAME),
+            own_master,
+            parameters: arguments.parameters.clone(),
             report: Arc::new(crate::report::report),
         }));
         let (publisher, entries) = channel();
@@ -144,10 +157,11 @@ impl Middleware for RosMiddleware {
         let mut objects = Objects::new(Surroundings {
             hub: Arc::clone(&hub),
             waker: Arc::clone(&waker),
-            n_devices: self.options.n_devices,
+            n_devices,
             master,
             models: self.models.clone(),
             steppables: Arc::default(),
+            arguments,
         });
         objects.follow(&told);
         let (alive, ended) = channel();

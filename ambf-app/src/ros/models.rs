@@ -41,9 +41,12 @@ pub trait ModelHost: Send + Sync {
     fn list(&self) -> Vec<(String, PathBuf)>;
 }
 
-/// The services `<world>/add_model`, `<world>/remove_model` and `<world>/list_models`; `world` is `/<namespace>/World`.
-pub(super) fn services(world: &str, master: &Peer, host: &Arc<dyn ModelHost>) -> [Arc<dyn Announcement>; 3] {
-    let name = |service: &str| format!("{world}/{service}");
+/// The services `add_model`, `remove_model` and `list_models`; `name` gives the full name of each.
+pub(super) fn services(
+    name: impl Fn(&str) -> String,
+    master: &Peer,
+    host: &Arc<dyn ModelHost>,
+) -> [Arc<dyn Announcement>; 3] {
     let (adder, remover, lister) = (Arc::clone(host), Arc::clone(host), Arc::clone(host));
     [
         Service::<AddModel>::new(name("add_model"), master.clone(), move |request| add(&*adder, &request)),

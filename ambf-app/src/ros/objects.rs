@@ -100,6 +100,7 @@ impl Objects {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::ros::arguments::RosArguments;
     use crate::ros::models::{ModelHost, ModelReply};
     use ambf_core::comm::{Hub, ObjectInfo, ObjectKind, Rates, SensorInfo, SensorType};
     use ros_node::{Direction, Peer};
@@ -141,6 +142,7 @@ mod tests {
             master,
             models,
             steppables: Arc::default(),
+            arguments: RosArguments::default(),
         })
     }
 

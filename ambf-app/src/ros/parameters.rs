@@ -10,6 +10,7 @@ use dxr::Value;
 use ros_node::{Announcement, CallError, Link, Peer};
 
 use super::naming::graph_name;
+use super::neighbours::Neighbours;
 use super::point_cloud::{subscriptions, PointClouds};
 use super::posed::ParentName;
 use super::signal::Complaints;
@@ -49,6 +50,8 @@ pub(super) struct ParameterChange {
     pub lights: Vec<Parameterised<LightParameters>>,
     /// `/<namespace>/World`.
     pub worlds: Vec<String>,
+    /// Topics with their states.
+    pub world_states: Vec<String>,
     /// Positions in the hub, with or without parameters.
     pub removed: Vec<usize>,
 }
@@ -357,6 +360,9 @@ pub(super) struct Parameters {
     cameras: Vec<Watched<CameraParameters>>,
     lights: Vec<Watched<LightParameters>>,
     worlds: Vec<CloudTopics>,
+    /// Topics with the states of the worlds.
+    world_states: Vec<String>,
+    neighbours: Neighbours,
     /// Parameters of objects that are gone, still to be deleted.
     gone: Vec<String>,
     clouds: Arc<PointClouds>,
@@ -365,8 +371,8 @@ pub(super) struct Parameters {
 impl Parameters {
     /// Parameters of the objects that come through `changes`.
     pub fn new(hub: Arc<Hub>, link: Arc<Link>, changes: Receiver<ParameterChange>, clouds: Arc<PointClouds>) -> Self {
-        let (cameras, lights, worlds, gone) = Default::default();
-        Self { hub, link, changes, cameras, lights, worlds, gone, clouds }
+        let (cameras, lights, worlds, world_states, neighbours, gone) = Default::default();
+        Self { hub, link, changes, cameras, lights, worlds, world_states, neighbours, gone, clouds }
     }
 
     /// Writes and polls until the link is stopped. A master that does not answer is the link's business to report.
@@ -377,7 +383,9 @@ impl Parameters {
             }
             let generation = self.link.generation();
             if generation != 0 {
-                let _ = self.visit(&self.link.master(), generation);
+                let master = self.link.master();
+                let _ = self.visit(&master, generation);
+                let _ = self.neighbours.look(&master, master.caller(), &self.world_states);
             }
             let wait = if generation == 0 { IMPATIENT_POLL } else { POLL };
             if self.link.stop.wait(wait) {
@@ -394,6 +402,7 @@ impl Parameters {
         for world in &change.worlds {
             self.worlds.push(CloudTopics::new(world, &self.link, &self.clouds));
         }
+        self.world_states.extend(change.world_states);
         // What has another owner now is overwritten, not deleted.
         let of_cameras = self.cameras.iter().flat_map(Watched::keys);
         let owned: HashSet<String> = of_cameras.chain(self.lights.iter().flat_map(Watched::keys)).collect();
@@ -428,7 +437,7 @@ fn remove<P: OnServer>(objects: &mut Vec<Watched<P>>, removed: &[usize]) -> Vec<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use ros_node::LinkOptions;
+    use ros_node::{LinkOptions, NodeName, OwnMaster};
 
     fn tree(values: Vec<(&str, Value)>) -> Tree {
         values.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
@@ -485,8 +494,9 @@ mod tests {
         let hub = Arc::new(Hub::new(Vec::new()));
         let link = Link::new(LinkOptions {
             master: master.clone(),
-            name: "test".into(),
-            embedded_master: false,
+            name: NodeName::Anonymous("test".into()),
+            own_master: OwnMaster::None,
+            parameters: Vec::new(),
             report: ros_node::silent(),
         });
         let mut parameters = Parameters::new(hub, Arc::new(link), changes, Arc::default());

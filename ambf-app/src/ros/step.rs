@@ -71,10 +71,10 @@ impl Steppables {
     }
 }
 
-/// The service.
-pub(super) fn service(world: &str, master: &Peer, hub: &Arc<Hub>, objects: &Arc<Steppables>) -> Arc<Service<Step>> {
+/// The service, called `name`.
+pub(super) fn service(name: String, master: &Peer, hub: &Arc<Hub>, objects: &Arc<Steppables>) -> Arc<Service<Step>> {
     let (hub, objects) = (Arc::clone(hub), Arc::clone(objects));
-    Service::new(format!("{world}/step"), master.clone(), move |request| {
+    Service::new(name, master.clone(), move |request| {
         answer(&hub, &objects, &request).unwrap_or_else(|message| StepRes {
             success: false,
             message,

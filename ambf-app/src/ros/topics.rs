@@ -9,6 +9,7 @@ use ambf_core::comm::{
 use ros_node::{Announcement, Peer, Publication};
 use rosrust::Message;
 
+use super::arguments::RosArguments;
 use super::messages::ambf_msgs;
 use super::models::{self, ModelHost};
 use super::parameters::{ParameterChange, Parameterised};
@@ -77,6 +78,8 @@ pub(super) struct Surroundings {
     pub models: Option<Arc<dyn ModelHost>>,
     /// What steps can command and observe.
     pub steppables: Arc<Steppables>,
+    /// What the command line says.
+    pub arguments: RosArguments,
 }
 
 /// Makes the topics of the object at position `object`, whose name is `name` (`/<namespace>/<name>`), and adds them to `served`.
@@ -111,13 +114,14 @@ impl Builder<'_> {
         commanded: bool,
         message: impl FnMut(Option<&Snapshot>) -> Option<M> + Send + 'static,
     ) {
-        let publication = Publication::new(topic);
+        let publication = Publication::new(self.around.arguments.mapped(topic));
         self.served.announcements.push(Arc::clone(&publication) as Arc<dyn Announcement>);
         let outlet = Box::new(StateOutlet { publication, message });
         self.served.entries.push(Entry::new(outlet, rates, self.object, commanded, self.around.hub.now()));
     }
 
     fn subscribe<M: FromClient>(&mut self, topic: String, on_message: impl FnMut(M) + Send + 'static) {
+        let topic = self.around.arguments.mapped(topic);
         let subscription = received::subscription(&self.around.master, topic, LONGEST_COMMAND, on_message);
         self.served.announcements.push(subscription);
     }
@@ -164,11 +168,13 @@ impl Builder<'_> {
         });
         self.subscribe(format!("{name}/Command/Reset"), world::on_reset(Arc::clone(&self.around.hub)));
         self.subscribe(format!("{name}/Command/Reset/Bodies"), world::on_body_reset(Arc::clone(&self.around.hub)));
-        let Surroundings { hub, master, steppables, .. } = self.around;
-        self.served.announcements.push(step::service(&name, master, hub, steppables));
+        let Surroundings { hub, master, steppables, arguments, .. } = self.around;
+        let full_name = |service: &str| arguments.mapped(format!("{name}/{service}"));
+        self.served.announcements.push(step::service(full_name("step"), master, hub, steppables));
         if let Some(host) = &self.around.models {
-            self.served.announcements.extend(models::services(&name, &self.around.master, host));
+            self.served.announcements.extend(models::services(full_name, &self.around.master, host));
         }
+        self.served.parameters.world_states.push(full_name("State"));
         self.served.parameters.worlds.push(name);
     }
 

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, Weak};
 use std::time::Duration;
 
 use dxr::Value;
-use ros_node::{Announcement, CallError, Link, LinkOptions, Node, Peer, Stop};
+use ros_node::{Announcement, CallError, Link, LinkOptions, Node, NodeName, OwnMaster, Peer, Stop};
 
 use crate::arm::ArmError;
 use crate::dialect::Topics;
@@ -69,9 +69,10 @@ impl Hub {
         };
         let options = LinkOptions {
             master: Peer::new(&ros_node::master_uri(), "/dvrk_arm", MASTER_TIMEOUT)?,
-            name: String::from("dvrk_arm"),
+            name: NodeName::Anonymous("dvrk_arm".into()),
             // The simulator starts one if it is to be started.
-            embedded_master: false,
+            own_master: OwnMaster::None,
+            parameters: Vec::new(),
             report: Arc::new(report),
         };
         let node = Node::start(options).map_err(ArmError::Thread)?;

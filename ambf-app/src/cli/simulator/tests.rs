@@ -45,6 +45,7 @@ fn defaults_are_those_of_the_original() {
         model_files: vec![],
         model_indexes: vec![1],
         no_ros: false,
+        end_master: false,
         hold: false,
         verbose: false,
         physics: PhysicsOptions::default(),
@@ -117,6 +118,7 @@ fn every_long_name_sets_its_option() {
         model_files: ["a.yaml", "b.yaml"].map(PathBuf::from).to_vec(),
         model_indexes: vec![1, 6, 10],
         no_ros: true,
+        end_master: false,
         hold: true,
         verbose: true,
         physics: PhysicsOptions {

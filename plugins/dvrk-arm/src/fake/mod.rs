@@ -15,7 +15,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use nalgebra::Isometry3;
-use ros_node::{LinkOptions, Node, Peer, Report};
+use ros_node::{LinkOptions, Node, NodeName, OwnMaster, Peer, Report};
 
 use crate::arm::ArmError;
 use crate::dialect::{Dialect, Names};
@@ -416,8 +416,9 @@ fn connect(
 ) -> std::io::Result<(Node, Wired)> {
     let node = Node::start(LinkOptions {
         master: master.clone(),
-        name: String::from("fake_dvrk"),
-        embedded_master: options.embedded_master,
+        name: NodeName::Anonymous("fake_dvrk".into()),
+        own_master: if options.embedded_master { OwnMaster::InProcess } else { OwnMaster::None },
+        parameters: Vec::new(),
         report: Arc::clone(&options.report),
     })?;
     let wired = Wired::new(world, dialect, master.clone());
