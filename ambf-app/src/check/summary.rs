@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use ambf_core::adf::{Entry, FileKind, Outline};
+use ambf_core::adf::{is_version_key, Entry, FileKind, Outline};
 use ambf_core::scene::Scene;
 use serde_json::{json, Map, Value};
 
@@ -93,7 +93,7 @@ pub fn written(outline: &Outline, kind: FileKind) -> Counts {
             counts.set("plugins", listed("plugins") + listed("device plugins"));
         }
         FileKind::InputDevices => counts.set("devices", listed("input devices")),
-        FileKind::ColorTable => counts.set("colours", root.keys().filter(|key| *key != "adf version").count()),
+        FileKind::ColorTable => counts.set("colours", root.keys().filter(|key| !is_version_key(key)).count()),
     }
     counts
 }
