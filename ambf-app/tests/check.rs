@@ -540,6 +540,16 @@ fn alternatives_in_a_launch_file_do_not_disturb_each_other() {
     );
     let alone = check(&folder, "twin.yaml").0;
     assert_eq!(faults, self::faults(&alone));
+    // A body that is dropped is not found in an alternative that has it too.
+    folder.write("launch.yaml", "multibody configs: [left.yaml, broken.yaml]\n");
+    let broken =
+        arm("BODY Post").replace("[BODY Hand]", "[BODY Hand, BODY Post]") + "BODY Post: {mass: 0, mesh: absent.stl}\n";
+    folder.write("broken.yaml", &broken);
+    let (document, status) = check(&folder, "launch.yaml");
+    assert_eq!((status, &row(&document, "broken.yaml")["needs"]), (2, &serde_json::json!([])), "{document:#}");
+    assert!(self::faults(&document)
+        .iter()
+        .any(|line| line.ends_with("`J` is dropped: parent `BODY Post` is not found")));
 }
 
 #[test]

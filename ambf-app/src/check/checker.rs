@@ -8,7 +8,7 @@ use ambf_core::adf::{self, ColorTable, FileKind, InputDevices, Launch, LoadError
 use ambf_core::scene::{load, read_model, Loaded, Note, SceneFiles, SceneOptions};
 use ambf_core::urdf;
 
-use super::companions::{canonical, Companions, Looked, Place};
+use super::companions::{canonical, listed_names, Companions, Looked, Place};
 use super::files::Files;
 use super::finding::{Finding, Level};
 use super::pass::Pass;
@@ -253,6 +253,11 @@ impl Checker {
                     notes.unwrap_or_default().into_iter().filter(|note| !is_of_world(note)).collect()
                 }
             };
+            // What the file itself lists, but was dropped, is no matter of other models, even if one has the like.
+            let own = if notes.is_empty() { Vec::new() } else { file.map(listed_names).unwrap_or_default() };
+            let is_own =
+                |note: &Note| note.wanted.as_ref().is_some_and(|text| own.iter().any(|name| name.contains(text)));
+            let notes: Vec<Note> = notes.into_iter().filter(|note| !is_own(note)).collect();
             if notes.is_empty() {
                 continue;
             }

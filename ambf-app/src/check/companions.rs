@@ -6,8 +6,9 @@
 use std::cell::OnceCell;
 use std::path::{Path, PathBuf};
 
-use ambf_core::adf::{Severity, SourcePos};
+use ambf_core::adf::{Entry, Outline, Severity, SourcePos};
 use ambf_core::scene::{load, read_model, Loaded, Note, SceneFiles, SceneOptions};
+use ambf_core::urdf;
 
 use super::summary::{built, Counts};
 
@@ -125,6 +126,26 @@ fn names_of(path: &Path) -> Vec<String> {
     let ghosts = model.ghosts.iter().map(|ghost| &ghost.common);
     let all = bodies.chain(cameras).chain(lights).chain(ghosts);
     all.map(|common| format!("{}{}", common.namespace, common.identifier)).collect()
+}
+
+/// Qualified identifiers of what a file lists and others can name, also of what is dropped when the file is built.
+pub(super) fn listed_names(path: &Path) -> Vec<String> {
+    if urdf::is_urdf(path) {
+        return names_of(path);
+    }
+    let Ok(outline) = Outline::load(path) else { return Vec::new() };
+    let root = outline.root();
+    let namespace_of =
+        |entry: Option<Entry<'_>>| entry.and_then(|entry| entry.get("namespace")?.text().map(str::to_owned));
+    let file = namespace_of(Some(root)).unwrap_or_default();
+    let lists = ["bodies", "cameras", "lights", "ghost objects"].into_iter().filter_map(|list| root.get(list));
+    let identifiers = lists.flat_map(Entry::items).filter_map(Entry::text);
+    let qualified = |identifier: &str| match namespace_of(root.get(identifier)) {
+        Some(own) if own.starts_with('/') => format!("{own}{identifier}"),
+        Some(own) => format!("{file}{own}{identifier}"),
+        None => format!("{file}{identifier}"),
+    };
+    identifiers.map(qualified).collect()
 }
 
 /// Whether the name of `note` is looked for in vain in a scene with these remarks too.
