@@ -510,6 +510,26 @@ fn names_that_no_model_has_stay_errors() {
 }
 
 #[test]
+fn what_an_element_looks_for_once_its_first_name_is_found_is_judged_too() {
+    let folder = Folder::new();
+    folder.write("launch.yaml", "multibody configs: [chassis.yaml, wheel.yaml, drive.yaml]\n");
+    folder.write("chassis.yaml", &post("/car/", "Chassis", 10));
+    folder.write("wheel.yaml", &post("/wheel/", "Wheel", 1));
+    let drive = "bodies: []\nvehicles: [V]\nV: {name: V, chassis: BODY Chassis, wheels: [{body: BODY Wheel, radius: 0.1, friction: 1, \
+                 roll influence: 0.1, down direction: {x: 0, y: 0, z: -1}, axel direction: {x: 0, y: 1, z: 0}, offset: {x: 0, y: 0, z: 0}, \
+                 suspension: {stiffness: 1, damping: 1, compression: 1, rest length: 1}}]}\n";
+    folder.write("drive.yaml", drive);
+    let (document, status) = check(&folder, "launch.yaml");
+    assert_eq!((status, faults(&document)), (0, vec![]), "{document:#}");
+    assert_eq!(row(&document, "drive.yaml")["needs"], serde_json::json!([["chassis.yaml"], ["wheel.yaml"]]));
+    assert_eq!(row(&document, "drive.yaml")["built"]["vehicles"], 1);
+    folder.write("drive.yaml", &drive.replace("BODY Wheel", "BODY Weel"));
+    let (document, status) = check(&folder, "launch.yaml");
+    let expected = "drive.yaml: `V`: wheel `BODY Weel` is not found; the wheel rolls, but no body shows it";
+    assert_eq!((status, faults(&document)), (2, vec![expected.to_owned()]));
+}
+
+#[test]
 fn alternatives_in_a_launch_file_do_not_disturb_each_other() {
     let folder = Folder::new();
     let listed = "multibody configs: [left.yaml, right.yaml, arm.yaml, arm.yaml, twin.yaml]\n";

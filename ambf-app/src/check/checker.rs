@@ -261,8 +261,9 @@ impl Checker {
             if notes.is_empty() {
                 continue;
             }
-            let Looked { places, revealed } = companions.look(subject, &notes);
-            self.findings.extend(revealed.iter().map(Finding::of_note));
+            let known = notes.len();
+            let Looked { notes, places, revealed } = companions.look(subject, notes);
+            self.findings.extend(notes[known..].iter().chain(&revealed).map(Finding::of_note));
             let mut needed: Vec<Vec<usize>> = Vec::new();
             for (note, place) in notes.into_iter().zip(places) {
                 let addition = match place {

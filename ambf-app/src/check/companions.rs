@@ -38,9 +38,11 @@ pub(super) enum Place {
 /// What the other models have for a file.
 #[derive(Debug, Default)]
 pub(super) struct Looked {
-    /// Where each of the names stands.
+    /// Names that were looked for: those that were asked for, then those that their elements look for once they are found.
+    pub notes: Vec<Note>,
+    /// Where each of them stands.
     pub places: Vec<Place>,
-    /// What is wrong with the elements once their names are found.
+    /// What else is wrong with the elements once their names are found.
     pub revealed: Vec<Note>,
 }
 
@@ -55,13 +57,54 @@ impl<'l> Companions<'l> {
     }
 
     /// Looks for what `notes` on the model `subject`, or on the world, did not find.
-    pub fn look(&self, subject: Option<usize>, notes: &[Note]) -> Looked {
+    pub fn look(&self, subject: Option<usize>, notes: Vec<Note>) -> Looked {
+        let mut looked = Looked { notes, ..Looked::default() };
+        // One of the models for each name that was found.
+        let mut needed: Vec<usize> = Vec::new();
+        while looked.places.len() < looked.notes.len() {
+            let places = self.places(subject, &looked.notes[looked.places.len()..], &needed);
+            let first = places.iter().filter_map(|place| match place {
+                Place::With(models) => models.first().copied(),
+                Place::Nowhere | Place::Before(_) => None,
+            });
+            let known = needed.len();
+            needed.extend(first);
+            let is_mended = needed.len() > known;
+            looked.places.extend(places);
+            if is_mended {
+                self.reveal(&mut looked, &order(subject, &needed));
+            }
+        }
+        looked
+    }
+
+    /// What is said about elements whose names are found when `models` are loaded.
+    fn reveal(&self, looked: &mut Looked, models: &[usize]) {
+        for remark in self.load(models).report.notes {
+            let is_mended = |(note, place): (&Note, &Place)| {
+                matches!(place, Place::With(_)) && is_same_place(&note.source, &remark.source)
+            };
+            let is_known = |note: &Note| note.wanted == remark.wanted && is_same_place(&note.source, &remark.source);
+            if !looked.notes.iter().zip(&looked.places).any(is_mended) {
+                continue;
+            }
+            if remark.wanted.is_none() {
+                if is_fault(&remark) && !looked.revealed.contains(&remark) {
+                    looked.revealed.push(remark);
+                }
+            } else if !looked.notes.iter().any(is_known) {
+                looked.notes.push(remark);
+            }
+        }
+    }
+
+    /// Where names stand that `notes` on `subject` did not find with the models `with`.
+    fn places(&self, subject: Option<usize>, notes: &[Note], with: &[usize]) -> Vec<Place> {
         let mut found: Vec<Vec<usize>> = vec![Vec::new(); notes.len()];
         let mut before: Vec<Option<usize>> = vec![None; notes.len()];
-        let mut revealed = Vec::new();
         for other in 0..self.models.len() {
             let is_subject = subject.is_some_and(|subject| self.canonical[subject] == self.canonical[other]);
-            if is_subject || self.canonical[..other].contains(&self.canonical[other]) {
+            if is_subject || with.contains(&other) || self.canonical[..other].contains(&self.canonical[other]) {
                 continue;
             }
             let asked = |&n: &usize| found[n].len() < MAX_NAMED && self.may_hold(other, notes[n].wanted.as_deref());
@@ -69,20 +112,15 @@ impl<'l> Companions<'l> {
             if asked.is_empty() {
                 continue;
             }
-            let mut order: Vec<usize> = subject.into_iter().chain([other]).collect();
-            order.sort_unstable();
-            let remarks = self.load(&order).report.notes;
+            let others: Vec<usize> = with.iter().copied().chain([other]).collect();
+            let remarks = self.load(&order(subject, &others)).report.notes;
             let (open, mended): (Vec<_>, Vec<_>) = asked.into_iter().partition(|&n| is_open(&remarks, &notes[n]));
-            for n in mended {
-                if found[n].is_empty() {
-                    let of_element = |note: &&Note| is_same_place(&note.source, &notes[n].source) && is_fault(note);
-                    revealed.extend(remarks.iter().filter(of_element).cloned());
-                }
-                found[n].push(other);
-            }
+            mended.into_iter().for_each(|n| found[n].push(other));
             let Some(subject) = subject.filter(|&subject| subject < other) else { continue };
             if open.iter().any(|&n| before[n].is_none()) {
-                let remarks = self.load(&[other, subject]).report.notes;
+                let mut others = order(None, &others);
+                others.push(subject);
+                let remarks = self.load(&others).report.notes;
                 for n in open.into_iter().filter(|&n| !is_open(&remarks, &notes[n])) {
                     before[n].get_or_insert(other);
                 }
@@ -93,14 +131,12 @@ impl<'l> Companions<'l> {
             (true, Some(model)) => Place::Before(model),
             (true, None) => Place::Nowhere,
         };
-        Looked { places: found.into_iter().zip(before).map(place).collect(), revealed }
+        found.into_iter().zip(before).map(place).collect()
     }
 
     /// What becomes of the model `subject` when `others` are loaded too.
     pub fn built_with(&self, subject: usize, others: &[usize]) -> Counts {
-        let mut all: Vec<usize> = others.iter().copied().chain([subject]).collect();
-        all.sort_unstable();
-        all.dedup();
+        let all = order(Some(subject), others);
         let without: Vec<usize> = all.iter().copied().filter(|&model| model != subject).collect();
         built(&self.load(&all).scene).minus(&built(&self.load(&without).scene))
     }
@@ -115,6 +151,14 @@ impl<'l> Companions<'l> {
         let names = self.names[model].get_or_init(|| names_of(&self.models[model]));
         text.is_some_and(|text| names.iter().any(|name| name.contains(text)))
     }
+}
+
+/// Models in the order of the list, each once.
+fn order(subject: Option<usize>, others: &[usize]) -> Vec<usize> {
+    let mut all: Vec<usize> = others.iter().copied().chain(subject).collect();
+    all.sort_unstable();
+    all.dedup();
+    all
 }
 
 /// Qualified identifiers of what elements of other models can name.
