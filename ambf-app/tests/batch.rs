@@ -329,3 +329,20 @@ fn two_runs_are_the_same_to_the_last_bit() {
         }
     }
 }
+
+#[test]
+fn coefficients_of_soft_bodies_beyond_the_range_of_bullet_are_clamped_in_the_accurate_profile() {
+    let folder = Folder::new();
+    let mesh = resources().join("meshes/cloth.obj").display().to_string();
+    folder.write(
+        "m.yaml",
+        &format!("bodies: []\nsoft bodies: [S]\nS:\n  name: S\n  mass: 0.2\n  mesh: {mesh}\n  config:\n    kLST: 5\n"),
+    );
+    for (profile, status) in [("legacy", 3), ("accurate", 0)] {
+        let ran = folder.run(&format!("-a m.yaml --steps 200 --profile {profile}"));
+        assert_eq!(ran.status, status, "{ran:?}");
+        let expected =
+            "m.yaml:8:11: warning: `S / config / kLST` is `5`, expected 0 to 1, the range that Bullet gives for it";
+        assert!(ran.stderr.contains(expected), "{ran:?}");
+    }
+}

@@ -199,3 +199,17 @@ fn values_are_rounded_as_on_the_wire() {
     close(bodies.at(100, "Cart", "vy"), speed(f64::from(1000.1_f32)), 1e-8);
     assert!((speed(f64::from(1000.1_f32)) - speed(1000.1)).abs() > 1e-7, "the test cannot tell");
 }
+
+#[test]
+fn bodies_are_named_by_full_names_names_and_parts_of_them() {
+    let folder = Folder::new();
+    let model = format!("namespace: /n/\n{FREE}");
+    for name in ["Free", "/n/Free", "/n/BODY Free", "Y Fr"] {
+        let csv = folder.float(&model, &format!("0|0|TW|{name}|0.25 0 0 0 0 0\n"), 1);
+        assert_eq!(csv.at(1, "Free", "vx"), 0.25, "{name}");
+    }
+    folder.write("commands.txt", "\n0|0|TW|BODY|0 0 0 0 0 0\n");
+    let ran = folder.run("-a model.yaml --world world.yaml --commands commands.txt --steps 1");
+    let expected = "commands.txt:2: `BODY` is part of several: `/n/BODY Free`, `/n/BODY Fixed`; write more of the name of the body";
+    assert!(ran.status == 2 && ran.stderr.contains(expected), "{ran:?}");
+}

@@ -409,6 +409,195 @@ fn models_of_a_scene_are_built_together() {
     assert!(problem(&document, "no such model")["message"].as_str().expect("a text").contains("99"));
 }
 
+/// A joint of an arm to a body that is not in its file, and the arm.
+fn arm(parent: &str) -> String {
+    format!(
+        "namespace: /arm/\nbodies: [BODY Hand]\njoints: [J]\ncameras: [Eye]\n\
+         BODY Hand: {{name: Hand, mass: 1, collision shape: Sphere, collision geometry: {{radius: 0.1}}}}\n\
+         J: {{name: J, type: fixed, parent: {parent}, child: BODY Hand, parent pivot: {{x: 0, y: 0, z: 0}}, \
+         child pivot: {{x: 0, y: 0, z: 0}}, parent axis: {{x: 0, y: 0, z: 1}}, child axis: {{x: 0, y: 0, z: 1}}}}\n\
+         Eye: {{name: Eye, parent: {parent}}}\n"
+    )
+}
+
+fn post(namespace: &str, body: &str, mass: u32) -> String {
+    format!("namespace: {namespace}\nbodies: [BODY {body}]\nBODY {body}: {{name: {body}, mass: {mass}, inertia: {{ix: 1, iy: 1, iz: 1}}}}\n")
+}
+
+/// Messages of warnings and errors about what a launch file names.
+fn faults(document: &Value) -> Vec<String> {
+    let problems = document["problems"].as_array().expect("a list").iter();
+    let text =
+        |problem: &Value| format!("{}: {}", problem["file"].as_str().unwrap(), problem["message"].as_str().unwrap());
+    problems.filter(|problem| problem["severity"] != "info" && problem["file"] != "launch.yaml").map(text).collect()
+}
+
+fn row<'d>(document: &'d Value, file: &str) -> &'d Value {
+    let rows = document["files"].as_array().expect("a list");
+    rows.iter().find(|row| row["file"] == file).unwrap_or_else(|| panic!("no line of {file}: {document:#}"))
+}
+
+#[test]
+fn models_of_a_launch_file_find_names_in_each_other() {
+    let folder = Folder::new();
+    folder.write("launch.yaml", "world config: w.yaml\nmultibody configs: [post.yaml, arm.yaml, lamp.yaml]\n");
+    folder.write(
+        "w.yaml",
+        "enclosure: {length: 4, width: 4, height: 2}\ncameras: [Front]\nFront: {name: Front, parent: BODY Hand}\n",
+    );
+    folder.write("post.yaml", &post("/cell/", "Post", 0));
+    folder.write("arm.yaml", &arm("BODY Post"));
+    folder.write("lamp.yaml", "namespace: /cell/\nbodies: []\nlights: [L]\nL: {name: L, parent: /arm/Eye}\n");
+    let (document, status) = check(&folder, "launch.yaml");
+    assert_eq!((status, faults(&document)), (0, vec![]), "{document:#}");
+    assert_eq!(row(&document, "arm.yaml")["needs"], serde_json::json!([["post.yaml"]]));
+    assert_eq!(row(&document, "arm.yaml")["built"], serde_json::json!({"bodies": 1, "joints": 1, "cameras": 1}));
+    assert_eq!(row(&document, "lamp.yaml")["needs"], serde_json::json!([["arm.yaml"]]));
+    assert_eq!(row(&document, "w.yaml")["needs"], serde_json::json!([["arm.yaml"]]));
+    assert_eq!(row(&document, "post.yaml")["needs"], serde_json::json!([]));
+    let problems = document["problems"].as_array().expect("a list").iter();
+    let needs: Vec<_> =
+        problems.filter(|problem| problem["kind"] == "other model").map(|p| p["message"].as_str().unwrap()).collect();
+    assert_eq!(
+        needs,
+        [
+            "`Front` needs `BODY Hand`, which is in arm.yaml; it is found together with that file (`-l 1`)",
+            "`J` needs `BODY Post`, which is in post.yaml; this model is to be loaded together with that file (`-l 0,1`)",
+            "`/arm/Eye` needs `BODY Post`, which is in post.yaml; this model is to be loaded together with that file (`-l 0,1`)",
+            "`/cell/L` needs `/arm/Eye`, which is in arm.yaml; this model is to be loaded together with that file (`-l 1,2`)",
+        ]
+    );
+    let text = folder.run("--check launch.yaml").stdout;
+    assert!(
+        text.lines().any(|line| line.starts_with("arm.yaml") && line.contains("1/1") && line.ends_with("post.yaml")),
+        "{text}"
+    );
+    // In whatever order files are named, and whatever other file is named.
+    assert_eq!(check(&folder, "arm.yaml launch.yaml").1, 0);
+    assert_eq!(check(&folder, "launch.yaml ./arm.yaml").1, 0);
+    assert_eq!(check(&folder, "arm.yaml").1, 2, "alone it is not whole");
+}
+
+#[test]
+fn names_that_no_model_has_stay_errors() {
+    let folder = Folder::new();
+    folder.write("launch.yaml", "multibody configs: [post.yaml, arm.yaml]\n");
+    folder.write("post.yaml", &post("/cell/", "Post", 0));
+    folder.write("arm.yaml", &arm("BODY Pots"));
+    let (document, status) = check(&folder, "launch.yaml");
+    assert_eq!(status, 2);
+    let expected = [
+        "arm.yaml: `J` is dropped: parent `BODY Pots` is not found",
+        "arm.yaml: `/arm/Eye`: parent `BODY Pots` is not found; it stays where it is",
+    ];
+    assert_eq!(faults(&document), expected);
+    assert_eq!(row(&document, "arm.yaml")["built"]["joints"], Value::Null);
+    // A body is looked for in the models before; a camera's parent in all.
+    folder.write("launch.yaml", "multibody configs: [arm.yaml, post.yaml]\n");
+    folder.write("arm.yaml", &arm("BODY Post"));
+    let (document, status) = check(&folder, "launch.yaml");
+    assert_eq!(status, 2);
+    assert_eq!(
+        faults(&document),
+        ["arm.yaml: `J` is dropped: parent `BODY Post` is not found; it is in post.yaml, which the launch file lists later: list that file \
+          before this one, or load it first (`-l 1,0`)"]
+    );
+    // What is wrong beside the name shows when the name is found.
+    folder.write("launch.yaml", "multibody configs: [post.yaml, car.yaml]\n");
+    folder.write("car.yaml", "bodies: []\nvehicles: [V]\nV: {name: V, chassis: BODY Post, wheels: []}\n");
+    let faults = faults(&check(&folder, "launch.yaml").0);
+    assert_eq!(faults, ["car.yaml: `V` is dropped: its chassis has no mass and cannot drive"]);
+}
+
+#[test]
+fn what_an_element_looks_for_once_its_first_name_is_found_is_judged_too() {
+    let folder = Folder::new();
+    folder.write("launch.yaml", "multibody configs: [chassis.yaml, wheel.yaml, drive.yaml]\n");
+    folder.write("chassis.yaml", &post("/car/", "Chassis", 10));
+    folder.write("wheel.yaml", &post("/wheel/", "Wheel", 1));
+    let drive = "bodies: []\nvehicles: [V]\nV: {name: V, chassis: BODY Chassis, wheels: [{body: BODY Wheel, radius: 0.1, friction: 1, \
+                 roll influence: 0.1, down direction: {x: 0, y: 0, z: -1}, axel direction: {x: 0, y: 1, z: 0}, offset: {x: 0, y: 0, z: 0}, \
+                 suspension: {stiffness: 1, damping: 1, compression: 1, rest length: 1}}]}\n";
+    folder.write("drive.yaml", drive);
+    let (document, status) = check(&folder, "launch.yaml");
+    assert_eq!((status, faults(&document)), (0, vec![]), "{document:#}");
+    assert_eq!(row(&document, "drive.yaml")["needs"], serde_json::json!([["chassis.yaml"], ["wheel.yaml"]]));
+    assert_eq!(row(&document, "drive.yaml")["built"]["vehicles"], 1);
+    folder.write("drive.yaml", &drive.replace("BODY Wheel", "BODY Weel"));
+    let (document, status) = check(&folder, "launch.yaml");
+    let expected = "drive.yaml: `V`: wheel `BODY Weel` is not found; the wheel rolls, but no body shows it";
+    assert_eq!((status, faults(&document)), (2, vec![expected.to_owned()]));
+}
+
+#[test]
+fn alternatives_in_a_launch_file_do_not_disturb_each_other() {
+    let folder = Folder::new();
+    let listed = "multibody configs: [left.yaml, right.yaml, arm.yaml, arm.yaml, twin.yaml]\n";
+    folder.write("launch.yaml", listed);
+    // The same names in both, and parts of names that are unique only in one.
+    folder.write("left.yaml", &post("/left/", "Post", 0));
+    folder.write("right.yaml", &post("/right/", "Post", 0));
+    folder.write("arm.yaml", &arm("BODY Post"));
+    folder.write(
+        "twin.yaml",
+        &arm("BODY Hand")
+            .replace("BODY Hand: {", "BODY Handle: {")
+            .replace("[BODY Hand]", "[BODY Handle]")
+            .replace("child: BODY Hand", "child: BODY Handle"),
+    );
+    let (document, status) = check(&folder, "launch.yaml");
+    // The twin's own joint holds its body twice, by a part of its name.
+    let faults = faults(&document);
+    assert!(faults.iter().all(|line| line.starts_with("twin.yaml")), "{faults:#?}");
+    assert_eq!(status, 2);
+    assert_eq!(row(&document, "arm.yaml")["needs"], serde_json::json!([["left.yaml", "right.yaml"]]));
+    let needs =
+        document["problems"].as_array().expect("a list").iter().find(|problem| problem["kind"] == "other model");
+    let needs = needs.and_then(|problem| problem["message"].as_str()).expect("a text");
+    assert_eq!(
+        needs,
+        "`J` needs `BODY Post`, which is in left.yaml or right.yaml; this model is to be loaded together with one of them (`-l 0,2`)"
+    );
+    let alone = check(&folder, "twin.yaml").0;
+    assert_eq!(faults, self::faults(&alone));
+    // A body that is dropped is not found in an alternative that has it too.
+    folder.write("launch.yaml", "multibody configs: [left.yaml, broken.yaml]\n");
+    let broken =
+        arm("BODY Post").replace("[BODY Hand]", "[BODY Hand, BODY Post]") + "BODY Post: {mass: 0, mesh: absent.stl}\n";
+    folder.write("broken.yaml", &broken);
+    let (document, status) = check(&folder, "launch.yaml");
+    assert_eq!((status, &row(&document, "broken.yaml")["needs"]), (2, &serde_json::json!([])), "{document:#}");
+    assert!(self::faults(&document)
+        .iter()
+        .any(|line| line.ends_with("`J` is dropped: parent `BODY Post` is not found")));
+}
+
+#[test]
+fn parents_that_are_part_of_several_are_listed() {
+    let folder = Folder::new();
+    let found = lines(
+        &folder,
+        "namespace: /n/\nbodies: [camera]\ncamera: {name: camera, mass: 0}\ncameras: [cameraL, cameraL2, Third]\nlights: [Lamp]\n\
+         cameraL: {name: cameraL}\ncameraL2: {name: cameraL2}\nThird: {name: Third, parent: cameraL}\n\
+         Lamp: {name: Lamp, parent: cameraX}\n",
+    );
+    let found: Vec<_> = found.iter().filter(|line| line.contains("warning")).collect();
+    assert_eq!(found.len(), 2, "{found:#?}");
+    assert_eq!(
+        found[0],
+        "m.yaml:8:1: warning: `/n/Third`: parent `cameraL` is part of several: `/n/cameraL`, `/n/cameraL2`; it stays where it is"
+    );
+    assert!(found[1].contains("`/n/Lamp`: parent `cameraX` is not found"), "{found:#?}");
+    let found = lines(
+        &folder,
+        "namespace: /n/\nbodies: [A]\nA: {name: A, mass: 0}\ncameras: [A, C]\nC: {name: C, parent: /n/A}\n",
+    );
+    assert!(
+        found.iter().any(|line| line.contains("parent `/n/A` is the name of several: `/n/A` (body), `/n/A` (camera)")),
+        "{found:#?}"
+    );
+}
+
 #[test]
 fn robot_descriptions_are_models() {
     let folder = Folder::new();

@@ -289,6 +289,34 @@ fn a_vehicle_drives_steers_and_brakes() {
 }
 
 #[test]
+fn wheels_are_on_their_vehicle_before_the_first_step_and_after_a_reset() {
+    let mut bench = Bench::new(HEAVY, &car());
+    let places = [("FL", 0.25, 0.2), ("FR", 0.25, -0.2), ("RL", -0.25, 0.2), ("RR", -0.25, -0.2)];
+    let on_vehicle = |bench: &Bench| {
+        for (name, x, y) in places {
+            near(bench.position(name), [x, y, 0.15], 1e-9);
+        }
+    };
+    on_vehicle(&bench);
+    drive(&mut bench, &VehicleCommand { power: vec![20.0; 4], ..VehicleCommand::default() }, 500);
+    assert!((bench.position("FL").x - 0.25).abs() > 0.05, "it drove");
+    bench.0.reset_bodies();
+    on_vehicle(&bench);
+}
+
+#[test]
+fn wheels_follow_a_chassis_that_assembly_moves() {
+    let model = car().replace("joints: []", "")
+        + "joints: [J]\nBODY Post: {name: Post, mass: 0, location: {position: {x: 3, y: 0, z: 0.25}}}\n\
+           J: {name: J, type: fixed, parent: BODY Post, child: BODY Chassis, parent pivot: {x: 0, y: 0, z: 0}, \
+           child pivot: {x: 0, y: 0, z: 0}, parent axis: {x: 0, y: 0, z: 1}, child axis: {x: 0, y: 0, z: 1}}\n";
+    let model = model.replace("BODY RL, BODY RR]", "BODY RL, BODY RR, BODY Post]");
+    let bench = Bench::new(&format!("physics: {{profile: accurate}}\n{HEAVY}"), &model);
+    near(bench.position("Chassis"), [3.0, 0.0, 0.25], 1e-6);
+    near(bench.position("FL"), [3.25, 0.2, 0.15], 1e-6);
+}
+
+#[test]
 fn commands_of_vehicles_are_clamped_and_may_be_short() {
     let mut bench = Bench::new(HEAVY, &car());
     drive(&mut bench, &VehicleCommand::default(), 500);

@@ -202,7 +202,7 @@ fn what_cannot_be_found_is_named_with_the_paths_tried() {
         assert!(absent.contains(part), "{part} is not in {absent}");
     }
     assert!(builtin.contains("no built-in plugin `absent`; there is probe"), "{builtin}");
-    assert!(cpp.contains("C++") && cpp.contains("dvrk"), "{cpp}");
+    assert!(cpp.contains("C++") && cpp.contains("no component serves the CRTK topics"), "{cpp}");
     simulation.update(0.001).unwrap();
     simulation.update_plugins();
 }

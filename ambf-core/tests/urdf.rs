@@ -373,3 +373,19 @@ fn robots_of_the_same_file_are_told_apart_and_adf_files_still_are_adf() {
     let refused = load(&broken, &SceneOptions::default()).report.refused;
     assert!(refused.len() == 1 && refused[0].contains("broken.urdf:2:7: syntax error"), "{refused:?}");
 }
+
+#[test]
+fn a_spherical_joint_holds_its_point_and_lets_its_link_swing() {
+    let folder = Folder::new("spherical");
+    let mass = "<inertial><mass value='1'/><inertia ixx='0.1' iyy='0.1' izz='0.1' ixy='0' ixz='0' iyz='0'/></inertial>";
+    let robot = format!(
+        "\n<?xml version='1.0'?><robot name=''><link name='world'/><link name='b'>{}</link>\
+         <joint name='j' type='spherical'><parent link='world'/><child link='b'/><origin xyz='0 0 2'/></joint></robot>",
+        mass.replace("<inertial>", "<inertial><origin xyz='0.5 0 0'/>")
+    );
+    let mut bench = folder.bench(HEAVY, &robot);
+    bench.steps(300);
+    let pose = bench.pose("b");
+    assert!((pose.translation.vector - Vector3::new(0.0, 0.0, 2.0)).norm() < 5e-3, "{pose}");
+    assert!((pose * nalgebra::Point3::new(0.5, 0.0, 0.0)).z < 1.9, "it swings down: {pose}");
+}

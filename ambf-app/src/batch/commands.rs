@@ -4,10 +4,13 @@ use std::f64::consts::TAU;
 use std::ops::RangeInclusive;
 
 use ambf_core::comm::{JointCommandType, VehicleCommand};
-use ambf_core::scene::Scene;
+use ambf_core::scene::{Identity, Scene};
 use ambf_core::sim::Simulation;
 use nalgebra::Vector3;
 use thiserror::Error;
+
+/// Objects that a message names when a name is that of several.
+const MAX_CANDIDATES: usize = 5;
 
 /// Error when a line of a command file cannot be used.
 #[derive(Debug, Error, PartialEq, Eq)]
@@ -45,11 +48,30 @@ struct TimedCommand {
 /// What commands can address.
 #[derive(Debug, Default)]
 pub struct Targets<'n> {
+    /// Names of the bodies, as traces have them.
     bodies: &'n [String],
+    /// Qualified identifiers and topics of the bodies.
+    qualified: Vec<Qualified>,
     /// Number of active joints of each body.
     active_joints: Vec<usize>,
-    /// Name and number of wheels of each vehicle.
-    vehicles: Vec<(String, usize)>,
+    /// Name, qualified names and number of wheels of each vehicle.
+    vehicles: Vec<(String, Qualified, usize)>,
+}
+
+/// The full names of an object.
+#[derive(Debug, Default)]
+struct Qualified {
+    /// Namespace and identifier: `/ambf/env/BODY link`.
+    identifier: String,
+    /// Namespace and name, what its topics begin with: `/ambf/env/link`.
+    topic: String,
+}
+
+impl Qualified {
+    fn of(identity: &Identity) -> Self {
+        let topic = format!("{}{}", identity.namespace, identity.communication_name());
+        Self { identifier: format!("{}{}", identity.key(), identity.suffix), topic }
+    }
 }
 
 impl<'n> Targets<'n> {
@@ -57,8 +79,47 @@ impl<'n> Targets<'n> {
     pub fn new(scene: &Scene, names: &'n [String]) -> Self {
         Self {
             bodies: names,
+            qualified: scene.bodies.iter().map(|body| Qualified::of(&body.identity)).collect(),
             active_joints: (0..names.len()).map(|body| scene.active_joints(body).len()).collect(),
-            vehicles: scene.vehicles.iter().map(|v| (v.identity.communication_name(), v.wheels.len())).collect(),
+            vehicles: (scene.vehicles.iter())
+                .map(|v| (v.identity.communication_name(), Qualified::of(&v.identity), v.wheels.len()))
+                .collect(),
+        }
+    }
+}
+
+/// The object that `text` means: by its qualified identifier or topic, else by its name, else as part of exactly one of those.
+///
+/// # Errors
+/// A sentence when there is none, or several.
+fn find<'q>(
+    what: &str,
+    text: &str,
+    names: impl Iterator<Item = &'q str>,
+    qualified: impl Iterator<Item = &'q Qualified>,
+) -> Result<usize, String> {
+    let (names, qualified): (Vec<_>, Vec<_>) = (names.collect(), qualified.collect());
+    let full = |wanted: &dyn Fn(&str) -> bool| {
+        let holds = |all: &Qualified| wanted(&all.identifier) || wanted(&all.topic);
+        (0..qualified.len()).filter(|&index| holds(qualified[index])).collect::<Vec<_>>()
+    };
+    let mut found = full(&|name| name == text);
+    if found.is_empty() {
+        // Names are unique, except for those of vehicles, of which the first counts.
+        found = names.iter().position(|name| *name == text).into_iter().collect();
+    }
+    if found.is_empty() && !text.is_empty() {
+        found = full(&|name| name.contains(text));
+    }
+    match found.as_slice() {
+        [index] => Ok(*index),
+        [] => Err(format!("there is no {what} `{text}`")),
+        several => {
+            let shown = several.iter().take(MAX_CANDIDATES).map(|&index| format!("`{}`", qualified[index].identifier));
+            let shown = shown.collect::<Vec<_>>().join(", ");
+            let more = several.len().saturating_sub(MAX_CANDIDATES);
+            let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+            Err(format!("`{text}` is part of several: {shown}{more}; write more of the name of the {what}"))
         }
     }
 }
@@ -150,13 +211,13 @@ fn parse_line(line: &str, number: usize, targets: &Targets<'_>) -> Result<TimedC
     let numbers = numbers.collect::<Result<Vec<_>, _>>()?;
     let steps = step(first)?..=step(last)?;
     if kind == "VEH" {
-        let found = targets.vehicles.iter().position(|(name, _)| name == body);
-        let target = found.ok_or_else(|| format!("there is no vehicle `{body}`"))?;
-        let action = Action::Drive(drive(&numbers, targets.vehicles[target].1)?);
+        let vehicles = &targets.vehicles;
+        let names = vehicles.iter().map(|(name, ..)| name.as_str());
+        let target = find("vehicle", body, names, vehicles.iter().map(|(_, qualified, _)| qualified))?;
+        let action = Action::Drive(drive(&numbers, vehicles[target].2)?);
         return Ok(TimedCommand { line: number, steps, target, action });
     }
-    let found = targets.bodies.iter().position(|name| name == body);
-    let target = found.ok_or_else(|| format!("there is no body `{body}`"))?;
+    let target = find("body", body, targets.bodies.iter().map(String::as_str), targets.qualified.iter())?;
     let vector = |i: usize| Vector3::new(numbers[i], numbers[i + 1], numbers[i + 2]);
     let action = match (kind, numbers.as_slice()) {
         ("J", &[index, kind, offset]) => joint(index, kind, offset, 0.0, 0.0)?,
@@ -213,8 +274,13 @@ mod tests {
 
     fn parse(text: &str) -> Result<Commands, CommandError> {
         let bodies = ["Base".into(), "Link".into()];
-        let vehicles = vec![("Car".into(), 2)];
-        Commands::parse(text, "c.txt", &Targets { bodies: &bodies, active_joints: vec![7, 0], vehicles })
+        let full = |name: &str, kind: &str| Qualified {
+            identifier: format!("/ambf/env/psm/{kind} {name}"),
+            topic: format!("/ambf/env/psm/{name}"),
+        };
+        let vehicles = vec![("Car".into(), full("Car", "VEHICLE"), 2)];
+        let qualified = bodies.iter().map(|name: &String| full(name, "BODY")).collect();
+        Commands::parse(text, "c.txt", &Targets { bodies: &bodies, qualified, active_joints: vec![7, 0], vehicles })
     }
 
     #[test]
@@ -229,6 +295,23 @@ mod tests {
         assert_eq!((commands.list[0].target, &commands.list[0].action), (0, &expected));
         let drive = VehicleCommand { power: vec![10.0, 20.0], steering: vec![0.1, 0.2], ..VehicleCommand::default() };
         assert_eq!(commands.list[5].action, Action::Drive(drive));
+    }
+
+    #[test]
+    fn bodies_are_found_by_full_name_by_name_and_by_a_part_of_one() {
+        let target = |name: &str| parse(&format!("1|1|TW|{name}|0 0 0 0 0 0")).map(|commands| commands.list[0].target);
+        for (name, index) in
+            [("Base", 0), ("/ambf/env/psm/Base", 0), ("/ambf/env/psm/BODY Link", 1), ("psm/Li", 1), ("BODY B", 0)]
+        {
+            assert_eq!(target(name), Ok(index), "{name}");
+        }
+        let error = target("psm/").unwrap_err().to_string();
+        let expected = "c.txt:1: `psm/` is part of several: `/ambf/env/psm/BODY Base`, `/ambf/env/psm/BODY Link`; write more of the \
+                        name of the body";
+        assert_eq!(error, expected);
+        assert!(target("").is_err());
+        let vehicle = parse("1|9|VEH|/ambf/env/psm/Car|0 10 20 0.1 0.2").unwrap();
+        assert_eq!(vehicle.list[0].target, 0);
     }
 
     #[test]

@@ -5,9 +5,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use ambf_core::adf::{self, ColorTable, FileKind, InputDevices, Launch, LoadError, Outline, Report, SourcePos, World};
-use ambf_core::scene::{load, read_model, Loaded, SceneFiles, SceneOptions};
+use ambf_core::scene::{load, read_model, Loaded, Note, SceneFiles, SceneOptions};
 use ambf_core::urdf;
 
+use super::companions::{canonical, listed_names, Companions, Looked, Place};
 use super::files::Files;
 use super::finding::{Finding, Level};
 use super::pass::Pass;
@@ -66,6 +67,12 @@ pub(super) struct Checker {
     colours: Option<Arc<Colours>>,
     /// By row: plugins whose libraries are there.
     plugins: HashMap<usize, usize>,
+    /// By canonical path: names that a model did not find when it was built on its own.
+    unfound: HashMap<PathBuf, Vec<Note>>,
+    /// Names that worlds did not find without models.
+    unfound_by_worlds: HashMap<Option<PathBuf>, Vec<Note>>,
+    /// What was not found by a file alone, and stands in other models: it is no finding, or one with an addition.
+    elsewhere: Vec<(Note, Option<String>)>,
 }
 
 impl Checker {
@@ -81,12 +88,11 @@ impl Checker {
 
     /// Checks a file unless it was checked before.
     fn file(&mut self, path: &Path, expected: Option<FileKind>, context: &Context) {
-        let canonical = path.canonicalize().unwrap_or_else(|_| path.to_owned());
-        if self.names.contains_key(&canonical) {
+        if self.names.contains_key(&canonical(path)) {
             return;
         }
         let name: Arc<Path> = path.into();
-        self.names.insert(canonical, Arc::clone(&name));
+        self.names.insert(canonical(path), Arc::clone(&name));
         self.order.insert(name, self.order.len());
         let row = self.rows.len();
         let kind = expected.map_or("?", FileKind::words);
@@ -228,6 +234,68 @@ impl Checker {
             let context = Context { named_at: Some(entry.source()), ..at("multibody configs") };
             self.file(model, Some(FileKind::Model), &context);
         }
+        self.look_in_other_models(launch.world_config.as_deref(), &models);
+    }
+
+    /// Looks in the other models of a launch file for what its world and each model did not find without them.
+    fn look_in_other_models(&mut self, world: Option<&Path>, models: &[PathBuf]) {
+        let companions = Companions::new(world, models);
+        let of_world = self.unfound_by_worlds.get(&world.map(Path::to_owned)).cloned().unwrap_or_default();
+        let mut seen = HashSet::new();
+        for subject in std::iter::once(None).chain((0..models.len()).map(Some)) {
+            let file = subject.map(|model| models[model].as_path()).or(world);
+            let notes = match subject {
+                None => of_world.clone(),
+                Some(model) => {
+                    let path = canonical(&models[model]);
+                    let notes = self.unfound.get(&path).filter(|_| seen.insert(path.clone())).cloned();
+                    let is_of_world = |note: &Note| of_world.iter().any(|other| other.source == note.source);
+                    notes.unwrap_or_default().into_iter().filter(|note| !is_of_world(note)).collect()
+                }
+            };
+            // What the file itself lists, but was dropped, is no matter of other models, even if one has the like.
+            let own = if notes.is_empty() { Vec::new() } else { file.map(listed_names).unwrap_or_default() };
+            let is_own =
+                |note: &Note| note.wanted.as_ref().is_some_and(|text| own.iter().any(|name| name.contains(text)));
+            let notes: Vec<Note> = notes.into_iter().filter(|note| !is_own(note)).collect();
+            if notes.is_empty() {
+                continue;
+            }
+            let known = notes.len();
+            let Looked { notes, places, revealed } = companions.look(subject, notes);
+            self.findings.extend(notes[known..].iter().chain(&revealed).map(Finding::of_note));
+            let mut needed: Vec<Vec<usize>> = Vec::new();
+            for (note, place) in notes.into_iter().zip(places) {
+                let addition = match place {
+                    Place::Nowhere => continue,
+                    Place::Before(other) => Some(format!(
+                        "; it is in {}, which the launch file lists later: list that file before this one, or load it first (`-l {other},{}`)",
+                        models[other].display(),
+                        subject.unwrap_or_default(),
+                    )),
+                    Place::With(others) => {
+                        self.findings.push(needs(&note, subject, &others, models));
+                        if !needed.contains(&others) {
+                            needed.push(others);
+                        }
+                        None
+                    }
+                };
+                self.elsewhere.push((note, addition));
+            }
+            let Some(row) = file.and_then(|file| self.row_of(file)).filter(|_| !needed.is_empty()) else { continue };
+            if let Some(model) = subject {
+                let first: Vec<usize> = needed.iter().filter_map(|others| others.first().copied()).collect();
+                self.rows[row].built = Some(companions.built_with(model, &first));
+            }
+            let shown = |others: &Vec<usize>| others.iter().map(|&other| models[other].display().to_string()).collect();
+            self.rows[row].needs = needed.iter().map(shown).collect();
+        }
+    }
+
+    /// The line of a file in the table.
+    fn row_of(&self, path: &Path) -> Option<usize> {
+        self.names.get(&canonical(path)).and_then(|name| self.order.get(name).copied())
     }
 
     fn world(&mut self, outline: &Outline, row: usize, context: &Context) {
@@ -271,8 +339,9 @@ impl Checker {
             self.rows[row].built = None;
         } else if described.is_some() {
             let world = context.world.as_deref();
-            let built = self.build(world, &[outline.file().to_path_buf()]);
+            let (built, unfound) = self.build(world, &[outline.file().to_path_buf()]);
             self.rows[row].built = Some(built);
+            self.unfound.insert(canonical(outline.file()), unfound);
         }
     }
 
@@ -336,12 +405,8 @@ impl Checker {
             self.file(model, Some(FileKind::Model), &context);
         }
         if !alone && !files.models.is_empty() {
-            let built = self.build(files.world.as_deref(), &files.models);
-            let row_of = |path: &PathBuf| {
-                let name = path.canonicalize().ok().and_then(|path| self.names.get(&path).cloned());
-                name.and_then(|name| self.order.get(&name).copied())
-            };
-            let rows: Vec<usize> = files.models.iter().filter_map(row_of).collect();
+            let (built, _) = self.build(files.world.as_deref(), &files.models);
+            let rows: Vec<usize> = files.models.iter().filter_map(|path| self.row_of(path)).collect();
             let written = rows.iter().fold(Counts::default(), |sum, &row| sum.plus(&self.rows[row].written));
             let plugins = rows.iter().filter_map(|row| self.plugins.get(row)).sum();
             self.plugins.insert(self.rows.len(), plugins);
@@ -350,13 +415,13 @@ impl Checker {
         }
     }
 
-    /// Builds models in a world and takes over the remarks on it; what the models have made.
-    fn build(&mut self, world: Option<&Path>, models: &[PathBuf]) -> Counts {
+    /// Builds models in a world and takes over the remarks on it; what the models have made, and the remarks on names that were not found.
+    fn build(&mut self, world: Option<&Path>, models: &[PathBuf]) -> (Counts, Vec<Note>) {
         let empty = self.empty_world(world);
         let files = SceneFiles { world: world.map(Path::to_owned), models: models.to_vec() };
         let Loaded { scene, report } = load(&files, &SceneOptions::default());
         self.findings.extend(report.notes.iter().map(Finding::of_note));
-        built(&scene).minus(&empty)
+        (built(&scene).minus(&empty), unfound(report.notes))
     }
 
     /// What a world has before any model is in it.
@@ -369,6 +434,7 @@ impl Checker {
         let Loaded { scene, report } = load(&files, &SceneOptions::default());
         self.findings.extend(report.notes.iter().map(Finding::of_note));
         let counts = built(&scene);
+        self.unfound_by_worlds.insert(world.clone(), unfound(report.notes));
         self.empty_worlds.insert(world, counts);
         counts
     }
@@ -417,14 +483,34 @@ impl Checker {
     /// Puts the findings in order and leaves out what is said twice.
     pub fn finish(mut self) -> Checked {
         let mut spelling: HashMap<Arc<Path>, Arc<Path>> = HashMap::new();
-        for finding in &mut self.findings {
-            let file = &finding.place.file;
-            let name = spelling.entry(Arc::clone(file)).or_insert_with(|| {
-                let canonical = file.canonicalize().unwrap_or_else(|_| file.to_path_buf());
-                self.names.get(&canonical).unwrap_or(file).clone()
-            });
-            finding.place.file = Arc::clone(name);
+        let mut respell = |place: &mut SourcePos| {
+            let file = &place.file;
+            let name = spelling
+                .entry(Arc::clone(file))
+                .or_insert_with(|| self.names.get(&canonical(file)).unwrap_or(file).clone());
+            place.file = Arc::clone(name);
+        };
+        self.findings.iter_mut().for_each(|finding| respell(&mut finding.place));
+        let mut elsewhere: HashMap<(SourcePos, String), Option<String>> = HashMap::new();
+        for (mut note, addition) in self.elsewhere {
+            respell(&mut note.source);
+            // Of several launch files the one whose models have the name counts.
+            elsewhere
+                .entry((note.source, note.message))
+                .and_modify(|known| *known = known.take().and(addition.clone()))
+                .or_insert(addition);
         }
+        self.findings.retain_mut(|finding| {
+            let key = (finding.place.clone(), finding.sentence.clone());
+            match elsewhere.get(&key).filter(|_| finding.kind == "scene") {
+                Some(None) => false,
+                Some(Some(addition)) => {
+                    finding.sentence += addition;
+                    true
+                }
+                None => true,
+            }
+        });
         let last = self.order.len();
         let key = |finding: &Finding| {
             let file = self.order.get(&finding.place.file).copied().unwrap_or(last);
@@ -463,6 +549,27 @@ impl Checker {
         }
         Checked { findings, rows: self.rows }
     }
+}
+
+/// The remarks on names that led to nothing, or to several objects.
+fn unfound(notes: Vec<Note>) -> Vec<Note> {
+    notes.into_iter().filter(|note| note.wanted.is_some()).collect()
+}
+
+/// Says that an element of the model `subject`, or of a world, needs one of the models `others`.
+fn needs(note: &Note, subject: Option<usize>, others: &[usize], models: &[PathBuf]) -> Finding {
+    let mut finding = Finding::of_note(note);
+    (finding.level, finding.kind) = (Level::Info, "other model");
+    let files: Vec<_> = others.iter().map(|&other| models[other].display().to_string()).collect();
+    let mut together: Vec<usize> = subject.into_iter().chain(others.first().copied()).collect();
+    together.sort_unstable();
+    let together = together.iter().map(ToString::to_string).collect::<Vec<_>>().join(",");
+    let (element, wanted) = (&finding.path, note.wanted.as_deref().unwrap_or_default());
+    let whom = if subject.is_some() { "this model is to be loaded together with" } else { "it is found together with" };
+    let one = if files.len() > 1 { "one of them" } else { "that file" };
+    finding.sentence =
+        format!("`{element}` needs `{wanted}`, which is in {}; {whom} {one} (`-l {together}`)", files.join(" or "));
+    finding
 }
 
 /// A world makes a light and a camera that no file asks for.

@@ -2,9 +2,11 @@
 //!
 //! A file is taken for what its keys say it is. What it names is checked too: a launch file's world, models, input devices and colours,
 //! a world's environment, an input device's simulated end-effector. Each model is built on its own, in the launch file's world if
-//! there is one; the models of `-l` and `-a` are built together.
+//! there is one; what it does not find then is looked for in the other models of the launch file. The models of `-l` and `-a` are built
+//! together.
 
 mod checker;
+mod companions;
 mod device;
 mod files;
 mod finding;

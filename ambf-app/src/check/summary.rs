@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use ambf_core::adf::{Entry, FileKind, Outline};
+use ambf_core::adf::{is_version_key, Entry, FileKind, Outline};
 use ambf_core::scene::Scene;
 use serde_json::{json, Map, Value};
 
@@ -93,7 +93,7 @@ pub fn written(outline: &Outline, kind: FileKind) -> Counts {
             counts.set("plugins", listed("plugins") + listed("device plugins"));
         }
         FileKind::InputDevices => counts.set("devices", listed("input devices")),
-        FileKind::ColorTable => counts.set("colours", root.keys().filter(|key| *key != "adf version").count()),
+        FileKind::ColorTable => counts.set("colours", root.keys().filter(|key| !is_version_key(key)).count()),
     }
     counts
 }
@@ -128,6 +128,8 @@ pub struct Row {
     pub ignored_keys: usize,
     /// What is read and kept, but not drawn.
     pub kept: Vec<(&'static str, usize)>,
+    /// Other models of the launch file without which names are not found: of each list one is enough.
+    pub needs: Vec<Vec<String>>,
 }
 
 impl Row {
@@ -142,6 +144,7 @@ impl Row {
             "other_files": presence(self.others),
             "unknown_keys": self.unknown_keys,
             "ignored_keys": self.ignored_keys,
+            "needs": self.needs,
             "not_drawn": self.kept.iter().map(|(what, n)| ((*what).to_owned(), json!(n))).collect::<Map<_, _>>(),
         })
     }
@@ -165,6 +168,8 @@ pub(super) fn table(rows: &[Row]) -> String {
     columns.push(("other files", Box::new(move |row| pair(row.others.named, Some(row.others.found)))));
     columns.push(("unknown keys", Box::new(move |row| number(row.unknown_keys))));
     columns.push(("keys without effect", Box::new(move |row| number(row.ignored_keys))));
+    let needs = |row: &Row| row.needs.iter().map(|files| files.join(" or ")).collect::<Vec<_>>().join(", ");
+    columns.push(("needs", Box::new(needs)));
     let kept = |row: &Row| row.kept.iter().map(|(what, n)| format!("{n} × {what}")).collect::<Vec<_>>().join(", ");
     columns.push(("kept, not drawn", Box::new(kept)));
 

@@ -45,6 +45,9 @@ pub(super) fn cameras(pass: &mut Pass<'_>, cameras: &[Camera]) {
         if camera.stereo.as_ref().is_some_and(|stereo| !stereo.mode.to_lowercase().contains("passive")) {
             pass.differs(&original::STEREO_MODE, identifier);
         }
+        if camera.intrinsics.is_some() || camera.projection_matrix.is_some() {
+            pass.keep("camera intrinsics");
+        }
         let size = |frame: &PublishedFrame| (frame.width, frame.height);
         let picture = camera.publish_image.as_ref().map_or((640, 480), size);
         if camera.publish_depth.as_ref().is_some_and(|depth| size(depth) != picture) {

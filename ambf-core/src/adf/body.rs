@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Vector3};
 
 use super::common::Common;
 use super::controller::CartesianController;
-use super::geometry::{CollisionGeometry, Visual};
+use super::geometry::{CollisionGeometry, Visual, VisualGeometry};
 use super::reader::{Map, Range};
 use super::report::ProblemKind;
 use super::values::Base;
@@ -119,7 +119,10 @@ impl RigidBody {
         if let Some(inertia) = body.inertia.filter(|inertia| !inertia.iter().copied().all(is_usable)) {
             map.reject_numbers("inertia", inertia.as_slice(), "moments of 0 (no rotation) or at least 1e-300 kg·m²");
         }
-        if body.collision == CollisionGeometry::None {
+        // A body of which nothing is drawn either is a frame, as the Blender add-on writes an empty.
+        let keys = ["collision shape", "compound collision shape", "collision mesh"];
+        let is_empty = body.visual.geometry == VisualGeometry::None && !keys.into_iter().any(|key| map.is_filled(key));
+        if body.collision == CollisionGeometry::None && !is_empty {
             let expected = "a collision shape or mesh";
             let action = "the body collides with nothing";
             map.warn(ProblemKind::Absent, "collision geometry", expected, action);
@@ -162,7 +165,7 @@ mod tests {
     use std::path::Path;
 
     use super::super::tests::{clean, read, refused};
-    use super::super::{CollisionMeshKind, ControllerOutput, Model, Primitive, VisualGeometry};
+    use super::super::{CollisionMeshKind, ControllerOutput, Model, Primitive};
     use super::*;
 
     fn body(keys: &str) -> RigidBody {
@@ -230,6 +233,23 @@ mod tests {
         assert_eq!(output(&both), Some((Force, Force)));
         let text = "bodies: [A]\nA: {mass: 1, mesh: m, controller: {linear: {P: 1}}}\n";
         assert!(refused::<Model>(text)[0].contains("`A / controller / linear / D` is missing"));
+    }
+
+    #[test]
+    fn an_empty_body_needs_no_collision_geometry() {
+        for (keys, expected) in [
+            ("mesh: '', collision mesh type: ''", 0),
+            ("", 0),
+            ("mesh: '', collision mesh: ''", 0),
+            ("shape: Sphere, geometry: {radius: 1}", 1),
+            ("mesh: a.stl, collision mesh: ''", 1),
+            ("compound collision shape: []", 1),
+        ] {
+            let (model, problems) = read::<Model>(&format!("bodies: [A]\nA: {{mass: 1, {keys}}}\n"));
+            assert_eq!(model.bodies[0].collision, CollisionGeometry::None, "{keys}");
+            assert_eq!(problems.len(), expected, "{keys}: {problems:?}");
+            assert!(problems.iter().all(|line| line.contains("`A / collision geometry` is missing")), "{problems:?}");
+        }
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Cameras.
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix4, Vector3};
 
 use super::common::{Common, ShaderProgram};
 use super::reader::{Map, Range};
@@ -48,6 +48,23 @@ pub struct Camera {
     pub multipass: bool,
     /// Factors on the speed of the mouse.
     pub mouse: MouseMultipliers,
+    /// Width and height of the window, pixels; `None`: not given. Nothing is drawn with it yet.
+    pub window_resolution: Option<(u32, u32)>,
+    /// Key `intrinsics`, or `camera intrinsics`; `None`: the field of view counts. Nothing is drawn with it yet.
+    pub intrinsics: Option<Intrinsics>,
+    /// Projection matrix (4 x 4) instead of the field of view; `None`: not given. Nothing is drawn with it yet.
+    pub projection_matrix: Option<Matrix4<f64>>,
+}
+
+/// What a calibrated camera is described by, in pixels.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Intrinsics {
+    /// Focal lengths along x and y, above 0.
+    pub focal_lengths: (f64, f64),
+    /// Principal point.
+    pub principal_point: (f64, f64),
+    /// Skew. Default: 0.
+    pub skew: f64,
 }
 
 /// A published picture or point cloud.
@@ -139,6 +156,12 @@ impl Camera {
             depth_compute_shaders: map.shaders("depth compute shaders"),
             multipass: map.boolean("multipass").unwrap_or(false),
             mouse: MouseMultipliers::read(map),
+            window_resolution: window_resolution(map),
+            intrinsics: Intrinsics::read(map),
+            projection_matrix: understood(map, "projection matrix", "4 rows of 4 numbers", |numbers| {
+                let is_list = numbers.len() == 16 && numbers.iter().all(|(name, _)| name.is_empty());
+                is_list.then(|| Matrix4::from_row_iterator(numbers.iter().map(|(_, number)| *number)))
+            }),
         };
         map.finish();
         Some(camera)
@@ -153,6 +176,55 @@ const DEPTH_KEYS: FrameKeys = ["publish depth", "publish depth interval", "publi
 
 /// Largest edge of a published picture in pixels.
 const MAX_PIXELS: f64 = 16384.0;
+
+/// Reads numbers that only what is drawn depends on: what is not understood is reported and refuses nothing.
+fn understood<T>(map: &Map<'_>, key: &str, expected: &str, read: impl Fn(&[(&str, f64)]) -> Option<T>) -> Option<T> {
+    if !map.is_filled(key) {
+        return None;
+    }
+    let value = map.numbers(key).and_then(|numbers| read(&numbers));
+    if value.is_none() {
+        map.warn(ProblemKind::UnknownValue, key, expected, "it is not used");
+    }
+    value
+}
+
+/// The number called `name`.
+fn named(numbers: &[(&str, f64)], name: &str) -> Option<f64> {
+    numbers.iter().find(|(other, _)| *other == name).map(|(_, number)| *number)
+}
+
+fn window_resolution(map: &Map<'_>) -> Option<(u32, u32)> {
+    let expected = format!("{{width, height}} in pixels, from 1 to {MAX_PIXELS}");
+    understood(map, "window resolution", &expected, |numbers| {
+        let [width, height] = match numbers {
+            &[("", width), ("", height)] => [width, height],
+            _ => [named(numbers, "width")?, named(numbers, "height")?],
+        };
+        let is_size = |pixels: f64| (1.0..=MAX_PIXELS).contains(&pixels);
+        (is_size(width) && is_size(height)).then_some((width as u32, height as u32))
+    })
+}
+
+impl Intrinsics {
+    /// The second name is that of later versions of the C++ program.
+    fn read(map: &Map<'_>) -> Option<Self> {
+        let expected = "{fx, fy, cx, cy} and optionally s, in pixels, with focal lengths above 0";
+        let [own, other] = ["intrinsics", "camera intrinsics"].map(|key| {
+            understood(map, key, expected, |numbers| {
+                let of = |name| named(numbers, name);
+                let intrinsics = Self {
+                    focal_lengths: (of("fx")?, of("fy")?),
+                    principal_point: (of("cx")?, of("cy")?),
+                    skew: of("s").unwrap_or(0.0),
+                };
+                let (fx, fy) = intrinsics.focal_lengths;
+                (fx > 0.0 && fy > 0.0).then_some(intrinsics)
+            })
+        });
+        own.or(other)
+    }
+}
 
 impl PublishedFrame {
     fn read(map: &Map<'_>, [switch, interval, resolution]: FrameKeys, every: u32) -> Option<Self> {
@@ -201,7 +273,7 @@ impl MouseMultipliers {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::{clean, refused};
+    use super::super::tests::{clean, read, refused};
     use super::super::Model;
     use super::*;
 
@@ -223,5 +295,29 @@ mod tests {
         assert_eq!(cameras[1].controlling_devices, ["a", "b"]);
         let text = "cameras: [C]\nC: {clipping plane: {near: 1}}\n";
         assert!(refused::<Model>(text)[0].contains("`C / clipping plane / far` is missing"));
+    }
+
+    #[test]
+    fn intrinsics_and_windows() {
+        let text = "cameras: [C, D]\nC: {window resolution: {width: 1280, height: 720}, \
+                    camera intrinsics: {fx: 800, fy: 810.5, cx: 640, cy: 360}}\n\
+                    D:\n  intrinsics: {fx: 1, fy: 2, cx: 3, cy: 4, s: 5}\n  window resolution: [640, 480]\n  \
+                    projection matrix: [[1, 2, 3, 4], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, -1, 0]]\n";
+        let cameras = clean::<Model>(text).cameras;
+        let expected = Intrinsics { focal_lengths: (800.0, 810.5), principal_point: (640.0, 360.0), skew: 0.0 };
+        assert_eq!((cameras[0].intrinsics, cameras[0].window_resolution), (Some(expected), Some((1280, 720))));
+        assert_eq!(
+            (cameras[1].intrinsics.map(|i| i.skew), cameras[1].window_resolution),
+            (Some(5.0), Some((640, 480)))
+        );
+        let matrix = cameras[1].projection_matrix.expect("a matrix");
+        assert_eq!((matrix[(0, 3)], matrix[(3, 2)], matrix[(3, 3)]), (4.0, -1.0, 0.0));
+        // Nothing is drawn with them yet: no mistake in them refuses the file.
+        let text = "cameras: [C, D]\nC: {intrinsics: {fx: 0, fy: 1, cx: 1, cy: 1}, camera intrinsics: red, window resolution: ''}\n\
+                    D: {projection matrix: [1, 2], window resolution: {width: 1e9, height: 1}}\n";
+        let (model, problems) = read::<Model>(text);
+        assert_eq!((model.cameras.len(), problems.len()), (2, 4), "{problems:#?}");
+        assert!(problems[0].contains("`C / intrinsics` is a mapping, expected {fx, fy, cx, cy}"), "{problems:#?}");
+        assert!(model.cameras.iter().all(|c| c.intrinsics.is_none() && c.window_resolution.is_none()));
     }
 }

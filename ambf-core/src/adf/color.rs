@@ -15,7 +15,6 @@ pub struct ColorTable {
 impl ColorTable {
     pub(super) fn read(root: &Map<'_>) -> Self {
         root.reader().tolerate();
-        root.skip(&["adf version"]);
         let mut table = Self::default();
         for name in root.unread_keys() {
             let color = root.reader().element("colour", || {

@@ -341,7 +341,8 @@ impl CollisionGeometry {
 impl CollisionMeshKind {
     fn read(map: &Map<'_>) -> Self {
         let key = "collision mesh type";
-        match map.string(key).as_deref() {
+        // An empty text is what the Blender add-on writes for "none".
+        match map.string(key).as_deref().filter(|text| !text.is_empty()) {
             Some("CONVEX_HULL" | "convex_hull" | "hull") => Self::ConvexHull,
             Some("CONVEX_MESH" | "convex_mesh") => Self::ConvexMesh,
             Some("POINT_CLOUD" | "point_cloud") => Self::PointCloud,
@@ -427,10 +428,10 @@ mod tests {
             assert!(matches!(body.collision, CollisionGeometry::Mesh { kind, .. } if kind == expected));
             assert!(problems.is_empty());
         }
-        for text in ["''", "concave_mesh"] {
+        for (text, expected) in [("''", 0), ("concave_mesh", 1)] {
             let (body, problems) = body(&format!("mesh: a, collision mesh type: {text}"));
             assert!(matches!(body.collision, CollisionGeometry::Mesh { kind: CollisionMeshKind::ConcaveMesh, .. }));
-            assert_eq!(problems.len(), 1);
+            assert_eq!(problems.len(), expected, "{problems:?}");
         }
     }
 

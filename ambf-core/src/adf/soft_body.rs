@@ -151,6 +151,45 @@ impl Default for SoftMaterial {
     }
 }
 
+impl SoftBodyConfig {
+    /// The coefficients for which `btSoftBody.h` gives a range from 0 on, with the upper end of it: beyond it Bullet's solver can make
+    /// positions that are no numbers.
+    fn bounded(&mut self) -> impl Iterator<Item = (&'static str, &mut f64, f64)> {
+        let any = f64::INFINITY;
+        let material = self.material.as_mut();
+        let material =
+            material.map(|SoftMaterial { kLST, kAST, kVST }| [("kLST", kLST), ("kAST", kAST), ("kVST", kVST)]);
+        let material = material.into_iter().flatten().map(|(key, value)| (key, value, 1.0));
+        [
+            ("kDP", &mut self.kDP, 1.0),
+            ("kDG", &mut self.kDG, any),
+            ("kLF", &mut self.kLF, any),
+            ("kVC", &mut self.kVC, any),
+            ("kDF", &mut self.kDF, 1.0),
+            ("kCHR", &mut self.kCHR, 1.0),
+            ("kKHR", &mut self.kKHR, 1.0),
+            ("kSHR", &mut self.kSHR, 1.0),
+            ("kAHR", &mut self.kAHR, 1.0),
+            ("kSRHR_CL", &mut self.kSRHR_CL, 1.0),
+            ("kSKHR_CL", &mut self.kSKHR_CL, 1.0),
+            ("kSSHR_CL", &mut self.kSSHR_CL, 1.0),
+            ("kSR_SPLT_CL", &mut self.kSR_SPLT_CL, 1.0),
+            ("kSK_SPLT_CL", &mut self.kSK_SPLT_CL, 1.0),
+            ("kSS_SPLT_CL", &mut self.kSS_SPLT_CL, 1.0),
+        ]
+        .into_iter()
+        .chain(self.kMT.as_mut().map(|value| ("kMT", value, 1.0)))
+        .chain(material)
+    }
+
+    /// The same with each coefficient within the range that Bullet gives for it.
+    pub fn within_range(&self) -> Self {
+        let mut config = self.clone();
+        config.bounded().for_each(|(_, value, high)| *value = value.clamp(0.0, high));
+        config
+    }
+}
+
 impl SoftBody {
     pub(super) fn read(map: &Map<'_>, base: &Base) -> Option<Self> {
         let common = map.common(base);
@@ -236,6 +275,15 @@ impl SoftBodyConfig {
                 *value = x;
             }
         }
+        for (key, value, high) in config.bounded() {
+            if !(0.0..=high).contains(value) {
+                let range = if high.is_finite() { format!("0 to {high}") } else { "at least 0".to_owned() };
+                let expected = format!("{range}, the range that Bullet gives for it");
+                let used = value.clamp(0.0, high);
+                let action = format!("profile `accurate` uses {used}, profile `legacy` uses it as it is, which can make positions that are no numbers");
+                map.warn(ProblemKind::OutOfRange, key, &expected, &action);
+            }
+        }
         let why = "Bullet's soft bodies have no such parameter here";
         map.ignore(&["margin", "cutting"], why);
         map.finish();
@@ -290,6 +338,34 @@ mod tests {
             ..SoftBodyConfig::default()
         };
         assert_eq!(body.config, expected);
+    }
+
+    #[test]
+    fn coefficients_beyond_the_range_of_bullet_are_named() {
+        let text =
+            "soft bodies: [S]\nS:\n  mass: 1\n  mesh: a.obj\n  config:\n    kDF: 10\n    kDP: -0.5\n    kDG: 7\n    \
+                    kPR: -3\n    kVC: -1\n    kMT: 1.5\n    kLST: 2\n    kCHR: 1\n    timescale: 3\n";
+        let (model, problems) = read::<Model>(text);
+        let config = &model.soft_bodies[0].config;
+        assert_eq!((config.kDF, config.kDP, config.kMT), (10.0, -0.5, Some(1.5)), "as written");
+        let clamped = config.within_range();
+        assert_eq!((clamped.kDF, clamped.kDP, clamped.kVC, clamped.kMT), (1.0, 0.0, 0.0, Some(1.0)));
+        assert_eq!((clamped.kDG, clamped.kPR, clamped.timescale), (7.0, -3.0, 3.0));
+        assert_eq!(clamped.material.map(|material| material.kLST), Some(1.0));
+        assert_eq!(problems.len(), 5, "{problems:#?}");
+        assert!(
+            problems.contains(
+                &"dir/t.yaml:6:10: warning: `S / config / kDF` is `10`, expected 0 to 1, the range that Bullet gives for it; profile \
+                  `accurate` uses 1, profile `legacy` uses it as it is, which can make positions that are no numbers"
+                    .to_owned()
+            ),
+            "{problems:#?}"
+        );
+        assert!(
+            problems.iter().any(|line| line.contains("kVC` is `-1`, expected at least 0, the range")),
+            "{problems:#?}"
+        );
+        assert_eq!(SoftBodyConfig::default().within_range(), SoftBodyConfig::default());
     }
 
     #[test]

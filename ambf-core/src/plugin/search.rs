@@ -84,7 +84,11 @@ impl Search {
 
 /// Names that libraries of public plugins for the C++ program begin with, and what to do without them.
 const KNOWN: [(&str, &str); 7] = [
-    ("libambf_crtk", "arms that speak CRTK are input devices here: use the driver `dvrk` in the input devices file"),
+    (
+        "libambf_crtk",
+        "no component serves the CRTK topics (measured_js, servo_cp, …) of simulated arms yet, so the entry is skipped; meanwhile \
+         clients command the joints of the arm with `joint_cmds` on the topic `…/Command` of its base body",
+    ),
     (
         "libvolumetric_drilling",
         "volumes cannot be cut in this program; a plugin of your own can do it (docs/plugins.md)",
@@ -186,7 +190,9 @@ mod tests {
             search.look_up(&PluginEntry { name: "p".into(), filename: name.into(), path: None, source })
         };
         let error = check("libambf_crtk_simulator_plugin.so").unwrap_err().to_string();
-        assert!(error.contains("C++") && error.contains("dvrk"), "{error}");
+        assert!(error.contains("C++") && error.contains("CRTK topics"), "{error}");
+        assert!(error.contains("the entry is skipped") && error.contains("joint_cmds"), "{error}");
+        assert!(!error.contains("dvrk") && !error.contains("input device"), "{error}");
         let error = check("libmine.so").unwrap_err().to_string();
         assert!(error.contains("C++") && error.contains("docs/plugins.md"), "{error}");
         assert!(check("libours.so").is_ok());

@@ -68,6 +68,6 @@ impl Scene {
         let others =
             if others > 0 { format!("; {others} stay constraints between free bodies") } else { String::new() };
         let message = format!("joints in reduced coordinates: {joints}, in {trees} tree(s){others}");
-        (trees > 0).then_some(Note { severity: Severity::Info, source, message })
+        (trees > 0).then_some(Note { severity: Severity::Info, source, message, wanted: None })
     }
 }

@@ -126,7 +126,7 @@ fn displacements(scene: &Scene, displaced: &[Displacement]) -> Vec<Note> {
         let message = format!("{bodies} displaced so that the joints close: {}{rest}", named.join(", "));
         let is_far = list.iter().any(|displacement| displacement.moved.exceeds(FAR.0, FAR.1));
         let severity = if is_far { Severity::Warning } else { Severity::Info };
-        Note { severity, source: scene.bodies[list[0].body].source.clone(), message }
+        Note { severity, source: scene.bodies[list[0].body].source.clone(), message, wanted: None }
     };
     models.into_values().map(line).collect()
 }
@@ -153,7 +153,7 @@ fn residuals(scene: &Scene, gaps: impl Iterator<Item = (usize, Gap)>) -> Vec<Not
                 "`{}` cannot be closed together with the other joints, limits and static bodies: {:.3e} m and {:.3e} rad remain{more}",
                 joint.name, gap.distance, gap.angle
             );
-            notes.push(Note { severity: Severity::Warning, source: joint.source.clone(), message });
+            notes.push(Note { severity: Severity::Warning, source: joint.source.clone(), message, wanted: None });
         }
     }
     notes

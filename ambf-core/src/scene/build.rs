@@ -24,6 +24,9 @@ use crate::mesh::{Mesh, MeshCache};
 /// Least principal moment of what collides, as a share of that of a solid body of its shape.
 const LEAST_INERTIA: f64 = 0.01;
 
+/// Displacements of collision meshes below this are not worth a line, m.
+const LEAST_DISPLACEMENT: f64 = 1e-5;
+
 /// Share of the position error of joints that profile `accurate` corrects in a sub-step: the joint gap is proportional to its
 /// inverse, and with 1 rounding errors of redundant loops begin to show.
 const ACCURATE_JOINT_ERP: f64 = 0.9;
@@ -91,7 +94,8 @@ pub(super) fn empty_scene(
     };
     let solver = physics.solver.unwrap_or(solver);
     let source = &world.common.source;
-    let mut warn = |message| notes.push(Note { severity: Severity::Warning, source: source.clone(), message });
+    let mut warn =
+        |message| notes.push(Note { severity: Severity::Warning, source: source.clone(), message, wanted: None });
     if world.skybox.is_some() {
         warn("kept, but not drawn: skybox".into());
     }
@@ -219,6 +223,7 @@ impl<'a> Builder<'a> {
         self.scene.arrange();
         let (remarks, open) = self.assembly.put_together(self.scene, self.first_body);
         self.notes.extend(remarks);
+        self.scene.place_wheels();
         let remarks = self.scene.articulate(self.first_joint, &open);
         self.notes.extend(remarks);
         let mut buffer = vec![0.0; self.scene.world.constraints().len()];
@@ -228,7 +233,12 @@ impl<'a> Builder<'a> {
     }
 
     pub(super) fn note(&mut self, severity: Severity, source: &SourcePos, message: String) {
-        self.notes.push(Note { severity, source: source.clone(), message });
+        self.notes.push(Note { severity, source: source.clone(), message, wanted: None });
+    }
+
+    /// A remark on a name in the file that leads to nothing, or to several objects.
+    pub(super) fn note_wanted(&mut self, severity: Severity, source: &SourcePos, message: String, wanted: &str) {
+        self.notes.push(Note { severity, source: source.clone(), message, wanted: Some(wanted.to_owned()) });
     }
 
     fn begin_model(&mut self, model: adf::Model) -> Arc<adf::Model> {
@@ -437,11 +447,12 @@ impl<'a> Builder<'a> {
 
     fn note_displacement(&mut self, body: &adf::RigidBody, mesh: Option<&Mesh>, offset: &Isometry3<f64>) {
         let distance = offset.translation.vector.norm();
-        if mesh.is_some() && body.inertial_offset.is_none() && distance > 0.0 {
+        if mesh.is_some() && body.inertial_offset.is_none() && distance >= LEAST_DISPLACEMENT {
             let message = format!(
                 "`{}` has no `inertial offset`: its centre of mass is taken from the collision mesh; the C++ program then collides \
-                 with the mesh displaced by {distance:.4} m, here it stays where it is drawn",
-                body.common.identifier
+                 with the mesh displaced by {} m, here it stays where it is drawn",
+                body.common.identifier,
+                three_digits(distance)
             );
             self.note(Severity::Warning, &body.common.source, message);
         }
@@ -492,7 +503,8 @@ impl<'a> Builder<'a> {
                 Some(index)
             }
             Err(why) => {
-                self.drop_element(common, format_args!("{role} `{text}` {why}"));
+                let message = format!("`{}` is dropped: {role} `{text}` {why}", common.identifier);
+                self.note_wanted(Severity::Error, &common.source, message, text);
                 None
             }
         }
@@ -628,7 +640,11 @@ impl<'a> Builder<'a> {
             let (text, source) = (text.clone(), self.source_of(object));
             let is_resolved = self.scene.placed_mut(object).is_some_and(|placed| placed.parent.is_some());
             if let (false, Err(message)) = (is_resolved, self.scene.set_parent(object, &text)) {
-                self.note(Severity::Warning, &source, message);
+                // A parent that is there is refused where it closes a loop.
+                match self.scene.find_parent(&text) {
+                    Ok(_) => self.note(Severity::Warning, &source, message),
+                    Err(_) => self.note_wanted(Severity::Warning, &source, message, &text),
+                }
             }
         }
     }
@@ -650,12 +666,18 @@ fn enter(names: &mut NameMap, known: usize, keys: impl Iterator<Item = String>) 
     new.iter().for_each(|(key, index)| names.insert(key, *index));
 }
 
+/// A positive number below a million with three significant digits, without an exponent.
+fn three_digits(number: f64) -> String {
+    let digits = (2.0 - number.log10().floor()).clamp(0.0, 12.0);
+    format!("{number:.*}", digits as usize)
+}
+
 /// The options, completed by the world file.
 fn physics(world: &adf::World, options: &PhysicsOptions, notes: &mut Vec<Note>) -> PhysicsOptions {
     let settings = &world.physics;
     let mut unknown = |key: &str, name: &str, known: Vec<&str>| {
         let message = format!("`physics / {key}`: `{name}` is not known, expected one of {}", known.join(", "));
-        notes.push(Note { severity: Severity::Error, source: world.common.source.clone(), message });
+        notes.push(Note { severity: Severity::Error, source: world.common.source.clone(), message, wanted: None });
     };
     let solver = settings.solver.as_deref().and_then(|name| {
         let solver = Solver::from_name(name);
@@ -696,5 +718,18 @@ fn physics(world: &adf::World, options: &PhysicsOptions, notes: &mut Vec<Note>) 
         sleep: options.sleep.or(settings.sleep),
         joint_erp: options.joint_erp.or(settings.joint_erp),
         gyroscopic: options.gyroscopic.or(gyroscopic),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lengths_are_shown_with_three_digits() {
+        for (number, text) in [(0.3143, "0.314"), (0.003_677, "0.00368"), (1.234e-5, "0.0000123"), (12.0, "12.0")] {
+            assert_eq!(three_digits(number), text);
+        }
+        assert_eq!((three_digits(0.0), three_digits(1e300).len()), ("0.000000000000".into(), 301));
     }
 }

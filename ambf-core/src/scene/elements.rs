@@ -140,6 +140,7 @@ impl Builder<'_> {
     /// The body that shows a wheel. A wheel without one rolls unseen.
     fn wheel_body(&mut self, vehicle: &adf::Vehicle, suffix: &str, text: &str, chassis: usize) -> Option<usize> {
         let common = &vehicle.common;
+        let mut wanted = None;
         let problem = match self.find_body(text, &self.namespace(common), suffix) {
             Ok((index, _)) if index == chassis => format!("wheel `{text}` is the chassis"),
             Ok((index, _))
@@ -148,10 +149,16 @@ impl Builder<'_> {
                 format!("wheel `{text}` is held by a joint")
             }
             Ok((index, _)) => return Some(index),
-            Err(why) => format!("wheel `{text}` {why}"),
+            Err(why) => {
+                wanted = Some(text);
+                format!("wheel `{text}` {why}")
+            }
         };
         let message = format!("`{}`: {problem}; the wheel rolls, but no body shows it", common.identifier);
-        self.note(Severity::Error, &common.source, message);
+        match wanted {
+            Some(text) => self.note_wanted(Severity::Error, &common.source, message, text),
+            None => self.note(Severity::Error, &common.source, message),
+        }
         None
     }
 }

@@ -113,7 +113,7 @@ fn find_root(model: &adf::Model, device: &adf::InputDevice, notes: &mut Vec<Note
             device.identifier,
             others.join("`, `")
         );
-        notes.push(Note { severity: Severity::Warning, source: device.source.clone(), message });
+        notes.push(Note { severity: Severity::Warning, source: device.source.clone(), message, wanted: None });
     }
     Ok(root)
 }
@@ -167,7 +167,7 @@ impl Scene {
         };
         if !self.bodies[root].is_dynamic() {
             let message = format!("`{}`: its root link has no mass, so that nothing moves it", device.identifier);
-            notes.push(Note { severity: Severity::Warning, source: device.source.clone(), message });
+            notes.push(Note { severity: Severity::Warning, source: device.source.clone(), message, wanted: None });
         }
         let body = &self.bodies[root];
         let parts = EndEffectorParts {

@@ -102,6 +102,8 @@ pub struct Note {
     pub source: SourcePos,
     /// What is wrong and what is done instead.
     pub message: String,
+    /// The name in the file that led to nothing, or to several objects; `None` where the remark is about something else.
+    pub wanted: Option<String>,
 }
 
 impl fmt::Display for Note {

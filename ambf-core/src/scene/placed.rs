@@ -2,10 +2,13 @@
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 
-use super::{Identity, Scene};
+use super::{Found, Identity, NameMap, Scene};
 use crate::adf;
 use crate::comm::{CameraParameters, Command, LightParameters, PoseCommand};
 use crate::control::orientation_of;
+
+/// Objects that a message names: a few are enough to see what went wrong.
+const MAX_CANDIDATES: usize = 5;
 
 /// What an object can hang on, by index.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -76,7 +79,7 @@ impl Scene {
     /// A clause that says why there is none.
     pub(crate) fn find_parent(&self, text: &str) -> Result<Parent, String> {
         type Make = fn(usize) -> Parent;
-        let kinds: [(&super::NameMap, Make); 4] = [
+        let kinds: [(&NameMap, Make); 4] = [
             (&self.body_names, Parent::Body),
             (&self.names.cameras, Parent::Camera),
             (&self.names.lights, Parent::Light),
@@ -86,9 +89,34 @@ impl Scene {
         let parts = kinds.iter().filter_map(|(names, make)| names.index(text).map(make));
         match (exact.collect::<Vec<_>>().as_slice(), parts.collect::<Vec<_>>().as_slice()) {
             (&[parent], _) | ([], &[parent]) => Ok(parent),
-            ([], []) => Err(self.body_names.find(text).to_string()),
-            _ => Err("the name of objects of several types".into()),
+            _ => {
+                let is_exact = kinds.iter().any(|(names, _)| names.exact(text).is_some());
+                Err(match self.candidates(&kinds.map(|(names, _)| names), text, is_exact) {
+                    candidates if candidates.is_empty() => Found::Nothing.to_string(),
+                    candidates if is_exact => format!("the name of several: {}", candidates.join(", ")),
+                    candidates => format!("part of several: {}", candidates.join(", ")),
+                })
+            }
         }
+    }
+
+    /// What of each type has the name `text`, or with `is_exact` false holds it: a few in lexicographic order, as a message shows them.
+    fn candidates(&self, kinds: &[&NameMap; 4], text: &str, is_exact: bool) -> Vec<String> {
+        let types = ["body", "camera", "light", "ghost object"];
+        let mut found: Vec<(&str, &str)> = Vec::new();
+        for (names, kind) in kinds.iter().zip(types) {
+            let holds = |key: &str| if is_exact { key == text } else { key.contains(text) };
+            let keys = names.iter().map(|(key, _)| key).filter(|key| holds(key)).take(MAX_CANDIDATES);
+            found.extend(keys.map(|key| (key, kind)));
+        }
+        found.sort_unstable();
+        // The type matters only where a name is that of objects of several types.
+        let is_of_two = |key: &str| found.iter().filter(|(other, _)| *other == key).count() > 1;
+        let shown = |&(key, kind): &(&str, &str)| match is_of_two(key) {
+            true => format!("`{key}` ({kind})"),
+            false => format!("`{key}`"),
+        };
+        found.iter().take(MAX_CANDIDATES).map(shown).collect()
     }
 
     /// Hangs `child` on what `text` names. An empty text changes nothing.

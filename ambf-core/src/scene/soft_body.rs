@@ -48,7 +48,8 @@ impl SoftBody {
 /// A soft body as Bullet is told to make it, and remarks on what of the description could not be used.
 ///
 /// The legacy profile keeps the habits of the C++ program: only the last part of the mesh counts, a vertex that became node 0 cannot
-/// be fixed by its number in the file, and the list of fixed nodes ends at the first number that is too large.
+/// be fixed by its number in the file, and the list of fixed nodes ends at the first number that is too large. Coefficients beyond the
+/// ranges of Bullet, which the reader named, are used as they are.
 pub(super) fn describe(soft: &adf::SoftBody, mesh: &Mesh, profile: Profile) -> (bullet::SoftBody, Vec<String>) {
     let mut remarks = Vec::new();
     let filled: Vec<&SubMesh> = mesh.sub_meshes.iter().filter(|sub| !sub.vertices.is_empty()).collect();
@@ -86,6 +87,14 @@ pub(super) fn describe(soft: &adf::SoftBody, mesh: &Mesh, profile: Profile) -> (
     }
     let mut links = bullet::SoftBody::triangle_links(&faces);
     links.extend(lines);
+    let bounded;
+    let described = match profile {
+        Profile::Legacy => &soft.config,
+        Profile::Accurate => {
+            bounded = soft.config.within_range();
+            &bounded
+        }
+    };
     let body = bullet::SoftBody {
         nodes,
         links,
@@ -93,8 +102,8 @@ pub(super) fn describe(soft: &adf::SoftBody, mesh: &Mesh, profile: Profile) -> (
         mass: soft.mass,
         margin: soft.collision_margin,
         pose: soft.location,
-        config: config(&soft.config),
-        material: soft.config.material.map(|material| [material.kLST, material.kAST, material.kVST]),
+        config: config(described),
+        material: described.material.map(|material| [material.kLST, material.kAST, material.kVST]),
         pose_matching: soft.config.kMT.is_some(),
         bending_distance: soft.config.bending_constraint,
         clusters: soft.config.clusters,

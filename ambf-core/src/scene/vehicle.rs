@@ -2,7 +2,7 @@
 
 use nalgebra::{Isometry3, Vector3};
 
-use super::{Bodies, Identity};
+use super::{Bodies, Identity, Scene};
 use crate::adf::Limits;
 use crate::bullet::{VehicleHandle, World};
 use crate::comm::{VehicleCommand, VehicleReading};
@@ -69,6 +69,14 @@ impl Wheel {
 /// Not `clamp`: the limits may be the wrong way round.
 fn within(value: f64, low: f64, high: f64) -> f64 {
     value.min(high).max(low)
+}
+
+impl Scene {
+    /// Puts the bodies that show wheels where the wheels are: chassis may have been moved.
+    pub(crate) fn place_wheels(&mut self) {
+        let Self { vehicles, world, bodies, .. } = self;
+        vehicles.iter().for_each(|vehicle| vehicle.update(world, bodies));
+    }
 }
 
 impl Vehicle {

@@ -346,6 +346,7 @@ impl Simulation {
             self.reset_controllers();
         }
         self.scene.vehicles.iter_mut().for_each(|vehicle| vehicle.reset(&mut self.scene.world));
+        self.scene.place_wheels();
         self.scene.sensors.iter_mut().for_each(crate::scene::Sensor::reset);
         self.scene.world.refresh_constraints();
         self.scene.observe_joints(0.0, &mut self.joint_buffer);

@@ -36,6 +36,8 @@ pub(super) enum Kind {
     Fixed,
     Floating,
     Planar,
+    /// A ball joint.
+    Spherical,
 }
 
 /// Motor impulses are given for this step, s.
@@ -111,7 +113,7 @@ impl<'a> Joint<'a> {
             * match self.kind {
                 Kind::Revolute => Isometry3::rotation(self.axis * q),
                 Kind::Prismatic => Isometry3::from(self.axis * q),
-                Kind::Fixed | Kind::Floating | Kind::Planar => Isometry3::identity(),
+                Kind::Fixed | Kind::Floating | Kind::Planar | Kind::Spherical => Isometry3::identity(),
             }
     }
 
@@ -121,6 +123,7 @@ impl<'a> Joint<'a> {
             Kind::Revolute => JointKind::Revolute,
             Kind::Prismatic => JointKind::Prismatic,
             Kind::Fixed => JointKind::Fixed,
+            Kind::Spherical => JointKind::PointToPoint,
             // A joint of unknown type joins nothing, as a floating one.
             Kind::Floating => JointKind::Unknown("floating".into()),
             // The third axis of the joint's frame is the normal of the plane; low above high is free.
@@ -144,12 +147,13 @@ impl<'a> Joint<'a> {
 
 impl Kind {
     fn read(element: &Element<'_>) -> Self {
-        let expected = "revolute, continuous, prismatic, fixed, floating or planar";
+        let expected = "revolute, continuous, prismatic, fixed, floating, planar or spherical";
         match element.need("type", expected) {
             "revolute" | "continuous" => Self::Revolute,
             "prismatic" => Self::Prismatic,
             "floating" => Self::Floating,
             "planar" => Self::Planar,
+            "spherical" => Self::Spherical,
             "fixed" => Self::Fixed,
             other => {
                 if element.attribute("type").is_some() {

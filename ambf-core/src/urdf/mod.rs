@@ -138,11 +138,19 @@ fn twice(element: &Element<'_>) {
 /// `/ambf/env/` and the name of the robot, without blanks, or without a name that of the file.
 fn namespace(robot: &Element<'_>) -> String {
     let file = robot.file().path().file_stem().unwrap_or_default().to_string_lossy();
-    let written = robot.attribute("name").map(|_| robot.need_name("name", "a name"));
-    let name = written.unwrap_or_else(|| {
-        robot.error(ProblemKind::Absent, "name", "", "the name of the robot", "that of the file is used");
+    let is_named = robot.attribute("name").is_some_and(|name| !name.trim().is_empty());
+    let name = if is_named {
+        robot.need_name("name", "a name")
+    } else {
+        let action = format!("that of the file is used, {}", quoted(&file));
+        match robot.attribute("name") {
+            Some(found) => {
+                robot.warn(ProblemKind::OutOfRange, "name", &quoted(found), "the name of the robot", &action)
+            }
+            None => robot.warn(ProblemKind::Absent, "name", "", "the name of the robot", &action),
+        }
         &file
-    });
+    };
     let name: String = name.split_whitespace().collect();
     match name.trim_matches('/') {
         "" => "/ambf/env/".to_owned(),

@@ -68,7 +68,15 @@ fn names_and_defaults() {
     assert_eq!((body.mass, body.inertia, body.location), (2.0, Some(Vector3::repeat(1.0)), Isometry3::identity()));
     let (model, problems) = read("<robot><link name='a'/></robot>");
     assert_eq!(model.namespace, "/ambf/env/t/");
-    assert!(problems[0].starts_with("dir/t.urdf:1:1: error: `robot / name` is missing"), "{problems:#?}");
+    assert_eq!(
+        problems,
+        ["dir/t.urdf:1:1: warning: `robot / name` is missing (the name of the robot); that of the file is used, `t`"]
+    );
+    for name in ["", "  "] {
+        let (model, problems) = read(&format!("<robot name='{name}'><link name='a'/></robot>"));
+        assert_eq!((model.namespace.as_str(), problems.len()), ("/ambf/env/t/", 1), "{problems:#?}");
+        assert!(problems[0].starts_with("dir/t.urdf:1:8: warning: `robot / name` is `"), "{problems:#?}");
+    }
     assert_eq!(clean("<robot name='/'><link name='a'/></robot>").namespace, "/ambf/env/");
 }
 
@@ -283,6 +291,35 @@ fn places_of_problems() {
     }
     let long = robot(&links(&["A".repeat(300).as_str()]));
     assert!(error(&long).contains("expected a name of 1 to 255 bytes") && error(&long).len() < 1000);
+}
+
+#[test]
+fn blanks_and_comments_may_stand_before_the_declaration() {
+    let declared = "<?xml version='1.0'?>\n<robot name='r'>\n<link name='a' colour='red'/></robot>";
+    for (before, line) in [("", 3), ("\n", 4), ("  \t", 3), ("<!-- by\nhand -->\n\n<!-- -->", 6), ("\u{feff}\n", 4)] {
+        let (model, problems) = read(&format!("{before}{declared}"));
+        assert_eq!(model.bodies.len(), 1);
+        assert_eq!(problems.len(), 1, "{problems:#?}");
+        assert!(problems[0].starts_with(&format!("dir/t.urdf:{line}:16: warning: ")), "{before:?}: {problems:#?}");
+    }
+    assert!(error("\n\n<?xml version='1.0'?><robot name='r'></link></robot>").starts_with("t.urdf:3:"));
+    let message = error("<!-- c --><?xml version='1.0'?><robot name='r'><!</robot>");
+    assert!(message.starts_with("t.urdf:1:48: syntax error: "), "{message}");
+    for broken in
+        ["<!-- <?xml version='1.0'?><robot name='r'/>", "x<?xml version='1.0'?><robot name='r'/>", "<!-->", "<?xml"]
+    {
+        assert!(error(broken).contains("syntax error"), "{broken}");
+    }
+}
+
+#[test]
+fn a_spherical_joint_is_a_ball_joint_without_a_coordinate() {
+    let model = clean(&robot(&(links(&["A", "B"]) + &joint("spherical", "A", "B"))));
+    let ball = &model.joints[0];
+    assert_eq!((&ball.kind, ball.common.passive, ball.limits), (&JointKind::PointToPoint, true, None));
+    assert_eq!((ball.parent_pivot, ball.child_pivot), (Vector3::x(), Vector3::zeros()));
+    let (_, problems) = read(&robot(&(links(&["A", "B"]) + &joint("ball-and-socket", "A", "B"))));
+    assert!(problems[0].contains("floating, planar or spherical; the joint is fixed"), "{problems:#?}");
 }
 
 #[test]

@@ -28,6 +28,8 @@ const LONG_LINE: usize = 4096;
 pub(super) struct File<'t> {
     text: &'t str,
     path: Arc<Path>,
+    /// Byte at which the document starts: blanks and comments before the XML declaration, which XML does not allow, are left out.
+    start: usize,
     /// Byte at which each line starts.
     lines: Vec<usize>,
     report: RefCell<Report>,
@@ -39,6 +41,7 @@ impl<'t> File<'t> {
         Self {
             text,
             path: path.into(),
+            start: before_declaration(text),
             lines: std::iter::once(0).chain(starts).collect(),
             report: RefCell::new(Report::default()),
         }
@@ -57,8 +60,14 @@ impl<'t> File<'t> {
         SourcePos { file: self.path.clone(), line: 0, column: 0 }
     }
 
-    /// The place of a byte.
+    /// The document.
+    fn document(&self) -> &'t str {
+        &self.text[self.start..]
+    }
+
+    /// The place of a byte of the document.
     fn source(&self, byte: usize) -> SourcePos {
+        let byte = self.start + byte;
         let line = self.lines.partition_point(|&start| start <= byte);
         let start = self.lines[line - 1];
         let before = self.text.get(start..byte).unwrap_or_default();
@@ -69,17 +78,23 @@ impl<'t> File<'t> {
 
     /// Parses the text.
     pub fn parse(&self) -> Result<Document<'t>, LoadError> {
-        if let Some((byte, what)) = find_excess(self.text, MAX_QUOTES) {
+        if let Some((byte, what)) = find_excess(self.document(), MAX_QUOTES) {
             return Err(self.syntax(Some(byte), what));
         }
         let options = ParsingOptions { nodes_limit: MAX_NODES, ..ParsingOptions::default() };
-        Document::parse_with_options(self.text, options).map_err(|error| {
+        Document::parse_with_options(self.document(), options).map_err(|error| {
             use roxmltree::Error as E;
-            let at = SourcePos { file: self.path.clone(), line: error.pos().row, column: error.pos().col };
+            let (row, column) = (error.pos().row, error.pos().col);
+            let first = self.source(0);
+            let column = if row > 1 { column } else { column.saturating_add(first.column - 1) };
+            let line = row.saturating_add(first.line - 1);
+            let at = SourcePos { file: self.path.clone(), line, column };
             match &error {
                 E::UnknownNamespace(prefix, _) if prefix == "xacro" => LoadError::Xacro { at },
-                E::DtdDetected => self
-                    .syntax(self.text.find("<!DOCTYPE"), "a DOCTYPE is not read; write out its entities and delete it"),
+                E::DtdDetected => self.syntax(
+                    self.document().find("<!DOCTYPE"),
+                    "a DOCTYPE is not read; write out its entities and delete it",
+                ),
                 E::NodesLimitReached => self.syntax(None, "too many elements for a robot"),
                 _ => {
                     // The parser ends its sentences with the place.
@@ -93,6 +108,19 @@ impl<'t> File<'t> {
 
     fn syntax(&self, byte: Option<usize>, message: &str) -> LoadError {
         LoadError::Syntax { at: self.source(byte.unwrap_or(0)), message: message.to_owned() }
+    }
+}
+
+/// Length of the blanks and comments before an XML declaration; 0 where anything else stands there, or no declaration follows.
+fn before_declaration(text: &str) -> usize {
+    let mut rest = text.trim_start();
+    while let Some((_, behind)) = rest.strip_prefix("<!--").and_then(|comment| comment.split_once("-->")) {
+        rest = behind.trim_start();
+    }
+    if rest.starts_with("<?xml") {
+        text.len() - rest.len()
+    } else {
+        0
     }
 }
 
@@ -309,8 +337,10 @@ impl<'a> Element<'a> {
             .ancestors()
             .filter(|n| n.is_element() && (n.parent_element().is_some() || *n == self.node))
             .map(|n| match n.attribute("name") {
-                Some(own) => format!("{} {}", shortened(n.tag_name().name(), 60), shortened(own, 60)),
-                None => shortened(n.tag_name().name(), 60),
+                Some(own) if !own.trim().is_empty() => {
+                    format!("{} {}", shortened(n.tag_name().name(), 60), shortened(own, 60))
+                }
+                _ => shortened(n.tag_name().name(), 60),
             })
             .collect();
         path.reverse();

@@ -10,6 +10,9 @@ use crate::adf::yaml::{Kind, Mark, NodeId};
 /// Elements or mappings that a list may hold. An entry of three bytes can stand for an element of a kilobyte.
 const MAX_ELEMENTS: usize = 100_000;
 
+/// Numbers of a short mapping or list: those of a 4×4 matrix.
+const MAX_NUMBERS: usize = 16;
+
 impl<'m> Map<'m> {
     fn scalar<T>(&self, key: &str, expected: &str, convert: impl FnOnce(&str) -> Option<T>) -> Option<T> {
         let node = self.node(key)?;
@@ -114,6 +117,43 @@ impl<'m> Map<'m> {
             return None;
         }
         self.string(key).filter(|s| !s.is_empty())
+    }
+
+    /// False when the key is absent, null or an empty text.
+    pub(in crate::adf) fn is_filled(&self, key: &str) -> bool {
+        self.node(key).is_some_and(|node| match &node.kind {
+            Kind::Null => false,
+            Kind::Scalar(text) => !text.is_empty(),
+            Kind::List(_) | Kind::Map(_) => true,
+        })
+    }
+
+    /// Finite numbers by name, of a mapping that holds nothing else; of a list, or a list of lists, without names. `None`, unreported, for
+    /// anything else and for more than [`MAX_NUMBERS`].
+    pub(in crate::adf) fn numbers(&self, key: &str) -> Option<Vec<(&'m str, f64)>> {
+        let number = |id: NodeId| match &self.r.doc.node(id).kind {
+            Kind::Scalar(text) => scalar::real(text).filter(|number| number.is_finite()),
+            _ => None,
+        };
+        let named = |name, id| number(id).map(|number| (name, number));
+        match &self.node(key)?.kind {
+            Kind::Map(entries) if entries.len() <= MAX_NUMBERS => {
+                entries.iter().map(|&(name, id)| named(text_of(self.r.doc.node(name)), id)).collect()
+            }
+            Kind::List(items) if items.len() <= MAX_NUMBERS => {
+                let mut numbers = Vec::new();
+                for &id in items {
+                    match &self.r.doc.node(id).kind {
+                        Kind::List(row) if row.len() <= MAX_NUMBERS => {
+                            numbers.extend(row.iter().map(|&id| named("", id)).collect::<Option<Vec<_>>>()?);
+                        }
+                        _ => numbers.push(named("", id)?),
+                    }
+                }
+                (numbers.len() <= MAX_NUMBERS).then_some(numbers)
+            }
+            _ => None,
+        }
     }
 
     // --- collections ----------------------------------------------------------------------------------------------
