@@ -52,7 +52,7 @@ pub enum BatchError {
         /// Why.
         source: std::io::Error,
     },
-    /// Error when the state became non-finite.
+    /// Error when the state became non-finite or implausible.
     #[error(transparent)]
     Lost(#[from] LostState),
     /// Error when SIGINT or SIGTERM ended a run with plugins, after they were closed. Without plugins these end the program at once.

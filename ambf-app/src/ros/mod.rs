@@ -9,7 +9,7 @@
 //! | `ros-connect` | asks the master which clients publish commands |
 //! | `ros-listen` | one a client and topic, receives its commands |
 //! | `ros-sockets` | sets the options of new sockets |
-//! | `ros-master` | the embedded master, when there is one |
+//! | `ros-master` | a master in this process, when there is one; the simulator starts its own in another process |
 //! | `ros-service`, `ros-request` | one a service for its new clients, one a client for its requests |
 //!
 //! rosrust adds two threads for each topic that is published. None of them can hold up the physics: states are read from the hub's newest
