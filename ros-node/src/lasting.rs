@@ -117,17 +117,19 @@ fn registered(master: &Peer) -> Result<BTreeMap<String, Registrations>, CallErro
 
 /// Names, and who uses each, in `[[name, [user, …]], …]`: one of the three parts of what `getSystemState` answers.
 pub fn entries(part: &Value) -> impl Iterator<Item = (&str, Vec<&str>)> {
-    let list = |value| match value {
-        &Value::Array(ref list) => list.as_slice(),
-        _ => &[],
-    };
+    fn list(value: &Value) -> &[Value] {
+        match value {
+            Value::Array(list) => list,
+            _ => &[],
+        }
+    }
     fn text(value: &Value) -> Option<&str> {
         match value {
             Value::String(text) => Some(text),
             _ => None,
         }
     }
-    list(part).iter().filter_map(move |entry| match list(entry) {
+    list(part).iter().filter_map(|entry| match list(entry) {
         [name, users] => Some((text(name)?, list(users).iter().filter_map(text).collect())),
         _ => None,
     })

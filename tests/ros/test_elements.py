@@ -285,6 +285,42 @@ class Ghost(Simulated):
         self.zone.until(lambda state: state.pose.position.x == 0.0, "a reset brings it back")
 
 
+class LookUp(Simulated):
+    """A body, and a ghost object, a contact sensor and a soft body whose names hold that of the body."""
+
+    def setUp(self):
+        entry = {**box("Entry1", 0.0, x=5.0, z=0.5)}
+        text = {
+            "bodies": ["BODY Entry1"],
+            "BODY Entry1": entry,
+            "ghost objects": ["GHOST ghostEntry1"],
+            "GHOST ghostEntry1": {
+                "name": "ghostEntry1",
+                "parent": "BODY Entry1",
+                "collision shape": "Sphere",
+                "collision geometry": {"radius": 0.1},
+            },
+            "sensors": ["SENSOR tipEntry1"],
+            "SENSOR tipEntry1": {"name": "tipEntry1", "type": "Contact", "parent": "BODY Entry1"},
+        }
+        self.FILES = (written("entries.yaml", {"namespace": "/ambf/env/", "joints": [], **text}), MODELS / "cloth.yaml")
+        super().setUp()
+
+    def test_a_part_of_a_name_means_the_body(self):
+        """As client 2.0 looks it up: among the topics of the types that it knows, by name, else by a part of one name only."""
+        known = ("Actuator", "Camera", "Light", "Object", "RigidBody", "Sensor", "Vehicle")
+        topics = dict(rospy.get_published_topics())
+        names = [
+            topic.replace("/State", "") for topic, kind in topics.items() if kind in [f"ambf_msgs/{k}State" for k in known]
+        ]
+        self.assertEqual([name for name in names if "Entry1" in name], ["/ambf/env/Entry1"])
+        self.assertEqual([name for name in names if "cloth/cloth" in name], [])
+        # Version 3.0 of the client finds the others by their own types.
+        self.assertEqual(topics["/ambf/env/ghostEntry1/State"], "ambf_msgs/GhostObjectState")
+        self.assertEqual(topics["/ambf/env/tipEntry1/State"], "ambf_msgs/ContactSensorState")
+        self.assertNotIn("ambf_msgs/ObjectState", topics.values())
+
+
 def sensed(state):
     """Identifiers of what is in a ghost object."""
     return [name.data for name in state.sensed_objects]
