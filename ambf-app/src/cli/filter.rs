@@ -5,6 +5,27 @@ use super::values::boolean;
 use super::CliError;
 use clap::{Arg, Command};
 
+/// Long options of the C++ program: a beginning that is unique among them is theirs, whatever else begins so here.
+const ORIGINAL: [&str; 17] = [
+    "help",
+    "ndevs",
+    "load_devices",
+    "enableforces",
+    "phx_frequency",
+    "htx_frequency",
+    "fixed_phx_timestep",
+    "fixed_htx_timestep",
+    "override_max_comm_freq",
+    "override_min_comm_freq",
+    "show_gui",
+    "ns",
+    "sim_speed_factor",
+    "plugins",
+    "launch_file",
+    "load_multibody_files",
+    "load_multibodies",
+];
+
 /// The known options of `argv` (program name included) as `--name=value`, and what was taken out, in order.
 ///
 /// A known option takes the next word as its value unless that is itself a known option, so negative numbers can be values.
@@ -65,7 +86,7 @@ fn option<'c, 'w>(command: &'c Command, word: &'w str) -> Result<Option<(&'c Arg
     }))
 }
 
-/// The option with this long name, or the only one whose name starts so.
+/// The option with this long name, or the only one whose name starts so, or the only one of the C++ program's.
 fn by_long_name<'c>(command: &'c Command, name: &str) -> Result<Option<&'c Arg>, CliError> {
     if name.is_empty() {
         return Ok(None);
@@ -75,9 +96,11 @@ fn by_long_name<'c>(command: &'c Command, name: &str) -> Result<Option<&'c Arg>,
         return Ok(Some(exact));
     }
     let candidates: Vec<&Arg> = command.get_arguments().filter(|argument| long(argument).starts_with(name)).collect();
-    match candidates[..] {
-        [] => Ok(None),
-        [only] => Ok(Some(only)),
+    let original: Vec<&Arg> =
+        candidates.iter().copied().filter(|argument| ORIGINAL.contains(&long(argument))).collect();
+    match (&candidates[..], &original[..]) {
+        ([], _) => Ok(None),
+        ([only], _) | (_, [only]) => Ok(Some(only)),
         _ => {
             let names: Vec<String> = candidates.iter().map(|argument| format!("--{}", long(argument))).collect();
             let names = names.join(", ");
