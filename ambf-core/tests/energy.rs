@@ -166,6 +166,56 @@ fn pendulums_and_chains_close() {
     }
 }
 
+/// Bullet's Euler angles wrap and have singular orientations; an elastic energy made of them jumps there, by all there is.
+#[test]
+fn a_spring_about_three_axes_keeps_its_energy_in_any_rotation() {
+    for (stiffness, equilibrium) in
+        [([1.0, 0.5, 0.7], [0.0; 3]), ([2.0; 3], [0.0; 3]), ([1.0, 0.5, 0.7], [0.5, -0.8, 0.3])]
+    {
+        let mut world = accurate();
+        world.set_gravity(Vector3::zeros());
+        let base = world.add_body(body(0.0, 0.0, 0.0, 0.0));
+        let top = world.add_body(body(2.0, 0.0, 0.0, 0.0));
+        let about = |i: usize| {
+            Some(Spring { enabled: true, stiffness: stiffness[i], damping: 0.0, equilibrium: Some(equilibrium[i]) })
+        };
+        let (locked, free) = ([0.0, 0.0], [1.0, -1.0]);
+        let kind = ConstraintKind::SixDofSpring {
+            limits: [locked, locked, locked, free, free, free],
+            springs: [None, None, None, about(0), about(1), about(2)],
+        };
+        world.add_constraint(base, top, &joint(kind, Isometry3::identity(), Isometry3::identity())).unwrap();
+        // Bullet's angles x, y, z say that B is turned by (R_x(x) R_y(y) R_z(z))^T relative to A.
+        let turn = |i: usize| {
+            UnitQuaternion::from_axis_angle(
+                &[Vector3::x_axis(), Vector3::y_axis(), Vector3::z_axis()][i],
+                equilibrium[i],
+            )
+        };
+        let rest = (turn(0) * turn(1) * turn(2)).inverse();
+        world.set_pose(top, &Isometry3::from_parts(Vector3::zeros().into(), rest));
+        world.set_velocity(top, &Vector3::zeros(), &Vector3::new(12.0, -9.0, 7.0));
+        let energy = |world: &World| {
+            let (pose, (_, omega)) = (world.pose(top).unwrap(), world.velocity(top).unwrap());
+            let local = pose.rotation.inverse() * omega;
+            let phi = (rest.inverse() * pose.rotation).scaled_axis();
+            let kinetic = 0.5 * local.dot(&local.component_mul(&(Vector3::new(0.02, 0.03, 0.04) * 2.0)));
+            (kinetic + 0.5 * phi.dot(&phi.component_mul(&Vector3::from(stiffness))), phi.norm())
+        };
+        let (start, _) = energy(&world);
+        let (mut largest, mut farthest) = (0.0f64, 0.0f64);
+        for _ in 0..5000 {
+            world.step(DT, 1, DT);
+            let (now, angle) = energy(&world);
+            largest = largest.max((now - start).abs() / start);
+            farthest = farthest.max(angle);
+        }
+        println!("{stiffness:?} {equilibrium:?}: {largest:e} of {start}, {farthest}");
+        assert!(largest < 0.02, "{stiffness:?}: the energy has changed by {largest} of {start} J");
+        assert!(farthest > 2.0, "{farthest} rad is no large rotation");
+    }
+}
+
 #[test]
 fn springs_keep_what_damping_leaves() {
     for (mut world, articulated) in [(accurate(), true), (accurate(), false), (legacy(), false)] {

@@ -1,7 +1,9 @@
 #include "engine.h"
+#include "spring_rotation.h"
 #include "tree_rows.h"
 
 #include <algorithm>
+#include <optional>
 
 namespace {
 
@@ -143,11 +145,13 @@ struct ImplicitSpring : btGeneric6DofSpring2Constraint {
     btGeneric6DofSpring2Constraint::getInfo2(info);
     give_springs();
     const btScalar h = 1 / info->fps;
+    std::optional<SpringRotation> rotation;
+    if (SpringRotation::holds_for(*this)) rotation.emplace(*this);
     int next = rows.first;
     for (int axis = 0; axis < 6; ++axis) {
       if (!taken[axis]) continue;
       Row row(*info, next);
-      const btScalar target = axis < 3 ? linear_row(row, axis, h) : angular_row(row, axis - 3, h);
+      const btScalar target = axis < 3 ? linear_row(row, axis, h) : angular_row(row, axis - 3, rotation, h);
       row.target = target;
       row.lower = -BT_LARGE_FLOAT;
       row.upper = BT_LARGE_FLOAT;
@@ -207,13 +211,13 @@ struct ImplicitSpring : btGeneric6DofSpring2Constraint {
   }
 
   // Bullet's angles have the opposite sign.
-  btScalar angular_row(Row &row, int axis, btScalar h) {
-    const btVector3 direction = getAxis(axis);
+  btScalar angular_row(Row &row, int axis, const std::optional<SpringRotation> &rotation, btScalar h) {
+    const btVector3 direction = rotation ? rotation->gradient[axis] : getAxis(axis);
     write_vector(-direction, row.angular_a);
     write_vector(direction, row.angular_b);
     const btRotationalLimitMotor2 &motor = m_angularLimits[axis];
     const btScalar rate = direction.dot(m_rbB.getAngularVelocity() - m_rbA.getAngularVelocity());
-    const btScalar displacement = motor.m_equilibriumPoint - m_calculatedAxisAngleDiff[axis];
+    const btScalar displacement = rotation ? rotation->phi[axis] : motor.m_equilibriumPoint - m_calculatedAxisAngleDiff[axis];
     return target_of(index_of(axis + 3), motor.m_springStiffness, motor.m_springDamping, displacement, rate, h);
   }
 

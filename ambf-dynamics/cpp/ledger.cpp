@@ -1,6 +1,7 @@
 #include "ledger.h"
 
 #include "free_flight.h"
+#include "spring_rotation.h"
 #include "tree_rows.h"
 
 #include <cmath>
@@ -41,7 +42,13 @@ struct Axis {
   double coordinate, rest, stiffness, damping;
 };
 
-// Axis 0 to 5 of a spring whose transforms are up to date: along x, y, z, m, and about them, rad.
+// Axes of a spring whose transforms are up to date: along x, y, z, m, and about them, rad.
+struct Axes {
+  Axis axis[6];
+  // The angles are a rotation vector, which changes its sign at pi, and the energy does not.
+  bool turns;
+};
+
 Axis axis_of(btGeneric6DofSpring2Constraint &spring, int i) {
   if (i < 3) {
     const auto &way = *spring.getTranslationalLimitMotor();
@@ -51,6 +58,20 @@ Axis axis_of(btGeneric6DofSpring2Constraint &spring, int i) {
   const auto &turn = *spring.getRotationalLimitMotor(i - 3);
   if (!turn.m_enableSpring) return {spring.getAngle(i - 3), 0, 0, 0};
   return {spring.getAngle(i - 3), turn.m_equilibriumPoint, turn.m_springStiffness, turn.m_springDamping};
+}
+
+Axes axes_of(btGeneric6DofSpring2Constraint &spring, bool implicit) {
+  Axes axes;
+  for (int i = 0; i < 6; ++i) axes.axis[i] = axis_of(spring, i);
+  axes.turns = implicit && SpringRotation::holds_for(spring);
+  if (axes.turns) {
+    const SpringRotation rotation(spring);
+    for (int i = 0; i < 3; ++i) {
+      axes.axis[3 + i].coordinate = rotation.phi[i];
+      axes.axis[3 + i].rest = 0;
+    }
+  }
+  return axes;
 }
 
 }  // namespace
@@ -109,8 +130,9 @@ void EnergyLedger::settle_springs(EngineWorld &engine) {
     SpringState &state = spring_states[count++];
     auto &spring = *static_cast<btGeneric6DofSpring2Constraint *>(engine.world.world->getConstraint(i));
     spring.calculateTransforms();
+    const Axes axes = axes_of(spring, implicit_springs);
     for (int k = 0; k < 6; ++k) {
-      const double coordinate = axis_of(spring, k).coordinate;
+      const double coordinate = axes.axis[k].coordinate;
       // What was set differs by more than rounding.
       if (state.spring != constraint || std::fabs(coordinate - state.now[k]) > 1e-12 * (1 + std::fabs(coordinate))) {
         state.before[k] = state.now[k] = coordinate;
@@ -128,8 +150,10 @@ double EnergyLedger::springs(double h) {
   for (SpringState &state : spring_states) {
     auto &spring = *const_cast<btGeneric6DofSpring2Constraint *>(static_cast<const btGeneric6DofSpring2Constraint *>(state.spring));
     if (h > 0) spring.calculateTransforms();
+    const Axes axes = axes_of(spring, implicit_springs);
+    if (h > 0 && axes.turns) state.keep_sign(axes.axis[3].coordinate, axes.axis[4].coordinate, axes.axis[5].coordinate);
     for (int k = 0; k < 6; ++k) {
-      const Axis axis = axis_of(spring, k);
+      const Axis &axis = axes.axis[k];
       if (h > 0) {
         const double last_way = state.now[k] - state.before[k], way = axis.coordinate - state.before[k];
         const double damped_way = implicit_springs ? axis.coordinate - state.now[k] : last_way;

@@ -65,6 +65,15 @@ class EnergyLedger {
   struct SpringState {
     const btTypedConstraint *spring = nullptr;
     double before[6] = {}, now[6] = {};
+
+    // A rotation vector that has changed its sign at pi is the same orientation: the earlier ones follow.
+    void keep_sign(double x, double y, double z) {
+      if (now[3] * x + now[4] * y + now[5] * z > -1) return;
+      for (int k = 3; k < 6; ++k) {
+        before[k] = -before[k];
+        now[k] = -now[k];
+      }
+    }
   };
 
   MechanicalEnergy free_bodies(EngineWorld &engine) const;
