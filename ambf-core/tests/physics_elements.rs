@@ -202,6 +202,34 @@ fn a_ghost_follows_its_parent_body() {
 }
 
 #[test]
+fn a_short_name_means_the_parent_of_the_same_model() {
+    let model = |namespace: &str, x: f64| {
+        format!(
+            "namespace: {namespace}\nbodies: [BODY finger]\njoints: []\nghost objects: [GHOST g]\ncameras: [CAMERA c]\n\
+             BODY finger: {{name: finger, mass: 0, location: {{position: {{x: {x}, y: 0, z: 0}}}}}}\n\
+             GHOST g: {{name: g, parent: BODY finger, collision shape: Sphere, collision geometry: {{radius: 0.1}}}}\n\
+             CAMERA c: {{name: c, parent: BODY finger}}\n"
+        )
+    };
+    // One model twice, and one with the same names in another namespace.
+    let (a, b) = (model("/ambf/env/a/", 1.0), model("/ambf/env/b/", 2.0));
+    let Loaded { scene, report } = load_texts(HEAVY, &[&a, &a, &b]);
+    assert!(report.errors() == 0 && !report.to_string().contains("parent"), "{report}");
+    let parents = |placed: Vec<Option<Parent>>| {
+        assert_eq!(placed, (0..3).map(|body| Some(Parent::Body(body))).collect::<Vec<_>>())
+    };
+    parents(scene.ghosts.iter().map(|ghost| ghost.placed.parent).collect());
+    parents(
+        scene
+            .cameras
+            .iter()
+            .filter(|camera| camera.placed.identity.identifier == "CAMERA c")
+            .map(|camera| camera.placed.parent)
+            .collect(),
+    );
+}
+
+#[test]
 fn a_loop_of_parents_is_refused() {
     let model = "lights: [A, B]\ncameras: [C]\n\
                  A: {name: A, parent: B, location: {x: 1, y: 0, z: 0}}\nB: {name: B, parent: A, location: {x: 1, y: 0, z: 0}}\n\

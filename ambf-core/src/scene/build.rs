@@ -641,7 +641,7 @@ impl<'a> Builder<'a> {
             let is_resolved = self.scene.placed_mut(object).is_some_and(|placed| placed.parent.is_some());
             if let (false, Err(message)) = (is_resolved, self.scene.set_parent(object, &text)) {
                 // A parent that is there is refused where it closes a loop.
-                match self.scene.find_parent(&text) {
+                match self.scene.find_parent(object, &text) {
                     Ok(_) => self.note(Severity::Warning, &source, message),
                     Err(_) => self.note_wanted(Severity::Warning, &source, message, &text),
                 }

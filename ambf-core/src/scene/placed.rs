@@ -73,11 +73,13 @@ pub struct Light {
 }
 
 impl Scene {
-    /// What `text` names as a parent. Several hits of different types are as bad as several of one, unless exactly one of them is exact.
+    /// What `text` names as the parent of `child`: by its qualified identifier, in the namespace of `child`, else as part of one. Of a model
+    /// that is loaded several times the copy of `child` is meant. Several hits of different types are as bad as several of one, unless exactly
+    /// one of them is exact.
     ///
     /// # Errors
     /// A clause that says why there is none.
-    pub(crate) fn find_parent(&self, text: &str) -> Result<Parent, String> {
+    pub(crate) fn find_parent(&self, child: Parent, text: &str) -> Result<Parent, String> {
         type Make = fn(usize) -> Parent;
         let kinds: [(&NameMap, Make); 4] = [
             (&self.body_names, Parent::Body),
@@ -85,10 +87,15 @@ impl Scene {
             (&self.names.lights, Parent::Light),
             (&self.names.ghosts, Parent::Ghost),
         ];
-        let exact = kinds.iter().filter_map(|(names, make)| names.exact(text).map(make));
+        let identity = self.placed(child).map(|placed| &placed.identity);
+        let (namespace, suffix) = identity.map_or(("", ""), |identity| (&identity.namespace, &identity.suffix));
+        let own = [format!("{namespace}{text}{suffix}"), format!("{text}{suffix}"), format!("{namespace}{text}")];
+        let exactly =
+            |text: &str| kinds.iter().filter_map(|(names, make)| names.exact(text).map(make)).collect::<Vec<_>>();
         let parts = kinds.iter().filter_map(|(names, make)| names.index(text).map(make));
-        match (exact.collect::<Vec<_>>().as_slice(), parts.collect::<Vec<_>>().as_slice()) {
-            (&[parent], _) | ([], &[parent]) => Ok(parent),
+        let own = own.iter().map(|text| exactly(text)).find(|found| !found.is_empty()).unwrap_or_default();
+        match (own.as_slice(), exactly(text).as_slice(), parts.collect::<Vec<_>>().as_slice()) {
+            (&[parent], ..) | ([], &[parent], _) | ([], [], &[parent]) => Ok(parent),
             _ => {
                 let is_exact = kinds.iter().any(|(names, _)| names.exact(text).is_some());
                 Err(match self.candidates(&kinds.map(|(names, _)| names), text, is_exact) {
@@ -131,7 +138,7 @@ impl Scene {
             let key = scene.placed(child).map(|placed| placed.identity.key()).unwrap_or_default();
             Err(format!("`{key}`: parent `{text}` is {why}; it stays where it is"))
         };
-        let parent = match self.find_parent(text) {
+        let parent = match self.find_parent(child, text) {
             Ok(parent) => parent,
             Err(why) => return refuse(self, why),
         };
