@@ -577,15 +577,15 @@ fn parents_that_are_part_of_several_are_listed() {
     let folder = Folder::new();
     let found = lines(
         &folder,
-        "namespace: /n/\nbodies: [camera]\ncamera: {name: camera, mass: 0}\ncameras: [cameraL, cameraL2, Third]\nlights: [Lamp]\n\
-         cameraL: {name: cameraL}\ncameraL2: {name: cameraL2}\nThird: {name: Third, parent: cameraL}\n\
+        "namespace: /n/\nbodies: [camera]\ncamera: {name: camera, mass: 0}\ncameras: [cameraL, cameraL2, Third, Fourth]\nlights: [Lamp]\n\
+         cameraL: {name: cameraL}\ncameraL2: {name: cameraL2}\nThird: {name: Third, parent: eraL}\nFourth: {name: Fourth, parent: cameraL}\n\
          Lamp: {name: Lamp, parent: cameraX}\n",
     );
     let found: Vec<_> = found.iter().filter(|line| line.contains("warning")).collect();
     assert_eq!(found.len(), 2, "{found:#?}");
     assert_eq!(
         found[0],
-        "m.yaml:8:1: warning: `/n/Third`: parent `cameraL` is part of several: `/n/cameraL`, `/n/cameraL2`; it stays where it is"
+        "m.yaml:8:1: warning: `/n/Third`: parent `eraL` is part of several: `/n/cameraL`, `/n/cameraL2`; it stays where it is"
     );
     assert!(found[1].contains("`/n/Lamp`: parent `cameraX` is not found"), "{found:#?}");
     let found = lines(
