@@ -451,6 +451,8 @@ class Threads(unittest.TestCase):
         """By Ctrl+C, after a whole number of iterations; the simulation goes on."""
         text = (
             "import ambf, sys, threading, os, signal\n"
+            # Shells let programs that they start in the background ignore it.
+            "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
             "sims = [ambf.Simulation(sys.argv[1], launch_file=sys.argv[2]) for _ in range(2)]\n"
             "for step in (lambda n: sims[0].step(n), lambda n: ambf.step_all(sims, n)):\n"
             "    threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()\n"
