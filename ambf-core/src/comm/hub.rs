@@ -12,6 +12,7 @@ use super::{
     ActuatorCommand, CameraParameters, Command, LightParameters, Mailbox, PoseCommand, Rates, RigidBodyCommand,
     SensorCommand, Snapshot, SnapshotWriter, SoftBodyCommand, StepThrottle, VehicleCommand,
 };
+use crate::scene::VisualScene;
 
 /// What an object is, and where its state stands in a [`Snapshot`].
 #[derive(Debug, Clone, PartialEq)]
@@ -236,6 +237,8 @@ pub struct Hub {
     generation: AtomicU64,
     changing: Mutex<()>,
     snapshot: Slot,
+    /// What can be drawn.
+    visuals: ArcSwapOption<VisualScene>,
     /// Why nothing moves.
     lost: ArcSwapOption<String>,
     listeners: AtomicBool,
@@ -260,6 +263,7 @@ impl Hub {
             generation: AtomicU64::new(0),
             changing: Mutex::default(),
             snapshot: Slot::empty(),
+            visuals: ArcSwapOption::empty(),
             lost: ArcSwapOption::empty(),
             listeners: AtomicBool::new(false),
             throttle: StepThrottle::default(),
@@ -313,6 +317,16 @@ impl Hub {
     /// [listens](Self::set_listening). Hold it briefly.
     pub fn snapshot(&self) -> Guard<Option<Arc<Snapshot>>> {
         self.snapshot.load()
+    }
+
+    /// What of the scene can be drawn, anew after each change of the scene; `None` before a simulation is connected.
+    pub fn visuals(&self) -> Option<Arc<VisualScene>> {
+        self.visuals.load_full()
+    }
+
+    /// Physics thread: says what can be drawn now.
+    pub fn set_visuals(&self, visuals: VisualScene) {
+        self.visuals.store(Some(Arc::new(visuals)));
     }
 
     /// Why nothing moves, "lost at step 12: …; a reset resumes", when the state was lost; the snapshot is then that of the step before.

@@ -31,8 +31,8 @@ pub use mailbox::{Inbox, Mailbox};
 pub use schedule::{PublishSchedule, Rates};
 pub(crate) use snapshot::Slot as SnapshotSlot;
 pub use snapshot::{
-    ContactPoint, ContactReading, GhostReading, RayReading, Snapshot, SnapshotWriter, SoftBodyReading, Timing,
-    TouchingBody, VehicleReading, Wrench,
+    CameraView, ContactPoint, ContactReading, GhostReading, RayReading, Snapshot, SnapshotWriter, SoftBodyReading,
+    SpotReading, Timing, TouchingBody, VehicleReading, Wrench,
 };
 pub use step::{StepError, StepOrder};
 pub use throttle::{Activity, StepThrottle, WorldCommand};

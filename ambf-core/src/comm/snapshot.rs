@@ -114,6 +114,34 @@ pub struct GhostReading {
     pub sensed: Vec<Arc<str>>,
 }
 
+/// What the picture of a camera depends on, beside its description.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CameraView {
+    /// Pose of the camera in the world: it looks along −x, +y is right in the picture, +z up.
+    pub pose: Isometry3<f64>,
+    /// Pose of its parent's frame in the world.
+    pub parent: Isometry3<f64>,
+    /// Distance of the near clipping plane, m.
+    pub near_plane: f64,
+    /// Distance of the far clipping plane, m.
+    pub far_plane: f64,
+    /// Vertical field of view, rad.
+    pub field_view_angle: f64,
+    /// Width of the view, m, in orthographic projection; `None`: perspective.
+    pub orthographic_view_width: Option<f64>,
+    /// Distance of the eyes and focal length, m; `None`: one eye.
+    pub stereo: Option<(f64, f64)>,
+}
+
+/// Where a spot light shines.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SpotReading {
+    /// Pose in the world: it shines along +x.
+    pub pose: Isometry3<f64>,
+    /// Half angle of its cone, rad.
+    pub cutoff_angle: f64,
+}
+
 /// State of every object after one physics iteration. Arrays are indexed as [`ObjectKind`](super::ObjectKind) says.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Snapshot {
@@ -141,6 +169,10 @@ pub struct Snapshot {
     pub cameras: Vec<Isometry3<f64>>,
     /// (lights x 1) pose in the parent's body frame, or in the world.
     pub lights: Vec<Isometry3<f64>>,
+    /// (cameras x 1) what pictures of them depend on.
+    pub views: Vec<CameraView>,
+    /// (lights x 1) where they shine.
+    pub spots: Vec<SpotReading>,
     /// (sensors x rays), for contact sensors (sensors x contacts).
     pub sensors: Vec<Vec<RayReading>>,
     /// (sensors x 1) what touches the body of each contact sensor; empty for other sensors.
@@ -170,6 +202,8 @@ impl Default for Snapshot {
             joint_efforts: Vec::new(),
             cameras: Vec::new(),
             lights: Vec::new(),
+            views: Vec::new(),
+            spots: Vec::new(),
             sensors: Vec::new(),
             contacts: Vec::new(),
             actuators: Vec::new(),

@@ -22,6 +22,7 @@ mod sensor;
 mod shape;
 mod soft_body;
 mod vehicle;
+mod visuals;
 
 pub use actuator::Actuator;
 pub use body::{Bodies, Body};
@@ -39,6 +40,10 @@ pub(crate) use saved::SavedScene;
 pub use sensor::{LocalRay, Sensed, Sensor};
 pub use soft_body::SoftBody;
 pub use vehicle::{Vehicle, Wheel};
+pub use visuals::{
+    VisualActuator, VisualBody, VisualCamera, VisualLight, VisualObject, VisualScene, VisualSensor, VisualSoftBody,
+    VisualVehicle,
+};
 
 use std::fmt;
 use std::sync::Arc;
@@ -378,6 +383,8 @@ impl Scene {
             joint_efforts: vec![0.0; self.joints.len()],
             cameras: identities(self.cameras.len()),
             lights: identities(self.lights.len()),
+            views: self.cameras.iter().map(|camera| self.view_of(camera)).collect(),
+            spots: self.lights.iter().map(|light| self.spot_of(light)).collect(),
             sensors: self.sensors.iter().map(|sensor| sensor.readings().to_vec()).collect(),
             contacts: self.sensors.iter().map(|sensor| sensor.contacts().cloned().unwrap_or_default()).collect(),
             actuators: vec![false; self.actuators.len()],
@@ -388,8 +395,16 @@ impl Scene {
         }
     }
 
-    /// Writes the states of everything but bodies, joints, cameras and lights.
+    /// Writes the states of everything but bodies and joints.
     pub(crate) fn fill_elements(&self, snapshot: &mut Snapshot) {
+        for (i, camera) in self.cameras.iter().enumerate() {
+            snapshot.cameras[i] = camera.placed.pose;
+            snapshot.views[i] = self.view_of(camera);
+        }
+        for (i, light) in self.lights.iter().enumerate() {
+            snapshot.lights[i] = light.placed.pose;
+            snapshot.spots[i] = self.spot_of(light);
+        }
         for (readings, sensor) in snapshot.sensors.iter_mut().zip(&self.sensors) {
             // Keeps the memory of what was there.
             readings.clear();

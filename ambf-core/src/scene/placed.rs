@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 use super::{Found, Identity, NameMap, Scene};
 use crate::adf;
-use crate::comm::{CameraParameters, Command, LightParameters, PoseCommand};
+use crate::comm::{CameraParameters, CameraView, Command, LightParameters, PoseCommand, SpotReading};
 use crate::control::orientation_of;
 
 /// Objects that a message names: a few are enough to see what went wrong.
@@ -171,6 +171,29 @@ impl Scene {
             }
         }
         pose
+    }
+
+    /// What a picture of `camera` depends on.
+    pub(super) fn view_of(&self, camera: &Camera) -> CameraView {
+        let CameraParameters { near_plane, far_plane, field_view_angle, orthographic_view_width, .. } =
+            camera.parameters;
+        let is_stereo = camera.parameters.stereo && !camera.parameters.orthographic;
+        CameraView {
+            pose: self.global_pose(camera.placed.parent, &camera.placed.pose),
+            parent: self.global_pose(camera.placed.parent, &Isometry3::identity()),
+            near_plane,
+            far_plane,
+            field_view_angle,
+            orthographic_view_width: camera.parameters.orthographic.then_some(orthographic_view_width),
+            stereo: is_stereo
+                .then_some((camera.parameters.stereo_eye_separation, camera.parameters.stereo_focal_length)),
+        }
+    }
+
+    /// Where `light` shines.
+    pub(super) fn spot_of(&self, light: &Light) -> SpotReading {
+        let pose = self.global_pose(light.placed.parent, &light.placed.pose);
+        SpotReading { pose, cutoff_angle: light.parameters.cutoff_angle }
     }
 
     /// `None` for a body.

@@ -148,6 +148,7 @@ impl Link {
         self.commanded.sort_by_key(|&object| self.rank[object]);
         self.commanded.reserve(self.objects.len());
         self.writer = SnapshotWriter::new(scene.snapshot(wrenches));
+        self.hub.set_visuals(scene.visuals(self.hub.generation()));
     }
 
     /// Tells the hub which objects are no longer part of the scene.

@@ -396,6 +396,13 @@ impl Simulation {
         std::mem::take(&mut self.notices)
     }
 
+    /// The state of everything at this moment, for those who step the simulation themselves. It allocates.
+    pub fn snapshot(&self) -> Snapshot {
+        let mut snapshot = self.scene.snapshot(&self.wrenches);
+        self.fill(&mut snapshot, 0.0, Timing::default());
+        snapshot
+    }
+
     fn fill(&self, snapshot: &mut Snapshot, wall_time: f64, timing: Timing) {
         let scene = &self.scene;
         snapshot.stamp = self.stamp.unwrap_or_else(SystemTime::now);
@@ -409,12 +416,6 @@ impl Simulation {
             snapshot.joint_positions[i] = joint.position;
             snapshot.joint_velocities[i] = joint.velocity;
             snapshot.joint_efforts[i] = joint.effort;
-        }
-        for (pose, camera) in snapshot.cameras.iter_mut().zip(&scene.cameras) {
-            *pose = camera.placed.pose;
-        }
-        for (pose, light) in snapshot.lights.iter_mut().zip(&scene.lights) {
-            *pose = light.placed.pose;
         }
         scene.fill_elements(snapshot);
     }

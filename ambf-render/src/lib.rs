@@ -1,0 +1,27 @@
+//! Pictures of scenes: descriptions and a snapshot of states in; colour, metric depth, ids and surface normals out. No window, no ROS, no
+//! physics.
+//!
+//! ```no_run
+//! use ambf_render::{Picture, PictureRequest, Renderer, Stage, View};
+//! # fn picture(hub: &ambf_core::comm::Hub) -> Result<Picture, ambf_render::RenderError> {
+//! let (visuals, snapshot) = (hub.visuals().unwrap(), hub.snapshot().clone().unwrap());
+//! let mut renderer = Renderer::offscreen()?;
+//! let mut stage = Stage::default();
+//! for message in renderer.prepare(&mut stage, &visuals, &snapshot) {
+//!     eprintln!("{message}");
+//! }
+//! let view = View::of_camera(&visuals.cameras[0].description, &snapshot.views[0]);
+//! let request = PictureRequest { depth: true, ..PictureRequest::color(640, 480) };
+//! renderer.render(&mut stage, &view, &request)
+//! # }
+//! ```
+
+mod picture;
+mod renderer;
+mod stage;
+mod view;
+
+pub use picture::{Picture, PictureRequest};
+pub use renderer::{RenderError, Renderer};
+pub use stage::{Highlight, Marker, MarkerShape, Stage};
+pub use view::{published_size, view_matrix, Eye, PixelRay, Projection, Stereo, View};
