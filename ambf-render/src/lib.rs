@@ -19,9 +19,11 @@
 mod picture;
 mod renderer;
 mod stage;
+mod texture;
 mod view;
 
 pub use picture::{Picture, PictureRequest};
 pub use renderer::{RenderError, Renderer};
 pub use stage::{Highlight, Marker, MarkerShape, Stage};
+pub use texture::{Texture, TextureError};
 pub use view::{published_size, view_matrix, Eye, PixelRay, Projection, Stereo, View};
