@@ -1,5 +1,6 @@
 //! What is drawn, in which order, with which programs.
 
+use std::collections::hash_map::Entry;
 use std::collections::HashMap;
 use std::path::PathBuf;
 
@@ -167,11 +168,12 @@ impl Programs {
     }
 
     fn lit(&mut self, gl: &Current<'_>, lit: Lit) -> Result<&Program, RenderError> {
-        if !self.lit.contains_key(&lit) {
-            let program = gl.program(&lit.vertex(), &lit.fragment()).map_err(RenderError::Gl)?;
-            self.lit.insert(lit, program);
-        }
-        Ok(&self.lit[&lit])
+        Ok(match self.lit.entry(lit) {
+            Entry::Occupied(entry) => entry.into_mut(),
+            Entry::Vacant(entry) => {
+                entry.insert(gl.program(&lit.vertex(), &lit.fragment()).map_err(RenderError::Gl)?)
+            }
+        })
     }
 
     /// Index of a program of a user; `None` with a message the first time when it cannot be used.

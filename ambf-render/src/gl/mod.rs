@@ -261,10 +261,7 @@ pub(crate) enum Mode {
     Lines,
 }
 
-fn bytes<T: Copy>(values: &[T]) -> &[u8]
-where
-    T: Plain,
-{
+fn bytes<T: Plain>(values: &[T]) -> &[u8] {
     // SAFETY: plain numbers (trait `Plain` is implemented below for those only) have no padding and any bytes may be read.
     unsafe { std::slice::from_raw_parts(values.as_ptr().cast(), std::mem::size_of_val(values)) }
 }
@@ -273,7 +270,6 @@ where
 trait Plain {}
 impl Plain for f32 {}
 impl Plain for u32 {}
-impl Plain for [u32; 3] {}
 
 impl Current<'_> {
     pub(crate) fn device(&self) -> &Device {
