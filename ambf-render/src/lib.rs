@@ -16,8 +16,14 @@
 //! # }
 //! ```
 
+mod draw;
+mod gl;
+mod lights;
+mod meshes;
 mod picture;
 mod renderer;
+mod shaders;
+mod sky;
 mod stage;
 mod texture;
 mod view;
