@@ -14,6 +14,9 @@ type Outcome<T> = Result<Arc<T>, Arc<MeshError>>;
 /// One thread loads, while others that want the same wait without a lock on the whole.
 type Cell<T> = Arc<OnceLock<Outcome<T>>>;
 
+/// What is drawn of a file, and messages about it.
+type Drawn = (VisualMesh, Vec<String>);
+
 /// Canonical path and bit pattern of the scale.
 type Key = (PathBuf, u64);
 
@@ -25,7 +28,7 @@ type Key = (PathBuf, u64);
 pub struct MeshCache {
     outcomes: Mutex<HashMap<Key, Cell<Mesh>>>,
     /// By canonical path and whether duplicates are removed.
-    visuals: Mutex<HashMap<(PathBuf, bool), Cell<(VisualMesh, Vec<String>)>>>,
+    visuals: Mutex<HashMap<(PathBuf, bool), Cell<Drawn>>>,
 }
 
 impl MeshCache {
@@ -63,11 +66,7 @@ impl MeshCache {
     ///
     /// # Errors
     /// As [`load_visual`](super::load_visual). Errors of drawing alone do not keep [`get`](Self::get) from reading the mesh.
-    pub fn visual(
-        &self,
-        path: &Path,
-        remove_duplicates: bool,
-    ) -> Result<Arc<(VisualMesh, Vec<String>)>, Arc<MeshError>> {
+    pub fn visual(&self, path: &Path, remove_duplicates: bool) -> Result<Arc<Drawn>, Arc<MeshError>> {
         let cell = {
             let mut visuals = self.visuals.lock().unwrap_or_else(PoisonError::into_inner);
             Arc::clone(visuals.entry((canonical(path), remove_duplicates)).or_default())
