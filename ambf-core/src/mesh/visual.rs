@@ -202,23 +202,15 @@ impl Corners<'_> {
 
     /// Vertices and triangles, without name, tangents and material; nodes are counted from the sub-mesh's first one.
     fn join(&self, tex_coords: &[[f32; 2]], normals: &[[f32; 3]]) -> VisualMeshPart {
-        let triangles = &self.sub.triangles;
         let is_flat = matches!(self.part.facing, Facing::Flat) && !self.remove_duplicates;
-        let given = |corner: Corner| {
-            let normal = normals.get(corner.normal as usize)?;
-            Vector3::from(*normal).cast::<f64>().try_normalize(0.0)
-        };
         let mut part = VisualMeshPart::default();
-        let mut vertices: Vec<Corner> = Vec::new();
-        let mut vertex_of = HashMap::new();
-        for (i, triangle) in triangles.iter().enumerate() {
+        let mut vertices = Vertices::new(self.sub.vertices.len());
+        for (i, triangle) in self.sub.triangles.iter().enumerate() {
             let indices = std::array::from_fn(|k| {
                 let (corner, node) = (self.get(i, k), triangle[k]);
-                let next = vertices.len() as u32;
                 // No facet shares a vertex with another, so that there is nothing to look up.
-                let index = if is_flat { next } else { *vertex_of.entry((node, corner)).or_insert(next) };
-                if index == next {
-                    vertices.push(corner);
+                let (index, is_new) = if is_flat { vertices.add(corner) } else { vertices.find_or_add(node, corner) };
+                if is_new {
                     part.nodes.push(node);
                     part.positions.push(self.sub.vertices[node as usize].map(|x| x as f32));
                 }
@@ -226,45 +218,107 @@ impl Corners<'_> {
             });
             part.triangles.push(indices);
         }
-        drop(vertex_of);
-        let smooth = match vertices.iter().all(|corner| given(*corner).is_some()) {
-            true => HashMap::new(),
-            false => self.smooth_normals(),
+        let corners = vertices.corners;
+        let given = |corner: &Corner| {
+            let normal = normals.get(corner.normal as usize)?;
+            Vector3::from(*normal).cast::<f64>().try_normalize(0.0)
         };
-        let fallback = Vector3::z();
-        let normal = |corner: &Corner| {
-            let normal = given(*corner).or_else(|| smooth.get(&corner.shared).copied()).unwrap_or(fallback);
-            <[f32; 3]>::from(normal.cast::<f32>())
+        part.normals = match corners.iter().all(|corner| given(corner).is_some()) {
+            true => Vec::new(),
+            false => self.smooth_normals(&corners, &part.triangles),
         };
-        part.normals.extend(vertices.iter().map(normal));
-        if vertices.iter().any(|corner| corner.tex_coord != ABSENT) {
+        part.normals.resize(corners.len(), [0.0, 0.0, 1.0]);
+        for (normal, corner) in part.normals.iter_mut().zip(&corners) {
+            *normal = given(corner).map_or(*normal, |given| given.cast::<f32>().into());
+        }
+        if corners.iter().any(|corner| corner.tex_coord != ABSENT) {
             let of = |corner: &Corner| tex_coords.get(corner.tex_coord as usize).copied().unwrap_or_default();
-            part.tex_coords.extend(vertices.iter().map(of));
+            part.tex_coords.extend(corners.iter().map(of));
         }
         part
     }
 
-    /// Unit normals by the number that corners share: means over the triangles, weighted by area. Those that cancel, as where a sheet has
-    /// two sides, are that of the first triangle.
-    fn smooth_normals(&self) -> HashMap<u32, Vector3<f64>> {
-        let mut sums: HashMap<u32, (Vector3<f64>, Vector3<f64>)> = HashMap::new();
-        for (i, triangle) in self.sub.triangles.iter().enumerate() {
-            let [a, b, c] = triangle.map(|node| Vector3::from(self.sub.vertices[node as usize]));
+    /// Unit normals of vertices: means over the triangles at those with the same number, weighted by area. Means that cancel, as where a
+    /// sheet has two sides, are replaced by the normal of the first triangle.
+    fn smooth_normals(&self, vertices: &[Corner], triangles: &[[u32; 3]]) -> Vec<[f32; 3]> {
+        let mut numbers: Vec<u32> = vertices.iter().map(|corner| corner.shared).collect();
+        numbers.sort_unstable();
+        numbers.dedup();
+        // Each number was collected from there.
+        let slots: Vec<usize> =
+            vertices.iter().map(|corner| numbers.partition_point(|number| *number < corner.shared)).collect();
+        let mut sums = vec![(Vector3::<f64>::zeros(), Vector3::<f64>::zeros()); numbers.len()];
+        for (nodes, triangle) in self.sub.triangles.iter().zip(triangles) {
+            let [a, b, c] = nodes.map(|node| Vector3::from(self.sub.vertices[node as usize]));
             let cross = (b - a).cross(&(c - a));
-            for k in 0..3 {
-                let (sum, first) = sums.entry(self.get(i, k).shared).or_default();
+            for vertex in triangle {
+                let (sum, first) = &mut sums[slots[*vertex as usize]];
                 *sum += cross;
                 if *first == Vector3::zeros() {
                     *first = cross;
                 }
             }
         }
-        let unit = |(sum, first): (Vector3<f64>, Vector3<f64>)| {
+        let unit = |(sum, first): &(Vector3<f64>, Vector3<f64>)| {
             // What is left of opposite normals is rounding errors.
             let least = 1e-9 * first.norm();
-            sum.try_normalize(least).or_else(|| first.try_normalize(0.0)).unwrap_or_else(Vector3::z)
+            let unit = sum.try_normalize(least).or_else(|| first.try_normalize(0.0)).unwrap_or_else(Vector3::z);
+            <[f32; 3]>::from(unit.cast::<f32>())
         };
-        sums.into_iter().map(|(shared, sums)| (shared, unit(sums))).collect()
+        let units: Vec<[f32; 3]> = sums.iter().map(unit).collect();
+        slots.into_iter().map(|slot| units[slot]).collect()
+    }
+}
+
+/// Most vertices of a node that are looked through one by one.
+const MAX_CHAIN: usize = 16;
+
+/// Corners that became vertices.
+struct Vertices {
+    corners: Vec<Corner>,
+    /// The newest vertex in the chain of each node, or [`ABSENT`].
+    newest: Vec<u32>,
+    /// The vertex before each one in the chain of its node, or [`ABSENT`]; shorter than `corners` behind the last one in a chain.
+    older: Vec<u32>,
+    /// Those for which the chain of their node is too long.
+    crowded: HashMap<(u32, Corner), u32>,
+}
+
+impl Vertices {
+    fn new(nodes: usize) -> Self {
+        Self { corners: Vec::new(), newest: vec![ABSENT; nodes], older: Vec::new(), crowded: HashMap::new() }
+    }
+
+    /// Index of a new vertex, which is in no chain, and `true`.
+    fn add(&mut self, corner: Corner) -> (u32, bool) {
+        self.corners.push(corner);
+        (self.corners.len() as u32 - 1, true)
+    }
+
+    /// Index of the vertex of this corner at `node`, and whether it is new.
+    fn find_or_add(&mut self, node: u32, corner: Corner) -> (u32, bool) {
+        let newest = self.newest[node as usize];
+        let mut vertex = newest;
+        let mut length = 0;
+        while vertex != ABSENT {
+            if self.corners[vertex as usize] == corner {
+                return (vertex, false);
+            }
+            vertex = self.older[vertex as usize];
+            length += 1;
+        }
+        let next = self.corners.len() as u32;
+        if length < MAX_CHAIN {
+            self.older.resize(next as usize, ABSENT);
+            self.older.push(newest);
+            self.newest[node as usize] = next;
+        } else {
+            let vertex = *self.crowded.entry((node, corner)).or_insert(next);
+            if vertex != next {
+                return (vertex, false);
+            }
+        }
+        self.add(corner)
     }
 }
 
@@ -528,6 +582,23 @@ mod tests {
         for ([x, y, z, w], [a, b, c]) in part.tangents.iter().zip(&part.normals) {
             assert!((x * a + y * b + z * c).abs() < 1e-6 && *w == -1.0);
         }
+    }
+
+    #[test]
+    fn many_corners_at_one_vertex_are_found_again() {
+        // A fan whose centre has a texture coordinate for each triangle; the triangles come twice.
+        let (mut text, mut faces) = (String::from("v 0 0 0\n"), String::new());
+        for i in 0..100 {
+            let angle = f64::from(i) / 20.0;
+            text += &format!("v {} {} 0\nvt {i} 0\n", angle.cos(), angle.sin());
+            faces += &format!("f 1/{} {}/1 {}/1\n", i + 1, i % 100 + 2, (i + 1) % 100 + 2);
+        }
+        let (mesh, _) = read(&format!("{text}{faces}{faces}"), false);
+        let part = &mesh.parts[0];
+        assert_eq!((part.triangles.len(), part.positions.len()), (200, 200));
+        assert_eq!(part.triangles[..100], part.triangles[100..]);
+        let centre: Vec<f32> = part.triangles[..100].iter().map(|t| part.tex_coords[t[0] as usize][0]).collect();
+        assert_eq!(centre, (0..100).map(|i| i as f32).collect::<Vec<_>>());
     }
 
     #[test]
