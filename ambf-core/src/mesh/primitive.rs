@@ -46,7 +46,8 @@ impl VisualMesh {
                 ])
             }
             Primitive::Capsule { radius, height, .. } => {
-                // Bullet takes the distance of the caps' centres whatever its sign.
+                // Where the caps need more than the height, Bullet computes contacts with this distance of their centres,
+                // although the box by which it looks for neighbours is smaller then.
                 let z = (height / 2.0 - radius).abs();
                 revolved(&[cap(radius, -z, -1.0), cap(radius, z, 1.0)].concat())
             }

@@ -244,9 +244,13 @@ impl Corners<'_> {
         let mut numbers: Vec<u32> = vertices.iter().map(|corner| corner.shared).collect();
         numbers.sort_unstable();
         numbers.dedup();
-        // Each number was collected from there.
-        let slots: Vec<usize> =
-            vertices.iter().map(|corner| numbers.partition_point(|number| *number < corner.shared)).collect();
+        // Mostly all numbers from 0 are there; in a part of a large file only some.
+        let is_dense = numbers.last().is_some_and(|last| *last as usize + 1 == numbers.len());
+        let slot = |corner: &Corner| match is_dense {
+            true => corner.shared as usize,
+            false => numbers.partition_point(|number| *number < corner.shared),
+        };
+        let slots: Vec<usize> = vertices.iter().map(slot).collect();
         let mut sums = vec![(Vector3::<f64>::zeros(), Vector3::<f64>::zeros()); numbers.len()];
         for (nodes, triangle) in self.sub.triangles.iter().zip(triangles) {
             let [a, b, c] = nodes.map(|node| Vector3::from(self.sub.vertices[node as usize]));

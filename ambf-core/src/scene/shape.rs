@@ -217,7 +217,6 @@ mod tests {
                 Primitive::Sphere { radius: 0.3 },
                 Primitive::Cylinder { radius: 0.2, height: 1.0, axis },
                 Primitive::Capsule { radius: 0.2, height: 1.0, axis },
-                Primitive::Capsule { radius: 0.5, height: 0.4, axis },
                 Primitive::Cone { radius: 0.2, height: 1.0, axis },
             ] {
                 check_congruent(&primitive(&p, margin), &VisualMesh::primitive(&p), margin, &format!("{p:?}"));
