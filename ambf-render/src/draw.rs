@@ -43,6 +43,8 @@ pub(crate) struct Drawable<'a> {
     pub(crate) radius: f64,
     /// Whether it is a body, ghost object or soft body, and no marker.
     pub(crate) is_object: bool,
+    /// Whether it is a sheet: soft bodies are.
+    pub(crate) is_sheet: bool,
 }
 
 /// Instances of one part.
@@ -170,9 +172,7 @@ impl Programs {
     fn lit(&mut self, gl: &Current<'_>, lit: Lit) -> Result<&Program, RenderError> {
         Ok(match self.lit.entry(lit) {
             Entry::Occupied(entry) => entry.into_mut(),
-            Entry::Vacant(entry) => {
-                entry.insert(gl.program(&lit.vertex(), &lit.fragment()).map_err(RenderError::Gl)?)
-            }
+            Entry::Vacant(entry) => entry.insert(gl.program(&lit.vertex(), &lit.fragment()).map_err(RenderError::Gl)?),
         })
     }
 

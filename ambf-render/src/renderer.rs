@@ -524,6 +524,7 @@ fn put<'a>(drawables: &mut Vec<Drawable<'a>>, part: &'a Part, matrix: &Matrix4<f
         center: matrix.transform_point(&part.center),
         radius: part.radius * scale,
         is_object: false,
+        is_sheet: false,
     });
 }
 
@@ -561,6 +562,7 @@ fn drawables<'a>(
             center: item.center,
             radius: item.radius,
             is_object: true,
+            is_sheet: matches!(object.source, Source::SoftBody(_)),
         });
     }
     let objects = drawables.len();
@@ -577,6 +579,7 @@ fn drawables<'a>(
             center: item.center,
             radius: item.radius,
             is_object: false,
+            is_sheet: false,
         });
     }
     let visuals = &built.visuals;
