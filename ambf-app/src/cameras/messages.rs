@@ -72,22 +72,15 @@ pub(super) fn depth_image(
     }
 }
 
-/// Appends a `sensor_msgs/CompressedImage` whose data `encode` appends; what it returns is returned. Names and format are those of
-/// `image_transport`'s JPEG.
-pub(super) fn compressed<E>(
-    bytes: &mut Vec<u8>,
-    seq: u32,
-    of: Header<'_>,
-    encode: impl FnOnce(&mut Vec<u8>) -> Result<(), E>,
-) -> Result<(), E> {
+/// Appends a `sensor_msgs/CompressedImage` whose data `encode` appends. Names and format are those of `image_transport`'s JPEG.
+pub(super) fn compressed(bytes: &mut Vec<u8>, seq: u32, of: Header<'_>, encode: impl FnOnce(&mut Vec<u8>)) {
     header(bytes, of, seq);
     text(bytes, "rgb8; jpeg compressed bgr8");
     let length_at = bytes.len();
     number(bytes, 0);
-    let outcome = encode(bytes);
+    encode(bytes);
     let length = (bytes.len() - length_at - 4) as u32;
     bytes[length_at..length_at + 4].copy_from_slice(&length.to_le_bytes());
-    outcome
 }
 
 /// A picture with depth, for a cloud.
@@ -207,7 +200,7 @@ pub(super) fn camera_info(
     pinhole: &Pinhole,
 ) {
     let ((fx, fy), (cx, cy), s) = (pinhole.focal_lengths, pinhole.principal_point, pinhole.skew);
-    let mut numbers = |bytes: &mut Vec<u8>, numbers: &[f64]| numbers.iter().for_each(|n| bytes.extend(n.to_le_bytes()));
+    let numbers = |bytes: &mut Vec<u8>, numbers: &[f64]| numbers.iter().for_each(|n| bytes.extend(n.to_le_bytes()));
     header(bytes, of, seq);
     number(bytes, height);
     number(bytes, width);
@@ -273,11 +266,7 @@ mod tests {
     #[test]
     fn compressed_images_hold_what_was_encoded() {
         let mut bytes = Vec::new();
-        let encode = |bytes: &mut Vec<u8>| -> Result<(), ()> {
-            bytes.extend([1, 2, 3]);
-            Ok(())
-        };
-        compressed(&mut bytes, 5, OF, encode).unwrap();
+        compressed(&mut bytes, 5, OF, |bytes| bytes.extend([1, 2, 3]));
         let message: sensor_msgs::CompressedImage = decoded(&bytes);
         check_header(&message.header);
         assert_eq!((message.format.as_str(), message.data), ("rgb8; jpeg compressed bgr8", vec![1, 2, 3]));

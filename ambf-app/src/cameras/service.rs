@@ -1,6 +1,5 @@
 //! Makes what cameras publish.
 
-use std::convert::Infallible;
 use std::io::Write;
 use std::sync::Arc;
 
@@ -269,16 +268,14 @@ fn send_color(topics: &CameraTopics, due: Due, header: Header<'_>, picture: &Pic
     }
     if let Some(compressed) = topics.compressed.as_ref().filter(|_| due.compressed) {
         compressed.send(|bytes, seq| {
-            let outcome: Result<(), Infallible> = messages::compressed(bytes, seq, header, |bytes| {
+            messages::compressed(bytes, seq, header, |bytes| {
                 let begin = bytes.len();
-                if let Err(error) = encode(bytes, picture) {
+                if let Err(error) = encode(&mut *bytes, picture) {
                     // Only a picture of no size; nothing is better than half a file.
                     bytes.truncate(begin);
                     report!("{}: {error}", topics.name());
                 }
-                Ok(())
             });
-            let Ok(()) = outcome;
         });
     }
 }

@@ -32,7 +32,7 @@ pub struct CameraTopics {
 impl CameraTopics {
     /// Topics below `name`, `/<namespace>/<camera>`, for the camera that `described` describes; `mapped` gives the name under which each is
     /// published. `None` if it publishes nothing.
-    pub(super) fn new(
+    pub(crate) fn new(
         node: &Arc<SideNode>,
         index: usize,
         name: &str,
@@ -67,7 +67,7 @@ impl CameraTopics {
         [&self.image, &self.compressed, &self.cloud, &self.depth_image, &self.info].into_iter().flatten()
     }
 
-    pub(super) fn announcements(&self) -> Vec<Arc<dyn Announcement>> {
+    pub(crate) fn announcements(&self) -> Vec<Arc<dyn Announcement>> {
         self.publications().map(|publication| Arc::clone(publication) as Arc<dyn Announcement>).collect()
     }
 }

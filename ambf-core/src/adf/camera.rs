@@ -287,7 +287,7 @@ impl PublishedFrame {
                 let pixels = block.need_real(key);
                 let nearest = pixels.clamp(1.0, MAX_PIXELS);
                 // What is not there has been reported, and drops the camera.
-                if block.is_filled(key) && (pixels < 1.0 || pixels > MAX_PIXELS) {
+                if block.is_filled(key) && !(1.0..=MAX_PIXELS).contains(&pixels) {
                     let expected = format!("1 to {MAX_PIXELS} pixels");
                     block.warn(ProblemKind::OutOfRange, key, &expected, &format!("{nearest} is used"));
                 }

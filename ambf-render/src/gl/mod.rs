@@ -123,9 +123,7 @@ impl Device {
     /// # Safety
     /// A context is current on this thread, `find` gives the addresses of its functions, and it is current whenever the device or what
     /// is made with it is used.
-    pub(crate) unsafe fn in_current_context(
-        mut find: impl FnMut(&CStr) -> *const c_void,
-    ) -> Result<Self, RenderError> {
+    pub(crate) unsafe fn in_current_context(mut find: impl FnMut(&CStr) -> *const c_void) -> Result<Self, RenderError> {
         // SAFETY: promised by the caller.
         let (raw, fixed) =
             unsafe { (glow::Context::from_loader_function_cstr(&mut find), fixed::Functions::load(&mut find)) };
