@@ -197,10 +197,10 @@ class Images(Seen):
             block("Green", (0.0, 0.4, 0.3), 0.3, (0, 1, 0)),
             block("Blue", (0.0, -0.4, -0.3), 0.3, (0, 0, 1)),
         ]
-        self.show([camera("eye", publish_image=True)], blocks)
-        image = self.image("eye")
+        self.show([camera("cam", publish_image=True)], blocks)
+        image = self.image("cam")
         self.assertEqual((image.encoding, image.width, image.height, image.step), ("rgb8", 64, 48, 192))
-        self.assertEqual((len(image.data), image.is_bigendian, image.header.frame_id), (64 * 48 * 3, 0, "eye"))
+        self.assertEqual((len(image.data), image.is_bigendian, image.header.frame_id), (64 * 48 * 3, 0, "cam"))
         # 0.4 m at 2 m are 0.4 · f / 2 pixels, f = 24 / tan 0.4; the front of a cube is a little nearer.
         self.assertEqual(name_of(pixel(image, 20, 15)), "red", image.data[:0])
         self.assertEqual(name_of(pixel(image, 43, 15)), "green")
@@ -210,9 +210,9 @@ class Images(Seen):
 
     def test_row_22_the_stamp_is_that_of_the_states_of_the_step(self):
         """While the physics is held at a step, images and states have one stamp; after the next step another one."""
-        self.show([camera("eye", publish_image=True, publish_depth=True, publish_depth_interval=1)])
-        image, cloud = self.of("eye", "ImageData", Image), self.of("eye", "DepthData", PointCloud2)
-        state, world = self.of("eye", "State", CameraState), self.listen(f"{WORLD}/State", WorldState)
+        self.show([camera("cam", publish_image=True, publish_depth=True, publish_depth_interval=1)])
+        image, cloud = self.of("cam", "ImageData", Image), self.of("cam", "DepthData", PointCloud2)
+        state, world = self.of("cam", "State", CameraState), self.listen(f"{WORLD}/State", WorldState)
         command = WorldCmd(enable_step_throttling=True, n_skip_steps=1)
         with node.Stream(f"{WORLD}/Command", command):
             held = world.until(lambda now: now.sim_step == world.newest().sim_step, "a state")
@@ -250,17 +250,17 @@ class Images(Seen):
 
     def test_row_21_an_interval_of_0_is_1(self):
         """With a warning, not a crash."""
-        self.show([camera("eye", publish_image=True, publish_image_interval=0)])
-        self.image("eye")
+        self.show([camera("cam", publish_image=True, publish_image_interval=0)])
+        self.image("cam")
         self.wait_for_log("publish image interval")
 
     def test_compressed_images_show_the_same(self):
         """JPEG, as image_transport names it."""
-        self.show([camera("eye", publish_image=True)], [block("Red", (0.0, -0.4, 0.3), 0.4, (1, 0, 0))])
-        listener = self.of("eye", "ImageData/compressed", CompressedImage)
+        self.show([camera("cam", publish_image=True)], [block("Red", (0.0, -0.4, 0.3), 0.4, (1, 0, 0))])
+        listener = self.of("cam", "ImageData/compressed", CompressedImage)
         listener.newest()
         message = listener.next()
-        self.assertEqual((message.format, message.header.frame_id), ("rgb8; jpeg compressed bgr8", "eye"))
+        self.assertEqual((message.format, message.header.frame_id), ("rgb8; jpeg compressed bgr8", "cam"))
         self.assertEqual((message.data[:2], message.data[-2:]), (b"\xff\xd8", b"\xff\xd9"))
         if not shutil.which("ffmpeg"):
             self.skipTest("ffmpeg, which decodes it, is not installed")
@@ -275,10 +275,10 @@ class Images(Seen):
         """What is at the focal length is in the middle of both halves; points of both halves are in the camera's frame."""
         stereo = {"mode": "PASSIVE", "eye separation": 0.2, "focal length": 1.9}
         eye = camera(
-            "eye", size=(128, 48), publish_image=True, publish_depth=True, publish_depth_interval=1, stereo=stereo
+            "cam", size=(128, 48), publish_image=True, publish_depth=True, publish_depth_interval=1, stereo=stereo
         )
         self.show([eye], [block("Red", (0.0, 0.0, 0.0), 0.2, (1, 0, 0))])
-        image, cloud = self.image("eye"), self.cloud("eye")
+        image, cloud = self.image("cam"), self.cloud("cam")
         red = [x for x in range(128) if name_of(pixel(image, x, 24)) == "red"]
         for half in (range(0, 64), range(64, 128)):
             part = [x for x in red if x in half]
@@ -290,7 +290,7 @@ class Images(Seen):
             front = [ys[row + x] for x in half if abs(xs[row + x] + 1.9) < 0.01]
             self.assertAlmostEqual(sum(front) / len(front), 0.0, delta=0.02)
             self.assertAlmostEqual(max(front) - min(front), 0.2, delta=0.05)
-        self.assertNotIn(f"{CAMERAS}/eye/CameraInfo", harness.published(Ros.master.port))
+        self.assertNotIn(f"{CAMERAS}/cam/CameraInfo", harness.published(Ros.master.port))
 
 
 class Depth(Seen):
@@ -298,9 +298,9 @@ class Depth(Seen):
 
     def test_row_25_depth_is_along_the_axis(self):
         """A wall 1.5 m ahead: the same x in the corners as in the middle."""
-        eye = camera("eye", publish_depth=True, publish_depth_interval=1)
+        eye = camera("cam", publish_depth=True, publish_depth_interval=1)
         self.show([eye], [block("Wall", (-1.5, 0.0, 0.0), 4.0, (0, 1, 0))])
-        xs, ys, zs = points(self.cloud("eye"))
+        xs, ys, zs = points(self.cloud("cam"))
         self.assertEqual(len(xs), 64 * 48)
         self.assertLess(max(abs(x + 1.5) for x in xs), 0.0015)
         focal = 24 / math.tan(ANGLE / 2)
@@ -311,24 +311,24 @@ class Depth(Seen):
 
     def test_row_26_nothing_is_at_the_far_plane(self):
         """All points are there, finite."""
-        self.show([camera("eye", publish_depth=True, publish_depth_interval=1)])
-        xs, ys, zs = points(self.cloud("eye"))
+        self.show([camera("cam", publish_depth=True, publish_depth_interval=1)])
+        xs, ys, zs = points(self.cloud("cam"))
         self.assertEqual((len(xs), len(ys), len(zs)), (64 * 48,) * 3)
         self.assertLess(max(abs(x + 10.0) for x in xs), 0.01)
         self.assertTrue(all(map(math.isfinite, ys)) and all(map(math.isfinite, zs)))
 
     def test_row_27_the_layout_of_a_cloud(self):
         """Fields, sizes, order of points and of colours."""
-        eye = camera("eye", publish_image=True, publish_depth=True, publish_depth_interval=1)
+        eye = camera("cam", publish_image=True, publish_depth=True, publish_depth_interval=1)
         # In the lower left.
         self.show([eye], [block("Red", (0.0, -0.7, -0.5), 0.7, (1, 0.1, 0))])
-        images, clouds = self.collect("eye", "ImageData", Image), self.collect("eye", "DepthData", PointCloud2)
+        images, clouds = self.collect("cam", "ImageData", Image), self.collect("cam", "DepthData", PointCloud2)
         harness.wait_for(lambda: len(set(images.seen) & set(clouds.seen)) > 2, "both of one frame")
         time_ns = max(set(images.seen) & set(clouds.seen))
         image, cloud = images.seen[time_ns], clouds.seen[time_ns]
         self.assertEqual((cloud.height, cloud.width), (1, 64 * 48))
         self.assertEqual((cloud.point_step, cloud.row_step, len(cloud.data)), (32, 32 * 64 * 48, 32 * 64 * 48))
-        self.assertEqual((cloud.is_dense, cloud.is_bigendian, cloud.header.frame_id), (False, False, "eye"))
+        self.assertEqual((cloud.is_dense, cloud.is_bigendian, cloud.header.frame_id), (False, False, "cam"))
         fields = [(field.name, field.offset, field.datatype, field.count) for field in cloud.fields]
         self.assertEqual(fields, [("x", 0, 7, 1), ("y", 4, 7, 1), ("z", 8, 7, 1), ("rgb", 16, 7, 1)])
         xs, ys, zs = points(cloud)
@@ -356,9 +356,9 @@ class Depth(Seen):
 
     def test_row_29_orthographic_depth(self):
         """x is exact; y and z follow from the pixel alone."""
-        eye = camera("eye", publish_depth=True, publish_depth_interval=1, orthographic_view_width=2.0)
+        eye = camera("cam", publish_depth=True, publish_depth_interval=1, orthographic_view_width=2.0)
         self.show([eye], [block("Red", (0.0, 0.0, 0.0), 0.4, (1, 0, 0))])
-        xs, ys, zs = points(self.cloud("eye"))
+        xs, ys, zs = points(self.cloud("cam"))
         self.assertEqual({round(x, 2) for x in xs}, {-1.8, -10.0})
         for place in range(len(xs)):
             i, j = place % 64, place // 64
@@ -366,22 +366,22 @@ class Depth(Seen):
             self.assertAlmostEqual(zs[place], (j + 0.5 - 24) * 2 / 64, delta=1e-5)
         # The view is 64 pixels for 2 m: the box 12 or 13 each way.
         self.assertIn(sum(x > -2.0 for x in xs), range(11 * 11, 15 * 15))
-        self.assertNotIn(f"{CAMERAS}/eye/CameraInfo", harness.published(Ros.master.port))
+        self.assertNotIn(f"{CAMERAS}/cam/CameraInfo", harness.published(Ros.master.port))
 
     def test_depth_images_and_a_size_of_their_own(self):
         """Metres, top row first; a resolution of depth of its own makes clouds and depth images of that size with the image's stamps."""
         own = {"width": 16, "height": 12}
-        eye = camera("eye", publish_image=True, publish_depth=True, publish_depth_interval=1)
+        eye = camera("cam", publish_image=True, publish_depth=True, publish_depth_interval=1)
         eye["publish depth resolution"] = own
         self.show([eye], [block("Red", (0.0, -0.4, 0.3), 0.4, (1, 0, 0))])
         kinds = {"ImageData": Image, "DepthImage": Image, "DepthData": PointCloud2}
-        seen = {last: self.collect("eye", last, kind) for last, kind in kinds.items()}
+        seen = {last: self.collect("cam", last, kind) for last, kind in kinds.items()}
         common = lambda: set.intersection(*(set(one.seen) for one in seen.values()))  # pylint: disable=C3001
         harness.wait_for(lambda: len(common()) > 2, "all of one frame")
         image, depth, cloud = (seen[last].seen[max(common())] for last in kinds)
         self.assertEqual((image.width, image.height, cloud.width), (64, 48, 16 * 12))
         self.assertEqual((depth.width, depth.height, depth.step, depth.encoding), (16, 12, 64, "32FC1"))
-        self.assertEqual((depth.is_bigendian, depth.header.frame_id), (0, "eye"))
+        self.assertEqual((depth.is_bigendian, depth.header.frame_id), (0, "cam"))
         metres, (xs, _, _) = floats(depth.data), points(cloud)
         for row in range(12):
             for column in range(16):
@@ -418,8 +418,8 @@ class Others(Seen):
 
     def test_rows_24_and_68_without_subscriber_there_are_no_graphics(self):
         """Topics are there; a context comes with the first subscriber and goes some seconds after the last."""
-        self.show([camera("eye", publish_image=True)])
-        topics = [f"{CAMERAS}/eye/{last}" for last in ("ImageData", "ImageData/compressed", "CameraInfo")]
+        self.show([camera("cam", publish_image=True)])
+        topics = [f"{CAMERAS}/cam/{last}" for last in ("ImageData", "ImageData/compressed", "CameraInfo")]
         self.simulator.wait_for_topics(*topics)
         time.sleep(1.0)
         self.assertFalse(self.has_graphics())
@@ -432,19 +432,19 @@ class Others(Seen):
         finally:
             listener.close()
         harness.wait_for(lambda: len(self.threads()) <= before, f"the context's threads end: {self.threads()}")
-        self.image("eye")
+        self.image("cam")
         self.assertEqual(self.simulator.log().count("cameras: drawn by"), 2)
 
     def test_no_pictures_can_be_made(self):
         """One line with advice, and physics goes on."""
-        path = scene(f"{self.id()}.yaml", [camera("eye", publish_image=True)])
+        path = scene(f"{self.id()}.yaml", [camera("cam", publish_image=True)])
         # Libraries of OpenGL find no driver.
         broken = {"__EGL_VENDOR_LIBRARY_DIRS": "/nowhere", "LIBGL_DRIVERS_PATH": "/nowhere"}
         arguments = ("--launch_file", self.LAUNCH, "-a", path)
         self.simulator = harness.Simulator(Ros.master.port, *arguments, **broken)
         self.addCleanup(self.finish, self.simulator)
-        self.simulator.wait_for_topics(f"{CAMERAS}/eye/ImageData")
-        self.of("eye", "ImageData", Image)
+        self.simulator.wait_for_topics(f"{CAMERAS}/cam/ImageData")
+        self.of("cam", "ImageData", Image)
         self.wait_for_log("cameras: no pictures")
         state = self.listen(f"{WORLD}/State", WorldState)
         first = state.newest().sim_step
@@ -454,10 +454,10 @@ class Others(Seen):
     def test_subscribers_that_hang_or_are_killed_cost_nobody_anything(self):
         """One never reads, one is killed while it reads; a third one gets its clouds all the time."""
         # Two megabytes each, more than the system holds back.
-        eye = camera("eye", size=(320, 240), publish_depth=True, publish_depth_interval=1)
+        eye = camera("cam", size=(320, 240), publish_depth=True, publish_depth_interval=1)
         self.show([eye])
-        topic = f"{CAMERAS}/eye/DepthData"
-        healthy = self.of("eye", "DepthData", PointCloud2)
+        topic = f"{CAMERAS}/cam/DepthData"
+        healthy = self.of("cam", "DepthData", PointCloud2)
         healthy.newest()
         alone = healthy.rate(3.0)
         address = tcpros.publisher_address(Ros.master.port, topic)
@@ -478,20 +478,20 @@ class Others(Seen):
 
     def test_a_slow_callback_is_not_dropped(self):
         """It gets a recent image each time it is ready."""
-        self.show([camera("eye", size=(320, 240), publish_image=True)])
+        self.show([camera("cam", size=(320, 240), publish_image=True)])
         got = []
 
         def receive(message):
             got.append(message)
             time.sleep(0.7)
 
-        subscriber = rospy.Subscriber(f"{CAMERAS}/eye/ImageData", Image, receive, queue_size=1, buff_size=1 << 24)
+        subscriber = rospy.Subscriber(f"{CAMERAS}/cam/ImageData", Image, receive, queue_size=1, buff_size=1 << 24)
         self.addCleanup(subscriber.unregister)
         harness.wait_for(lambda: len(got) > 4, "it still gets images")
 
     def test_cameras_come_and_go_with_their_models(self):
         """Topics, images, and the end of both; then again."""
-        self.show([camera("eye", publish_image=True)])
+        self.show([camera("cam", publish_image=True)])
         for name, kind in (("add_model", AddModel), ("remove_model", RemoveModel)):
             rospy.wait_for_service(f"{WORLD}/{name}", timeout=harness.PATIENCE_S)
             setattr(self, name, rospy.ServiceProxy(f"{WORLD}/{name}", kind))
@@ -508,17 +508,17 @@ class Others(Seen):
                 listener.close()
             self.assertTrue(self.remove_model(answer.model).success)
             harness.wait_for(lambda: topic not in harness.published(Ros.master.port), "the topic is gone")
-        eye = self.of("eye", "ImageData", Image)
+        eye = self.of("cam", "ImageData", Image)
         eye.until(lambda image: name_of(pixel(image, 32, 24)) == "white", "the wall is gone")
 
     def test_row_53_clouds_of_clients_are_drawn(self):
         """In a body's frame, black; their size changes at once; an unknown frame is the world."""
-        self.show([camera("eye", publish_image=True)], [block("Red", (0.0, 0.4, 0.3), 0.1, (1, 0, 0))])
+        self.show([camera("cam", publish_image=True)], [block("Red", (0.0, 0.4, 0.3), 0.1, (1, 0, 0))])
         cloud = rospy.Publisher(f"{WORLD}/point_cloud", PointCloud, queue_size=1, latch=True)
         radius = rospy.Publisher(f"{WORLD}/point_cloud/radius", Float32, queue_size=1, latch=True)
         self.addCleanup(cloud.unregister)
         self.addCleanup(radius.unregister)
-        images = self.of("eye", "ImageData", Image)
+        images = self.of("cam", "ImageData", Image)
         images.newest()
 
         def black(image):
@@ -561,10 +561,10 @@ class Others(Seen):
 
     def test_killing_the_node_of_pictures_ends_the_program(self):
         """As killing its other node does."""
-        self.show([camera("eye", publish_image=True)])
-        self.simulator.wait_for_topics(f"{CAMERAS}/eye/ImageData")
+        self.show([camera("cam", publish_image=True)])
+        self.simulator.wait_for_topics(f"{CAMERAS}/cam/ImageData")
         (name,) = (name for name in harness.simulator_nodes(Ros.master.port) if name.endswith("_cameras"))
-        self.assertIn(f"{CAMERAS}/eye/ImageData", harness.ros(Ros.master.port, "rosnode", "info", name))
+        self.assertIn(f"{CAMERAS}/cam/ImageData", harness.ros(Ros.master.port, "rosnode", "info", name))
         harness.ros(Ros.master.port, "rosnode", "kill", name)
         self.assertEqual(self.simulator.status(), 0)
         self.assertEqual(harness.simulator_nodes(Ros.master.port), set())
@@ -573,8 +573,8 @@ class Others(Seen):
     def test_topics_come_back_with_the_master(self):
         """A master that was restarted is told of the topics of pictures too."""
         port = harness.free_port()
-        path = scene(f"{self.id()}.yaml", [camera("eye", publish_image=True)])
-        topic = f"{CAMERAS}/eye/ImageData"
+        path = scene(f"{self.id()}.yaml", [camera("cam", publish_image=True)])
+        topic = f"{CAMERAS}/cam/ImageData"
         with harness.Master(port) as first:
             with harness.Simulator(port, "--launch_file", self.LAUNCH, "-a", path) as simulator:
                 simulator.wait_for_topics(topic)
