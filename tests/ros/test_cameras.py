@@ -49,25 +49,18 @@ def camera(name, at=(2.0, 0.0, 0.0), to=(0.0, 0.0, 0.0), size=(64, 48), **more):
 
 
 def block(name, at, size, color):
-    """A static cube of one colour, without collisions; it looks nearly the same from all sides."""
+    """A static cube that shines in one colour: it looks the same from all sides."""
     cube = dict(box(name, 0.0, size=size))
-    for key in ("collision shape", "collision geometry"):
-        del cube[key]
     cube["location"] = {"position": vector(*at), "orientation": {"r": 0.0, "p": 0.0, "y": 0.0}}
     components = {"r": color[0], "g": color[1], "b": color[2]}
     cube["color components"] = {
         "ambient": {"level": 0.0},
-        "diffuse": vector_of(components),
+        "diffuse": components,
         "specular": {"r": 0.0, "g": 0.0, "b": 0.0},
         "emission": components,
         "transparency": 1.0,
     }
     return cube
-
-
-def vector_of(components):
-    """A copy."""
-    return dict(components)
 
 
 def scene(name, cameras, blocks=()):
@@ -170,17 +163,6 @@ class Seen(Simulated):
         self.addCleanup(stamps.close)
         return stamps
 
-    def threads(self):
-        """Names of the simulator's threads."""
-        tasks = pathlib.Path(f"/proc/{self.simulator.process.pid}/task")
-        names = []
-        for task in tasks.iterdir():
-            try:
-                names.append((task / "comm").read_text().strip())
-            except OSError:
-                continue
-        return names
-
     def has_graphics(self):
         """Whether a library of OpenGL is mapped."""
         maps = pathlib.Path(f"/proc/{self.simulator.process.pid}/maps").read_text()
@@ -202,11 +184,10 @@ class Images(Seen):
         self.assertEqual((image.encoding, image.width, image.height, image.step), ("rgb8", 64, 48, 192))
         self.assertEqual((len(image.data), image.is_bigendian, image.header.frame_id), (64 * 48 * 3, 0, "cam"))
         # 0.4 m at 2 m are 0.4 · f / 2 pixels, f = 24 / tan 0.4; the front of a cube is a little nearer.
-        self.assertEqual(name_of(pixel(image, 20, 15)), "red", image.data[:0])
+        self.assertEqual(name_of(pixel(image, 20, 15)), "red")
         self.assertEqual(name_of(pixel(image, 43, 15)), "green")
         self.assertEqual(name_of(pixel(image, 20, 32)), "blue")
         self.assertEqual(name_of(pixel(image, 43, 32)), "white")
-        self.assertNotIn("has no windows and no pictures", self.simulator.log())
 
     def test_row_22_the_stamp_is_that_of_the_states_of_the_step(self):
         """While the physics is held at a step, images and states have one stamp; after the next step another one."""
@@ -215,8 +196,6 @@ class Images(Seen):
         state, world = self.of("cam", "State", CameraState), self.listen(f"{WORLD}/State", WorldState)
         command = WorldCmd(enable_step_throttling=True, n_skip_steps=1)
         with node.Stream(f"{WORLD}/Command", command):
-            held = world.until(lambda now: now.sim_step == world.newest().sim_step, "a state")
-
             def stands():
                 first = state.next().sim_step
                 time.sleep(0.3)
@@ -337,8 +316,7 @@ class Depth(Seen):
         for place in range(0, len(xs), 5):
             blue, green, red = cloud.data[32 * place + 16 : 32 * place + 19]
             self.assertEqual((red, green, blue), pixel(image, place % 64, 47 - place // 64))
-        first = name_of(pixel(image, 8, 40))
-        self.assertLess(abs(xs[7 * 64 + 8] + 1.65), 0.01, first)
+        self.assertLess(abs(xs[7 * 64 + 8] + 1.65), 0.01)
 
     def test_row_28_noise_is_on_x_only(self):
         """Mean and bias are added to x; the depth image has the same noise."""
@@ -423,7 +401,6 @@ class Others(Seen):
         self.simulator.wait_for_topics(*topics)
         time.sleep(1.0)
         self.assertFalse(self.has_graphics())
-        before = len(self.threads())
         listener = node.Listener(topics[0], Image)
         try:
             listener.newest()
@@ -431,7 +408,8 @@ class Others(Seen):
             self.assertEqual(self.simulator.log().count("cameras: drawn by"), 1)
         finally:
             listener.close()
-        harness.wait_for(lambda: len(self.threads()) <= before, f"the context's threads end: {self.threads()}")
+        # It is kept for 5 s, and then made anew.
+        time.sleep(7.0)
         self.image("cam")
         self.assertEqual(self.simulator.log().count("cameras: drawn by"), 2)
 

@@ -213,10 +213,10 @@ impl Camera {
         render: &mut impl FnMut(&View, &PictureRequest) -> Result<Picture, String>,
     ) -> Option<Picture> {
         if self.request.as_ref().is_none_or(|(of, _)| !Arc::ptr_eq(of, description)) {
-            let preprocessing = description.preprocessing_shaders.clone();
+            let (preprocessing, samples) = (description.preprocessing_shaders.clone(), description.image_samples);
             self.request = Some((
                 Arc::clone(description),
-                PictureRequest { preprocessing, ..PictureRequest::color(width, height) },
+                PictureRequest { preprocessing, samples, ..PictureRequest::color(width, height) },
             ));
         }
         let (_, request) = self.request.as_mut()?;

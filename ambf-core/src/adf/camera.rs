@@ -38,6 +38,8 @@ pub struct Camera {
     pub publish_image: Option<PublishedFrame>,
     /// Publish a point cloud; `None`: don't.
     pub publish_depth: Option<PublishedFrame>,
+    /// Key `publish image samples`: samples a pixel of published pictures, 1 to 8; more than 1 smooths edges. Default: 1.
+    pub image_samples: u32,
     /// Noise on the depth; `None`: none.
     pub depth_noise: Option<DepthNoise>,
     /// Shaders run on the picture.
@@ -169,6 +171,13 @@ impl Camera {
             visible: map.boolean("visible").unwrap_or(true),
             publish_image,
             publish_depth,
+            image_samples: map.uint("publish image samples").map_or(1, |samples| {
+                if !(1..=MAX_SAMPLES).contains(&samples) {
+                    let expected = format!("1 to {MAX_SAMPLES} samples a pixel");
+                    map.warn(ProblemKind::OutOfRange, "publish image samples", &expected, "the nearest is used");
+                }
+                samples.clamp(1, MAX_SAMPLES)
+            }),
             depth_noise: DepthNoise::read(map),
             preprocessing_shaders: map.shaders("preprocessing shaders"),
             depth_compute_shaders: map.shaders("depth compute shaders"),
@@ -194,6 +203,9 @@ const DEPTH_KEYS: FrameKeys = ["publish depth", "publish depth interval", "publi
 
 /// Largest edge of a published picture in pixels.
 const MAX_PIXELS: f64 = 16384.0;
+
+/// Most samples a pixel.
+const MAX_SAMPLES: u32 = 8;
 
 /// Vertical field of view where none is given, rad.
 const FIELD_OF_VIEW: f64 = 0.7;
@@ -365,14 +377,15 @@ mod tests {
     fn values_outside_their_range_are_replaced_with_a_warning() {
         let text = "cameras: [C]\nC:\n  clipping plane: {near: 2, far: 1}\n  field view angle: 4\n  orthographic view width: -1\n\
                     \x20 stereo: {mode: PASSIVE, eye separation: 0.1, focal length: 0}\n  publish image: true\n\
-                    \x20 publish image interval: 0\n  publish image resolution: {width: 0, height: 20000}\n";
+                    \x20 publish image interval: 0\n  publish image resolution: {width: 0, height: 20000}\n  publish image samples: 99\n";
         let (model, problems) = read::<Model>(text);
         let camera = &model.cameras[0];
         assert_eq!((camera.clipping_plane, camera.field_view_angle), ((0.1, 10.0), 0.7));
         assert_eq!(camera.orthographic_view_width, None);
         assert_eq!(camera.stereo.as_ref().map(|stereo| stereo.focal_length), Some(1e-6));
         assert_eq!(camera.publish_image, Some(PublishedFrame { interval: 1, width: 1, height: 16384 }));
-        assert_eq!(problems.len(), 7, "{problems:#?}");
+        assert_eq!(camera.image_samples, 8);
+        assert_eq!(problems.len(), 8, "{problems:#?}");
         assert!(problems.iter().any(|line| line.contains("publish image interval") && line.contains("1 is used")));
     }
 
