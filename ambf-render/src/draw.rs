@@ -67,8 +67,9 @@ impl<'a> Batches<'a> {
             let drawable = &drawables[index];
             let first = batches.count();
             let before = batches.order.last().map(|&before| &drawables[before]);
-            let goes_on =
-                before.is_some_and(|before| std::ptr::eq(before.part, drawable.part) && before.style == drawable.style);
+            let goes_on = before.is_some_and(|before| {
+                std::ptr::eq(before.part, drawable.part) && before.style == drawable.style
+            });
             batches.push(drawable);
             batches.order.push(index);
             match batches.runs.last_mut().filter(|_| goes_on) {
@@ -104,11 +105,7 @@ pub(crate) fn visible(drawables: &[Drawable<'_>], clip: &Matrix4<f64>) -> Vec<us
             let row = clip.row(i / 2);
             let plane = if i % 2 == 0 { clip.row(3) + row } else { clip.row(3) - row };
             let length = plane.fixed_columns::<3>(0).norm();
-            if length > 0.0 {
-                plane / length
-            } else {
-                plane
-            }
+            if length > 0.0 { plane / length } else { plane }
         })
         .collect();
     let is_seen = |drawable: &Drawable<'_>| {
@@ -175,12 +172,7 @@ impl Programs {
     }
 
     /// Index of a program of a user; `None` with a message the first time when it cannot be used.
-    pub(crate) fn user(
-        &mut self,
-        gl: &Current<'_>,
-        files: &ShaderProgram,
-        messages: &mut Vec<String>,
-    ) -> Option<usize> {
+    pub(crate) fn user(&mut self, gl: &Current<'_>, files: &ShaderProgram, messages: &mut Vec<String>) -> Option<usize> {
         let key = (files.vertex.clone(), files.fragment.clone());
         let index = match self.user_index.get(&key) {
             Some(index) => *index,
@@ -324,7 +316,9 @@ impl Pass<'_> {
         };
         let (program, mode) = match style {
             Style::User(index) => return self.user_run(eye, &batches.order[first..first + count], index),
-            Style::Lit if mask == Some(Mask::Built) && drawable.is_object => (self.programs.mask(gl)?, Mode::Triangles),
+            Style::Lit if mask == Some(Mask::Built) && drawable.is_object => {
+                (self.programs.mask(gl)?, Mode::Triangles)
+            }
             Style::Lit => {
                 let part = drawable.part;
                 let normal_map = part.normal_map.as_ref().filter(|_| self.normal_maps);

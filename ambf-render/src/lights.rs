@@ -4,8 +4,10 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 
 use nalgebra::{Isometry3, Matrix4, Point3, Vector3};
 
+use crate::gl::{
+    Cull, Current, FixedLight, InstanceBuffer, Mode, Program, Target, TargetKind, Texture, Uniform,
+};
 use crate::draw::{visible, Batches, Drawable, Programs};
-use crate::gl::{Cull, Current, FixedLight, InstanceBuffer, Mode, Program, Target, TargetKind, Texture, Uniform};
 use crate::shaders::{Lit, SHADOW_UNIT};
 use crate::stage::Built;
 use crate::RenderError;
@@ -124,12 +126,7 @@ fn shadow_clip(pose: &Isometry3<f64>, cutoff: f64, casters: &[Drawable<'_>]) -> 
     projection[(3, 2)] = -1.0;
     // The eye frame (right, up, backward) of a light that shines along its +x.
     let inverse = pose.inverse().to_homogeneous();
-    let view = Matrix4::from_rows(&[
-        -inverse.row(1),
-        inverse.row(2).into_owned(),
-        -inverse.row(0),
-        inverse.row(3).into_owned(),
-    ]);
+    let view = Matrix4::from_rows(&[-inverse.row(1), inverse.row(2).into_owned(), -inverse.row(0), inverse.row(3).into_owned()]);
     projection * view
 }
 

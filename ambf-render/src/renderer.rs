@@ -309,13 +309,11 @@ impl Resources {
             let parts = visual_parts(body);
             let shaders = body.shaders(&visuals.world).filter(|_| !parts.is_empty());
             let program = shaders.and_then(|files| self.programs.user(gl, files, messages));
-            wanted.extend(parts.into_iter().map(|(request, local, look)| Wanted {
-                object,
-                request,
-                local,
-                look,
-                program,
-            }));
+            wanted.extend(
+                parts
+                    .into_iter()
+                    .map(|(request, local, look)| Wanted { object, request, local, look, program }),
+            );
         }
         let soft_objects: Vec<usize> = (visuals.soft_bodies.iter().enumerate())
             .map(|(index, soft)| add(Source::SoftBody(index), &soft.object))
@@ -376,8 +374,7 @@ impl Resources {
             let Some(mesh) = self.library.get(&request.key) else { continue };
             if let Some((low, high)) = mesh.bounds {
                 for corner in 0..8 {
-                    let corner =
-                        Vector3::from_fn(|axis, _| if corner >> axis & 1 == 0 { low[axis] } else { high[axis] });
+                    let corner = Vector3::from_fn(|axis, _| if corner >> axis & 1 == 0 { low[axis] } else { high[axis] });
                     let corner = local.transform_point(&Point3::from(corner)).coords;
                     let (low, high) = bounds[object].unwrap_or((corner, corner));
                     bounds[object] = Some((low.inf(&corner), high.sup(&corner)));
@@ -619,7 +616,9 @@ fn drawables<'a>(
     }
     for (marker, part) in markers.iter().zip(marker_parts) {
         let pose = marker.pose.to_homogeneous();
-        let scaled = |x: f32, y: f32, z: f32| pose * scaling(&Vector3::new(f64::from(x), f64::from(y), f64::from(z)));
+        let scaled = |x: f32, y: f32, z: f32| {
+            pose * scaling(&Vector3::new(f64::from(x), f64::from(y), f64::from(z)))
+        };
         let color = marker.color;
         match (&marker.shape, part) {
             (MarkerShape::Sphere(r), _) => put(&mut drawables, &shapes.sphere, &scaled(*r, *r, *r), color, Style::Lit),

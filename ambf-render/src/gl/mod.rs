@@ -123,7 +123,9 @@ impl Device {
     /// # Safety
     /// A context is current on this thread, `find` gives the addresses of its functions, and it is current whenever the device or what
     /// is made with it is used.
-    pub(crate) unsafe fn in_current_context(mut find: impl FnMut(&CStr) -> *const c_void) -> Result<Self, RenderError> {
+    pub(crate) unsafe fn in_current_context(
+        mut find: impl FnMut(&CStr) -> *const c_void,
+    ) -> Result<Self, RenderError> {
         // SAFETY: promised by the caller.
         let (raw, fixed) =
             unsafe { (glow::Context::from_loader_function_cstr(&mut find), fixed::Functions::load(&mut find)) };
@@ -241,7 +243,6 @@ pub(crate) enum Uniform<'a> {
     Int(i32),
     Float(f32),
     Vec3([f32; 3]),
-    Vec4([f32; 4]),
     /// Column by column.
     Mat4(&'a [f32; 16]),
 }
@@ -527,7 +528,6 @@ impl Current<'_> {
                 Uniform::Int(value) => gl.uniform_1_i32(location, value),
                 Uniform::Float(value) => gl.uniform_1_f32(location, value),
                 Uniform::Vec3([x, y, z]) => gl.uniform_3_f32(location, x, y, z),
-                Uniform::Vec4([x, y, z, w]) => gl.uniform_4_f32(location, x, y, z, w),
                 Uniform::Mat4(matrix) => gl.uniform_matrix_4_f32_slice(location, false, matrix),
             }
         }
