@@ -222,7 +222,7 @@ impl Open {
             return Ok(());
         }
         let ended = subscriber.serve(&mut stream);
-        lock(&topic.subscribers).retain(|other| !Arc::ptr_eq(other, &subscriber));
+        topic.dismiss(&subscriber);
         ended
     }
 
@@ -348,6 +348,8 @@ struct Topic {
     md5sum: String,
     definition: String,
     subscribers: Mutex<Vec<Arc<Subscriber>>>,
+    /// Messages whose memory is used again once no subscriber needs them; none without subscribers.
+    kept: Mutex<Vec<Arc<Vec<u8>>>>,
     closed: AtomicBool,
 }
 
@@ -362,10 +364,39 @@ impl Topic {
         true
     }
 
+    fn dismiss(&self, subscriber: &Arc<Subscriber>) {
+        let mut subscribers = lock(&self.subscribers);
+        subscribers.retain(|other| !Arc::ptr_eq(other, subscriber));
+        if subscribers.is_empty() {
+            lock(&self.kept).clear();
+        }
+    }
+
+    /// Memory for a message.
+    fn memory(&self) -> Vec<u8> {
+        let mut kept = lock(&self.kept);
+        let free = kept.iter().position(|message| Arc::strong_count(message) == 1);
+        let mut memory = free.and_then(|free| Arc::into_inner(kept.swap_remove(free))).unwrap_or_default();
+        memory.clear();
+        memory
+    }
+
+    /// Leaves a message for all subscribers.
+    fn post(&self, message: Vec<u8>) {
+        let message = Arc::new(message);
+        let subscribers = lock(&self.subscribers);
+        subscribers.iter().for_each(|subscriber| subscriber.post(&message));
+        let mut kept = lock(&self.kept);
+        if !subscribers.is_empty() && kept.len() < KEPT {
+            kept.push(message);
+        }
+    }
+
     fn close(&self) {
         let mut subscribers = lock(&self.subscribers);
         self.closed.store(true, Ordering::Release);
         subscribers.drain(..).for_each(|subscriber| subscriber.end());
+        lock(&self.kept).clear();
     }
 }
 
@@ -476,8 +507,6 @@ struct Outgoing {
     node: Option<(String, String)>,
     /// Number of the next message.
     number: u32,
-    /// Messages whose memory is used again once no subscriber needs them.
-    kept: Vec<Arc<Vec<u8>>>,
 }
 
 impl LargePublication {
@@ -488,6 +517,7 @@ impl LargePublication {
             md5sum: M::md5sum(),
             definition: M::msg_definition(),
             subscribers: Mutex::default(),
+            kept: Mutex::default(),
             // Opened by `announce`.
             closed: AtomicBool::new(true),
         };
@@ -518,19 +548,13 @@ impl LargePublication {
             return;
         }
         let mut outgoing = lock(&self.outgoing);
-        let free = outgoing.kept.iter().position(|message| Arc::strong_count(message) == 1);
-        let mut message = free.and_then(|free| Arc::into_inner(outgoing.kept.swap_remove(free))).unwrap_or_default();
-        message.clear();
+        let mut message = topic.memory();
         message.extend([0; 4]);
         write(&mut message, outgoing.number);
         let Ok(length) = u32::try_from(message.len() - 4) else { return };
         message[..4].copy_from_slice(&length.to_le_bytes());
         outgoing.number = outgoing.number.wrapping_add(1);
-        let message = Arc::new(message);
-        lock(&topic.subscribers).iter().for_each(|subscriber| subscriber.post(&message));
-        if outgoing.kept.len() < KEPT {
-            outgoing.kept.push(message);
-        }
+        topic.post(message);
     }
 }
 
@@ -566,11 +590,7 @@ impl Announcement for LargePublication {
     }
 
     fn withdraw(&self) {
-        let node = {
-            let mut outgoing = lock(&self.outgoing);
-            outgoing.kept.clear();
-            outgoing.node.take()
-        };
+        let node = lock(&self.outgoing).node.take();
         self.topic().close();
         if let Some(open) = &*lock(&self.node.open) {
             lock(&open.topics).remove(&self.name);
@@ -710,7 +730,7 @@ mod tests {
             assert!(begin.elapsed() < Duration::from_secs(2), "sending never waits");
             assert_eq!(message(&mut busy)[SIZE], number);
         }
-        let kept = lock(&fixture.publication.outgoing).kept.len();
+        let kept = lock(&fixture.publication.topic().kept).len();
         assert!(kept <= KEPT, "{kept}");
         assert_eq!(message(&mut idle)[SIZE], 0, "the one that was under way");
         assert_eq!(message(&mut idle)[SIZE], 29, "then the newest");
@@ -729,8 +749,12 @@ mod tests {
     #[test]
     fn who_goes_is_forgotten_without_a_message() {
         let fixture = Fixture::new();
-        drop(fixture.subscribe());
+        let mut stream = fixture.subscribe();
+        fixture.send(10, 0);
+        message(&mut stream);
+        drop(stream);
         until("it is forgotten", || fixture.count() == 0);
+        assert!(lock(&fixture.publication.topic().kept).is_empty(), "without subscribers there are no messages");
     }
 
     #[test]
