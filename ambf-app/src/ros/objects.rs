@@ -80,7 +80,13 @@ impl Objects {
             told.link.add(come.announcements);
         }
         #[cfg(feature = "view")]
-        told.link.add(self.follow_cameras());
+        {
+            let new = self.follow_cameras();
+            // Adding wakes the link, which is not to be done for nothing.
+            if !new.is_empty() {
+                told.link.add(new);
+            }
+        }
     }
 
     /// Topics of pictures of cameras that have come. What a camera publishes is in its description, which comes a little after the camera.
@@ -88,13 +94,11 @@ impl Objects {
     fn follow_cameras(&mut self) -> Vec<Arc<dyn Announcement>> {
         use ambf_core::comm::ObjectKind;
         let mut announcements = Vec::new();
-        let Some(pictures) = &self.around.pictures else { return announcements };
-        if self.cameras.is_empty() {
-            return announcements;
-        }
-        let (Some(visuals), objects) = (self.around.hub.visuals(), self.around.hub.objects().clone()) else {
+        let Some(pictures) = self.around.pictures.as_ref().filter(|_| !self.cameras.is_empty()) else {
             return announcements;
         };
+        let Some(visuals) = self.around.hub.visuals() else { return announcements };
+        let objects = self.around.hub.objects().clone();
         let (known, arguments) = (&mut self.known, &self.around.arguments);
         self.cameras.retain(|&position| {
             let (Some(known), ObjectKind::Camera(index, _)) = (&mut known[position], &objects[position].info.kind)
