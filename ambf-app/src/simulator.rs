@@ -6,6 +6,8 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use ambf_core::bullet::SolverStatistics;
+#[cfg(feature = "view")]
+use ambf_core::comm::Hub;
 use ambf_core::comm::{Middleware, Rates};
 use ambf_core::device::host::DeviceHost;
 use ambf_core::scene::{load, Loaded, SceneOptions, SceneReport};
@@ -14,9 +16,13 @@ use crossbeam_channel::RecvTimeoutError;
 use ros_node::OwnMaster;
 use thiserror::Error;
 
+#[cfg(feature = "view")]
+use crate::cameras::{CameraService, OffscreenCameras};
 use crate::cli::SimulatorOptions;
 use crate::devices;
 use crate::launch::{self, LaunchError};
+#[cfg(feature = "view")]
+use crate::ros::PictureTopics;
 use crate::ros::{ModelHost, ModelReply, RosArguments, RosMiddleware, RosOptions};
 use crate::{plugins, print_line, process, report};
 
@@ -140,6 +146,12 @@ fn serve(
     let own_master = std::env::current_exe().map_or(OwnMaster::InProcess, OwnMaster::Program);
     let ros_options = RosOptions { arguments, own_master, ..RosOptions::default() };
     let mut ros = (!options.no_ros).then(|| RosMiddleware::new(ros_options).with_models(host));
+    #[cfg(feature = "view")]
+    let cameras;
+    #[cfg(feature = "view")]
+    {
+        (ros, cameras) = with_cameras(ros, &hub);
+    }
     if let Some(ros) = &mut ros {
         if options.hold {
             hub.throttle().hold(Duration::MAX, hub.now_ns());
@@ -157,6 +169,8 @@ fn serve(
         },
     );
     let outcome = follow(&runner, &mut devices, ros.as_ref(), stop);
+    #[cfg(feature = "view")]
+    drop(cameras);
     let simulation = runner.stop();
     devices.stop().iter().for_each(|line| report!("{line}"));
     if let Some(mut simulation) = simulation {
@@ -169,6 +183,21 @@ fn serve(
         ros.stop();
     }
     outcome
+}
+
+/// Lets `ros` have topics of pictures, and a thread make what they want.
+#[cfg(feature = "view")]
+fn with_cameras(ros: Option<RosMiddleware>, hub: &Arc<Hub>) -> (Option<RosMiddleware>, Option<OffscreenCameras>) {
+    let Some(ros) = ros else { return (None, None) };
+    let topics = Arc::<PictureTopics>::default();
+    let service = CameraService::new(Arc::clone(&topics), ros.point_clouds());
+    match OffscreenCameras::start(Arc::clone(hub), service) {
+        Ok(cameras) => (Some(ros.with_pictures(topics)), Some(cameras)),
+        Err(error) => {
+            report!("cameras: no thread can be made for pictures: {error}; the simulation runs without");
+            (Some(ros), None)
+        }
+    }
 }
 
 /// One line about the solver of profile `accurate`; nothing of other solvers, which count nothing.
