@@ -347,6 +347,13 @@ impl Resources {
         if dark > 0 {
             messages.push(format!("{dark} lights shine on nothing: {MOST_LIGHTS} lights are drawn at most"));
         }
+        let without = "shaders have no effect: the built-in ones do what they are for";
+        for camera in visuals.cameras.iter().filter(|camera| camera.description.depth_compute_shaders.is_some()) {
+            messages.push(format!("{}: its depth compute {without}", camera.object.identifier));
+        }
+        if visuals.world.skybox.as_ref().is_some_and(|skybox| skybox.shaders.is_some()) {
+            messages.push(format!("the sky's {without}"));
+        }
         let requests: Vec<MeshRequest> = wanted.iter().map(|wanted| wanted.request.clone()).collect();
         messages.extend(self.library.load(gl, &requests));
         let mut items = self.items(wanted, &mut objects);
