@@ -230,8 +230,9 @@ impl Scene {
         let of_vehicles = Places::new(self, |model| model.vehicles.iter().map(|vehicle| &vehicle.common).collect());
         let of_sensors = Places::new(self, |model| model.sensors.iter().map(|sensor| &sensor.common).collect());
         let of_actuators = Places::new(self, |model| model.actuators.iter().map(|actuator| &actuator.common).collect());
-        let body = |body: &super::Body| VisualBody {
-            object: object(&body.identity),
+        let is_gone = |body: usize| self.body_is_gone(body);
+        let body = |(index, body): (usize, &super::Body)| VisualBody {
+            object: VisualObject { removed: is_gone(index), ..object(&body.identity) },
             offset: body.inertial_offset_inverse,
             scale: body.scale,
             is_ghost: false,
@@ -260,12 +261,11 @@ impl Scene {
             };
             let wheels = described.index.map(|index| described.model.vehicles[index].wheels.iter().map(files));
             let object = VisualObject {
-                removed: self.models[self.bodies[vehicle.chassis].identity.model].removed,
+                removed: is_gone(vehicle.chassis),
                 ..object(&vehicle.identity)
             };
             VisualVehicle { object, wheels: wheels.into_iter().flatten().collect() }
         };
-        let is_without_parent = |parent: usize| self.models[self.bodies[parent].identity.model].removed;
         let sensor = |sensor: &super::Sensor| {
             let described = of_sensors.described(self, &sensor.identity);
             let (visible, visible_size) = described.index.map_or((false, 0.0), |index| {
@@ -273,7 +273,7 @@ impl Scene {
                 (sensor.visible, sensor.visible_size)
             });
             let mut object = object(&sensor.identity);
-            object.removed |= is_without_parent(sensor.parent);
+            object.removed |= is_gone(sensor.parent);
             VisualSensor {
                 object,
                 parent: sensor.parent,
@@ -291,7 +291,7 @@ impl Scene {
                 (actuator.visible, actuator.visible_size)
             });
             let mut object = object(&actuator.identity);
-            object.removed |= is_without_parent(actuator.parent);
+            object.removed |= is_gone(actuator.parent);
             VisualActuator { object, parent: actuator.parent, pose: actuator.info.pose, visible, visible_size }
         };
         let camera = |camera: &super::Camera| VisualCamera {
@@ -307,7 +307,7 @@ impl Scene {
         VisualScene {
             generation,
             world: Arc::clone(&self.description),
-            bodies: self.bodies.iter().map(body).collect(),
+            bodies: self.bodies.iter().enumerate().map(body).collect(),
             ghosts: self.ghosts.iter().map(ghost).collect(),
             soft_bodies: self.soft_bodies.iter().map(soft).collect(),
             vehicles: self.vehicles.iter().map(vehicle).collect(),
