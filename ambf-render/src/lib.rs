@@ -16,12 +16,20 @@
 //! # }
 //! ```
 
+mod draw;
+mod gl;
+mod lights;
+mod meshes;
 mod picture;
 mod renderer;
+mod shaders;
+mod sky;
 mod stage;
+mod texture;
 mod view;
 
 pub use picture::{Picture, PictureRequest};
 pub use renderer::{RenderError, Renderer};
 pub use stage::{Highlight, Marker, MarkerShape, Stage};
+pub use texture::{Texture, TextureError};
 pub use view::{published_size, view_matrix, Eye, PixelRay, Projection, Stereo, View};

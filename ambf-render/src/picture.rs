@@ -1,7 +1,5 @@
 //! What is asked of a picture, and what comes back.
 
-use std::path::PathBuf;
-
 use ambf_core::adf::ShaderProgram;
 
 use crate::view::Eye;
@@ -99,10 +97,4 @@ impl Picture {
         }
         points
     }
-}
-
-/// Where the shaders that are named by a description lie.
-#[allow(dead_code)]
-pub(crate) fn shader_files(program: &ShaderProgram) -> [PathBuf; 2] {
-    [program.vertex.clone(), program.fragment.clone()]
 }

@@ -11,7 +11,8 @@ use std::str::FromStr;
 use nalgebra::{Matrix4, Point3, Rotation3, Unit, Vector3};
 use roxmltree::{Document, Node, NodeId};
 
-use super::{check_finite, printable, quoted, Mesh, MeshError, Position, Welder, MAX_SUB_MESHES};
+use super::visual::{Details, PartDetails};
+use super::{check_finite, printable, quoted, Files, Mesh, MeshError, Position, Welder, MAX_SUB_MESHES};
 use crate::xml::find_excess;
 
 /// Elements of nodes and triangles that one file may expand to: nested instances can grow exponentially, or for ever.
@@ -24,7 +25,12 @@ const MAX_QUOTES: usize = 4096;
 /// Largest `offset` or `stride` attribute taken for real.
 const MAX_STRIDE: usize = 1024;
 
-pub(super) fn read(path: &Path, bytes: Vec<u8>) -> Result<Mesh, MeshError> {
+pub(super) fn read(
+    path: &Path,
+    bytes: Vec<u8>,
+    _files: &Files,
+    details: Option<&mut Details>,
+) -> Result<Mesh, MeshError> {
     let text = String::from_utf8_lossy(&bytes);
     if let Some((byte, what)) = find_excess(&text, MAX_QUOTES) {
         return Err(MeshError::malformed(path, Position::Byte(byte), what));
@@ -59,6 +65,9 @@ pub(super) fn read(path: &Path, bytes: Vec<u8>) -> Result<Mesh, MeshError> {
             }
             mesh.sub_meshes.push(primitive.place(path, &transform)?);
         }
+    }
+    if let Some(details) = details {
+        details.parts.resize_with(mesh.sub_meshes.len(), PartDetails::default);
     }
     Ok(mesh)
 }
@@ -345,7 +354,7 @@ mod tests {
     use super::*;
 
     fn parse(text: impl Into<Vec<u8>>) -> Result<Mesh, MeshError> {
-        read(Path::new("t.dae"), text.into())
+        crate::mesh::parse(text.into(), Path::new("t.dae"))
     }
 
     /// A unit square with the given primitive element and scene.

@@ -1,15 +1,18 @@
 //! Mesh files → triangles.
 //!
-//! [`load`] reads one file, [`MeshCache`] shares what many bodies use. Positions are in the units of the file (metres by
-//! convention), multiplied by nothing; colours, normals and texture coordinates are not kept. STL and 3DS store 32-bit
-//! numbers, which are widened exactly; text formats are read as `f64`, except ASCII STL, whose numbers are 32-bit too so that
-//! it equals its binary twin.
+//! [`load`] reads what collides of one file, [`MeshCache`] shares what many bodies use; [`load_visual`] reads what is drawn, with normals,
+//! texture coordinates and materials, through the same readers. Positions are in the units of the file (metres by convention),
+//! multiplied by nothing. STL and 3DS store 32-bit numbers, which are widened exactly; text formats are read as `f64`, except ASCII
+//! STL, whose numbers are 32-bit too so that it equals its binary twin.
 
 mod cache;
 mod dae;
+mod material;
 mod obj;
+mod primitive;
 mod stl;
 mod three_ds;
+mod visual;
 
 use std::collections::HashMap;
 use std::fmt;
@@ -20,6 +23,9 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 pub use cache::MeshCache;
+pub use material::MeshMaterial;
+use visual::Details;
+pub use visual::{load_both, load_visual, parse_visual, VisualMesh, VisualMeshPart};
 
 /// Largest file that is read, in bytes. Far above any usable collision mesh; stops a wrong path from eating the memory.
 const MAX_FILE_BYTES: u64 = 512 << 20;
@@ -131,6 +137,24 @@ pub enum MeshError {
         /// The mesh file.
         path: PathBuf,
     },
+    /// Error when a mesh has more triangles than can be drawn. It may still collide.
+    #[error("{}: more than {limit} triangles cannot be drawn; reduce them, or draw another mesh than the one that collides", path.display())]
+    TooManyTriangles {
+        /// The mesh file.
+        path: PathBuf,
+        /// Most triangles of a mesh that is drawn.
+        limit: usize,
+    },
+    /// Error when a vertex is too far from the origin for the 32-bit numbers of a drawn mesh. It may still collide.
+    #[error("{}: a vertex at {value:?} is too far away to be drawn (limit {limit:e}); is the unit of the file right?", path.display())]
+    TooFar {
+        /// The mesh file.
+        path: PathBuf,
+        /// The offending position.
+        value: [f64; 3],
+        /// Largest coordinate.
+        limit: f64,
+    },
     /// Error when a mesh is asked for with a scale that is NaN or infinite.
     #[error("{}: scale {scale} is not a finite number", path.display())]
     Scale {
@@ -160,7 +184,7 @@ impl MeshError {
 ///   applied; skins, splines and lines are skipped.
 pub fn load(path: &Path) -> Result<Mesh, MeshError> {
     let reader = reader_of(path)?;
-    not_empty(path, reader(path, read_file(path)?, read_file)?)
+    not_empty(path, reader(path, read_file(path)?, &ON_DISK, None)?)
 }
 
 /// Reads the content of a mesh file as [`load`] reads a file; `path` stands for its name. No file is opened: the material libraries that
@@ -170,25 +194,37 @@ pub fn load(path: &Path) -> Result<Mesh, MeshError> {
 /// As [`load`].
 pub fn parse(bytes: Vec<u8>, path: &Path) -> Result<Mesh, MeshError> {
     let reader = reader_of(path)?;
+    let open = |path: &Path| Err(io_error(path, io::ErrorKind::NotFound.into()));
+    not_empty(path, reader(path, checked_size(path, bytes)?, &Files { open: &open, exists: &|_| false }, None)?)
+}
+
+fn checked_size(path: &Path, bytes: Vec<u8>) -> Result<Vec<u8>, MeshError> {
     if bytes.len() as u64 > MAX_FILE_BYTES {
         return Err(MeshError::TooLarge { path: path.to_path_buf(), bytes: bytes.len() as u64 });
     }
-    let no_file = |path: &Path| Err(io_error(path, io::ErrorKind::NotFound.into()));
-    not_empty(path, reader(path, bytes, no_file)?)
+    Ok(bytes)
 }
 
-/// Reads a file that another one names.
-type Open = fn(&Path) -> Result<Vec<u8>, MeshError>;
+/// The files that a mesh names.
+struct Files<'a> {
+    /// Reads one.
+    open: &'a dyn Fn(&Path) -> Result<Vec<u8>, MeshError>,
+    /// Whether one is there.
+    exists: &'a dyn Fn(&Path) -> bool,
+}
 
-type Reader = fn(&Path, Vec<u8>, Open) -> Result<Mesh, MeshError>;
+const ON_DISK: Files<'static> = Files { open: &read_file, exists: &Path::is_file };
+
+/// Reads the mesh, and into the details, if wanted, how it looks: one for each sub-mesh.
+type Reader = fn(&Path, Vec<u8>, &Files, Option<&mut Details>) -> Result<Mesh, MeshError>;
 
 fn reader_of(path: &Path) -> Result<Reader, MeshError> {
     let extension = path.extension().unwrap_or_default().to_string_lossy();
     Ok(match extension.to_ascii_lowercase().as_str() {
-        "stl" => |path, bytes, _| stl::read(path, bytes),
+        "stl" => |path, bytes, _, details| stl::read(path, bytes, details),
         "obj" => obj::read,
-        "3ds" => |path, bytes, _| three_ds::read(path, bytes),
-        "dae" => |path, bytes, _| dae::read(path, bytes),
+        "3ds" => three_ds::read,
+        "dae" => dae::read,
         _ => return Err(MeshError::UnknownFormat { path: path.to_path_buf(), extension: extension.into_owned() }),
     })
 }

@@ -1,13 +1,15 @@
-//! Wavefront OBJ: positions, faces, lines, and as much of the material library as splits the mesh.
+//! Wavefront OBJ: positions, faces, lines, materials; normals and texture coordinates for what is drawn.
 //!
 //! Read here rather than by a library: `tobj` takes a polyline `l a b c` for a triangle, panics on a short colour in the
 //! material file, and names no line.
 
 use std::collections::hash_map::Entry;
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::path::Path;
 
-use super::{check_finite, quoted, Mesh, MeshError, Open, Position, Welder, MAX_SUB_MESHES};
+use super::material::{read_library, LibraryFile, MeshMaterial, Warnings};
+use super::visual::{Corner, Details, Facing, PartDetails, ABSENT, MAX_TRIANGLES};
+use super::{check_finite, quoted, Files, Mesh, MeshError, Position, Welder, MAX_SUB_MESHES};
 
 /// A face or polyline: its corners are `corners[start..]` up to the start of the next one.
 struct Element {
@@ -24,19 +26,34 @@ struct Contents {
     /// Vertex numbers from 0, of all elements; may point past `positions`.
     corners: Vec<usize>,
     elements: Vec<Element>,
-    materials: Vec<String>,
+    materials: Vec<(String, MeshMaterial)>,
     objects: Vec<String>,
+    /// Texture coordinate and normal of each of `corners`, if wanted: indices into `details`, or [`ABSENT`].
+    looks: Option<Vec<[u32; 2]>>,
 }
 
-/// `open` reads the material libraries that the file names.
-pub(super) fn read(path: &Path, bytes: Vec<u8>, open: Open) -> Result<Mesh, MeshError> {
-    let contents = parse(path, &String::from_utf8_lossy(&bytes), open)?;
-    let names = if contents.materials.is_empty() { &contents.objects } else { &contents.materials };
+/// `files` has the material libraries that the file names.
+pub(super) fn read(
+    path: &Path,
+    bytes: Vec<u8>,
+    files: &Files,
+    mut details: Option<&mut Details>,
+) -> Result<Mesh, MeshError> {
+    let contents = parse(path, &String::from_utf8_lossy(&bytes), files, details.as_deref_mut())?;
+    let name = |i: usize| match contents.materials.is_empty() {
+        true => contents.objects.get(i).map_or("", |name| name),
+        false => contents.materials.get(i).map_or("", |(name, _)| name),
+    };
     let count = contents.materials.len().max(contents.objects.len()).max(1);
-    let mut parts: Vec<Part> = (0..count).map(|i| Part::named(names.get(i).map_or("", |n| n))).collect();
+    let mut parts: Vec<Part> = (0..count).map(|i| Part::named(name(i))).collect();
 
     // Lines come after all faces, so that the vertices that only lines use come last.
-    contents.for_each(path, true, |material, corners| parts[material].add_face(corners, &contents.positions))?;
+    contents.for_each(path, true, |element, corners| {
+        parts[element.material].add_face(corners, &contents.positions);
+    })?;
+    if let Some(details) = details {
+        contents.describe(path, count, details)?;
+    }
     if contents.elements.iter().all(|e| !e.is_face) {
         // A bare list of vertices can still serve as a point cloud.
         for number in 0..contents.positions.len() {
@@ -44,7 +61,9 @@ pub(super) fn read(path: &Path, bytes: Vec<u8>, open: Open) -> Result<Mesh, Mesh
         }
     }
     parts.iter_mut().for_each(|p| p.welder.end_surface());
-    contents.for_each(path, false, |material, corners| parts[material].add_polyline(corners, &contents.positions))?;
+    contents.for_each(path, false, |element, corners| {
+        parts[element.material].add_polyline(corners, &contents.positions);
+    })?;
     Ok(Mesh { sub_meshes: parts.into_iter().map(Part::finish).collect() })
 }
 
@@ -88,8 +107,8 @@ impl Part {
 }
 
 impl Contents {
-    /// Calls `visit` with the material and the corners of every face, or every polyline, in file order.
-    fn for_each(&self, path: &Path, faces: bool, mut visit: impl FnMut(usize, &[usize])) -> Result<(), MeshError> {
+    /// Calls `visit` with every face, or every polyline, and its corners, in file order.
+    fn for_each(&self, path: &Path, faces: bool, mut visit: impl FnMut(&Element, &[usize])) -> Result<(), MeshError> {
         let ends = self.elements.iter().skip(1).map(|e| e.start).chain([self.corners.len()]);
         for (element, end) in self.elements.iter().zip(ends).filter(|(e, _)| e.is_face == faces) {
             let corners = &self.corners[element.start..end];
@@ -101,18 +120,68 @@ impl Contents {
                 );
                 return Err(MeshError::malformed(path, Position::Line(element.line), message));
             }
-            visit(element.material, corners);
+            visit(element, corners);
         }
+        Ok(())
+    }
+
+    /// Adds how each of the `count` sub-meshes looks, with the corners of its triangles in the order of [`Part::add_face`].
+    fn describe(&self, path: &Path, count: usize, details: &mut Details) -> Result<(), MeshError> {
+        let mut triangles = 0;
+        self.for_each(path, true, |_, corners| triangles += corners.len().saturating_sub(2))?;
+        if triangles > MAX_TRIANGLES {
+            return Err(MeshError::TooManyTriangles { path: path.to_path_buf(), limit: MAX_TRIANGLES });
+        }
+        let material = |i: usize| self.materials.get(i).map(|(_, material)| material.clone()).unwrap_or_default();
+        let mut parts: Vec<PartDetails> =
+            (0..count).map(|i| PartDetails { material: material(i), facing: Facing::Corners(Vec::new()) }).collect();
+        let looks = self.looks.as_deref().unwrap_or(&[]);
+        let Details { warnings, tex_coords, normals, .. } = details;
+        self.for_each(path, true, |element, corners| {
+            if corners.len() < 3 {
+                return;
+            }
+            let mut is_known = true;
+            let mut known = |index: u32, count: usize| {
+                let known = index == ABSENT || (index as usize) < count;
+                is_known &= known;
+                if known {
+                    index
+                } else {
+                    ABSENT
+                }
+            };
+            let described: Vec<Corner> = corners
+                .iter()
+                .zip(&looks[element.start..])
+                .map(|(&number, &[tex_coord, normal])| Corner {
+                    shared: number as u32,
+                    tex_coord: known(tex_coord, tex_coords.len()),
+                    normal: known(normal, normals.len()),
+                })
+                .collect();
+            if !is_known {
+                let message =
+                    "a texture coordinate or normal of this face does not exist; the face is drawn without it";
+                warnings.add(path, Position::Line(element.line), message);
+            }
+            if let Facing::Corners(all) = &mut parts[element.material].facing {
+                all.extend(described[1..].windows(2).flat_map(|pair| [described[0], pair[0], pair[1]]));
+            }
+        })?;
+        details.parts = parts;
         Ok(())
     }
 }
 
-fn parse(path: &Path, text: &str, open: Open) -> Result<Contents, MeshError> {
-    let mut contents = Contents::default();
+fn parse(path: &Path, text: &str, files: &Files, mut details: Option<&mut Details>) -> Result<Contents, MeshError> {
+    let mut contents = Contents { looks: details.is_some().then(Vec::new), ..Contents::default() };
     // The first of a name counts.
     let mut material_indices = HashMap::new();
     // Each is read once.
-    let mut libraries: HashMap<String, Vec<String>> = HashMap::new();
+    let mut libraries: HashMap<String, Vec<(String, MeshMaterial)>> = HashMap::new();
+    // Named once.
+    let mut unknown_materials = HashSet::new();
     let mut material = 0;
     let mut continued = String::new();
     for (line, content) in (1..).zip(text.lines()) {
@@ -141,22 +210,59 @@ fn parse(path: &Path, text: &str, open: Open) -> Result<Contents, MeshError> {
                         MeshError::malformed(path, Position::Line(line), message)
                     })?;
                     contents.corners.push(corner);
+                    if let (Some(looks), Some(details)) = (&mut contents.looks, &mut details) {
+                        let known = [details.tex_coords.len(), details.normals.len()];
+                        looks.push(parse_looks(word, known).unwrap_or_else(|| {
+                            let message = format!("expected a corner such as 3/1/2, got {}", quoted(word));
+                            details.warnings.add(path, Position::Line(line), message);
+                            [ABSENT; 2]
+                        }));
+                        // A face of n corners makes n - 2 triangles.
+                        if looks.len() > 3 * MAX_TRIANGLES {
+                            return Err(MeshError::TooManyTriangles { path: path.to_path_buf(), limit: MAX_TRIANGLES });
+                        }
+                    }
                 }
                 contents.elements.push(Element { start, material, line, is_face: keyword == "f" });
             }
+            "vt" => {
+                if let Some(details) = &mut details {
+                    let at = Position::Line(line);
+                    details.tex_coords.push(parse_numbers(rest, 1, path, at, &mut details.warnings));
+                }
+            }
+            "vn" => {
+                if let Some(details) = &mut details {
+                    let at = Position::Line(line);
+                    // A normal of zeros is none: one is computed.
+                    details.normals.push(parse_numbers(rest, 3, path, at, &mut details.warnings));
+                }
+            }
             "o" => contents.objects.push(rest.to_owned()),
             "mtllib" => {
-                let names = match libraries.entry(rest.to_owned()) {
+                let known = match libraries.entry(rest.to_owned()) {
                     Entry::Occupied(known) => known.into_mut(),
-                    Entry::Vacant(slot) => slot.insert(material_names(path, rest, open)?),
+                    Entry::Vacant(slot) => {
+                        let at = Position::Line(line);
+                        let warnings = details.as_deref_mut().map(|details| &mut details.warnings);
+                        slot.insert(materials(path, rest, files, at, warnings)?)
+                    }
                 };
-                for name in names.iter() {
+                for (name, looks) in known.iter() {
                     material_indices.entry(name.clone()).or_insert(contents.materials.len());
-                    contents.materials.push(name.clone());
+                    contents.materials.push((name.clone(), looks.clone()));
                 }
             }
             // An unknown name leaves the material as it is, as the C++ program does.
-            "usemtl" => material = material_indices.get(rest).copied().unwrap_or(material),
+            "usemtl" => match (material_indices.get(rest), &mut details) {
+                (Some(known), _) => material = *known,
+                // Without any library the message about that is enough.
+                (None, Some(details)) if !material_indices.is_empty() && unknown_materials.insert(rest.to_owned()) => {
+                    let message = format!("material {} is not in the library; the one before stays", quoted(rest));
+                    details.warnings.add(path, Position::Line(line), message);
+                }
+                _ => {}
+            },
             _ => {}
         }
         if contents.objects.len().max(contents.materials.len()) > MAX_SUB_MESHES {
@@ -187,16 +293,67 @@ fn parse_corner(word: &str, known: usize) -> Option<usize> {
     }
 }
 
-/// Names of the materials in the library `name` beside the mesh `path`; none when there is no such file.
-fn material_names(path: &Path, name: &str, open: Open) -> Result<Vec<String>, MeshError> {
+/// Texture coordinate and normal of a corner `v`, `v/vt`, `v//vn` or `v/vt/vn` as numbers from 0; negative ones count back from the
+/// `known` ones.
+fn parse_looks(word: &str, known: [usize; 2]) -> Option<[u32; 2]> {
+    let mut looks = [ABSENT; 2];
+    let mut fields = word.split('/').skip(1);
+    for (look, known) in looks.iter_mut().zip(known) {
+        let Some(field) = fields.next().filter(|field| !field.is_empty()) else { continue };
+        let number = parse_corner(field, known)?;
+        *look = u32::try_from(number).ok().filter(|number| *number != ABSENT)?;
+    }
+    Some(looks)
+}
+
+/// The first N numbers of a line; at least `least` must be there, the rest is 0. All are 0 if one is no finite number.
+fn parse_numbers<const N: usize>(
+    rest: &str,
+    least: usize,
+    path: &Path,
+    at: Position,
+    warnings: &mut Warnings,
+) -> [f32; N] {
+    let mut numbers = [0.0; N];
+    let mut words = rest.split_ascii_whitespace();
+    for (i, number) in numbers.iter_mut().enumerate() {
+        let word = match words.next() {
+            None if i >= least => break,
+            word => word.unwrap_or(""),
+        };
+        match word.parse::<f32>() {
+            Ok(x) if x.is_finite() => *number = x,
+            _ => {
+                warnings.add(path, at, format!("expected a finite number, got {}; 0 is used", quoted(word)));
+                return [0.0; N];
+            }
+        }
+    }
+    numbers
+}
+
+/// The materials in the library `name` beside the mesh `path`; none when there is no such file. How they look is only read where
+/// `warnings` can be given.
+fn materials(
+    path: &Path,
+    name: &str,
+    files: &Files,
+    at: Position,
+    warnings: Option<&mut Warnings>,
+) -> Result<Vec<(String, MeshMaterial)>, MeshError> {
     let library = path.with_file_name(name);
-    let bytes = match open(&library) {
-        Err(MeshError::Io { source, .. }) if source.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+    let bytes = match (files.open)(&library) {
+        Err(MeshError::Io { source, .. }) if source.kind() == std::io::ErrorKind::NotFound => {
+            if let Some(warnings) = warnings {
+                let message = format!("material library {} is not there; the default material is drawn", quoted(name));
+                warnings.add(path, at, message);
+            }
+            return Ok(Vec::new());
+        }
         other => other?,
     };
-    let text = String::from_utf8_lossy(&bytes);
-    let names = text.lines().filter_map(|line| line.trim().strip_prefix("newmtl"));
-    Ok(names.map(|name| name.trim().to_owned()).collect())
+    let file = LibraryFile { mesh: path, library: &library, files };
+    Ok(read_library(&String::from_utf8_lossy(&bytes), &file, warnings))
 }
 
 #[cfg(test)]

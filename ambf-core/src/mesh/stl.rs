@@ -5,6 +5,7 @@
 
 use std::path::Path;
 
+use super::visual::{Details, Facing, PartDetails};
 use super::{check_finite, quoted, Mesh, MeshError, Position, Welder};
 
 /// Header text and triangle count.
@@ -12,9 +13,13 @@ const HEADER_BYTES: usize = 84;
 /// Normal, three corners, attribute.
 const TRIANGLE_BYTES: usize = 50;
 
-pub(super) fn read(path: &Path, bytes: Vec<u8>) -> Result<Mesh, MeshError> {
+/// The normals of the file are not used: many exporters write zeros.
+pub(super) fn read(path: &Path, bytes: Vec<u8>, details: Option<&mut Details>) -> Result<Mesh, MeshError> {
     let surface =
         if is_ascii(&bytes) { read_ascii(path, &String::from_utf8_lossy(&bytes))? } else { read_binary(path, &bytes)? };
+    if let Some(details) = details {
+        details.parts.push(PartDetails { facing: Facing::Flat, ..PartDetails::default() });
+    }
     Ok(Mesh { sub_meshes: vec![surface.finish()] })
 }
 
@@ -138,7 +143,7 @@ mod tests {
     }
 
     fn parse(bytes: impl Into<Vec<u8>>) -> Result<Mesh, MeshError> {
-        read(Path::new("t.stl"), bytes.into())
+        read(Path::new("t.stl"), bytes.into(), None)
     }
 
     #[test]

@@ -3,7 +3,8 @@
 use std::collections::HashMap;
 use std::path::Path;
 
-use super::{check_finite, Mesh, MeshError, Position, SubMesh, Welder, MAX_SUB_MESHES};
+use super::visual::{Details, PartDetails};
+use super::{check_finite, Files, Mesh, MeshError, Position, SubMesh, Welder, MAX_SUB_MESHES};
 
 const MAIN: u16 = 0x4D4D;
 const EDITOR: u16 = 0x3D3D;
@@ -16,7 +17,12 @@ const FACE_MATERIAL: u16 = 0x4130;
 /// Three corners and a word of flags.
 const FACE_BYTES: usize = 8;
 
-pub(super) fn read(path: &Path, bytes: Vec<u8>) -> Result<Mesh, MeshError> {
+pub(super) fn read(
+    path: &Path,
+    bytes: Vec<u8>,
+    _files: &Files,
+    details: Option<&mut Details>,
+) -> Result<Mesh, MeshError> {
     let mut file = Cursor { path, bytes: &bytes, at: 0, end: bytes.len() };
     let Some((MAIN, mut main)) = file.chunk()? else {
         return Err(MeshError::malformed(path, Position::Byte(0), "not a 3DS file: it must start with chunk 4D4D"));
@@ -44,6 +50,9 @@ pub(super) fn read(path: &Path, bytes: Vec<u8>) -> Result<Mesh, MeshError> {
                 }
             }
         }
+    }
+    if let Some(details) = details {
+        details.parts.resize_with(mesh.sub_meshes.len(), PartDetails::default);
     }
     Ok(mesh)
 }
@@ -213,7 +222,7 @@ mod tests {
     }
 
     fn parse(bytes: Vec<u8>) -> Result<Mesh, MeshError> {
-        read(Path::new("t.3ds"), bytes)
+        crate::mesh::parse(bytes, Path::new("t.3ds"))
     }
 
     #[test]

@@ -1,0 +1,176 @@
+//! Pictures of the primitive shapes.
+
+use std::f64::consts::TAU;
+
+use nalgebra::{Rotation3, UnitVector3, Vector3};
+
+use super::visual::{VisualMesh, VisualMeshPart};
+use crate::adf::{Axis, PlacedPrimitive, Primitive};
+
+/// Segments around an axis, and from pole to pole of a sphere.
+const SEGMENTS: usize = 32;
+
+/// Half of the edge of the square that stands for a plane, m.
+const HALF_PLANE: f64 = 50.0;
+
+impl VisualMesh {
+    /// The picture of a shape in its own frame, as Bullet has it: round shapes about their `axis`, the tip of a cone at the positive end, a
+    /// capsule with the caps in its height. A plane is a square of 100 m × 100 m about offset · normal, its upper side towards the
+    /// normal. Round surfaces are 32 flat segments around, whose edges are on the surface. Material: the default.
+    pub fn primitive(primitive: &Primitive) -> VisualMesh {
+        let mut part = match *primitive {
+            Primitive::Box { size } => cuboid(size / 2.0),
+            Primitive::Sphere { radius } => revolved(&[cap(radius, 0.0, -1.0), cap(radius, 0.0, 1.0)].concat()),
+            Primitive::Cylinder { radius, height, .. } => {
+                let z = height / 2.0;
+                let rim = |z, normal| Ring { radius, z, normal };
+                let centre = |z, normal| Ring { radius: 0.0, z, normal };
+                revolved(
+                    &[
+                        vec![centre(-z, DOWN), rim(-z, DOWN)],
+                        vec![rim(-z, OUT), rim(z, OUT)],
+                        vec![rim(z, UP), centre(z, UP)],
+                    ]
+                    .concat(),
+                )
+            }
+            Primitive::Cone { radius, height, .. } => {
+                let z = height / 2.0;
+                let length = radius.hypot(height);
+                let slope = [height / length, radius / length];
+                revolved(&[
+                    Ring { radius: 0.0, z: -z, normal: DOWN },
+                    Ring { radius, z: -z, normal: DOWN },
+                    Ring { radius, z: -z, normal: slope },
+                    Ring { radius: 0.0, z, normal: slope },
+                ])
+            }
+            Primitive::Capsule { radius, height, .. } => {
+                // Bullet takes the distance of the caps' centres whatever its sign.
+                let z = (height / 2.0 - radius).abs();
+                revolved(&[cap(radius, -z, -1.0), cap(radius, z, 1.0)].concat())
+            }
+            Primitive::Plane { normal, offset } => plane(normal, offset),
+        };
+        match primitive {
+            Primitive::Cylinder { axis, .. } | Primitive::Cone { axis, .. } | Primitive::Capsule { axis, .. } => {
+                let turn = |[x, y, z]: [f32; 3]| match axis {
+                    Axis::X => [z, x, y],
+                    Axis::Y => [y, z, x],
+                    Axis::Z => [x, y, z],
+                };
+                part.positions.iter_mut().chain(&mut part.normals).for_each(|v| *v = turn(*v));
+            }
+            Primitive::Box { .. } | Primitive::Sphere { .. } | Primitive::Plane { .. } => {}
+        }
+        part.nodes = (0..part.positions.len() as u32).collect();
+        VisualMesh { parts: vec![part] }
+    }
+
+    /// The picture of several shapes in the body frame, each at its offset.
+    pub fn compound(parts: &[PlacedPrimitive]) -> VisualMesh {
+        let placed = |part: &PlacedPrimitive| VisualMesh::primitive(&part.primitive).transformed(&part.offset).parts;
+        VisualMesh { parts: parts.iter().flat_map(placed).collect() }
+    }
+}
+
+/// Directions in a half plane through the axis: away from the axis, along it.
+const OUT: [f64; 2] = [1.0, 0.0];
+const UP: [f64; 2] = [0.0, 1.0];
+const DOWN: [f64; 2] = [0.0, -1.0];
+
+/// A circle about z of a surface of revolution.
+#[derive(Clone, Copy)]
+struct Ring {
+    radius: f64,
+    z: f64,
+    /// Unit normal: away from the axis, along it.
+    normal: [f64; 2],
+}
+
+/// Half of a sphere about (0, 0, `z`): from the pole to the equator below (`side` −1), from the equator to the pole above (1).
+fn cap(radius: f64, z: f64, side: f64) -> Vec<Ring> {
+    let steps = SEGMENTS / 2;
+    let ring = |step: usize| {
+        let (sine, cosine) = (TAU / 4.0 * step as f64 / steps as f64).sin_cos();
+        // Exactly on the axis.
+        let cosine = if step == steps { 0.0 } else { cosine };
+        Ring { radius: radius * cosine, z: z + side * radius * sine, normal: [cosine, side * sine] }
+    };
+    match side < 0.0 {
+        true => (0..=steps).rev().map(ring).collect(),
+        false => (0..=steps).map(ring).collect(),
+    }
+}
+
+/// The surface between successive rings, which go upwards where the surface looks outwards. Texture: u around, v along the rings.
+fn revolved(rings: &[Ring]) -> VisualMeshPart {
+    let mut part = VisualMeshPart::default();
+    let columns = SEGMENTS + 1;
+    for (row, ring) in rings.iter().enumerate() {
+        for column in 0..columns {
+            // The last column is the first one, with another u.
+            let (sine, cosine) = (TAU * (column % SEGMENTS) as f64 / SEGMENTS as f64).sin_cos();
+            let at = |across: f64, along: f64| [(across * cosine) as f32, (across * sine) as f32, along as f32];
+            part.positions.push(at(ring.radius, ring.z));
+            part.normals.push(at(ring.normal[0], ring.normal[1]));
+            part.tex_coords.push([column as f32 / SEGMENTS as f32, row as f32 / (rings.len() - 1) as f32]);
+        }
+    }
+    for (row, pair) in rings.windows(2).enumerate() {
+        // An edge: the same circle with another normal.
+        if (pair[0].radius, pair[0].z) == (pair[1].radius, pair[1].z) {
+            continue;
+        }
+        for column in 0..SEGMENTS {
+            let low = (row * columns + column) as u32;
+            let high = low + columns as u32;
+            // Where a ring is a point, one of the two triangles has no area.
+            if pair[0].radius > 0.0 {
+                part.triangles.push([low, low + 1, high + 1]);
+            }
+            if pair[1].radius > 0.0 {
+                part.triangles.push([low, high + 1, high]);
+            }
+        }
+    }
+    part
+}
+
+/// Corners of a square, counter-clockwise.
+const SQUARE: [[f32; 2]; 4] = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+
+impl VisualMeshPart {
+    /// Adds a rectangle about `centre` with half edges `u` and `v`; its upper side is u × v.
+    fn rectangle(&mut self, centre: Vector3<f64>, u: Vector3<f64>, v: Vector3<f64>) {
+        let first = self.positions.len() as u32;
+        let normal = u.cross(&v).try_normalize(0.0).unwrap_or_else(Vector3::z).cast::<f32>();
+        for corner in SQUARE {
+            let [s, t] = corner.map(|x| f64::from(2.0 * x - 1.0));
+            self.positions.push((centre + u * s + v * t).cast::<f32>().into());
+            self.normals.push(normal.into());
+            self.tex_coords.push(corner);
+        }
+        self.triangles.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
+    }
+}
+
+fn cuboid(half: Vector3<f64>) -> VisualMeshPart {
+    let mut part = VisualMeshPart::default();
+    let [x, y, z] = [Vector3::x() * half.x, Vector3::y() * half.y, Vector3::z() * half.z];
+    for (w, u, v) in [(x, y, z), (y, z, x), (z, x, y)] {
+        part.rectangle(w, u, v);
+        part.rectangle(-w, v, u);
+    }
+    part
+}
+
+fn plane(normal: Vector3<f64>, offset: f64) -> VisualMeshPart {
+    let mut part = VisualMeshPart::default();
+    let up = UnitVector3::try_new(normal, 0.0).unwrap_or_else(Vector3::z_axis);
+    let turn = Rotation3::rotation_between(&Vector3::z(), &up)
+        // Upside down: any axis at right angles will do.
+        .unwrap_or_else(|| Rotation3::from_axis_angle(&Vector3::x_axis(), TAU / 2.0));
+    part.rectangle(up.into_inner() * offset, turn * Vector3::x() * HALF_PLANE, turn * Vector3::y() * HALF_PLANE);
+    part
+}

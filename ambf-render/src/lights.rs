@@ -1,0 +1,221 @@
+//! Lights of a scene, and their shadow maps.
+
+use std::hash::{DefaultHasher, Hash, Hasher};
+
+use nalgebra::{Isometry3, Matrix4, Point3, Vector3};
+
+use crate::gl::{
+    Cull, Current, FixedLight, InstanceBuffer, Mode, Program, Target, TargetKind, Texture, Uniform,
+};
+use crate::draw::{visible, Batches, Drawable, Programs};
+use crate::shaders::{Lit, SHADOW_UNIT};
+use crate::stage::Built;
+use crate::RenderError;
+
+/// Lights that are drawn; further ones shine on nothing.
+pub(crate) const MOST_LIGHTS: usize = 8;
+/// Where shadow maps begin, m.
+const SHADOW_NEAR: f64 = 0.1;
+/// Widest angle of a shadow map, rad: at 180 degrees its scale would vanish.
+const WIDEST_SHADOW: f64 = 160.0 / 180.0 * std::f64::consts::PI;
+/// Colours cast no shadow beyond this distance, m.
+const FARTHEST_SHADOW: f64 = 1000.0;
+
+/// A light as it shines.
+pub(crate) struct Light {
+    position: Vector3<f64>,
+    axis: Vector3<f64>,
+    /// Half angle, rad, at most 90 degrees.
+    cutoff: f64,
+    exponent: f64,
+    attenuation: [f64; 3],
+    /// Index in the list of shadow maps, and from the world to its clip coordinates.
+    shadow: Option<(usize, Matrix4<f64>)>,
+}
+
+/// A shadow map and what it was drawn of.
+pub(crate) struct ShadowMap {
+    target: Target,
+    of: u64,
+}
+
+impl Built {
+    /// The lights, with shadow maps that are up to date.
+    pub(crate) fn lights(
+        &self,
+        gl: &Current<'_>,
+        programs: &mut Programs,
+        buffer: &InstanceBuffer,
+        casters: &[Drawable<'_>],
+        maps: &mut Vec<Option<ShadowMap>>,
+    ) -> Result<Vec<Light>, RenderError> {
+        let visuals = self.visuals.clone();
+        let shining = visuals.lights.iter().zip(&self.snapshot.spots).enumerate();
+        let shining = shining.filter(|(_, (light, _))| !light.object.removed).take(MOST_LIGHTS);
+        let mut lights = Vec::new();
+        let mut bytes_of_casters = None;
+        for (index, (light, spot)) in shining {
+            let description = &light.description;
+            let cutoff = if spot.cutoff_angle.is_finite() { spot.cutoff_angle } else { 0.7 };
+            let cutoff = cutoff.clamp(0.0, std::f64::consts::FRAC_PI_2);
+            let attenuation = description.attenuation.map_or([1.0, 0.0, 0.0], |a| [a.constant, a.linear, a.quadratic]);
+            let mut shining = Light {
+                position: spot.pose.translation.vector,
+                axis: spot.pose.rotation * Vector3::x(),
+                cutoff,
+                exponent: description.spot_exponent.clamp(0.0, 128.0),
+                attenuation,
+                shadow: None,
+            };
+            let size = match description.shadow_quality {
+                quality @ 1..=5 => (128_u32 << quality).min(gl.device().most_texels),
+                _ => 0,
+            };
+            if size > 0 && cutoff > 0.0 {
+                let hash = *bytes_of_casters.get_or_insert_with(|| hash_of(casters, self.soft_version));
+                if maps.len() <= index {
+                    maps.resize_with(index + 1, || None);
+                }
+                let clip = shadow_clip(&spot.pose, cutoff, casters);
+                let mut hasher = DefaultHasher::new();
+                hash.hash(&mut hasher);
+                size.hash(&mut hasher);
+                clip.iter().for_each(|number| number.to_bits().hash(&mut hasher));
+                let of = hasher.finish();
+                let map = &mut maps[index];
+                if map.as_ref().is_none_or(|map| map.target.width != size) {
+                    *map = Some(ShadowMap { target: gl.target(size, size, TargetKind::Shadow)?, of: !of });
+                }
+                if let Some(map) = map.as_mut().filter(|map| map.of != of) {
+                    draw_map(gl, programs, buffer, casters, &map.target, &clip)?;
+                    map.of = of;
+                }
+                shining.shadow = Some((index, clip));
+            }
+            lights.push(shining);
+        }
+        Ok(lights)
+    }
+}
+
+/// What the shadow maps depend on, beside the lights.
+fn hash_of(casters: &[Drawable<'_>], soft_version: u64) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    soft_version.hash(&mut hasher);
+    for caster in casters {
+        std::ptr::from_ref(caster.part).hash(&mut hasher);
+        for number in caster.rows {
+            number.to_bits().hash(&mut hasher);
+        }
+    }
+    hasher.finish()
+}
+
+/// From the world to the clip coordinates of a light's map, which reaches as far as the casters do.
+fn shadow_clip(pose: &Isometry3<f64>, cutoff: f64, casters: &[Drawable<'_>]) -> Matrix4<f64> {
+    let position = Point3::from(pose.translation.vector);
+    let reach = casters.iter().map(|caster| (caster.center - position).norm() + caster.radius);
+    let far = reach.filter(|reach| reach.is_finite()).fold(2.0 * SHADOW_NEAR, f64::max).min(FARTHEST_SHADOW);
+    let cotangent = 1.0 / (0.5 * (2.0 * cutoff).min(WIDEST_SHADOW)).tan();
+    let near = SHADOW_NEAR;
+    let mut projection = Matrix4::zeros();
+    projection[(0, 0)] = cotangent;
+    projection[(1, 1)] = cotangent;
+    projection[(2, 2)] = -(far + near) / (far - near);
+    projection[(2, 3)] = -2.0 * far * near / (far - near);
+    projection[(3, 2)] = -1.0;
+    // The eye frame (right, up, backward) of a light that shines along its +x.
+    let inverse = pose.inverse().to_homogeneous();
+    let view = Matrix4::from_rows(&[-inverse.row(1), inverse.row(2).into_owned(), -inverse.row(0), inverse.row(3).into_owned()]);
+    projection * view
+}
+
+/// Back faces only: closed bodies then don't shade their own lit sides.
+fn draw_map(
+    gl: &Current<'_>,
+    programs: &mut Programs,
+    buffer: &InstanceBuffer,
+    casters: &[Drawable<'_>],
+    target: &Target,
+    clip: &Matrix4<f64>,
+) -> Result<(), RenderError> {
+    let program = programs.depth(gl)?;
+    gl.bind_target(target);
+    gl.viewport(0, target.width, target.height);
+    gl.clear(false);
+    gl.state(false, true, Cull::Front);
+    gl.use_program(Some(program));
+    gl.uniform(program, "u_clip", Uniform::Mat4(&narrow(clip)));
+    let seen = visible(casters, clip);
+    let batches = Batches::new(casters, seen.into_iter());
+    gl.upload_instances(buffer, &batches.instances);
+    for run in &batches.runs {
+        gl.draw_instances(&run.part.array, Mode::Triangles, buffer, run.first, run.count, batches.count());
+    }
+    Ok(())
+}
+
+/// Column by column.
+pub(crate) fn narrow(matrix: &Matrix4<f64>) -> [f32; 16] {
+    std::array::from_fn(|i| matrix.as_slice()[i] as f32)
+}
+
+fn narrow3(vector: &Vector3<f64>) -> [f32; 3] {
+    std::array::from_fn(|i| vector[i] as f32)
+}
+
+/// From clip coordinates (−1 to 1) to those of textures (0 to 1).
+fn to_texture(clip: &Matrix4<f64>) -> Matrix4<f64> {
+    Matrix4::new_translation(&Vector3::repeat(0.5)) * Matrix4::new_scaling(0.5) * clip
+}
+
+/// What of a lit program depends on the lights.
+pub(crate) fn lit(lights: &[Light]) -> Lit {
+    let shadows = lights.iter().enumerate().filter(|(_, light)| light.shadow.is_some());
+    let shadows = shadows.fold(0, |bits, (index, _)| bits | 1 << index);
+    Lit { lights: lights.len() as u32, shadows, textured: false, normal_map: false }
+}
+
+/// Sets the uniforms of the lights, and binds their shadow maps.
+pub(crate) fn set_lights(gl: &Current<'_>, program: &Program, lights: &[Light], maps: &[Option<ShadowMap>]) {
+    for (index, light) in lights.iter().enumerate() {
+        let set = |name: &str, value: Uniform<'_>| gl.uniform(program, &format!("u_{name}_{index}"), value);
+        set("position", Uniform::Vec3(narrow3(&light.position)));
+        set("axis", Uniform::Vec3(narrow3(&light.axis)));
+        set("cutoff", Uniform::Float(light.cutoff.cos() as f32));
+        set("exponent", Uniform::Float(light.exponent as f32));
+        set("attenuation", Uniform::Vec3(light.attenuation.map(|x| x as f32)));
+        if let Some((map, clip)) = &light.shadow {
+            set("shadow_clip", Uniform::Mat4(&narrow(&to_texture(clip))));
+            let unit = SHADOW_UNIT + index as u32;
+            set("shadow", Uniform::Int(unit as i32));
+            gl.bind_texture(unit, depth_of(maps, *map));
+        }
+    }
+}
+
+fn depth_of(maps: &[Option<ShadowMap>], index: usize) -> Option<&Texture> {
+    maps.get(index)?.as_ref()?.target.depth.as_ref()
+}
+
+/// The map of the last light that casts shadows, for programs of users.
+pub(crate) fn last_map<'a>(lights: &[Light], maps: &'a [Option<ShadowMap>]) -> Option<&'a Texture> {
+    let (map, _) = lights.iter().rev().find_map(|light| light.shadow.as_ref())?;
+    depth_of(maps, *map)
+}
+
+/// The lights for programs of users.
+pub(crate) fn fixed_lights(lights: &[Light]) -> Vec<FixedLight> {
+    let fixed = |light: &Light| FixedLight {
+        position: narrow3(&light.position),
+        axis: narrow3(&light.axis),
+        cutoff: light.cutoff.to_degrees().min(90.0) as f32,
+        exponent: light.exponent as f32,
+        attenuation: light.attenuation.map(|x| x as f32),
+        shadow: light.shadow.as_ref().map(|(_, clip)| {
+            let texture = to_texture(clip);
+            std::array::from_fn(|row| std::array::from_fn(|column| texture[(row, column)] as f32))
+        }),
+    };
+    lights.iter().map(fixed).collect()
+}

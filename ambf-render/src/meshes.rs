@@ -1,0 +1,356 @@
+//! Meshes and textures on the graphics card, each loaded once.
+
+use std::collections::{HashMap, HashSet};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use ambf_core::adf::{Axis, Primitive};
+use ambf_core::mesh::{load_visual, MeshMaterial, VisualMesh, VisualMeshPart};
+use nalgebra::{Point3, Vector3};
+
+use crate::gl::{self, Current, VertexArray};
+use crate::stage::Look;
+use crate::{RenderError, Texture};
+
+/// Triangles of one material.
+pub(crate) struct Part {
+    pub(crate) array: VertexArray,
+    /// Material of the file.
+    pub(crate) look: Look,
+    pub(crate) diffuse_map: Option<Arc<gl::Texture>>,
+    pub(crate) normal_map: Option<Arc<gl::Texture>>,
+    /// Bounding sphere.
+    pub(crate) center: Point3<f64>,
+    /// Its radius.
+    pub(crate) radius: f64,
+}
+
+/// A mesh that is loaded.
+pub(crate) struct LoadedMesh {
+    pub(crate) parts: Vec<Arc<Part>>,
+    /// Corners of the bounding box; `None`: it has no vertices.
+    pub(crate) bounds: Option<(Vector3<f64>, Vector3<f64>)>,
+}
+
+/// A part whose vertices follow the nodes of a soft body.
+pub(crate) struct SoftPart {
+    /// As uploaded: positions and normals change.
+    vertices: Vec<f32>,
+    floats: usize,
+    /// (vertices x 1) node of each vertex.
+    nodes: Vec<u32>,
+    triangles: Vec<[u32; 3]>,
+    /// (nodes x 3) sums of the normals of the triangles at each node.
+    normals: Vec<Vector3<f32>>,
+}
+
+/// What a mesh is made from.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub(crate) enum MeshKey {
+    /// A file; whether duplicate vertices are welded.
+    File(PathBuf, bool),
+    /// A shape, as text: its dimensions are floats, which have no hash.
+    Shape(String),
+}
+
+/// A mesh that is wanted.
+#[derive(Debug, Clone)]
+pub(crate) struct MeshRequest {
+    pub(crate) key: MeshKey,
+    shape: Option<Primitive>,
+}
+
+impl MeshRequest {
+    pub(crate) fn file(path: &Path, remove_duplicates: bool) -> Self {
+        Self { key: MeshKey::File(path.to_owned(), remove_duplicates), shape: None }
+    }
+
+    /// A shape of unit size, and the factors that make it as large as `primitive`: shapes of different sizes are drawn together. Those
+    /// that no factors make of each other are shapes of their own.
+    pub(crate) fn shape(primitive: &Primitive) -> (Self, Vector3<f64>) {
+        let about = |axis: Axis, radius: f64, height: f64| match axis {
+            Axis::X => Vector3::new(height, radius, radius),
+            Axis::Y => Vector3::new(radius, height, radius),
+            Axis::Z => Vector3::new(radius, radius, height),
+        };
+        let (shape, scale) = match *primitive {
+            Primitive::Box { size } => (Primitive::Box { size: Vector3::repeat(1.0) }, size),
+            Primitive::Sphere { radius } => (Primitive::Sphere { radius: 1.0 }, Vector3::repeat(radius)),
+            Primitive::Cylinder { radius, height, axis } => {
+                (Primitive::Cylinder { radius: 1.0, height: 1.0, axis }, about(axis, radius, height))
+            }
+            Primitive::Cone { radius, height, axis } => {
+                (Primitive::Cone { radius: 1.0, height: 1.0, axis }, about(axis, radius, height))
+            }
+            Primitive::Capsule { .. } | Primitive::Plane { .. } => (primitive.clone(), Vector3::repeat(1.0)),
+        };
+        (Self { key: MeshKey::Shape(format!("{shape:?}")), shape: Some(shape) }, scale)
+    }
+
+    fn read(&self) -> Result<(VisualMesh, Vec<String>), String> {
+        match (&self.shape, &self.key) {
+            (Some(shape), _) => Ok((VisualMesh::primitive(shape), Vec::new())),
+            (None, MeshKey::File(path, remove_duplicates)) => {
+                load_visual(path, *remove_duplicates).map_err(|error| format!("{error}; it is not drawn"))
+            }
+            (None, MeshKey::Shape(shape)) => Err(format!("{shape} is no shape")),
+        }
+    }
+}
+
+/// All that is loaded.
+#[derive(Default)]
+pub(crate) struct Library {
+    /// `None`: cannot be loaded.
+    meshes: HashMap<MeshKey, Option<Arc<LoadedMesh>>>,
+    /// `None`: cannot be loaded.
+    textures: HashMap<PathBuf, Option<Arc<gl::Texture>>>,
+}
+
+/// `work(index)` for all indices below `count`, by a few threads.
+fn in_parallel(count: usize, work: impl Fn(usize) + Sync) {
+    let threads = std::thread::available_parallelism().map_or(2, usize::from).min(8).min(count);
+    let next = AtomicUsize::new(0);
+    let run = || loop {
+        let index = next.fetch_add(1, Ordering::Relaxed);
+        if index >= count {
+            break;
+        }
+        work(index);
+    };
+    std::thread::scope(|scope| {
+        for _ in 1..threads {
+            scope.spawn(run);
+        }
+        run();
+    });
+}
+
+/// `make(item)` of all items, by a few threads, in their order.
+fn map_in_parallel<T: Sync, R: Send>(items: &[T], make: impl Fn(&T) -> R + Sync) -> Vec<R> {
+    let results: Vec<Mutex<Option<R>>> = items.iter().map(|_| Mutex::new(None)).collect();
+    in_parallel(items.len(), |index| {
+        let made = make(&items[index]);
+        *results[index].lock().unwrap_or_else(PoisonError::into_inner) = Some(made);
+    });
+    results.into_iter().filter_map(|result| result.into_inner().unwrap_or_else(PoisonError::into_inner)).collect()
+}
+
+impl Library {
+    /// Loads what is not loaded yet; returns messages about what cannot be.
+    pub(crate) fn load(&mut self, gl: &Current<'_>, requests: &[MeshRequest]) -> Vec<String> {
+        let mut seen = HashSet::new();
+        let missing: Vec<&MeshRequest> = requests
+            .iter()
+            .filter(|request| !self.meshes.contains_key(&request.key) && seen.insert(&request.key))
+            .collect();
+        let read = map_in_parallel(&missing, |request| request.read());
+        let meshes: Vec<&VisualMesh> = read.iter().flatten().map(|(mesh, _)| mesh).collect();
+        let mut messages = self.load_textures(gl, &meshes);
+        for (request, read) in missing.into_iter().zip(read) {
+            let loaded = read.and_then(|(mesh, warnings)| {
+                messages.extend(warnings);
+                self.upload(gl, &mesh).map_err(|error| format!("{:?}: {error}; it is not drawn", request.key))
+            });
+            let loaded = loaded.map_err(|message| messages.push(message)).ok();
+            self.meshes.insert(request.key.clone(), loaded.map(Arc::new));
+        }
+        messages
+    }
+
+    fn load_textures(&mut self, gl: &Current<'_>, meshes: &[&VisualMesh]) -> Vec<String> {
+        let mut paths = Vec::new();
+        for part in meshes.iter().flat_map(|mesh| &mesh.parts) {
+            for path in [&part.material.diffuse_map, &part.material.normal_map].into_iter().flatten() {
+                if !self.textures.contains_key(path) && !paths.contains(path) {
+                    paths.push(path.clone());
+                }
+            }
+        }
+        let most = gl.device().most_texels;
+        let mut messages = Vec::new();
+        for (path, texture) in paths.iter().zip(map_in_parallel(&paths, |path| Texture::load(path))) {
+            let uploaded = texture.map_err(|error| error.to_string()).and_then(|texture| {
+                if texture.width.max(texture.height) > most {
+                    return Err(format!(
+                        "{}: {} x {} pixels are more than the {most} each way that can be drawn; make the picture smaller",
+                        path.display(),
+                        texture.width,
+                        texture.height
+                    ));
+                }
+                let uploaded = gl.texture(texture.width, texture.height, &texture.rgba);
+                uploaded.map_err(|error| format!("{}: {error}", path.display()))
+            });
+            let uploaded = uploaded.map_err(|message| messages.push(format!("{message}; it is drawn without"))).ok();
+            self.textures.insert(path.clone(), uploaded.map(Arc::new));
+        }
+        messages
+    }
+
+    fn upload(&self, gl: &Current<'_>, mesh: &VisualMesh) -> Result<LoadedMesh, RenderError> {
+        let parts = mesh.parts.iter().filter(|part| !part.triangles.is_empty());
+        let parts: Result<Vec<_>, _> = parts.map(|part| self.part(gl, part).map(|(part, _)| Arc::new(part))).collect();
+        let widen = |corner: [f32; 3]| Vector3::from(corner.map(f64::from));
+        Ok(LoadedMesh { parts: parts?, bounds: mesh.bounds().map(|(low, high)| (widen(low), widen(high))) })
+    }
+
+    fn part(&self, gl: &Current<'_>, part: &VisualMeshPart) -> Result<(Part, Vec<f32>), RenderError> {
+        let texture = |path: &Option<PathBuf>| self.textures.get(path.as_ref()?)?.clone();
+        let has_coordinates = !part.tex_coords.is_empty();
+        let normal_map = texture(&part.material.normal_map).filter(|_| has_coordinates && !part.tangents.is_empty());
+        let diffuse_map = texture(&part.material.diffuse_map).filter(|_| has_coordinates);
+        let mut vertices = Vec::with_capacity(part.positions.len() * gl::TANGENT_VERTEX_FLOATS);
+        for (index, (position, normal)) in part.positions.iter().zip(&part.normals).enumerate() {
+            vertices.extend_from_slice(position);
+            vertices.extend_from_slice(normal);
+            vertices.extend_from_slice(part.tex_coords.get(index).unwrap_or(&[0.0; 2]));
+            if normal_map.is_some() {
+                let [x, y, z, side] = part.tangents[index];
+                let tangent = Vector3::new(x, y, z);
+                vertices.extend_from_slice(tangent.as_slice());
+                vertices.extend_from_slice((Vector3::from(*normal).cross(&tangent) * side).as_slice());
+            }
+        }
+        let array = gl.vertex_array(&vertices, normal_map.is_some(), part.triangles.as_flattened())?;
+        let (center, radius) = bounding_sphere(&part.positions);
+        Ok((Part { array, look: Look::of_mesh(&part.material), diffuse_map, normal_map, center, radius }, vertices))
+    }
+
+    /// A mesh that was asked for before; `None` if it cannot be loaded.
+    pub(crate) fn get(&self, key: &MeshKey) -> Option<Arc<LoadedMesh>> {
+        self.meshes.get(key)?.clone()
+    }
+
+    /// Loads a mesh whose vertices follow `nodes` nodes.
+    ///
+    /// # Errors
+    /// Text for the user.
+    pub(crate) fn load_soft(
+        &mut self,
+        gl: &Current<'_>,
+        path: &Path,
+        remove_duplicates: bool,
+        nodes: usize,
+        messages: &mut Vec<String>,
+    ) -> Result<Vec<(Arc<Part>, SoftPart)>, String> {
+        let (mesh, warnings) =
+            load_visual(path, remove_duplicates).map_err(|error| format!("{error}; it is not drawn"))?;
+        messages.extend(warnings);
+        let has_node = |part: &VisualMeshPart| {
+            part.nodes.len() == part.positions.len() && part.nodes.iter().all(|&node| (node as usize) < nodes)
+        };
+        if !mesh.parts.iter().all(has_node) {
+            return Err(format!("{}: has vertices that are no nodes of the soft body ({nodes})", path.display()));
+        }
+        messages.extend(self.load_textures(gl, &[&mesh]));
+        let mut parts = Vec::new();
+        for part in mesh.parts.into_iter().filter(|part| !part.triangles.is_empty()) {
+            let (uploaded, vertices) =
+                self.part(gl, &part).map_err(|error| format!("{}: {error}; it is not drawn", path.display()))?;
+            let floats =
+                if uploaded.array.has_tangents { gl::TANGENT_VERTEX_FLOATS } else { gl::VERTEX_FLOATS };
+            let normals = vec![Vector3::zeros(); nodes];
+            let soft = SoftPart { vertices, floats, nodes: part.nodes, triangles: part.triangles, normals };
+            parts.push((Arc::new(uploaded), soft));
+        }
+        Ok(parts)
+    }
+
+    /// Forgets what nothing uses, and what could not be loaded, so that it is tried again when the scene changes.
+    pub(crate) fn prune(&mut self) {
+        self.meshes.retain(|_, mesh| {
+            let is_used = |part: &Arc<Part>| Arc::strong_count(part) > 1;
+            mesh.as_ref().is_some_and(|mesh| mesh.parts.iter().any(is_used))
+        });
+        self.textures.retain(|_, texture| texture.as_ref().is_some_and(|texture| Arc::strong_count(texture) > 1));
+    }
+}
+
+impl SoftPart {
+    /// Moves the vertices to their nodes, with smooth normals; returns the bounding sphere.
+    pub(crate) fn follow(&mut self, gl: &Current<'_>, part: &Part, nodes: &[[f64; 3]]) -> (Point3<f64>, f64) {
+        let place = |node: u32| nodes.get(node as usize).map_or(Vector3::zeros(), |p| Vector3::from(p.map(|x| x as f32)));
+        self.normals.fill(Vector3::zeros());
+        for triangle in &self.triangles {
+            let corners = triangle.map(|vertex| self.nodes[vertex as usize]);
+            let [a, b, c] = corners.map(place);
+            // Twice the area times the unit normal: larger triangles count more.
+            let normal = (b - a).cross(&(c - a));
+            for node in corners {
+                if let Some(sum) = self.normals.get_mut(node as usize) {
+                    *sum += normal;
+                }
+            }
+        }
+        for (vertex, &node) in self.vertices.chunks_exact_mut(self.floats).zip(&self.nodes) {
+            let normal = self.normals[node as usize].try_normalize(0.0).unwrap_or_else(Vector3::z);
+            vertex[..3].copy_from_slice(place(node).as_slice());
+            vertex[3..6].copy_from_slice(normal.as_slice());
+        }
+        gl.update_vertices(&part.array, &self.vertices);
+        let positions: Vec<[f32; 3]> =
+            self.vertices.chunks_exact(self.floats).map(|vertex| [vertex[0], vertex[1], vertex[2]]).collect();
+        bounding_sphere(&positions)
+    }
+}
+
+impl Look {
+    fn of_mesh(material: &MeshMaterial) -> Self {
+        let [r, g, b] = material.diffuse;
+        Self {
+            diffuse: [r, g, b, material.alpha],
+            ambient: material.ambient,
+            specular: material.specular,
+            emission: material.emission,
+            shininess: material.shininess.clamp(0.0, 128.0),
+        }
+    }
+}
+
+/// Around the middle of the bounding box.
+fn bounding_sphere(positions: &[[f32; 3]]) -> (Point3<f64>, f64) {
+    let points = || positions.iter().map(|p| Point3::from(p.map(f64::from)));
+    let (mut low, mut high) = (Point3::from([f64::INFINITY; 3]), Point3::from([f64::NEG_INFINITY; 3]));
+    for point in points() {
+        low = low.inf(&point);
+        high = high.sup(&point);
+    }
+    if positions.is_empty() {
+        return (Point3::origin(), 0.0);
+    }
+    let center = nalgebra::center(&low, &high);
+    let square = points().map(|point| (point - center).norm_squared()).fold(0.0, f64::max);
+    (center, square.sqrt())
+}
+
+/// Triangles of a surface of revolution about x: rings at (x, radius) with normals (along x, outward). A ring of radius 0 is a point.
+pub(crate) fn lathe(rings: &[[f32; 4]], segments: u32) -> (Vec<f32>, Vec<u32>) {
+    let (mut vertices, mut indices) = (Vec::new(), Vec::new());
+    for [x, radius, along, outward] in rings {
+        for segment in 0..=segments {
+            let (sine, cosine) = (std::f32::consts::TAU * segment as f32 / segments as f32).sin_cos();
+            vertices.extend([*x, radius * cosine, radius * sine, *along, outward * cosine, outward * sine, 0.0, 0.0]);
+        }
+    }
+    for ring in 0..(rings.len() as u32).saturating_sub(1) {
+        for segment in 0..segments {
+            let a = ring * (segments + 1) + segment;
+            let b = a + segments + 1;
+            indices.extend([a, a + 1, b, b, a + 1, b + 1]);
+        }
+    }
+    (vertices, indices)
+}
+
+impl Part {
+    /// A part that no file describes.
+    pub(crate) fn of_vertices(gl: &Current<'_>, vertices: &[f32], indices: &[u32]) -> Result<Self, RenderError> {
+        let positions: Vec<[f32; 3]> =
+            vertices.chunks_exact(gl::VERTEX_FLOATS).map(|vertex| [vertex[0], vertex[1], vertex[2]]).collect();
+        let (center, radius) = bounding_sphere(&positions);
+        let array = gl.vertex_array(vertices, false, indices)?;
+        Ok(Self { array, look: Look::of_color([1.0; 4]), diffuse_map: None, normal_map: None, center, radius })
+    }
+}

@@ -1,0 +1,233 @@
+//! GLSL of the built-in materials, written for the lights of a scene.
+
+/// Vertex shader of everything that is drawn as instances.
+pub(crate) const VERTEX: &str = r"#version 330
+in vec3 aPosition;
+in vec3 aNormal;
+in vec2 aTexCoord;
+in vec3 aTangent;
+in vec3 aBitangent;
+in vec4 i_row_x, i_row_y, i_row_z;
+in vec4 i_diffuse, i_ambient;
+in vec3 i_specular, i_emission;
+in uvec2 i_ids;
+uniform mat4 u_clip;
+uniform float u_point_size;
+out vec3 v_world;
+out vec3 v_normal;
+#ifdef TEXTURED
+out vec2 v_tex_coord;
+#endif
+#ifdef NORMAL_MAP
+out vec3 v_tangent;
+out vec3 v_bitangent;
+#endif
+flat out vec4 v_diffuse, v_ambient;
+flat out vec3 v_specular, v_emission;
+flat out uvec2 v_ids;
+void main() {
+    vec4 p = vec4(aPosition, 1.0);
+    v_world = vec3(dot(i_row_x, p), dot(i_row_y, p), dot(i_row_z, p));
+    // The cofactors of the linear part carry normals, whatever the scales.
+    vec3 x = cross(i_row_y.xyz, i_row_z.xyz), y = cross(i_row_z.xyz, i_row_x.xyz), z = cross(i_row_x.xyz, i_row_y.xyz);
+    v_normal = vec3(dot(x, aNormal), dot(y, aNormal), dot(z, aNormal));
+#ifdef TEXTURED
+    v_tex_coord = aTexCoord;
+#endif
+#ifdef NORMAL_MAP
+    v_tangent = vec3(dot(i_row_x.xyz, aTangent), dot(i_row_y.xyz, aTangent), dot(i_row_z.xyz, aTangent));
+    v_bitangent = vec3(dot(i_row_x.xyz, aBitangent), dot(i_row_y.xyz, aBitangent), dot(i_row_z.xyz, aBitangent));
+#endif
+    v_diffuse = i_diffuse;
+    v_ambient = i_ambient;
+    v_specular = i_specular;
+    v_emission = i_emission;
+    v_ids = i_ids;
+    gl_PointSize = u_point_size;
+    gl_Position = u_clip * vec4(v_world, 1.0);
+}
+";
+
+/// Vertex shader where only the depth counts.
+pub(crate) const DEPTH_VERTEX: &str = r"#version 330
+in vec3 aPosition;
+in vec4 i_row_x, i_row_y, i_row_z;
+uniform mat4 u_clip;
+void main() {
+    vec4 p = vec4(aPosition, 1.0);
+    gl_Position = u_clip * vec4(dot(i_row_x, p), dot(i_row_y, p), dot(i_row_z, p), 1.0);
+}
+";
+
+/// Fragment shader where only the depth counts.
+pub(crate) const DEPTH_FRAGMENT: &str = "#version 330\nvoid main() {}\n";
+
+/// Ids and normals in the camera's frame, towards the camera.
+pub(crate) const FLAT_FRAGMENT: &str = r"#version 330
+in vec3 v_world;
+in vec3 v_normal;
+flat in uvec2 v_ids;
+uniform vec3 u_camera_x, u_camera_y, u_camera_z;
+out uvec2 o_ids;
+out vec4 o_normal;
+void main() {
+    o_ids = v_ids;
+    vec3 n = normalize(gl_FrontFacing ? v_normal : -v_normal);
+    o_normal = vec4(dot(u_camera_x, n), dot(u_camera_y, n), dot(u_camera_z, n), 0.0);
+}
+";
+
+/// The diffuse colour alone.
+pub(crate) const UNLIT_FRAGMENT: &str = r"#version 330
+flat in vec4 v_diffuse;
+out vec4 o_color;
+void main() { o_color = v_diffuse; }
+";
+
+/// The mask colour of the original's preprocessing program: the diffuse part of light and material.
+pub(crate) const MASK_FRAGMENT: &str = r"#version 330
+flat in vec4 v_diffuse;
+out vec4 o_color;
+void main() { o_color = vec4(0.7 * v_diffuse.rgb, 1.0); }
+";
+
+/// One triangle over the whole picture, at the far plane.
+pub(crate) const SKY_VERTEX: &str = r"#version 330
+uniform mat4 u_to_world;
+out vec3 v_direction;
+void main() {
+    vec2 corner = vec2(gl_VertexID == 1 ? 3.0 : -1.0, gl_VertexID == 2 ? 3.0 : -1.0);
+    vec4 far = u_to_world * vec4(corner, 1.0, 1.0);
+    v_direction = far.xyz;
+    gl_Position = vec4(corner, 1.0, 1.0);
+}
+";
+
+/// Six pictures (layers front, back, left, right, top, bottom) as seen from within.
+pub(crate) const SKY_FRAGMENT: &str = r"#version 330
+in vec3 v_direction;
+uniform sampler2DArray u_faces;
+out vec4 o_color;
+void main() {
+    vec3 d = v_direction, a = abs(d);
+    vec3 c; // right, up, layer
+    if (a.x >= a.y && a.x >= a.z) c = d.x > 0.0 ? vec3(-d.y, d.z, 0.0) : vec3(d.y, d.z, 1.0);
+    else if (a.y >= a.z) c = d.y > 0.0 ? vec3(d.x, d.z, 2.0) : vec3(-d.x, d.z, 3.0);
+    else c = d.z > 0.0 ? vec3(-d.y, -d.x, 4.0) : vec3(-d.y, d.x, 5.0);
+    vec2 uv = 0.5 * (c.xy / max(a.x, max(a.y, a.z)) + 1.0);
+    o_color = vec4(texture(u_faces, vec3(uv, c.z)).rgb, 1.0);
+}
+";
+
+/// What a lit program is written for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(crate) struct Lit {
+    /// Number of lights, 0 to 8.
+    pub(crate) lights: u32,
+    /// Bit i: light i has a shadow map.
+    pub(crate) shadows: u32,
+    /// A texture multiplies the colour.
+    pub(crate) textured: bool,
+    /// A texture turns the normal.
+    pub(crate) normal_map: bool,
+}
+
+/// The first texture unit of shadow maps; 0 is the diffuse texture, 1 the normal map.
+pub(crate) const SHADOW_UNIT: u32 = 3;
+
+impl Lit {
+    fn defines(self) -> String {
+        let mut text = String::from("#version 330\n");
+        if self.textured {
+            text.push_str("#define TEXTURED\n");
+        }
+        if self.normal_map {
+            text.push_str("#define NORMAL_MAP\n");
+        }
+        text
+    }
+
+    pub(crate) fn vertex(self) -> String {
+        VERTEX.replacen("#version 330\n", &self.defines(), 1)
+    }
+
+    /// The equation of the fixed-function pipeline, at every pixel: colour = emission + 0.2 m_a + Σ over lights of attenuation · spot ·
+    /// (0.4 m_a + max(n·l, 0) 0.7 m_d + max(n·h, 0)^shininess m_s), viewer at infinity, both sides lit, clamped, then multiplied by the
+    /// texture. In the shadow of a light its diffuse part counts 0.3 and its specular part nothing.
+    pub(crate) fn fragment(self) -> String {
+        let mut text = self.defines();
+        text.push_str(
+            r"in vec3 v_world;
+in vec3 v_normal;
+flat in vec4 v_diffuse, v_ambient;
+flat in vec3 v_specular, v_emission;
+uniform vec3 u_backward;
+out vec4 o_color;
+#ifdef TEXTURED
+in vec2 v_tex_coord;
+uniform sampler2D u_diffuse_map;
+#endif
+#ifdef NORMAL_MAP
+in vec3 v_tangent;
+in vec3 v_bitangent;
+uniform sampler2D u_normal_map;
+#endif
+",
+        );
+        for light in 0..self.lights {
+            text.push_str(&format!(
+                "uniform vec3 u_position_{light}, u_axis_{light}, u_attenuation_{light};\nuniform float u_cutoff_{light}, u_exponent_{light};\n"
+            ));
+            if self.shadows >> light & 1 == 1 {
+                text.push_str(&format!("uniform sampler2DShadow u_shadow_{light};\nuniform mat4 u_shadow_clip_{light};\n"));
+            }
+        }
+        text.push_str(
+            r"void main() {
+    vec3 n = normalize(v_normal);
+#ifdef NORMAL_MAP
+    vec3 bump = 2.0 * texture(u_normal_map, v_tex_coord).xyz - 1.0;
+    n = normalize(bump.x * normalize(v_tangent) + bump.y * normalize(v_bitangent) + bump.z * n);
+#endif
+    if (!gl_FrontFacing) n = -n;
+    vec3 color = v_emission + 0.2 * v_ambient.rgb;
+",
+        );
+        for light in 0..self.lights {
+            let lit = match self.shadows >> light & 1 {
+                1 => format!("textureProj(u_shadow_{light}, u_shadow_clip_{light} * vec4(v_world, 1.0))"),
+                _ => "1.0".to_owned(),
+            };
+            text.push_str(&format!(
+                r"    {{
+        vec3 l = u_position_{light} - v_world;
+        float d = length(l);
+        l /= max(d, 1e-9);
+        float along = -dot(l, u_axis_{light});
+        if (along >= u_cutoff_{light}) {{
+            float spot = u_exponent_{light} == 0.0 ? 1.0 : pow(max(along, 1e-6), u_exponent_{light});
+            float scale = spot / max(u_attenuation_{light}.x + d * (u_attenuation_{light}.y + d * u_attenuation_{light}.z), 1e-9);
+            vec3 part = 0.4 * v_ambient.rgb;
+            float nl = dot(n, l);
+            if (nl > 0.0) {{
+                float lit = {lit};
+                float nh = max(dot(n, normalize(l + u_backward)), 1e-6);
+                part += (0.3 + 0.7 * lit) * 0.7 * nl * v_diffuse.rgb + lit * pow(nh, v_ambient.a) * v_specular;
+            }}
+            color += scale * part;
+        }}
+    }}
+"
+            ));
+        }
+        text.push_str(
+            r"    o_color = vec4(clamp(color, 0.0, 1.0), v_diffuse.a);
+#ifdef TEXTURED
+    o_color *= texture(u_diffuse_map, v_tex_coord);
+#endif
+}
+",
+        );
+        text
+    }
+}
