@@ -203,7 +203,7 @@ fn row_17_a_ball_stays_round() {
 
 #[test]
 fn row_23_rows_and_columns_and_channels_are_in_order() {
-    let body = block("Box", [0.0, -0.3, 0.2], [0.1; 3], RED);
+    let body = block("Box", [0.0, -0.3, 0.2], [0.1; 3], &MATT.replace("{r: 0.8, g: 0.8, b: 0.8}", "{r: 1.0, g: 0.0, b: 0.0}"));
     let picture = drawn(&mut shown("row_23", &world("", ""), &[body]), 640, 480);
     let (columns, rows, _) = extent(&picture);
     assert!(columns[1] < 320 && rows[1] < 240, "upper left: {columns:?} {rows:?}");
@@ -513,7 +513,7 @@ fn row_51_shaders_that_do_not_compile() {
 
 #[test]
 fn row_54_frames() {
-    let mut shown = shown("row_54", &world("", ""), &[block("Box", [0.0; 3], [0.02; 3], "color rgba: {r: 0.5, g: 0.5, b: 0.5, a: 1.0}")]);
+    let mut shown = shown("row_54", &world("", ""), &[block("Box", [0.0; 3], [0.2; 3], MATT)]);
     shown.stage.own_frames.insert(shown.visuals.bodies.iter().find(|body| &*body.object.name == "Box").expect("a box").object.identifier.to_string());
     let mut renderer = renderer();
     let colors = |picture: &Picture| {

@@ -1,17 +1,20 @@
-//! Collada (DAE): triangles of the geometries that the scene places, in metres.
+//! Collada (DAE): triangles of the geometries that the scene places, in metres; their materials for what is drawn.
 //!
 //! Only the XML is left to a library: those that read Collada meshes assert what a damaged file does not hold.
 
+use std::cell::OnceCell;
 use std::collections::hash_map::Entry;
-use std::collections::HashMap;
-use std::path::Path;
+use std::collections::{HashMap, HashSet};
+use std::ops::Range;
+use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use std::str::FromStr;
 
-use nalgebra::{Matrix4, Point3, Rotation3, Unit, Vector3};
+use nalgebra::{Matrix3, Matrix4, Point3, Rotation3, Unit, Vector3};
 use roxmltree::{Document, Node, NodeId};
 
-use super::visual::{Details, PartDetails};
+use super::material::{find_texture, MeshMaterial};
+use super::visual::{Corner, Details, Facing, PartDetails, ABSENT};
 use super::{check_finite, printable, quoted, Files, Mesh, MeshError, Position, Welder, MAX_SUB_MESHES};
 use crate::xml::find_excess;
 
@@ -28,8 +31,8 @@ const MAX_STRIDE: usize = 1024;
 pub(super) fn read(
     path: &Path,
     bytes: Vec<u8>,
-    _files: &Files,
-    details: Option<&mut Details>,
+    files: &Files,
+    mut details: Option<&mut Details>,
 ) -> Result<Mesh, MeshError> {
     let text = String::from_utf8_lossy(&bytes);
     if let Some((byte, what)) = find_excess(&text, MAX_QUOTES) {
@@ -42,15 +45,16 @@ pub(super) fn read(
         MeshError::malformed(path, Position::Line(line), format!("not readable as XML: {what}"))
     })?;
     let ids = document.descendants().filter_map(|n| Some((n.attribute("id")?, n))).collect();
-    let file = File { path, document: &document, ids };
+    let file = File { path, document: &document, ids, line_ends: OnceCell::new() };
     let mut geometries = HashMap::new();
+    let mut materials = Materials::default();
     let mut mesh = Mesh::default();
     let mut triangle_count = 0;
-    for (geometry, transform) in file.placed_geometries()? {
+    for Placed { geometry, instance, transform } in file.placed_geometries()? {
         let primitives = match geometries.get(&geometry.id()) {
             Some(known) => Rc::clone(known),
             None => {
-                let primitives = Rc::new(file.primitives(geometry)?);
+                let primitives = Rc::new(file.primitives(geometry, details.as_deref_mut())?);
                 geometries.insert(geometry.id(), Rc::clone(&primitives));
                 primitives
             }
@@ -64,10 +68,12 @@ pub(super) fn read(
                 return Err(file.malformed(geometry, format!("more than {MAX_SUB_MESHES} parts after instancing")));
             }
             mesh.sub_meshes.push(primitive.place(path, &transform)?);
+            if let Some(details) = &mut details {
+                let facing = Facing::Corners(primitive.place_corners(&transform, &mut details.normals));
+                let material = materials.bound(&file, instance, primitive.symbol, files, details);
+                details.parts.push(PartDetails { material, facing });
+            }
         }
-    }
-    if let Some(details) = details {
-        details.parts.resize_with(mesh.sub_meshes.len(), PartDetails::default);
     }
     Ok(mesh)
 }
@@ -76,27 +82,56 @@ struct File<'a> {
     path: &'a Path,
     document: &'a Document<'a>,
     ids: HashMap<&'a str, Node<'a, 'a>>,
+    /// Bytes at which lines end. A file may be worth many messages, and is long.
+    line_ends: OnceCell<Vec<usize>>,
+}
+
+/// A geometry in the scene.
+struct Placed<'a> {
+    geometry: Node<'a, 'a>,
+    /// The element that places it; `None` in a file without a scene.
+    instance: Option<Node<'a, 'a>>,
+    /// Into the mesh frame, unit included.
+    transform: Matrix4<f64>,
 }
 
 /// One `<triangles>`, `<polylist>`, `<polygons>`, `<tristrips>` or `<trifans>`.
-struct Primitive {
+struct Primitive<'a> {
     name: String,
-    positions: Positions,
+    /// What instances bind a material to.
+    symbol: Option<&'a str>,
+    positions: Numbers,
     /// Indices into `positions`, checked.
     triangles: Vec<[usize; 3]>,
+    looks: Looks,
+}
+
+/// What a primitive says of its corners besides their positions.
+#[derive(Default)]
+struct Looks {
+    /// Three for each triangle, if wanted: index in [`Details::tex_coords`] and in `normals`, or [`ABSENT`].
+    corners: Vec<[u32; 2]>,
+    /// Normals that are used, as written.
+    normals: Vec<Vector3<f64>>,
 }
 
 /// A view of an array of numbers, which many sources can share.
 #[derive(Clone)]
-struct Positions {
+struct Numbers {
     numbers: Rc<Vec<f64>>,
     first: usize,
     stride: usize,
 }
 
-impl Positions {
+impl Numbers {
     fn len(&self) -> usize {
         self.numbers.len().saturating_sub(self.first) / self.stride
+    }
+
+    /// The first `size` numbers of an index; `None` if it does not exist.
+    fn values(&self, index: usize, size: usize) -> Option<&[f64]> {
+        let at = index.checked_mul(self.stride)?.checked_add(self.first)?;
+        (index < self.len()).then(|| self.numbers.get(at..at + size)).flatten()
     }
 
     fn get(&self, index: usize) -> Point3<f64> {
@@ -105,7 +140,35 @@ impl Positions {
     }
 }
 
-impl Primitive {
+impl Primitive<'_> {
+    /// How the corners of the placed triangles look; adds their normals to `normals`.
+    fn place_corners(&self, transform: &Matrix4<f64>, normals: &mut Vec<[f32; 3]>) -> Vec<Corner> {
+        let linear: Matrix3<f64> = transform.fixed_view::<3, 3>(0, 0).into();
+        let mirrored = linear.determinant() < 0.0;
+        // Normals stay at right angles to the surface; matrices of scenes need not have an inverse.
+        let [x, y, z] = [0, 1, 2].map(|i| linear.column(i).into_owned());
+        let cofactors = Matrix3::from_columns(&[y.cross(&z), z.cross(&x), x.cross(&y)]);
+        let outwards = cofactors * if mirrored { -1.0 } else { 1.0 };
+        let first = normals.len() as u32;
+        normals.extend(self.looks.normals.iter().map(|normal| {
+            let placed = (outwards * normal).try_normalize(0.0).filter(|n| n.iter().all(|x| x.is_finite()));
+            <[f32; 3]>::from(placed.unwrap_or_else(Vector3::zeros).cast::<f32>())
+        }));
+        let mut corners = Vec::with_capacity(3 * self.triangles.len());
+        for (triangle, looks) in self.triangles.iter().zip(self.looks.corners.as_chunks::<3>().0) {
+            let mut order = [0, 1, 2];
+            if mirrored {
+                order.swap(1, 2);
+            }
+            corners.extend(order.map(|k| {
+                let [tex_coord, normal] = looks[k];
+                let normal = if normal == ABSENT { ABSENT } else { first + normal };
+                Corner { shared: triangle[k] as u32, tex_coord, normal }
+            }));
+        }
+        corners
+    }
+
     fn place(&self, path: &Path, transform: &Matrix4<f64>) -> Result<super::SubMesh, MeshError> {
         let mirrored = transform.fixed_view::<3, 3>(0, 0).determinant() < 0.0;
         let mut surface = Welder::named(&self.name);
@@ -141,8 +204,15 @@ impl LocalName for Node<'_, '_> {
 
 impl<'a> File<'a> {
     fn malformed(&self, node: Node, message: impl Into<String>) -> MeshError {
-        let line = self.document.text_pos_at(node.range().start).row;
-        MeshError::malformed(self.path, Position::Line(line), message)
+        MeshError::malformed(self.path, self.line(node), message)
+    }
+
+    /// The line in which an element begins.
+    fn line(&self, node: Node) -> Position {
+        let text = self.document.input_text();
+        let ends = self.line_ends.get_or_init(|| text.match_indices('\n').map(|(byte, _)| byte).collect());
+        let start = node.range().start;
+        Position::Line(ends.partition_point(|end| *end < start) as u32 + 1)
     }
 
     /// The element that attribute `attribute` of `node` refers to.
@@ -171,9 +241,8 @@ impl<'a> File<'a> {
         }
     }
 
-    /// Every geometry that the scene places, with its transform into the mesh frame (unit included). A file without a scene
-    /// places each geometry once.
-    fn placed_geometries(&self) -> Result<Vec<(Node<'a, 'a>, Matrix4<f64>)>, MeshError> {
+    /// Every geometry that the scene places. A file without a scene places each geometry once.
+    fn placed_geometries(&self) -> Result<Vec<Placed<'a>>, MeshError> {
         let root = self.document.root_element();
         let unit = child(root, "asset").and_then(|a| child(a, "unit")).and_then(|u| u.attribute("meter"));
         let unit: f64 = unit.and_then(|u| u.parse().ok()).unwrap_or(1.0);
@@ -184,7 +253,7 @@ impl<'a> File<'a> {
         };
         let Some(scene) = scene else {
             let geometries = root.descendants().filter(|n| n.has_tag_name_local("geometry"));
-            return Ok(geometries.map(|g| (g, unit)).collect());
+            return Ok(geometries.map(|geometry| Placed { geometry, instance: None, transform: unit }).collect());
         };
         let mut placed = Vec::new();
         let mut visited = 0;
@@ -200,7 +269,10 @@ impl<'a> File<'a> {
                 match element.tag_name().name() {
                     "node" => inner.push(element),
                     "instance_node" => inner.push(self.target(element, "url")?),
-                    "instance_geometry" => placed.push((self.target(element, "url")?, transform)),
+                    "instance_geometry" => {
+                        let geometry = self.target(element, "url")?;
+                        placed.push(Placed { geometry, instance: Some(element), transform });
+                    }
                     _ => transform *= self.transform(element)?,
                 }
             }
@@ -237,7 +309,11 @@ impl<'a> File<'a> {
         })
     }
 
-    fn primitives(&self, geometry: Node<'a, 'a>) -> Result<Vec<Primitive>, MeshError> {
+    fn primitives(
+        &self,
+        geometry: Node<'a, 'a>,
+        mut details: Option<&mut Details>,
+    ) -> Result<Vec<Primitive<'a>>, MeshError> {
         let mut arrays = HashMap::new();
         let mut primitives = Vec::new();
         let Some(mesh) = child(geometry, "mesh") else { return Ok(primitives) };
@@ -257,16 +333,87 @@ impl<'a> File<'a> {
             }
             // An element without any index list is empty, whatever its inputs.
             let Some((input, offset)) = vertex_input else { continue };
-            let positions = self.positions(self.position_source(input)?, &mut arrays)?;
-            let triangles = self.triangles(element, kind, stride, offset)?;
+            let positions = self.numbers_of(self.position_source(input)?, 3, &mut arrays)?;
+            let indices = self.triangles(element, kind, stride)?;
+            let triangles = indices.of(offset);
             if let Some(index) = triangles.iter().flatten().find(|&&i| i >= positions.len()) {
                 let message = format!("vertex {index} does not exist: the source has {}", positions.len());
                 return Err(self.malformed(element, message));
             }
-            let name = element.attribute("material").or(geometry.attribute("name")).unwrap_or("").to_owned();
-            primitives.push(Primitive { name, positions, triangles });
+            let symbol = element.attribute("material");
+            let name = symbol.or(geometry.attribute("name")).unwrap_or("").to_owned();
+            let looks = match &mut details {
+                Some(details) => self.looks(element, (input, offset), &indices, &mut arrays, details),
+                None => Looks::default(),
+            };
+            primitives.push(Primitive { name, symbol, positions, triangles, looks });
         }
         Ok(primitives)
+    }
+
+    /// Normals and the first texture coordinates of a primitive. What cannot be read is named and left out.
+    fn looks(
+        &self,
+        element: Node<'a, 'a>,
+        vertex_input: (Node<'a, 'a>, usize),
+        indices: &Indices,
+        arrays: &mut Arrays,
+        details: &mut Details,
+    ) -> Looks {
+        let mut looks = Looks { corners: vec![[ABSENT; 2]; 3 * indices.triangles.len()], normals: Vec::new() };
+        let Details { tex_coords, warnings, .. } = details;
+        for (field, semantic, size) in [(0, "TEXCOORD", 2), (1, "NORMAL", 3)] {
+            let Some((source, offset)) = self.look_source(element, vertex_input, semantic) else { continue };
+            let numbers = match source.and_then(|source| self.numbers_of(source, size, arrays)) {
+                Ok(numbers) => numbers,
+                Err(MeshError::Malformed { at, message, .. }) => {
+                    warnings.add(self.path, at, format!("{message}; input {semantic} is not used"));
+                    continue;
+                }
+                Err(_) => continue,
+            };
+            // Only what is used is kept: several primitives may share a long source.
+            let mut kept = HashMap::new();
+            let mut odd = 0;
+            for (corner, &index) in looks.corners.iter_mut().zip(indices.of(offset).as_flattened()) {
+                let Some(values) = numbers.values(index, size).filter(|values| values.iter().all(|x| x.abs() < 1e30))
+                else {
+                    odd += 1;
+                    continue;
+                };
+                corner[field] = *kept.entry(index).or_insert_with(|| match field {
+                    0 => {
+                        tex_coords.push([values[0] as f32, values[1] as f32]);
+                        tex_coords.len() as u32 - 1
+                    }
+                    _ => {
+                        looks.normals.push(Vector3::from_column_slice(values));
+                        looks.normals.len() as u32 - 1
+                    }
+                });
+            }
+            if odd > 0 {
+                let message = format!("{odd} corners have no finite {semantic}; they are drawn without");
+                warnings.add(self.path, self.line(element), message);
+            }
+        }
+        looks
+    }
+
+    /// Source and offset of an input of a primitive, or of its vertices, other than the position; `None` if it has none.
+    fn look_source(
+        &self,
+        element: Node<'a, 'a>,
+        (vertex_input, vertex_offset): (Node<'a, 'a>, usize),
+        semantic: &str,
+    ) -> Option<(Result<Node<'a, 'a>, MeshError>, usize)> {
+        let input = |node: Node<'a, 'a>| node.children().find(|c| c.attribute("semantic") == Some(semantic));
+        if let Some(input) = input(element) {
+            let offset = self.small_attribute(input, "offset", 0).ok()?;
+            return Some((self.target(input, "source"), offset));
+        }
+        let input = input(self.target(vertex_input, "source").ok()?)?;
+        Some((self.target(input, "source"), vertex_offset))
     }
 
     /// The `<source>` behind a VERTEX input.
@@ -276,36 +423,32 @@ impl<'a> File<'a> {
         self.target(position.ok_or_else(|| self.malformed(vertices, "no input with semantic=\"POSITION\""))?, "source")
     }
 
-    /// The positions of a source; `arrays` holds the numbers that were read before.
-    fn positions(
-        &self,
-        source: Node<'a, 'a>,
-        arrays: &mut HashMap<NodeId, Rc<Vec<f64>>>,
-    ) -> Result<Positions, MeshError> {
+    /// The numbers of a source, at least `size` for each index; `arrays` holds those that were read before.
+    fn numbers_of(&self, source: Node<'a, 'a>, size: usize, arrays: &mut Arrays) -> Result<Numbers, MeshError> {
         let accessor = child(source, "technique_common").and_then(|t| child(t, "accessor"));
         let accessor = accessor.ok_or_else(|| self.malformed(source, "<source> without an <accessor>"))?;
         let stride = self.small_attribute(accessor, "stride", 1)?;
         let first = self.small_attribute(accessor, "offset", 0)?;
-        if stride < 3 {
-            return Err(self.malformed(accessor, format!("stride {stride}: positions need 3 numbers")));
+        if stride < size {
+            let what = if size == 3 { "positions and normals" } else { "texture coordinates" };
+            return Err(self.malformed(accessor, format!("stride {stride}: {what} need {size} numbers")));
         }
         let array = self.target(accessor, "source")?;
         let numbers = match arrays.entry(array.id()) {
-            Entry::Occupied(known) => Rc::clone(known.get()),
-            Entry::Vacant(slot) => Rc::clone(slot.insert(Rc::new(self.numbers(array)?))),
+            Entry::Occupied(known) => known.get().clone(),
+            Entry::Vacant(slot) => {
+                let read = self.numbers(array).map(Rc::new);
+                slot.insert(read.as_ref().ok().cloned());
+                Some(read?)
+            }
         };
-        Ok(Positions { numbers, first, stride })
+        let numbers = numbers.ok_or_else(|| self.malformed(array, "what should be numbers is not"))?;
+        Ok(Numbers { numbers, first, stride })
     }
 
-    /// Triangles of position indices; polygons become fans around their first corner.
-    fn triangles(
-        &self,
-        element: Node<'a, 'a>,
-        kind: &str,
-        stride: usize,
-        offset: usize,
-    ) -> Result<Vec<[usize; 3]>, MeshError> {
-        let mut triangles = Vec::new();
+    /// Triangles and the indices of their corners; polygons become fans around their first corner.
+    fn triangles(&self, element: Node<'a, 'a>, kind: &str, stride: usize) -> Result<Indices, MeshError> {
+        let mut all = Indices { stride, numbers: Vec::new(), triangles: Vec::new() };
         let mut sizes: Vec<usize> = match child(element, "vcount") {
             Some(vcount) if kind == "polylist" => self.numbers(vcount)?,
             _ => Vec::new(),
@@ -315,38 +458,279 @@ impl<'a> File<'a> {
             if !indices.len().is_multiple_of(stride) {
                 return Err(self.malformed(list, format!("{} indices are no multiple of {stride}", indices.len())));
             }
-            let corners: Vec<usize> = indices.chunks_exact(stride).map(|c| c[offset]).collect();
+            let first = all.numbers.len() / stride;
+            let corners = first..first + indices.len() / stride;
+            all.numbers.extend(indices);
+            let triangles = &mut all.triangles;
             match kind {
                 "triangles" => {
                     if !corners.len().is_multiple_of(3) {
                         return Err(self.malformed(list, format!("{} corners are no multiple of 3", corners.len())));
                     }
-                    triangles.extend(corners.chunks_exact(3).map(|c| [c[0], c[1], c[2]]));
+                    triangles.extend(corners.step_by(3).map(|c| [c, c + 1, c + 2]));
                 }
                 "tristrips" => {
-                    let strip = corners.windows(3).enumerate();
-                    triangles
-                        .extend(strip.map(|(i, c)| if i % 2 == 0 { [c[0], c[1], c[2]] } else { [c[1], c[0], c[2]] }));
+                    let strip = corners.start..corners.end.saturating_sub(2).max(corners.start);
+                    let turned = |i: usize| (i - first) % 2 == 1;
+                    triangles.extend(strip.map(|c| if turned(c) { [c + 1, c, c + 2] } else { [c, c + 1, c + 2] }));
                 }
                 "polylist" => {
-                    let mut rest = corners.as_slice();
+                    let mut rest = corners;
                     for size in std::mem::take(&mut sizes) {
-                        let polygon = rest.get(..size).ok_or_else(|| {
-                            self.malformed(list, format!("a polygon of {size} corners, {} are left", rest.len()))
-                        })?;
-                        rest = &rest[size..];
-                        triangles.extend(fan(polygon));
+                        if size > rest.len() {
+                            let left = rest.len();
+                            return Err(self.malformed(list, format!("a polygon of {size} corners, {left} are left")));
+                        }
+                        triangles.extend(fan(rest.start..rest.start + size));
+                        rest.start += size;
                     }
                 }
-                _ => triangles.extend(fan(&corners)),
+                _ => triangles.extend(fan(corners)),
             }
         }
-        Ok(triangles)
+        Ok(all)
     }
 }
 
-fn fan(polygon: &[usize]) -> impl Iterator<Item = [usize; 3]> + '_ {
-    polygon.get(1..).unwrap_or(&[]).windows(2).map(|pair| [polygon[0], pair[0], pair[1]])
+/// Numbers of arrays by element; `None` for one that is damaged, so that it is read only once.
+type Arrays = HashMap<NodeId, Option<Rc<Vec<f64>>>>;
+
+/// The index lists of a primitive.
+struct Indices {
+    /// Indices of one corner.
+    stride: usize,
+    numbers: Vec<usize>,
+    /// Corners of the triangles.
+    triangles: Vec<[usize; 3]>,
+}
+
+impl Indices {
+    /// The index at `offset` of each corner of each triangle.
+    fn of(&self, offset: usize) -> Vec<[usize; 3]> {
+        self.triangles.iter().map(|corners| corners.map(|corner| self.numbers[corner * self.stride + offset])).collect()
+    }
+}
+
+fn fan(polygon: Range<usize>) -> impl Iterator<Item = [usize; 3]> {
+    let first = polygon.start;
+    (first + 1..polygon.end.saturating_sub(1)).map(move |second| [first, second, second + 1])
+}
+
+/// Materials that were read before.
+#[derive(Default)]
+struct Materials<'a> {
+    by_effect: HashMap<NodeId, MeshMaterial>,
+    /// For each instance: the material of each symbol.
+    bindings: HashMap<NodeId, HashMap<&'a str, &'a str>>,
+    /// Those that were reported missing.
+    unknown: HashSet<&'a str>,
+}
+
+impl<'a> Materials<'a> {
+    /// The material that `instance` binds to `symbol`; the default where there is none, with a message if there should be one.
+    fn bound(
+        &mut self,
+        file: &File<'a>,
+        instance: Option<Node<'a, 'a>>,
+        symbol: Option<&'a str>,
+        files: &Files,
+        details: &mut Details,
+    ) -> MeshMaterial {
+        let Some(symbol) = symbol else { return MeshMaterial::default() };
+        let bound = instance.and_then(|instance| {
+            let bindings = self.bindings.entry(instance.id()).or_insert_with(|| {
+                let materials = instance.descendants().filter(|n| n.has_tag_name_local("instance_material"));
+                materials.filter_map(|m| Some((m.attribute("symbol")?, m.attribute("target")?))).collect()
+            });
+            bindings.get(symbol).copied()
+        });
+        // Many a file leaves out the binding and names the material itself.
+        let id = bound.unwrap_or(symbol);
+        let material = file.ids.get(id.strip_prefix('#').unwrap_or(id));
+        let effect = material
+            .filter(|material| material.has_tag_name_local("material"))
+            .and_then(|material| child(*material, "instance_effect"))
+            .and_then(|instance| file.target(instance, "url").ok());
+        match effect {
+            Some(effect) => {
+                let known = self.by_effect.entry(effect.id());
+                known.or_insert_with(|| Effect { file, effect, files }.material(details)).clone()
+            }
+            None => {
+                if self.unknown.insert(symbol) {
+                    let message = format!("material {} has no effect; the default material is drawn", quoted(symbol));
+                    let place = instance.unwrap_or(file.document.root_element());
+                    details.warnings.add(file.path, file.line(place), message);
+                }
+                MeshMaterial::default()
+            }
+        }
+    }
+}
+
+/// An `<effect>`.
+struct Effect<'f, 'a> {
+    file: &'f File<'a>,
+    effect: Node<'a, 'a>,
+    files: &'f Files<'f>,
+}
+
+/// A colour or a texture.
+enum Look<'a> {
+    Color([f32; 4]),
+    Texture(Node<'a, 'a>),
+}
+
+impl<'a> Effect<'_, 'a> {
+    fn material(&self, details: &mut Details) -> MeshMaterial {
+        let model = self
+            .effect
+            .descendants()
+            .find(|n| ["phong", "blinn", "lambert", "constant"].iter().any(|name| n.has_tag_name_local(name)));
+        let Some(model) = model else { return MeshMaterial::default() };
+        let mut material = MeshMaterial { shininess: 0.0, ..MeshMaterial::default() };
+        let mut look = |name: &str| child(model, name).and_then(|node| self.look(node, details));
+        material.diffuse = [0.8; 3];
+        match look("diffuse") {
+            Some(Look::Color([r, g, b, _])) => material.diffuse = [r, g, b],
+            Some(Look::Texture(texture)) => {
+                // The texture stands for the colour.
+                material.diffuse = [1.0; 3];
+                material.diffuse_map = self.texture(texture, details);
+            }
+            None => {}
+        }
+        let mut look = |name: &str| child(model, name).and_then(|node| self.look(node, details));
+        // As in OBJ files, where a file says nothing.
+        material.ambient = match look("ambient") {
+            Some(Look::Color([r, g, b, _])) => [r, g, b],
+            _ => material.diffuse.map(|x| x / 2.0),
+        };
+        material.emission = match look("emission") {
+            Some(Look::Color([r, g, b, _])) => [r, g, b],
+            _ => [0.0; 3],
+        };
+        material.specular = match look("specular") {
+            Some(Look::Color([r, g, b, _])) => [r, g, b],
+            Some(Look::Texture(texture)) => {
+                material.specular_map = self.texture(texture, details);
+                [1.0; 3]
+            }
+            None if model.has_tag_name_local("lambert") || model.has_tag_name_local("constant") => [0.0; 3],
+            None => [0.3; 3],
+        };
+        if let Some(shininess) = self.float(model, "shininess", details) {
+            material.shininess = shininess.clamp(0.0, 128.0);
+        }
+        material.alpha = self.alpha(model, details);
+        let bump = self.effect.descendants().find(|n| n.has_tag_name_local("bump"));
+        if let Some(texture) = bump.and_then(|bump| child(bump, "texture")) {
+            material.normal_map = self.texture(texture, details);
+        }
+        material
+    }
+
+    fn warn(&self, details: &mut Details, node: Node, message: impl AsRef<str>) {
+        details.warnings.add(self.file.path, self.file.line(node), message);
+    }
+
+    /// Finite numbers of an element, as many as there should be; a message if they are not.
+    fn floats<const N: usize>(&self, node: Node<'a, 'a>, details: &mut Details) -> Option<[f32; N]> {
+        let numbers: Option<Vec<f32>> = self.file.numbers(node).ok();
+        let numbers = numbers.and_then(|numbers| <[f32; N]>::try_from(numbers).ok());
+        let numbers = numbers.filter(|numbers| numbers.iter().all(|x| x.is_finite()));
+        if numbers.is_none() {
+            self.warn(details, node, format!("expected {N} finite numbers; the default is used"));
+        }
+        numbers
+    }
+
+    fn look(&self, node: Node<'a, 'a>, details: &mut Details) -> Option<Look<'a>> {
+        if let Some(texture) = child(node, "texture") {
+            return Some(Look::Texture(texture));
+        }
+        let color = child(node, "color")?;
+        // Some exporters leave out the alpha.
+        if color.text().unwrap_or("").split_ascii_whitespace().count() == 3 {
+            return self.floats(color, details).map(|[r, g, b]| Look::Color([r, g, b, 1.0]));
+        }
+        self.floats(color, details).map(Look::Color)
+    }
+
+    fn float(&self, model: Node<'a, 'a>, name: &str, details: &mut Details) -> Option<f32> {
+        let float = child(child(model, name)?, "float")?;
+        self.floats(float, details).map(|[x]| x)
+    }
+
+    /// Opacity: by the alpha of the transparent colour, or by its brightness, as its attribute `opaque` says.
+    fn alpha(&self, model: Node<'a, 'a>, details: &mut Details) -> f32 {
+        let transparency = self.float(model, "transparency", details).unwrap_or(1.0);
+        let transparent = child(model, "transparent");
+        match transparent.and_then(|node| Some((node, self.look(node, details)?))) {
+            Some((node, Look::Color([r, g, b, a]))) => {
+                let alpha = match node.attribute("opaque") {
+                    Some("RGB_ZERO") => 1.0 - transparency * (0.212671 * r + 0.715160 * g + 0.072169 * b),
+                    _ => transparency * a,
+                };
+                alpha.clamp(0.0, 1.0)
+            }
+            // A texture with an alpha has it itself.
+            Some((_, Look::Texture(_))) => 1.0,
+            // Without a colour, exporters that mean opaque write 0 or 1.
+            None if transparency <= 0.0 => 1.0,
+            None => transparency.min(1.0),
+        }
+    }
+
+    /// The file of a `<texture>`: through a sampler and a surface, through a sampler alone, or directly.
+    fn texture(&self, texture: Node<'a, 'a>, details: &mut Details) -> Option<PathBuf> {
+        let parameter = |sid: &str| {
+            let parameters = self.effect.descendants().filter(|n| n.has_tag_name_local("newparam"));
+            parameters.into_iter().find(|n| n.attribute("sid") == Some(sid))
+        };
+        let text = |node: Node<'a, 'a>| node.text().map(str::trim);
+        let sid = texture.attribute("texture").unwrap_or("");
+        let sampler = parameter(sid).and_then(|p| child(p, "sampler2D"));
+        let surface = |sampler: Node<'a, 'a>| {
+            let surface = child(parameter(text(child(sampler, "source")?)?)?, "surface")?;
+            child(surface, "init_from").and_then(text)
+        };
+        let image = match sampler {
+            Some(sampler) => child(sampler, "instance_image")
+                .and_then(|image| image.attribute("url"))
+                .map(|url| url.strip_prefix('#').unwrap_or(url))
+                .or_else(|| surface(sampler)),
+            None => Some(sid),
+        };
+        let image = image.and_then(|id| self.file.ids.get(id)).filter(|node| node.has_tag_name_local("image"));
+        let from = image.and_then(|image| child(*image, "init_from"));
+        let name = from.and_then(|from| child(from, "ref").unwrap_or(from).text()).map(str::trim);
+        let Some(name) = name.filter(|name| !name.is_empty()) else {
+            self.warn(details, texture, format!("texture {} names no image; the plain material is drawn", quoted(sid)));
+            return None;
+        };
+        let name = decoded(name.strip_prefix("file://").unwrap_or(name));
+        match find_texture(self.file.path, self.file.path, &name, self.files) {
+            Ok(path) => Some(path),
+            Err(message) => {
+                self.warn(details, texture, message);
+                None
+            }
+        }
+    }
+}
+
+/// A part of a URL with its `%20` and the like as characters.
+fn decoded(url: &str) -> String {
+    let mut bytes = Vec::new();
+    let mut rest = url.as_bytes();
+    while let [first, behind @ ..] = rest {
+        let digits = behind.get(..2).and_then(|digits| std::str::from_utf8(digits).ok());
+        let code = digits.filter(|_| *first == b'%').and_then(|digits| u8::from_str_radix(digits, 16).ok());
+        bytes.push(code.unwrap_or(*first));
+        rest = if code.is_some() { &behind[2..] } else { behind };
+    }
+    String::from_utf8_lossy(&bytes).into_owned()
 }
 
 #[cfg(test)]

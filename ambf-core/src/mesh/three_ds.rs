@@ -3,8 +3,9 @@
 use std::collections::HashMap;
 use std::path::Path;
 
-use super::visual::{Details, PartDetails};
-use super::{check_finite, Files, Mesh, MeshError, Position, SubMesh, Welder, MAX_SUB_MESHES};
+use super::material::{find_texture, MeshMaterial};
+use super::visual::{Corner, Details, Facing, PartDetails, ABSENT};
+use super::{check_finite, quoted, Files, Mesh, MeshError, Position, SubMesh, Welder, MAX_SUB_MESHES};
 
 const MAIN: u16 = 0x4D4D;
 const EDITOR: u16 = 0x3D3D;
@@ -13,6 +14,20 @@ const TRIMESH: u16 = 0x4100;
 const VERTICES: u16 = 0x4110;
 const FACES: u16 = 0x4120;
 const FACE_MATERIAL: u16 = 0x4130;
+const TEX_COORDS: u16 = 0x4140;
+const SMOOTHING: u16 = 0x4150;
+
+const MATERIAL: u16 = 0xAFFF;
+const MATERIAL_NAME: u16 = 0xA000;
+const AMBIENT: u16 = 0xA010;
+const DIFFUSE: u16 = 0xA020;
+const SPECULAR: u16 = 0xA030;
+const SHININESS: u16 = 0xA040;
+const TRANSPARENCY: u16 = 0xA050;
+const DIFFUSE_MAP: u16 = 0xA200;
+const SPECULAR_MAP: u16 = 0xA204;
+const BUMP_MAP: u16 = 0xA230;
+const MAP_NAME: u16 = 0xA300;
 
 /// Three corners and a word of flags.
 const FACE_BYTES: usize = 8;
@@ -20,8 +35,8 @@ const FACE_BYTES: usize = 8;
 pub(super) fn read(
     path: &Path,
     bytes: Vec<u8>,
-    _files: &Files,
-    details: Option<&mut Details>,
+    files: &Files,
+    mut details: Option<&mut Details>,
 ) -> Result<Mesh, MeshError> {
     let mut file = Cursor { path, bytes: &bytes, at: 0, end: bytes.len() };
     let Some((MAIN, mut main)) = file.chunk()? else {
@@ -29,11 +44,18 @@ pub(super) fn read(
     };
     let mut mesh = Mesh::default();
     let mut vertex_count = 0;
+    // They may come behind the objects that use them.
+    let mut materials: HashMap<String, MeshMaterial> = HashMap::new();
+    let mut used_materials: Vec<Option<String>> = Vec::new();
     while let Some((id, mut editor)) = main.chunk()? {
         if id != EDITOR {
             continue;
         }
         while let Some((id, mut object)) = editor.chunk()? {
+            if let (MATERIAL, Some(details)) = (id, &mut details) {
+                read_material(object, files, details, &mut materials);
+                continue;
+            }
             if id != OBJECT {
                 continue;
             }
@@ -41,8 +63,10 @@ pub(super) fn read(
             while let Some((id, trimesh)) = object.chunk()? {
                 if id == TRIMESH {
                     let at = trimesh.at;
-                    let object = Object::read(trimesh, &mut vertex_count)?;
-                    mesh.sub_meshes.extend(object.split(&name));
+                    let object = Object::read(trimesh, &mut vertex_count, details.as_deref_mut())?;
+                    let (parts, materials) = object.split(&name, details.as_deref_mut());
+                    mesh.sub_meshes.extend(parts);
+                    used_materials.extend(materials);
                     if mesh.sub_meshes.len() > MAX_SUB_MESHES {
                         let message = format!("more than {MAX_SUB_MESHES} parts of one material");
                         return Err(MeshError::malformed(path, Position::Byte(at), message));
@@ -52,9 +76,65 @@ pub(super) fn read(
         }
     }
     if let Some(details) = details {
-        details.parts.resize_with(mesh.sub_meshes.len(), PartDetails::default);
+        for (part, used) in details.parts.iter_mut().zip(used_materials) {
+            if let Some(material) = used.and_then(|name| materials.get(&name)) {
+                part.material.clone_from(material);
+            }
+        }
     }
     Ok(mesh)
+}
+
+/// Adds the material of a chunk to `materials`. What cannot be read is named and keeps the default.
+fn read_material(chunk: Cursor, files: &Files, details: &mut Details, materials: &mut HashMap<String, MeshMaterial>) {
+    let (path, at) = (chunk.path, chunk.at);
+    let mut material = MeshMaterial::default();
+    let mut name = String::new();
+    let mut textures = Vec::new();
+    let outcome = material_keys(chunk, &mut name, &mut material, &mut textures);
+    if let Err(MeshError::Malformed { at, message, .. }) = outcome {
+        details.warnings.add(path, at, format!("{message}; the rest of material {} is not used", quoted(&name)));
+    }
+    for (kind, texture) in textures {
+        let slot = match kind {
+            DIFFUSE_MAP => &mut material.diffuse_map,
+            SPECULAR_MAP => &mut material.specular_map,
+            _ => &mut material.normal_map,
+        };
+        match find_texture(path, path, &texture, files) {
+            Ok(file) => *slot = Some(file),
+            Err(message) => details.warnings.add(path, Position::Byte(at), message),
+        }
+    }
+    materials.entry(name).or_insert(material);
+}
+
+fn material_keys(
+    mut chunk: Cursor,
+    name: &mut String,
+    material: &mut MeshMaterial,
+    textures: &mut Vec<(u16, String)>,
+) -> Result<(), MeshError> {
+    while let Some((id, mut content)) = chunk.chunk()? {
+        match id {
+            MATERIAL_NAME => *name = content.text()?,
+            AMBIENT => material.ambient = content.color()?.unwrap_or(material.ambient),
+            DIFFUSE => material.diffuse = content.color()?.unwrap_or(material.diffuse),
+            SPECULAR => material.specular = content.color()?.unwrap_or(material.specular),
+            // In parts of the largest.
+            SHININESS => material.shininess = content.fraction()?.map_or(material.shininess, |part| 128.0 * part),
+            TRANSPARENCY => material.alpha = content.fraction()?.map_or(material.alpha, |part| 1.0 - part),
+            DIFFUSE_MAP | SPECULAR_MAP | BUMP_MAP => {
+                while let Some((inner, mut content)) = content.chunk()? {
+                    if inner == MAP_NAME {
+                        textures.push((id, content.text()?));
+                    }
+                }
+            }
+            _ => {}
+        }
+    }
+    Ok(())
 }
 
 /// A part of the file that is read from front to back.
@@ -109,6 +189,51 @@ impl<'a> Cursor<'a> {
     }
 }
 
+impl Cursor<'_> {
+    fn float(&mut self) -> Result<f32, MeshError> {
+        Ok(float_at(self.take(4)?, 0))
+    }
+
+    /// The first colour among the chunks of this one: three 32-bit numbers, or three bytes.
+    fn color(&mut self) -> Result<Option<[f32; 3]>, MeshError> {
+        while let Some((id, mut content)) = self.chunk()? {
+            let color = match id {
+                0x0010 | 0x0013 => [content.float()?, content.float()?, content.float()?],
+                0x0011 | 0x0012 => {
+                    let bytes = content.take(3)?;
+                    [bytes[0], bytes[1], bytes[2]].map(|x| f32::from(x) / 255.0)
+                }
+                _ => continue,
+            };
+            if color.iter().any(|x| !x.is_finite()) {
+                return Err(self.malformed(format!("a colour of {color:?}")));
+            }
+            return Ok(Some(color));
+        }
+        Ok(None)
+    }
+
+    /// The first percentage among the chunks of this one, 0 to 1.
+    fn fraction(&mut self) -> Result<Option<f32>, MeshError> {
+        while let Some((id, mut content)) = self.chunk()? {
+            let fraction = match id {
+                0x0030 => f32::from(content.word()? as i16) / 100.0,
+                0x0031 => content.float()?,
+                _ => continue,
+            };
+            if !fraction.is_finite() {
+                return Err(self.malformed(format!("a percentage of {fraction}")));
+            }
+            return Ok(Some(fraction.clamp(0.0, 1.0)));
+        }
+        Ok(None)
+    }
+}
+
+fn float_at(bytes: &[u8], at: usize) -> f32 {
+    f32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]])
+}
+
 fn word_at(bytes: &[u8], at: usize) -> u16 {
     u16::from_le_bytes([bytes[at], bytes[at + 1]])
 }
@@ -121,11 +246,19 @@ struct Object {
     materials: Vec<String>,
     /// Index into `materials` of every face, where it has one.
     face_materials: Vec<Option<usize>>,
+    /// One for each vertex, or fewer; only where looks are wanted.
+    tex_coords: Vec<[f32; 2]>,
+    /// Smoothing groups of each face, a bit each; empty where there are none or looks are not wanted.
+    smoothing: Vec<u32>,
 }
 
 impl Object {
     /// `vertex_count` numbers the vertices of the whole file, for messages.
-    fn read(mut trimesh: Cursor, vertex_count: &mut usize) -> Result<Self, MeshError> {
+    fn read(
+        mut trimesh: Cursor,
+        vertex_count: &mut usize,
+        mut details: Option<&mut Details>,
+    ) -> Result<Self, MeshError> {
         let mut object = Object::default();
         let whole = trimesh.at;
         while let Some((id, mut chunk)) = trimesh.chunk()? {
@@ -133,12 +266,17 @@ impl Object {
                 VERTICES => {
                     let count = usize::from(chunk.word()?);
                     for v in chunk.take(12 * count)?.chunks_exact(12) {
-                        let x = |j: usize| f64::from(f32::from_le_bytes([v[j], v[j + 1], v[j + 2], v[j + 3]]));
+                        let x = |j: usize| f64::from(float_at(v, j));
                         object.vertices.push(check_finite(chunk.path, *vertex_count, [x(0), x(4), x(8)])?);
                         *vertex_count += 1;
                     }
                 }
-                FACES => object.read_faces(chunk)?,
+                FACES => object.read_faces(chunk, details.as_deref_mut())?,
+                TEX_COORDS => {
+                    if let Some(details) = &mut details {
+                        object.read_tex_coords(chunk, details);
+                    }
+                }
                 _ => {}
             }
         }
@@ -150,7 +288,34 @@ impl Object {
         Ok(object)
     }
 
-    fn read_faces(&mut self, mut chunk: Cursor) -> Result<(), MeshError> {
+    fn read_tex_coords(&mut self, mut chunk: Cursor, details: &mut Details) {
+        let path = chunk.path;
+        let mut read = || {
+            let count = usize::from(chunk.word()?);
+            let tex_coords = chunk.take(8 * count)?.chunks_exact(8).map(|uv| [float_at(uv, 0), float_at(uv, 4)]);
+            Ok(tex_coords.collect::<Vec<[f32; 2]>>())
+        };
+        match read() {
+            Ok(mut tex_coords) => {
+                let mut odd = 0;
+                for uv in tex_coords.iter_mut().filter(|uv| !uv.iter().all(|x| x.is_finite())) {
+                    *uv = [0.0; 2];
+                    odd += 1;
+                }
+                if odd > 0 {
+                    let message = format!("{odd} texture coordinates are not finite; 0 is used");
+                    details.warnings.add(path, Position::Byte(chunk.at), message);
+                }
+                self.tex_coords = tex_coords;
+            }
+            Err(MeshError::Malformed { at, message, .. }) => {
+                details.warnings.add(path, at, format!("{message}; texture coordinates are not used"));
+            }
+            Err(_) => {}
+        }
+    }
+
+    fn read_faces(&mut self, mut chunk: Cursor, mut details: Option<&mut Details>) -> Result<(), MeshError> {
         let count = usize::from(chunk.word()?);
         let faces = chunk.take(FACE_BYTES * count)?.chunks_exact(FACE_BYTES);
         self.faces = faces.map(|f| [word_at(f, 0), word_at(f, 2), word_at(f, 4)]).collect();
@@ -158,6 +323,16 @@ impl Object {
         let mut material_indices: HashMap<String, usize> =
             self.materials.iter().enumerate().map(|(i, name)| (name.clone(), i)).collect();
         while let Some((id, mut group)) = chunk.chunk()? {
+            if let (SMOOTHING, Some(details)) = (id, &mut details) {
+                match group.take(4 * count) {
+                    Ok(bytes) => self.smoothing = bytes.as_chunks().0.iter().map(|b| u32::from_le_bytes(*b)).collect(),
+                    Err(_) => details.warnings.add(
+                        group.path,
+                        Position::Byte(group.at),
+                        format!("{count} smoothing groups do not fit here; all faces are smooth"),
+                    ),
+                }
+            }
             if id != FACE_MATERIAL {
                 continue;
             }
@@ -178,18 +353,79 @@ impl Object {
         Ok(())
     }
 
-    /// One sub-mesh for each material in order of first use, faces without a material making one too.
-    fn split(self, name: &str) -> impl Iterator<Item = SubMesh> {
+    /// One sub-mesh for each material in order of first use, faces without a material making one too; and the names of the materials.
+    fn split(&self, name: &str, details: Option<&mut Details>) -> (Vec<SubMesh>, Vec<Option<String>>) {
         let mut parts: Vec<Welder> = Vec::new();
+        let mut materials: Vec<Option<usize>> = Vec::new();
         let mut part_of = HashMap::new();
+        let mut part_of_face = Vec::with_capacity(self.faces.len());
         for (face, &material) in self.faces.iter().zip(&self.face_materials) {
             let part = *part_of.entry(material).or_insert_with(|| {
                 parts.push(Welder::named(material.map_or(name, |m| &self.materials[m])));
+                materials.push(material);
                 parts.len() - 1
             });
             parts[part].triangle(face.map(|i| self.vertices[usize::from(i)]));
+            part_of_face.push(part);
         }
-        parts.into_iter().map(Welder::finish)
+        if let Some(details) = details {
+            let first = details.tex_coords.len() as u32;
+            details.tex_coords.extend_from_slice(&self.tex_coords);
+            let mut corners: Vec<Vec<Corner>> = vec![Vec::new(); parts.len()];
+            for ((face, shared), part) in self.faces.iter().zip(self.shared_normals()).zip(part_of_face) {
+                corners[part].extend(face.iter().zip(shared).map(|(&vertex, shared)| {
+                    let has_tex_coord = usize::from(vertex) < self.tex_coords.len();
+                    let tex_coord = if has_tex_coord { first + u32::from(vertex) } else { ABSENT };
+                    Corner { shared, tex_coord, normal: ABSENT }
+                }));
+            }
+            let described = |corners| PartDetails { facing: Facing::Corners(corners), ..PartDetails::default() };
+            details.parts.extend(corners.into_iter().map(described));
+        }
+        let name = |material: Option<usize>| material.map(|m| self.materials[m].clone());
+        (parts.into_iter().map(Welder::finish).collect(), materials.into_iter().map(name).collect())
+    }
+
+    /// For each corner of each face a number that those corners at its vertex share that are smoothed with it: whose faces have a
+    /// smoothing group in common, directly or through others. Without groups in the file, all of the vertex.
+    fn shared_normals(&self) -> Vec<[u32; 3]> {
+        if self.smoothing.len() != self.faces.len() {
+            return self.faces.iter().map(|face| face.map(u32::from)).collect();
+        }
+        // Sets of groups at each vertex that have none in common with each other: 32 at most.
+        let mut sets: Vec<Vec<u32>> = vec![Vec::new(); self.vertices.len()];
+        for (face, &groups) in self.faces.iter().zip(&self.smoothing).filter(|(_, groups)| **groups != 0) {
+            for &vertex in face {
+                let sets = &mut sets[usize::from(vertex)];
+                let mut joined = groups;
+                sets.retain(|set| {
+                    let touches = set & groups != 0;
+                    joined |= if touches { *set } else { 0 };
+                    !touches
+                });
+                sets.push(joined);
+            }
+        }
+        let mut next = 0;
+        let firsts: Vec<u32> = sets
+            .iter()
+            .map(|sets| {
+                next += sets.len() as u32;
+                next - sets.len() as u32
+            })
+            .collect();
+        let mut number = |vertex: u16, groups: u32| {
+            let vertex = usize::from(vertex);
+            match sets[vertex].iter().position(|set| set & groups != 0) {
+                Some(set) => firsts[vertex] + set as u32,
+                // Not smoothed with anything.
+                None => {
+                    next += 1;
+                    next - 1
+                }
+            }
+        };
+        self.faces.iter().zip(&self.smoothing).map(|(face, &groups)| face.map(|v| number(v, groups))).collect()
     }
 }
 

@@ -243,7 +243,6 @@ pub(crate) enum Uniform<'a> {
     Int(i32),
     Float(f32),
     Vec3([f32; 3]),
-    Vec4([f32; 4]),
     /// Column by column.
     Mat4(&'a [f32; 16]),
 }
@@ -529,7 +528,6 @@ impl Current<'_> {
                 Uniform::Int(value) => gl.uniform_1_i32(location, value),
                 Uniform::Float(value) => gl.uniform_1_f32(location, value),
                 Uniform::Vec3([x, y, z]) => gl.uniform_3_f32(location, x, y, z),
-                Uniform::Vec4([x, y, z, w]) => gl.uniform_4_f32(location, x, y, z, w),
                 Uniform::Mat4(matrix) => gl.uniform_matrix_4_f32_slice(location, false, matrix),
             }
         }
