@@ -10,3 +10,4 @@ pub mod process;
 pub mod report;
 pub mod ros;
 pub mod simulator;
+mod windows;

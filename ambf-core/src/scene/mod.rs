@@ -43,8 +43,8 @@ pub use sensor::{LocalRay, Sensed, Sensor};
 pub use soft_body::SoftBody;
 pub use vehicle::{Vehicle, Wheel};
 pub use visuals::{
-    VisualActuator, VisualBody, VisualCamera, VisualLight, VisualObject, VisualScene, VisualSensor, VisualSoftBody,
-    VisualVehicle,
+    VisualActuator, VisualBody, VisualCamera, VisualJoint, VisualLight, VisualModel, VisualObject, VisualScene,
+    VisualSensor, VisualSoftBody, VisualVehicle,
 };
 
 use std::fmt;

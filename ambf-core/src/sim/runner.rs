@@ -1,6 +1,6 @@
 //! The thread that repeats the iteration in real time.
 
-use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -52,11 +52,24 @@ pub enum Event {
 }
 
 /// Pause, manual steps and the end of a running simulation, from any thread.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Control {
     stop: AtomicBool,
     paused: AtomicBool,
     manual_steps: AtomicU32,
+    /// Bits of f64.
+    speed: AtomicU64,
+}
+
+impl Default for Control {
+    fn default() -> Self {
+        Self {
+            stop: AtomicBool::default(),
+            paused: AtomicBool::default(),
+            manual_steps: AtomicU32::default(),
+            speed: AtomicU64::new(1.0_f64.to_bits()),
+        }
+    }
 }
 
 impl Control {
@@ -73,6 +86,18 @@ impl Control {
     /// Lets `steps` iterations through while paused.
     pub fn step(&self, steps: u32) {
         self.manual_steps.fetch_add(steps, Ordering::AcqRel);
+    }
+
+    /// Factor on simulated time per real time, over what [`RunnerOptions`] say; 1 at the start.
+    pub fn speed(&self) -> f64 {
+        f64::from_bits(self.speed.load(Ordering::Acquire))
+    }
+
+    /// Changes [`speed`](Self::speed); what is not finite or not above 0 changes nothing.
+    pub fn set_speed(&self, factor: f64) {
+        if factor.is_finite() && factor > 0.0 {
+            self.speed.store(factor.to_bits(), Ordering::Release);
+        }
     }
 
     fn is_stopping(&self) -> bool {
@@ -149,6 +174,8 @@ struct PhysicsLoop {
     start: Instant,
     /// Wall time that did not count as simulated: pauses.
     skipped: f64,
+    /// Wall time of the iteration before.
+    last_wall: f64,
     was_paused: bool,
     /// The pause was made because the state was lost.
     lost: bool,
@@ -167,6 +194,7 @@ impl PhysicsLoop {
             events,
             start: Instant::now(),
             skipped: 0.0,
+            last_wall: 0.0,
             was_paused: false,
             lost: false,
             statistics: StepStatistics::new(),
@@ -271,10 +299,18 @@ impl PhysicsLoop {
 
     /// Interval of this iteration, s: what the wall clock is ahead, or fixed. The first one after a pause is one period.
     fn choose_interval(&mut self, now: Instant) -> f64 {
+        let speed = self.control.speed();
         if self.options.fixed_step {
-            return self.options.speed_factor / self.options.frequency;
+            return speed * self.options.speed_factor / self.options.frequency;
         }
         let wall = (now - self.start).as_secs_f64();
+        let last = std::mem::replace(&mut self.last_wall, wall);
+        if speed != 1.0 && !self.was_paused {
+            let interval = speed * (wall - last);
+            // The clock is followed from here on again when the factor is 1.
+            self.skipped = wall - self.simulation.sim_time() - interval;
+            return interval;
+        }
         if std::mem::take(&mut self.was_paused) {
             self.skipped = wall - self.simulation.sim_time() - 1.0 / self.options.frequency;
         }

@@ -61,13 +61,6 @@ pub enum WindowRequest {
     Release,
     /// Takes a rigid body out of the scene, with its joints.
     RemoveBody(usize),
-    /// Commands a joint once: position, rad or m, followed by its controller.
-    Joint {
-        /// Index of the joint.
-        joint: usize,
-        /// rad or m.
-        position: f64,
-    },
     /// A picture was drawn: plugins that want to know are told.
     Drawn,
     /// A use of a window, for plugins of the simulator.
@@ -228,11 +221,6 @@ impl Simulation {
             WindowRequest::Drag { origin, direction } => self.drag(&origin, &direction),
             WindowRequest::Release => self.release_picked(),
             WindowRequest::RemoveBody(body) => return Some(WindowAnswer::Removed(self.remove_body(body))),
-            WindowRequest::Joint { joint, position } => {
-                if position.is_finite() && self.scene.joints.get(joint).is_some_and(|joint| !joint.removed) {
-                    self.order_joint(joint, crate::comm::JointCommandType::Position, position);
-                }
-            }
             WindowRequest::Drawn => self.plugins_after_picture(),
             WindowRequest::Input(input) => self.plugins_input(&input),
         }
