@@ -348,6 +348,7 @@ impl App {
         let Some(snapshot) = self.parts.hub.snapshot().clone() else { return Ok(()) };
         self.hear(&visuals);
         self.drag_held(&visuals, &snapshot);
+        self.panels.tick(&self.parts, &mut self.outbox, &snapshot);
         self.outbox.flush();
         self.check_full_screen();
         let Some(context) = &self.context else { return Ok(()) };
@@ -461,7 +462,6 @@ impl App {
         let panels = &mut self.panels;
         let mut wishes = PanelContext {
             parts: &self.parts,
-            outbox: &mut self.outbox,
             stage: &mut self.stage,
             visuals,
             snapshot,
@@ -469,6 +469,8 @@ impl App {
             picked: &mut self.last_picked,
             messages: Vec::new(),
             actions: Vec::new(),
+            load: Vec::new(),
+            remove: Vec::new(),
         };
         let output = egui.run(raw, |ui| {
             let painter = ui.layer_painter(egui::LayerId::background());
@@ -481,7 +483,7 @@ impl App {
             }
             panels.show(ui, &mut wishes);
         });
-        let PanelContext { messages, actions, .. } = wishes;
+        let PanelContext { messages, actions, load, remove, .. } = wishes;
         window.input.handle_platform_output(&window.window, output.platform_output);
         let shapes = window.egui.tessellate(output.shapes, output.pixels_per_point);
         // SAFETY: the context is current in this thread.
@@ -497,6 +499,33 @@ impl App {
         );
         messages.into_iter().for_each(|message| self.tell(message));
         actions.into_iter().for_each(|action| self.act(action, camera));
+        self.change_models(remove, load);
+    }
+
+    /// Removes models, then loads files, in a thread of its own: reading may take long, and windows go on meanwhile.
+    fn change_models(&mut self, remove: Vec<Arc<str>>, load: Vec<PathBuf>) {
+        if remove.is_empty() && load.is_empty() {
+            return;
+        }
+        let (models, done) = (self.parts.models.clone(), self.news.0.clone());
+        let work = move || {
+            for key in remove {
+                let _ = done.send(match models.remove(&key) {
+                    Ok(key) => format!("removed {key}"),
+                    Err(error) => error.to_string(),
+                });
+            }
+            for file in load {
+                let _ = done.send(match models.add(&file) {
+                    Ok(added) if added.report.is_empty() => format!("added {} from {}", added.key, file.display()),
+                    Ok(added) => format!("added {} from {}:\n{}", added.key, file.display(), added.report),
+                    Err(error) => format!("{} is not added: {error}", file.display()),
+                });
+            }
+        };
+        if let Err(error) = std::thread::Builder::new().name("models".into()).spawn(work) {
+            self.tell(format!("models are not changed: {error}"));
+        }
     }
 
     fn labels(&self, camera: &ambf_core::scene::VisualCamera, snapshot: &Snapshot) -> Labels {
@@ -708,19 +737,7 @@ impl App {
         if !is_model_file(&file) {
             return self.tell(format!("{} is no model: files end with .yaml, .YAML, .ambf or .AMBF", file.display()));
         }
-        let (models, done) = (self.parts.models.clone(), self.news.0.clone());
-        let work = move || {
-            let said = match models.add(&file) {
-                Ok(added) if added.report.is_empty() => format!("added {} from {}", added.key, file.display()),
-                Ok(added) => format!("added {} from {}:\n{}", added.key, file.display(), added.report),
-                Err(error) => format!("{} is not added: {error}", file.display()),
-            };
-            let _ = done.send(said);
-        };
-        // Reading may take long, and windows go on meanwhile.
-        if let Err(error) = std::thread::Builder::new().name("load".into()).spawn(work) {
-            self.tell(format!("the model is not added: {error}"));
-        }
+        self.change_models(Vec::new(), vec![file]);
     }
 
     fn change_gain(&mut self, quantity: Quantity, step: f64) {

@@ -34,6 +34,8 @@ pub enum CameraGesture {
         /// m.
         up: f64,
     },
+    /// Moves in any direction, with its target: what follows a body. In the camera's frame, m.
+    Shift(Vector3<f64>),
     /// Turns about its own position; roll goes to 0.
     Look {
         /// About the parent's z axis, rad: positive turns the view to the left.
@@ -64,6 +66,7 @@ impl CameraGesture {
                 a.is_finite() && b.is_finite()
             }
             Self::Dolly { forward } => forward.is_finite(),
+            Self::Shift(by) => by.iter().all(|x| x.is_finite()),
         }
     }
 
@@ -71,6 +74,7 @@ impl CameraGesture {
     pub fn merged(self, next: Self) -> Option<Self> {
         Some(match (self, next) {
             (Self::Pan { right, up }, Self::Pan { right: r, up: u }) => Self::Pan { right: right + r, up: up + u },
+            (Self::Shift(by), Self::Shift(then)) => Self::Shift(by + then),
             (Self::Look { left, up }, Self::Look { left: l, up: u }) => Self::Look { left: left + l, up: up + u },
             (Self::Orbit { right, up }, Self::Orbit { right: r, up: u }) => {
                 Self::Orbit { right: right + r, up: up + u }
@@ -90,6 +94,7 @@ impl CameraPlace {
         }
         match gesture {
             CameraGesture::Pan { right, up } => self.step(Vector3::new(0.0, right, up)),
+            CameraGesture::Shift(by) => self.step(by),
             CameraGesture::Look { left, up } => {
                 let (azimuth, elevation) = heading(&self.pose.rotation);
                 let steepest = STEEPEST_LOOK.max(elevation.abs());
