@@ -1043,11 +1043,17 @@ fn show_help(ui: &egui::Context) {
     place.interactable(false).show(ui, |ui| {
         let paper = egui::Color32::from_white_alpha(225);
         egui::Frame::popup(ui.style()).fill(paper).show(ui, |ui| {
-            egui::Grid::new("keys").spacing([12.0, 1.0]).show(ui, |ui| {
-                for (key, what) in keys::HELP {
-                    ui.label(egui::RichText::new(*key).small().strong());
-                    ui.label(egui::RichText::new(*what).small());
-                    ui.end_row();
+            // In two columns, so that it fits into windows as they open.
+            let half = keys::HELP.len().div_ceil(2);
+            ui.horizontal_top(|ui| {
+                for (column, rows) in keys::HELP.chunks(half).enumerate() {
+                    egui::Grid::new(("keys", column)).spacing([10.0, 0.0]).min_row_height(0.0).show(ui, |ui| {
+                        for (key, what) in rows {
+                            ui.label(egui::RichText::new(*key).small().strong());
+                            ui.label(egui::RichText::new(*what).small());
+                            ui.end_row();
+                        }
+                    });
                 }
             });
         });

@@ -15,6 +15,7 @@ mod panels;
 mod place;
 mod record;
 
+use std::panic::{catch_unwind, AssertUnwindSafe};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
@@ -175,7 +176,7 @@ impl Viewer {
     pub fn ended(&self) -> Option<Ended> {
         let said = self.shared.ended.lock().unwrap_or_else(PoisonError::into_inner).clone();
         said.or_else(|| match connection::is_lost() {
-            true => Some(Ended::Lost("the connection to the display broke".into())),
+            true => Some(Ended::Lost(connection::BROKEN.into())),
             false if self.thread.as_ref().is_some_and(JoinHandle::is_finished) => {
                 Some(Ended::Lost("their thread ended, which is a bug".into()))
             }
@@ -224,8 +225,19 @@ fn run(parts: ViewerParts, shared: &Arc<Shared>, ready: &Sender<Result<(), Strin
     };
     connection::survive();
     let mut app = app::App::new(parts, Arc::clone(shared), ready.clone());
-    if let Err(error) = event_loop.run_app(&mut app) {
-        shared.end(Ended::Lost(error.to_string()));
-        let _ = ready.try_send(Err(error.to_string()));
-    }
+    let outcome = catch_unwind(AssertUnwindSafe(|| event_loop.run_app(&mut app)));
+    let why = match outcome {
+        Ok(Ok(())) => return,
+        Ok(Err(error)) => error.to_string(),
+        Err(_) => {
+            // Closing its windows would panic again.
+            std::mem::forget(app);
+            match connection::broke_in_this_thread() {
+                true => connection::BROKEN.to_owned(),
+                false => "their thread panicked, which is a bug".to_owned(),
+            }
+        }
+    };
+    let _ = ready.try_send(Err(why.clone()));
+    shared.end(Ended::Lost(why));
 }

@@ -21,6 +21,8 @@ use plot::Plots;
 
 /// Titles of the panels, in the order of their keys.
 const TITLES: [&str; 8] = ["Run", "Objects", "Joints", "Show", "Cameras", "Plots", "Devices", "Files"];
+/// Width of all panels at first, points.
+const WIDTH: f32 = 290.0;
 /// Speeds that the slider reaches, simulated per real time.
 const SPEEDS: std::ops::RangeInclusive<f64> = 0.01..=10.0;
 /// Objects that are listed at once; a search shows the others.
@@ -78,6 +80,8 @@ pub(crate) struct Panels {
     load_report: String,
     camera: usize,
     open: [bool; TITLES.len()],
+    /// It unfolds in the next frame.
+    just_opened: Option<usize>,
     search: String,
     shown: Shown,
     /// By position in the hub's list of objects.
@@ -94,6 +98,7 @@ impl Panels {
             load_report,
             camera: 0,
             open: [false; TITLES.len()],
+            just_opened: None,
             search: String::new(),
             shown: Shown::default(),
             goals: Goals::new(),
@@ -122,6 +127,7 @@ impl Panels {
         }
         if let Some(open) = self.open.get_mut(panel) {
             *open = !*open;
+            self.just_opened = open.then_some(panel);
         }
     }
 
@@ -206,32 +212,34 @@ impl Panels {
         if self.shown.inertias || self.open[5] {
             self.plots.read_objects(with.parts);
         }
-        for panel in 0..TITLES.len() {
-            let mut open = self.open[panel];
-            if !open {
-                continue;
-            }
-            // The first ones are on the left, the others on the right.
-            let column = if panel < 4 { 10.0 } else { ui.content_rect().width() - 320.0 };
-            let window = egui::Window::new(format!("{} (Alt+{})", TITLES[panel], panel + 1))
-                .id(egui::Id::new(TITLES[panel]))
-                .open(&mut open)
-                .default_open(panel == 0 || self.open.iter().filter(|open| **open).count() == 1)
-                .default_pos([column.max(0.0), 40.0 + 34.0 * (panel % 4) as f32])
-                .default_width(300.0)
-                .vscroll(true);
-            window.show(ui, |ui| match panel {
-                0 => self.run(ui, with),
-                1 => self.objects(ui, with),
-                2 => self.joints(ui, with),
-                3 => self.shown(ui, with),
-                4 => self.cameras(ui, with),
-                5 => self.plots.show(ui, with),
-                6 => devices(ui, with),
-                _ => self.files(ui, with),
-            });
-            self.open[panel] &= open;
+        if !self.open.contains(&true) {
+            return;
         }
+        egui::SidePanel::left("panels").default_width(WIDTH).show(ui, |ui| {
+            egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+                for panel in 0..TITLES.len() {
+                    if self.open[panel] {
+                        self.section(ui, with, panel);
+                    }
+                }
+            });
+        });
+        self.just_opened = None;
+    }
+
+    fn section(&mut self, ui: &mut Ui, with: &mut PanelContext<'_>, panel: usize) {
+        let header = egui::CollapsingHeader::new(format!("{} (Alt+{})", TITLES[panel], panel + 1));
+        let unfold = (self.just_opened == Some(panel)).then_some(true);
+        header.default_open(panel == 0).open(unfold).show(ui, |ui| match panel {
+            0 => self.run(ui, with),
+            1 => self.objects(ui, with),
+            2 => self.joints(ui, with),
+            3 => self.shown(ui, with),
+            4 => self.cameras(ui, with),
+            5 => self.plots.show(ui, with),
+            6 => devices(ui, with),
+            _ => self.files(ui, with),
+        });
     }
 
     fn run(&mut self, ui: &mut Ui, with: &mut PanelContext<'_>) {
