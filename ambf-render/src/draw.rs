@@ -1,5 +1,6 @@
 //! What is drawn, in which order, with which programs.
 
+use std::collections::hash_map::Entry;
 use std::collections::HashMap;
 use std::path::PathBuf;
 
@@ -42,6 +43,8 @@ pub(crate) struct Drawable<'a> {
     pub(crate) radius: f64,
     /// Whether it is a body, ghost object or soft body, and no marker.
     pub(crate) is_object: bool,
+    /// Whether it is a sheet: soft bodies are.
+    pub(crate) is_sheet: bool,
 }
 
 /// Instances of one part.
@@ -67,9 +70,8 @@ impl<'a> Batches<'a> {
             let drawable = &drawables[index];
             let first = batches.count();
             let before = batches.order.last().map(|&before| &drawables[before]);
-            let goes_on = before.is_some_and(|before| {
-                std::ptr::eq(before.part, drawable.part) && before.style == drawable.style
-            });
+            let goes_on =
+                before.is_some_and(|before| std::ptr::eq(before.part, drawable.part) && before.style == drawable.style);
             batches.push(drawable);
             batches.order.push(index);
             match batches.runs.last_mut().filter(|_| goes_on) {
@@ -105,7 +107,11 @@ pub(crate) fn visible(drawables: &[Drawable<'_>], clip: &Matrix4<f64>) -> Vec<us
             let row = clip.row(i / 2);
             let plane = if i % 2 == 0 { clip.row(3) + row } else { clip.row(3) - row };
             let length = plane.fixed_columns::<3>(0).norm();
-            if length > 0.0 { plane / length } else { plane }
+            if length > 0.0 {
+                plane / length
+            } else {
+                plane
+            }
         })
         .collect();
     let is_seen = |drawable: &Drawable<'_>| {
@@ -164,15 +170,19 @@ impl Programs {
     }
 
     fn lit(&mut self, gl: &Current<'_>, lit: Lit) -> Result<&Program, RenderError> {
-        if !self.lit.contains_key(&lit) {
-            let program = gl.program(&lit.vertex(), &lit.fragment()).map_err(RenderError::Gl)?;
-            self.lit.insert(lit, program);
-        }
-        Ok(&self.lit[&lit])
+        Ok(match self.lit.entry(lit) {
+            Entry::Occupied(entry) => entry.into_mut(),
+            Entry::Vacant(entry) => entry.insert(gl.program(&lit.vertex(), &lit.fragment()).map_err(RenderError::Gl)?),
+        })
     }
 
     /// Index of a program of a user; `None` with a message the first time when it cannot be used.
-    pub(crate) fn user(&mut self, gl: &Current<'_>, files: &ShaderProgram, messages: &mut Vec<String>) -> Option<usize> {
+    pub(crate) fn user(
+        &mut self,
+        gl: &Current<'_>,
+        files: &ShaderProgram,
+        messages: &mut Vec<String>,
+    ) -> Option<usize> {
         let key = (files.vertex.clone(), files.fragment.clone());
         let index = match self.user_index.get(&key) {
             Some(index) => *index,
@@ -316,9 +326,7 @@ impl Pass<'_> {
         };
         let (program, mode) = match style {
             Style::User(index) => return self.user_run(eye, &batches.order[first..first + count], index),
-            Style::Lit if mask == Some(Mask::Built) && drawable.is_object => {
-                (self.programs.mask(gl)?, Mode::Triangles)
-            }
+            Style::Lit if mask == Some(Mask::Built) && drawable.is_object => (self.programs.mask(gl)?, Mode::Triangles),
             Style::Lit => {
                 let part = drawable.part;
                 let normal_map = part.normal_map.as_ref().filter(|_| self.normal_maps);

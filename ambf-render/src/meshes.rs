@@ -249,8 +249,7 @@ impl Library {
         for part in mesh.parts.into_iter().filter(|part| !part.triangles.is_empty()) {
             let (uploaded, vertices) =
                 self.part(gl, &part).map_err(|error| format!("{}: {error}; it is not drawn", path.display()))?;
-            let floats =
-                if uploaded.array.has_tangents { gl::TANGENT_VERTEX_FLOATS } else { gl::VERTEX_FLOATS };
+            let floats = if uploaded.array.has_tangents { gl::TANGENT_VERTEX_FLOATS } else { gl::VERTEX_FLOATS };
             let normals = vec![Vector3::zeros(); nodes];
             let soft = SoftPart { vertices, floats, nodes: part.nodes, triangles: part.triangles, normals };
             parts.push((Arc::new(uploaded), soft));
@@ -271,7 +270,8 @@ impl Library {
 impl SoftPart {
     /// Moves the vertices to their nodes, with smooth normals; returns the bounding sphere.
     pub(crate) fn follow(&mut self, gl: &Current<'_>, part: &Part, nodes: &[[f64; 3]]) -> (Point3<f64>, f64) {
-        let place = |node: u32| nodes.get(node as usize).map_or(Vector3::zeros(), |p| Vector3::from(p.map(|x| x as f32)));
+        let place =
+            |node: u32| nodes.get(node as usize).map_or(Vector3::zeros(), |p| Vector3::from(p.map(|x| x as f32)));
         self.normals.fill(Vector3::zeros());
         for triangle in &self.triangles {
             let corners = triangle.map(|vertex| self.nodes[vertex as usize]);

@@ -309,11 +309,13 @@ impl Resources {
             let parts = visual_parts(body);
             let shaders = body.shaders(&visuals.world).filter(|_| !parts.is_empty());
             let program = shaders.and_then(|files| self.programs.user(gl, files, messages));
-            wanted.extend(
-                parts
-                    .into_iter()
-                    .map(|(request, local, look)| Wanted { object, request, local, look, program }),
-            );
+            wanted.extend(parts.into_iter().map(|(request, local, look)| Wanted {
+                object,
+                request,
+                local,
+                look,
+                program,
+            }));
         }
         let soft_objects: Vec<usize> = (visuals.soft_bodies.iter().enumerate())
             .map(|(index, soft)| add(Source::SoftBody(index), &soft.object))
@@ -374,7 +376,8 @@ impl Resources {
             let Some(mesh) = self.library.get(&request.key) else { continue };
             if let Some((low, high)) = mesh.bounds {
                 for corner in 0..8 {
-                    let corner = Vector3::from_fn(|axis, _| if corner >> axis & 1 == 0 { low[axis] } else { high[axis] });
+                    let corner =
+                        Vector3::from_fn(|axis, _| if corner >> axis & 1 == 0 { low[axis] } else { high[axis] });
                     let corner = local.transform_point(&Point3::from(corner)).coords;
                     let (low, high) = bounds[object].unwrap_or((corner, corner));
                     bounds[object] = Some((low.inf(&corner), high.sup(&corner)));
@@ -521,6 +524,7 @@ fn put<'a>(drawables: &mut Vec<Drawable<'a>>, part: &'a Part, matrix: &Matrix4<f
         center: matrix.transform_point(&part.center),
         radius: part.radius * scale,
         is_object: false,
+        is_sheet: false,
     });
 }
 
@@ -558,6 +562,7 @@ fn drawables<'a>(
             center: item.center,
             radius: item.radius,
             is_object: true,
+            is_sheet: matches!(object.source, Source::SoftBody(_)),
         });
     }
     let objects = drawables.len();
@@ -574,6 +579,7 @@ fn drawables<'a>(
             center: item.center,
             radius: item.radius,
             is_object: false,
+            is_sheet: false,
         });
     }
     let visuals = &built.visuals;
@@ -616,9 +622,7 @@ fn drawables<'a>(
     }
     for (marker, part) in markers.iter().zip(marker_parts) {
         let pose = marker.pose.to_homogeneous();
-        let scaled = |x: f32, y: f32, z: f32| {
-            pose * scaling(&Vector3::new(f64::from(x), f64::from(y), f64::from(z)))
-        };
+        let scaled = |x: f32, y: f32, z: f32| pose * scaling(&Vector3::new(f64::from(x), f64::from(y), f64::from(z)));
         let color = marker.color;
         match (&marker.shape, part) {
             (MarkerShape::Sphere(r), _) => put(&mut drawables, &shapes.sphere, &scaled(*r, *r, *r), color, Style::Lit),

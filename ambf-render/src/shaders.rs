@@ -179,7 +179,9 @@ uniform sampler2D u_normal_map;
                 "uniform vec3 u_position_{light}, u_axis_{light}, u_attenuation_{light};\nuniform float u_cutoff_{light}, u_exponent_{light};\n"
             ));
             if self.shadows >> light & 1 == 1 {
-                text.push_str(&format!("uniform sampler2DShadow u_shadow_{light};\nuniform mat4 u_shadow_clip_{light};\n"));
+                text.push_str(&format!(
+                    "uniform sampler2DShadow u_shadow_{light};\nuniform mat4 u_shadow_clip_{light};\n"
+                ));
             }
         }
         text.push_str(

@@ -71,7 +71,6 @@ pub enum MarkerShape {
     Lines(Vec<[f32; 3]>),
 }
 
-
 /// Length of the frame of an object whose size is not computed, m.
 const FRAME_WITHOUT_SIZE: f64 = 0.2;
 
@@ -204,7 +203,8 @@ impl Stage {
     /// Centre and radius of a sphere around all bodies that are drawn, m, half spaces excepted; `None` if nothing is drawn.
     pub fn bounds(&self) -> Option<(Point3<f64>, f64)> {
         let items = &self.built.as_ref()?.items;
-        let finite = || items.iter().filter(|item| item.radius < LARGEST_BODY && item.center.iter().all(|x| x.is_finite()));
+        let finite =
+            || items.iter().filter(|item| item.radius < LARGEST_BODY && item.center.iter().all(|x| x.is_finite()));
         let (mut low, mut high) = (Point3::from([f64::INFINITY; 3]), Point3::from([f64::NEG_INFINITY; 3]));
         for item in finite() {
             for axis in 0..3 {
@@ -248,7 +248,9 @@ impl Built {
         for object in &mut self.objects {
             let pose = match object.source {
                 Source::Body(index) => body_frame(index),
-                Source::Ghost(index) => snapshot.ghosts.get(index).map(|ghost| ghost.pose * visuals.ghosts[index].offset),
+                Source::Ghost(index) => {
+                    snapshot.ghosts.get(index).map(|ghost| ghost.pose * visuals.ghosts[index].offset)
+                }
                 Source::SoftBody(_) => Some(Isometry3::identity()),
                 Source::Wheel(vehicle, wheel) => {
                     let reading = snapshot.vehicles.get(vehicle);

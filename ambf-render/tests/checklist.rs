@@ -17,7 +17,11 @@ fn world(camera: &str, light: &str) -> String {
          \x20 up: {{x: 0.0, y: 0.0, z: 1.0}}\n  clipping plane: {{near: 0.1, far: 10.0}}\n  field view angle: 0.5\n{}\
          light1:\n  name: light1\n{}",
         indented(camera),
-        indented(if light.is_empty() { "location: {x: 2.0, y: 0.0, z: 2.0}\ndirection: {x: -1.0, y: 0.0, z: -1.0}" } else { light }),
+        indented(if light.is_empty() {
+            "location: {x: 2.0, y: 0.0, z: 2.0}\ndirection: {x: -1.0, y: 0.0, z: -1.0}"
+        } else {
+            light
+        }),
     )
 }
 
@@ -163,7 +167,8 @@ fn row_07_up_turns_the_picture() {
 fn rows_08_and_09_cameras_follow_their_parents() {
     let child = "cam2:\n  name: cam2\n  parent: cam\n  location: {x: 0.5, y: 0.0, z: 0.0}\n  look at: {x: 0.0, y: 0.0, z: 0.0}\n";
     let world = world("parent: BODY Carrier", "").replace("cameras: [cam]", "cameras: [cam, cam2]") + child;
-    let bodies = [block("Carrier", [0.0, 0.0, 1.0], [0.01; 3], "visible: false"), block("Box", [0.0, 0.0, 1.0], [0.2; 3], GREY)];
+    let bodies =
+        [block("Carrier", [0.0, 0.0, 1.0], [0.01; 3], "visible: false"), block("Box", [0.0, 0.0, 1.0], [0.2; 3], GREY)];
     let simulation = simulation(&directory("row_08"), &world, &model(&bodies));
     let shown = Shown::of_simulation(&simulation);
     let views = &shown.snapshot.views;
@@ -196,14 +201,16 @@ fn row_12_points_project_where_the_formulas_say() {
 fn row_17_a_ball_stays_round() {
     let ball = "BODY Ball:\n  name: Ball\n  mass: 0.0\n  shape: Sphere\n  geometry: {radius: 0.2}\n".to_owned();
     for (width, height) in [(640, 480), (960, 480), (300, 480)] {
-        let (columns, rows, _) = extent(&drawn(&mut shown("row_17", &world("", ""), std::slice::from_ref(&ball)), width, height));
+        let (columns, rows, _) =
+            extent(&drawn(&mut shown("row_17", &world("", ""), std::slice::from_ref(&ball)), width, height));
         near(width_of(columns), width_of(rows), 1.0, "round");
     }
 }
 
 #[test]
 fn row_23_rows_and_columns_and_channels_are_in_order() {
-    let body = block("Box", [0.0, -0.3, 0.2], [0.1; 3], &MATT.replace("{r: 0.8, g: 0.8, b: 0.8}", "{r: 1.0, g: 0.0, b: 0.0}"));
+    let body =
+        block("Box", [0.0, -0.3, 0.2], [0.1; 3], &MATT.replace("{r: 0.8, g: 0.8, b: 0.8}", "{r: 1.0, g: 0.0, b: 0.0}"));
     let picture = drawn(&mut shown("row_23", &world("", ""), &[body]), 640, 480);
     let (columns, rows, _) = extent(&picture);
     assert!(columns[1] < 320 && rows[1] < 240, "upper left: {columns:?} {rows:?}");
@@ -239,7 +246,8 @@ fn row_30_transparent_before_opaque() {
     let glass = "color components:\n  ambient: {level: 0.0}\n  diffuse: {r: 1.0, g: 0.0, b: 0.0}\n  specular: {r: 0.0, g: 0.0, b: 0.0}\n  transparency: 0.5";
     let solid = "color components:\n  ambient: {level: 0.0}\n  diffuse: {r: 0.0, g: 0.0, b: 1.0}\n  specular: {r: 0.0, g: 0.0, b: 0.0}\n  transparency: 1.0";
     // A thin sheet, so that its walls are hardly apart.
-    let bodies = [block("Glass", [0.5, 0.0, 0.0], [0.002, 0.4, 0.4], glass), block("Solid", [0.0; 3], [0.2, 2.0, 2.0], solid)];
+    let bodies =
+        [block("Glass", [0.5, 0.0, 0.0], [0.002, 0.4, 0.4], glass), block("Solid", [0.0; 3], [0.2, 2.0, 2.0], solid)];
     for order in [[0, 1], [1, 0]] {
         let bodies = order.map(|index: usize| bodies[index].clone());
         let picture = drawn(&mut shown("row_30", &world("", light), &bodies), 640, 480);
@@ -255,7 +263,10 @@ fn row_30_transparent_before_opaque() {
 /// Floor at z = −1 seen from above, with a light above it that shines down.
 fn floor_world(light: &str) -> String {
     world("", &format!("direction: {{x: 0.0, y: 0.0, z: -1.0}}\n{light}"))
-        .replace("location: {x: 2.0, y: 0.0, z: 0.0}\n  look at: {x: 0.0, y: 0.0, z: 0.0}", "location: {x: 0.0, y: 0.0, z: 5.0}\n  look at: {x: 0.0, y: 0.0, z: -1.0}")
+        .replace(
+            "location: {x: 2.0, y: 0.0, z: 0.0}\n  look at: {x: 0.0, y: 0.0, z: 0.0}",
+            "location: {x: 0.0, y: 0.0, z: 5.0}\n  look at: {x: 0.0, y: 0.0, z: -1.0}",
+        )
         .replace("up: {x: 0.0, y: 0.0, z: 1.0}", "up: {x: 0.0, y: 1.0, z: 0.0}")
 }
 
@@ -277,7 +288,9 @@ fn disc(picture: &Picture) -> f64 {
 #[test]
 fn rows_31_and_32_spots() {
     for exponent in [0.0, 50.0] {
-        let light = format!("location: {{x: 0.0, y: 0.0, z: 1.0}}\ncutoff angle: 0.3\nspot exponent: {exponent}\nshadow quality: 0");
+        let light = format!(
+            "location: {{x: 0.0, y: 0.0, z: 1.0}}\ncutoff angle: 0.3\nspot exponent: {exponent}\nshadow quality: 0"
+        );
         let picture = drawn(&mut shown("row_31", &floor_world(&light), &[floor()]), 640, 480);
         let outside = pixel(&picture, 5, 240);
         is_color(outside, [0.2 * 0.4; 3], "outside: global ambient");
@@ -299,7 +312,10 @@ fn rows_31_and_32_spots() {
 #[test]
 fn row_33_attenuation() {
     let light = |height: f64| {
-        let light = format!("location: {{x: 0.0, y: 0.0, z: {}}}\nattenuation: {{constant: 1.0, quadratic: 1.0}}", height - 1.0);
+        let light = format!(
+            "location: {{x: 0.0, y: 0.0, z: {}}}\nattenuation: {{constant: 1.0, quadratic: 1.0}}",
+            height - 1.0
+        );
         let picture = drawn(&mut shown("row_33", &floor_world(&light), &[floor()]), 640, 480);
         f64::from(pixel(&picture, 320, 240)[0]) - 255.0 * 0.2 * 0.4
     };
@@ -341,7 +357,11 @@ fn rows_36_and_37_shadows() {
         let nl = below / below.hypot(at);
         let lit = if quality == 0 { 1.0 } else { 0.3 };
         let expected = 0.2 * 0.4 + 0.4 * 0.4 + lit * nl * 0.7 * 0.8;
-        is_color(pixel(&picture, column as u32, 240), [expected; 3], &format!("quality {quality}, floor at {floor_at}"));
+        is_color(
+            pixel(&picture, column as u32, 240),
+            [expected; 3],
+            &format!("quality {quality}, floor at {floor_at}"),
+        );
     }
 }
 
@@ -394,7 +414,8 @@ fn row_43_textures_stand_upright() {
     let place = directory("row_43");
     square(&place, "newmtl m\nKa 1 1 1\nKd 1 1 1\nKs 0 0 0\nmap_Kd textures/corner.png\n");
     // Red in the lower left quarter, else white; the first row of a file is the top.
-    let texture = image::RgbImage::from_fn(64, 64, |x, y| image::Rgb(if x < 32 && y >= 32 { [255, 0, 0] } else { [255; 3] }));
+    let texture =
+        image::RgbImage::from_fn(64, 64, |x, y| image::Rgb(if x < 32 && y >= 32 { [255, 0, 0] } else { [255; 3] }));
     texture.save(place.join("textures/corner.png")).expect("a file");
     let body = "BODY Square:\n  name: Square\n  mass: 0.0\n  mesh: square.obj\n";
     let text = format!("namespace: /test/\nhigh resolution path: ./\nlow resolution path: ./\nbodies: [BODY Square]\njoints: []\n{body}");
@@ -420,16 +441,36 @@ fn row_47_the_mesh_is_at_the_body_frame() {
 fn rows_48_and_49_the_sky() {
     let place = directory("row_48");
     std::fs::create_dir_all(&place).expect("a directory");
-    let colors = [("front", [255, 0, 0]), ("back", [0, 255, 0]), ("left", [0, 0, 255]), ("right", [255, 255, 0]), ("top", [0, 255, 255]), ("bottom", [255, 0, 255])];
+    let colors = [
+        ("front", [255, 0, 0]),
+        ("back", [0, 255, 0]),
+        ("left", [0, 0, 255]),
+        ("right", [255, 255, 0]),
+        ("top", [0, 255, 255]),
+        ("bottom", [255, 0, 255]),
+    ];
     for (name, color) in colors {
         // The upper half is darker, and its left part black.
         let picture = image::RgbImage::from_fn(64, 64, |x, y| {
-            image::Rgb(if y < 32 && x < 32 { [0; 3] } else if y < 32 { color.map(|c| c / 2) } else { color })
+            image::Rgb(if y < 32 && x < 32 {
+                [0; 3]
+            } else if y < 32 {
+                color.map(|c| c / 2)
+            } else {
+                color
+            })
         });
         picture.save(place.join(format!("{name}.png"))).expect("a file");
     }
     let sky = "skybox:\n  path: ./\n  right: right.png\n  left: left.png\n  top: top.png\n  bottom: bottom.png\n  front: front.png\n  back: back.png\n";
-    let looks = [([1.0, 0.0, 0.0], 0), ([-1.0, 0.0, 0.0], 1), ([0.0, 1.0, 0.0], 2), ([0.0, -1.0, 0.0], 3), ([0.0, 0.0, 1.0], 4), ([0.0, 0.0, -1.0], 5)];
+    let looks = [
+        ([1.0, 0.0, 0.0], 0),
+        ([-1.0, 0.0, 0.0], 1),
+        ([0.0, 1.0, 0.0], 2),
+        ([0.0, -1.0, 0.0], 3),
+        ([0.0, 0.0, 1.0], 4),
+        ([0.0, 0.0, -1.0], 5),
+    ];
     let mut renderer = renderer();
     for ([x, y, z], face) in looks {
         // For looking up and down, up of the picture is what joins the front picture: −x, +x.
@@ -455,7 +496,8 @@ fn rows_48_and_49_the_sky() {
     assert!(picture.color.iter().all(|&level| level == 255), "white instead");
 }
 
-const MASK_VERTEX: &str = "attribute vec3 aPosition;\nvoid main() { gl_Position = gl_ModelViewProjectionMatrix * vec4(aPosition, 1.0); }\n";
+const MASK_VERTEX: &str =
+    "attribute vec3 aPosition;\nvoid main() { gl_Position = gl_ModelViewProjectionMatrix * vec4(aPosition, 1.0); }\n";
 const MASK_FRAGMENT: &str = "void main() { gl_FragColor = vec4(gl_FrontLightProduct[0].diffuse.rgb, 1.0); }\n";
 
 #[test]
@@ -495,7 +537,8 @@ fn row_51_shaders_that_do_not_compile() {
     std::fs::create_dir_all(&place).expect("a directory");
     std::fs::write(place.join("bad.vs"), MASK_VERTEX).expect("a file");
     std::fs::write(place.join("bad.fs"), "void main() { gl_FragColor = nonsense; }\n").expect("a file");
-    std::fs::write(place.join("good.fs"), "void main() { gl_FragColor = vec4(0.0, 1.0, 0.0, 1.0); }\n").expect("a file");
+    std::fs::write(place.join("good.fs"), "void main() { gl_FragColor = vec4(0.0, 1.0, 0.0, 1.0); }\n")
+        .expect("a file");
     let bodies = [block("Box", [0.0; 3], [0.2; 3], RED)];
     for fragment in ["bad.fs", "good.fs"] {
         let shaders = format!("shaders:\n  path: ./\n  vertex: bad.vs\n  fragment: {fragment}\n{}", world("", ""));
@@ -514,7 +557,17 @@ fn row_51_shaders_that_do_not_compile() {
 #[test]
 fn row_54_frames() {
     let mut shown = shown("row_54", &world("", ""), &[block("Box", [0.0; 3], [0.2; 3], MATT)]);
-    shown.stage.own_frames.insert(shown.visuals.bodies.iter().find(|body| &*body.object.name == "Box").expect("a box").object.identifier.to_string());
+    shown.stage.own_frames.insert(
+        shown
+            .visuals
+            .bodies
+            .iter()
+            .find(|body| &*body.object.name == "Box")
+            .expect("a box")
+            .object
+            .identifier
+            .to_string(),
+    );
     let mut renderer = renderer();
     let colors = |picture: &Picture| {
         let has = |test: fn(&[u8]) -> bool| picture.color.chunks_exact(3).any(test);
@@ -559,7 +612,8 @@ fn stereo_halves_are_undistorted_and_meet_at_the_focal_length() {
     let picture = drawn(&mut shown, 1280, 480);
     let focal = 480.0 / (2.0 * 0.25_f64.tan());
     let half = |first: u32| {
-        let columns: Vec<u32> = (first..first + 640).filter(|&column| pixel(&picture, column, 240) != [255; 3]).collect();
+        let columns: Vec<u32> =
+            (first..first + 640).filter(|&column| pixel(&picture, column, 240) != [255; 3]).collect();
         (columns[0], columns[columns.len() - 1])
     };
     let (left, right) = (half(0), half(640));
@@ -576,7 +630,10 @@ fn stereo_halves_are_undistorted_and_meet_at_the_focal_length() {
 
 #[test]
 fn ids_and_normals() {
-    let bodies = [block("Box", [0.0, 0.1, 0.0], [0.2; 3], GREY), block("Glass", [0.0, -0.2, 0.0], [0.2; 3], "color rgba: {r: 0.5, g: 0.5, b: 0.5, a: 0.4}")];
+    let bodies = [
+        block("Box", [0.0, 0.1, 0.0], [0.2; 3], GREY),
+        block("Glass", [0.0, -0.2, 0.0], [0.2; 3], "color rgba: {r: 0.5, g: 0.5, b: 0.5, a: 0.4}"),
+    ];
     let mut shown = shown("ids", &world("", ""), &bodies);
     let request = PictureRequest { color: false, ids: true, normals: true, ..PictureRequest::color(640, 480) };
     let picture = shown.picture(&mut renderer(), 0, &request);
@@ -620,7 +677,8 @@ fn sizes_that_are_too_large_are_refused() {
     renderer.prepare(&mut shown.stage, &shown.visuals, &shown.snapshot);
     let view = shown.view(0);
     for (width, height) in [(0, 480), (640, 0), (100_000, 480)] {
-        let error = renderer.render(&mut shown.stage, &view, &PictureRequest::color(width, height)).expect_err("a size");
+        let error =
+            renderer.render(&mut shown.stage, &view, &PictureRequest::color(width, height)).expect_err("a size");
         assert!(error.to_string().contains("pixels"), "{error}");
     }
     let mut other = Renderer::offscreen().expect("a second renderer");

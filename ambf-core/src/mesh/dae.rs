@@ -662,23 +662,24 @@ impl<'a> Effect<'_, 'a> {
         self.floats(float, details).map(|[x]| x)
     }
 
-    /// Opacity: by the alpha of the transparent colour, or by its brightness, as its attribute `opaque` says.
+    /// Opacity: by the alpha of the transparent colour, or by its brightness, as its attribute `opaque` says. Many exporters write 0 where
+    /// they mean opaque; nothing is drawn to be wholly clear, so that 0 is taken for 1.
     fn alpha(&self, model: Node<'a, 'a>, details: &mut Details) -> f32 {
         let transparency = self.float(model, "transparency", details).unwrap_or(1.0);
         let transparent = child(model, "transparent");
-        match transparent.and_then(|node| Some((node, self.look(node, details)?))) {
-            Some((node, Look::Color([r, g, b, a]))) => {
-                let alpha = match node.attribute("opaque") {
-                    Some("RGB_ZERO") => 1.0 - transparency * (0.212671 * r + 0.715160 * g + 0.072169 * b),
-                    _ => transparency * a,
-                };
-                alpha.clamp(0.0, 1.0)
-            }
+        let alpha = match transparent.and_then(|node| Some((node, self.look(node, details)?))) {
+            Some((node, Look::Color([r, g, b, a]))) => match node.attribute("opaque") {
+                Some("RGB_ZERO") => 1.0 - transparency * (0.212671 * r + 0.715160 * g + 0.072169 * b),
+                _ => transparency * a,
+            },
             // A texture with an alpha has it itself.
             Some((_, Look::Texture(_))) => 1.0,
-            // Without a colour, exporters that mean opaque write 0 or 1.
-            None if transparency <= 0.0 => 1.0,
-            None => transparency.min(1.0),
+            None => transparency,
+        };
+        if alpha > 0.0 {
+            alpha.min(1.0)
+        } else {
+            1.0
         }
     }
 
@@ -736,6 +737,7 @@ fn decoded(url: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mesh::{parse_visual, VisualMesh};
 
     fn parse(text: impl Into<Vec<u8>>) -> Result<Mesh, MeshError> {
         crate::mesh::parse(text.into(), Path::new("t.dae"))
@@ -801,6 +803,111 @@ mod tests {
         // Vertex (1, 0, 0), unmirrored and mirrored; the mirrored triangles are reversed.
         assert!(near(mesh.sub_meshes[0].vertices[1], [0.0, 1.0, 2.0]));
         assert!(near(mesh.sub_meshes[1].vertices[2], [0.0, -1.0, 2.0]));
+    }
+
+    /// Looks of a document; the file `wood 1.png` is there.
+    fn looks(text: &str) -> (VisualMesh, Vec<String>) {
+        let named = |path: &Path| path.ends_with("wood 1.png").then(Vec::new);
+        parse_visual(text.into(), Path::new("t.dae"), false, &named).unwrap()
+    }
+
+    /// A triangle with normals (0, 0, 1), texture coordinates, and the material "red", bound to an effect with these keys.
+    fn described(effect: &str, nodes: &str) -> String {
+        let primitive = r##"<source id="n"><float_array id="na">0 0 3 9 9 9</float_array>
+<technique_common><accessor source="#na" count="2" stride="3"/></technique_common></source>
+<source id="t"><float_array id="ta">0 0 1 0 1 0.5 9 9</float_array>
+<technique_common><accessor source="#ta" count="4" stride="2"/></technique_common></source>
+<triangles material="red" count="1"><input semantic="VERTEX" source="#v" offset="0"/>
+<input semantic="NORMAL" source="#n" offset="1"/><input semantic="TEXCOORD" source="#t" offset="2" set="0"/>
+<p>0 0 0 1 0 1 2 0 2</p></triangles>"##;
+        let library = format!(
+            r##"<library_images><image id="i"><init_from>file://wood%201.png</init_from></image></library_images>
+<library_materials><material id="m"><instance_effect url="#e"/></material></library_materials>
+<library_effects><effect id="e"><profile_COMMON>
+<newparam sid="su"><surface type="2D"><init_from>i</init_from></surface></newparam>
+<newparam sid="sa"><sampler2D><source>su</source></sampler2D></newparam>
+<technique>{effect}</technique></profile_COMMON></effect></library_effects>"##
+        );
+        document(primitive, &(library + &scene(nodes)))
+    }
+
+    const PLACED: &str = r##"<instance_geometry url="#g"><bind_material><technique_common>
+<instance_material symbol="red" target="#m"/></technique_common></bind_material></instance_geometry>"##;
+
+    #[test]
+    fn effects_become_materials() {
+        let effect = r#"<phong><emission><color>0 0 0.5 1</color></emission><ambient><color>0.1 0.2 0.3 1</color></ambient>
+<diffuse><texture texture="sa" texcoord="UV"/></diffuse><specular><color>1 0 0</color></specular>
+<shininess><float>500</float></shininess><transparent opaque="A_ONE"><color>1 1 1 0.5</color></transparent>
+<transparency><float>0.5</float></transparency></phong>"#;
+        let (mesh, messages) = looks(&described(effect, &format!("<node>{PLACED}</node>")));
+        assert!(messages.is_empty(), "{messages:?}");
+        let part = &mesh.parts[0];
+        assert_eq!(part.name, "red");
+        assert_eq!(part.tex_coords, [[0.0, 0.0], [1.0, 0.0], [1.0, 0.5]]);
+        assert_eq!(part.normals, [[0.0, 0.0, 1.0]; 3]);
+        assert_eq!(
+            part.material,
+            MeshMaterial {
+                ambient: [0.1, 0.2, 0.3],
+                diffuse: [1.0; 3],
+                specular: [1.0, 0.0, 0.0],
+                emission: [0.0, 0.0, 0.5],
+                alpha: 0.25,
+                shininess: 128.0,
+                diffuse_map: Some("wood 1.png".into()),
+                ..MeshMaterial::default()
+            }
+        );
+        // What exporters write for opaque.
+        let opaque = "<lambert><transparency><float>0</float></transparency></lambert>";
+        let (mesh, _) = looks(&described(opaque, &format!("<node>{PLACED}</node>")));
+        assert_eq!((mesh.parts[0].material.alpha, mesh.parts[0].material.specular), (1.0, [0.0; 3]));
+    }
+
+    #[test]
+    fn normals_turn_with_their_node() {
+        let nodes = format!(
+            "<node><rotate>1 0 0 90</rotate><scale>1 1 -2</scale>{PLACED}</node><node><scale>0 0 0</scale>{PLACED}</node>"
+        );
+        let (mesh, messages) = looks(&described("<lambert/>", &nodes));
+        assert!(messages.is_empty(), "{messages:?}");
+        // Mirrored along z: the outside is turned too.
+        let near = |n: &[f32; 3], expected: [f32; 3]| n.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6);
+        assert!(mesh.parts[0].normals.iter().all(|n| near(n, [0.0, 1.0, 0.0])), "{:?}", mesh.parts[0].normals);
+        // (100, 100) is corner 2, reversed to corner 1 by the mirror; texture coordinates follow.
+        let [_, second, _] = mesh.parts[0].triangles[0];
+        assert_eq!(mesh.parts[0].tex_coords[second as usize], [1.0, 0.5]);
+        assert_eq!(mesh.parts[1].normals, [[0.0, 0.0, 1.0]; 3]);
+    }
+
+    #[test]
+    fn looks_that_cannot_be_read_are_named_and_the_mesh_stays() {
+        let node = format!("<node>{PLACED}</node>");
+        let good = described("<lambert/>", &node);
+        for (text, expected) in [
+            (good.replace("9 9 9", "9 9 x"), "t.dae:8: expected a number, got 'x'; input NORMAL is not used"),
+            (good.replace("1 0 1 2", "1 7 1 2"), "t.dae:12: 1 corners have no finite NORMAL; they are drawn without"),
+            (good.replace("0.5 9 9", "nan 9 9"), "t.dae:12: 1 corners have no finite TEXCOORD"),
+            (good.replace("\"#t\"", "\"#u\""), "refers to nothing in this file; input TEXCOORD is not used"),
+            (good.replace("#m", "#k"), "material 'red' has no effect; the default material is drawn"),
+            (
+                described("<lambert><diffuse><color>1 2</color></diffuse></lambert>", &node),
+                ": expected 4 finite numbers; the default is used",
+            ),
+            (
+                described("<lambert><diffuse><texture texture=\"zz\"/></diffuse></lambert>", &node),
+                ": texture 'zz' names no image; the plain material is drawn",
+            ),
+            (
+                described("<lambert><diffuse><texture texture=\"sa\"/></diffuse></lambert>", &node).replace("%20", ""),
+                "texture 'wood1.png' is not there (looked for wood1.png); the plain material is drawn",
+            ),
+        ] {
+            let (mesh, messages) = looks(&text);
+            assert_eq!(mesh.triangle_count(), 1);
+            assert!(messages.len() == 1 && messages[0].contains(expected), "{messages:?}, expected {expected}");
+        }
     }
 
     #[test]

@@ -46,7 +46,8 @@ impl VisualMesh {
                 ])
             }
             Primitive::Capsule { radius, height, .. } => {
-                // Bullet takes the distance of the caps' centres whatever its sign.
+                // Where the caps need more than the height, Bullet computes contacts with this distance of their centres,
+                // although the box by which it looks for neighbours is smaller then.
                 let z = (height / 2.0 - radius).abs();
                 revolved(&[cap(radius, -z, -1.0), cap(radius, z, 1.0)].concat())
             }
@@ -173,4 +174,111 @@ fn plane(normal: Vector3<f64>, offset: f64) -> VisualMeshPart {
         .unwrap_or_else(|| Rotation3::from_axis_angle(&Vector3::x_axis(), TAU / 2.0));
     part.rectangle(up.into_inner() * offset, turn * Vector3::x() * HALF_PLANE, turn * Vector3::y() * HALF_PLANE);
     part
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Isometry3;
+
+    fn drawn(primitive: &Primitive) -> VisualMeshPart {
+        let part = VisualMesh::primitive(primitive).parts.remove(0);
+        let count = part.positions.len();
+        assert!(part.normals.len() == count && part.tex_coords.len() == count && part.nodes.len() == count);
+        for triangle in &part.triangles {
+            let [a, b, c] = triangle.map(|i| Vector3::from(part.positions[i as usize]).cast::<f64>());
+            let cross = (b - a).cross(&(c - a));
+            assert!(cross.norm() > 0.0, "a triangle without an area");
+            for i in triangle {
+                let normal = Vector3::from(part.normals[*i as usize]).cast::<f64>();
+                assert!((normal.norm() - 1.0).abs() < 1e-6);
+                // Smooth normals differ from that of a flat segment by half a segment, or by one at a pole.
+                assert!(normal.dot(&cross.normalize()) > 0.99, "{normal:?} against {cross:?}");
+            }
+        }
+        part
+    }
+
+    /// Volume inside the triangles, m³.
+    fn volume(part: &VisualMeshPart) -> f64 {
+        let of = |triangle: &[u32; 3]| {
+            let [a, b, c] = triangle.map(|i| Vector3::from(part.positions[i as usize]).cast::<f64>());
+            a.dot(&b.cross(&c)) / 6.0
+        };
+        part.triangles.iter().map(of).sum()
+    }
+
+    fn extent(part: &VisualMeshPart) -> [f32; 3] {
+        let (low, high) = VisualMesh { parts: vec![part.clone()] }.bounds().unwrap();
+        std::array::from_fn(|i| {
+            assert!((low[i] + high[i]).abs() < 1e-6, "not centred");
+            high[i] - low[i]
+        })
+    }
+
+    fn near(a: [f32; 3], b: [f32; 3]) -> bool {
+        a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6)
+    }
+
+    #[test]
+    fn shapes_are_closed_and_as_large_as_written() {
+        // Area of a polygon of 32 corners against that of its circle.
+        let around = (TAU / 32.0).sin() * 16.0;
+        for (axis, turn) in [(Axis::X, [2, 0, 1]), (Axis::Y, [1, 2, 0]), (Axis::Z, [0, 1, 2])] {
+            let turned = |extent: [f32; 3]| turn.map(|i| extent[i]);
+            let cylinder = drawn(&Primitive::Cylinder { radius: 0.5, height: 3.0, axis });
+            assert!(near(extent(&cylinder), turned([1.0, 1.0, 3.0])), "{axis:?} {:?}", extent(&cylinder));
+            assert!((volume(&cylinder) - around * 0.25 * 3.0).abs() < 1e-5);
+            let cone = drawn(&Primitive::Cone { radius: 0.5, height: 3.0, axis });
+            assert!((volume(&cone) - around * 0.25).abs() < 1e-5);
+            let tip = cone.positions.iter().filter(|p| near(**p, turned([0.0, 0.0, 1.5]))).count();
+            assert!(tip > 0, "the tip is at the positive end");
+            let capsule = drawn(&Primitive::Capsule { radius: 0.5, height: 3.0, axis });
+            assert!(near(extent(&capsule), turned([1.0, 1.0, 3.0])), "{:?}", extent(&capsule));
+            let exact = std::f64::consts::PI * (0.25 * 2.0 + 4.0 / 3.0 * 0.125);
+            assert!((volume(&capsule) / exact - 1.0).abs() < 0.01);
+        }
+        let sphere = drawn(&Primitive::Sphere { radius: 2.0 });
+        assert!(near(extent(&sphere), [4.0; 3]));
+        assert_eq!(sphere.triangles.len(), 32 * 31 * 2);
+        assert!(sphere.positions.iter().all(|p| (Vector3::from(*p).norm() - 2.0).abs() < 1e-6));
+        let cuboid = drawn(&Primitive::Box { size: Vector3::new(1.0, 2.0, 3.0) });
+        assert!(near(extent(&cuboid), [1.0, 2.0, 3.0]) && (volume(&cuboid) - 6.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_capsule_shorter_than_its_caps_is_what_collides() {
+        // Bullet: two spheres whose centres are |height - 2 radius| apart.
+        for (height, expected) in [(0.4, 1.6), (1.0, 1.0)] {
+            let part = drawn(&Primitive::Capsule { radius: 0.5, height, axis: Axis::Z });
+            assert!(near(extent(&part), [1.0, 1.0, expected]), "{:?}", extent(&part));
+        }
+    }
+
+    #[test]
+    fn a_plane_is_a_square_towards_its_normal() {
+        for normal in [[0.0, 0.0, 2.0], [0.0, 0.0, -1.0], [3.0, 0.0, 4.0], [0.0, 1e-9, 0.0]] {
+            let normal = Vector3::from(normal);
+            let part = drawn(&Primitive::Plane { normal, offset: -2.0 });
+            let up = normal.normalize();
+            for position in &part.positions {
+                let position = Vector3::from(*position).cast::<f64>();
+                assert!((position.dot(&up) + 2.0).abs() < 1e-5);
+                assert!(((position + 2.0 * up).norm() - 5000f64.sqrt()).abs() < 1e-4);
+            }
+            assert!((Vector3::from(part.normals[0]).cast() - up).norm() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn parts_of_a_compound_are_at_their_offsets() {
+        let primitive = Primitive::Box { size: Vector3::new(1.0, 2.0, 1.0) };
+        let turned = Isometry3::new(Vector3::new(5.0, 0.0, 0.0), Vector3::z() * TAU / 4.0);
+        let parts =
+            [Isometry3::identity(), turned].map(|offset| PlacedPrimitive { primitive: primitive.clone(), offset });
+        let mesh = VisualMesh::compound(&parts);
+        let (low, high) = mesh.bounds().unwrap();
+        assert!(near(low, [-0.5, -1.0, -0.5]) && near(high, [6.0, 1.0, 0.5]), "{low:?} {high:?}");
+        assert_eq!(mesh.triangle_count(), 24);
+    }
 }

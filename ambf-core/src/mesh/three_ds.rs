@@ -432,6 +432,7 @@ impl Object {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mesh::{parse_visual, VisualMesh};
 
     fn chunk(id: u16, content: Vec<u8>) -> Vec<u8> {
         let mut bytes = id.to_le_bytes().to_vec();
@@ -470,6 +471,67 @@ mod tests {
         assert_eq!(mesh.sub_meshes[1].vertices, [[0.0; 3], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]]);
     }
 
+    fn floats(numbers: &[f32]) -> Vec<u8> {
+        numbers.iter().flat_map(|x| x.to_le_bytes()).collect()
+    }
+
+    /// A roof of two faces over the edge from vertex 0 to 1, each face in the given smoothing groups, with a material.
+    fn roof(groups: [u32; 2]) -> Vec<u8> {
+        let vertices = [words(&[4]), floats(&[0.0, 0.0, 1.0, 0.0, 2.0, 1.0, 1.0, 0.0, 0.0, -1.0, 0.0, 0.0])].concat();
+        let tex_coords = [words(&[4]), floats(&[0.0, 0.0, 1.0, 0.0, 1.0, 0.5, f32::NAN, 2.0])].concat();
+        let smoothing: Vec<u8> = groups.iter().flat_map(|g| g.to_le_bytes()).collect();
+        let material = chunk(FACE_MATERIAL, [b"red\0".to_vec(), words(&[2, 0, 1])].concat());
+        let faces = [words(&[2, 0, 2, 1, 0, 0, 1, 3, 0]), material, chunk(SMOOTHING, smoothing)].concat();
+        let trimesh = [chunk(VERTICES, vertices), chunk(FACES, faces), chunk(TEX_COORDS, tex_coords)].concat();
+        let object = chunk(OBJECT, [b"roof\0".to_vec(), chunk(TRIMESH, trimesh)].concat());
+        let percent = |id, percent| chunk(id, chunk(0x0030, words(&[percent])));
+        let map = |id, name: &[u8]| chunk(id, [chunk(0x0030, words(&[100])), chunk(MAP_NAME, name.to_vec())].concat());
+        let material = [
+            chunk(MATERIAL_NAME, b"red\0".to_vec()),
+            chunk(AMBIENT, chunk(0x0011, vec![51, 0, 0])),
+            chunk(DIFFUSE, chunk(0x0010, floats(&[1.0, 0.5, 0.25]))),
+            percent(SHININESS, 50),
+            percent(TRANSPARENCY, 75),
+            map(DIFFUSE_MAP, b"WOOD.JPG\0"),
+            map(BUMP_MAP, b"none.jpg\0"),
+        ];
+        chunk(MAIN, chunk(EDITOR, [object, chunk(MATERIAL, material.concat())].concat()))
+    }
+
+    fn looks(bytes: Vec<u8>, remove_duplicates: bool) -> (VisualMesh, Vec<String>) {
+        let named = |path: &Path| path.ends_with("WOOD.JPG").then(Vec::new);
+        parse_visual(bytes, Path::new("t.3ds"), remove_duplicates, &named).unwrap()
+    }
+
+    #[test]
+    fn materials_are_read_wherever_they_stand() {
+        let (mesh, messages) = looks(roof([1, 1]), false);
+        let part = &mesh.parts[0];
+        assert_eq!(part.name, "red");
+        assert_eq!((part.material.ambient, part.material.diffuse), ([0.2, 0.0, 0.0], [1.0, 0.5, 0.25]));
+        assert_eq!((part.material.shininess, part.material.alpha), (64.0, 0.25));
+        assert_eq!(part.material.diffuse_map, Some("WOOD.JPG".into()));
+        assert_eq!(part.tex_coords, [[0.0, 0.0], [1.0, 0.5], [1.0, 0.0], [0.0, 0.0]]);
+        assert_eq!(messages.len(), 2, "{messages:?}");
+        assert!(messages[0].contains("1 texture coordinates are not finite; 0 is used"), "{messages:?}");
+        assert!(messages[1].contains("texture 'none.jpg' is not there"), "{messages:?}");
+    }
+
+    #[test]
+    fn faces_of_common_smoothing_groups_are_smooth() {
+        let ridge = |bytes, remove_duplicates| {
+            let (mesh, _) = looks(bytes, remove_duplicates);
+            let part = &mesh.parts[0];
+            let top = |normal: &&[f32; 3]| normal[2] > 0.999;
+            (part.positions.len(), part.normals.iter().filter(top).count())
+        };
+        // Vertices, and those of them that look upwards.
+        assert_eq!(ridge(roof([1, 3]), false), (4, 2));
+        assert_eq!(ridge(roof([1, 2]), false), (6, 0));
+        assert_eq!(ridge(roof([0, 0]), false), (6, 0));
+        assert_eq!(ridge(roof([0, 0]), true), (4, 2));
+    }
+
     #[test]
     fn broken_files_are_refused_with_the_place() {
         for (bytes, expected) in [
@@ -495,6 +557,20 @@ mod tests {
             // Most are errors; a changed coordinate or name is not. What counts is that it returns.
             if let Ok(mesh) = parse(broken) {
                 assert!(mesh.triangle_count() <= 2);
+            }
+        }
+        let whole = roof([1, 2]);
+        for at in 0..whole.len() {
+            for byte in [0, 1, 0x7F, 0xFF] {
+                let mut broken = whole.clone();
+                broken[at] = byte;
+                // What collides must not depend on whether looks are read.
+                let collides = parse(broken.clone()).map(|mesh| mesh.triangle_count());
+                let drawn = parse_visual(broken, Path::new("t.3ds"), false, &|_| None);
+                if matches!(drawn, Err(MeshError::TooFar { .. })) {
+                    continue;
+                }
+                assert_eq!(collides.ok(), drawn.ok().map(|(mesh, _)| mesh.triangle_count()), "byte {at} is {byte}");
             }
         }
     }

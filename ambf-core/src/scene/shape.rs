@@ -186,3 +186,49 @@ fn mesh_children(
     }
     children
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::adf::PlacedPrimitive;
+    use crate::mesh::VisualMesh;
+
+    /// What is drawn of `drawn` fills the box around what collides of `shape`, whose margin is `margin`.
+    fn check_congruent(shape: &Shape, drawn: &VisualMesh, margin: f64, what: &str) {
+        let (least, most) = shape.bounds();
+        let (low, high) = drawn.bounds().expect("a picture");
+        for i in 0..3 {
+            // Bullet's boxes have the margin once or twice around them; circles are drawn with 32 corners.
+            let slack = 2.5 * margin + 0.006 * (most[i] - least[i]);
+            let (low, high) = (f64::from(low[i]), f64::from(high[i]));
+            let congruent =
+                low - least[i] < slack && most[i] - high < slack && least[i] - low < 1e-6 && high - most[i] < 1e-6;
+            assert!(congruent, "{what}, axis {i}: drawn {low} to {high}, collides {} to {}", least[i], most[i]);
+        }
+    }
+
+    #[test]
+    fn what_is_drawn_is_what_collides() {
+        let margin = 1e-4;
+        let mut parts = Vec::new();
+        for axis in [adf::Axis::X, adf::Axis::Y, adf::Axis::Z] {
+            for p in [
+                Primitive::Box { size: Vector3::new(0.2, 0.4, 0.8) },
+                Primitive::Sphere { radius: 0.3 },
+                Primitive::Cylinder { radius: 0.2, height: 1.0, axis },
+                Primitive::Capsule { radius: 0.2, height: 1.0, axis },
+                Primitive::Cone { radius: 0.2, height: 1.0, axis },
+            ] {
+                check_congruent(&primitive(&p, margin), &VisualMesh::primitive(&p), margin, &format!("{p:?}"));
+                let offset = Isometry3::translation(parts.len() as f64, -0.5, 2.0);
+                parts.push(PlacedPrimitive { primitive: p, offset });
+            }
+        }
+        let drawn = VisualMesh::compound(&parts);
+        let geometry_of = |parts| {
+            let compound = CollisionGeometry::Compound(parts);
+            geometry(&compound, margin, None, &MeshCache::new(), &Isometry3::identity(), &mut Vec::new())
+        };
+        check_congruent(&geometry_of(parts), &drawn, margin, "compound");
+    }
+}

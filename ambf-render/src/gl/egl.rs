@@ -158,5 +158,9 @@ fn hardware(egl: &Egl) -> Vec<*mut c_void> {
         };
         extensions.is_some_and(|text| !text.contains("EGL_MESA_device_software"))
     };
-    if ok == egl::TRUE { found[..count].iter().copied().filter(is_hardware).collect() } else { Vec::new() }
+    if ok == egl::TRUE {
+        found[..count].iter().copied().filter(is_hardware).collect()
+    } else {
+        Vec::new()
+    }
 }

@@ -123,9 +123,7 @@ impl Device {
     /// # Safety
     /// A context is current on this thread, `find` gives the addresses of its functions, and it is current whenever the device or what
     /// is made with it is used.
-    pub(crate) unsafe fn in_current_context(
-        mut find: impl FnMut(&CStr) -> *const c_void,
-    ) -> Result<Self, RenderError> {
+    pub(crate) unsafe fn in_current_context(mut find: impl FnMut(&CStr) -> *const c_void) -> Result<Self, RenderError> {
         // SAFETY: promised by the caller.
         let (raw, fixed) =
             unsafe { (glow::Context::from_loader_function_cstr(&mut find), fixed::Functions::load(&mut find)) };
@@ -263,10 +261,7 @@ pub(crate) enum Mode {
     Lines,
 }
 
-fn bytes<T: Copy>(values: &[T]) -> &[u8]
-where
-    T: Plain,
-{
+fn bytes<T: Plain>(values: &[T]) -> &[u8] {
     // SAFETY: plain numbers (trait `Plain` is implemented below for those only) have no padding and any bytes may be read.
     unsafe { std::slice::from_raw_parts(values.as_ptr().cast(), std::mem::size_of_val(values)) }
 }
@@ -275,7 +270,6 @@ where
 trait Plain {}
 impl Plain for f32 {}
 impl Plain for u32 {}
-impl Plain for [u32; 3] {}
 
 impl Current<'_> {
     pub(crate) fn device(&self) -> &Device {
@@ -802,6 +796,20 @@ impl Current<'_> {
                     gl.enable(glow::CULL_FACE);
                     gl.cull_face(if cull == Cull::Front { glow::FRONT } else { glow::BACK });
                 }
+            }
+        }
+    }
+
+    /// Depths are a little larger than they are, so that a surface in a shadow map does not shade itself.
+    pub(crate) fn push_back(&self, is_on: bool) {
+        // SAFETY: numbers only.
+        unsafe {
+            match is_on {
+                true => {
+                    self.raw().enable(glow::POLYGON_OFFSET_FILL);
+                    self.raw().polygon_offset(2.0, 4.0);
+                }
+                false => self.raw().disable(glow::POLYGON_OFFSET_FILL),
             }
         }
     }
