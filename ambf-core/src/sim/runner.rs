@@ -379,3 +379,76 @@ impl PhysicsLoop {
         let _ = self.events.try_send(event);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::scene::{load, SceneFiles, SceneOptions};
+    use crate::sim::{Simulation, WindowRequest};
+
+    /// A running simulation of a pendulum, its hub and its window.
+    fn running(fixed_step: bool) -> (Runner, Arc<crate::comm::Hub>, crate::sim::WindowLink) {
+        let resources = Path::new(env!("CARGO_MANIFEST_DIR")).join("../resources");
+        let files = SceneFiles {
+            world: Some(resources.join("world/world.yaml")),
+            models: vec![resources.join("models/pendulum.yaml")],
+        };
+        let loaded = load(&files, &SceneOptions::default());
+        let mut simulation = Simulation::new(loaded.scene, 0.001);
+        let hub = simulation.connect();
+        hub.set_listening();
+        let link = simulation.window_link();
+        (Runner::start(simulation, RunnerOptions { fixed_step, ..RunnerOptions::default() }), hub, link)
+    }
+
+    fn time(hub: &crate::comm::Hub) -> f64 {
+        hub.snapshot().as_ref().map_or(0.0, |snapshot| snapshot.sim_time)
+    }
+
+    fn wait(what: &str, is_there: impl Fn() -> bool) {
+        let begin = Instant::now();
+        while !is_there() {
+            assert!(begin.elapsed() < Duration::from_secs(20), "{what}");
+            std::thread::sleep(Duration::from_millis(2));
+        }
+    }
+
+    #[test]
+    fn the_speed_is_a_factor_on_simulated_time_and_the_clock_is_followed_again_at_1() {
+        for fixed_step in [false, true] {
+            let (runner, hub, _) = running(fixed_step);
+            wait("it runs", || time(&hub) > 0.05);
+            let speed = |factor: f64| {
+                runner.control().set_speed(factor);
+                std::thread::sleep(Duration::from_millis(100));
+                let (begin, before) = (Instant::now(), time(&hub));
+                std::thread::sleep(Duration::from_millis(400));
+                (time(&hub) - before) / begin.elapsed().as_secs_f64()
+            };
+            // On a busy machine a loop with fixed steps may be slower than asked for, never faster.
+            let slow = speed(0.1);
+            assert!(slow > 0.01 && slow < 0.13, "fixed {fixed_step}: {slow}");
+            runner.control().set_speed(f64::NAN);
+            assert_eq!(runner.control().speed(), 0.1);
+            let usual = speed(1.0);
+            assert!(usual > 3.0 * slow && usual < 1.3, "fixed {fixed_step}: {usual}");
+        }
+    }
+
+    #[test]
+    fn row_66_a_window_moves_cameras_while_the_simulation_is_paused() {
+        let (runner, hub, link) = running(true);
+        wait("it runs", || time(&hub) > 0.01);
+        runner.control().set_paused(true);
+        std::thread::sleep(Duration::from_millis(50));
+        let (before, step) = hub.snapshot().as_ref().map(|s| (s.cameras[0], s.sim_step)).expect("a snapshot");
+        let gesture = crate::scene::CameraGesture::Pan { right: 1.0, up: 0.0 };
+        link.post(WindowRequest::MoveCamera { camera: 0, gesture }).expect("there is room");
+        let now = || hub.snapshot().as_ref().map(|s| (s.cameras[0], s.sim_step)).expect("a snapshot");
+        wait("the camera has moved", || now().0 != before);
+        assert!((before.inverse() * now().0).translation.y > 0.999);
+        assert_eq!(now().1, step, "no step was made");
+    }
+}
