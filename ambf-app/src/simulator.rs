@@ -14,9 +14,13 @@ use crossbeam_channel::RecvTimeoutError;
 use ros_node::OwnMaster;
 use thiserror::Error;
 
+#[cfg(feature = "view")]
+use crate::cameras::CameraService;
 use crate::cli::SimulatorOptions;
 use crate::devices;
 use crate::launch::{self, LaunchError};
+#[cfg(feature = "view")]
+use crate::ros::PictureTopics;
 use crate::ros::{ModelHost, ModelReply, RosArguments, RosMiddleware, RosOptions};
 use crate::windows::{self, WindowParts, Windows, WindowsWanted};
 use crate::{plugins, print_line, process, report};
@@ -152,6 +156,12 @@ fn serve(
     let own_master = std::env::current_exe().map_or(OwnMaster::InProcess, OwnMaster::Program);
     let ros_options = RosOptions { arguments, own_master, ..RosOptions::default() };
     let mut ros = (!options.no_ros).then(|| RosMiddleware::new(ros_options).with_models(host));
+    #[cfg(feature = "view")]
+    let cameras;
+    #[cfg(feature = "view")]
+    {
+        (ros, cameras) = with_cameras(ros);
+    }
     if let Some(ros) = &mut ros {
         if options.hold {
             hub.throttle().hold(Duration::MAX, hub.now_ns());
@@ -168,7 +178,15 @@ fn serve(
             speed_factor: options.speed_factor,
         },
     );
-    let parts = WindowParts { hub, link, control: Arc::clone(runner.control()), models, load_report: wanted.load_report };
+    let parts = WindowParts {
+        hub,
+        link,
+        control: Arc::clone(runner.control()),
+        models,
+        load_report: wanted.load_report,
+        #[cfg(feature = "view")]
+        cameras,
+    };
     let outcome = Windows::start(wanted.windows, parts, &devices)
         .and_then(|mut windows| follow(&runner, &mut devices, &mut windows, ros.as_ref(), stop));
     let simulation = runner.stop();
@@ -183,6 +201,15 @@ fn serve(
         ros.stop();
     }
     outcome
+}
+
+/// Lets `ros` have topics of pictures; what makes them.
+#[cfg(feature = "view")]
+fn with_cameras(ros: Option<RosMiddleware>) -> (Option<RosMiddleware>, Option<CameraService>) {
+    let Some(ros) = ros else { return (None, None) };
+    let topics = Arc::<PictureTopics>::default();
+    let service = CameraService::new(Arc::clone(&topics), ros.point_clouds());
+    (Some(ros.with_pictures(topics)), Some(service))
 }
 
 /// One line about the solver of profile `accurate`; nothing of other solvers, which count nothing.

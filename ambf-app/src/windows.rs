@@ -29,6 +29,9 @@ pub(crate) struct WindowParts {
     pub models: Models,
     /// Problems of the files, one line each.
     pub load_report: String,
+    /// What makes pictures for ROS; `None` without ROS.
+    #[cfg(feature = "view")]
+    pub cameras: Option<crate::cameras::CameraService>,
 }
 
 #[cfg(feature = "view")]
@@ -41,9 +44,11 @@ mod with {
     use ambf_core::device::host::DeviceEvent;
     use ambf_core::device::law::Mode;
     use ambf_core::device::law::Status;
-    use ambf_viewer::{display_is_named, DeviceBoard, Ended, Viewer, ViewerError, ViewerParts};
+    use ambf_viewer::{display_is_named, DeviceBoard, Ended, FrameHook, Viewer, ViewerError, ViewerParts};
+    use std::sync::{Mutex, PoisonError, TryLockError};
 
     use super::*;
+    use crate::cameras::{CameraService, OffscreenCameras};
     use crate::print_line;
 
     /// What the option `-g` and the environment say.
@@ -63,10 +68,16 @@ mod with {
         }
     }
 
-    /// The windows, if there are any.
+    /// Makes pictures for ROS in the thread with the windows, until these are gone.
+    type SharedCameras = Arc<Mutex<Option<CameraService>>>;
+
+    /// The windows, if there are any, and what makes pictures for ROS without them.
     pub(crate) struct Windows {
         viewer: Option<Viewer>,
         board: Arc<DeviceBoard>,
+        hub: Arc<Hub>,
+        shared: SharedCameras,
+        offscreen: Option<OffscreenCameras>,
     }
 
     impl Windows {
@@ -77,28 +88,60 @@ mod with {
             parts: WindowParts,
             devices: &DeviceHost,
         ) -> Result<Self, SimulatorError> {
+            let WindowParts { hub, link, control, models, load_report, cameras } = parts;
+            let has_cameras = cameras.is_some();
+            let shared: SharedCameras = Arc::new(Mutex::new(cameras));
             let board = Arc::<DeviceBoard>::default();
+            let mut windows = Self { viewer: None, board, hub: Arc::clone(&hub), shared, offscreen: None };
             if wanted == WindowsWanted::No {
-                return Ok(Self { viewer: None, board });
+                windows.go_offscreen();
+                return Ok(windows);
             }
-            let WindowParts { hub, link, control, models, load_report } = parts;
+            let cameras = Arc::clone(&windows.shared);
+            let hook: Box<FrameHook> = Box::new(move |renderer, stage, visuals, snapshot| {
+                let mut cameras = cameras.lock().unwrap_or_else(PoisonError::into_inner);
+                if let Some(cameras) = cameras.as_mut() {
+                    cameras.frame(renderer, stage, visuals, snapshot);
+                }
+            });
             let started = Viewer::start(ViewerParts {
                 hub,
                 link,
                 control,
                 models,
                 devices: Arc::clone(devices.controls()),
-                board: Arc::clone(&board),
-                hook: None,
+                board: Arc::clone(&windows.board),
+                hook: has_cameras.then_some(hook),
                 load_report,
                 say: Box::new(|line| print_line!("{line}")),
             });
             match (started, wanted) {
-                (Ok(viewer), _) => Ok(Self { viewer: Some(viewer), board }),
-                (Err(error), WindowsWanted::Yes) => Err(SimulatorError::Windows(error.to_string())),
+                (Ok(viewer), _) => windows.viewer = Some(viewer),
+                (Err(error), WindowsWanted::Yes) => return Err(SimulatorError::Windows(error.to_string())),
                 (Err(error), _) => {
                     report!("{error}; the simulation goes on without");
-                    Ok(Self { viewer: None, board })
+                    windows.go_offscreen();
+                }
+            }
+            Ok(windows)
+        }
+
+        /// Lets a thread of its own make pictures for ROS.
+        fn go_offscreen(&mut self) {
+            // A thread with windows that is lost in a driver keeps what it holds.
+            let cameras = match self.shared.try_lock() {
+                Ok(mut cameras) => cameras.take(),
+                Err(TryLockError::Poisoned(cameras)) => cameras.into_inner().take(),
+                Err(TryLockError::WouldBlock) => {
+                    report!("cameras: the thread with the windows hangs while it makes pictures: there are no more of them");
+                    None
+                }
+            };
+            let Some(cameras) = cameras else { return };
+            match OffscreenCameras::start(Arc::clone(&self.hub), cameras) {
+                Ok(offscreen) => self.offscreen = Some(offscreen),
+                Err(error) => {
+                    report!("cameras: no thread can be made for pictures: {error}; the simulation runs without");
                 }
             }
         }
@@ -111,6 +154,7 @@ mod with {
                 Some(Ended::Lost(why)) => {
                     report!("the windows are gone: {why}; the simulation goes on without");
                     self.viewer = None;
+                    self.go_offscreen();
                     false
                 }
             }

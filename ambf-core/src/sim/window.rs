@@ -229,7 +229,8 @@ impl Simulation {
 
     fn place_camera(&mut self, camera: usize, pose: &Isometry3<f64>, distance: f64) {
         let numbers = pose.to_homogeneous();
-        if !numbers.iter().all(|x| x.is_finite()) || !(distance > 0.0 && distance.is_finite()) {
+        let is_place = numbers.iter().all(|x| x.is_finite()) && distance > 0.0 && distance.is_finite();
+        if !is_place {
             return;
         }
         let Some(parent) = self.scene.cameras.get(camera).map(|camera| camera.placed.parent) else { return };
