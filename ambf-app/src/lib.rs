@@ -12,3 +12,4 @@ pub mod process;
 pub mod report;
 pub mod ros;
 pub mod simulator;
+mod windows;
