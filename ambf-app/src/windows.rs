@@ -11,6 +11,7 @@ use crate::simulator::SimulatorError;
 
 /// Whether windows are opened.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(not(feature = "view"), allow(dead_code))]
 pub(crate) enum WindowsWanted {
     /// None.
     No,
