@@ -170,9 +170,7 @@ impl Programs {
     fn lit(&mut self, gl: &Current<'_>, lit: Lit) -> Result<&Program, RenderError> {
         Ok(match self.lit.entry(lit) {
             Entry::Occupied(entry) => entry.into_mut(),
-            Entry::Vacant(entry) => {
-                entry.insert(gl.program(&lit.vertex(), &lit.fragment()).map_err(RenderError::Gl)?)
-            }
+            Entry::Vacant(entry) => entry.insert(gl.program(&lit.vertex(), &lit.fragment()).map_err(RenderError::Gl)?),
         })
     }
 

@@ -27,6 +27,12 @@ pub enum RenderError {
     /// Error when OpenGL is there but cannot do what is needed.
     #[error("OpenGL: {0}")]
     Gl(String),
+    /// Error when a process draws that was forked from one that has drawn: the threads of OpenGL are not in it.
+    #[error(
+        "this process was forked from one that has made pictures, and OpenGL does not outlive a fork; start processes by `spawn` or \
+         `forkserver`, or fork before the first picture"
+    )]
+    Forked,
     /// Error when a size is 0 or too large.
     #[error("a picture of {width} x {height} pixels cannot be made; 1 to {most} pixels each way are possible")]
     Size {
