@@ -184,7 +184,8 @@ impl Eye {
         // Rows count downwards, the eye's second axis goes up.
         Some(Matrix3::new(
             w * p[(0, 0)],
-            -w * p[(0, 1)],
+            // No negative zero.
+            0.0 - w * p[(0, 1)],
             w * (1.0 - p[(0, 2)]),
             0.0,
             h * p[(1, 1)],
