@@ -1,6 +1,6 @@
 //! Which camera is meant.
 
-use ambf_core::scene::{VisualCamera, VisualScene};
+use ambf_core::scene::{VisualObject, VisualScene};
 use thiserror::Error;
 
 /// Error when a name is that of no camera, or of several.
@@ -31,20 +31,20 @@ fn listed(cameras: &[String]) -> String {
     format!("the scene has {}", cameras.join(", "))
 }
 
-/// Name of a camera with its namespace, as its topics begin: `/ambf/env/cameras/main_camera`.
-pub fn camera_label(camera: &VisualCamera) -> String {
-    let object = &camera.object;
-    let parts = object.namespace.split('/').chain(object.name.split('/')).filter(|part| !part.is_empty());
+/// Name of an object with its namespace, as its topics begin: `/ambf/env/cameras/main_camera`.
+pub fn object_label(object: &VisualObject) -> String {
+    let own = if object.name.is_empty() { "_" } else { &*object.name };
+    let parts = object.namespace.split('/').chain(own.split('/')).filter(|part| !part.is_empty());
     parts.fold(String::new(), |label, part| {
         let legal = |c: char| if c.is_ascii_alphanumeric() { c } else { '_' };
         label + "/" + &part.chars().map(legal).collect::<String>()
     })
 }
 
-/// Labels ([`camera_label`]) of all cameras that are in the scene, by index.
+/// Labels ([`object_label`]) of all cameras that are in the scene, by index.
 pub fn camera_labels(visuals: &VisualScene) -> Vec<(usize, String)> {
     let here = visuals.cameras.iter().enumerate().filter(|(_, camera)| !camera.object.removed);
-    here.map(|(index, camera)| (index, camera_label(camera))).collect()
+    here.map(|(index, camera)| (index, object_label(&camera.object))).collect()
 }
 
 /// Index of a camera: by label, qualified identifier (prefix, namespace and mapping key), name or mapping key, in this order; `None` stands

@@ -30,7 +30,7 @@ mod stage;
 mod texture;
 mod view;
 
-pub use cameras::{camera_label, camera_labels, find_camera, NoSuchCamera};
+pub use cameras::{camera_labels, find_camera, object_label, NoSuchCamera};
 pub use files::DepthFormat;
 pub use picture::{Picture, PictureRequest};
 pub use renderer::{RenderError, Renderer};

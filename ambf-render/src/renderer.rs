@@ -85,6 +85,8 @@ struct Resources {
     sky: Option<(adf::Skybox, Option<gl::Texture>)>,
     /// (lights x 1).
     maps: Vec<Option<ShadowMap>>,
+    /// Counts changes of the shapes of soft bodies.
+    soft_versions: u64,
     /// What is read back is read into it.
     bytes: Vec<u8>,
 }
@@ -284,6 +286,7 @@ impl Resources {
             targets: Targets::default(),
             sky: None,
             maps: Vec::new(),
+            soft_versions: 0,
             bytes: Vec::new(),
         })
     }
@@ -364,7 +367,6 @@ impl Resources {
         Built {
             renderer,
             visuals: Arc::clone(visuals),
-            of: None,
             objects,
             items,
             soft_items,
@@ -440,7 +442,7 @@ impl Resources {
         let program = soft.shaders(&visuals.world).and_then(|files| self.programs.user(gl, files, messages));
         let look = description.visual.material.as_ref().map(Look::of_material);
         for (part, soft) in parts {
-            soft_items.push(SoftItem { body, item: items.len(), part: soft });
+            soft_items.push(SoftItem { body, item: items.len(), part: soft, shown: Vec::new() });
             let local = Matrix4::identity();
             items.push(Item {
                 object,
@@ -731,12 +733,14 @@ impl Renderer {
             built.collision_items = Some(items);
         }
         built.take_poses(snapshot);
-        let of = (snapshot.stamp, snapshot.sim_step, snapshot.sim_time.to_bits());
-        if built.of != Some(of) {
-            built.of = Some(of);
-            built.soft_version += 1;
-            for soft in &mut built.soft_items {
-                let Some(reading) = snapshot.soft_bodies.get(soft.body) else { continue };
+        for soft in &mut built.soft_items {
+            let Some(reading) = snapshot.soft_bodies.get(soft.body) else { continue };
+            // Neither time nor number of a snapshot tells: a reset changes the shape and leaves both.
+            if soft.shown != reading.nodes {
+                soft.shown.clone_from(&reading.nodes);
+                // Counted over all stages, which share the shadow maps.
+                resources.soft_versions += 1;
+                built.soft_version = resources.soft_versions;
                 let item = &mut built.items[soft.item];
                 (item.center, item.radius) = soft.part.follow(&gl, &item.part, &reading.nodes);
             }

@@ -11,7 +11,7 @@ use ambf_core::adf::ShaderProgram;
 use ambf_core::scene::VisualScene;
 use ambf_core::sim::Simulation;
 use ambf_render::{
-    camera_label, find_camera, published_size, DepthFormat, NoSuchCamera, Picture, PictureRequest, RenderError,
+    find_camera, object_label, published_size, DepthFormat, NoSuchCamera, Picture, PictureRequest, RenderError,
     Renderer, Stage, View,
 };
 use thiserror::Error;
@@ -120,7 +120,7 @@ impl Pictures {
             let camera = &visuals.cameras[index];
             let mut name = plain(&camera.object.name);
             if cameras.iter().any(|other| other.name == name) {
-                name = plain(camera_label(camera).trim_start_matches('/'));
+                name = plain(object_label(&camera.object).trim_start_matches('/'));
             }
             let (width, height) = options.size.unwrap_or_else(|| published_size(&camera.description));
             let preprocessing = camera.description.preprocessing_shaders.clone();
@@ -183,7 +183,7 @@ impl Pictures {
             let Camera { index, ref name, width, height, ref preprocessing, .. } = self.cameras[camera];
             let description = &self.visuals.cameras[index];
             if description.object.removed {
-                return Err(PictureError::Removed(camera_label(description)));
+                return Err(PictureError::Removed(object_label(&description.object)));
             }
             let view = View::of_camera(&description.description, &snapshot.views[index]);
             let to_folder = self.folder.is_some();

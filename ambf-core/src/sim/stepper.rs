@@ -6,6 +6,7 @@ use super::{LostState, SavedState, Simulation};
 use crate::bullet::{SolverStatistics, StateError};
 use crate::comm::{ActuatorCommand, Hub, ObjectList, RigidBodyCommand, Snapshot, Timing};
 use crate::plugin::Phase;
+use crate::scene::VisualScene;
 
 /// A simulation without a clock and without threads of its own: it moves in [`step`](Self::step) and nowhere else.
 ///
@@ -81,6 +82,11 @@ impl Stepper {
     /// The states that the latest iteration published.
     pub fn snapshot(&self) -> &Snapshot {
         &self.snapshot
+    }
+
+    /// What can be drawn of the scene; another value whenever the scene has changed.
+    pub fn visuals(&self) -> Option<Arc<VisualScene>> {
+        self.hub.visuals()
     }
 
     /// The command in force for a body, to be changed. `None` when the object at that position is no body.

@@ -6,6 +6,7 @@
 
 mod arrays;
 mod commands;
+mod drawing;
 mod errors;
 mod load;
 mod names;

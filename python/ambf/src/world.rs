@@ -8,12 +8,14 @@ use std::time::{Duration, Instant};
 use ambf_core::bullet::EnergyLedger;
 use ambf_core::comm::{ActuatorCommand, ObjectKind, Snapshot};
 use ambf_core::sim::{LostState, Stepper, StepperState};
+use ambf_render::camera_labels;
 use nalgebra::Isometry3;
-use numpy::PyArray1;
+use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
 
 use crate::arrays::Buffer;
 use crate::commands::{BodyCommands, Row, SavedArrays};
+use crate::drawing::{self, Drawing, Moment};
 use crate::load::{self, Wanted};
 use crate::{errors, names};
 
@@ -72,6 +74,8 @@ pub struct World {
     measurements: Buffer,
     holding: Buffer,
     commands: BodyCommands,
+    cameras: Vec<String>,
+    drawing: Drawing,
 }
 
 impl World {
@@ -166,6 +170,15 @@ impl World {
         let clock = Clock { step: snapshot.sim_step, time: snapshot.sim_time, lost: snapshot.timing.lost_time };
         *self.clock.lock().unwrap_or_else(PoisonError::into_inner) = clock;
         Ok(())
+    }
+
+    /// What can be drawn now; the physics may go on afterwards.
+    fn moment(&self, py: Python<'_>) -> PyResult<Moment> {
+        self.with(py, |physics| {
+            let visuals = physics.stepper.visuals()?;
+            Some(Moment { visuals, snapshot: physics.stepper.snapshot().clone() })
+        })?
+        .ok_or_else(|| errors::closed(py))
     }
 
     fn clock(&self) -> Clock {
@@ -268,6 +281,8 @@ impl World {
             }
         }
         let joints: Vec<String> = stepper.simulation().scene().joints.iter().map(|joint| joint.name.clone()).collect();
+        let visuals = stepper.visuals().map(|visuals| camera_labels(&visuals)).unwrap_or_default();
+        let cameras = visuals.into_iter().map(|(_, label)| label).collect();
         let made = Self {
             clock: Mutex::default(),
             poses: Buffer::state::<f64>(py, &[rows.len(), 7])?,
@@ -284,6 +299,8 @@ impl World {
             joints,
             sensors,
             actuators,
+            cameras,
+            drawing: Drawing::default(),
         };
         let commanded = vec![false; made.rows.len()];
         made.give(py, Some(Physics { stepper: Box::new(stepper), commanded }))?;
@@ -505,7 +522,87 @@ impl World {
     }
 
     fn notices(&self, py: Python<'_>) -> PyResult<Vec<String>> {
-        self.with(py, |physics| physics.stepper.take_notices())
+        let mut notices = self.with(py, |physics| physics.stepper.take_notices())?;
+        notices.extend(self.drawing.take_messages());
+        Ok(notices)
+    }
+
+    #[getter]
+    fn cameras(&self) -> Vec<String> {
+        self.cameras.clone()
+    }
+
+    #[allow(clippy::too_many_arguments)]
+    fn render<'py>(
+        &self,
+        py: Python<'py>,
+        camera: Option<String>,
+        width: Option<u32>,
+        height: Option<u32>,
+        rgb: bool,
+        depth: bool,
+        ids: bool,
+        normals: bool,
+        samples: u32,
+    ) -> PyResult<Vec<(&'static str, Bound<'py, PyAny>)>> {
+        let moment = self.moment(py)?;
+        let camera = moment.camera(camera.as_deref()).map_err(|problem| errors::camera(py, &problem))?;
+        let size = moment.size(camera, width, height);
+        let wanted = drawing::Wanted { camera, size, rgb, depth, ids, normals, samples };
+        let picture = py.detach(|| {
+            let picture = self.drawing.picture(&moment, &wanted)?;
+            let ids: Vec<i32> =
+                picture.ids.iter().map(|[object, _]| i32::try_from(*object).unwrap_or(i32::MAX)).collect();
+            Ok((picture, ids))
+        });
+        let (picture, id_numbers) = picture.map_err(|problem| errors::render(py, &problem))?;
+        let shape = [picture.height as usize, picture.width as usize];
+        let colors = [shape[0], shape[1], 3];
+        let mut arrays = Vec::with_capacity(4);
+        if rgb {
+            arrays.push(("rgb", PyArray1::from_vec(py, picture.color).reshape(colors)?.into_any()));
+        }
+        if depth {
+            arrays.push(("depth", PyArray1::from_vec(py, picture.depth).reshape(shape)?.into_any()));
+        }
+        if ids {
+            arrays.push(("ids", PyArray1::from_vec(py, id_numbers).reshape(shape)?.into_any()));
+        }
+        if normals {
+            let numbers = picture.normals.into_flattened();
+            arrays.push(("normals", PyArray1::from_vec(py, numbers).reshape(colors)?.into_any()));
+        }
+        Ok(arrays)
+    }
+
+    fn id_names(&self, py: Python<'_>) -> PyResult<Vec<String>> {
+        let moment = self.moment(py)?;
+        py.detach(|| self.drawing.id_names(&moment)).map_err(|problem| errors::render(py, &problem))
+    }
+
+    fn camera_matrix(
+        &self,
+        py: Python<'_>,
+        camera: Option<String>,
+        width: Option<u32>,
+        height: Option<u32>,
+    ) -> PyResult<Option<Vec<f64>>> {
+        let moment = self.moment(py)?;
+        let camera = moment.camera(camera.as_deref()).map_err(|problem| errors::camera(py, &problem))?;
+        let (width, height) = moment.size(camera, width, height);
+        let eyes = moment.view(camera).eyes(width, height);
+        let matrix = match &eyes[..] {
+            [eye] => eye.camera_matrix(),
+            _ => None,
+        };
+        Ok(matrix.map(|matrix| matrix.transpose().iter().copied().collect()))
+    }
+
+    fn camera_pose(&self, py: Python<'_>, camera: Option<String>) -> PyResult<Vec<f64>> {
+        let moment = self.moment(py)?;
+        let camera = moment.camera(camera.as_deref()).map_err(|problem| errors::camera(py, &problem))?;
+        let Isometry3 { translation, rotation } = moment.view(camera).pose;
+        Ok(translation.vector.iter().chain(rotation.coords.iter()).copied().collect())
     }
 
     fn close(&self, py: Python<'_>) -> PyResult<()> {
@@ -518,6 +615,7 @@ impl World {
         if is_busy {
             return Err(errors::busy(py));
         }
+        py.detach(|| self.drawing.close());
         Ok(())
     }
 }

@@ -21,6 +21,7 @@ from .errors import (
     LoadError,
     NonFiniteError,
     NotFoundError,
+    RenderError,
     StateError,
 )
 from .simulation import (
@@ -51,6 +52,7 @@ __all__ = [
     "LoadError",
     "NonFiniteError",
     "NotFoundError",
+    "RenderError",
     "Sensor",
     "Simulation",
     "State",
