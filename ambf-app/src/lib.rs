@@ -1,6 +1,8 @@
 //! Parts shared by `ambf_simulator` and `ambf_batch`.
 
 pub mod batch;
+#[cfg(feature = "view")]
+pub mod cameras;
 pub mod check;
 pub mod cli;
 pub mod devices;
@@ -10,3 +12,4 @@ pub mod process;
 pub mod report;
 pub mod ros;
 pub mod simulator;
+mod windows;

@@ -14,10 +14,15 @@ use crossbeam_channel::RecvTimeoutError;
 use ros_node::OwnMaster;
 use thiserror::Error;
 
+#[cfg(feature = "view")]
+use crate::cameras::CameraService;
 use crate::cli::SimulatorOptions;
 use crate::devices;
 use crate::launch::{self, LaunchError};
+#[cfg(feature = "view")]
+use crate::ros::PictureTopics;
 use crate::ros::{ModelHost, ModelReply, RosArguments, RosMiddleware, RosOptions};
+use crate::windows::{self, WindowParts, Windows, WindowsWanted};
 use crate::{plugins, print_line, process, report};
 
 /// How often the main thread looks whether it should end.
@@ -33,18 +38,21 @@ pub enum SimulatorError {
     /// Error when the command line asks for something that does not exist.
     #[error("{0}")]
     Usage(String),
+    /// Error when windows are asked for and cannot be opened.
+    #[error("{0}")]
+    Windows(String),
     /// Error when the physics thread ended by itself: a bug.
     #[error("the physics thread ended unexpectedly; this is a bug, please report it with the lines above")]
     Physics,
 }
 
 impl SimulatorError {
-    /// Exit status of the program: 255 for a launch file, as in the C++ program, 2 for wrong usage, 1 for a bug.
+    /// Exit status of the program: 255 for a launch file and 1 for windows, as in the C++ program, 2 for wrong usage, 1 for a bug.
     pub fn status(&self) -> i32 {
         match self {
             Self::Launch(_) => 255,
             Self::Usage(_) => 2,
-            Self::Physics => 1,
+            Self::Windows(_) | Self::Physics => 1,
         }
     }
 }
@@ -61,17 +69,16 @@ pub fn run(options: &SimulatorOptions, arguments: RosArguments) -> Result<(), Si
         options.physics_frequency,
         time_step(options)
     );
-    if options.show_gui {
-        report!("this build has no windows: it runs headless, as with -g 0");
-    }
+    let wants_windows = windows::are_wanted(options.show_gui)?;
 
     let begin = Instant::now();
-    let (simulation, devices) = load_simulation(options)?;
+    let (simulation, devices, load_report) = load_simulation(options)?;
     if stop.load(Ordering::Acquire) {
         return Ok(());
     }
     print_summary(&simulation, begin.elapsed());
-    let outcome = serve(simulation, devices, options, arguments, &stop);
+    let wanted = Wanted { windows: wants_windows, load_report };
+    let outcome = serve(simulation, devices, options, wanted, arguments, &stop);
     report!("stopped");
     outcome
 }
@@ -84,7 +91,7 @@ fn time_step(options: &SimulatorOptions) -> String {
     }
 }
 
-fn load_simulation(options: &SimulatorOptions) -> Result<(Simulation, DeviceHost), SimulatorError> {
+fn load_simulation(options: &SimulatorOptions) -> Result<(Simulation, DeviceHost, String), SimulatorError> {
     let physics = launch::physics(&options.physics).map_err(SimulatorError::Usage)?;
     let (launch, problems) = launch::read_strict(&options.launch_file)?;
     let (files, skipped) = launch::scene_files(Some(&launch), None, &options.model_files, &options.model_indexes);
@@ -105,7 +112,13 @@ fn load_simulation(options: &SimulatorOptions) -> Result<(Simulation, DeviceHost
     let (host, said) = devices::open(&launch, options, &mut simulation);
     said.iter().for_each(|line| report!("{line}"));
     plugins::load(&mut simulation, &launch.plugins, &options.plugins, options.verbose);
-    Ok((simulation, host))
+    Ok((simulation, host, found.to_string()))
+}
+
+/// What windows are to show.
+struct Wanted {
+    windows: WindowsWanted,
+    load_report: String,
 }
 
 fn print_report(found: &SceneReport, verbose: bool) {
@@ -131,20 +144,29 @@ fn serve(
     mut simulation: Simulation,
     mut devices: DeviceHost,
     options: &SimulatorOptions,
+    wanted: Wanted,
     arguments: RosArguments,
     stop: &AtomicBool,
 ) -> Result<(), SimulatorError> {
     let hub = simulation.connect();
-    let host = Arc::new(Host(simulation.models()));
+    let models = simulation.models();
+    let link = simulation.window_link();
+    let host = Arc::new(Host(models.clone()));
     // Clients of this simulator outlive it, and so does the master they need.
     let own_master = std::env::current_exe().map_or(OwnMaster::InProcess, OwnMaster::Program);
     let ros_options = RosOptions { arguments, own_master, ..RosOptions::default() };
     let mut ros = (!options.no_ros).then(|| RosMiddleware::new(ros_options).with_models(host));
+    #[cfg(feature = "view")]
+    let cameras;
+    #[cfg(feature = "view")]
+    {
+        (ros, cameras) = with_cameras(ros);
+    }
     if let Some(ros) = &mut ros {
         if options.hold {
             hub.throttle().hold(Duration::MAX, hub.now_ns());
         }
-        if let Err(error) = ros.start(hub) {
+        if let Err(error) = ros.start(Arc::clone(&hub)) {
             report!("ROS is not available: {error}; the simulation runs without");
         }
     }
@@ -156,7 +178,17 @@ fn serve(
             speed_factor: options.speed_factor,
         },
     );
-    let outcome = follow(&runner, &mut devices, ros.as_ref(), stop);
+    let parts = WindowParts {
+        hub,
+        link,
+        control: Arc::clone(runner.control()),
+        models,
+        load_report: wanted.load_report,
+        #[cfg(feature = "view")]
+        cameras,
+    };
+    let outcome = Windows::start(wanted.windows, parts, &devices)
+        .and_then(|mut windows| follow(&runner, &mut devices, &mut windows, ros.as_ref(), stop));
     let simulation = runner.stop();
     devices.stop().iter().for_each(|line| report!("{line}"));
     if let Some(mut simulation) = simulation {
@@ -169,6 +201,15 @@ fn serve(
         ros.stop();
     }
     outcome
+}
+
+/// Lets `ros` have topics of pictures; what makes them.
+#[cfg(feature = "view")]
+fn with_cameras(ros: Option<RosMiddleware>) -> (Option<RosMiddleware>, Option<CameraService>) {
+    let Some(ros) = ros else { return (None, None) };
+    let topics = Arc::<PictureTopics>::default();
+    let service = CameraService::new(Arc::clone(&topics), ros.point_clouds());
+    (Some(ros.with_pictures(topics)), Some(service))
 }
 
 /// One line about the solver of profile `accurate`; nothing of other solvers, which count nothing.
@@ -213,15 +254,18 @@ impl ModelHost for Host {
 fn follow(
     runner: &Runner,
     devices: &mut DeviceHost,
+    windows: &mut Windows,
     ros: Option<&RosMiddleware>,
     stop: &AtomicBool,
 ) -> Result<(), SimulatorError> {
     let mut empty_steps = Limited::default();
     let dismissed = || ros.is_some_and(RosMiddleware::is_dismissed);
-    while !stop.load(Ordering::Acquire) && !dismissed() {
-        for news in devices.news() {
-            report!("{}", devices.line(&news));
+    while !stop.load(Ordering::Acquire) && !dismissed() && !windows.were_closed() {
+        let news = devices.news();
+        for news in &news {
+            report!("{}", devices.line(news));
         }
+        windows.show_devices(devices, &news);
         match runner.events().recv_timeout(POLL) {
             Ok(Event::LostTime { recent, total }) => report!(
                 "the scene is too heavy for this computer: {recent:.3} s of simulated time were not computed ({total:.3} s in all)"
@@ -235,7 +279,10 @@ fn follow(
                 }
             }
             Ok(Event::Reset) => report!("reset"),
-            Ok(Event::Notice(notice)) => report!("{notice}"),
+            Ok(Event::Notice(notice)) => {
+                windows.show_notice(&notice);
+                report!("{notice}");
+            }
             Ok(_) | Err(RecvTimeoutError::Timeout) => (),
             Err(RecvTimeoutError::Disconnected) => return Err(SimulatorError::Physics),
         }

@@ -43,6 +43,8 @@ pub(crate) struct Drawable<'a> {
     pub(crate) radius: f64,
     /// Whether it is a body, ghost object or soft body, and no marker.
     pub(crate) is_object: bool,
+    /// Whether it is a sheet: soft bodies are.
+    pub(crate) is_sheet: bool,
 }
 
 /// Instances of one part.

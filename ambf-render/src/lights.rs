@@ -133,7 +133,8 @@ fn shadow_clip(pose: &Isometry3<f64>, cutoff: f64, casters: &[Drawable<'_>]) -> 
     projection * view
 }
 
-/// Back faces only: closed bodies then don't shade their own lit sides.
+/// Back faces only: closed bodies then don't shade their own lit sides. A sheet has no back: both of its sides are drawn, a little farther
+/// away than they are.
 fn draw_map(
     gl: &Current<'_>,
     programs: &mut Programs,
@@ -146,15 +147,19 @@ fn draw_map(
     gl.bind_target(target);
     gl.viewport(0, target.width, target.height);
     gl.clear(false);
-    gl.state(false, true, Cull::Front);
     gl.use_program(Some(program));
     gl.uniform(program, "u_clip", Uniform::Mat4(&narrow(clip)));
-    let seen = visible(casters, clip);
-    let batches = Batches::new(casters, seen.into_iter());
-    gl.upload_instances(buffer, &batches.instances);
-    for run in &batches.runs {
-        gl.draw_instances(&run.part.array, Mode::Triangles, buffer, run.first, run.count, batches.count());
+    let (sheets, bodies): (Vec<_>, Vec<_>) = visible(casters, clip).into_iter().partition(|&i| casters[i].is_sheet);
+    for (seen, cull) in [(bodies, Cull::Front), (sheets, Cull::None)] {
+        gl.state(false, true, cull);
+        gl.push_back(cull == Cull::None);
+        let batches = Batches::new(casters, seen.into_iter());
+        gl.upload_instances(buffer, &batches.instances);
+        for run in &batches.runs {
+            gl.draw_instances(&run.part.array, Mode::Triangles, buffer, run.first, run.count, batches.count());
+        }
     }
+    gl.push_back(false);
     Ok(())
 }
 

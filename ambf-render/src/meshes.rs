@@ -235,14 +235,25 @@ impl Library {
         nodes: usize,
         messages: &mut Vec<String>,
     ) -> Result<Vec<(Arc<Part>, SoftPart)>, String> {
-        let (mesh, warnings) =
+        let (mut mesh, warnings) =
             load_visual(path, remove_duplicates).map_err(|error| format!("{error}; it is not drawn"))?;
         messages.extend(warnings);
-        let has_node = |part: &VisualMeshPart| {
-            part.nodes.len() == part.positions.len() && part.nodes.iter().all(|&node| (node as usize) < nodes)
-        };
-        if !mesh.parts.iter().all(has_node) {
-            return Err(format!("{}: has vertices that are no nodes of the soft body ({nodes})", path.display()));
+        if mesh.parts.iter().any(|part| part.nodes.len() != part.positions.len()) {
+            return Err(format!("{}: has vertices without nodes", path.display()));
+        }
+        // In profile `legacy` only the last part of a mesh is simulated: its vertices are the nodes.
+        let vertices = mesh.parts.iter().flat_map(|part| &part.nodes).max().map_or(0, |&last| last as usize + 1);
+        let first = u32::try_from(vertices.saturating_sub(nodes)).unwrap_or(u32::MAX);
+        let still = mesh.parts.iter().filter(|part| part.nodes.iter().any(|&node| node < first)).count();
+        if still == mesh.parts.len() && still > 0 {
+            return Err(format!("{}: {vertices} vertices are not the {nodes} nodes of the soft body", path.display()));
+        }
+        if still > 0 {
+            messages.push(format!("{}: {still} parts are not simulated and not drawn", path.display()));
+        }
+        mesh.parts.retain(|part| part.nodes.iter().all(|&node| node >= first));
+        for node in mesh.parts.iter_mut().flat_map(|part| &mut part.nodes) {
+            *node -= first;
         }
         messages.extend(self.load_textures(gl, &[&mesh]));
         let mut parts = Vec::new();

@@ -356,6 +356,13 @@ impl Resources {
         if dark > 0 {
             messages.push(format!("{dark} lights shine on nothing: {MOST_LIGHTS} lights are drawn at most"));
         }
+        let without = "shaders have no effect: the built-in ones do what they are for";
+        for camera in visuals.cameras.iter().filter(|camera| camera.description.depth_compute_shaders.is_some()) {
+            messages.push(format!("{}: its depth compute {without}", camera.object.identifier));
+        }
+        if visuals.world.skybox.as_ref().is_some_and(|skybox| skybox.shaders.is_some()) {
+            messages.push(format!("the sky's {without}"));
+        }
         let requests: Vec<MeshRequest> = wanted.iter().map(|wanted| wanted.request.clone()).collect();
         messages.extend(self.library.load(gl, &requests));
         let mut items = self.items(wanted, &mut objects);
@@ -532,6 +539,7 @@ fn put<'a>(drawables: &mut Vec<Drawable<'a>>, part: &'a Part, matrix: &Matrix4<f
         center: matrix.transform_point(&part.center),
         radius: part.radius * scale,
         is_object: false,
+        is_sheet: false,
     });
 }
 
@@ -569,6 +577,7 @@ fn drawables<'a>(
             center: item.center,
             radius: item.radius,
             is_object: true,
+            is_sheet: matches!(object.source, Source::SoftBody(_)),
         });
     }
     let objects = drawables.len();
@@ -585,6 +594,7 @@ fn drawables<'a>(
             center: item.center,
             radius: item.radius,
             is_object: false,
+            is_sheet: false,
         });
     }
     let visuals = &built.visuals;

@@ -604,6 +604,102 @@ fn row_53_points() {
     }
 }
 
+/// A shipped scene, in its own world.
+fn shipped(model: &str) -> Shown {
+    let resources = Path::new(env!("CARGO_MANIFEST_DIR")).join("../resources");
+    Shown::of_files(Some(&resources.join("world/world.yaml")), &[&resources.join("models").join(model)])
+}
+
+fn count(picture: &Picture, test: impl Fn(&[u8]) -> bool) -> usize {
+    picture.color.chunks_exact(3).filter(|pixel| test(pixel)).count()
+}
+
+#[test]
+fn row_52_cloth_follows_its_nodes() {
+    let mut shown = shipped("cloth.yaml");
+    let mut renderer = renderer();
+    let cloth = shown.visuals.soft_bodies[0].object.identifier.to_string();
+    let request = PictureRequest { ids: true, ..PictureRequest::color(320, 240) };
+    let mut rows = |shown: &mut Shown| {
+        let picture = shown.picture(&mut renderer, 0, &request);
+        assert!(picture.messages.is_empty(), "{:?}", picture.messages);
+        let is_cloth = |id: &[u32; 2]| shown.stage.id_name(id[0]) == Some(&cloth);
+        let places: Vec<usize> = (0..picture.ids.len()).filter(|&at| is_cloth(&picture.ids[at])).collect();
+        assert!(places.len() > 100, "{} pixels show the cloth", places.len());
+        let lit =
+            places.iter().filter(|&&at| picture.color[3 * at..3 * at + 3].iter().any(|&level| level > 40)).count();
+        assert_eq!(lit, places.len(), "every pixel of it is lit, whichever side is seen");
+        places.iter().map(|at| at / 320).sum::<usize>() as f64 / places.len() as f64
+    };
+    let before = rows(&mut shown);
+    for node in &mut shown.snapshot.soft_bodies[0].nodes {
+        node[2] -= 0.3;
+    }
+    shown.snapshot.sim_step += 1;
+    let after = rows(&mut shown);
+    assert!(after > before + 10.0, "it moves down in the picture: {before} {after}");
+}
+
+#[test]
+fn rows_55_and_56_sensors_and_actuators() {
+    let sensor = "sensors: [SENSOR ray]\nactuators: [ACTUATOR hold]\nSENSOR ray:\n  name: ray\n  type: Proximity\n  parent: BODY Box\n  range: 0.6\n  visible: true\n\
+        \x20 visible size: 0.03\n  location: {position: {x: 0.0, y: -0.3, z: 0.2}}\n  array:\n    - {offset: {x: 0, y: 0, z: 0}, direction: {x: 0, y: 1, z: 0}}\n\
+        ACTUATOR hold:\n  name: hold\n  type: Constraint\n  parent: BODY Box\n  location: {position: {x: 0.0, y: 0.0, z: -0.2}}\n  visible: true\n  visible size: 0.03\n";
+    let text = model(&[block("Box", [0.0; 3], [0.05; 3], MATT)]) + sensor;
+    let mut shown = Shown::of_texts(&directory("row_55"), &world("", ""), &text);
+    let mut renderer = renderer();
+    let is = |expected: [f64; 3]| {
+        // By the ratios of the channels: markers are lit.
+        move |pixel: &[u8]| {
+            let level = f64::from(*pixel.iter().max().expect("a channel"));
+            level > 60.0
+                && pixel.iter().zip(expected).all(|(&got, wanted)| (f64::from(got) / level - wanted).abs() < 0.06)
+        }
+    };
+    let (red, green, pink) = (is([1.0, 0.0, 0.0]), is([0.0, 1.0, 0.0]), is([1.0, 0.412, 0.706]));
+    let (gold, lime) = (is([1.0, 0.843, 0.0]), is([0.0, 1.0, 0.0]));
+    let request = PictureRequest::color(640, 480);
+
+    shown.stage.sensors = Some(false);
+    shown.stage.actuators = Some(false);
+    let off = shown.picture(&mut renderer, 0, &request);
+    shown.stage.sensors = Some(true);
+    let on = shown.picture(&mut renderer, 0, &request);
+    assert!(count(&on, red) > count(&off, red) && count(&on, green) > count(&off, green), "start and end of the rays");
+    shown.snapshot.sensors[0][0].triggered = true;
+    shown.snapshot.sensors[0][0].measurement = 0.5;
+    let hit = shown.picture(&mut renderer, 0, &request);
+    assert!(count(&hit, pink) > count(&on, pink), "a pink ball where something is hit");
+
+    shown.stage.sensors = Some(false);
+    shown.stage.actuators = Some(true);
+    let rest = shown.picture(&mut renderer, 0, &request);
+    assert!(count(&rest, gold) > count(&off, gold), "gold");
+    shown.snapshot.actuators[0] = true;
+    let holds = shown.picture(&mut renderer, 0, &request);
+    assert!(
+        count(&holds, lime) > count(&rest, lime) && count(&holds, gold) == count(&off, gold),
+        "lime while it holds"
+    );
+}
+
+#[test]
+fn row_73_what_is_removed_is_gone() {
+    let mut shown = shown("row_73", &world("", ""), &[block("Box", [0.0; 3], [0.2; 3], RED)]);
+    shown.stage.frames = true;
+    let mut renderer = renderer();
+    assert!(extent(&shown.picture(&mut renderer, 0, &PictureRequest::color(640, 480))).2 > 0);
+    let mut visuals = (*shown.visuals).clone();
+    for body in &mut visuals.bodies {
+        body.object.removed = true;
+    }
+    visuals.cameras[0].object.removed = true;
+    visuals.lights[0].object.removed = true;
+    shown.visuals = visuals.into();
+    let picture = shown.picture(&mut renderer, 0, &PictureRequest::color(640, 480));
+    assert_eq!(extent(&picture).2, 0, "mesh and frame");
+}
+
 #[test]
 fn stereo_halves_are_undistorted_and_meet_at_the_focal_length() {
     let stereo = "stereo:\n  mode: PASSIVE\n  eye separation: 0.1\n  focal length: 2.0";

@@ -107,6 +107,30 @@ AmbConstraint *amb_point_to_point_new(AmbBody *a, AmbBody *b, const double pivot
              new btPoint2PointConstraint(a->body, b->body, vector_of(pivot_a), vector_of(pivot_b)));
 }
 
+AmbConstraint *amb_grip_new(AmbBody *body, const double pivot[3], const double goal[3], double most) {
+  // What follows the bodies of constraints expects one of ours at both ends, so Bullet's own fixed body won't do. This one is in no world.
+  // Its shape is that of all anchors; what is allocated here would lie in the arena of one world, so nothing is.
+  static btEmptyShape empty;
+  alignas(AmbShape) static unsigned char place[sizeof(AmbShape)];
+  static AmbShape *const nothing = [] {
+    auto *shape = new (place) AmbShape;
+    shape->shape.reset(&empty);
+    return shape;
+  }();
+  auto anchor = std::make_unique<AmbBody>(0, btVector3(0, 0, 0), nothing, btTransform::getIdentity());
+  auto *point = new btPoint2PointConstraint(body->body, anchor->body, vector_of(pivot), vector_of(goal));
+  point->m_setting.m_impulseClamp = most;
+  point->m_setting.m_tau = most;
+  AmbConstraint *grip = own(Kind::PointToPoint, point);
+  grip->anchor = std::move(anchor);
+  return grip;
+}
+
+void amb_grip_set_goal(AmbConstraint *grip, const double goal[3]) {
+  grip->as<btPoint2PointConstraint>().setPivotB(vector_of(goal));
+  wake(*grip);
+}
+
 AmbConstraint *amb_cone_twist_new(AmbBody *a, AmbBody *b, const double frame_a[12], const double frame_b[12]) {
   return own(Kind::ConeTwist,
              new btConeTwistConstraint(a->body, b->body, transform_of(frame_a), transform_of(frame_b)));

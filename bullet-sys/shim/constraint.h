@@ -27,6 +27,11 @@ void amb_slider_set_motor(AmbConstraint *slider, int enabled, double velocity, d
 AmbConstraint *amb_fixed_new(AmbBody *a, AmbBody *b, const double frame_a[12], const double frame_b[12]);
 AmbConstraint *amb_point_to_point_new(AmbBody *a, AmbBody *b, const double pivot_a[3], const double pivot_b[3]);
 
+/* Draws a point of a body (in its inertial frame) towards a point of the world, with impulses of at most `most` N s a sub-step along each
+   axis. */
+AmbConstraint *amb_grip_new(AmbBody *body, const double pivot[3], const double goal[3], double most);
+void amb_grip_set_goal(AmbConstraint *grip, const double goal[3]);
+
 AmbConstraint *amb_cone_twist_new(AmbBody *a, AmbBody *b, const double frame_a[12], const double frame_b[12]);
 void amb_cone_twist_set_limit(AmbConstraint *cone, double swing1, double swing2, double twist);
 

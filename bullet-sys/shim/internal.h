@@ -132,6 +132,8 @@ struct AmbConstraint : EngineConstraint {
   BT_DECLARE_ALIGNED_ALLOCATOR();
 
   Kind kind;
+  // A body that is in no world, at the other end of a grip. Goes after the constraint.
+  std::unique_ptr<AmbBody> anchor;
   std::unique_ptr<btTypedConstraint> constraint;
   std::unique_ptr<btJointFeedback> feedback;
   // Its bodies don't collide.

@@ -4,6 +4,8 @@
 //! programs need that run beside a robot all day is added here, without changes to rosrust: the master may be absent at the start, restart or
 //! hang; one subscriber that stops reading does not starve the others; small messages are sent at once; messages of any type can be received.
 //!
+//! Large messages are published by a [`SideNode`], with a thread a subscriber.
+//!
 //! A [`Node`] does everything in threads of its own. Two nodes in one process do not know of each other.
 
 mod embedded;
@@ -11,6 +13,7 @@ mod lasting;
 mod link;
 mod node;
 mod raw;
+mod side;
 mod sockets;
 mod stop;
 pub mod tcpros;
@@ -24,6 +27,7 @@ pub use lasting::{end_master, entries, node, serve_master, start_master, EndErro
 pub use link::{run, tend_connections, tend_sockets, Link, LinkOptions, NodeName, OwnMaster};
 pub use node::Node;
 pub use raw::{Publishers, RawReceived, RawSubscription};
+pub use side::{LargePublication, SideNode};
 pub use stop::Stop;
 pub use topic::{is_permanent, Announcement, Direction, Publication, Registration};
 pub use xmlrpc::{CallError, Peer};

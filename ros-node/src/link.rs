@@ -534,6 +534,10 @@ fn register_again(registrations: &[(u64, Registration)], node: &Ros, master: &Pe
             Direction::Publishes => {
                 master.call("registerPublisher", arguments)?;
             }
+            Direction::PublishesAs { node, uri } => {
+                let arguments = vec![text(&registration.topic), text(&registration.message_type), text(uri)];
+                master.called_by(node).call("registerPublisher", arguments)?;
+            }
             Direction::Subscribes => {
                 let publishers = master.call("registerSubscriber", arguments)?;
                 // The node learns about publishers as it would from the master. An empty list would make it forget

@@ -17,6 +17,13 @@ const QUEUE: usize = 10;
 pub enum Direction {
     /// Messages go out.
     Publishes,
+    /// Messages go out from another node of the process.
+    PublishesAs {
+        /// Its name; empty before it is announced.
+        node: String,
+        /// Its address.
+        uri: String,
+    },
     /// Messages come in.
     Subscribes,
     /// A service.

@@ -29,8 +29,8 @@ pub struct SimulatorOptions {
     pub fixed_haptic_step: bool,
     /// Publish frequencies of all objects; `None` (default): each object's own.
     pub publish_frequency: Option<PublishFrequency>,
-    /// Whether to open camera windows; default: `true`.
-    pub show_gui: bool,
+    /// Whether to open camera windows; default, `None`: where there is a display.
+    pub show_gui: Option<bool>,
     /// Text put before the namespace of every object; default: empty.
     pub namespace: String,
     /// Simulated seconds per second on the clock with a fixed physics step, above 0; 1 (default) without.
@@ -144,10 +144,10 @@ struct Arguments {
     /// Simulator plugins to load
     #[arg(long, value_name = "FILE,…", help_heading = "Scene")]
     plugins: Option<String>,
-    /// Open camera windows
-    #[arg(short = 'g', long = "show_gui", value_name = "BOOL", default_value = "true", value_parser = boolean)]
+    /// Open camera windows [default: where there is a display]
+    #[arg(short = 'g', long = "show_gui", value_name = "BOOL", value_parser = boolean)]
     #[arg(help_heading = "Scene", action = clap::ArgAction::Set)]
-    show_gui: bool,
+    show_gui: Option<bool>,
 
     /// Target frequency of the physics loop, Hz
     #[arg(short = 'p', long = "phx_frequency", value_name = "HZ", default_value = "1000")]

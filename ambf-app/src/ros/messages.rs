@@ -30,7 +30,11 @@ mod generated {
         ambf_msgs / WorldCmd,
         ambf_msgs / WorldState,
         diagnostic_msgs / DiagnosticArray,
+        sensor_msgs / CameraInfo,
+        sensor_msgs / CompressedImage,
+        sensor_msgs / Image,
         sensor_msgs / PointCloud,
+        sensor_msgs / PointCloud2,
         std_msgs / Empty,
         std_msgs / Float32
     );
@@ -136,6 +140,10 @@ mod tests {
         check::<ambf_msgs::WorldCmd>("ambf_msgs/WorldCmd", "6941ddbc8f8196cff4beb0278a6ad79d");
         check::<ambf_msgs::WorldState>("ambf_msgs/WorldState", "6e545bb4d1457db0c1ee58df8e46d570");
         check::<sensor_msgs::PointCloud>("sensor_msgs/PointCloud", "d8e9c3f5afbdd8a130fd1d2763945fca");
+        check::<sensor_msgs::Image>("sensor_msgs/Image", "060021388200f6f0f447d0fcd9c64743");
+        check::<sensor_msgs::CompressedImage>("sensor_msgs/CompressedImage", "8f7a12909da2c9d3332d540a0977563f");
+        check::<sensor_msgs::PointCloud2>("sensor_msgs/PointCloud2", "1158d486dd51d683ce2f1be655c3c181");
+        check::<sensor_msgs::CameraInfo>("sensor_msgs/CameraInfo", "c9a58c1b0b154e0e6da7578cb991d214");
         // Of version 3.0 of the C++ program: from its field lists.
         check::<ambf_msgs::ContactSensorCmd>("ambf_msgs/ContactSensorCmd", "d7be0bb39af8fb9129d5a76e6b63a290");
         check::<ambf_msgs::ContactSensorState>("ambf_msgs/ContactSensorState", "69bafc7aa5201075354dea9d8be980d5");

@@ -11,12 +11,14 @@
 //! | `ros-sockets` | sets the options of new sockets |
 //! | `ros-master` | a master in this process, when there is one; the simulator starts its own in another process |
 //! | `ros-service`, `ros-request` | one a service for its new clients, one a client for its requests |
+//! | `ros-large`, `ros-large-calls` | pictures: one for new subscribers, one a subscriber, one for calls of other nodes |
 //!
 //! rosrust adds two threads for each topic that is published. None of them can hold up the physics: states are read from the hub's newest
 //! snapshot and commands are left in its mailboxes.
 //!
 //! ## Limitations
-//! `rosnode info` fails, because rosrust does not implement `getBusInfo`. The master that is started has no `/rosout_agg`, and
+//! Pictures are published by a node of their own, which is there while a camera publishes ([`SideNode`](ros_node::SideNode) says why).
+//! `rosnode info` of the other node fails, because rosrust does not implement `getBusInfo`. The master that is started has no `/rosout_agg`, and
 //! `rosparam list` shows namespaces too. A client is connected to up to 0.1 s after it has registered.
 
 mod actuator;
@@ -30,6 +32,8 @@ pub mod naming;
 mod neighbours;
 mod objects;
 mod parameters;
+#[cfg(feature = "view")]
+mod pictures;
 mod point_cloud;
 mod posed;
 mod received;
@@ -55,6 +59,8 @@ use ros_node::{Link, LinkOptions, OwnMaster, Peer};
 
 pub use arguments::RosArguments;
 pub use models::{ModelHost, ModelReply};
+#[cfg(feature = "view")]
+pub use pictures::{CameraTopics, PictureTopics};
 pub use point_cloud::{PointCloud, PointClouds};
 pub use ros_node::CallError;
 
@@ -66,6 +72,10 @@ use topics::Surroundings;
 
 /// Beginning of the node's name.
 const NODE_NAME: &str = "ambf_comm_node";
+
+/// What is appended to the node's name for the node of pictures.
+#[cfg(feature = "view")]
+const PICTURES: &str = "cameras";
 
 /// How long one call to the master may take before it counts as absent.
 const MASTER_TIMEOUT: Duration = Duration::from_secs(1);
@@ -98,6 +108,8 @@ pub struct RosMiddleware {
     options: RosOptions,
     clouds: Arc<PointClouds>,
     models: Option<Arc<dyn ModelHost>>,
+    #[cfg(feature = "view")]
+    pictures: Option<Arc<PictureTopics>>,
     running: Option<Running>,
 }
 
@@ -112,12 +124,26 @@ struct Running {
 impl RosMiddleware {
     /// Not started yet.
     pub fn new(options: RosOptions) -> Self {
-        Self { options, clouds: Arc::default(), models: None, running: None }
+        Self {
+            options,
+            clouds: Arc::default(),
+            models: None,
+            #[cfg(feature = "view")]
+            pictures: None,
+            running: None,
+        }
     }
 
     /// Offers services with which clients add, remove and list models through `host`. Default: there are none.
     pub fn with_models(mut self, host: Arc<dyn ModelHost>) -> Self {
         self.models = Some(host);
+        self
+    }
+
+    /// Announces topics of cameras that publish pictures, for somebody else to publish on: `topics` has them. Default: there are none.
+    #[cfg(feature = "view")]
+    pub fn with_pictures(mut self, topics: Arc<PictureTopics>) -> Self {
+        self.pictures = Some(topics);
         self
     }
 
@@ -158,6 +184,11 @@ impl Middleware for RosMiddleware {
             hub: Arc::clone(&hub),
             waker: Arc::clone(&waker),
             n_devices,
+            #[cfg(feature = "view")]
+            pictures: self
+                .pictures
+                .clone()
+                .map(|topics| pictures::Pictures { node: ros_node::SideNode::new(master.clone(), PICTURES), topics }),
             master,
             models: self.models.clone(),
             steppables: Arc::default(),

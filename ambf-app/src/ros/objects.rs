@@ -8,6 +8,8 @@ use ros_node::{Announcement, Link};
 
 use super::naming::Names;
 use super::parameters::ParameterChange;
+#[cfg(feature = "view")]
+use super::pictures::CameraTopics;
 use super::scheduler::Entry;
 use super::topics::{self, Served, Surroundings};
 
@@ -28,6 +30,9 @@ pub(super) struct Objects {
     known: Vec<Option<Known>>,
     /// The hub's when it was last looked at; `None` before.
     generation: Option<u64>,
+    /// Positions of cameras of which it is not known yet what they publish.
+    #[cfg(feature = "view")]
+    cameras: Vec<usize>,
 }
 
 /// What has changed.
@@ -47,7 +52,14 @@ pub(super) struct Told {
 impl Objects {
     /// Serves nothing yet.
     pub fn new(around: Surroundings) -> Self {
-        Self { around, names: Names::default(), known: Vec::new(), generation: None }
+        Self {
+            around,
+            names: Names::default(),
+            known: Vec::new(),
+            generation: None,
+            #[cfg(feature = "view")]
+            cameras: Vec::new(),
+        }
     }
 
     /// Follows the list until the link is stopped. Blocks while the master thinks, which is why it needs a thread of its own.
@@ -59,13 +71,52 @@ impl Objects {
 
     /// Announces what has come since the last call, withdraws what has gone.
     pub fn follow(&mut self, told: &Told) {
-        let Some(Change { come, withdrawn }) = self.compare() else { return };
-        // Withdrawn first: what comes may have the same topics.
-        told.link.remove(&withdrawn);
-        // Nobody listens any more while the program ends.
-        let _ = told.publisher.send(come.entries);
-        let _ = told.parameters.send(come.parameters);
-        told.link.add(come.announcements);
+        if let Some(Change { come, withdrawn }) = self.compare() {
+            // Withdrawn first: what comes may have the same topics.
+            told.link.remove(&withdrawn);
+            // Nobody listens any more while the program ends.
+            let _ = told.publisher.send(come.entries);
+            let _ = told.parameters.send(come.parameters);
+            told.link.add(come.announcements);
+        }
+        #[cfg(feature = "view")]
+        {
+            let new = self.follow_cameras();
+            // Adding wakes the link, which is not to be done for nothing.
+            if !new.is_empty() {
+                told.link.add(new);
+            }
+        }
+    }
+
+    /// Topics of pictures of cameras that have come. What a camera publishes is in its description, which comes a little after the camera.
+    #[cfg(feature = "view")]
+    fn follow_cameras(&mut self) -> Vec<Arc<dyn Announcement>> {
+        use ambf_core::comm::ObjectKind;
+        let mut announcements = Vec::new();
+        let Some(pictures) = self.around.pictures.as_ref().filter(|_| !self.cameras.is_empty()) else {
+            return announcements;
+        };
+        let Some(visuals) = self.around.hub.visuals() else { return announcements };
+        let objects = self.around.hub.objects().clone();
+        let (known, arguments) = (&mut self.known, &self.around.arguments);
+        self.cameras.retain(|&position| {
+            let (Some(known), ObjectKind::Camera(index, _)) = (&mut known[position], &objects[position].info.kind)
+            else {
+                return false;
+            };
+            let Some(camera) = visuals.cameras.get(*index) else { return true };
+            let mapped = |topic| arguments.mapped(topic);
+            let node = &pictures.node;
+            if let Some(topics) = CameraTopics::new(node, *index, &known.name, &camera.description, mapped) {
+                let new = topics.announcements();
+                known.announcements.extend(new.iter().cloned());
+                announcements.extend(new);
+                pictures.topics.insert(topics);
+            }
+            false
+        });
+        announcements
     }
 
     fn compare(&mut self) -> Option<Change> {
@@ -81,6 +132,12 @@ impl Objects {
             if let Some(known) = known.take_if(|_| objects[position].is_removed()) {
                 self.names.give_back(&known.name, &objects[position].info);
                 change.withdrawn.extend(known.announcements);
+                #[cfg(feature = "view")]
+                if let (Some(pictures), ambf_core::comm::ObjectKind::Camera(index, _)) =
+                    (&self.around.pictures, &objects[position].info.kind)
+                {
+                    pictures.topics.remove(*index);
+                }
                 change.come.parameters.removed.push(position);
             }
         }
@@ -89,6 +146,10 @@ impl Objects {
                 let begin = change.come.announcements.len();
                 let name = self.names.take(&object.info);
                 topics::serve(&self.around, &mut change.come, position, &object.info, name.clone());
+                #[cfg(feature = "view")]
+                if matches!(object.info.kind, ambf_core::comm::ObjectKind::Camera(..)) {
+                    self.cameras.push(position);
+                }
                 Known { name, announcements: change.come.announcements[begin..].to_vec() }
             });
             self.known.push(known);
@@ -143,6 +204,8 @@ mod tests {
             models,
             steppables: Arc::default(),
             arguments: RosArguments::default(),
+            #[cfg(feature = "view")]
+            pictures: None,
         })
     }
 
@@ -151,7 +214,7 @@ mod tests {
         let mut lines: Vec<_> = registrations
             .map(|r| {
                 let side = match r.direction {
-                    Direction::Publishes => "out",
+                    Direction::Publishes | Direction::PublishesAs { .. } => "out",
                     Direction::Subscribes => "in",
                     Direction::Serves { .. } => "service",
                 };

@@ -54,6 +54,12 @@ impl PointClouds {
         }
     }
 
+    /// Makes `cloud` the newest of `topic`.
+    #[cfg(test)]
+    pub(crate) fn set(&self, topic: &str, cloud: PointCloud) {
+        self.lock().insert(topic.to_owned(), Arc::new(cloud));
+    }
+
     /// Forgets the cloud of `topic`.
     pub(super) fn remove(&self, topic: &str) {
         self.lock().remove(topic);

@@ -80,6 +80,9 @@ pub(super) struct Surroundings {
     pub steppables: Arc<Steppables>,
     /// What the command line says.
     pub arguments: RosArguments,
+    /// Where topics of pictures are made; `None`: there are none.
+    #[cfg(feature = "view")]
+    pub pictures: Option<super::pictures::Pictures>,
 }
 
 /// Makes the topics of the object at position `object`, whose name is `name` (`/<namespace>/<name>`), and adds them to `served`.

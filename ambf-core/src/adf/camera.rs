@@ -3,7 +3,7 @@
 use nalgebra::{Matrix4, Vector3};
 
 use super::common::{Common, ShaderProgram};
-use super::reader::{Map, Range};
+use super::reader::Map;
 use super::report::ProblemKind;
 use super::values::Base;
 
@@ -38,6 +38,8 @@ pub struct Camera {
     pub publish_image: Option<PublishedFrame>,
     /// Publish a point cloud; `None`: don't.
     pub publish_depth: Option<PublishedFrame>,
+    /// Key `publish image samples`: samples a pixel of published pictures, 1 to 8; more than 1 smooths edges. Default: 1.
+    pub image_samples: u32,
     /// Noise on the depth; `None`: none.
     pub depth_noise: Option<DepthNoise>,
     /// Shaders run on the picture.
@@ -48,11 +50,11 @@ pub struct Camera {
     pub multipass: bool,
     /// Factors on the speed of the mouse.
     pub mouse: MouseMultipliers,
-    /// Width and height of the window, pixels; `None`: not given. Nothing is drawn with it yet.
+    /// Width and height of the window, pixels; `None`: not given.
     pub window_resolution: Option<(u32, u32)>,
-    /// Key `intrinsics`, or `camera intrinsics`; `None`: the field of view counts. Nothing is drawn with it yet.
+    /// Key `intrinsics`, or `camera intrinsics`; `None`: the field of view counts.
     pub intrinsics: Option<Intrinsics>,
-    /// Projection matrix (4 x 4) instead of the field of view; `None`: not given. Nothing is drawn with it yet.
+    /// Projection matrix (4 x 4) instead of the field of view; `None`: not given.
     pub projection_matrix: Option<Matrix4<f64>>,
 }
 
@@ -72,9 +74,9 @@ pub struct Intrinsics {
 pub struct PublishedFrame {
     /// Every n-th frame, at least 1. Default: 1 for pictures, 10 for depth.
     pub interval: u32,
-    /// Width in pixels. Default: 640.
+    /// Width in pixels, 1 to 16384. Default: 640 for pictures, that of pictures for depth.
     pub width: u32,
-    /// Height in pixels. Default: 480.
+    /// Height in pixels, 1 to 16384. Default: 480 for pictures, that of pictures for depth.
     pub height: u32,
 }
 
@@ -96,8 +98,10 @@ pub struct DepthNoise {
     pub mean: f64,
     /// Standard deviation, m. Default: 0.001.
     pub std_dev: f64,
-    /// Stored only. Default: 0.
+    /// Added to the mean, m. Default: 0.
     pub bias: f64,
+    /// What the noise of a run is made from; the same seed gives the same noise. Default: `None`, the clock.
+    pub seed: Option<u32>,
 }
 
 /// Factors on the speed of the mouse. Default: 1 each.
@@ -121,6 +125,9 @@ impl Default for MouseMultipliers {
 
 impl Camera {
     pub(super) fn read(map: &Map<'_>, base: &Base) -> Option<Self> {
+        // Depth has the size of pictures, as in the C++ program, unless it has a size of its own.
+        let (publish_image, size) = PublishedFrame::read(map, IMAGE_KEYS, 1, (640, 480));
+        let (publish_depth, _) = PublishedFrame::read(map, DEPTH_KEYS, 10, size);
         let camera = Self {
             common: map.common(base),
             parent: map.filled("parent").unwrap_or_default(),
@@ -128,19 +135,32 @@ impl Camera {
             location: (map.flat_pose("location")).unwrap_or_default().translation.vector,
             look_at: map.vector("look at").unwrap_or_default(),
             up: map.vector("up").unwrap_or(Vector3::z()),
-            clipping_plane: map.map_opt("clipping plane").map_or((0.1, 10.0), |planes| {
-                let near_far = (planes.need_real("near"), planes.need_real("far"));
-                planes.finish();
-                near_far
+            clipping_plane: clipping_plane(map),
+            field_view_angle: map.real("field view angle").map_or(FIELD_OF_VIEW, |angle| {
+                if angle > 0.0 && angle < std::f64::consts::PI {
+                    return angle;
+                }
+                map.warn(ProblemKind::OutOfRange, "field view angle", "an angle between 0 and pi rad", "0.7 is used");
+                FIELD_OF_VIEW
             }),
-            field_view_angle: map.real("field view angle").unwrap_or(0.7),
-            orthographic_view_width: map.real("orthographic view width"),
+            orthographic_view_width: map.real("orthographic view width").filter(|width| {
+                if *width <= 0.0 {
+                    let expected = "a width above 0 m";
+                    map.warn(ProblemKind::OutOfRange, "orthographic view width", expected, "the view is a perspective");
+                }
+                *width > 0.0
+            }),
             stereo: map.map_opt("stereo").map(|block| {
-                let stereo = Stereo {
+                let mut stereo = Stereo {
                     mode: block.need_string("mode"),
                     eye_separation: block.need_real("eye separation"),
                     focal_length: block.need_real("focal length"),
                 };
+                if stereo.focal_length < SHORTEST_FOCAL_LENGTH {
+                    let (expected, used) = ("a length above 0 m", format!("{SHORTEST_FOCAL_LENGTH} is used"));
+                    block.warn(ProblemKind::OutOfRange, "focal length", expected, &used);
+                    stereo.focal_length = SHORTEST_FOCAL_LENGTH;
+                }
                 block.finish();
                 stereo
             }),
@@ -149,8 +169,15 @@ impl Camera {
                 .map(|(device, _)| (*device).to_owned())
                 .collect(),
             visible: map.boolean("visible").unwrap_or(true),
-            publish_image: PublishedFrame::read(map, IMAGE_KEYS, 1),
-            publish_depth: PublishedFrame::read(map, DEPTH_KEYS, 10),
+            publish_image,
+            publish_depth,
+            image_samples: map.uint("publish image samples").map_or(1, |samples| {
+                if !(1..=MAX_SAMPLES).contains(&samples) {
+                    let expected = format!("1 to {MAX_SAMPLES} samples a pixel");
+                    map.warn(ProblemKind::OutOfRange, "publish image samples", &expected, "the nearest is used");
+                }
+                samples.clamp(1, MAX_SAMPLES)
+            }),
             depth_noise: DepthNoise::read(map),
             preprocessing_shaders: map.shaders("preprocessing shaders"),
             depth_compute_shaders: map.shaders("depth compute shaders"),
@@ -176,6 +203,33 @@ const DEPTH_KEYS: FrameKeys = ["publish depth", "publish depth interval", "publi
 
 /// Largest edge of a published picture in pixels.
 const MAX_PIXELS: f64 = 16384.0;
+
+/// Most samples a pixel.
+const MAX_SAMPLES: u32 = 8;
+
+/// Vertical field of view where none is given, rad.
+const FIELD_OF_VIEW: f64 = 0.7;
+
+/// Near and far plane where none are given, m.
+const PLANES: (f64, f64) = (0.1, 10.0);
+
+/// Shortest focal length of stereo, m.
+const SHORTEST_FOCAL_LENGTH: f64 = 1e-6;
+
+fn clipping_plane(map: &Map<'_>) -> (f64, f64) {
+    let Some(planes) = map.map_opt("clipping plane") else { return PLANES };
+    let (near, far) = (planes.need_real("near"), planes.need_real("far"));
+    planes.finish();
+    if near > 0.0 && far > near {
+        return (near, far);
+    }
+    // What is not there has been reported, and drops the camera.
+    if planes.is_filled("near") && planes.is_filled("far") {
+        let used = format!("{} and {} are used", PLANES.0, PLANES.1);
+        map.warn(ProblemKind::OutOfRange, "clipping plane", "0 < near < far, in m", &used);
+    }
+    PLANES
+}
 
 /// Reads numbers that only what is drawn depends on: what is not understood is reported and refuses nothing.
 fn understood<T>(map: &Map<'_>, key: &str, expected: &str, read: impl Fn(&[(&str, f64)]) -> Option<T>) -> Option<T> {
@@ -227,22 +281,34 @@ impl Intrinsics {
 }
 
 impl PublishedFrame {
-    fn read(map: &Map<'_>, [switch, interval, resolution]: FrameKeys, every: u32) -> Option<Self> {
+    /// What is published, if it is, and its size in any case.
+    fn read(
+        map: &Map<'_>,
+        [switch, interval, resolution]: FrameKeys,
+        every: u32,
+        (width, height): (u32, u32),
+    ) -> (Option<Self>, (u32, u32)) {
         let published = map.boolean(switch).unwrap_or(false);
-        let mut frame = Self { interval: map.uint(interval).unwrap_or(every).max(1), width: 640, height: 480 };
+        let every = map.uint(interval).unwrap_or(every);
+        if every == 0 {
+            map.warn(ProblemKind::OutOfRange, interval, "a number of pictures from 1", "1 is used");
+        }
+        let mut frame = Self { interval: every.max(1), width, height };
         if let Some(block) = map.map_opt(resolution) {
             let size = ["width", "height"].map(|key| {
-                let pixels = block.need_real_in(key, Range::Positive);
-                if pixels > MAX_PIXELS {
-                    let expected = format!("at most {MAX_PIXELS} pixels");
-                    block.reject(ProblemKind::OutOfRange, key, &expected);
+                let pixels = block.need_real(key);
+                let nearest = pixels.clamp(1.0, MAX_PIXELS);
+                // What is not there has been reported, and drops the camera.
+                if block.is_filled(key) && !(1.0..=MAX_PIXELS).contains(&pixels) {
+                    let expected = format!("1 to {MAX_PIXELS} pixels");
+                    block.warn(ProblemKind::OutOfRange, key, &expected, &format!("{nearest} is used"));
                 }
-                pixels.clamp(1.0, MAX_PIXELS) as u32
+                nearest as u32
             });
             [frame.width, frame.height] = size;
             block.finish();
         }
-        published.then_some(frame)
+        (published.then_some(frame), (frame.width, frame.height))
     }
 }
 
@@ -254,6 +320,7 @@ impl DepthNoise {
             mean: block.need_real("mean"),
             std_dev: block.real("std_dev").or(other_spelling).unwrap_or(0.001),
             bias: block.real("bias").unwrap_or(0.0),
+            seed: block.uint("seed"),
         };
         block.finish();
         Some(noise)
@@ -280,21 +347,46 @@ mod tests {
     #[test]
     fn cameras() {
         let text = "cameras: [C, D]\nC: {}\nD:\n  location: {x: 1, y: 2, z: 3}\n  clipping plane: {near: 0.5, far: 2}
-  publish image: Yes\n  publish image resolution: {width: 320.0, height: 240}\n  publish image interval: 0
-  publish depth interval: 3\n  publish depth noise: {mean: 0.2, std dev: 0.3}\n  monitor: 2
+  publish image: Yes\n  publish image resolution: {width: 320.0, height: 240}\n  publish image interval: 4
+  publish depth interval: 3\n  publish depth noise: {mean: 0.2, std dev: 0.3, seed: 7}\n  monitor: 2
   mouse control multipliers: {pan: 2}\n  controlling devices: [a, b]\n";
         let cameras = clean::<Model>(text).cameras;
         assert_eq!(cameras[0].up, Vector3::z());
         assert_eq!((cameras[0].clipping_plane, cameras[0].monitor), ((0.1, 10.0), None));
         assert!(cameras[0].visible && cameras[0].publish_image.is_none());
-        let frame = PublishedFrame { interval: 1, width: 320, height: 240 };
+        let frame = PublishedFrame { interval: 4, width: 320, height: 240 };
         assert_eq!(cameras[1].publish_image, Some(frame));
         assert_eq!(cameras[1].publish_depth, None);
-        assert_eq!(cameras[1].depth_noise.map(|n| n.std_dev), Some(0.3));
+        assert_eq!(cameras[1].depth_noise.map(|n| (n.std_dev, n.seed)), Some((0.3, Some(7))));
         assert_eq!((cameras[1].mouse.pan, cameras[1].mouse.scroll), (2.0, 1.0));
         assert_eq!(cameras[1].controlling_devices, ["a", "b"]);
+        let depth = |more: &str| {
+            let text = format!(
+                "cameras: [C]\nC: {{publish depth: true, publish image resolution: {{width: 32, height: 24}}{more}}}\n"
+            );
+            clean::<Model>(&text).cameras[0].publish_depth.map(|frame| (frame.interval, frame.width, frame.height))
+        };
+        assert_eq!(depth(""), Some((10, 32, 24)), "the size of pictures, though none are published");
+        assert_eq!(depth(", publish depth resolution: {width: 8, height: 6}"), Some((10, 8, 6)));
         let text = "cameras: [C]\nC: {clipping plane: {near: 1}}\n";
         assert!(refused::<Model>(text)[0].contains("`C / clipping plane / far` is missing"));
+    }
+
+    /// Row 21 of the checklist, and other values that no picture can be taken with.
+    #[test]
+    fn values_outside_their_range_are_replaced_with_a_warning() {
+        let text = "cameras: [C]\nC:\n  clipping plane: {near: 2, far: 1}\n  field view angle: 4\n  orthographic view width: -1\n\
+                    \x20 stereo: {mode: PASSIVE, eye separation: 0.1, focal length: 0}\n  publish image: true\n\
+                    \x20 publish image interval: 0\n  publish image resolution: {width: 0, height: 20000}\n  publish image samples: 99\n";
+        let (model, problems) = read::<Model>(text);
+        let camera = &model.cameras[0];
+        assert_eq!((camera.clipping_plane, camera.field_view_angle), ((0.1, 10.0), 0.7));
+        assert_eq!(camera.orthographic_view_width, None);
+        assert_eq!(camera.stereo.as_ref().map(|stereo| stereo.focal_length), Some(1e-6));
+        assert_eq!(camera.publish_image, Some(PublishedFrame { interval: 1, width: 1, height: 16384 }));
+        assert_eq!(camera.image_samples, 8);
+        assert_eq!(problems.len(), 8, "{problems:#?}");
+        assert!(problems.iter().any(|line| line.contains("publish image interval") && line.contains("1 is used")));
     }
 
     #[test]
@@ -312,7 +404,7 @@ mod tests {
         );
         let matrix = cameras[1].projection_matrix.expect("a matrix");
         assert_eq!((matrix[(0, 3)], matrix[(3, 2)], matrix[(3, 3)]), (4.0, -1.0, 0.0));
-        // Nothing is drawn with them yet: no mistake in them refuses the file.
+        // No mistake in them refuses the file.
         let text = "cameras: [C, D]\nC: {intrinsics: {fx: 0, fy: 1, cx: 1, cy: 1}, camera intrinsics: red, window resolution: ''}\n\
                     D: {projection matrix: [1, 2], window resolution: {width: 1e9, height: 1}}\n";
         let (model, problems) = read::<Model>(text);

@@ -246,27 +246,72 @@ impl World {
             constraint.kind,
             ConstraintKind::Hinge { .. } | ConstraintKind::Slider { .. } | ConstraintKind::Fixed
         );
+        let is_axis_spring = constraint.kind.is_axis_spring();
+        let owned =
+            OwnedConstraint { raw, bodies: [a, b], motor, is_simple, is_axis_spring, articulation: None, place: 0 };
+        Some(self.list_constraint(owned, constraint.kind.reading()))
+    }
+
+    /// Gives a constraint its place in the lists.
+    fn list_constraint(&mut self, constraint: OwnedConstraint, reading: u8) -> ConstraintHandle {
+        let raw = constraint.raw;
         // What holds and lets go all the time must not make the lists longer and longer.
         let place = self.free_places.pop().unwrap_or(self.constraint_list.len());
-        let handle = self.constraints.insert(OwnedConstraint {
-            raw,
-            bodies: [a, b],
-            motor,
-            is_simple,
-            is_axis_spring: constraint.kind.is_axis_spring(),
-            articulation: None,
-            place,
-        });
+        let handle = self.constraints.insert(OwnedConstraint { place, ..constraint });
         if place == self.constraint_list.len() {
             self.constraint_list.push(raw.as_ptr());
-            self.readings.push(constraint.kind.reading());
+            self.readings.push(reading);
             self.constraint_order.push(handle);
         } else {
             self.constraint_list[place] = raw.as_ptr();
-            self.readings[place] = constraint.kind.reading();
+            self.readings[place] = reading;
             self.constraint_order[place] = handle;
         }
-        Some(handle)
+        handle
+    }
+
+    /// Draws a point of a body, in its inertial frame, towards the point `goal` of the world (both m), with impulses of at most `most` N·s
+    /// a sub-step along each axis: what picking with a mouse does. `None` when the body is not there.
+    /// [`remove_constraint`](Self::remove_constraint) lets go.
+    pub fn add_grip(
+        &mut self,
+        body: BodyHandle,
+        point: &Vector3<f64>,
+        goal: &Vector3<f64>,
+        most: f64,
+    ) -> Option<ConstraintHandle> {
+        let _inside = self.enter();
+        let raw_body = self.raw_body(body)?;
+        // SAFETY: the body is alive and outlives the constraint: `remove_body` refuses while it exists. Three doubles are read of each point.
+        let raw = unsafe { sys::amb_grip_new(raw_body, point.as_ptr(), goal.as_ptr(), most) };
+        let raw = NonNull::new(raw).expect("operator new throws rather than return null");
+        // SAFETY: constraint and world are alive; the constraint is removed from the world before it is freed.
+        unsafe { sys::amb_world_add_constraint(self.raw.as_ptr(), raw.as_ptr(), 0) };
+        // Counted at both ends, as it is when it goes: the other end is no body of this world.
+        self.bodies[body].held += 2;
+        let owned = OwnedConstraint {
+            raw,
+            bodies: [body, body],
+            motor: Motor::None,
+            is_simple: false,
+            is_axis_spring: false,
+            articulation: None,
+            place: 0,
+        };
+        Some(self.list_constraint(owned, sys::AmbReading::AmbReading_None as u8))
+    }
+
+    /// Moves the goal of a constraint that [`add_grip`](Self::add_grip) made, m. False when it is not there.
+    pub fn move_grip(&mut self, grip: ConstraintHandle, goal: &Vector3<f64>) -> bool {
+        let _inside = self.enter();
+        let Some(constraint) = self.constraints.get(grip) else { return false };
+        let [a, b] = constraint.bodies;
+        if a != b {
+            return false;
+        }
+        // SAFETY: the constraint is alive, and only grips have one body twice; three doubles are read.
+        unsafe { sys::amb_grip_set_goal(constraint.raw.as_ptr(), goal.as_ptr()) };
+        true
     }
 
     /// Place of a constraint in [`constraints`](Self::constraints), for as long as it is there.
@@ -375,6 +420,31 @@ mod tests {
         assert!((angle[0] - 0.5).abs() < 0.01, "{}", angle[0]);
         let wrench = world.joint_wrench(joint).unwrap();
         assert!((wrench.force_b.z - 20.0).abs() < 0.1, "{wrench:?}");
+    }
+
+    #[test]
+    fn every_solver_draws_a_gripped_point_to_its_goal_and_lets_go() {
+        for (name, solver) in Solver::NAMES {
+            let mut world = World::new(solver);
+            world.set_gravity(Vector3::new(0.0, 0.0, -9.8));
+            let body = world.add_body(ball(1.0, 0.0));
+            let grip = world.add_grip(body, &Vector3::zeros(), &Vector3::zeros(), 1.0).unwrap();
+            let goal = Vector3::new(0.2, 0.0, 0.3);
+            for step in 0..2000 {
+                world.move_grip(grip, &(goal * (f64::from(step) / 1000.0).min(1.0)));
+                world.step(0.001, 1, 0.001);
+            }
+            let off = (world.pose(body).unwrap().translation.vector - goal).norm();
+            assert!(off < 1e-3, "{name}: {off} m off");
+            assert!(!world.remove_body(body), "{name}: it is held");
+            assert!(world.remove_constraint(grip) && !world.move_grip(grip, &goal));
+            for _ in 0..100 {
+                world.step(0.001, 1, 0.001);
+            }
+            let fallen = goal.z - world.pose(body).unwrap().translation.vector.z;
+            assert!((fallen - 0.5 * 9.8 * 0.01).abs() < 2e-3, "{name}: {fallen} m fallen");
+            assert!(world.remove_body(body));
+        }
     }
 
     #[test]

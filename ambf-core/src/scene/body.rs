@@ -41,6 +41,8 @@ pub struct Body {
     pub publish_joint_positions: bool,
     /// Where it is defined.
     pub source: SourcePos,
+    /// It was taken out of the scene by itself; see also [`ModelInfo::removed`](super::ModelInfo::removed).
+    pub removed: bool,
     pub(crate) handle: BodyHandle,
     /// Type of the latest command; a device moves the body only while it is force.
     pub(crate) control: CartesianCommandType,
@@ -109,6 +111,7 @@ impl Body {
             publish_joint_names: _,
             publish_joint_positions: _,
             source: _,
+            removed: _,
             handle: _,
             control,
             controller,

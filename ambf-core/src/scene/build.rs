@@ -10,7 +10,7 @@ use super::assemble::Assembly;
 use super::body::Body;
 use super::driven::BodyOrder;
 use super::joint::{constraint, frames, Joint};
-use super::placed::{camera_parameters, camera_pose, light_rotation, Camera, Light, Placed};
+use super::placed::{camera_parameters, camera_pose, first_target, light_rotation, Camera, Light, Placed};
 use super::{
     shape, Bodies, BodyGraph, Counts, Found, Identity, ModelInfo, NameMap, Names, Note, ObjectType, Parent,
     PhysicsOptions, Scene, SceneOptions,
@@ -384,6 +384,7 @@ impl<'a> Builder<'a> {
             publish_joint_names: body.publish_joint_names,
             publish_joint_positions: body.publish_joint_positions,
             source: source.clone(),
+            removed: false,
             handle,
             control: CartesianCommandType::Force,
             order: BodyOrder::new(&controller.linear, &controller.angular),
@@ -487,7 +488,7 @@ impl<'a> Builder<'a> {
             self.note(Severity::Warning, &joint.common.source, message);
         }
         self.scene.has_feedback |= joint.enable_feedback && handle.is_some();
-        let live = Joint::new(joint, key, (parent, child), self.model, axis, handle);
+        let live = Joint::new(joint, key, (parent, child), self.model, (frame_a.translation.vector, axis), handle);
         self.scene.joints.push(live);
     }
 
@@ -557,6 +558,7 @@ impl<'a> Builder<'a> {
             placed: Placed::new(identity, pose),
             parameters: camera_parameters(camera),
             look_at: camera.look_at,
+            target: first_target(&pose, &camera.look_at),
             description: camera.clone(),
         });
     }

@@ -121,6 +121,8 @@ pub struct Joint {
     pub source: SourcePos,
     /// Joint axis in the parent's inertial frame, of length 1.
     pub axis: Vector3<f64>,
+    /// Its origin in the parent's inertial frame, m.
+    pub pivot: Vector3<f64>,
     pub(crate) handle: Option<ConstraintHandle>,
     /// Where its position stands among those that are read of Bullet's constraints.
     pub(crate) place: Option<usize>,
@@ -161,6 +163,7 @@ impl Joint {
             effort,
             source: _,
             axis: _,
+            pivot: _,
             handle: _,
             place: _,
             removed: _,
@@ -189,7 +192,7 @@ impl Joint {
         key: String,
         (parent, child): (usize, usize),
         model: usize,
-        axis: Vector3<f64>,
+        (pivot, axis): (Vector3<f64>, Vector3<f64>),
         constraint: Option<(ConstraintHandle, usize)>,
     ) -> Self {
         Self {
@@ -209,6 +212,7 @@ impl Joint {
             effort: 0.0,
             source: joint.common.source.clone(),
             axis,
+            pivot,
             handle: constraint.map(|(handle, _)| handle),
             place: constraint.map(|(_, place)| place),
             removed: false,

@@ -8,6 +8,7 @@ mod build;
 mod driven;
 mod elements;
 mod end_effector;
+mod gesture;
 mod ghost;
 mod graph;
 mod identity;
@@ -28,6 +29,7 @@ pub use actuator::Actuator;
 pub use body::{Bodies, Body};
 pub(crate) use driven::SubSteps;
 pub use end_effector::{EndEffectorParts, PreparedEndEffector};
+pub use gesture::{CameraGesture, CameraPlace};
 pub use ghost::Ghost;
 pub use graph::{BodyGraph, Descendant};
 pub use identity::Identity;
@@ -41,8 +43,8 @@ pub use sensor::{LocalRay, Sensed, Sensor};
 pub use soft_body::SoftBody;
 pub use vehicle::{Vehicle, Wheel};
 pub use visuals::{
-    VisualActuator, VisualBody, VisualCamera, VisualLight, VisualObject, VisualScene, VisualSensor, VisualSoftBody,
-    VisualVehicle,
+    VisualActuator, VisualBody, VisualCamera, VisualJoint, VisualLight, VisualModel, VisualObject, VisualScene,
+    VisualSensor, VisualSoftBody, VisualVehicle,
 };
 
 use std::fmt;
@@ -364,6 +366,12 @@ impl Scene {
                 placed.pose = placed.initial_pose;
             }
         }
+        self.reset_cameras();
+    }
+
+    /// Cameras back to where they were, with the targets of the beginning.
+    pub(crate) fn reset_cameras(&mut self) {
+        self.cameras.iter_mut().for_each(Camera::reset);
     }
 
     /// A snapshot with place for the state of every object.

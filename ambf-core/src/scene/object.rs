@@ -177,8 +177,15 @@ impl Scene {
 
     /// Whether an object is in the scene: it was made, and neither it nor its model was taken out.
     pub fn has_object(&self, object: ObjectId) -> bool {
-        let joint_is_gone = || object.kind == ObjectType::Joint && self.joints[object.index].removed;
-        self.model_of(object).is_some_and(|model| !self.models[model].removed && !joint_is_gone())
+        let is_gone = || match object.kind {
+            ObjectType::Joint => self.joints[object.index].removed,
+            ObjectType::Body => self.bodies[object.index].removed,
+            ObjectType::Sensor => self.bodies[self.sensors[object.index].parent].removed,
+            ObjectType::Actuator => self.bodies[self.actuators[object.index].parent].removed,
+            ObjectType::Vehicle => self.bodies[self.vehicles[object.index].chassis].removed,
+            _ => false,
+        };
+        self.model_of(object).is_some_and(|model| !self.models[model].removed && !is_gone())
     }
 
     /// The object of a type whose qualified identifier is `text`, else the only one whose identifier holds it, else the only one whose name

@@ -2,6 +2,7 @@
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 
+use super::gesture::{CameraGesture, CameraPlace};
 use super::{Found, Identity, NameMap, Scene};
 use crate::adf;
 use crate::comm::{CameraParameters, CameraView, Command, LightParameters, PoseCommand, SpotReading};
@@ -57,8 +58,40 @@ pub struct Camera {
     pub parameters: CameraParameters,
     /// The point that it looked at in the beginning, in its parent's frame, m.
     pub look_at: Vector3<f64>,
+    /// The point about which it orbits, in its own frame, m.
+    pub target: Vector3<f64>,
     /// What it was made from.
     pub description: adf::Camera,
+}
+
+impl Camera {
+    /// Moves it as a mouse does.
+    pub(crate) fn follow_gesture(&mut self, gesture: CameraGesture) {
+        let width = self.parameters.orthographic_view_width;
+        let place = CameraPlace { pose: self.placed.pose, target: self.target, width }.moved(gesture);
+        (self.placed.pose, self.target) = (place.pose, place.target);
+        if self.parameters.orthographic {
+            self.parameters.orthographic_view_width = place.width;
+        }
+    }
+
+    /// Puts it at a pose in its parent's frame, looking at a point at `distance` m.
+    pub(crate) fn look_from(&mut self, pose: &Isometry3<f64>, distance: f64) {
+        self.placed.pose = *pose;
+        self.target = Vector3::new(-distance, 0.0, 0.0);
+    }
+
+    /// Back to where it was, with the target of the beginning.
+    pub(crate) fn reset(&mut self) {
+        self.placed.pose = self.placed.initial_pose;
+        self.target = first_target(&self.placed.initial_pose, &self.look_at);
+    }
+}
+
+/// What a camera orbits about in the beginning, in its own frame: what it looks at, else a point 1 m ahead.
+pub(super) fn first_target(pose: &Isometry3<f64>, look_at: &Vector3<f64>) -> Vector3<f64> {
+    let distance = (pose.translation.vector - look_at).norm();
+    Vector3::new(if distance > 1e-9 && distance.is_finite() { -distance } else { -1.0 }, 0.0, 0.0)
 }
 
 /// A spot light. It shines along its +x axis.

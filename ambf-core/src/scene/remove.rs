@@ -1,7 +1,7 @@
-//! Taking models out of a scene, and what follows from its list of objects.
+//! Taking models and bodies out of a scene, and what follows from its list of objects.
 
 use super::placed::Placed;
-use super::{BodyGraph, Element, Parent, Scene};
+use super::{Bodies, BodyGraph, Element, Parent, Scene};
 use crate::comm::ObjectKind;
 
 impl Scene {
@@ -21,17 +21,57 @@ impl Scene {
 
     /// Takes a model out of the scene, with all joints and everything held that leads into it.
     pub(crate) fn remove_model(&mut self, model: usize) {
-        self.orphan_children(model);
         let Self { world, bodies, gravity, .. } = self;
-        let is_gone = |body: usize| bodies[body].identity.model == model;
-        // What refers to bodies goes before them.
+        for ghost in self.ghosts.iter_mut().filter(|ghost| ghost.placed.identity.model == model) {
+            ghost.release(world, bodies, gravity);
+        }
+        self.orphan_children(|scene, parent| scene.model_of_parent(parent) == model);
+        self.release_bodies(|bodies, body| bodies[body].identity.model == model);
+        let Self { world, bodies, .. } = self;
+        for ghost in self.ghosts.iter().filter(|ghost| ghost.placed.identity.model == model) {
+            world.remove_ghost(ghost.handle);
+        }
+        for actuator in self.actuators.iter_mut().filter(|actuator| actuator.identity.model == model) {
+            actuator.release(world, bodies);
+        }
+        for vehicle in self.vehicles.iter().filter(|vehicle| vehicle.identity.model == model) {
+            world.remove_vehicle(vehicle.handle);
+        }
+        for soft in self.soft_bodies.iter().filter(|soft| soft.identity.model == model) {
+            world.remove_soft_body(soft.handle);
+        }
+        for body in bodies.iter().filter(|body| body.identity.model == model) {
+            world.remove_body(body.handle);
+        }
+        self.models[model].removed = true;
+        self.names.models.remove(|index| index == model);
+        self.forget();
+    }
+
+    /// Takes one body out of the scene, with all joints on it and what stands on it. False when it is not there.
+    pub(crate) fn remove_body(&mut self, body: usize) -> bool {
+        if self.bodies.get(body).is_none() || self.body_is_gone(body) {
+            return false;
+        }
+        self.orphan_children(|_, parent| parent == Parent::Body(body));
+        self.release_bodies(|_, other| other == body);
+        self.world.remove_body(self.bodies[body].handle);
+        self.bodies[body].removed = true;
+        self.forget();
+        true
+    }
+
+    /// Lets go of bodies whatever holds them: what refers to bodies goes before them.
+    fn release_bodies(&mut self, is_gone: impl Fn(&Bodies, usize) -> bool) {
+        let Self { world, bodies, .. } = self;
+        let going: Vec<usize> = (0..bodies.len()).filter(|&body| is_gone(bodies, body)).collect();
+        let is_gone = |body: usize| going.binary_search(&body).is_ok();
         for actuator in &mut self.actuators {
-            let held = bodies.iter().any(|body| body.identity.model == model && actuator.holds(body.handle));
-            if held || actuator.identity.model == model || is_gone(actuator.parent) {
+            if is_gone(actuator.parent) || going.iter().any(|&body| actuator.holds(bodies[body].handle)) {
                 actuator.release(world, bodies);
             }
         }
-        for vehicle in self.vehicles.iter().filter(|v| v.identity.model == model || is_gone(v.chassis)) {
+        for vehicle in self.vehicles.iter().filter(|vehicle| is_gone(vehicle.chassis)) {
             world.remove_vehicle(vehicle.handle);
         }
         for joint in self.joints.iter_mut().filter(|joint| is_gone(joint.parent) || is_gone(joint.child)) {
@@ -42,61 +82,60 @@ impl Scene {
                 world.remove_constraint(handle);
             }
         }
-        for ghost in self.ghosts.iter_mut().filter(|ghost| ghost.placed.identity.model == model) {
-            ghost.release(world, bodies, gravity);
-            world.remove_ghost(ghost.handle);
-        }
-        for soft in self.soft_bodies.iter().filter(|soft| soft.identity.model == model) {
-            world.remove_soft_body(soft.handle);
-        }
-        for body in bodies.iter().filter(|body| body.identity.model == model) {
-            world.remove_body(body.handle);
-        }
-        self.models[model].removed = true;
-        self.forget_names(model);
+    }
+
+    /// Whether a body was taken out of the scene, by itself or with its model.
+    pub fn body_is_gone(&self, body: usize) -> bool {
+        let body = &self.bodies[body];
+        body.removed || self.models[body.identity.model].removed
+    }
+
+    /// Whether an object was taken out of the scene: itself, its model, or what it stood on.
+    pub(crate) fn is_removed(&self, kind: &ObjectKind) -> bool {
+        let is_gone = match *kind {
+            ObjectKind::RigidBody(i, _) => self.body_is_gone(i),
+            ObjectKind::Sensor(i, _) => self.body_is_gone(self.sensors[i].parent),
+            ObjectKind::Actuator(i, _) => self.body_is_gone(self.actuators[i].parent),
+            ObjectKind::Vehicle(i, _) => self.body_is_gone(self.vehicles[i].chassis),
+            _ => false,
+        };
+        is_gone || self.identity(kind).is_some_and(|identity| self.models[identity.model].removed)
+    }
+
+    /// Forgets the names of what was removed, and brings up to date what follows from the lists of objects.
+    fn forget(&mut self) {
+        let mut names = std::mem::take(&mut self.names);
+        let mut body_names = std::mem::take(&mut self.body_names);
+        let model_is_gone = |identity: &super::Identity| self.models[identity.model].removed;
+        let gone = |kind: ObjectKind| self.is_removed(&kind);
+        body_names.remove(|i| self.body_is_gone(i));
+        names.joints.remove(|i| self.joints[i].removed);
+        names.soft_bodies.remove(|i| model_is_gone(&self.soft_bodies[i].identity));
+        names.ghosts.remove(|i| model_is_gone(&self.ghosts[i].placed.identity));
+        names.cameras.remove(|i| model_is_gone(&self.cameras[i].placed.identity));
+        names.lights.remove(|i| model_is_gone(&self.lights[i].placed.identity));
+        names.sensors.remove(|i| gone(ObjectKind::Sensor(i, Box::default())));
+        names.actuators.remove(|i| gone(ObjectKind::Actuator(i, Box::default())));
+        names.vehicles.remove(|i| gone(ObjectKind::Vehicle(i, Box::default())));
+        (self.names, self.body_names) = (names, body_names);
         self.rebuild_graph();
         self.arrange();
     }
 
-    /// Whether an object was taken out of the scene: its model, or what it stood on.
-    pub(crate) fn is_removed(&self, kind: &ObjectKind) -> bool {
-        let model_is_gone = |model: usize| self.models[model].removed;
-        let body_is_gone = |body: usize| model_is_gone(self.bodies[body].identity.model);
-        let stands_on_nothing = match *kind {
-            ObjectKind::Sensor(i, _) => body_is_gone(self.sensors[i].parent),
-            ObjectKind::Actuator(i, _) => body_is_gone(self.actuators[i].parent),
-            ObjectKind::Vehicle(i, _) => body_is_gone(self.vehicles[i].chassis),
-            _ => false,
-        };
-        stands_on_nothing || self.identity(kind).is_some_and(|identity| model_is_gone(identity.model))
+    fn model_of_parent(&self, parent: Parent) -> usize {
+        match parent {
+            Parent::Body(i) => self.bodies[i].identity.model,
+            Parent::Camera(i) => self.cameras[i].placed.identity.model,
+            Parent::Light(i) => self.lights[i].placed.identity.model,
+            Parent::Ghost(i) => self.ghosts[i].placed.identity.model,
+        }
     }
 
-    fn forget_names(&mut self, model: usize) {
-        let Self { names, bodies, .. } = self;
-        let body_is_gone = |body: usize| bodies[body].identity.model == model;
-        names.models.remove(|index| index == model);
-        self.body_names.remove(body_is_gone);
-        names.joints.remove(|i| self.joints[i].removed);
-        names.soft_bodies.remove(|i| self.soft_bodies[i].identity.model == model);
-        names.ghosts.remove(|i| self.ghosts[i].placed.identity.model == model);
-        names.cameras.remove(|i| self.cameras[i].placed.identity.model == model);
-        names.lights.remove(|i| self.lights[i].placed.identity.model == model);
-        names.sensors.remove(|i| self.sensors[i].identity.model == model || body_is_gone(self.sensors[i].parent));
-        names.actuators.remove(|i| self.actuators[i].identity.model == model || body_is_gone(self.actuators[i].parent));
-        names.vehicles.remove(|i| self.vehicles[i].identity.model == model || body_is_gone(self.vehicles[i].chassis));
-    }
-
-    /// What hung on an object of the model stays where it is, in the world.
-    fn orphan_children(&mut self, model: usize) {
-        let model_of = |scene: &Self, parent: Parent| match parent {
-            Parent::Body(i) => scene.bodies[i].identity.model,
-            Parent::Camera(i) => scene.cameras[i].placed.identity.model,
-            Parent::Light(i) => scene.lights[i].placed.identity.model,
-            Parent::Ghost(i) => scene.ghosts[i].placed.identity.model,
-        };
+    /// What hung on an object that goes stays where it is, in the world.
+    fn orphan_children(&mut self, goes: impl Fn(&Self, Parent) -> bool) {
         for child in self.all_placed().collect::<Vec<_>>() {
             let Some(&mut Placed { parent: Some(parent), pose, .. }) = self.placed_mut(child) else { continue };
-            if model_of(self, parent) == model {
+            if goes(self, parent) {
                 let pose = self.global_pose(Some(parent), &pose);
                 if let Some(placed) = self.placed_mut(child) {
                     (placed.parent, placed.pose) = (None, pose);

@@ -1,6 +1,6 @@
 //! Saving and restoring a scene: each room saves what it keeps beside Bullet.
 
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Vector3};
 
 use super::actuator::SavedActuator;
 use super::body::SavedBody;
@@ -23,7 +23,7 @@ pub(crate) struct SavedScene {
     sensors: Vec<SavedSensor>,
     actuators: Vec<SavedActuator>,
     vehicles: Vec<Vec<Drive>>,
-    cameras: Vec<(Isometry3<f64>, CameraParameters)>,
+    cameras: Vec<(Isometry3<f64>, CameraParameters, Vector3<f64>)>,
     lights: Vec<(Isometry3<f64>, LightParameters)>,
 }
 
@@ -34,6 +34,7 @@ struct Extent {
     joints: usize,
     models: usize,
     removed: usize,
+    removed_bodies: usize,
 }
 
 impl SavedScene {
@@ -56,6 +57,7 @@ impl Scene {
             joints: self.joints.len(),
             models: self.models.len(),
             removed: self.models.iter().filter(|model| model.removed).count(),
+            removed_bodies: self.bodies.iter().filter(|body| body.removed).count(),
         }
     }
 
@@ -126,8 +128,8 @@ impl Scene {
         self.sensors.iter_mut().zip(&saved.sensors).for_each(|(sensor, saved)| sensor.restore(saved));
         self.actuators.iter_mut().zip(&saved.actuators).for_each(|(actuator, saved)| actuator.restore(saved));
         self.vehicles.iter_mut().zip(&saved.vehicles).for_each(|(vehicle, saved)| vehicle.restore(saved));
-        for (camera, (pose, parameters)) in self.cameras.iter_mut().zip(&saved.cameras) {
-            camera.placed.pose = *pose;
+        for (camera, (pose, parameters, target)) in self.cameras.iter_mut().zip(&saved.cameras) {
+            (camera.placed.pose, camera.target) = (*pose, *target);
             camera.parameters.clone_from(parameters);
         }
         for (light, (pose, parameters)) in self.lights.iter_mut().zip(&saved.lights) {
@@ -147,9 +149,9 @@ impl Placed {
 }
 
 impl Camera {
-    fn save(&self) -> (Isometry3<f64>, CameraParameters) {
-        let Self { placed, parameters, look_at: _, description: _ } = self;
-        (placed.save(), parameters.clone())
+    fn save(&self) -> (Isometry3<f64>, CameraParameters, Vector3<f64>) {
+        let Self { placed, parameters, look_at: _, target, description: _ } = self;
+        (placed.save(), parameters.clone(), *target)
     }
 }
 

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use nalgebra::{Isometry3, Vector3};
 
-use super::{Identity, LocalRay, Scene};
+use super::{Identity, JointType, LocalRay, Scene};
 use crate::adf;
 
 /// What of a scene can be drawn. All lists are indexed as the arrays of [`Snapshot`](crate::comm::Snapshot); what was removed keeps its
@@ -35,6 +35,44 @@ pub struct VisualScene {
     pub cameras: Vec<VisualCamera>,
     /// (lights x 1).
     pub lights: Vec<VisualLight>,
+    /// (joints x 1).
+    pub joints: Vec<VisualJoint>,
+    /// (models x 1) key of each model, what it is removed by, and its file; the environment is the first.
+    pub models: Vec<VisualModel>,
+}
+
+/// A model.
+#[derive(Debug, Clone)]
+pub struct VisualModel {
+    /// What it is removed by.
+    pub key: Arc<str>,
+    /// What it was made from.
+    pub description: Arc<adf::Model>,
+    /// Taken out of the scene.
+    pub removed: bool,
+}
+
+/// A joint.
+#[derive(Debug, Clone)]
+pub struct VisualJoint {
+    /// Name without suffix.
+    pub name: Arc<str>,
+    /// Index of the parent body.
+    pub parent: usize,
+    /// Index of the child body.
+    pub child: usize,
+    /// Index of the joint's model.
+    pub model: usize,
+    /// Range of the coordinate, rad or m; `None`: unlimited.
+    pub limits: Option<(f64, f64)>,
+    /// Whether its coordinate is an angle, a length, or nothing.
+    pub kind: JointType,
+    /// Axis in the parent's inertial frame, of length 1.
+    pub axis: Vector3<f64>,
+    /// Origin of the axis in the parent's inertial frame, m.
+    pub pivot: Vector3<f64>,
+    /// Taken out of the scene.
+    pub removed: bool,
 }
 
 /// What all objects that can be drawn have.
@@ -230,8 +268,9 @@ impl Scene {
         let of_vehicles = Places::new(self, |model| model.vehicles.iter().map(|vehicle| &vehicle.common).collect());
         let of_sensors = Places::new(self, |model| model.sensors.iter().map(|sensor| &sensor.common).collect());
         let of_actuators = Places::new(self, |model| model.actuators.iter().map(|actuator| &actuator.common).collect());
-        let body = |body: &super::Body| VisualBody {
-            object: object(&body.identity),
+        let is_gone = |body: usize| self.body_is_gone(body);
+        let body = |(index, body): (usize, &super::Body)| VisualBody {
+            object: VisualObject { removed: is_gone(index), ..object(&body.identity) },
             offset: body.inertial_offset_inverse,
             scale: body.scale,
             is_ghost: false,
@@ -260,12 +299,11 @@ impl Scene {
             };
             let wheels = described.index.map(|index| described.model.vehicles[index].wheels.iter().map(files));
             let object = VisualObject {
-                removed: self.models[self.bodies[vehicle.chassis].identity.model].removed,
+                removed: is_gone(vehicle.chassis),
                 ..object(&vehicle.identity)
             };
             VisualVehicle { object, wheels: wheels.into_iter().flatten().collect() }
         };
-        let is_without_parent = |parent: usize| self.models[self.bodies[parent].identity.model].removed;
         let sensor = |sensor: &super::Sensor| {
             let described = of_sensors.described(self, &sensor.identity);
             let (visible, visible_size) = described.index.map_or((false, 0.0), |index| {
@@ -273,7 +311,7 @@ impl Scene {
                 (sensor.visible, sensor.visible_size)
             });
             let mut object = object(&sensor.identity);
-            object.removed |= is_without_parent(sensor.parent);
+            object.removed |= is_gone(sensor.parent);
             VisualSensor {
                 object,
                 parent: sensor.parent,
@@ -291,7 +329,7 @@ impl Scene {
                 (actuator.visible, actuator.visible_size)
             });
             let mut object = object(&actuator.identity);
-            object.removed |= is_without_parent(actuator.parent);
+            object.removed |= is_gone(actuator.parent);
             VisualActuator { object, parent: actuator.parent, pose: actuator.info.pose, visible, visible_size }
         };
         let camera = |camera: &super::Camera| VisualCamera {
@@ -304,10 +342,26 @@ impl Scene {
             object: object(&light.placed.identity),
             description: Arc::new(light.description.clone()),
         };
+        let joint = |joint: &super::Joint| VisualJoint {
+            name: joint.name.as_str().into(),
+            parent: joint.parent,
+            child: joint.child,
+            model: joint.model,
+            limits: joint.limits.map(|limits| (limits.low, limits.high)),
+            kind: joint.joint_type,
+            axis: joint.axis,
+            pivot: joint.pivot,
+            removed: joint.removed || self.models[joint.model].removed,
+        };
+        let model = |model: &super::ModelInfo| VisualModel {
+            key: model.key.as_str().into(),
+            description: Arc::clone(&model.description),
+            removed: model.removed,
+        };
         VisualScene {
             generation,
             world: Arc::clone(&self.description),
-            bodies: self.bodies.iter().map(body).collect(),
+            bodies: self.bodies.iter().enumerate().map(body).collect(),
             ghosts: self.ghosts.iter().map(ghost).collect(),
             soft_bodies: self.soft_bodies.iter().map(soft).collect(),
             vehicles: self.vehicles.iter().map(vehicle).collect(),
@@ -315,6 +369,8 @@ impl Scene {
             actuators: self.actuators.iter().map(actuator).collect(),
             cameras: self.cameras.iter().map(camera).collect(),
             lights: self.lights.iter().map(light).collect(),
+            joints: self.joints.iter().map(joint).collect(),
+            models: self.models.iter().map(model).collect(),
         }
     }
 }

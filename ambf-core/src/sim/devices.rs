@@ -62,7 +62,7 @@ impl Coupled {
     /// Finds its parts in a scene that has changed.
     fn find_parts(&mut self, scene: &Scene) {
         let root = self.parts.root;
-        self.is_there = !scene.models[scene.bodies[root].identity.model].removed;
+        self.is_there = !scene.body_is_gone(root);
         self.own = vec![false; scene.bodies.len()];
         self.own[root] = true;
         let below = scene.graph.descendants(root);

@@ -11,12 +11,14 @@ mod runner;
 mod saved;
 mod statistics;
 mod stepper;
+mod window;
 
 pub use crate::bullet::StateError;
 pub use models::{AddedModel, ModelError, Models, ANSWER_TIMEOUT};
 pub use runner::{Control, Event, Runner, RunnerOptions};
 pub use saved::SavedState;
 pub use stepper::{Stepper, StepperState};
+pub use window::{Picked, WindowAnswer, WindowLink, WindowRequest};
 
 use std::fmt;
 use std::sync::Arc;
@@ -35,6 +37,7 @@ use devices::Devices;
 use driven::Driven;
 use models::ModelRequests;
 use plugins::PluginState;
+use window::{Picking, Window};
 
 /// Bullet's internal step unless somebody asks for another: 1 ms, whatever the frequency of the loop.
 pub const DEFAULT_SUB_STEP: f64 = 0.001;
@@ -125,6 +128,8 @@ pub struct Simulation {
     wrenches: Vec<Wrench>,
     link: Option<Link>,
     requests: Option<ModelRequests>,
+    window: Option<Window>,
+    picking: Picking,
     driven: Driven,
     /// Input devices, if there are any.
     devices: Option<Box<Devices>>,
@@ -161,6 +166,8 @@ impl Simulation {
             wrenches,
             link: None,
             requests: None,
+            window: None,
+            picking: Picking::default(),
             driven,
             devices: None,
             notices: Vec::new(),

@@ -106,12 +106,12 @@ impl Simulation {
 
     /// Whether somebody waits for a change of the scene.
     pub(super) fn change_is_requested(&self) -> bool {
-        self.requests.as_ref().is_some_and(|requests| !requests.0.is_empty())
+        self.requests.as_ref().is_some_and(|requests| !requests.0.is_empty()) || self.window_is_waiting()
     }
 
     /// Physics thread: does what was asked for; true if the scene has changed. Costs next to nothing when nothing was.
     pub(super) fn do_requested_changes(&mut self) -> bool {
-        let mut changed = false;
+        let mut changed = self.serve_window();
         while let Some(Ok(request)) = self.requests.as_ref().map(|requests| requests.0.try_recv()) {
             // An answer that nobody waits for any more is dropped.
             match request {
@@ -162,6 +162,10 @@ impl Simulation {
         let unknown = |why| ModelError::Unknown { name: name.to_owned(), why };
         let model = self.scene.find_model(name).map_err(unknown)?;
         self.end_model_plugins(model);
+        self.release_picked_of(|scene, is_soft, index| match is_soft {
+            true => scene.soft_bodies[index].identity.model == model,
+            false => scene.bodies[index].identity.model == model,
+        });
         self.scene.remove_model(model);
         self.grow();
         if let Some(link) = &mut self.link {

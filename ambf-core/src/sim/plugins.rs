@@ -165,14 +165,13 @@ impl Simulation {
             plugins.close_model(simulation, model);
             simulation.arrange_plugins(plugins);
         });
-        let Scene { bodies, world, .. } = &mut self.scene;
-        self.plugin_state.attachments.retain(|attachment| {
-            let stays = attachment.bodies.iter().all(|&body| bodies[body].identity.model != model);
-            if !stays {
-                world.remove_constraint(attachment.constraint);
-            }
-            stays
-        });
+        let own: Vec<bool> = self.scene.bodies.iter().map(|body| body.identity.model == model).collect();
+        self.detach_plugins_from(|body| own[body]);
+    }
+
+    /// Undoes what plugins have attached to bodies that are about to leave.
+    pub(super) fn detach_plugins_from(&mut self, is_going: impl Fn(usize) -> bool) {
+        self.detach_where(|attachment| attachment.bodies.iter().any(|&body| is_going(body)));
     }
 
     /// Whether plugins are running or were.

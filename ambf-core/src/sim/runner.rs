@@ -1,6 +1,6 @@
 //! The thread that repeats the iteration in real time.
 
-use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -52,11 +52,24 @@ pub enum Event {
 }
 
 /// Pause, manual steps and the end of a running simulation, from any thread.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Control {
     stop: AtomicBool,
     paused: AtomicBool,
     manual_steps: AtomicU32,
+    /// Bits of f64.
+    speed: AtomicU64,
+}
+
+impl Default for Control {
+    fn default() -> Self {
+        Self {
+            stop: AtomicBool::default(),
+            paused: AtomicBool::default(),
+            manual_steps: AtomicU32::default(),
+            speed: AtomicU64::new(1.0_f64.to_bits()),
+        }
+    }
 }
 
 impl Control {
@@ -73,6 +86,18 @@ impl Control {
     /// Lets `steps` iterations through while paused.
     pub fn step(&self, steps: u32) {
         self.manual_steps.fetch_add(steps, Ordering::AcqRel);
+    }
+
+    /// Factor on simulated time per real time, over what [`RunnerOptions`] say; 1 at the start.
+    pub fn speed(&self) -> f64 {
+        f64::from_bits(self.speed.load(Ordering::Acquire))
+    }
+
+    /// Changes [`speed`](Self::speed); what is not finite or not above 0 changes nothing.
+    pub fn set_speed(&self, factor: f64) {
+        if factor.is_finite() && factor > 0.0 {
+            self.speed.store(factor.to_bits(), Ordering::Release);
+        }
     }
 
     fn is_stopping(&self) -> bool {
@@ -149,6 +174,8 @@ struct PhysicsLoop {
     start: Instant,
     /// Wall time that did not count as simulated: pauses.
     skipped: f64,
+    /// Wall time of the iteration before.
+    last_wall: f64,
     was_paused: bool,
     /// The pause was made because the state was lost.
     lost: bool,
@@ -167,6 +194,7 @@ impl PhysicsLoop {
             events,
             start: Instant::now(),
             skipped: 0.0,
+            last_wall: 0.0,
             was_paused: false,
             lost: false,
             statistics: StepStatistics::new(),
@@ -271,10 +299,18 @@ impl PhysicsLoop {
 
     /// Interval of this iteration, s: what the wall clock is ahead, or fixed. The first one after a pause is one period.
     fn choose_interval(&mut self, now: Instant) -> f64 {
+        let speed = self.control.speed();
         if self.options.fixed_step {
-            return self.options.speed_factor / self.options.frequency;
+            return speed * self.options.speed_factor / self.options.frequency;
         }
         let wall = (now - self.start).as_secs_f64();
+        let last = std::mem::replace(&mut self.last_wall, wall);
+        if speed != 1.0 && !self.was_paused {
+            let interval = speed * (wall - last);
+            // The clock is followed from here on again when the factor is 1.
+            self.skipped = wall - self.simulation.sim_time() - interval;
+            return interval;
+        }
         if std::mem::take(&mut self.was_paused) {
             self.skipped = wall - self.simulation.sim_time() - 1.0 / self.options.frequency;
         }
@@ -341,5 +377,78 @@ impl PhysicsLoop {
     fn tell(&self, event: Event) {
         // A full queue means that nobody reads: the event is dropped.
         let _ = self.events.try_send(event);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::scene::{load, SceneFiles, SceneOptions};
+    use crate::sim::{Simulation, WindowRequest};
+
+    /// A running simulation of a pendulum, its hub and its window.
+    fn running(fixed_step: bool) -> (Runner, Arc<crate::comm::Hub>, crate::sim::WindowLink) {
+        let resources = Path::new(env!("CARGO_MANIFEST_DIR")).join("../resources");
+        let files = SceneFiles {
+            world: Some(resources.join("world/world.yaml")),
+            models: vec![resources.join("models/pendulum.yaml")],
+        };
+        let loaded = load(&files, &SceneOptions::default());
+        let mut simulation = Simulation::new(loaded.scene, 0.001);
+        let hub = simulation.connect();
+        hub.set_listening();
+        let link = simulation.window_link();
+        (Runner::start(simulation, RunnerOptions { fixed_step, ..RunnerOptions::default() }), hub, link)
+    }
+
+    fn time(hub: &crate::comm::Hub) -> f64 {
+        hub.snapshot().as_ref().map_or(0.0, |snapshot| snapshot.sim_time)
+    }
+
+    fn wait(what: &str, is_there: impl Fn() -> bool) {
+        let begin = Instant::now();
+        while !is_there() {
+            assert!(begin.elapsed() < Duration::from_secs(20), "{what}");
+            std::thread::sleep(Duration::from_millis(2));
+        }
+    }
+
+    #[test]
+    fn the_speed_is_a_factor_on_simulated_time_and_the_clock_is_followed_again_at_1() {
+        for fixed_step in [false, true] {
+            let (runner, hub, _) = running(fixed_step);
+            wait("it runs", || time(&hub) > 0.05);
+            let speed = |factor: f64| {
+                runner.control().set_speed(factor);
+                std::thread::sleep(Duration::from_millis(100));
+                let (begin, before) = (Instant::now(), time(&hub));
+                std::thread::sleep(Duration::from_millis(400));
+                (time(&hub) - before) / begin.elapsed().as_secs_f64()
+            };
+            // On a busy machine a loop with fixed steps may be slower than asked for, never faster.
+            let slow = speed(0.1);
+            assert!(slow > 0.01 && slow < 0.13, "fixed {fixed_step}: {slow}");
+            runner.control().set_speed(f64::NAN);
+            assert_eq!(runner.control().speed(), 0.1);
+            let usual = speed(1.0);
+            assert!(usual > 3.0 * slow && usual < 1.3, "fixed {fixed_step}: {usual}");
+        }
+    }
+
+    #[test]
+    fn row_66_a_window_moves_cameras_while_the_simulation_is_paused() {
+        let (runner, hub, link) = running(true);
+        wait("it runs", || time(&hub) > 0.01);
+        runner.control().set_paused(true);
+        std::thread::sleep(Duration::from_millis(50));
+        let (before, step) = hub.snapshot().as_ref().map(|s| (s.cameras[0], s.sim_step)).expect("a snapshot");
+        let gesture = crate::scene::CameraGesture::Pan { right: 1.0, up: 0.0 };
+        link.post(WindowRequest::MoveCamera { camera: 0, gesture }).expect("there is room");
+        let now = || hub.snapshot().as_ref().map(|s| (s.cameras[0], s.sim_step)).expect("a snapshot");
+        wait("the camera has moved", || now().0 != before);
+        assert!((before.inverse() * now().0).translation.y > 0.999);
+        assert_eq!(now().1, step, "no step was made");
     }
 }

@@ -4,6 +4,7 @@ use super::cap::SubStepCap;
 use super::commands::{Link, SavedCommands};
 use super::driven::Driven;
 use super::plugins::Attachment;
+use super::window::Picking;
 use super::Simulation;
 use crate::bullet::StateError;
 use crate::comm::Wrench;
@@ -27,6 +28,7 @@ pub struct SavedState {
     due: u32,
     wrenches: Vec<Wrench>,
     commands: SavedCommands,
+    picking: Picking,
     driven: Driven,
     attachments: Vec<Attachment>,
     devices: Vec<EndEffector>,
@@ -85,7 +87,9 @@ impl Simulation {
             link,
             // What others have asked for or are to be told.
             requests: _,
+            window: _,
             notices: _,
+            picking,
             driven,
             devices,
         } = self;
@@ -100,6 +104,7 @@ impl Simulation {
             due: *due,
             wrenches: wrenches.clone(),
             commands: link.as_ref().map(Link::save).unwrap_or_default(),
+            picking: picking.clone(),
             driven: driven.clone(),
             attachments: plugin_state.save(),
             devices: devices.as_ref().map(|devices| devices.save()).unwrap_or_default(),
@@ -122,6 +127,9 @@ impl Simulation {
         if let Some(link) = &mut self.link {
             link.restore(&saved.commands);
         }
+        // Whoever held something then does not any more.
+        self.picking.clone_from(&saved.picking);
+        self.release_picked();
         self.driven.restore(&saved.driven);
         self.plugin_state.restore(&saved.attachments);
         if let Some(devices) = &mut self.devices {

@@ -800,6 +800,20 @@ impl Current<'_> {
         }
     }
 
+    /// Depths are a little larger than they are, so that a surface in a shadow map does not shade itself.
+    pub(crate) fn push_back(&self, is_on: bool) {
+        // SAFETY: numbers only.
+        unsafe {
+            match is_on {
+                true => {
+                    self.raw().enable(glow::POLYGON_OFFSET_FILL);
+                    self.raw().polygon_offset(2.0, 4.0);
+                }
+                false => self.raw().disable(glow::POLYGON_OFFSET_FILL),
+            }
+        }
+    }
+
     /// Triangles are drawn as their edges, until [`state`](Self::state) is called.
     pub(crate) fn outlines(&self) {
         // SAFETY: numbers only.

@@ -37,7 +37,7 @@ fn defaults_are_those_of_the_original() {
         fixed_physics_step: false,
         fixed_haptic_step: false,
         publish_frequency: None,
-        show_gui: true,
+        show_gui: None,
         namespace: String::new(),
         speed_factor: 1.0,
         plugins: vec![],
@@ -110,7 +110,7 @@ fn every_long_name_sets_its_option() {
         fixed_physics_step: true,
         fixed_haptic_step: true,
         publish_frequency: Some(PublishFrequency { min: 1500, max: 2000 }),
-        show_gui: false,
+        show_gui: Some(false),
         namespace: "/sim1".to_owned(),
         speed_factor: 0.5,
         plugins: ["a.so", "b.so", "c.so"].map(PathBuf::from).to_vec(),
@@ -144,7 +144,7 @@ fn every_short_name_sets_its_option() {
     assert_eq!((spaced.physics_frequency, spaced.haptic_frequency), (60, 70));
     assert_eq!((spaced.fixed_physics_step, spaced.fixed_haptic_step), (true, true));
     assert_eq!((spaced.devices, spaced.force_feedback), (DeviceSelection::First(1), true));
-    assert_eq!((spaced.show_gui, spaced.speed_factor), (false, 2.0));
+    assert_eq!((spaced.show_gui, spaced.speed_factor), (Some(false), 2.0));
     assert_eq!((spaced.model_files, spaced.model_indexes), (vec![PathBuf::from("x")], vec![3]));
 }
 

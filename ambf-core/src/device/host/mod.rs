@@ -82,6 +82,8 @@ pub struct DeviceStatus {
     pub model: String,
     /// Which one of several.
     pub identity: String,
+    /// Names of the cameras that it is paired with, as its entry says; empty: all.
+    pub cameras: Vec<String>,
     /// What it does.
     pub state: DeviceState,
     /// Ticks of its thread.
@@ -174,6 +176,7 @@ impl Unit {
             name: self.entry.identifier.clone(),
             model: self.claim.info.model.clone(),
             identity: self.claim.info.identity.clone(),
+            cameras: self.entry.pair_cameras.clone(),
             state: self.state(),
             loops: self.shared.loops.read(),
             samples: self.shared.samples.read(),

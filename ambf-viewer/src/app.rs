@@ -1,0 +1,1166 @@
+//! The windows: events, frames, and what is common to all of them.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use ambf_core::comm::Snapshot;
+use ambf_core::device::law::{GainChange, Quantity, RotationRule, Status};
+use ambf_core::plugin::Input;
+use ambf_core::scene::{CameraGesture, VisualScene};
+use ambf_core::sim::{Picked, WindowAnswer, WindowRequest};
+use ambf_render::{Highlight, Marker, MarkerShape, Renderer, Stage, View};
+use crossbeam_channel::{unbounded, Receiver, Sender};
+use glutin::surface::{Surface, WindowSurface};
+use nalgebra::{Isometry3, Vector3};
+use winit::application::ApplicationHandler;
+use winit::dpi::{PhysicalPosition, PhysicalSize};
+use winit::event::{ElementState, KeyEvent, MouseButton, MouseScrollDelta, StartCause, WindowEvent};
+use winit::event_loop::{ActiveEventLoop, ControlFlow};
+use winit::keyboard::{KeyCode, ModifiersState, PhysicalKey};
+use winit::monitor::MonitorHandle;
+use winit::window::{Fullscreen, Window, WindowId};
+
+use crate::context::Context;
+use crate::keys::{self, Action};
+use crate::labels::{Counter, DeviceLabel, Labels};
+use crate::outbox::Outbox;
+use crate::panels::{PanelContext, Panels};
+use crate::place::{monitor_index, title, window_area, Area};
+use crate::record::{self, Video};
+use crate::{Ended, Shared, ViewerParts};
+
+/// Time between two frames, at least: 120 Hz at most.
+const FRAME: Duration = Duration::from_nanos(1_000_000_000 / 120);
+/// Samples a pixel in windows, where a graphics card draws.
+const SAMPLES: u32 = 4;
+/// What dragging by one pixel does: m, rad, m; and a tick of the wheel: m.
+const PAN: f64 = 0.01;
+const LOOK: f64 = 0.3 * std::f64::consts::PI / 180.0;
+const ORBIT: f64 = 0.03;
+const DOLLY: f64 = 0.1;
+/// Factor on all motions while the left Shift key is held.
+const FINE: f64 = 0.1;
+/// Colour of a picked body, and of the point where it was picked.
+const TOMATO: [f32; 3] = [1.0, 99.0 / 255.0, 71.0 / 255.0];
+const GREEN_YELLOW: [f32; 4] = [173.0 / 255.0, 1.0, 47.0 / 255.0, 1.0];
+/// Pixels of that point.
+const PICK_POINT: f32 = 15.0;
+/// How long a window manager may take to fill the screen, before it is done without one.
+const FULL_SCREEN_TIMEOUT: Duration = Duration::from_millis(400);
+/// How long a message stays in the window.
+const MESSAGE_TIME: Duration = Duration::from_secs(5);
+/// Pixels of a touchpad that count as a tick of a wheel.
+const TICK: f64 = 10.0;
+
+/// What a pressed mouse button does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Drag {
+    Pan,
+    Look,
+    Orbit,
+    Pick,
+}
+
+/// A window, with the place that it had before it filled the screen.
+#[derive(Debug, Clone, Copy)]
+struct FullScreen {
+    since: Instant,
+    place: Option<PhysicalPosition<i32>>,
+    size: PhysicalSize<u32>,
+    /// It was done without a window manager.
+    forced: bool,
+}
+
+/// The window of a camera.
+pub(crate) struct CameraWindow {
+    /// Index of the camera.
+    pub camera: usize,
+    painter: egui_glow::Painter,
+    // Goes before the window.
+    surface: Surface<WindowSurface>,
+    window: Window,
+    pub egui: egui::Context,
+    input: egui_winit::State,
+    /// Pixels from the upper left corner; `None` before the pointer was seen.
+    cursor: Option<PhysicalPosition<f64>>,
+    drag: Option<(MouseButton, Drag)>,
+    labels: Labels,
+    monitor: usize,
+    full_screen: Option<FullScreen>,
+    has_focus: bool,
+    is_hidden: bool,
+}
+
+impl CameraWindow {
+    fn size(&self) -> (u32, u32) {
+        let size = self.window.inner_size();
+        (size.width, size.height)
+    }
+}
+
+/// What is held by the mouse.
+#[derive(Debug, Clone)]
+struct Held {
+    camera: usize,
+    body: Option<usize>,
+    /// From the eye, m.
+    distance: f64,
+}
+
+/// States of keys, common to all windows.
+#[derive(Debug, Default)]
+struct Switches {
+    picking: bool,
+    mirrored: bool,
+    inverted: bool,
+    full_screen: bool,
+    labels_stand: bool,
+    help: bool,
+}
+
+/// Counts physics iterations of the last full second.
+#[derive(Debug)]
+struct StepRate {
+    start: Instant,
+    step: u32,
+    rate: f64,
+}
+
+/// All windows.
+pub(crate) struct App {
+    outbox: Outbox,
+    parts: Parts,
+    shared: Arc<Shared>,
+    ready: Option<Sender<Result<(), String>>>,
+    windows: Vec<CameraWindow>,
+    renderer: Option<Renderer>,
+    gl: Option<Arc<glow::Context>>,
+    context: Option<Context>,
+    stage: Stage,
+    /// Cameras that windows were made for, by the generation of the scene.
+    seen: Option<u64>,
+    /// Cameras whose windows could not be made, or whose monitors are missing, which was said.
+    said: Vec<usize>,
+    next_frame: Instant,
+    frames: Counter,
+    steps: StepRate,
+    switches: Switches,
+    modifiers: ModifiersState,
+    left_shift: bool,
+    /// Camera of the pick that waits for its answer.
+    picking: Option<usize>,
+    held: Option<Held>,
+    /// Index and qualified identifier of the body that was picked last.
+    last_picked: Option<(usize, String)>,
+    action: String,
+    /// Wall time of the simulation minus the hub's clock, s.
+    wall_offset: f64,
+    frame_of_wall: u32,
+    news: (Sender<String>, Receiver<String>),
+    message: Option<(Instant, String)>,
+    panels: Panels,
+    screenshot: Option<usize>,
+    video: Option<(usize, Video)>,
+}
+
+/// What of [`ViewerParts`] is used all the time.
+pub(crate) struct Parts {
+    pub hub: Arc<ambf_core::comm::Hub>,
+    pub control: Arc<ambf_core::sim::Control>,
+    pub models: ambf_core::sim::Models,
+    pub devices: Arc<ambf_core::device::host::Controls>,
+    pub board: Arc<crate::DeviceBoard>,
+    hook: Option<Box<crate::FrameHook>>,
+    say: Box<dyn Fn(&str) + Send>,
+}
+
+impl App {
+    pub fn new(parts: ViewerParts, shared: Arc<Shared>, ready: Sender<Result<(), String>>) -> Self {
+        let now = Instant::now();
+        let ViewerParts { hub, link, control, models, devices, board, hook, load_report, say } = parts;
+        hub.set_listening();
+        Self {
+            outbox: Outbox::new(link),
+            parts: Parts { hub, control, models, devices, board, hook, say },
+            shared,
+            ready: Some(ready),
+            windows: Vec::new(),
+            renderer: None,
+            gl: None,
+            context: None,
+            stage: Stage::default(),
+            seen: None,
+            said: Vec::new(),
+            next_frame: now,
+            frames: Counter::new(now),
+            steps: StepRate { start: now, step: 0, rate: 0.0 },
+            switches: Switches::default(),
+            modifiers: ModifiersState::empty(),
+            left_shift: false,
+            picking: None,
+            held: None,
+            last_picked: None,
+            action: String::new(),
+            wall_offset: 0.0,
+            frame_of_wall: 0,
+            news: unbounded(),
+            message: None,
+            panels: Panels::new(load_report),
+            screenshot: None,
+            video: None,
+        }
+    }
+
+    /// Prints a line.
+    fn say(&self, line: &str) {
+        (self.parts.say)(line);
+    }
+
+    /// Prints a line and shows it in the windows for a while.
+    fn tell(&mut self, line: String) {
+        self.say(&line);
+        self.message = Some((Instant::now(), line));
+    }
+
+    fn end(&mut self, event_loop: &ActiveEventLoop, how: Ended) {
+        if let (Ended::Lost(why), Some(ready)) = (&how, self.ready.take()) {
+            let _ = ready.try_send(Err(why.clone()));
+        }
+        self.shared.end(how);
+        event_loop.exit();
+    }
+
+    /// Makes windows for cameras that came and closes those of cameras that went.
+    fn follow_cameras(&mut self, event_loop: &ActiveEventLoop, visuals: &VisualScene) -> Result<(), String> {
+        if self.seen == Some(visuals.generation) {
+            return Ok(());
+        }
+        self.seen = Some(visuals.generation);
+        let is_there = |camera: usize| {
+            visuals.cameras.get(camera).is_some_and(|camera| !camera.object.removed && camera.description.visible)
+        };
+        for place in (0..self.windows.len()).rev().filter(|&place| !is_there(self.windows[place].camera)).collect::<Vec<_>>() {
+            let window = self.windows.remove(place);
+            self.close(window);
+        }
+        for camera in 0..visuals.cameras.len() {
+            let has_window = self.windows.iter().any(|window| window.camera == camera);
+            if is_there(camera) && !has_window && !self.said.contains(&camera) {
+                if let Err(why) = self.open(event_loop, visuals, camera) {
+                    if self.windows.is_empty() {
+                        return Err(why);
+                    }
+                    self.said.push(camera);
+                    self.say(&format!("camera {} has no window: {why}", visuals.cameras[camera].object.name));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn close(&mut self, mut window: CameraWindow) {
+        if let Some(context) = &self.context {
+            if context.make_current(&window.surface).is_ok() {
+                window.painter.destroy();
+            }
+        }
+        if self.held.as_ref().is_some_and(|held| held.camera == window.camera) {
+            self.let_go();
+        }
+        if self.video.as_ref().is_some_and(|(camera, _)| *camera == window.camera) {
+            self.finish_video();
+        }
+    }
+
+    fn open(&mut self, event_loop: &ActiveEventLoop, visuals: &VisualScene, camera: usize) -> Result<(), String> {
+        let Some(context) = &self.context else { return Err("no OpenGL".into()) };
+        let description = &visuals.cameras[camera].description;
+        let monitors: Vec<MonitorHandle> = event_loop.available_monitors().collect();
+        let (monitor, is_missing) = monitor_index(description.monitor, camera, monitors.len());
+        if is_missing {
+            (self.parts.say)(&format!(
+                "camera {}: there is no monitor {}, only {}; its window opens on monitor {monitor}",
+                visuals.cameras[camera].object.name,
+                description.monitor.unwrap_or_default(),
+                monitors.len()
+            ));
+        }
+        let nth = self.windows.iter().filter(|window| window.monitor == monitor).count();
+        let mut attributes =
+            Window::default_attributes().with_title(title(camera, &description.controlling_devices)).with_resizable(true);
+        match monitors.get(monitor).map(area_of).filter(|area| area.width > 0 && area.height > 0) {
+            Some(screen) => {
+                let area = window_area(&screen, description.window_resolution, nth);
+                attributes = attributes
+                    .with_position(PhysicalPosition::new(area.left, area.top))
+                    .with_inner_size(PhysicalSize::new(area.width, area.height));
+            }
+            None => attributes = attributes.with_inner_size(PhysicalSize::new(640, 480)),
+        }
+        let window = event_loop.create_window(context.attributes(attributes)).map_err(|error| error.to_string())?;
+        let surface = context.surface(&window)?;
+        context.make_current(&surface)?;
+        context.swap_at_once(&surface);
+        let gl = self.gl.get_or_insert_with(|| {
+            // SAFETY: a context is current, whose functions the display finds.
+            Arc::new(unsafe { glow::Context::from_loader_function_cstr(|name| context.find(name)) })
+        });
+        let painter = egui_glow::Painter::new(Arc::clone(gl), "", None, false).map_err(|error| error.to_string())?;
+        let egui = egui::Context::default();
+        egui.set_theme(egui::Theme::Light);
+        egui.options_mut(|options| options.zoom_with_keyboard = false);
+        let input = egui_winit::State::new(
+            egui.clone(),
+            egui::ViewportId::ROOT,
+            &window,
+            Some(window.scale_factor() as f32),
+            None,
+            Some(painter.max_texture_side()),
+        );
+        self.windows.push(CameraWindow {
+            camera,
+            painter,
+            surface,
+            window,
+            egui,
+            input,
+            cursor: None,
+            drag: None,
+            labels: Labels::default(),
+            monitor,
+            full_screen: None,
+            has_focus: false,
+            is_hidden: false,
+        });
+        self.windows.sort_by_key(|window| window.camera);
+        Ok(())
+    }
+
+    /// Draws all windows.
+    fn frame(&mut self, event_loop: &ActiveEventLoop) -> Result<(), String> {
+        let Some(visuals) = self.parts.hub.visuals() else { return Ok(()) };
+        self.follow_cameras(event_loop, &visuals)?;
+        if let Some(ready) = self.ready.take() {
+            let _ = ready.try_send(Ok(()));
+        }
+        let Some(snapshot) = self.parts.hub.snapshot().clone() else { return Ok(()) };
+        self.hear(&visuals);
+        self.drag_held(&visuals, &snapshot);
+        self.panels.tick(&self.parts, &mut self.outbox, &snapshot);
+        self.outbox.flush();
+        self.check_full_screen();
+        let Some(context) = &self.context else { return Ok(()) };
+        match self.windows.first() {
+            Some(window) => context.make_current(&window.surface)?,
+            // Images of hidden cameras may be wanted.
+            None => context.make_current_without_window()?,
+        }
+        if self.renderer.is_none() {
+            // SAFETY: the context is current on this thread, and is so in each frame and when windows are closed; nothing else uses it.
+            let renderer = unsafe { Renderer::in_current_context(|name| context.find(name)) };
+            self.renderer = Some(renderer.map_err(|error| error.to_string())?);
+        }
+        let Some(mut renderer) = self.renderer.take() else { return Ok(()) };
+        let drawn = self.draw(&mut renderer, &visuals, &snapshot);
+        self.renderer = Some(renderer);
+        drawn?;
+        // Plugins are told.
+        self.outbox.post(WindowRequest::Drawn);
+        Ok(())
+    }
+
+    fn draw(
+        &mut self,
+        renderer: &mut Renderer,
+        visuals: &Arc<VisualScene>,
+        snapshot: &Arc<Snapshot>,
+    ) -> Result<(), String> {
+        let now = Instant::now();
+        self.frames.count(now);
+        self.count_steps(now, snapshot);
+        self.stage.highlight = self.held.as_ref().and_then(|held| held.body).map(|body| Highlight { body, color: TOMATO });
+        for message in renderer.prepare(&mut self.stage, visuals, snapshot) {
+            self.say(&message);
+        }
+        let foreign = self.stage.markers.len();
+        self.add_markers(visuals, snapshot);
+        let samples = if renderer.is_software() { 1 } else { SAMPLES };
+        let mut windows = std::mem::take(&mut self.windows);
+        let mut outcome = Ok(());
+        for window in windows.iter_mut().filter(|window| !window.is_hidden) {
+            outcome = self.draw_window(window, renderer, visuals, snapshot, samples);
+            if outcome.is_err() {
+                break;
+            }
+        }
+        self.windows = windows;
+        // What is shown for the user of the windows is not part of published pictures.
+        self.stage.markers.truncate(foreign);
+        outcome?;
+        if let Some(hook) = &mut self.parts.hook {
+            hook(renderer, &mut self.stage, visuals, snapshot);
+        }
+        Ok(())
+    }
+
+    fn draw_window(
+        &mut self,
+        window: &mut CameraWindow,
+        renderer: &mut Renderer,
+        visuals: &Arc<VisualScene>,
+        snapshot: &Arc<Snapshot>,
+        samples: u32,
+    ) -> Result<(), String> {
+        let size = window.size();
+        let (Some(camera), Some(state)) = (visuals.cameras.get(window.camera), snapshot.views.get(window.camera)) else {
+            return Ok(());
+        };
+        let (Some(context), Some(gl)) = (&self.context, self.gl.clone()) else { return Ok(()) };
+        if size.0 == 0 || size.1 == 0 {
+            return Ok(());
+        }
+        context.make_current(&window.surface)?;
+        let view = View::of_camera(&camera.description, state);
+        if let Err(error) = renderer.draw(&mut self.stage, &view, size, samples, self.switches.mirrored) {
+            // A window that is too narrow for two eyes is no reason to end.
+            if !matches!(error, ambf_render::RenderError::Size { .. }) {
+                return Err(error.to_string());
+            }
+        }
+        if !self.switches.labels_stand {
+            window.labels = self.labels(camera, snapshot);
+        }
+        self.draw_texts(window, &gl, size, visuals, snapshot);
+        if self.screenshot == Some(window.camera) {
+            self.screenshot = None;
+            record::save(record::read(&gl, size), record::free_name("png"), self.news.0.clone());
+        }
+        self.film(window.camera, &gl, size);
+        window.window.pre_present_notify();
+        match &self.context {
+            Some(context) => context.swap(&window.surface),
+            None => Ok(()),
+        }
+    }
+
+    /// Labels, messages, help and panels.
+    fn draw_texts(
+        &mut self,
+        window: &mut CameraWindow,
+        gl: &glow::Context,
+        size: (u32, u32),
+        visuals: &Arc<VisualScene>,
+        snapshot: &Arc<Snapshot>,
+    ) {
+        let raw = window.input.take_egui_input(&window.window);
+        let egui = window.egui.clone();
+        let labels = &window.labels;
+        let (help, camera) = (self.switches.help, window.camera);
+        let message = self.message.as_ref().filter(|(since, _)| since.elapsed() < MESSAGE_TIME).map(|(_, text)| text.clone());
+        let panels = &mut self.panels;
+        let mut wishes = PanelContext {
+            parts: &self.parts,
+            stage: &mut self.stage,
+            visuals,
+            snapshot,
+            camera,
+            picked: &mut self.last_picked,
+            messages: Vec::new(),
+            actions: Vec::new(),
+            load: Vec::new(),
+            remove: Vec::new(),
+        };
+        let output = egui.run(raw, |ui| {
+            let painter = ui.layer_painter(egui::LayerId::background());
+            labels.paint(&painter, size, ui.pixels_per_point());
+            if let Some(text) = &message {
+                show_message(ui, text);
+            }
+            if help {
+                show_help(ui);
+            }
+            panels.show(ui, &mut wishes);
+        });
+        let PanelContext { messages, actions, load, remove, .. } = wishes;
+        window.input.handle_platform_output(&window.window, output.platform_output);
+        let shapes = window.egui.tessellate(output.shapes, output.pixels_per_point);
+        // SAFETY: the context is current in this thread.
+        unsafe {
+            use glow::HasContext;
+            gl.bind_framebuffer(glow::FRAMEBUFFER, None);
+        }
+        window.painter.paint_and_update_textures(
+            [size.0, size.1],
+            output.pixels_per_point,
+            &shapes,
+            &output.textures_delta,
+        );
+        messages.into_iter().for_each(|message| self.tell(message));
+        actions.into_iter().for_each(|action| self.act(action, camera));
+        self.change_models(remove, load);
+    }
+
+    /// Removes models, then loads files, in a thread of its own: reading may take long, and windows go on meanwhile.
+    fn change_models(&mut self, remove: Vec<Arc<str>>, load: Vec<PathBuf>) {
+        if remove.is_empty() && load.is_empty() {
+            return;
+        }
+        let (models, done) = (self.parts.models.clone(), self.news.0.clone());
+        let work = move || {
+            for key in remove {
+                let _ = done.send(match models.remove(&key) {
+                    Ok(key) => format!("removed {key}"),
+                    Err(error) => error.to_string(),
+                });
+            }
+            for file in load {
+                let _ = done.send(match models.add(&file) {
+                    Ok(added) if added.report.is_empty() => format!("added {} from {}", added.key, file.display()),
+                    Ok(added) => format!("added {} from {}:\n{}", added.key, file.display(), added.report),
+                    Err(error) => format!("{} is not added: {error}", file.display()),
+                });
+            }
+        };
+        if let Err(error) = std::thread::Builder::new().name("models".into()).spawn(work) {
+            self.tell(format!("models are not changed: {error}"));
+        }
+    }
+
+    fn labels(&self, camera: &ambf_core::scene::VisualCamera, snapshot: &Snapshot) -> Labels {
+        let news = self.parts.board.read();
+        let name = &*camera.object.name;
+        let is_named = |names: &[String]| names.iter().any(|other| other == name || camera.object.identifier.ends_with(&**other));
+        let devices = news.devices.iter().filter(|device| device.cameras.is_empty() || is_named(&device.cameras));
+        let action = if news.action.is_empty() { self.action.clone() } else { news.action };
+        Labels {
+            graphics: self.frames.rate(),
+            physics: self.steps.rate,
+            wall_time: self.parts.hub.now().as_secs_f64() + self.wall_offset,
+            sim_time: snapshot.sim_time,
+            mode: self.parts.devices.switches().mode.name(),
+            action,
+            controlling: camera.description.controlling_devices.clone(),
+            devices: devices
+                .map(|device| DeviceLabel {
+                    name: device.name.clone(),
+                    model: device.model.clone(),
+                    rate: device.loops.latest,
+                })
+                .collect(),
+            paused: self.parts.control.is_paused(),
+        }
+    }
+
+    fn count_steps(&mut self, now: Instant, snapshot: &Snapshot) {
+        let open = now.saturating_duration_since(self.steps.start).as_secs_f64();
+        if open >= 1.0 {
+            let steps = snapshot.sim_step.wrapping_sub(self.steps.step);
+            self.steps = StepRate { start: now, step: snapshot.sim_step, rate: f64::from(steps) / open };
+        }
+        if snapshot.sim_step != self.frame_of_wall {
+            self.frame_of_wall = snapshot.sim_step;
+            self.wall_offset = snapshot.wall_time - self.parts.hub.now().as_secs_f64();
+        }
+    }
+
+    fn add_markers(&mut self, visuals: &VisualScene, snapshot: &Snapshot) {
+        if let Some(goal) = self.goal(visuals, snapshot) {
+            let at = goal.map(|x| x as f32).into();
+            self.stage.markers.push(Marker {
+                shape: MarkerShape::Points(vec![at], PICK_POINT),
+                pose: Isometry3::identity(),
+                color: GREEN_YELLOW,
+            });
+        }
+        self.panels.add_markers(&mut self.stage, visuals, snapshot);
+    }
+
+    /// The ray under the pointer of the window of a camera: origin and direction.
+    fn ray(&self, camera: usize, visuals: &VisualScene, snapshot: &Snapshot) -> Option<(Vector3<f64>, Vector3<f64>)> {
+        let window = self.windows.iter().find(|window| window.camera == camera)?;
+        let ((width, height), cursor) = (window.size(), window.cursor?);
+        let view = View::of_camera(&visuals.cameras.get(camera)?.description, snapshot.views.get(camera)?);
+        let y = if self.switches.mirrored { f64::from(height) - cursor.y } else { cursor.y };
+        let ray = view.ray(width, height, cursor.x, y);
+        Some((ray.origin.coords, ray.direction))
+    }
+
+    /// Where what is held is drawn to, m, world axes.
+    fn goal(&self, visuals: &VisualScene, snapshot: &Snapshot) -> Option<Vector3<f64>> {
+        let held = self.held.as_ref()?;
+        let (origin, direction) = self.ray(held.camera, visuals, snapshot)?;
+        Some(origin + direction * held.distance)
+    }
+
+    fn pick(&mut self, camera: usize) {
+        let (Some(visuals), Some(snapshot)) = (self.parts.hub.visuals(), self.parts.hub.snapshot().clone()) else { return };
+        if let Some((origin, direction)) = self.ray(camera, &visuals, &snapshot) {
+            self.picking = Some(camera);
+            self.outbox.post(WindowRequest::Pick { origin, direction });
+        }
+    }
+
+    fn let_go(&mut self) {
+        self.picking = None;
+        self.held = None;
+        self.outbox.post(WindowRequest::Release);
+    }
+
+    fn drag_held(&mut self, visuals: &VisualScene, snapshot: &Snapshot) {
+        let Some(held) = &self.held else { return };
+        let is_gone = held.body.is_some_and(|body| visuals.bodies.get(body).is_none_or(|body| body.object.removed));
+        if is_gone {
+            self.let_go();
+        } else if let Some((origin, direction)) = self.ray(held.camera, visuals, snapshot) {
+            self.outbox.post(WindowRequest::Drag { origin, direction });
+        }
+    }
+
+    /// Takes what came of requests, and what threads have to say.
+    fn hear(&mut self, visuals: &VisualScene) {
+        while let Some(answer) = self.outbox.answer() {
+            match answer {
+                WindowAnswer::Picked(picked) => {
+                    // The button may be up by now.
+                    let Some(camera) = self.picking.take() else { continue };
+                    match picked {
+                        Picked::Nothing => (),
+                        Picked::Body { body, name, distance, .. } => {
+                            self.say(&format!("User picked AF rigid body: {name}"));
+                            let identifier = visuals.bodies.get(body).map(|body| body.object.identifier.to_string());
+                            self.last_picked = Some((body, identifier.unwrap_or_default()));
+                            self.held = Some(Held { camera, body: Some(body), distance });
+                        }
+                        Picked::Node { name, distance, .. } => {
+                            self.say(&format!("User picked AF soft body: {name}"));
+                            self.held = Some(Held { camera, body: None, distance });
+                        }
+                    }
+                }
+                WindowAnswer::Removed(Ok(name)) => self.tell(format!("removed body {name}")),
+                WindowAnswer::Removed(Err(why)) => self.tell(why),
+                _ => (),
+            }
+        }
+        while let Ok(line) = self.news.1.try_recv() {
+            self.tell(line);
+        }
+    }
+
+    fn film(&mut self, camera: usize, gl: &glow::Context, size: (u32, u32)) {
+        let Some((filmed, video)) = &mut self.video else { return };
+        if *filmed != camera {
+            return;
+        }
+        if video.is_broken() || !video.fits(size) {
+            self.finish_video();
+        } else if video.wants(size, Instant::now()) {
+            video.add(record::read(gl, size));
+        }
+    }
+
+    /// Ends the video, in a thread of its own.
+    fn finish_video(&mut self) {
+        let Some((_, video)) = self.video.take() else { return };
+        let done = self.news.0.clone();
+        let finish = move || {
+            let _ = done.send(video.finish());
+        };
+        let _ = std::thread::Builder::new().name("video end".into()).spawn(finish);
+    }
+
+    fn switch_video(&mut self, camera: usize) {
+        if self.video.is_some() {
+            return self.finish_video();
+        }
+        let Some(window) = self.windows.iter().find(|window| window.camera == camera) else { return };
+        let file = record::free_name("mp4");
+        match Video::start(&file, window.size()) {
+            Ok(video) => {
+                self.video = Some((camera, video));
+                self.tell(format!("video begins: {}", file.display()));
+            }
+            Err(why) => self.tell(why),
+        }
+    }
+
+    /// Lets windows fill their monitors, or gives them their places back.
+    fn switch_full_screen(&mut self) {
+        self.switches.full_screen = !self.switches.full_screen;
+        self.say(if self.switches.full_screen { "full screen" } else { "windows" });
+        let mut filled: Vec<usize> = Vec::new();
+        // Of several windows of a monitor the one with the focus fills it.
+        let mut order: Vec<usize> = (0..self.windows.len()).collect();
+        order.sort_by_key(|&place| !self.windows[place].has_focus);
+        for place in order {
+            let full = self.switches.full_screen;
+            let window = &mut self.windows[place];
+            if full && !filled.contains(&window.monitor) {
+                filled.push(window.monitor);
+                window.full_screen = Some(FullScreen {
+                    since: Instant::now(),
+                    place: window.window.outer_position().ok(),
+                    size: window.window.inner_size(),
+                    forced: false,
+                });
+                let monitor = window.window.available_monitors().nth(window.monitor);
+                window.window.set_fullscreen(Some(Fullscreen::Borderless(monitor)));
+            } else if let (false, Some(before)) = (full, window.full_screen.take()) {
+                window.window.set_fullscreen(None);
+                if let Some(place) = before.place {
+                    window.window.set_outer_position(place);
+                }
+                let _ = window.window.request_inner_size(before.size);
+            }
+        }
+    }
+
+    /// Without a window manager nobody fills the screen: then it is done here.
+    fn check_full_screen(&mut self) {
+        for window in &mut self.windows {
+            let Some(full) = &mut window.full_screen else { continue };
+            if full.forced || full.since.elapsed() < FULL_SCREEN_TIMEOUT {
+                continue;
+            }
+            full.forced = true;
+            let Some(monitor) = window.window.available_monitors().nth(window.monitor) else { continue };
+            if window.window.inner_size() != monitor.size() {
+                window.window.set_outer_position(monitor.position());
+                let _ = window.window.request_inner_size(monitor.size());
+            }
+        }
+    }
+
+    fn load(&mut self, file: PathBuf) {
+        if !is_model_file(&file) {
+            return self.tell(format!("{} is no model: files end with .yaml, .YAML, .ambf or .AMBF", file.display()));
+        }
+        self.change_models(Vec::new(), vec![file]);
+    }
+
+    fn change_gain(&mut self, quantity: Quantity, step: f64) {
+        self.parts.devices.change(GainChange { quantity, step });
+        if self.parts.board.read().devices.is_empty() {
+            // There is no gain yet: the change is shown.
+            self.action = Status::Gain(quantity, step).to_string();
+            let line = self.action.clone();
+            self.say(&line);
+        }
+    }
+
+    /// Does what a key asks for, in the window of a camera.
+    fn act(&mut self, action: Action, camera: usize) {
+        let on = |on: bool| if on { "on" } else { "off" };
+        let hub = Arc::clone(&self.parts.hub);
+        match action {
+            Action::Close => self.shared.end(Ended::Closed),
+            Action::ResetBodies => {
+                self.say("reset of all rigid bodies");
+                hub.request_body_reset();
+            }
+            Action::ResetWorld => {
+                self.say("reset of the world");
+                hub.request_world_reset();
+            }
+            Action::ResetCameras => {
+                self.say("reset of all cameras");
+                self.outbox.post(WindowRequest::ResetCameras);
+            }
+            Action::RemovePicked => match self.last_picked.take() {
+                Some((body, identifier)) => {
+                    self.stage.own_frames.remove(&identifier);
+                    self.let_go();
+                    self.outbox.post(WindowRequest::RemoveBody(body));
+                }
+                None => self.tell("no body was picked: pick one first (p, then the left button)".into()),
+            },
+            Action::Pause => {
+                let paused = !self.parts.control.is_paused();
+                self.parts.control.set_paused(paused);
+                self.say(if paused { "paused" } else { "resumed" });
+            }
+            Action::Step(steps) => {
+                if self.parts.control.is_paused() {
+                    self.parts.control.step(steps);
+                }
+            }
+            Action::NormalMaps => {
+                self.stage.normal_maps_off = !self.stage.normal_maps_off;
+                self.say(&format!("normal maps {}", on(!self.stage.normal_maps_off)));
+            }
+            Action::FrameOfPicked => match self.last_picked.clone() {
+                Some((_, identifier)) => {
+                    if !self.stage.own_frames.remove(&identifier) {
+                        self.stage.own_frames.insert(identifier.clone());
+                    }
+                    let shown = self.stage.frames != self.stage.own_frames.contains(&identifier);
+                    self.say(&format!("frame of {identifier} {}", on(shown)));
+                }
+                None => self.tell("no body was picked: pick one first (p, then the left button)".into()),
+            },
+            Action::Frames => {
+                self.stage.frames = !self.stage.frames;
+                self.stage.own_frames.clear();
+                self.say(&format!("frames {}", on(self.stage.frames)));
+            }
+            Action::Sensors => {
+                let shown = hub.visuals().is_some_and(|visuals| visuals.sensors.iter().any(|sensor| sensor.visible));
+                self.stage.sensors = Some(!self.stage.sensors.unwrap_or(shown));
+                self.say(&format!("sensors {}", on(self.stage.sensors == Some(true))));
+            }
+            Action::Actuators => {
+                let shown = hub.visuals().is_some_and(|visuals| visuals.actuators.iter().any(|actuator| actuator.visible));
+                self.stage.actuators = Some(!self.stage.actuators.unwrap_or(shown));
+                self.say(&format!("actuators {}", on(self.stage.actuators == Some(true))));
+            }
+            Action::Help => {
+                self.switches.help = !self.switches.help;
+                if self.switches.help {
+                    keys::HELP.iter().for_each(|(key, what)| self.say(&format!("{key:24} {what}")));
+                }
+            }
+            Action::FullScreen => self.switch_full_screen(),
+            Action::Mirror => {
+                self.switches.mirrored = !self.switches.mirrored;
+                self.say(&format!("mirrored windows {}", on(self.switches.mirrored)));
+            }
+            Action::InvertMouse => {
+                self.switches.inverted = !self.switches.inverted;
+                self.say(&format!("inverted mouse {}", on(self.switches.inverted)));
+            }
+            Action::Picking => {
+                self.switches.picking = !self.switches.picking;
+                self.say(&format!("picking {}", on(self.switches.picking)));
+            }
+            Action::Labels => {
+                self.switches.labels_stand = !self.switches.labels_stand;
+                self.say(&format!("updating of texts {}", on(!self.switches.labels_stand)));
+            }
+            Action::GrippingAssist => {
+                let assist = !self.parts.devices.switches().gripping_assist;
+                self.parts.devices.set_gripping_assist(assist);
+                self.say(&format!("gripping assist {}", on(assist)));
+            }
+            Action::NextMode => {
+                let mode = self.parts.devices.step_mode(1);
+                self.parts.board.update(|news| news.action.clear());
+                self.action.clear();
+                self.say(&format!("mode of the device buttons: {}", mode.name()));
+            }
+            Action::CameraRotation => {
+                self.parts.devices.set_rotation(RotationRule::Camera);
+                self.say("hands turn tools in the camera's frame");
+            }
+            Action::WorldRotation => {
+                self.parts.devices.set_rotation(RotationRule::Absolute);
+                self.say("hands turn tools in the world's frame");
+            }
+            Action::Gravity(enabled) => {
+                self.say(&format!("gravity {}", on(enabled)));
+                self.outbox.post(WindowRequest::Gravity(enabled));
+            }
+            Action::Gain(quantity, step) => self.change_gain(quantity, step),
+            Action::Panels => self.panels.switch_all(camera),
+            Action::Panel(panel) => self.panels.switch(panel, camera),
+            Action::FitCamera => self.fit(camera),
+            Action::Screenshot => self.screenshot = Some(camera),
+            Action::Video => self.switch_video(camera),
+        }
+    }
+
+    /// Moves a camera along its view so that everything is seen.
+    fn fit(&mut self, camera: usize) {
+        let Some((center, radius)) = self.stage.bounds() else { return self.tell("there is nothing to be seen".into()) };
+        self.look_at(camera, center.coords, radius);
+    }
+
+    fn look_at(&mut self, camera: usize, center: Vector3<f64>, radius: f64) {
+        let (Some(snapshot), Some(window)) =
+            (self.parts.hub.snapshot().clone(), self.windows.iter().find(|window| window.camera == camera))
+        else {
+            return;
+        };
+        let Some(state) = snapshot.views.get(camera) else { return };
+        let (width, height) = window.size();
+        let half = 0.5 * state.field_view_angle.clamp(0.05, 3.0);
+        // Of the two angles of the view the narrower one.
+        let across = (half.tan() * f64::from(width) / f64::from(height.max(1))).atan();
+        let distance = (radius / half.min(across).sin()).max(0.5);
+        let mut pose = state.pose;
+        pose.translation.vector = center + pose.rotation * Vector3::new(distance, 0.0, 0.0);
+        self.outbox.post(WindowRequest::PlaceCamera { camera, pose, distance });
+    }
+
+    fn on_key(&mut self, camera: usize, event: &KeyEvent) {
+        let PhysicalKey::Code(key) = event.physical_key else { return };
+        if key == KeyCode::ShiftLeft {
+            self.left_shift = event.state == ElementState::Pressed;
+        }
+        if event.state == ElementState::Released {
+            return;
+        }
+        if let Some(action) = keys::action(key, self.modifiers) {
+            self.act(action, camera);
+        }
+        self.forward(Input::Key {
+            window: number(camera),
+            key: keys::glfw_key(key),
+            scancode: winit::platform::scancode::PhysicalKeyExtScancode::to_scancode(event.physical_key)
+                .map_or(-1, |scancode| scancode as i32),
+            action: if event.repeat { 2 } else { 1 },
+            mods: keys::glfw_modifiers(self.modifiers),
+        });
+    }
+
+    /// Tells plugins of a use of a window.
+    fn forward(&mut self, input: Input) {
+        self.outbox.post(WindowRequest::Input(input));
+    }
+
+    fn on_button(&mut self, place: usize, button: MouseButton, state: ElementState, is_for_panels: bool) {
+        let camera = self.windows[place].camera;
+        if state == ElementState::Released {
+            if let Some((held, drag)) = self.windows[place].drag {
+                if held == button {
+                    self.windows[place].drag = None;
+                    if drag == Drag::Pick {
+                        self.let_go();
+                    }
+                }
+            }
+        } else if !is_for_panels && self.windows[place].drag.is_none() {
+            let picks = self.switches.picking || self.modifiers == ModifiersState::CONTROL;
+            let drag = match button {
+                MouseButton::Left if picks => Some(Drag::Pick),
+                MouseButton::Left => Some(Drag::Pan),
+                MouseButton::Middle if self.left_shift => Some(Drag::Pan),
+                MouseButton::Middle => Some(Drag::Orbit),
+                MouseButton::Right => Some(Drag::Look),
+                _ => None,
+            };
+            self.windows[place].drag = drag.map(|drag| (button, drag));
+            if drag == Some(Drag::Pick) {
+                self.pick(camera);
+            }
+        }
+        let number_of_button = match button {
+            MouseButton::Left => 0,
+            MouseButton::Right => 1,
+            MouseButton::Middle => 2,
+            MouseButton::Back => 3,
+            MouseButton::Forward => 4,
+            MouseButton::Other(number) => i32::from(number),
+        };
+        self.forward(Input::Button {
+            window: number(camera),
+            button: number_of_button,
+            action: i32::from(state == ElementState::Pressed),
+            mods: keys::glfw_modifiers(self.modifiers),
+        });
+    }
+
+    fn on_motion(&mut self, place: usize, position: PhysicalPosition<f64>) {
+        let fine = if self.left_shift { FINE } else { 1.0 };
+        let inverted = self.switches.inverted;
+        let window = &mut self.windows[place];
+        let camera = window.camera;
+        let scale = window.window.scale_factor();
+        let before = window.cursor.replace(position).unwrap_or(position);
+        let (dx, dy) = ((position.x - before.x) / scale, (position.y - before.y) / scale);
+        let drag = window.drag.map(|(_, drag)| drag);
+        let multipliers = self.multipliers(camera);
+        let dy = if inverted { -dy } else { dy };
+        let gesture = match drag {
+            Some(Drag::Pan) => {
+                let pan = fine * PAN * multipliers.pan;
+                Some(CameraGesture::Pan { right: -pan * dx, up: pan * dy })
+            }
+            Some(Drag::Look) => {
+                let look = fine * LOOK * multipliers.rotate;
+                Some(CameraGesture::Look { left: look * dx, up: look * dy })
+            }
+            Some(Drag::Orbit) => {
+                let orbit = fine * ORBIT * multipliers.arcball;
+                Some(CameraGesture::Orbit { right: -orbit * dx, up: orbit * dy })
+            }
+            Some(Drag::Pick) | None => None,
+        };
+        if let Some(gesture) = gesture {
+            self.outbox.post(WindowRequest::MoveCamera { camera, gesture });
+        }
+        self.forward(Input::Position { window: number(camera), x: position.x / scale, y: position.y / scale });
+    }
+
+    fn on_wheel(&mut self, place: usize, delta: MouseScrollDelta) {
+        let camera = self.windows[place].camera;
+        let (across, ticks) = match delta {
+            MouseScrollDelta::LineDelta(x, y) => (f64::from(x), f64::from(y)),
+            MouseScrollDelta::PixelDelta(pixels) => (pixels.x / TICK, pixels.y / TICK),
+        };
+        let fine = if self.left_shift { FINE } else { 1.0 };
+        let forward = fine * DOLLY * self.multipliers(camera).scroll * ticks;
+        if forward != 0.0 {
+            let gesture = CameraGesture::Dolly { forward };
+            self.outbox.post(WindowRequest::MoveCamera { camera, gesture });
+        }
+        self.forward(Input::Scroll { window: number(camera), x: across, y: ticks });
+    }
+
+    fn multipliers(&self, camera: usize) -> ambf_core::adf::MouseMultipliers {
+        let visuals = self.parts.hub.visuals();
+        let camera = visuals.as_ref().and_then(|visuals| visuals.cameras.get(camera));
+        camera.map(|camera| camera.description.mouse).unwrap_or_default()
+    }
+}
+
+/// Number of the window of a camera, as its title says.
+fn number(camera: usize) -> u32 {
+    u32::try_from(camera + 1).unwrap_or(u32::MAX)
+}
+
+fn area_of(monitor: &MonitorHandle) -> Area {
+    let (place, size) = (monitor.position(), monitor.size());
+    Area { left: place.x, top: place.y, width: size.width, height: size.height }
+}
+
+/// Whether a dropped file is taken for a model.
+fn is_model_file(file: &Path) -> bool {
+    let extension = file.extension().and_then(|extension| extension.to_str());
+    extension.is_some_and(|extension| ["yaml", "YAML", "ambf", "AMBF"].contains(&extension))
+}
+
+fn show_message(ui: &egui::Context, text: &str) {
+    let place = egui::Area::new("message".into()).anchor(egui::Align2::LEFT_BOTTOM, [10.0, -80.0]);
+    place.interactable(false).show(ui, |ui| {
+        egui::Frame::popup(ui.style()).show(ui, |ui| ui.label(text));
+    });
+}
+
+fn show_help(ui: &egui::Context) {
+    let place = egui::Area::new("help".into()).anchor(egui::Align2::CENTER_CENTER, [0.0, 0.0]);
+    place.interactable(false).show(ui, |ui| {
+        let paper = egui::Color32::from_white_alpha(225);
+        egui::Frame::popup(ui.style()).fill(paper).show(ui, |ui| {
+            // In two columns, so that it fits into windows as they open.
+            let half = keys::HELP.len().div_ceil(2);
+            ui.horizontal_top(|ui| {
+                for (column, rows) in keys::HELP.chunks(half).enumerate() {
+                    egui::Grid::new(("keys", column)).spacing([10.0, 0.0]).min_row_height(0.0).show(ui, |ui| {
+                        for (key, what) in rows {
+                            ui.label(egui::RichText::new(*key).small().strong());
+                            ui.label(egui::RichText::new(*what).small());
+                            ui.end_row();
+                        }
+                    });
+                }
+            });
+        });
+    });
+}
+
+impl ApplicationHandler for App {
+    fn resumed(&mut self, event_loop: &ActiveEventLoop) {
+        if self.context.is_none() {
+            match Context::new(event_loop) {
+                Ok(context) => self.context = Some(context),
+                Err(why) => self.end(event_loop, Ended::Lost(why)),
+            }
+        }
+    }
+
+    fn new_events(&mut self, _: &ActiveEventLoop, _: StartCause) {}
+
+    fn window_event(&mut self, event_loop: &ActiveEventLoop, id: WindowId, event: WindowEvent) {
+        let Some(place) = self.windows.iter().position(|window| window.window.id() == id) else { return };
+        let window = &mut self.windows[place];
+        let camera = window.camera;
+        // Panels see events first; what they use goes no further.
+        let is_used = window.input.on_window_event(&window.window, &event).consumed && self.panels.are_open(camera);
+        let wants_keys = window.egui.wants_keyboard_input();
+        let is_over_panel = window.egui.wants_pointer_input();
+        match event {
+            WindowEvent::CloseRequested => self.end(event_loop, Ended::Closed),
+            WindowEvent::Resized(_) | WindowEvent::ScaleFactorChanged { .. } => {
+                if let Some(context) = &self.context {
+                    context.resize(&window.surface, &window.window);
+                }
+            }
+            WindowEvent::Occluded(hidden) => window.is_hidden = hidden,
+            WindowEvent::Focused(focus) => {
+                window.has_focus = focus;
+                if !focus {
+                    self.left_shift = false;
+                }
+            }
+            WindowEvent::ModifiersChanged(modifiers) => {
+                self.modifiers = modifiers.state();
+                self.left_shift &= self.modifiers.shift_key();
+            }
+            WindowEvent::KeyboardInput { event, is_synthetic: false, .. } if !wants_keys && !is_used => {
+                self.on_key(camera, &event);
+                if self.shared.ended.lock().is_ok_and(|ended| ended.is_some()) {
+                    event_loop.exit();
+                }
+            }
+            WindowEvent::CursorMoved { position, .. } => self.on_motion(place, position),
+            WindowEvent::MouseInput { state, button, .. } => self.on_button(place, button, state, is_used || is_over_panel),
+            WindowEvent::MouseWheel { delta, .. } if !is_used && !is_over_panel => self.on_wheel(place, delta),
+            WindowEvent::DroppedFile(file) => self.load(file),
+            _ => (),
+        }
+    }
+
+    fn about_to_wait(&mut self, event_loop: &ActiveEventLoop) {
+        if self.shared.stop.load(Ordering::Acquire) {
+            return self.end(event_loop, Ended::Closed);
+        }
+        let now = Instant::now();
+        if now >= self.next_frame {
+            self.next_frame = (self.next_frame + FRAME).max(now);
+            if let Err(why) = self.frame(event_loop) {
+                return self.end(event_loop, Ended::Lost(why));
+            }
+        }
+        event_loop.set_control_flow(ControlFlow::WaitUntil(self.next_frame));
+    }
+
+    fn exiting(&mut self, _: &ActiveEventLoop) {
+        if let Some((_, video)) = self.video.take() {
+            let line = video.finish();
+            self.say(&line);
+        }
+        self.outbox.post(WindowRequest::Release);
+        // What was made in the context goes while it is current.
+        let is_current = match (&self.context, self.windows.first()) {
+            (Some(context), Some(window)) => context.make_current(&window.surface).is_ok(),
+            (Some(context), None) => context.make_current_without_window().is_ok(),
+            (None, _) => false,
+        };
+        let (renderer, stage) = (self.renderer.take(), std::mem::take(&mut self.stage));
+        match is_current {
+            true => drop((stage, renderer)),
+            // The context is lost, and all that was in it.
+            false => std::mem::forget((stage, renderer)),
+        }
+        for window in std::mem::take(&mut self.windows) {
+            self.close(window);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn row_67_only_models_may_be_dropped() {
+        for name in ["a.yaml", "b.YAML", "/x/c.ambf", "d.e.AMBF"] {
+            assert!(is_model_file(Path::new(name)), "{name}");
+        }
+        for name in ["a.txt", "yaml", "a.Yaml", "a.yml", ""] {
+            assert!(!is_model_file(Path::new(name)), "{name}");
+        }
+    }
+}
