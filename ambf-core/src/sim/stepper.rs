@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::{LostState, SavedState, Simulation};
+use super::{Control, LostState, Models, SavedState, Simulation, WindowLink};
 use crate::bullet::{SolverStatistics, StateError};
 use crate::comm::{ActuatorCommand, Hub, ObjectList, RigidBodyCommand, Snapshot, Timing};
 use crate::plugin::Phase;
@@ -21,6 +21,20 @@ pub struct Stepper {
     snapshot: Snapshot,
     lost: Option<LostState>,
     notices: Vec<String>,
+    /// Windows show what is published.
+    is_shown: bool,
+}
+
+/// What windows of a [`Stepper`] work with.
+pub struct StepperWindow {
+    /// States of all objects, and what can be drawn: brought up to date with each publication.
+    pub hub: Arc<Hub>,
+    /// Way to the simulation for what is done in a window.
+    pub link: WindowLink,
+    /// Pause and single steps; who steps the simulation obeys them, or does not.
+    pub control: Arc<Control>,
+    /// Adding and removing models, which is refused: the simulation belongs to who steps it.
+    pub models: Models,
 }
 
 /// The state of a [`Stepper`] at one moment: that of its simulation, and what it has published.
@@ -53,7 +67,8 @@ impl Stepper {
         let hub = simulation.connect();
         simulation.set_nominal_frequency(1.0 / interval);
         let snapshot = simulation.scene().snapshot(simulation.wrenches());
-        let mut stepper = Self { simulation, hub, interval, snapshot, lost: None, notices: Vec::new() };
+        let mut stepper =
+            Self { simulation, hub, interval, snapshot, lost: None, notices: Vec::new(), is_shown: false };
         stepper.update();
         stepper.publish();
         stepper
@@ -82,6 +97,26 @@ impl Stepper {
     /// The states that the latest iteration published.
     pub fn snapshot(&self) -> &Snapshot {
         &self.snapshot
+    }
+
+    /// What windows need. From now on they see each publication; those who had an earlier link are cut off.
+    pub fn window(&mut self) -> StepperWindow {
+        self.is_shown = true;
+        self.hub.set_listening();
+        let link = self.simulation.window_link();
+        let models = self.simulation.models();
+        // Nobody will answer, so that asking fails at once.
+        self.simulation.refuse_models();
+        self.show();
+        StepperWindow { hub: Arc::clone(&self.hub), link, control: Arc::default(), models }
+    }
+
+    /// Does what was asked for in windows: cameras are moved, bodies held. It is done in each iteration, and has to be called when
+    /// there are none for a while. Costs next to nothing when there is nothing to do.
+    pub fn serve_window(&mut self) {
+        if self.is_shown && self.simulation.do_requested_changes() {
+            self.show();
+        }
     }
 
     /// What can be drawn of the scene; another value whenever the scene has changed.
@@ -117,6 +152,7 @@ impl Stepper {
             if let Some(problem) = &self.lost {
                 return Err(problem.clone());
             }
+            self.serve_window();
             self.simulation.update_plugins_of(Phase::Models);
             if let Err(problem) = self.simulation.execute_commands() {
                 self.lost = Some(problem.clone());
@@ -192,6 +228,15 @@ impl Stepper {
 
     fn publish(&mut self) {
         self.simulation.fill(&mut self.snapshot, 0.0, Timing::default());
+        self.show();
+    }
+
+    /// Lets windows see the present states.
+    fn show(&mut self) {
+        if self.is_shown {
+            let wall_time = self.hub.now().as_secs_f64();
+            self.simulation.publish(wall_time, Timing::default());
+        }
     }
 }
 

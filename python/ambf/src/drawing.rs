@@ -36,7 +36,7 @@ pub struct Drawing {
     /// The process that draws; 0 before.
     process: AtomicU32,
     studio: Mutex<Option<Studio>>,
-    messages: Mutex<Vec<String>>,
+    messages: Arc<Mutex<Vec<String>>>,
 }
 
 struct Studio {
@@ -126,6 +126,11 @@ impl Drawing {
     /// Takes what there is to say about files that cannot be drawn as described.
     pub fn take_messages(&self) -> Vec<String> {
         std::mem::take(&mut *self.messages.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// Where messages are left.
+    pub fn messages(&self) -> Arc<Mutex<Vec<String>>> {
+        Arc::clone(&self.messages)
     }
 
     /// Lets go of the renderer.

@@ -3,6 +3,7 @@
 use ambf_core::bullet::StateError;
 use ambf_core::sim::LostState;
 use ambf_render::{NoSuchCamera, RenderError};
+use ambf_viewer::ViewerError;
 use pyo3::call::PyCallArgs;
 use pyo3::prelude::*;
 
@@ -57,4 +58,16 @@ pub fn render(py: Python<'_>, problem: &RenderError) -> PyErr {
         RenderError::Size { .. } => pyo3::exceptions::PyValueError::new_err(problem.to_string()),
         _ => raise(py, "RenderError", (problem.to_string(),)),
     }
+}
+
+/// Error when there are no windows.
+pub fn view(py: Python<'_>, problem: &ViewerError) -> PyErr {
+    let message = match problem {
+        ViewerError::NoDisplay => {
+            "there is no display to open windows on: set DISPLAY (or WAYLAND_DISPLAY), or use render(), which needs none".into()
+        }
+        ViewerError::Failed(why) => format!("windows cannot be opened: {why}; render() draws without"),
+        _ => problem.to_string(),
+    };
+    raise(py, "RenderError", (message,))
 }

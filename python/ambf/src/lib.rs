@@ -11,6 +11,7 @@ mod errors;
 mod load;
 mod names;
 mod pool;
+mod view;
 mod world;
 
 use pyo3::pymodule;

@@ -2,7 +2,7 @@
 
 use std::panic::{catch_unwind, resume_unwind, AssertUnwindSafe};
 use std::path::PathBuf;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use ambf_core::bullet::EnergyLedger;
@@ -17,10 +17,14 @@ use crate::arrays::Buffer;
 use crate::commands::{BodyCommands, Row, SavedArrays};
 use crate::drawing::{self, Drawing, Moment};
 use crate::load::{self, Wanted};
+use crate::view::Windows;
 use crate::{errors, names};
 
 /// How long the physics goes on before Python is asked whether it was interrupted.
 pub const SLICE: Duration = Duration::from_millis(100);
+
+/// How often it is looked whether a pause has ended.
+const PAUSED: Duration = Duration::from_millis(5);
 
 /// The physics of a [`World`], which moves to the thread that steps it.
 pub struct Physics {
@@ -29,7 +33,8 @@ pub struct Physics {
     commanded: Vec<bool>,
 }
 
-enum Slot {
+/// Where the physics of a [`World`] is.
+pub enum Slot {
     Here(Physics),
     Away,
     Closed,
@@ -57,9 +62,9 @@ struct Clock {
 }
 
 /// A world that is simulated; see `_ambf.pyi`.
-#[pyclass(frozen, module = "ambf._ambf")]
+#[pyclass(frozen, weakref, module = "ambf._ambf")]
 pub struct World {
-    slot: Mutex<Slot>,
+    slot: Arc<Mutex<Slot>>,
     clock: Mutex<Clock>,
     warnings: Vec<String>,
     rows: Vec<Row>,
@@ -76,6 +81,7 @@ pub struct World {
     commands: BodyCommands,
     cameras: Vec<String>,
     drawing: Drawing,
+    windows: Mutex<Option<Windows>>,
 }
 
 impl World {
@@ -170,6 +176,20 @@ impl World {
         let clock = Clock { step: snapshot.sim_step, time: snapshot.sim_time, lost: snapshot.timing.lost_time };
         *self.clock.lock().unwrap_or_else(PoisonError::into_inner) = clock;
         Ok(())
+    }
+
+    fn windows(&self) -> MutexGuard<'_, Option<Windows>> {
+        self.windows.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Whether the user has paused the simulation in a window.
+    fn is_paused(&self) -> bool {
+        self.windows().as_ref().is_some_and(Windows::is_paused)
+    }
+
+    /// Whether it has to wait; a single step that the user wants is taken.
+    fn is_held(&self) -> bool {
+        self.windows().as_ref().is_some_and(Windows::hold)
     }
 
     /// What can be drawn now; the physics may go on afterwards.
@@ -293,7 +313,7 @@ impl World {
             measurements: Buffer::state::<f64>(py, &[rays])?,
             holding: Buffer::state::<bool>(py, &[actuators.len()])?,
             commands: BodyCommands::new(py, rows.len())?,
-            slot: Mutex::new(Slot::Away),
+            slot: Arc::new(Mutex::new(Slot::Away)),
             warnings,
             rows,
             joints,
@@ -301,6 +321,7 @@ impl World {
             actuators,
             cameras,
             drawing: Drawing::default(),
+            windows: Mutex::default(),
         };
         let commanded = vec![false; made.rows.len()];
         made.give(py, Some(Physics { stepper: Box::new(stepper), commanded }))?;
@@ -451,7 +472,21 @@ impl World {
         let mut physics = self.take(py)?;
         let mut left = steps;
         let outcome = loop {
-            match py.detach(|| catch_unwind(AssertUnwindSafe(|| slice(&mut physics.stepper, left)))) {
+            let mut next = left;
+            if left > 0 && self.is_paused() {
+                if self.is_held() {
+                    py.detach(|| {
+                        physics.stepper.serve_window();
+                        std::thread::sleep(PAUSED);
+                    });
+                    if let Err(interruption) = py.check_signals() {
+                        break Err(interruption);
+                    }
+                    continue;
+                }
+                next = 1;
+            }
+            match py.detach(|| catch_unwind(AssertUnwindSafe(|| slice(&mut physics.stepper, next)))) {
                 Ok(Ok(made)) => left -= made,
                 Ok(Err(problem)) => break Err(errors::non_finite(py, &problem)),
                 Err(panic) => {
@@ -575,6 +610,29 @@ impl World {
         Ok(arrays)
     }
 
+    fn view(&self, py: Python<'_>) -> PyResult<()> {
+        if self.windows().as_ref().is_some_and(Windows::are_open) {
+            return Ok(());
+        }
+        let window = self.with(py, |physics| physics.stepper.window())?;
+        let (slot, said, report) = (Arc::downgrade(&self.slot), self.drawing.messages(), self.warnings.join("\n"));
+        let opened = py.detach(|| Windows::open(window, slot, report, said));
+        let windows = opened.map_err(|problem| errors::view(py, &problem))?;
+        let before = self.windows().replace(windows);
+        py.detach(|| drop(before));
+        Ok(())
+    }
+
+    #[getter]
+    fn is_viewed(&self) -> bool {
+        self.windows().as_ref().is_some_and(Windows::are_open)
+    }
+
+    fn close_view(&self, py: Python<'_>) {
+        let windows = self.windows().take();
+        py.detach(|| drop(windows));
+    }
+
     fn id_names(&self, py: Python<'_>) -> PyResult<Vec<String>> {
         let moment = self.moment(py)?;
         py.detach(|| self.drawing.id_names(&moment)).map_err(|problem| errors::render(py, &problem))
@@ -615,6 +673,7 @@ impl World {
         if is_busy {
             return Err(errors::busy(py));
         }
+        self.close_view(py);
         py.detach(|| self.drawing.close());
         Ok(())
     }

@@ -5,6 +5,7 @@ import gc
 import multiprocessing
 import os
 import pathlib
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -65,7 +66,9 @@ class Pictures(unittest.TestCase):
         found = sim.render("front", depth=True, ids=True, normals=True)
         self.assertEqual(list(found), ["rgb", "depth", "ids", "normals"])
         np.testing.assert_array_equal(found["rgb"], rgb)
-        self.assertEqual([found[name].dtype for name in ("depth", "ids", "normals")], [np.float32, np.int32, np.float32])
+        self.assertEqual(
+            [found[name].dtype for name in ("depth", "ids", "normals")], [np.float32, np.int32, np.float32]
+        )
         self.assertEqual([found[name].shape for name in ("depth", "ids", "normals")], [(48, 64)] * 2 + [(48, 64, 3)])
         box = found["ids"] == sim.id_names.index("/w/Box")
         self.assertIn(sim.bodies[0], sim.id_names)
@@ -91,7 +94,14 @@ class Pictures(unittest.TestCase):
         self.assertEqual(sim.render(height=96).shape, (96, 128, 3))
         self.assertEqual(ambf.Simulation(ARM, launch_file=LAUNCH).render().shape, (480, 640, 3))
         self.assertFalse((sim.render(width=65, samples=4) == sim.render(width=65)).all())
-        for options in ({"width": 0}, {"height": -5}, {"width": 20_000}, {"samples": 0}, {"samples": 9}, {"rgb": False}):
+        for options in (
+            {"width": 0},
+            {"height": -5},
+            {"width": 20_000},
+            {"samples": 0},
+            {"samples": 9},
+            {"rgb": False},
+        ):
             with self.subTest(options), self.assertRaises(ValueError):
                 sim.render(**options)
         with self.assertRaises(TypeError):
@@ -182,17 +192,91 @@ class Pictures(unittest.TestCase):
 
     def test_what_can_not_be_drawn_is_told(self):
         """Once."""
-        box = BOX.replace("shape: Box, color", "mesh: nothing.OBJ, color").replace("geometry: {x", "visual geometry: {x", 1)
         with tempfile.TemporaryDirectory() as folder:
             file = pathlib.Path(folder) / "m.yaml"
-            file.write_text("bodies: [BODY Box]\nBODY Box: {name: Box, mass: 1, mesh: no.OBJ, collision shape: Sphere, collision geometry: {radius: 1}}")
+            file.write_text(
+                "bodies: [BODY Box]\nBODY Box: {name: Box, mass: 1, mesh: no.OBJ, collision shape: Sphere, collision geometry: {radius: 1}}"
+            )
             sim = ambf.Simulation(file)
-        del box
         sim.render(width=8, height=8)
         told = [*sim.warnings, *sim.notices()]
         self.assertTrue(any("no.OBJ" in line for line in told), told)
         sim.render(width=8, height=8)
         self.assertEqual(sim.notices(), [])
+
+
+class Windows(unittest.TestCase):
+    """Of a process of their own each: a process enters the window system once."""
+
+    def run_program(self, text, **environment):
+        """Its lines."""
+        command = [sys.executable, "-c", text, str(ARM), str(LAUNCH)]
+        inside = {**os.environ, **environment}
+        done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False, env=inside)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        return done.stdout.splitlines()
+
+    def test_without_a_display(self):
+        """There is advice, and pictures are drawn all the same."""
+        text = (
+            "import ambf, sys\nsim = ambf.Simulation(sys.argv[1], launch_file=sys.argv[2])\n"
+            "try:\n    sim.view()\nexcept ambf.RenderError as error:\n    print(error)\n"
+            "print(sim.render(width=8, height=8).shape)\n"
+        )
+        lines = self.run_program(text, DISPLAY="", WAYLAND_DISPLAY="")
+        self.assertRegex(lines[0], "no display.*render")
+        self.assertEqual(lines[1], "(8, 8, 3)")
+
+    @unittest.skipUnless(shutil.which("Xvfb") and shutil.which("xdotool"), "needs Xvfb and xdotool")
+    def test_windows(self):
+        """They open, show, pause and move cameras, and close; the motion is that of a simulation without."""
+        read, write = os.pipe()
+        words = [
+            "Xvfb",
+            "-displayfd",
+            str(write),
+            "-screen",
+            "0",
+            "800x600x24",
+            "-nolisten",
+            "tcp",
+            "+extension",
+            "GLX",
+        ]
+        with subprocess.Popen(words, pass_fds=(write,), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as server:
+            os.close(write)
+            with os.fdopen(read) as number:
+                name = f":{number.readline().strip()}"
+            text = (
+                "import ambf, sys, subprocess, threading, time\n"
+                "make = lambda: ambf.Simulation(sys.argv[1], launch_file=sys.argv[2])\n"
+                "sim, other = make(), make()\n"
+                "view = sim.view()\n"
+                "for each in (sim, other):\n    each.step(200)\n"
+                "find = ['xdotool', 'search', '--sync', '--onlyvisible', '--name', 'AMBF Simulator Window 1']\n"
+                "window = subprocess.run(find, capture_output=True, text=True, timeout=60).stdout.split()[0]\n"
+                "print(view.is_open, (sim.poses == other.poses).all(), sim.view().is_open)\n"
+                # The camera is moved while nobody steps.
+                "before = sim.camera_pose()\n"
+                "tool = lambda *words: subprocess.run(['xdotool', *words], check=True, timeout=60)\n"
+                "tool('mousemove', '--window', window, '200', '150')\n"
+                "deadline = time.monotonic() + 30\n"
+                "while (sim.camera_pose() == before).all() and time.monotonic() < deadline:\n"
+                "    tool('click', '4')\n    time.sleep(0.3)\n    sim.step()\n"
+                "print((sim.camera_pose() != before).any())\n"
+                # Space pauses: `step` waits, until Space is pressed again.
+                "tool('windowfocus', '--sync', window)\n"
+                "tool('key', 'space')\ntime.sleep(1.0)\n"
+                "thread = threading.Thread(target=sim.step, args=(1,))\nthread.start()\nthread.join(1.0)\n"
+                "print(thread.is_alive())\n"
+                "tool('key', 'space')\nthread.join(20.0)\nprint(thread.is_alive())\n"
+                "view.close()\nprint(view.is_open)\nsim.step(3)\n"
+            )
+            try:
+                lines = self.run_program(text, DISPLAY=name, WAYLAND_DISPLAY="")
+            finally:
+                server.terminate()
+        self.assertEqual(lines, ["True True True", "True", "True", "False", "False"])
 
 
 class Life(unittest.TestCase):
@@ -223,6 +307,7 @@ class Life(unittest.TestCase):
         sim = simulation()
         expected = sim.render("front").tobytes()
         with concurrent.futures.ThreadPoolExecutor(4) as pool:
+
             def draw(_):
                 while True:
                     try:

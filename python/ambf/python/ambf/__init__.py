@@ -34,6 +34,7 @@ from .simulation import (
     Body,
     Sensor,
     Simulation,
+    Viewer,
     step_all,
 )
 
@@ -57,5 +58,6 @@ __all__ = [
     "Simulation",
     "State",
     "StateError",
+    "Viewer",
     "step_all",
 ]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import atexit
 import os
+import weakref
 from types import TracebackType
 from typing import Any, Dict, List, Optional, Sequence, Tuple, Type, Union, overload
 
@@ -290,6 +292,20 @@ class Simulation:
         """(7) where a camera is: position, m, and quaternion x, y, z, w, world axes. Raises NotFoundError, ClosedError, BusyError."""
         return np.array(self._world.camera_pose(self._camera(camera)), dtype=np.float64)
 
+    def view(self) -> Viewer:
+        """Opens a window for each visible camera, with the mouse and the keys of the simulator's windows; a handle that closes them.
+
+        They show the states of each call of `step`, `reset` or `restore`, in a thread of their own, and take no time from the physics.
+        The mouse moves cameras and pulls bodies: what is pulled moves in the steps. While the simulation is paused there (Space), `step`
+        waits; Ctrl+C ends it. The windows that are open are returned when there are some.
+
+        A process can open windows for one simulation, once: the window system is not entered a second time. Raises RenderError if they
+        cannot be opened, for example without a display; ClosedError, BusyError.
+        """
+        self._world.view()
+        atexit.register(_close_view, weakref.ref(self._world))
+        return Viewer(self)
+
     def _camera(self, camera: Camera) -> Optional[str]:
         if camera is None or isinstance(camera, str):
             return camera
@@ -304,6 +320,30 @@ class Simulation:
         self._world.close()
 
     def __enter__(self) -> Simulation:
+        return self
+
+    def __exit__(
+        self, kind: Optional[Type[BaseException]], error: Optional[BaseException], trace: Optional[TracebackType]
+    ) -> None:
+        self.close()
+
+
+class Viewer:
+    """The windows of a simulation. `with` closes them in the end; without, they close with the simulation or the program."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        self.simulation = simulation
+
+    @property
+    def is_open(self) -> bool:
+        """Whether nobody has closed them."""
+        return self.simulation._world.is_viewed
+
+    def close(self) -> None:
+        """Closes them; the simulation goes on. May be called more than once."""
+        self.simulation._world.close_view()
+
+    def __enter__(self) -> Viewer:
         return self
 
     def __exit__(
@@ -424,6 +464,13 @@ def step_all(simulations: Sequence[Simulation], steps: Union[int, Sequence[int]]
             if isinstance(problem, NonFiniteError):
                 problem.index = index
             raise problem
+
+
+def _close_view(world: weakref.ref[_ambf.World]) -> None:
+    """Windows are drawn by a thread that must not outlive the interpreter."""
+    alive = world()
+    if alive is not None:
+        alive.close_view()
 
 
 def _pixels(what: str, number: Optional[int]) -> Optional[int]:
