@@ -245,3 +245,53 @@ impl Drop for Stepper {
         self.simulation.close_plugins();
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+    use std::time::{Duration, Instant};
+
+    use nalgebra::Isometry3;
+
+    use super::*;
+    use crate::scene::{load, SceneFiles, SceneOptions};
+    use crate::sim::WindowRequest;
+
+    fn stepper() -> Stepper {
+        let resources = Path::new(env!("CARGO_MANIFEST_DIR")).join("../resources");
+        let files = SceneFiles {
+            world: Some(resources.join("world/world.yaml")),
+            models: vec![resources.join("models/pendulum.yaml")],
+        };
+        Stepper::new(Simulation::new(load(&files, &SceneOptions::default()).scene, 0.001), 0.001)
+    }
+
+    #[test]
+    fn windows_see_each_publication_and_change_nothing_of_the_motion() {
+        let (mut shown, mut alone) = (stepper(), stepper());
+        let window = shown.window();
+        let seen = || window.hub.snapshot().as_ref().map(|snapshot| (snapshot.sim_step, snapshot.bodies.clone()));
+        assert_eq!(seen().map(|(step, _)| step), Some(1), "also before the first step");
+        for _ in 0..5 {
+            shown.step(7).expect("sound");
+            alone.step(7).expect("sound");
+            assert_eq!(shown.snapshot().bodies, alone.snapshot().bodies);
+            assert_eq!(seen(), Some((shown.snapshot().sim_step, shown.snapshot().bodies.clone())));
+        }
+        assert!(window.hub.visuals().is_some());
+    }
+
+    #[test]
+    fn what_is_done_in_a_window_needs_no_step() {
+        let mut shown = stepper();
+        let window = shown.window();
+        let pose = Isometry3::translation(1.0, 2.0, 3.0);
+        window.link.post(WindowRequest::PlaceCamera { camera: 0, pose, distance: 1.0 }).expect("there is room");
+        shown.serve_window();
+        let seen = window.hub.snapshot().as_ref().map(|snapshot| snapshot.views[0].pose);
+        assert!((seen.expect("published").translation.vector - pose.translation.vector).norm() < 1e-9);
+        let begin = Instant::now();
+        assert!(window.models.list().is_err(), "models belong to who steps");
+        assert!(begin.elapsed() < Duration::from_secs(1), "and that is said at once");
+    }
+}
