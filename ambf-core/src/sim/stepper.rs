@@ -199,6 +199,7 @@ impl Stepper {
         self.simulation.restore(&state.simulation)?;
         self.snapshot.clone_from(&state.snapshot);
         self.lost.clone_from(&state.lost);
+        self.show();
         Ok(())
     }
 

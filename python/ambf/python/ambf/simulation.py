@@ -296,8 +296,8 @@ class Simulation:
         """Opens a window for each visible camera, with the mouse and the keys of the simulator's windows; a handle that closes them.
 
         They show the states of each call of `step`, `reset` or `restore`, in a thread of their own, and take no time from the physics.
-        The mouse moves cameras and pulls bodies: what is pulled moves in the steps. While the simulation is paused there (Space), `step`
-        waits; Ctrl+C ends it. The windows that are open are returned when there are some.
+        The mouse moves cameras and pulls bodies: what is pulled moves in the steps. While the simulation is paused there (Ctrl+P), `step`
+        waits, and Space lets one iteration through; Ctrl+C ends the waiting. The windows that are open are returned when there are some.
 
         A process can open windows for one simulation, once: the window system is not entered a second time. Raises RenderError if they
         cannot be opened, for example without a display; ClosedError, BusyError.
