@@ -16,7 +16,9 @@
 //! # }
 //! ```
 
+mod cameras;
 mod draw;
+mod files;
 mod gl;
 mod lights;
 mod meshes;
@@ -28,6 +30,8 @@ mod stage;
 mod texture;
 mod view;
 
+pub use cameras::{camera_labels, find_camera, object_label, NoSuchCamera};
+pub use files::DepthFormat;
 pub use picture::{Picture, PictureRequest};
 pub use renderer::{RenderError, Renderer};
 pub use stage::{Highlight, Marker, MarkerShape, Stage};

@@ -27,6 +27,12 @@ pub enum RenderError {
     /// Error when OpenGL is there but cannot do what is needed.
     #[error("OpenGL: {0}")]
     Gl(String),
+    /// Error when a process draws that was forked from one that has drawn: the threads of OpenGL are not in it.
+    #[error(
+        "this process was forked from one that has made pictures, and OpenGL does not outlive a fork; start processes by `spawn` or \
+         `forkserver`, or fork before the first picture"
+    )]
+    Forked,
     /// Error when a size is 0 or too large.
     #[error("a picture of {width} x {height} pixels cannot be made; 1 to {most} pixels each way are possible")]
     Size {
@@ -79,6 +85,8 @@ struct Resources {
     sky: Option<(adf::Skybox, Option<gl::Texture>)>,
     /// (lights x 1).
     maps: Vec<Option<ShadowMap>>,
+    /// Counts changes of the shapes of soft bodies.
+    soft_versions: u64,
     /// What is read back is read into it.
     bytes: Vec<u8>,
 }
@@ -278,6 +286,7 @@ impl Resources {
             targets: Targets::default(),
             sky: None,
             maps: Vec::new(),
+            soft_versions: 0,
             bytes: Vec::new(),
         })
     }
@@ -365,7 +374,6 @@ impl Resources {
         Built {
             renderer,
             visuals: Arc::clone(visuals),
-            of: None,
             objects,
             items,
             soft_items,
@@ -441,7 +449,7 @@ impl Resources {
         let program = soft.shaders(&visuals.world).and_then(|files| self.programs.user(gl, files, messages));
         let look = description.visual.material.as_ref().map(Look::of_material);
         for (part, soft) in parts {
-            soft_items.push(SoftItem { body, item: items.len(), part: soft });
+            soft_items.push(SoftItem { body, item: items.len(), part: soft, shown: Vec::new() });
             let local = Matrix4::identity();
             items.push(Item {
                 object,
@@ -735,12 +743,14 @@ impl Renderer {
             built.collision_items = Some(items);
         }
         built.take_poses(snapshot);
-        let of = (snapshot.stamp, snapshot.sim_step, snapshot.sim_time.to_bits());
-        if built.of != Some(of) {
-            built.of = Some(of);
-            built.soft_version += 1;
-            for soft in &mut built.soft_items {
-                let Some(reading) = snapshot.soft_bodies.get(soft.body) else { continue };
+        for soft in &mut built.soft_items {
+            let Some(reading) = snapshot.soft_bodies.get(soft.body) else { continue };
+            // Neither time nor number of a snapshot tells: a reset changes the shape and leaves both.
+            if soft.shown != reading.nodes {
+                soft.shown.clone_from(&reading.nodes);
+                // Counted over all stages, which share the shadow maps.
+                resources.soft_versions += 1;
+                built.soft_version = resources.soft_versions;
                 let item = &mut built.items[soft.item];
                 (item.center, item.radius) = soft.part.follow(&gl, &item.part, &reading.nodes);
             }

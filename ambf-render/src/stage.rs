@@ -2,7 +2,6 @@
 
 use std::collections::{BTreeSet, HashSet};
 use std::sync::Arc;
-use std::time::SystemTime;
 
 use ambf_core::adf;
 use ambf_core::comm::Snapshot;
@@ -79,14 +78,12 @@ pub(crate) struct Built {
     /// Which renderer loaded it.
     pub(crate) renderer: u64,
     pub(crate) visuals: Arc<VisualScene>,
-    /// Which state the poses are of.
-    pub(crate) of: Option<(SystemTime, u32, u64)>,
     pub(crate) objects: Vec<Object>,
     pub(crate) items: Vec<Item>,
     pub(crate) soft_items: Vec<SoftItem>,
     /// Collision shapes, once they were asked for.
     pub(crate) collision_items: Option<Vec<Item>>,
-    /// Counts changes of the shapes of soft bodies.
+    /// Changes with the shapes of soft bodies.
     pub(crate) soft_version: u64,
     pub(crate) snapshot: SnapshotParts,
     /// Messages that were given.
@@ -191,6 +188,8 @@ pub(crate) struct SoftItem {
     /// Index of the item that shows it.
     pub(crate) item: usize,
     pub(crate) part: SoftPart,
+    /// The nodes, m, whose shape the part has.
+    pub(crate) shown: Vec<[f64; 3]>,
 }
 
 impl Stage {

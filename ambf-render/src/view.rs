@@ -6,7 +6,7 @@
 
 use ambf_core::adf;
 use ambf_core::comm::CameraView;
-use nalgebra::{Isometry3, Matrix4, Point3, Vector3};
+use nalgebra::{Isometry3, Matrix3, Matrix4, Point3, Vector3};
 
 /// Narrowest and widest vertical field of view that is drawn, rad.
 const FIELD_OF_VIEW: (f64, f64) = (1e-3, std::f64::consts::PI - 1e-3);
@@ -169,6 +169,33 @@ impl View {
 }
 
 impl Eye {
+    /// Camera matrix K of the picture that this eye draws, in pixels from the *eye's* upper left corner: K·(right, down, forward) is
+    /// homogeneous in (column, row), and pixel centres are at half integers. `None` for projections that are no pinhole.
+    pub fn camera_matrix(&self) -> Option<Matrix3<f64>> {
+        let p = &self.projection;
+        let is_pinhole = (p[(3, 2)] + 1.0).abs() < 1e-9
+            && [p[(3, 0)], p[(3, 1)], p[(3, 3)], p[(1, 0)], p[(0, 3)], p[(1, 3)]]
+                .iter()
+                .all(|entry| entry.abs() < 1e-9);
+        if !is_pinhole {
+            return None;
+        }
+        let (w, h) = (0.5 * f64::from(self.width), 0.5 * f64::from(self.height));
+        // Rows count downwards, the eye's second axis goes up.
+        Some(Matrix3::new(
+            w * p[(0, 0)],
+            // No negative zero.
+            0.0 - w * p[(0, 1)],
+            w * (1.0 - p[(0, 2)]),
+            0.0,
+            h * p[(1, 1)],
+            h * (1.0 + p[(1, 2)]),
+            0.0,
+            0.0,
+            1.0,
+        ))
+    }
+
     /// The ray along which the point (`x`, `y`) of the *whole* picture looks, in pixels from its upper left corner.
     pub fn ray(&self, x: f64, y: f64) -> PixelRay {
         let normalised = [
@@ -255,6 +282,9 @@ mod tests {
             let (x, y) = pixel(&eye, Point3::new(0.0, 0.3, 0.2));
             assert!((x - (f64::from(width) / 2.0 + focal * 0.15)).abs() < 1e-9, "+y is right: {x}");
             assert!((y - (240.0 - focal * 0.1)).abs() < 1e-9, "+z is up: {y}");
+            let matrix = eye.camera_matrix().expect("a pinhole");
+            let seen = matrix * Vector3::new(0.3, -0.2, 2.0);
+            assert!((seen.x / seen.z - x).abs() < 1e-9 && (seen.y / seen.z - y).abs() < 1e-9, "{seen}");
         }
     }
 
@@ -267,6 +297,7 @@ mod tests {
                 let point = Point3::new(-0.4, 0.2, 0.1);
                 let (x, y) = pixel(&eye, point);
                 let ray = view.ray(640, 480, x, y);
+                assert_eq!(eye.camera_matrix().is_none(), eye.is_orthographic);
                 let off = (point - ray.origin).cross(&ray.direction).norm();
                 assert!(off < 1e-9, "{view:?}: {off}");
             }
@@ -293,5 +324,10 @@ mod tests {
         // In the frame of the picture (right, down, forward): (0.3, 0.2, 2).
         assert!((x - (800.0 * 0.15 + 2.0 * 0.1 + 300.0)).abs() < 1e-9, "{x}");
         assert!((y - (810.0 * 0.1 + 260.0)).abs() < 1e-9, "{y}");
+        let found = view.eyes(640, 480)[0].camera_matrix().expect("a pinhole");
+        assert!(
+            (found - nalgebra::Matrix3::new(800.0, 2.0, 300.0, 0.0, 810.0, 260.0, 0.0, 0.0, 1.0)).norm() < 1e-9,
+            "{found}"
+        );
     }
 }

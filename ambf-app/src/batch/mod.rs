@@ -2,10 +2,14 @@
 
 mod commands;
 mod energy;
+#[cfg(feature = "view")]
+mod pictures;
 mod trace;
 
 pub use commands::{CommandError, Commands, Targets};
 pub use energy::EnergyWriter;
+#[cfg(feature = "view")]
+pub use pictures::{PictureError, Pictures};
 pub use trace::TraceWriter;
 
 use std::collections::HashMap;
@@ -52,6 +56,10 @@ pub enum BatchError {
         /// Why.
         source: std::io::Error,
     },
+    /// Error when pictures cannot be taken or written.
+    #[cfg(feature = "view")]
+    #[error(transparent)]
+    Pictures(#[from] PictureError),
     /// Error when the state became non-finite or implausible.
     #[error(transparent)]
     Lost(#[from] LostState),
@@ -66,6 +74,10 @@ impl BatchError {
         match self {
             Self::Usage(_) => 1,
             Self::Load(_) | Self::Commands(_) | Self::Trace { .. } | Self::Energy { .. } => 2,
+            #[cfg(feature = "view")]
+            Self::Pictures(PictureError::Camera(_) | PictureError::Twice(_)) => 1,
+            #[cfg(feature = "view")]
+            Self::Pictures(_) => 2,
             Self::Lost(_) => 3,
             Self::Interrupted => 130,
         }
@@ -168,6 +180,15 @@ pub fn run(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<Summary, B
         Some(path) => Some(EnergyWriter::create(path, &mut simulation).map_err(energy_error)?),
         None => None,
     };
+    #[cfg(feature = "view")]
+    let mut pictures = match &options.pictures {
+        Some(wanted) => Some(Pictures::create(wanted, &simulation, options.dt)?),
+        None => None,
+    };
+    #[cfg(not(feature = "view"))]
+    if options.pictures.is_some() {
+        return Err(BatchError::Usage("--render: this program was built without pictures (feature `view`)".into()));
+    }
     let load = begin.elapsed();
 
     let has_plugins = simulation.has_plugins();
@@ -195,6 +216,10 @@ pub fn run(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<Summary, B
                 energy.write(&simulation, step).map_err(energy_error)?;
             }
         }
+        #[cfg(feature = "view")]
+        if let Some(pictures) = &mut pictures {
+            pictures.take(&simulation, step)?;
+        }
         if step > 0 {
             let begin = Instant::now();
             commands.apply(&mut simulation, step);
@@ -215,6 +240,10 @@ pub fn run(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<Summary, B
     }
     if let Some(energy) = energy {
         energy.finish().map_err(energy_error)?;
+    }
+    #[cfg(feature = "view")]
+    if let Some(pictures) = pictures {
+        pictures.finish()?;
     }
     Ok(Summary {
         steps: options.steps,

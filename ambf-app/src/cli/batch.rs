@@ -39,8 +39,31 @@ pub struct BatchOptions {
     pub json: bool,
     /// Solver and profile.
     pub physics: PhysicsOptions,
+    /// Pictures to take; `None`: none.
+    pub pictures: Option<PictureOptions>,
     /// Files to check instead of stepping; `None`: step.
     pub check: Option<CheckOptions>,
+}
+
+/// Which pictures are taken, and where they go. There is a folder or a video at least.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PictureOptions {
+    /// Names or qualified identifiers of cameras, one at least.
+    pub cameras: Vec<String>,
+    /// A picture is taken every so many steps, at least 1; `None`: so that a simulated second has about 30.
+    pub every: Option<u64>,
+    /// Folder of the files; `None`: no files.
+    pub out: Option<PathBuf>,
+    /// Width and height in pixels; `None`: the published resolution of the camera, else 640 x 480.
+    pub size: Option<(u32, u32)>,
+    /// Format of the depths: `npy`, `exr` or `png16`; `None`: no depths.
+    pub depth: Option<String>,
+    /// Whether the ids of objects are written; default: `false`.
+    pub ids: bool,
+    /// Samples a pixel, 1 to 8; default: 1.
+    pub samples: u32,
+    /// A video of all pictures; of several cameras one video each, with the camera's name behind the stem.
+    pub video: Option<PathBuf>,
 }
 
 impl BatchOptions {
@@ -56,6 +79,10 @@ impl BatchOptions {
                     "error: unexpected argument '{file}': only --check takes files without an option (try --help)",
                     file = file.display()
                 ))),
+                _ if !arguments.render.is_empty() && arguments.out.is_none() && arguments.video.is_none() => {
+                    let problem = "error: --render needs --out DIR for files, or --video FILE (try --help)";
+                    Err(CliError::Usage(problem.into()))
+                }
                 _ => Ok(Parsed::Run { options: arguments.into_options(), notes: Vec::new() }),
             },
             Err(error) => print_or_fail(&error),
@@ -116,15 +143,38 @@ struct Arguments {
     /// Write where the mechanical energy comes from and goes, J, as CSV
     #[arg(long, value_name = "FILE", help_heading = "Output")]
     energy: Option<PathBuf>,
-    /// Write every K-th step (and the last)
-    #[arg(long, value_name = "K", default_value = "1", value_parser = interval, help_heading = "Output")]
-    every: u64,
+    /// Write every K-th step, and the last in traces [default: 1; pictures: 30 a simulated second]
+    #[arg(long, value_name = "K", value_parser = interval, help_heading = "Output")]
+    every: Option<u64>,
     /// Write the poses of the inertial frames too
     #[arg(long, help_heading = "Output")]
     full: bool,
     /// Print one line of JSON about the run, or what --check finds as JSON
     #[arg(long, help_heading = "Output")]
     json: bool,
+
+    /// Take pictures with a camera, by name or qualified identifier; may be given several times
+    #[arg(long, value_name = "CAMERA", help_heading = "Pictures")]
+    render: Vec<String>,
+    /// Write DIR/CAMERA_STEP.png, and DIR/pictures.csv with times, poses and intrinsics
+    #[arg(long, value_name = "DIR", requires = "render", help_heading = "Pictures")]
+    out: Option<PathBuf>,
+    /// Size of the pictures in pixels [default: the published resolution, else 640x480]
+    #[arg(long, value_name = "WxH", requires = "render", value_parser = size, help_heading = "Pictures")]
+    size: Option<(u32, u32)>,
+    /// Write depths along the camera's axis too: npy and exr in m, png16 in mm
+    #[arg(long, value_name = "FORMAT", requires = "out", value_parser = ["npy", "exr", "png16"], help_heading = "Pictures")]
+    render_depth: Option<String>,
+    /// Write which object each pixel shows too, and ids_STEP.csv with their names
+    #[arg(long, requires = "out", help_heading = "Pictures")]
+    render_ids: bool,
+    /// Samples a pixel, 1 to 8: more than 1 smooths edges
+    #[arg(long, value_name = "N", default_value = "1", requires = "render", help_heading = "Pictures")]
+    #[arg(value_parser = clap::value_parser!(u32).range(1..=8))]
+    render_samples: u32,
+    /// Make a video in real time, such as run.mp4, with the program ffmpeg
+    #[arg(long, value_name = "FILE", requires = "render", help_heading = "Pictures")]
+    video: Option<PathBuf>,
 
     /// Check files instead of stepping: say what is wrong with them, what they hold and what becomes of it
     #[arg(long, help_heading = "Check")]
@@ -152,6 +202,12 @@ fn interval(text: &str) -> Result<u64, String> {
     }
 }
 
+fn size(text: &str) -> Result<(u32, u32), String> {
+    let pixels = |text: &str| text.trim().parse().ok().filter(|number| (1..=16384).contains(number));
+    let parts = text.split_once(['x', 'X']).and_then(|(width, height)| Some((pixels(width)?, pixels(height)?)));
+    parts.ok_or_else(|| "expected width and height from 1 to 16384, such as 640x480".to_owned())
+}
+
 fn strict_indexes(text: &str) -> Result<List<usize>, String> {
     match indexes(text) {
         (indexes, others) if others.is_empty() && !indexes.is_empty() => Ok(List(indexes)),
@@ -175,6 +231,16 @@ impl Arguments {
             world: self.world.clone(),
             ..CheckOptions::new(self.files, model_files.clone(), model_indexes.clone(), launch_file.clone(), self.json)
         });
+        let pictures = (!self.render.is_empty()).then(|| PictureOptions {
+            cameras: self.render,
+            every: self.every,
+            out: self.out,
+            size: self.size,
+            depth: self.render_depth,
+            ids: self.render_ids,
+            samples: self.render_samples,
+            video: self.video,
+        });
         BatchOptions {
             launch_file,
             world: self.world,
@@ -187,10 +253,11 @@ impl Arguments {
             plugins: self.plugins.map(|list| list.0).unwrap_or_default(),
             trace: self.trace,
             energy: self.energy,
-            every: self.every,
+            every: self.every.unwrap_or(1),
             full: self.full,
             json: self.json,
             physics: self.physics,
+            pictures,
             check,
         }
     }
@@ -230,6 +297,7 @@ mod tests {
             full: false,
             json: false,
             physics: PhysicsOptions::default(),
+            pictures: None,
             check: None,
         };
         assert_eq!(options, expected);
@@ -264,6 +332,7 @@ mod tests {
                 sleep: Some(true),
                 articulated: Some(false),
             },
+            pictures: None,
             check: None,
         };
         assert_eq!(options, expected);
@@ -290,6 +359,54 @@ mod tests {
             ("-l 1 --step 1", "--step"),
         ] {
             match parse(line) {
+                Err(error) => assert!(error.to_string().contains(part), "{line}: {error}"),
+                other => panic!("{line} gave {other:?}"),
+            }
+        }
+    }
+
+    #[test]
+    fn pictures_have_options_of_their_own() {
+        let pictures = |line: &str| run(line).pictures.expect("pictures");
+        let options = pictures("-l 1 --steps 1 --render cam --out d");
+        let expected = PictureOptions {
+            cameras: vec!["cam".into()],
+            every: None,
+            out: Some("d".into()),
+            size: None,
+            depth: None,
+            ids: false,
+            samples: 1,
+            video: None,
+        };
+        assert_eq!(options, expected);
+        let options = pictures(
+            "-l 1 --steps 1 --render /a/b --render c --every 5 --out d --size 320x200 --render-depth exr --render-ids --render-samples 4 --video v.mp4",
+        );
+        let expected = PictureOptions {
+            cameras: vec!["/a/b".into(), "c".into()],
+            every: Some(5),
+            out: Some("d".into()),
+            size: Some((320, 200)),
+            depth: Some("exr".into()),
+            ids: true,
+            samples: 4,
+            video: Some("v.mp4".into()),
+        };
+        assert_eq!(options, expected);
+        for (line, part) in [
+            ("--render c", "--out"),
+            ("--out d", "--render"),
+            ("--video v", "--render"),
+            ("--render c --video v --render-ids", "--out"),
+            ("--render c --out d --size 640", "640x480"),
+            ("--render c --out d --size 0x5", "640x480"),
+            ("--render c --out d --size 20000x5", "640x480"),
+            ("--render c --out d --render-depth jpg", "npy"),
+            ("--render c --out d --render-samples 9", "9"),
+            ("--render", "--render"),
+        ] {
+            match parse(&format!("-l 1 --steps 1 {line}")) {
                 Err(error) => assert!(error.to_string().contains(part), "{line}: {error}"),
                 other => panic!("{line} gave {other:?}"),
             }

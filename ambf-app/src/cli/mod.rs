@@ -10,7 +10,7 @@ mod launch_file;
 mod simulator;
 mod values;
 
-pub use batch::BatchOptions;
+pub use batch::{BatchOptions, PictureOptions};
 pub use simulator::{DeviceSelection, PublishFrequency, SimulatorOptions};
 
 use std::path::PathBuf;

@@ -17,7 +17,7 @@ pub use crate::bullet::StateError;
 pub use models::{AddedModel, ModelError, Models, ANSWER_TIMEOUT};
 pub use runner::{Control, Event, Runner, RunnerOptions};
 pub use saved::SavedState;
-pub use stepper::{Stepper, StepperState};
+pub use stepper::{Stepper, StepperState, StepperWindow};
 pub use window::{Picked, WindowAnswer, WindowLink, WindowRequest};
 
 use std::fmt;

@@ -104,6 +104,11 @@ impl Simulation {
         Models(sender)
     }
 
+    /// Cuts off who has a handle: asking for changes fails at once.
+    pub(super) fn refuse_models(&mut self) {
+        self.requests = None;
+    }
+
     /// Whether somebody waits for a change of the scene.
     pub(super) fn change_is_requested(&self) -> bool {
         self.requests.as_ref().is_some_and(|requests| !requests.0.is_empty()) || self.window_is_waiting()

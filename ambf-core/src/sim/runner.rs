@@ -104,7 +104,8 @@ impl Control {
         self.stop.load(Ordering::Acquire)
     }
 
-    fn take_manual_step(&self) -> bool {
+    /// Takes one of the iterations that [`step`](Self::step) lets through; false if there is none.
+    pub fn take_manual_step(&self) -> bool {
         let one_less = |n: u32| n.checked_sub(1);
         self.manual_steps.fetch_update(Ordering::AcqRel, Ordering::Acquire, one_less).is_ok()
     }

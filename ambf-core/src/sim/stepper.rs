@@ -2,10 +2,11 @@
 
 use std::sync::Arc;
 
-use super::{LostState, SavedState, Simulation};
+use super::{Control, LostState, Models, SavedState, Simulation, WindowLink};
 use crate::bullet::{SolverStatistics, StateError};
 use crate::comm::{ActuatorCommand, Hub, ObjectList, RigidBodyCommand, Snapshot, Timing};
 use crate::plugin::Phase;
+use crate::scene::VisualScene;
 
 /// A simulation without a clock and without threads of its own: it moves in [`step`](Self::step) and nowhere else.
 ///
@@ -20,6 +21,20 @@ pub struct Stepper {
     snapshot: Snapshot,
     lost: Option<LostState>,
     notices: Vec<String>,
+    /// Windows show what is published.
+    is_shown: bool,
+}
+
+/// What windows of a [`Stepper`] work with.
+pub struct StepperWindow {
+    /// States of all objects, and what can be drawn: brought up to date with each publication.
+    pub hub: Arc<Hub>,
+    /// Way to the simulation for what is done in a window.
+    pub link: WindowLink,
+    /// Pause and single steps; who steps the simulation obeys them, or does not.
+    pub control: Arc<Control>,
+    /// Adding and removing models, which is refused: the simulation belongs to who steps it.
+    pub models: Models,
 }
 
 /// The state of a [`Stepper`] at one moment: that of its simulation, and what it has published.
@@ -52,7 +67,8 @@ impl Stepper {
         let hub = simulation.connect();
         simulation.set_nominal_frequency(1.0 / interval);
         let snapshot = simulation.scene().snapshot(simulation.wrenches());
-        let mut stepper = Self { simulation, hub, interval, snapshot, lost: None, notices: Vec::new() };
+        let mut stepper =
+            Self { simulation, hub, interval, snapshot, lost: None, notices: Vec::new(), is_shown: false };
         stepper.update();
         stepper.publish();
         stepper
@@ -83,6 +99,31 @@ impl Stepper {
         &self.snapshot
     }
 
+    /// What windows need. From now on they see each publication; those who had an earlier link are cut off.
+    pub fn window(&mut self) -> StepperWindow {
+        self.is_shown = true;
+        self.hub.set_listening();
+        let link = self.simulation.window_link();
+        let models = self.simulation.models();
+        // Nobody will answer, so that asking fails at once.
+        self.simulation.refuse_models();
+        self.show();
+        StepperWindow { hub: Arc::clone(&self.hub), link, control: Arc::default(), models }
+    }
+
+    /// Does what was asked for in windows: cameras are moved, bodies held. It is done in each iteration, and has to be called when
+    /// there are none for a while. Costs next to nothing when there is nothing to do.
+    pub fn serve_window(&mut self) {
+        if self.is_shown && self.simulation.do_requested_changes() {
+            self.show();
+        }
+    }
+
+    /// What can be drawn of the scene; another value whenever the scene has changed.
+    pub fn visuals(&self) -> Option<Arc<VisualScene>> {
+        self.hub.visuals()
+    }
+
     /// The command in force for a body, to be changed. `None` when the object at that position is no body.
     pub fn body_command(&mut self, object: usize) -> Option<&mut RigidBodyCommand> {
         self.simulation.link.as_mut()?.body_command(object)
@@ -111,6 +152,7 @@ impl Stepper {
             if let Some(problem) = &self.lost {
                 return Err(problem.clone());
             }
+            self.serve_window();
             self.simulation.update_plugins_of(Phase::Models);
             if let Err(problem) = self.simulation.execute_commands() {
                 self.lost = Some(problem.clone());
@@ -157,6 +199,7 @@ impl Stepper {
         self.simulation.restore(&state.simulation)?;
         self.snapshot.clone_from(&state.snapshot);
         self.lost.clone_from(&state.lost);
+        self.show();
         Ok(())
     }
 
@@ -186,11 +229,70 @@ impl Stepper {
 
     fn publish(&mut self) {
         self.simulation.fill(&mut self.snapshot, 0.0, Timing::default());
+        self.show();
+    }
+
+    /// Lets windows see the present states.
+    fn show(&mut self) {
+        if self.is_shown {
+            let wall_time = self.hub.now().as_secs_f64();
+            self.simulation.publish(wall_time, Timing::default());
+        }
     }
 }
 
 impl Drop for Stepper {
     fn drop(&mut self) {
         self.simulation.close_plugins();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+    use std::time::{Duration, Instant};
+
+    use nalgebra::Isometry3;
+
+    use super::*;
+    use crate::scene::{load, SceneFiles, SceneOptions};
+    use crate::sim::WindowRequest;
+
+    fn stepper() -> Stepper {
+        let resources = Path::new(env!("CARGO_MANIFEST_DIR")).join("../resources");
+        let files = SceneFiles {
+            world: Some(resources.join("world/world.yaml")),
+            models: vec![resources.join("models/pendulum.yaml")],
+        };
+        Stepper::new(Simulation::new(load(&files, &SceneOptions::default()).scene, 0.001), 0.001)
+    }
+
+    #[test]
+    fn windows_see_each_publication_and_change_nothing_of_the_motion() {
+        let (mut shown, mut alone) = (stepper(), stepper());
+        let window = shown.window();
+        let seen = || window.hub.snapshot().as_ref().map(|snapshot| (snapshot.sim_step, snapshot.bodies.clone()));
+        assert_eq!(seen().map(|(step, _)| step), Some(1), "also before the first step");
+        for _ in 0..5 {
+            shown.step(7).expect("sound");
+            alone.step(7).expect("sound");
+            assert_eq!(shown.snapshot().bodies, alone.snapshot().bodies);
+            assert_eq!(seen(), Some((shown.snapshot().sim_step, shown.snapshot().bodies.clone())));
+        }
+        assert!(window.hub.visuals().is_some());
+    }
+
+    #[test]
+    fn what_is_done_in_a_window_needs_no_step() {
+        let mut shown = stepper();
+        let window = shown.window();
+        let pose = Isometry3::translation(1.0, 2.0, 3.0);
+        window.link.post(WindowRequest::PlaceCamera { camera: 0, pose, distance: 1.0 }).expect("there is room");
+        shown.serve_window();
+        let seen = window.hub.snapshot().as_ref().map(|snapshot| snapshot.views[0].pose);
+        assert!((seen.expect("published").translation.vector - pose.translation.vector).norm() < 1e-9);
+        let begin = Instant::now();
+        assert!(window.models.list().is_err(), "models belong to who steps");
+        assert!(begin.elapsed() < Duration::from_secs(1), "and that is said at once");
     }
 }

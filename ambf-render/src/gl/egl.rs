@@ -1,6 +1,7 @@
 //! A context without a window, by EGL.
 
 use std::ffi::{c_void, CStr};
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use khronos_egl as egl;
@@ -20,14 +21,32 @@ pub(super) struct Offscreen {
     egl: Arc<Egl>,
     display: egl::Display,
     context: egl::Context,
+    /// The process that it was made in.
+    process: u32,
 }
 
 // SAFETY: EGL's functions may be called from any thread; the context is current on one thread at a time, because it is made current for
 // the duration of one call of a renderer (`&mut`) and released after it. Displays and contexts are plain handles.
 unsafe impl Send for Offscreen {}
 
+/// The process that has loaded the library; 0: none has. The threads and locks of the library are those of that process: in a process
+/// that was forked from it every call could wait for ever.
+static PROCESS: AtomicU32 = AtomicU32::new(0);
+
+/// Fails in a process that was forked from one that has used the library.
+fn check_process() -> Result<(), RenderError> {
+    match PROCESS.load(Ordering::Acquire) {
+        0 => Ok(()),
+        process if process == std::process::id() => Ok(()),
+        _ => Err(RenderError::Forked),
+    }
+}
+
 /// The library and the displays that are initialised: a display belongs to the process, so it is never terminated.
 fn library() -> Result<Arc<Egl>, RenderError> {
+    // Before the lock: another thread of the parent process may have held it while that process was copied.
+    check_process()?;
+    PROCESS.store(std::process::id(), Ordering::Release);
     static LIBRARY: Mutex<Option<Arc<Egl>>> = Mutex::new(None);
     let mut library = LIBRARY.lock().unwrap_or_else(PoisonError::into_inner);
     if let Some(egl) = &*library {
@@ -80,13 +99,16 @@ impl Offscreen {
         let context = egl
             .create_context(display, config, None, &attributes)
             .map_err(|error| format!("no OpenGL 3.3 with the compatibility profile: {error}"))?;
-        let offscreen = Self { egl: Arc::clone(egl), display, context };
+        let offscreen = Self { egl: Arc::clone(egl), display, context, process: std::process::id() };
         offscreen.make_current().map_err(|error| error.to_string())?;
         offscreen.release();
         Ok(offscreen)
     }
 
+    /// # Errors
+    /// [`RenderError::Forked`] in a process that was forked from that of the context.
     pub(super) fn make_current(&self) -> Result<(), RenderError> {
+        check_process()?;
         let current = self
             .egl
             .bind_api(egl::OPENGL_API)
@@ -107,7 +129,10 @@ impl Offscreen {
 
 impl Drop for Offscreen {
     fn drop(&mut self) {
-        let _ = self.egl.destroy_context(self.display, self.context);
+        // In a process that was forked the context stays: it is the parent's.
+        if self.process == std::process::id() {
+            let _ = self.egl.destroy_context(self.display, self.context);
+        }
     }
 }
 

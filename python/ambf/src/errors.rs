@@ -2,6 +2,8 @@
 
 use ambf_core::bullet::StateError;
 use ambf_core::sim::LostState;
+use ambf_render::{NoSuchCamera, RenderError};
+use ambf_viewer::ViewerError;
 use pyo3::call::PyCallArgs;
 use pyo3::prelude::*;
 
@@ -43,4 +45,29 @@ pub fn state(py: Python<'_>, problem: &StateError) -> PyErr {
         _ => problem.to_string(),
     };
     raise(py, "StateError", (message,))
+}
+
+/// Error when there is no such camera, or several.
+pub fn camera(py: Python<'_>, problem: &NoSuchCamera) -> PyErr {
+    raise(py, "NotFoundError", (problem.to_string(),))
+}
+
+/// Error when nothing can be drawn; a size that cannot be is a `ValueError`.
+pub fn render(py: Python<'_>, problem: &RenderError) -> PyErr {
+    match problem {
+        RenderError::Size { .. } => pyo3::exceptions::PyValueError::new_err(problem.to_string()),
+        _ => raise(py, "RenderError", (problem.to_string(),)),
+    }
+}
+
+/// Error when there are no windows.
+pub fn view(py: Python<'_>, problem: &ViewerError) -> PyErr {
+    let message = match problem {
+        ViewerError::NoDisplay => {
+            "there is no display to open windows on: set DISPLAY (or WAYLAND_DISPLAY), or use render(), which needs none".into()
+        }
+        ViewerError::Failed(why) => format!("windows cannot be opened: {why}; render() draws without"),
+        _ => problem.to_string(),
+    };
+    raise(py, "RenderError", (message,))
 }

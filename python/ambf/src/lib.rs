@@ -6,10 +6,12 @@
 
 mod arrays;
 mod commands;
+mod drawing;
 mod errors;
 mod load;
 mod names;
 mod pool;
+mod view;
 mod world;
 
 use pyo3::pymodule;

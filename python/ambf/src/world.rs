@@ -2,23 +2,29 @@
 
 use std::panic::{catch_unwind, resume_unwind, AssertUnwindSafe};
 use std::path::PathBuf;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use ambf_core::bullet::EnergyLedger;
 use ambf_core::comm::{ActuatorCommand, ObjectKind, Snapshot};
 use ambf_core::sim::{LostState, Stepper, StepperState};
+use ambf_render::camera_labels;
 use nalgebra::Isometry3;
-use numpy::PyArray1;
+use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
 
 use crate::arrays::Buffer;
 use crate::commands::{BodyCommands, Row, SavedArrays};
+use crate::drawing::{self, Drawing, Moment};
 use crate::load::{self, Wanted};
+use crate::view::Windows;
 use crate::{errors, names};
 
 /// How long the physics goes on before Python is asked whether it was interrupted.
 pub const SLICE: Duration = Duration::from_millis(100);
+
+/// How often it is looked whether a pause has ended.
+const PAUSED: Duration = Duration::from_millis(5);
 
 /// The physics of a [`World`], which moves to the thread that steps it.
 pub struct Physics {
@@ -27,7 +33,8 @@ pub struct Physics {
     commanded: Vec<bool>,
 }
 
-enum Slot {
+/// Where the physics of a [`World`] is.
+pub enum Slot {
     Here(Physics),
     Away,
     Closed,
@@ -55,9 +62,9 @@ struct Clock {
 }
 
 /// A world that is simulated; see `_ambf.pyi`.
-#[pyclass(frozen, module = "ambf._ambf")]
+#[pyclass(frozen, weakref, module = "ambf._ambf")]
 pub struct World {
-    slot: Mutex<Slot>,
+    slot: Arc<Mutex<Slot>>,
     clock: Mutex<Clock>,
     warnings: Vec<String>,
     rows: Vec<Row>,
@@ -72,6 +79,9 @@ pub struct World {
     measurements: Buffer,
     holding: Buffer,
     commands: BodyCommands,
+    cameras: Vec<String>,
+    drawing: Drawing,
+    windows: Mutex<Option<Windows>>,
 }
 
 impl World {
@@ -166,6 +176,29 @@ impl World {
         let clock = Clock { step: snapshot.sim_step, time: snapshot.sim_time, lost: snapshot.timing.lost_time };
         *self.clock.lock().unwrap_or_else(PoisonError::into_inner) = clock;
         Ok(())
+    }
+
+    fn windows(&self) -> MutexGuard<'_, Option<Windows>> {
+        self.windows.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Whether the user has paused the simulation in a window.
+    fn is_paused(&self) -> bool {
+        self.windows().as_ref().is_some_and(Windows::is_paused)
+    }
+
+    /// Whether it has to wait; a single step that the user wants is taken.
+    fn is_held(&self) -> bool {
+        self.windows().as_ref().is_some_and(Windows::hold)
+    }
+
+    /// What can be drawn now; the physics may go on afterwards.
+    fn moment(&self, py: Python<'_>) -> PyResult<Moment> {
+        self.with(py, |physics| {
+            let visuals = physics.stepper.visuals()?;
+            Some(Moment { visuals, snapshot: physics.stepper.snapshot().clone() })
+        })?
+        .ok_or_else(|| errors::closed(py))
     }
 
     fn clock(&self) -> Clock {
@@ -268,6 +301,8 @@ impl World {
             }
         }
         let joints: Vec<String> = stepper.simulation().scene().joints.iter().map(|joint| joint.name.clone()).collect();
+        let visuals = stepper.visuals().map(|visuals| camera_labels(&visuals)).unwrap_or_default();
+        let cameras = visuals.into_iter().map(|(_, label)| label).collect();
         let made = Self {
             clock: Mutex::default(),
             poses: Buffer::state::<f64>(py, &[rows.len(), 7])?,
@@ -278,12 +313,15 @@ impl World {
             measurements: Buffer::state::<f64>(py, &[rays])?,
             holding: Buffer::state::<bool>(py, &[actuators.len()])?,
             commands: BodyCommands::new(py, rows.len())?,
-            slot: Mutex::new(Slot::Away),
+            slot: Arc::new(Mutex::new(Slot::Away)),
             warnings,
             rows,
             joints,
             sensors,
             actuators,
+            cameras,
+            drawing: Drawing::default(),
+            windows: Mutex::default(),
         };
         let commanded = vec![false; made.rows.len()];
         made.give(py, Some(Physics { stepper: Box::new(stepper), commanded }))?;
@@ -434,7 +472,21 @@ impl World {
         let mut physics = self.take(py)?;
         let mut left = steps;
         let outcome = loop {
-            match py.detach(|| catch_unwind(AssertUnwindSafe(|| slice(&mut physics.stepper, left)))) {
+            let mut next = left;
+            if left > 0 && self.is_paused() {
+                if self.is_held() {
+                    py.detach(|| {
+                        physics.stepper.serve_window();
+                        std::thread::sleep(PAUSED);
+                    });
+                    if let Err(interruption) = py.check_signals() {
+                        break Err(interruption);
+                    }
+                    continue;
+                }
+                next = 1;
+            }
+            match py.detach(|| catch_unwind(AssertUnwindSafe(|| slice(&mut physics.stepper, next)))) {
                 Ok(Ok(made)) => left -= made,
                 Ok(Err(problem)) => break Err(errors::non_finite(py, &problem)),
                 Err(panic) => {
@@ -505,7 +557,110 @@ impl World {
     }
 
     fn notices(&self, py: Python<'_>) -> PyResult<Vec<String>> {
-        self.with(py, |physics| physics.stepper.take_notices())
+        let mut notices = self.with(py, |physics| physics.stepper.take_notices())?;
+        notices.extend(self.drawing.take_messages());
+        Ok(notices)
+    }
+
+    #[getter]
+    fn cameras(&self) -> Vec<String> {
+        self.cameras.clone()
+    }
+
+    #[allow(clippy::too_many_arguments)]
+    fn render<'py>(
+        &self,
+        py: Python<'py>,
+        camera: Option<String>,
+        width: Option<u32>,
+        height: Option<u32>,
+        rgb: bool,
+        depth: bool,
+        ids: bool,
+        normals: bool,
+        samples: u32,
+    ) -> PyResult<Vec<(&'static str, Bound<'py, PyAny>)>> {
+        let moment = self.moment(py)?;
+        let camera = moment.camera(camera.as_deref()).map_err(|problem| errors::camera(py, &problem))?;
+        let size = moment.size(camera, width, height);
+        let wanted = drawing::Wanted { camera, size, rgb, depth, ids, normals, samples };
+        let picture = py.detach(|| {
+            let picture = self.drawing.picture(&moment, &wanted)?;
+            let ids: Vec<i32> =
+                picture.ids.iter().map(|[object, _]| i32::try_from(*object).unwrap_or(i32::MAX)).collect();
+            Ok((picture, ids))
+        });
+        let (picture, id_numbers) = picture.map_err(|problem| errors::render(py, &problem))?;
+        let shape = [picture.height as usize, picture.width as usize];
+        let colors = [shape[0], shape[1], 3];
+        let mut arrays = Vec::with_capacity(4);
+        if rgb {
+            arrays.push(("rgb", PyArray1::from_vec(py, picture.color).reshape(colors)?.into_any()));
+        }
+        if depth {
+            arrays.push(("depth", PyArray1::from_vec(py, picture.depth).reshape(shape)?.into_any()));
+        }
+        if ids {
+            arrays.push(("ids", PyArray1::from_vec(py, id_numbers).reshape(shape)?.into_any()));
+        }
+        if normals {
+            let numbers = picture.normals.into_flattened();
+            arrays.push(("normals", PyArray1::from_vec(py, numbers).reshape(colors)?.into_any()));
+        }
+        Ok(arrays)
+    }
+
+    fn view(&self, py: Python<'_>) -> PyResult<()> {
+        if self.windows().as_ref().is_some_and(Windows::are_open) {
+            return Ok(());
+        }
+        let window = self.with(py, |physics| physics.stepper.window())?;
+        let (slot, said, report) = (Arc::downgrade(&self.slot), self.drawing.messages(), self.warnings.join("\n"));
+        let opened = py.detach(|| Windows::open(window, slot, report, said));
+        let windows = opened.map_err(|problem| errors::view(py, &problem))?;
+        let before = self.windows().replace(windows);
+        py.detach(|| drop(before));
+        Ok(())
+    }
+
+    #[getter]
+    fn is_viewed(&self) -> bool {
+        self.windows().as_ref().is_some_and(Windows::are_open)
+    }
+
+    fn close_view(&self, py: Python<'_>) {
+        let windows = self.windows().take();
+        py.detach(|| drop(windows));
+    }
+
+    fn id_names(&self, py: Python<'_>) -> PyResult<Vec<String>> {
+        let moment = self.moment(py)?;
+        py.detach(|| self.drawing.id_names(&moment)).map_err(|problem| errors::render(py, &problem))
+    }
+
+    fn camera_matrix(
+        &self,
+        py: Python<'_>,
+        camera: Option<String>,
+        width: Option<u32>,
+        height: Option<u32>,
+    ) -> PyResult<Option<Vec<f64>>> {
+        let moment = self.moment(py)?;
+        let camera = moment.camera(camera.as_deref()).map_err(|problem| errors::camera(py, &problem))?;
+        let (width, height) = moment.size(camera, width, height);
+        let eyes = moment.view(camera).eyes(width, height);
+        let matrix = match &eyes[..] {
+            [eye] => eye.camera_matrix(),
+            _ => None,
+        };
+        Ok(matrix.map(|matrix| matrix.transpose().iter().copied().collect()))
+    }
+
+    fn camera_pose(&self, py: Python<'_>, camera: Option<String>) -> PyResult<Vec<f64>> {
+        let moment = self.moment(py)?;
+        let camera = moment.camera(camera.as_deref()).map_err(|problem| errors::camera(py, &problem))?;
+        let Isometry3 { translation, rotation } = moment.view(camera).pose;
+        Ok(translation.vector.iter().chain(rotation.coords.iter()).copied().collect())
     }
 
     fn close(&self, py: Python<'_>) -> PyResult<()> {
@@ -518,6 +673,8 @@ impl World {
         if is_busy {
             return Err(errors::busy(py));
         }
+        self.close_view(py);
+        py.detach(|| self.drawing.close());
         Ok(())
     }
 }

@@ -7,7 +7,7 @@ import unittest
 
 import gymnasium
 import numpy as np
-from ambf_gym import InvalidAction, InvalidDescription, Scene, SimulatorEnv, Task
+from ambf_gym import InvalidAction, InvalidDescription, Pixels, Scene, SimulatorEnv, Task
 from ambf_gym.backend import FORCE, POSITION, VELOCITY, BodyCommand, BodyState, Commands, SensorState, States, array
 from ambf_gym.parts import (
     DriveBody,
@@ -34,6 +34,8 @@ class Toy:
         self.log = []
         self.fail = False
         self.opened = 0
+
+    interval = 0.001
 
     def joint_limits(self):
         """Of one joint only."""
@@ -68,6 +70,18 @@ class Toy:
         other = BodyState(array((0, 0, 1)), array((0, 0, 0, 1)), array((0, 0, 0)), array((0, 0, 0)), {}, {}, {})
         sensors = {"eye": SensorState(array((0.25,)), ("a",))}
         return States(self.sim_step, 0.0, {"arm": body, "other": other}, sensors, {"hand": True})
+
+    def render(self, camera, width, height, rgb, depth):
+        """All pixels hold the number of the step."""
+        shape = (height or 48, width or 64)
+        picture = {"rgb": np.full((*shape, 3), self.sim_step % 256, dtype=np.uint8)} if rgb else {}
+        if depth:
+            picture["depth"] = np.full(shape, self.sim_step, dtype=np.float32)
+        return picture
+
+    def show(self):
+        """Remembers it."""
+        self.log.append("shown")
 
     def close(self):
         """Nothing to let go of."""
@@ -142,6 +156,40 @@ class Spaces(unittest.TestCase):
             model.write_text("joints: [")
             self.assertRaises(InvalidDescription, limits_in, model)
         self.assertRaises(InvalidDescription, Scene(("/nothing.yaml",)).model_files)
+
+
+class Pictures(unittest.TestCase):
+    """What is rendered and observed of a backend that draws."""
+
+    def test_render_modes(self):
+        """Pictures when asked for, windows before the start."""
+        backend = Toy()
+        env = SimulatorEnv(backend, task(()), "rgb_array", width=5, height=4)
+        self.assertRaises(gymnasium.error.ResetNeeded, env.render)
+        env.reset(seed=0)
+        picture = env.render()
+        self.assertEqual((picture.shape, int(picture[0, 0, 0])), ((4, 5, 3), backend.sim_step))
+        self.assertEqual(env.metadata["render_fps"], 100)
+        self.assertEqual(SimulatorEnv(backend, task((), n_skip_steps=40), "rgb_array").metadata["render_fps"], 25)
+        self.assertNotIn("shown", backend.log)
+        human = SimulatorEnv(backend, task((), n_skip_steps=1), "human")
+        self.assertEqual((backend.log[-1], human.metadata["render_fps"]), ("shown", 1000))
+        human.reset(seed=0)
+        self.assertIsNone(human.render())
+        self.assertRaises(ValueError, SimulatorEnv, backend, task(()), "ansi")
+
+    def test_pixels(self):
+        """Of the step that was made; depths end at their limit."""
+        backend = Toy()
+        env = SimulatorEnv(backend, task(()), pixels=Pixels(width=5, height=4, depth=True, depth_limit=111))
+        observation, _ = env.reset(seed=0)
+        self.assertEqual(set(observation), {"state", "pixels", "pixels_depth"})
+        self.assertTrue(env.observation_space.contains(observation))
+        self.assertEqual(int(observation["pixels"][3, 4, 2]), backend.sim_step)
+        later = env.step([])[0]
+        self.assertEqual(int(later["pixels"][0, 0, 0]), backend.sim_step)
+        self.assertEqual(float(later["pixels_depth"].max()), 111.0)
+        self.assertRaises(InvalidDescription, SimulatorEnv, backend, task(()), pixels=(Pixels(), Pixels()))
 
 
 class Actions(unittest.TestCase):

@@ -21,6 +21,7 @@ from .errors import (
     LoadError,
     NonFiniteError,
     NotFoundError,
+    RenderError,
     StateError,
 )
 from .simulation import (
@@ -33,6 +34,7 @@ from .simulation import (
     Body,
     Sensor,
     Simulation,
+    Viewer,
     step_all,
 )
 
@@ -51,9 +53,11 @@ __all__ = [
     "LoadError",
     "NonFiniteError",
     "NotFoundError",
+    "RenderError",
     "Sensor",
     "Simulation",
     "State",
     "StateError",
+    "Viewer",
     "step_all",
 ]

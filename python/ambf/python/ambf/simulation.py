@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import atexit
 import os
+import weakref
 from types import TracebackType
-from typing import Dict, List, Optional, Sequence, Tuple, Type, Union
+from typing import Any, Dict, List, Optional, Sequence, Tuple, Type, Union, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +18,10 @@ from .errors import NonFiniteError, NotFoundError
 Array = NDArray[np.float64]
 Kinds = NDArray[np.int8]
 Path = Union[str, "os.PathLike[str]"]
+Camera = Union[str, int, None]
+"""A camera by its name, or the only one whose name contains it; by its index in `Simulation.cameras`; or the first (None)."""
+
+_MOST_PIXELS = 16384
 
 NONE, FORCE, POSITION, VELOCITY = -1, 0, 1, 2
 """Kinds of commands."""
@@ -89,6 +95,8 @@ class Simulation:
         """Names of the joints, in the order of the arrays."""
         self.sensors: Tuple[str, ...] = tuple(inside.sensors)
         self.actuators: Tuple[str, ...] = tuple(inside.actuators)
+        self.cameras: Tuple[str, ...] = tuple(inside.cameras)
+        """Names of the cameras. A world that lists none has `default_camera` at the origin, which looks along -x."""
         self.poses: Array = inside.poses
         """(bodies x 7) position, m, and quaternion of the body frames. Read-only."""
         self.twists: Array = inside.twists
@@ -193,8 +201,118 @@ class Simulation:
         """
         return dict(self._world.take_solver_statistics())
 
+    @overload
+    def render(
+        self,
+        camera: Camera = None,
+        width: Optional[int] = None,
+        height: Optional[int] = None,
+        *,
+        samples: int = 1,
+    ) -> NDArray[np.uint8]: ...
+
+    @overload
+    def render(
+        self,
+        camera: Camera = None,
+        width: Optional[int] = None,
+        height: Optional[int] = None,
+        *,
+        rgb: bool = True,
+        depth: bool = False,
+        ids: bool = False,
+        normals: bool = False,
+        samples: int = 1,
+    ) -> Any: ...
+
+    def render(
+        self,
+        camera: Camera = None,
+        width: Optional[int] = None,
+        height: Optional[int] = None,
+        *,
+        rgb: bool = True,
+        depth: bool = False,
+        ids: bool = False,
+        normals: bool = False,
+        samples: int = 1,
+    ) -> Any:
+        """What a camera sees of the states that the arrays hold: an array, or a dict of arrays if several are asked for.
+
+        All have the top row first and belong to the caller.
+
+        * `"rgb"`: (height x width x 3) uint8, as the camera publishes it: with its `preprocessing shaders` it is a mask.
+        * `"depth"`: (height x width) float32, distance along the axis of the camera, m, without noise; the far clipping plane where
+          nothing is seen.
+        * `"ids"`: (height x width) int32, which object is seen: `id_names[ids[row, column]]`; 0 is nothing.
+        * `"normals"`: (height x width x 3) float32, unit normal of the surface in the camera's frame (it looks along -x, +y is right in
+          the picture, +z up), towards the camera; 0 where nothing is seen.
+
+        `width`, `height`: pixels, 1 to 16384 (less if the graphics card says so); None: the published resolution, else 640 x 480; with
+        one of them the other keeps the shape. A camera with two eyes shows them side by side. `samples`: of a pixel, 1 to 8; more
+        smooth the edges of "rgb".
+
+        No window and no X server are needed. A graphics card is used if there is one. The lock of Python is released, and other threads
+        may go on to step this simulation while it is drawn. The first call loads the meshes. What cannot be drawn as described is in
+        `notices`.
+
+        Raises NotFoundError, ValueError, ClosedError, BusyError; RenderError without OpenGL, and in a process that was forked from one
+        that has drawn before: start those by "spawn" or "forkserver", or draw in the parent after the fork only.
+        """
+        if not (rgb or depth or ids or normals):
+            raise ValueError("nothing is asked for: switch rgb, depth, ids or normals on")
+        if not 1 <= samples <= 8:
+            raise ValueError(f"samples={samples}: expected 1 to 8")
+        size = _pixels("width", width), _pixels("height", height)
+        arrays = dict(self._world.render(self._camera(camera), *size, rgb, depth, ids, normals, samples))
+        return next(iter(arrays.values())) if len(arrays) == 1 else arrays
+
+    @property
+    def id_names(self) -> Tuple[str, ...]:
+        """Names of objects by their number in "ids" of `render`, as in `bodies`, `cameras` and so on; the first is "", nothing.
+
+        The wheels of a vehicle have its name. Raises what `render` raises.
+        """
+        return tuple(self._world.id_names())
+
+    def camera_matrix(self, camera: Camera = None, width: Optional[int] = None, height: Optional[int] = None) -> Array:
+        """(3 x 3) camera matrix K of pictures of that size, pixels: K @ (right, down, forward) is homogeneous in (column, row).
+
+        Centres of pixels are at half numbers: that of the upper left one is (0.5, 0.5). A point p of the camera's frame is right p[1],
+        down -p[2], forward -p[0]. Raises ValueError for orthographic cameras and those with two eyes; NotFoundError, ClosedError,
+        BusyError.
+        """
+        name = self._camera(camera)
+        matrix = self._world.camera_matrix(name, _pixels("width", width), _pixels("height", height))
+        if matrix is None:
+            raise ValueError(f"{name or self.cameras[0]} is no pinhole camera: it is orthographic or has two eyes")
+        return np.array(matrix, dtype=np.float64).reshape(3, 3)
+
+    def camera_pose(self, camera: Camera = None) -> Array:
+        """(7) where a camera is: position, m, and quaternion x, y, z, w, world axes. Raises NotFoundError, ClosedError, BusyError."""
+        return np.array(self._world.camera_pose(self._camera(camera)), dtype=np.float64)
+
+    def view(self) -> Viewer:
+        """Opens a window for each visible camera, with the mouse and the keys of the simulator's windows; a handle that closes them.
+
+        They show the states of each call of `step`, `reset` or `restore`, in a thread of their own, and take no time from the physics.
+        The mouse moves cameras and pulls bodies: what is pulled moves in the steps. While the simulation is paused there (Ctrl+P), `step`
+        waits, and Space lets one iteration through; Ctrl+C ends the waiting. The windows that are open are returned when there are some.
+
+        A process can open windows for one simulation, once: the window system is not entered a second time. Raises RenderError if they
+        cannot be opened, for example without a display; ClosedError, BusyError.
+        """
+        self._world.view()
+        atexit.register(_close_view, weakref.ref(self._world))
+        return Viewer(self)
+
+    def _camera(self, camera: Camera) -> Optional[str]:
+        if camera is None or isinstance(camera, str):
+            return camera
+        return self.cameras[_find(camera, self.cameras, "cameras")]
+
     def notices(self) -> List[str]:
-        """Takes the sentences about commands that name what is not there, and what plugins have to say."""
+        """Takes the sentences about commands that name what is not there, about what can't be drawn, and what plugins have to say."""
         return self._world.notices()
 
     def close(self) -> None:
@@ -202,6 +320,30 @@ class Simulation:
         self._world.close()
 
     def __enter__(self) -> Simulation:
+        return self
+
+    def __exit__(
+        self, kind: Optional[Type[BaseException]], error: Optional[BaseException], trace: Optional[TracebackType]
+    ) -> None:
+        self.close()
+
+
+class Viewer:
+    """The windows of a simulation. `with` closes them in the end; without, they close with the simulation or the program."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        self.simulation = simulation
+
+    @property
+    def is_open(self) -> bool:
+        """Whether nobody has closed them."""
+        return self.simulation._world.is_viewed
+
+    def close(self) -> None:
+        """Closes them; the simulation goes on. May be called more than once."""
+        self.simulation._world.close_view()
+
+    def __enter__(self) -> Viewer:
         return self
 
     def __exit__(
@@ -322,6 +464,19 @@ def step_all(simulations: Sequence[Simulation], steps: Union[int, Sequence[int]]
             if isinstance(problem, NonFiniteError):
                 problem.index = index
             raise problem
+
+
+def _close_view(world: weakref.ref[_ambf.World]) -> None:
+    """Windows are drawn by a thread that must not outlive the interpreter."""
+    alive = world()
+    if alive is not None:
+        alive.close_view()
+
+
+def _pixels(what: str, number: Optional[int]) -> Optional[int]:
+    if number is not None and not 1 <= number <= _MOST_PIXELS:
+        raise ValueError(f"{what}={number}: expected 1 to {_MOST_PIXELS} pixels")
+    return None if number is None else int(number)
 
 
 def _find(name: Union[str, int], names: Sequence[str], what: str) -> int:

@@ -11,7 +11,7 @@ import importlib
 
 import gymnasium
 
-from .backend import Backend, BodyCommand, BodyState, Commands, HoldCommand, SensorState, States
+from .backend import Backend, BodyCommand, BodyState, Commands, HoldCommand, Pixels, SensorState, States
 from .env import SimulatorEnv, Task, Transition
 from .errors import GymError, InvalidAction, InvalidDescription, SimulatorFailed, StepMismatch
 from .parts import (
@@ -48,6 +48,7 @@ __all__ = [
     "JointPositions",
     "JointVelocities",
     "Measurements",
+    "Pixels",
     "Position",
     "RosBackend",
     "Rotation",

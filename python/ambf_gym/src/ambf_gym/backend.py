@@ -101,8 +101,34 @@ class States:
     """Whether they hold something."""
 
 
+Picture = Dict[str, NDArray[Any]]
+"""`"rgb"`: (height x width x 3) uint8; `"depth"`: (height x width) float32, distance along the camera's axis, m. Top row first."""
+
+
+@dataclass(frozen=True)
+class Pixels:
+    """A camera whose pictures are part of the observations."""
+
+    camera: Optional[str] = None
+    """Its name, or a part of it that is unique; None: the first."""
+    width: int = 84
+    height: int = 84
+    rgb: bool = True
+    """Observed under `name`: (height x width x 3) uint8."""
+    depth: bool = False
+    """Observed under `name` with "_depth" behind: (height x width x 1) float32, distance along the camera's axis, m."""
+    depth_limit: float = float("inf")
+    """Larger depths are observed as this, m."""
+    name: str = "pixels"
+    """Key in the dict of observations; several cameras need several."""
+
+
 class Backend(Protocol):
     """One world of a simulator."""
+
+    @property
+    def interval(self) -> float:
+        """Simulated time of an iteration, s."""
 
     def open(self, bodies: Sequence[str], sensors: Sequence[str], actuators: Sequence[str]) -> Dict[str, Sequence[str]]:
         """Connects, holds the physics, and will observe these from now on; the plain names of the joints of each body.
@@ -118,6 +144,17 @@ class Backend(Protocol):
 
     def close(self) -> None:
         """Lets go of the simulator; ends it if the backend has started it. May be called more than once."""
+
+    def render(
+        self, camera: Optional[str], width: Optional[int], height: Optional[int], rgb: bool, depth: bool
+    ) -> Picture:
+        """What a camera sees of the states that were observed last. `camera`: name, or a part of it that is unique; None: the first.
+
+        `width`, `height`: pixels; None: as published, else 640 x 480. Raises InvalidDescription if the camera can't do that.
+        """
+
+    def show(self) -> None:
+        """From the next `open` on there are windows, where there is a display. Raises InvalidDescription if there can't be any."""
 
     def joint_limits(self) -> Optional[Dict[str, Tuple[float, float]]]:
         """Lower and upper limit, rad or m, of the joints by name; None if the backend can't know."""

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import copy
+import time
 from dataclasses import dataclass, field
-from typing import Any, Callable, Dict, Generator, List, NamedTuple, Optional, Sequence, Tuple, TypeVar
+from typing import Any, Callable, Dict, Generator, List, NamedTuple, Optional, Sequence, Tuple, TypeVar, Union
 
 import gymnasium
 import numpy as np
-from numpy.typing import NDArray
 
-from .backend import Array, Backend, Commands, States, plain
+from .backend import Array, Backend, Commands, Pixels, States, plain
 from .errors import InvalidAction, InvalidDescription
 from .parts import ActionPart, ObservationPart
 
-Observation = NDArray[np.float32]
+Observation = Any
+"""A vector (float32); with pixels a dict of it ("state") and of pictures."""
 Info = Dict[str, Any]
 Outcome = Tuple[Observation, float, bool, bool, Info]
 Result = TypeVar("Result")
@@ -83,19 +84,37 @@ class Task:
     """Bodies whose state the functions need besides those that are observed."""
 
 
-class SimulatorEnv(gymnasium.Env[Observation, Any]):
+class SimulatorEnv(gymnasium.Env[Any, Any]):
     """Steps a task in a backend. The simulator is started, or attached to, at the first reset, and after it failed at the next.
 
     Actions outside their bounds are moved to the nearest within; `info['clipped']` says so. `info['iterations']` counts the physics
     iterations of the episode.
     """
 
-    metadata: Dict[str, Any] = {"render_modes": []}  # noqa: RUF012  as in the base class
+    metadata: Dict[str, Any] = {"render_modes": ["rgb_array", "human"], "render_fps": 100}  # noqa: RUF012  as in the base class
 
-    def __init__(self, backend: Backend, task: Task, render_mode: Optional[str] = None) -> None:
-        """Raises InvalidDescription if the task lacks bounds that the scene does not tell."""
-        if render_mode is not None:
-            raise ValueError(f"there is nothing to render, so no render_mode {render_mode!r}")
+    def __init__(
+        self,
+        backend: Backend,
+        task: Task,
+        render_mode: Optional[str] = None,
+        *,
+        camera: Optional[str] = None,
+        width: Optional[int] = None,
+        height: Optional[int] = None,
+        pixels: Union[Pixels, Sequence[Pixels]] = (),
+    ) -> None:
+        """`render_mode`: "rgb_array": `render` returns what `camera` sees, (height x width x 3) uint8; "human": windows show the
+        simulation in real time. `camera`: name, or a part of it that is unique; the first if None. `width`, `height`: pixels; what the
+        camera publishes, else 640 x 480, if None.
+
+        `pixels`: cameras whose pictures are observed. Observations are then a dict: `"state"`, the vector that is observed otherwise (if
+        it is not empty), and what `Pixels` says.
+
+        Raises InvalidDescription if the task lacks bounds that the scene does not tell.
+        """
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise ValueError(f"render_mode={render_mode!r}: expected one of {self.metadata['render_modes']}, or None")
         if task.n_skip_steps < 1 or task.settle_steps < 1 or task.max_steps < 1:
             raise InvalidDescription("n_skip_steps, settle_steps and max_steps are 1 or more")
         self.render_mode = render_mode
@@ -108,7 +127,18 @@ class SimulatorEnv(gymnasium.Env[Observation, Any]):
         infinite = np.full(task.goal_size, np.inf)
         low, high = np.concatenate((low, -infinite)), np.concatenate((high, infinite))
         self.action_space = gymnasium.spaces.Box(self._low.astype(np.float32), self._high.astype(np.float32))
-        self.observation_space = gymnasium.spaces.Box(low.astype(np.float32), high.astype(np.float32))
+        state = gymnasium.spaces.Box(low.astype(np.float32), high.astype(np.float32))
+        self._pixels = (pixels,) if isinstance(pixels, Pixels) else tuple(pixels)
+        self._has_state = len(low) > 0 or not self._pixels
+        self.observation_space = _with_pixels(state if self._has_state else None, self._pixels)
+        self._view = (camera, width, height)
+        if render_mode is not None:
+            # A rate of the instance, which follows from the task.
+            rate = 1.0 / (task.n_skip_steps * backend.interval)
+            self.metadata = {**self.metadata, "render_fps": max(1, round(rate))}
+        if render_mode == "human":
+            backend.show()
+        self._shown_until = 0.0
         self._is_open = False
         self._states: Optional[States] = None
         self._goal: Array = np.zeros(task.goal_size)
@@ -119,14 +149,22 @@ class SimulatorEnv(gymnasium.Env[Observation, Any]):
         self, *, seed: Optional[int] = None, options: Optional[Dict[str, Any]] = None
     ) -> Tuple[Observation, Info]:
         """Returns the simulation to its start. The same seed draws the same goals."""
-        return self._drive(self.resetting(seed=seed, options=options))
+        result = self._drive(self.resetting(seed=seed, options=options))
+        self._shown_until = time.monotonic()
+        return result
 
     def step(self, action: Any) -> Outcome:
         """Commands an action and lets `n_skip_steps` iterations pass.
 
         Raises InvalidAction; StepMismatch or an error of the backend if the simulator fails, after which `reset` starts afresh.
         """
-        return self._drive(self.stepping(action))
+        outcome = self._drive(self.stepping(action))
+        if self.render_mode == "human":
+            # In real time, or slower if the simulation is.
+            now = time.monotonic()
+            self._shown_until = max(self._shown_until + 1.0 / self.metadata["render_fps"], now)
+            time.sleep(self._shown_until - now)
+        return outcome
 
     def resetting(
         self, *, seed: Optional[int] = None, options: Optional[Dict[str, Any]] = None
@@ -182,6 +220,21 @@ class SimulatorEnv(gymnasium.Env[Observation, Any]):
         if not np.isfinite(wanted).all():
             raise InvalidAction(f"an action that is not finite: {wanted}")
         return wanted
+
+    def render(self) -> Any:
+        """The picture of mode "rgb_array", (height x width x 3) uint8; None in the others: windows show each step by themselves.
+
+        Raises InvalidDescription if there is no such camera, or over ROS none that publishes; what the backend raises where nothing can
+        be drawn.
+        """
+        if self.render_mode is None:
+            gymnasium.logger.warn("render() without render_mode shows nothing; give render_mode='rgb_array' or 'human'")
+            return None
+        if self._states is None:
+            raise gymnasium.error.ResetNeeded("call reset() before render()")
+        if self.render_mode == "human":
+            return None
+        return self._backend.render(*self._view, True, False)["rgb"]
 
     def close(self) -> None:
         """Lets go of the simulator; ends it if the environment has started it."""
@@ -247,7 +300,40 @@ class SimulatorEnv(gymnasium.Env[Observation, Any]):
 
     def _observation(self, states: States) -> Observation:
         parts = [part.read(states) for part in self._task.observe]
-        return np.concatenate((*parts, self._goal)).astype(np.float32)
+        state = np.concatenate((*parts, self._goal)).astype(np.float32)
+        if not self._pixels:
+            return state
+        observation = {"state": state} if self._has_state else {}
+        for view in self._pixels:
+            picture = self._backend.render(view.camera, view.width, view.height, view.rgb, view.depth)
+            if view.rgb:
+                observation[view.name] = picture["rgb"]
+            if view.depth:
+                depth = np.minimum(picture["depth"], np.float32(view.depth_limit))
+                observation[f"{view.name}_depth"] = depth[:, :, np.newaxis]
+        return observation
+
+
+def _with_pixels(state: Optional[gymnasium.spaces.Box], pixels: Sequence[Pixels]) -> gymnasium.spaces.Space[Any]:
+    if not pixels:
+        assert state is not None
+        return state
+    spaces: Dict[str, gymnasium.spaces.Space[Any]] = {} if state is None else {"state": state}
+    for view in pixels:
+        if not (view.rgb or view.depth) or min(view.width, view.height) < 1 or not view.depth_limit > 0.0:
+            raise InvalidDescription(f"{view}: give rgb or depth, sizes of 1 or more, and a limit above 0")
+        shape = (view.height, view.width)
+        new: Dict[str, gymnasium.spaces.Space[Any]] = {}
+        if view.rgb:
+            new[view.name] = gymnasium.spaces.Box(0, 255, (*shape, 3), np.uint8)
+        if view.depth:
+            new[f"{view.name}_depth"] = gymnasium.spaces.Box(0.0, view.depth_limit, (*shape, 1), np.float32)
+        if spaces.keys() & new.keys():
+            raise InvalidDescription(
+                f"two observations are called {', '.join(spaces.keys() & new.keys())}; give pixels a name each"
+            )
+        spaces.update(new)
+    return gymnasium.spaces.Dict(spaces)
 
 
 def _stack(bounds: Sequence[Tuple[Array, Array]]) -> Tuple[Array, Array, Sequence[slice]]:

@@ -8,7 +8,7 @@ from typing import Any, Dict, List, NoReturn, Optional, Sequence, Tuple
 import ambf
 import numpy as np
 
-from .backend import FORCE, POSITION, Array, BodyCommand, BodyState, Commands, SensorState, States, plain
+from .backend import FORCE, POSITION, Array, BodyCommand, BodyState, Commands, Picture, SensorState, States, plain
 from .errors import InvalidDescription, SimulatorFailed, StepMismatch
 from .scene import Scene, resources
 
@@ -30,6 +30,12 @@ class InProcessBackend:
         self._sensors: Dict[str, ambf.Sensor] = {}
         self._actuators: Dict[str, ambf.Actuator] = {}
         self._sim_step = -1
+        self._is_shown = False
+
+    @property
+    def interval(self) -> float:
+        """See `Backend.interval`."""
+        return float(self._options["step"])
 
     @property
     def simulation(self) -> ambf.Simulation:
@@ -60,6 +66,12 @@ class InProcessBackend:
             body.handle.kind = FORCE
         simulation.step(1)
         self._sim_step = simulation.sim_step
+        if self._is_shown:
+            try:
+                simulation.view()
+            except ambf.RenderError:
+                self.close()
+                raise
         return {name: body.names for name, body in self._bodies.items()}
 
     def step(self, commands: Commands, steps: int, reset: bool = False) -> States:
@@ -99,6 +111,21 @@ class InProcessBackend:
             sensors={name: _sensor_state(sensor) for name, sensor in self._sensors.items()},
             actuators={name: actuator.holding for name, actuator in self._actuators.items()},
         )
+
+    def render(
+        self, camera: Optional[str], width: Optional[int], height: Optional[int], rgb: bool, depth: bool
+    ) -> Picture:
+        """See `Backend.render`. Raises ambf.RenderError where nothing can be drawn."""
+        wanted = {"rgb": rgb, "depth": depth}
+        try:
+            found = self.simulation.render(camera, width, height, **wanted)
+        except (ambf.NotFoundError, ValueError) as error:
+            raise InvalidDescription(str(error)) from error
+        return found if isinstance(found, dict) else {name: found for name, is_wanted in wanted.items() if is_wanted}
+
+    def show(self) -> None:
+        """See `Backend.show`. Opening raises ambf.RenderError without a display."""
+        self._is_shown = True
 
     def close(self) -> None:
         """See `Backend.close`."""

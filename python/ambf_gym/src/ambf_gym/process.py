@@ -56,15 +56,27 @@ def _free_port() -> int:
 
 
 class SimulatorProcess:
-    """Runs `ambf_simulator` without windows and with fixed steps; in a namespace of its own, so there may be many."""
+    """Runs `ambf_simulator` with fixed steps; in a namespace of its own, so there may be many."""
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, shown: bool = False) -> None:
+        """`shown`: with windows."""
         self.namespace = f"/gym{os.getpid()}_{next(_NUMBERS)}"
         self.master = own_master()
         launch = scene.launch_file or str(resources() / "launch.yaml")
         handle, log = tempfile.mkstemp(prefix="ambf_gym_", suffix=".log")
         self._log = Path(log)
-        command = [simulator(), "-g", "0", "-t", "1", "--hold", "--ns", self.namespace, "--launch_file", launch]
+        command = [
+            simulator(),
+            "-g",
+            "1" if shown else "0",
+            "-t",
+            "1",
+            "--hold",
+            "--ns",
+            self.namespace,
+            "--launch_file",
+            launch,
+        ]
         command += ["-a", ",".join(scene.model_files()), *scene.options]
         self._process = subprocess.Popen(
             ["/bin/sh", "-c", _GUARD, "ambf_gym", *command],

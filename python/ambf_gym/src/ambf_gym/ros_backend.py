@@ -8,8 +8,21 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 from ambf_client import Actuator, Client, ClientError, ObjectNotFound, RigidBody, Sensor, World
 from geometry_msgs.msg import Point, Pose, Quaternion, Twist, Vector3, Wrench
 
-from .backend import FORCE, POSITION, BodyCommand, BodyState, Commands, HoldCommand, SensorState, States, array, plain
+from .backend import (
+    FORCE,
+    POSITION,
+    BodyCommand,
+    BodyState,
+    Commands,
+    HoldCommand,
+    Picture,
+    SensorState,
+    States,
+    array,
+    plain,
+)
 from .errors import InvalidDescription, SimulatorFailed, StepMismatch
+from .pictures import CameraTopics
 from .process import SimulatorProcess
 from .scene import Scene
 
@@ -48,6 +61,13 @@ class RosBackend:
         self._sensors: Dict[str, Sensor] = {}
         self._actuators: Dict[str, Actuator] = {}
         self._sim_step = -1
+        self._pictures: Optional[CameraTopics] = None
+        self._is_shown = False
+
+    @property
+    def interval(self) -> float:
+        """See `Backend.interval`. Of a simulator that is attached to it is taken to be 1 ms unless `scene` says otherwise."""
+        return 0.001 if self._scene is None else self._scene.interval()
 
     def joint_limits(self) -> Optional[Dict[str, Tuple[float, float]]]:
         """From the files of the scene."""
@@ -62,12 +82,13 @@ class RosBackend:
         try:
             namespace = self._attach
             if self._scene is not None and namespace is None:
-                self._process = SimulatorProcess(self._scene)
+                self._process = SimulatorProcess(self._scene, self._is_shown)
                 namespace = self._process.namespace
             only = (*bodies, *sensors, *actuators)
             client = self._client = Client("ambf_gym", namespace=namespace or "", only=only, anonymous=True)
             client.create_objs_from_rostopics(120, self._timeout)
             self._world = client.get_world_handle()
+            self._pictures = CameraTopics(namespace or "")
             self._bodies = {name: self._find(name, RigidBody) for name in bodies}
             self._sensors = {name: self._find(name, Sensor) for name in sensors}
             self._actuators = {name: self._find(name, Actuator) for name in actuators}
@@ -139,11 +160,37 @@ class RosBackend:
             actuators={name: handle.is_actuated() for name, handle in self._actuators.items()},
         )
 
+    def render(
+        self, camera: Optional[str], width: Optional[int], height: Optional[int], rgb: bool, depth: bool
+    ) -> Picture:
+        """See `Backend.render`: the picture that the simulator publishes of the step that was observed last.
+
+        Only cameras with `publish image` (for depth `publish depth`) can do that, in the size that they publish. Raises SimulatorFailed
+        if no picture comes within `timeout`.
+        """
+        self._require_world()
+        if self._pictures is None:
+            raise SimulatorFailed("the environment is closed; reset() opens it again")
+        handles: List[Any] = [*self._bodies.values(), *self._sensors.values(), *self._actuators.values()]
+        stamps = [handle._state.header.stamp for handle in handles]
+        return self._pictures.take(camera, (width, height), rgb, depth, max(stamps, default=None), self._timeout)
+
+    def show(self) -> None:
+        """See `Backend.show`; a simulator that is attached to has the windows that it has."""
+        if self._attach is not None:
+            raise InvalidDescription(
+                "a simulator that is attached to is shown by itself: leave render_mode='human' out"
+            )
+        self._is_shown = True
+
     def close(self) -> None:
         """See `Backend.close`. A simulator that was not started here runs freely afterwards."""
         world, self._world = self._world, None
         client, self._client = self._client, None
         process, self._process = self._process, None
+        pictures, self._pictures = self._pictures, None
+        if pictures is not None:
+            pictures.close()
         if process is None and world is not None:
             with contextlib.suppress(ClientError):
                 world.step(0, patience=0.01, timeout=1.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import math
 import os
 import shutil
@@ -32,6 +33,19 @@ class Scene:
     def model_files(self) -> Tuple[str, ...]:
         """The model files, found; raises InvalidDescription if one is missing."""
         return tuple(str(_find(model)) for model in self.models)
+
+    def interval(self) -> float:
+        """Simulated time of an iteration, s, as the options say."""
+        parser = argparse.ArgumentParser(add_help=False, exit_on_error=False)
+        parser.add_argument("-p", "--phx_frequency", type=float, default=1000.0)
+        parser.add_argument("-s", "--sim_speed_factor", type=float, default=1.0)
+        try:
+            found, _ = parser.parse_known_args(list(self.options))
+        except argparse.ArgumentError as error:
+            raise InvalidDescription(f"options of the scene: {error}") from error
+        if not (found.phx_frequency > 0.0 and found.sim_speed_factor > 0.0):
+            raise InvalidDescription("options of the scene: frequency and speed factor are above 0")
+        return float(found.sim_speed_factor / found.phx_frequency)
 
     def joint_limits(self) -> Limits:
         """Limits of all joints that have some, rad or m, by name without blanks."""

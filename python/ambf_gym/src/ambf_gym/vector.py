@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import concurrent.futures
+import os
 from typing import Any, Dict, Generator, List, Optional, Sequence, Tuple, Union
 
 import ambf
@@ -10,6 +12,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.vector.utils import iterate
 
+from .backend import Pixels
 from .env import Course, Observation, Order, SimulatorEnv, Task
 from .in_process import InProcessBackend
 from .scene import Scene
@@ -30,12 +33,29 @@ class InProcessVectorEnv(SyncVectorEnv):
         task: Task,
         num_envs: int,
         autoreset_mode: Union[str, AutoresetMode] = AutoresetMode.NEXT_STEP,
+        *,
+        render_mode: Optional[str] = None,
+        camera: Optional[str] = None,
+        width: Optional[int] = None,
+        height: Optional[int] = None,
+        pixels: Union[Pixels, Sequence[Pixels]] = (),
     ) -> None:
-        """Raises InvalidDescription as `SimulatorEnv` does; simulations are loaded at the first reset."""
+        """`render_mode`, "rgb_array" or None, and what follows: as those of `SimulatorEnv`; pictures are drawn on threads too.
+
+        Raises InvalidDescription as `SimulatorEnv` does; simulations are loaded at the first reset.
+        """
         if num_envs < 1:
             raise ValueError(f"num_envs={num_envs}: expected 1 or more")
         self._backends = [InProcessBackend(scene) for _ in range(num_envs)]
-        self._lanes = [_Lane(SimulatorEnv(backend, task)) for backend in self._backends]
+        if render_mode == "human":
+            raise ValueError(
+                "render_mode='human' shows one world: make a single environment with it, or use 'rgb_array'"
+            )
+        view: Dict[str, Any] = {"camera": camera, "width": width, "height": height, "pixels": pixels}
+        self._lanes = [_Lane(SimulatorEnv(backend, task, render_mode, **view)) for backend in self._backends]
+        # Pictures are drawn side by side; what is only numbers is not worth a thread.
+        self._draws = bool(pixels)
+        self._pool: Optional[concurrent.futures.ThreadPoolExecutor] = None
         super().__init__([lambda lane=lane: lane for lane in self._lanes], autoreset_mode=autoreset_mode)  # type: ignore[misc]
 
     def reset(
@@ -74,6 +94,23 @@ class InProcessVectorEnv(SyncVectorEnv):
         self._run(courses)
         return super().step(actions)
 
+    def render(self) -> Tuple[Any, ...]:
+        """One picture a world, drawn side by side."""
+        return tuple(self._threads().map(lambda lane: lane.unwrapped.render(), self._lanes))
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Closes all worlds and the threads that draw."""
+        super().close_extras(**kwargs)
+        pool, self._pool = self._pool, None
+        if pool is not None:
+            pool.shutdown()
+
+    def _threads(self) -> concurrent.futures.ThreadPoolExecutor:
+        if self._pool is None:
+            workers = min(self.num_envs, os.cpu_count() or 1)
+            self._pool = concurrent.futures.ThreadPoolExecutor(workers, thread_name_prefix="ambf-draw")
+        return self._pool
+
     def _chosen(self, mask: Any) -> Sequence[Tuple[int, _Lane]]:
         return [(i, lane) for i, lane in enumerate(self._lanes) if mask[i]]
 
@@ -90,12 +127,18 @@ class InProcessVectorEnv(SyncVectorEnv):
                     self._backends[i].prepare(order.commands, order.reset)
                 simulations = [self._backends[i].simulation for i in orders]
                 ambf.step_all(simulations, [order.steps for order in orders.values()])
-                for i, order in list(orders.items()):
-                    self._advance(orders, i, courses[i], self._backends[i].observe(order.steps))
+                done = list(orders.items())
+                # Where a course observes, it draws.
+                run = self._threads().map if self._draws else map
+                for _ in run(lambda one: self._observe(orders, courses, *one), done):
+                    pass
         except BaseException:
             for lane in self._lanes:
                 lane.close()
             raise
+
+    def _observe(self, orders: Dict[int, Order], courses: Dict[int, Course[Ready]], i: int, order: Order) -> None:
+        self._advance(orders, i, courses[i], self._backends[i].observe(order.steps))
 
     def _advance(self, orders: Dict[int, Order], i: int, course: Course[Ready], states: Any) -> None:
         try:

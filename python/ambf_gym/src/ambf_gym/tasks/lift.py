@@ -6,11 +6,11 @@ actuator, fixes to it what the palm's ray sees.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Optional
+from typing import TYPE_CHECKING, Any, Dict, Optional, Sequence, Union
 
 import numpy as np
 
-from ..backend import POSITION, Array, Backend, BodyCommand, Commands
+from ..backend import POSITION, Array, Backend, BodyCommand, Commands, Pixels
 from ..env import Info, SimulatorEnv, Task, Transition
 from ..parts import DriveBody, Hold, Holds, Measurements, Position, Twist
 from ..scene import Scene
@@ -99,12 +99,21 @@ TASK = Task(
 
 
 def make_lift(
-    backend: Optional[Backend] = None, render_mode: Optional[str] = None, *, in_process: bool = False, **ros: Any
+    backend: Optional[Backend] = None,
+    render_mode: Optional[str] = None,
+    *,
+    in_process: bool = False,
+    camera: Optional[str] = None,
+    width: Optional[int] = None,
+    height: Optional[int] = None,
+    pixels: Union[Pixels, Sequence[Pixels]] = (),
+    **ros: Any,
 ) -> SimulatorEnv:
     """The environment `ambf/Lift-v0`: in `backend`, or in this process, else over ROS in a simulator of its own (`ros`: options of
-    `RosBackend`).
+    `RosBackend`). `render_mode`, `camera`, `width`, `height`, `pixels`: as those of `SimulatorEnv`.
     """
-    return SimulatorEnv(backend or make_backend(SCENE, in_process, ros), TASK, render_mode)
+    view: Dict[str, Any] = {"camera": camera, "width": width, "height": height}
+    return SimulatorEnv(backend or make_backend(SCENE, in_process, ros), TASK, render_mode, pixels=pixels, **view)
 
 
 def make_lift_vec(num_envs: int = 1, **options: Any) -> InProcessVectorEnv:

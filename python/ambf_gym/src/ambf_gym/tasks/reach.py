@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Optional
+from typing import TYPE_CHECKING, Any, Dict, Optional, Sequence, Union
 
 import numpy as np
 
-from ..backend import Array, Backend
+from ..backend import Array, Backend, Pixels
 from ..env import Info, SimulatorEnv, Task, Transition
 from ..parts import DriveJoints, JointPositions, JointVelocities, Position
 from ..scene import Scene
@@ -65,12 +65,21 @@ TASK = Task(
 
 
 def make_reach(
-    backend: Optional[Backend] = None, render_mode: Optional[str] = None, *, in_process: bool = False, **ros: Any
+    backend: Optional[Backend] = None,
+    render_mode: Optional[str] = None,
+    *,
+    in_process: bool = False,
+    camera: Optional[str] = None,
+    width: Optional[int] = None,
+    height: Optional[int] = None,
+    pixels: Union[Pixels, Sequence[Pixels]] = (),
+    **ros: Any,
 ) -> SimulatorEnv:
     """The environment `ambf/Reach-v0`: in `backend`, or in this process, else over ROS in a simulator of its own (`ros`: options of
-    `RosBackend`).
+    `RosBackend`). `render_mode`, `camera`, `width`, `height`, `pixels`: as those of `SimulatorEnv`.
     """
-    return SimulatorEnv(backend or make_backend(SCENE, in_process, ros), TASK, render_mode)
+    view: Dict[str, Any] = {"camera": camera, "width": width, "height": height}
+    return SimulatorEnv(backend or make_backend(SCENE, in_process, ros), TASK, render_mode, pixels=pixels, **view)
 
 
 def make_reach_vec(num_envs: int = 1, **options: Any) -> InProcessVectorEnv:
