@@ -289,7 +289,6 @@ class OverRos(support.TimedTest):
         folder = pathlib.Path(tempfile.mkdtemp())
         self.addCleanup(shutil.rmtree, folder)
         resources = support.RESOURCES
-        launch = yaml.safe_load((resources / "launch.yaml").read_text())
         world = yaml.safe_load((resources / "world/world.yaml").read_text())
         size = {"width": 160, "height": 120}
         world["main_camera"].update({"publish image": True, "publish image resolution": size})
@@ -299,6 +298,8 @@ class OverRos(support.TimedTest):
         world["environment"] = str(resources / "world/ground.yaml")
         (folder / "world.yaml").write_text(yaml.safe_dump(world))
         launch = {"world config": "world.yaml", "multibody configs": [str(resources / "models/arm7.yaml")]}
+        launch["color config"] = str(resources / "colors.yaml")
+        launch["input devices config"] = str(resources / "input_devices.yaml")
         (folder / "launch.yaml").write_text(yaml.safe_dump(launch))
         return Scene(reach.SCENE.models, str(folder / "launch.yaml"), reach.SCENE.options)
 
@@ -335,7 +336,7 @@ class OverRos(support.TimedTest):
         with self.assertRaisesRegex(InvalidDescription, '"side" names none.*main_camera'):
             env.render()
         with self.assertRaisesRegex(InvalidDescription, "attached"):
-            make_reach(RosBackend(attach=""), "human")
+            make_reach(RosBackend(reach.SCENE, attach=""), "human")
         with unset("DISPLAY", "WAYLAND_DISPLAY"), self.assertRaisesRegex(SimulatorFailed, "display"):
             make_reach(RosBackend(reach.SCENE, timeout=10.0), "human").reset(seed=0)
 
