@@ -333,10 +333,18 @@ impl Pass<'_> {
                 let lit = Lit {
                     textured: part.diffuse_map.is_some() || normal_map.is_some(),
                     normal_map: normal_map.is_some(),
+                    one_material: count == 1,
                     ..lights::lit(self.lights)
                 };
                 let program = self.programs.lit(gl, lit)?;
                 gl.use_program(Some(program));
+                if lit.one_material {
+                    let Look { diffuse, ambient: [r, g, b], specular, emission, shininess } = drawable.look;
+                    gl.uniform(program, "v_diffuse", Uniform::Vec4(diffuse));
+                    gl.uniform(program, "v_ambient", Uniform::Vec4([r, g, b, shininess]));
+                    gl.uniform(program, "v_specular", Uniform::Vec3(specular));
+                    gl.uniform(program, "v_emission", Uniform::Vec3(emission));
+                }
                 if lit.textured {
                     gl.bind_texture(0, Some(part.diffuse_map.as_deref().unwrap_or(self.white)));
                     gl.uniform(program, "u_diffuse_map", Uniform::Int(0));
@@ -408,12 +416,12 @@ impl Pass<'_> {
         Ok(())
     }
 
-    /// Ids and normals of one eye; transparent drawables count as opaque ones.
-    pub(crate) fn flat(&mut self, eye: &Eye) -> Result<(), RenderError> {
+    /// Ids, and normals if they are wanted, of one eye; transparent drawables count as opaque ones.
+    pub(crate) fn flat(&mut self, eye: &Eye, normals: bool) -> Result<(), RenderError> {
         let gl = self.gl;
         gl.viewport(eye.left, eye.width, eye.height);
         gl.state(false, true, Cull::None);
-        gl.clear_flat();
+        gl.clear_flat(normals);
         self.programs.flat(gl)?;
         let Some(program) = &self.programs.flat else { return Ok(()) };
         gl.use_program(Some(program));

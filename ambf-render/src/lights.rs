@@ -179,9 +179,18 @@ fn to_texture(clip: &Matrix4<f64>) -> Matrix4<f64> {
 
 /// What of a lit program depends on the lights.
 pub(crate) fn lit(lights: &[Light]) -> Lit {
-    let shadows = lights.iter().enumerate().filter(|(_, light)| light.shadow.is_some());
-    let shadows = shadows.fold(0, |bits, (index, _)| bits | 1 << index);
-    Lit { lights: lights.len() as u32, shadows, textured: false, normal_map: false }
+    let bits = |is: fn(&Light) -> bool| {
+        lights.iter().enumerate().filter(|(_, light)| is(light)).fold(0, |bits, (index, _)| bits | 1 << index)
+    };
+    Lit {
+        lights: lights.len() as u32,
+        shadows: bits(|light| light.shadow.is_some()),
+        exponents: bits(|light| light.exponent > 0.0),
+        attenuated: bits(|light| light.attenuation != [1.0, 0.0, 0.0]),
+        textured: false,
+        normal_map: false,
+        one_material: false,
+    }
 }
 
 /// Sets the uniforms of the lights, and binds their shadow maps.

@@ -811,10 +811,10 @@ impl Renderer {
                 picture.depth = metric(&bytes, width, &picture.eyes);
             }
             if request.ids || request.normals {
-                let target = targets.get(&gl, TargetKind::Flat, width, height)?;
+                let target = targets.get(&gl, TargetKind::Flat(request.normals), width, height)?;
                 gl.bind_target(target);
                 for eye in &picture.eyes {
-                    pass.flat(eye)?;
+                    pass.flat(eye, request.normals)?;
                 }
                 if request.ids {
                     gl.read_ids(target, &mut bytes);

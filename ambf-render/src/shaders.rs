@@ -22,9 +22,11 @@ out vec2 v_tex_coord;
 out vec3 v_tangent;
 out vec3 v_bitangent;
 #endif
+#ifndef ONE_MATERIAL
 flat out vec4 v_diffuse, v_ambient;
 flat out vec3 v_specular, v_emission;
 flat out uvec2 v_ids;
+#endif
 void main() {
     vec4 p = vec4(aPosition, 1.0);
     v_world = vec3(dot(i_row_x, p), dot(i_row_y, p), dot(i_row_z, p));
@@ -38,11 +40,13 @@ void main() {
     v_tangent = vec3(dot(i_row_x.xyz, aTangent), dot(i_row_y.xyz, aTangent), dot(i_row_z.xyz, aTangent));
     v_bitangent = vec3(dot(i_row_x.xyz, aBitangent), dot(i_row_y.xyz, aBitangent), dot(i_row_z.xyz, aBitangent));
 #endif
+#ifndef ONE_MATERIAL
     v_diffuse = i_diffuse;
     v_ambient = i_ambient;
     v_specular = i_specular;
     v_emission = i_emission;
     v_ids = i_ids;
+#endif
     gl_PointSize = u_point_size;
     gl_Position = u_clip * vec4(v_world, 1.0);
 }
@@ -126,10 +130,16 @@ pub(crate) struct Lit {
     pub(crate) lights: u32,
     /// Bit i: light i has a shadow map.
     pub(crate) shadows: u32,
+    /// Bit i: light i is weaker towards the rim of its cone.
+    pub(crate) exponents: u32,
+    /// Bit i: light i is weaker at a distance.
+    pub(crate) attenuated: u32,
     /// A texture multiplies the colour.
     pub(crate) textured: bool,
     /// A texture turns the normal.
     pub(crate) normal_map: bool,
+    /// The material is that of one instance, and uniform: a software renderer pays for what it hands on at every triangle.
+    pub(crate) one_material: bool,
 }
 
 /// The first texture unit of shadow maps; 0 is the diffuse texture, 1 the normal map.
@@ -143,6 +153,9 @@ impl Lit {
         }
         if self.normal_map {
             text.push_str("#define NORMAL_MAP\n");
+        }
+        if self.one_material {
+            text.push_str("#define ONE_MATERIAL\n");
         }
         text
     }
@@ -159,8 +172,13 @@ impl Lit {
         text.push_str(
             r"in vec3 v_world;
 in vec3 v_normal;
+#ifdef ONE_MATERIAL
+uniform vec4 v_diffuse, v_ambient;
+uniform vec3 v_specular, v_emission;
+#else
 flat in vec4 v_diffuse, v_ambient;
 flat in vec3 v_specular, v_emission;
+#endif
 uniform vec3 u_backward;
 out vec4 o_color;
 #ifdef TEXTURED
@@ -200,6 +218,17 @@ uniform sampler2D u_normal_map;
                 1 => format!("textureProj(u_shadow_{light}, u_shadow_clip_{light} * vec4(v_world, 1.0))"),
                 _ => "1.0".to_owned(),
             };
+            // What a light does not do is not computed: that is felt where the processor draws.
+            let spot = match self.exponents >> light & 1 {
+                1 => format!("pow(max(along, 1e-6), u_exponent_{light})"),
+                _ => "1.0".to_owned(),
+            };
+            let attenuation = match self.attenuated >> light & 1 {
+                1 => format!(
+                    " / max(u_attenuation_{light}.x + d * (u_attenuation_{light}.y + d * u_attenuation_{light}.z), 1e-9)"
+                ),
+                _ => String::new(),
+            };
             text.push_str(&format!(
                 r"    {{
         vec3 l = u_position_{light} - v_world;
@@ -207,8 +236,7 @@ uniform sampler2D u_normal_map;
         l /= max(d, 1e-9);
         float along = -dot(l, u_axis_{light});
         if (along >= u_cutoff_{light}) {{
-            float spot = u_exponent_{light} == 0.0 ? 1.0 : pow(max(along, 1e-6), u_exponent_{light});
-            float scale = spot / max(u_attenuation_{light}.x + d * (u_attenuation_{light}.y + d * u_attenuation_{light}.z), 1e-9);
+            float scale = {spot}{attenuation};
             vec3 part = 0.4 * v_ambient.rgb;
             float nl = dot(n, l);
             if (nl > 0.0) {{

@@ -146,11 +146,11 @@ class MuJoCo:
                      f'radius="0.002" name="cloth" dim="2" mass="0.5" rgba="0.2 0.4 0.9 1"><edge equality="true"/></flexcomp>')
         self.model = mujoco.MjModel.from_xml_string(
             f"""<mujoco><compiler angle="radian"/><option timestep="0.005"/>
-            <visual><global fovy="{math.degrees(FIELD)}" offwidth="{2 * width}" offheight="{height}"/>
+            <visual><global offwidth="{2 * width}" offheight="{height}"/>
             <quality shadowsize="1024" offsamples="0"/><map znear="{NEAR}" zfar="{FAR}"/>
             <headlight active="0"/></visual><statistic extent="1" center="0 0 0"/><asset>{assets}</asset>
             <worldbody><light pos="{numbers(LIGHT)}" dir="{numbers(axis)}" cutoff="{math.degrees(LIGHT_ANGLE)}" exponent="0"
-            castshadow="{str(shadow).lower()}"/><camera name="one" pos="{numbers(EYE)}" xyaxes="{numbers(right)} {numbers(up)}"/>
+            castshadow="{str(shadow).lower()}"/><camera name="one" fovy="{math.degrees(FIELD)}" pos="{numbers(EYE)}" xyaxes="{numbers(right)} {numbers(up)}"/>
             {body}</worldbody></mujoco>"""
         )
         self.mujoco, self.data = mujoco, mujoco.MjData(self.model)

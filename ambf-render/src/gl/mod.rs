@@ -229,8 +229,8 @@ pub(crate) struct Target {
 pub(crate) enum TargetKind {
     /// RGBA8 and depth, with this many samples a pixel.
     Color(u32),
-    /// Ids (2 x u32), normals (4 x f32) and depth.
-    Flat,
+    /// Ids (2 x u32) and depth, and normals (4 x f32) if they are wanted.
+    Flat(bool),
     /// Depth as a texture that is compared with.
     Shadow,
 }
@@ -241,6 +241,7 @@ pub(crate) enum Uniform<'a> {
     Int(i32),
     Float(f32),
     Vec3([f32; 3]),
+    Vec4([f32; 4]),
     /// Column by column.
     Mat4(&'a [f32; 16]),
 }
@@ -522,6 +523,7 @@ impl Current<'_> {
                 Uniform::Int(value) => gl.uniform_1_i32(location, value),
                 Uniform::Float(value) => gl.uniform_1_f32(location, value),
                 Uniform::Vec3([x, y, z]) => gl.uniform_3_f32(location, x, y, z),
+                Uniform::Vec4([x, y, z, w]) => gl.uniform_4_f32(location, x, y, z, w),
                 Uniform::Mat4(matrix) => gl.uniform_matrix_4_f32_slice(location, false, matrix),
             }
         }
@@ -638,11 +640,16 @@ impl Current<'_> {
                     attach(glow::DEPTH_ATTACHMENT, glow::DEPTH_COMPONENT32F, samples)?;
                     gl.draw_buffers(&[glow::COLOR_ATTACHMENT0]);
                 }
-                TargetKind::Flat => {
+                TargetKind::Flat(normals) => {
                     attach(glow::COLOR_ATTACHMENT0, glow::RG32UI, 1)?;
-                    attach(glow::COLOR_ATTACHMENT1, glow::RGBA32F, 1)?;
                     attach(glow::DEPTH_ATTACHMENT, glow::DEPTH_COMPONENT32F, 1)?;
-                    gl.draw_buffers(&[glow::COLOR_ATTACHMENT0, glow::COLOR_ATTACHMENT1]);
+                    match normals {
+                        true => {
+                            attach(glow::COLOR_ATTACHMENT1, glow::RGBA32F, 1)?;
+                            gl.draw_buffers(&[glow::COLOR_ATTACHMENT0, glow::COLOR_ATTACHMENT1]);
+                        }
+                        false => gl.draw_buffers(&[glow::COLOR_ATTACHMENT0]),
+                    }
                 }
                 TargetKind::Shadow => {
                     let texture = self.shadow_texture(w, h, None)?;
@@ -756,13 +763,15 @@ impl Current<'_> {
         }
     }
 
-    /// Clears ids, normals and depth within the viewport.
-    pub(crate) fn clear_flat(&self) {
+    /// Clears ids, normals if there are any, and depth within the viewport.
+    pub(crate) fn clear_flat(&self, normals: bool) {
         // SAFETY: numbers only; slices have four components.
         unsafe {
             self.raw().depth_mask(true);
             self.raw().clear_buffer_u32_slice(glow::COLOR, 0, &[0; 4]);
-            self.raw().clear_buffer_f32_slice(glow::COLOR, 1, &[0.0; 4]);
+            if normals {
+                self.raw().clear_buffer_f32_slice(glow::COLOR, 1, &[0.0; 4]);
+            }
             self.raw().clear_buffer_f32_slice(glow::DEPTH, 0, &[1.0]);
         }
     }
