@@ -7,10 +7,10 @@ use std::time::{Duration, Instant};
 
 use ambf_core::comm::Snapshot;
 use ambf_core::device::law::{GainChange, Quantity, RotationRule, Status};
-use ambf_core::plugin::Input;
+use ambf_core::plugin::{Drawing, Input};
 use ambf_core::scene::{CameraGesture, VisualScene};
 use ambf_core::sim::{Picked, WindowAnswer, WindowRequest};
-use ambf_render::{Highlight, Marker, MarkerShape, Renderer, Stage, View};
+use ambf_render::{Eye, Highlight, Marker, MarkerShape, Renderer, Stage, View};
 use crossbeam_channel::{unbounded, Receiver, Sender};
 use glutin::surface::{Surface, WindowSurface};
 use nalgebra::{Isometry3, Vector3};
@@ -29,6 +29,7 @@ use crate::outbox::Outbox;
 use crate::panels::{PanelContext, Panels};
 use crate::place::{monitor_index, title, window_area, Area};
 use crate::record::{self, Video};
+use crate::shown;
 use crate::{Ended, Shared, ViewerParts};
 
 /// Time between two frames, at least: 120 Hz at most.
@@ -391,10 +392,11 @@ impl App {
         let foreign = self.stage.markers.len();
         self.add_markers(visuals, snapshot);
         let samples = if renderer.is_software() { 1 } else { SAMPLES };
+        let drawings = self.outbox.drawings();
         let mut windows = std::mem::take(&mut self.windows);
         let mut outcome = Ok(());
         for window in windows.iter_mut().filter(|window| !window.is_hidden) {
-            outcome = self.draw_window(window, renderer, visuals, snapshot, samples);
+            outcome = self.draw_window(window, renderer, visuals, snapshot, samples, &drawings);
             if outcome.is_err() {
                 break;
             }
@@ -416,6 +418,7 @@ impl App {
         visuals: &Arc<VisualScene>,
         snapshot: &Arc<Snapshot>,
         samples: u32,
+        drawings: &[Arc<Vec<Drawing>>],
     ) -> Result<(), String> {
         let size = window.size();
         let (Some(camera), Some(state)) = (visuals.cameras.get(window.camera), snapshot.views.get(window.camera))
@@ -428,7 +431,11 @@ impl App {
         }
         context.make_current(&window.surface)?;
         let view = View::of_camera(&camera.description, state);
-        if let Err(error) = renderer.draw(&mut self.stage, &view, size, samples, self.switches.mirrored) {
+        let common = self.stage.markers.len();
+        self.stage.markers.extend(shown::markers(drawings, number(window.camera)));
+        let drawn = renderer.draw(&mut self.stage, &view, size, samples, self.switches.mirrored);
+        self.stage.markers.truncate(common);
+        if let Err(error) = drawn {
             // A window that is too narrow for two eyes is no reason to end.
             if !matches!(error, ambf_render::RenderError::Size { .. }) {
                 return Err(error.to_string());
@@ -437,7 +444,8 @@ impl App {
         if !self.switches.labels_stand {
             window.labels = self.labels(camera, snapshot);
         }
-        self.draw_texts(window, &gl, size, visuals, snapshot);
+        let plugins = ShownTexts { drawings, eyes: view.eyes(size.0, size.1), mirrored: self.switches.mirrored };
+        self.draw_texts(window, &gl, size, visuals, snapshot, &plugins);
         if self.screenshot == Some(window.camera) {
             self.screenshot = None;
             record::save(record::read(&gl, size), record::free_name("png"), self.news.0.clone());
@@ -450,7 +458,7 @@ impl App {
         }
     }
 
-    /// Labels, messages, help and panels.
+    /// Labels, texts of plugins, messages, help and panels.
     fn draw_texts(
         &mut self,
         window: &mut CameraWindow,
@@ -458,6 +466,7 @@ impl App {
         size: (u32, u32),
         visuals: &Arc<VisualScene>,
         snapshot: &Arc<Snapshot>,
+        plugins: &ShownTexts<'_>,
     ) {
         let raw = window.input.take_egui_input(&window.window);
         let egui = window.egui.clone();
@@ -481,6 +490,7 @@ impl App {
         let output = egui.run(raw, |ui| {
             let painter = ui.layer_painter(egui::LayerId::background());
             labels.paint(&painter, size, ui.pixels_per_point());
+            plugins.paint(&painter, number(camera), size, ui.pixels_per_point());
             if let Some(text) = &message {
                 show_message(ui, text);
             }
@@ -1024,6 +1034,19 @@ impl App {
         let visuals = self.parts.hub.visuals();
         let camera = visuals.as_ref().and_then(|visuals| visuals.cameras.get(camera));
         camera.map(|camera| camera.description.mouse).unwrap_or_default()
+    }
+}
+
+/// Texts that plugins show in a window.
+struct ShownTexts<'a> {
+    drawings: &'a [Arc<Vec<Drawing>>],
+    eyes: Vec<Eye>,
+    mirrored: bool,
+}
+
+impl ShownTexts<'_> {
+    fn paint(&self, painter: &egui::Painter, window: u32, size: (u32, u32), scale: f32) {
+        shown::paint_texts(painter, self.drawings, window, size, scale, &self.eyes, self.mirrored);
     }
 }
 

@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use super::Simulation;
 use crate::bullet::{ConstraintHandle, Ray, RayTarget};
-use crate::plugin::Input;
+use crate::plugin::{Drawings, Input};
 use crate::scene::{CameraGesture, Scene};
 
 /// How far a ray of picking reaches, m.
@@ -125,9 +125,15 @@ pub enum WindowAnswer {
 pub struct WindowLink {
     requests: Sender<WindowRequest>,
     answers: Receiver<WindowAnswer>,
+    drawings: Drawings,
 }
 
 impl WindowLink {
+    /// What plugins show in windows besides the scene.
+    pub fn drawings(&self) -> &Drawings {
+        &self.drawings
+    }
+
     /// Leaves a request.
     ///
     /// # Errors
@@ -178,7 +184,7 @@ impl Simulation {
         // Answers are fewer than requests.
         let (answers, answered) = bounded(REQUESTS);
         self.window = Some(Window { requests: received, answers });
-        WindowLink { requests, answers: answered }
+        WindowLink { requests, answers: answered, drawings: self.plugin_state.drawings.clone() }
     }
 
     /// Whether a window wants something.
