@@ -486,6 +486,8 @@ impl App {
             actions: Vec::new(),
             load: Vec::new(),
             remove: Vec::new(),
+            requests: Vec::new(),
+            span: self.outbox.span(),
         };
         let output = egui.run(raw, |ui| {
             let painter = ui.layer_painter(egui::LayerId::background());
@@ -499,7 +501,7 @@ impl App {
             }
             panels.show(ui, &mut wishes);
         });
-        let PanelContext { messages, actions, load, remove, .. } = wishes;
+        let PanelContext { messages, actions, load, remove, requests, .. } = wishes;
         window.input.handle_platform_output(&window.window, output.platform_output);
         let shapes = window.egui.tessellate(output.shapes, output.pixels_per_point);
         // SAFETY: the context is current in this thread.
@@ -513,6 +515,7 @@ impl App {
             &shapes,
             &output.textures_delta,
         );
+        requests.into_iter().for_each(|request| self.outbox.post(request));
         messages.into_iter().for_each(|message| self.tell(message));
         actions.into_iter().for_each(|action| self.act(action, camera));
         self.change_models(remove, load);
@@ -659,7 +662,7 @@ impl App {
                     }
                 }
                 WindowAnswer::Removed(Ok(name)) => self.tell(format!("removed body {name}")),
-                WindowAnswer::Removed(Err(why)) => self.tell(why),
+                WindowAnswer::Removed(Err(why)) | WindowAnswer::NoHistory(why) => self.tell(why),
                 _ => (),
             }
         }

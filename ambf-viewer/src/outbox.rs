@@ -44,6 +44,11 @@ impl Outbox {
         self.link.drawings().read()
     }
 
+    /// First and last time that can be looked back at, simulated s.
+    pub fn span(&self) -> Option<(f64, f64)> {
+        self.link.timeline().span()
+    }
+
     pub fn answer(&self) -> Option<WindowAnswer> {
         self.link.answer()
     }

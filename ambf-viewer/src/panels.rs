@@ -53,6 +53,10 @@ pub(crate) struct PanelContext<'a> {
     /// Models to be loaded and removed, in threads of their own.
     pub load: Vec<std::path::PathBuf>,
     pub remove: Vec<Arc<str>>,
+    /// For the simulation.
+    pub requests: Vec<WindowRequest>,
+    /// First and last time that can be looked back at, simulated s.
+    pub span: Option<(f64, f64)>,
 }
 
 /// What is shown in addition to the scene.
@@ -276,6 +280,7 @@ impl Panels {
                 with.parts.control.set_speed(1.0);
             }
         });
+        look_back(ui, with, paused);
         if let Some(lost) = with.parts.hub.lost() {
             ui.colored_label(ui.visuals().error_fg_color, lost.as_str());
         }
@@ -525,6 +530,28 @@ impl Panels {
 pub(crate) struct Inertia {
     mass: f64,
     inertia: Vector3<f64>,
+}
+
+/// Keeping the last minute, and a slider through it while nothing moves.
+fn look_back(ui: &mut Ui, with: &mut PanelContext<'_>, paused: bool) {
+    let mut keeps = with.span.is_some();
+    if ui.checkbox(&mut keeps, "keep the last minute").changed() {
+        with.requests.push(WindowRequest::KeepHistory(keeps));
+    }
+    let Some((first, last)) = with.span else { return };
+    if !paused {
+        ui.label(format!("{first:.1} s to {last:.1} s: pause to look back"));
+        return;
+    }
+    let mut time = with.snapshot.sim_time;
+    let all = first..=last.max(time);
+    let slider = Slider::new(&mut time, all).fixed_decimals(1).suffix(" s").text("time");
+    if ui.add(slider).changed() {
+        with.requests.push(WindowRequest::GoToTime(time));
+    }
+    if ui.button("Go on from here").clicked() {
+        with.actions.push(Action::Pause);
+    }
 }
 
 fn devices(ui: &mut Ui, with: &mut PanelContext<'_>) {
