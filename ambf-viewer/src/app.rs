@@ -600,11 +600,8 @@ impl App {
     /// The ray under the pointer of the window of a camera: origin and direction.
     fn ray(&self, camera: usize, visuals: &VisualScene, snapshot: &Snapshot) -> Option<(Vector3<f64>, Vector3<f64>)> {
         let window = self.windows.iter().find(|window| window.camera == camera)?;
-        let ((width, height), cursor) = (window.size(), window.cursor?);
         let view = View::of_camera(&visuals.cameras.get(camera)?.description, snapshot.views.get(camera)?);
-        let y = if self.switches.mirrored { f64::from(height) - cursor.y } else { cursor.y };
-        let ray = view.ray(width, height, cursor.x, y);
-        Some((ray.origin.coords, ray.direction))
+        Some(pointer_ray(&view, window.size(), window.cursor?, self.switches.mirrored))
     }
 
     /// Where what is held is drawn to, m, world axes.
@@ -1053,6 +1050,19 @@ impl ShownTexts<'_> {
     }
 }
 
+/// The ray along which a window of `size` pixels shows its scene at the pointer, in pixels from its upper left corner: origin, direction of unit
+/// length. `mirrored`: the window shows its picture top to bottom.
+fn pointer_ray(
+    view: &View,
+    size: (u32, u32),
+    pointer: PhysicalPosition<f64>,
+    mirrored: bool,
+) -> (Vector3<f64>, Vector3<f64>) {
+    let y = if mirrored { f64::from(size.1) - pointer.y } else { pointer.y };
+    let ray = view.ray(size.0, size.1, pointer.x, y);
+    (ray.origin.coords, ray.direction)
+}
+
 /// Number of the window of a camera, as its title says.
 fn number(camera: usize) -> u32 {
     u32::try_from(camera + 1).unwrap_or(u32::MAX)
@@ -1193,6 +1203,44 @@ impl ApplicationHandler for App {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A ball of 0.05 m with its centre at `point` is what the ray under the pixel where that is seen meets.
+    #[test]
+    fn row_58_the_body_under_the_pointer_is_picked_in_stereo_orthographic_and_mirrored_views() {
+        use ambf_render::{Projection, Stereo};
+        let pose = Isometry3::new(Vector3::new(2.0, 0.1, 0.3), Vector3::new(0.1, 0.05, -0.2));
+        let size = (641, 480);
+        let perspective = View { pose, near: 0.1, far: 10.0, projection: Projection::Perspective(0.9), stereo: None };
+        let stereo = View { stereo: Some(Stereo { separation: 0.2, focal_length: 1.5 }), ..perspective };
+        let orthographic = View { projection: Projection::Orthographic(3.0), ..perspective };
+        let points = [[0.0, 0.1, 0.2], [-0.5, -0.3, 0.1], [0.4, 0.3, 0.0]].map(Vector3::from);
+        for (view, eyes) in [(perspective, 1), (stereo, 2), (orthographic, 1)] {
+            assert_eq!(view.eyes(size.0, size.1).len(), eyes);
+            for (mirrored, point) in [false, true].iter().flat_map(|m| points.iter().map(move |p| (*m, *p))) {
+                for eye in view.eyes(size.0, size.1) {
+                    // Where the renderer puts the point: projection, then the part of the window that the eye has, from the upper edge;
+                    // mirrored windows count from the lower one.
+                    let clip = eye.projection * eye.view * point.push(1.0);
+                    let (x, y) = (clip.x / clip.w, clip.y / clip.w);
+                    assert!(x.abs() < 0.99 && y.abs() < 0.99, "in the picture");
+                    let up = if mirrored { -y } else { y };
+                    let pointer = PhysicalPosition {
+                        x: f64::from(eye.left) + 0.5 * (x + 1.0) * f64::from(eye.width),
+                        y: 0.5 * (1.0 - up) * f64::from(eye.height),
+                    };
+                    let distance = |mirrored| {
+                        let (origin, direction) = pointer_ray(&view, size, pointer, mirrored);
+                        assert!((direction.norm() - 1.0).abs() < 1e-12);
+                        assert!(direction.dot(&(point - origin)) > 0.0, "ahead");
+                        (point - origin).cross(&direction).norm()
+                    };
+                    assert!(distance(mirrored) < 1e-6, "{view:?} {mirrored}: {}", distance(mirrored));
+                    let is_off_centre = y.abs() > 0.1;
+                    assert!(!is_off_centre || distance(!mirrored) > 0.05, "the other way up it is another body");
+                }
+            }
+        }
+    }
 
     #[test]
     fn row_67_only_models_may_be_dropped() {
