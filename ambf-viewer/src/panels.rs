@@ -8,6 +8,7 @@ use std::time::Instant;
 
 use ambf_core::comm::{BodyKinematics, JointCommandType, ObjectKind, RigidBodyCommand, Snapshot};
 use ambf_core::device::host::DeviceState;
+use ambf_core::device::DeviceForce;
 use ambf_core::scene::{CameraGesture, JointType, VisualJoint, VisualScene};
 use ambf_core::sim::WindowRequest;
 use ambf_render::{Marker, MarkerShape, Stage};
@@ -588,6 +589,10 @@ fn devices(ui: &mut Ui, with: &mut PanelContext<'_>) {
             "{:.0} Hz; period p50 {p50:.2}, p99 {p99:.2}, most {most:.1} ms; samples {:.0} Hz",
             device.loops.latest, device.samples.latest
         ));
+        let DeviceForce { force, torque, gripper } = &device.force;
+        let vector = |v: &Vector3<f64>| format!("{:6.2} {:6.2} {:6.2}", v.x, v.y, v.z);
+        ui.monospace(format!("force  {} N, gripper {gripper:.2} N", vector(force)));
+        ui.monospace(format!("torque {} N m", vector(torque)));
     }
     for line in news.lines.iter().rev().take(20) {
         ui.label(line);

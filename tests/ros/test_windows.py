@@ -160,17 +160,19 @@ class Windowed(Simulated):
     CAMERAS = {"CAMERA eye": camera("eye")}
     BODIES = {"BODY Red": red(ball("Red", 0.3))}
     GUI = ("-g", "1")
+    GRAVITY = NOWHERE
 
     def setUp(self):
         self.display = Display()
         self.addCleanup(self.display.stop)
         folder = harness.folder / self.id().rsplit(".", maxsplit=1)[-1]
         folder.mkdir()
+        self.files_at = folder
         world = {
             "environment": "./ground.yaml",
             "namespace": "/ambf/env/",
             "max iterations": 50,
-            "gravity": NOWHERE,
+            "gravity": self.GRAVITY,
             "lights": ["LIGHT lamp"],
             "cameras": list(self.CAMERAS),
             "LIGHT lamp": {
@@ -297,12 +299,12 @@ def dark(picture, area):
     return sum(max(pixel) < 70 for row in picture[top : top + height] for pixel in row[left : left + width])
 
 
-def plugin_library():
-    """The library of the example of plugins for windows, which is built if it is not there."""
+def plugin_library(name="marker"):
+    """The library of an example of plugins, which is built if it is not there."""
     folder = harness.simulator_path().parent
-    library = folder / "libambf_marker.so"
+    library = folder / f"libambf_{name}.so"
     if not library.exists():
-        command = ["cargo", "build", "--quiet", "--package", "ambf-marker", "--target-dir", folder.parent]
+        command = ["cargo", "build", "--quiet", "--package", f"ambf-{name}", "--target-dir", folder.parent]
         release = ["--release"] if folder.name == "release" else []
         subprocess.run([*command, *release], cwd=harness.REPOSITORY, check=True)
     return library
@@ -636,6 +638,47 @@ class NoCamera(Windowed):
             "the default camera has a topic",
         )
         return self.listen(topic, CameraState)
+
+
+class SameTrace(Windowed):
+    """A box that falls and turns with fixed steps, recorded by a plugin in each step."""
+
+    ARGUMENTS = ("-t", "true")
+    GRAVITY = {"x": 0.3, "y": 0.1, "z": -1.0}
+    STEPS = 1000
+
+    def setUp(self):
+        library = plugin_library("recorder")
+        recorded = {"plugins": [{"name": "recorder", "filename": str(library)}], "record": {"file": "trace.csv"}}
+        self.BODIES = {"BODY Red": {**red(ball("Red", 0.3)), **recorded}}
+        super().setUp()
+
+    def trace(self):
+        """The first rows of the recording, once there are so many."""
+        file = self.files_at / "trace.csv"
+
+        def rows():
+            lines = file.read_text().splitlines() if file.exists() else []
+            # The last line may be cut.
+            return lines[: self.STEPS] if len(lines) > self.STEPS + 1 else None
+
+        return harness.wait_for(rows, "a trace")
+
+    def test_row_70_the_trace_is_the_same_with_and_without_windows(self):
+        self.wait_for_windows(1)
+        with_windows = self.trace()
+        self.display.key("AMBF Simulator Window 1", "q")
+        self.assertEqual(self.simulator.status(), 0, self.simulator.log())
+        (self.files_at / "trace.csv").unlink()
+        launch = self.files_at / "launch.yaml"
+        headless = harness.Simulator(
+            Ros.master.port, "--launch_file", launch, "-l", "0", "--no_ros", *self.ARGUMENTS, DISPLAY=""
+        )
+        self.addCleanup(headless.stop)
+        without = self.trace()
+        self.assertEqual(with_windows, without)
+        first, last = (row.split(",")[2:5] for row in (without[1], without[-1]))
+        self.assertGreater(abs(float(last[2]) - float(first[2])), 0.1, "it fell")
 
 
 class PluginWithoutWindows(unittest.TestCase):
