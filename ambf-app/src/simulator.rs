@@ -72,7 +72,8 @@ pub fn run(options: &SimulatorOptions, arguments: RosArguments) -> Result<(), Si
     let wants_windows = windows::are_wanted(options.show_gui)?;
 
     let begin = Instant::now();
-    let (simulation, devices, load_report) = load_simulation(options)?;
+    let has_windows = wants_windows != WindowsWanted::No;
+    let (simulation, devices, load_report) = load_simulation(options, has_windows)?;
     if stop.load(Ordering::Acquire) {
         return Ok(());
     }
@@ -91,7 +92,10 @@ fn time_step(options: &SimulatorOptions) -> String {
     }
 }
 
-fn load_simulation(options: &SimulatorOptions) -> Result<(Simulation, DeviceHost, String), SimulatorError> {
+fn load_simulation(
+    options: &SimulatorOptions,
+    has_windows: bool,
+) -> Result<(Simulation, DeviceHost, String), SimulatorError> {
     let physics = launch::physics(&options.physics).map_err(SimulatorError::Usage)?;
     let (launch, problems) = launch::read_strict(&options.launch_file)?;
     let (files, skipped) = launch::scene_files(Some(&launch), None, &options.model_files, &options.model_indexes);
@@ -102,7 +106,8 @@ fn load_simulation(options: &SimulatorOptions) -> Result<(Simulation, DeviceHost
         rates: options.publish_frequency.map(|rates| Rates { min: rates.min, max: rates.max }),
         physics,
         may_grow: devices::are_wanted(&options.devices),
-        savable: false,
+        // Windows show the last minute.
+        savable: has_windows,
     };
     let Loaded { scene, report: mut found } = load(&files, &scene_options);
     found.files.insert(0, problems);

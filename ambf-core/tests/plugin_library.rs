@@ -5,8 +5,9 @@ mod plugin_common;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use ambf_core::plugin::{Input, PluginSetup};
+use ambf_core::plugin::{DrawingShape, Input, PluginSetup, TextPlace};
 use ambf_core::sim::Simulation;
+use nalgebra::Vector3;
 use plugin_common::{library_of, Stage};
 
 /// Compiles a library in C against the header in `resources/plugins`.
@@ -48,7 +49,7 @@ fn each_step_that_fails_is_named() {
     let said = "const char *why = \"no licence\"; ambf_text text = {why, strlen(why)}; host->fail(host->context, text); return NULL;";
     let broken = stage.write("libbroken.so", "this is no library");
     for (name, text, part) in [
-        ("other_version", version, "was made for version 77 of the plugin interface, this program has version 1"),
+        ("other_version", version, "was made for version 77 of the plugin interface, this program has version 2"),
         ("no_version", "int nothing;\n", "is no plugin: it has no function `ambf_plugin_abi_version`"),
         ("no_create", VERSION, "is no plugin: it has no function `ambf_plugin_create`"),
         ("null", &create("return NULL;"), "made no simulator plugin"),
@@ -162,6 +163,90 @@ fn a_plugin_in_c_works_through_the_same_interface() {
     let fallen = scene.bodies[0].pose(&scene.world).translation.vector.z;
     // Only the first step is not carried.
     assert!((fallen + 0.001).abs() < 2e-4, "{fallen}");
+    simulation.close_plugins();
+    assert_eq!(simulation.take_notices(), ["plugin holder: all was seen", "plugin holder: destroyed"]);
+}
+
+/// A simulator plugin that shows things at its start and takes them away at a reset.
+const SHOWER: &str = r#"
+typedef struct { ambf_plugin table; const ambf_host *host; } shower;
+
+static int32_t start(void *instance, const ambf_init *init) {
+    const ambf_host *host = ((shower *)instance)->host;
+    static const double line[2][3] = {{0, 0, 0}, {0, 0, 1}};
+    ambf_drawing both[2] = {0}, strange = {0};
+    (void)init;
+    both[0].shape = AMBF_SHOW_LINES;
+    both[0].window = 2;
+    both[0].color[3] = 1;
+    both[0].points = line;
+    both[0].point_count = 2;
+    both[1].shape = AMBF_SHOW_TEXT_PIXELS;
+    both[1].numbers[0] = 10;
+    both[1].numbers[2] = 20;
+    both[1].text = (ambf_text){"hello", 5};
+    strange.shape = 1000;
+    if (host->show(host->context, both, 2) != 0) return AMBF_FAILED;
+    if (host->show(host->context, &strange, 1) != AMBF_UNKNOWN) return AMBF_FAILED;
+    if (host->show(host->context, 0, 1) != AMBF_REFUSED) return AMBF_FAILED;
+    if (host->show(host->context, both, 1000000) != AMBF_TOO_MUCH) return AMBF_FAILED;
+    return AMBF_DONE;
+}
+
+static int32_t reset(void *instance) {
+    const ambf_host *host = ((shower *)instance)->host;
+    return host->show(host->context, 0, 0) == 0 ? AMBF_DONE : AMBF_FAILED;
+}
+
+static void destroy(ambf_plugin *plugin) { free(plugin); }
+
+ambf_plugin *ambf_plugin_create(uint32_t kind, const ambf_host *host) {
+    shower *self = kind == AMBF_SIMULATOR ? calloc(1, sizeof *self) : NULL;
+    if (!self) return NULL;
+    self->host = host;
+    self->table = (ambf_plugin){.instance = self, .init = start, .reset = reset, .destroy = destroy};
+    return &self->table;
+}
+"#;
+
+#[test]
+fn a_plugin_in_c_shows_texts_and_markers_until_it_is_closed() {
+    let stage = Stage::new();
+    let library = compiled(&stage, "shower", &format!("{VERSION}{SHOWER}"));
+    let mut simulation = stage.scene("gravity: {x: 0, y: 0, z: 0}\n", &[]);
+    let link = simulation.window_link();
+    let setup = || PluginSetup { command_line: vec![library.clone()], ..stage.setup() };
+    assert_eq!(simulation.load_plugins(setup()).problems, Vec::<String>::new());
+    let shown = link.drawings().read();
+    let [drawings] = shown.as_slice() else { panic!("{shown:?}") };
+    let line = vec![Vector3::zeros(), Vector3::z()];
+    assert_eq!((drawings[0].window, &drawings[0].shape), (2, &DrawingShape::Lines(line)));
+    let place = TextPlace::Pixels(10.0, 0.0);
+    let text = DrawingShape::Text { text: "hello".into(), place, height: 20.0, panel: None };
+    assert_eq!((drawings.len(), drawings[1].window, &drawings[1].shape), (2, 0, &text));
+    simulation.reset_world();
+    assert!(link.drawings().read().is_empty(), "it shows nothing any more");
+    assert_eq!(simulation.load_plugins(setup()).problems, Vec::<String>::new());
+    assert_eq!(link.drawings().read().len(), 1);
+    simulation.close_plugins();
+    assert!(link.drawings().read().is_empty(), "it is closed");
+}
+
+#[test]
+fn a_library_of_version_1_works_as_before() {
+    let stage = Stage::new();
+    let old = VERSION.replace("return AMBF_PLUGIN_ABI_VERSION", "return 1");
+    compiled(&stage, "holder", &format!("{old}{HOLDER}"));
+    let world = "gravity: {x: 0, y: 0, z: -10}\nplugins: [{name: holder, filename: libholder.so, path: .}]\n";
+    let model = "bodies: [BODY Ball]\nBODY Ball: {name: Ball, mass: 2, collision shape: Sphere, collision geometry: {radius: 0.1}}\n";
+    let mut simulation = stage.scene(world, &[model]);
+    let setup = PluginSetup { arguments: vec!["test".into(), "--own".into()], ..stage.setup() };
+    assert_eq!(simulation.load_plugins(setup).problems, Vec::<String>::new());
+    simulation.reset_world();
+    for _ in 0..100 {
+        simulation.update(0.001).unwrap();
+        simulation.update_plugins();
+    }
     simulation.close_plugins();
     assert_eq!(simulation.take_notices(), ["plugin holder: all was seen", "plugin holder: destroyed"]);
 }

@@ -7,10 +7,10 @@ use std::time::{Duration, Instant};
 
 use ambf_core::comm::Snapshot;
 use ambf_core::device::law::{GainChange, Quantity, RotationRule, Status};
-use ambf_core::plugin::Input;
+use ambf_core::plugin::{Drawing, Input};
 use ambf_core::scene::{CameraGesture, VisualScene};
 use ambf_core::sim::{Picked, WindowAnswer, WindowRequest};
-use ambf_render::{Highlight, Marker, MarkerShape, Renderer, Stage, View};
+use ambf_render::{Eye, Highlight, Marker, MarkerShape, Renderer, Stage, View};
 use crossbeam_channel::{unbounded, Receiver, Sender};
 use glutin::surface::{Surface, WindowSurface};
 use nalgebra::{Isometry3, Vector3};
@@ -29,6 +29,7 @@ use crate::outbox::Outbox;
 use crate::panels::{PanelContext, Panels};
 use crate::place::{monitor_index, title, window_area, Area};
 use crate::record::{self, Video};
+use crate::shown;
 use crate::{Ended, Shared, ViewerParts};
 
 /// Time between two frames, at least: 120 Hz at most.
@@ -391,10 +392,11 @@ impl App {
         let foreign = self.stage.markers.len();
         self.add_markers(visuals, snapshot);
         let samples = if renderer.is_software() { 1 } else { SAMPLES };
+        let drawings = self.outbox.drawings();
         let mut windows = std::mem::take(&mut self.windows);
         let mut outcome = Ok(());
         for window in windows.iter_mut().filter(|window| !window.is_hidden) {
-            outcome = self.draw_window(window, renderer, visuals, snapshot, samples);
+            outcome = self.draw_window(window, renderer, visuals, snapshot, samples, &drawings);
             if outcome.is_err() {
                 break;
             }
@@ -416,6 +418,7 @@ impl App {
         visuals: &Arc<VisualScene>,
         snapshot: &Arc<Snapshot>,
         samples: u32,
+        drawings: &[Arc<Vec<Drawing>>],
     ) -> Result<(), String> {
         let size = window.size();
         let (Some(camera), Some(state)) = (visuals.cameras.get(window.camera), snapshot.views.get(window.camera))
@@ -428,7 +431,11 @@ impl App {
         }
         context.make_current(&window.surface)?;
         let view = View::of_camera(&camera.description, state);
-        if let Err(error) = renderer.draw(&mut self.stage, &view, size, samples, self.switches.mirrored) {
+        let common = self.stage.markers.len();
+        self.stage.markers.extend(shown::markers(drawings, number(window.camera)));
+        let drawn = renderer.draw(&mut self.stage, &view, size, samples, self.switches.mirrored);
+        self.stage.markers.truncate(common);
+        if let Err(error) = drawn {
             // A window that is too narrow for two eyes is no reason to end.
             if !matches!(error, ambf_render::RenderError::Size { .. }) {
                 return Err(error.to_string());
@@ -437,7 +444,8 @@ impl App {
         if !self.switches.labels_stand {
             window.labels = self.labels(camera, snapshot);
         }
-        self.draw_texts(window, &gl, size, visuals, snapshot);
+        let plugins = ShownTexts { drawings, eyes: view.eyes(size.0, size.1), mirrored: self.switches.mirrored };
+        self.draw_texts(window, &gl, size, visuals, snapshot, &plugins);
         if self.screenshot == Some(window.camera) {
             self.screenshot = None;
             record::save(record::read(&gl, size), record::free_name("png"), self.news.0.clone());
@@ -450,7 +458,7 @@ impl App {
         }
     }
 
-    /// Labels, messages, help and panels.
+    /// Labels, texts of plugins, messages, help and panels.
     fn draw_texts(
         &mut self,
         window: &mut CameraWindow,
@@ -458,6 +466,7 @@ impl App {
         size: (u32, u32),
         visuals: &Arc<VisualScene>,
         snapshot: &Arc<Snapshot>,
+        plugins: &ShownTexts<'_>,
     ) {
         let raw = window.input.take_egui_input(&window.window);
         let egui = window.egui.clone();
@@ -477,10 +486,13 @@ impl App {
             actions: Vec::new(),
             load: Vec::new(),
             remove: Vec::new(),
+            requests: Vec::new(),
+            span: self.outbox.span(),
         };
         let output = egui.run(raw, |ui| {
             let painter = ui.layer_painter(egui::LayerId::background());
             labels.paint(&painter, size, ui.pixels_per_point());
+            plugins.paint(&painter, number(camera), size, ui.pixels_per_point());
             if let Some(text) = &message {
                 show_message(ui, text);
             }
@@ -489,7 +501,7 @@ impl App {
             }
             panels.show(ui, &mut wishes);
         });
-        let PanelContext { messages, actions, load, remove, .. } = wishes;
+        let PanelContext { messages, actions, load, remove, requests, .. } = wishes;
         window.input.handle_platform_output(&window.window, output.platform_output);
         let shapes = window.egui.tessellate(output.shapes, output.pixels_per_point);
         // SAFETY: the context is current in this thread.
@@ -503,6 +515,7 @@ impl App {
             &shapes,
             &output.textures_delta,
         );
+        requests.into_iter().for_each(|request| self.outbox.post(request));
         messages.into_iter().for_each(|message| self.tell(message));
         actions.into_iter().for_each(|action| self.act(action, camera));
         self.change_models(remove, load);
@@ -587,11 +600,8 @@ impl App {
     /// The ray under the pointer of the window of a camera: origin and direction.
     fn ray(&self, camera: usize, visuals: &VisualScene, snapshot: &Snapshot) -> Option<(Vector3<f64>, Vector3<f64>)> {
         let window = self.windows.iter().find(|window| window.camera == camera)?;
-        let ((width, height), cursor) = (window.size(), window.cursor?);
         let view = View::of_camera(&visuals.cameras.get(camera)?.description, snapshot.views.get(camera)?);
-        let y = if self.switches.mirrored { f64::from(height) - cursor.y } else { cursor.y };
-        let ray = view.ray(width, height, cursor.x, y);
-        Some((ray.origin.coords, ray.direction))
+        Some(pointer_ray(&view, window.size(), window.cursor?, self.switches.mirrored))
     }
 
     /// Where what is held is drawn to, m, world axes.
@@ -649,7 +659,7 @@ impl App {
                     }
                 }
                 WindowAnswer::Removed(Ok(name)) => self.tell(format!("removed body {name}")),
-                WindowAnswer::Removed(Err(why)) => self.tell(why),
+                WindowAnswer::Removed(Err(why)) | WindowAnswer::NoHistory(why) => self.tell(why),
                 _ => (),
             }
         }
@@ -1027,6 +1037,32 @@ impl App {
     }
 }
 
+/// Texts that plugins show in a window.
+struct ShownTexts<'a> {
+    drawings: &'a [Arc<Vec<Drawing>>],
+    eyes: Vec<Eye>,
+    mirrored: bool,
+}
+
+impl ShownTexts<'_> {
+    fn paint(&self, painter: &egui::Painter, window: u32, size: (u32, u32), scale: f32) {
+        shown::paint_texts(painter, self.drawings, window, size, scale, &self.eyes, self.mirrored);
+    }
+}
+
+/// The ray along which a window of `size` pixels shows its scene at the pointer, in pixels from its upper left corner: origin, direction of unit
+/// length. `mirrored`: the window shows its picture top to bottom.
+fn pointer_ray(
+    view: &View,
+    size: (u32, u32),
+    pointer: PhysicalPosition<f64>,
+    mirrored: bool,
+) -> (Vector3<f64>, Vector3<f64>) {
+    let y = if mirrored { f64::from(size.1) - pointer.y } else { pointer.y };
+    let ray = view.ray(size.0, size.1, pointer.x, y);
+    (ray.origin.coords, ray.direction)
+}
+
 /// Number of the window of a camera, as its title says.
 fn number(camera: usize) -> u32 {
     u32::try_from(camera + 1).unwrap_or(u32::MAX)
@@ -1167,6 +1203,44 @@ impl ApplicationHandler for App {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A ball of 0.05 m with its centre at `point` is what the ray under the pixel where that is seen meets.
+    #[test]
+    fn row_58_the_body_under_the_pointer_is_picked_in_stereo_orthographic_and_mirrored_views() {
+        use ambf_render::{Projection, Stereo};
+        let pose = Isometry3::new(Vector3::new(2.0, 0.1, 0.3), Vector3::new(0.1, 0.05, -0.2));
+        let size = (641, 480);
+        let perspective = View { pose, near: 0.1, far: 10.0, projection: Projection::Perspective(0.9), stereo: None };
+        let stereo = View { stereo: Some(Stereo { separation: 0.2, focal_length: 1.5 }), ..perspective };
+        let orthographic = View { projection: Projection::Orthographic(3.0), ..perspective };
+        let points = [[0.0, 0.1, 0.2], [-0.5, -0.3, 0.1], [0.4, 0.3, 0.0]].map(Vector3::from);
+        for (view, eyes) in [(perspective, 1), (stereo, 2), (orthographic, 1)] {
+            assert_eq!(view.eyes(size.0, size.1).len(), eyes);
+            for (mirrored, point) in [false, true].iter().flat_map(|m| points.iter().map(move |p| (*m, *p))) {
+                for eye in view.eyes(size.0, size.1) {
+                    // Where the renderer puts the point: projection, then the part of the window that the eye has, from the upper edge;
+                    // mirrored windows count from the lower one.
+                    let clip = eye.projection * eye.view * point.push(1.0);
+                    let (x, y) = (clip.x / clip.w, clip.y / clip.w);
+                    assert!(x.abs() < 0.99 && y.abs() < 0.99, "in the picture");
+                    let up = if mirrored { -y } else { y };
+                    let pointer = PhysicalPosition {
+                        x: f64::from(eye.left) + 0.5 * (x + 1.0) * f64::from(eye.width),
+                        y: 0.5 * (1.0 - up) * f64::from(eye.height),
+                    };
+                    let distance = |mirrored| {
+                        let (origin, direction) = pointer_ray(&view, size, pointer, mirrored);
+                        assert!((direction.norm() - 1.0).abs() < 1e-12);
+                        assert!(direction.dot(&(point - origin)) > 0.0, "ahead");
+                        (point - origin).cross(&direction).norm()
+                    };
+                    assert!(distance(mirrored) < 1e-6, "{view:?} {mirrored}: {}", distance(mirrored));
+                    let is_off_centre = y.abs() > 0.1;
+                    assert!(!is_off_centre || distance(!mirrored) > 0.05, "the other way up it is another body");
+                }
+            }
+        }
+    }
 
     #[test]
     fn row_67_only_models_may_be_dropped() {

@@ -14,6 +14,7 @@ mod outbox;
 mod panels;
 mod place;
 mod record;
+mod shown;
 
 use std::panic::{catch_unwind, AssertUnwindSafe};
 use std::sync::atomic::{AtomicBool, Ordering};

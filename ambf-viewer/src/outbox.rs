@@ -1,7 +1,9 @@
 //! Requests on their way to the simulation.
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 
+use ambf_core::plugin::Drawing;
 use ambf_core::sim::{WindowAnswer, WindowLink, WindowRequest};
 
 /// Leaves requests for the simulation without ever waiting: what finds no room waits here, in order. Motions that follow each other become
@@ -35,6 +37,16 @@ impl Outbox {
                 break;
             }
         }
+    }
+
+    /// What plugins show.
+    pub fn drawings(&self) -> Vec<Arc<Vec<Drawing>>> {
+        self.link.drawings().read()
+    }
+
+    /// First and last time that can be looked back at, simulated s.
+    pub fn span(&self) -> Option<(f64, f64)> {
+        self.link.timeline().span()
     }
 
     pub fn answer(&self) -> Option<WindowAnswer> {

@@ -8,6 +8,7 @@ use std::time::Instant;
 
 use ambf_core::comm::{BodyKinematics, JointCommandType, ObjectKind, RigidBodyCommand, Snapshot};
 use ambf_core::device::host::DeviceState;
+use ambf_core::device::DeviceForce;
 use ambf_core::scene::{CameraGesture, JointType, VisualJoint, VisualScene};
 use ambf_core::sim::WindowRequest;
 use ambf_render::{Marker, MarkerShape, Stage};
@@ -53,6 +54,10 @@ pub(crate) struct PanelContext<'a> {
     /// Models to be loaded and removed, in threads of their own.
     pub load: Vec<std::path::PathBuf>,
     pub remove: Vec<Arc<str>>,
+    /// For the simulation.
+    pub requests: Vec<WindowRequest>,
+    /// First and last time that can be looked back at, simulated s.
+    pub span: Option<(f64, f64)>,
 }
 
 /// What is shown in addition to the scene.
@@ -276,6 +281,7 @@ impl Panels {
                 with.parts.control.set_speed(1.0);
             }
         });
+        look_back(ui, with, paused);
         if let Some(lost) = with.parts.hub.lost() {
             ui.colored_label(ui.visuals().error_fg_color, lost.as_str());
         }
@@ -527,6 +533,28 @@ pub(crate) struct Inertia {
     inertia: Vector3<f64>,
 }
 
+/// Keeping the last minute, and a slider through it while nothing moves.
+fn look_back(ui: &mut Ui, with: &mut PanelContext<'_>, paused: bool) {
+    let mut keeps = with.span.is_some();
+    if ui.checkbox(&mut keeps, "keep the last minute").changed() {
+        with.requests.push(WindowRequest::KeepHistory(keeps));
+    }
+    let Some((first, last)) = with.span else { return };
+    if !paused {
+        ui.label(format!("{first:.1} s to {last:.1} s: pause to look back"));
+        return;
+    }
+    let mut time = with.snapshot.sim_time;
+    let all = first..=last.max(time);
+    let slider = Slider::new(&mut time, all).fixed_decimals(1).suffix(" s").text("time");
+    if ui.add(slider).changed() {
+        with.requests.push(WindowRequest::GoToTime(time));
+    }
+    if ui.button("Go on from here").clicked() {
+        with.actions.push(Action::Pause);
+    }
+}
+
 fn devices(ui: &mut Ui, with: &mut PanelContext<'_>) {
     let news = with.parts.board.read();
     let switches = with.parts.devices.switches();
@@ -561,6 +589,10 @@ fn devices(ui: &mut Ui, with: &mut PanelContext<'_>) {
             "{:.0} Hz; period p50 {p50:.2}, p99 {p99:.2}, most {most:.1} ms; samples {:.0} Hz",
             device.loops.latest, device.samples.latest
         ));
+        let DeviceForce { force, torque, gripper } = &device.force;
+        let vector = |v: &Vector3<f64>| format!("{:6.2} {:6.2} {:6.2}", v.x, v.y, v.z);
+        ui.monospace(format!("force  {} N, gripper {gripper:.2} N", vector(force)));
+        ui.monospace(format!("torque {} N m", vector(torque)));
     }
     for line in news.lines.iter().rev().take(20) {
         ui.label(line);

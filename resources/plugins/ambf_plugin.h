@@ -1,4 +1,4 @@
-/* The C interface of plugins and drivers, version 1: the twin of ambf-core/src/plugin/abi.rs, and described in docs/plugins.md.
+/* The C interface of plugins and drivers, version 2: the twin of ambf-core/src/plugin/abi.rs, and described in docs/plugins.md.
  *
  * Texts are UTF-8 without a terminating zero. Units: m, rad, s, kg, N; vectors are in world axes unless something else is said.
  * No exception may leave a function of a plugin. */
@@ -11,7 +11,8 @@
 extern "C" {
 #endif
 
-#define AMBF_PLUGIN_ABI_VERSION 1u
+/* Hosts of this version load libraries of version 1, too: version 2 has only `show` in addition. */
+#define AMBF_PLUGIN_ABI_VERSION 2u
 
 /* What a callback returns. */
 enum { AMBF_DONE = 0, AMBF_FAILED = 1, AMBF_PANICKED = 2 };
@@ -32,7 +33,8 @@ enum {
     AMBF_REFUSED = -3,    /* the object cannot do that, or a pointer is null */
     AMBF_OUTSIDE = -4,    /* not in a callback of the physics thread */
     AMBF_FULL = -5,       /* too many commands wait */
-    AMBF_UNKNOWN = -6     /* no such code */
+    AMBF_UNKNOWN = -6,    /* no such code */
+    AMBF_TOO_MUCH = -7    /* more is to be shown than windows take */
 };
 
 typedef struct { const char *data; uint64_t length; } ambf_text;
@@ -80,7 +82,26 @@ enum {
 };
 typedef struct { uint32_t code, kind; uint64_t index; int64_t other; double numbers[8]; } ambf_command;
 
-/* Input of a window: code 0 key (key, scancode, action, mods), 1 button (button, 0, action, mods), 2 position (x, y), 3 scroll (x, y). */
+/* Markers and texts in windows. `numbers`: sphere: radius; box: edges; arrow along +x: length, radius; frame: length; points: size in pixels;
+ * texts: x, y, height of a line in pixels. Negative pixels count from the right and lower edge; shares are 0 to 1. A text in the scene is where
+ * the origin of its pose is seen. */
+enum {
+    AMBF_SHOW_SPHERE = 0, AMBF_SHOW_BOX = 1, AMBF_SHOW_ARROW = 2, AMBF_SHOW_FRAME = 3, AMBF_SHOW_POINTS = 4,
+    AMBF_SHOW_LINES = 5, AMBF_SHOW_TEXT_PIXELS = 6, AMBF_SHOW_TEXT_SHARE = 7, AMBF_SHOW_TEXT_SCENE = 8
+};
+typedef struct {
+    uint32_t shape;
+    uint32_t window;   /* from 1; 0: all windows */
+    ambf_pose pose;    /* in the world; all zeros: the world's frame */
+    double numbers[3];
+    float color[4];    /* red, green, blue, alpha, 0 to 1 */
+    float panel[4];    /* behind a text; alpha 0: nothing */
+    const double (*points)[3]; /* of points and lines */
+    uint64_t point_count;
+    ambf_text text;    /* of texts */
+} ambf_drawing;
+
+/* Input of a window, numbered from 1: code 0 key (key, scancode, action, mods), 1 button (button, 0, action, mods), 2 position (x, y), 3 scroll (x, y). */
 typedef struct { uint32_t code, window; int32_t values[4]; double x, y; } ambf_input;
 
 typedef struct {
@@ -118,6 +139,8 @@ typedef struct {
     int32_t (*cast_ray)(const void *context, const double from[3], const double to[3], ambf_touch *out); /* 1: hit */
     int64_t (*contacts)(const void *context, uint64_t body, ambf_touch *out, uint64_t capacity);
     int64_t (*execute)(const void *context, const ambf_command *command);
+    /* Any thread, since version 2: shows these in windows instead of what the plugin has shown before. */
+    int64_t (*show)(const void *context, const ambf_drawing *drawings, uint64_t count);
 } ambf_host;
 
 /* A plugin. Functions may be null. Called from any thread, from one at a time. */

@@ -160,17 +160,19 @@ class Windowed(Simulated):
     CAMERAS = {"CAMERA eye": camera("eye")}
     BODIES = {"BODY Red": red(ball("Red", 0.3))}
     GUI = ("-g", "1")
+    GRAVITY = NOWHERE
 
     def setUp(self):
         self.display = Display()
         self.addCleanup(self.display.stop)
         folder = harness.folder / self.id().rsplit(".", maxsplit=1)[-1]
         folder.mkdir()
+        self.files_at = folder
         world = {
             "environment": "./ground.yaml",
             "namespace": "/ambf/env/",
             "max iterations": 50,
-            "gravity": NOWHERE,
+            "gravity": self.GRAVITY,
             "lights": ["LIGHT lamp"],
             "cameras": list(self.CAMERAS),
             "LIGHT lamp": {
@@ -199,7 +201,14 @@ class Windowed(Simulated):
         for name, content in files.items():
             (folder / name).write_text(json.dumps(content, indent=1))
         self.simulator = harness.Simulator(
-            Ros.master.port, "--launch_file", folder / "launch.yaml", "-l", "0", gui=self.GUI, DISPLAY=self.display.name
+            Ros.master.port,
+            "--launch_file",
+            folder / "launch.yaml",
+            "-l",
+            "0",
+            *self.ARGUMENTS,
+            gui=self.GUI,
+            DISPLAY=self.display.name,
         )
         self.addCleanup(self.finish, self.simulator)
         self.simulator.wait_for_topics(f"{WORLD}/State")
@@ -288,6 +297,28 @@ def dark(picture, area):
     """Nearly black pixels of an area."""
     left, top, width, height = area
     return sum(max(pixel) < 70 for row in picture[top : top + height] for pixel in row[left : left + width])
+
+
+def plugin_library(name="marker"):
+    """The library of an example of plugins, which is built if it is not there."""
+    folder = harness.simulator_path().parent
+    library = folder / f"libambf_{name}.so"
+    if not library.exists():
+        command = ["cargo", "build", "--quiet", "--package", f"ambf-{name}", "--target-dir", folder.parent]
+        release = ["--release"] if folder.name == "release" else []
+        subprocess.run([*command, *release], cwd=harness.REPOSITORY, check=True)
+    return library
+
+
+def cut(picture, area):
+    """The part of a picture in an area (left, top, width, height)."""
+    return [row[area[0] : area[0] + area[2]] for row in picture[area[1] : area[1] + area[3]]]
+
+
+def is_green(pixel):
+    """Whether a pixel is that of a lit green marker."""
+    red_part, green_part, blue_part = pixel
+    return green_part > 60 and green_part > 2 * red_part + 20 and green_part > 2 * blue_part + 20
 
 
 class OneWindow(Windowed):
@@ -424,9 +455,6 @@ class OneWindow(Windowed):
         self.assertGreater(dark(picture, above), 60)
         self.assertEqual(dark(picture, (left, top + height - 75, 150, 75)), 0)
 
-        def cut(picture, area):
-            return [row[area[0] : area[0] + area[2]] for row in picture[area[1] : area[1] + area[3]]]
-
         times = (left + 200, top + height - 50, 400, 20)
         self.display.key("AMBF Simulator Window 1", "ctrl+p")
         self.wait_for_log("paused")
@@ -545,6 +573,53 @@ class PublishingWindow(Windowed):
         images.until(lambda image: (image.header.stamp - later).to_sec() > 1.0, "pictures keep coming")
 
 
+class WithPlugin(Windowed):
+    """Two cameras, and the example of a plugin for windows."""
+
+    CAMERAS = {"CAMERA one": camera("one"), "CAMERA two": camera("two")}
+
+    def setUp(self):
+        self.ARGUMENTS = ("--plugins", plugin_library())
+        super().setUp()
+
+    def test_rows_74_75_frames_keys_and_mouse_reach_plugins_which_draw(self):
+        self.wait_for_windows(2)
+        first, second = (f"AMBF Simulator Window {number}" for number in (1, 2))
+        self.wait_for_log("libambf_marker.so: the first frame was drawn")
+        # A dark blue panel behind the text, at its place.
+        left, top = PLACE
+
+        def is_panel(picture):
+            return sum(b > 60 and b > r + 25 and b > g + 25 for row in picture for r, g, b in row) > 2000
+
+        self.wait_for_picture(is_panel, "the panel behind the plugin's text")
+        # After the built-in action, with modifiers and window.
+        self.display.key(second, "ctrl+p")
+        self.wait_for_log("key Ctrl+P in window 2")
+        log = self.simulator.log()
+        self.assertLess(log.index("paused"), log.index("key Ctrl+P in window 2"), log)
+        # Also while paused: frames go on.
+        text = (left + 30, top + 80, 250, 40)
+        before = cut(self.display.picture(), text)
+        harness.wait_for(lambda: cut(self.display.picture(), text) != before, "frames are counted while paused")
+        self.display.key(first, "ctrl+p")
+        self.wait_for_log("key Ctrl+P in window 1")
+        self.assertEqual(sum(is_green(pixel) for row in self.display.picture() for pixel in row), 0)
+        self.display.key(first, "b")
+        self.wait_for_log("key B in window 1")
+        self.wait_for_picture(
+            lambda picture: sum(is_green(pixel) for row in picture for pixel in row) > 200, "a green ball above the body"
+        )
+        self.display.key(first, "b")
+        self.wait_for_picture(
+            lambda picture: not any(is_green(pixel) for row in picture for pixel in row), "the ball is gone"
+        )
+        self.display.mouse("mousemove", left + 300, top + 15)
+        self.display.mouse("click", "3")
+        self.wait_for_log("button 1 pressed in window 1 at 300, 15, modifiers 0")
+        self.wait_for_log("button 1 released in window 1 at 300, 15, modifiers 0")
+
+
 class NoCamera(Windowed):
     """A world without cameras."""
 
@@ -563,6 +638,60 @@ class NoCamera(Windowed):
             "the default camera has a topic",
         )
         return self.listen(topic, CameraState)
+
+
+class SameTrace(Windowed):
+    """A box that falls and turns with fixed steps, recorded by a plugin in each step."""
+
+    ARGUMENTS = ("-t", "true")
+    GRAVITY = {"x": 0.3, "y": 0.1, "z": -1.0}
+    STEPS = 1000
+
+    def setUp(self):
+        library = plugin_library("recorder")
+        recorded = {"plugins": [{"name": "recorder", "filename": str(library)}], "record": {"file": "trace.csv"}}
+        self.BODIES = {"BODY Red": {**red(ball("Red", 0.3)), **recorded}}
+        super().setUp()
+
+    def trace(self):
+        """The first rows of the recording, once there are so many."""
+        file = self.files_at / "trace.csv"
+
+        def rows():
+            lines = file.read_text().splitlines() if file.exists() else []
+            # The last line may be cut.
+            return lines[: self.STEPS] if len(lines) > self.STEPS + 1 else None
+
+        return harness.wait_for(rows, "a trace")
+
+    def test_row_70_the_trace_is_the_same_with_and_without_windows(self):
+        self.wait_for_windows(1)
+        with_windows = self.trace()
+        self.display.key("AMBF Simulator Window 1", "q")
+        self.assertEqual(self.simulator.status(), 0, self.simulator.log())
+        (self.files_at / "trace.csv").unlink()
+        launch = self.files_at / "launch.yaml"
+        headless = harness.Simulator(
+            Ros.master.port, "--launch_file", launch, "-l", "0", "--no_ros", *self.ARGUMENTS, DISPLAY=""
+        )
+        self.addCleanup(headless.stop)
+        without = self.trace()
+        self.assertEqual(with_windows, without)
+        first, last = (row.split(",")[2:5] for row in (without[1], without[-1]))
+        self.assertGreater(abs(float(last[2]) - float(first[2])), 0.1, "it fell")
+
+
+class PluginWithoutWindows(unittest.TestCase):
+    """The same plugin in a run without windows."""
+
+    def test_row_74_no_frame_is_told_without_windows(self):
+        simulator = harness.Simulator(Ros.master.port, "-l", "1", "--no_ros", "--verbose", "true", "--plugins", plugin_library())
+        self.addCleanup(simulator.stop)
+        harness.wait_for(lambda: "is running" in simulator.log(), "the plugin runs")
+        time.sleep(1.5)
+        self.assertEqual(simulator.interrupt(), 0)
+        self.assertNotIn("frame was drawn", simulator.log())
+        simulator.check_log()
 
 
 class NoDisplay(unittest.TestCase):

@@ -7,8 +7,10 @@ use std::ffi::c_void;
 
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
-/// Version of this interface: host and library must have the same.
-pub const ABI_VERSION: u32 = 1;
+/// Version of this interface, which libraries made with it have. Version 2 has one function more, at the end of [`RawHost`]: `show`.
+pub const ABI_VERSION: u32 = 2;
+/// The oldest version whose libraries this host can load: what has come since is at the end of the host's table, where they don't look.
+pub const OLDEST_ABI_VERSION: u32 = 1;
 
 /// Status: done.
 pub(crate) const DONE: i32 = 0;
@@ -180,6 +182,46 @@ pub struct RawInput {
     pub y: f64,
 }
 
+/// A marker or a text in windows.
+#[derive(Debug, Clone, Copy)]
+#[repr(C)]
+pub struct RawDrawing {
+    /// 0 sphere, 1 box, 2 arrow, 3 frame, 4 points, 5 lines; 6 text in pixels, 7 in shares of the window, 8 in the scene.
+    pub shape: u32,
+    /// Number of the window from 1; 0: all.
+    pub window: u32,
+    /// In the world; all zeros: the world's frame.
+    pub pose: RawPose,
+    /// Sphere: radius. Box: edges. Arrow: length, radius. Frame: length. Points: pixels. Texts: x, y, pixels of a line.
+    pub numbers: [f64; 3],
+    /// Red, green, blue, alpha, 0 to 1.
+    pub color: [f32; 4],
+    /// Behind a text; alpha 0: nothing.
+    pub panel: [f32; 4],
+    /// Of points and lines, m.
+    pub points: *const [f64; 3],
+    /// How many.
+    pub point_count: u64,
+    /// Of texts.
+    pub text: RawText,
+}
+
+impl Default for RawDrawing {
+    fn default() -> Self {
+        Self {
+            shape: 0,
+            window: 0,
+            pose: RawPose::default(),
+            numbers: [0.0; 3],
+            color: [0.0; 4],
+            panel: [0.0; 4],
+            points: std::ptr::null(),
+            point_count: 0,
+            text: RawText { data: std::ptr::null(), length: 0 },
+        }
+    }
+}
+
 /// What a plugin is told at its start.
 #[derive(Debug, Clone, Copy)]
 #[repr(C)]
@@ -263,6 +305,9 @@ pub struct RawHost {
     pub contacts: unsafe extern "C" fn(context: *const c_void, body: u64, out: *mut RawTouch, capacity: u64) -> i64,
     /// Now: executes a command. The result of attaching is a number to detach by, of others 0.
     pub execute: unsafe extern "C" fn(context: *const c_void, command: *const RawCommand) -> i64,
+    /// Since version 2, in any thread: shows these markers and texts in windows instead of those that the plugin has shown before. 0, or what
+    /// is wrong: nothing has changed then.
+    pub show: unsafe extern "C" fn(context: *const c_void, drawings: *const RawDrawing, count: u64) -> i64,
 }
 
 /// A plugin. A function that is null does nothing. Each returns 0, 1 if it failed or 2 if it panicked; nothing else may come out of it.

@@ -137,10 +137,14 @@ pub enum CommandError {
     /// Error when the other side of the interface does not know the command.
     #[error("the command is not known")]
     Unknown,
+    /// Error when more is to be shown in windows than they take.
+    #[error("too much is to be shown at a time")]
+    TooMuch,
 }
 
 impl CommandError {
-    const ALL: [Self; 6] = [Self::NoObject, Self::NotFinite, Self::Refused, Self::Outside, Self::Full, Self::Unknown];
+    const ALL: [Self; 7] =
+        [Self::NoObject, Self::NotFinite, Self::Refused, Self::Outside, Self::Full, Self::Unknown, Self::TooMuch];
 
     /// −1, −2, … in the order above.
     pub(crate) fn status(self) -> i64 {

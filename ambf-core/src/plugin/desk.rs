@@ -5,8 +5,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use crossbeam_channel::{bounded, Receiver, Sender};
 
+use super::drawing::{check, Sheet};
 use super::traits::Services;
-use super::{Command, CommandError, StateSnapshot};
+use super::{Command, CommandError, Drawing, Drawings, StateSnapshot};
 use crate::comm::{SnapshotSlot, SnapshotWriter};
 
 /// Lines that may wait for the log.
@@ -65,6 +66,8 @@ pub(crate) struct Shared {
     snapshots: SnapshotSlot<StateSnapshot>,
     /// Somebody reads snapshots.
     wanted: AtomicBool,
+    /// What plugins show in windows.
+    pub drawings: Drawings,
 }
 
 /// Physics' end of [`Shared`].
@@ -76,7 +79,7 @@ pub(crate) struct Incoming {
 }
 
 impl Shared {
-    pub fn new() -> (Arc<Self>, Incoming) {
+    pub fn new(drawings: Drawings) -> (Arc<Self>, Incoming) {
         let (lines, lines_out) = bounded(LINES);
         let (commands, commands_out) = bounded(COMMANDS);
         let shared = Self {
@@ -85,6 +88,7 @@ impl Shared {
             requests: Requests::default(),
             snapshots: SnapshotSlot::empty(),
             wanted: AtomicBool::new(false),
+            drawings,
         };
         let writer = SnapshotWriter::new(StateSnapshot::default());
         (Arc::new(shared), Incoming { lines: lines_out, commands: commands_out, writer })
@@ -108,11 +112,13 @@ pub(crate) struct Desk {
     shared: Arc<Shared>,
     /// What a library said about its latest failure.
     failure: Mutex<String>,
+    sheet: Sheet,
 }
 
 impl Desk {
     pub fn new(handle: &str, number: u64, shared: Arc<Shared>) -> Self {
-        Self { handle: handle.to_owned(), number, shared, failure: Mutex::default() }
+        let sheet = shared.drawings.open(number);
+        Self { handle: handle.to_owned(), number, shared, failure: Mutex::default(), sheet }
     }
 
     pub fn fail(&self, text: String) {
@@ -146,6 +152,12 @@ impl Services for Desk {
         out.clone_from(&newest);
         true
     }
+
+    fn show(&self, drawings: &[Drawing]) -> Result<(), CommandError> {
+        check(drawings)?;
+        self.sheet.store(Arc::new(drawings.to_vec()));
+        Ok(())
+    }
 }
 
 #[cfg(test)]
@@ -156,7 +168,7 @@ mod tests {
 
     #[test]
     fn commands_wait_and_requests_are_kept_apart() {
-        let (shared, incoming) = Shared::new();
+        let (shared, incoming) = Shared::new(Drawings::default());
         let desk = Desk::new("p", 7, Arc::clone(&shared));
         let wrench = Command::Wrench { body: 0, force: Vector3::x(), torque: Vector3::zeros() };
         for command in [Command::ResetWorld, Command::Pause(true), Command::Step(3), Command::Step(4), wrench] {
@@ -177,7 +189,7 @@ mod tests {
 
     #[test]
     fn snapshots_are_made_for_readers_only() {
-        let (shared, mut incoming) = Shared::new();
+        let (shared, mut incoming) = Shared::new(Drawings::default());
         let desk = Desk::new("p", 0, Arc::clone(&shared));
         incoming.publish(&shared, |_| panic!("nobody reads"));
         let mut out = StateSnapshot::default();

@@ -9,14 +9,14 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Vector3};
 
 use super::abi::{
-    RawBody, RawClock, RawHost, RawInit, RawInput, RawJoint, RawPlugin, RawPose, RawText, RawTouch, DONE, FAILED,
-    MODEL, PANICKED,
+    RawBody, RawClock, RawDrawing, RawHost, RawInit, RawInput, RawJoint, RawPlugin, RawPose, RawText, RawTouch, DONE,
+    FAILED, MODEL, PANICKED,
 };
 use super::traits::{Host, Services};
 use super::view::{Access, TextOf};
 use super::{
-    AnyPlugin, BodyState, Clock, Command, CommandError, Hit, InitContext, Input, JointState, PluginError, PluginKind,
-    StateSnapshot, Subject, Touch, View,
+    AnyPlugin, BodyState, Clock, Command, CommandError, Drawing, Hit, InitContext, Input, JointState, PluginError,
+    PluginKind, StateSnapshot, Subject, Touch, View,
 };
 use crate::scene::{ObjectId, ObjectType};
 
@@ -366,6 +366,18 @@ impl Services for Remote {
         out.joints.clear();
         out.joints.extend(joints.iter().map(JointState::from));
         true
+    }
+
+    fn show(&self, drawings: &[Drawing]) -> Result<(), CommandError> {
+        let mut points = vec![Vec::new(); drawings.len()];
+        let raw: Vec<RawDrawing> =
+            drawings.iter().zip(&mut points).map(|(drawing, points)| drawing.raw(points)).collect();
+        // SAFETY: the table is alive, all that the drawings point at until the call returns. A library of this version is loaded by hosts
+        // that have this function only.
+        match unsafe { (self.0.show)(self.0.context, raw.as_ptr(), raw.len() as u64) } {
+            status if status < 0 => Err(CommandError::of_status(status)),
+            _ => Ok(()),
+        }
     }
 }
 

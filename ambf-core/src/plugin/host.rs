@@ -9,7 +9,7 @@ use super::desk::{Desk, Incoming, Shared};
 use super::export::message_of;
 use super::registry::BUILTIN;
 use super::view::Access;
-use super::{library, AnyPlugin, Host, InitContext, Input, PluginError, Registry, Search, Subject, View};
+use super::{library, AnyPlugin, Drawings, Host, InitContext, Input, PluginError, Registry, Search, Subject, View};
 use crate::adf::PluginEntry;
 use crate::scene::ObjectId;
 
@@ -131,8 +131,8 @@ pub(crate) struct Wanted<'a> {
 }
 
 impl Plugins {
-    pub fn new(setup: PluginSetup) -> Self {
-        let (shared, incoming) = Shared::new();
+    pub fn new(setup: PluginSetup, drawings: Drawings) -> Self {
+        let (shared, incoming) = Shared::new(drawings);
         Self {
             setup,
             slots: Vec::new(),
@@ -157,7 +157,8 @@ impl Plugins {
         let number = self.next_number;
         self.next_number += 1;
         let desk = Arc::new(Desk::new(&entry.name, number, Arc::clone(&self.shared)));
-        let mut plugin = self.make(entry, subject, &desk)?;
+        let made = self.make(entry, subject, &desk);
+        let mut plugin = made.inspect_err(|_| self.shared.drawings.close(number))?;
         access.act_as(number);
         let mut context = InitContext {
             world: View::new(access, subject),
@@ -171,6 +172,7 @@ impl Plugins {
         let started = started.unwrap_or_else(|panic| Err(PluginError::Panicked(message_of(panic))));
         if let Err(error) = started {
             self.drop_plugin(&entry.name, plugin);
+            self.shared.drawings.close(number);
             access.release(number);
             return Err(error);
         }
@@ -338,6 +340,7 @@ impl Plugins {
             self.notices.push(format!("plugin {handle} panicked in close: {}", message_of(panic)));
         }
         self.drop_plugin(&handle, plugin);
+        self.shared.drawings.close(self.slots[slot].number);
     }
 
     /// Closes what `which` is true for: simulator, object, model and world plugins, each in the reverse order of loading.

@@ -11,14 +11,14 @@ use libloading::os::unix::{Library, RTLD_LOCAL, RTLD_NOW};
 use nalgebra::Vector3;
 
 use super::abi::{
-    copy_out, CreateFn, RawBody, RawClock, RawCommand, RawHost, RawInit, RawInput, RawJoint, RawPlugin, RawPose,
-    RawText, RawTouch, VersionFn, ABI_VERSION, DONE, MODEL, PANICKED,
+    copy_out, CreateFn, RawBody, RawClock, RawCommand, RawDrawing, RawHost, RawInit, RawInput, RawJoint, RawPlugin,
+    RawPose, RawText, RawTouch, VersionFn, ABI_VERSION, DONE, MODEL, OLDEST_ABI_VERSION, PANICKED,
 };
 use super::desk::Desk;
 use super::traits::Services;
 use super::view::{Access, TextOf};
 use super::{
-    AnyPlugin, Command, CommandError, InitContext, ModelPlugin, ObjectPlugin, Plugin, PluginError, PluginKind,
+    AnyPlugin, Command, CommandError, Drawing, InitContext, ModelPlugin, ObjectPlugin, Plugin, PluginError, PluginKind,
     SimulatorPlugin, StateSnapshot, Subject, View, WorldPlugin,
 };
 use crate::scene::{ObjectId, ObjectType};
@@ -26,7 +26,7 @@ use crate::scene::{ObjectId, ObjectType};
 const VERSION: &str = "ambf_plugin_abi_version";
 const CREATE: &str = "ambf_plugin_create";
 
-/// Opens a library of our interface version. It is never closed: code of it may be running in threads of its own.
+/// Opens a library of a version of our interface that this host knows. It is never closed: code of it may be running in threads of its own.
 ///
 /// # Errors
 /// [`PluginError::Open`], [`PluginError::Symbol`], [`PluginError::Version`].
@@ -39,7 +39,7 @@ pub(super) fn open(file: &Path) -> Result<&'static Library, PluginError> {
     let version = unsafe { symbol::<VersionFn>(library, file, VERSION)? };
     // SAFETY: it takes nothing and returns a number.
     let found = unsafe { version() };
-    if found != ABI_VERSION {
+    if !(OLDEST_ABI_VERSION..=ABI_VERSION).contains(&found) {
         return Err(PluginError::Version { file: file.to_owned(), found, expected: ABI_VERSION });
     }
     Ok(library)
@@ -341,6 +341,7 @@ fn host_of(desk: &Arc<Desk>) -> RawHost {
         cast_ray,
         contacts,
         execute,
+        show,
     }
 }
 
@@ -398,6 +399,27 @@ unsafe extern "C" fn snapshot(
         copy_out(&[[raw_bodies.len() as u64, raw_joints.len() as u64]], counts, 1);
     }
     1
+}
+
+unsafe extern "C" fn show(context: *const c_void, drawings: *const RawDrawing, count: u64) -> i64 {
+    let read = || {
+        if count > super::MOST_DRAWINGS as u64 {
+            return Err(CommandError::TooMuch);
+        }
+        let raw: &[RawDrawing] = match (count, drawings.is_null()) {
+            (0, _) => &[],
+            (_, true) => return Err(CommandError::Refused),
+            // SAFETY: the library gives as many drawings of its own as it says.
+            (count, false) => unsafe { std::slice::from_raw_parts(drawings, count as usize) },
+        };
+        // SAFETY: points and texts are the library's, until it gets its answer.
+        raw.iter().map(|raw| unsafe { Drawing::from_raw(raw) }).collect::<Result<Vec<_>, _>>()
+    };
+    // SAFETY: the library gives the context that it was given.
+    match read().and_then(|drawings| unsafe { desk(context) }.show(&drawings)) {
+        Ok(()) => 0,
+        Err(error) => error.status(),
+    }
 }
 
 unsafe extern "C" fn clock(_: *const c_void, out: *mut RawClock) -> i32 {

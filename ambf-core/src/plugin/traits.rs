@@ -1,7 +1,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::{Command, CommandError, PluginError, StateSnapshot, View};
+use super::{Command, CommandError, Drawing, PluginError, StateSnapshot, View};
 use crate::adf::{LoadError, Outline};
 use crate::scene::{ObjectId, ObjectType};
 
@@ -83,7 +83,8 @@ pub trait Plugin: Send {
         let _ = (world, dt);
     }
 
-    /// After each picture, at about 120 Hz. Never called without a window.
+    /// Once a frame, after all its pictures were drawn, at 120 Hz at most; also while paused. Frames that are drawn while physics is busy are
+    /// told as one. Never called without a window. What [`Host::show`] shows here is seen in the next frame.
     fn graphics_update(&mut self) {}
 
     /// After all objects were reset, whoever asked for that. Time goes on. A reset of bodies only calls nothing.
@@ -97,12 +98,15 @@ pub trait Plugin: Send {
 
 /// A plugin of the simulator: called last after each step.
 pub trait SimulatorPlugin: Plugin {
-    /// A key was pressed or repeated in a window, after the simulator's own handling. Numbers as in GLFW. Never called without a window.
+    /// A key was pressed (`action` 1) or repeated (2) in a window, after the simulator's own handling. Windows count from 1, as their titles
+    /// do. Numbers as in GLFW: [`key_name`](super::key_name) gives the name of a key, `mods` is a sum of 1 Shift, 2 Ctrl, 4 Alt, 8 Super. Keys
+    /// that a panel takes, such as those of a search, are not told. Never called without a window.
     fn keyboard_update(&mut self, window: u32, key: i32, scancode: i32, action: i32, mods: i32) {
         let _ = (window, key, scancode, action, mods);
     }
 
-    /// A mouse button was pressed or released in a window. Never called without a window.
+    /// A mouse button (0 left, 1 right, 2 middle) was pressed (`action` 1) or released (0) in a window, at the position that was told last.
+    /// Never called without a window.
     fn mouse_buttons_update(&mut self, window: u32, button: i32, action: i32, mods: i32) {
         let _ = (window, button, action, mods);
     }
@@ -277,6 +281,7 @@ pub(crate) trait Services: Send + Sync {
     fn say(&self, text: &str);
     fn post(&self, command: &Command) -> Result<(), CommandError>;
     fn snapshot(&self, out: &mut StateSnapshot) -> bool;
+    fn show(&self, drawings: &[Drawing]) -> Result<(), CommandError>;
 }
 
 impl Host {
@@ -299,6 +304,17 @@ impl Host {
     /// are there after the next step.
     pub fn snapshot(&self, out: &mut StateSnapshot) -> bool {
         self.0.snapshot(out)
+    }
+
+    /// Shows these markers and texts in the windows, from their next picture on, instead of those that the plugin has shown before; none: it
+    /// shows nothing any more. They stay until then, or until the plugin is closed. Pictures that are published don't have them. Without
+    /// windows nobody sees them. It never waits; each call copies the drawings.
+    ///
+    /// # Errors
+    /// [`CommandError::NotFinite`]; [`CommandError::TooMuch`] for more than [`MOST_DRAWINGS`](super::MOST_DRAWINGS) drawings,
+    /// [`MOST_POINTS`](super::MOST_POINTS) points or [`MOST_TEXT`](super::MOST_TEXT) bytes of texts. What was shown before stays then.
+    pub fn show(&self, drawings: &[Drawing]) -> Result<(), CommandError> {
+        self.0.show(drawings)
     }
 }
 

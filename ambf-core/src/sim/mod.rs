@@ -4,6 +4,7 @@ mod cap;
 mod commands;
 mod devices;
 mod driven;
+mod history;
 mod models;
 mod pace;
 mod plugins;
@@ -14,6 +15,7 @@ mod stepper;
 mod window;
 
 pub use crate::bullet::StateError;
+pub use history::Timeline;
 pub use models::{AddedModel, ModelError, Models, ANSWER_TIMEOUT};
 pub use runner::{Control, Event, Runner, RunnerOptions};
 pub use saved::SavedState;
@@ -35,6 +37,7 @@ use cap::SubStepCap;
 use commands::Link;
 use devices::Devices;
 use driven::Driven;
+use history::Recording;
 use models::ModelRequests;
 use plugins::PluginState;
 use window::{Picking, Window};
@@ -131,6 +134,7 @@ pub struct Simulation {
     window: Option<Window>,
     picking: Picking,
     driven: Driven,
+    recording: Recording,
     /// Input devices, if there are any.
     devices: Option<Box<Devices>>,
     /// Sentences about commands that name what is not there.
@@ -169,6 +173,7 @@ impl Simulation {
             window: None,
             picking: Picking::default(),
             driven,
+            recording: Recording::default(),
             devices: None,
             notices: Vec::new(),
             scene,

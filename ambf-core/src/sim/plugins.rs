@@ -11,8 +11,8 @@ use crate::adf::{node_text, PluginEntry, SourcePos};
 use crate::bullet::{Constraint, ConstraintHandle, ConstraintKind, Ray, RayTarget};
 use crate::comm::JointCommandType;
 use crate::plugin::{
-    Access, BodyState, Clock, Command, CommandError, Hit, Input, JointState, ObjectId, ObjectType, Phase, PluginReport,
-    PluginSetup, Plugins, Shared, StateSnapshot, Subject, TextOf, Touch, Wanted,
+    Access, BodyState, Clock, Command, CommandError, Drawings, Hit, Input, JointState, ObjectId, ObjectType, Phase,
+    PluginReport, PluginSetup, Plugins, Shared, StateSnapshot, Subject, TextOf, Touch, Wanted,
 };
 use crate::scene::Scene;
 
@@ -25,6 +25,8 @@ pub(super) struct PluginState {
     next_attachment: u64,
     /// Where requests to the loop are left, also while the plugins themselves are being called.
     shared: Option<Arc<Shared>>,
+    /// What plugins show in windows.
+    pub(super) drawings: Drawings,
 }
 
 /// Bodies that a plugin holds together.
@@ -40,7 +42,7 @@ impl PluginState {
     /// What plugins hold. Numbers go on, so that none names another thing after a state was restored.
     pub fn save(&self) -> Vec<Attachment> {
         // All fields by name, so that no new one is forgotten.
-        let Self { caller: _, attachments, next_attachment: _, shared: _ } = self;
+        let Self { caller: _, attachments, next_attachment: _, shared: _, drawings: _ } = self;
         attachments.clone()
     }
 
@@ -55,7 +57,7 @@ impl Simulation {
     /// is left out. Models that are added later bring theirs along. Without a call of this, no plugin runs.
     pub fn load_plugins(&mut self, setup: PluginSetup) -> PluginReport {
         self.close_plugins();
-        let mut plugins = Box::new(Plugins::new(setup));
+        let mut plugins = Box::new(Plugins::new(setup, self.plugin_state.drawings.clone()));
         self.plugin_state.shared = Some(Arc::clone(&plugins.shared));
         let mut report = PluginReport::default();
         for model in 0..self.scene.models.len() {

@@ -214,7 +214,7 @@ impl PhysicsLoop {
                 self.resume_after_reset();
             }
             if self.simulation.do_requested_changes() {
-                self.publish(self.start.elapsed());
+                self.show_changes();
             }
             self.obey_plugins();
             self.simulation.pause_devices(self.control.is_paused());
@@ -263,6 +263,9 @@ impl PhysicsLoop {
         self.publish(wall);
         self.simulation.note_published();
         self.simulation.update_plugins_of(Phase::Simulator);
+        if let Some(why) = self.simulation.record_history() {
+            self.tell(Event::Notice(why));
+        }
         self.tell_notices();
         let cost = stepped + resumed.elapsed();
         self.statistics.record(wall, cost);
@@ -332,7 +335,7 @@ impl PhysicsLoop {
             if reset {
                 self.resume_after_reset();
             } else if changed {
-                self.publish(self.start.elapsed());
+                self.show_changes();
             } else if !self.simulation.is_held_by_clients() {
                 break;
             }
@@ -344,6 +347,18 @@ impl PhysicsLoop {
 
     fn publish(&mut self, wall: Duration) {
         self.simulation.publish(wall.as_secs_f64(), self.timing());
+    }
+
+    /// What was changed is seen at once, also while paused or throttled. A time that was gone to is where the clock is followed from.
+    fn show_changes(&mut self) {
+        if self.simulation.take_time_jump() {
+            self.was_paused = true;
+            if std::mem::take(&mut self.lost) {
+                // That state is not lost. The simulation stays paused until its user lets it go on.
+                self.simulation.tell_lost(None);
+            }
+        }
+        self.publish(self.start.elapsed());
     }
 
     /// A reset is seen at once, also while paused or throttled. It ends the pause that a lost state made.

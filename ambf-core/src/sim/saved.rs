@@ -88,6 +88,7 @@ impl Simulation {
             // What others have asked for or are to be told.
             requests: _,
             window: _,
+            recording: _,
             notices: _,
             picking,
             driven,

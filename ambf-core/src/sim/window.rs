@@ -7,9 +7,9 @@ use crossbeam_channel::{bounded, Receiver, Sender, TrySendError};
 use nalgebra::{Isometry3, Vector3};
 use std::sync::Arc;
 
-use super::Simulation;
+use super::{Simulation, Timeline};
 use crate::bullet::{ConstraintHandle, Ray, RayTarget};
-use crate::plugin::Input;
+use crate::plugin::{Drawings, Input};
 use crate::scene::{CameraGesture, Scene};
 
 /// How far a ray of picking reaches, m.
@@ -65,6 +65,10 @@ pub enum WindowRequest {
     Drawn,
     /// A use of a window, for plugins of the simulator.
     Input(Input),
+    /// Keeps the last minute, or forgets it; see [`Simulation::keep_history`].
+    KeepHistory(bool),
+    /// Shows the kept state whose simulated time, s, is nearest; see [`Simulation::go_to_time`].
+    GoToTime(f64),
 }
 
 impl WindowRequest {
@@ -76,7 +80,9 @@ impl WindowRequest {
             {
                 gesture.merged(*then).map(|gesture| Self::MoveCamera { camera: *camera, gesture })
             }
-            (Self::Drag { .. }, Self::Drag { .. }) | (Self::Drawn, Self::Drawn) => Some(next.clone()),
+            (Self::Drag { .. }, Self::Drag { .. })
+            | (Self::Drawn, Self::Drawn)
+            | (Self::GoToTime(_), Self::GoToTime(_)) => Some(next.clone()),
             _ => None,
         }
     }
@@ -119,15 +125,29 @@ pub enum WindowAnswer {
     Picked(Picked),
     /// To [`WindowRequest::RemoveBody`]: the body and its name, or why it stays.
     Removed(Result<Arc<str>, String>),
+    /// To [`WindowRequest::KeepHistory`] and [`WindowRequest::GoToTime`], if it was not done: why, in a sentence.
+    NoHistory(String),
 }
 
 /// A window's end of the queue.
 pub struct WindowLink {
     requests: Sender<WindowRequest>,
     answers: Receiver<WindowAnswer>,
+    drawings: Drawings,
+    timeline: Arc<Timeline>,
 }
 
 impl WindowLink {
+    /// Times of which there are states to look back at.
+    pub fn timeline(&self) -> &Timeline {
+        &self.timeline
+    }
+
+    /// What plugins show in windows besides the scene.
+    pub fn drawings(&self) -> &Drawings {
+        &self.drawings
+    }
+
     /// Leaves a request.
     ///
     /// # Errors
@@ -178,7 +198,8 @@ impl Simulation {
         // Answers are fewer than requests.
         let (answers, answered) = bounded(REQUESTS);
         self.window = Some(Window { requests: received, answers });
-        WindowLink { requests, answers: answered }
+        let (drawings, timeline) = (self.plugin_state.drawings.clone(), Arc::clone(self.timeline()));
+        WindowLink { requests, answers: answered, drawings, timeline }
     }
 
     /// Whether a window wants something.
@@ -223,6 +244,8 @@ impl Simulation {
             WindowRequest::RemoveBody(body) => return Some(WindowAnswer::Removed(self.remove_body(body))),
             WindowRequest::Drawn => self.plugins_after_picture(),
             WindowRequest::Input(input) => self.plugins_input(&input),
+            WindowRequest::KeepHistory(keep) => return self.keep_history(keep).err().map(WindowAnswer::NoHistory),
+            WindowRequest::GoToTime(time) => return self.go_to_time(time).err().map(WindowAnswer::NoHistory),
         }
         None
     }

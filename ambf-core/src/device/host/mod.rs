@@ -24,7 +24,7 @@ use crossbeam_channel::{bounded, Receiver, Sender};
 use nalgebra::Isometry3;
 
 use super::law::{Mode, Quantity, Switches};
-use super::{DeviceLog, Drivers};
+use super::{DeviceForce, DeviceLog, Drivers};
 use crate::adf;
 use claim::{claim, Claim};
 use exchange::{couple, STALE};
@@ -90,6 +90,8 @@ pub struct DeviceStatus {
     pub loops: Rate,
     /// Measurements of the device: never more than ticks.
     pub samples: Rate,
+    /// What it was told last, N and N·m; nothing unless it runs.
+    pub force: DeviceForce,
 }
 
 impl fmt::Display for DeviceStatus {
@@ -180,6 +182,7 @@ impl Unit {
             state: self.state(),
             loops: self.shared.loops.read(),
             samples: self.shared.samples.read(),
+            force: self.shared.force(),
         }
     }
 }

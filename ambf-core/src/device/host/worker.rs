@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender};
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Vector3};
 
 use super::claim::{panic_text, Claim};
 use super::exchange::{CameraSum, Controls, DeviceEnd, Followed, Hand, STALE};
@@ -15,7 +15,7 @@ use super::rates::{Counter, Periods};
 use super::{DeviceEvent, News};
 use crate::adf;
 use crate::device::law::{HapticInput, HapticLoop, HapticOutput, WorldView};
-use crate::device::{DeviceError, DeviceForce, DeviceLog, DeviceSample, DeviceSpec, InputDevice};
+use crate::device::{DeviceError, DeviceForce, DeviceLog, DeviceSample, DeviceSpec, InputDevice, Latest};
 
 /// First wait before a lost device is opened again; it doubles up to the second.
 const BACK_OFF: [Duration; 2] = [Duration::from_millis(500), Duration::from_secs(5)];
@@ -43,6 +43,8 @@ pub(super) struct Shared {
     epoch: Instant,
     pub loops: Periods,
     pub samples: Periods,
+    /// Bits of what the device was told last: force, torque, gripper.
+    force: Latest<7>,
 }
 
 impl Shared {
@@ -54,7 +56,23 @@ impl Shared {
             epoch: Instant::now(),
             loops: Periods::new(),
             samples: Periods::new(),
+            force: Latest::new(),
         }
+    }
+
+    /// Wait-free; only the device's thread calls it.
+    fn keep_force(&self, force: &DeviceForce) {
+        let DeviceForce { force: f, torque: t, gripper } = force;
+        self.force.store([f.x, f.y, f.z, t.x, t.y, t.z, *gripper].map(f64::to_bits));
+    }
+
+    /// What the device was told last; nothing before, and while it is not running.
+    pub fn force(&self) -> DeviceForce {
+        let Some(words) = self.force.newest().filter(|_| self.stage() == Stage::Running) else {
+            return DeviceForce::zero();
+        };
+        let [a, b, c, d, e, f, gripper] = words.map(f64::from_bits);
+        DeviceForce { force: Vector3::new(a, b, c), torque: Vector3::new(d, e, f), gripper }
     }
 
     pub fn stage(&self) -> Stage {
@@ -366,6 +384,7 @@ impl Haptic {
         let output = self.compute(worker, sample, now, interval);
         let force = if output.force.is_finite() { output.force } else { DeviceForce::zero() };
         open.write(&force)?;
+        shared.keep_force(&force);
         shared.beat(Instant::now());
         self.loops.count(&shared.loops, begin);
         if self.sequence.replace(sample.sequence) != Some(sample.sequence) {
