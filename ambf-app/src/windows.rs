@@ -11,6 +11,7 @@ use crate::simulator::SimulatorError;
 
 /// Whether windows are opened.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(not(feature = "view"), allow(dead_code))]
 pub(crate) enum WindowsWanted {
     /// None.
     No,
@@ -83,11 +84,7 @@ mod with {
     impl Windows {
         /// # Errors
         /// [`SimulatorError::Windows`] when windows are asked for and cannot be opened.
-        pub fn start(
-            wanted: WindowsWanted,
-            parts: WindowParts,
-            devices: &DeviceHost,
-        ) -> Result<Self, SimulatorError> {
+        pub fn start(wanted: WindowsWanted, parts: WindowParts, devices: &DeviceHost) -> Result<Self, SimulatorError> {
             let WindowParts { hub, link, control, models, load_report, cameras } = parts;
             let has_cameras = cameras.is_some();
             let shared: SharedCameras = Arc::new(Mutex::new(cameras));
@@ -133,7 +130,9 @@ mod with {
                 Ok(mut cameras) => cameras.take(),
                 Err(TryLockError::Poisoned(cameras)) => cameras.into_inner().take(),
                 Err(TryLockError::WouldBlock) => {
-                    report!("cameras: the thread with the windows hangs while it makes pictures: there are no more of them");
+                    report!(
+                        "cameras: the thread with the windows hangs while it makes pictures: there are no more of them"
+                    );
                     None
                 }
             };
@@ -201,7 +200,8 @@ mod without {
     pub(crate) fn are_wanted(option: Option<bool>) -> Result<WindowsWanted, SimulatorError> {
         match option {
             Some(true) => {
-                let why = "this program was built without windows: build it with the feature `view`, or run it with -g 0";
+                let why =
+                    "this program was built without windows: build it with the feature `view`, or run it with -g 0";
                 Err(SimulatorError::Windows(why.into()))
             }
             Some(false) => Ok(WindowsWanted::No),

@@ -302,8 +302,9 @@ pub(crate) fn rows(matrix: &Matrix4<f64>) -> [f32; 12] {
 /// Arrow length of the frame of an object whose mesh lies between two corners of its own coordinates.
 pub(crate) fn frame_length(bounds: Option<(Vector3<f64>, Vector3<f64>)>) -> f64 {
     let Some((_, high)) = bounds else { return FRAME_WITHOUT_SIZE };
-    match high.norm() > 0.001 {
-        true if high.max() > 0.0 => 1.2 * high.max(),
+    match high.max() {
+        // Arrows as long as a ground is wide would hide everything.
+        largest if high.norm() > 0.001 && largest > 0.0 && largest < 0.5 * LARGEST_BODY => 1.2 * largest,
         _ => 0.5,
     }
 }

@@ -241,7 +241,9 @@ impl App {
         let is_there = |camera: usize| {
             visuals.cameras.get(camera).is_some_and(|camera| !camera.object.removed && camera.description.visible)
         };
-        for place in (0..self.windows.len()).rev().filter(|&place| !is_there(self.windows[place].camera)).collect::<Vec<_>>() {
+        for place in
+            (0..self.windows.len()).rev().filter(|&place| !is_there(self.windows[place].camera)).collect::<Vec<_>>()
+        {
             let window = self.windows.remove(place);
             self.close(window);
         }
@@ -288,8 +290,9 @@ impl App {
             ));
         }
         let nth = self.windows.iter().filter(|window| window.monitor == monitor).count();
-        let mut attributes =
-            Window::default_attributes().with_title(title(camera, &description.controlling_devices)).with_resizable(true);
+        let mut attributes = Window::default_attributes()
+            .with_title(title(camera, &description.controlling_devices))
+            .with_resizable(true);
         match monitors.get(monitor).map(area_of).filter(|area| area.width > 0 && area.height > 0) {
             Some(screen) => {
                 let area = window_area(&screen, description.window_resolution, nth);
@@ -380,7 +383,8 @@ impl App {
         let now = Instant::now();
         self.frames.count(now);
         self.count_steps(now, snapshot);
-        self.stage.highlight = self.held.as_ref().and_then(|held| held.body).map(|body| Highlight { body, color: TOMATO });
+        self.stage.highlight =
+            self.held.as_ref().and_then(|held| held.body).map(|body| Highlight { body, color: TOMATO });
         for message in renderer.prepare(&mut self.stage, visuals, snapshot) {
             self.say(&message);
         }
@@ -414,7 +418,8 @@ impl App {
         samples: u32,
     ) -> Result<(), String> {
         let size = window.size();
-        let (Some(camera), Some(state)) = (visuals.cameras.get(window.camera), snapshot.views.get(window.camera)) else {
+        let (Some(camera), Some(state)) = (visuals.cameras.get(window.camera), snapshot.views.get(window.camera))
+        else {
             return Ok(());
         };
         let (Some(context), Some(gl)) = (&self.context, self.gl.clone()) else { return Ok(()) };
@@ -458,7 +463,8 @@ impl App {
         let egui = window.egui.clone();
         let labels = &window.labels;
         let (help, camera) = (self.switches.help, window.camera);
-        let message = self.message.as_ref().filter(|(since, _)| since.elapsed() < MESSAGE_TIME).map(|(_, text)| text.clone());
+        let message =
+            self.message.as_ref().filter(|(since, _)| since.elapsed() < MESSAGE_TIME).map(|(_, text)| text.clone());
         let panels = &mut self.panels;
         let mut wishes = PanelContext {
             parts: &self.parts,
@@ -531,7 +537,8 @@ impl App {
     fn labels(&self, camera: &ambf_core::scene::VisualCamera, snapshot: &Snapshot) -> Labels {
         let news = self.parts.board.read();
         let name = &*camera.object.name;
-        let is_named = |names: &[String]| names.iter().any(|other| other == name || camera.object.identifier.ends_with(&**other));
+        let is_named =
+            |names: &[String]| names.iter().any(|other| other == name || camera.object.identifier.ends_with(&**other));
         let devices = news.devices.iter().filter(|device| device.cameras.is_empty() || is_named(&device.cameras));
         let action = if news.action.is_empty() { self.action.clone() } else { news.action };
         Labels {
@@ -595,7 +602,9 @@ impl App {
     }
 
     fn pick(&mut self, camera: usize) {
-        let (Some(visuals), Some(snapshot)) = (self.parts.hub.visuals(), self.parts.hub.snapshot().clone()) else { return };
+        let (Some(visuals), Some(snapshot)) = (self.parts.hub.visuals(), self.parts.hub.snapshot().clone()) else {
+            return;
+        };
         if let Some((origin, direction)) = self.ray(camera, &visuals, &snapshot) {
             self.picking = Some(camera);
             self.outbox.post(WindowRequest::Pick { origin, direction });
@@ -811,7 +820,8 @@ impl App {
                 self.say(&format!("sensors {}", on(self.stage.sensors == Some(true))));
             }
             Action::Actuators => {
-                let shown = hub.visuals().is_some_and(|visuals| visuals.actuators.iter().any(|actuator| actuator.visible));
+                let shown =
+                    hub.visuals().is_some_and(|visuals| visuals.actuators.iter().any(|actuator| actuator.visible));
                 self.stage.actuators = Some(!self.stage.actuators.unwrap_or(shown));
                 self.say(&format!("actuators {}", on(self.stage.actuators == Some(true))));
             }
@@ -872,7 +882,9 @@ impl App {
 
     /// Moves a camera along its view so that everything is seen.
     fn fit(&mut self, camera: usize) {
-        let Some((center, radius)) = self.stage.bounds() else { return self.tell("there is nothing to be seen".into()) };
+        let Some((center, radius)) = self.stage.bounds() else {
+            return self.tell("there is nothing to be seen".into());
+        };
         self.look_at(camera, center.coords, radius);
     }
 
@@ -1105,7 +1117,9 @@ impl ApplicationHandler for App {
                 }
             }
             WindowEvent::CursorMoved { position, .. } => self.on_motion(place, position),
-            WindowEvent::MouseInput { state, button, .. } => self.on_button(place, button, state, is_used || is_over_panel),
+            WindowEvent::MouseInput { state, button, .. } => {
+                self.on_button(place, button, state, is_used || is_over_panel)
+            }
             WindowEvent::MouseWheel { delta, .. } if !is_used && !is_over_panel => self.on_wheel(place, delta),
             WindowEvent::DroppedFile(file) => self.load(file),
             _ => (),

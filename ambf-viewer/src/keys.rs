@@ -192,18 +192,8 @@ pub(crate) fn glfw_key(key: KeyCode) -> i32 {
         K::KeyY,
         K::KeyZ,
     ];
-    const DIGITS: [KeyCode; 10] = [
-        K::Digit0,
-        K::Digit1,
-        K::Digit2,
-        K::Digit3,
-        K::Digit4,
-        K::Digit5,
-        K::Digit6,
-        K::Digit7,
-        K::Digit8,
-        K::Digit9,
-    ];
+    const DIGITS: [KeyCode; 10] =
+        [K::Digit0, K::Digit1, K::Digit2, K::Digit3, K::Digit4, K::Digit5, K::Digit6, K::Digit7, K::Digit8, K::Digit9];
     const FUNCTIONS: [KeyCode; 12] =
         [K::F1, K::F2, K::F3, K::F4, K::F5, K::F6, K::F7, K::F8, K::F9, K::F10, K::F11, K::F12];
     const NUMPAD: [KeyCode; 17] = [

@@ -166,7 +166,11 @@ impl Panels {
         let bodies = || visuals.bodies.iter().zip(&snapshot.bodies).filter(|(body, _)| !body.object.removed);
         if self.shown.centres {
             let points = bodies().map(|(_, state)| state.origin.map(|x| x as f32)).collect();
-            stage.markers.push(Marker { shape: MarkerShape::Points(points, 8.0), pose: Isometry3::identity(), color: CENTRE });
+            stage.markers.push(Marker {
+                shape: MarkerShape::Points(points, 8.0),
+                pose: Isometry3::identity(),
+                color: CENTRE,
+            });
         }
         if self.shown.inertias {
             stage.markers.extend(self.inertia_boxes(visuals, snapshot));
@@ -377,28 +381,35 @@ impl Panels {
                 continue;
             }
             any = true;
-            egui::CollapsingHeader::new(&info.info.name).id_salt(object).default_open(details.joints.len() < 12).show(ui, |ui| {
-                let position = |joint: usize| with.snapshot.joint_positions.get(joint).copied().unwrap_or_default();
-                let mut commands = self.goals.contains_key(&object);
-                if ui.checkbox(&mut commands, "command").changed() {
-                    match commands {
-                        true => self.goals.insert(object, details.joints.iter().map(|&joint| position(joint)).collect()),
-                        false => self.goals.remove(&object),
-                    };
-                }
-                for (i, &joint) in details.joints.iter().enumerate() {
-                    let Some(visual) = with.visuals.joints.get(joint).filter(|joint| has_coordinate(joint)) else { continue };
-                    let (low, high) = range(visual);
-                    let goal = self.goals.get_mut(&object).and_then(|goals| goals.get_mut(i));
-                    let mut value = goal.as_ref().map_or(position(joint), |goal| **goal);
-                    let text = format!("{}  ({:.3})", visual.name, position(joint));
-                    let slider = Slider::new(&mut value, low..=high).text(text).fixed_decimals(3);
-                    let changed = ui.add_enabled(goal.is_some(), slider).changed();
-                    if let (true, true, Some(goal)) = (changed, value.is_finite(), goal) {
-                        *goal = value;
+            egui::CollapsingHeader::new(&info.info.name).id_salt(object).default_open(details.joints.len() < 12).show(
+                ui,
+                |ui| {
+                    let position = |joint: usize| with.snapshot.joint_positions.get(joint).copied().unwrap_or_default();
+                    let mut commands = self.goals.contains_key(&object);
+                    if ui.checkbox(&mut commands, "command").changed() {
+                        match commands {
+                            true => {
+                                self.goals.insert(object, details.joints.iter().map(|&joint| position(joint)).collect())
+                            }
+                            false => self.goals.remove(&object),
+                        };
                     }
-                }
-            });
+                    for (i, &joint) in details.joints.iter().enumerate() {
+                        let Some(visual) = with.visuals.joints.get(joint).filter(|joint| has_coordinate(joint)) else {
+                            continue;
+                        };
+                        let (low, high) = range(visual);
+                        let goal = self.goals.get_mut(&object).and_then(|goals| goals.get_mut(i));
+                        let mut value = goal.as_ref().map_or(position(joint), |goal| **goal);
+                        let text = format!("{}  ({:.3})", visual.name, position(joint));
+                        let slider = Slider::new(&mut value, low..=high).text(text).fixed_decimals(3);
+                        let changed = ui.add_enabled(goal.is_some(), slider).changed();
+                        if let (true, true, Some(goal)) = (changed, value.is_finite(), goal) {
+                            *goal = value;
+                        }
+                    }
+                },
+            );
         }
         if !any {
             ui.label("no joint of the scene can be moved");
@@ -414,7 +425,8 @@ impl Panels {
         };
         let (frames, normals) = (with.stage.frames, !with.stage.normal_maps_off);
         let sensors = with.stage.sensors.unwrap_or_else(|| with.visuals.sensors.iter().any(|sensor| sensor.visible));
-        let actuators = with.stage.actuators.unwrap_or_else(|| with.visuals.actuators.iter().any(|actuator| actuator.visible));
+        let actuators =
+            with.stage.actuators.unwrap_or_else(|| with.visuals.actuators.iter().any(|actuator| actuator.visible));
         switch(ui, frames, "frames (v)", Action::Frames, &mut with.actions);
         switch(ui, sensors, "sensors and their rays (s)", Action::Sensors, &mut with.actions);
         switch(ui, actuators, "actuators (a)", Action::Actuators, &mut with.actions);
@@ -445,7 +457,8 @@ impl Panels {
         });
         match &self.follow {
             Some(follow) => {
-                let name = with.visuals.bodies.get(follow.body).map(|body| body.object.name.to_string()).unwrap_or_default();
+                let name =
+                    with.visuals.bodies.get(follow.body).map(|body| body.object.name.to_string()).unwrap_or_default();
                 if ui.button(format!("Stop following {name}")).clicked() {
                     self.follow = None;
                 }

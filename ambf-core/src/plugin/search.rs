@@ -93,7 +93,7 @@ const KNOWN: [(&str, &str); 7] = [
         "libvolumetric_drilling",
         "volumes cannot be cut in this program; a plugin of your own can do it (docs/plugins.md)",
     ),
-    ("libcamera_override", "this program has no windows to change cameras in"),
+    ("libcamera_override", "give the camera `intrinsics` or a `projection matrix` in its file (docs/user-guide.md)"),
     ("libambf_recording", "record with rosbag, or with the example plugin in resources/plugins/recorder"),
     ("libsimulator_plugin_example", "resources/plugins/recorder is a worked example for this program"),
     ("libworld_plugin_example", "resources/plugins/recorder is a worked example for this program"),

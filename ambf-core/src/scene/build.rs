@@ -96,9 +96,6 @@ pub(super) fn empty_scene(
     let source = &world.common.source;
     let mut warn =
         |message| notes.push(Note { severity: Severity::Warning, source: source.clone(), message, wanted: None });
-    if world.skybox.is_some() {
-        warn("kept, but not drawn: skybox".into());
-    }
     let may_articulate =
         may_articulate && physics.articulated.unwrap_or(profile == Profile::Accurate && solver == Solver::Accurate);
     if may_articulate && physics.solver.is_some_and(|solver| solver != Solver::Accurate) {
@@ -255,16 +252,12 @@ impl<'a> Builder<'a> {
         description
     }
 
-    /// What is kept for a viewer only.
+    /// What is kept, but not drawn.
     fn note_undrawn(&mut self, model: &adf::Model) {
-        let shaders = model.shaders.iter().count()
-            + model.bodies.iter().filter(|body| body.visual.shaders.is_some()).count()
-            + model.volumes.iter().filter(|volume| volume.shaders.is_some()).count();
-        let kinds = [("volume", model.volumes.len()), ("shader program", shaders)];
-        let kinds: Vec<_> = kinds.iter().filter(|(_, n)| *n > 0).map(|(kind, n)| format!("{n} × {kind}")).collect();
-        if !kinds.is_empty() {
+        if !model.volumes.is_empty() {
             let source = SourcePos { file: model.file.clone(), line: 0, column: 0 };
-            self.note(Severity::Warning, &source, format!("kept, but not drawn: {}", kinds.join(", ")));
+            let count = model.volumes.len();
+            self.note(Severity::Warning, &source, format!("kept, but not drawn: {count} × volume"));
         }
     }
 

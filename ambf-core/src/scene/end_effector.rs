@@ -240,9 +240,8 @@ impl Scene {
 
     /// Indices of the proximity sensors on a body.
     pub(crate) fn proximity_sensors(&self, body: usize) -> impl Iterator<Item = usize> + '_ {
-        let live = |sensor: &super::Sensor| {
-            !self.models[sensor.identity.model].removed && !self.body_is_gone(sensor.parent)
-        };
+        let live =
+            |sensor: &super::Sensor| !self.models[sensor.identity.model].removed && !self.body_is_gone(sensor.parent);
         let sensors = self.sensors.iter().enumerate();
         sensors
             .filter(move |(_, s)| s.parent == body && s.info.kind == SensorType::Proximity && live(s))

@@ -214,10 +214,8 @@ mod tests {
         assert!((view.z.asin().to_degrees() - 9.0).abs() < 1e-9);
         assert!(roll(&after).abs() < 1e-12);
         assert_eq!(position(&after), position(&start));
-        let rolled = CameraPlace {
-            pose: start.pose * UnitQuaternion::from_axis_angle(&Vector3::x_axis(), 0.4),
-            ..start
-        };
+        let rolled =
+            CameraPlace { pose: start.pose * UnitQuaternion::from_axis_angle(&Vector3::x_axis(), 0.4), ..start };
         assert!(roll(&rolled).abs() > 0.1);
         assert!(roll(&rolled.moved(CameraGesture::Look { left: 0.01, up: 0.0 })).abs() < 1e-12);
     }
@@ -233,7 +231,13 @@ mod tests {
         let down = CameraPlace { pose, ..start };
         let same = down.moved(CameraGesture::Look { left: 0.0, up: 0.0 });
         assert!(down.pose.rotation.angle_to(&same.pose.rotation) < 1e-7, "a view straight down does not jump");
-        assert!(!down.moved(CameraGesture::Look { left: 0.0, up: 0.3 }).pose.rotation.coords.iter().any(|x| x.is_nan()));
+        assert!(!down
+            .moved(CameraGesture::Look { left: 0.0, up: 0.3 })
+            .pose
+            .rotation
+            .coords
+            .iter()
+            .any(|x| x.is_nan()));
     }
 
     #[test]

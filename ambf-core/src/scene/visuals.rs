@@ -298,10 +298,7 @@ impl Scene {
                 adf::WheelVisual::Body(_) => Vec::new(),
             };
             let wheels = described.index.map(|index| described.model.vehicles[index].wheels.iter().map(files));
-            let object = VisualObject {
-                removed: is_gone(vehicle.chassis),
-                ..object(&vehicle.identity)
-            };
+            let object = VisualObject { removed: is_gone(vehicle.chassis), ..object(&vehicle.identity) };
             VisualVehicle { object, wheels: wheels.into_iter().flatten().collect() }
         };
         let sensor = |sensor: &super::Sensor| {

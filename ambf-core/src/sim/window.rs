@@ -429,9 +429,8 @@ mod tests {
         let origin = before.translation.vector + Vector3::new(1.3, 1.3, 5.0);
         let Picked::Body { body, .. } = simulation.pick(&origin, &-Vector3::z()) else { panic!("no floor there") };
         assert!(!simulation.scene().bodies[body].is_dynamic());
-        let place = |simulation: &Simulation| {
-            simulation.scene().world.pose(simulation.scene().bodies[body].handle).unwrap()
-        };
+        let place =
+            |simulation: &Simulation| simulation.scene().world.pose(simulation.scene().bodies[body].handle).unwrap();
         let before = place(&simulation);
         simulation.drag(&(origin + Vector3::new(0.1, 0.2, -0.3)), &-Vector3::z());
         simulation.release_picked();
@@ -457,7 +456,11 @@ mod tests {
         assert!(hub.visuals().unwrap().bodies[index].object.removed);
         let object = hub.objects().iter().position(|object| object.info.name == name).unwrap();
         assert!(hub.objects()[object].is_removed());
-        assert!(simulation.scene().joints.iter().all(|joint| joint.removed || (joint.parent, joint.child) != (index, index)));
+        assert!(simulation
+            .scene()
+            .joints
+            .iter()
+            .all(|joint| joint.removed || (joint.parent, joint.child) != (index, index)));
         assert!(simulation.scene().joints.iter().any(|joint| joint.removed));
         steps(&mut simulation, 100);
         simulation.reset_world();

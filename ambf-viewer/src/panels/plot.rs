@@ -157,7 +157,9 @@ impl Plots {
                 }
             });
         }
-        if let Some((name, quantity)) = add.filter(|(_, quantity)| self.curves.iter().all(|curve| curve.quantity != *quantity)) {
+        if let Some((name, quantity)) =
+            add.filter(|(_, quantity)| self.curves.iter().all(|curve| curve.quantity != *quantity))
+        {
             self.curves.push(Curve { name, quantity, values: VecDeque::new() });
         }
     }
