@@ -58,7 +58,8 @@ pub fn find_camera(visuals: &VisualScene, wanted: Option<&str>) -> Result<usize,
     let Some(wanted) = wanted else { return Ok(*first) };
     let object = |index: usize| &visuals.cameras[index].object;
     let key = |index: usize| object(index).identifier.rsplit('/').next().unwrap_or_default();
-    let ways: [&dyn Fn(usize, &str) -> bool; 4] = [
+    type Way<'a> = &'a dyn Fn(usize, &str) -> bool;
+    let ways: [Way<'_>; 4] = [
         &|_, label| label == wanted,
         &|index, _| &*object(index).identifier == wanted,
         &|index, _| &*object(index).name == wanted,

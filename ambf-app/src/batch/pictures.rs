@@ -167,7 +167,7 @@ impl Pictures {
     /// # Errors
     /// [`PictureError`].
     pub fn take(&mut self, simulation: &Simulation, step: u64) -> Result<(), PictureError> {
-        if step % self.every != 0 {
+        if !step.is_multiple_of(self.every) {
             return Ok(());
         }
         let models = models(simulation);

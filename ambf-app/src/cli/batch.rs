@@ -231,7 +231,7 @@ impl Arguments {
             world: self.world.clone(),
             ..CheckOptions::new(self.files, model_files.clone(), model_indexes.clone(), launch_file.clone(), self.json)
         });
-        let pictures = (!self.render.is_empty()).then(|| PictureOptions {
+        let pictures = (!self.render.is_empty()).then_some(PictureOptions {
             cameras: self.render,
             every: self.every,
             out: self.out,
