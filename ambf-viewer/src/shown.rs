@@ -97,7 +97,7 @@ fn pixel(eye: &Eye, point: &Point3<f64>) -> Option<(f64, f64)> {
     let (x, y) = (clip.x / clip.w, clip.y / clip.w);
     let is_seen = clip.w > 0.0 && x.abs() <= 1.0 && y.abs() <= 1.0;
     let (left, width, height) = (f64::from(eye.left), f64::from(eye.width), f64::from(eye.height));
-    is_seen.then(|| (left + 0.5 * (x + 1.0) * width, 0.5 * (1.0 - y) * height))
+    is_seen.then_some((left + 0.5 * (x + 1.0) * width, 0.5 * (1.0 - y) * height))
 }
 
 #[cfg(test)]
