@@ -306,7 +306,7 @@ mod tests {
         assert_eq!(check(&[Drawing { pose: far, ..sphere(1.0) }]), Err(CommandError::NotFinite));
         assert_eq!(check(&vec![sphere(1.0); MOST_DRAWINGS + 1]), Err(CommandError::TooMuch));
         let long = Drawing::text("x".repeat(MOST_TEXT / 2 + 1), TextPlace::Scene);
-        assert_eq!(check(&[long.clone()]), Ok(()));
+        assert_eq!(check(std::slice::from_ref(&long)), Ok(()));
         assert_eq!(check(&[long.clone(), long]), Err(CommandError::TooMuch), "both together");
     }
 

@@ -220,8 +220,8 @@ mod tests {
     #[test]
     fn values_are_kept_once_and_for_the_time_that_is_shown() {
         let curve = |quantity| Curve { name: "q".into(), quantity, values: VecDeque::new() };
-        let mut plots = Plots::default();
-        plots.curves = vec![curve(Quantity::Joint(0)), curve(Quantity::Position(9, 2))];
+        let curves = vec![curve(Quantity::Joint(0)), curve(Quantity::Position(9, 2))];
+        let mut plots = Plots { curves, ..Plots::default() };
         for step in 0..5000 {
             let time = 0.01 * f64::from(step);
             plots.record(&snapshot(time, time));
