@@ -684,6 +684,42 @@ fn rows_55_and_56_sensors_and_actuators() {
 }
 
 #[test]
+fn row_71_a_picture_shows_one_step() {
+    // Two bodies fall side by side, stepped as fast as it goes by another thread.
+    let fall = |name: &str, y: f64| {
+        block(name, [0.0, y, 0.0], [0.1; 3], "")
+            .replace("mass: 0.0", "mass: 1.0\n  inertia: {ix: 0.01, iy: 0.01, iz: 0.01}")
+    };
+    let world = world("", "").replace("z: 0}\n", "z: -9.81}\n");
+    let simulation = simulation(&directory("row_71"), &world, &model(&[fall("A", -0.2), fall("B", 0.2)]));
+    let mut stepper = ambf_core::sim::Stepper::new(simulation, 0.001);
+    let hub = stepper.window().hub;
+    let is_over = std::sync::atomic::AtomicBool::new(false);
+    let relaxed = std::sync::atomic::Ordering::Relaxed;
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            while !is_over.load(relaxed) {
+                stepper.step(1).expect("a step");
+            }
+        });
+        let (mut seen, mut last) = (0, 0);
+        while seen < 2000 {
+            let Some(snapshot) = hub.snapshot().clone() else { continue };
+            if snapshot.sim_step == last {
+                continue;
+            }
+            (last, seen) = (snapshot.sim_step, seen + 1);
+            let heights: Vec<f64> = snapshot.bodies.iter().map(|body| body.origin[2]).filter(|&z| z < 0.0).collect();
+            assert!(
+                heights.windows(2).all(|pair| (pair[0] - pair[1]).abs() < 1e-12),
+                "torn at step {last}: {heights:?}"
+            );
+        }
+        is_over.store(true, relaxed);
+    });
+}
+
+#[test]
 fn row_73_what_is_removed_is_gone() {
     let mut shown = shown("row_73", &world("", ""), &[block("Box", [0.0; 3], [0.2; 3], RED)]);
     shown.stage.frames = true;

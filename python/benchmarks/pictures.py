@@ -1,9 +1,9 @@
 """What pictures cost: pictures.py FOLDER [--quick]. `scripts/bench pictures` starts it.
 
-Frames of 200 boxes, of an arm with meshes and of a cloth, by this project, MuJoCo and both renderers of pybullet. The engines are programs of
-their own that take turns (`pictures_engine.py`); medians of all frames are told. Before anything is timed the depth of the scene as it starts
-is compared, so that nobody wins by drawing less. Writes what is between the markers of FOLDER/pictures.md and a figure; with --quick it
-measures a third as long and prints only.
+Frames of 200 boxes, of an arm with meshes and of a cloth, by this project, MuJoCo and both renderers of pybullet. The engines are programs
+of their own that take turns (`pictures_engine.py`); medians of all frames are told. Before anything is timed the depth of the scene as it
+starts is compared, so that nobody wins by drawing less. Writes what is between the markers of FOLDER/pictures.md; with --quick
+it measures a third as long and prints only.
 """
 
 from __future__ import annotations
@@ -101,12 +101,19 @@ def measure(scene: str, size: tuple[int, int], shadow: bool, rounds: int, frames
             median = medians.get((kind, name))
             ratio = "" if name == "ours" or not median else f" ({median / medians[kind, 'ours']:.1f})"
             cells.append(f"{median:.1f}{ratio}" if median else "–")
-        lines.append(f"| {scene} | {size[0]}×{size[1]} | {'yes' if shadow else 'no'} | {title} | " + " | ".join(cells) + " |")
-    notes = [f"{scene} {size[0]}×{size[1]}: depth within 1 % of ours: " + ", ".join(f"{ENGINES[n]} {v}" for n, v in alike.items())]
+        lines.append(
+            f"| {scene} | {size[0]}×{size[1]} | {'yes' if shadow else 'no'} | {title} | " + " | ".join(cells) + " |"
+        )
+    notes = [
+        f"{scene} {size[0]}×{size[1]}: depth within 1 % of ours: "
+        + ", ".join(f"{ENGINES[n]} {v}" for n, v in alike.items())
+    ]
     notes += [f"{scene}: {ENGINES[name]}: {engine.why}" for name, engine in engines.items() if engine.why]
     notes += [
-        f"{scene} {size[0]}×{size[1]}: first picture after " + ", ".join(f"{ENGINES[n]} {e.start:.2f} s" for n, e in ready.items())
-        + "; memory " + ", ".join(f"{ENGINES[n]} {e.memory} MiB" for n, e in ready.items())
+        f"{scene} {size[0]}×{size[1]}: first picture after "
+        + ", ".join(f"{ENGINES[n]} {e.start:.2f} s" for n, e in ready.items())
+        + "; memory "
+        + ", ".join(f"{ENGINES[n]} {e.memory} MiB" for n, e in ready.items())
     ]
     return lines, {"lines": lines, "medians": medians, "notes": notes}
 
@@ -119,10 +126,12 @@ def main() -> None:
     arguments = parser.parse_args()
     rounds, frames = (2, 3) if arguments.quick else (5, 6)
     load = " ".join(f"{x:.2f}" for x in os.getloadavg())
-    text = [f"Machine: {platform.machine()}, {os.cpu_count()} cores, {platform.system()} {platform.release()}; load average before: {load}.\n",
-            "Median milliseconds a frame (in brackets: times ours).\n",
-            "| scene | size | shadow | picture | " + " | ".join(ENGINES.values()) + " |",
-            "|---|---|---|---|" + "---|" * len(ENGINES)]
+    text = [
+        f"Machine: {platform.machine()}, {os.cpu_count()} cores, {platform.system()} {platform.release()}; load average before: {load}.\n",
+        "Median milliseconds a frame (in brackets: times ours).\n",
+        "| scene | size | shadow | picture | " + " | ".join(ENGINES.values()) + " |",
+        "|---|---|---|---|" + "---|" * len(ENGINES),
+    ]
     notes: list[str] = []
     for scene in ("boxes", "arm", "cloth"):
         for size in SIZES:

@@ -1,10 +1,10 @@
 """Pictures of one engine: pictures_engine.py ENGINE SCENE WIDTH HEIGHT SHADOW. `pictures.py` starts it.
 
-ENGINE is ours, mujoco, tiny or egl (the two renderers of pybullet); SCENE is boxes, arm or cloth. Answers `KIND FRAMES` (KIND: color, depth,
-ids, stereo) with the milliseconds of each frame; `check FILE` writes the depth of the scene as it starts (NumPy, m along the axis); before
-that it says `ready SECONDS MIB`. What moves is stepped by 5 ms before each frame, which is not timed: no engine may reuse what it drew.
-All draw the same bodies by one light with a shadow map of 1024 texels squared, or none, without anti-aliasing. A kind holds colour; depth adds
-depth to it, ids adds ids to both, stereo is colour and depth for two eyes.
+ENGINE is ours, mujoco, tiny or egl (the two renderers of pybullet); SCENE is boxes, arm or cloth. Answers `KIND FRAMES` (KIND: color,
+depth, ids, stereo) with the milliseconds of each frame; `check FILE` writes the depth of the scene as it starts (NumPy, m along the axis);
+before that it says `ready SECONDS MIB`. What moves is stepped by 5 ms before each frame, which is not timed: no engine may reuse what it
+drew. All draw the same bodies by one light with a shadow map of 1024 texels squared, or none, without anti-aliasing. A kind holds colour;
+depth adds depth to it, ids adds ids to both, stereo is colour and depth for two eyes.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class Ours:
 
         folder = Path(tempfile.mkdtemp())
         vector = "{{x: {}, y: {}, z: {}}}".format
-        direction = vector(*(t - l for t, l in zip(TARGET, LIGHT)))
+        direction = vector(*(t - s for t, s in zip(TARGET, LIGHT)))
         camera = (
             f"  location: {vector(*EYE)}\n  look at: {vector(*TARGET)}\n  up: {{x: 0, y: 0, z: 1}}\n"
             f"  clipping plane: {{near: {NEAR}, far: {FAR}}}\n  field view angle: {FIELD}\n"
@@ -73,17 +73,29 @@ class Ours:
             f"one:\n  name: one\n{camera}two:\n  name: two\n{camera}"
             f"  stereo: {{mode: passive, eye separation: {SEPARATION}, focal length: {FOCAL}}}\n"
         )
-        bodies = {"Ground": ("mass: 0", (0, 0, -0.05), "shape: Box\n  geometry: {x: 8, y: 8, z: 0.1}\n  collision shape: Box\n"
-                             "  collision geometry: {x: 8, y: 8, z: 0.1}\n  color rgba: {r: 0.6, g: 0.6, b: 0.6, a: 1}")}
+        bodies = {
+            "Ground": (
+                "mass: 0",
+                (0, 0, -0.05),
+                "shape: Box\n  geometry: {x: 8, y: 8, z: 0.1}\n  collision shape: Box\n"
+                "  collision geometry: {x: 8, y: 8, z: 0.1}\n  color rgba: {r: 0.6, g: 0.6, b: 0.6, a: 1}",
+            )
+        }
         for i, (place, edge, (r, g, b)) in enumerate(boxes(scene)):
             size = f"{{x: {edge}, y: {edge}, z: {edge}}}"
-            bodies[f"Box{i}"] = ("mass: 0.5", place, f"shape: Box\n  geometry: {size}\n  collision shape: Box\n"
-                                 f"  collision geometry: {size}\n  color rgba: {{r: {r}, g: {g}, b: {b}, a: 1}}")
+            bodies[f"Box{i}"] = (
+                "mass: 0.5",
+                place,
+                f"shape: Box\n  geometry: {size}\n  collision shape: Box\n"
+                f"  collision geometry: {size}\n  color rgba: {{r: {r}, g: {g}, b: {b}, a: 1}}",
+            )
         text = ""
         if scene == "arm":
             for name, (x, y, z, pitch) in LINKS.items():
-                text += (f"BODY {name}:\n  name: {name}\n  mass: 0\n  mesh: {name}.obj\n  collision mesh type: CONVEX_HULL\n"
-                         f"  location: {{position: {vector(x, y, z)}, orientation: {{r: 0, p: {pitch}, y: 0}}}}\n")
+                text += (
+                    f"BODY {name}:\n  name: {name}\n  mass: 0\n  mesh: {name}.obj\n  collision mesh type: CONVEX_HULL\n"
+                    f"  location: {{position: {vector(x, y, z)}, orientation: {{r: 0, p: {pitch}, y: 0}}}}\n"
+                )
         for name, (mass, place, look) in bodies.items():
             text += f"BODY {name}:\n  name: {name}\n  {mass}\n  location: {{position: {vector(*place)}}}\n  {look}\n"
         names = [f"BODY {name}" for name in (list(LINKS) if scene == "arm" else []) + list(bodies)]
@@ -91,8 +103,10 @@ class Ours:
         if scene == "cloth":
             grid(folder / "cloth.obj")
             soft = "soft bodies: [SOFT BODY cloth]\n"
-            text += ("SOFT BODY cloth:\n  name: cloth\n  mesh: cloth.obj\n  mass: 0.5\n  location: {position: {x: 0, y: 0, z: 0.6}}\n"
-                     "  color rgba: {r: 0.2, g: 0.4, b: 0.9, a: 1}\n  config: {kLST: 0.5, kAST: 0.5, kVST: 0.5, piterations: 4}\n")
+            text += (
+                "SOFT BODY cloth:\n  name: cloth\n  mesh: cloth.obj\n  mass: 0.5\n  location: {position: {x: 0, y: 0, z: 0.6}}\n"
+                "  color rgba: {r: 0.2, g: 0.4, b: 0.9, a: 1}\n  config: {kLST: 0.5, kAST: 0.5, kVST: 0.5, piterations: 4}\n"
+            )
         (folder / "model.yaml").write_text(
             f"namespace: /bench/\nhigh resolution path: {MESHES if scene == 'arm' else folder}/\n"
             f"low resolution path: {MESHES if scene == 'arm' else folder}/\nbodies: [{', '.join(names)}]\n{soft}joints: []\n{text}"
@@ -121,36 +135,49 @@ class MuJoCo:
         os.environ["MUJOCO_GL"] = "egl"
         import mujoco
 
-        numbers = lambda values: " ".join(str(value) for value in values)
-        axis = [t - l for t, l in zip(TARGET, LIGHT)]
+        def numbers(values):
+            return " ".join(str(value) for value in values)
+
+        axis = [t - s for t, s in zip(TARGET, LIGHT)]
         back = [e - t for e, t in zip(EYE, TARGET)]
         length = math.sqrt(sum(x * x for x in back))
         back = [x / length for x in back]
         right = [-back[1], back[0], 0.0]
         length = math.hypot(*right)
         right = [x / length for x in right]
-        up = [back[1] * right[2] - back[2] * right[1], back[2] * right[0] - back[0] * right[2], back[0] * right[1] - back[1] * right[0]]
+        up = [
+            back[1] * right[2] - back[2] * right[1],
+            back[2] * right[0] - back[0] * right[2],
+            back[0] * right[1] - back[1] * right[0],
+        ]
         body = '<geom type="box" size="4 4 0.05" pos="0 0 -0.05" rgba="0.6 0.6 0.6 1"/>'
         assets = ""
         for place, edge, color in boxes(scene):
-            body += (f'<body pos="{numbers(place)}"><freejoint/><geom type="box" size="{numbers([edge / 2] * 3)}" mass="0.5" '
-                     f'rgba="{numbers(color)} 1"/></body>')
+            body += (
+                f'<body pos="{numbers(place)}"><freejoint/><geom type="box" size="{numbers([edge / 2] * 3)}" mass="0.5" '
+                f'rgba="{numbers(color)} 1"/></body>'
+            )
         if scene == "arm":
             for name, (x, y, z, pitch) in LINKS.items():
                 assets += f'<mesh name="{name}" file="{MESHES / name}.obj"/>'
                 # MuJoCo centres meshes; a body without a geom's offset would move them.
-                body += (f'<body pos="{x} {y} {z}" euler="0 {pitch} 0"><geom type="mesh" mesh="{name}" rgba="0.9 0.9 0.85 1" '
-                         f'contype="0" conaffinity="0"/></body>')
+                body += (
+                    f'<body pos="{x} {y} {z}" euler="0 {pitch} 0"><geom type="mesh" mesh="{name}" rgba="0.9 0.9 0.85 1" '
+                    f'contype="0" conaffinity="0"/></body>'
+                )
         if scene == "cloth":
-            body += (f'<flexcomp type="grid" count="{CLOTH + 1} {CLOTH + 1} 1" spacing="{1 / CLOTH} {1 / CLOTH} 0.1" pos="0 0 0.6" '
-                     f'radius="0.002" name="cloth" dim="2" mass="0.5" rgba="0.2 0.4 0.9 1"><edge equality="true"/></flexcomp>')
+            body += (
+                f'<flexcomp type="grid" count="{CLOTH + 1} {CLOTH + 1} 1" spacing="{1 / CLOTH} {1 / CLOTH} 0.1" pos="0 0 0.6" '
+                f'radius="0.002" name="cloth" dim="2" mass="0.5" rgba="0.2 0.4 0.9 1"><edge equality="true"/></flexcomp>'
+            )
         self.model = mujoco.MjModel.from_xml_string(
             f"""<mujoco><compiler angle="radian"/><option timestep="0.005"/>
             <visual><global offwidth="{2 * width}" offheight="{height}"/>
             <quality shadowsize="1024" offsamples="0"/><map znear="{NEAR}" zfar="{FAR}"/>
             <headlight active="0"/></visual><statistic extent="1" center="0 0 0"/><asset>{assets}</asset>
             <worldbody><light pos="{numbers(LIGHT)}" dir="{numbers(axis)}" cutoff="{math.degrees(LIGHT_ANGLE)}" exponent="0"
-            castshadow="{str(shadow).lower()}"/><camera name="one" fovy="{math.degrees(FIELD)}" pos="{numbers(EYE)}" xyaxes="{numbers(right)} {numbers(up)}"/>
+            castshadow="{str(shadow).lower()}"/>
+            <camera name="one" fovy="{math.degrees(FIELD)}" pos="{numbers(EYE)}" xyaxes="{numbers(right)} {numbers(up)}"/>
             {body}</worldbody></mujoco>"""
         )
         self.mujoco, self.data = mujoco, mujoco.MjData(self.model)
@@ -206,14 +233,16 @@ class PyBullet:
             self.renderer = pybullet.ER_BULLET_HARDWARE_OPENGL
         pybullet.setGravity(0, 0, -9.81)
         pybullet.setTimeStep(0.005)
-        shape = lambda edge: [edge / 2] * 3
-        box = lambda half, color: (
-            pybullet.createCollisionShape(pybullet.GEOM_BOX, halfExtents=half),
-            pybullet.createVisualShape(pybullet.GEOM_BOX, halfExtents=half, rgbaColor=[*color, 1]),
-        )
+
+        def box(half, color):
+            return (
+                pybullet.createCollisionShape(pybullet.GEOM_BOX, halfExtents=half),
+                pybullet.createVisualShape(pybullet.GEOM_BOX, halfExtents=half, rgbaColor=[*color, 1]),
+            )
+
         pybullet.createMultiBody(0, *box([4, 4, 0.05], (0.6, 0.6, 0.6)), [0, 0, -0.05])
         for place, edge, color in boxes(scene):
-            pybullet.createMultiBody(0.5, *box(shape(edge), color), place)
+            pybullet.createMultiBody(0.5, *box([edge / 2] * 3, color), place)
         if scene == "arm":
             for name, (x, y, z, pitch) in LINKS.items():
                 visual = pybullet.createVisualShape(pybullet.GEOM_MESH, fileName=str(MESHES / name) + ".obj")
@@ -231,7 +260,13 @@ class PyBullet:
         flags = 0 if kind == "ids" else self.p.ER_NO_SEGMENTATION_MASK
         return [
             self.p.getCameraImage(
-                *self.size, self.view, self.projection, LIGHT, shadow=int(self.shadow), renderer=self.renderer, flags=flags
+                *self.size,
+                self.view,
+                self.projection,
+                LIGHT,
+                shadow=int(self.shadow),
+                renderer=self.renderer,
+                flags=flags,
             )
             for _ in range(2 if kind == "stereo" else 1)
         ]
@@ -256,7 +291,13 @@ def grid(path: Path) -> None:
 
 def main() -> None:
     """Answers until there are no more lines."""
-    engine, scene, width, height, shadow = sys.argv[1], sys.argv[2], int(sys.argv[3]), int(sys.argv[4]), sys.argv[5] == "1"
+    engine, scene, width, height, shadow = (
+        sys.argv[1],
+        sys.argv[2],
+        int(sys.argv[3]),
+        int(sys.argv[4]),
+        sys.argv[5] == "1",
+    )
     begin = time.perf_counter()
     if engine == "ours":
         made = Ours(scene, width, height, shadow)

@@ -13,13 +13,13 @@ import harness
 import node
 import rospy
 import tcpros
-from ambf_msgs.msg import CameraState, WorldCmd, WorldState
+from ambf_msgs.msg import CameraCmd, CameraState, WorldCmd, WorldState
 from ambf_msgs.srv import AddModel, RemoveModel
 from geometry_msgs.msg import Point32
 from scenes import box, model
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud, PointCloud2
 from simulated import WORLD, Ros, Simulated, written
-from std_msgs.msg import Float32
+from std_msgs.msg import Empty, Float32
 
 setUpModule, tearDownModule = Ros.start, Ros.stop
 
@@ -196,6 +196,7 @@ class Images(Seen):
         state, world = self.of("cam", "State", CameraState), self.listen(f"{WORLD}/State", WorldState)
         command = WorldCmd(enable_step_throttling=True, n_skip_steps=1)
         with node.Stream(f"{WORLD}/Command", command):
+
             def stands():
                 first = state.next().sim_step
                 time.sleep(0.3)
@@ -232,6 +233,59 @@ class Images(Seen):
         self.show([camera("cam", publish_image=True, publish_image_interval=0)])
         self.image("cam")
         self.wait_for_log("publish image interval")
+
+    def test_row_10_a_command_moves_the_camera(self):
+        """The next image is from the commanded pose; without the command the camera stays there."""
+        self.show([camera("cam", publish_image=True)], [block("Red", (0.0, 0.0, 0.0), 0.3, (1, 0, 0))])
+        images = self.of("cam", "ImageData", Image)
+        self.assertEqual(name_of(pixel(self.image("cam"), 32, 24)), "red")
+        command = CameraCmd(enable_position_controller=True)
+        command.pose.position.x, command.pose.position.y, command.pose.orientation.w = 2.0, 0.5, 1.0
+        # f = 24 / tan 0.4; the cube is 0.5 m to the left of the middle, 2 m away.
+        column = int(32 - 24 / math.tan(ANGLE / 2) * 0.5 / 1.85)
+
+        def is_left(image):
+            return name_of(pixel(image, column, 24)) == "red" and name_of(pixel(image, 32, 24)) == "white"
+
+        with node.Stream(f"{CAMERAS}/cam/Command", command):
+            images.until(is_left, "the view from the commanded pose")
+        time.sleep(1.0)
+        images.next()
+        self.assertTrue(is_left(images.next()), "it stays after the last command")
+
+    def test_row_11_the_field_of_view_is_a_parameter(self):
+        """The next image is zoomed by the ratio of the tangents of the half angles."""
+        self.show([camera("cam", publish_image=True)], [block("Red", (0.0, 0.0, 0.0), 0.3, (1, 0, 0))])
+        images = self.of("cam", "ImageData", Image)
+
+        def width(image):
+            return sum(name_of(pixel(image, x, 24)) == "red" for x in range(64))
+
+        before = width(self.image("cam"))
+        rospy.set_param(f"{CAMERAS}/cam/field_view_angle", ANGLE / 2)
+        expected = before * math.tan(ANGLE / 2) / math.tan(ANGLE / 4)
+        images.until(lambda image: abs(width(image) - expected) <= 2, f"about {expected:.0f} pixels")
+
+    def test_row_72_a_reset_of_the_world_leaves_nothing_behind(self):
+        """Pictures go on after a reset while points are shown, and the camera is back at its place."""
+        self.show([camera("cam", publish_image=True)], [block("Red", (0.0, 0.0, 0.0), 0.3, (1, 0, 0))])
+        cloud = rospy.Publisher(f"{WORLD}/point_cloud", PointCloud, queue_size=1, latch=True)
+        self.addCleanup(cloud.unregister)
+        message = PointCloud(points=[Point32(0.3, 0.0, 0.0)])
+        message.header.frame_id = "BODY Red"
+        cloud.publish(message)
+        images = self.of("cam", "ImageData", Image)
+        images.until(lambda image: max(pixel(image, 32, 24)) < 10, "the point is before the cube")
+        publisher = rospy.Publisher(f"{WORLD}/Command/Reset", Empty, queue_size=1)
+        self.addCleanup(publisher.unregister)
+        harness.wait_for(lambda: publisher.get_num_connections() > 0, "the simulator listens")
+        publisher.publish(Empty())
+        for _ in range(3):
+            images.next()
+        self.assertIsNone(self.simulator.process.poll())
+        message.points = []
+        cloud.publish(message)
+        images.until(lambda image: name_of(pixel(image, 32, 24)) == "red", "the cube alone")
 
     def test_compressed_images_show_the_same(self):
         """JPEG, as image_transport names it."""
@@ -379,7 +433,10 @@ class Others(Seen):
         ]
         self.show(eyes, [block("Red", (0.0, 0.4, 0.3), 0.1, (1, 0, 0))])
         focal = 24 / math.tan(ANGLE / 2)
-        for name, expected in (("angle", (focal, 0, 32, 0, focal, 24, 0, 0, 1)), ("given", (50, 0, 30, 0, 60, 20, 0, 0, 1))):
+        for name, expected in (
+            ("angle", (focal, 0, 32, 0, focal, 24, 0, 0, 1)),
+            ("given", (50, 0, 30, 0, 60, 20, 0, 0, 1)),
+        ):
             infos, images = self.collect(name, "CameraInfo", CameraInfo), self.collect(name, "ImageData", Image)
             harness.wait_for(lambda one=infos, two=images: len(set(one.seen) & set(two.seen)) > 2, "both of one frame")
             info = infos.seen[max(set(infos.seen) & set(images.seen))]
