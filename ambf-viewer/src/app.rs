@@ -1208,9 +1208,9 @@ mod tests {
     #[test]
     fn row_58_the_body_under_the_pointer_is_picked_in_stereo_orthographic_and_mirrored_views() {
         use ambf_render::{Projection, Stereo};
-        let pose = Isometry3::new(Vector3::new(2.0, 0.1, 0.3), Vector3::new(0.1, 0.05, -0.2));
+        let pose = Isometry3::new(Vector3::new(2.0, 0.1, 0.3), Vector3::new(0.1, 0.05, -0.05));
         let size = (641, 480);
-        let perspective = View { pose, near: 0.1, far: 10.0, projection: Projection::Perspective(0.9), stereo: None };
+        let perspective = View { pose, near: 0.1, far: 10.0, projection: Projection::Perspective(1.4), stereo: None };
         let stereo = View { stereo: Some(Stereo { separation: 0.2, focal_length: 1.5 }), ..perspective };
         let orthographic = View { projection: Projection::Orthographic(3.0), ..perspective };
         let points = [[0.0, 0.1, 0.2], [-0.5, -0.3, 0.1], [0.4, 0.3, 0.0]].map(Vector3::from);
