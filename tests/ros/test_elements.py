@@ -309,6 +309,9 @@ class LookUp(Simulated):
     def test_a_part_of_a_name_means_the_body(self):
         """As client 2.0 looks it up: among the topics of the types that it knows, by name, else by a part of one name only."""
         known = ("Actuator", "Camera", "Light", "Object", "RigidBody", "Sensor", "Vehicle")
+        # All are registered, one after the other.
+        last = ("/ambf/env/ghostEntry1/State", "/ambf/env/tipEntry1/State", "/ambf/env/Entry1/State")
+        harness.wait_for(lambda: set(last) <= set(dict(rospy.get_published_topics())), "all topics")
         topics = dict(rospy.get_published_topics())
         names = [
             topic.replace("/State", "") for topic, kind in topics.items() if kind in [f"ambf_msgs/{k}State" for k in known]
