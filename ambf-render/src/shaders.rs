@@ -140,6 +140,13 @@ pub(crate) struct Lit {
     pub(crate) normal_map: bool,
     /// The material is that of one instance, and uniform: a software renderer pays for what it hands on at every triangle.
     pub(crate) one_material: bool,
+    /// All instances have the shininess 2^k: k multiplications cost a software renderer less than a power.
+    pub(crate) squarings: Option<u8>,
+}
+
+/// k >= 1 of a shininess 2^k that is raised by multiplications.
+pub(crate) fn squarings(shininess: f32) -> Option<u8> {
+    (1..=7).find(|&k| shininess == f32::from(1_u8 << k))
 }
 
 /// The first texture unit of shadow maps; 0 is the diffuse texture, 1 the normal map.
@@ -210,48 +217,63 @@ uniform sampler2D u_normal_map;
     n = normalize(bump.x * normalize(v_tangent) + bump.y * normalize(v_bitangent) + bump.z * n);
 #endif
     if (!gl_FrontFacing) n = -n;
-    vec3 color = v_emission + 0.2 * v_ambient.rgb;
+    vec3 color = v_emission + 0.2 * v_ambient.rgb, ambient = 0.4 * v_ambient.rgb;
 ",
         );
+        // (n·h)^shininess, of which only the square needs no root.
+        let highlight = match self.squarings {
+            Some(squarings) => format!("nh *= nh / hh; {}", "nh *= nh; ".repeat(usize::from(squarings) - 1)),
+            None => "nh = pow(nh * inversesqrt(hh), v_ambient.a);".to_owned(),
+        };
         for light in 0..self.lights {
-            let lit = match self.shadows >> light & 1 {
-                1 => format!("textureProj(u_shadow_{light}, u_shadow_clip_{light} * vec4(v_world, 1.0))"),
-                _ => "1.0".to_owned(),
-            };
             // What a light does not do is not computed: that is felt where the processor draws.
+            let (lit, diffuse, specular) = match self.shadows >> light & 1 {
+                1 => (
+                    format!("float lit = textureProj(u_shadow_{light}, u_shadow_clip_{light} * vec4(v_world, 1.0));"),
+                    "(0.21 + 0.49 * lit)",
+                    "lit * ",
+                ),
+                _ => (String::new(), "0.7", ""),
+            };
             let spot = match self.exponents >> light & 1 {
-                1 => format!("pow(max(along, 1e-6), u_exponent_{light})"),
-                _ => "1.0".to_owned(),
+                1 => format!("            part *= pow(max(along, 1e-6), u_exponent_{light});\n"),
+                _ => String::new(),
             };
             let attenuation = match self.attenuated >> light & 1 {
                 1 => format!(
-                    " / max(u_attenuation_{light}.x + d * (u_attenuation_{light}.y + d * u_attenuation_{light}.z), 1e-9)"
+                    r"            float d = square * inverse;
+            part /= max(u_attenuation_{light}.x + d * (u_attenuation_{light}.y + d * u_attenuation_{light}.z), 1e-9);
+"
                 ),
                 _ => String::new(),
             };
             text.push_str(&format!(
                 r"    {{
         vec3 l = u_position_{light} - v_world;
-        float d = length(l);
-        l /= max(d, 1e-9);
+        float square = dot(l, l), inverse = inversesqrt(max(square, 1e-18));
+        l *= inverse;
         float along = -dot(l, u_axis_{light});
         if (along >= u_cutoff_{light}) {{
-            float scale = {spot}{attenuation};
-            vec3 part = 0.4 * v_ambient.rgb;
+            vec3 part = ambient;
             float nl = dot(n, l);
             if (nl > 0.0) {{
-                float lit = {lit};
-                float nh = max(dot(n, normalize(l + u_backward)), 1e-6);
-                part += (0.3 + 0.7 * lit) * 0.7 * nl * v_diffuse.rgb + lit * pow(nh, v_ambient.a) * v_specular;
+                {lit}
+                vec3 h = l + u_backward;
+                float nh = max(dot(n, h), 1e-6), hh = max(dot(h, h), 1e-12);
+                {highlight}
+                part += {diffuse} * nl * v_diffuse.rgb + {specular}nh * v_specular;
             }}
-            color += scale * part;
+{spot}{attenuation}            color += part;
         }}
     }}
 "
             ));
         }
         text.push_str(
-            r"    o_color = vec4(clamp(color, 0.0, 1.0), v_diffuse.a);
+            r"#ifdef TEXTURED
+    color = clamp(color, 0.0, 1.0);
+#endif
+    o_color = vec4(color, v_diffuse.a);
 #ifdef TEXTURED
     o_color *= texture(u_diffuse_map, v_tex_coord);
 #endif

@@ -27,6 +27,7 @@ from ambf_gym import (
     SimulatorFailed,
 )
 from ambf_gym.tasks import lift, make_reach, reach
+from display import Display
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv
 
@@ -183,7 +184,7 @@ class Environments(support.TimedTest):
             print(sim.view().is_open, 1.9 < time.monotonic() - begin < 20, env.render())
             env.close()
         """
-        with display() as name:
+        with Display() as name:
             self.assertEqual(program(text, DISPLAY=name).split(), ["True", "True", "None"])
             checked = """
                 import gymnasium, ambf_gym, warnings
@@ -352,33 +353,6 @@ class unset:
 
     def __exit__(self, *_):
         os.environ.update(self.before)
-
-
-class display:
-    """An X server without a screen; its name."""
-
-    def __enter__(self):
-        read, write = os.pipe()
-        words = [
-            "Xvfb",
-            "-displayfd",
-            str(write),
-            "-screen",
-            "0",
-            "800x600x24",
-            "-nolisten",
-            "tcp",
-            "+extension",
-            "GLX",
-        ]
-        self.process = subprocess.Popen(words, pass_fds=(write,), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        os.close(write)
-        with os.fdopen(read) as number:
-            return f":{number.readline().strip()}"
-
-    def __exit__(self, *_):
-        self.process.terminate()
-        self.process.wait()
 
 
 if __name__ == "__main__":

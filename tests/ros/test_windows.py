@@ -12,6 +12,7 @@ import unittest
 
 import harness
 from ambf_msgs.msg import CameraState, RigidBodyState, WorldState
+from display import Display
 from scenes import NOWHERE, box, model
 from sensor_msgs.msg import Image
 from simulated import WORLD, Ros, Simulated
@@ -38,21 +39,11 @@ class ClientMessage(ctypes.Structure):
     ]
 
 
-class Display:
-    """An X server without a screen, up when the constructor returns."""
+class Screen(Display):
+    """A display with what is on it."""
 
     def __init__(self):
-        read, write = os.pipe()
-        size = f"{SCREEN[0]}x{SCREEN[1]}x24"
-        self.process = subprocess.Popen(
-            ["Xvfb", "-displayfd", str(write), "-screen", "0", size, "-nolisten", "tcp", "+extension", "GLX"],
-            pass_fds=(write,),
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
-        os.close(write)
-        with os.fdopen(read) as number:
-            self.name = f":{number.readline().strip()}"
+        super().__init__(SCREEN)
 
     def run(self, *command):
         """Output of a program that works with the display."""
@@ -122,11 +113,6 @@ class Display:
             [tuple(pixels[at : at + 3]) for at in range(start, start + row, 3)] for start in range(0, len(pixels), row)
         ]
 
-    def stop(self):
-        """Ends it, as if the screen had been unplugged."""
-        self.process.terminate()
-        self.process.wait()
-
 
 def camera(name, **keys):
     """A camera 3 m before the origin."""
@@ -163,7 +149,7 @@ class Windowed(Simulated):
     GRAVITY = NOWHERE
 
     def setUp(self):
-        self.display = Display()
+        self.display = Screen()
         self.addCleanup(self.display.stop)
         folder = harness.folder / self.id().rsplit(".", maxsplit=1)[-1]
         folder.mkdir()

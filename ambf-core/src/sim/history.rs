@@ -187,23 +187,10 @@ impl Simulation {
 
 #[cfg(test)]
 mod tests {
-    use std::path::Path;
-
     use nalgebra::Isometry3;
 
     use super::*;
-    use crate::scene::{load, SceneFiles, SceneOptions};
-
-    fn simulation(model: &str, savable: bool) -> Simulation {
-        let resources = Path::new(env!("CARGO_MANIFEST_DIR")).join("../resources");
-        let files = SceneFiles {
-            world: Some(resources.join("world/world.yaml")),
-            models: vec![resources.join("models").join(model)],
-        };
-        let loaded = load(&files, &SceneOptions { savable, ..SceneOptions::default() });
-        assert_eq!(loaded.report.errors(), 0, "{}", loaded.report);
-        Simulation::new(loaded.scene, 0.001)
-    }
+    use crate::sim::shipped::simulation;
 
     fn poses(simulation: &Simulation) -> Vec<Isometry3<f64>> {
         let scene = simulation.scene();

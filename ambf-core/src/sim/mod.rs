@@ -432,3 +432,25 @@ impl Simulation {
         scene.fill_elements(snapshot);
     }
 }
+
+#[cfg(test)]
+mod shipped {
+    //! Shipped scenes for the tests of this folder.
+
+    use std::path::Path;
+
+    use super::Simulation;
+    use crate::scene::{load, SceneFiles, SceneOptions};
+
+    /// A shipped model in the shipped world; `savable` if its states are to be saved.
+    pub fn simulation(model: &str, savable: bool) -> Simulation {
+        let resources = Path::new(env!("CARGO_MANIFEST_DIR")).join("../resources");
+        let files = SceneFiles {
+            world: Some(resources.join("world/world.yaml")),
+            models: vec![resources.join("models").join(model)],
+        };
+        let loaded = load(&files, &SceneOptions { savable, ..SceneOptions::default() });
+        assert_eq!(loaded.report.errors(), 0, "{}", loaded.report);
+        Simulation::new(loaded.scene, 0.001)
+    }
+}

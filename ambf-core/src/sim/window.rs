@@ -376,21 +376,8 @@ impl Simulation {
 
 #[cfg(test)]
 mod tests {
-    use std::path::Path;
-
     use super::*;
-    use crate::scene::{load, SceneFiles, SceneOptions};
-
-    fn simulation(model: &str, savable: bool) -> Simulation {
-        let resources = Path::new(env!("CARGO_MANIFEST_DIR")).join("../resources");
-        let files = SceneFiles {
-            world: Some(resources.join("world/world.yaml")),
-            models: vec![resources.join("models").join(model)],
-        };
-        let loaded = load(&files, &SceneOptions { savable, ..SceneOptions::default() });
-        assert_eq!(loaded.report.errors(), 0, "{}", loaded.report);
-        Simulation::new(loaded.scene, 0.001)
-    }
+    use crate::sim::shipped::simulation;
 
     /// Ray straight down onto a body.
     fn above(simulation: &Simulation, name: &str) -> (usize, Vector3<f64>) {

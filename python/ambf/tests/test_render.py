@@ -15,6 +15,7 @@ import unittest
 
 import ambf
 import numpy as np
+from display import Display
 
 RESOURCES = pathlib.Path(__file__).resolve().parents[3] / "resources"
 LAUNCH = RESOURCES / "launch.yaml"
@@ -229,23 +230,7 @@ class Windows(unittest.TestCase):
     @unittest.skipUnless(shutil.which("Xvfb") and shutil.which("xdotool"), "needs Xvfb and xdotool")
     def test_windows(self):
         """They open, show, pause and move cameras, and close; the motion is that of a simulation without."""
-        read, write = os.pipe()
-        words = [
-            "Xvfb",
-            "-displayfd",
-            str(write),
-            "-screen",
-            "0",
-            "800x600x24",
-            "-nolisten",
-            "tcp",
-            "+extension",
-            "GLX",
-        ]
-        with subprocess.Popen(words, pass_fds=(write,), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as server:
-            os.close(write)
-            with os.fdopen(read) as number:
-                name = f":{number.readline().strip()}"
+        with Display() as name:
             text = (
                 "import ambf, sys, subprocess, threading, time\n"
                 "make = lambda: ambf.Simulation(sys.argv[1], launch_file=sys.argv[2])\n"
@@ -275,10 +260,7 @@ class Windows(unittest.TestCase):
                 "tool('key', 'ctrl+p')\nthread.join(20.0)\nprint(thread.is_alive())\n"
                 "view.close()\nprint(view.is_open)\nsim.step(3)\n"
             )
-            try:
-                lines = self.run_program(text, DISPLAY=name, WAYLAND_DISPLAY="")
-            finally:
-                server.terminate()
+            lines = self.run_program(text, DISPLAY=name, WAYLAND_DISPLAY="")
         self.assertEqual(lines, ["True True True", "True", "True 0", "True 1", "False", "False"])
 
 
