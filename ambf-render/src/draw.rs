@@ -331,12 +331,13 @@ impl Pass<'_> {
                 let part = drawable.part;
                 let normal_map = part.normal_map.as_ref().filter(|_| self.normal_maps);
                 let shininess = drawable.look.shininess;
-                let others = &batches.order[first..first + count];
-                let is_shared = others.iter().all(|&other| self.drawables[other].look.shininess == shininess);
+                let looks = || batches.order[first..first + count].iter().map(|&index| &self.drawables[index].look);
+                let is_shared = looks().all(|look| look.shininess == shininess);
                 let lit = Lit {
                     textured: part.diffuse_map.is_some() || normal_map.is_some(),
                     normal_map: normal_map.is_some(),
                     one_material: count == 1,
+                    glossy: looks().any(|look| look.specular != [0.0; 3]),
                     squarings: shaders::squarings(shininess).filter(|_| is_shared),
                     ..lights::lit(self.lights)
                 };

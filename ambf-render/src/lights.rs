@@ -190,6 +190,7 @@ pub(crate) fn lit(lights: &[Light]) -> Lit {
         textured: false,
         normal_map: false,
         one_material: false,
+        glossy: false,
         squarings: None,
     }
 }

@@ -858,14 +858,25 @@ impl Renderer {
         gl.clear_errors();
         let bound = gl.bound();
         let samples = if mirrored { 1 } else { samples.clamp(1, 8) };
+        // What is bound is drawn into if that gives the same picture: a copy costs a software renderer as much as the scene.
+        let is_direct = samples == 1 && !mirrored && gl.bound_depth_bits() >= 24;
         self.resources.with_scene(&gl, self.id, stage, true, |pass, targets| {
-            let target = targets.get(&gl, TargetKind::Color(samples), width, height)?;
-            gl.bind_target(target);
+            let target = match is_direct {
+                true => None,
+                false => Some(targets.get(&gl, TargetKind::Color(samples), width, height)?),
+            };
+            match target {
+                Some(target) => gl.bind_target(target),
+                // Drawing shadow maps has bound others.
+                None => gl.bind_again(bound),
+            }
             for eye in &eyes {
                 pass.color(eye, None)?;
             }
             gl.leave();
-            gl.copy_to_bound(target, bound, mirrored);
+            if let Some(target) = target {
+                gl.copy_to_bound(target, bound, mirrored);
+            }
             Ok(())
         })?;
         match gl.error() {

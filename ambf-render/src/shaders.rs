@@ -140,6 +140,8 @@ pub(crate) struct Lit {
     pub(crate) normal_map: bool,
     /// The material is that of one instance, and uniform: a software renderer pays for what it hands on at every triangle.
     pub(crate) one_material: bool,
+    /// Some instance has highlights.
+    pub(crate) glossy: bool,
     /// All instances have the shininess 2^k: k multiplications cost a software renderer less than a power.
     pub(crate) squarings: Option<u8>,
 }
@@ -221,7 +223,7 @@ uniform sampler2D u_normal_map;
 ",
         );
         // (n·h)^shininess, of which only the square needs no root.
-        let highlight = match self.squarings {
+        let power = match self.squarings {
             Some(squarings) => format!("nh *= nh / hh; {}", "nh *= nh; ".repeat(usize::from(squarings) - 1)),
             None => "nh = pow(nh * inversesqrt(hh), v_ambient.a);".to_owned(),
         };
@@ -234,6 +236,15 @@ uniform sampler2D u_normal_map;
                     "lit * ",
                 ),
                 _ => (String::new(), "0.7", ""),
+            };
+            let highlight = match self.glossy {
+                true => format!(
+                    r"vec3 h = l + u_backward;
+                float nh = max(dot(n, h), 1e-6), hh = max(dot(h, h), 1e-12);
+                {power}
+                part += {specular}nh * v_specular;"
+                ),
+                false => String::new(),
             };
             let spot = match self.exponents >> light & 1 {
                 1 => format!("            part *= pow(max(along, 1e-6), u_exponent_{light});\n"),
@@ -258,10 +269,8 @@ uniform sampler2D u_normal_map;
             float nl = dot(n, l);
             if (nl > 0.0) {{
                 {lit}
-                vec3 h = l + u_backward;
-                float nh = max(dot(n, h), 1e-6), hh = max(dot(h, h), 1e-12);
+                part += {diffuse} * nl * v_diffuse.rgb;
                 {highlight}
-                part += {diffuse} * nl * v_diffuse.rgb + {specular}nh * v_specular;
             }}
 {spot}{attenuation}            color += part;
         }}

@@ -159,7 +159,8 @@ fn events(ticks: &[Tick]) -> (impl Iterator<Item = Instant> + '_, impl Iterator<
     (ticks.iter().map(|tick| tick.begin), fresh)
 }
 
-fn row(scene: &str, control: &str, name: &str, periods: &Periods, fresh: Option<f64>) -> Vec<String> {
+/// A row of the table.
+pub fn row(scene: &str, control: &str, name: &str, periods: &Periods, fresh: Option<f64>) -> Vec<String> {
     let cells = [
         format!("{:.0}", periods.rate),
         format!("{:.2}", periods.percentile(0.5)),

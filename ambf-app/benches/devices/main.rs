@@ -1,4 +1,4 @@
-//! How input devices run: `scripts/bench devices [--quick] [--only load|failure|error|clock|latency]`
+//! How input devices run: `scripts/bench devices [--quick] [--only load|failure|error|clock|latency|pictures]`
 //!
 //! Without `--only` the tables go into `docs/benchmarks/devices.md`, between its markers, with their figures.
 
@@ -9,6 +9,7 @@ mod fleet;
 mod isolation;
 mod latency;
 mod load;
+mod pictures;
 #[path = "../common/plot.rs"]
 mod plot;
 mod rates;
@@ -85,12 +86,13 @@ const QUICK: Effort = Effort {
 /// A part of the benchmark: its name, and what gives its section and figures.
 type Part = (&'static str, fn(&Effort) -> (Section, Vec<(&'static str, String)>));
 
-const PARTS: [Part; 5] = [
+const PARTS: [Part; 6] = [
     ("load", load::measure),
     ("failure", isolation::measure),
     ("error", error::measure),
     ("clock", clock::measure),
     ("latency", latency::measure),
+    ("pictures", pictures::measure),
 ];
 
 fn main() {
@@ -109,7 +111,9 @@ fn main() {
             PARTS.into_iter().filter(|part| part.0 == name).collect()
         }
         _ => {
-            eprintln!("bench: usage: scripts/bench devices [--quick] [--only load|failure|error|clock|latency]");
+            eprintln!(
+                "bench: usage: scripts/bench devices [--quick] [--only load|failure|error|clock|latency|pictures]"
+            );
             exit(1);
         }
     };

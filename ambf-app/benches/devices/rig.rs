@@ -69,9 +69,14 @@ impl Scenery {
         )
     }
 
+    /// Writes the model file.
+    pub fn file(&self) -> PathBuf {
+        written("devices_model.yaml", &self.model())
+    }
+
     pub fn load(&self) -> Simulation {
         let world = written("devices_world.yaml", "namespace: /bench/\ngravity: {x: 0, y: 0, z: -9.81}\n");
-        let model = written("devices_model.yaml", &self.model());
+        let model = self.file();
         let physics = PhysicsOptions { profile: Some(self.profile), ..PhysicsOptions::default() };
         let files = SceneFiles { world: Some(world), models: vec![model] };
         let loaded = load(&files, &SceneOptions { physics, ..SceneOptions::default() });

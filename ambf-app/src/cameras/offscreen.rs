@@ -15,6 +15,9 @@ use crate::report;
 /// Shortest time from frame to frame: 120 Hz, as in the C++ program.
 const FRAME: Duration = Duration::from_nanos(1_000_000_000 / 120);
 
+/// How far frames may be behind and still catch up.
+const MOST_BEHIND: Duration = Duration::from_millis(100);
+
 /// How often it looks whether somebody subscribes, while nobody does.
 const GLANCE: Duration = Duration::from_millis(50);
 
@@ -80,6 +83,7 @@ impl Worker {
         // Threads that OpenGL starts inherit it. Nobody may be refused a lower priority.
         let _ = rustix::process::setpriority_process(None, NICE);
         let mut idle_since = Instant::now();
+        let mut next = Instant::now();
         let mut is_hopeless = false;
         while !self.stop.is_stopped() {
             if !self.service.is_wanted() {
@@ -97,9 +101,12 @@ impl Worker {
                 self.stop.wait(GLANCE);
                 continue;
             }
-            let begin = Instant::now();
             self.frame();
-            self.stop.wait(FRAME.saturating_sub(begin.elapsed()));
+            // A picture that took longer than a frame is caught up with in frames in which none is due, so that every fourth of 120 frames
+            // a second is 30 pictures a second.
+            let now = Instant::now();
+            next = if now > next + MOST_BEHIND { now } else { next + FRAME };
+            self.stop.wait(next.saturating_duration_since(now));
         }
     }
 

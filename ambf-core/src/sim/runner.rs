@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use crossbeam_channel::{bounded, Receiver, Sender};
 
-use super::pace::Pacer;
+use super::pace::{ask_for_short_slices, Pacer};
 use super::statistics::StepStatistics;
 use super::{LostState, Simulation};
 use crate::comm::{Activity, Timing};
@@ -208,6 +208,7 @@ impl PhysicsLoop {
     fn run(mut self) -> Simulation {
         self.simulation.wait_in_this_thread();
         self.simulation.set_nominal_frequency(self.options.frequency);
+        ask_for_short_slices();
         let mut pacer = Pacer::new(Duration::from_secs_f64(1.0 / self.options.frequency));
         while !self.control.is_stopping() {
             if self.simulation.do_requested_resets() {

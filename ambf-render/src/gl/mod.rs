@@ -720,6 +720,18 @@ impl Current<'_> {
         unsafe { self.raw().get_parameter_framebuffer(glow::DRAW_FRAMEBUFFER_BINDING) }
     }
 
+    /// Bits of the depth buffer of the frame buffer that is bound; 0 without one.
+    pub(crate) fn bound_depth_bits(&self) -> i32 {
+        // SAFETY: a query, which a compatibility profile answers.
+        unsafe { self.raw().get_parameter_i32(glow::DEPTH_BITS) }
+    }
+
+    /// Binds what [`bound`](Self::bound) gave.
+    pub(crate) fn bind_again(&self, bound: Option<glow::Framebuffer>) {
+        // SAFETY: it was bound at the beginning of the same call, and its owner is the caller of that.
+        unsafe { self.raw().bind_framebuffer(glow::FRAMEBUFFER, bound) };
+    }
+
     /// Copies the colours of `from` into what [`bound`](Self::bound) gave, `mirrored` top to bottom, and binds that.
     pub(crate) fn copy_to_bound(&self, from: &Target, bound: Option<glow::Framebuffer>, mirrored: bool) {
         let (w, h) = (from.width as i32, from.height as i32);

@@ -86,7 +86,7 @@ impl SimulatorPlugin for Tool {
         if self.key == "B" && action == 1 {
             self.marks = !self.marks;
         }
-        self.say(format!("key {} in window {window}", self.key));
+        self.say(format!("key {} in window {window}, frame {}", self.key, self.frames));
     }
 
     fn mouse_buttons_update(&mut self, window: u32, button: i32, action: i32, mods: i32) {
