@@ -35,7 +35,12 @@ pub(crate) struct Light {
 pub(crate) struct ShadowMap {
     target: Target,
     of: u64,
+    /// Where it may hold something; the rest is empty.
+    used: Area,
 }
+
+/// Texels of a shadow map: left, bottom, right, top.
+type Area = [u32; 4];
 
 impl Built {
     /// The lights, with shadow maps that are up to date.
@@ -82,10 +87,11 @@ impl Built {
                 let of = hasher.finish();
                 let map = &mut maps[index];
                 if map.as_ref().is_none_or(|map| map.target.width != size) {
-                    *map = Some(ShadowMap { target: gl.target(size, size, TargetKind::Shadow)?, of: !of });
+                    let target = gl.target(size, size, TargetKind::Shadow)?;
+                    *map = Some(ShadowMap { target, of: !of, used: [0, 0, size, size] });
                 }
                 if let Some(map) = map.as_mut().filter(|map| map.of != of) {
-                    draw_map(gl, programs, buffer, casters, &map.target, &clip)?;
+                    draw_map(gl, programs, buffer, casters, &shining.position, map, &clip)?;
                     map.of = of;
                 }
                 shining.shadow = Some((index, clip));
@@ -133,23 +139,74 @@ fn shadow_clip(pose: &Isometry3<f64>, cutoff: f64, casters: &[Drawable<'_>]) -> 
     projection * view
 }
 
+/// Whether a caster leaves a light's map empty: a flat part of which the light sees the front.
+fn is_lit_plane(caster: &Drawable<'_>, light: &Vector3<f64>) -> bool {
+    let Some(normal) = caster.part.flat.filter(|_| !caster.is_sheet) else { return false };
+    let rows = caster.rows.map(f64::from);
+    let row = |i: usize| Vector3::new(rows[4 * i], rows[4 * i + 1], rows[4 * i + 2]);
+    let (x, y, z) = (row(0), row(1), row(2));
+    // The cofactors of the linear part carry normals.
+    let normal = Vector3::new(y.cross(&z).dot(&normal), z.cross(&x).dot(&normal), x.cross(&y).dot(&normal));
+    normal.dot(&(light - caster.center.coords)) > 0.0
+}
+
+/// Where a caster may be in a map of `size` x `size` texels.
+fn area_of(caster: &Drawable<'_>, clip: &Matrix4<f64>, size: u32) -> Area {
+    let whole = [0, 0, size, size];
+    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+    for corner in 0..8 {
+        let side = |axis: usize| if corner >> axis & 1 == 0 { -caster.radius } else { caster.radius };
+        let corner = clip * (caster.center + Vector3::new(side(0), side(1), side(2))).to_homogeneous();
+        // Behind the light, or not finite.
+        if corner.w.partial_cmp(&SHADOW_NEAR) != Some(std::cmp::Ordering::Greater) {
+            return whole;
+        }
+        for axis in 0..2 {
+            let place = 0.5 * (corner[axis] / corner.w + 1.0) * f64::from(size);
+            low[axis] = low[axis].min(place);
+            high[axis] = high[axis].max(place);
+        }
+    }
+    // Casts saturate; one texel more on each side.
+    let [left, bottom] = low.map(|place| (place.floor() - 1.0).max(0.0) as u32);
+    let [right, top] = high.map(|place| ((place.ceil() + 1.0).max(0.0) as u32).min(size));
+    [left.min(right), bottom.min(top), right, top]
+}
+
+fn united(a: Area, b: Area) -> Area {
+    let is_empty = |area: Area| area[0] >= area[2] || area[1] >= area[3];
+    match (is_empty(a), is_empty(b)) {
+        (true, _) => b,
+        (_, true) => a,
+        _ => [a[0].min(b[0]), a[1].min(b[1]), a[2].max(b[2]), a[3].max(b[3])],
+    }
+}
+
 /// Back faces only: closed bodies then don't shade their own lit sides. A sheet has no back: both of its sides are drawn, a little farther
-/// away than they are.
+/// away than they are. Only that part of the map is touched in which there is or was something: where the processor draws, emptying a large
+/// map costs more than a scene.
 fn draw_map(
     gl: &Current<'_>,
     programs: &mut Programs,
     buffer: &InstanceBuffer,
     casters: &[Drawable<'_>],
-    target: &Target,
+    light: &Vector3<f64>,
+    map: &mut ShadowMap,
     clip: &Matrix4<f64>,
 ) -> Result<(), RenderError> {
     let program = programs.depth(gl)?;
-    gl.bind_target(target);
-    gl.viewport(0, target.width, target.height);
+    let size = map.target.width;
+    let seen: Vec<usize> = visible(casters, clip).into_iter().filter(|&i| !is_lit_plane(&casters[i], light)).collect();
+    let used = seen.iter().map(|&i| area_of(&casters[i], clip, size)).fold([0; 4], united);
+    let [left, bottom, right, top] = united(map.used, used);
+    map.used = used;
+    gl.bind_target(&map.target);
+    gl.viewport(0, size, size);
+    gl.scissor([left, bottom, right - left, top - bottom]);
     gl.clear(false);
     gl.use_program(Some(program));
     gl.uniform(program, "u_clip", Uniform::Mat4(&narrow(clip)));
-    let (sheets, bodies): (Vec<_>, Vec<_>) = visible(casters, clip).into_iter().partition(|&i| casters[i].is_sheet);
+    let (sheets, bodies): (Vec<_>, Vec<_>) = seen.into_iter().partition(|&i| casters[i].is_sheet);
     for (seen, cull) in [(bodies, Cull::Front), (sheets, Cull::None)] {
         gl.state(false, true, cull);
         gl.push_back(cull == Cull::None);

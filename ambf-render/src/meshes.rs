@@ -24,6 +24,8 @@ pub(crate) struct Part {
     pub(crate) center: Point3<f64>,
     /// Its radius.
     pub(crate) radius: f64,
+    /// Normal of its triangles, if all of them lie in one plane and face the same way.
+    pub(crate) flat: Option<Vector3<f64>>,
 }
 
 /// A mesh that is loaded.
@@ -215,7 +217,8 @@ impl Library {
         }
         let array = gl.vertex_array(&vertices, normal_map.is_some(), part.triangles.as_flattened())?;
         let (center, radius) = bounding_sphere(&part.positions);
-        Ok((Part { array, look: Look::of_mesh(&part.material), diffuse_map, normal_map, center, radius }, vertices))
+        let (look, flat) = (Look::of_mesh(&part.material), flat_normal(&part.positions, &part.triangles));
+        Ok((Part { array, look, diffuse_map, normal_map, center, radius, flat }, vertices))
     }
 
     /// A mesh that was asked for before; `None` if it cannot be loaded.
@@ -261,6 +264,7 @@ impl Library {
             let (uploaded, vertices) =
                 self.part(gl, &part).map_err(|error| format!("{}: {error}; it is not drawn", path.display()))?;
             let floats = if uploaded.array.has_tangents { gl::TANGENT_VERTEX_FLOATS } else { gl::VERTEX_FLOATS };
+            let uploaded = Part { flat: None, ..uploaded };
             let normals = vec![Vector3::zeros(); nodes];
             let soft = SoftPart { vertices, floats, nodes: part.nodes, triangles: part.triangles, normals };
             parts.push((Arc::new(uploaded), soft));
@@ -362,6 +366,25 @@ impl Part {
             vertices.chunks_exact(gl::VERTEX_FLOATS).map(|vertex| [vertex[0], vertex[1], vertex[2]]).collect();
         let (center, radius) = bounding_sphere(&positions);
         let array = gl.vertex_array(vertices, false, indices)?;
-        Ok(Self { array, look: Look::of_color([1.0; 4]), diffuse_map: None, normal_map: None, center, radius })
+        let look = Look::of_color([1.0; 4]);
+        Ok(Self { array, look, diffuse_map: None, normal_map: None, center, radius, flat: None })
     }
+}
+
+/// The normal of all triangles, if they lie in one plane and face the same way.
+fn flat_normal(positions: &[[f32; 3]], triangles: &[[u32; 3]]) -> Option<Vector3<f64>> {
+    let corner = |index: u32| Vector3::from(positions[index as usize].map(f64::from));
+    let mut plane: Option<(Vector3<f64>, Vector3<f64>)> = None;
+    for triangle in triangles {
+        let [a, b, c] = triangle.map(corner);
+        let across = (b - a).cross(&(c - a));
+        let Some(normal) = across.try_normalize(0.0) else { continue };
+        let (first, point) = *plane.get_or_insert((normal, a));
+        let size = (b - a).norm() + (c - a).norm() + (a - point).norm();
+        let is_in_plane = [a, b, c].iter().all(|p| (p - point).dot(&first).abs() <= 1e-6 * size);
+        if normal.dot(&first) < 1.0 - 1e-6 || !is_in_plane {
+            return None;
+        }
+    }
+    plane.map(|(normal, _)| normal)
 }

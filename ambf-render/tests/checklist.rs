@@ -365,6 +365,41 @@ fn rows_36_and_37_shadows() {
     }
 }
 
+/// Only a part of a shadow map is drawn anew: it must be the right one.
+#[test]
+fn rows_36_and_37_shadows_follow_bodies() {
+    let light = "location: {x: 0.0, y: 0.0, z: 3.0}\nspot exponent: 0.0\nshadow quality: 3";
+    let world = floor_world(light).replace("far: 10.0", "far: 40.0").replace("z: 5.0}", "z: 8.0}");
+    let plane =
+        "BODY Floor:\n  name: Floor\n  mass: 0.0\n  location: {position: {x: 0, y: 0, z: -1}}\n  shape: Plane\n\
+                 \x20 geometry: {normal: {x: 0, y: 0, z: 1}, offset: 0}\n";
+    let bodies = [
+        format!("{plane}{}", indented(MATT)),
+        block("Box", [0.0; 3], [0.2; 3], MATT),
+        block("Other", [0.5, 0.5, 0.0], [0.1; 3], MATT),
+    ];
+    let mut shown = shown("rows_36_and_37", &world, &bodies);
+    let request = PictureRequest::color(320, 240);
+    let mut kept = renderer();
+    let mut pictures: Vec<Picture> = Vec::new();
+    // Aside, beside the light's cone, near the light, behind the light, and back.
+    let places =
+        [[0.0, 0.0, 0.0], [0.3, -0.4, 0.0], [30.0, 0.0, 0.0], [0.1, 0.0, 2.7], [0.0, 0.0, 5.0], [0.0, 0.0, 0.0]];
+    for place in places {
+        shown.snapshot.bodies[1].origin = place;
+        let picture = shown.picture(&mut kept, 0, &request);
+        let stage = std::mem::take(&mut shown.stage);
+        let fresh = shown.picture(&mut renderer(), 0, &request);
+        shown.stage = stage;
+        assert!(picture.color == fresh.color, "the box is at {place:?}");
+        assert!(pictures.last().is_none_or(|last| last.color != picture.color), "the box at {place:?} is seen");
+        pictures.push(picture);
+    }
+    assert!(pictures[0].color == pictures[5].color, "nothing is left of what was");
+    let dark = |picture: &Picture| picture.color.iter().map(|&level| 255 - usize::from(level)).sum::<usize>();
+    assert!(dark(&pictures[2]) < dark(&pictures[0]), "a box that is away casts no shadow here");
+}
+
 #[test]
 fn row_38_colours_under_one_light() {
     let white = "color components:\n  ambient: {level: 0.4}\n  diffuse: {r: 1.0, g: 1.0, b: 1.0}\n  specular: {r: 0.0, g: 0.0, b: 0.0}\n  transparency: 1.0";

@@ -762,7 +762,13 @@ impl Current<'_> {
         }
     }
 
-    /// Clears colour (white), if there is one, and depth within the viewport.
+    /// Keeps clearing and drawing within a part of the viewport: left, bottom, width, height.
+    pub(crate) fn scissor(&self, [left, bottom, width, height]: [u32; 4]) {
+        // SAFETY: numbers only.
+        unsafe { self.raw().scissor(left as i32, bottom as i32, width as i32, height as i32) };
+    }
+
+    /// Clears colour (white), if there is one, and depth within the viewport and the scissor.
     pub(crate) fn clear(&self, color: bool) {
         // SAFETY: numbers only.
         unsafe {
