@@ -1,8 +1,8 @@
 """What windows and cameras cost a running simulation: cameras.py FOLDER [--quick]. `scripts/bench cameras` starts it with Debian's Python.
 
-Starts roscore, the simulator and, for windows, an X server without a screen, with the helpers of the ROS tests. Frames of a window are counted
-by the plugin `marker`, which writes their number at each key; the rest is what the simulator publishes and what the system says about it.
-Writes what is between the markers of FOLDER/cameras.md; with --quick it measures a third as long and prints only.
+Starts roscore, the simulator and, for windows, an X server without a screen, with the helpers of the ROS tests. Frames of a window are
+counted by the plugin `marker`, which writes their number at each key; the rest is what the simulator publishes and what the system says
+about it. Writes what is between the markers of FOLDER/cameras.md; with --quick it measures a third as long and prints only.
 """
 
 import argparse
@@ -43,7 +43,8 @@ def launch(name, lights, cameras):
     for index, (light, quality) in enumerate(lights.items()):
         text += (
             f"{light}: {{namespace: lights/, name: {light}, location: {vector(2 - 4 * index, -1.5 + 4 * index, 4)}, "
-            f"direction: {vector(-0.45 + 0.9 * index, 0.35 - 0.8 * index, -1)}, spot exponent: 0.5, shadow quality: {quality}, cutoff angle: 1.1}}\n"
+            f"direction: {vector(-0.45 + 0.9 * index, 0.35 - 0.8 * index, -1)}, "
+            f"spot exponent: 0.5, shadow quality: {quality}, cutoff angle: 1.1}}\n"
         )
     for camera, keys in cameras.items():
         text += (
@@ -120,7 +121,11 @@ def window(master, scene, shadow, seconds):
 
             def run(*words):
                 done = subprocess.run(
-                    ["xdotool", *words], env={**os.environ, "DISPLAY": display}, capture_output=True, text=True, check=True
+                    ["xdotool", *words],
+                    env={**os.environ, "DISPLAY": display},
+                    capture_output=True,
+                    text=True,
+                    check=True,
                 )
                 return done.stdout.split()
 
@@ -141,7 +146,15 @@ def window(master, scene, shadow, seconds):
             last, until = frame()
             rate = (last - first) / (until - since)
             cores = (cpu(simulator) - used) / (until - since)
-            row = [scene, size, "two maps" if shadow else "no", f"{rate:.1f}", f"{physics:.0f}", f"{p99:.2f}", f"{cores:.2f}"]
+            row = [
+                scene,
+                size,
+                "two maps" if shadow else "no",
+                f"{rate:.1f}",
+                f"{physics:.0f}",
+                f"{p99:.2f}",
+                f"{cores:.2f}",
+            ]
             row += [f"{memory(simulator):.0f}", f"{started:.2f}"]
             timing.close()
         return row
@@ -218,7 +231,10 @@ def stream(master, words, keys, topics, seconds):
 
 def unwatched(master, rounds, seconds):
     """Rows: CPU, memory and threads of a simulator whose cameras publish, or do not, while nobody subscribes; in turns."""
-    kinds = {"no topics of pictures": ", visible: false", "image and depth, nobody subscribes": ", visible: false, publish image: true, publish depth: true"}
+    kinds = {
+        "no topics of pictures": ", visible: false",
+        "image and depth, nobody subscribes": ", visible: false, publish image: true, publish depth: true",
+    }
     found = {kind: [] for kind in kinds}
     for _ in range(rounds):
         for kind, keys in kinds.items():
@@ -236,7 +252,13 @@ def unwatched(master, rounds, seconds):
     for kind, all_rounds in found.items():
         shares = sorted(share for share, *_ in all_rounds)
         _, peak, threads, graphics = all_rounds[-1]
-        row = [kind, f"{statistics.median(shares):.1f}", f"{shares[0]:.1f} to {shares[-1]:.1f}", f"{peak:.1f}", str(threads)]
+        row = [
+            kind,
+            f"{statistics.median(shares):.1f}",
+            f"{shares[0]:.1f} to {shares[-1]:.1f}",
+            f"{peak:.1f}",
+            str(threads),
+        ]
         rows.append([*row, "yes" if graphics else "no"])
     return rows
 
@@ -256,7 +278,9 @@ def main():
     seconds = 4.0 if arguments.quick else 12.0
     harness.set_up()
     load = " ".join(f"{x:.2f}" for x in os.getloadavg())
-    text = f"Machine: {os.cpu_count()} cores, {os.uname().sysname} {os.uname().release}; load average before: {load}.\n\n"
+    text = (
+        f"Machine: {os.cpu_count()} cores, {os.uname().sysname} {os.uname().release}; load average before: {load}.\n\n"
+    )
     with harness.Master() as master:
         import node
 
@@ -267,10 +291,22 @@ def main():
         text += table(
             "Windows",
             "An X server without a screen; the time to the first frame is from the start of the program.",
-            ["scene", "window", "shadows", "frames/s", "physics, Hz", "p99 of an iteration, ms", "cores", "memory, MB", "first frame, s"],
+            [
+                "scene",
+                "window",
+                "shadows",
+                "frames/s",
+                "physics, Hz",
+                "p99 of an iteration, ms",
+                "cores",
+                "memory, MB",
+                "first frame, s",
+            ],
             rows,
         )
-        size = "publish image resolution: {width: 640, height: 480}, publish depth resolution: {width: 640, height: 480}"
+        size = (
+            "publish image resolution: {width: 640, height: 480}, publish depth resolution: {width: 640, height: 480}"
+        )
         eyes = size.replace("640", "1280") + ", stereo: {mode: passive, eye separation: 0.06, focal length: 3}"
         at_30 = ", publish image interval: 4, publish depth interval: 4"
         rows = stream(master, "640×480", size + at_30, ["ImageData"], seconds)
@@ -279,8 +315,19 @@ def main():
         rows += stream(master, "640×480", size + at_30, ["DepthData"], seconds)
         text += "\n" + table(
             "Streams",
-            "Every fourth frame of 120 a second, to local subscribers that only read. Age: from `header.stamp`, the time of the physics step, to the last byte.",
-            ["camera", "topic", "MB a message", "messages/s", "age p50, ms", "p99, ms", "physics, Hz", "p99 of an iteration, ms", "memory, MB"],
+            "Every fourth frame of 120 a second, to local subscribers that only read. Age: from `header.stamp`, the time of the physics "
+            "step, to the last byte.",
+            [
+                "camera",
+                "topic",
+                "MB a message",
+                "messages/s",
+                "age p50, ms",
+                "p99, ms",
+                "physics, Hz",
+                "p99 of an iteration, ms",
+                "memory, MB",
+            ],
             rows,
         )
         text += "\n" + table(

@@ -118,6 +118,30 @@ def measure(scene: str, size: tuple[int, int], shadow: bool, rounds: int, frames
     return lines, {"lines": lines, "medians": medians, "notes": notes}
 
 
+def draw(file: Path, found: dict) -> None:
+    """Milliseconds of colour + depth at 640 x 480 by scene and engine; `found` holds medians by (scene, shadow)."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    names = [name for name in ENGINES if name != "tiny"]
+    groups = list(found)
+    figure, axes = pyplot.subplots(figsize=(8.0, 3.2))
+    for place, name in enumerate(names):
+        heights = [found[group].get(("depth", name), 0.0) for group in groups]
+        at = [group + (place - 1) * 0.27 for group in range(len(groups))]
+        axes.bar_label(axes.bar(at, heights, 0.25, label=ENGINES[name]), fmt="%.1f", fontsize=7)
+    labels = [f"{scene}\n{'with shadow' if shadow else 'no shadow'}" for scene, shadow in groups]
+    axes.set_xticks(range(len(groups)), labels, fontsize=8)
+    axes.set_ylabel("ms a frame")
+    axes.set_title("Colour and depth, 640 × 480", fontsize=10)
+    axes.legend(fontsize=8, frameon=False)
+    axes.spines[["top", "right"]].set_visible(False)
+    figure.tight_layout()
+    figure.savefig(file)
+
+
 def main() -> None:
     """Measures, prints and writes."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -133,18 +157,23 @@ def main() -> None:
         "|---|---|---|---|" + "---|" * len(ENGINES),
     ]
     notes: list[str] = []
+    plotted = {}
     for scene in ("boxes", "arm", "cloth"):
         for size in SIZES:
             for shadow in (False, True):
                 lines, result = measure(scene, size, shadow, rounds, frames)
                 print("\n".join(lines), flush=True)
                 text += lines
+                if size == (640, 480):
+                    plotted[scene, shadow] = result["medians"]
                 if shadow:
                     notes += [note for note in result["notes"] if note not in notes]
     text += ["", *(f"* {note}" for note in dict.fromkeys(notes))]
     if arguments.quick:
         print("\n".join(f"* {note}" for note in dict.fromkeys(notes)))
         return
+    draw(arguments.folder / "pictures.svg", plotted)
+    text[1:1] = ["![colour and depth at 640 x 480](pictures.svg)\n"]
     page = arguments.folder / "pictures.md"
     before, rest = page.read_text().split(MARKS[0])
     _, after = rest.split(MARKS[1])
