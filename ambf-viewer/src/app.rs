@@ -1,29 +1,31 @@
 //! The windows: events, frames, and what is common to all of them.
 
-use std::path::{Path, PathBuf};
+mod actions;
+mod pointer;
+
+use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use ambf_core::comm::Snapshot;
-use ambf_core::device::law::{GainChange, Quantity, RotationRule, Status};
 use ambf_core::plugin::{Drawing, Input};
-use ambf_core::scene::{CameraGesture, VisualScene};
+use ambf_core::scene::VisualScene;
 use ambf_core::sim::{Picked, WindowAnswer, WindowRequest};
 use ambf_render::{Eye, Highlight, Marker, MarkerShape, Renderer, Stage, View};
 use crossbeam_channel::{unbounded, Receiver, Sender};
 use glutin::surface::{Surface, WindowSurface};
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::Isometry3;
 use winit::application::ApplicationHandler;
 use winit::dpi::{PhysicalPosition, PhysicalSize};
-use winit::event::{ElementState, KeyEvent, MouseButton, MouseScrollDelta, StartCause, WindowEvent};
+use winit::event::{ElementState, KeyEvent, MouseButton, StartCause, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow};
 use winit::keyboard::{KeyCode, ModifiersState, PhysicalKey};
 use winit::monitor::MonitorHandle;
-use winit::window::{Fullscreen, Window, WindowId};
+use winit::window::{Window, WindowId};
 
 use crate::context::Context;
-use crate::keys::{self, Action};
+use crate::keys;
 use crate::labels::{Counter, DeviceLabel, Labels};
 use crate::outbox::Outbox;
 use crate::panels::{PanelContext, Panels};
@@ -31,38 +33,19 @@ use crate::place::{monitor_index, title, window_area, Area};
 use crate::record::{self, Video};
 use crate::shown;
 use crate::{Ended, Shared, ViewerParts};
+use pointer::Drag;
 
 /// Time between two frames, at least: 120 Hz at most.
 const FRAME: Duration = Duration::from_nanos(1_000_000_000 / 120);
 /// Samples a pixel in windows, where a graphics card draws.
 const SAMPLES: u32 = 4;
-/// What dragging by one pixel does: m, rad, m; and a tick of the wheel: m.
-const PAN: f64 = 0.01;
-const LOOK: f64 = 0.3 * std::f64::consts::PI / 180.0;
-const ORBIT: f64 = 0.03;
-const DOLLY: f64 = 0.1;
-/// Factor on all motions while the left Shift key is held.
-const FINE: f64 = 0.1;
 /// Colour of a picked body, and of the point where it was picked.
 const TOMATO: [f32; 3] = [1.0, 99.0 / 255.0, 71.0 / 255.0];
 const GREEN_YELLOW: [f32; 4] = [173.0 / 255.0, 1.0, 47.0 / 255.0, 1.0];
 /// Pixels of that point.
 const PICK_POINT: f32 = 15.0;
-/// How long a window manager may take to fill the screen, before it is done without one.
-const FULL_SCREEN_TIMEOUT: Duration = Duration::from_millis(400);
 /// How long a message stays in the window.
 const MESSAGE_TIME: Duration = Duration::from_secs(5);
-/// Pixels of a touchpad that count as a tick of a wheel.
-const TICK: f64 = 10.0;
-
-/// What a pressed mouse button does.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Drag {
-    Pan,
-    Look,
-    Orbit,
-    Pick,
-}
 
 /// A window, with the place that it had before it filled the screen.
 #[derive(Debug, Clone, Copy)]
@@ -597,46 +580,6 @@ impl App {
         self.panels.add_markers(&mut self.stage, visuals, snapshot);
     }
 
-    /// The ray under the pointer of the window of a camera: origin and direction.
-    fn ray(&self, camera: usize, visuals: &VisualScene, snapshot: &Snapshot) -> Option<(Vector3<f64>, Vector3<f64>)> {
-        let window = self.windows.iter().find(|window| window.camera == camera)?;
-        let view = View::of_camera(&visuals.cameras.get(camera)?.description, snapshot.views.get(camera)?);
-        Some(pointer_ray(&view, window.size(), window.cursor?, self.switches.mirrored))
-    }
-
-    /// Where what is held is drawn to, m, world axes.
-    fn goal(&self, visuals: &VisualScene, snapshot: &Snapshot) -> Option<Vector3<f64>> {
-        let held = self.held.as_ref()?;
-        let (origin, direction) = self.ray(held.camera, visuals, snapshot)?;
-        Some(origin + direction * held.distance)
-    }
-
-    fn pick(&mut self, camera: usize) {
-        let (Some(visuals), Some(snapshot)) = (self.parts.hub.visuals(), self.parts.hub.snapshot().clone()) else {
-            return;
-        };
-        if let Some((origin, direction)) = self.ray(camera, &visuals, &snapshot) {
-            self.picking = Some(camera);
-            self.outbox.post(WindowRequest::Pick { origin, direction });
-        }
-    }
-
-    fn let_go(&mut self) {
-        self.picking = None;
-        self.held = None;
-        self.outbox.post(WindowRequest::Release);
-    }
-
-    fn drag_held(&mut self, visuals: &VisualScene, snapshot: &Snapshot) {
-        let Some(held) = &self.held else { return };
-        let is_gone = held.body.is_some_and(|body| visuals.bodies.get(body).is_none_or(|body| body.object.removed));
-        if is_gone {
-            self.let_go();
-        } else if let Some((origin, direction)) = self.ray(held.camera, visuals, snapshot) {
-            self.outbox.post(WindowRequest::Drag { origin, direction });
-        }
-    }
-
     /// Takes what came of requests, and what threads have to say.
     fn hear(&mut self, visuals: &VisualScene) {
         while let Some(answer) = self.outbox.answer() {
@@ -668,253 +611,6 @@ impl App {
         }
     }
 
-    fn film(&mut self, camera: usize, gl: &glow::Context, size: (u32, u32)) {
-        let Some((filmed, video)) = &mut self.video else { return };
-        if *filmed != camera {
-            return;
-        }
-        if video.is_broken() || !video.fits(size) {
-            self.finish_video();
-        } else if video.wants(size, Instant::now()) {
-            video.add(record::read(gl, size));
-        }
-    }
-
-    /// Ends the video, in a thread of its own.
-    fn finish_video(&mut self) {
-        let Some((_, video)) = self.video.take() else { return };
-        let done = self.news.0.clone();
-        let finish = move || {
-            let _ = done.send(video.finish());
-        };
-        let _ = std::thread::Builder::new().name("video end".into()).spawn(finish);
-    }
-
-    fn switch_video(&mut self, camera: usize) {
-        if self.video.is_some() {
-            return self.finish_video();
-        }
-        let Some(window) = self.windows.iter().find(|window| window.camera == camera) else { return };
-        let file = record::free_name("mp4");
-        match Video::start(&file, window.size()) {
-            Ok(video) => {
-                self.video = Some((camera, video));
-                self.tell(format!("video begins: {}", file.display()));
-            }
-            Err(why) => self.tell(why),
-        }
-    }
-
-    /// Lets windows fill their monitors, or gives them their places back.
-    fn switch_full_screen(&mut self) {
-        self.switches.full_screen = !self.switches.full_screen;
-        self.say(if self.switches.full_screen { "full screen" } else { "windows" });
-        let mut filled: Vec<usize> = Vec::new();
-        // Of several windows of a monitor the one with the focus fills it.
-        let mut order: Vec<usize> = (0..self.windows.len()).collect();
-        order.sort_by_key(|&place| !self.windows[place].has_focus);
-        for place in order {
-            let full = self.switches.full_screen;
-            let window = &mut self.windows[place];
-            if full && !filled.contains(&window.monitor) {
-                filled.push(window.monitor);
-                window.full_screen = Some(FullScreen {
-                    since: Instant::now(),
-                    place: window.window.outer_position().ok(),
-                    size: window.window.inner_size(),
-                    forced: false,
-                });
-                let monitor = window.window.available_monitors().nth(window.monitor);
-                window.window.set_fullscreen(Some(Fullscreen::Borderless(monitor)));
-            } else if let (false, Some(before)) = (full, window.full_screen.take()) {
-                window.window.set_fullscreen(None);
-                if let Some(place) = before.place {
-                    window.window.set_outer_position(place);
-                }
-                let _ = window.window.request_inner_size(before.size);
-            }
-        }
-    }
-
-    /// Without a window manager nobody fills the screen: then it is done here.
-    fn check_full_screen(&mut self) {
-        for window in &mut self.windows {
-            let Some(full) = &mut window.full_screen else { continue };
-            if full.forced || full.since.elapsed() < FULL_SCREEN_TIMEOUT {
-                continue;
-            }
-            full.forced = true;
-            let Some(monitor) = window.window.available_monitors().nth(window.monitor) else { continue };
-            if window.window.inner_size() != monitor.size() {
-                window.window.set_outer_position(monitor.position());
-                let _ = window.window.request_inner_size(monitor.size());
-            }
-        }
-    }
-
-    fn load(&mut self, file: PathBuf) {
-        if !is_model_file(&file) {
-            return self.tell(format!("{} is no model: files end with .yaml, .YAML, .ambf or .AMBF", file.display()));
-        }
-        self.change_models(Vec::new(), vec![file]);
-    }
-
-    fn change_gain(&mut self, quantity: Quantity, step: f64) {
-        self.parts.devices.change(GainChange { quantity, step });
-        if self.parts.board.read().devices.is_empty() {
-            // There is no gain yet: the change is shown.
-            self.action = Status::Gain(quantity, step).to_string();
-            let line = self.action.clone();
-            self.say(&line);
-        }
-    }
-
-    /// Does what a key asks for, in the window of a camera.
-    fn act(&mut self, action: Action, camera: usize) {
-        let on = |on: bool| if on { "on" } else { "off" };
-        let hub = Arc::clone(&self.parts.hub);
-        match action {
-            Action::Close => self.shared.end(Ended::Closed),
-            Action::ResetBodies => {
-                self.say("reset of all rigid bodies");
-                hub.request_body_reset();
-            }
-            Action::ResetWorld => {
-                self.say("reset of the world");
-                hub.request_world_reset();
-            }
-            Action::ResetCameras => {
-                self.say("reset of all cameras");
-                self.outbox.post(WindowRequest::ResetCameras);
-            }
-            Action::RemovePicked => match self.last_picked.take() {
-                Some((body, identifier)) => {
-                    self.stage.own_frames.remove(&identifier);
-                    self.let_go();
-                    self.outbox.post(WindowRequest::RemoveBody(body));
-                }
-                None => self.tell("no body was picked: pick one first (p, then the left button)".into()),
-            },
-            Action::Pause => {
-                let paused = !self.parts.control.is_paused();
-                self.parts.control.set_paused(paused);
-                self.say(if paused { "paused" } else { "resumed" });
-            }
-            Action::Step(steps) => {
-                if self.parts.control.is_paused() {
-                    self.parts.control.step(steps);
-                }
-            }
-            Action::NormalMaps => {
-                self.stage.normal_maps_off = !self.stage.normal_maps_off;
-                self.say(&format!("normal maps {}", on(!self.stage.normal_maps_off)));
-            }
-            Action::FrameOfPicked => match self.last_picked.clone() {
-                Some((_, identifier)) => {
-                    if !self.stage.own_frames.remove(&identifier) {
-                        self.stage.own_frames.insert(identifier.clone());
-                    }
-                    let shown = self.stage.frames != self.stage.own_frames.contains(&identifier);
-                    self.say(&format!("frame of {identifier} {}", on(shown)));
-                }
-                None => self.tell("no body was picked: pick one first (p, then the left button)".into()),
-            },
-            Action::Frames => {
-                self.stage.frames = !self.stage.frames;
-                self.stage.own_frames.clear();
-                self.say(&format!("frames {}", on(self.stage.frames)));
-            }
-            Action::Sensors => {
-                let shown = hub.visuals().is_some_and(|visuals| visuals.sensors.iter().any(|sensor| sensor.visible));
-                self.stage.sensors = Some(!self.stage.sensors.unwrap_or(shown));
-                self.say(&format!("sensors {}", on(self.stage.sensors == Some(true))));
-            }
-            Action::Actuators => {
-                let shown =
-                    hub.visuals().is_some_and(|visuals| visuals.actuators.iter().any(|actuator| actuator.visible));
-                self.stage.actuators = Some(!self.stage.actuators.unwrap_or(shown));
-                self.say(&format!("actuators {}", on(self.stage.actuators == Some(true))));
-            }
-            Action::Help => {
-                self.switches.help = !self.switches.help;
-                if self.switches.help {
-                    keys::HELP.iter().for_each(|(key, what)| self.say(&format!("{key:24} {what}")));
-                }
-            }
-            Action::FullScreen => self.switch_full_screen(),
-            Action::Mirror => {
-                self.switches.mirrored = !self.switches.mirrored;
-                self.say(&format!("mirrored windows {}", on(self.switches.mirrored)));
-            }
-            Action::InvertMouse => {
-                self.switches.inverted = !self.switches.inverted;
-                self.say(&format!("inverted mouse {}", on(self.switches.inverted)));
-            }
-            Action::Picking => {
-                self.switches.picking = !self.switches.picking;
-                self.say(&format!("picking {}", on(self.switches.picking)));
-            }
-            Action::Labels => {
-                self.switches.labels_stand = !self.switches.labels_stand;
-                self.say(&format!("updating of texts {}", on(!self.switches.labels_stand)));
-            }
-            Action::GrippingAssist => {
-                let assist = !self.parts.devices.switches().gripping_assist;
-                self.parts.devices.set_gripping_assist(assist);
-                self.say(&format!("gripping assist {}", on(assist)));
-            }
-            Action::NextMode => {
-                let mode = self.parts.devices.step_mode(1);
-                self.parts.board.update(|news| news.action.clear());
-                self.action.clear();
-                self.say(&format!("mode of the device buttons: {}", mode.name()));
-            }
-            Action::CameraRotation => {
-                self.parts.devices.set_rotation(RotationRule::Camera);
-                self.say("hands turn tools in the camera's frame");
-            }
-            Action::WorldRotation => {
-                self.parts.devices.set_rotation(RotationRule::Absolute);
-                self.say("hands turn tools in the world's frame");
-            }
-            Action::Gravity(enabled) => {
-                self.say(&format!("gravity {}", on(enabled)));
-                self.outbox.post(WindowRequest::Gravity(enabled));
-            }
-            Action::Gain(quantity, step) => self.change_gain(quantity, step),
-            Action::Panels => self.panels.switch_all(camera),
-            Action::Panel(panel) => self.panels.switch(panel, camera),
-            Action::FitCamera => self.fit(camera),
-            Action::Screenshot => self.screenshot = Some(camera),
-            Action::Video => self.switch_video(camera),
-        }
-    }
-
-    /// Moves a camera along its view so that everything is seen.
-    fn fit(&mut self, camera: usize) {
-        let Some((center, radius)) = self.stage.bounds() else {
-            return self.tell("there is nothing to be seen".into());
-        };
-        self.look_at(camera, center.coords, radius);
-    }
-
-    fn look_at(&mut self, camera: usize, center: Vector3<f64>, radius: f64) {
-        let (Some(snapshot), Some(window)) =
-            (self.parts.hub.snapshot().clone(), self.windows.iter().find(|window| window.camera == camera))
-        else {
-            return;
-        };
-        let Some(state) = snapshot.views.get(camera) else { return };
-        let (width, height) = window.size();
-        let half = 0.5 * state.field_view_angle.clamp(0.05, 3.0);
-        // Of the two angles of the view the narrower one.
-        let across = (half.tan() * f64::from(width) / f64::from(height.max(1))).atan();
-        let distance = (radius / half.min(across).sin()).max(0.5);
-        let mut pose = state.pose;
-        pose.translation.vector = center + pose.rotation * Vector3::new(distance, 0.0, 0.0);
-        self.outbox.post(WindowRequest::PlaceCamera { camera, pose, distance });
-    }
-
     fn on_key(&mut self, camera: usize, event: &KeyEvent) {
         let PhysicalKey::Code(key) = event.physical_key else { return };
         if key == KeyCode::ShiftLeft {
@@ -935,106 +631,6 @@ impl App {
             mods: keys::glfw_modifiers(self.modifiers),
         });
     }
-
-    /// Tells plugins of a use of a window.
-    fn forward(&mut self, input: Input) {
-        self.outbox.post(WindowRequest::Input(input));
-    }
-
-    fn on_button(&mut self, place: usize, button: MouseButton, state: ElementState, is_for_panels: bool) {
-        let camera = self.windows[place].camera;
-        if state == ElementState::Released {
-            if let Some((held, drag)) = self.windows[place].drag {
-                if held == button {
-                    self.windows[place].drag = None;
-                    if drag == Drag::Pick {
-                        self.let_go();
-                    }
-                }
-            }
-        } else if !is_for_panels && self.windows[place].drag.is_none() {
-            let picks = self.switches.picking || self.modifiers == ModifiersState::CONTROL;
-            let drag = match button {
-                MouseButton::Left if picks => Some(Drag::Pick),
-                MouseButton::Left => Some(Drag::Pan),
-                MouseButton::Middle if self.left_shift => Some(Drag::Pan),
-                MouseButton::Middle => Some(Drag::Orbit),
-                MouseButton::Right => Some(Drag::Look),
-                _ => None,
-            };
-            self.windows[place].drag = drag.map(|drag| (button, drag));
-            if drag == Some(Drag::Pick) {
-                self.pick(camera);
-            }
-        }
-        let number_of_button = match button {
-            MouseButton::Left => 0,
-            MouseButton::Right => 1,
-            MouseButton::Middle => 2,
-            MouseButton::Back => 3,
-            MouseButton::Forward => 4,
-            MouseButton::Other(number) => i32::from(number),
-        };
-        self.forward(Input::Button {
-            window: number(camera),
-            button: number_of_button,
-            action: i32::from(state == ElementState::Pressed),
-            mods: keys::glfw_modifiers(self.modifiers),
-        });
-    }
-
-    fn on_motion(&mut self, place: usize, position: PhysicalPosition<f64>) {
-        let fine = if self.left_shift { FINE } else { 1.0 };
-        let inverted = self.switches.inverted;
-        let window = &mut self.windows[place];
-        let camera = window.camera;
-        let scale = window.window.scale_factor();
-        let before = window.cursor.replace(position).unwrap_or(position);
-        let (dx, dy) = ((position.x - before.x) / scale, (position.y - before.y) / scale);
-        let drag = window.drag.map(|(_, drag)| drag);
-        let multipliers = self.multipliers(camera);
-        let dy = if inverted { -dy } else { dy };
-        let gesture = match drag {
-            Some(Drag::Pan) => {
-                let pan = fine * PAN * multipliers.pan;
-                Some(CameraGesture::Pan { right: -pan * dx, up: pan * dy })
-            }
-            Some(Drag::Look) => {
-                let look = fine * LOOK * multipliers.rotate;
-                Some(CameraGesture::Look { left: look * dx, up: look * dy })
-            }
-            Some(Drag::Orbit) => {
-                let orbit = fine * ORBIT * multipliers.arcball;
-                Some(CameraGesture::Orbit { right: -orbit * dx, up: orbit * dy })
-            }
-            Some(Drag::Pick) | None => None,
-        };
-        if let Some(gesture) = gesture {
-            self.outbox.post(WindowRequest::MoveCamera { camera, gesture });
-        }
-        self.forward(Input::Position { window: number(camera), x: position.x / scale, y: position.y / scale });
-    }
-
-    fn on_wheel(&mut self, place: usize, delta: MouseScrollDelta) {
-        let camera = self.windows[place].camera;
-        let (across, ticks) = match delta {
-            MouseScrollDelta::LineDelta(x, y) => (f64::from(x), f64::from(y)),
-            MouseScrollDelta::PixelDelta(pixels) => (pixels.x / TICK, pixels.y / TICK),
-        };
-        let fine = if self.left_shift { FINE } else { 1.0 };
-        let forward = fine * DOLLY * self.multipliers(camera).scroll * ticks;
-        if forward != 0.0 {
-            let gesture = CameraGesture::Dolly { forward };
-            self.outbox.post(WindowRequest::MoveCamera { camera, gesture });
-        }
-        self.forward(Input::Scroll { window: number(camera), x: across, y: ticks });
-    }
-
-    fn multipliers(&self, camera: usize) -> ambf_core::adf::MouseMultipliers {
-        let visuals = self.parts.hub.visuals();
-        let camera = visuals.as_ref().and_then(|visuals| visuals.cameras.get(camera));
-        camera.map(|camera| camera.description.mouse).unwrap_or_default()
-    }
 }
 
 /// Texts that plugins show in a window.
@@ -1050,19 +646,6 @@ impl ShownTexts<'_> {
     }
 }
 
-/// The ray along which a window of `size` pixels shows its scene at the pointer, in pixels from its upper left corner: origin, direction of unit
-/// length. `mirrored`: the window shows its picture top to bottom.
-fn pointer_ray(
-    view: &View,
-    size: (u32, u32),
-    pointer: PhysicalPosition<f64>,
-    mirrored: bool,
-) -> (Vector3<f64>, Vector3<f64>) {
-    let y = if mirrored { f64::from(size.1) - pointer.y } else { pointer.y };
-    let ray = view.ray(size.0, size.1, pointer.x, y);
-    (ray.origin.coords, ray.direction)
-}
-
 /// Number of the window of a camera, as its title says.
 fn number(camera: usize) -> u32 {
     u32::try_from(camera + 1).unwrap_or(u32::MAX)
@@ -1071,12 +654,6 @@ fn number(camera: usize) -> u32 {
 fn area_of(monitor: &MonitorHandle) -> Area {
     let (place, size) = (monitor.position(), monitor.size());
     Area { left: place.x, top: place.y, width: size.width, height: size.height }
-}
-
-/// Whether a dropped file is taken for a model.
-fn is_model_file(file: &Path) -> bool {
-    let extension = file.extension().and_then(|extension| extension.to_str());
-    extension.is_some_and(|extension| ["yaml", "YAML", "ambf", "AMBF"].contains(&extension))
 }
 
 fn show_message(ui: &egui::Context, text: &str) {
@@ -1202,6 +779,12 @@ impl ApplicationHandler for App {
 
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
+
+    use nalgebra::Vector3;
+
+    use super::actions::is_model_file;
+    use super::pointer::pointer_ray;
     use super::*;
 
     /// A ball of 0.05 m with its centre at `point` is what the ray under the pixel where that is seen meets.
