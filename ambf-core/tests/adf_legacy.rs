@@ -1,22 +1,11 @@
 //! Reads the original's scenes, which lie outside the repository in `../shared/legacy`, and counts what is in them.
 
+mod legacy_common;
+
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
 use ambf_core::adf::{self, ColorTable, InputDevices, Launch, LoadError, Model, Report, World};
-
-/// Unpacks the scenes; `None` when they are not there.
-fn descriptions() -> Option<PathBuf> {
-    let unpack = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/legacy/unpack");
-    if !unpack.exists() {
-        eprintln!("SKIPPED: {} does not exist", unpack.display());
-        return None;
-    }
-    let output = Command::new(&unpack).output().expect("unpack runs");
-    assert!(output.status.success(), "{output:?}");
-    let dir = String::from_utf8(output.stdout).expect("a path");
-    Some(PathBuf::from(dir.trim()).join("descriptions"))
-}
+use legacy_common::legacy;
 
 fn yaml_files(dir: &Path, files: &mut Vec<PathBuf>) {
     for entry in std::fs::read_dir(dir).expect("a folder") {
@@ -48,7 +37,8 @@ const KNOWN_ERRORS: [&str; 1] = ["cylinder.yaml: SENSOR Proximity / array"];
 
 #[test]
 fn all_legacy_files() {
-    let Some(dir) = descriptions() else { return };
+    let Some(dir) = legacy() else { return };
+    let dir = dir.join("descriptions");
     let mut files = Vec::new();
     yaml_files(&dir, &mut files);
     files.sort();

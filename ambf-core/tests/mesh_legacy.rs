@@ -1,42 +1,17 @@
 //! Reads every mesh of the legacy scenes, where they have been unpacked; says SKIPPED otherwise.
 
+mod legacy_common;
+
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
-use std::process::Command;
 use std::time::Instant;
 
 use ambf_core::mesh::{load, MeshCache, MeshError};
-
-/// Folder of the legacy scenes and meshes, `None` when this checkout has none.
-fn legacy() -> Option<PathBuf> {
-    let unpack = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/legacy/unpack");
-    let output = Command::new(unpack).output().ok().filter(|o| o.status.success());
-    let folder = output.map(|o| PathBuf::from(String::from_utf8_lossy(&o.stdout).trim())).filter(|f| f.is_dir());
-    if folder.is_none() {
-        println!("SKIPPED: no legacy scenes in ../shared/legacy");
-    }
-    folder
-}
-
-fn mesh_files(folder: &Path, found: &mut Vec<PathBuf>) {
-    for entry in folder.read_dir().expect("readable folder").map(|e| e.expect("readable entry").path()) {
-        if entry.is_dir() {
-            mesh_files(&entry, found);
-        } else if ["stl", "obj", "3ds", "dae"].contains(&format_of(&entry).as_str()) {
-            found.push(entry);
-        }
-    }
-}
-
-fn format_of(file: &Path) -> String {
-    file.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase()
-}
+use legacy_common::{format_of, legacy, mesh_files};
 
 #[test]
 fn every_legacy_mesh_is_read() {
     let Some(folder) = legacy() else { return };
-    let mut files = Vec::new();
-    mesh_files(&folder, &mut files);
+    let files = mesh_files(&folder);
     assert!(files.len() > 1000, "only {} mesh files in {}", files.len(), folder.display());
 
     let cache = MeshCache::new();

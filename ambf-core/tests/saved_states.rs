@@ -1,10 +1,9 @@
 //! Saved states: what is restored goes on as it did, bit for bit.
 
+mod legacy_common;
 mod saved_common;
 
 use std::hash::{DefaultHasher, Hasher};
-use std::path::{Path, PathBuf};
-use std::process::Command;
 use std::time::{Duration, Instant};
 
 use ambf_core::bullet::Solver;
@@ -12,6 +11,7 @@ use ambf_core::comm::ActuatorCommand;
 use ambf_core::control::Profile;
 use ambf_core::scene::{PhysicsOptions, PreparedModel, SceneFiles};
 use ambf_core::sim::{SavedState, Simulation, StateError};
+use legacy_common::legacy;
 use nalgebra::Vector3;
 use saved_common::*;
 
@@ -216,20 +216,10 @@ fn saving_and_restoring_are_cheap() {
     }
 }
 
-/// Folder of the legacy scenes, `None` when this checkout has none.
-fn legacy() -> Option<PathBuf> {
-    let unpack = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/legacy/unpack");
-    let output = Command::new(unpack).output().ok().filter(|o| o.status.success());
-    let folder = output.map(|o| PathBuf::from(String::from_utf8_lossy(&o.stdout).trim())).filter(|f| f.is_dir());
-    if folder.is_none() {
-        println!("SKIPPED: no legacy scenes in ../shared/legacy");
-    }
-    folder.map(|folder| folder.join("descriptions"))
-}
-
 #[test]
 fn legacy_scenes_go_on_as_they_did() {
     let Some(folder) = legacy() else { return };
+    let folder = folder.join("descriptions");
     let scenes = [
         "robots/blender-psm.yaml",
         "robots/blender-toy-car.yaml",

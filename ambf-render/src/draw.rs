@@ -11,7 +11,7 @@ use crate::gl::{self, Cull, Current, FixedMaterial, InstanceBuffer, Mode, Progra
 use crate::lights::{self, narrow, Light, ShadowMap};
 use crate::meshes::Part;
 use crate::shaders::{self, Lit};
-use crate::stage::Look;
+use crate::stage::{Backdrop, Look};
 use crate::view::Eye;
 use crate::RenderError;
 
@@ -131,6 +131,7 @@ pub(crate) struct Programs {
     unlit: Option<Program>,
     mask: Option<Program>,
     sky: Option<Program>,
+    backdrop: Option<Program>,
     /// `None`: cannot be used.
     user: Vec<Option<Program>>,
     user_index: HashMap<(PathBuf, PathBuf), usize>,
@@ -167,6 +168,10 @@ impl Programs {
 
     fn sky(&mut self, gl: &Current<'_>) -> Result<&Program, RenderError> {
         compiled(&mut self.sky, gl, shaders::SKY_VERTEX, shaders::SKY_FRAGMENT)
+    }
+
+    fn backdrop(&mut self, gl: &Current<'_>) -> Result<&Program, RenderError> {
+        compiled(&mut self.backdrop, gl, shaders::BACKDROP_VERTEX, shaders::BACKDROP_FRAGMENT)
     }
 
     fn lit(&mut self, gl: &Current<'_>, lit: Lit) -> Result<&Program, RenderError> {
@@ -232,6 +237,8 @@ pub(crate) struct Pass<'a> {
     /// A shadow map in which nothing is in shadow.
     pub(crate) no_shadow: &'a gl::Texture,
     pub(crate) sky: Option<&'a gl::Texture>,
+    /// Pictures behind the scene with their textures.
+    pub(crate) backdrops: Vec<(&'a Backdrop, &'a gl::Texture)>,
     /// One white texel.
     pub(crate) white: &'a gl::Texture,
     pub(crate) normal_maps: bool,
@@ -296,6 +303,19 @@ impl Pass<'_> {
             gl.uniform(program, "u_faces", Uniform::Int(0));
             gl.bind_texture(0, Some(sky));
             gl.draw_covering();
+        }
+        for (backdrop, picture) in self.backdrops.iter().filter(|_| mask.is_none()) {
+            gl.state(true, false, Cull::None);
+            let program = self.programs.backdrop(gl)?;
+            gl.use_program(Some(program));
+            let [left, top, width, height] = backdrop.area;
+            let (across, down) = (2.0 / f64::from(eye.width), 2.0 / f64::from(eye.height));
+            let area = [(left - f64::from(eye.left)) * across - 1.0, 1.0 - top * down, width * across, height * down];
+            gl.uniform(program, "u_area", Uniform::Vec4(area.map(|x| x as f32)));
+            gl.uniform(program, "u_color", Uniform::Vec4(backdrop.color));
+            gl.uniform(program, "u_picture", Uniform::Int(0));
+            gl.bind_texture(0, Some(picture));
+            gl.draw_rectangle();
         }
         for run in batches.runs.iter().filter(|run| run.first + run.count > first_transparent) {
             let first = run.first.max(first_transparent);

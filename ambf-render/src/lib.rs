@@ -34,6 +34,6 @@ pub use cameras::{camera_labels, find_camera, object_label, NoSuchCamera};
 pub use files::DepthFormat;
 pub use picture::{Picture, PictureRequest};
 pub use renderer::{RenderError, Renderer};
-pub use stage::{Highlight, Marker, MarkerShape, Stage};
+pub use stage::{Backdrop, Highlight, Marker, MarkerShape, Stage};
 pub use texture::{Texture, TextureError};
 pub use view::{published_size, view_matrix, Eye, PixelRay, Projection, Stereo, View};

@@ -10,6 +10,7 @@ use std::sync::Arc;
 
 use ambf_core::adf;
 use ambf_core::comm::Snapshot;
+use ambf_core::plugin::Pixels;
 use ambf_core::scene::VisualScene;
 use thiserror::Error;
 
@@ -17,7 +18,7 @@ use crate::draw::{Mask, Pass, Programs};
 use crate::gl::{self, Current, Device, InstanceBuffer, Target, TargetKind};
 use crate::lights::ShadowMap;
 use crate::meshes::Library;
-use crate::stage::Built;
+use crate::stage::{Backdrop, Built};
 use crate::view::Eye;
 use crate::{Picture, PictureRequest, Stage, View};
 use drawables::{drawables, marker_parts, Flags};
@@ -77,6 +78,8 @@ struct Resources {
     targets: Targets,
     /// The last sky, `None` in it if it cannot be loaded.
     sky: Option<(adf::Skybox, Option<gl::Texture>)>,
+    /// Pictures behind the scene.
+    backdrops: Vec<(Arc<Pixels>, gl::Texture)>,
     /// (lights x 1).
     maps: Vec<Option<ShadowMap>>,
     /// Counts changes of the shapes of soft bodies.
@@ -115,6 +118,7 @@ impl Resources {
             shapes: Shapes::new(gl)?,
             targets: Targets::default(),
             sky: None,
+            backdrops: Vec::new(),
             maps: Vec::new(),
             soft_versions: 0,
             bytes: Vec::new(),
@@ -344,7 +348,28 @@ impl Renderer {
     }
 }
 
+/// Backdrops with their textures; those whose texture did not fit into memory are left out.
+fn textured<'a>(
+    backdrops: &'a [Backdrop],
+    loaded: &'a [(Arc<Pixels>, gl::Texture)],
+) -> Vec<(&'a Backdrop, &'a gl::Texture)> {
+    let texture = |backdrop: &Backdrop| loaded.iter().find(|(pixels, _)| Arc::ptr_eq(pixels, &backdrop.pixels));
+    backdrops.iter().filter_map(|backdrop| Some((backdrop, &texture(backdrop)?.1))).collect()
+}
+
 impl Resources {
+    /// Loads the pictures of backdrops that are new, and lets those go that nobody else has.
+    fn load_backdrops(&mut self, gl: &Current<'_>, backdrops: &[Backdrop]) {
+        self.backdrops.retain(|(pixels, _)| Arc::strong_count(pixels) > 1);
+        for Backdrop { pixels, .. } in backdrops {
+            if !self.backdrops.iter().any(|(loaded, _)| Arc::ptr_eq(loaded, pixels)) {
+                if let Ok(texture) = gl.texture(pixels.width(), pixels.height(), pixels.rgba().as_flattened()) {
+                    self.backdrops.push((Arc::clone(pixels), texture));
+                }
+            }
+        }
+    }
+
     /// Brings the lights and their shadow maps up to date, then draws.
     fn with_scene<R>(
         &mut self,
@@ -368,6 +393,8 @@ impl Resources {
             highlight: stage.highlight.as_ref(),
             markers,
         };
+        let backdrops = if markers { stage.backdrops.as_slice() } else { &[] };
+        self.load_backdrops(gl, backdrops);
         let (drawables, objects) = drawables(built, &flags, &self.shapes, &stage.markers, &temporary);
         let casters = &drawables[..objects];
         let lights = built.lights(gl, &mut self.programs, &self.buffer, casters, &mut self.maps)?;
@@ -380,6 +407,7 @@ impl Resources {
             maps: &self.maps,
             no_shadow: &self.no_shadow,
             sky: self.sky.as_ref().and_then(|(_, sky)| sky.as_ref()),
+            backdrops: textured(backdrops, &self.backdrops),
             white: &self.white,
             normal_maps: !stage.normal_maps_off,
             lit_programs: Vec::new(),

@@ -107,6 +107,29 @@ void main() {
 }
 ";
 
+/// A rectangle at the far plane: `u_area` is left, top, width, height in normalised coordinates.
+pub(crate) const BACKDROP_VERTEX: &str = r"#version 330
+uniform vec4 u_area;
+out vec2 v_place;
+void main() {
+    v_place = vec2(gl_VertexID & 1, gl_VertexID >> 1);
+    gl_Position = vec4(u_area.x + v_place.x * u_area.z, u_area.y - v_place.y * u_area.w, 1.0, 1.0);
+}
+";
+
+/// A picture whose top row is the first.
+pub(crate) const BACKDROP_FRAGMENT: &str = r"#version 330
+in vec2 v_place;
+uniform sampler2D u_picture;
+uniform vec4 u_color;
+out vec4 o_color;
+void main() {
+    // The texture repeats: half a texel from its edge the opposite edge begins to count.
+    vec2 half_texel = 0.5 / vec2(textureSize(u_picture, 0));
+    o_color = u_color * texture(u_picture, clamp(v_place, half_texel, 1.0 - half_texel));
+}
+";
+
 /// Six pictures (layers front, back, left, right, top, bottom) as seen from within.
 pub(crate) const SKY_FRAGMENT: &str = r"#version 330
 in vec3 v_direction;

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use ambf_core::adf;
 use ambf_core::comm::Snapshot;
+use ambf_core::plugin::Pixels;
 use ambf_core::scene::VisualScene;
 use nalgebra::{Isometry3, Matrix4, Point3, Vector3};
 
@@ -25,12 +26,25 @@ pub struct Stage {
     pub collision_shapes: bool,
     /// What is drawn besides the objects of the scene.
     pub markers: Vec<Marker>,
+    /// Pictures behind the scene and before its sky, the first one farthest back.
+    pub backdrops: Vec<Backdrop>,
     /// A body in another colour.
     pub highlight: Option<Highlight>,
     /// Normal maps are not used.
     pub normal_maps_off: bool,
     /// What was loaded for it.
     pub(crate) built: Option<Built>,
+}
+
+/// A picture behind the scene, upright. It is drawn where markers are.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Backdrop {
+    /// Loaded anew when it is another `Arc`.
+    pub pixels: Arc<Pixels>,
+    /// Left, top, width and height in pixels of what is drawn.
+    pub area: [f64; 4],
+    /// Red, green, blue and alpha, 0 to 1, by which the picture is multiplied.
+    pub color: [f32; 4],
 }
 
 /// A rigid body that is drawn in another colour.

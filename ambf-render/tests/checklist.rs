@@ -4,8 +4,10 @@ mod render_common;
 
 use std::f64::consts::TAU;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
-use ambf_render::{Picture, PictureRequest, Renderer};
+use ambf_core::plugin::Pixels;
+use ambf_render::{Backdrop, Picture, PictureRequest, Renderer};
 use nalgebra::{Isometry3, Point3, Vector3};
 use render_common::{directory, pixel, simulation, Shown};
 
@@ -859,4 +861,28 @@ fn a_renderer_goes_from_thread_to_thread() {
     let here = shown.picture(&mut renderer, 0, &PictureRequest::color(64, 48));
     let there = std::thread::spawn(move || shown.picture(&mut renderer, 0, &PictureRequest::color(64, 48)));
     assert_eq!(there.join().expect("a picture").color, here.color);
+}
+
+#[test]
+fn backdrops_are_behind_the_scene_and_fill_their_area() {
+    let mut shown = shown("backdrops", &world("", ""), &[block("Box", [0.0; 3], [0.3; 3], RED)]);
+    // Two rows: blue above, green below.
+    let pixels = Pixels::new(1, 2, vec![[0, 0, 255, 255], [0, 255, 0, 255]]).expect("two pixels");
+    let area = [10.0, 0.0, 300.0, 480.0];
+    shown.stage.backdrops.push(Backdrop { pixels: Arc::new(pixels), area, color: [1.0, 1.0, 1.0, 0.5] });
+    let mut renderer = renderer();
+    let request = PictureRequest::color(640, 480);
+    let picture = shown.picture(&mut renderer, 0, &request);
+    // Half of it over white.
+    for (column, row, expected) in
+        [(5, 100, [255, 255, 255]), (12, 5, [127, 127, 255]), (305, 475, [127, 255, 127]), (315, 475, [255, 255, 255])]
+    {
+        let found = pixel(&picture, column, row);
+        assert!(found.iter().zip(expected).all(|(a, b): (&u8, u8)| a.abs_diff(b) <= 2), "{column}, {row}: {found:?}");
+    }
+    let request = PictureRequest { markers: false, ..request };
+    let without = shown.picture(&mut renderer, 0, &request);
+    assert_eq!(pixel(&without, 12, 5), [255; 3], "only where markers are");
+    assert_eq!(pixel(&picture, 320, 240), pixel(&without, 320, 240));
+    assert_eq!(pixel(&picture, 300, 240), pixel(&without, 300, 240), "the box is before it");
 }

@@ -12,7 +12,7 @@ use ambf_core::comm::Snapshot;
 use ambf_core::plugin::{Drawing, Input};
 use ambf_core::scene::VisualScene;
 use ambf_core::sim::{Picked, WindowAnswer, WindowRequest};
-use ambf_render::{Eye, Highlight, Marker, MarkerShape, Renderer, Stage, View};
+use ambf_render::{Highlight, Marker, MarkerShape, Renderer, Stage, View};
 use crossbeam_channel::{unbounded, Receiver, Sender};
 use glutin::surface::{Surface, WindowSurface};
 use nalgebra::Isometry3;
@@ -31,7 +31,7 @@ use crate::outbox::Outbox;
 use crate::panels::{PanelContext, Panels};
 use crate::place::{monitor_index, title, window_area, Area};
 use crate::record::{self, Video};
-use crate::shown;
+use crate::shown::{self, Shown};
 use crate::{Ended, Shared, ViewerParts};
 use pointer::Drag;
 
@@ -71,6 +71,8 @@ pub(crate) struct CameraWindow {
     cursor: Option<PhysicalPosition<f64>>,
     drag: Option<(MouseButton, Drag)>,
     labels: Labels,
+    /// Pictures of plugins.
+    pictures: shown::Pictures,
     monitor: usize,
     full_screen: Option<FullScreen>,
     has_focus: bool,
@@ -316,6 +318,7 @@ impl App {
             cursor: None,
             drag: None,
             labels: Labels::default(),
+            pictures: Vec::new(),
             monitor,
             full_screen: None,
             has_focus: false,
@@ -416,8 +419,10 @@ impl App {
         let view = View::of_camera(&camera.description, state);
         let common = self.stage.markers.len();
         self.stage.markers.extend(shown::markers(drawings, number(window.camera)));
+        self.stage.backdrops = shown::backdrops(drawings, number(window.camera), size, &view.eyes(size.0, size.1));
         let drawn = renderer.draw(&mut self.stage, &view, size, samples, self.switches.mirrored);
         self.stage.markers.truncate(common);
+        self.stage.backdrops.clear();
         if let Err(error) = drawn {
             // A window that is too narrow for two eyes is no reason to end.
             if !matches!(error, ambf_render::RenderError::Size { .. }) {
@@ -427,7 +432,8 @@ impl App {
         if !self.switches.labels_stand {
             window.labels = self.labels(camera, snapshot);
         }
-        let plugins = ShownTexts { drawings, eyes: view.eyes(size.0, size.1), mirrored: self.switches.mirrored };
+        let (eyes, mirrored) = (view.eyes(size.0, size.1), self.switches.mirrored);
+        let plugins = Shown { drawings, window: number(window.camera), size, eyes, mirrored };
         self.draw_texts(window, &gl, size, visuals, snapshot, &plugins);
         if self.screenshot == Some(window.camera) {
             self.screenshot = None;
@@ -449,11 +455,11 @@ impl App {
         size: (u32, u32),
         visuals: &Arc<VisualScene>,
         snapshot: &Arc<Snapshot>,
-        plugins: &ShownTexts<'_>,
+        plugins: &Shown<'_>,
     ) {
         let raw = window.input.take_egui_input(&window.window);
         let egui = window.egui.clone();
-        let labels = &window.labels;
+        let (labels, pictures) = (&window.labels, &mut window.pictures);
         let (help, camera) = (self.switches.help, window.camera);
         let message =
             self.message.as_ref().filter(|(since, _)| since.elapsed() < MESSAGE_TIME).map(|(_, text)| text.clone());
@@ -474,8 +480,9 @@ impl App {
         };
         let output = egui.run(raw, |ui| {
             let painter = ui.layer_painter(egui::LayerId::background());
+            plugins.paint_pictures(&painter, pictures, ui.pixels_per_point());
             labels.paint(&painter, size, ui.pixels_per_point());
-            plugins.paint(&painter, number(camera), size, ui.pixels_per_point());
+            plugins.paint_texts(&painter, ui.pixels_per_point());
             if let Some(text) = &message {
                 show_message(ui, text);
             }
@@ -630,19 +637,6 @@ impl App {
             action: if event.repeat { 2 } else { 1 },
             mods: keys::glfw_modifiers(self.modifiers),
         });
-    }
-}
-
-/// Texts that plugins show in a window.
-struct ShownTexts<'a> {
-    drawings: &'a [Arc<Vec<Drawing>>],
-    eyes: Vec<Eye>,
-    mirrored: bool,
-}
-
-impl ShownTexts<'_> {
-    fn paint(&self, painter: &egui::Painter, window: u32, size: (u32, u32), scale: f32) {
-        shown::paint_texts(painter, self.drawings, window, size, scale, &self.eyes, self.mirrored);
     }
 }
 

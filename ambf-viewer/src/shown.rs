@@ -1,9 +1,9 @@
-//! What plugins show in windows: markers and texts.
+//! What plugins show in windows: markers, texts and pictures.
 
 use std::sync::Arc;
 
-use ambf_core::plugin::{Drawing, DrawingShape, TextPlace};
-use ambf_render::{Eye, Marker, MarkerShape};
+use ambf_core::plugin::{Drawing, DrawingShape, Pixels, TextPlace};
+use ambf_render::{Backdrop, Eye, Marker, MarkerShape};
 use egui::{Color32, FontId, Pos2, Vec2};
 use nalgebra::{Point3, Vector3};
 
@@ -41,35 +41,95 @@ fn of_window(shown: &[Arc<Vec<Drawing>>], window: u32) -> impl Iterator<Item = &
     all.filter(move |drawing| drawing.window == 0 || drawing.window == window)
 }
 
-/// Draws the texts of a window of `size` pixels, by its number from 1; `scale` is pixels a point of egui, `eyes` those of its picture.
-pub(crate) fn paint_texts(
-    painter: &egui::Painter,
-    shown: &[Arc<Vec<Drawing>>],
-    window: u32,
-    size: (u32, u32),
-    scale: f32,
-    eyes: &[Eye],
-    mirrored: bool,
-) {
+/// Pictures before the scene, as a window has loaded them.
+pub(crate) type Pictures = Vec<(Arc<Pixels>, egui::TextureHandle)>;
+
+/// The pictures behind the scene of a window of `size` pixels, by its number from 1.
+pub(crate) fn backdrops(shown: &[Arc<Vec<Drawing>>], window: u32, size: (u32, u32), eyes: &[Eye]) -> Vec<Backdrop> {
+    let mut found = Vec::new();
     for drawing in of_window(shown, window) {
-        let DrawingShape::Text { text, place, height, panel } = &drawing.shape else { continue };
-        let pixels = height.clamp(*HEIGHTS.start(), *HEIGHTS.end()) as f32 / scale;
-        let color = |[r, g, b, a]: [f32; 4]| egui::Rgba::from_rgba_unmultiplied(r, g, b, a);
-        let [r, g, b, a] = drawing.color.map(|x| (x.clamp(0.0, 1.0) * 255.0).round() as u8);
-        let ink = Color32::from_rgba_unmultiplied(r, g, b, a);
-        for (x, y) in places(drawing, place, size, eyes, mirrored) {
-            let corner = Pos2::new(x as f32 / scale, y as f32 / scale);
-            let galley = painter.layout_no_wrap(text.clone(), FontId::proportional(pixels), ink);
-            if let Some(panel) = panel {
-                let behind = egui::Rect::from_min_size(corner, galley.size()).expand(MARGIN * pixels);
-                painter.rect_filled(behind, MARGIN * pixels, Color32::from(color(panel.map(|x| x.clamp(0.0, 1.0)))));
+        let DrawingShape::Picture { pixels, is_behind: true, .. } = &drawing.shape else { continue };
+        let color = drawing.color.map(|x| x.clamp(0.0, 1.0));
+        // A mirrored window mirrors the scene with what is behind it.
+        let areas = areas(drawing, size, eyes, false).into_iter();
+        found.extend(areas.map(|area| Backdrop { pixels: Arc::clone(pixels), area, color }));
+    }
+    found
+}
+
+/// Left, top, width and height of a picture, pixels from the upper left corner of the window.
+fn areas(drawing: &Drawing, size: (u32, u32), eyes: &[Eye], mirrored: bool) -> Vec<[f64; 4]> {
+    let DrawingShape::Picture { pixels, place, height, .. } = &drawing.shape else { return Vec::new() };
+    if *height <= 0.0 {
+        return vec![[0.0, 0.0, f64::from(size.0), f64::from(size.1)]];
+    }
+    let width = height * f64::from(pixels.width()) / f64::from(pixels.height());
+    places(drawing, place, size, eyes, mirrored).into_iter().map(|(x, y)| [x, y, width, *height]).collect()
+}
+
+/// What plugins show in a window when a picture of the scene is there.
+pub(crate) struct Shown<'a> {
+    pub drawings: &'a [Arc<Vec<Drawing>>],
+    /// Number of the window, from 1.
+    pub window: u32,
+    /// Pixels.
+    pub size: (u32, u32),
+    /// Of the picture.
+    pub eyes: Vec<Eye>,
+    pub mirrored: bool,
+}
+
+impl Shown<'_> {
+    /// Draws pictures before the scene; `scale` is pixels a point of egui.
+    pub(crate) fn paint_pictures(&self, painter: &egui::Painter, loaded: &mut Pictures, scale: f32) {
+        // Those that nobody else has are not shown any more.
+        loaded.retain(|(pixels, _)| Arc::strong_count(pixels) > 1);
+        for drawing in of_window(self.drawings, self.window) {
+            let DrawingShape::Picture { pixels, is_behind: false, .. } = &drawing.shape else { continue };
+            let place = loaded.iter().position(|(known, _)| Arc::ptr_eq(known, pixels)).unwrap_or_else(|| {
+                let size = [pixels.width() as usize, pixels.height() as usize];
+                let image = egui::ColorImage::from_rgba_unmultiplied(size, pixels.rgba().as_flattened());
+                let texture = painter.ctx().load_texture("picture of a plugin", image, egui::TextureOptions::LINEAR);
+                loaded.push((Arc::clone(pixels), texture));
+                loaded.len() - 1
+            });
+            for area in areas(drawing, self.size, &self.eyes, self.mirrored) {
+                let [left, top, width, height] = area.map(|x| x as f32 / scale);
+                let area = egui::Rect::from_min_size(Pos2::new(left, top), Vec2::new(width, height));
+                let whole = egui::Rect::from_min_max(Pos2::ZERO, Pos2::new(1.0, 1.0));
+                painter.image(loaded[place].1.id(), area, whole, ink(drawing.color));
             }
-            painter.galley(corner + Vec2::ZERO, galley, ink);
+        }
+    }
+
+    /// Draws texts; `scale` is pixels a point of egui.
+    pub(crate) fn paint_texts(&self, painter: &egui::Painter, scale: f32) {
+        for drawing in of_window(self.drawings, self.window) {
+            let DrawingShape::Text { text, place, height, panel } = &drawing.shape else { continue };
+            let pixels = height.clamp(*HEIGHTS.start(), *HEIGHTS.end()) as f32 / scale;
+            let color = |[r, g, b, a]: [f32; 4]| egui::Rgba::from_rgba_unmultiplied(r, g, b, a);
+            let ink = ink(drawing.color);
+            for (x, y) in places(drawing, place, self.size, &self.eyes, self.mirrored) {
+                let corner = Pos2::new(x as f32 / scale, y as f32 / scale);
+                let galley = painter.layout_no_wrap(text.clone(), FontId::proportional(pixels), ink);
+                if let Some(panel) = panel {
+                    let behind = egui::Rect::from_min_size(corner, galley.size()).expand(MARGIN * pixels);
+                    let color = Color32::from(color(panel.map(|x| x.clamp(0.0, 1.0))));
+                    painter.rect_filled(behind, MARGIN * pixels, color);
+                }
+                painter.galley(corner, galley, ink);
+            }
         }
     }
 }
 
-/// Upper left corners of a text, pixels from that of the window.
+/// Bytes of a colour from 0 to 1.
+fn ink(color: [f32; 4]) -> Color32 {
+    let [r, g, b, a] = color.map(|x| (x.clamp(0.0, 1.0) * 255.0).round() as u8);
+    Color32::from_rgba_unmultiplied(r, g, b, a)
+}
+
+/// Upper left corners of a text or picture, pixels from that of the window.
 fn places(
     drawing: &Drawing,
     place: &TextPlace,
@@ -138,6 +198,23 @@ mod tests {
         let at = |place| places(&text(place, [0.0; 3]), &place, (200, 100), &[], false);
         assert_eq!(at(TextPlace::Pixels(10.0, -20.0)), [(10.0, 80.0)]);
         assert_eq!(at(TextPlace::Share(0.25, 0.5)), [(50.0, 50.0)]);
+    }
+
+    #[test]
+    fn pictures_behind_the_scene_keep_their_shape_or_fill_the_window() {
+        let pixels = Arc::new(Pixels::new(4, 2, vec![[9; 4]; 8]).expect("eight"));
+        let picture = |height, is_behind| {
+            let (pixels, place) = (Arc::clone(&pixels), TextPlace::Pixels(-50.0, 10.0));
+            let shape = DrawingShape::Picture { pixels, place, height, is_behind };
+            Drawing::new(shape, Isometry3::identity(), [1.0, 1.0, 1.0, 2.0])
+        };
+        let shown = [Arc::new(vec![picture(20.0, true), picture(20.0, false), picture(0.0, true)])];
+        let found = backdrops(&shown, 1, (200, 100), &[]);
+        assert_eq!(
+            found.iter().map(|backdrop| backdrop.area).collect::<Vec<_>>(),
+            [[150.0, 10.0, 40.0, 20.0], [0.0, 0.0, 200.0, 100.0]]
+        );
+        assert_eq!(found[0].color, [1.0; 4]);
     }
 
     #[test]

@@ -136,7 +136,7 @@ def window(master, scene, shadow, seconds):
             def frame():
                 """The number of the frame in which a key arrives, and when."""
                 before = simulator.log().count("key ")
-                run("key", "k")
+                run("key", "y")
                 harness.wait_for(lambda: simulator.log().count("key ") > before, "a key arrives")
                 return int(re.findall(r"frame (\d+)", simulator.log())[-1]), time.monotonic()
 

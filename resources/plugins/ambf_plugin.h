@@ -82,12 +82,13 @@ enum {
 };
 typedef struct { uint32_t code, kind; uint64_t index; int64_t other; double numbers[8]; } ambf_command;
 
-/* Markers and texts in windows. `numbers`: sphere: radius; box: edges; arrow along +x: length, radius; frame: length; points: size in pixels;
- * texts: x, y, height of a line in pixels. Negative pixels count from the right and lower edge; shares are 0 to 1. A text in the scene is where
- * the origin of its pose is seen. */
+/* Markers, texts and pictures in windows. `numbers`: sphere: radius; box: edges; arrow along +x: length, radius; frame: length; points: size in pixels;
+ * texts: x, y, height of a line in pixels; pictures: x, y, height in pixels, 0: the picture fills the window. Negative pixels count from the right and lower edge; shares are 0 to 1. A text or picture in the
+ * scene is where the origin of its pose is seen. */
 enum {
     AMBF_SHOW_SPHERE = 0, AMBF_SHOW_BOX = 1, AMBF_SHOW_ARROW = 2, AMBF_SHOW_FRAME = 3, AMBF_SHOW_POINTS = 4,
-    AMBF_SHOW_LINES = 5, AMBF_SHOW_TEXT_PIXELS = 6, AMBF_SHOW_TEXT_SHARE = 7, AMBF_SHOW_TEXT_SCENE = 8
+    AMBF_SHOW_LINES = 5, AMBF_SHOW_TEXT_PIXELS = 6, AMBF_SHOW_TEXT_SHARE = 7, AMBF_SHOW_TEXT_SCENE = 8,
+    AMBF_SHOW_PICTURE_PIXELS = 9, AMBF_SHOW_PICTURE_SHARE = 10, AMBF_SHOW_PICTURE_SCENE = 11
 };
 typedef struct {
     uint32_t shape;
@@ -99,6 +100,9 @@ typedef struct {
     const double (*points)[3]; /* of points and lines */
     uint64_t point_count;
     ambf_text text;    /* of texts */
+    const uint8_t (*pixels)[4]; /* of pictures: red, green, blue, alpha, top row first */
+    uint32_t width, height;     /* pixels of a picture, 1 to 8192 each */
+    uint32_t behind;            /* of pictures: 1 behind the scene, 0 before it */
 } ambf_drawing;
 
 /* Input of a window, numbered from 1: code 0 key (key, scancode, action, mods), 1 button (button, 0, action, mods), 2 position (x, y), 3 scroll (x, y). */

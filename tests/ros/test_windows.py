@@ -600,6 +600,25 @@ class WithPlugin(Windowed):
         self.wait_for_picture(
             lambda picture: not any(is_green(pixel) for row in picture for pixel in row), "the ball is gone"
         )
+        # Pictures: a sky behind the scene of the window on top, which fills it, and three squares before it.
+        self.display.key(first, "k")
+        right, above = left + 30 + SIZE[0], top + 30
+
+        def has_pictures(picture):
+            sky = picture[above + 3][left + 40], picture[above + SIZE[1] // 2][right - 10]
+            squares = [picture[above + 25][right - 100 + at] for at in (15, 45, 75)]
+            return (
+                sky[0][0] < 20
+                and sky[0][2] > 240
+                and abs(sky[1][0] - 96) < 12
+                and squares == [(255, 0, 0), (0, 255, 0), (0, 0, 255)]
+            )
+
+        picture = self.wait_for_picture(has_pictures, "a sky and squares")
+        middle = picture[above + SIZE[1] // 2][left + 30 + SIZE[0] // 2]
+        self.assertLess(middle[2], 100, "the ball is before the sky")
+        self.display.key(first, "k")
+        self.wait_for_picture(lambda picture: picture[above + 3][left + 40] == (255, 255, 255), "the sky is gone")
         self.display.mouse("mousemove", left + 300, top + 15)
         self.display.mouse("click", "3")
         self.wait_for_log("button 1 pressed in window 1 at 300, 15, modifiers 0")

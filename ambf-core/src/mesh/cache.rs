@@ -6,16 +6,10 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::thread;
 
-use super::{check_finite, load, load_both, Mesh, MeshError, VisualMesh};
-
-/// What loading gave; shared by all who ask.
-type Outcome<T> = Result<Arc<T>, Arc<MeshError>>;
+use super::{check_finite, load, Mesh, MeshError};
 
 /// One thread loads, while others that want the same wait without a lock on the whole.
-type Cell<T> = Arc<OnceLock<Outcome<T>>>;
-
-/// What is drawn of a file, and messages about it.
-type Drawn = (VisualMesh, Vec<String>);
+type Cell = Arc<OnceLock<Result<Arc<Mesh>, Arc<MeshError>>>>;
 
 /// Canonical path and bit pattern of the scale.
 type Key = (PathBuf, u64);
@@ -26,9 +20,7 @@ type Key = (PathBuf, u64);
 /// a file is tried once, and all who ask for it get the same `Arc`. May be used from several threads.
 #[derive(Debug, Default)]
 pub struct MeshCache {
-    outcomes: Mutex<HashMap<Key, Cell<Mesh>>>,
-    /// By canonical path and whether duplicates are removed.
-    visuals: Mutex<HashMap<(PathBuf, bool), Cell<Drawn>>>,
+    outcomes: Mutex<HashMap<Key, Cell>>,
 }
 
 impl MeshCache {
@@ -56,28 +48,9 @@ impl MeshCache {
         outcome.clone()
     }
 
-    fn cell(&self, path: &Path, scale: f64) -> Cell<Mesh> {
+    fn cell(&self, path: &Path, scale: f64) -> Cell {
         let mut outcomes = self.outcomes.lock().unwrap_or_else(PoisonError::into_inner);
         Arc::clone(outcomes.entry((canonical(path), scale.to_bits())).or_default())
-    }
-
-    /// What is drawn of the mesh in file `path`, and messages about it, as [`load_visual`](super::load_visual) gives them; not scaled. The
-    /// file is read once for both purposes if this is asked for before [`get`](Self::get).
-    ///
-    /// # Errors
-    /// As [`load_visual`](super::load_visual). Errors of drawing alone do not keep [`get`](Self::get) from reading the mesh.
-    pub fn visual(&self, path: &Path, remove_duplicates: bool) -> Result<Arc<Drawn>, Arc<MeshError>> {
-        let cell = {
-            let mut visuals = self.visuals.lock().unwrap_or_else(PoisonError::into_inner);
-            Arc::clone(visuals.entry((canonical(path), remove_duplicates)).or_default())
-        };
-        let outcome = cell.get_or_init(|| {
-            let (mesh, visual, messages) = load_both(path, remove_duplicates).map_err(Arc::new)?;
-            // Whoever was first counts: both read the same file.
-            self.cell(path, 1.0).get_or_init(|| Ok(Arc::new(mesh)));
-            Ok(Arc::new((visual, messages)))
-        });
-        outcome.clone()
     }
 
     /// Loads all `requests` (path, scale) on as many threads as the machine has cores. What fails is found again by
@@ -162,23 +135,6 @@ mod tests {
         std::fs::write(dir.join("bad.obj"), "v 0 0 0\n").unwrap();
         let first = cache.get(&dir.join("bad.obj"), 1.0).unwrap_err();
         assert!(Arc::ptr_eq(&first, &cache.get(&dir.join("bad.obj"), 2.0).unwrap_err()));
-        std::fs::remove_dir_all(dir).unwrap();
-    }
-
-    #[test]
-    fn a_file_is_read_once_for_both_purposes() {
-        let dir = folder("cache_both");
-        let (cache, path) = (MeshCache::new(), dir.join("b.obj"));
-        std::fs::write(&path, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
-        let visual = cache.visual(&path, false).unwrap();
-        assert!(Arc::ptr_eq(&visual, &cache.visual(&dir.join("./b.obj"), false).unwrap()));
-        assert!(!Arc::ptr_eq(&visual, &cache.visual(&path, true).unwrap()));
-        // What is written now was not there when the file was read.
-        std::fs::write(&path, "v 0 0 0\n").unwrap();
-        assert_eq!(cache.get(&path, 2.0).unwrap().sub_meshes[0].vertices[1], [2.0, 0.0, 0.0]);
-        // Too far away to be drawn, but not to collide.
-        assert!(matches!(*cache.visual(&dir.join("a.obj"), false).unwrap_err(), MeshError::TooFar { .. }));
-        assert_eq!(cache.get(&dir.join("a.obj"), 1.0).unwrap().triangle_count(), 1);
         std::fs::remove_dir_all(dir).unwrap();
     }
 

@@ -182,17 +182,19 @@ pub struct RawInput {
     pub y: f64,
 }
 
-/// A marker or a text in windows.
+/// A marker, a text or a picture in windows.
 #[derive(Debug, Clone, Copy)]
 #[repr(C)]
 pub struct RawDrawing {
-    /// 0 sphere, 1 box, 2 arrow, 3 frame, 4 points, 5 lines; 6 text in pixels, 7 in shares of the window, 8 in the scene.
+    /// 0 sphere, 1 box, 2 arrow, 3 frame, 4 points, 5 lines; 6 text in pixels, 7 in shares of the window, 8 in the scene; 9, 10, 11 the same
+    /// of pictures.
     pub shape: u32,
     /// Number of the window from 1; 0: all.
     pub window: u32,
     /// In the world; all zeros: the world's frame.
     pub pose: RawPose,
-    /// Sphere: radius. Box: edges. Arrow: length, radius. Frame: length. Points: pixels. Texts: x, y, pixels of a line.
+    /// Sphere: radius. Box: edges. Arrow: length, radius. Frame: length. Points: pixels. Texts: x, y, pixels of a line. Pictures: x, y, height in
+    /// pixels.
     pub numbers: [f64; 3],
     /// Red, green, blue, alpha, 0 to 1.
     pub color: [f32; 4],
@@ -204,6 +206,14 @@ pub struct RawDrawing {
     pub point_count: u64,
     /// Of texts.
     pub text: RawText,
+    /// Of pictures: red, green, blue, alpha, top row first.
+    pub pixels: *const [u8; 4],
+    /// Pixels of a picture from left to right.
+    pub width: u32,
+    /// Pixels of a picture from top to bottom.
+    pub height: u32,
+    /// Of pictures: 1 behind the scene, else before it.
+    pub behind: u32,
 }
 
 impl Default for RawDrawing {
@@ -218,6 +228,10 @@ impl Default for RawDrawing {
             points: std::ptr::null(),
             point_count: 0,
             text: RawText { data: std::ptr::null(), length: 0 },
+            pixels: std::ptr::null(),
+            width: 0,
+            height: 0,
+            behind: 0,
         }
     }
 }

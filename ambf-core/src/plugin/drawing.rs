@@ -1,4 +1,4 @@
-//! What plugins show in windows besides the scene: markers and texts, as plain data.
+//! What plugins show in windows besides the scene: markers, texts and pictures, as plain data.
 
 use std::sync::Arc;
 
@@ -15,14 +15,50 @@ pub const MOST_POINTS: usize = 1_000_000;
 /// Bytes of all texts of one plugin at a time.
 pub const MOST_TEXT: usize = 100_000;
 
-/// A marker or a text in windows. Pictures that are published don't have it.
+/// Pixels of all pictures of one plugin at a time.
+pub const MOST_PIXELS: usize = 1 << 24;
+/// Pixels of a picture each way.
+const LONGEST_SIDE: u32 = 8192;
+
+/// A picture: (height x width) pixels of red, green, blue and alpha, top row first. Alpha is not multiplied into the colours.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Pixels {
+    width: u32,
+    height: u32,
+    rgba: Vec<[u8; 4]>,
+}
+
+impl Pixels {
+    /// A picture of `width` x `height` pixels, 1 to 8192 each way; `None` for others and if `rgba` are not as many.
+    pub fn new(width: u32, height: u32, rgba: Vec<[u8; 4]>) -> Option<Self> {
+        let is_possible = [width, height].iter().all(|side| (1..=LONGEST_SIDE).contains(side));
+        (is_possible && rgba.len() == width as usize * height as usize).then_some(Self { width, height, rgba })
+    }
+
+    /// Pixels from left to right.
+    pub fn width(&self) -> u32 {
+        self.width
+    }
+
+    /// Pixels from top to bottom.
+    pub fn height(&self) -> u32 {
+        self.height
+    }
+
+    /// Row by row from the top.
+    pub fn rgba(&self) -> &[[u8; 4]] {
+        &self.rgba
+    }
+}
+
+/// A marker, a text or a picture in windows. Pictures that are published don't have it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Drawing {
     /// Number of the window, from 1, as its title says; 0: all windows.
     pub window: u32,
-    /// Pose in the world, m. Of texts only [`TextPlace::Scene`] uses it.
+    /// Pose in the world, m. Of texts and pictures only [`TextPlace::Scene`] uses it.
     pub pose: Isometry3<f64>,
-    /// Red, green, blue, alpha, 0 to 1.
+    /// Red, green, blue, alpha, 0 to 1; pictures are multiplied by it.
     pub color: [f32; 4],
     /// What it is.
     pub shape: DrawingShape,
@@ -55,9 +91,20 @@ pub enum DrawingShape {
         /// Colour of a rectangle with rounded corners behind it; `None`: there is none.
         panel: Option<[f32; 4]>,
     },
+    /// A picture.
+    Picture {
+        /// The same `Arc` in the next frame is not loaded again.
+        pixels: Arc<Pixels>,
+        /// Where its upper left corner is.
+        place: TextPlace,
+        /// Height in pixels of the window; 0: the picture fills the window, whatever its shape.
+        height: f64,
+        /// Behind everything that is drawn of the scene, and before its sky; else before everything.
+        is_behind: bool,
+    },
 }
 
-/// Where in a window a text is.
+/// Where in a window a text or a picture is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum TextPlace {
@@ -67,6 +114,32 @@ pub enum TextPlace {
     Share(f64, f64),
     /// Where the origin of the drawing's pose is seen; nowhere if that is behind the camera. Stereo windows show it once for each eye.
     Scene,
+}
+
+impl TextPlace {
+    fn is_finite(&self) -> bool {
+        match self {
+            TextPlace::Pixels(x, y) | TextPlace::Share(x, y) => x.is_finite() && y.is_finite(),
+            TextPlace::Scene => true,
+        }
+    }
+
+    /// Its number in plain data, from that of the first on, and x and y.
+    fn raw(self, first: u32) -> (u32, f64, f64) {
+        match self {
+            TextPlace::Pixels(x, y) => (first, x, y),
+            TextPlace::Share(x, y) => (first + 1, x, y),
+            TextPlace::Scene => (first + 2, 0.0, 0.0),
+        }
+    }
+
+    fn of_raw(number: u32, x: f64, y: f64) -> Self {
+        match number {
+            0 => TextPlace::Pixels(x, y),
+            1 => TextPlace::Share(x, y),
+            _ => TextPlace::Scene,
+        }
+    }
 }
 
 impl Drawing {
@@ -95,12 +168,9 @@ impl Drawing {
             DrawingShape::Points(points, size) => size.is_finite() && points.iter().flatten().all(|x| x.is_finite()),
             DrawingShape::Lines(points) => points.iter().flatten().all(|x| x.is_finite()),
             DrawingShape::Text { place, height, panel, .. } => {
-                let place = match place {
-                    TextPlace::Pixels(x, y) | TextPlace::Share(x, y) => x.is_finite() && y.is_finite(),
-                    TextPlace::Scene => true,
-                };
-                place && height.is_finite() && panel.iter().flatten().all(|x| x.is_finite())
+                place.is_finite() && height.is_finite() && panel.iter().flatten().all(|x| x.is_finite())
             }
+            DrawingShape::Picture { place, height, .. } => place.is_finite() && height.is_finite(),
         };
         colors && shape && RawPose::from(&self.pose).pose().is_some()
     }
@@ -132,11 +202,14 @@ impl Drawing {
             DrawingShape::Text { text, place, height, panel } => {
                 raw.text = RawText::of(text);
                 raw.panel = panel.unwrap_or_default();
-                (raw.shape, raw.numbers) = match *place {
-                    TextPlace::Pixels(x, y) => (6, [x, y, *height]),
-                    TextPlace::Share(x, y) => (7, [x, y, *height]),
-                    TextPlace::Scene => (8, [0.0, 0.0, *height]),
-                };
+                let (shape, x, y) = place.raw(6);
+                (raw.shape, raw.numbers) = (shape, [x, y, *height]);
+            }
+            DrawingShape::Picture { pixels, place, height, is_behind } => {
+                let (shape, x, y) = place.raw(9);
+                (raw.shape, raw.numbers) = (shape, [x, y, *height]);
+                (raw.pixels, raw.width, raw.height) = (pixels.rgba.as_ptr(), pixels.width, pixels.height);
+                raw.behind = (*is_behind).into();
             }
         }
         (raw.points, raw.point_count) = (points.as_ptr(), points.len() as u64);
@@ -147,10 +220,10 @@ impl Drawing {
     ///
     /// # Errors
     /// [`CommandError::Unknown`] for a shape that is none, [`CommandError::NotFinite`] for a pose that is none, [`CommandError::Refused`]
-    /// for points at null, [`CommandError::TooMuch`].
+    /// for points and pixels at null, [`CommandError::TooMuch`].
     ///
     /// # Safety
-    /// Points and text are null or as many as they say, and live until this returns.
+    /// Points, text and pixels are null or as many as they say, and live until this returns.
     pub(super) unsafe fn from_raw(raw: &RawDrawing) -> Result<Self, CommandError> {
         if raw.point_count > MOST_POINTS as u64 || raw.text.length > MOST_TEXT as u64 {
             return Err(CommandError::TooMuch);
@@ -168,7 +241,7 @@ impl Drawing {
         let text = |place| DrawingShape::Text {
             // SAFETY: the caller vouches for the text.
             text: unsafe { raw.text.read() },
-            place,
+            place: TextPlace::of_raw(place, a, b),
             height: c,
             panel: (raw.panel[3] != 0.0).then_some(raw.panel),
         };
@@ -179,9 +252,21 @@ impl Drawing {
             3 => DrawingShape::Frame(a),
             4 => DrawingShape::Points(points()?, a),
             5 => DrawingShape::Lines(points()?),
-            6 => text(TextPlace::Pixels(a, b)),
-            7 => text(TextPlace::Share(a, b)),
-            8 => text(TextPlace::Scene),
+            place @ 6..=8 => text(place - 6),
+            place @ 9..=11 => {
+                let count = u64::from(raw.width) * u64::from(raw.height);
+                if count > MOST_PIXELS as u64 {
+                    return Err(CommandError::TooMuch);
+                }
+                if raw.pixels.is_null() {
+                    return Err(CommandError::Refused);
+                }
+                // SAFETY: the caller vouches for the pixels.
+                let rgba = unsafe { std::slice::from_raw_parts(raw.pixels, count as usize) }.to_vec();
+                let pixels = Pixels::new(raw.width, raw.height, rgba).ok_or(CommandError::Refused)?;
+                let place = TextPlace::of_raw(place - 9, a, b);
+                DrawingShape::Picture { pixels: Arc::new(pixels), place, height: c, is_behind: raw.behind == 1 }
+            }
             _ => return Err(CommandError::Unknown),
         };
         // In C a pose that nobody has filled in is the origin of the world.
@@ -199,15 +284,16 @@ impl Drawing {
 /// # Errors
 /// [`CommandError::NotFinite`], [`CommandError::TooMuch`].
 pub(super) fn check(drawings: &[Drawing]) -> Result<(), CommandError> {
-    let (mut points, mut bytes) = (0, 0);
+    let (mut points, mut bytes, mut pixels) = (0, 0, 0);
     for drawing in drawings {
         match &drawing.shape {
             DrawingShape::Points(own, _) | DrawingShape::Lines(own) => points += own.len(),
             DrawingShape::Text { text, .. } => bytes += text.len(),
+            DrawingShape::Picture { pixels: own, .. } => pixels += own.rgba.len(),
             _ => (),
         }
     }
-    if drawings.len() > MOST_DRAWINGS || points > MOST_POINTS || bytes > MOST_TEXT {
+    if drawings.len() > MOST_DRAWINGS || points > MOST_POINTS || bytes > MOST_TEXT || pixels > MOST_PIXELS {
         return Err(CommandError::TooMuch);
     }
     match drawings.iter().all(Drawing::is_finite) {
@@ -258,6 +344,10 @@ mod tests {
         let points = || vec![Vector3::x(), Vector3::new(0.0, 2.0, -3.0)];
         let text =
             |place| DrawingShape::Text { text: "tool at 3 mm".into(), place, height: 20.0, panel: Some([1.0; 4]) };
+        let picture = |place, height, is_behind| {
+            let pixels = Pixels::new(3, 2, vec![[1, 2, 3, 4], [5; 4], [6; 4], [7; 4], [8; 4], [9; 4]]).expect("six");
+            DrawingShape::Picture { pixels: Arc::new(pixels), place, height, is_behind }
+        };
         let shapes = [
             DrawingShape::Sphere(0.1),
             DrawingShape::Box([0.1, 0.2, 0.3]),
@@ -268,6 +358,9 @@ mod tests {
             text(TextPlace::Pixels(10.0, -20.0)),
             text(TextPlace::Share(0.5, 0.25)),
             text(TextPlace::Scene),
+            picture(TextPlace::Pixels(-10.0, 20.0), 30.0, false),
+            picture(TextPlace::Share(0.0, 0.0), 0.0, true),
+            picture(TextPlace::Scene, 30.0, true),
         ];
         let drawing = |shape| Drawing::new(shape, pose, [0.1, 0.2, 0.3, 0.4]).in_window(2);
         shapes.into_iter().map(drawing).chain([Drawing::text("plain", TextPlace::Scene)]).collect()
@@ -285,13 +378,19 @@ mod tests {
         let strange = RawDrawing { shape: 99, ..RawDrawing::default() };
         let no_points = RawDrawing { shape: 5, point_count: 2, ..RawDrawing::default() };
         let many = RawDrawing { shape: 5, point_count: u64::MAX, ..RawDrawing::default() };
+        let no_pixels = RawDrawing { shape: 9, width: 2, height: 2, ..RawDrawing::default() };
+        let huge = RawDrawing { shape: 9, width: u32::MAX, height: u32::MAX, ..RawDrawing::default() };
+        let empty = RawDrawing { shape: 9, pixels: [[0; 4]].as_ptr(), ..RawDrawing::default() };
         let no_pose =
             RawDrawing { pose: RawPose { position: [1.0, 0.0, 0.0], orientation: [0.0; 4] }, ..RawDrawing::default() };
-        // SAFETY: none of them has points or a text.
+        // SAFETY: none of them has points, a text or pixels.
         let read = |raw: &RawDrawing| unsafe { Drawing::from_raw(raw) };
         assert_eq!(read(&strange), Err(CommandError::Unknown));
         assert_eq!(read(&no_points), Err(CommandError::Refused));
         assert_eq!(read(&many), Err(CommandError::TooMuch));
+        assert_eq!(read(&no_pixels), Err(CommandError::Refused));
+        assert_eq!(read(&huge), Err(CommandError::TooMuch));
+        assert_eq!(read(&empty), Err(CommandError::Refused));
         assert_eq!(read(&no_pose), Err(CommandError::NotFinite));
         assert_eq!(read(&RawDrawing::default()).map(|drawing| drawing.pose), Ok(Isometry3::identity()));
     }
@@ -308,6 +407,15 @@ mod tests {
         let long = Drawing::text("x".repeat(MOST_TEXT / 2 + 1), TextPlace::Scene);
         assert_eq!(check(std::slice::from_ref(&long)), Ok(()));
         assert_eq!(check(&[long.clone(), long]), Err(CommandError::TooMuch), "both together");
+        let half = Pixels::new(4096, 2049, vec![[0; 4]; 4096 * 2049]).expect("as many");
+        let (pixels, place) = (Arc::new(half), TextPlace::Share(0.0, 0.0));
+        let shape = DrawingShape::Picture { pixels, place, height: 0.0, is_behind: true };
+        let picture = Drawing::new(shape, Isometry3::identity(), [1.0; 4]);
+        assert_eq!(check(std::slice::from_ref(&picture)), Ok(()));
+        assert_eq!(check(&[picture.clone(), picture]), Err(CommandError::TooMuch), "both together");
+        assert_eq!(Pixels::new(2, 2, vec![[0; 4]; 3]), None);
+        assert_eq!(Pixels::new(0, 2, Vec::new()), None);
+        assert_eq!(Pixels::new(8193, 1, vec![[0; 4]; 8193]), None);
     }
 
     #[test]

@@ -34,7 +34,9 @@ mod view;
 pub use crate::scene::{ObjectId, ObjectType};
 pub use command::{Command, CommandError};
 pub(crate) use desk::Shared;
-pub use drawing::{Drawing, DrawingShape, Drawings, TextPlace, MOST_DRAWINGS, MOST_POINTS, MOST_TEXT};
+pub use drawing::{
+    Drawing, DrawingShape, Drawings, Pixels, TextPlace, MOST_DRAWINGS, MOST_PIXELS, MOST_POINTS, MOST_TEXT,
+};
 #[doc(hidden)]
 pub use driver_export::export_driver;
 pub use driver_library::load_driver;

@@ -458,6 +458,15 @@ impl Current<'_> {
         }
     }
 
+    /// Draws two triangles of which the vertex shader knows the four corners: upper left, upper right, lower left, lower right.
+    pub(crate) fn draw_rectangle(&self) {
+        // SAFETY: as in `draw_covering`.
+        unsafe {
+            self.raw().bind_vertex_array(None);
+            self.raw().draw_arrays(glow::TRIANGLE_STRIP, 0, 4);
+        }
+    }
+
     /// Compiles and links; the error is what the compiler says.
     pub(crate) fn program(&self, vertex: &str, fragment: &str) -> Result<Program, String> {
         let gl = self.raw();

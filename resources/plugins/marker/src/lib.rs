@@ -1,11 +1,14 @@
 //! A plugin for windows: it shows the time and the last key, and marks a body.
 //!
 //! With `ambf_simulator --plugins libambf_marker.so` each window has a line with the simulated time, the number of the frame and the last key. The
-//! key `b` shows a green ball above the body that is highest, with the body's name, or hides it. Keys and buttons are written to the log.
+//! key `b` shows a green ball above the body that is highest, with the body's name, or hides it; the key `k` a blue sky behind the scene and the
+//! colours of the axes in the upper right corner. Keys and buttons are written to the log.
+
+use std::sync::Arc;
 
 use ambf_core::plugin::{
-    key_name, Drawing, DrawingShape, Host, InitContext, ObjectId, ObjectType, Plugin, PluginError, SimulatorPlugin,
-    TextPlace, View,
+    key_name, Drawing, DrawingShape, Host, InitContext, ObjectId, ObjectType, Pixels, Plugin, PluginError,
+    SimulatorPlugin, TextPlace, View,
 };
 use nalgebra::{Isometry3, Vector3};
 
@@ -20,6 +23,8 @@ struct Tool {
     key: String,
     pointer: (f64, f64),
     marks: bool,
+    /// Sky and legend, while they are shown; made once.
+    pictures: Option<[Arc<Pixels>; 2]>,
     /// Place and name of the highest body.
     highest: Option<(Vector3<f64>, String)>,
 }
@@ -64,6 +69,14 @@ impl Plugin for Tool {
             drawings.push(Drawing::new(DrawingShape::Sphere(0.1), pose, [0.0, 1.0, 0.0, 1.0]));
             drawings.push(Drawing { pose, ..Drawing::text(name, TextPlace::Scene) });
         }
+        if let Some([sky, legend]) = &self.pictures {
+            let picture = |pixels: &Arc<Pixels>, place, height, is_behind| {
+                let shape = DrawingShape::Picture { pixels: Arc::clone(pixels), place, height, is_behind };
+                Drawing::new(shape, Isometry3::identity(), [1.0; 4])
+            };
+            drawings.push(picture(sky, TextPlace::Share(0.0, 0.0), 0.0, true));
+            drawings.push(picture(legend, TextPlace::Pixels(-100.0, 10.0), 30.0, false));
+        }
         if let Some(Err(error)) = self.host.as_ref().map(|host| host.show(&drawings)) {
             self.say(format!("nothing is shown: {error}"));
         }
@@ -78,6 +91,16 @@ impl Tool {
     }
 }
 
+/// One column from blue to white.
+fn sky() -> Option<Pixels> {
+    Pixels::new(1, 64, (0..64).map(|row| [3 * row, 3 * row, 255, 255]).collect())
+}
+
+/// Red, green and blue squares.
+fn legend() -> Option<Pixels> {
+    Pixels::new(3, 1, vec![[255, 0, 0, 255], [0, 255, 0, 255], [0, 0, 255, 255]])
+}
+
 impl SimulatorPlugin for Tool {
     fn keyboard_update(&mut self, window: u32, key: i32, _scancode: i32, action: i32, mods: i32) {
         let names = [(1, "Shift+"), (2, "Ctrl+"), (4, "Alt+"), (8, "Super+")];
@@ -85,6 +108,12 @@ impl SimulatorPlugin for Tool {
         self.key = format!("{held}{}", key_name(key).unwrap_or("without a name"));
         if self.key == "B" && action == 1 {
             self.marks = !self.marks;
+        }
+        if self.key == "K" && action == 1 {
+            self.pictures = match self.pictures.take() {
+                Some(_) => None,
+                None => sky().zip(legend()).map(|pair| <[_; 2]>::from(pair).map(Arc::new)),
+            };
         }
         self.say(format!("key {} in window {window}, frame {}", self.key, self.frames));
     }
