@@ -328,7 +328,7 @@ class Life(unittest.TestCase):
         """Forked ones draw if their parent has not; others always do."""
         text = (
             "import sys, multiprocessing as m, os\n"
-            f"sys.path.insert(0, {str(pathlib.Path(__file__).parent)!r})\n"
+            f"sys.path[:0] = {sys.path!r}\n"
             "from test_render import picture_of\n"
             "if __name__ == '__main__':\n"
             "    with m.get_context('fork').Pool(3) as pool:\n"
