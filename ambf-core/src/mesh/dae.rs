@@ -6,14 +6,14 @@ use std::cell::OnceCell;
 use std::collections::hash_map::Entry;
 use std::collections::{HashMap, HashSet};
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::rc::Rc;
 use std::str::FromStr;
 
 use nalgebra::{Matrix3, Matrix4, Point3, Rotation3, Unit, Vector3};
 use roxmltree::{Document, Node, NodeId};
 
-use super::material::{find_texture, MeshMaterial};
+use super::material::{find_texture, MeshMaterial, MeshTexture};
 use super::visual::{Corner, Details, Facing, PartDetails, ABSENT};
 use super::{check_finite, printable, quoted, Files, Mesh, MeshError, Position, Welder, MAX_SUB_MESHES};
 use crate::xml::find_excess;
@@ -163,7 +163,7 @@ impl Primitive<'_> {
             corners.extend(order.map(|k| {
                 let [tex_coord, normal] = looks[k];
                 let normal = if normal == ABSENT { ABSENT } else { first + normal };
-                Corner { shared: triangle[k] as u32, tex_coord, normal }
+                Corner { shared: triangle[k] as u32, tex_coord, normal, color: ABSENT }
             }));
         }
         corners
@@ -684,7 +684,7 @@ impl<'a> Effect<'_, 'a> {
     }
 
     /// The file of a `<texture>`: through a sampler and a surface, through a sampler alone, or directly.
-    fn texture(&self, texture: Node<'a, 'a>, details: &mut Details) -> Option<PathBuf> {
+    fn texture(&self, texture: Node<'a, 'a>, details: &mut Details) -> Option<MeshTexture> {
         let parameter = |sid: &str| {
             let parameters = self.effect.descendants().filter(|n| n.has_tag_name_local("newparam"));
             parameters.into_iter().find(|n| n.attribute("sid") == Some(sid))

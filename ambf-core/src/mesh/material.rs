@@ -1,6 +1,7 @@
 //! Materials of mesh files, and the material libraries (MTL) of OBJ files.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use super::{quoted, Files, Position};
 
@@ -20,11 +21,45 @@ pub struct MeshMaterial {
     /// Phong exponent, 0 to 128. Default: 64.
     pub shininess: f32,
     /// Texture that multiplies the lit colour. Default: none.
-    pub diffuse_map: Option<PathBuf>,
+    pub diffuse_map: Option<MeshTexture>,
     /// Texture of normals in the tangent frame, (n + 1) / 2. Default: none.
-    pub normal_map: Option<PathBuf>,
+    pub normal_map: Option<MeshTexture>,
     /// Texture that multiplies the specular colour. Default: none.
-    pub specular_map: Option<PathBuf>,
+    pub specular_map: Option<MeshTexture>,
+    /// Physically based reflection. If there is one, `diffuse` and `diffuse_map` are the base colour, and `ambient`, `specular` and
+    /// `shininess` have no effect. Default: none.
+    pub physical: Option<MetallicRoughness>,
+}
+
+/// A physically based material: the metallic-roughness model of glTF 2.0, appendix B.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MetallicRoughness {
+    /// 0 is a dielectric, 1 is a metal.
+    pub metallic: f32,
+    /// 0 is smooth, 1 is matt: the square root of the width α of the distribution of the microfacets' normals.
+    pub roughness: f32,
+    /// Texture whose green channel multiplies the roughness and whose blue channel multiplies the metalness. Default: none.
+    pub map: Option<MeshTexture>,
+}
+
+/// Where a texture is.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub enum MeshTexture {
+    /// A file of its own.
+    File(PathBuf),
+    /// A picture within the mesh file.
+    Embedded {
+        /// The mesh file and what it calls the picture, for messages.
+        name: PathBuf,
+        /// The encoded picture, as a file would hold it.
+        bytes: Arc<[u8]>,
+    },
+}
+
+impl From<&str> for MeshTexture {
+    fn from(path: &str) -> Self {
+        MeshTexture::File(path.into())
+    }
 }
 
 /// What a file without materials gets.
@@ -40,6 +75,7 @@ impl Default for MeshMaterial {
             diffuse_map: None,
             normal_map: None,
             specular_map: None,
+            physical: None,
         }
     }
 }
@@ -91,7 +127,7 @@ impl Warnings {
 ///
 /// # Errors
 /// A sentence that says where the file was looked for.
-pub(super) fn find_texture(mesh: &Path, library: &Path, name: &str, files: &Files) -> Result<PathBuf, String> {
+pub(super) fn find_texture(mesh: &Path, library: &Path, name: &str, files: &Files) -> Result<MeshTexture, String> {
     // Files from Windows.
     let name = name.replace('\\', "/");
     let mut tried: Vec<PathBuf> = Vec::new();
@@ -104,7 +140,7 @@ pub(super) fn find_texture(mesh: &Path, library: &Path, name: &str, files: &File
         }
         // The system's functions do not take such names.
         if !name.contains('\0') && (files.exists)(&place) {
-            return Ok(place);
+            return Ok(MeshTexture::File(place));
         }
         tried.push(place);
     }
@@ -132,10 +168,14 @@ struct Draft {
     opacity: Option<f32>,
     /// Key `Tr`.
     transparency: Option<f32>,
-    diffuse_map: Option<PathBuf>,
-    bump_map: Option<PathBuf>,
-    normal_map: Option<PathBuf>,
-    specular_map: Option<PathBuf>,
+    /// Key `Pm`.
+    metallic: Option<f32>,
+    /// Key `Pr`.
+    roughness: Option<f32>,
+    diffuse_map: Option<MeshTexture>,
+    bump_map: Option<MeshTexture>,
+    normal_map: Option<MeshTexture>,
+    specular_map: Option<MeshTexture>,
 }
 
 impl Draft {
@@ -154,6 +194,11 @@ impl Draft {
             // A file with both means normals by the former; the latter may then be heights.
             normal_map: self.normal_map.or(self.bump_map),
             specular_map: self.specular_map,
+            physical: (self.metallic.is_some() || self.roughness.is_some()).then(|| MetallicRoughness {
+                metallic: self.metallic.unwrap_or(0.0).clamp(0.0, 1.0),
+                roughness: self.roughness.unwrap_or(0.5).clamp(0.0, 1.0),
+                map: None,
+            }),
         }
     }
 }
@@ -209,6 +254,8 @@ impl Draft {
             // `-halo` makes the opacity depend on the angle of view, which nothing here does.
             "d" => self.opacity = Some(number(keyword, rest.strip_prefix("-halo").unwrap_or(rest))?),
             "Tr" => self.transparency = Some(number(keyword, rest)?),
+            "Pm" => self.metallic = Some(number(keyword, rest)?),
+            "Pr" => self.roughness = Some(number(keyword, rest)?),
             "map_Kd" => return map(&mut self.diffuse_map, rest, file),
             "map_Bump" | "map_bump" | "bump" => return map(&mut self.bump_map, rest, file),
             "norm" => return map(&mut self.normal_map, rest, file),
@@ -239,7 +286,7 @@ fn color(keyword: &str, rest: &str) -> Result<[f32; 3], String> {
 }
 
 /// Reads a texture file with its options. `slot` keeps its value if the file is not there.
-fn map(slot: &mut Option<PathBuf>, rest: &str, file: &LibraryFile) -> Result<(), String> {
+fn map(slot: &mut Option<MeshTexture>, rest: &str, file: &LibraryFile) -> Result<(), String> {
     let (name, moved) = without_options(rest);
     if name.is_empty() {
         return Err("a texture without a file name; the plain material is drawn".to_owned());
@@ -330,7 +377,7 @@ mod tests {
         let there = ["folder/tex/my wood.png", "folder/h.png", "folder/n.png", "folder/floor.png", "folder/lib/s.png"];
         let (materials, warnings) = read(text, &there);
         let (a, b) = (&materials[0].1, &materials[1].1);
-        let path = |text: &str| Some(PathBuf::from(text));
+        let path = |text: &str| Some(MeshTexture::from(text));
         assert_eq!((&a.diffuse_map, &a.normal_map), (&path(there[0]), &path(there[2])));
         assert_eq!((&b.diffuse_map, &b.normal_map), (&path(there[3]), &path(there[1])));
         assert_eq!(b.specular_map, path(there[4]));

@@ -23,7 +23,7 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 pub use cache::MeshCache;
-pub use material::MeshMaterial;
+pub use material::{MeshMaterial, MeshTexture, MetallicRoughness};
 use visual::Details;
 pub use visual::{load_both, load_visual, parse_visual, VisualMesh, VisualMeshPart};
 

@@ -158,6 +158,7 @@ impl Contents {
                     shared: number as u32,
                     tex_coord: known(tex_coord, tex_coords.len()),
                     normal: known(normal, normals.len()),
+                    color: ABSENT,
                 })
                 .collect();
             if !is_known {

@@ -376,7 +376,7 @@ impl Object {
                 corners[part].extend(face.iter().zip(shared).map(|(&vertex, shared)| {
                     let has_tex_coord = usize::from(vertex) < self.tex_coords.len();
                     let tex_coord = if has_tex_coord { first + u32::from(vertex) } else { ABSENT };
-                    Corner { shared, tex_coord, normal: ABSENT }
+                    Corner { shared, tex_coord, normal: ABSENT, color: ABSENT }
                 }));
             }
             let described = |corners| PartDetails { facing: Facing::Corners(corners), ..PartDetails::default() };

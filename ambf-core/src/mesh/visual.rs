@@ -38,6 +38,8 @@ pub struct VisualMeshPart {
     pub normals: Vec<[f32; 3]>,
     /// Texture coordinates (n × 2), or empty. v = 0 is the bottom row of the texture; it repeats beyond 0 … 1. Finite.
     pub tex_coords: Vec<[f32; 2]>,
+    /// Colours by which the lit colour is multiplied (n × 4), red, green, blue and alpha, 0 to 1, or empty.
+    pub colors: Vec<[f32; 4]>,
     /// Directions of growing u (n × 4), or empty: unit vectors at right angles to the normals. The direction of growing v is
     /// w · normal × tangent, with w = 1 or −1. There are some where the material has a normal map and there are texture coordinates.
     pub tangents: Vec<[f32; 4]>,
@@ -61,6 +63,15 @@ pub(super) struct Corner {
     pub tex_coord: u32,
     /// Index in [`Details::normals`], or [`ABSENT`].
     pub normal: u32,
+    /// Index in [`Details::colors`], or [`ABSENT`].
+    pub color: u32,
+}
+
+impl Corner {
+    /// A corner of which nothing is known.
+    pub(super) fn bare(shared: u32) -> Self {
+        Self { shared, tex_coord: ABSENT, normal: ABSENT, color: ABSENT }
+    }
 }
 
 /// What is known of the corners of a part.
@@ -91,6 +102,8 @@ pub(super) struct Details {
     pub tex_coords: Vec<[f32; 2]>,
     /// Finite. One of length 0 means that there is none.
     pub normals: Vec<[f32; 3]>,
+    /// Red, green, blue and alpha, 0 to 1.
+    pub colors: Vec<[f32; 4]>,
     pub warnings: Warnings,
 }
 
@@ -166,7 +179,7 @@ fn assemble(path: &Path, mesh: &Mesh, details: &mut Details, remove_duplicates: 
         }
         if !sub.triangles.is_empty() {
             let corners = Corners { sub, part: &part, remove_duplicates };
-            let mut drawn = corners.join(&details.tex_coords, &details.normals);
+            let mut drawn = corners.join(details);
             drawn.name.clone_from(&sub.name);
             drawn.nodes.iter_mut().for_each(|node| *node += first_node);
             drawn.material = part.material;
@@ -195,13 +208,13 @@ impl Corners<'_> {
             }
             Facing::Corners(corners) => corners[3 * i + k],
             // Numbers of facets; there are no other uses of `shared` in such a part.
-            Facing::Flat if !self.remove_duplicates => Corner { shared: i as u32, tex_coord: ABSENT, normal: ABSENT },
-            Facing::Flat | Facing::Smooth => Corner { shared: node, tex_coord: ABSENT, normal: ABSENT },
+            Facing::Flat if !self.remove_duplicates => Corner::bare(i as u32),
+            Facing::Flat | Facing::Smooth => Corner::bare(node),
         }
     }
 
     /// Vertices and triangles, without name, tangents and material; nodes are counted from the sub-mesh's first one.
-    fn join(&self, tex_coords: &[[f32; 2]], normals: &[[f32; 3]]) -> VisualMeshPart {
+    fn join(&self, Details { tex_coords, normals, colors, .. }: &Details) -> VisualMeshPart {
         let is_flat = matches!(self.part.facing, Facing::Flat) && !self.remove_duplicates;
         let mut part = VisualMeshPart::default();
         let mut vertices = Vertices::new(self.sub.vertices.len());
@@ -234,6 +247,10 @@ impl Corners<'_> {
         if corners.iter().any(|corner| corner.tex_coord != ABSENT) {
             let of = |corner: &Corner| tex_coords.get(corner.tex_coord as usize).copied().unwrap_or_default();
             part.tex_coords.extend(corners.iter().map(of));
+        }
+        if corners.iter().any(|corner| corner.color != ABSENT) {
+            let of = |corner: &Corner| colors.get(corner.color as usize).copied().unwrap_or([1.0; 4]);
+            part.colors.extend(corners.iter().map(of));
         }
         part
     }
