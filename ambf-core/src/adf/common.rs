@@ -65,7 +65,16 @@ pub struct ShaderProgram {
     pub fragment: PathBuf,
 }
 
-/// Phong material. Colours are (red, green, blue), each 0 to 1.
+/// Metallic-roughness model of a physically based material.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PhysicalMaterial {
+    /// 0 is a dielectric, 1 is a metal. Default: 0.
+    pub metallic: f64,
+    /// 0 is smooth, 1 is matt. Default: 0.5.
+    pub roughness: f64,
+}
+
+/// Phong material, or a physically based one. Colours are (red, green, blue), each 0 to 1.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
     /// Ambient colour. Default: 0.3 each.
@@ -80,10 +89,21 @@ pub struct Material {
     pub alpha: f64,
     /// Phong exponent. Default: 64.
     pub shininess: u32,
+    /// Physically based reflection, by the keys `metallic` and `roughness`: `diffuse` is then the base colour, and `ambient`, `specular`
+    /// and `shininess` have no effect. Default: none.
+    pub physical: Option<PhysicalMaterial>,
 }
 
 impl Default for Material {
     fn default() -> Self {
-        Self { ambient: [0.3; 3], diffuse: [0.7; 3], specular: [1.0; 3], emission: [0.0; 3], alpha: 1.0, shininess: 64 }
+        Self {
+            ambient: [0.3; 3],
+            diffuse: [0.7; 3],
+            specular: [1.0; 3],
+            emission: [0.0; 3],
+            alpha: 1.0,
+            shininess: 64,
+            physical: None,
+        }
     }
 }

@@ -41,7 +41,7 @@ use yaml::{Document, Kind, Mark, NodeId, SyntaxError};
 pub use body::{RigidBody, Surface};
 pub use camera::{Camera, DepthNoise, Intrinsics, MouseMultipliers, PublishedFrame, Stereo};
 pub use color::ColorTable;
-pub use common::{Common, Material, PluginEntry, ShaderProgram, SourcePos};
+pub use common::{Common, Material, PhysicalMaterial, PluginEntry, ShaderProgram, SourcePos};
 pub use controller::{CartesianController, Controller, ControllerOutput, Gains};
 pub use device::{ButtonMapping, HapticGain, InputDevice, InputDevices};
 pub use geometry::{

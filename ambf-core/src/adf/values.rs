@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-use super::common::{Common, Material, PluginEntry, ShaderProgram};
+use super::common::{Common, Material, PhysicalMaterial, PluginEntry, ShaderProgram};
 use super::controller::{CartesianController, Controller, ControllerOutput, Gains};
 use super::reader::{Map, Range};
 use super::report::ProblemKind;
@@ -231,6 +231,9 @@ impl Map<'_> {
         if let Some(shininess) = self.uint("shininess") {
             material.shininess = shininess;
         }
+        let (metallic, roughness) = (self.fraction("metallic"), self.fraction("roughness"));
+        material.physical = (metallic.is_some() || roughness.is_some())
+            .then(|| PhysicalMaterial { metallic: metallic.unwrap_or(0.0), roughness: roughness.unwrap_or(0.5) });
         self.finish();
         material
     }
@@ -251,6 +254,20 @@ impl Map<'_> {
         let expected = "a number from 0 to 1";
         self.error(ProblemKind::NonFinite, key, expected, "0 is used");
         0.0
+    }
+
+    /// A number from 0 to 1 that has a default. One beyond is clamped.
+    fn fraction(&self, key: &str) -> Option<f64> {
+        let value = self.any_real(key)?;
+        let expected = "a number from 0 to 1";
+        if value.is_nan() {
+            self.error(ProblemKind::NonFinite, key, expected, "the default is used");
+            return None;
+        }
+        if !(0.0..=1.0).contains(&value) {
+            self.warn(ProblemKind::OutOfRange, key, expected, "the nearest one is used");
+        }
+        Some(value.clamp(0.0, 1.0))
     }
 
     /// Key `controller` of a body, or one with the same grammar.
@@ -373,6 +390,14 @@ mod tests {
         let expected =
             Material { ambient: [0.7 * 0.1; 3], emission: [1.0; 3], alpha: 0.5, shininess: 3, ..Material::default() };
         assert_eq!(found, Some(expected));
+        let physical = |keys: &str| {
+            let (found, problems) = material(&format!("color components: {{transparency: 1, {keys}}}"));
+            (found.and_then(|m| m.physical).map(|physical| (physical.metallic, physical.roughness)), problems)
+        };
+        assert_eq!(physical("metallic: 1, roughness: 0.2"), (Some((1.0, 0.2)), 0));
+        assert_eq!(physical("roughness: 7"), (Some((0.0, 1.0)), 1));
+        assert_eq!(physical("metallic: .nan"), (None, 1));
+        assert_eq!(physical("shininess: 7"), (None, 0));
         // A colour cannot hurt the physics: the body stays.
         let (found, problems) = material("color rgba: {r: .nan, g: 0, b: 0, a: 1}");
         assert_eq!((found.map(|m| m.diffuse[0]), problems), (Some(0.0), 1));
