@@ -6,12 +6,14 @@
 //! * [`Settings`]: settings of drivers, as a device file has them.
 //!
 //! ```
+//! use ambf_model::adf;
+//!
 //! let text = "bodies: [BODY Ball]\nBODY Ball: {name: Ball, mass: 1.0, shape: Sphere, geometry: {radius: 0.1}}\njoints: []\n";
 //! let directory = std::env::temp_dir().join(format!("ambf_model_{}", std::process::id()));
 //! std::fs::create_dir_all(&directory)?;
 //! let file = directory.join("ball.yaml");
 //! std::fs::write(&file, text)?;
-//! let (model, report) = ambf_model::adf::Model::load(&file)?;
+//! let (model, report) = adf::load::<adf::Model>(&file)?;
 //! assert_eq!(model.bodies[0].common.name, "Ball");
 //! println!("{report}");
 //! # std::fs::remove_dir_all(directory)?;
