@@ -4,7 +4,7 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 use super::PluginError;
-use crate::adf::PluginEntry;
+use ambf_model::adf::PluginEntry;
 
 /// Where libraries are looked for.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -118,7 +118,7 @@ fn is_cpp_plugin(file: &Path) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::adf::SourcePos;
+    use ambf_model::adf::SourcePos;
 
     struct Folder(PathBuf);
 

@@ -1,38 +1,53 @@
 use nalgebra::{Isometry3, Vector3};
 
 use super::{BodyState, Clock, Command, CommandError, Hit, JointState, Subject, Touch};
-use crate::comm::JointCommandType;
-use crate::scene::{ObjectId, ObjectType};
+use crate::JointCommandType;
+use crate::{ObjectId, ObjectType};
 
 /// Which text of an object is meant.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum TextOf {
+pub enum TextOf {
+    /// Its name.
     Name,
+    /// Its qualified identifier.
     Identifier,
+    /// The file that describes it.
     File,
 }
 
 /// What can be asked and told: the host's simulation itself, or the same through the C interface. `kind`: a type of objects, or `None` for
 /// models.
-pub(crate) trait Access {
+pub trait Access {
     /// What follows is done for the plugin with this number.
     fn act_as(&mut self, _plugin: u64) {}
     /// Undoes what outlives a plugin's calls: its attachments.
     fn release(&mut self, _plugin: u64) {}
+    /// Simulated and real time.
     fn clock(&self) -> Clock;
+    /// Number of objects of a type, removed ones included.
     fn count(&self, kind: Option<ObjectType>) -> usize;
+    /// Index of the object whose name or identifier is `text`.
     fn find(&self, kind: Option<ObjectType>, text: &str) -> Option<usize>;
+    /// A text of an object.
     fn text(&self, what: TextOf, kind: Option<ObjectType>, index: usize) -> Option<String>;
+    /// Index of the model to which an object belongs.
     fn model_of(&self, object: ObjectId) -> Option<usize>;
+    /// State of a rigid body.
     fn body(&self, index: usize) -> Option<BodyState>;
+    /// State of a joint.
     fn joint(&self, index: usize) -> Option<JointState>;
+    /// Pose of an object in the world.
     fn pose(&self, object: ObjectId) -> Option<Isometry3<f64>>;
     /// Appends the numbers of an object; `None` when there is no such object.
     fn values(&self, object: ObjectId, out: &mut Vec<f64>) -> Option<()>;
+    /// The first body that the segment between two points (m) meets.
     fn cast_ray(&self, from: &Vector3<f64>, to: &Vector3<f64>) -> Option<Hit>;
     /// Appends the contacts of a body; `None` when there is no such body.
     fn contacts(&self, body: usize, out: &mut Vec<Touch>) -> Option<()>;
-    /// The number of an attachment, else 0.
+    /// Executes a command; the number of the attachment that it makes, else 0.
+    ///
+    /// # Errors
+    /// [`CommandError`].
     fn execute(&mut self, command: &Command) -> Result<u64, CommandError>;
 }
 

@@ -14,23 +14,23 @@ use super::driver_abi::{
     RawAnswer, RawDevice, RawDriver, RawForce, RawLog, RawSample, RawSettings, RawSpec, LOST, UNAVAILABLE,
 };
 use super::export::message_of;
-use crate::device::{DeviceError, DeviceInfo, DeviceLog, Driver, InputDevice, Setting, Settings};
+use ambf_device::{DeviceError, DeviceInfo, DeviceLog, Driver, InputDevice, Setting, Settings};
 
 /// Makes a shared library of a driver of input devices: the crate's type is `cdylib`, and this stands in it once, with a type that implements
-/// [`Driver`](crate::device::Driver) and [`Default`]. A launch file names it under `device plugins`.
+/// [`Driver`](ambf_device::Driver) and [`Default`]. A launch file names it under `device plugins`.
 #[macro_export]
 macro_rules! export_driver {
     ($driver:ty) => {
         /// Version of the plugin interface that this library was made for.
         #[unsafe(no_mangle)]
         pub extern "C" fn ambf_plugin_abi_version() -> u32 {
-            $crate::plugin::abi::ABI_VERSION
+            $crate::abi::ABI_VERSION
         }
 
         /// Makes the driver.
         #[unsafe(no_mangle)]
-        pub extern "C" fn ambf_driver_create() -> *mut $crate::plugin::driver_abi::RawDriver {
-            $crate::plugin::export_driver(|| Box::new(<$driver as Default>::default()))
+        pub extern "C" fn ambf_driver_create() -> *mut $crate::driver_abi::RawDriver {
+            $crate::export_driver(|| Box::new(<$driver as Default>::default()))
         }
     };
 }
@@ -129,7 +129,7 @@ unsafe extern "C" fn find(
 struct OpenDevice {
     device: Box<dyn InputDevice>,
     /// The table's texts are in it.
-    _spec: Box<crate::device::DeviceSpec>,
+    _spec: Box<ambf_device::DeviceSpec>,
     log: Arc<Mutex<Option<HostLog>>>,
 }
 

@@ -2,8 +2,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::{Command, CommandError, Drawing, PluginError, StateSnapshot, View};
-use crate::adf::{LoadError, Outline};
-use crate::scene::{ObjectId, ObjectType};
+use crate::{ObjectId, ObjectType};
+use ambf_model::adf::{LoadError, Outline};
 
 /// What a plugin is declared on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]

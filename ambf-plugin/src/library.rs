@@ -21,7 +21,7 @@ use super::{
     AnyPlugin, Command, CommandError, Drawing, InitContext, ModelPlugin, ObjectPlugin, Plugin, PluginError, PluginKind,
     SimulatorPlugin, StateSnapshot, Subject, View, WorldPlugin,
 };
-use crate::scene::{ObjectId, ObjectType};
+use crate::{ObjectId, ObjectType};
 
 const VERSION: &str = "ambf_plugin_abi_version";
 const CREATE: &str = "ambf_plugin_create";

@@ -10,8 +10,8 @@ use super::export::message_of;
 use super::registry::BUILTIN;
 use super::view::Access;
 use super::{library, AnyPlugin, Drawings, Host, InitContext, Input, PluginError, Registry, Search, Subject, View};
-use crate::adf::PluginEntry;
-use crate::scene::ObjectId;
+use crate::ObjectId;
+use ambf_model::adf::PluginEntry;
 
 /// Panics after which a plugin is closed.
 const MAX_PANICS: u32 = 3;
@@ -48,10 +48,12 @@ pub struct PluginReport {
 
 /// Plugins that are called together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Phase {
+pub enum Phase {
+    /// Plugins of the world.
     World,
     /// Models and their objects.
     Models,
+    /// Plugins of the simulator.
     Simulator,
 }
 
@@ -106,7 +108,8 @@ struct Slot {
 }
 
 /// The plugins of a simulation.
-pub(crate) struct Plugins {
+pub struct Plugins {
+    /// What is loaded from where.
     pub setup: PluginSetup,
     /// In the order of loading.
     slots: Vec<Slot>,
@@ -114,7 +117,9 @@ pub(crate) struct Plugins {
     world: Vec<usize>,
     models: Vec<usize>,
     simulator: Vec<usize>,
+    /// The plugins' end of the exchange.
     pub shared: Arc<Shared>,
+    /// The physics thread's end.
     pub incoming: Incoming,
     next_number: u64,
     /// What there is to say.
@@ -122,15 +127,21 @@ pub(crate) struct Plugins {
 }
 
 /// A plugin that is to be loaded: its entry, what it is declared on, the YAML there.
-pub(crate) struct Wanted<'a> {
+pub struct Wanted<'a> {
+    /// Name and file.
     pub entry: &'a PluginEntry,
+    /// What it is declared on.
     pub subject: Subject,
+    /// Index of the model to which that belongs.
     pub model: Option<usize>,
+    /// Text of the YAML node.
     pub node: String,
+    /// Folder of the file, to which relative paths belong.
     pub directory: PathBuf,
 }
 
 impl Plugins {
+    /// No plugins yet; what they draw will go into `drawings`.
     pub fn new(setup: PluginSetup, drawings: Drawings) -> Self {
         let (shared, incoming) = Shared::new(drawings);
         Self {
@@ -152,6 +163,9 @@ impl Plugins {
     }
 
     /// Loads and starts a plugin.
+    ///
+    /// # Errors
+    /// [`PluginError`]: no such file or built-in plugin, another interface, a refusal or a panic of its `init`.
     pub fn load(&mut self, access: &mut dyn Access, wanted: Wanted<'_>) -> Result<(), PluginError> {
         let Wanted { entry, subject, model, node, directory } = wanted;
         let number = self.next_number;

@@ -13,10 +13,10 @@ use super::driver_abi::{
 };
 use super::host::resolve;
 use super::{library, PluginError, Search};
-use crate::adf::PluginEntry;
-use crate::device::{
+use ambf_device::{
     DeviceError, DeviceForce, DeviceInfo, DeviceLog, DeviceSample, DeviceSpec, Driver, InputDevice, Settings,
 };
+use ambf_model::adf::PluginEntry;
 
 const CREATE: &str = "ambf_driver_create";
 

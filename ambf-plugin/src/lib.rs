@@ -5,12 +5,12 @@
 //! language against the C interface in [`abi`]. Both are the same to the simulation: what a plugin can see and do is [`View`], and what crosses
 //! between a library and the program is plain data.
 //!
-//! [`Simulation::load_plugins`](crate::sim::Simulation::load_plugins) loads what the files of a scene and a command line ask for. Nothing a
+//! `Simulation::load_plugins` of ambf-core loads what the files of a scene and a command line ask for. Nothing a
 //! plugin does wrong stops the simulation, except what no program can stop: memory that is corrupted, and a callback that never returns.
 
 /// The examples of the guide are compiled.
 #[cfg(doctest)]
-#[doc = include_str!("../../../docs/plugins.md")]
+#[doc = include_str!("../../docs/plugins.md")]
 struct Guide;
 
 pub mod abi;
@@ -25,15 +25,15 @@ mod export;
 mod host;
 mod keys;
 mod library;
+mod object;
 mod registry;
 mod search;
+mod snapshot;
 mod state;
 mod traits;
 mod view;
 
-pub use crate::scene::{ObjectId, ObjectType};
-pub use command::{Command, CommandError};
-pub(crate) use desk::Shared;
+pub use command::{Command, CommandError, JointCommandType};
 pub use drawing::{
     Drawing, DrawingShape, Drawings, Pixels, TextPlace, MOST_DRAWINGS, MOST_PIXELS, MOST_POINTS, MOST_TEXT,
 };
@@ -43,15 +43,22 @@ pub use driver_library::load_driver;
 pub use error::PluginError;
 #[doc(hidden)]
 pub use export::export;
-pub(crate) use host::{Phase, Plugins, Wanted};
 pub use host::{PluginReport, PluginSetup};
 pub use keys::key_name;
+pub use object::{ObjectId, ObjectType};
 pub use registry::Registry;
 pub use search::Search;
+pub use snapshot::{SnapshotSlot, SnapshotWriter};
 pub use state::{BodyState, Clock, Hit, JointState, StateSnapshot, Touch};
 pub use traits::{
     AnyPlugin, Host, InitContext, Input, ModelPlugin, ObjectPlugin, Plugin, PluginKind, SimulatorPlugin, Subject,
     WorldPlugin,
 };
 pub use view::View;
-pub(crate) use view::{Access, TextOf};
+
+/// What a program needs that runs plugins.
+pub mod run {
+    pub use crate::desk::{Incoming, Requests, Shared};
+    pub use crate::host::{Phase, Plugins, Wanted};
+    pub use crate::view::{Access, TextOf};
+}

@@ -8,7 +8,7 @@ use crossbeam_channel::{bounded, Receiver, Sender};
 use super::drawing::{check, Sheet};
 use super::traits::Services;
 use super::{Command, CommandError, Drawing, Drawings, StateSnapshot};
-use crate::comm::{SnapshotSlot, SnapshotWriter};
+use crate::snapshot::{SnapshotSlot, SnapshotWriter};
 
 /// Lines that may wait for the log.
 const LINES: usize = 256;
@@ -17,8 +17,10 @@ const COMMANDS: usize = 4096;
 
 /// Requests that the loop around the simulation looks at.
 #[derive(Default)]
-pub(crate) struct Requests {
+pub struct Requests {
+    /// A plugin wants the world to be reset.
     pub reset_world: AtomicBool,
+    /// A plugin wants all rigid bodies to be reset.
     pub reset_bodies: AtomicBool,
     /// 0 nothing, 1 pause, 2 resume.
     pause: AtomicU8,
@@ -26,6 +28,7 @@ pub(crate) struct Requests {
 }
 
 impl Requests {
+    /// Takes the newest request to pause (`true`) or to resume.
     pub fn take_pause(&self) -> Option<bool> {
         match self.pause.load(Ordering::Relaxed) {
             0 => None,
@@ -36,6 +39,7 @@ impl Requests {
         }
     }
 
+    /// Takes the number of steps that plugins want while the simulation is paused.
     pub fn take_steps(&self) -> u32 {
         match self.steps.load(Ordering::Relaxed) {
             0 => 0,
@@ -59,9 +63,10 @@ impl Requests {
 }
 
 /// What all plugins of a simulation share.
-pub(crate) struct Shared {
+pub struct Shared {
     lines: Sender<String>,
     commands: Sender<(u64, Command)>,
+    /// Requests to the loop around the simulation.
     pub requests: Requests,
     snapshots: SnapshotSlot<StateSnapshot>,
     /// Somebody reads snapshots.
@@ -71,7 +76,8 @@ pub(crate) struct Shared {
 }
 
 /// Physics' end of [`Shared`].
-pub(crate) struct Incoming {
+pub struct Incoming {
+    /// Lines for the log.
     pub lines: Receiver<String>,
     /// Number of the plugin, and what it wants.
     pub commands: Receiver<(u64, Command)>,
@@ -79,6 +85,7 @@ pub(crate) struct Incoming {
 }
 
 impl Shared {
+    /// Both ends; what plugins draw goes into `drawings`.
     pub fn new(drawings: Drawings) -> (Arc<Self>, Incoming) {
         let (lines, lines_out) = bounded(LINES);
         let (commands, commands_out) = bounded(COMMANDS);

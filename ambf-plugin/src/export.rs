@@ -18,7 +18,7 @@ use super::{
     AnyPlugin, BodyState, Clock, Command, CommandError, Drawing, Hit, InitContext, Input, JointState, PluginError,
     PluginKind, StateSnapshot, Subject, Touch, View,
 };
-use crate::scene::{ObjectId, ObjectType};
+use crate::{ObjectId, ObjectType};
 
 /// Makes a shared library of plugins: the crate's type is `cdylib`, and this stands in it once.
 ///
@@ -47,7 +47,7 @@ macro_rules! export_plugin {
         /// Version of the plugin interface that this library was made for.
         #[unsafe(no_mangle)]
         pub extern "C" fn ambf_plugin_abi_version() -> u32 {
-            $crate::plugin::abi::ABI_VERSION
+            $crate::abi::ABI_VERSION
         }
 
         /// Makes a plugin; null for a kind that this library does not have.
@@ -57,9 +57,9 @@ macro_rules! export_plugin {
         #[unsafe(no_mangle)]
         pub unsafe extern "C" fn ambf_plugin_create(
             kind: u32,
-            host: *const $crate::plugin::abi::RawHost,
-        ) -> *mut $crate::plugin::abi::RawPlugin {
-            let make = |wanted: $crate::plugin::PluginKind| {
+            host: *const $crate::abi::RawHost,
+        ) -> *mut $crate::abi::RawPlugin {
+            let make = |wanted: $crate::PluginKind| {
                 $(
                     if let Some(plugin) = $crate::__plugin_of_kind!(wanted, $kind, $plugin) {
                         return Some(plugin);
@@ -68,7 +68,7 @@ macro_rules! export_plugin {
                 None
             };
             // SAFETY: the caller vouches for `host`.
-            unsafe { $crate::plugin::export(kind, host, make) }
+            unsafe { $crate::export(kind, host, make) }
         }
     };
 }
@@ -90,8 +90,8 @@ macro_rules! __plugin_of_kind {
         $crate::__plugin_of_kind!($wanted, Object: $plugin)
     };
     ($wanted:ident, $variant:ident: $plugin:ty) => {
-        ($wanted == $crate::plugin::PluginKind::$variant)
-            .then(|| $crate::plugin::AnyPlugin::$variant(Box::new(<$plugin as Default>::default())))
+        ($wanted == $crate::PluginKind::$variant)
+            .then(|| $crate::AnyPlugin::$variant(Box::new(<$plugin as Default>::default())))
     };
 }
 

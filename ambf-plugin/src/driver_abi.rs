@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use nalgebra::{Quaternion, UnitQuaternion};
 
 use super::abi::RawText;
-use crate::device::{Axes, DeviceForce, DeviceSample, DeviceSpec};
+use ambf_device::{Axes, DeviceForce, DeviceSample, DeviceSpec};
 
 /// Kind of a failure: what is needed is not there.
 pub(crate) const UNAVAILABLE: u32 = 0;

@@ -2,12 +2,35 @@ use nalgebra::{Isometry3, Vector3};
 use thiserror::Error;
 
 use super::abi::{RawCommand, RawPose};
-use crate::comm::JointCommandType;
-use crate::scene::{ObjectId, ObjectType};
+use crate::{ObjectId, ObjectType};
+
+/// What one entry of the joint commands of a rigid body asks of its joint.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum JointCommandType {
+    /// Effort: N·m (revolute) or N (prismatic).
+    #[default]
+    Effort,
+    /// Position: rad or m, followed by the joint's controller.
+    Position,
+    /// Velocity: rad/s or m/s, by the joint's motor.
+    Velocity,
+    /// A value no client should send: the joint is left alone.
+    Unknown(i8),
+}
+
+impl From<i8> for JointCommandType {
+    fn from(wire: i8) -> Self {
+        match wire {
+            0 => Self::Effort,
+            1 => Self::Position,
+            2 => Self::Velocity,
+            other => Self::Unknown(other),
+        }
+    }
+}
 
 /// What a plugin can make the simulation do. Objects are named by index in order of creation; vectors are in world axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[non_exhaustive]
 pub enum Command {
     /// Adds a force (N) at the centre of mass and a torque (N·m) to a body for the next step.
     Wrench {
