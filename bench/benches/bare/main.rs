@@ -6,13 +6,7 @@
 
 mod ablation;
 
-#[path = "../common/report.rs"]
-#[allow(dead_code, reason = "shared with benchmarks that need more of it")]
-mod report;
-#[path = "../common/statistics.rs"]
-#[allow(dead_code, reason = "shared with benchmarks that need more of it")]
-mod statistics;
-
+use ambf_bench::{report, statistics};
 use std::path::{Path, PathBuf};
 use std::process::exit;
 use std::time::Duration;

@@ -2,15 +2,7 @@
 
 #![allow(dead_code, reason = "the benchmark uses the rest")]
 
-#[path = "../benches/accuracy/case.rs"]
-mod case;
-#[path = "../benches/accuracy/jointed.rs"]
-mod jointed;
-#[path = "../benches/accuracy/reference/mod.rs"]
-mod reference;
-#[path = "../benches/accuracy/system.rs"]
-mod system;
-
+use ambf_bench::{case, jointed, reference, system};
 use case::{times, Samples};
 use jointed::{
     angles, arm_system, bricard_system, chain_system, crank_rocker_system, governor_system, window_states,

@@ -5,10 +5,8 @@
 //! models of the C++ program are taken, if they are there, and the page `docs/benchmarks/profiles.md` is written.
 
 // Shared with the other benchmarks, which use more of it.
-#[allow(dead_code)]
-#[path = "../common/report.rs"]
-mod report;
 
+use ambf_bench::report;
 use std::path::{Path, PathBuf};
 use std::process::exit;
 use std::time::Duration;

@@ -22,7 +22,7 @@ impl Live {
     pub fn start(scene: &Scene, options: &[&str]) -> Self {
         let port = free_port();
         let begin = Instant::now();
-        let child = Command::new(env!("CARGO_BIN_EXE_ambf_simulator"))
+        let child = Command::new(ambf_bench::simulator())
             .args(["-g", "0"])
             .args(scene.arguments())
             .args(options)

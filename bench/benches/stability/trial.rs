@@ -1,6 +1,5 @@
 //! One scene, stepped and watched.
 
-use std::path::Path;
 use std::time::Duration;
 
 use ambf_core::bullet::{Contact, World};
@@ -156,7 +155,7 @@ fn judge(seen: &Limits, limits: &Limits, slow: bool) -> Verdict {
 }
 
 fn simulation(name: &str, trial: &Trial, physics: PhysicsOptions) -> Simulation {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
+    let folder = ambf_bench::folder();
     let (world, mut model) = trial.system.adf("");
     for (from, to) in &trial.edits {
         assert!(model.contains(from), "{name}: `{from}` is not in the model");

@@ -10,19 +10,12 @@ mod isolation;
 mod latency;
 mod load;
 mod pictures;
-#[path = "../common/plot.rs"]
-mod plot;
 mod rates;
-#[path = "../common/report.rs"]
-mod report;
 mod rig;
-#[path = "../../tests/ros_common/mod.rs"]
-mod ros_common;
-#[path = "../common/statistics.rs"]
-#[allow(dead_code, reason = "shared with the other benchmarks")]
-mod statistics;
 mod traced;
 
+use ambf_bench::{plot, report, statistics};
+use ambf_test_support::ros as ros_common;
 use std::process::exit;
 use std::time::Duration;
 

@@ -1,6 +1,5 @@
 //! Our simulator, with its whole pipeline: ADF text, scene, `Simulation::update`.
 
-use std::path::Path;
 use std::time::Duration;
 
 use ambf_core::bullet::{Integrator, Solver};
@@ -62,7 +61,7 @@ pub fn settings(case: &Case) -> Vec<Setting> {
 
 /// A scene of ours and its name among the files of the target folder.
 pub fn simulation(name: &str, system: &System, setting: &Setting, step: f64) -> Result<Simulation, String> {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
+    let folder = crate::folder();
     let (world, model) = system.adf(setting.joint_keys);
     let (world_file, model_file) = (folder.join(format!("{name}_world.yaml")), folder.join(format!("{name}.yaml")));
     for (path, text) in [(&world_file, world), (&model_file, model)] {

@@ -7,18 +7,12 @@ mod bars;
 mod lanes;
 mod live;
 mod observed;
-#[path = "../common/plot.rs"]
-mod plot;
-#[path = "../common/report.rs"]
-mod report;
-#[path = "../../tests/ros_common/mod.rs"]
-mod ros_common;
 mod scenes;
-#[path = "../common/statistics.rs"]
-mod statistics;
 mod step;
 mod watch;
 
+use ambf_bench::{plot, report, statistics};
+use ambf_test_support::ros as ros_common;
 use std::process::exit;
 use std::time::Duration;
 

@@ -97,7 +97,7 @@ fn box_at(i: usize, n: usize) -> String {
 }
 
 fn written(name: &str, text: &str) -> PathBuf {
-    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    let path = ambf_bench::folder().join(name);
     std::fs::write(&path, text).expect("the target folder can be written");
     path
 }

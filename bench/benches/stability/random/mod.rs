@@ -1,21 +1,18 @@
 //! Search for failures: `scripts/bench stability --random N --seed S`.
 //!
 //! Scenes are drawn ([`generate`]), written as ADF ([`adf`]), run in several ways ([`run`]) and judged by
-//! invariants ([`invariants`]). A scene in which `accurate` fails is shrunk ([`shrink`]) to a small file that
+//! invariants ([`ambf_bench::invariants`]). A scene in which `accurate` fails is shrunk ([`shrink`]) to a small file that
 //! fails in the same way.
 
 mod adf;
 mod dice;
-mod follow;
 mod generate;
-mod invariants;
 mod report;
 mod run;
 mod scene;
-mod script;
 mod shrink;
-mod work;
 
+use ambf_bench::{follow, script};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::Mutex;
@@ -57,7 +54,7 @@ impl Options {
             return Ok(None);
         }
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
-        let keep = Path::new(env!("CARGO_TARGET_TMPDIR")).join("random");
+        let keep = ambf_bench::folder().join("random");
         let mut options =
             Self { scenes: 0, seed: 1, first: 0, only_accurate: false, threads, shrink: true, keep_all: false, keep };
         let mut rest = arguments.iter();

@@ -82,7 +82,7 @@ fn listed(launch: &Path, most: usize) -> Vec<Scene> {
 }
 
 fn written(name: &str, text: &str) -> Scene {
-    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("{name}.yaml"));
+    let path = ambf_bench::folder().join(format!("{name}.yaml"));
     std::fs::write(&path, text).expect("the target folder can be written");
     Scene::shipped(name, &path)
 }
@@ -170,7 +170,7 @@ pub fn chain(n: usize, feedback: bool) -> Scene {
 
 /// Ten boxes on the ground, a post without a shape above them and a car's body beside them, and one element of each kind in turn.
 pub fn elements() -> Vec<(&'static str, Scene)> {
-    let mesh = Path::new(env!("CARGO_TARGET_TMPDIR")).join("sheet.obj");
+    let mesh = ambf_bench::folder().join("sheet.obj");
     std::fs::write(&mesh, sheet_obj(10)).expect("the target folder can be written");
     let bodies = || {
         let mut bodies = grid(10, PITCH, BOX);
@@ -259,10 +259,11 @@ pub fn balls(n: usize, mesh_type: Option<&str>) -> Scene {
         Some(kind) => format!("mesh: ball.stl, collision mesh type: {kind}"),
     };
     if mesh_type.is_some() {
-        let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("ball.stl");
+        let path = ambf_bench::folder().join("ball.stl");
         std::fs::write(path, ball_stl(0.05)).expect("the target folder can be written");
     }
-    let folder = env!("CARGO_TARGET_TMPDIR");
+    let folder = ambf_bench::folder();
+    let folder = folder.display();
     let paths = format!("high resolution path: {folder}/\nlow resolution path: {folder}/");
     let keys =
         format!("{keys}, inertia: {{ix: 0.0001, iy: 0.0001, iz: 0.0001}}, friction: {{static: 0.5, rolling: 0.01}}");

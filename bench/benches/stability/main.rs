@@ -5,26 +5,12 @@
 //! map of all of it.
 
 // Shared with the other benchmarks, which use more of it.
-#[allow(dead_code)]
-#[path = "../accuracy/case.rs"]
-mod case;
 mod families;
-#[allow(dead_code)]
-#[path = "../accuracy/jointed.rs"]
-mod jointed;
 mod map;
 mod random;
-#[allow(dead_code)]
-#[path = "../accuracy/reference/mod.rs"]
-mod reference;
-#[allow(dead_code)]
-#[path = "../common/report.rs"]
-mod report;
-#[allow(dead_code)]
-#[path = "../accuracy/system.rs"]
-mod system;
 mod trial;
 
+use ambf_bench::{jointed, report, system};
 use std::process::exit;
 use std::time::Duration;
 

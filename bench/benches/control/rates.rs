@@ -1,7 +1,5 @@
 //! A body that follows a commanded curve, for every rate at which commands come.
 
-use std::path::Path;
-
 use ambf_core::control::Profile;
 use ambf_core::scene::{load, PhysicsOptions, SceneFiles, SceneOptions};
 use ambf_core::sim::Simulation;
@@ -34,7 +32,7 @@ fn curve(t: f64) -> Vector3<f64> {
 }
 
 fn simulation(controller: &str, profile: Profile) -> Simulation {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
+    let folder = ambf_bench::folder();
     let (world, model) = (folder.join("rates_world.yaml"), folder.join("rates.yaml"));
     let body = format!(
         "bodies: [BODY tool]\njoints: []\nBODY tool:\n  name: tool\n  mass: 1\n  inertia: {{ix: 0.01, iy: 0.01, iz: 0.01}}\n  \

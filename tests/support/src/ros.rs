@@ -1,5 +1,5 @@
 //! A simulator without physics, and raw clients that behave well or badly.
-#![allow(dead_code, missing_docs)]
+#![allow(missing_docs, reason = "for tests")]
 
 use std::collections::HashMap;
 use std::io::{Read, Write};

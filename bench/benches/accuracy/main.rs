@@ -3,23 +3,13 @@
 //! With `--only` tables are printed and nothing is written; else they go into `docs/benchmarks/accuracy.md`, between its markers, with
 //! a figure for each case, and into `docs/benchmarks/accuracy.csv`.
 
-mod case;
 mod compare;
 mod contact;
 mod growth;
-mod jointed;
 mod lanes;
-mod own;
 mod peers;
-#[path = "../common/plot.rs"]
-mod plot;
-mod reference;
-#[path = "../common/report.rs"]
-mod report;
-#[path = "../common/statistics.rs"]
-mod statistics;
-mod system;
 
+use ambf_bench::{case, jointed, own, plot, reference, report, statistics, system};
 use std::process::exit;
 use std::time::Duration;
 

@@ -109,7 +109,7 @@ impl Program {
         let program = concat!(env!("CARGO_MANIFEST_DIR"), "/benches/accuracy/peers.py");
         let mut command = Command::new(python);
         // MuJoCo writes its log where it runs.
-        command.current_dir(env!("CARGO_TARGET_TMPDIR"));
+        command.current_dir(ambf_bench::folder());
         command.envs(packages.map(|packages| ("PYTHONPATH", packages)));
         command.arg(program).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null());
         let mut child = command.spawn().map_err(|error| error.to_string())?;

@@ -4,29 +4,9 @@
 //! every computer.
 
 mod arm;
-#[path = "../accuracy/case.rs"]
-#[allow(dead_code, reason = "shared with the accuracy benchmark")]
-mod case;
-#[path = "../accuracy/jointed.rs"]
-#[allow(dead_code, reason = "shared with the accuracy benchmark")]
-mod jointed;
-#[path = "../accuracy/own.rs"]
-#[allow(dead_code, reason = "shared with the accuracy benchmark")]
-mod own;
-#[path = "../common/plot.rs"]
-#[allow(dead_code, reason = "shared with the other benchmarks")]
-mod plot;
 mod rates;
-#[path = "../accuracy/reference/mod.rs"]
-#[allow(dead_code, reason = "shared with the accuracy benchmark")]
-mod reference;
-#[path = "../common/report.rs"]
-#[allow(dead_code, reason = "shared with the other benchmarks")]
-mod report;
-#[path = "../accuracy/system.rs"]
-#[allow(dead_code, reason = "shared with the accuracy benchmark")]
-mod system;
 
+use ambf_bench::{case, jointed, own, plot, report};
 use std::process::exit;
 
 use report::Section;

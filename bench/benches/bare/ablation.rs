@@ -1,7 +1,6 @@
 //! What each thing that is left out saves, alone.
 
 use std::fmt::Write as _;
-use std::path::Path;
 
 use ambf_core::scene::{load, PhysicsOptions, SceneFiles, SceneOptions};
 use ambf_core::sim::Simulation;
@@ -106,7 +105,7 @@ fn grid(n: usize, keys: &str, overlap: bool) -> String {
 }
 
 fn written(name: &str, text: &str) -> SceneFiles {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
+    let folder = ambf_bench::folder();
     let path = folder.join(format!("bare_{name}.yaml"));
     std::fs::write(&path, text).expect("the target folder can be written");
     SceneFiles { world: None, models: vec![path] }

@@ -3,17 +3,8 @@
 //! The search for failures, `scripts/bench stability --random N`, writes such files.
 
 // Shared with the search, which uses more of it.
-#[allow(dead_code)]
-#[path = "../benches/stability/random/follow.rs"]
-mod follow;
-#[path = "../benches/stability/random/invariants.rs"]
-mod invariants;
-#[allow(dead_code)]
-#[path = "../benches/stability/random/script.rs"]
-mod script;
-#[path = "../benches/stability/random/work.rs"]
-mod work;
 
+use ambf_bench::{follow, script};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
