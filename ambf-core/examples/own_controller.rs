@@ -16,7 +16,7 @@ const SET_POINT: f64 = -1.2;
 /// Gains, N·m/rad and N·m·s/rad.
 const GAINS: (f64, f64) = (60.0, 8.0);
 /// Mass of the link, kg, distance of its centre of mass from the joint, m, and gravity, m/s², as the files say.
-const LOAD: (f64, f64, f64) = (1.0, 0.25, 9.8);
+const LOAD: (f64, f64, f64) = (1.0, 0.25, 9.81);
 
 /// Torque on the child about the joint's axis, N·m: feed-forward of gravity, spring and damper.
 fn effort(position: f64, velocity: f64) -> f64 {
