@@ -42,14 +42,13 @@
 //!
 //! Not in: ROS, windows, command lines, and anything that writes to a terminal. What there is to say is returned.
 
-pub mod adf;
 pub mod bullet;
 pub mod comm;
 pub mod control;
-pub mod device;
-pub mod mesh;
-pub mod plugin;
 pub mod scene;
 pub mod sim;
-pub mod urdf;
-mod xml;
+
+pub use ambf_device as device;
+pub use ambf_model::{adf, mesh, urdf};
+pub use ambf_plugin as plugin;
+pub use ambf_plugin::{export_driver, export_plugin};

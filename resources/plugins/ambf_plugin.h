@@ -1,4 +1,4 @@
-/* The C interface of plugins and drivers, version 2: the twin of ambf-core/src/plugin/abi.rs, and described in docs/plugins.md.
+/* The C interface of plugins and drivers, version 2: the twin of ambf-plugin/src/abi.rs, and described in docs/plugins.md.
  *
  * Texts are UTF-8 without a terminating zero. Units: m, rad, s, kg, N; vectors are in world axes unless something else is said.
  * No exception may leave a function of a plugin. */

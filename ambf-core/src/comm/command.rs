@@ -1,3 +1,4 @@
+use super::JointCommandType;
 use nalgebra::Vector3;
 
 use super::{Channel, Mailbox};
@@ -20,31 +21,6 @@ impl From<i8> for CartesianCommandType {
     fn from(wire: i8) -> Self {
         match wire {
             0 => Self::Force,
-            1 => Self::Position,
-            2 => Self::Velocity,
-            other => Self::Unknown(other),
-        }
-    }
-}
-
-/// What one entry of [`RigidBodyCommand::joint_commands`] asks of its joint.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum JointCommandType {
-    /// Effort: N·m (revolute) or N (prismatic).
-    #[default]
-    Effort,
-    /// Position: rad or m, followed by the joint's controller.
-    Position,
-    /// Velocity: rad/s or m/s, by the joint's motor.
-    Velocity,
-    /// A value no client should send: the joint is left alone.
-    Unknown(i8),
-}
-
-impl From<i8> for JointCommandType {
-    fn from(wire: i8) -> Self {
-        match wire {
-            0 => Self::Effort,
             1 => Self::Position,
             2 => Self::Velocity,
             other => Self::Unknown(other),

@@ -7,12 +7,12 @@ use arc_swap::{ArcSwap, ArcSwapOption, Guard};
 use nalgebra::{Isometry3, Vector3};
 use thiserror::Error;
 
-use super::snapshot::Slot;
 use super::{
     ActuatorCommand, CameraParameters, Command, LightParameters, Mailbox, PoseCommand, Rates, RigidBodyCommand,
     SensorCommand, Snapshot, SnapshotWriter, SoftBodyCommand, StepThrottle, VehicleCommand,
 };
 use crate::scene::VisualScene;
+use ambf_plugin::SnapshotSlot;
 
 /// What an object is, and where its state stands in a [`Snapshot`].
 #[derive(Debug, Clone, PartialEq)]
@@ -236,7 +236,7 @@ pub struct Hub {
     /// Counts changes of the list of objects.
     generation: AtomicU64,
     changing: Mutex<()>,
-    snapshot: Slot,
+    snapshot: SnapshotSlot<Snapshot>,
     /// What can be drawn.
     visuals: ArcSwapOption<VisualScene>,
     /// Why nothing moves.
@@ -262,7 +262,7 @@ impl Hub {
             objects: ArcSwap::from_pointee(list),
             generation: AtomicU64::new(0),
             changing: Mutex::default(),
-            snapshot: Slot::empty(),
+            snapshot: SnapshotSlot::empty(),
             visuals: ArcSwapOption::empty(),
             lost: ArcSwapOption::empty(),
             listeners: AtomicBool::new(false),

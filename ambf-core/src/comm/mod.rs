@@ -19,9 +19,10 @@ mod step;
 mod throttle;
 
 pub use crate::bullet::BodyKinematics;
+pub use ambf_plugin::JointCommandType;
 pub use command::{
-    ActuatorCommand, CameraParameters, CartesianCommandType, Command, JointCommandType, LightParameters, PoseCommand,
-    RigidBodyCommand, SensorCommand, SoftBodyCommand, VehicleCommand,
+    ActuatorCommand, CameraParameters, CartesianCommandType, Command, LightParameters, PoseCommand, RigidBodyCommand,
+    SensorCommand, SoftBodyCommand, VehicleCommand,
 };
 pub use hub::{
     ActuatorInfo, Channel, GhostInfo, Hub, HubObject, ObjectInfo, ObjectKind, ObjectList, PostError, RigidBodyInfo,
@@ -29,11 +30,14 @@ pub use hub::{
 };
 pub use mailbox::{Inbox, Mailbox};
 pub use schedule::{PublishSchedule, Rates};
-pub(crate) use snapshot::Slot as SnapshotSlot;
 pub use snapshot::{
-    CameraView, ContactPoint, ContactReading, GhostReading, RayReading, Snapshot, SnapshotWriter, SoftBodyReading,
-    SpotReading, Timing, TouchingBody, VehicleReading, Wrench,
+    CameraView, ContactPoint, ContactReading, GhostReading, RayReading, Snapshot, SoftBodyReading, SpotReading, Timing,
+    TouchingBody, VehicleReading, Wrench,
 };
+
+/// The physics thread's end of the slot of the newest snapshot.
+pub type SnapshotWriter = ambf_plugin::SnapshotWriter<Snapshot>;
+
 pub use step::{StepError, StepOrder};
 pub use throttle::{Activity, StepThrottle, WorldCommand};
 

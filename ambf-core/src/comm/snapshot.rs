@@ -1,8 +1,6 @@
-use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::SystemTime;
 
-use arc_swap::ArcSwapOption;
 use nalgebra::{Isometry3, Vector3};
 
 use crate::bullet::BodyKinematics;
@@ -211,87 +209,5 @@ impl Default for Snapshot {
             soft_bodies: Vec::new(),
             ghosts: Vec::new(),
         }
-    }
-}
-
-/// Where the newest snapshot is found.
-pub(crate) type Slot<T = Snapshot> = ArcSwapOption<T>;
-
-/// The physics thread's end: fills a snapshot that nobody reads and makes it the newest, without waiting or allocating.
-pub struct SnapshotWriter<T = Snapshot> {
-    pool: VecDeque<Arc<T>>,
-    /// Whether what is in the slot may come from another writer, with arrays of other sizes.
-    is_new: bool,
-}
-
-/// Readers hold a snapshot for microseconds; with this many in turn one is always free.
-const POOL: usize = 6;
-
-impl<T: Clone> SnapshotWriter<T> {
-    /// A writer of snapshots with the array sizes of `template`.
-    pub fn new(template: T) -> Self {
-        Self { pool: (0..POOL).map(|_| Arc::new(template.clone())).collect(), is_new: true }
-    }
-
-    /// Lets `fill` overwrite a free snapshot and swaps it into `slot`. False, and nothing is published, in the rare case that
-    /// readers hold all of them.
-    pub(crate) fn publish(&mut self, slot: &Slot<T>, fill: impl FnOnce(&mut T)) -> bool {
-        for _ in 0..self.pool.len() {
-            let Some(mut candidate) = self.pool.pop_front() else { break };
-            if let Some(snapshot) = Arc::get_mut(&mut candidate) {
-                fill(snapshot);
-                let old = slot.swap(Some(candidate));
-                if !std::mem::take(&mut self.is_new) {
-                    self.pool.extend(old);
-                }
-                return true;
-            }
-            self.pool.push_back(candidate);
-        }
-        false
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_newest_is_read_and_old_ones_stay_whole_while_held() {
-        let slot = Slot::empty();
-        let mut writer = SnapshotWriter::new(Snapshot { joint_positions: vec![0.0; 2], ..Default::default() });
-        let fill = |k: u32| move |s: &mut Snapshot| (s.sim_step, s.joint_positions[1]) = (k, f64::from(k));
-        assert!(writer.publish(&slot, fill(1)));
-        let held = slot.load_full().unwrap();
-        for k in 2..100 {
-            assert!(writer.publish(&slot, fill(k)));
-        }
-        assert_eq!((held.sim_step, held.joint_positions[1]), (1, 1.0));
-        assert_eq!(slot.load_full().unwrap().sim_step, 99);
-    }
-
-    #[test]
-    fn what_another_writer_left_is_not_filled() {
-        let slot = Slot::empty();
-        assert!(SnapshotWriter::new(Snapshot::default()).publish(&slot, |_| ()));
-        let mut writer = SnapshotWriter::new(Snapshot { joint_positions: vec![0.0], ..Default::default() });
-        for _ in 0..2 * POOL {
-            assert!(writer.publish(&slot, |snapshot| snapshot.joint_positions[0] = 1.0));
-        }
-    }
-
-    #[test]
-    fn readers_that_hold_everything_cost_a_publication_not_a_wait() {
-        let slot = Slot::empty();
-        let mut writer = SnapshotWriter::new(Snapshot::default());
-        let held: Vec<_> = (0..POOL)
-            .map(|k| {
-                assert!(writer.publish(&slot, |s| s.sim_step = k as u32));
-                slot.load_full()
-            })
-            .collect();
-        assert!(!writer.publish(&slot, |_| ()));
-        drop(held);
-        assert!(writer.publish(&slot, |_| ()));
     }
 }

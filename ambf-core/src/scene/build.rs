@@ -401,7 +401,8 @@ impl<'a> Builder<'a> {
         let bounded = inertia.zip_map(&least, |moment, least| if moment > 0.0 { moment.max(least) } else { moment });
         if bounded != inertia {
             let message = format!(
-                "`{}`: `inertia` is less than {LEAST_INERTIA} times that of a solid body of its collision shape, which contacts cannot stand;                  that is taken",
+                "`{}`: `inertia` is less than {LEAST_INERTIA} times that of a solid body of its collision shape, which contacts cannot stand; \
+                 that is taken",
                 body.common.identifier
             );
             self.note(Severity::Warning, &body.common.source, message);

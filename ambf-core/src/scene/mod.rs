@@ -26,6 +26,7 @@ mod vehicle;
 mod visuals;
 
 pub use actuator::Actuator;
+pub use ambf_plugin::{ObjectId, ObjectType};
 pub use body::{Bodies, Body};
 pub(crate) use driven::SubSteps;
 pub use end_effector::{EndEffectorParts, PreparedEndEffector};
@@ -36,7 +37,7 @@ pub use identity::Identity;
 pub use joint::{Joint, JointType};
 pub use load::{load, read_model, Loaded, PreparedModel, SceneFiles, SceneReport};
 pub use names::{Found, NameMap};
-pub use object::{DeclaredPlugins, ObjectId, ObjectType};
+pub use object::DeclaredPlugins;
 pub use placed::{Camera, Light, Parent, Placed};
 pub(crate) use saved::SavedScene;
 pub use sensor::{LocalRay, Sensed, Sensor};

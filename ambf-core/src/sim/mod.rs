@@ -31,7 +31,7 @@ use thiserror::Error;
 
 use crate::bullet::{BodyHandle, EnergyLedger, PlausibleBounds, SolverStatistics};
 use crate::comm::{Hub, Snapshot, Timing, Wrench};
-use crate::plugin::Plugins;
+use crate::plugin::run::Plugins;
 use crate::scene::Scene;
 use cap::SubStepCap;
 use commands::Link;

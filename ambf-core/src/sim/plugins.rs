@@ -10,9 +10,10 @@ use super::Simulation;
 use crate::adf::{node_text, PluginEntry, SourcePos};
 use crate::bullet::{Constraint, ConstraintHandle, ConstraintKind, Ray, RayTarget};
 use crate::comm::JointCommandType;
+use crate::plugin::run::{Access, Phase, Plugins, Shared, TextOf, Wanted};
 use crate::plugin::{
-    Access, BodyState, Clock, Command, CommandError, Drawings, Hit, Input, JointState, ObjectId, ObjectType, Phase,
-    PluginReport, PluginSetup, Plugins, Shared, StateSnapshot, Subject, TextOf, Touch, Wanted,
+    BodyState, Clock, Command, CommandError, Drawings, Hit, Input, JointState, ObjectId, ObjectType, PluginReport,
+    PluginSetup, StateSnapshot, Subject, Touch,
 };
 use crate::scene::Scene;
 

@@ -11,7 +11,7 @@ use super::pace::{ask_for_short_slices, Pacer};
 use super::statistics::StepStatistics;
 use super::{LostState, Simulation};
 use crate::comm::{Activity, Timing};
-use crate::plugin::Phase;
+use crate::plugin::run::Phase;
 
 /// How the loop keeps time.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::{Control, LostState, Models, SavedState, Simulation, WindowLink};
 use crate::bullet::{SolverStatistics, StateError};
 use crate::comm::{ActuatorCommand, Hub, ObjectList, RigidBodyCommand, Snapshot, Timing};
-use crate::plugin::Phase;
+use crate::plugin::run::Phase;
 use crate::scene::VisualScene;
 
 /// A simulation without a clock and without threads of its own: it moves in [`step`](Self::step) and nowhere else.

@@ -6,13 +6,13 @@
 
 use std::sync::Arc;
 
-use ambf_core::plugin::{
+use ambf_plugin::{
     key_name, Drawing, DrawingShape, Host, InitContext, ObjectId, ObjectType, Pixels, Plugin, PluginError,
     SimulatorPlugin, TextPlace, View,
 };
 use nalgebra::{Isometry3, Vector3};
 
-ambf_core::export_plugin! { simulator: Tool }
+ambf_plugin::export_plugin! { simulator: Tool }
 
 /// Shows time, frames and the last key in the windows, and marks the body that is highest.
 #[derive(Default)]

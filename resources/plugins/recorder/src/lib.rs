@@ -17,12 +17,10 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::PathBuf;
 
-use ambf_core::plugin::{
-    Host, InitContext, ObjectId, ObjectPlugin, ObjectType, Plugin, PluginError, View, WorldPlugin,
-};
+use ambf_plugin::{Host, InitContext, ObjectId, ObjectPlugin, ObjectType, Plugin, PluginError, View, WorldPlugin};
 use nalgebra::Vector3;
 
-ambf_core::export_plugin! { object: Recorder, world: ForceField }
+ambf_plugin::export_plugin! { object: Recorder, world: ForceField }
 
 /// Writes the pose of its body: one row every so many steps, and one at the start.
 #[derive(Default)]
