@@ -7,6 +7,8 @@
 //! Not in: bodies, shapes, constraints, queries and memory, which are bullet-sys'; safe owners, which are in `ambf_core::bullet`; when
 //! which part of the engine is used, which is the scene's to say. What it relies on within Bullet is listed in bullet-sys'
 //! `UPGRADE.md`.
+//!
+//! Begin with `README.md`, then [`mlcp`] (the solver, without Bullet) or `cpp/engine.cpp` (where Bullet's step is entered).
 
 pub mod assembly;
 pub mod ffi;

@@ -4,6 +4,12 @@
 //! the [`Hub`], and what is done in a window goes to the simulation through a
 //! [`WindowLink`]: nothing here waits for physics, and physics never waits for a picture. When the window
 //! system goes away, the rest of the program goes on.
+//!
+//! Not in: how a scene is drawn, which is `ambf_render`'s; what a gesture does to a camera and what is picked, which is `ambf_core`'s
+//! (`scene::CameraGesture`, `sim::WindowRequest`), so that published pictures follow.
+//!
+//! Begin with `app.rs`: `frame` is one round, `window_event` one use of a window. `keys.rs` has the keys, `panels.rs` the panels,
+//! `context.rs` OpenGL.
 
 mod app;
 mod connection;

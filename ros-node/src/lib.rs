@@ -1,4 +1,4 @@
-//! A ROS 1 node that outlives its master, on rosrust.
+//! A ROS 1 node that outlives its master, on rosrust. It knows nothing of the simulator.
 //!
 //! rosrust registers a topic once and never looks back, waits for ever for a peer that hangs, and leaves its sockets as they come. What
 //! programs need that run beside a robot all day is added here, without changes to rosrust: the master may be absent at the start, restart or
@@ -7,6 +7,11 @@
 //! Large messages are published by a [`SideNode`], with a thread a subscriber.
 //!
 //! A [`Node`] does everything in threads of its own. Two nodes in one process do not know of each other.
+//!
+//! Begin with [`Node`] for a program that publishes and listens; with [`Link`] and [`run`] where threads are the program's own. What is announced
+//! is an [`Announcement`]: a [`Publication`], a [`RawSubscription`], a [`LargePublication`].
+//!
+//! Not in: services, of which `ambf_app::ros` has a server; messages, which rosrust generates.
 
 mod embedded;
 mod lasting;
