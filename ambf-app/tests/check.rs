@@ -3,7 +3,6 @@
 mod batch_common;
 
 use std::fmt::Write as _;
-use std::path::Path;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
@@ -623,15 +622,9 @@ fn robot_descriptions_are_models() {
 
 #[test]
 fn scenes_of_the_original_are_checked() {
-    let unpack = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/legacy/unpack");
-    if !unpack.exists() {
-        eprintln!("SKIPPED: {} does not exist", unpack.display());
-        return;
-    }
-    let output = Command::new(&unpack).output().expect("unpack runs");
-    let models = String::from_utf8(output.stdout).expect("a path");
+    let Some(models) = ambf_test_support::legacy() else { return };
     let folder = Folder::new();
-    let (document, status) = check(&folder, &format!("{}/descriptions/launch.yaml", models.trim()));
+    let (document, status) = check(&folder, &format!("{}/descriptions/launch.yaml", models.display()));
     assert_eq!(status, 2, "some meshes are missing");
     assert_eq!(document["files"][0]["built"]["models"], 23);
     let problems = document["problems"].as_array().expect("a list");

@@ -1,6 +1,5 @@
 //! Saved states: what is restored goes on as it did, bit for bit.
 
-mod legacy_common;
 mod saved_common;
 
 use std::hash::{DefaultHasher, Hasher};
@@ -11,7 +10,7 @@ use ambf_core::comm::ActuatorCommand;
 use ambf_core::control::Profile;
 use ambf_core::scene::{PhysicsOptions, PreparedModel, SceneFiles};
 use ambf_core::sim::{SavedState, Simulation, StateError};
-use legacy_common::legacy;
+use ambf_test_support::legacy;
 use nalgebra::Vector3;
 use saved_common::*;
 

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use std::path::PathBuf;
 
 use ambf_core::adf::ShaderProgram;
-use nalgebra::{Matrix4, Point3};
+use nalgebra::{Matrix3, Matrix4, Point3};
 
 use crate::gl::{self, Cull, Current, FixedMaterial, InstanceBuffer, Mode, Program, Uniform};
 use crate::lights::{self, narrow, Light, ShadowMap};
@@ -70,8 +70,11 @@ impl<'a> Batches<'a> {
             let drawable = &drawables[index];
             let first = batches.count();
             let before = batches.order.last().map(|&before| &drawables[before]);
-            let goes_on =
-                before.is_some_and(|before| std::ptr::eq(before.part, drawable.part) && before.style == drawable.style);
+            let goes_on = before.is_some_and(|before| {
+                std::ptr::eq(before.part, drawable.part)
+                    && before.style == drawable.style
+                    && before.look.physical.is_some() == drawable.look.physical.is_some()
+            });
             batches.push(drawable);
             batches.order.push(index);
             match batches.runs.last_mut().filter(|_| goes_on) {
@@ -89,7 +92,7 @@ impl<'a> Batches<'a> {
         out.extend_from_slice(&look.diffuse);
         out.extend_from_slice(&look.ambient);
         out.push(look.shininess);
-        out.extend_from_slice(&look.specular);
+        out.extend_from_slice(&look.specular_or_physical());
         out.extend_from_slice(&look.emission);
         out.extend(drawable.ids.map(f32::from_bits));
     }
@@ -292,7 +295,7 @@ impl Pass<'_> {
         for run in batches.runs.iter().filter(|run| run.first < first_transparent) {
             // A run may reach from opaque into transparent drawables.
             let count = run.count.min(first_transparent - run.first);
-            gl.state(false, true, Cull::None);
+            gl.state(false, true, self.culled(eye, &batches.order[run.first..run.first + count]));
             self.run(eye, &batches, run.first, count, mask)?;
         }
         if let Some(sky) = self.sky.filter(|_| mask.is_none()) {
@@ -350,24 +353,29 @@ impl Pass<'_> {
             Style::Lit => {
                 let part = drawable.part;
                 let normal_map = part.normal_map.as_ref().filter(|_| self.normal_maps);
+                let physical = drawable.look.physical.is_some();
+                let physical_map = part.physical_map.as_ref().filter(|_| physical);
                 let shininess = drawable.look.shininess;
                 let looks = || batches.order[first..first + count].iter().map(|&index| &self.drawables[index].look);
                 let is_shared = looks().all(|look| look.shininess == shininess);
                 let lit = Lit {
-                    textured: part.diffuse_map.is_some() || normal_map.is_some(),
+                    textured: part.diffuse_map.is_some() || normal_map.is_some() || physical_map.is_some(),
                     normal_map: normal_map.is_some(),
+                    colored: part.array.layout.colors,
+                    physical,
+                    physical_map: physical_map.is_some(),
                     one_material: count == 1,
-                    glossy: looks().any(|look| look.specular != [0.0; 3]),
-                    squarings: shaders::squarings(shininess).filter(|_| is_shared),
+                    glossy: !physical && looks().any(|look| look.specular != [0.0; 3]),
+                    squarings: shaders::squarings(shininess).filter(|_| is_shared && !physical),
                     ..lights::lit(self.lights)
                 };
                 let program = self.programs.lit(gl, lit)?;
                 gl.use_program(Some(program));
                 if lit.one_material {
-                    let Look { diffuse, ambient: [r, g, b], specular, emission, shininess } = drawable.look;
+                    let Look { diffuse, ambient: [r, g, b], emission, shininess, .. } = drawable.look;
                     gl.uniform(program, "v_diffuse", Uniform::Vec4(diffuse));
                     gl.uniform(program, "v_ambient", Uniform::Vec4([r, g, b, shininess]));
-                    gl.uniform(program, "v_specular", Uniform::Vec3(specular));
+                    gl.uniform(program, "v_specular", Uniform::Vec3(drawable.look.specular_or_physical()));
                     gl.uniform(program, "v_emission", Uniform::Vec3(emission));
                 }
                 if lit.textured {
@@ -377,6 +385,13 @@ impl Pass<'_> {
                 if let Some(map) = normal_map {
                     gl.bind_texture(1, Some(map));
                     gl.uniform(program, "u_normal_map", Uniform::Int(1));
+                }
+                if let Some(map) = physical_map {
+                    gl.bind_texture(2, Some(map));
+                    gl.uniform(program, "u_physical_map", Uniform::Int(2));
+                }
+                if lit.physical {
+                    gl.uniform(program, "u_eye", Uniform::Vec4(eye.place().map(|x| x as f32)));
                 }
                 if !self.lit_programs.contains(&lit) {
                     self.lit_programs.push(lit);
@@ -426,7 +441,7 @@ impl Pass<'_> {
             let pose = Matrix4::new(
                 r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8], r[9], r[10], r[11], 0.0, 0.0, 0.0, 1.0,
             );
-            let Look { diffuse, ambient, specular, emission, shininess } = drawable.look;
+            let Look { diffuse, ambient, specular, emission, shininess, .. } = drawable.look;
             let solid = |[r, g, b]: [f32; 3]| [r, g, b, diffuse[3]];
             let material = FixedMaterial {
                 ambient: solid(ambient),
@@ -481,7 +496,30 @@ impl Pass<'_> {
         let batches = Batches::new(self.drawables, order.into_iter().filter(|&index| which(&self.drawables[index])));
         gl.upload_instances(self.buffer, &batches.instances);
         for run in &batches.runs {
+            gl.state(false, true, self.culled(eye, &batches.order[run.first..run.first + run.count]));
             gl.draw_instances(&run.part.array, Mode::Triangles, self.buffer, run.first, run.count, batches.count());
+        }
+    }
+
+    /// Which faces need not be drawn of these opaque drawables of one part: the backs of closed surfaces that lie wholly in front of the
+    /// eye. Nobody sees them, but a software renderer shades those that come first.
+    fn culled(&self, eye: &Eye, order: &[usize]) -> Cull {
+        // What mirrors takes fronts for backs; projections of OpenGL turn a right-handed frame into a left-handed one.
+        if !self.drawables[order[0]].part.is_closed || eye.projection.determinant() >= 0.0 {
+            return Cull::None;
+        }
+        let clip = eye.projection * eye.view;
+        let near = clip.row(3) + clip.row(2);
+        let length = near.fixed_columns::<3>(0).norm();
+        let is_seen_from_outside = |drawable: &Drawable<'_>| {
+            let r = &drawable.rows;
+            let rows = Matrix3::new(r[0], r[1], r[2], r[4], r[5], r[6], r[8], r[9], r[10]);
+            let distance = (near * drawable.center.to_homogeneous())[0];
+            drawable.style == Style::Lit && distance > drawable.radius * length && rows.determinant() > 0.0
+        };
+        match order.iter().all(|&index| is_seen_from_outside(&self.drawables[index])) {
+            true => Cull::Back,
+            false => Cull::None,
         }
     }
 }

@@ -6,10 +6,10 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use ambf_core::adf::{Axis, Primitive};
-use ambf_core::mesh::{load_visual, MeshMaterial, VisualMesh, VisualMeshPart};
+use ambf_core::mesh::{load_visual, MeshMaterial, MeshTexture, VisualMesh, VisualMeshPart};
 use nalgebra::{Point3, Vector3};
 
-use crate::gl::{self, Current, VertexArray};
+use crate::gl::{self, Current, Layout, VertexArray};
 use crate::stage::Look;
 use crate::{RenderError, Texture};
 
@@ -20,12 +20,16 @@ pub(crate) struct Part {
     pub(crate) look: Look,
     pub(crate) diffuse_map: Option<Arc<gl::Texture>>,
     pub(crate) normal_map: Option<Arc<gl::Texture>>,
+    /// Factors of roughness and metalness, if the material is physically based.
+    pub(crate) physical_map: Option<Arc<gl::Texture>>,
     /// Bounding sphere.
     pub(crate) center: Point3<f64>,
     /// Its radius.
     pub(crate) radius: f64,
     /// Normal of its triangles, if all of them lie in one plane and face the same way.
     pub(crate) flat: Option<Vector3<f64>>,
+    /// A closed surface whose triangles face outwards, of which nobody outside sees a back.
+    pub(crate) is_closed: bool,
 }
 
 /// A mesh that is loaded.
@@ -90,6 +94,11 @@ impl MeshRequest {
         (Self { key: MeshKey::Shape(format!("{shape:?}")), shape: Some(shape) }, scale)
     }
 
+    /// Whether the mesh is known to be a closed surface whose triangles face outwards.
+    fn is_closed(&self) -> bool {
+        self.shape.as_ref().is_some_and(|shape| !matches!(shape, Primitive::Plane { .. }))
+    }
+
     fn read(&self) -> Result<(VisualMesh, Vec<String>), String> {
         match (&self.shape, &self.key) {
             (Some(shape), _) => Ok((VisualMesh::primitive(shape), Vec::new())),
@@ -107,7 +116,7 @@ pub(crate) struct Library {
     /// `None`: cannot be loaded.
     meshes: HashMap<MeshKey, Option<Arc<LoadedMesh>>>,
     /// `None`: cannot be loaded.
-    textures: HashMap<PathBuf, Option<Arc<gl::Texture>>>,
+    textures: HashMap<MeshTexture, Option<Arc<gl::Texture>>>,
 }
 
 /// `work(index)` for all indices below `count`, by a few threads.
@@ -153,7 +162,9 @@ impl Library {
         for (request, read) in missing.into_iter().zip(read) {
             let loaded = read.and_then(|(mesh, warnings)| {
                 messages.extend(warnings);
-                self.upload(gl, &mesh).map_err(|error| format!("{:?}: {error}; it is not drawn", request.key))
+                let is_closed = request.is_closed();
+                self.upload(gl, &mesh, is_closed)
+                    .map_err(|error| format!("{:?}: {error}; it is not drawn", request.key))
             });
             let loaded = loaded.map_err(|message| messages.push(message)).ok();
             self.meshes.insert(request.key.clone(), loaded.map(Arc::new));
@@ -162,17 +173,25 @@ impl Library {
     }
 
     fn load_textures(&mut self, gl: &Current<'_>, meshes: &[&VisualMesh]) -> Vec<String> {
-        let mut paths = Vec::new();
-        for part in meshes.iter().flat_map(|mesh| &mesh.parts) {
-            for path in [&part.material.diffuse_map, &part.material.normal_map].into_iter().flatten() {
-                if !self.textures.contains_key(path) && !paths.contains(path) {
-                    paths.push(path.clone());
+        let mut wanted: Vec<MeshTexture> = Vec::new();
+        for MeshMaterial { diffuse_map, normal_map, physical, .. } in
+            meshes.iter().flat_map(|mesh| &mesh.parts).map(|part| &part.material)
+        {
+            let physical_map = physical.as_ref().and_then(|physical| physical.map.as_ref());
+            for texture in diffuse_map.iter().chain(normal_map).chain(physical_map) {
+                if !self.textures.contains_key(texture) && !wanted.contains(texture) {
+                    wanted.push(texture.clone());
                 }
             }
         }
         let most = gl.device().most_texels;
         let mut messages = Vec::new();
-        for (path, texture) in paths.iter().zip(map_in_parallel(&paths, |path| Texture::load(path))) {
+        let read = map_in_parallel(&wanted, |texture| match texture {
+            MeshTexture::File(path) => Texture::load(path),
+            MeshTexture::Embedded { name, bytes } => Texture::parse(bytes, name),
+        });
+        for (key, texture) in wanted.iter().zip(read) {
+            let (MeshTexture::File(path) | MeshTexture::Embedded { name: path, .. }) = key;
             let uploaded = texture.map_err(|error| error.to_string()).and_then(|texture| {
                 if texture.width.max(texture.height) > most {
                     return Err(format!(
@@ -186,39 +205,47 @@ impl Library {
                 uploaded.map_err(|error| format!("{}: {error}", path.display()))
             });
             let uploaded = uploaded.map_err(|message| messages.push(format!("{message}; it is drawn without"))).ok();
-            self.textures.insert(path.clone(), uploaded.map(Arc::new));
+            self.textures.insert(key.clone(), uploaded.map(Arc::new));
         }
         messages
     }
 
-    fn upload(&self, gl: &Current<'_>, mesh: &VisualMesh) -> Result<LoadedMesh, RenderError> {
+    fn upload(&self, gl: &Current<'_>, mesh: &VisualMesh, is_closed: bool) -> Result<LoadedMesh, RenderError> {
         let parts = mesh.parts.iter().filter(|part| !part.triangles.is_empty());
-        let parts: Result<Vec<_>, _> = parts.map(|part| self.part(gl, part).map(|(part, _)| Arc::new(part))).collect();
+        let part = |part| self.part(gl, part).map(|(part, _)| Arc::new(Part { is_closed, ..part }));
+        let parts: Result<Vec<_>, _> = parts.map(part).collect();
         let widen = |corner: [f32; 3]| Vector3::from(corner.map(f64::from));
         Ok(LoadedMesh { parts: parts?, bounds: mesh.bounds().map(|(low, high)| (widen(low), widen(high))) })
     }
 
     fn part(&self, gl: &Current<'_>, part: &VisualMeshPart) -> Result<(Part, Vec<f32>), RenderError> {
-        let texture = |path: &Option<PathBuf>| self.textures.get(path.as_ref()?)?.clone();
         let has_coordinates = !part.tex_coords.is_empty();
-        let normal_map = texture(&part.material.normal_map).filter(|_| has_coordinates && !part.tangents.is_empty());
-        let diffuse_map = texture(&part.material.diffuse_map).filter(|_| has_coordinates);
-        let mut vertices = Vec::with_capacity(part.positions.len() * gl::TANGENT_VERTEX_FLOATS);
+        let texture = |key: &Option<MeshTexture>| self.textures.get(key.as_ref().filter(|_| has_coordinates)?)?.clone();
+        let material = &part.material;
+        let normal_map = texture(&material.normal_map).filter(|_| !part.tangents.is_empty());
+        let diffuse_map = texture(&material.diffuse_map);
+        let physical_map = material.physical.as_ref().and_then(|physical| texture(&physical.map));
+        let layout = Layout { tangents: normal_map.is_some(), colors: !part.colors.is_empty() };
+        let mut vertices = Vec::with_capacity(part.positions.len() * layout.floats());
         for (index, (position, normal)) in part.positions.iter().zip(&part.normals).enumerate() {
             vertices.extend_from_slice(position);
             vertices.extend_from_slice(normal);
             vertices.extend_from_slice(part.tex_coords.get(index).unwrap_or(&[0.0; 2]));
-            if normal_map.is_some() {
+            if layout.tangents {
                 let [x, y, z, side] = part.tangents[index];
                 let tangent = Vector3::new(x, y, z);
                 vertices.extend_from_slice(tangent.as_slice());
                 vertices.extend_from_slice((Vector3::from(*normal).cross(&tangent) * side).as_slice());
             }
+            if layout.colors {
+                vertices.extend_from_slice(&part.colors[index]);
+            }
         }
-        let array = gl.vertex_array(&vertices, normal_map.is_some(), part.triangles.as_flattened())?;
+        let array = gl.vertex_array(&vertices, layout, part.triangles.as_flattened())?;
         let (center, radius) = bounding_sphere(&part.positions);
-        let (look, flat) = (Look::of_mesh(&part.material), flat_normal(&part.positions, &part.triangles));
-        Ok((Part { array, look, diffuse_map, normal_map, center, radius, flat }, vertices))
+        let (look, flat) = (Look::of_mesh(material), flat_normal(&part.positions, &part.triangles));
+        let part = Part { array, look, diffuse_map, normal_map, physical_map, center, radius, flat, is_closed: false };
+        Ok((part, vertices))
     }
 
     /// A mesh that was asked for before; `None` if it cannot be loaded.
@@ -263,7 +290,7 @@ impl Library {
         for part in mesh.parts.into_iter().filter(|part| !part.triangles.is_empty()) {
             let (uploaded, vertices) =
                 self.part(gl, &part).map_err(|error| format!("{}: {error}; it is not drawn", path.display()))?;
-            let floats = if uploaded.array.has_tangents { gl::TANGENT_VERTEX_FLOATS } else { gl::VERTEX_FLOATS };
+            let floats = uploaded.array.layout.floats();
             let uploaded = Part { flat: None, ..uploaded };
             let normals = vec![Vector3::zeros(); nodes];
             let soft = SoftPart { vertices, floats, nodes: part.nodes, triangles: part.triangles, normals };
@@ -320,6 +347,7 @@ impl Look {
             specular: material.specular,
             emission: material.emission,
             shininess: material.shininess.clamp(0.0, 128.0),
+            physical: material.physical.as_ref().map(|physical| [physical.metallic, physical.roughness]),
         }
     }
 }
@@ -365,9 +393,10 @@ impl Part {
         let positions: Vec<[f32; 3]> =
             vertices.chunks_exact(gl::VERTEX_FLOATS).map(|vertex| [vertex[0], vertex[1], vertex[2]]).collect();
         let (center, radius) = bounding_sphere(&positions);
-        let array = gl.vertex_array(vertices, false, indices)?;
+        let array = gl.vertex_array(vertices, Layout::default(), indices)?;
         let look = Look::of_color([1.0; 4]);
-        Ok(Self { array, look, diffuse_map: None, normal_map: None, center, radius, flat: None })
+        let (diffuse_map, normal_map, physical_map) = (None, None, None);
+        Ok(Self { array, look, diffuse_map, normal_map, physical_map, center, radius, flat: None, is_closed: false })
     }
 }
 
@@ -387,4 +416,34 @@ fn flat_normal(positions: &[[f32; 3]], triangles: &[[u32; 3]]) -> Option<Vector3
         }
     }
     plane.map(|(normal, _)| normal)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn closed_shapes_face_outwards() {
+        let axes = [Axis::X, Axis::Y, Axis::Z];
+        let round = axes.into_iter().flat_map(|axis| {
+            [
+                Primitive::Cylinder { radius: 0.3, height: 2.0, axis },
+                Primitive::Cone { radius: 0.3, height: 2.0, axis },
+                Primitive::Capsule { radius: 0.3, height: 2.0, axis },
+            ]
+        });
+        let shapes = [Primitive::Box { size: Vector3::new(1.0, 2.0, 3.0) }, Primitive::Sphere { radius: 0.5 }];
+        for shape in shapes.into_iter().chain(round) {
+            assert!(MeshRequest::shape(&shape).0.is_closed());
+            for part in VisualMesh::primitive(&shape).parts {
+                for triangle in part.triangles {
+                    let [a, b, c] = triangle.map(|vertex| Vector3::from(part.positions[vertex as usize]));
+                    // The origin is within these convex shapes. Triangles at poles have no area.
+                    assert!((b - a).cross(&(c - a)).dot(&(a + b + c)) > -1e-6, "{shape:?}");
+                }
+            }
+        }
+        let plane = Primitive::Plane { normal: Vector3::z(), offset: 0.0 };
+        assert!(!MeshRequest::shape(&plane).0.is_closed());
+    }
 }

@@ -18,6 +18,10 @@ out vec3 v_normal;
 #ifdef TEXTURED
 out vec2 v_tex_coord;
 #endif
+#ifdef COLORED
+in vec4 aColor;
+out vec4 v_color;
+#endif
 #ifdef NORMAL_MAP
 out vec3 v_tangent;
 out vec3 v_bitangent;
@@ -35,6 +39,9 @@ void main() {
     v_normal = vec3(dot(x, aNormal), dot(y, aNormal), dot(z, aNormal));
 #ifdef TEXTURED
     v_tex_coord = aTexCoord;
+#endif
+#ifdef COLORED
+    v_color = aColor;
 #endif
 #ifdef NORMAL_MAP
     v_tangent = vec3(dot(i_row_x.xyz, aTangent), dot(i_row_y.xyz, aTangent), dot(i_row_z.xyz, aTangent));
@@ -161,6 +168,12 @@ pub(crate) struct Lit {
     pub(crate) textured: bool,
     /// A texture turns the normal.
     pub(crate) normal_map: bool,
+    /// Vertices have colours that multiply the colour.
+    pub(crate) colored: bool,
+    /// The material is physically based.
+    pub(crate) physical: bool,
+    /// A texture multiplies its roughness and metalness.
+    pub(crate) physical_map: bool,
     /// The material is that of one instance, and uniform: a software renderer pays for what it hands on at every triangle.
     pub(crate) one_material: bool,
     /// Some instance has highlights.
@@ -186,6 +199,12 @@ impl Lit {
         if self.normal_map {
             text.push_str("#define NORMAL_MAP\n");
         }
+        if self.colored {
+            text.push_str("#define COLORED\n");
+        }
+        if self.physical_map {
+            text.push_str("#define PHYSICAL_MAP\n");
+        }
         if self.one_material {
             text.push_str("#define ONE_MATERIAL\n");
         }
@@ -196,10 +215,18 @@ impl Lit {
         VERTEX.replacen("#version 330\n", &self.defines(), 1)
     }
 
-    /// The equation of the fixed-function pipeline, at every pixel: colour = emission + 0.2 m_a + Σ over lights of attenuation · spot ·
-    /// (0.4 m_a + max(n·l, 0) 0.7 m_d + max(n·h, 0)^shininess m_s), viewer at infinity, both sides lit, clamped, then multiplied by the
-    /// texture. In the shadow of a light its diffuse part counts 0.3 and its specular part nothing.
+    /// The light on a pixel, by the equation of the material.
     pub(crate) fn fragment(self) -> String {
+        let mut text = self.head();
+        match self.physical {
+            true => self.physical_main(&mut text),
+            false => self.phong_main(&mut text),
+        }
+        text
+    }
+
+    /// What of the fragment shader is the same for all materials: inputs, and the normal towards the eye.
+    fn head(self) -> String {
         let mut text = self.defines();
         text.push_str(
             r"in vec3 v_world;
@@ -216,6 +243,12 @@ out vec4 o_color;
 #ifdef TEXTURED
 in vec2 v_tex_coord;
 uniform sampler2D u_diffuse_map;
+#endif
+#ifdef COLORED
+in vec4 v_color;
+#endif
+#ifdef PHYSICAL_MAP
+uniform sampler2D u_physical_map;
 #endif
 #ifdef NORMAL_MAP
 in vec3 v_tangent;
@@ -235,13 +268,42 @@ uniform sampler2D u_normal_map;
             }
         }
         text.push_str(
-            r"void main() {
+            r"vec3 normal() {
     vec3 n = normalize(v_normal);
 #ifdef NORMAL_MAP
     vec3 bump = 2.0 * texture(u_normal_map, v_tex_coord).xyz - 1.0;
     n = normalize(bump.x * normalize(v_tangent) + bump.y * normalize(v_bitangent) + bump.z * n);
 #endif
-    if (!gl_FrontFacing) n = -n;
+    return gl_FrontFacing ? n : -n;
+}
+",
+        );
+        text
+    }
+
+    /// How much of light i reaches the pixel beside its shadow: the factors of spot and attenuation, as statements that multiply `part`.
+    fn weakened(self, light: u32) -> String {
+        let mut text = String::new();
+        if self.exponents >> light & 1 == 1 {
+            text.push_str(&format!("            part *= pow(max(along, 1e-6), u_exponent_{light});\n"));
+        }
+        if self.attenuated >> light & 1 == 1 {
+            text.push_str(&format!(
+                r"            float d = square * inverse;
+            part /= max(u_attenuation_{light}.x + d * (u_attenuation_{light}.y + d * u_attenuation_{light}.z), 1e-9);
+"
+            ));
+        }
+        text
+    }
+
+    /// The equation of the fixed-function pipeline, at every pixel: colour = emission + 0.2 m_a + Σ over lights of attenuation · spot ·
+    /// (0.4 m_a + max(n·l, 0) 0.7 m_d + max(n·h, 0)^shininess m_s), viewer at infinity, both sides lit, clamped, then multiplied by the
+    /// texture. In the shadow of a light its diffuse part counts 0.3 and its specular part nothing.
+    fn phong_main(self, text: &mut String) {
+        text.push_str(
+            r"void main() {
+    vec3 n = normal();
     vec3 color = v_emission + 0.2 * v_ambient.rgb, ambient = 0.4 * v_ambient.rgb;
 ",
         );
@@ -269,18 +331,7 @@ uniform sampler2D u_normal_map;
                 ),
                 false => String::new(),
             };
-            let spot = match self.exponents >> light & 1 {
-                1 => format!("            part *= pow(max(along, 1e-6), u_exponent_{light});\n"),
-                _ => String::new(),
-            };
-            let attenuation = match self.attenuated >> light & 1 {
-                1 => format!(
-                    r"            float d = square * inverse;
-            part /= max(u_attenuation_{light}.x + d * (u_attenuation_{light}.y + d * u_attenuation_{light}.z), 1e-9);
-"
-                ),
-                _ => String::new(),
-            };
+            let weakened = self.weakened(light);
             text.push_str(&format!(
                 r"    {{
         vec3 l = u_position_{light} - v_world;
@@ -295,23 +346,94 @@ uniform sampler2D u_normal_map;
                 part += {diffuse} * nl * v_diffuse.rgb;
                 {highlight}
             }}
-{spot}{attenuation}            color += part;
+{weakened}            color += part;
         }}
     }}
 "
             ));
         }
         text.push_str(
-            r"#ifdef TEXTURED
+            r"#if defined(TEXTURED) || defined(COLORED)
     color = clamp(color, 0.0, 1.0);
 #endif
     o_color = vec4(color, v_diffuse.a);
 #ifdef TEXTURED
     o_color *= texture(u_diffuse_map, v_tex_coord);
 #endif
+#ifdef COLORED
+    o_color *= v_color;
+#endif
 }
 ",
         );
-        text
+    }
+
+    /// Reflection by microfacets: Lambert's law and the distribution of Trowbridge and Reitz (GGX) with the shadowing of Smith and the
+    /// Fresnel term of Schlick, as appendix B of glTF 2.0 has it; in linear colours, with a sky that is bright above. README, section
+    /// Light.
+    fn physical_main(self, text: &mut String) {
+        text.push_str(
+            r"uniform vec4 u_eye;
+const vec3 GAMMA = vec3(2.2);
+float environment(float height, float blur) { return 0.3 + 0.7 * smoothstep(-blur, blur, height); }
+void main() {
+    vec3 n = normal(), v = normalize(u_eye.xyz - u_eye.w * v_world);
+    vec4 surface = v_diffuse;
+#ifdef TEXTURED
+    surface *= texture(u_diffuse_map, v_tex_coord);
+#endif
+#ifdef COLORED
+    surface *= v_color;
+#endif
+    float metallic = v_specular.x, roughness = v_specular.y;
+#ifdef PHYSICAL_MAP
+    vec4 factors = texture(u_physical_map, v_tex_coord);
+    roughness *= factors.g;
+    metallic *= factors.b;
+#endif
+    vec3 base = pow(max(surface.rgb, 0.0), GAMMA);
+    vec3 rho = (1.0 - metallic) * base, f0 = mix(vec3(0.04), base, metallic);
+    float a = max(roughness * roughness, 0.01), aa = a * a, nv = clamp(dot(n, v), 1e-3, 1.0);
+    vec3 color = pow(max(v_emission, 0.0), GAMMA);
+    float lights = 0.0;
+",
+        );
+        for light in 0..self.lights {
+            let lit = match self.shadows >> light & 1 {
+                1 => format!("textureProj(u_shadow_{light}, u_shadow_clip_{light} * vec4(v_world, 1.0))"),
+                _ => "1.0".to_owned(),
+            };
+            let weakened = self.weakened(light);
+            text.push_str(&format!(
+                r"    {{
+        vec3 l = u_position_{light} - v_world;
+        float square = dot(l, l), inverse = inversesqrt(max(square, 1e-18));
+        l *= inverse;
+        float along = -dot(l, u_axis_{light});
+        if (along >= u_cutoff_{light}) {{
+            float part = 1.0;
+{weakened}            lights += part;
+            float nl = dot(n, l);
+            if (nl > 0.0) {{
+                vec3 h = normalize(l + v);
+                float nh = dot(n, h), spread = nh * nh * (aa - 1.0) + 1.0;
+                float visibility = 0.5 / (nl * sqrt(nv * nv * (1.0 - aa) + aa) + nv * sqrt(nl * nl * (1.0 - aa) + aa));
+                vec3 f = f0 + (1.0 - f0) * pow(1.0 - clamp(dot(v, h), 0.0, 1.0), 5.0);
+                part *= 0.9 * nl * {lit};
+                color += part * ((1.0 - f) * rho + aa / (spread * spread) * visibility * f);
+            }}
+        }}
+    }}
+"
+            ));
+        }
+        text.push_str(
+            r"    float level = min((1.0 + 2.0 * lights) / 3.0, 1.0);
+    vec3 f = f0 + (max(vec3(1.0 - roughness), f0) - f0) * pow(1.0 - nv, 5.0);
+    color += level * (0.12 * rho * environment(n.z, 1.0) + 0.4 * f * environment(reflect(-v, n).z, 0.1 + 0.9 * roughness));
+    o_color = vec4(pow(min(color, 1.0), 1.0 / GAMMA), surface.a);
+}
+",
+        );
     }
 }

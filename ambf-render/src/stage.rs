@@ -146,6 +146,9 @@ pub(crate) struct Look {
     pub(crate) specular: [f32; 3],
     pub(crate) emission: [f32; 3],
     pub(crate) shininess: f32,
+    /// Metalness and roughness, 0 to 1, of a physically based material: `diffuse` is its base colour, and `ambient`, `specular` and
+    /// `shininess` have no effect.
+    pub(crate) physical: Option<[f32; 2]>,
 }
 
 impl Look {
@@ -157,6 +160,7 @@ impl Look {
             specular: [1.0; 3],
             emission: [0.0; 3],
             shininess: 64.0,
+            physical: None,
         }
     }
 
@@ -169,7 +173,13 @@ impl Look {
             specular: narrow(material.specular),
             emission: narrow(material.emission),
             shininess: (material.shininess as f32).clamp(0.0, 128.0),
+            physical: material.physical.map(|physical| [physical.metallic as f32, physical.roughness as f32]),
         }
+    }
+
+    /// What shaders get as the specular colour: metalness and roughness of a physically based material.
+    pub(crate) fn specular_or_physical(&self) -> [f32; 3] {
+        self.physical.map_or(self.specular, |[metallic, roughness]| [metallic, roughness, 0.0])
     }
 
     pub(crate) fn is_transparent(&self) -> bool {

@@ -169,6 +169,17 @@ impl View {
 }
 
 impl Eye {
+    /// Homogeneous coordinates of the eye in the world: its position, m, and 1; for parallel rays the unit vector towards it, and 0.
+    pub(crate) fn place(&self) -> [f64; 4] {
+        let rotation = self.view.fixed_view::<3, 3>(0, 0);
+        let backward = rotation.row(2);
+        if self.is_orthographic {
+            return [backward[0], backward[1], backward[2], 0.0];
+        }
+        let position = -(rotation.transpose() * self.view.fixed_view::<3, 1>(0, 3));
+        [position[0], position[1], position[2], 1.0]
+    }
+
     /// Camera matrix K of the picture that this eye draws, in pixels from the *eye's* upper left corner: K·(right, down, forward) is
     /// homogeneous in (column, row), and pixel centres are at half integers. `None` for projections that are no pinhole.
     pub fn camera_matrix(&self) -> Option<Matrix3<f64>> {

@@ -142,6 +142,16 @@ fn row_05_planes_cut_and_distance_shrinks() {
 }
 
 #[test]
+fn a_body_around_the_camera_is_seen_from_within() {
+    for shape in ["shape: Box\ngeometry: {x: 6, y: 6, z: 6}", "shape: Sphere\ngeometry: {radius: 4}"] {
+        let lines = indented(&format!("name: Hull\nmass: 0.0\n{shape}\n{MATT}"));
+        let body = format!("BODY Hull:\n{lines}");
+        let (columns, rows, count) = extent(&drawn(&mut shown("within", &world("", ""), &[body]), 64, 48));
+        assert_eq!((columns, rows, count), ([0, 63], [0, 47], 64 * 48), "{shape}");
+    }
+}
+
+#[test]
 fn rows_06_and_29_orthographic_views() {
     for x in [0.0, -3.0] {
         let body = block("Box", [x, 0.0, 0.0], [1.0; 3], GREY);
@@ -425,6 +435,32 @@ fn row_40_emission() {
     let picture = drawn(&mut shown("row_40", &world("", light), &[block("Box", [0.0; 3], [0.3; 3], glow)]), 640, 480);
     let ambient = 0.2 * 0.5 * 0.4;
     is_color(pixel(&picture, 320, 240), [ambient, 1.0, ambient], "green shines by itself");
+}
+
+#[test]
+fn physically_based_materials_reflect_as_the_model_says() {
+    let light = "location: {x: 2.0, y: 0.0, z: 0.0}\ndirection: {x: -1.0, y: 0.0, z: 0.0}";
+    for (diffuse, metallic, roughness) in
+        [([0.8, 0.5, 0.2], 0.0, 1.0), ([0.9, 0.6, 0.3], 1.0, 0.6), ([0.5; 3], 0.5, 0.8)]
+    {
+        let [r, g, b] = diffuse;
+        let material = format!(
+            "color components: {{transparency: 1, diffuse: {{r: {r}, g: {g}, b: {b}}}, metallic: {metallic}, roughness: {roughness}}}"
+        );
+        let body = block("Box", [0.0; 3], [0.3; 3], &material);
+        let picture = drawn(&mut shown("physical", &world("", light), &[body]), 640, 480);
+        // Surface, light and eye face each other: all cosines are 1, and the sky is half as bright as at the zenith and at the nadir.
+        let expected = diffuse.map(|displayed: f64| {
+            let base = displayed.powf(2.2);
+            let (matt, f0) = ((1.0 - metallic) * base, 0.04 * (1.0 - metallic) + metallic * base);
+            let alpha = roughness * roughness;
+            // Distribution times visibility times π.
+            let microfacets = 0.25 / (alpha * alpha);
+            let reflected = 0.9 * ((1.0 - f0) * matt + microfacets * f0) + 0.65 * (0.12 * matt + 0.4 * f0);
+            reflected.min(1.0).powf(1.0 / 2.2)
+        });
+        is_color(pixel(&picture, 320, 240), expected, &material);
+    }
 }
 
 #[test]

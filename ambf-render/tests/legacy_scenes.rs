@@ -6,8 +6,9 @@ use std::path::{Path, PathBuf};
 
 use ambf_core::adf;
 use ambf_render::{PictureRequest, Projection, Renderer, View};
+use ambf_test_support::legacy;
 use nalgebra::{Isometry3, Point3, Translation3};
-use render_common::{legacy, Shown};
+use render_common::Shown;
 
 fn yaml_files(directory: &Path, found: &mut Vec<PathBuf>) {
     let entries = std::fs::read_dir(directory).expect("a directory");

@@ -3,7 +3,8 @@
 mod render_common;
 
 use ambf_render::{PictureRequest, Renderer};
-use render_common::{keep, legacy, shared, Shown};
+use ambf_test_support::{legacy, shared};
+use render_common::{keep, Shown};
 
 /// How two pictures compare.
 #[derive(Debug)]

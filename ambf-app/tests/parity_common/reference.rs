@@ -9,10 +9,9 @@ use ambf_core::scene::SceneFiles;
 use flate2::read::GzDecoder;
 use nalgebra::{Quaternion, Vector3};
 
-/// The folder with the test data; `None` when this checkout has none.
+/// The folder with the traces; `None` when this checkout has none.
 pub fn shared() -> Option<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared");
-    folder.join("traces/README.md").exists().then_some(folder)
+    ambf_test_support::shared().filter(|folder| folder.join("traces/README.md").exists())
 }
 
 /// A trace and how to run its scene.
@@ -41,10 +40,7 @@ impl Case {
 
 /// All traces in the table of `traces/README.md` that lie beside it.
 pub fn cases(shared: &Path) -> Vec<Case> {
-    let unpack = shared.join("legacy/unpack");
-    let output = Command::new(&unpack).output().unwrap_or_else(|error| panic!("{}: {error}", unpack.display()));
-    assert!(output.status.success(), "{output:?}");
-    let legacy = PathBuf::from(String::from_utf8(output.stdout).expect("a path").trim());
+    let legacy = ambf_test_support::legacy().expect("legacy scenes beside the traces");
     let launch_file = legacy.join("descriptions/launch.yaml");
     let launch = adf::load::<Launch>(&launch_file).unwrap_or_else(|error| panic!("{error}")).0;
     let listed = launch.multibody_configs.expect("a list of models");

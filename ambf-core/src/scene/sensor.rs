@@ -401,8 +401,24 @@ fn response(body: &Body, pose: &Isometry3<f64>, point: &Vector3<f64>) -> f64 {
     1.0 / body.mass + arm / least
 }
 
-impl ResistanceParameters {
+/// The force of a resistance sensor by its parameters.
+trait ResistanceLaw {
     /// Derivatives of the force at a depth; `sticks`: the points that met are still held together; range of the ray in m.
+    fn gains(&self, depth: f64, sticks: bool, range: f64) -> Gains;
+
+    /// Force on the body that is hit, and what is remembered if the points still stick.
+    fn force(
+        &self,
+        profile: Profile,
+        normal: &Vector3<f64>,
+        depth: f64,
+        sliding: &Vector3<f64>,
+        stuck: Option<&mut Stuck>,
+        drift_of: impl Fn(&Stuck) -> Vector3<f64>,
+    ) -> (Vector3<f64>, Option<Stuck>);
+}
+
+impl ResistanceLaw for ResistanceParameters {
     fn gains(&self, depth: f64, sticks: bool, range: f64) -> Gains {
         let pressing = (self.contact_stiffness * depth).abs();
         let scale = if self.variable_friction { pressing } else { 1.0 };
@@ -415,7 +431,6 @@ impl ResistanceParameters {
         }
     }
 
-    /// Force on the body that is hit, and what is remembered if the points still stick.
     fn force(
         &self,
         profile: Profile,

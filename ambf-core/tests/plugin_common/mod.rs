@@ -247,7 +247,8 @@ pub fn library_of(example: &str) -> PathBuf {
     let program = std::env::current_exe().unwrap();
     let profile = program.ancestors().nth(2).unwrap();
     let mut build = std::process::Command::new(env!("CARGO"));
-    build.args(["build", "--quiet", "--package", "ambf-core", "--example", example]);
+    // As `cargo test --workspace` builds it: with the features of all packages, so that nothing is compiled twice.
+    build.args(["build", "--quiet", "--workspace", "--example", example]);
     build.current_dir(env!("CARGO_MANIFEST_DIR")).arg("--target-dir").arg(profile.parent().unwrap());
     if profile.ends_with("release") {
         build.arg("--release");

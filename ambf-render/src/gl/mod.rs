@@ -33,14 +33,28 @@ pub(crate) const ATTRIBUTES: [(u32, &str); 13] = [
     (11, "i_emission"),
     (12, "i_ids"),
 ];
-/// Place of a vertex colour in programs of users; no mesh has one, it is white.
+/// Place of the colour of a vertex, which is white where a mesh has none.
 const COLOR_ATTRIBUTE: u32 = 13;
 /// Floats of an instance: three rows of its pose, diffuse and alpha, ambient and shininess, specular, emission, two ids.
 pub(crate) const INSTANCE_FLOATS: usize = 28;
 /// Floats of a vertex: position, normal, texture coordinates.
 pub(crate) const VERTEX_FLOATS: usize = 8;
-/// Floats of a vertex with tangent and bitangent.
-pub(crate) const TANGENT_VERTEX_FLOATS: usize = 14;
+
+/// What the vertices of an array have behind position, normal and texture coordinates, in this order.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(crate) struct Layout {
+    /// Tangent and bitangent, 6 floats.
+    pub(crate) tangents: bool,
+    /// Red, green, blue and alpha, 4 floats.
+    pub(crate) colors: bool,
+}
+
+impl Layout {
+    /// Floats of a vertex.
+    pub(crate) fn floats(self) -> usize {
+        VERTEX_FLOATS + if self.tangents { 6 } else { 0 } + if self.colors { 4 } else { 0 }
+    }
+}
 
 /// What is deleted when the context is current the next time.
 enum Name {
@@ -196,7 +210,7 @@ pub(crate) struct VertexArray {
     count: i32,
     /// Size of the vertex buffer.
     floats: usize,
-    pub(crate) has_tangents: bool,
+    pub(crate) layout: Layout,
 }
 
 /// A buffer of instances that all vertex arrays share.
@@ -333,14 +347,14 @@ impl Current<'_> {
         }
     }
 
-    /// Uploads vertices of [`VERTEX_FLOATS`] or [`TANGENT_VERTEX_FLOATS`] floats; indices are of these vertices.
+    /// Uploads vertices of this layout; indices are of these vertices.
     pub(crate) fn vertex_array(
         &self,
         vertices: &[f32],
-        has_tangents: bool,
+        layout: Layout,
         indices: &[u32],
     ) -> Result<VertexArray, RenderError> {
-        let floats = if has_tangents { TANGENT_VERTEX_FLOATS } else { VERTEX_FLOATS };
+        let floats = layout.floats();
         let count = vertices.len() / floats;
         assert!(indices.iter().all(|&index| (index as usize) < count), "an index is of no vertex");
         let gl = self.raw();
@@ -350,9 +364,12 @@ impl Current<'_> {
             gl.bind_vertex_array(Some(array.name));
             let buffer = self.buffer(glow::ARRAY_BUFFER, bytes(vertices), glow::STATIC_DRAW)?;
             let stride = (floats * 4) as i32;
-            let mut attributes = vec![(0, 3, 0), (1, 3, 12), (2, 2, 24)];
-            if has_tangents {
+            let mut attributes: Vec<(u32, i32, i32)> = vec![(0, 3, 0), (1, 3, 12), (2, 2, 24)];
+            if layout.tangents {
                 attributes.extend([(3, 3, 32), (4, 3, 44)]);
+            }
+            if layout.colors {
+                attributes.push((COLOR_ATTRIBUTE, 4, stride - 16));
             }
             for (place, size, offset) in attributes {
                 gl.enable_vertex_attrib_array(place);
@@ -366,7 +383,7 @@ impl Current<'_> {
                 _indices: index_buffer,
                 count: indices.len().try_into().map_err(|_| RenderError::Gl("a mesh is too large".into()))?,
                 floats: vertices.len(),
-                has_tangents,
+                layout,
             };
             match gl.get_error() {
                 glow::NO_ERROR => Ok(result),
@@ -439,8 +456,10 @@ impl Current<'_> {
             for place in 5..13 {
                 gl.disable_vertex_attrib_array(place);
             }
-            gl.vertex_attrib_4_f32(COLOR_ATTRIBUTE, 1.0, 1.0, 1.0, 1.0);
-            if !array.has_tangents {
+            if !array.layout.colors {
+                gl.vertex_attrib_4_f32(COLOR_ATTRIBUTE, 1.0, 1.0, 1.0, 1.0);
+            }
+            if !array.layout.tangents {
                 gl.vertex_attrib_4_f32(3, 1.0, 0.0, 0.0, 0.0);
                 gl.vertex_attrib_4_f32(4, 0.0, 1.0, 0.0, 0.0);
             }

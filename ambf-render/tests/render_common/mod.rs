@@ -3,7 +3,6 @@
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 use std::sync::Arc;
 
 use ambf_core::adf::{self, Launch};
@@ -12,22 +11,6 @@ use ambf_core::scene::{load, SceneFiles, SceneOptions, VisualScene};
 use ambf_core::sim::Simulation;
 use ambf_render::{Picture, PictureRequest, Renderer, Stage, View};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
-
-/// Other people's files that are not in the repository; `None` where they are not.
-pub fn shared() -> Option<PathBuf> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared").canonicalize().ok();
-    if path.is_none() {
-        eprintln!("SKIPPED: there are no pictures and scenes of the C++ program on this machine");
-    }
-    path
-}
-
-/// The original's scenes, unpacked.
-pub fn legacy() -> Option<PathBuf> {
-    let output = Command::new(shared()?.join("legacy/unpack")).output().expect("unpack runs");
-    assert!(output.status.success(), "unpack fails");
-    Some(PathBuf::from(String::from_utf8(output.stdout).expect("a path").trim()))
-}
 
 /// A scene at a moment.
 pub struct Shown {

@@ -3,7 +3,7 @@
 use std::sync::atomic::Ordering;
 use std::time::Instant;
 
-use ambf_core::device::{
+use ambf_device::{
     known, Axes, DeviceError, DeviceForce, DeviceInfo, DeviceLog, DeviceSample, DeviceSpec, Driver, InputDevice,
     Settings,
 };
@@ -33,10 +33,10 @@ fn options(model: &str, settings: &Settings) -> Result<(ArmOptions, Names), Devi
     match Names::new(options.namespace.as_deref(), arm) {
         Some(names) => Ok((options, names)),
         None if settings.text("arm").is_some() && Names::new(None, arm).is_none() => {
-            Err(settings.wrong("arm", "the name of an arm: letters, digits and _, a letter first"))
+            Err(settings.wrong("arm", "the name of an arm: letters, digits and _, a letter first").into())
         }
         None if Names::new(None, arm).is_some() => {
-            Err(settings.wrong("namespace", "parts of letters, digits and _ with slashes between"))
+            Err(settings.wrong("namespace", "parts of letters, digits and _ with slashes between").into())
         }
         None => Err(ArmError::Name(arm.to_owned()).into()),
     }
@@ -142,7 +142,7 @@ impl InputDevice for DvrkDevice {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use ambf_core::device::Setting;
+    use ambf_device::Setting;
 
     fn settings(entries: &[(&str, &str)]) -> Settings {
         let entry = |(key, value): &(&str, &str)| {

@@ -5,7 +5,7 @@ use std::str::FromStr;
 use std::sync::Arc;
 use std::time::Duration;
 
-use ambf_core::device::{DeviceError, DeviceLog, Settings};
+use ambf_device::{DeviceError, DeviceLog, Settings};
 use nalgebra::Isometry3;
 
 use crate::dialect::{Dialect, DialectChoice};
@@ -107,8 +107,8 @@ impl ArmOptions {
         let gripper = match (finite(settings, "gripper_closed")?, finite(settings, "gripper_open")?) {
             (None, None) => None,
             (Some(closed), Some(open)) if closed < open => Some((closed, open)),
-            (Some(_), None) => return Err(settings.wrong("gripper_closed", "together with gripper_open")),
-            _ => return Err(settings.wrong("gripper_open", "an angle in rad larger than gripper_closed")),
+            (Some(_), None) => return Err(settings.wrong("gripper_closed", "together with gripper_open").into()),
+            _ => return Err(settings.wrong("gripper_open", "an angle in rad larger than gripper_closed").into()),
         };
         let arm = text("arm").unwrap_or_else(|| model.to_owned());
         let usual = Frames::of(&arm);
@@ -118,7 +118,7 @@ impl ArmOptions {
         };
         let timeout = finite(settings, "timeout")?.unwrap_or(0.2);
         if !(0.01..=10.0).contains(&timeout) {
-            return Err(settings.wrong("timeout", "0.01 to 10 s"));
+            return Err(settings.wrong("timeout", "0.01 to 10 s").into());
         }
         let home = settings.boolean("home")?.unwrap_or(false);
         Ok(Self {
@@ -153,12 +153,12 @@ fn choice<T: Copy>(settings: &Settings, key: &str, choices: &[(&str, T)]) -> Res
     let Some(text) = settings.text(key) else { return Ok(None) };
     let found = choices.iter().find(|(name, _)| text.trim().eq_ignore_ascii_case(name));
     let names = || choices.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(", ");
-    found.map(|&(_, value)| Some(value)).ok_or_else(|| settings.wrong(key, &format!("one of {}", names())))
+    found.map(|&(_, value)| Some(value)).ok_or_else(|| settings.wrong(key, &format!("one of {}", names())).into())
 }
 
 fn finite(settings: &Settings, key: &str) -> Result<Option<f64>, DeviceError> {
     match settings.parsed::<f64>(key, "a number")? {
-        Some(number) if !number.is_finite() => Err(settings.wrong(key, "a finite number")),
+        Some(number) if !number.is_finite() => Err(settings.wrong(key, "a finite number").into()),
         number => Ok(number),
     }
 }
@@ -170,14 +170,14 @@ fn pose(settings: &Settings, key: &str) -> Result<Option<Isometry3<f64>>, Device
     let numbers: Result<Vec<f64>, _> = parts.map(f64::from_str).collect();
     match numbers.ok().and_then(|numbers| <[f64; 6]>::try_from(numbers).ok()) {
         Some(numbers) if numbers.iter().all(|x| x.is_finite()) => Ok(Some(isometry(numbers))),
-        _ => Err(settings.wrong(key, "six numbers: x y z in m, roll pitch yaw in rad")),
+        _ => Err(settings.wrong(key, "six numbers: x y z in m, roll pitch yaw in rad").into()),
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use ambf_core::device::Setting;
+    use ambf_device::Setting;
 
     fn options(entries: &[(&str, &str)]) -> Result<ArmOptions, DeviceError> {
         let entry = |(key, value): &(&str, &str)| {

@@ -5,7 +5,7 @@ mod common;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
-use ambf_core::device::DeviceForce;
+use ambf_device::DeviceForce;
 use common::*;
 use dvrk_arm::fake::{Curve, Fake, FakeOptions, Motion};
 use nalgebra::{UnitQuaternion, Vector3};

@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
 
-use ambf_core::device::{Axes, DeviceError, DeviceForce, DeviceLog, DeviceSample, DeviceSpec, InputDevice};
+use ambf_device::{Axes, DeviceError, DeviceForce, DeviceLog, DeviceSample, DeviceSpec, InputDevice};
 use nalgebra::Vector3;
 use triple_buffer::{triple_buffer, Input, Output};
 

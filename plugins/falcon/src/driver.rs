@@ -1,6 +1,6 @@
 use std::sync::Arc;
 
-use ambf_core::device::{DeviceError, DeviceInfo, DeviceLog, Driver, InputDevice, Settings};
+use ambf_device::{DeviceError, DeviceInfo, DeviceLog, Driver, InputDevice, Settings};
 
 use crate::device::FalconDevice;
 use crate::fake::{Clock, FakeBus, Setup};

@@ -1,7 +1,7 @@
 //! Driver of the Novint Falcon over USB: firmware, homing, positions, forces, and what keeps its user's fingers safe. `docs/falcon.md` is the guide.
 //!
 //! ```
-//! use ambf_core::device::{DeviceForce, DeviceLog, Driver, InputDevice, Setting, Settings};
+//! use ambf_device::{DeviceForce, DeviceLog, Driver, InputDevice, Setting, Settings};
 //!
 //! // As `driver settings: {transport: fake}` in a device file: two Falcons in software.
 //! let fake = Setting { value: "fake".into(), place: "devices.yaml:3".into() };
@@ -14,7 +14,7 @@
 //! assert!(!sample.valid, "homing takes a while");
 //! device.write(&DeviceForce::zero())?;
 //! device.close();
-//! # Ok::<(), ambf_core::device::DeviceError>(())
+//! # Ok::<(), ambf_device::DeviceError>(())
 //! ```
 
 mod device;

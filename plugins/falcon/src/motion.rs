@@ -1,6 +1,6 @@
 use std::time::{Duration, Instant};
 
-use ambf_core::device::DeviceSample;
+use ambf_device::DeviceSample;
 use nalgebra::Vector3;
 
 use crate::kinematics::{self, Solver};

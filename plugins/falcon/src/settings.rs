@@ -1,4 +1,4 @@
-use ambf_core::device::{DeviceError, Settings};
+use ambf_device::{DeviceError, Settings};
 
 use crate::firmware::Firmware;
 
@@ -29,7 +29,7 @@ pub(crate) fn place(settings: &Settings) -> Result<(Transport, Option<&str>), De
     let transport = match settings.text("transport") {
         None | Some("usb") => Transport::Usb,
         Some("fake") => Transport::Fake,
-        Some(_) => return Err(settings.wrong("transport", "usb or fake")),
+        Some(_) => return Err(settings.wrong("transport", "usb or fake").into()),
     };
     Ok((transport, settings.text("port")))
 }
@@ -40,7 +40,7 @@ pub(crate) fn config(settings: &Settings) -> Result<Config, DeviceError> {
     let expected = "a distance in m between 0.05 and 0.2";
     let z0 = settings.parsed("z0", expected)?.unwrap_or(Z0);
     if !(0.05..=0.2).contains(&z0) {
-        return Err(settings.wrong("z0", expected));
+        return Err(settings.wrong("z0", expected).into());
     }
     let event_character = settings.boolean("event character")?.unwrap_or(false);
     let firmware = match settings.path("firmware") {

@@ -2,7 +2,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use ambf_core::device::{DeviceLog, DeviceSample};
+use ambf_device::{DeviceLog, DeviceSample};
 use triple_buffer::{Input, Output};
 
 use crate::firmware::{Firmware, FirmwareError};

@@ -4,7 +4,7 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::time::{Duration, Instant};
 
-use ambf_core::device::{DeviceForce, DeviceLog, Driver, Setting, Settings};
+use ambf_device::{DeviceForce, DeviceLog, Driver, Setting, Settings};
 use falcon::MODEL;
 use nalgebra::Vector3;
 

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use ambf_core::device::{DeviceError, DeviceForce, DeviceLog, DeviceSample, Driver, InputDevice, Setting, Settings};
+use ambf_device::{DeviceError, DeviceForce, DeviceLog, DeviceSample, Driver, InputDevice, Setting, Settings};
 use falcon::fake::{Aim, Clock, FakeBus, FakeFalcon, Fault, Hand, Setup};
 use falcon::{FalconDriver, State, MODEL};
 use nalgebra::Vector3;
@@ -186,7 +186,7 @@ fn a_device_has_one_user() {
     let again = driver.open(info, &all, &log).err().unwrap();
     assert_eq!(again, DeviceError::Unavailable("Falcon fake-1: another program uses it".into()));
     fakes[1].unplug();
-    let gone = driver.open(&ambf_core::device::DeviceInfo { identity: "fake-2".into(), ..info.clone() }, &all, &log);
+    let gone = driver.open(&ambf_device::DeviceInfo { identity: "fake-2".into(), ..info.clone() }, &all, &log);
     assert_eq!(gone.err().unwrap(), DeviceError::Lost("Falcon fake-2: it is not plugged in".into()));
 }
 

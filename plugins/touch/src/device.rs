@@ -2,7 +2,7 @@ use std::sync::atomic::Ordering;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use ambf_core::device::{DeviceError, DeviceForce, DeviceLog, DeviceSample, DeviceSpec, InputDevice};
+use ambf_device::{DeviceError, DeviceForce, DeviceLog, DeviceSample, DeviceSpec, InputDevice};
 
 use crate::hd;
 use crate::library::{HdLibrary, Opened};

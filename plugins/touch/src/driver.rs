@@ -1,7 +1,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use ambf_core::device::{DeviceError, DeviceInfo, DeviceLog, Driver, InputDevice, Settings};
+use ambf_device::{DeviceError, DeviceInfo, DeviceLog, Driver, InputDevice, Settings};
 
 use crate::device::Touch;
 use crate::library::{HdLibrary, DEFAULT_DEVICE};
@@ -20,7 +20,7 @@ const RATES: std::ops::RangeInclusive<u64> = 100..=10_000;
 #[derive(Debug, Clone, Copy, Default)]
 pub struct TouchDriver;
 
-/// The driver for [`Drivers`](ambf_core::device::Drivers).
+/// The driver for [`Drivers`](ambf_device::Drivers).
 pub fn driver() -> Arc<dyn Driver> {
     Arc::new(TouchDriver)
 }
@@ -64,7 +64,9 @@ impl Driver for TouchDriver {
         rate(settings)?;
         HdLibrary::shared(library(settings))?;
         let names = match settings.text("device").map(str::trim) {
-            Some("") => return Err(settings.wrong("device", "the name of a device in the vendor's set-up tool")),
+            Some("") => {
+                return Err(settings.wrong("device", "the name of a device in the vendor's set-up tool").into())
+            }
             Some(name) => vec![name.to_owned()],
             None => configured(std::env::var_os("GTDD_HOME").map(PathBuf::from).as_deref()),
         };
@@ -84,7 +86,7 @@ impl Driver for TouchDriver {
 fn rate(settings: &Settings) -> Result<Option<u64>, DeviceError> {
     let expected = format!("a frequency in Hz, {} to {}", RATES.start(), RATES.end());
     match settings.parsed::<u64>("rate", &expected)? {
-        Some(rate) if !RATES.contains(&rate) => Err(settings.wrong("rate", &expected)),
+        Some(rate) if !RATES.contains(&rate) => Err(settings.wrong("rate", &expected).into()),
         rate => Ok(rate),
     }
 }
@@ -118,7 +120,7 @@ fn configured(home: Option<&Path>) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use ambf_core::device::Setting;
+    use ambf_device::Setting;
 
     fn settings(entries: &[(&str, &str)]) -> Settings {
         let entry = |(key, value): &(&str, &str)| {

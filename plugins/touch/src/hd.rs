@@ -4,7 +4,7 @@ use std::ffi::{c_char, c_void, CStr};
 use std::path::PathBuf;
 use std::ptr;
 
-use ambf_core::device::DeviceError;
+use ambf_device::DeviceError;
 use libloading::Library;
 
 /// A device that was initialised.

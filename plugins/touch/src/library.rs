@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use ambf_core::device::{DeviceError, DeviceLog};
+use ambf_device::{DeviceError, DeviceLog};
 
 use crate::hd::{self, Handle, Hd, ScheduleHandle};
 use crate::servo::{self, Servo, Shared};

@@ -1,6 +1,6 @@
 //! What is known of the devices that the HD library serves.
 
-use ambf_core::device::{Axes, DeviceSpec};
+use ambf_device::{Axes, DeviceSpec};
 
 /// A row of the table: model as the library names it, N, N·m, N/m, N·m/rad, N·s/m, N·m·s/rad, m, m along z.
 struct Model {

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
-use ambf_core::device::{DeviceForce, Latest};
+use ambf_device::{DeviceForce, Latest};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::convert::{self, MILLI};

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use ambf_core::device::{DeviceForce, DeviceInfo, DeviceLog, InputDevice, Setting, Settings};
+use ambf_device::{DeviceForce, DeviceInfo, DeviceLog, InputDevice, Setting, Settings};
 use touch::TouchDriver;
 
 struct Counting;

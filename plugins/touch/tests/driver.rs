@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use ambf_core::device::{
+use ambf_device::{
     DeviceError, DeviceForce, DeviceInfo, DeviceLog, DeviceSample, Driver, InputDevice, Setting, Settings,
 };
 use fake_hd::{Fake, Force};

@@ -8,12 +8,12 @@ mod joystick;
 
 use std::sync::Arc;
 
-use ambf_core::device::{Axes, DeviceSpec, Driver};
+use ambf_device::{Axes, DeviceSpec, Driver};
 
 pub use hydra::HydraDriver;
 pub use joystick::JoystickDriver;
 
-/// The drivers `hydra` and `joystick`, for [`Drivers`](ambf_core::device::Drivers).
+/// The drivers `hydra` and `joystick`, for [`Drivers`](ambf_device::Drivers).
 pub fn drivers() -> [Arc<dyn Driver>; 2] {
     [Arc::new(HydraDriver::default()), Arc::new(JoystickDriver::default())]
 }

@@ -6,7 +6,7 @@ use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, Mutex, OnceLock};
 use std::time::{Duration, Instant};
 
-use ambf_core::device::{DeviceForce, DeviceInfo, DeviceLog, DeviceSample, Driver, InputDevice, Setting, Settings};
+use ambf_device::{DeviceForce, DeviceInfo, DeviceLog, DeviceSample, Driver, InputDevice, Setting, Settings};
 use dvrk_arm::fake::{Fake, FakeOptions};
 use dvrk_arm::{driver, Dialect};
 use nalgebra::Vector3;

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use ambf_core::device::{DeviceError, DeviceForce, DeviceLog, Driver, InputDevice, Setting, Settings};
+use ambf_device::{DeviceError, DeviceForce, DeviceLog, Driver, InputDevice, Setting, Settings};
 use falcon::{State, Status, MODEL};
 use nalgebra::Vector3;
 

@@ -1,6 +1,6 @@
 //! The worker against the fake, step by step on a clock of its own: nothing here depends on how busy the computer is.
 
-use ambf_core::device::DeviceForce;
+use ambf_device::DeviceForce;
 use crossbeam_utils::atomic::AtomicCell;
 use nalgebra::Vector3;
 use triple_buffer::triple_buffer;

@@ -2,7 +2,7 @@ use std::io::{self, ErrorKind};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use ambf_core::device::{Axes, DeviceError, DeviceForce, DeviceSample, DeviceSpec, InputDevice};
+use ambf_device::{Axes, DeviceError, DeviceForce, DeviceSample, DeviceSpec, InputDevice};
 
 use super::filter::LowPass;
 use super::hidraw::Hid;

@@ -8,7 +8,7 @@ mod streams;
 
 use std::path::PathBuf;
 
-use ambf_core::device::{DeviceError, DeviceInfo, DeviceLog, Driver, InputDevice, Settings};
+use ambf_device::{DeviceError, DeviceInfo, DeviceLog, Driver, InputDevice, Settings};
 
 use device::{Hydra, MODEL};
 use hidraw::HidRaw;
@@ -42,7 +42,7 @@ fn corner(settings: &Settings) -> Result<f64, DeviceError> {
     if corner > 0.0 && corner < HIGHEST_CORNER {
         Ok(corner)
     } else {
-        Err(settings.wrong(CORNER, expected))
+        Err(settings.wrong(CORNER, expected).into())
     }
 }
 

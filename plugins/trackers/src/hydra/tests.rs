@@ -6,7 +6,7 @@ use std::os::unix::net::UnixDatagram;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use ambf_core::device::{DeviceError, DeviceForce, InputDevice, Setting, Settings};
+use ambf_device::{DeviceError, DeviceForce, InputDevice, Setting, Settings};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::hidraw::Hid;

@@ -2,7 +2,7 @@ use std::io::{self, ErrorKind};
 use std::path::Path;
 use std::time::Instant;
 
-use ambf_core::device::{self, DeviceError, DeviceForce, DeviceSample, DeviceSpec, InputDevice};
+use ambf_device::{DeviceError, DeviceForce, DeviceSample, DeviceSpec, InputDevice};
 use evdev::{EventSummary, InputEvent, KeyCode};
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -146,7 +146,7 @@ impl<E: Events> Joystick<E> {
 }
 
 fn spec(model: &str, gripper: bool) -> DeviceSpec {
-    let sensed = device::Axes { position: true, rotation: true, gripper };
+    let sensed = ambf_device::Axes { position: true, rotation: true, gripper };
     DeviceSpec { workspace_radius: 0.1, sensed, ..tracker(model) }
 }
 

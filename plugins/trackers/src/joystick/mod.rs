@@ -8,7 +8,7 @@ mod options;
 use std::io::ErrorKind;
 use std::path::PathBuf;
 
-use ambf_core::device::{DeviceError, DeviceInfo, DeviceLog, Driver, InputDevice, Settings};
+use ambf_device::{DeviceError, DeviceInfo, DeviceLog, Driver, InputDevice, Settings};
 
 use device::{EventFile, Joystick};
 use find::{JOYSTICK, SPACE_MOUSE};

@@ -1,4 +1,4 @@
-use ambf_core::device::{DeviceError, Settings};
+use ambf_device::{DeviceError, SettingError, Settings};
 
 use super::axes::{self, Map};
 
@@ -29,9 +29,9 @@ impl Options {
         let rates = match settings.text("mode").map(str::trim) {
             None | Some("rate") => true,
             Some("position") => false,
-            Some(_) => return Err(settings.wrong("mode", "rate or position")),
+            Some(_) => return Err(settings.wrong("mode", "rate or position").into()),
         };
-        let number = |key: &str, default: f64, range: std::ops::RangeInclusive<f64>| {
+        let number = |key: &str, default: f64, range: std::ops::RangeInclusive<f64>| -> Result<f64, SettingError> {
             let expected = format!("a number, {} to {}", range.start(), range.end());
             match settings.parsed::<f64>(key, &expected)? {
                 None => Ok(default),
@@ -70,7 +70,7 @@ impl Options {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use ambf_core::device::Setting;
+    use ambf_device::Setting;
     use std::path::PathBuf;
 
     fn read(entries: &[(&str, &str)]) -> Result<Options, DeviceError> {

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use ambf_core::device::{DeviceError, DeviceForce, DeviceSample, InputDevice, Setting, Settings};
+use ambf_device::{DeviceError, DeviceForce, DeviceSample, InputDevice, Setting, Settings};
 use evdev::{AbsoluteAxisCode, EventType, InputEvent, KeyCode, RelativeAxisCode};
 use nalgebra::{UnitQuaternion, Vector3};
 

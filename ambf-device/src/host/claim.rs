@@ -1,0 +1,166 @@
+//! Which device serves which entry of a device file.
+
+use std::panic::{catch_unwind, AssertUnwindSafe};
+use std::sync::Arc;
+use std::time::Duration;
+
+use crossbeam_channel::{bounded, RecvTimeoutError};
+
+use crate::{DeviceInfo, Driver, Drivers, Settings};
+use ambf_model::adf;
+
+/// How long a driver may look for its devices.
+const FIND_TIMEOUT: Duration = Duration::from_secs(10);
+
+/// A device that belongs to one entry.
+#[derive(Clone)]
+pub(super) struct Claim {
+    pub driver: Arc<dyn Driver>,
+    pub info: DeviceInfo,
+    pub settings: Settings,
+}
+
+impl Claim {
+    fn is(&self, driver: &Arc<dyn Driver>, info: &DeviceInfo) -> bool {
+        self.driver.name() == driver.name() && self.info == *info
+    }
+}
+
+/// The first device of the entry's model that is not among `claimed` and has the wanted identity.
+///
+/// # Errors
+/// One sentence that says why there is none.
+pub(super) fn claim(entry: &adf::InputDevice, drivers: &Drivers, claimed: &[Claim]) -> Result<Claim, String> {
+    let model = &entry.hardware_name;
+    let driver = match &entry.driver {
+        Some(name) => drivers.named(name).ok_or_else(|| format!("there is no driver `{name}`{}", known(drivers)))?,
+        None => drivers.serving(model).ok_or_else(|| format!("no driver serves `{model}`{}", known(drivers)))?,
+    };
+    let mut found = find(driver, model, &entry.driver_settings)?;
+    found.retain(|info| info.model == *model);
+    if found.is_empty() {
+        return Err(format!("no `{model}` is connected"));
+    }
+    if let Some(identity) = &entry.identity {
+        let there: Vec<_> = found.iter().map(|info| info.identity.clone()).collect();
+        found.retain(|info| info.identity == *identity);
+        if found.is_empty() {
+            return Err(format!(
+                "no `{model}` with the identity `{identity}` is connected, only `{}`",
+                there.join("`, `")
+            ));
+        }
+    }
+    let count = found.len();
+    let free = found.into_iter().find(|info| !claimed.iter().any(|claim| claim.is(driver, info)));
+    let info = free.ok_or_else(|| match count {
+        1 => format!("the only `{model}` is taken by another entry"),
+        _ => format!("all {count} `{model}` are taken by other entries"),
+    })?;
+    Ok(Claim { driver: Arc::clone(driver), info, settings: entry.driver_settings.clone() })
+}
+
+fn known(drivers: &Drivers) -> String {
+    let names: Vec<_> = drivers.names().collect();
+    match names.is_empty() {
+        true => String::from("; this program has no drivers"),
+        false => format!("; there are {}", names.join(", ")),
+    }
+}
+
+/// What a driver finds. One that panics or does not return is no reason to start without the others.
+fn find(driver: &Arc<dyn Driver>, model: &str, settings: &Settings) -> Result<Vec<DeviceInfo>, String> {
+    let (answer, answered) = bounded(1);
+    let (name, finder, model, settings) = (driver.name(), Arc::clone(driver), model.to_owned(), settings.clone());
+    let look = move || {
+        let found = catch_unwind(AssertUnwindSafe(|| finder.find(&model, &settings)));
+        // Nobody waits any more after the timeout.
+        let _ = answer.send(found);
+    };
+    std::thread::Builder::new().name("find devices".into()).spawn(look).map_err(|error| error.to_string())?;
+    match answered.recv_timeout(FIND_TIMEOUT) {
+        Ok(Ok(Ok(found))) => Ok(found),
+        Ok(Ok(Err(error))) => Err(error.to_string()),
+        Ok(Err(panic)) => Err(format!("driver `{name}` panicked: {}", panic_text(&*panic))),
+        Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => {
+            Err(format!("driver `{name}` did not say within {} s which devices there are", FIND_TIMEOUT.as_secs()))
+        }
+    }
+}
+
+/// What a panic said.
+pub(super) fn panic_text(panic: &(dyn std::any::Any + Send)) -> String {
+    let text = panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied());
+    text.unwrap_or("without a word").to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::{DeviceError, DeviceLog, InputDevice, MockDriver};
+
+    /// A driver with which something is wrong.
+    struct Bad;
+
+    impl Driver for Bad {
+        fn name(&self) -> &str {
+            "bad"
+        }
+
+        fn serves(&self, model: &str) -> bool {
+            model == "Bad"
+        }
+
+        fn find(&self, _: &str, settings: &Settings) -> Result<Vec<DeviceInfo>, DeviceError> {
+            match settings.text("how") {
+                Some("panic") => panic!("no bus"),
+                Some("refuse") => Err(DeviceError::Unavailable("no permission".into())),
+                _ => Ok(Vec::new()),
+            }
+        }
+
+        fn open(&self, _: &DeviceInfo, _: &Settings, _: &DeviceLog) -> Result<Box<dyn InputDevice>, DeviceError> {
+            Err(DeviceError::Unavailable("never".into()))
+        }
+    }
+
+    fn outcome(entry: &str, claimed: &[Claim]) -> Result<Claim, String> {
+        let mut drivers = Drivers::default();
+        drivers.add(Arc::new(MockDriver::default()));
+        drivers.add(Arc::new(Bad));
+        let text = format!("input devices: [A]\nA: {{root link: l, {entry}}}\n");
+        let (devices, _) = adf::parse::<adf::InputDevices>(&text, Path::new("d.yaml")).expect("a list");
+        claim(devices.entries[0].as_ref().expect("an entry"), &drivers, claimed)
+    }
+
+    #[test]
+    fn equal_entries_get_different_devices() {
+        let mut claimed = Vec::new();
+        for identity in ["0", "1", "2"] {
+            let claim = outcome("hardware name: Mock", &claimed).unwrap_or_else(|error| panic!("{error}"));
+            assert_eq!(claim.info.identity, identity);
+            claimed.push(claim);
+        }
+        let taken = outcome("hardware name: Mock, identity: 1", &claimed).err().expect("it is taken");
+        assert_eq!(taken, "the only `Mock` is taken by another entry");
+    }
+
+    #[test]
+    fn a_named_driver_serves_any_model() {
+        let claim = outcome("hardware name: Falcon, driver: mock", &[]).unwrap_or_else(|error| panic!("{error}"));
+        assert_eq!((claim.driver.name(), claim.info.model.as_str()), ("mock", "Falcon"));
+    }
+
+    #[test]
+    fn failures_say_what_is_wrong() {
+        let of = |entry| outcome(entry, &[]).err().expect("a failure");
+        assert_eq!(of("hardware name: Falcon"), "no driver serves `Falcon`; there are mock, bad");
+        assert_eq!(of("hardware name: Bad"), "no `Bad` is connected");
+        assert_eq!(of("hardware name: Bad, driver settings: {how: refuse}"), "no permission");
+        assert_eq!(of("hardware name: Bad, driver settings: {how: panic}"), "driver `bad` panicked: no bus");
+        let found = of("hardware name: Mock, identity: 99");
+        assert!(found.starts_with("no `Mock` with the identity `99` is connected, only `0`, `1`"), "{found}");
+    }
+}
