@@ -88,7 +88,8 @@ fn read_header<'a>(path: &'a Path, bytes: &'a [u8]) -> Result<(Header, Payload<'
 
 /// Checks that the header describes a surface.
 fn check_elements(header: &Header, payload: &Payload) -> Result<(), MeshError> {
-    let malformed = |message: String| Err(MeshError::malformed(payload.path, Position::Line(payload.line - 1), message));
+    let malformed =
+        |message: String| Err(MeshError::malformed(payload.path, Position::Line(payload.line - 1), message));
     let count = |name: &str| header.elements.get(name).map_or(0, |element| element.count);
     let Some(vertices) = header.elements.get("vertex") else {
         return malformed("the header describes no element 'vertex'".to_owned());
@@ -122,9 +123,8 @@ fn check_elements(header: &Header, payload: &Payload) -> Result<(), MeshError> {
 
 /// Whether the element has a number of one of these names.
 fn has_scalar(element: &ElementDef, names: &[&str]) -> bool {
-    let is_scalar = |name: &&str| {
-        element.properties.get(*name).is_some_and(|p| matches!(p.data_type, PropertyType::Scalar(_)))
-    };
+    let is_scalar =
+        |name: &&str| element.properties.get(*name).is_some_and(|p| matches!(p.data_type, PropertyType::Scalar(_)));
     names.iter().any(is_scalar)
 }
 
@@ -634,7 +634,8 @@ mod tests {
 
     #[test]
     fn vertices_have_normals_and_texture_coordinates() {
-        let text = "ply\nformat ascii 1.0\ncomment TextureFile wood 1.png\ncomment TextureFile b.png\nelement vertex 3\n\
+        let text =
+            "ply\nformat ascii 1.0\ncomment TextureFile wood 1.png\ncomment TextureFile b.png\nelement vertex 3\n\
                     property float x\nproperty float y\nproperty float z\nproperty float nx\nproperty float ny\n\
                     property float nz\nproperty float U\nproperty float V\nproperty float red\nproperty ushort green\n\
                     property int blue\nproperty float alpha\nelement face 1\n\
@@ -704,7 +705,10 @@ mod tests {
             (good.replace("4 0 1 2 3", "4 0 1 2 5").into(), ":23: face 0 names vertex 5, the file has 5"),
             (good.replace("4 0 1 2 3", "4 0 1 2 -1").into(), ":23: face 0 names vertex -1, the file has 5"),
             (good.replace("4 0 1 2 3", "99999999999 0 1").into(), ":23: expected the numbers"),
-            (good.replace("\n3 1 0 4\n", "\n").into(), ":25: truncated: the header announces 3 elements 'face', the file holds 2"),
+            (
+                good.replace("\n3 1 0 4\n", "\n").into(),
+                ":25: truncated: the header announces 3 elements 'face', the file holds 2",
+            ),
             (good.replace("2.5e0", "1e999").into(), "vertex 4 is not finite"),
             (binary(true)[..binary(true).len() - 1].to_vec(), "announces 3 elements 'face', the file holds 2"),
             (announced, "truncated: the header announces 99999999 elements 'vertex', for which"),
