@@ -1091,7 +1091,10 @@ mod tests {
     #[test]
     fn materials_are_physical() {
         let (mesh, messages) = looks(described(r#","material":0"#, MATERIAL));
-        assert_eq!(messages, ["in/t.gltf: mesh 0, primitive 0: 1 vertices have no finite NORMAL; they are drawn without"]);
+        assert_eq!(
+            messages,
+            ["in/t.gltf: mesh 0, primitive 0: 1 vertices have no finite NORMAL; they are drawn without"]
+        );
         let part = &mesh.parts[0];
         assert_eq!(part.name, "red");
         assert_eq!(part.normals, [[0.0, -1.0, 0.0]; 4]);
@@ -1102,7 +1105,8 @@ mod tests {
         assert!((material.diffuse[1] - 0.5).abs() < 1e-4 && material.diffuse[0] == 1.0 && material.diffuse[2] == 0.0);
         assert_eq!((material.alpha, material.emission), (0.5, [0.0, 1.0, 1.0]));
         assert_eq!(material.diffuse_map, Some("in/wood 1.png".into()));
-        let embedded = |name: &str, bytes: &[u8]| Some(MeshTexture::Embedded { name: name.into(), bytes: bytes.into() });
+        let embedded =
+            |name: &str, bytes: &[u8]| Some(MeshTexture::Embedded { name: name.into(), bytes: bytes.into() });
         assert_eq!(material.normal_map, embedded("in/t.gltf (picture 2)", b"hallo"));
         let map = embedded("in/t.gltf (picture 1)", b"\x89PNG picture");
         assert_eq!(material.physical, Some(MetallicRoughness { metallic: 0.25, roughness: 1.0, map }));
@@ -1149,13 +1153,21 @@ mod tests {
         let transform = r#""index":0,"texCoord":1,"extensions":{"KHR_texture_transform":{"scale":[2,2]}}"#;
         for (primitive, rest, expected) in [
             (material, MATERIAL.replace("wood", "stone"), "texture 'stone 1.png' is not there"),
-            (material, MATERIAL.replace("bufferView\":PICTURE", "bufferView\":99"), "picture 1: buffer view 99 does not exist"),
+            (
+                material,
+                MATERIAL.replace("bufferView\":PICTURE", "bufferView\":99"),
+                "picture 1: buffer view 99 does not exist",
+            ),
             (material, MATERIAL.replace("aGFsbG8", "?"), "picture 2: not readable as base64"),
             (material, MATERIAL.replace("base64,aG", ",aG"), "picture 2: a data URI must be encoded in base64"),
             (material, MATERIAL.replace(r#"{"source":1}"#, "{}"), "texture 1 has no picture that can be read"),
             (material, MATERIAL.replace("BLEND", "MELT"), "the alphaMode is none of glTF"),
             (material, MATERIAL.replace(r#""index":0,"texCoord":1"#, transform), "KHR_texture_transform is not used"),
-            (material, MATERIAL.replace(r#""index":1,"texCoord":1"#, r#""index":1"#), "all textures are drawn with TEXCOORD_1"),
+            (
+                material,
+                MATERIAL.replace(r#""index":1,"texCoord":1"#, r#""index":1"#),
+                "all textures are drawn with TEXCOORD_1",
+            ),
             (material, MATERIAL.replace(r#""index":2"#, r#""index":2,"scale":2"#), "the scale of the normal texture"),
             (r#","material":7"#, MATERIAL.to_owned(), "material 7 does not exist; the default material is drawn"),
             (
@@ -1163,7 +1175,11 @@ mod tests {
                 MATERIAL.replace(r#""emissiveFactor""#, r#""emissiveTexture":{"index":0},"emissiveFactor""#),
                 "the emissive texture is not drawn",
             ),
-            (material, format!(r#"{MATERIAL},"extensionsRequired":["KHR_materials_unlit"]"#), "'KHR_materials_unlit' is not used"),
+            (
+                material,
+                format!(r#"{MATERIAL},"extensionsRequired":["KHR_materials_unlit"]"#),
+                "'KHR_materials_unlit' is not used",
+            ),
         ] {
             let (mesh, messages) = looks(described(primitive, &rest));
             assert_eq!(mesh.triangle_count(), 2);
@@ -1173,7 +1189,10 @@ mod tests {
         }
         let text = described("", "\"textures\":[]").replace(r#""NORMAL":2"#, r#""NORMAL":1"#);
         let (_, messages) = looks(text);
-        assert!(messages[0].contains("accessor 1 has the type Scalar, expected Vec3; NORMAL is not used"), "{messages:?}");
+        assert!(
+            messages[0].contains("accessor 1 has the type Scalar, expected Vec3; NORMAL is not used"),
+            "{messages:?}"
+        );
     }
 
     #[test]
