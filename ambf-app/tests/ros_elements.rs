@@ -7,8 +7,8 @@ use std::sync::{Arc, Mutex, OnceLock};
 use ambf_app::ros::messages::{ambf_msgs, std_msgs};
 use ambf_app::ros::{ModelHost, ModelReply};
 use ambf_core::comm::{
-    self, ActuatorCommand, CameraParameters, Hub, Inbox, LightParameters, Middleware, ObjectKind, Rates, SensorCommand,
-    SoftBodyCommand, VehicleCommand,
+    self, ActuatorCommand, CameraParameters, Hub, HubIndex, HubObject, Inbox, LightParameters, Middleware, ObjectKind,
+    Rates, SensorCommand, SoftBodyCommand, VehicleCommand,
 };
 use ambf_test_support::ros::*;
 use dxr::Value;
@@ -91,9 +91,10 @@ impl Fixture {
     }
 
     /// Positions in the hub of those in `namespace`.
-    fn positions(&self, namespace: &str) -> Vec<usize> {
+    fn positions(&self, namespace: &str) -> Vec<HubIndex> {
         let objects = self.hub.objects().clone();
-        (0..objects.len()).filter(|&i| objects[i].info.namespace == namespace && !objects[i].is_removed()).collect()
+        let is_there = |object: &HubObject| object.info.namespace == namespace && !object.is_removed();
+        objects.entries().filter(|(_, object)| is_there(object)).map(|(position, _)| position).collect()
     }
 
     fn parameter(&self, name: &str) -> Option<Value> {

@@ -181,7 +181,8 @@ fn a_loss_names_the_command_to_the_body_whose_joint_it_is() {
     assert_eq!(commanders, [1, 0], "the rod, and the post that has its joint");
     assert_eq!(simulation.commanders(2).collect::<Vec<_>>(), [2]);
     let hub = simulation.connect();
-    let post = hub.objects().iter().position(|object| object.info.name.contains("Post")).expect("the post");
+    let objects = hub.objects().clone();
+    let (post, _) = objects.entries().find(|(_, object)| object.info.name.contains("Post")).expect("the post");
     let command = RigidBodyCommand {
         cartesian: CartesianCommandType::Force,
         joint_commands: vec![1e3],

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use ambf_core::comm::{
-    CartesianCommandType, Hub, JointCommandType, ObjectKind, RigidBodyCommand, Snapshot, StepError, StepOrder,
-    WorldCommand,
+    CartesianCommandType, Hub, HubIndex, HubObject, JointCommandType, ObjectKind, RigidBodyCommand, Snapshot,
+    StepError, StepOrder, WorldCommand,
 };
 use ambf_core::scene::{load, SceneFiles, SceneOptions};
 use ambf_core::sim::{Event, Runner, RunnerOptions, Simulation, DEFAULT_SUB_STEP};
@@ -36,8 +36,8 @@ impl Running {
         Self { runner: Runner::start(simulation, options), hub }
     }
 
-    fn object(&self, name: &str) -> (usize, usize) {
-        let found = self.hub.objects().iter().enumerate().find_map(|(place, object)| match object.info.kind {
+    fn object(&self, name: &str) -> (HubIndex, usize) {
+        let found = self.hub.objects().entries().find_map(|(place, object)| match object.info.kind {
             ObjectKind::RigidBody(index, _) if object.info.name == name => Some((place, index)),
             _ => None,
         });
@@ -231,12 +231,13 @@ fn a_lost_state_pauses_is_named_and_is_never_seen() {
 fn the_hub_survives_many_clients_at_once() {
     let running = Running::start("free_bodies.yaml", FIXED);
     std::thread::scope(|scope| {
-        for client in 0..4 {
+        for client in 0..4_u32 {
             let running = &running;
             scope.spawn(move || {
-                let bodies: Vec<usize> = (0..running.hub.objects().len())
-                    .filter(|&place| matches!(running.hub.objects()[place].info.kind, ObjectKind::RigidBody(..)))
-                    .collect();
+                let objects = running.hub.objects().clone();
+                let is_body = |object: &HubObject| matches!(object.info.kind, ObjectKind::RigidBody(..));
+                let bodies: Vec<HubIndex> =
+                    objects.entries().filter(|(_, object)| is_body(object)).map(|(position, _)| position).collect();
                 for i in 0..5000 {
                     let force = Vector3::new(0.0, 0.0, f64::from(client * 5000 + i) * 1e-6);
                     let command =

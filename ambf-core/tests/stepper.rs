@@ -68,8 +68,8 @@ fn drive(stepper: &mut Stepper, call: usize) -> Vec<u64> {
     if reset {
         stepper.reset();
     }
-    for (object, entry) in stepper.objects().iter().enumerate() {
-        if let Some(wanted) = command(object, &entry.info.kind, call) {
+    for (object, entry) in stepper.objects().entries() {
+        if let Some(wanted) = command(object.0, &entry.info.kind, call) {
             *stepper.body_command(object).expect("a body") = wanted;
         }
     }
@@ -82,8 +82,12 @@ fn order(hub: &Arc<Hub>, call: usize) -> Vec<u64> {
     let order = StepOrder { steps, reset, patience: Duration::from_secs(60) };
     let post = |hub: &Hub| {
         let objects = hub.objects().clone();
-        let wanted = objects.iter().enumerate().filter_map(|(i, entry)| Some((i, command(i, &entry.info.kind, call)?)));
-        wanted.into_iter().try_for_each(|(object, command)| hub.post(object, &command))
+        for (object, entry) in objects.entries() {
+            if let Some(command) = command(object.0, &entry.info.kind, call) {
+                hub.post(object, &command)?;
+            }
+        }
+        Ok(())
     };
     bits(&hub.step(order, post).expect("stepped"))
 }
@@ -171,7 +175,8 @@ fn a_lost_state_is_told_until_a_reset() {
     let mut stepper = Stepper::new(load("arm7.yaml", Profile::Legacy), DT);
     let is_moved =
         |kind: &ObjectKind| matches!(kind, ObjectKind::RigidBody(_, info) if info.mass > 0.0 && info.joints.is_empty());
-    let object = stepper.objects().iter().position(|entry| is_moved(&entry.info.kind)).expect("the flange");
+    let objects = stepper.objects();
+    let (object, _) = objects.entries().find(|(_, entry)| is_moved(&entry.info.kind)).expect("the flange");
     let before = bits(stepper.snapshot());
     let push = |stepper: &mut Stepper, force: f64| {
         stepper.body_command(object).expect("a body").force = Vector3::new(force, 0.0, 0.0);

@@ -6,7 +6,7 @@ use std::collections::HashMap;
 use std::sync::Arc;
 use std::time::Instant;
 
-use ambf_core::comm::{BodyKinematics, JointCommandType, ObjectKind, RigidBodyCommand, Snapshot};
+use ambf_core::comm::{BodyKinematics, HubIndex, JointCommandType, ObjectKind, RigidBodyCommand, Snapshot};
 use ambf_core::device::host::DeviceState;
 use ambf_core::device::DeviceForce;
 use ambf_core::scene::{CameraGesture, JointType, VisualJoint, VisualScene};
@@ -71,7 +71,7 @@ struct Shown {
 }
 
 /// Joints of a body that are commanded by sliders: goals by active joint.
-type Goals = HashMap<usize, Vec<f64>>;
+type Goals = HashMap<HubIndex, Vec<f64>>;
 
 /// A camera that follows a body.
 struct Follow {
@@ -378,7 +378,7 @@ impl Panels {
     fn joints(&mut self, ui: &mut Ui, with: &mut PanelContext<'_>) {
         let objects = with.parts.hub.objects();
         let mut any = false;
-        for (object, info) in objects.iter().enumerate().filter(|(_, object)| !object.is_removed()) {
+        for (object, info) in objects.entries().filter(|(_, object)| !object.is_removed()) {
             let ObjectKind::RigidBody(body, details) = &info.info.kind else { continue };
             let drives = |&joint: &usize| with.visuals.joints.get(joint).is_some_and(has_coordinate);
             // Of a chain only the first body is listed: its joints are those of all below it.

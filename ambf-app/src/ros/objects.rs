@@ -4,6 +4,7 @@ use std::sync::mpsc::Sender;
 use std::sync::Arc;
 use std::time::Duration;
 
+use ambf_core::comm::HubIndex;
 use ros_node::{Announcement, Link};
 
 use super::naming::Names;
@@ -32,7 +33,7 @@ pub(super) struct Objects {
     generation: Option<u64>,
     /// Positions of cameras of which it is not known yet what they publish.
     #[cfg(feature = "view")]
-    cameras: Vec<usize>,
+    cameras: Vec<HubIndex>,
 }
 
 /// What has changed.
@@ -101,7 +102,7 @@ impl Objects {
         let objects = self.around.hub.objects().clone();
         let (known, arguments) = (&mut self.known, &self.around.arguments);
         self.cameras.retain(|&position| {
-            let (Some(known), ObjectKind::Camera(index, _)) = (&mut known[position], &objects[position].info.kind)
+            let (Some(known), ObjectKind::Camera(index, _)) = (&mut known[position.0], &objects[position].info.kind)
             else {
                 return false;
             };
@@ -128,20 +129,21 @@ impl Objects {
         self.generation = Some(generation);
         let objects = self.around.hub.objects().clone();
         let mut change = Change::default();
-        for (position, known) in self.known.iter_mut().enumerate() {
-            if let Some(known) = known.take_if(|_| objects[position].is_removed()) {
-                self.names.give_back(&known.name, &objects[position].info);
+        let served = self.known.len();
+        for ((position, object), known) in objects.entries().zip(&mut self.known) {
+            if let Some(known) = known.take_if(|_| object.is_removed()) {
+                self.names.give_back(&known.name, &object.info);
                 change.withdrawn.extend(known.announcements);
                 #[cfg(feature = "view")]
                 if let (Some(pictures), ambf_core::comm::ObjectKind::Camera(index, _)) =
-                    (&self.around.pictures, &objects[position].info.kind)
+                    (&self.around.pictures, &object.info.kind)
                 {
                     pictures.topics.remove(*index);
                 }
                 change.come.parameters.removed.push(position);
             }
         }
-        for (position, object) in objects.iter().enumerate().skip(self.known.len()) {
+        for (position, object) in objects.entries().skip(served) {
             let known = (!object.is_removed()).then(|| {
                 let begin = change.come.announcements.len();
                 let name = self.names.take(&object.info);
@@ -163,7 +165,7 @@ mod tests {
     use super::*;
     use crate::ros::arguments::RosArguments;
     use crate::ros::models::{ModelHost, ModelReply};
-    use ambf_core::comm::{Hub, ObjectInfo, ObjectKind, Rates, SensorInfo, SensorType};
+    use ambf_core::comm::{Hub, HubIndex, ObjectInfo, ObjectKind, Rates, SensorInfo, SensorType};
     use ros_node::{Direction, Peer};
     use std::path::{Path, PathBuf};
 
@@ -305,15 +307,15 @@ mod tests {
         assert_eq!((change.come.parameters.lights.len(), change.come.entries.len()), (1, 2));
 
         // One goes, one comes and goes unseen, one comes that has the name of the one that goes.
-        hub.remove_objects([1]);
+        hub.remove_objects([HubIndex(1)]);
         hub.add_objects(vec![object(ObjectKind::Ghost(0, Box::default()), "unseen"), car()]);
-        hub.remove_objects([3]);
+        hub.remove_objects([HubIndex(3)]);
         let change = objects.compare().unwrap();
         let topics =
             ["/ambf/env/car/Command ambf_msgs/VehicleCmd in", "/ambf/env/car/State ambf_msgs/VehicleState out"];
         assert_eq!(lines(&change.withdrawn), topics);
         assert_eq!(lines(&change.come.announcements), topics);
-        assert_eq!(change.come.parameters.removed, [1]);
+        assert_eq!(change.come.parameters.removed, [HubIndex(1)]);
         assert!(!change.withdrawn.iter().any(|old| change.come.announcements.iter().any(|new| Arc::ptr_eq(old, new))));
     }
 }

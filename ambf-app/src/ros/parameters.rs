@@ -5,7 +5,7 @@ use std::sync::mpsc::Receiver;
 use std::sync::Arc;
 use std::time::Duration;
 
-use ambf_core::comm::{CameraParameters, Hub, LightParameters, PostError};
+use ambf_core::comm::{CameraParameters, Hub, HubIndex, LightParameters, PostError};
 use dxr::Value;
 use ros_node::{Announcement, CallError, Link, Peer};
 
@@ -34,7 +34,7 @@ const DEFAULT_ORTHOGRAPHIC_WIDTH: f64 = 10.0;
 /// An object whose parameters are on the parameter server.
 pub(super) struct Parameterised<P> {
     /// Position in the hub.
-    pub object: usize,
+    pub object: HubIndex,
     /// `/<namespace>/<name>`.
     pub name: String,
     /// Values in force.
@@ -53,7 +53,7 @@ pub(super) struct ParameterChange {
     /// Topics with their states.
     pub world_states: Vec<String>,
     /// Positions in the hub, with or without parameters.
-    pub removed: Vec<usize>,
+    pub removed: Vec<HubIndex>,
 }
 
 /// Parameters of an object as the server holds them.
@@ -208,7 +208,7 @@ impl<P: OnServer> Watched<P> {
         &mut self,
         master: &Peer,
         generation: u64,
-        post: impl FnOnce(usize, &P) -> Result<(), PostError>,
+        post: impl FnOnce(HubIndex, &P) -> Result<(), PostError>,
     ) -> Result<(), CallError> {
         if self.written == generation {
             return self.poll(master, post);
@@ -219,7 +219,11 @@ impl<P: OnServer> Watched<P> {
     }
 
     /// Takes changes from the server and passes them on to `post`.
-    fn poll(&mut self, master: &Peer, post: impl FnOnce(usize, &P) -> Result<(), PostError>) -> Result<(), CallError> {
+    fn poll(
+        &mut self,
+        master: &Peer,
+        post: impl FnOnce(HubIndex, &P) -> Result<(), PostError>,
+    ) -> Result<(), CallError> {
         let Some(Value::Struct(tree)) = get(master, &self.object.name)? else { return Ok(()) };
         let mut values = self.object.values.clone();
         let complaints = values.update(&tree);
@@ -429,7 +433,7 @@ impl Parameters {
 }
 
 /// Removes the objects at the positions `removed`; returns the names of their parameters.
-fn remove<P: OnServer>(objects: &mut Vec<Watched<P>>, removed: &[usize]) -> Vec<String> {
+fn remove<P: OnServer>(objects: &mut Vec<Watched<P>>, removed: &[HubIndex]) -> Vec<String> {
     let gone: Vec<Watched<P>> = objects.extract_if(.., |watched| removed.contains(&watched.object.object)).collect();
     gone.iter().flat_map(Watched::keys).collect()
 }
@@ -502,11 +506,11 @@ mod tests {
         let mut parameters = Parameters::new(hub, Arc::new(link), changes, Arc::default());
         let light = |object, name: &str| {
             let (values, parent) = (LightParameters::default(), ParentName::new(""));
-            Parameterised { object, name: name.into(), values, parent }
+            Parameterised { object: HubIndex(object), name: name.into(), values, parent }
         };
         let lights = vec![light(0, "/e/a"), light(1, "/e/b"), light(2, "/e/b")];
         parameters.take(ParameterChange { lights, ..Default::default() });
-        parameters.take(ParameterChange { removed: vec![0, 1, 7], ..Default::default() });
+        parameters.take(ParameterChange { removed: [0, 1, 7].map(HubIndex).into(), ..Default::default() });
         assert_eq!(parameters.gone, ["/e/a/cutoff_angle", "/e/a/parent_name", "/e/a/type"], "/e/b is the third's too");
         assert_eq!(parameters.lights.len(), 1);
         assert!(parameters.visit(&master, 1).is_err(), "nobody answers");

@@ -4,7 +4,7 @@ use std::sync::mpsc::Receiver;
 use std::sync::Arc;
 use std::time::Duration;
 
-use ambf_core::comm::{Hub, ObjectKind, PublishSchedule, Rates, Snapshot};
+use ambf_core::comm::{Hub, HubIndex, ObjectKind, PublishSchedule, Rates, Snapshot};
 use ros_node::{Publication, Stop};
 use rosrust::Message;
 
@@ -46,7 +46,7 @@ pub(super) struct Entry {
     outlet: Box<dyn Outlet>,
     schedule: PublishSchedule,
     /// Position in the hub.
-    object: usize,
+    object: HubIndex,
     /// Whether commands for the object switch to the fast rate.
     commanded: bool,
     live: bool,
@@ -57,7 +57,7 @@ pub(super) struct Entry {
 impl Entry {
     /// An outlet of the object at position `object` at the lower of `rates`, and, if it is `commanded`, at the higher one while
     /// commands come for the object.
-    pub fn new(outlet: Box<dyn Outlet>, rates: Rates, object: usize, commanded: bool, now: Duration) -> Self {
+    pub fn new(outlet: Box<dyn Outlet>, rates: Rates, object: HubIndex, commanded: bool, now: Duration) -> Self {
         Self { outlet, schedule: PublishSchedule::new(rates, now), object, commanded, live: false, wanted: false }
     }
 
@@ -78,7 +78,7 @@ impl Entry {
 }
 
 /// Whether commands keep coming for the object at position `object`.
-pub(super) fn is_live(hub: &Hub, object: usize, now_ns: u64) -> bool {
+pub(super) fn is_live(hub: &Hub, object: HubIndex, now_ns: u64) -> bool {
     let object = &hub.objects()[object];
     match object.info.kind {
         ObjectKind::World => hub.throttle().is_live(now_ns),
@@ -182,7 +182,7 @@ mod tests {
 
     fn entry(wanted: bool, sent: &Arc<AtomicUsize>) -> Entry {
         let outlet = Counter { wanted, sent: Arc::clone(sent), needs_snapshot: true };
-        Entry::new(Box::new(outlet), Rates::new(50, 1000).unwrap(), 0, true, Duration::ZERO)
+        Entry::new(Box::new(outlet), Rates::new(50, 1000).unwrap(), HubIndex(0), true, Duration::ZERO)
     }
 
     fn simulate(hub: &Hub, entries: &mut [Entry], from_ms: u64, to_ms: u64) {
@@ -206,7 +206,7 @@ mod tests {
         assert_eq!(count(&wanted), 50);
 
         // The hub's clock is real and near 0 here, so the stream ends 0.5 s of simulated time after the post.
-        hub.post(0, &RigidBodyCommand::default()).unwrap();
+        hub.post(HubIndex(0), &RigidBodyCommand::default()).unwrap();
         let mut entries = [entry(true, &wanted), entry(false, &unwanted)];
         simulate(&hub, &mut entries, 0, 400);
         assert_eq!(count(&wanted), 400);
@@ -257,7 +257,7 @@ mod tests {
             sender.send(vec![entry(true, &sent)]).unwrap();
             wait("it is published", &|| sent.load(Ordering::Relaxed) > 0);
             assert_eq!(Arc::strong_count(&sent), 2);
-            hub.remove_objects([0]);
+            hub.remove_objects([HubIndex(0)]);
             wait("its outlet is dropped", &|| Arc::strong_count(&sent) == 1);
             sender.send(vec![entry(true, &sent)]).unwrap();
             wait("one that comes too late is dropped at once", &|| Arc::strong_count(&sent) == 1);

@@ -5,8 +5,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use ambf_core::comm::{
-    ActuatorCommand, ActuatorInfo, GhostInfo, Hub, ObjectInfo, PostError, RigidBodyCommand, RigidBodyInfo, SensorInfo,
-    SensorType, Snapshot, StepOrder, WATCHDOG_TIMEOUT,
+    ActuatorCommand, ActuatorInfo, GhostInfo, Hub, HubIndex, ObjectInfo, PostError, RigidBodyCommand, RigidBodyInfo,
+    SensorInfo, SensorType, Snapshot, StepOrder, WATCHDOG_TIMEOUT,
 };
 
 use super::messages::ambf_msgs::{ActuatorCmd, RigidBodyCmd, Step, StepReq, StepRes};
@@ -22,7 +22,7 @@ const MOST_PATIENCE: f64 = 3600.0;
 /// An object that can be commanded or observed by steps.
 pub(super) struct Steppable {
     /// Position in the hub.
-    pub object: usize,
+    pub object: HubIndex,
     pub info: ObjectInfo,
     pub kind: Kind,
 }
@@ -86,8 +86,8 @@ pub(super) fn service(name: String, master: &Peer, hub: &Arc<Hub>, objects: &Arc
 /// Everything that a request asks for, found and checked.
 #[derive(Default)]
 struct Checked {
-    bodies: Vec<(usize, RigidBodyCommand)>,
-    actuators: Vec<(usize, ActuatorCommand)>,
+    bodies: Vec<(HubIndex, RigidBodyCommand)>,
+    actuators: Vec<(HubIndex, ActuatorCommand)>,
     observed: Vec<Arc<Steppable>>,
 }
 
@@ -215,9 +215,9 @@ mod tests {
         ];
         let steppables = Steppables::default();
         let kind = Kind::body(0, &body, &infos[0], &Arc::default());
-        steppables.insert("/e/box".into(), Steppable { object: 0, info: infos[0].clone(), kind });
+        steppables.insert("/e/box".into(), Steppable { object: HubIndex(0), info: infos[0].clone(), kind });
         let kind = Kind::Actuator(0, ActuatorInfo::default());
-        steppables.insert("/e/holder".into(), Steppable { object: 1, info: infos[1].clone(), kind });
+        steppables.insert("/e/holder".into(), Steppable { object: HubIndex(1), info: infos[1].clone(), kind });
         (Arc::new(Hub::new(infos.to_vec())), steppables)
     }
 
@@ -257,7 +257,7 @@ mod tests {
     fn removed_objects_are_not_found() {
         let (hub, steppables) = steppables();
         assert!(steppables.find(&hub, "/e/box").is_ok());
-        hub.remove_objects([0]);
+        hub.remove_objects([HubIndex(0)]);
         assert!(steppables.find(&hub, "/e/box").is_err());
     }
 }

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use ambf_core::comm::{
-    ActuatorInfo, CameraParameters, GhostInfo, Hub, LightParameters, ObjectInfo, ObjectKind, PostError, Rates,
-    RigidBodyInfo, SensorCommand, SensorInfo, SensorType, Snapshot, VehicleInfo,
+    ActuatorInfo, CameraParameters, GhostInfo, Hub, HubIndex, LightParameters, ObjectInfo, ObjectKind, PostError,
+    Rates, RigidBodyInfo, SensorCommand, SensorInfo, SensorType, Snapshot, VehicleInfo,
 };
 use ros_node::{Announcement, Peer, Publication};
 use rosrust::Message;
@@ -40,7 +40,7 @@ pub(super) struct Served {
 struct Commanded {
     hub: Arc<Hub>,
     waker: Arc<Waker>,
-    object: usize,
+    object: HubIndex,
     topic: String,
     complaints: Complaints,
     /// Fields without effect that have been named.
@@ -49,7 +49,7 @@ struct Commanded {
 
 impl Commanded {
     /// Leaves a command with the hub. The first one of a stream raises the rate at once, not at the next slow tick.
-    fn post(&self, post: impl FnOnce(&Hub, usize) -> Result<(), PostError>) {
+    fn post(&self, post: impl FnOnce(&Hub, HubIndex) -> Result<(), PostError>) {
         let was_live = is_live(&self.hub, self.object, self.hub.now_ns());
         if let Err(error) = post(&self.hub, self.object) {
             self.complaints.report(format_args!("{}: {error}", self.topic));
@@ -86,7 +86,7 @@ pub(super) struct Surroundings {
 }
 
 /// Makes the topics of the object at position `object`, whose name is `name` (`/<namespace>/<name>`), and adds them to `served`.
-pub(super) fn serve(around: &Surroundings, served: &mut Served, object: usize, info: &ObjectInfo, name: String) {
+pub(super) fn serve(around: &Surroundings, served: &mut Served, object: HubIndex, info: &ObjectInfo, name: String) {
     let mut builder = Builder { around, served, object };
     match &info.kind {
         ObjectKind::World => builder.world(info, name),
@@ -105,7 +105,7 @@ struct Builder<'a> {
     around: &'a Surroundings,
     served: &'a mut Served,
     /// Position in the hub.
-    object: usize,
+    object: HubIndex,
 }
 
 impl Builder<'_> {

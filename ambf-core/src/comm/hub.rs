@@ -1,4 +1,4 @@
-use std::ops::Deref;
+use std::ops::{Deref, Index};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -182,6 +182,10 @@ impl HubObject {
     }
 }
 
+/// Position of an object in the list of a [`Hub`], for good. It is no index of a scene: those are in [`ObjectKind`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct HubIndex(pub usize);
+
 /// All objects of a hub at one moment. An object keeps its place for good, also when it is removed.
 #[derive(Clone, Default)]
 pub struct ObjectList {
@@ -198,21 +202,39 @@ impl Deref for ObjectList {
     }
 }
 
+impl Index<HubIndex> for ObjectList {
+    type Output = Arc<HubObject>;
+
+    fn index(&self, object: HubIndex) -> &Self::Output {
+        &self.objects[object.0]
+    }
+}
+
 impl ObjectList {
+    /// The objects with their positions.
+    pub fn entries(&self) -> impl Iterator<Item = (HubIndex, &Arc<HubObject>)> {
+        self.objects.iter().enumerate().map(|(position, object)| (HubIndex(position), object))
+    }
+
+    /// The object at a position, if there is one.
+    pub fn get(&self, object: HubIndex) -> Option<&Arc<HubObject>> {
+        self.objects.get(object.0)
+    }
+
     fn extend(&mut self, infos: Vec<ObjectInfo>) {
         self.objects.extend(infos.into_iter().map(HubObject::new));
         self.pending.resize_with(self.objects.len().div_ceil(64), Arc::default);
     }
 
     /// Physics thread: calls `visit` for each object for which something was left since the last call.
-    pub fn take_pending(&self, mut visit: impl FnMut(usize)) {
+    pub fn take_pending(&self, mut visit: impl FnMut(HubIndex)) {
         for (word, bits) in self.pending.iter().enumerate() {
             if bits.load(Ordering::Relaxed) == 0 {
                 continue;
             }
             let mut rest = bits.swap(0, Ordering::Acquire);
             while rest != 0 {
-                visit(word * 64 + rest.trailing_zeros() as usize);
+                visit(HubIndex(word * 64 + rest.trailing_zeros() as usize));
                 rest &= rest - 1;
             }
         }
@@ -297,7 +319,7 @@ impl Hub {
     }
 
     /// Physics thread: says that the objects at these positions are no longer part of the scene.
-    pub fn remove_objects(&self, positions: impl IntoIterator<Item = usize>) {
+    pub fn remove_objects(&self, positions: impl IntoIterator<Item = HubIndex>) {
         let list = self.objects.load();
         positions.into_iter().for_each(|position| list[position].removed.store(true, Ordering::Release));
         self.generation.fetch_add(1, Ordering::AcqRel);
@@ -359,14 +381,14 @@ impl Hub {
     ///
     /// # Errors
     /// [`PostError::NotFinite`].
-    pub fn post<C: Command>(&self, object: usize, command: &C) -> Result<(), PostError> {
+    pub fn post<C: Command>(&self, object: HubIndex, command: &C) -> Result<(), PostError> {
         let list = self.objects.load();
         let target = &list[object];
         if !command.is_finite() {
             return Err(PostError::NotFinite(target.info.name.clone()));
         }
         C::mailbox(&target.channel).post(command, self.now_ns());
-        list.pending[object / 64].fetch_or(1 << (object % 64), Ordering::Release);
+        list.pending[object.0 / 64].fetch_or(1 << (object.0 % 64), Ordering::Release);
         Ok(())
     }
 
@@ -440,19 +462,19 @@ mod tests {
     fn only_objects_with_mail_are_visited() {
         let hub = hub(130);
         for object in [0, 63, 64, 129] {
-            hub.post(object, &RigidBodyCommand::default()).unwrap();
+            hub.post(HubIndex(object), &RigidBodyCommand::default()).unwrap();
         }
         let mut seen = Vec::new();
-        hub.objects().take_pending(|object| seen.push(object));
+        hub.objects().take_pending(|object| seen.push(object.0));
         assert_eq!(seen, [0, 63, 64, 129]);
-        hub.objects().take_pending(|object| panic!("{object} has nothing new"));
+        hub.objects().take_pending(|object| panic!("{object:?} has nothing new"));
     }
 
     #[test]
     fn a_command_with_nan_is_refused_by_name() {
         let hub = hub(1);
         let command = RigidBodyCommand { joint_commands: vec![f64::NAN], ..Default::default() };
-        let error = hub.post(0, &command).unwrap_err();
+        let error = hub.post(HubIndex(0), &command).unwrap_err();
         assert!(error.to_string().contains("Box0"), "{error}");
         hub.objects().take_pending(|_| panic!("nothing was posted"));
     }
@@ -461,14 +483,14 @@ mod tests {
     fn the_list_grows_and_positions_stay() {
         let hub = hub(64);
         let before = hub.objects().clone();
-        hub.add_objects(vec![before[0].info.clone()]);
-        hub.remove_objects([3]);
+        hub.add_objects(vec![before[HubIndex(0)].info.clone()]);
+        hub.remove_objects([HubIndex(3)]);
         assert_eq!((hub.objects().len(), before.len(), hub.generation()), (65, 64, 2));
-        assert!(before[3].is_removed(), "the object is the same in both lists");
-        hub.post(64, &RigidBodyCommand::default()).unwrap();
-        hub.post(0, &RigidBodyCommand::default()).unwrap();
+        assert!(before[HubIndex(3)].is_removed(), "the object is the same in both lists");
+        hub.post(HubIndex(64), &RigidBodyCommand::default()).unwrap();
+        hub.post(HubIndex(0), &RigidBodyCommand::default()).unwrap();
         let mut seen = Vec::new();
-        hub.objects().take_pending(|object| seen.push(object));
+        hub.objects().take_pending(|object| seen.push(object.0));
         assert_eq!(seen, [0, 64]);
     }
 }

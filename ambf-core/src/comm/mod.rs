@@ -25,8 +25,8 @@ pub use command::{
     SensorCommand, SoftBodyCommand, VehicleCommand,
 };
 pub use hub::{
-    ActuatorInfo, Channel, GhostInfo, Hub, HubObject, ObjectInfo, ObjectKind, ObjectList, PostError, RigidBodyInfo,
-    SensorInfo, SensorType, VehicleInfo,
+    ActuatorInfo, Channel, GhostInfo, Hub, HubIndex, HubObject, ObjectInfo, ObjectKind, ObjectList, PostError,
+    RigidBodyInfo, SensorInfo, SensorType, VehicleInfo,
 };
 pub use mailbox::{Inbox, Mailbox};
 pub use schedule::{PublishSchedule, Rates};

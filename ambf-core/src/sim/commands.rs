@@ -7,9 +7,9 @@ use nalgebra::Vector3;
 
 use super::{LostState, Simulation};
 use crate::comm::{
-    Activity, ActuatorCommand, CameraParameters, CartesianCommandType, Channel, Hub, Inbox, JointCommandType,
-    LightParameters, ObjectKind, ObjectList, PoseCommand, RigidBodyCommand, Snapshot, SnapshotWriter, SoftBodyCommand,
-    Timing, VehicleCommand, Wrench,
+    Activity, ActuatorCommand, CameraParameters, CartesianCommandType, Channel, Hub, HubIndex, HubObject, Inbox,
+    JointCommandType, LightParameters, ObjectKind, ObjectList, PoseCommand, RigidBodyCommand, Snapshot, SnapshotWriter,
+    SoftBodyCommand, Timing, VehicleCommand, Wrench,
 };
 use crate::control::Profile;
 use crate::scene::Scene;
@@ -21,7 +21,7 @@ pub(super) struct Link {
     writer: SnapshotWriter,
     slots: Vec<Slot>,
     /// Objects that were ever commanded, in visiting order: only they are looked at in an iteration.
-    commanded: Vec<usize>,
+    commanded: Vec<HubIndex>,
     /// Rank of each object in visiting order.
     rank: Vec<usize>,
 }
@@ -94,12 +94,12 @@ impl Slot {
 pub(super) struct SavedCommands {
     /// Time of the watchdog, ns.
     saved_at: u64,
-    slots: Vec<(usize, Slot)>,
+    slots: Vec<(HubIndex, Slot)>,
 }
 
 impl Link {
     pub fn save(&self) -> SavedCommands {
-        let slot = |&object: &usize| (object, self.slots[object].later(0));
+        let slot = |&object: &HubIndex| (object, self.slots[object.0].later(0));
         SavedCommands { saved_at: self.watch_time(), slots: self.commanded.iter().map(slot).collect() }
     }
 
@@ -108,10 +108,10 @@ impl Link {
     pub fn restore(&mut self, saved: &SavedCommands) {
         let passed = self.watch_time().saturating_sub(saved.saved_at);
         for object in std::mem::take(&mut self.commanded) {
-            self.slots[object] = Slot::of(&self.objects[object].info.kind);
+            self.slots[object.0] = Slot::of(&self.objects[object].info.kind);
         }
         for (object, slot) in &saved.slots {
-            self.slots[*object] = slot.later(passed);
+            self.slots[object.0] = slot.later(passed);
             self.commanded.push(*object);
         }
     }
@@ -138,14 +138,14 @@ impl Link {
         self.objects = self.hub.objects().clone();
         let new = self.objects.iter().skip(self.slots.len());
         self.slots.extend(new.map(|object| Slot::of(&object.info.kind)));
-        let mut order: Vec<usize> = (0..self.objects.len()).collect();
+        let mut order: Vec<HubIndex> = self.objects.entries().map(|(object, _)| object).collect();
         order.sort_by_cached_key(|&object| scene.visiting_key(&self.objects[object].info.kind));
         self.rank = vec![0; order.len()];
         for (rank, object) in order.into_iter().enumerate() {
-            self.rank[object] = rank;
+            self.rank[object.0] = rank;
         }
         self.commanded.retain(|&object| !self.objects[object].is_removed());
-        self.commanded.sort_by_key(|&object| self.rank[object]);
+        self.commanded.sort_by_key(|&object| self.rank[object.0]);
         self.commanded.reserve(self.objects.len());
         self.writer = SnapshotWriter::new(scene.snapshot(wrenches));
         self.hub.set_visuals(scene.visuals(self.hub.generation()));
@@ -153,23 +153,21 @@ impl Link {
 
     /// Tells the hub which objects are no longer part of the scene.
     pub fn remove_objects(&mut self, scene: &Scene) {
-        let gone = |&object: &usize| {
-            let object = &self.objects[object];
-            !object.is_removed() && scene.is_removed(&object.info.kind)
-        };
-        self.hub.remove_objects((0..self.objects.len()).filter(gone).collect::<Vec<_>>());
+        let is_gone = |object: &HubObject| !object.is_removed() && scene.is_removed(&object.info.kind);
+        let gone = self.objects.entries().filter(|(_, object)| is_gone(object)).map(|(position, _)| position);
+        self.hub.remove_objects(gone.collect::<Vec<_>>());
     }
 
     /// The command in force for the body at position `object`, to be changed; no watchdog follows it. `None` when that is no body.
-    pub fn body_command(&mut self, object: usize) -> Option<&mut RigidBodyCommand> {
-        let Some(Slot::Body(_, inbox)) = self.slots.get_mut(object) else { return None };
+    pub fn body_command(&mut self, object: HubIndex) -> Option<&mut RigidBodyCommand> {
+        let Some(Slot::Body(_, inbox)) = self.slots.get_mut(object.0) else { return None };
         note_commanded(&mut self.commanded, &self.rank, object);
         Some(inbox.command_mut())
     }
 
     /// [`body_command`](Self::body_command) for an actuator.
-    pub fn actuator_command(&mut self, object: usize) -> Option<&mut ActuatorCommand> {
-        let Some(Slot::Actuator(_, inbox)) = self.slots.get_mut(object) else { return None };
+    pub fn actuator_command(&mut self, object: HubIndex) -> Option<&mut ActuatorCommand> {
+        let Some(Slot::Actuator(_, inbox)) = self.slots.get_mut(object.0) else { return None };
         note_commanded(&mut self.commanded, &self.rank, object);
         Some(inbox.command_mut())
     }
@@ -186,8 +184,8 @@ impl Link {
 }
 
 /// Puts `object` among those that are visited in each iteration.
-fn note_commanded(commanded: &mut Vec<usize>, rank: &[usize], object: usize) {
-    if let Err(place) = commanded.binary_search_by_key(&rank[object], |&other| rank[other]) {
+fn note_commanded(commanded: &mut Vec<HubIndex>, rank: &[usize], object: HubIndex) {
+    if let Err(place) = commanded.binary_search_by_key(&rank[object.0], |&other| rank[other.0]) {
         commanded.insert(place, object);
     }
 }
@@ -271,7 +269,7 @@ impl Simulation {
             if objects[object].is_removed() {
                 return;
             }
-            if slots[object].fetch(&objects[object].channel, &mut self.scene, &mut self.notices) {
+            if slots[object.0].fetch(&objects[object].channel, &mut self.scene, &mut self.notices) {
                 note_commanded(commanded, rank, object);
             }
         });
@@ -283,7 +281,7 @@ impl Simulation {
         }
         let now = link.watch_time();
         for &object in &link.commanded {
-            match &mut link.slots[object] {
+            match &mut link.slots[object.0] {
                 Slot::Idle => (),
                 Slot::Body(index, inbox) => {
                     inbox.check_watchdog(now);

@@ -209,7 +209,7 @@ mod tests {
         let hub = simulation.connect();
         let objects = hub.objects().clone();
         let is_body = |kind: &ObjectKind| matches!(kind, ObjectKind::RigidBody(body, _) if !simulation.scene.active_joints(*body).is_empty());
-        let object = objects.iter().position(|object| is_body(&object.info.kind)).expect("a body with joints");
+        let (object, _) = objects.entries().find(|(_, object)| is_body(&object.info.kind)).expect("a body with joints");
         let push = |effort: f64| {
             let command = RigidBodyCommand {
                 joint_commands: vec![effort],

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::{Control, LostState, Models, SavedState, Simulation, WindowLink};
 use crate::bullet::{SolverStatistics, StateError};
-use crate::comm::{ActuatorCommand, Hub, ObjectList, RigidBodyCommand, Snapshot, Timing};
+use crate::comm::{ActuatorCommand, Hub, HubIndex, ObjectList, RigidBodyCommand, Snapshot, Timing};
 use crate::plugin::run::Phase;
 use crate::scene::VisualScene;
 
@@ -125,12 +125,12 @@ impl Stepper {
     }
 
     /// The command in force for a body, to be changed. `None` when the object at that position is no body.
-    pub fn body_command(&mut self, object: usize) -> Option<&mut RigidBodyCommand> {
+    pub fn body_command(&mut self, object: HubIndex) -> Option<&mut RigidBodyCommand> {
         self.simulation.link.as_mut()?.body_command(object)
     }
 
     /// The command in force for an actuator, to be changed. `None` when the object at that position is no actuator.
-    pub fn actuator_command(&mut self, object: usize) -> Option<&mut ActuatorCommand> {
+    pub fn actuator_command(&mut self, object: HubIndex) -> Option<&mut ActuatorCommand> {
         self.simulation.link.as_mut()?.actuator_command(object)
     }
 

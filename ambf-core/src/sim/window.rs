@@ -464,8 +464,7 @@ mod tests {
         assert!(simulation.remove_body(usize::MAX).is_err());
         assert!(hub.generation() > before);
         assert!(hub.visuals().unwrap().bodies[index].object.removed);
-        let object = hub.objects().iter().position(|object| object.info.name == name).unwrap();
-        assert!(hub.objects()[object].is_removed());
+        assert!(hub.objects().iter().find(|object| object.info.name == name).unwrap().is_removed());
         assert!(simulation
             .scene()
             .joints

@@ -2,7 +2,7 @@
 
 use std::sync::OnceLock;
 
-use ambf_core::comm::{CartesianCommandType, JointCommandType, RigidBodyCommand, RigidBodyInfo};
+use ambf_core::comm::{CartesianCommandType, HubIndex, JointCommandType, RigidBodyCommand, RigidBodyInfo};
 use ambf_core::sim::Stepper;
 use nalgebra::{Isometry3, Vector3};
 use pyo3::prelude::*;
@@ -17,7 +17,7 @@ const NONE: i8 = -1;
 pub struct Row {
     pub name: String,
     /// Position among the objects of the stepper.
-    object: usize,
+    object: HubIndex,
     /// Index into the snapshot's bodies.
     pub index: usize,
     /// Inverse of the inertial offset.
@@ -28,7 +28,7 @@ pub struct Row {
 }
 
 impl Row {
-    pub fn new(name: String, object: usize, index: usize, info: &RigidBodyInfo) -> Self {
+    pub fn new(name: String, object: HubIndex, index: usize, info: &RigidBodyInfo) -> Self {
         let RigidBodyInfo { inertial_offset_inverse: offset, joint_names, joints, .. } = info.clone();
         Self { name, object, index, offset, joint_names, joints }
     }

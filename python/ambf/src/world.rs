@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use ambf_core::bullet::EnergyLedger;
-use ambf_core::comm::{ActuatorCommand, ObjectKind, Snapshot};
+use ambf_core::comm::{ActuatorCommand, HubIndex, ObjectKind, Snapshot};
 use ambf_core::sim::{LostState, Stepper, StepperState};
 use ambf_render::camera_labels;
 use nalgebra::Isometry3;
@@ -49,7 +49,7 @@ struct Sensor {
 
 struct Actuator {
     name: String,
-    object: usize,
+    object: HubIndex,
     index: usize,
 }
 
@@ -286,7 +286,7 @@ impl World {
             py.detach(|| load::stepper(&wanted)).map_err(|problems| errors::load(py, problems))?;
         let (mut rows, mut sensors, mut actuators, mut rays) = (Vec::new(), Vec::new(), Vec::new(), 0);
         let snapshot = stepper.snapshot();
-        for (object, entry) in stepper.objects().iter().enumerate() {
+        for (object, entry) in stepper.objects().entries() {
             let name = names::of(&entry.info);
             match &entry.info.kind {
                 ObjectKind::RigidBody(index, info) => rows.push(Row::new(name, object, *index, info)),

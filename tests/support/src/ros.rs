@@ -11,9 +11,9 @@ use std::time::{Duration, Instant, SystemTime};
 
 use ambf_app::ros::{RosMiddleware, RosOptions};
 use ambf_core::comm::{
-    ActuatorInfo, BodyKinematics, CameraParameters, ContactPoint, ContactReading, GhostReading, Hub, LightParameters,
-    Middleware, ObjectInfo, ObjectKind, Rates, RayReading, RigidBodyInfo, SensorInfo, SensorType, Snapshot,
-    SnapshotWriter, SoftBodyReading, TouchingBody, VehicleInfo, VehicleReading,
+    ActuatorInfo, BodyKinematics, CameraParameters, ContactPoint, ContactReading, GhostReading, Hub, HubIndex,
+    LightParameters, Middleware, ObjectInfo, ObjectKind, Rates, RayReading, RigidBodyInfo, SensorInfo, SensorType,
+    Snapshot, SnapshotWriter, SoftBodyReading, TouchingBody, VehicleInfo, VehicleReading,
 };
 use dxr::{MethodCall, MethodResponse, Value};
 use nalgebra::{Isometry3, Vector3};
@@ -132,8 +132,8 @@ impl Simulator {
     }
 
     /// Position in the hub of the object called `name`.
-    pub fn object(&self, name: &str) -> usize {
-        self.hub.objects().iter().position(|o| o.info.name == name).unwrap()
+    pub fn object(&self, name: &str) -> HubIndex {
+        self.hub.objects().entries().find(|(_, object)| object.info.name == name).map(|(position, _)| position).unwrap()
     }
 
     pub fn step(&self) -> u32 {
