@@ -1,7 +1,5 @@
 //! The ROS side of sensors, actuators, vehicles, soft bodies and ghost objects, and of models that come and go.
 
-mod ros_common;
-
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::{Arc, Mutex, OnceLock};
@@ -12,9 +10,9 @@ use ambf_core::comm::{
     self, ActuatorCommand, CameraParameters, Hub, Inbox, LightParameters, Middleware, ObjectKind, Rates, SensorCommand,
     SoftBodyCommand, VehicleCommand,
 };
+use ambf_test_support::ros::*;
 use dxr::Value;
 use nalgebra::Vector3;
-use ros_common::*;
 use rosrust::api::Ros;
 use rosrust::{Message, RosMsg};
 

@@ -1,7 +1,5 @@
 //! The ROS side against the embedded master: topics, rates, commands, parameters, clients that misbehave.
 
-mod ros_common;
-
 use std::sync::{Arc, Mutex, OnceLock};
 use std::time::{Duration, Instant};
 
@@ -10,8 +8,8 @@ use ambf_app::ros::{RosMiddleware, RosOptions};
 use ambf_core::comm::{
     CameraParameters, Hub, Inbox, JointCommandType, Middleware, PoseCommand, Rates, RigidBodyCommand,
 };
+use ambf_test_support::ros::*;
 use dxr::Value;
-use ros_common::*;
 use rosrust::api::Ros;
 
 const NS: &str = "/ambf/env/";

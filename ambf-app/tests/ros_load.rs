@@ -1,11 +1,9 @@
 //! Many topics at a high rate of which few are listened to.
 
-mod ros_common;
-
 use std::time::{Duration, Instant};
 
 use ambf_core::comm::{Middleware, Rates};
-use ros_common::*;
+use ambf_test_support::ros::*;
 
 const TOPICS: usize = 200;
 const LISTENED: usize = 5;

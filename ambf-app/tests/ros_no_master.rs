@@ -1,13 +1,11 @@
 //! The ROS side without a master it could use: the simulation does not care.
 
-mod ros_common;
-
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use ambf_app::ros::{RosMiddleware, RosOptions};
 use ambf_core::comm::{Hub, Middleware, Rates};
-use ros_common::*;
+use ambf_test_support::ros::*;
 
 /// One test, since a process has one environment.
 #[test]

@@ -1,7 +1,5 @@
 //! The ROS side against the real ROS master, which dies and comes back.
 
-mod ros_common;
-
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
@@ -10,8 +8,8 @@ use std::time::{Duration, Instant};
 use ambf_app::ros::messages::ambf_msgs;
 use ambf_app::ros::{ModelHost, ModelReply};
 use ambf_core::comm::{Inbox, Middleware, Rates, RigidBodyCommand};
+use ambf_test_support::ros::*;
 use dxr::Value;
-use ros_common::*;
 
 /// Debian's `rosmaster` on a given port; killed when dropped.
 struct Master(Child);

@@ -502,6 +502,64 @@ fn row_43_textures_stand_upright() {
     }
 }
 
+/// A scene that shows the mesh file `mesh` of a folder.
+fn shown_mesh(place: &Path, mesh: &str) -> Shown {
+    let body = format!("BODY Square:\n  name: Square\n  mass: 0.0\n  mesh: {mesh}\n");
+    let text = format!("namespace: /test/\nhigh resolution path: ./\nlow resolution path: ./\nbodies: [BODY Square]\njoints: []\n{body}");
+    Shown::of_texts(place, &world("", ""), &text)
+}
+
+#[test]
+fn colours_of_vertices_multiply_the_light() {
+    let place = directory("colours");
+    std::fs::create_dir_all(&place).expect("a directory");
+    // A square in the y–z plane, seen from +x: green at the left edge, red at the right one.
+    let header = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nproperty uchar red\n\
+                  property uchar green\nproperty uchar blue\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n";
+    let vertices = "0 -0.4 -0.4 0 255 0\n0 0.4 -0.4 255 0 0\n0 0.4 0.4 255 0 0\n0 -0.4 0.4 0 255 0\n4 0 1 2 3\n";
+    std::fs::write(place.join("square.ply"), format!("{header}{vertices}")).expect("a file");
+    let picture = drawn(&mut shown_mesh(&place, "square.ply"), 640, 480);
+    let [left, middle, right] = [140, 320, 500].map(|column| pixel(&picture, column, 240));
+    assert!(left[1] > 3 * left[0] && left[2] < 5, "{left:?}");
+    assert!(right[0] > 3 * right[1] && right[2] < 5, "{right:?}");
+    assert!(middle[0].abs_diff(middle[1]) < 10 && middle[0] > 40, "{middle:?}");
+}
+
+#[test]
+fn a_gltf_file_brings_its_materials_and_pictures() {
+    use base64::Engine;
+    let place = directory("gltf");
+    std::fs::create_dir_all(&place).expect("a directory");
+    // The upper half is blue, the lower one white; the first row of a picture is the top.
+    let picture = image::RgbImage::from_fn(8, 8, |_, y| image::Rgb(if y < 4 { [0, 0, 255] } else { [255; 3] }));
+    let mut png = std::io::Cursor::new(Vec::new());
+    picture.write_to(&mut png, image::ImageFormat::Png).expect("a picture");
+    // glTF's axes: x to the right of the camera at +x of ours would be our y; up is y. Corners and their texture coordinates, v downwards.
+    let corners = [[0.0, -0.4, 0.4], [0.0, -0.4, -0.4], [0.0, 0.4, -0.4], [0.0, 0.4, 0.4_f32]];
+    let coordinates = [[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0_f32]];
+    let mut bytes: Vec<u8> = corners.iter().flatten().flat_map(|x| x.to_le_bytes()).collect();
+    bytes.extend(coordinates.iter().flatten().flat_map(|x| x.to_le_bytes()));
+    bytes.extend([0, 1, 2, 0, 2, 3_u16].iter().flat_map(|i| i.to_le_bytes()));
+    let encode = |bytes: &[u8]| base64::engine::general_purpose::STANDARD.encode(bytes);
+    let text = format!(
+        r#"{{"asset":{{"version":"2.0"}},"scene":0,"scenes":[{{"nodes":[0]}}],"nodes":[{{"mesh":0}}],
+"meshes":[{{"primitives":[{{"attributes":{{"POSITION":0,"TEXCOORD_0":1}},"indices":2,"material":0}}]}}],
+"materials":[{{"pbrMetallicRoughness":{{"baseColorTexture":{{"index":0}},"metallicFactor":0,"roughnessFactor":1}}}}],
+"textures":[{{"source":0}}],"images":[{{"uri":"data:image/png;base64,{}"}}],
+"accessors":[{{"bufferView":0,"componentType":5126,"count":4,"type":"VEC3","min":[0,-0.4,-0.4],"max":[0,0.4,0.4]}},
+{{"bufferView":1,"componentType":5126,"count":4,"type":"VEC2"}},{{"bufferView":2,"componentType":5123,"count":6,"type":"SCALAR"}}],
+"bufferViews":[{{"buffer":0,"byteLength":48}},{{"buffer":0,"byteOffset":48,"byteLength":32}},{{"buffer":0,"byteOffset":80,"byteLength":12}}],
+"buffers":[{{"byteLength":92,"uri":"data:application/octet-stream;base64,{}"}}]}}"#,
+        encode(png.get_ref()),
+        encode(&bytes)
+    );
+    std::fs::write(place.join("square.gltf"), text).expect("a file");
+    let picture = drawn(&mut shown_mesh(&place, "square.gltf"), 640, 480);
+    let (upper, lower) = (pixel(&picture, 320, 150), pixel(&picture, 320, 330));
+    assert!(upper[2] > 100 && upper[0] < 80 && upper[0] < upper[2] / 2, "{upper:?}");
+    assert!(lower[0] > 100 && lower[0].abs_diff(lower[2]) < 3, "{lower:?}");
+}
+
 #[test]
 fn row_47_the_mesh_is_at_the_body_frame() {
     let offset = "inertial offset:\n  position: {x: 0.0, y: 0.5, z: 0.0}\n  orientation: {r: 0, p: 0, y: 0}";

@@ -10,17 +10,14 @@ use std::path::Path;
 use std::rc::Rc;
 use std::str::FromStr;
 
-use nalgebra::{Matrix3, Matrix4, Point3, Rotation3, Unit, Vector3};
+use nalgebra::{Matrix4, Point3, Rotation3, Unit, Vector3};
 use roxmltree::{Document, Node, NodeId};
 
 use super::material::{find_texture, MeshMaterial, MeshTexture};
+use super::placement::{Placement, MAX_NODES, MAX_TRIANGLES};
 use super::visual::{Corner, Details, Facing, PartDetails, ABSENT};
-use super::{check_finite, printable, quoted, Files, Mesh, MeshError, Position, Welder, MAX_SUB_MESHES};
+use super::{decoded, printable, quoted, Files, Mesh, MeshError, Position, Welder, MAX_SUB_MESHES};
 use crate::xml::find_excess;
-
-/// Elements of nodes and triangles that one file may expand to: nested instances can grow exponentially, or for ever.
-const MAX_ELEMENTS: usize = 1_000_000;
-const MAX_TRIANGLES: usize = 10_000_000;
 
 /// Most quotes in one tag and its text: comments may hold many.
 const MAX_QUOTES: usize = 4096;
@@ -51,6 +48,7 @@ pub(super) fn read(
     let mut mesh = Mesh::default();
     let mut triangle_count = 0;
     for Placed { geometry, instance, transform } in file.placed_geometries()? {
+        let placement = Placement::new(transform);
         let primitives = match geometries.get(&geometry.id()) {
             Some(known) => Rc::clone(known),
             None => {
@@ -67,9 +65,9 @@ pub(super) fn read(
             if mesh.sub_meshes.len() == MAX_SUB_MESHES {
                 return Err(file.malformed(geometry, format!("more than {MAX_SUB_MESHES} parts after instancing")));
             }
-            mesh.sub_meshes.push(primitive.place(path, &transform)?);
+            mesh.sub_meshes.push(primitive.place(path, &placement)?);
             if let Some(details) = &mut details {
-                let facing = Facing::Corners(primitive.place_corners(&transform, &mut details.normals));
+                let facing = Facing::Corners(primitive.place_corners(&placement, &mut details.normals));
                 let material = materials.bound(&file, instance, primitive.symbol, files, details);
                 details.parts.push(PartDetails { material, facing });
             }
@@ -142,22 +140,13 @@ impl Numbers {
 
 impl Primitive<'_> {
     /// How the corners of the placed triangles look; adds their normals to `normals`.
-    fn place_corners(&self, transform: &Matrix4<f64>, normals: &mut Vec<[f32; 3]>) -> Vec<Corner> {
-        let linear: Matrix3<f64> = transform.fixed_view::<3, 3>(0, 0).into();
-        let mirrored = linear.determinant() < 0.0;
-        // Normals stay at right angles to the surface; matrices of scenes need not have an inverse.
-        let [x, y, z] = [0, 1, 2].map(|i| linear.column(i).into_owned());
-        let cofactors = Matrix3::from_columns(&[y.cross(&z), z.cross(&x), x.cross(&y)]);
-        let outwards = cofactors * if mirrored { -1.0 } else { 1.0 };
+    fn place_corners(&self, placement: &Placement, normals: &mut Vec<[f32; 3]>) -> Vec<Corner> {
         let first = normals.len() as u32;
-        normals.extend(self.looks.normals.iter().map(|normal| {
-            let placed = (outwards * normal).try_normalize(0.0).filter(|n| n.iter().all(|x| x.is_finite()));
-            <[f32; 3]>::from(placed.unwrap_or_else(Vector3::zeros).cast::<f32>())
-        }));
+        normals.extend(self.looks.normals.iter().map(|normal| placement.normal(*normal)));
         let mut corners = Vec::with_capacity(3 * self.triangles.len());
         for (triangle, looks) in self.triangles.iter().zip(self.looks.corners.as_chunks::<3>().0) {
             let mut order = [0, 1, 2];
-            if mirrored {
+            if placement.mirrors() {
                 order.swap(1, 2);
             }
             corners.extend(order.map(|k| {
@@ -169,16 +158,14 @@ impl Primitive<'_> {
         corners
     }
 
-    fn place(&self, path: &Path, transform: &Matrix4<f64>) -> Result<super::SubMesh, MeshError> {
-        let mirrored = transform.fixed_view::<3, 3>(0, 0).determinant() < 0.0;
+    fn place(&self, path: &Path, placement: &Placement) -> Result<super::SubMesh, MeshError> {
         let mut surface = Welder::named(&self.name);
         for (i, triangle) in self.triangles.iter().enumerate() {
             let mut corners = [[0.0; 3]; 3];
             for (k, &index) in triangle.iter().enumerate() {
-                let position = transform.transform_point(&self.positions.get(index));
-                corners[k] = check_finite(path, 3 * i + k, position.into())?;
+                corners[k] = placement.position(path, 3 * i + k, self.positions.get(index))?;
             }
-            if mirrored {
+            if placement.mirrors() {
                 corners.swap(1, 2);
             }
             surface.triangle(corners);
@@ -263,7 +250,7 @@ impl<'a> File<'a> {
             let mut inner = Vec::new();
             for element in node.children().filter(Node::is_element) {
                 visited += 1;
-                if visited > MAX_ELEMENTS {
+                if visited > MAX_NODES {
                     return Err(self.malformed(scene, "the scene is endless: a node seems to contain itself"));
                 }
                 match element.tag_name().name() {
@@ -719,19 +706,6 @@ impl<'a> Effect<'_, 'a> {
             }
         }
     }
-}
-
-/// A part of a URL with its `%20` and the like as characters.
-fn decoded(url: &str) -> String {
-    let mut bytes = Vec::new();
-    let mut rest = url.as_bytes();
-    while let [first, behind @ ..] = rest {
-        let digits = behind.get(..2).and_then(|digits| std::str::from_utf8(digits).ok());
-        let code = digits.filter(|_| *first == b'%').and_then(|digits| u8::from_str_radix(digits, 16).ok());
-        bytes.push(code.unwrap_or(*first));
-        rest = if code.is_some() { &behind[2..] } else { behind };
-    }
-    String::from_utf8_lossy(&bytes).into_owned()
 }
 
 #[cfg(test)]

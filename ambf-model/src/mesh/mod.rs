@@ -2,13 +2,16 @@
 //!
 //! [`load`] reads what collides of one file, [`MeshCache`] shares what many bodies use; [`load_visual`] reads what is drawn, with normals,
 //! texture coordinates and materials, through the same readers. Positions are in the units of the file (metres by convention),
-//! multiplied by nothing. STL and 3DS store 32-bit numbers, which are widened exactly; text formats are read as `f64`, except ASCII
-//! STL, whose numbers are 32-bit too so that it equals its binary twin.
+//! multiplied by nothing. 32-bit numbers, as in STL, 3DS and glTF, are widened exactly; text formats are read as `f64`, except ASCII
+//! STL and ASCII PLY, whose numbers have the precision of their binary twins.
 
 mod cache;
 mod dae;
+mod gltf;
 mod material;
 mod obj;
+mod placement;
+mod ply;
 mod primitive;
 mod stl;
 mod three_ds;
@@ -37,8 +40,8 @@ const MAX_SUB_MESHES: usize = 100_000;
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Mesh {
     /// In file order, at least one. STL has one; OBJ max(number of materials, number of objects, 1), faces assigned by
-    /// material and the surplus ones empty; 3DS one for each material used by each object; Collada one for each primitive
-    /// element of each placed geometry.
+    /// material and the surplus ones empty; 3DS one for each material used by each object; Collada and glTF one for each
+    /// primitive of each placed geometry; PLY one.
     pub sub_meshes: Vec<SubMesh>,
 }
 
@@ -72,6 +75,8 @@ pub enum Position {
     Line(u32),
     /// Byte offset in a binary file.
     Byte(usize),
+    /// No line or byte: the message names the part of the file.
+    Whole,
 }
 
 impl fmt::Display for Position {
@@ -79,6 +84,7 @@ impl fmt::Display for Position {
         match self {
             Position::Line(line) => write!(f, ":{line}"),
             Position::Byte(byte) => write!(f, " (byte {byte})"),
+            Position::Whole => Ok(()),
         }
     }
 }
@@ -96,7 +102,7 @@ pub enum MeshError {
         source: io::Error,
     },
     /// Error when the extension names no known format.
-    #[error("{}: mesh format '{extension}' is not known; use stl, obj, 3ds or dae", path.display())]
+    #[error("{}: mesh format '{extension}' is not known; use stl, obj, 3ds, dae, ply, gltf or glb", path.display())]
     UnknownFormat {
         /// The mesh file.
         path: PathBuf,
@@ -126,7 +132,7 @@ pub enum MeshError {
     NonFinite {
         /// The mesh file.
         path: PathBuf,
-        /// Number of the vertex, from 0: in the file's vertex list where it has one (OBJ, 3DS), else of the triangle corner.
+        /// Number of the vertex, from 0: in the file's vertex list where it has one (OBJ, 3DS, PLY, glTF), else of the triangle corner.
         vertex: usize,
         /// The offending position.
         value: [f64; 3],
@@ -172,23 +178,32 @@ impl MeshError {
     }
 }
 
-/// Reads a mesh file; the format follows the extension, in any letter case: `stl` (binary or ASCII), `obj`, `3ds`, `dae`.
+/// Reads a mesh file; the format follows the extension, in any letter case: `stl` (binary or ASCII), `obj`, `3ds`, `dae`,
+/// `ply` (binary or ASCII), `gltf`, `glb`.
+///
+/// glTF says that +y is up and +z is forward. In ADF +z is up, so that a point (x, y, z) of a glTF file becomes (x, −z, y), as in Blender
+/// and Drake. No other format is turned.
 ///
 /// # Errors
-/// See [`MeshError`]. A missing OBJ material library is not an error: the file then counts as one without materials.
+/// See [`MeshError`]. A missing OBJ material library is not an error: the file then counts as one without materials. A missing buffer of
+/// a glTF file is one.
 ///
 /// # Limitations
 /// * OBJ: free-form curves and surfaces are skipped. Faces with fewer than three corners are skipped.
 /// * 3DS: objects are taken as stored; key frames and mirrored object matrices are ignored.
 /// * Collada: `<up_axis>` is ignored (robot descriptions expect coordinates as written), the unit and the node transforms are
 ///   applied; skins, splines and lines are skipped.
+/// * PLY: only vertices and polygons are read, no triangle strips. Points without faces are an error.
+/// * glTF: version 2.0, without compression and without sparse accessors. Skins are drawn as their nodes place them; morph targets,
+///   animations, points and lines are skipped. Of textures the base colour, metalness with roughness, and normals are drawn, all with the
+///   texture coordinates of the first of them, repeated beyond 0 … 1, and untransformed.
 pub fn load(path: &Path) -> Result<Mesh, MeshError> {
     let reader = reader_of(path)?;
     not_empty(path, reader(path, read_file(path)?, &ON_DISK, None)?)
 }
 
 /// Reads the content of a mesh file as [`load`] reads a file; `path` stands for its name. No file is opened: the material libraries that
-/// an OBJ names count as missing.
+/// an OBJ names and the buffers that a glTF names count as missing.
 ///
 /// # Errors
 /// As [`load`].
@@ -225,6 +240,8 @@ fn reader_of(path: &Path) -> Result<Reader, MeshError> {
         "obj" => obj::read,
         "3ds" => three_ds::read,
         "dae" => dae::read,
+        "ply" => ply::read,
+        "gltf" | "glb" => gltf::read,
         _ => return Err(MeshError::UnknownFormat { path: path.to_path_buf(), extension: extension.into_owned() }),
     })
 }
@@ -352,6 +369,19 @@ fn printable(text: &str, limit: usize) -> String {
     format!("{}{}", start.escape_debug(), if start.len() < text.len() { "…" } else { "" })
 }
 
+/// A part of a URL with its `%20` and the like as characters.
+fn decoded(url: &str) -> String {
+    let mut bytes = Vec::new();
+    let mut rest = url.as_bytes();
+    while let [first, behind @ ..] = rest {
+        let digits = behind.get(..2).and_then(|digits| std::str::from_utf8(digits).ok());
+        let code = digits.filter(|_| *first == b'%').and_then(|digits| u8::from_str_radix(digits, 16).ok());
+        bytes.push(code.unwrap_or(*first));
+        rest = if code.is_some() { &behind[2..] } else { behind };
+    }
+    String::from_utf8_lossy(&bytes).into_owned()
+}
+
 fn check_finite(path: &Path, vertex: usize, value: [f64; 3]) -> Result<[f64; 3], MeshError> {
     if value.iter().all(|x| x.is_finite()) {
         Ok(value)
@@ -400,7 +430,7 @@ mod tests {
         let dir = std::env::temp_dir();
         assert!(matches!(load(&dir.join("none.stl")), Err(MeshError::Io { .. })));
         assert!(
-            matches!(load(Path::new("a.ply")), Err(MeshError::UnknownFormat { extension, .. }) if extension == "ply")
+            matches!(load(Path::new("a.fbx")), Err(MeshError::UnknownFormat { extension, .. }) if extension == "fbx")
         );
         assert!(
             matches!(load(Path::new("plain")), Err(MeshError::UnknownFormat { extension, .. }) if extension.is_empty())

@@ -110,8 +110,9 @@ pub(super) struct Details {
 /// Reads how a mesh file looks. Formats as for [`load`](super::load).
 ///
 /// With `remove_duplicates` (key `mesh remove duplicates`) corners at one place share a normal, which is computed: the surface looks smooth,
-/// and normals of the file are not used. Texture coordinates stay. Without it, OBJ and Collada have the normals of the file; corners
-/// without one get the mean over the triangles at their vertex, weighted by area. STL has facets; 3DS has smoothing groups.
+/// and normals of the file are not used. Texture coordinates stay. Without it, OBJ, Collada, PLY and glTF have the normals of the file;
+/// corners without one get the mean over the triangles at their vertex, weighted by area. STL has facets, as a part of a glTF file without
+/// normals; 3DS has smoothing groups.
 ///
 /// Also returns messages, each with file and line where there is one, about what is not drawn as written: missing textures and
 /// libraries, numbers that are none. At most 51.

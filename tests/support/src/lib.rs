@@ -1,6 +1,9 @@
 //! What tests of several packages need: where the scenes, meshes, traces and pictures of the C++ program are, which are not part of the
 //! repository.
 
+#[cfg(feature = "ros")]
+pub mod ros;
+
 use std::path::{Path, PathBuf};
 use std::process::Command;
 

@@ -1,0 +1,1328 @@
+//! glTF 2.0, as JSON (`gltf`) and in a binary container (`glb`): triangles of the meshes that the scene places, turned so that +z is up.
+//!
+//! A library knows the names and types of the JSON. Indices, lengths and offsets are checked here, where they are used.
+
+use std::borrow::Cow;
+use std::cell::{Cell, OnceCell};
+use std::collections::{HashMap, HashSet};
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+use base64::engine::general_purpose::{GeneralPurpose, GeneralPurposeConfig};
+use base64::engine::DecodePaddingMode;
+use base64::Engine;
+use gltf_json::accessor::{Accessor, ComponentType, Type};
+use gltf_json::material::{AlphaMode, Material};
+use gltf_json::mesh::{Mode, Primitive, Semantic};
+use gltf_json::validation::Checked;
+use gltf_json::{Image, Index, Root};
+use nalgebra::{Matrix4, Point3, Quaternion, UnitQuaternion, Vector3};
+
+use super::material::{find_texture, MeshMaterial, MeshTexture, MetallicRoughness};
+use super::placement::{Placement, MAX_NODES, MAX_TRIANGLES};
+use super::visual::{Corner, Details, Facing, PartDetails};
+use super::{decoded, printable, quoted, Files, Mesh, MeshError, Position, SubMesh, Welder};
+use super::{MAX_FILE_BYTES, MAX_SUB_MESHES};
+
+/// First bytes of a binary container.
+const MAGIC: &[u8] = b"glTF";
+
+/// Bytes of the header of a binary container, and of the header of each chunk in it.
+const HEADER_BYTES: usize = 12;
+const CHUNK_HEADER_BYTES: usize = 8;
+
+/// Most objects and most values of the JSON: one takes a few bytes of the file and hundreds of bytes of memory.
+const MAX_OBJECTS: usize = 1_000_000;
+const MAX_VALUES: usize = 8_000_000;
+
+/// Longest name of a file, and of a sub-mesh, in bytes and in characters. Every placed mesh has its name.
+const MAX_FILE_NAME: usize = 1024;
+const MAX_NAME: usize = 200;
+
+pub(super) fn read(
+    path: &Path,
+    bytes: Vec<u8>,
+    files: &Files,
+    mut details: Option<&mut Details>,
+) -> Result<Mesh, MeshError> {
+    let (json, binary) = match bytes.starts_with(MAGIC) {
+        true => split_container(path, &bytes)?,
+        false => (0..bytes.len(), None),
+    };
+    let root = read_json(path, &bytes, json)?;
+    check_version(path, &root)?;
+    check_extensions(path, &root, details.as_deref_mut())?;
+    let buffers = root.buffers.iter().map(|_| OnceCell::new()).collect();
+    let file = File { path, root: &root, binary, files, buffers, loaded: Cell::new(0) };
+    let mut materials = Materials::default();
+    // A mesh may be placed many times; its messages are given once.
+    let mut reported = HashSet::new();
+    let mut mesh = Mesh::default();
+    let mut triangle_count = 0usize;
+    for Placed { mesh: index, node, transform } in file.placed_meshes()? {
+        let Some(placed) = root.meshes.get(index) else { continue };
+        let placement = Placement::new(transform);
+        for (number, primitive) in placed.primitives.iter().enumerate() {
+            let what = format!("mesh {index}, primitive {number}");
+            let Some(surface) = file.surface(primitive, &what)? else { continue };
+            triangle_count = triangle_count.saturating_add(surface.triangle_count());
+            if triangle_count > MAX_TRIANGLES {
+                return Err(file.malformed(format!("more than {MAX_TRIANGLES} triangles after instancing")));
+            }
+            if mesh.sub_meshes.len() == MAX_SUB_MESHES {
+                return Err(file.malformed(format!("more than {MAX_SUB_MESHES} parts after instancing")));
+            }
+            let material = primitive.material.and_then(|material| root.materials.get(material.value()));
+            let names = [
+                material.and_then(|material| material.name.as_deref()),
+                placed.name.as_deref(),
+                node.and_then(|node| root.nodes.get(node)).and_then(|node| node.name.as_deref()),
+            ];
+            let name = names.into_iter().flatten().find(|name| !name.is_empty()).unwrap_or_default();
+            let name: String = name.chars().take(MAX_NAME).collect();
+            mesh.sub_meshes.push(surface.place(path, &what, &name, &placement)?);
+            if let Some(details) = &mut details {
+                let is_first = reported.insert((index, number));
+                let mut looks = Looks { file: &file, surface: &surface, what: &what, is_first, details };
+                let part = looks.read(primitive, &placement, &mut materials);
+                details.parts.push(part);
+            }
+        }
+    }
+    Ok(mesh)
+}
+
+/// Where the JSON of a binary container is, and the bytes of its binary chunk.
+fn split_container<'a>(path: &Path, bytes: &'a [u8]) -> Result<(Range<usize>, Option<&'a [u8]>), MeshError> {
+    let error = |at: usize, message: String| MeshError::malformed(path, Position::Byte(at), message);
+    let malformed = |at: usize, message: String| Err(error(at, message));
+    let number = |at: usize| match bytes.get(at..).and_then(|rest| rest.first_chunk::<4>()) {
+        Some(number) => Ok(u32::from_le_bytes(*number)),
+        None => Err(error(at, "truncated: the file ends within a header".to_owned())),
+    };
+    let version = number(4)?;
+    if version != 2 {
+        return malformed(4, format!("the container has version {version}; only glTF 2.0 can be read"));
+    }
+    let length = number(8)? as usize;
+    if length > bytes.len() {
+        return malformed(8, format!("truncated: the header announces {length} bytes, the file has {}", bytes.len()));
+    }
+    let mut json = None;
+    let mut at = HEADER_BYTES;
+    while at < length {
+        let start = at.saturating_add(CHUNK_HEADER_BYTES);
+        let (size, kind) = (number(at)? as usize, number(at.saturating_add(4))?);
+        let end = start.saturating_add(size);
+        if end > length {
+            let left = length.saturating_sub(start);
+            return malformed(at, format!("truncated: a chunk of {size} bytes, {left} are left"));
+        }
+        match (&json, &kind.to_le_bytes()) {
+            (None, b"JSON") => json = Some(start..end),
+            (None, _) => break,
+            (Some(json), b"BIN\0") => return Ok((json.clone(), bytes.get(start..end))),
+            _ => {}
+        }
+        at = end;
+    }
+    match json {
+        Some(json) => Ok((json, None)),
+        None => malformed(HEADER_BYTES, "the container must begin with a chunk of type 'JSON'".to_owned()),
+    }
+}
+
+fn read_json(path: &Path, bytes: &[u8], json: Range<usize>) -> Result<Root, MeshError> {
+    let is_container = json.start > 0;
+    let start = json.start;
+    let text = bytes.get(json).unwrap_or_default();
+    let count = |wanted: u8| text.iter().filter(|byte| **byte == wanted).count();
+    if count(b'{') > MAX_OBJECTS || count(b',') > MAX_VALUES {
+        let message = format!("more than {MAX_OBJECTS} JSON objects or {MAX_VALUES} values");
+        return Err(MeshError::malformed(path, Position::Whole, message));
+    }
+    gltf_json::deserialize::from_slice(text).map_err(|error| {
+        let at = if is_container {
+            let lines = text.split_inclusive(|byte| *byte == b'\n').take(error.line().saturating_sub(1));
+            Position::Byte(start + lines.map(<[u8]>::len).sum::<usize>() + error.column().saturating_sub(1))
+        } else {
+            Position::Line(error.line() as u32)
+        };
+        // The sentence quotes texts of the file as they are, and ends with the place.
+        let sentence = error.to_string();
+        let what = printable(sentence.rsplit_once(" at line ").map_or(&sentence, |(what, _)| what), 120);
+        MeshError::malformed(path, at, format!("not readable as glTF 2.0: {what}"))
+    })
+}
+
+fn check_version(path: &Path, root: &Root) -> Result<(), MeshError> {
+    // Later versions 2.x can be read, unless the file says that they cannot.
+    let least = root.asset.min_version.as_deref();
+    if !root.asset.version.starts_with("2.") || least.is_some_and(|least| least != "2.0") {
+        let version = quoted(least.unwrap_or(&root.asset.version));
+        let message = format!("glTF of version {version}; only 2.0 can be read");
+        return Err(MeshError::malformed(path, Position::Whole, message));
+    }
+    Ok(())
+}
+
+/// Extensions that change how geometry is stored and are read.
+const KNOWN: [&str; 2] = ["KHR_mesh_quantization", "KHR_texture_transform"];
+
+/// How the names of extensions begin that change only looks, or what is not read at all.
+const LOOKS: [&str; 7] = [
+    "KHR_materials_",
+    "ADOBE_materials_",
+    "KHR_texture_",
+    "EXT_texture_",
+    "MSFT_texture_",
+    "KHR_lights_",
+    "KHR_animation_",
+];
+
+fn check_extensions(path: &Path, root: &Root, mut details: Option<&mut Details>) -> Result<(), MeshError> {
+    for name in &root.extensions_required {
+        if KNOWN.contains(&name.as_str()) {
+            continue;
+        }
+        if LOOKS.iter().any(|start| name.starts_with(start)) {
+            if let Some(details) = &mut details {
+                let message = format!("the extension {} is not used; the looks differ", quoted(name));
+                details.warnings.add_general(path, message);
+            }
+            continue;
+        }
+        let remedy = match name.contains("compression") {
+            true => "export it without compression",
+            false => "export it without this extension",
+        };
+        let message = format!("the file requires the extension {}, which cannot be read; {remedy}", quoted(name));
+        return Err(MeshError::malformed(path, Position::Whole, message));
+    }
+    Ok(())
+}
+
+/// A glTF file, and what it refers to.
+struct File<'a> {
+    path: &'a Path,
+    root: &'a Root,
+    /// The binary chunk of a container.
+    binary: Option<&'a [u8]>,
+    files: &'a Files<'a>,
+    /// Buffers that were read before; `None` for one that cannot be read, so that it is tried once.
+    buffers: Vec<OnceCell<Option<Cow<'a, [u8]>>>>,
+    /// Bytes of all buffers that were read.
+    loaded: Cell<u64>,
+}
+
+/// A mesh in the scene.
+struct Placed {
+    /// Index in [`Root::meshes`]; it exists.
+    mesh: usize,
+    /// Index in [`Root::nodes`]; `None` in a file without nodes.
+    node: Option<usize>,
+    /// Into the mesh frame: +z is up.
+    transform: Matrix4<f64>,
+}
+
+impl<'a> File<'a> {
+    fn malformed(&self, message: impl Into<String>) -> MeshError {
+        MeshError::malformed(self.path, Position::Whole, message)
+    }
+
+    /// Error when an index is beyond the end of its array.
+    fn absent(&self, what: &str, index: usize, count: usize) -> MeshError {
+        self.malformed(format!("{what} {index} does not exist: the file has {count}"))
+    }
+
+    /// Every mesh that the scene places, in file order. A file without nodes places each mesh once.
+    fn placed_meshes(&self) -> Result<Vec<Placed>, MeshError> {
+        let Root { scene, scenes, nodes, meshes, .. } = self.root;
+        // In glTF +y is up: (x, y, z) becomes (x, −z, y).
+        #[rustfmt::skip]
+        let upright = Matrix4::new(
+            1.0, 0.0, 0.0, 0.0,
+            0.0, 0.0, -1.0, 0.0,
+            0.0, 1.0, 0.0, 0.0,
+            0.0, 0.0, 0.0, 1.0,
+        );
+        if nodes.is_empty() {
+            return Ok((0..meshes.len()).map(|mesh| Placed { mesh, node: None, transform: upright }).collect());
+        }
+        let number = scene.map_or(0, |scene| scene.value());
+        let roots: Vec<usize> = match scenes.get(number) {
+            Some(scene) => scene.nodes.iter().map(|node| node.value()).collect(),
+            None if scene.is_some() => return Err(self.absent("scene", number, scenes.len())),
+            None => {
+                let children: HashSet<usize> =
+                    nodes.iter().flat_map(|node| node.children.iter().flatten()).map(|child| child.value()).collect();
+                (0..nodes.len()).filter(|node| !children.contains(node)).collect()
+            }
+        };
+        let mut placed = Vec::new();
+        let mut visited = 0usize;
+        // Reversed, so that the stack yields them in file order.
+        let mut stack: Vec<(usize, Matrix4<f64>)> = roots.into_iter().rev().map(|node| (node, upright)).collect();
+        while let Some((index, parent)) = stack.pop() {
+            let node = nodes.get(index).ok_or_else(|| self.absent("node", index, nodes.len()))?;
+            let transform = parent * self.transform(index)?;
+            visited = visited.saturating_add(1);
+            if let Some(mesh) = node.mesh.map(|mesh| mesh.value()) {
+                let content = meshes.get(mesh).ok_or_else(|| self.absent("mesh", mesh, meshes.len()))?;
+                visited = visited.saturating_add(content.primitives.len());
+                placed.push(Placed { mesh, node: Some(index), transform });
+            }
+            let children = node.children.as_deref().unwrap_or_default();
+            if visited.saturating_add(stack.len()).saturating_add(children.len()) > MAX_NODES {
+                return Err(self.malformed("the scene is endless: a node seems to contain itself"));
+            }
+            stack.extend(children.iter().rev().map(|child| (child.value(), transform)));
+        }
+        Ok(placed)
+    }
+
+    /// The transform of a node into its parent.
+    fn transform(&self, index: usize) -> Result<Matrix4<f64>, MeshError> {
+        let Some(node) = self.root.nodes.get(index) else { return Ok(Matrix4::identity()) };
+        if let Some(matrix) = node.matrix {
+            return Ok(Matrix4::from_column_slice(&matrix.map(f64::from)));
+        }
+        let translation = Vector3::from(node.translation.unwrap_or_default()).cast::<f64>();
+        let scale = Vector3::from(node.scale.unwrap_or([1.0; 3])).cast::<f64>();
+        let [x, y, z, w] = node.rotation.unwrap_or_default().0.map(f64::from);
+        let Some(rotation) = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 0.0) else {
+            return Err(self.malformed(format!("node {index}: the rotation has length 0")));
+        };
+        Ok(Matrix4::new_translation(&translation) * rotation.to_homogeneous() * Matrix4::new_nonuniform_scaling(&scale))
+    }
+
+    /// The content of a buffer.
+    fn buffer(&self, index: usize) -> Result<&[u8], MeshError> {
+        let slot = self.buffers.get(index).ok_or_else(|| self.absent("buffer", index, self.buffers.len()))?;
+        let mut outcome = Ok(());
+        let content = slot.get_or_init(|| match self.read_buffer(index) {
+            Ok(content) => Some(content),
+            Err(error) => {
+                outcome = Err(error);
+                None
+            }
+        });
+        outcome?;
+        content.as_deref().ok_or_else(|| self.malformed(format!("buffer {index} cannot be read")))
+    }
+
+    fn read_buffer(&self, index: usize) -> Result<Cow<'a, [u8]>, MeshError> {
+        let buffer = self.root.buffers.get(index).ok_or_else(|| self.absent("buffer", index, self.buffers.len()))?;
+        let content = match (&buffer.uri, self.binary) {
+            (Some(uri), _) => {
+                let content = match data_of(uri) {
+                    Some(data) => data.map_err(|message| self.malformed(format!("buffer {index}: {message}")))?,
+                    None => self.named_file(index, uri)?,
+                };
+                self.loaded.set(self.loaded.get().saturating_add(content.len() as u64));
+                if self.loaded.get() > MAX_FILE_BYTES {
+                    return Err(self.malformed(format!("its buffers have more than {MAX_FILE_BYTES} bytes")));
+                }
+                Cow::Owned(content)
+            }
+            (None, Some(binary)) if index == 0 => Cow::Borrowed(binary),
+            (None, _) => {
+                let message = format!("buffer {index} has no uri, and there is no binary chunk for it");
+                return Err(self.malformed(message));
+            }
+        };
+        let announced = buffer.byte_length.0;
+        if announced > content.len() as u64 {
+            let found = content.len();
+            return Err(self.malformed(format!("truncated: buffer {index} has {found} bytes, announced {announced}")));
+        }
+        Ok(content)
+    }
+
+    /// Reads the file of a buffer, which is named relative to the folder of this one.
+    fn named_file(&self, index: usize, uri: &str) -> Result<Vec<u8>, MeshError> {
+        let name = decoded(uri);
+        if name.is_empty() || name.len() > MAX_FILE_NAME || name.contains('\0') {
+            return Err(self.malformed(format!("buffer {index}: {} is no name of a file", quoted(&name))));
+        }
+        let place = self.path.parent().map_or_else(PathBuf::new, Path::to_path_buf).join(&name);
+        (self.files.open)(&place).map_err(|error| {
+            let why = match error {
+                MeshError::Io { source, .. } => source.to_string(),
+                MeshError::TooLarge { bytes, .. } => format!("{bytes} bytes are too many"),
+                other => message_of(other),
+            };
+            let name = printable(&name, 100);
+            self.malformed(format!("buffer {index}: '{name}' cannot be read: {}", printable(&why, 100)))
+        })
+    }
+
+    /// The content of a buffer view.
+    fn view(&self, index: usize) -> Result<&[u8], MeshError> {
+        let views = &self.root.buffer_views;
+        let view = views.get(index).ok_or_else(|| self.absent("buffer view", index, views.len()))?;
+        let buffer = self.buffer(view.buffer.value())?;
+        let range = || {
+            let start = usize::try_from(view.byte_offset.unwrap_or_default().0).ok()?;
+            let end = start.checked_add(usize::try_from(view.byte_length.0).ok()?)?;
+            buffer.get(start..end)
+        };
+        range().ok_or_else(|| {
+            let (number, found) = (view.buffer.value(), buffer.len());
+            let (offset, length) = (view.byte_offset.unwrap_or_default().0, view.byte_length.0);
+            self.malformed(format!(
+                "buffer view {index} has {length} bytes from byte {offset} of buffer {number}, which has {found}"
+            ))
+        })
+    }
+
+    /// The numbers of an accessor, which must be of one of the given types.
+    fn numbers(&self, index: Index<Accessor>, types: &[Type], what: &str) -> Result<Numbers<'_>, MeshError> {
+        let (index, accessors) = (index.value(), &self.root.accessors);
+        let malformed = |message: String| Err(self.malformed(format!("{what}: accessor {index} {message}")));
+        let Some(accessor) = accessors.get(index) else {
+            return malformed(format!("does not exist: the file has {}", accessors.len()));
+        };
+        if accessor.sparse.is_some() {
+            return malformed("is sparse, which cannot be read; export it without sparse accessors".to_owned());
+        }
+        let (Checked::Valid(component), Checked::Valid(kind)) = (&accessor.component_type, &accessor.type_) else {
+            return malformed("has an unknown type".to_owned());
+        };
+        if !types.contains(kind) {
+            return malformed(format!("has the type {kind:?}, expected {}", listed(types)));
+        }
+        let Some(view_index) = accessor.buffer_view.map(|view| view.value()) else {
+            return malformed("has no buffer view".to_owned());
+        };
+        let view = self.view(view_index)?;
+        let size = component.0.size().saturating_mul(kind.multiplicity());
+        let stride = self.root.buffer_views.get(view_index).and_then(|view| view.byte_stride);
+        let stride = stride.map_or(size, |stride| stride.0);
+        if stride < size {
+            return malformed(format!("has elements of {size} bytes, buffer view {view_index} has one each {stride}"));
+        }
+        let content = || {
+            let start = usize::try_from(accessor.byte_offset.unwrap_or_default().0).ok()?;
+            let count = usize::try_from(accessor.count.0).ok()?;
+            let length = match count.checked_sub(1) {
+                Some(others) => others.checked_mul(stride)?.checked_add(size)?,
+                None => 0,
+            };
+            Some((view.get(start..start.checked_add(length)?)?, count))
+        };
+        let Some((bytes, count)) = content() else {
+            let (count, offset) = (accessor.count.0, accessor.byte_offset.unwrap_or_default().0);
+            return malformed(format!(
+                "has {count} elements each {stride} bytes from byte {offset} of buffer view {view_index}, which has {} bytes",
+                view.len()
+            ));
+        };
+        let (size, component, normalized) = (kind.multiplicity(), component.0, accessor.normalized);
+        Ok(Numbers { bytes, stride, count, size, component, normalized })
+    }
+
+    /// The triangles of a primitive; `None` if it has none by its kind.
+    fn surface(&self, primitive: &Primitive, what: &str) -> Result<Option<Surface<'_>>, MeshError> {
+        let mode = match primitive.mode {
+            Checked::Valid(mode @ (Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan)) => mode,
+            Checked::Valid(_) => return Ok(None),
+            Checked::Invalid => return Err(self.malformed(format!("{what}: the mode is none of glTF"))),
+        };
+        // As the standard says of primitives without positions.
+        let Some(positions) = attribute(primitive, Semantic::Positions) else { return Ok(None) };
+        let positions = self.numbers(positions, &[Type::Vec3], what)?;
+        let indices = match primitive.indices {
+            Some(indices) => Some(self.numbers(indices, &[Type::Scalar], what)?),
+            None => None,
+        };
+        if let Some(indices) = &indices {
+            use ComponentType::{U16, U32, U8};
+            if !matches!(indices.component, U8 | U16 | U32) {
+                let message = format!("{what}: indices of type {:?}, expected U8, U16 or U32", indices.component);
+                return Err(self.malformed(message));
+            }
+        }
+        let corners = indices.as_ref().unwrap_or(&positions).count;
+        if mode == Mode::Triangles && !corners.is_multiple_of(3) {
+            return Err(self.malformed(format!("{what}: {corners} corners are no multiple of 3")));
+        }
+        Ok(Some(Surface { mode, positions, indices, corners }))
+    }
+}
+
+fn attribute(primitive: &Primitive, semantic: Semantic) -> Option<Index<Accessor>> {
+    primitive.attributes.get(&Checked::Valid(semantic)).copied()
+}
+
+fn listed(types: &[Type]) -> String {
+    types.iter().map(|kind| format!("{kind:?}")).collect::<Vec<_>>().join(" or ")
+}
+
+/// The sentence of an error, without the file's name where it has a place in it.
+fn message_of(error: MeshError) -> String {
+    match error {
+        MeshError::Malformed { message, .. } => message,
+        other => printable(&other.to_string(), 200),
+    }
+}
+
+/// What a `data:` URI holds; `None` for any other.
+fn data_of(uri: &str) -> Option<Result<Vec<u8>, String>> {
+    // Some exporters leave out the padding.
+    const BASE64: GeneralPurpose = GeneralPurpose::new(
+        &base64::alphabet::STANDARD,
+        GeneralPurposeConfig::new()
+            .with_decode_padding_mode(DecodePaddingMode::Indifferent)
+            .with_decode_allow_trailing_bits(true),
+    );
+    let content = uri.strip_prefix("data:")?;
+    let Some((_, data)) = content.split_once(',').filter(|(kind, _)| kind.ends_with(";base64")) else {
+        return Some(Err(format!("a data URI must be encoded in base64, got {}", quoted(uri))));
+    };
+    Some(BASE64.decode(data).map_err(|error| format!("not readable as base64: {}", printable(&error.to_string(), 100))))
+}
+
+/// Numbers of an accessor within its buffer.
+struct Numbers<'b> {
+    /// From the first element to the end of the last.
+    bytes: &'b [u8],
+    /// Bytes from one element to the next, at least those of an element.
+    stride: usize,
+    /// Elements.
+    count: usize,
+    /// Numbers of each element.
+    size: usize,
+    component: ComponentType,
+    /// Integers stand for fractions of the largest.
+    normalized: bool,
+}
+
+impl Numbers<'_> {
+    /// The first `N` numbers of an element; `None` if it does not exist or has fewer.
+    fn get<const N: usize>(&self, index: usize) -> Option<[f64; N]> {
+        if index >= self.count || N > self.size {
+            return None;
+        }
+        let mut bytes = self.bytes.get(index.checked_mul(self.stride)?..)?;
+        let mut numbers = [0.0; N];
+        for number in &mut numbers {
+            let (component, rest) = bytes.split_at_checked(self.component.size())?;
+            *number = self.number(component)?;
+            bytes = rest;
+        }
+        Some(numbers)
+    }
+
+    fn number(&self, bytes: &[u8]) -> Option<f64> {
+        let (number, most) = match (self.component, bytes) {
+            (ComponentType::I8, &[a]) => (f64::from(a as i8), f64::from(i8::MAX)),
+            (ComponentType::U8, &[a]) => (f64::from(a), f64::from(u8::MAX)),
+            (ComponentType::I16, &[a, b]) => (f64::from(i16::from_le_bytes([a, b])), f64::from(i16::MAX)),
+            (ComponentType::U16, &[a, b]) => (f64::from(u16::from_le_bytes([a, b])), f64::from(u16::MAX)),
+            (ComponentType::U32, &[a, b, c, d]) => (f64::from(u32::from_le_bytes([a, b, c, d])), f64::from(u32::MAX)),
+            (ComponentType::F32, &[a, b, c, d]) => return Some(f64::from(f32::from_le_bytes([a, b, c, d]))),
+            _ => return None,
+        };
+        Some(if self.normalized { (number / most).max(-1.0) } else { number })
+    }
+}
+
+/// Triangles of a primitive.
+struct Surface<'b> {
+    mode: Mode,
+    positions: Numbers<'b>,
+    /// Vertices of the corners; in order where there are none.
+    indices: Option<Numbers<'b>>,
+    corners: usize,
+}
+
+impl Surface<'_> {
+    fn triangle_count(&self) -> usize {
+        match self.mode {
+            Mode::Triangles => self.corners / 3,
+            _ => self.corners.saturating_sub(2),
+        }
+    }
+
+    /// The vertices of all triangles, counter-clockwise seen from outside where the placement mirrors nothing; `None` for a corner without.
+    fn triangles(&self) -> impl Iterator<Item = [Option<usize>; 3]> + '_ {
+        (0..self.triangle_count()).map(|i| {
+            // No overflow: there are more corners than triangles, and each is in the file.
+            let corners = match self.mode {
+                Mode::Triangles => [3 * i, 3 * i + 1, 3 * i + 2],
+                Mode::TriangleFan => [0, i + 1, i + 2],
+                _ if i % 2 == 1 => [i, i + 2, i + 1],
+                _ => [i, i + 1, i + 2],
+            };
+            corners.map(|corner| self.vertex(corner))
+        })
+    }
+
+    fn vertex(&self, corner: usize) -> Option<usize> {
+        match &self.indices {
+            // Integers, as was checked.
+            Some(indices) => indices.get::<1>(corner).map(|[index]| index as usize),
+            None => Some(corner),
+        }
+    }
+
+    fn place(&self, path: &Path, what: &str, name: &str, placement: &Placement) -> Result<SubMesh, MeshError> {
+        let mut surface = Welder::named(name);
+        for triangle in self.triangles() {
+            let mut corners = [[0.0; 3]; 3];
+            for (corner, vertex) in corners.iter_mut().zip(triangle) {
+                let position = vertex.and_then(|vertex| Some((vertex, self.positions.get::<3>(vertex)?)));
+                let Some((vertex, position)) = position else {
+                    let (vertex, known) = (vertex.unwrap_or_default(), self.positions.count);
+                    let message = format!("{what}: vertex {vertex} does not exist: there are {known}");
+                    return Err(MeshError::malformed(path, Position::Whole, message));
+                };
+                *corner = placement.position(path, vertex, Point3::from(position))?;
+            }
+            if placement.mirrors() {
+                corners.swap(1, 2);
+            }
+            surface.triangle(corners);
+        }
+        Ok(surface.finish())
+    }
+}
+
+/// Reads how a placed primitive looks. What cannot be read is named and left out.
+struct Looks<'l, 'f> {
+    file: &'l File<'f>,
+    surface: &'l Surface<'l>,
+    /// The primitive, for messages.
+    what: &'l str,
+    /// Whether the primitive was not placed before.
+    is_first: bool,
+    details: &'l mut Details,
+}
+
+impl<'l> Looks<'l, '_> {
+    fn read(&mut self, primitive: &Primitive, placement: &Placement, materials: &mut Materials) -> PartDetails {
+        let look = materials.of(self.file, primitive.material, self.details);
+        let normals = self.numbers(primitive, Semantic::Normals, &[Type::Vec3]);
+        let tex_coords = self.numbers(primitive, Semantic::TexCoords(look.set), &[Type::Vec2]);
+        let mut colors = self.numbers(primitive, Semantic::Colors(0), &[Type::Vec3, Type::Vec4]);
+        // Integers are always fractions here.
+        colors.iter_mut().for_each(|colors| colors.normalized = true);
+        let mut material = look.material.clone();
+        if primitive.material.is_none() && colors.is_some() {
+            // The colours stand alone.
+            material.diffuse = [1.0; 3];
+            material.ambient = [0.5; 3];
+        }
+        if normals.is_none() && tex_coords.is_none() && colors.is_none() {
+            return PartDetails { material, facing: Facing::Flat };
+        }
+        let mut odd = [0usize; 3];
+        let mut known: HashMap<usize, Corner> = HashMap::new();
+        let mut corners = Vec::with_capacity(self.surface.triangle_count().saturating_mul(3));
+        let details = &mut *self.details;
+        for (i, triangle) in self.surface.triangles().enumerate() {
+            let [a, b, c] = triangle.map(|vertex| {
+                // All of them exist: the surface was placed before.
+                let vertex = vertex.unwrap_or_default();
+                let corner = known.entry(vertex).or_insert_with(|| {
+                    let mut corner = Corner::bare(vertex as u32);
+                    if let Some(normals) = &normals {
+                        match normals.get::<3>(vertex).filter(is_finite) {
+                            Some(normal) => {
+                                corner.normal = details.normals.len() as u32;
+                                details.normals.push(placement.normal(Vector3::from(normal)));
+                            }
+                            None => odd[0] += 1,
+                        }
+                    }
+                    if let Some(tex_coords) = &tex_coords {
+                        match tex_coords.get::<2>(vertex).filter(is_finite) {
+                            Some([u, v]) => {
+                                corner.tex_coord = details.tex_coords.len() as u32;
+                                // In glTF v = 0 is the top row of the texture.
+                                details.tex_coords.push([u as f32, (1.0 - v) as f32]);
+                            }
+                            None => odd[1] += 1,
+                        }
+                    }
+                    if let Some(colors) = &colors {
+                        let color = colors.get::<4>(vertex).or_else(|| {
+                            let [r, g, b] = colors.get::<3>(vertex)?;
+                            Some([r, g, b, 1.0])
+                        });
+                        match color.filter(is_finite) {
+                            Some([r, g, b, a]) => {
+                                let alpha = if look.blends { a.clamp(0.0, 1.0) as f32 } else { 1.0 };
+                                let [r, g, b] = [r, g, b].map(displayed);
+                                corner.color = details.colors.len() as u32;
+                                details.colors.push([r, g, b, alpha]);
+                            }
+                            None => odd[2] += 1,
+                        }
+                    }
+                    corner
+                });
+                // As the standard says: a surface without normals has facets.
+                if normals.is_none() {
+                    Corner { shared: i as u32, ..*corner }
+                } else {
+                    *corner
+                }
+            });
+            corners.extend(if placement.mirrors() { [a, c, b] } else { [a, b, c] });
+        }
+        for (odd, semantic) in odd.into_iter().zip(["NORMAL", "TEXCOORD", "COLOR_0"]) {
+            if odd > 0 && self.is_first {
+                let message =
+                    format!("{}: {odd} vertices have no finite {semantic}; they are drawn without", self.what);
+                self.details.warnings.add_general(self.file.path, message);
+            }
+        }
+        PartDetails { material, facing: Facing::Corners(corners) }
+    }
+
+    /// The numbers of an attribute that concerns looks; `None` if it is absent or cannot be read.
+    fn numbers(&mut self, primitive: &Primitive, semantic: Semantic, types: &[Type]) -> Option<Numbers<'l>> {
+        let file = self.file;
+        let name = semantic.to_string();
+        match file.numbers(attribute(primitive, semantic)?, types, self.what) {
+            Ok(numbers) => Some(numbers),
+            Err(error) => {
+                if self.is_first {
+                    let message = format!("{}; {name} is not used", message_of(error));
+                    self.details.warnings.add_general(file.path, message);
+                }
+                None
+            }
+        }
+    }
+}
+
+/// Whether all numbers are ones of 32 bits.
+fn is_finite<const N: usize>(numbers: &[f64; N]) -> bool {
+    numbers.iter().all(|x| x.abs() < 1e30)
+}
+
+/// The displayed value of a linear one: sRGB encodes it, from 0 to 1.
+fn displayed(linear: f64) -> f32 {
+    let linear = linear.clamp(0.0, 1.0);
+    let encoded = if linear <= 0.0031308 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 };
+    encoded.clamp(0.0, 1.0) as f32
+}
+
+/// A material that was read before.
+#[derive(Clone, Default)]
+struct Look {
+    material: MeshMaterial,
+    /// The texture coordinates that it uses.
+    set: u32,
+    /// Whether the alpha of vertices counts.
+    blends: bool,
+}
+
+/// Materials and pictures that were read before.
+#[derive(Default)]
+struct Materials {
+    looks: HashMap<usize, Look>,
+    /// `None` for one that cannot be read, which was said.
+    pictures: HashMap<usize, Option<MeshTexture>>,
+    /// Bytes of pictures that are parts of buffers.
+    embedded: usize,
+    /// Whether it was said that masks are not drawn.
+    said_masks: bool,
+}
+
+impl Materials {
+    /// The material of an index; the default where there is none, with a message if there should be one.
+    fn of(&mut self, file: &File, index: Option<Index<Material>>, details: &mut Details) -> Look {
+        let Some(index) = index.map(|index| index.value()) else { return Look::default() };
+        if let Some(known) = self.looks.get(&index) {
+            return known.clone();
+        }
+        let look = match file.root.materials.get(index) {
+            Some(material) => self.read(file, index, material, details),
+            None => {
+                let message = format!("material {index} does not exist; the default material is drawn");
+                details.warnings.add_general(file.path, message);
+                Look::default()
+            }
+        };
+        self.looks.insert(index, look.clone());
+        look
+    }
+
+    fn read(&mut self, file: &File, index: usize, material: &Material, details: &mut Details) -> Look {
+        let what = format!("material {index}");
+        let model = &material.pbr_metallic_roughness;
+        let [r, g, b, factor_alpha] = model.base_color_factor.0;
+        let diffuse = [r, g, b].map(|x| displayed(f64::from(x)));
+        let base = model.base_color_texture.as_ref();
+        let roughness = model.metallic_roughness_texture.as_ref();
+        let normal = material.normal_texture.as_ref();
+        let is_transformed =
+            |info: &gltf_json::texture::Info| info.extensions.as_ref().is_some_and(|e| e.texture_transform.is_some());
+        let mut look = Look::default();
+        let warn = |details: &mut Details, message: &str| {
+            details.warnings.add_general(file.path, format!("{what}: {message}"));
+        };
+        if base.is_some_and(is_transformed) || roughness.is_some_and(is_transformed) {
+            warn(details, "KHR_texture_transform is not used; the texture lies differently");
+        }
+        let sets = [base.map(|t| t.tex_coord), roughness.map(|t| t.tex_coord), normal.map(|t| t.tex_coord)];
+        look.set = sets.into_iter().flatten().next().unwrap_or(0);
+        if sets.into_iter().flatten().any(|set| set != look.set) {
+            warn(details, &format!("all textures are drawn with TEXCOORD_{}", look.set));
+        }
+        if normal.is_some_and(|normal| normal.scale != 1.0) {
+            warn(details, "the scale of the normal texture is not used");
+        }
+        let alpha = match material.alpha_mode {
+            Checked::Valid(AlphaMode::Opaque) => 1.0,
+            Checked::Valid(AlphaMode::Blend) => {
+                look.blends = true;
+                factor_alpha.clamp(0.0, 1.0)
+            }
+            Checked::Valid(AlphaMode::Mask) => {
+                if base.is_some() && !self.said_masks {
+                    self.said_masks = true;
+                    warn(details, "masks of textures are drawn opaque");
+                }
+                if factor_alpha >= material.alpha_cutoff.unwrap_or_default().0 {
+                    1.0
+                } else {
+                    0.0
+                }
+            }
+            Checked::Invalid => {
+                warn(details, "the alphaMode is none of glTF; it is drawn opaque");
+                1.0
+            }
+        };
+        let emission = match material.emissive_texture {
+            // The factor alone would let all of it glow.
+            Some(_) => {
+                warn(details, "the emissive texture is not drawn");
+                [0.0; 3]
+            }
+            None => material.emissive_factor.0.map(|x| displayed(f64::from(x))),
+        };
+        let mut texture = |index: usize| self.texture(file, &what, index, details);
+        let diffuse_map = base.and_then(|base| texture(base.index.value()));
+        let normal_map = normal.and_then(|normal| texture(normal.index.value()));
+        let map = roughness.and_then(|roughness| texture(roughness.index.value()));
+        look.material = MeshMaterial {
+            ambient: diffuse.map(|x| x / 2.0),
+            diffuse,
+            emission,
+            alpha,
+            diffuse_map,
+            normal_map,
+            physical: Some(MetallicRoughness {
+                metallic: model.metallic_factor.0.clamp(0.0, 1.0),
+                roughness: model.roughness_factor.0.clamp(0.0, 1.0),
+                map,
+            }),
+            ..MeshMaterial::default()
+        };
+        look
+    }
+
+    /// The picture of a texture; `None` with a message if it cannot be read.
+    fn texture(&mut self, file: &File, what: &str, index: usize, details: &mut Details) -> Option<MeshTexture> {
+        let source = file.root.textures.get(index).map(|texture| texture.source.value());
+        let image = source.and_then(|source| Some((source, file.root.images.get(source)?)));
+        let Some((number, image)) = image else {
+            let message =
+                format!("{what}: texture {index} has no picture that can be read; the plain material is drawn");
+            details.warnings.add_general(file.path, message);
+            return None;
+        };
+        if let Some(known) = self.pictures.get(&number) {
+            return known.clone();
+        }
+        let picture = match self.picture(file, number, image) {
+            Ok(picture) => Some(picture),
+            Err(message) => {
+                details.warnings.add_general(file.path, format!("{what}: {message}"));
+                None
+            }
+        };
+        self.pictures.insert(number, picture.clone());
+        picture
+    }
+
+    /// # Errors
+    /// A sentence that says what is wrong and what is drawn.
+    fn picture(&mut self, file: &File, number: usize, image: &Image) -> Result<MeshTexture, String> {
+        let unreadable = |why: String| format!("picture {number}: {why}; the plain material is drawn");
+        let bytes = match (&image.uri, image.buffer_view) {
+            (Some(uri), _) => match data_of(uri) {
+                Some(data) => data.map_err(unreadable)?,
+                None => return find_texture(file.path, file.path, &decoded(uri), file.files),
+            },
+            (None, Some(view)) => {
+                let bytes = file.view(view.value()).map_err(|error| unreadable(message_of(error)))?;
+                // Views may overlap, but pictures do not need to.
+                self.embedded = self.embedded.saturating_add(bytes.len());
+                let there = file.loaded.get().saturating_add(file.binary.map_or(0, |binary| binary.len() as u64));
+                if self.embedded as u64 > there {
+                    return Err(unreadable("the pictures of the file overlap".to_owned()));
+                }
+                bytes.to_vec()
+            }
+            (None, None) => return Err(unreadable("it has neither a uri nor a buffer view".to_owned())),
+        };
+        let name = format!("{} (picture {number})", file.path.display());
+        Ok(MeshTexture::Embedded { name: name.into(), bytes: bytes.into() })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::{parse_visual, VisualMesh};
+
+    fn encode(bytes: &[u8]) -> String {
+        base64::engine::general_purpose::STANDARD.encode(bytes)
+    }
+
+    /// A file in the making: accessors over one buffer.
+    #[derive(Default, Clone)]
+    struct Draft {
+        data: Vec<u8>,
+        views: Vec<String>,
+        accessors: Vec<String>,
+    }
+
+    impl Draft {
+        fn view(&mut self, bytes: &[u8]) -> usize {
+            self.data.resize(self.data.len().next_multiple_of(4), 0);
+            let (offset, length) = (self.data.len(), bytes.len());
+            self.views.push(format!(r#"{{"buffer":0,"byteOffset":{offset},"byteLength":{length}}}"#));
+            self.data.extend(bytes);
+            self.views.len() - 1
+        }
+
+        fn accessor(&mut self, bytes: &[u8], kind: &str, component: u32, count: usize) -> usize {
+            let view = self.view(bytes);
+            let normalized = kind.starts_with("VEC") && component != 5126;
+            self.accessors.push(format!(
+                r#"{{"bufferView":{view},"componentType":{component},"count":{count},"type":"{kind}","normalized":{normalized}}}"#
+            ));
+            self.accessors.len() - 1
+        }
+
+        fn floats(&mut self, kind: &str, numbers: &[f32]) -> usize {
+            let size = usize::from(kind.as_bytes()[3] - b'0');
+            let bytes: Vec<u8> = numbers.iter().flat_map(|x| x.to_le_bytes()).collect();
+            self.accessor(&bytes, kind, 5126, numbers.len() / size)
+        }
+
+        fn json(&self, uri: &str, rest: &str) -> String {
+            format!(
+                r#"{{"asset":{{"version":"2.0"}},"buffers":[{{{uri}"byteLength":{}}}],
+"bufferViews":[{}],
+"accessors":[{}],
+{rest}}}"#,
+                self.data.len(),
+                self.views.join(","),
+                self.accessors.join(",")
+            )
+        }
+
+        fn text(&self, rest: &str) -> String {
+            self.json(&format!(r#""uri":"data:application/octet-stream;base64,{}","#, encode(&self.data)), rest)
+        }
+
+        fn container(&self, rest: &str) -> Vec<u8> {
+            container(&self.json("", rest), &self.data)
+        }
+    }
+
+    fn container(json: &str, data: &[u8]) -> Vec<u8> {
+        let mut json = json.as_bytes().to_vec();
+        json.resize(json.len().next_multiple_of(4), b' ');
+        let mut data = data.to_vec();
+        data.resize(data.len().next_multiple_of(4), 0);
+        let mut bytes = b"glTF\x02\0\0\0".to_vec();
+        bytes.extend((28 + json.len() as u32 + data.len() as u32).to_le_bytes());
+        for (kind, content) in [(b"JSON", json), (b"BIN\0", data)] {
+            bytes.extend((content.len() as u32).to_le_bytes());
+            bytes.extend(kind);
+            bytes.extend(content);
+        }
+        bytes
+    }
+
+    /// A square in the plane z = 0 of glTF, vertices counter-clockwise; its positions are accessor 0, its u8 indices accessor 1.
+    fn square() -> Draft {
+        let mut draft = Draft::default();
+        draft.floats("VEC3", &[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0, 0.0]);
+        draft.accessor(&[0, 1, 2, 0, 2, 3], "SCALAR", 5121, 6);
+        draft
+    }
+
+    /// A mesh of one primitive with these keys, and a scene of one node that places it.
+    fn scene(primitive: &str) -> String {
+        format!(
+            r#""meshes":[{{"name":"plate","primitives":[{{{primitive}}}]}}],"nodes":[{{"mesh":0}}],"scenes":[{{"nodes":[0]}}],"scene":0"#
+        )
+    }
+
+    const TRIANGLES: &str = r#""attributes":{"POSITION":0},"indices":1"#;
+
+    fn parse(bytes: impl Into<Vec<u8>>) -> Result<Mesh, MeshError> {
+        crate::mesh::parse(bytes.into(), Path::new("t.gltf"))
+    }
+
+    /// Looks of a file; the files `wood 1.png` and `a 1.bin` are there, the latter with the data of [`square`].
+    fn looks(bytes: impl Into<Vec<u8>>) -> (VisualMesh, Vec<String>) {
+        let named = |path: &Path| match path.to_str()? {
+            "in/wood 1.png" => Some(Vec::new()),
+            "in/a 1.bin" => Some(square().data),
+            _ => None,
+        };
+        parse_visual(bytes.into(), Path::new("in/t.gltf"), false, &named).unwrap()
+    }
+
+    #[test]
+    fn text_and_container_agree_and_z_is_up() {
+        let draft = square();
+        let mesh = parse(draft.text(&scene(TRIANGLES))).unwrap();
+        assert_eq!(mesh.sub_meshes.len(), 1);
+        let part = &mesh.sub_meshes[0];
+        assert_eq!(part.name, "plate");
+        assert_eq!(part.vertices, [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, 1.0], [0.0, 0.0, 1.0]]);
+        assert_eq!(part.triangles, [[0, 1, 2], [0, 2, 3]]);
+        assert_eq!(parse(draft.container(&scene(TRIANGLES))).unwrap(), mesh);
+        let (drawn, messages) = looks(draft.json(r#""uri":"a%201.bin","#, &scene(TRIANGLES)));
+        assert!(messages.is_empty(), "{messages:?}");
+        // Without normals there are facets, which face −y as the square faced +z.
+        assert_eq!(drawn.parts[0].normals, [[0.0, -1.0, 0.0]; 6]);
+        assert_eq!(drawn.parts[0].material, MeshMaterial::default());
+    }
+
+    #[test]
+    fn indices_are_of_any_type_and_modes_give_the_same_square() {
+        let expected = parse(square().text(&scene(TRIANGLES))).unwrap();
+        let mut draft = square();
+        let wide = |numbers: &[u32]| numbers.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>();
+        let narrow = |numbers: &[u16]| numbers.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>();
+        let u16s = draft.accessor(&narrow(&[0, 1, 2, 0, 2, 3]), "SCALAR", 5123, 6);
+        let u32s = draft.accessor(&wide(&[0, 1, 2, 0, 2, 3]), "SCALAR", 5125, 6);
+        for indices in [u16s, u32s] {
+            let primitive = format!(r#""attributes":{{"POSITION":0}},"indices":{indices}"#);
+            assert_eq!(parse(draft.text(&scene(&primitive))).unwrap(), expected);
+        }
+        let fan = scene(r#""attributes":{"POSITION":0},"mode":6"#);
+        assert_eq!(parse(draft.text(&fan)).unwrap(), expected);
+        let strip = draft.accessor(&[1, 2, 0, 3], "SCALAR", 5121, 4);
+        let strip = scene(&format!(r#""attributes":{{"POSITION":0}},"indices":{strip},"mode":5"#));
+        let strip = parse(draft.text(&strip)).unwrap();
+        assert_eq!(strip.sub_meshes[0].vertices[0], [1.0, 0.0, 0.0]);
+        assert_eq!(strip.sub_meshes[0].triangles, [[0, 1, 2], [1, 3, 2]]);
+        // Points and lines are skipped.
+        for mode in 0..4 {
+            let primitive = format!(r#""attributes":{{"POSITION":0}},"mode":{mode}"#);
+            assert!(matches!(parse(draft.text(&scene(&primitive))), Err(MeshError::Empty { .. })));
+        }
+    }
+
+    #[test]
+    fn elements_may_be_interleaved_and_quantised() {
+        let mut draft = Draft::default();
+        // Positions of 16 bits, 8 bytes from one to the next.
+        let view = draft.view(&[0, 0, 0, 0, 0, 0, 9, 9, 2, 0, 0, 0, 0, 0, 9, 9, 0, 0, 0xFF, 0xFF, 0, 0]);
+        draft.views[view].insert_str(1, r#""byteStride":8,"#);
+        draft.accessors.push(format!(r#"{{"bufferView":{view},"componentType":5122,"count":3,"type":"VEC3"}}"#));
+        let scene = scene(r#""attributes":{"POSITION":0}"#) + r#","extensionsRequired":["KHR_mesh_quantization"]"#;
+        let mesh = parse(draft.text(&scene)).unwrap();
+        assert_eq!(mesh.sub_meshes[0].vertices, [[0.0; 3], [2.0, 0.0, 0.0], [0.0, 0.0, -1.0]]);
+    }
+
+    fn with_nodes(nodes: &str, scenes: &str) -> String {
+        let mesh = scene(TRIANGLES);
+        let meshes = mesh.split(",\"nodes\"").next().unwrap();
+        square().text(&format!(r#"{meshes},"nodes":[{nodes}]{scenes}"#))
+    }
+
+    #[test]
+    fn nodes_place_meshes() {
+        let nodes = r#"{"translation":[0,0,2],"rotation":[0,0,0.70710678,0.70710678],"children":[1,2]},
+{"scale":[-1,1,1],"mesh":0},{"mesh":0},{"matrix":[2,0,0,0,0,2,0,0,0,0,2,0,5,6,7,1],"mesh":0}"#;
+        let all = parse(with_nodes(nodes, "")).unwrap();
+        assert_eq!(all.sub_meshes.len(), 3);
+        let near = |p: [f64; 3], q: [f64; 3]| p.iter().zip(q).all(|(a, b)| (a - b).abs() < 1e-6);
+        // Vertex (1, 0, 0): mirrored, so that the triangles are reversed and it comes last; unmirrored; and by the matrix.
+        assert!(near(all.sub_meshes[0].vertices[2], [0.0, -2.0, -1.0]), "{:?}", all.sub_meshes[0].vertices);
+        assert!(near(all.sub_meshes[1].vertices[1], [0.0, -2.0, 1.0]), "{:?}", all.sub_meshes[1].vertices);
+        assert_eq!(all.sub_meshes[2].vertices[1], [7.0, -7.0, 6.0]);
+        // The scene that is named, else the first.
+        let scenes = r#","scenes":[{"nodes":[3]},{"nodes":[1,2]}]"#;
+        assert_eq!(parse(with_nodes(nodes, scenes)).unwrap().sub_meshes, all.sub_meshes[2..]);
+        let named = format!(r#"{scenes},"scene":1"#);
+        assert_eq!(parse(with_nodes(nodes, &named)).unwrap().sub_meshes.len(), 2);
+        // Without nodes each mesh is placed once.
+        let bare = square().text(r#""meshes":[{"primitives":[{"attributes":{"POSITION":0}, "mode":6}]}]"#);
+        assert_eq!(parse(bare).unwrap().triangle_count(), 2);
+    }
+
+    /// The square with normals, texture coordinates and colours of integers, and these materials and textures.
+    fn described(primitive: &str, rest: &str) -> String {
+        let mut draft = square();
+        let normals = draft.floats("VEC3", &[0.0, 0.0, 2.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, f32::NAN, 0.0]);
+        let fractions = [0u16, 0, 65535, 0, 65535, 13107, 0, 65535].iter().flat_map(|x| x.to_le_bytes());
+        let uv = draft.accessor(&fractions.collect::<Vec<u8>>(), "VEC2", 5123, 4);
+        let colors = [255, 0, 0, 51, 0, 255, 0, 255, 0, 0, 55, 255, 255, 255, 255, 255];
+        let colors = draft.accessor(&colors, "VEC4", 5121, 4);
+        let attributes = format!(r#""POSITION":0,"NORMAL":{normals},"TEXCOORD_1":{uv},"COLOR_0":{colors}"#);
+        let picture = draft.view(b"\x89PNG picture");
+        let rest = rest.replace("PICTURE", &picture.to_string());
+        draft.text(&format!("{},{rest}", scene(&format!(r#""attributes":{{{attributes}}},"indices":1{primitive}"#))))
+    }
+
+    const MATERIAL: &str = r#""materials":[{"name":"red","alphaMode":"BLEND","emissiveFactor":[0,1,9],"pbrMetallicRoughness":
+{"baseColorFactor":[1,0.2140411,0,0.5],"baseColorTexture":{"index":0,"texCoord":1},"metallicFactor":0.25,"roughnessFactor":7,
+"metallicRoughnessTexture":{"index":1,"texCoord":1}},"normalTexture":{"index":2,"texCoord":1}}],
+"textures":[{"source":0},{"source":1},{"source":2}],"images":[{"uri":"wood%201.png"},{"bufferView":PICTURE,"mimeType":"image/png"},
+{"uri":"data:image/png;base64,aGFsbG8"}]"#;
+
+    #[test]
+    fn materials_are_physical() {
+        let (mesh, messages) = looks(described(r#","material":0"#, MATERIAL));
+        assert_eq!(
+            messages,
+            ["in/t.gltf: mesh 0, primitive 0: 1 vertices have no finite NORMAL; they are drawn without"]
+        );
+        let part = &mesh.parts[0];
+        assert_eq!(part.name, "red");
+        assert_eq!(part.normals, [[0.0, -1.0, 0.0]; 4]);
+        assert_eq!(part.tex_coords, [[0.0, 1.0], [1.0, 1.0], [1.0, 0.8], [0.0, 0.0]]);
+        assert_eq!(part.colors[..2], [[1.0, 0.0, 0.0, 0.2], [0.0, 1.0, 0.0, 1.0]]);
+        assert!((part.colors[2][2] - 0.5).abs() < 0.01, "{:?}", part.colors);
+        let material = &part.material;
+        assert!((material.diffuse[1] - 0.5).abs() < 1e-4 && material.diffuse[0] == 1.0 && material.diffuse[2] == 0.0);
+        assert_eq!((material.alpha, material.emission), (0.5, [0.0, 1.0, 1.0]));
+        assert_eq!(material.diffuse_map, Some("in/wood 1.png".into()));
+        let embedded =
+            |name: &str, bytes: &[u8]| Some(MeshTexture::Embedded { name: name.into(), bytes: bytes.into() });
+        assert_eq!(material.normal_map, embedded("in/t.gltf (picture 2)", b"hallo"));
+        let map = embedded("in/t.gltf (picture 1)", b"\x89PNG picture");
+        assert_eq!(material.physical, Some(MetallicRoughness { metallic: 0.25, roughness: 1.0, map }));
+        // Tangents come with a normal map.
+        assert_eq!(part.tangents.len(), 4);
+    }
+
+    #[test]
+    fn alpha_modes() {
+        for (mode, cutoff, expected, of_vertex) in
+            [("OPAQUE", 0.5, 1.0, 1.0), ("MASK", 0.5, 1.0, 1.0), ("MASK", 0.6, 0.0, 1.0), ("BLEND", 0.5, 0.5, 0.2)]
+        {
+            let alpha = format!(r#""alphaMode":"{mode}","alphaCutoff":{cutoff}"#);
+            let text = MATERIAL.replace(r#""alphaMode":"BLEND""#, &alpha);
+            let (mesh, messages) = looks(described(r#","material":0"#, &text));
+            assert_eq!(mesh.parts[0].material.alpha, expected);
+            assert_eq!(mesh.parts[0].colors[0][3], of_vertex);
+            assert_eq!(messages.iter().any(|m| m.contains("masks of textures are drawn opaque")), mode == "MASK");
+        }
+    }
+
+    #[test]
+    fn colours_without_material_stand_alone() {
+        let (mesh, _) = looks(described("", "\"textures\":[]"));
+        let material = &mesh.parts[0].material;
+        assert_eq!((material.diffuse, &material.physical), ([1.0; 3], &None));
+        assert_eq!(mesh.parts[0].colors[0], [1.0, 0.0, 0.0, 1.0]);
+    }
+
+    #[test]
+    fn normals_turn_with_their_node() {
+        let text = described("", "\"textures\":[]");
+        let mirrored = text.replace(r#""nodes":[{"mesh":0}]"#, r#""nodes":[{"mesh":0,"scale":[1,1,-1]}]"#);
+        let (mesh, _) = looks(mirrored);
+        assert_eq!(mesh.parts[0].normals, [[0.0, 1.0, 0.0]; 4]);
+        let colors: Vec<_> = mesh.parts[0].triangles[0].iter().map(|i| mesh.parts[0].colors[*i as usize][1]).collect();
+        // Colours follow their corners: green is that of the second, reversed to the third.
+        assert_eq!(colors, [0.0, 0.0, 1.0]);
+    }
+
+    #[test]
+    fn looks_that_cannot_be_read_are_named_and_the_mesh_stays() {
+        let material = r#","material":0"#;
+        let transform = r#""index":0,"texCoord":1,"extensions":{"KHR_texture_transform":{"scale":[2,2]}}"#;
+        for (primitive, rest, expected) in [
+            (material, MATERIAL.replace("wood", "stone"), "texture 'stone 1.png' is not there"),
+            (
+                material,
+                MATERIAL.replace("bufferView\":PICTURE", "bufferView\":99"),
+                "picture 1: buffer view 99 does not exist",
+            ),
+            (material, MATERIAL.replace("aGFsbG8", "?"), "picture 2: not readable as base64"),
+            (material, MATERIAL.replace("base64,aG", ",aG"), "picture 2: a data URI must be encoded in base64"),
+            (material, MATERIAL.replace(r#"{"source":1}"#, "{}"), "texture 1 has no picture that can be read"),
+            (material, MATERIAL.replace("BLEND", "MELT"), "the alphaMode is none of glTF"),
+            (material, MATERIAL.replace(r#""index":0,"texCoord":1"#, transform), "KHR_texture_transform is not used"),
+            (
+                material,
+                MATERIAL.replace(r#""index":1,"texCoord":1"#, r#""index":1"#),
+                "all textures are drawn with TEXCOORD_1",
+            ),
+            (material, MATERIAL.replace(r#""index":2"#, r#""index":2,"scale":2"#), "the scale of the normal texture"),
+            (r#","material":7"#, MATERIAL.to_owned(), "material 7 does not exist; the default material is drawn"),
+            (
+                material,
+                MATERIAL.replace(r#""emissiveFactor""#, r#""emissiveTexture":{"index":0},"emissiveFactor""#),
+                "the emissive texture is not drawn",
+            ),
+            (
+                material,
+                format!(r#"{MATERIAL},"extensionsRequired":["KHR_materials_unlit"]"#),
+                "'KHR_materials_unlit' is not used",
+            ),
+        ] {
+            let (mesh, messages) = looks(described(primitive, &rest));
+            assert_eq!(mesh.triangle_count(), 2);
+            // One is about a normal.
+            assert!(messages.len() == 2, "{messages:?}");
+            assert!(messages.iter().any(|message| message.contains(expected)), "{messages:?}, expected {expected}");
+        }
+        let text = described("", "\"textures\":[]").replace(r#""NORMAL":2"#, r#""NORMAL":1"#);
+        let (_, messages) = looks(text);
+        assert!(
+            messages[0].contains("accessor 1 has the type Scalar, expected Vec3; NORMAL is not used"),
+            "{messages:?}"
+        );
+    }
+
+    #[test]
+    fn broken_files_are_refused_with_the_place() {
+        let draft = square();
+        let good = draft.text(&scene(TRIANGLES));
+        let whole = draft.container(&scene(TRIANGLES));
+        let required = |name: &str| draft.text(&format!(r#"{},"extensionsRequired":["{name}"]"#, scene(TRIANGLES)));
+        let endless = with_nodes(r#"{"children":[1],"mesh":0},{"children":[0]}"#, r#","scenes":[{"nodes":[0]}]"#);
+        let mut grown = String::new();
+        for i in 1..=30 {
+            grown += &format!(r#"{{"children":[{i},{i}]}},"#);
+        }
+        let mut wrong = whole.clone();
+        wrong[4] = 1;
+        let mut nonsense = whole.clone();
+        nonsense[16] = b'X';
+        let json_end = 20 + u32::from_le_bytes([whole[12], whole[13], whole[14], whole[15]]) as usize;
+        let mut huge = whole.clone();
+        huge[json_end + 3] = 0x7F;
+        let mut broken = whole.clone();
+        broken[20] = b'[';
+        let infinite: Vec<u8> = [&f32::INFINITY.to_le_bytes()[..], &[0; 8], &[1; 24]].concat();
+        let mut far = Draft::default();
+        far.accessor(&infinite, "VEC3", 5126, 3);
+        for (bytes, expected) in [
+            (Vec::new(), ":1: not readable as glTF 2.0: EOF"),
+            (good[..good.len() / 2].into(), ": not readable as glTF 2.0: EOF"),
+            (good.replace("\"nodes\":[0]", "\"nodes\":[null]").into(), ":4: not readable as glTF 2.0: invalid type: null"),
+            (good.replace("\"2.0\"", "\"1.0\"").into(), "glTF of version '1.0'; only 2.0 can be read"),
+            (wrong, " (byte 4): the container has version 1"),
+            (nonsense, " (byte 12): the container must begin with a chunk of type 'JSON'"),
+            (huge, "truncated: a chunk of 21"),
+            (broken, " (byte 2"),
+            (whole[..whole.len() - 1].into(), " (byte 8): truncated: the header announces"),
+            (whole[..10].into(), " (byte 8): truncated: the file ends within a header"),
+            (good.replace("\"count\":6", "\"count\":5").into(), "mesh 0, primitive 0: 5 corners are no multiple of 3"),
+            (good.replace("\"count\":4", "\"count\":3").into(), "mesh 0, primitive 0: vertex 3 does not exist: there are 3"),
+            (good.replace("\"count\":4", "\"count\":5").into(), "accessor 0 has 5 elements each 12 bytes from byte 0 of buffer view 0, which has 48 bytes"),
+            (good.replace("\"count\":4", "\"count\":18446744073709551615").into(), "accessor 0 has 18446744073709551615 elements"),
+            (good.replace("\"byteLength\":48", "\"byteLength\":99").into(), "buffer view 0 has 99 bytes from byte 0 of buffer 0, which has 54"),
+            (good.replace("\"byteLength\":54", "\"byteLength\":55").into(), "truncated: buffer 0 has 54 bytes, announced 55"),
+            (good.replace("base64,", "base64,?").into(), "buffer 0: not readable as base64"),
+            (good.replace(";base64,", ",").into(), "buffer 0: a data URI must be encoded in base64"),
+            (draft.json(r#""uri":"none.bin","#, &scene(TRIANGLES)).into(), "buffer 0: 'none.bin' cannot be read: "),
+            (draft.json("", &scene(TRIANGLES)).into(), "buffer 0 has no uri, and there is no binary chunk for it"),
+            (good.replace("\"POSITION\":0", "\"POSITION\":1").into(), "accessor 1 has the type Scalar, expected Vec3"),
+            (good.replace("\"POSITION\":0", "\"POSITION\":7").into(), "accessor 7 does not exist: the file has 2"),
+            (good.replace("\"componentType\":5121", "\"componentType\":5120").into(), "indices of type I8"),
+            (good.replace("\"componentType\":5121", "\"componentType\":1").into(), "accessor 1 has an unknown type"),
+            (good.replace("\"bufferView\":0,", "").into(), "accessor 0 has no buffer view"),
+            (good.replace("\"byteOffset\":0", "\"byteStride\":4").into(), "elements of 12 bytes, buffer view 0 has one each 4"),
+            (good.replace("\"count\":6", r#""sparse":{"count":1,"indices":{"bufferView":0,"componentType":5121},"values":{"bufferView":0}},"count":6"#).into(), "accessor 1 is sparse"),
+            (good.replace("\"scene\":0", "\"scene\":1").into(), "scene 1 does not exist: the file has 1"),
+            (good.replace("\"mesh\":0", "\"mesh\":1").into(), "mesh 1 does not exist: the file has 1"),
+            (good.replace("\"nodes\":[0]", "\"nodes\":[1]").into(), "node 1 does not exist: the file has 1"),
+            (good.replace("\"mesh\":0", "\"mesh\":0,\"rotation\":[0,0,0,0]").into(), "node 0: the rotation has length 0"),
+            (far.text(&scene(r#""attributes":{"POSITION":0}"#)).into(), "vertex 0 is not finite"),
+            (endless.into(), "the scene is endless"),
+            (with_nodes(&format!("{grown}{{\"mesh\":0}}"), "").into(), "the scene is endless"),
+            (required("KHR_draco_mesh_compression").into(), "requires the extension 'KHR_draco_mesh_compression', which cannot be read; export it without compression"),
+            (required("EXT_meshopt_compression").into(), "export it without compression"),
+            (required("EXT_mesh_gpu_instancing").into(), "export it without this extension"),
+        ] {
+            let message = parse(bytes).unwrap_err().to_string();
+            assert!(message.contains(expected) && message.len() < 500, "{message}, expected {expected}");
+        }
+    }
+
+    #[test]
+    fn many_objects_are_refused_before_they_are_made() {
+        let many = format!(r#"{{"asset":{{"version":"2.0"}},"nodes":[{}{{}}]}}"#, "{},".repeat(MAX_OBJECTS));
+        assert!(parse(many).unwrap_err().to_string().contains("JSON objects"));
+        let deep = format!(r#"{{"asset":{{"version":"2.0"}},"extras":{}"#, "[".repeat(1_000_000));
+        assert!(parse(deep).is_err());
+    }
+
+    #[test]
+    fn changed_bytes_never_panic() {
+        let textured = described(r#","material":0"#, MATERIAL);
+        let (json, data) = {
+            let draft = square();
+            let placed = r#""meshes":[{"primitives":[{"attributes":{"POSITION":0},"indices":1},{"attributes":{"POSITION":0},"mode":5}]}],
+"nodes":[{"mesh":0,"children":[1],"translation":[1,2,3]},{"mesh":0,"scale":[1,-1,1],"rotation":[1,0,0,0]}],"scenes":[{"nodes":[0,1]}]"#;
+            (draft.json("", placed), draft.data)
+        };
+        let whole = [textured.into_bytes(), container(&json, &data)];
+        // Numbers that look random and are the same each time.
+        let mut state = 7u64;
+        let mut random = move |below: usize| {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 33) as usize % below
+        };
+        let mut read = 0;
+        for round in 0..20_000 {
+            let mut changed = whole[round % whole.len()].clone();
+            for _ in 0..=random(3) {
+                let at = random(changed.len());
+                match random(4) {
+                    0 => changed[at] = b"0123456789-.,:[]{}\"ae \xFF\0"[random(24)],
+                    1 if round % 2 == 0 => drop(changed.remove(at)),
+                    // Digits, so that what is read next goes further.
+                    _ if changed[at].is_ascii_digit() => changed[at] = b"0123456789"[random(10)],
+                    2 => changed[at] ^= 1 << random(8),
+                    _ => changed[at] = random(256) as u8,
+                }
+            }
+            // What collides must not depend on whether looks are read.
+            let collides = parse(changed.clone()).map(|mesh| mesh.triangle_count());
+            let drawn = parse_visual(changed, Path::new("t.gltf"), random(2) == 0, &|_| None);
+            if matches!(drawn, Err(MeshError::TooFar { .. })) {
+                continue;
+            }
+            if let Err(error) = &collides {
+                assert!(error.to_string().len() < 1000, "{error}");
+            }
+            let Ok((mesh, messages)) = drawn else {
+                assert!(collides.is_err());
+                continue;
+            };
+            read += 1;
+            assert_eq!(collides.unwrap(), mesh.triangle_count());
+            assert!(messages.iter().all(|message| message.len() < 1500));
+            for part in mesh.parts {
+                let numbers = part.positions.as_flattened().iter().chain(part.normals.as_flattened());
+                assert!(numbers.chain(part.tex_coords.as_flattened()).all(|x| x.is_finite()));
+                assert!(part.colors.as_flattened().iter().all(|x| (0.0..=1.0).contains(x)));
+                assert!(part.triangles.as_flattened().iter().all(|i| (*i as usize) < part.positions.len()));
+            }
+        }
+        assert!(read > 1000, "{read}");
+    }
+}
