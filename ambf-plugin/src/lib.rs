@@ -7,6 +7,12 @@
 //!
 //! `Simulation::load_plugins` of ambf-core loads what the files of a scene and a command line ask for. Nothing a
 //! plugin does wrong stops the simulation, except what no program can stop: memory that is corrupted, and a callback that never returns.
+//!
+//! Begin with [`Plugin`] and `docs/plugins.md`, whose examples are compiled here; `resources/plugins/recorder` and `marker` are whole
+//! libraries. `traits.rs` has the callbacks, `view.rs` what they can see, `host.rs` who calls them, `export.rs` and `library.rs` both sides
+//! of the C interface.
+//!
+//! Not in: the scene and its physics; ambf-core implements what [`View`] shows ([`run::Access`]).
 
 /// The examples of the guide are compiled.
 #[cfg(doctest)]
