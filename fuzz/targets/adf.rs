@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use ambf_core::adf::{parse, ColorTable, Description, InputDevices, Launch, Model, World};
+use ambf_model::adf::{parse, ColorTable, Description, InputDevices, Launch, Model, World};
 use libfuzzer_sys::fuzz_target;
 
 /// More would be a flood: a report is at most a handful of lines for each line of the file.

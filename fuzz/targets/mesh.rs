@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use ambf_core::mesh;
+use ambf_model::mesh;
 
 /// Reads `data` as a file of this name and checks the mesh or message that comes of it.
 pub fn check(data: &[u8], name: &str) {
@@ -44,6 +44,8 @@ pub fn check_visual(data: &[u8], name: &str, named: &dyn Fn(&Path) -> Option<Vec
         let count = part.positions.len();
         assert!(part.nodes.len() == count && part.normals.len() == count && !part.triangles.is_empty());
         assert!(part.tex_coords.is_empty() || part.tex_coords.len() == count);
+        assert!(part.colors.is_empty() || part.colors.len() == count);
+        assert!(part.colors.as_flattened().iter().all(|x| (0.0..=1.0).contains(x)));
         assert!(part.tangents.is_empty() || part.tangents.len() == count);
         assert!(part.triangles.as_flattened().iter().all(|&i| (i as usize) < count));
         let vectors = part.positions.as_flattened().iter().chain(part.tangents.as_flattened());
@@ -53,6 +55,8 @@ pub fn check_visual(data: &[u8], name: &str, named: &dyn Fn(&Path) -> Option<Vec
         let colors = [material.ambient, material.diffuse, material.specular, material.emission];
         assert!(colors.as_flattened().iter().all(|x| x.is_finite()));
         assert!((0.0..=1.0).contains(&material.alpha) && (0.0..=128.0).contains(&material.shininess));
+        let physical = material.physical.iter().flat_map(|physical| [physical.metallic, physical.roughness]);
+        assert!(physical.into_iter().all(|x| (0.0..=1.0).contains(&x)));
     }
     Some(mesh.triangle_count())
 }

@@ -5,7 +5,7 @@ mod numbers;
 
 use std::path::Path;
 
-use ambf_core::urdf::{parse, Packages};
+use ambf_model::urdf::{parse, Packages};
 
 libfuzzer_sys::fuzz_mutator!(|data: &mut [u8], size: usize, max_size: usize, seed: u32| {
     numbers::mutate(data, size, max_size, seed)

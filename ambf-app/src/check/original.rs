@@ -34,8 +34,8 @@ differences! {
         "is taken as a pair",
         "sets `low` first and refuses it above the `high` of before, 1000 Hz; then it refuses a `high` below its `low`";
     DAE_MESH: "dae mesh", "",
-        "names a DAE mesh, which is read",
-        "reads no DAE: it drops the element, or does not draw it";
+        "names a DAE, PLY or glTF mesh, which is read",
+        "reads none of these: it drops the element, or does not draw it";
     NAME_CHARACTERS: "name", "name",
         "holds characters that a ROS topic may not hold; they are replaced by `_`",
         "takes them over into the names of topics";

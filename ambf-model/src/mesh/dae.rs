@@ -14,7 +14,7 @@ use nalgebra::{Matrix4, Point3, Rotation3, Unit, Vector3};
 use roxmltree::{Document, Node, NodeId};
 
 use super::material::{find_texture, MeshMaterial, MeshTexture};
-use super::placement::{Placement, MAX_NODES, MAX_TRIANGLES};
+use super::placement::{short_name, Placement, MAX_NODES, MAX_TRIANGLES};
 use super::visual::{Corner, Details, Facing, PartDetails, ABSENT};
 use super::{decoded, printable, quoted, Files, Mesh, MeshError, Position, Welder, MAX_SUB_MESHES};
 use crate::xml::find_excess;
@@ -328,7 +328,7 @@ impl<'a> File<'a> {
                 return Err(self.malformed(element, message));
             }
             let symbol = element.attribute("material");
-            let name = symbol.or(geometry.attribute("name")).unwrap_or("").to_owned();
+            let name = short_name(symbol.or(geometry.attribute("name")).unwrap_or(""));
             let looks = match &mut details {
                 Some(details) => self.looks(element, (input, offset), &indices, &mut arrays, details),
                 None => Looks::default(),
@@ -774,6 +774,8 @@ mod tests {
         let mesh = parse(document(&triangles(), &scene(nodes))).unwrap();
         assert_eq!(mesh.sub_meshes.len(), 2);
         let near = |p: [f64; 3], q: [f64; 3]| p.iter().zip(q).all(|(a, b)| (a - b).abs() < 1e-12);
+        let long = parse(document(&triangles().replace("red", &"é".repeat(5000)), &scene(nodes))).unwrap();
+        assert_eq!(long.sub_meshes[1].name, "é".repeat(200));
         // Vertex (1, 0, 0), unmirrored and mirrored; the mirrored triangles are reversed.
         assert!(near(mesh.sub_meshes[0].vertices[1], [0.0, 1.0, 2.0]));
         assert!(near(mesh.sub_meshes[1].vertices[2], [0.0, -1.0, 2.0]));

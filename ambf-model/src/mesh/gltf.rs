@@ -1,5 +1,7 @@
 //! glTF 2.0, as JSON (`gltf`) and in a binary container (`glb`): triangles of the meshes that the scene places, turned so that +z is up.
 //!
+//! Colours of materials and vertices are linear in glTF; they become displayed values, which all other formats hold.
+//!
 //! A library knows the names and types of the JSON. Indices, lengths and offsets are checked here, where they are used.
 
 use std::borrow::Cow;
@@ -19,7 +21,7 @@ use gltf_json::{Image, Index, Root};
 use nalgebra::{Matrix4, Point3, Quaternion, UnitQuaternion, Vector3};
 
 use super::material::{find_texture, MeshMaterial, MeshTexture, MetallicRoughness};
-use super::placement::{Placement, MAX_NODES, MAX_TRIANGLES};
+use super::placement::{short_name, Placement, MAX_NODES, MAX_TRIANGLES};
 use super::visual::{Corner, Details, Facing, PartDetails};
 use super::{decoded, printable, quoted, Files, Mesh, MeshError, Position, SubMesh, Welder};
 use super::{MAX_FILE_BYTES, MAX_SUB_MESHES};
@@ -35,9 +37,8 @@ const CHUNK_HEADER_BYTES: usize = 8;
 const MAX_OBJECTS: usize = 1_000_000;
 const MAX_VALUES: usize = 8_000_000;
 
-/// Longest name of a file, and of a sub-mesh, in bytes and in characters. Every placed mesh has its name.
+/// Longest name of the file of a buffer, in bytes.
 const MAX_FILE_NAME: usize = 1024;
-const MAX_NAME: usize = 200;
 
 pub(super) fn read(
     path: &Path,
@@ -79,8 +80,7 @@ pub(super) fn read(
                 node.and_then(|node| root.nodes.get(node)).and_then(|node| node.name.as_deref()),
             ];
             let name = names.into_iter().flatten().find(|name| !name.is_empty()).unwrap_or_default();
-            let name: String = name.chars().take(MAX_NAME).collect();
-            mesh.sub_meshes.push(surface.place(path, &what, &name, &placement)?);
+            mesh.sub_meshes.push(surface.place(path, &what, &short_name(name), &placement)?);
             if let Some(details) = &mut details {
                 let is_first = reported.insert((index, number));
                 let mut looks = Looks { file: &file, surface: &surface, what: &what, is_first, details };

@@ -194,9 +194,10 @@ impl MeshError {
 /// * Collada: `<up_axis>` is ignored (robot descriptions expect coordinates as written), the unit and the node transforms are
 ///   applied; skins, splines and lines are skipped.
 /// * PLY: only vertices and polygons are read, no triangle strips. Points without faces are an error.
-/// * glTF: version 2.0, without compression and without sparse accessors. Skins are drawn as their nodes place them; morph targets,
-///   animations, points and lines are skipped. Of textures the base colour, metalness with roughness, and normals are drawn, all with the
-///   texture coordinates of the first of them, repeated beyond 0 … 1, and untransformed.
+/// * glTF: version 2.0, without compression and without sparse accessors. The default scene is read, else the first, else all nodes.
+///   Skins are drawn as their nodes place them; morph targets, animations, points and lines are skipped. Of textures the base colour,
+///   metalness with roughness, and normals are drawn, all with the texture coordinates of the first of them, repeated beyond 0 … 1, and
+///   untransformed. Masks of textures are drawn opaque.
 pub fn load(path: &Path) -> Result<Mesh, MeshError> {
     let reader = reader_of(path)?;
     not_empty(path, reader(path, read_file(path)?, &ON_DISK, None)?)

@@ -12,6 +12,14 @@ pub(super) const MAX_NODES: usize = 1_000_000;
 /// Triangles that one file may expand to.
 pub(super) const MAX_TRIANGLES: usize = 10_000_000;
 
+/// Longest name of a sub-mesh, in characters. Each instance has its own copy.
+const MAX_NAME: usize = 200;
+
+/// The beginning of a name.
+pub(super) fn short_name(name: &str) -> String {
+    name.chars().take(MAX_NAME).collect()
+}
+
 /// How a node places its geometry in the mesh frame.
 pub(super) struct Placement {
     transform: Matrix4<f64>,

@@ -115,7 +115,7 @@ fn check_elements(header: &Header, payload: &Payload) -> Result<(), MeshError> {
         let list = faces.properties.get(*name).map(|property| &property.data_type);
         matches!(list, Some(PropertyType::List(_, inner)) if !matches!(inner, Float | Double))
     };
-    if !CORNERS.iter().any(|name| is_list_of_integers(name)) {
+    if !CORNERS.iter().any(is_list_of_integers) {
         return malformed("the header describes no list of integers 'vertex_indices' of element 'face'".to_owned());
     }
     Ok(())
