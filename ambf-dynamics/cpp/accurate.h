@@ -16,14 +16,14 @@ typedef struct AmbAccurateSettings {
   /* Least CFM of rows, as a share of their diagonal; redundant rows then share the load. */
   double joint_softness, contact_softness, friction_softness;
   /* Islands are hard that have joints, articulations or masses which differ by more than this factor. */
-  double hard_mass_ratio;
+  double mass_ratio_threshold;
   /* Islands that are not hard and have more contacts than this are left to sequential impulses if a factorisation takes more multiplications a row
-     than max_pile_cost. */
-  int max_pile;
-  double max_pile_cost;
+     than max_direct_cost_per_row. */
+  int max_direct_contacts;
+  double max_direct_cost_per_row;
   /* Most multiplications for the solution of an island: this many, and this many more for each of its rows. What a solution does not need is
-     kept for later ones of the world, up to most_saved_budget. */
-  double least_budget, budget_per_row, most_saved_budget;
+     kept for later ones of the world, up to max_saved_budget. */
+  double base_budget, budget_per_row, max_saved_budget;
 } AmbAccurateSettings;
 
 void amb_world_set_accurate(AmbWorld *world, const AmbAccurateSettings *settings);

@@ -17,16 +17,16 @@
 #include <type_traits>
 
 #include "accurate_context.h"
-#include "contact_memory.h"
+#include "contact_cache.h"
 #include "joint_arms.h"
 #include "position_error.h"
-#include "settled_islands.h"
-#include "tie_solver.h"
+#include "infeasible_islands.h"
+#include "articulation_solver.h"
 
 // Base: btSequentialImpulseConstraintSolver or a subclass that keeps its rows for rigid bodies.
 template <class Base>
 class AccurateSolver : public Base {
-  static constexpr bool HAS_TREES = std::is_base_of_v<TieSolver, Base>;
+  static constexpr bool HAS_ARTICULATIONS = std::is_base_of_v<ArticulationSolver, Base>;
 
  public:
   explicit AccurateSolver(const AccurateContext &settings) : settings_(settings), mlcp_(mlcp_table->create()) {}
@@ -37,10 +37,10 @@ class AccurateSolver : public Base {
     Base::reset();
     ++resets_;
     sub_step_ = 0;
-    pile_steps_ = 0;
+    direct_backoff_ = 0;
     saved_budget_ = 0;
     contacts_.clear();
-    settled_.clear();
+    infeasible_.clear();
   }
 
  protected:
@@ -70,7 +70,7 @@ class AccurateSolver : public Base {
     int next = 0;
     for (int i = 0; i < n; ++i) {
       const int count = this->m_tmpConstraintSizesPool[i].m_numConstraintRows;
-      recall(*constraints[i], next, count);
+      load_guesses(*constraints[i], next, count);
       separate_errors(*constraints[i], next, count, info);
       next += count;
     }
@@ -87,14 +87,14 @@ class AccurateSolver : public Base {
   }
 
   void convertContacts(btPersistentManifold **manifolds, int n, const btContactSolverInfo &info) override {
-    contacts_.recall(manifolds, n);
+    contacts_.match(manifolds, n);
     Base::convertContacts(manifolds, n, info);
     add_torques(this->m_tmpSolverContactFrictionConstraintPool);
     add_torques(this->m_tmpSolverContactRollingFrictionConstraintPool);
     warm_start_friction(info);
-    bounce(info);
+    apply_restitution(info);
     limit_push_out(this->m_tmpSolverContactConstraintPool, info);
-    if constexpr (HAS_TREES) limit_push_out(this->m_multiBodyNormalContactConstraints, info);
+    if constexpr (HAS_ARTICULATIONS) limit_push_out(this->m_multiBodyNormalContactConstraints, info);
   }
 
   btScalar solveSingleIteration(int iteration, btCollisionObject **bodies, int n, btPersistentManifold **manifolds,
@@ -110,20 +110,20 @@ class AccurateSolver : public Base {
                                              int manifold_count, btTypedConstraint **constraints, int constraint_count,
                                              const btContactSolverInfo &info, btIDebugDraw *debug) override {
     // To see that a pile is one costs a third of what its iterations do.
-    const bool is_small = is_hard() || this->m_tmpSolverContactConstraintPool.size() <= settings_.max_pile;
-    if (settings_.direct && (is_small || pile_steps_-- <= 0)) {
+    const bool is_small = is_ill_conditioned() || this->m_tmpSolverContactConstraintPool.size() <= settings_.max_direct_contacts;
+    if (settings_.direct && (is_small || direct_backoff_-- <= 0)) {
       gather(info);
       if (row_count_ == 0) return 0;
       if (solve(info, is_small)) {
-        remember_contacts();
+        store_contacts();
         return 0;
       }
-      if (!is_small) pile_steps_ = 15;
+      if (!is_small) direct_backoff_ = 15;
     }
     ++settings_.statistics.islands_iterated;
     const btScalar residual = Base::solveGroupCacheFriendlyIterations(bodies, n, manifolds, manifold_count, constraints, constraint_count,
                                                                       info, debug);
-    remember_contacts();
+    store_contacts();
     return residual;
   }
 
@@ -204,16 +204,16 @@ class AccurateSolver : public Base {
   }
 
   // What was found for the rows of a joint in the sub-step before, if it had as many.
-  void recall(const btTypedConstraint &constraint, int first, int count) {
+  void load_guesses(const btTypedConstraint &constraint, int first, int count) {
     // The constraint is this library's, and so is what it points at.
     auto *memory = const_cast<SoftRows *>(soft_rows_of(constraint));
-    if (!memory || count == 0 || count > SoftRows::MOST_GUESSES) return;
+    if (!memory || count == 0 || count > SoftRows::MAX_GUESSES) return;
     joints_.push_back({memory, first, count});
     if (memory->guesses != count || memory->guessed_after != resets_) return;
     for (int k = 0; k < count; ++k) joint_errors_[first + k].guess = memory->guess[k];
   }
 
-  void remember_joints(const double *impulses) {
+  void store_joint_impulses(const double *impulses) {
     for (const JointSpan &joint : joints_) {
       joint.memory->guesses = joint.count;
       joint.memory->guessed_after = resets_;
@@ -221,11 +221,11 @@ class AccurateSolver : public Base {
     }
   }
 
-  void remember_contacts() {
-    contacts_.remember(this->m_tmpSolverContactConstraintPool, this->m_tmpSolverContactFrictionConstraintPool,
+  void store_contacts() {
+    contacts_.store(this->m_tmpSolverContactConstraintPool, this->m_tmpSolverContactFrictionConstraintPool,
                        {&this->m_tmpSolverContactRollingFrictionConstraintPool});
-    if constexpr (HAS_TREES) {
-      contacts_.remember(this->m_multiBodyNormalContactConstraints, this->m_multiBodyFrictionContactConstraints,
+    if constexpr (HAS_ARTICULATIONS) {
+      contacts_.store(this->m_multiBodyNormalContactConstraints, this->m_multiBodyFrictionContactConstraints,
                          {&this->m_multiBodyTorsionalFrictionContactConstraints, &this->m_multiBodySpinningFrictionContactConstraints});
     }
   }
@@ -287,7 +287,7 @@ class AccurateSolver : public Base {
 
   // Whether joints hold bodies of the island.
   bool has_joints() const {
-    if constexpr (HAS_TREES) {
+    if constexpr (HAS_ARTICULATIONS) {
       if (this->m_multiBodyNonContactConstraints.size() > 0) return true;
     }
     return this->m_tmpSolverNonContactConstraintPool.size() > 0;
@@ -308,10 +308,10 @@ class AccurateSolver : public Base {
 
   // A contact that bounces waits until the bodies touch and leaves with the energy that restitution asks for, wherever between two
   // steps the impact was.
-  void bounce(const btContactSolverInfo &info) {
+  void apply_restitution(const btContactSolverInfo &info) {
     btConstraintArray &contacts = this->m_tmpSolverContactConstraintPool;
     const btScalar h = info.m_timeStep;
-    bounces_.assign(contacts.size(), 0);
+    bounce_velocities_.assign(contacts.size(), 0);
     for (int i = 0; i < contacts.size(); ++i) {
       btSolverConstraint &row = contacts[i];
       const auto &point = *static_cast<const btManifoldPoint *>(row.m_originalContactPoint);
@@ -326,8 +326,8 @@ class AccurateSolver : public Base {
           row.m_rhs = row.m_upperLimit = 0;
           continue;
         }
-        const btScalar target = leaving(before, gap, pull, h, point.m_combinedRestitution);
-        bounces_[i] = target;
+        const btScalar target = separation_velocity(before, gap, pull, h, point.m_combinedRestitution);
+        bounce_velocities_[i] = target;
         row.m_rhs = (target - before - forced) * row.m_jacDiagABInv;
       } else if (push > info.m_restitutionVelocityThreshold) {
         // The depth reached before the bounce is left behind without adding to its velocity.
@@ -337,7 +337,7 @@ class AccurateSolver : public Base {
     }
   }
 
-  btScalar bounce_velocity(const btConstraintArray &, int i) const { return bounces_[i]; }
+  btScalar bounce_velocity(const btConstraintArray &, int i) const { return bounce_velocities_[i]; }
   // That of Bullet is not known.
   static btScalar bounce_velocity(const btMultiBodyConstraintArray &, int) { return 0; }
 
@@ -359,7 +359,7 @@ class AccurateSolver : public Base {
   // Velocity at the end of a step with which bodies separate that approach at -before, `gap` <= 0 below the surface, and accelerate
   // towards each other by `pull`. Flight conserves the energy v^2 / 2 + pull (x + k v / 2), with k minus the step for Bullet's
   // x += v' h and 0 for exact flight; impact keeps the share restitution^2 of what it is at the surface.
-  btScalar leaving(btScalar before, btScalar gap, btScalar pull, btScalar h, btScalar restitution) const {
+  btScalar separation_velocity(btScalar before, btScalar gap, btScalar pull, btScalar h, btScalar restitution) const {
     const btScalar k = settings_.exact_flight ? 0 : -h;
     const btScalar energy = before * before / 2 + pull * (gap + k * before / 2);
     const btScalar kept = restitution * restitution * std::max(btScalar(0), energy);
@@ -378,7 +378,7 @@ class AccurateSolver : public Base {
       row.m_appliedImpulse = 0;
       push(row, -applied);
     }
-    if constexpr (HAS_TREES) {
+    if constexpr (HAS_ARTICULATIONS) {
       for (int i = 0; i < this->m_multiBodyFrictionContactConstraints.size(); ++i) {
         btMultiBodySolverConstraint &row = this->m_multiBodyFrictionContactConstraints[i];
         const bool holds = this->m_multiBodyNormalContactConstraints[row.m_frictionIndex].m_appliedImpulse > btScalar(0);
@@ -395,9 +395,9 @@ class AccurateSolver : public Base {
   }
 
   // Sequential impulses converge badly across joints and between light and heavy bodies.
-  bool is_hard() const {
+  bool is_ill_conditioned() const {
     if (this->m_tmpSolverNonContactConstraintPool.size() > 0) return true;
-    if constexpr (HAS_TREES) {
+    if constexpr (HAS_ARTICULATIONS) {
       if (this->m_multiBodyNonContactConstraints.size() + this->m_multiBodyNormalContactConstraints.size() > 0) return true;
     }
     btScalar least = BT_LARGE_FLOAT, most = 0;
@@ -407,16 +407,16 @@ class AccurateSolver : public Base {
       least = std::min(least, b->getInvMass());
       most = std::max(most, b->getInvMass());
     }
-    return most > settings_.hard_mass_ratio * least;
+    return most > settings_.mass_ratio_threshold * least;
   }
 
   // Hands all rows of the island to the solver.
   void gather(const btContactSolverInfo &info) {
     mlcp_table->clear(mlcp_);
     row_count_ = 0;
-    trees_.clear();
-    tree_sizes_.clear();
-    tree_rows_.clear();
+    articulations_.clear();
+    articulation_sizes_.clear();
+    articulation_rows_.clear();
     normals_.clear();
     needs_correction_ = is_urgent_ = false;
     is_at_rest_ = true;
@@ -445,10 +445,10 @@ class AccurateSolver : public Base {
       const btVector3 &torque = contacts_.of(this->m_tmpSolverContactConstraintPool[rolling[i].m_frictionIndex]).torque;
       add_friction(rolling[i], joints.size(), torque.dot(rolling[i].m_relpos1CrossNormal), rolling[i].m_friction, 1);
     }
-    if constexpr (HAS_TREES) gather_tree_rows(info);
+    if constexpr (HAS_ARTICULATIONS) gather_articulation_rows(info);
   }
 
-  void gather_tree_rows(const btContactSolverInfo &info) {
+  void gather_articulation_rows(const btContactSolverInfo &info) {
     btMultiBodyConstraintArray &joints = this->m_multiBodyNonContactConstraints;
     for (int i = 0; i < joints.size(); ++i) {
       AmbMlcpRow row = row_of(joints[i]);
@@ -467,7 +467,7 @@ class AccurateSolver : public Base {
     add_contacts(this->m_multiBodyNormalContactConstraints, info);
     btMultiBodyConstraintArray &frictions = this->m_multiBodyFrictionContactConstraints;
     for (int i = 0; i < frictions.size(); ++i) {
-      const ContactMemory::Contact &memory = contacts_.of(this->m_multiBodyNormalContactConstraints[frictions[i].m_frictionIndex]);
+      const ContactCache::Contact &memory = contacts_.of(this->m_multiBodyNormalContactConstraints[frictions[i].m_frictionIndex]);
       add_friction(frictions[i], first_contact, memory.friction.dot(frictions[i].m_contactNormal1), BT_LARGE_FLOAT, 1);
     }
     for (btMultiBodyConstraintArray *rows :
@@ -551,16 +551,16 @@ class AccurateSolver : public Base {
 
   AmbMlcpRow row_of(btMultiBodySolverConstraint &from) {
     AmbMlcpRow row = new_row(from);
-    tree_rows_.push_back(this->sides_of(from));
+    articulation_rows_.push_back(this->sides_of(from));
     // What an articulation can move only as much as rounding lets it is nothing to push at.
     if (from.m_jacDiagABInv <= 0) return row;
     for (int k = 0; k < 2; ++k) {
-      const auto &side = tree_rows_.back().sides[k];
+      const auto &side = articulation_rows_.back().sides[k];
       if (side.body) {
         const int id = static_cast<int>(side.body - &this->m_tmpSolverBodyPool[0]);
         fill(row, k, id, side.linear, side.angular, side.by_linear, side.by_angular);
-      } else if (side.tree) {
-        row.body[k] = this->m_tmpSolverBodyPool.size() + tree_at(side.tree, side.velocity, side.n);
+      } else if (side.multi_body) {
+        row.body[k] = this->m_tmpSolverBodyPool.size() + articulation_index(side.multi_body, side.velocity, side.n);
         row.size[k] = side.n;
         row.jacobian[k] = &this->m_data.m_jacobians[side.jacobian];
         row.response[k] = &this->m_data.m_deltaVelocitiesUnitImpulse[side.jacobian];
@@ -569,13 +569,13 @@ class AccurateSolver : public Base {
     return row;
   }
 
-  int tree_at(btMultiBody *tree, int velocity, int size) {
-    for (size_t i = 0; i < trees_.size(); ++i) {
-      if (trees_[i].velocity == velocity) return static_cast<int>(i);
+  int articulation_index(btMultiBody *multi_body, int velocity, int size) {
+    for (size_t i = 0; i < articulations_.size(); ++i) {
+      if (articulations_[i].velocity == velocity) return static_cast<int>(i);
     }
-    trees_.push_back({tree, velocity});
-    tree_sizes_.push_back(size);
-    return static_cast<int>(trees_.size()) - 1;
+    articulations_.push_back({multi_body, velocity});
+    articulation_sizes_.push_back(size);
+    return static_cast<int>(articulations_.size()) - 1;
   }
 
   template <class Row>
@@ -592,8 +592,8 @@ class AccurateSolver : public Base {
   static double softness_of(const btMultiBodySolverConstraint &from, double share) {
     if (from.m_jacDiagABInv <= 0) return 0;
     double response = 1 / from.m_jacDiagABInv;
-    for (const auto &[tree, link] : {std::pair(from.m_multiBodyA, from.m_linkA), std::pair(from.m_multiBodyB, from.m_linkB)}) {
-      const double mass = !tree ? 0 : link < 0 ? tree->getBaseMass() : tree->getLinkMass(link);
+    for (const auto &[multi_body, link] : {std::pair(from.m_multiBodyA, from.m_linkA), std::pair(from.m_multiBodyB, from.m_linkB)}) {
+      const double mass = !multi_body ? 0 : link < 0 ? multi_body->getBaseMass() : multi_body->getLinkMass(link);
       if (mass > 0) response = std::max(response, 1 / mass);
     }
     return share * response;
@@ -649,17 +649,17 @@ class AccurateSolver : public Base {
       energy += linear.length2() / (2 * b.m_originalBody->getInvMass());
       for (int k = 0; k < 3; ++k) energy += inverse[k] > 0 ? angular[k] * angular[k] / (2 * inverse[k]) : 0;
     }
-    if constexpr (HAS_TREES) {
-      for (const Tree &tree : trees_) energy += free_energy(*tree.tree);
+    if constexpr (HAS_ARTICULATIONS) {
+      for (const Articulation &articulation : articulations_) energy += free_energy(*articulation.multi_body);
     }
     return energy;
   }
 
   bool solve(const btContactSolverInfo &info, bool is_small) {
     AmbSolverStatistics &seen = settings_.statistics;
-    const double budget = settings_.budget_per_row * row_count_ + settings_.least_budget;
+    const double budget = settings_.budget_per_row * row_count_ + settings_.base_budget;
     if (is_at_rest_) {
-      forget_impulses();
+      clear_impulses();
       ++seen.islands_solved;
       seen.rows += row_count_;
       note_depth();
@@ -667,12 +667,12 @@ class AccurateSolver : public Base {
       return true;
     }
     const double cost = prepare();
-    if (cost < 0 || (!is_small && cost > settings_.max_pile_cost * row_count_)) return false;
+    if (cost < 0 || (!is_small && cost > settings_.max_direct_cost_per_row * row_count_)) return false;
     mlcp_table->set_energy(mlcp_, kinetic_energy());
     const int outcome = mlcp_table->solve(mlcp_, budget + saved_budget_);
     AmbMlcpStatistics found;
     mlcp_table->statistics(mlcp_, &found);
-    saved_budget_ = std::max(0.0, std::min(saved_budget_ + budget - found.multiplications, settings_.most_saved_budget));
+    saved_budget_ = std::max(0.0, std::min(saved_budget_ + budget - found.multiplications, settings_.max_saved_budget));
     seen.rows += found.rows;
     seen.factorisations += found.factorisations;
     seen.pivots += found.pivots;
@@ -687,7 +687,7 @@ class AccurateSolver : public Base {
   }
 
   double prepare() {
-    return mlcp_table->prepare(mlcp_, this->m_tmpSolverBodyPool.size(), tree_sizes_.data(), static_cast<int>(tree_sizes_.size()));
+    return mlcp_table->prepare(mlcp_, this->m_tmpSolverBodyPool.size(), articulation_sizes_.data(), static_cast<int>(articulation_sizes_.size()));
   }
 
   void note_depth() {
@@ -698,15 +698,15 @@ class AccurateSolver : public Base {
   // Small errors can wait, and so can those that no correction removes.
   void correct_positions(const btContactSolverInfo &info, double budget, bool is_prepared) {
     if (!needs_correction_ || !(is_urgent_ || sub_step_ % CORRECTION_INTERVAL == 0)) return;
-    const void *island = identity();
+    const void *island = island_key();
     const PositionErrors asked = errors([&](size_t i) { return position_rows_[i].target; });
-    if (settled_.contain(island, asked, sub_step_) || (!is_prepared && prepare() < 0)) return;
+    if (infeasible_.contain(island, asked, sub_step_) || (!is_prepared && prepare() < 0)) return;
     if (mlcp_table->solve_positions(mlcp_, nullptr, position_states_.data(), POSITION_SOFTNESS, budget) == AMB_MLCP_NOT_FINITE) return;
     ++settings_.statistics.position_problems;
     const double *left = mlcp_table->position_errors(mlcp_);
     const PositionErrors after = errors([&](size_t i) { return left[i]; });
-    if (SettledIslands::is_uncorrectable(asked, after)) {
-      settled_.add(island, asked, sub_step_);
+    if (InfeasibleIslands::is_uncorrectable(asked, after)) {
+      infeasible_.add(island, asked, sub_step_);
       return;
     }
     write_corrections(info);
@@ -720,9 +720,9 @@ class AccurateSolver : public Base {
   }
 
   // The first thing of an island that stays what it is from one sub-step to the next.
-  const void *identity() const {
-    if constexpr (HAS_TREES) {
-      if (!trees_.empty()) return trees_[0].tree;
+  const void *island_key() const {
+    if constexpr (HAS_ARTICULATIONS) {
+      if (!articulations_.empty()) return articulations_[0].multi_body;
     }
     for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i) {
       if (dynamic_body(i) >= 0) return this->m_tmpSolverBodyPool[i].m_originalBody;
@@ -731,7 +731,7 @@ class AccurateSolver : public Base {
   }
 
   // Those of the sub-step before, from which sequential impulses would begin.
-  void forget_impulses() {
+  void clear_impulses() {
     for (btConstraintArray *pool : {&this->m_tmpSolverNonContactConstraintPool, &this->m_tmpSolverContactConstraintPool,
                                     &this->m_tmpSolverContactFrictionConstraintPool,
                                     &this->m_tmpSolverContactRollingFrictionConstraintPool}) {
@@ -746,22 +746,22 @@ class AccurateSolver : public Base {
 
   void write_velocities() {
     const double *impulses = mlcp_table->impulses(mlcp_), *velocities = mlcp_table->velocities(mlcp_);
-    remember_joints(impulses);
+    store_joint_impulses(impulses);
     for (btConstraintArray *pool : {&this->m_tmpSolverNonContactConstraintPool, &this->m_tmpSolverContactConstraintPool,
                                     &this->m_tmpSolverContactFrictionConstraintPool,
                                     &this->m_tmpSolverContactRollingFrictionConstraintPool}) {
       for (int i = 0; i < pool->size(); ++i) (*pool)[i].m_appliedImpulse = *impulses++;
     }
-    if constexpr (HAS_TREES) {
-      for (const auto &row : tree_rows_) row.row->m_appliedImpulse = *impulses++;
+    if constexpr (HAS_ARTICULATIONS) {
+      for (const auto &row : articulation_rows_) row.row->m_appliedImpulse = *impulses++;
     }
     for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i, velocities += 6) {
       btSolverBody &b = body(i);
       b.internalGetDeltaLinearVelocity().setValue(velocities[0], velocities[1], velocities[2]);
       b.internalGetDeltaAngularVelocity().setValue(velocities[3], velocities[4], velocities[5]);
     }
-    if constexpr (HAS_TREES) {
-      for (size_t i = 0; i < trees_.size(); velocities += tree_sizes_[i++]) this->set_change(*trees_[i].tree, trees_[i].velocity, velocities);
+    if constexpr (HAS_ARTICULATIONS) {
+      for (size_t i = 0; i < articulations_.size(); velocities += articulation_sizes_[i++]) this->set_change(*articulations_[i].multi_body, articulations_[i].velocity, velocities);
     }
   }
 
@@ -777,13 +777,13 @@ class AccurateSolver : public Base {
       b.internalGetPushVelocity() = linear * share;
       b.internalGetTurnVelocity() = angular * (share * turn);
     }
-    if constexpr (HAS_TREES) {
-      for (size_t i = 0; i < trees_.size(); velocities += tree_sizes_[i++]) correct(*trees_[i].tree, velocities);
+    if constexpr (HAS_ARTICULATIONS) {
+      for (size_t i = 0; i < articulations_.size(); velocities += articulation_sizes_[i++]) correct(*articulations_[i].multi_body, velocities);
     }
   }
 
-  struct Tree {
-    btMultiBody *tree;
+  struct Articulation {
+    btMultiBody *multi_body;
     // Where its velocities lie in Bullet's array.
     int velocity;
   };
@@ -797,7 +797,7 @@ class AccurateSolver : public Base {
   AmbMlcp *mlcp_;
   int row_count_ = 0;
   // Large islands that are left to sequential impulses before the next one is looked at.
-  int pile_steps_ = 0;
+  int direct_backoff_ = 0;
   // What solutions left of their budgets: hard problems, like those of an impact, are rare.
   double saved_budget_ = 0;
   double jacobians_[2][6], responses_[2][6];
@@ -814,22 +814,22 @@ class AccurateSolver : public Base {
     bool is_angular;
   };
   Vector<PositionRow> position_rows_;
-  SettledIslands settled_;
+  InfeasibleIslands infeasible_;
   // Deepest penetration of a contact.
   btScalar deepest_ = 0;
   // Of the rows that act on articulations, which are the last.
-  Vector<TieSolver::Sides> tree_rows_;
-  Vector<Tree> trees_;
-  Vector<int> tree_sizes_;
+  Vector<ArticulationSolver::Sides> articulation_rows_;
+  Vector<Articulation> articulations_;
+  Vector<int> articulation_sizes_;
   // Joints of the island whose impulses are kept for the next sub-step.
   struct JointSpan {
     SoftRows *memory;
     int first, count;
   };
   Vector<JointSpan> joints_;
-  ContactMemory contacts_;
+  ContactCache contacts_;
   // Velocity with which each contact of rigid bodies is left, m/s.
-  Vector<btScalar> bounces_;
+  Vector<btScalar> bounce_velocities_;
 };
 
 #endif

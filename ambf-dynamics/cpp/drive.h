@@ -11,9 +11,9 @@ AmbConstraint *amb_driven_slider_new(AmbBody *a, AmbBody *b, const double frame_
 AmbConstraint *amb_implicit_spring_new(AmbBody *a, AmbBody *b, const double frame_a[12], const double frame_b[12]);
 /* Adds the row q' = velocity - softness * impulse to a hinge (rad/s) or slider (m/s); softness in rad/s per N m s or m/s per N s,
    |impulse| <= max_impulse, N m s or N s a sub-step. Switches Bullet's own motor off. 0: the constraint is of another type. */
-int amb_constraint_set_drive(AmbConstraint *constraint, double velocity, double softness, double max_impulse);
+int amb_constraint_set_soft_motor(AmbConstraint *constraint, double velocity, double softness, double max_impulse);
 /* Takes the row away. */
-void amb_constraint_release(AmbConstraint *constraint);
+void amb_constraint_clear_soft_motor(AmbConstraint *constraint);
 /* Coordinate of a hinge (rad, in [-pi, pi]) or slider (m) and its rate, both of the present poses and velocities. 0: another type. */
 int amb_constraint_coordinate(const AmbConstraint *constraint, double out[2]);
 
@@ -21,7 +21,7 @@ int amb_constraint_coordinate(const AmbConstraint *constraint, double out[2]);
    softness of the linear (1/kg) and of the angular rows (1/(kg m^2)). */
 void amb_body_set_drive(AmbWorld *world, AmbBody *body, const double velocity[6], const double softness[2]);
 /* Takes them away. */
-void amb_body_release(AmbBody *body);
+void amb_body_clear_drive(AmbBody *body);
 /* Gives a dynamic body the velocity that it has at the end of a sub-step of dt s if only gravity acts on it. */
 void amb_body_hold_velocity(AmbWorld *world, AmbBody *body, const double linear[3], const double angular[3], double dt);
 

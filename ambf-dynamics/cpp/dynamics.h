@@ -6,7 +6,7 @@
 #include "drive.h"
 #include "energy.h"
 #include "flight.h"
-#include "multi_body.h"
+#include "articulate.h"
 #include "types.h"
 
 /* The engine, for `amb_world_new`; of static lifetime, the same at every call, usable in every thread. */

@@ -9,7 +9,7 @@
 #include "accurate_solver.h"
 #include "ledger_rows.h"
 #include "second_order.h"
-#include "tie_solver.h"
+#include "articulation_solver.h"
 
 std::unique_ptr<btConstraintSolver> soft_row_solver_of(int solver, btMLCPSolverInterface *mlcp, const AccurateContext &accurate,
                                                        EnergyLedger &ledger) {
@@ -24,7 +24,7 @@ std::unique_ptr<btConstraintSolver> soft_row_solver_of(int solver, btMLCPSolverI
 
 std::unique_ptr<btMultiBodyConstraintSolver> multi_body_solver_of(int solver, const AccurateContext &accurate, EnergyLedger &ledger) {
   if (solver == AmbSolver_Accurate) {
-    return std::make_unique<WithLedger<WithSoftRows<AccurateSolver<SecondOrder<TieSolver>>>>>(ledger, accurate);
+    return std::make_unique<WithLedger<WithSoftRows<AccurateSolver<SecondOrder<ArticulationSolver>>>>>(ledger, accurate);
   }
-  return std::make_unique<WithLedger<WithSoftRows<TieSolver>>>(ledger);
+  return std::make_unique<WithLedger<WithSoftRows<ArticulationSolver>>>(ledger);
 }

@@ -5,10 +5,10 @@
 #include "internal.h"
 
 // Before a sub-step: keeps the state of all dynamic bodies.
-void remember_flight(AmbWorld &world);
+void save_sub_step_starts(AmbWorld &world);
 // After a sub-step of h s: moves a body that neither touches anything nor is held from its state before, by the exact solution for a
 // constant force with damping, and turns it by Runge-Kutta of fourth order. False: something else acted on it, and it stays where Bullet
 // moved it.
-bool fly(btRigidBody &body, const FlightStart &start, btScalar h);
+bool integrate_free_body(btRigidBody &body, const SubStepStart &start, btScalar h);
 
 #endif

@@ -2,7 +2,7 @@
 
 #include "free_flight.h"
 #include "spring_rotation.h"
-#include "tree_rows.h"
+#include "articulation_rows.h"
 
 #include <cmath>
 
@@ -25,7 +25,7 @@ MechanicalEnergy energy_of(const AmbBody &owner, const btVector3 &velocity, cons
   const btRigidBody &body = owner.body;
   const btTransform &pose = body.getWorldTransform();
   return {velocity.length2() / body.getInvMass() / 2 + rotation_energy(body, pose.getBasis(), omega),
-          -weight_of(body).dot(pose.getOrigin() - velocity * owner.ahead), 0};
+          -weight_of(body).dot(pose.getOrigin() - velocity * owner.pose_lead), 0};
 }
 
 // Calls `act` for every body that forces move and that is no link.
@@ -34,7 +34,7 @@ void for_free_bodies(const AmbWorld &world, Act act) {
   const btCollisionObjectArray &objects = world.world->getCollisionObjectArray();
   for (int i = 0; i < objects.size(); ++i) {
     AmbBody *owner = body_of(objects[i]);
-    if (owner && !owner->tree && owner->body.getInvMass() > 0 && !owner->body.isStaticOrKinematicObject()) act(*owner);
+    if (owner && !owner->articulation && owner->body.getInvMass() > 0 && !owner->body.isStaticOrKinematicObject()) act(*owner);
   }
 }
 
@@ -81,13 +81,13 @@ void EnergyLedger::start(EngineWorld &engine) {
   implicit_springs = engine.solver == AmbSolver_Accurate;
   sums = {};
   spring_states.clear();
-  if (engine.world.trees) {
-    for (AmbTree *tree : engine.world.trees->trees) tree->note_energy();
+  if (engine.world.articulated) {
+    for (AmbArticulation *articulation : engine.world.articulated->articulations) articulation->note_energy();
   }
-  settle_springs(engine);
+  update_spring_states(engine);
   last = free_bodies(engine);
-  const MechanicalEnergy trees = articulations(engine);
-  last += trees;
+  const MechanicalEnergy articulated = articulations(engine);
+  last += articulated;
   last.elastic += springs(0);
   start_total = last.total();
   start_potential = last.potential;
@@ -114,13 +114,13 @@ MechanicalEnergy EnergyLedger::free_bodies(EngineWorld &engine) const {
 
 MechanicalEnergy EnergyLedger::articulations(EngineWorld &engine) const {
   MechanicalEnergy sum;
-  if (!engine.world.trees) return sum;
-  for (const AmbTree *tree : engine.world.trees->trees) sum += tree->energy;
+  if (!engine.world.articulated) return sum;
+  for (const AmbArticulation *articulation : engine.world.articulated->articulations) sum += articulation->energy;
   return sum;
 }
 
 // Springs whose bodies were put somewhere else start there.
-void EnergyLedger::settle_springs(EngineWorld &engine) {
+void EnergyLedger::update_spring_states(EngineWorld &engine) {
   const btDiscreteDynamicsWorld &world = *engine.world.world;
   size_t count = 0;
   for (int i = 0; i < world.getNumConstraints(); ++i) {
@@ -168,29 +168,29 @@ double EnergyLedger::springs(double h) {
 }
 
 void EnergyLedger::before_sub_step(EngineWorld &engine, double h) {
-  remember_flight(engine.world);
-  const bool always_ahead = engine.integrator == AmbIntegrator_Euler;
+  save_sub_step_starts(engine.world);
+  const bool always_leads = engine.integrator == AmbIntegrator_Euler;
   for_free_bodies(engine.world, [&](AmbBody &owner) {
-    owner.begun = owner.begins && owner.held > 0 && engine.solver == AmbSolver_Accurate;
-    if (owner.begun) owner.ahead = 0;
-    if (!always_ahead || owner.begun || owner.ahead > 0) return;
+    owner.was_first_sub_step = owner.is_first_sub_step && owner.constraint_count > 0 && engine.solver == AmbSolver_Accurate;
+    if (owner.was_first_sub_step) owner.pose_lead = 0;
+    if (!always_leads || owner.was_first_sub_step || owner.pose_lead > 0) return;
     // In this world every sub-step begins with a velocity that is half a sub-step behind.
-    owner.ahead = h / 2;
-    const double slope = weight_of(owner.body).dot(owner.body.getLinearVelocity()) * owner.ahead;
+    owner.pose_lead = h / 2;
+    const double slope = weight_of(owner.body).dot(owner.body.getLinearVelocity()) * owner.pose_lead;
     start_total += slope;
     start_potential += slope;
     last.potential += slope;
   });
-  settle_springs(engine);
-  const MechanicalEnergy trees = articulations(engine);
+  update_spring_states(engine);
+  const MechanicalEnergy articulated = articulations(engine);
   const MechanicalEnergy now = free_bodies(engine);
-  sums.set_states += now.total() + springs(0) + trees.total() - last.total();
+  sums.set_states += now.total() + springs(0) + articulated.total() - last.total();
 }
 
 void EnergyLedger::after_motion(EngineWorld &engine) {
   for_free_bodies(engine.world, [](AmbBody &owner) {
-    owner.solved[0] = owner.body.getLinearVelocity();
-    owner.solved[1] = owner.body.getAngularVelocity();
+    owner.solved_velocity[0] = owner.body.getLinearVelocity();
+    owner.solved_velocity[1] = owner.body.getAngularVelocity();
   });
 }
 
@@ -198,17 +198,17 @@ void EnergyLedger::after_motion(EngineWorld &engine) {
 void EnergyLedger::account(EngineWorld &engine, AmbBody &owner, double h) {
   btRigidBody &body = owner.body;
   if (!body.isActive()) return;
-  const FlightStart &start = owner.start;
-  const double mass = 1 / body.getInvMass(), before = owner.ahead;
+  const SubStepStart &start = owner.start;
+  const double mass = 1 / body.getInvMass(), before = owner.pose_lead;
   const btVector3 weight = weight_of(body), force = body.getTotalForce() - weight, torque = body.getTotalTorque();
   const double linear_left = std::pow(1 - body.getLinearDamping(), h), angular_left = std::pow(1 - body.getAngularDamping(), h);
   const double turning = rotation_energy(body, start.pose.getBasis(), start.angular_velocity);
   const btTransform &pose = body.getWorldTransform();
   const btVector3 &velocity = body.getLinearVelocity();
-  const bool flew = owner.flew == engine.sub_step && engine.integrator != AmbIntegrator_Euler;
-  owner.ahead = flew ? 0 : h / 2;
-  if (!owner.begun) sums.contacts += weight.dot(start.linear_velocity) * (owner.ahead - before);
-  const btVector3 &solved = owner.solved[0], &solved_omega = owner.solved[1];
+  const bool flew = owner.free_flight_sub_step == engine.sub_step && engine.integrator != AmbIntegrator_Euler;
+  owner.pose_lead = flew ? 0 : h / 2;
+  if (!owner.was_first_sub_step) sums.contacts += weight.dot(start.linear_velocity) * (owner.pose_lead - before);
+  const btVector3 &solved = owner.solved_velocity[0], &solved_omega = owner.solved_velocity[1];
   const btVector3 way = pose.getOrigin() - start.pose.getOrigin();
   if (flew) {
     const double pushed = force.dot(way);
@@ -221,7 +221,7 @@ void EnergyLedger::account(EngineWorld &engine, AmbBody &owner, double h) {
     const btVector3 slowed = start.linear_velocity * linear_left, turned = start.angular_velocity * angular_left;
     sums.damping += (linear_left * linear_left - 1) * start.linear_velocity.length2() * mass / 2 +
                     (angular_left * angular_left - 1) * turning + weight.dot(slowed - start.linear_velocity) * (h / 2);
-    const double share = owner.begun ? 0.5 : 1;
+    const double share = owner.was_first_sub_step ? 0.5 : 1;
     sums.wrenches += share * h / 2 * (force.dot(slowed + solved) + torque.dot(turned + solved_omega));
     // The rest of the way, and of the turn, is that of pseudo-velocities.
     sums.corrections += rotation_energy(body, pose.getBasis(), solved_omega) -
@@ -236,7 +236,7 @@ void EnergyLedger::account(EngineWorld &engine, AmbBody &owner, double h) {
 void EnergyLedger::after_sub_step(EngineWorld &engine, double h) {
   for_free_bodies(engine.world, [&](AmbBody &owner) { account(engine, owner, h); });
   last = free_bodies(engine);
-  const MechanicalEnergy trees = articulations(engine);
-  last += trees;
+  const MechanicalEnergy articulated = articulations(engine);
+  last += articulated;
   last.elastic += springs(h);
 }

@@ -79,7 +79,7 @@ class EnergyLedger {
   MechanicalEnergy free_bodies(EngineWorld &engine) const;
   MechanicalEnergy articulations(EngineWorld &engine) const;
   double springs(double h);
-  void settle_springs(EngineWorld &engine);
+  void update_spring_states(EngineWorld &engine);
   void account(EngineWorld &engine, AmbBody &owner, double h);
 
   // Springs between bodies are damped by the velocity after the sub-step; Bullet's by that before.

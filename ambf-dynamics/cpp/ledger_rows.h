@@ -8,7 +8,7 @@
 #include "ledger.h"
 #include "position_error.h"
 #include "soft_rows.h"
-#include "tie_solver.h"
+#include "articulation_solver.h"
 
 // Of an articulation, in the coordinates of its rows: velocities at the beginning of the sub-step and after its free motion.
 void read_rates(const btMultiBody &multi_body, Vector<btScalar> &start, Vector<btScalar> &free);
@@ -17,7 +17,7 @@ void read_rates(const btMultiBody &multi_body, Vector<btScalar> &start, Vector<b
 // sub-step: for rigid bodies the sum over all rows, and forces, is exactly the change of kinetic energy.
 template <class Base>
 class WithLedger : public Base {
-  static constexpr bool HAS_TREES = std::is_base_of_v<TieSolver, Base>;
+  static constexpr bool HAS_ARTICULATIONS = std::is_base_of_v<ArticulationSolver, Base>;
 
  public:
   template <class... Arguments>
@@ -43,7 +43,7 @@ class WithLedger : public Base {
     book_all(this->m_tmpSolverContactConstraintPool, WorkKind::Contact);
     book_all(this->m_tmpSolverContactFrictionConstraintPool, WorkKind::Friction);
     book_all(this->m_tmpSolverContactRollingFrictionConstraintPool, WorkKind::Friction);
-    if constexpr (HAS_TREES) {
+    if constexpr (HAS_ARTICULATIONS) {
       btMultiBodyConstraintArray &rows = this->m_multiBodyNonContactConstraints;
       for (int i = 0; i < rows.size(); ++i) {
         const auto &owner = *static_cast<const EngineRows *>(rows[i].m_orgConstraint);
@@ -95,8 +95,8 @@ class WithLedger : public Base {
     double sum = 0;
     for (const auto &side : this->sides_of(row).sides) {
       if (side.body) sum += speeds_of(*side.body, side.linear, side.angular);
-      if (!side.tree) continue;
-      read_rates(*side.tree, start_rates, free_rates);
+      if (!side.multi_body) continue;
+      read_rates(*side.multi_body, start_rates, free_rates);
       for (int k = 0; k < side.n; ++k) {
         const btScalar change = this->m_data.m_deltaVelocities[side.velocity + k];
         sum += this->m_data.m_jacobians[side.jacobian + k] * (start_rates[k] + free_rates[k] + change);

@@ -29,8 +29,8 @@ constexpr btScalar MAX_CURVED_TURN = 0.3;
 
 // Push-out velocity of a contact of that penetration depth, m/s: proportional to it, between bounds.
 inline btScalar push_out_speed(btScalar depth) {
-  constexpr btScalar RATE = 10, SLOWEST = 0.05, FASTEST = 1;
-  return std::min(std::max(depth * RATE, SLOWEST), FASTEST);
+  constexpr btScalar RATE = 10, MIN_SPEED = 0.05, MAX_SPEED = 1;
+  return std::min(std::max(depth * RATE, MIN_SPEED), MAX_SPEED);
 }
 
 // Bodies move along tangents, x += v h, so that the frames of a joint part by terms of second order in h: by

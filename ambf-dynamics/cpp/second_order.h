@@ -20,24 +20,24 @@ class SecondOrder : public Base {
     Base::convertBodies(bodies, n, info);
     for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i) {
       btSolverBody &row = this->m_tmpSolverBodyPool[i];
-      AmbBody *owner = held_body_of(row);
+      AmbBody *owner = constrained_body_of(row);
       if (!owner) continue;
       const btRigidBody &body = owner->body;
       const btScalar h = info.m_timeStep;
       if (body.getFlags() & BT_ENABLE_GYROSCOPIC_FORCE_IMPLICIT_BODY) {
         const btVector3 forced = body.getInvInertiaTensorWorld() * body.getTotalTorque() * h;
         btVector3 turned;
-        if (gyroscopic_change(body, owner->turned, h, turned)) {
+        if (gyroscopic_change(body, owner->other_angular_change, h, turned)) {
           row.m_externalTorqueImpulse = forced + turned;
         } else {
           turned = row.m_externalTorqueImpulse - forced;
         }
-        owner->turned = -turned;
+        owner->other_angular_change = -turned;
       }
-      if (owner->begins) {
+      if (owner->is_first_sub_step) {
         row.m_externalForceImpulse *= btScalar(0.5);
         row.m_externalTorqueImpulse *= btScalar(0.5);
-        owner->turned *= btScalar(0.5);
+        owner->other_angular_change *= btScalar(0.5);
       }
     }
   }
@@ -45,19 +45,19 @@ class SecondOrder : public Base {
   btScalar solveGroupCacheFriendlyFinish(btCollisionObject **bodies, int n, const btContactSolverInfo &info) override {
     for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i) {
       btSolverBody &row = this->m_tmpSolverBodyPool[i];
-      AmbBody *owner = held_body_of(row);
+      AmbBody *owner = constrained_body_of(row);
       if (!owner) continue;
-      owner->turned += row.internalGetDeltaAngularVelocity() + row.m_externalTorqueImpulse;
-      if (owner->begins) owner->turned *= 2;
-      owner->begins = false;
+      owner->other_angular_change += row.internalGetDeltaAngularVelocity() + row.m_externalTorqueImpulse;
+      if (owner->is_first_sub_step) owner->other_angular_change *= 2;
+      owner->is_first_sub_step = false;
     }
     return Base::solveGroupCacheFriendlyFinish(bodies, n, info);
   }
 
  private:
-  static AmbBody *held_body_of(const btSolverBody &row) {
+  static AmbBody *constrained_body_of(const btSolverBody &row) {
     AmbBody *owner = row.m_originalBody && row.m_originalBody->getInvMass() > 0 ? body_of(row.m_originalBody) : nullptr;
-    return owner && owner->held > 0 ? owner : nullptr;
+    return owner && owner->constraint_count > 0 ? owner : nullptr;
   }
 
   // What the gyroscopic torque adds to the angular velocity w: I d = -h v x I v at the mean v = w + d / 2 + other / 2 of the velocities

@@ -10,14 +10,14 @@
 namespace {
 
 // Of the largest sphere in the body: when it touches, the body itself overlaps enough for the narrow phase to see the contact.
-const btScalar kShareOfSphere = 0.9;
+const btScalar SWEPT_SHARE = 0.9;
 // Gap, in radii, at which a sphere counts as touching.
-const btScalar kTouch = 0.01;
+const btScalar TOUCH_GAP = 0.01;
 // Motion along the normal, in radii, that the narrow phase can be left to deal with: the centre stays on its side.
-const btScalar kHarmless = 0.5;
+const btScalar MAX_UNSWEPT_MOTION = 0.5;
 
 // What a body may move at least, in radii: it never hangs before something that the narrow phase sees no contact with.
-const btScalar kCreep = 0.1;
+const btScalar MIN_MOTION = 0.1;
 
 // A sphere on its way.
 struct Sweep {
@@ -52,9 +52,9 @@ btScalar impact_convex(const Sweep &sweep, const btConvexShape &shape, const btT
     detector.getClosestPoints(input, nearest, nullptr);
     if (!nearest.m_hasResult) return 1;
     const btScalar closing = -nearest.m_normalOnBInWorld.dot(sweep.motion);
-    if (!(closing > kHarmless * sweep.radius)) return 1;
-    if (nearest.m_distance <= kTouch * sweep.radius) return share;
-    share += (nearest.m_distance - kTouch * sweep.radius / 2) / closing;
+    if (!(closing > MAX_UNSWEPT_MOTION * sweep.radius)) return 1;
+    if (nearest.m_distance <= TOUCH_GAP * sweep.radius) return share;
+    share += (nearest.m_distance - TOUCH_GAP * sweep.radius / 2) / closing;
     if (!(share < 1)) return 1;
   }
   return share;
@@ -64,8 +64,8 @@ btScalar impact_plane(const Sweep &sweep, const btStaticPlaneShape &plane) {
   const btScalar closing = -plane.getPlaneNormal().dot(sweep.motion);
   const btScalar distance = plane.getPlaneNormal().dot(sweep.from) - plane.getPlaneConstant() - sweep.radius;
   // What is below a plane as a whole is for the narrow phase to bring back.
-  if (!(closing > kHarmless * sweep.radius) || distance < -2 * sweep.radius) return 1;
-  return std::clamp((distance - kTouch * sweep.radius / 2) / closing, btScalar(0), btScalar(1));
+  if (!(closing > MAX_UNSWEPT_MOTION * sweep.radius) || distance < -2 * sweep.radius) return 1;
+  return std::clamp((distance - TOUCH_GAP * sweep.radius / 2) / closing, btScalar(0), btScalar(1));
 }
 
 struct TriangleImpact : btTriangleCallback {
@@ -191,7 +191,7 @@ void find_impacts(EngineWorld &engine, const btAlignedObjectArray<btRigidBody *>
     world.broadphase.aabbTest(low, high, first);
     if (first.share >= 1) continue;
     AmbImpact impact{owner, btTransform()};
-    const btScalar share = btMax(first.share, kCreep * radius / btSqrt(way));
+    const btScalar share = btMax(first.share, MIN_MOTION * radius / btSqrt(way));
     body.predictIntegratedTransform(dt * share, impact.pose);
     engine.impacts.push_back(impact);
   }
@@ -201,7 +201,7 @@ void stop_at_impacts(EngineWorld &engine) {
   for (const AmbImpact &impact : engine.impacts) {
     impact.body->body.proceedToTransform(impact.pose);
     // Its way was not one of free flight.
-    impact.body->touched = engine.sub_step + 1;
+    impact.body->contact_sub_step = engine.sub_step + 1;
   }
 }
 
@@ -209,7 +209,7 @@ extern "C" {
 
 int amb_world_set_continuous(AmbWorld *world, AmbBody *body, int enabled) {
   const btScalar radius = enabled ? inner_radius(*body->shape->shape, btTransform::getIdentity()) : 0;
-  body->swept_radius = std::isfinite(radius) ? kShareOfSphere * btMax(radius, btScalar(0)) : 0;
+  body->swept_radius = std::isfinite(radius) ? SWEPT_SHARE * btMax(radius, btScalar(0)) : 0;
   engine_of(*world).has_continuous |= body->swept_radius > 0;
   return body->swept_radius > 0;
 }

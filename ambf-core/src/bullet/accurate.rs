@@ -22,19 +22,19 @@ pub struct AccurateSettings {
     /// The same of friction. Default: 1e-7.
     pub friction_softness: f64,
     /// Islands are hard that have joints, articulations or masses which differ by more than this factor. Default: 100.
-    pub hard_mass_ratio: f64,
+    pub mass_ratio_threshold: f64,
     /// Islands that are not hard and have more contacts than this are left to sequential impulses if a factorisation takes more
-    /// multiplications a row than [`max_pile_cost`](Self::max_pile_cost). Default: 60.
-    pub max_pile: u32,
-    /// See [`max_pile`](Self::max_pile). Default: 500.
-    pub max_pile_cost: f64,
+    /// multiplications a row than [`max_direct_cost_per_row`](Self::max_direct_cost_per_row). Default: 60.
+    pub max_direct_contacts: u32,
+    /// See [`max_direct_contacts`](Self::max_direct_contacts). Default: 500.
+    pub max_direct_cost_per_row: f64,
     /// Most multiplications for the solution of an island: this many, and [`budget_per_row`](Self::budget_per_row) more for each of its
     /// rows. Where the solution needs more, the best that was found is taken. Default: 100 000.
-    pub least_budget: f64,
-    /// See [`least_budget`](Self::least_budget). Default: 1500.
+    pub base_budget: f64,
+    /// See [`base_budget`](Self::base_budget). Default: 1500.
     pub budget_per_row: f64,
     /// Most multiplications that a world keeps for hard problems, such as impacts, from what others did not need. Default: 1 000 000.
-    pub most_saved_budget: f64,
+    pub max_saved_budget: f64,
 }
 
 impl Default for AccurateSettings {
@@ -47,12 +47,12 @@ impl Default for AccurateSettings {
             joint_softness: 1e-7,
             contact_softness: 1e-7,
             friction_softness: 1e-7,
-            hard_mass_ratio: 100.0,
-            max_pile: 60,
-            max_pile_cost: 500.0,
-            least_budget: 1e5,
+            mass_ratio_threshold: 100.0,
+            max_direct_contacts: 60,
+            max_direct_cost_per_row: 500.0,
+            base_budget: 1e5,
             budget_per_row: 1500.0,
-            most_saved_budget: 1e6,
+            max_saved_budget: 1e6,
         }
     }
 }
@@ -85,12 +85,12 @@ impl World {
             joint_softness: settings.joint_softness,
             contact_softness: settings.contact_softness,
             friction_softness: settings.friction_softness,
-            hard_mass_ratio: settings.hard_mass_ratio,
-            max_pile: settings.max_pile.min(i32::MAX as u32) as i32,
-            max_pile_cost: settings.max_pile_cost,
-            least_budget: settings.least_budget,
+            mass_ratio_threshold: settings.mass_ratio_threshold,
+            max_direct_contacts: settings.max_direct_contacts.min(i32::MAX as u32) as i32,
+            max_direct_cost_per_row: settings.max_direct_cost_per_row,
+            base_budget: settings.base_budget,
             budget_per_row: settings.budget_per_row,
-            most_saved_budget: settings.most_saved_budget,
+            max_saved_budget: settings.max_saved_budget,
         };
         // SAFETY: the world is alive; the struct is read before the call returns.
         unsafe { sys::amb_world_set_accurate(self.raw.as_ptr(), &raw) }

@@ -31,9 +31,9 @@ impl Arena {
     }
 
     /// Whether something found no place, so that copies are not complete.
-    pub fn is_torn(&self) -> bool {
+    pub fn has_overflowed(&self) -> bool {
         // SAFETY: the arena is alive.
-        unsafe { sys::amb_arena_is_torn(self.as_ptr()) != 0 }
+        unsafe { sys::amb_arena_has_overflowed(self.as_ptr()) != 0 }
     }
 
     /// What lies in it.
@@ -58,22 +58,22 @@ impl Drop for Arena {
 }
 
 /// While it lives, what Bullet allocates in this thread lies in an arena, if there is one.
-pub(super) struct Inside {
+pub(super) struct ArenaGuard {
     /// What was entered before; `None`: nothing was changed.
     before: Option<*mut sys::AmbArena>,
     /// It belongs to its thread.
     _thread: PhantomData<*mut ()>,
 }
 
-impl Inside {
-    pub fn of(arena: Option<&Arena>) -> Self {
+impl ArenaGuard {
+    pub fn new(arena: Option<&Arena>) -> Self {
         // SAFETY: the arena is alive, and its world, which keeps it, is not dropped while one of its methods runs.
         let before = arena.map(|arena| unsafe { sys::amb_arena_enter(arena.as_ptr()) });
         Self { before, _thread: PhantomData }
     }
 }
 
-impl Drop for Inside {
+impl Drop for ArenaGuard {
     fn drop(&mut self) {
         if let Some(before) = self.before {
             // SAFETY: guards go in the reverse order of their making, so that what was entered before is still alive.

@@ -9,13 +9,13 @@ use super::{ArticulationHandle, BodyHandle, ConstraintHandle, ConstraintKind, Wo
 
 #[derive(Clone)]
 pub(super) struct OwnedArticulation {
-    raw: NonNull<sys::AmbTree>,
+    raw: NonNull<sys::AmbArticulation>,
     joints: Vec<ConstraintHandle>,
     links: Vec<BodyHandle>,
 }
 
 /// Constraints in an order in which each leads from what was reached before to one body more.
-struct Tree {
+struct SpanningTree {
     base: BodyHandle,
     joints: Vec<ConstraintHandle>,
     /// Beside joints, between the same bodies.
@@ -39,11 +39,11 @@ impl World {
     /// turn about all its axes, is a link already, or is more than 2 cm or 0.05 rad off its joint; or when there are vehicles, whose wheels
     /// would not find the links.
     pub fn articulate(&mut self, constraints: &[ConstraintHandle]) -> Option<ArticulationHandle> {
-        let _inside = self.enter();
+        let _arena = self.enter();
         if !self.has_articulations || !self.vehicles.is_empty() {
             return None;
         }
-        let Tree { base, mut joints, springs, links } = self.tree_of(constraints)?;
+        let SpanningTree { base, mut joints, springs, links } = self.spanning_tree(constraints)?;
         let pointers = |of: &[ConstraintHandle]| -> Vec<_> {
             of.iter().map(|&constraint| self.constraints[constraint].raw.as_ptr()).collect()
         };
@@ -71,7 +71,7 @@ impl World {
     /// Puts the bodies and constraints of an articulation back into the world as such, with their present poses and velocities. False
     /// when it is not there.
     pub fn dissolve(&mut self, handle: ArticulationHandle) -> bool {
-        let _inside = self.enter();
+        let _arena = self.enter();
         let Some(articulation) = self.articulations.remove(handle) else { return false };
         // SAFETY: world and tree are alive, and so are its bodies and constraints; no pointer to the tree is left after this.
         unsafe { sys::amb_world_dissolve(self.raw.as_ptr(), articulation.raw.as_ptr()) }
@@ -93,8 +93,8 @@ impl World {
     /// Dissolves what a new constraint between `a` and `b` cannot hold: anything but ties that lead out of their articulation.
     pub(super) fn dissolve_for(&mut self, a: BodyHandle, b: BodyHandle, kind: &ConstraintKind) {
         let of = [a, b].map(|body| self.articulation(body));
-        let is_tie = matches!(kind, ConstraintKind::Fixed | ConstraintKind::PointToPoint);
-        if !is_tie || of[0] == of[1] {
+        let is_external = matches!(kind, ConstraintKind::Fixed | ConstraintKind::PointToPoint);
+        if !is_external || of[0] == of[1] {
             of.into_iter().flatten().for_each(|handle| {
                 self.dissolve(handle);
             });
@@ -108,7 +108,7 @@ impl World {
         }
     }
 
-    fn tree_of(&self, constraints: &[ConstraintHandle]) -> Option<Tree> {
+    fn spanning_tree(&self, constraints: &[ConstraintHandle]) -> Option<SpanningTree> {
         let mut held: HashMap<BodyHandle, usize> = HashMap::new();
         for handle in constraints {
             let constraint = self.constraints.get(*handle)?;
@@ -118,7 +118,7 @@ impl World {
             constraint.bodies.iter().for_each(|&body| *held.entry(body).or_default() += 1);
         }
         let is_static = |body: BodyHandle| !self.bodies[body].dynamic;
-        if held.iter().any(|(&body, &n)| !is_static(body) && self.bodies[body].held != n) {
+        if held.iter().any(|(&body, &n)| !is_static(body) && self.bodies[body].constraint_count != n) {
             return None;
         }
         // Of several between the same bodies the joint is that which is no spring.
@@ -164,7 +164,7 @@ impl World {
         // A tree has one joint fewer than bodies, and all of them are reached.
         let is_tree = reached.len() == held.len() && order.len() == joints.len();
         let links = reached.into_iter().filter(|&body| !is_static(body)).collect();
-        is_tree.then_some(Tree { base, joints: order, springs, links })
+        is_tree.then_some(SpanningTree { base, joints: order, springs, links })
     }
 }
 

@@ -6,7 +6,7 @@ use slotmap::Key;
 
 use super::{pose_of, raw_pose, ArticulationHandle, BodyHandle, BodyKinematics, Shape, World};
 
-/// A rigid body to be made. It never sleeps, unless [`World::let_bodies_sleep`] lets it.
+/// A rigid body to be made. It never sleeps, unless [`World::enable_sleeping`] lets it.
 #[derive(Debug)]
 pub struct RigidBody {
     /// kg; 0: static.
@@ -36,9 +36,9 @@ pub(super) struct OwnedBody {
     /// Kept alive for the body; freed after it.
     _shape: Shape,
     /// In the world's lists.
-    place: usize,
+    index: usize,
     /// Constraints and vehicles that refer to it.
-    pub(super) held: usize,
+    pub(super) constraint_count: usize,
     pub(super) dynamic: bool,
     /// Of which it is a link; the fixed base is none.
     pub(super) articulation: Option<ArticulationHandle>,
@@ -62,7 +62,7 @@ impl Default for PlausibleBounds {
 impl World {
     /// Adds a body.
     pub fn add_body(&mut self, body: RigidBody) -> BodyHandle {
-        let _inside = self.enter();
+        let _arena = self.enter();
         self.structure += 1;
         // SAFETY: the shape is alive and stays so with the body; numbers are read before the call returns.
         let raw = unsafe {
@@ -77,8 +77,8 @@ impl World {
         let handle = self.bodies.insert(OwnedBody {
             raw,
             _shape: body.shape,
-            place: self.body_list.len(),
-            held: 0,
+            index: self.body_list.len(),
+            constraint_count: 0,
             dynamic: body.mass != 0.0,
             articulation: None,
         });
@@ -97,13 +97,13 @@ impl World {
     /// Removes a body; the places of other bodies in [`bodies`](Self::bodies) stay. Anchors of soft bodies on it are dropped. False when
     /// it is not there or a constraint or vehicle still holds it.
     pub fn remove_body(&mut self, handle: BodyHandle) -> bool {
-        let _inside = self.enter();
-        if self.bodies.get(handle).is_none_or(|body| body.held > 0) {
+        let _arena = self.enter();
+        if self.bodies.get(handle).is_none_or(|body| body.constraint_count > 0) {
             return false;
         }
         let Some(body) = self.bodies.remove(handle) else { return false };
         self.structure += 1;
-        self.body_list[body.place] = std::ptr::null_mut();
+        self.body_list[body.index] = std::ptr::null_mut();
         // SAFETY: the body is in this world, no constraint or vehicle refers to it, removing it drops anchors, and no pointer to it is
         // left after this.
         unsafe {
@@ -115,13 +115,13 @@ impl World {
 
     /// Makes a body a picture: without mass, at rest, touched by nothing and seen by no ray. Only [`set_pose`](Self::set_pose) moves it.
     /// Anchors of soft bodies on it are dropped. False when it is not there or a constraint or vehicle holds it.
-    pub fn make_drawing(&mut self, handle: BodyHandle) -> bool {
-        let _inside = self.enter();
-        let Some(body) = self.bodies.get_mut(handle).filter(|body| body.held == 0) else { return false };
+    pub fn make_visual_only(&mut self, handle: BodyHandle) -> bool {
+        let _arena = self.enter();
+        let Some(body) = self.bodies.get_mut(handle).filter(|body| body.constraint_count == 0) else { return false };
         body.dynamic = false;
         self.structure += 1;
         // SAFETY: the body is alive and in this world.
-        unsafe { sys::amb_world_make_drawing(self.raw.as_ptr(), body.raw.as_ptr()) }
+        unsafe { sys::amb_world_make_visual_only(self.raw.as_ptr(), body.raw.as_ptr()) }
         true
     }
 
@@ -141,7 +141,7 @@ impl World {
 
     /// The two bodies never collide from now on. Found in constant time, however many such pairs there are.
     pub fn ignore_collision(&mut self, a: BodyHandle, b: BodyHandle) {
-        let _inside = self.enter();
+        let _arena = self.enter();
         if let (Some(a), Some(b)) = (self.raw_body(a), self.raw_body(b)) {
             // SAFETY: world and bodies are alive.
             unsafe { sys::amb_world_ignore_pair(self.raw.as_ptr(), a, b) }
@@ -189,7 +189,7 @@ impl World {
     /// Sets world transform and motion state of the inertial frame; velocities stay. A link of an articulation takes the place next to it
     /// that the joints allow, in the next step or when joints are read.
     pub fn set_pose(&mut self, handle: BodyHandle, pose: &Isometry3<f64>) {
-        let _inside = self.enter();
+        let _arena = self.enter();
         if let Some(body) = self.raw_body(handle) {
             // SAFETY: the body is alive; 12 doubles are read.
             unsafe { sys::amb_body_set_pose(body, raw_pose(pose).as_ptr()) }
@@ -402,7 +402,7 @@ mod tests {
         let picture = world.add_body(ball(1.0, 0.0));
         let falling = world.add_body(RigidBody { pose: Isometry3::translation(0.0, 0.0, 1.0), ..ball(1.0, 0.0) });
         world.set_velocity(picture, &Vector3::x(), &Vector3::x());
-        assert!(world.make_drawing(picture));
+        assert!(world.make_visual_only(picture));
         for _ in 0..1000 {
             world.step(0.001, 1, 0.001);
         }
@@ -413,6 +413,6 @@ mod tests {
         world.set_pose(picture, &put);
         world.step(0.001, 1, 0.001);
         assert_eq!((world.pose(picture), world.motion_state(picture)), (Some(put), Some(put)));
-        assert!(world.remove_body(picture) && !world.make_drawing(picture));
+        assert!(world.remove_body(picture) && !world.make_visual_only(picture));
     }
 }

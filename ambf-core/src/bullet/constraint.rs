@@ -203,7 +203,7 @@ pub(super) struct OwnedConstraint {
     /// Of which it is a joint.
     pub(super) articulation: Option<ArticulationHandle>,
     /// In the world's lists.
-    place: usize,
+    index: usize,
 }
 
 impl World {
@@ -215,7 +215,7 @@ impl World {
         b: BodyHandle,
         constraint: &Constraint,
     ) -> Option<ConstraintHandle> {
-        let _inside = self.enter();
+        let _arena = self.enter();
         if a == b {
             return None;
         }
@@ -235,7 +235,7 @@ impl World {
             }
         }
         for handle in [a, b] {
-            self.bodies[handle].held += 1;
+            self.bodies[handle].constraint_count += 1;
         }
         let motor = match constraint.kind {
             ConstraintKind::Hinge { .. } => Motor::Hinge,
@@ -248,7 +248,7 @@ impl World {
         );
         let is_axis_spring = constraint.kind.is_axis_spring();
         let owned =
-            OwnedConstraint { raw, bodies: [a, b], motor, is_simple, is_axis_spring, articulation: None, place: 0 };
+            OwnedConstraint { raw, bodies: [a, b], motor, is_simple, is_axis_spring, articulation: None, index: 0 };
         Some(self.list_constraint(owned, constraint.kind.reading()))
     }
 
@@ -256,16 +256,16 @@ impl World {
     fn list_constraint(&mut self, constraint: OwnedConstraint, reading: u8) -> ConstraintHandle {
         let raw = constraint.raw;
         // What holds and lets go all the time must not make the lists longer and longer.
-        let place = self.free_places.pop().unwrap_or(self.constraint_list.len());
-        let handle = self.constraints.insert(OwnedConstraint { place, ..constraint });
-        if place == self.constraint_list.len() {
+        let index = self.free_indices.pop().unwrap_or(self.constraint_list.len());
+        let handle = self.constraints.insert(OwnedConstraint { index, ..constraint });
+        if index == self.constraint_list.len() {
             self.constraint_list.push(raw.as_ptr());
             self.readings.push(reading);
             self.constraint_order.push(handle);
         } else {
-            self.constraint_list[place] = raw.as_ptr();
-            self.readings[place] = reading;
-            self.constraint_order[place] = handle;
+            self.constraint_list[index] = raw.as_ptr();
+            self.readings[index] = reading;
+            self.constraint_order[index] = handle;
         }
         handle
     }
@@ -280,7 +280,7 @@ impl World {
         goal: &Vector3<f64>,
         most: f64,
     ) -> Option<ConstraintHandle> {
-        let _inside = self.enter();
+        let _arena = self.enter();
         let raw_body = self.raw_body(body)?;
         // SAFETY: the body is alive and outlives the constraint: `remove_body` refuses while it exists. Three doubles are read of each point.
         let raw = unsafe { sys::amb_grip_new(raw_body, point.as_ptr(), goal.as_ptr(), most) };
@@ -288,7 +288,7 @@ impl World {
         // SAFETY: constraint and world are alive; the constraint is removed from the world before it is freed.
         unsafe { sys::amb_world_add_constraint(self.raw.as_ptr(), raw.as_ptr(), 0) };
         // Counted at both ends, as it is when it goes: the other end is no body of this world.
-        self.bodies[body].held += 2;
+        self.bodies[body].constraint_count += 2;
         let owned = OwnedConstraint {
             raw,
             bodies: [body, body],
@@ -296,14 +296,14 @@ impl World {
             is_simple: false,
             is_axis_spring: false,
             articulation: None,
-            place: 0,
+            index: 0,
         };
         Some(self.list_constraint(owned, sys::AmbReading::AmbReading_None as u8))
     }
 
     /// Moves the goal of a constraint that [`add_grip`](Self::add_grip) made, m. False when it is not there.
     pub fn move_grip(&mut self, grip: ConstraintHandle, goal: &Vector3<f64>) -> bool {
-        let _inside = self.enter();
+        let _arena = self.enter();
         let Some(constraint) = self.constraints.get(grip) else { return false };
         let [a, b] = constraint.bodies;
         if a != b {
@@ -315,23 +315,23 @@ impl World {
     }
 
     /// Place of a constraint in [`constraints`](Self::constraints), for as long as it is there.
-    pub fn constraint_place(&self, handle: ConstraintHandle) -> Option<usize> {
-        Some(self.constraints.get(handle)?.place)
+    pub fn constraint_index(&self, handle: ConstraintHandle) -> Option<usize> {
+        Some(self.constraints.get(handle)?.index)
     }
 
     /// Removes a constraint; the places of others in [`constraints`](Self::constraints) stay. An articulation of which it is a joint is
     /// dissolved. False when it is not there.
     pub fn remove_constraint(&mut self, handle: ConstraintHandle) -> bool {
-        let _inside = self.enter();
+        let _arena = self.enter();
         if let Some(articulation) = self.constraints.get(handle).and_then(|constraint| constraint.articulation) {
             self.dissolve(articulation);
         }
         let Some(constraint) = self.constraints.remove(handle) else { return false };
         for body in constraint.bodies {
-            self.bodies[body].held -= 1;
+            self.bodies[body].constraint_count -= 1;
         }
-        self.constraint_list[constraint.place] = std::ptr::null_mut();
-        self.free_places.push(constraint.place);
+        self.constraint_list[constraint.index] = std::ptr::null_mut();
+        self.free_indices.push(constraint.index);
         // SAFETY: the constraint is in this world, and no pointer to it is left after this.
         unsafe {
             sys::amb_world_remove_constraint(self.raw.as_ptr(), constraint.raw.as_ptr());
@@ -349,7 +349,7 @@ impl World {
     /// Reads the position of all constraints by place, as many as `out` has place for: angle of a hinge (rad),
     /// position of a slider (m), of a spring on z (m or rad), 0 for others. In the place of a removed constraint `out` stays as it is.
     pub fn read_constraints(&self, out: &mut [f64]) {
-        let _inside = self.enter();
+        let _arena = self.enter();
         let n = out.len().min(self.constraint_list.len());
         // SAFETY: the lists are of the same length, hold live constraints and null only, and each reading fits the constraint's type.
         unsafe {

@@ -94,7 +94,7 @@ impl World {
     /// Switches the energy ledger on, with all sums at 0, or off. Default: off; it costs one branch a sub-step then. The motion is the
     /// same to the last bit either way. The ledger is part of what [`save`](World::save) saves.
     pub fn set_energy_ledger(&mut self, enabled: bool) {
-        let _inside = self.enter();
+        let _arena = self.enter();
         // SAFETY: the world is alive and was made with the engine.
         unsafe { sys::amb_world_set_energy_ledger(self.raw.as_ptr(), enabled.into()) }
     }

@@ -16,7 +16,7 @@ pub(super) struct OwnedGhost {
 impl World {
     /// Adds a volume that senses bodies and touches nothing. Rays hit it.
     pub fn add_ghost(&mut self, shape: Shape, pose: &Isometry3<f64>) -> GhostHandle {
-        let _inside = self.enter();
+        let _arena = self.enter();
         self.structure += 1;
         // SAFETY: the shape is alive and stays so with the ghost; numbers are read before the call returns.
         let raw = unsafe { sys::amb_ghost_new(shape.raw(), raw_pose(pose).as_ptr()) };
@@ -29,7 +29,7 @@ impl World {
 
     /// Removes a ghost; false when it is not there.
     pub fn remove_ghost(&mut self, handle: GhostHandle) -> bool {
-        let _inside = self.enter();
+        let _arena = self.enter();
         let Some(ghost) = self.ghosts.remove(handle) else { return false };
         self.structure += 1;
         // SAFETY: the ghost is in this world, and no pointer to it is left after this.
@@ -50,7 +50,7 @@ impl World {
 
     /// The ghost does not sense the body from now on. Found in constant time, however many such pairs there are.
     pub fn ignore_ghost(&mut self, ghost: GhostHandle, body: BodyHandle) {
-        let _inside = self.enter();
+        let _arena = self.enter();
         if let (Some(ghost), Some(body)) = (self.ghosts.get(ghost), self.raw_body(body)) {
             // SAFETY: world, ghost and body are alive.
             unsafe { sys::amb_world_ignore_ghost(self.raw.as_ptr(), ghost.raw.as_ptr(), body) }

@@ -47,7 +47,7 @@ impl World {
     /// Bullet's default filter: all bodies count, ghosts too, drawings not. A ray that starts inside a convex shape does not see it.
     /// Objects are where the last sub-step saw them: one that was placed by hand since may be missed. Soft bodies are hit on their faces.
     pub fn cast_rays(&self, rays: &[Ray], hits: &mut [Option<RayHit>]) {
-        let _inside = self.enter();
+        let _arena = self.enter();
         hits.fill(None);
         // In pieces on the stack, so that nothing is allocated.
         for (rays, hits) in rays.chunks(PIECE).zip(hits.chunks_mut(PIECE)) {
@@ -172,7 +172,7 @@ mod tests {
         };
         world.step(0.001, 1, 0.001);
         assert_eq!(cast(&world), Some(RayTarget::Body(picture)));
-        assert!(world.make_drawing(picture));
+        assert!(world.make_visual_only(picture));
         world.step(0.001, 1, 0.001);
         assert_eq!(cast(&world), Some(RayTarget::Body(behind)));
         let ghost = world.add_ghost(Shape::sphere(0.1, 0.0), &Isometry3::translation(0.5, 0.0, 0.0));

@@ -44,9 +44,9 @@ pub struct SavedWorld {
     constraint_list: Vec<*mut sys::AmbConstraint>,
     constraint_order: Vec<ConstraintHandle>,
     readings: Vec<u8>,
-    free_places: Vec<usize>,
+    free_indices: Vec<usize>,
     /// Of each body: how much holds it, and of which articulation it is a link.
-    held: Vec<(usize, Option<ArticulationHandle>)>,
+    body_constraints: Vec<(usize, Option<ArticulationHandle>)>,
 }
 
 // SAFETY: its pointers are only followed by the world that they belong to, after they were put back there.
@@ -70,7 +70,7 @@ impl SavedWorld {
     /// Memory that it takes, bytes.
     pub fn size(&self) -> usize {
         self.bytes.len()
-            + size_of_val(self.held.as_slice())
+            + size_of_val(self.body_constraints.as_slice())
             + self.constraints.capacity() * size_of::<OwnedConstraint>()
     }
 }
@@ -87,7 +87,7 @@ impl World {
     /// [`StateError::NotSavable`], [`StateError::TooLarge`].
     pub fn save(&self) -> Result<SavedWorld, StateError> {
         let arena = self.arena.as_ref().ok_or(StateError::NotSavable)?;
-        if arena.is_torn() {
+        if arena.has_overflowed() {
             return Err(StateError::TooLarge);
         }
         // All fields by name: a new one has to be saved, or is here for a reason.
@@ -114,7 +114,7 @@ impl World {
             constraint_list,
             constraint_order,
             readings,
-            free_places,
+            free_indices,
         } = self;
         Ok(SavedWorld {
             arena: arena.id(),
@@ -126,8 +126,8 @@ impl World {
             constraint_list: constraint_list.clone(),
             constraint_order: constraint_order.clone(),
             readings: readings.clone(),
-            free_places: free_places.clone(),
-            held: bodies.values().map(|body| (body.held, body.articulation)).collect(),
+            free_indices: free_indices.clone(),
+            body_constraints: bodies.values().map(|body| (body.constraint_count, body.articulation)).collect(),
         })
     }
 
@@ -140,7 +140,7 @@ impl World {
         match () {
             () if saved.arena != arena.id() => Err(StateError::OtherSimulation),
             () if saved.structure != self.structure => Err(StateError::Changed),
-            () if arena.is_torn() => Err(StateError::TooLarge),
+            () if arena.has_overflowed() => Err(StateError::TooLarge),
             () => Ok(()),
         }
     }
@@ -165,9 +165,9 @@ impl World {
         self.constraint_list.clone_from(&saved.constraint_list);
         self.constraint_order.clone_from(&saved.constraint_order);
         self.readings.clone_from(&saved.readings);
-        self.free_places.clone_from(&saved.free_places);
-        for (body, &(held, articulation)) in self.bodies.values_mut().zip(&saved.held) {
-            (body.held, body.articulation) = (held, articulation);
+        self.free_indices.clone_from(&saved.free_indices);
+        for (body, &(held, articulation)) in self.bodies.values_mut().zip(&saved.body_constraints) {
+            (body.constraint_count, body.articulation) = (held, articulation);
         }
         Ok(())
     }

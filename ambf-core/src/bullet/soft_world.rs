@@ -34,7 +34,7 @@ impl World {
     /// # Errors
     /// See [`SoftBodyError`]; nothing is added then.
     pub fn add_soft_body(&mut self, body: &SoftBody) -> Result<SoftBodyHandle, SoftBodyError> {
-        let _inside = self.enter();
+        let _arena = self.enter();
         if !self.has_soft_bodies {
             return Err(SoftBodyError::NoSoftWorld);
         }
@@ -93,7 +93,7 @@ impl World {
 
     /// Removes a soft body with its anchors; false when it is not there.
     pub fn remove_soft_body(&mut self, handle: SoftBodyHandle) -> bool {
-        let _inside = self.enter();
+        let _arena = self.enter();
         let Some(body) = self.soft_bodies.remove(handle) else { return false };
         self.structure += 1;
         // SAFETY: the soft body is in this world; it is freed after this, and no pointer to it is left then.
@@ -168,7 +168,7 @@ impl World {
 
     /// Brings all nodes back to where they were when the body was added, at rest. Fixed nodes stay fixed; anchors and pulls stay.
     pub fn restore_soft_body(&mut self, handle: SoftBodyHandle) {
-        let _inside = self.enter();
+        let _arena = self.enter();
         if let Some(raw) = self.raw_soft(handle) {
             // SAFETY: the soft body is alive and in this world.
             unsafe { sys::amb_soft_restore(raw) }
@@ -195,7 +195,7 @@ impl World {
         influence: f64,
         disable_collision: bool,
     ) -> bool {
-        let _inside = self.enter();
+        let _arena = self.enter();
         let (Some(owned), Some(raw_body)) = (self.soft_bodies.get(soft), self.raw_body(body)) else { return false };
         if node >= owned.nodes || !is_finite(pivot) || !influence.is_finite() {
             return false;
@@ -222,7 +222,7 @@ impl World {
 
     /// Unties a soft body from a body. Returns how many nodes were tied.
     pub fn remove_anchors(&mut self, soft: SoftBodyHandle, body: BodyHandle) -> usize {
-        let _inside = self.enter();
+        let _arena = self.enter();
         let (Some(soft), Some(body)) = (self.raw_soft(soft), self.raw_body(body)) else { return 0 };
         // SAFETY: both are alive.
         unsafe { sys::amb_soft_remove_anchors(soft, body) }.max(0) as usize
@@ -232,7 +232,7 @@ impl World {
     /// sub-step, or by what brings it 10 m nearer if the way is longer than 100 m; a fixed node is put there. `None` lets go of it. False,
     /// and no effect, when soft body or node is not there or the goal is not finite.
     pub fn pull_node(&mut self, soft: SoftBodyHandle, node: usize, goal: Option<Vector3<f64>>) -> bool {
-        let _inside = self.enter();
+        let _arena = self.enter();
         let Some(owned) = self.soft_bodies.get(soft).filter(|soft| node < soft.nodes) else { return false };
         if goal.is_some_and(|goal| !is_finite(&goal)) {
             return false;
@@ -403,7 +403,7 @@ mod tests {
         assert!(!world.add_anchor(cloth, 1, moving, &Vector3::repeat(f64::NAN), 1.0, false));
         assert!(!world.add_anchor(cloth, 1, moving, &zero, f64::NAN, false));
         assert!(world.add_anchor(cloth, 0, moving, &(zero - Vector3::x()), 1.0, false));
-        assert!(world.make_drawing(moving), "its anchor is dropped");
+        assert!(world.make_visual_only(moving), "its anchor is dropped");
         assert!(!world.add_anchor(cloth, 0, moving, &zero, 1.0, false), "it cannot move any more");
         run(&mut world, 100);
     }

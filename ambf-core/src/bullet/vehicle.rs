@@ -81,7 +81,7 @@ impl World {
     /// or a wheel has a number that is not finite, a radius or reach that is not positive, or an axle that is zero or along its
     /// direction. Articulations are dissolved. Wheels only stand on rigid bodies, and are lifted where a ghost or soft body is nearer.
     pub fn add_vehicle(&mut self, chassis: BodyHandle, wheels: &[Wheel]) -> Option<VehicleHandle> {
-        let _inside = self.enter();
+        let _arena = self.enter();
         let dynamic = self.bodies.get(chassis)?.dynamic;
         if !dynamic || !wheels.iter().all(Wheel::is_sound) {
             return None;
@@ -92,16 +92,16 @@ impl World {
         // SAFETY: world and chassis are alive and outlive the vehicle: `remove_body` refuses while it exists; n wheels are copied.
         let raw = unsafe { sys::amb_vehicle_new(self.raw.as_ptr(), self.raw_body(chassis)?, raw_wheels.as_ptr(), n) };
         let raw = NonNull::new(raw).expect("operator new throws rather than return null");
-        self.bodies[chassis].held += 1;
+        self.bodies[chassis].constraint_count += 1;
         self.structure += 1;
         Some(self.vehicles.insert(OwnedVehicle { raw, chassis, wheels: wheels.len() }))
     }
 
     /// Takes a body off its wheels; false when the vehicle is not there.
     pub fn remove_vehicle(&mut self, handle: VehicleHandle) -> bool {
-        let _inside = self.enter();
+        let _arena = self.enter();
         let Some(vehicle) = self.vehicles.remove(handle) else { return false };
-        self.bodies[vehicle.chassis].held -= 1;
+        self.bodies[vehicle.chassis].constraint_count -= 1;
         self.structure += 1;
         // SAFETY: the vehicle is in this world, and no pointer to it is left after this.
         unsafe { sys::amb_vehicle_free(vehicle.raw.as_ptr()) }
@@ -140,7 +140,7 @@ impl World {
 
     /// Brings suspensions to rest and the angles of all wheels, their steering, engine and brake to zero.
     pub fn reset_vehicle(&mut self, handle: VehicleHandle) {
-        let _inside = self.enter();
+        let _arena = self.enter();
         if let Some(vehicle) = self.vehicles.get(handle) {
             // SAFETY: the vehicle is alive.
             unsafe { sys::amb_vehicle_reset(vehicle.raw.as_ptr()) }
@@ -294,7 +294,7 @@ mod tests {
         assert!(!world.drive(vehicle, 0, 0.0, f64::INFINITY, 0.0));
         assert!(!world.drive(vehicle, 4, 0.0, 1.0, 0.0), "there are four wheels");
         assert!(!world.remove_body(chassis), "a vehicle stands on it");
-        assert!(!world.make_drawing(chassis));
+        assert!(!world.make_visual_only(chassis));
         assert!(world.remove_vehicle(vehicle) && !world.remove_vehicle(vehicle));
         assert!(!world.drive(vehicle, 0, 0.0, 1.0, 0.0));
         assert_eq!(world.wheel_pose(vehicle, 0), None);

@@ -5,7 +5,7 @@ use ambf_dynamics::ffi as sys;
 use nalgebra::Vector3;
 use slotmap::{new_key_type, SlotMap};
 
-use super::arena::{Arena, Inside};
+use super::arena::{Arena, ArenaGuard};
 use super::articulation::OwnedArticulation;
 use super::body::OwnedBody;
 use super::constraint::OwnedConstraint;
@@ -30,7 +30,7 @@ new_key_type! {
 }
 
 /// Largest Bullet's side of a world that can be saved, bytes: a hundred times what the largest scenes need. Only address space.
-const MOST_SAVED: u64 = 4 << 30;
+const MAX_ARENA_BYTES: u64 = 4 << 30;
 
 /// A Bullet world with all that is in it. SI units, z up by convention only.
 pub struct World {
@@ -53,7 +53,7 @@ pub struct World {
     pub(super) constraint_order: Vec<ConstraintHandle>,
     pub(super) readings: Vec<u8>,
     /// Places of removed constraints in these lists.
-    pub(super) free_places: Vec<usize>,
+    pub(super) free_indices: Vec<usize>,
     /// Room for what queries answer, kept between calls.
     pub(super) scratch: RefCell<Scratch>,
     /// Counts bodies, soft bodies, ghosts and vehicles that came or went.
@@ -86,7 +86,7 @@ unsafe impl Send for World {}
 
 impl Drop for World {
     fn drop(&mut self) {
-        let _inside = self.enter();
+        let _arena = self.enter();
         for handle in self.vehicles.keys().collect::<Vec<_>>() {
             self.remove_vehicle(handle);
         }
@@ -128,7 +128,7 @@ impl World {
     /// An empty world whose state can be saved; it moves as one of the others, bit for bit. `None`: the process may have no more address
     /// space.
     pub fn savable(solver: Solver, kind: WorldKind) -> Option<Self> {
-        Self::savable_within(MOST_SAVED, solver, kind)
+        Self::savable_within(MAX_ARENA_BYTES, solver, kind)
     }
 
     /// One whose Bullet's side has room for so many bytes.
@@ -140,7 +140,7 @@ impl World {
         let raw_kind = match kind {
             WorldKind::Rigid => sys::AmbWorldKind::AmbWorldKind_Rigid,
             WorldKind::Soft => sys::AmbWorldKind::AmbWorldKind_Soft,
-            WorldKind::Articulated => sys::AmbWorldKind::AmbWorldKind_Trees,
+            WorldKind::Articulated => sys::AmbWorldKind::AmbWorldKind_Articulated,
         };
         let place = arena.as_ref().map_or(std::ptr::null_mut(), Arena::as_ptr);
         // SAFETY: the table is static and has the layout that the header beside it describes.
@@ -165,7 +165,7 @@ impl World {
             constraint_list: Vec::new(),
             constraint_order: Vec::new(),
             readings: Vec::new(),
-            free_places: Vec::new(),
+            free_indices: Vec::new(),
             scratch: RefCell::default(),
             structure: 0,
             arena,
@@ -176,8 +176,8 @@ impl World {
     }
 
     /// Until the guard goes, what Bullet allocates in this thread lies where this world does. Needed for every call that may allocate.
-    pub(super) fn enter(&self) -> Inside {
-        Inside::of(self.arena.as_ref())
+    pub(super) fn enter(&self) -> ArenaGuard {
+        ArenaGuard::new(self.arena.as_ref())
     }
 
     /// The method that solves contacts and constraints.
@@ -203,7 +203,7 @@ impl World {
 
     /// Sets gravity, m/s², also of all dynamic bodies and soft bodies in the world.
     pub fn set_gravity(&mut self, gravity: Vector3<f64>) {
-        let _inside = self.enter();
+        let _arena = self.enter();
         // SAFETY: the world is alive; three doubles are read.
         unsafe { sys::amb_world_set_gravity(self.raw.as_ptr(), gravity.as_ptr()) }
     }
@@ -230,7 +230,7 @@ impl World {
     /// Advances by `interval` s in sub-steps of `sub_step` s, at most `max_sub_steps` of them. Returns how many were due; those
     /// above `max_sub_steps` are lost. A remainder is kept for the next call. Applied forces are cleared.
     pub fn step(&mut self, interval: f64, max_sub_steps: u32, sub_step: f64) -> u32 {
-        let _inside = self.enter();
+        let _arena = self.enter();
         let cap = max_sub_steps.clamp(1, i32::MAX as u32) as i32;
         // SAFETY: the world and everything in it are alive.
         unsafe { sys::amb_world_step(self.raw.as_ptr(), interval, cap, sub_step) }.max(0) as u32
@@ -239,7 +239,7 @@ impl World {
     /// Forgets contacts and what the solver starts from, and revives bodies that Bullet switched off because their state was not finite.
     /// To be called after poses and velocities were set back to finite values.
     pub fn recover(&mut self) {
-        let _inside = self.enter();
+        let _arena = self.enter();
         // SAFETY: the world and everything in it are alive.
         unsafe { sys::amb_world_recover(self.raw.as_ptr()) }
     }

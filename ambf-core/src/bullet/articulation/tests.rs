@@ -1,9 +1,11 @@
 use nalgebra::{DMatrix, DVector, Isometry3, Vector3};
 
 use super::*;
-use crate::bullet::{BodyDrive, Constraint, Drive, PlausibleBounds, Ray, RayTarget, RigidBody, Shape, Solver, Spring};
+use crate::bullet::{
+    BodyDrive, Constraint, PlausibleBounds, Ray, RayTarget, RigidBody, Shape, SoftMotor, Solver, Spring,
+};
 
-mod ties;
+mod external_constraints;
 
 const GRAVITY: f64 = 9.81;
 /// Of a rod of 1 kg and 1 m across it, kg·m².
@@ -404,13 +406,13 @@ fn drives_give_way_as_their_softness_says() {
     let inertia = 2.0 * (0.25 + INERTIA);
     for softness in [0.0, 0.5, 20.0] {
         world.set_velocity(bodies[1], &Vector3::zeros(), &Vector3::zeros());
-        assert!(world.set_drive(joints[0], Some(Drive { velocity: 0.3, softness, max_impulse: 100.0 })));
+        assert!(world.set_soft_motor(joints[0], Some(SoftMotor { velocity: 0.3, softness, max_impulse: 100.0 })));
         run(&mut world, 1);
         // v = 0.3 - softness λ with λ = I v.
         let (_, v) = world.coordinate(joints[0]).unwrap();
         assert!((v - 0.3 / (1.0 + inertia * softness)).abs() < 1e-8, "{softness}: {v}");
     }
-    assert!(world.set_drive(joints[0], None));
+    assert!(world.set_soft_motor(joints[0], None));
     let drive = BodyDrive { velocity: [Vector3::y(), Vector3::z() * 2.0], softness: [1e-3, 1e-3] };
     world.set_pose(bodies[1], &Isometry3::translation(0.5, 0.0, 0.0));
     assert!(world.set_body_drive(bodies[1], Some(&drive)));

@@ -1,10 +1,10 @@
 // The solver of a world with articulations. C++ only.
 //
 // It uses Bullet's rows, their order in a sub-step and what Bullet makes of their impulses afterwards. Velocities of articulations are given in
-// other coordinates than Bullet's, in which the inertia is the identity (TreeDynamics::factor_inertia): the response to an impulse is then the row of the
+// other coordinates than Bullet's, in which the inertia is the identity (ArticulationDynamics::factor_inertia): the response to an impulse is then the row of the
 // Jacobian, and nothing of Bullet's kinematics and dynamics of articulations is used.
-#ifndef AMB_TIE_SOLVER_H
-#define AMB_TIE_SOLVER_H
+#ifndef AMB_ARTICULATION_SOLVER_H
+#define AMB_ARTICULATION_SOLVER_H
 
 #include "../include/ambf_mlcp.h"
 #include "arena_memory.h"
@@ -16,7 +16,7 @@
 // Set once by amb_set_mlcp.
 extern const AmbMlcpTable *mlcp_table;
 
-struct AmbTree;
+struct AmbArticulation;
 
 // What all constraints of this library on links have in common.
 class EngineRows : public btMultiBodyConstraint {
@@ -44,22 +44,22 @@ struct RowMotion {
 };
 
 // Makes side 0 or 1 of a row push a member of an articulation with an impulse at its centre of mass and an angular one.
-RowMotion push_member(btMultiBodySolverConstraint &row, int side, AmbTree &tree, int member, const btVector3 &linear, const btVector3 &angular,
+RowMotion act_on_member(btMultiBodySolverConstraint &row, int side, AmbArticulation &articulation, int member, const btVector3 &linear, const btVector3 &angular,
                       btMultiBodyJacobianData &data);
 // Makes side 0 of a row push a coordinate of an articulation.
-RowMotion push_coordinate(btMultiBodySolverConstraint &row, AmbTree &tree, int coordinate, btMultiBodyJacobianData &data);
+RowMotion act_on_coordinate(btMultiBodySolverConstraint &row, AmbArticulation &articulation, int coordinate, btMultiBodyJacobianData &data);
 // The same of a rigid body, which may be one that impulses do not move.
-RowMotion push_body(btMultiBodySolverConstraint &row, int side, int id, const btVector3 &linear, const btVector3 &angular,
+RowMotion act_on_body(btMultiBodySolverConstraint &row, int side, int id, const btVector3 &linear, const btVector3 &angular,
                     const btAlignedObjectArray<btSolverBody> &bodies);
 
 // Bullet's, and what the rows that it makes act on.
-class TieSolver : public btMultiBodyConstraintSolver {
+class ArticulationSolver : public btMultiBodyConstraintSolver {
  public:
   using Row = btMultiBodySolverConstraint;
 
   // What a row acts on: an articulation or a free body.
   struct Side {
-    btMultiBody *tree = nullptr;
+    btMultiBody *multi_body = nullptr;
     btSolverBody *body = nullptr;
     // Of the articulation: dimensions, and where its part of the arrays of m_data begins.
     int n = 0, jacobian = 0, velocity = 0;
@@ -77,7 +77,7 @@ class TieSolver : public btMultiBodyConstraintSolver {
   // Adds an impulse of a row to the velocities of what it acts on.
   void apply(Row &row, btScalar impulse);
   // Sets the change of an articulation's velocity by all impulses.
-  void set_change(btMultiBody &tree, int velocity, const double *change);
+  void set_change(btMultiBody &multi_body, int velocity, const double *change);
 
  private:
   struct LinkContact;

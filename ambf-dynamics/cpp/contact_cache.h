@@ -1,6 +1,6 @@
 // What contacts did in the sub-step before: the solver's guess for this one. C++ only.
-#ifndef AMB_CONTACT_MEMORY_H
-#define AMB_CONTACT_MEMORY_H
+#ifndef AMB_CONTACT_CACHE_H
+#define AMB_CONTACT_CACHE_H
 
 #include <BulletCollision/NarrowPhaseCollision/btPersistentManifold.h>
 
@@ -8,11 +8,11 @@
 
 #include "arena_memory.h"
 
-class ContactMemory {
+class ContactCache {
  public:
   struct Contact {
     // In the frame of the first object, m.
-    btVector3 place{0, 0, 0};
+    btVector3 local_position{0, 0, 0};
     // Impulses of the contact and of its friction, N s, and of rolling and spinning friction, N m s.
     btScalar normal = 0;
     btVector3 friction{0, 0, 0}, torque{0, 0, 0};
@@ -37,7 +37,7 @@ class ContactMemory {
 
   // Finds the contacts of an island. Points bear the number of their contact until the next sub-step; those that Bullet makes anew in each
   // one, of concave meshes, are found by their places.
-  void recall(btPersistentManifold **manifolds, int n) {
+  void match(btPersistentManifold **manifolds, int n) {
     for (int i = 0; i < n; ++i) {
       const btPersistentManifold &manifold = *manifolds[i];
       const Pair pair{manifold.getBody0(), manifold.getBody1(), contacts_.size(), contacts_.size() + manifold.getNumContacts()};
@@ -52,7 +52,7 @@ class ContactMemory {
           contact.is_taken = false;
           point.m_appliedImpulse = contact.normal;
         }
-        contact.place = point.m_localPointA;
+        contact.local_position = point.m_localPointA;
         contacts_.push_back(contact);
         point.m_userPersistentData = reinterpret_cast<void *>(contacts_.size());
       }
@@ -68,7 +68,7 @@ class ContactMemory {
 
   // Keeps the impulses of all rows of an island.
   template <class Rows>
-  void remember(const Rows &normals, const Rows &frictions, std::initializer_list<const Rows *> rolling) {
+  void store(const Rows &normals, const Rows &frictions, std::initializer_list<const Rows *> rolling) {
     for (int i = 0; i < normals.size(); ++i) {
       Contact &contact = of(normals[i]);
       contact.normal = normals[i].m_appliedImpulse;
@@ -104,7 +104,7 @@ class ContactMemory {
       for (size_t i = pair.begin; i < pair.end; ++i) {
         Contact &before = before_[i];
         if (i + 1 == number) return &before;
-        const btScalar distance = point.m_localPointA.distance2(before.place);
+        const btScalar distance = point.m_localPointA.distance2(before.local_position);
         if (before.is_taken || distance > least) continue;
         least = distance;
         nearest = &before;

@@ -1,4 +1,4 @@
-#include "tree_rows.h"
+#include "articulation_rows.h"
 
 #include "position_error.h"
 
@@ -13,36 +13,36 @@ constexpr btScalar LIMIT_ERP = 0.2;
 // Keeps two rows of one coordinate apart, as a share of their response.
 constexpr btScalar SOFTNESS = 1e-9;
 // CFM of constraints from outside the articulation, as a share of the response of their rows.
-constexpr btScalar TIE_SOFTNESS = 1e-6;
+constexpr btScalar EXTERNAL_SOFTNESS = 1e-6;
 // Farthest that the articulation may move in a sub-step by its acceleration under expected forces, rad; for a slider that angle times the
 // distance between the centres of mass that it joins, m. Beyond that the motion depends too nonlinearly on the forces to be predicted from the last
 // ones: the force of a controller whose set point jumps would be repeated where the controller wants to reverse it.
-constexpr btScalar MAX_EXPECTED = 0.02;
+constexpr btScalar MAX_FEEDFORWARD_MOTION = 0.02;
 
 }  // namespace
 
-JointRows::JointRows(AmbTree &owner)
+JointRows::JointRows(AmbArticulation &owner)
     : EngineRows(owner.multi_body.get(), nullptr, 0, -1, 3 * owner.dynamics.coordinates, false,
                             MULTIBODY_CONSTRAINT_1DOF_JOINT_MOTOR),
-      tree(owner) {
+      articulation(owner) {
   // A limit and a motor of each joint, and a limit and a row of each spring.
   m_numRows = 2 * (owner.dynamics.coordinates + static_cast<int>(owner.springs.size()));
   m_data.resize(m_numRows);
-  forget();
+  reset();
 }
 
-void JointRows::forget() {
-  acceleration.q.resize(tree.dynamics.coordinates);
+void JointRows::reset() {
+  acceleration.q.resize(articulation.dynamics.coordinates);
   planned.clear();
-  forces.assign(tree.dynamics.coordinates + tree.springs.size(), 0);
+  forces.assign(articulation.dynamics.coordinates + articulation.springs.size(), 0);
 }
 
-int JointRows::getIslandIdA() const { return tree.members[1].collider->getIslandTag(); }
+int JointRows::getIslandIdA() const { return articulation.members[1].collider->getIslandTag(); }
 
 void JointRows::plan_limit(int coordinate, btScalar low, btScalar high, bool is_angle, btScalar h) {
   const btScalar infinity = BT_LARGE_FLOAT, most = is_angle ? MAX_RETURN_RATE : MAX_RETURN_SPEED;
   if (low > high) return;
-  btScalar q = tree.position.q[coordinate];
+  btScalar q = articulation.position.q[coordinate];
   if (is_angle) {
     // Angles have no beginning: the limits nearest to q count.
     const btScalar center = (low + high) / 2;
@@ -58,7 +58,7 @@ void JointRows::plan_limit(int coordinate, btScalar low, btScalar high, bool is_
   for (btScalar side : {1, -1}) {
     // Way to the limit, and speed towards its free side.
     const btScalar gap = side * (q - (side > 0 ? low : high));
-    const btScalar speed = side * tree.free_rate.q[coordinate];
+    const btScalar speed = side * articulation.free_rate.q[coordinate];
     if (gap + h * speed >= 0 && gap >= 0) continue;
     btScalar target = gap < 0 ? 0 : -gap / h;
     if (bounce > 0) target = std::max(target, -bounce * speed);
@@ -70,10 +70,10 @@ void JointRows::plan_limit(int coordinate, btScalar low, btScalar high, bool is_
 
 void JointRows::plan_motor(const AmbConstraint &joint, int coordinate, btScalar h) {
   btScalar target, impulse, softness = 0;
-  if (joint.drive.enabled) {
-    target = joint.drive.velocity;
-    softness = joint.drive.rows.softness[0];
-    impulse = joint.drive.max_impulse;
+  if (joint.motor.enabled) {
+    target = joint.motor.velocity;
+    softness = joint.motor.rows.softness[0];
+    impulse = joint.motor.max_impulse;
   } else if (joint.kind == Kind::Hinge) {
     auto &hinge = static_cast<btHingeConstraint &>(*joint.constraint);
     if (!hinge.getEnableAngularMotor()) return;
@@ -87,76 +87,76 @@ void JointRows::plan_motor(const AmbConstraint &joint, int coordinate, btScalar 
   } else {
     return;
   }
-  if (impulse > 0) expect({coordinate, target, softness, -impulse, impulse, coordinate}, h);
+  if (impulse > 0) add_feedforward_row({coordinate, target, softness, -impulse, impulse, coordinate}, h);
 }
 
-void JointRows::expect(Row row, btScalar h) {
-  row.expected = std::min(std::max(forces[row.source] * h, row.low), row.high);
-  if (!(btFabs(row.expected) < BT_LARGE_FLOAT)) row.expected = 0;
-  tree.dynamics.pushes[row.coordinate] += row.expected / h;
+void JointRows::add_feedforward_row(Row row, btScalar h) {
+  row.feedforward = std::min(std::max(forces[row.source] * h, row.low), row.high);
+  if (!(btFabs(row.feedforward) < BT_LARGE_FLOAT)) row.feedforward = 0;
+  articulation.dynamics.generalised_forces[row.coordinate] += row.feedforward / h;
   planned.push_back(row);
 }
 
 void JointRows::plan_motors(btScalar h) {
   std::fill(forces.begin(), forces.end(), 0);
   for (size_t i = 0; i < planned.size(); ++i) {
-    if (planned[i].source >= 0) forces[planned[i].source] = (planned[i].expected + m_data[i]) / step;
+    if (planned[i].source >= 0) forces[planned[i].source] = (planned[i].feedforward + m_data[i]) / step;
   }
   step = h;
   planned.clear();
-  std::fill(tree.dynamics.pushes.begin(), tree.dynamics.pushes.end(), 0);
-  for (size_t i = 1; i < tree.members.size(); ++i) {
-    const AmbConstraint &joint = *tree.members[i].joint;
-    const int coordinate = tree.dynamics.links[i - 1].coordinate;
+  std::fill(articulation.dynamics.generalised_forces.begin(), articulation.dynamics.generalised_forces.end(), 0);
+  for (size_t i = 1; i < articulation.members.size(); ++i) {
+    const AmbConstraint &joint = *articulation.members[i].joint;
+    const int coordinate = articulation.dynamics.links[i - 1].coordinate;
     if (coordinate >= 0) plan_motor(joint, coordinate, h);
   }
-  for (size_t i = 0; i < tree.springs.size(); ++i) {
-    const TreeDynamics::Spring &spring = tree.dynamics.springs[i];
-    if (!spring.left_out) continue;
+  for (size_t i = 0; i < articulation.springs.size(); ++i) {
+    const ArticulationDynamics::Spring &spring = articulation.dynamics.springs[i];
+    if (!spring.is_stiff) continue;
     const int coordinate = spring.coordinate;
     // The force at the end of the sub-step, -k (x + h q') - d q', as a rate that gives way to its impulse.
-    const btScalar push = spring.sign * spring.stiffness * spring.displacement(tree.position.q[coordinate]);
+    const btScalar push = spring.sign * spring.stiffness * spring.displacement(articulation.position.q[coordinate]);
     const btScalar give = spring.damping + h * spring.stiffness;
-    const int source = tree.dynamics.coordinates + static_cast<int>(i);
-    expect({coordinate, -push / give, 1 / (h * give), -BT_LARGE_FLOAT, BT_LARGE_FLOAT, source}, h);
+    const int source = articulation.dynamics.coordinates + static_cast<int>(i);
+    add_feedforward_row({coordinate, -push / give, 1 / (h * give), -BT_LARGE_FLOAT, BT_LARGE_FLOAT, source}, h);
   }
-  drop_wild_expectations(h);
+  drop_large_feedforward(h);
 }
 
 // All or none: they balance each other.
-void JointRows::drop_wild_expectations(btScalar h) {
-  TreeDynamics &dynamics = tree.dynamics;
+void JointRows::drop_large_feedforward(btScalar h) {
+  ArticulationDynamics &dynamics = articulation.dynamics;
   bool any = false;
-  for (const Row &row : planned) any = any || row.expected != 0;
+  for (const Row &row : planned) any = any || row.feedforward != 0;
   if (!any) return;
-  dynamics.place(tree.position);
-  dynamics.move(tree.rate);
-  dynamics.accelerate(tree.position, tree.rate, acceleration);
-  bool wild = false;
-  for (const TreeDynamics::Link &link : dynamics.links) {
+  dynamics.update_poses(articulation.position);
+  dynamics.update_velocities(articulation.rate);
+  dynamics.accelerate(articulation.position, articulation.rate, acceleration);
+  bool is_large = false;
+  for (const ArticulationDynamics::Link &link : dynamics.links) {
     if (link.coordinate < 0) continue;
-    const btScalar scale = link.motion == TreeDynamics::Motion::Prismatic ? link.arm.length() + link.pivot.length() : 1;
+    const btScalar scale = link.type == ArticulationDynamics::JointType::Prismatic ? link.arm.length() + link.pivot.length() : 1;
     // Not so for what is no number.
-    wild = wild || !(btFabs(acceleration.q[link.coordinate]) * h * h <= MAX_EXPECTED * scale);
+    is_large = is_large || !(btFabs(acceleration.q[link.coordinate]) * h * h <= MAX_FEEDFORWARD_MOTION * scale);
   }
-  if (!wild) return;
-  for (Row &row : planned) row.expected = 0;
-  std::fill(dynamics.pushes.begin(), dynamics.pushes.end(), 0);
+  if (!is_large) return;
+  for (Row &row : planned) row.feedforward = 0;
+  std::fill(dynamics.generalised_forces.begin(), dynamics.generalised_forces.end(), 0);
 }
 
 void JointRows::plan_limits(btScalar h) {
-  for (size_t i = 1; i < tree.members.size(); ++i) {
-    const AmbConstraint &joint = *tree.members[i].joint;
-    const int coordinate = tree.dynamics.links[i - 1].coordinate;
-    if (coordinate >= 0) plan_limit(coordinate, joint.drive.low, joint.drive.high, joint.kind == Kind::Hinge, h);
+  for (size_t i = 1; i < articulation.members.size(); ++i) {
+    const AmbConstraint &joint = *articulation.members[i].joint;
+    const int coordinate = articulation.dynamics.links[i - 1].coordinate;
+    if (coordinate >= 0) plan_limit(coordinate, joint.motor.low, joint.motor.high, joint.kind == Kind::Hinge, h);
   }
-  for (size_t i = 0; i < tree.springs.size(); ++i) {
-    const TreeDynamics::Spring &spring = tree.dynamics.springs[i];
-    plan_limit(spring.coordinate, tree.springs[i].low, tree.springs[i].high, spring.is_angle, h);
+  for (size_t i = 0; i < articulation.springs.size(); ++i) {
+    const ArticulationDynamics::Spring &spring = articulation.dynamics.springs[i];
+    plan_limit(spring.coordinate, articulation.springs[i].low, articulation.springs[i].high, spring.is_angle, h);
   }
 }
 
-bool JointRows::stopped() const {
+bool JointRows::hit_limit() const {
   for (size_t i = 0; i < planned.size(); ++i) {
     if (planned[i].source < 0 && m_data[i] != 0) return true;
   }
@@ -165,7 +165,7 @@ bool JointRows::stopped() const {
 
 btScalar JointRows::spring_impulse(size_t spring) const {
   for (size_t i = 0; i < planned.size(); ++i) {
-    if (planned[i].source == tree.dynamics.coordinates + static_cast<int>(spring)) return planned[i].expected + m_data[i];
+    if (planned[i].source == articulation.dynamics.coordinates + static_cast<int>(spring)) return planned[i].feedforward + m_data[i];
   }
   return 0;
 }
@@ -175,37 +175,37 @@ void JointRows::createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBo
   for (size_t i = 0; i < planned.size(); ++i) {
     const Row &plan = planned[i];
     btMultiBodySolverConstraint &row = new_row(rows, static_cast<int>(i), data);
-    const RowMotion motion = push_coordinate(row, tree, plan.coordinate, data);
+    const RowMotion motion = act_on_coordinate(row, articulation, plan.coordinate, data);
     const btScalar softness = std::max(plan.softness, motion.response * SOFTNESS), whole = motion.response + softness;
-    row.m_lowerLimit = plan.low - plan.expected;
-    row.m_upperLimit = plan.high - plan.expected;
+    row.m_lowerLimit = plan.low - plan.feedforward;
+    row.m_upperLimit = plan.high - plan.feedforward;
     row.m_jacDiagABInv = whole > 0 ? 1 / whole : 0;
     row.m_cfm = softness * row.m_jacDiagABInv;
-    row.m_rhs = (plan.target - plan.softness * plan.expected - motion.velocity) * row.m_jacDiagABInv;
+    row.m_rhs = (plan.target - plan.softness * plan.feedforward - motion.velocity) * row.m_jacDiagABInv;
     row.m_rhsPenetration = plan.correction * row.m_jacDiagABInv;
     internalSetAppliedImpulse(static_cast<int>(i), 0);
   }
 }
 
-TieRows::TieRows(AmbConstraint &owner, AmbBody &link_body, const btTransform &link_frame, AmbBody &other_body,
+ExternalConstraintRows::ExternalConstraintRows(AmbConstraint &owner, AmbBody &link_body, const btTransform &link_frame, AmbBody &other_body,
                  const btTransform &frame_of_other, int rows)
-    : EngineRows(link_body.tree->multi_body.get(),
-                            other_body.tree ? other_body.tree->multi_body.get() : nullptr, link_body.member - 1,
-                            other_body.tree ? other_body.member - 1 : -1, rows, false, MULTIBODY_CONSTRAINT_FIXED),
+    : EngineRows(link_body.articulation->multi_body.get(),
+                            other_body.articulation ? other_body.articulation->multi_body.get() : nullptr, link_body.member - 1,
+                            other_body.articulation ? other_body.member - 1 : -1, rows, false, MULTIBODY_CONSTRAINT_FIXED),
       constraint(owner),
       link(link_body),
       other(other_body),
       frame(link_frame),
       other_frame(frame_of_other) {
   m_data.resize(rows);
-  forget();
+  reset();
 }
 
-void TieRows::forget() {
+void ExternalConstraintRows::reset() {
   for (int i = 0; i < m_numRows; ++i) m_data[i] = 0;
 }
 
-void TieRows::createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBodyJacobianData &data,
+void ExternalConstraintRows::createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBodyJacobianData &data,
                                    const btContactSolverInfo &info) {
   const btTransform a = link.body.getWorldTransform() * frame, b = other.body.getWorldTransform() * other_frame;
   const btVector3 gap = a.getOrigin() - b.getOrigin();
@@ -214,8 +214,8 @@ void TieRows::createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBody
   const btScalar half = btVector3(turn.x(), turn.y(), turn.z()).length();
   if (half > 0) angle = btVector3(turn.x(), turn.y(), turn.z()) / half * std::remainder(2 * btAtan2(half, turn.w()), 2 * SIMD_PI);
   // What Bullet starts with it applies to trees only.
-  forget();
-  const bool is_dynamic = !other.tree && other.body.getInvMass() > 0;
+  reset();
+  const bool is_dynamic = !other.articulation && other.body.getInvMass() > 0;
   JointMotion motion;
   const btVector3 arm_a = a.getOrigin() - link.body.getWorldTransform().getOrigin();
   const btVector3 arm_b = b.getOrigin() - other.body.getWorldTransform().getOrigin();
@@ -230,13 +230,13 @@ void TieRows::createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBody
     btMultiBodySolverConstraint &row = new_row(rows, i, data);
     btVector3 linear(0, 0, 0), angular(0, 0, 0);
     (i < 3 ? linear : angular)[i % 3] = 1;
-    RowMotion motion_of_row = push_member(row, 0, *link.tree, link.member, linear, angular + arm_a.cross(linear), data);
+    RowMotion motion_of_row = act_on_member(row, 0, *link.articulation, link.member, linear, angular + arm_a.cross(linear), data);
     const btVector3 back = -linear, turn_back = -(angular + arm_b.cross(linear));
     RowMotion part;
-    if (other.tree) {
-      part = push_member(row, 1, *other.tree, other.member, back, turn_back, data);
+    if (other.articulation) {
+      part = act_on_member(row, 1, *other.articulation, other.member, back, turn_back, data);
     } else if (is_dynamic) {
-      part = push_body(row, 1, other.body.getCompanionId(), back, turn_back, *data.m_solverBodyPool);
+      part = act_on_body(row, 1, other.body.getCompanionId(), back, turn_back, *data.m_solverBodyPool);
     }
     const btScalar whole = motion_of_row.response + part.response;
     row.m_jacDiagABInv = whole > SIMD_EPSILON ? 1 / whole : 0;
@@ -248,15 +248,15 @@ void TieRows::createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBody
     row.m_rhs += aims[i] * row.m_jacDiagABInv;
     row.m_rhsPenetration = std::max(-most, std::min(most, target)) * row.m_jacDiagABInv;
     // The constraint may hold what its articulation cannot move, and redundant rows share the load.
-    const btScalar share = 1 / (1 + TIE_SOFTNESS);
+    const btScalar share = 1 / (1 + EXTERNAL_SOFTNESS);
     row.m_rhs *= share;
     row.m_rhsPenetration = row.m_rhsPenetration * share;
     row.m_jacDiagABInv *= share;
-    row.m_cfm = TIE_SOFTNESS * share;
+    row.m_cfm = EXTERNAL_SOFTNESS * share;
   }
 }
 
-void TieRows::write_feedback(btScalar h) {
+void ExternalConstraintRows::write_feedback(btScalar h) {
   if (!constraint.feedback) return;
   btVector3 force(m_data[0] / h, m_data[1] / h, m_data[2] / h), torque(0, 0, 0);
   if (m_numRows > 3) torque = btVector3(m_data[3] / h, m_data[4] / h, m_data[5] / h);
@@ -271,7 +271,7 @@ void TieRows::write_feedback(btScalar h) {
 }
 
 LinkDrive::LinkDrive(AmbBody &body)
-    : EngineRows(body.tree->multi_body.get(), nullptr, body.member - 1, -1, 6, false,
+    : EngineRows(body.articulation->multi_body.get(), nullptr, body.member - 1, -1, 6, false,
                             MULTIBODY_CONSTRAINT_FIXED),
       link(body) {
   m_data.resize(6);
@@ -285,7 +285,7 @@ void LinkDrive::createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBo
     btMultiBodySolverConstraint &row = new_row(rows, i, data);
     btVector3 linear(0, 0, 0), angular(0, 0, 0);
     (i < 3 ? linear : angular)[i % 3] = 1;
-    const RowMotion motion = push_member(row, 0, *link.tree, link.member, linear, angular, data);
+    const RowMotion motion = act_on_member(row, 0, *link.articulation, link.member, linear, angular, data);
     // Directions in which the tree cannot move have no response.
     if (motion.response <= SIMD_EPSILON) continue;
     const btScalar whole = motion.response + softness[i / 3];

@@ -1,13 +1,13 @@
 // What stands behind a tree, see multi_body.h. C++ only.
 //
 // A tree lies over its bodies: each keeps its btRigidBody, which is out of the world and mirrors its link. Who reads a body reads the
-// mirror, and who writes to it leaves there what the tree takes up before its next sub-step. Kinematics and dynamics are TreeDynamics'; Bullet's
+// mirror, and who writes to it leaves there what the tree takes up before its next sub-step. Kinematics and dynamics are ArticulationDynamics'; Bullet's
 // multi-body stands for the articulation in Bullet's solver, islands and colliders.
-#ifndef AMB_TREE_H
-#define AMB_TREE_H
+#ifndef AMB_ARTICULATION_H
+#define AMB_ARTICULATION_H
 
 #include "engine.h"
-#include "tree_dynamics.h"
+#include "articulation_dynamics.h"
 
 #include <BulletDynamics/Featherstone/btMultiBody.h>
 #include <BulletDynamics/Featherstone/btMultiBodyDynamicsWorld.h>
@@ -23,10 +23,10 @@ struct LinkCollider : btMultiBodyLinkCollider {
   bool checkCollideWithOverride(const btCollisionObject *other) const override;
 
   // Held by a joint that disables collisions.
-  Vector<const AmbObject *> parted;
+  Vector<const AmbObject *> ignored;
 };
 
-struct AmbTree {
+struct AmbArticulation {
   BT_DECLARE_ALIGNED_ALLOCATOR();
 
   struct Member {
@@ -47,14 +47,14 @@ struct AmbTree {
     btScalar low, high;
   };
 
-  AmbTree(AmbWorld &owner, AmbBody &base, AmbConstraint *const *joints, int n, AmbConstraint *const *springs,
+  AmbArticulation(AmbWorld &owner, AmbBody &base, AmbConstraint *const *joints, int n, AmbConstraint *const *springs,
           int n_springs);
-  ~AmbTree();
+  ~AmbArticulation();
 
   // Takes up poses and velocities that were set on bodies.
-  void settle();
+  void apply_set_state();
   // Motion over the next sub-step without what rows do.
-  void predict(btScalar h);
+  void integrate_free_motion(btScalar h);
   // Makes rows possible: bodies are placed where they are and move as without rows.
   void prepare_rows();
   void integrate(btScalar h);
@@ -66,47 +66,47 @@ struct AmbTree {
   LinkDrive &drive_of(AmbBody &link);
 
   AmbWorld &world;
-  TreeDynamics dynamics;
+  ArticulationDynamics dynamics;
   Vector<Member> members;
   // In the order of those of the dynamics.
   Vector<Spring> springs;
   std::unique_ptr<btMultiBody> multi_body;
   std::unique_ptr<JointRows> joint_rows;
-  TreeDynamics::Position position;
-  TreeDynamics::Rate rate;
+  ArticulationDynamics::Position position;
+  ArticulationDynamics::Rate rate;
   // Where it gets without rows.
-  TreeDynamics::Position free_position;
-  TreeDynamics::Rate free_rate;
+  ArticulationDynamics::Position free_position;
+  ArticulationDynamics::Rate free_rate;
   // Kinetic energy of that motion, J.
   btScalar free_energy = 0;
   // Moves the articulation in this sub-step only, beside its rates.
-  TreeDynamics::Rate correction;
+  ArticulationDynamics::Rate correction;
   bool is_corrected = false;
   // What rows did in this sub-step.
-  TreeDynamics::Rate change;
+  ArticulationDynamics::Rate change;
   bool poses_set = false;
   bool velocities_set = false;
   // A contact or a constraint from outside holds it in this sub-step.
-  bool touched = false;
+  bool has_contact = false;
   bool has_rows = false;
-  int ties = 0;
+  int external_constraint_count = 0;
   // For the energy ledger, which calls it when it is switched on: present energy, and time by which poses are ahead of velocities, s.
   void note_energy();
   MechanicalEnergy energy;
-  btScalar ahead = 0;
+  btScalar pose_lead = 0;
 
  private:
-  MechanicalEnergy energy_ahead(btScalar by) const;
+  MechanicalEnergy energy_at_lead(btScalar by) const;
   void begin_account();
   void book_correction(btScalar h);
   void end_account(btScalar h, bool is_straight);
   void add_spring(AmbConstraint &constraint, size_t link, bool is_joint);
   void choose_springs(btScalar h);
   void follow_base();
-  void write_mirrors();
-  bool was_pushed() const;
+  void write_proxies();
+  bool had_impulses() const;
   bool is_driven() const;
-  void limit_energy(btScalar most, const TreeDynamics::Momentum &momentum, const btVector3 &about);
+  void limit_energy(btScalar most, const ArticulationDynamics::Momentum &momentum, const btVector3 &about);
   void remember_momenta();
   void write_feedback(btScalar h);
   void write_wrench(const AmbConstraint &constraint, size_t member, const btVector3 &force, const btVector3 &torque,
@@ -115,8 +115,8 @@ struct AmbTree {
 
   // State at the beginning of the sub-step, if the ledger is on.
   struct Start {
-    TreeDynamics::Position position;
-    TreeDynamics::Rate rate;
+    ArticulationDynamics::Position position;
+    ArticulationDynamics::Rate rate;
     Vector<btVector3> origins, linear, angular;
     // Power of the damping of rotations, W.
     btScalar drag = 0;
@@ -131,9 +131,9 @@ struct AmbTree {
 };
 
 // A world with trees.
-class TreeWorld : public Lean<btMultiBodyDynamicsWorld> {
+class ArticulatedWorld : public LazyWorld<btMultiBodyDynamicsWorld> {
  public:
-  TreeWorld(MotionClock &clock, btDispatcher *dispatcher, btBroadphaseInterface *broadphase,
+  ArticulatedWorld(MotionClock &clock, btDispatcher *dispatcher, btBroadphaseInterface *broadphase,
             btMultiBodyConstraintSolver *solver, btCollisionConfiguration *configuration);
 
   void applyGravity() override;
@@ -142,9 +142,9 @@ class TreeWorld : public Lean<btMultiBodyDynamicsWorld> {
   void solveExternalForces(btContactSolverInfo &info) override;
   void integrateTransforms(btScalar h) override;
 
-  Vector<AmbTree *> trees;
+  Vector<AmbArticulation *> articulations;
   // Constraints that hold a link and are none of its tree.
-  Vector<AmbConstraint *> ties;
+  Vector<AmbConstraint *> external_constraints;
 };
 
 // Coordinate of a spring about or along z of its frames, from the present poses: positive as for a hinge.
@@ -164,8 +164,8 @@ inline AmbBody &first_of(const AmbConstraint &c) { return *body_of(&c.constraint
 inline AmbBody &second_of(const AmbConstraint &c) { return *body_of(&c.constraint->getRigidBodyB()); }
 
 // Whether a constraint has to be a tie: one of its bodies is a link.
-bool holds_link(const AmbConstraint &constraint);
-void add_tie(AmbWorld &world, AmbConstraint &constraint);
-void remove_tie(AmbWorld &world, AmbConstraint &constraint);
+bool acts_on_link(const AmbConstraint &constraint);
+void add_external_constraint(AmbWorld &world, AmbConstraint &constraint);
+void remove_external_constraint(AmbWorld &world, AmbConstraint &constraint);
 
 #endif

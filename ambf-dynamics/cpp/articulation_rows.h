@@ -1,10 +1,10 @@
 // Rows of trees in the constraint solver. C++ only.
-#ifndef AMB_TREE_ROWS_H
-#define AMB_TREE_ROWS_H
+#ifndef AMB_ARTICULATION_ROWS_H
+#define AMB_ARTICULATION_ROWS_H
 
-#include "tree.h"
+#include "articulation.h"
 
-#include "tie_solver.h"
+#include "articulation_solver.h"
 
 // Limits, motors, drives and stiff springs of all joints of a tree.
 //
@@ -12,7 +12,7 @@
 // impulse would act on the tree where it was at the beginning, and without it the tree would move as if nothing held it up.
 class JointRows : public EngineRows {
  public:
-  explicit JointRows(AmbTree &tree);
+  explicit JointRows(AmbArticulation &articulation);
 
   // Finds the rows of the coming sub-step in two parts: what moves joints, which expects forces in the dynamics, and then, from
   // the motion that these give, limits.
@@ -23,15 +23,15 @@ class JointRows : public EngineRows {
   bool is_angular(int row) const override { return planned[row].is_angle; }
   WorkKind work_kind(int row) const override {
     const int source = planned[row].source;
-    return source < 0 ? WorkKind::Limit : source < tree.dynamics.coordinates ? WorkKind::Motor : WorkKind::Damping;
+    return source < 0 ? WorkKind::Limit : source < articulation.dynamics.coordinates ? WorkKind::Motor : WorkKind::Damping;
   }
   // Books the work of the forces that were expected, over the motion since a state; `ahead` as in ledger.h.
-  void book_expected(EnergyLedger &ledger, const TreeDynamics::Position &from, const TreeDynamics::Rate &rate, btScalar ahead) const;
+  void book_feedforward(EnergyLedger &ledger, const ArticulationDynamics::Position &from, const ArticulationDynamics::Rate &rate, btScalar pose_lead) const;
   bool any() const { return !planned.empty(); }
   // What was here is no guide to what will be.
-  void forget();
+  void reset();
   // Whether a limit pushed in the last sub-step.
-  bool stopped() const;
+  bool hit_limit() const;
   // Of a spring that was left out of the dynamics.
   btScalar spring_impulse(size_t spring) const;
 
@@ -51,7 +51,7 @@ class JointRows : public EngineRows {
     // Coordinate of a motor, or the number of coordinates and a spring; -1: a limit.
     int source = -1;
     // Impulse that is part of the motion already.
-    btScalar expected = 0;
+    btScalar feedforward = 0;
     // Wanted pseudo-velocity that corrects the error of position.
     btScalar correction = 0;
     bool is_angle = false;
@@ -59,21 +59,21 @@ class JointRows : public EngineRows {
 
   void plan_limit(int coordinate, btScalar low, btScalar high, bool is_angle, btScalar h);
   void plan_motor(const AmbConstraint &joint, int coordinate, btScalar h);
-  void expect(Row row, btScalar h);
-  void drop_wild_expectations(btScalar h);
+  void add_feedforward_row(Row row, btScalar h);
+  void drop_large_feedforward(btScalar h);
 
-  AmbTree &tree;
+  AmbArticulation &articulation;
   Vector<Row> planned;
   // Last force of each source of rows.
   Vector<btScalar> forces;
   btScalar step = 0;
-  TreeDynamics::Rate acceleration;
+  ArticulationDynamics::Rate acceleration;
 };
 
 // A fixed or point-to-point constraint one end of which is a link of a tree.
-class TieRows : public EngineRows {
+class ExternalConstraintRows : public EngineRows {
  public:
-  TieRows(AmbConstraint &constraint, AmbBody &link, const btTransform &frame, AmbBody &other,
+  ExternalConstraintRows(AmbConstraint &constraint, AmbBody &link, const btTransform &frame, AmbBody &other,
           const btTransform &other_frame, int rows);
 
   void finalizeMultiDof() override {}
@@ -82,7 +82,7 @@ class TieRows : public EngineRows {
   void createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBodyJacobianData &data,
                             const btContactSolverInfo &info) override;
   void debugDraw(btIDebugDraw *) override {}
-  void forget();
+  void reset();
   bool is_geometric(int) const override { return true; }
   btScalar error(int row) const override { return errors[row]; }
   btScalar aim(int row) const override { return aims[row]; }

@@ -1,6 +1,6 @@
 /* Trees of hinges, sliders, fixed constraints and springs about or along one axis in reduced coordinates. */
-#ifndef AMB_MULTI_BODY_H
-#define AMB_MULTI_BODY_H
+#ifndef AMB_ARTICULATE_H
+#define AMB_ARTICULATE_H
 #include "types.h"
 
 /* Makes the n constraints, which are in the world, the joints of one tree: each must have one end on the base or the end of a constraint
@@ -11,9 +11,9 @@
    work: wrenches, gravity, damping, poses and velocities, readings, motors, limits and feedback.
    Null where reduced coordinates don't serve: the world was not made for trees, a body cannot turn about all axes, is more than 2 cm or
    0.05 rad off its joint, or a spring has another axis than its joint. */
-AmbTree *amb_world_articulate(AmbWorld *world, AmbBody *base, AmbConstraint *const *joints, int n,
+AmbArticulation *amb_world_articulate(AmbWorld *world, AmbBody *base, AmbConstraint *const *joints, int n,
                               AmbConstraint *const *springs, int n_springs);
 /* Puts bodies and constraints back into the world, each with its present pose and velocity, and frees the tree. */
-void amb_world_dissolve(AmbWorld *world, AmbTree *tree);
+void amb_world_dissolve(AmbWorld *world, AmbArticulation *articulation);
 
 #endif

@@ -1,6 +1,6 @@
 // Motion of a tree of rigid bodies in reduced coordinates. C++ only.
-#ifndef AMB_TREE_DYNAMICS_H
-#define AMB_TREE_DYNAMICS_H
+#ifndef AMB_ARTICULATION_DYNAMICS_H
+#define AMB_ARTICULATION_DYNAMICS_H
 
 #include "arena_memory.h"
 
@@ -11,13 +11,13 @@
 // rotation on their way from link to link. Classical accelerations are used, not spatial ones.
 //
 // Body 0 is the base, body i + 1 is link i. Poses are those of inertial frames; SI units.
-class TreeDynamics {
+class ArticulationDynamics {
  public:
-  enum class Motion { Fixed, Revolute, Prismatic };
+  enum class JointType { Fixed, Revolute, Prismatic };
 
   struct Link {
     int parent;  // body
-    Motion motion;
+    JointType type;
     int coordinate;          // place in `q`; -1 if fixed
     btVector3 axis;          // of length 1, in the parent's frame
     btVector3 pivot;         // in the parent's frame
@@ -41,7 +41,7 @@ class TreeDynamics {
     bool is_angle;
     btScalar sign, offset, stiffness, damping, rest;
     // Left to whoever deals with springs that are too stiff for the step.
-    bool left_out = false;
+    bool is_stiff = false;
 
     btScalar displacement(btScalar q) const;
   };
@@ -59,18 +59,18 @@ class TreeDynamics {
     Vector<btScalar> q;
   };
 
-  explicit TreeDynamics(bool with_fixed_base) : fixed_base(with_fixed_base) {}
+  explicit ArticulationDynamics(bool with_fixed_base) : fixed_base(with_fixed_base) {}
 
   // Adds a link; `joint_in_parent` and `joint_in_child` are frames that coincide at coordinate 0, `axis` is in them.
-  void add(const Body &body, int parent, Motion motion, const btVector3 &axis, const btTransform &joint_in_parent,
+  void add(const Body &body, int parent, JointType type, const btVector3 &axis, const btTransform &joint_in_parent,
            const btTransform &joint_in_child);
   // After the last link.
   void finish();
 
   // Poses of all bodies from the position.
-  void place(const Position &position);
+  void update_poses(const Position &position);
   // Velocities of all bodies from the rates; the poses must be those of the position.
-  void move(const Rate &rate);
+  void update_velocities(const Rate &rate);
   // Accelerations under external forces and springs, of bodies that were placed at a position and moved with a rate.
   void accelerate(const Position &position, const Rate &rate, Rate &acceleration);
   // What a force of 1 on the coordinate of a link gives if its parent doesn't move, as of the last sweep.
@@ -91,14 +91,14 @@ class TreeDynamics {
   // What drag adds to that, W: bodies of different drag that fall together push each other. Not negative.
   btScalar drag_power() const;
   // Multiplies the rates, which `move` has set, by `share`, but for the velocity of the centre of mass.
-  void slow_down(btScalar share, Rate &rate);
+  void scale_internal_velocity(btScalar share, Rate &rate);
   // Largest angular velocity of a body or rate of a revolute coordinate, rad/s; `move` has set the velocities.
   btScalar fastest_rotation(const Rate &rate) const;
 
   // After a jump: what was learnt of the motion doesn't count any more.
-  void forget() {
+  void reset_estimates() {
     mode.clear();
-    trust = 0;
+    steps_until_probe = 0;
   }
 
   // Bounds the angular velocity of the base and the rates of revolute coordinates to a quarter of a turn in h, as Bullet bounds the angular
@@ -112,14 +112,14 @@ class TreeDynamics {
   void factor_inertia();
   size_t velocity_size() const { return 6 + static_cast<size_t>(coordinates); }
   // Adds to a row of the Jacobian of v what a force at the centre of mass of a body and a torque on it do, both of 1 N s or N m s.
-  void add_push(size_t body, const btVector3 &force, const btVector3 &torque, btScalar *row) const;
+  void add_jacobian(size_t body, const btVector3 &force, const btVector3 &torque, btScalar *row) const;
   // Turns a row of the Jacobian of v into that of z, which is the response of z to the row's impulse too.
   void normalise(btScalar *row) const;
   void rates_of(const btScalar *z, Rate &rate) const;
   void coordinates_of(const Rate &rate, btScalar *z) const;
 
   // Moves on by h times rate, the rotation by the exponential map.
-  static void shift(Position &position, btScalar h, const Rate &rate);
+  static void advance_position(Position &position, btScalar h, const Rate &rate);
 
   // About the body's own centre of mass.
   btVector3 angular_momentum(size_t body) const;
@@ -129,7 +129,7 @@ class TreeDynamics {
   };
   Momentum momentum(const btVector3 &about) const;
   // Moves a tree that was placed and moved, with a free base, as one body, so that it gets a momentum; changes the rate of the base.
-  void give(const Momentum &momentum, const btVector3 &about, Rate &rate);
+  void set_momentum(const Momentum &momentum, const btVector3 &about, Rate &rate);
 
   const bool fixed_base;
   int coordinates = 0;
@@ -137,7 +137,7 @@ class TreeDynamics {
   Vector<Link> links;
   Vector<Spring> springs;
   // On each coordinate, constant over a step.
-  Vector<btScalar> pushes;
+  Vector<btScalar> generalised_forces;
   // State of the bodies, world axes.
   Vector<btMatrix3x3> rotations;
   Vector<btVector3> origins, linear, angular;
@@ -157,21 +157,21 @@ class TreeDynamics {
 
   void runge_kutta(btScalar h, const Position &from, const Rate &rate, Position &to, Rate &new_rate);
   void divided_step(btScalar h, int parts, const Position &from, const Rate &rate, Position &to, Rate &new_rate);
-  void decay(btScalar h, const Position &at, Rate &rate);
+  void apply_damping(btScalar h, const Position &at, Rate &rate);
   btScalar elastic_energy(const Position &at) const;
   btVector3 linear_momentum() const;
   btScalar mass() const;
-  void probe(const Position &at, const Rate &rate);
+  void update_fastest_mode(const Position &at, const Rate &rate);
   void add_inertias();
-  void resist(size_t link);
-  void release(size_t link);
+  void compute_joint_inertia(size_t link);
+  void remove_joint_motion(size_t link);
   void add_to_parent(size_t link);
   void sweep(Rate &out, bool with_bias);
 
   Vector<Work> work;
   Vector<btScalar> efforts;
   // Of each component of v, the one before it on its way to the base; -1: none.
-  Vector<int> before;
+  Vector<int> parent_component;
   // L, by rows, and the inverses of its diagonal.
   Vector<btScalar> factor, inverse_diagonal;
   Position stage, part;
@@ -183,7 +183,7 @@ class TreeDynamics {
   Vector<btScalar> mode;
   btScalar stiffness = 0;
   // Steps until it is looked at again.
-  int trust = 0;
+  int steps_until_probe = 0;
 };
 
 #endif

@@ -1,6 +1,6 @@
 // Islands whose errors of position contradict each other. C++ only.
-#ifndef AMB_SETTLED_ISLANDS_H
-#define AMB_SETTLED_ISLANDS_H
+#ifndef AMB_INFEASIBLE_ISLANDS_H
+#define AMB_INFEASIBLE_ISLANDS_H
 
 #include "arena_memory.h"
 
@@ -15,7 +15,7 @@ struct PositionErrors {
   }
 };
 
-class SettledIslands {
+class InfeasibleIslands {
  public:
   // A correction that leaves more than this share of both sums is not made: what is left contradicts itself.
   static constexpr double UNCORRECTABLE = 0.98;
