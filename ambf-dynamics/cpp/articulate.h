@@ -1,19 +1,22 @@
-/* Trees of hinges, sliders, fixed constraints and springs about or along one axis in reduced coordinates. */
+/* Articulations: kinematic trees of hinges, sliders, fixed constraints and one-axis springs in generalised coordinates.
+ */
 #ifndef AMB_ARTICULATE_H
 #define AMB_ARTICULATE_H
 #include "types.h"
 
-/* Makes the n constraints, which are in the world, the joints of one tree: each must have one end on the base or the end of a constraint
-   before it, and its other end on a body that the tree has not reached yet, which becomes a link. The n_springs springs each lie between
-   the two bodies of one of these hinges or sliders, and act about or along its axis. A base without mass is fixed and may
-   carry several trees; else it is part of this one. Nothing else may hold the links, or the base if it is free.
-   Links are set to poses and velocities that the joints allow, next to what they were. All calls on the bodies and constraints go on to
-   work: wrenches, gravity, damping, poses and velocities, readings, motors, limits and feedback.
-   Null where reduced coordinates don't serve: the world was not made for trees, a body cannot turn about all axes, is more than 2 cm or
-   0.05 rad off its joint, or a spring has another axis than its joint. */
+/* Makes n constraints of the world the joints of one articulation. Each joint must connect the base, or the child of an
+   earlier joint, to a body that is not part of the articulation yet; that body becomes a link. Each of the n_springs
+   springs must act about or along the axis of one of these hinges or sliders, between the same two bodies. A static
+   base is fixed and may carry several articulations; a dynamic base is part of this one. No other constraint may act on
+   the links, or on a dynamic base. The poses and velocities of links are projected onto the joints. All functions of
+   the bodies and constraints remain valid: wrenches, gravity, damping, poses and velocities, readings, motors, limits
+   and feedback. Returns null if the world is not of kind AmbWorldKind_Articulated, a body has an infinite moment of
+   inertia or is a link already, a body is more than 2 cm or 0.05 rad off its joint, or a spring has another axis than
+   its joint. */
 AmbArticulation *amb_world_articulate(AmbWorld *world, AmbBody *base, AmbConstraint *const *joints, int n,
-                              AmbConstraint *const *springs, int n_springs);
-/* Puts bodies and constraints back into the world, each with its present pose and velocity, and frees the tree. */
+                                      AmbConstraint *const *springs, int n_springs);
+/* Frees the articulation. Its bodies and constraints become rigid bodies and constraints of the world again, with their
+   present poses and velocities. */
 void amb_world_dissolve(AmbWorld *world, AmbArticulation *articulation);
 
 #endif

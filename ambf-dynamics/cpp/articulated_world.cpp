@@ -3,14 +3,14 @@
 #include <BulletDynamics/Featherstone/btMultiBodyConstraintSolver.h>
 
 ArticulatedWorld::ArticulatedWorld(MotionClock &clock, btDispatcher *dispatcher, btBroadphaseInterface *broadphase,
-                     btMultiBodyConstraintSolver *solver, btCollisionConfiguration *configuration)
+                                   btMultiBodyConstraintSolver *solver, btCollisionConfiguration *configuration)
     : LazyWorld(clock, dispatcher, broadphase, solver, configuration) {
-  // Bullet's own lies on the heap.
+  // Bullet allocates its callback on the heap; this one is in the arena.
   delete m_solverMultiBodyIslandCallback;
   m_solverMultiBodyIslandCallback = new InArena<MultiBodyInplaceSolverIslandCallback>(solver, dispatcher);
 }
 
-// Trees take the gravity of their bodies themselves.
+// Articulations add the gravity of their links themselves.
 void ArticulatedWorld::applyGravity() { btDiscreteDynamicsWorld::applyGravity(); }
 
 void ArticulatedWorld::clearForces() {
@@ -21,8 +21,11 @@ void ArticulatedWorld::clearForces() {
 void ArticulatedWorld::predictUnconstraintMotion(btScalar h) { btDiscreteDynamicsWorld::predictUnconstraintMotion(h); }
 
 void ArticulatedWorld::solveExternalForces(btContactSolverInfo &info) {
-  // Rows of trees start from what their constraints found. Of one friction direction Bullet would take a fixed one.
-  if (!articulations.empty()) info.m_solverMode |= SOLVER_USE_ARTICULATED_WARMSTARTING | SOLVER_USE_2_FRICTION_DIRECTIONS;
+  // Contact rows of links are warm-started, and have two friction directions: a single one would have a fixed
+  // direction.
+  if (!articulations.empty()) {
+    info.m_solverMode |= SOLVER_USE_ARTICULATED_WARMSTARTING | SOLVER_USE_2_FRICTION_DIRECTIONS;
+  }
   for (AmbArticulation *articulation : articulations) {
     articulation->has_contact = false;
     articulation->apply_set_state();
@@ -40,11 +43,12 @@ void ArticulatedWorld::solveExternalForces(btContactSolverInfo &info) {
     articulation->integrate_free_motion(info.m_timeStep);
     if (articulation->has_rows) articulation->prepare_rows();
   }
-  // What Bullet does in this place beside the dynamics: constraints by island.
+  // The part of Bullet's function that is not dynamics: sorting constraints by island.
   m_sortedConstraints.copyFromArray(m_constraints);
   m_sortedConstraints.quickSort(btSortConstraintOnIslandPredicate2());
   m_sortedMultiBodyConstraints.resize(0);
-  for (int i = 0; i < m_multiBodyConstraints.size(); ++i) m_sortedMultiBodyConstraints.push_back(m_multiBodyConstraints[i]);
+  for (int i = 0; i < m_multiBodyConstraints.size(); ++i)
+    m_sortedMultiBodyConstraints.push_back(m_multiBodyConstraints[i]);
   m_sortedMultiBodyConstraints.quickSort(btSortMultiBodyConstraintOnIslandPredicate());
   btTypedConstraint **typed = m_sortedConstraints.size() ? &m_sortedConstraints[0] : nullptr;
   btMultiBodyConstraint **rows = m_sortedMultiBodyConstraints.size() ? &m_sortedMultiBodyConstraints[0] : nullptr;
@@ -59,7 +63,9 @@ void ArticulatedWorld::integrateTransforms(btScalar h) {
   for (AmbConstraint *constraint : external_constraints) constraint->external_rows->write_feedback(h);
 }
 
-bool acts_on_link(const AmbConstraint &constraint) { return first_of(constraint).articulation || second_of(constraint).articulation; }
+bool acts_on_link(const AmbConstraint &constraint) {
+  return first_of(constraint).articulation || second_of(constraint).articulation;
+}
 
 void add_external_constraint(AmbWorld &world, AmbConstraint &constraint) {
   btTransform frame_a, frame_b;
@@ -77,8 +83,9 @@ void add_external_constraint(AmbWorld &world, AmbConstraint &constraint) {
     frame_b.setOrigin(point.getPivotInB());
   }
   AmbBody &a = first_of(constraint), &b = second_of(constraint);
-  constraint.external_rows = a.articulation ? make_in_arena<ExternalConstraintRows>(constraint, a, frame_a, b, frame_b, rows)
-                          : make_in_arena<ExternalConstraintRows>(constraint, b, frame_b, a, frame_a, rows);
+  constraint.external_rows = a.articulation
+                                 ? make_in_arena<ExternalConstraintRows>(constraint, a, frame_a, b, frame_b, rows)
+                                 : make_in_arena<ExternalConstraintRows>(constraint, b, frame_b, a, frame_a, rows);
   for (AmbBody *body : {&a, &b}) {
     if (!body->articulation) continue;
     ++body->articulation->external_constraint_count;

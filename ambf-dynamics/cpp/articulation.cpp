@@ -29,7 +29,7 @@ btTransform frame_of(AmbConstraint &c, bool of_b) {
 
 btVector3 axis_of(const AmbConstraint &c) { return c.kind == Kind::Slider ? btVector3(1, 0, 0) : btVector3(0, 0, 1); }
 
-// How far apart axes and pivots of a spring and its joint may be: rad and m.
+// Largest difference between the axes (rad) and pivots (m) of a spring and its joint.
 constexpr btScalar AXIS_TOLERANCE = 2e-3;
 
 // Whether a spring acts on the coordinate of a joint between the same bodies.
@@ -41,7 +41,7 @@ bool acts_along(AmbConstraint &spring, AmbConstraint &joint) {
     const btTransform theirs = frame_of(joint, of_b), own = frame_of(spring, same_order ? of_b : !of_b);
     const btVector3 axis = theirs.getBasis() * axis_of(joint);
     if (axis.cross(own.getBasis() * axis_of(spring)).length() > AXIS_TOLERANCE) return false;
-    // Where it is along the axis doesn't matter, for a slider not even where the axis is.
+    // For a hinge the distance between the axes counts, for a slider only their directions.
     const bool hinge = type == ArticulationDynamics::JointType::Revolute;
     if (hinge && axis.cross(own.getOrigin() - theirs.getOrigin()).length() > AXIS_TOLERANCE) return false;
   }
@@ -53,13 +53,14 @@ bool joins_the_same(const AmbConstraint &a, const AmbConstraint &b) {
          (&first_of(a) == &second_of(b) && &second_of(a) == &first_of(b));
 }
 
-// Angle a sub-step from which on rates are kept from gaining energy by the change of position, rad.
+// Largest turn in a sub-step for which no limit of the kinetic energy is needed at the new position, rad.
 constexpr btScalar FAST_TURN = 0.05;
 
-// How far off its joint a body may be that is moved into it: m and rad. Farther it is for constraints to pull.
+// Largest position error of a joint, m and rad, up to which its child is moved onto the joint. With larger errors the
+// joint stays a constraint.
 constexpr btScalar MAX_INITIAL_GAP = 0.02, MAX_INITIAL_ANGLE = 0.05;
 
-// Whether the bodies of a joint are where a coordinate of it puts them, but for little.
+// Whether the position error of a joint is within these limits.
 bool fits(AmbConstraint &joint) {
   const btTransform a = first_of(joint).body.getWorldTransform() * frame_of(joint, false);
   const btTransform b = second_of(joint).body.getWorldTransform() * frame_of(joint, true);
@@ -85,7 +86,7 @@ AmbConstraint *joint_of(AmbConstraint &spring, AmbConstraint *const *joints, int
   return nullptr;
 }
 
-// A share of velocity lost in 1 s as the rate of its decay. What is lost at once is lost in a step of 0.1 ms.
+// Decay rate, 1/s, for a share of the velocity lost in 1 s; at most 1e4 1/s.
 btScalar drag_of(btScalar share) { return share > 0 ? std::fmin(-std::log1p(-std::fmin(share, btScalar(1))), 1e4) : 0; }
 
 ArticulationDynamics::Body body_of(const AmbBody &body) {
@@ -113,7 +114,8 @@ btTransform transform_of(const ArticulationDynamics &dynamics, size_t body) {
 
 }  // namespace
 
-LinkCollider::LinkCollider(AmbBody &owner, btMultiBody *multi_body, int link) : btMultiBodyLinkCollider(multi_body, link) {
+LinkCollider::LinkCollider(AmbBody &owner, btMultiBody *multi_body, int link)
+    : btMultiBodyLinkCollider(multi_body, link) {
   setUserPointer(static_cast<AmbObject *>(&owner));
   setCollisionShape(owner.shape->shape.get());
   setFriction(owner.body.getFriction());
@@ -131,14 +133,14 @@ bool LinkCollider::checkCollideWithOverride(const btCollisionObject *other) cons
 }
 
 AmbArticulation::AmbArticulation(AmbWorld &owner, AmbBody &base, AmbConstraint *const *joints, int n,
-                 AmbConstraint *const *parallel, int n_parallel)
+                                 AmbConstraint *const *parallel, int n_parallel)
     : world(owner), dynamics(base.body.getInvMass() == 0) {
   const bool fixed = dynamics.fixed_base;
   dynamics.bodies.push_back(body_of(base));
   members.push_back({&base, nullptr, nullptr, nullptr});
   multi_body = std::make_unique<btMultiBody>(n, dynamics.bodies[0].mass, dynamics.bodies[0].inertia, fixed, false);
   auto member_of = [this](const AmbBody *body) {
-    // A fixed base may be the base of other trees.
+    // A fixed base may be the base of several articulations and has no `articulation`.
     return body == members[0].body ? 0 : body->articulation == this ? body->member : -1;
   };
   if (!fixed) base.articulation = this;
@@ -149,7 +151,7 @@ AmbArticulation::AmbArticulation(AmbWorld &owner, AmbBody &base, AmbConstraint *
     const int parent = member_of(from_a ? &first_of(joint) : &second_of(joint));
     const btTransform in_parent = frame_of(joint, !from_a), in_child = frame_of(joint, from_a);
     const btVector3 axis = axis_of(joint);
-    // The coordinate is that of B with respect to A.
+    // The coordinate is that of body B relative to body A.
     dynamics.add(body_of(child), parent, joint_type_of(joint), from_a ? axis : -axis, in_parent, in_child);
     child.articulation = this;
     child.member = i + 1;
@@ -224,7 +226,7 @@ AmbArticulation::AmbArticulation(AmbWorld &owner, AmbBody &base, AmbConstraint *
     if (!spring.disables_collision) continue;
     LinkCollider &collider = *members[springs.back().link + 1].collider;
     collider.ignored.push_back(&first_of(spring) == members[springs.back().link + 1].body ? &second_of(spring)
-                                                                                       : &first_of(spring));
+                                                                                          : &first_of(spring));
   }
   joint_rows = std::make_unique<JointRows>(*this);
   world.articulated->addMultiBody(multi_body.get());
@@ -238,7 +240,7 @@ void AmbArticulation::add_spring(AmbConstraint &constraint, size_t link, bool is
   auto &six_dof = constraint.as<btGeneric6DofSpring2Constraint>();
   const auto &turn = *six_dof.getRotationalLimitMotor(2);
   const auto &way = *six_dof.getTranslationalLimitMotor();
-  // What has another sign in Bullet has the hinge's here.
+  // Angular quantities have the sign of a hinge here, which is opposite to that of Bullet's six-dof spring.
   const bool enabled = is_angle ? turn.m_enableSpring : way.m_enableSpring[2];
   ArticulationDynamics::Spring spring;
   spring.coordinate = joint.coordinate;
@@ -261,7 +263,7 @@ void AmbArticulation::add_spring(AmbConstraint &constraint, size_t link, bool is
       low = (low - spring.offset) * spring.sign;
       high = (high - spring.offset) * spring.sign;
       if (low > high) std::swap(low, high);
-      // Usually it has those of its joint.
+      // Limits equal to those of the joint need no row of their own.
       const btScalar tolerance = 1e-6;
       if (btFabs(low - own.motor.low) < tolerance && btFabs(high - own.motor.high) < tolerance) low = high + 1;
     }
@@ -270,7 +272,8 @@ void AmbArticulation::add_spring(AmbConstraint &constraint, size_t link, bool is
   springs.push_back({&constraint, link, low, high});
 }
 
-// Springs that are slow against the step are integrated with the motion; the others become rows, which cannot overshoot.
+// Classifies springs for a sub-step of h s: soft ones are integrated with the motion, stiff ones become implicit rows,
+// which cannot overshoot.
 void AmbArticulation::choose_springs(btScalar h) {
   for (size_t i = 0; i < springs.size(); ++i) {
     ArticulationDynamics::Spring &spring = dynamics.springs[i];
@@ -287,7 +290,8 @@ AmbArticulation::~AmbArticulation() {
   }
   std::vector<AmbConstraint *> external;
   for (AmbConstraint *constraint : world.articulated->external_constraints) {
-    if (first_of(*constraint).articulation == this || second_of(*constraint).articulation == this) external.push_back(constraint);
+    if (first_of(*constraint).articulation == this || second_of(*constraint).articulation == this)
+      external.push_back(constraint);
   }
   for (AmbConstraint *constraint : external) remove_external_constraint(world, *constraint);
   world.articulated->removeMultiBodyConstraint(joint_rows.get());
@@ -317,7 +321,8 @@ AmbArticulation::~AmbArticulation() {
     if (spring.constraint == members[spring.link + 1].joint) continue;
     world.world->addConstraint(spring.constraint->constraint.get(), spring.constraint->disables_collision);
   }
-  for (AmbConstraint *constraint : external) amb_world_add_constraint(&world, constraint, constraint->disables_collision);
+  for (AmbConstraint *constraint : external)
+    amb_world_add_constraint(&world, constraint, constraint->disables_collision);
 }
 
 void AmbArticulation::follow_base() {
@@ -347,7 +352,7 @@ void AmbArticulation::apply_set_state() {
       const btTransform relative = parent.inverseTimes(child);
       btScalar &q = position.q[link.coordinate];
       if (link.type == ArticulationDynamics::JointType::Revolute) {
-        // The rotation about the axis that comes nearest: of R = turn(axis, q) * rest.
+        // The angle q whose rotation about the axis is nearest to R = turn(axis, q) * rest.
         const btMatrix3x3 turn = relative.getBasis().timesTranspose(link.rotation);
         const btVector3 twist(turn[2][1] - turn[1][2], turn[0][2] - turn[2][0], turn[1][0] - turn[0][1]);
         const btScalar trace = turn[0][0] + turn[1][1] + turn[2][2];
@@ -406,7 +411,7 @@ void AmbArticulation::prepare_rows() {
   dynamics.update_poses(position);
   dynamics.update_velocities(free_rate);
   dynamics.factor_inertia();
-  // It sums up what rows change.
+  // The velocity of the btMultiBody is the sum of the changes by all rows.
   multi_body->clearVelocities();
 }
 
@@ -420,12 +425,13 @@ bool AmbArticulation::had_impulses() const {
 }
 
 void AmbArticulation::integrate(btScalar h) {
-  // Rows act where the tree was, and what they change of its rates is another momentum where it gets. A free tree has none but
-  // what they and forces give it.
+  // The change of the rates by rows was solved at the old position; at the new position the same rates have another
+  // momentum. The momentum of an articulation with a free base changes by forces and impulses only: it is computed at
+  // the old position and restored at the new one.
   const bool keeps_momentum = has_rows && !dynamics.fixed_base;
   const btVector3 about = position.origin;
   ArticulationDynamics::Momentum momentum;
-  // Most internal energy that the rates may have where the articulation gets.
+  // Largest internal energy at the new position, J.
   btScalar energy_limit = BT_LARGE_FLOAT;
   bool is_straight = false;
   if (has_rows) {
@@ -439,13 +445,14 @@ void AmbArticulation::integrate(btScalar h) {
     const btScalar fastest = dynamics.fastest_rotation(after);
     const bool is_fast = fastest * h > FAST_TURN;
     if (is_fast) {
-      // Rows were solved with the inertia at the old position, where they add no energy but the work of motors.
+      // At the old position, whose inertia they were solved with, rows add no energy but the work of motors.
       const btScalar solved = dynamics.internal_energy();
       dynamics.update_velocities(free_rate);
       const btScalar unsolved = dynamics.internal_energy();
       dynamics.update_poses(free_position);
       dynamics.update_velocities(free_rate);
-      // What they take at the old position they take as a share at the new one: inertias may be very different there.
+      // If rows removed a share of the energy at the old position, the same share is removed at the new one, where
+      // inertias may be very different; if they added energy, the same amount is added.
       const btScalar there = dynamics.internal_energy();
       energy_limit = solved < unsolved ? there * (solved / unsolved) : there + (solved - unsolved);
       if (keeps_momentum) dynamics.update_poses(position);
@@ -460,11 +467,12 @@ void AmbArticulation::integrate(btScalar h) {
       momentum.angular += by_rows.angular;
     }
     if (has_contact || external_constraint_count > 0 || had_impulses()) {
-      // Impacts act from the beginning of the sub-step, so that nothing moves into what stopped it.
+      // Impulses of contacts, limits and external constraints act from the beginning of the sub-step, so that no link
+      // penetrates further.
       ArticulationDynamics::advance_position(position, h, after);
       is_straight = true;
     } else {
-      // Motors push evenly over the sub-step.
+      // Forces of motors are constant over the sub-step: their mean change of the rates is half of `change`.
       position = free_position;
       ArticulationDynamics::advance_position(position, h / 2, change);
     }
@@ -491,9 +499,10 @@ void AmbArticulation::integrate(btScalar h) {
   write_proxies();
 }
 
-// Rates that were solved at one position have another kinetic energy at the next: what is above the limit is taken from the coordinates, and,
-// where the base takes it up again with the momentum, from all motion about the centre of mass.
-void AmbArticulation::limit_energy(btScalar most, const ArticulationDynamics::Momentum &momentum, const btVector3 &about) {
+// Limits the internal energy at the new position by scaling the rates of the coordinates and, if restoring the momentum
+// of a free base raises the energy again, all motion relative to the centre of mass.
+void AmbArticulation::limit_energy(btScalar most, const ArticulationDynamics::Momentum &momentum,
+                                   const btVector3 &about) {
   if (most >= BT_LARGE_FLOAT) return;
   btScalar energy = dynamics.internal_energy();
   if (!(energy > most)) return;
@@ -508,18 +517,21 @@ void AmbArticulation::limit_energy(btScalar most, const ArticulationDynamics::Mo
   dynamics.update_velocities(rate);
 }
 
-double free_energy(const btMultiBody &multi_body) { return static_cast<const AmbArticulation *>(multi_body.getUserPointer())->free_energy; }
+double free_energy(const btMultiBody &multi_body) {
+  return static_cast<const AmbArticulation *>(multi_body.getUserPointer())->free_energy;
+}
 
 void correct(btMultiBody &multi_body, const double *velocities) {
   AmbArticulation &articulation = *static_cast<AmbArticulation *>(multi_body.getUserPointer());
   articulation.dynamics.rates_of(velocities, articulation.correction);
-  // Contradictory rows may ask for much where the articulation hardly yields.
+  // Infeasible rows may cause large pseudo-velocities where the articulated response is small: they are clamped.
   btScalar fastest = articulation.correction.angular.length() / MAX_CORRECTION_RATE;
   fastest = std::max(fastest, articulation.correction.linear.length() / MAX_CORRECTION_SPEED);
   for (const ArticulationDynamics::Link &link : articulation.dynamics.links) {
     if (link.coordinate < 0) continue;
     const bool turns = link.type == ArticulationDynamics::JointType::Revolute;
-    fastest = std::max(fastest, btFabs(articulation.correction.q[link.coordinate]) / (turns ? MAX_CORRECTION_RATE : MAX_CORRECTION_SPEED));
+    fastest = std::max(fastest, btFabs(articulation.correction.q[link.coordinate]) /
+                                    (turns ? MAX_CORRECTION_RATE : MAX_CORRECTION_SPEED));
   }
   if (fastest > 1) {
     articulation.correction.angular /= fastest;
@@ -541,7 +553,8 @@ void AmbArticulation::remember_momenta() {
   }
 }
 
-// What the joints must have done over the sub-step: the change of momentum that nothing else explains, summed from the leaves.
+// Joint reaction wrenches over the sub-step: for each subtree, the change of momentum minus the impulses of all
+// external forces, divided by h; summed from the leaves to the base.
 void AmbArticulation::write_feedback(btScalar h) {
   const size_t n = members.size();
   const btVector3 zero(0, 0, 0);
@@ -571,7 +584,7 @@ void AmbArticulation::write_feedback(btScalar h) {
       const btVector3 axis = dynamics.rotations[parent] * link.axis * spring_effort(s, h);
       const bool is_angle = link.type == ArticulationDynamics::JointType::Revolute;
       const btVector3 push = is_angle ? zero : axis;
-      // About the child's centre of mass, of a force at its end of the joint.
+      // Torque about the child's centre of mass of a force at the child's end of the joint.
       const btVector3 twist = is_angle ? axis : axis.cross(dynamics.rotations[i] * link.arm);
       write_wrench(constraint, i, push, twist, arm);
       force -= push;
@@ -581,9 +594,10 @@ void AmbArticulation::write_feedback(btScalar h) {
   }
 }
 
-// A force on member i and a torque about its centre of mass, and what answers them on its parent, from which `arm` leads to it.
-void AmbArticulation::write_wrench(const AmbConstraint &constraint, size_t i, const btVector3 &force, const btVector3 &torque,
-                           const btVector3 &arm) {
+// Writes the joint reaction wrench on link i about its centre of mass, and the opposite wrench on its parent. `arm`
+// leads from the parent's centre of mass to that of the link, m.
+void AmbArticulation::write_wrench(const AmbConstraint &constraint, size_t i, const btVector3 &force,
+                                   const btVector3 &torque, const btVector3 &arm) {
   if (!constraint.feedback) return;
   const bool child_is_b = &second_of(constraint) == members[i].body;
   btJointFeedback &feedback = *constraint.feedback;
@@ -632,7 +646,7 @@ btScalar AmbArticulation::coordinate(const AmbConstraint &joint, btScalar *speed
 extern "C" {
 
 AmbArticulation *amb_world_articulate(AmbWorld *world, AmbBody *base, AmbConstraint *const *joints, int n,
-                              AmbConstraint *const *springs, int n_springs) {
+                                      AmbConstraint *const *springs, int n_springs) {
   if (!world->articulated) return nullptr;
   for (int i = 0; i < n; ++i) {
     if (!fits(*joints[i])) return nullptr;

@@ -1,8 +1,9 @@
-// What stands behind a tree, see multi_body.h. C++ only.
+// Implementation of articulations, see articulate.h. C++ only.
 //
-// A tree lies over its bodies: each keeps its btRigidBody, which is out of the world and mirrors its link. Who reads a body reads the
-// mirror, and who writes to it leaves there what the tree takes up before its next sub-step. Kinematics and dynamics are ArticulationDynamics'; Bullet's
-// multi-body stands for the articulation in Bullet's solver, islands and colliders.
+// Each link keeps its btRigidBody as a proxy outside the world: getters read the proxy; setters write it and mark the
+// articulation, and `apply_set_state` maps the poses and velocities of the proxies to generalised coordinates before
+// the next sub-step. Kinematics and dynamics are computed by ArticulationDynamics; a btMultiBody represents the
+// articulation in Bullet's solver, islands and colliders only.
 #ifndef AMB_ARTICULATION_H
 #define AMB_ARTICULATION_H
 
@@ -16,13 +17,13 @@
 class JointRows;
 class LinkDrive;
 
-// What of a link collides.
+// The collision object of a link.
 struct LinkCollider : btMultiBodyLinkCollider {
   LinkCollider(AmbBody &owner, btMultiBody *multi_body, int link);
 
   bool checkCollideWithOverride(const btCollisionObject *other) const override;
 
-  // Held by a joint that disables collisions.
+  // Objects that a joint or an external constraint with disabled collisions connects to this link.
   Vector<const AmbObject *> ignored;
 };
 
@@ -31,66 +32,68 @@ struct AmbArticulation {
 
   struct Member {
     AmbBody *body;
-    // To the parent; null for the base.
+    // The joint between the member and its parent; null for the base.
     AmbConstraint *joint;
     // Null for a fixed base.
     std::unique_ptr<LinkCollider> collider;
-    // Made when it is first needed.
+    // Created when the link is first driven.
     std::shared_ptr<LinkDrive> drive;
   };
 
-  // A spring beside a joint, or in it: then it is the joint.
+  // A spring that acts on the coordinate of a joint, or that is the joint itself.
   struct Spring {
     AmbConstraint *constraint;
     size_t link;
-    // Of the coordinate.
+    // Limits of the joint coordinate by the spring's own limits, rad or m; low > high: none.
     btScalar low, high;
   };
 
   AmbArticulation(AmbWorld &owner, AmbBody &base, AmbConstraint *const *joints, int n, AmbConstraint *const *springs,
-          int n_springs);
+                  int n_springs);
   ~AmbArticulation();
 
-  // Takes up poses and velocities that were set on bodies.
+  // Projects poses and velocities that were set on the bodies onto the generalised coordinates.
   void apply_set_state();
-  // Motion over the next sub-step without what rows do.
+  // Computes the motion over the next sub-step of h s without constraint rows, and the rows of the joints.
   void integrate_free_motion(btScalar h);
-  // Makes rows possible: bodies are placed where they are and move as without rows.
+  // Prepares the creation of rows: poses are those at the beginning of the sub-step, velocities those of the free
+  // motion.
   void prepare_rows();
   void integrate(btScalar h);
   void clear_forces();
 
-  // Position of a hinge, slider or spring, and its rate; 0 of others.
+  // Coordinate of a hinge, slider or spring, rad or m, and its rate; 0 for other joints.
   btScalar coordinate(const AmbConstraint &joint, btScalar *speed = nullptr);
-  // What drives a member; made if it has none.
+  // The drive of a link, which is created if it has none.
   LinkDrive &drive_of(AmbBody &link);
 
   AmbWorld &world;
   ArticulationDynamics dynamics;
   Vector<Member> members;
-  // In the order of those of the dynamics.
+  // In the order of dynamics.springs.
   Vector<Spring> springs;
   std::unique_ptr<btMultiBody> multi_body;
   std::unique_ptr<JointRows> joint_rows;
   ArticulationDynamics::Position position;
   ArticulationDynamics::Rate rate;
-  // Where it gets without rows.
+  // State at the end of the sub-step without constraint rows.
   ArticulationDynamics::Position free_position;
   ArticulationDynamics::Rate free_rate;
   // Kinetic energy of that motion, J.
   btScalar free_energy = 0;
-  // Moves the articulation in this sub-step only, beside its rates.
+  // Pseudo-velocity of the position correction: moves the articulation in this sub-step and does not change its rates.
   ArticulationDynamics::Rate correction;
   bool is_corrected = false;
-  // What rows did in this sub-step.
+  // Change of the rates by the constraint impulses of this sub-step.
   ArticulationDynamics::Rate change;
   bool poses_set = false;
   bool velocities_set = false;
-  // A contact or a constraint from outside holds it in this sub-step.
+  // A link has contacts in this sub-step.
   bool has_contact = false;
   bool has_rows = false;
   int external_constraint_count = 0;
-  // For the energy ledger, which calls it when it is switched on: present energy, and time by which poses are ahead of velocities, s.
+  // For the energy ledger, which calls note_energy when it is enabled: energy after the last sub-step, and time by
+  // which the poses are ahead of the velocities, s.
   void note_energy();
   MechanicalEnergy energy;
   btScalar pose_lead = 0;
@@ -113,14 +116,15 @@ struct AmbArticulation {
                     const btVector3 &arm);
   btScalar spring_effort(size_t index, btScalar h) const;
 
-  // State at the beginning of the sub-step, if the ledger is on.
+  // State at the beginning of the sub-step, if the energy ledger is enabled.
   struct Start {
     ArticulationDynamics::Position position;
     ArticulationDynamics::Rate rate;
     Vector<btVector3> origins, linear, angular;
-    // Power of the damping of rotations, W.
+    // Power of the angular damping, W.
     btScalar drag = 0;
-    // Elastic energy that corrections gave springs whose damping follows from their rows, J.
+    // Change by position corrections of the elastic energy of stiff springs, whose damping work is computed from their
+    // rows, J.
     btScalar corrected = 0;
   };
 
@@ -130,11 +134,11 @@ struct AmbArticulation {
   Vector<btVector3> momenta, angular_momenta, velocities, angular_velocities;
 };
 
-// A world with trees.
+// A world with articulations.
 class ArticulatedWorld : public LazyWorld<btMultiBodyDynamicsWorld> {
  public:
   ArticulatedWorld(MotionClock &clock, btDispatcher *dispatcher, btBroadphaseInterface *broadphase,
-            btMultiBodyConstraintSolver *solver, btCollisionConfiguration *configuration);
+                   btMultiBodyConstraintSolver *solver, btCollisionConfiguration *configuration);
 
   void applyGravity() override;
   void clearForces() override;
@@ -143,14 +147,14 @@ class ArticulatedWorld : public LazyWorld<btMultiBodyDynamicsWorld> {
   void integrateTransforms(btScalar h) override;
 
   Vector<AmbArticulation *> articulations;
-  // Constraints that hold a link and are none of its tree.
+  // Constraints on links that are not joints of the link's articulation.
   Vector<AmbConstraint *> external_constraints;
 };
 
-// Coordinate of a spring about or along z of its frames, from the present poses: positive as for a hinge.
+// Coordinate of a spring about (rad, sign as of a hinge) or along (m) z of its frames, from the present poses.
 btScalar spring_coordinate(AmbConstraint &spring);
 
-// Of such a spring: whether z of the frames is free to turn, or to move along. Locked otherwise.
+// Whether rotation about z, or translation along z, of a spring's frames is not locked.
 inline bool moves_about_z(AmbConstraint &c) {
   const auto &axis = *c.as<btGeneric6DofSpring2Constraint>().getRotationalLimitMotor(2);
   return axis.m_loLimit != axis.m_hiLimit;
@@ -163,7 +167,7 @@ inline bool moves_along_z(AmbConstraint &c) {
 inline AmbBody &first_of(const AmbConstraint &c) { return *body_of(&c.constraint->getRigidBodyA()); }
 inline AmbBody &second_of(const AmbConstraint &c) { return *body_of(&c.constraint->getRigidBodyB()); }
 
-// Whether a constraint has to be a tie: one of its bodies is a link.
+// Whether one of the bodies of a constraint is a link, so that the constraint must be an external constraint.
 bool acts_on_link(const AmbConstraint &constraint);
 void add_external_constraint(AmbWorld &world, AmbConstraint &constraint);
 void remove_external_constraint(AmbWorld &world, AmbConstraint &constraint);

@@ -55,7 +55,8 @@ btQuaternion spin_of(const btVector3 &omega, const btQuaternion &rotation) {
   return btQuaternion(omega.x(), omega.y(), omega.z(), 0) * rotation * btScalar(0.5);
 }
 
-void advance(ArticulationDynamics::Rate &to, const ArticulationDynamics::Rate &from, btScalar h, const ArticulationDynamics::Rate &slope) {
+void advance(ArticulationDynamics::Rate &to, const ArticulationDynamics::Rate &from, btScalar h,
+             const ArticulationDynamics::Rate &slope) {
   to.angular = from.angular + slope.angular * h;
   to.linear = from.linear + slope.linear * h;
   for (size_t i = 0; i < to.q.size(); ++i) to.q[i] = from.q[i] + h * slope.q[i];
@@ -64,7 +65,7 @@ void advance(ArticulationDynamics::Rate &to, const ArticulationDynamics::Rate &f
 }  // namespace
 
 void ArticulationDynamics::add(const Body &body, int parent, JointType type, const btVector3 &axis,
-                       const btTransform &joint_in_parent, const btTransform &joint_in_child) {
+                               const btTransform &joint_in_parent, const btTransform &joint_in_child) {
   Link link;
   link.parent = parent;
   link.type = type;
@@ -175,7 +176,7 @@ void ArticulationDynamics::add_inertias() {
   }
 }
 
-// Force and torque by which a link resists motion of its joint, whose children's joints are free.
+// Computes U = I_A S and 1 / D, D = S^T U, for a link with articulated inertia I_A and joint motion subspace S.
 void ArticulationDynamics::compute_joint_inertia(size_t link) {
   Work &w = work[link + 1];
   w.u_angular = w.a * w.s_angular + w.b * w.s_linear;
@@ -184,7 +185,7 @@ void ArticulationDynamics::compute_joint_inertia(size_t link) {
   w.d_inverse = d > 0 ? 1 / d : 0;
 }
 
-// Takes the motion of the link's joint out of its articulated inertia.
+// Articulated inertia seen through the joint: I_A - U D^-1 U^T.
 void ArticulationDynamics::remove_joint_motion(size_t link) {
   if (links[link].type == JointType::Fixed) return;
   Work &w = work[link + 1];
@@ -193,7 +194,7 @@ void ArticulationDynamics::remove_joint_motion(size_t link) {
   subtract_outer(w.m, w.u_linear, w.u_linear, w.d_inverse);
 }
 
-// Adds the articulated inertia of a link to that of its parent.
+// Adds the articulated inertia of a link, shifted to the parent's centre of mass, to that of the parent.
 void ArticulationDynamics::add_to_parent(size_t link) {
   const Work &w = work[link + 1];
   Work &parent = work[links[link].parent];
@@ -203,7 +204,8 @@ void ArticulationDynamics::add_to_parent(size_t link) {
   parent.m += w.m;
 }
 
-// From the leaves to the base and back. The bias forces of all bodies have been set.
+// Second and third pass of the articulated-body algorithm: from the leaves to the base and back. The bias forces of all
+// bodies must have been set.
 void ArticulationDynamics::sweep(Rate &out, bool with_bias) {
   for (size_t i = links.size(); i-- > 0;) {
     const Link &link = links[i];
@@ -277,7 +279,7 @@ void ArticulationDynamics::accelerate(const Position &position, const Rate &rate
 }
 
 void ArticulationDynamics::project(const btVector3 *linear_wanted, const btVector3 *angular_wanted, Rate &rate) {
-  // Sets the motions of the coordinates; without rates there is no bias.
+  // Sets the motion subspaces of the joints; with rates of 0 there is no bias.
   for (btScalar &q : stage_rate.q) q = 0;
   stage_rate.angular.setZero();
   stage_rate.linear.setZero();
@@ -291,9 +293,10 @@ void ArticulationDynamics::project(const btVector3 *linear_wanted, const btVecto
   sweep(rate, false);
 }
 
-// One step of a power iteration for the fastest mode about the present motion, from the acceleration in `slopes[0]`.
+// One step of a power iteration for the fastest vibration mode about the present motion. slopes[0] must be the present
+// acceleration.
 void ArticulationDynamics::update_fastest_mode(const Position &at, const Rate &rate) {
-  // In rad or m.
+  // Displacement of the finite difference, rad or m.
   constexpr btScalar shift = 1e-6;
   stage.rotation = at.rotation;
   stage.origin = at.origin;
@@ -351,7 +354,7 @@ btScalar ArticulationDynamics::drag_power() const {
 void ArticulationDynamics::scale_internal_velocity(btScalar share, Rate &rate) {
   for (btScalar &q : rate.q) q *= share;
   if (fixed_base) return;
-  // The base moves on with the centre of mass, whose velocity stays what it was.
+  // The velocity of the centre of mass is kept.
   const btVector3 velocity = linear_momentum() / mass();
   rate.angular *= share;
   rate.linear = velocity + (rate.linear - velocity) * share;
@@ -396,7 +399,7 @@ void ArticulationDynamics::bound_rotation(Rate &rate, btScalar h) {
   update_velocities(rate);
 }
 
-// The velocities of the bodies decay for h; what perfect joints leave of that are the new rates.
+// Damping over h s: the velocities of all bodies decay, and their projection onto the joints gives the new rates.
 void ArticulationDynamics::apply_damping(btScalar h, const Position &at, Rate &rate) {
   update_poses(at);
   update_velocities(rate);
@@ -412,13 +415,14 @@ void ArticulationDynamics::apply_damping(btScalar h, const Position &at, Rate &r
 }
 
 void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &rate, Position &to, Rate &new_rate) {
-  // The method is stable up to 2.8 rad a step; turns of bodies are integrated well up to a third of one.
+  // Largest phase of a vibration in a step (the method is stable up to 2.8 rad), and largest turn of a body, rad.
   constexpr btScalar MAX_PHASE = 1.5, MAX_TURN = 0.3;
-  // The classical Runge-Kutta method is unstable from a decay of 2.8 a step on, and inaccurate from a tenth of that.
+  // Largest decay rate times step: the method is unstable from 2.8 on, and inaccurate from a tenth of that.
   constexpr btScalar MAX_DECAY = 0.2;
-  // Internal energy that truncation may add in a step, as a share of it and of the work in the step.
+  // Growth of the internal energy that is tolerated as truncation error, as a share of the energy and of the work in
+  // the step.
   constexpr btScalar MAX_GROWTH = 1e-4;
-  // Error of rounding of an internal energy, as a share of all energy.
+  // Rounding error of the internal energy, as a share of the kinetic energy.
   constexpr btScalar ROUNDING = 1e-12;
   constexpr int MAX_PARTS = 100, REFINEMENT = 4, PROBES_AT_FIRST = 10, STEPS_BETWEEN_PROBES = 16;
   splits_damping = false;
@@ -442,21 +446,21 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
     if (mode.empty()) {
       probes = PROBES_AT_FIRST;
       mode.resize(coordinates);
-      // The fastest ones are zigzags.
+      // The fastest modes of chains are zigzags.
       for (int k = 0; k < coordinates; ++k) mode[k] = (k % 2 ? -1 : 1) * (1 + btScalar(0.3) * (k % 3));
     }
     for (int i = 0; i < probes; ++i) update_fastest_mode(from, start_rate);
     steps_until_probe = STEPS_BETWEEN_PROBES;
   }
   const btScalar phases = std::max(h * btSqrt(stiffness) / MAX_PHASE, h * fastest / MAX_TURN);
-  // Not so for what is no number.
+  // The comparison is false for NaN.
   int parts = phases > 1 ? static_cast<int>(std::min(std::ceil(phases), btScalar(MAX_PARTS))) : 1;
   btScalar scale = 1;
   for (;;) {
     divided_step(h, parts, from, start_rate, to, new_rate);
     update_poses(to);
     update_velocities(new_rate);
-    // Forces are constant over the step, their work follows from the motion; that of a torque nearly so.
+    // Forces are constant over the step, so that their work is exact; that of torques uses the mean angular velocity.
     btScalar work = elastic - (springs.empty() ? 0 : elastic_energy(to)), twist_after = 0;
     btVector3 moved(0, 0, 0), force(0, 0, 0);
     for (size_t i = 0; i < bodies.size(); ++i) {
@@ -466,7 +470,7 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
       moved += way * bodies[i].mass;
       force += bodies[i].force;
     }
-    // What moves the centre of mass is no part of the internal energy.
+    // The work on the motion of the centre of mass does not change the internal energy.
     const btScalar lifted = fixed_base ? 0 : force.dot(moved) / mass();
     work -= lifted;
     work += h / 2 * (twist_before + twist_after + dragged_before + drag_power());
@@ -475,7 +479,7 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
     const btScalar slack = MAX_GROWTH * (kinetic + btFabs(work)) + ROUNDING * (kinetic_energy() + btFabs(lifted));
     if (after <= allowed + slack) break;
     if (parts >= MAX_PARTS) {
-      // No step is short enough: the growth is taken away.
+      // The largest number of sub-intervals was not enough: the excess energy is removed by scaling the velocities.
       scale = btSqrt(std::max(allowed, btScalar(0)) / after);
       break;
     }
@@ -488,8 +492,9 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
   if (splits_damping) apply_damping(h / 2, to, new_rate);
 }
 
-// In equal parts; the first acceleration is in `slopes[0]` already.
-void ArticulationDynamics::divided_step(btScalar h, int parts, const Position &from, const Rate &rate, Position &to, Rate &new_rate) {
+// Integrates over h s in equal parts. slopes[0] must be the acceleration at the beginning.
+void ArticulationDynamics::divided_step(btScalar h, int parts, const Position &from, const Rate &rate, Position &to,
+                                        Rate &new_rate) {
   runge_kutta(h / parts, from, rate, to, new_rate);
   for (int i = 1; i < parts; ++i) {
     part = to;
@@ -501,8 +506,9 @@ void ArticulationDynamics::divided_step(btScalar h, int parts, const Position &f
   }
 }
 
-// The first acceleration is in `slopes[0]` already.
-void ArticulationDynamics::runge_kutta(btScalar h, const Position &from, const Rate &rate, Position &to, Rate &new_rate) {
+// One step of the classical Runge-Kutta method. slopes[0] must be the acceleration at the beginning.
+void ArticulationDynamics::runge_kutta(btScalar h, const Position &from, const Rate &rate, Position &to,
+                                       Rate &new_rate) {
   const btScalar way[4] = {0, h / 2, h / 2, h};
   btQuaternion spins[4];
   speeds[0] = rate;
@@ -533,9 +539,8 @@ void ArticulationDynamics::runge_kutta(btScalar h, const Position &from, const R
   }
 }
 
-// A row of L is the force by which a link resists its joint, moved to each joint on the way to the base, over the root of the joint's own
-// resistance. This is more accurate than to factor the inertia of the coordinates, which is a difference of large numbers where heavy links
-// hang on light ones.
+// Row k of L is U / sqrt(D) of link k, projected onto each joint on the path to the base. This is more accurate than
+// factoring the generalised inertia, where large numbers cancel if heavy links hang on light ones.
 void ArticulationDynamics::factor_inertia() {
   const size_t n = velocity_size();
   add_inertias();
@@ -568,11 +573,12 @@ void ArticulationDynamics::factor_inertia() {
   if (fixed_base) return;
   const Work &base = work[0];
   for (size_t k = 0; k < 6; ++k) {
-    for (size_t j = 0; j <= k; ++j) factor[k * n + j] = k < 3 ? base.a[k][j] : j < 3 ? base.b[j][k - 3] : base.m[k - 3][j - 3];
+    for (size_t j = 0; j <= k; ++j)
+      factor[k * n + j] = k < 3 ? base.a[k][j] : j < 3 ? base.b[j][k - 3] : base.m[k - 3][j - 3];
   }
   for (size_t k = 6; k-- > 0;) {
     btScalar *const row = &factor[k * n];
-    // What is not positive is an error of rounding: nothing moves there.
+    // A pivot that is not positive is a rounding error: the component cannot move.
     inverse_diagonal[k] = row[k] > 0 ? 1 / btSqrt(row[k]) : 0;
     for (size_t i = 0; i <= k; ++i) row[i] *= inverse_diagonal[k];
     for (size_t i = 0; i < k; ++i) {
@@ -581,7 +587,8 @@ void ArticulationDynamics::factor_inertia() {
   }
 }
 
-void ArticulationDynamics::add_jacobian(size_t body, const btVector3 &force, const btVector3 &torque, btScalar *row) const {
+void ArticulationDynamics::add_jacobian(size_t body, const btVector3 &force, const btVector3 &torque,
+                                        btScalar *row) const {
   btVector3 twist = torque;
   while (body > 0) {
     const Work &w = work[body];
@@ -608,7 +615,9 @@ void ArticulationDynamics::normalise(btScalar *row) const {
 
 void ArticulationDynamics::rates_of(const btScalar *z, Rate &rate) const {
   const size_t n = velocity_size();
-  const auto component = [&](size_t k) -> btScalar & { return k < 3 ? rate.angular[k] : k < 6 ? rate.linear[k - 3] : rate.q[k - 6]; };
+  const auto component = [&](size_t k) -> btScalar & {
+    return k < 3 ? rate.angular[k] : k < 6 ? rate.linear[k - 3] : rate.q[k - 6];
+  };
   for (size_t k = 0; k < n; ++k) {
     if (fixed_base && k < 6) {
       component(k) = 0;

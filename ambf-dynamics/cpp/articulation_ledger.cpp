@@ -1,11 +1,13 @@
-// The energy ledger's part of articulations.
+// Energy ledger of articulations.
 #include "ledger_rows.h"
 #include "articulation_rows.h"
 
 namespace {
 
 // Midpoint rate of a cubic through two values and their rates.
-btScalar middle_of(btScalar way, btScalar before, btScalar after, btScalar h) { return btScalar(1.5) * way / h - (before + after) / 4; }
+btScalar middle_of(btScalar way, btScalar before, btScalar after, btScalar h) {
+  return btScalar(1.5) * way / h - (before + after) / 4;
+}
 btVector3 middle_of(const btVector3 &way, const btVector3 &before, const btVector3 &after, btScalar h) {
   return way * (btScalar(1.5) / h) - (before + after) / 4;
 }
@@ -25,7 +27,7 @@ void read_rates(const btMultiBody &multi_body, Vector<btScalar> &start, Vector<b
   articulation.dynamics.coordinates_of(articulation.free_rate, free.data());
 }
 
-// Present energy with poses that are taken back by a time.
+// Present energy, with potential and elastic energy evaluated `by` s before the present positions.
 MechanicalEnergy AmbArticulation::energy_at_lead(btScalar by) const {
   MechanicalEnergy sum;
   sum.kinetic = dynamics.kinetic_energy();
@@ -41,7 +43,7 @@ MechanicalEnergy AmbArticulation::energy_at_lead(btScalar by) const {
 
 void AmbArticulation::note_energy() { energy = energy_at_lead(pose_lead); }
 
-// What was set since the last sub-step, and where this one starts.
+// Adds the energy of states that were set since the last sub-step, and stores the state at the beginning of this one.
 void AmbArticulation::begin_account() {
   const double before = energy.total();
   note_energy();
@@ -57,7 +59,7 @@ void AmbArticulation::begin_account() {
   }
 }
 
-// Pseudo-velocities are about to move the position for h.
+// Adds the work of the pseudo-velocities, before they move the position over h s.
 void AmbArticulation::book_correction(btScalar h) {
   dynamics.update_poses(position);
   dynamics.update_velocities(correction);
@@ -74,15 +76,18 @@ void AmbArticulation::book_correction(btScalar h) {
   engine_of(world).ledger.sums.corrections += work;
 }
 
-// is_straight: the sub-step moved by its last rates, as Bullet's do. The work of rows is booked by the solver.
+// Adds the work in a sub-step of h s except that of rows. is_straight: the positions moved by the new rates
+// (semi-implicit Euler).
 void AmbArticulation::end_account(btScalar h, bool is_straight) {
   EnergyLedger &ledger = engine_of(world).ledger;
   const btScalar next = is_straight ? h / 2 : 0;
   double changed = 0, wrenches = 0, damping = -start.drag * h / 2 - start.corrected;
   for (size_t i = dynamics.fixed_base ? 1 : 0; i < members.size(); ++i) {
     const ArticulationDynamics::Body &body = dynamics.bodies[i];
-    const btVector3 weight = members[i].body->body.getGravity() * body.mass, &before = start.linear[i], &after = dynamics.linear[i];
-    const btVector3 mean_way = (before + after) * (h / 2), way = is_straight ? mean_way : dynamics.origins[i] - start.origins[i];
+    const btVector3 weight = members[i].body->body.getGravity() * body.mass, &before = start.linear[i],
+                    &after = dynamics.linear[i];
+    const btVector3 mean_way = (before + after) * (h / 2),
+                    way = is_straight ? mean_way : dynamics.origins[i] - start.origins[i];
     changed += weight.dot(before) * (next - pose_lead);
     wrenches += (body.force - weight).dot(way) + body.torque.dot(start.angular[i] + dynamics.angular[i]) * (h / 2);
     const btVector3 middle = middle_of(way, before, after, h);
@@ -94,10 +99,11 @@ void AmbArticulation::end_account(btScalar h, bool is_straight) {
     const btScalar q = start.position.q[i], before = start.rate.q[i], after = rate.q[i];
     changed += elastic(spring, q - before * next) - elastic(spring, q - before * pose_lead);
     if (spring.is_stiff) {
-      // Its row takes what becomes elastic energy and what is damped.
+      // The work of its row is the change of elastic energy plus the damping work.
       damping += elastic(spring, position.q[i] - after * next) - elastic(spring, q - before * next);
     } else {
-      const btScalar way = is_straight ? (before + after) * (h / 2) : position.q[i] - q, middle = middle_of(way, before, after, h);
+      const btScalar way = is_straight ? (before + after) * (h / 2) : position.q[i] - q,
+                     middle = middle_of(way, before, after, h);
       damping -= spring.damping * h / 6 * (before * before + 4 * middle * middle + after * after);
     }
   }
@@ -109,11 +115,12 @@ void AmbArticulation::end_account(btScalar h, bool is_straight) {
   note_energy();
 }
 
-void JointRows::book_feedforward(EnergyLedger &ledger, const ArticulationDynamics::Position &from, const ArticulationDynamics::Rate &rate,
-                              btScalar pose_lead) const {
+void JointRows::book_feedforward(EnergyLedger &ledger, const ArticulationDynamics::Position &from,
+                                 const ArticulationDynamics::Rate &rate, btScalar pose_lead) const {
   for (size_t i = 0; i < planned.size(); ++i) {
     const int k = planned[i].coordinate;
-    const btScalar way = pose_lead > 0 ? (rate.q[k] + articulation.rate.q[k]) * pose_lead : articulation.position.q[k] - from.q[k];
+    const btScalar way =
+        pose_lead > 0 ? (rate.q[k] + articulation.rate.q[k]) * pose_lead : articulation.position.q[k] - from.q[k];
     ledger.book(work_kind(static_cast<int>(i)), planned[i].feedforward / step * way);
   }
 }

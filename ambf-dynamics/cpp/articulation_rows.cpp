@@ -6,26 +6,26 @@
 
 namespace {
 
-// What Bullet's hinge leaves of the speed into a limit; its slider leaves nothing.
+// Coefficient of restitution of a hinge at its limits, as in Bullet; that of a slider is 0.
 constexpr btScalar HINGE_BOUNCE = 0.3;
-// Share of a limit's violation that is corrected in a sub-step.
+// Share of the violation of a limit that is corrected in a sub-step.
 constexpr btScalar LIMIT_ERP = 0.2;
-// Keeps two rows of one coordinate apart, as a share of their response.
+// CFM as a share of the response, which regularises several rows on one coordinate.
 constexpr btScalar SOFTNESS = 1e-9;
-// CFM of constraints from outside the articulation, as a share of the response of their rows.
+// CFM of external constraints, as a share of the response of their rows.
 constexpr btScalar EXTERNAL_SOFTNESS = 1e-6;
-// Farthest that the articulation may move in a sub-step by its acceleration under expected forces, rad; for a slider that angle times the
-// distance between the centres of mass that it joins, m. Beyond that the motion depends too nonlinearly on the forces to be predicted from the last
-// ones: the force of a controller whose set point jumps would be repeated where the controller wants to reverse it.
+// Largest acceleration times h^2 under fed-forward forces, rad; for a slider that angle times the distance between the
+// centres of mass that it joins, m. Beyond it the motion depends too nonlinearly on the forces: after a jump of a set
+// point the last force of the controller would be repeated where the controller reverses it.
 constexpr btScalar MAX_FEEDFORWARD_MOTION = 0.02;
 
 }  // namespace
 
 JointRows::JointRows(AmbArticulation &owner)
     : EngineRows(owner.multi_body.get(), nullptr, 0, -1, 3 * owner.dynamics.coordinates, false,
-                            MULTIBODY_CONSTRAINT_1DOF_JOINT_MOTOR),
+                 MULTIBODY_CONSTRAINT_1DOF_JOINT_MOTOR),
       articulation(owner) {
-  // A limit and a motor of each joint, and a limit and a row of each spring.
+  // Maximum number of rows: a limit and a motor for each joint, a limit and a force for each spring.
   m_numRows = 2 * (owner.dynamics.coordinates + static_cast<int>(owner.springs.size()));
   m_data.resize(m_numRows);
   reset();
@@ -44,7 +44,7 @@ void JointRows::plan_limit(int coordinate, btScalar low, btScalar high, bool is_
   if (low > high) return;
   btScalar q = articulation.position.q[coordinate];
   if (is_angle) {
-    // Angles have no beginning: the limits nearest to q count.
+    // The angle is wrapped to within pi of the centre of the limits.
     const btScalar center = (low + high) / 2;
     q = center + std::remainder(q - center, 2 * SIMD_PI);
   }
@@ -56,14 +56,15 @@ void JointRows::plan_limit(int coordinate, btScalar low, btScalar high, bool is_
   }
   const btScalar bounce = is_angle ? HINGE_BOUNCE : 0;
   for (btScalar side : {1, -1}) {
-    // Way to the limit, and speed towards its free side.
+    // Distance to the limit (negative: violated), and speed away from it.
     const btScalar gap = side * (q - (side > 0 ? low : high));
     const btScalar speed = side * articulation.free_rate.q[coordinate];
     if (gap + h * speed >= 0 && gap >= 0) continue;
     btScalar target = gap < 0 ? 0 : -gap / h;
     if (bounce > 0) target = std::max(target, -bounce * speed);
     const btScalar correction = gap < 0 ? std::min(-gap / h * LIMIT_ERP, most) : -gap / h;
-    planned.push_back({coordinate, side * target, 0, side > 0 ? 0 : -infinity, side > 0 ? infinity : 0, -1, 0, side * correction, is_angle});
+    planned.push_back({coordinate, side * target, 0, side > 0 ? 0 : -infinity, side > 0 ? infinity : 0, -1, 0,
+                       side * correction, is_angle});
     return;
   }
 }
@@ -114,7 +115,7 @@ void JointRows::plan_motors(btScalar h) {
     const ArticulationDynamics::Spring &spring = articulation.dynamics.springs[i];
     if (!spring.is_stiff) continue;
     const int coordinate = spring.coordinate;
-    // The force at the end of the sub-step, -k (x + h q') - d q', as a rate that gives way to its impulse.
+    // The implicit force -k (x + h q') - d q' at the end of the sub-step, written as a soft row.
     const btScalar push = spring.sign * spring.stiffness * spring.displacement(articulation.position.q[coordinate]);
     const btScalar give = spring.damping + h * spring.stiffness;
     const int source = articulation.dynamics.coordinates + static_cast<int>(i);
@@ -123,7 +124,8 @@ void JointRows::plan_motors(btScalar h) {
   drop_large_feedforward(h);
 }
 
-// All or none: they balance each other.
+// Drops all fed-forward forces if one of them accelerates the articulation too much: the forces of a chain balance each
+// other.
 void JointRows::drop_large_feedforward(btScalar h) {
   ArticulationDynamics &dynamics = articulation.dynamics;
   bool any = false;
@@ -135,8 +137,9 @@ void JointRows::drop_large_feedforward(btScalar h) {
   bool is_large = false;
   for (const ArticulationDynamics::Link &link : dynamics.links) {
     if (link.coordinate < 0) continue;
-    const btScalar scale = link.type == ArticulationDynamics::JointType::Prismatic ? link.arm.length() + link.pivot.length() : 1;
-    // Not so for what is no number.
+    const btScalar scale =
+        link.type == ArticulationDynamics::JointType::Prismatic ? link.arm.length() + link.pivot.length() : 1;
+    // The comparison is false for NaN, which counts as large.
     is_large = is_large || !(btFabs(acceleration.q[link.coordinate]) * h * h <= MAX_FEEDFORWARD_MOTION * scale);
   }
   if (!is_large) return;
@@ -165,7 +168,8 @@ bool JointRows::hit_limit() const {
 
 btScalar JointRows::spring_impulse(size_t spring) const {
   for (size_t i = 0; i < planned.size(); ++i) {
-    if (planned[i].source == articulation.dynamics.coordinates + static_cast<int>(spring)) return planned[i].feedforward + m_data[i];
+    if (planned[i].source == articulation.dynamics.coordinates + static_cast<int>(spring))
+      return planned[i].feedforward + m_data[i];
   }
   return 0;
 }
@@ -187,11 +191,11 @@ void JointRows::createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBo
   }
 }
 
-ExternalConstraintRows::ExternalConstraintRows(AmbConstraint &owner, AmbBody &link_body, const btTransform &link_frame, AmbBody &other_body,
-                 const btTransform &frame_of_other, int rows)
+ExternalConstraintRows::ExternalConstraintRows(AmbConstraint &owner, AmbBody &link_body, const btTransform &link_frame,
+                                               AmbBody &other_body, const btTransform &frame_of_other, int rows)
     : EngineRows(link_body.articulation->multi_body.get(),
-                            other_body.articulation ? other_body.articulation->multi_body.get() : nullptr, link_body.member - 1,
-                            other_body.articulation ? other_body.member - 1 : -1, rows, false, MULTIBODY_CONSTRAINT_FIXED),
+                 other_body.articulation ? other_body.articulation->multi_body.get() : nullptr, link_body.member - 1,
+                 other_body.articulation ? other_body.member - 1 : -1, rows, false, MULTIBODY_CONSTRAINT_FIXED),
       constraint(owner),
       link(link_body),
       other(other_body),
@@ -206,14 +210,16 @@ void ExternalConstraintRows::reset() {
 }
 
 void ExternalConstraintRows::createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBodyJacobianData &data,
-                                   const btContactSolverInfo &info) {
+                                                  const btContactSolverInfo &info) {
   const btTransform a = link.body.getWorldTransform() * frame, b = other.body.getWorldTransform() * other_frame;
   const btVector3 gap = a.getOrigin() - b.getOrigin();
   const btQuaternion turn = (a.getRotation() * b.getRotation().inverse()).normalized();
   btVector3 angle(0, 0, 0);
   const btScalar half = btVector3(turn.x(), turn.y(), turn.z()).length();
-  if (half > 0) angle = btVector3(turn.x(), turn.y(), turn.z()) / half * std::remainder(2 * btAtan2(half, turn.w()), 2 * SIMD_PI);
-  // What Bullet starts with it applies to trees only.
+  if (half > 0)
+    angle = btVector3(turn.x(), turn.y(), turn.z()) / half * std::remainder(2 * btAtan2(half, turn.w()), 2 * SIMD_PI);
+  // No warm start: Bullet would apply the stored impulses to the articulation only, not to a rigid body at the other
+  // end.
   reset();
   const bool is_dynamic = !other.articulation && other.body.getInvMass() > 0;
   JointMotion motion;
@@ -230,7 +236,8 @@ void ExternalConstraintRows::createConstraintRows(btMultiBodyConstraintArray &ro
     btMultiBodySolverConstraint &row = new_row(rows, i, data);
     btVector3 linear(0, 0, 0), angular(0, 0, 0);
     (i < 3 ? linear : angular)[i % 3] = 1;
-    RowMotion motion_of_row = act_on_member(row, 0, *link.articulation, link.member, linear, angular + arm_a.cross(linear), data);
+    RowMotion motion_of_row =
+        act_on_member(row, 0, *link.articulation, link.member, linear, angular + arm_a.cross(linear), data);
     const btVector3 back = -linear, turn_back = -(angular + arm_b.cross(linear));
     RowMotion part;
     if (other.articulation) {
@@ -244,10 +251,10 @@ void ExternalConstraintRows::createConstraintRows(btMultiBodyConstraintArray &ro
     const btScalar error = i < 3 ? gap[i] : angle[i - 3], most = i < 3 ? MAX_CORRECTION_SPEED : MAX_CORRECTION_RATE;
     errors[i] = error;
     const btScalar target = -error * info.m_erp / info.m_timeStep;
-    aims[i] = i < 3 ? motion.linear_target(-linear) : 0;
-    row.m_rhs += aims[i] * row.m_jacDiagABInv;
+    biases[i] = i < 3 ? motion.linear_target(-linear) : 0;
+    row.m_rhs += biases[i] * row.m_jacDiagABInv;
     row.m_rhsPenetration = std::max(-most, std::min(most, target)) * row.m_jacDiagABInv;
-    // The constraint may hold what its articulation cannot move, and redundant rows share the load.
+    // CFM regularises rows that the articulation cannot move, and redundant rows.
     const btScalar share = 1 / (1 + EXTERNAL_SOFTNESS);
     row.m_rhs *= share;
     row.m_rhsPenetration = row.m_rhsPenetration * share;
@@ -272,7 +279,7 @@ void ExternalConstraintRows::write_feedback(btScalar h) {
 
 LinkDrive::LinkDrive(AmbBody &body)
     : EngineRows(body.articulation->multi_body.get(), nullptr, body.member - 1, -1, 6, false,
-                            MULTIBODY_CONSTRAINT_FIXED),
+                 MULTIBODY_CONSTRAINT_FIXED),
       link(body) {
   m_data.resize(6);
   for (int i = 0; i < 6; ++i) m_data[i] = 0;
@@ -286,7 +293,7 @@ void LinkDrive::createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBo
     btVector3 linear(0, 0, 0), angular(0, 0, 0);
     (i < 3 ? linear : angular)[i % 3] = 1;
     const RowMotion motion = act_on_member(row, 0, *link.articulation, link.member, linear, angular, data);
-    // Directions in which the tree cannot move have no response.
+    // A direction in which the articulation cannot move has no response and no row.
     if (motion.response <= SIMD_EPSILON) continue;
     const btScalar whole = motion.response + softness[i / 3];
     row.m_jacDiagABInv = 1 / whole;

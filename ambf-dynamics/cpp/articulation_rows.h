@@ -1,4 +1,4 @@
-// Rows of trees in the constraint solver. C++ only.
+// Constraint rows of articulations. C++ only.
 #ifndef AMB_ARTICULATION_ROWS_H
 #define AMB_ARTICULATION_ROWS_H
 
@@ -6,33 +6,38 @@
 
 #include "articulation_solver.h"
 
-// Limits, motors, drives and stiff springs of all joints of a tree.
+// Limits, motors and stiff springs of all joints of an articulation.
 //
-// What motors, drives and springs did in the last sub-step is part of the tree's motion over the next one, and their rows only change it: an
-// impulse would act on the tree where it was at the beginning, and without it the tree would move as if nothing held it up.
+// The forces of motors and stiff springs in the last sub-step are fed forward as generalised forces in the free motion
+// over the next one, and their rows solve for the change only (second order in h). An impulse alone would act at the
+// position at the beginning of the sub-step, after a free motion as if no motor held the articulation.
 class JointRows : public EngineRows {
  public:
   explicit JointRows(AmbArticulation &articulation);
 
-  // Finds the rows of the coming sub-step in two parts: what moves joints, which expects forces in the dynamics, and then, from
-  // the motion that these give, limits.
+  // Plan the rows of the next sub-step of h s: first motors and stiff springs, whose fed-forward forces are added to
+  // the dynamics, and after the free motion under these forces the limits.
   void plan_motors(btScalar h);
   void plan_limits(btScalar h);
   bool is_geometric(int row) const override { return planned[row].source < 0; }
-  btScalar aim(int row) const override { return planned[row].target; }
+  btScalar bias(int row) const override { return planned[row].target; }
   bool is_angular(int row) const override { return planned[row].is_angle; }
   WorkKind work_kind(int row) const override {
     const int source = planned[row].source;
-    return source < 0 ? WorkKind::Limit : source < articulation.dynamics.coordinates ? WorkKind::Motor : WorkKind::Damping;
+    return source < 0                                   ? WorkKind::Limit
+           : source < articulation.dynamics.coordinates ? WorkKind::Motor
+                                                        : WorkKind::Damping;
   }
-  // Books the work of the forces that were expected, over the motion since a state; `ahead` as in ledger.h.
-  void book_feedforward(EnergyLedger &ledger, const ArticulationDynamics::Position &from, const ArticulationDynamics::Rate &rate, btScalar pose_lead) const;
+  // Adds the work of the fed-forward forces over the motion since `from` and `rate` to the ledger; pose_lead as in
+  // ledger.h.
+  void book_feedforward(EnergyLedger &ledger, const ArticulationDynamics::Position &from,
+                        const ArticulationDynamics::Rate &rate, btScalar pose_lead) const;
   bool any() const { return !planned.empty(); }
-  // What was here is no guide to what will be.
+  // Discards the forces of the last sub-step, after the position was set.
   void reset();
-  // Whether a limit pushed in the last sub-step.
+  // Whether a limit had an impulse in the last sub-step.
   bool hit_limit() const;
-  // Of a spring that was left out of the dynamics.
+  // Impulse of a stiff spring in the last sub-step, N m s or N s.
   btScalar spring_impulse(size_t spring) const;
 
   void finalizeMultiDof() override {}
@@ -45,14 +50,14 @@ class JointRows : public EngineRows {
  private:
   struct Row {
     int coordinate;
-    btScalar target;    // rate
-    btScalar softness;  // rate given up per impulse
-    btScalar low, high;  // of the impulse
-    // Coordinate of a motor, or the number of coordinates and a spring; -1: a limit.
+    btScalar target;     // rate, rad/s or m/s
+    btScalar softness;   // change of rate per impulse
+    btScalar low, high;  // bounds of the impulse
+    // Motor: its coordinate; stiff spring: the number of coordinates plus the index of the spring; limit: -1.
     int source = -1;
-    // Impulse that is part of the motion already.
+    // Impulse of the fed-forward force, which is part of the free motion.
     btScalar feedforward = 0;
-    // Wanted pseudo-velocity that corrects the error of position.
+    // Pseudo-velocity that corrects the position error, rad/s or m/s.
     btScalar correction = 0;
     bool is_angle = false;
   };
@@ -64,17 +69,18 @@ class JointRows : public EngineRows {
 
   AmbArticulation &articulation;
   Vector<Row> planned;
-  // Last force of each source of rows.
+  // Force of each source in the last sub-step, N m or N.
   Vector<btScalar> forces;
   btScalar step = 0;
   ArticulationDynamics::Rate acceleration;
 };
 
-// A fixed or point-to-point constraint one end of which is a link of a tree.
+// External constraint on a link: a fixed or point-to-point constraint between a link and a body that is not in its
+// articulation.
 class ExternalConstraintRows : public EngineRows {
  public:
   ExternalConstraintRows(AmbConstraint &constraint, AmbBody &link, const btTransform &frame, AmbBody &other,
-          const btTransform &other_frame, int rows);
+                         const btTransform &other_frame, int rows);
 
   void finalizeMultiDof() override {}
   int getIslandIdA() const override { return link.collider->getIslandTag(); }
@@ -85,19 +91,19 @@ class ExternalConstraintRows : public EngineRows {
   void reset();
   bool is_geometric(int) const override { return true; }
   btScalar error(int row) const override { return errors[row]; }
-  btScalar aim(int row) const override { return aims[row]; }
+  btScalar bias(int row) const override { return biases[row]; }
   WorkKind work_kind(int) const override { return WorkKind::Joint; }
-  // After the solver's pass over a sub-step of h.
+  // Writes the reaction wrenches after the solution of a sub-step of h s.
   void write_feedback(btScalar h);
 
  private:
   AmbConstraint &constraint;
   AmbBody &link, &other;
   btTransform frame, other_frame;
-  btScalar errors[6] = {}, aims[6] = {};
+  btScalar errors[6] = {}, biases[6] = {};
 };
 
-// Six rows that drive a link, as those that drive a body do, see drive.h.
+// Six rows that drive a link, as BodyDrive drives a rigid body; see drive.h.
 class LinkDrive : public EngineRows {
  public:
   explicit LinkDrive(AmbBody &link);
@@ -114,7 +120,7 @@ class LinkDrive : public EngineRows {
 
   bool enabled = false;
   btScalar velocity[6] = {};
-  // Of the linear and of the angular rows.
+  // Softness of the linear (1/kg) and of the angular rows (1/(kg m^2)).
   btScalar softness[2] = {};
 
  private:

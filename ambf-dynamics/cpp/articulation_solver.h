@@ -1,8 +1,9 @@
 // The solver of a world with articulations. C++ only.
 //
-// It uses Bullet's rows, their order in a sub-step and what Bullet makes of their impulses afterwards. Velocities of articulations are given in
-// other coordinates than Bullet's, in which the inertia is the identity (ArticulationDynamics::factor_inertia): the response to an impulse is then the row of the
-// Jacobian, and nothing of Bullet's kinematics and dynamics of articulations is used.
+// It uses Bullet's arrays of rows, their order in a sub-step, and Bullet's write-back of impulses. The velocities of
+// articulations are in the coordinates z of ArticulationDynamics::factor_inertia, in which the inertia is the identity:
+// the response to an impulse is then the row of the Jacobian. Bullet's kinematics and dynamics of articulations are not
+// used.
 #ifndef AMB_ARTICULATION_SOLVER_H
 #define AMB_ARTICULATION_SOLVER_H
 
@@ -18,52 +19,56 @@ extern const AmbMlcpTable *mlcp_table;
 
 struct AmbArticulation;
 
-// What all constraints of this library on links have in common.
+// Base class of all constraints of this library on links.
 class EngineRows : public btMultiBodyConstraint {
  public:
   using btMultiBodyConstraint::btMultiBodyConstraint;
 
-  // Whether the row holds a position, in contrast to one that drives a velocity. Its m_rhsPenetration is then the correction.
+  // Whether the row constrains a position; false: it is a motor or drive. m_rhsPenetration of such a row is its
+  // position correction.
   virtual bool is_geometric(int row) const = 0;
-  // Error of position of a row of a tie, m for the first three and rad for the others; rows of other kinds have none.
+  // Position error of a row of an external constraint: m for the first three rows, rad for the others; 0 for other
+  // kinds of rows.
   virtual btScalar error(int) const { return 0; }
-  // Whether its velocity is one in rad/s.
+  // Whether the velocity of the row is in rad/s.
   virtual bool is_angular(int row) const { return row >= 3; }
-  // Velocity that a row which holds a position asks for beside rest, m/s or rad/s.
-  virtual btScalar aim(int) const { return 0; }
+  // Velocity bias of a row that constrains a position, m/s or rad/s.
+  virtual btScalar bias(int) const { return 0; }
   virtual WorkKind work_kind(int row) const = 0;
 
  protected:
-  // A row that acts on nothing yet, between no bounds, from rest.
+  // Appends an unbounded row without sides, target and impulse.
   btMultiBodySolverConstraint &new_row(btMultiBodyConstraintArray &rows, int row, const btMultiBodyJacobianData &data);
 };
 
-// Velocity along a row that the free motion of the sub-step gives, m/s or rad/s, and the square of the change of it by a unit impulse.
+// Velocity J v of a row after the free motion of the sub-step, m/s or rad/s, and its response J M^-1 J^T.
 struct RowMotion {
   btScalar velocity = 0, response = 0;
 };
 
-// Makes side 0 or 1 of a row push a member of an articulation with an impulse at its centre of mass and an angular one.
-RowMotion act_on_member(btMultiBodySolverConstraint &row, int side, AmbArticulation &articulation, int member, const btVector3 &linear, const btVector3 &angular,
-                      btMultiBodyJacobianData &data);
-// Makes side 0 of a row push a coordinate of an articulation.
-RowMotion act_on_coordinate(btMultiBodySolverConstraint &row, AmbArticulation &articulation, int coordinate, btMultiBodyJacobianData &data);
-// The same of a rigid body, which may be one that impulses do not move.
-RowMotion act_on_body(btMultiBodySolverConstraint &row, int side, int id, const btVector3 &linear, const btVector3 &angular,
-                    const btAlignedObjectArray<btSolverBody> &bodies);
+// Sets side 0 or 1 of a row to act on a member of an articulation, with a linear impulse at its centre of mass and an
+// angular impulse.
+RowMotion act_on_member(btMultiBodySolverConstraint &row, int side, AmbArticulation &articulation, int member,
+                        const btVector3 &linear, const btVector3 &angular, btMultiBodyJacobianData &data);
+// Sets side 0 of a row to act on a coordinate of an articulation.
+RowMotion act_on_coordinate(btMultiBodySolverConstraint &row, AmbArticulation &articulation, int coordinate,
+                            btMultiBodyJacobianData &data);
+// Sets side 0 or 1 of a row to act on a rigid body, which may be static.
+RowMotion act_on_body(btMultiBodySolverConstraint &row, int side, int id, const btVector3 &linear,
+                      const btVector3 &angular, const btAlignedObjectArray<btSolverBody> &bodies);
 
-// Bullet's, and what the rows that it makes act on.
+// Bullet's multi-body solver with other rows of articulations.
 class ArticulationSolver : public btMultiBodyConstraintSolver {
  public:
   using Row = btMultiBodySolverConstraint;
 
-  // What a row acts on: an articulation or a free body.
+  // One side of a row: an articulation, a rigid body, or nothing.
   struct Side {
     btMultiBody *multi_body = nullptr;
     btSolverBody *body = nullptr;
-    // Of the articulation: dimensions, and where its part of the arrays of m_data begins.
+    // Articulation: number of velocity components, and indices of the first one in the arrays of m_data.
     int n = 0, jacobian = 0, velocity = 0;
-    // Of the body.
+    // Rigid body: Jacobian and response M^-1 J^T.
     btVector3 linear{0, 0, 0}, angular{0, 0, 0}, by_linear{0, 0, 0}, by_angular{0, 0, 0};
   };
   struct Sides {
@@ -74,7 +79,7 @@ class ArticulationSolver : public btMultiBodyConstraintSolver {
  protected:
   void convertContacts(btPersistentManifold **manifolds, int n, const btContactSolverInfo &info) override;
   Sides sides_of(Row &row);
-  // Adds an impulse of a row to the velocities of what it acts on.
+  // Adds an impulse along a row and changes the velocities of both sides.
   void apply(Row &row, btScalar impulse);
   // Sets the change of an articulation's velocity by all impulses.
   void set_change(btMultiBody &multi_body, int velocity, const double *change);
@@ -82,13 +87,13 @@ class ArticulationSolver : public btMultiBodyConstraintSolver {
  private:
   struct LinkContact;
   void convert_link_contacts(btPersistentManifold &manifold, const btContactSolverInfo &info);
-  Row &add_contact_row(btMultiBodyConstraintArray &rows, const LinkContact &contact, const btVector3 &linear, const btVector3 &angular,
-                       RowMotion &motion);
-  void add_friction_row(btMultiBodyConstraintArray &rows, const LinkContact &contact, const btVector3 &linear, const btVector3 &angular,
-                        btScalar friction, btScalar guess, const btContactSolverInfo &info);
+  Row &add_contact_row(btMultiBodyConstraintArray &rows, const LinkContact &contact, const btVector3 &linear,
+                       const btVector3 &angular, RowMotion &motion);
+  void add_friction_row(btMultiBodyConstraintArray &rows, const LinkContact &contact, const btVector3 &linear,
+                        const btVector3 &angular, btScalar friction, btScalar guess, const btContactSolverInfo &info);
 };
 
-// Keeps a correction for the sub-step, in the coordinates of the rows.
+// Stores the pseudo-velocity z of an articulation for its position correction in this sub-step.
 void correct(btMultiBody &multi_body, const double *velocities);
 // Kinetic energy of an articulation after the free motion of the sub-step, J.
 double free_energy(const btMultiBody &multi_body);

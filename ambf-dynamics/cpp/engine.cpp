@@ -7,7 +7,7 @@
 #include "articulation_rows.h"
 
 void EngineWorld::configure(btDefaultCollisionConfiguration &configuration) {
-  // A plane otherwise finds one point a step: what slides on it rocks from corner to corner.
+  // By default the plane algorithm finds one contact point per step: a sliding box would rock from corner to corner.
   if (solver == AmbSolver_Accurate) configuration.setPlaneConvexMultipointIterations(4, 4);
 }
 

@@ -6,14 +6,15 @@
 
 namespace {
 
-// Integrals over a time h of what decays with rate c: exp(-c t) once (reach) and twice (way).
+// Damping at rate c (1/s) over h s: factor exp(-c h), integral of exp(-c t) over t from 0 to h (s), and its double
+// integral (s^2).
 struct DampingIntegrals {
   btScalar factor, integral, double_integral;
 
   DampingIntegrals(btScalar c, btScalar h) {
     const btScalar x = c * h;
     if (x < btScalar(1e-2)) {
-      // Series; the closed forms lose digits here.
+      // Power series; the closed forms cancel for small x.
       factor = std::exp(-x);
       integral = h * (1 - x / 2 * (1 - x / 3 * (1 - x / 4 * (1 - x / 5 * (1 - x / 6)))));
       double_integral = h * h / 2 * (1 - x / 3 * (1 - x / 4 * (1 - x / 5 * (1 - x / 6))));
@@ -25,28 +26,34 @@ struct DampingIntegrals {
   }
 };
 
-// Rate of what Bullet's damping factor takes per second; infinite for a factor of 1.
+// Decay rate, 1/s, for Bullet's damping: the share of the velocity lost in 1 s; infinite for 1.
 btScalar rate_of(btScalar damping) { return -std::log1p(-damping); }
 
-// One Newton step towards the nearest rotation: keeps rounding errors from adding up.
+// One Newton step towards the nearest rotation matrix, so that rounding errors do not accumulate.
 btMatrix3x3 orthonormal(const btMatrix3x3 &m) {
   btMatrix3x3 rest = m.transposeTimes(m) * btScalar(-0.5);
   for (int i = 0; i < 3; ++i) rest[i][i] += btScalar(1.5);
   return m * rest;
 }
 
-btVector3 divided(const btVector3 &a, const btVector3 &b) { return btVector3(a.x() / b.x(), a.y() / b.y(), a.z() / b.z()); }
+btVector3 divided(const btVector3 &a, const btVector3 &b) {
+  return btVector3(a.x() / b.x(), a.y() / b.y(), a.z() / b.z());
+}
 
-// Attitude against that at the start of the sub-step and angular velocity in the body's axes, or their slopes.
+// Attitude relative to that at the start of the sub-step and angular velocity in body axes (rad/s), or their time
+// derivatives.
 struct RotationState {
   btQuaternion attitude;
   btVector3 velocity;
 
-  RotationState after(const RotationState &slope, btScalar h) const { return {attitude + slope.attitude * h, velocity + slope.velocity * h}; }
+  RotationState after(const RotationState &slope, btScalar h) const {
+    return {attitude + slope.attitude * h, velocity + slope.velocity * h};
+  }
 };
 
-// One step of `spun`.
-RotationState rotate_rk4_step(const btVector3 &velocity, const btVector3 &inertia, const btVector3 &torque, btScalar left, btScalar h) {
+// One Runge-Kutta step of `rotate_rk4`.
+RotationState rotate_rk4_step(const btVector3 &velocity, const btVector3 &inertia, const btVector3 &torque,
+                              btScalar left, btScalar h) {
   const auto slope = [&](const RotationState &spin, btScalar kept) -> RotationState {
     const btVector3 &v = spin.velocity;
     btVector3 change = (inertia * v).cross(v) * kept;
@@ -55,18 +62,21 @@ RotationState rotate_rk4_step(const btVector3 &velocity, const btVector3 &inerti
   };
   const btScalar half = btSqrt(left);
   const RotationState start = {btQuaternion::getIdentity(), velocity};
-  const RotationState k1 = slope(start, 1), k2 = slope(start.after(k1, h / 2), half), k3 = slope(start.after(k2, h / 2), half),
-             k4 = slope(start.after(k3, h), left);
+  const RotationState k1 = slope(start, 1), k2 = slope(start.after(k1, h / 2), half),
+                      k3 = slope(start.after(k2, h / 2), half), k4 = slope(start.after(k3, h), left);
   RotationState end = start.after(k1, h / 6).after(k2, h / 3).after(k3, h / 3).after(k4, h / 6);
   end.attitude.normalize();
   end.velocity *= left;
   return end;
 }
 
-// Euler's equations by the classical Runge-Kutta method, in parts if it turns far. Damping scales the angular velocity by `left` a step,
-// exactly: what is integrated is the velocity divided by what damping has left of it.
-RotationState rotate_rk4(const btVector3 &velocity, const btVector3 &inertia, const btVector3 &torque, btScalar left, btScalar h) {
-  // rad; an error of 1e-6 of the angular momentum after a thousand turns.
+// Integrates Euler's equations by the classical Runge-Kutta method, in several steps if the body turns by more than
+// MAX_TURN. Damping multiplies the angular velocity by `left` over h exactly: the integrated variable is the angular
+// velocity divided by the damping factor.
+RotationState rotate_rk4(const btVector3 &velocity, const btVector3 &inertia, const btVector3 &torque, btScalar left,
+                         btScalar h) {
+  // Largest turn of one Runge-Kutta step, rad; the relative error of the angular momentum is 1e-6 after a thousand
+  // turns.
   constexpr btScalar MAX_TURN = 0.05;
   constexpr int MAX_PARTS = 200;
   const btScalar turn = velocity.length() * h;
@@ -75,7 +85,8 @@ RotationState rotate_rk4(const btVector3 &velocity, const btVector3 &inertia, co
   const btScalar part_left = std::pow(left, btScalar(1) / parts);
   RotationState end = {btQuaternion::getIdentity(), velocity};
   for (int i = 0; i < parts; ++i) {
-    const RotationState next = rotate_rk4_step(end.velocity, inertia, quatRotate(end.attitude.inverse(), torque), part_left, h / parts);
+    const RotationState next =
+        rotate_rk4_step(end.velocity, inertia, quatRotate(end.attitude.inverse(), torque), part_left, h / parts);
     end = {end.attitude * next.attitude, next.velocity};
   }
   return end;
@@ -95,28 +106,31 @@ void save_sub_step_starts(AmbWorld &world) {
 bool integrate_free_body(btRigidBody &body, const SubStepStart &start, btScalar h) {
   const btScalar damping = body.getLinearDamping(), mass_inverse = body.getInvMass();
   if (damping >= 1 || body.getAngularDamping() >= 1) return false;
-  const btVector3 acceleration = body.getTotalForce() * mass_inverse, damped = start.linear_velocity * std::pow(1 - damping, h);
-  // Whatever else acted on the body shows in its velocity.
+  const btVector3 acceleration = body.getTotalForce() * mass_inverse,
+                  damped = start.linear_velocity * std::pow(1 - damping, h);
+  // If the velocity differs from that under force and damping, something else acted on the body.
   const btVector3 difference = body.getLinearVelocity() - damped - acceleration * h;
   const btScalar scale = damped.length() + acceleration.length() * h;
   if (!(difference.length() <= btScalar(1e-12) * scale)) return false;
-  // A body that was stopped on its way stays there.
+  // If the displacement differs from v h, the body was stopped by continuous collision detection or moved by a position
+  // correction.
   const btVector3 &origin = start.pose.getOrigin(), way = body.getLinearVelocity() * h;
   const btVector3 stopped = body.getWorldTransform().getOrigin() - origin - way;
   if (!(stopped.length() <= btScalar(1e-9) * way.length() + btScalar(1e-12) * origin.length())) return false;
 
   const DampingIntegrals integrals(rate_of(damping), h);
   btTransform pose = body.getWorldTransform();
-  pose.setOrigin(start.pose.getOrigin() + start.linear_velocity * integrals.integral + acceleration * integrals.double_integral);
+  pose.setOrigin(start.pose.getOrigin() + start.linear_velocity * integrals.integral +
+                 acceleration * integrals.double_integral);
   btVector3 angular_velocity = body.getAngularVelocity();
   const btVector3 &inverse = body.getInvInertiaDiagLocal();
-  constexpr int GYROSCOPIC =
-      BT_ENABLE_GYROSCOPIC_FORCE_EXPLICIT | BT_ENABLE_GYROSCOPIC_FORCE_IMPLICIT_WORLD | BT_ENABLE_GYROSCOPIC_FORCE_IMPLICIT_BODY;
+  constexpr int GYROSCOPIC = BT_ENABLE_GYROSCOPIC_FORCE_EXPLICIT | BT_ENABLE_GYROSCOPIC_FORCE_IMPLICIT_WORLD |
+                             BT_ENABLE_GYROSCOPIC_FORCE_IMPLICIT_BODY;
   const bool turns = inverse.x() > 0 && inverse.y() > 0 && inverse.z() > 0;
   if (turns && (body.getFlags() & GYROSCOPIC)) {
     const btMatrix3x3 &from = start.pose.getBasis();
-    const RotationState end = rotate_rk4(start.angular_velocity * from, divided(btVector3(1, 1, 1), inverse), body.getTotalTorque() * from,
-                          std::pow(1 - body.getAngularDamping(), h), h);
+    const RotationState end = rotate_rk4(start.angular_velocity * from, divided(btVector3(1, 1, 1), inverse),
+                                         body.getTotalTorque() * from, std::pow(1 - body.getAngularDamping(), h), h);
     pose.setBasis(orthonormal(from * btMatrix3x3(end.attitude)));
     angular_velocity = pose.getBasis() * end.velocity;
   }
@@ -136,7 +150,7 @@ void before_sub_step(btDynamicsWorld *dynamics, btScalar dt) {
   save_sub_step_starts(world);
 }
 
-// After a sub-step: moves every free body as the integrator says.
+// After a sub-step: replaces the new state of every free body by that of the integrator.
 void correct_free_bodies(btDynamicsWorld *dynamics, btScalar dt) {
   auto &world = *static_cast<AmbWorld *>(dynamics->getWorldUserInfo());
   EngineWorld &engine = engine_of(world);

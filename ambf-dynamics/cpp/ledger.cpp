@@ -28,13 +28,14 @@ MechanicalEnergy energy_of(const AmbBody &owner, const btVector3 &velocity, cons
           -weight_of(body).dot(pose.getOrigin() - velocity * owner.pose_lead), 0};
 }
 
-// Calls `act` for every body that forces move and that is no link.
+// Calls `act` for every dynamic body that is not a link.
 template <class Act>
 void for_free_bodies(const AmbWorld &world, Act act) {
   const btCollisionObjectArray &objects = world.world->getCollisionObjectArray();
   for (int i = 0; i < objects.size(); ++i) {
     AmbBody *owner = body_of(objects[i]);
-    if (owner && !owner->articulation && owner->body.getInvMass() > 0 && !owner->body.isStaticOrKinematicObject()) act(*owner);
+    if (owner && !owner->articulation && owner->body.getInvMass() > 0 && !owner->body.isStaticOrKinematicObject())
+      act(*owner);
   }
 }
 
@@ -42,10 +43,10 @@ struct Axis {
   double coordinate, rest, stiffness, damping;
 };
 
-// Axes of a spring whose transforms are up to date: along x, y, z, m, and about them, rad.
+// Axes of a spring whose transforms are up to date: translations along x, y, z (m), then rotations (rad).
 struct Axes {
   Axis axis[6];
-  // The angles are a rotation vector, which changes its sign at pi, and the energy does not.
+  // The angular coordinates are a rotation vector, which changes its sign at pi; the energy is continuous there.
   bool turns;
 };
 
@@ -53,7 +54,8 @@ Axis axis_of(btGeneric6DofSpring2Constraint &spring, int i) {
   if (i < 3) {
     const auto &way = *spring.getTranslationalLimitMotor();
     if (!way.m_enableSpring[i]) return {spring.getRelativePivotPosition(i), 0, 0, 0};
-    return {spring.getRelativePivotPosition(i), way.m_equilibriumPoint[i], way.m_springStiffness[i], way.m_springDamping[i]};
+    return {spring.getRelativePivotPosition(i), way.m_equilibriumPoint[i], way.m_springStiffness[i],
+            way.m_springDamping[i]};
   }
   const auto &turn = *spring.getRotationalLimitMotor(i - 3);
   if (!turn.m_enableSpring) return {spring.getAngle(i - 3), 0, 0, 0};
@@ -99,8 +101,9 @@ AmbEnergy EnergyLedger::read() const {
   result.kinetic = last.kinetic;
   result.potential = last.potential - start_potential;
   result.elastic = last.elastic;
-  result.unexplained = last.total() - start_total - sums.set_states - sums.wrenches - sums.motors - sums.body_drives - sums.damping -
-                       sums.joints - sums.limits - sums.contacts - sums.friction - sums.corrections - sums.outside;
+  result.unexplained = last.total() - start_total - sums.set_states - sums.wrenches - sums.motors - sums.body_drives -
+                       sums.damping - sums.joints - sums.limits - sums.contacts - sums.friction - sums.corrections -
+                       sums.outside;
   return result;
 }
 
@@ -119,7 +122,7 @@ MechanicalEnergy EnergyLedger::articulations(EngineWorld &engine) const {
   return sum;
 }
 
-// Springs whose bodies were put somewhere else start there.
+// Resets the stored coordinates of springs whose bodies were moved between two sub-steps.
 void EnergyLedger::update_spring_states(EngineWorld &engine) {
   const btDiscreteDynamicsWorld &world = *engine.world.world;
   size_t count = 0;
@@ -133,7 +136,7 @@ void EnergyLedger::update_spring_states(EngineWorld &engine) {
     const Axes axes = axes_of(spring, implicit_springs);
     for (int k = 0; k < 6; ++k) {
       const double coordinate = axes.axis[k].coordinate;
-      // What was set differs by more than rounding.
+      // A pose that was set differs by more than the rounding error.
       if (state.spring != constraint || std::fabs(coordinate - state.now[k]) > 1e-12 * (1 + std::fabs(coordinate))) {
         state.before[k] = state.now[k] = coordinate;
       }
@@ -143,12 +146,14 @@ void EnergyLedger::update_spring_states(EngineWorld &engine) {
   spring_states.resize(count);
 }
 
-// Elastic energy after a sub-step of h, whose damping is booked; h = 0: at present. That between two poses, k (x0 - r) (x1 - r) / 2, is what
-// the force at the pose between takes and gives.
+// Elastic energy after a sub-step of h s, whose damping work is added to the sums; h = 0: the present energy only. The
+// energy halfway between two poses, k (x0 - r) (x1 - r) / 2, is that with which the work of the force at the pose
+// between them is balanced exactly.
 double EnergyLedger::springs(double h) {
   double sum = 0;
   for (SpringState &state : spring_states) {
-    auto &spring = *const_cast<btGeneric6DofSpring2Constraint *>(static_cast<const btGeneric6DofSpring2Constraint *>(state.spring));
+    const auto &constant = *static_cast<const btGeneric6DofSpring2Constraint *>(state.spring);
+    auto &spring = const_cast<btGeneric6DofSpring2Constraint &>(constant);
     if (h > 0) spring.calculateTransforms();
     const Axes axes = axes_of(spring, implicit_springs);
     if (h > 0 && axes.turns) state.keep_sign(axes.axis[3].coordinate, axes.axis[4].coordinate, axes.axis[5].coordinate);
@@ -171,10 +176,11 @@ void EnergyLedger::before_sub_step(EngineWorld &engine, double h) {
   save_sub_step_starts(engine.world);
   const bool always_leads = engine.integrator == AmbIntegrator_Euler;
   for_free_bodies(engine.world, [&](AmbBody &owner) {
-    owner.was_first_sub_step = owner.is_first_sub_step && owner.constraint_count > 0 && engine.solver == AmbSolver_Accurate;
+    owner.was_first_sub_step =
+        owner.is_first_sub_step && owner.constraint_count > 0 && engine.solver == AmbSolver_Accurate;
     if (owner.was_first_sub_step) owner.pose_lead = 0;
     if (!always_leads || owner.was_first_sub_step || owner.pose_lead > 0) return;
-    // In this world every sub-step begins with a velocity that is half a sub-step behind.
+    // In this world the velocity is half a sub-step behind the pose at the beginning of every sub-step.
     owner.pose_lead = h / 2;
     const double slope = weight_of(owner.body).dot(owner.body.getLinearVelocity()) * owner.pose_lead;
     start_total += slope;
@@ -194,14 +200,15 @@ void EnergyLedger::after_motion(EngineWorld &engine) {
   });
 }
 
-// Work on a body that is no link, but for that of rows.
+// Adds the work on a body that is not a link, except that of solver rows.
 void EnergyLedger::account(EngineWorld &engine, AmbBody &owner, double h) {
   btRigidBody &body = owner.body;
   if (!body.isActive()) return;
   const SubStepStart &start = owner.start;
   const double mass = 1 / body.getInvMass(), before = owner.pose_lead;
   const btVector3 weight = weight_of(body), force = body.getTotalForce() - weight, torque = body.getTotalTorque();
-  const double linear_left = std::pow(1 - body.getLinearDamping(), h), angular_left = std::pow(1 - body.getAngularDamping(), h);
+  const double linear_left = std::pow(1 - body.getLinearDamping(), h),
+               angular_left = std::pow(1 - body.getAngularDamping(), h);
   const double turning = rotation_energy(body, start.pose.getBasis(), start.angular_velocity);
   const btTransform &pose = body.getWorldTransform();
   const btVector3 &velocity = body.getLinearVelocity();
@@ -223,7 +230,7 @@ void EnergyLedger::account(EngineWorld &engine, AmbBody &owner, double h) {
                     (angular_left * angular_left - 1) * turning + weight.dot(slowed - start.linear_velocity) * (h / 2);
     const double share = owner.was_first_sub_step ? 0.5 : 1;
     sums.wrenches += share * h / 2 * (force.dot(slowed + solved) + torque.dot(turned + solved_omega));
-    // The rest of the way, and of the turn, is that of pseudo-velocities.
+    // The rest of the displacement and of the rotation is that of pseudo-velocities.
     sums.corrections += rotation_energy(body, pose.getBasis(), solved_omega) -
                         rotation_energy(body, start.pose.getBasis(), solved_omega) - weight.dot(way - solved * h);
   }

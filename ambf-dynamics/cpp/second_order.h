@@ -1,4 +1,4 @@
-// What makes motion of joined bodies of second order in the sub-step. C++ only.
+// Second-order (leapfrog) integration of bodies with constraints. C++ only.
 #ifndef AMB_SECOND_ORDER_H
 #define AMB_SECOND_ORDER_H
 
@@ -7,9 +7,10 @@
 
 #include "internal.h"
 
-// Bullet adds the forces at a pose to the velocity and then moves by it, x += v h: the leapfrog method, which is of second order in h
-// where velocities are those between two poses. For that, forces act for half a sub-step in the first one, and the gyroscopic torque
-// is that at the pose. Of free bodies, flight.h is more exact.
+// Bullet adds the forces at a pose to the velocity, v' = v + a h, and then the velocity to the pose, x += v' h. This is
+// the leapfrog method, of second order in h, if velocities are those halfway between two poses. For that, forces act
+// for half of the first sub-step after a pose was set, and the gyroscopic torque is evaluated at the pose. Free bodies
+// are integrated more exactly, see flight.h.
 template <class Base>
 class SecondOrder : public Base {
  public:
@@ -60,9 +61,10 @@ class SecondOrder : public Base {
     return owner && owner->constraint_count > 0 ? owner : nullptr;
   }
 
-  // What the gyroscopic torque adds to the angular velocity w: I d = -h v x I v at the mean v = w + d / 2 + other / 2 of the velocities
-  // before and after, of which what other torques add is guessed from the sub-step before. Alone it conserves the energy. False: no
-  // solution was found, because the body turns too far in h.
+  // Finds the change d of the angular velocity w by the gyroscopic torque, rad/s: I d = -h v x I v at the mean v = w +
+  // d / 2 + other / 2 of the velocities before and after, where `other`, the change by other torques, is that of the
+  // last sub-step. Without other torques it conserves the kinetic energy. Returns false if Newton's method does not
+  // converge because the body turns too far in h.
   static bool gyroscopic_change(const btRigidBody &body, const btVector3 &other, btScalar h, btVector3 &change) {
     const btVector3 &inverse = body.getInvInertiaDiagLocal();
     if (!(inverse.x() > 0 && inverse.y() > 0 && inverse.z() > 0)) return false;
@@ -77,7 +79,7 @@ class SecondOrder : public Base {
         change = pose * d;
         return true;
       }
-      // Derivative of v x I v, in whose columns I scales that of v.
+      // Half of h times the derivative of v x I v by v, plus I.
       btMatrix3x3 slope, by_momentum;
       v.getSkewSymmetricMatrix(&slope[0], &slope[1], &slope[2]);
       momentum.getSkewSymmetricMatrix(&by_momentum[0], &by_momentum[1], &by_momentum[2]);

@@ -36,8 +36,8 @@ void skip_ignored(btBroadphasePair &pair, btCollisionDispatcher &dispatcher, con
 btCollisionShape *single(btCollisionShape *shape) {
   if (!shape->isCompound()) return shape;
   auto &compound = static_cast<btCompoundShape &>(*shape);
-  const bool is_single = compound.getNumChildShapes() == 1 &&
-      compound.getChildTransform(0) == btTransform::getIdentity();
+  const bool is_single =
+      compound.getNumChildShapes() == 1 && compound.getChildTransform(0) == btTransform::getIdentity();
   return is_single ? compound.getChildShape(0) : shape;
 }
 
@@ -78,8 +78,8 @@ Bare *bare_take(AmbWorld *from, int skips) {
   }
   auto *bare = new Bare;
   bare->solver = std::move(from->solver);
-  bare->world = std::make_unique<BareWorld>(&bare->dispatcher, &bare->broadphase, bare->solver.get(),
-                                            &bare->configuration);
+  bare->world =
+      std::make_unique<BareWorld>(&bare->dispatcher, &bare->broadphase, bare->solver.get(), &bare->configuration);
   bare->world->skips = skips;
   if (skips & PairLists) bare->dispatcher.setNearCallback(skip_ignored);
   bare->world->setForceUpdateAllAabbs(!(skips & StaticBodies));

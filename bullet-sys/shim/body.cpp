@@ -52,9 +52,7 @@ void amb_body_set_pose(AmbBody *body, const double pose[12]) {
 
 void amb_body_pose(const AmbBody *body, double pose[12]) { write_pose(body->body.getWorldTransform(), pose); }
 
-void amb_body_motion_state(const AmbBody *body, double pose[12]) {
-  write_pose(body->motion.pose(), pose);
-}
+void amb_body_motion_state(const AmbBody *body, double pose[12]) { write_pose(body->motion.pose(), pose); }
 
 void amb_body_velocity(const AmbBody *body, double velocity[6]) {
   write_vector(body->body.getLinearVelocity(), velocity);
@@ -79,8 +77,8 @@ int amb_bodies_first_lost(AmbBody *const *bodies, int n, double speed, double di
     if (!finite(origin + body.getWorldTransform().getBasis()[0] + linear + angular)) return i;
     // Poses of static bodies are set by the caller and not checked against the bounds.
     if (body.isStaticOrKinematicObject()) continue;
-    if (linear.length2() > speed * speed || angular.length2() > speed * speed ||
-        origin.length2() > distance * distance) return i;
+    if (linear.length2() > speed * speed || angular.length2() > speed * speed || origin.length2() > distance * distance)
+      return i;
   }
   return -1;
 }

@@ -57,8 +57,8 @@ btScalar axis_reading(AmbConstraint &c, bool is_angle) {
 extern "C" {
 
 AmbConstraint *amb_hinge_new(AmbBody *a, AmbBody *b, const double frame_a[12], const double frame_b[12]) {
-  return make_owner(Kind::Hinge, new btHingeConstraint(a->body, b->body, transform_of(frame_a), transform_of(frame_b),
-                                                       true));
+  return make_owner(Kind::Hinge,
+                    new btHingeConstraint(a->body, b->body, transform_of(frame_a), transform_of(frame_b), true));
 }
 
 void amb_hinge_set_limit(AmbConstraint *hinge, double low, double high) {
@@ -74,8 +74,8 @@ void amb_hinge_set_motor(AmbConstraint *hinge, int enabled, double velocity, dou
 }
 
 AmbConstraint *amb_slider_new(AmbBody *a, AmbBody *b, const double frame_a[12], const double frame_b[12]) {
-  return make_owner(Kind::Slider, new btSliderConstraint(a->body, b->body, transform_of(frame_a), transform_of(frame_b),
-                                                         true));
+  return make_owner(Kind::Slider,
+                    new btSliderConstraint(a->body, b->body, transform_of(frame_a), transform_of(frame_b), true));
 }
 
 void amb_slider_set_limit(AmbConstraint *slider, double low, double high) {
@@ -106,7 +106,7 @@ AmbConstraint *amb_fixed_new(AmbBody *a, AmbBody *b, const double frame_a[12], c
 
 AmbConstraint *amb_point_to_point_new(AmbBody *a, AmbBody *b, const double pivot_a[3], const double pivot_b[3]) {
   return make_owner(Kind::PointToPoint,
-             new btPoint2PointConstraint(a->body, b->body, vector_of(pivot_a), vector_of(pivot_b)));
+                    new btPoint2PointConstraint(a->body, b->body, vector_of(pivot_a), vector_of(pivot_b)));
 }
 
 AmbConstraint *amb_grip_new(AmbBody *body, const double pivot[3], const double goal[3], double max_impulse) {
@@ -136,7 +136,7 @@ void amb_grip_set_goal(AmbConstraint *grip, const double goal[3]) {
 
 AmbConstraint *amb_cone_twist_new(AmbBody *a, AmbBody *b, const double frame_a[12], const double frame_b[12]) {
   return make_owner(Kind::ConeTwist,
-             new btConeTwistConstraint(a->body, b->body, transform_of(frame_a), transform_of(frame_b)));
+                    new btConeTwistConstraint(a->body, b->body, transform_of(frame_a), transform_of(frame_b)));
 }
 
 void amb_cone_twist_set_limit(AmbConstraint *cone, double swing1, double swing2, double twist) {
@@ -145,7 +145,7 @@ void amb_cone_twist_set_limit(AmbConstraint *cone, double swing1, double swing2,
 
 AmbConstraint *amb_six_dof_new(AmbBody *a, AmbBody *b, const double frame_a[12], const double frame_b[12]) {
   return make_owner(Kind::SixDof,
-             new btGeneric6DofConstraint(a->body, b->body, transform_of(frame_a), transform_of(frame_b), true));
+                    new btGeneric6DofConstraint(a->body, b->body, transform_of(frame_a), transform_of(frame_b), true));
 }
 
 void amb_six_dof_set_limit(AmbConstraint *six_dof, int axis, double low, double high) {
@@ -154,7 +154,7 @@ void amb_six_dof_set_limit(AmbConstraint *six_dof, int axis, double low, double 
 
 AmbConstraint *amb_six_dof_spring_new(AmbBody *a, AmbBody *b, const double frame_a[12], const double frame_b[12]) {
   return make_owner(Kind::SixDofSpring,
-             new ForceSpring(a->body, b->body, transform_of(frame_a), transform_of(frame_b)));
+                    new ForceSpring(a->body, b->body, transform_of(frame_a), transform_of(frame_b)));
 }
 
 void amb_six_dof_spring_set_limit(AmbConstraint *spring, int axis, double low, double high) {

@@ -29,8 +29,8 @@ int amb_ghost_overlaps(AmbWorld *world, AmbGhost *ghost, AmbHandle *out, int cap
   const btBroadphasePairArray &pairs = ghost->ghost.getOverlappingPairCache()->getOverlappingPairArray();
   for (int i = 0; i < pairs.size(); ++i) {
     // The ghost's pair cache has no collision algorithms; contacts are found through the pair cache of the world.
-    btBroadphasePair *pair = world->broadphase.getOverlappingPairCache()->findPair(pairs[i].m_pProxy0,
-                                                                                   pairs[i].m_pProxy1);
+    btBroadphasePair *pair =
+        world->broadphase.getOverlappingPairCache()->findPair(pairs[i].m_pProxy0, pairs[i].m_pProxy1);
     if (!pair || !pair->m_algorithm) continue;
     manifolds.resize(0);
     pair->m_algorithm->getAllContactManifolds(manifolds);

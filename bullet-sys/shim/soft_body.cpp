@@ -20,8 +20,8 @@ bool within_reach(const btCollisionShape &shape) {
   if (shape.isCompound()) {
     const auto &compound = static_cast<const btCompoundShape &>(shape);
     for (int i = 0; i < compound.getNumChildShapes(); ++i) {
-      if (!within_reach(compound.getChildTransform(i).getOrigin()) ||
-          !within_reach(*compound.getChildShape(i))) return false;
+      if (!within_reach(compound.getChildTransform(i).getOrigin()) || !within_reach(*compound.getChildShape(i)))
+        return false;
     }
     return true;
   }
@@ -55,8 +55,8 @@ bool may_touch(const btCollisionObject &object) {
   auto &soft = static_cast<AmbSoft &>(owner);
   if (!soft.checked) {
     soft.checked = soft.sound = true;
-    for (int i = 0; soft.sound && i < soft.body.m_nodes.size(); ++i) soft.sound =
-        within_reach(soft.body.m_nodes[i].m_x);
+    for (int i = 0; soft.sound && i < soft.body.m_nodes.size(); ++i)
+      soft.sound = within_reach(soft.body.m_nodes[i].m_x);
     if (soft.sound) follow_patch(soft);
   }
   return soft.sound;
@@ -306,8 +306,9 @@ void amb_soft_positions(const AmbSoft *soft, double *out, int n) {
   for (int i = 0; i < n; ++i) write_vector(soft->body.m_nodes[i].m_x, out + 3 * i);
 }
 
-void amb_soft_position(const AmbSoft *soft, int node, double out[3]) { write_vector(soft->body.m_nodes[node].m_x, out);
-    }
+void amb_soft_position(const AmbSoft *soft, int node, double out[3]) {
+  write_vector(soft->body.m_nodes[node].m_x, out);
+}
 
 void amb_soft_velocities(const AmbSoft *soft, double *out, int n) {
   for (int i = 0; i < n; ++i) write_vector(soft->body.m_nodes[i].m_v, out + 3 * i);

@@ -56,7 +56,7 @@ int amb_soft_nearest_face(const AmbSoft *soft, const double point[3], double rad
 int amb_soft_first_lost(const AmbSoft *soft);
 
 /* Sets the nodes to their positions when the body was added, at rest and without contacts. Anchors and pulls are kept.
-   */
+ */
 void amb_soft_restore(AmbSoft *soft);
 /* Force, N, distributed over the nodes in proportion to mass, in every sub-step of the next step. */
 void amb_soft_apply_force(AmbSoft *soft, const double force[3]);

@@ -59,8 +59,8 @@ struct SubsteppedWorld : Base, Stepper {
 // solver.
 template <class Base, class Solver>
 Base *fill_world(AmbWorld &owner, Solver *solver) {
-  auto *made = new SubsteppedWorld<Base>(owner.clock, &owner.dispatcher, &owner.broadphase, solver,
-                                         owner.configuration.get());
+  auto *made =
+      new SubsteppedWorld<Base>(owner.clock, &owner.dispatcher, &owner.broadphase, solver, owner.configuration.get());
   owner.world.reset(made);
   owner.stepper = made;
   return made;

@@ -33,9 +33,8 @@ AmbVehicle *amb_vehicle_new(AmbWorld *world, AmbBody *chassis, const AmbWheel *w
   for (int i = 0; i < n; ++i) {
     const AmbWheel &wheel = wheels[i];
     btWheelInfo &info = owner->vehicle.addWheel(vector_of(wheel.connection), vector_of(wheel.direction),
-                                                vector_of(wheel.axle),
-                                                wheel.rest_length, wheel.radius, btRaycastVehicle::btVehicleTuning(),
-                                                wheel.is_front != 0);
+                                                vector_of(wheel.axle), wheel.rest_length, wheel.radius,
+                                                btRaycastVehicle::btVehicleTuning(), wheel.is_front != 0);
     info.m_suspensionStiffness = wheel.stiffness;
     info.m_wheelsDampingRelaxation = wheel.damping_relaxation;
     info.m_wheelsDampingCompression = wheel.damping_compression;

@@ -126,9 +126,7 @@ void amb_world_set_iterations(AmbWorld *world, int iterations) {
   world->world->getSolverInfo().m_numIterations = iterations;
 }
 
-void amb_world_set_lag(AmbWorld *world, int enabled) {
-  world->world->setLatencyMotionStateInterpolation(enabled != 0);
-}
+void amb_world_set_lag(AmbWorld *world, int enabled) { world->world->setLatencyMotionStateInterpolation(enabled != 0); }
 
 void amb_world_add_body(AmbWorld *world, AmbBody *body, AmbHandle handle) {
   world->adopt(*body, body->shape, handle);
@@ -217,9 +215,9 @@ void rebuild_broadphase(AmbWorld &world) {
     btVector3 low, high;
     object->getCollisionShape()->getAabb(object->getWorldTransform(), low, high);
     const btBroadphaseProxy &proxy = old[i];
-    object->setBroadphaseHandle(world.broadphase.createProxy(
-        low, high, object->getCollisionShape()->getShapeType(), object, proxy.m_collisionFilterGroup,
-        proxy.m_collisionFilterMask, &world.dispatcher));
+    object->setBroadphaseHandle(world.broadphase.createProxy(low, high, object->getCollisionShape()->getShapeType(),
+                                                             object, proxy.m_collisionFilterGroup,
+                                                             proxy.m_collisionFilterMask, &world.dispatcher));
   }
 }
 

@@ -1,5 +1,5 @@
 /* The dynamics world. The caller keeps ownership of objects that are added, and must remove them before they are freed.
-   */
+ */
 #ifndef AMB_WORLD_H
 #define AMB_WORLD_H
 #include "arena.h"

@@ -29,8 +29,8 @@ pub struct AmbMlcpRow {
     pub response: [*const f64; 2],
     /// See [`Row::target`].
     pub target: f64,
-    /// See [`Row::aim`].
-    pub aim: f64,
+    /// See [`Row::bias`].
+    pub bias: f64,
     /// See [`Row::position_target`].
     pub position_target: f64,
     /// See [`Row::cfm`].
@@ -214,7 +214,7 @@ unsafe extern "C" fn add_row(solver: *mut Solver, row: *const AmbMlcpRow) -> c_i
         let index = solver.add_row(&Row {
             sides,
             target: row.target,
-            aim: row.aim,
+            bias: row.bias,
             is_drive: row.is_drive != 0,
             position_target: row.position_target,
             cfm: row.cfm,

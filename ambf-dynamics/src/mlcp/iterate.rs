@@ -70,19 +70,19 @@ pub(super) struct Variable {
 }
 
 impl Variable {
-    /// A row of the velocity problem without its aim, if that may add energy.
-    pub fn of_rest(row: &StoredRow, layout: &Layout, diagonal: f64) -> Self {
-        let aim = if row.is_drive {
+    /// A row of the velocity problem without its bias, if that may add energy.
+    pub fn without_bias(row: &StoredRow, layout: &Layout, diagonal: f64) -> Self {
+        let bias = if row.is_drive {
             0.0
         } else if row.low >= 0.0 {
             // What may still approach does not add energy.
-            row.aim.max(0.0)
+            row.bias.max(0.0)
         } else if row.high <= 0.0 {
-            row.aim.min(0.0)
+            row.bias.min(0.0)
         } else {
-            row.aim
+            row.bias
         };
-        Self { target: row.target - aim, ..Self::of_velocity(row, layout, diagonal) }.with_possible_state()
+        Self { target: row.target - bias, ..Self::of_velocity(row, layout, diagonal) }.with_possible_state()
     }
 
     /// A row of the velocity problem.
@@ -376,15 +376,15 @@ impl Iterate {
         self.variables.iter_mut().for_each(|row| row.x *= factor);
     }
 
-    /// Energy that impulses other than those of drives give the bodies, and the sum of what their aims ask for, J. `rows.rows[order[p]]` is
+    /// Energy that impulses other than those of drives give the bodies, and the sum of what their biases ask for, J. `rows.rows[order[p]]` is
     /// the row at place p.
-    pub fn work_of_aims(&self, rows: &Rows, order: &[u32]) -> (f64, f64) {
+    pub fn work_of_biases(&self, rows: &Rows, order: &[u32]) -> (f64, f64) {
         let (mut work, mut asked) = (0.0, 0.0);
         for (row, &index) in self.variables.iter().zip(order) {
             let given = &rows.rows[index as usize];
             if !given.is_drive && row.x != 0.0 {
-                work += row.x * (self.along(rows, row) / 2.0 - row.target + given.aim);
-                asked += (row.x * given.aim).abs();
+                work += row.x * (self.along(rows, row) / 2.0 - row.target + given.bias);
+                asked += (row.x * given.bias).abs();
             }
         }
         (work, asked)

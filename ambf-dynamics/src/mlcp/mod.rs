@@ -26,7 +26,7 @@
 //! share of the budget, and sweeps end where they hardly change velocities.
 //!
 //! The work is bounded by a [`Budget`]; problems whose factorisation does not fit are swept by projected Gauss–Seidel. The result is
-//! always within its bounds and adds no energy beyond what aims and drives ask for, and [`Outcome`] says what it is worth. It depends on the rows and the
+//! always within its bounds and adds no energy beyond what biases and drives ask for, and [`Outcome`] says what it is worth. It depends on the rows and the
 //! budget only. No memory is allocated while a solver stays within the sizes it has had before.
 //!
 //! # Limitations

@@ -54,7 +54,7 @@ pub struct ConstraintRow<S> {
     pub target: f64,
     /// Velocity along the row that it asks for beside rest, m/s or rad/s: of restitution, or of the curvature of a motion. It is part of `target`
     /// and is given up where it adds energy, see [`Solver::solve`](super::Solver::solve).
-    pub aim: f64,
+    pub bias: f64,
     /// Whether the row is a drive, which may do work.
     pub is_drive: bool,
     /// Wanted pseudo-velocity along the row in [`Solver::solve_positions`](super::Solver::solve_positions), m/s or rad/s.
@@ -83,7 +83,7 @@ impl Default for Row<'_> {
         Self {
             sides: [None; 2],
             target: 0.0,
-            aim: 0.0,
+            bias: 0.0,
             is_drive: false,
             position_target: 0.0,
             cfm: 0.0,
@@ -100,12 +100,12 @@ impl Default for Row<'_> {
 
 impl<S> ConstraintRow<S> {
     fn with_sides<T>(&self, sides: [T; 2]) -> ConstraintRow<T> {
-        let &Self { target, aim, is_drive, position_target, cfm, position_cfm, low, high, .. } = self;
+        let &Self { target, bias, is_drive, position_target, cfm, position_cfm, low, high, .. } = self;
         let &Self { friction, state, x, in_positions, .. } = self;
         ConstraintRow {
             sides,
             target,
-            aim,
+            bias,
             is_drive,
             position_target,
             cfm,

@@ -24,12 +24,12 @@ const NEAR_SHARE: f64 = 0.2;
 const EXPENSIVE: f64 = 10.0;
 /// Share of the largest target from which a residual is poor.
 const POOR: f64 = 1e-2;
-/// Energy that aims may add, as a share of the work that they ask for, and of the kinetic energy: curved motion exchanges the share θ³ of
+/// Energy that biases may add, as a share of the work that they ask for, and of the kinetic energy: curved motion exchanges the share θ³ of
 /// that in a turn of θ rad.
 const ENERGY_SLACK: f64 = 2e-3;
-const AIM_SLACK: f64 = 0.02;
-/// Multiple of that work beyond which energy cannot come from the aims.
-const MAX_AIM_WORK: f64 = 1e4;
+const BIAS_SLACK: f64 = 0.02;
+/// Multiple of that work beyond which energy cannot come from the biases.
+const MAX_BIAS_WORK: f64 = 1e4;
 /// Velocity that counts as none at any scale, m/s or rad/s.
 const TINY: f64 = 1e-14;
 /// Shares of the budget at which block pivoting, staggered projections, the factorisations of subspace minimisation and its sweeps end.
@@ -192,7 +192,7 @@ impl Solver {
         self.prepared = false;
     }
 
-    /// Kinetic energy of all bodies before the impulses, J, by which [`solve`](Self::solve) judges what aims add. 0 after [`clear`](Self::clear).
+    /// Kinetic energy of all bodies before the impulses, J, by which [`solve`](Self::solve) judges what biases add. 0 after [`clear`](Self::clear).
     pub fn set_kinetic_energy(&mut self, energy: f64) {
         self.kinetic_energy = energy;
     }
@@ -235,15 +235,15 @@ impl Solver {
     ///
     /// Impulses that ask all rows for rest add no kinetic energy. Restitution does where other rows are violated: a limit that a light link hits
     /// fast then accelerates all that hangs on that link. Where rows other than drives add more than 0.2 % of the kinetic energy before
-    /// and 2 % of the work that the aims ask for, the problem is solved again without aims.
+    /// and 2 % of the work that the biases ask for, the problem is solved again without biases.
     pub fn solve(&mut self, budget: Budget) -> Outcome {
         let mut outcome = self.solve_velocities(budget, Variable::of_velocity);
         if outcome != Outcome::NotFinite {
-            let (work, asked) = self.iterate.work_of_aims(&self.rows, &self.layout.order);
-            let slack = (AIM_SLACK * asked).max(ENERGY_SLACK * self.kinetic_energy);
-            if work > slack && work < MAX_AIM_WORK * asked {
+            let (work, asked) = self.iterate.work_of_biases(&self.rows, &self.layout.order);
+            let slack = (BIAS_SLACK * asked).max(ENERGY_SLACK * self.kinetic_energy);
+            if work > slack && work < MAX_BIAS_WORK * asked {
                 let first = self.statistics;
-                outcome = self.solve_velocities(budget, Variable::of_rest);
+                outcome = self.solve_velocities(budget, Variable::without_bias);
                 self.statistics.add(&first);
             }
         }

@@ -57,7 +57,7 @@ fn the_table_of_functions_solves_like_the_solver() {
         jacobian: [JACOBIAN.as_ptr(), none],
         response: [RESPONSE.as_ptr(), none],
         target: 1.0,
-        aim: 0.0,
+        bias: 0.0,
         position_target: 0.5,
         cfm: 0.0,
         position_cfm: 0.0,
