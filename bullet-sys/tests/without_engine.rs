@@ -12,8 +12,8 @@ fn pose(x: f64) -> [f64; 12] {
     [x, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
 }
 
-/// Two balls, the second at x = 1 m, after [`STEPS`] steps under gravity along z: joined by a hinge about y through the first, which is
-/// static then, or free. Origin and velocity of the second.
+/// Two balls, the second at x = 1 m, after [`STEPS`] steps under gravity along z: joined by a hinge about y through the
+/// first, which is static then, or free. Origin and velocity of the second.
 fn second_ball(solver: i32, kind: u32, hinged: bool) -> ([f64; 3], [f64; 6]) {
     let (mut at, mut velocity) = ([0.0; 12], [0.0; 6]);
     // SAFETY: everything is freed once, in the order that the headers ask for; arrays have the sizes that they name.

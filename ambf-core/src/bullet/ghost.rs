@@ -14,7 +14,7 @@ pub(super) struct OwnedGhost {
 }
 
 impl World {
-    /// Adds a volume that senses bodies and touches nothing. Rays hit it.
+    /// Adds a volume that detects overlapping bodies without contact forces. Rays hit it.
     pub fn add_ghost(&mut self, shape: Shape, pose: &Isometry3<f64>) -> GhostHandle {
         let _arena = self.enter();
         self.structure += 1;
@@ -48,7 +48,7 @@ impl World {
         }
     }
 
-    /// The ghost does not sense the body from now on. Found in constant time, however many such pairs there are.
+    /// The ghost does not detect the body from now on. The test takes constant time, however many such pairs there are.
     pub fn ignore_ghost(&mut self, ghost: GhostHandle, body: BodyHandle) {
         let _arena = self.enter();
         if let (Some(ghost), Some(body)) = (self.ghosts.get(ghost), self.raw_body(body)) {
@@ -57,9 +57,9 @@ impl World {
         }
     }
 
-    /// Fills `bodies` with the bodies that a ghost overlaps as of the last sub-step: one entry a contact point of negative distance, so
-    /// that a body may be there several times. One that has passed through may stay for some sub-steps after it left. Empty for a stale
-    /// handle. Soft bodies are not sensed.
+    /// Fills `bodies` with the bodies that overlapped a ghost in the last sub-step: one entry per contact point of
+    /// negative distance, so that a body may be there several times. A body that has left the ghost may be reported for
+    /// some more sub-steps. Empty for a stale handle. Soft bodies are not detected.
     pub fn ghost_overlaps(&self, handle: GhostHandle, bodies: &mut Vec<BodyHandle>) {
         bodies.clear();
         let Some(ghost) = self.ghosts.get(handle) else { return };

@@ -1,8 +1,9 @@
 //! Safe owners over Bullet: the only `unsafe` code of the simulator besides callbacks and vendor libraries.
 //!
-//! A [`World`] owns its bodies, soft bodies, ghosts, their shapes, the constraints between bodies and vehicles on them. Outside they are
-//! named by handles; a handle of something that was removed gives `None` or `false`, never undefined behaviour. Vehicles and constraints
-//! are freed before bodies, bodies before shapes. No panic can cross into C++: nothing here is called back from it.
+//! A [`World`] owns its bodies, soft bodies, ghosts, their shapes, the constraints between bodies and vehicles on them.
+//! Callers refer to them by handles; a stale handle, of an object that was removed, gives `None` or `false`, never
+//! undefined behaviour. Vehicles and constraints are freed before bodies, bodies before shapes. No panic can cross into
+//! C++: C++ calls nothing here.
 
 mod accurate;
 mod arena;

@@ -15,8 +15,8 @@ use super::{ArticulationHandle, ConstraintHandle, Integrator, World};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum StateError {
-    /// Error when the scene was not loaded with [`SceneOptions::savable`](crate::scene::SceneOptions::savable), or the world was not made
-    /// by [`World::savable`].
+    /// Error when the scene was not loaded with [`SceneOptions::savable`](crate::scene::SceneOptions::savable), or the
+    /// world was not made by [`World::savable`].
     #[error("the scene was not loaded for saving: set `savable` in its options")]
     NotSavable,
     /// Error when the process may not have the address space that the scene needs by now.
@@ -30,13 +30,13 @@ pub enum StateError {
     Changed,
 }
 
-/// What of a [`World`] changes while it runs, as it was at one moment.
+/// The state of a [`World`]: a copy of everything that changes while it runs.
 #[derive(Clone)]
 pub struct SavedWorld {
-    /// The world that it is of.
+    /// Identifies the world by its arena.
     arena: u64,
     structure: u64,
-    /// Bullet's side.
+    /// Copy of the arena with all objects of the shim, the engine and Bullet.
     bytes: Box<[u8]>,
     integrator: Integrator,
     articulations: SlotMap<ArticulationHandle, OwnedArticulation>,
@@ -45,7 +45,7 @@ pub struct SavedWorld {
     constraint_order: Vec<ConstraintHandle>,
     readings: Vec<u8>,
     free_indices: Vec<usize>,
-    /// Of each body: how much holds it, and of which articulation it is a link.
+    /// For each body, the number of constraints and vehicles on it, and the articulation of which it is a link.
     body_constraints: Vec<(usize, Option<ArticulationHandle>)>,
 }
 
@@ -61,13 +61,13 @@ impl fmt::Debug for SavedWorld {
 }
 
 impl SavedWorld {
-    /// Bullet's side.
+    /// The copy of the arena.
     #[cfg(test)]
     pub(crate) fn bytes(&self) -> &[u8] {
         &self.bytes
     }
 
-    /// Memory that it takes, bytes.
+    /// Its memory, bytes.
     pub fn size(&self) -> usize {
         self.bytes.len()
             + size_of_val(self.body_constraints.as_slice())
@@ -81,7 +81,7 @@ impl World {
         self.arena.is_some()
     }
 
-    /// Saves everything that decides what the world does from now on. Nothing changes.
+    /// Saves everything on which the further motion of the world depends. The world does not change.
     ///
     /// # Errors
     /// [`StateError::NotSavable`], [`StateError::TooLarge`].
@@ -90,10 +90,10 @@ impl World {
         if arena.has_overflowed() {
             return Err(StateError::TooLarge);
         }
-        // All fields by name: a new one has to be saved, or is here for a reason.
+        // All fields are named, so that a new field must be either saved or listed here with the reason why not.
         let Self {
             arena: _,
-            // Owned objects, which stay while the structure does.
+            // Owned objects, which are the same as long as `structure` is.
             raw: _,
             bodies,
             ghosts: _,
@@ -102,11 +102,11 @@ impl World {
             body_list: _,
             body_order: _,
             structure,
-            // Chosen when the world is made.
+            // Set when the world is made.
             solver: _,
             has_soft_bodies: _,
             has_articulations: _,
-            // Means nothing between calls.
+            // Temporary memory without meaning between calls.
             scratch: _,
             integrator,
             articulations,
@@ -145,17 +145,18 @@ impl World {
         }
     }
 
-    /// Brings the world back to a saved state: from now on it does what it did from then on, bit for bit, if the same is done to it.
-    /// Handles of constraints and articulations that were made since are stale.
+    /// Restores a saved state. With the same calls the world then repeats its motion bit for bit. Handles of
+    /// constraints and articulations that were made since the state was saved are stale.
     ///
     /// # Errors
-    /// [`StateError::NotSavable`], [`StateError::OtherSimulation`], [`StateError::Changed`] when bodies, soft bodies, ghosts or vehicles
-    /// came or went since, [`StateError::TooLarge`]. Nothing has changed then.
+    /// [`StateError::NotSavable`], [`StateError::OtherSimulation`], [`StateError::Changed`] when bodies, soft bodies,
+    /// ghosts or vehicles came or went since, [`StateError::TooLarge`]. Nothing has changed then.
     pub fn restore(&mut self, saved: &SavedWorld) -> Result<(), StateError> {
         self.check_saved(saved)?;
         let Some(arena) = &self.arena else { return Err(StateError::NotSavable) };
-        // SAFETY: the copy was made of this arena, and since then no object came or went but constraints and trees. Those lie in the
-        // arena as a whole, so that with the copy exactly those are alive again that were, and the lists below name just them.
+        // SAFETY: the copy was made of this arena, and since then no objects but constraints and articulations were
+        // made or freed. Those are completely in the arena, so that after the copy exactly the same ones are alive as
+        // then, and the lists below have exactly these.
         unsafe {
             sys::amb_world_restore(self.raw.as_ptr(), arena.as_ptr(), saved.bytes.as_ptr(), saved.bytes.len() as u64);
         }

@@ -10,7 +10,7 @@ use super::{pose_of, BodyHandle, VehicleHandle, World};
 pub struct Wheel {
     /// Where the suspension begins, m.
     pub connection: Vector3<f64>,
-    /// From the connection to the wheel. Its length scales the reach of the wheel.
+    /// Direction from the connection to the wheel. Its length scales the length of the suspension ray.
     pub direction: Vector3<f64>,
     /// Axle; not along the direction. An engine drives forward when it points to the right, −y.
     pub axle: Vector3<f64>,
@@ -33,7 +33,8 @@ pub struct Wheel {
 }
 
 impl Wheel {
-    /// Whether Bullet can compute with it: a wheel without direction, axle or reach makes the chassis' state not finite.
+    /// Whether Bullet can compute with it: a wheel without direction, axle or reach makes the chassis' state not
+    /// finite.
     fn is_sound(&self) -> bool {
         let Self { connection, direction, axle, rest_length, radius, .. } = self;
         let numbers = [
@@ -77,9 +78,10 @@ pub(super) struct OwnedVehicle {
 }
 
 impl World {
-    /// Puts a body on wheels that are rays: `btRaycastVehicle` with its default tuning. `None` when the body is not there or is static,
-    /// or a wheel has a number that is not finite, a radius or reach that is not positive, or an axle that is zero or along its
-    /// direction. Articulations are dissolved. Wheels only stand on rigid bodies, and are lifted where a ghost or soft body is nearer.
+    /// Makes a body the chassis of a ray-cast vehicle, `btRaycastVehicle` with its default tuning. `None` when the
+    /// handle is stale or the body is static, or a wheel has a number that is not finite, a radius or suspension ray of
+    /// a length that is not positive, or an axle that is zero or along its direction. Articulations are dissolved. Only
+    /// rigid bodies carry wheels: a wheel has no support if its ray hits a ghost or soft body first.
     pub fn add_vehicle(&mut self, chassis: BodyHandle, wheels: &[Wheel]) -> Option<VehicleHandle> {
         let _arena = self.enter();
         let dynamic = self.bodies.get(chassis)?.dynamic;
@@ -89,7 +91,8 @@ impl World {
         let raw_wheels: Vec<_> = wheels.iter().map(Wheel::raw).collect();
         let n = i32::try_from(wheels.len()).ok()?;
         self.dissolve_all();
-        // SAFETY: world and chassis are alive and outlive the vehicle: `remove_body` refuses while it exists; n wheels are copied.
+        // SAFETY: world and chassis are alive and outlive the vehicle: `remove_body` refuses while it exists; n wheels
+        // are copied.
         let raw = unsafe { sys::amb_vehicle_new(self.raw.as_ptr(), self.raw_body(chassis)?, raw_wheels.as_ptr(), n) };
         let raw = NonNull::new(raw).expect("operator new throws rather than return null");
         self.bodies[chassis].constraint_count += 1;
@@ -97,7 +100,7 @@ impl World {
         Some(self.vehicles.insert(OwnedVehicle { raw, chassis, wheels: wheels.len() }))
     }
 
-    /// Takes a body off its wheels; false when the vehicle is not there.
+    /// Removes a vehicle; its chassis remains as a body. False when the handle is stale.
     pub fn remove_vehicle(&mut self, handle: VehicleHandle) -> bool {
         let _arena = self.enter();
         let Some(vehicle) = self.vehicles.remove(handle) else { return false };
@@ -108,9 +111,9 @@ impl World {
         true
     }
 
-    /// Sets steering (rad, to the left), engine force (N, along up × axle; the brake has no effect unless it is 0) and brake (largest impulse of a sub-step,
-    /// N·s; negative is 0) of a wheel until they are set again. False, and no effect, when there is no such wheel or a number is not
-    /// finite.
+    /// Sets steering (rad, to the left), engine force (N, along up × axle; the brake has no effect unless it is 0) and
+    /// brake (largest impulse of a sub-step, N·s; negative is 0) of a wheel until they are set again. False, and no
+    /// effect, when there is no such wheel or a number is not finite.
     pub fn drive(&mut self, handle: VehicleHandle, wheel: usize, steering: f64, engine: f64, brake: f64) -> bool {
         let Some((raw, wheel)) = self.raw_wheel(handle, wheel) else { return false };
         let finite = steering.is_finite() && engine.is_finite() && brake.is_finite();
@@ -121,8 +124,8 @@ impl World {
         finite
     }
 
-    /// Pose of the drawn wheel in the world, on the chassis' motion state: its axes are up × axle, −axle and up, against the direction of
-    /// the suspension, turned by steering and rolling.
+    /// Pose of the drawn wheel in the world, on the chassis' motion state: its axes are up × axle, −axle and up,
+    /// against the direction of the suspension, turned by steering and rolling.
     pub fn wheel_pose(&self, handle: VehicleHandle, wheel: usize) -> Option<Isometry3<f64>> {
         let (vehicle, wheel) = self.raw_wheel(handle, wheel)?;
         let mut raw = [0.0; 12];
