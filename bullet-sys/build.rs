@@ -1,8 +1,8 @@
 //! Finds Debian's double-precision Bullet, compiles the C shim over it and generates its Rust side.
 //!
-//! Crates that compile C++ against the shim's internal headers find in their own build script's environment: `DEP_BULLET_FLOAT64_INCLUDE`,
-//! the folder of those headers; `DEP_BULLET_FLOAT64_SYSTEM_INCLUDE`, Bullet's folders, separated by colons; and
-//! `DEP_BULLET_FLOAT64_DEFINES`, macros as `NAME` or `NAME=VALUE`, separated by blanks.
+//! Crates that compile C++ against the shim's internal headers find in their own build script's environment:
+//! `DEP_BULLET_FLOAT64_INCLUDE`, the folder of those headers; `DEP_BULLET_FLOAT64_SYSTEM_INCLUDE`, Bullet's folders,
+//! separated by colons; and `DEP_BULLET_FLOAT64_DEFINES`, macros as `NAME` or `NAME=VALUE`, separated by blanks.
 
 use std::env;
 use std::path::{Path, PathBuf};
@@ -35,8 +35,8 @@ fn main() {
 
     let mut build = cc::Build::new();
     build.cpp(true).std("c++17").warnings(true).files(sources);
-    // -isystem keeps Bullet's own warnings quiet; the bare /usr/include that pkg-config adds must not be passed on, it would
-    // break the #include_next of the C++ library.
+    // -isystem keeps Bullet's own warnings quiet; the bare /usr/include that pkg-config adds must not be passed on, it
+    // would break the #include_next of the C++ library.
     let system: Vec<&PathBuf> = bullet.include_paths.iter().filter(|path| *path != Path::new("/usr/include")).collect();
     for path in &system {
         build.flag("-isystem").flag(path);

@@ -1,7 +1,7 @@
 //! The energy ledger against analytic values: what each cause does to the energy, and that the sums close.
 
 use ambf_core::bullet::{
-    BodyHandle, Constraint, ConstraintHandle, ConstraintKind, Drive, EnergyLedger, Integrator, RigidBody, Shape,
+    BodyHandle, Constraint, ConstraintHandle, ConstraintKind, EnergyLedger, Integrator, RigidBody, Shape, SoftMotor,
     Solver, Spring, World,
 };
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
@@ -311,7 +311,7 @@ fn motors_give_what_moves() {
             world.articulate(&[hinge]).unwrap();
         }
         world.set_energy_ledger(true);
-        world.set_drive(hinge, Some(Drive { velocity: 3.0, softness, max_impulse: 1e-3 }));
+        world.set_soft_motor(hinge, Some(SoftMotor { velocity: 3.0, softness, max_impulse: 1e-3 }));
         let open = run(&mut world, 1.0);
         let found = world.energy();
         println!("motor {articulated} {softness}: {open:e} {found:?}");
@@ -330,7 +330,7 @@ fn a_motor_that_lifts_gives_the_potential_energy() {
             world.articulate(&joints).unwrap();
         }
         world.set_energy_ledger(true);
-        world.set_drive(joints[0], Some(Drive { velocity: -0.5, softness: 0.0, max_impulse: 1.0 }));
+        world.set_soft_motor(joints[0], Some(SoftMotor { velocity: -0.5, softness: 0.0, max_impulse: 1.0 }));
         let open = run(&mut world, 2.0);
         let found = world.energy();
         println!("lift {articulated}: {open:e} {found:?}");

@@ -129,7 +129,7 @@ fn churn(world: &mut World, things: &mut Things, random: &mut Random) {
             if let (Some(a), Some(b)) = (a, b) {
                 world.ignore_collision(a, b);
             }
-            a.filter(|_| random.below(4) == 0).map(|body| world.make_drawing(body));
+            a.filter(|_| random.below(4) == 0).map(|body| world.make_visual_only(body));
         }
     }
 }

@@ -1,4 +1,4 @@
-// What the solver of AmbSolver_Accurate knows of its world. C++ only.
+// Settings and statistics of AmbSolver_Accurate in one world. C++ only.
 #ifndef AMB_ACCURATE_CONTEXT_H
 #define AMB_ACCURATE_CONTEXT_H
 
@@ -11,7 +11,7 @@ extern "C" {
 struct AccurateContext : AmbAccurateSettings {
   AccurateContext() : AmbAccurateSettings{} {}
 
-  // Free bodies fly exactly, not by Bullet's semi-implicit Euler.
+  // Free bodies are integrated exactly under constant force, not by Bullet's semi-implicit Euler method.
   bool exact_flight = false;
   mutable AmbSolverStatistics statistics{};
 };

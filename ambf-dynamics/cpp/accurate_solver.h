@@ -1,10 +1,10 @@
-// The constraint solver of profile `accurate`: Bullet makes the rows of an island, and the solver of mixed linear complementarity problems
-// (ambf_mlcp.h) solves them. C++ only.
+// The constraint solver of the profile `accurate`: Bullet sets up the rows of an island, and the solver of mixed linear
+// complementarity problems (ambf_mlcp.h) solves them. C++ only.
 //
-// Velocities and positions are solved apart. The velocity problem has no terms that correct positions, but for the curvature of the motion:
-// impulses are then a projection of the velocities onto a convex set that contains rest, which cannot add kinetic energy (motors and
-// restitution aside). Errors of position are corrected by a second problem over the same rows, whose pseudo-velocities move the bodies in
-// this sub-step and are then forgotten.
+// Velocities and positions are solved separately. The velocity problem has no position correction (no Baumgarte term),
+// only a bias for the curvature of the motion. Its solution projects the velocities onto a convex set that contains 0,
+// which cannot add kinetic energy (motors and restitution aside). Position errors are corrected by a second problem
+// over the same rows. Its pseudo-velocities move the bodies in this sub-step and are then discarded (split impulse).
 #ifndef AMB_ACCURATE_SOLVER_H
 #define AMB_ACCURATE_SOLVER_H
 
@@ -17,30 +17,30 @@
 #include <type_traits>
 
 #include "accurate_context.h"
-#include "contact_memory.h"
+#include "contact_cache.h"
 #include "joint_arms.h"
 #include "position_error.h"
-#include "settled_islands.h"
-#include "tie_solver.h"
+#include "infeasible_islands.h"
+#include "articulation_solver.h"
 
 // Base: btSequentialImpulseConstraintSolver or a subclass that keeps its rows for rigid bodies.
 template <class Base>
 class AccurateSolver : public Base {
-  static constexpr bool HAS_TREES = std::is_base_of_v<TieSolver, Base>;
+  static constexpr bool HAS_ARTICULATIONS = std::is_base_of_v<ArticulationSolver, Base>;
 
  public:
   explicit AccurateSolver(const AccurateContext &settings) : settings_(settings), mlcp_(mlcp_table->create()) {}
   ~AccurateSolver() override { mlcp_table->destroy(mlcp_); }
 
-  // Nothing of the sub-steps so far decides what is found in the next.
+  // Discards all warm-starting data.
   void reset() override {
     Base::reset();
     ++resets_;
     sub_step_ = 0;
-    pile_steps_ = 0;
+    direct_backoff_ = 0;
     saved_budget_ = 0;
     contacts_.clear();
-    settled_.clear();
+    infeasible_.clear();
   }
 
  protected:
@@ -50,16 +50,17 @@ class AccurateSolver : public Base {
     contacts_.begin();
   }
 
-  btScalar solveGroupCacheFriendlySetup(btCollisionObject **bodies, int n, btPersistentManifold **manifolds, int manifold_count,
-                                        btTypedConstraint **constraints, int constraint_count, const btContactSolverInfo &info,
-                                        btIDebugDraw *debug) override {
-    // Penetration is kept apart from the velocities, however deep.
-    btContactSolverInfo apart = info;
-    apart.m_splitImpulse = 1;
-    apart.m_splitImpulsePenetrationThreshold = BT_LARGE_FLOAT;
-    // Guesses are handed over with the rows.
-    if (settings_.direct) apart.m_solverMode &= ~SOLVER_USE_ARTICULATED_WARMSTARTING;
-    return Base::solveGroupCacheFriendlySetup(bodies, n, manifolds, manifold_count, constraints, constraint_count, apart, debug);
+  btScalar solveGroupCacheFriendlySetup(btCollisionObject **bodies, int n, btPersistentManifold **manifolds,
+                                        int manifold_count, btTypedConstraint **constraints, int constraint_count,
+                                        const btContactSolverInfo &info, btIDebugDraw *debug) override {
+    // Split impulse for contacts of any penetration depth.
+    btContactSolverInfo split = info;
+    split.m_splitImpulse = 1;
+    split.m_splitImpulsePenetrationThreshold = BT_LARGE_FLOAT;
+    // The MLCP solver gets warm-starting impulses with the rows instead.
+    if (settings_.direct) split.m_solverMode &= ~SOLVER_USE_ARTICULATED_WARMSTARTING;
+    return Base::solveGroupCacheFriendlySetup(bodies, n, manifolds, manifold_count, constraints, constraint_count,
+                                              split, debug);
   }
 
   void convertJoints(btTypedConstraint **constraints, int n, const btContactSolverInfo &info) override {
@@ -70,12 +71,13 @@ class AccurateSolver : public Base {
     int next = 0;
     for (int i = 0; i < n; ++i) {
       const int count = this->m_tmpConstraintSizesPool[i].m_numConstraintRows;
-      recall(*constraints[i], next, count);
+      load_guesses(*constraints[i], next, count);
       separate_errors(*constraints[i], next, count, info);
       next += count;
     }
     if (!settings_.diagonal_cfm) return;
-    // Bullet takes m_cfm for a share of the diagonal but leaves it out of what it divides by, so that soft rows overshoot.
+    // Bullet takes m_cfm as a share of the diagonal but leaves it out of the effective mass, so that soft rows
+    // overshoot.
     for (int i = 0; i < rows.size(); ++i) {
       btSolverConstraint &row = rows[i];
       if (row.m_cfm <= 0) continue;
@@ -87,14 +89,14 @@ class AccurateSolver : public Base {
   }
 
   void convertContacts(btPersistentManifold **manifolds, int n, const btContactSolverInfo &info) override {
-    contacts_.recall(manifolds, n);
+    contacts_.match(manifolds, n);
     Base::convertContacts(manifolds, n, info);
     add_torques(this->m_tmpSolverContactFrictionConstraintPool);
     add_torques(this->m_tmpSolverContactRollingFrictionConstraintPool);
     warm_start_friction(info);
-    bounce(info);
+    apply_restitution(info);
     limit_push_out(this->m_tmpSolverContactConstraintPool, info);
-    if constexpr (HAS_TREES) limit_push_out(this->m_multiBodyNormalContactConstraints, info);
+    if constexpr (HAS_ARTICULATIONS) limit_push_out(this->m_multiBodyNormalContactConstraints, info);
   }
 
   btScalar solveSingleIteration(int iteration, btCollisionObject **bodies, int n, btPersistentManifold **manifolds,
@@ -109,42 +111,47 @@ class AccurateSolver : public Base {
   btScalar solveGroupCacheFriendlyIterations(btCollisionObject **bodies, int n, btPersistentManifold **manifolds,
                                              int manifold_count, btTypedConstraint **constraints, int constraint_count,
                                              const btContactSolverInfo &info, btIDebugDraw *debug) override {
-    // To see that a pile is one costs a third of what its iterations do.
-    const bool is_small = is_hard() || this->m_tmpSolverContactConstraintPool.size() <= settings_.max_pile;
-    if (settings_.direct && (is_small || pile_steps_-- <= 0)) {
+    // Estimating the cost of a large well-conditioned island takes a third of the time of its iterations: after such an
+    // island was too expensive the next 15 are not tried.
+    const bool is_small =
+        is_ill_conditioned() || this->m_tmpSolverContactConstraintPool.size() <= settings_.max_direct_contacts;
+    if (settings_.direct && (is_small || direct_backoff_-- <= 0)) {
       gather(info);
       if (row_count_ == 0) return 0;
       if (solve(info, is_small)) {
-        remember_contacts();
+        store_contacts();
         return 0;
       }
-      if (!is_small) pile_steps_ = 15;
+      if (!is_small) direct_backoff_ = 15;
     }
     ++settings_.statistics.islands_iterated;
-    const btScalar residual = Base::solveGroupCacheFriendlyIterations(bodies, n, manifolds, manifold_count, constraints, constraint_count,
-                                                                      info, debug);
-    remember_contacts();
+    const btScalar residual = Base::solveGroupCacheFriendlyIterations(bodies, n, manifolds, manifold_count, constraints,
+                                                                      constraint_count, info, debug);
+    store_contacts();
     return residual;
   }
 
  private:
-  // What a row of a joint asks for beside its velocity.
+  // Position correction, velocity bias and warm start of a joint row.
   struct JointError {
-    // Velocity that would remove the error of position in this sub-step, bounded, m/s or rad/s.
+    // Pseudo-velocity that removes the position error in this sub-step, clamped, m/s or rad/s.
     btScalar correction = 0;
-    // Velocity that is asked for beside rest, m/s or rad/s.
-    btScalar aim = 0;
+    // Velocity bias: target of J v after the solution, from restitution at a limit or the curvature of the motion, m/s
+    // or rad/s.
+    btScalar bias = 0;
+    // Whether the row constrains a position; false: a motor or spring.
     bool is_geometric = false;
-    // Impulse in the sub-step before.
+    // Impulse in the last sub-step, N s or N m s.
     btScalar guess = 0;
   };
 
-  // Holds a position both ways, one way, or drives.
+  // A row constrains a position on both sides (joint), on one side (limit), or is a motor or spring.
   enum class RowKind { Geometric, Limit, Other };
 
   btSolverBody &body(int id) { return this->m_tmpSolverBodyPool[id]; }
 
-  // Splits the targets of a joint's rows into a velocity and a correction of its error. Motors and springs have none.
+  // Splits the targets of a joint's rows into a velocity bias and a position correction. Rows of motors and springs are
+  // not changed.
   void separate_errors(const btTypedConstraint &constraint, int first, int count, const btContactSolverInfo &info) {
     const btScalar h = info.m_timeStep;
     btConstraintArray &rows = this->m_tmpSolverNonContactConstraintPool;
@@ -155,7 +162,8 @@ class AccurateSolver : public Base {
       const bool low_free = row.m_lowerLimit <= -UNBOUNDED, high_free = row.m_upperLimit >= UNBOUNDED;
       if (is_soft || row.m_jacDiagABInv <= 0) return RowKind::Other;
       if (low_free && high_free) return RowKind::Geometric;
-      return (low_free && row.m_upperLimit == 0) || (high_free && row.m_lowerLimit == 0) ? RowKind::Limit : RowKind::Other;
+      return (low_free && row.m_upperLimit == 0) || (high_free && row.m_lowerLimit == 0) ? RowKind::Limit
+                                                                                         : RowKind::Other;
     };
     JointMotion motion;
     for (int k = first; k < first + count; ++k) {
@@ -183,16 +191,17 @@ class AccurateSolver : public Base {
         const btScalar side = row.m_lowerLimit == 0 ? 1 : -1;
         kept = side * std::max(btScalar(0), std::min(side * target, -side * before * bounce_of(constraint)));
       } else {
-        kept = is_angular ? motion.angular_target(row.m_relpos1CrossNormal) : motion.linear_target(row.m_contactNormal2);
+        kept =
+            is_angular ? motion.angular_target(row.m_relpos1CrossNormal) : motion.linear_target(row.m_contactNormal2);
       }
       const bool is_limit = kind == RowKind::Limit;
       const btScalar most = is_angular ? (is_limit ? MAX_RETURN_RATE : MAX_CORRECTION_RATE)
                                        : (is_limit ? MAX_RETURN_SPEED : MAX_CORRECTION_SPEED);
-      // Joints of the profile have the ERP of the world.
+      // In worlds with this solver joints have the ERP of the world.
       if (!is_limit) note_error(target * h / info.m_erp, is_angular);
       JointError &error = joint_errors_[k];
       error.correction = std::max(-most, std::min(most, is_limit ? target - kept : target));
-      error.aim = kept;
+      error.bias = kept;
       error.is_geometric = true;
       row.m_rhs -= (target - kept) * row.m_jacDiagABInv;
     }
@@ -203,17 +212,17 @@ class AccurateSolver : public Base {
     largest = std::max(largest, double(btFabs(error)));
   }
 
-  // What was found for the rows of a joint in the sub-step before, if it had as many.
-  void recall(const btTypedConstraint &constraint, int first, int count) {
-    // The constraint is this library's, and so is what it points at.
+  // Loads the impulses of the rows of a joint from the last sub-step, if it had the same number of rows.
+  void load_guesses(const btTypedConstraint &constraint, int first, int count) {
+    // SoftRows belong to this library's constraints and are mutable.
     auto *memory = const_cast<SoftRows *>(soft_rows_of(constraint));
-    if (!memory || count == 0 || count > SoftRows::MOST_GUESSES) return;
+    if (!memory || count == 0 || count > SoftRows::MAX_GUESSES) return;
     joints_.push_back({memory, first, count});
     if (memory->guesses != count || memory->guessed_after != resets_) return;
     for (int k = 0; k < count; ++k) joint_errors_[first + k].guess = memory->guess[k];
   }
 
-  void remember_joints(const double *impulses) {
+  void store_joint_impulses(const double *impulses) {
     for (const JointSpan &joint : joints_) {
       joint.memory->guesses = joint.count;
       joint.memory->guessed_after = resets_;
@@ -221,16 +230,18 @@ class AccurateSolver : public Base {
     }
   }
 
-  void remember_contacts() {
-    contacts_.remember(this->m_tmpSolverContactConstraintPool, this->m_tmpSolverContactFrictionConstraintPool,
-                       {&this->m_tmpSolverContactRollingFrictionConstraintPool});
-    if constexpr (HAS_TREES) {
-      contacts_.remember(this->m_multiBodyNormalContactConstraints, this->m_multiBodyFrictionContactConstraints,
-                         {&this->m_multiBodyTorsionalFrictionContactConstraints, &this->m_multiBodySpinningFrictionContactConstraints});
+  void store_contacts() {
+    contacts_.store(this->m_tmpSolverContactConstraintPool, this->m_tmpSolverContactFrictionConstraintPool,
+                    {&this->m_tmpSolverContactRollingFrictionConstraintPool});
+    if constexpr (HAS_ARTICULATIONS) {
+      contacts_.store(this->m_multiBodyNormalContactConstraints, this->m_multiBodyFrictionContactConstraints,
+                      {&this->m_multiBodyTorsionalFrictionContactConstraints,
+                       &this->m_multiBodySpinningFrictionContactConstraints});
     }
   }
 
-  // Bullet leaves out what torques do in this sub-step. The velocities along different rows then do not belong to one motion.
+  // Bullet omits the change of velocity by external torques in friction rows. The velocities J v of different rows
+  // would then not be those of one motion.
   void add_torques(btConstraintArray &frictions) {
     for (int i = 0; i < frictions.size(); ++i) {
       btSolverConstraint &row = frictions[i];
@@ -260,42 +271,49 @@ class AccurateSolver : public Base {
 
   void push(const btSolverConstraint &row, btScalar impulse) {
     btSolverBody &a = body(row.m_solverBodyIdA), &b = body(row.m_solverBodyIdB);
-    if (a.m_originalBody) a.internalApplyImpulse(row.m_contactNormal1 * a.internalGetInvMass(), row.m_angularComponentA, impulse);
-    if (b.m_originalBody) b.internalApplyImpulse(row.m_contactNormal2 * b.internalGetInvMass(), row.m_angularComponentB, impulse);
+    if (a.m_originalBody)
+      a.internalApplyImpulse(row.m_contactNormal1 * a.internalGetInvMass(), row.m_angularComponentA, impulse);
+    if (b.m_originalBody)
+      b.internalApplyImpulse(row.m_contactNormal2 * b.internalGetInvMass(), row.m_angularComponentB, impulse);
   }
 
-  // That of a row before the step, and what forces add to it.
+  // Velocity J v of a row before the sub-step, and its change by external forces in the sub-step, m/s or rad/s.
   void find_velocity(const btSolverConstraint &row, btScalar &before, btScalar &forced) {
     const btSolverBody &a = body(row.m_solverBodyIdA), &b = body(row.m_solverBodyIdB);
     before = forced = 0;
     if (a.m_originalBody) {
       before += row.m_contactNormal1.dot(a.m_linearVelocity) + row.m_relpos1CrossNormal.dot(a.m_angularVelocity);
-      forced += row.m_contactNormal1.dot(a.m_externalForceImpulse) + row.m_relpos1CrossNormal.dot(a.m_externalTorqueImpulse);
+      forced +=
+          row.m_contactNormal1.dot(a.m_externalForceImpulse) + row.m_relpos1CrossNormal.dot(a.m_externalTorqueImpulse);
     }
     if (b.m_originalBody) {
       before += row.m_contactNormal2.dot(b.m_linearVelocity) + row.m_relpos2CrossNormal.dot(b.m_angularVelocity);
-      forced += row.m_contactNormal2.dot(b.m_externalForceImpulse) + row.m_relpos2CrossNormal.dot(b.m_externalTorqueImpulse);
+      forced +=
+          row.m_contactNormal2.dot(b.m_externalForceImpulse) + row.m_relpos2CrossNormal.dot(b.m_externalTorqueImpulse);
     }
   }
 
-  // Share of the speed into a limit with which a joint is asked to leave it.
+  // Coefficient of restitution of a joint at its limits.
   static btScalar bounce_of(const btTypedConstraint &constraint) {
     if (constraint.getConstraintType() != HINGE_CONSTRAINT_TYPE) return 0;
     const auto &hinge = static_cast<const btHingeConstraint &>(constraint);
     return hinge.getLimitRelaxationFactor() * hinge.getLimitBiasFactor();
   }
 
-  // Whether joints hold bodies of the island.
+  // Whether the island has joints.
   bool has_joints() const {
-    if constexpr (HAS_TREES) {
+    if constexpr (HAS_ARTICULATIONS) {
       if (this->m_multiBodyNonContactConstraints.size() > 0) return true;
     }
     return this->m_tmpSolverNonContactConstraintPool.size() > 0;
   }
 
-  bool is_impact(btScalar before, const btContactSolverInfo &info) const { return -before >= info.m_restitutionVelocityThreshold; }
+  bool is_impact(btScalar before, const btContactSolverInfo &info) const {
+    return -before >= info.m_restitutionVelocityThreshold;
+  }
 
-  // Whether it is for `bounce`: what joints hold must not be moved out of them.
+  // Whether `apply_restitution` treats a contact. In islands with joints only impacts are, because its push-out
+  // velocity is not limited and would violate the joints.
   bool bounces(const btSolverConstraint &row, const btContactSolverInfo &info) {
     const auto &point = *static_cast<const btManifoldPoint *>(row.m_originalContactPoint);
     if (!settings_.restitution || point.m_combinedRestitution <= 0) return false;
@@ -303,15 +321,15 @@ class AccurateSolver : public Base {
     find_velocity(row, before, forced);
     return is_impact(before, info) || !has_joints();
   }
-  // Of articulations, Bullet's own restitution.
+  // Contacts of articulations have their restitution in m_rhs already, see ArticulationSolver.
   static bool bounces(const btMultiBodySolverConstraint &, const btContactSolverInfo &) { return false; }
 
-  // A contact that bounces waits until the bodies touch and leaves with the energy that restitution asks for, wherever between two
-  // steps the impact was.
-  void bounce(const btContactSolverInfo &info) {
+  // Sets the separation velocity of impacts so that the energy after the impact is restitution^2 of that before,
+  // wherever within the sub-step the impact is. Contacts with a positive gap have no impulse before the bodies touch.
+  void apply_restitution(const btContactSolverInfo &info) {
     btConstraintArray &contacts = this->m_tmpSolverContactConstraintPool;
     const btScalar h = info.m_timeStep;
-    bounces_.assign(contacts.size(), 0);
+    bounce_velocities_.assign(contacts.size(), 0);
     for (int i = 0; i < contacts.size(); ++i) {
       btSolverConstraint &row = contacts[i];
       const auto &point = *static_cast<const btManifoldPoint *>(row.m_originalContactPoint);
@@ -326,22 +344,22 @@ class AccurateSolver : public Base {
           row.m_rhs = row.m_upperLimit = 0;
           continue;
         }
-        const btScalar target = leaving(before, gap, pull, h, point.m_combinedRestitution);
-        bounces_[i] = target;
+        const btScalar target = separation_velocity(before, gap, pull, h, point.m_combinedRestitution);
+        bounce_velocities_[i] = target;
         row.m_rhs = (target - before - forced) * row.m_jacDiagABInv;
       } else if (push > info.m_restitutionVelocityThreshold) {
-        // The depth reached before the bounce is left behind without adding to its velocity.
+        // The penetration depth that was reached in the impact is corrected by a pseudo-velocity.
         row.m_rhs = (-before - forced) * row.m_jacDiagABInv;
         row.m_rhsPenetration = push * row.m_jacDiagABInv;
       }
     }
   }
 
-  btScalar bounce_velocity(const btConstraintArray &, int i) const { return bounces_[i]; }
-  // That of Bullet is not known.
+  btScalar bounce_velocity(const btConstraintArray &, int i) const { return bounce_velocities_[i]; }
+  // Not known for contacts of articulations.
   static btScalar bounce_velocity(const btMultiBodyConstraintArray &, int) { return 0; }
 
-  // Push-out velocity of contacts that don't bounce.
+  // Clamps the push-out velocity of all other contacts, see push_out_speed.
   template <class Rows>
   void limit_push_out(Rows &rows, const btContactSolverInfo &info) {
     for (int i = 0; i < rows.size(); ++i) {
@@ -350,16 +368,17 @@ class AccurateSolver : public Base {
       const btScalar depth = -(point.getDistance() + info.m_linearSlop);
       if (depth <= 0 || row.m_jacDiagABInv <= btScalar(0) || bounces(row, info)) continue;
       const btScalar push = depth * info.m_erp2 / info.m_timeStep;
-      // Bullet does not separate it for articulations.
+      // Contacts of articulations have the penetration correction in m_rhs: it is moved to m_rhsPenetration.
       if (row.m_rhsPenetration == btScalar(0)) row.m_rhs = row.m_rhs - push * row.m_jacDiagABInv;
       row.m_rhsPenetration = std::min(push, push_out_speed(depth)) * row.m_jacDiagABInv;
     }
   }
 
-  // Velocity at the end of a step with which bodies separate that approach at -before, `gap` <= 0 below the surface, and accelerate
-  // towards each other by `pull`. Flight conserves the energy v^2 / 2 + pull (x + k v / 2), with k minus the step for Bullet's
-  // x += v' h and 0 for exact flight; impact keeps the share restitution^2 of what it is at the surface.
-  btScalar leaving(btScalar before, btScalar gap, btScalar pull, btScalar h, btScalar restitution) const {
+  // Separation velocity at the end of a sub-step of h s, m/s, of a contact with velocity before < 0, gap <= 0 (m) and
+  // relative acceleration `pull` towards each other, m/s^2. Free motion conserves the energy per mass v^2 / 2 + pull (x
+  // + k v / 2), where k = -h for Bullet's x += v' h and k = 0 for exact integration; the impact multiplies its value at
+  // the surface by restitution^2.
+  btScalar separation_velocity(btScalar before, btScalar gap, btScalar pull, btScalar h, btScalar restitution) const {
     const btScalar k = settings_.exact_flight ? 0 : -h;
     const btScalar energy = before * before / 2 + pull * (gap + k * before / 2);
     const btScalar kept = restitution * restitution * std::max(btScalar(0), energy);
@@ -368,21 +387,23 @@ class AccurateSolver : public Base {
     return std::max(btScalar(0), (btSqrt(linear * linear + 8 * (kept - pull * gap)) - linear) / 2);
   }
 
-  // Bullet skips friction once its normal impulse is zero, so that what was applied before stays.
+  // Removes friction impulses of contacts whose normal impulse became 0. Bullet skips these rows and keeps their last
+  // impulse.
   void release_friction() {
     btConstraintArray &frictions = this->m_tmpSolverContactFrictionConstraintPool;
     for (int i = 0; i < frictions.size(); ++i) {
       btSolverConstraint &row = frictions[i];
       const btScalar applied = row.m_appliedImpulse;
-      if (applied == 0 || this->m_tmpSolverContactConstraintPool[row.m_frictionIndex].m_appliedImpulse > btScalar(0)) continue;
+      const btSolverConstraint &normal = this->m_tmpSolverContactConstraintPool[row.m_frictionIndex];
+      if (applied == 0 || normal.m_appliedImpulse > btScalar(0)) continue;
       row.m_appliedImpulse = 0;
       push(row, -applied);
     }
-    if constexpr (HAS_TREES) {
+    if constexpr (HAS_ARTICULATIONS) {
       for (int i = 0; i < this->m_multiBodyFrictionContactConstraints.size(); ++i) {
         btMultiBodySolverConstraint &row = this->m_multiBodyFrictionContactConstraints[i];
-        const bool holds = this->m_multiBodyNormalContactConstraints[row.m_frictionIndex].m_appliedImpulse > btScalar(0);
-        if (holds || row.m_appliedImpulse == btScalar(0)) continue;
+        const btMultiBodySolverConstraint &normal = this->m_multiBodyNormalContactConstraints[row.m_frictionIndex];
+        if (normal.m_appliedImpulse > btScalar(0) || row.m_appliedImpulse == btScalar(0)) continue;
         row.m_lowerLimit = row.m_upperLimit = 0;
         Base::resolveSingleConstraintRowGeneric(row);
       }
@@ -394,11 +415,12 @@ class AccurateSolver : public Base {
     return b.m_originalBody && b.m_originalBody->getInvMass() > 0 ? id : -1;
   }
 
-  // Sequential impulses converge badly across joints and between light and heavy bodies.
-  bool is_hard() const {
+  // Sequential impulses converge slowly in islands with joints, articulations or large mass ratios.
+  bool is_ill_conditioned() const {
     if (this->m_tmpSolverNonContactConstraintPool.size() > 0) return true;
-    if constexpr (HAS_TREES) {
-      if (this->m_multiBodyNonContactConstraints.size() + this->m_multiBodyNormalContactConstraints.size() > 0) return true;
+    if constexpr (HAS_ARTICULATIONS) {
+      if (this->m_multiBodyNonContactConstraints.size() + this->m_multiBodyNormalContactConstraints.size() > 0)
+        return true;
     }
     btScalar least = BT_LARGE_FLOAT, most = 0;
     for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i) {
@@ -407,16 +429,16 @@ class AccurateSolver : public Base {
       least = std::min(least, b->getInvMass());
       most = std::max(most, b->getInvMass());
     }
-    return most > settings_.hard_mass_ratio * least;
+    return most > settings_.mass_ratio_threshold * least;
   }
 
-  // Hands all rows of the island to the solver.
+  // Adds all rows of the island to the MLCP solver.
   void gather(const btContactSolverInfo &info) {
     mlcp_table->clear(mlcp_);
     row_count_ = 0;
-    trees_.clear();
-    tree_sizes_.clear();
-    tree_rows_.clear();
+    articulations_.clear();
+    articulation_sizes_.clear();
+    articulation_rows_.clear();
     normals_.clear();
     needs_correction_ = is_urgent_ = false;
     is_at_rest_ = true;
@@ -427,13 +449,14 @@ class AccurateSolver : public Base {
       soften(row, joints[i], settings_.joint_softness);
       row.in_positions = joint_errors_[i].is_geometric;
       row.is_drive = !joint_errors_[i].is_geometric;
-      row.aim = joint_errors_[i].aim;
+      row.bias = joint_errors_[i].bias;
       row.position_target = joint_errors_[i].correction;
-      // Where it is not the solution, pivoting starts from free rows: drives that stop at their bounds change sides at each sub-step.
+      // If this guess is not the solution, pivoting starts with free rows: a drive that alternates between its bounds
+      // would otherwise take many pivots in each sub-step.
       row.x = joint_errors_[i].guess;
       add(row, joints[i].m_contactNormal1.isZero(), MIN_CORRECTION, row.low == 0 || row.high == 0);
     }
-    // Redundant contacts share the load.
+    // Contact softness regularises redundant contacts.
     add_contacts(this->m_tmpSolverContactConstraintPool, info);
     const btConstraintArray &frictions = this->m_tmpSolverContactFrictionConstraintPool;
     const btConstraintArray &rolling = this->m_tmpSolverContactRollingFrictionConstraintPool;
@@ -445,17 +468,17 @@ class AccurateSolver : public Base {
       const btVector3 &torque = contacts_.of(this->m_tmpSolverContactConstraintPool[rolling[i].m_frictionIndex]).torque;
       add_friction(rolling[i], joints.size(), torque.dot(rolling[i].m_relpos1CrossNormal), rolling[i].m_friction, 1);
     }
-    if constexpr (HAS_TREES) gather_tree_rows(info);
+    if constexpr (HAS_ARTICULATIONS) gather_articulation_rows(info);
   }
 
-  void gather_tree_rows(const btContactSolverInfo &info) {
+  void gather_articulation_rows(const btContactSolverInfo &info) {
     btMultiBodyConstraintArray &joints = this->m_multiBodyNonContactConstraints;
     for (int i = 0; i < joints.size(); ++i) {
       AmbMlcpRow row = row_of(joints[i]);
-      // Rows of the articulation's own joints are soft enough.
+      // Rows of the articulation's own joints have their CFM from JointRows.
       const auto &owner = *static_cast<const EngineRows *>(joints[i].m_orgConstraint);
       row.is_drive = !owner.is_geometric(joints[i].m_orgDofIndex);
-      row.aim = row.is_drive ? 0 : owner.aim(joints[i].m_orgDofIndex);
+      row.bias = row.is_drive ? 0 : owner.bias(joints[i].m_orgDofIndex);
       row.in_positions = joints[i].m_jacDiagABInv > 0 && !row.is_drive;
       note_error(owner.error(joints[i].m_orgDofIndex), owner.is_angular(joints[i].m_orgDofIndex));
       row.position_target = row.in_positions ? joints[i].m_rhsPenetration / joints[i].m_jacDiagABInv : 0;
@@ -467,19 +490,21 @@ class AccurateSolver : public Base {
     add_contacts(this->m_multiBodyNormalContactConstraints, info);
     btMultiBodyConstraintArray &frictions = this->m_multiBodyFrictionContactConstraints;
     for (int i = 0; i < frictions.size(); ++i) {
-      const ContactMemory::Contact &memory = contacts_.of(this->m_multiBodyNormalContactConstraints[frictions[i].m_frictionIndex]);
+      const ContactCache::Contact &memory =
+          contacts_.of(this->m_multiBodyNormalContactConstraints[frictions[i].m_frictionIndex]);
       add_friction(frictions[i], first_contact, memory.friction.dot(frictions[i].m_contactNormal1), BT_LARGE_FLOAT, 1);
     }
-    for (btMultiBodyConstraintArray *rows :
-         {&this->m_multiBodyTorsionalFrictionContactConstraints, &this->m_multiBodySpinningFrictionContactConstraints}) {
+    for (btMultiBodyConstraintArray *rows : {&this->m_multiBodyTorsionalFrictionContactConstraints,
+                                             &this->m_multiBodySpinningFrictionContactConstraints}) {
       for (int i = 0; i < rows->size(); ++i) {
-        const btVector3 &torque = contacts_.of(this->m_multiBodyNormalContactConstraints[(*rows)[i].m_frictionIndex]).torque;
+        const auto &normal = this->m_multiBodyNormalContactConstraints[(*rows)[i].m_frictionIndex];
+        const btVector3 &torque = contacts_.of(normal).torque;
         add_friction((*rows)[i], first_contact, torque.dot((*rows)[i].m_relpos1CrossNormal), BT_LARGE_FLOAT, 1);
       }
     }
   }
 
-  // Of a row that may push one way only and is not asked to: at its bound.
+  // Guess of the active set: a unilateral row whose target needs no impulse is at its bound.
   static int guess_of(const AmbMlcpRow &row) {
     if (row.low == 0 && row.target < 0) return AMB_MLCP_LOW;
     if (row.high == 0 && row.target > 0) return AMB_MLCP_HIGH;
@@ -489,25 +514,28 @@ class AccurateSolver : public Base {
   void add(const AmbMlcpRow &row, bool is_angular, double least_correction, bool is_limit = false) {
     mlcp_table->add_row(mlcp_, &row);
     ++row_count_;
-    // A contact may open. Where the impulse is given the target does not count.
-    const bool is_idle = row.low >= row.high ? row.low == 0 : row.target <= NO_SPEED && (row.low == 0 || row.target >= -NO_SPEED);
+    // A contact may separate. The target of a row with a fixed impulse does not count.
+    const bool is_idle =
+        row.low >= row.high ? row.low == 0 : row.target <= NO_SPEED && (row.low == 0 || row.target >= -NO_SPEED);
     is_at_rest_ = is_at_rest_ && is_idle && row.low <= 0 && row.high >= 0;
     const bool idle = (row.low == 0 && row.position_target < 0) || (row.high == 0 && row.position_target > 0);
-    // As in the problem that is solved, which is the weaker the more CFM a row has.
+    // Weight in the sum of squared errors: inversely proportional to the CFM in the position problem.
     const double weight = row.position_cfm > 0 ? POSITION_SOFTNESS / CONTACT_POSITION_SOFTNESS : 1;
     position_rows_.push_back({row.in_positions && !idle ? row.position_target : 0, weight, is_angular});
     if (row.in_positions && !idle) {
       const double asked = std::fabs(row.position_target) / least_correction;
       needs_correction_ = needs_correction_ || asked > 1;
-      // Limits and drives that push against them have no other way back.
+      // Limits are corrected at once: drives may push against them in every sub-step.
       is_urgent_ = is_urgent_ || asked > URGENT_CORRECTION || (asked > 1 && is_limit);
     }
     position_states_.resize(row_count_);
-    position_states_[row_count_ - 1] = static_cast<unsigned char>(
-        row.low == 0 && row.position_target < 0 ? AMB_MLCP_LOW : row.high == 0 && row.position_target > 0 ? AMB_MLCP_HIGH : AMB_MLCP_FREE);
+    position_states_[row_count_ - 1] =
+        static_cast<unsigned char>(row.low == 0 && row.position_target < 0    ? AMB_MLCP_LOW
+                                   : row.high == 0 && row.position_target > 0 ? AMB_MLCP_HIGH
+                                                                              : AMB_MLCP_FREE);
   }
 
-  // What rows of all kinds share.
+  // The members that rows of all kinds have.
   template <class Row>
   AmbMlcpRow new_row(const Row &from) {
     AmbMlcpRow row{};
@@ -522,9 +550,9 @@ class AccurateSolver : public Base {
     return row;
   }
 
-  // The arrays to which a row points hold until the next row is made.
-  void fill(AmbMlcpRow &row, int side, int id, const btVector3 &linear, const btVector3 &angular, const btVector3 &by_linear,
-            const btVector3 &by_angular) {
+  // Sets one side of a row. Its arrays are valid until the next row is made.
+  void fill(AmbMlcpRow &row, int side, int id, const btVector3 &linear, const btVector3 &angular,
+            const btVector3 &by_linear, const btVector3 &by_angular) {
     row.body[side] = id;
     row.size[side] = 6;
     for (int k = 0; k < 3; ++k) {
@@ -551,16 +579,16 @@ class AccurateSolver : public Base {
 
   AmbMlcpRow row_of(btMultiBodySolverConstraint &from) {
     AmbMlcpRow row = new_row(from);
-    tree_rows_.push_back(this->sides_of(from));
-    // What an articulation can move only as much as rounding lets it is nothing to push at.
+    articulation_rows_.push_back(this->sides_of(from));
+    // Skips rows whose articulated response is numerically zero (singular configuration).
     if (from.m_jacDiagABInv <= 0) return row;
     for (int k = 0; k < 2; ++k) {
-      const auto &side = tree_rows_.back().sides[k];
+      const auto &side = articulation_rows_.back().sides[k];
       if (side.body) {
         const int id = static_cast<int>(side.body - &this->m_tmpSolverBodyPool[0]);
         fill(row, k, id, side.linear, side.angular, side.by_linear, side.by_angular);
-      } else if (side.tree) {
-        row.body[k] = this->m_tmpSolverBodyPool.size() + tree_at(side.tree, side.velocity, side.n);
+      } else if (side.multi_body) {
+        row.body[k] = this->m_tmpSolverBodyPool.size() + articulation_index(side.multi_body, side.velocity, side.n);
         row.size[k] = side.n;
         row.jacobian[k] = &this->m_data.m_jacobians[side.jacobian];
         row.response[k] = &this->m_data.m_deltaVelocitiesUnitImpulse[side.jacobian];
@@ -569,13 +597,13 @@ class AccurateSolver : public Base {
     return row;
   }
 
-  int tree_at(btMultiBody *tree, int velocity, int size) {
-    for (size_t i = 0; i < trees_.size(); ++i) {
-      if (trees_[i].velocity == velocity) return static_cast<int>(i);
+  int articulation_index(btMultiBody *multi_body, int velocity, int size) {
+    for (size_t i = 0; i < articulations_.size(); ++i) {
+      if (articulations_[i].velocity == velocity) return static_cast<int>(i);
     }
-    trees_.push_back({tree, velocity});
-    tree_sizes_.push_back(size);
-    return static_cast<int>(trees_.size()) - 1;
+    articulations_.push_back({multi_body, velocity});
+    articulation_sizes_.push_back(size);
+    return static_cast<int>(articulations_.size()) - 1;
   }
 
   template <class Row>
@@ -583,17 +611,19 @@ class AccurateSolver : public Base {
     row.cfm = std::max(row.cfm, softness_of(from, share));
   }
 
-  // CFM that is this share of the diagonal.
+  // CFM as a share of the diagonal J M^-1 J^T.
   static double softness_of(const btSolverConstraint &from, double share) {
     return from.m_jacDiagABInv > 0 ? share / from.m_jacDiagABInv : 0;
   }
 
-  // An articulation that hardly moves along the row would else have to move far across it.
+  // Near singular configurations the diagonal is small, and an impulse along the row would cause large velocities
+  // across it. The share is therefore of at least the inverse mass of the link.
   static double softness_of(const btMultiBodySolverConstraint &from, double share) {
     if (from.m_jacDiagABInv <= 0) return 0;
     double response = 1 / from.m_jacDiagABInv;
-    for (const auto &[tree, link] : {std::pair(from.m_multiBodyA, from.m_linkA), std::pair(from.m_multiBodyB, from.m_linkB)}) {
-      const double mass = !tree ? 0 : link < 0 ? tree->getBaseMass() : tree->getLinkMass(link);
+    for (const auto &[multi_body, link] :
+         {std::pair(from.m_multiBodyA, from.m_linkA), std::pair(from.m_multiBodyB, from.m_linkB)}) {
+      const double mass = !multi_body ? 0 : link < 0 ? multi_body->getBaseMass() : multi_body->getLinkMass(link);
       if (mass > 0) response = std::max(response, 1 / mass);
     }
     return share * response;
@@ -610,16 +640,17 @@ class AccurateSolver : public Base {
       row.state = row.x == 0 && (row.target < 0 || contacts_.of(rows[i]).is_known) ? AMB_MLCP_LOW : AMB_MLCP_FREE;
       const btScalar gap = point.getDistance() + info.m_linearSlop;
       deepest_ = std::max(deepest_, -gap);
-      row.aim = gap > 0 ? -gap / info.m_timeStep : bounce_velocity(rows, i);
+      row.bias = gap > 0 ? -gap / info.m_timeStep : bounce_velocity(rows, i);
       row.in_positions = rows[i].m_jacDiagABInv > 0 && row.high > 0;
-      row.position_target = gap > 0 ? -gap / info.m_timeStep
-                            : row.in_positions ? rows[i].m_rhsPenetration / rows[i].m_jacDiagABInv : 0;
+      row.position_target = gap > 0            ? -gap / info.m_timeStep
+                            : row.in_positions ? rows[i].m_rhsPenetration / rows[i].m_jacDiagABInv
+                                               : 0;
       normals_.push_back({row.x, row.state});
       add(row, false, -gap > 0 ? std::fabs(row.position_target) * MIN_DEPTH / -gap : BT_LARGE_FLOAT);
     }
   }
 
-  // kept: the share of the impulse of the step before that `guess` is.
+  // kept: `guess` is this multiple of the impulse in the last sub-step (warm-starting factor).
   template <class Row>
   void add_friction(Row &from, int first_contact, double guess, double cap, double kept) {
     AmbMlcpRow row = row_of(from);
@@ -635,9 +666,11 @@ class AccurateSolver : public Base {
     add(row, false, MIN_CORRECTION);
   }
   size_t contact_count(const btSolverConstraint &) const { return this->m_tmpSolverContactConstraintPool.size(); }
-  size_t contact_count(const btMultiBodySolverConstraint &) const { return this->m_multiBodyNormalContactConstraints.size(); }
+  size_t contact_count(const btMultiBodySolverConstraint &) const {
+    return this->m_multiBodyNormalContactConstraints.size();
+  }
 
-  // Of all bodies of the island with the velocities that forces give them, J.
+  // Kinetic energy of all bodies of the island after external forces and before constraint impulses, J.
   double kinetic_energy() const {
     double energy = 0;
     for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i) {
@@ -649,17 +682,17 @@ class AccurateSolver : public Base {
       energy += linear.length2() / (2 * b.m_originalBody->getInvMass());
       for (int k = 0; k < 3; ++k) energy += inverse[k] > 0 ? angular[k] * angular[k] / (2 * inverse[k]) : 0;
     }
-    if constexpr (HAS_TREES) {
-      for (const Tree &tree : trees_) energy += free_energy(*tree.tree);
+    if constexpr (HAS_ARTICULATIONS) {
+      for (const Articulation &articulation : articulations_) energy += free_energy(*articulation.multi_body);
     }
     return energy;
   }
 
   bool solve(const btContactSolverInfo &info, bool is_small) {
     AmbSolverStatistics &seen = settings_.statistics;
-    const double budget = settings_.budget_per_row * row_count_ + settings_.least_budget;
+    const double budget = settings_.budget_per_row * row_count_ + settings_.base_budget;
     if (is_at_rest_) {
-      forget_impulses();
+      clear_impulses();
       ++seen.islands_solved;
       seen.rows += row_count_;
       note_depth();
@@ -667,12 +700,12 @@ class AccurateSolver : public Base {
       return true;
     }
     const double cost = prepare();
-    if (cost < 0 || (!is_small && cost > settings_.max_pile_cost * row_count_)) return false;
+    if (cost < 0 || (!is_small && cost > settings_.max_direct_cost_per_row * row_count_)) return false;
     mlcp_table->set_energy(mlcp_, kinetic_energy());
     const int outcome = mlcp_table->solve(mlcp_, budget + saved_budget_);
     AmbMlcpStatistics found;
     mlcp_table->statistics(mlcp_, &found);
-    saved_budget_ = std::max(0.0, std::min(saved_budget_ + budget - found.multiplications, settings_.most_saved_budget));
+    saved_budget_ = std::max(0.0, std::min(saved_budget_ + budget - found.multiplications, settings_.max_saved_budget));
     seen.rows += found.rows;
     seen.factorisations += found.factorisations;
     seen.pivots += found.pivots;
@@ -687,7 +720,8 @@ class AccurateSolver : public Base {
   }
 
   double prepare() {
-    return mlcp_table->prepare(mlcp_, this->m_tmpSolverBodyPool.size(), tree_sizes_.data(), static_cast<int>(tree_sizes_.size()));
+    return mlcp_table->prepare(mlcp_, this->m_tmpSolverBodyPool.size(), articulation_sizes_.data(),
+                               static_cast<int>(articulation_sizes_.size()));
   }
 
   void note_depth() {
@@ -695,18 +729,21 @@ class AccurateSolver : public Base {
     deepest_ = 0;
   }
 
-  // Small errors can wait, and so can those that no correction removes.
+  // Solves the position problem, unless all errors are small and this sub-step is not due, or the errors are known to
+  // be infeasible.
   void correct_positions(const btContactSolverInfo &info, double budget, bool is_prepared) {
     if (!needs_correction_ || !(is_urgent_ || sub_step_ % CORRECTION_INTERVAL == 0)) return;
-    const void *island = identity();
+    const void *island = island_key();
     const PositionErrors asked = errors([&](size_t i) { return position_rows_[i].target; });
-    if (settled_.contain(island, asked, sub_step_) || (!is_prepared && prepare() < 0)) return;
-    if (mlcp_table->solve_positions(mlcp_, nullptr, position_states_.data(), POSITION_SOFTNESS, budget) == AMB_MLCP_NOT_FINITE) return;
+    if (infeasible_.contain(island, asked, sub_step_) || (!is_prepared && prepare() < 0)) return;
+    if (mlcp_table->solve_positions(mlcp_, nullptr, position_states_.data(), POSITION_SOFTNESS, budget) ==
+        AMB_MLCP_NOT_FINITE)
+      return;
     ++settings_.statistics.position_problems;
     const double *left = mlcp_table->position_errors(mlcp_);
     const PositionErrors after = errors([&](size_t i) { return left[i]; });
-    if (SettledIslands::is_uncorrectable(asked, after)) {
-      settled_.add(island, asked, sub_step_);
+    if (InfeasibleIslands::is_uncorrectable(asked, after)) {
+      infeasible_.add(island, asked, sub_step_);
       return;
     }
     write_corrections(info);
@@ -715,14 +752,15 @@ class AccurateSolver : public Base {
   template <class ErrorOf>
   PositionErrors errors(ErrorOf error_of) const {
     PositionErrors sums;
-    for (size_t i = 0; i < position_rows_.size(); ++i) sums.add(error_of(i), position_rows_[i].weight, position_rows_[i].is_angular);
+    for (size_t i = 0; i < position_rows_.size(); ++i)
+      sums.add(error_of(i), position_rows_[i].weight, position_rows_[i].is_angular);
     return sums;
   }
 
-  // The first thing of an island that stays what it is from one sub-step to the next.
-  const void *identity() const {
-    if constexpr (HAS_TREES) {
-      if (!trees_.empty()) return trees_[0].tree;
+  // Identifies an island in consecutive sub-steps: its first articulation or dynamic body.
+  const void *island_key() const {
+    if constexpr (HAS_ARTICULATIONS) {
+      if (!articulations_.empty()) return articulations_[0].multi_body;
     }
     for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i) {
       if (dynamic_body(i) >= 0) return this->m_tmpSolverBodyPool[i].m_originalBody;
@@ -730,11 +768,11 @@ class AccurateSolver : public Base {
     return nullptr;
   }
 
-  // Those of the sub-step before, from which sequential impulses would begin.
-  void forget_impulses() {
-    for (btConstraintArray *pool : {&this->m_tmpSolverNonContactConstraintPool, &this->m_tmpSolverContactConstraintPool,
-                                    &this->m_tmpSolverContactFrictionConstraintPool,
-                                    &this->m_tmpSolverContactRollingFrictionConstraintPool}) {
+  // Sets all impulses to 0, where sequential impulses would start from those of the last sub-step.
+  void clear_impulses() {
+    for (btConstraintArray *pool :
+         {&this->m_tmpSolverNonContactConstraintPool, &this->m_tmpSolverContactConstraintPool,
+          &this->m_tmpSolverContactFrictionConstraintPool, &this->m_tmpSolverContactRollingFrictionConstraintPool}) {
       for (int i = 0; i < pool->size(); ++i) (*pool)[i].m_appliedImpulse = 0;
     }
     for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i) {
@@ -746,48 +784,52 @@ class AccurateSolver : public Base {
 
   void write_velocities() {
     const double *impulses = mlcp_table->impulses(mlcp_), *velocities = mlcp_table->velocities(mlcp_);
-    remember_joints(impulses);
-    for (btConstraintArray *pool : {&this->m_tmpSolverNonContactConstraintPool, &this->m_tmpSolverContactConstraintPool,
-                                    &this->m_tmpSolverContactFrictionConstraintPool,
-                                    &this->m_tmpSolverContactRollingFrictionConstraintPool}) {
+    store_joint_impulses(impulses);
+    for (btConstraintArray *pool :
+         {&this->m_tmpSolverNonContactConstraintPool, &this->m_tmpSolverContactConstraintPool,
+          &this->m_tmpSolverContactFrictionConstraintPool, &this->m_tmpSolverContactRollingFrictionConstraintPool}) {
       for (int i = 0; i < pool->size(); ++i) (*pool)[i].m_appliedImpulse = *impulses++;
     }
-    if constexpr (HAS_TREES) {
-      for (const auto &row : tree_rows_) row.row->m_appliedImpulse = *impulses++;
+    if constexpr (HAS_ARTICULATIONS) {
+      for (const auto &row : articulation_rows_) row.row->m_appliedImpulse = *impulses++;
     }
     for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i, velocities += 6) {
       btSolverBody &b = body(i);
       b.internalGetDeltaLinearVelocity().setValue(velocities[0], velocities[1], velocities[2]);
       b.internalGetDeltaAngularVelocity().setValue(velocities[3], velocities[4], velocities[5]);
     }
-    if constexpr (HAS_TREES) {
-      for (size_t i = 0; i < trees_.size(); velocities += tree_sizes_[i++]) this->set_change(*trees_[i].tree, trees_[i].velocity, velocities);
+    if constexpr (HAS_ARTICULATIONS) {
+      for (size_t i = 0; i < articulations_.size(); velocities += articulation_sizes_[i++])
+        this->set_change(*articulations_[i].multi_body, articulations_[i].velocity, velocities);
     }
   }
 
-  // Bullet moves rigid bodies by their pseudo-velocities when it writes back, articulations move themselves.
+  // Writes the pseudo-velocities. Bullet moves rigid bodies by them when it writes back; articulations keep them until
+  // `integrate`.
   void write_corrections(const btContactSolverInfo &info) {
     const double *velocities = mlcp_table->position_velocities(mlcp_);
     const btScalar turn = info.m_splitImpulseTurnErp > 0 ? 1 / info.m_splitImpulseTurnErp : 0;
     for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i, velocities += 6) {
       btSolverBody &b = body(i);
-      btVector3 linear(velocities[0], velocities[1], velocities[2]), angular(velocities[3], velocities[4], velocities[5]);
+      btVector3 linear(velocities[0], velocities[1], velocities[2]),
+          angular(velocities[3], velocities[4], velocities[5]);
       const btScalar fastest = std::max(linear.length() / MAX_CORRECTION_SPEED, angular.length() / MAX_CORRECTION_RATE);
       const btScalar share = fastest > 1 ? 1 / fastest : 1;
       b.internalGetPushVelocity() = linear * share;
       b.internalGetTurnVelocity() = angular * (share * turn);
     }
-    if constexpr (HAS_TREES) {
-      for (size_t i = 0; i < trees_.size(); velocities += tree_sizes_[i++]) correct(*trees_[i].tree, velocities);
+    if constexpr (HAS_ARTICULATIONS) {
+      for (size_t i = 0; i < articulations_.size(); velocities += articulation_sizes_[i++])
+        correct(*articulations_[i].multi_body, velocities);
     }
   }
 
-  struct Tree {
-    btMultiBody *tree;
-    // Where its velocities lie in Bullet's array.
+  struct Articulation {
+    btMultiBody *multi_body;
+    // Index of its velocities in m_data.m_deltaVelocities.
     int velocity;
   };
-  // Guess of a contact's normal impulse.
+  // Warm start of a contact's normal row.
   struct Normal {
     double impulse;
     int state;
@@ -796,9 +838,10 @@ class AccurateSolver : public Base {
   const AccurateContext &settings_;
   AmbMlcp *mlcp_;
   int row_count_ = 0;
-  // Large islands that are left to sequential impulses before the next one is looked at.
-  int pile_steps_ = 0;
-  // What solutions left of their budgets: hard problems, like those of an impact, are rare.
+  // Number of large well-conditioned islands that are solved by sequential impulses before the cost of the next one is
+  // estimated.
+  int direct_backoff_ = 0;
+  // Unused budget of earlier solutions, multiplications: expensive problems, such as impacts, are rare.
   double saved_budget_ = 0;
   double jacobians_[2][6], responses_[2][6];
   Vector<JointError> joint_errors_;
@@ -806,7 +849,7 @@ class AccurateSolver : public Base {
   Vector<unsigned char> position_states_;
   // Whether all rows are satisfied without impulses.
   bool is_at_rest_ = false;
-  // Whether a row asks for a correction of its position, and one that cannot wait.
+  // Whether a row has a position error that is to be corrected, and one that is to be corrected in this sub-step.
   bool needs_correction_ = false, is_urgent_ = false;
   unsigned sub_step_ = 0, resets_ = 0;
   struct PositionRow {
@@ -814,22 +857,22 @@ class AccurateSolver : public Base {
     bool is_angular;
   };
   Vector<PositionRow> position_rows_;
-  SettledIslands settled_;
-  // Deepest penetration of a contact.
+  InfeasibleIslands infeasible_;
+  // Largest penetration depth of a contact of the island, m.
   btScalar deepest_ = 0;
-  // Of the rows that act on articulations, which are the last.
-  Vector<TieSolver::Sides> tree_rows_;
-  Vector<Tree> trees_;
-  Vector<int> tree_sizes_;
-  // Joints of the island whose impulses are kept for the next sub-step.
+  // Sides of the rows that act on articulations. These rows come last.
+  Vector<ArticulationSolver::Sides> articulation_rows_;
+  Vector<Articulation> articulations_;
+  Vector<int> articulation_sizes_;
+  // Joints of the island whose impulses are stored for the next sub-step.
   struct JointSpan {
     SoftRows *memory;
     int first, count;
   };
   Vector<JointSpan> joints_;
-  ContactMemory contacts_;
-  // Velocity with which each contact of rigid bodies is left, m/s.
-  Vector<btScalar> bounces_;
+  ContactCache contacts_;
+  // Separation velocity of each contact of rigid bodies by restitution, m/s.
+  Vector<btScalar> bounce_velocities_;
 };
 
 #endif

@@ -1,11 +1,11 @@
-/* Continuous collision detection, off for every body at first. */
+/* Continuous collision detection; off by default. */
 #ifndef AMB_CONTINUOUS_H
 #define AMB_CONTINUOUS_H
 #include "types.h"
 
-/* Whether a body that moves further in a sub-step than a sphere inside it is large stops where it hits something, instead of passing
-   through what is thinner than its way. Returns 0 when the shape has no such sphere: it is concave, or its centre is outside. Costs
-   nothing while the body is slow. */
+/* Enables continuous collision detection for a body: when it moves further in a sub-step than the radius of its
+   inscribed sphere, the sphere is swept and the body stops at the first impact. Returns 0 when the shape has no
+   inscribed sphere: it is concave, or its centre of mass is outside. Slow bodies cause no cost. */
 int amb_world_set_continuous(AmbWorld *world, AmbBody *body, int enabled);
 
 #endif

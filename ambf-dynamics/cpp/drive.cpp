@@ -1,13 +1,13 @@
+#include "articulation_rows.h"
 #include "engine.h"
 #include "spring_rotation.h"
-#include "tree_rows.h"
 
 #include <algorithm>
 #include <optional>
 
 namespace {
 
-// The row in which a drive is written, of those that the solver asks a constraint for.
+// One row of a constraint as it is passed to Bullet's solver.
 struct Row {
   Row(btTypedConstraint::btConstraintInfo2 &all, int index)
       : linear_a(all.m_J1linearAxis + index * all.rowskip),
@@ -18,53 +18,55 @@ struct Row {
         lower(all.m_lowerLimit[index * all.rowskip]),
         upper(all.m_upperLimit[index * all.rowskip]) {}
 
-  void drive(const JointDrive &joint) {
-    target = joint.velocity;
-    lower = -joint.max_impulse;
-    upper = joint.max_impulse;
+  void set_motor(const SoftMotor &motor) {
+    target = motor.velocity;
+    lower = -motor.max_impulse;
+    upper = motor.max_impulse;
   }
 
   btScalar *linear_a, *angular_a, *linear_b, *angular_b;
   btScalar &target, &lower, &upper;
 };
 
-// The row of a drive is the last one, after those of Bullet.
-void add_row(JointDrive &drive, btTypedConstraint::btConstraintInfo1 &info) {
-  drive.rows.count = drive.enabled ? 1 : 0;
-  if (!drive.enabled) return;
-  drive.rows.first = info.m_numConstraintRows++;
+// The row of the motor comes after the rows of Bullet.
+void add_row(SoftMotor &motor, btTypedConstraint::btConstraintInfo1 &info) {
+  motor.rows.count = motor.enabled ? 1 : 0;
+  if (!motor.enabled) return;
+  motor.rows.first = info.m_numConstraintRows++;
   --info.nub;
 }
 
-// A motor that pushes against the limit it has reached only tears at it, and one that goes on would pass it before Bullet sees it.
-void respect_limits(Row &row, const JointDrive &drive, btScalar at, btScalar per_second) {
-  if (drive.low > drive.high) return;
-  if (at <= drive.low) row.lower = 0;
-  if (at >= drive.high) row.upper = 0;
-  if (drive.rows.softness[0] > 0) return;
-  // Backwards it is for Bullet's own rows to bring the joint.
-  if (row.target < 0) row.target = btMax(row.target, btMin((drive.low - at) * per_second, btScalar(0)));
-  if (row.target > 0) row.target = btMin(row.target, btMax((drive.high - at) * per_second, btScalar(0)));
+// Removes the motor's impulse towards a limit that is reached or violated, and bounds the target of a motor without
+// softness so that a limit is not passed within the sub-step.
+void respect_limits(Row &row, const SoftMotor &motor, btScalar at, btScalar per_second) {
+  if (motor.low > motor.high) return;
+  if (at <= motor.low) row.lower = 0;
+  if (at >= motor.high) row.upper = 0;
+  if (motor.rows.softness[0] > 0) return;
+  // The target is never reversed: Bullet's limit row corrects a violation.
+  if (row.target < 0) row.target = btMax(row.target, btMin((motor.low - at) * per_second, btScalar(0)));
+  if (row.target > 0) row.target = btMin(row.target, btMax((motor.high - at) * per_second, btScalar(0)));
 }
 
 struct DrivenHinge : btHingeConstraint {
-  DrivenHinge(btRigidBody &a, btRigidBody &b, const btTransform &frame_a, const btTransform &frame_b, JointDrive &row)
-      : btHingeConstraint(a, b, frame_a, frame_b, true), drive(row) {}
+  DrivenHinge(btRigidBody &a, btRigidBody &b, const btTransform &frame_a, const btTransform &frame_b,
+              SoftMotor &soft_motor)
+      : btHingeConstraint(a, b, frame_a, frame_b, true), motor(soft_motor) {}
 
   void getInfo1(btConstraintInfo1 *info) override {
     btHingeConstraint::getInfo1(info);
-    add_row(drive, *info);
+    add_row(motor, *info);
   }
 
   void getInfo2(btConstraintInfo2 *info) override {
     btHingeConstraint::getInfo2(info);
-    if (drive.rows.count == 0) return;
-    Row row(*info, drive.rows.first);
+    if (motor.rows.count == 0) return;
+    Row row(*info, motor.rows.first);
     const btVector3 axis = (m_rbA.getCenterOfMassTransform() * getAFrame()).getBasis().getColumn(2);
     write_vector(-axis, row.angular_a);
     write_vector(axis, row.angular_b);
-    row.drive(drive);
-    respect_limits(row, drive, getHingeAngle(), info->fps);
+    row.set_motor(motor);
+    respect_limits(row, motor, getHingeAngle(), info->fps);
   }
 
   btScalar rate() {
@@ -72,14 +74,15 @@ struct DrivenHinge : btHingeConstraint {
     return axis.dot(m_rbB.getAngularVelocity() - m_rbA.getAngularVelocity());
   }
 
-  JointDrive &drive;
+  SoftMotor &motor;
 };
 
 // The coordinate of a slider is a . (p_B - p_A), with the axis a and the point p_A fixed in A, p_B in B. Its rate is
 // a . (v_B + w_B x r_B - v_A - w_A x (p_B - x_A)): the force that belongs to it acts on both bodies at p_B.
 struct DrivenSlider : btSliderConstraint {
-  DrivenSlider(btRigidBody &a, btRigidBody &b, const btTransform &frame_a, const btTransform &frame_b, JointDrive &row)
-      : btSliderConstraint(a, b, frame_a, frame_b, true), drive(row) {}
+  DrivenSlider(btRigidBody &a, btRigidBody &b, const btTransform &frame_a, const btTransform &frame_b,
+               SoftMotor &soft_motor)
+      : btSliderConstraint(a, b, frame_a, frame_b, true), motor(soft_motor) {}
 
   struct Geometry {
     btVector3 axis, arm_a, arm_b;
@@ -96,37 +99,40 @@ struct DrivenSlider : btSliderConstraint {
 
   void getInfo1(btConstraintInfo1 *info) override {
     btSliderConstraint::getInfo1(info);
-    add_row(drive, *info);
+    add_row(motor, *info);
   }
 
   void getInfo2(btConstraintInfo2 *info) override {
     btSliderConstraint::getInfo2(info);
-    if (drive.rows.count == 0) return;
-    Row row(*info, drive.rows.first);
+    if (motor.rows.count == 0) return;
+    Row row(*info, motor.rows.first);
     const Geometry now = geometry();
     write_vector(-now.axis, row.linear_a);
     write_vector(now.axis, row.linear_b);
     write_vector(-now.arm_a.cross(now.axis), row.angular_a);
     write_vector(now.arm_b.cross(now.axis), row.angular_b);
-    row.drive(drive);
-    respect_limits(row, drive, now.position, info->fps);
+    row.set_motor(motor);
+    respect_limits(row, motor, now.position, info->fps);
   }
 
   btScalar rate(const Geometry &now) {
     return now.axis.dot(m_rbB.getVelocityInLocalPoint(now.arm_b) - m_rbA.getVelocityInLocalPoint(now.arm_a));
   }
 
-  JointDrive &drive;
+  SoftMotor &motor;
 };
 
-// The springs of a six-dof constraint as rows that are implicit in position and velocity, in worlds of AmbSolver_Accurate; elsewhere as
-// Bullet has them, which are explicit forces. With the displacement x, its rate v, stiffness k and damping d the force at the end of the
-// sub-step is -k (x + h (v - v0)) - d v; see `spring` in ambf-core's control/drive.rs for why the rate v0 at the beginning is taken back, and
-// that no more than half the displacement is.
+// The springs of a six-dof constraint as rows that are implicit in position and velocity, in worlds of
+// AmbSolver_Accurate; in other worlds they are Bullet's explicit forces. With displacement x, rate v, stiffness k,
+// damping d and step h the force at the end of the sub-step is -k (x + h (v - v0)) - d v. The function `spring` in
+// ambf-core's control/drive.rs explains why the rate v0 at the beginning is subtracted, and why h v0 is limited to half
+// of the displacement.
 struct ImplicitSpring : btGeneric6DofSpring2Constraint {
-  ImplicitSpring(btRigidBody &a, btRigidBody &b, const btTransform &frame_a, const btTransform &frame_b, JointDrive &row)
-      : btGeneric6DofSpring2Constraint(a, b, frame_a, frame_b, RO_XYZ), rows(row.rows) {
-    // Springs pull with their full force, as in Bullet 2; by default Bullet 3 aims at the velocity that the force would give.
+  ImplicitSpring(btRigidBody &a, btRigidBody &b, const btTransform &frame_a, const btTransform &frame_b,
+                 SoftMotor &soft_motor)
+      : btGeneric6DofSpring2Constraint(a, b, frame_a, frame_b, RO_XYZ), rows(soft_motor.rows) {
+    // Springs exert their full force, as in Bullet 2; by default Bullet 3 targets the velocity that the force would
+    // cause.
     m_flags |= BT_6DOF_FLAGS_USE_INFINITE_ERROR;
   }
 
@@ -162,18 +168,20 @@ struct ImplicitSpring : btGeneric6DofSpring2Constraint {
  private:
   bool is_implicit() const {
     const AmbBody *a = ::body_of(&m_rbA), *b = ::body_of(&m_rbB);
-    const AmbWorld *home = a && a->home ? a->home : b ? b->home : nullptr;
-    return home && home->extension && engine_of(*home).solver == AmbSolver_Accurate;
+    const AmbWorld *world = a && a->world ? a->world : b ? b->world : nullptr;
+    return world && world->extension && engine_of(*world).solver == AmbSolver_Accurate;
   }
 
-  // Hides the springs from Bullet.
+  // Disables the springs while Bullet sets up its rows.
   void take_springs() {
     rows.count = 0;
     const bool implicit = is_implicit();
     for (int axis = 0; axis < 6; ++axis) {
       bool &enabled = axis < 3 ? m_linearLimits.m_enableSpring[axis] : m_angularLimits[axis - 3].m_enableSpring;
-      const btScalar stiffness = axis < 3 ? m_linearLimits.m_springStiffness[axis] : m_angularLimits[axis - 3].m_springStiffness;
-      const btScalar damping = axis < 3 ? m_linearLimits.m_springDamping[axis] : m_angularLimits[axis - 3].m_springDamping;
+      const btScalar stiffness =
+          axis < 3 ? m_linearLimits.m_springStiffness[axis] : m_angularLimits[axis - 3].m_springStiffness;
+      const btScalar damping =
+          axis < 3 ? m_linearLimits.m_springDamping[axis] : m_angularLimits[axis - 3].m_springDamping;
       taken[axis] = implicit && enabled && stiffness >= 0 && damping >= 0 && stiffness + damping > 0;
       if (!taken[axis]) continue;
       enabled = false;
@@ -183,12 +191,14 @@ struct ImplicitSpring : btGeneric6DofSpring2Constraint {
 
   void give_springs() {
     for (int axis = 0; axis < 6; ++axis) {
-      if (taken[axis]) (axis < 3 ? m_linearLimits.m_enableSpring[axis] : m_angularLimits[axis - 3].m_enableSpring) = true;
+      if (taken[axis])
+        (axis < 3 ? m_linearLimits.m_enableSpring[axis] : m_angularLimits[axis - 3].m_enableSpring) = true;
     }
   }
 
-  // Target of a row with that displacement and rate; sets its softness.
-  btScalar target_of(int index, btScalar stiffness, btScalar damping, btScalar displacement, btScalar rate, btScalar h) {
+  // Target velocity of a spring row, m/s or rad/s; sets its softness.
+  btScalar target_of(int index, btScalar stiffness, btScalar damping, btScalar displacement, btScalar rate,
+                     btScalar h) {
     const btScalar back = h * rate, implicit = damping + h * stiffness;
     const btScalar share = back == 0 ? 0 : std::min(btScalar(1), btFabs(displacement / back) / 2);
     rows.softness[index] = 1 / (h * implicit);
@@ -199,7 +209,8 @@ struct ImplicitSpring : btGeneric6DofSpring2Constraint {
 
   // The force acts on both bodies at the origin of frame B.
   btScalar linear_row(Row &row, int axis, btScalar h) {
-    const btVector3 direction = m_calculatedTransformA.getBasis().getColumn(axis), point = m_calculatedTransformB.getOrigin();
+    const btVector3 direction = m_calculatedTransformA.getBasis().getColumn(axis),
+                    point = m_calculatedTransformB.getOrigin();
     const btVector3 arm_a = point - m_rbA.getCenterOfMassPosition(), arm_b = point - m_rbB.getCenterOfMassPosition();
     write_vector(-direction, row.linear_a);
     write_vector(direction, row.linear_b);
@@ -207,7 +218,8 @@ struct ImplicitSpring : btGeneric6DofSpring2Constraint {
     write_vector(arm_b.cross(direction), row.angular_b);
     const btScalar rate = direction.dot(m_rbB.getVelocityInLocalPoint(arm_b) - m_rbA.getVelocityInLocalPoint(arm_a));
     const btScalar displacement = m_calculatedLinearDiff[axis] - m_linearLimits.m_equilibriumPoint[axis];
-    return target_of(index_of(axis), m_linearLimits.m_springStiffness[axis], m_linearLimits.m_springDamping[axis], displacement, rate, h);
+    return target_of(index_of(axis), m_linearLimits.m_springStiffness[axis], m_linearLimits.m_springDamping[axis],
+                     displacement, rate, h);
   }
 
   // Bullet's angles have the opposite sign.
@@ -217,16 +229,17 @@ struct ImplicitSpring : btGeneric6DofSpring2Constraint {
     write_vector(direction, row.angular_b);
     const btRotationalLimitMotor2 &motor = m_angularLimits[axis];
     const btScalar rate = direction.dot(m_rbB.getAngularVelocity() - m_rbA.getAngularVelocity());
-    const btScalar displacement = rotation ? rotation->phi[axis] : motor.m_equilibriumPoint - m_calculatedAxisAngleDiff[axis];
+    const btScalar displacement =
+        rotation ? rotation->phi[axis] : motor.m_equilibriumPoint - m_calculatedAxisAngleDiff[axis];
     return target_of(index_of(axis + 3), motor.m_springStiffness, motor.m_springDamping, displacement, rate, h);
   }
 
   SoftRows &rows;
-  // Of the six axes, those whose springs are rows in this sub-step.
+  // Which of the six axes have a spring that is a row in this sub-step.
   bool taken[6] = {};
 };
 
-// What drives of bodies push against: no mass, no shape, in no world.
+// The other body of a BodyDrive: static, without shape, in no world.
 std::unique_ptr<btRigidBody> nothing() {
   return std::make_unique<btRigidBody>(btRigidBody::btRigidBodyConstructionInfo(0, nullptr, nullptr));
 }
@@ -248,7 +261,7 @@ class BodyDrive : public btTypedConstraint {
     }
   }
 
-  // Nothing about these rows can be set from outside.
+  // These rows have no parameters.
   void setParam(int, btScalar, int) override {}
   btScalar getParam(int, int) const override { return 0; }
 
@@ -270,8 +283,8 @@ AmbConstraint *own_driven(Kind kind, AmbBody &a, AmbBody &b, const double frame_
   auto *owner = new AmbConstraint;
   owner->kind = kind;
   owner->constraint =
-      std::make_unique<Driven>(a.body, b.body, transform_of(frame_a), transform_of(frame_b), owner->drive);
-  owner->constraint->setUserConstraintPtr(&owner->drive.rows);
+      std::make_unique<Driven>(a.body, b.body, transform_of(frame_a), transform_of(frame_b), owner->motor);
+  owner->constraint->setUserConstraintPtr(&owner->motor.rows);
   return owner;
 }
 
@@ -279,7 +292,7 @@ AmbConstraint *own_driven(Kind kind, AmbBody &a, AmbBody &b, const double frame_
 
 void drop_drive(AmbWorld &world, AmbBody &body) {
   if (!body.drive) return;
-  amb_body_release(&body);
+  amb_body_clear_drive(&body);
   world.world->removeConstraint(body.drive.get());
   body.drive.reset();
 }
@@ -298,7 +311,7 @@ AmbConstraint *amb_implicit_spring_new(AmbBody *a, AmbBody *b, const double fram
   return own_driven<ImplicitSpring>(Kind::SixDofSpring, *a, *b, frame_a, frame_b);
 }
 
-int amb_constraint_set_drive(AmbConstraint *constraint, double velocity, double softness, double max_impulse) {
+int amb_constraint_set_soft_motor(AmbConstraint *constraint, double velocity, double softness, double max_impulse) {
   if (constraint->kind == Kind::Hinge) {
     constraint->as<btHingeConstraint>().enableMotor(false);
   } else if (constraint->kind == Kind::Slider) {
@@ -306,23 +319,23 @@ int amb_constraint_set_drive(AmbConstraint *constraint, double velocity, double 
   } else {
     return 0;
   }
-  wake(*constraint);
-  JointDrive &drive = constraint->drive;
-  drive.enabled = true;
-  drive.velocity = velocity;
-  drive.max_impulse = btMin(max_impulse, btScalar(BT_LARGE_FLOAT));
-  drive.rows.softness[0] = softness;
+  activate_bodies(*constraint);
+  SoftMotor &motor = constraint->motor;
+  motor.enabled = true;
+  motor.velocity = velocity;
+  motor.max_impulse = btMin(max_impulse, btScalar(BT_LARGE_FLOAT));
+  motor.rows.softness[0] = softness;
   return 1;
 }
 
-void amb_constraint_release(AmbConstraint *constraint) {
-  if (constraint->drive.enabled) wake(*constraint);
-  constraint->drive.enabled = false;
+void amb_constraint_clear_soft_motor(AmbConstraint *constraint) {
+  if (constraint->motor.enabled) activate_bodies(*constraint);
+  constraint->motor.enabled = false;
 }
 
 int amb_constraint_coordinate(const AmbConstraint *constraint, double out[2]) {
-  if (constraint->tree && (constraint->kind == Kind::Hinge || constraint->kind == Kind::Slider)) {
-    out[0] = constraint->tree->coordinate(*constraint, out + 1);
+  if (constraint->articulation && (constraint->kind == Kind::Hinge || constraint->kind == Kind::Slider)) {
+    out[0] = constraint->articulation->coordinate(*constraint, out + 1);
     if (constraint->kind == Kind::Hinge) out[0] = std::remainder(out[0], 2 * SIMD_PI);
     return 1;
   }
@@ -343,8 +356,8 @@ int amb_constraint_coordinate(const AmbConstraint *constraint, double out[2]) {
 
 void amb_body_set_drive(AmbWorld *world, AmbBody *body, const double velocity[6], const double softness[2]) {
   if (body->body.isStaticOrKinematicObject()) return;
-  if (body->tree) {
-    LinkDrive &drive = body->tree->drive_of(*body);
+  if (body->articulation) {
+    LinkDrive &drive = body->articulation->drive_of(*body);
     for (int i = 0; i < 6; ++i) drive.velocity[i] = velocity[i];
     for (int i = 0; i < 2; ++i) drive.softness[i] = softness[i];
     drive.enabled = true;
@@ -361,23 +374,27 @@ void amb_body_set_drive(AmbWorld *world, AmbBody *body, const double velocity[6]
     drive.rows.softness[i] = softness[i / 3];
   }
   drive.setEnabled(true);
-  // A body that is held is not in free flight.
+  // A driven body is not integrated as a free body.
   body->body.addConstraintRef(&drive);
 }
 
-void amb_body_release(AmbBody *body) {
-  if (body->tree && body->tree->members[body->member].drive) body->tree->members[body->member].drive->enabled = false;
+void amb_body_clear_drive(AmbBody *body) {
+  if (body->articulation) {
+    const auto &link_drive = body->articulation->members[body->member].drive;
+    if (link_drive) link_drive->enabled = false;
+  }
   if (!body->drive) return;
   if (body->drive->isEnabled()) body->body.activate();
   body->drive->setEnabled(false);
   body->body.removeConstraintRef(body->drive.get());
 }
 
-void amb_body_hold_velocity(AmbWorld *world, AmbBody *body, const double linear[3], const double angular[3], double dt) {
+void amb_body_hold_velocity(AmbWorld *world, AmbBody *body, const double linear[3], const double angular[3],
+                            double dt) {
   body->body.setLinearVelocity(vector_of(linear) - body->body.getGravity() * dt);
   body->body.setAngularVelocity(vector_of(angular));
-  if (body->tree) body->tree->velocities_set = true;
-  body->touched = engine_of(*world).sub_step + 1;
+  if (body->articulation) body->articulation->velocities_set = true;
+  body->contact_sub_step = engine_of(*world).sub_step + 1;
   body->body.activate();
 }
 

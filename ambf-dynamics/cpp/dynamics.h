@@ -1,4 +1,5 @@
-/* C interface of the engine. Its functions are for worlds that were made with `amb_dynamics_engine`, and objects in them. */
+/* C interface of the engine. Its functions are for worlds that were made with `amb_dynamics_engine`, and objects in
+   them. */
 #ifndef AMB_DYNAMICS_H
 #define AMB_DYNAMICS_H
 #include "accurate.h"
@@ -6,10 +7,10 @@
 #include "drive.h"
 #include "energy.h"
 #include "flight.h"
-#include "multi_body.h"
+#include "articulate.h"
 #include "types.h"
 
-/* The engine, for `amb_world_new`; of static lifetime, the same at every call, usable in every thread. */
+/* The engine for `amb_world_new`: a single object of static lifetime that any thread may use. */
 const AmbEngine *amb_dynamics_engine(void);
 
 #endif

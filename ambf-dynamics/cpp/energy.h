@@ -1,16 +1,18 @@
-/* Where the mechanical energy of a world comes from and goes. */
+/* Balance of the mechanical energy of a world. */
 #ifndef AMB_ENERGY_H
 #define AMB_ENERGY_H
 #include "types.h"
 
-/* All in J. Energies are those after the last sub-step; the others are sums since the ledger was switched on, positive where energy was
-   gained. Soft bodies are left out; what they do to rigid bodies is in `outside`. */
+/* All in J. The first three are energies after the last sub-step; the others are works since the ledger was enabled,
+   positive where the world gained energy. Soft bodies are not included; the work of their impulses on rigid bodies is
+   in `outside`. */
 typedef struct AmbEnergy {
-  /* Of all dynamic bodies; potential energy of their gravity against that at the start; of springs. */
+  /* Kinetic energy of all dynamic bodies; their potential energy in gravity relative to that at the start; elastic
+     energy of springs. */
   double kinetic, potential, elastic;
-  /* Velocities and poses that were set, bodies and constraints that came or went, gravity that was changed. */
+  /* Changes of energy by setting velocities, poses or gravity, and by adding or removing bodies and constraints. */
   double set_states;
-  /* Forces and torques that were applied to bodies. */
+  /* Applied forces and torques. */
   double wrenches;
   /* Motors and drives of joints. */
   double motors;
@@ -22,17 +24,17 @@ typedef struct AmbEnergy {
   double joints, limits;
   /* Normal impulses of contacts, and friction. */
   double contacts, friction;
-  /* Corrections of positions, and continuous collision detection, which shortens ways. */
+  /* Position corrections, and continuous collision detection, which shortens displacements. */
   double corrections;
-  /* Impulses after the solver's: wheels of vehicles, soft bodies. */
+  /* Impulses outside of the solver: wheels of vehicles, soft bodies. */
   double outside;
-  /* Change of the three energies that none of these sums explains: numerical error. */
+  /* Change of the three energies minus all works above: numerical error. */
   double unexplained;
 } AmbEnergy;
 
-/* Switching on starts all sums at 0. Off at first; it costs one branch a sub-step then. */
+/* Enabling resets all works to 0. Default: disabled, which costs one branch per sub-step. */
 void amb_world_set_energy_ledger(AmbWorld *world, int enabled);
-/* All 0 while the ledger is off. */
+/* All 0 while the ledger is disabled. */
 void amb_world_energy(const AmbWorld *world, AmbEnergy *out);
 
 #endif

@@ -1,23 +1,23 @@
 #include "engine.h"
 
 #include "engine_solvers.h"
-#include "stepped.h"
+#include "substepped_world.h"
 #include "sweep.h"
-#include "tie_solver.h"
-#include "tree_rows.h"
+#include "articulation_solver.h"
+#include "articulation_rows.h"
 
 void EngineWorld::configure(btDefaultCollisionConfiguration &configuration) {
-  // A plane otherwise finds one point a step: what slides on it rocks from corner to corner.
+  // By default the plane algorithm finds one contact point per step: a sliding box would rock from corner to corner.
   if (solver == AmbSolver_Accurate) configuration.setPlaneConvexMultipointIterations(4, 4);
 }
 
 std::unique_ptr<btConstraintSolver> EngineWorld::make_solver(btMLCPSolverInterface *mlcp) {
-  if (kind == AmbWorldKind_Trees) return multi_body_solver_of(solver, accurate, ledger);
+  if (kind == AmbWorldKind_Articulated) return multi_body_solver_of(solver, accurate, ledger);
   return soft_row_solver_of(solver, mlcp, accurate, ledger);
 }
 
 void EngineWorld::make_world(btConstraintSolver &made) {
-  world.trees = fill_world<TreeWorld>(world, static_cast<btMultiBodyConstraintSolver *>(&made));
+  world.articulated = fill_world<ArticulatedWorld>(world, static_cast<btMultiBodyConstraintSolver *>(&made));
 }
 
 void EngineWorld::before_motion(const btAlignedObjectArray<btRigidBody *> &bodies, btScalar dt) {
@@ -38,48 +38,48 @@ void EngineWorld::after_sub_step(btScalar h) {
 }
 
 void EngineWorld::gravity_set(const btVector3 &gravity) {
-  if (!world.trees) return;
-  for (AmbTree *tree : world.trees->trees) {
-    for (AmbTree::Member &member : tree->members) {
+  if (!world.articulated) return;
+  for (AmbArticulation *articulation : world.articulated->articulations) {
+    for (AmbArticulation::Member &member : articulation->members) {
       if (member.collider) member.body->body.setGravity(gravity);
     }
   }
 }
 
 void EngineWorld::velocity_set(AmbBody &body) {
-  if (body.tree) body.tree->velocities_set = true;
+  if (body.articulation) body.articulation->velocities_set = true;
 }
 
 bool EngineWorld::pose_set(AmbBody &body) {
-  body.begins = true;
-  body.turned.setZero();
-  if (body.tree) body.tree->poses_set = true;
-  return body.tree;
+  body.is_first_sub_step = true;
+  body.other_angular_change.setZero();
+  if (body.articulation) body.articulation->poses_set = true;
+  return body.articulation;
 }
 
 void EngineWorld::body_leaves(AmbBody &body) { drop_drive(world, body); }
 
 bool EngineWorld::add_constraint(AmbConstraint &constraint) {
-  if (!holds_link(constraint)) return false;
-  add_tie(world, constraint);
+  if (!acts_on_link(constraint)) return false;
+  add_external_constraint(world, constraint);
   return true;
 }
 
 bool EngineWorld::remove_constraint(AmbConstraint &constraint) {
-  if (!constraint.tie) return false;
-  remove_tie(world, constraint);
+  if (!constraint.external_rows) return false;
+  remove_external_constraint(world, constraint);
   return true;
 }
 
 bool EngineWorld::read_coordinate(const AmbConstraint &constraint, btScalar &coordinate) {
-  if (!constraint.tree) return false;
-  coordinate = constraint.tree->coordinate(constraint);
+  if (!constraint.articulation) return false;
+  coordinate = constraint.articulation->coordinate(constraint);
   return true;
 }
 
 void EngineWorld::recovered() {
-  if (!world.trees) return;
-  for (AmbConstraint *constraint : world.trees->ties) constraint->tie->forget();
+  if (!world.articulated) return;
+  for (AmbConstraint *constraint : world.articulated->external_constraints) constraint->external_rows->reset();
 }
 
 btScalar spring_coordinate(AmbConstraint &c) { return axis_reading(c, moves_about_z(c)); }

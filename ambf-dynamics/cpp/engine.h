@@ -10,7 +10,7 @@ extern "C" {
 #include "dynamics.h"
 }
 
-// A body that hits something within the sub-step, and its pose there.
+// A body that hits another object within the sub-step, and its pose at the impact.
 struct AmbImpact {
   AmbBody *body;
   btTransform pose;
@@ -42,17 +42,17 @@ class EngineWorld final : public Extension {
   AccurateContext accurate;
   EnergyLedger ledger;
   int integrator = AmbIntegrator_Euler;
-  // Number of the sub-step; counted only where the integrator asks for it.
+  // Number of the sub-step; counted for AmbIntegrator_Ballistic and AmbIntegrator_RungeKutta only.
   uint64_t sub_step = 0;
-  // Some body is swept, see sweep.h.
+  // Continuous collision detection is enabled for at least one body, see sweep.h.
   bool has_continuous = false;
   Vector<AmbImpact> impacts;
 };
 
-// Of a world that was made with this engine.
+// The engine's part of a world, which must have been made with this engine.
 inline EngineWorld &engine_of(const AmbWorld &world) { return static_cast<EngineWorld &>(*world.extension); }
 
-// Before a body leaves its world; see drive.cpp.
+// Destroys the drive of a body before the body leaves its world; see drive.cpp.
 void drop_drive(AmbWorld &world, AmbBody &body);
 
 #endif

@@ -9,22 +9,25 @@
 #include "accurate_solver.h"
 #include "ledger_rows.h"
 #include "second_order.h"
-#include "tie_solver.h"
+#include "articulation_solver.h"
 
-std::unique_ptr<btConstraintSolver> soft_row_solver_of(int solver, btMLCPSolverInterface *mlcp, const AccurateContext &accurate,
-                                                       EnergyLedger &ledger) {
+std::unique_ptr<btConstraintSolver> soft_row_solver_of(int solver, btMLCPSolverInterface *mlcp,
+                                                       const AccurateContext &accurate, EnergyLedger &ledger) {
   if (mlcp) return std::make_unique<WithLedger<WithSoftMatrix<btMLCPSolver>>>(ledger, mlcp);
   if (solver == AmbSolver_Nncg) return std::make_unique<WithLedger<WithSoftRows<btNNCGConstraintSolver>>>(ledger);
   if (solver == AmbSolver_WarmFriction) return std::make_unique<WithLedger<WithSoftRows<WarmFrictionSolver>>>(ledger);
   if (solver == AmbSolver_Accurate) {
-    return std::make_unique<WithLedger<WithSoftRows<AccurateSolver<SecondOrder<btSequentialImpulseConstraintSolver>>>>>(ledger, accurate);
+    using Accurate = AccurateSolver<SecondOrder<btSequentialImpulseConstraintSolver>>;
+    return std::make_unique<WithLedger<WithSoftRows<Accurate>>>(ledger, accurate);
   }
   return std::make_unique<WithLedger<WithSoftRows<btSequentialImpulseConstraintSolver>>>(ledger);
 }
 
-std::unique_ptr<btMultiBodyConstraintSolver> multi_body_solver_of(int solver, const AccurateContext &accurate, EnergyLedger &ledger) {
+std::unique_ptr<btMultiBodyConstraintSolver> multi_body_solver_of(int solver, const AccurateContext &accurate,
+                                                                  EnergyLedger &ledger) {
   if (solver == AmbSolver_Accurate) {
-    return std::make_unique<WithLedger<WithSoftRows<AccurateSolver<SecondOrder<TieSolver>>>>>(ledger, accurate);
+    return std::make_unique<WithLedger<WithSoftRows<AccurateSolver<SecondOrder<ArticulationSolver>>>>>(ledger,
+                                                                                                       accurate);
   }
-  return std::make_unique<WithLedger<WithSoftRows<TieSolver>>>(ledger);
+  return std::make_unique<WithLedger<WithSoftRows<ArticulationSolver>>>(ledger);
 }

@@ -1,15 +1,16 @@
-/* Motion of free bodies. */
+/* Integration of free bodies: bodies without contacts, constraints and drives. */
 #ifndef AMB_FLIGHT_H
 #define AMB_FLIGHT_H
 #include "types.h"
 
-/* How bodies without contacts and constraints move. */
+/* Integrator of free bodies. */
 enum AmbIntegrator {
-  /* Bullet's semi-implicit Euler; that of a new world. */
+  /* Bullet's semi-implicit Euler method. Default. */
   AmbIntegrator_Euler = 0,
-  /* Exactly under constant force: Bullet's step x += v' dt is a a dt^2 / 2 too long. */
+  /* Exact positions under constant acceleration a: Bullet's x += v' dt is too long by a dt^2 / 2. */
   AmbIntegrator_Ballistic = 1,
-  /* Also exactly under damping, turning as Euler's equations say, by Runge-Kutta of fourth order. */
+  /* Exact velocities and positions under constant force and damping; Euler's equations of rotation by the classical
+     Runge-Kutta method. */
   AmbIntegrator_RungeKutta = 2
 };
 

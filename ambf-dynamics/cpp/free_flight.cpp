@@ -6,76 +6,87 @@
 
 namespace {
 
-// Integrals over a time h of what decays with rate c: exp(-c t) once (reach) and twice (way).
-struct Decay {
-  btScalar left, reach, way;
+// Damping at rate c (1/s) over h s: factor exp(-c h), integral of exp(-c t) over t from 0 to h (s), and its double
+// integral (s^2).
+struct DampingIntegrals {
+  btScalar factor, integral, double_integral;
 
-  Decay(btScalar c, btScalar h) {
+  DampingIntegrals(btScalar c, btScalar h) {
     const btScalar x = c * h;
     if (x < btScalar(1e-2)) {
-      // Series; the closed forms lose digits here.
-      left = std::exp(-x);
-      reach = h * (1 - x / 2 * (1 - x / 3 * (1 - x / 4 * (1 - x / 5 * (1 - x / 6)))));
-      way = h * h / 2 * (1 - x / 3 * (1 - x / 4 * (1 - x / 5 * (1 - x / 6))));
+      // Power series; the closed forms cancel for small x.
+      factor = std::exp(-x);
+      integral = h * (1 - x / 2 * (1 - x / 3 * (1 - x / 4 * (1 - x / 5 * (1 - x / 6)))));
+      double_integral = h * h / 2 * (1 - x / 3 * (1 - x / 4 * (1 - x / 5 * (1 - x / 6))));
     } else {
-      left = std::exp(-x);
-      reach = -std::expm1(-x) / c;
-      way = (h - reach) / c;
+      factor = std::exp(-x);
+      integral = -std::expm1(-x) / c;
+      double_integral = (h - integral) / c;
     }
   }
 };
 
-// Rate of what Bullet's damping factor takes per second; infinite for a factor of 1.
+// Decay rate, 1/s, for Bullet's damping: the share of the velocity lost in 1 s; infinite for 1.
 btScalar rate_of(btScalar damping) { return -std::log1p(-damping); }
 
-// One Newton step towards the nearest rotation: keeps rounding errors from adding up.
+// One Newton step towards the nearest rotation matrix, so that rounding errors do not accumulate.
 btMatrix3x3 orthonormal(const btMatrix3x3 &m) {
   btMatrix3x3 rest = m.transposeTimes(m) * btScalar(-0.5);
   for (int i = 0; i < 3; ++i) rest[i][i] += btScalar(1.5);
   return m * rest;
 }
 
-btVector3 divided(const btVector3 &a, const btVector3 &b) { return btVector3(a.x() / b.x(), a.y() / b.y(), a.z() / b.z()); }
+btVector3 divided(const btVector3 &a, const btVector3 &b) {
+  return btVector3(a.x() / b.x(), a.y() / b.y(), a.z() / b.z());
+}
 
-// Attitude against that at the start of the sub-step and angular velocity in the body's axes, or their slopes.
-struct Spin {
+// Attitude relative to that at the start of the sub-step and angular velocity in body axes (rad/s), or their time
+// derivatives.
+struct RotationState {
   btQuaternion attitude;
   btVector3 velocity;
 
-  Spin after(const Spin &slope, btScalar h) const { return {attitude + slope.attitude * h, velocity + slope.velocity * h}; }
+  RotationState after(const RotationState &slope, btScalar h) const {
+    return {attitude + slope.attitude * h, velocity + slope.velocity * h};
+  }
 };
 
-// One step of `spun`.
-Spin spun_once(const btVector3 &velocity, const btVector3 &inertia, const btVector3 &torque, btScalar left, btScalar h) {
-  const auto slope = [&](const Spin &spin, btScalar kept) -> Spin {
+// One Runge-Kutta step of `rotate_rk4`.
+RotationState rotate_rk4_step(const btVector3 &velocity, const btVector3 &inertia, const btVector3 &torque,
+                              btScalar left, btScalar h) {
+  const auto slope = [&](const RotationState &spin, btScalar kept) -> RotationState {
     const btVector3 &v = spin.velocity;
     btVector3 change = (inertia * v).cross(v) * kept;
     if (!torque.isZero()) change += quatRotate(spin.attitude.inverse(), torque) / kept;
     return {spin.attitude * btQuaternion(v.x(), v.y(), v.z(), 0) * (kept / 2), divided(change, inertia)};
   };
   const btScalar half = btSqrt(left);
-  const Spin start = {btQuaternion::getIdentity(), velocity};
-  const Spin k1 = slope(start, 1), k2 = slope(start.after(k1, h / 2), half), k3 = slope(start.after(k2, h / 2), half),
-             k4 = slope(start.after(k3, h), left);
-  Spin end = start.after(k1, h / 6).after(k2, h / 3).after(k3, h / 3).after(k4, h / 6);
+  const RotationState start = {btQuaternion::getIdentity(), velocity};
+  const RotationState k1 = slope(start, 1), k2 = slope(start.after(k1, h / 2), half),
+                      k3 = slope(start.after(k2, h / 2), half), k4 = slope(start.after(k3, h), left);
+  RotationState end = start.after(k1, h / 6).after(k2, h / 3).after(k3, h / 3).after(k4, h / 6);
   end.attitude.normalize();
   end.velocity *= left;
   return end;
 }
 
-// Euler's equations by the classical Runge-Kutta method, in parts if it turns far. Damping scales the angular velocity by `left` a step,
-// exactly: what is integrated is the velocity divided by what damping has left of it.
-Spin spun(const btVector3 &velocity, const btVector3 &inertia, const btVector3 &torque, btScalar left, btScalar h) {
-  // rad; an error of 1e-6 of the angular momentum after a thousand turns.
-  constexpr btScalar FARTHEST = 0.05;
-  constexpr int MOST_PARTS = 200;
+// Integrates Euler's equations by the classical Runge-Kutta method, in several steps if the body turns by more than
+// MAX_TURN. Damping multiplies the angular velocity by `left` over h exactly: the integrated variable is the angular
+// velocity divided by the damping factor.
+RotationState rotate_rk4(const btVector3 &velocity, const btVector3 &inertia, const btVector3 &torque, btScalar left,
+                         btScalar h) {
+  // Largest turn of one Runge-Kutta step, rad; the relative error of the angular momentum is 1e-6 after a thousand
+  // turns.
+  constexpr btScalar MAX_TURN = 0.05;
+  constexpr int MAX_PARTS = 200;
   const btScalar turn = velocity.length() * h;
-  if (!(turn > FARTHEST)) return spun_once(velocity, inertia, torque, left, h);
-  const int parts = static_cast<int>(std::min(std::ceil(turn / FARTHEST), btScalar(MOST_PARTS)));
+  if (!(turn > MAX_TURN)) return rotate_rk4_step(velocity, inertia, torque, left, h);
+  const int parts = static_cast<int>(std::min(std::ceil(turn / MAX_TURN), btScalar(MAX_PARTS)));
   const btScalar part_left = std::pow(left, btScalar(1) / parts);
-  Spin end = {btQuaternion::getIdentity(), velocity};
+  RotationState end = {btQuaternion::getIdentity(), velocity};
   for (int i = 0; i < parts; ++i) {
-    const Spin next = spun_once(end.velocity, inertia, quatRotate(end.attitude.inverse(), torque), part_left, h / parts);
+    const RotationState next =
+        rotate_rk4_step(end.velocity, inertia, quatRotate(end.attitude.inverse(), torque), part_left, h / parts);
     end = {end.attitude * next.attitude, next.velocity};
   }
   return end;
@@ -83,44 +94,47 @@ Spin spun(const btVector3 &velocity, const btVector3 &inertia, const btVector3 &
 
 }  // namespace
 
-void remember_flight(AmbWorld &world) {
+void save_sub_step_starts(AmbWorld &world) {
   const btCollisionObjectArray &objects = world.world->getCollisionObjectArray();
   for (int i = 0; i < objects.size(); ++i) {
     AmbBody *owner = body_of(objects[i]);
-    if (!owner || owner->tree || owner->body.isStaticOrKinematicObject()) continue;
+    if (!owner || owner->articulation || owner->body.isStaticOrKinematicObject()) continue;
     owner->start = {owner->body.getWorldTransform(), owner->body.getLinearVelocity(), owner->body.getAngularVelocity()};
   }
 }
 
-bool fly(btRigidBody &body, const FlightStart &start, btScalar h) {
+bool integrate_free_body(btRigidBody &body, const SubStepStart &start, btScalar h) {
   const btScalar damping = body.getLinearDamping(), mass_inverse = body.getInvMass();
   if (damping >= 1 || body.getAngularDamping() >= 1) return false;
-  const btVector3 acceleration = body.getTotalForce() * mass_inverse, damped = start.linear_velocity * std::pow(1 - damping, h);
-  // Whatever else acted on the body shows in its velocity.
+  const btVector3 acceleration = body.getTotalForce() * mass_inverse,
+                  damped = start.linear_velocity * std::pow(1 - damping, h);
+  // If the velocity differs from that under force and damping, something else acted on the body.
   const btVector3 difference = body.getLinearVelocity() - damped - acceleration * h;
   const btScalar scale = damped.length() + acceleration.length() * h;
   if (!(difference.length() <= btScalar(1e-12) * scale)) return false;
-  // A body that was stopped on its way stays there.
+  // If the displacement differs from v h, the body was stopped by continuous collision detection or moved by a position
+  // correction.
   const btVector3 &origin = start.pose.getOrigin(), way = body.getLinearVelocity() * h;
   const btVector3 stopped = body.getWorldTransform().getOrigin() - origin - way;
   if (!(stopped.length() <= btScalar(1e-9) * way.length() + btScalar(1e-12) * origin.length())) return false;
 
-  const Decay decay(rate_of(damping), h);
+  const DampingIntegrals integrals(rate_of(damping), h);
   btTransform pose = body.getWorldTransform();
-  pose.setOrigin(start.pose.getOrigin() + start.linear_velocity * decay.reach + acceleration * decay.way);
+  pose.setOrigin(start.pose.getOrigin() + start.linear_velocity * integrals.integral +
+                 acceleration * integrals.double_integral);
   btVector3 angular_velocity = body.getAngularVelocity();
   const btVector3 &inverse = body.getInvInertiaDiagLocal();
-  constexpr int GYROSCOPIC =
-      BT_ENABLE_GYROSCOPIC_FORCE_EXPLICIT | BT_ENABLE_GYROSCOPIC_FORCE_IMPLICIT_WORLD | BT_ENABLE_GYROSCOPIC_FORCE_IMPLICIT_BODY;
+  constexpr int GYROSCOPIC = BT_ENABLE_GYROSCOPIC_FORCE_EXPLICIT | BT_ENABLE_GYROSCOPIC_FORCE_IMPLICIT_WORLD |
+                             BT_ENABLE_GYROSCOPIC_FORCE_IMPLICIT_BODY;
   const bool turns = inverse.x() > 0 && inverse.y() > 0 && inverse.z() > 0;
   if (turns && (body.getFlags() & GYROSCOPIC)) {
     const btMatrix3x3 &from = start.pose.getBasis();
-    const Spin end = spun(start.angular_velocity * from, divided(btVector3(1, 1, 1), inverse), body.getTotalTorque() * from,
-                          std::pow(1 - body.getAngularDamping(), h), h);
+    const RotationState end = rotate_rk4(start.angular_velocity * from, divided(btVector3(1, 1, 1), inverse),
+                                         body.getTotalTorque() * from, std::pow(1 - body.getAngularDamping(), h), h);
     pose.setBasis(orthonormal(from * btMatrix3x3(end.attitude)));
     angular_velocity = pose.getBasis() * end.velocity;
   }
-  const btVector3 velocity = start.linear_velocity * decay.left + acceleration * decay.reach;
+  const btVector3 velocity = start.linear_velocity * integrals.factor + acceleration * integrals.integral;
   if (!finite(pose.getOrigin() + pose.getBasis()[0] + velocity + angular_velocity)) return false;
   body.setLinearVelocity(velocity);
   body.setAngularVelocity(angular_velocity);
@@ -133,10 +147,10 @@ namespace {
 void before_sub_step(btDynamicsWorld *dynamics, btScalar dt) {
   auto &world = *static_cast<AmbWorld *>(dynamics->getWorldUserInfo());
   if (world.soft) before_soft_sub_step(dynamics, dt);
-  remember_flight(world);
+  save_sub_step_starts(world);
 }
 
-// After a sub-step: moves every free body as the integrator says.
+// After a sub-step: replaces the new state of every free body by that of the integrator.
 void correct_free_bodies(btDynamicsWorld *dynamics, btScalar dt) {
   auto &world = *static_cast<AmbWorld *>(dynamics->getWorldUserInfo());
   EngineWorld &engine = engine_of(world);
@@ -145,23 +159,23 @@ void correct_free_bodies(btDynamicsWorld *dynamics, btScalar dt) {
     const btPersistentManifold *manifold = world.dispatcher.getManifoldByIndexInternal(i);
     if (manifold->getNumContacts() == 0 || !responds(*manifold)) continue;
     for (const btCollisionObject *object : {manifold->getBody0(), manifold->getBody1()}) {
-      if (AmbBody *body = body_of(object)) body->touched = now;
+      if (AmbBody *body = body_of(object)) body->contact_sub_step = now;
     }
   }
   const btCollisionObjectArray &objects = dynamics->getCollisionObjectArray();
   for (int i = 0; i < objects.size(); ++i) {
     AmbBody *owner = body_of(objects[i]);
-    if (!owner || owner->tree || owner->touched == now) continue;
+    if (!owner || owner->articulation || owner->contact_sub_step == now) continue;
     btRigidBody &body = owner->body;
-    if (!body.isActive() || body.isStaticOrKinematicObject() || owner->held > 0 || owner->drive) continue;
+    if (!body.isActive() || body.isStaticOrKinematicObject() || owner->constraint_count > 0 || owner->drive) continue;
     if (engine.integrator == AmbIntegrator_RungeKutta) {
-      if (!fly(body, owner->start, dt)) continue;
-      owner->flew = now;
-      owner->solved[0] = body.getLinearVelocity();
-      owner->solved[1] = body.getAngularVelocity();
+      if (!integrate_free_body(body, owner->start, dt)) continue;
+      owner->free_flight_sub_step = now;
+      owner->solved_velocity[0] = body.getLinearVelocity();
+      owner->solved_velocity[1] = body.getAngularVelocity();
       continue;
     }
-    owner->flew = now;
+    owner->free_flight_sub_step = now;
     const btVector3 back = body.getTotalForce() * (body.getInvMass() * dt * dt / 2);
     btTransform pose = body.getWorldTransform();
     pose.setOrigin(pose.getOrigin() - back);

@@ -1,14 +1,14 @@
-// Motion of bodies on which nothing acts but forces known in advance. C++ only.
+// Integration of bodies on which only constant forces and damping act. C++ only.
 #ifndef AMB_FREE_FLIGHT_H
 #define AMB_FREE_FLIGHT_H
 
 #include "internal.h"
 
-// Before a sub-step: keeps the state of all dynamic bodies.
-void remember_flight(AmbWorld &world);
-// After a sub-step of h s: moves a body that neither touches anything nor is held from its state before, by the exact solution for a
-// constant force with damping, and turns it by Runge-Kutta of fourth order. False: something else acted on it, and it stays where Bullet
-// moved it.
-bool fly(btRigidBody &body, const FlightStart &start, btScalar h);
+// Stores the state of all dynamic bodies at the beginning of a sub-step.
+void save_sub_step_starts(AmbWorld &world);
+// After a sub-step of h s: replaces Bullet's new state of a body without contacts and constraints by the exact solution
+// of the linear motion under constant force and damping, and by a Runge-Kutta solution of the rotation. Returns false,
+// and leaves Bullet's state, if something else acted on the body.
+bool integrate_free_body(btRigidBody &body, const SubStepStart &start, btScalar h);
 
 #endif

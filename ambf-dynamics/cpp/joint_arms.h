@@ -1,4 +1,4 @@
-// Where the joints of Bullet's classes are, seen from the bodies that they join. C++ only.
+// Pivots of Bullet's joint classes relative to the centres of mass of their bodies. C++ only.
 #ifndef AMB_JOINT_ARMS_H
 #define AMB_JOINT_ARMS_H
 
@@ -9,8 +9,9 @@
 #include <BulletDynamics/ConstraintSolver/btPoint2PointConstraint.h>
 #include <BulletDynamics/ConstraintSolver/btSliderConstraint.h>
 
-// Of a joint whose body B can slide in A.
-inline bool sliding_arms(const btTypedConstraint &constraint, const btTransform &frame_b, btVector3 &arm_a, btVector3 &arm_b) {
+// Arms of a joint in which body B can slide relative to A: both lead to the pivot of B.
+inline bool sliding_arms(const btTypedConstraint &constraint, const btTransform &frame_b, btVector3 &arm_a,
+                         btVector3 &arm_b) {
   const btTransform &a = constraint.getRigidBodyA().getCenterOfMassTransform();
   const btTransform &b = constraint.getRigidBodyB().getCenterOfMassTransform();
   arm_b = b.getBasis() * frame_b.getOrigin();
@@ -18,7 +19,8 @@ inline bool sliding_arms(const btTypedConstraint &constraint, const btTransform 
   return true;
 }
 
-// Arms from the centres of mass to the pivot of a joint, where Bullet's class has one.
+// Writes the arms from the centres of mass to the pivot of a joint, m, world axes. Returns false for classes without a
+// pivot.
 inline bool find_joint_arms(const btTypedConstraint &constraint, btVector3 &arm_a, btVector3 &arm_b) {
   const auto arms = [&](const btVector3 &in_a, const btVector3 &in_b) {
     arm_a = constraint.getRigidBodyA().getCenterOfMassTransform().getBasis() * in_a;
@@ -38,17 +40,19 @@ inline bool find_joint_arms(const btTypedConstraint &constraint, btVector3 &arm_
       const auto &cone = static_cast<const btConeTwistConstraint &>(constraint);
       return arms(cone.getAFrame().getOrigin(), cone.getBFrame().getOrigin());
     }
-    // Where B can slide in A, the pivot of B counts on both bodies.
+    // If B can slide relative to A, the pivot of B is used for both bodies.
     case SLIDER_CONSTRAINT_TYPE:
-      return sliding_arms(constraint, static_cast<const btSliderConstraint &>(constraint).getFrameOffsetB(), arm_a, arm_b);
+      return sliding_arms(constraint, static_cast<const btSliderConstraint &>(constraint).getFrameOffsetB(), arm_a,
+                          arm_b);
     case D6_CONSTRAINT_TYPE:
-      // Drives of bodies have this type too, and no positions.
+      // BodyDrive has this type too, and no pivot.
       if (const auto *joint = dynamic_cast<const btGeneric6DofConstraint *>(&constraint)) {
         return sliding_arms(constraint, joint->getFrameOffsetB(), arm_a, arm_b);
       }
       return false;
     case D6_SPRING_2_CONSTRAINT_TYPE:
-      return sliding_arms(constraint, static_cast<const btGeneric6DofSpring2Constraint &>(constraint).getFrameOffsetB(), arm_a, arm_b);
+      return sliding_arms(constraint, static_cast<const btGeneric6DofSpring2Constraint &>(constraint).getFrameOffsetB(),
+                          arm_a, arm_b);
     default: return false;
   }
 }

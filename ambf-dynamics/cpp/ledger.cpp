@@ -2,7 +2,7 @@
 
 #include "free_flight.h"
 #include "spring_rotation.h"
-#include "tree_rows.h"
+#include "articulation_rows.h"
 
 #include <cmath>
 
@@ -25,16 +25,17 @@ MechanicalEnergy energy_of(const AmbBody &owner, const btVector3 &velocity, cons
   const btRigidBody &body = owner.body;
   const btTransform &pose = body.getWorldTransform();
   return {velocity.length2() / body.getInvMass() / 2 + rotation_energy(body, pose.getBasis(), omega),
-          -weight_of(body).dot(pose.getOrigin() - velocity * owner.ahead), 0};
+          -weight_of(body).dot(pose.getOrigin() - velocity * owner.pose_lead), 0};
 }
 
-// Calls `act` for every body that forces move and that is no link.
+// Calls `act` for every dynamic body that is not a link.
 template <class Act>
 void for_free_bodies(const AmbWorld &world, Act act) {
   const btCollisionObjectArray &objects = world.world->getCollisionObjectArray();
   for (int i = 0; i < objects.size(); ++i) {
     AmbBody *owner = body_of(objects[i]);
-    if (owner && !owner->tree && owner->body.getInvMass() > 0 && !owner->body.isStaticOrKinematicObject()) act(*owner);
+    if (owner && !owner->articulation && owner->body.getInvMass() > 0 && !owner->body.isStaticOrKinematicObject())
+      act(*owner);
   }
 }
 
@@ -42,10 +43,10 @@ struct Axis {
   double coordinate, rest, stiffness, damping;
 };
 
-// Axes of a spring whose transforms are up to date: along x, y, z, m, and about them, rad.
+// Axes of a spring whose transforms are up to date: translations along x, y, z (m), then rotations (rad).
 struct Axes {
   Axis axis[6];
-  // The angles are a rotation vector, which changes its sign at pi, and the energy does not.
+  // The angular coordinates are a rotation vector, which changes its sign at pi; the energy is continuous there.
   bool turns;
 };
 
@@ -53,7 +54,8 @@ Axis axis_of(btGeneric6DofSpring2Constraint &spring, int i) {
   if (i < 3) {
     const auto &way = *spring.getTranslationalLimitMotor();
     if (!way.m_enableSpring[i]) return {spring.getRelativePivotPosition(i), 0, 0, 0};
-    return {spring.getRelativePivotPosition(i), way.m_equilibriumPoint[i], way.m_springStiffness[i], way.m_springDamping[i]};
+    return {spring.getRelativePivotPosition(i), way.m_equilibriumPoint[i], way.m_springStiffness[i],
+            way.m_springDamping[i]};
   }
   const auto &turn = *spring.getRotationalLimitMotor(i - 3);
   if (!turn.m_enableSpring) return {spring.getAngle(i - 3), 0, 0, 0};
@@ -81,13 +83,13 @@ void EnergyLedger::start(EngineWorld &engine) {
   implicit_springs = engine.solver == AmbSolver_Accurate;
   sums = {};
   spring_states.clear();
-  if (engine.world.trees) {
-    for (AmbTree *tree : engine.world.trees->trees) tree->note_energy();
+  if (engine.world.articulated) {
+    for (AmbArticulation *articulation : engine.world.articulated->articulations) articulation->note_energy();
   }
-  settle_springs(engine);
+  update_spring_states(engine);
   last = free_bodies(engine);
-  const MechanicalEnergy trees = articulations(engine);
-  last += trees;
+  const MechanicalEnergy articulated = articulations(engine);
+  last += articulated;
   last.elastic += springs(0);
   start_total = last.total();
   start_potential = last.potential;
@@ -99,8 +101,9 @@ AmbEnergy EnergyLedger::read() const {
   result.kinetic = last.kinetic;
   result.potential = last.potential - start_potential;
   result.elastic = last.elastic;
-  result.unexplained = last.total() - start_total - sums.set_states - sums.wrenches - sums.motors - sums.body_drives - sums.damping -
-                       sums.joints - sums.limits - sums.contacts - sums.friction - sums.corrections - sums.outside;
+  result.unexplained = last.total() - start_total - sums.set_states - sums.wrenches - sums.motors - sums.body_drives -
+                       sums.damping - sums.joints - sums.limits - sums.contacts - sums.friction - sums.corrections -
+                       sums.outside;
   return result;
 }
 
@@ -114,13 +117,13 @@ MechanicalEnergy EnergyLedger::free_bodies(EngineWorld &engine) const {
 
 MechanicalEnergy EnergyLedger::articulations(EngineWorld &engine) const {
   MechanicalEnergy sum;
-  if (!engine.world.trees) return sum;
-  for (const AmbTree *tree : engine.world.trees->trees) sum += tree->energy;
+  if (!engine.world.articulated) return sum;
+  for (const AmbArticulation *articulation : engine.world.articulated->articulations) sum += articulation->energy;
   return sum;
 }
 
-// Springs whose bodies were put somewhere else start there.
-void EnergyLedger::settle_springs(EngineWorld &engine) {
+// Resets the stored coordinates of springs whose bodies were moved between two sub-steps.
+void EnergyLedger::update_spring_states(EngineWorld &engine) {
   const btDiscreteDynamicsWorld &world = *engine.world.world;
   size_t count = 0;
   for (int i = 0; i < world.getNumConstraints(); ++i) {
@@ -133,7 +136,7 @@ void EnergyLedger::settle_springs(EngineWorld &engine) {
     const Axes axes = axes_of(spring, implicit_springs);
     for (int k = 0; k < 6; ++k) {
       const double coordinate = axes.axis[k].coordinate;
-      // What was set differs by more than rounding.
+      // A pose that was set differs by more than the rounding error.
       if (state.spring != constraint || std::fabs(coordinate - state.now[k]) > 1e-12 * (1 + std::fabs(coordinate))) {
         state.before[k] = state.now[k] = coordinate;
       }
@@ -143,12 +146,14 @@ void EnergyLedger::settle_springs(EngineWorld &engine) {
   spring_states.resize(count);
 }
 
-// Elastic energy after a sub-step of h, whose damping is booked; h = 0: at present. That between two poses, k (x0 - r) (x1 - r) / 2, is what
-// the force at the pose between takes and gives.
+// Elastic energy after a sub-step of h s, whose damping work is added to the sums; h = 0: the present energy only. The
+// energy halfway between two poses, k (x0 - r) (x1 - r) / 2, is that with which the work of the force at the pose
+// between them is balanced exactly.
 double EnergyLedger::springs(double h) {
   double sum = 0;
   for (SpringState &state : spring_states) {
-    auto &spring = *const_cast<btGeneric6DofSpring2Constraint *>(static_cast<const btGeneric6DofSpring2Constraint *>(state.spring));
+    const auto &constant = *static_cast<const btGeneric6DofSpring2Constraint *>(state.spring);
+    auto &spring = const_cast<btGeneric6DofSpring2Constraint &>(constant);
     if (h > 0) spring.calculateTransforms();
     const Axes axes = axes_of(spring, implicit_springs);
     if (h > 0 && axes.turns) state.keep_sign(axes.axis[3].coordinate, axes.axis[4].coordinate, axes.axis[5].coordinate);
@@ -168,47 +173,49 @@ double EnergyLedger::springs(double h) {
 }
 
 void EnergyLedger::before_sub_step(EngineWorld &engine, double h) {
-  remember_flight(engine.world);
-  const bool always_ahead = engine.integrator == AmbIntegrator_Euler;
+  save_sub_step_starts(engine.world);
+  const bool always_leads = engine.integrator == AmbIntegrator_Euler;
   for_free_bodies(engine.world, [&](AmbBody &owner) {
-    owner.begun = owner.begins && owner.held > 0 && engine.solver == AmbSolver_Accurate;
-    if (owner.begun) owner.ahead = 0;
-    if (!always_ahead || owner.begun || owner.ahead > 0) return;
-    // In this world every sub-step begins with a velocity that is half a sub-step behind.
-    owner.ahead = h / 2;
-    const double slope = weight_of(owner.body).dot(owner.body.getLinearVelocity()) * owner.ahead;
+    owner.was_first_sub_step =
+        owner.is_first_sub_step && owner.constraint_count > 0 && engine.solver == AmbSolver_Accurate;
+    if (owner.was_first_sub_step) owner.pose_lead = 0;
+    if (!always_leads || owner.was_first_sub_step || owner.pose_lead > 0) return;
+    // In this world the velocity is half a sub-step behind the pose at the beginning of every sub-step.
+    owner.pose_lead = h / 2;
+    const double slope = weight_of(owner.body).dot(owner.body.getLinearVelocity()) * owner.pose_lead;
     start_total += slope;
     start_potential += slope;
     last.potential += slope;
   });
-  settle_springs(engine);
-  const MechanicalEnergy trees = articulations(engine);
+  update_spring_states(engine);
+  const MechanicalEnergy articulated = articulations(engine);
   const MechanicalEnergy now = free_bodies(engine);
-  sums.set_states += now.total() + springs(0) + trees.total() - last.total();
+  sums.set_states += now.total() + springs(0) + articulated.total() - last.total();
 }
 
 void EnergyLedger::after_motion(EngineWorld &engine) {
   for_free_bodies(engine.world, [](AmbBody &owner) {
-    owner.solved[0] = owner.body.getLinearVelocity();
-    owner.solved[1] = owner.body.getAngularVelocity();
+    owner.solved_velocity[0] = owner.body.getLinearVelocity();
+    owner.solved_velocity[1] = owner.body.getAngularVelocity();
   });
 }
 
-// Work on a body that is no link, but for that of rows.
+// Adds the work on a body that is not a link, except that of solver rows.
 void EnergyLedger::account(EngineWorld &engine, AmbBody &owner, double h) {
   btRigidBody &body = owner.body;
   if (!body.isActive()) return;
-  const FlightStart &start = owner.start;
-  const double mass = 1 / body.getInvMass(), before = owner.ahead;
+  const SubStepStart &start = owner.start;
+  const double mass = 1 / body.getInvMass(), before = owner.pose_lead;
   const btVector3 weight = weight_of(body), force = body.getTotalForce() - weight, torque = body.getTotalTorque();
-  const double linear_left = std::pow(1 - body.getLinearDamping(), h), angular_left = std::pow(1 - body.getAngularDamping(), h);
+  const double linear_left = std::pow(1 - body.getLinearDamping(), h),
+               angular_left = std::pow(1 - body.getAngularDamping(), h);
   const double turning = rotation_energy(body, start.pose.getBasis(), start.angular_velocity);
   const btTransform &pose = body.getWorldTransform();
   const btVector3 &velocity = body.getLinearVelocity();
-  const bool flew = owner.flew == engine.sub_step && engine.integrator != AmbIntegrator_Euler;
-  owner.ahead = flew ? 0 : h / 2;
-  if (!owner.begun) sums.contacts += weight.dot(start.linear_velocity) * (owner.ahead - before);
-  const btVector3 &solved = owner.solved[0], &solved_omega = owner.solved[1];
+  const bool flew = owner.free_flight_sub_step == engine.sub_step && engine.integrator != AmbIntegrator_Euler;
+  owner.pose_lead = flew ? 0 : h / 2;
+  if (!owner.was_first_sub_step) sums.contacts += weight.dot(start.linear_velocity) * (owner.pose_lead - before);
+  const btVector3 &solved = owner.solved_velocity[0], &solved_omega = owner.solved_velocity[1];
   const btVector3 way = pose.getOrigin() - start.pose.getOrigin();
   if (flew) {
     const double pushed = force.dot(way);
@@ -221,9 +228,9 @@ void EnergyLedger::account(EngineWorld &engine, AmbBody &owner, double h) {
     const btVector3 slowed = start.linear_velocity * linear_left, turned = start.angular_velocity * angular_left;
     sums.damping += (linear_left * linear_left - 1) * start.linear_velocity.length2() * mass / 2 +
                     (angular_left * angular_left - 1) * turning + weight.dot(slowed - start.linear_velocity) * (h / 2);
-    const double share = owner.begun ? 0.5 : 1;
+    const double share = owner.was_first_sub_step ? 0.5 : 1;
     sums.wrenches += share * h / 2 * (force.dot(slowed + solved) + torque.dot(turned + solved_omega));
-    // The rest of the way, and of the turn, is that of pseudo-velocities.
+    // The rest of the displacement and of the rotation is that of pseudo-velocities.
     sums.corrections += rotation_energy(body, pose.getBasis(), solved_omega) -
                         rotation_energy(body, start.pose.getBasis(), solved_omega) - weight.dot(way - solved * h);
   }
@@ -236,7 +243,7 @@ void EnergyLedger::account(EngineWorld &engine, AmbBody &owner, double h) {
 void EnergyLedger::after_sub_step(EngineWorld &engine, double h) {
   for_free_bodies(engine.world, [&](AmbBody &owner) { account(engine, owner, h); });
   last = free_bodies(engine);
-  const MechanicalEnergy trees = articulations(engine);
-  last += trees;
+  const MechanicalEnergy articulated = articulations(engine);
+  last += articulated;
   last.elastic += springs(h);
 }

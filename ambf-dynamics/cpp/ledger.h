@@ -1,10 +1,11 @@
 // The energy ledger of a world, see energy.h. C++ only.
 //
-// Bullet moves a body by x += v h after its velocity has changed: velocities are those between two poses (leapfrog method), and so is the
-// energy that is conserved. The ledger evaluates the energy of such a body half a sub-step before its pose, `ahead` = h / 2; work of a
-// force F is then F h times the mean of the velocities before and after, exactly. Bodies in exact flight and articulations that
-// integrate their motion have pose and velocity of one instant, `ahead` = 0. Between the two the potential energy changes by F v h / 2, which
-// is booked where the change comes from: under contacts.
+// Bullet moves a body by x += v h after its velocity has changed: velocities belong to the time halfway between two
+// poses (leapfrog method), and the conserved energy does too. The ledger evaluates the energy of such a body half a
+// sub-step before its pose, `pose_lead` = h / 2; the work of a force F is then exactly F h times the mean of the
+// velocities before and after. Bodies with exact integration and articulations have pose and velocity of the same time,
+// `pose_lead` = 0. When a body changes from one to the other its potential energy changes by F v h / 2. Contacts cause
+// this change, so it is added to their work.
 #ifndef AMB_LEDGER_H
 #define AMB_LEDGER_H
 
@@ -19,7 +20,7 @@ extern "C" {
 struct AmbBody;
 class EngineWorld;
 
-// Where a row's work is booked. A spring's is what its elastic energy loses, and its damping.
+// The sum to which the work of a row is added. The work of a spring is that of its elastic energy and its damping.
 enum class WorkKind { Ignored, Motor, BodyDrive, Damping, Joint, Limit, Contact, Friction };
 
 struct MechanicalEnergy {
@@ -39,7 +40,8 @@ class EnergyLedger {
   void stop() { enabled = false; }
   AmbEnergy read() const;
 
-  // Around a sub-step of h s, and between the integration of poses and what else changes velocities.
+  // Called before and after a sub-step of h s; after_motion is called after the integration of poses, before vehicles
+  // and soft bodies change velocities.
   void before_sub_step(EngineWorld &engine, double h);
   void after_motion(EngineWorld &engine);
   void after_sub_step(EngineWorld &engine, double h);
@@ -61,12 +63,13 @@ class EnergyLedger {
   AmbEnergy sums{};
 
  private:
-  // A spring between bodies that are no links: its coordinates at the last two poses, m and rad.
+  // A spring constraint between bodies that are not links: its coordinates at the last two poses, m and rad.
   struct SpringState {
     const btTypedConstraint *spring = nullptr;
     double before[6] = {}, now[6] = {};
 
-    // A rotation vector that has changed its sign at pi is the same orientation: the earlier ones follow.
+    // A rotation vector changes its sign at an angle of pi, for the same orientation: the earlier coordinates are given
+    // the new sign.
     void keep_sign(double x, double y, double z) {
       if (now[3] * x + now[4] * y + now[5] * z > -1) return;
       for (int k = 3; k < 6; ++k) {
@@ -79,12 +82,13 @@ class EnergyLedger {
   MechanicalEnergy free_bodies(EngineWorld &engine) const;
   MechanicalEnergy articulations(EngineWorld &engine) const;
   double springs(double h);
-  void settle_springs(EngineWorld &engine);
+  void update_spring_states(EngineWorld &engine);
   void account(EngineWorld &engine, AmbBody &owner, double h);
 
-  // Springs between bodies are damped by the velocity after the sub-step; Bullet's by that before.
+  // Spring constraints are implicit: damped by the velocity after the sub-step. Bullet's are damped by the velocity
+  // before.
   bool implicit_springs = false;
-  // After the last sub-step.
+  // Energies after the last sub-step.
   MechanicalEnergy last;
   double start_total = 0, start_potential = 0;
   Vector<SpringState> spring_states;

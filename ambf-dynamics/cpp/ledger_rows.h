@@ -1,4 +1,4 @@
-// Books the work of a solver's rows. C++ only.
+// Adds the work of a solver's rows to the energy ledger. C++ only.
 #ifndef AMB_LEDGER_ROWS_H
 #define AMB_LEDGER_ROWS_H
 
@@ -8,20 +8,22 @@
 #include "ledger.h"
 #include "position_error.h"
 #include "soft_rows.h"
-#include "tie_solver.h"
+#include "articulation_solver.h"
 
-// Of an articulation, in the coordinates of its rows: velocities at the beginning of the sub-step and after its free motion.
+// Writes the velocities z of an articulation (see ArticulationDynamics::factor_inertia) at the beginning of the
+// sub-step and after its free motion.
 void read_rates(const btMultiBody &multi_body, Vector<btScalar> &start, Vector<btScalar> &free);
 
-// Any solver of the sequential-impulse family. The work of a row is its impulse times the mean of its velocities before and after the
-// sub-step: for rigid bodies the sum over all rows, and forces, is exactly the change of kinetic energy.
+// Any solver of the sequential-impulse family. The work of a row is its impulse times the mean of its velocities before
+// and after the sub-step: for rigid bodies the sum over all rows, and forces, is exactly the change of kinetic energy.
 template <class Base>
 class WithLedger : public Base {
-  static constexpr bool HAS_TREES = std::is_base_of_v<TieSolver, Base>;
+  static constexpr bool HAS_ARTICULATIONS = std::is_base_of_v<ArticulationSolver, Base>;
 
  public:
   template <class... Arguments>
-  explicit WithLedger(EnergyLedger &owner, Arguments &&...arguments) : Base(std::forward<Arguments>(arguments)...), ledger(owner) {}
+  explicit WithLedger(EnergyLedger &owner, Arguments &&...arguments)
+      : Base(std::forward<Arguments>(arguments)...), ledger(owner) {}
 
  protected:
   btScalar solveGroupCacheFriendlyFinish(btCollisionObject **bodies, int n, const btContactSolverInfo &info) override {
@@ -43,7 +45,7 @@ class WithLedger : public Base {
     book_all(this->m_tmpSolverContactConstraintPool, WorkKind::Contact);
     book_all(this->m_tmpSolverContactFrictionConstraintPool, WorkKind::Friction);
     book_all(this->m_tmpSolverContactRollingFrictionConstraintPool, WorkKind::Friction);
-    if constexpr (HAS_TREES) {
+    if constexpr (HAS_ARTICULATIONS) {
       btMultiBodyConstraintArray &rows = this->m_multiBodyNonContactConstraints;
       for (int i = 0; i < rows.size(); ++i) {
         const auto &owner = *static_cast<const EngineRows *>(rows[i].m_orgConstraint);
@@ -56,7 +58,8 @@ class WithLedger : public Base {
     }
   }
 
-  // Bounds tell what a row is for: none hold a position, one that is 0 with the other open is a limit, two drive.
+  // The kind of a row follows from its bounds: unbounded on both sides is a joint, on one side a limit, bounded on both
+  // a motor.
   static WorkKind kind_of(const btTypedConstraint &constraint, const btSolverConstraint &row, int index) {
     const bool is_spring = constraint.getConstraintType() == D6_SPRING_2_CONSTRAINT_TYPE;
     const SoftRows *soft = soft_rows_of(constraint);
@@ -67,7 +70,7 @@ class WithLedger : public Base {
     const bool is_soft = is_spring && soft && index >= soft->first && index < soft->first + soft->count;
     if (low_open && high_open && !is_soft) return WorkKind::Joint;
     if (low_open != high_open) return WorkKind::Limit;
-    // A spring's elastic energy and damping follow from its coordinates.
+    // The work of a spring is computed from its coordinates, see EnergyLedger::springs.
     return is_spring ? WorkKind::Ignored : WorkKind::Motor;
   }
 
@@ -76,7 +79,7 @@ class WithLedger : public Base {
     for (int i = 0; i < rows.size(); ++i) ledger.book(kind, work_of(rows[i]));
   }
 
-  // Sum of the velocities of a body before and after along a row.
+  // Sum of the velocities J v of one body before and after the sub-step, m/s or rad/s.
   static double speeds_of(const btSolverBody &body, const btVector3 &linear, const btVector3 &angular) {
     if (!body.m_originalBody || body.m_originalBody->getInvMass() <= 0) return 0;
     return linear.dot(body.m_linearVelocity * 2 + body.m_externalForceImpulse + body.getDeltaLinearVelocity()) +
@@ -85,9 +88,11 @@ class WithLedger : public Base {
 
   double work_of(const btSolverConstraint &row) {
     if (row.m_appliedImpulse == btScalar(0)) return 0;
-    const btSolverBody &a = this->m_tmpSolverBodyPool[row.m_solverBodyIdA], &b = this->m_tmpSolverBodyPool[row.m_solverBodyIdB];
-    return row.m_appliedImpulse / 2 * (speeds_of(a, row.m_contactNormal1, row.m_relpos1CrossNormal) +
-                                       speeds_of(b, row.m_contactNormal2, row.m_relpos2CrossNormal));
+    const btSolverBody &a = this->m_tmpSolverBodyPool[row.m_solverBodyIdA],
+                       &b = this->m_tmpSolverBodyPool[row.m_solverBodyIdB];
+    return row.m_appliedImpulse / 2 *
+           (speeds_of(a, row.m_contactNormal1, row.m_relpos1CrossNormal) +
+            speeds_of(b, row.m_contactNormal2, row.m_relpos2CrossNormal));
   }
 
   double work_of(btMultiBodySolverConstraint &row) {
@@ -95,8 +100,8 @@ class WithLedger : public Base {
     double sum = 0;
     for (const auto &side : this->sides_of(row).sides) {
       if (side.body) sum += speeds_of(*side.body, side.linear, side.angular);
-      if (!side.tree) continue;
-      read_rates(*side.tree, start_rates, free_rates);
+      if (!side.multi_body) continue;
+      read_rates(*side.multi_body, start_rates, free_rates);
       for (int k = 0; k < side.n; ++k) {
         const btScalar change = this->m_data.m_deltaVelocities[side.velocity + k];
         sum += this->m_data.m_jacobians[side.jacobian + k] * (start_rates[k] + free_rates[k] + change);

@@ -1,4 +1,4 @@
-// How errors of position are corrected: tuned numbers, and which part of a joint's error belongs to its motion. C++ only.
+// Parameters of the position correction, and the velocity bias of joints by the curvature of their motion. C++ only.
 #ifndef AMB_POSITION_ERROR_H
 #define AMB_POSITION_ERROR_H
 
@@ -6,42 +6,45 @@
 
 #include <algorithm>
 
-// Velocity that counts as none at any scale, m/s or rad/s.
+// Velocities up to this count as 0, m/s or rad/s.
 constexpr double NO_SPEED = 1e-14;
-// Bounds beyond this are none, N s or N m s.
+// Bounds of impulses beyond this are infinite, N s or N m s.
 constexpr btScalar UNBOUNDED = 1e9;
-// Fastest correction of a joint or loop, m/s and rad/s, and of what is beyond a limit.
+// Largest correction velocity of joints, m/s and rad/s, and of violated limits.
 constexpr btScalar MAX_CORRECTION_SPEED = 10, MAX_CORRECTION_RATE = 50, MAX_RETURN_SPEED = 1, MAX_RETURN_RATE = 5;
-// The problem of positions is solved in sub-steps in which a joint asks for a faster correction than this, m/s or rad/s, or a contact is
-// deeper than this, m.
+// The position problem is solved only if the correction velocity of a joint exceeds MIN_CORRECTION, m/s or rad/s, or
+// the penetration depth of a contact exceeds MIN_DEPTH, m.
 constexpr double MIN_CORRECTION = 1e-6;
 constexpr btScalar MIN_DEPTH = 1e-5;
-// Errors of joints and contacts below this multiple of those are corrected in every so many sub-steps only.
+// Errors below URGENT_CORRECTION times these thresholds are corrected in every CORRECTION_INTERVAL-th sub-step only.
 constexpr double URGENT_CORRECTION = 20;
 constexpr unsigned CORRECTION_INTERVAL = 4;
-// CFM of the position problem as a share of the diagonal, of joints and of contacts: contradictory rows share what cannot be reached, and
-// joints and grips are the stiffer ones.
+// CFM of the position problem as a share of the diagonal, of joints and of contacts: infeasible rows end in a
+// least-squares compromise, in which joints and grips are stiffer than contacts.
 constexpr double POSITION_SOFTNESS = 1e-6, CONTACT_POSITION_SOFTNESS = 1e-4;
-// Largest softness, as a share of the diagonal, of a row that holds a position rather than drives.
+// Largest CFM, as a share of the diagonal, of a row that constrains a position; softer rows are drives.
 constexpr btScalar MAX_GEOMETRIC_SOFTNESS = 1e-3;
-// Largest angle a sub-step for which the motion of a joint's frames is taken for a parabola, rad.
+// Largest turn in a sub-step for which the motion of joint frames is approximated to second order, rad.
 constexpr btScalar MAX_CURVED_TURN = 0.3;
 
-// Push-out velocity of a contact of that penetration depth, m/s: proportional to it, between bounds.
+// Push-out (depenetration) velocity of a contact, m/s: RATE (1/s) times the penetration depth (m), clamped to
+// [MIN_SPEED, MAX_SPEED].
 inline btScalar push_out_speed(btScalar depth) {
-  constexpr btScalar RATE = 10, SLOWEST = 0.05, FASTEST = 1;
-  return std::min(std::max(depth * RATE, SLOWEST), FASTEST);
+  constexpr btScalar RATE = 10, MIN_SPEED = 0.05, MAX_SPEED = 1;
+  return std::min(std::max(depth * RATE, MIN_SPEED), MAX_SPEED);
 }
 
-// Bodies move along tangents, x += v h, so that the frames of a joint part by terms of second order in h: by
-// h^2 (w_B x (w_B x r_B) - w_A x (w_A x r_A) - 2 w_A x u) / 2 at the pivot, where r leads from the centre of mass to the pivot and u is the
-// velocity of B's pivot in A, and by the like for the axis of a hinge. The velocity that undoes this is the centripetal one in the middle of the
-// sub-step and belongs to the motion (leapfrog method): without it turning loops would lose energy. It is predicted from the velocities and
-// not from the gap, so that joints which cannot be closed do not feed energy into the motion.
+// Velocity bias of a joint by the curvature of its motion. Bodies move along tangents, x += v h, so that the two pivots
+// of a joint separate by terms of second order in h: h^2 (w_B x (w_B x r_B) - w_A x (w_A x r_A) - 2 w_A x u) / 2, where
+// r is the arm from the centre of mass to the pivot and u is the velocity of B's pivot relative to A; the axes of a
+// hinge do correspondingly. The bias that compensates this is the centripetal acceleration times h / 2 and is part of
+// the motion (leapfrog method): without it rotating loops would lose energy. It is computed from the velocities and not
+// from the gap, so that infeasible joints add no energy to the motion.
 class JointMotion {
  public:
-  // A row that holds a position: its Jacobian, linear and angular part on either body.
-  void add_row(const btVector3 &linear_a, const btVector3 &angular_a, const btVector3 &linear_b, const btVector3 &angular_b) {
+  // Adds a row that constrains a position, by the linear and angular part of its Jacobian for both bodies.
+  void add_row(const btVector3 &linear_a, const btVector3 &angular_a, const btVector3 &linear_b,
+               const btVector3 &angular_b) {
     if (linear_a.isZero()) {
       if (angular_rows < 2) axes[angular_rows] = angular_a;
       ++angular_rows;
@@ -49,18 +52,20 @@ class JointMotion {
     }
     if (linear_rows < 2) normals[linear_rows] = linear_a;
     ++linear_rows;
-    // n x (r x n) is the part of r across n.
+    // n x (r x n) is the component of r orthogonal to n.
     arm_a += linear_a.cross(angular_a);
     arm_b += linear_b.cross(angular_b);
   }
 
-  // After all rows; velocities of the centres of mass, m/s and rad/s, step in s, and the arms from the centres of mass to the pivot, m, if they
-  // are known: those of Bullet's rows are mixtures of both pivots.
-  void finish(const btVector3 &velocity_a, const btVector3 &omega_a, const btVector3 &velocity_b, const btVector3 &omega_b, btScalar h,
-              const btVector3 *known_a = nullptr, const btVector3 *known_b = nullptr) {
+  // To be called after all rows were added, with the velocities of both bodies, m/s and rad/s, the sub-step in s and,
+  // if they are known, the arms from the centres of mass to the pivot, m. Arms computed from Bullet's rows mix both
+  // pivots.
+  void finish(const btVector3 &velocity_a, const btVector3 &omega_a, const btVector3 &velocity_b,
+              const btVector3 &omega_b, btScalar h, const btVector3 *known_a = nullptr,
+              const btVector3 *known_b = nullptr) {
     half_step = h / 2;
     const btScalar turn = std::max(omega_a.length(), omega_b.length()) * h;
-    // For larger turns this is no parabola.
+    // For larger turns the second-order term overestimates the separation.
     if (turn > MAX_CURVED_TURN) half_step *= MAX_CURVED_TURN * MAX_CURVED_TURN / (turn * turn);
     if (linear_rows == 3) {
       arm_a *= btScalar(0.5);
@@ -73,16 +78,17 @@ class JointMotion {
     if (known_a) arm_a = *known_a;
     if (known_b) arm_b = *known_b;
     const btVector3 sliding = velocity_b + omega_b.cross(arm_b) - velocity_a - omega_a.cross(arm_a);
-    acceleration = omega_b.cross(omega_b.cross(arm_b)) - omega_a.cross(omega_a.cross(arm_a)) - omega_a.cross(sliding) * 2;
+    acceleration =
+        omega_b.cross(omega_b.cross(arm_b)) - omega_a.cross(omega_a.cross(arm_a)) - omega_a.cross(sliding) * 2;
     if (angular_rows == 2) {
       const btVector3 axis = axes[0].cross(axes[1]);
       tilting = omega_a.cross(axis) * omega_a.dot(axis) - omega_b.cross(axis) * omega_b.dot(axis);
     }
   }
 
-  // Target of a row with that linear part on body B, m/s.
+  // Bias of a linear row whose Jacobian has this linear part for body B, m/s.
   btScalar linear_target(const btVector3 &linear_b) const { return -half_step * linear_b.dot(acceleration); }
-  // Target of a row with that angular part on body A, rad/s.
+  // Bias of an angular row whose Jacobian has this angular part for body A, rad/s.
   btScalar angular_target(const btVector3 &angular_a) const { return half_step * angular_a.dot(tilting); }
 
  private:

@@ -1,4 +1,4 @@
-// What makes motion of joined bodies of second order in the sub-step. C++ only.
+// Second-order (leapfrog) integration of bodies with constraints. C++ only.
 #ifndef AMB_SECOND_ORDER_H
 #define AMB_SECOND_ORDER_H
 
@@ -7,9 +7,10 @@
 
 #include "internal.h"
 
-// Bullet adds the forces at a pose to the velocity and then moves by it, x += v h: the leapfrog method, which is of second order in h
-// where velocities are those between two poses. For that, forces act for half a sub-step in the first one, and the gyroscopic torque
-// is that at the pose. Of free bodies, flight.h is more exact.
+// Bullet adds the forces at a pose to the velocity, v' = v + a h, and then the velocity to the pose, x += v' h. This is
+// the leapfrog method, of second order in h, if velocities are those halfway between two poses. For that, forces act
+// for half of the first sub-step after a pose was set, and the gyroscopic torque is evaluated at the pose. Free bodies
+// are integrated more exactly, see flight.h.
 template <class Base>
 class SecondOrder : public Base {
  public:
@@ -20,24 +21,24 @@ class SecondOrder : public Base {
     Base::convertBodies(bodies, n, info);
     for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i) {
       btSolverBody &row = this->m_tmpSolverBodyPool[i];
-      AmbBody *owner = held_body_of(row);
+      AmbBody *owner = constrained_body_of(row);
       if (!owner) continue;
       const btRigidBody &body = owner->body;
       const btScalar h = info.m_timeStep;
       if (body.getFlags() & BT_ENABLE_GYROSCOPIC_FORCE_IMPLICIT_BODY) {
         const btVector3 forced = body.getInvInertiaTensorWorld() * body.getTotalTorque() * h;
         btVector3 turned;
-        if (gyroscopic_change(body, owner->turned, h, turned)) {
+        if (gyroscopic_change(body, owner->other_angular_change, h, turned)) {
           row.m_externalTorqueImpulse = forced + turned;
         } else {
           turned = row.m_externalTorqueImpulse - forced;
         }
-        owner->turned = -turned;
+        owner->other_angular_change = -turned;
       }
-      if (owner->begins) {
+      if (owner->is_first_sub_step) {
         row.m_externalForceImpulse *= btScalar(0.5);
         row.m_externalTorqueImpulse *= btScalar(0.5);
-        owner->turned *= btScalar(0.5);
+        owner->other_angular_change *= btScalar(0.5);
       }
     }
   }
@@ -45,24 +46,25 @@ class SecondOrder : public Base {
   btScalar solveGroupCacheFriendlyFinish(btCollisionObject **bodies, int n, const btContactSolverInfo &info) override {
     for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i) {
       btSolverBody &row = this->m_tmpSolverBodyPool[i];
-      AmbBody *owner = held_body_of(row);
+      AmbBody *owner = constrained_body_of(row);
       if (!owner) continue;
-      owner->turned += row.internalGetDeltaAngularVelocity() + row.m_externalTorqueImpulse;
-      if (owner->begins) owner->turned *= 2;
-      owner->begins = false;
+      owner->other_angular_change += row.internalGetDeltaAngularVelocity() + row.m_externalTorqueImpulse;
+      if (owner->is_first_sub_step) owner->other_angular_change *= 2;
+      owner->is_first_sub_step = false;
     }
     return Base::solveGroupCacheFriendlyFinish(bodies, n, info);
   }
 
  private:
-  static AmbBody *held_body_of(const btSolverBody &row) {
+  static AmbBody *constrained_body_of(const btSolverBody &row) {
     AmbBody *owner = row.m_originalBody && row.m_originalBody->getInvMass() > 0 ? body_of(row.m_originalBody) : nullptr;
-    return owner && owner->held > 0 ? owner : nullptr;
+    return owner && owner->constraint_count > 0 ? owner : nullptr;
   }
 
-  // What the gyroscopic torque adds to the angular velocity w: I d = -h v x I v at the mean v = w + d / 2 + other / 2 of the velocities
-  // before and after, of which what other torques add is guessed from the sub-step before. Alone it conserves the energy. False: no
-  // solution was found, because the body turns too far in h.
+  // Finds the change d of the angular velocity w by the gyroscopic torque, rad/s: I d = -h v x I v at the mean v = w +
+  // d / 2 + other / 2 of the velocities before and after, where `other`, the change by other torques, is that of the
+  // last sub-step. Without other torques it conserves the kinetic energy. Returns false if Newton's method does not
+  // converge because the body turns too far in h.
   static bool gyroscopic_change(const btRigidBody &body, const btVector3 &other, btScalar h, btVector3 &change) {
     const btVector3 &inverse = body.getInvInertiaDiagLocal();
     if (!(inverse.x() > 0 && inverse.y() > 0 && inverse.z() > 0)) return false;
@@ -77,7 +79,7 @@ class SecondOrder : public Base {
         change = pose * d;
         return true;
       }
-      // Derivative of v x I v, in whose columns I scales that of v.
+      // Half of h times the derivative of v x I v by v, plus I.
       btMatrix3x3 slope, by_momentum;
       v.getSkewSymmetricMatrix(&slope[0], &slope[1], &slope[2]);
       momentum.getSkewSymmetricMatrix(&by_momentum[0], &by_momentum[1], &by_momentum[2]);

@@ -1,4 +1,4 @@
-// Rows whose velocity gives way to their impulse: J v = target - softness * impulse. C++ only.
+// Soft rows (compliant constraints): J v = target - softness * impulse. C++ only.
 #ifndef AMB_SOFT_ROWS_H
 #define AMB_SOFT_ROWS_H
 
@@ -8,14 +8,14 @@
 #include "extension.h"
 
 inline const SoftRows *soft_rows_of(const btTypedConstraint &constraint) {
-  // Without a user pointer the same bytes hold the number -1.
-  return constraint.getUserConstraintId() == -1 ? nullptr
-                                                : static_cast<const SoftRows *>(
-                                                      const_cast<btTypedConstraint &>(constraint).getUserConstraintPtr());
+  // The user pointer shares its bytes with the user id, which is -1 by default.
+  if (constraint.getUserConstraintId() == -1) return nullptr;
+  return static_cast<const SoftRows *>(const_cast<btTypedConstraint &>(constraint).getUserConstraintPtr());
 }
 
-// Bullet leaves softness out of what it divides by, which diverges for rows that give way more than their bodies do. To be called
-// after all rows of `constraints` were set up; `rows_of(i)` is the number of rows of the i-th, `found` is told the index of each soft row.
+// Includes the softness in the effective mass of soft rows. Bullet leaves it out, and its iterations diverge for rows
+// whose softness exceeds J M^-1 J^T. To be called after all rows of `constraints` were set up. `rows_of(i)` is the
+// number of rows of constraint i; `found` is called with the index of each soft row.
 template <typename RowsOf, typename Found>
 void soften_rows(btTypedConstraint *const *constraints, int n, RowsOf rows_of, btConstraintArray &rows, Found found) {
   int first = 0;
@@ -39,7 +39,7 @@ void soften_rows(btTypedConstraint *const *constraints, int n, RowsOf rows_of, b
   }
 }
 
-// Any solver of the sequential-impulse family that knows soft rows.
+// Adds soft rows to a solver of the sequential-impulse family.
 template <class Base>
 struct WithSoftRows : Base {
   using Base::Base;
@@ -49,14 +49,15 @@ struct WithSoftRows : Base {
     Base::convertJoints(constraints, n, info);
     soft.resize(0);
     const auto rows_of = [this](int i) { return int(this->m_tmpConstraintSizesPool[i].m_numConstraintRows); };
-    soften_rows(constraints, n, rows_of, this->m_tmpSolverNonContactConstraintPool, [this](int row) { soft.push_back(row); });
+    soften_rows(constraints, n, rows_of, this->m_tmpSolverNonContactConstraintPool,
+                [this](int row) { soft.push_back(row); });
   }
 
-  // Their indices among the rows of joints.
+  // Indices of the soft rows among the rows of joints.
   btAlignedObjectArray<int> soft;
 };
 
-// An MLCP solver that knows them: it has to see the softness in the diagonal of its matrix.
+// Adds soft rows to an MLCP solver, with the softness in the diagonal of its matrix.
 template <class Base>
 struct WithSoftMatrix : WithSoftRows<Base> {
   using WithSoftRows<Base>::WithSoftRows;

@@ -1,23 +1,26 @@
-// The angular coordinates of a six-dof spring that is elastic about all three axes, in worlds of AmbSolver_Accurate. C++ only.
+// The angular coordinates of a six-dof spring that is elastic about all three axes, in worlds of AmbSolver_Accurate.
+// C++ only.
 #ifndef AMB_SPRING_ROTATION_H
 #define AMB_SPRING_ROTATION_H
 
 #include <BulletDynamics/ConstraintSolver/btGeneric6DofSpring2Constraint.h>
 
-// The rotation vector phi, rad, that takes B from where the springs are at rest to where it is: R = R_A R_0 exp([phi]), R_0 being the rest
-// orientation of B in A. The elastic energy sum k_i phi_i^2 / 2 is a continuous function of the orientation, also at |phi| = pi, where phi
-// changes its sign. That of Bullet's Euler angles jumps where one of them wraps and where the middle one is a right angle, and the axes that
-// Bullet gives their torques are not the gradients of the angles.
+// The rotation vector phi, rad, from the rest orientation of B to its present one: R = R_A R_0 exp([phi]), where R_0 is
+// the rest orientation of B in A. The elastic energy sum k_i phi_i^2 / 2 is a continuous function of the orientation,
+// also at |phi| = pi, where phi changes its sign. The energy of Bullet's Euler angles jumps where an angle wraps and
+// where the middle angle is pi / 2, and the axes of Bullet's torques are not the gradients of the angles.
 //
 // With w the angular velocity of B relative to A, d phi / dt = J(phi) (R_A R_0)^T w, where
 //   J(phi) = 1 - [phi] / 2 + c [phi]^2,   c = (1 - (t / 2) cot(t / 2)) / t^2,   t = |phi|
-// (J. Sola, J. Deray, D. Atchuthan, A micro Lie theory for state estimation in robotics, 2018, eq. 146: the inverse of the left Jacobian).
+// (J. Sola, J. Deray, D. Atchuthan, A micro Lie theory for state estimation in robotics, 2018, eq. 146: the inverse of
+// the left Jacobian).
 struct SpringRotation {
   btVector3 phi;
   // Row i, in world axes: d phi_i / dt = gradient[i] . w.
   btMatrix3x3 gradient;
 
-  // Whether a spring has these coordinates. About one or two axes, with the others free or locked, they are Bullet's angles.
+  // Whether these coordinates apply to a spring: it is elastic about all three axes. For springs about one or two axes,
+  // with the others free or locked, Bullet's angles are used.
   static bool holds_for(const btGeneric6DofSpring2Constraint &spring) {
     auto &it = const_cast<btGeneric6DofSpring2Constraint &>(spring);
     for (int i = 0; i < 3; ++i) {
@@ -27,7 +30,8 @@ struct SpringRotation {
   }
 
   explicit SpringRotation(const btGeneric6DofSpring2Constraint &spring) {
-    const btMatrix3x3 &a = spring.getCalculatedTransformA().getBasis(), &b = spring.getCalculatedTransformB().getBasis();
+    const btMatrix3x3 &a = spring.getCalculatedTransformA().getBasis(),
+                      &b = spring.getCalculatedTransformB().getBasis();
     const btMatrix3x3 rest = a * rest_of(spring);
     btQuaternion q;
     (rest.transpose() * b).getRotation(q);
@@ -47,7 +51,7 @@ struct SpringRotation {
   }
 
  private:
-  // Bullet's angles x, y, z say that B is turned by (R_x(x) R_y(y) R_z(z))^T relative to A.
+  // For Bullet's angles x, y, z the rotation of B relative to A is (R_x(x) R_y(y) R_z(z))^T.
   static btMatrix3x3 rest_of(const btGeneric6DofSpring2Constraint &spring) {
     auto &it = const_cast<btGeneric6DofSpring2Constraint &>(spring);
     btMatrix3x3 turned = btMatrix3x3::getIdentity();

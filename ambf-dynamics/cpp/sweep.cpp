@@ -9,17 +9,20 @@
 
 namespace {
 
-// Of the largest sphere in the body: when it touches, the body itself overlaps enough for the narrow phase to see the contact.
-const btScalar kShareOfSphere = 0.9;
-// Gap, in radii, at which a sphere counts as touching.
-const btScalar kTouch = 0.01;
-// Motion along the normal, in radii, that the narrow phase can be left to deal with: the centre stays on its side.
-const btScalar kHarmless = 0.5;
+// Radius of the swept sphere as a share of that of the largest sphere in the body: when the swept sphere touches, the
+// body itself penetrates enough for the narrow phase to find the contact.
+const btScalar SWEPT_SHARE = 0.9;
+// Gap, in radii, up to which a sphere counts as touching.
+const btScalar TOUCH_GAP = 0.01;
+// Motion along the normal, in radii, up to which no sweep is needed: the centre of the sphere stays on its side of the
+// surface.
+const btScalar MAX_UNSWEPT_MOTION = 0.5;
 
-// What a body may move at least, in radii: it never hangs before something that the narrow phase sees no contact with.
-const btScalar kCreep = 0.1;
+// Smallest motion of a body that is stopped, in radii, so that it cannot stay in front of an obstacle without a
+// contact.
+const btScalar MIN_MOTION = 0.1;
 
-// A sphere on its way.
+// A sphere and its displacement in a sub-step, m.
 struct Sweep {
   btVector3 from, motion;
   btScalar radius;
@@ -37,8 +40,9 @@ struct Sweep {
   Sweep in(const btTransform &frame) const { return {frame.invXform(from), motion * frame.getBasis(), radius}; }
 };
 
-// Share of the motion after which the sphere touches a convex shape; 1: it does not, or not in a way that matters. Conservative
-// advancement: the distance along the normal is never overestimated for a convex shape.
+// Share of the motion at which the sphere touches a convex shape; 1: it does not, or moves along the normal by less
+// than MAX_UNSWEPT_MOTION. Conservative advancement: the distance along the normal is never overestimated for a convex
+// shape.
 btScalar impact_convex(const Sweep &sweep, const btConvexShape &shape, const btTransform &pose) {
   const btSphereShape ball(sweep.radius);
   btVoronoiSimplexSolver simplex;
@@ -52,9 +56,9 @@ btScalar impact_convex(const Sweep &sweep, const btConvexShape &shape, const btT
     detector.getClosestPoints(input, nearest, nullptr);
     if (!nearest.m_hasResult) return 1;
     const btScalar closing = -nearest.m_normalOnBInWorld.dot(sweep.motion);
-    if (!(closing > kHarmless * sweep.radius)) return 1;
-    if (nearest.m_distance <= kTouch * sweep.radius) return share;
-    share += (nearest.m_distance - kTouch * sweep.radius / 2) / closing;
+    if (!(closing > MAX_UNSWEPT_MOTION * sweep.radius)) return 1;
+    if (nearest.m_distance <= TOUCH_GAP * sweep.radius) return share;
+    share += (nearest.m_distance - TOUCH_GAP * sweep.radius / 2) / closing;
     if (!(share < 1)) return 1;
   }
   return share;
@@ -63,9 +67,9 @@ btScalar impact_convex(const Sweep &sweep, const btConvexShape &shape, const btT
 btScalar impact_plane(const Sweep &sweep, const btStaticPlaneShape &plane) {
   const btScalar closing = -plane.getPlaneNormal().dot(sweep.motion);
   const btScalar distance = plane.getPlaneNormal().dot(sweep.from) - plane.getPlaneConstant() - sweep.radius;
-  // What is below a plane as a whole is for the narrow phase to bring back.
-  if (!(closing > kHarmless * sweep.radius) || distance < -2 * sweep.radius) return 1;
-  return std::clamp((distance - kTouch * sweep.radius / 2) / closing, btScalar(0), btScalar(1));
+  // A sphere that is completely below the plane is left to the penetration correction.
+  if (!(closing > MAX_UNSWEPT_MOTION * sweep.radius) || distance < -2 * sweep.radius) return 1;
+  return std::clamp((distance - TOUCH_GAP * sweep.radius / 2) / closing, btScalar(0), btScalar(1));
 }
 
 struct TriangleImpact : btTriangleCallback {
@@ -109,10 +113,13 @@ btScalar impact(const Sweep &sweep, const btCollisionShape &shape, const btTrans
   return triangles.share;
 }
 
-// The first thing that a body hits within dt.
+// Finds the first object that a body hits within dt s.
 struct FirstImpact : btBroadphaseAabbCallback {
   FirstImpact(AmbWorld &in, const btRigidBody &of, btScalar radius, btScalar step)
-      : world(in), body(of), dt(step), sweep{of.getWorldTransform().getOrigin(), of.getLinearVelocity() * step, radius} {}
+      : world(in),
+        body(of),
+        dt(step),
+        sweep{of.getWorldTransform().getOrigin(), of.getLinearVelocity() * step, radius} {}
 
   bool process(const btBroadphaseProxy *proxy) override {
     auto *object = static_cast<btCollisionObject *>(proxy->m_clientObject);
@@ -141,8 +148,8 @@ struct FirstImpact : btBroadphaseAabbCallback {
   btScalar share = 1;
 };
 
-// Radius of the largest sphere about `centre` within a convex shape: the least value of its support function over all directions,
-// found by descent from many of them. Not positive if the centre lies outside.
+// Radius of the largest sphere about `centre` within a convex shape: the least value of its support function over all
+// directions, found by descent from many of them. Not positive if the centre lies outside.
 btScalar inner_radius(const btConvexShape &shape, const btVector3 &centre) {
   btScalar least = BT_LARGE_FLOAT;
   for (int start = 0; start < 27; ++start) {
@@ -163,7 +170,8 @@ btScalar inner_radius(const btConvexShape &shape, const btVector3 &centre) {
 }
 
 btScalar inner_radius(const btCollisionShape &shape, const btTransform &pose) {
-  if (shape.isConvex()) return inner_radius(static_cast<const btConvexShape &>(shape), pose.invXform(btVector3(0, 0, 0)));
+  if (shape.isConvex())
+    return inner_radius(static_cast<const btConvexShape &>(shape), pose.invXform(btVector3(0, 0, 0)));
   if (!shape.isCompound()) return 0;
   const auto &compound = static_cast<const btCompoundShape &>(shape);
   btScalar most = 0;
@@ -183,7 +191,7 @@ void find_impacts(EngineWorld &engine, const btAlignedObjectArray<btRigidBody *>
     AmbBody *owner = body_of(&body);
     if (!owner || owner->swept_radius <= 0 || !body.isActive()) continue;
     const btScalar radius = owner->swept_radius, way = body.getLinearVelocity().length2() * dt * dt;
-    // A way that is not finite is for the search for such states to report.
+    // A displacement that is not finite is reported by amb_bodies_first_lost.
     if (way <= radius * radius || !std::isfinite(way)) continue;
     FirstImpact first(world, body, radius, dt);
     btVector3 low, high;
@@ -191,7 +199,7 @@ void find_impacts(EngineWorld &engine, const btAlignedObjectArray<btRigidBody *>
     world.broadphase.aabbTest(low, high, first);
     if (first.share >= 1) continue;
     AmbImpact impact{owner, btTransform()};
-    const btScalar share = btMax(first.share, kCreep * radius / btSqrt(way));
+    const btScalar share = btMax(first.share, MIN_MOTION * radius / btSqrt(way));
     body.predictIntegratedTransform(dt * share, impact.pose);
     engine.impacts.push_back(impact);
   }
@@ -200,8 +208,8 @@ void find_impacts(EngineWorld &engine, const btAlignedObjectArray<btRigidBody *>
 void stop_at_impacts(EngineWorld &engine) {
   for (const AmbImpact &impact : engine.impacts) {
     impact.body->body.proceedToTransform(impact.pose);
-    // Its way was not one of free flight.
-    impact.body->touched = engine.sub_step + 1;
+    // The body is not to be integrated as a free body in this sub-step.
+    impact.body->contact_sub_step = engine.sub_step + 1;
   }
 }
 
@@ -209,7 +217,7 @@ extern "C" {
 
 int amb_world_set_continuous(AmbWorld *world, AmbBody *body, int enabled) {
   const btScalar radius = enabled ? inner_radius(*body->shape->shape, btTransform::getIdentity()) : 0;
-  body->swept_radius = std::isfinite(radius) ? kShareOfSphere * btMax(radius, btScalar(0)) : 0;
+  body->swept_radius = std::isfinite(radius) ? SWEPT_SHARE * btMax(radius, btScalar(0)) : 0;
   engine_of(*world).has_continuous |= body->swept_radius > 0;
   return body->swept_radius > 0;
 }

@@ -1,4 +1,5 @@
-// A plain Bullet program for scenes that were built through the shim: its bodies, constraints, solver and numbers, and no more.
+// A plain Bullet program for scenes that were built through the shim: the same bodies, constraints, solver and
+// parameters only.
 #include "../shim/internal.h"
 
 #include <BulletCollision/Gimpact/btGImpactCollisionAlgorithm.h>
@@ -7,7 +8,7 @@
 
 namespace {
 
-// What is left out, as the benchmark numbers it.
+// Work that is skipped; bits as in the benchmark.
 enum Skip { MotionStates = 1, Prediction = 2, PairLists = 4, StaticBodies = 8, SingleCompounds = 16 };
 
 class BareWorld : public btDiscreteDynamicsWorld {
@@ -31,11 +32,12 @@ void skip_ignored(btBroadphasePair &pair, btCollisionDispatcher &dispatcher, con
   if (!object_of(a)->ignores(*object_of(b))) btCollisionDispatcher::defaultNearCallback(pair, dispatcher, info);
 }
 
-// The shape in a compound of one that has no offset.
+// The child of a compound with one child at the identity pose; else the shape itself.
 btCollisionShape *single(btCollisionShape *shape) {
   if (!shape->isCompound()) return shape;
   auto &compound = static_cast<btCompoundShape &>(*shape);
-  const bool is_single = compound.getNumChildShapes() == 1 && compound.getChildTransform(0) == btTransform::getIdentity();
+  const bool is_single =
+      compound.getNumChildShapes() == 1 && compound.getChildTransform(0) == btTransform::getIdentity();
   return is_single ? compound.getChildShape(0) : shape;
 }
 
@@ -53,36 +55,38 @@ struct Bare {
 
 extern "C" {
 
-// Takes the scene over, to step it with some skips; null for scenes with more than rigid bodies and constraints. The shim's world must not be used or freed after.
+// Moves the scene of a shim's world into a plain world; null for scenes with other objects than rigid bodies and
+// constraints. The shim's world must not be used or freed afterwards.
 Bare *bare_take(AmbWorld *from, int skips) {
   btDiscreteDynamicsWorld &old = *from->world;
   btCollisionObjectArray &objects = old.getCollisionObjectArray();
   std::vector<AmbBody *> owners;
   for (int i = 0; i < objects.size(); ++i) {
     AmbBody *owner = body_of(objects[i]);
-    if (!owner || from->soft || from->trees) return nullptr;
+    if (!owner || from->soft || from->articulated) return nullptr;
     owners.push_back(owner);
   }
   std::vector<std::pair<btTypedConstraint *, bool>> constraints;
   for (int i = 0; i < old.getNumConstraints(); ++i) {
     btTypedConstraint *constraint = old.getConstraint(i);
     const btRigidBody &a = constraint->getRigidBodyA();
-    bool parts = false;
+    bool disables_collision = false;
     for (int k = 0; k < a.getNumConstraintRefs(); ++k) {
-      parts |= const_cast<btRigidBody &>(a).getConstraintRef(k) == constraint;
+      disables_collision |= const_cast<btRigidBody &>(a).getConstraintRef(k) == constraint;
     }
-    constraints.emplace_back(constraint, parts);
+    constraints.emplace_back(constraint, disables_collision);
   }
   auto *bare = new Bare;
   bare->solver = std::move(from->solver);
-  bare->world = std::make_unique<BareWorld>(&bare->dispatcher, &bare->broadphase, bare->solver.get(), &bare->configuration);
+  bare->world =
+      std::make_unique<BareWorld>(&bare->dispatcher, &bare->broadphase, bare->solver.get(), &bare->configuration);
   bare->world->skips = skips;
   if (skips & PairLists) bare->dispatcher.setNearCallback(skip_ignored);
   bare->world->setForceUpdateAllAabbs(!(skips & StaticBodies));
   if (from->has_gimpact) btGImpactCollisionAlgorithm::registerAlgorithm(&bare->dispatcher);
   bare->world->getSolverInfo() = old.getSolverInfo();
   bare->world->setGravity(old.getGravity());
-  for (auto &[constraint, parts] : constraints) old.removeConstraint(constraint);
+  for (auto &[constraint, disables_collision] : constraints) old.removeConstraint(constraint);
   for (AmbBody *owner : owners) {
     btRigidBody &body = owner->body;
     const btVector3 gravity = body.getGravity();
@@ -95,9 +99,9 @@ Bare *bare_take(AmbWorld *from, int skips) {
     body.setGravity(gravity);
     bare->bodies.push_back(&body);
   }
-  for (auto &[constraint, parts] : constraints) bare->world->addConstraint(constraint, parts);
+  for (auto &[constraint, disables_collision] : constraints) bare->world->addConstraint(constraint, disables_collision);
   if (skips & PairLists) return bare;
-  // Bullet's own lists in place of our bit sets.
+  // Bullet's lists of ignored objects instead of the shim's bit sets.
   for (AmbBody *a : owners) {
     for (AmbBody *b : owners) {
       if (a->index < b->index && a->ignores(*b)) a->body.setIgnoreCollisionCheck(&b->body, true);
@@ -110,7 +114,7 @@ void bare_step(Bare *bare, int steps, double dt) {
   for (int i = 0; i < steps; ++i) bare->world->stepSimulation(dt, 10, dt);
 }
 
-// Of every body its motion state (12), linear (3) and angular (3) velocity.
+// Writes the motion state (12), linear (3) and angular (3) velocity of every body.
 void bare_states(const Bare *bare, double *out) {
   for (size_t i = 0; i < bare->bodies.size(); ++i, out += 18) {
     write_pose(bare->motions[i]->m_graphicsWorldTrans, out);

@@ -10,7 +10,8 @@
 
 namespace {
 
-// Blocks of like size are kept in lists: sizes in steps of 16 up to 128 bytes, then four to a power of two.
+// Free blocks are kept in one list per size class: sizes in steps of 16 up to 128 bytes, then four classes to a power
+// of two.
 constexpr size_t kStep = 16, kFine = 128;
 constexpr int kFineClasses = kFine / kStep, kClasses = kFineClasses + 4 * (64 - 7);
 
@@ -26,14 +27,14 @@ size_t size_of(int index) {
   return static_cast<size_t>((index - kFineClasses) % 4 + 5) << (power - 2);
 }
 
-// At the beginning of an arena: what was handed out goes back with what it holds.
-struct Book {
+// State of the allocator. It is at the beginning of the arena, so that it is saved and restored with the contents.
+struct AllocatorState {
   size_t used;
   void *free[kClasses];
 };
 
-// Before every block. On the heap `origin` is what malloc gave, as Bullet has it; in an arena it is the arena, with the lowest bit set,
-// which is never set in what malloc gives.
+// Precedes every block. On the heap `origin` is the address from malloc, as in Bullet's allocator; in an arena it is
+// the address of the AmbArena with the lowest bit set, which no address from malloc has.
 struct Header {
   uint32_t size_class;
   uint32_t offset;
@@ -41,7 +42,7 @@ struct Header {
 };
 static_assert(sizeof(Header) == kStep, "blocks are aligned by it");
 
-constexpr size_t kLeastReserved = size_t(1) << 20, kLeastCommitted = size_t(256) << 10;
+constexpr size_t kMinReserved = size_t(1) << 20, kMinCommitted = size_t(256) << 10;
 
 thread_local AmbArena *current = nullptr;
 
@@ -50,15 +51,15 @@ thread_local AmbArena *current = nullptr;
 struct AmbArena {
   unsigned char *base = nullptr;
   size_t reserved = 0, committed = 0;
-  bool torn = false;
+  bool has_overflowed = false;
 
-  Book &book() const { return *reinterpret_cast<Book *>(base); }
+  AllocatorState &state() const { return *reinterpret_cast<AllocatorState *>(base); }
 
   bool commit(size_t size) {
     if (size > reserved) return false;
     if (size <= committed) return true;
     size_t wanted = committed * 2 > size ? committed * 2 : size;
-    wanted = (wanted + kLeastCommitted - 1) / kLeastCommitted * kLeastCommitted;
+    wanted = (wanted + kMinCommitted - 1) / kMinCommitted * kMinCommitted;
     if (wanted > reserved) wanted = reserved;
     if (mprotect(base + committed, wanted - committed, PROT_READ | PROT_WRITE) != 0) return false;
     committed = wanted;
@@ -69,28 +70,28 @@ struct AmbArena {
     const size_t slack = alignment > kStep ? alignment - kStep : 0;
     if (size > reserved) return nullptr;
     const int index = class_of(size + sizeof(Header) + slack);
-    unsigned char *block = static_cast<unsigned char *>(book().free[index]);
+    unsigned char *block = static_cast<unsigned char *>(state().free[index]);
     if (block) {
-      memcpy(&book().free[index], block, sizeof(void *));
+      memcpy(&state().free[index], block, sizeof(void *));
     } else {
-      if (!commit(book().used + size_of(index))) return nullptr;
-      block = base + book().used;
-      book().used += size_of(index);
+      if (!commit(state().used + size_of(index))) return nullptr;
+      block = base + state().used;
+      state().used += size_of(index);
     }
     unsigned char *out = block + sizeof(Header);
     out += (alignment - reinterpret_cast<uintptr_t>(out) % alignment) % alignment;
     const Header header = {static_cast<uint32_t>(index), static_cast<uint32_t>(out - block),
                            reinterpret_cast<uintptr_t>(this) | 1};
     memcpy(out - sizeof(Header), &header, sizeof(Header));
-    // As Bullet's own allocator does.
+    // Bullet's own allocator clears blocks too.
     memset(out, 0, size);
     return out;
   }
 
   void give(unsigned char *pointer, const Header &header) {
     unsigned char *block = pointer - header.offset;
-    memcpy(block, &book().free[header.size_class], sizeof(void *));
-    book().free[header.size_class] = block;
+    memcpy(block, &state().free[header.size_class], sizeof(void *));
+    state().free[header.size_class] = block;
   }
 };
 
@@ -100,9 +101,9 @@ void *allocate(size_t size, int alignment_wanted) {
   const size_t alignment = alignment_wanted < int(kStep) ? kStep : static_cast<size_t>(alignment_wanted);
   if (current) {
     if (void *block = current->take(size, alignment)) return block;
-    current->torn = true;
+    current->has_overflowed = true;
   }
-  // Bullet's own, whose blocks may be freed here and the other way round.
+  // The layout of Bullet's default allocator, so that either function may free a block of the other.
   void *const real = calloc(1, size + sizeof(Header) + alignment);
   if (!real) return nullptr;
   unsigned char *out = static_cast<unsigned char *>(real) + sizeof(Header);
@@ -127,22 +128,22 @@ void release(void *pointer) {
 
 }  // namespace
 
-bool lies_in(const AmbArena &arena, const void *pointer) {
+bool is_in_arena(const AmbArena &arena, const void *pointer) {
   const auto *at = static_cast<const unsigned char *>(pointer);
   return at >= arena.base && at < arena.base + arena.reserved;
 }
 
-void put_back(AmbArena &arena, const unsigned char *copy, size_t size) { memcpy(arena.base, copy, size); }
+void restore_arena(AmbArena &arena, const unsigned char *copy, size_t size) { memcpy(arena.base, copy, size); }
 
 extern "C" {
 
-AmbArena *amb_arena_new(unsigned long most) {
+AmbArena *amb_arena_new(unsigned long max_bytes) {
   static std::once_flag installed;
   std::call_once(installed, [] { btAlignedAllocSetCustomAligned(allocate, release); });
-  // Address space, which costs nothing before it is used.
-  size_t reserved = most > kLeastReserved ? most : kLeastReserved;
+  // Only address space is reserved; no memory is used before pages are committed.
+  size_t reserved = max_bytes > kMinReserved ? max_bytes : kMinReserved;
   void *base = MAP_FAILED;
-  while (base == MAP_FAILED && reserved >= kLeastReserved) {
+  while (base == MAP_FAILED && reserved >= kMinReserved) {
     base = mmap(nullptr, reserved, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
     if (base == MAP_FAILED) reserved /= 2;
   }
@@ -150,11 +151,11 @@ AmbArena *amb_arena_new(unsigned long most) {
   auto *arena = new AmbArena;
   arena->base = static_cast<unsigned char *>(base);
   arena->reserved = reserved;
-  if (!arena->commit(sizeof(Book))) {
+  if (!arena->commit(sizeof(AllocatorState))) {
     amb_arena_free(arena);
     return nullptr;
   }
-  arena->book().used = (sizeof(Book) + kStep - 1) / kStep * kStep;
+  arena->state().used = (sizeof(AllocatorState) + kStep - 1) / kStep * kStep;
   return arena;
 }
 
@@ -169,10 +170,10 @@ AmbArena *amb_arena_enter(AmbArena *arena) {
   return before;
 }
 
-int amb_arena_is_torn(const AmbArena *arena) { return arena->torn; }
+int amb_arena_has_overflowed(const AmbArena *arena) { return arena->has_overflowed; }
 
-unsigned long amb_arena_size(const AmbArena *arena) { return arena->book().used; }
+unsigned long amb_arena_size(const AmbArena *arena) { return arena->state().used; }
 
-void amb_arena_copy(const AmbArena *arena, unsigned char *out) { memcpy(out, arena->base, arena->book().used); }
+void amb_arena_copy(const AmbArena *arena, unsigned char *out) { memcpy(out, arena->base, arena->state().used); }
 
 }  // extern "C"

@@ -1,8 +1,9 @@
-// How what the shim makes gets into the arena of its world, see arena.h. C++ only.
+// Allocation of the shim's objects in the arena of their world, see arena.h. C++ only.
 //
-// Everything that changes while a world runs has to lie there: classes by BT_DECLARE_ALIGNED_ALLOCATOR, members by Vector, what is shared
-// by make_held. Bullet's own is there but for the two things that it makes with plain `new`: the island callback of a world with trees,
-// which the engine's tree_world.cpp replaces, and the cells of the distance fields of soft bodies, which soft_body.cpp keeps out.
+// All state that changes while a world runs must be in the arena: classes use BT_DECLARE_ALIGNED_ALLOCATOR, members are
+// Vectors, shared objects are created by make_in_arena. Bullet's own objects are there except two that it allocates
+// with plain `new`: the island callback of a world with articulations, which the engine's articulated_world.cpp
+// replaces, and the cells of the signed distance fields of soft bodies, which soft_body.cpp excludes from saved states.
 #ifndef AMB_ARENA_MEMORY_H
 #define AMB_ARENA_MEMORY_H
 
@@ -15,45 +16,45 @@ extern "C" {
 #include "arena.h"
 }
 
-// Allocates where Bullet does.
+// Allocates with btAlignedAlloc: in the arena that the thread has entered, or on the heap.
 template <typename T>
-struct HeldAllocator {
+struct ArenaAllocator {
   using value_type = T;
 
-  HeldAllocator() = default;
+  ArenaAllocator() = default;
   template <typename U>
-  HeldAllocator(const HeldAllocator<U> &) {}
+  ArenaAllocator(const ArenaAllocator<U> &) {}
 
   T *allocate(size_t n) { return static_cast<T *>(btAlignedAlloc(n * sizeof(T), 16)); }
   void deallocate(T *block, size_t) { btAlignedFree(block); }
 
   template <typename U>
-  bool operator==(const HeldAllocator<U> &) const {
+  bool operator==(const ArenaAllocator<U> &) const {
     return true;
   }
   template <typename U>
-  bool operator!=(const HeldAllocator<U> &) const {
+  bool operator!=(const ArenaAllocator<U> &) const {
     return false;
   }
 };
 
 template <typename T>
-using Vector = std::vector<T, HeldAllocator<T>>;
+using Vector = std::vector<T, ArenaAllocator<T>>;
 
 template <typename T, typename... Arguments>
-std::shared_ptr<T> make_held(Arguments &&...arguments) {
-  return std::allocate_shared<T>(HeldAllocator<T>(), std::forward<Arguments>(arguments)...);
+std::shared_ptr<T> make_in_arena(Arguments &&...arguments) {
+  return std::allocate_shared<T>(ArenaAllocator<T>(), std::forward<Arguments>(arguments)...);
 }
 
-// A class of Bullet's that has no such allocator.
+// Adds the aligned allocator to a class of Bullet that does not declare it.
 template <typename T>
-struct Held : T {
+struct InArena : T {
   using T::T;
   BT_DECLARE_ALIGNED_ALLOCATOR();
 };
 
-bool lies_in(const AmbArena &arena, const void *pointer);
-// What lies in the arena is as it was when it was copied.
-void put_back(AmbArena &arena, const unsigned char *copy, size_t size);
+bool is_in_arena(const AmbArena &arena, const void *pointer);
+// Overwrites the arena with a copy of it.
+void restore_arena(AmbArena &arena, const unsigned char *copy, size_t size);
 
 #endif

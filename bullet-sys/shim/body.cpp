@@ -16,7 +16,7 @@ void amb_body_set_surface(AmbBody *body, double friction, double rolling_frictio
 
 void amb_body_set_damping(AmbBody *body, double linear, double angular) { body->body.setDamping(linear, angular); }
 
-// activate() wakes what sleeps, and does nothing to what never does.
+// activate() wakes a sleeping body and has no effect on a body that never sleeps.
 
 void amb_body_set_gravity(AmbBody *body, const double gravity[3]) {
   const btVector3 before = body->body.getGravity();
@@ -36,14 +36,14 @@ void amb_body_clear_forces(AmbBody *body) { body->body.clearForces(); }
 void amb_body_set_velocity(AmbBody *body, const double linear[3], const double angular[3]) {
   body->body.setLinearVelocity(vector_of(linear));
   body->body.setAngularVelocity(vector_of(angular));
-  if (body->home && body->home->extension) body->home->extension->velocity_set(*body);
+  if (body->world && body->world->extension) body->world->extension->velocity_set(*body);
   body->body.activate();
 }
 
 void amb_body_set_pose(AmbBody *body, const double pose[12]) {
   const btTransform transform = transform_of(pose);
-  if (body->home) {
-    place(*body->home, *body, transform);
+  if (body->world) {
+    set_pose(*body->world, *body, transform);
   } else {
     body->body.setWorldTransform(transform);
     body->motion.setWorldTransform(transform);
@@ -52,9 +52,7 @@ void amb_body_set_pose(AmbBody *body, const double pose[12]) {
 
 void amb_body_pose(const AmbBody *body, double pose[12]) { write_pose(body->body.getWorldTransform(), pose); }
 
-void amb_body_motion_state(const AmbBody *body, double pose[12]) {
-  write_pose(body->motion.pose(), pose);
-}
+void amb_body_motion_state(const AmbBody *body, double pose[12]) { write_pose(body->motion.pose(), pose); }
 
 void amb_body_velocity(const AmbBody *body, double velocity[6]) {
   write_vector(body->body.getLinearVelocity(), velocity);
@@ -75,11 +73,12 @@ int amb_bodies_first_lost(AmbBody *const *bodies, int n, double speed, double di
     const btRigidBody &body = bodies[i]->body;
     const btVector3 &origin = body.getWorldTransform().getOrigin();
     const btVector3 &linear = body.getLinearVelocity(), &angular = body.getAngularVelocity();
-    // A rotation that is not finite has a velocity that is not.
+    // One row of the rotation is enough: where another one is not finite, the angular velocity is not finite either.
     if (!finite(origin + body.getWorldTransform().getBasis()[0] + linear + angular)) return i;
-    // Static bodies are where clients put them.
+    // Poses of static bodies are set by the caller and not checked against the bounds.
     if (body.isStaticOrKinematicObject()) continue;
-    if (linear.length2() > speed * speed || angular.length2() > speed * speed || origin.length2() > distance * distance) return i;
+    if (linear.length2() > speed * speed || angular.length2() > speed * speed || origin.length2() > distance * distance)
+      return i;
   }
   return -1;
 }

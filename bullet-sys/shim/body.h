@@ -3,14 +3,15 @@
 #define AMB_BODY_H
 #include "types.h"
 
-/* A body that never sleeps unless its world lets it. The shape stays the caller's and must outlive the body. mass 0: static. */
+/* A body sleeps only in a world with amb_world_enable_sleeping. The caller keeps ownership of the shape, which must
+   outlive the body. mass in kg, 0: static; inertia: principal moments, kg m^2. */
 AmbBody *amb_body_new(double mass, const double inertia[3], AmbShape *shape, const double pose[12]);
 /* The body must have been removed from its world, and so must every constraint on it. */
 void amb_body_free(AmbBody *body);
 
 void amb_body_set_surface(AmbBody *body, double friction, double rolling_friction, double restitution);
 void amb_body_set_damping(AmbBody *body, double linear, double angular);
-/* Effective once the body is in a world; adding it there sets the world's gravity. */
+/* m/s^2. To be called after the body was added to a world, which sets the world's gravity. */
 void amb_body_set_gravity(AmbBody *body, const double gravity[3]);
 void amb_body_apply_wrench(AmbBody *body, const double force[3], const double torque[3]);
 void amb_body_clear_forces(AmbBody *body);
@@ -23,11 +24,12 @@ void amb_body_pose(const AmbBody *body, double pose[12]);
 void amb_body_motion_state(const AmbBody *body, double pose[12]);
 void amb_body_velocity(const AmbBody *body, double velocity[6]);
 
-/* Reads n bodies into out (n x 18): pose from the motion state (12), linear (3) and angular (3) velocity. Null entries of the list
-   leave their place as it is. */
+/* Reads n bodies into out (n x 18): pose from the motion state (12), linear (3) and angular (3) velocity. Rows of null
+   entries are not written. */
 void amb_bodies_read(AmbBody *const *bodies, int n, double *out);
-/* Index of the first body whose pose or velocity is not finite, or, unless it is static, whose speed exceeds `speed` (m/s, rad/s) or whose
-   centre of mass is farther than `distance` (m) from the origin; -1 if there is none. Null entries are skipped. */
+/* Index of the first body whose pose or velocity is not finite, or, unless it is static, whose speed exceeds `speed`
+   (m/s, rad/s) or whose centre of mass is farther than `distance` (m) from the origin; -1 if there is none. Null
+   entries are skipped. */
 int amb_bodies_first_lost(AmbBody *const *bodies, int n, double speed, double distance);
 
 #endif

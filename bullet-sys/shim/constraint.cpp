@@ -2,8 +2,8 @@
 
 namespace {
 
-// A spring that pulls with its full force. By default Bullet 3 aims at the velocity that the force would give, which few iterations
-// of the solver miss by far when the pivot is off the centre of mass; Bullet 2 had no such default.
+// A spring that exerts its full force. By default Bullet 3 targets the velocity that the force would cause, from which
+// the solver is far after few iterations when the pivot is off the centre of mass; Bullet 2 exerted the force.
 struct ForceSpring : btGeneric6DofSpring2Constraint {
   ForceSpring(btRigidBody &a, btRigidBody &b, const btTransform &frame_a, const btTransform &frame_b)
       : btGeneric6DofSpring2Constraint(a, b, frame_a, frame_b, RO_XYZ) {
@@ -11,7 +11,7 @@ struct ForceSpring : btGeneric6DofSpring2Constraint {
   }
 };
 
-AmbConstraint *own(Kind kind, btTypedConstraint *constraint) {
+AmbConstraint *make_owner(Kind kind, btTypedConstraint *constraint) {
   auto *owner = new AmbConstraint;
   owner->kind = kind;
   owner->constraint.reset(constraint);
@@ -30,7 +30,7 @@ btScalar axis_angle(const btTransform &a, const btTransform &b) {
 }
 
 btScalar read(AmbConstraint &c, unsigned char reading) {
-  const AmbWorld *world = body_of(&c.constraint->getRigidBodyA())->home;
+  const AmbWorld *world = body_of(&c.constraint->getRigidBodyA())->world;
   btScalar coordinate;
   if (reading != AmbReading_None && world && world->extension && world->extension->read_coordinate(c, coordinate)) {
     const bool is_angle = reading == AmbReading_HingeAngle || reading == AmbReading_AxisAngle;
@@ -57,31 +57,33 @@ btScalar axis_reading(AmbConstraint &c, bool is_angle) {
 extern "C" {
 
 AmbConstraint *amb_hinge_new(AmbBody *a, AmbBody *b, const double frame_a[12], const double frame_b[12]) {
-  return own(Kind::Hinge, new btHingeConstraint(a->body, b->body, transform_of(frame_a), transform_of(frame_b), true));
+  return make_owner(Kind::Hinge,
+                    new btHingeConstraint(a->body, b->body, transform_of(frame_a), transform_of(frame_b), true));
 }
 
 void amb_hinge_set_limit(AmbConstraint *hinge, double low, double high) {
   hinge->as<btHingeConstraint>().setLimit(low, high);
-  hinge->drive.low = low;
-  hinge->drive.high = high;
+  hinge->motor.low = low;
+  hinge->motor.high = high;
 }
 
 void amb_hinge_set_motor(AmbConstraint *hinge, int enabled, double velocity, double max_impulse) {
   auto &h = hinge->as<btHingeConstraint>();
-  if (enabled || h.getEnableAngularMotor()) wake(*hinge);
+  if (enabled || h.getEnableAngularMotor()) activate_bodies(*hinge);
   h.enableAngularMotor(enabled != 0, velocity, max_impulse);
 }
 
 AmbConstraint *amb_slider_new(AmbBody *a, AmbBody *b, const double frame_a[12], const double frame_b[12]) {
-  return own(Kind::Slider, new btSliderConstraint(a->body, b->body, transform_of(frame_a), transform_of(frame_b), true));
+  return make_owner(Kind::Slider,
+                    new btSliderConstraint(a->body, b->body, transform_of(frame_a), transform_of(frame_b), true));
 }
 
 void amb_slider_set_limit(AmbConstraint *slider, double low, double high) {
   auto &s = slider->as<btSliderConstraint>();
   s.setLowerLinLimit(low);
   s.setUpperLinLimit(high);
-  slider->drive.low = low;
-  slider->drive.high = high;
+  slider->motor.low = low;
+  slider->motor.high = high;
 }
 
 void amb_slider_lock_rotation(AmbConstraint *slider) {
@@ -92,24 +94,25 @@ void amb_slider_lock_rotation(AmbConstraint *slider) {
 
 void amb_slider_set_motor(AmbConstraint *slider, int enabled, double velocity, double max_force) {
   auto &s = slider->as<btSliderConstraint>();
-  if (enabled || s.getPoweredLinMotor()) wake(*slider);
+  if (enabled || s.getPoweredLinMotor()) activate_bodies(*slider);
   s.setPoweredLinMotor(enabled != 0);
   s.setTargetLinMotorVelocity(velocity);
   s.setMaxLinMotorForce(max_force);
 }
 
 AmbConstraint *amb_fixed_new(AmbBody *a, AmbBody *b, const double frame_a[12], const double frame_b[12]) {
-  return own(Kind::Fixed, new btFixedConstraint(a->body, b->body, transform_of(frame_a), transform_of(frame_b)));
+  return make_owner(Kind::Fixed, new btFixedConstraint(a->body, b->body, transform_of(frame_a), transform_of(frame_b)));
 }
 
 AmbConstraint *amb_point_to_point_new(AmbBody *a, AmbBody *b, const double pivot_a[3], const double pivot_b[3]) {
-  return own(Kind::PointToPoint,
-             new btPoint2PointConstraint(a->body, b->body, vector_of(pivot_a), vector_of(pivot_b)));
+  return make_owner(Kind::PointToPoint,
+                    new btPoint2PointConstraint(a->body, b->body, vector_of(pivot_a), vector_of(pivot_b)));
 }
 
-AmbConstraint *amb_grip_new(AmbBody *body, const double pivot[3], const double goal[3], double most) {
-  // What follows the bodies of constraints expects one of ours at both ends, so Bullet's own fixed body won't do. This one is in no world.
-  // Its shape is that of all anchors; what is allocated here would lie in the arena of one world, so nothing is.
+AmbConstraint *amb_grip_new(AmbBody *body, const double pivot[3], const double goal[3], double max_impulse) {
+  // Both bodies of a constraint must have an AmbBody, so Bullet's own fixed body cannot be used; the anchor is in no
+  // world. All anchors share one shape. It is static memory: an allocation would be in the arena of the world that
+  // happens to be entered.
   static btEmptyShape empty;
   alignas(AmbShape) static unsigned char place[sizeof(AmbShape)];
   static AmbShape *const nothing = [] {
@@ -119,21 +122,21 @@ AmbConstraint *amb_grip_new(AmbBody *body, const double pivot[3], const double g
   }();
   auto anchor = std::make_unique<AmbBody>(0, btVector3(0, 0, 0), nothing, btTransform::getIdentity());
   auto *point = new btPoint2PointConstraint(body->body, anchor->body, vector_of(pivot), vector_of(goal));
-  point->m_setting.m_impulseClamp = most;
-  point->m_setting.m_tau = most;
-  AmbConstraint *grip = own(Kind::PointToPoint, point);
+  point->m_setting.m_impulseClamp = max_impulse;
+  point->m_setting.m_tau = max_impulse;
+  AmbConstraint *grip = make_owner(Kind::PointToPoint, point);
   grip->anchor = std::move(anchor);
   return grip;
 }
 
 void amb_grip_set_goal(AmbConstraint *grip, const double goal[3]) {
   grip->as<btPoint2PointConstraint>().setPivotB(vector_of(goal));
-  wake(*grip);
+  activate_bodies(*grip);
 }
 
 AmbConstraint *amb_cone_twist_new(AmbBody *a, AmbBody *b, const double frame_a[12], const double frame_b[12]) {
-  return own(Kind::ConeTwist,
-             new btConeTwistConstraint(a->body, b->body, transform_of(frame_a), transform_of(frame_b)));
+  return make_owner(Kind::ConeTwist,
+                    new btConeTwistConstraint(a->body, b->body, transform_of(frame_a), transform_of(frame_b)));
 }
 
 void amb_cone_twist_set_limit(AmbConstraint *cone, double swing1, double swing2, double twist) {
@@ -141,8 +144,8 @@ void amb_cone_twist_set_limit(AmbConstraint *cone, double swing1, double swing2,
 }
 
 AmbConstraint *amb_six_dof_new(AmbBody *a, AmbBody *b, const double frame_a[12], const double frame_b[12]) {
-  return own(Kind::SixDof,
-             new btGeneric6DofConstraint(a->body, b->body, transform_of(frame_a), transform_of(frame_b), true));
+  return make_owner(Kind::SixDof,
+                    new btGeneric6DofConstraint(a->body, b->body, transform_of(frame_a), transform_of(frame_b), true));
 }
 
 void amb_six_dof_set_limit(AmbConstraint *six_dof, int axis, double low, double high) {
@@ -150,8 +153,8 @@ void amb_six_dof_set_limit(AmbConstraint *six_dof, int axis, double low, double 
 }
 
 AmbConstraint *amb_six_dof_spring_new(AmbBody *a, AmbBody *b, const double frame_a[12], const double frame_b[12]) {
-  return own(Kind::SixDofSpring,
-             new ForceSpring(a->body, b->body, transform_of(frame_a), transform_of(frame_b)));
+  return make_owner(Kind::SixDofSpring,
+                    new ForceSpring(a->body, b->body, transform_of(frame_a), transform_of(frame_b)));
 }
 
 void amb_six_dof_spring_set_limit(AmbConstraint *spring, int axis, double low, double high) {

@@ -3,13 +3,13 @@
 #define AMB_CONSTRAINT_H
 #include "types.h"
 
-/* Which scalar amb_constraints_read gives. */
+/* The scalar that amb_constraints_read writes. */
 enum AmbReading {
-  AmbReading_None = 0,         /* 0 */
-  AmbReading_HingeAngle = 1,   /* rad, in [-pi, pi] */
+  AmbReading_None = 0,           /* 0 */
+  AmbReading_HingeAngle = 1,     /* rad, in [-pi, pi] */
   AmbReading_SliderPosition = 2, /* m, as of the last solver pass */
-  AmbReading_AxisDistance = 3, /* m, of frame B's origin along frame A's z axis */
-  AmbReading_AxisAngle = 4     /* rad, of frame B about frame A's z axis */
+  AmbReading_AxisDistance = 3,   /* m, of frame B's origin along frame A's z axis */
+  AmbReading_AxisAngle = 4       /* rad, of frame B about frame A's z axis */
 };
 
 AmbConstraint *amb_hinge_new(AmbBody *a, AmbBody *b, const double frame_a[12], const double frame_b[12]);
@@ -27,9 +27,9 @@ void amb_slider_set_motor(AmbConstraint *slider, int enabled, double velocity, d
 AmbConstraint *amb_fixed_new(AmbBody *a, AmbBody *b, const double frame_a[12], const double frame_b[12]);
 AmbConstraint *amb_point_to_point_new(AmbBody *a, AmbBody *b, const double pivot_a[3], const double pivot_b[3]);
 
-/* Draws a point of a body (in its inertial frame) towards a point of the world, with impulses of at most `most` N s a sub-step along each
-   axis. */
-AmbConstraint *amb_grip_new(AmbBody *body, const double pivot[3], const double goal[3], double most);
+/* Pulls a point of a body (in its inertial frame, m) towards a point of the world (m), with impulses of at most
+   max_impulse N s a sub-step along each axis. */
+AmbConstraint *amb_grip_new(AmbBody *body, const double pivot[3], const double goal[3], double max_impulse);
 void amb_grip_set_goal(AmbConstraint *grip, const double goal[3]);
 
 AmbConstraint *amb_cone_twist_new(AmbBody *a, AmbBody *b, const double frame_a[12], const double frame_b[12]);
@@ -54,9 +54,11 @@ void amb_constraint_enable_feedback(AmbConstraint *constraint);
 /* Force on A, torque on A, force on B, torque on B (12), world axes, of the last sub-step; zero without feedback. */
 void amb_constraint_feedback(const AmbConstraint *constraint, double out[12]);
 
-/* Brings positions that are otherwise as of the last solver pass up to the present poses. Null entries are skipped. */
+/* Updates the positions of sliders, which Bullet computes during the solver's pass only, to the present poses. Null
+   entries are skipped. */
 void amb_constraints_refresh(AmbConstraint *const *constraints, int n);
-/* Reads one scalar a constraint into out (n x 1); readings: enum AmbReading. Null entries leave their place as it is. */
+/* Reads one scalar per constraint into out (n x 1); readings: enum AmbReading. Entries of null constraints are not
+   written. */
 void amb_constraints_read(AmbConstraint *const *constraints, const unsigned char *readings, int n, double *out);
 
 #endif

@@ -1,9 +1,9 @@
 // Interface between the shim and an engine: a library above this one that replaces parts of Bullet's step. C++ only.
 //
-// The shim never calls the engine by name. It calls the virtual functions below through the pointer that `amb_world_new` was given, so
-// that it links and runs without an engine; worlds are then plain Bullet's. The engine includes the shim's internal.h and reaches its
-// objects directly. What it keeps of a body or constraint lies in `EngineBody` and `EngineConstraint`, which the shim makes and
-// destroys with their owner.
+// The shim never calls the engine by name. It calls the virtual functions below through the pointer that
+// `amb_world_new` was given, so that it links and runs without an engine; worlds are then plain Bullet's. The engine
+// includes the shim's internal.h and accesses its objects directly. Its data of a body or constraint are `EngineBody`
+// and `EngineConstraint`, which the shim creates and destroys with their owner.
 #ifndef AMB_EXTENSION_H
 #define AMB_EXTENSION_H
 
@@ -17,23 +17,25 @@ extern "C" {
 #include "types.h"
 }
 
-// Classes of the engine, opaque here: an articulation, the rows of a constraint on one of its links, a world that has articulations.
-struct AmbTree;
-class TieRows;
-class TreeWorld;
+// Classes of the engine, opaque here: an articulation, the rows of a constraint on one of its links, a world that has
+// articulations.
+struct AmbArticulation;
+class ExternalConstraintRows;
+class ArticulatedWorld;
 
-// What an engine does in one world. It is made before all else in the world and destroyed last; both happen while the world's arena is
-// entered, and so does every call below that may allocate.
+// The part of an engine in one world. It is created before everything else in the world and destroyed last. The world's
+// arena is entered during both, and during every call below that may allocate.
 class Extension {
  public:
   BT_DECLARE_ALIGNED_ALLOCATOR();
   virtual ~Extension() = default;
 
-  // While the world is made, in this order.
+  // The first three are called in this order while the world is made.
   virtual void configure(btDefaultCollisionConfiguration &configuration) = 0;
-  // mlcp: what an MLCP solver solves its islands with; null for all others.
+  // mlcp: algorithm of an MLCP solver; null for all other solvers.
   virtual std::unique_ptr<btConstraintSolver> make_solver(btMLCPSolverInterface *mlcp) = 0;
-  // Makes a world of kind AmbWorldKind_Trees by `fill_world` (stepped.h). Its solver is that of `make_solver`.
+  // Makes a world of kind AmbWorldKind_Articulated by `fill_world` (substepped_world.h). Its solver is that of
+  // `make_solver`.
   virtual void make_world(btConstraintSolver &solver) = 0;
 
   // Around a sub-step of h s; Bullet's tick callbacks come between.
@@ -47,91 +49,96 @@ class Extension {
   virtual void gravity_set(const btVector3 &gravity) = 0;
   // The velocity of a body of the world was set.
   virtual void velocity_set(AmbBody &body) = 0;
-  // The pose of a body of the world is about to be set. Returns whether the body is a link: its collision object then follows in the next
-  // sub-step.
+  // The pose of a body of the world is about to be set. Returns whether the body is a link: its collision object is
+  // then moved in the next sub-step.
   virtual bool pose_set(AmbBody &body) = 0;
   // A body is about to leave the world.
   virtual void body_leaves(AmbBody &body) = 0;
-  // A constraint is added or about to be removed. Returns whether the engine keeps it, in place of Bullet's world.
+  // A constraint is added, or about to be removed. Returns whether the engine holds it instead of Bullet's world.
   virtual bool add_constraint(AmbConstraint &constraint) = 0;
   virtual bool remove_constraint(AmbConstraint &constraint) = 0;
-  // Coordinate of a constraint that is a joint of an articulation, rad (of any number of turns) or m. Returns whether it is one.
+  // Writes the coordinate of a joint of an articulation, rad (not wrapped) or m. Returns false for all other
+  // constraints.
   virtual bool read_coordinate(const AmbConstraint &constraint, btScalar &coordinate) = 0;
-  // Contacts and impulses of earlier sub-steps were dropped.
+  // Contacts and warm-starting impulses of earlier sub-steps were discarded.
   virtual void recovered() = 0;
 };
 
-// An engine: makes its part of each world. Lives as long as the process.
+// An engine. It makes its part of each world and has static lifetime.
 struct AmbEngine {
   virtual ~AmbEngine() = default;
-  // For a world that is being made, of whose members none is ready; solver and kind are those of `amb_world_new`.
+  // Called while `world` is constructed, before any of its members is; solver and kind are those of `amb_world_new`.
   virtual std::unique_ptr<Extension> extend(AmbWorld &world, int solver, int kind) const = 0;
 };
 
 // Pose and velocity of a body before a sub-step.
-struct FlightStart {
+struct SubStepStart {
   btTransform pose;
   btVector3 linear_velocity, angular_velocity;
 };
 
-// What the engine keeps of a body.
+// Data of the engine for each body.
 struct EngineBody {
-  // Sub-step in which the body was last in contact; only counted where the integrator asks for it.
-  uint64_t touched = 0;
-  // The tree of which it is a link, and which of its bodies it is.
-  AmbTree *tree = nullptr;
+  // Number of the sub-step in which the body was last in contact; maintained by AmbIntegrator_Ballistic and _RungeKutta
+  // only.
+  uint64_t contact_sub_step = 0;
+  // The articulation of which the body is a link, and its index in `members`.
+  AmbArticulation *articulation = nullptr;
   int member = 0;
-  // Whether it was put where it is and has not moved since, and what all but the gyroscopic torque added to its angular velocity in the
-  // sub-step before; see the engine's second_order.h.
-  bool begins = true;
-  btVector3 turned{0, 0, 0};
-  FlightStart start;
-  // Sub-step in which it last moved in exact flight.
-  uint64_t flew = 0;
-  // For the energy ledger only: time by which the pose is ahead of the velocity, s; whether forces act for half of this sub-step only, see
-  // `begins`; velocities after the solver's pass, or after the flight, m/s and rad/s.
-  btScalar ahead = 0;
-  bool begun = false;
-  btVector3 solved[2] = {{0, 0, 0}, {0, 0, 0}};
-  // Rows that drive the body. Made when they are first needed, dropped when the body leaves its world.
+  // Whether the pose was set since the last sub-step; and the change of angular velocity in the last sub-step by
+  // everything but the gyroscopic torque, rad/s. See the engine's second_order.h.
+  bool is_first_sub_step = true;
+  btVector3 other_angular_change{0, 0, 0};
+  SubStepStart start;
+  // Number of the sub-step in which the body was last integrated as a free body.
+  uint64_t free_flight_sub_step = 0;
+  // For the energy ledger only: time by which the pose is ahead of the velocity, s; whether forces acted for half of
+  // this sub-step only because it was the first, see `is_first_sub_step`; linear (m/s) and angular (rad/s) velocity
+  // after the solver or after the integration as a free body.
+  btScalar pose_lead = 0;
+  bool was_first_sub_step = false;
+  btVector3 solved_velocity[2] = {{0, 0, 0}, {0, 0, 0}};
+  // Six rows that drive the body. Created when they are first needed, destroyed when the body leaves its world.
   std::unique_ptr<btTypedConstraint> drive;
   // Radius, m, of the sphere that is swept when the body moves further than that in a sub-step; 0: never.
   btScalar swept_radius = 0;
 };
 
-// What the user pointer of every constraint points at: which of its rows are soft in this sub-step, J v = target - softness * impulse, and
-// what a solver found for all its rows in the last one.
+// The user pointer of every constraint points at its SoftRows: which of its rows are soft in this sub-step,
+// J v = target - softness * impulse, and the impulses of all its rows in the last sub-step (warm start).
 struct SoftRows {
-  static constexpr int MOST_GUESSES = 12;
+  static constexpr int MAX_GUESSES = 12;
 
   int first = 0;
   int count = 0;
   btScalar softness[6] = {};
-  // Impulses, for a constraint that has as many rows again, and the number of resets of the solver before they were found.
+  // Number of stored impulses, which are used only if the constraint has as many rows again, and the number of resets
+  // of the solver when they were stored.
   int guesses = 0;
   unsigned guessed_after = 0;
-  btScalar guess[MOST_GUESSES] = {};
+  btScalar guess[MAX_GUESSES] = {};
 };
 
-// A row that drives a hinge or slider.
-struct JointDrive {
+// A velocity row that drives a hinge or slider: rate = velocity - softness * impulse, |impulse| <= max_impulse.
+struct SoftMotor {
   bool enabled = false;
   btScalar velocity = 0;
   btScalar max_impulse = 0;
-  // Limits of the joint as they were given, which the shim writes: Bullet keeps those of a hinge between -pi and pi. Low above high: free.
+  // Limits of the joint, rad or m, as they were set through the shim: Bullet wraps those of a hinge to [-pi, pi].
+  // low > high: no limits.
   btScalar low = 1, high = -1;
-  // The softness of the row, and where it is in this sub-step.
+  // Softness of the row, and its index among the rows of the constraint in this sub-step.
   SoftRows rows;
 };
 
-// What the engine keeps of a constraint.
+// Data of the engine for each constraint.
 struct EngineConstraint {
-  JointDrive drive;
-  // The tree of which it is a joint, and to which of its links.
-  AmbTree *tree = nullptr;
+  SoftMotor motor;
+  // The articulation of which the constraint is a joint, and the index in `members` of the link that it moves.
+  AmbArticulation *articulation = nullptr;
   int link = 0;
-  // In its stead while one of its bodies is a link of a tree that it is no joint of.
-  std::shared_ptr<TieRows> tie;
+  // Rows that replace the constraint while it acts on a link without being a joint of that link's articulation.
+  std::shared_ptr<ExternalConstraintRows> external_rows;
 };
 
 #endif

@@ -20,7 +20,7 @@ void amb_world_remove_ghost(AmbWorld *world, AmbGhost *ghost) { world->world->re
 void amb_ghost_set_pose(AmbGhost *ghost, const double pose[12]) { ghost->ghost.setWorldTransform(transform_of(pose)); }
 
 void amb_world_ignore_ghost(AmbWorld *world, AmbGhost *ghost, AmbBody *body) {
-  world->part(*ghost, ghost->ghost, *body, *body->collider);
+  world->ignore_pair(*ghost, ghost->ghost, *body, *body->collider);
 }
 
 int amb_ghost_overlaps(AmbWorld *world, AmbGhost *ghost, AmbHandle *out, int capacity) {
@@ -28,8 +28,9 @@ int amb_ghost_overlaps(AmbWorld *world, AmbGhost *ghost, AmbHandle *out, int cap
   btManifoldArray manifolds;
   const btBroadphasePairArray &pairs = ghost->ghost.getOverlappingPairCache()->getOverlappingPairArray();
   for (int i = 0; i < pairs.size(); ++i) {
-    // The ghost's own cache knows the pairs, only the world's knows their contacts.
-    btBroadphasePair *pair = world->broadphase.getOverlappingPairCache()->findPair(pairs[i].m_pProxy0, pairs[i].m_pProxy1);
+    // The ghost's pair cache has no collision algorithms; contacts are found through the pair cache of the world.
+    btBroadphasePair *pair =
+        world->broadphase.getOverlappingPairCache()->findPair(pairs[i].m_pProxy0, pairs[i].m_pProxy1);
     if (!pair || !pair->m_algorithm) continue;
     manifolds.resize(0);
     pair->m_algorithm->getAllContactManifolds(manifolds);

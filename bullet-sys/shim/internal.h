@@ -1,4 +1,4 @@
-// What stands behind the opaque objects. C++ only.
+// Definitions of the opaque objects of the C interface. C++ only.
 #ifndef AMB_INTERNAL_H
 #define AMB_INTERNAL_H
 
@@ -14,14 +14,14 @@
 
 #include "arena_memory.h"
 #include "extension.h"
-#include "lean.h"
+#include "lazy_world.h"
 
 extern "C" {
 #include "shim.h"
 }
 
 struct AmbShape {
-  // Destroyed in reverse order: the shape before what it refers to.
+  // Members are destroyed in reverse order: the shape before the mesh and the children that it refers to.
   std::vector<std::unique_ptr<AmbShape>> children;
   std::unique_ptr<btStridingMeshInterface> mesh;
   std::unique_ptr<btCollisionShape> shape;
@@ -32,7 +32,7 @@ enum class ObjectKind { Body, Ghost, SoftBody };
 
 struct AmbWorld;
 
-// What the user pointer of every collision object points at.
+// The user pointer of every collision object points at its AmbObject.
 struct AmbObject {
   BT_DECLARE_ALIGNED_ALLOCATOR();
 
@@ -49,7 +49,7 @@ struct AmbObject {
   }
 
   ObjectKind kind;
-  // Never used again in this world, so that what an object ignores stays true when others are removed.
+  // Unique in this world and never reused, so that the bit sets `ignored` stay valid when other objects are removed.
   size_t index = 0;
   AmbHandle handle = 0;
   Vector<uint64_t> ignored;
@@ -69,14 +69,14 @@ struct AmbBody : AmbObject, EngineBody {
   AmbShape *shape;
   LazyMotionState motion;
   btRigidBody body;
-  // The world it is in.
-  AmbWorld *home = nullptr;
-  // What keeps it from falling asleep.
-  int restless = 0;
-  // What of it is in the world: the body, or what the engine puts there in its place.
+  // The world that the body is in; null: none.
+  AmbWorld *world = nullptr;
+  // Number of vehicles on the body; while it is above 0 the body may not fall asleep.
+  int sleep_inhibitors = 0;
+  // The collision object in the world: the body itself, or the link collider that the engine adds instead.
   btCollisionObject *collider = &body;
-  // Constraints on it.
-  int held = 0;
+  // Number of constraints that act on the body.
+  int constraint_count = 0;
 };
 
 struct AmbGhost : AmbObject {
@@ -103,21 +103,24 @@ struct AmbSoft : AmbObject {
   }
 
   btSoftBody body;
-  // Where the nodes were when the body was added.
+  // Positions of the nodes when the body was added, m.
   Vector<btVector3> initial;
   Vector<Pull> pulls;
-  // Acts in every sub-step of the next step.
+  // Applied in every sub-step of the next step, N.
   btVector3 force{0, 0, 0};
-  // Whether the nodes are where the narrow phase can deal with them, found once a sub-step.
+  // Whether all nodes are within the range of coordinates that the narrow phase can represent; evaluated once a
+  // sub-step.
   bool checked = false;
   bool sound = false;
-  // What of planes the narrow phase knows: about patch_radius around the projection of patch_center.
+  // The narrow phase triangulates a plane within about patch_radius of the projection of patch_center, m.
   btVector3 patch_center{0, 0, 0};
   btScalar patch_radius = 0;
   bool left_patch = false;
 };
 
-inline AmbObject *object_of(const btCollisionObject *object) { return static_cast<AmbObject *>(object->getUserPointer()); }
+inline AmbObject *object_of(const btCollisionObject *object) {
+  return static_cast<AmbObject *>(object->getUserPointer());
+}
 
 inline AmbBody *body_of(const btCollisionObject *object) {
   AmbObject *owner = object_of(object);
@@ -132,12 +135,12 @@ struct AmbConstraint : EngineConstraint {
   BT_DECLARE_ALIGNED_ALLOCATOR();
 
   Kind kind;
-  // A body that is in no world, at the other end of a grip. Goes after the constraint.
+  // Static body in no world that is the other end of a grip. It is destroyed after the constraint.
   std::unique_ptr<AmbBody> anchor;
   std::unique_ptr<btTypedConstraint> constraint;
   std::unique_ptr<btJointFeedback> feedback;
-  // Its bodies don't collide.
-  bool parts = false;
+  // The two bodies do not collide with each other.
+  bool disables_collision = false;
 
   template <typename T>
   T &as() {
@@ -145,24 +148,26 @@ struct AmbConstraint : EngineConstraint {
   }
 };
 
-inline void wake(AmbConstraint &owner) {
+inline void activate_bodies(AmbConstraint &owner) {
   owner.constraint->getRigidBodyA().activate();
   owner.constraint->getRigidBodyB().activate();
 }
 
-// Bullet's step in pieces, between which controllers act.
+// One step divided into begin, sub-steps and finish, so that controllers can act between sub-steps.
 struct Stepper {
   virtual ~Stepper() = default;
-  // Counts the interval and begins a step of at most `most` sub-steps. Returns the sub-steps that are due.
+  // Adds the interval to the clock and begins a step of at most `most` sub-steps. Returns the number of sub-steps due.
   virtual int begin(btScalar interval, int most, btScalar sub_step) = 0;
   virtual void advance(btScalar sub_step) = 0;
   virtual void finish() = 0;
 };
 
-// Finds pairs of bounding boxes that overlap.
+// Broad phase: finds pairs of overlapping bounding boxes (AABBs).
 struct Broadphase : btDbvtBroadphase {
-  // Bullet puts a margin around boxes that move; it is a global variable there, which worlds in several threads cannot share.
-  void setAabb(btBroadphaseProxy *proxy, const btVector3 &low, const btVector3 &high, btDispatcher *dispatcher) override {
+  // Bullet enlarges the AABBs of moving objects by the global variable gDbvtMargin, which worlds in several threads
+  // cannot set to different values. With `tight` the AABB is stored without it.
+  void setAabb(btBroadphaseProxy *proxy, const btVector3 &low, const btVector3 &high,
+               btDispatcher *dispatcher) override {
     if (tight && !static_cast<btDbvtProxy *>(proxy)->leaf->volume.Contain(btDbvtVolume::FromMM(low, high))) {
       setAabbForceUpdate(proxy, low, high, dispatcher);
     } else {
@@ -178,70 +183,71 @@ struct AmbWorld {
 
   AmbWorld(int solver_kind, int kind, const AmbArena *memory, const AmbEngine *engine);
 
-  // Objects of any kind are numbered here, and what their shapes need is set up.
+  // Assigns the index and handle of a new object, and registers the GImpact algorithm if its shape needs it.
   void adopt(AmbObject &object, const AmbShape *shape, AmbHandle handle);
-  // The two never collide from now on, and lose the contacts that they have.
-  void part(AmbObject &a, btCollisionObject &object_a, AmbObject &b, btCollisionObject &object_b);
+  // Disables collisions between the two from now on and removes their contacts.
+  void ignore_pair(AmbObject &a, btCollisionObject &object_a, AmbObject &b, btCollisionObject &object_b);
 
-  // In which it lies itself; null: on the heap.
+  // Arena in which this object itself is allocated; null: the heap.
   const AmbArena *arena;
-  // What an engine does here; null: plain Bullet. Before all that it makes.
+  // The engine's part of this world; null: plain Bullet. Declared before, so destroyed after, everything that it makes.
   std::unique_ptr<Extension> extension;
   std::unique_ptr<btDefaultCollisionConfiguration> configuration;
   btCollisionDispatcher dispatcher;
-  // Bullet makes its pairs known to ghosts through it; set when there is one.
+  // Callback by which Bullet reports overlapping pairs to ghosts; created with the first ghost.
   std::unique_ptr<btGhostPairCallback> ghost_pairs;
   Broadphase broadphase;
   std::unique_ptr<btMLCPSolverInterface> mlcp;
   std::unique_ptr<btConstraintSolver> solver;
   std::unique_ptr<btDiscreteDynamicsWorld> world;
-  // The same world.
+  // `world` as a Stepper.
   Stepper *stepper = nullptr;
-  // The same world, if it was made for soft bodies.
+  // `world`, if its kind is AmbWorldKind_Soft; else null.
   btSoftRigidDynamicsWorld *soft = nullptr;
-  // The same world, if the engine made it.
-  TreeWorld *trees = nullptr;
+  // `world`, if its kind is AmbWorldKind_Articulated and the engine made it; else null.
+  ArticulatedWorld *articulated = nullptr;
   MotionClock clock;
-  // Static bodies are looked at only when they are set.
-  bool rests = false;
-  // Bodies may fall asleep, below these linear and angular velocities.
-  bool sleeps = false;
-  btScalar sleeps_below[2] = {0, 0};
+  // The AABB of a static body is updated only when its pose is set.
+  bool freezes_static_aabbs = false;
+  // Bodies fall asleep below these linear (m/s) and angular (rad/s) speeds.
+  bool allows_sleeping = false;
+  btScalar sleeping_thresholds[2] = {0, 0};
   bool has_gimpact = false;
-  // Somebody casts rays: soft bodies keep a tree of their faces.
+  // Rays are cast in this world: soft bodies maintain a bounding-volume tree of their faces.
   bool has_rays = false;
   size_t next_index = 0;
 };
 
-// Of manifolds that push.
+// Whether the contacts of a manifold produce impulses: neither object is a ghost.
 inline bool responds(const btPersistentManifold &manifold) {
   return manifold.getBody0()->hasContactResponse() && manifold.getBody1()->hasContactResponse();
 }
 
-// Bodies at rest, see rest.cpp: whether a body may fall asleep, beginning awake, ...
-void set_activity(AmbWorld &world, AmbBody &owner);
-// ... what happens to those that a body touches or holds when it goes, ...
-void wake_around(AmbWorld &world, const AmbBody &owner);
-// ... and when it is put somewhere else.
-void place(AmbWorld &world, AmbBody &owner, const btTransform &pose);
+// See sleeping.cpp. Sets the activation state of a body: frozen if static, able to sleep, or always awake.
+void set_activation_state(AmbWorld &world, AmbBody &owner);
+// Wakes the bodies that overlap the AABB of a body or share a constraint with it.
+void activate_neighbours(AmbWorld &world, const AmbBody &owner);
+// Sets the pose of a body and wakes its neighbours at the old and the new pose.
+void set_pose(AmbWorld &world, AmbBody &owner, const btTransform &pose);
 
 // Soft bodies in a world, see soft_body.cpp.
 void before_soft_sub_step(btDynamicsWorld *dynamics, btScalar dt);
 void after_soft_step(AmbWorld &world);
 void prepare_soft_rays(AmbWorld &world);
 void forget_in_soft_bodies(AmbWorld &world, AmbBody &body);
-// Distance fields are not part of copies of a world: Bullet makes their cells elsewhere, and they follow from the shapes.
-void keep_distance_fields_out(AmbWorld &world);
-void put_back_soft(AmbWorld &world, AmbArena &arena, const unsigned char *copy, size_t size);
-// Before the narrow phase looks at a pair one of which is a soft body; false: it may not.
+// Excludes the signed distance fields from saved states: Bullet allocates their cells with plain `new`, and they can be
+// computed from the shapes again.
+void exclude_distance_fields(AmbWorld &world);
+void restore_soft_bodies(AmbWorld &world, AmbArena &arena, const unsigned char *copy, size_t size);
+// To be called before the narrow phase of a pair with a soft body; false: the pair must be skipped.
 bool prepare_soft_pair(btBroadphasePair &pair, const btCollisionObject &a, const btCollisionObject &b);
 
-// Of a spring about (rad, as of a hinge) or along (m) z of its frames, from the present poses.
+// Coordinate of a spring about z (rad, sign as of a hinge) or along z (m) of its frames, from the present poses.
 btScalar axis_reading(AmbConstraint &spring, bool is_angle);
 
 inline btVector3 vector_of(const double v[3]) { return btVector3(v[0], v[1], v[2]); }
 
-// A sum is finite only if each term is, short of an overflow that deserves the alarm too.
+// A sum is finite only if each term is. A sum that overflows counts as not finite.
 inline bool finite(const btVector3 &v) { return std::isfinite(v.x() + v.y() + v.z()); }
 
 inline btTransform transform_of(const double pose[12]) {

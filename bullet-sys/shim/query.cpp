@@ -4,10 +4,10 @@
 
 namespace {
 
-// Directions are normalised in Bullet; the square of the length must be a number to divide by.
+// Bullet normalises the direction by the square of its length, which must not be zero, subnormal or infinite.
 bool castable(const btVector3 &from, const btVector3 &to) { return std::isnormal((to - from).length2()); }
 
-// Passes by objects without a pose: Bullet looks for the farthest point of their shape among numbers none of which is the largest.
+// Skips objects whose pose is not finite: Bullet's support function finds no farthest point among NaNs.
 struct ClosestHit : btCollisionWorld::ClosestRayResultCallback {
   using btCollisionWorld::ClosestRayResultCallback::ClosestRayResultCallback;
 

@@ -1,4 +1,4 @@
-/* What touches what: rays and contacts. */
+/* Ray casts and contact points. */
 #ifndef AMB_QUERY_H
 #define AMB_QUERY_H
 #include "types.h"
@@ -17,27 +17,27 @@ typedef struct AmbRay {
 } AmbRay;
 
 typedef struct AmbRayHit {
-  int target;       /* enum AmbTarget; all else is only set where it is not AmbTarget_None */
+  int target;       /* enum AmbTarget; the other members are set only if it is not AmbTarget_None */
   AmbHandle handle; /* of the body or soft body */
-  double fraction;  /* of the way, 0 to 1 */
+  double fraction;  /* of the ray's length, 0 to 1 */
   double point[3];  /* m, world axes */
-  double normal[3]; /* unit, world axes, off the surface */
+  double normal[3]; /* unit, world axes, outward */
 } AmbRayHit;
 
-/* Closest hit of each of n rays with Bullet's default filter. A ray without length or with a coordinate that is not finite hits
-   nothing. */
+/* Closest hit of each of n rays with Bullet's default filter. A ray without length or with a coordinate that is not
+   finite hits nothing. */
 void amb_world_cast_rays(AmbWorld *world, const AmbRay *rays, int n, AmbRayHit *hits);
 
 typedef struct AmbContact {
   AmbHandle other;
   double point[3];  /* m, world axes, on the body */
   double normal[3]; /* unit, world axes, from the other body to this one */
-  double distance;  /* m; negative where they overlap */
+  double distance;  /* m; negative: penetration depth */
   double impulse;   /* N s along the normal in the last sub-step */
 } AmbContact;
 
-/* Contact points of a body with other bodies at a distance of at most threshold. Writes up to capacity and returns how many there are.
-   Looks at every pair of bodies that are near each other. */
+/* Contact points of a body with other bodies at a distance of at most `threshold` m. Writes up to `capacity` points and
+   returns the number of all. Visits every contact manifold of the world. */
 int amb_body_contacts(const AmbWorld *world, const AmbBody *body, double threshold, AmbContact *out, int capacity);
 
 #endif

@@ -2,7 +2,7 @@
 
 namespace {
 
-// Bits whose meaning is the contrary of their field's.
+// Bits whose meaning is the negation of their member's.
 constexpr int INVERTED = SOLVER_DISABLE_VELOCITY_DEPENDENT_FRICTION_DIRECTION | SOLVER_DISABLE_IMPLICIT_CONE_FRICTION;
 
 struct ModeBit {

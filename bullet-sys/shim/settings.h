@@ -1,12 +1,13 @@
-/* Numbers of the contact and constraint solver, and of the motion of single bodies: plain get and set. */
+/* Parameters of the contact and constraint solver, and of the motion of single bodies: plain getters and setters. */
 #ifndef AMB_SETTINGS_H
 #define AMB_SETTINGS_H
 #include "types.h"
 
-/* Bits of `mode` that are not set here stay as they are. Named as in Bullet's btContactSolverInfo; SI units, factors without unit. */
+/* Named as in Bullet's btContactSolverInfo; SI units, factors are dimensionless. Bits of m_solverMode without a member
+   here are not changed. */
 typedef struct AmbSolverSettings {
   int iterations;
-  /* Islands are merged until they have so many constraints. */
+  /* Islands are solved together until they have this number of constraints. */
   int minimum_batch_size;
   /* Bullet's erp and erp2. */
   double joint_erp, contact_erp;
@@ -38,10 +39,10 @@ enum AmbGyroscopic {
 
 void amb_world_get_settings(const AmbWorld *world, AmbSolverSettings *settings);
 void amb_world_set_settings(AmbWorld *world, const AmbSolverSettings *settings);
-/* Whether the broad phase remembers bounding boxes without the margin of 0.05 m that Bullet gives those of moving objects. The order in
-   which pairs are found, and with it the order in which contacts are solved, depends on it. */
+/* Whether the broad phase stores AABBs without the margin of 0.05 m that Bullet adds for moving objects. This changes
+   the order of pairs, and hence the order of contact rows in the solver. */
 void amb_world_set_tight_bounds(AmbWorld *world, int enabled);
-/* How the torque of a turning body's own momentum is integrated: an AmbGyroscopic. */
+/* Integration of the gyroscopic torque -w x (I w); kind: enum AmbGyroscopic. */
 void amb_body_set_gyroscopic(AmbBody *body, int kind);
 
 #endif

@@ -21,7 +21,7 @@ btCollisionShape *along(int axis, btScalar radius, btScalar height) {
   }
 }
 
-// Vertices stay shared between triangles: a mesh against a plane makes one contact a vertex.
+// Triangles share vertices, so that a mesh on a plane has one contact per vertex.
 std::unique_ptr<btTriangleMesh> triangle_mesh(const double *vertices, int n, const unsigned *triangles, int m) {
   auto mesh = std::make_unique<btTriangleMesh>();
   mesh->preallocateVertices(n);
@@ -78,7 +78,8 @@ AmbShape *amb_shape_convex_hull(const double *vertices, int n, double margin) {
   return own(hull, margin);
 }
 
-AmbShape *amb_shape_convex_triangle_mesh(const double *vertices, int n, const unsigned *triangles, int m, double margin) {
+AmbShape *amb_shape_convex_triangle_mesh(const double *vertices, int n, const unsigned *triangles, int m,
+                                         double margin) {
   auto mesh = triangle_mesh(vertices, n, triangles, m);
   AmbShape *owner = own(new btConvexTriangleMeshShape(mesh.get()), margin);
   owner->mesh = std::move(mesh);
@@ -115,7 +116,7 @@ AmbShape *amb_shape_simplify(AmbShape *shape) {
   const auto &compound = static_cast<const btCompoundShape &>(*shape->shape);
   if (!(compound.getChildTransform(0) == btTransform::getIdentity())) return shape;
   AmbShape *child = shape->children[0].release();
-  // The compound goes without its child, which it does not own and does not touch.
+  // The destructor of the compound does not access its child, whose ownership was released above.
   delete shape;
   return amb_shape_simplify(child);
 }
@@ -124,7 +125,7 @@ void amb_shape_free(AmbShape *shape) { delete shape; }
 
 void amb_shape_inertia(const AmbShape *shape, double mass, double inertia[3]) {
   btVector3 moments(0, 0, 0);
-  // btEmptyShape asserts, or leaves the result as it was.
+  // btEmptyShape::calculateLocalInertia asserts, and in release builds does not write the result.
   if (shape->shape->getShapeType() != EMPTY_SHAPE_PROXYTYPE) shape->shape->calculateLocalInertia(mass, moments);
   write_vector(moments, inertia);
 }

@@ -15,13 +15,14 @@ AmbShape *amb_shape_plane(const double normal[3], double offset, double margin);
 /* vertices: (n x 3), copied. */
 AmbShape *amb_shape_convex_hull(const double *vertices, int n, double margin);
 /* vertices (n x 3) and triangles (m x 3), copied; every index is below n. */
-AmbShape *amb_shape_convex_triangle_mesh(const double *vertices, int n, const unsigned *triangles, int m, double margin);
+AmbShape *amb_shape_convex_triangle_mesh(const double *vertices, int n, const unsigned *triangles, int m,
+                                         double margin);
 AmbShape *amb_shape_gimpact(const double *vertices, int n, const unsigned *triangles, int m, double margin);
 AmbShape *amb_shape_compound(void);
 /* Takes ownership of child. */
 void amb_shape_compound_add(AmbShape *compound, AmbShape *child, const double pose[12]);
-/* Takes ownership of shape and returns the only child of a compound if it is where the compound is, else shape itself. A hull forgets
-   the larger margin that it was made with: its bounding box becomes as tight as Bullet makes it. */
+/* Takes ownership of `shape`. Returns the child of a compound with one child at the identity pose, else `shape` itself.
+   The AABB of a convex hull is computed again with the margin that was set after its construction. */
 AmbShape *amb_shape_simplify(AmbShape *shape);
 void amb_shape_free(AmbShape *shape);
 

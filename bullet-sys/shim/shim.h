@@ -5,7 +5,7 @@
 #include "constraint.h"
 #include "ghost.h"
 #include "query.h"
-#include "rest.h"
+#include "sleeping.h"
 #include "settings.h"
 #include "shape.h"
 #include "soft_body.h"

@@ -6,20 +6,22 @@
 
 namespace {
 
-// Distance from the origin, m, up to which the grid of Bullet's distance fields has cells: beyond 10^9 m their numbers overflow.
-constexpr btScalar kReach = 1e7;
+// Largest coordinate for which collisions are computed, m. The cell indices of Bullet's signed distance fields overflow
+// at 10^9 m.
+constexpr btScalar MAX_COORDINATE = 1e7;
 
 bool within_reach(const btVector3 &v) {
-  return std::fabs(v.x()) < kReach && std::fabs(v.y()) < kReach && std::fabs(v.z()) < kReach;
+  return std::fabs(v.x()) < MAX_COORDINATE && std::fabs(v.y()) < MAX_COORDINATE && std::fabs(v.z()) < MAX_COORDINATE;
 }
 
-// Planes have no end, but are handed to the narrow phase in pieces as large as the soft body.
+// Planes are infinite, but the narrow phase sees only a patch of the size of the soft body.
 bool within_reach(const btCollisionShape &shape) {
   if (shape.getShapeType() == STATIC_PLANE_PROXYTYPE || shape.getShapeType() == EMPTY_SHAPE_PROXYTYPE) return true;
   if (shape.isCompound()) {
     const auto &compound = static_cast<const btCompoundShape &>(shape);
     for (int i = 0; i < compound.getNumChildShapes(); ++i) {
-      if (!within_reach(compound.getChildTransform(i).getOrigin()) || !within_reach(*compound.getChildShape(i))) return false;
+      if (!within_reach(compound.getChildTransform(i).getOrigin()) || !within_reach(*compound.getChildShape(i)))
+        return false;
     }
     return true;
   }
@@ -28,8 +30,9 @@ bool within_reach(const btCollisionShape &shape) {
   return within_reach(low) && within_reach(high);
 }
 
-// Bullet keeps the piece of a plane that lies below the soft body when they first meet, and never another: a cloth that slides off it
-// would fall through the ground.
+// Bullet triangulates the patch of a plane below the soft body when the pair is created, and never again: a cloth that
+// slides off the patch would fall through the plane. This marks the patch as stale when the soft body has moved or
+// grown too far.
 void follow_patch(AmbSoft &soft) {
   btVector3 low, high;
   soft.body.getAabb(low, high);
@@ -44,7 +47,7 @@ void follow_patch(AmbSoft &soft) {
 
 bool may_touch(const btCollisionObject &object) {
   AmbObject &owner = *object_of(&object);
-  // Clusters would bounce off a ghost.
+  // Bullet would create contact forces between clusters and a ghost.
   if (owner.kind == ObjectKind::Ghost) return false;
   if (owner.kind == ObjectKind::Body) {
     return within_reach(object.getWorldTransform().getOrigin()) && within_reach(*object.getCollisionShape());
@@ -52,7 +55,8 @@ bool may_touch(const btCollisionObject &object) {
   auto &soft = static_cast<AmbSoft &>(owner);
   if (!soft.checked) {
     soft.checked = soft.sound = true;
-    for (int i = 0; soft.sound && i < soft.body.m_nodes.size(); ++i) soft.sound = within_reach(soft.body.m_nodes[i].m_x);
+    for (int i = 0; soft.sound && i < soft.body.m_nodes.size(); ++i)
+      soft.sound = within_reach(soft.body.m_nodes[i].m_x);
     if (soft.sound) follow_patch(soft);
   }
   return soft.sound;
@@ -62,7 +66,7 @@ bool is_plane(const btCollisionObject &object) {
   return object.getCollisionShape()->getShapeType() == STATIC_PLANE_PROXYTYPE;
 }
 
-// btAlignedObjectArray::resize needs an element to fill with, which the types here cannot be made without warnings.
+// btAlignedObjectArray::resize needs a default element, which these types cannot construct without compiler warnings.
 template <typename T>
 void shorten(btAlignedObjectArray<T> &array, int size) {
   while (array.size() > size) array.pop_back();
@@ -80,8 +84,8 @@ btDbvtVolume volume_of(const btSoftBody::Face &face) {
   return btDbvtVolume::FromPoints(corners, 3);
 }
 
-// As Bullet 2 did. Bullet 3's own, which it calls only when there is no tree yet, never ends when the faces are not connected, and takes
-// quadratic time.
+// Builds the bounding-volume tree of the faces as Bullet 2 did. Bullet 3's initializeFaceTree, which it calls only when
+// there is no tree, does not terminate when the faces are not connected, and takes quadratic time.
 void build_face_tree(btSoftBody &body) {
   if (!body.m_fdbvt.empty()) return;
   for (int i = 0; i < body.m_faces.size(); ++i) {
@@ -142,7 +146,7 @@ void forget_in_soft_bodies(AmbWorld &world, AmbBody &body) {
     amb_soft_remove_anchors(&soft, &body);
     clear_contacts(soft.body);
   });
-  // A later shape may lie at the same address.
+  // A shape allocated later may have the same address.
   forget_shape(world.soft->getWorldInfo().m_sparsesdf, *body.shape);
 }
 
@@ -150,13 +154,13 @@ bool prepare_soft_pair(btBroadphasePair &pair, const btCollisionObject &a, const
   if (!may_touch(a) || !may_touch(b)) return false;
   if (pair.m_algorithm && (is_plane(a) || is_plane(b))) {
     const auto &soft = static_cast<const AmbSoft &>(*object_of(is_plane(a) ? &b : &a));
-    // What the collision configuration makes for a soft body and a concave shape.
+    // The collision configuration creates this algorithm for a soft body and a concave shape.
     if (soft.left_patch) static_cast<btSoftBodyConcaveCollisionAlgorithm *>(pair.m_algorithm)->clearCache();
   }
   return true;
 }
 
-void keep_distance_fields_out(AmbWorld &world) {
+void exclude_distance_fields(AmbWorld &world) {
   btSparseSdf<3> &fields = world.soft->getWorldInfo().m_sparsesdf;
   const int size = fields.cells.size();
   AmbArena *const arena = amb_arena_enter(nullptr);
@@ -166,13 +170,14 @@ void keep_distance_fields_out(AmbWorld &world) {
   amb_arena_enter(arena);
 }
 
-void put_back_soft(AmbWorld &world, AmbArena &arena, const unsigned char *copy, size_t size) {
+void restore_soft_bodies(AmbWorld &world, AmbArena &arena, const unsigned char *copy, size_t size) {
   btSparseSdf<3> &fields = world.soft->getWorldInfo().m_sparsesdf;
-  // With shapes that Bullet makes in the arena, such as pieces of planes, others may come back at the same address.
+  // Shapes that Bullet allocates in the arena, such as patches of planes, may be at the addresses of other shapes after
+  // the restore.
   for (int i = 0; i < fields.cells.size(); ++i) {
     for (btSparseSdf<3>::Cell **at = &fields.cells[i]; *at;) {
       btSparseSdf<3>::Cell *cell = *at;
-      if (lies_in(arena, cell->pclient)) {
+      if (is_in_arena(arena, cell->pclient)) {
         *at = cell->next;
         delete cell;
         --fields.ncells;
@@ -183,7 +188,7 @@ void put_back_soft(AmbWorld &world, AmbArena &arena, const unsigned char *copy, 
   }
   alignas(btSparseSdf<3>) unsigned char kept[sizeof(btSparseSdf<3>)];
   memcpy(kept, static_cast<const void *>(&fields), sizeof(kept));
-  put_back(arena, copy, size);
+  restore_arena(arena, copy, size);
   memcpy(static_cast<void *>(&fields), kept, sizeof(kept));
 }
 
@@ -249,8 +254,8 @@ void amb_soft_set_config(AmbSoft *soft, const AmbSoftConfig *config) {
   c.piterations = config->piterations;
   c.diterations = config->diterations;
   c.citerations = config->citerations;
-  // Bullet 3 has added flags for its deformable bodies, whose contacts a world of soft bodies never clears, and its mask of soft against
-  // soft covers CL_SELF, so that with it neither clusters nor faces would meet.
+  // Bullet 3 added flags for deformable bodies, whose contacts a soft-body world never clears. Its mask of soft against
+  // soft includes CL_SELF, with which neither clusters nor faces would collide.
   using Collision = btSoftBody::fCollision;
   c.collisions = config->flags & (Collision::SDF_RS | Collision::CL_RS | Collision::VF_SS | Collision::CL_SS);
 }
@@ -265,7 +270,7 @@ void amb_soft_make_clusters(AmbSoft *soft, int n) {
     btSoftBody::Cluster &cluster = *soft->body.m_clusters[i];
     const btMatrix3x3 &inverse = cluster.m_locii;
     if (finite(inverse[0]) && finite(inverse[1]) && finite(inverse[2])) continue;
-    // A single node, or nodes on a line: Bullet inverts a singular matrix.
+    // For a single node or collinear nodes Bullet has inverted a singular inertia matrix.
     const btVector3 zero(0, 0, 0);
     for (int row = 0; row < 3; ++row) cluster.m_locii[row] = cluster.m_invwi[row] = zero;
     cluster.m_av = zero;
@@ -279,7 +284,7 @@ double amb_soft_volume(const AmbSoft *soft) { return soft->body.getVolume(); }
 void amb_world_add_soft(AmbWorld *world, AmbSoft *soft, AmbHandle handle) {
   btSoftBody &body = soft->body;
   for (int i = 0; i < body.m_nodes.size(); ++i) soft->initial.push_back(body.m_nodes[i].m_x);
-  // What Bullet would do in the first sub-step, but for its own tree of faces.
+  // Bullet would do this in the first sub-step, and would build the face tree in its own way.
   body.updateConstants();
   body.m_bUpdateRtCst = false;
   if (world->has_rays || (body.m_cfg.collisions & btSoftBody::fCollision::VF_SS)) build_face_tree(body);
@@ -289,7 +294,7 @@ void amb_world_add_soft(AmbWorld *world, AmbSoft *soft, AmbHandle handle) {
 
 void amb_world_remove_soft(AmbWorld *world, AmbSoft *soft) {
   world->soft->removeSoftBody(&soft->body);
-  // Contacts with its faces.
+  // Contacts of other soft bodies may refer to its faces.
   each_soft(*world, [](AmbSoft &other) { clear_contacts(other.body); });
 }
 
@@ -301,7 +306,9 @@ void amb_soft_positions(const AmbSoft *soft, double *out, int n) {
   for (int i = 0; i < n; ++i) write_vector(soft->body.m_nodes[i].m_x, out + 3 * i);
 }
 
-void amb_soft_position(const AmbSoft *soft, int node, double out[3]) { write_vector(soft->body.m_nodes[node].m_x, out); }
+void amb_soft_position(const AmbSoft *soft, int node, double out[3]) {
+  write_vector(soft->body.m_nodes[node].m_x, out);
+}
 
 void amb_soft_velocities(const AmbSoft *soft, double *out, int n) {
   for (int i = 0; i < n; ++i) write_vector(soft->body.m_nodes[i].m_v, out + 3 * i);
@@ -325,7 +332,7 @@ int amb_soft_nearest_node(const AmbSoft *soft, const double point[3], double rad
   btScalar best = radius;
   for (int i = 0; i < soft->body.m_nodes.size(); ++i) {
     const btScalar distance = (soft->body.m_nodes[i].m_x - vector_of(point)).length();
-    // The first of equals; one at the radius itself counts.
+    // Of several nodes at the same distance the first one is returned; a distance equal to the radius counts.
     if (nearest < 0 ? distance <= best : distance < best) {
       nearest = i;
       best = distance;
@@ -389,7 +396,8 @@ void amb_soft_restore(AmbSoft *soft) {
 
 void amb_soft_apply_force(AmbSoft *soft, const double force[3]) { soft->force += vector_of(force); }
 
-void amb_soft_add_anchor(AmbSoft *soft, int node, AmbBody *body, const double pivot[3], double influence, int disable_collision) {
+void amb_soft_add_anchor(AmbSoft *soft, int node, AmbBody *body, const double pivot[3], double influence,
+                         int disable_collision) {
   soft->body.appendAnchor(node, &body->body, vector_of(pivot), disable_collision != 0, influence);
 }
 
@@ -409,7 +417,7 @@ int amb_soft_remove_anchors(AmbSoft *soft, AmbBody *body) {
   const int removed = anchors.size() - kept;
   if (removed > 0) {
     shorten(anchors, kept);
-    // A node may be tied to several bodies.
+    // A node may be anchored to several bodies.
     for (int i = 0; i < kept; ++i) anchors[i].m_node->m_battach = 1;
     soft->body.m_collisionDisabledObjects.remove(&body->body);
   }

@@ -31,9 +31,9 @@ void WarmFrictionSolver::convertContacts(btPersistentManifold **manifolds, int n
 
 std::unique_ptr<btMLCPSolverInterface> mlcp_of(int solver) {
   switch (solver) {
-    case AmbSolver_Dantzig: return std::make_unique<Held<btDantzigSolver>>();
-    case AmbSolver_ProjectedGaussSeidel: return std::make_unique<Held<btSolveProjectedGaussSeidel>>();
-    case AmbSolver_Lemke: return std::make_unique<Held<btLemkeSolver>>();
+    case AmbSolver_Dantzig: return std::make_unique<InArena<btDantzigSolver>>();
+    case AmbSolver_ProjectedGaussSeidel: return std::make_unique<InArena<btSolveProjectedGaussSeidel>>();
+    case AmbSolver_Lemke: return std::make_unique<InArena<btLemkeSolver>>();
     default: return nullptr;
   }
 }

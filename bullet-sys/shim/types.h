@@ -9,13 +9,13 @@ typedef struct AmbConstraint AmbConstraint;
 typedef struct AmbGhost AmbGhost;
 typedef struct AmbVehicle AmbVehicle;
 typedef struct AmbSoft AmbSoft;
-typedef struct AmbTree AmbTree;
+typedef struct AmbArticulation AmbArticulation;
 typedef struct AmbEngine AmbEngine;
 
-/* Names an object towards the caller: given with the object, handed back by queries. */
+/* The caller's name of an object: given when the object is added to a world, returned by queries. */
 typedef unsigned long long AmbHandle;
 
-/* sizeof(btScalar) that the shim and, through the size of a transform, the library were built with. */
+/* sizeof(btScalar) of the headers that the shim was compiled with. */
 int amb_scalar_size(void);
 
 #endif

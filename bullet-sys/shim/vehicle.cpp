@@ -9,14 +9,15 @@ struct AmbVehicle {
         raycaster(owner->world.get()),
         vehicle(btRaycastVehicle::btVehicleTuning(), &body->body, &raycaster) {
     vehicle.setCoordinateSystem(1, 2, 0);
-    // Its suspension acts in every sub-step, and what it stands on may go.
-    ++chassis->restless;
-    set_activity(*world, *chassis);
+    // The suspension exerts forces in every sub-step, and the body below the wheels may be removed: the chassis never
+    // sleeps.
+    ++chassis->sleep_inhibitors;
+    set_activation_state(*world, *chassis);
   }
 
   ~AmbVehicle() {
-    --chassis->restless;
-    set_activity(*world, *chassis);
+    --chassis->sleep_inhibitors;
+    set_activation_state(*world, *chassis);
   }
 
   AmbWorld *world;
@@ -31,15 +32,15 @@ AmbVehicle *amb_vehicle_new(AmbWorld *world, AmbBody *chassis, const AmbWheel *w
   auto *owner = new AmbVehicle(world, chassis);
   for (int i = 0; i < n; ++i) {
     const AmbWheel &wheel = wheels[i];
-    btWheelInfo &info = owner->vehicle.addWheel(vector_of(wheel.connection), vector_of(wheel.direction), vector_of(wheel.axle),
-                                                wheel.rest_length, wheel.radius, btRaycastVehicle::btVehicleTuning(),
-                                                wheel.is_front != 0);
+    btWheelInfo &info = owner->vehicle.addWheel(vector_of(wheel.connection), vector_of(wheel.direction),
+                                                vector_of(wheel.axle), wheel.rest_length, wheel.radius,
+                                                btRaycastVehicle::btVehicleTuning(), wheel.is_front != 0);
     info.m_suspensionStiffness = wheel.stiffness;
     info.m_wheelsDampingRelaxation = wheel.damping_relaxation;
     info.m_wheelsDampingCompression = wheel.damping_compression;
     info.m_frictionSlip = wheel.friction_slip;
     info.m_rollInfluence = wheel.roll_influence;
-    // Bullet leaves these to the first sub-step.
+    // Bullet initialises these in the first sub-step only.
     info.m_raycastInfo.m_groundObject = nullptr;
     info.m_wheelsSuspensionForce = 0;
     info.m_skidInfo = 1;

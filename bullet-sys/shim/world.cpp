@@ -1,13 +1,13 @@
 #include "solvers.h"
-#include "stepped.h"
+#include "substepped_world.h"
 
 #include <BulletCollision/Gimpact/btGImpactCollisionAlgorithm.h>
 #include <BulletSoftBody/btSoftBodyRigidBodyCollisionConfiguration.h>
 
 namespace {
 
-// Pairs that never collide stay in the pair cache, so that the order of the others, and with it the order in which contacts are
-// solved, is that of a world without a bit set.
+// Ignored pairs stay in the pair cache, so that the order of the other pairs, and hence of contact rows, does not
+// depend on how a pair is ignored.
 void near_callback(btBroadphasePair &pair, btCollisionDispatcher &dispatcher, const btDispatcherInfo &info) {
   const auto &first = *static_cast<const btCollisionObject *>(pair.m_pProxy0->m_clientObject);
   const auto &second = *static_cast<const btCollisionObject *>(pair.m_pProxy1->m_clientObject);
@@ -18,8 +18,9 @@ void near_callback(btBroadphasePair &pair, btCollisionDispatcher &dispatcher, co
   btCollisionDispatcher::defaultNearCallback(pair, dispatcher, info);
 }
 
-// Bullet's default of 4096 manifolds takes 7 MB that are touched at once, half of what a small scene needs in all. Piles that need
-// more get theirs from the heap, one by one. In an arena all come from the same memory, and what is not used would be copied.
+// Bullet's default pool of 4096 manifolds is 7 MB, all of it written at once: half of the memory of a small scene.
+// Beyond the pool, manifolds are allocated one by one. In an arena a pool has no advantage, and its unused part would
+// be part of each copy.
 btDefaultCollisionConstructionInfo small_pools(bool in_arena) {
   btDefaultCollisionConstructionInfo info;
   info.m_defaultMaxPersistentManifoldPoolSize = in_arena ? 1 : 1024;
@@ -30,9 +31,9 @@ btDefaultCollisionConstructionInfo small_pools(bool in_arena) {
 std::unique_ptr<btDefaultCollisionConfiguration> configuration_of(bool soft, bool in_arena, Extension *extension) {
   std::unique_ptr<btDefaultCollisionConfiguration> made;
   if (soft) {
-    made = std::make_unique<Held<btSoftBodyRigidBodyCollisionConfiguration>>(small_pools(in_arena));
+    made = std::make_unique<InArena<btSoftBodyRigidBodyCollisionConfiguration>>(small_pools(in_arena));
   } else {
-    made = std::make_unique<Held<btDefaultCollisionConfiguration>>(small_pools(in_arena));
+    made = std::make_unique<InArena<btDefaultCollisionConfiguration>>(small_pools(in_arena));
   }
   if (extension) extension->configure(*made);
   return made;
@@ -45,21 +46,21 @@ AmbWorld::AmbWorld(int solver_kind, int kind, const AmbArena *memory, const AmbE
       extension(engine ? engine->extend(*this, solver_kind, kind) : nullptr),
       configuration(configuration_of(kind == AmbWorldKind_Soft, memory, extension.get())),
       dispatcher(configuration.get()) {
-  const bool trees_wanted = extension && kind == AmbWorldKind_Trees;
-  if (!trees_wanted) mlcp = mlcp_of(solver_kind);
+  const bool is_articulated = extension && kind == AmbWorldKind_Articulated;
+  if (!is_articulated) mlcp = mlcp_of(solver_kind);
   solver = extension ? extension->make_solver(mlcp.get()) : solver_of(solver_kind, mlcp.get());
-  if (trees_wanted) {
+  if (is_articulated) {
     extension->make_world(*solver);
   } else {
     if (kind == AmbWorldKind_Soft) {
-      soft = fill_world<Lean<btSoftRigidDynamicsWorld>>(*this, solver.get());
+      soft = fill_world<LazyWorld<btSoftRigidDynamicsWorld>>(*this, solver.get());
       soft->getWorldInfo().air_density = 0;
-      if (arena) keep_distance_fields_out(*this);
+      if (arena) exclude_distance_fields(*this);
       soft->setInternalTickCallback(before_soft_sub_step, this, true);
     } else {
-      fill_world<Lean<btDiscreteDynamicsWorld>>(*this, solver.get());
+      fill_world<LazyWorld<btDiscreteDynamicsWorld>>(*this, solver.get());
     }
-    // An MLCP solver takes one island at a time; merging small ones would only make its matrices larger.
+    // An MLCP solver solves each batch of islands as one matrix: one island per batch keeps the matrices small.
     if (mlcp) world->getSolverInfo().m_minimumSolverBatchSize = 1;
   }
   world->setWorldUserInfo(this);
@@ -75,7 +76,7 @@ void AmbWorld::adopt(AmbObject &object, const AmbShape *shape, AmbHandle handle)
   object.handle = handle;
 }
 
-void AmbWorld::part(AmbObject &a, btCollisionObject &object_a, AmbObject &b, btCollisionObject &object_b) {
+void AmbWorld::ignore_pair(AmbObject &a, btCollisionObject &object_a, AmbObject &b, btCollisionObject &object_b) {
   a.ignore(b);
   b.ignore(a);
   btOverlappingPairCache &pairs = *broadphase.getOverlappingPairCache();
@@ -85,9 +86,9 @@ void AmbWorld::part(AmbObject &a, btCollisionObject &object_a, AmbObject &b, btC
 
 namespace {
 
-void count_held(const AmbConstraint &constraint, int change) {
+void count_constraints(const AmbConstraint &constraint, int change) {
   for (const btRigidBody *body : {&constraint.constraint->getRigidBodyA(), &constraint.constraint->getRigidBodyB()}) {
-    if (AmbBody *owner = body_of(body)) owner->held += change;
+    if (AmbBody *owner = body_of(body)) owner->constraint_count += change;
   }
 }
 
@@ -104,16 +105,16 @@ AmbWorld *amb_world_new(int solver, int kind, AmbArena *arena, const AmbEngine *
 
 void amb_world_restore(AmbWorld *world, AmbArena *arena, const unsigned char *copy, unsigned long size) {
   if (world->soft) {
-    put_back_soft(*world, *arena, copy, size);
+    restore_soft_bodies(*world, *arena, copy, size);
   } else {
-    put_back(*arena, copy, size);
+    restore_arena(*arena, copy, size);
   }
 }
 
 void amb_world_free(AmbWorld *world) { delete world; }
 
 void amb_world_set_gravity(AmbWorld *world, const double gravity[3]) {
-  // Bullet leaves out what sleeps.
+  // Bullet does not set the gravity of sleeping bodies.
   btCollisionObjectArray &objects = world->world->getCollisionObjectArray();
   for (int i = 0; i < objects.size(); ++i) objects[i]->activate();
   world->world->setGravity(vector_of(gravity));
@@ -125,28 +126,26 @@ void amb_world_set_iterations(AmbWorld *world, int iterations) {
   world->world->getSolverInfo().m_numIterations = iterations;
 }
 
-void amb_world_set_lag(AmbWorld *world, int enabled) {
-  world->world->setLatencyMotionStateInterpolation(enabled != 0);
-}
+void amb_world_set_lag(AmbWorld *world, int enabled) { world->world->setLatencyMotionStateInterpolation(enabled != 0); }
 
 void amb_world_add_body(AmbWorld *world, AmbBody *body, AmbHandle handle) {
   world->adopt(*body, body->shape, handle);
   body->motion.follow(world->clock);
-  body->home = world;
+  body->world = world;
   world->world->addRigidBody(&body->body);
-  set_activity(*world, *body);
+  set_activation_state(*world, *body);
 }
 
 void amb_world_remove_body(AmbWorld *world, AmbBody *body) {
   if (world->soft) forget_in_soft_bodies(*world, *body);
   if (world->extension) world->extension->body_leaves(*body);
-  wake_around(*world, *body);
+  activate_neighbours(*world, *body);
   world->world->removeRigidBody(&body->body);
-  body->home = nullptr;
+  body->world = nullptr;
 }
 
-void amb_world_make_drawing(AmbWorld *world, AmbBody *body) {
-  // Before it is static, whose motion states stay.
+void amb_world_make_visual_only(AmbWorld *world, AmbBody *body) {
+  // The motion state is updated before the body becomes static, after which it is not extrapolated any more.
   body->motion.pose();
   amb_world_remove_body(world, body);
   const btVector3 zero(0, 0, 0);
@@ -155,27 +154,27 @@ void amb_world_make_drawing(AmbWorld *world, AmbBody *body) {
   body->body.setAngularVelocity(zero);
   body->body.clearForces();
   world->world->addRigidBody(&body->body, 0, 0);
-  body->home = world;
-  set_activity(*world, *body);
+  body->world = world;
+  set_activation_state(*world, *body);
 }
 
 void amb_world_add_constraint(AmbWorld *world, AmbConstraint *constraint, int disable_collisions) {
-  count_held(*constraint, 1);
-  constraint->parts = disable_collisions != 0;
-  wake(*constraint);
+  count_constraints(*constraint, 1);
+  constraint->disables_collision = disable_collisions != 0;
+  activate_bodies(*constraint);
   if (world->extension && world->extension->add_constraint(*constraint)) return;
-  world->world->addConstraint(constraint->constraint.get(), constraint->parts);
+  world->world->addConstraint(constraint->constraint.get(), constraint->disables_collision);
 }
 
 void amb_world_remove_constraint(AmbWorld *world, AmbConstraint *constraint) {
-  count_held(*constraint, -1);
-  wake(*constraint);
+  count_constraints(*constraint, -1);
+  activate_bodies(*constraint);
   if (world->extension && world->extension->remove_constraint(*constraint)) return;
   world->world->removeConstraint(constraint->constraint.get());
 }
 
 void amb_world_ignore_pair(AmbWorld *world, AmbBody *a, AmbBody *b) {
-  world->part(*a, *a->collider, *b, *b->collider);
+  world->ignore_pair(*a, *a->collider, *b, *b->collider);
   a->body.activate();
   b->body.activate();
 }
@@ -199,7 +198,8 @@ void amb_world_finish_step(AmbWorld *world) {
 
 namespace {
 
-// Finds all pairs anew: their order, and with it that of the solver, then depends on the poses alone. Bounds that were not finite go too.
+// Creates all proxies of the broad phase again: the order of pairs, and hence of solver rows, then depends on the poses
+// only. AABBs that were not finite are replaced.
 void rebuild_broadphase(AmbWorld &world) {
   btCollisionObjectArray &objects = world.world->getCollisionObjectArray();
   std::vector<btBroadphaseProxy> old;
@@ -214,9 +214,10 @@ void rebuild_broadphase(AmbWorld &world) {
     btCollisionObject *object = objects[i];
     btVector3 low, high;
     object->getCollisionShape()->getAabb(object->getWorldTransform(), low, high);
-    object->setBroadphaseHandle(world.broadphase.createProxy(low, high, object->getCollisionShape()->getShapeType(), object,
-                                                             old[i].m_collisionFilterGroup, old[i].m_collisionFilterMask,
-                                                             &world.dispatcher));
+    const btBroadphaseProxy &proxy = old[i];
+    object->setBroadphaseHandle(world.broadphase.createProxy(low, high, object->getCollisionShape()->getShapeType(),
+                                                             object, proxy.m_collisionFilterGroup,
+                                                             proxy.m_collisionFilterMask, &world.dispatcher));
   }
 }
 
@@ -230,8 +231,8 @@ void amb_world_recover(AmbWorld *world) {
     AmbBody *body = body_of(object);
     if (body && object == &body->body) {
       body->motion.pose();
-      set_activity(*world, *body);
-      // Setting a pose leaves it as it was.
+      set_activation_state(*world, *body);
+      // setWorldTransform does not update the inertia tensor in world axes.
       body->body.updateInertiaTensor();
     }
     object->setInterpolationWorldTransform(object->getWorldTransform());

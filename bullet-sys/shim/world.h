@@ -1,4 +1,5 @@
-/* The dynamics world. Objects added to it stay the caller's and must be removed before they are freed. */
+/* The dynamics world. The caller keeps ownership of objects that are added, and must remove them before they are freed.
+ */
 #ifndef AMB_WORLD_H
 #define AMB_WORLD_H
 #include "arena.h"
@@ -10,9 +11,9 @@ enum AmbSolver {
   AmbSolver_Dantzig = 2,
   AmbSolver_ProjectedGaussSeidel = 3,
   AmbSolver_Lemke = 4,
-  /* Sequential impulses that start friction from the impulses of the step before, as Bullet 2 did. */
+  /* Sequential impulses with warm-started friction, as in Bullet 2. */
   AmbSolver_WarmFriction = 5,
-  /* The engine's own; without an engine, sequential impulses. */
+  /* The engine's direct solver; without an engine, sequential impulses. */
   AmbSolver_Accurate = 6
 };
 
@@ -20,19 +21,21 @@ enum AmbWorldKind {
   AmbWorldKind_Rigid = 0,
   /* Soft bodies may be added. Rigid bodies move as in a rigid world, bit for bit. */
   AmbWorldKind_Soft = 1,
-  /* The engine's own, whose constraints may be made articulations; without an engine, rigid. */
-  AmbWorldKind_Trees = 2
+  /* The engine's world, in which constraints can be articulated; without an engine, a rigid world. */
+  AmbWorldKind_Articulated = 2
 };
 
-/* The arena is that of this world alone, or null. Who has given one enters it before each of the functions below, which may all allocate, and
-   whenever something is made for the world; shapes don't change and stay out.
-   engine: what replaces parts of Bullet's step, see extension.h, of static lifetime; null: nothing does. */
+/* solver: enum AmbSolver; kind: enum AmbWorldKind. arena: used by this world only, or null. A caller that gives one
+   must enter it before each of the functions below, which may all allocate, and whenever an object is made for the
+   world; shapes, which do not change, are made outside. engine: replaces parts of Bullet's step, see extension.h; of
+   static lifetime; null: none. */
 AmbWorld *amb_world_new(int solver, int kind, AmbArena *arena, const AmbEngine *engine);
-/* Back to what it was when the copy of its arena was made. The same bodies, soft bodies, ghosts and vehicles must be in the world as then;
-   constraints and trees made since are gone, and those removed are back. */
+/* Restores the state of the world when the copy of its arena was made. The bodies, soft bodies, ghosts and vehicles in
+   the world must be the same as then; constraints and articulations made since do not exist afterwards, and those
+   removed since exist again. */
 void amb_world_restore(AmbWorld *world, AmbArena *arena, const unsigned char *copy, unsigned long size);
 void amb_world_free(AmbWorld *world);
-/* Also sets it on every dynamic body and all soft bodies in the world. */
+/* m/s^2. Sets it on every dynamic body and all soft bodies in the world too. */
 void amb_world_set_gravity(AmbWorld *world, const double gravity[3]);
 void amb_world_set_iterations(AmbWorld *world, int iterations);
 
@@ -40,26 +43,28 @@ void amb_world_set_iterations(AmbWorld *world, int iterations);
 void amb_world_set_lag(AmbWorld *world, int enabled);
 
 void amb_world_add_body(AmbWorld *world, AmbBody *body, AmbHandle handle);
-/* Also drops the anchors of soft bodies on it and what soft bodies remember of it. */
+/* Also removes anchors of soft bodies on the body, and the contacts and cached distance fields that soft bodies have of
+   it. */
 void amb_world_remove_body(AmbWorld *world, AmbBody *body);
-/* Makes a picture of a body: no mass, at rest, touched by nothing and seen by no ray. */
-void amb_world_make_drawing(AmbWorld *world, AmbBody *body);
+/* Makes a body visual-only: static, at rest, without collisions, ignored by ray casts. */
+void amb_world_make_visual_only(AmbWorld *world, AmbBody *body);
 void amb_world_add_constraint(AmbWorld *world, AmbConstraint *constraint, int disable_collisions);
 void amb_world_remove_constraint(AmbWorld *world, AmbConstraint *constraint);
-/* The two bodies never collide from now on; found in constant time. */
+/* The two bodies never collide from now on. The test takes constant time. */
 void amb_world_ignore_pair(AmbWorld *world, AmbBody *a, AmbBody *b);
 
-/* Advances by interval s in sub-steps of sub_step s, at most max_sub_steps of them. Returns the sub-steps that were due: those
-   above max_sub_steps are lost. */
+/* Advances by `interval` s in at most max_sub_steps sub-steps of `sub_step` s. Returns the number of sub-steps that
+   were due; those above max_sub_steps are lost. */
 int amb_world_step(AmbWorld *world, double interval, int max_sub_steps, double sub_step);
-/* The same in pieces: begin returns the sub-steps that are due, of which at most max_sub_steps calls of advance follow, then finish. */
+/* The same as three functions: begin returns the number of sub-steps due; then advance is called for each of them, at
+   most max_sub_steps times, and then finish. */
 int amb_world_begin_step(AmbWorld *world, double interval, int max_sub_steps, double sub_step);
 void amb_world_advance(AmbWorld *world, double sub_step);
 void amb_world_finish_step(AmbWorld *world);
-/* Forgets contacts and what the solver starts from, and revives bodies that Bullet switched off because their state was not finite. Poses
-   and velocities must have been set to finite values before. */
+/* Discards contacts and warm-starting impulses, and reactivates bodies that Bullet disabled because their state was not
+   finite. Poses and velocities must have been set to finite values before. */
 void amb_world_recover(AmbWorld *world);
-/* Contact points of rigid bodies that touch or are about to, after the last sub-step. */
+/* Number of contact points of rigid bodies after the last sub-step, including those of positive distance. */
 int amb_world_contact_count(const AmbWorld *world);
 
 #endif

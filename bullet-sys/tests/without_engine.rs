@@ -12,8 +12,8 @@ fn pose(x: f64) -> [f64; 12] {
     [x, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
 }
 
-/// Two balls, the second at x = 1 m, after [`STEPS`] steps under gravity along z: joined by a hinge about y through the first, which is
-/// static then, or free. Origin and velocity of the second.
+/// Two balls, the second at x = 1 m, after [`STEPS`] steps under gravity along z: joined by a hinge about y through the
+/// first, which is static then, or free. Origin and velocity of the second.
 fn second_ball(solver: i32, kind: u32, hinged: bool) -> ([f64; 3], [f64; 6]) {
     let (mut at, mut velocity) = ([0.0; 12], [0.0; 6]);
     // SAFETY: everything is freed once, in the order that the headers ask for; arrays have the sizes that they name.
@@ -62,7 +62,7 @@ fn bodies_fall_in_every_kind_of_world_and_with_every_solver() {
     use AmbSolver::*;
     use AmbWorldKind::*;
     let n = f64::from(STEPS);
-    for kind in [AmbWorldKind_Rigid, AmbWorldKind_Soft, AmbWorldKind_Trees] {
+    for kind in [AmbWorldKind_Rigid, AmbWorldKind_Soft, AmbWorldKind_Articulated] {
         for solver in AmbSolver_SequentialImpulse..=AmbSolver_Accurate {
             let (at, velocity) = second_ball(solver as i32, kind, false);
             assert!((velocity[2] - GRAVITY * n * DT).abs() < 1e-12, "{kind} {solver}: {velocity:?}");
@@ -76,7 +76,7 @@ fn bodies_fall_in_every_kind_of_world_and_with_every_solver() {
 #[test]
 fn what_an_engine_would_solve_is_solved_by_sequential_impulses() {
     let plain = second_ball(AmbSolver::AmbSolver_SequentialImpulse as i32, AmbWorldKind::AmbWorldKind_Rigid, true);
-    let asked = second_ball(AmbSolver::AmbSolver_Accurate as i32, AmbWorldKind::AmbWorldKind_Trees, true);
+    let asked = second_ball(AmbSolver::AmbSolver_Accurate as i32, AmbWorldKind::AmbWorldKind_Articulated, true);
     assert_eq!(plain, asked);
     let [x, _, z] = plain.0;
     assert!((x.hypot(z) - 1.0).abs() < 1e-3, "the hinge holds it: {plain:?}");

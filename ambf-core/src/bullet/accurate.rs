@@ -2,39 +2,45 @@ use ambf_dynamics::ffi as sys;
 
 use super::{Solver, SolverSettings, World};
 
-/// Switches of [`Solver::Accurate`], each of use alone. Worlds with another solver ignore them.
+/// Settings of [`Solver::Accurate`]. The switches are independent of each other. Worlds with another solver ignore
+/// them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AccurateSettings {
-    /// Friction ends with the normal impulse that bounds it; Bullet keeps the last one. Default: `true`.
+    /// The friction impulse of a contact is set to 0 when its normal impulse becomes 0; Bullet keeps the last one.
+    /// Default: `true`.
     pub release_friction: bool,
-    /// CFM of a joint, which Bullet takes for a share of the diagonal of its row, is also in what is divided by, which makes soft rows
-    /// implicit; Bullet leaves it out. Default: `true`.
+    /// Includes CFM in the effective mass of joint rows, 1/(d·(1 + CFM)) with d = J M⁻¹ Jᵀ (implicit soft constraint);
+    /// Bullet, which takes CFM as a share of d, leaves it out. Default: `true`.
     pub diagonal_cfm: bool,
-    /// Contacts bounce at the velocity that restitution asks for, whatever the gap or depth at that moment. Default: `true`.
+    /// The separation velocity of a contact follows from its restitution, whatever the gap or penetration depth at the
+    /// impact. Default: `true`.
     pub restitution: bool,
-    /// Islands are solved directly where that is cheap. Default: `true`.
+    /// Islands are solved directly if the cost is within the budget. Default: `true`.
     pub direct: bool,
-    /// Least softness of joint rows that are solved directly, as a share of the row's diagonal. Redundant rows then share the load.
-    /// Smaller ones lose accuracy where closed loops hold more than they need. Default: 1e-7.
+    /// Minimum CFM of joint rows in the direct solution, as a share of the row's diagonal, which regularises redundant
+    /// rows. Smaller values lose accuracy in overconstrained closed loops. Default: 1e-7.
     pub joint_softness: f64,
     /// The same of contacts. Default: 1e-7.
     pub contact_softness: f64,
     /// The same of friction. Default: 1e-7.
     pub friction_softness: f64,
-    /// Islands are hard that have joints, articulations or masses which differ by more than this factor. Default: 100.
-    pub hard_mass_ratio: f64,
-    /// Islands that are not hard and have more contacts than this are left to sequential impulses if a factorisation takes more
-    /// multiplications a row than [`max_pile_cost`](Self::max_pile_cost). Default: 60.
-    pub max_pile: u32,
-    /// See [`max_pile`](Self::max_pile). Default: 500.
-    pub max_pile_cost: f64,
-    /// Most multiplications for the solution of an island: this many, and [`budget_per_row`](Self::budget_per_row) more for each of its
-    /// rows. Where the solution needs more, the best that was found is taken. Default: 100 000.
-    pub least_budget: f64,
-    /// See [`least_budget`](Self::least_budget). Default: 1500.
+    /// An island is ill-conditioned if it has joints or articulations, or if its masses differ by more than this
+    /// factor. Default: 100.
+    pub mass_ratio_threshold: f64,
+    /// Well-conditioned islands with more contacts than this are solved by sequential impulses if a factorisation takes
+    /// more multiplications per row than [`max_direct_cost_per_row`](Self::max_direct_cost_per_row). Default: 60.
+    pub max_direct_contacts: u32,
+    /// See [`max_direct_contacts`](Self::max_direct_contacts). Default: 500.
+    pub max_direct_cost_per_row: f64,
+    /// Budget of the solution of an island in multiplications: this number plus
+    /// [`budget_per_row`](Self::budget_per_row) for each of its rows. When it is used up, the best approximation found
+    /// is the result. Default: 100 000.
+    pub base_budget: f64,
+    /// See [`base_budget`](Self::base_budget). Default: 1500.
     pub budget_per_row: f64,
-    /// Most multiplications that a world keeps for hard problems, such as impacts, from what others did not need. Default: 1 000 000.
-    pub most_saved_budget: f64,
+    /// Maximum unused budget that a world saves for later solutions, such as those of impacts, in multiplications.
+    /// Default: 1 000 000.
+    pub max_saved_budget: f64,
 }
 
 impl Default for AccurateSettings {
@@ -47,20 +53,19 @@ impl Default for AccurateSettings {
             joint_softness: 1e-7,
             contact_softness: 1e-7,
             friction_softness: 1e-7,
-            hard_mass_ratio: 100.0,
-            max_pile: 60,
-            max_pile_cost: 500.0,
-            least_budget: 1e5,
+            mass_ratio_threshold: 100.0,
+            max_direct_contacts: 60,
+            max_direct_cost_per_row: 500.0,
+            base_budget: 1e5,
             budget_per_row: 1500.0,
-            most_saved_budget: 1e6,
+            max_saved_budget: 1e6,
         }
     }
 }
 
 impl AccurateSettings {
-    /// The settings of the solver that go with these: two friction directions, so that friction does not depend on the direction of
-    /// sliding; joints that correct nearly all of their error in a sub-step. Iterations are for what is not solved directly, and five times as
-    /// many for hard islands.
+    /// The solver settings of [`Solver::Accurate`]: two friction directions, so that friction does not depend on the
+    /// direction of sliding, and a joint ERP of 0.9. The iterations apply to islands that are not solved directly.
     pub fn solver_settings(settings: SolverSettings) -> SolverSettings {
         SolverSettings {
             iterations: 10,
@@ -75,7 +80,7 @@ impl AccurateSettings {
 }
 
 impl World {
-    /// Changes the switches of [`Solver::Accurate`].
+    /// Sets the settings of [`Solver::Accurate`].
     pub fn set_accurate(&mut self, settings: &AccurateSettings) {
         let raw = sys::AmbAccurateSettings {
             release_friction: settings.release_friction.into(),
@@ -85,18 +90,18 @@ impl World {
             joint_softness: settings.joint_softness,
             contact_softness: settings.contact_softness,
             friction_softness: settings.friction_softness,
-            hard_mass_ratio: settings.hard_mass_ratio,
-            max_pile: settings.max_pile.min(i32::MAX as u32) as i32,
-            max_pile_cost: settings.max_pile_cost,
-            least_budget: settings.least_budget,
+            mass_ratio_threshold: settings.mass_ratio_threshold,
+            max_direct_contacts: settings.max_direct_contacts.min(i32::MAX as u32) as i32,
+            max_direct_cost_per_row: settings.max_direct_cost_per_row,
+            base_budget: settings.base_budget,
             budget_per_row: settings.budget_per_row,
-            most_saved_budget: settings.most_saved_budget,
+            max_saved_budget: settings.max_saved_budget,
         };
         // SAFETY: the world is alive; the struct is read before the call returns.
         unsafe { sys::amb_world_set_accurate(self.raw.as_ptr(), &raw) }
     }
 
-    /// Switches and settings of a new world: those of its solver.
+    /// Sets the default settings of the solver of a new world.
     pub(super) fn set_defaults(&mut self, solver: Solver) {
         if solver == Solver::Accurate {
             self.set_accurate(&AccurateSettings::default());
@@ -194,7 +199,8 @@ mod tests {
         assert!((height(&world, body) - 0.5).abs() < 1e-4);
     }
 
-    /// Error of the acceleration of a box that slides down a slope of 0.5 rad, relative, with its edges turned by `turn` rad.
+    /// Error of the acceleration of a box that slides down a slope of 0.5 rad, relative, with its edges turned by
+    /// `turn` rad.
     fn sliding_error(solver: Solver, turn: f64) -> f64 {
         let mut world = World::new(solver);
         let (slope, friction) = (0.5f64, 0.3);

@@ -1,4 +1,4 @@
-//! Constraints in reduced coordinates.
+//! Articulations: kinematic trees of constraints in generalised coordinates.
 
 use std::collections::{HashMap, HashSet};
 use std::ptr::NonNull;
@@ -9,47 +9,48 @@ use super::{ArticulationHandle, BodyHandle, ConstraintHandle, ConstraintKind, Wo
 
 #[derive(Clone)]
 pub(super) struct OwnedArticulation {
-    raw: NonNull<sys::AmbTree>,
+    raw: NonNull<sys::AmbArticulation>,
     joints: Vec<ConstraintHandle>,
     links: Vec<BodyHandle>,
 }
 
-/// Constraints in an order in which each leads from what was reached before to one body more.
-struct Tree {
+/// A kinematic tree; `joints` are ordered so that each connects one new body to the base or to an earlier body.
+struct SpanningTree {
     base: BodyHandle,
     joints: Vec<ConstraintHandle>,
-    /// Beside joints, between the same bodies.
+    /// Springs parallel to a joint, between the same two bodies.
     springs: Vec<ConstraintHandle>,
-    /// Bodies that move with it.
+    /// Dynamic bodies of the tree.
     links: Vec<BodyHandle>,
 }
 
 impl World {
-    /// Puts hinges, sliders, fixed constraints and springs about or along one axis that form one tree into reduced coordinates: the
-    /// coordinates of the joints and, if no body is static, the pose of the base. Such springs may also lie beside a hinge or slider whose
-    /// axis they share. Joints then have no gap, and motion between impacts is integrated by the classical
-    /// Runge-Kutta method, fourth order in the sub-step. The base is the static body, else that which is first of a constraint and second
-    /// of none. Links take the poses and velocities next to theirs that the joints allow.
+    /// Makes constraints that form one kinematic tree an articulation: hinges, sliders, fixed constraints and springs
+    /// about or along one axis. Its generalised coordinates are those of the joints and, if no body is static, the pose
+    /// of the base. Springs may also act in parallel to a hinge or slider on the same axis. Joints of an articulation
+    /// have no position error, and motion between impacts is integrated by the classical Runge-Kutta method, fourth
+    /// order in the sub-step. The base is the static body, or else a body that is body A of a constraint and body B of
+    /// none. Poses and velocities of links are projected onto the joints.
     ///
-    /// Everything that is done with the bodies and constraints goes on to work: wrenches, gravity, damping, poses and velocities, motors,
-    /// limits, readings, feedback, contacts, rays, ghosts. Motion states don't lag.
+    /// All functions of the bodies and constraints remain valid: wrenches, gravity, damping, poses and velocities,
+    /// motors, limits, readings, feedback, contacts, rays, ghosts. Motion states don't lag.
     ///
-    /// `None`, and nothing is changed, when the world was not made [for it](Self::with_articulations); when the constraints are of other
-    /// types, form no tree or several, or reach more than one static body; when a body of theirs is held by any other constraint, cannot
-    /// turn about all its axes, is a link already, or is more than 2 cm or 0.05 rad off its joint; or when there are vehicles, whose wheels
-    /// would not find the links.
+    /// `None`, and nothing is changed, when the world was not made [for articulations](Self::with_articulations); when
+    /// the constraints are of other types, do not form a single tree, or include more than one static body; when
+    /// another constraint acts on one of their bodies, or a body has an infinite moment of inertia, is a link already,
+    /// or is more than 2 cm or 0.05 rad off its joint; or when there are vehicles, whose wheels do not detect links.
     pub fn articulate(&mut self, constraints: &[ConstraintHandle]) -> Option<ArticulationHandle> {
-        let _inside = self.enter();
+        let _arena = self.enter();
         if !self.has_articulations || !self.vehicles.is_empty() {
             return None;
         }
-        let Tree { base, mut joints, springs, links } = self.tree_of(constraints)?;
+        let SpanningTree { base, mut joints, springs, links } = self.spanning_tree(constraints)?;
         let pointers = |of: &[ConstraintHandle]| -> Vec<_> {
             of.iter().map(|&constraint| self.constraints[constraint].raw.as_ptr()).collect()
         };
         let (raw_joints, raw_springs) = (pointers(&joints), pointers(&springs));
-        // SAFETY: world, base and constraints are alive, the constraints are in the world, lead from the base on one body at a time, and
-        // nothing else holds the links. The tree is dissolved before any of them is removed.
+        // SAFETY: world, base and constraints are alive, the constraints are in the world and ordered from the base,
+        // and no other constraint acts on the links. The articulation is dissolved before any of them is removed.
         let raw = unsafe {
             sys::amb_world_articulate(
                 self.raw.as_ptr(),
@@ -68,12 +69,13 @@ impl World {
         Some(handle)
     }
 
-    /// Puts the bodies and constraints of an articulation back into the world as such, with their present poses and velocities. False
-    /// when it is not there.
+    /// Makes the bodies and constraints of an articulation rigid bodies and constraints again, with their present poses
+    /// and velocities. False when the handle is stale.
     pub fn dissolve(&mut self, handle: ArticulationHandle) -> bool {
-        let _inside = self.enter();
+        let _arena = self.enter();
         let Some(articulation) = self.articulations.remove(handle) else { return false };
-        // SAFETY: world and tree are alive, and so are its bodies and constraints; no pointer to the tree is left after this.
+        // SAFETY: the world, the articulation, its bodies and constraints are alive; no pointer to the articulation is
+        // left after this.
         unsafe { sys::amb_world_dissolve(self.raw.as_ptr(), articulation.raw.as_ptr()) }
         articulation.joints.into_iter().for_each(|joint| self.constraints[joint].articulation = None);
         articulation.links.into_iter().for_each(|link| self.bodies[link].articulation = None);
@@ -90,11 +92,12 @@ impl World {
         self.has_articulations
     }
 
-    /// Dissolves what a new constraint between `a` and `b` cannot hold: anything but ties that lead out of their articulation.
+    /// Dissolves the articulations of `a` and `b`, unless a new constraint of this kind between them can be an external
+    /// constraint: it is fixed or point-to-point, and the bodies are not links of the same articulation.
     pub(super) fn dissolve_for(&mut self, a: BodyHandle, b: BodyHandle, kind: &ConstraintKind) {
         let of = [a, b].map(|body| self.articulation(body));
-        let is_tie = matches!(kind, ConstraintKind::Fixed | ConstraintKind::PointToPoint);
-        if !is_tie || of[0] == of[1] {
+        let is_external = matches!(kind, ConstraintKind::Fixed | ConstraintKind::PointToPoint);
+        if !is_external || of[0] == of[1] {
             of.into_iter().flatten().for_each(|handle| {
                 self.dissolve(handle);
             });
@@ -108,7 +111,7 @@ impl World {
         }
     }
 
-    fn tree_of(&self, constraints: &[ConstraintHandle]) -> Option<Tree> {
+    fn spanning_tree(&self, constraints: &[ConstraintHandle]) -> Option<SpanningTree> {
         let mut held: HashMap<BodyHandle, usize> = HashMap::new();
         for handle in constraints {
             let constraint = self.constraints.get(*handle)?;
@@ -118,10 +121,10 @@ impl World {
             constraint.bodies.iter().for_each(|&body| *held.entry(body).or_default() += 1);
         }
         let is_static = |body: BodyHandle| !self.bodies[body].dynamic;
-        if held.iter().any(|(&body, &n)| !is_static(body) && self.bodies[body].held != n) {
+        if held.iter().any(|(&body, &n)| !is_static(body) && self.bodies[body].constraint_count != n) {
             return None;
         }
-        // Of several between the same bodies the joint is that which is no spring.
+        // If several constraints connect the same bodies, the joint is the one that is not a spring.
         let mut joined = HashSet::new();
         let (mut joints, mut springs) = (Vec::new(), Vec::new());
         let is_simple = |handle: &ConstraintHandle| self.constraints[*handle].is_simple;
@@ -161,10 +164,10 @@ impl World {
                 reached.push(if a == body { b } else { a });
             }
         }
-        // A tree has one joint fewer than bodies, and all of them are reached.
+        // In a tree every joint leads to a new body, and all bodies are reached.
         let is_tree = reached.len() == held.len() && order.len() == joints.len();
         let links = reached.into_iter().filter(|&body| !is_static(body)).collect();
-        is_tree.then_some(Tree { base, joints: order, springs, links })
+        is_tree.then_some(SpanningTree { base, joints: order, springs, links })
     }
 }
 

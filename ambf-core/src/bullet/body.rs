@@ -6,12 +6,13 @@ use slotmap::Key;
 
 use super::{pose_of, raw_pose, ArticulationHandle, BodyHandle, BodyKinematics, Shape, World};
 
-/// A rigid body to be made. It never sleeps, unless [`World::let_bodies_sleep`] lets it.
+/// Description of a rigid body. Bodies sleep only after [`World::enable_sleeping`].
 #[derive(Debug)]
 pub struct RigidBody {
-    /// kg; 0: static.
+    /// Mass, kg; 0: static.
     pub mass: f64,
-    /// Principal moments about the axes of the inertial frame, kg·m²; 0: no rotation about that axis.
+    /// Principal moments of inertia about the axes of the inertial frame, kg·m²; 0: infinite, no rotation about that
+    /// axis.
     pub inertia: Vector3<f64>,
     /// Shape, in the inertial frame.
     pub shape: Shape,
@@ -23,9 +24,9 @@ pub struct RigidBody {
     pub rolling_friction: f64,
     /// Coefficient of restitution.
     pub restitution: f64,
-    /// Share of linear velocity lost in 1 s.
+    /// Share of the linear velocity lost in 1 s.
     pub linear_damping: f64,
-    /// Share of angular velocity lost in 1 s.
+    /// Share of the angular velocity lost in 1 s.
     pub angular_damping: f64,
     /// Acceleration instead of the world's gravity, m/s².
     pub gravity: Option<Vector3<f64>>,
@@ -33,23 +34,24 @@ pub struct RigidBody {
 
 pub(super) struct OwnedBody {
     raw: NonNull<sys::AmbBody>,
-    /// Kept alive for the body; freed after it.
+    /// Owned because the body refers to it; freed after the body.
     _shape: Shape,
-    /// In the world's lists.
-    place: usize,
-    /// Constraints and vehicles that refer to it.
-    pub(super) held: usize,
+    /// Index in the world's lists of bodies.
+    index: usize,
+    /// Number of constraints and vehicles that refer to the body.
+    pub(super) constraint_count: usize,
     pub(super) dynamic: bool,
-    /// Of which it is a link; the fixed base is none.
+    /// The articulation of which the body is a link. A fixed base is not a link.
     pub(super) articulation: Option<ArticulationHandle>,
 }
 
-/// What no scene of ours reaches: a body beyond it has been thrown there by an error, not by physics.
+/// Bounds of plausible states. A body beyond them got there by a numerical error.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlausibleBounds {
     /// Largest speed, m/s, and angular speed, rad/s. Default: 3e8, the speed of light.
     pub speed: f64,
-    /// Largest distance of a centre of mass from the origin, m. Default: 1e15, where a number of double precision resolves 0.1 m.
+    /// Largest distance of a centre of mass from the origin, m. Default: 1e15, where a number of double precision
+    /// resolves 0.1 m.
     pub distance: f64,
 }
 
@@ -62,7 +64,7 @@ impl Default for PlausibleBounds {
 impl World {
     /// Adds a body.
     pub fn add_body(&mut self, body: RigidBody) -> BodyHandle {
-        let _inside = self.enter();
+        let _arena = self.enter();
         self.structure += 1;
         // SAFETY: the shape is alive and stays so with the body; numbers are read before the call returns.
         let raw = unsafe {
@@ -77,8 +79,8 @@ impl World {
         let handle = self.bodies.insert(OwnedBody {
             raw,
             _shape: body.shape,
-            place: self.body_list.len(),
-            held: 0,
+            index: self.body_list.len(),
+            constraint_count: 0,
             dynamic: body.mass != 0.0,
             articulation: None,
         });
@@ -94,18 +96,18 @@ impl World {
         handle
     }
 
-    /// Removes a body; the places of other bodies in [`bodies`](Self::bodies) stay. Anchors of soft bodies on it are dropped. False when
-    /// it is not there or a constraint or vehicle still holds it.
+    /// Removes a body and the anchors of soft bodies on it. The indices of other bodies in [`bodies`](Self::bodies) do
+    /// not change. False when the handle is stale, or a constraint or vehicle still refers to the body.
     pub fn remove_body(&mut self, handle: BodyHandle) -> bool {
-        let _inside = self.enter();
-        if self.bodies.get(handle).is_none_or(|body| body.held > 0) {
+        let _arena = self.enter();
+        if self.bodies.get(handle).is_none_or(|body| body.constraint_count > 0) {
             return false;
         }
         let Some(body) = self.bodies.remove(handle) else { return false };
         self.structure += 1;
-        self.body_list[body.place] = std::ptr::null_mut();
-        // SAFETY: the body is in this world, no constraint or vehicle refers to it, removing it drops anchors, and no pointer to it is
-        // left after this.
+        self.body_list[body.index] = std::ptr::null_mut();
+        // SAFETY: the body is in this world, no constraint or vehicle refers to it, removing it drops anchors, and no
+        // pointer to it is left after this.
         unsafe {
             sys::amb_world_remove_body(self.raw.as_ptr(), body.raw.as_ptr());
             sys::amb_body_free(body.raw.as_ptr());
@@ -113,56 +115,61 @@ impl World {
         true
     }
 
-    /// Makes a body a picture: without mass, at rest, touched by nothing and seen by no ray. Only [`set_pose`](Self::set_pose) moves it.
-    /// Anchors of soft bodies on it are dropped. False when it is not there or a constraint or vehicle holds it.
-    pub fn make_drawing(&mut self, handle: BodyHandle) -> bool {
-        let _inside = self.enter();
-        let Some(body) = self.bodies.get_mut(handle).filter(|body| body.held == 0) else { return false };
+    /// Makes a body visual-only: static, at rest, without collisions, ignored by ray casts. Only
+    /// [`set_pose`](Self::set_pose) moves it. Anchors of soft bodies on it are removed. False when the handle is stale,
+    /// or a constraint or vehicle refers to the body.
+    pub fn make_visual_only(&mut self, handle: BodyHandle) -> bool {
+        let _arena = self.enter();
+        let Some(body) = self.bodies.get_mut(handle).filter(|body| body.constraint_count == 0) else { return false };
         body.dynamic = false;
         self.structure += 1;
         // SAFETY: the body is alive and in this world.
-        unsafe { sys::amb_world_make_drawing(self.raw.as_ptr(), body.raw.as_ptr()) }
+        unsafe { sys::amb_world_make_visual_only(self.raw.as_ptr(), body.raw.as_ptr()) }
         true
     }
 
-    /// Whether a body stops where it hits something, within a sub-step, instead of passing through what is thinner than its way; default:
-    /// `false`. A sphere inside the body, about its centre of mass, is swept while that moves further than its radius in a sub-step; a
-    /// slower body costs nothing. The body keeps its velocity, so that the next sub-step makes a contact as usual.
+    /// Enables continuous collision detection for a body, with which it stops at the first impact within a sub-step
+    /// instead of passing through thin obstacles; default: `false`. A sphere inside the body, about its centre of mass,
+    /// is swept in sub-steps in which the centre of mass moves further than the radius; a slower body causes no cost.
+    /// The body keeps its velocity, and the next sub-step finds the contact.
     ///
     /// False when there is no such sphere: the shape is concave or empty, or the centre of mass is outside.
     ///
     /// ## Limitations
-    /// Rotation is not swept, nor what sticks out of the sphere, nor a link of a tree in reduced coordinates; soft bodies are not hit.
+    /// Rotation and the part of the body outside of the sphere are not swept. Links of articulations are not swept.
+    /// Soft bodies are no obstacles.
     pub fn set_continuous(&mut self, handle: BodyHandle, enabled: bool) -> bool {
         let Some(body) = self.raw_body(handle) else { return false };
         // SAFETY: world, body and its shape are alive.
         unsafe { sys::amb_world_set_continuous(self.raw.as_ptr(), body, enabled.into()) != 0 }
     }
 
-    /// The two bodies never collide from now on. Found in constant time, however many such pairs there are.
+    /// Disables collisions between two bodies from now on. The test takes constant time, however many such pairs there
+    /// are.
     pub fn ignore_collision(&mut self, a: BodyHandle, b: BodyHandle) {
-        let _inside = self.enter();
+        let _arena = self.enter();
         if let (Some(a), Some(b)) = (self.raw_body(a), self.raw_body(b)) {
             // SAFETY: world and bodies are alive.
             unsafe { sys::amb_world_ignore_pair(self.raw.as_ptr(), a, b) }
         }
     }
 
-    /// Handles of all bodies in order of creation: the order of [`read_bodies`](Self::read_bodies). In the place of a removed body
-    /// stands its stale handle.
+    /// Handles of all bodies in order of creation, which is the order of [`read_bodies`](Self::read_bodies). The entry
+    /// of a removed body is its stale handle.
     pub fn bodies(&self) -> &[BodyHandle] {
         &self.body_order
     }
 
-    /// Reads all bodies in order of creation, as many as `out` has place for. In the place of a removed body `out` stays as it is.
+    /// Reads the bodies in order of creation, up to the length of `out`. Entries of removed bodies are not written.
     pub fn read_bodies(&self, out: &mut [BodyKinematics]) {
         let n = out.len().min(self.body_list.len());
-        // SAFETY: the list holds live bodies and null only; `BodyKinematics` is 18 doubles in the order the shim writes.
+        // SAFETY: the list holds live bodies and null only; `BodyKinematics` is 18 doubles in the order the shim
+        // writes.
         unsafe { sys::amb_bodies_read(self.body_list.as_ptr(), n as i32, out.as_mut_ptr().cast()) }
     }
 
-    /// The first body whose pose or velocity is not finite or, unless it is static, beyond `bounds`, as its place in
-    /// [`bodies`](Self::bodies).
+    /// Index in [`bodies`](Self::bodies) of the first body whose pose or velocity is not finite or, unless it is
+    /// static, beyond `bounds`.
     pub fn first_lost(&self, bounds: &PlausibleBounds) -> Option<usize> {
         let (list, n) = (self.body_list.as_ptr(), self.body_list.len() as i32);
         // SAFETY: the list holds live bodies and null only.
@@ -186,10 +193,10 @@ impl World {
         Some(pose_of(&raw))
     }
 
-    /// Sets world transform and motion state of the inertial frame; velocities stay. A link of an articulation takes the place next to it
-    /// that the joints allow, in the next step or when joints are read.
+    /// Sets world transform and motion state of the inertial frame; velocities do not change. The pose of a link is
+    /// projected onto the joints of its articulation in the next step, or when joints are read.
     pub fn set_pose(&mut self, handle: BodyHandle, pose: &Isometry3<f64>) {
-        let _inside = self.enter();
+        let _arena = self.enter();
         if let Some(body) = self.raw_body(handle) {
             // SAFETY: the body is alive; 12 doubles are read.
             unsafe { sys::amb_body_set_pose(body, raw_pose(pose).as_ptr()) }
@@ -204,8 +211,8 @@ impl World {
         Some((Vector3::from_column_slice(&raw[..3]), Vector3::from_column_slice(&raw[3..])))
     }
 
-    /// Sets linear and angular velocity, world axes. Of links of an articulation the next step takes what perfect joints leave of all of
-    /// them: the velocities nearest to them, weighted with mass and inertia.
+    /// Sets linear (m/s) and angular velocity (rad/s), world axes. The next step projects the velocities of all links
+    /// of an articulation onto its joints, with the least kinetic energy of the difference.
     pub fn set_velocity(&mut self, handle: BodyHandle, linear: &Vector3<f64>, angular: &Vector3<f64>) {
         if let Some(body) = self.raw_body(handle) {
             // SAFETY: the body is alive; twice three doubles are read.
@@ -213,7 +220,8 @@ impl World {
         }
     }
 
-    /// Adds a force (N) at the centre of mass and a torque (N·m), world axes, for the next step. No effect on static bodies.
+    /// Adds a force (N) at the centre of mass and a torque (N·m), world axes, for the next step. No effect on static
+    /// bodies.
     pub fn apply_wrench(&mut self, handle: BodyHandle, force: &Vector3<f64>, torque: &Vector3<f64>) {
         if let Some(body) = self.raw_body(handle) {
             // SAFETY: the body is alive; twice three doubles are read.
@@ -221,7 +229,7 @@ impl World {
         }
     }
 
-    /// Forgets the forces applied since the last step.
+    /// Clears the forces applied since the last step.
     pub fn clear_forces(&mut self, handle: BodyHandle) {
         if let Some(body) = self.raw_body(handle) {
             // SAFETY: the body is alive.
@@ -298,8 +306,8 @@ mod tests {
         assert!(drop_onto_plane(true) < -4.0);
     }
 
-    /// A ball of 5 mm radius flies from 0.53 m before a wall in the plane x = 0 at it, `angle` rad from straight, with restitution `e`: how
-    /// far its centre gets, and its velocity along x after 20 ms.
+    /// A ball of 5 mm radius flies from 0.53 m before a wall in the plane x = 0 at it, `angle` rad from straight, with
+    /// restitution `e`: how far its centre gets, and its velocity along x after 20 ms.
     fn shot_at(wall: Shape, speed: f64, e: f64, angle: f64, continuous: bool) -> (f64, f64) {
         let mut world = World::new(Solver::default());
         let restitution = e;
@@ -396,23 +404,23 @@ mod tests {
     }
 
     #[test]
-    fn a_drawing_only_goes_where_it_is_put() {
+    fn a_visual_only_body_is_moved_by_its_pose_only() {
         let mut world = World::new(Solver::default());
         world.set_gravity(Vector3::new(0.0, 0.0, -10.0));
-        let picture = world.add_body(ball(1.0, 0.0));
+        let visual = world.add_body(ball(1.0, 0.0));
         let falling = world.add_body(RigidBody { pose: Isometry3::translation(0.0, 0.0, 1.0), ..ball(1.0, 0.0) });
-        world.set_velocity(picture, &Vector3::x(), &Vector3::x());
-        assert!(world.make_drawing(picture));
+        world.set_velocity(visual, &Vector3::x(), &Vector3::x());
+        assert!(world.make_visual_only(visual));
         for _ in 0..1000 {
             world.step(0.001, 1, 0.001);
         }
-        assert_eq!(world.pose(picture), Some(Isometry3::identity()));
-        assert_eq!(world.velocity(picture), Some((Vector3::zeros(), Vector3::zeros())));
+        assert_eq!(world.pose(visual), Some(Isometry3::identity()));
+        assert_eq!(world.velocity(visual), Some((Vector3::zeros(), Vector3::zeros())));
         assert!(world.pose(falling).unwrap().translation.z < -3.0, "it passed through");
         let put = Isometry3::translation(0.0, 2.0, 0.0);
-        world.set_pose(picture, &put);
+        world.set_pose(visual, &put);
         world.step(0.001, 1, 0.001);
-        assert_eq!((world.pose(picture), world.motion_state(picture)), (Some(put), Some(put)));
-        assert!(world.remove_body(picture) && !world.make_drawing(picture));
+        assert_eq!((world.pose(visual), world.motion_state(visual)), (Some(put), Some(put)));
+        assert!(world.remove_body(visual) && !world.make_visual_only(visual));
     }
 }

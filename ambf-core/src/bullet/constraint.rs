@@ -5,20 +5,20 @@ use nalgebra::{Isometry3, Vector3};
 
 use super::{raw_pose, ArticulationHandle, BodyHandle, ConstraintHandle, World};
 
-/// A constraint to be made between bodies A and B.
+/// Description of a constraint between bodies A and B.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Constraint {
-    /// Type and what only that type has.
+    /// Type, and the parameters of that type only.
     pub kind: ConstraintKind,
     /// Joint frame in the inertial frame of A.
     pub frame_a: Isometry3<f64>,
     /// Joint frame in the inertial frame of B.
     pub frame_b: Isometry3<f64>,
-    /// Bullet's own parameters: what, value, axis (-1 where the type has no axes).
+    /// Bullet's parameters: parameter, value, axis (-1 for types without axes).
     pub parameters: Vec<(ConstraintParameter, f64, i32)>,
-    /// Estimate the reaction on both bodies.
+    /// Whether the reaction wrenches on both bodies are computed.
     pub feedback: bool,
-    /// A and B do not collide.
+    /// Whether collisions between A and B are disabled.
     pub disable_collisions: bool,
 }
 
@@ -86,7 +86,7 @@ pub enum ConstraintParameter {
 }
 
 impl ConstraintKind {
-    /// What is read of a constraint as its position.
+    /// The scalar that is read as the position of a constraint.
     fn reading(&self) -> u8 {
         let reading = match self {
             Self::Hinge { .. } => sys::AmbReading::AmbReading_HingeAngle,
@@ -103,7 +103,7 @@ impl ConstraintKind {
 }
 
 impl ConstraintKind {
-    /// Whether it is a spring on z, linear or angular, all other axes of which are locked.
+    /// Whether it is a spring along or about z with all other axes locked.
     fn is_axis_spring(&self) -> bool {
         let Self::SixDofSpring { limits, springs } = self else { return false };
         let on_z = |axis: usize| {
@@ -120,8 +120,8 @@ impl ConstraintKind {
 unsafe fn make(a: *mut sys::AmbBody, b: *mut sys::AmbBody, constraint: &Constraint) -> *mut sys::AmbConstraint {
     let (raw_a, raw_b) = (raw_pose(&constraint.frame_a), raw_pose(&constraint.frame_b));
     let (frame_a, frame_b) = (raw_a.as_ptr(), raw_b.as_ptr());
-    // SAFETY: the caller vouches for the bodies; frames are 12 doubles, of which a point-to-point joint reads the first three; each
-    // set function is called on the type it casts to.
+    // SAFETY: the caller vouches for the bodies; frames are 12 doubles, of which a point-to-point joint reads the first
+    // three; each set function is called on the type it casts to.
     unsafe {
         match &constraint.kind {
             ConstraintKind::Hinge { limits } => {
@@ -198,30 +198,32 @@ pub(super) struct OwnedConstraint {
     motor: Motor,
     /// Hinge, slider or fixed.
     pub(super) is_simple: bool,
-    /// Spring about or along one axis, the other axes are locked.
+    /// Spring about or along one axis, with all other axes locked.
     pub(super) is_axis_spring: bool,
-    /// Of which it is a joint.
+    /// The articulation of which the constraint is a joint or parallel spring.
     pub(super) articulation: Option<ArticulationHandle>,
-    /// In the world's lists.
-    place: usize,
+    /// Index in the world's lists of constraints.
+    index: usize,
 }
 
 impl World {
-    /// Adds a constraint from `a` to `b`; `None` when one of them is not there or both are the same. Articulations of which they are links
-    /// are dissolved, unless the constraint is fixed or point-to-point and leads out of the articulation.
+    /// Adds a constraint from `a` to `b`; `None` when a handle is stale or both are the same. Articulations of which
+    /// they are links are dissolved, unless the constraint can be an external constraint: it is fixed or
+    /// point-to-point, and the bodies are not links of the same articulation.
     pub fn add_constraint(
         &mut self,
         a: BodyHandle,
         b: BodyHandle,
         constraint: &Constraint,
     ) -> Option<ConstraintHandle> {
-        let _inside = self.enter();
+        let _arena = self.enter();
         if a == b {
             return None;
         }
         let (raw_a, raw_b) = (self.raw_body(a)?, self.raw_body(b)?);
         self.dissolve_for(a, b, &constraint.kind);
-        // SAFETY: both bodies are alive and different, and outlive the constraint: `remove_body` refuses while it exists.
+        // SAFETY: both bodies are alive and different, and outlive the constraint: `remove_body` refuses while it
+        // exists.
         let raw = unsafe { make(raw_a, raw_b, constraint) };
         let raw = NonNull::new(raw).expect("operator new throws rather than return null");
         // SAFETY: constraint and world are alive; the constraint is removed from the world before it is freed.
@@ -235,7 +237,7 @@ impl World {
             }
         }
         for handle in [a, b] {
-            self.bodies[handle].held += 1;
+            self.bodies[handle].constraint_count += 1;
         }
         let motor = match constraint.kind {
             ConstraintKind::Hinge { .. } => Motor::Hinge,
@@ -248,47 +250,49 @@ impl World {
         );
         let is_axis_spring = constraint.kind.is_axis_spring();
         let owned =
-            OwnedConstraint { raw, bodies: [a, b], motor, is_simple, is_axis_spring, articulation: None, place: 0 };
+            OwnedConstraint { raw, bodies: [a, b], motor, is_simple, is_axis_spring, articulation: None, index: 0 };
         Some(self.list_constraint(owned, constraint.kind.reading()))
     }
 
     /// Gives a constraint its place in the lists.
     fn list_constraint(&mut self, constraint: OwnedConstraint, reading: u8) -> ConstraintHandle {
         let raw = constraint.raw;
-        // What holds and lets go all the time must not make the lists longer and longer.
-        let place = self.free_places.pop().unwrap_or(self.constraint_list.len());
-        let handle = self.constraints.insert(OwnedConstraint { place, ..constraint });
-        if place == self.constraint_list.len() {
+        // Indices are reused, so that constraints that come and go, such as grips, do not let the lists grow.
+        let index = self.free_indices.pop().unwrap_or(self.constraint_list.len());
+        let handle = self.constraints.insert(OwnedConstraint { index, ..constraint });
+        if index == self.constraint_list.len() {
             self.constraint_list.push(raw.as_ptr());
             self.readings.push(reading);
             self.constraint_order.push(handle);
         } else {
-            self.constraint_list[place] = raw.as_ptr();
-            self.readings[place] = reading;
-            self.constraint_order[place] = handle;
+            self.constraint_list[index] = raw.as_ptr();
+            self.readings[index] = reading;
+            self.constraint_order[index] = handle;
         }
         handle
     }
 
-    /// Draws a point of a body, in its inertial frame, towards the point `goal` of the world (both m), with impulses of at most `most` N·s
-    /// a sub-step along each axis: what picking with a mouse does. `None` when the body is not there.
-    /// [`remove_constraint`](Self::remove_constraint) lets go.
+    /// Adds a grip, as for picking with a mouse: a constraint that pulls a point of a body, in its inertial frame, to
+    /// the point `goal` of the world (both m), with impulses of at most `max_impulse` N·s a sub-step along each axis.
+    /// `None` when the handle is stale. [`remove_constraint`](Self::remove_constraint) removes it.
     pub fn add_grip(
         &mut self,
         body: BodyHandle,
         point: &Vector3<f64>,
         goal: &Vector3<f64>,
-        most: f64,
+        max_impulse: f64,
     ) -> Option<ConstraintHandle> {
-        let _inside = self.enter();
+        let _arena = self.enter();
         let raw_body = self.raw_body(body)?;
-        // SAFETY: the body is alive and outlives the constraint: `remove_body` refuses while it exists. Three doubles are read of each point.
-        let raw = unsafe { sys::amb_grip_new(raw_body, point.as_ptr(), goal.as_ptr(), most) };
+        // SAFETY: the body is alive and outlives the constraint: `remove_body` refuses while it exists. Three doubles
+        // are read of each point.
+        let raw = unsafe { sys::amb_grip_new(raw_body, point.as_ptr(), goal.as_ptr(), max_impulse) };
         let raw = NonNull::new(raw).expect("operator new throws rather than return null");
         // SAFETY: constraint and world are alive; the constraint is removed from the world before it is freed.
         unsafe { sys::amb_world_add_constraint(self.raw.as_ptr(), raw.as_ptr(), 0) };
-        // Counted at both ends, as it is when it goes: the other end is no body of this world.
-        self.bodies[body].held += 2;
+        // `bodies` has the body twice, because the other end is not a body of this world; so `remove_constraint`
+        // subtracts 1 twice.
+        self.bodies[body].constraint_count += 2;
         let owned = OwnedConstraint {
             raw,
             bodies: [body, body],
@@ -296,14 +300,14 @@ impl World {
             is_simple: false,
             is_axis_spring: false,
             articulation: None,
-            place: 0,
+            index: 0,
         };
         Some(self.list_constraint(owned, sys::AmbReading::AmbReading_None as u8))
     }
 
     /// Moves the goal of a constraint that [`add_grip`](Self::add_grip) made, m. False when it is not there.
     pub fn move_grip(&mut self, grip: ConstraintHandle, goal: &Vector3<f64>) -> bool {
-        let _inside = self.enter();
+        let _arena = self.enter();
         let Some(constraint) = self.constraints.get(grip) else { return false };
         let [a, b] = constraint.bodies;
         if a != b {
@@ -315,23 +319,23 @@ impl World {
     }
 
     /// Place of a constraint in [`constraints`](Self::constraints), for as long as it is there.
-    pub fn constraint_place(&self, handle: ConstraintHandle) -> Option<usize> {
-        Some(self.constraints.get(handle)?.place)
+    pub fn constraint_index(&self, handle: ConstraintHandle) -> Option<usize> {
+        Some(self.constraints.get(handle)?.index)
     }
 
-    /// Removes a constraint; the places of others in [`constraints`](Self::constraints) stay. An articulation of which it is a joint is
-    /// dissolved. False when it is not there.
+    /// Removes a constraint; the places of others in [`constraints`](Self::constraints) stay. An articulation of which
+    /// it is a joint is dissolved. False when it is not there.
     pub fn remove_constraint(&mut self, handle: ConstraintHandle) -> bool {
-        let _inside = self.enter();
+        let _arena = self.enter();
         if let Some(articulation) = self.constraints.get(handle).and_then(|constraint| constraint.articulation) {
             self.dissolve(articulation);
         }
         let Some(constraint) = self.constraints.remove(handle) else { return false };
         for body in constraint.bodies {
-            self.bodies[body].held -= 1;
+            self.bodies[body].constraint_count -= 1;
         }
-        self.constraint_list[constraint.place] = std::ptr::null_mut();
-        self.free_places.push(constraint.place);
+        self.constraint_list[constraint.index] = std::ptr::null_mut();
+        self.free_indices.push(constraint.index);
         // SAFETY: the constraint is in this world, and no pointer to it is left after this.
         unsafe {
             sys::amb_world_remove_constraint(self.raw.as_ptr(), constraint.raw.as_ptr());
@@ -340,18 +344,20 @@ impl World {
         true
     }
 
-    /// Handles of all constraints, in the order of [`read_constraints`](Self::read_constraints). In the place of a removed constraint stands
-    /// its stale handle, until a new one takes the place.
+    /// Handles of all constraints, in the order of [`read_constraints`](Self::read_constraints). In the place of a
+    /// removed constraint stands its stale handle, until a new one takes the place.
     pub fn constraints(&self) -> &[ConstraintHandle] {
         &self.constraint_order
     }
 
-    /// Reads the position of all constraints by place, as many as `out` has place for: angle of a hinge (rad),
-    /// position of a slider (m), of a spring on z (m or rad), 0 for others. In the place of a removed constraint `out` stays as it is.
+    /// Reads the position of all constraints by place, as many as `out` has place for: angle of a hinge (rad), position
+    /// of a slider (m), of a spring on z (m or rad), 0 for others. In the place of a removed constraint `out` stays as
+    /// it is.
     pub fn read_constraints(&self, out: &mut [f64]) {
-        let _inside = self.enter();
+        let _arena = self.enter();
         let n = out.len().min(self.constraint_list.len());
-        // SAFETY: the lists are of the same length, hold live constraints and null only, and each reading fits the constraint's type.
+        // SAFETY: the lists are of the same length, hold live constraints and null only, and each reading fits the
+        // constraint's type.
         unsafe {
             sys::amb_constraints_read(
                 self.constraint_list.as_ptr(),
@@ -362,15 +368,15 @@ impl World {
         }
     }
 
-    /// Brings what [`read_constraints`](Self::read_constraints) gives up to the present poses: the position of a slider is otherwise that
-    /// of the last solver pass. For use after poses were set.
+    /// Brings what [`read_constraints`](Self::read_constraints) gives up to the present poses: the position of a slider
+    /// is otherwise that of the last solver pass. For use after poses were set.
     pub fn refresh_constraints(&mut self) {
         // SAFETY: the list holds live constraints and null only, whose bodies are alive.
         unsafe { sys::amb_constraints_refresh(self.constraint_list.as_ptr(), self.constraint_list.len() as i32) }
     }
 
-    /// Switches the motor of a hinge (velocity in rad/s, `max` the largest impulse a sub-step, N·m·s) or slider (m/s, largest force,
-    /// N). False for other constraints.
+    /// Switches the motor of a hinge (velocity in rad/s, `max` the largest impulse a sub-step, N·m·s) or slider (m/s,
+    /// largest force, N). False for other constraints.
     pub fn set_motor(&mut self, handle: ConstraintHandle, enabled: bool, velocity: f64, max: f64) -> bool {
         let Some(constraint) = self.constraints.get(handle) else { return false };
         let raw = constraint.raw.as_ptr();

@@ -4,26 +4,27 @@ use slotmap::KeyData;
 
 use super::{BodyHandle, World};
 
-/// A point where a body touches another, or is about to.
+/// A contact point between two bodies, which may have a positive distance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Contact {
     /// The other body.
     pub other: BodyHandle,
-    /// On the surface of the body that was asked about, m, world axes.
+    /// Point on the surface of the queried body, m, world axes.
     pub point: Vector3<f64>,
-    /// Of unit length, world axes, from the other body to this one.
+    /// Unit normal, world axes, from the other body to this one.
     pub normal: Vector3<f64>,
-    /// m; negative where they overlap.
+    /// Signed distance, m; negative: penetration depth.
     pub distance: f64,
-    /// Along the normal in the last sub-step, N·s, not negative.
+    /// Normal impulse in the last sub-step, N·s, not negative.
     pub impulse: f64,
 }
 
 impl World {
-    /// Fills `contacts` with the contact points of `body` with other bodies at a distance of at most `threshold` m, as of the last
-    /// sub-step. Bullet keeps points up to about 0.02 m apart. Empty for a stale handle. Soft bodies and ghosts do not count.
+    /// Fills `contacts` with the contact points of `body` with other bodies at a distance of at most `threshold` m, as
+    /// of the last sub-step. Bullet keeps points up to about 0.02 m apart. Empty for a stale handle. Soft bodies and
+    /// ghosts do not count.
     ///
-    /// Takes time in proportion to all pairs of bodies in the world that are near each other.
+    /// Takes time proportional to the number of contact manifolds in the world.
     pub fn contacts(&self, body: BodyHandle, threshold: f64, contacts: &mut Vec<Contact>) {
         contacts.clear();
         let Some(body) = self.raw_body(body) else { return };
@@ -40,7 +41,8 @@ impl World {
     }
 }
 
-/// Fills `out` with all that `write` has: it is given a place and how many elements fit there, and says how many there are.
+/// Fills `out` with all results of `write`, which is called with a buffer and its capacity and returns the number of
+/// all results.
 pub(super) fn fill<T: Default + Clone>(out: &mut Vec<T>, write: impl Fn(*mut T, i32) -> i32) {
     out.resize(out.capacity(), T::default());
     let capacity = i32::try_from(out.len()).unwrap_or(i32::MAX);

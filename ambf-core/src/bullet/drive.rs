@@ -1,77 +1,79 @@
-//! Drives that the constraint solver sees: they act on the velocity at the end of a sub-step and so cannot overshoot it.
+//! Soft motors of joints and drives of bodies as rows of the constraint solver. They are implicit: they act on the
+//! velocity at the end of a sub-step and cannot overshoot it.
 
 use ambf_dynamics::ffi as sys;
 use nalgebra::Vector3;
 
 use super::{BodyHandle, ConstraintHandle, World};
 
-/// A row of the constraint solver that drives the coordinate q of a hinge (rad) or slider (m):
-/// `q̇ = velocity − softness · impulse`, with the impulse of a sub-step within ± `max_impulse`.
+/// A row of the constraint solver that drives the coordinate q of a hinge (rad) or slider (m): `q̇ = velocity −
+/// softness · impulse`, with the impulse of a sub-step within ± `max_impulse`.
 ///
-/// Without softness it is a motor. What a spring with damper becomes: [`spring`](crate::control::spring).
+/// Without softness it is a velocity motor. [`spring`](crate::control::spring) gives the values for a spring with
+/// damper.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Drive {
-    /// rad/s or m/s at the end of the sub-step.
+pub struct SoftMotor {
+    /// Target rate at the end of the sub-step, rad/s or m/s.
     pub velocity: f64,
-    /// What the velocity gives way, rad/s per N·m·s or m/s per N·s; not negative.
+    /// Change of the rate per impulse (compliance), rad/s per N·m·s or m/s per N·s; not negative.
     pub softness: f64,
     /// Largest impulse of a sub-step, N·m·s or N·s.
     pub max_impulse: f64,
 }
 
-/// Rows of the constraint solver that drive the centre of mass of a body, world axes: each component of the velocity is that of
-/// `velocity` less `softness` times its impulse.
+/// Rows of the constraint solver that drive the centre of mass of a body, world axes: each component of the velocity is
+/// that of `velocity` less `softness` times its impulse.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BodyDrive {
     /// Linear, m/s, and angular, rad/s, at the end of the sub-step.
     pub velocity: [Vector3<f64>; 2],
-    /// Of the linear, 1/kg, and of the angular part, 1/(kg·m²); not negative.
+    /// Softness of the linear rows, 1/kg, and of the angular rows, 1/(kg·m²); not negative.
     pub softness: [f64; 2],
 }
 
 impl World {
-    /// Drives a hinge or slider from now on, instead of its motor; `None` lets it go. Nothing pushes against a limit that is reached. False
-    /// for other constraints.
-    pub fn set_drive(&mut self, handle: ConstraintHandle, drive: Option<Drive>) -> bool {
-        let _inside = self.enter();
+    /// Enables the soft motor of a hinge or slider instead of its Bullet motor; `None` disables it. The motor has no
+    /// impulse towards a limit that is reached. False for other constraints.
+    pub fn set_soft_motor(&mut self, handle: ConstraintHandle, drive: Option<SoftMotor>) -> bool {
+        let _arena = self.enter();
         let Some(raw) = self.raw_constraint(handle) else { return false };
         // SAFETY: the constraint is alive.
         unsafe {
             match drive {
-                Some(Drive { velocity, softness, max_impulse }) => {
-                    sys::amb_constraint_set_drive(raw, velocity, softness, max_impulse) != 0
+                Some(SoftMotor { velocity, softness, max_impulse }) => {
+                    sys::amb_constraint_set_soft_motor(raw, velocity, softness, max_impulse) != 0
                 }
                 None => {
-                    sys::amb_constraint_release(raw);
+                    sys::amb_constraint_clear_soft_motor(raw);
                     true
                 }
             }
         }
     }
 
-    /// Coordinate of a hinge (rad, in [−π, π]) or slider (m), and its rate, from the present poses and velocities. `None` for other
-    /// constraints.
+    /// Coordinate of a hinge (rad, in [−π, π]) or slider (m), and its rate, from the present poses and velocities.
+    /// `None` for other constraints.
     pub fn coordinate(&self, handle: ConstraintHandle) -> Option<(f64, f64)> {
-        let _inside = self.enter();
+        let _arena = self.enter();
         let mut out = [0.0; 2];
         // SAFETY: the constraint is alive; two doubles are written.
         let known = unsafe { sys::amb_constraint_coordinate(self.raw_constraint(handle)?, out.as_mut_ptr()) };
         (known != 0).then_some((out[0], out[1]))
     }
 
-    /// Whether a constraint is a joint in reduced coordinates.
+    /// Whether a constraint is a joint of an articulation.
     pub fn is_articulated(&self, handle: ConstraintHandle) -> bool {
         self.constraints.get(handle).is_some_and(|constraint| constraint.articulation.is_some())
     }
 
-    /// Drives a dynamic body from now on; `None` lets it go. The first call for a body makes the rows. False for bodies that can't be
-    /// driven.
+    /// Drives a dynamic body from now on; `None` ends it. The first call for a body creates its rows. False for static
+    /// bodies and stale handles.
     pub fn set_body_drive(&mut self, handle: BodyHandle, drive: Option<&BodyDrive>) -> bool {
-        let _inside = self.enter();
+        let _arena = self.enter();
         let Some(raw) = self.raw_body(handle).filter(|_| self.bodies[handle].dynamic) else { return false };
         let Some(BodyDrive { velocity: [linear, angular], softness }) = drive else {
             // SAFETY: the body is alive.
-            unsafe { sys::amb_body_release(raw) };
+            unsafe { sys::amb_body_clear_drive(raw) };
             return true;
         };
         let velocity = [linear.x, linear.y, linear.z, angular.x, angular.y, angular.z];
@@ -80,14 +82,15 @@ impl World {
         true
     }
 
-    /// Sets the velocity of a dynamic body so that it has this one at the end of a sub-step of `dt` s in which only gravity acts on it.
+    /// Sets the velocity of a dynamic body so that it has this one at the end of a sub-step of `dt` s in which only
+    /// gravity acts on it.
     pub fn hold_velocity(&mut self, handle: BodyHandle, linear: &Vector3<f64>, angular: &Vector3<f64>, dt: f64) {
         let Some(raw) = self.raw_body(handle).filter(|_| self.bodies[handle].dynamic) else { return };
         // SAFETY: world and body are alive; twice three doubles are read.
         unsafe { sys::amb_body_hold_velocity(self.raw.as_ptr(), raw, linear.as_ptr(), angular.as_ptr(), dt) }
     }
 
-    /// [`step`](Self::step) in pieces: `before` is called before each sub-step with the number of sub-steps that this call does.
+    /// As [`step`](Self::step); `before` is called before each sub-step, with the number of sub-steps in this step.
     pub fn step_with(
         &mut self,
         interval: f64,
@@ -95,7 +98,7 @@ impl World {
         sub_step: f64,
         mut before: impl FnMut(&mut Self, u32),
     ) -> u32 {
-        let _inside = self.enter();
+        let _arena = self.enter();
         let cap = max_sub_steps.clamp(1, i32::MAX as u32);
         // SAFETY: the world and everything in it are alive.
         let due = unsafe { sys::amb_world_begin_step(self.raw.as_ptr(), interval, cap as i32, sub_step) }.max(0) as u32;
@@ -184,7 +187,7 @@ mod tests {
             // Softer and harder than 1/m.
             for softness in [20.0, 0.5, 1e-3] {
                 let (mut world, slider) = slider(solver);
-                assert!(world.set_drive(slider, Some(Drive { velocity: 0.3, softness, max_impulse: 100.0 })));
+                assert!(world.set_soft_motor(slider, Some(SoftMotor { velocity: 0.3, softness, max_impulse: 100.0 })));
                 world.step(0.001, 1, 0.001);
                 // v = 0.3 - softness λ with λ = m v.
                 let wanted = 0.3 / (1.0 + 2.0 * softness);
@@ -202,8 +205,8 @@ mod tests {
         for softness in [20.0, 0.5, 1e-3] {
             let mut world = World::with_articulations(Solver::default());
             let slider = add_slider(&mut world);
-            world.articulate(&[slider]).expect("a tree");
-            world.set_drive(slider, Some(Drive { velocity: 0.3, softness, max_impulse: f64::INFINITY }));
+            world.articulate(&[slider]).expect("an articulation");
+            world.set_soft_motor(slider, Some(SoftMotor { velocity: 0.3, softness, max_impulse: f64::INFINITY }));
             world.step(0.001, 1, 0.001);
             let (x, v) = world.coordinate(slider).unwrap();
             let wanted = 0.3 / (1.0 + 2.0 * softness);
@@ -215,25 +218,25 @@ mod tests {
     #[test]
     fn impulses_are_bounded_and_limits_are_not_torn_at() {
         let (mut world, slider) = slider(Solver::default());
-        let drive = Drive { velocity: 1.0, softness: 0.0, max_impulse: 0.01 };
-        world.set_drive(slider, Some(drive));
+        let drive = SoftMotor { velocity: 1.0, softness: 0.0, max_impulse: 0.01 };
+        world.set_soft_motor(slider, Some(drive));
         for _ in 0..10 {
             world.step(0.001, 1, 0.001);
         }
         assert!((world.coordinate(slider).unwrap().1 - 10.0 * 0.01 / 2.0).abs() < 1e-9);
-        world.set_drive(slider, Some(Drive { max_impulse: 1e6, ..drive }));
+        world.set_soft_motor(slider, Some(SoftMotor { max_impulse: 1e6, ..drive }));
         for _ in 0..1000 {
             world.step(0.001, 1, 0.001);
         }
         let (x, v) = world.coordinate(slider).unwrap();
         assert!((x - 0.25).abs() < 2e-3 && v.abs() < 1e-3, "{x}, {v}");
-        world.set_drive(slider, Some(Drive { velocity: -1.0, ..drive }));
+        world.set_soft_motor(slider, Some(SoftMotor { velocity: -1.0, ..drive }));
         for _ in 0..100 {
             world.step(0.001, 1, 0.001);
         }
         assert!(world.coordinate(slider).unwrap().0 < 0.25, "it comes back");
         let before = world.coordinate(slider).unwrap().1;
-        assert!(world.set_drive(slider, None));
+        assert!(world.set_soft_motor(slider, None));
         world.step(0.001, 1, 0.001);
         assert!((world.coordinate(slider).unwrap().1 - before).abs() < 1e-9, "nothing drives it");
     }

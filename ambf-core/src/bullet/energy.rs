@@ -2,24 +2,26 @@ use ambf_dynamics::ffi as sys;
 
 use super::World;
 
-/// Where the mechanical energy of a [`World`] comes from and goes, all in J.
+/// Balance of the mechanical energy of a [`World`], all in J.
 ///
-/// The first three are energies after the last sub-step. All others are sums of work since the ledger was switched on: positive where
-/// the world gained energy. The change of the three energies is the sum of all works and [`unexplained`](Self::unexplained).
+/// The first three are energies after the last sub-step. All others are works since the ledger was enabled, positive
+/// where the world gained energy. The change of the three energies is the sum of all works and
+/// [`unexplained`](Self::unexplained).
 ///
-/// Soft bodies are left out; what they do to rigid bodies is in [`outside`](Self::outside).
+/// Soft bodies are not included; the work of their impulses on rigid bodies is in [`outside`](Self::outside).
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct EnergyLedger {
-    /// Kinetic energy of all dynamic bodies. Where Bullet's leapfrog moves a body its velocity is that of half a sub-step before the pose;
-    /// potential and elastic energy are then taken at that time too.
+    /// Kinetic energy of all dynamic bodies. The velocity of a body that Bullet's leapfrog method moves is that of half
+    /// a sub-step before its pose; its potential and elastic energy are then evaluated at that time too.
     pub kinetic: f64,
-    /// Potential energy of the bodies' gravity, against that when the ledger was switched on.
+    /// Potential energy of the bodies in gravity, relative to that when the ledger was enabled.
     pub potential: f64,
     /// Elastic energy of springs, in articulations and as constraints.
     pub elastic: f64,
-    /// Velocities and poses that were set, bodies and constraints that came or went, gravity that was changed.
+    /// Change of energy by setting velocities, poses or gravity, and by adding or removing bodies and constraints.
     pub set_states: f64,
-    /// Work of forces and torques that were applied to bodies: by commands, joint efforts, resistance sensors, devices and plugins.
+    /// Work of forces and torques that were applied to bodies: by commands, joint efforts, resistance sensors, devices
+    /// and plugins.
     pub wrenches: f64,
     /// Work of motors and drives of joints, controllers included.
     pub motors: f64,
@@ -27,19 +29,20 @@ pub struct EnergyLedger {
     pub body_drives: f64,
     /// Work of the damping of bodies and of springs.
     pub damping: f64,
-    /// Work of rows that hold joints. It vanishes with the sub-step.
+    /// Work of joint constraints. It converges to 0 with the sub-step.
     pub joints: f64,
     /// Work of limits of joints.
     pub limits: f64,
-    /// Work of normal impulses: what impacts take.
+    /// Work of normal impulses of contacts, such as the energy dissipated in impacts.
     pub contacts: f64,
     /// Work of friction of contacts.
     pub friction: f64,
-    /// Change of energy by pseudo-velocities that correct positions, and by continuous collision detection, which shortens ways.
+    /// Change of energy by pseudo-velocities that correct positions, and by continuous collision detection, which
+    /// shortens displacements.
     pub corrections: f64,
     /// Work of impulses outside the solver: wheels of vehicles, soft bodies.
     pub outside: f64,
-    /// Change of energy that nothing above explains: error of the integration.
+    /// Change of energy minus all works above: error of the integration.
     pub unexplained: f64,
 }
 
@@ -91,15 +94,15 @@ impl EnergyLedger {
 }
 
 impl World {
-    /// Switches the energy ledger on, with all sums at 0, or off. Default: off; it costs one branch a sub-step then. The motion is the
-    /// same to the last bit either way. The ledger is part of what [`save`](World::save) saves.
+    /// Enables the energy ledger, with all works at 0, or disables it. Default: disabled, which costs one branch a
+    /// sub-step. It does not change the motion by a bit. [`save`](World::save) saves the ledger too.
     pub fn set_energy_ledger(&mut self, enabled: bool) {
-        let _inside = self.enter();
+        let _arena = self.enter();
         // SAFETY: the world is alive and was made with the engine.
         unsafe { sys::amb_world_set_energy_ledger(self.raw.as_ptr(), enabled.into()) }
     }
 
-    /// The energy ledger after the last sub-step; all 0 while it is off.
+    /// The energy ledger after the last sub-step; all 0 while it is disabled.
     pub fn energy(&self) -> EnergyLedger {
         let mut raw = sys::AmbEnergy::default();
         // SAFETY: the world is alive and was made with the engine; the struct is written before the call returns.

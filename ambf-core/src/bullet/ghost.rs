@@ -14,9 +14,9 @@ pub(super) struct OwnedGhost {
 }
 
 impl World {
-    /// Adds a volume that senses bodies and touches nothing. Rays hit it.
+    /// Adds a volume that detects overlapping bodies without contact forces. Rays hit it.
     pub fn add_ghost(&mut self, shape: Shape, pose: &Isometry3<f64>) -> GhostHandle {
-        let _inside = self.enter();
+        let _arena = self.enter();
         self.structure += 1;
         // SAFETY: the shape is alive and stays so with the ghost; numbers are read before the call returns.
         let raw = unsafe { sys::amb_ghost_new(shape.raw(), raw_pose(pose).as_ptr()) };
@@ -29,7 +29,7 @@ impl World {
 
     /// Removes a ghost; false when it is not there.
     pub fn remove_ghost(&mut self, handle: GhostHandle) -> bool {
-        let _inside = self.enter();
+        let _arena = self.enter();
         let Some(ghost) = self.ghosts.remove(handle) else { return false };
         self.structure += 1;
         // SAFETY: the ghost is in this world, and no pointer to it is left after this.
@@ -48,18 +48,18 @@ impl World {
         }
     }
 
-    /// The ghost does not sense the body from now on. Found in constant time, however many such pairs there are.
+    /// The ghost does not detect the body from now on. The test takes constant time, however many such pairs there are.
     pub fn ignore_ghost(&mut self, ghost: GhostHandle, body: BodyHandle) {
-        let _inside = self.enter();
+        let _arena = self.enter();
         if let (Some(ghost), Some(body)) = (self.ghosts.get(ghost), self.raw_body(body)) {
             // SAFETY: world, ghost and body are alive.
             unsafe { sys::amb_world_ignore_ghost(self.raw.as_ptr(), ghost.raw.as_ptr(), body) }
         }
     }
 
-    /// Fills `bodies` with the bodies that a ghost overlaps as of the last sub-step: one entry a contact point of negative distance, so
-    /// that a body may be there several times. One that has passed through may stay for some sub-steps after it left. Empty for a stale
-    /// handle. Soft bodies are not sensed.
+    /// Fills `bodies` with the bodies that overlapped a ghost in the last sub-step: one entry per contact point of
+    /// negative distance, so that a body may be there several times. A body that has left the ghost may be reported for
+    /// some more sub-steps. Empty for a stale handle. Soft bodies are not detected.
     pub fn ghost_overlaps(&self, handle: GhostHandle, bodies: &mut Vec<BodyHandle>) {
         bodies.clear();
         let Some(ghost) = self.ghosts.get(handle) else { return };

@@ -1,8 +1,9 @@
 //! Safe owners over Bullet: the only `unsafe` code of the simulator besides callbacks and vendor libraries.
 //!
-//! A [`World`] owns its bodies, soft bodies, ghosts, their shapes, the constraints between bodies and vehicles on them. Outside they are
-//! named by handles; a handle of something that was removed gives `None` or `false`, never undefined behaviour. Vehicles and constraints
-//! are freed before bodies, bodies before shapes. No panic can cross into C++: nothing here is called back from it.
+//! A [`World`] owns its bodies, soft bodies, ghosts, their shapes, the constraints between bodies and vehicles on them.
+//! Callers refer to them by handles; a stale handle, of an object that was removed, gives `None` or `false`, never
+//! undefined behaviour. Vehicles and constraints are freed before bodies, bodies before shapes. No panic can cross into
+//! C++: C++ calls nothing here.
 
 mod accurate;
 mod arena;
@@ -14,14 +15,14 @@ mod drive;
 mod energy;
 mod ghost;
 mod kinematics;
-mod method;
 mod ray;
-mod rest;
 mod saved;
 mod settings;
 mod shape;
+mod sleeping;
 mod soft_body;
 mod soft_world;
+mod solver;
 mod statistics;
 mod vehicle;
 mod world;
@@ -30,16 +31,16 @@ pub use accurate::AccurateSettings;
 pub use body::{PlausibleBounds, RigidBody};
 pub use constraint::{Constraint, ConstraintKind, ConstraintParameter, JointWrench, Spring};
 pub use contact::Contact;
-pub use drive::{BodyDrive, Drive};
+pub use drive::{BodyDrive, SoftMotor};
 pub use energy::EnergyLedger;
 pub use kinematics::BodyKinematics;
-pub use method::{Integrator, Solver};
 pub use ray::{Ray, RayHit, RayTarget};
 pub use saved::{SavedWorld, StateError};
 pub use settings::{Gyroscopic, Preset, SolverSettings};
 pub use shape::{Axis, Shape};
 pub use soft_body::{SoftBody, SoftBodyError, SoftConfig};
 pub use soft_world::SoftFeatures;
+pub use solver::{Integrator, Solver};
 pub use statistics::SolverStatistics;
 pub use vehicle::Wheel;
 pub use world::{

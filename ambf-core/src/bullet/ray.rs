@@ -13,7 +13,7 @@ pub struct Ray {
     pub to: Vector3<f64>,
 }
 
-/// What a ray met.
+/// Type of the object that a ray hit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RayTarget {
     /// A rigid body.
@@ -41,13 +41,14 @@ pub struct RayHit {
 const PIECE: usize = 64;
 
 impl World {
-    /// Casts rays; `hits` gets the closest hit of each, in the same order, `None` for none, for a ray without length or with a
-    /// coordinate that is not finite, and beyond the last ray.
+    /// Casts rays; `hits` gets the closest hit of each, in the same order, `None` for none, for a ray without length or
+    /// with a coordinate that is not finite, and beyond the last ray.
     ///
-    /// Bullet's default filter: all bodies count, ghosts too, drawings not. A ray that starts inside a convex shape does not see it.
-    /// Objects are where the last sub-step saw them: one that was placed by hand since may be missed. Soft bodies are hit on their faces.
+    /// Bullet's default filter applies: rays hit all bodies and ghosts except visual-only bodies. A ray that starts
+    /// inside a convex shape does not hit it. Objects whose pose was set since the last sub-step may be missed. Soft
+    /// bodies are hit on their faces.
     pub fn cast_rays(&self, rays: &[Ray], hits: &mut [Option<RayHit>]) {
-        let _inside = self.enter();
+        let _arena = self.enter();
         hits.fill(None);
         // In pieces on the stack, so that nothing is allocated.
         for (rays, hits) in rays.chunks(PIECE).zip(hits.chunks_mut(PIECE)) {
@@ -162,17 +163,17 @@ mod tests {
     }
 
     #[test]
-    fn ghosts_stop_rays_and_drawings_do_not() {
+    fn ghosts_stop_rays_and_visual_only_bodies_do_not() {
         let mut world = World::new(Solver::default());
-        let (picture, behind) = (world.add_body(ball(1.0, 1.0)), world.add_body(ball(1.0, 2.0)));
+        let (visual, behind) = (world.add_body(ball(1.0, 1.0)), world.add_body(ball(1.0, 2.0)));
         let cast = |world: &World| {
             let mut hits = [None];
             world.cast_rays(&[ray([0.0; 3], [3.0, 0.0, 0.0])], &mut hits);
             hits[0].map(|hit| hit.target)
         };
         world.step(0.001, 1, 0.001);
-        assert_eq!(cast(&world), Some(RayTarget::Body(picture)));
-        assert!(world.make_drawing(picture));
+        assert_eq!(cast(&world), Some(RayTarget::Body(visual)));
+        assert!(world.make_visual_only(visual));
         world.step(0.001, 1, 0.001);
         assert_eq!(cast(&world), Some(RayTarget::Body(behind)));
         let ghost = world.add_ghost(Shape::sphere(0.1, 0.0), &Isometry3::translation(0.5, 0.0, 0.0));

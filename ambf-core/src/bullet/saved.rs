@@ -15,8 +15,8 @@ use super::{ArticulationHandle, ConstraintHandle, Integrator, World};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum StateError {
-    /// Error when the scene was not loaded with [`SceneOptions::savable`](crate::scene::SceneOptions::savable), or the world was not made
-    /// by [`World::savable`].
+    /// Error when the scene was not loaded with [`SceneOptions::savable`](crate::scene::SceneOptions::savable), or the
+    /// world was not made by [`World::savable`].
     #[error("the scene was not loaded for saving: set `savable` in its options")]
     NotSavable,
     /// Error when the process may not have the address space that the scene needs by now.
@@ -30,13 +30,13 @@ pub enum StateError {
     Changed,
 }
 
-/// What of a [`World`] changes while it runs, as it was at one moment.
+/// The state of a [`World`]: a copy of everything that changes while it runs.
 #[derive(Clone)]
 pub struct SavedWorld {
-    /// The world that it is of.
+    /// Identifies the world by its arena.
     arena: u64,
     structure: u64,
-    /// Bullet's side.
+    /// Copy of the arena with all objects of the shim, the engine and Bullet.
     bytes: Box<[u8]>,
     integrator: Integrator,
     articulations: SlotMap<ArticulationHandle, OwnedArticulation>,
@@ -44,9 +44,9 @@ pub struct SavedWorld {
     constraint_list: Vec<*mut sys::AmbConstraint>,
     constraint_order: Vec<ConstraintHandle>,
     readings: Vec<u8>,
-    free_places: Vec<usize>,
-    /// Of each body: how much holds it, and of which articulation it is a link.
-    held: Vec<(usize, Option<ArticulationHandle>)>,
+    free_indices: Vec<usize>,
+    /// For each body, the number of constraints and vehicles on it, and the articulation of which it is a link.
+    body_constraints: Vec<(usize, Option<ArticulationHandle>)>,
 }
 
 // SAFETY: its pointers are only followed by the world that they belong to, after they were put back there.
@@ -61,16 +61,16 @@ impl fmt::Debug for SavedWorld {
 }
 
 impl SavedWorld {
-    /// Bullet's side.
+    /// The copy of the arena.
     #[cfg(test)]
     pub(crate) fn bytes(&self) -> &[u8] {
         &self.bytes
     }
 
-    /// Memory that it takes, bytes.
+    /// Its memory, bytes.
     pub fn size(&self) -> usize {
         self.bytes.len()
-            + size_of_val(self.held.as_slice())
+            + size_of_val(self.body_constraints.as_slice())
             + self.constraints.capacity() * size_of::<OwnedConstraint>()
     }
 }
@@ -81,19 +81,19 @@ impl World {
         self.arena.is_some()
     }
 
-    /// Saves everything that decides what the world does from now on. Nothing changes.
+    /// Saves everything on which the further motion of the world depends. The world does not change.
     ///
     /// # Errors
     /// [`StateError::NotSavable`], [`StateError::TooLarge`].
     pub fn save(&self) -> Result<SavedWorld, StateError> {
         let arena = self.arena.as_ref().ok_or(StateError::NotSavable)?;
-        if arena.is_torn() {
+        if arena.has_overflowed() {
             return Err(StateError::TooLarge);
         }
-        // All fields by name: a new one has to be saved, or is here for a reason.
+        // All fields are named, so that a new field must be either saved or listed here with the reason why not.
         let Self {
             arena: _,
-            // Owned objects, which stay while the structure does.
+            // Owned objects, which are the same as long as `structure` is.
             raw: _,
             bodies,
             ghosts: _,
@@ -102,11 +102,11 @@ impl World {
             body_list: _,
             body_order: _,
             structure,
-            // Chosen when the world is made.
+            // Set when the world is made.
             solver: _,
             has_soft_bodies: _,
             has_articulations: _,
-            // Means nothing between calls.
+            // Temporary memory without meaning between calls.
             scratch: _,
             integrator,
             articulations,
@@ -114,7 +114,7 @@ impl World {
             constraint_list,
             constraint_order,
             readings,
-            free_places,
+            free_indices,
         } = self;
         Ok(SavedWorld {
             arena: arena.id(),
@@ -126,8 +126,8 @@ impl World {
             constraint_list: constraint_list.clone(),
             constraint_order: constraint_order.clone(),
             readings: readings.clone(),
-            free_places: free_places.clone(),
-            held: bodies.values().map(|body| (body.held, body.articulation)).collect(),
+            free_indices: free_indices.clone(),
+            body_constraints: bodies.values().map(|body| (body.constraint_count, body.articulation)).collect(),
         })
     }
 
@@ -140,22 +140,23 @@ impl World {
         match () {
             () if saved.arena != arena.id() => Err(StateError::OtherSimulation),
             () if saved.structure != self.structure => Err(StateError::Changed),
-            () if arena.is_torn() => Err(StateError::TooLarge),
+            () if arena.has_overflowed() => Err(StateError::TooLarge),
             () => Ok(()),
         }
     }
 
-    /// Brings the world back to a saved state: from now on it does what it did from then on, bit for bit, if the same is done to it.
-    /// Handles of constraints and articulations that were made since are stale.
+    /// Restores a saved state. With the same calls the world then repeats its motion bit for bit. Handles of
+    /// constraints and articulations that were made since the state was saved are stale.
     ///
     /// # Errors
-    /// [`StateError::NotSavable`], [`StateError::OtherSimulation`], [`StateError::Changed`] when bodies, soft bodies, ghosts or vehicles
-    /// came or went since, [`StateError::TooLarge`]. Nothing has changed then.
+    /// [`StateError::NotSavable`], [`StateError::OtherSimulation`], [`StateError::Changed`] when bodies, soft bodies,
+    /// ghosts or vehicles came or went since, [`StateError::TooLarge`]. Nothing has changed then.
     pub fn restore(&mut self, saved: &SavedWorld) -> Result<(), StateError> {
         self.check_saved(saved)?;
         let Some(arena) = &self.arena else { return Err(StateError::NotSavable) };
-        // SAFETY: the copy was made of this arena, and since then no object came or went but constraints and trees. Those lie in the
-        // arena as a whole, so that with the copy exactly those are alive again that were, and the lists below name just them.
+        // SAFETY: the copy was made of this arena, and since then no objects but constraints and articulations were
+        // made or freed. Those are completely in the arena, so that after the copy exactly the same ones are alive as
+        // then, and the lists below have exactly these.
         unsafe {
             sys::amb_world_restore(self.raw.as_ptr(), arena.as_ptr(), saved.bytes.as_ptr(), saved.bytes.len() as u64);
         }
@@ -165,9 +166,9 @@ impl World {
         self.constraint_list.clone_from(&saved.constraint_list);
         self.constraint_order.clone_from(&saved.constraint_order);
         self.readings.clone_from(&saved.readings);
-        self.free_places.clone_from(&saved.free_places);
-        for (body, &(held, articulation)) in self.bodies.values_mut().zip(&saved.held) {
-            (body.held, body.articulation) = (held, articulation);
+        self.free_indices.clone_from(&saved.free_indices);
+        for (body, &(held, articulation)) in self.bodies.values_mut().zip(&saved.body_constraints) {
+            (body.constraint_count, body.articulation) = (held, articulation);
         }
         Ok(())
     }

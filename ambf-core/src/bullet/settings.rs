@@ -2,42 +2,43 @@ use bullet_sys as sys;
 
 use super::{BodyHandle, World};
 
-/// Numbers of the contact and constraint solver. Defaults are those of Bullet; factors have no unit.
+/// Parameters of the contact and constraint solver. Defaults are those of Bullet; factors are dimensionless.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SolverSettings {
     /// Iterations in a sub-step, at least 1. Default: 10.
     pub iterations: u32,
-    /// Islands are solved together until they have so many constraints. Default: 128.
+    /// Islands are solved together until they have this number of constraints. Default: 128.
     pub minimum_batch_size: u32,
-    /// Share of the position error of a joint that is corrected in a sub-step, where the joint has none of its own. Default: 0.2.
+    /// Error reduction parameter (ERP) of joints without one of their own: share of the position error corrected in a
+    /// sub-step. Default: 0.2.
     pub joint_erp: f64,
-    /// The same of contacts. Default: 0.2.
+    /// ERP of contacts. Default: 0.2.
     pub contact_erp: f64,
     /// Constraint force mixing of contacts and of joints that have none of their own, (m/s)/N. Default: 0.
     pub global_cfm: f64,
-    /// Share of the position error of friction anchors that is corrected in a sub-step. Default: 0.2.
+    /// ERP of friction anchors. Default: 0.2.
     pub friction_erp: f64,
     /// Constraint force mixing of friction anchors, (m/s)/N. Default: 0.
     pub friction_cfm: f64,
-    /// Penetration that is left alone, m. Default: 0.
+    /// Penetration depth that is not corrected, m. Default: 0.
     pub linear_slop: f64,
     /// Share of the velocity error of a joint that is corrected. Default: 1.
     pub damping: f64,
-    /// Successive over-relaxation. Default: 1.
+    /// Successive over-relaxation factor. Default: 1.
     pub over_relaxation: f64,
-    /// Iterations end when no row changes by more: the square of its velocity, (m/s)². Default: 0.
+    /// Iterations end when the squared velocity change of every row is at most this, (m/s)². Default: 0.
     pub residual_threshold: f64,
-    /// Contacts that approach more slowly do not bounce, m/s. Default: 0.2 (rounded to single precision).
+    /// Approach velocity below which contacts have no restitution, m/s. Default: 0.2 (rounded to single precision).
     pub restitution_velocity_threshold: f64,
-    /// Share of the contact impulses of the sub-step before that the solver starts from. Default: 0.85.
+    /// Share of the contact impulses of the last sub-step with which the solver is warm-started. Default: 0.85.
     pub warm_starting_factor: f64,
-    /// Penetration is corrected without adding velocity. Default: `true`.
+    /// Split impulse: penetration is corrected by pseudo-velocities, which do not change velocities. Default: `true`.
     pub split_impulse: bool,
-    /// It is, where the distance is less than this, m. Default: −0.04 (rounded to single precision).
+    /// Contacts with a signed distance below this use split impulse, m. Default: −0.04 (rounded to single precision).
     pub split_impulse_penetration_threshold: f64,
-    /// Share of the turn that such a correction asks for that is made. Default: 0.1 (rounded to single precision).
+    /// Share of the angular pseudo-velocity that is applied. Default: 0.1 (rounded to single precision).
     pub split_impulse_turn_erp: f64,
-    /// Contacts start from the impulses of the sub-step before. Default: `true`.
+    /// Contacts are warm-started with the impulses of the last sub-step. Default: `true`.
     pub warm_starting: bool,
     /// Friction has two directions at each contact point. Default: `false`.
     pub two_friction_directions: bool,
@@ -47,13 +48,13 @@ pub struct SolverSettings {
     pub velocity_dependent_friction_direction: bool,
     /// Friction is solved directly after its contact, not after all contacts. Default: `false`.
     pub interleave_friction: bool,
-    /// Friction in two directions that act on multi-bodies is limited by a cone, not a pyramid. Default: `true`.
+    /// Friction on multi-bodies in two directions is limited by a cone, not a pyramid. Default: `true`.
     pub implicit_friction_cone: bool,
     /// Rows are solved in an order that changes from iteration to iteration. Default: `false`.
     pub randomise_order: bool,
 }
 
-/// How the torque that a turning body's own angular momentum exerts on it is integrated.
+/// Integration of the gyroscopic torque −ω × (I ω).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Gyroscopic {
     /// Not at all.
@@ -68,25 +69,25 @@ pub enum Gyroscopic {
 }
 
 impl Gyroscopic {
-    /// Those between which users choose, with their names.
+    /// The values that users can choose, with their names.
     pub const NAMES: [(&'static str, Self); 3] =
         [("none", Self::None), ("explicit", Self::Explicit), ("implicit", Self::ImplicitBody)];
 
-    /// The way called `name`.
+    /// The value called `name`.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::NAMES.iter().find(|(known, _)| *known == name).map(|&(_, way)| way)
     }
 }
 
-/// Settings that come as a set.
+/// A set of settings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Preset {
-    /// Those with which pybullet 3.2.7 makes its world.
+    /// The settings of a world of pybullet 3.2.7.
     PyBullet,
 }
 
 impl Preset {
-    /// The settings of the preset; what it has no opinion on stays as in `settings`.
+    /// The settings of the preset; those that it does not define are taken from `settings`.
     pub fn apply(self, settings: SolverSettings) -> SolverSettings {
         match self {
             Self::PyBullet => SolverSettings {
@@ -105,7 +106,7 @@ impl Preset {
     }
 }
 
-/// Largest number of iterations: a sub-step must come to an end.
+/// Maximum number of iterations, so that the duration of a sub-step is bounded.
 const MAX_ITERATIONS: u32 = 100_000;
 
 impl World {
@@ -172,8 +173,9 @@ impl World {
         unsafe { sys::amb_world_set_settings(self.raw.as_ptr(), &raw) }
     }
 
-    /// Whether the broad phase remembers the bounding boxes of moving bodies without Bullet's margin of 0.05 m. The order in which pairs are
-    /// found, and with it the order in which contacts are solved, depends on it. Default: `false`.
+    /// Whether the broad phase remembers the bounding boxes of moving bodies without Bullet's margin of 0.05 m. The
+    /// order in which pairs are found, and with it the order in which contacts are solved, depends on it. Default:
+    /// `false`.
     pub fn set_tight_bounds(&mut self, tight: bool) {
         // SAFETY: the world is alive.
         unsafe { sys::amb_world_set_tight_bounds(self.raw.as_ptr(), tight.into()) }

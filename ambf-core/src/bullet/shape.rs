@@ -20,14 +20,14 @@ pub enum Axis {
 #[derive(Debug)]
 pub struct Shape(NonNull<sys::AmbShape>);
 
-// SAFETY: a shape is plain memory without thread affinity; it is only touched through `&Shape`, `&mut Shape` or the world that
-// owns it, and `Shape` is not `Sync`, so never by two threads at once.
+// SAFETY: a shape is plain memory without thread affinity; it is only touched through `&Shape`, `&mut Shape` or the
+// world that owns it, and `Shape` is not `Sync`, so never by two threads at once.
 unsafe impl Send for Shape {}
 
 impl Drop for Shape {
     fn drop(&mut self) {
-        // SAFETY: the pointer came from a constructor of the shim and is freed once, here; a body that uses the shape owns it and
-        // is freed before.
+        // SAFETY: the pointer came from a constructor of the shim and is freed once, here; a body that uses the shape
+        // owns it and is freed before.
         unsafe { sys::amb_shape_free(self.0.as_ptr()) }
     }
 }
@@ -89,7 +89,8 @@ impl Shape {
         Self::own(unsafe { sys::amb_shape_convex_hull(vertices.as_ptr().cast(), length(vertices), margin) })
     }
 
-    /// Triangle mesh treated as convex; `None` when a triangle refers to a vertex that does not exist, or there is none.
+    /// Triangle mesh treated as convex; `None` when a triangle refers to a vertex that does not exist, or there is
+    /// none.
     pub fn convex_triangle_mesh(vertices: &[[f64; 3]], triangles: &[[u32; 3]], margin: f64) -> Option<Self> {
         Self::mesh(vertices, triangles, margin, sys::amb_shape_convex_triangle_mesh)
     }
@@ -109,7 +110,8 @@ impl Shape {
         if triangles.is_empty() || !in_range {
             return None;
         }
-        // SAFETY: pointers and lengths come from slices, every index was just checked, and all is copied before the call returns.
+        // SAFETY: pointers and lengths come from slices, every index was just checked, and all is copied before the
+        // call returns.
         Some(Self::own(unsafe {
             make(vertices.as_ptr().cast(), length(vertices), triangles.as_ptr().cast(), length(triangles), margin)
         }))
@@ -120,16 +122,17 @@ impl Shape {
         // SAFETY: no argument to go wrong.
         let compound = Self::own(unsafe { sys::amb_shape_compound() });
         for (child, pose) in children {
-            // SAFETY: both shapes are alive and different; ownership of the child passes to the compound, so it is forgotten here.
+            // SAFETY: both shapes are alive and different; ownership of the child passes to the compound, so it is
+            // forgotten here.
             unsafe { sys::amb_shape_compound_add(compound.raw(), child.raw(), raw_pose(&pose).as_ptr()) }
             std::mem::forget(child);
         }
         compound
     }
 
-    /// The only child of a compound if it is where the compound is, else the shape as it is. It collides alike, with less work, but its
-    /// estimate of inertia is its own, not that of a bounding box. The bounding box of a hull, which is made for Bullet's default margin
-    /// of 0.04 m, becomes that for its own margin.
+    /// The only child of a compound if it is where the compound is, else the shape as it is. It collides alike, with
+    /// less work, but its estimate of inertia is its own, not that of a bounding box. The bounding box of a hull, which
+    /// is made for Bullet's default margin of 0.04 m, becomes that for its own margin.
     pub fn simplified(self) -> Self {
         // SAFETY: the shape is alive; ownership passes to the shim, which returns the shape that is left.
         let raw = unsafe { sys::amb_shape_simplify(self.raw()) };
@@ -137,8 +140,8 @@ impl Shape {
         Self::own(raw)
     }
 
-    /// Bullet's estimate of the principal moments of inertia for `mass` kg, kg·m²; for a compound that of its bounding box. Zero
-    /// for an empty shape or a plane.
+    /// Bullet's estimate of the principal moments of inertia for `mass` kg, kg·m²; for a compound that of its bounding
+    /// box. Zero for an empty shape or a plane.
     pub fn inertia(&self, mass: f64) -> Vector3<f64> {
         let mut inertia = Vector3::zeros();
         // SAFETY: the shape is alive; three doubles are written.

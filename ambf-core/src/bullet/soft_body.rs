@@ -26,8 +26,8 @@ const MAX_MEMBERS: usize = 30_000;
 pub struct SoftBody {
     /// Positions of the nodes in the mesh frame, m. Up to 100 000.
     pub nodes: Vec<[f64; 3]>,
-    /// Pairs of nodes at a fixed distance, in the order in which they are solved; see [`triangle_links`](Self::triangle_links). A link
-    /// from a node to itself is left out. Up to 1 000 000.
+    /// Pairs of nodes at a fixed distance, in the order in which they are solved; see
+    /// [`triangle_links`](Self::triangle_links). A link from a node to itself is left out. Up to 1 000 000.
     pub links: Vec<[u32; 2]>,
     /// Triangles. One with a node twice is left out. Up to 200 000.
     pub faces: Vec<[u32; 3]>,
@@ -114,8 +114,9 @@ pub struct SoftConfig {
     pub diterations: i32,
     /// Iterations of the cluster solver, up to 1000.
     pub citerations: i32,
-    /// What collides how: 1 nodes against bodies, 2 clusters against bodies, 16 nodes against faces of soft bodies, 32 clusters against
-    /// clusters of soft bodies. Other bits are left out: Bullet 3 has no collision of a soft body's clusters with each other.
+    /// What collides how: 1 nodes against bodies, 2 clusters against bodies, 16 nodes against faces of soft bodies, 32
+    /// clusters against clusters of soft bodies. Other bits are left out: Bullet 3 has no collision of a soft body's
+    /// clusters with each other.
     pub flags: i32,
 }
 
@@ -306,8 +307,9 @@ impl SoftBody {
         extent(0).hypot(extent(1)).hypot(extent(2))
     }
 
-    /// Links between nodes that are `bending_distance` links apart, in the order in which Bullet's `generateBendingConstraints` adds them.
-    /// Bullet itself takes memory quadratic and time cubic in the number of nodes.
+    /// Links between nodes that are `bending_distance` links apart, in the order in which Bullet's
+    /// `generateBendingConstraints` adds them. Bullet itself takes memory quadratic and time cubic in the number of
+    /// nodes.
     pub(super) fn bending_links(&self) -> Result<Vec<[u32; 2]>, SoftBodyError> {
         let distance = self.bending_distance.unwrap_or(0);
         let mut bending = Vec::new();

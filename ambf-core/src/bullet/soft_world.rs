@@ -18,7 +18,7 @@ impl Drop for OwnedSoftBody {
     }
 }
 
-/// What of a soft body is near a point.
+/// Nodes of a soft body near a point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct SoftFeatures {
     /// Nodes of the face whose centroid is nearest.
@@ -28,13 +28,13 @@ pub struct SoftFeatures {
 }
 
 impl World {
-    /// Adds a soft body, built in the order of the C++ program, so that links are solved in the same order. Its shape at rest is that of
-    /// the mesh.
+    /// Adds a soft body, built in the order of the C++ program, so that links are solved in the same order. Its shape
+    /// at rest is that of the mesh.
     ///
     /// # Errors
     /// See [`SoftBodyError`]; nothing is added then.
     pub fn add_soft_body(&mut self, body: &SoftBody) -> Result<SoftBodyHandle, SoftBodyError> {
-        let _inside = self.enter();
+        let _arena = self.enter();
         if !self.has_soft_bodies {
             return Err(SoftBodyError::NoSoftWorld);
         }
@@ -57,8 +57,8 @@ impl World {
         let links: Vec<_> = body.links.iter().copied().filter(|[a, b]| a != b).collect();
         // `check` has bounded all of them.
         let n = |length: usize| length as i32;
-        // SAFETY: the world was made for soft bodies and outlives this one; pointers and lengths come from slices, and `check` and
-        // `bending_links` have seen that every index is that of a node.
+        // SAFETY: the world was made for soft bodies and outlives this one; pointers and lengths come from slices, and
+        // `check` and `bending_links` have seen that every index is that of a node.
         unsafe {
             let raw = sys::amb_soft_new(self.raw.as_ptr(), body.nodes.as_ptr().cast(), n(body.nodes.len()));
             let owned = OwnedSoftBody {
@@ -93,7 +93,7 @@ impl World {
 
     /// Removes a soft body with its anchors; false when it is not there.
     pub fn remove_soft_body(&mut self, handle: SoftBodyHandle) -> bool {
-        let _inside = self.enter();
+        let _arena = self.enter();
         let Some(body) = self.soft_bodies.remove(handle) else { return false };
         self.structure += 1;
         // SAFETY: the soft body is in this world; it is freed after this, and no pointer to it is left then.
@@ -106,12 +106,14 @@ impl World {
         Some(self.soft_bodies.get(handle)?.nodes)
     }
 
-    /// Reads the positions of the nodes in the world, m, as many as `out` has place for. False when the soft body is not there.
+    /// Reads the positions of the nodes in the world, m, as many as `out` has place for. False when the soft body is
+    /// not there.
     pub fn read_soft_nodes(&self, handle: SoftBodyHandle, out: &mut [[f64; 3]]) -> bool {
         self.read_soft(handle, out, sys::amb_soft_positions)
     }
 
-    /// Reads the velocities of the nodes, m/s, world axes, as many as `out` has place for. False when the soft body is not there.
+    /// Reads the velocities of the nodes, m/s, world axes, as many as `out` has place for. False when the soft body is
+    /// not there.
     pub fn read_soft_velocities(&self, handle: SoftBodyHandle, out: &mut [[f64; 3]]) -> bool {
         self.read_soft(handle, out, sys::amb_soft_velocities)
     }
@@ -156,8 +158,9 @@ impl World {
         }
     }
 
-    /// The first node of a soft body whose position or velocity is not finite; the farthest node of one that has become larger than 10⁶ m:
-    /// Bullet no longer moves it then. [`restore_soft_body`](Self::restore_soft_body) brings both back.
+    /// The first node of a soft body whose position or velocity is not finite; the farthest node of one that has become
+    /// larger than 10⁶ m: Bullet no longer moves it then. [`restore_soft_body`](Self::restore_soft_body) brings both
+    /// back.
     pub fn soft_first_non_finite(&self) -> Option<(SoftBodyHandle, usize)> {
         self.soft_bodies.iter().find_map(|(handle, body)| {
             // SAFETY: the soft body is alive.
@@ -166,16 +169,18 @@ impl World {
         })
     }
 
-    /// Brings all nodes back to where they were when the body was added, at rest. Fixed nodes stay fixed; anchors and pulls stay.
+    /// Sets all nodes to their positions when the body was added, at rest. Fixed nodes stay fixed; anchors and pulls
+    /// are kept.
     pub fn restore_soft_body(&mut self, handle: SoftBodyHandle) {
-        let _inside = self.enter();
+        let _arena = self.enter();
         if let Some(raw) = self.raw_soft(handle) {
             // SAFETY: the soft body is alive and in this world.
             unsafe { sys::amb_soft_restore(raw) }
         }
     }
 
-    /// Adds a force (N, world axes) for the next step, spread over the nodes by mass. A force that is not finite has no effect.
+    /// Adds a force (N, world axes) for the next step, spread over the nodes by mass. A force that is not finite has no
+    /// effect.
     pub fn apply_soft_force(&mut self, handle: SoftBodyHandle, force: &Vector3<f64>) {
         if let Some(raw) = self.raw_soft(handle).filter(|_| is_finite(force)) {
             // SAFETY: the soft body is alive; three doubles are read.
@@ -183,9 +188,10 @@ impl World {
         }
     }
 
-    /// Ties a node to the point `pivot` (m) of a body, in its inertial frame, as strongly as `influence` (0 to 1) says. The node no longer
-    /// touches bodies; with `disable_collision` no node of the soft body touches this one. False, and no effect, when soft body, node or
-    /// body is not there, when neither node nor body can move, or a number is not finite.
+    /// Anchors a node to the point `pivot` (m) of a body, in its inertial frame, with the stiffness `influence` (0 to
+    /// 1). The node no longer collides with bodies; with `disable_collision` no node of the soft body collides with
+    /// this one. False, and no effect, when soft body, node or body does not exist, when neither node nor body can
+    /// move, or a number is not finite.
     pub fn add_anchor(
         &mut self,
         soft: SoftBodyHandle,
@@ -195,13 +201,14 @@ impl World {
         influence: f64,
         disable_collision: bool,
     ) -> bool {
-        let _inside = self.enter();
+        let _arena = self.enter();
         let (Some(owned), Some(raw_body)) = (self.soft_bodies.get(soft), self.raw_body(body)) else { return false };
         if node >= owned.nodes || !is_finite(pivot) || !influence.is_finite() {
             return false;
         }
         let (raw, node) = (owned.raw.as_ptr(), node as i32);
-        // SAFETY: the soft body is alive and has this node; the body is alive, and removing it drops its anchors; three doubles are read.
+        // SAFETY: the soft body is alive and has this node; the body is alive, and removing it drops its anchors; three
+        // doubles are read.
         unsafe {
             if sys::amb_soft_is_fixed(raw, node) != 0 && !self.bodies[body].dynamic {
                 return false;
@@ -220,19 +227,19 @@ impl World {
         Some(out)
     }
 
-    /// Unties a soft body from a body. Returns how many nodes were tied.
+    /// Removes the anchors of a soft body on a body. Returns their number.
     pub fn remove_anchors(&mut self, soft: SoftBodyHandle, body: BodyHandle) -> usize {
-        let _inside = self.enter();
+        let _arena = self.enter();
         let (Some(soft), Some(body)) = (self.raw_soft(soft), self.raw_body(body)) else { return 0 };
         // SAFETY: both are alive.
         unsafe { sys::amb_soft_remove_anchors(soft, body) }.max(0) as usize
     }
 
-    /// Draws a node towards `goal` (m, world axes) before each sub-step from now on: its velocity grows by what brings it there in one
-    /// sub-step, or by what brings it 10 m nearer if the way is longer than 100 m; a fixed node is put there. `None` lets go of it. False,
-    /// and no effect, when soft body or node is not there or the goal is not finite.
+    /// Pulls a node towards `goal` (m, world axes) before each sub-step from now on: the distance d to the goal over
+    /// the sub-step h is added to its velocity, with d = 10 m if it is longer than 100 m; a fixed node is moved to the
+    /// goal. `None` ends it. False, and no effect, when soft body or node does not exist or the goal is not finite.
     pub fn pull_node(&mut self, soft: SoftBodyHandle, node: usize, goal: Option<Vector3<f64>>) -> bool {
-        let _inside = self.enter();
+        let _arena = self.enter();
         let Some(owned) = self.soft_bodies.get(soft).filter(|soft| node < soft.nodes) else { return false };
         if goal.is_some_and(|goal| !is_finite(&goal)) {
             return false;
@@ -403,7 +410,7 @@ mod tests {
         assert!(!world.add_anchor(cloth, 1, moving, &Vector3::repeat(f64::NAN), 1.0, false));
         assert!(!world.add_anchor(cloth, 1, moving, &zero, f64::NAN, false));
         assert!(world.add_anchor(cloth, 0, moving, &(zero - Vector3::x()), 1.0, false));
-        assert!(world.make_drawing(moving), "its anchor is dropped");
+        assert!(world.make_visual_only(moving), "its anchor is dropped");
         assert!(!world.add_anchor(cloth, 0, moving, &zero, 1.0, false), "it cannot move any more");
         run(&mut world, 100);
     }

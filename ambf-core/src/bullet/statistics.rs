@@ -2,38 +2,39 @@ use ambf_dynamics::ffi as sys;
 
 use super::World;
 
-/// What [`Solver::Accurate`](super::Solver::Accurate) did since its statistics were taken the last time: sums over islands and sub-steps,
-/// and maxima. Worlds with another solver have zeros.
+/// Counters of [`Solver::Accurate`](super::Solver::Accurate) since they were taken the last time: sums over islands
+/// and sub-steps, and maxima. They are 0 in worlds with another solver.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct SolverStatistics {
-    /// Islands whose complementarity problem was solved.
+    /// Islands whose complementarity problem was solved to tolerance.
     pub islands_solved: u64,
-    /// Islands whose problem was solved as far as the budget went.
+    /// Islands whose complementarity problem was solved approximately within the budget.
     pub islands_approximate: u64,
-    /// Islands left to sequential impulses.
+    /// Islands solved by sequential impulses.
     pub islands_iterated: u64,
-    /// Islands in which errors of position were corrected.
+    /// Solved position problems.
     pub position_problems: u64,
     /// Rows of all complementarity problems.
     pub rows: u64,
     /// Factorisations of the matrix of a problem or of its active set.
     pub factorisations: u64,
-    /// Rows that changed sides of the active set.
+    /// Changes of the active set.
     pub pivots: u64,
     /// Sweeps of projected Gauss-Seidel.
     pub sweeps: u64,
     /// Largest violation of complementarity of a solution, m/s or rad/s.
     pub residual: f64,
-    /// Largest error of position along one axis of a joint that is solved by rows, m. Joints of articulations are exact and do not count.
+    /// Largest position error along one axis of a joint that is a constraint, m. Joints of articulations are exact and
+    /// do not count.
     pub joint_gap: f64,
-    /// Largest error of orientation about one axis of such a joint, rad.
+    /// Largest orientation error about one axis of such a joint, rad.
     pub joint_angle: f64,
     /// Largest penetration depth of a contact whose island was solved, m.
     pub penetration: f64,
 }
 
 impl World {
-    /// Takes the statistics of the solver, which begin anew. They are part of what [`save`](World::save) saves.
+    /// Reads the statistics of the solver and resets them to 0. [`save`](World::save) saves them too.
     pub fn take_statistics(&mut self) -> SolverStatistics {
         let mut raw = sys::AmbSolverStatistics::default();
         // SAFETY: the world is alive and was made with the engine; the struct is written before the call returns.
@@ -82,7 +83,8 @@ mod tests {
         }
     }
 
-    /// Factorisations in 0.1 s of a body of 1 kg that has lain on the ground for a while, and the islands that were solved in that time.
+    /// Factorisations in 0.1 s of a body of 1 kg that has lain on the ground for a while, and the islands that were
+    /// solved in that time.
     fn factorisations_at_rest(shape: Shape, height: f64) -> (u64, u64) {
         let mut world = World::new(Solver::Accurate);
         world.set_solver_settings(&AccurateSettings::solver_settings(world.solver_settings()));

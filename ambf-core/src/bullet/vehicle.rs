@@ -10,7 +10,7 @@ use super::{pose_of, BodyHandle, VehicleHandle, World};
 pub struct Wheel {
     /// Where the suspension begins, m.
     pub connection: Vector3<f64>,
-    /// From the connection to the wheel. Its length scales the reach of the wheel.
+    /// Direction from the connection to the wheel. Its length scales the length of the suspension ray.
     pub direction: Vector3<f64>,
     /// Axle; not along the direction. An engine drives forward when it points to the right, −y.
     pub axle: Vector3<f64>,
@@ -33,7 +33,8 @@ pub struct Wheel {
 }
 
 impl Wheel {
-    /// Whether Bullet can compute with it: a wheel without direction, axle or reach makes the chassis' state not finite.
+    /// Whether Bullet can compute with it: a wheel without direction, axle or reach makes the chassis' state not
+    /// finite.
     fn is_sound(&self) -> bool {
         let Self { connection, direction, axle, rest_length, radius, .. } = self;
         let numbers = [
@@ -77,11 +78,12 @@ pub(super) struct OwnedVehicle {
 }
 
 impl World {
-    /// Puts a body on wheels that are rays: `btRaycastVehicle` with its default tuning. `None` when the body is not there or is static,
-    /// or a wheel has a number that is not finite, a radius or reach that is not positive, or an axle that is zero or along its
-    /// direction. Articulations are dissolved. Wheels only stand on rigid bodies, and are lifted where a ghost or soft body is nearer.
+    /// Makes a body the chassis of a ray-cast vehicle, `btRaycastVehicle` with its default tuning. `None` when the
+    /// handle is stale or the body is static, or a wheel has a number that is not finite, a radius or suspension ray of
+    /// a length that is not positive, or an axle that is zero or along its direction. Articulations are dissolved. Only
+    /// rigid bodies carry wheels: a wheel has no support if its ray hits a ghost or soft body first.
     pub fn add_vehicle(&mut self, chassis: BodyHandle, wheels: &[Wheel]) -> Option<VehicleHandle> {
-        let _inside = self.enter();
+        let _arena = self.enter();
         let dynamic = self.bodies.get(chassis)?.dynamic;
         if !dynamic || !wheels.iter().all(Wheel::is_sound) {
             return None;
@@ -89,28 +91,29 @@ impl World {
         let raw_wheels: Vec<_> = wheels.iter().map(Wheel::raw).collect();
         let n = i32::try_from(wheels.len()).ok()?;
         self.dissolve_all();
-        // SAFETY: world and chassis are alive and outlive the vehicle: `remove_body` refuses while it exists; n wheels are copied.
+        // SAFETY: world and chassis are alive and outlive the vehicle: `remove_body` refuses while it exists; n wheels
+        // are copied.
         let raw = unsafe { sys::amb_vehicle_new(self.raw.as_ptr(), self.raw_body(chassis)?, raw_wheels.as_ptr(), n) };
         let raw = NonNull::new(raw).expect("operator new throws rather than return null");
-        self.bodies[chassis].held += 1;
+        self.bodies[chassis].constraint_count += 1;
         self.structure += 1;
         Some(self.vehicles.insert(OwnedVehicle { raw, chassis, wheels: wheels.len() }))
     }
 
-    /// Takes a body off its wheels; false when the vehicle is not there.
+    /// Removes a vehicle; its chassis remains as a body. False when the handle is stale.
     pub fn remove_vehicle(&mut self, handle: VehicleHandle) -> bool {
-        let _inside = self.enter();
+        let _arena = self.enter();
         let Some(vehicle) = self.vehicles.remove(handle) else { return false };
-        self.bodies[vehicle.chassis].held -= 1;
+        self.bodies[vehicle.chassis].constraint_count -= 1;
         self.structure += 1;
         // SAFETY: the vehicle is in this world, and no pointer to it is left after this.
         unsafe { sys::amb_vehicle_free(vehicle.raw.as_ptr()) }
         true
     }
 
-    /// Sets steering (rad, to the left), engine force (N, along up × axle; the brake has no effect unless it is 0) and brake (largest impulse of a sub-step,
-    /// N·s; negative is 0) of a wheel until they are set again. False, and no effect, when there is no such wheel or a number is not
-    /// finite.
+    /// Sets steering (rad, to the left), engine force (N, along up × axle; the brake has no effect unless it is 0) and
+    /// brake (largest impulse of a sub-step, N·s; negative is 0) of a wheel until they are set again. False, and no
+    /// effect, when there is no such wheel or a number is not finite.
     pub fn drive(&mut self, handle: VehicleHandle, wheel: usize, steering: f64, engine: f64, brake: f64) -> bool {
         let Some((raw, wheel)) = self.raw_wheel(handle, wheel) else { return false };
         let finite = steering.is_finite() && engine.is_finite() && brake.is_finite();
@@ -121,8 +124,8 @@ impl World {
         finite
     }
 
-    /// Pose of the drawn wheel in the world, on the chassis' motion state: its axes are up × axle, −axle and up, against the direction of
-    /// the suspension, turned by steering and rolling.
+    /// Pose of the drawn wheel in the world, on the chassis' motion state: its axes are up × axle, −axle and up,
+    /// against the direction of the suspension, turned by steering and rolling.
     pub fn wheel_pose(&self, handle: VehicleHandle, wheel: usize) -> Option<Isometry3<f64>> {
         let (vehicle, wheel) = self.raw_wheel(handle, wheel)?;
         let mut raw = [0.0; 12];
@@ -140,7 +143,7 @@ impl World {
 
     /// Brings suspensions to rest and the angles of all wheels, their steering, engine and brake to zero.
     pub fn reset_vehicle(&mut self, handle: VehicleHandle) {
-        let _inside = self.enter();
+        let _arena = self.enter();
         if let Some(vehicle) = self.vehicles.get(handle) {
             // SAFETY: the vehicle is alive.
             unsafe { sys::amb_vehicle_reset(vehicle.raw.as_ptr()) }
@@ -294,7 +297,7 @@ mod tests {
         assert!(!world.drive(vehicle, 0, 0.0, f64::INFINITY, 0.0));
         assert!(!world.drive(vehicle, 4, 0.0, 1.0, 0.0), "there are four wheels");
         assert!(!world.remove_body(chassis), "a vehicle stands on it");
-        assert!(!world.make_drawing(chassis));
+        assert!(!world.make_visual_only(chassis));
         assert!(world.remove_vehicle(vehicle) && !world.remove_vehicle(vehicle));
         assert!(!world.drive(vehicle, 0, 0.0, 1.0, 0.0));
         assert_eq!(world.wheel_pose(vehicle, 0), None);

@@ -5,7 +5,7 @@ use ambf_dynamics::ffi as sys;
 use nalgebra::Vector3;
 use slotmap::{new_key_type, SlotMap};
 
-use super::arena::{Arena, Inside};
+use super::arena::{Arena, ArenaGuard};
 use super::articulation::OwnedArticulation;
 use super::body::OwnedBody;
 use super::constraint::OwnedConstraint;
@@ -25,12 +25,12 @@ new_key_type! {
     pub struct VehicleHandle;
     /// Names a soft body of a [`World`].
     pub struct SoftBodyHandle;
-    /// Names constraints of a [`World`] that are in reduced coordinates.
+    /// Names an articulation of a [`World`].
     pub struct ArticulationHandle;
 }
 
-/// Largest Bullet's side of a world that can be saved, bytes: a hundred times what the largest scenes need. Only address space.
-const MOST_SAVED: u64 = 4 << 30;
+/// Address space of the arena of a world that can be saved, bytes: a hundred times the memory of the largest scenes.
+const MAX_ARENA_BYTES: u64 = 4 << 30;
 
 /// A Bullet world with all that is in it. SI units, z up by convention only.
 pub struct World {
@@ -48,24 +48,25 @@ pub struct World {
     /// Bodies in order of creation, for bulk reads; `body_order` names them. A removed body leaves null.
     pub(super) body_list: Vec<*mut sys::AmbBody>,
     pub(super) body_order: Vec<BodyHandle>,
-    /// Constraints in order of creation with what is read of each. A removed constraint leaves null.
+    /// Constraints in order of creation, and the kind of reading of each. A removed constraint leaves null.
     pub(super) constraint_list: Vec<*mut sys::AmbConstraint>,
     pub(super) constraint_order: Vec<ConstraintHandle>,
     pub(super) readings: Vec<u8>,
-    /// Places of removed constraints in these lists.
-    pub(super) free_places: Vec<usize>,
-    /// Room for what queries answer, kept between calls.
+    /// Indices of removed constraints in these lists.
+    pub(super) free_indices: Vec<usize>,
+    /// Buffers for the results of queries, kept between calls.
     pub(super) scratch: RefCell<Scratch>,
-    /// Counts bodies, soft bodies, ghosts and vehicles that came or went.
+    /// Number of additions and removals of bodies, soft bodies, ghosts and vehicles.
     pub(super) structure: u64,
-    /// Where Bullet's side lies, if the world can be saved. Goes after everything that lies in it.
+    /// Memory of all objects of the shim, the engine and Bullet, if the world can be saved. Dropped after everything in
+    /// it.
     pub(super) arena: Option<Arena>,
 }
 
-/// What a world may hold beside rigid bodies and their constraints.
+/// Kinds of objects that a world can have beside rigid bodies and their constraints.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum WorldKind {
-    /// Nothing: [`World::new`].
+    /// None: [`World::new`].
     Rigid,
     /// [`World::with_soft_bodies`].
     Soft,
@@ -73,20 +74,20 @@ pub enum WorldKind {
     Articulated,
 }
 
-/// Answers of queries as the shim writes them.
+/// Results of queries as the shim writes them.
 #[derive(Default)]
 pub(super) struct Scratch {
     pub(super) contacts: Vec<sys::AmbContact>,
     pub(super) overlaps: Vec<sys::AmbHandle>,
 }
 
-// SAFETY: Bullet's objects have no thread affinity, the world owns all objects it refers to, and it is not `Sync`: whoever holds it
-// is the only thread that calls into them.
+// SAFETY: Bullet's objects have no thread affinity, the world owns all objects it refers to, and it is not `Sync`:
+// whoever holds it is the only thread that calls into them.
 unsafe impl Send for World {}
 
 impl Drop for World {
     fn drop(&mut self) {
-        let _inside = self.enter();
+        let _arena = self.enter();
         for handle in self.vehicles.keys().collect::<Vec<_>>() {
             self.remove_vehicle(handle);
         }
@@ -113,25 +114,25 @@ impl World {
         Self::make(solver, WorldKind::Rigid, None)
     }
 
-    /// An empty world without gravity, for rigid and soft bodies. Rigid bodies that meet no soft body move as in a plain world, bit for
-    /// bit.
+    /// An empty world without gravity, for rigid and soft bodies. Rigid bodies that meet no soft body move as in a
+    /// plain world, bit for bit.
     pub fn with_soft_bodies(solver: Solver) -> Self {
         Self::make(solver, WorldKind::Soft, None)
     }
 
-    /// An empty world without gravity, for rigid bodies whose constraints may be [articulated](Self::articulate). Contacts have two
-    /// directions of friction.
+    /// An empty world without gravity, for rigid bodies whose constraints may be [articulated](Self::articulate).
+    /// Contacts have two directions of friction.
     pub fn with_articulations(solver: Solver) -> Self {
         Self::make(solver, WorldKind::Articulated, None)
     }
 
-    /// An empty world whose state can be saved; it moves as one of the others, bit for bit. `None`: the process may have no more address
-    /// space.
+    /// An empty world whose state can be saved; its motion is that of a world that cannot, bit for bit. `None`: the
+    /// process has no address space left.
     pub fn savable(solver: Solver, kind: WorldKind) -> Option<Self> {
-        Self::savable_within(MOST_SAVED, solver, kind)
+        Self::savable_within(MAX_ARENA_BYTES, solver, kind)
     }
 
-    /// One whose Bullet's side has room for so many bytes.
+    /// The same with an arena of at most `bytes`.
     pub(super) fn savable_within(bytes: u64, solver: Solver, kind: WorldKind) -> Option<Self> {
         Arena::new(bytes).map(|arena| Self::make(solver, kind, Some(arena)))
     }
@@ -140,13 +141,13 @@ impl World {
         let raw_kind = match kind {
             WorldKind::Rigid => sys::AmbWorldKind::AmbWorldKind_Rigid,
             WorldKind::Soft => sys::AmbWorldKind::AmbWorldKind_Soft,
-            WorldKind::Articulated => sys::AmbWorldKind::AmbWorldKind_Trees,
+            WorldKind::Articulated => sys::AmbWorldKind::AmbWorldKind_Articulated,
         };
         let place = arena.as_ref().map_or(std::ptr::null_mut(), Arena::as_ptr);
         // SAFETY: the table is static and has the layout that the header beside it describes.
         unsafe { sys::amb_set_mlcp(std::ptr::from_ref(ambf_dynamics::mlcp::ffi::table()).cast()) };
-        // SAFETY: numbers that the enums of the shim have; the arena is this world's alone and goes after it; the engine is
-        // static.
+        // SAFETY: numbers that the enums of the shim have; the arena is this world's alone and goes after it; the
+        // engine is static.
         let raw = unsafe { sys::amb_world_new(solver as i32, raw_kind as i32, place, sys::amb_dynamics_engine()) };
         let mut world = Self {
             raw: NonNull::new(raw).expect("operator new throws rather than return null"),
@@ -165,7 +166,7 @@ impl World {
             constraint_list: Vec::new(),
             constraint_order: Vec::new(),
             readings: Vec::new(),
-            free_places: Vec::new(),
+            free_indices: Vec::new(),
             scratch: RefCell::default(),
             structure: 0,
             arena,
@@ -175,9 +176,9 @@ impl World {
         world
     }
 
-    /// Until the guard goes, what Bullet allocates in this thread lies where this world does. Needed for every call that may allocate.
-    pub(super) fn enter(&self) -> Inside {
-        Inside::of(self.arena.as_ref())
+    /// Enters the arena of this world until the guard is dropped. Needed for every call that may allocate.
+    pub(super) fn enter(&self) -> ArenaGuard {
+        ArenaGuard::new(self.arena.as_ref())
     }
 
     /// The method that solves contacts and constraints.
@@ -185,13 +186,13 @@ impl World {
         self.solver
     }
 
-    /// How free bodies are moved.
+    /// The integrator of free bodies.
     pub fn integrator(&self) -> Integrator {
         self.integrator
     }
 
-    /// The shim's world, for what this interface does not offer. It stays this world's: whoever changes it through the pointer must leave
-    /// it as this world knows it. Not for worlds that can be saved.
+    /// The shim's world, for functions that this interface does not offer. This world keeps ownership; a caller must
+    /// not change anything that this world keeps track of. Not for worlds that can be saved.
     pub fn as_raw(&self) -> *mut sys::AmbWorld {
         self.raw.as_ptr()
     }
@@ -203,7 +204,7 @@ impl World {
 
     /// Sets gravity, m/s², also of all dynamic bodies and soft bodies in the world.
     pub fn set_gravity(&mut self, gravity: Vector3<f64>) {
-        let _inside = self.enter();
+        let _arena = self.enter();
         // SAFETY: the world is alive; three doubles are read.
         unsafe { sys::amb_world_set_gravity(self.raw.as_ptr(), gravity.as_ptr()) }
     }
@@ -214,7 +215,7 @@ impl World {
         unsafe { sys::amb_world_set_iterations(self.raw.as_ptr(), iterations.min(100_000) as i32) }
     }
 
-    /// Chooses how free bodies are moved.
+    /// Sets the integrator of free bodies.
     pub fn set_integrator(&mut self, integrator: Integrator) {
         self.integrator = integrator;
         // SAFETY: the world is alive and stays where it is: it is the callback's user pointer.
@@ -227,19 +228,19 @@ impl World {
         unsafe { sys::amb_world_set_lag(self.raw.as_ptr(), lag.into()) }
     }
 
-    /// Advances by `interval` s in sub-steps of `sub_step` s, at most `max_sub_steps` of them. Returns how many were due; those
-    /// above `max_sub_steps` are lost. A remainder is kept for the next call. Applied forces are cleared.
+    /// Advances by `interval` s in sub-steps of `sub_step` s, at most `max_sub_steps` of them. Returns how many were
+    /// due; those above `max_sub_steps` are lost. A remainder is kept for the next call. Applied forces are cleared.
     pub fn step(&mut self, interval: f64, max_sub_steps: u32, sub_step: f64) -> u32 {
-        let _inside = self.enter();
+        let _arena = self.enter();
         let cap = max_sub_steps.clamp(1, i32::MAX as u32) as i32;
         // SAFETY: the world and everything in it are alive.
         unsafe { sys::amb_world_step(self.raw.as_ptr(), interval, cap, sub_step) }.max(0) as u32
     }
 
-    /// Forgets contacts and what the solver starts from, and revives bodies that Bullet switched off because their state was not finite.
-    /// To be called after poses and velocities were set back to finite values.
+    /// Discards contacts and warm-starting impulses, and reactivates bodies that Bullet disabled because their state
+    /// was not finite. To be called after poses and velocities were set to finite values.
     pub fn recover(&mut self) {
-        let _inside = self.enter();
+        let _arena = self.enter();
         // SAFETY: the world and everything in it are alive.
         unsafe { sys::amb_world_recover(self.raw.as_ptr()) }
     }

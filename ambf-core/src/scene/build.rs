@@ -128,9 +128,9 @@ pub(super) fn empty_scene(
         bullet.set_solver_settings(&preset.apply(bullet.solver_settings()));
         bullet.set_tight_bounds(true);
     } else if profile == Profile::Accurate {
-        bullet.rest_static_bodies();
+        bullet.freeze_static_aabbs();
     }
-    if physics.sleep == Some(true) && !bullet.let_bodies_sleep() {
+    if physics.sleep == Some(true) && !bullet.enable_sleeping() {
         warn("`physics / sleep`: in a scene with soft bodies nothing sleeps".into());
     }
     if let Some(joint_erp) = joint_erp {
@@ -469,7 +469,7 @@ impl<'a> Builder<'a> {
             self.assembly.add(index, &constraint, joint.assemble);
             let [a, b] = [parent, child].map(|body| self.scene.bodies[body].handle);
             let handle = self.scene.world.add_constraint(a, b, &constraint)?;
-            Some((handle, self.scene.world.constraint_place(handle)?))
+            Some((handle, self.scene.world.constraint_index(handle)?))
         });
         let was_full = self.scene.graph.is_full();
         self.scene.graph.add_joint(parent, child, index, joint.common.passive);

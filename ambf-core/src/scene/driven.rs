@@ -7,7 +7,7 @@ use nalgebra::{Isometry3, Vector3};
 use super::body::Body;
 use super::joint::{Joint, JointType};
 use crate::adf::{Controller, Limits};
-use crate::bullet::{BodyDrive, Drive, World};
+use crate::bullet::{BodyDrive, SoftMotor, World};
 use crate::comm::{CartesianCommandType, JointCommandType, RigidBodyCommand};
 use crate::control::{
     orientation_of, shortest_angle, Deviation, JointDriver, PoseAction, PoseDriver, Profile, Quantity, Scheme,
@@ -96,7 +96,7 @@ impl Joint {
             }
             JointCommandType::Velocity if self.has_motor() => {
                 let drive = self.motor(value, sub_step);
-                self.handle.map(|handle| world.set_drive(handle, Some(drive)));
+                self.handle.map(|handle| world.set_soft_motor(handle, Some(drive)));
                 self.order.has_spring = false;
                 self.order.goal = None;
                 return false;
@@ -140,7 +140,7 @@ impl Joint {
     pub(crate) fn let_go(&mut self, world: &mut World) {
         self.order.has_spring = false;
         if let Some(handle) = self.handle.filter(|_| self.has_motor()) {
-            world.set_drive(handle, None);
+            world.set_soft_motor(handle, None);
         }
     }
 
@@ -148,9 +148,9 @@ impl Joint {
         matches!(self.joint_type, JointType::Revolute | JointType::Prismatic)
     }
 
-    fn motor(&self, velocity: f64, sub_step: f64) -> Drive {
+    fn motor(&self, velocity: f64, sub_step: f64) -> SoftMotor {
         // The same force at any sub-step.
-        Drive { velocity, softness: 0.0, max_impulse: self.max_motor_impulse * (sub_step / IMPULSE_STEP) }
+        SoftMotor { velocity, softness: 0.0, max_impulse: self.max_motor_impulse * (sub_step / IMPULSE_STEP) }
     }
 
     fn pursue(&mut self, world: &mut World, goal: f64, sub_steps: SubSteps) {
@@ -182,11 +182,11 @@ impl Joint {
         order.has_spring = order.driver.is_spring();
         let drive = if order.has_spring {
             // As in the C++ program, forces of a controller have no bound.
-            Drive { velocity: row.velocity, softness: row.softness, max_impulse: f64::INFINITY }
+            SoftMotor { velocity: row.velocity, softness: row.softness, max_impulse: f64::INFINITY }
         } else {
             self.motor(row.velocity, sub_steps.length)
         };
-        world.set_drive(handle, Some(drive));
+        world.set_soft_motor(handle, Some(drive));
     }
 
     /// Replaces the wrenches of the sub-step before by those of the present pose.

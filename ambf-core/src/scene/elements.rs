@@ -128,7 +128,7 @@ impl Builder<'_> {
             return self.drop_element(&vehicle.common, "its chassis is not part of the world");
         };
         for body in wheels.iter().filter_map(|wheel| wheel.body) {
-            self.scene.world.make_drawing(self.scene.bodies[body].handle);
+            self.scene.world.make_visual_only(self.scene.bodies[body].handle);
             let body = &mut self.scene.bodies[body];
             (body.mass, body.inertia) = (0.0, nalgebra::Vector3::zeros());
         }

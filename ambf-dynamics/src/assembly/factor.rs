@@ -1,8 +1,8 @@
 //! Block LDLᵀ factorisation of \[M Jᵀ; J −E\] in 6 × 6 blocks: a node a body and a node a joint.
 //!
-//! The matrix is quasi-definite, so that the factors exist for every order of the nodes (Vanderbei, "Symmetric quasidefinite matrices",
-//! SIAM J. Optim. 5, 1995). The order is that of minimum degree, but a joint waits for one of its bodies: its pivot is then an effective inverse mass
-//! instead of the small block −E.
+//! The matrix is quasi-definite, so that the factors exist for every order of the nodes (Vanderbei, "Symmetric
+//! quasidefinite matrices", SIAM J. Optim. 5, 1995). The order is that of minimum degree, but a joint waits for one of
+//! its bodies: its pivot is then an effective inverse mass instead of the small block −E.
 
 use std::collections::BTreeSet;
 

@@ -6,8 +6,9 @@ use super::factor::Factor;
 use super::rows::{rows, Demand, Row};
 use super::{Body, Joint};
 
-/// Relative damping ε of the first steps: it leaves alone what hardly changes the errors, such as the one soft motion of a loop whose hinges are
-/// nearly parallel, and closes all else at a rate of about ε a step (iterated Tikhonov regularisation).
+/// Relative damping ε of the first steps: it leaves alone what hardly changes the errors, such as the one soft motion
+/// of a loop whose hinges are nearly parallel, and closes all else at a rate of about ε a step (iterated Tikhonov
+/// regularisation).
 const FIRM_DAMPING: f64 = 1e-5;
 
 /// Number of these steps.
@@ -38,8 +39,8 @@ const ROUNDING: f64 = 1e-14;
 /// Least moment of inertia as a share of the body's greatest.
 const MIN_MOMENT: f64 = 1e-3;
 
-/// Least radius of gyration as a share of the longest lever arm of the body's joints: bodies with less, whose inertia the file did not
-/// mean seriously, would turn wildly to save a little translation.
+/// Least radius of gyration as a share of the longest lever arm of the body's joints: bodies with less, whose inertia
+/// the file did not mean seriously, would turn wildly to save a little translation.
 const MIN_GYRATION: f64 = 0.05;
 
 /// Groups of joints that movable bodies connect; joints without a movable body are in none.
@@ -88,8 +89,8 @@ struct Member<'a> {
 }
 
 impl Member<'_> {
-    /// Which end of its range a row is held at in this step: 1 the upper, −1 the lower, 0 none. A limit that was active stays so until its
-    /// multiplier pulls.
+    /// Which end of its range a row is held at in this step: 1 the upper, −1 the lower, 0 none. A limit that was active
+    /// stays so until its multiplier pulls.
     fn side(&self, row: usize) -> f64 {
         let Row { demand: Demand::Within(range), value, .. } = &self.rows[row] else { return 0.0 };
         if *value > range.high {
@@ -228,7 +229,8 @@ impl<'a> Island<'a> {
         }
     }
 
-    /// Derivatives of a joint's rows by velocity (world axes) and angular velocity (principal axes) of one of its bodies.
+    /// Derivatives of a joint's rows by velocity (world axes) and angular velocity (principal axes) of one of its
+    /// bodies.
     fn jacobian(&self, member: usize, side: usize) -> Matrix6<f64> {
         let place = self.places[member][side];
         let to_body = self.poses[place].rotation.inverse();
@@ -285,7 +287,8 @@ impl<'a> Island<'a> {
         ROUNDING * self.size
     }
 
-    /// Steps of the same damping, which end at the compromise if the joints contradict each other. True when they are closed.
+    /// Steps of the same damping, which end at the compromise if the joints contradict each other. True when they are
+    /// closed.
     fn close_firmly(&mut self) -> bool {
         let (mut objective, mut worst) = self.evaluate();
         let mut best = self.poses.clone();
@@ -304,8 +307,8 @@ impl<'a> Island<'a> {
         worst <= self.rounding()
     }
 
-    /// Levenberg–Marquardt steps; the damping follows Nielsen (Madsen, Nielsen, Tingleff, *Methods for non-linear least squares
-    /// problems*, 2004, ch. 3.2). True when all joints are closed.
+    /// Levenberg–Marquardt steps; the damping follows Nielsen (Madsen, Nielsen, Tingleff, *Methods for non-linear least
+    /// squares problems*, 2004, ch. 3.2). True when all joints are closed.
     fn close_at_any_cost(&mut self) -> bool {
         let (mut objective, mut worst) = self.evaluate();
         let mut best = self.poses.clone();
@@ -343,7 +346,8 @@ impl<'a> Island<'a> {
         worst <= 100.0 * self.rounding()
     }
 
-    /// Goes along the joints towards the poses of the file, as far as that shortens the displacement: Newton steps of the projection.
+    /// Goes along the joints towards the poses of the file, as far as that shortens the displacement: Newton steps of
+    /// the projection.
     fn refine(&mut self) {
         let mut best = self.poses.clone();
         let mut cost = self.displacement();
@@ -389,8 +393,8 @@ impl<'a> Island<'a> {
         self.masses.iter().enumerate().map(of).sum()
     }
 
-    /// Moves `poses` by one step: towards closed joints and, by `back` times the displacement, towards the poses of the file. Returns the objective
-    /// that linearisation predicts; `None` where there is no step.
+    /// Moves `poses` by one step: towards closed joints and, by `back` times the displacement, towards the poses of the
+    /// file. Returns the objective that linearisation predicts; `None` where there is no step.
     fn step(&mut self, damping: f64, back: f64) -> Option<f64> {
         let n = self.bodies.len();
         self.factor.clear();

@@ -1,26 +1,28 @@
 //! Projection of initial poses onto the joints.
 //!
-//! A file gives every body a pose and every joint a frame on either body; the two contradict each other by what a modelling tool
-//! rounded, or by more. [`assemble`] finds poses x that satisfy the joints, g(x) = 0 and h(x) ≤ 0 (limits), near the poses x₀ of the
-//! file in the metric of the masses: each Gauss–Newton step is the least one, ½ ΔᵀMΔ → min subject to J Δ = −g, hence
+//! A file gives every body a pose and every joint a frame on either body; the two contradict each other by what a
+//! modelling tool rounded, or by more. [`assemble`] finds poses x that satisfy the joints, g(x) = 0 and h(x) ≤ 0
+//! (limits), near the poses x₀ of the file in the metric of the masses: each Gauss–Newton step is the least one, ½ ΔᵀMΔ
+//! → min subject to J Δ = −g, hence
 //!
 //! ```text
 //! Δ = −M⁻¹ Jᵀ λ,   (J M⁻¹ Jᵀ + ε D) λ = g,   D = diag(J M⁻¹ Jᵀ) at x₀
 //! ```
 //!
-//! (Levenberg–Marquardt with the damping ε: Nocedal & Wright, *Numerical Optimization*, ch. 10; the projection is that of
-//! stabilised DAE integrators: Hairer & Wanner, *Solving Ordinary Differential Equations II*, ch. VII.2.) Limits are an active set: a limit
-//! is a row of g while it is violated or while its multiplier pushes the joint inwards.
+//! (Levenberg–Marquardt with the damping ε: Nocedal & Wright, *Numerical Optimization*, ch. 10; the projection is that
+//! of stabilised DAE integrators: Hairer & Wanner, *Solving Ordinary Differential Equations II*, ch. VII.2.) Limits are
+//! an active set: a limit is a row of g while it is violated or while its multiplier pushes the joint inwards.
 //!
-//! The step is taken from the quasi-definite form of the same equations, \[M Jᵀ; J −εD\], by a block LDLᵀ factorisation in an order of
-//! minimum degree: trees have no fill, so that the cost of a step is linear in the number of bodies.
+//! The step is taken from the quasi-definite form of the same equations, \[M Jᵀ; J −εD\], by a block LDLᵀ factorisation
+//! in an order of minimum degree: trees have no fill, so that the cost of a step is linear in the number of bodies.
 //!
-//! Where the joints contradict each other, the iteration ends at a stationary point of ½ gᵀD⁻¹g, the least-squares compromise
-//! in which each row counts with its effective mass; redundant joints that do not contradict each other are closed exactly.
+//! Where the joints contradict each other, the iteration ends at a stationary point of ½ gᵀD⁻¹g, the least-squares
+//! compromise in which each row counts with its effective mass; redundant joints that do not contradict each other are
+//! closed exactly.
 //!
 //! ## Limitations
-//! The iteration is local: joints that are off by more than about a quarter of a turn may end in another configuration of the mechanism, or
-//! at a compromise although a solution exists.
+//! The iteration is local: joints that are off by more than about a quarter of a turn may end in another configuration
+//! of the mechanism, or at a compromise although a solution exists.
 
 mod factor;
 mod island;
@@ -39,8 +41,8 @@ pub struct Body {
     pub pose: Isometry3<f64>,
     /// Mass, kg; of no meaning for a body that is not movable. One that is not positive counts as 1 kg.
     pub mass: f64,
-    /// Principal moments of inertia about the axes of `pose`, kg·m². A moment of zero means, as in Bullet, that the body does not turn
-    /// about that axis.
+    /// Principal moments of inertia about the axes of `pose`, kg·m². A moment of zero means, as in Bullet, that the
+    /// body does not turn about that axis.
     pub inertia: Vector3<f64>,
     /// Whether the body may be displaced.
     pub movable: bool,
@@ -82,8 +84,8 @@ pub enum Kind {
     Fixed,
     /// Rotation about the common origin.
     PointToPoint,
-    /// Rotation about the common origin with a twist about x in ± `twist` and a swing in an ellipse with the semi-axes `swing_y` about y
-    /// and `swing_z` about z, rad.
+    /// Rotation about the common origin with a twist about x in ± `twist` and a swing in an ellipse with the semi-axes
+    /// `swing_y` about y and `swing_z` about z, rad.
     ConeTwist {
         /// Greatest twist about x, rad.
         twist: f64,
@@ -92,7 +94,8 @@ pub enum Kind {
         /// Greatest swing about z, rad.
         swing_z: f64,
     },
-    /// Six coordinates: the origin of frame B in frame A (m), and angles α, β, γ (rad) with the rotation R_z(γ) R_y(β) R_x(α) from B to A.
+    /// Six coordinates: the origin of frame B in frame A (m), and angles α, β, γ (rad) with the rotation R_z(γ) R_y(β)
+    /// R_x(α) from B to A.
     SixDof {
         /// Ranges along x, y, z of frame A, m.
         linear: [Range; 3],
@@ -112,8 +115,9 @@ pub struct Joint {
     pub frames: [Isometry3<f64>; 2],
 }
 
-/// Moves the bodies onto the joints; poses of bodies that are not movable, and of groups of bodies whose joints are closed already (to
-/// rounding errors), keep every bit. Returns true when every joint is closed to rounding errors ([`gap`] says how far one is open).
+/// Moves the bodies onto the joints; poses of bodies that are not movable, and of groups of bodies whose joints are
+/// closed already (to rounding errors), keep every bit. Returns true when every joint is closed to rounding errors
+/// ([`gap`] says how far one is open).
 ///
 /// A group of bodies whose poses would not be finite is left where it is.
 ///

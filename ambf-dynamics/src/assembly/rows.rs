@@ -41,7 +41,8 @@ pub(super) struct Row {
     pub value: f64,
     /// Whether the coordinate is an angle.
     pub angular: bool,
-    /// Derivatives by the velocity (m/s) of the centre of mass and the angular velocity (rad/s) of A and B, in world axes.
+    /// Derivatives by the velocity (m/s) of the centre of mass and the angular velocity (rad/s) of A and B, in world
+    /// axes.
     pub jacobians: [Vector6<f64>; 2],
 }
 
@@ -167,7 +168,8 @@ impl Frames {
         self.push(demand, value, jacobians, true);
     }
 
-    /// Frame B is turned against frame A by `target`, seen in frame A: three rows of the rotation vector of the deviation.
+    /// Frame B is turned against frame A by `target`, seen in frame A: three rows of the rotation vector of the
+    /// deviation.
     fn align(&mut self, target: &UnitQuaternion<f64>) {
         let deviation = self.world[1].rotation * (self.world[0].rotation * target).inverse();
         let vector = deviation.scaled_axis();

@@ -1,8 +1,8 @@
 //! Velocity coordinates of each body in which its mass matrix is the identity.
 //!
-//! `M` is not given, only rows of `J` and their responses `R = M⁻¹ Jᵀ`. The rows of a body are made orthonormal in the inner product
-//! `a M⁻¹ bᵀ` by Gram and Schmidt's method: `G M⁻¹ Gᵀ = 1`. With `q = G R` of each row, `A = J R = Qᵀ Q`. Where all responses of a body are
-//! its Jacobians, these are the coordinates.
+//! `M` is not given, only rows of `J` and their responses `R = M⁻¹ Jᵀ`. The rows of a body are made orthonormal in the
+//! inner product `a M⁻¹ bᵀ` by Gram and Schmidt's method: `G M⁻¹ Gᵀ = 1`. With `q = G R` of each row, `A = J R = Qᵀ Q`.
+//! Where all responses of a body are its Jacobians, these are the coordinates.
 
 use super::layout::Layout;
 use super::problem::{Rows, StoredRow};
@@ -119,8 +119,8 @@ impl Coordinates {
         }
     }
 
-    /// Finds the coordinates of one side, and extends the basis where it is independent of it by more than `least`. Returns `false` where
-    /// it lies outside of the basis by less.
+    /// Finds the coordinates of one side, and extends the basis where it is independent of it by more than `least`.
+    /// Returns `false` where it lies outside of the basis by less.
     fn add_side(&mut self, rows: &Rows, row: &StoredRow, side: usize, at: usize, least: f64) -> bool {
         let of = &row.sides[side];
         let (body, size) = (of.body as usize, of.size as usize);

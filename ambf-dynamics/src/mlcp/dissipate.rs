@@ -1,20 +1,21 @@
 //! Approximations that add no energy.
 //!
-//! Within fixed bounds that contain 0 the objective `xᵀ (A + cfm) x / 2 - targetᵀ x` has a least value of at most 0, and what gets there by
-//! descent never gains energy. The bounds of friction are not fixed, but its impulses can be left out, and then added with normal impulses
-//! that stay: two problems with fixed bounds.
+//! Within fixed bounds that contain 0 the objective `xᵀ (A + cfm) x / 2 - targetᵀ x` has a least value of at most 0,
+//! and what gets there by descent never gains energy. The bounds of friction are not fixed, but its impulses can be
+//! left out, and then added with normal impulses that stay: two problems with fixed bounds.
 
 use super::solver::Solver;
 
-/// Sweeps for either problem where it is not solved directly: at least, where the best approximation gains energy, and at most.
+/// Sweeps for either problem where it is not solved directly: at least, where the best approximation gains energy, and
+/// at most.
 const MIN_SWEEPS: u32 = 4;
 const MAX_SWEEPS: u32 = 10;
 /// Most factorisations for either.
 const MAX_ROUNDS: u32 = 10;
 
 impl Solver {
-    /// Looks for impulses of a lower objective than the best approximation, which is at hand, has. A few sweeps are made beyond the budget where
-    /// that gains energy.
+    /// Looks for impulses of a lower objective than the best approximation, which is at hand, has. A few sweeps are
+    /// made beyond the budget where that gains energy.
     pub(super) fn dissipate(&mut self, budget: f64) {
         let gains_energy = self.best_objective() > 0.0;
         let has_friction = self.iterate.variables.iter().any(|row| row.is_friction());

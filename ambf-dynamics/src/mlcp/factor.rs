@@ -1,17 +1,18 @@
-//! Cholesky factorisation of the free rows of a matrix, stored by envelope (George and Liu, *Computer Solution of Large Sparse Positive
-//! Definite Systems*, 1981, chapter 4).
+//! Cholesky factorisation of the free rows of a matrix, stored by envelope (George and Liu, *Computer Solution of Large
+//! Sparse Positive Definite Systems*, 1981, chapter 4).
 
 use super::layout::Layout;
 use super::matrix::Matrix;
 use super::vector::{add_scaled, dot};
 
-/// Share of its diagonal below which the pivot of a row counts as zero: the row depends on those before it, and its impulse is 0.
+/// Share of its diagonal below which the pivot of a row counts as zero: the row depends on those before it, and its
+/// impulse is 0.
 const DEPENDENT: f64 = 1e-13;
 
 /// `L` with `L Lᵀ = A + diag(cfm)` for the free rows, in the order of their places.
 ///
-/// A row of `L` depends on the rows before it only: after changes of the set of free rows, the factor is made anew from the first changed
-/// place on, with the same bits as a whole factorisation.
+/// A row of `L` depends on the rows before it only: after changes of the set of free rows, the factor is made anew from
+/// the first changed place on, with the same bits as a whole factorisation.
 #[derive(Debug, Default)]
 pub(super) struct EnvelopeFactor {
     /// Places of the free rows.

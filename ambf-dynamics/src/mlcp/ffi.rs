@@ -1,4 +1,5 @@
-//! C interface, for callers that are linked before this crate: they are given [`table`]. The header is `include/ambf_mlcp.h`.
+//! C interface, for callers that are linked before this crate: they are given [`table`]. The header is
+//! `include/ambf_mlcp.h`.
 //!
 //! A panic does not cross the interface: the call answers as it does for a problem that cannot be solved.
 
@@ -29,8 +30,8 @@ pub struct AmbMlcpRow {
     pub response: [*const f64; 2],
     /// See [`Row::target`].
     pub target: f64,
-    /// See [`Row::aim`].
-    pub aim: f64,
+    /// See [`Row::bias`].
+    pub bias: f64,
     /// See [`Row::position_target`].
     pub position_target: f64,
     /// See [`Row::cfm`].
@@ -77,8 +78,8 @@ pub struct AmbMlcpStatistics {
 
 /// The functions of the interface. Solvers come from `create`; none may be used by two threads at once.
 ///
-/// Pointers that are read out hold until the next `prepare` or `destroy` of the solver; the numbers behind them change with the next
-/// solution of the same kind.
+/// Pointers that are read out hold until the next `prepare` or `destroy` of the solver; the numbers behind them change
+/// with the next solution of the same kind.
 #[repr(C)]
 #[derive(Debug, Clone, Copy)]
 pub struct AmbMlcpTable {
@@ -92,7 +93,8 @@ pub struct AmbMlcpTable {
     pub set_energy: unsafe extern "C" fn(solver: *mut Solver, energy: f64),
     /// See [`Solver::add_row`]. Returns the index of the row, -1 after an internal error or for a negative size.
     pub add_row: unsafe extern "C" fn(solver: *mut Solver, row: *const AmbMlcpRow) -> c_int,
-    /// See [`Solver::prepare`]; `sizes` has `articulations` elements. Returns the multiplications of a factorisation, -1 on error.
+    /// See [`Solver::prepare`]; `sizes` has `articulations` elements. Returns the multiplications of a factorisation,
+    /// -1 on error.
     pub prepare:
         unsafe extern "C" fn(solver: *mut Solver, rigid: c_int, sizes: *const c_int, articulations: c_int) -> f64,
     /// See [`Solver::solve`]; `budget` in multiplications. Returns [`SOLVED`], [`APPROXIMATE`] or [`NOT_FINITE`].
@@ -146,7 +148,7 @@ pub fn table() -> &'static AmbMlcpTable {
     &TABLE
 }
 
-/// What `call` returns, or `failed` after a panic.
+/// The result of `call`, or `failed` after a panic.
 fn guarded<T>(failed: T, call: impl FnOnce() -> T) -> T {
     catch_unwind(AssertUnwindSafe(call)).unwrap_or(failed)
 }
@@ -198,7 +200,8 @@ unsafe extern "C" fn set_energy(solver: *mut Solver, energy: f64) {
 
 unsafe extern "C" fn add_row(solver: *mut Solver, row: *const AmbMlcpRow) -> c_int {
     guarded(-1, || {
-        // SAFETY: the pointer comes from `create`, and nobody else uses the solver meanwhile; the row is the caller's, who keeps it still.
+        // SAFETY: the pointer comes from `create`, and nobody else uses the solver meanwhile; the row is the caller's,
+        // who keeps it still.
         let (solver, row) = unsafe { (&mut *solver, &*row) };
         let mut sides = [None; 2];
         for (k, out) in sides.iter_mut().enumerate() {
@@ -214,7 +217,7 @@ unsafe extern "C" fn add_row(solver: *mut Solver, row: *const AmbMlcpRow) -> c_i
         let index = solver.add_row(&Row {
             sides,
             target: row.target,
-            aim: row.aim,
+            bias: row.bias,
             is_drive: row.is_drive != 0,
             position_target: row.position_target,
             cfm: row.cfm,

@@ -33,15 +33,15 @@ impl Solver {
         true
     }
 
-    /// Applies the impulses at bounds, and finds those of the free rows that go with them, in `unknowns`. The velocities are then those of
-    /// both.
+    /// Applies the impulses at bounds, and finds those of the free rows that go with them, in `unknowns`. The
+    /// velocities are then those of both.
     pub(super) fn solve_free(&mut self) {
         self.iterate.apply_bound_impulses(&self.rows);
         let Self { factor, iterate, rows, layout, unknowns, .. } = self;
         unknowns.clear();
         unknowns.extend(factor.places().iter().map(|&p| {
             let row = &iterate.variables[p as usize];
-            row.target - iterate.along(rows, row)
+            row.target - iterate.row_velocity(rows, row)
         }));
         factor.solve(layout, unknowns);
         for (&p, &x) in factor.places().iter().zip(&*unknowns) {
@@ -61,7 +61,7 @@ impl Solver {
             let mut largest: f64 = 0.0;
             for (&p, &x) in factor.places().iter().zip(&*unknowns) {
                 let row = &iterate.variables[p as usize];
-                let error = row.target - iterate.along(rows, row) - row.cfm * x;
+                let error = row.target - iterate.row_velocity(rows, row) - row.cfm * x;
                 // Rows that no impulse moves cannot be refined.
                 let counts = row.diagonal > 0.0;
                 largest = largest.max(if counts { error.abs() } else { 0.0 });
@@ -89,7 +89,8 @@ impl Solver {
         false
     }
 
-    /// The same by the other factorisation, which is then used for the rest of the solution, if it fits into the budget.
+    /// The same by the other factorisation, which is then used for the rest of the solution, if it fits into the
+    /// budget.
     fn solve_free_by_rows(&mut self) {
         let Self { factor, iterate, rows, layout, .. } = self;
         let cost = layout.factor_cost + layout.assembly_cost;

@@ -114,8 +114,8 @@ impl FreeFactor {
         }
     }
 
-    /// Replaces the right-hand side of the free rows, in the order of [`Self::places`], by their impulses. In velocity space the result
-    /// needs refinement.
+    /// Replaces the right-hand side of the free rows, in the order of [`Self::places`], by their impulses. In velocity
+    /// space the result needs refinement.
     pub fn solve(&mut self, layout: &Layout, unknowns: &mut [f64]) {
         match self.kind {
             Kind::Rows => self.rows.solve(unknowns),

@@ -10,21 +10,22 @@ const UNBOUNDED: f64 = 1e9;
 /// CFM of tangential rows in the problem of positions, as a share of the diagonal.
 const STICKING: f64 = 0.1;
 
-/// What impulses are worth.
+/// Residual and objective of given impulses.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Judgement {
-    /// Largest violation of complementarity as a velocity: `d |x - clamp(x - (J v + cfm x - target) / d)|` with `d` the diagonal. Rows
-    /// that no impulse moves do not count. Infinite where a number is not finite.
+pub(super) struct Merit {
+    /// Largest violation of complementarity as a velocity: `d |x - clamp(x - (J v + cfm x - target) / d)|` with `d` the
+    /// diagonal. Rows that no impulse moves do not count. Infinite where a number is not finite.
     pub residual: f64,
     /// `xᵀ (A + cfm) x / 2 - targetᵀ x`, J: 0 without impulses.
     pub objective: f64,
 }
 
-impl Judgement {
+impl Merit {
     pub const NOT_FINITE: Self = Self { residual: f64::INFINITY, objective: f64::INFINITY };
 
-    /// Solutions, whose residual is at most `accepted`, are judged by that. Of approximations the one of the lower objective leaves less kinetic
-    /// energy that should not be there: a small residual may be a whole column of bodies in free fall, a large one a single light body.
+    /// Solutions, whose residual is at most `accepted`, are judged by that. Of approximations the one of the lower
+    /// objective leaves less kinetic energy that should not be there: a small residual may be a whole column of bodies
+    /// in free fall, a large one a single light body.
     pub fn is_better_than(&self, other: &Self, accepted: f64) -> bool {
         let is_solved = self.residual <= accepted || other.residual <= accepted;
         if is_solved || self.objective == other.objective {
@@ -70,19 +71,19 @@ pub(super) struct Variable {
 }
 
 impl Variable {
-    /// A row of the velocity problem without its aim, if that may add energy.
-    pub fn of_rest(row: &StoredRow, layout: &Layout, diagonal: f64) -> Self {
-        let aim = if row.is_drive {
+    /// A row of the velocity problem without its bias, if that may add energy.
+    pub fn without_bias(row: &StoredRow, layout: &Layout, diagonal: f64) -> Self {
+        let bias = if row.is_drive {
             0.0
         } else if row.low >= 0.0 {
-            // What may still approach does not add energy.
-            row.aim.max(0.0)
+            // A bias that permits the bodies to approach further does not add energy.
+            row.bias.max(0.0)
         } else if row.high <= 0.0 {
-            row.aim.min(0.0)
+            row.bias.min(0.0)
         } else {
-            row.aim
+            row.bias
         };
-        Self { target: row.target - aim, ..Self::of_velocity(row, layout, diagonal) }.with_possible_state()
+        Self { target: row.target - bias, ..Self::of_velocity(row, layout, diagonal) }.with_possible_state()
     }
 
     /// A row of the velocity problem.
@@ -104,8 +105,8 @@ impl Variable {
         .with_possible_state()
     }
 
-    /// The same row in the problem of positions, where only the signs of its bounds count. `target` is that of the normal in a row of
-    /// friction.
+    /// The same row in the problem of positions, where only the signs of its bounds count. `target` is that of the
+    /// normal in a row of friction.
     pub fn of_position(row: &StoredRow, layout: &Layout, diagonal: f64, share: f64, target: f64, state: State) -> Self {
         let sticks = row.friction.is_some() && target > 0.0;
         let takes_part = row.in_positions && row.friction.is_none();
@@ -134,8 +135,8 @@ impl Variable {
         .with_possible_state()
     }
 
-    /// A bound that does not exist cannot be active. Where the impulse is given the target does not count; Bullet's is then at times the
-    /// largest number there is.
+    /// A bound that does not exist cannot be active. Where the impulse is given the target does not count; Bullet's is
+    /// then at times the largest number there is.
     fn with_possible_state(mut self) -> Self {
         if self.is_fixed() && self.normal.is_none() {
             return Self { state: State::Low, target: 0.0, ..self };
@@ -220,7 +221,7 @@ impl Iterate {
 
     /// Velocity along a row, `J v`.
     #[inline(always)]
-    pub fn along(&self, rows: &Rows, row: &Variable) -> f64 {
+    pub fn row_velocity(&self, rows: &Rows, row: &Variable) -> f64 {
         let mut sum = 0.0;
         for side in &row.sides {
             let size = side.size as usize;
@@ -235,7 +236,7 @@ impl Iterate {
     /// By how much the velocity equation of a row is missed, `J v + cfm x - target`.
     #[inline(always)]
     pub fn excess(&self, rows: &Rows, row: &Variable) -> f64 {
-        self.along(rows, row) + row.cfm * row.x - row.target
+        self.row_velocity(rows, row) + row.cfm * row.x - row.target
     }
 
     /// Applies an impulse along the row at a place.
@@ -339,7 +340,7 @@ impl Iterate {
     }
 
     /// Judges the impulses at hand, with the velocities that they give.
-    pub fn judge(&self, rows: &Rows) -> Judgement {
+    pub fn merit(&self, rows: &Rows) -> Merit {
         let (mut residual, mut objective): (f64, f64) = (0.0, 0.0);
         for row in self.variables.iter().filter(|row| row.diagonal > 0.0) {
             let excess = self.excess(rows, row);
@@ -347,19 +348,20 @@ impl Iterate {
             let clamped = (whole - excess).max(row.low * row.diagonal).min(row.high * row.diagonal);
             let moved = (whole - clamped).abs();
             if !moved.is_finite() {
-                return Judgement::NOT_FINITE;
+                return Merit::NOT_FINITE;
             }
             residual = residual.max(moved);
             objective += row.x * (excess - row.target) / 2.0;
         }
         if are_finite(&self.velocities) && self.variables.iter().all(|row| row.x.is_finite()) {
-            Judgement { residual, objective }
+            Merit { residual, objective }
         } else {
-            Judgement::NOT_FINITE
+            Merit::NOT_FINITE
         }
     }
 
-    /// Multiplies all impulses by the factor of at most 1 with which [`energy`](Self::energy) is least, and then at most 0.
+    /// Multiplies all impulses by the factor of at most 1 with which [`energy`](Self::energy) is least, and then at
+    /// most 0.
     pub fn scale_down(&mut self, rows: &Rows) {
         let (mut asked, mut squared) = (0.0, 0.0);
         for row in self.variables.iter().filter(|row| row.diagonal > 0.0) {
@@ -376,15 +378,15 @@ impl Iterate {
         self.variables.iter_mut().for_each(|row| row.x *= factor);
     }
 
-    /// Energy that impulses other than those of drives give the bodies, and the sum of what their aims ask for, J. `rows.rows[order[p]]` is
-    /// the row at place p.
-    pub fn work_of_aims(&self, rows: &Rows, order: &[u32]) -> (f64, f64) {
+    /// Energy that impulses other than those of drives give the bodies, and the sum of what their biases ask for, J.
+    /// `rows.rows[order[p]]` is the row at place p.
+    pub fn work_of_biases(&self, rows: &Rows, order: &[u32]) -> (f64, f64) {
         let (mut work, mut asked) = (0.0, 0.0);
         for (row, &index) in self.variables.iter().zip(order) {
             let given = &rows.rows[index as usize];
             if !given.is_drive && row.x != 0.0 {
-                work += row.x * (self.along(rows, row) / 2.0 - row.target + given.aim);
-                asked += (row.x * given.aim).abs();
+                work += row.x * (self.row_velocity(rows, row) / 2.0 - row.target + given.bias);
+                asked += (row.x * given.bias).abs();
             }
         }
         (work, asked)
@@ -392,7 +394,7 @@ impl Iterate {
 
     /// What the impulses minimise within fixed bounds, `xᵀ (A + cfm) x / 2 - targetᵀ x`, J.
     pub fn energy(&self, rows: &Rows) -> f64 {
-        let of = |row: &Variable| row.x * ((self.along(rows, row) + row.cfm * row.x) / 2.0 - row.target);
+        let of = |row: &Variable| row.x * ((self.row_velocity(rows, row) + row.cfm * row.x) / 2.0 - row.target);
         self.variables.iter().map(of).sum()
     }
 }

@@ -1,7 +1,8 @@
 //! Order of the rows and envelope of their matrix.
 //!
-//! Bodies are numbered by breadth-first search (Cuthill and McKee 1969) that starts at the far end of another one; a row stands with the
-//! later of its bodies. The envelope of a chain is then as wide as one joint, and a factorisation costs time linear in its length.
+//! Bodies are numbered by breadth-first search (Cuthill and McKee 1969) that starts at the far end of another one; a
+//! row stands with the later of its bodies. The envelope of a chain is then as wide as one joint, and a factorisation
+//! costs time linear in its length.
 
 use super::problem::{Rows, StoredRow, StoredSide};
 
@@ -38,14 +39,16 @@ pub(super) struct Layout {
     pub assembly_cost: f64,
     /// Multiplications to find the velocity of every row, or to apply every impulse.
     pub pass_cost: f64,
-    /// First coordinate of each body in velocity space, `u32::MAX` for bodies without rows; and how many there are in all.
+    /// First coordinate of each body in velocity space, `u32::MAX` for bodies without rows; and how many there are in
+    /// all.
     pub coordinate_start: Vec<u32>,
     pub coordinates: usize,
     /// Bodies with rows, in the order of their coordinates.
     pub blocks: Vec<Block>,
     /// Entries of the matrix in velocity space.
     pub coordinate_entries: usize,
-    /// Multiplications to find the coordinates of all rows, to add all rows to the matrix in velocity space, and to factor it.
+    /// Multiplications to find the coordinates of all rows, to add all rows to the matrix in velocity space, and to
+    /// factor it.
     pub coordinate_cost: f64,
     pub scatter_all_cost: f64,
     pub coordinate_factor_cost: f64,
@@ -127,7 +130,8 @@ impl Layout {
         &self.blocks[self.block_of[coordinate as usize] as usize]
     }
 
-    /// The same for rows that all act on one body: their order is given, and all entries of the matrix are within the envelope.
+    /// The same for rows that all act on one body: their order is given, and all entries of the matrix are within the
+    /// envelope.
     fn arrange_lone(&mut self, of: &[StoredRow], body: usize, size: u32) {
         let rows = of.len();
         self.order.clear();
@@ -283,7 +287,8 @@ impl Layout {
         }
     }
 
-    /// Numbers the coordinates of velocity space and finds their envelope: two bodies meet in it where a row acts on both.
+    /// Numbers the coordinates of velocity space and finds their envelope: two bodies meet in it where a row acts on
+    /// both.
     fn find_blocks(&mut self, rows: &[StoredRow]) {
         let bodies = self.bodies();
         self.scatter.clear();

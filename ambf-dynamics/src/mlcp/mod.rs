@@ -1,6 +1,7 @@
 //! Mixed linear complementarity problems of islands of constraints.
 //!
-//! A row is one scalar constraint with impulse `x` on the change `v = M⁻¹ Jᵀ x` of generalised velocities. All rows together are
+//! A row is one scalar constraint with impulse `x` on the change `v = M⁻¹ Jᵀ x` of generalised velocities. All rows
+//! together are
 //!
 //! ```text
 //! w = (J M⁻¹ Jᵀ + diag(cfm)) x − target
@@ -10,27 +11,30 @@
 //! with the bounds of Coulomb friction in proportion to the normal impulse, one direction at a time. Units are SI.
 //!
 //! # Methods
-//! 1. The free rows are factored in the cheaper of two ways, both ordered by Cuthill and McKee's numbering of the bodies and stored by
-//!    envelope. By rows: Cholesky's factor of the matrix, after a change of the active set made anew from the first changed row on. In
-//!    velocity space, where there are many rows for few velocity components: Woodbury's formula in coordinates in which the mass matrix of
-//!    each body is the identity; rows that change sides are added or removed, and the result is refined. Rows with hardly any CFM are
-//!    factored by rows.
+//! 1. The free rows are factored in the cheaper of two ways, both ordered by Cuthill and McKee's numbering of the bodies
+//!    and stored by envelope. By rows: Cholesky factor of the matrix; after a change of the active set it is computed
+//!    again from the first changed row on. In velocity space, for many rows on few velocity components: Woodbury's
+//!    formula in coordinates in which the mass matrix of each body is the identity; rows whose state changes are added or
+//!    removed, and the result is refined. Rows with hardly any CFM are factored by rows.
 //! 2. Block principal pivoting (Júdice and Pires 1994), where the bounds of friction follow the normal impulses.
-//! 3. Where that cycles, staggered projections (Kaufman et al. 2008): the problem within fixed bounds by block pivoting or, at worst, a
-//!    primal active-set method, and those bounds by turns.
-//!    Newton's method for sliding friction (Alart and Curnier 1991) follows each of these turns.
-//! 4. Where that fails, projected Gauss–Seidel with subspace minimisation (Silcowitz, Niebe and Erleben 2010).
-//! 5. Where what was found is poor, the problem without friction and then friction for its normal impulses, which lowers the energy.
+//! 3. If that cycles, staggered projections (Kaufman et al. 2008): alternately the problem within fixed bounds, by block
+//!    pivoting or, at worst, a primal active-set method, and those bounds. Newton's method for sliding friction (Alart
+//!    and Curnier 1991) follows each alternation.
+//! 4. If that fails, projected Gauss–Seidel with subspace minimisation (Silcowitz, Niebe and Erleben 2010).
+//! 5. If the best approximation is poor, the problem without friction, and then friction for its normal impulses, which
+//!    lowers the energy.
 //!
-//! A guess that is the solution is returned as it is where a factorisation is expensive; one that is nearly the solution gets a smaller
-//! share of the budget, and sweeps end where they hardly change velocities.
+//! A guess that is the solution is returned unchanged if a factorisation is expensive; a guess near the solution gets a
+//! smaller share of the budget, and sweeps end when they hardly change velocities.
 //!
-//! The work is bounded by a [`Budget`]; problems whose factorisation does not fit are swept by projected Gauss–Seidel. The result is
-//! always within its bounds and adds no energy beyond what aims and drives ask for, and [`Outcome`] says what it is worth. It depends on the rows and the
-//! budget only. No memory is allocated while a solver stays within the sizes it has had before.
+//! The work is bounded by a [`Budget`]; problems whose factorisation does not fit are solved by sweeps of projected
+//! Gauss–Seidel. The impulses are always within their bounds and add no energy beyond that of biases and drives, and
+//! [`Outcome`] states their accuracy. The result depends on the rows and the budget only. No memory is allocated while a
+//! problem is not larger than those before it.
 //!
 //! # Limitations
-//! With friction, solutions need neither exist nor be unique (Painlevé). The pyramid of friction has the directions of the rows.
+//! With friction, solutions need neither exist nor be unique (Painlevé). The pyramid of friction has the directions of
+//! the rows.
 
 mod coordinates;
 mod dissipate;

@@ -1,16 +1,16 @@
-//! Newton's method for contacts whose friction slides (semi-smooth Newton; Alart and Curnier, *Computer Methods in Applied Mechanics and
-//! Engineering* 92, 1991).
+//! Newton's method for contacts whose friction slides (semi-smooth Newton; Alart and Curnier, *Computer Methods in
+//! Applied Mechanics and Engineering* 92, 1991).
 //!
-//! Block pivoting takes the bounds of friction from the normal impulses of the iteration before and converges linearly, at a rate that the
-//! coefficient of friction sets, or not at all. Here an impulse of sliding friction is `±coefficient` times the unknown normal impulse, so that the
-//! matrix of the free rows is
+//! Block pivoting takes the bounds of friction from the normal impulses of the iteration before and converges linearly,
+//! at a rate that the coefficient of friction sets, or not at all. Here an impulse of sliding friction is
+//! `±coefficient` times the unknown normal impulse, so that the matrix of the free rows is
 //!
 //! ```text
 //! B_ik = A_ik + cfm_i δ_ik + Σ ±coefficient_f A_if    over the sliding rows f of the normal k
 //! ```
 //!
-//! It is not symmetric and is factored densely, which is for small problems only. From a bad active set the iterations cycle; staggered
-//! projections find a good one.
+//! It is not symmetric and is factored densely, which is for small problems only. From a bad active set the iterations
+//! cycle; staggered projections find a good one.
 
 use super::iterate::Iterate;
 use super::problem::{Rows, State};
@@ -59,7 +59,7 @@ impl Newton {
             iterate.velocities.fill(0.0);
             iterate.push(rows, p, 1.0);
             for (k, response) in self.response[p * n..(p + 1) * n].iter_mut().enumerate() {
-                *response = iterate.along(rows, &iterate.variables[k]);
+                *response = iterate.row_velocity(rows, &iterate.variables[k]);
             }
             new += 1;
         }
@@ -118,7 +118,8 @@ impl Newton {
     }
 }
 
-/// Gauss's elimination with partial pivoting of `count` equations, whose last column becomes the solution. Returns whether they are regular.
+/// Gauss's elimination with partial pivoting of `count` equations, whose last column becomes the solution. Returns
+/// whether they are regular.
 fn eliminate(matrix: &mut [f64], count: usize) -> bool {
     let width = count + 1;
     for k in 0..count {
@@ -156,8 +157,8 @@ fn eliminate(matrix: &mut [f64], count: usize) -> bool {
 }
 
 impl Solver {
-    /// Iterations from the active set at hand, which converge if that is nearly the right one. Returns whether they did; if not, impulses and
-    /// active set are those from before.
+    /// Iterations from the active set at hand, which converge if that is nearly the right one. Returns whether they
+    /// did; if not, impulses and active set are those from before.
     pub(super) fn newton(&mut self, limit: f64) -> bool {
         if self.iterate.variables.len() > MAX_ROWS {
             return false;

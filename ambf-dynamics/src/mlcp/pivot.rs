@@ -1,5 +1,5 @@
-//! Block principal pivoting (Júdice and Pires, *Computers & Operations Research* 21, 1994) with bounds of friction that follow the
-//! normal impulses.
+//! Block principal pivoting (Júdice and Pires, *Computers & Operations Research* 21, 1994) with bounds of friction that
+//! follow the normal impulses.
 
 use super::problem::State;
 use super::solver::{Solver, MAX_PIVOT_ROUNDS};
@@ -31,8 +31,8 @@ impl Progress {
 }
 
 impl Solver {
-    /// Iterations of block pivoting, each followed by new bounds of friction. Fast where few rows change sides; it may cycle. Returns
-    /// whether it converged.
+    /// Iterations of block pivoting, each followed by new bounds of friction. Fast where few rows change sides; it may
+    /// cycle. Returns whether it converged.
     pub(super) fn pivot(&mut self, limit: f64) -> bool {
         let mut stale = true;
         let mut progress = Progress::new(PATIENCE);
@@ -40,7 +40,7 @@ impl Solver {
             if stale && !self.factorise(limit) {
                 return false;
             }
-            self.take_free();
+            self.apply_free_impulses();
             let moved = self.iterate.bound_frictions();
             let wrong = self.update_active_set();
             if !progress.made(wrong, PATIENCE) {
@@ -55,14 +55,15 @@ impl Solver {
     }
 
     /// Solves for the free rows and applies their impulses.
-    pub(super) fn take_free(&mut self) {
+    pub(super) fn apply_free_impulses(&mut self) {
         self.solve_free();
         for (&p, &x) in self.factor.places().iter().zip(&self.unknowns) {
             self.iterate.variables[p as usize].x = x;
         }
     }
 
-    /// Moves rows that break their bounds onto them, and rows that pull away from their bounds off them. Returns how many rows were wrong.
+    /// Moves rows that break their bounds onto them, and rows that pull away from their bounds off them. Returns how
+    /// many rows were wrong.
     pub(super) fn update_active_set(&mut self) -> u32 {
         let mut wrong = 0;
         for p in 0..self.iterate.variables.len() {

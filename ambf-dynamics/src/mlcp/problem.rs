@@ -18,14 +18,15 @@ pub enum State {
 /// One side of a row: the body on which it acts.
 #[derive(Debug, Clone, Copy)]
 pub struct Side<'a> {
-    /// Number of the body, from 0: rigid bodies first, then articulations, see [`Solver::prepare`](super::Solver::prepare).
+    /// Number of the body, from 0: rigid bodies first, then articulations, see
+    /// [`Solver::prepare`](super::Solver::prepare).
     pub body: usize,
-    /// Row of the Jacobian for this body, as long as its generalised velocity (6 for a rigid body: linear, then angular; the frame is
-    /// the caller's, the same for all rows of the body).
+    /// Row of the Jacobian for this body, as long as its generalised velocity (6 for a rigid body: linear, then
+    /// angular; the frame is the caller's, the same for all rows of the body).
     pub jacobian: &'a [f64],
-    /// Change of the generalised velocity by a unit impulse on the row, `M⁻¹ Jᵀ`, of the same length. Where the velocities of a body are given
-    /// in coordinates in which `M` is the identity it is the Jacobian, and the rows of that body take less work; more so the more of their
-    /// components are 0.
+    /// Change of the generalised velocity by a unit impulse on the row, `M⁻¹ Jᵀ`, of the same length. Where the
+    /// velocities of a body are given in coordinates in which `M` is the identity it is the Jacobian, and the rows of
+    /// that body take less work; more so the more of their components are 0.
     pub response: &'a [f64],
 }
 
@@ -40,7 +41,8 @@ pub struct Friction {
     pub cap: f64,
 }
 
-/// One scalar constraint on the change `v` of the bodies' velocities by the impulses: `J v + cfm x = target` with `low ≤ x ≤ high`.
+/// One scalar constraint on the change `v` of the bodies' velocities by the impulses: `J v + cfm x = target` with `low
+/// ≤ x ≤ high`.
 ///
 /// Where the impulse `x` is at its lower bound `J v + cfm x ≥ target` is enough, at its upper bound `≤`.
 pub type Row<'a> = ConstraintRow<Option<Side<'a>>>;
@@ -52,16 +54,19 @@ pub struct ConstraintRow<S> {
     pub sides: [S; 2],
     /// Wanted change of velocity along the row, m/s or rad/s.
     pub target: f64,
-    /// Velocity along the row that it asks for beside rest, m/s or rad/s: of restitution, or of the curvature of a motion. It is part of `target`
-    /// and is given up where it adds energy, see [`Solver::solve`](super::Solver::solve).
-    pub aim: f64,
+    /// Velocity along the row that it asks for beside rest, m/s or rad/s: of restitution, or of the curvature of a
+    /// motion. It is part of `target` and is given up where it adds energy, see
+    /// [`Solver::solve`](super::Solver::solve).
+    pub bias: f64,
     /// Whether the row is a drive, which may do work.
     pub is_drive: bool,
-    /// Wanted pseudo-velocity along the row in [`Solver::solve_positions`](super::Solver::solve_positions), m/s or rad/s.
+    /// Wanted pseudo-velocity along the row in [`Solver::solve_positions`](super::Solver::solve_positions), m/s or
+    /// rad/s.
     pub position_target: f64,
     /// Constraint force mixing: velocity given up per unit of impulse, 1/kg or 1/(kg·m²), ≥ 0.
     pub cfm: f64,
-    /// The same in the correction of positions if it is larger: rows that contradict each other are stronger the less they give up.
+    /// The same in the correction of positions if it is larger: rows that contradict each other are stronger the less
+    /// they give up.
     pub position_cfm: f64,
     /// Lower bound of the impulse, N·s or N·m·s; what is ≤ -1e9 means none.
     pub low: f64,
@@ -83,7 +88,7 @@ impl Default for Row<'_> {
         Self {
             sides: [None; 2],
             target: 0.0,
-            aim: 0.0,
+            bias: 0.0,
             is_drive: false,
             position_target: 0.0,
             cfm: 0.0,
@@ -100,12 +105,12 @@ impl Default for Row<'_> {
 
 impl<S> ConstraintRow<S> {
     fn with_sides<T>(&self, sides: [T; 2]) -> ConstraintRow<T> {
-        let &Self { target, aim, is_drive, position_target, cfm, position_cfm, low, high, .. } = self;
+        let &Self { target, bias, is_drive, position_target, cfm, position_cfm, low, high, .. } = self;
         let &Self { friction, state, x, in_positions, .. } = self;
         ConstraintRow {
             sides,
             target,
-            aim,
+            bias,
             is_drive,
             position_target,
             cfm,

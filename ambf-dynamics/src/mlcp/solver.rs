@@ -1,7 +1,7 @@
 //! The solver: its memory, the order of its methods, and what it returns.
 
 use super::free_factor::FreeFactor;
-use super::iterate::{Iterate, Judgement, Variable};
+use super::iterate::{Iterate, Merit, Variable};
 use super::layout::Layout;
 use super::newton::Newton;
 use super::problem::{ProblemError, Row, Rows, State, StoredRow};
@@ -12,27 +12,30 @@ pub(super) const MIN_SWEEPS: u32 = 4;
 pub(super) const MAX_PIVOT_ROUNDS: u32 = 20;
 /// Most factorisations of staggered projections.
 pub(super) const MAX_STAGGER_ROUNDS: u32 = 10 * MAX_PIVOT_ROUNDS;
-/// Share of the largest target that is the tolerance of pivoting, and of the result.
+/// Tolerances of pivoting and of the result, as shares of the largest target.
 const FINE: f64 = 1e-9;
 const COARSE: f64 = 1e-6;
-/// Share of the largest target up to which a guess is the solution.
+/// Residual up to which the guess is accepted as the solution, as a share of the largest target.
 const RESTING: f64 = 1e-7;
-/// Share of the largest target up to which the residual of a guess is small, and the share of the budget at which block pivoting ends then.
+/// Residual up to which a guess counts as near the solution, as a share of the largest target, and the share of the
+/// budget for block pivoting from such a guess.
 const NEAR: f64 = 1e-3;
 const NEAR_SHARE: f64 = 0.2;
-/// Passes over the rows that a factorisation and the budget must take for the residual of the guess to be found before it.
+/// The residual of the guess is computed first only if a factorisation and the budget are at least this multiple of one
+/// pass over the rows.
 const EXPENSIVE: f64 = 10.0;
-/// Share of the largest target from which a residual is poor.
+/// Residual from which an approximation counts as poor, as a share of the largest target.
 const POOR: f64 = 1e-2;
-/// Energy that aims may add, as a share of the work that they ask for, and of the kinetic energy: curved motion exchanges the share θ³ of
-/// that in a turn of θ rad.
+/// Energy that biases may add, as a share of the kinetic energy and of the nominal work Σ |λ · bias| of the biases.
+/// Curved motion exchanges the share θ³ of the kinetic energy in a turn of θ rad.
 const ENERGY_SLACK: f64 = 2e-3;
-const AIM_SLACK: f64 = 0.02;
-/// Multiple of that work beyond which energy cannot come from the aims.
-const MAX_AIM_WORK: f64 = 1e4;
-/// Velocity that counts as none at any scale, m/s or rad/s.
+const BIAS_SLACK: f64 = 0.02;
+/// Multiple of the nominal work beyond which added energy cannot come from the biases.
+const MAX_BIAS_WORK: f64 = 1e4;
+/// Velocities up to this count as 0, m/s or rad/s.
 const TINY: f64 = 1e-14;
-/// Shares of the budget at which block pivoting, staggered projections, the factorisations of subspace minimisation and its sweeps end.
+/// Shares of the budget up to which block pivoting, staggered projections, the factorisations of subspace minimisation
+/// and its sweeps may go.
 const PIVOT_SHARE: f64 = 0.4;
 const STAGGER_SHARE: f64 = 0.6;
 const POLISH_SHARE: f64 = 0.7;
@@ -40,8 +43,8 @@ const SWEEP_SHARE: f64 = 0.8;
 
 /// Largest work of a solution, in multiplications.
 ///
-/// Factorisations are made as long as they fit; what is left goes into sweeps. At least four sweeps are made in any case where no
-/// factorisation fits.
+/// Factorisations are made as long as they fit; what is left goes into sweeps. At least four sweeps are made in any
+/// case where no factorisation fits.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Budget(pub f64);
 
@@ -50,13 +53,13 @@ impl Budget {
     pub const UNLIMITED: Self = Self(f64::INFINITY);
 }
 
-/// What a solution is worth.
+/// Accuracy of a solution.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Outcome {
     /// Complementarity holds to 1e-6 of the largest target.
     Solved,
-    /// The budget ended, the methods did not converge, or rows without CFM contradict each other. The impulses are the best that were
-    /// found, within their bounds.
+    /// The budget ended, the methods did not converge, or rows without CFM contradict each other. The impulses are the
+    /// best that were found, within their bounds.
     Approximate {
         /// Largest violation of complementarity, m/s or rad/s.
         residual: f64,
@@ -65,7 +68,7 @@ pub enum Outcome {
     NotFinite,
 }
 
-/// What the last solution took.
+/// Counters of the last solution.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Statistics {
     /// Rows of the problem.
@@ -126,7 +129,7 @@ impl Solution {
 /// Best impulses so far, by place.
 #[derive(Debug)]
 struct Best {
-    judgement: Judgement,
+    merit: Merit,
     x: Vec<(f64, State)>,
     /// Whether the iterate is it.
     is_current: bool,
@@ -134,14 +137,15 @@ struct Best {
 
 impl Default for Best {
     fn default() -> Self {
-        Self { judgement: Judgement::NOT_FINITE, x: Vec::new(), is_current: false }
+        Self { merit: Merit::NOT_FINITE, x: Vec::new(), is_current: false }
     }
 }
 
 /// Solver of mixed linear complementarity problems; see the [module](super).
 ///
-/// Fill it by [`clear`](Self::clear), [`add_row`](Self::add_row) and [`prepare`](Self::prepare), then call [`solve`](Self::solve) or
-/// [`solve_positions`](Self::solve_positions) or both, in any order. It keeps memory between problems, but nothing that changes a result.
+/// Fill it by [`clear`](Self::clear), [`add_row`](Self::add_row) and [`prepare`](Self::prepare), then call
+/// [`solve`](Self::solve) or [`solve_positions`](Self::solve_positions) or both, in any order. It keeps memory between
+/// problems, but nothing that changes a result.
 #[derive(Debug, Default)]
 pub struct Solver {
     pub(super) rows: Rows,
@@ -163,7 +167,7 @@ pub struct Solver {
     pub(super) accepted: f64,
     /// The largest target that counts, m/s or rad/s.
     pub(super) scale: f64,
-    /// What of the budget is for factorisations, in multiplications.
+    /// The part of the budget that is for factorisations, in multiplications.
     pub(super) direct: f64,
     /// The smallest tolerance of the problem.
     pub(super) fine: f64,
@@ -172,10 +176,10 @@ pub struct Solver {
     best: Best,
     velocity: Solution,
     position: Solution,
-    /// What the pseudo-velocities leave of the targets, by row.
+    /// Position errors after the pseudo-velocities, by row.
     position_errors: Vec<f64>,
     prepared: bool,
-    /// Of all bodies before the impulses, J.
+    /// Kinetic energy of all bodies before the impulses, J.
     kinetic_energy: f64,
 }
 
@@ -192,7 +196,8 @@ impl Solver {
         self.prepared = false;
     }
 
-    /// Kinetic energy of all bodies before the impulses, J, by which [`solve`](Self::solve) judges what aims add. 0 after [`clear`](Self::clear).
+    /// Kinetic energy of all bodies before the impulses, J, by which [`solve`](Self::solve) judges what biases add. 0
+    /// after [`clear`](Self::clear).
     pub fn set_kinetic_energy(&mut self, energy: f64) {
         self.kinetic_energy = energy;
     }
@@ -203,12 +208,13 @@ impl Solver {
         self.rows.add(row)
     }
 
-    /// Orders the rows. Bodies below `rigid` are rigid and have velocities of 6 components; then come the articulations, with
-    /// velocities of the given sizes. Returns the multiplications that a factorisation of all rows would take.
+    /// Orders the rows. Bodies below `rigid` are rigid and have velocities of 6 components; then come the
+    /// articulations, with velocities of the given sizes. Returns the multiplications that a factorisation of all rows
+    /// would take.
     ///
     /// # Errors
-    /// Where a row names a body or row that does not exist, or has a Jacobian of the wrong size. The problem can't be solved then: solving
-    /// it gives [`Outcome::NotFinite`].
+    /// Where a row names a body or row that does not exist, or has a Jacobian of the wrong size. The problem can't be
+    /// solved then: solving it gives [`Outcome::NotFinite`].
     pub fn prepare(&mut self, rigid: usize, articulations: &[usize]) -> Result<f64, ProblemError> {
         self.prepare_with(rigid, articulations.iter().copied())
     }
@@ -233,17 +239,18 @@ impl Solver {
 
     /// Solves for the impulses that give the bodies the wanted velocities.
     ///
-    /// Impulses that ask all rows for rest add no kinetic energy. Restitution does where other rows are violated: a limit that a light link hits
-    /// fast then accelerates all that hangs on that link. Where rows other than drives add more than 0.2 % of the kinetic energy before
-    /// and 2 % of the work that the aims ask for, the problem is solved again without aims.
+    /// Impulses that ask all rows for rest add no kinetic energy. Restitution does where other rows are violated: a
+    /// limit that a light link hits fast then accelerates all that hangs on that link. Where rows other than drives add
+    /// more than 0.2 % of the kinetic energy before and 2 % of the work that the biases ask for, the problem is solved
+    /// again without biases.
     pub fn solve(&mut self, budget: Budget) -> Outcome {
         let mut outcome = self.solve_velocities(budget, Variable::of_velocity);
         if outcome != Outcome::NotFinite {
-            let (work, asked) = self.iterate.work_of_aims(&self.rows, &self.layout.order);
-            let slack = (AIM_SLACK * asked).max(ENERGY_SLACK * self.kinetic_energy);
-            if work > slack && work < MAX_AIM_WORK * asked {
+            let (work, asked) = self.iterate.work_of_biases(&self.rows, &self.layout.order);
+            let slack = (BIAS_SLACK * asked).max(ENERGY_SLACK * self.kinetic_energy);
+            if work > slack && work < MAX_BIAS_WORK * asked {
                 let first = self.statistics;
-                outcome = self.solve_velocities(budget, Variable::of_rest);
+                outcome = self.solve_velocities(budget, Variable::without_bias);
                 self.statistics.add(&first);
             }
         }
@@ -267,13 +274,15 @@ impl Solver {
 
     /// Solves for pseudo-impulses that correct positions, on the same rows and matrix.
     ///
-    /// Rows without `in_positions` get no impulse. Of the bounds of the others only the signs count: rows that can
-    /// push both ways are unbounded, unilateral ones have impulses ≥ 0 or ≤ 0. Rows of friction whose normal row has a target above 0 resist tangential
-    /// pseudo-velocities softly (CFM of 0.1 of the diagonal): light bodies would else be squeezed out between heavy ones. Targets are `targets`, one a row in the order of
-    /// [`add_row`](Self::add_row), or the rows' own `position_target`; `states` is a guess of the active set, by default every row free.
+    /// Rows without `in_positions` get no impulse. Of the bounds of the others only the signs count: rows that can push
+    /// both ways are unbounded, unilateral ones have impulses ≥ 0 or ≤ 0. Rows of friction whose normal row has a
+    /// target above 0 resist tangential pseudo-velocities softly (CFM of 0.1 of the diagonal): light bodies would else
+    /// be squeezed out between heavy ones. Targets are `targets`, one a row in the order of [`add_row`](Self::add_row),
+    /// or the rows' own `position_target`; `states` is a guess of the active set, by default every row free.
     ///
-    /// CFM is `cfm_share` of the diagonal (1e-4 is a good value), or that of the row or its `position_cfm` if one is larger. It makes the result the best
-    /// compromise between rows that contradict each other: kinetic energy is at most `Σ target² / (2 cfm)`.
+    /// CFM is `cfm_share` of the diagonal (1e-4 is a good value), or that of the row or its `position_cfm` if one is
+    /// larger. It makes the result the best compromise between rows that contradict each other: kinetic energy is at
+    /// most `Σ target² / (2 cfm)`.
     pub fn solve_positions(
         &mut self,
         targets: Option<&[f64]>,
@@ -311,7 +320,7 @@ impl Solver {
         if outcome != Outcome::NotFinite {
             self.position.take(&self.iterate, &self.layout);
             for (row, &p) in self.iterate.variables.iter().zip(&self.layout.order) {
-                let left = row.target - self.iterate.along(&self.rows, row);
+                let left = row.target - self.iterate.row_velocity(&self.rows, row);
                 let given = &self.rows.rows[p as usize];
                 let counts = given.in_positions && given.friction.is_none() && row.can_push(left);
                 self.position_errors[p as usize] = if counts { left } else { 0.0 };
@@ -330,8 +339,8 @@ impl Solver {
         &self.velocity.states
     }
 
-    /// Changes of the velocities of all bodies by the last [`solve`](Self::solve), m/s and rad/s, one body after the other: rigid body `b`
-    /// from `6 b` on; see [`velocity_start`](Self::velocity_start).
+    /// Changes of the velocities of all bodies by the last [`solve`](Self::solve), m/s and rad/s, one body after the
+    /// other: rigid body `b` from `6 b` on; see [`velocity_start`](Self::velocity_start).
     pub fn velocities(&self) -> &[f64] {
         &self.velocity.velocities
     }
@@ -351,18 +360,19 @@ impl Solver {
         &self.position.velocities
     }
 
-    /// What the pseudo-velocities of the last [`solve_positions`](Self::solve_positions) leave of the targets, `target − J v` where the row could
-    /// push that way, else 0; one a row, m/s or rad/s.
+    /// What the pseudo-velocities of the last [`solve_positions`](Self::solve_positions) leave of the targets, `target
+    /// − J v` where the row could push that way, else 0; one a row, m/s or rad/s.
     pub fn position_errors(&self) -> &[f64] {
         &self.position_errors
     }
 
-    /// Where the velocity of each body begins, and the end of the last one. Empty before the first [`prepare`](Self::prepare).
+    /// Where the velocity of each body begins, and the end of the last one. Empty before the first
+    /// [`prepare`](Self::prepare).
     pub fn velocity_start(&self) -> &[usize] {
         &self.layout.velocity_start
     }
 
-    /// What the last solution took.
+    /// Counters of the last solution.
     pub fn statistics(&self) -> Statistics {
         self.statistics
     }
@@ -380,24 +390,24 @@ impl Solver {
         if !self.prepared || self.rows.not_finite || !self.iterate.variables.iter().all(Variable::is_finite) {
             return Outcome::NotFinite;
         }
-        // A row that need not move, like a contact that opens, does not set the scale.
+        // A row that needs no impulse, such as a separating contact, does not count for the scale.
         let counts = |row: &&Variable| row.is_friction() || row.low < 0.0 || row.target > 0.0;
         let scale =
             self.iterate.variables.iter().filter(counts).fold(0.0, |scale: f64, row| scale.max(row.target.abs()));
         let accepted = COARSE * scale + TINY;
         self.guess.clear();
         self.guess.extend(self.iterate.variables.iter().map(|row| (row.x, row.state)));
-        self.best.judgement = Judgement::NOT_FINITE;
+        self.best.merit = Merit::NOT_FINITE;
         self.find(if budget.is_nan() { 0.0 } else { budget }, scale);
-        if self.best.judgement.residual == f64::INFINITY {
+        if self.best.merit.residual == f64::INFINITY {
             return Outcome::NotFinite;
         }
         self.load_best();
-        if self.best.judgement.residual > accepted.max(POOR * scale) {
+        if self.best.merit.residual > accepted.max(POOR * scale) {
             self.dissipate(budget);
             self.load_best();
         }
-        let residual = self.best.judgement.residual;
+        let residual = self.best.merit.residual;
         self.statistics.residual = residual;
         if residual <= accepted {
             Outcome::Solved
@@ -418,7 +428,7 @@ impl Solver {
         let direct = budget - f64::from(MIN_SWEEPS) * self.sweep_cost();
         self.direct = direct;
         let is_near = self.is_guess_near();
-        if self.best.judgement.residual <= RESTING * scale + TINY {
+        if self.best.merit.residual <= RESTING * scale + TINY {
             return;
         }
         if !self.assemble(direct) {
@@ -457,9 +467,9 @@ impl Solver {
         self.record();
     }
 
-    /// Judges the guess, which is the solution where bodies rest or contacts open, and then the best so far. Returns whether it is a result for
-    /// want of a better one, like that of a pile at rest of which a few contacts change. Not asked of problems that are solved as fast as
-    /// that is found, nor where the budget is small.
+    /// Judges the guess, which is the solution where bodies rest or contacts open, and then the best so far. Returns
+    /// whether it is a result for want of a better one, like that of a pile at rest of which a few contacts change. Not
+    /// asked of problems that are solved as fast as that is found, nor where the budget is small.
     fn is_guess_near(&mut self) -> bool {
         let expensive = self.layout.least_factor_cost() >= EXPENSIVE * self.layout.pass_cost;
         let mut joints = self.iterate.variables.iter().filter(|row| row.is_unbounded()).peekable();
@@ -470,8 +480,8 @@ impl Solver {
         }
         let residual = self.record();
         let is_near = residual <= NEAR * self.scale;
-        // Where the impulses of joints and drives are far from the solution, methods that begin at them, some of them on their bounds, take
-        // many more steps than from 0.
+        // Where the impulses of joints and drives are far from the solution, methods that begin at them, some of them
+        // on their bounds, take many more steps than from 0.
         for (row, (x, state)) in self.iterate.variables.iter().zip(&mut self.guess) {
             if is_near && !row.is_friction() {
                 *state = row.state_of_x();
@@ -496,19 +506,19 @@ impl Solver {
             self.iterate.accumulate(&self.rows);
             self.statistics.multiplications += self.layout.pass_cost;
         }
-        let judgement = self.iterate.judge(&self.rows);
+        let merit = self.iterate.merit(&self.rows);
         self.statistics.multiplications += self.layout.pass_cost;
-        self.best.is_current = judgement.is_better_than(&self.best.judgement, self.accepted);
+        self.best.is_current = merit.is_better_than(&self.best.merit, self.accepted);
         if self.best.is_current {
-            self.best.judgement = judgement;
+            self.best.merit = merit;
             self.best.x.clear();
             self.best.x.extend(self.iterate.variables.iter().map(|row| (row.x, row.state)));
         }
-        judgement.residual
+        merit.residual
     }
 
     pub(super) fn best_objective(&self) -> f64 {
-        self.best.judgement.objective
+        self.best.merit.objective
     }
 
     fn load_best(&mut self) {

@@ -1,5 +1,5 @@
-//! Staggered projections (Kaufman, Sueda, James and Pai, *ACM Transactions on Graphics* 27, 2008): impulses within fixed bounds of friction
-//! and those bounds by turns.
+//! Staggered projections (Kaufman, Sueda, James and Pai, *ACM Transactions on Graphics* 27, 2008): impulses within
+//! fixed bounds of friction and those bounds by turns.
 
 use super::pivot::Progress;
 use super::problem::State;
@@ -45,7 +45,7 @@ impl Solver {
     pub(super) fn block_pivot(&mut self, rounds: &mut u32, limit: f64) -> bool {
         let mut progress = Progress::new(PATIENCE);
         while self.next_factor(rounds, limit) {
-            self.take_free();
+            self.apply_free_impulses();
             let wrong = self.update_active_set();
             if wrong == 0 {
                 return true;
@@ -57,8 +57,8 @@ impl Solver {
         false
     }
 
-    /// The same problem by a primal active-set method (Nocedal and Wright, *Numerical Optimization*, section 16.5): from one point within
-    /// the bounds to a better one, a row at a time, which ends.
+    /// The same problem by a primal active-set method (Nocedal and Wright, *Numerical Optimization*, section 16.5):
+    /// from one point within the bounds to a better one, a row at a time, which ends.
     fn primal_active_set(&mut self, rounds: &mut u32, limit: f64) -> bool {
         self.set_states();
         for row in &mut self.iterate.variables {
@@ -70,7 +70,7 @@ impl Solver {
                 continue;
             }
             self.iterate.accumulate(&self.rows);
-            let Some(p) = self.most_wrong() else { return true };
+            let Some(p) = self.most_violated() else { return true };
             self.iterate.variables[p].state = State::Free;
             self.statistics.pivots += 1;
         }
@@ -104,7 +104,7 @@ impl Solver {
     }
 
     /// The row at a bound that pulls away from it the most.
-    fn most_wrong(&mut self) -> Option<usize> {
+    fn most_violated(&mut self) -> Option<usize> {
         let (mut most, mut found) = (self.tolerance, None);
         for (p, row) in self.iterate.variables.iter().enumerate() {
             if row.state == State::Free || row.is_fixed() {

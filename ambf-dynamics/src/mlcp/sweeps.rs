@@ -1,9 +1,11 @@
-//! Projected Gauss–Seidel, alone and with subspace minimisation (Silcowitz, Niebe and Erleben, *The Visual Computer* 26, 2010).
+//! Projected Gauss–Seidel, alone and with subspace minimisation (Silcowitz, Niebe and Erleben, *The Visual Computer*
+//! 26, 2010).
 
 use super::problem::State;
 use super::solver::{Solver, MIN_SWEEPS};
 
-/// Share of the largest target which a sweep must change to be followed by another one; what is left is the next step's to do.
+/// Share of the largest target which a sweep must change to be followed by another one; what is left is the next step's
+/// to do.
 const SETTLED: f64 = 1e-3;
 /// Sweeps within which the largest change must fall by `PROGRESS`, else there are no more.
 const PATIENCE: u32 = 10;
@@ -23,7 +25,8 @@ impl Solver {
         2.0 * self.layout.pass_cost + self.layout.order.len() as f64
     }
 
-    /// Sweeps from the impulses at hand until they hardly change velocities, make no progress or the budget ends; a few in any case.
+    /// Sweeps from the impulses at hand until they hardly change velocities, make no progress or the budget ends; a few
+    /// in any case.
     pub(super) fn sweeps(&mut self, budget: f64) {
         self.iterate.accumulate(&self.rows);
         let settled = self.tolerance.max(SETTLED * self.scale);
@@ -77,9 +80,9 @@ impl Solver {
         largest
     }
 
-    /// Sweeps find which rows are at their bounds, a factorisation solves the others. The energy never grows within fixed bounds, so that
-    /// the result is at least as good as that of the sweeps. Ends where it converges, makes no progress or the budget ends. Returns whether
-    /// it converged.
+    /// Sweeps find which rows are at their bounds, a factorisation solves the others. The energy never grows within
+    /// fixed bounds, so that the result is at least as good as that of the sweeps. Ends where it converges, makes no
+    /// progress or the budget ends. Returns whether it converged.
     pub(super) fn pgs_polish(&mut self, budget: f64, direct: f64) -> bool {
         self.iterate.accumulate(&self.rows);
         let mut count = 0;
@@ -135,7 +138,8 @@ impl Solver {
         }
     }
 
-    /// Takes the unknowns, each within its bounds. Returns the share of the way to them at which the first bound is met.
+    /// Takes the unknowns, each within its bounds. Returns the share of the way to them at which the first bound is
+    /// met.
     fn project_free(&mut self) -> f64 {
         let Self { factor, iterate, unknowns, .. } = self;
         let mut step: f64 = 1.0;

@@ -1,13 +1,15 @@
-//! Factorisation of the free rows in velocity space, by the formula of Sherman, Morrison and Woodbury (Hager, *SIAM Review* 31, 1989).
+//! Factorisation of the free rows in velocity space, by the formula of Sherman, Morrison and Woodbury (Hager, *SIAM
+//! Review* 31, 1989).
 //!
-//! With rows `q` in coordinates where `A = Q Qᵀ`, see [`Coordinates`], and weights `W = diag(1 / cfm)` of the free rows,
+//! With rows `q` in coordinates where `A = Q Qᵀ`, see [`Coordinates`], and weights `W = diag(1 / cfm)` of the free
+//! rows,
 //!
 //! ```text
 //! (Q Qᵀ + diag(cfm)) x = b      is      (1 + Qᵀ W Q) y = Qᵀ W b,   x = W (b − Q y).
 //! ```
 //!
-//! The matrix has as many rows as there are velocity components, however many rows the problem has. Its eigenvalues are at least 1. Where
-//! CFM is small, digits of `x` cancel: the caller refines.
+//! The matrix has as many rows as there are velocity components, however many rows the problem has. Its eigenvalues are
+//! at least 1. Where CFM is small, digits of `x` cancel: the caller refines.
 
 use super::coordinates::{Coordinates, Span};
 use super::iterate::Variable;
@@ -20,8 +22,8 @@ const HEAVY: f64 = 1e8;
 /// Rows of the same bodies that are added together.
 const GROUP: usize = 4;
 
-/// `1 + Qᵀ W Q` and its Cholesky factor. A row of the matrix holds the columns from the first coordinate of its envelope to the last one of
-/// its own body.
+/// `1 + Qᵀ W Q` and its Cholesky factor. A row of the matrix holds the columns from the first coordinate of its
+/// envelope to the last one of its own body.
 #[derive(Debug, Default)]
 pub(super) struct VelocityFactor {
     /// Places of the free rows.

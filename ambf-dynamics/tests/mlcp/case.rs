@@ -33,7 +33,7 @@ impl Random {
 pub struct CaseRow {
     pub sides: Vec<(usize, Vec<f64>)>,
     pub target: f64,
-    pub aim: f64,
+    pub bias: f64,
     pub cfm: f64,
     pub low: f64,
     pub high: f64,
@@ -46,7 +46,7 @@ pub struct CaseRow {
 impl CaseRow {
     pub fn new(sides: Vec<(usize, Vec<f64>)>, target: f64, cfm: f64, [low, high]: [f64; 2]) -> Self {
         let (friction, state) = (None, State::Free);
-        Self { sides, target, aim: 0.0, cfm, low, high, friction, state, x: 0.0, in_positions: true }
+        Self { sides, target, bias: 0.0, cfm, low, high, friction, state, x: 0.0, in_positions: true }
     }
 }
 
@@ -106,11 +106,11 @@ impl Case {
             for (out, ((body, jacobian), response)) in sides.iter_mut().zip(row.sides.iter().zip(&responses)) {
                 *out = Some(Side { body: *body, jacobian, response: response.as_slice() });
             }
-            let CaseRow { target, aim, cfm, low, high, friction, state, x, in_positions, .. } = *row;
+            let CaseRow { target, bias, cfm, low, high, friction, state, x, in_positions, .. } = *row;
             let position_target = target;
             solver.add_row(&Row {
                 sides,
-                aim,
+                bias,
                 target,
                 position_target,
                 cfm,

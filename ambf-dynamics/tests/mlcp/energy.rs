@@ -90,8 +90,8 @@ fn aims_are_given_up_where_they_add_energy() {
         for row in &mut case.rows {
             // Unilateral rows that ask to be left with up to twice the speed at which they are hit.
             if row.friction.is_none() && row.low == 0.0 && row.target > 0.0 {
-                row.aim = row.target * 2.0 * random.signed().abs();
-                row.target += row.aim;
+                row.bias = row.target * 2.0 * random.signed().abs();
+                row.target += row.bias;
             }
         }
         let mut solver = case.solver();
@@ -99,11 +99,11 @@ fn aims_are_given_up_where_they_add_energy() {
             continue;
         }
         let [before, after] = energies(&case, &velocities, solver.velocities());
-        let asked: f64 = case.rows.iter().zip(solver.impulses()).map(|(row, x)| (row.aim * x).abs()).sum();
+        let asked: f64 = case.rows.iter().zip(solver.impulses()).map(|(row, x)| (row.bias * x).abs()).sum();
         assert!(after <= before + 0.02 * asked + 1e-9, "seed {seed}: {before} J became {after} J");
         let along = case.jacobian() * DVector::from_column_slice(solver.velocities());
         let rests = |(row, (x, along)): (&CaseRow, (&f64, &f64))| {
-            row.aim > 0.0 && *x > 1e-6 && (along + row.cfm * x - (row.target - row.aim)).abs() < 1e-6
+            row.bias > 0.0 && *x > 1e-6 && (along + row.cfm * x - (row.target - row.bias)).abs() < 1e-6
         };
         given_up += usize::from(case.rows.iter().zip(solver.impulses().iter().zip(along.iter())).any(rests));
     }

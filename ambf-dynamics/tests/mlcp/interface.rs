@@ -57,7 +57,7 @@ fn the_table_of_functions_solves_like_the_solver() {
         jacobian: [JACOBIAN.as_ptr(), none],
         response: [RESPONSE.as_ptr(), none],
         target: 1.0,
-        aim: 0.0,
+        bias: 0.0,
         position_target: 0.5,
         cfm: 0.0,
         position_cfm: 0.0,
@@ -72,7 +72,8 @@ fn the_table_of_functions_solves_like_the_solver() {
         is_drive: 0,
     };
     let mut statistics = AmbMlcpStatistics::default();
-    // SAFETY: the solver is used by this thread only, pointers are read before it is freed, and each row has six numbers.
+    // SAFETY: the solver is used by this thread only, pointers are read before it is freed, and each row has six
+    // numbers.
     unsafe {
         let solver = (table.create)();
         assert_eq!((table.add_row)(solver, &c_row), 0);

@@ -1,4 +1,5 @@
-//! Islands as an engine makes them: contacts of six rows, joints with little CFM, a warm start from the solution of the step before.
+//! Islands as an engine makes them: contacts of six rows, joints with little CFM, a warm start from the solution of the
+//! step before.
 
 use ambf_dynamics::mlcp::{Friction, Solver};
 use nalgebra::DMatrix;
@@ -55,8 +56,8 @@ fn contact_share(row: &CaseRow) -> f64 {
     }
 }
 
-/// Rows of one contact: a normal, two directions of friction, torsional friction, two directions of rolling friction. `sides` gives
-/// what a direction (an angular one or not) acts on.
+/// Rows of one contact: a normal, two directions of friction, torsional friction, two directions of rolling friction.
+/// `sides` gives what a direction (an angular one or not) acts on.
 fn add_contact(case: &mut Case, sides: impl Fn([f64; 3], bool) -> Vec<(usize, Vec<f64>)>, targets: [f64; 6]) {
     let normal = case.rows.len();
     let all = [(Z, false, 0.0), (X, false, 0.5), (Y, false, 0.5), (Z, true, 5e-3), (X, true, 1e-3), (Y, true, 1e-3)];
@@ -175,8 +176,8 @@ fn articulation(random: &mut Random, size: usize) -> (Case, Vec<Link>) {
     (Case { rigid: 0, inverse_masses: vec![inverse], rows: Vec::new() }, links)
 }
 
-/// An articulation of `size` velocity components that falls onto contacts at its links, `joints` of which are held. Friction is `grip` times
-/// the usual one.
+/// An articulation of `size` velocity components that falls onto contacts at its links, `joints` of which are held.
+/// Friction is `grip` times the usual one.
 pub fn machine(seed: u64, size: usize, joints: usize, contacts: usize, grip: f64) -> Case {
     let random = &mut Random::new(seed);
     let (mut case, links) = articulation(random, size);

@@ -1,4 +1,4 @@
-//! What the simulator costs on top of a plain C++ Bullet program: `scripts/bench bare [--quick]`
+//! Cost on top of a plain C++ Bullet program: `scripts/bench bare [--quick]`
 //!
 //! The program, `bullet-sys/bare/bare.cpp`, gets a scene that was built in the ordinary way and steps its bodies and constraints in a plain
 //! `btDiscreteDynamicsWorld` with Bullet's own near callback, list of ignored pairs and motion states. Both must come to the same

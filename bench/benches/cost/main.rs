@@ -1,4 +1,4 @@
-//! What the simulator costs: `scripts/bench [--quick] [--only GROUP]…`
+//! Cost of the simulator: `scripts/bench [--quick] [--only GROUP]…`
 //!
 //! Groups: `step`, `skip`, `start`, `rate`, `overload`, `real-time`. With `--only` the tables are printed and nothing is written; else
 //! they go into `docs/benchmarks.md`, between its markers, with their figures.

@@ -1,4 +1,4 @@
-//! What survives: `scripts/bench stability [--quick] [--only FAMILY]…`; search for failures in random scenes:
+//! Stability: `scripts/bench stability [--quick] [--only FAMILY]…`; search for failures in random scenes:
 //! `scripts/bench stability --random N [--seed S]`, see [`random`].
 //!
 //! With `--only` tables are printed and nothing is written; else they go into `docs/benchmarks/stability.md`, between its markers, with a
@@ -179,6 +179,6 @@ fn summary(blocks: &[Block]) -> Section {
         intro: "Number of scenes that ended so.",
         header: &["way", "good", "poor", "exploded", "not finite", "too slow"],
         rows,
-        remarks: vec!["![What survives](stability.svg)".into()],
+        remarks: vec!["![Verdicts by difficulty](stability.svg)".into()],
     }
 }

@@ -1,4 +1,4 @@
-//! What survives, as a picture: a row for each way to simulate, a cell for each difficulty.
+//! Figure of the verdicts: a row for each way to simulate, a cell for each difficulty.
 
 use std::fmt::Write;
 
@@ -50,7 +50,7 @@ pub fn draw(blocks: &[Block]) -> String {
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\"><style>text{{font:12px sans-serif;fill:#333}}\
          </style><rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>\n"
     );
-    text(&mut svg, width / 2.0, 20.0, "middle", "What survives: difficulty grows to the right");
+    text(&mut svg, width / 2.0, 20.0, "middle", "Verdicts: difficulty grows to the right");
     for (i, verdict) in Verdict::ALL.into_iter().enumerate() {
         let x = 20.0 + 110.0 * i as f64;
         cell(&mut svg, x, 30.0, 16.0, verdict);

@@ -1,9 +1,11 @@
 use nalgebra::{DMatrix, DVector, Isometry3, Vector3};
 
 use super::*;
-use crate::bullet::{BodyDrive, Constraint, Drive, PlausibleBounds, Ray, RayTarget, RigidBody, Shape, Solver, Spring};
+use crate::bullet::{
+    BodyDrive, Constraint, PlausibleBounds, Ray, RayTarget, RigidBody, Shape, SoftMotor, Solver, Spring,
+};
 
-mod ties;
+mod external_constraints;
 
 const GRAVITY: f64 = 9.81;
 /// Of a rod of 1 kg and 1 m across it, kg·m².
@@ -125,11 +127,11 @@ fn farthest(a: &[Isometry3<f64>], b: &[Isometry3<f64>]) -> f64 {
 }
 
 #[test]
-fn a_tree_moves_as_its_constraints_do_and_can_be_dissolved() {
+fn an_articulation_moves_as_its_constraints_do_and_can_be_dissolved() {
     let motion = |articulated: bool| {
         let (mut world, bodies, joints) = chain(&[1.0, 2.0, 0.5]);
         world.set_iterations(200);
-        let tree = articulated.then(|| world.articulate(&joints).unwrap());
+        let articulation = articulated.then(|| world.articulate(&joints).unwrap());
         let mut seen = Vec::new();
         for step in 0..1000 {
             world.apply_wrench(bodies[3], &Vector3::new(1.0, 3.0, 0.0), &Vector3::new(0.0, 0.0, 0.5));
@@ -139,16 +141,16 @@ fn a_tree_moves_as_its_constraints_do_and_can_be_dissolved() {
             if step == 500 {
                 world.set_velocity(bodies[3], &Vector3::new(0.0, 1.0, 0.0), &Vector3::zeros());
             }
-            if let (700, Some(tree)) = (step, tree) {
-                assert!(world.dissolve(tree) && !world.dissolve(tree));
+            if let (700, Some(articulation)) = (step, articulation) {
+                assert!(world.dissolve(articulation) && !world.dissolve(articulation));
             }
             run(&mut world, 1);
             seen.push(poses(&world, &bodies));
         }
         seen
     };
-    let (tree, bodies) = (motion(true), motion(false));
-    for (step, (a, b)) in tree.iter().zip(&bodies).enumerate() {
+    let (articulated, bodies) = (motion(true), motion(false));
+    for (step, (a, b)) in articulated.iter().zip(&bodies).enumerate() {
         let off = farthest(a, b);
         assert!(off < 0.05, "step {step}: {off} m");
     }
@@ -187,9 +189,9 @@ fn what_is_no_tree_is_refused() {
     let closing = world.add_constraint(anchor, bodies[3], &hinge(ConstraintKind::Fixed, 0.0, 0.5)).unwrap();
     assert!(world.articulate(&[joints[0], joints[1], joints[2], closing]).is_none(), "held at both ends");
     assert!(world.remove_constraint(closing));
-    let tree = world.articulate(&joints).unwrap();
+    let articulation = world.articulate(&joints).unwrap();
     assert!(world.articulate(&joints).is_none(), "twice");
-    assert_eq!(world.articulation(bodies[1]), Some(tree));
+    assert_eq!(world.articulation(bodies[1]), Some(articulation));
     assert!(!world.remove_body(bodies[1]));
     assert!(world.remove_constraint(joints[1]), "which dissolves it");
     assert_eq!(world.articulation(bodies[1]), None);
@@ -361,8 +363,8 @@ fn sprung(articulated: bool, beside: bool, (stiffness, damping): (f64, f64), sec
         joints.push(world.add_constraint(base, body, &spring).unwrap());
     }
     if articulated {
-        let tree = world.articulate(&joints).unwrap();
-        assert_eq!(world.articulation(body), Some(tree));
+        let articulation = world.articulate(&joints).unwrap();
+        assert_eq!(world.articulation(body), Some(articulation));
     }
     run(&mut world, (seconds * 1000.0) as usize);
     world.pose(body).unwrap().rotation.euler_angles().2
@@ -404,21 +406,21 @@ fn drives_give_way_as_their_softness_says() {
     let inertia = 2.0 * (0.25 + INERTIA);
     for softness in [0.0, 0.5, 20.0] {
         world.set_velocity(bodies[1], &Vector3::zeros(), &Vector3::zeros());
-        assert!(world.set_drive(joints[0], Some(Drive { velocity: 0.3, softness, max_impulse: 100.0 })));
+        assert!(world.set_soft_motor(joints[0], Some(SoftMotor { velocity: 0.3, softness, max_impulse: 100.0 })));
         run(&mut world, 1);
         // v = 0.3 - softness λ with λ = I v.
         let (_, v) = world.coordinate(joints[0]).unwrap();
         assert!((v - 0.3 / (1.0 + inertia * softness)).abs() < 1e-8, "{softness}: {v}");
     }
-    assert!(world.set_drive(joints[0], None));
+    assert!(world.set_soft_motor(joints[0], None));
     let drive = BodyDrive { velocity: [Vector3::y(), Vector3::z() * 2.0], softness: [1e-3, 1e-3] };
     world.set_pose(bodies[1], &Isometry3::translation(0.5, 0.0, 0.0));
     assert!(world.set_body_drive(bodies[1], Some(&drive)));
     run(&mut world, 2);
     assert!((world.velocity(bodies[1]).unwrap().0.y - 1.0).abs() < 0.01);
     assert!(world.set_body_drive(bodies[1], None));
-    let tree = world.articulation(bodies[1]).unwrap();
-    assert!(world.dissolve(tree));
+    let articulation = world.articulation(bodies[1]).unwrap();
+    assert!(world.dissolve(articulation));
     run(&mut world, 1);
 }
 
@@ -434,7 +436,7 @@ fn links_touch_are_seen_and_can_be_held() {
     world.cast_rays(&[ray], &mut hits);
     assert_eq!(hits[0].unwrap().target, RayTarget::Body(bodies[2]));
     let ghost = world.add_ghost(Shape::cuboid(Vector3::repeat(0.1), 0.0), &Isometry3::translation(1.5, 0.0, 0.0));
-    // Held by the last link as it is; then the chain falls on the floor with it.
+    // The last link grasps the body at its present pose; then the chain falls on the floor with it.
     let grasp = hinge(ConstraintKind::Fixed, 0.0, 0.0);
     let grasp = Constraint { frame_b: Isometry3::translation(0.0, -0.3, 0.0), ..grasp };
     let held = world.add_constraint(bodies[2], loose, &grasp).unwrap();
@@ -442,7 +444,7 @@ fn links_touch_are_seen_and_can_be_held() {
     let mut sensed = Vec::new();
     world.ghost_overlaps(ghost, &mut sensed);
     assert!(sensed.contains(&bodies[2]), "{sensed:?}");
-    assert!(world.articulation(bodies[2]).is_some(), "it leads out of the tree");
+    assert!(world.articulation(bodies[2]).is_some(), "it is an external constraint");
     let gap = |world: &World| {
         let [link, loose] = [bodies[2], loose].map(|body| world.pose(body).unwrap());
         (link.translation.vector + link.rotation * Vector3::y() * 0.3 - loose.translation.vector).norm()
@@ -457,7 +459,7 @@ fn links_touch_are_seen_and_can_be_held() {
     });
     assert!(touched.count() > 10);
     assert_eq!(world.first_lost(&PlausibleBounds::default()), None);
-    // It outlives the tree as a constraint, and other constraints on links end the tree.
+    // It outlives the articulation as a constraint, and other constraints on links dissolve the articulation.
     let ball = hinge(ConstraintKind::SixDof([[1.0, -1.0]; 6]), 0.0, 0.0);
     let ball = world.add_constraint(
         bodies[1],

@@ -1,4 +1,4 @@
-#include "tree_dynamics.h"
+#include "articulation_dynamics.h"
 
 #include <algorithm>
 #include <cmath>
@@ -55,7 +55,8 @@ btQuaternion spin_of(const btVector3 &omega, const btQuaternion &rotation) {
   return btQuaternion(omega.x(), omega.y(), omega.z(), 0) * rotation * btScalar(0.5);
 }
 
-void advance(TreeDynamics::Rate &to, const TreeDynamics::Rate &from, btScalar h, const TreeDynamics::Rate &slope) {
+void advance(ArticulationDynamics::Rate &to, const ArticulationDynamics::Rate &from, btScalar h,
+             const ArticulationDynamics::Rate &slope) {
   to.angular = from.angular + slope.angular * h;
   to.linear = from.linear + slope.linear * h;
   for (size_t i = 0; i < to.q.size(); ++i) to.q[i] = from.q[i] + h * slope.q[i];
@@ -63,12 +64,12 @@ void advance(TreeDynamics::Rate &to, const TreeDynamics::Rate &from, btScalar h,
 
 }  // namespace
 
-void TreeDynamics::add(const Body &body, int parent, Motion motion, const btVector3 &axis,
-                       const btTransform &joint_in_parent, const btTransform &joint_in_child) {
+void ArticulationDynamics::add(const Body &body, int parent, JointType type, const btVector3 &axis,
+                               const btTransform &joint_in_parent, const btTransform &joint_in_child) {
   Link link;
   link.parent = parent;
-  link.motion = motion;
-  link.coordinate = motion == Motion::Fixed ? -1 : coordinates++;
+  link.type = type;
+  link.coordinate = type == JointType::Fixed ? -1 : coordinates++;
   link.axis = joint_in_parent.getBasis() * axis;
   link.pivot = joint_in_parent.getOrigin();
   link.rotation = joint_in_parent.getBasis().timesTranspose(joint_in_child.getBasis());
@@ -79,7 +80,7 @@ void TreeDynamics::add(const Body &body, int parent, Motion motion, const btVect
   bodies.push_back(body);
 }
 
-void TreeDynamics::finish() {
+void ArticulationDynamics::finish() {
   const size_t n = bodies.size();
   rotations.resize(n, btMatrix3x3::getIdentity());
   origins.resize(n, btVector3(0, 0, 0));
@@ -87,14 +88,14 @@ void TreeDynamics::finish() {
   angular.resize(n, btVector3(0, 0, 0));
   work.resize(n);
   efforts.resize(coordinates);
-  pushes.resize(coordinates);
-  before.resize(velocity_size());
-  for (int k = 0; k < 6; ++k) before[k] = k - 1;
+  generalised_forces.resize(coordinates);
+  parent_component.resize(velocity_size());
+  for (int k = 0; k < 6; ++k) parent_component[k] = k - 1;
   for (const Link &link : links) {
     if (link.coordinate < 0) continue;
     int parent = link.parent;
     while (parent > 0 && links[parent - 1].coordinate < 0) parent = links[parent - 1].parent;
-    before[6 + link.coordinate] = parent > 0 ? 6 + links[parent - 1].coordinate : fixed_base ? -1 : 5;
+    parent_component[6 + link.coordinate] = parent > 0 ? 6 + links[parent - 1].coordinate : fixed_base ? -1 : 5;
   }
   factor.resize(velocity_size() * velocity_size());
   inverse_diagonal.resize(velocity_size());
@@ -106,14 +107,14 @@ void TreeDynamics::finish() {
   }
 }
 
-void TreeDynamics::place(const Position &position) {
+void ArticulationDynamics::update_poses(const Position &position) {
   rotations[0] = btMatrix3x3(position.rotation);
   origins[0] = position.origin;
   for (size_t i = 0; i < links.size(); ++i) {
     const Link &link = links[i];
     const btMatrix3x3 &parent = rotations[link.parent];
     btVector3 pivot = origins[link.parent] + parent * link.pivot;
-    if (link.motion == Motion::Revolute) {
+    if (link.type == JointType::Revolute) {
       const btScalar sine = std::sin(position.q[link.coordinate]);
       const btScalar versine = 1 - std::cos(position.q[link.coordinate]);
       btMatrix3x3 local;
@@ -123,13 +124,13 @@ void TreeDynamics::place(const Position &position) {
       rotations[i + 1] = parent * local;
     } else {
       rotations[i + 1] = parent * link.rotation;
-      if (link.motion == Motion::Prismatic) pivot += parent * link.axis * position.q[link.coordinate];
+      if (link.type == JointType::Prismatic) pivot += parent * link.axis * position.q[link.coordinate];
     }
     origins[i + 1] = pivot + rotations[i + 1] * link.arm;
   }
 }
 
-void TreeDynamics::move(const Rate &rate) {
+void ArticulationDynamics::update_velocities(const Rate &rate) {
   angular[0] = rate.angular;
   linear[0] = rate.linear;
   for (size_t i = 0; i < links.size(); ++i) {
@@ -142,13 +143,13 @@ void TreeDynamics::move(const Rate &rate) {
     w.s_angular.setZero();
     w.s_linear.setZero();
     w.c_angular.setZero();
-    if (link.motion == Motion::Fixed) {
+    if (link.type == JointType::Fixed) {
       w.c_linear = omega.cross(omega.cross(w.r));
       continue;
     }
     const btVector3 axis = rotations[link.parent] * link.axis;
     const btScalar speed = rate.q[link.coordinate];
-    if (link.motion == Motion::Revolute) {
+    if (link.type == JointType::Revolute) {
       const btVector3 arm = rotations[i + 1] * link.arm;
       w.s_angular = axis;
       w.s_linear = axis.cross(arm);
@@ -164,7 +165,7 @@ void TreeDynamics::move(const Rate &rate) {
   }
 }
 
-void TreeDynamics::add_inertias() {
+void ArticulationDynamics::add_inertias() {
   for (size_t i = fixed_base ? 1 : 0; i < bodies.size(); ++i) {
     Work &w = work[i];
     w.inertia = scaled_rotation(rotations[i], bodies[i].inertia);
@@ -175,8 +176,8 @@ void TreeDynamics::add_inertias() {
   }
 }
 
-// Force and torque by which a link resists motion of its joint, whose children's joints are free.
-void TreeDynamics::resist(size_t link) {
+// Computes U = I_A S and 1 / D, D = S^T U, for a link with articulated inertia I_A and joint motion subspace S.
+void ArticulationDynamics::compute_joint_inertia(size_t link) {
   Work &w = work[link + 1];
   w.u_angular = w.a * w.s_angular + w.b * w.s_linear;
   w.u_linear = transpose_times(w.b, w.s_angular) + w.m * w.s_linear;
@@ -184,17 +185,17 @@ void TreeDynamics::resist(size_t link) {
   w.d_inverse = d > 0 ? 1 / d : 0;
 }
 
-// Takes the motion of the link's joint out of its articulated inertia.
-void TreeDynamics::release(size_t link) {
-  if (links[link].motion == Motion::Fixed) return;
+// Articulated inertia seen through the joint: I_A - U D^-1 U^T.
+void ArticulationDynamics::remove_joint_motion(size_t link) {
+  if (links[link].type == JointType::Fixed) return;
   Work &w = work[link + 1];
   subtract_outer(w.a, w.u_angular, w.u_angular, w.d_inverse);
   subtract_outer(w.b, w.u_angular, w.u_linear, w.d_inverse);
   subtract_outer(w.m, w.u_linear, w.u_linear, w.d_inverse);
 }
 
-// Adds the articulated inertia of a link to that of its parent.
-void TreeDynamics::add_to_parent(size_t link) {
+// Adds the articulated inertia of a link, shifted to the parent's centre of mass, to that of the parent.
+void ArticulationDynamics::add_to_parent(size_t link) {
   const Work &w = work[link + 1];
   Work &parent = work[links[link].parent];
   const btMatrix3x3 b = w.b + cross_matrix(w.r, w.m);
@@ -203,19 +204,20 @@ void TreeDynamics::add_to_parent(size_t link) {
   parent.m += w.m;
 }
 
-// From the leaves to the base and back. The bias forces of all bodies have been set.
-void TreeDynamics::sweep(Rate &out, bool with_bias) {
+// Second and third pass of the articulated-body algorithm: from the leaves to the base and back. The bias forces of all
+// bodies must have been set.
+void ArticulationDynamics::sweep(Rate &out, bool with_bias) {
   for (size_t i = links.size(); i-- > 0;) {
     const Link &link = links[i];
     Work &w = work[i + 1];
-    if (link.motion != Motion::Fixed) {
-      resist(i);
+    if (link.type != JointType::Fixed) {
+      compute_joint_inertia(i);
       w.u = efforts[link.coordinate] - w.s_angular.dot(w.torque) - w.s_linear.dot(w.force);
     }
     if (link.parent == 0 && fixed_base) continue;
     btVector3 torque = w.torque, force = w.force;
-    release(i);
-    if (link.motion != Motion::Fixed) {
+    remove_joint_motion(i);
+    if (link.type != JointType::Fixed) {
       torque += w.u_angular * (w.u * w.d_inverse);
       force += w.u_linear * (w.u * w.d_inverse);
     }
@@ -243,7 +245,7 @@ void TreeDynamics::sweep(Rate &out, bool with_bias) {
       w.alpha += w.c_angular;
       w.accel += w.c_linear;
     }
-    if (link.motion == Motion::Fixed) continue;
+    if (link.type == JointType::Fixed) continue;
     const btScalar acceleration = (w.u - w.u_angular.dot(w.alpha) - w.u_linear.dot(w.accel)) * w.d_inverse;
     w.alpha += w.s_angular * acceleration;
     w.accel += w.s_linear * acceleration;
@@ -251,15 +253,15 @@ void TreeDynamics::sweep(Rate &out, bool with_bias) {
   }
 }
 
-btScalar TreeDynamics::Spring::displacement(btScalar q) const {
+btScalar ArticulationDynamics::Spring::displacement(btScalar q) const {
   const btScalar x = sign * q + offset;
   return (is_angle ? std::remainder(x, 2 * SIMD_PI) : x) - rest;
 }
 
-void TreeDynamics::accelerate(const Position &position, const Rate &rate, Rate &acceleration) {
-  efforts = pushes;
+void ArticulationDynamics::accelerate(const Position &position, const Rate &rate, Rate &acceleration) {
+  efforts = generalised_forces;
   for (const Spring &spring : springs) {
-    if (spring.left_out) continue;
+    if (spring.is_stiff) continue;
     const int i = spring.coordinate;
     efforts[i] -= spring.sign * spring.stiffness * spring.displacement(position.q[i]) + spring.damping * rate.q[i];
   }
@@ -276,12 +278,12 @@ void TreeDynamics::accelerate(const Position &position, const Rate &rate, Rate &
   sweep(acceleration, true);
 }
 
-void TreeDynamics::project(const btVector3 *linear_wanted, const btVector3 *angular_wanted, Rate &rate) {
-  // Sets the motions of the coordinates; without rates there is no bias.
+void ArticulationDynamics::project(const btVector3 *linear_wanted, const btVector3 *angular_wanted, Rate &rate) {
+  // Sets the motion subspaces of the joints; with rates of 0 there is no bias.
   for (btScalar &q : stage_rate.q) q = 0;
   stage_rate.angular.setZero();
   stage_rate.linear.setZero();
-  move(stage_rate);
+  update_velocities(stage_rate);
   std::fill(efforts.begin(), efforts.end(), 0);
   add_inertias();
   for (size_t i = fixed_base ? 1 : 0; i < bodies.size(); ++i) {
@@ -291,15 +293,16 @@ void TreeDynamics::project(const btVector3 *linear_wanted, const btVector3 *angu
   sweep(rate, false);
 }
 
-// One step of a power iteration for the fastest mode about the present motion, from the acceleration in `slopes[0]`.
-void TreeDynamics::probe(const Position &at, const Rate &rate) {
-  // In rad or m.
+// One step of a power iteration for the fastest vibration mode about the present motion. slopes[0] must be the present
+// acceleration.
+void ArticulationDynamics::update_fastest_mode(const Position &at, const Rate &rate) {
+  // Displacement of the finite difference, rad or m.
   constexpr btScalar shift = 1e-6;
   stage.rotation = at.rotation;
   stage.origin = at.origin;
   for (int k = 0; k < coordinates; ++k) stage.q[k] = at.q[k] + shift * mode[k];
-  place(stage);
-  move(rate);
+  update_poses(stage);
+  update_velocities(rate);
   accelerate(stage, rate, stage_rate);
   btScalar square = 0;
   for (int k = 0; k < coordinates; ++k) {
@@ -312,7 +315,7 @@ void TreeDynamics::probe(const Position &at, const Rate &rate) {
   for (int k = 0; k < coordinates; ++k) mode[k] = stage_rate.q[k] / length;
 }
 
-btScalar TreeDynamics::kinetic_energy() const {
+btScalar ArticulationDynamics::kinetic_energy() const {
   btScalar sum = 0;
   for (size_t i = fixed_base ? 1 : 0; i < bodies.size(); ++i) {
     const btVector3 local = transpose_times(rotations[i], angular[i]);
@@ -321,24 +324,24 @@ btScalar TreeDynamics::kinetic_energy() const {
   return sum / 2;
 }
 
-btVector3 TreeDynamics::linear_momentum() const {
+btVector3 ArticulationDynamics::linear_momentum() const {
   btVector3 sum(0, 0, 0);
   for (size_t i = 0; i < bodies.size(); ++i) sum += linear[i] * bodies[i].mass;
   return sum;
 }
 
-btScalar TreeDynamics::mass() const {
+btScalar ArticulationDynamics::mass() const {
   btScalar sum = 0;
   for (const Body &body : bodies) sum += body.mass;
   return sum;
 }
 
-btScalar TreeDynamics::internal_energy() const {
+btScalar ArticulationDynamics::internal_energy() const {
   const btScalar whole = kinetic_energy();
   return fixed_base ? whole : std::max(whole - linear_momentum().length2() / (2 * mass()), btScalar(0));
 }
 
-btScalar TreeDynamics::drag_power() const {
+btScalar ArticulationDynamics::drag_power() const {
   if (fixed_base) return 0;
   const btVector3 whole = linear_momentum() / mass();
   btScalar power = 0;
@@ -348,41 +351,41 @@ btScalar TreeDynamics::drag_power() const {
   return std::max(power, btScalar(0));
 }
 
-void TreeDynamics::slow_down(btScalar share, Rate &rate) {
+void ArticulationDynamics::scale_internal_velocity(btScalar share, Rate &rate) {
   for (btScalar &q : rate.q) q *= share;
   if (fixed_base) return;
-  // The base moves on with the centre of mass, whose velocity stays what it was.
+  // The velocity of the centre of mass is kept.
   const btVector3 velocity = linear_momentum() / mass();
   rate.angular *= share;
   rate.linear = velocity + (rate.linear - velocity) * share;
 }
 
-btScalar TreeDynamics::elastic_energy(const Position &at) const {
+btScalar ArticulationDynamics::elastic_energy(const Position &at) const {
   btScalar sum = 0;
   for (const Spring &spring : springs) {
-    if (spring.left_out) continue;
+    if (spring.is_stiff) continue;
     const btScalar x = spring.displacement(at.q[spring.coordinate]);
     sum += spring.stiffness * x * x;
   }
   return sum / 2;
 }
 
-btScalar TreeDynamics::fastest_rotation(const Rate &rate) const {
+btScalar ArticulationDynamics::fastest_rotation(const Rate &rate) const {
   btScalar square = 0;
   for (const btVector3 &omega : angular) square = std::max(square, omega.length2());
   btScalar fastest = btSqrt(square);
   for (const Link &link : links) {
-    if (link.motion == Motion::Revolute) fastest = std::max(fastest, btFabs(rate.q[link.coordinate]));
+    if (link.type == JointType::Revolute) fastest = std::max(fastest, btFabs(rate.q[link.coordinate]));
   }
   return fastest;
 }
 
-void TreeDynamics::bound_rotation(Rate &rate, btScalar h) {
+void ArticulationDynamics::bound_rotation(Rate &rate, btScalar h) {
   const btScalar most = SIMD_HALF_PI / h, base = rate.angular.length();
   bool any = base > most;
   if (any) rate.angular *= most / base;
   for (const Link &link : links) {
-    if (link.motion != Motion::Revolute) continue;
+    if (link.type != JointType::Revolute) continue;
     btScalar &q = rate.q[link.coordinate];
     if (!(btFabs(q) > most)) continue;
     q = q > 0 ? most : -most;
@@ -390,16 +393,16 @@ void TreeDynamics::bound_rotation(Rate &rate, btScalar h) {
   }
   if (!any) return;
   const btVector3 before = linear_momentum();
-  move(rate);
+  update_velocities(rate);
   if (fixed_base) return;
   rate.linear += (before - linear_momentum()) / mass();
-  move(rate);
+  update_velocities(rate);
 }
 
-// The velocities of the bodies decay for h; what perfect joints leave of that are the new rates.
-void TreeDynamics::decay(btScalar h, const Position &at, Rate &rate) {
-  place(at);
-  move(rate);
+// Damping over h s: the velocities of all bodies decay, and their projection onto the joints gives the new rates.
+void ArticulationDynamics::apply_damping(btScalar h, const Position &at, Rate &rate) {
+  update_poses(at);
+  update_velocities(rate);
   const size_t n = bodies.size();
   wanted_linear.resize(n);
   wanted_angular.resize(n);
@@ -408,17 +411,18 @@ void TreeDynamics::decay(btScalar h, const Position &at, Rate &rate) {
     wanted_angular[i] = angular[i] * std::exp(-bodies[i].angular_drag * h);
   }
   project(wanted_linear.data(), wanted_angular.data(), rate);
-  move(rate);
+  update_velocities(rate);
 }
 
-void TreeDynamics::step(btScalar h, const Position &from, const Rate &rate, Position &to, Rate &new_rate) {
-  // The method is stable up to 2.8 rad a step; turns of bodies are integrated well up to a third of one.
+void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &rate, Position &to, Rate &new_rate) {
+  // Largest phase of a vibration in a step (the method is stable up to 2.8 rad), and largest turn of a body, rad.
   constexpr btScalar MAX_PHASE = 1.5, MAX_TURN = 0.3;
-  // The classical Runge-Kutta method is unstable from a decay of 2.8 a step on, and inaccurate from a tenth of that.
+  // Largest decay rate times step: the method is unstable from 2.8 on, and inaccurate from a tenth of that.
   constexpr btScalar MAX_DECAY = 0.2;
-  // Internal energy that truncation may add in a step, as a share of it and of the work in the step.
+  // Growth of the internal energy that is tolerated as truncation error, as a share of the energy and of the work in
+  // the step.
   constexpr btScalar MAX_GROWTH = 1e-4;
-  // Error of rounding of an internal energy, as a share of all energy.
+  // Rounding error of the internal energy, as a share of the kinetic energy.
   constexpr btScalar ROUNDING = 1e-12;
   constexpr int MAX_PARTS = 100, REFINEMENT = 4, PROBES_AT_FIRST = 10, STEPS_BETWEEN_PROBES = 16;
   splits_damping = false;
@@ -427,9 +431,9 @@ void TreeDynamics::step(btScalar h, const Position &from, const Rate &rate, Posi
   }
   start_rate = rate;
   if (splits_damping) {
-    decay(h / 2, from, start_rate);
+    apply_damping(h / 2, from, start_rate);
   } else {
-    move(start_rate);
+    update_velocities(start_rate);
   }
   const btScalar kinetic = internal_energy(), dragged_before = drag_power(), fastest = fastest_rotation(start_rate);
   const btScalar elastic = springs.empty() ? 0 : elastic_energy(from);
@@ -437,26 +441,26 @@ void TreeDynamics::step(btScalar h, const Position &from, const Rate &rate, Posi
   btScalar twist_before = 0;
   for (size_t i = 0; i < bodies.size(); ++i) twist_before += bodies[i].torque.dot(angular[i]);
   accelerate(from, start_rate, slopes[0]);
-  if (coordinates > 0 && trust-- <= 0) {
+  if (coordinates > 0 && steps_until_probe-- <= 0) {
     int probes = 1;
     if (mode.empty()) {
       probes = PROBES_AT_FIRST;
       mode.resize(coordinates);
-      // The fastest ones are zigzags.
+      // The fastest modes of chains are zigzags.
       for (int k = 0; k < coordinates; ++k) mode[k] = (k % 2 ? -1 : 1) * (1 + btScalar(0.3) * (k % 3));
     }
-    for (int i = 0; i < probes; ++i) probe(from, start_rate);
-    trust = STEPS_BETWEEN_PROBES;
+    for (int i = 0; i < probes; ++i) update_fastest_mode(from, start_rate);
+    steps_until_probe = STEPS_BETWEEN_PROBES;
   }
   const btScalar phases = std::max(h * btSqrt(stiffness) / MAX_PHASE, h * fastest / MAX_TURN);
-  // Not so for what is no number.
+  // The comparison is false for NaN.
   int parts = phases > 1 ? static_cast<int>(std::min(std::ceil(phases), btScalar(MAX_PARTS))) : 1;
   btScalar scale = 1;
   for (;;) {
     divided_step(h, parts, from, start_rate, to, new_rate);
-    place(to);
-    move(new_rate);
-    // Forces are constant over the step, their work follows from the motion; that of a torque nearly so.
+    update_poses(to);
+    update_velocities(new_rate);
+    // Forces are constant over the step, so that their work is exact; that of torques uses the mean angular velocity.
     btScalar work = elastic - (springs.empty() ? 0 : elastic_energy(to)), twist_after = 0;
     btVector3 moved(0, 0, 0), force(0, 0, 0);
     for (size_t i = 0; i < bodies.size(); ++i) {
@@ -466,43 +470,45 @@ void TreeDynamics::step(btScalar h, const Position &from, const Rate &rate, Posi
       moved += way * bodies[i].mass;
       force += bodies[i].force;
     }
-    // What moves the centre of mass is no part of the internal energy.
+    // The work on the motion of the centre of mass does not change the internal energy.
     const btScalar lifted = fixed_base ? 0 : force.dot(moved) / mass();
     work -= lifted;
     work += h / 2 * (twist_before + twist_after + dragged_before + drag_power());
-    for (int k = 0; k < coordinates; ++k) work += pushes[k] * (to.q[k] - from.q[k]);
+    for (int k = 0; k < coordinates; ++k) work += generalised_forces[k] * (to.q[k] - from.q[k]);
     const btScalar allowed = kinetic + work, after = internal_energy();
     const btScalar slack = MAX_GROWTH * (kinetic + btFabs(work)) + ROUNDING * (kinetic_energy() + btFabs(lifted));
     if (after <= allowed + slack) break;
     if (parts >= MAX_PARTS) {
-      // No step is short enough: the growth is taken away.
+      // The largest number of sub-intervals was not enough: the excess energy is removed by scaling the velocities.
       scale = btSqrt(std::max(allowed, btScalar(0)) / after);
       break;
     }
     parts = std::min(parts * REFINEMENT, MAX_PARTS);
-    place(from);
-    move(start_rate);
+    update_poses(from);
+    update_velocities(start_rate);
     accelerate(from, start_rate, slopes[0]);
   }
-  if (!(scale >= 1)) slow_down(scale, new_rate);
-  if (splits_damping) decay(h / 2, to, new_rate);
+  if (!(scale >= 1)) scale_internal_velocity(scale, new_rate);
+  if (splits_damping) apply_damping(h / 2, to, new_rate);
 }
 
-// In equal parts; the first acceleration is in `slopes[0]` already.
-void TreeDynamics::divided_step(btScalar h, int parts, const Position &from, const Rate &rate, Position &to, Rate &new_rate) {
+// Integrates over h s in equal parts. slopes[0] must be the acceleration at the beginning.
+void ArticulationDynamics::divided_step(btScalar h, int parts, const Position &from, const Rate &rate, Position &to,
+                                        Rate &new_rate) {
   runge_kutta(h / parts, from, rate, to, new_rate);
   for (int i = 1; i < parts; ++i) {
     part = to;
     part_rate = new_rate;
-    place(part);
-    move(part_rate);
+    update_poses(part);
+    update_velocities(part_rate);
     accelerate(part, part_rate, slopes[0]);
     runge_kutta(h / parts, part, part_rate, to, new_rate);
   }
 }
 
-// The first acceleration is in `slopes[0]` already.
-void TreeDynamics::runge_kutta(btScalar h, const Position &from, const Rate &rate, Position &to, Rate &new_rate) {
+// One step of the classical Runge-Kutta method. slopes[0] must be the acceleration at the beginning.
+void ArticulationDynamics::runge_kutta(btScalar h, const Position &from, const Rate &rate, Position &to,
+                                       Rate &new_rate) {
   const btScalar way[4] = {0, h / 2, h / 2, h};
   btQuaternion spins[4];
   speeds[0] = rate;
@@ -512,10 +518,10 @@ void TreeDynamics::runge_kutta(btScalar h, const Position &from, const Rate &rat
     stage.rotation = from.rotation + spins[i - 1] * way[i];
     stage.origin = from.origin + speed.linear * way[i];
     for (int k = 0; k < coordinates; ++k) stage.q[k] = from.q[k] + way[i] * speed.q[k];
-    place(stage);
+    update_poses(stage);
     advance(speeds[i], rate, way[i], slopes[i - 1]);
     spins[i] = spin_of(speeds[i].angular, stage.rotation);
-    move(speeds[i]);
+    update_velocities(speeds[i]);
     accelerate(stage, speeds[i], slopes[i]);
   }
   auto way_of = [h](const auto &a, const auto &b, const auto &c, const auto &d) {
@@ -533,17 +539,16 @@ void TreeDynamics::runge_kutta(btScalar h, const Position &from, const Rate &rat
   }
 }
 
-// A row of L is the force by which a link resists its joint, moved to each joint on the way to the base, over the root of the joint's own
-// resistance. This is more accurate than to factor the inertia of the coordinates, which is a difference of large numbers where heavy links
-// hang on light ones.
-void TreeDynamics::factor_inertia() {
+// Row k of L is U / sqrt(D) of link k, projected onto each joint on the path to the base. This is more accurate than
+// factoring the generalised inertia, where large numbers cancel if heavy links hang on light ones.
+void ArticulationDynamics::factor_inertia() {
   const size_t n = velocity_size();
   add_inertias();
   for (size_t i = links.size(); i-- > 0;) {
     const Link &link = links[i];
     const Work &w = work[i + 1];
     if (link.coordinate >= 0) {
-      resist(i);
+      compute_joint_inertia(i);
       const size_t k = 6 + link.coordinate;
       const btScalar inverse = btSqrt(w.d_inverse);
       inverse_diagonal[k] = inverse;
@@ -562,17 +567,18 @@ void TreeDynamics::factor_inertia() {
       }
     }
     if (link.parent == 0 && fixed_base) continue;
-    release(i);
+    remove_joint_motion(i);
     add_to_parent(i);
   }
   if (fixed_base) return;
   const Work &base = work[0];
   for (size_t k = 0; k < 6; ++k) {
-    for (size_t j = 0; j <= k; ++j) factor[k * n + j] = k < 3 ? base.a[k][j] : j < 3 ? base.b[j][k - 3] : base.m[k - 3][j - 3];
+    for (size_t j = 0; j <= k; ++j)
+      factor[k * n + j] = k < 3 ? base.a[k][j] : j < 3 ? base.b[j][k - 3] : base.m[k - 3][j - 3];
   }
   for (size_t k = 6; k-- > 0;) {
     btScalar *const row = &factor[k * n];
-    // What is not positive is an error of rounding: nothing moves there.
+    // A pivot that is not positive is a rounding error: the component cannot move.
     inverse_diagonal[k] = row[k] > 0 ? 1 / btSqrt(row[k]) : 0;
     for (size_t i = 0; i <= k; ++i) row[i] *= inverse_diagonal[k];
     for (size_t i = 0; i < k; ++i) {
@@ -581,7 +587,8 @@ void TreeDynamics::factor_inertia() {
   }
 }
 
-void TreeDynamics::add_push(size_t body, const btVector3 &force, const btVector3 &torque, btScalar *row) const {
+void ArticulationDynamics::add_jacobian(size_t body, const btVector3 &force, const btVector3 &torque,
+                                        btScalar *row) const {
   btVector3 twist = torque;
   while (body > 0) {
     const Work &w = work[body];
@@ -597,40 +604,42 @@ void TreeDynamics::add_push(size_t body, const btVector3 &force, const btVector3
   }
 }
 
-void TreeDynamics::normalise(btScalar *row) const {
+void ArticulationDynamics::normalise(btScalar *row) const {
   const size_t n = velocity_size();
   for (size_t k = n; k-- > (fixed_base ? 6u : 0u);) {
     if (row[k] == 0) continue;
     row[k] *= inverse_diagonal[k];
-    for (int j = before[k]; j >= 0; j = before[j]) row[j] -= factor[k * n + j] * row[k];
+    for (int j = parent_component[k]; j >= 0; j = parent_component[j]) row[j] -= factor[k * n + j] * row[k];
   }
 }
 
-void TreeDynamics::rates_of(const btScalar *z, Rate &rate) const {
+void ArticulationDynamics::rates_of(const btScalar *z, Rate &rate) const {
   const size_t n = velocity_size();
-  const auto component = [&](size_t k) -> btScalar & { return k < 3 ? rate.angular[k] : k < 6 ? rate.linear[k - 3] : rate.q[k - 6]; };
+  const auto component = [&](size_t k) -> btScalar & {
+    return k < 3 ? rate.angular[k] : k < 6 ? rate.linear[k - 3] : rate.q[k - 6];
+  };
   for (size_t k = 0; k < n; ++k) {
     if (fixed_base && k < 6) {
       component(k) = 0;
       continue;
     }
     btScalar sum = z[k];
-    for (int j = before[k]; j >= 0; j = before[j]) sum -= factor[k * n + j] * component(j);
+    for (int j = parent_component[k]; j >= 0; j = parent_component[j]) sum -= factor[k * n + j] * component(j);
     component(k) = sum * inverse_diagonal[k];
   }
 }
 
-void TreeDynamics::coordinates_of(const Rate &rate, btScalar *z) const {
+void ArticulationDynamics::coordinates_of(const Rate &rate, btScalar *z) const {
   const size_t n = velocity_size();
   const auto component = [&](size_t k) { return k < 3 ? rate.angular[k] : k < 6 ? rate.linear[k - 3] : rate.q[k - 6]; };
   for (size_t k = 0; k < n; ++k) {
     z[k] = 0;
     if (fixed_base && k < 6) continue;
-    for (int j = static_cast<int>(k); j >= 0; j = before[j]) z[k] += factor[k * n + j] * component(j);
+    for (int j = static_cast<int>(k); j >= 0; j = parent_component[j]) z[k] += factor[k * n + j] * component(j);
   }
 }
 
-void TreeDynamics::shift(Position &position, btScalar h, const Rate &rate) {
+void ArticulationDynamics::advance_position(Position &position, btScalar h, const Rate &rate) {
   position.origin += rate.linear * h;
   for (size_t i = 0; i < position.q.size(); ++i) position.q[i] += h * rate.q[i];
   const btScalar speed = rate.angular.length();
@@ -639,11 +648,11 @@ void TreeDynamics::shift(Position &position, btScalar h, const Rate &rate) {
   position.rotation.normalize();
 }
 
-btVector3 TreeDynamics::angular_momentum(size_t body) const {
+btVector3 ArticulationDynamics::angular_momentum(size_t body) const {
   return rotations[body] * (transpose_times(rotations[body], angular[body]) * bodies[body].inertia);
 }
 
-TreeDynamics::Momentum TreeDynamics::momentum(const btVector3 &about) const {
+ArticulationDynamics::Momentum ArticulationDynamics::momentum(const btVector3 &about) const {
   Momentum sum;
   for (size_t i = 0; i < bodies.size(); ++i) {
     const btVector3 part = linear[i] * bodies[i].mass;
@@ -653,7 +662,7 @@ TreeDynamics::Momentum TreeDynamics::momentum(const btVector3 &about) const {
   return sum;
 }
 
-void TreeDynamics::give(const Momentum &wanted, const btVector3 &about, Rate &rate) {
+void ArticulationDynamics::set_momentum(const Momentum &wanted, const btVector3 &about, Rate &rate) {
   btScalar mass = 0;
   btVector3 center(0, 0, 0);
   for (size_t i = 0; i < bodies.size(); ++i) {
@@ -673,5 +682,5 @@ void TreeDynamics::give(const Momentum &wanted, const btVector3 &about, Rate &ra
   const btVector3 turn = inertia.solve33(wanted.angular - present.angular - (center - about).cross(linear_change));
   rate.angular += turn;
   rate.linear += linear_change / mass + turn.cross(origins[0] - center);
-  move(rate);
+  update_velocities(rate);
 }

@@ -1,12 +1,13 @@
-// Bullet's step in pieces, in worlds of any type. C++ only.
-#ifndef AMB_STEPPED_H
-#define AMB_STEPPED_H
+// btDiscreteDynamicsWorld::stepSimulation divided into begin, advance and finish, for worlds of any type. C++ only.
+#ifndef AMB_SUBSTEPPED_WORLD_H
+#define AMB_SUBSTEPPED_WORLD_H
 
 #include "internal.h"
 
-// The same calls in the same order as in Bullet's own loop: results agree bit for bit. The world's user pointer is its AmbWorld.
+// Makes the same calls in the same order as stepSimulation: results agree bit for bit. The world's user pointer is its
+// AmbWorld.
 template <class Base>
-struct Stepped : Base, Stepper {
+struct SubsteppedWorld : Base, Stepper {
   using Base::Base;
 
   int begin(btScalar interval, int most, btScalar sub_step) override {
@@ -54,10 +55,12 @@ struct Stepped : Base, Stepper {
   bool idle = true;
 };
 
-// Makes the world of `owner`; Base: a btDiscreteDynamicsWorld that is `Lean`. The solver stays the owner's.
+// Creates the world of `owner`. Base is a LazyWorld of a btDiscreteDynamicsWorld. The owner keeps ownership of the
+// solver.
 template <class Base, class Solver>
 Base *fill_world(AmbWorld &owner, Solver *solver) {
-  auto *made = new Stepped<Base>(owner.clock, &owner.dispatcher, &owner.broadphase, solver, owner.configuration.get());
+  auto *made =
+      new SubsteppedWorld<Base>(owner.clock, &owner.dispatcher, &owner.broadphase, solver, owner.configuration.get());
   owner.world.reset(made);
   owner.stepper = made;
   return made;

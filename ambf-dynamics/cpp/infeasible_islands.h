@@ -1,35 +1,38 @@
-// Islands whose errors of position contradict each other. C++ only.
-#ifndef AMB_SETTLED_ISLANDS_H
-#define AMB_SETTLED_ISLANDS_H
+// Islands whose position constraints are infeasible. C++ only.
+#ifndef AMB_INFEASIBLE_ISLANDS_H
+#define AMB_INFEASIBLE_ISLANDS_H
 
 #include "arena_memory.h"
 
-// Weighted sums of squares of what the rows of an island ask for in positions, (m/s)^2 and (rad/s)^2.
+// Weighted sums of squares of the correction velocities of an island's rows, (m/s)^2 and (rad/s)^2.
 struct PositionErrors {
   double linear = 0, angular = 0;
 
   void add(double error, double weight, bool is_angular) { (is_angular ? angular : linear) += weight * error * error; }
-  // Whether both are at most this multiple of the others.
+  // Whether both sums are at most `factor` times those of `other`.
   bool within(double factor, const PositionErrors &other) const {
     return linear <= factor * other.linear && angular <= factor * other.angular;
   }
 };
 
-class SettledIslands {
+class InfeasibleIslands {
  public:
-  // A correction that leaves more than this share of both sums is not made: what is left contradicts itself.
+  // A correction that leaves more than this share of both sums is not applied: the remaining errors are infeasible.
   static constexpr double UNCORRECTABLE = 0.98;
 
   static bool is_uncorrectable(const PositionErrors &asked, const PositionErrors &left) {
     return left.linear >= UNCORRECTABLE * asked.linear && left.angular >= UNCORRECTABLE * asked.angular;
   }
 
-  // Leaves an island as it is for some sub-steps. The island is known by something that stays what it is from one to the next.
-  void add(const void *island, const PositionErrors &errors, unsigned sub_step) { islands_.push_back({island, errors, sub_step + INTERVAL}); }
+  // Disables the position correction of an island for INTERVAL sub-steps. `island` identifies it in consecutive
+  // sub-steps.
+  void add(const void *island, const PositionErrors &errors, unsigned sub_step) {
+    islands_.push_back({island, errors, sub_step + INTERVAL});
+  }
 
   void clear() { islands_.clear(); }
 
-  // Whether the errors of an island are those, but for little, for which it was left.
+  // Whether the correction of an island is disabled and its errors have not grown by more than the factor GROWTH since.
   bool contain(const void *island, const PositionErrors &errors, unsigned sub_step) {
     for (size_t i = 0; i < islands_.size();) {
       const Settled &it = islands_[i];
@@ -46,7 +49,7 @@ class SettledIslands {
   }
 
  private:
-  // Sub-steps after which a correction is looked for again, and the factor of a sum from which it is before.
+  // Sub-steps after which the correction is tried again, and the growth of a sum at which it is tried earlier.
   static constexpr unsigned INTERVAL = 16;
   static constexpr double GROWTH = 1.2;
 

@@ -1,26 +1,27 @@
-// What Bullet does for every body in every sub-step, and nobody looks at. C++ only.
-#ifndef AMB_LEAN_H
-#define AMB_LEAN_H
+// Lazy motion states, and no prediction of contacts for bodies without continuous collision detection. C++ only.
+#ifndef AMB_LAZY_WORLD_H
+#define AMB_LAZY_WORLD_H
 
 #include <cstdint>
 
 #include <LinearMath/btTransformUtil.h>
 #include <btBulletDynamicsCommon.h>
 
-// When motion states were last due, and what Bullet would have integrated the poses by.
+// Number of the last synchronisation of motion states, and the time over which Bullet would have extrapolated the
+// poses, s.
 struct MotionClock {
   uint64_t due = 0;
   btScalar offset = 0;
-  // They are behind the poses rather than ahead.
+  // Motion states lag behind the poses (Bullet's latency interpolation) instead of being extrapolated ahead.
   bool lags = true;
 };
 
-// A motion state that is integrated when it is read, with Bullet's own numbers.
+// A motion state that is extrapolated when it is read, bit for bit as Bullet's synchronizeSingleMotionState does.
 class LazyMotionState final : public btMotionState {
  public:
   LazyMotionState(const btTransform &pose, const btRigidBody &owner) : body(owner), state(pose) {}
 
-  // From now on it follows the bodies of a world.
+  // Uses the clock of the world that the body was added to.
   void follow(const MotionClock &world_clock) {
     clock = &world_clock;
     seen = clock->due;
@@ -47,7 +48,7 @@ class LazyMotionState final : public btMotionState {
  private:
   void integrate() const {
     if (body.isStaticOrKinematicObject() || !body.isInWorld()) return;
-    // What sleeps is where it is.
+    // The pose of a sleeping body is not extrapolated.
     if (!body.isActive()) return state.setWorldTransform(body.getWorldTransform());
     const btScalar by = clock->lags ? clock->offset : clock->offset * body.getHitFraction();
     btTransform moved;
@@ -62,13 +63,13 @@ class LazyMotionState final : public btMotionState {
   mutable btDefaultMotionState state;
 };
 
-// A world of any type that leaves out what nobody looks at. Bodies move as in the plain world, bit for bit. Their motion states are
-// lazy ones that follow `clock`.
+// A world of type World without work whose results are not used: motion states are lazy and use `clock`. Bodies move as
+// in the plain world, bit for bit.
 template <typename World>
-class Lean : public World {
+class LazyWorld : public World {
  public:
   template <typename... Arguments>
-  explicit Lean(MotionClock &motion_clock, Arguments... arguments) : World(arguments...), clock(motion_clock) {}
+  explicit LazyWorld(MotionClock &motion_clock, Arguments... arguments) : World(arguments...), clock(motion_clock) {}
 
   void synchronizeMotionStates() override {
     ++clock.due;
@@ -76,7 +77,7 @@ class Lean : public World {
     clock.offset = clock.lags ? this->m_localTime - this->m_fixedTimeStep : this->m_localTime;
   }
 
-  // Bullet predicts the motion of every body before it asks whether it is checked continuously.
+  // Bullet predicts the motion of every body before it checks whether continuous collision detection is enabled for it.
   void createPredictiveContacts(btScalar dt) override {
     this->releasePredictiveContacts();
     btAlignedObjectArray<btRigidBody *> &bodies = this->m_nonStaticRigidBodies;

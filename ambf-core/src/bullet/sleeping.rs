@@ -2,38 +2,40 @@ use bullet_sys as sys;
 
 use super::{BodyHandle, World};
 
-/// Bodies fall asleep below these velocities: m/s and rad/s. Bullet's own 0.8 m/s and 1 rad/s would stop a pendulum of 1 m that swings by
-/// 10°; boxes that lie on each other tremble with up to 0.04 rad/s.
+/// Thresholds of the linear (m/s) and angular (rad/s) speed below which bodies fall asleep. Bullet's 0.8 m/s and 1
+/// rad/s would stop a pendulum of 1 m with an amplitude of 10°; resting stacked boxes jitter by up to 0.04 rad/s.
 const SLEEP_BELOW: (f64, f64) = (0.02, 0.1);
 
 impl World {
-    /// Looks at static bodies only when they are set, not in every sub-step. Contacts are then solved in another order.
-    pub fn rest_static_bodies(&mut self) {
-        let _inside = self.enter();
+    /// Updates AABBs of static bodies only when their pose is set, not in every sub-step. This changes the order of
+    /// pairs, and hence the order of contact rows in the solver.
+    pub fn freeze_static_aabbs(&mut self) {
+        let _arena = self.enter();
         // SAFETY: the world and everything in it are alive.
-        unsafe { sys::amb_world_rest_static(self.raw.as_ptr()) }
+        unsafe { sys::amb_world_freeze_static_aabbs(self.raw.as_ptr()) }
     }
 
-    /// Lets bodies at rest sleep: those that touch or are joined fall asleep together when all of them have been slower than 0.02 m/s and
-    /// 0.1 rad/s for 2 s. They keep their pose, their velocity is zero, and they cost next to nothing. What is set, pushed, driven, joined
-    /// or let go through this interface wakes up with its neighbours, and so does what an awake body comes near. Vehicles never sleep.
-    /// Includes [`rest_static_bodies`](Self::rest_static_bodies). Default: nothing sleeps.
+    /// Enables sleeping: the bodies of an island fall asleep together when all of them have been slower than 0.02 m/s
+    /// and 0.1 rad/s for 2 s. Sleeping bodies keep their pose, have zero velocity and take hardly any time. A body
+    /// wakes up, with its neighbours, when its pose, velocity, force, motor or constraints are changed through this
+    /// interface, and when the AABB of an awake body overlaps its own. Vehicles never sleep. Includes
+    /// [`freeze_static_aabbs`](Self::freeze_static_aabbs). Default: disabled.
     ///
-    /// False, and no effect, for a world with soft bodies: what they press on would not feel it.
-    pub fn let_bodies_sleep(&mut self) -> bool {
-        let _inside = self.enter();
+    /// False, and no effect, for a world with soft bodies: their contact forces would not wake a body.
+    pub fn enable_sleeping(&mut self) -> bool {
+        let _arena = self.enter();
         if self.has_soft_bodies {
             return false;
         }
         // SAFETY: the world and everything in it are alive.
-        unsafe { sys::amb_world_let_sleep(self.raw.as_ptr(), SLEEP_BELOW.0, SLEEP_BELOW.1) }
+        unsafe { sys::amb_world_enable_sleeping(self.raw.as_ptr(), SLEEP_BELOW.0, SLEEP_BELOW.1) }
         true
     }
 
-    /// Whether a body is asleep; never a static one. `None` when it is not there.
+    /// Whether a body is asleep; false for static bodies. `None` when the handle is stale.
     pub fn is_asleep(&self, handle: BodyHandle) -> Option<bool> {
         // SAFETY: the body is alive.
-        Some(unsafe { sys::amb_body_sleeps(self.raw_body(handle)?) } != 0)
+        Some(unsafe { sys::amb_body_is_asleep(self.raw_body(handle)?) } != 0)
     }
 }
 
@@ -59,7 +61,7 @@ mod tests {
     /// A table of 0.2 m on which two cubes lie, asleep.
     fn stack() -> (World, [BodyHandle; 3]) {
         let mut world = World::new(Solver::default());
-        assert!(world.let_bodies_sleep());
+        assert!(world.enable_sleeping());
         world.set_gravity(Vector3::new(0.0, 0.0, -10.0));
         let bodies = [cube(0.0, 0.0), cube(1.0, 0.2), cube(1.0, 0.4)].map(|body| world.add_body(body));
         run(&mut world, 1.5);
@@ -117,7 +119,7 @@ mod tests {
         let acts: [(&str, Act); 4] = [
             ("put away", |world, [table, ..]| world.set_pose(table, &Isometry3::translation(5.0, 0.0, 0.0))),
             ("removed", |world, [table, ..]| assert!(world.remove_body(table))),
-            ("made a picture", |world, [table, ..]| assert!(world.make_drawing(table))),
+            ("made visual-only", |world, [table, ..]| assert!(world.make_visual_only(table))),
             ("ignored", |world, [table, low, _]| world.ignore_collision(table, low)),
         ];
         for (name, act) in acts {
@@ -155,7 +157,7 @@ mod tests {
     #[test]
     fn joints_wake_what_they_hold() {
         let mut world = World::new(Solver::default());
-        world.let_bodies_sleep();
+        world.enable_sleeping();
         world.set_gravity(Vector3::new(0.0, 0.0, -10.0));
         // The hinge's axis is vertical: nothing moves until a motor does.
         let (a, b) = (world.add_body(ball(0.0, 0.0)), world.add_body(ball(2.0, 1.0)));
@@ -187,7 +189,7 @@ mod tests {
     #[test]
     fn a_pendulum_goes_on_swinging() {
         let mut world = World::new(Solver::default());
-        world.let_bodies_sleep();
+        world.enable_sleeping();
         let (a, b) = (world.add_body(ball(0.0, 0.0)), world.add_body(ball(2.0, 1.0)));
         world.add_constraint(a, b, &hinge()).unwrap();
         // It hangs along x; at the lowest point it has the speed of an amplitude of 10°.
@@ -227,7 +229,7 @@ mod tests {
     #[test]
     fn static_bodies_at_rest_are_still_seen_where_they_are_put() {
         let mut world = World::new(Solver::default());
-        world.rest_static_bodies();
+        world.freeze_static_aabbs();
         world.set_gravity(Vector3::new(0.0, 0.0, -10.0));
         let table = world.add_body(cube(0.0, 0.0));
         let falling = world.add_body(cube(1.0, 3.0));
@@ -236,7 +238,7 @@ mod tests {
         run(&mut world, 1.5);
         assert!((height(&world, falling) - 1.2).abs() < 0.01, "{}", height(&world, falling));
         assert_eq!(world.is_asleep(falling), Some(false), "only static ones rest");
-        assert!(!World::with_soft_bodies(Solver::default()).let_bodies_sleep());
+        assert!(!World::with_soft_bodies(Solver::default()).enable_sleeping());
     }
 
     #[test]

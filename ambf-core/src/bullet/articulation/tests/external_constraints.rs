@@ -1,4 +1,4 @@
-//! Ties and contacts between trees and what is outside of them.
+//! External constraints and contacts between articulations and other bodies.
 
 use super::*;
 use crate::bullet::{Integrator, SolverSettings};
@@ -19,8 +19,8 @@ fn add(world: &mut World, mass: f64, x: f64, y: f64) -> Mass {
     (world.add_body(RigidBody { pose: Isometry3::translation(x, y, 0.0), ..link(mass, 0.0) }), mass)
 }
 
-/// A free tree of links of 1 m along x, the middle of the first at `x`.
-fn tree(world: &mut World, masses: &[f64], x: f64, y: f64) -> Vec<Mass> {
+/// A free articulation of links of 1 m along x, the middle of the first at `x`.
+fn articulated_chain(world: &mut World, masses: &[f64], x: f64, y: f64) -> Vec<Mass> {
     let links: Vec<_> = masses.iter().enumerate().map(|(i, &mass)| add(world, mass, x + i as f64, y)).collect();
     let joint = hinge(ConstraintKind::Hinge { limits: None }, 0.5, -0.5);
     let joints: Vec<_> = links.windows(2).map(|of| world.add_constraint(of[0].0, of[1].0, &joint).unwrap()).collect();
@@ -56,7 +56,7 @@ fn momenta(world: &World, bodies: &[Mass]) -> [Vector3<f64>; 2] {
     [linear, angular]
 }
 
-/// Runs for 1 s with a force on the first body; what momenta then lack of what they were and the force gave, as a share.
+/// Runs for 1 s with a force on the first body. Returns the relative errors of the linear and angular momentum.
 fn lost(world: &mut World, bodies: &[Mass], force: Vector3<f64>) -> [f64; 2] {
     let mut expected = momenta(world, bodies);
     let (mut linear, mut angular) = (expected[0].norm(), expected[1].norm());
@@ -82,7 +82,7 @@ fn trees_and_what_they_hold_keep_their_momenta() {
         // From as heavy as the tree to a crumb.
         for mass in [5.0, 0.1, 1e-3] {
             let mut world = accurate();
-            let mut bodies = tree(&mut world, &[1.0, 2.0, 0.5], 0.0, 0.0);
+            let mut bodies = articulated_chain(&mut world, &[1.0, 2.0, 0.5], 0.0, 0.0);
             bodies.push(add(&mut world, mass, 2.6, 0.2));
             let (link, held) = (bodies[2].0, bodies[3].0);
             tie(&mut world, link, held);
@@ -102,8 +102,8 @@ fn trees_and_what_they_hold_keep_their_momenta() {
 fn two_tied_trees_keep_their_momenta() {
     for push in PUSHES {
         let mut world = accurate();
-        let mut bodies = tree(&mut world, &[1.0, 2.0], 0.0, 0.0);
-        bodies.extend(tree(&mut world, &[0.5, 0.1], 1.2, 0.3));
+        let mut bodies = articulated_chain(&mut world, &[1.0, 2.0], 0.0, 0.0);
+        bodies.extend(articulated_chain(&mut world, &[0.5, 0.1], 1.2, 0.3));
         let (link, held) = (bodies[1].0, bodies[2].0);
         tie(&mut world, link, held);
         assert!(bodies.iter().all(|&(body, _)| world.articulation(body).is_some()));
@@ -121,7 +121,7 @@ fn a_tree_hangs_from_a_static_body() {
     let mut world = accurate();
     world.set_gravity(Vector3::new(0.0, -GRAVITY, 0.0));
     let fixture = add(&mut world, 0.0, 0.0, 0.2).0;
-    let links = tree(&mut world, &[1.0, 0.5], 0.0, 0.0);
+    let links = articulated_chain(&mut world, &[1.0, 0.5], 0.0, 0.0);
     let held = tie(&mut world, links[0].0, fixture);
     let before = world.pose(links[0].0).unwrap();
     world.set_pose(
@@ -152,7 +152,7 @@ fn a_tie_that_its_tree_cannot_follow_does_no_harm() {
 #[test]
 fn a_tree_that_pushes_a_box_keeps_its_momentum() {
     let mut world = accurate();
-    let mut bodies = tree(&mut world, &[1.0, 0.5], 0.0, 0.0);
+    let mut bodies = articulated_chain(&mut world, &[1.0, 0.5], 0.0, 0.0);
     let shape = Shape::cuboid(Vector3::new(0.1, 0.1, 0.1), 0.001);
     let block = RigidBody { shape, pose: Isometry3::translation(1.5, 0.08, 0.03), ..link(0.3, 0.0) };
     bodies.push((world.add_body(block), 0.3));

@@ -12,9 +12,9 @@ pub enum Solver {
     ProjectedGaussSeidel,
     /// Lemke's pivoting solver.
     Lemke,
-    /// Sequential impulses that start friction from the impulses of the step before, as the Bullet of the C++ program did.
+    /// Sequential impulses with warm-started friction, as in the Bullet version of the C++ program.
     WarmFriction,
-    /// Direct solution of every group of joined and touching bodies for which it is cheap, else sequential impulses with the
+    /// Direct solution of every island for which the cost is within the budget, else sequential impulses with the
     /// corrections of [`AccurateSettings`](super::AccurateSettings).
     Accurate,
 }
@@ -42,7 +42,7 @@ impl Solver {
     }
 }
 
-/// How bodies without contacts and constraints are moved.
+/// Integrator of free bodies: those without contacts and constraints.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Integrator {
     /// Bullet's semi-implicit Euler, first order in the sub-step. The default.

@@ -1,15 +1,17 @@
-#include "tie_solver.h"
+#include "articulation_solver.h"
 
-#include "tree_rows.h"
+#include "articulation_rows.h"
 
 const AmbMlcpTable *mlcp_table = nullptr;
 
 namespace {
 
-// Contacts of a pair of bodies that get rows of rolling and spinning friction.
+// Maximum number of contacts of a pair of bodies with rows of rolling and spinning friction.
 constexpr int ROLLING_CONTACTS = 4;
 
-AmbTree &tree_of(const btMultiBody &multi_body) { return *static_cast<AmbTree *>(multi_body.getUserPointer()); }
+AmbArticulation &articulation_of(const btMultiBody &multi_body) {
+  return *static_cast<AmbArticulation *>(multi_body.getUserPointer());
+}
 
 void clear(btMultiBodySolverConstraint &row) {
   const btVector3 zero(0, 0, 0);
@@ -26,10 +28,11 @@ void clear(btMultiBodySolverConstraint &row) {
   row.m_upperLimit = BT_LARGE_FLOAT;
 }
 
-// Room for the row's numbers of an articulation, which are 0.
-btScalar *begin_side(btMultiBodySolverConstraint &row, int side, AmbTree &tree, int link, btMultiBodyJacobianData &data) {
-  btMultiBody &multi_body = *tree.multi_body;
-  const int n = static_cast<int>(tree.dynamics.velocity_size()), at = data.m_jacobians.size();
+// Appends a Jacobian of zeros for one side of a row that acts on an articulation, and returns it.
+btScalar *begin_side(btMultiBodySolverConstraint &row, int side, AmbArticulation &articulation, int link,
+                     btMultiBodyJacobianData &data) {
+  btMultiBody &multi_body = *articulation.multi_body;
+  const int n = static_cast<int>(articulation.dynamics.velocity_size()), at = data.m_jacobians.size();
   int velocity = multi_body.getCompanionId();
   if (velocity < 0) {
     velocity = data.m_deltaVelocities.size();
@@ -44,12 +47,13 @@ btScalar *begin_side(btMultiBodySolverConstraint &row, int side, AmbTree &tree, 
   return &data.m_jacobians[at];
 }
 
-// Brings the numbers into the coordinates of rows, and returns the response of the row so far.
-btScalar finish_side(const btMultiBodySolverConstraint &row, int side, const AmbTree &tree, btMultiBodyJacobianData &data) {
-  const int n = static_cast<int>(tree.dynamics.velocity_size()), at = side ? row.m_jacBindex : row.m_jacAindex;
-  tree.dynamics.normalise(&data.m_jacobians[at]);
+// Transforms the Jacobian of one side to the coordinates z, and returns this side's part of J M^-1 J^T.
+btScalar finish_side(const btMultiBodySolverConstraint &row, int side, const AmbArticulation &articulation,
+                     btMultiBodyJacobianData &data) {
+  const int n = static_cast<int>(articulation.dynamics.velocity_size()), at = side ? row.m_jacBindex : row.m_jacAindex;
+  articulation.dynamics.normalise(&data.m_jacobians[at]);
   data.m_deltaVelocitiesUnitImpulse.resize(at + n);
-  // The other side may push another member of the same articulation.
+  // If both sides act on members of the same articulation, the mixed terms are added too.
   const bool is_twice = side == 1 && row.m_multiBodyA == row.m_multiBodyB;
   btScalar response = 0;
   for (int k = 0; k < n; ++k) {
@@ -62,7 +66,8 @@ btScalar finish_side(const btMultiBodySolverConstraint &row, int side, const Amb
 
 }  // namespace
 
-btMultiBodySolverConstraint &EngineRows::new_row(btMultiBodyConstraintArray &rows, int index, const btMultiBodyJacobianData &data) {
+btMultiBodySolverConstraint &EngineRows::new_row(btMultiBodyConstraintArray &rows, int index,
+                                                 const btMultiBodyJacobianData &data) {
   btMultiBodySolverConstraint &row = rows.expandNonInitializing();
   clear(row);
   row.m_orgConstraint = this;
@@ -71,34 +76,37 @@ btMultiBodySolverConstraint &EngineRows::new_row(btMultiBodyConstraintArray &row
   return row;
 }
 
-RowMotion push_member(btMultiBodySolverConstraint &row, int side, AmbTree &tree, int member, const btVector3 &linear, const btVector3 &angular,
-                      btMultiBodyJacobianData &data) {
+RowMotion act_on_member(btMultiBodySolverConstraint &row, int side, AmbArticulation &articulation, int member,
+                        const btVector3 &linear, const btVector3 &angular, btMultiBodyJacobianData &data) {
   (side ? row.m_contactNormal2 : row.m_contactNormal1) = linear;
   (side ? row.m_relpos2CrossNormal : row.m_relpos1CrossNormal) = angular;
-  tree.dynamics.add_push(member, linear, angular, begin_side(row, side, tree, member - 1, data));
+  articulation.dynamics.add_jacobian(member, linear, angular, begin_side(row, side, articulation, member - 1, data));
   RowMotion motion;
-  motion.velocity = linear.dot(tree.dynamics.linear[member]) + angular.dot(tree.dynamics.angular[member]);
-  motion.response = finish_side(row, side, tree, data);
+  motion.velocity =
+      linear.dot(articulation.dynamics.linear[member]) + angular.dot(articulation.dynamics.angular[member]);
+  motion.response = finish_side(row, side, articulation, data);
   return motion;
 }
 
-RowMotion push_coordinate(btMultiBodySolverConstraint &row, AmbTree &tree, int coordinate, btMultiBodyJacobianData &data) {
-  begin_side(row, 0, tree, -1, data)[6 + coordinate] = 1;
+RowMotion act_on_coordinate(btMultiBodySolverConstraint &row, AmbArticulation &articulation, int coordinate,
+                            btMultiBodyJacobianData &data) {
+  begin_side(row, 0, articulation, -1, data)[6 + coordinate] = 1;
   RowMotion motion;
-  motion.velocity = tree.free_rate.q[coordinate];
-  motion.response = finish_side(row, 0, tree, data);
+  motion.velocity = articulation.free_rate.q[coordinate];
+  motion.response = finish_side(row, 0, articulation, data);
   return motion;
 }
 
-RowMotion push_body(btMultiBodySolverConstraint &row, int side, int id, const btVector3 &linear, const btVector3 &angular,
-                    const btAlignedObjectArray<btSolverBody> &bodies) {
+RowMotion act_on_body(btMultiBodySolverConstraint &row, int side, int id, const btVector3 &linear,
+                      const btVector3 &angular, const btAlignedObjectArray<btSolverBody> &bodies) {
   (side ? row.m_solverBodyIdB : row.m_solverBodyIdA) = id;
   (side ? row.m_contactNormal2 : row.m_contactNormal1) = linear;
   (side ? row.m_relpos2CrossNormal : row.m_relpos1CrossNormal) = angular;
   const btSolverBody &body = bodies[id];
   RowMotion motion;
   if (!body.m_originalBody) return motion;
-  const btVector3 turned = body.m_originalBody->getInvInertiaTensorWorld() * angular * body.m_originalBody->getAngularFactor();
+  const btVector3 turned =
+      body.m_originalBody->getInvInertiaTensorWorld() * angular * body.m_originalBody->getAngularFactor();
   (side ? row.m_angularComponentB : row.m_angularComponentA) = turned;
   motion.velocity = linear.dot(body.m_linearVelocity + body.m_externalForceImpulse) +
                     angular.dot(body.m_angularVelocity + body.m_externalTorqueImpulse);
@@ -106,11 +114,11 @@ RowMotion push_body(btMultiBodySolverConstraint &row, int side, int id, const bt
   return motion;
 }
 
-// A point at which a link touches something.
-struct TieSolver::LinkContact {
+// A contact point of a link.
+struct ArticulationSolver::LinkContact {
   struct Touching {
-    AmbTree *tree = nullptr;
-    // Of the articulation; else the body in the solver.
+    AmbArticulation *articulation = nullptr;
+    // Index of the member of the articulation; or of the solver body if `articulation` is null.
     int member = 0, id = 0;
     btVector3 center{0, 0, 0};
   };
@@ -119,7 +127,7 @@ struct TieSolver::LinkContact {
   int normal = 0;
 };
 
-void TieSolver::convertContacts(btPersistentManifold **manifolds, int n, const btContactSolverInfo &info) {
+void ArticulationSolver::convertContacts(btPersistentManifold **manifolds, int n, const btContactSolverInfo &info) {
   for (int i = 0; i < n; ++i) {
     btPersistentManifold &manifold = *manifolds[i];
     if (btMultiBodyLinkCollider::upcast(manifold.getBody0()) || btMultiBodyLinkCollider::upcast(manifold.getBody1())) {
@@ -135,17 +143,17 @@ void TieSolver::convertContacts(btPersistentManifold **manifolds, int n, const b
   }
 }
 
-void TieSolver::convert_link_contacts(btPersistentManifold &manifold, const btContactSolverInfo &info) {
+void ArticulationSolver::convert_link_contacts(btPersistentManifold &manifold, const btContactSolverInfo &info) {
   const btScalar h = info.m_timeStep;
   LinkContact contact;
   for (int k = 0; k < 2; ++k) {
     LinkContact::Touching &side = contact.sides[k];
-    // Bullet numbers the bodies that it solves for in themselves.
+    // getOrInitSolverBody stores the index of the solver body in the object.
     auto &object = const_cast<btCollisionObject &>(k ? *manifold.getBody1() : *manifold.getBody0());
     if (const btMultiBodyLinkCollider *collider = btMultiBodyLinkCollider::upcast(&object)) {
-      side.tree = &tree_of(*collider->m_multiBody);
+      side.articulation = &articulation_of(*collider->m_multiBody);
       side.member = collider->m_link + 1;
-      side.center = side.tree->dynamics.origins[side.member];
+      side.center = side.articulation->dynamics.origins[side.member];
     } else {
       side.id = getOrInitSolverBody(object, h);
       side.center = m_tmpSolverBodyPool[side.id].getWorldTransform().getOrigin();
@@ -160,16 +168,18 @@ void TieSolver::convert_link_contacts(btPersistentManifold &manifold, const btCo
     contact.normal = m_multiBodyNormalContactConstraints.size();
     RowMotion motion;
     Row &row = add_contact_row(m_multiBodyNormalContactConstraints, contact, point.m_normalWorldOnB, none, motion);
-    const btScalar cfm = info.m_globalCfm / h, whole = motion.response + cfm, gap = point.getDistance() + info.m_linearSlop;
-    const btScalar bounce =
-        std::max(btScalar(0), restitutionCurve(motion.velocity, point.m_combinedRestitution, info.m_restitutionVelocityThreshold));
+    const btScalar cfm = info.m_globalCfm / h, whole = motion.response + cfm,
+                   gap = point.getDistance() + info.m_linearSlop;
+    const btScalar bounce = std::max(btScalar(0), restitutionCurve(motion.velocity, point.m_combinedRestitution,
+                                                                   info.m_restitutionVelocityThreshold));
     row.m_jacDiagABInv = whole > SIMD_EPSILON ? info.m_sor / whole : 0;
     row.m_rhs = (bounce - motion.velocity - (gap > 0 ? gap : gap * info.m_erp2) / h) * row.m_jacDiagABInv;
     row.m_cfm = cfm * row.m_jacDiagABInv;
     row.m_lowerLimit = 0;
     row.m_friction = point.m_combinedFriction;
     row.m_frictionIndex = m_multiBodyFrictionContactConstraints.size();
-    if (info.m_solverMode & SOLVER_USE_ARTICULATED_WARMSTARTING) apply(row, point.m_appliedImpulse * info.m_articulatedWarmstartingFactor);
+    if (info.m_solverMode & SOLVER_USE_ARTICULATED_WARMSTARTING)
+      apply(row, point.m_appliedImpulse * info.m_articulatedWarmstartingFactor);
 
     btVector3 &first = point.m_lateralFrictionDir1, &second = point.m_lateralFrictionDir2;
     btPlaneSpace1(point.m_normalWorldOnB, first, second);
@@ -182,7 +192,8 @@ void TieSolver::convert_link_contacts(btPersistentManifold &manifold, const btCo
       }
       if (point.m_combinedRollingFriction > 0) {
         for (const btVector3 &axis : {first, second}) {
-          add_friction_row(m_multiBodyTorsionalFrictionContactConstraints, contact, none, axis, point.m_combinedRollingFriction, 0, info);
+          add_friction_row(m_multiBodyTorsionalFrictionContactConstraints, contact, none, axis,
+                           point.m_combinedRollingFriction, 0, info);
         }
       }
     }
@@ -192,28 +203,32 @@ void TieSolver::convert_link_contacts(btPersistentManifold &manifold, const btCo
   }
 }
 
-// Along a direction at the contact, or about one.
-TieSolver::Row &TieSolver::add_contact_row(btMultiBodyConstraintArray &rows, const LinkContact &contact, const btVector3 &linear,
-                                           const btVector3 &angular, RowMotion &motion) {
+// Appends a row along a linear direction at the contact point, or about an angular one.
+ArticulationSolver::Row &ArticulationSolver::add_contact_row(btMultiBodyConstraintArray &rows,
+                                                             const LinkContact &contact, const btVector3 &linear,
+                                                             const btVector3 &angular, RowMotion &motion) {
   Row &row = rows.expandNonInitializing();
   clear(row);
   row.m_solverBodyIdA = row.m_solverBodyIdB = m_fixedBodyId;
   row.m_originalContactPoint = contact.point;
   for (int k = 0; k < 2; ++k) {
     const LinkContact::Touching &side = contact.sides[k];
-    const btVector3 arm = (k ? contact.point->getPositionWorldOnB() : contact.point->getPositionWorldOnA()) - side.center;
+    const btVector3 arm =
+        (k ? contact.point->getPositionWorldOnB() : contact.point->getPositionWorldOnA()) - side.center;
     const btScalar sign = k ? -1 : 1;
     const btVector3 push = linear * sign, turn = (angular + arm.cross(linear)) * sign;
-    const RowMotion part = side.tree ? push_member(row, k, *side.tree, side.member, push, turn, m_data)
-                                     : push_body(row, k, side.id, push, turn, m_tmpSolverBodyPool);
+    const RowMotion part = side.articulation
+                               ? act_on_member(row, k, *side.articulation, side.member, push, turn, m_data)
+                               : act_on_body(row, k, side.id, push, turn, m_tmpSolverBodyPool);
     motion.velocity += part.velocity;
     motion.response += part.response;
   }
   return row;
 }
 
-void TieSolver::add_friction_row(btMultiBodyConstraintArray &rows, const LinkContact &contact, const btVector3 &linear,
-                                 const btVector3 &angular, btScalar friction, btScalar guess, const btContactSolverInfo &info) {
+void ArticulationSolver::add_friction_row(btMultiBodyConstraintArray &rows, const LinkContact &contact,
+                                          const btVector3 &linear, const btVector3 &angular, btScalar friction,
+                                          btScalar guess, const btContactSolverInfo &info) {
   RowMotion motion;
   Row &row = add_contact_row(rows, contact, linear, angular, motion);
   const btScalar cfm = info.m_frictionCFM / info.m_timeStep, whole = motion.response + cfm;
@@ -227,13 +242,13 @@ void TieSolver::add_friction_row(btMultiBodyConstraintArray &rows, const LinkCon
   if (info.m_solverMode & SOLVER_USE_ARTICULATED_WARMSTARTING) apply(row, guess * info.m_articulatedWarmstartingFactor);
 }
 
-TieSolver::Sides TieSolver::sides_of(Row &row) {
+ArticulationSolver::Sides ArticulationSolver::sides_of(Row &row) {
   Sides result{&row, {}};
   for (int k = 0; k < 2; ++k) {
     Side &side = result.sides[k];
-    side.tree = k ? row.m_multiBodyB : row.m_multiBodyA;
-    if (side.tree) {
-      side.n = side.tree->getNumDofs() + 6;
+    side.multi_body = k ? row.m_multiBodyB : row.m_multiBodyA;
+    if (side.multi_body) {
+      side.n = side.multi_body->getNumDofs() + 6;
       side.jacobian = k ? row.m_jacBindex : row.m_jacAindex;
       side.velocity = k ? row.m_deltaVelBindex : row.m_deltaVelAindex;
       continue;
@@ -249,19 +264,19 @@ TieSolver::Sides TieSolver::sides_of(Row &row) {
   return result;
 }
 
-void TieSolver::apply(Row &row, btScalar impulse) {
+void ArticulationSolver::apply(Row &row, btScalar impulse) {
   row.m_appliedImpulse = btScalar(row.m_appliedImpulse) + impulse;
   if (impulse == 0) return;
   for (const Side &side : sides_of(row).sides) {
     if (side.body) side.body->internalApplyImpulse(side.by_linear, side.by_angular, impulse);
-    if (!side.tree) continue;
+    if (!side.multi_body) continue;
     btScalar *response = &m_data.m_deltaVelocitiesUnitImpulse[side.jacobian];
     applyDeltaVee(response, impulse, side.velocity, side.n);
-    side.tree->applyDeltaVeeMultiDof2(response, impulse);
+    side.multi_body->applyDeltaVeeMultiDof2(response, impulse);
   }
 }
 
-void TieSolver::set_change(btMultiBody &tree, int velocity, const double *change) {
-  std::copy(change, change + tree.getNumDofs() + 6, &m_data.m_deltaVelocities[velocity]);
-  tree.applyDeltaVeeMultiDof2(change, 1);
+void ArticulationSolver::set_change(btMultiBody &multi_body, int velocity, const double *change) {
+  std::copy(change, change + multi_body.getNumDofs() + 6, &m_data.m_deltaVelocities[velocity]);
+  multi_body.applyDeltaVeeMultiDof2(change, 1);
 }

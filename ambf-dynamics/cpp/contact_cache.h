@@ -1,6 +1,6 @@
-// What contacts did in the sub-step before: the solver's guess for this one. C++ only.
-#ifndef AMB_CONTACT_MEMORY_H
-#define AMB_CONTACT_MEMORY_H
+// Contact impulses of the last sub-step, for warm starting. C++ only.
+#ifndef AMB_CONTACT_CACHE_H
+#define AMB_CONTACT_CACHE_H
 
 #include <BulletCollision/NarrowPhaseCollision/btPersistentManifold.h>
 
@@ -8,17 +8,17 @@
 
 #include "arena_memory.h"
 
-class ContactMemory {
+class ContactCache {
  public:
   struct Contact {
-    // In the frame of the first object, m.
-    btVector3 place{0, 0, 0};
+    // Contact point in the frame of the first object, m.
+    btVector3 local_position{0, 0, 0};
     // Impulses of the contact and of its friction, N s, and of rolling and spinning friction, N m s.
     btScalar normal = 0;
     btVector3 friction{0, 0, 0}, torque{0, 0, 0};
-    // It was there in the sub-step before.
+    // It was matched to a contact of the last sub-step.
     bool is_known = false;
-    // A contact of the next sub-step is taken for it.
+    // A contact of the next sub-step was matched to it.
     bool is_taken = false;
   };
 
@@ -35,12 +35,14 @@ class ContactMemory {
     begin();
   }
 
-  // Finds the contacts of an island. Points bear the number of their contact until the next sub-step; those that Bullet makes anew in each
-  // one, of concave meshes, are found by their places.
-  void recall(btPersistentManifold **manifolds, int n) {
+  // Matches the contact points of an island to those of the last sub-step. m_userPersistentData of a point holds the
+  // index of its contact plus 1 until the next sub-step. Points of concave meshes, which Bullet creates anew in each
+  // sub-step, are matched by position.
+  void match(btPersistentManifold **manifolds, int n) {
     for (int i = 0; i < n; ++i) {
       const btPersistentManifold &manifold = *manifolds[i];
-      const Pair pair{manifold.getBody0(), manifold.getBody1(), contacts_.size(), contacts_.size() + manifold.getNumContacts()};
+      const Pair pair{manifold.getBody0(), manifold.getBody1(), contacts_.size(),
+                      contacts_.size() + manifold.getNumContacts()};
       pairs_.push_back(pair);
       for (int k = 0; k < manifold.getNumContacts(); ++k) {
         btManifoldPoint &point = manifolds[i]->getContactPoint(k);
@@ -52,23 +54,23 @@ class ContactMemory {
           contact.is_taken = false;
           point.m_appliedImpulse = contact.normal;
         }
-        contact.place = point.m_localPointA;
+        contact.local_position = point.m_localPointA;
         contacts_.push_back(contact);
         point.m_userPersistentData = reinterpret_cast<void *>(contacts_.size());
       }
     }
   }
 
-  // That of a row of the normal impulse, of rigid bodies or of articulations.
+  // The contact of a normal row, of rigid bodies or of articulations.
   template <class Row>
   Contact &of(const Row &normal) {
     const auto &point = *static_cast<const btManifoldPoint *>(normal.m_originalContactPoint);
     return contacts_[reinterpret_cast<size_t>(point.m_userPersistentData) - 1];
   }
 
-  // Keeps the impulses of all rows of an island.
+  // Stores the impulses of all contact rows of an island.
   template <class Rows>
-  void remember(const Rows &normals, const Rows &frictions, std::initializer_list<const Rows *> rolling) {
+  void store(const Rows &normals, const Rows &frictions, std::initializer_list<const Rows *> rolling) {
     for (int i = 0; i < normals.size(); ++i) {
       Contact &contact = of(normals[i]);
       contact.normal = normals[i].m_appliedImpulse;
@@ -94,7 +96,8 @@ class ContactMemory {
     size_t begin, end;
   };
 
-  // The same contact in the sub-step before, or the nearest one of the same objects, at most that far away.
+  // The same contact in the last sub-step, or else the nearest unmatched one of the same objects within `farthest` m;
+  // null: none.
   Contact *find(const Pair &like, const btManifoldPoint &point, btScalar farthest) {
     const size_t number = reinterpret_cast<size_t>(point.m_userPersistentData);
     Contact *nearest = nullptr;
@@ -104,7 +107,7 @@ class ContactMemory {
       for (size_t i = pair.begin; i < pair.end; ++i) {
         Contact &before = before_[i];
         if (i + 1 == number) return &before;
-        const btScalar distance = point.m_localPointA.distance2(before.place);
+        const btScalar distance = point.m_localPointA.distance2(before.local_position);
         if (before.is_taken || distance > least) continue;
         least = distance;
         nearest = &before;
@@ -113,7 +116,7 @@ class ContactMemory {
     return nearest;
   }
 
-  // Of all islands of this sub-step and of the one before.
+  // Contacts and pairs of all islands of this sub-step and of the last one.
   Vector<Contact> contacts_, before_;
   Vector<Pair> pairs_, pairs_before_;
 };

@@ -1,16 +1,16 @@
 #include "position_error.h"
-#include "tree_rows.h"
+#include "articulation_rows.h"
 
 namespace {
 
-TreeDynamics::Motion motion_of(AmbConstraint &c) {
+ArticulationDynamics::JointType joint_type_of(AmbConstraint &c) {
   switch (c.kind) {
-    case Kind::Hinge: return TreeDynamics::Motion::Revolute;
-    case Kind::Slider: return TreeDynamics::Motion::Prismatic;
+    case Kind::Hinge: return ArticulationDynamics::JointType::Revolute;
+    case Kind::Slider: return ArticulationDynamics::JointType::Prismatic;
     case Kind::SixDofSpring:
-      if (moves_about_z(c)) return TreeDynamics::Motion::Revolute;
-      return moves_along_z(c) ? TreeDynamics::Motion::Prismatic : TreeDynamics::Motion::Fixed;
-    default: return TreeDynamics::Motion::Fixed;
+      if (moves_about_z(c)) return ArticulationDynamics::JointType::Revolute;
+      return moves_along_z(c) ? ArticulationDynamics::JointType::Prismatic : ArticulationDynamics::JointType::Fixed;
+    default: return ArticulationDynamics::JointType::Fixed;
   }
 }
 
@@ -29,21 +29,21 @@ btTransform frame_of(AmbConstraint &c, bool of_b) {
 
 btVector3 axis_of(const AmbConstraint &c) { return c.kind == Kind::Slider ? btVector3(1, 0, 0) : btVector3(0, 0, 1); }
 
-// How far apart axes and pivots of a spring and its joint may be: rad and m.
-constexpr btScalar SAME_AXIS = 2e-3;
+// Largest difference between the axes (rad) and pivots (m) of a spring and its joint.
+constexpr btScalar AXIS_TOLERANCE = 2e-3;
 
 // Whether a spring acts on the coordinate of a joint between the same bodies.
 bool acts_along(AmbConstraint &spring, AmbConstraint &joint) {
-  const TreeDynamics::Motion motion = motion_of(spring);
-  if (motion == TreeDynamics::Motion::Fixed || motion != motion_of(joint)) return false;
+  const ArticulationDynamics::JointType type = joint_type_of(spring);
+  if (type == ArticulationDynamics::JointType::Fixed || type != joint_type_of(joint)) return false;
   const bool same_order = &first_of(spring) == &first_of(joint);
   for (bool of_b : {false, true}) {
     const btTransform theirs = frame_of(joint, of_b), own = frame_of(spring, same_order ? of_b : !of_b);
     const btVector3 axis = theirs.getBasis() * axis_of(joint);
-    if (axis.cross(own.getBasis() * axis_of(spring)).length() > SAME_AXIS) return false;
-    // Where it is along the axis doesn't matter, for a slider not even where the axis is.
-    const bool hinge = motion == TreeDynamics::Motion::Revolute;
-    if (hinge && axis.cross(own.getOrigin() - theirs.getOrigin()).length() > SAME_AXIS) return false;
+    if (axis.cross(own.getBasis() * axis_of(spring)).length() > AXIS_TOLERANCE) return false;
+    // For a hinge the distance between the axes counts, for a slider only their directions.
+    const bool hinge = type == ArticulationDynamics::JointType::Revolute;
+    if (hinge && axis.cross(own.getOrigin() - theirs.getOrigin()).length() > AXIS_TOLERANCE) return false;
   }
   return true;
 }
@@ -53,29 +53,30 @@ bool joins_the_same(const AmbConstraint &a, const AmbConstraint &b) {
          (&first_of(a) == &second_of(b) && &second_of(a) == &first_of(b));
 }
 
-// Angle a sub-step from which on rates are kept from gaining energy by the change of position, rad.
+// Largest turn in a sub-step for which no limit of the kinetic energy is needed at the new position, rad.
 constexpr btScalar FAST_TURN = 0.05;
 
-// How far off its joint a body may be that is moved into it: m and rad. Farther it is for constraints to pull.
-constexpr btScalar NEAR = 0.02, NEARLY_PARALLEL = 0.05;
+// Largest position error of a joint, m and rad, up to which its child is moved onto the joint. With larger errors the
+// joint stays a constraint.
+constexpr btScalar MAX_INITIAL_GAP = 0.02, MAX_INITIAL_ANGLE = 0.05;
 
-// Whether the bodies of a joint are where a coordinate of it puts them, but for little.
+// Whether the position error of a joint is within these limits.
 bool fits(AmbConstraint &joint) {
   const btTransform a = first_of(joint).body.getWorldTransform() * frame_of(joint, false);
   const btTransform b = second_of(joint).body.getWorldTransform() * frame_of(joint, true);
   const btVector3 axis = a.getBasis() * axis_of(joint);
   btVector3 gap = b.getOrigin() - a.getOrigin();
-  const TreeDynamics::Motion motion = motion_of(joint);
-  if (motion == TreeDynamics::Motion::Prismatic) gap -= axis * axis.dot(gap);
+  const ArticulationDynamics::JointType type = joint_type_of(joint);
+  if (type == ArticulationDynamics::JointType::Prismatic) gap -= axis * axis.dot(gap);
   btScalar angle;
-  if (motion == TreeDynamics::Motion::Revolute) {
+  if (type == ArticulationDynamics::JointType::Revolute) {
     const btVector3 other = b.getBasis() * axis_of(joint);
     angle = btAtan2(axis.cross(other).length(), axis.dot(other));
   } else {
     const btQuaternion turn = b.getRotation() * a.getRotation().inverse();
     angle = 2 * btAtan2(btVector3(turn.x(), turn.y(), turn.z()).length(), btFabs(turn.w()));
   }
-  return gap.length() < NEAR && angle < NEARLY_PARALLEL;
+  return gap.length() < MAX_INITIAL_GAP && angle < MAX_INITIAL_ANGLE;
 }
 
 AmbConstraint *joint_of(AmbConstraint &spring, AmbConstraint *const *joints, int n) {
@@ -85,11 +86,11 @@ AmbConstraint *joint_of(AmbConstraint &spring, AmbConstraint *const *joints, int
   return nullptr;
 }
 
-// A share of velocity lost in 1 s as the rate of its decay. What is lost at once is lost in a step of 0.1 ms.
+// Decay rate, 1/s, for a share of the velocity lost in 1 s; at most 1e4 1/s.
 btScalar drag_of(btScalar share) { return share > 0 ? std::fmin(-std::log1p(-std::fmin(share, btScalar(1))), 1e4) : 0; }
 
-TreeDynamics::Body body_of(const AmbBody &body) {
-  TreeDynamics::Body result;
+ArticulationDynamics::Body body_of(const AmbBody &body) {
+  ArticulationDynamics::Body result;
   const btScalar inverse = body.body.getInvMass();
   result.mass = inverse > 0 ? 1 / inverse : 0;
   result.inertia = inverse > 0 ? body.body.getLocalInertia() : btVector3(0, 0, 0);
@@ -107,13 +108,14 @@ bool differ(const btTransform &a, const btTransform &b) {
   return !(a.getOrigin() == b.getOrigin() && a.getBasis() == b.getBasis());
 }
 
-btTransform transform_of(const TreeDynamics &dynamics, size_t body) {
+btTransform transform_of(const ArticulationDynamics &dynamics, size_t body) {
   return btTransform(dynamics.rotations[body], dynamics.origins[body]);
 }
 
 }  // namespace
 
-LinkCollider::LinkCollider(AmbBody &owner, btMultiBody *multi_body, int link) : btMultiBodyLinkCollider(multi_body, link) {
+LinkCollider::LinkCollider(AmbBody &owner, btMultiBody *multi_body, int link)
+    : btMultiBodyLinkCollider(multi_body, link) {
   setUserPointer(static_cast<AmbObject *>(&owner));
   setCollisionShape(owner.shape->shape.get());
   setFriction(owner.body.getFriction());
@@ -124,24 +126,24 @@ LinkCollider::LinkCollider(AmbBody &owner, btMultiBody *multi_body, int link) : 
 
 bool LinkCollider::checkCollideWithOverride(const btCollisionObject *other) const {
   const AmbObject *object = object_of(other);
-  for (const AmbObject *one : parted) {
+  for (const AmbObject *one : ignored) {
     if (one == object) return false;
   }
   return btMultiBodyLinkCollider::checkCollideWithOverride(other);
 }
 
-AmbTree::AmbTree(AmbWorld &owner, AmbBody &base, AmbConstraint *const *joints, int n,
-                 AmbConstraint *const *parallel, int n_parallel)
+AmbArticulation::AmbArticulation(AmbWorld &owner, AmbBody &base, AmbConstraint *const *joints, int n,
+                                 AmbConstraint *const *parallel, int n_parallel)
     : world(owner), dynamics(base.body.getInvMass() == 0) {
   const bool fixed = dynamics.fixed_base;
   dynamics.bodies.push_back(body_of(base));
   members.push_back({&base, nullptr, nullptr, nullptr});
   multi_body = std::make_unique<btMultiBody>(n, dynamics.bodies[0].mass, dynamics.bodies[0].inertia, fixed, false);
   auto member_of = [this](const AmbBody *body) {
-    // A fixed base may be the base of other trees.
-    return body == members[0].body ? 0 : body->tree == this ? body->member : -1;
+    // A fixed base may be the base of several articulations and has no `articulation`.
+    return body == members[0].body ? 0 : body->articulation == this ? body->member : -1;
   };
-  if (!fixed) base.tree = this;
+  if (!fixed) base.articulation = this;
   for (int i = 0; i < n; ++i) {
     AmbConstraint &joint = *joints[i];
     const bool from_a = member_of(&first_of(joint)) >= 0;
@@ -149,29 +151,29 @@ AmbTree::AmbTree(AmbWorld &owner, AmbBody &base, AmbConstraint *const *joints, i
     const int parent = member_of(from_a ? &first_of(joint) : &second_of(joint));
     const btTransform in_parent = frame_of(joint, !from_a), in_child = frame_of(joint, from_a);
     const btVector3 axis = axis_of(joint);
-    // The coordinate is that of B with respect to A.
-    dynamics.add(body_of(child), parent, motion_of(joint), from_a ? axis : -axis, in_parent, in_child);
-    child.tree = this;
+    // The coordinate is that of body B relative to body A.
+    dynamics.add(body_of(child), parent, joint_type_of(joint), from_a ? axis : -axis, in_parent, in_child);
+    child.articulation = this;
     child.member = i + 1;
-    joint.tree = this;
+    joint.articulation = this;
     joint.link = i + 1;
     has_feedback |= joint.feedback != nullptr;
     members.push_back({&child, &joint, nullptr, nullptr});
 
-    const TreeDynamics::Link &link = dynamics.links[i];
-    const TreeDynamics::Body &body = dynamics.bodies[i + 1];
+    const ArticulationDynamics::Link &link = dynamics.links[i];
+    const ArticulationDynamics::Body &body = dynamics.bodies[i + 1];
     btQuaternion rotation;
     link.rotation.transpose().getRotation(rotation);
     const btVector3 local_axis = link.rotation.transpose() * link.axis;
-    switch (link.motion) {
-      case TreeDynamics::Motion::Revolute:
+    switch (link.type) {
+      case ArticulationDynamics::JointType::Revolute:
         multi_body->setupRevolute(i, body.mass, body.inertia, parent - 1, rotation, local_axis, link.pivot, link.arm);
         break;
-      case TreeDynamics::Motion::Prismatic:
+      case ArticulationDynamics::JointType::Prismatic:
         multi_body->setupPrismatic(i, body.mass, body.inertia, parent - 1, rotation, local_axis, link.pivot, link.arm,
                                    false);
         break;
-      case TreeDynamics::Motion::Fixed:
+      case ArticulationDynamics::JointType::Fixed:
         multi_body->setupFixed(i, body.mass, body.inertia, parent - 1, rotation, link.pivot, link.arm);
         break;
     }
@@ -188,8 +190,8 @@ AmbTree::AmbTree(AmbWorld &owner, AmbBody &base, AmbConstraint *const *joints, i
   rate.q.resize(dynamics.coordinates);
   free_position = position;
   free_rate = rate;
-  for (size_t i = 1; i < members.size(); ++i) world.trees->removeConstraint(members[i].joint->constraint.get());
-  for (int i = 0; i < n_parallel; ++i) world.trees->removeConstraint(parallel[i]->constraint.get());
+  for (size_t i = 1; i < members.size(); ++i) world.articulated->removeConstraint(members[i].joint->constraint.get());
+  for (int i = 0; i < n_parallel; ++i) world.articulated->removeConstraint(parallel[i]->constraint.get());
   for (size_t i = fixed ? 1 : 0; i < members.size(); ++i) {
     Member &member = members[i];
     AmbBody &body = *member.body;
@@ -208,11 +210,11 @@ AmbTree::AmbTree(AmbWorld &owner, AmbBody &base, AmbConstraint *const *joints, i
   }
   for (size_t i = 1; i < members.size(); ++i) {
     const AmbConstraint &joint = *members[i].joint;
-    if (!joint.parts) continue;
-    members[i].collider->parted.push_back(&first_of(joint) == members[i].body ? &second_of(joint) : &first_of(joint));
+    if (!joint.disables_collision) continue;
+    members[i].collider->ignored.push_back(&first_of(joint) == members[i].body ? &second_of(joint) : &first_of(joint));
   }
   poses_set = velocities_set = true;
-  settle();
+  apply_set_state();
   for (size_t i = 1; i < members.size(); ++i) {
     AmbConstraint &joint = *members[i].joint;
     if (joint.kind == Kind::SixDofSpring && dynamics.links[i - 1].coordinate >= 0) add_spring(joint, i - 1, true);
@@ -221,26 +223,26 @@ AmbTree::AmbTree(AmbWorld &owner, AmbBody &base, AmbConstraint *const *joints, i
     AmbConstraint &spring = *parallel[i];
     has_feedback |= spring.feedback != nullptr;
     add_spring(spring, joint_of(spring, joints, n)->link - 1, false);
-    if (!spring.parts) continue;
+    if (!spring.disables_collision) continue;
     LinkCollider &collider = *members[springs.back().link + 1].collider;
-    collider.parted.push_back(&first_of(spring) == members[springs.back().link + 1].body ? &second_of(spring)
-                                                                                       : &first_of(spring));
+    collider.ignored.push_back(&first_of(spring) == members[springs.back().link + 1].body ? &second_of(spring)
+                                                                                          : &first_of(spring));
   }
   joint_rows = std::make_unique<JointRows>(*this);
-  world.trees->addMultiBody(multi_body.get());
-  world.trees->addMultiBodyConstraint(joint_rows.get());
-  world.trees->trees.push_back(this);
+  world.articulated->addMultiBody(multi_body.get());
+  world.articulated->addMultiBodyConstraint(joint_rows.get());
+  world.articulated->articulations.push_back(this);
 }
 
-void AmbTree::add_spring(AmbConstraint &constraint, size_t link, bool is_joint) {
-  const TreeDynamics::Link &joint = dynamics.links[link];
-  const bool is_angle = joint.motion == TreeDynamics::Motion::Revolute;
+void AmbArticulation::add_spring(AmbConstraint &constraint, size_t link, bool is_joint) {
+  const ArticulationDynamics::Link &joint = dynamics.links[link];
+  const bool is_angle = joint.type == ArticulationDynamics::JointType::Revolute;
   auto &six_dof = constraint.as<btGeneric6DofSpring2Constraint>();
   const auto &turn = *six_dof.getRotationalLimitMotor(2);
   const auto &way = *six_dof.getTranslationalLimitMotor();
-  // What has another sign in Bullet has the hinge's here.
+  // Angular quantities have the sign of a hinge here, which is opposite to that of Bullet's six-dof spring.
   const bool enabled = is_angle ? turn.m_enableSpring : way.m_enableSpring[2];
-  TreeDynamics::Spring spring;
+  ArticulationDynamics::Spring spring;
   spring.coordinate = joint.coordinate;
   spring.is_angle = is_angle;
   spring.stiffness = !enabled ? 0 : is_angle ? turn.m_springStiffness : way.m_springStiffness.z();
@@ -261,44 +263,46 @@ void AmbTree::add_spring(AmbConstraint &constraint, size_t link, bool is_joint) 
       low = (low - spring.offset) * spring.sign;
       high = (high - spring.offset) * spring.sign;
       if (low > high) std::swap(low, high);
-      // Usually it has those of its joint.
+      // Limits equal to those of the joint need no row of their own.
       const btScalar tolerance = 1e-6;
-      if (btFabs(low - own.drive.low) < tolerance && btFabs(high - own.drive.high) < tolerance) low = high + 1;
+      if (btFabs(low - own.motor.low) < tolerance && btFabs(high - own.motor.high) < tolerance) low = high + 1;
     }
   }
   dynamics.springs.push_back(spring);
   springs.push_back({&constraint, link, low, high});
 }
 
-// Springs that are slow against the step are integrated with the motion; the others become rows, which cannot overshoot.
-void AmbTree::choose_springs(btScalar h) {
+// Classifies springs for a sub-step of h s: soft ones are integrated with the motion, stiff ones become implicit rows,
+// which cannot overshoot.
+void AmbArticulation::choose_springs(btScalar h) {
   for (size_t i = 0; i < springs.size(); ++i) {
-    TreeDynamics::Spring &spring = dynamics.springs[i];
+    ArticulationDynamics::Spring &spring = dynamics.springs[i];
     const btScalar response = dynamics.response(springs[i].link) * h;
-    spring.left_out = spring.stiffness * h * response > 0.04 || spring.damping * response > 0.1;
+    spring.is_stiff = spring.stiffness * h * response > 0.04 || spring.damping * response > 0.1;
   }
 }
 
-AmbTree::~AmbTree() {
-  settle();
-  auto &trees = world.trees->trees;
-  for (size_t i = 0; i < trees.size(); ++i) {
-    if (trees[i] == this) trees.erase(trees.begin() + i--);
+AmbArticulation::~AmbArticulation() {
+  apply_set_state();
+  auto &articulations = world.articulated->articulations;
+  for (size_t i = 0; i < articulations.size(); ++i) {
+    if (articulations[i] == this) articulations.erase(articulations.begin() + i--);
   }
-  std::vector<AmbConstraint *> tied;
-  for (AmbConstraint *constraint : world.trees->ties) {
-    if (first_of(*constraint).tree == this || second_of(*constraint).tree == this) tied.push_back(constraint);
+  std::vector<AmbConstraint *> external;
+  for (AmbConstraint *constraint : world.articulated->external_constraints) {
+    if (first_of(*constraint).articulation == this || second_of(*constraint).articulation == this)
+      external.push_back(constraint);
   }
-  for (AmbConstraint *constraint : tied) remove_tie(world, *constraint);
-  world.trees->removeMultiBodyConstraint(joint_rows.get());
-  world.trees->removeMultiBody(multi_body.get());
+  for (AmbConstraint *constraint : external) remove_external_constraint(world, *constraint);
+  world.articulated->removeMultiBodyConstraint(joint_rows.get());
+  world.articulated->removeMultiBody(multi_body.get());
   for (Member &member : members) {
-    if (member.drive) world.trees->removeMultiBodyConstraint(member.drive.get());
+    if (member.drive) world.articulated->removeMultiBodyConstraint(member.drive.get());
     if (!member.collider) continue;
     AmbBody &body = *member.body;
     world.world->removeCollisionObject(member.collider.get());
     body.collider = &body.body;
-    body.tree = nullptr;
+    body.articulation = nullptr;
     const btVector3 gravity = body.body.getGravity();
     world.world->addRigidBody(&body.body);
     body.motion.setWorldTransform(body.body.getWorldTransform());
@@ -310,44 +314,45 @@ AmbTree::~AmbTree() {
   }
   for (size_t i = 1; i < members.size(); ++i) {
     AmbConstraint &joint = *members[i].joint;
-    joint.tree = nullptr;
-    world.world->addConstraint(joint.constraint.get(), joint.parts);
+    joint.articulation = nullptr;
+    world.world->addConstraint(joint.constraint.get(), joint.disables_collision);
   }
   for (const Spring &spring : springs) {
     if (spring.constraint == members[spring.link + 1].joint) continue;
-    world.world->addConstraint(spring.constraint->constraint.get(), spring.constraint->parts);
+    world.world->addConstraint(spring.constraint->constraint.get(), spring.constraint->disables_collision);
   }
-  for (AmbConstraint *constraint : tied) amb_world_add_constraint(&world, constraint, constraint->parts);
+  for (AmbConstraint *constraint : external)
+    amb_world_add_constraint(&world, constraint, constraint->disables_collision);
 }
 
-void AmbTree::follow_base() {
+void AmbArticulation::follow_base() {
   const btTransform &pose = members[0].body->body.getWorldTransform();
   if (!differ(pose, base_pose)) return;
   base_pose = pose;
   position.origin = pose.getOrigin();
   position.rotation = pose.getRotation();
-  dynamics.place(position);
-  dynamics.move(rate);
-  write_mirrors();
+  dynamics.update_poses(position);
+  dynamics.update_velocities(rate);
+  write_proxies();
 }
 
-void AmbTree::settle() {
+void AmbArticulation::apply_set_state() {
   if (!poses_set && !velocities_set) return;
   if (poses_set) {
-    dynamics.forget();
-    if (joint_rows) joint_rows->forget();
+    dynamics.reset_estimates();
+    if (joint_rows) joint_rows->reset();
     base_pose = members[0].body->body.getWorldTransform();
     position.origin = base_pose.getOrigin();
     position.rotation = base_pose.getRotation();
     for (size_t i = 0; i < dynamics.links.size(); ++i) {
-      const TreeDynamics::Link &link = dynamics.links[i];
-      if (link.motion == TreeDynamics::Motion::Fixed) continue;
+      const ArticulationDynamics::Link &link = dynamics.links[i];
+      if (link.type == ArticulationDynamics::JointType::Fixed) continue;
       const btTransform &parent = members[link.parent].body->body.getWorldTransform();
       const btTransform &child = members[i + 1].body->body.getWorldTransform();
       const btTransform relative = parent.inverseTimes(child);
       btScalar &q = position.q[link.coordinate];
-      if (link.motion == TreeDynamics::Motion::Revolute) {
-        // The rotation about the axis that comes nearest: of R = turn(axis, q) * rest.
+      if (link.type == ArticulationDynamics::JointType::Revolute) {
+        // The angle q whose rotation about the axis is nearest to R = turn(axis, q) * rest.
         const btMatrix3x3 turn = relative.getBasis().timesTranspose(link.rotation);
         const btVector3 twist(turn[2][1] - turn[1][2], turn[0][2] - turn[2][0], turn[1][0] - turn[0][1]);
         const btScalar trace = turn[0][0] + turn[1][1] + turn[2][2];
@@ -357,7 +362,7 @@ void AmbTree::settle() {
       }
     }
   }
-  dynamics.place(position);
+  dynamics.update_poses(position);
   if (velocities_set) {
     std::vector<btVector3> linear, angular;
     for (const Member &member : members) {
@@ -366,12 +371,12 @@ void AmbTree::settle() {
     }
     dynamics.project(linear.data(), angular.data(), rate);
   }
-  dynamics.move(rate);
+  dynamics.update_velocities(rate);
   poses_set = velocities_set = false;
-  write_mirrors();
+  write_proxies();
 }
 
-void AmbTree::write_mirrors() {
+void AmbArticulation::write_proxies() {
   for (size_t i = dynamics.fixed_base ? 1 : 0; i < members.size(); ++i) {
     AmbBody &body = *members[i].body;
     const btTransform pose = transform_of(dynamics, i);
@@ -384,14 +389,14 @@ void AmbTree::write_mirrors() {
   }
 }
 
-void AmbTree::predict(btScalar h) {
+void AmbArticulation::integrate_free_motion(btScalar h) {
   if (dynamics.fixed_base) follow_base();
   if (engine_of(world).ledger.enabled) begin_account();
   for (size_t i = dynamics.fixed_base ? 1 : 0; i < members.size(); ++i) {
-    TreeDynamics::Body &body = dynamics.bodies[i];
-    const btRigidBody &mirror = members[i].body->body;
-    body.force = mirror.getTotalForce() + mirror.getGravity() * body.mass;
-    body.torque = mirror.getTotalTorque();
+    ArticulationDynamics::Body &body = dynamics.bodies[i];
+    const btRigidBody &proxy = members[i].body->body;
+    body.force = proxy.getTotalForce() + proxy.getGravity() * body.mass;
+    body.torque = proxy.getTotalTorque();
   }
   if (has_feedback) remember_momenta();
   choose_springs(h);
@@ -399,74 +404,77 @@ void AmbTree::predict(btScalar h) {
   dynamics.step(h, position, rate, free_position, free_rate);
   free_energy = dynamics.kinetic_energy();
   joint_rows->plan_limits(h);
-  has_rows = joint_rows->any() || touched || ties > 0 || is_driven();
+  has_rows = joint_rows->any() || has_contact || external_constraint_count > 0 || is_driven();
 }
 
-void AmbTree::prepare_rows() {
-  dynamics.place(position);
-  dynamics.move(free_rate);
+void AmbArticulation::prepare_rows() {
+  dynamics.update_poses(position);
+  dynamics.update_velocities(free_rate);
   dynamics.factor_inertia();
-  // It sums up what rows change.
+  // The velocity of the btMultiBody is the sum of the changes by all rows.
   multi_body->clearVelocities();
 }
 
-bool AmbTree::was_pushed() const {
+bool AmbArticulation::had_impulses() const {
   auto any = [](const btVector3 &v) { return !v.isZero(); };
   for (int i = 0; i < multi_body->getNumLinks(); ++i) {
     const btMultibodyLink &link = multi_body->getLink(i);
     if (any(link.m_appliedConstraintForce) || any(link.m_appliedConstraintTorque)) return true;
   }
-  return joint_rows->stopped();
+  return joint_rows->hit_limit();
 }
 
-void AmbTree::integrate(btScalar h) {
-  // Rows act where the tree was, and what they change of its rates is another momentum where it gets. A free tree has none but
-  // what they and forces give it.
+void AmbArticulation::integrate(btScalar h) {
+  // The change of the rates by rows was solved at the old position; at the new position the same rates have another
+  // momentum. The momentum of an articulation with a free base changes by forces and impulses only: it is computed at
+  // the old position and restored at the new one.
   const bool keeps_momentum = has_rows && !dynamics.fixed_base;
   const btVector3 about = position.origin;
-  TreeDynamics::Momentum momentum;
-  // Most internal energy that the rates may have where the articulation gets.
+  ArticulationDynamics::Momentum momentum;
+  // Largest internal energy at the new position, J.
   btScalar energy_limit = BT_LARGE_FLOAT;
   bool is_straight = false;
   if (has_rows) {
-    TreeDynamics::Rate &after = rate;
+    ArticulationDynamics::Rate &after = rate;
     dynamics.rates_of(multi_body->getVelocityVector(), change);
     after.angular = free_rate.angular + change.angular;
     after.linear = free_rate.linear + change.linear;
     for (int i = 0; i < dynamics.coordinates; ++i) after.q[i] = free_rate.q[i] + change.q[i];
-    dynamics.place(position);
-    dynamics.move(after);
+    dynamics.update_poses(position);
+    dynamics.update_velocities(after);
     const btScalar fastest = dynamics.fastest_rotation(after);
     const bool is_fast = fastest * h > FAST_TURN;
     if (is_fast) {
-      // Rows were solved with the inertia at the old position, where they add no energy but the work of motors.
+      // At the old position, whose inertia they were solved with, rows add no energy but the work of motors.
       const btScalar solved = dynamics.internal_energy();
-      dynamics.move(free_rate);
+      dynamics.update_velocities(free_rate);
       const btScalar unsolved = dynamics.internal_energy();
-      dynamics.place(free_position);
-      dynamics.move(free_rate);
-      // What they take at the old position they take as a share at the new one: inertias may be very different there.
+      dynamics.update_poses(free_position);
+      dynamics.update_velocities(free_rate);
+      // If rows removed a share of the energy at the old position, the same share is removed at the new one, where
+      // inertias may be very different; if they added energy, the same amount is added.
       const btScalar there = dynamics.internal_energy();
       energy_limit = solved < unsolved ? there * (solved / unsolved) : there + (solved - unsolved);
-      if (keeps_momentum) dynamics.place(position);
+      if (keeps_momentum) dynamics.update_poses(position);
     }
     if (keeps_momentum) {
-      dynamics.move(change);
-      const TreeDynamics::Momentum by_rows = dynamics.momentum(about);
-      dynamics.place(free_position);
-      dynamics.move(free_rate);
+      dynamics.update_velocities(change);
+      const ArticulationDynamics::Momentum by_rows = dynamics.momentum(about);
+      dynamics.update_poses(free_position);
+      dynamics.update_velocities(free_rate);
       momentum = dynamics.momentum(about);
       momentum.linear += by_rows.linear;
       momentum.angular += by_rows.angular;
     }
-    if (touched || ties > 0 || was_pushed()) {
-      // Impacts act from the beginning of the sub-step, so that nothing moves into what stopped it.
-      TreeDynamics::shift(position, h, after);
+    if (has_contact || external_constraint_count > 0 || had_impulses()) {
+      // Impulses of contacts, limits and external constraints act from the beginning of the sub-step, so that no link
+      // penetrates further.
+      ArticulationDynamics::advance_position(position, h, after);
       is_straight = true;
     } else {
-      // Motors push evenly over the sub-step.
+      // Forces of motors are constant over the sub-step: their mean change of the rates is half of `change`.
       position = free_position;
-      TreeDynamics::shift(position, h / 2, change);
+      ArticulationDynamics::advance_position(position, h / 2, change);
     }
   } else {
     std::swap(position, free_position);
@@ -474,62 +482,66 @@ void AmbTree::integrate(btScalar h) {
   }
   const bool is_accounted = engine_of(world).ledger.enabled;
   if (is_corrected && is_accounted) book_correction(h);
-  if (is_corrected) TreeDynamics::shift(position, h, correction);
+  if (is_corrected) ArticulationDynamics::advance_position(position, h, correction);
   is_corrected = false;
   if (dynamics.fixed_base) {
     position.origin = base_pose.getOrigin();
     rate.linear.setZero();
     rate.angular.setZero();
   }
-  dynamics.place(position);
-  dynamics.move(rate);
-  if (keeps_momentum) dynamics.give(momentum, about, rate);
+  dynamics.update_poses(position);
+  dynamics.update_velocities(rate);
+  if (keeps_momentum) dynamics.set_momentum(momentum, about, rate);
   limit_energy(energy_limit, momentum, about);
   dynamics.bound_rotation(rate, h);
   if (is_accounted) end_account(h, is_straight);
   if (has_feedback) write_feedback(h);
-  write_mirrors();
+  write_proxies();
 }
 
-// Rates that were solved at one position have another kinetic energy at the next: what is above the limit is taken from the coordinates, and,
-// where the base takes it up again with the momentum, from all motion about the centre of mass.
-void AmbTree::limit_energy(btScalar most, const TreeDynamics::Momentum &momentum, const btVector3 &about) {
+// Limits the internal energy at the new position by scaling the rates of the coordinates and, if restoring the momentum
+// of a free base raises the energy again, all motion relative to the centre of mass.
+void AmbArticulation::limit_energy(btScalar most, const ArticulationDynamics::Momentum &momentum,
+                                   const btVector3 &about) {
   if (most >= BT_LARGE_FLOAT) return;
   btScalar energy = dynamics.internal_energy();
   if (!(energy > most)) return;
   const btScalar share = btSqrt(most / energy);
   for (btScalar &q : rate.q) q *= share;
-  dynamics.move(rate);
+  dynamics.update_velocities(rate);
   if (dynamics.fixed_base) return;
-  dynamics.give(momentum, about, rate);
+  dynamics.set_momentum(momentum, about, rate);
   energy = dynamics.internal_energy();
   if (!(energy > most)) return;
-  dynamics.slow_down(btSqrt(std::max(most, btScalar(0)) / energy), rate);
-  dynamics.move(rate);
+  dynamics.scale_internal_velocity(btSqrt(std::max(most, btScalar(0)) / energy), rate);
+  dynamics.update_velocities(rate);
 }
 
-double free_energy(const btMultiBody &multi_body) { return static_cast<const AmbTree *>(multi_body.getUserPointer())->free_energy; }
+double free_energy(const btMultiBody &multi_body) {
+  return static_cast<const AmbArticulation *>(multi_body.getUserPointer())->free_energy;
+}
 
 void correct(btMultiBody &multi_body, const double *velocities) {
-  AmbTree &tree = *static_cast<AmbTree *>(multi_body.getUserPointer());
-  tree.dynamics.rates_of(velocities, tree.correction);
-  // Contradictory rows may ask for much where the articulation hardly yields.
-  btScalar fastest = tree.correction.angular.length() / MAX_CORRECTION_RATE;
-  fastest = std::max(fastest, tree.correction.linear.length() / MAX_CORRECTION_SPEED);
-  for (const TreeDynamics::Link &link : tree.dynamics.links) {
+  AmbArticulation &articulation = *static_cast<AmbArticulation *>(multi_body.getUserPointer());
+  articulation.dynamics.rates_of(velocities, articulation.correction);
+  // Infeasible rows may cause large pseudo-velocities where the articulated response is small: they are clamped.
+  btScalar fastest = articulation.correction.angular.length() / MAX_CORRECTION_RATE;
+  fastest = std::max(fastest, articulation.correction.linear.length() / MAX_CORRECTION_SPEED);
+  for (const ArticulationDynamics::Link &link : articulation.dynamics.links) {
     if (link.coordinate < 0) continue;
-    const bool turns = link.motion == TreeDynamics::Motion::Revolute;
-    fastest = std::max(fastest, btFabs(tree.correction.q[link.coordinate]) / (turns ? MAX_CORRECTION_RATE : MAX_CORRECTION_SPEED));
+    const bool turns = link.type == ArticulationDynamics::JointType::Revolute;
+    fastest = std::max(fastest, btFabs(articulation.correction.q[link.coordinate]) /
+                                    (turns ? MAX_CORRECTION_RATE : MAX_CORRECTION_SPEED));
   }
   if (fastest > 1) {
-    tree.correction.angular /= fastest;
-    tree.correction.linear /= fastest;
-    for (btScalar &q : tree.correction.q) q /= fastest;
+    articulation.correction.angular /= fastest;
+    articulation.correction.linear /= fastest;
+    for (btScalar &q : articulation.correction.q) q /= fastest;
   }
-  tree.is_corrected = true;
+  articulation.is_corrected = true;
 }
 
-void AmbTree::remember_momenta() {
+void AmbArticulation::remember_momenta() {
   const size_t n = members.size();
   momenta.resize(n);
   angular_momenta.resize(n);
@@ -541,13 +553,14 @@ void AmbTree::remember_momenta() {
   }
 }
 
-// What the joints must have done over the sub-step: the change of momentum that nothing else explains, summed from the leaves.
-void AmbTree::write_feedback(btScalar h) {
+// Joint reaction wrenches over the sub-step: for each subtree, the change of momentum minus the impulses of all
+// external forces, divided by h; summed from the leaves to the base.
+void AmbArticulation::write_feedback(btScalar h) {
   const size_t n = members.size();
   const btVector3 zero(0, 0, 0);
   std::vector<btVector3> forces(n, zero), torques(n, zero);
   for (size_t i = n; i-- > 0;) {
-    const TreeDynamics::Body &body = dynamics.bodies[i];
+    const ArticulationDynamics::Body &body = dynamics.bodies[i];
     const btVector3 velocity = (velocities[i] + dynamics.linear[i]) / 2;
     const btVector3 momentum = (angular_momenta[i] + dynamics.angular_momentum(i)) / 2;
     btVector3 outside = body.force - velocity * (body.mass * body.linear_drag);
@@ -567,11 +580,11 @@ void AmbTree::write_feedback(btScalar h) {
     for (size_t s = 0; s < springs.size(); ++s) {
       AmbConstraint &constraint = *springs[s].constraint;
       if (springs[s].link + 1 != i || &constraint == members[i].joint) continue;
-      const TreeDynamics::Link &link = dynamics.links[i - 1];
+      const ArticulationDynamics::Link &link = dynamics.links[i - 1];
       const btVector3 axis = dynamics.rotations[parent] * link.axis * spring_effort(s, h);
-      const bool is_angle = link.motion == TreeDynamics::Motion::Revolute;
+      const bool is_angle = link.type == ArticulationDynamics::JointType::Revolute;
       const btVector3 push = is_angle ? zero : axis;
-      // About the child's centre of mass, of a force at its end of the joint.
+      // Torque about the child's centre of mass of a force at the child's end of the joint.
       const btVector3 twist = is_angle ? axis : axis.cross(dynamics.rotations[i] * link.arm);
       write_wrench(constraint, i, push, twist, arm);
       force -= push;
@@ -581,9 +594,10 @@ void AmbTree::write_feedback(btScalar h) {
   }
 }
 
-// A force on member i and a torque about its centre of mass, and what answers them on its parent, from which `arm` leads to it.
-void AmbTree::write_wrench(const AmbConstraint &constraint, size_t i, const btVector3 &force, const btVector3 &torque,
-                           const btVector3 &arm) {
+// Writes the joint reaction wrench on link i about its centre of mass, and the opposite wrench on its parent. `arm`
+// leads from the parent's centre of mass to that of the link, m.
+void AmbArticulation::write_wrench(const AmbConstraint &constraint, size_t i, const btVector3 &force,
+                                   const btVector3 &torque, const btVector3 &arm) {
   if (!constraint.feedback) return;
   const bool child_is_b = &second_of(constraint) == members[i].body;
   btJointFeedback &feedback = *constraint.feedback;
@@ -593,37 +607,37 @@ void AmbTree::write_wrench(const AmbConstraint &constraint, size_t i, const btVe
   (child_is_b ? feedback.m_appliedTorqueBodyA : feedback.m_appliedTorqueBodyB) = -(torque + arm.cross(force));
 }
 
-btScalar AmbTree::spring_effort(size_t index, btScalar h) const {
-  const TreeDynamics::Spring &spring = dynamics.springs[index];
-  if (spring.left_out) return joint_rows->spring_impulse(index) / h;
+btScalar AmbArticulation::spring_effort(size_t index, btScalar h) const {
+  const ArticulationDynamics::Spring &spring = dynamics.springs[index];
+  if (spring.is_stiff) return joint_rows->spring_impulse(index) / h;
   const int i = spring.coordinate;
   return -spring.sign * spring.stiffness * spring.displacement(position.q[i]) - spring.damping * rate.q[i];
 }
 
-void AmbTree::clear_forces() {
+void AmbArticulation::clear_forces() {
   for (Member &member : members) {
     if (member.collider) member.body->body.clearForces();
   }
 }
 
-bool AmbTree::is_driven() const {
+bool AmbArticulation::is_driven() const {
   for (const Member &member : members) {
     if (member.drive && member.drive->enabled) return true;
   }
   return false;
 }
 
-LinkDrive &AmbTree::drive_of(AmbBody &link) {
+LinkDrive &AmbArticulation::drive_of(AmbBody &link) {
   auto &drive = members[link.member].drive;
   if (!drive) {
-    drive = make_held<LinkDrive>(link);
-    world.trees->addMultiBodyConstraint(drive.get());
+    drive = make_in_arena<LinkDrive>(link);
+    world.articulated->addMultiBodyConstraint(drive.get());
   }
   return *drive;
 }
 
-btScalar AmbTree::coordinate(const AmbConstraint &joint, btScalar *speed) {
-  settle();
+btScalar AmbArticulation::coordinate(const AmbConstraint &joint, btScalar *speed) {
+  apply_set_state();
   const int coordinate = dynamics.links[joint.link - 1].coordinate;
   if (speed) *speed = coordinate < 0 ? 0 : rate.q[coordinate];
   return coordinate < 0 ? 0 : position.q[coordinate];
@@ -631,21 +645,21 @@ btScalar AmbTree::coordinate(const AmbConstraint &joint, btScalar *speed) {
 
 extern "C" {
 
-AmbTree *amb_world_articulate(AmbWorld *world, AmbBody *base, AmbConstraint *const *joints, int n,
-                              AmbConstraint *const *springs, int n_springs) {
-  if (!world->trees) return nullptr;
+AmbArticulation *amb_world_articulate(AmbWorld *world, AmbBody *base, AmbConstraint *const *joints, int n,
+                                      AmbConstraint *const *springs, int n_springs) {
+  if (!world->articulated) return nullptr;
   for (int i = 0; i < n; ++i) {
     if (!fits(*joints[i])) return nullptr;
     for (const AmbBody *body : {&first_of(*joints[i]), &second_of(*joints[i])}) {
-      if (body->tree || (!turns_freely(*body) && (body != base || body->body.getInvMass() > 0))) return nullptr;
+      if (body->articulation || (!turns_freely(*body) && (body != base || body->body.getInvMass() > 0))) return nullptr;
     }
   }
   for (int i = 0; i < n_springs; ++i) {
     if (!joint_of(*springs[i], joints, n)) return nullptr;
   }
-  return new AmbTree(*world, *base, joints, n, springs, n_springs);
+  return new AmbArticulation(*world, *base, joints, n, springs, n_springs);
 }
 
-void amb_world_dissolve(AmbWorld *, AmbTree *tree) { delete tree; }
+void amb_world_dissolve(AmbWorld *, AmbArticulation *articulation) { delete articulation; }
 
 }  // extern "C"

@@ -1,0 +1,117 @@
+#include "articulation_rows.h"
+
+#include <BulletDynamics/Featherstone/btMultiBodyConstraintSolver.h>
+
+ArticulatedWorld::ArticulatedWorld(MotionClock &clock, btDispatcher *dispatcher, btBroadphaseInterface *broadphase,
+                                   btMultiBodyConstraintSolver *solver, btCollisionConfiguration *configuration)
+    : LazyWorld(clock, dispatcher, broadphase, solver, configuration) {
+  // Bullet allocates its callback on the heap; this one is in the arena.
+  delete m_solverMultiBodyIslandCallback;
+  m_solverMultiBodyIslandCallback = new InArena<MultiBodyInplaceSolverIslandCallback>(solver, dispatcher);
+}
+
+// Articulations add the gravity of their links themselves.
+void ArticulatedWorld::applyGravity() { btDiscreteDynamicsWorld::applyGravity(); }
+
+void ArticulatedWorld::clearForces() {
+  btDiscreteDynamicsWorld::clearForces();
+  for (AmbArticulation *articulation : articulations) articulation->clear_forces();
+}
+
+void ArticulatedWorld::predictUnconstraintMotion(btScalar h) { btDiscreteDynamicsWorld::predictUnconstraintMotion(h); }
+
+void ArticulatedWorld::solveExternalForces(btContactSolverInfo &info) {
+  // Contact rows of links are warm-started, and have two friction directions: a single one would have a fixed
+  // direction.
+  if (!articulations.empty()) {
+    info.m_solverMode |= SOLVER_USE_ARTICULATED_WARMSTARTING | SOLVER_USE_2_FRICTION_DIRECTIONS;
+  }
+  for (AmbArticulation *articulation : articulations) {
+    articulation->has_contact = false;
+    articulation->apply_set_state();
+  }
+  for (int i = 0; !articulations.empty() && i < getDispatcher()->getNumManifolds(); ++i) {
+    const btPersistentManifold &manifold = *getDispatcher()->getManifoldByIndexInternal(i);
+    if (manifold.getNumContacts() == 0) continue;
+    for (const btCollisionObject *object : {manifold.getBody0(), manifold.getBody1()}) {
+      const AmbBody *body = body_of(object);
+      if (body && body->articulation) body->articulation->has_contact = true;
+    }
+  }
+  clearMultiBodyConstraintForces();
+  for (AmbArticulation *articulation : articulations) {
+    articulation->integrate_free_motion(info.m_timeStep);
+    if (articulation->has_rows) articulation->prepare_rows();
+  }
+  // The part of Bullet's function that is not dynamics: sorting constraints by island.
+  m_sortedConstraints.copyFromArray(m_constraints);
+  m_sortedConstraints.quickSort(btSortConstraintOnIslandPredicate2());
+  m_sortedMultiBodyConstraints.resize(0);
+  for (int i = 0; i < m_multiBodyConstraints.size(); ++i)
+    m_sortedMultiBodyConstraints.push_back(m_multiBodyConstraints[i]);
+  m_sortedMultiBodyConstraints.quickSort(btSortMultiBodyConstraintOnIslandPredicate());
+  btTypedConstraint **typed = m_sortedConstraints.size() ? &m_sortedConstraints[0] : nullptr;
+  btMultiBodyConstraint **rows = m_sortedMultiBodyConstraints.size() ? &m_sortedMultiBodyConstraints[0] : nullptr;
+  m_solverMultiBodyIslandCallback->setup(&info, typed, m_sortedConstraints.size(), rows,
+                                         m_sortedMultiBodyConstraints.size(), getDebugDrawer());
+  m_constraintSolver->prepareSolve(getNumCollisionObjects(), getDispatcher()->getNumManifolds());
+}
+
+void ArticulatedWorld::integrateTransforms(btScalar h) {
+  btDiscreteDynamicsWorld::integrateTransforms(h);
+  for (AmbArticulation *articulation : articulations) articulation->integrate(h);
+  for (AmbConstraint *constraint : external_constraints) constraint->external_rows->write_feedback(h);
+}
+
+bool acts_on_link(const AmbConstraint &constraint) {
+  return first_of(constraint).articulation || second_of(constraint).articulation;
+}
+
+void add_external_constraint(AmbWorld &world, AmbConstraint &constraint) {
+  btTransform frame_a, frame_b;
+  frame_a.setIdentity();
+  frame_b.setIdentity();
+  int rows = 3;
+  if (constraint.kind == Kind::Fixed) {
+    auto &fixed = constraint.as<btFixedConstraint>();
+    frame_a = fixed.getFrameOffsetA();
+    frame_b = fixed.getFrameOffsetB();
+    rows = 6;
+  } else {
+    auto &point = constraint.as<btPoint2PointConstraint>();
+    frame_a.setOrigin(point.getPivotInA());
+    frame_b.setOrigin(point.getPivotInB());
+  }
+  AmbBody &a = first_of(constraint), &b = second_of(constraint);
+  constraint.external_rows = a.articulation
+                                 ? make_in_arena<ExternalConstraintRows>(constraint, a, frame_a, b, frame_b, rows)
+                                 : make_in_arena<ExternalConstraintRows>(constraint, b, frame_b, a, frame_a, rows);
+  for (AmbBody *body : {&a, &b}) {
+    if (!body->articulation) continue;
+    ++body->articulation->external_constraint_count;
+    AmbBody *other = body == &a ? &b : &a;
+    if (constraint.disables_collision) body->articulation->members[body->member].collider->ignored.push_back(other);
+  }
+  world.articulated->addMultiBodyConstraint(constraint.external_rows.get());
+  world.articulated->external_constraints.push_back(&constraint);
+}
+
+void remove_external_constraint(AmbWorld &world, AmbConstraint &constraint) {
+  world.articulated->removeMultiBodyConstraint(constraint.external_rows.get());
+  auto &external_constraints = world.articulated->external_constraints;
+  for (size_t i = external_constraints.size(); i-- > 0;) {
+    if (external_constraints[i] == &constraint) external_constraints.erase(external_constraints.begin() + i);
+  }
+  for (AmbBody *body : {&first_of(constraint), &second_of(constraint)}) {
+    if (!body->articulation) continue;
+    --body->articulation->external_constraint_count;
+    const AmbObject *other = body == &first_of(constraint) ? &second_of(constraint) : &first_of(constraint);
+    auto &ignored = body->articulation->members[body->member].collider->ignored;
+    for (size_t i = ignored.size(); constraint.disables_collision && i-- > 0;) {
+      if (ignored[i] != other) continue;
+      ignored.erase(ignored.begin() + i);
+      break;
+    }
+  }
+  constraint.external_rows.reset();
+}

@@ -1,0 +1,200 @@
+// Dynamics of an articulation in generalised coordinates. C++ only.
+#ifndef AMB_ARTICULATION_DYNAMICS_H
+#define AMB_ARTICULATION_DYNAMICS_H
+
+#include "arena_memory.h"
+
+#include <LinearMath/btTransform.h>
+
+// A kinematic tree of hinges, sliders and fixed joints on a fixed or free base. Featherstone's articulated-body
+// algorithm (Rigid Body Dynamics Algorithms, 2008, chapter 7) with all quantities in world axes about the centre of
+// mass of their body, so that matrices need no rotation between links. Accelerations are classical, not spatial.
+//
+// Body 0 is the base, body i + 1 is link i. Poses are those of inertial frames; SI units.
+class ArticulationDynamics {
+ public:
+  enum class JointType { Fixed, Revolute, Prismatic };
+
+  struct Link {
+    int parent;  // body
+    JointType type;
+    int coordinate;           // index in `q`; -1 if fixed
+    btVector3 axis;           // of length 1, in the parent's frame
+    btVector3 pivot;          // in the parent's frame
+    btMatrix3x3 rotation;     // child in parent at coordinate 0
+    btVector3 arm;            // from the pivot to the centre of mass at coordinate 0, in the child's frame
+    btMatrix3x3 turn, turn2;  // axis x rotation, axis x (axis x rotation)
+  };
+
+  struct Body {
+    btScalar mass;
+    btVector3 inertia;  // principal moments
+    // Decay rates of linear and angular momentum, 1/s.
+    btScalar linear_drag = 0, angular_drag = 0;
+    // External force (N) and torque (N m), constant over a step.
+    btVector3 force{0, 0, 0}, torque{0, 0, 0};
+  };
+
+  // Generalised force -sign k (x - rest) - d q' on a coordinate q, where x = sign q + offset, wrapped to [-pi, pi] if
+  // it is an angle.
+  struct Spring {
+    int coordinate;
+    bool is_angle;
+    btScalar sign, offset, stiffness, damping, rest;
+    // Too stiff for explicit integration with the step: not part of this class's forces, but an implicit row, see
+    // JointRows.
+    bool is_stiff = false;
+
+    btScalar displacement(btScalar q) const;
+  };
+
+  // Generalised position.
+  struct Position {
+    btQuaternion rotation{0, 0, 0, 1};  // of the base
+    btVector3 origin{0, 0, 0};
+    Vector<btScalar> q;
+  };
+
+  // Generalised velocity: velocity of the base and rates of the coordinates. Also used for accelerations.
+  struct Rate {
+    btVector3 angular{0, 0, 0}, linear{0, 0, 0};
+    Vector<btScalar> q;
+  };
+
+  explicit ArticulationDynamics(bool with_fixed_base) : fixed_base(with_fixed_base) {}
+
+  // Adds a link; `joint_in_parent` and `joint_in_child` are frames that coincide at coordinate 0, `axis` is in them.
+  void add(const Body &body, int parent, JointType type, const btVector3 &axis, const btTransform &joint_in_parent,
+           const btTransform &joint_in_child);
+  // To be called after the last link was added.
+  void finish();
+
+  // Computes the poses of all bodies from the position (forward kinematics).
+  void update_poses(const Position &position);
+  // Computes the velocities of all bodies from the rates; the poses must be up to date.
+  void update_velocities(const Rate &rate);
+  // Computes accelerations under external forces and springs. Poses and velocities must be those of `position` and
+  // `rate`.
+  void accelerate(const Position &position, const Rate &rate, Rate &acceleration);
+  // Acceleration of a link's coordinate by a unit force on it if the parent does not move, from the last call of
+  // `accelerate`.
+  btScalar response(size_t link) const { return work[link + 1].d_inverse; }
+  // Projects velocities of the bodies onto the joints: finds the rates with the least kinetic energy of the difference.
+  // Poses must be up to date.
+  void project(const btVector3 *linear, const btVector3 *angular, Rate &rate);
+
+  // Integrates over h s by the classical Runge-Kutta method. Poses must be those of `from`, and are undefined
+  // afterwards. The step is divided into sub-intervals if the articulation vibrates or turns too fast for it, and
+  // further while the kinetic energy grows by more than the work of all forces. Damping that is stiff for h is split
+  // off (Strang splitting): it acts for h / 2 before and after the step.
+  void step(btScalar h, const Position &from, const Rate &rate, Position &to, Rate &new_rate);
+
+  // Kinetic energy of all bodies, J, from the velocities of the last `update_velocities`.
+  btScalar kinetic_energy() const;
+  // Internal energy, J: the kinetic energy without that of the centre of mass if the base is free. It does not depend
+  // on the speed of a fall.
+  btScalar internal_energy() const;
+  // Power that drag adds to the internal energy, W, at least 0: joined bodies of different drag that fall accelerate
+  // each other.
+  btScalar drag_power() const;
+  // Multiplies all velocities relative to the centre of mass by `share`; velocities must be those of `rate`.
+  void scale_internal_velocity(btScalar share, Rate &rate);
+  // Largest angular velocity of a body or rate of a revolute coordinate, rad/s; velocities must be those of `rate`.
+  btScalar fastest_rotation(const Rate &rate) const;
+
+  // Discards the estimate of the fastest mode, after the position was set.
+  void reset_estimates() {
+    mode.clear();
+    steps_until_probe = 0;
+  }
+
+  // Clamps the angular velocity of the base and the rates of revolute coordinates to pi / 2 in h s, as Bullet clamps
+  // angular velocities of rigid bodies. The linear momentum of an articulation with a free base is kept. Poses and
+  // velocities must be up to date.
+  void bound_rotation(Rate &rate, btScalar h);
+
+  // Factors the generalised inertia H = L^T L. In the velocity coordinates z = L v the kinetic energy is z^T z / 2,
+  // where v is the base's angular and linear velocity (0 if it is fixed) followed by the rates of the coordinates. L
+  // has entries along the branches only (Featherstone 2008, section 6.5). Poses and velocities must be up to date. The
+  // functions below use L.
+  void factor_inertia();
+  size_t velocity_size() const { return 6 + static_cast<size_t>(coordinates); }
+  // Adds to a row of the Jacobian of v the part of an impulse along `force` at the centre of mass of a body, and along
+  // `torque`.
+  void add_jacobian(size_t body, const btVector3 &force, const btVector3 &torque, btScalar *row) const;
+  // Transforms a row J of the Jacobian of v into J L^-1, the row for z. It is also the response of z to a unit impulse
+  // of the row.
+  void normalise(btScalar *row) const;
+  void rates_of(const btScalar *z, Rate &rate) const;
+  void coordinates_of(const Rate &rate, btScalar *z) const;
+
+  // Adds h times rate to a position; the rotation by the exponential map.
+  static void advance_position(Position &position, btScalar h, const Rate &rate);
+
+  // Angular momentum of a body about its own centre of mass, N m s.
+  btVector3 angular_momentum(size_t body) const;
+  // Linear (N s) and angular (N m s) momentum of all bodies about a point.
+  struct Momentum {
+    btVector3 linear{0, 0, 0}, angular{0, 0, 0};
+  };
+  Momentum momentum(const btVector3 &about) const;
+  // Adds a rigid motion of the whole articulation, which must have a free base, so that its momentum about a point
+  // becomes that given. Changes the rate of the base.
+  void set_momentum(const Momentum &momentum, const btVector3 &about, Rate &rate);
+
+  const bool fixed_base;
+  int coordinates = 0;
+  Vector<Body> bodies;
+  Vector<Link> links;
+  Vector<Spring> springs;
+  // Force on each coordinate, N or N m, constant over a step.
+  Vector<btScalar> generalised_forces;
+  // Poses and velocities of the bodies, world axes.
+  Vector<btMatrix3x3> rotations;
+  Vector<btVector3> origins, linear, angular;
+
+ private:
+  struct Work {
+    btMatrix3x3 inertia;            // of the body alone
+    btMatrix3x3 a, b, m;            // articulated: torque and force from angular and linear acceleration, [a b; b^T m]
+    btVector3 torque, force;        // bias
+    btVector3 r;                    // from the parent's centre of mass to the body's
+    btVector3 s_angular, s_linear;  // motion subspace of the joint
+    btVector3 c_angular, c_linear;  // velocity-product acceleration
+    btVector3 u_angular, u_linear;
+    btScalar d_inverse, u;
+    btVector3 alpha, accel;
+  };
+
+  void runge_kutta(btScalar h, const Position &from, const Rate &rate, Position &to, Rate &new_rate);
+  void divided_step(btScalar h, int parts, const Position &from, const Rate &rate, Position &to, Rate &new_rate);
+  void apply_damping(btScalar h, const Position &at, Rate &rate);
+  btScalar elastic_energy(const Position &at) const;
+  btVector3 linear_momentum() const;
+  btScalar mass() const;
+  void update_fastest_mode(const Position &at, const Rate &rate);
+  void add_inertias();
+  void compute_joint_inertia(size_t link);
+  void remove_joint_motion(size_t link);
+  void add_to_parent(size_t link);
+  void sweep(Rate &out, bool with_bias);
+
+  Vector<Work> work;
+  Vector<btScalar> efforts;
+  // For each component of v, the previous one on the path to the base; -1: none.
+  Vector<int> parent_component;
+  // L, by rows, and the inverses of its diagonal.
+  Vector<btScalar> factor, inverse_diagonal;
+  Position stage, part;
+  Rate stage_rate, part_rate, start_rate, slopes[4], speeds[4];
+  // Whether damping is split off from the other forces in the present step.
+  bool splits_damping = false;
+  Vector<btVector3> wanted_linear, wanted_angular, start_origins;
+  // Shape of the fastest vibration mode, and the square of its angular frequency, 1/s^2.
+  Vector<btScalar> mode;
+  btScalar stiffness = 0;
+  // Number of steps until the mode is estimated again.
+  int steps_until_probe = 0;
+};
+
+#endif

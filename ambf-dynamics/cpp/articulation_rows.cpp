@@ -1,0 +1,303 @@
+#include "articulation_rows.h"
+
+#include "position_error.h"
+
+#include <algorithm>
+
+namespace {
+
+// Coefficient of restitution of a hinge at its limits, as in Bullet; that of a slider is 0.
+constexpr btScalar HINGE_BOUNCE = 0.3;
+// Share of the violation of a limit that is corrected in a sub-step.
+constexpr btScalar LIMIT_ERP = 0.2;
+// CFM as a share of the response, which regularises several rows on one coordinate.
+constexpr btScalar SOFTNESS = 1e-9;
+// CFM of external constraints, as a share of the response of their rows.
+constexpr btScalar EXTERNAL_SOFTNESS = 1e-6;
+// Largest acceleration times h^2 under fed-forward forces, rad; for a slider that angle times the distance between the
+// centres of mass that it joins, m. Beyond it the motion depends too nonlinearly on the forces: after a jump of a set
+// point the last force of the controller would be repeated where the controller reverses it.
+constexpr btScalar MAX_FEEDFORWARD_MOTION = 0.02;
+
+}  // namespace
+
+JointRows::JointRows(AmbArticulation &owner)
+    : EngineRows(owner.multi_body.get(), nullptr, 0, -1, 3 * owner.dynamics.coordinates, false,
+                 MULTIBODY_CONSTRAINT_1DOF_JOINT_MOTOR),
+      articulation(owner) {
+  // Maximum number of rows: a limit and a motor for each joint, a limit and a force for each spring.
+  m_numRows = 2 * (owner.dynamics.coordinates + static_cast<int>(owner.springs.size()));
+  m_data.resize(m_numRows);
+  reset();
+}
+
+void JointRows::reset() {
+  acceleration.q.resize(articulation.dynamics.coordinates);
+  planned.clear();
+  forces.assign(articulation.dynamics.coordinates + articulation.springs.size(), 0);
+}
+
+int JointRows::getIslandIdA() const { return articulation.members[1].collider->getIslandTag(); }
+
+void JointRows::plan_limit(int coordinate, btScalar low, btScalar high, bool is_angle, btScalar h) {
+  const btScalar infinity = BT_LARGE_FLOAT, most = is_angle ? MAX_RETURN_RATE : MAX_RETURN_SPEED;
+  if (low > high) return;
+  btScalar q = articulation.position.q[coordinate];
+  if (is_angle) {
+    // The angle is wrapped to within pi of the centre of the limits.
+    const btScalar center = (low + high) / 2;
+    q = center + std::remainder(q - center, 2 * SIMD_PI);
+  }
+  if (low == high) {
+    const btScalar target = (low - q) * LIMIT_ERP / h;
+    const btScalar bounded = std::max(std::min(target, most), -most);
+    planned.push_back({coordinate, 0, 0, -infinity, infinity, -1, 0, bounded, is_angle});
+    return;
+  }
+  const btScalar bounce = is_angle ? HINGE_BOUNCE : 0;
+  for (btScalar side : {1, -1}) {
+    // Distance to the limit (negative: violated), and speed away from it.
+    const btScalar gap = side * (q - (side > 0 ? low : high));
+    const btScalar speed = side * articulation.free_rate.q[coordinate];
+    if (gap + h * speed >= 0 && gap >= 0) continue;
+    btScalar target = gap < 0 ? 0 : -gap / h;
+    if (bounce > 0) target = std::max(target, -bounce * speed);
+    const btScalar correction = gap < 0 ? std::min(-gap / h * LIMIT_ERP, most) : -gap / h;
+    planned.push_back({coordinate, side * target, 0, side > 0 ? 0 : -infinity, side > 0 ? infinity : 0, -1, 0,
+                       side * correction, is_angle});
+    return;
+  }
+}
+
+void JointRows::plan_motor(const AmbConstraint &joint, int coordinate, btScalar h) {
+  btScalar target, impulse, softness = 0;
+  if (joint.motor.enabled) {
+    target = joint.motor.velocity;
+    softness = joint.motor.rows.softness[0];
+    impulse = joint.motor.max_impulse;
+  } else if (joint.kind == Kind::Hinge) {
+    auto &hinge = static_cast<btHingeConstraint &>(*joint.constraint);
+    if (!hinge.getEnableAngularMotor()) return;
+    target = hinge.getMotorTargetVelocity();
+    impulse = hinge.getMaxMotorImpulse();
+  } else if (joint.kind == Kind::Slider) {
+    auto &slider = static_cast<btSliderConstraint &>(*joint.constraint);
+    if (!slider.getPoweredLinMotor()) return;
+    target = slider.getTargetLinMotorVelocity();
+    impulse = slider.getMaxLinMotorForce() * h;
+  } else {
+    return;
+  }
+  if (impulse > 0) add_feedforward_row({coordinate, target, softness, -impulse, impulse, coordinate}, h);
+}
+
+void JointRows::add_feedforward_row(Row row, btScalar h) {
+  row.feedforward = std::min(std::max(forces[row.source] * h, row.low), row.high);
+  if (!(btFabs(row.feedforward) < BT_LARGE_FLOAT)) row.feedforward = 0;
+  articulation.dynamics.generalised_forces[row.coordinate] += row.feedforward / h;
+  planned.push_back(row);
+}
+
+void JointRows::plan_motors(btScalar h) {
+  std::fill(forces.begin(), forces.end(), 0);
+  for (size_t i = 0; i < planned.size(); ++i) {
+    if (planned[i].source >= 0) forces[planned[i].source] = (planned[i].feedforward + m_data[i]) / step;
+  }
+  step = h;
+  planned.clear();
+  std::fill(articulation.dynamics.generalised_forces.begin(), articulation.dynamics.generalised_forces.end(), 0);
+  for (size_t i = 1; i < articulation.members.size(); ++i) {
+    const AmbConstraint &joint = *articulation.members[i].joint;
+    const int coordinate = articulation.dynamics.links[i - 1].coordinate;
+    if (coordinate >= 0) plan_motor(joint, coordinate, h);
+  }
+  for (size_t i = 0; i < articulation.springs.size(); ++i) {
+    const ArticulationDynamics::Spring &spring = articulation.dynamics.springs[i];
+    if (!spring.is_stiff) continue;
+    const int coordinate = spring.coordinate;
+    // The implicit force -k (x + h q') - d q' at the end of the sub-step, written as a soft row.
+    const btScalar push = spring.sign * spring.stiffness * spring.displacement(articulation.position.q[coordinate]);
+    const btScalar give = spring.damping + h * spring.stiffness;
+    const int source = articulation.dynamics.coordinates + static_cast<int>(i);
+    add_feedforward_row({coordinate, -push / give, 1 / (h * give), -BT_LARGE_FLOAT, BT_LARGE_FLOAT, source}, h);
+  }
+  drop_large_feedforward(h);
+}
+
+// Drops all fed-forward forces if one of them accelerates the articulation too much: the forces of a chain balance each
+// other.
+void JointRows::drop_large_feedforward(btScalar h) {
+  ArticulationDynamics &dynamics = articulation.dynamics;
+  bool any = false;
+  for (const Row &row : planned) any = any || row.feedforward != 0;
+  if (!any) return;
+  dynamics.update_poses(articulation.position);
+  dynamics.update_velocities(articulation.rate);
+  dynamics.accelerate(articulation.position, articulation.rate, acceleration);
+  bool is_large = false;
+  for (const ArticulationDynamics::Link &link : dynamics.links) {
+    if (link.coordinate < 0) continue;
+    const btScalar scale =
+        link.type == ArticulationDynamics::JointType::Prismatic ? link.arm.length() + link.pivot.length() : 1;
+    // The comparison is false for NaN, which counts as large.
+    is_large = is_large || !(btFabs(acceleration.q[link.coordinate]) * h * h <= MAX_FEEDFORWARD_MOTION * scale);
+  }
+  if (!is_large) return;
+  for (Row &row : planned) row.feedforward = 0;
+  std::fill(dynamics.generalised_forces.begin(), dynamics.generalised_forces.end(), 0);
+}
+
+void JointRows::plan_limits(btScalar h) {
+  for (size_t i = 1; i < articulation.members.size(); ++i) {
+    const AmbConstraint &joint = *articulation.members[i].joint;
+    const int coordinate = articulation.dynamics.links[i - 1].coordinate;
+    if (coordinate >= 0) plan_limit(coordinate, joint.motor.low, joint.motor.high, joint.kind == Kind::Hinge, h);
+  }
+  for (size_t i = 0; i < articulation.springs.size(); ++i) {
+    const ArticulationDynamics::Spring &spring = articulation.dynamics.springs[i];
+    plan_limit(spring.coordinate, articulation.springs[i].low, articulation.springs[i].high, spring.is_angle, h);
+  }
+}
+
+bool JointRows::hit_limit() const {
+  for (size_t i = 0; i < planned.size(); ++i) {
+    if (planned[i].source < 0 && m_data[i] != 0) return true;
+  }
+  return false;
+}
+
+btScalar JointRows::spring_impulse(size_t spring) const {
+  for (size_t i = 0; i < planned.size(); ++i) {
+    if (planned[i].source == articulation.dynamics.coordinates + static_cast<int>(spring))
+      return planned[i].feedforward + m_data[i];
+  }
+  return 0;
+}
+
+void JointRows::createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBodyJacobianData &data,
+                                     const btContactSolverInfo &info) {
+  for (size_t i = 0; i < planned.size(); ++i) {
+    const Row &plan = planned[i];
+    btMultiBodySolverConstraint &row = new_row(rows, static_cast<int>(i), data);
+    const RowMotion motion = act_on_coordinate(row, articulation, plan.coordinate, data);
+    const btScalar softness = std::max(plan.softness, motion.response * SOFTNESS), whole = motion.response + softness;
+    row.m_lowerLimit = plan.low - plan.feedforward;
+    row.m_upperLimit = plan.high - plan.feedforward;
+    row.m_jacDiagABInv = whole > 0 ? 1 / whole : 0;
+    row.m_cfm = softness * row.m_jacDiagABInv;
+    row.m_rhs = (plan.target - plan.softness * plan.feedforward - motion.velocity) * row.m_jacDiagABInv;
+    row.m_rhsPenetration = plan.correction * row.m_jacDiagABInv;
+    internalSetAppliedImpulse(static_cast<int>(i), 0);
+  }
+}
+
+ExternalConstraintRows::ExternalConstraintRows(AmbConstraint &owner, AmbBody &link_body, const btTransform &link_frame,
+                                               AmbBody &other_body, const btTransform &frame_of_other, int rows)
+    : EngineRows(link_body.articulation->multi_body.get(),
+                 other_body.articulation ? other_body.articulation->multi_body.get() : nullptr, link_body.member - 1,
+                 other_body.articulation ? other_body.member - 1 : -1, rows, false, MULTIBODY_CONSTRAINT_FIXED),
+      constraint(owner),
+      link(link_body),
+      other(other_body),
+      frame(link_frame),
+      other_frame(frame_of_other) {
+  m_data.resize(rows);
+  reset();
+}
+
+void ExternalConstraintRows::reset() {
+  for (int i = 0; i < m_numRows; ++i) m_data[i] = 0;
+}
+
+void ExternalConstraintRows::createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBodyJacobianData &data,
+                                                  const btContactSolverInfo &info) {
+  const btTransform a = link.body.getWorldTransform() * frame, b = other.body.getWorldTransform() * other_frame;
+  const btVector3 gap = a.getOrigin() - b.getOrigin();
+  const btQuaternion turn = (a.getRotation() * b.getRotation().inverse()).normalized();
+  btVector3 angle(0, 0, 0);
+  const btScalar half = btVector3(turn.x(), turn.y(), turn.z()).length();
+  if (half > 0)
+    angle = btVector3(turn.x(), turn.y(), turn.z()) / half * std::remainder(2 * btAtan2(half, turn.w()), 2 * SIMD_PI);
+  // No warm start: Bullet would apply the stored impulses to the articulation only, not to a rigid body at the other
+  // end.
+  reset();
+  const bool is_dynamic = !other.articulation && other.body.getInvMass() > 0;
+  JointMotion motion;
+  const btVector3 arm_a = a.getOrigin() - link.body.getWorldTransform().getOrigin();
+  const btVector3 arm_b = b.getOrigin() - other.body.getWorldTransform().getOrigin();
+  for (int i = 0; i < 3; ++i) {
+    btVector3 normal(0, 0, 0);
+    normal[i] = 1;
+    motion.add_row(normal, arm_a.cross(normal), -normal, -arm_b.cross(normal));
+  }
+  motion.finish(link.body.getLinearVelocity(), link.body.getAngularVelocity(), other.body.getLinearVelocity(),
+                other.body.getAngularVelocity(), info.m_timeStep);
+  for (int i = 0; i < m_numRows; ++i) {
+    btMultiBodySolverConstraint &row = new_row(rows, i, data);
+    btVector3 linear(0, 0, 0), angular(0, 0, 0);
+    (i < 3 ? linear : angular)[i % 3] = 1;
+    RowMotion motion_of_row =
+        act_on_member(row, 0, *link.articulation, link.member, linear, angular + arm_a.cross(linear), data);
+    const btVector3 back = -linear, turn_back = -(angular + arm_b.cross(linear));
+    RowMotion part;
+    if (other.articulation) {
+      part = act_on_member(row, 1, *other.articulation, other.member, back, turn_back, data);
+    } else if (is_dynamic) {
+      part = act_on_body(row, 1, other.body.getCompanionId(), back, turn_back, *data.m_solverBodyPool);
+    }
+    const btScalar whole = motion_of_row.response + part.response;
+    row.m_jacDiagABInv = whole > SIMD_EPSILON ? 1 / whole : 0;
+    row.m_rhs = -(motion_of_row.velocity + part.velocity) * row.m_jacDiagABInv;
+    const btScalar error = i < 3 ? gap[i] : angle[i - 3], most = i < 3 ? MAX_CORRECTION_SPEED : MAX_CORRECTION_RATE;
+    errors[i] = error;
+    const btScalar target = -error * info.m_erp / info.m_timeStep;
+    biases[i] = i < 3 ? motion.linear_target(-linear) : 0;
+    row.m_rhs += biases[i] * row.m_jacDiagABInv;
+    row.m_rhsPenetration = std::max(-most, std::min(most, target)) * row.m_jacDiagABInv;
+    // CFM regularises rows that the articulation cannot move, and redundant rows.
+    const btScalar share = 1 / (1 + EXTERNAL_SOFTNESS);
+    row.m_rhs *= share;
+    row.m_rhsPenetration = row.m_rhsPenetration * share;
+    row.m_jacDiagABInv *= share;
+    row.m_cfm = EXTERNAL_SOFTNESS * share;
+  }
+}
+
+void ExternalConstraintRows::write_feedback(btScalar h) {
+  if (!constraint.feedback) return;
+  btVector3 force(m_data[0] / h, m_data[1] / h, m_data[2] / h), torque(0, 0, 0);
+  if (m_numRows > 3) torque = btVector3(m_data[3] / h, m_data[4] / h, m_data[5] / h);
+  const btVector3 arm = link.body.getWorldTransform().getBasis() * frame.getOrigin();
+  const btVector3 other_arm = other.body.getWorldTransform().getBasis() * other_frame.getOrigin();
+  const bool link_is_a = &first_of(constraint) == &link;
+  btJointFeedback &feedback = *constraint.feedback;
+  (link_is_a ? feedback.m_appliedForceBodyA : feedback.m_appliedForceBodyB) = force;
+  (link_is_a ? feedback.m_appliedTorqueBodyA : feedback.m_appliedTorqueBodyB) = torque + arm.cross(force);
+  (link_is_a ? feedback.m_appliedForceBodyB : feedback.m_appliedForceBodyA) = -force;
+  (link_is_a ? feedback.m_appliedTorqueBodyB : feedback.m_appliedTorqueBodyA) = -(torque + other_arm.cross(force));
+}
+
+LinkDrive::LinkDrive(AmbBody &body)
+    : EngineRows(body.articulation->multi_body.get(), nullptr, body.member - 1, -1, 6, false,
+                 MULTIBODY_CONSTRAINT_FIXED),
+      link(body) {
+  m_data.resize(6);
+  for (int i = 0; i < 6; ++i) m_data[i] = 0;
+}
+
+void LinkDrive::createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBodyJacobianData &data,
+                                     const btContactSolverInfo &) {
+  if (!enabled) return;
+  for (int i = 0; i < 6; ++i) {
+    btMultiBodySolverConstraint &row = new_row(rows, i, data);
+    btVector3 linear(0, 0, 0), angular(0, 0, 0);
+    (i < 3 ? linear : angular)[i % 3] = 1;
+    const RowMotion motion = act_on_member(row, 0, *link.articulation, link.member, linear, angular, data);
+    // A direction in which the articulation cannot move has no response and no row.
+    if (motion.response <= SIMD_EPSILON) continue;
+    const btScalar whole = motion.response + softness[i / 3];
+    row.m_jacDiagABInv = 1 / whole;
+    row.m_cfm = softness[i / 3] / whole;
+    row.m_rhs = (velocity[i] - motion.velocity) / whole;
+  }
+}

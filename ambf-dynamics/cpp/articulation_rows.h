@@ -1,0 +1,130 @@
+// Constraint rows of articulations. C++ only.
+#ifndef AMB_ARTICULATION_ROWS_H
+#define AMB_ARTICULATION_ROWS_H
+
+#include "articulation.h"
+
+#include "articulation_solver.h"
+
+// Limits, motors and stiff springs of all joints of an articulation.
+//
+// The forces of motors and stiff springs in the last sub-step are fed forward as generalised forces in the free motion
+// over the next one, and their rows solve for the change only (second order in h). An impulse alone would act at the
+// position at the beginning of the sub-step, after a free motion as if no motor held the articulation.
+class JointRows : public EngineRows {
+ public:
+  explicit JointRows(AmbArticulation &articulation);
+
+  // Plan the rows of the next sub-step of h s: first motors and stiff springs, whose fed-forward forces are added to
+  // the dynamics, and after the free motion under these forces the limits.
+  void plan_motors(btScalar h);
+  void plan_limits(btScalar h);
+  bool is_geometric(int row) const override { return planned[row].source < 0; }
+  btScalar bias(int row) const override { return planned[row].target; }
+  bool is_angular(int row) const override { return planned[row].is_angle; }
+  WorkKind work_kind(int row) const override {
+    const int source = planned[row].source;
+    return source < 0                                   ? WorkKind::Limit
+           : source < articulation.dynamics.coordinates ? WorkKind::Motor
+                                                        : WorkKind::Damping;
+  }
+  // Adds the work of the fed-forward forces over the motion since `from` and `rate` to the ledger; pose_lead as in
+  // ledger.h.
+  void book_feedforward(EnergyLedger &ledger, const ArticulationDynamics::Position &from,
+                        const ArticulationDynamics::Rate &rate, btScalar pose_lead) const;
+  bool any() const { return !planned.empty(); }
+  // Discards the forces of the last sub-step, after the position was set.
+  void reset();
+  // Whether a limit had an impulse in the last sub-step.
+  bool hit_limit() const;
+  // Impulse of a stiff spring in the last sub-step, N m s or N s.
+  btScalar spring_impulse(size_t spring) const;
+
+  void finalizeMultiDof() override {}
+  int getIslandIdA() const override;
+  int getIslandIdB() const override { return -1; }
+  void createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBodyJacobianData &data,
+                            const btContactSolverInfo &info) override;
+  void debugDraw(btIDebugDraw *) override {}
+
+ private:
+  struct Row {
+    int coordinate;
+    btScalar target;     // rate, rad/s or m/s
+    btScalar softness;   // change of rate per impulse
+    btScalar low, high;  // bounds of the impulse
+    // Motor: its coordinate; stiff spring: the number of coordinates plus the index of the spring; limit: -1.
+    int source = -1;
+    // Impulse of the fed-forward force, which is part of the free motion.
+    btScalar feedforward = 0;
+    // Pseudo-velocity that corrects the position error, rad/s or m/s.
+    btScalar correction = 0;
+    bool is_angle = false;
+  };
+
+  void plan_limit(int coordinate, btScalar low, btScalar high, bool is_angle, btScalar h);
+  void plan_motor(const AmbConstraint &joint, int coordinate, btScalar h);
+  void add_feedforward_row(Row row, btScalar h);
+  void drop_large_feedforward(btScalar h);
+
+  AmbArticulation &articulation;
+  Vector<Row> planned;
+  // Force of each source in the last sub-step, N m or N.
+  Vector<btScalar> forces;
+  btScalar step = 0;
+  ArticulationDynamics::Rate acceleration;
+};
+
+// External constraint on a link: a fixed or point-to-point constraint between a link and a body that is not in its
+// articulation.
+class ExternalConstraintRows : public EngineRows {
+ public:
+  ExternalConstraintRows(AmbConstraint &constraint, AmbBody &link, const btTransform &frame, AmbBody &other,
+                         const btTransform &other_frame, int rows);
+
+  void finalizeMultiDof() override {}
+  int getIslandIdA() const override { return link.collider->getIslandTag(); }
+  int getIslandIdB() const override { return other.collider->getIslandTag(); }
+  void createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBodyJacobianData &data,
+                            const btContactSolverInfo &info) override;
+  void debugDraw(btIDebugDraw *) override {}
+  void reset();
+  bool is_geometric(int) const override { return true; }
+  btScalar error(int row) const override { return errors[row]; }
+  btScalar bias(int row) const override { return biases[row]; }
+  WorkKind work_kind(int) const override { return WorkKind::Joint; }
+  // Writes the reaction wrenches after the solution of a sub-step of h s.
+  void write_feedback(btScalar h);
+
+ private:
+  AmbConstraint &constraint;
+  AmbBody &link, &other;
+  btTransform frame, other_frame;
+  btScalar errors[6] = {}, biases[6] = {};
+};
+
+// Six rows that drive a link, as BodyDrive drives a rigid body; see drive.h.
+class LinkDrive : public EngineRows {
+ public:
+  explicit LinkDrive(AmbBody &link);
+
+  bool is_geometric(int) const override { return false; }
+  WorkKind work_kind(int) const override { return WorkKind::BodyDrive; }
+
+  void finalizeMultiDof() override {}
+  int getIslandIdA() const override { return link.collider->getIslandTag(); }
+  int getIslandIdB() const override { return -1; }
+  void createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBodyJacobianData &data,
+                            const btContactSolverInfo &info) override;
+  void debugDraw(btIDebugDraw *) override {}
+
+  bool enabled = false;
+  btScalar velocity[6] = {};
+  // Softness of the linear (1/kg) and of the angular rows (1/(kg m^2)).
+  btScalar softness[2] = {};
+
+ private:
+  AmbBody &link;
+};
+
+#endif
