@@ -1,9 +1,11 @@
-//! Safe owners over Bullet: the only `unsafe` code of the simulator besides callbacks and vendor libraries.
+//! Safe owners over Bullet. The other `unsafe` code of the project is at the solver's C interface (ambf-dynamics), OpenGL
+//! (ambf-render, ambf-viewer), plugins and drivers in libraries (ambf-plugin), vendor libraries, and one system call
+//! (`sim/pace.rs`).
 //!
 //! A [`World`] owns its bodies, soft bodies, ghosts, their shapes, the constraints between bodies and vehicles on them.
 //! Callers refer to them by handles; a stale handle, of an object that was removed, gives `None` or `false`, never
-//! undefined behaviour. Vehicles and constraints are freed before bodies, bodies before shapes. No panic can cross into
-//! C++: C++ calls nothing here.
+//! undefined behaviour. Vehicles and constraints are freed before bodies, bodies before shapes. No panic can
+//! cross into C++: nothing here is called by it, and the solver's entry points, which are, catch panics.
 
 mod accurate;
 mod arena;

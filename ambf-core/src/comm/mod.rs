@@ -2,8 +2,9 @@
 //!
 //! One [`Hub`] a simulation. The physics thread writes a [`Snapshot`] of all states once an iteration and takes the newest
 //! command of each object from its [`Mailbox`]; everybody else (ROS, a script, a test) reads the newest snapshot and posts
-//! commands. Neither side ever waits for the other: no lock is shared, and a reader that stops half-way only keeps its own
-//! copy of an old snapshot alive.
+//! commands. Neither side waits for the other on this way: no lock is taken, and a reader that stops half-way only keeps its
+//! own copy of an old snapshot alive. The physics thread takes short locks only when clients step it, and when models come and
+//! go ([`StepThrottle`], [`Hub::add_objects`]).
 //!
 //! A [`Middleware`] carries the values over a wire. What it may rely on:
 //! * the list of objects only grows: an object keeps its position, and one that is removed says so ([`Hub::generation`] counts changes);

@@ -14,6 +14,6 @@ pub enum Profile {
     /// What the C++ program does, number for number as far as Bullet allows. The default.
     #[default]
     Legacy,
-    /// The best result that Bullet can give.
+    /// The most accurate result: Bullet's collision detection with the engine of ambf-dynamics.
     Accurate,
 }

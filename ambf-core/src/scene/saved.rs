@@ -1,4 +1,4 @@
-//! Saving and restoring a scene: each room saves what it keeps beside Bullet.
+//! Saving and restoring a scene: each module saves the state that it keeps beside Bullet's.
 
 use nalgebra::{Isometry3, Vector3};
 
