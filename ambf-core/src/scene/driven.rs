@@ -6,16 +6,13 @@ use nalgebra::{Isometry3, Vector3};
 
 use super::body::Body;
 use super::joint::{Joint, JointType};
-use crate::adf::{Controller, Limits};
+use crate::adf::{Controller, Limits, IMPULSE_STEP};
 use crate::bullet::{BodyDrive, SoftMotor, World};
 use crate::comm::{CartesianCommandType, JointCommandType, RigidBodyCommand};
 use crate::control::{
     orientation_of, shortest_angle, Deviation, JointDriver, PoseAction, PoseDriver, Profile, Quantity, Scheme,
     SetMotion,
 };
-
-/// The sub-step that `max motor impulse` is given for, s.
-const IMPULSE_STEP: f64 = 0.001;
 
 /// The sub-steps of an update.
 #[derive(Debug, Clone, Copy)]

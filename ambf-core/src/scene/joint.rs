@@ -6,13 +6,10 @@ use nalgebra::{Isometry3, Unit, UnitQuaternion, Vector3};
 
 use super::body::Body;
 use super::driven::JointOrder;
-use crate::adf::{self, ControllerOutput, JointKind, Limits, SixDofLimits, SourcePos};
+use crate::adf::{self, ControllerOutput, JointKind, Limits, SixDofLimits, SourcePos, IMPULSE_STEP};
 use crate::bullet::{Constraint, ConstraintHandle, ConstraintKind, ConstraintParameter, Spring, World};
 use crate::comm::JointCommandType;
 use crate::control::{shortest_angle, JointController, Profile};
-
-/// The sub-step that `max motor impulse` is given for, s.
-const IMPULSE_STEP: f64 = 0.001;
 
 /// What kind of coordinate a joint has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -8,6 +8,9 @@ use super::reader::{Map, Range};
 use super::report::ProblemKind;
 use super::values::Base;
 
+/// The sub-step for which `max motor impulse` is given, s.
+pub const IMPULSE_STEP: f64 = 0.001;
+
 /// A joint as written. "rad or m": radians for angular joints, metres for linear ones.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Joint {

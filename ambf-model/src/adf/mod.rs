@@ -49,7 +49,7 @@ pub use geometry::{
     VisualPart,
 };
 pub use ghost::GhostObject;
-pub use joint::{ConeTwistLimits, Joint, JointKind, Limits, LinearAngular, SixDofLimits, SixDofSpring};
+pub use joint::{ConeTwistLimits, Joint, JointKind, Limits, LinearAngular, SixDofLimits, SixDofSpring, IMPULSE_STEP};
 pub use launch::Launch;
 pub use light::{Attenuation, Light};
 pub use model::Model;

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use nalgebra::{Isometry3, Vector3};
 
 use super::xml::{quoted, Element};
-use crate::adf::{JointKind, Limits, ProblemKind, SixDofLimits};
+use crate::adf::{JointKind, Limits, ProblemKind, SixDofLimits, IMPULSE_STEP};
 
 /// A joint as written, with the links it joins.
 #[derive(Clone)]
@@ -39,9 +39,6 @@ pub(super) enum Kind {
     /// A ball joint.
     Spherical,
 }
-
-/// Motor impulses are given for this step, s.
-const IMPULSE_STEP: f64 = 0.001;
 
 /// Largest motor impulse of a joint that says nothing about it, as in ADF.
 const MOTOR_IMPULSE: f64 = 0.1;
