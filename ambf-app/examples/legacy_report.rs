@@ -1,6 +1,7 @@
 //! Writes `docs/legacy.md`; called by `scripts/legacy`.
 //!
-//! Each file is checked, and each model then loaded and stepped by a process of its own, so that memory is that of this model.
+//! Each file is checked, and each model then loaded and stepped by a process of its own, so that memory is that of this
+//! model.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};

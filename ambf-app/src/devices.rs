@@ -30,8 +30,8 @@ pub fn are_wanted(selection: &DeviceSelection) -> bool {
     }
 }
 
-/// Opens the devices that the command line asks for, out of the device file of a launch file, and gives each its end-effector. Nothing that goes
-/// wrong keeps the others from going on; it is in the sentences.
+/// Opens the devices that the command line asks for, out of the device file of a launch file, and gives each its
+/// end-effector. Nothing that goes wrong keeps the others from going on; it is in the sentences.
 pub fn open(launch: &Launch, options: &SimulatorOptions, simulation: &mut Simulation) -> (DeviceHost, Vec<String>) {
     let mut said = Vec::new();
     let file = launch.input_devices_config.as_deref();

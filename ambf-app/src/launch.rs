@@ -51,8 +51,8 @@ pub fn read_strict(file: &Path) -> Result<(Launch, Report), LaunchError> {
     Ok((launch, report))
 }
 
-/// The files of a scene: `model_files` first, then the launch file's models at `indexes`. Indexes beyond the list are returned as one
-/// sentence each.
+/// The files of a scene: `model_files` first, then the launch file's models at `indexes`. Indexes beyond the list are
+/// returned as one sentence each.
 pub fn scene_files(
     launch: Option<&Launch>,
     world: Option<&Path>,

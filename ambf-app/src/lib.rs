@@ -1,11 +1,12 @@
-//! Parts of the programs `ambf_simulator` and `ambf_batch`. A library only so that benchmarks, reports, tests and fuzz targets can use them.
+//! Parts of the programs `ambf_simulator` and `ambf_batch`. A library only so that benchmarks, reports, tests and fuzz
+//! targets can use them.
 //!
-//! In: command lines ([`cli`]), the life of both programs ([`simulator`], [`batch`]), what explains files ([`check`]), ROS 1 topics and
-//! services ([`ros`]), pictures of cameras over ROS (`cameras`), which drivers and plugins there are ([`devices`], [`plugins`]), and the only log
-//! ([`report`](mod@report)).
+//! In: command lines ([`cli`]), the life of both programs ([`simulator`], [`batch`]), what explains files ([`check`]),
+//! ROS 1 topics and services ([`ros`]), pictures of cameras over ROS (`cameras`), which drivers and plugins there are
+//! ([`devices`], [`plugins`]), and the only log ([`report`](mod@report)).
 //!
-//! Not in: physics, which is `ambf_core`'s; ROS 1 as such, which is `ros_node`'s; pictures and windows, which are `ambf_render`'s and
-//! `ambf_viewer`'s and left out without the feature `view`.
+//! Not in: physics, which is `ambf_core`'s; ROS 1 as such, which is `ros_node`'s; pictures and windows, which are
+//! `ambf_render`'s and `ambf_viewer`'s and left out without the feature `view`.
 //!
 //! Begin with [`simulator::run`] and [`batch::run`]; for ROS with the table at the top of [`ros`].
 

@@ -25,7 +25,8 @@ pub fn setup(launch: &[PluginEntry], command_line: &[PathBuf]) -> PluginSetup {
     }
 }
 
-/// Loads the plugins that a scene, a launch file and a command line ask for; each one that is left out is named, the others too if `verbose`.
+/// Loads the plugins that a scene, a launch file and a command line ask for; each one that is left out is named, the
+/// others too if `verbose`.
 pub fn load(simulation: &mut Simulation, launch: &[PluginEntry], command_line: &[PathBuf], verbose: bool) {
     let PluginReport { loaded, problems } = simulation.load_plugins(setup(launch, command_line));
     if verbose {
@@ -35,7 +36,8 @@ pub fn load(simulation: &mut Simulation, launch: &[PluginEntry], command_line: &
     say(simulation);
 }
 
-/// Adds the drivers of input devices that a launch file names to those of the program; a sentence for each one that is left out.
+/// Adds the drivers of input devices that a launch file names to those of the program; a sentence for each one that is
+/// left out.
 pub fn add_drivers(drivers: &mut Drivers, entries: &[PluginEntry]) -> Vec<String> {
     let search = Search::from_environment();
     let mut problems = Vec::new();

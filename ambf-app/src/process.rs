@@ -7,8 +7,9 @@ use std::time::{Duration, Instant};
 
 use crate::report;
 
-/// Signals that come so soon after the first are the same wish: terminals and scripts send them to whole groups of processes. By then devices
-/// have let go of their forces, so that a program that has to be ended by force leaves none behind.
+/// Signals that come so soon after the first are the same wish: terminals and scripts send them to whole groups of
+/// processes. By then devices have let go of their forces, so that a program that has to be ended by force leaves none
+/// behind.
 const SAME: Duration = Duration::from_secs(1);
 
 /// Set by SIGINT, SIGTERM and SIGHUP; one that comes more than a second after the first ends the program at once.

@@ -47,7 +47,8 @@ pub enum SimulatorError {
 }
 
 impl SimulatorError {
-    /// Exit status of the program: 255 for a launch file and 1 for windows, as in the C++ program, 2 for wrong usage, 1 for a bug.
+    /// Exit status of the program: 255 for a launch file and 1 for windows, as in the C++ program, 2 for wrong usage, 1
+    /// for a bug.
     pub fn status(&self) -> i32 {
         match self {
             Self::Launch(_) => 255,

@@ -1,4 +1,5 @@
-//! Runs are reproducible to the last bit: the shipped scenes end in the states whose hashes `golden.txt` holds, in both profiles.
+//! Runs are reproducible to the last bit: the shipped scenes end in the states whose hashes `golden.txt` holds, in both
+//! profiles.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -44,7 +45,8 @@ impl Fnv {
     }
 }
 
-/// Hash of the state after [`STEPS`] steps of 1 ms: reported poses and velocities of all bodies, nodes of soft bodies, and all joints.
+/// Hash of the state after [`STEPS`] steps of 1 ms: reported poses and velocities of all bodies, nodes of soft bodies,
+/// and all joints.
 fn final_hash(world: Option<PathBuf>, model: &Path, profile: Profile) -> u64 {
     let files = SceneFiles { world, models: vec![model.to_owned()] };
     let physics = PhysicsOptions { profile: Some(profile), ..PhysicsOptions::default() };

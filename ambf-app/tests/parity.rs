@@ -13,8 +13,8 @@ use parity_common::{
 };
 use Quantity::{Angular, JointEffort, JointPosition, JointVelocity, Linear, Position, Rotation};
 
-/// Before the first contact. Position and rotation are the contract's; the others allow that much to build up in 0.1 s, where at most a
-/// twentieth of it was seen (a cone twist joint, whose rows turn with every rounding error).
+/// Before the first contact. Position and rotation are the contract's; the others allow that much to build up in 0.1 s,
+/// where at most a twentieth of it was seen (a cone twist joint, whose rows turn with every rounding error).
 const FREE: [(Quantity, f64); 7] = [
     (Position, 1e-8),
     (Rotation, 1e-7),
@@ -25,8 +25,9 @@ const FREE: [(Quantity, f64); 7] = [
     (JointEffort, 1e-8),
 ];
 
-/// In the first 100 steps, and in the 100 after the first contact. Position is the contract's. Rotation moves a point 0.1 m away as far,
-/// and a velocity is one that gets there in a step: between two steps of a contact that is all that is known.
+/// In the first 100 steps, and in the 100 after the first contact. Position is the contract's. Rotation moves a point
+/// 0.1 m away as far, and a velocity is one that gets there in a step: between two steps of a contact that is all that
+/// is known.
 const CONTACT: [(Quantity, f64); 7] = [
     (Position, 1e-5),
     (Rotation, 1e-4),
@@ -53,7 +54,8 @@ fn comparable() -> Vec<Case> {
     cases(&shared).into_iter().filter(|case| !case.is_soft()).collect()
 }
 
-/// Not even the nodes of a soft body go other ways: what changed inside Bullet since does not concern links, anchors and fixed nodes.
+/// Not even the nodes of a soft body go other ways: what changed inside Bullet since does not concern links, anchors
+/// and fixed nodes.
 #[test]
 fn the_nodes_of_soft_bodies_go_the_same_way() {
     let Some(shared) = shared() else {
@@ -128,8 +130,9 @@ fn motion_is_the_same_up_to_rounding() {
     });
 }
 
-/// Contacts make some scenes chaotic: what the last digit of the start decides cannot be compared. So a later difference from the trace
-/// is accepted only as far as runs of ours whose starts differ by a shift of at most 1e-12 m come apart themselves.
+/// Contacts make some scenes chaotic: what the last digit of the start decides cannot be compared. So a later
+/// difference from the trace is accepted only as far as runs of ours whose starts differ by a shift of at most 1e-12 m
+/// come apart themselves.
 #[test]
 fn later_differences_are_no_greater_than_those_of_an_invisible_shift() {
     for_each(&comparable(), |case| {
@@ -159,7 +162,8 @@ fn later_differences_are_no_greater_than_those_of_an_invisible_shift() {
     });
 }
 
-/// The other tests step scenes themselves. That is what the program does too, and its traces list objects in the order of the C++ program.
+/// The other tests step scenes themselves. That is what the program does too, and its traces list objects in the order
+/// of the C++ program.
 #[test]
 fn the_program_writes_what_is_compared_here() {
     for_each(&comparable(), |case| {

@@ -19,7 +19,8 @@ fn rigid_bodies_move_as_in_pybullet() {
         let rows = compare(&run, &SceneOptions::default());
         for (step, differences) in rows.iter().filter(|row| row.0 <= same_until(&run)) {
             assert!(differences.largest() <= 1e-12, "{} step {step}: {differences:?}", run.name);
-            // Positions and velocities to the last bit; rotations are compared as quaternions, which we get from a matrix in another way.
+            // Positions and velocities to the last bit; rotations are compared as quaternions, which we get from a
+            // matrix in another way.
             let bits = [differences.position, differences.linear, differences.angular];
             assert_eq!(bits, [0.0; 3], "{} step {step}", run.name);
         }
@@ -37,8 +38,8 @@ fn the_settings_of_the_profile_are_needed() {
     assert!(Differences::of(&by_option).largest() <= 1e-12);
 }
 
-/// Both programs are of first order in the step, each with an error of its own; so is the difference between them: half the step, half the
-/// difference.
+/// Both programs are of first order in the step, each with an error of its own; so is the difference between them: half
+/// the step, half the difference.
 #[test]
 fn trees_of_joints_approach_pybullets_links_with_the_step() {
     // Largest difference of positions at 1 ms, m: measured 2.0e-5, 3.9e-3, 2.1e-3, 1.1e-3.

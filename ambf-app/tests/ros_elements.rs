@@ -18,7 +18,8 @@ use rosrust::{Message, RosMsg};
 
 const NS: &str = "/ambf/env/";
 
-/// One simulator for all tests of this file, since a process has one `ROS_MASTER_URI`; each test adds objects of its own.
+/// One simulator for all tests of this file, since a process has one `ROS_MASTER_URI`; each test adds objects of its
+/// own.
 struct Fixture {
     master: String,
     hub: Arc<Hub>,

@@ -14,7 +14,8 @@ use rosrust::api::Ros;
 
 const NS: &str = "/ambf/env/";
 
-/// One simulator for all tests of this file, since a process has one `ROS_MASTER_URI`; each test uses bodies of its own.
+/// One simulator for all tests of this file, since a process has one `ROS_MASTER_URI`; each test uses bodies of its
+/// own.
 struct Fixture {
     master: String,
     simulator: Mutex<Simulator>,

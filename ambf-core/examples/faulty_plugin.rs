@@ -1,4 +1,5 @@
-//! A plugin that panics where its handle says (`panics in physics_update`): for tests of what a library's panic does to the simulation.
+//! A plugin that panics where its handle says (`panics in physics_update`): for tests of what a library's panic does to
+//! the simulation.
 
 use ambf_core::plugin::{
     Host, InitContext, ModelPlugin, ObjectId, ObjectPlugin, Plugin, PluginError, SimulatorPlugin, View, WorldPlugin,

@@ -1,4 +1,5 @@
-//! A controller of one's own at every step: a pendulum is swung to an angle and held there against gravity by joint efforts.
+//! A controller of one's own at every step: a pendulum is swung to an angle and held there against gravity by joint
+//! efforts.
 //!
 //!     cargo run -p ambf-core --example own_controller
 

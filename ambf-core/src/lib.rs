@@ -37,8 +37,8 @@
 //! | input devices | [`device`] |
 //! | Bullet itself | [`bullet::World`] |
 //!
-//! The order of an iteration, the threads and the ways of data are in `ARCHITECTURE.md` at the root of the repository, frames, signs and
-//! units in `docs/notation.md`.
+//! The order of an iteration, the threads and the ways of data are in `ARCHITECTURE.md` at the root of the repository,
+//! frames, signs and units in `docs/notation.md`.
 //!
 //! Not in: ROS, windows, command lines, and anything that writes to a terminal. What there is to say is returned.
 

@@ -11,7 +11,8 @@ use physics_common::{load_texts, Bench, DT};
 const ACCURATE: &str = "gravity: {x: 0, y: 0, z: -10}\nmax iterations: 50\nphysics: {profile: accurate}\n";
 const LEGACY: &str = "gravity: {x: 0, y: 0, z: -10}\nmax iterations: 50\n";
 
-/// A base, and two links of 0.5 m on hinges about y; the second lies 1 mm too far along x and 2 mm along z. `{keys}` are keys of its joint.
+/// A base, and two links of 0.5 m on hinges about y; the second lies 1 mm too far along x and 2 mm along z. `{keys}`
+/// are keys of its joint.
 const ARM: &str = "bodies: [BODY Base, BODY Upper, BODY Lower]\njoints: [JOINT A, JOINT B]\n\
     BODY Base: {name: Base, mass: 0}\n\
     BODY Upper: {name: Upper, mass: 2, inertia: {ix: 0.01, iy: 0.03, iz: 0.03}, location: {position: {x: 0.25, y: 0, z: 0}}}\n\
@@ -147,7 +148,8 @@ fn what_cannot_be_closed_is_named_with_what_remains() {
     assert!((middle - Vector3::new(0.26, 0.0, 0.0)).norm() < 1e-9, "{middle}");
 }
 
-/// Correcting what cannot be corrected moves a mechanism along its freedom, for the little that its errors shrink by that.
+/// Correcting what cannot be corrected moves a mechanism along its freedom, for the little that its errors shrink by
+/// that.
 #[test]
 fn what_cannot_be_closed_does_not_creep() {
     // A parallelogram of rods of 0.3 m and 0.4 m, one of whose hinges is 1e-3 rad off parallel.

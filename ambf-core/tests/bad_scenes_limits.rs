@@ -1,5 +1,5 @@
-//! Scenes and files that are far too large, endless or without substance: each is read or refused with a message, in bounded time and
-//! memory.
+//! Scenes and files that are far too large, endless or without substance: each is read or refused with a message, in
+//! bounded time and memory.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -43,7 +43,8 @@ impl Drop for Folder {
     }
 }
 
-/// Runs `work` and demands that it ends within `seconds`: generous, since other tests run beside it; what it must catch takes minutes.
+/// Runs `work` and demands that it ends within `seconds`: generous, since other tests run beside it; what it must catch
+/// takes minutes.
 fn within<T>(seconds: u64, work: impl FnOnce() -> T) -> T {
     let begin = Instant::now();
     let result = work();

@@ -166,7 +166,8 @@ fn pendulums_and_chains_close() {
     }
 }
 
-/// Bullet's Euler angles wrap and have singular orientations; an elastic energy made of them jumps there, by all there is.
+/// Bullet's Euler angles wrap and have singular orientations; an elastic energy made of them jumps there, by all there
+/// is.
 #[test]
 fn a_spring_about_three_axes_keeps_its_energy_in_any_rotation() {
     for (stiffness, equilibrium) in
@@ -233,8 +234,8 @@ fn springs_keep_what_damping_leaves() {
             let open = run(&mut world, 1.0);
             let found = world.energy();
             println!("spring {articulated} {damping}: {open:e} {found:?}");
-            // Rows of springs are implicit in profile accurate: of first order. Bullet's leave out the elastic force while damping is larger and
-            // opposite.
+            // Rows of springs are implicit in profile accurate: of first order. Bullet's leave out the elastic force
+            // while damping is larger and opposite.
             let is_implicit = world.solver() == Solver::Accurate && !articulated;
             let error = match (is_implicit, articulated || damping == 0.0) {
                 (false, true) => 1e-6 * scale,

@@ -1,4 +1,5 @@
-//! Numbers that no physics survives: whatever is lost is named in the iteration in which it is lost, and a reset brings it back.
+//! Numbers that no physics survives: whatever is lost is named in the iteration in which it is lost, and a reset brings
+//! it back.
 
 mod physics_common;
 

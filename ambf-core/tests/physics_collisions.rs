@@ -118,7 +118,8 @@ fn static_bodies_do_not_collide_with_each_other() {
     assert_eq!(bench.position("Box").z, 0.0);
 }
 
-/// Whether a ball of 5 mm radius shot at 100 m/s at a wall of 1 mm is behind it after 20 ms; its keys and the profile are given.
+/// Whether a ball of 5 mm radius shot at 100 m/s at a wall of 1 mm is behind it after 20 ms; its keys and the profile
+/// are given.
 fn passes_a_wall(profile: &str, keys: &str) -> bool {
     let world = format!("gravity: {{x: 0, y: 0, z: 0}}\nphysics: {{profile: {profile}}}\n");
     let text = format!(

@@ -9,7 +9,8 @@ use physics_common::{load_texts, DT, HEAVY};
 const GOOD: &str = "BODY Good: {name: Good, mass: 1, damping: {linear: 0, angular: 0}}\n\
                     BODY Other: {name: Other, mass: 1, damping: {linear: 0, angular: 0}}\n";
 
-/// Loads bodies Good, Other and what `more` adds; demands one error or more that holds `parts`, and that the good bodies fall.
+/// Loads bodies Good, Other and what `more` adds; demands one error or more that holds `parts`, and that the good
+/// bodies fall.
 fn survives(lists: &str, more: &str, parts: &[&str]) -> Simulation {
     let text = format!("{lists}\n{GOOD}{more}");
     let Loaded { scene, report } = load_texts(HEAVY, &[&text]);

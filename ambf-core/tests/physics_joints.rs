@@ -8,7 +8,8 @@ use ambf_core::comm::JointCommandType;
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 use physics_common::{close, near, turned, Bench, HEAVY, WEIGHTLESS};
 
-/// A body 0.5 m beside a fixed one, joined at the fixed one's origin; `AXIS` as x/y/z numbers, `KEYS` the rest of the joint.
+/// A body 0.5 m beside a fixed one, joined at the fixed one's origin; `AXIS` as x/y/z numbers, `KEYS` the rest of the
+/// joint.
 const LEVER: &str = "bodies: [BODY Base, BODY Link]\njoints: [JOINT J]\n\
     BODY Base: {name: Base, mass: 0}\n\
     BODY Link: {name: Link, mass: 1, inertia: {ix: 0.01, iy: 0.01, iz: 0.01}, location: {position: {x: 0.5, y: 0, z: 0}}, \
@@ -27,8 +28,8 @@ const Z: &str = "x: 0, y: 0, z: 1";
 
 #[test]
 fn default_position_control_follows_the_known_curve() {
-    // A rod of 1 kg and 1 m about its end, default gains, cfm, erp and impulse: known angles after so many steps of a set point of
-    // 0.5 rad. They were given without the inertia, so 4 mrad is as close as they can be compared.
+    // A rod of 1 kg and 1 m about its end, default gains, cfm, erp and impulse: known angles after so many steps of a
+    // set point of 0.5 rad. They were given without the inertia, so 4 mrad is as close as they can be compared.
     let text = LEVER.replace("ix: 0.01, iy: 0.01, iz: 0.01", "ix: 0.001, iy: 0.0833, iz: 0.0833");
     let text = text.replace("AXIS", Y).replace("DAMPING", "0").replace("KEYS", "type: revolute");
     let mut bench = Bench::new(WEIGHTLESS, &text);
@@ -43,8 +44,8 @@ fn default_position_control_follows_the_known_curve() {
 
 #[test]
 fn a_pendulum_swings_with_the_period_of_its_length() {
-    // Physical pendulum from level to level: T = 1.18034·2π·√((I + m l²)/(m g l)), the factor from the complete elliptic integral for
-    // an amplitude of 90°.
+    // Physical pendulum from level to level: T = 1.18034·2π·√((I + m l²)/(m g l)), the factor from the complete
+    // elliptic integral for an amplitude of 90°.
     let mut bench = lever(HEAVY, Y, 0.0, "type: revolute, joint cfm: 0");
     let mut crossings = Vec::new();
     let mut before = bench.position("Link").x;

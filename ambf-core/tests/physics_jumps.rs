@@ -1,7 +1,8 @@
-//! An instrument arm in the accurate profile whose set points jump: all joints at once, to anywhere in their ranges, at any gain.
+//! An instrument arm in the accurate profile whose set points jump: all joints at once, to anywhere in their ranges, at
+//! any gain.
 //!
-//! The arm is a tree of eleven joints: yaw and pitch of the shoulder, three of a parallelogram that is left open, insertion, roll,
-//! pitch and yaw of the wrist, and two jaws, from 6 kg down to 5 g.
+//! The arm is a tree of eleven joints: yaw and pitch of the shoulder, three of a parallelogram that is left open,
+//! insertion, roll, pitch and yaw of the wrist, and two jaws, from 6 kg down to 5 g.
 
 mod physics_common;
 
@@ -9,7 +10,8 @@ use ambf_core::comm::JointCommandType;
 use ambf_core::sim::Simulation;
 use physics_common::{load_texts, Bench};
 
-/// Name, parent, type, axis, pivot in the parent's frame (m), limits (rad or m), mass of the child (kg), its size (m), gain (N·m/rad or N/m).
+/// Name, parent, type, axis, pivot in the parent's frame (m), limits (rad or m), mass of the child (kg), its size (m),
+/// gain (N·m/rad or N/m).
 type Part = (&'static str, &'static str, &'static str, [f64; 3], [f64; 3], [f64; 2], f64, f64, f64);
 
 #[rustfmt::skip]

@@ -63,7 +63,8 @@ fn each_step_that_fails_is_named() {
     assert!(problem.contains("cannot open it") && problem.contains("libbroken.so: "), "{problem}");
 }
 
-/// A world plugin: holds the body that its node names against gravity, counts what it is told, and misuses the host now and then.
+/// A world plugin: holds the body that its node names against gravity, counts what it is told, and misuses the host now
+/// and then.
 const HOLDER: &str = r#"
 typedef struct {
     ambf_plugin table;

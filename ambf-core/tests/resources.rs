@@ -1,5 +1,5 @@
-//! The shipped launch file and everything it names: no problem, not even a warning, and bodies that stand where their joints
-//! hold them.
+//! The shipped launch file and everything it names: no problem, not even a warning, and bodies that stand where their
+//! joints hold them.
 
 use std::path::{Path, PathBuf};
 

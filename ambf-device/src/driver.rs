@@ -26,11 +26,13 @@ pub enum DeviceError {
 pub struct DeviceInfo {
     /// Model name, as `hardware name` in device files.
     pub model: String,
-    /// Which one of several: USB port, serial number, name of the arm. The same at each start where the hardware allows it.
+    /// Which one of several: USB port, serial number, name of the arm. The same at each start where the hardware allows
+    /// it.
     pub identity: String,
 }
 
-/// Where a driver says what its user should know, from any of its threads, without waiting. Sentences that nobody takes are dropped.
+/// Where a driver says what its user should know, from any of its threads, without waiting. Sentences that nobody takes
+/// are dropped.
 #[derive(Debug, Clone)]
 pub struct DeviceLog(Sender<String>);
 
@@ -48,8 +50,9 @@ impl DeviceLog {
     }
 }
 
-/// A device that is open. The host calls all of it from one thread, about a thousand times a second; what takes longer belongs into a thread of
-/// the driver's own, so that [`read`](Self::read) returns the newest sample and [`write`](Self::write) leaves the newest force at once.
+/// A device that is open. The host calls all of it from one thread, about a thousand times a second; what takes longer
+/// belongs into a thread of the driver's own, so that [`read`](Self::read) returns the newest sample and
+/// [`write`](Self::write) leaves the newest force at once.
 pub trait InputDevice: Send {
     /// What it can do.
     fn spec(&self) -> &DeviceSpec;
@@ -60,8 +63,8 @@ pub trait InputDevice: Send {
     /// [`DeviceError::Lost`]: the host stops using the device, closes it, and tries to open it again.
     fn read(&mut self) -> Result<DeviceSample, DeviceError>;
 
-    /// Lets the user feel `force`. The host has limited it to [`spec`](Self::spec) already. The device itself must fall back to no force when this
-    /// is not called for 50 ms.
+    /// Lets the user feel `force`. The host has limited it to [`spec`](Self::spec) already. The device itself must fall
+    /// back to no force when this is not called for 50 ms.
     ///
     /// # Errors
     /// As [`read`](Self::read).

@@ -113,8 +113,8 @@ const MODELS: &[Model] = &[
     Model { name: "Leap Motion", manufacturer: "Leap Motion", senses_gripper: false, ..HYDRA },
 ];
 
-/// What a device of that model can do; `None` for a model that is not known. Names that begin with `PHANTOM` are all known. The match is exact, as that of
-/// `hardware name`.
+/// What a device of that model can do; `None` for a model that is not known. Names that begin with `PHANTOM` are all
+/// known. The match is exact, as that of `hardware name`.
 pub fn spec(model: &str) -> Option<DeviceSpec> {
     let known = MODELS.iter().find(|known| known.name == model);
     let of = known.or_else(|| model.starts_with("PHANTOM").then_some(&PHANTOM))?;

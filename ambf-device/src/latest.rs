@@ -1,10 +1,11 @@
 use std::sync::atomic::{fence, AtomicU64, Ordering};
 
-/// How often a reader that meets a writer tries again: a writer needs some tens of nanoseconds unless it is interrupted.
+/// How often a reader that meets a writer tries again: a writer needs some tens of nanoseconds unless it is
+/// interrupted.
 const TRIES: usize = 64;
 
-/// The newest `N` numbers that belong together, handed between threads without any of them waiting: a sequence lock whose words are atomics
-/// (H.-J. Boehm, "Can seqlocks get along with programming language memory models?", 2012).
+/// The newest `N` numbers that belong together, handed between threads without any of them waiting: a sequence lock
+/// whose words are atomics (H.-J. Boehm, "Can seqlocks get along with programming language memory models?", 2012).
 #[derive(Debug)]
 pub struct Latest<const N: usize> {
     /// Odd while somebody writes.
@@ -38,7 +39,8 @@ impl<const N: usize> Latest<N> {
         true
     }
 
-    /// The numbers; `None` before there were any and when a writer was interrupted in the middle, whereupon a reader keeps what it has.
+    /// The numbers; `None` before there were any and when a writer was interrupted in the middle, whereupon a reader
+    /// keeps what it has.
     pub fn newest(&self) -> Option<[u64; N]> {
         self.load().filter(|(count, _)| *count > 0).map(|(_, words)| words)
     }

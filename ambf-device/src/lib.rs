@@ -1,8 +1,8 @@
 //! Input devices: what a driver offers, and how a device moves a body of the simulation and feels it.
 //!
-//! In: the traits of drivers ([`Driver`], [`InputDevice`]), the control law ([`law`], pure functions), the threads in which devices run and
-//! how they exchange data with the physics ([`host`]), a device in software ([`MockDriver`]). Not in: physics, ROS, hardware; drivers of
-//! hardware are crates below `plugins/`, which depend on this one alone.
+//! In: the traits of drivers ([`Driver`], [`InputDevice`]), the control law ([`law`], pure functions), the threads in
+//! which devices run and how they exchange data with the physics ([`host`]), a device in software ([`MockDriver`]). Not
+//! in: physics, ROS, hardware; drivers of hardware are crates below `plugins/`, which depend on this one alone.
 
 mod driver;
 pub mod host;

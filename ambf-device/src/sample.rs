@@ -2,8 +2,8 @@ use std::time::Instant;
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-/// What a device measured at one moment. Its frame is right-handed: x out of the device towards the user, y to the user's right,
-/// z up, the origin near the centre of the workspace.
+/// What a device measured at one moment. Its frame is right-handed: x out of the device towards the user, y to the
+/// user's right, z up, the origin near the centre of the workspace.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DeviceSample {
     /// When it was measured.
@@ -22,8 +22,8 @@ pub struct DeviceSample {
     pub gripper: Option<f64>,
     /// Pressed buttons, one bit each.
     pub buttons: u32,
-    /// Whether the pose may be trusted: not before homing, not while the device is away. Where it may not, the end-effector holds still as if
-    /// clutched and no force is sent.
+    /// Whether the pose may be trusted: not before homing, not while the device is away. Where it may not, the
+    /// end-effector holds still as if clutched and no force is sent.
     pub valid: bool,
 }
 

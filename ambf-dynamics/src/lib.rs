@@ -5,11 +5,12 @@
 //! They are C++ in `cpp/`, behind the C interface of [`ffi`], and act in Bullet's step through the interface that
 //! bullet-sys offers engines in `shim/extension.h`.
 //!
-//! Not in: bodies, shapes, constraints, queries and memory, which are bullet-sys'; safe owners, which are in `ambf_core::bullet`; when
-//! which part of the engine is used, which is the scene's to say. What it relies on within Bullet is listed in bullet-sys'
-//! `UPGRADE.md`.
+//! Not in: bodies, shapes, constraints, queries and memory, which are bullet-sys'; safe owners, which are in
+//! `ambf_core::bullet`; when which part of the engine is used, which is the scene's to say. What it relies on within
+//! Bullet is listed in bullet-sys' `UPGRADE.md`.
 //!
-//! Begin with `README.md`, then [`mlcp`] (the solver, without Bullet) or `cpp/engine.cpp` (where Bullet's step is entered).
+//! Begin with `README.md`, then [`mlcp`] (the solver, without Bullet) or `cpp/engine.cpp` (where Bullet's step is
+//! entered).
 
 pub mod assembly;
 pub mod ffi;

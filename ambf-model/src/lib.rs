@@ -1,6 +1,7 @@
 //! Descriptions of scenes: files in, data out. No physics, no ROS, nothing is drawn.
 //!
-//! * [`adf`]: scene files of AMBF (worlds, models, launch files, devices, colours) with a report of what is wrong in them, by file and line.
+//! * [`adf`]: scene files of AMBF (worlds, models, launch files, devices, colours) with a report of what is wrong in
+//!   them, by file and line.
 //! * [`urdf`]: robot descriptions in URDF, as the same models.
 //! * [`mesh`]: mesh files as triangles, for what collides and for what is drawn.
 //! * [`Settings`]: settings of drivers, as a device file has them.

@@ -28,8 +28,8 @@ pub struct SettingError {
     pub expected: String,
 }
 
-/// Settings of a driver: `driver settings` of an entry in a device file, keys and texts as written. Each driver reads its own and ends with
-/// [`Settings::unknown`].
+/// Settings of a driver: `driver settings` of an entry in a device file, keys and texts as written. Each driver reads
+/// its own and ends with [`Settings::unknown`].
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Settings {
     entries: BTreeMap<String, Setting>,

@@ -9,8 +9,8 @@ const MAX_ATTRIBUTES: usize = 4_000_000;
 /// Most declarations of namespaces: the parser copies those of the outer element into each element that has one.
 const MAX_NAMESPACES: usize = 256;
 
-/// What there is too much of in `text`, and the byte where it was seen. `max_quotes` is the most quotes in one tag and the text behind it:
-/// the parser compares each attribute of a tag with all before it.
+/// What there is too much of in `text`, and the byte where it was seen. `max_quotes` is the most quotes in one tag and
+/// the text behind it: the parser compares each attribute of a tag with all before it.
 pub(crate) fn find_excess(text: &str, max_quotes: usize) -> Option<(usize, &'static str)> {
     let attributes = text.bytes().filter(|b| *b == b'=').count();
     let tags = text.bytes().filter(|b| *b == b'<').count();

@@ -33,7 +33,8 @@ fn every_legacy_mesh_is_read() {
     for (format, (count, triangles, vertices)) in &per_format {
         println!("{format}: {count} files, {triangles} triangles, {vertices} vertices");
     }
-    // Some exports of things that are not meshes are a bare header; no scene uses them, and the C++ program refuses them too.
+    // Some exports of things that are not meshes are a bare header; no scene uses them, and the C++ program refuses
+    // them too.
     let (empty, broken): (Vec<_>, Vec<_>) =
         cache.errors().into_iter().partition(|e| matches!(**e, MeshError::Empty { .. }));
     println!("{} files in {:.3} s, {} of them empty", files.len(), elapsed.as_secs_f64(), empty.len());

@@ -1,15 +1,17 @@
 //! The C interface between the host and a shared library: plain data and tables of functions, nothing else.
 //!
-//! Everything here has a twin in `resources/plugins/ambf_plugin.h`. Texts are UTF-8 without a terminating zero. A change of any item is a
-//! new [`ABI_VERSION`].
+//! Everything here has a twin in `resources/plugins/ambf_plugin.h`. Texts are UTF-8 without a terminating zero. A
+//! change of any item is a new [`ABI_VERSION`].
 
 use std::ffi::c_void;
 
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
-/// Version of this interface, which libraries made with it have. Version 2 has one function more, at the end of [`RawHost`]: `show`.
+/// Version of this interface, which libraries made with it have. Version 2 has one function more, at the end of
+/// [`RawHost`]: `show`.
 pub const ABI_VERSION: u32 = 2;
-/// The oldest version whose libraries this host can load: what has come since is at the end of the host's table, where they don't look.
+/// The oldest version whose libraries this host can load: what has come since is at the end of the host's table, where
+/// they don't look.
 pub const OLDEST_ABI_VERSION: u32 = 1;
 
 /// Status: done.
@@ -186,15 +188,15 @@ pub struct RawInput {
 #[derive(Debug, Clone, Copy)]
 #[repr(C)]
 pub struct RawDrawing {
-    /// 0 sphere, 1 box, 2 arrow, 3 frame, 4 points, 5 lines; 6 text in pixels, 7 in shares of the window, 8 in the scene; 9, 10, 11 the same
-    /// of pictures.
+    /// 0 sphere, 1 box, 2 arrow, 3 frame, 4 points, 5 lines; 6 text in pixels, 7 in shares of the window, 8 in the
+    /// scene; 9, 10, 11 the same of pictures.
     pub shape: u32,
     /// Number of the window from 1; 0: all.
     pub window: u32,
     /// In the world; all zeros: the world's frame.
     pub pose: RawPose,
-    /// Sphere: radius. Box: edges. Arrow: length, radius. Frame: length. Points: pixels. Texts: x, y, pixels of a line. Pictures: x, y, height in
-    /// pixels.
+    /// Sphere: radius. Box: edges. Arrow: length, radius. Frame: length. Points: pixels. Texts: x, y, pixels of a line.
+    /// Pictures: x, y, height in pixels.
     pub numbers: [f64; 3],
     /// Red, green, blue, alpha, 0 to 1.
     pub color: [f32; 4],
@@ -258,8 +260,9 @@ pub struct RawInit {
     pub index: u64,
 }
 
-/// What the host offers. Those marked "now" work only in a callback that physics makes, in its thread; the others in any thread as long as the
-/// plugin lives. A negative result says that there is no such object (−1), or what is wrong (see `CommandError`).
+/// What the host offers. Those marked "now" work only in a callback that physics makes, in its thread; the others in
+/// any thread as long as the plugin lives. A negative result says that there is no such object (−1), or what is wrong
+/// (see `CommandError`).
 #[derive(Debug, Clone, Copy)]
 #[repr(C)]
 pub struct RawHost {
@@ -271,7 +274,8 @@ pub struct RawHost {
     pub fail: unsafe extern "C" fn(context: *const c_void, text: RawText),
     /// Leaves a command for the next iteration.
     pub post: unsafe extern "C" fn(context: *const c_void, command: *const RawCommand) -> i64,
-    /// The newest states, as many as there is place for; the number of bodies and joints goes to `counts`. 0: there are none yet.
+    /// The newest states, as many as there is place for; the number of bodies and joints goes to `counts`. 0: there are
+    /// none yet.
     pub snapshot: unsafe extern "C" fn(
         context: *const c_void,
         clock: *mut RawClock,
@@ -287,7 +291,8 @@ pub struct RawHost {
     pub count: unsafe extern "C" fn(context: *const c_void, kind: u32) -> i64,
     /// Now: the object that a text names.
     pub find: unsafe extern "C" fn(context: *const c_void, kind: u32, text: RawText) -> i64,
-    /// Now: name (0), identifier (1) or file (2, of models) of an object, cut to the capacity; the result is its whole length.
+    /// Now: name (0), identifier (1) or file (2, of models) of an object, cut to the capacity; the result is its whole
+    /// length.
     pub text: unsafe extern "C" fn(
         context: *const c_void,
         what: u32,
@@ -304,8 +309,9 @@ pub struct RawHost {
     pub joint: unsafe extern "C" fn(context: *const c_void, index: u64, out: *mut RawJoint) -> i32,
     /// Now: pose of an object in the world.
     pub pose: unsafe extern "C" fn(context: *const c_void, kind: u32, index: u64, out: *mut RawPose) -> i32,
-    /// Now: numbers of an object, as many as there is place for; the result is how many there are. Sensor: a measurement a ray or contact.
-    /// Ghost object: the bodies in it. Soft body: x, y, z of each node. Actuator: whether it holds something.
+    /// Now: numbers of an object, as many as there is place for; the result is how many there are. Sensor: a
+    /// measurement a ray or contact. Ghost object: the bodies in it. Soft body: x, y, z of each node. Actuator: whether
+    /// it holds something.
     pub values:
         unsafe extern "C" fn(context: *const c_void, kind: u32, index: u64, out: *mut f64, capacity: u64) -> i64,
     /// Now: the closest hit of a ray; 0: none.
@@ -319,12 +325,13 @@ pub struct RawHost {
     pub contacts: unsafe extern "C" fn(context: *const c_void, body: u64, out: *mut RawTouch, capacity: u64) -> i64,
     /// Now: executes a command. The result of attaching is a number to detach by, of others 0.
     pub execute: unsafe extern "C" fn(context: *const c_void, command: *const RawCommand) -> i64,
-    /// Since version 2, in any thread: shows these markers and texts in windows instead of those that the plugin has shown before. 0, or what
-    /// is wrong: nothing has changed then.
+    /// Since version 2, in any thread: shows these markers and texts in windows instead of those that the plugin has
+    /// shown before. 0, or what is wrong: nothing has changed then.
     pub show: unsafe extern "C" fn(context: *const c_void, drawings: *const RawDrawing, count: u64) -> i64,
 }
 
-/// A plugin. A function that is null does nothing. Each returns 0, 1 if it failed or 2 if it panicked; nothing else may come out of it.
+/// A plugin. A function that is null does nothing. Each returns 0, 1 if it failed or 2 if it panicked; nothing else may
+/// come out of it.
 #[derive(Debug, Clone, Copy)]
 #[repr(C)]
 pub struct RawPlugin {
@@ -352,7 +359,8 @@ pub struct RawPlugin {
 
 /// Type of the exported function `ambf_plugin_abi_version`.
 pub type VersionFn = unsafe extern "C" fn() -> u32;
-/// Type of the exported function `ambf_plugin_create`: `kind` as in [`RawInit`]; null: there is no plugin of that kind, or it failed.
+/// Type of the exported function `ambf_plugin_create`: `kind` as in [`RawInit`]; null: there is no plugin of that kind,
+/// or it failed.
 pub type CreateFn = unsafe extern "C" fn(kind: u32, host: *const RawHost) -> *mut RawPlugin;
 
 /// Copies as much of `from` as `to` has place for.

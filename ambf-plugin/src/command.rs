@@ -29,7 +29,8 @@ impl From<i8> for JointCommandType {
     }
 }
 
-/// What a plugin can make the simulation do. Objects are named by index in order of creation; vectors are in world axes.
+/// What a plugin can make the simulation do. Objects are named by index in order of creation; vectors are in world
+/// axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Command {
     /// Adds a force (N) at the centre of mass and a torque (N·m) to a body for the next step.

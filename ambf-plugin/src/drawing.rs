@@ -20,7 +20,8 @@ pub const MOST_PIXELS: usize = 1 << 24;
 /// Pixels of a picture each way.
 const LONGEST_SIDE: u32 = 8192;
 
-/// A picture: (height x width) pixels of red, green, blue and alpha, top row first. Alpha is not multiplied into the colours.
+/// A picture: (height x width) pixels of red, green, blue and alpha, top row first. Alpha is not multiplied into the
+/// colours.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Pixels {
     width: u32,
@@ -112,7 +113,8 @@ pub enum TextPlace {
     Pixels(f64, f64),
     /// x and y as shares of the width and height of the window, from its upper left corner: 0 to 1.
     Share(f64, f64),
-    /// Where the origin of the drawing's pose is seen; nowhere if that is behind the camera. Stereo windows show it once for each eye.
+    /// Where the origin of the drawing's pose is seen; nowhere if that is behind the camera. Stereo windows show it
+    /// once for each eye.
     Scene,
 }
 
@@ -219,8 +221,8 @@ impl Drawing {
     /// What plain data says.
     ///
     /// # Errors
-    /// [`CommandError::Unknown`] for a shape that is none, [`CommandError::NotFinite`] for a pose that is none, [`CommandError::Refused`]
-    /// for points and pixels at null, [`CommandError::TooMuch`].
+    /// [`CommandError::Unknown`] for a shape that is none, [`CommandError::NotFinite`] for a pose that is none,
+    /// [`CommandError::Refused`] for points and pixels at null, [`CommandError::TooMuch`].
     ///
     /// # Safety
     /// Points, text and pixels are null or as many as they say, and live until this returns.

@@ -1,4 +1,5 @@
-//! The C interface of drivers of input devices: plain data and tables of functions. Its version is that of [`abi`](super::abi).
+//! The C interface of drivers of input devices: plain data and tables of functions. Its version is that of
+//! [`abi`](super::abi).
 
 use std::ffi::c_void;
 use std::time::{Duration, Instant};
@@ -123,7 +124,8 @@ pub struct RawForce {
     pub gripper: f64,
 }
 
-/// A device that is open. Its functions are called from one thread at a time and return 0, 1 if they failed, 2 if they panicked.
+/// A device that is open. Its functions are called from one thread at a time and return 0, 1 if they failed, 2 if they
+/// panicked.
 #[derive(Clone, Copy)]
 #[repr(C)]
 pub struct RawDevice {

@@ -16,8 +16,9 @@ use super::driver_abi::{
 use super::export::message_of;
 use ambf_device::{DeviceError, DeviceInfo, DeviceLog, Driver, InputDevice, Setting, Settings};
 
-/// Makes a shared library of a driver of input devices: the crate's type is `cdylib`, and this stands in it once, with a type that implements
-/// [`Driver`](ambf_device::Driver) and [`Default`]. A launch file names it under `device plugins`.
+/// Makes a shared library of a driver of input devices: the crate's type is `cdylib`, and this stands in it once, with
+/// a type that implements [`Driver`](ambf_device::Driver) and [`Default`]. A launch file names it under `device
+/// plugins`.
 #[macro_export]
 macro_rules! export_driver {
     ($driver:ty) => {
@@ -163,7 +164,8 @@ unsafe extern "C" fn open(
     log: *const RawLog,
 ) -> *mut RawDevice {
     let mut opened = None;
-    // SAFETY: the host gives our instance, a log that lives as long as the device, and pointers that live until this returns.
+    // SAFETY: the host gives our instance, a log that lives as long as the device, and pointers that live until this
+    // returns.
     unsafe {
         let driver = driver(instance);
         let info = DeviceInfo { model: model.read(), identity: identity.read() };

@@ -20,7 +20,8 @@ use ambf_model::adf::PluginEntry;
 
 const CREATE: &str = "ambf_driver_create";
 
-/// Loads a driver of input devices from a shared library: an entry of `device plugins` in a launch file. Nothing is opened yet.
+/// Loads a driver of input devices from a shared library: an entry of `device plugins` in a launch file. Nothing is
+/// opened yet.
 ///
 /// # Errors
 /// [`PluginError`], as for plugins; [`PluginError::NoDriver`].
@@ -143,7 +144,8 @@ impl Driver for ForeignDriver {
         let log = Box::new(log.clone());
         let raw_log = Box::new(RawLog { context: std::ptr::from_ref(&*log).cast(), say });
         let (model, identity) = (RawText::of(&info.model), RawText::of(&info.identity));
-        // SAFETY: the driver is never freed; the log stays with the device; all other pointers live until the call returns.
+        // SAFETY: the driver is never freed; the log stays with the device; all other pointers live until the call
+        // returns.
         let raw = with_settings(settings, |settings| unsafe {
             (self.raw.open)(self.raw.instance, &answer, model, identity, settings, &*raw_log)
         });

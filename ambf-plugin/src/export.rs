@@ -1,4 +1,5 @@
-//! Plugins in shared libraries, as their authors see them: the C interface around the traits. This part runs in the library.
+//! Plugins in shared libraries, as their authors see them: the C interface around the traits. This part runs in the
+//! library.
 
 use std::any::Any;
 use std::ffi::c_void;
@@ -39,8 +40,8 @@ use crate::{ObjectId, ObjectType};
 /// ambf_core::export_plugin! { simulator: Counter }
 /// ```
 ///
-/// The kinds are `simulator`, `world`, `model` and `object`; a library has at most one plugin of each. The types implement [`Default`]: a
-/// plugin is made from that, and learns the rest in its `init`.
+/// The kinds are `simulator`, `world`, `model` and `object`; a library has at most one plugin of each. The types
+/// implement [`Default`]: a plugin is made from that, and learns the rest in its `init`.
 #[macro_export]
 macro_rules! export_plugin {
     ($($kind:ident: $plugin:ty),+ $(,)?) => {
@@ -297,7 +298,8 @@ unsafe extern "C" fn destroy(plugin: *mut RawPlugin) {
 #[derive(Clone, Copy)]
 pub(super) struct Remote(pub RawHost);
 
-// SAFETY: the host's functions may be called from any thread: those that need the simulation refuse in all threads but its own.
+// SAFETY: the host's functions may be called from any thread: those that need the simulation refuse in all threads but
+// its own.
 unsafe impl Send for Remote {}
 // SAFETY: as above.
 unsafe impl Sync for Remote {}
@@ -372,8 +374,8 @@ impl Services for Remote {
         let mut points = vec![Vec::new(); drawings.len()];
         let raw: Vec<RawDrawing> =
             drawings.iter().zip(&mut points).map(|(drawing, points)| drawing.raw(points)).collect();
-        // SAFETY: the table is alive, all that the drawings point at until the call returns. A library of this version is loaded by hosts
-        // that have this function only.
+        // SAFETY: the table is alive, all that the drawings point at until the call returns. A library of this version
+        // is loaded by hosts that have this function only.
         match unsafe { (self.0.show)(self.0.context, raw.as_ptr(), raw.len() as u64) } {
             status if status < 0 => Err(CommandError::of_status(status)),
             _ => Ok(()),

@@ -219,8 +219,8 @@ impl Plugins {
         }
     }
 
-    /// Brings the order of calls up to date. `key` sorts models by theirs and the objects in them; world and simulator plugins keep the
-    /// order of loading.
+    /// Brings the order of calls up to date. `key` sorts models by theirs and the objects in them; world and simulator
+    /// plugins keep the order of loading.
     pub fn arrange<K: Ord>(&mut self, key: impl Fn(usize, Option<ObjectId>) -> K) {
         let of = |slots: &[Slot], wanted: fn(&Subject) -> bool| {
             (0..slots.len()).filter(|&i| slots[i].plugin.is_some() && wanted(&slots[i].subject)).collect::<Vec<_>>()
@@ -357,7 +357,8 @@ impl Plugins {
         self.shared.drawings.close(self.slots[slot].number);
     }
 
-    /// Closes what `which` is true for: simulator, object, model and world plugins, each in the reverse order of loading.
+    /// Closes what `which` is true for: simulator, object, model and world plugins, each in the reverse order of
+    /// loading.
     fn close_where(&mut self, mut access: Option<&mut dyn Access>, which: impl Fn(&Slot) -> bool) {
         let rank = |slot: &Slot| match slot.subject {
             Subject::Simulator => 0,

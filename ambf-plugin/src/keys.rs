@@ -1,7 +1,7 @@
 //! Names of keys.
 
-/// Name of a key of [`SimulatorPlugin::keyboard_update`](super::SimulatorPlugin::keyboard_update) on a US keyboard, such as `A`, `7`,
-/// `F1`, `Space`, `LeftShift`, `Keypad0`; `None` for −1 and other numbers that GLFW gives to no key.
+/// Name of a key of [`SimulatorPlugin::keyboard_update`](super::SimulatorPlugin::keyboard_update) on a US keyboard,
+/// such as `A`, `7`, `F1`, `Space`, `LeftShift`, `Keypad0`; `None` for −1 and other numbers that GLFW gives to no key.
 pub fn key_name(key: i32) -> Option<&'static str> {
     const LETTERS: &str = "ABCDEFGHIJKLMNOPQRSTUVWXYZ";
     const DIGITS: &str = "0123456789";

@@ -1,16 +1,18 @@
 //! Plugins: code of others that runs with the simulation.
 //!
-//! Four kinds ([`SimulatorPlugin`], [`WorldPlugin`], [`ModelPlugin`], [`ObjectPlugin`]) share the callbacks of [`Plugin`]. A program has some
-//! built in ([`Registry`]); others come from shared libraries that [`export_plugin!`](crate::export_plugin) makes, or that are written in any
-//! language against the C interface in [`abi`]. Both are the same to the simulation: what a plugin can see and do is [`View`], and what crosses
-//! between a library and the program is plain data.
+//! Four kinds ([`SimulatorPlugin`], [`WorldPlugin`], [`ModelPlugin`], [`ObjectPlugin`]) share the callbacks of
+//! [`Plugin`]. A program has some built in ([`Registry`]); others come from shared libraries that
+//! [`export_plugin!`](crate::export_plugin) makes, or that are written in any language against the C interface in
+//! [`abi`]. Both are the same to the simulation: what a plugin can see and do is [`View`], and what crosses between a
+//! library and the program is plain data.
 //!
 //! `Simulation::load_plugins` of ambf-core loads what the files of a scene and a command line ask for. Nothing a
-//! plugin does wrong stops the simulation, except what no program can stop: memory that is corrupted, and a callback that never returns.
+//! plugin does wrong stops the simulation, except what no program can stop: memory that is corrupted, and a callback
+//! that never returns.
 //!
-//! Begin with [`Plugin`] and `docs/plugins.md`, whose examples are compiled here; `resources/plugins/recorder` and `marker` are whole
-//! libraries. `traits.rs` has the callbacks, `view.rs` what they can see, `host.rs` who calls them, `export.rs` and `library.rs` both sides
-//! of the C interface.
+//! Begin with [`Plugin`] and `docs/plugins.md`, whose examples are compiled here; `resources/plugins/recorder` and
+//! `marker` are whole libraries. `traits.rs` has the callbacks, `view.rs` what they can see, `host.rs` who calls them,
+//! `export.rs` and `library.rs` both sides of the C interface.
 //!
 //! Not in: the scene and its physics; ambf-core implements what [`View`] shows ([`run::Access`]).
 

@@ -26,7 +26,8 @@ use crate::{ObjectId, ObjectType};
 const VERSION: &str = "ambf_plugin_abi_version";
 const CREATE: &str = "ambf_plugin_create";
 
-/// Opens a library of a version of our interface that this host knows. It is never closed: code of it may be running in threads of its own.
+/// Opens a library of a version of our interface that this host knows. It is never closed: code of it may be running in
+/// threads of its own.
 ///
 /// # Errors
 /// [`PluginError::Open`], [`PluginError::Symbol`], [`PluginError::Version`].
@@ -35,7 +36,8 @@ pub(super) fn open(file: &Path) -> Result<&'static Library, PluginError> {
     let library = unsafe { Library::open(Some(file), RTLD_NOW | RTLD_LOCAL) }
         .map_err(|error| PluginError::Open { file: file.to_owned(), why: because(&error) })?;
     let library: &'static Library = Box::leak(Box::new(library));
-    // SAFETY: the type is that of the interface; a library that exports another function under this name breaks the contract.
+    // SAFETY: the type is that of the interface; a library that exports another function under this name breaks the
+    // contract.
     let version = unsafe { symbol::<VersionFn>(library, file, VERSION)? };
     // SAFETY: it takes nothing and returns a number.
     let found = unsafe { version() };

@@ -13,8 +13,8 @@ type Make = Arc<dyn Fn(PluginKind) -> Option<AnyPlugin> + Send + Sync>;
 pub struct Registry(BTreeMap<String, Make>);
 
 impl Registry {
-    /// Adds a plugin; `make` gives a new one of the kind that is wanted, `None` for a kind that it cannot be. A later one of the same name
-    /// replaces an earlier one.
+    /// Adds a plugin; `make` gives a new one of the kind that is wanted, `None` for a kind that it cannot be. A later
+    /// one of the same name replaces an earlier one.
     pub fn add(&mut self, name: &str, make: impl Fn(PluginKind) -> Option<AnyPlugin> + Send + Sync + 'static) {
         self.0.insert(name.to_owned(), Arc::new(make));
     }

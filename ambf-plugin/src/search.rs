@@ -25,7 +25,8 @@ enum Found {
 }
 
 impl Search {
-    /// As this process was started: `AMBF_PLUGIN_PATH`, else the folder of the program, `plugins` in it, and `../lib/ambf/plugins` beside it.
+    /// As this process was started: `AMBF_PLUGIN_PATH`, else the folder of the program, `plugins` in it, and
+    /// `../lib/ambf/plugins` beside it.
     pub fn from_environment() -> Self {
         let program = std::env::current_exe().ok().and_then(|path| path.parent().map(Path::to_owned));
         Self::new(
@@ -42,9 +43,9 @@ impl Search {
         Self { folders: if named.is_empty() { default() } else { named }, working_folder }
     }
 
-    /// The file that `filename` means, for an entry whose own folder is `path`: an absolute name only itself; otherwise the first that exists
-    /// in its own folder, in the folders of the environment or the default ones, in the working folder. A name with a folder in it is
-    /// tried in the working folder first.
+    /// The file that `filename` means, for an entry whose own folder is `path`: an absolute name only itself; otherwise
+    /// the first that exists in its own folder, in the folders of the environment or the default ones, in the working
+    /// folder. A name with a folder in it is tried in the working folder first.
     fn find(&self, filename: &Path, path: Option<&Path>) -> Found {
         if filename.is_absolute() {
             let is_there = filename.is_file();
@@ -107,8 +108,8 @@ fn known(filename: &Path) -> Option<&'static str> {
     KNOWN.iter().find(|(start, _)| name.starts_with(start)).map(|(_, advice)| *advice)
 }
 
-/// Whether a file exports what plugins of the C++ program do and not what ours do. It is only read, not opened by the dynamic loader, so that
-/// nothing in it runs.
+/// Whether a file exports what plugins of the C++ program do and not what ours do. It is only read, not opened by the
+/// dynamic loader, so that nothing in it runs.
 fn is_cpp_plugin(file: &Path) -> bool {
     let Ok(bytes) = std::fs::read(file) else { return false };
     let holds = |text: &[u8]| bytes.windows(text.len()).any(|window| window == text);

@@ -24,8 +24,8 @@ impl<T: Clone> SnapshotWriter<T> {
         Self { pool: (0..POOL).map(|_| Arc::new(template.clone())).collect(), is_new: true }
     }
 
-    /// Lets `fill` overwrite a free snapshot and swaps it into `slot`. False, and nothing is published, in the rare case that
-    /// readers hold all of them.
+    /// Lets `fill` overwrite a free snapshot and swaps it into `slot`. False, and nothing is published, in the rare
+    /// case that readers hold all of them.
     pub fn publish(&mut self, slot: &SnapshotSlot<T>, fill: impl FnOnce(&mut T)) -> bool {
         for _ in 0..self.pool.len() {
             let Some(mut candidate) = self.pool.pop_front() else { break };

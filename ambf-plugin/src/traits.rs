@@ -63,11 +63,12 @@ impl PluginKind {
 
 /// Callbacks of every plugin. Physics calls them from its thread, one at a time, never two of one plugin at once.
 ///
-/// A callback may panic: it is reported, the simulation goes on, and after the third time the plugin is closed. A callback that takes longer
-/// than its budget (0.5 ms, for pictures 4 ms) is reported, not stopped: it holds up the simulation.
+/// A callback may panic: it is reported, the simulation goes on, and after the third time the plugin is closed. A
+/// callback that takes longer than its budget (0.5 ms, for pictures 4 ms) is reported, not stopped: it holds up the
+/// simulation.
 ///
-/// A plugin that works in several threads should be two halves joined by channels: one half is the plugin, the other one a thread of its own
-/// that talks to physics through [`Host`].
+/// A plugin that works in several threads should be two halves joined by channels: one half is the plugin, the other
+/// one a thread of its own that talks to physics through [`Host`].
 pub trait Plugin: Send {
     /// Starts. A plugin that fails is dropped without being closed. Default: nothing to do.
     ///
@@ -78,13 +79,15 @@ pub trait Plugin: Send {
         Ok(())
     }
 
-    /// After each step that was made, and only then: not while paused. `dt` is the length of that step, s. What is commanded acts in the next.
+    /// After each step that was made, and only then: not while paused. `dt` is the length of that step, s. What is
+    /// commanded acts in the next.
     fn physics_update(&mut self, world: &mut View<'_>, dt: f64) {
         let _ = (world, dt);
     }
 
-    /// Once a frame, after all its pictures were drawn, at 120 Hz at most; also while paused. Frames that are drawn while physics is busy are
-    /// told as one. Never called without a window. What [`Host::show`] shows here is seen in the next frame.
+    /// Once a frame, after all its pictures were drawn, at 120 Hz at most; also while paused. Frames that are drawn
+    /// while physics is busy are told as one. Never called without a window. What [`Host::show`] shows here is seen in
+    /// the next frame.
     fn graphics_update(&mut self) {}
 
     /// After all objects were reset, whoever asked for that. Time goes on. A reset of bodies only calls nothing.
@@ -92,21 +95,23 @@ pub trait Plugin: Send {
         let _ = world;
     }
 
-    /// Ends: once, and only after a successful start; at the end of the program, when its model is removed, or after the third panic.
+    /// Ends: once, and only after a successful start; at the end of the program, when its model is removed, or after
+    /// the third panic.
     fn close(&mut self) {}
 }
 
 /// A plugin of the simulator: called last after each step.
 pub trait SimulatorPlugin: Plugin {
-    /// A key was pressed (`action` 1) or repeated (2) in a window, after the simulator's own handling. Windows count from 1, as their titles
-    /// do. Numbers as in GLFW: [`key_name`](super::key_name) gives the name of a key, `mods` is a sum of 1 Shift, 2 Ctrl, 4 Alt, 8 Super. Keys
-    /// that a panel takes, such as those of a search, are not told. Never called without a window.
+    /// A key was pressed (`action` 1) or repeated (2) in a window, after the simulator's own handling. Windows count
+    /// from 1, as their titles do. Numbers as in GLFW: [`key_name`](super::key_name) gives the name of a key, `mods` is
+    /// a sum of 1 Shift, 2 Ctrl, 4 Alt, 8 Super. Keys that a panel takes, such as those of a search, are not told.
+    /// Never called without a window.
     fn keyboard_update(&mut self, window: u32, key: i32, scancode: i32, action: i32, mods: i32) {
         let _ = (window, key, scancode, action, mods);
     }
 
-    /// A mouse button (0 left, 1 right, 2 middle) was pressed (`action` 1) or released (0) in a window, at the position that was told last.
-    /// Never called without a window.
+    /// A mouse button (0 left, 1 right, 2 middle) was pressed (`action` 1) or released (0) in a window, at the position
+    /// that was told last. Never called without a window.
     fn mouse_buttons_update(&mut self, window: u32, button: i32, action: i32, mods: i32) {
         let _ = (window, button, action, mods);
     }
@@ -285,14 +290,14 @@ pub(crate) trait Services: Send + Sync {
 }
 
 impl Host {
-    /// Writes a line to the program's log, under the plugin's name, without waiting. While more lines come than can be written, some are
-    /// dropped.
+    /// Writes a line to the program's log, under the plugin's name, without waiting. While more lines come than can be
+    /// written, some are dropped.
     pub fn say(&self, text: impl AsRef<str>) {
         self.0.say(text.as_ref());
     }
 
-    /// Leaves a command for the next step: it is executed right before that, in the order in which commands were left. What comes of it is
-    /// reported only if it fails.
+    /// Leaves a command for the next step: it is executed right before that, in the order in which commands were left.
+    /// What comes of it is reported only if it fails.
     ///
     /// # Errors
     /// [`CommandError::NotFinite`], [`CommandError::Full`].
@@ -300,19 +305,21 @@ impl Host {
         self.0.post(command)
     }
 
-    /// Copies the newest states of all bodies and joints to `out`; `false` when there are none yet: they are kept from the first call on, and
-    /// are there after the next step.
+    /// Copies the newest states of all bodies and joints to `out`; `false` when there are none yet: they are kept from
+    /// the first call on, and are there after the next step.
     pub fn snapshot(&self, out: &mut StateSnapshot) -> bool {
         self.0.snapshot(out)
     }
 
-    /// Shows these markers and texts in the windows, from their next picture on, instead of those that the plugin has shown before; none: it
-    /// shows nothing any more. They stay until then, or until the plugin is closed. Pictures that are published don't have them. Without
-    /// windows nobody sees them. It never waits; each call copies the drawings.
+    /// Shows these markers and texts in the windows, from their next picture on, instead of those that the plugin has
+    /// shown before; none: it shows nothing any more. They stay until then, or until the plugin is closed. Pictures
+    /// that are published don't have them. Without windows nobody sees them. It never waits; each call copies the
+    /// drawings.
     ///
     /// # Errors
-    /// [`CommandError::NotFinite`]; [`CommandError::TooMuch`] for more than [`MOST_DRAWINGS`](super::MOST_DRAWINGS) drawings,
-    /// [`MOST_POINTS`](super::MOST_POINTS) points or [`MOST_TEXT`](super::MOST_TEXT) bytes of texts. What was shown before stays then.
+    /// [`CommandError::NotFinite`]; [`CommandError::TooMuch`] for more than [`MOST_DRAWINGS`](super::MOST_DRAWINGS)
+    /// drawings, [`MOST_POINTS`](super::MOST_POINTS) points or [`MOST_TEXT`](super::MOST_TEXT) bytes of texts. What was
+    /// shown before stays then.
     pub fn show(&self, drawings: &[Drawing]) -> Result<(), CommandError> {
         self.0.show(drawings)
     }
@@ -345,8 +352,8 @@ impl InitContext<'_> {
         self.world.own(kind)
     }
 
-    /// The YAML where it was declared: of an object its own mapping, of a model, the world or the launch file the whole file; empty for
-    /// `--plugins`. Keys that the simulator does not know are in it too.
+    /// The YAML where it was declared: of an object its own mapping, of a model, the world or the launch file the whole
+    /// file; empty for `--plugins`. Keys that the simulator does not know are in it too.
     pub fn node(&self) -> &str {
         &self.node
     }
@@ -359,7 +366,8 @@ impl InitContext<'_> {
         Outline::parse(&self.node, Path::new(&self.handle))
     }
 
-    /// Directory of the file in which it was declared: relative paths belong there. For `--plugins` the working directory.
+    /// Directory of the file in which it was declared: relative paths belong there. For `--plugins` the working
+    /// directory.
     pub fn directory(&self) -> &Path {
         &self.directory
     }

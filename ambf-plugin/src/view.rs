@@ -15,8 +15,8 @@ pub enum TextOf {
     File,
 }
 
-/// What can be asked and told: the host's simulation itself, or the same through the C interface. `kind`: a type of objects, or `None` for
-/// models.
+/// What can be asked and told: the host's simulation itself, or the same through the C interface. `kind`: a type of
+/// objects, or `None` for models.
 pub trait Access {
     /// What follows is done for the plugin with this number.
     fn act_as(&mut self, _plugin: u64) {}
@@ -53,9 +53,9 @@ pub trait Access {
 
 /// The simulation as a plugin sees it in a callback of the physics thread: the scene between two steps.
 ///
-/// Objects are named by type and index; an index stays the same for as long as the simulation runs and is never used again. What is asked of an
-/// object that is not there, or no longer, is `None` or [`CommandError::NoObject`]. Nothing that is told here can corrupt the simulation:
-/// numbers that are not finite are refused.
+/// Objects are named by type and index; an index stays the same for as long as the simulation runs and is never used
+/// again. What is asked of an object that is not there, or no longer, is `None` or [`CommandError::NoObject`]. Nothing
+/// that is told here can corrupt the simulation: numbers that are not finite are refused.
 pub struct View<'a> {
     pub(crate) access: &'a mut dyn Access,
     subject: Subject,
@@ -94,8 +94,8 @@ impl<'a> View<'a> {
         self.access.count(None)
     }
 
-    /// The object of a type whose qualified identifier (`/ambf/env/BODY Base`) or name (`Base`) is `text`, else the only one whose identifier
-    /// holds it.
+    /// The object of a type whose qualified identifier (`/ambf/env/BODY Base`) or name (`Base`) is `text`, else the
+    /// only one whose identifier holds it.
     pub fn find(&self, kind: ObjectType, text: &str) -> Option<usize> {
         self.access.find(Some(kind), text)
     }
@@ -140,13 +140,14 @@ impl<'a> View<'a> {
         self.access.joint(index)
     }
 
-    /// Pose of an object in the world: of a body its body frame, of a soft body its centre without rotation; `None` for joints and volumes.
+    /// Pose of an object in the world: of a body its body frame, of a soft body its centre without rotation; `None` for
+    /// joints and volumes.
     pub fn pose(&self, object: ObjectId) -> Option<Isometry3<f64>> {
         self.access.pose(object)
     }
 
-    /// Measurements of a sensor, one a ray (1 − distance / length, 0 without a hit) or one a contact (N). Replaces what is in `out`; `None` when
-    /// there is no such sensor.
+    /// Measurements of a sensor, one a ray (1 − distance / length, 0 without a hit) or one a contact (N). Replaces what
+    /// is in `out`; `None` when there is no such sensor.
     pub fn sensor_readings(&self, sensor: usize, out: &mut Vec<f64>) -> Option<()> {
         out.clear();
         self.access.values(ObjectId::new(ObjectType::Sensor, sensor), out)
@@ -172,12 +173,14 @@ impl<'a> View<'a> {
         Some(values.first() == Some(&1.0))
     }
 
-    /// What a ray from one point to another meets first; points in m, world axes. Objects are where the last sub-step saw them.
+    /// What a ray from one point to another meets first; points in m, world axes. Objects are where the last sub-step
+    /// saw them.
     pub fn cast_ray(&self, from: Vector3<f64>, to: Vector3<f64>) -> Option<Hit> {
         self.access.cast_ray(&from, &to)
     }
 
-    /// Where a body touches others, as of the last sub-step. Replaces what is in `out`; `None` when there is no such body.
+    /// Where a body touches others, as of the last sub-step. Replaces what is in `out`; `None` when there is no such
+    /// body.
     pub fn contacts(&self, body: usize, out: &mut Vec<Touch>) -> Option<()> {
         out.clear();
         self.access.contacts(body, out)
@@ -199,7 +202,8 @@ impl<'a> View<'a> {
         self.execute(&Command::Wrench { body, force, torque })
     }
 
-    /// Adds a force (N) at a point (m) of a body for the next step; torque = (point − centre of mass) × force. World axes.
+    /// Adds a force (N) at a point (m) of a body for the next step; torque = (point − centre of mass) × force. World
+    /// axes.
     ///
     /// # Errors
     /// [`CommandError::NoObject`], [`CommandError::NotFinite`].

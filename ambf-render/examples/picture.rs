@@ -1,4 +1,5 @@
-//! Draws one picture of a scene as it is when it is loaded: `cargo run --release -p ambf-render --example picture -- WORLD MODEL PNG`.
+//! Draws one picture of a scene as it is when it is loaded: `cargo run --release -p ambf-render --example picture --
+//! WORLD MODEL PNG`.
 
 use std::path::PathBuf;
 use std::sync::Arc;

@@ -47,8 +47,8 @@ pub fn camera_labels(visuals: &VisualScene) -> Vec<(usize, String)> {
     here.map(|(index, camera)| (index, object_label(&camera.object))).collect()
 }
 
-/// Index of a camera: by label, qualified identifier (prefix, namespace and mapping key), name or mapping key, in this order; `None` stands
-/// for the first camera.
+/// Index of a camera: by label, qualified identifier (prefix, namespace and mapping key), name or mapping key, in this
+/// order; `None` stands for the first camera.
 ///
 /// # Errors
 /// [`NoSuchCamera`], which lists the cameras.

@@ -501,8 +501,8 @@ impl Pass<'_> {
         }
     }
 
-    /// Which faces need not be drawn of these opaque drawables of one part: the backs of closed surfaces that lie wholly in front of the
-    /// eye. Nobody sees them, but a software renderer shades those that come first.
+    /// Which faces need not be drawn of these opaque drawables of one part: the backs of closed surfaces that lie
+    /// wholly in front of the eye. Nobody sees them, but a software renderer shades those that come first.
     fn culled(&self, eye: &Eye, order: &[usize]) -> Cull {
         // What mirrors takes fronts for backs; projections of OpenGL turn a right-handed frame into a left-handed one.
         if !self.drawables[order[0]].part.is_closed || eye.projection.determinant() >= 0.0 {

@@ -1,4 +1,5 @@
-//! Pictures as files: PNG for colours, NumPy arrays, OpenEXR and PNG of 16 bits for depths. The same numbers give the same bytes.
+//! Pictures as files: PNG for colours, NumPy arrays, OpenEXR and PNG of 16 bits for depths. The same numbers give the
+//! same bytes.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
@@ -120,7 +121,8 @@ fn write_npy(file: &Path, kind: &str, shape: &[u32], bytes: impl Iterator<Item =
     std::fs::write(file, all)
 }
 
-/// A single part OpenEXR file of scan lines with one channel of 32 bit floats, as <https://openexr.com/en/latest/OpenEXRFileLayout.html> says.
+/// A single part OpenEXR file of scan lines with one channel of 32 bit floats, as
+/// <https://openexr.com/en/latest/OpenEXRFileLayout.html> says.
 fn write_exr(file: &Path, (width, height): (u32, u32), values: &[f32]) -> io::Result<()> {
     let mut header: Vec<u8> = Vec::new();
     header.extend(20_000_630_u32.to_le_bytes());
@@ -134,7 +136,8 @@ fn write_exr(file: &Path, (width, height): (u32, u32), values: &[f32]) -> io::Re
         header.extend(value);
     };
     let numbers = |numbers: &[u32]| numbers.iter().flat_map(|number| number.to_le_bytes()).collect::<Vec<u8>>();
-    // Name; FLOAT; not perceptually linear, which is one byte and three reserved ones; sampled at each pixel; end of the list.
+    // Name; FLOAT; not perceptually linear, which is one byte and three reserved ones; sampled at each pixel; end of
+    // the list.
     let mut channels = b"Z\0".to_vec();
     channels.extend(numbers(&[2, 0, 1, 1]));
     channels.push(0);

@@ -1,5 +1,5 @@
-//! Pictures of scenes: descriptions and a snapshot of states in; colour, metric depth, ids and surface normals out. No window, no ROS, no
-//! physics.
+//! Pictures of scenes: descriptions and a snapshot of states in; colour, metric depth, ids and surface normals out. No
+//! window, no ROS, no physics.
 //!
 //! ```no_run
 //! use ambf_render::{Picture, PictureRequest, Renderer, Stage, View};

@@ -182,9 +182,9 @@ fn united(a: Area, b: Area) -> Area {
     }
 }
 
-/// Back faces only: closed bodies then don't shade their own lit sides. A sheet has no back: both of its sides are drawn, a little farther
-/// away than they are. Only that part of the map is touched in which there is or was something: where the processor draws, emptying a large
-/// map costs more than a scene.
+/// Back faces only: closed bodies then don't shade their own lit sides. A sheet has no back: both of its sides are
+/// drawn, a little farther away than they are. Only that part of the map is touched in which there is or was something:
+/// where the processor draws, emptying a large map costs more than a scene.
 fn draw_map(
     gl: &Current<'_>,
     programs: &mut Programs,

@@ -72,8 +72,8 @@ impl MeshRequest {
         Self { key: MeshKey::File(path.to_owned(), remove_duplicates), shape: None }
     }
 
-    /// A shape of unit size, and the factors that make it as large as `primitive`: shapes of different sizes are drawn together. Those
-    /// that no factors make of each other are shapes of their own.
+    /// A shape of unit size, and the factors that make it as large as `primitive`: shapes of different sizes are drawn
+    /// together. Those that no factors make of each other are shapes of their own.
     pub(crate) fn shape(primitive: &Primitive) -> (Self, Vector3<f64>) {
         let about = |axis: Axis, radius: f64, height: f64| match axis {
             Axis::X => Vector3::new(height, radius, radius),
@@ -368,7 +368,8 @@ fn bounding_sphere(positions: &[[f32; 3]]) -> (Point3<f64>, f64) {
     (center, square.sqrt())
 }
 
-/// Triangles of a surface of revolution about x: rings at (x, radius) with normals (along x, outward). A ring of radius 0 is a point.
+/// Triangles of a surface of revolution about x: rings at (x, radius) with normals (along x, outward). A ring of radius
+/// 0 is a point.
 pub(crate) fn lathe(rings: &[[f32; 4]], segments: u32) -> (Vec<f32>, Vec<u32>) {
     let (mut vertices, mut indices) = (Vec::new(), Vec::new());
     for [x, radius, along, outward] in rings {

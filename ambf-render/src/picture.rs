@@ -22,8 +22,8 @@ pub struct PictureRequest {
     /// Samples a pixel of the colour, 1 to 8; more than 1 is anti-aliasing. Never used for depth, ids, normals and with
     /// [`preprocessing`](Self::preprocessing).
     pub samples: u32,
-    /// The GLSL program that draws all bodies, ghost objects and soft bodies instead of their own (a camera's `preprocessing shaders`):
-    /// masks. It is drawn opaque.
+    /// The GLSL program that draws all bodies, ghost objects and soft bodies instead of their own (a camera's
+    /// `preprocessing shaders`): masks. It is drawn opaque.
     pub preprocessing: Option<ShaderProgram>,
     /// Markers of the stage, frames, sensors and actuators are drawn too.
     pub markers: bool,
@@ -57,10 +57,11 @@ pub struct Picture {
     pub color: Vec<u8>,
     /// (height x width) distance from the eye along the axis of the camera, m; the far plane where nothing is seen.
     pub depth: Vec<f32>,
-    /// (height x width x 2) index of the object in the stage plus 1 ([`Stage::id_name`](crate::Stage::id_name)), and index of its model
-    /// plus 1; 0 where nothing is seen.
+    /// (height x width x 2) index of the object in the stage plus 1 ([`Stage::id_name`](crate::Stage::id_name)), and
+    /// index of its model plus 1; 0 where nothing is seen.
     pub ids: Vec<[u32; 2]>,
-    /// (height x width x 3) unit normal of the surface in the camera's frame, towards the camera; 0 where nothing is seen.
+    /// (height x width x 3) unit normal of the surface in the camera's frame, towards the camera; 0 where nothing is
+    /// seen.
     pub normals: Vec<[f32; 3]>,
     /// One or two eyes with their projections.
     pub eyes: Vec<Eye>,
@@ -69,8 +70,8 @@ pub struct Picture {
 }
 
 impl Picture {
-    /// (height·width x 3) points of the depth in the camera's frame, m, float32, **bottom row first**: (x, y, z) with x = −depth, y to the
-    /// right, z up. Empty without depth.
+    /// (height·width x 3) points of the depth in the camera's frame, m, float32, **bottom row first**: (x, y, z) with x
+    /// = −depth, y to the right, z up. Empty without depth.
     pub fn points(&self) -> Vec<[f32; 3]> {
         let mut points = vec![[0.0; 3]; self.depth.len()];
         for eye in &self.eyes {

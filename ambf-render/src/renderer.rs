@@ -135,15 +135,15 @@ impl Renderer {
         Self::on(Device::offscreen()?)
     }
 
-    /// A renderer in the OpenGL context that is current on this thread; `find` gives the addresses of OpenGL functions. A compatibility
-    /// profile of version 3.3 or later is needed.
+    /// A renderer in the OpenGL context that is current on this thread; `find` gives the addresses of OpenGL functions.
+    /// A compatibility profile of version 3.3 or later is needed.
     ///
     /// # Errors
     /// [`RenderError::Gl`].
     ///
     /// # Safety
-    /// A context is current on this thread and `find` gives the addresses of its functions. Whenever the renderer is used or dropped, and
-    /// whenever something is dropped that it prepared, that context is current on the thread.
+    /// A context is current on this thread and `find` gives the addresses of its functions. Whenever the renderer is
+    /// used or dropped, and whenever something is dropped that it prepared, that context is current on the thread.
     pub unsafe fn in_current_context(
         find: impl FnMut(&std::ffi::CStr) -> *const std::ffi::c_void,
     ) -> Result<Self, RenderError> {
@@ -171,8 +171,8 @@ impl Renderer {
         self.device.is_software
     }
 
-    /// Brings a stage up to date: loads what is new in `visuals`, takes the poses of `snapshot`. Returns messages about what cannot be
-    /// drawn as described, each once.
+    /// Brings a stage up to date: loads what is new in `visuals`, takes the poses of `snapshot`. Returns messages about
+    /// what cannot be drawn as described, each once.
     pub fn prepare(&mut self, stage: &mut Stage, visuals: &Arc<VisualScene>, snapshot: &Snapshot) -> Vec<String> {
         let gl = match self.device.enter() {
             Ok(gl) => gl,
@@ -292,8 +292,8 @@ impl Renderer {
         }
     }
 
-    /// Draws a stage into the frame buffer that is bound (0: the window's), lower left corner at (0, 0). `samples` as in
-    /// [`PictureRequest`]; `mirrored` flips the picture top to bottom, with one sample a pixel.
+    /// Draws a stage into the frame buffer that is bound (0: the window's), lower left corner at (0, 0). `samples` as
+    /// in [`PictureRequest`]; `mirrored` flips the picture top to bottom, with one sample a pixel.
     ///
     /// # Errors
     /// [`RenderError::Size`], [`RenderError::Gl`], [`RenderError::NotPrepared`].
@@ -310,7 +310,8 @@ impl Renderer {
         gl.clear_errors();
         let bound = gl.bound();
         let samples = if mirrored { 1 } else { samples.clamp(1, 8) };
-        // What is bound is drawn into if that gives the same picture: a copy costs a software renderer as much as the scene.
+        // What is bound is drawn into if that gives the same picture: a copy costs a software renderer as much as the
+        // scene.
         let is_direct = samples == 1 && !mirrored && gl.bound_depth_bits() >= 24;
         self.resources.with_scene(&gl, self.id, stage, true, |pass, targets| {
             let target = match is_direct {

@@ -174,7 +174,8 @@ pub(crate) struct Lit {
     pub(crate) physical: bool,
     /// A texture multiplies its roughness and metalness.
     pub(crate) physical_map: bool,
-    /// The material is that of one instance, and uniform: a software renderer pays for what it hands on at every triangle.
+    /// The material is that of one instance, and uniform: a software renderer pays for what it hands on at every
+    /// triangle.
     pub(crate) one_material: bool,
     /// Some instance has highlights.
     pub(crate) glossy: bool,
@@ -281,7 +282,8 @@ uniform sampler2D u_normal_map;
         text
     }
 
-    /// How much of light i reaches the pixel beside its shadow: the factors of spot and attenuation, as statements that multiply `part`.
+    /// How much of light i reaches the pixel beside its shadow: the factors of spot and attenuation, as statements that
+    /// multiply `part`.
     fn weakened(self, light: u32) -> String {
         let mut text = String::new();
         if self.exponents >> light & 1 == 1 {
@@ -297,9 +299,10 @@ uniform sampler2D u_normal_map;
         text
     }
 
-    /// The equation of the fixed-function pipeline, at every pixel: colour = emission + 0.2 m_a + Σ over lights of attenuation · spot ·
-    /// (0.4 m_a + max(n·l, 0) 0.7 m_d + max(n·h, 0)^shininess m_s), viewer at infinity, both sides lit, clamped, then multiplied by the
-    /// texture. In the shadow of a light its diffuse part counts 0.3 and its specular part nothing.
+    /// The equation of the fixed-function pipeline, at every pixel: colour = emission + 0.2 m_a + Σ over lights of
+    /// attenuation · spot · (0.4 m_a + max(n·l, 0) 0.7 m_d + max(n·h, 0)^shininess m_s), viewer at infinity, both sides
+    /// lit, clamped, then multiplied by the texture. In the shadow of a light its diffuse part counts 0.3 and its
+    /// specular part nothing.
     fn phong_main(self, text: &mut String) {
         text.push_str(
             r"void main() {
@@ -368,9 +371,9 @@ uniform sampler2D u_normal_map;
         );
     }
 
-    /// Reflection by microfacets: Lambert's law and the distribution of Trowbridge and Reitz (GGX) with the shadowing of Smith and the
-    /// Fresnel term of Schlick, as appendix B of glTF 2.0 has it; in linear colours, with a sky that is bright above. README, section
-    /// Light.
+    /// Reflection by microfacets: Lambert's law and the distribution of Trowbridge and Reitz (GGX) with the shadowing
+    /// of Smith and the Fresnel term of Schlick, as appendix B of glTF 2.0 has it; in linear colours, with a sky that
+    /// is bright above. README, section Light.
     fn physical_main(self, text: &mut String) {
         text.push_str(
             r"uniform vec4 u_eye;

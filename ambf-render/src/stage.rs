@@ -146,8 +146,8 @@ pub(crate) struct Look {
     pub(crate) specular: [f32; 3],
     pub(crate) emission: [f32; 3],
     pub(crate) shininess: f32,
-    /// Metalness and roughness, 0 to 1, of a physically based material: `diffuse` is its base colour, and `ambient`, `specular` and
-    /// `shininess` have no effect.
+    /// Metalness and roughness, 0 to 1, of a physically based material: `diffuse` is its base colour, and `ambient`,
+    /// `specular` and `shininess` have no effect.
     pub(crate) physical: Option<[f32; 2]>,
 }
 
@@ -223,7 +223,8 @@ impl Stage {
         Some(&self.built.as_ref()?.objects.get(index)?.name)
     }
 
-    /// Centre and radius of a sphere around all bodies that are drawn, m, half spaces excepted; `None` if nothing is drawn.
+    /// Centre and radius of a sphere around all bodies that are drawn, m, half spaces excepted; `None` if nothing is
+    /// drawn.
     pub fn bounds(&self) -> Option<(Point3<f64>, f64)> {
         let items = &self.built.as_ref()?.items;
         let finite =
@@ -261,7 +262,8 @@ impl Built {
         }
     }
 
-    /// Takes the poses of a snapshot, except the shapes of soft bodies. An object that the snapshot does not know keeps its pose.
+    /// Takes the poses of a snapshot, except the shapes of soft bodies. An object that the snapshot does not know keeps
+    /// its pose.
     pub(crate) fn take_poses(&mut self, snapshot: &Snapshot) {
         let visuals = Arc::clone(&self.visuals);
         let body_frame = |index: usize| {

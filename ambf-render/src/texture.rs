@@ -20,7 +20,8 @@ pub struct Texture {
     pub width: u32,
     /// Pixels from bottom to top, at least 1.
     pub height: u32,
-    /// Red, green, blue and alpha (height × width × 4), the bottom row first; alpha 255 is opaque and is not multiplied in.
+    /// Red, green, blue and alpha (height × width × 4), the bottom row first; alpha 255 is opaque and is not multiplied
+    /// in.
     pub rgba: Vec<u8>,
 }
 
@@ -63,8 +64,9 @@ pub enum TextureError {
 }
 
 impl Texture {
-    /// Reads a picture: bmp, gif (its first frame), jpg, png, ppm and its relatives, tga. The content tells the format; where it does
-    /// not (tga), the extension does. Deeper pictures are reduced to 8 bits a channel; a missing alpha is opaque.
+    /// Reads a picture: bmp, gif (its first frame), jpg, png, ppm and its relatives, tga. The content tells the format;
+    /// where it does not (tga), the extension does. Deeper pictures are reduced to 8 bits a channel; a missing alpha is
+    /// opaque.
     ///
     /// # Errors
     /// See [`TextureError`]. The size is checked before anything is decoded.
@@ -200,7 +202,8 @@ mod tests {
         assert!(matches!(many, TextureError::TooLarge { .. }), "{many}");
         let missing = error(b"P6 8192 8192 255 ", "t.ppm");
         assert!(matches!(missing, TextureError::Malformed { .. }), "{missing}");
-        // A png of 2 x 2 pixels that says 100 000 x 2; the checksum of the header is wrong then, or the size is refused.
+        // A png of 2 x 2 pixels that says 100 000 x 2; the checksum of the header is wrong then, or the size is
+        // refused.
         let mut png = encoded(ImageFormat::Png);
         png[16..20].copy_from_slice(&100_000u32.to_be_bytes());
         error(&png, "t.png");

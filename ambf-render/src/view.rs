@@ -1,8 +1,8 @@
 //! Cameras as mathematics: where the eyes are, what their projections are, which ray a pixel looks along.
 //!
-//! A camera looks along its −x axis, +y is right in the picture and +z up. OpenGL's eye frame is (right, up, backward), so that
-//! (x, y, z) of the eye frame are (y, z, x) of the camera. Pixels are counted from the left and from the *top*, their centres are at half
-//! integers.
+//! A camera looks along its −x axis, +y is right in the picture and +z up. OpenGL's eye frame is (right, up, backward),
+//! so that (x, y, z) of the eye frame are (y, z, x) of the camera. Pixels are counted from the left and from the *top*,
+//! their centres are at half integers.
 
 use ambf_core::adf;
 use ambf_core::comm::CameraView;
@@ -80,8 +80,9 @@ pub struct PixelRay {
 }
 
 impl View {
-    /// The view of a camera as it is described and as its state says. Intrinsics and projection matrices of the description are meant for
-    /// pictures of the published resolution, else of 640 x 480. Planes that are no planes (`0 < near < far`) become 0.1 and 10 m.
+    /// The view of a camera as it is described and as its state says. Intrinsics and projection matrices of the
+    /// description are meant for pictures of the published resolution, else of 640 x 480. Planes that are no planes (`0
+    /// < near < far`) become 0.1 and 10 m.
     pub fn of_camera(camera: &adf::Camera, state: &CameraView) -> Self {
         let (mut near, mut far) = (state.near_plane, state.far_plane);
         if !(near > 0.0 && far > near && far.is_finite()) {
@@ -117,8 +118,8 @@ impl View {
             let pose = self.pose * nalgebra::Translation3::from(offset);
             let mut projection = self.matrix(f64::from(width.max(1)) / f64::from(height.max(1)));
             if let Some(stereo) = &self.stereo {
-                // Off-axis: the windows of both eyes coincide at the focal length. A shift of the window by s at the near plane moves the
-                // picture by P00 s / near in normalised coordinates.
+                // Off-axis: the windows of both eyes coincide at the focal length. A shift of the window by s at the
+                // near plane moves the picture by P00 s / near in normalised coordinates.
                 let shift = -side * 0.5 * stereo.separation / stereo.focal_length;
                 projection[(0, 2)] += projection[(0, 0)] * shift;
             }
@@ -169,7 +170,8 @@ impl View {
 }
 
 impl Eye {
-    /// Homogeneous coordinates of the eye in the world: its position, m, and 1; for parallel rays the unit vector towards it, and 0.
+    /// Homogeneous coordinates of the eye in the world: its position, m, and 1; for parallel rays the unit vector
+    /// towards it, and 0.
     pub(crate) fn place(&self) -> [f64; 4] {
         let rotation = self.view.fixed_view::<3, 3>(0, 0);
         let backward = rotation.row(2);
@@ -180,8 +182,9 @@ impl Eye {
         [position[0], position[1], position[2], 1.0]
     }
 
-    /// Camera matrix K of the picture that this eye draws, in pixels from the *eye's* upper left corner: K·(right, down, forward) is
-    /// homogeneous in (column, row), and pixel centres are at half integers. `None` for projections that are no pinhole.
+    /// Camera matrix K of the picture that this eye draws, in pixels from the *eye's* upper left corner: K·(right,
+    /// down, forward) is homogeneous in (column, row), and pixel centres are at half integers. `None` for projections
+    /// that are no pinhole.
     pub fn camera_matrix(&self) -> Option<Matrix3<f64>> {
         let p = &self.projection;
         let is_pinhole = (p[(3, 2)] + 1.0).abs() < 1e-9

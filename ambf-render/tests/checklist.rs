@@ -11,7 +11,8 @@ use ambf_render::{Backdrop, Picture, PictureRequest, Renderer};
 use nalgebra::{Isometry3, Point3, Vector3};
 use render_common::{directory, pixel, simulation, Shown};
 
-/// A world with one camera at (2, 0, 0) that looks at the origin, and one light far above it. `camera` and `light` are further lines.
+/// A world with one camera at (2, 0, 0) that looks at the origin, and one light far above it. `camera` and `light` are
+/// further lines.
 fn world(camera: &str, light: &str) -> String {
     format!(
         "namespace: /test/\ngravity: {{x: 0, y: 0, z: 0}}\ncameras: [cam]\nlights: [light1]\n\
@@ -449,7 +450,8 @@ fn physically_based_materials_reflect_as_the_model_says() {
         );
         let body = block("Box", [0.0; 3], [0.3; 3], &material);
         let picture = drawn(&mut shown("physical", &world("", light), &[body]), 640, 480);
-        // Surface, light and eye face each other: all cosines are 1, and the sky is half as bright as at the zenith and at the nadir.
+        // Surface, light and eye face each other: all cosines are 1, and the sky is half as bright as at the zenith and
+        // at the nadir.
         let expected = diffuse.map(|displayed: f64| {
             let base = displayed.powf(2.2);
             let (matt, f0) = ((1.0 - metallic) * base, 0.04 * (1.0 - metallic) + metallic * base);
@@ -534,7 +536,8 @@ fn a_gltf_file_brings_its_materials_and_pictures() {
     let picture = image::RgbImage::from_fn(8, 8, |_, y| image::Rgb(if y < 4 { [0, 0, 255] } else { [255; 3] }));
     let mut png = std::io::Cursor::new(Vec::new());
     picture.write_to(&mut png, image::ImageFormat::Png).expect("a picture");
-    // glTF's axes: x to the right of the camera at +x of ours would be our y; up is y. Corners and their texture coordinates, v downwards.
+    // glTF's axes: x to the right of the camera at +x of ours would be our y; up is y. Corners and their texture
+    // coordinates, v downwards.
     let corners = [[0.0, -0.4, 0.4], [0.0, -0.4, -0.4], [0.0, 0.4, -0.4], [0.0, 0.4, 0.4_f32]];
     let coordinates = [[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0_f32]];
     let mut bytes: Vec<u8> = corners.iter().flatten().flat_map(|x| x.to_le_bytes()).collect();

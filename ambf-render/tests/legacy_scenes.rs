@@ -1,4 +1,5 @@
-//! Every model file of the original's repository is drawn: nothing panics, what can be loaded is seen, what cannot is named.
+//! Every model file of the original's repository is drawn: nothing panics, what can be loaded is seen, what cannot is
+//! named.
 
 mod render_common;
 

@@ -17,8 +17,8 @@ struct Comparison {
     alike: f64,
 }
 
-/// `is_body`: which pixels show a body of the model, and not the floor. The floor of these scenes is two triangles, which the C++ program
-/// lights at their corners only; ours is lit at every pixel.
+/// `is_body`: which pixels show a body of the model, and not the floor. The floor of these scenes is two triangles,
+/// which the C++ program lights at their corners only; ours is lit at every pixel.
 fn compare(ours: &[u8], theirs: &[u8], is_body: impl Fn(usize) -> bool) -> Comparison {
     let is_something = |pixel: &[u8]| pixel.iter().any(|&level| level < 250);
     let (mut both, mut either, mut differences) = (0, 0, Vec::new());

@@ -348,7 +348,8 @@ impl App {
             None => context.make_current_without_window()?,
         }
         if self.renderer.is_none() {
-            // SAFETY: the context is current on this thread, and is so in each frame and when windows are closed; nothing else uses it.
+            // SAFETY: the context is current on this thread, and is so in each frame and when windows are closed;
+            // nothing else uses it.
             let renderer = unsafe { Renderer::in_current_context(|name| context.find(name)) };
             self.renderer = Some(renderer.map_err(|error| error.to_string())?);
         }
@@ -795,8 +796,8 @@ mod tests {
             assert_eq!(view.eyes(size.0, size.1).len(), eyes);
             for (mirrored, point) in [false, true].iter().flat_map(|m| points.iter().map(move |p| (*m, *p))) {
                 for eye in view.eyes(size.0, size.1) {
-                    // Where the renderer puts the point: projection, then the part of the window that the eye has, from the upper edge;
-                    // mirrored windows count from the lower one.
+                    // Where the renderer puts the point: projection, then the part of the window that the eye has, from
+                    // the upper edge; mirrored windows count from the lower one.
                     let clip = eye.projection * eye.view * point.push(1.0);
                     let (x, y) = (clip.x / clip.w, clip.y / clip.w);
                     assert!(x.abs() < 0.99 && y.abs() < 0.99, "in the picture");

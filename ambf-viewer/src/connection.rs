@@ -16,7 +16,8 @@ thread_local! {
     static BROKE_HERE: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Whether the library that talks to the window system has panicked in this thread: it does so when the connection is gone.
+/// Whether the library that talks to the window system has panicked in this thread: it does so when the connection is
+/// gone.
 pub(crate) fn broke_in_this_thread() -> bool {
     BROKE_HERE.get()
 }
@@ -42,8 +43,8 @@ pub(crate) fn is_lost() -> bool {
     LOST.load(Ordering::Acquire)
 }
 
-/// Xlib ends the process when this returns, so it doesn't: only the thread with the windows ever gets here, and the rest of the program
-/// goes on without it.
+/// Xlib ends the process when this returns, so it doesn't: only the thread with the windows ever gets here, and the
+/// rest of the program goes on without it.
 extern "C" fn on_broken_connection(_display: *mut c_void) -> c_int {
     LOST.store(true, Ordering::Release);
     loop {
@@ -57,8 +58,8 @@ pub(crate) fn survive() {
     type Handler = extern "C" fn(*mut c_void) -> c_int;
     // SAFETY: loading Xlib runs no code but its own initialisation, and winit has loaded it before where it matters.
     let Ok(library) = (unsafe { libloading::Library::new("libX11.so.6") }) else { return };
-    // SAFETY: `XIOErrorHandler XSetIOErrorHandler(XIOErrorHandler)` of Xlib; the handler has the signature that it expects and lives as long
-    // as the process.
+    // SAFETY: `XIOErrorHandler XSetIOErrorHandler(XIOErrorHandler)` of Xlib; the handler has the signature that it
+    // expects and lives as long as the process.
     unsafe {
         let set = library.get::<unsafe extern "C" fn(Handler) -> *mut c_void>(b"XSetIOErrorHandler\0");
         if let Ok(set) = set {

@@ -79,7 +79,8 @@ impl Context {
         surface.map_err(|error| failed("a window cannot be drawn into", error))
     }
 
-    /// Makes the context draw into a surface; without vertical synchronisation, so that windows don't wait for each other.
+    /// Makes the context draw into a surface; without vertical synchronisation, so that windows don't wait for each
+    /// other.
     ///
     /// # Errors
     /// A sentence: the context is lost.

@@ -57,8 +57,8 @@ impl Held {
     }
 }
 
-/// What a key press asks for. The modifiers Ctrl, Shift and Alt must match exactly; with other modifiers or combinations the plain bindings
-/// apply.
+/// What a key press asks for. The modifiers Ctrl, Shift and Alt must match exactly; with other modifiers or
+/// combinations the plain bindings apply.
 pub(crate) fn action(key: KeyCode, modifiers: ModifiersState) -> Option<Action> {
     use KeyCode as K;
     if matches!(key, K::Escape | K::KeyQ) {

@@ -1,15 +1,15 @@
 //! Windows of a running simulation: one a camera, with mouse, keys, texts and panels.
 //!
-//! [`Viewer::start`] opens them in a thread of its own, which has a lower priority than physics and devices. It draws the newest snapshot of
-//! the [`Hub`], and what is done in a window goes to the simulation through a
+//! [`Viewer::start`] opens them in a thread of its own, which has a lower priority than physics and devices. It draws
+//! the newest snapshot of the [`Hub`], and what is done in a window goes to the simulation through a
 //! [`WindowLink`]: nothing here waits for physics, and physics never waits for a picture. When the window
 //! system goes away, the rest of the program goes on.
 //!
-//! Not in: how a scene is drawn, which is `ambf_render`'s; what a gesture does to a camera and what is picked, which is `ambf_core`'s
-//! (`scene::CameraGesture`, `sim::WindowRequest`), so that published pictures follow.
+//! Not in: how a scene is drawn, which is `ambf_render`'s; what a gesture does to a camera and what is picked, which is
+//! `ambf_core`'s (`scene::CameraGesture`, `sim::WindowRequest`), so that published pictures follow.
 //!
-//! Begin with `app.rs`: `frame` is one round, `window_event` one use of a window. `keys.rs` has the keys, `panels.rs` the panels,
-//! `context.rs` OpenGL.
+//! Begin with `app.rs`: `frame` is one round, `window_event` one use of a window. `keys.rs` has the keys, `panels.rs`
+//! the panels, `context.rs` OpenGL.
 
 mod app;
 mod connection;
@@ -39,8 +39,8 @@ use winit::event_loop::EventLoop;
 use winit::platform::wayland::EventLoopBuilderExtWayland;
 use winit::platform::x11::EventLoopBuilderExtX11;
 
-/// Called once a frame, after all windows were drawn, in the thread that owns the OpenGL context, which is current. What it puts into the
-/// markers of the stage stays there and is drawn from the next frame on.
+/// Called once a frame, after all windows were drawn, in the thread that owns the OpenGL context, which is current.
+/// What it puts into the markers of the stage stays there and is drawn from the next frame on.
 pub type FrameHook = dyn FnMut(&mut Renderer, &mut Stage, &Arc<VisualScene>, &Arc<Snapshot>) + Send;
 
 /// How long the start waits for the window system.
@@ -152,8 +152,8 @@ pub struct Viewer {
 }
 
 impl Viewer {
-    /// Opens a window for each visible camera, in a thread of its own; cameras that come later get theirs then. Once a process: the window
-    /// system cannot be connected a second time.
+    /// Opens a window for each visible camera, in a thread of its own; cameras that come later get theirs then. Once a
+    /// process: the window system cannot be connected a second time.
     ///
     /// # Errors
     /// [`ViewerError::NoDisplay`], [`ViewerError::Failed`].

@@ -6,8 +6,8 @@ use std::sync::Arc;
 use ambf_core::plugin::Drawing;
 use ambf_core::sim::{WindowAnswer, WindowLink, WindowRequest};
 
-/// Leaves requests for the simulation without ever waiting: what finds no room waits here, in order. Motions that follow each other become
-/// one, so that a simulation that is busy for long does not make the queue long.
+/// Leaves requests for the simulation without ever waiting: what finds no room waits here, in order. Motions that
+/// follow each other become one, so that a simulation that is busy for long does not make the queue long.
 pub(crate) struct Outbox {
     link: WindowLink,
     waiting: VecDeque<WindowRequest>,

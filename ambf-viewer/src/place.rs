@@ -12,7 +12,8 @@ pub(crate) struct Area {
 /// How far each further window of a monitor is shifted, pixels.
 const SHIFT: i32 = 30;
 
-/// Where the `nth` window (from 0) of a monitor opens: 80 % x 50 % of it, or `size`, centred, and shifted so that no two coincide.
+/// Where the `nth` window (from 0) of a monitor opens: 80 % x 50 % of it, or `size`, centred, and shifted so that no
+/// two coincide.
 pub(crate) fn window_area(monitor: &Area, size: Option<(u32, u32)>, nth: usize) -> Area {
     let (width, height) = size.unwrap_or((monitor.width * 4 / 5, monitor.height / 2));
     let (width, height) = (width.max(1), height.max(1));
@@ -28,7 +29,8 @@ pub(crate) fn window_area(monitor: &Area, size: Option<(u32, u32)>, nth: usize) 
     }
 }
 
-/// The monitor of the `camera`-th camera (from 0) of `count` monitors, and whether the one that was asked for is missing.
+/// The monitor of the `camera`-th camera (from 0) of `count` monitors, and whether the one that was asked for is
+/// missing.
 pub(crate) fn monitor_index(wanted: Option<u32>, camera: usize, count: usize) -> (usize, bool) {
     let fallback = if camera < count { camera } else { 0 };
     match wanted {

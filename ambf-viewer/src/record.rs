@@ -20,7 +20,8 @@ pub(crate) fn read(gl: &glow::Context, (width, height): (u32, u32)) -> Pixels {
     use glow::HasContext;
     let row = width as usize * 3;
     let mut rows = vec![0; row * height as usize];
-    // SAFETY: the context is current in this thread, and the array has room for all rows, which are packed without gaps.
+    // SAFETY: the context is current in this thread, and the array has room for all rows, which are packed without
+    // gaps.
     unsafe {
         gl.bind_framebuffer(glow::READ_FRAMEBUFFER, None);
         gl.bind_buffer(glow::PIXEL_PACK_BUFFER, None);

@@ -151,7 +151,8 @@ fn places(
     }
 }
 
-/// Where an eye sees a point of the world, pixels from the upper left corner of the *whole* picture; `None` beside its part, and behind it.
+/// Where an eye sees a point of the world, pixels from the upper left corner of the *whole* picture; `None` beside its
+/// part, and behind it.
 fn pixel(eye: &Eye, point: &Point3<f64>) -> Option<(f64, f64)> {
     let clip = eye.projection * eye.view * point.to_homogeneous();
     let (x, y) = (clip.x / clip.w, clip.y / clip.w);

@@ -282,8 +282,8 @@ fn skew(scene: &Scene, pivot: &Pivot) -> f64 {
     (turn(pivot.parent) * parent).angle(&(turn(pivot.child) * child))
 }
 
-/// Angle by which the bodies turn in a sub-step, rad. Bodies that move along tangents leave a joint by its square, halved, times the lever arm,
-/// before that is corrected.
+/// Angle by which the bodies turn in a sub-step, rad. Bodies that move along tangents leave a joint by its square,
+/// halved, times the lever arm, before that is corrected.
 fn turn(scene: &Scene, pivot: &Pivot, step: f64) -> f64 {
     let speed = |body: usize| scene.world.velocity(scene.world.bodies()[body]).map_or(0.0, |(_, spin)| spin.norm());
     speed(pivot.parent).max(speed(pivot.child)) * step

@@ -101,8 +101,8 @@ pub fn heavy_chain() -> Case {
     )
 }
 
-/// A crank of 0.4 m that can turn all the way round, a coupler of 0.9 m and a rocker of 0.8 m over a ground of 1 m; 1 kg a metre. The crank
-/// starts horizontal, towards the rocker, and at rest.
+/// A crank of 0.4 m that can turn all the way round, a coupler of 0.9 m and a rocker of 0.8 m over a ground of 1 m; 1
+/// kg a metre. The crank starts horizontal, towards the rocker, and at rest.
 pub fn crank_rocker_system() -> System {
     let at = |x: f64, z: f64| Vector3::new(x, 0.0, z);
     let (foot, crank_end, rocker_foot) = (at(0.0, 0.0), at(0.4, 0.0), at(1.0, 0.0));
@@ -248,8 +248,8 @@ pub fn bricard() -> Case {
     }
 }
 
-/// A shaft that turns freely about z with one turn a second, two arms with a ball each, and rods from their middles to a collar that
-/// slides on the shaft (after IFToMM A05, with rigid rods).
+/// A shaft that turns freely about z with one turn a second, two arms with a ball each, and rods from their middles to
+/// a collar that slides on the shaft (after IFToMM A05, with rigid rods).
 pub fn governor_system() -> System {
     let (angle, offset) = (PI / 6.0, 0.05);
     let mut system = System::of(vec![Body::fixed(None)]);

@@ -87,7 +87,8 @@ impl Joint {
     }
 }
 
-/// A position controller in every joint: effort = P·(q* − q) + D·(q̇* − q̇), with the set point q* = `amplitude`·(1 − cos(`rate`·t)).
+/// A position controller in every joint: effort = P·(q* − q) + D·(q̇* − q̇), with the set point q* = `amplitude`·(1 −
+/// cos(`rate`·t)).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Drive {
     /// (P, D) of each joint: N·m/rad, N·m·s/rad.
@@ -114,8 +115,8 @@ pub struct System {
     pub joints: Vec<Joint>,
     /// Hinges that close loops.
     pub closures: Vec<Joint>,
-    /// A closure is two points on the axis instead of one, for simulators and models that close loops by points: needed where the loop
-    /// is not planar.
+    /// A closure is two points on the axis instead of one, for simulators and models that close loops by points: needed
+    /// where the loop is not planar.
     pub spatial: bool,
     /// m/s².
     pub gravity: Vector3<f64>,

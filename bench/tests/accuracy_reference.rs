@@ -1,4 +1,5 @@
-//! The references of the accuracy benchmark: laws of conservation, convergence, and agreement of independent formulations.
+//! The references of the accuracy benchmark: laws of conservation, convergence, and agreement of independent
+//! formulations.
 
 #![allow(dead_code, reason = "the benchmark uses the rest")]
 

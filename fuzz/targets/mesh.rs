@@ -28,7 +28,8 @@ pub fn check(data: &[u8], name: &str) {
     }
 }
 
-/// Reads how `data` looks and checks it; `named` gives the files that it names. Number of triangles, `None` if it is refused.
+/// Reads how `data` looks and checks it; `named` gives the files that it names. Number of triangles, `None` if it is
+/// refused.
 pub fn check_visual(data: &[u8], name: &str, named: &dyn Fn(&Path) -> Option<Vec<u8>>) -> Option<usize> {
     let remove_duplicates = data.len() % 2 == 1;
     let (mesh, messages) = match mesh::parse_visual(data.to_vec(), Path::new(name), remove_duplicates, named) {

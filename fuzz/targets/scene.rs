@@ -1,5 +1,5 @@
-//! A scene from any model, and of any world before a line `=====`: built, stepped, told a few things, reset, and its models added and
-//! removed without a crash.
+//! A scene from any model, and of any world before a line `=====`: built, stepped, told a few things, reset, and its
+//! models added and removed without a crash.
 #![no_main]
 
 mod numbers;

@@ -51,8 +51,8 @@ impl Drop for EmbeddedMaster {
     }
 }
 
-/// Where a master for `peer` has to listen so that `peer` reaches it: on loopback for a loopback address, on all interfaces for
-/// another address of this machine; `None` when the address is that of another machine.
+/// Where a master for `peer` has to listen so that `peer` reaches it: on loopback for a loopback address, on all
+/// interfaces for another address of this machine; `None` when the address is that of another machine.
 pub fn local_address(peer: &Peer) -> Option<SocketAddr> {
     let addresses = peer.addresses().ok()?;
     let v4 = addresses.iter().find(|address| address.is_ipv4());

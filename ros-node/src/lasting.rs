@@ -1,8 +1,8 @@
 //! A master in a process of its own, which lasts as long as somebody uses it.
 //!
-//! A master that ends with the program that brought it leaves every other node without one: rospy nodes then freeze without a word. So a
-//! program that finds no master starts itself again as one ([`start_master`], [`serve_master`]), and may end and start again while its clients
-//! go on.
+//! A master that ends with the program that brought it leaves every other node without one: rospy nodes then freeze
+//! without a word. So a program that finds no master starts itself again as one ([`start_master`], [`serve_master`]),
+//! and may end and start again while its clients go on.
 
 use std::collections::{BTreeMap, HashSet};
 use std::ffi::OsString;
@@ -37,8 +37,8 @@ const TIMEOUT: Duration = Duration::from_secs(1);
 /// How long [`end_master`] waits.
 const END_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// Starts `program`, which has to hand its arguments to [`serve_master`] when the first is [`SERVE_MASTER`], as a master on `address`. It goes on
-/// when this process ends. The id of its process.
+/// Starts `program`, which has to hand its arguments to [`serve_master`] when the first is [`SERVE_MASTER`], as a
+/// master on `address`. It goes on when this process ends. The id of its process.
 ///
 /// # Errors
 /// When the program cannot be started.
@@ -50,8 +50,8 @@ pub fn start_master(program: &Path, address: SocketAddr) -> io::Result<u32> {
     Ok(command.spawn()?.id())
 }
 
-/// If `arguments`, those of the process without its name, ask for a master: serves until nobody has been registered for [`UNUSED`]. `None` when they
-/// ask for something else.
+/// If `arguments`, those of the process without its name, ask for a master: serves until nobody has been registered for
+/// [`UNUSED`]. `None` when they ask for something else.
 ///
 /// Nodes of this machine at whose address nobody listens any more, because they were killed, are unregistered.
 pub fn serve_master(mut arguments: impl Iterator<Item = OsString>, report: &Report) -> Option<io::Result<()>> {
@@ -64,8 +64,8 @@ pub fn serve_master(mut arguments: impl Iterator<Item = OsString>, report: &Repo
 }
 
 fn serve(address: SocketAddr, unused: Duration, report: &Report) -> io::Result<()> {
-    // Ctrl+C in the terminal of the program that started it, and the end of that terminal, are not meant for it. It fails where it is a
-    // session of its own already.
+    // Ctrl+C in the terminal of the program that started it, and the end of that terminal, are not meant for it. It
+    // fails where it is a session of its own already.
     let _ = setsid();
     let _master = EmbeddedMaster::start(address, std::sync::Arc::clone(report))?;
     let own = match address.ip() {
@@ -146,8 +146,8 @@ pub fn node(master: &Peer, name: &str) -> Result<Peer, CallError> {
     }
 }
 
-/// Whether the node called `name` was on this machine and nobody listens at its address. Of other machines one cannot tell: they may be out
-/// of reach for the master and not for others.
+/// Whether the node called `name` was on this machine and nobody listens at its address. Of other machines one cannot
+/// tell: they may be out of reach for the master and not for others.
 fn is_gone(master: &Peer, name: &str) -> bool {
     let Some(addresses) = node(master, name).ok().and_then(|node| node.addresses().ok()) else { return false };
     let is_here = |address: &SocketAddr| address.ip().is_loopback() || TcpListener::bind((address.ip(), 0)).is_ok();

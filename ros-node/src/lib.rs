@@ -1,15 +1,17 @@
 //! A ROS 1 node that outlives its master, on rosrust. It knows nothing of the simulator.
 //!
-//! rosrust registers a topic once and never looks back, waits for ever for a peer that hangs, and leaves its sockets as they come. What
-//! programs need that run beside a robot all day is added here, without changes to rosrust: the master may be absent at the start, restart or
-//! hang; one subscriber that stops reading does not starve the others; small messages are sent at once; messages of any type can be received.
+//! rosrust registers a topic once and never looks back, waits for ever for a peer that hangs, and leaves its sockets as
+//! they come. What programs need that run beside a robot all day is added here, without changes to rosrust: the master
+//! may be absent at the start, restart or hang; one subscriber that stops reading does not starve the others; small
+//! messages are sent at once; messages of any type can be received.
 //!
 //! Large messages are published by a [`SideNode`], with a thread a subscriber.
 //!
 //! A [`Node`] does everything in threads of its own. Two nodes in one process do not know of each other.
 //!
-//! Begin with [`Node`] for a program that publishes and listens; with [`Link`] and [`run`] where threads are the program's own. What is announced
-//! is an [`Announcement`]: a [`Publication`], a [`RawSubscription`], a [`LargePublication`].
+//! Begin with [`Node`] for a program that publishes and listens; with [`Link`] and [`run`] where threads are the
+//! program's own. What is announced is an [`Announcement`]: a [`Publication`], a [`RawSubscription`], a
+//! [`LargePublication`].
 //!
 //! Not in: services, of which `ambf_app::ros` has a server; messages, which rosrust generates.
 

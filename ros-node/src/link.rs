@@ -1,7 +1,8 @@
 //! The connection to the ROS master: finds it or starts one, announces everything, notices when it goes or forgets us.
 //!
-//! rosrust registers a topic once and never looks back. When the master was restarted, the same registrations are made again with
-//! calls of our own, in the name and with the address of the running node: connections between nodes stay up meanwhile.
+//! rosrust registers a topic once and never looks back. When the master was restarted, the same registrations are made
+//! again with calls of our own, in the name and with the address of the running node: connections between nodes stay up
+//! meanwhile.
 
 use std::collections::HashSet;
 use std::mem::discriminant;
@@ -25,8 +26,8 @@ use super::Report;
 /// How often the master is asked whether it knows us.
 const POLL: Duration = Duration::from_secs(1);
 
-/// How often the master is asked who publishes: it tells only rosrust by itself, which does not pass it on. Costs a master with 400 topics about
-/// 2 ms of computing each time.
+/// How often the master is asked who publishes: it tells only rosrust by itself, which does not pass it on. Costs a
+/// master with 400 topics about 2 ms of computing each time.
 const CONNECT_POLL: Duration = Duration::from_millis(100);
 
 /// How long a master may take to start.
@@ -46,7 +47,8 @@ impl NodeName {
         };
         let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
         let name = format!("{base}_{}_{}", std::process::id(), now.as_millis());
-        // Another node of this process may come up in the same millisecond, and would be shut down in favour of this one.
+        // Another node of this process may come up in the same millisecond, and would be shut down in favour of this
+        // one.
         match NODES.fetch_add(1, Ordering::Relaxed) {
             0 => name,
             earlier => format!("{name}_{earlier}"),
@@ -458,7 +460,8 @@ impl Worker<'_> {
     }
 }
 
-/// Lets the threads end that wait for the next subscriber of a withdrawn topic at `ports`: they do so with the next connection.
+/// Lets the threads end that wait for the next subscriber of a withdrawn topic at `ports`: they do so with the next
+/// connection.
 fn end_listeners(ports: Vec<u16>) {
     for port in ports {
         let address = (std::net::Ipv4Addr::LOCALHOST, port).into();

@@ -1,8 +1,9 @@
 //! Listening to topics on connections of our own.
 //!
-//! rosrust's subscribers do not try again when a connection fails, wait for ever for a publisher that hangs, lose messages that come in bursts,
-//! believe any length that is announced, and do not ask for small messages to be sent at once. Here each publisher that the master lists is
-//! connected to until it answers, also after it was restarted, and its thread hands each message over directly.
+//! rosrust's subscribers do not try again when a connection fails, wait for ever for a publisher that hangs, lose
+//! messages that come in bursts, believe any length that is announced, and do not ask for small messages to be sent at
+//! once. Here each publisher that the master lists is connected to until it answers, also after it was restarted, and
+//! its thread hands each message over directly.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, ErrorKind};
@@ -30,7 +31,8 @@ const LONGEST: usize = 16 << 20;
 /// How long a publisher that was connected to in vain is left alone the first time; doubled each time.
 const BACK_OFF: Duration = Duration::from_millis(200);
 
-/// Longest such pause for one that is not there: a program that was killed stays on the master's list, and comes back under the same name.
+/// Longest such pause for one that is not there: a program that was killed stays on the master's list, and comes back
+/// under the same name.
 const LONGEST_ABSENCE: Duration = Duration::from_secs(3);
 
 /// Longest such pause for one that does what publishers don't do: it may say something about each attempt.
@@ -95,8 +97,8 @@ impl RawSubscription {
         Self::with(master, topic, Wanted::any(LONGEST), on_message)
     }
 
-    /// Messages that claim to be an `M`, of `longest` bytes at most; other publishers are not listened to. `on_message` runs in a thread of
-    /// each publisher's and must not block.
+    /// Messages that claim to be an `M`, of `longest` bytes at most; other publishers are not listened to. `on_message`
+    /// runs in a thread of each publisher's and must not block.
     pub fn of<M: Message>(
         master: Peer,
         topic: String,

@@ -1,12 +1,13 @@
 //! Publishing large messages, from a second node of the process.
 //!
-//! rosrust has one thread a topic that writes to its subscribers in turn: one that reads slowly holds up the others, and one whose call-back takes
-//! longer than the time-out of a write is dropped. That does for small messages, which wait in the kernel; it does not for pictures of megabytes. Here
-//! each subscriber has a thread of its own and a place for one message: a newer one takes the place of one that still waits. A message is made
-//! once, in memory that is used again, and all subscribers are sent the same bytes.
+//! rosrust has one thread a topic that writes to its subscribers in turn: one that reads slowly holds up the others,
+//! and one whose call-back takes longer than the time-out of a write is dropped. That does for small messages, which
+//! wait in the kernel; it does not for pictures of megabytes. Here each subscriber has a thread of its own and a place
+//! for one message: a newer one takes the place of one that still waits. A message is made once, in memory that is used
+//! again, and all subscribers are sent the same bytes.
 //!
-//! rosrust answers who asks its node for topics, and knows only its own. So the topics here belong to a node of their own, [`SideNode`], that
-//! exists while it has any.
+//! rosrust answers who asks its node for topics, and knows only its own. So the topics here belong to a node of their
+//! own, [`SideNode`], that exists while it has any.
 
 use std::collections::BTreeMap;
 use std::io::{self, ErrorKind, Read, Write};
@@ -456,7 +457,8 @@ impl Subscriber {
                     place = back;
                     if waited.timed_out() {
                         drop(place);
-                        // Subscribers say nothing: whatever comes is dropped, and the end is seen without sending anything.
+                        // Subscribers say nothing: whatever comes is dropped, and the end is seen without sending
+                        // anything.
                         match stream.read(&mut [0; 64]) {
                             Ok(0) => return Ok(()),
                             Err(error) if !is_timeout(&error) => return Err(error),
@@ -533,13 +535,15 @@ impl LargePublication {
         &self.name
     }
 
-    /// Whether somebody is connected who has not stopped reading: one to whom the same message has been sent for more than 2 s does not count.
+    /// Whether somebody is connected who has not stopped reading: one to whom the same message has been sent for more
+    /// than 2 s does not count.
     pub fn is_wanted(&self) -> bool {
         lock(&self.topic().subscribers).iter().any(|subscriber| !subscriber.is_stalled())
     }
 
-    /// Makes a message and leaves it for all subscribers; never waits for one. `write` appends the message as it goes over the wire, without its
-    /// length; it is told the number of the message, from 0, for the message's header. Nothing is made when nobody is connected.
+    /// Makes a message and leaves it for all subscribers; never waits for one. `write` appends the message as it goes
+    /// over the wire, without its length; it is told the number of the message, from 0, for the message's header.
+    /// Nothing is made when nobody is connected.
     ///
     /// Messages of 4 GiB and more are not sent.
     pub fn send(&self, write: impl FnOnce(&mut Vec<u8>, u32)) {
@@ -718,7 +722,8 @@ mod tests {
         }
     }
 
-    /// One reads nothing, one reads everything at once: the second gets every message, the first the newest when it reads again.
+    /// One reads nothing, one reads everything at once: the second gets every message, the first the newest when it
+    /// reads again.
     #[test]
     fn one_who_does_not_read_delays_nobody_and_misses_the_old() {
         let fixture = Fixture::new();

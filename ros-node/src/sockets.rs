@@ -1,8 +1,8 @@
 //! Options of rosrust's sockets, which it neither sets nor hands out.
 //!
-//! Without a send time-out one subscriber that stops reading holds up all others of its topic for ever; without `TCP_NODELAY` small
-//! messages wait for each other. On Linux an accepted socket inherits these from the listening one. A second descriptor of each
-//! socket of this process is had through `pidfd_getfd`, without `unsafe`.
+//! Without a send time-out one subscriber that stops reading holds up all others of its topic for ever; without
+//! `TCP_NODELAY` small messages wait for each other. On Linux an accepted socket inherits these from the listening one.
+//! A second descriptor of each socket of this process is had through `pidfd_getfd`, without `unsafe`.
 
 use std::collections::HashSet;
 use std::fs;
@@ -23,8 +23,8 @@ const SEND_TIMEOUT: Duration = Duration::from_millis(200);
 /// How long a client that connects to a topic and says nothing keeps others from connecting to it.
 const HANDSHAKE_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// What the kernel may hold back for one subscriber, bytes: some hundred states. Left to itself it takes megabytes, and it takes
-/// that long to see that nobody reads.
+/// What the kernel may hold back for one subscriber, bytes: some hundred states. Left to itself it takes megabytes, and
+/// it takes that long to see that nobody reads.
 const SEND_BUFFER: usize = 256 << 10;
 
 /// A peer that vanished without a word is noticed after this much silence and a few unanswered probes.
@@ -88,8 +88,8 @@ impl Sockets {
         }
     }
 
-    /// Bounds the wait for a subscriber's first words on the listening sockets at `ports`. Only for rosrust's topics: other
-    /// servers take the failed `accept` that comes of it, once per time-out without a client, for the end.
+    /// Bounds the wait for a subscriber's first words on the listening sockets at `ports`. Only for rosrust's topics:
+    /// other servers take the failed `accept` that comes of it, once per time-out without a client, for the end.
     pub fn bound_handshakes(&self, ports: &HashSet<u16>) {
         let Some(pidfd) = &self.pidfd else { return };
         for (fd, _) in open_sockets() {

@@ -1,7 +1,7 @@
 //! The subscriber's side of TCPROS: a header of `key=value` fields each way, then messages, each behind its length.
 //!
-//! Nothing is taken for granted about what a publisher sends: memory grows with the bytes that arrive, not with a length that is announced, and
-//! the exchange of headers ends at a fixed time.
+//! Nothing is taken for granted about what a publisher sends: memory grows with the bytes that arrive, not with a
+//! length that is announced, and the exchange of headers ends at a fixed time.
 
 use std::collections::HashMap;
 use std::io::{self, BufReader, ErrorKind, Read, Write};
@@ -224,7 +224,8 @@ mod tests {
         Wanted { kind: "a/B".into(), md5sum: "12".into(), definition: "bool x".into(), longest: 100 }
     }
 
-    /// What a subscriber of `wanted` makes of a publisher that reads our header and sends `bytes`: the type, and messages until the end.
+    /// What a subscriber of `wanted` makes of a publisher that reads our header and sends `bytes`: the type, and
+    /// messages until the end.
     fn listen(wanted: &Wanted, bytes: Vec<u8>) -> Result<(String, Vec<Vec<u8>>, Trouble), Trouble> {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let stream = TcpStream::connect(listener.local_addr().unwrap()).unwrap();

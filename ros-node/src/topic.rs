@@ -63,7 +63,8 @@ pub trait Announcement: Send + Sync {
         false
     }
 
-    /// Connects to publishers that it is not connected to, and says through `report` what is wrong with one; returns at once.
+    /// Connects to publishers that it is not connected to, and says through `report` what is wrong with one; returns at
+    /// once.
     fn connect(&self, _publishers: &Publishers, _report: &Report) {}
 }
 

@@ -58,8 +58,8 @@ pub struct Peer {
 }
 
 impl Peer {
-    /// The peer at `uri` (`http://HOST:PORT/`), called in the name of `caller_id`. `timeout` holds for connecting and for each
-    /// wait for data.
+    /// The peer at `uri` (`http://HOST:PORT/`), called in the name of `caller_id`. `timeout` holds for connecting and
+    /// for each wait for data.
     ///
     /// # Errors
     /// [`CallError::BadUri`].
@@ -117,8 +117,8 @@ impl Peer {
         self.value_of(method, &answer)
     }
 
-    /// The same, for a question that is asked again and again: `None` when the answer is `last`, letter by letter, and need not be looked at.
-    /// `last` becomes the answer if it is a good one.
+    /// The same, for a question that is asked again and again: `None` when the answer is `last`, letter by letter, and
+    /// need not be looked at. `last` becomes the answer if it is a good one.
     ///
     /// # Errors
     /// Those of [`call`](Self::call).

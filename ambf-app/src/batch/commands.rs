@@ -88,7 +88,8 @@ impl<'n> Targets<'n> {
     }
 }
 
-/// The object that `text` means: by its qualified identifier or topic, else by its name, else as part of exactly one of those.
+/// The object that `text` means: by its qualified identifier or topic, else by its name, else as part of exactly one of
+/// those.
 ///
 /// # Errors
 /// A sentence when there is none, or several.

@@ -63,7 +63,8 @@ pub enum BatchError {
     /// Error when the state became non-finite or implausible.
     #[error(transparent)]
     Lost(#[from] LostState),
-    /// Error when SIGINT or SIGTERM ended a run with plugins, after they were closed. Without plugins these end the program at once.
+    /// Error when SIGINT or SIGTERM ended a run with plugins, after they were closed. Without plugins these end the
+    /// program at once.
     #[error("interrupted")]
     Interrupted,
 }
@@ -153,8 +154,8 @@ impl Summary {
 
 /// Loads the scene, steps it, writes the traces. Problems of the scene go to `warn`.
 ///
-/// A file that cannot be used at all ends the run before it starts. A broken element, such as a body whose mesh is missing, is dropped
-/// as in the C++ program; the rest runs, and [`Summary::status`] tells.
+/// A file that cannot be used at all ends the run before it starts. A broken element, such as a body whose mesh is
+/// missing, is dropped as in the C++ program; the rest runs, and [`Summary::status`] tells.
 ///
 /// # Errors
 /// [`BatchError`].

@@ -25,8 +25,8 @@ pub struct TraceWriter {
 }
 
 impl TraceWriter {
-    /// Creates `PREFIX_bodies.csv`, `PREFIX_joints.csv` and `PREFIX_softnodes.csv` with their headings. `names` names each body; with `full` the pose of the
-    /// inertial frame at the end of the step is written too.
+    /// Creates `PREFIX_bodies.csv`, `PREFIX_joints.csv` and `PREFIX_softnodes.csv` with their headings. `names` names
+    /// each body; with `full` the pose of the inertial frame at the end of the step is written too.
     ///
     /// # Errors
     /// When a file or its folder cannot be made.

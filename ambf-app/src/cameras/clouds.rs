@@ -33,8 +33,8 @@ struct Shown {
     generation: u64,
 }
 
-/// What tells the marker of a cloud from others: where its points are in memory, and how many. A list of markers may be sorted or cleared by
-/// others, but nobody else has these points.
+/// What tells the marker of a cloud from others: where its points are in memory, and how many. A list of markers may be
+/// sorted or cleared by others, but nobody else has these points.
 #[derive(Clone, Copy, PartialEq, Eq)]
 struct Mark(usize, usize);
 
@@ -54,8 +54,9 @@ impl CloudMarkers {
         Self { clouds, shown: BTreeMap::new(), unknown: BTreeSet::new() }
     }
 
-    /// Brings the markers of `stage` up to date: clouds that came, changed and went, sizes, and the poses that the bodies in whose frames they are
-    /// have in `snapshot`. A frame that names no body of `visuals`, or several, is the world; it is named once.
+    /// Brings the markers of `stage` up to date: clouds that came, changed and went, sizes, and the poses that the
+    /// bodies in whose frames they are have in `snapshot`. A frame that names no body of `visuals`, or several, is the
+    /// world; it is named once.
     pub fn refresh(&mut self, stage: &mut Stage, visuals: &VisualScene, snapshot: &Snapshot) {
         let all = self.clouds.all();
         let drawn = |topic: &str| all.iter().any(|(other, cloud)| other == topic && !cloud.points.is_empty());

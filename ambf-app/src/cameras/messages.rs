@@ -53,8 +53,8 @@ fn image_head(bytes: &mut Vec<u8>, seq: u32, of: Header<'_>, (width, height): (u
     number(bytes, step * height);
 }
 
-/// Appends a `sensor_msgs/Image` in `32FC1`. `depth`: (height x width), m, top row first; `noise`, if it isn't empty, in the same order, is taken
-/// away, since a point's x is the negative of its depth.
+/// Appends a `sensor_msgs/Image` in `32FC1`. `depth`: (height x width), m, top row first; `noise`, if it isn't empty,
+/// in the same order, is taken away, since a point's x is the negative of its depth.
 pub(super) fn depth_image(
     bytes: &mut Vec<u8>,
     seq: u32,
@@ -72,7 +72,8 @@ pub(super) fn depth_image(
     }
 }
 
-/// Appends a `sensor_msgs/CompressedImage` whose data `encode` appends. Names and format are those of `image_transport`'s JPEG.
+/// Appends a `sensor_msgs/CompressedImage` whose data `encode` appends. Names and format are those of
+/// `image_transport`'s JPEG.
 pub(super) fn compressed(bytes: &mut Vec<u8>, seq: u32, of: Header<'_>, encode: impl FnOnce(&mut Vec<u8>)) {
     header(bytes, of, seq);
     text(bytes, "rgb8; jpeg compressed bgr8");
@@ -95,7 +96,8 @@ pub(super) struct Points<'a> {
     pub eyes: &'a [Eye],
 }
 
-/// Appends a `sensor_msgs/PointCloud2` of one row: points in the camera's frame, **bottom row first**, from left to right.
+/// Appends a `sensor_msgs/PointCloud2` of one row: points in the camera's frame, **bottom row first**, from left to
+/// right.
 ///
 /// A point has 32 bytes: x, y, z as 32-bit floats at 0, 4 and 8; blue, green and red at 16, 17 and 18.
 pub(super) fn cloud(bytes: &mut Vec<u8>, seq: u32, of: Header<'_>, (width, height): (u32, u32), points: &Points<'_>) {
@@ -152,7 +154,8 @@ impl Ray {
         Self { projection: eye.projection, inverse }
     }
 
-    /// Point in the camera's frame at normalised coordinates (`x`, `y`) of the eye's part of the picture, `depth` m along the axis.
+    /// Point in the camera's frame at normalised coordinates (`x`, `y`) of the eye's part of the picture, `depth` m
+    /// along the axis.
     fn point(&self, eye: &Eye, x: f64, y: f64, depth: f64) -> [f32; 3] {
         let p = &self.projection;
         let z = p[(2, 3)] - p[(2, 2)] * depth;

@@ -30,9 +30,9 @@ const STOP_TIMEOUT: Duration = Duration::from_secs(5);
 /// Priority of the thread (`nice`): drawing takes what physics leaves.
 const NICE: i32 = 10;
 
-/// A thread that renders for cameras where there is no window. It makes a renderer when somebody subscribes, and gives it back 5 s after the
-/// last subscriber has gone; without subscribers there is no graphics context. Frames come at 120 Hz at most, and later if drawing takes longer.
-/// Dropping it stops it.
+/// A thread that renders for cameras where there is no window. It makes a renderer when somebody subscribes, and gives
+/// it back 5 s after the last subscriber has gone; without subscribers there is no graphics context. Frames come at 120
+/// Hz at most, and later if drawing takes longer. Dropping it stops it.
 pub struct OffscreenCameras {
     stop: Arc<Stop>,
     ended: Receiver<()>,
@@ -102,8 +102,8 @@ impl Worker {
                 continue;
             }
             self.frame();
-            // A picture that took longer than a frame is caught up with in frames in which none is due, so that every fourth of 120 frames
-            // a second is 30 pictures a second.
+            // A picture that took longer than a frame is caught up with in frames in which none is due, so that every
+            // fourth of 120 frames a second is 30 pictures a second.
             let now = Instant::now();
             next = if now > next + MOST_BEHIND { now } else { next + FRAME };
             self.stop.wait(next.saturating_duration_since(now));

@@ -21,7 +21,8 @@ use crate::ros::{CameraTopics, PictureTopics, PointClouds};
 /// Quality of compressed images, percent: that of `image_transport`.
 const JPEG_QUALITY: u8 = 80;
 
-/// Makes the images, clouds and intrinsics of all cameras, once a graphics frame. It has no renderer of its own: it is called where one is.
+/// Makes the images, clouds and intrinsics of all cameras, once a graphics frame. It has no renderer of its own: it is
+/// called where one is.
 pub struct CameraService {
     topics: Arc<PictureTopics>,
     /// Of the topics when they were last looked at.
@@ -89,7 +90,8 @@ impl CameraService {
         self.topics.is_wanted()
     }
 
-    /// Whether the next call of [`frame`](Self::frame) will render. What is not due needs no renderer: [`pass`](Self::pass) is enough.
+    /// Whether the next call of [`frame`](Self::frame) will render. What is not due needs no renderer:
+    /// [`pass`](Self::pass) is enough.
     pub fn is_due(&mut self) -> bool {
         self.follow_topics();
         self.cameras.iter().any(|camera| Due::of(&camera.topics, self.frames).anything())
@@ -100,17 +102,18 @@ impl CameraService {
         self.frames += 1;
     }
 
-    /// Brings the markers of point clouds in `stage` up to date. [`frame`](Self::frame) does so too; a window that is drawn before calls this
-    /// first.
+    /// Brings the markers of point clouds in `stage` up to date. [`frame`](Self::frame) does so too; a window that is
+    /// drawn before calls this first.
     pub fn show_clouds(&mut self, stage: &mut Stage, visuals: &VisualScene, snapshot: &Snapshot) {
         self.clouds.refresh(stage, visuals, snapshot);
     }
 
     /// A graphics frame: renders and publishes what is due in it and subscribed to. `stage` must have been
-    /// [prepared](Renderer::prepare) with `visuals` and `snapshot`. Never waits for a subscriber; what goes wrong is reported once.
+    /// [prepared](Renderer::prepare) with `visuals` and `snapshot`. Never waits for a subscriber; what goes wrong is
+    /// reported once.
     ///
-    /// All pictures show `snapshot` and carry its stamp. The first frame is due for every camera; after that every n-th, n being the interval
-    /// in the camera's description.
+    /// All pictures show `snapshot` and carry its stamp. The first frame is due for every camera; after that every
+    /// n-th, n being the interval in the camera's description.
     pub fn frame(
         &mut self,
         renderer: &mut Renderer,

@@ -415,7 +415,8 @@ impl Checker {
         }
     }
 
-    /// Builds models in a world and takes over the remarks on it; what the models have made, and the remarks on names that were not found.
+    /// Builds models in a world and takes over the remarks on it; what the models have made, and the remarks on names
+    /// that were not found.
     fn build(&mut self, world: Option<&Path>, models: &[PathBuf]) -> (Counts, Vec<Note>) {
         let empty = self.empty_world(world);
         let files = SceneFiles { world: world.map(Path::to_owned), models: models.to_vec() };

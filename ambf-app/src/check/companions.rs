@@ -1,7 +1,8 @@
 //! Names of a model, or of a world, that stand in another model of the same launch file.
 //!
-//! A launch file lists models that belong together and models of which the user picks one. So each is built alone first, and only what
-//! is not found then is looked for in the others, one at a time: no model is judged by what else is in the list.
+//! A launch file lists models that belong together and models of which the user picks one. So each is built alone
+//! first, and only what is not found then is looked for in the others, one at a time: no model is judged by what else
+//! is in the list.
 
 use std::cell::OnceCell;
 use std::path::{Path, PathBuf};
@@ -38,7 +39,8 @@ pub(super) enum Place {
 /// What the other models have for a file.
 #[derive(Debug, Default)]
 pub(super) struct Looked {
-    /// Names that were looked for: those that were asked for, then those that their elements look for once they are found.
+    /// Names that were looked for: those that were asked for, then those that their elements look for once they are
+    /// found.
     pub notes: Vec<Note>,
     /// Where each of them stands.
     pub places: Vec<Place>,

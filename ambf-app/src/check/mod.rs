@@ -1,9 +1,10 @@
-//! The model linter, `--check`: reads files and builds what they describe, without running it, and says everything there is to say.
+//! The model linter, `--check`: reads files and builds what they describe, without running it, and says everything
+//! there is to say.
 //!
-//! A file is taken for what its keys say it is. What it names is checked too: a launch file's world, models, input devices and colours,
-//! a world's environment, an input device's simulated end-effector. Each model is built on its own, in the launch file's world if
-//! there is one; what it does not find then is looked for in the other models of the launch file. The models of `-l` and `-a` are built
-//! together.
+//! A file is taken for what its keys say it is. What it names is checked too: a launch file's world, models, input
+//! devices and colours, a world's environment, an input device's simulated end-effector. Each model is built on its
+//! own, in the launch file's world if there is one; what it does not find then is looked for in the other models of the
+//! launch file. The models of `-l` and `-a` are built together.
 
 mod checker;
 mod companions;

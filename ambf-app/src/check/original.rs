@@ -1,7 +1,7 @@
 //! What the C++ program does differently, where that can be seen from a file.
 //!
-//! Two tables: problems that the reader reports anyway, and things that are fine here and therefore no problem. What cannot be
-//! seen from a file (timing, ROS, resets) is in `docs/differences.md` only.
+//! Two tables: problems that the reader reports anyway, and things that are fine here and therefore no problem. What
+//! cannot be seen from a file (timing, ROS, resets) is in `docs/differences.md` only.
 
 use ambf_core::adf::{Problem, ProblemKind as K};
 
@@ -29,7 +29,8 @@ macro_rules! differences {
 }
 
 differences! {
-    // --- any element ---------------------------------------------------------------------------------------------------
+    // --- any element
+    // ---------------------------------------------------------------------------------------------------
     PUBLISH_FREQUENCY: "publish frequency", "publish frequency",
         "is taken as a pair",
         "sets `low` first and refuses it above the `high` of before, 1000 Hz; then it refuses a `high` below its `low`";
@@ -42,7 +43,8 @@ differences! {
     SAME_TOPICS: "same topics", "name",
         "and namespace are those of another element: both share their topics, and a command reaches both",
         "does the same without a word";
-    // --- bodies --------------------------------------------------------------------------------------------------------
+    // --- bodies
+    // --------------------------------------------------------------------------------------------------------
     HIDDEN: "hidden", "visible",
         "hides the element",
         "draws it: `visible` counts only beside `color rgba` or `color components`";
@@ -58,7 +60,8 @@ differences! {
     EMPTY_INERTIA: "empty inertia", "inertia",
         "is missing and there is no shape to estimate it from: zero is used, the body does not rotate",
         "uses uninitialised numbers";
-    // --- joints --------------------------------------------------------------------------------------------------------
+    // --- joints
+    // --------------------------------------------------------------------------------------------------------
     ENABLE_MOTOR: "enable motor", "enable motor",
         "counts",
         "takes the value of `enable feedback` instead";
@@ -71,7 +74,8 @@ differences! {
     SPRING_LOCKED: "no effect", "joint limits",
         "are missing or not both there: the spring is locked and its stiffness has no effect",
         "";
-    // --- sensors, actuators --------------------------------------------------------------------------------------------
+    // --- sensors, actuators
+    // --------------------------------------------------------------------------------------------
     RESISTANCE_SILENT: "resistance silent", "",
         "is a resistance sensor with topics of its own",
         "publishes nothing of resistance sensors";
@@ -108,7 +112,8 @@ differences! {
     ACTUATOR_TAU: "no effect", "tau",
         "has no effect",
         "";
-    // --- vehicles, ghosts, soft bodies, volumes ------------------------------------------------------------------------
+    // --- vehicles, ghosts, soft bodies, volumes
+    // ------------------------------------------------------------------------
     CHASSIS_SAME_FILE: "chassis", "chassis",
         "is a body of the same file",
         "looks among the models loaded before only and drops the vehicle";
@@ -133,7 +138,8 @@ differences! {
     VOLUME_EMPTY: "volume images", "",
         "has no `images`: an empty volume",
         "leaves the kind of the volume undefined";
-    // --- lights, cameras -----------------------------------------------------------------------------------------------
+    // --- lights, cameras
+    // -----------------------------------------------------------------------------------------------
     SHADOW: "shadow quality", "",
         "has no `shadow quality`: 0 is used",
         "leaves it uninitialised";
@@ -143,7 +149,8 @@ differences! {
     DEPTH_RESOLUTION: "depth resolution", "publish depth resolution",
         "is the size of the depth picture",
         "uses `publish image resolution`";
-    // --- models, worlds, input devices -----------------------------------------------------------------------------------------
+    // --- models, worlds, input devices
+    // -----------------------------------------------------------------------------------------
     ROBOT_DESCRIPTION: "robot description", "",
         "the file is a robot description (URDF)",
         "reads none";

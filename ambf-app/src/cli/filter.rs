@@ -28,8 +28,8 @@ const ORIGINAL: [&str; 17] = [
 
 /// The known options of `argv` (program name included) as `--name=value`, and what was taken out, in order.
 ///
-/// A known option takes the next word as its value unless that is itself a known option, so negative numbers can be values.
-/// An unknown option's value is a stray word. After `--` all words are stray.
+/// A known option takes the next word as its value unless that is itself a known option, so negative numbers can be
+/// values. An unknown option's value is a stray word. After `--` all words are stray.
 pub(super) fn known_options(command: &Command, argv: &[String]) -> Result<(Vec<String>, Vec<String>), CliError> {
     let mut kept: Vec<String> = argv.iter().take(1).cloned().collect();
     let mut ignored = Vec::new();

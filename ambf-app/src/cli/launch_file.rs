@@ -4,8 +4,8 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 /// Default launch file: `$AMBF_ROOT_PATH/ambf_models/descriptions/launch.yaml` if that variable is set, else
-/// `$AMBF_RESOURCES/launch.yaml`, else `resources/launch.yaml` in the nearest folder above the program, the place it was
-/// built from or the working directory. Empty variables count as not set.
+/// `$AMBF_RESOURCES/launch.yaml`, else `resources/launch.yaml` in the nearest folder above the program, the place it
+/// was built from or the working directory. Empty variables count as not set.
 pub(super) fn default() -> PathBuf {
     let program = std::env::current_exe().ok();
     let working = std::env::current_dir().ok();

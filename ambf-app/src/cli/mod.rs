@@ -1,8 +1,8 @@
 //! Command lines of the two programs.
 //!
-//! [`SimulatorOptions`] keeps the rules of the original simulator: any unique prefix of a long name, booleans that need a
-//! value, unknown options ignored (and named). [`BatchOptions`] is strict. Neither ends the process: the caller prints
-//! what it gets and leaves with the exit status that goes with it.
+//! [`SimulatorOptions`] keeps the rules of the original simulator: any unique prefix of a long name, booleans that need
+//! a value, unknown options ignored (and named). [`BatchOptions`] is strict. Neither ends the process: the caller
+//! prints what it gets and leaves with the exit status that goes with it.
 
 mod batch;
 mod filter;
@@ -82,7 +82,8 @@ pub struct PhysicsOptions {
     #[arg(long, value_name = "BOOL", num_args = 0..=1, require_equals = true, default_missing_value = "true")]
     #[arg(value_parser = values::boolean)]
     pub sleep: Option<bool>,
-    /// Put joints that form trees into reduced coordinates [default: the world file's, else yes in the accurate profile]
+    /// Put joints that form trees into reduced coordinates [default: the world file's, else yes in the accurate
+    /// profile]
     #[arg(long, value_name = "BOOL", num_args = 0..=1, require_equals = true, default_missing_value = "true")]
     #[arg(value_parser = values::boolean)]
     pub articulated: Option<bool>,
@@ -95,7 +96,8 @@ pub struct PhysicsOptions {
 pub struct CheckOptions {
     /// Files to check, each with what it names; the launch file when neither files nor models are named.
     pub files: Vec<PathBuf>,
-    /// Model files and indexes into the launch file's list that are checked as they are loaded, one after the other into one world.
+    /// Model files and indexes into the launch file's list that are checked as they are loaded, one after the other
+    /// into one world.
     pub together: Option<(Vec<PathBuf>, Vec<usize>)>,
     /// Launch file, for [`together`](Self::together) and for the names of colours. It need not exist.
     pub launch_file: PathBuf,

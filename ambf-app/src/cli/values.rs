@@ -27,7 +27,8 @@ pub(super) fn count(text: &str) -> Result<u32, String> {
     }
 }
 
-/// A frequency of devices' loops, Hz: a device lets go of a force that is not renewed within 50 ms, and the laws know periods of 0.1 to 20 ms.
+/// A frequency of devices' loops, Hz: a device lets go of a force that is not renewed within 50 ms, and the laws know
+/// periods of 0.1 to 20 ms.
 pub(super) fn haptic_frequency(text: &str) -> Result<u32, String> {
     match text.trim().parse() {
         Ok(number) if (50..=10_000).contains(&number) => Ok(number),

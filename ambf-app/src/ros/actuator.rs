@@ -4,7 +4,8 @@ use ambf_core::comm::{ActuatorCommand, ActuatorInfo, ObjectInfo, Snapshot};
 
 use super::messages::{ambf_msgs, from_point, from_quaternion, header, pose, string};
 
-/// Longest text in a command that is taken for a name, bytes. A longer one would be kept and looked up in each iteration.
+/// Longest text in a command that is taken for a name, bytes. A longer one would be kept and looked up in each
+/// iteration.
 const LONGEST_NAME: usize = 4096;
 
 /// State of the actuator at `index` of the snapshot's actuators; `None` when the snapshot does not know it.

@@ -1,7 +1,8 @@
 //! What the command line says to ROS: `__name:=`, `__ns:=`, remappings of topics and services, private parameters.
 //!
-//! rosrust reads such arguments from the process's own, wherever it makes a node; but drivers of devices have nodes of their own in this process,
-//! which are not meant. So the program starts itself again without them and hands them on in its environment.
+//! rosrust reads such arguments from the process's own, wherever it makes a node; but drivers of devices have nodes of
+//! their own in this process, which are not meant. So the program starts itself again without them and hands them on in
+//! its environment.
 
 use std::convert::Infallible;
 use std::env;
@@ -38,8 +39,9 @@ pub struct RosArguments {
 }
 
 impl RosArguments {
-    /// Takes the arguments of the form `a:=b` from this process: starts the program again without them, if there are any. To be called first in
-    /// `main`, before there are threads; returns what the start before has handed on. What cannot be used is reported.
+    /// Takes the arguments of the form `a:=b` from this process: starts the program again without them, if there are
+    /// any. To be called first in `main`, before there are threads; returns what the start before has handed on. What
+    /// cannot be used is reported.
     ///
     /// # Errors
     /// When the program cannot be started again.

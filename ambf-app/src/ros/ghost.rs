@@ -1,7 +1,8 @@
-//! A ghost object on the wire: `GhostObjectState`, which names what is inside, and `GhostObjectCmd`, which has no effect.
+//! A ghost object on the wire: `GhostObjectState`, which names what is inside, and `GhostObjectCmd`, which has no
+//! effect.
 //!
-//! Never `ObjectState`: clients of the C++ program 2.0 make handles of it, and then find two objects where a script looks for one by a part of its
-//! name.
+//! Never `ObjectState`: clients of the C++ program 2.0 make handles of it, and then find two objects where a script
+//! looks for one by a part of its name.
 
 use ambf_core::comm::{GhostInfo, ObjectInfo, Snapshot};
 

@@ -1,5 +1,5 @@
-//! ROS messages and services, generated at build time from the definitions on `ROSRUST_MSG_PATH` (see `.cargo/config.toml`), and
-//! conversions between their parts and the simulator's types.
+//! ROS messages and services, generated at build time from the definitions on `ROSRUST_MSG_PATH` (see
+//! `.cargo/config.toml`), and conversions between their parts and the simulator's types.
 
 #[allow(missing_docs, clippy::all, clippy::pedantic)]
 mod generated {

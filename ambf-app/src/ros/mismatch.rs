@@ -7,8 +7,8 @@ use log::{Level, LevelFilter, Log, Metadata, Record};
 
 use super::signal::Complaints;
 
-/// Reports from now on which topic a client could not connect to, because type or checksum differ. Does nothing when the program has a
-/// logger of its own, which then gets those lines.
+/// Reports from now on which topic a client could not connect to, because type or checksum differ. Does nothing when
+/// the program has a logger of its own, which then gets those lines.
 pub(super) fn report_mismatches() {
     if log::set_boxed_logger(Box::<MismatchLogger>::default()).is_ok() {
         log::set_max_level(LevelFilter::Error);

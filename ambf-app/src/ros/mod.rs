@@ -13,13 +13,14 @@
 //! | `ros-service`, `ros-request` | one a service for its new clients, one a client for its requests |
 //! | `ros-large`, `ros-large-calls` | pictures: one for new subscribers, one a subscriber, one for calls of other nodes |
 //!
-//! rosrust adds two threads for each topic that is published. None of them can hold up the physics: states are read from the hub's newest
-//! snapshot and commands are left in its mailboxes.
+//! rosrust adds two threads for each topic that is published. None of them can hold up the physics: states are read
+//! from the hub's newest snapshot and commands are left in its mailboxes.
 //!
 //! ## Limitations
-//! Pictures are published by a node of their own, which is there while a camera publishes ([`SideNode`](ros_node::SideNode) says why).
-//! `rosnode info` of the other node fails, because rosrust does not implement `getBusInfo`. The master that is started has no `/rosout_agg`, and
-//! `rosparam list` shows namespaces too. A client is connected to up to 0.1 s after it has registered.
+//! Pictures are published by a node of their own, which is there while a camera publishes
+//! ([`SideNode`](ros_node::SideNode) says why). `rosnode info` of the other node fails, because rosrust does not
+//! implement `getBusInfo`. The master that is started has no `/rosout_agg`, and `rosparam list` shows namespaces too. A
+//! client is connected to up to 0.1 s after it has registered.
 
 mod actuator;
 mod arguments;
@@ -86,7 +87,8 @@ const STOP_TIMEOUT: Duration = Duration::from_secs(2);
 /// What the ROS side is told besides the hub.
 #[derive(Debug, Clone)]
 pub struct RosOptions {
-    /// What the command line says to ROS. Default: nothing; the node is then called `ambf_comm_node` with process id and time appended.
+    /// What the command line says to ROS. Default: nothing; the node is then called `ambf_comm_node` with process id
+    /// and time appended.
     pub arguments: RosArguments,
     /// What is done when no master answers at a local address. Default: one is started in this process.
     pub own_master: OwnMaster,
@@ -102,8 +104,9 @@ impl Default for RosOptions {
 
 /// Serves the objects of a hub to ROS 1.
 ///
-/// Objects that come and go in the hub are followed. The environment (`ROS_MASTER_URI`, `ROS_IP`, `ROS_HOSTNAME`, `ROS_NAMESPACE`) is honoured. Without a master, one is started
-/// if the address is one of this machine ([`RosOptions::own_master`]); otherwise the simulation goes on and the master is asked for every second.
+/// Objects that come and go in the hub are followed. The environment (`ROS_MASTER_URI`, `ROS_IP`, `ROS_HOSTNAME`,
+/// `ROS_NAMESPACE`) is honoured. Without a master, one is started if the address is one of this machine
+/// ([`RosOptions::own_master`]); otherwise the simulation goes on and the master is asked for every second.
 pub struct RosMiddleware {
     options: RosOptions,
     clouds: Arc<PointClouds>,
@@ -140,7 +143,8 @@ impl RosMiddleware {
         self
     }
 
-    /// Announces topics of cameras that publish pictures, for somebody else to publish on: `topics` has them. Default: there are none.
+    /// Announces topics of cameras that publish pictures, for somebody else to publish on: `topics` has them. Default:
+    /// there are none.
     #[cfg(feature = "view")]
     pub fn with_pictures(mut self, topics: Arc<PictureTopics>) -> Self {
         self.pictures = Some(topics);

@@ -22,8 +22,8 @@ pub struct ModelReply {
 
 /// Adds and removes models of the simulation on behalf of clients.
 ///
-/// Each client is served in a thread of its own, so that the functions are called from several at once; they may block, but not for
-/// ever: the client waits. A call may still be going on when the middleware has stopped.
+/// Each client is served in a thread of its own, so that the functions are called from several at once; they may block,
+/// but not for ever: the client waits. A call may still be going on when the middleware has stopped.
 pub trait ModelHost: Send + Sync {
     /// Adds the model in `file`, as the client wrote it.
     ///

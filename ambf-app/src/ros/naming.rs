@@ -6,8 +6,8 @@ use ambf_core::comm::ObjectInfo;
 
 use crate::report;
 
-/// A legal absolute ROS graph name made from `parts`: a leading slash, one slash between components, none at the end, and `_`
-/// in place of every character that ROS does not allow. True when a character had to be replaced.
+/// A legal absolute ROS graph name made from `parts`: a leading slash, one slash between components, none at the end,
+/// and `_` in place of every character that ROS does not allow. True when a character had to be replaced.
 pub fn graph_name(parts: &[&str]) -> (String, bool) {
     let mut name = String::new();
     let mut replaced = false;
@@ -35,8 +35,8 @@ pub struct Names {
 impl Names {
     /// The name of `object`.
     ///
-    /// Replaced characters and objects that share one name are reported. Sharing is harmless: both publish on the one topic, and
-    /// a command reaches both.
+    /// Replaced characters and objects that share one name are reported. Sharing is harmless: both publish on the one
+    /// topic, and a command reaches both.
     pub fn take(&mut self, object: &ObjectInfo) -> String {
         // An object without a name still gets a topic of its own level, not one that swallows the namespace.
         let own = if object.name.is_empty() { "_" } else { &object.name };

@@ -63,7 +63,8 @@ impl Objects {
         }
     }
 
-    /// Follows the list until the link is stopped. Blocks while the master thinks, which is why it needs a thread of its own.
+    /// Follows the list until the link is stopped. Blocks while the master thinks, which is why it needs a thread of
+    /// its own.
     pub fn run(mut self, told: &Told) {
         while !told.link.stop.wait(POLL) {
             self.follow(told);
@@ -90,7 +91,8 @@ impl Objects {
         }
     }
 
-    /// Topics of pictures of cameras that have come. What a camera publishes is in its description, which comes a little after the camera.
+    /// Topics of pictures of cameras that have come. What a camera publishes is in its description, which comes a
+    /// little after the camera.
     #[cfg(feature = "view")]
     fn follow_cameras(&mut self) -> Vec<Arc<dyn Announcement>> {
         use ambf_core::comm::ObjectKind;

@@ -1,4 +1,5 @@
-//! Parameters of cameras, lights and the world: written when the master is there, then polled; deleted when their object goes.
+//! Parameters of cameras, lights and the world: written when the master is there, then polled; deleted when their
+//! object goes.
 
 use std::collections::{BTreeMap, HashSet};
 use std::sync::mpsc::Receiver;

@@ -30,8 +30,8 @@ pub struct CameraTopics {
 }
 
 impl CameraTopics {
-    /// Topics below `name`, `/<namespace>/<camera>`, for the camera that `described` describes; `mapped` gives the name under which each is
-    /// published. `None` if it publishes nothing.
+    /// Topics below `name`, `/<namespace>/<camera>`, for the camera that `described` describes; `mapped` gives the name
+    /// under which each is published. `None` if it publishes nothing.
     pub(crate) fn new(
         node: &Arc<SideNode>,
         index: usize,

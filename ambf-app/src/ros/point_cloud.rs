@@ -14,8 +14,8 @@ const DEFAULT_RADIUS: f32 = 10.0;
 /// The newest cloud of one topic.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PointCloud {
-    /// Text that names the rigid body in whose body frame the points are: its qualified identifier, or a part that only one has.
-    /// Not looked up here; empty, unknown or ambiguous means the world.
+    /// Text that names the rigid body in whose body frame the points are: its qualified identifier, or a part that only
+    /// one has. Not looked up here; empty, unknown or ambiguous means the world.
     pub frame_id: String,
     /// (n x 3) in that frame, m; points with a coordinate that is not finite are left out.
     pub points: Vec<[f32; 3]>,

@@ -1,7 +1,7 @@
 //! Messages from clients, whose bytes are looked at before rosrust decodes them, and topics that bring them.
 //!
-//! rosrust reserves memory for as many elements as an array on the wire announces, before it looks whether they follow: 16 bytes
-//! that are no message could end the program.
+//! rosrust reserves memory for as many elements as an array on the wire announces, before it looks whether they follow:
+//! 16 bytes that are no message could end the program.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -172,8 +172,8 @@ pub(super) fn read<M: FromClient>(body: &[u8]) -> Result<M, String> {
     message.ok_or_else(|| format!("{} bytes are not a {}", body.len(), M::msg_type()))
 }
 
-/// Listens to `topic` for messages of `longest` bytes at most; bytes that are no `M` are named. `on_message` runs in a thread of each client's,
-/// in one at a time, and must not block.
+/// Listens to `topic` for messages of `longest` bytes at most; bytes that are no `M` are named. `on_message` runs in a
+/// thread of each client's, in one at a time, and must not block.
 pub(super) fn subscription<M: FromClient>(
     master: &Peer,
     topic: String,

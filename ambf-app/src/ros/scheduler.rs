@@ -55,8 +55,8 @@ pub(super) struct Entry {
 }
 
 impl Entry {
-    /// An outlet of the object at position `object` at the lower of `rates`, and, if it is `commanded`, at the higher one while
-    /// commands come for the object.
+    /// An outlet of the object at position `object` at the lower of `rates`, and, if it is `commanded`, at the higher
+    /// one while commands come for the object.
     pub fn new(outlet: Box<dyn Outlet>, rates: Rates, object: HubIndex, commanded: bool, now: Duration) -> Self {
         Self { outlet, schedule: PublishSchedule::new(rates, now), object, commanded, live: false, wanted: false }
     }
@@ -86,8 +86,8 @@ pub(super) fn is_live(hub: &Hub, object: HubIndex, now_ns: u64) -> bool {
     }
 }
 
-/// Publishes what comes in through `fresh`, each as long as its object exists, until `stop`. `waker` is nudged by the first command
-/// of a stream and by the stop.
+/// Publishes what comes in through `fresh`, each as long as its object exists, until `stop`. `waker` is nudged by the
+/// first command of a stream and by the stop.
 pub(super) fn run(hub: &Hub, fresh: &Receiver<Vec<Entry>>, stop: &Stop, waker: &Waker) {
     waker.claim();
     hub.throttle().set_follower(std::thread::current());

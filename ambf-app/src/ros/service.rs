@@ -1,8 +1,9 @@
 //! A ROS service: requests over TCP, answers from a function.
 //!
-//! rosrust has services too, but they send an error after their first answer on each connection, believe any length that a client
-//! announces, and keep their address to themselves, which is needed to register again with a master that was restarted. The
-//! protocol is TCPROS: a header of `key=value` fields each way, then requests and answers, each behind its length.
+//! rosrust has services too, but they send an error after their first answer on each connection, believe any length
+//! that a client announces, and keep their address to themselves, which is needed to register again with a master that
+//! was restarted. The protocol is TCPROS: a header of `key=value` fields each way, then requests and answers, each
+//! behind its length.
 
 use std::collections::HashMap;
 use std::io::{self, Read, Write};

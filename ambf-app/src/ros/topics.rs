@@ -85,7 +85,8 @@ pub(super) struct Surroundings {
     pub pictures: Option<super::pictures::Pictures>,
 }
 
-/// Makes the topics of the object at position `object`, whose name is `name` (`/<namespace>/<name>`), and adds them to `served`.
+/// Makes the topics of the object at position `object`, whose name is `name` (`/<namespace>/<name>`), and adds them to
+/// `served`.
 pub(super) fn serve(around: &Surroundings, served: &mut Served, object: HubIndex, info: &ObjectInfo, name: String) {
     let mut builder = Builder { around, served, object };
     match &info.kind {

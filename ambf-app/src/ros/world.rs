@@ -6,8 +6,8 @@ use ambf_core::comm::{Hub, Snapshot, WorldCommand};
 
 use super::messages::{ambf_msgs, diagnostic_msgs, header, std_msgs};
 
-/// State of the world. Zeros before the first snapshot: clients wait for the world before anything else. `lost` ([`Hub::lost`]) stands in
-/// `header.frame_id`, the only text of the message, which is empty otherwise.
+/// State of the world. Zeros before the first snapshot: clients wait for the world before anything else. `lost`
+/// ([`Hub::lost`]) stands in `header.frame_id`, the only text of the message, which is empty otherwise.
 pub(super) fn state(snapshot: Option<&Snapshot>, n_devices: u8, lost: Option<&str>) -> ambf_msgs::WorldState {
     let mut state = ambf_msgs::WorldState { header: header(snapshot), ..Default::default() };
     lost.unwrap_or_default().clone_into(&mut state.header.frame_id);
@@ -41,8 +41,8 @@ pub(super) fn timing(snapshot: &Snapshot, lost: Option<&str>) -> ambf_msgs::Timi
     }
 }
 
-/// The report on the physics of the world whose topics begin with `world`. `lost_before`: [`lost_time`](ambf_core::comm::Timing::lost_time) at the
-/// report before, s; it is brought up to date.
+/// The report on the physics of the world whose topics begin with `world`. `lost_before`:
+/// [`lost_time`](ambf_core::comm::Timing::lost_time) at the report before, s; it is brought up to date.
 pub(super) fn diagnostics(
     world: &str,
     snapshot: &Snapshot,

@@ -78,7 +78,8 @@ impl Folder {
         ran
     }
 
-    /// Runs `model` without an environment and without gravity, under `commands`; the traces are `t_bodies.csv` and `t_joints.csv`.
+    /// Runs `model` without an environment and without gravity, under `commands`; the traces are `t_bodies.csv` and
+    /// `t_joints.csv`.
     pub fn float(&self, model: &str, commands: &str, steps: u64) -> Csv {
         self.write("world.yaml", "gravity: {x: 0, y: 0, z: 0}\n");
         self.write("model.yaml", model);

@@ -23,7 +23,8 @@ impl Worst {
     }
 }
 
-/// What is compared: m, rad, m/s and rad/s of bodies; position (rad or m), velocity (per s) and effort (N·m or N) of joints.
+/// What is compared: m, rad, m/s and rad/s of bodies; position (rad or m), velocity (per s) and effort (N·m or N) of
+/// joints.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Quantity {
     Position,
@@ -67,7 +68,8 @@ fn difference(a: &BodyState, b: &BodyState, quantity: Quantity) -> f64 {
     }
 }
 
-/// The largest difference of a quantity between the bodies of two recordings of the same steps, over the steps in `range`.
+/// The largest difference of a quantity between the bodies of two recordings of the same steps, over the steps in
+/// `range`.
 pub fn compare_bodies(
     ours: &Table<BodyState>,
     theirs: &Table<BodyState>,
@@ -84,9 +86,11 @@ pub fn compare_bodies(
     worst
 }
 
-/// The largest difference of a quantity between the joints of two recordings of the same steps, over the steps in `range`.
+/// The largest difference of a quantity between the joints of two recordings of the same steps, over the steps in
+/// `range`.
 ///
-/// Row 0 of prismatic joints is left out: the C++ program had not solved the slider yet and reports a number that was never initialised.
+/// Row 0 of prismatic joints is left out: the C++ program had not solved the slider yet and reports a number that was
+/// never initialised.
 pub fn compare_joints(
     ours: &Table<JointState>,
     theirs: &Table<JointState>,
@@ -118,7 +122,8 @@ pub fn compare_joints(
     worst
 }
 
-/// Names of the bodies that have moved and stand still at the end: over the last 100 steps no speed above 1 mm/s or 10 mrad/s.
+/// Names of the bodies that have moved and stand still at the end: over the last 100 steps no speed above 1 mm/s or 10
+/// mrad/s.
 pub fn at_rest(table: &Table<BodyState>) -> Vec<&str> {
     let (Some(first), Some(last)) = (table.rows.first(), table.rows.last()) else { return Vec::new() };
     let late: Vec<_> = table.rows.iter().filter(|row| row.0 + 100 >= last.0).collect();

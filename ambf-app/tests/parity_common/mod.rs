@@ -1,7 +1,7 @@
 //! Traces of the C++ simulator, our runs of the same scenes, and how far they are apart.
 //!
-//! The traces are optional test data in `../shared`, beside the repository. `traces/README.md` there says which scene and which
-//! commands each of them was recorded with.
+//! The traces are optional test data in `../shared`, beside the repository. `traces/README.md` there says which scene
+//! and which commands each of them was recorded with.
 #![allow(dead_code, unused_imports, missing_docs)]
 
 mod compare;

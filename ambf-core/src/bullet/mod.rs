@@ -1,6 +1,6 @@
-//! Safe owners over Bullet. The other `unsafe` code of the project is at the solver's C interface (ambf-dynamics), OpenGL
-//! (ambf-render, ambf-viewer), plugins and drivers in libraries (ambf-plugin), vendor libraries, and one system call
-//! (`sim/pace.rs`).
+//! Safe owners over Bullet. The other `unsafe` code of the project is at the solver's C interface (ambf-dynamics),
+//! OpenGL (ambf-render, ambf-viewer), plugins and drivers in libraries (ambf-plugin), vendor libraries, and one system
+//! call (`sim/pace.rs`).
 //!
 //! A [`World`] owns its bodies, soft bodies, ghosts, their shapes, the constraints between bodies and vehicles on them.
 //! Callers refer to them by handles; a stale handle, of an object that was removed, gives `None` or `false`, never

@@ -9,7 +9,8 @@ pub enum CartesianCommandType {
     /// Force and torque at the centre of mass, world axes, held until the next command.
     #[default]
     Force,
-    /// Pose of the body frame in the world: set directly on a static body, followed by the body's Cartesian controller otherwise.
+    /// Pose of the body frame in the world: set directly on a static body, followed by the body's Cartesian controller
+    /// otherwise.
     Position,
     /// Linear and angular velocity, world axes.
     Velocity,
@@ -56,7 +57,8 @@ pub struct RigidBodyCommand {
     pub cartesian: CartesianCommandType,
     /// Position of the body frame in the world, m (for [`CartesianCommandType::Position`]).
     pub position: Vector3<f64>,
-    /// Orientation of the body frame in the world as a quaternion `[x, y, z, w]`, as received: its norm is not checked here.
+    /// Orientation of the body frame in the world as a quaternion `[x, y, z, w]`, as received: its norm is not checked
+    /// here.
     pub orientation: [f64; 4],
     /// Force at the centre of mass, N, world axes.
     pub force: Vector3<f64>,
@@ -68,7 +70,8 @@ pub struct RigidBodyCommand {
     pub angular_velocity: Vector3<f64>,
     /// (n x 1) value for the i-th active joint of the body; entries beyond the last joint are ignored.
     pub joint_commands: Vec<f64>,
-    /// (m x 1) type of each joint command; missing ones count as [`JointCommandType::Effort`], surplus ones are ignored.
+    /// (m x 1) type of each joint command; missing ones count as [`JointCommandType::Effort`], surplus ones are
+    /// ignored.
     pub joint_command_types: Vec<JointCommandType>,
     /// Asks for the children's names in the state from now on.
     pub publish_children_names: bool,
@@ -227,7 +230,8 @@ pub struct VehicleCommand {
     pub force: Vector3<f64>,
     /// Torque on the chassis, N·m, world axes.
     pub torque: Vector3<f64>,
-    /// (n x 1) steering angle of each wheel, rad, clamped to its limits; surplus entries are ignored, missing ones leave the wheel as it is.
+    /// (n x 1) steering angle of each wheel, rad, clamped to its limits; surplus entries are ignored, missing ones
+    /// leave the wheel as it is.
     pub steering: Vec<f64>,
     /// (n x 1) engine force of each wheel, N, clamped to ± its maximum.
     pub power: Vec<f64>,

@@ -167,7 +167,8 @@ impl HubObject {
         self.removed.load(Ordering::Acquire)
     }
 
-    /// Whether commands keep coming for the object at `now_ns` on the hub's clock ([`StepThrottle::watch_time`]). Not for the world: see [`StepThrottle::is_live`].
+    /// Whether commands keep coming for the object at `now_ns` on the hub's clock ([`StepThrottle::watch_time`]). Not
+    /// for the world: see [`StepThrottle::is_live`].
     pub fn is_live(&self, now_ns: u64) -> bool {
         let channel = &self.channel;
         match self.info.kind {
@@ -298,8 +299,8 @@ impl Hub {
         }
     }
 
-    /// All objects that have a State and a Command; the position in this list names an object below. Models that are added at run
-    /// time make it longer.
+    /// All objects that have a State and a Command; the position in this list names an object below. Models that are
+    /// added at run time make it longer.
     pub fn objects(&self) -> Guard<Arc<ObjectList>> {
         self.objects.load()
     }
@@ -351,8 +352,8 @@ impl Hub {
         self.visuals.store(Some(Arc::new(visuals)));
     }
 
-    /// Why nothing moves, "lost at step 12: …; a reset resumes", when the state was lost; the snapshot is then that of the step before.
-    /// Empty while all is well.
+    /// Why nothing moves, "lost at step 12: …; a reset resumes", when the state was lost; the snapshot is then that of
+    /// the step before. Empty while all is well.
     pub fn lost(&self) -> Option<Arc<String>> {
         self.lost.load_full()
     }
@@ -377,7 +378,8 @@ impl Hub {
         writer.publish(&self.snapshot, fill)
     }
 
-    /// Leaves a command, or changed parameters, for the object at position `object`. What doesn't fit its kind is never read.
+    /// Leaves a command, or changed parameters, for the object at position `object`. What doesn't fit its kind is never
+    /// read.
     ///
     /// # Errors
     /// [`PostError::NotFinite`].
@@ -403,8 +405,8 @@ impl Hub {
         self.throttle.wake();
     }
 
-    /// Asks for a reset of all objects after which nothing is left of what was before: controllers, solver and contacts forget, motors
-    /// are off. What follows does then not depend on it.
+    /// Asks for a reset of all objects after which nothing is left of what was before: controllers, solver and contacts
+    /// forget, motors are off. What follows does then not depend on it.
     pub fn request_thorough_reset(&self) {
         self.reset_thoroughly.store(true, Ordering::Release);
         self.request_world_reset();

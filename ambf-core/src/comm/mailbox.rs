@@ -11,8 +11,8 @@ struct Mail<C> {
 
 /// The newest command of one object, handed from any thread to the physics thread without a lock.
 ///
-/// Boxes circulate: the physics thread gives the one it has finished with back to the senders, so that in steady state neither
-/// side allocates, and the physics thread never frees.
+/// Boxes circulate: the physics thread gives the one it has finished with back to the senders, so that in steady state
+/// neither side allocates, and the physics thread never frees.
 pub struct Mailbox<C> {
     incoming: AtomicCell<Option<Box<Mail<C>>>>,
     returned: AtomicCell<Option<Box<Mail<C>>>>,

@@ -28,8 +28,9 @@ impl Rates {
     }
 }
 
-/// When an object is due to be published: an absolute schedule at [`Rates::min`] that changes to [`Rates::max`] while commands
-/// keep coming. Like a ROS rate, it catches up less than one period and starts afresh when a whole period behind.
+/// When an object is due to be published: an absolute schedule at [`Rates::min`] that changes to [`Rates::max`] while
+/// commands keep coming. Like a ROS rate, it catches up less than one period and starts afresh when a whole period
+/// behind.
 #[derive(Debug, Clone)]
 pub struct PublishSchedule {
     rates: Rates,

@@ -43,7 +43,8 @@ pub struct RayReading {
 pub struct ContactReading {
     /// One entry a rigid body that touches.
     pub bodies: Vec<TouchingBody>,
-    /// Contact points, those of one body together and in the order of `bodies`; empty unless the sensor reports details.
+    /// Contact points, those of one body together and in the order of `bodies`; empty unless the sensor reports
+    /// details.
     pub points: Vec<ContactPoint>,
 }
 
@@ -155,7 +156,8 @@ pub struct Snapshot {
     pub timing: Timing,
     /// (bodies x 1).
     pub bodies: Vec<BodyKinematics>,
-    /// (bodies x 1) sum of the joint reactions on each body in its own inertial frame; empty when no joint has feedback.
+    /// (bodies x 1) sum of the joint reactions on each body in its own inertial frame; empty when no joint has
+    /// feedback.
     pub wrenches: Vec<Wrench>,
     /// (joints x 1) rad or m.
     pub joint_positions: Vec<f64>,

@@ -38,11 +38,12 @@ pub enum StepError {
 }
 
 impl Hub {
-    /// Holds the physics, lets `command` post what is to be in force, lets exactly the ordered iterations through, and returns
-    /// the state after them. Blocks; orders of several threads are carried out one after the other.
+    /// Holds the physics, lets `command` post what is to be in force, lets exactly the ordered iterations through, and
+    /// returns the state after them. Blocks; orders of several threads are carried out one after the other.
     ///
-    /// A reset is [thorough](Hub::request_thorough_reset), and done at rest: between the Bullet step of one iteration and its commands, as every order begins. So, with fixed
-    /// steps, the result of a series of orders depends on nothing else.
+    /// A reset is [thorough](Hub::request_thorough_reset), and done at rest: between the Bullet step of one iteration
+    /// and its commands, as every order begins. So, with fixed steps, the result of a series of orders depends on
+    /// nothing else.
     ///
     /// # Errors
     /// [`StepError`]. After [`StepError::Command`] nothing has moved, except for a reset.

@@ -30,9 +30,9 @@ pub enum Activity {
 
 /// The step-throttling protocol between the clients of the world and the physics thread.
 ///
-/// While throttling, one clock edge releases exactly [`WorldCommand::n_skip_steps`] iterations. An edge that comes while stepping
-/// is still allowed is absorbed. Orders ([`order`](Self::order)) are added up instead. The watchdog ends throttling when world
-/// commands and orders stop.
+/// While throttling, one clock edge releases exactly [`WorldCommand::n_skip_steps`] iterations. An edge that comes
+/// while stepping is still allowed is absorbed. Orders ([`order`](Self::order)) are added up instead. The watchdog ends
+/// throttling when world commands and orders stop.
 pub struct StepThrottle {
     previous: Mutex<WorldCommand>,
     throttling: AtomicBool,
@@ -89,8 +89,8 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl StepThrottle {
-    /// Takes a client's command, at `now_ns` on the hub's clock. Every message counts: clock edges are found by comparing it with
-    /// the one before.
+    /// Takes a client's command, at `now_ns` on the hub's clock. Every message counts: clock edges are found by
+    /// comparing it with the one before.
     pub fn post(&self, command: WorldCommand, now_ns: u64) {
         let mut previous = lock(&self.previous);
         self.last_post_ns.store(now_ns, Ordering::Release);
@@ -109,8 +109,8 @@ impl StepThrottle {
         self.wake();
     }
 
-    /// Holds the physics from now on until iterations are ordered or `patience` has passed since the last of them; at `now_ns` on
-    /// the hub's clock.
+    /// Holds the physics from now on until iterations are ordered or `patience` has passed since the last of them; at
+    /// `now_ns` on the hub's clock.
     pub fn hold(&self, patience: Duration, now_ns: u64) {
         let patience = u64::try_from(patience.as_nanos()).unwrap_or(u64::MAX);
         self.patience_ns.store(patience, Ordering::Release);
@@ -159,8 +159,9 @@ impl StepThrottle {
             || self.is_busy()
     }
 
-    /// The time by which the watchdogs of objects go at `now_ns`: while throttling it stands still from one step to the next, so that
-    /// a command that was in force when a step was asked for is so until it is done, and while the client thinks.
+    /// The time by which the watchdogs of objects go at `now_ns`: while throttling it stands still from one step to the
+    /// next, so that a command that was in force when a step was asked for is so until it is done, and while the client
+    /// thinks.
     pub fn watch_time(&self, now_ns: u64) -> u64 {
         if self.throttling.load(Ordering::Acquire) {
             now_ns.min(self.edge_ns.load(Ordering::Acquire))
@@ -214,8 +215,8 @@ impl StepThrottle {
         }
     }
 
-    /// Physics thread: waits until an iteration may go on, the stream of world commands dries up, or `give_up` says so. `now_ns`
-    /// reads the hub's clock. Blocking here is the purpose of throttling.
+    /// Physics thread: waits until an iteration may go on, the stream of world commands dries up, or `give_up` says so.
+    /// `now_ns` reads the hub's clock. Blocking here is the purpose of throttling.
     pub fn wait(&self, now_ns: impl Fn() -> u64, give_up: impl Fn() -> bool) {
         let mut spins = 0u32;
         while !self.is_open() && !give_up() {
@@ -252,8 +253,8 @@ impl StepThrottle {
         self.allowed.store(true, Ordering::Release);
     }
 
-    /// Physics thread: counts an iteration in `counter` after the world has reported its time; true when the client asked for
-    /// steps of 0 iterations, which never block.
+    /// Physics thread: counts an iteration in `counter` after the world has reported its time; true when the client
+    /// asked for steps of 0 iterations, which never block.
     pub fn count(&self, counter: &mut u32) -> bool {
         if self.ordered.load(Ordering::Acquire) > 0 {
             *counter = 0;

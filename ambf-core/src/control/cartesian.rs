@@ -38,8 +38,8 @@ impl CartesianError {
     }
 }
 
-/// Makes a rotation of a quaternion `[x, y, z, w]` as a client may send it: of any length, even zero. With a norm below 0.1 `w` counts
-/// as 1. The flag says whether the norm was outside [0.9, 1.1].
+/// Makes a rotation of a quaternion `[x, y, z, w]` as a client may send it: of any length, even zero. With a norm below
+/// 0.1 `w` counts as 1. The flag says whether the norm was outside [0.9, 1.1].
 pub fn orientation_of(raw: &[f64; 4]) -> (UnitQuaternion<f64>, bool) {
     let [x, y, z, w] = *raw;
     let q = Quaternion::new(w, x, y, z);
@@ -50,8 +50,8 @@ pub fn orientation_of(raw: &[f64; 4]) -> (UnitQuaternion<f64>, bool) {
 
 /// Proportional-derivative controller of a body's pose in the legacy profile. I gains are stored and not used.
 ///
-/// `u_lin = P·e + D·Δe/dt` in world axes, `u_ang = R·(P·φ + D·Δφ/dt)` with the rotation vector φ in body axes. The output type of the
-/// linear part decides for both.
+/// `u_lin = P·e + D·Δe/dt` in world axes, `u_ang = R·(P·φ + D·Δφ/dt)` with the rotation vector φ in body axes. The
+/// output type of the linear part decides for both.
 #[derive(Debug, Clone)]
 pub struct CartesianController {
     linear: Controller,

@@ -7,7 +7,8 @@ use crate::adf::{Controller, ControllerOutput, Gains};
 /// Softness from which on a row is a plain force: nothing that moves changes its impulse, 1/kg or 1/(kg·m²).
 const FORCE_SOFTNESS: f64 = 1e12;
 
-/// What a row `v = velocity − softness · impulse` of the constraint solver needs to act as a controller. Units of a coordinate (rad or m).
+/// What a row `v = velocity − softness · impulse` of the constraint solver needs to act as a controller. Units of a
+/// coordinate (rad or m).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SoftVelocity<T> {
     /// 1/s.
@@ -16,11 +17,12 @@ pub struct SoftVelocity<T> {
     pub softness: f64,
 }
 
-/// How the solver moves what a row drives: this decides where in the sub-step the force of a spring has to be taken for a motion that is
-/// right to second order in it.
+/// How the solver moves what a row drives: this decides where in the sub-step the force of a spring has to be taken for
+/// a motion that is right to second order in it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Scheme {
-    /// By the velocity at the end: velocities belong to the middles of sub-steps, and forces to their beginnings. Rigid bodies.
+    /// By the velocity at the end: velocities belong to the middles of sub-steps, and forces to their beginnings. Rigid
+    /// bodies.
     Staggered,
     /// By the mean of the velocities at both ends: forces belong to the middles. Joints in reduced coordinates.
     Collocated,
@@ -57,15 +59,17 @@ impl Quantity for Vector3<f64> {
 
 /// The row of a spring with damper over a sub-step of `h` s, implicit in both, with a force τ₀ beside them.
 ///
-/// The error is taken where it will be at the end of the sub-step, `e + h·ė`, with `ė = ṡ − v` of the rate ṡ of the set point and the
-/// velocity v at that end, which is stable for any h and any gains that are not negative, but damps like an additional `h·P`. The rate ė₀ at
-/// the beginning takes that back: `τ = P·(e + h·(ė − w·ė₀)) + D·ė + τ₀` with w = 1, or 1/2 if [collocated](Scheme::Collocated). For one
-/// degree of freedom its characteristic polynomial `(1 + K + κ)z² − (2 + K + κ)z + 1 + K`, with K = h²P/m and κ = hD/m, has both roots
-/// in the unit disc for all K ≥ 0 and κ ≥ 0. No more than half the error is taken back, so that a spring much harder than what it moves
-/// doesn't ring. With the impulse λ = h·τ the row is `v = ṡ + (P·(e − h·w·ė₀) + τ₀)/(D + h·P) − λ/(h·(D + h·P))` (rows of this kind:
-/// Catto, *Soft Constraints*, Game Developers Conference 2011).
+/// The error is taken where it will be at the end of the sub-step, `e + h·ė`, with `ė = ṡ − v` of the rate ṡ of the set
+/// point and the velocity v at that end, which is stable for any h and any gains that are not negative, but damps like
+/// an additional `h·P`. The rate ė₀ at the beginning takes that back: `τ = P·(e + h·(ė − w·ė₀)) + D·ė + τ₀` with w = 1,
+/// or 1/2 if [collocated](Scheme::Collocated). For one degree of freedom its characteristic polynomial `(1 + K + κ)z² −
+/// (2 + K + κ)z + 1 + K`, with K = h²P/m and κ = hD/m, has both roots in the unit disc for all K ≥ 0 and κ ≥ 0. No more
+/// than half the error is taken back, so that a spring much harder than what it moves doesn't ring. With the impulse λ
+/// = h·τ the row is `v = ṡ + (P·(e − h·w·ė₀) + τ₀)/(D + h·P) − λ/(h·(D + h·P))` (rows of this kind: Catto, *Soft
+/// Constraints*, Game Developers Conference 2011).
 ///
-/// Where `D + h·P` is not positive there is nothing to be implicit in, and the row is the plain force `P·e + D·ė₀ + τ₀`.
+/// Where `D + h·P` is not positive there is nothing to be implicit in, and the row is the plain force `P·e + D·ė₀ +
+/// τ₀`.
 pub fn spring<T: Quantity>(gains: &Gains, at: &Deviation<T>, force: T, scheme: Scheme, h: f64) -> SoftVelocity<T> {
     let stiffness = gains.d + h * gains.p;
     let error_rate = at.set_rate - at.rate;
@@ -84,8 +88,9 @@ pub fn spring<T: Quantity>(gains: &Gains, at: &Deviation<T>, force: T, scheme: S
 
 /// Expects of a rate that it changes in a sub-step as it did in the one before, as far as it did so steadily.
 ///
-/// The D part of an implicit [`spring`] sees the rate at the end of the sub-step, half a change later than the one that its force belongs to:
-/// D times half the expected change, beside it, makes it right to second order. All roots stay in the unit disc for all K and κ.
+/// The D part of an implicit [`spring`] sees the rate at the end of the sub-step, half a change later than the one that
+/// its force belongs to: D times half the expected change, beside it, makes it right to second order. All roots stay in
+/// the unit disc for all K and κ.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 struct Trend<T> {
     rate: Option<T>,
@@ -123,10 +128,11 @@ fn mean_decay(x: f64) -> f64 {
     }
 }
 
-/// PID controller of a joint in the accurate profile, evaluated in every sub-step and solved with the motion that it causes.
+/// PID controller of a joint in the accurate profile, evaluated in every sub-step and solved with the motion that it
+/// causes.
 ///
-/// Force output is a [`spring`]. Velocity output is a motor with the mean velocity of `v = P·e + I·∫e + D·ė`, `ė = ṡ − v`, over the
-/// sub-step: the error decays with the time constant (1 + D)/P, exactly and whatever the sub-step is.
+/// Force output is a [`spring`]. Velocity output is a motor with the mean velocity of `v = P·e + I·∫e + D·ė`, `ė = ṡ −
+/// v`, over the sub-step: the error decays with the time constant (1 + D)/P, exactly and whatever the sub-step is.
 #[derive(Debug, Clone)]
 pub struct JointDriver {
     gains: Gains,
@@ -185,9 +191,10 @@ pub struct SetMotion<T> {
 }
 
 impl<T: Quantity> SetMotion<T> {
-    /// From the rates at which it moved in the latest update and in the one before: both are those of updates past, and by a whole update too
-    /// old, so that their change is added. A jump is not taken for a motion: at most a quarter of the latest rate is added, and the set
-    /// point drifts only as far as the two rates agree (fully, if they differ by no more than half of the larger one).
+    /// From the rates at which it moved in the latest update and in the one before: both are those of updates past, and
+    /// by a whole update too old, so that their change is added. A jump is not taken for a motion: at most a quarter of
+    /// the latest rate is added, and the set point drifts only as far as the two rates agree (fully, if they differ by
+    /// no more than half of the larger one).
     pub fn following(latest: T, before: T) -> Self {
         let change = latest - before;
         let share = (0.25 * latest.size() / change.size()).min(1.0);
@@ -205,11 +212,12 @@ pub enum PoseAction {
     Velocity([Vector3<f64>; 2]),
 }
 
-/// Proportional-derivative controller of a body's pose in the accurate profile, evaluated in every sub-step and solved with the motion that
-/// it causes. I gains are not used; the output type of the linear part decides for both, as in the legacy profile.
+/// Proportional-derivative controller of a body's pose in the accurate profile, evaluated in every sub-step and solved
+/// with the motion that it causes. I gains are not used; the output type of the linear part decides for both, as in the
+/// legacy profile.
 ///
-/// Force output is a [`spring`] for each part. Velocity output is the mean of `v = P·e` over the sub-step: the error decays with the time
-/// constant 1/P, exactly, and D is left out.
+/// Force output is a [`spring`] for each part. Velocity output is the mean of `v = P·e` over the sub-step: the error
+/// decays with the time constant 1/P, exactly, and D is left out.
 #[derive(Debug, Clone)]
 pub struct PoseDriver {
     gains: [Gains; 2],
@@ -228,8 +236,8 @@ impl PoseDriver {
         self.output == ControllerOutput::Force
     }
 
-    /// The action in the sub-step of `h` s that follows. Deviations of position (m, m/s) and of orientation (rotation vector, rad, and
-    /// rad/s) in world axes.
+    /// The action in the sub-step of `h` s that follows. Deviations of position (m, m/s) and of orientation (rotation
+    /// vector, rad, and rad/s) in world axes.
     pub fn update(&mut self, at: &[Deviation<Vector3<f64>>; 2], h: f64) -> PoseAction {
         if self.is_spring() {
             PoseAction::Springs([0, 1].map(|i| {

@@ -8,7 +8,8 @@ const MIN_DT: f64 = 1e-5;
 
 /// PID controller of a joint in the legacy profile: `u = P·e + I·∫e dt + D·de/dt`, without anti-windup or saturation.
 ///
-/// Force output: P in N·m/rad (N/m), I in N·m/(rad·s), D in N·m·s/rad. Velocity output: P in 1/s, I in 1/s², D without unit.
+/// Force output: P in N·m/rad (N/m), I in N·m/(rad·s), D in N·m·s/rad. Velocity output: P in 1/s, I in 1/s², D without
+/// unit.
 #[derive(Debug, Clone)]
 pub struct JointController {
     gains: Gains,
@@ -25,8 +26,8 @@ impl JointController {
 
     /// Output for a process value and set point (rad or m) at `time` (s, simulated).
     ///
-    /// It differentiates over whatever time has passed since the last call, from an error of 0 at the start: a kick that clients of the
-    /// C++ program live with. Two calls at the same time have no derivative.
+    /// It differentiates over whatever time has passed since the last call, from an error of 0 at the start: a kick
+    /// that clients of the C++ program live with. Two calls at the same time have no derivative.
     pub fn update(&mut self, process: f64, set_point: f64, time: f64) -> f64 {
         let error = set_point - process;
         let elapsed = time - self.time;
@@ -46,8 +47,8 @@ impl JointController {
 
 /// The way from angle `current` to `target`, rad, by the shorter side: in [−π, π).
 ///
-/// In the legacy profile the result is below −π for targets more than 3π below the current angle, as in the C++ program, whose
-/// remainder has the sign of its dividend.
+/// In the legacy profile the result is below −π for targets more than 3π below the current angle, as in the C++
+/// program, whose remainder has the sign of its dividend.
 pub fn shortest_angle(current: f64, target: f64, profile: Profile) -> f64 {
     let current = if current < 0.0 { current + TAU } else { current };
     let turned = target - current + 3.0 * PI;

@@ -32,9 +32,9 @@ impl Sets {
 }
 
 impl Scene {
-    /// Puts the joints from `first` on into reduced coordinates, as far as they form trees: whole groups of bodies that joints hold
-    /// together, no parts of them. What has loops, ball joints or springs with several axes stays as it is, and so does what has a joint of
-    /// `open`: reduced coordinates would close it. Says what was done.
+    /// Puts the joints from `first` on into reduced coordinates, as far as they form trees: whole groups of bodies that
+    /// joints hold together, no parts of them. What has loops, ball joints or springs with several axes stays as it is,
+    /// and so does what has a joint of `open`: reduced coordinates would close it. Says what was done.
     pub(super) fn articulate(&mut self, first: usize, open: &BTreeSet<usize>) -> Option<Note> {
         if !self.world.has_articulations() {
             return None;

@@ -47,9 +47,9 @@ impl Assembly {
         self.0.push(Constrained { joint, kind: kind(&constraint.kind), frames, is_left_open: !assemble });
     }
 
-    /// Moves the bodies from `first` on onto the joints in profile `accurate`, with the least displacement in the metric of their masses;
-    /// those poses become the initial ones. Bodies before `first` and static ones stay. Returns what is worth saying, and the joints that
-    /// are to stay open.
+    /// Moves the bodies from `first` on onto the joints in profile `accurate`, with the least displacement in the
+    /// metric of their masses; those poses become the initial ones. Bodies before `first` and static ones stay. Returns
+    /// what is worth saying, and the joints that are to stay open.
     pub fn put_together(&self, scene: &mut Scene, first: usize) -> (Vec<Note>, BTreeSet<usize>) {
         if scene.profile != Profile::Accurate || scene.preset.is_some() || self.0.is_empty() {
             return Default::default();

@@ -163,7 +163,8 @@ impl Body {
         }
     }
 
-    /// Sets the pose of a static body, or lets the Cartesian controller of a dynamic one follow `target` (body frame in the world).
+    /// Sets the pose of a static body, or lets the Cartesian controller of a dynamic one follow `target` (body frame in
+    /// the world).
     pub(crate) fn apply_pose(&mut self, world: &mut World, target: &Isometry3<f64>, dt: f64) {
         if self.mass == 0.0 {
             let wanted = target * self.inertial_offset;

@@ -27,8 +27,8 @@ const LEAST_INERTIA: f64 = 0.01;
 /// Displacements of collision meshes below this are not worth a line, m.
 const LEAST_DISPLACEMENT: f64 = 1e-5;
 
-/// Share of the position error of joints that profile `accurate` corrects in a sub-step: the joint gap is proportional to its
-/// inverse, and with 1 rounding errors of redundant loops begin to show.
+/// Share of the position error of joints that profile `accurate` corrects in a sub-step: the joint gap is proportional
+/// to its inverse, and with 1 rounding errors of redundant loops begin to show.
 const ACCURATE_JOINT_ERP: f64 = 0.9;
 
 /// Adds models to a scene, one after the other.
@@ -386,8 +386,8 @@ impl<'a> Builder<'a> {
         Some(self.scene.graph.add_body())
     }
 
-    /// What collides far out but turns like a point is shot away by any contact: one step cannot follow it. Zero moments, which don't turn,
-    /// stay.
+    /// What collides far out but turns like a point is shot away by any contact: one step cannot follow it. Zero
+    /// moments, which don't turn, stay.
     fn bounded_inertia(
         &mut self,
         body: &adf::RigidBody,
@@ -486,8 +486,8 @@ impl<'a> Builder<'a> {
         self.scene.joints.push(live);
     }
 
-    /// The body that `text` names for an element; `None`, and a note that the element is dropped, if there is none. `suffix` tells
-    /// copies of the element apart, `role` is what the body is to it.
+    /// The body that `text` names for an element; `None`, and a note that the element is dropped, if there is none.
+    /// `suffix` tells copies of the element apart, `role` is what the body is to it.
     pub(super) fn body_for(&mut self, common: &adf::Common, suffix: &str, role: &str, text: &str) -> Option<usize> {
         match self.find_body(text, &self.namespace(common), suffix) {
             Ok((index, remark)) => {
@@ -505,8 +505,8 @@ impl<'a> Builder<'a> {
         }
     }
 
-    /// Where a text leads: in its own model as it is, then with its namespace; in the world with namespace and suffix, then as
-    /// it is. A remark says when it was no exact hit in the own model.
+    /// Where a text leads: in its own model as it is, then with its namespace; in the world with namespace and suffix,
+    /// then as it is. A remark says when it was no exact hit in the own model.
     pub(super) fn find_body(
         &self,
         text: &str,
@@ -515,7 +515,8 @@ impl<'a> Builder<'a> {
     ) -> Result<(usize, Option<String>), String> {
         let own_names = &self.own_names;
         let qualified = format!("{namespace}{text}");
-        // The usual case first, without a search: a key that is `qualified` holds `text`, so that the steps below could only end at it.
+        // The usual case first, without a search: a key that is `qualified` holds `text`, so that the steps below could
+        // only end at it.
         if let Some(index) = own_names.exact(text).or_else(|| own_names.exact(&qualified)) {
             return Ok((index, None));
         }

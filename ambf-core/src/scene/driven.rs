@@ -54,8 +54,8 @@ pub(crate) struct JointOrder {
     goal_motion: SetMotion<f64>,
     /// Bullet holds a spring, which goes when nobody asks for it.
     has_spring: bool,
-    /// Force and torque on the parent that the effort made of in the sub-step before, world axes; the child has the opposite force, and,
-    /// if it turns, the opposite torque.
+    /// Force and torque on the parent that the effort made of in the sub-step before, world axes; the child has the
+    /// opposite force, and, if it turns, the opposite torque.
     applied: Option<[Vector3<f64>; 2]>,
     is_listed: bool,
 }
@@ -83,7 +83,8 @@ impl JointOrder {
 }
 
 impl Joint {
-    /// Takes a command for the next update; `sub_step` in s. True when the joint has to be [driven](Self::drive) from now on.
+    /// Takes a command for the next update; `sub_step` in s. True when the joint has to be [driven](Self::drive) from
+    /// now on.
     pub(crate) fn take_order(&mut self, world: &mut World, kind: JointCommandType, value: f64, sub_step: f64) -> bool {
         match kind {
             JointCommandType::Effort => {
@@ -194,7 +195,8 @@ impl Joint {
         let on_parent = match self.joint_type {
             JointType::Revolute | JointType::TorsionSpring => [Vector3::zeros(), -along],
             JointType::Prismatic | JointType::LinearSpring => {
-                // Through the child's centre of mass on both: two forces on different lines would be a torque from nowhere.
+                // Through the child's centre of mass on both: two forces on different lines would be a torque from
+                // nowhere.
                 [-along, (pose.translation.vector - child_pose.translation.vector).cross(&along)]
             }
             _ => return,
@@ -220,7 +222,8 @@ fn motion_of<T: Quantity + Default>(latest: Option<T>, before: Option<T>) -> Set
 pub(crate) struct BodyOrder {
     driver: PoseDriver,
     goal: Option<BodyGoal>,
-    /// Wanted pose of the update before, if there was one, how fast it moved since, and how fast it moves: m/s and rad/s, world axes.
+    /// Wanted pose of the update before, if there was one, how fast it moved since, and how fast it moves: m/s and
+    /// rad/s, world axes.
     last_target: Option<Isometry3<f64>>,
     last_rates: Option<[Vector3<f64>; 2]>,
     target_motion: [SetMotion<Vector3<f64>>; 2],
@@ -256,7 +259,8 @@ impl BodyOrder {
 }
 
 impl Body {
-    /// Takes the Cartesian part of a command for the next update. True when the body has to be [driven](Self::drive) from now on.
+    /// Takes the Cartesian part of a command for the next update. True when the body has to be [driven](Self::drive)
+    /// from now on.
     pub(crate) fn take_order(&mut self, world: &mut World, command: &RigidBodyCommand) -> bool {
         match command.cartesian {
             CartesianCommandType::Position => {
@@ -305,8 +309,8 @@ impl Body {
         }
     }
 
-    /// `target` is a pose of the inertial frame: with the error of the body frame, whose origin is not where the force acts, a turning body
-    /// would be pushed about.
+    /// `target` is a pose of the inertial frame: with the error of the body frame, whose origin is not where the force
+    /// acts, a turning body would be pushed about.
     fn pursue(&mut self, world: &mut World, target: &Isometry3<f64>, sub_steps: SubSteps) {
         let (Some(pose), Some((linear, angular))) = (world.pose(self.handle), world.velocity(self.handle)) else {
             return;

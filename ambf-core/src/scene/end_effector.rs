@@ -40,7 +40,8 @@ pub struct EndEffectorParts {
 const NAMESPACE: &str = "/simulated_device/";
 
 impl PreparedEndEffector {
-    /// Reads the model of a device's end-effector, if it has one, and its meshes; takes as long as that takes, but no scene.
+    /// Reads the model of a device's end-effector, if it has one, and its meshes; takes as long as that takes, but no
+    /// scene.
     ///
     /// # Errors
     /// Why the file is of no use, with all problems in it, or why it has no root link.

@@ -18,7 +18,8 @@ const NARROWEST: f64 = 1e-3;
 pub struct CameraPlace {
     /// Pose in the parent's frame.
     pub pose: Isometry3<f64>,
-    /// The point that it looks at, in the *camera's* frame, m: it travels with every motion but [`Dolly`](CameraGesture::Dolly).
+    /// The point that it looks at, in the *camera's* frame, m: it travels with every motion but
+    /// [`Dolly`](CameraGesture::Dolly).
     pub target: Vector3<f64>,
     /// Width of an orthographic view, m; without meaning for other views.
     pub width: f64,
@@ -50,8 +51,8 @@ pub enum CameraGesture {
         /// Length of the arc, m; the motion stops at an elevation of ± 1.5 rad.
         up: f64,
     },
-    /// Moves along its axis. The target stays where it is, but is pushed on when it would be nearer than 0.5 m. An orthographic view becomes
-    /// narrower by the same length, never empty.
+    /// Moves along its axis. The target stays where it is, but is pushed on when it would be nearer than 0.5 m. An
+    /// orthographic view becomes narrower by the same length, never empty.
     Dolly {
         /// m, towards the scene.
         forward: f64,
@@ -126,7 +127,8 @@ impl CameraPlace {
         if distance < 1e-9 {
             return;
         }
-        // What lies behind the target as seen from the camera is what it looks at, so the arm's heading is that of the view, reversed.
+        // What lies behind the target as seen from the camera is what it looks at, so the arm's heading is that of the
+        // view, reversed.
         let (azimuth, elevation) = match arm.xy().norm() > 1e-9 * distance {
             true => (arm.y.atan2(arm.x), (arm.z / distance).clamp(-1.0, 1.0).asin()),
             false => {
@@ -144,7 +146,8 @@ impl CameraPlace {
     }
 }
 
-/// Azimuth about z and elevation of a view, rad. Of a view along z the azimuth is that of what is up in the picture, or down.
+/// Azimuth about z and elevation of a view, rad. Of a view along z the azimuth is that of what is up in the picture, or
+/// down.
 fn heading(rotation: &UnitQuaternion<f64>) -> (f64, f64) {
     let (view, up) = (rotation * -Vector3::x(), rotation * Vector3::z());
     let elevation = view.z.clamp(-1.0, 1.0).asin();

@@ -77,7 +77,8 @@ impl Ghost {
         self.sensed.iter().filter_map(|&handle| bodies.index_of(handle))
     }
 
-    /// Moves to `pose` in the world; what left it gets its weight back, what is in it is held. `carrier` is the parent body.
+    /// Moves to `pose` in the world; what left it gets its weight back, what is in it is held. `carrier` is the parent
+    /// body.
     pub(crate) fn update(
         &mut self,
         world: &mut World,

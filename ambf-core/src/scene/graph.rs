@@ -46,7 +46,8 @@ pub struct BodyGraph {
     is_full: bool,
 }
 
-/// Descendants that all lists together may hold. They grow with the square of a chain's length; this is a chain of 2000 bodies.
+/// Descendants that all lists together may hold. They grow with the square of a chain's length; this is a chain of 2000
+/// bodies.
 const MAX_LISTED: usize = 2_000_000;
 
 impl BodyGraph {
@@ -56,9 +57,9 @@ impl BodyGraph {
         self.nodes.len() - 1
     }
 
-    /// Enters a joint from `parent` to `child`. A joint of a body with itself changes nothing; so does, in the lists, a second path to
-    /// the same child.
-    /// A joint with which the lists together would grow beyond two million entries is listed by `parent` only.
+    /// Enters a joint from `parent` to `child`. A joint of a body with itself changes nothing; so does, in the lists, a
+    /// second path to the same child. A joint with which the lists together would grow beyond two million entries is
+    /// listed by `parent` only.
     pub fn add_joint(&mut self, parent: usize, child: usize, joint: usize, passive: bool) {
         if parent == child {
             return;

@@ -381,8 +381,8 @@ fn angle_between(u: &Vector3<f64>, v: &Vector3<f64>) -> f64 {
 
 /// The Bullet constraint that a joint becomes; `None` for an unknown type.
 ///
-/// `erp`: share of the position error that every joint corrects in a sub-step, without giving way to its load. `None`: as the
-/// description and Bullet's own defaults say.
+/// `erp`: share of the position error that every joint corrects in a sub-step, without giving way to its load. `None`:
+/// as the description and Bullet's own defaults say.
 pub(super) fn constraint(
     joint: &adf::Joint,
     frame_a: Isometry3<f64>,

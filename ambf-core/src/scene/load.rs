@@ -91,8 +91,8 @@ pub struct Loaded {
 
 /// Reads the files, loads the collision meshes in parallel and builds the scene.
 ///
-/// Never fails: a file that cannot be used is left out and reported, as in the C++ program; without a usable world file the defaults
-/// apply (gravity −9.8 m/s² along z, 10 sub-steps, no environment).
+/// Never fails: a file that cannot be used is left out and reported, as in the C++ program; without a usable world file
+/// the defaults apply (gravity −9.8 m/s² along z, 10 sub-steps, no environment).
 pub fn load(files: &SceneFiles, options: &SceneOptions) -> Loaded {
     let mut report = SceneReport::default();
     let world: Option<adf::World> = files.world.as_deref().and_then(|path| taken(adf::load(path), &mut report));
@@ -231,8 +231,8 @@ fn with_defaults(mut world: adf::World) -> adf::World {
     world
 }
 
-/// The environment of a world without an environment file: empty, or the five static planes of its enclosure, with the origin in the
-/// middle.
+/// The environment of a world without an environment file: empty, or the five static planes of its enclosure, with the
+/// origin in the middle.
 fn built_in_environment(world: &adf::World) -> adf::Model {
     let Some(size) = world.enclosure else { return described("bodies: []\n") };
     let planes = [

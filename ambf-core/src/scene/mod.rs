@@ -70,7 +70,8 @@ pub struct SceneOptions {
     pub rates: Option<Rates>,
     /// Physics wanted; `None`: the world file's, else the default.
     pub physics: PhysicsOptions,
-    /// Models with joints will be added later: where joints may be put into reduced coordinates, theirs may be too. Default: `false`.
+    /// Models with joints will be added later: where joints may be put into reduced coordinates, theirs may be too.
+    /// Default: `false`.
     pub may_grow: bool,
     /// States of the simulation can be [saved](crate::sim::Simulation::save). Default: `false`.
     pub savable: bool,
@@ -81,7 +82,8 @@ pub struct SceneOptions {
 pub struct PhysicsOptions {
     /// Legacy or accurate.
     pub profile: Option<Profile>,
-    /// Settings of the solver and of shapes instead of the profile's. A `profile` here is without the preset of the world file.
+    /// Settings of the solver and of shapes instead of the profile's. A `profile` here is without the preset of the
+    /// world file.
     pub preset: Option<Preset>,
     /// Constraint solver.
     pub solver: Option<Solver>,
@@ -89,7 +91,8 @@ pub struct PhysicsOptions {
     pub iterations: Option<u32>,
     /// How free bodies are moved.
     pub integrator: Option<Integrator>,
-    /// Whether joints that form trees are put into reduced coordinates. Default: `true` in the accurate profile with its own solver.
+    /// Whether joints that form trees are put into reduced coordinates. Default: `true` in the accurate profile with
+    /// its own solver.
     pub articulated: Option<bool>,
     /// Length of a sub-step, s.
     pub sub_step: Option<f64>,
@@ -110,7 +113,8 @@ pub struct Note {
     pub source: SourcePos,
     /// What is wrong and what is done instead.
     pub message: String,
-    /// The name in the file that led to nothing, or to several objects; `None` where the remark is about something else.
+    /// The name in the file that led to nothing, or to several objects; `None` where the remark is about something
+    /// else.
     pub wanted: Option<String>,
 }
 
@@ -290,7 +294,8 @@ impl Scene {
         }
     }
 
-    /// What sorts objects into the order in which they are visited: by model, then by type, then by qualified identifier.
+    /// What sorts objects into the order in which they are visited: by model, then by type, then by qualified
+    /// identifier.
     pub(crate) fn visiting_key(&self, kind: &ObjectKind) -> (String, u8, String) {
         let Some(identity) = self.identity(kind) else { return Default::default() };
         let rank = match kind {

@@ -80,8 +80,8 @@ impl Scene {
         }
     }
 
-    /// Name (without namespace, with the suffix that tells copies apart) and qualified identifier of an object; `None` when there is no such
-    /// object.
+    /// Name (without namespace, with the suffix that tells copies apart) and qualified identifier of an object; `None`
+    /// when there is no such object.
     pub fn names_of(&self, object: ObjectId) -> Option<(String, String)> {
         match object.kind {
             ObjectType::Joint => self.joints.get(object.index).map(|joint| (joint.name.clone(), joint.key.clone())),
@@ -109,8 +109,8 @@ impl Scene {
         self.model_of(object).is_some_and(|model| !self.models[model].removed && !is_gone())
     }
 
-    /// The object of a type whose qualified identifier is `text`, else the only one whose identifier holds it, else the only one whose name
-    /// is `text`.
+    /// The object of a type whose qualified identifier is `text`, else the only one whose identifier holds it, else the
+    /// only one whose name is `text`.
     pub fn find_object(&self, kind: ObjectType, text: &str) -> Option<usize> {
         let names = match kind {
             ObjectType::Body => Some(&self.body_names),

@@ -106,9 +106,9 @@ pub struct Light {
 }
 
 impl Scene {
-    /// What `text` names as the parent of `child`: by its qualified identifier, in the namespace of `child`, else as part of one. Of a model
-    /// that is loaded several times the copy of `child` is meant. Several hits of different types are as bad as several of one, unless exactly
-    /// one of them is exact.
+    /// What `text` names as the parent of `child`: by its qualified identifier, in the namespace of `child`, else as
+    /// part of one. Of a model that is loaded several times the copy of `child` is meant. Several hits of different
+    /// types are as bad as several of one, unless exactly one of them is exact.
     ///
     /// # Errors
     /// A clause that says why there is none.
@@ -140,7 +140,8 @@ impl Scene {
         }
     }
 
-    /// What of each type has the name `text`, or with `is_exact` false holds it: a few in lexicographic order, as a message shows them.
+    /// What of each type has the name `text`, or with `is_exact` false holds it: a few in lexicographic order, as a
+    /// message shows them.
     fn candidates(&self, kinds: &[&NameMap; 4], text: &str, is_exact: bool) -> Vec<String> {
         let types = ["body", "camera", "light", "ghost object"];
         let mut found: Vec<(&str, &str)> = Vec::new();
@@ -295,7 +296,8 @@ pub(super) fn camera_pose(location: &Vector3<f64>, look_at: &Vector3<f64>, up: &
     }
 }
 
-/// Rotation that turns +x to `direction`: the other axes are chosen with z, or y where that is further from `direction`.
+/// Rotation that turns +x to `direction`: the other axes are chosen with z, or y where that is further from
+/// `direction`.
 pub(super) fn light_rotation(direction: &Vector3<f64>) -> Option<UnitQuaternion<f64>> {
     let x = (direction.norm_squared() >= 1e-4).then(|| direction.normalize())?;
     let (z_sine, y_sine) = (x.cross(&Vector3::z()).norm(), x.cross(&Vector3::y()).norm());

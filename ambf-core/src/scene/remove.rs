@@ -5,7 +5,8 @@ use super::{Bodies, BodyGraph, Element, Parent, Scene};
 use crate::comm::ObjectKind;
 
 impl Scene {
-    /// Index of the model called `name`: its key, or a part of the key that no other has. The environment cannot be named.
+    /// Index of the model called `name`: its key, or a part of the key that no other has. The environment cannot be
+    /// named.
     pub(crate) fn find_model(&self, name: &str) -> Result<usize, String> {
         match self.names.models.find(name).index() {
             Some(0) => Err("it is the world's environment".into()),

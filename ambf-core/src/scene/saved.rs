@@ -114,8 +114,8 @@ impl Scene {
     }
 
     /// # Errors
-    /// Those of [`World::restore`](crate::bullet::World::restore); [`StateError::Changed`] also when anything else came or went. Nothing has
-    /// changed then.
+    /// Those of [`World::restore`](crate::bullet::World::restore); [`StateError::Changed`] also when anything else came
+    /// or went. Nothing has changed then.
     pub(crate) fn restore(&mut self, saved: &SavedScene) -> Result<(), StateError> {
         self.world.check_saved(&saved.world)?;
         if self.extent() != saved.extent {

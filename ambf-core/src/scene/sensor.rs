@@ -150,7 +150,8 @@ impl Sensor {
         })
     }
 
-    /// The nearest rigid body that a ray hits among those that are accepted, with its distance from the start of the ray, m.
+    /// The nearest rigid body that a ray hits among those that are accepted, with its distance from the start of the
+    /// ray, m.
     pub(crate) fn nearest_body(&self, bodies: &Bodies, accept: impl Fn(usize) -> bool) -> Option<(usize, f64)> {
         let Work::Rays { world, hits, .. } = &self.work else { return None };
         let bodies_hit = world.iter().zip(hits).filter_map(|(ray, hit)| {
@@ -169,8 +170,8 @@ impl Sensor {
         }
     }
 
-    /// Looks, and pushes if it is a resistance sensor. The forces act in the next update, which is taken to be as long as the last one:
-    /// `interval` s. `sub_step` in s.
+    /// Looks, and pushes if it is a resistance sensor. The forces act in the next update, which is taken to be as long
+    /// as the last one: `interval` s. `sub_step` in s.
     pub(crate) fn update(&mut self, world: &mut World, bodies: &Bodies, sub_step: f64, interval: f64) {
         match &mut self.work {
             Work::Contacts { threshold, details, contacts, reading } => {
@@ -207,8 +208,8 @@ impl Sensor {
     }
 }
 
-/// From contacts, those of one body together: one reading a body, with the sum of the normal forces of its contacts, and the same with
-/// the points if they are asked for.
+/// From contacts, those of one body together: one reading a body, with the sum of the normal forces of its contacts,
+/// and the same with the points if they are asked for.
 fn read_contacts(
     readings: &mut Vec<RayReading>,
     reading: &mut ContactReading,
@@ -235,16 +236,18 @@ fn read_contacts(
     }
 }
 
-/// The contact law of a resistance sensor. With N the direction of the ray, d the depth fraction, a the body that carries the sensor and
-/// b the one that is hit:
+/// The contact law of a resistance sensor. With N the direction of the ray, d the depth fraction, a the body that
+/// carries the sensor and b the one that is hit:
 ///
-/// F = k·d·N + c·e + s·(e − e_before) + m·Δv, where e is the tangential part of the drift between the points of a and b that
-/// met first, Δv the tangential velocity of a against b, and c = static friction, s = friction damping, m = dynamic friction (each but s
-/// multiplied by |k·d·N| when the friction is variable). b gets F at the hit point, a gets −F.
+/// F = k·d·N + c·e + s·(e − e_before) + m·Δv, where e is the tangential part of the drift between the points of a and b
+/// that met first, Δv the tangential velocity of a against b, and c = static friction, s = friction damping, m =
+/// dynamic friction (each but s multiplied by |k·d·N| when the friction is variable). b gets F at the hit point, a gets
+/// −F.
 ///
-/// In profile `accurate` the law is linearly implicit over the update of h s: F = (F₀ + h·K·v)/(1 + Σ h·(h·K + C)·r), with the
-/// derivatives K and C of F with respect to the relative position and velocity v of the points, their response r to a force, 1/kg, and the sum
-/// over all rays of the sensor that hit the body. Springs of any stiffness then stay below the stability limit of the step.
+/// In profile `accurate` the law is linearly implicit over the update of h s: F = (F₀ + h·K·v)/(1 + Σ h·(h·K + C)·r),
+/// with the derivatives K and C of F with respect to the relative position and velocity v of the points, their response
+/// r to a force, 1/kg, and the sum over all rays of the sensor that hit the body. Springs of any stiffness then stay
+/// below the stability limit of the step.
 #[derive(Debug)]
 pub(super) struct Resistance {
     parameters: ResistanceParameters,
@@ -299,7 +302,8 @@ impl Resistance {
             };
             let (a, b) = (bodies[parent].handle, bodies[body].handle);
             let (Some(pose_a), Some(pose_b)) = (world.pose(a), world.pose(b)) else { continue };
-            // The C++ program takes the direction in the inertial frame of the parent and leaves the sensor's rotation out.
+            // The C++ program takes the direction in the inertial frame of the parent and leaves the sensor's rotation
+            // out.
             let normal = match self.profile {
                 Profile::Legacy => pose_a.rotation * ray.direction,
                 Profile::Accurate => {
@@ -368,8 +372,8 @@ struct Push {
     share: f64,
 }
 
-/// Derivatives of a ray's force with respect to the relative motion of the two points: stiffness, N/m, along the ray and across it, and
-/// damping, N·s/m, across it.
+/// Derivatives of a ray's force with respect to the relative motion of the two points: stiffness, N/m, along the ray
+/// and across it, and damping, N·s/m, across it.
 #[derive(Debug, Clone, Copy)]
 struct Gains {
     along: f64,
@@ -390,8 +394,8 @@ fn approach_force(gains: &Gains, normal: &Vector3<f64>, approach: &Vector3<f64>)
     along * gains.along + (approach - along) * gains.across
 }
 
-/// Largest velocity that a force of 1 N at a point gives to that point of a free body in 1 s, m/s: an upper bound of 1/m plus the part of
-/// the rotation, whatever the direction.
+/// Largest velocity that a force of 1 N at a point gives to that point of a free body in 1 s, m/s: an upper bound of
+/// 1/m plus the part of the rotation, whatever the direction.
 fn response(body: &Body, pose: &Isometry3<f64>, point: &Vector3<f64>) -> f64 {
     if body.mass <= 0.0 {
         return 0.0;
@@ -403,7 +407,8 @@ fn response(body: &Body, pose: &Isometry3<f64>, point: &Vector3<f64>) -> f64 {
 
 /// The force of a resistance sensor by its parameters.
 trait ResistanceLaw {
-    /// Derivatives of the force at a depth; `sticks`: the points that met are still held together; range of the ray in m.
+    /// Derivatives of the force at a depth; `sticks`: the points that met are still held together; range of the ray in
+    /// m.
     fn gains(&self, depth: f64, sticks: bool, range: f64) -> Gains;
 
     /// Force on the body that is hit, and what is remembered if the points still stick.

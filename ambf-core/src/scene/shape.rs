@@ -16,8 +16,8 @@ pub(super) struct BuiltShape {
     pub left_out: Vec<(Severity, String)>,
 }
 
-/// Makes the collision shape of `body`. `mesh` is its collision mesh, welded and scaled, when the geometry is one; `meshes` gives
-/// those of its parts, when it has several.
+/// Makes the collision shape of `body`. `mesh` is its collision mesh, welded and scaled, when the geometry is one;
+/// `meshes` gives those of its parts, when it has several.
 pub(super) fn build(body: &RigidBody, mesh: Option<&Mesh>, meshes: &MeshCache, profile: Profile) -> BuiltShape {
     let inertial_offset = body.inertial_offset.unwrap_or_else(|| match mesh {
         Some(mesh) => Isometry3::from(estimated_centre(mesh, profile)),
@@ -28,7 +28,8 @@ pub(super) fn build(body: &RigidBody, mesh: Option<&Mesh>, meshes: &MeshCache, p
     BuiltShape { shape, inertial_offset, left_out }
 }
 
-/// The shape of a collision geometry in a frame at `origin` in the body frame; a single primitive without an offset is centred there.
+/// The shape of a collision geometry in a frame at `origin` in the body frame; a single primitive without an offset is
+/// centred there.
 pub(super) fn geometry(
     collision: &CollisionGeometry,
     margin: f64,

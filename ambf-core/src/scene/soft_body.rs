@@ -47,9 +47,9 @@ impl SoftBody {
 
 /// A soft body as Bullet is told to make it, and remarks on what of the description could not be used.
 ///
-/// The legacy profile keeps the habits of the C++ program: only the last part of the mesh counts, a vertex that became node 0 cannot
-/// be fixed by its number in the file, and the list of fixed nodes ends at the first number that is too large. Coefficients beyond the
-/// ranges of Bullet, which the reader named, are used as they are.
+/// The legacy profile keeps the habits of the C++ program: only the last part of the mesh counts, a vertex that became
+/// node 0 cannot be fixed by its number in the file, and the list of fixed nodes ends at the first number that is too
+/// large. Coefficients beyond the ranges of Bullet, which the reader named, are used as they are.
 pub(super) fn describe(soft: &adf::SoftBody, mesh: &Mesh, profile: Profile) -> (bullet::SoftBody, Vec<String>) {
     let mut remarks = Vec::new();
     let filled: Vec<&SubMesh> = mesh.sub_meshes.iter().filter(|sub| !sub.vertices.is_empty()).collect();

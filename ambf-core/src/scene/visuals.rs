@@ -1,4 +1,5 @@
-//! What of a scene is drawn: descriptions by index, without states. States are in the [`Snapshot`](crate::comm::Snapshot).
+//! What of a scene is drawn: descriptions by index, without states. States are in the
+//! [`Snapshot`](crate::comm::Snapshot).
 
 use std::collections::HashMap;
 use std::path::PathBuf;
@@ -9,8 +10,8 @@ use nalgebra::{Isometry3, Vector3};
 use super::{Identity, JointType, LocalRay, Scene};
 use crate::adf;
 
-/// What of a scene can be drawn. All lists are indexed as the arrays of [`Snapshot`](crate::comm::Snapshot); what was removed keeps its
-/// place.
+/// What of a scene can be drawn. All lists are indexed as the arrays of [`Snapshot`](crate::comm::Snapshot); what was
+/// removed keeps its place.
 ///
 /// It is made anew when the scene changes, and shares the descriptions with the scene.
 #[derive(Debug, Clone)]
@@ -103,8 +104,8 @@ struct Described {
 pub struct VisualBody {
     /// Names.
     pub object: VisualObject,
-    /// Pose of the body frame, which carries the visual mesh, in the frame whose pose is in the snapshot: the inertial frame of a rigid
-    /// body, the ghost's own frame.
+    /// Pose of the body frame, which carries the visual mesh, in the frame whose pose is in the snapshot: the inertial
+    /// frame of a rigid body, the ghost's own frame.
     pub offset: Isometry3<f64>,
     /// Factor on meshes; primitives are not scaled.
     pub scale: f64,

@@ -1,8 +1,9 @@
 /// How many sub-steps an iteration may do.
 ///
-/// Simulated time that cannot be computed in time is lost anyway; what can be chosen is how long one iteration blocks states and
-/// commands. While an iteration takes longer than the time it simulates, the cap comes down by a quarter at a time, so that many small
-/// iterations replace few huge ones; when there is room again it rises by one at a time, never above the world's limit.
+/// Simulated time that cannot be computed in time is lost anyway; what can be chosen is how long one iteration blocks
+/// states and commands. While an iteration takes longer than the time it simulates, the cap comes down by a quarter at
+/// a time, so that many small iterations replace few huge ones; when there is room again it rises by one at a time,
+/// never above the world's limit.
 #[derive(Debug, Clone)]
 pub(super) struct SubStepCap {
     limit: u32,

@@ -64,8 +64,8 @@ impl Slot {
         }
     }
 
-    /// Takes what waits in `channel`; true when there is a command to execute from now on. Sentences about what cannot be done go to
-    /// `notices`.
+    /// Takes what waits in `channel`; true when there is a command to execute from now on. Sentences about what cannot
+    /// be done go to `notices`.
     fn fetch(&mut self, channel: &Channel, scene: &mut Scene, notices: &mut Vec<String>) -> bool {
         match self {
             Self::Idle => false,
@@ -103,8 +103,8 @@ impl Link {
         SavedCommands { saved_at: self.watch_time(), slots: self.commanded.iter().map(slot).collect() }
     }
 
-    /// Commands that came since are forgotten, but for those that were not looked at yet; watchdogs leave the others as long as they would
-    /// have.
+    /// Commands that came since are forgotten, but for those that were not looked at yet; watchdogs leave the others as
+    /// long as they would have.
     pub fn restore(&mut self, saved: &SavedCommands) {
         let passed = self.watch_time().saturating_sub(saved.saved_at);
         for object in std::mem::take(&mut self.commanded) {
@@ -158,7 +158,8 @@ impl Link {
         self.hub.remove_objects(gone.collect::<Vec<_>>());
     }
 
-    /// The command in force for the body at position `object`, to be changed; no watchdog follows it. `None` when that is no body.
+    /// The command in force for the body at position `object`, to be changed; no watchdog follows it. `None` when that
+    /// is no body.
     pub fn body_command(&mut self, object: HubIndex) -> Option<&mut RigidBodyCommand> {
         let Some(Slot::Body(_, inbox)) = self.slots.get_mut(object.0) else { return None };
         note_commanded(&mut self.commanded, &self.rank, object);
@@ -194,8 +195,8 @@ impl Simulation {
     /// Executes the newest commands.
     ///
     /// # Errors
-    /// [`LostState`] when a finite command has a result that is not, such as a goal so far off that the velocity towards it
-    /// overflows.
+    /// [`LostState`] when a finite command has a result that is not, such as a goal so far off that the velocity
+    /// towards it overflows.
     pub(super) fn execute_commands(&mut self) -> Result<(), LostState> {
         let Some(mut link) = self.link.take() else { return Ok(()) };
         self.fetch(&mut link);
@@ -217,8 +218,8 @@ impl Simulation {
     pub(super) fn publish(&mut self, wall_time: f64, timing: Timing) {
         let Some(mut link) = self.link.take() else { return };
         if link.hub.is_listening() {
-            // When readers hold every spare snapshot they see this state one iteration later. There is no later one when a client
-            // waits for just this state.
+            // When readers hold every spare snapshot they see this state one iteration later. There is no later one
+            // when a client waits for just this state.
             let hub = Arc::clone(&link.hub);
             while !hub.publish(&mut link.writer, |snapshot| self.fill(snapshot, wall_time, timing))
                 && !hub.throttle().is_open()
@@ -328,8 +329,8 @@ impl Simulation {
         }
     }
 
-    /// Applies a command to the `index`-th active joint of a body: effort (N·m, N), position (rad, m) or velocity (rad/s, m/s). False when
-    /// there is no such joint or the value is not finite.
+    /// Applies a command to the `index`-th active joint of a body: effort (N·m, N), position (rad, m) or velocity
+    /// (rad/s, m/s). False when there is no such joint or the value is not finite.
     pub fn command_joint(&mut self, body: usize, index: usize, kind: JointCommandType, value: f64) -> bool {
         if !value.is_finite() {
             return false;
@@ -360,8 +361,9 @@ impl Simulation {
         self.scene.command_actuator(actuator, command)
     }
 
-    /// Draws the node of a soft body that is nearest to `point` (m, world axes) and within `radius` of it towards `goal` before each
-    /// sub-step from now on: what picking with a mouse does. The node, or `None` when none is that near.
+    /// Draws the node of a soft body that is nearest to `point` (m, world axes) and within `radius` of it towards
+    /// `goal` before each sub-step from now on: what picking with a mouse does. The node, or `None` when none is that
+    /// near.
     pub fn pick_soft_node(
         &mut self,
         soft: usize,

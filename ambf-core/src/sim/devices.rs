@@ -105,8 +105,9 @@ impl Devices {
 }
 
 impl Simulation {
-    /// Builds or finds an end-effector for each device of `host` that has none yet, in the order of their entries; to be called before the
-    /// simulation runs. Says what was dropped, replaced or guessed, and which devices got none: these are closed.
+    /// Builds or finds an end-effector for each device of `host` that has none yet, in the order of their entries; to
+    /// be called before the simulation runs. Says what was dropped, replaced or guessed, and which devices got none:
+    /// these are closed.
     pub fn add_devices(&mut self, host: &mut DeviceHost) -> Vec<String> {
         let mut said = Vec::new();
         for (index, entry) in host.waiting() {

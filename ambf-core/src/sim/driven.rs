@@ -30,7 +30,8 @@ impl Driven {
         self.joints.is_empty() && self.bodies.is_empty()
     }
 
-    /// Steps the world of `scene` as [`World::step`](crate::bullet::World::step) does. Returns the sub-steps that were due.
+    /// Steps the world of `scene` as [`World::step`](crate::bullet::World::step) does. Returns the sub-steps that were
+    /// due.
     pub fn step(&mut self, scene: &mut Scene, interval: f64, cap: u32, length: f64) -> u32 {
         if self.is_empty() {
             return scene.world.step(interval, cap, length);

@@ -89,9 +89,10 @@ pub(super) struct Recording {
 }
 
 impl Simulation {
-    /// Keeps the states of the last minute of simulated time from now on, one every 0.1 s and at most 256 MiB of them, or forgets them all. The
-    /// scene must have been loaded with [`SceneOptions::savable`](crate::scene::SceneOptions::savable). Costs nothing while it is off; while it
-    /// is on, the memory of the scene is copied ten times a second of simulated time.
+    /// Keeps the states of the last minute of simulated time from now on, one every 0.1 s and at most 256 MiB of them,
+    /// or forgets them all. The scene must have been loaded with
+    /// [`SceneOptions::savable`](crate::scene::SceneOptions::savable). Costs nothing while it is off; while it is on,
+    /// the memory of the scene is copied ten times a second of simulated time.
     ///
     /// # Errors
     /// A sentence when states cannot be saved: nothing is kept then.
@@ -147,9 +148,9 @@ impl Simulation {
         self.recording.history.as_ref().unwrap_or(&nothing).tell(&self.recording.timeline);
     }
 
-    /// Brings the simulation to the kept state whose time is nearest to `time` (s, simulated), from which it goes on; the time of that state.
-    /// Later states are kept until it does. Cameras stay where they are: the user looks at the state through them. See
-    /// [`restore`](Self::restore).
+    /// Brings the simulation to the kept state whose time is nearest to `time` (s, simulated), from which it goes on;
+    /// the time of that state. Later states are kept until it does. Cameras stay where they are: the user looks at the
+    /// state through them. See [`restore`](Self::restore).
     ///
     /// # Errors
     /// A sentence when nothing is kept, or the scene has changed since: nothing has changed then.

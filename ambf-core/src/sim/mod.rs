@@ -213,12 +213,14 @@ impl Simulation {
         self.bullet_time
     }
 
-    /// Takes what the solver did since this was called the last time; see [`World::take_statistics`](crate::bullet::World::take_statistics).
+    /// Takes what the solver did since this was called the last time; see
+    /// [`World::take_statistics`](crate::bullet::World::take_statistics).
     pub fn take_solver_statistics(&mut self) -> SolverStatistics {
         self.scene.world.take_statistics()
     }
 
-    /// Switches the energy ledger on, with all sums at 0, or off; see [`World::set_energy_ledger`](crate::bullet::World::set_energy_ledger).
+    /// Switches the energy ledger on, with all sums at 0, or off; see
+    /// [`World::set_energy_ledger`](crate::bullet::World::set_energy_ledger).
     pub fn set_energy_ledger(&mut self, enabled: bool) {
         self.scene.world.set_energy_ledger(enabled);
     }
@@ -233,8 +235,8 @@ impl Simulation {
         &self.wrenches
     }
 
-    /// Advances by `interval` s and brings what follows from Bullet's step up to date: joints, efforts, wrenches. Nothing happens
-    /// for an interval that is not positive.
+    /// Advances by `interval` s and brings what follows from Bullet's step up to date: joints, efforts, wrenches.
+    /// Nothing happens for an interval that is not positive.
     ///
     /// # Errors
     /// [`LostState`]: the state is lost, the caller should stop or reset.
@@ -344,8 +346,8 @@ impl Simulation {
         std::iter::once(body).chain(others.filter(move |&other| scene.active_joints(other).iter().any(holds)))
     }
 
-    /// Returns every rigid body to its initial pose at rest. Time goes on. If the state was lost, controllers forget what they
-    /// remember of it and motors are switched off.
+    /// Returns every rigid body to its initial pose at rest. Time goes on. If the state was lost, controllers forget
+    /// what they remember of it and motors are switched off.
     pub fn reset_bodies(&mut self) {
         let was_sound = self.check_state().is_ok();
         let Scene { bodies, joints, world, .. } = &mut self.scene;
@@ -376,8 +378,8 @@ impl Simulation {
         }
     }
 
-    /// Returns every object to its initial state and tells all plugins. Time goes on; commands stay in force. The accurate profile also
-    /// clears the memory of controllers.
+    /// Returns every object to its initial state and tells all plugins. Time goes on; commands stay in force. The
+    /// accurate profile also clears the memory of controllers.
     pub fn reset_world(&mut self) {
         self.reset_bodies();
         self.scene.reset_placed();
@@ -388,8 +390,8 @@ impl Simulation {
         self.reset_plugins();
     }
 
-    /// [`reset_world`](Self::reset_world) after which nothing is left of what was before: actuators let go, motors are off, controllers,
-    /// solver and contacts forget. Time and commands go on.
+    /// [`reset_world`](Self::reset_world) after which nothing is left of what was before: actuators let go, motors are
+    /// off, controllers, solver and contacts forget. Time and commands go on.
     pub fn reset_thoroughly(&mut self) {
         for actuator in 0..self.scene.actuators.len() {
             self.scene.command_actuator(actuator, &crate::comm::ActuatorCommand::default());

@@ -52,8 +52,8 @@ enum Request {
     List(Answer<Vec<(String, PathBuf)>>),
 }
 
-/// Adds models to a running simulation and removes them, from any thread. Files are read in the calling thread; the physics thread only
-/// builds, which for a large model can take longer than an iteration.
+/// Adds models to a running simulation and removes them, from any thread. Files are read in the calling thread; the
+/// physics thread only builds, which for a large model can take longer than an iteration.
 #[derive(Clone)]
 pub struct Models(Sender<Request>);
 

@@ -6,7 +6,8 @@ const SPIN: Duration = Duration::from_micros(60);
 /// Periods that a loop may be behind and still catch up: what a preempted iteration costs on a busy computer.
 const MAX_LAG: u32 = 10;
 
-/// Keeps a loop at a frequency on an absolute schedule. Further behind than a few periods it starts afresh: no lag piles up.
+/// Keeps a loop at a frequency on an absolute schedule. Further behind than a few periods it starts afresh: no lag
+/// piles up.
 #[derive(Debug, Clone)]
 pub(super) struct Pacer {
     period: Duration,
@@ -42,10 +43,12 @@ impl Pacer {
 /// The shortest slice that Linux grants, ns.
 const SLICE: u64 = 100_000;
 
-/// Asks the scheduler for short slices of time in this thread. Its share stays the same, but when it wakes up it need not wait until a thread
-/// of lower priority, such as one that draws, has used up a slice of some 3 ms. Linux since 6.12 heeds it, others ignore or refuse it.
+/// Asks the scheduler for short slices of time in this thread. Its share stays the same, but when it wakes up it need
+/// not wait until a thread of lower priority, such as one that draws, has used up a slice of some 3 ms. Linux since
+/// 6.12 heeds it, others ignore or refuse it.
 pub(super) fn ask_for_short_slices() {
-    // SAFETY: `sched_attr` is a plain structure of numbers, of which its size is told: no more of it is written or read.
+    // SAFETY: `sched_attr` is a plain structure of numbers, of which its size is told: no more of it is written or
+    // read.
     unsafe {
         let mut attributes: libc::sched_attr = std::mem::zeroed();
         let size = std::mem::size_of_val(&attributes);

@@ -53,9 +53,10 @@ impl PluginState {
 }
 
 impl Simulation {
-    /// Loads the plugins that the scene and `setup` ask for, in this order: those of the environment's objects, the environment's, the world's;
-    /// for each model those of its objects, then its own; those of the command line; those of the launch file. A plugin that cannot be loaded
-    /// is left out. Models that are added later bring theirs along. Without a call of this, no plugin runs.
+    /// Loads the plugins that the scene and `setup` ask for, in this order: those of the environment's objects, the
+    /// environment's, the world's; for each model those of its objects, then its own; those of the command line; those
+    /// of the launch file. A plugin that cannot be loaded is left out. Models that are added later bring theirs along.
+    /// Without a call of this, no plugin runs.
     pub fn load_plugins(&mut self, setup: PluginSetup) -> PluginReport {
         self.close_plugins();
         let mut plugins = Box::new(Plugins::new(setup, self.plugin_state.drawings.clone()));
@@ -182,8 +183,9 @@ impl Simulation {
         self.plugins.as_ref().is_some_and(|plugins| !plugins.is_empty())
     }
 
-    /// Calls all plugins after an [`update`](Self::update) that made a step, in the order of the C++ program: of the world, of each model and its
-    /// objects, of the simulator. Who steps a simulation without a [`Runner`](super::Runner) calls this after each step.
+    /// Calls all plugins after an [`update`](Self::update) that made a step, in the order of the C++ program: of the
+    /// world, of each model and its objects, of the simulator. Who steps a simulation without a
+    /// [`Runner`](super::Runner) calls this after each step.
     pub fn update_plugins(&mut self) {
         for phase in [Phase::World, Phase::Models, Phase::Simulator] {
             self.update_plugins_of(phase);
@@ -218,8 +220,8 @@ impl Simulation {
         self.with_plugins(|_, plugins| plugins.input(input));
     }
 
-    /// Closes all plugins: the simulator's, those of objects, of models, of the world, each in the reverse order of loading, each once.
-    /// Dropping the simulation does the same.
+    /// Closes all plugins: the simulator's, those of objects, of models, of the world, each in the reverse order of
+    /// loading, each once. Dropping the simulation does the same.
     pub fn close_plugins(&mut self) {
         self.with_plugins(|simulation, plugins| plugins.close(simulation));
         self.plugins = None;

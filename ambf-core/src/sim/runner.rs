@@ -302,7 +302,8 @@ impl PhysicsLoop {
         self.tell(Event::Lost(problem));
     }
 
-    /// Interval of this iteration, s: what the wall clock is ahead, or fixed. The first one after a pause is one period.
+    /// Interval of this iteration, s: what the wall clock is ahead, or fixed. The first one after a pause is one
+    /// period.
     fn choose_interval(&mut self, now: Instant) -> f64 {
         let speed = self.control.speed();
         if self.options.fixed_step {
@@ -350,7 +351,8 @@ impl PhysicsLoop {
         self.simulation.publish(wall.as_secs_f64(), self.timing());
     }
 
-    /// What was changed is seen at once, also while paused or throttled. A time that was gone to is where the clock is followed from.
+    /// What was changed is seen at once, also while paused or throttled. A time that was gone to is where the clock is
+    /// followed from.
     fn show_changes(&mut self) {
         if self.simulation.take_time_jump() {
             self.was_paused = true;

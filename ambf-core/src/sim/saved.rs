@@ -11,12 +11,13 @@ use crate::comm::Wrench;
 use crate::device::law::EndEffector;
 use crate::scene::SavedScene;
 
-/// The state of a [`Simulation`] at one moment: poses, velocities, contacts with what the solver starts from, controllers, motors, springs,
-/// what actuators hold, sensors, soft bodies, vehicles, commands in force, clocks. It belongs to its simulation, and can be restored as
-/// often as wanted; any number of them may exist.
+/// The state of a [`Simulation`] at one moment: poses, velocities, contacts with what the solver starts from,
+/// controllers, motors, springs, what actuators hold, sensors, soft bodies, vehicles, commands in force, clocks. It
+/// belongs to its simulation, and can be restored as often as wanted; any number of them may exist.
 ///
 /// ## Limitations
-/// What plugins keep for themselves is not part of it, nor where a hand holds an input device, nor the time that was spent in Bullet.
+/// What plugins keep for themselves is not part of it, nor where a hand holds an input device, nor the time that was
+/// spent in Bullet.
 pub struct SavedState {
     scene: SavedScene,
     cap: SubStepCap,
@@ -58,8 +59,8 @@ impl SavedState {
 }
 
 impl Simulation {
-    /// Saves everything that decides what the simulation does from now on, between two updates. Nothing changes. The scene must have been
-    /// loaded with [`SceneOptions::savable`](crate::scene::SceneOptions::savable).
+    /// Saves everything that decides what the simulation does from now on, between two updates. Nothing changes. The
+    /// scene must have been loaded with [`SceneOptions::savable`](crate::scene::SceneOptions::savable).
     ///
     /// # Errors
     /// [`StateError::NotSavable`], [`StateError::TooLarge`].
@@ -112,11 +113,13 @@ impl Simulation {
         })
     }
 
-    /// Brings the simulation back to a saved state: from now on it does what it did from then on, bit for bit, if it is told the same.
+    /// Brings the simulation back to a saved state: from now on it does what it did from then on, bit for bit, if it is
+    /// told the same.
     ///
     /// # Errors
-    /// [`StateError::NotSavable`]; [`StateError::OtherSimulation`], also for another simulation of the same files; [`StateError::Changed`]
-    /// when models or devices were added or removed since; [`StateError::TooLarge`]. Nothing has changed then.
+    /// [`StateError::NotSavable`]; [`StateError::OtherSimulation`], also for another simulation of the same files;
+    /// [`StateError::Changed`] when models or devices were added or removed since; [`StateError::TooLarge`]. Nothing
+    /// has changed then.
     pub fn restore(&mut self, saved: &SavedState) -> Result<(), StateError> {
         self.scene.restore(&saved.scene)?;
         self.cap.clone_from(&saved.cap);
@@ -195,8 +198,8 @@ mod tests {
                 let (first, second) = (words(&first), words(&second));
                 assert_eq!(first.len(), second.len(), "{model} {profile:?}");
                 let pairs = || first.iter().zip(&second).filter(|(a, b)| a != b);
-                // Structures are copied with what was on the stack between an `int` and what follows it: a contact point of 47 words has one
-                // such place.
+                // Structures are copied with what was on the stack between an `int` and what follows it: a contact
+                // point of 47 words has one such place.
                 let same = pairs().count() <= 8 + first.len() / 47 && pairs().all(|(a, b)| a[..4] == b[..4]);
                 assert!(same, "{model} {profile:?}: a pointer to the heap, or something that was not initialised");
             }

@@ -5,8 +5,8 @@ const PARTS: u32 = 8;
 /// From 1 ns to 2^40 ns, over 18 minutes.
 const BUCKETS: usize = 40 * PARTS as usize;
 
-/// Costs of iterations, counted over windows of one second; percentiles of the last complete window. Recording takes constant time and
-/// no memory.
+/// Costs of iterations, counted over windows of one second; percentiles of the last complete window. Recording takes
+/// constant time and no memory.
 #[derive(Debug, Clone)]
 pub(super) struct StepStatistics {
     window_start: Duration,

@@ -10,10 +10,10 @@ use crate::scene::VisualScene;
 
 /// A simulation without a clock and without threads of its own: it moves in [`step`](Self::step) and nowhere else.
 ///
-/// It does what a [`Runner`](super::Runner) with fixed steps does for [orders of steps](crate::comm::Hub::step), number for number. An
-/// iteration is update, commands, publication; between calls the physics rests after the update of an iteration, before its
-/// commands. So a command acts from the second iteration of a call on, and what is seen after `n` iterations is what the n-th publishes.
-/// Commands stay in force until they are changed: there is no watchdog.
+/// It does what a [`Runner`](super::Runner) with fixed steps does for [orders of steps](crate::comm::Hub::step), number
+/// for number. An iteration is update, commands, publication; between calls the physics rests after the update of an
+/// iteration, before its commands. So a command acts from the second iteration of a call on, and what is seen after `n`
+/// iterations is what the n-th publishes. Commands stay in force until they are changed: there is no watchdog.
 pub struct Stepper {
     simulation: Simulation,
     hub: Arc<Hub>,
@@ -61,8 +61,8 @@ impl StepperState {
 const MOST_NOTICES: usize = 1000;
 
 impl Stepper {
-    /// Steps `simulation` by `interval` s (above 0) an iteration. The first update is done here, as it is before a client sees anything
-    /// of a simulator.
+    /// Steps `simulation` by `interval` s (above 0) an iteration. The first update is done here, as it is before a
+    /// client sees anything of a simulator.
     pub fn new(mut simulation: Simulation, interval: f64) -> Self {
         let hub = simulation.connect();
         simulation.set_nominal_frequency(1.0 / interval);
@@ -111,8 +111,8 @@ impl Stepper {
         StepperWindow { hub: Arc::clone(&self.hub), link, control: Arc::default(), models }
     }
 
-    /// Does what was asked for in windows: cameras are moved, bodies held. It is done in each iteration, and has to be called when
-    /// there are none for a while. Costs next to nothing when there is nothing to do.
+    /// Does what was asked for in windows: cameras are moved, bodies held. It is done in each iteration, and has to be
+    /// called when there are none for a while. Costs next to nothing when there is nothing to do.
     pub fn serve_window(&mut self) {
         if self.is_shown && self.simulation.do_requested_changes() {
             self.show();
@@ -137,13 +137,14 @@ impl Stepper {
     /// Makes `steps` iterations.
     ///
     /// # Errors
-    /// [`LostState`]; then, and until the next [`reset`](Self::reset), nothing moves. A state that is lost while the physics comes to
-    /// rest after the last iteration is the error of the next call: what was published is sound.
+    /// [`LostState`]; then, and until the next [`reset`](Self::reset), nothing moves. A state that is lost while the
+    /// physics comes to rest after the last iteration is the error of the next call: what was published is sound.
     pub fn step(&mut self, steps: u32) -> Result<(), LostState> {
         self.step_while(steps, || true).map(|_| ())
     }
 
-    /// Makes `steps` iterations, or fewer if `go_on`, which is asked in each of them, says that it is the last; how many were made.
+    /// Makes `steps` iterations, or fewer if `go_on`, which is asked in each of them, says that it is the last; how
+    /// many were made.
     ///
     /// # Errors
     /// Those of [`step`](Self::step).
@@ -174,8 +175,8 @@ impl Stepper {
         Ok(0)
     }
 
-    /// Returns everything to its start; nothing is left of what was before ([`Simulation::reset_thoroughly`]). Time, the count of iterations
-    /// and commands go on.
+    /// Returns everything to its start; nothing is left of what was before ([`Simulation::reset_thoroughly`]). Time,
+    /// the count of iterations and commands go on.
     pub fn reset(&mut self) {
         self.simulation.reset_thoroughly();
         self.lost = None;

@@ -1,7 +1,7 @@
 //! What somebody at a window does to a running simulation: cameras, picking, removing, keys for plugins.
 //!
-//! Requests wait in a queue that the physics thread empties between iterations, also while it is paused or held by clients. So whatever a
-//! mouse does to a camera is done to the simulated one, from which its State is published.
+//! Requests wait in a queue that the physics thread empties between iterations, also while it is paused or held by
+//! clients. So whatever a mouse does to a camera is done to the simulated one, from which its State is published.
 
 use crossbeam_channel::{bounded, Receiver, Sender, TrySendError};
 use nalgebra::{Isometry3, Vector3};
@@ -261,9 +261,10 @@ impl Simulation {
         self.scene.cameras[camera].look_from(&(parent.inverse() * pose), distance);
     }
 
-    /// Takes hold of what a ray meets first, of rigid and soft bodies; `direction` is of unit length, world axes. What was held is let go. A
-    /// dynamic body hangs on the point that was met by a constraint whose impulse in a sub-step is at most its mass times 1 m/s; a static one
-    /// is carried with the offset from there; of a soft body the nearest node within 0.1 m is drawn along.
+    /// Takes hold of what a ray meets first, of rigid and soft bodies; `direction` is of unit length, world axes. What
+    /// was held is let go. A dynamic body hangs on the point that was met by a constraint whose impulse in a sub-step
+    /// is at most its mass times 1 m/s; a static one is carried with the offset from there; of a soft body the nearest
+    /// node within 0.1 m is drawn along.
     pub fn pick(&mut self, origin: &Vector3<f64>, direction: &Vector3<f64>) -> Picked {
         self.release_picked();
         if !origin.iter().chain(direction).all(|x| x.is_finite()) {

@@ -157,8 +157,8 @@ pub fn hash(simulation: &Simulation, hasher: &mut DefaultHasher) {
     }
 }
 
-/// Runs, saves, goes on, restores and goes on again: each time the same, and the same as without any of it. False: the state became
-/// non-finite, in all of them.
+/// Runs, saves, goes on, restores and goes on again: each time the same, and the same as without any of it. False: the
+/// state became non-finite, in all of them.
 #[must_use]
 pub fn check(what: &str, files: &SceneFiles, physics: PhysicsOptions, warm: u32, steps: u32) -> bool {
     let mut plain = simulation_with(files, physics, false);

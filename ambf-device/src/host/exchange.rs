@@ -1,4 +1,5 @@
-//! What passes between the physics thread and the thread of a device: the newest value each way, by single-writer slots that never wait.
+//! What passes between the physics thread and the thread of a device: the newest value each way, by single-writer slots
+//! that never wait.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicU8, Ordering};
 use std::time::{Duration, Instant};
@@ -95,7 +96,8 @@ const QUANTITIES: [Quantity; 6] = [
     Quantity::DeviceAngularGain,
 ];
 
-/// What is common to all devices of a program, for any thread to read and change: the mode of the buttons, gains, and switches.
+/// What is common to all devices of a program, for any thread to read and change: the mode of the buttons, gains, and
+/// switches.
 #[derive(Debug)]
 pub struct Controls {
     mode: AtomicU8,

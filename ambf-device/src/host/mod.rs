@@ -1,8 +1,9 @@
 //! Runs devices: each in a thread of its own, which nothing that another device or the physics does can hold up.
 //!
-//! A thread reads its device, computes the reference pose for the end-effector and the force for the hand ([`law`](super::law)), and writes the
-//! force, about a thousand times a second. A driver that fails, panics or sends what is not finite is closed and opened again after
-//! a while; meanwhile its end-effector stays where it is. With the physics thread it exchanges the newest values through slots that never wait.
+//! A thread reads its device, computes the reference pose for the end-effector and the force for the hand
+//! ([`law`](super::law)), and writes the force, about a thousand times a second. A driver that fails, panics or sends
+//! what is not finite is closed and opened again after a while; meanwhile its end-effector stays where it is. With the
+//! physics thread it exchanges the newest values through slots that never wait.
 
 mod claim;
 mod exchange;
@@ -118,7 +119,8 @@ pub enum DeviceEvent {
     Stalled,
     /// Its driver has returned.
     Resumed,
-    /// Whether the system runs the threads of devices before all others (`SCHED_FIFO`), or why not; said by one of them.
+    /// Whether the system runs the threads of devices before all others (`SCHED_FIFO`), or why not; said by one of
+    /// them.
     Urgency(Result<(), String>),
     /// Its buttons have changed the mode of all devices.
     Mode(Mode),
@@ -194,9 +196,9 @@ pub struct DeviceHost {
 }
 
 impl DeviceHost {
-    /// Finds and opens a device for each entry: the first of its model that no entry before it has. Devices that no entry claims are
-    /// never opened. What could not be opened is left out, with one sentence each; others go on. A device that is there but does not answer
-    /// is taken and may come later.
+    /// Finds and opens a device for each entry: the first of its model that no entry before it has. Devices that no
+    /// entry claims are never opened. What could not be opened is left out, with one sentence each; others go on. A
+    /// device that is there but does not answer is taken and may come later.
     ///
     /// Their threads do nothing until `Simulation::add_devices` of ambf-core gives them something to move.
     pub fn open(entries: &[&adf::InputDevice], drivers: &Drivers, options: &HostOptions) -> (Self, Vec<String>) {
@@ -366,8 +368,8 @@ impl DeviceHost {
         }
     }
 
-    /// Ends all threads: no force, then closed. One whose driver does not return within 2 s is abandoned. Returns a line with its rates for
-    /// each device.
+    /// Ends all threads: no force, then closed. One whose driver does not return within 2 s is abandoned. Returns a
+    /// line with its rates for each device.
     pub fn stop(mut self) -> Vec<String> {
         self.end()
     }

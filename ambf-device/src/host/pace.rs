@@ -48,10 +48,11 @@ impl Pace {
         self.next += self.period;
     }
 
-    /// Asks the system to run this thread first in, first out, above all others; says why it refused. A thread that has it wakes up on time
-    /// and does not spin: on a computer with few cores it would keep one from everybody else.
+    /// Asks the system to run this thread first in, first out, above all others; says why it refused. A thread that has
+    /// it wakes up on time and does not spin: on a computer with few cores it would keep one from everybody else.
     ///
-    /// Threads inherit it from the thread that starts them: [`be_normal`](Self::be_normal) goes before foreign code that may start some.
+    /// Threads inherit it from the thread that starts them: [`be_normal`](Self::be_normal) goes before foreign code
+    /// that may start some.
     pub fn be_urgent(&mut self) -> Result<(), String> {
         // Without the 50 µs by which the system may delay the timers of a normal thread; refused or not.
         let _ = set_current_timer_slack(NonZeroU64::new(1));

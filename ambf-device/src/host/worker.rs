@@ -180,7 +180,8 @@ impl Open {
 impl Drop for Open {
     fn drop(&mut self) {
         if let Some(mut device) = self.0.take() {
-            // A driver that panics while it closes has nothing more to lose; nor has one that panics when it is dropped.
+            // A driver that panics while it closes has nothing more to lose; nor has one that panics when it is
+            // dropped.
             let _ = catch_unwind(AssertUnwindSafe(|| device.close()));
             let _ = catch_unwind(AssertUnwindSafe(|| drop(device)));
         }

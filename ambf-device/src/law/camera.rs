@@ -28,7 +28,8 @@ pub(super) struct CameraMover {
 }
 
 impl CameraMover {
-    /// One tick; `camera`: rotation of the first camera, `None` without cameras. `velocity`: of the hand, device axes, m/s.
+    /// One tick; `camera`: rotation of the first camera, `None` without cameras. `velocity`: of the hand, device axes,
+    /// m/s.
     pub(super) fn update(
         &mut self,
         pressed: bool,

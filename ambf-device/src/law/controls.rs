@@ -76,8 +76,8 @@ impl Mode {
     }
 }
 
-/// A gain that can be changed while the simulation runs, of all devices at once. Units: see [`ControllerOutput`](ambf_model::adf::ControllerOutput) for
-/// end-effectors; N/m and N·m/rad for devices.
+/// A gain that can be changed while the simulation runs, of all devices at once. Units: see
+/// [`ControllerOutput`](ambf_model::adf::ControllerOutput) for end-effectors; N/m and N·m/rad for devices.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Quantity {
     /// P of the end-effector's position.
@@ -175,8 +175,8 @@ impl fmt::Display for Status {
     }
 }
 
-/// Buttons of a device with their edges, found once per tick: a button with two roles shows its edge to both. Buttons that are down when the device is
-/// seen first, or again, have no edge.
+/// Buttons of a device with their edges, found once per tick: a button with two roles shows its edge to both. Buttons
+/// that are down when the device is seen first, or again, have no edge.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Buttons {
     now: u32,

@@ -32,7 +32,8 @@ pub struct EffectorInput {
     pub dt: f64,
     /// Nominal period of the physics loop, s; for `time scaled gain`.
     pub nominal_dt: f64,
-    /// Whether the active control type of the root link is *force*: otherwise a client drives it and the device does not.
+    /// Whether the active control type of the root link is *force*: otherwise a client drives it and the device does
+    /// not.
     pub force_active: bool,
     /// Whether the gripping assist is on.
     pub gripping_assist: bool,
@@ -45,18 +46,21 @@ pub struct EffectorOutput {
     pub linear: Option<Drive>,
     /// Rotation of the root link; `None`: leave it alone.
     pub angular: Option<Drive>,
-    /// Opening that all joints below the root link are commanded to, see [`joint_target`](super::joint_target); `None`: joint control is off.
+    /// Opening that all joints below the root link are commanded to, see [`joint_target`](super::joint_target); `None`:
+    /// joint control is off.
     pub joints: Option<f64>,
     /// Gripping assist.
     pub grip: Grip,
 }
 
-/// The physics side of a device: what drives the root link of its end-effector. One per device; nothing here allocates or waits.
+/// The physics side of a device: what drives the root link of its end-effector. One per device; nothing here allocates
+/// or waits.
 ///
-/// `u_l = r·(P_lin·ts·e + D_lin·Δe/dt)` with `e = x_s − x_g`; `u_a = r·R_g·(P_ang·ts·q + D_ang·Δq/dt)` with `q = log(R_gᵀ·R_s)`. The ramp `r` rises
-/// from 0 to 1 in 2 s. `ts` is 1, or with `time scaled gain` the ratio of nominal to real step, at most 1. Each half honours its own output type. A
-/// velocity output has no D part: with it the loop diverges. I gains are not used. The derivative is zero in the first step, after a
-/// reset and after steps in which the controller was not active.
+/// `u_l = r·(P_lin·ts·e + D_lin·Δe/dt)` with `e = x_s − x_g`; `u_a = r·R_g·(P_ang·ts·q + D_ang·Δq/dt)` with `q =
+/// log(R_gᵀ·R_s)`. The ramp `r` rises from 0 to 1 in 2 s. `ts` is 1, or with `time scaled gain` the ratio of nominal to
+/// real step, at most 1. Each half honours its own output type. A velocity output has no D part: with it the loop
+/// diverges. I gains are not used. The derivative is zero in the first step, after a reset and after steps in which the
+/// controller was not active.
 #[derive(Debug, Clone)]
 pub struct EndEffector {
     linear: Controller,
@@ -134,7 +138,8 @@ impl EndEffector {
         output
     }
 
-    /// The world was reset: all starts anew, the ramp too, so that what the device refers to may arrive a few steps later.
+    /// The world was reset: all starts anew, the ramp too, so that what the device refers to may arrive a few steps
+    /// later.
     pub fn reset(&mut self) {
         self.previous = None;
         self.ramp = 0.0;

@@ -72,7 +72,8 @@ impl Feedback {
         self.back = 0.0;
     }
 
-    /// One tick: the force for the reference and the pose of the root link, both in the world. `clutch`: no force as long as it is pressed.
+    /// One tick: the force for the reference and the pose of the root link, both in the world. `clutch`: no force as
+    /// long as it is pressed.
     pub(super) fn update(
         &mut self,
         reference: &Isometry3<f64>,

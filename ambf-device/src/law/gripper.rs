@@ -4,8 +4,8 @@ use crate::DeviceSample;
 /// Opening at which the gripping assist lets go; below it, it grips.
 const GRIP: f64 = 0.5;
 
-/// Opening of a gripper, 0 closed … 1 open: sensed, or by a button (pressed: closed), or stepped in mode [`Mode::GripperJaw`](super::Mode::GripperJaw),
-/// or 0.5.
+/// Opening of a gripper, 0 closed … 1 open: sensed, or by a button (pressed: closed), or stepped in mode
+/// [`Mode::GripperJaw`](super::Mode::GripperJaw), or 0.5.
 #[derive(Debug, Clone)]
 pub(super) struct Gripper {
     button: Option<u32>,
@@ -40,7 +40,8 @@ impl Gripper {
 /// What the gripping assist does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Grip {
-    /// Attach the nearest rigid body that a proximity sensor of the root link sees and that is not below the root link, unless one is attached.
+    /// Attach the nearest rigid body that a proximity sensor of the root link sees and that is not below the root link,
+    /// unless one is attached.
     Attach,
     /// Release what is attached.
     Release,
@@ -61,7 +62,8 @@ impl Grip {
     }
 }
 
-/// Position command of a joint for an opening of 0…1: `lower + opening·(upper − lower)`. `None` for a joint without limits.
+/// Position command of a joint for an opening of 0…1: `lower + opening·(upper − lower)`. `None` for a joint without
+/// limits.
 pub fn joint_target(opening: f64, lower: f64, upper: f64) -> Option<f64> {
     let target = lower + opening.clamp(0.0, 1.0) * (upper - lower);
     target.is_finite().then_some(target)

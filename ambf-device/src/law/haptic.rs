@@ -41,7 +41,8 @@ impl Default for Switches {
 pub struct WorldView {
     /// Body frame of the root link in the world; `None`: it is not there.
     pub root: Option<Isometry3<f64>>,
-    /// `R_c`: rotation of the first paired camera relative to its parent; `None`: there are no cameras, which counts as no rotation.
+    /// `R_c`: rotation of the first paired camera relative to its parent; `None`: there are no cameras, which counts as
+    /// no rotation.
     pub camera: Option<UnitQuaternion<f64>>,
     /// Physics is paused and no step is pending: no force, and the reference stays.
     pub paused: bool,
@@ -79,7 +80,8 @@ pub struct HapticOutput {
     pub clutch: bool,
     /// The button for cameras is pressed and moves them.
     pub camera_pressed: bool,
-    /// The reference does not follow the hand because this is the start-up hold, the device or the world is not valid, or physics is paused.
+    /// The reference does not follow the hand because this is the start-up hold, the device or the world is not valid,
+    /// or physics is paused.
     pub holding: bool,
     /// Forces were switched on by the first press of button 0, or need no press.
     pub enabled: bool,
@@ -87,17 +89,19 @@ pub struct HapticOutput {
     pub camera: Option<CameraMotion>,
     /// The mode of all devices is to change by so many steps, see [`Mode::stepped`]; −1, 0 or 1.
     pub mode_steps: i8,
-    /// A gain of all devices is to change: [`HapticLoop::change`] and [`EndEffector::change`](super::EndEffector::change) of each.
+    /// A gain of all devices is to change: [`HapticLoop::change`] and
+    /// [`EndEffector::change`](super::EndEffector::change) of each.
     pub gain: Option<GainChange>,
     /// News about buttons; `None`: what was shown stays.
     pub status: Option<Status>,
 }
 
-/// The device side of a device: from a sample to the reference pose of its end-effector and to the force for the hand. One per device, with a clutch of its
-/// own; nothing here allocates or waits.
+/// The device side of a device: from a sample to the reference pose of its end-effector and to the force for the hand.
+/// One per device, with a clutch of its own; nothing here allocates or waits.
 ///
-/// A sample or world that is not valid or not finite gives no force and holds the reference as if clutched. When both are good again the
-/// reference goes on from where it is, without a jump, and the force rises from zero within a second.
+/// A sample or world that is not valid or not finite gives no force and holds the reference as if clutched. When both
+/// are good again the reference goes on from where it is, without a jump, and the force rises from zero within a
+/// second.
 #[derive(Debug, Clone)]
 pub struct HapticLoop {
     a1: Option<u32>,

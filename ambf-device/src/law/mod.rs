@@ -1,5 +1,5 @@
-//! The laws by which a device moves an end-effector and feels it: plain functions of numbers, without threads, clocks or a world.
-//! `docs/devices.md` has the formulas and the symbols used here.
+//! The laws by which a device moves an end-effector and feels it: plain functions of numbers, without threads, clocks
+//! or a world. `docs/devices.md` has the formulas and the symbols used here.
 
 mod camera;
 mod controls;

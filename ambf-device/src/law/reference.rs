@@ -13,7 +13,8 @@ pub enum RotationRule {
     /// `R_s = R_init·R_off·R_h·R_offᵀ`: as the hand, without clutch. The default (key `c`).
     #[default]
     Absolute,
-    /// `R_s = O_s·R_c·R_pᵀ·R_h·R_cᵀ`: turned as the hand has turned since the last clutch, as seen by the camera (key `w`).
+    /// `R_s = O_s·R_c·R_pᵀ·R_h·R_cᵀ`: turned as the hand has turned since the last clutch, as seen by the camera (key
+    /// `w`).
     Camera,
 }
 

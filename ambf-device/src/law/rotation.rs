@@ -4,9 +4,9 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 /// Rotation vector (axis times angle, rad) of a rotation, by the shorter way round: its length is in [0, π].
 ///
-/// The logarithm of the quaternion, `2·atan2(|v|, w)·v/|v|` with `w ≥ 0`, by its series near zero. There is no dead zone: a rotation of
-/// a microradian has a vector of that length. At exactly half a turn both ways are equally short; which one is returned depends on the sign of
-/// the quaternion.
+/// The logarithm of the quaternion, `2·atan2(|v|, w)·v/|v|` with `w ≥ 0`, by its series near zero. There is no dead
+/// zone: a rotation of a microradian has a vector of that length. At exactly half a turn both ways are equally short;
+/// which one is returned depends on the sign of the quaternion.
 pub fn rotation_vector(rotation: &UnitQuaternion<f64>) -> Vector3<f64> {
     let q = rotation.quaternion();
     let (w, v) = if q.w < 0.0 { (-q.w, -q.imag()) } else { (q.w, q.imag()) };
@@ -23,8 +23,8 @@ pub fn rotation_vector(rotation: &UnitQuaternion<f64>) -> Vector3<f64> {
     v * factor
 }
 
-/// What a rotation vector has changed by since `previous`, rad. Past half a turn the shorter way round flips: the step of a full turn that this gives
-/// to the vector is not a motion and is taken out, so that it can be differentiated.
+/// What a rotation vector has changed by since `previous`, rad. Past half a turn the shorter way round flips: the step
+/// of a full turn that this gives to the vector is not a motion and is taken out, so that it can be differentiated.
 pub fn rotation_vector_change(previous: &Vector3<f64>, now: &Vector3<f64>) -> Vector3<f64> {
     let change = now - previous;
     let length = now.norm();
@@ -39,7 +39,8 @@ pub fn rotation_vector_change(previous: &Vector3<f64>, now: &Vector3<f64>) -> Ve
     }
 }
 
-/// The unit quaternion nearest to what a driver gave; `None` if that is no rotation: its length differs from 1 by more than a tenth.
+/// The unit quaternion nearest to what a driver gave; `None` if that is no rotation: its length differs from 1 by more
+/// than a tenth.
 pub(super) fn unit(rotation: &UnitQuaternion<f64>) -> Option<UnitQuaternion<f64>> {
     let norm = rotation.quaternion().norm();
     (0.9..=1.1).contains(&norm).then(|| UnitQuaternion::new_normalize(*rotation.quaternion()))

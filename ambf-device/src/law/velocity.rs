@@ -22,8 +22,8 @@ struct Entry {
 
 /// Velocities of a device that measures none itself, from its last 200 samples.
 ///
-/// `v = (newest − oldest)/Δt`, the oldest sample being the oldest one inside a window of 15 ms (translation, gripper) or 30 ms (rotation); if there is
-/// none, the sample before the newest, if it is less than 100 ms older.
+/// `v = (newest − oldest)/Δt`, the oldest sample being the oldest one inside a window of 15 ms (translation, gripper)
+/// or 30 ms (rotation); if there is none, the sample before the newest, if it is less than 100 ms older.
 #[derive(Debug, Clone)]
 pub struct VelocityEstimator {
     ring: [Option<Entry>; LENGTH],
@@ -37,8 +37,8 @@ impl Default for VelocityEstimator {
 }
 
 impl VelocityEstimator {
-    /// Takes a sample in: position in m, gripper 0…1. One that is less than 0.1 ms younger than the last is dropped. A clock that went back by more
-    /// than the longest window starts anew.
+    /// Takes a sample in: position in m, gripper 0…1. One that is less than 0.1 ms younger than the last is dropped. A
+    /// clock that went back by more than the longest window starts anew.
     pub fn push(
         &mut self,
         stamp: Instant,

@@ -59,10 +59,11 @@ impl MockRecording {
     }
 }
 
-/// Driver `mock`: devices of the model `Mock`, or of any model for which `driver: mock` is written; identities `0` to `15`.
+/// Driver `mock`: devices of the model `Mock`, or of any model for which `driver: mock` is written; identities `0` to
+/// `15`.
 ///
-/// The tip draws `P = offset + scale·[a·sin(tc·t), b·cos(tc·t), c·sin(tc·t)]` with a constant orientation; `t` counts from when the device was
-/// opened first. Settings:
+/// The tip draws `P = offset + scale·[a·sin(tc·t), b·cos(tc·t), c·sin(tc·t)]` with a constant orientation; `t` counts
+/// from when the device was opened first. Settings:
 ///
 /// | Key | Default | Meaning |
 /// |---|---|---|

@@ -1,6 +1,7 @@
 use std::str::FromStr;
 
-/// What happens when: entries `what@from-to`, separated by commas, times in s; without `to` for ever. For example `1@2.0-3.5, 0@0-`.
+/// What happens when: entries `what@from-to`, separated by commas, times in s; without `to` for ever. For example
+/// `1@2.0-3.5, 0@0-`.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Script<T>(Vec<(T, f64, f64)>);
 

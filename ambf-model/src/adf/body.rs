@@ -32,13 +32,13 @@ pub struct RigidBody {
     pub collision: CollisionGeometry,
     /// Collision margin of each child shape, m, not negative. Default: 0.001.
     pub collision_margin: f64,
-    /// Whether the body stops at what it hits within a sub-step instead of passing through what is thinner than its way; `None`: the
-    /// profile decides.
+    /// Whether the body stops at what it hits within a sub-step instead of passing through what is thinner than its
+    /// way; `None`: the profile decides.
     pub continuous_collision: Option<bool>,
     /// Collision groups, each 0 to 999, in file order.
     pub collision_groups: Vec<u32>,
-    /// Collides with the other bodies of its model although the model says that they don't collide with each other. Default:
-    /// `false`, as in every ADF file.
+    /// Collides with the other bodies of its model although the model says that they don't collide with each other.
+    /// Default: `false`, as in every ADF file.
     pub self_collision: bool,
     /// Contact and damping properties.
     pub surface: Surface,

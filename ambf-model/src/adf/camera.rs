@@ -38,7 +38,8 @@ pub struct Camera {
     pub publish_image: Option<PublishedFrame>,
     /// Publish a point cloud; `None`: don't.
     pub publish_depth: Option<PublishedFrame>,
-    /// Key `publish image samples`: samples a pixel of published pictures, 1 to 8; more than 1 smooths edges. Default: 1.
+    /// Key `publish image samples`: samples a pixel of published pictures, 1 to 8; more than 1 smooths edges. Default:
+    /// 1.
     pub image_samples: u32,
     /// Noise on the depth; `None`: none.
     pub depth_noise: Option<DepthNoise>,

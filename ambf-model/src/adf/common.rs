@@ -33,7 +33,8 @@ pub struct Common {
     pub name: String,
     /// Effective namespace: the element's merged with its file's, without a global prefix from the command line.
     pub namespace: String,
-    /// No communication instance is created; a joint and the child it leads to leave the active lists. Default: `false`.
+    /// No communication instance is created; a joint and the child it leads to leave the active lists. Default:
+    /// `false`.
     pub passive: bool,
     /// Lowest and highest publishing rate in Hz, as written and unchecked against each other. Default: `None`.
     pub publish_frequency: Option<(u32, u32)>,
@@ -89,8 +90,8 @@ pub struct Material {
     pub alpha: f64,
     /// Phong exponent. Default: 64.
     pub shininess: u32,
-    /// Physically based reflection, by the keys `metallic` and `roughness`: `diffuse` is then the base colour, and `ambient`, `specular`
-    /// and `shininess` have no effect. Default: none.
+    /// Physically based reflection, by the keys `metallic` and `roughness`: `diffuse` is then the base colour, and
+    /// `ambient`, `specular` and `shininess` have no effect. Default: none.
     pub physical: Option<PhysicalMaterial>,
 }
 

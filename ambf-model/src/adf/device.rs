@@ -40,7 +40,8 @@ pub struct InputDevice {
     pub simulated_multibody: Option<PathBuf>,
     /// Body to drive; `None`: the root body of the model.
     pub root_link: Option<String>,
-    /// Initial pose of the root link's body frame in the world, to which the whole model is moved; `None`: the body's own.
+    /// Initial pose of the root link's body frame in the world, to which the whole model is moved; `None`: the body's
+    /// own.
     pub location: Option<Isometry3<f64>>,
     /// Replaces the root link's Cartesian controller.
     pub controller_gain: Option<CartesianController>,

@@ -133,8 +133,8 @@ pub enum CollisionGeometry {
         /// What Bullet shape the mesh becomes.
         kind: CollisionMeshKind,
     },
-    /// Primitives and meshes together, for descriptions that are not ADF; not empty. A mesh that cannot be used leaves the
-    /// other parts as they are. The body's scale has no effect on them.
+    /// Primitives and meshes together, for descriptions that are not ADF; not empty. A mesh that cannot be used leaves
+    /// the other parts as they are. The body's scale has no effect on them.
     Parts {
         /// The parts.
         parts: Vec<Part>,

@@ -21,7 +21,8 @@ pub struct GhostObject {
     pub scale: f64,
     /// Appearance.
     pub visual: Visual,
-    /// The volume; never `None`. The offset of a single primitive is filled in (`collision offset`, else `inertial offset`, else identity).
+    /// The volume; never `None`. The offset of a single primitive is filled in (`collision offset`, else `inertial
+    /// offset`, else identity).
     pub collision: CollisionGeometry,
     /// Collision margin, m, not negative. Default: 0.001.
     pub collision_margin: f64,

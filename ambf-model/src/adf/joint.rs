@@ -32,8 +32,9 @@ pub struct Joint {
     pub child_axis: Vector3<f64>,
     /// Rotation of the child about the axis at joint position zero, rad. Default: 0.
     pub child_offset: f64,
-    /// Orientation of the child's body frame in the parent's at joint position zero; it turns the child axis into the parent
-    /// axis. `None`, as in every ADF file: the least rotation that does so, then `child_offset` about the parent axis.
+    /// Orientation of the child's body frame in the parent's at joint position zero; it turns the child axis into the
+    /// parent axis. `None`, as in every ADF file: the least rotation that does so, then `child_offset` about the parent
+    /// axis.
     pub child_rotation: Option<UnitQuaternion<f64>>,
     /// Rotation of the joint frame about the parent axis, rad. Default: 0.
     pub joint_offset: f64,
@@ -57,8 +58,8 @@ pub struct Joint {
     pub cfm: f64,
     /// No collision between the two connected bodies. Default: `true`.
     pub ignore_inter_collision: bool,
-    /// Profile `accurate` moves the bodies onto the joint before the first step; `false`: what the file leaves between them is closed by the
-    /// constraint while the simulation runs. Not known to the C++ program. Default: `true`.
+    /// Profile `accurate` moves the bodies onto the joint before the first step; `false`: what the file leaves between
+    /// them is closed by the constraint while the simulation runs. Not known to the C++ program. Default: `true`.
     pub assemble: bool,
     /// Joint controller. Default output: force with key `controller`, velocity without it.
     pub controller: Controller,

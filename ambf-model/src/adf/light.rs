@@ -16,7 +16,8 @@ pub struct Light {
     pub parent: String,
     /// Pose in the parent's frame. Default: identity.
     pub location: Isometry3<f64>,
-    /// The light points along its local +x; a direction replaces its orientation. `None` (or nearly zero): the orientation stays.
+    /// The light points along its local +x; a direction replaces its orientation. `None` (or nearly zero): the
+    /// orientation stays.
     pub direction: Option<Vector3<f64>>,
     /// Default: 0.7.
     pub spot_exponent: f64,

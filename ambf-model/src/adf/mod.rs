@@ -94,12 +94,12 @@ mod sealed {
 /// Reads a file: `load::<Model>(path)`.
 ///
 /// The report lists what was dropped, replaced or not used. Files the description refers to (meshes, images, other ADF
-/// files) are not opened; relative paths are joined to the directory of `path`. A file without `adf version` is taken for 1.0.
+/// files) are not opened; relative paths are joined to the directory of `path`. A file without `adf version` is taken
+/// for 1.0.
 ///
 /// # Errors
-/// Every [`LoadError`]: the file is unreadable or no regular file, larger than 64 MiB, no text, no YAML, no mapping, of another version
-/// than 1.0, or
-/// holds values that do not convert (then all of them are reported).
+/// Every [`LoadError`]: the file is unreadable or no regular file, larger than 64 MiB, no text, no YAML, no mapping, of
+/// another version than 1.0, or holds values that do not convert (then all of them are reported).
 pub fn load<T: Description>(path: &Path) -> Result<(T, Report), LoadError> {
     parse_bytes(&read_bytes(path)?, path)
 }

@@ -8,12 +8,12 @@ use super::yaml::{Document, Kind, Node, NodeId};
 /// Longest text that is written, bytes: with aliases a small file can have an endless one.
 const MAX_TEXT: usize = 4 << 20;
 
-/// The value of the root key at `source` as YAML: one line a key, what is below it in braces and brackets, aliases spelled out, comments
-/// left out. Without a line, or with no key at its place, the whole file as it is written.
+/// The value of the root key at `source` as YAML: one line a key, what is below it in braces and brackets, aliases
+/// spelled out, comments left out. Without a line, or with no key at its place, the whole file as it is written.
 ///
 /// # Errors
-/// Those of [`load`](super::load) that come before any value is looked at; [`LoadError::Unreadable`] for an element whose text is longer
-/// than 4 MiB.
+/// Those of [`load`](super::load) that come before any value is looked at; [`LoadError::Unreadable`] for an element
+/// whose text is longer than 4 MiB.
 pub fn node_text(source: &SourcePos) -> Result<String, LoadError> {
     let bytes = super::read_bytes(&source.file)?;
     let element = super::with_document(&bytes, &source.file, |doc, entries| {

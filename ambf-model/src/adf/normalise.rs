@@ -24,8 +24,8 @@ impl Normalised {
     }
 }
 
-/// Indents the lines of flow collections that lie too far left; `None` when there are none, or when the text would grow beyond reason: a
-/// few far indented keys would be enough.
+/// Indents the lines of flow collections that lie too far left; `None` when there are none, or when the text would grow
+/// beyond reason: a few far indented keys would be enough.
 pub(super) fn normalise(text: &str) -> Option<Normalised> {
     let mut scan = Scan::default();
     let mut out = String::with_capacity(text.len() + 64);

@@ -1,4 +1,5 @@
-//! The keys of a file as they are written, for tools that explain a file: places and texts that the descriptions do not keep.
+//! The keys of a file as they are written, for tools that explain a file: places and texts that the descriptions do not
+//! keep.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -60,7 +61,8 @@ const TELLING_KEYS: [(FileKind, &[&str]); 4] = [
     (FileKind::World, &["environment", "enclosure", "enclosure size", "max iterations", "skybox", "physics"]),
 ];
 
-/// The tree of keys and values of a file. An alias is what its anchor is; of two equal keys in a mapping the first counts.
+/// The tree of keys and values of a file. An alias is what its anchor is; of two equal keys in a mapping the first
+/// counts.
 #[derive(Debug)]
 pub struct Outline {
     file: Arc<Path>,

@@ -1,9 +1,9 @@
 //! Typed access to the tree, with every problem reported where it stands.
 //!
-//! A [`Map`] is a mapping seen from one place. Its getters mark a key as read, convert its value and report what does not
-//! fit; [`Map::finish`] reports the keys that nobody asked for. The caller always gets a usable value and goes on, so that all
-//! problems of a file are found in one go; whether the value counts is decided at the end from the report ([`Severity::Fatal`]
-//! refuses the file) and from [`Reader::element`] (an error drops the element).
+//! A [`Map`] is a mapping seen from one place. Its getters mark a key as read, convert its value and report what does
+//! not fit; [`Map::finish`] reports the keys that nobody asked for. The caller always gets a usable value and goes on,
+//! so that all problems of a file are found in one go; whether the value counts is decided at the end from the report
+//! ([`Severity::Fatal`] refuses the file) and from [`Reader::element`] (an error drops the element).
 
 mod access;
 
@@ -419,8 +419,8 @@ impl<'m> Map<'m> {
         }
     }
 
-    /// Key `adf version` unless it is 1.0 or absent. In other letter case, as later versions write it, it only says something about the
-    /// file: what it says is reported, the file is read.
+    /// Key `adf version` unless it is 1.0 or absent. In other letter case, as later versions write it, it only says
+    /// something about the file: what it says is reported, the file is read.
     pub(super) fn other_version(&self) -> Option<(Mark, String)> {
         for (i, &(key, value)) in self.entries.iter().enumerate() {
             let (key, value) = (text_of(self.r.doc.node(key)), self.r.doc.node(value));

@@ -86,7 +86,8 @@ pub enum RaySource {
     Array(Vec<Ray>),
     /// One ray a triangle, from its centroid along its normal.
     Mesh {
-        /// Where the file may lie, best first; the first that exists is meant. Absolute or relative to the working directory.
+        /// Where the file may lie, best first; the first that exists is meant. Absolute or relative to the working
+        /// directory.
         candidates: Vec<PathBuf>,
     },
     /// A fan of `resolution`² rays.

@@ -152,8 +152,8 @@ impl Default for SoftMaterial {
 }
 
 impl SoftBodyConfig {
-    /// The coefficients for which `btSoftBody.h` gives a range from 0 on, with the upper end of it: beyond it Bullet's solver can make
-    /// positions that are no numbers.
+    /// The coefficients for which `btSoftBody.h` gives a range from 0 on, with the upper end of it: beyond it Bullet's
+    /// solver can make positions that are no numbers.
     fn bounded(&mut self) -> impl Iterator<Item = (&'static str, &mut f64, f64)> {
         let any = f64::INFINITY;
         let material = self.material.as_mut();

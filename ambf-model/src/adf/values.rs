@@ -47,12 +47,14 @@ pub(super) fn merge_namespace(file: &str, element: Option<&str>) -> String {
     }
 }
 
-/// Joins a path to the directory of the file unless it is absolute. `.` on the way is left out: it would only stand in messages.
+/// Joins a path to the directory of the file unless it is absolute. `.` on the way is left out: it would only stand in
+/// messages.
 pub(super) fn beside(dir: &Path, path: impl AsRef<Path>) -> PathBuf {
     dir.join(path).components().collect()
 }
 
-/// Path of a mesh: below the element's directory; if that is relative below the model's; if still relative below the file's.
+/// Path of a mesh: below the element's directory; if that is relative below the model's; if still relative below the
+/// file's.
 pub(super) fn mesh_path(dir: &Path, model: &Path, element: &Path, mesh: &str) -> PathBuf {
     let mut path = element.join(mesh);
     if path.is_relative() {

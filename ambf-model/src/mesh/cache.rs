@@ -16,8 +16,8 @@ type Key = (PathBuf, u64);
 
 /// Loads every mesh file once, and makes every scaled copy once.
 ///
-/// The key is the canonical path, so that different spellings of a path share a mesh, and the scale. Errors are kept too:
-/// a file is tried once, and all who ask for it get the same `Arc`. May be used from several threads.
+/// The key is the canonical path, so that different spellings of a path share a mesh, and the scale. Errors are kept
+/// too: a file is tried once, and all who ask for it get the same `Arc`. May be used from several threads.
 #[derive(Debug, Default)]
 pub struct MeshCache {
     outcomes: Mutex<HashMap<Key, Cell>>,

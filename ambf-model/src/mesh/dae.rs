@@ -387,7 +387,8 @@ impl<'a> File<'a> {
         looks
     }
 
-    /// Source and offset of an input of a primitive, or of its vertices, other than the position; `None` if it has none.
+    /// Source and offset of an input of a primitive, or of its vertices, other than the position; `None` if it has
+    /// none.
     fn look_source(
         &self,
         element: Node<'a, 'a>,
@@ -514,7 +515,8 @@ struct Materials<'a> {
 }
 
 impl<'a> Materials<'a> {
-    /// The material that `instance` binds to `symbol`; the default where there is none, with a message if there should be one.
+    /// The material that `instance` binds to `symbol`; the default where there is none, with a message if there should
+    /// be one.
     fn bound(
         &mut self,
         file: &File<'a>,
@@ -649,8 +651,8 @@ impl<'a> Effect<'_, 'a> {
         self.floats(float, details).map(|[x]| x)
     }
 
-    /// Opacity: by the alpha of the transparent colour, or by its brightness, as its attribute `opaque` says. Many exporters write 0 where
-    /// they mean opaque; nothing is drawn to be wholly clear, so that 0 is taken for 1.
+    /// Opacity: by the alpha of the transparent colour, or by its brightness, as its attribute `opaque` says. Many
+    /// exporters write 0 where they mean opaque; nothing is drawn to be wholly clear, so that 0 is taken for 1.
     fn alpha(&self, model: Node<'a, 'a>, details: &mut Details) -> f32 {
         let transparency = self.float(model, "transparency", details).unwrap_or(1.0);
         let transparent = child(model, "transparent");
@@ -787,7 +789,8 @@ mod tests {
         parse_visual(text.into(), Path::new("t.dae"), false, &named).unwrap()
     }
 
-    /// A triangle with normals (0, 0, 1), texture coordinates, and the material "red", bound to an effect with these keys.
+    /// A triangle with normals (0, 0, 1), texture coordinates, and the material "red", bound to an effect with these
+    /// keys.
     fn described(effect: &str, nodes: &str) -> String {
         let primitive = r##"<source id="n"><float_array id="na">0 0 3 9 9 9</float_array>
 <technique_common><accessor source="#na" count="2" stride="3"/></technique_common></source>

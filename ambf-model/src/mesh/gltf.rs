@@ -1,4 +1,5 @@
-//! glTF 2.0, as JSON (`gltf`) and in a binary container (`glb`): triangles of the meshes that the scene places, turned so that +z is up.
+//! glTF 2.0, as JSON (`gltf`) and in a binary container (`glb`): triangles of the meshes that the scene places, turned
+//! so that +z is up.
 //!
 //! Colours of materials and vertices are linear in glTF; they become displayed values, which all other formats hold.
 //!
@@ -545,7 +546,8 @@ impl Surface<'_> {
         }
     }
 
-    /// The vertices of all triangles, counter-clockwise seen from outside where the placement mirrors nothing; `None` for a corner without.
+    /// The vertices of all triangles, counter-clockwise seen from outside where the placement mirrors nothing; `None`
+    /// for a corner without.
     fn triangles(&self) -> impl Iterator<Item = [Option<usize>; 3]> + '_ {
         (0..self.triangle_count()).map(|i| {
             // No overflow: there are more corners than triangles, and each is in the file.
@@ -955,7 +957,8 @@ mod tests {
         bytes
     }
 
-    /// A square in the plane z = 0 of glTF, vertices counter-clockwise; its positions are accessor 0, its u8 indices accessor 1.
+    /// A square in the plane z = 0 of glTF, vertices counter-clockwise; its positions are accessor 0, its u8 indices
+    /// accessor 1.
     fn square() -> Draft {
         let mut draft = Draft::default();
         draft.floats("VEC3", &[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0, 0.0]);
@@ -1054,7 +1057,8 @@ mod tests {
         let all = parse(with_nodes(nodes, "")).unwrap();
         assert_eq!(all.sub_meshes.len(), 3);
         let near = |p: [f64; 3], q: [f64; 3]| p.iter().zip(q).all(|(a, b)| (a - b).abs() < 1e-6);
-        // Vertex (1, 0, 0): mirrored, so that the triangles are reversed and it comes last; unmirrored; and by the matrix.
+        // Vertex (1, 0, 0): mirrored, so that the triangles are reversed and it comes last; unmirrored; and by the
+        // matrix.
         assert!(near(all.sub_meshes[0].vertices[2], [0.0, -2.0, -1.0]), "{:?}", all.sub_meshes[0].vertices);
         assert!(near(all.sub_meshes[1].vertices[1], [0.0, -2.0, 1.0]), "{:?}", all.sub_meshes[1].vertices);
         assert_eq!(all.sub_meshes[2].vertices[1], [7.0, -7.0, 6.0]);

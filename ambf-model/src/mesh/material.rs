@@ -26,8 +26,8 @@ pub struct MeshMaterial {
     pub normal_map: Option<MeshTexture>,
     /// Texture that multiplies the specular colour. Default: none.
     pub specular_map: Option<MeshTexture>,
-    /// Physically based reflection. If there is one, `diffuse` and `diffuse_map` are the base colour, and `ambient`, `specular` and
-    /// `shininess` have no effect. Default: none.
+    /// Physically based reflection. If there is one, `diffuse` and `diffuse_map` are the base colour, and `ambient`,
+    /// `specular` and `shininess` have no effect. Default: none.
     pub physical: Option<MetallicRoughness>,
 }
 
@@ -38,7 +38,8 @@ pub struct MetallicRoughness {
     pub metallic: f32,
     /// 0 is smooth, 1 is matt: the square root of the width α of the distribution of the microfacets' normals.
     pub roughness: f32,
-    /// Texture whose green channel multiplies the roughness and whose blue channel multiplies the metalness. Default: none.
+    /// Texture whose green channel multiplies the roughness and whose blue channel multiplies the metalness. Default:
+    /// none.
     pub map: Option<MeshTexture>,
 }
 
@@ -89,7 +90,8 @@ const SHININESS_OF_NS: f32 = 1.28;
 /// Messages about one file that are kept.
 const MAX_WARNINGS: usize = 50;
 
-/// Messages about what of a file is not drawn as written. A damaged file may be wrong in every line; the first messages are kept.
+/// Messages about what of a file is not drawn as written. A damaged file may be wrong in every line; the first messages
+/// are kept.
 #[derive(Debug, Default)]
 pub(super) struct Warnings {
     kept: Vec<String>,
@@ -122,8 +124,8 @@ impl Warnings {
     }
 }
 
-/// Texture file `name`, as the mesh file `mesh` or its material library `library` names it: relative to the folder of the mesh, else
-/// its last part in that folder, else relative to the library's folder.
+/// Texture file `name`, as the mesh file `mesh` or its material library `library` names it: relative to the folder of
+/// the mesh, else its last part in that folder, else relative to the library's folder.
 ///
 /// # Errors
 /// A sentence that says where the file was looked for.
@@ -210,7 +212,8 @@ pub(super) struct LibraryFile<'a> {
     pub files: &'a Files<'a>,
 }
 
-/// Materials of the library `text` by name, in file order. Without `warnings` only the names are read, and the materials are the default.
+/// Materials of the library `text` by name, in file order. Without `warnings` only the names are read, and the
+/// materials are the default.
 pub(super) fn read_library(
     text: &str,
     file: &LibraryFile,
@@ -300,7 +303,8 @@ fn map(slot: &mut Option<MeshTexture>, rest: &str, file: &LibraryFile) -> Result
     }
 }
 
-/// The file name, which may have spaces, behind the options of a texture; and whether options move or scale the texture.
+/// The file name, which may have spaces, behind the options of a texture; and whether options move or scale the
+/// texture.
 fn without_options(rest: &str) -> (&str, bool) {
     let mut rest = rest.trim();
     let mut moved = false;

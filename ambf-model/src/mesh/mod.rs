@@ -1,9 +1,10 @@
 //! Mesh files → triangles.
 //!
-//! [`load`] reads what collides of one file, [`MeshCache`] shares what many bodies use; [`load_visual`] reads what is drawn, with normals,
-//! texture coordinates and materials, through the same readers. Positions are in the units of the file (metres by convention),
-//! multiplied by nothing. 32-bit numbers, as in STL, 3DS and glTF, are widened exactly; text formats are read as `f64`, except ASCII
-//! STL and ASCII PLY, whose numbers have the precision of their binary twins.
+//! [`load`] reads what collides of one file, [`MeshCache`] shares what many bodies use; [`load_visual`] reads what is
+//! drawn, with normals, texture coordinates and materials, through the same readers. Positions are in the units of the
+//! file (metres by convention), multiplied by nothing. 32-bit numbers, as in STL, 3DS and glTF, are widened exactly;
+//! text formats are read as `f64`, except ASCII STL and ASCII PLY, whose numbers have the precision of their binary
+//! twins.
 
 mod cache;
 mod dae;
@@ -40,31 +41,32 @@ const MAX_SUB_MESHES: usize = 100_000;
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Mesh {
     /// In file order, at least one. STL has one; OBJ max(number of materials, number of objects, 1), faces assigned by
-    /// material and the surplus ones empty; 3DS one for each material used by each object; Collada and glTF one for each
-    /// primitive of each placed geometry; PLY one.
+    /// material and the surplus ones empty; 3DS one for each material used by each object; Collada and glTF one for
+    /// each primitive of each placed geometry; PLY one.
     pub sub_meshes: Vec<SubMesh>,
 }
 
 /// Part of a [`Mesh`].
 ///
-/// Vertices are welded: no two are closer than 1e-14 in each coordinate, and their order is that of their first use by a triangle
-/// corner, in file order.
+/// Vertices are welded: no two are closer than 1e-14 in each coordinate, and their order is that of their first use by
+/// a triangle corner, in file order.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct SubMesh {
     /// Material name, else object name, else empty.
     pub name: String,
-    /// Positions (n × 3) in the mesh frame. The first [`surface_vertices`](Self::surface_vertices) ones belong to triangles,
-    /// the rest only to lines.
+    /// Positions (n × 3) in the mesh frame. The first [`surface_vertices`](Self::surface_vertices) ones belong to
+    /// triangles, the rest only to lines.
     pub vertices: Vec<[f64; 3]>,
-    /// Indices into [`vertices`](Self::vertices), counter-clockwise seen from outside. May contain degenerate triangles.
+    /// Indices into [`vertices`](Self::vertices), counter-clockwise seen from outside. May contain degenerate
+    /// triangles.
     pub triangles: Vec<[u32; 3]>,
     /// Indices into [`vertices`](Self::vertices); OBJ `l` elements only, a polyline is split into its segments.
     pub lines: Vec<[u32; 2]>,
-    /// Number of leading vertices that belong to the surface, as opposed to lines. A file of bare OBJ vertices counts them
-    /// all.
+    /// Number of leading vertices that belong to the surface, as opposed to lines. A file of bare OBJ vertices counts
+    /// them all.
     pub surface_vertices: usize,
-    /// OBJ only, else empty: pairs (vertex number in the file, counted from 0; index into [`vertices`](Self::vertices)),
-    /// sorted by the former. Several file vertices may share an index.
+    /// OBJ only, else empty: pairs (vertex number in the file, counted from 0; index into
+    /// [`vertices`](Self::vertices)), sorted by the former. Several file vertices may share an index.
     pub file_vertices: Vec<(u32, u32)>,
 }
 
@@ -132,7 +134,8 @@ pub enum MeshError {
     NonFinite {
         /// The mesh file.
         path: PathBuf,
-        /// Number of the vertex, from 0: in the file's vertex list where it has one (OBJ, 3DS, PLY, glTF), else of the triangle corner.
+        /// Number of the vertex, from 0: in the file's vertex list where it has one (OBJ, 3DS, PLY, glTF), else of the
+        /// triangle corner.
         vertex: usize,
         /// The offending position.
         value: [f64; 3],
@@ -178,33 +181,33 @@ impl MeshError {
     }
 }
 
-/// Reads a mesh file; the format follows the extension, in any letter case: `stl` (binary or ASCII), `obj`, `3ds`, `dae`,
-/// `ply` (binary or ASCII), `gltf`, `glb`.
+/// Reads a mesh file; the format follows the extension, in any letter case: `stl` (binary or ASCII), `obj`, `3ds`,
+/// `dae`, `ply` (binary or ASCII), `gltf`, `glb`.
 ///
-/// glTF says that +y is up and +z is forward. In ADF +z is up, so that a point (x, y, z) of a glTF file becomes (x, −z, y), as in Blender
-/// and Drake. No other format is turned.
+/// glTF says that +y is up and +z is forward. In ADF +z is up, so that a point (x, y, z) of a glTF file becomes (x, −z,
+/// y), as in Blender and Drake. No other format is turned.
 ///
 /// # Errors
-/// See [`MeshError`]. A missing OBJ material library is not an error: the file then counts as one without materials. A missing buffer of
-/// a glTF file is one.
+/// See [`MeshError`]. A missing OBJ material library is not an error: the file then counts as one without materials. A
+/// missing buffer of a glTF file is one.
 ///
 /// # Limitations
 /// * OBJ: free-form curves and surfaces are skipped. Faces with fewer than three corners are skipped.
 /// * 3DS: objects are taken as stored; key frames and mirrored object matrices are ignored.
-/// * Collada: `<up_axis>` is ignored (robot descriptions expect coordinates as written), the unit and the node transforms are
-///   applied; skins, splines and lines are skipped.
+/// * Collada: `<up_axis>` is ignored (robot descriptions expect coordinates as written), the unit and the node
+///   transforms are applied; skins, splines and lines are skipped.
 /// * PLY: only vertices and polygons are read, no triangle strips. Points without faces are an error.
-/// * glTF: version 2.0, without compression and without sparse accessors. The default scene is read, else the first, else all nodes.
-///   Skins are drawn as their nodes place them; morph targets, animations, points and lines are skipped. Of textures the base colour,
-///   metalness with roughness, and normals are drawn, all with the texture coordinates of the first of them, repeated beyond 0 … 1, and
-///   untransformed. Masks of textures are drawn opaque.
+/// * glTF: version 2.0, without compression and without sparse accessors. The default scene is read, else the first,
+///   else all nodes. Skins are drawn as their nodes place them; morph targets, animations, points and lines are
+///   skipped. Of textures the base colour, metalness with roughness, and normals are drawn, all with the texture
+///   coordinates of the first of them, repeated beyond 0 … 1, and untransformed. Masks of textures are drawn opaque.
 pub fn load(path: &Path) -> Result<Mesh, MeshError> {
     let reader = reader_of(path)?;
     not_empty(path, reader(path, read_file(path)?, &ON_DISK, None)?)
 }
 
-/// Reads the content of a mesh file as [`load`] reads a file; `path` stands for its name. No file is opened: the material libraries that
-/// an OBJ names and the buffers that a glTF names count as missing.
+/// Reads the content of a mesh file as [`load`] reads a file; `path` stands for its name. No file is opened: the
+/// material libraries that an OBJ names and the buffers that a glTF names count as missing.
 ///
 /// # Errors
 /// As [`load`].
@@ -276,14 +279,14 @@ fn read_file(path: &Path) -> Result<Vec<u8>, MeshError> {
 }
 
 impl Mesh {
-    /// A copy with all positions multiplied by `scale` (dimensionless). A negative scale mirrors, and reverses the triangles
-    /// so that they still face outwards.
+    /// A copy with all positions multiplied by `scale` (dimensionless). A negative scale mirrors, and reverses the
+    /// triangles so that they still face outwards.
     pub fn scaled(&self, scale: f64) -> Mesh {
         self.scaled_along([scale; 3])
     }
 
-    /// A copy with x, y and z of all positions multiplied by a factor each (dimensionless). An odd number of negative factors
-    /// mirrors, and reverses the triangles so that they still face outwards.
+    /// A copy with x, y and z of all positions multiplied by a factor each (dimensionless). An odd number of negative
+    /// factors mirrors, and reverses the triangles so that they still face outwards.
     pub fn scaled_along(&self, scale: [f64; 3]) -> Mesh {
         let mirrors = scale.iter().filter(|factor| **factor < 0.0).count() % 2 == 1;
         let mut mesh = self.clone();
@@ -311,8 +314,8 @@ impl Mesh {
 
 /// Collects triangles into a welded [`SubMesh`].
 ///
-/// The C++ program merges vertices by a hash of their position that distinct vertices can share; comparing positions has no such
-/// collisions.
+/// The C++ program merges vertices by a hash of their position that distinct vertices can share; comparing positions
+/// has no such collisions.
 #[derive(Default)]
 struct Welder {
     sub_mesh: SubMesh,

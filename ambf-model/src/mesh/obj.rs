@@ -1,7 +1,7 @@
 //! Wavefront OBJ: positions, faces, lines, materials; normals and texture coordinates for what is drawn.
 //!
-//! Read here rather than by a library: `tobj` takes a polyline `l a b c` for a triangle, panics on a short colour in the
-//! material file, and names no line.
+//! Read here rather than by a library: `tobj` takes a polyline `l a b c` for a triangle, panics on a short colour in
+//! the material file, and names no line.
 
 use std::collections::hash_map::Entry;
 use std::collections::{BTreeMap, HashMap, HashSet};
@@ -125,7 +125,8 @@ impl Contents {
         Ok(())
     }
 
-    /// Adds how each of the `count` sub-meshes looks, with the corners of its triangles in the order of [`Part::add_face`].
+    /// Adds how each of the `count` sub-meshes looks, with the corners of its triangles in the order of
+    /// [`Part::add_face`].
     fn describe(&self, path: &Path, count: usize, details: &mut Details) -> Result<(), MeshError> {
         let mut triangles = 0;
         self.for_each(path, true, |_, corners| triangles += corners.len().saturating_sub(2))?;
@@ -284,7 +285,8 @@ fn parse_position(rest: &str) -> Result<[f64; 3], String> {
     Ok(position)
 }
 
-/// Vertex number from 0 of a corner `v`, `v/vt`, `v//vn` or `v/vt/vn`; negative ones count back from the `known` vertices.
+/// Vertex number from 0 of a corner `v`, `v/vt`, `v//vn` or `v/vt/vn`; negative ones count back from the `known`
+/// vertices.
 fn parse_corner(word: &str, known: usize) -> Option<usize> {
     let number: i64 = word.split('/').next()?.parse().ok()?;
     match number {
@@ -294,8 +296,8 @@ fn parse_corner(word: &str, known: usize) -> Option<usize> {
     }
 }
 
-/// Texture coordinate and normal of a corner `v`, `v/vt`, `v//vn` or `v/vt/vn` as numbers from 0; negative ones count back from the
-/// `known` ones.
+/// Texture coordinate and normal of a corner `v`, `v/vt`, `v//vn` or `v/vt/vn` as numbers from 0; negative ones count
+/// back from the `known` ones.
 fn parse_looks(word: &str, known: [usize; 2]) -> Option<[u32; 2]> {
     let mut looks = [ABSENT; 2];
     let mut fields = word.split('/').skip(1);
@@ -333,8 +335,8 @@ fn parse_numbers<const N: usize>(
     numbers
 }
 
-/// The materials in the library `name` beside the mesh `path`; none when there is no such file. How they look is only read where
-/// `warnings` can be given.
+/// The materials in the library `name` beside the mesh `path`; none when there is no such file. How they look is only
+/// read where `warnings` can be given.
 fn materials(
     path: &Path,
     name: &str,

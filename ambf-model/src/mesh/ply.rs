@@ -1,7 +1,7 @@
 //! Polygon files (PLY), ASCII and binary: what scanners and MeshLab write.
 //!
-//! A library reads the header and the elements, one at a time and into the few properties that count here. Counts are checked before,
-//! because a header may announce anything.
+//! A library reads the header and the elements, one at a time and into the few properties that count here. Counts are
+//! checked before, because a header may announce anything.
 
 use std::io::ErrorKind;
 use std::path::Path;
@@ -441,7 +441,8 @@ fn finite<const N: usize>(numbers: [f32; N]) -> Option<[f32; N]> {
 struct Faces {
     /// Numbers of vertices.
     triangles: Vec<[u32; 3]>,
-    /// For each triangle, if faces have texture coordinates: index of each corner in [`Details::tex_coords`], or [`ABSENT`].
+    /// For each triangle, if faces have texture coordinates: index of each corner in [`Details::tex_coords`], or
+    /// [`ABSENT`].
     tex_coords: Vec<[u32; 3]>,
 }
 

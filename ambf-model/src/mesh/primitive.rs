@@ -14,9 +14,10 @@ const SEGMENTS: usize = 32;
 const HALF_PLANE: f64 = 50.0;
 
 impl VisualMesh {
-    /// The picture of a shape in its own frame, as Bullet has it: round shapes about their `axis`, the tip of a cone at the positive end, a
-    /// capsule with the caps in its height. A plane is a square of 100 m × 100 m about offset · normal, its upper side towards the
-    /// normal. Round surfaces are 32 flat segments around, whose edges are on the surface. Material: the default.
+    /// The picture of a shape in its own frame, as Bullet has it: round shapes about their `axis`, the tip of a cone at
+    /// the positive end, a capsule with the caps in its height. A plane is a square of 100 m × 100 m about offset ·
+    /// normal, its upper side towards the normal. Round surfaces are 32 flat segments around, whose edges are on the
+    /// surface. Material: the default.
     pub fn primitive(primitive: &Primitive) -> VisualMesh {
         let mut part = match *primitive {
             Primitive::Box { size } => cuboid(size / 2.0),
@@ -46,8 +47,8 @@ impl VisualMesh {
                 ])
             }
             Primitive::Capsule { radius, height, .. } => {
-                // Where the caps need more than the height, Bullet computes contacts with this distance of their centres,
-                // although the box by which it looks for neighbours is smaller then.
+                // Where the caps need more than the height, Bullet computes contacts with this distance of their
+                // centres, although the box by which it looks for neighbours is smaller then.
                 let z = (height / 2.0 - radius).abs();
                 revolved(&[cap(radius, -z, -1.0), cap(radius, z, 1.0)].concat())
             }
@@ -89,7 +90,8 @@ struct Ring {
     normal: [f64; 2],
 }
 
-/// Half of a sphere about (0, 0, `z`): from the pole to the equator below (`side` −1), from the equator to the pole above (1).
+/// Half of a sphere about (0, 0, `z`): from the pole to the equator below (`side` −1), from the equator to the pole
+/// above (1).
 fn cap(radius: f64, z: f64, side: f64) -> Vec<Ring> {
     let steps = SEGMENTS / 2;
     let ring = |step: usize| {
@@ -104,7 +106,8 @@ fn cap(radius: f64, z: f64, side: f64) -> Vec<Ring> {
     }
 }
 
-/// The surface between successive rings, which go upwards where the surface looks outwards. Texture: u around, v along the rings.
+/// The surface between successive rings, which go upwards where the surface looks outwards. Texture: u around, v along
+/// the rings.
 fn revolved(rings: &[Ring]) -> VisualMeshPart {
     let mut part = VisualMeshPart::default();
     let columns = SEGMENTS + 1;

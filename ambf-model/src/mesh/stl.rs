@@ -1,7 +1,7 @@
 //! STL, binary and ASCII.
 //!
-//! Read here rather than by a library: the known ones take a binary file whose header starts with "solid" for ASCII, stop at
-//! the first of several solids, and name no line.
+//! Read here rather than by a library: the known ones take a binary file whose header starts with "solid" for ASCII,
+//! stop at the first of several solids, and name no line.
 
 use std::path::Path;
 

@@ -353,7 +353,8 @@ impl Object {
         Ok(())
     }
 
-    /// One sub-mesh for each material in order of first use, faces without a material making one too; and the names of the materials.
+    /// One sub-mesh for each material in order of first use, faces without a material making one too; and the names of
+    /// the materials.
     fn split(&self, name: &str, details: Option<&mut Details>) -> (Vec<SubMesh>, Vec<Option<String>>) {
         let mut parts: Vec<Welder> = Vec::new();
         let mut materials: Vec<Option<usize>> = Vec::new();
@@ -386,8 +387,9 @@ impl Object {
         (parts.into_iter().map(Welder::finish).collect(), materials.into_iter().map(name).collect())
     }
 
-    /// For each corner of each face a number that those corners at its vertex share that are smoothed with it: whose faces have a
-    /// smoothing group in common, directly or through others. Without groups in the file, all of the vertex.
+    /// For each corner of each face a number that those corners at its vertex share that are smoothed with it: whose
+    /// faces have a smoothing group in common, directly or through others. Without groups in the file, all of the
+    /// vertex.
     fn shared_normals(&self) -> Vec<[u32; 3]> {
         if self.smoothing.len() != self.faces.len() {
             return self.faces.iter().map(|face| face.map(u32::from)).collect();

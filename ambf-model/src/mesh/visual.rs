@@ -1,7 +1,7 @@
 //! What is drawn of a mesh: vertices with normals and texture coordinates, one part a material.
 //!
-//! The readers of the formats are those of the collision meshes. They make the same [`Mesh`] for both purposes, and, if asked, describe
-//! the corners of its triangles besides; here the two are put together.
+//! The readers of the formats are those of the collision meshes. They make the same [`Mesh`] for both purposes, and, if
+//! asked, describe the corners of its triangles besides; here the two are put together.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -40,15 +40,16 @@ pub struct VisualMeshPart {
     pub tex_coords: Vec<[f32; 2]>,
     /// Colours by which the lit colour is multiplied (n × 4), red, green, blue and alpha, 0 to 1, or empty.
     pub colors: Vec<[f32; 4]>,
-    /// Directions of growing u (n × 4), or empty: unit vectors at right angles to the normals. The direction of growing v is
-    /// w · normal × tangent, with w = 1 or −1. There are some where the material has a normal map and there are texture coordinates.
+    /// Directions of growing u (n × 4), or empty: unit vectors at right angles to the normals. The direction of growing
+    /// v is w · normal × tangent, with w = 1 or −1. There are some where the material has a normal map and there are
+    /// texture coordinates.
     pub tangents: Vec<[f32; 4]>,
-    /// Indices (m × 3) into the vertices, counter-clockwise seen from outside. As many as the part of [`Mesh`] has, degenerate ones
-    /// included.
+    /// Indices (m × 3) into the vertices, counter-clockwise seen from outside. As many as the part of [`Mesh`] has,
+    /// degenerate ones included.
     pub triangles: Vec<[u32; 3]>,
-    /// For each vertex (n × 1) its node: the index in the vertices of all [`Mesh::sub_meshes`] one behind the other. Nodes of a soft body
-    /// are numbered so. In the profile `legacy` a soft body consists of the last filled sub-mesh only; its node 0 is the first of
-    /// that one. For primitives, which have no nodes, the vertex's own index.
+    /// For each vertex (n × 1) its node: the index in the vertices of all [`Mesh::sub_meshes`] one behind the other.
+    /// Nodes of a soft body are numbered so. In the profile `legacy` a soft body consists of the last filled sub-mesh
+    /// only; its node 0 is the first of that one. For primitives, which have no nodes, the vertex's own index.
     pub nodes: Vec<u32>,
     /// How it looks.
     pub material: MeshMaterial,
@@ -109,13 +110,13 @@ pub(super) struct Details {
 
 /// Reads how a mesh file looks. Formats as for [`load`](super::load).
 ///
-/// With `remove_duplicates` (key `mesh remove duplicates`) corners at one place share a normal, which is computed: the surface looks smooth,
-/// and normals of the file are not used. Texture coordinates stay. Without it, OBJ, Collada, PLY and glTF have the normals of the file;
-/// corners without one get the mean over the triangles at their vertex, weighted by area. STL has facets, as a part of a glTF file without
-/// normals; 3DS has smoothing groups.
+/// With `remove_duplicates` (key `mesh remove duplicates`) corners at one place share a normal, which is computed: the
+/// surface looks smooth, and normals of the file are not used. Texture coordinates stay. Without it, OBJ, Collada, PLY
+/// and glTF have the normals of the file; corners without one get the mean over the triangles at their vertex, weighted
+/// by area. STL has facets, as a part of a glTF file without normals; 3DS has smoothing groups.
 ///
-/// Also returns messages, each with file and line where there is one, about what is not drawn as written: missing textures and
-/// libraries, numbers that are none. At most 51.
+/// Also returns messages, each with file and line where there is one, about what is not drawn as written: missing
+/// textures and libraries, numbers that are none. At most 51.
 ///
 /// # Errors
 /// As [`load`](super::load); besides [`MeshError::TooManyTriangles`] beyond 10 million, [`MeshError::TooFar`].
@@ -132,8 +133,8 @@ pub fn load_both(path: &Path, remove_duplicates: bool) -> Result<(Mesh, VisualMe
     both(path, read_file(path)?, &ON_DISK, remove_duplicates)
 }
 
-/// Reads the content of a mesh file as [`load_visual`] reads a file; `path` stands for its name. `named` gives the content of the files
-/// that the mesh names, `None` for those that are not there. Of textures only the presence counts.
+/// Reads the content of a mesh file as [`load_visual`] reads a file; `path` stands for its name. `named` gives the
+/// content of the files that the mesh names, `None` for those that are not there. Of textures only the presence counts.
 ///
 /// # Errors
 /// As [`load_visual`].
@@ -256,8 +257,8 @@ impl Corners<'_> {
         part
     }
 
-    /// Unit normals of vertices: means over the triangles at those with the same number, weighted by area. Means that cancel, as where a
-    /// sheet has two sides, are replaced by the normal of the first triangle.
+    /// Unit normals of vertices: means over the triangles at those with the same number, weighted by area. Means that
+    /// cancel, as where a sheet has two sides, are replaced by the normal of the first triangle.
     fn smooth_normals(&self, vertices: &[Corner], triangles: &[[u32; 3]]) -> Vec<[f32; 3]> {
         let mut numbers: Vec<u32> = vertices.iter().map(|corner| corner.shared).collect();
         numbers.sort_unstable();
@@ -300,7 +301,8 @@ struct Vertices {
     corners: Vec<Corner>,
     /// The newest vertex in the chain of each node, or [`ABSENT`].
     newest: Vec<u32>,
-    /// The vertex before each one in the chain of its node, or [`ABSENT`]; shorter than `corners` behind the last one in a chain.
+    /// The vertex before each one in the chain of its node, or [`ABSENT`]; shorter than `corners` behind the last one
+    /// in a chain.
     older: Vec<u32>,
     /// Those for which the chain of their node is too long.
     crowded: HashMap<(u32, Corner), u32>,
@@ -376,16 +378,19 @@ impl VisualMesh {
         mesh
     }
 
-    /// A copy with all positions multiplied by `scale` (dimensionless), as [`Mesh::scaled`]. `None` if a position overflows.
+    /// A copy with all positions multiplied by `scale` (dimensionless), as [`Mesh::scaled`]. `None` if a position
+    /// overflows.
     pub fn scaled(&self, scale: f64) -> Option<VisualMesh> {
         self.scaled_along([scale; 3])
     }
 
-    /// A copy with x, y and z of all positions multiplied by a factor each (dimensionless), as [`Mesh::scaled_along`]: an odd number of
-    /// negative factors mirrors, and reverses the triangles so that they still face outwards. `None` if a position overflows.
+    /// A copy with x, y and z of all positions multiplied by a factor each (dimensionless), as [`Mesh::scaled_along`]:
+    /// an odd number of negative factors mirrors, and reverses the triangles so that they still face outwards. `None`
+    /// if a position overflows.
     pub fn scaled_along(&self, scale: [f64; 3]) -> Option<VisualMesh> {
         let mirrors = scale.iter().filter(|factor| **factor < 0.0).count() % 2 == 1;
-        // Normals stay at right angles to the surface. Products instead of quotients, so that a factor of 0 is possible.
+        // Normals stay at right angles to the surface. Products instead of quotients, so that a factor of 0 is
+        // possible.
         let [x, y, z] = scale.map(|factor| factor / scale.iter().fold(f64::MIN_POSITIVE, |most, x| most.max(x.abs())));
         let cofactors = Vector3::new(y * z, z * x, x * y) * if mirrors { -1.0 } else { 1.0 };
         let factors = Vector3::new(x, y, z);
@@ -416,8 +421,8 @@ impl VisualMesh {
     }
 }
 
-/// Unit vector in direction `tangent` as far as it is at right angles to the unit vector `normal`; any other at right angles if that is
-/// none.
+/// Unit vector in direction `tangent` as far as it is at right angles to the unit vector `normal`; any other at right
+/// angles if that is none.
 fn at_right_angles(tangent: Vector3<f64>, normal: Vector3<f64>) -> Vector3<f64> {
     let projected = tangent - normal * normal.dot(&tangent);
     // A direction that is almost the normal's is left of rounding errors.
@@ -519,7 +524,8 @@ mod tests {
         let (mesh, _) = read(&format!("{CORNER}{faces}"), false);
         let part = &mesh.parts[0];
         assert_eq!(part.positions.len(), 5);
-        // At vertex 1 the two triangles upwards, of area 0.5 each, meet that of the wall of area 1, which looks along +y.
+        // At vertex 1 the two triangles upwards, of area 0.5 each, meet that of the wall of area 1, which looks along
+        // +y.
         let [x, y, z] = part.normals[0];
         let half = 0.5f32.sqrt();
         assert!(x == 0.0 && (y - half).abs() < 1e-6 && (z - half).abs() < 1e-6, "{x} {y} {z}");

@@ -18,7 +18,8 @@ const MASS: f64 = 1.0;
 /// Radius of the solid sphere whose inertia a link gets that has neither a usable one nor a collision shape, m.
 const RADIUS: f64 = 0.1;
 
-/// The bodies of a robot, in the order of their links. `self_collision`: names of the links that collide with others of the robot.
+/// The bodies of a robot, in the order of their links. `self_collision`: names of the links that collide with others of
+/// the robot.
 pub(super) fn bodies(
     mut links: Vec<Link<'_>>,
     places: &[Place],

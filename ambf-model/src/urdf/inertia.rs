@@ -90,11 +90,11 @@ fn principal(element: &Element<'_>) -> Option<(Vector3<f64>, Rotation3<f64>)> {
     Some((moments, axes))
 }
 
-/// Eigenvalues of a symmetric matrix, and the rotation R with tensor = R·diag(eigenvalues)·Rᵀ. A diagonal matrix is left as it
-/// is; the axes of others are turned as little as the method turns them.
+/// Eigenvalues of a symmetric matrix, and the rotation R with tensor = R·diag(eigenvalues)·Rᵀ. A diagonal matrix is
+/// left as it is; the axes of others are turned as little as the method turns them.
 ///
-/// Cyclic Jacobi method (Golub, Van Loan, *Matrix Computations*, §8.5): always a rotation, never a mirror image, and precise
-/// for tensors of any size.
+/// Cyclic Jacobi method (Golub, Van Loan, *Matrix Computations*, §8.5): always a rotation, never a mirror image, and
+/// precise for tensors of any size.
 fn diagonalised(tensor: Matrix3<f64>) -> (Vector3<f64>, Rotation3<f64>) {
     /// Sweeps that are never needed: convergence is quadratic.
     const MAX_SWEEPS: usize = 50;

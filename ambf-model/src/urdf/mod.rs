@@ -1,11 +1,12 @@
 //! URDF, the unified robot description format of ROS: XML to the description that ADF files have.
 //!
-//! [`load`] gives an [`adf::Model`](crate::adf::Model), so that a robot is simulated, driven and published as an ADF model. What becomes of
-//! each element is in `docs/urdf.md`; the format is that of <https://wiki.ros.org/urdf/XML>.
+//! [`load`] gives an [`adf::Model`](crate::adf::Model), so that a robot is simulated, driven and published as an ADF
+//! model. What becomes of each element is in `docs/urdf.md`; the format is that of <https://wiki.ros.org/urdf/XML>.
 //!
 //! ## Limitations
 //! * `mimic`, damping and friction of joints, and velocity limits have no effect; they are reported.
-//! * Transmissions, sensors and what simulators add in `<gazebo>` have no effect, but for `self_collide`; they are reported.
+//! * Transmissions, sensors and what simulators add in `<gazebo>` have no effect, but for `self_collide`; they are
+//!   reported.
 //! * Textures are not used.
 
 mod convert;
@@ -37,8 +38,8 @@ pub fn is_urdf(path: &Path) -> bool {
 
 /// Reads a robot description. Packages are looked for with [`Packages::around`]; meshes are not opened.
 ///
-/// Bodies are `BODY <link>`, joints `JOINT <joint>`, in the namespace `/ambf/env/<robot>/`; the root stands at the origin of the
-/// world, joints at zero or at the limit next to it.
+/// Bodies are `BODY <link>`, joints `JOINT <joint>`, in the namespace `/ambf/env/<robot>/`; the root stands at the
+/// origin of the world, joints at zero or at the limit next to it.
 ///
 /// The report lists what was dropped, replaced or not used.
 ///
@@ -158,8 +159,8 @@ fn namespace(robot: &Element<'_>) -> String {
     }
 }
 
-/// Which links collide with others of the robot: what Gazebo is told counts, by default none. What else concerns other programs is
-/// reported.
+/// Which links collide with others of the robot: what Gazebo is told counts, by default none. What else concerns other
+/// programs is reported.
 fn self_collision<'a>(robot: &Element<'a>) -> SelfCollision<'a> {
     let mut collision = SelfCollision::default();
     for element in robot.elements() {

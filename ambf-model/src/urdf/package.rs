@@ -29,8 +29,9 @@ pub struct Packages {
 }
 
 impl Packages {
-    /// The packages that can be seen from a file: first those the file lies in or beside (each folder above it, and the folders in
-    /// there), then those below the folders in `ROS_PACKAGE_PATH`, then those in `share` of the folders in `AMENT_PREFIX_PATH`.
+    /// The packages that can be seen from a file: first those the file lies in or beside (each folder above it, and the
+    /// folders in there), then those below the folders in `ROS_PACKAGE_PATH`, then those in `share` of the folders in
+    /// `AMENT_PREFIX_PATH`.
     pub fn around(file: &Path) -> Self {
         let variable = |name| std::env::var_os(name).unwrap_or_default();
         Self::new(file, variable("ROS_PACKAGE_PATH"), variable("AMENT_PREFIX_PATH"))

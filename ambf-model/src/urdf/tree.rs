@@ -1,7 +1,7 @@
 //! Links and joints → a tree of rigid bodies.
 //!
-//! What stands still in the world is known here: a root without a mass, or called `world`, and all that is fixed to it. A link
-//! without a mass that moves is a frame: it becomes part of the body it is fixed to.
+//! What stands still in the world is known here: a root without a mass, or called `world`, and all that is fixed to it.
+//! A link without a mass that moves is a frame: it becomes part of the body it is fixed to.
 
 use nalgebra::Isometry3;
 

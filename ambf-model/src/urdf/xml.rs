@@ -28,7 +28,8 @@ const LONG_LINE: usize = 4096;
 pub(super) struct File<'t> {
     text: &'t str,
     path: Arc<Path>,
-    /// Byte at which the document starts: blanks and comments before the XML declaration, which XML does not allow, are left out.
+    /// Byte at which the document starts: blanks and comments before the XML declaration, which XML does not allow, are
+    /// left out.
     start: usize,
     /// Byte at which each line starts.
     lines: Vec<usize>,
@@ -111,7 +112,8 @@ impl<'t> File<'t> {
     }
 }
 
-/// Length of the blanks and comments before an XML declaration; 0 where anything else stands there, or no declaration follows.
+/// Length of the blanks and comments before an XML declaration; 0 where anything else stands there, or no declaration
+/// follows.
 fn before_declaration(text: &str) -> usize {
     let mut rest = text.trim_start();
     while let Some((_, behind)) = rest.strip_prefix("<!--").and_then(|comment| comment.split_once("-->")) {

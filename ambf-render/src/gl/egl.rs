@@ -25,12 +25,13 @@ pub(super) struct Offscreen {
     process: u32,
 }
 
-// SAFETY: EGL's functions may be called from any thread; the context is current on one thread at a time, because it is made current for
-// the duration of one call of a renderer (`&mut`) and released after it. Displays and contexts are plain handles.
+// SAFETY: EGL's functions may be called from any thread; the context is current on one thread at a time, because it is
+// made current for the duration of one call of a renderer (`&mut`) and released after it. Displays and contexts are
+// plain handles.
 unsafe impl Send for Offscreen {}
 
-/// The process that has loaded the library; 0: none has. The threads and locks of the library are those of that process: in a process
-/// that was forked from it every call could wait for ever.
+/// The process that has loaded the library; 0: none has. The threads and locks of the library are those of that
+/// process: in a process that was forked from it every call could wait for ever.
 static PROCESS: AtomicU32 = AtomicU32::new(0);
 
 /// Fails in a process that was forked from one that has used the library.
@@ -60,7 +61,8 @@ fn library() -> Result<Arc<Egl>, RenderError> {
 }
 
 impl Offscreen {
-    /// On the first device that can: graphics cards, then Mesa's surfaceless platform (software), then the default display.
+    /// On the first device that can: graphics cards, then Mesa's surfaceless platform (software), then the default
+    /// display.
     pub(super) fn new() -> Result<Self, RenderError> {
         let egl = library()?;
         let mut why = "no EGL display".to_owned();
@@ -141,7 +143,8 @@ fn displays(egl: &Egl) -> Vec<egl::Display> {
     let mut displays = Vec::new();
     let extensions = egl.query_string(None, egl::EXTENSIONS).map(|text| text.to_string_lossy().into_owned());
     let extensions = extensions.unwrap_or_default();
-    // SAFETY: the platforms take the handles that their extensions name: a device of `eglQueryDevicesEXT`, or the default display.
+    // SAFETY: the platforms take the handles that their extensions name: a device of `eglQueryDevicesEXT`, or the
+    // default display.
     let mut platform = |kind, handle| unsafe {
         if let Ok(display) = egl.get_platform_display(kind, handle, &[egl::ATTRIB_NONE]) {
             displays.push(display);
@@ -168,7 +171,8 @@ fn hardware(egl: &Egl) -> Vec<*mut c_void> {
     let Some((devices, string)) = functions else { return Vec::new() };
     let mut found = [std::ptr::null_mut(); MOST_DEVICES];
     let mut count = 0;
-    // SAFETY: the signatures are those of EGL_EXT_device_enumeration and EGL_EXT_device_query; the array has the size that is passed.
+    // SAFETY: the signatures are those of EGL_EXT_device_enumeration and EGL_EXT_device_query; the array has the size
+    // that is passed.
     let (string, ok) = unsafe {
         let query = std::mem::transmute::<extern "system" fn(), QueryDevices>(devices);
         let string = std::mem::transmute::<extern "system" fn(), QueryString>(string);

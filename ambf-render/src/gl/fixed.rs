@@ -1,5 +1,5 @@
-//! The few functions of the fixed-function pipeline that programs of users depend on: they read `gl_LightSource`, `gl_FrontMaterial`,
-//! `gl_ModelViewMatrix`, `gl_EyePlaneS` and their like. `glow` has none of them.
+//! The few functions of the fixed-function pipeline that programs of users depend on: they read `gl_LightSource`,
+//! `gl_FrontMaterial`, `gl_ModelViewMatrix`, `gl_EyePlaneS` and their like. `glow` has none of them.
 
 use std::ffi::{c_void, CStr};
 
@@ -95,13 +95,14 @@ impl Functions {
     }
 
     pub(super) fn scene(&self, view: &[f32; 16], projection: &[f32; 16], lights: &[FixedLight]) {
-        // SAFETY: the context is current (only `Current` calls this); every pointer is to as many floats as the parameter has (16 for
-        // matrices, 4 for vectors, 1 for numbers).
+        // SAFETY: the context is current (only `Current` calls this); every pointer is to as many floats as the
+        // parameter has (16 for matrices, 4 for vectors, 1 for numbers).
         unsafe {
             (self.matrix_mode)(PROJECTION);
             (self.load_matrix)(projection.as_ptr());
             (self.matrix_mode)(MODELVIEW);
-            // Positions, directions and planes are taken to eye coordinates by the matrix that is loaded when they are set.
+            // Positions, directions and planes are taken to eye coordinates by the matrix that is loaded when they are
+            // set.
             (self.load_matrix)(view.as_ptr());
             (self.light_model)(LIGHT_MODEL_AMBIENT, [0.2_f32, 0.2, 0.2, 1.0].as_ptr());
             for (index, place) in (LIGHT0..LIGHT0 + MOST_LIGHTS).enumerate() {

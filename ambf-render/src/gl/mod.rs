@@ -1,8 +1,9 @@
 //! OpenGL behind safe functions. Nothing outside of this module is `unsafe` in the crate.
 //!
-//! Every function of OpenGL acts on the context that is current on the calling thread. [`Device::enter`] makes the renderer's context
-//! current and returns a [`Current`], whose methods are the only way to OpenGL; that is the invariant on which the `unsafe` blocks of
-//! this module rest. What else a call needs (sizes of arrays, names that exist) is checked where the call is.
+//! Every function of OpenGL acts on the context that is current on the calling thread. [`Device::enter`] makes the
+//! renderer's context current and returns a [`Current`], whose methods are the only way to OpenGL; that is the
+//! invariant on which the `unsafe` blocks of this module rest. What else a call needs (sizes of arrays, names that
+//! exist) is checked where the call is.
 
 mod egl;
 mod fixed;
@@ -35,7 +36,8 @@ pub(crate) const ATTRIBUTES: [(u32, &str); 13] = [
 ];
 /// Place of the colour of a vertex, which is white where a mesh has none.
 const COLOR_ATTRIBUTE: u32 = 13;
-/// Floats of an instance: three rows of its pose, diffuse and alpha, ambient and shininess, specular, emission, two ids.
+/// Floats of an instance: three rows of its pose, diffuse and alpha, ambient and shininess, specular, emission, two
+/// ids.
 pub(crate) const INSTANCE_FLOATS: usize = 28;
 /// Floats of a vertex: position, normal, texture coordinates.
 pub(crate) const VERTEX_FLOATS: usize = 8;
@@ -135,8 +137,8 @@ impl Device {
     }
 
     /// # Safety
-    /// A context is current on this thread, `find` gives the addresses of its functions, and it is current whenever the device or what
-    /// is made with it is used.
+    /// A context is current on this thread, `find` gives the addresses of its functions, and it is current whenever the
+    /// device or what is made with it is used.
     pub(crate) unsafe fn in_current_context(mut find: impl FnMut(&CStr) -> *const c_void) -> Result<Self, RenderError> {
         // SAFETY: promised by the caller.
         let (raw, fixed) =
@@ -194,7 +196,8 @@ impl Device {
 
 impl Drop for Device {
     fn drop(&mut self) {
-        // Objects of a context of our own go with it; those of the caller's are deleted as the caller keeps the context current.
+        // Objects of a context of our own go with it; those of the caller's are deleted as the caller keeps the context
+        // current.
         if let Backing::Callers = self.backing {
             Current { device: self }.empty_bin();
         }
@@ -277,7 +280,8 @@ pub(crate) enum Mode {
 }
 
 fn bytes<T: Plain>(values: &[T]) -> &[u8] {
-    // SAFETY: plain numbers (trait `Plain` is implemented below for those only) have no padding and any bytes may be read.
+    // SAFETY: plain numbers (trait `Plain` is implemented below for those only) have no padding and any bytes may be
+    // read.
     unsafe { std::slice::from_raw_parts(values.as_ptr().cast(), std::mem::size_of_val(values)) }
 }
 
@@ -430,7 +434,8 @@ impl Current<'_> {
         let stride = (INSTANCE_FLOATS * 4) as i32;
         let start = (first * INSTANCE_FLOATS * 4) as i32;
         let floats = [(5, 4, 0), (6, 4, 16), (7, 4, 32), (8, 4, 48), (9, 4, 64), (10, 3, 80), (11, 3, 92)];
-        // SAFETY: the attributes of all instances lie within the buffer (checked above); indices were checked at upload.
+        // SAFETY: the attributes of all instances lie within the buffer (checked above); indices were checked at
+        // upload.
         unsafe {
             gl.bind_vertex_array(Some(array.array.name));
             gl.bind_buffer(glow::ARRAY_BUFFER, Some(buffer.0.name));
@@ -477,7 +482,8 @@ impl Current<'_> {
         }
     }
 
-    /// Draws two triangles of which the vertex shader knows the four corners: upper left, upper right, lower left, lower right.
+    /// Draws two triangles of which the vertex shader knows the four corners: upper left, upper right, lower left,
+    /// lower right.
     pub(crate) fn draw_rectangle(&self) {
         // SAFETY: as in `draw_covering`.
         unsafe {
@@ -544,7 +550,8 @@ impl Current<'_> {
             locations.insert(name.to_owned(), location);
         }
         let Some(Some(location)) = locations.get(name) else { return };
-        // SAFETY: the location is of this program; a type that does not fit is an error of OpenGL, which changes nothing.
+        // SAFETY: the location is of this program; a type that does not fit is an error of OpenGL, which changes
+        // nothing.
         unsafe {
             let location = Some(location);
             match value {
@@ -764,7 +771,8 @@ impl Current<'_> {
     pub(crate) fn copy_to_bound(&self, from: &Target, bound: Option<glow::Framebuffer>, mirrored: bool) {
         let (w, h) = (from.width as i32, from.height as i32);
         let (bottom, top) = if mirrored { (h, 0) } else { (0, h) };
-        // SAFETY: both frame buffers exist: `bound` was bound at the beginning of the same call. Sizes are clipped by OpenGL.
+        // SAFETY: both frame buffers exist: `bound` was bound at the beginning of the same call. Sizes are clipped by
+        // OpenGL.
         unsafe {
             let gl = self.raw();
             gl.bind_framebuffer(glow::READ_FRAMEBUFFER, Some(from.framebuffer.name));

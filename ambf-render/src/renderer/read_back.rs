@@ -51,7 +51,8 @@ pub(super) fn metric(bytes: &[u8], width: u32, eyes: &[Eye]) -> Vec<f32> {
             let p = &eye.projection;
             let (p22, p23, p32, p33) = (p[(2, 2)], p[(2, 3)], p[(3, 2)], p[(3, 3)]);
             if (p32, p33) == (-1.0, 0.0) {
-                // p23 / (p22 + n) with n = 2 d - 1, which is exact: the sum loses nothing where p22 is given by two floats.
+                // p23 / (p22 + n) with n = 2 d - 1, which is exact: the sum loses nothing where p22 is given by two
+                // floats.
                 let (numerator, high) = (p23 as f32, p22 as f32);
                 let low = (p22 - f64::from(high)) as f32;
                 out.extend(pixels.map(|&depth| numerator / (2.0 * f32::from_ne_bytes(depth) - 1.0 + high + low)));

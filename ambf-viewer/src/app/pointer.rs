@@ -179,8 +179,8 @@ impl App {
     }
 }
 
-/// The ray along which a window of `size` pixels shows its scene at the pointer, in pixels from its upper left corner: origin, direction of unit
-/// length. `mirrored`: the window shows its picture top to bottom.
+/// The ray along which a window of `size` pixels shows its scene at the pointer, in pixels from its upper left corner:
+/// origin, direction of unit length. `mirrored`: the window shows its picture top to bottom.
 pub(super) fn pointer_ray(
     view: &View,
     size: (u32, u32),

@@ -82,8 +82,8 @@ impl Ratio {
     }
 }
 
-/// The smallest error that a lane reaches for at most `cost` µs a simulated ms, between its points by a straight line over logarithms;
-/// `None` when it is never that cheap.
+/// The smallest error that a lane reaches for at most `cost` µs a simulated ms, between its points by a straight line
+/// over logarithms; `None` when it is never that cheap.
 pub fn error_at(lane: &Lane, cost: f64) -> Option<f64> {
     let mut points: Vec<(f64, f64)> = lane.points.iter().map(|point| (point.cost.median, point.error)).collect();
     points.sort_by(|a, b| a.0.total_cmp(&b.0));

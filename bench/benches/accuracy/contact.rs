@@ -73,8 +73,8 @@ fn block() -> System {
     on_ground(Body::block(1.0, Vector3::new(0.4, 0.4, 0.1), Vector3::new(0.0, 0.0, 0.05)))
 }
 
-/// Relative error of the acceleration on a slope, from velocities after 0.8 and 2 s: unlike the way it does not depend on the order in which
-/// velocities and positions are integrated, nor on the first step, which finds no contact yet.
+/// Relative error of the acceleration on a slope, from velocities after 0.8 and 2 s: unlike the way it does not depend
+/// on the order in which velocities and positions are integrated, nor on the first step, which finds no contact yet.
 fn descent(system: System, name: &'static str, title: &'static str, words: &'static str, acceleration: f64) -> Case {
     let times = times(5, 25);
     let exact = Vector3::new(system.gravity.x, system.gravity.y, 0.0).normalize() * acceleration;

@@ -1,7 +1,7 @@
 //! Run time against error: `scripts/bench accuracy [--quick] [--only CASE]… [--no-peers]`
 //!
-//! With `--only` tables are printed and nothing is written; else they go into `docs/benchmarks/accuracy.md`, between its markers, with
-//! a figure for each case, and into `docs/benchmarks/accuracy.csv`.
+//! With `--only` tables are printed and nothing is written; else they go into `docs/benchmarks/accuracy.md`, between
+//! its markers, with a figure for each case, and into `docs/benchmarks/accuracy.csv`.
 
 mod compare;
 mod contact;

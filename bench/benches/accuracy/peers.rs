@@ -78,8 +78,8 @@ pub struct Peers {
 }
 
 impl Peers {
-    /// Starts them with the Python interpreter that `AMBF_PEERS_PYTHON` names, and with the packages in `AMBF_PEERS_MUJOCO3` for MuJoCo 3; `Err`
-    /// says why there are no peers.
+    /// Starts them with the Python interpreter that `AMBF_PEERS_PYTHON` names, and with the packages in
+    /// `AMBF_PEERS_MUJOCO3` for MuJoCo 3; `Err` says why there are no peers.
     pub fn start() -> Result<Self, String> {
         let newest = Program::start(None)?;
         let packages = std::env::var_os("AMBF_PEERS_MUJOCO3").ok_or("AMBF_PEERS_MUJOCO3 is not set".to_owned());

@@ -1,8 +1,9 @@
 //! Cost on top of a plain C++ Bullet program: `scripts/bench bare [--quick]`
 //!
-//! The program, `bullet-sys/bare/bare.cpp`, gets a scene that was built in the ordinary way and steps its bodies and constraints in a plain
-//! `btDiscreteDynamicsWorld` with Bullet's own near callback, list of ignored pairs and motion states. Both must come to the same
-//! state, bit for bit, before anything is measured. `ablation.rs` tells what leaving out each thing alone saves.
+//! The program, `bullet-sys/bare/bare.cpp`, gets a scene that was built in the ordinary way and steps its bodies and
+//! constraints in a plain `btDiscreteDynamicsWorld` with Bullet's own near callback, list of ignored pairs and motion
+//! states. Both must come to the same state, bit for bit, before anything is measured. `ablation.rs` tells what leaving
+//! out each thing alone saves.
 
 mod ablation;
 
@@ -104,7 +105,8 @@ impl Plain {
     fn new(files: &SceneFiles, skips: i32) -> Option<Self> {
         let simulation = simulation(files);
         let bodies = simulation.scene().bodies.len();
-        // SAFETY: the world is alive; nothing of the simulation is used or freed from here on, if the plain program takes it.
+        // SAFETY: the world is alive; nothing of the simulation is used or freed from here on, if the plain program
+        // takes it.
         let bare = unsafe { bare_take(simulation.scene().world.as_raw(), skips) };
         if bare.is_null() {
             return None;

@@ -1,7 +1,7 @@
 //! How well controllers follow, at every step and outer rate: `scripts/bench control [--only arm|rates]`
 //!
-//! Without `--only` the tables go into `docs/benchmarks/control.md`, between its markers, with a figure each. Errors only: the same on
-//! every computer.
+//! Without `--only` the tables go into `docs/benchmarks/control.md`, between its markers, with a figure each. Errors
+//! only: the same on every computer.
 
 mod arm;
 mod rates;

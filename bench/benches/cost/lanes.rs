@@ -1,5 +1,6 @@
-//! Step costs: several ways to step a scene ("lanes"), in turn and in one process, so that their ratios don't depend on what else
-//! the machine does. A worker process measures, because only one ROS node and one peak of memory fit into a process.
+//! Step costs: several ways to step a scene ("lanes"), in turn and in one process, so that their ratios don't depend on
+//! what else the machine does. A worker process measures, because only one ROS node and one peak of memory fit into a
+//! process.
 
 use std::fs::read_to_string;
 use std::process::{Command, Stdio};

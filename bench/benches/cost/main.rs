@@ -1,7 +1,7 @@
 //! Cost of the simulator: `scripts/bench [--quick] [--only GROUP]…`
 //!
-//! Groups: `step`, `skip`, `start`, `rate`, `overload`, `real-time`. With `--only` the tables are printed and nothing is written; else
-//! they go into `docs/benchmarks.md`, between its markers, with their figures.
+//! Groups: `step`, `skip`, `start`, `rate`, `overload`, `real-time`. With `--only` the tables are printed and nothing
+//! is written; else they go into `docs/benchmarks.md`, between its markers, with their figures.
 
 mod bars;
 mod lanes;

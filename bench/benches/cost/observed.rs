@@ -1,4 +1,5 @@
-//! What the C++ program cost when it was observed: another run, on another day, with other threads on. For orientation only.
+//! What the C++ program cost when it was observed: another run, on another day, with other threads on. For orientation
+//! only.
 
 /// µs a step of 1 ms, headless, communication on, with ROS.
 pub fn step_us(scene: &str) -> Option<f64> {

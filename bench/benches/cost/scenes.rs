@@ -168,7 +168,8 @@ pub fn chain(n: usize, feedback: bool) -> Scene {
     written(&name, &model(&bodies, &joints, "ignore inter-collision: true"))
 }
 
-/// Ten boxes on the ground, a post without a shape above them and a car's body beside them, and one element of each kind in turn.
+/// Ten boxes on the ground, a post without a shape above them and a car's body beside them, and one element of each
+/// kind in turn.
 pub fn elements() -> Vec<(&'static str, Scene)> {
     let mesh = ambf_bench::folder().join("sheet.obj");
     std::fs::write(&mesh, sheet_obj(10)).expect("the target folder can be written");

@@ -238,7 +238,8 @@ fn unaccounted(timing: &[Arrival<Timing>], states: &[Arrival<RigidBodyState>]) -
     let same_step = timing.iter().filter_map(|(_, timing)| {
         let place = states.binary_search_by_key(&timing.sim_step, |(_, state)| u64::from(state.sim_step)).ok()?;
         let fallen = scenes::CLOCK_START - states[place].1.pose.position.z;
-        // Semi-implicit Euler: after k steps of h the distance is g h² k (k + 1) / 2, so that t = k h is within h / 2 of this.
+        // Semi-implicit Euler: after k steps of h the distance is g h² k (k + 1) / 2, so that t = k h is within h / 2
+        // of this.
         let integrated = (2.0 * fallen / scenes::CLOCK_GRAVITY).sqrt();
         Some((timing.sim_time - timing.lost_time - integrated) * 1e3)
     });

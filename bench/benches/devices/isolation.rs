@@ -34,7 +34,8 @@ fn motor_forces(fleet: &Fleet, frame: usize, epoch: Instant) -> Vec<(Instant, f6
     (frame..fleet.hd.frames(STYLUS)).filter_map(force).map(|shown| (at(shown.time), norm(shown.force))).collect()
 }
 
-/// Waits for a clear force at the motors: a computer that is busy may have let it go. Gives the frame since which it was there.
+/// Waits for a clear force at the motors: a computer that is busy may have let it go. Gives the frame since which it
+/// was there.
 fn until_held(fleet: &Fleet, epoch: Instant) -> usize {
     let deadline = Instant::now() + PATIENCE;
     loop {

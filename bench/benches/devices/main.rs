@@ -110,7 +110,8 @@ fn main() {
             exit(1);
         }
     };
-    // Before any thread is there. To print where a panic came from takes longer than the watchdog, and users do not ask for it.
+    // Before any thread is there. To print where a panic came from takes longer than the watchdog, and users do not ask
+    // for it.
     std::env::remove_var("RUST_BACKTRACE");
     ros_common::use_own_master();
     let machine = report::machine(quick);

@@ -1,8 +1,9 @@
 //! Both profiles on real files: `scripts/bench profiles [--quick] [FILE|FOLDER]…`
 //!
-//! Every model file is loaded into the default world and stepped [`STEPS`] x 1 ms without commands, in `legacy` and in `accurate`. Nobody
-//! knows what the bodies of a file that somebody else wrote should do, but `accurate` must not be wilder than `legacy`. Without files the
-//! models of the C++ program are taken, if they are there, and the page `docs/benchmarks/profiles.md` is written.
+//! Every model file is loaded into the default world and stepped [`STEPS`] x 1 ms without commands, in `legacy` and in
+//! `accurate`. Nobody knows what the bodies of a file that somebody else wrote should do, but `accurate` must not be
+//! wilder than `legacy`. Without files the models of the C++ program are taken, if they are there, and the page
+//! `docs/benchmarks/profiles.md` is written.
 
 // Shared with the other benchmarks, which use more of it.
 
@@ -27,7 +28,8 @@ const STEP: f64 = 1e-3;
 const SLICES: u32 = 10;
 /// Bodies slower than this at the end rest, m/s.
 const REST: f64 = 0.02;
-/// Fastest body of `accurate`: at most this times that of `legacy`, and this much more, m/s; the same of the farthest, m.
+/// Fastest body of `accurate`: at most this times that of `legacy`, and this much more, m/s; the same of the farthest,
+/// m.
 const FACTOR: f64 = 1.5;
 const FASTER: f64 = 2.0;
 const FARTHER: f64 = 1.0;

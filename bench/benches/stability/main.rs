@@ -1,8 +1,8 @@
 //! Stability: `scripts/bench stability [--quick] [--only FAMILY]…`; search for failures in random scenes:
 //! `scripts/bench stability --random N [--seed S]`, see [`random`].
 //!
-//! With `--only` tables are printed and nothing is written; else they go into `docs/benchmarks/stability.md`, between its markers, with a
-//! map of all of it.
+//! With `--only` tables are printed and nothing is written; else they go into `docs/benchmarks/stability.md`, between
+//! its markers, with a map of all of it.
 
 // Shared with the other benchmarks, which use more of it.
 mod families;

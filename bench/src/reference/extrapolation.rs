@@ -1,5 +1,5 @@
-//! Gragg's extrapolated midpoint rule with Neville's scheme and adaptive steps (Hairer, Nørsett, Wanner: Solving Ordinary Differential
-//! Equations I, II.9).
+//! Gragg's extrapolated midpoint rule with Neville's scheme and adaptive steps (Hairer, Nørsett, Wanner: Solving
+//! Ordinary Differential Equations I, II.9).
 
 /// Rows of the scheme: 2, 4, … 16 midpoint steps, orders 2 to 16.
 const ROWS: usize = 8;
@@ -9,8 +9,8 @@ const EASY: usize = 5;
 /// The slope of `y` at a time, written into the last argument.
 pub type Slope<'a> = dyn FnMut(f64, &[f64], &mut [f64]) + 'a;
 
-/// Integrates `y` from `from` to `to` s with local errors below `tolerance`·max(1, |y|). `settle` may correct the state after each step, such
-/// as project it onto constraints.
+/// Integrates `y` from `from` to `to` s with local errors below `tolerance`·max(1, |y|). `settle` may correct the state
+/// after each step, such as project it onto constraints.
 ///
 /// # Panics
 /// When the step becomes so small that it no longer matters: the problem is not smooth.

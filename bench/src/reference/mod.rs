@@ -1,4 +1,5 @@
-//! Motions that are known: analytic ones, and reduced coordinates integrated with an adaptive step at a tolerance of 1e-13.
+//! Motions that are known: analytic ones, and reduced coordinates integrated with an adaptive step at a tolerance of
+//! 1e-13.
 
 pub mod extrapolation;
 pub mod multi_body;
@@ -19,8 +20,8 @@ pub struct State {
 /// Local error of every integration, relative to max(1, |y|).
 pub const TOLERANCE: f64 = 1e-13;
 
-/// Rotations of a free rigid body with principal moments `inertia` (kg·m²) that starts unrotated with angular velocity `spin` (rad/s), at
-/// the given times: Euler's equations, I ω̇ = (I ω) × ω in the body's axes, and q̇ = q ω / 2.
+/// Rotations of a free rigid body with principal moments `inertia` (kg·m²) that starts unrotated with angular velocity
+/// `spin` (rad/s), at the given times: Euler's equations, I ω̇ = (I ω) × ω in the body's axes, and q̇ = q ω / 2.
 pub fn free_rotation(inertia: Vector3<f64>, spin: Vector3<f64>, times: &[f64]) -> Vec<UnitQuaternion<f64>> {
     let mut y = vec![spin.x, spin.y, spin.z, 0.0, 0.0, 0.0, 1.0];
     let mut slope = |_: f64, y: &[f64], out: &mut [f64]| {
@@ -41,8 +42,8 @@ pub fn free_rotation(inertia: Vector3<f64>, spin: Vector3<f64>, times: &[f64]) -
     times.iter().map(rotation).collect()
 }
 
-/// Angle of `n` four-bar windows side by side from the upright, rad, at the given times: uprights and crossbars are uniform rods of 1 m
-/// and 1 kg, which move as one degree of freedom; `rate` is its initial rate, rad/s.
+/// Angle of `n` four-bar windows side by side from the upright, rad, at the given times: uprights and crossbars are
+/// uniform rods of 1 m and 1 kg, which move as one degree of freedom; `rate` is its initial rate, rad/s.
 ///
 /// The n + 1 uprights turn about their feet (I = 1/3), the n crossbars move along with the tops (m l² = 1), so
 /// ((n + 1)/3 + n) θ̈ = g ((n + 1)/2 + n) sin θ.

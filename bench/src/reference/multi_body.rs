@@ -201,7 +201,8 @@ impl MultiBody {
         (gap, jacobian, bias)
     }
 
-    /// M and −h: composite bodies and Newton–Euler forces about the world's origin (Featherstone: Rigid Body Dynamics Algorithms, 5.3, 6.2).
+    /// M and −h: composite bodies and Newton–Euler forces about the world's origin (Featherstone: Rigid Body Dynamics
+    /// Algorithms, 5.3, 6.2).
     fn dynamics(&self, motion: &Motion) -> (DMatrix<f64>, DVector<f64>) {
         let n = self.links.len();
         // Composite bodies: mass, first moment, inertia; and force and torque on them.
@@ -261,7 +262,8 @@ impl MultiBody {
         if self.ties.is_empty() {
             return free;
         }
-        // With M = L Lᵀ and z = Lᵀ q̈ the constraint force is the smallest change of z that keeps the loops closed (Gauss).
+        // With M = L Lᵀ and z = Lᵀ q̈ the constraint force is the smallest change of z that keeps the loops closed
+        // (Gauss).
         let (_, jacobian, bias) = self.constraints(&motion);
         let lower = factor.l();
         let missing = -(bias + &jacobian * &free);
@@ -315,7 +317,8 @@ impl MultiBody {
     }
 }
 
-/// The smallest x with A x = b, where some equations may repeat others. Rank-revealing: QR decomposition of Aᵀ with pivots.
+/// The smallest x with A x = b, where some equations may repeat others. Rank-revealing: QR decomposition of Aᵀ with
+/// pivots.
 fn smallest_solution(a: &DMatrix<f64>, b: &DVector<f64>) -> DVector<f64> {
     let decomposition = a.transpose().col_piv_qr();
     let (q, r) = (decomposition.q(), decomposition.r());

@@ -42,7 +42,8 @@ pub enum ArmError {
     Unsupported(String, &'static str),
 }
 
-/// Names of the arms that publish their pose at present, sorted, in `namespace` or, without one, where arms usually are.
+/// Names of the arms that publish their pose at present, sorted, in `namespace` or, without one, where arms usually
+/// are.
 ///
 /// # Errors
 /// [`ArmError::Master`] when the master does not answer.
@@ -53,9 +54,10 @@ pub fn active_arms(namespace: Option<&str>) -> Result<Vec<String>, ArmError> {
 
 /// An arm of a da Vinci Research Kit: its state as it comes over ROS, and commands to it.
 ///
-/// All poses, forces and torques are in the *device frame*: those of the arm seen from the origin, see [`Frames`]. A thread of its own sends the
-/// newest command at 1 kHz and stops 50 ms after the caller has stopped giving commands; forces end with a zero then. The arm may start, stop and
-/// restart, and change its dialect, at any time; so may the ROS master. Nothing here moves an arm unasked.
+/// All poses, forces and torques are in the *device frame*: those of the arm seen from the origin, see [`Frames`]. A
+/// thread of its own sends the newest command at 1 kHz and stops 50 ms after the caller has stopped giving commands;
+/// forces end with a zero then. The arm may start, stop and restart, and change its dialect, at any time; so may the
+/// ROS master. Nothing here moves an arm unasked.
 ///
 /// Dropping it is [closing](Self::close) it.
 pub struct Arm {
@@ -67,7 +69,8 @@ pub struct Arm {
 }
 
 impl Arm {
-    /// The arm of that name. Returns at once; the arm need not be there yet, see [`wait_until_available`](Self::wait_until_available).
+    /// The arm of that name. Returns at once; the arm need not be there yet, see
+    /// [`wait_until_available`](Self::wait_until_available).
     ///
     /// # Errors
     /// [`ArmError::Name`], [`ArmError::Master`], [`ArmError::Thread`].
@@ -111,8 +114,8 @@ impl Arm {
         self.is_available()
     }
 
-    /// Whether its state allows it to be used: enabled, homed and not busy. Arms of the legacy and AMBF dialects are unless they say
-    /// `DVRK_UNINITIALIZED`.
+    /// Whether its state allows it to be used: enabled, homed and not busy. Arms of the legacy and AMBF dialects are
+    /// unless they say `DVRK_UNINITIALIZED`.
     pub fn is_ready(&self) -> bool {
         self.inner.ready.load(Ordering::Acquire)
     }
@@ -282,8 +285,9 @@ impl Arm {
         Ok(())
     }
 
-    /// Lets the user of the arm feel a wrench, until 50 ms after the last call. There is no limit here: the caller limits. While the clutch is
-    /// pressed no force is sent; torques are only with [`ArmOptions::send_torque`]. Never waits; a call that meets one of another thread is dropped.
+    /// Lets the user of the arm feel a wrench, until 50 ms after the last call. There is no limit here: the caller
+    /// limits. While the clutch is pressed no force is sent; torques are only with [`ArmOptions::send_torque`]. Never
+    /// waits; a call that meets one of another thread is dropped.
     ///
     /// # Errors
     /// [`ArmError::NotFinite`].
@@ -314,8 +318,8 @@ impl Arm {
         self.set_wrench(&Wrench { torque: *moment, ..wrench })
     }
 
-    /// Lets the tip follow a pose, m, until 50 ms after the last call; the arm holds it then. **The arm moves**, as fast as it can: give small
-    /// steps at a high rate.
+    /// Lets the tip follow a pose, m, until 50 ms after the last call; the arm holds it then. **The arm moves**, as
+    /// fast as it can: give small steps at a high rate.
     ///
     /// # Errors
     /// [`ArmError::NotFinite`].
@@ -368,7 +372,8 @@ impl Arm {
         self.told(told, "move_cp")
     }
 
-    /// Sends the joints to positions, rad or m, on a path that the arm plans (`move_jp`, CRTK only). **The arm moves.** Said once.
+    /// Sends the joints to positions, rad or m, on a path that the arm plans (`move_jp`, CRTK only). **The arm moves.**
+    /// Said once.
     ///
     /// # Errors
     /// As [`move_to_pose`](Self::move_to_pose).
@@ -395,7 +400,8 @@ impl Arm {
         }
     }
 
-    /// Asks for a mode, and stops repeating commands until the next one. In the dialects of CRTK the first command makes the mode.
+    /// Asks for a mode, and stops repeating commands until the next one. In the dialects of CRTK the first command
+    /// makes the mode.
     ///
     /// # Errors
     /// [`ArmError::NotHeard`] in the legacy and AMBF dialects.
@@ -413,7 +419,8 @@ impl Arm {
         }
     }
 
-    /// Asks for a change of state. In the dialects of CRTK: `enable`, `disable`, `pause`, `resume`, `home`, `unhome`. **`home` moves the arm.**
+    /// Asks for a change of state. In the dialects of CRTK: `enable`, `disable`, `pause`, `resume`, `home`, `unhome`.
+    /// **`home` moves the arm.**
     ///
     /// # Errors
     /// [`ArmError::NotHeard`].
@@ -422,8 +429,8 @@ impl Arm {
         self.told(Some(told), "state_command")
     }
 
-    /// Says whether wrenches are in axes fixed to the base (`true`, which everything here assumes) and whether the arm carries its own weight.
-    /// Both are switched on when the arm is found.
+    /// Says whether wrenches are in axes fixed to the base (`true`, which everything here assumes) and whether the arm
+    /// carries its own weight. Both are switched on when the arm is found.
     ///
     /// # Errors
     /// [`ArmError::NotHeard`] before that.
@@ -433,9 +440,10 @@ impl Arm {
         self.told(Some(told), "use_gravity_compensation")
     }
 
-    /// Adds a gravity term of the caller's own to every wrench: joint torques, N·m, from joint positions, rad, mapped to the tip with the body
-    /// Jacobian that the arm publishes, see [`tip_wrench`](crate::tip_wrench). Limited to `max_force`, N, and `max_torque`, N·m. Switch the arm's
-    /// own compensation off, or give the difference. Called in the thread that sends; must not block.
+    /// Adds a gravity term of the caller's own to every wrench: joint torques, N·m, from joint positions, rad, mapped
+    /// to the tip with the body Jacobian that the arm publishes, see [`tip_wrench`](crate::tip_wrench). Limited to
+    /// `max_force`, N, and `max_torque`, N·m. Switch the arm's own compensation off, or give the difference. Called in
+    /// the thread that sends; must not block.
     pub fn set_gravity_term(
         &self,
         max_force: f64,

@@ -1,4 +1,5 @@
-//! The four ways in which releases of the robot's software name and type the topics of an arm, and how the one in use is found.
+//! The four ways in which releases of the robot's software name and type the topics of an arm, and how the one in use
+//! is found.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -93,8 +94,8 @@ impl Names {
         format!("{}/{}", self.namespace.as_deref().unwrap_or_default(), self.arm)
     }
 
-    /// The dialects in which the arm may speak at present, the likeliest first; none while it does not speak. Two of them: a node that was killed
-    /// is still listed beside the one that has taken its place.
+    /// The dialects in which the arm may speak at present, the likeliest first; none while it does not speak. Two of
+    /// them: a node that was killed is still listed beside the one that has taken its place.
     pub fn dialects(&self, choice: DialectChoice, topics: &Topics) -> Vec<Dialect> {
         let kind = |dialect, name: &str| topics.get(&self.topic(dialect, name)).map(String::as_str);
         let of_crtk = match kind(Dialect::CrtkPose, "measured_cp") {

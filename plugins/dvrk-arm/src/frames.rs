@@ -1,8 +1,8 @@
 //! From the frames of an arm to those of a device.
 //!
-//! The arm reports the pose of its tip in its reference frame (for a master: the stereo viewer). What a device reports is
-//! `T_ee = T_o⁻¹ · T_m · T_t` with the origin `T_o` in the reference frame and an offset `T_t` of the tip; commands go the other way,
-//! `T_cmd = T_o · T · T_t⁻¹`. Wrenches are only rotated: `F_cmd = R_o · F`.
+//! The arm reports the pose of its tip in its reference frame (for a master: the stereo viewer). What a device reports
+//! is `T_ee = T_o⁻¹ · T_m · T_t` with the origin `T_o` in the reference frame and an offset `T_t` of the tip; commands
+//! go the other way, `T_cmd = T_o · T · T_t⁻¹`. Wrenches are only rotated: `F_cmd = R_o · F`.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
@@ -46,7 +46,8 @@ pub struct Frames {
 }
 
 impl Frames {
-    /// Those of the original for the arm of that name: constants for names that begin with `MTML` or `MTMR`, identities for all others.
+    /// Those of the original for the arm of that name: constants for names that begin with `MTML` or `MTMR`, identities
+    /// for all others.
     pub fn of(arm: &str) -> Self {
         let x = match arm.get(..4) {
             Some("MTMR") => -0.181_025,

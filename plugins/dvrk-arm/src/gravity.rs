@@ -1,4 +1,5 @@
-//! A gravity term of the user's own. The arm compensates its own weight; who has a better model of it can add the difference.
+//! A gravity term of the user's own. The arm compensates its own weight; who has a better model of it can add the
+//! difference.
 
 use nalgebra::{DMatrix, DVector, Vector6};
 
@@ -24,9 +25,9 @@ impl GravityTerm {
     }
 }
 
-/// Wrench at the tip that does what joint torques do: `w = (Jᵀ)⁺ τ`, in the frame of the Jacobian. `jacobian` is 6 × n in columns, as robots
-/// publish it (element of row r and column c at r + 6 c), linear rows first; `torques` are n. `None` when sizes do not fit or numbers are not
-/// finite.
+/// Wrench at the tip that does what joint torques do: `w = (Jᵀ)⁺ τ`, in the frame of the Jacobian. `jacobian` is 6 × n
+/// in columns, as robots publish it (element of row r and column c at r + 6 c), linear rows first; `torques` are n.
+/// `None` when sizes do not fit or numbers are not finite.
 pub fn tip_wrench(jacobian: &[f64], torques: &[f64]) -> Option<Wrench> {
     if torques.is_empty() || jacobian.len() != 6 * torques.len() {
         return None;

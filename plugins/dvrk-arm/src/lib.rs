@@ -1,10 +1,13 @@
-//! Arms of a da Vinci Research Kit (dVRK) over ROS 1: masters MTML and MTMR, slaves PSM1 to PSM3, ECM, and arms of any other name.
+//! Arms of a da Vinci Research Kit (dVRK) over ROS 1: masters MTML and MTMR, slaves PSM1 to PSM3, ECM, and arms of any
+//! other name.
 //!
 //! * [`driver`] makes them input devices of the simulator.
 //! * [`Arm`] offers them to other programs.
-//! * [`fake`] is a node that behaves like the robot's, for tests and for those who have none; the program `fake_dvrk` runs it.
+//! * [`fake`] is a node that behaves like the robot's, for tests and for those who have none; the program `fake_dvrk`
+//!   runs it.
 //!
-//! The four ways in which releases of the robot's software name and type their topics, [`Dialect`], are told apart automatically.
+//! The four ways in which releases of the robot's software name and type their topics, [`Dialect`], are told apart
+//! automatically.
 //!
 //! | thread | what it does |
 //! |---|---|
@@ -12,7 +15,8 @@
 //! | `dvrk-watch` | asks the master every 0.5 s what is published; finds arms and shakes hands with them |
 //! | `ros-link`, `ros-sockets` | tend the one node that all arms share, see [`ros_node`] |
 //!
-//! A thread is added for each topic that is listened to and has a publisher; rosrust adds two for each that is published.
+//! A thread is added for each topic that is listened to and has a publisher; rosrust adds two for each that is
+//! published.
 
 mod arm;
 mod device;

@@ -1,5 +1,5 @@
-//! ROS messages, generated at build time from the definitions on `ROSRUST_MSG_PATH` (see `.cargo/config.toml`): Debian's packages, and for
-//! `crtk_msgs` those under `resources/ros`.
+//! ROS messages, generated at build time from the definitions on `ROSRUST_MSG_PATH` (see `.cargo/config.toml`):
+//! Debian's packages, and for `crtk_msgs` those under `resources/ros`.
 
 #[allow(missing_docs, clippy::all, clippy::pedantic)]
 mod generated {
@@ -74,8 +74,9 @@ mod tests {
 
     #[test]
     fn sums_of_our_own_definitions_are_those_of_their_fields() {
-        // The checksum is that of the fields without comments, a nested type being replaced by its own checksum (2176… is the header's).
-        // That is how genpy computes them: python3 -c "import hashlib; print(hashlib.md5(b'2176… header\nstring string').hexdigest())"
+        // The checksum is that of the fields without comments, a nested type being replaced by its own checksum (2176…
+        // is the header's). That is how genpy computes them: python3 -c "import hashlib; print(hashlib.md5(b'2176…
+        // header\nstring string').hexdigest())"
         assert_eq!(crtk_msgs::StringStamped::md5sum(), "5e3e46086181199270f1ac3a28a5977f");
         assert_eq!(crtk_msgs::OperatingState::md5sum(), "b1bd4021639d9d9c5fbfff78d6ff3158");
         assert_eq!(crtk_msgs::operating_state::md5sum(), crtk_msgs::OperatingState::md5sum());

@@ -171,8 +171,8 @@ impl Outputs {
         self.motion.as_ref()
     }
 
-    /// Says that wrenches are in axes fixed to the base and that the arm shall carry its own weight, to all that will ever listen.
-    /// `false` when the topics are not announced yet.
+    /// Says that wrenches are in axes fixed to the base and that the arm shall carry its own weight, to all that will
+    /// ever listen. `false` when the topics are not announced yet.
     pub fn settle(&self, orientation_lock: bool, gravity: bool) -> bool {
         let announced = self.orientation_lock.is_announced() && self.gravity.is_announced();
         if announced {

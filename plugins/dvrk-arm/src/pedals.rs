@@ -45,8 +45,8 @@ pub enum ClutchSource {
     Console,
 }
 
-/// Topics of the pedals below the namespace. `topics` is what is published: in the dialects of CRTK the console says that the operator is there
-/// unless a pedal does.
+/// Topics of the pedals below the namespace. `topics` is what is published: in the dialects of CRTK the console says
+/// that the operator is there unless a pedal does.
 pub(crate) fn pedal_topics(
     dialect: Dialect,
     root: &str,
@@ -92,7 +92,8 @@ pub(crate) struct Pedals {
 }
 
 impl Pedals {
-    /// A message of a pedal: 0 released, 1 pressed, 2 clicked. A click is sent after the release, and latched: it is no pressed pedal.
+    /// A message of a pedal: 0 released, 1 pressed, 2 clicked. A click is sent after the release, and latched: it is no
+    /// pressed pedal.
     pub fn set(&self, pedal: Pedal, value: i32) {
         match value {
             0 => self.pressed.fetch_and(!pedal.bit(), Ordering::AcqRel),

@@ -1,5 +1,5 @@
-//! Messages from arms, read from their bytes. Types are known from the connection, not beforehand: the same topic has another type in another
-//! release of the robot's software. Nothing is taken for granted about the bytes.
+//! Messages from arms, read from their bytes. Types are known from the connection, not beforehand: the same topic has
+//! another type in another release of the robot's software. Nothing is taken for granted about the bytes.
 
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 

@@ -49,7 +49,8 @@ fn the_proxy_of_ambf_works_with_the_driver() {
     assert!((device.said)().iter().any(|line| line.contains("AMBF 2.0")), "{:#?}", (device.said)());
     let input = proxy.0.stdin.as_mut().unwrap();
     writeln!(input, "0.03 -0.02 0.05 0.1 0.2 0.3 0.9").unwrap();
-    // Values come one to one, apart from the constant position of the origin; 0.9 of the gripper's range is 43.7°, in ±60° 0.864.
+    // Values come one to one, apart from the constant position of the origin; 0.9 of the gripper's range is 43.7°, in
+    // ±60° 0.864.
     let frames = Frames::of("MTMR");
     let origin = frames.origin.rotation.inverse() * frames.origin.translation.vector;
     let expected = Vector3::new(0.03, -0.02, 0.05) - origin;

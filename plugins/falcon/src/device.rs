@@ -86,7 +86,8 @@ fn run(mut worker: Worker) -> String {
         }
         String::from("it was closed")
     }));
-    // After a panic the link has rested the motors while the stack was unwound; otherwise it does now. A second panic is no reason to stay.
+    // After a panic the link has rested the motors while the stack was unwound; otherwise it does now. A second panic
+    // is no reason to stay.
     drop(catch_unwind(AssertUnwindSafe(|| worker.end())));
     result.unwrap_or_else(|panic| format!("its driver panicked: {}", text(&*panic)))
 }

@@ -1,9 +1,10 @@
 //! Geometry of the Falcon: three equal legs of a delta robot.
 //!
-//! Positions here are in the *base frame*: x to the user's right, y up, z out of the device towards the user, origin at the base, m. A leg has the
-//! angles θ1 (thigh, which the motor turns), θ2 (shin in the plane of the thigh) and θ3 (shin out of that plane), rad. After R. E. Stamper, "A three
-//! degree of freedom parallel manipulator with only translational degrees of freedom" (thesis, University of Maryland, 1997), with the lengths of
-//! libnifalcon, the public driver.
+//! Positions here are in the *base frame*: x to the user's right, y up, z out of the device towards the user, origin at
+//! the base, m. A leg has the angles θ1 (thigh, which the motor turns), θ2 (shin in the plane of the thigh) and θ3
+//! (shin out of that plane), rad. After R. E. Stamper, "A three degree of freedom parallel manipulator with only
+//! translational degrees of freedom" (thesis, University of Maryland, 1997), with the lengths of libnifalcon, the
+//! public driver.
 
 use nalgebra::{Matrix3, RowVector3, Vector3};
 
@@ -108,8 +109,8 @@ pub fn jacobian(position: &Vector3<f64>) -> Option<Matrix3<f64>> {
     legs(position).map(|legs| Matrix3::from_rows(&legs.map(|leg| leg.gradient())))
 }
 
-/// Torques of the legs, N·m, that push the grip at `position` with `force`, N, in the base frame: τ = A⁻ᵀ F with A of [`jacobian`].
-/// `None` where there are none: outside of the reachable set and in singular poses.
+/// Torques of the legs, N·m, that push the grip at `position` with `force`, N, in the base frame: τ = A⁻ᵀ F with A of
+/// [`jacobian`]. `None` where there are none: outside of the reachable set and in singular poses.
 pub fn torques(position: &Vector3<f64>, force: &Vector3<f64>) -> Option<Vector3<f64>> {
     let torques = jacobian(position)?.transpose().lu().solve(force)?;
     torques.iter().all(|torque| torque.is_finite()).then_some(torques)
@@ -120,8 +121,8 @@ pub fn force(position: &Vector3<f64>, torques: &Vector3<f64>) -> Option<Vector3<
     jacobian(position).map(|jacobian| jacobian.transpose() * torques)
 }
 
-/// Motor values for torques, N·m, rounded towards zero. If one would be beyond [`MOTOR_LIMIT`], all three are made smaller together, so that the force
-/// keeps its direction.
+/// Motor values for torques, N·m, rounded towards zero. If one would be beyond [`MOTOR_LIMIT`], all three are made
+/// smaller together, so that the force keeps its direction.
 pub fn motors(torques: &Vector3<f64>) -> [i16; 3] {
     let units = -torques * MOTOR_UNITS_PER_NM;
     let largest = units.amax();
@@ -155,8 +156,8 @@ impl Solver {
         self.position
     }
 
-    /// Position of the grip, m, where the legs have the angles `theta1`, rad: Newton's method to 1e-9 rad. `None` if there is none in
-    /// front of the base; the last position then stays.
+    /// Position of the grip, m, where the legs have the angles `theta1`, rad: Newton's method to 1e-9 rad. `None` if
+    /// there is none in front of the base; the last position then stays.
     pub fn solve(&mut self, theta1: &Vector3<f64>) -> Option<Vector3<f64>> {
         // What is far from the last position may still be found from the centre.
         let found = search(self.position, theta1).or_else(|| search(CENTRE, theta1))?;

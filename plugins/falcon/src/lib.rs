@@ -1,4 +1,5 @@
-//! Driver of the Novint Falcon over USB: firmware, homing, positions, forces, and what keeps its user's fingers safe. `docs/falcon.md` is the guide.
+//! Driver of the Novint Falcon over USB: firmware, homing, positions, forces, and what keeps its user's fingers safe.
+//! `docs/falcon.md` is the guide.
 //!
 //! ```
 //! use ambf_device::{DeviceForce, DeviceLog, Driver, InputDevice, Setting, Settings};

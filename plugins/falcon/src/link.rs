@@ -92,7 +92,8 @@ impl Link {
     pub fn purge(&mut self) -> Result<(), TransportError> {
         self.request(ftdi::PURGE_RECEIVED)?;
         self.request(ftdi::PURGE_SENT)?;
-        // Requests that wait in the kernel may have been answered before. A packet without data is the first after them.
+        // Requests that wait in the kernel may have been answered before. A packet without data is the first after
+        // them.
         let mut packet = [0; PACKET];
         for _ in 0..8 {
             if self.port.bulk_in(&mut packet, Duration::from_millis(2))? <= STATUS {

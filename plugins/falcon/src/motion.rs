@@ -11,8 +11,8 @@ const STALE: Duration = Duration::from_millis(50);
 /// Forces grow from zero to what they should be in this time after homing and after silence.
 const RAMP: Duration = Duration::from_secs(1);
 
-/// Counts that an encoder may turn between two replies, and for each ms between them: about 1 m/s at the grip. Packets have no check sum, so
-/// what turns further must be confirmed by the next reply. What passes unseen is less than 2 mm.
+/// Counts that an encoder may turn between two replies, and for each ms between them: about 1 m/s at the grip. Packets
+/// have no check sum, so what turns further must be confirmed by the next reply. What passes unseen is less than 2 mm.
 const JUMP: f64 = 20.0;
 const JUMP_PER_MS: f64 = 30.0;
 

@@ -1,7 +1,8 @@
-//! What goes over the wire once the device's program runs: 16 bytes out, 16 bytes back, strictly one answer to one question.
+//! What goes over the wire once the device's program runs: 16 bytes out, 16 bytes back, strictly one answer to one
+//! question.
 //!
-//! A packet is `<`, 14 bytes of payload, `>`. Payload bytes are small numbers plus `A`, so neither bracket is ever among them: whatever was lost,
-//! the next `<` begins a packet.
+//! A packet is `<`, 14 bytes of payload, `>`. Payload bytes are small numbers plus `A`, so neither bracket is ever
+//! among them: whatever was lost, the next `<` begins a packet.
 
 /// Length of a packet in both directions.
 pub const LENGTH: usize = 16;
@@ -76,7 +77,8 @@ pub struct Reply {
 }
 
 impl Reply {
-    /// Buttons as the vendor's library numbers them, which device files are written for: 0 centre, 1 left, 2 front, 3 right.
+    /// Buttons as the vendor's library numbers them, which device files are written for: 0 centre, 1 left, 2 front, 3
+    /// right.
     pub fn buttons(&self) -> u32 {
         let bit = |mask: u8, place: u32| u32::from(self.grip & mask != 0) << place;
         bit(0x4, 0) | bit(0x8, 1) | bit(0x2, 2) | bit(0x1, 3)

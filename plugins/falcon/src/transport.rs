@@ -65,7 +65,8 @@ pub trait Port: Send {
     /// [`TransportError`]; after [`TransportError::TimedOut`] some of the bytes may have been sent.
     fn bulk_out(&mut self, bytes: &[u8], timeout: Duration) -> Result<(), TransportError>;
 
-    /// Receives a packet as the chip sends it, with its two status bytes, and says how long it is: 0 if none came in time.
+    /// Receives a packet as the chip sends it, with its two status bytes, and says how long it is: 0 if none came in
+    /// time.
     ///
     /// # Errors
     /// [`TransportError`].

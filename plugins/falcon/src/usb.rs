@@ -27,7 +27,8 @@ impl Usb {
     }
 }
 
-/// Bus and ports on the way to the device, as `3-1.4`: the name that Linux uses too. Falcons have no serial number of their own.
+/// Bus and ports on the way to the device, as `3-1.4`: the name that Linux uses too. Falcons have no serial number of
+/// their own.
 fn identity(device: &DeviceInfo) -> String {
     let ports: Vec<String> = device.port_chain().iter().map(u8::to_string).collect();
     let bus = device.bus_id().trim_start_matches('0');

@@ -57,8 +57,8 @@ impl Status {
     }
 }
 
-/// Exchanges packets with one device at full speed, and finds it again when it was away. Has no thread of its own: [`step`](Self::step) is called
-/// again and again.
+/// Exchanges packets with one device at full speed, and finds it again when it was away. Has no thread of its own:
+/// [`step`](Self::step) is called again and again.
 pub(crate) struct Worker {
     bus: Arc<dyn Bus>,
     identity: String,
@@ -106,7 +106,8 @@ impl Worker {
         }
     }
 
-    /// Opens the device for the first time. One that waits for its firmware gets it in the steps that follow, if there is any.
+    /// Opens the device for the first time. One that waits for its firmware gets it in the steps that follow, if there
+    /// is any.
     pub fn begin(&mut self) -> Result<(), Problem> {
         let mut link = Link::open(&self.bus, &self.identity, self.config.event_character)?;
         if link.is_running(&|| false)? {

@@ -1,4 +1,5 @@
-//! The driver as a host uses it, with its threads, against fakes on the computer's clock. Times are generous: the computer may be busy.
+//! The driver as a host uses it, with its threads, against fakes on the computer's clock. Times are generous: the
+//! computer may be busy.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

@@ -1,7 +1,7 @@
 //! Between the frame and units of HD and those of the simulator.
 //!
-//! HD: x to the right, y up, z towards the user; mm, N, mN·m. Simulator: x towards the user, y to the right, z up; m, N, N·m. So
-//! x = z of HD, y = x of HD, z = y of HD.
+//! HD: x to the right, y up, z towards the user; mm, N, mN·m. Simulator: x towards the user, y to the right, z up; m,
+//! N, N·m. So x = z of HD, y = x of HD, z = y of HD.
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
@@ -26,8 +26,8 @@ pub(crate) fn position(transform: &[f64; 16]) -> Vector3<f64> {
     vector([transform[12], transform[13], transform[14]]) * MILLI
 }
 
-/// Orientation of a transform of HD. Its columns are not quite orthogonal: the first is normalised, the second loses what it has of the first,
-/// the third is their cross product. `None` for columns that span no frame.
+/// Orientation of a transform of HD. Its columns are not quite orthogonal: the first is normalised, the second loses
+/// what it has of the first, the third is their cross product. `None` for columns that span no frame.
 pub(crate) fn rotation(transform: &[f64; 16]) -> Option<UnitQuaternion<f64>> {
     let column = |j: usize| vector([0, 1, 2].map(|i| transform[4 * ORDER[j] + i]));
     let first = column(0).try_normalize(1e-6)?;

@@ -61,7 +61,8 @@ impl Touch {
         self.newest.joints
     }
 
-    /// Angles of the three joints of the gimbal at the last [`read`](InputDevice::read), rad, as the library measures them.
+    /// Angles of the three joints of the gimbal at the last [`read`](InputDevice::read), rad, as the library measures
+    /// them.
     pub fn gimbal_angles(&self) -> [f64; 3] {
         self.newest.gimbal
     }

@@ -14,9 +14,9 @@ const RATES: std::ops::RangeInclusive<u64> = 100..=10_000;
 
 /// Driver `touch`.
 ///
-/// Settings: `device`, name of the device in the vendor's set-up tool (default: the first that is set up); `library`, file of the HD library, or
-/// its name without `/` for the loader's search path (default: `libHD.so` of the search path); `rate` of the library's scheduler, Hz (default:
-/// the library's, 1000).
+/// Settings: `device`, name of the device in the vendor's set-up tool (default: the first that is set up); `library`,
+/// file of the HD library, or its name without `/` for the loader's search path (default: `libHD.so` of the search
+/// path); `rate` of the library's scheduler, Hz (default: the library's, 1000).
 #[derive(Debug, Clone, Copy, Default)]
 pub struct TouchDriver;
 
@@ -29,8 +29,8 @@ impl TouchDriver {
     /// Opens a device, as [`Driver::open`], and keeps its type.
     ///
     /// # Errors
-    /// [`DeviceError::Setting`]; [`DeviceError::Unavailable`] if there is no library, no such device, or one of another model;
-    /// [`DeviceError::Lost`] if the library does not answer.
+    /// [`DeviceError::Setting`]; [`DeviceError::Unavailable`] if there is no library, no such device, or one of another
+    /// model; [`DeviceError::Lost`] if the library does not answer.
     pub fn open_touch(&self, info: &DeviceInfo, settings: &Settings, log: &DeviceLog) -> Result<Touch, DeviceError> {
         settings.unknown(&KEYS)?;
         let rate = rate(settings)?;
@@ -57,8 +57,8 @@ impl Driver for TouchDriver {
         models::serves(model)
     }
 
-    /// The library tells the model of a device only once the device was initialised, so every name that is set up may be of that model; the name
-    /// is the identity.
+    /// The library tells the model of a device only once the device was initialised, so every name that is set up may
+    /// be of that model; the name is the identity.
     fn find(&self, model: &str, settings: &Settings) -> Result<Vec<DeviceInfo>, DeviceError> {
         settings.unknown(&KEYS)?;
         rate(settings)?;
@@ -101,8 +101,8 @@ fn library(settings: &Settings) -> Option<PathBuf> {
     }
 }
 
-/// Names of devices that the vendor's set-up tool has stored, `config/NAME.config` in its folder; the default device comes first, and is there if no
-/// other is.
+/// Names of devices that the vendor's set-up tool has stored, `config/NAME.config` in its folder; the default device
+/// comes first, and is there if no other is.
 fn configured(home: Option<&Path>) -> Vec<String> {
     let entries = home.and_then(|home| home.join("config").read_dir().ok()).into_iter().flatten().flatten();
     let mut names: Vec<String> = entries

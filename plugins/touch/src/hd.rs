@@ -1,4 +1,5 @@
-//! The HD interface of OpenHaptics: its symbols, types and numbers as far as the driver needs them, and safe calls of them.
+//! The HD interface of OpenHaptics: its symbols, types and numbers as far as the driver needs them, and safe calls of
+//! them.
 
 use std::ffi::{c_char, c_void, CStr};
 use std::path::PathBuf;
@@ -179,7 +180,8 @@ macro_rules! calls {
         impl Hd {
             $($(#[$doc])*
             pub fn $name(&self $(, $arg: $type)*) $(-> $result)? {
-                // SAFETY: the function takes numbers by value and checks them itself; it belongs to a library that stays loaded.
+                // SAFETY: the function takes numbers by value and checks them itself; it belongs to a library that
+                // stays loaded.
                 unsafe { (self.$symbol)($($arg),*) }
             })*
         }
@@ -213,7 +215,8 @@ impl Hd {
 
     /// A whole number of the current device.
     pub fn integer(&self, name: u32) -> i32 {
-        // The values asked for are one number; room for more costs nothing should a version of the library think otherwise.
+        // The values asked for are one number; room for more costs nothing should a version of the library think
+        // otherwise.
         let mut values = [0; 16];
         // SAFETY: the function writes at most as many numbers as there is room for.
         unsafe { (self.hdGetIntegerv)(name, values.as_mut_ptr()) };
@@ -256,7 +259,8 @@ impl Hd {
         unsafe { (self.hdScheduleAsynchronous)(callback, user, priority) }
     }
 
-    /// Takes all errors from the stack and gives back the worst that concerns `device` or no device at all, the newest of those.
+    /// Takes all errors from the stack and gives back the worst that concerns `device` or no device at all, the newest
+    /// of those.
     pub fn worst_error(&self, device: Handle) -> Option<ErrorInfo> {
         let mut worst: Option<ErrorInfo> = None;
         // A stack that never ends must not stop the scheduler.
@@ -283,7 +287,8 @@ const NAMES: [&str; 3] = ["libHD.so", "libHD.so.3.0", "libHD.so.3.4"];
 /// [`DeviceError::Unavailable`] if there is none, or lacks a function.
 pub(crate) fn load(path: Option<&PathBuf>) -> Result<Hd, DeviceError> {
     let open = |name: &std::ffi::OsStr| {
-        // SAFETY: what a library does when it is loaded is its maker's business; the user asked for it by naming such a device.
+        // SAFETY: what a library does when it is loaded is its maker's business; the user asked for it by naming such a
+        // device.
         unsafe { Library::new(name) }
     };
     let (library, name) = match path {
@@ -377,7 +382,8 @@ mod tests {
         let user = std::ptr::from_ref(&counter).cast_mut().cast();
         // SAFETY: the counter outlives the callback, which has ended when it was counted to three.
         let handle = unsafe { hd.schedule(count, user, DEFAULT_PRIORITY) };
-        // SAFETY: the types are those of HD, pointers have room for what is asked for, and the scheduler's callback ends.
+        // SAFETY: the types are those of HD, pointers have room for what is asked for, and the scheduler's callback
+        // ends.
         unsafe {
             assert_eq!((rest.hdWaitForCompletion)(handle, 1), 0);
             assert_eq!(counter.load(Ordering::Relaxed), 3);

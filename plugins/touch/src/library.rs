@@ -18,7 +18,8 @@ pub(crate) const DEFAULT_DEVICE: &str = "Default Device";
 const PATIENCE: Duration = Duration::from_secs(2);
 const LAST_PATIENCE: Duration = Duration::from_millis(200);
 
-/// Libraries that were loaded, by what was asked for. They stay until the program ends: threads of theirs may run in them.
+/// Libraries that were loaded, by what was asked for. They stay until the program ends: threads of theirs may run in
+/// them.
 static LIBRARIES: Mutex<Vec<(Option<PathBuf>, Arc<HdLibrary>)>> = Mutex::new(Vec::new());
 
 /// A library that was loaded.

@@ -1,4 +1,5 @@
-//! What happens in the vendor's scheduler thread, a thousand times a second, for one device: samples out, forces in, no locks, no waiting.
+//! What happens in the vendor's scheduler thread, a thousand times a second, for one device: samples out, forces in, no
+//! locks, no waiting.
 
 use std::ffi::c_void;
 use std::panic::{catch_unwind, AssertUnwindSafe};
@@ -365,8 +366,8 @@ impl Servo {
 /// What the scheduler calls; `user` is a [`Servo`] from [`Box::into_raw`].
 pub(crate) extern "C" fn callback(user: *mut c_void) -> u32 {
     let finished = {
-        // SAFETY: `HdLibrary::open` schedules this with a servo that lives until `FINISHED` is seen, which is stored below, last. The scheduler has one
-        // thread, so nobody else has a reference to it.
+        // SAFETY: `HdLibrary::open` schedules this with a servo that lives until `FINISHED` is seen, which is stored
+        // below, last. The scheduler has one thread, so nobody else has a reference to it.
         let servo = unsafe { &mut *user.cast::<Servo>() };
         match catch_unwind(AssertUnwindSafe(|| servo.tick())) {
             Ok(hd::CONTINUE) => None,

@@ -1,4 +1,5 @@
-//! Neither the scheduler's callback nor the host's side of it allocates. The only test of its program, because it counts for all threads.
+//! Neither the scheduler's callback nor the host's side of it allocates. The only test of its program, because it
+//! counts for all threads.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::collections::BTreeMap;

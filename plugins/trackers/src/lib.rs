@@ -1,10 +1,10 @@
 //! Input devices that sense a hand and give no force: Razer Hydra, SpaceMouse, joysticks and gamepads.
 //!
-//! They are what somebody without a haptic device can hold. Both drivers read Linux device files without waiting, so that the host's thread reads
-//! them itself; writing a force does nothing.
+//! They are what somebody without a haptic device can hold. Both drivers read Linux device files without waiting, so
+//! that the host's thread reads them itself; writing a force does nothing.
 //!
-//! Begin with [`JoystickDriver`] or [`HydraDriver`]: `find` lists device files, `open` gives the device that the host reads.
-//! `docs/trackers.md` is the guide.
+//! Begin with [`JoystickDriver`] or [`HydraDriver`]: `find` lists device files, `open` gives the device that the host
+//! reads. `docs/trackers.md` is the guide.
 
 mod hydra;
 mod joystick;

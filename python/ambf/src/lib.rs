@@ -1,13 +1,16 @@
-//! The extension module `ambf._ambf`: the simulator without ROS for Python. What users see is the package `ambf` around it.
+//! The extension module `ambf._ambf`: the simulator without ROS for Python. What users see is the package `ambf` around
+//! it.
 //!
-//! A `World` owns a [`Stepper`](ambf_core::sim::Stepper). States are written into, and commands read from, NumPy arrays that
-//! live as long as anyone holds them; both happens only while Python's global lock is held, so that a thread which reads an array while
-//! another one steps the physics sees the states of one step.
+//! A `World` owns a [`Stepper`](ambf_core::sim::Stepper). States are written into, and commands read from, NumPy arrays
+//! that live as long as anyone holds them; both happens only while Python's global lock is held, so that a thread which
+//! reads an array while another one steps the physics sees the states of one step.
 //!
-//! Begin with `world.rs`: `World::step` takes the physics out of its slot, puts the commands of the arrays in force, steps without
-//! Python's lock, and writes the states into the arrays. `drawing.rs` draws, `view.rs` opens windows, `pool.rs` steps many worlds at once.
+//! Begin with `world.rs`: `World::step` takes the physics out of its slot, puts the commands of the arrays in force,
+//! steps without Python's lock, and writes the states into the arrays. `drawing.rs` draws, `view.rs` opens windows,
+//! `pool.rs` steps many worlds at once.
 //!
-//! Not in: names, shapes and checks of arguments that users see, which are in `python/ambf/simulation.py`; ROS, which is `ambf_client`'s.
+//! Not in: names, shapes and checks of arguments that users see, which are in `python/ambf/simulation.py`; ROS, which
+//! is `ambf_client`'s.
 
 mod arrays;
 mod commands;

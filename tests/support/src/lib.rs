@@ -1,5 +1,5 @@
-//! What tests of several packages need: where the scenes, meshes, traces and pictures of the C++ program are, which are not part of the
-//! repository.
+//! What tests of several packages need: where the scenes, meshes, traces and pictures of the C++ program are, which are
+//! not part of the repository.
 
 #[cfg(feature = "ros")]
 pub mod ros;
@@ -16,7 +16,8 @@ pub fn shared() -> Option<PathBuf> {
     folder
 }
 
-/// Folder of the legacy scenes and meshes, unpacked; `None`, with a line that says SKIPPED, when this checkout has none.
+/// Folder of the legacy scenes and meshes, unpacked; `None`, with a line that says SKIPPED, when this checkout has
+/// none.
 ///
 /// # Panics
 /// When they cannot be unpacked.

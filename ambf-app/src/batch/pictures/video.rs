@@ -46,7 +46,8 @@ impl Video {
         let mut child = Command::new("ffmpeg")
             .args(["-hide_banner", "-nostdin", "-loglevel", "error", "-y", "-f", "rawvideo", "-pixel_format", "rgb24"])
             .args(["-video_size", &format!("{width}x{height}"), "-framerate", &format!("{rate:.6}"), "-i", "pipe:0"])
-            // Players want 4:2:0, for which both sizes have to be even. Nothing about the time or the encoder is written.
+            // Players want 4:2:0, for which both sizes have to be even. Nothing about the time or the encoder is
+            // written.
             .args(["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p"])
             .args(["-fflags", "+bitexact", "-flags:v", "+bitexact", "-map_metadata", "-1"])
             .arg(&target)

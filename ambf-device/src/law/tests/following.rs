@@ -155,8 +155,8 @@ fn nothing_moves_during_the_start_up_hold() {
     }
 }
 
-/// Does `away` to the input for a while, in which the hand moves and turns, and says how far the reference was from rest at most, before
-/// and in the second after it.
+/// Does `away` to the input for a while, in which the hand moves and turns, and says how far the reference was from
+/// rest at most, before and in the second after it.
 fn jump(rule: RotationRule, away: impl Fn(&mut HapticInput)) -> (f64, f64) {
     let mut hand = Hand::new("  workspace scaling: 4", "MTMR", Isometry3::translation(0.1, 0.2, 0.3));
     hand.input.switches.rotation = rule;

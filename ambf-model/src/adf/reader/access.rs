@@ -128,8 +128,8 @@ impl<'m> Map<'m> {
         })
     }
 
-    /// Finite numbers by name, of a mapping that holds nothing else; of a list, or a list of lists, without names. `None`, unreported, for
-    /// anything else and for more than [`MAX_NUMBERS`].
+    /// Finite numbers by name, of a mapping that holds nothing else; of a list, or a list of lists, without names.
+    /// `None`, unreported, for anything else and for more than [`MAX_NUMBERS`].
     pub(in crate::adf) fn numbers(&self, key: &str) -> Option<Vec<(&'m str, f64)>> {
         let number = |id: NodeId| match &self.r.doc.node(id).kind {
             Kind::Scalar(text) => scalar::real(text).filter(|number| number.is_finite()),

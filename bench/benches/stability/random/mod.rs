@@ -1,8 +1,8 @@
 //! Search for failures: `scripts/bench stability --random N --seed S`.
 //!
 //! Scenes are drawn ([`generate`]), written as ADF ([`adf`]), run in several ways ([`run`]) and judged by
-//! invariants ([`ambf_bench::invariants`]). A scene in which `accurate` fails is shrunk ([`shrink`]) to a small file that
-//! fails in the same way.
+//! invariants ([`ambf_bench::invariants`]). A scene in which `accurate` fails is shrunk ([`shrink`]) to a small file
+//! that fails in the same way.
 
 mod adf;
 mod dice;

@@ -16,7 +16,8 @@ use nalgebra::{UnitQuaternion, Vector3};
 /// Grippers of hands on the curve, where no script moves them: the first time that they are closed switches forces on.
 const GRIPPERS: &str = "0 gripper 1\n1 gripper 0\n2 gripper 0\n3 gripper 1\n4 loop";
 
-/// Arms of a da Vinci Research Kit that are not there: publishes what their node would, and records the forces that they are told to show.
+/// Arms of a da Vinci Research Kit that are not there: publishes what their node would, and records the forces that
+/// they are told to show.
 #[derive(Debug, Parser)]
 #[command(version)]
 #[command(
@@ -28,7 +29,8 @@ struct Arguments {
     /// Names of the arms.
     #[arg(default_values = ["MTMR", "MTML"])]
     arms: Vec<String>,
-    /// Which release of the robot's software it speaks like: legacy (dVRK up to 1.7), ambf (AMBF 2.0), crtk-2.0 (dVRK 2.0, 2.1), crtk (2.2 and later).
+    /// Which release of the robot's software it speaks like: legacy (dVRK up to 1.7), ambf (AMBF 2.0), crtk-2.0 (dVRK
+    /// 2.0, 2.1), crtk (2.2 and later).
     #[arg(long, default_value = "crtk", value_parser = parse_dialect)]
     dialect: Dialect,
     /// Namespace of arms and pedals.

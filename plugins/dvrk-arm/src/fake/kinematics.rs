@@ -10,7 +10,8 @@ pub(super) const JOINTS: usize = 7;
 type Q = SVector<f64, JOINTS>;
 type Jacobian = SMatrix<f64, 6, JOINTS>;
 
-/// Standard Denavit-Hartenberg parameters: rotate about z by q + offset, translate along z by d and along x by a, rotate about x by α.
+/// Standard Denavit-Hartenberg parameters: rotate about z by q + offset, translate along z by d and along x by a,
+/// rotate about x by α.
 struct Link {
     alpha: f64,
     a: f64,

@@ -1,5 +1,6 @@
-//! A node that behaves like the robot's, without a robot: all dialects, arms that move by themselves or by a [`Script`], pedals, the operating
-//! states, and a record of every wrench. For tests, and for those who want to try the simulator; the program `fake_dvrk` runs it.
+//! A node that behaves like the robot's, without a robot: all dialects, arms that move by themselves or by a
+//! [`Script`], pedals, the operating states, and a record of every wrench. For tests, and for those who want to try the
+//! simulator; the program `fake_dvrk` runs it.
 
 mod kinematics;
 mod machine;
@@ -173,7 +174,8 @@ impl World {
     }
 }
 
-/// A fake node. Its methods take the name of one of its arms, and do nothing for names that are none. Dropping it is as if its process was ended.
+/// A fake node. Its methods take the name of one of its arms, and do nothing for names that are none. Dropping it is as
+/// if its process was ended.
 pub struct Fake {
     world: Arc<World>,
     thread: Option<JoinHandle<()>>,

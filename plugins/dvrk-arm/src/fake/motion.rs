@@ -2,7 +2,8 @@
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-/// The curve of the paper, its equation 9: `P = P_off + S · (a sin(tc·t), b cos(tc·t), c sin(tc·t))`, in the device frame.
+/// The curve of the paper, its equation 9: `P = P_off + S · (a sin(tc·t), b cos(tc·t), c sin(tc·t))`, in the device
+/// frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Curve {
     /// `P_off`, m. Default: 0.
@@ -48,7 +49,8 @@ impl Motion {
     }
 }
 
-/// A hand that gives way: a mass on a spring and a damper to where it wants to be, pushed by the force that the arm is told to show.
+/// A hand that gives way: a mass on a spring and a damper to where it wants to be, pushed by the force that the arm is
+/// told to show.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Hand {
     /// kg. Default: 0.3.

@@ -1,7 +1,7 @@
 //! Scripts: what fake arms, pedals and their node do, and when.
 //!
-//! A line is a time in s, then what happens; `#` begins a comment. With the name of an arm after the time it concerns that arm only, otherwise
-//! all of them.
+//! A line is a time in s, then what happens; `#` begins a comment. With the name of an arm after the time it concerns
+//! that arm only, otherwise all of them.
 //!
 //! ```text
 //! 0.0  pose 0 0 0  0 0 0        # device frame: x y z in m, roll pitch yaw in rad; between two such lines the hand moves evenly

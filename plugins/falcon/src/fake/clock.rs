@@ -2,7 +2,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Time of fake devices: the computer's, or one that only passes while somebody waits, so that nothing depends on how busy the computer is.
+/// Time of fake devices: the computer's, or one that only passes while somebody waits, so that nothing depends on how
+/// busy the computer is.
 #[derive(Debug, Clone)]
 pub struct Clock {
     begin: Instant,

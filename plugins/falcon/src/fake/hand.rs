@@ -73,8 +73,8 @@ impl Hand {
         Self { softness: Some(softness), ..Self::firm(script) }
     }
 
-    /// A hand that pulls the grip out and pushes it in, which homes the device within 2 s, then moves it in a circle of 2 cm every 4 s and presses the
-    /// centre button for a moment on each round.
+    /// A hand that pulls the grip out and pushes it in, which homes the device within 2 s, then moves it in a circle of
+    /// 2 cm every 4 s and presses the centre button for a moment on each round.
     pub fn circling() -> Self {
         let script = |time: f64| {
             let out = if time < 2.0 { 0.03 * (TAU * time).sin() } else { 0.0 };

@@ -1,8 +1,8 @@
-//! A Falcon in software, down to the USB packets: what the driver is tested with, and what a newcomer holds who has none
-//! (`driver settings: {transport: fake}`).
+//! A Falcon in software, down to the USB packets: what the driver is tested with, and what a newcomer holds who has
+//! none (`driver settings: {transport: fake}`).
 //!
-//! Behind the [`Port`] are the serial chip with its latency timer, the loader that wants the firmware, the motion program with its encoders, marks and
-//! motors, and a [`Hand`] that the motors push. Faults can be put between them.
+//! Behind the [`Port`] are the serial chip with its latency timer, the loader that wants the firmware, the motion
+//! program with its encoders, marks and motors, and a [`Hand`] that the motors push. Faults can be put between them.
 
 mod board;
 mod chip;

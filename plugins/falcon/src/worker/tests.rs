@@ -470,8 +470,9 @@ fn without_firmware_the_user_is_told_what_to_do() {
     assert!(!bench.fake.is_open());
 }
 
-/// A soft hand pushes 1 cm behind a wall at x = 0 of `stiffness`, rendered through the driver with `delay` more steps of the host. The largest energy of
-/// hand and wall after it let go, as a share of the first, and the depth at the end, m.
+/// A soft hand pushes 1 cm behind a wall at x = 0 of `stiffness`, rendered through the driver with `delay` more steps
+/// of the host. The largest energy of hand and wall after it let go, as a share of the first, and the depth at the end,
+/// m.
 fn push_wall(stiffness: f64, delay: usize) -> (f64, f64) {
     let softness = Softness { mass: 0.1, stiffness: 100.0, damping: 3.0 };
     let target = Vector3::new(-0.01, 0.0, 0.0);

@@ -1,11 +1,12 @@
-//! A `libHD.so` without hardware behind it, which stands in for the vendor's HD library of the Touch and Phantom devices: the same symbols, a real scheduler
-//! thread, the same rules for frames, scripted hands, faults, and a record of all forces. For tests, measurements, and a first look:
+//! A `libHD.so` without hardware behind it, which stands in for the vendor's HD library of the Touch and Phantom
+//! devices: the same symbols, a real scheduler thread, the same rules for frames, scripted hands, faults, and a record
+//! of all forces. For tests, measurements, and a first look:
 //!
 //! ```text
 //! cargo run -p fake-hd                              # prints the path of the library
 //! ```
-//! then, in a device file, `driver settings: {library: PATH}`. The variable `AMBF_FAKE_HD` holds commands that set up its devices;
-//! `c/control.c` lists them. Without it there is one `Touch` whose tip goes around a circle.
+//! then, in a device file, `driver settings: {library: PATH}`. The variable `AMBF_FAKE_HD` holds commands that set up
+//! its devices; `c/control.c` lists them. Without it there is one `Touch` whose tip goes around a circle.
 
 use std::ffi::{c_char, CStr, CString};
 use std::fs;
@@ -19,8 +20,8 @@ use libloading::Library;
 pub const LIBRARY: &str = concat!(env!("OUT_DIR"), "/libHD.so");
 /// The same without `hdGetError`.
 pub const OLD_LIBRARY: &str = concat!(env!("OUT_DIR"), "/libHD_old.so");
-/// A program that calls every function of the library given to it through C, and ends with status 0 if all is right; with the name of a device too, it
-/// prints model and position of that device instead.
+/// A program that calls every function of the library given to it through C, and ends with status 0 if all is right;
+/// with the name of a device too, it prints model and position of that device instead.
 pub const ABI_CHECK: &str = concat!(env!("OUT_DIR"), "/abi_check");
 
 type Control = unsafe extern "C" fn(*const c_char, *mut c_char, u64) -> i32;
@@ -87,7 +88,8 @@ impl Fake {
     pub fn try_tell(&self, command: &str) -> Option<String> {
         let command = CString::new(command).expect("commands are text");
         let mut reply = vec![0_u8; 8192];
-        // SAFETY: the command ends with a zero, the reply has the size that is said, and the library writes an end to it.
+        // SAFETY: the command ends with a zero, the reply has the size that is said, and the library writes an end to
+        // it.
         let code = unsafe { (self.control)(command.as_ptr(), reply.as_mut_ptr().cast(), reply.len() as u64) };
         let text = CStr::from_bytes_until_nul(&reply).ok()?;
         (code == 0).then(|| text.to_string_lossy().into_owned())

@@ -7,7 +7,8 @@ use nalgebra::{UnitQuaternion, Vector3};
 /// Reports come every 4 ms.
 const PERIOD: f64 = 0.004;
 
-/// Second order on position, critically damped (bilinear transform), first order on rotation. The first value passes as it is.
+/// Second order on position, critically damped (bilinear transform), first order on rotation. The first value passes as
+/// it is.
 #[derive(Debug, Clone)]
 pub(super) struct LowPass {
     /// Factors of the input, now and one and two reports ago: 1, 2, 1 times this.

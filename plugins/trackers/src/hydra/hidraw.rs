@@ -45,7 +45,8 @@ impl Hid for HidRaw {
     }
 }
 
-/// Device files of Hydras, with the USB port of each, ordered by port. `sys` is where the kernel lists devices, `/sys`; nothing is opened.
+/// Device files of Hydras, with the USB port of each, ordered by port. `sys` is where the kernel lists devices, `/sys`;
+/// nothing is opened.
 pub(super) fn list(sys: &Path) -> Vec<(String, PathBuf)> {
     let entries = sys.join("class/hidraw").read_dir().into_iter().flatten().flatten();
     let mut found: Vec<(String, PathBuf)> = entries

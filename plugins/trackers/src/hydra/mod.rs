@@ -20,7 +20,8 @@ const DEFAULT_CORNER: f64 = 3.0;
 /// Half the rate of the reports, Hz, above which a filter has no meaning.
 const HIGHEST_CORNER: f64 = 125.0;
 
-/// Driver `hydra`. Both controllers of a base are devices of their own; their identity is the USB port of the base and the number of the controller.
+/// Driver `hydra`. Both controllers of a base are devices of their own; their identity is the USB port of the base and
+/// the number of the controller.
 ///
 /// Settings: `corner frequency` of the low-pass filters, Hz (default: 3; the higher, the faster and the less smooth).
 #[derive(Debug, Clone)]

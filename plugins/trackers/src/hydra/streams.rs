@@ -40,7 +40,8 @@ impl Stream {
         if std::mem::replace(&mut self.left, true) {
             return;
         }
-        // The lock is kept while the stream is stopped: a controller that is opened meanwhile starts it again, after that.
+        // The lock is kept while the stream is stopped: a controller that is opened meanwhile starts it again, after
+        // that.
         let mut bases = self.streams.lock();
         let Some(used) = bases.get_mut(&self.base) else { return };
         used[self.controller] = false;

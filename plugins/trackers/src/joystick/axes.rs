@@ -131,9 +131,9 @@ impl Map {
         sources?.try_into().ok().map(Self)
     }
 
-    /// What suits a device. SpaceMouse: its axes are to the right, towards the user, and down. Others: the first stick moves in the plane; a second
-    /// stick, or hat and twist, moves up and down and turns about the vertical. Where the second stick has no axes of its own, gamepads use those
-    /// which are throttle and twist of a joystick.
+    /// What suits a device. SpaceMouse: its axes are to the right, towards the user, and down. Others: the first stick
+    /// moves in the plane; a second stick, or hat and twist, moves up and down and turns about the vertical. Where the
+    /// second stick has no axes of its own, gamepads use those which are throttle and twist of a joystick.
     pub fn suiting(axes: &Axes, kind: Kind) -> Self {
         let text = match kind {
             Kind::SpaceMouse => "y x -z ry rx -rz",

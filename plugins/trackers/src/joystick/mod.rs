@@ -16,9 +16,10 @@ use options::Options;
 
 /// Driver `joystick`, for the models `Joystick` and `SpaceMouse`. The identity of a device is where it is plugged in.
 ///
-/// Settings: `mode`, `rate` (axes are velocities, the pose is what they add up to; the default) or `position` (axes are the pose); `speed` at full
-/// deflection, m/s or m (0.1); `turn`, rad/s or rad (1); `dead zone`, part of the whole (0.1); `axes`, which axis moves x, y, z and turns about them,
-/// as in `y x -ry 0 0 -rx` (default: what suits the device); `gripper`, axis that closes the gripper (default: none).
+/// Settings: `mode`, `rate` (axes are velocities, the pose is what they add up to; the default) or `position` (axes are
+/// the pose); `speed` at full deflection, m/s or m (0.1); `turn`, rad/s or rad (1); `dead zone`, part of the whole
+/// (0.1); `axes`, which axis moves x, y, z and turns about them, as in `y x -ry 0 0 -rx` (default: what suits the
+/// device); `gripper`, axis that closes the gripper (default: none).
 #[derive(Debug, Clone)]
 pub struct JoystickDriver {
     sys: PathBuf,

@@ -1,8 +1,9 @@
 //! A plugin for windows: it shows the time and the last key, and marks a body.
 //!
-//! With `ambf_simulator --plugins libambf_marker.so` each window has a line with the simulated time, the number of the frame and the last key. The
-//! key `b` shows a green ball above the body that is highest, with the body's name, or hides it; the key `k` a blue sky behind the scene and the
-//! colours of the axes in the upper right corner. Keys and buttons are written to the log.
+//! With `ambf_simulator --plugins libambf_marker.so` each window has a line with the simulated time, the number of the
+//! frame and the last key. The key `b` shows a green ball above the body that is highest, with the body's name, or
+//! hides it; the key `k` a blue sky behind the scene and the colours of the axes in the upper right corner. Keys and
+//! buttons are written to the log.
 
 use std::sync::Arc;
 

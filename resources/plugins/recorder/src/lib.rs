@@ -101,7 +101,8 @@ impl Output {
 
 impl ObjectPlugin for Recorder {}
 
-/// Draws bodies towards a centre: with the full force there, with none at the radius, in proportion between. Negative forces push.
+/// Draws bodies towards a centre: with the full force there, with none at the radius, in proportion between. Negative
+/// forces push.
 #[derive(Default)]
 struct ForceField {
     name: String,
