@@ -1,6 +1,6 @@
 //! What the benchmarks share, and what tests need of it.
 //!
-//! * [`case`], [`jointed`], [`system`]: mechanical systems with known motions; [`reference`]: their solutions in high
+//! * [`case`], [`jointed`], [`system`]: mechanical systems with known motions; [`mod@reference`]: their solutions in high
 //!   precision, by code that shares nothing with the simulator; [`own`]: the same systems in the simulator.
 //! * [`script`], [`follow`], [`invariants`], [`work`]: scenes that are driven by scripts and judged by invariants.
 //! * [`report`], [`plot`], [`statistics`]: tables, figures and numbers of the pages in `docs/benchmarks`.
