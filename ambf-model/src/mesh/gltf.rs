@@ -34,9 +34,15 @@ const MAGIC: &[u8] = b"glTF";
 const HEADER_BYTES: usize = 12;
 const CHUNK_HEADER_BYTES: usize = 8;
 
-/// Most objects and most values of the JSON: one takes a few bytes of the file and hundreds of bytes of memory.
-const MAX_OBJECTS: usize = 1_000_000;
+/// Most objects and lists of the JSON, and most values: one takes a few bytes of the file and hundreds of bytes of memory. Lists count as
+/// objects do, because the library takes a list for an object, the fields in order: `[]` is a material.
+const MAX_OBJECTS: usize = 2_000_000;
 const MAX_VALUES: usize = 8_000_000;
+
+/// Objects and lists that any file may have, and least bytes for each further one: a short node, `{"mesh":0,"children":[1]}`, has two in
+/// 25 bytes.
+const FEW_OBJECTS: usize = 10_000;
+const BYTES_OF_OBJECT: usize = 8;
 
 /// Longest name of the file of a buffer, in bytes.
 const MAX_FILE_NAME: usize = 1024;
@@ -138,8 +144,9 @@ fn read_json(path: &Path, bytes: &[u8], json: Range<usize>) -> Result<Root, Mesh
     let start = json.start;
     let text = bytes.get(json).unwrap_or_default();
     let count = |wanted: u8| text.iter().filter(|byte| **byte == wanted).count();
-    if count(b'{') > MAX_OBJECTS || count(b',') > MAX_VALUES {
-        let message = format!("more than {MAX_OBJECTS} JSON objects or {MAX_VALUES} values");
+    let most = MAX_OBJECTS.min(FEW_OBJECTS + text.len() / BYTES_OF_OBJECT);
+    if count(b'{').saturating_add(count(b'[')) > most || count(b',') > MAX_VALUES {
+        let message = format!("more than {most} JSON objects and lists, or {MAX_VALUES} values");
         return Err(MeshError::malformed(path, Position::Whole, message));
     }
     gltf_json::deserialize::from_slice(text).map_err(|error| {
@@ -1268,8 +1275,23 @@ mod tests {
 
     #[test]
     fn many_objects_are_refused_before_they_are_made() {
-        let many = format!(r#"{{"asset":{{"version":"2.0"}},"nodes":[{}{{}}]}}"#, "{},".repeat(MAX_OBJECTS));
-        assert!(parse(many).unwrap_err().to_string().contains("JSON objects"));
+        // The library takes a list for an object, too.
+        for (list, item) in [("nodes", "{}"), ("materials", "{}"), ("materials", "[]"), ("samplers", "[]")] {
+            let many = |count: usize| {
+                let items = vec![item; count].join(",");
+                parse(format!(r#"{{"asset":{{"version":"2.0"}},"{list}":[{items}]}}"#)).unwrap_err()
+            };
+            assert!(matches!(many(FEW_OBJECTS / 2), MeshError::Empty { .. }), "{list}");
+            assert!(many(2 * FEW_OBJECTS).to_string().contains("JSON objects and lists"), "{list}");
+        }
+        // Long files may have more, but not any number.
+        let node = r#"{"name":"a node of some length"}"#;
+        let nodes = |count: usize| {
+            let nodes = vec![node; count].join(",");
+            parse(format!(r#"{{"asset":{{"version":"2.0"}},"nodes":[{nodes}]}}"#)).unwrap_err()
+        };
+        assert!(matches!(nodes(20 * FEW_OBJECTS), MeshError::Empty { .. }));
+        assert!(nodes(MAX_OBJECTS).to_string().contains("more than 2000000 JSON objects"));
         let deep = format!(r#"{{"asset":{{"version":"2.0"}},"extras":{}"#, "[".repeat(1_000_000));
         assert!(parse(deep).is_err());
     }
