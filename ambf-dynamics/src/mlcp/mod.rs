@@ -11,13 +11,16 @@
 //! with the bounds of Coulomb friction in proportion to the normal impulse, one direction at a time. Units are SI.
 //!
 //! # Methods
-//! 1. The free rows are factored in the cheaper of two ways, both ordered by Cuthill and McKee's numbering of the bodies
+//! 1. The free rows are factored in the cheaper of two ways, both ordered by Cuthill and McKee's numbering of the
+//!    bodies
 //!    and stored by envelope. By rows: Cholesky factor of the matrix; after a change of the active set it is computed
 //!    again from the first changed row on. In velocity space, for many rows on few velocity components: Woodbury's
-//!    formula in coordinates in which the mass matrix of each body is the identity; rows whose state changes are added or
+//!    formula in coordinates in which the mass matrix of each body is the identity; rows whose state changes are added
+//!    or
 //!    removed, and the result is refined. Rows with hardly any CFM are factored by rows.
 //! 2. Block principal pivoting (Júdice and Pires 1994), where the bounds of friction follow the normal impulses.
-//! 3. If that cycles, staggered projections (Kaufman et al. 2008): alternately the problem within fixed bounds, by block
+//! 3. If that cycles, staggered projections (Kaufman et al. 2008): alternately the problem within fixed bounds, by
+//!    block
 //!    pivoting or, at worst, a primal active-set method, and those bounds. Newton's method for sliding friction (Alart
 //!    and Curnier 1991) follows each alternation.
 //! 4. If that fails, projected Gauss–Seidel with subspace minimisation (Silcowitz, Niebe and Erleben 2010).
@@ -29,8 +32,8 @@
 //!
 //! The work is bounded by a [`Budget`]; problems whose factorisation does not fit are solved by sweeps of projected
 //! Gauss–Seidel. The impulses are always within their bounds and add no energy beyond that of biases and drives, and
-//! [`Outcome`] states their accuracy. The result depends on the rows and the budget only. No memory is allocated while a
-//! problem is not larger than those before it.
+//! [`Outcome`] states their accuracy. The result depends on the rows and the budget only. No memory is allocated while
+//! a problem is not larger than those before it.
 //!
 //! # Limitations
 //! With friction, solutions need neither exist nor be unique (Painlevé). The pyramid of friction has the directions of
