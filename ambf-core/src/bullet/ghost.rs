@@ -108,7 +108,7 @@ mod tests {
         };
         let (pose, sensed, _) = flight(true);
         assert_eq!(pose, flight(false).0, "it touched nothing");
-        // Of radius 0.1 at x = -1 + t: inside the box from t = 0.4 to 1.6.
+        // A ball of radius 0.1 at x = -1 + t: inside the box from t = 0.4 to 1.6.
         let first = sensed.iter().position(|&sensed| sensed).unwrap();
         let last = sensed.iter().rposition(|&sensed| sensed).unwrap();
         // Old contact points stay until Bullet parts the pair, some time after the bounding boxes have parted.

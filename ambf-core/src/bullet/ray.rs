@@ -27,7 +27,7 @@ pub enum RayTarget {
 /// The closest hit of a ray.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RayHit {
-    /// What was hit.
+    /// The object that was hit.
     pub target: RayTarget,
     /// Share of the way from start to end, 0 to 1.
     pub fraction: f64,

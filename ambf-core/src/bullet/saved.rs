@@ -134,7 +134,7 @@ impl World {
     /// Whether a state can be restored.
     ///
     /// # Errors
-    /// Those of [`restore`](Self::restore).
+    /// The errors of [`restore`](Self::restore).
     pub fn check_saved(&self, saved: &SavedWorld) -> Result<(), StateError> {
         let arena = self.arena.as_ref().ok_or(StateError::NotSavable)?;
         match () {

@@ -175,7 +175,7 @@ mod tests {
         world.set_motor(joint, true, 0.0, 10.0);
         run(&mut world, 3.0);
         assert_eq!(world.is_asleep(b), Some(true));
-        // What holds it is moved without touching it.
+        // The other body of its joint is moved without a contact.
         world.set_pose(a, &Isometry3::translation(0.0, 0.0, 0.5));
         run(&mut world, 2.0);
         assert!((height(&world, b) - 0.5).abs() < 0.05, "{}", height(&world, b));
@@ -250,7 +250,7 @@ mod tests {
             world.set_velocity(body, &Vector3::x(), &Vector3::new(1.0, 2.0, 3.0));
             let mut seen = Vec::new();
             for i in 0..400 {
-                // Of all lengths: none, one and several sub-steps.
+                // Steps of no, one and several sub-steps.
                 world.step(0.0001 * (i % 37) as f64, 10, 0.001);
                 if i == 200 {
                     world.set_pose(body, &Isometry3::translation(1.0, 0.0, 0.0));

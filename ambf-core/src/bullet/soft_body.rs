@@ -114,9 +114,9 @@ pub struct SoftConfig {
     pub diterations: i32,
     /// Iterations of the cluster solver, up to 1000.
     pub citerations: i32,
-    /// What collides how: 1 nodes against bodies, 2 clusters against bodies, 16 nodes against faces of soft bodies, 32
-    /// clusters against clusters of soft bodies. Other bits are left out: Bullet 3 has no collision of a soft body's
-    /// clusters with each other.
+    /// Collision types, a bit mask: 1 nodes against bodies, 2 clusters against bodies, 16 nodes against faces of soft
+    /// bodies, 32 clusters against clusters of soft bodies. Other bits are left out: Bullet 3 has no collision of a
+    /// soft body's clusters with each other.
     pub flags: i32,
 }
 
@@ -165,7 +165,7 @@ pub enum SoftBodyError {
     /// Error when there is more of something than can be simulated in bounded time.
     #[error("{what}: {count}, where at most {limit} are possible; take a coarser mesh")]
     TooMany {
-        /// What there is too much of.
+        /// The quantity that is too large.
         what: &'static str,
         /// How much there is, or a part of it that already is too much.
         count: usize,
@@ -175,7 +175,7 @@ pub enum SoftBodyError {
     /// Error when an index is not that of a node.
     #[error("{what} refer to vertex {index}, but there are {nodes}")]
     Index {
-        /// What refers to it.
+        /// The element that has the index.
         what: &'static str,
         /// The index.
         index: u32,
@@ -190,9 +190,9 @@ pub enum SoftBodyError {
     OutOfRange {
         /// Name of the parameter.
         what: &'static str,
-        /// What it is.
+        /// Its value.
         value: f64,
-        /// What is possible.
+        /// Its range.
         expected: &'static str,
     },
     /// Error when a pressure is given to a mesh that encloses no volume.
@@ -261,7 +261,7 @@ impl SoftBody {
         };
         near("vertices", self.nodes.as_flattened())?;
         near("location", self.pose.translation.vector.as_slice())?;
-        // Of a mass too small or too large the inverse mass of a node would not be a number.
+        // If the mass is too small or too large the inverse mass of a node is not finite or 0.
         range("mass", self.mass, (1e-9..=1e12).contains(&self.mass), "1e-9 to 1e12 kg")?;
         let good = self.margin.is_finite() && self.margin >= 0.0;
         range("collision margin", self.margin, good, "0 m or more")?;

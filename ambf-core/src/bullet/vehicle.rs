@@ -20,11 +20,11 @@ pub struct Wheel {
     pub radius: f64,
     /// Steered in front; Bullet only keeps it.
     pub is_front: bool,
-    /// Of the suspension, per mass of the chassis, 1/s².
+    /// Stiffness of the suspension, per mass of the chassis, 1/s².
     pub stiffness: f64,
-    /// Of the suspension while it grows longer, per mass of the chassis, 1/s.
+    /// Damping of the suspension while it extends, per mass of the chassis, 1/s.
     pub damping_relaxation: f64,
-    /// Of the suspension while it grows shorter, per mass of the chassis, 1/s.
+    /// Damping of the suspension while it is compressed, per mass of the chassis, 1/s.
     pub damping_compression: f64,
     /// The tyre slides when its force is larger than this times the force of the suspension.
     pub friction_slip: f64,

@@ -8,7 +8,7 @@ use std::collections::BTreeSet;
 
 use nalgebra::{Matrix6, Vector6};
 
-/// What is eliminated at once, and what that changes.
+/// One elimination step, and the blocks that it changes.
 struct Pivot {
     node: usize,
     /// Nodes that are eliminated later and coupled to this one, with the number of the block that couples them.

@@ -28,7 +28,7 @@ const PATIENCE: usize = 20;
 const MAX_REFINEMENTS: usize = 8;
 
 /// A refinement that lowers the squared displacement by less than this share is the last.
-const LEAST_REFINEMENT: f64 = 1e-6;
+const MIN_REFINEMENT: f64 = 1e-6;
 
 /// Greatest rotation of a body in a step, rad: linearisation holds for less than that.
 const MAX_TURN: f64 = 0.5;
@@ -366,7 +366,7 @@ impl<'a> Island<'a> {
             best.clone_from(&self.poses);
             let progress = (cost - trial) / cost;
             cost = trial;
-            if progress < LEAST_REFINEMENT {
+            if progress < MIN_REFINEMENT {
                 break;
             }
         }

@@ -22,7 +22,7 @@ impl Gap {
     }
 }
 
-/// What a row asks of its coordinate.
+/// Constraint of a row on its coordinate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Demand {
     /// Nothing.

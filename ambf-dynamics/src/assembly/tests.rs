@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use super::{assemble, gap, Body, Joint, Kind, Range};
 
-/// What counts as closed, m and rad.
+/// Largest error of a closed joint, m and rad.
 const CLOSED: f64 = 1e-12;
 
 fn at(x: f64, y: f64, z: f64) -> Isometry3<f64> {

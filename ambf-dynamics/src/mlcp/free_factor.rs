@@ -9,7 +9,7 @@ use super::problem::{Rows, State};
 use super::velocity_factor::VelocityFactor;
 
 /// Least share of its diagonal that CFM must have for a row to be solved in velocity space.
-const LEAST_SHARE: f64 = 1e-11;
+const MIN_CFM_SHARE: f64 = 1e-11;
 
 /// Whether a problem is factored by rows or by velocities.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -50,7 +50,7 @@ impl FreeFactor {
     pub fn begin(&mut self, layout: &Layout, iterate: &Iterate) {
         self.rows.reset();
         self.velocities.reset();
-        let soft = |row: &Variable| row.diagonal <= 0.0 || row.cfm >= LEAST_SHARE * row.diagonal;
+        let soft = |row: &Variable| row.diagonal <= 0.0 || row.cfm >= MIN_CFM_SHARE * row.diagonal;
         let by_velocities = layout.prefers_velocities() && iterate.variables.iter().all(soft);
         self.kind = if by_velocities { Kind::Velocities } else { Kind::Rows };
         #[cfg(test)]

@@ -36,7 +36,8 @@ impl Merit {
     }
 }
 
-/// What one row acts on: `size` components of the velocities from `velocity` on; its Jacobian is `data[offset..]`.
+/// Velocity components on which one row acts: `size` components of the velocities from `velocity` on; its Jacobian is
+/// `data[offset..]`.
 #[derive(Debug, Clone, Copy)]
 struct Acting {
     size: u32,
@@ -157,7 +158,7 @@ impl Variable {
         self.normal.is_some()
     }
 
-    /// Of friction: the place of the normal impulse.
+    /// Place of the normal impulse of a friction row.
     pub fn normal(&self) -> Option<usize> {
         self.normal.map(|normal| normal as usize)
     }
@@ -174,7 +175,7 @@ impl Variable {
         x.max(self.low).min(self.high)
     }
 
-    /// Of sliding friction below its cap: the place of the normal impulse, and the share of it that this impulse is.
+    /// For sliding friction below its cap, the place of the normal impulse, and the share of it that this impulse is.
     pub fn slides_with(&self) -> Option<(usize, f64)> {
         let sign = match self.state {
             State::Free => return None,
@@ -392,7 +393,7 @@ impl Iterate {
         (work, asked)
     }
 
-    /// What the impulses minimise within fixed bounds, `xᵀ (A + cfm) x / 2 - targetᵀ x`, J.
+    /// Objective that the impulses minimise within fixed bounds, `xᵀ (A + cfm) x / 2 - targetᵀ x`, J.
     pub fn energy(&self, rows: &Rows) -> f64 {
         let of = |row: &Variable| row.x * ((self.row_velocity(rows, row) + row.cfm * row.x) / 2.0 - row.target);
         self.variables.iter().map(of).sum()

@@ -35,7 +35,7 @@ pub(super) struct Newton {
     start: Vec<(f64, State)>,
     /// Places of the unknowns.
     places: Vec<usize>,
-    /// Of each place: its index among the unknowns.
+    /// Index of each place among the unknowns.
     unknown: Vec<Option<usize>>,
     /// `B` with the right-hand side as last column.
     matrix: Vec<f64>,

@@ -50,7 +50,7 @@ pub type Row<'a> = ConstraintRow<Option<Side<'a>>>;
 /// A [`Row`] whose sides are given in one way or another.
 #[derive(Debug, Clone, Copy)]
 pub struct ConstraintRow<S> {
-    /// What the row acts on; `None` for what no impulse moves.
+    /// The two bodies of the row; `None` for a static body or none.
     pub sides: [S; 2],
     /// Wanted change of velocity along the row, m/s or rad/s.
     pub target: f64,
@@ -125,7 +125,7 @@ impl<S> ConstraintRow<S> {
     }
 }
 
-/// What is wrong with the rows of a problem.
+/// Error in the rows of a problem.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ProblemError {

@@ -8,7 +8,7 @@ use crate::bullet::{
 mod external_constraints;
 
 const GRAVITY: f64 = 9.81;
-/// Of a rod of 1 kg and 1 m across it, kg·m².
+/// Moment of inertia of a rod of 1 kg and 1 m about an axis across it, kg·m².
 const INERTIA: f64 = 1.0 / 12.0;
 
 fn link(mass: f64, x: f64) -> RigidBody {
@@ -322,7 +322,7 @@ fn feedback_says_what_the_joint_does() {
                 };
                 let (tree, free) = (wrench(true), wrench(false));
                 let mut pairs = vec![(tree.force_a, free.force_a), (tree.force_b, free.force_b)];
-                // Of the torque that the force of a slider has about a static body Bullet says nothing.
+                // Bullet omits the torque of a slider's force about a static body.
                 if matches!(make.kind, ConstraintKind::Hinge { .. }) {
                     pairs.extend([(tree.torque_a, free.torque_a), (tree.torque_b, free.torque_b)]);
                 }
@@ -389,7 +389,7 @@ fn springs_are_part_of_a_tree() {
             assert!(free.abs() < 0.02, "{beside} {strength:?}: {free}");
         }
     }
-    // Of another axis than the hinge.
+    // A spring with another axis than the hinge.
     let (mut world, bodies, joints) = chain(&[1.0]);
     let mut crooked = hinge(spring(5, 1.0, 0.0, 0.0), 0.0, -0.5);
     let turn = nalgebra::UnitQuaternion::from_axis_angle(&Vector3::x_axis(), 1.0);

@@ -79,7 +79,7 @@ const PUSHES: [[f64; 3]; 2] = [[0.0; 3], [0.3, 1.0, 2.0]];
 #[test]
 fn trees_and_what_they_hold_keep_their_momenta() {
     for push in PUSHES {
-        // From as heavy as the tree to a crumb.
+        // From the mass of the articulation to a very small one.
         for mass in [5.0, 0.1, 1e-3] {
             let mut world = accurate();
             let mut bodies = articulated_chain(&mut world, &[1.0, 2.0, 0.5], 0.0, 0.0);
@@ -88,7 +88,7 @@ fn trees_and_what_they_hold_keep_their_momenta() {
             tie(&mut world, link, held);
             assert!(world.articulation(link).is_some());
             world.set_velocity(bodies[0].0, &Vector3::new(0.1, 0.2, -0.1), &Vector3::new(0.5, -0.3, 1.0));
-            // Until the held body moves with the tree.
+            // Until the held body moves with the articulation.
             run(&mut world, 20);
             let lost = lost(&mut world, &bodies, push.into());
             let gap = gap(&world, link, held, &Vector3::new(0.6, 0.2, 0.0));
@@ -131,7 +131,7 @@ fn a_tree_hangs_from_a_static_body() {
     run(&mut world, 1000);
     let moved = world.pose(links[0].0).unwrap().inverse() * before;
     assert!(moved.translation.vector.norm() < 1e-5 && moved.rotation.angle() < 1e-5, "{moved}");
-    // What the tie carries is the weight, and its lever.
+    // The external constraint carries the weight and its torque.
     let wrench = world.joint_wrench(held).unwrap();
     assert!((wrench.force_a - Vector3::y() * 1.5 * GRAVITY).norm() < 1e-6, "{wrench:?}");
     assert!((wrench.torque_a - Vector3::z() * 0.25 * GRAVITY).norm() < 1e-6, "{wrench:?}");
