@@ -12,16 +12,13 @@
 //!
 //! # Methods
 //! 1. The free rows are factored in the cheaper of two ways, both ordered by Cuthill and McKee's numbering of the
-//!    bodies
-//!    and stored by envelope. By rows: Cholesky factor of the matrix; after a change of the active set it is computed
+//!    bodies and stored by envelope. By rows: Cholesky factor of the matrix; after a change of the active set it is computed
 //!    again from the first changed row on. In velocity space, for many rows on few velocity components: Woodbury's
 //!    formula in coordinates in which the mass matrix of each body is the identity; rows whose state changes are added
-//!    or
-//!    removed, and the result is refined. Rows with hardly any CFM are factored by rows.
+//!    or removed, and the result is refined. Rows with hardly any CFM are factored by rows.
 //! 2. Block principal pivoting (Júdice and Pires 1994), where the bounds of friction follow the normal impulses.
 //! 3. If that cycles, staggered projections (Kaufman et al. 2008): alternately the problem within fixed bounds, by
-//!    block
-//!    pivoting or, at worst, a primal active-set method, and those bounds. Newton's method for sliding friction (Alart
+//!    block pivoting or, at worst, a primal active-set method, and those bounds. Newton's method for sliding friction (Alart
 //!    and Curnier 1991) follows each alternation.
 //! 4. If that fails, projected Gauss–Seidel with subspace minimisation (Silcowitz, Niebe and Erleben 2010).
 //! 5. If the best approximation is poor, the problem without friction, and then friction for its normal impulses, which
