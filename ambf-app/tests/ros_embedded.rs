@@ -176,8 +176,8 @@ fn world_commands_and_resets_reach_the_hub() {
     fixture.publisher::<std_msgs::Empty>("/ambf/env/World/Command/Reset/Bodies").send(std_msgs::Empty {}).unwrap();
     let mut seen = (false, false);
     until("both resets", || {
-        let (world, bodies) = fixture.with(|s| s.hub.take_resets());
-        seen = (seen.0 | world, seen.1 | bodies);
+        let resets = fixture.with(|s| s.hub.take_resets());
+        seen = (seen.0 | resets.world, seen.1 | resets.bodies);
         seen == (true, true)
     });
     let commands = fixture.publisher::<ambf_msgs::WorldCmd>("/ambf/env/World/Command");

@@ -262,7 +262,7 @@ fn the_camera_button_moves_the_camera_and_freezes_the_hand() {
     stage.settle();
     stage.puppets[0].set(|pose| pose.buttons = 0b1000);
     stage.settle();
-    let camera = |stage: &Stage| stage.simulation.scene().cameras[0].placed.pose;
+    let camera = |stage: &Stage| stage.simulation.scene().cameras[0].attached.pose;
     let before = camera(&stage);
     let turn = UnitQuaternion::new(Vector3::new(0.0, 0.0, 0.3));
     stage.puppets[0].set(|pose| {

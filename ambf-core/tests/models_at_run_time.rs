@@ -115,8 +115,8 @@ fn what_leads_into_a_model_goes_with_it() {
     let mut simulation = simulation(&[holder]);
     simulation.add_model(guest.read());
     let camera = |simulation: &Simulation| {
-        let placed = &simulation.scene().cameras.last().expect("a camera").placed;
-        (placed.parent.is_some(), simulation.scene().global_pose(placed.parent, &placed.pose))
+        let attached = &simulation.scene().cameras.last().expect("a camera").attached;
+        (attached.parent.is_some(), simulation.scene().global_pose(attached.parent, &attached.pose))
     };
     assert!(camera(&simulation).0, "it waited for its parent");
     let command = ActuatorCommand { actuate: true, body_name: "BODY Ball".into(), ..Default::default() };

@@ -196,7 +196,7 @@ fn a_ghost_follows_its_parent_body() {
     let mut bench = Bench::new(HEAVY, &model);
     bench.steps(2);
     let scene = bench.0.scene();
-    assert_eq!(scene.ghosts[0].placed.parent, Some(Parent::Body(1)));
+    assert_eq!(scene.ghosts[0].attached.parent, Some(Parent::Body(1)));
     near(scene.ghosts[0].pose().translation.vector, [5.0, 0.0, 1.0], 1e-12);
     assert!(scene.ghosts[0].sensed(&scene.bodies).next().is_none());
 }
@@ -218,13 +218,13 @@ fn a_short_name_means_the_parent_of_the_same_model() {
     let parents = |placed: Vec<Option<Parent>>| {
         assert_eq!(placed, (0..3).map(|body| Some(Parent::Body(body))).collect::<Vec<_>>())
     };
-    parents(scene.ghosts.iter().map(|ghost| ghost.placed.parent).collect());
+    parents(scene.ghosts.iter().map(|ghost| ghost.attached.parent).collect());
     parents(
         scene
             .cameras
             .iter()
-            .filter(|camera| camera.placed.identity.identifier == "CAMERA c")
-            .map(|camera| camera.placed.parent)
+            .filter(|camera| camera.attached.identity.identifier == "CAMERA c")
+            .map(|camera| camera.attached.parent)
             .collect(),
     );
 }
@@ -237,9 +237,9 @@ fn a_loop_of_parents_is_refused() {
     let Loaded { scene, report } = load_texts(HEAVY, &[model]);
     let text = report.to_string();
     assert_eq!(text.matches("itself or hangs on it").count(), 2, "{text}");
-    let lights: Vec<_> = scene.lights.iter().filter(|light| light.placed.parent.is_some()).collect();
+    let lights: Vec<_> = scene.lights.iter().filter(|light| light.attached.parent.is_some()).collect();
     assert_eq!(lights.len(), 1);
-    let pose = scene.global_pose(lights[0].placed.parent, &lights[0].placed.pose);
+    let pose = scene.global_pose(lights[0].attached.parent, &lights[0].attached.pose);
     near(pose.translation.vector, [2.0, 0.0, 0.0], 1e-12);
 }
 

@@ -16,9 +16,9 @@ use rosrust::api::Ros;
 
 use super::embedded::{local_address, EmbeddedMaster};
 use super::lasting::{start_master, UNUSED};
-use super::raw::Listing;
 use super::sockets::Sockets;
 use super::stop::Stop;
+use super::subscriber::Listing;
 use super::topic::{is_permanent, Announcement, Direction, Registration};
 use super::xmlrpc::{CallError, Peer};
 use super::Report;

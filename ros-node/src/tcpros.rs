@@ -53,7 +53,7 @@ impl Wanted {
 
 /// Error when a publisher is not listened to, or not any more.
 #[derive(Debug, Error)]
-pub(crate) enum Trouble {
+pub(crate) enum SubscribeError {
     /// Error when it is not there, or goes: programs come and go, which is nothing to talk about.
     #[error(transparent)]
     Gone(#[from] io::Error),
@@ -87,8 +87,8 @@ impl<'a, S: Fn() -> bool> Incoming<'a, S> {
     /// Says that the node `own` wants `wanted` of `topic`; returns the type that the publisher announces.
     ///
     /// # Errors
-    /// [`Trouble::Fault`] when the publisher is silent, refuses, or has messages of another type.
-    pub fn shake_hands(&mut self, own: &str, topic: &str, wanted: &Wanted) -> Result<String, Trouble> {
+    /// [`SubscribeError::Fault`] when the publisher is silent, refuses, or has messages of another type.
+    pub fn shake_hands(&mut self, own: &str, topic: &str, wanted: &Wanted) -> Result<String, SubscribeError> {
         let Wanted { kind, md5sum, definition, .. } = wanted;
         let header = header_of(&[
             ("callerid", own),
@@ -102,7 +102,7 @@ impl<'a, S: Fn() -> bool> Incoming<'a, S> {
         stream.write_all(&header)?;
         let mut answer = Vec::new();
         let silent = |trouble| match trouble {
-            Trouble::Gone(error) if error.kind() == ErrorKind::TimedOut => Trouble::Fault(format!(
+            SubscribeError::Gone(error) if error.kind() == ErrorKind::TimedOut => SubscribeError::Fault(format!(
                 "it takes the connection and says nothing within {} s",
                 HANDSHAKE_TIMEOUT.as_secs()
             )),
@@ -111,15 +111,15 @@ impl<'a, S: Fn() -> bool> Incoming<'a, S> {
         self.read_block(&mut answer, LONGEST_HEADER, Some(Instant::now() + HANDSHAKE_TIMEOUT)).map_err(silent)?;
         let fields = fields(&answer);
         if let Some(why) = fields.get("error") {
-            return Err(Trouble::Fault(format!("it refuses us: {}", quote(why))));
+            return Err(SubscribeError::Fault(format!("it refuses us: {}", quote(why))));
         }
         let field = |key: &str| fields.get(key).map(String::as_str).unwrap_or_default();
         let differs = |wanted: &str, key: &str| wanted != "*" && wanted != field(key);
         if field("type").is_empty() {
-            return Err(Trouble::Fault("its answer is no header of a publisher".into()));
+            return Err(SubscribeError::Fault("its answer is no header of a publisher".into()));
         }
         if differs(kind, "type") || differs(md5sum, "md5sum") {
-            return Err(Trouble::Fault(format!(
+            return Err(SubscribeError::Fault(format!(
                 "it sends {} with the checksum {}, expected {kind} with {md5sum}: a program with another version of the message",
                 quote(field("type")),
                 quote(field("md5sum")),
@@ -131,17 +131,22 @@ impl<'a, S: Fn() -> bool> Incoming<'a, S> {
     /// Reads the next message into `message`, however long that takes.
     ///
     /// # Errors
-    /// [`Trouble::Gone`] at the end, [`Trouble::Fault`] when more than `longest` bytes are announced.
-    pub fn read_message(&mut self, message: &mut Vec<u8>, longest: usize) -> Result<(), Trouble> {
+    /// [`SubscribeError::Gone`] at the end, [`SubscribeError::Fault`] when more than `longest` bytes are announced.
+    pub fn read_message(&mut self, message: &mut Vec<u8>, longest: usize) -> Result<(), SubscribeError> {
         self.read_block(message, longest, None)
     }
 
-    fn read_block(&mut self, block: &mut Vec<u8>, longest: usize, deadline: Option<Instant>) -> Result<(), Trouble> {
+    fn read_block(
+        &mut self,
+        block: &mut Vec<u8>,
+        longest: usize,
+        deadline: Option<Instant>,
+    ) -> Result<(), SubscribeError> {
         let mut length = [0; 4];
         self.fill(&mut length, deadline)?;
         let length = u32::from_le_bytes(length) as usize;
         if length > longest {
-            return Err(Trouble::Fault(format!("it announces {length} bytes, {longest} are the most")));
+            return Err(SubscribeError::Fault(format!("it announces {length} bytes, {longest} are the most")));
         }
         block.clear();
         while block.len() < length {
@@ -226,7 +231,7 @@ mod tests {
 
     /// What a subscriber of `wanted` makes of a publisher that reads our header and sends `bytes`: the type, and
     /// messages until the end.
-    fn listen(wanted: &Wanted, bytes: Vec<u8>) -> Result<(String, Vec<Vec<u8>>, Trouble), Trouble> {
+    fn listen(wanted: &Wanted, bytes: Vec<u8>) -> Result<(String, Vec<Vec<u8>>, SubscribeError), SubscribeError> {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let stream = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
         let publisher = std::thread::spawn(move || {
@@ -262,9 +267,9 @@ mod tests {
         header_of(&[("callerid", "/you"), ("md5sum", "12"), ("type", "a/B")])
     }
 
-    fn fault<T: std::fmt::Debug>(result: Result<T, Trouble>) -> String {
+    fn fault<T: std::fmt::Debug>(result: Result<T, SubscribeError>) -> String {
         match result.unwrap_err() {
-            Trouble::Fault(what) => what,
+            SubscribeError::Fault(what) => what,
             other => panic!("{other:?}"),
         }
     }
@@ -277,7 +282,7 @@ mod tests {
         for wanted in [wanted(), Wanted::any(100)] {
             let (kind, messages, end) = listen(&wanted, bytes.clone()).unwrap();
             assert_eq!((kind.as_str(), &messages), ("a/B", &burst));
-            assert!(matches!(end, Trouble::Gone(_)), "{end}");
+            assert!(matches!(end, SubscribeError::Gone(_)), "{end}");
         }
     }
 
@@ -299,12 +304,15 @@ mod tests {
         assert!(fault(listen(&wanted(), huge.to_vec())).contains("it announces 4294967295 bytes"));
         let (_, messages, end) = listen(&wanted(), [good(), block(b"x"), huge.to_vec()].concat()).unwrap();
         assert_eq!(messages, [b"x"]);
-        assert!(matches!(&end, Trouble::Fault(what) if what.contains("4294967295 bytes, 100 are the most")), "{end}");
+        assert!(
+            matches!(&end, SubscribeError::Fault(what) if what.contains("4294967295 bytes, 100 are the most")),
+            "{end}"
+        );
         // Within the limit, but cut short.
         let length = (1u32 << 30).to_le_bytes();
         let (_, messages, end) =
             listen(&Wanted::any(1 << 30), [good(), length.to_vec(), vec![0; 10]].concat()).unwrap();
-        assert!(messages.is_empty() && matches!(end, Trouble::Gone(_)), "{end}");
+        assert!(messages.is_empty() && matches!(end, SubscribeError::Gone(_)), "{end}");
     }
 
     #[test]
@@ -316,7 +324,7 @@ mod tests {
             let incoming = Incoming::new(&stream, || stop.load(Ordering::Relaxed));
             let thread = scope.spawn(move || incoming.unwrap().shake_hands("/me", "/t", &wanted()));
             stop.store(true, Ordering::Relaxed);
-            assert!(matches!(thread.join().unwrap(), Err(Trouble::Gone(_))));
+            assert!(matches!(thread.join().unwrap(), Err(SubscribeError::Gone(_))));
         });
         stop.store(false, Ordering::Relaxed);
         let mut incoming = Incoming::new(&stream, || stop.load(Ordering::Relaxed)).unwrap();

@@ -6,7 +6,7 @@ use rosrust::api::Ros;
 use rosrust::error::{tcpros, Error, ErrorKind};
 use rosrust::{Message, Publisher};
 
-use super::raw::Publishers;
+use super::subscriber::Publishers;
 use super::Report;
 
 /// Queue of every State, as in the original.

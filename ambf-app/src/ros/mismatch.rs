@@ -5,7 +5,7 @@ use std::sync::{Mutex, PoisonError};
 
 use log::{Level, LevelFilter, Log, Metadata, Record};
 
-use super::signal::Complaints;
+use super::signal::RateLimitedLog;
 
 /// Reports from now on which topic a client could not connect to, because type or checksum differ. Does nothing when
 /// the program has a logger of its own, which then gets those lines.
@@ -20,7 +20,7 @@ const MAX_LINES: usize = 256;
 
 /// Repeats a line at most once a second, without holding up others.
 #[derive(Default)]
-struct MismatchLogger(Mutex<BTreeMap<String, Complaints>>);
+struct MismatchLogger(Mutex<BTreeMap<String, RateLimitedLog>>);
 
 impl MismatchLogger {
     fn report(&self, line: String) {

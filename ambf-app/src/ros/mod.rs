@@ -66,10 +66,10 @@ pub use point_cloud::{PointCloud, PointClouds};
 pub use ros_node::CallError;
 
 use crate::report;
-use objects::{Objects, Told};
+use objects::{ChangeSinks, Objects};
 use parameters::Parameters;
 use signal::Waker;
-use topics::Surroundings;
+use topics::ServeContext;
 
 /// Beginning of the node's name.
 const NODE_NAME: &str = "ambf_comm_node";
@@ -183,8 +183,8 @@ impl Middleware for RosMiddleware {
         }));
         let (publisher, entries) = channel();
         let (to_parameters, changes) = channel();
-        let told = Told { link: Arc::clone(&link), publisher, parameters: to_parameters };
-        let mut objects = Objects::new(Surroundings {
+        let told = ChangeSinks { link: Arc::clone(&link), publisher, parameters: to_parameters };
+        let mut objects = Objects::new(ServeContext {
             hub: Arc::clone(&hub),
             waker: Arc::clone(&waker),
             n_devices,

@@ -12,23 +12,23 @@ use super::parameters::ParameterChange;
 #[cfg(feature = "view")]
 use super::pictures::CameraTopics;
 use super::scheduler::Entry;
-use super::topics::{self, Served, Surroundings};
+use super::topics::{self, ServeContext, TopicSet};
 
 /// How often the list is compared with what is served.
 const POLL: Duration = Duration::from_millis(50);
 
 /// An object that is served.
-struct Known {
+struct ServedObject {
     name: String,
     announcements: Vec<Arc<dyn Announcement>>,
 }
 
 /// Keeps what is served in step with the hub's list of objects.
 pub(super) struct Objects {
-    around: Surroundings,
+    around: ServeContext,
     names: Names,
     /// One an object of the hub, as far as it has been looked at; `None` once it is gone.
-    known: Vec<Option<Known>>,
+    known: Vec<Option<ServedObject>>,
     /// The hub's when it was last looked at; `None` before.
     generation: Option<u64>,
     /// Positions of cameras of which it is not known yet what they publish.
@@ -39,12 +39,12 @@ pub(super) struct Objects {
 /// What has changed.
 #[derive(Default)]
 struct Change {
-    come: Served,
+    come: TopicSet,
     withdrawn: Vec<Arc<dyn Announcement>>,
 }
 
 /// Who is told of changes.
-pub(super) struct Told {
+pub(super) struct ChangeSinks {
     pub link: Arc<Link>,
     pub publisher: Sender<Vec<Entry>>,
     pub parameters: Sender<ParameterChange>,
@@ -52,7 +52,7 @@ pub(super) struct Told {
 
 impl Objects {
     /// Serves nothing yet.
-    pub fn new(around: Surroundings) -> Self {
+    pub fn new(around: ServeContext) -> Self {
         Self {
             around,
             names: Names::default(),
@@ -65,14 +65,14 @@ impl Objects {
 
     /// Follows the list until the link is stopped. Blocks while the master thinks, which is why it needs a thread of
     /// its own.
-    pub fn run(mut self, told: &Told) {
+    pub fn run(mut self, told: &ChangeSinks) {
         while !told.link.stop.wait(POLL) {
             self.follow(told);
         }
     }
 
     /// Announces what has come since the last call, withdraws what has gone.
-    pub fn follow(&mut self, told: &Told) {
+    pub fn follow(&mut self, told: &ChangeSinks) {
         if let Some(Change { come, withdrawn }) = self.compare() {
             // Withdrawn first: what comes may have the same topics.
             told.link.remove(&withdrawn);
@@ -154,7 +154,7 @@ impl Objects {
                 if matches!(object.info.kind, ambf_core::comm::ObjectKind::Camera(..)) {
                     self.cameras.push(position);
                 }
-                Known { name, announcements: change.come.announcements[begin..].to_vec() }
+                ServedObject { name, announcements: change.come.announcements[begin..].to_vec() }
             });
             self.known.push(known);
         }
@@ -200,7 +200,7 @@ mod tests {
 
     fn objects(hub: &Arc<Hub>, models: Option<Arc<dyn ModelHost>>) -> Objects {
         let master = Peer::new("http://localhost:1/", "/test", Duration::from_millis(1)).unwrap();
-        Objects::new(Surroundings {
+        Objects::new(ServeContext {
             hub: Arc::clone(hub),
             waker: Arc::default(),
             n_devices: 0,

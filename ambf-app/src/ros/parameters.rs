@@ -14,7 +14,7 @@ use super::naming::graph_name;
 use super::neighbours::Neighbours;
 use super::point_cloud::{subscriptions, PointClouds};
 use super::posed::ParentName;
-use super::signal::Complaints;
+use super::signal::RateLimitedLog;
 use crate::report;
 
 /// How often changes are looked for.
@@ -287,7 +287,7 @@ struct CloudTopics {
     topics: Vec<(String, [Arc<dyn Announcement>; 2])>,
     /// Generation of the link in which the list was last written; 0 before.
     written: u64,
-    complaints: Complaints,
+    complaints: RateLimitedLog,
 }
 
 impl CloudTopics {
@@ -296,7 +296,7 @@ impl CloudTopics {
             parameter: format!("{world}/point_cloud_topics"),
             topics: Vec::new(),
             written: 0,
-            complaints: Complaints::default(),
+            complaints: RateLimitedLog::default(),
         };
         new.follow(vec![format!("{world}/point_cloud")], link, clouds);
         new

@@ -9,7 +9,7 @@ use ros_node::{Announcement, Peer, RawReceived, RawSubscription};
 use rosrust::Message;
 
 use super::messages::{ambf_msgs, sensor_msgs, std_msgs};
-use super::signal::Complaints;
+use super::signal::RateLimitedLog;
 
 /// A message that clients send.
 pub(super) trait FromClient: Message {
@@ -180,7 +180,7 @@ pub(super) fn subscription<M: FromClient>(
     longest: usize,
     on_message: impl FnMut(M) + Send + 'static,
 ) -> Arc<dyn Announcement> {
-    let (complaints, name) = (Complaints::default(), topic.clone());
+    let (complaints, name) = (RateLimitedLog::default(), topic.clone());
     // Posts to one mailbox that race would make the physics thread free memory.
     let on_message = Mutex::new(on_message);
     RawSubscription::of::<M>(master.clone(), topic, longest, move |RawReceived { body, .. }| match read(body) {

@@ -19,7 +19,7 @@ use rosrust::error::Error;
 use rosrust::{RosMsg, ServicePair};
 
 use super::received::{self, FromClient};
-use super::signal::Complaints;
+use super::signal::RateLimitedLog;
 
 /// Longest header or request, bytes: a request is a file or a name.
 const LONGEST: usize = 64 << 10;
@@ -48,7 +48,7 @@ struct Desk<S: ServicePair> {
     /// Name of the service.
     name: String,
     answer: Box<Answer<S>>,
-    complaints: Complaints,
+    complaints: RateLimitedLog,
 }
 
 struct Open {
@@ -70,7 +70,7 @@ where
         master: Peer,
         answer: impl Fn(S::Request) -> S::Response + Send + Sync + 'static,
     ) -> Arc<Self> {
-        let desk = Desk { name, answer: Box::new(answer), complaints: Complaints::default() };
+        let desk = Desk { name, answer: Box::new(answer), complaints: RateLimitedLog::default() };
         Arc::new(Self { desk: Arc::new(desk), master, open: Mutex::default() })
     }
 
@@ -324,7 +324,7 @@ mod tests {
             let port = listener.local_addr().unwrap().port();
             let answer =
                 |request: AddModelReq| AddModelRes { success: true, model: request.file, message: String::new() };
-            let complaints = Complaints::default();
+            let complaints = RateLimitedLog::default();
             let desk = Arc::new(Desk::<AddModel> { name: NAME.into(), answer: Box::new(answer), complaints });
             let connections = Connections::new("/node");
             let shared = Arc::clone(&connections);

@@ -28,9 +28,9 @@ impl Waker {
 
 /// Reports about one topic, at most one line a second: a client may publish nonsense at 1 kHz.
 #[derive(Debug, Default)]
-pub(super) struct Complaints(Mutex<Option<Instant>>);
+pub(super) struct RateLimitedLog(Mutex<Option<Instant>>);
 
-impl Complaints {
+impl RateLimitedLog {
     /// Reports `what` unless something was reported within the last second; true when it did.
     pub fn report(&self, what: impl Display) -> bool {
         let mut last = self.0.lock().unwrap_or_else(PoisonError::into_inner);
@@ -45,9 +45,9 @@ impl Complaints {
 
 /// Which of a few things have been said already.
 #[derive(Debug, Default)]
-pub(super) struct Said(Mutex<BTreeSet<&'static str>>);
+pub(super) struct OnceLog(Mutex<BTreeSet<&'static str>>);
 
-impl Said {
+impl OnceLog {
     /// Those of `things` that come for the first time.
     pub fn first_of(&self, things: impl Iterator<Item = &'static str>) -> Vec<&'static str> {
         let mut things = things.peekable();
@@ -65,14 +65,14 @@ mod tests {
 
     #[test]
     fn complaints_come_once_a_second() {
-        let complaints = Complaints::default();
+        let complaints = RateLimitedLog::default();
         assert!(complaints.report("a test line"));
         assert!(!complaints.report("one too many"));
     }
 
     #[test]
     fn a_thing_is_new_once() {
-        let said = Said::default();
+        let said = OnceLog::default();
         assert_eq!(said.first_of(["a", "b"].into_iter()), ["a", "b"]);
         assert_eq!(said.first_of(["b", "c"].into_iter()), ["c"]);
         assert!(said.first_of(["a"].into_iter()).is_empty());

@@ -17,7 +17,7 @@ use super::posed::{self, Identity, ParentName};
 use super::received::{self, FromClient};
 use super::rigid_body::{self, Requests};
 use super::scheduler::{is_live, Entry, StateOutlet};
-use super::signal::{Complaints, Said, Waker};
+use super::signal::{OnceLog, RateLimitedLog, Waker};
 use super::step::{self, Kind, Steppable, Steppables};
 use super::{actuator, contact, ghost, sensor, soft_body, vehicle, world};
 use crate::report;
@@ -30,7 +30,7 @@ const LONGEST_COMMAND: usize = 1 << 20;
 
 /// Everything that follows from objects that have come.
 #[derive(Default)]
-pub(super) struct Served {
+pub(super) struct TopicSet {
     pub entries: Vec<Entry>,
     pub announcements: Vec<Arc<dyn Announcement>>,
     pub parameters: ParameterChange,
@@ -42,9 +42,9 @@ struct Commanded {
     waker: Arc<Waker>,
     object: HubIndex,
     topic: String,
-    complaints: Complaints,
+    complaints: RateLimitedLog,
     /// Fields without effect that have been named.
-    named: Said,
+    named: OnceLog,
 }
 
 impl Commanded {
@@ -67,7 +67,7 @@ impl Commanded {
 }
 
 /// What the topics of every object are made with.
-pub(super) struct Surroundings {
+pub(super) struct ServeContext {
     pub hub: Arc<Hub>,
     pub waker: Arc<Waker>,
     /// Haptic devices loaded.
@@ -87,7 +87,7 @@ pub(super) struct Surroundings {
 
 /// Makes the topics of the object at position `object`, whose name is `name` (`/<namespace>/<name>`), and adds them to
 /// `served`.
-pub(super) fn serve(around: &Surroundings, served: &mut Served, object: HubIndex, info: &ObjectInfo, name: String) {
+pub(super) fn serve(around: &ServeContext, served: &mut TopicSet, object: HubIndex, info: &ObjectInfo, name: String) {
     let mut builder = Builder { around, served, object };
     match &info.kind {
         ObjectKind::World => builder.world(info, name),
@@ -103,8 +103,8 @@ pub(super) fn serve(around: &Surroundings, served: &mut Served, object: HubIndex
 }
 
 struct Builder<'a> {
-    around: &'a Surroundings,
-    served: &'a mut Served,
+    around: &'a ServeContext,
+    served: &'a mut TopicSet,
     /// Position in the hub.
     object: HubIndex,
 }
@@ -136,8 +136,8 @@ impl Builder<'_> {
             waker: Arc::clone(&self.around.waker),
             object: self.object,
             topic: format!("{name}/Command"),
-            complaints: Complaints::default(),
-            named: Said::default(),
+            complaints: RateLimitedLog::default(),
+            named: OnceLog::default(),
         }
     }
 
@@ -172,7 +172,7 @@ impl Builder<'_> {
         });
         self.subscribe(format!("{name}/Command/Reset"), world::on_reset(Arc::clone(&self.around.hub)));
         self.subscribe(format!("{name}/Command/Reset/Bodies"), world::on_body_reset(Arc::clone(&self.around.hub)));
-        let Surroundings { hub, master, steppables, arguments, .. } = self.around;
+        let ServeContext { hub, master, steppables, arguments, .. } = self.around;
         let full_name = |service: &str| arguments.mapped(format!("{name}/{service}"));
         self.served.announcements.push(step::service(full_name("step"), master, hub, steppables));
         if let Some(host) = &self.around.models {

@@ -99,7 +99,7 @@ pub(super) fn on_body_reset(hub: Arc<Hub>) -> impl Fn(std_msgs::Empty) + Send + 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use ambf_core::comm::Timing;
+    use ambf_core::comm::{Resets, Timing};
 
     #[test]
     fn numbers_go_where_they_belong() {
@@ -159,8 +159,8 @@ mod tests {
         on_command(Arc::clone(&hub))(message);
         assert!(hub.throttle().is_live(hub.now_ns()));
         on_reset(Arc::clone(&hub))(std_msgs::Empty {});
-        assert_eq!(hub.take_resets(), (true, false));
+        assert_eq!(hub.take_resets(), Resets { world: true, ..Resets::default() });
         on_body_reset(Arc::clone(&hub))(std_msgs::Empty {});
-        assert_eq!(hub.take_resets(), (false, true));
+        assert_eq!(hub.take_resets(), Resets { bodies: true, ..Resets::default() });
     }
 }

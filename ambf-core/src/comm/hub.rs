@@ -253,6 +253,17 @@ pub enum PostError {
     NotFinite(String),
 }
 
+/// Resets that are requested.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Resets {
+    /// Of all objects.
+    pub world: bool,
+    /// With [`world`](Self::world): nothing is left of what was before.
+    pub thorough: bool,
+    /// Of the rigid bodies.
+    pub bodies: bool,
+}
+
 /// Meeting point of the physics thread and everybody who talks to it. See the [module](super).
 pub struct Hub {
     objects: ArcSwap<ObjectList>,
@@ -412,11 +423,6 @@ impl Hub {
         self.request_world_reset();
     }
 
-    /// Physics thread: takes the request for thoroughness; before [`take_resets`](Self::take_resets).
-    pub fn take_thoroughness(&self) -> bool {
-        self.reset_thoroughly.swap(false, Ordering::AcqRel)
-    }
-
     /// Asks for a reset of the rigid bodies before the next step; honoured also while paused or throttled.
     pub fn request_body_reset(&self) {
         self.reset_bodies.store(true, Ordering::Release);
@@ -439,9 +445,12 @@ impl Hub {
         self.resets.load(Ordering::Acquire)
     }
 
-    /// Physics thread: takes the requests (world, bodies).
-    pub fn take_resets(&self) -> (bool, bool) {
-        (self.reset_world.swap(false, Ordering::AcqRel), self.reset_bodies.swap(false, Ordering::AcqRel))
+    /// Physics thread: takes the requested resets.
+    pub fn take_resets(&self) -> Resets {
+        // Whoever asks for a thorough reset asks for that of the world afterwards.
+        let thorough = self.reset_thoroughly.swap(false, Ordering::AcqRel);
+        let world = self.reset_world.swap(false, Ordering::AcqRel);
+        Resets { world, thorough, bodies: self.reset_bodies.swap(false, Ordering::AcqRel) }
     }
 }
 

@@ -27,7 +27,7 @@ pub use command::{
     SensorCommand, SoftBodyCommand, VehicleCommand,
 };
 pub use hub::{
-    ActuatorInfo, Channel, GhostInfo, Hub, HubIndex, HubObject, ObjectInfo, ObjectKind, ObjectList, PostError,
+    ActuatorInfo, Channel, GhostInfo, Hub, HubIndex, HubObject, ObjectInfo, ObjectKind, ObjectList, PostError, Resets,
     RigidBodyInfo, SensorInfo, SensorType, VehicleInfo,
 };
 pub use mailbox::{Inbox, Mailbox};

@@ -120,7 +120,7 @@ mod tests {
             let publish = |writer: &mut SnapshotWriter| hub.publish(writer, |snapshot| snapshot.sim_step = step);
             while !throttle.is_open() && !stop.load(Ordering::Acquire) {
                 throttle.wait(|| hub.now_ns(), || stop.load(Ordering::Acquire) || hub.reset_requested());
-                if hub.take_resets().0 {
+                if hub.take_resets().world {
                     publish(&mut writer);
                     hub.note_reset();
                 }

@@ -30,7 +30,7 @@ pub enum Scheme {
 
 /// A coordinate, or three, at the beginning of a sub-step.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Deviation<T> {
+pub struct TrackingError<T> {
     /// Set point less position, m or rad.
     pub error: T,
     /// Rate of the set point, 1/s.
@@ -70,7 +70,7 @@ impl Quantity for Vector3<f64> {
 ///
 /// Where `D + h·P` is not positive there is nothing to be implicit in, and the row is the plain force `P·e + D·ė₀ +
 /// τ₀`.
-pub fn spring<T: Quantity>(gains: &Gains, at: &Deviation<T>, force: T, scheme: Scheme, h: f64) -> SoftVelocity<T> {
+pub fn spring<T: Quantity>(gains: &Gains, at: &TrackingError<T>, force: T, scheme: Scheme, h: f64) -> SoftVelocity<T> {
     let stiffness = gains.d + h * gains.p;
     let error_rate = at.set_rate - at.rate;
     if h * stiffness * FORCE_SOFTNESS <= 1.0 {
@@ -92,12 +92,12 @@ pub fn spring<T: Quantity>(gains: &Gains, at: &Deviation<T>, force: T, scheme: S
 /// its force belongs to: D times half the expected change, beside it, makes it right to second order. All roots stay in
 /// the unit disc for all K and κ.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-struct Trend<T> {
+struct RateExtrapolator<T> {
     rate: Option<T>,
     change: Option<T>,
 }
 
-impl<T: Quantity + Default> Trend<T> {
+impl<T: Quantity + Default> RateExtrapolator<T> {
     /// Half the expected change from the rate at the beginning of the sub-step.
     fn half_change(&mut self, rate: T) -> T {
         let change = self.rate.replace(rate).map(|before| rate - before);
@@ -140,13 +140,19 @@ pub struct JointDriver {
     integral: f64,
     /// Error of the sub-step before; `None` after a break.
     error: Option<f64>,
-    trend: Trend<f64>,
+    trend: RateExtrapolator<f64>,
 }
 
 impl JointDriver {
     /// A controller without memory.
     pub fn new(controller: &Controller) -> Self {
-        Self { gains: controller.gains, output: controller.output, integral: 0.0, error: None, trend: Trend::default() }
+        Self {
+            gains: controller.gains,
+            output: controller.output,
+            integral: 0.0,
+            error: None,
+            trend: RateExtrapolator::default(),
+        }
     }
 
     /// Whether it pulls like a spring rather than like a motor.
@@ -155,9 +161,9 @@ impl JointDriver {
     }
 
     /// The row for the sub-step of `h` s that follows.
-    pub fn update(&mut self, at: &Deviation<f64>, scheme: Scheme, h: f64) -> SoftVelocity<f64> {
+    pub fn update(&mut self, at: &TrackingError<f64>, scheme: Scheme, h: f64) -> SoftVelocity<f64> {
         let Gains { p, i, d } = self.gains;
-        let &Deviation { error, set_rate, rate } = at;
+        let &TrackingError { error, set_rate, rate } = at;
         // Trapezoids, as in the legacy profile.
         self.integral += self.error.map_or(0.0, |before| h * (error + before) / 2.0);
         self.error = Some(error);
@@ -177,20 +183,20 @@ impl JointDriver {
 
     /// Forgets everything, as after a break.
     pub fn reset(&mut self) {
-        (self.integral, self.error, self.trend) = (0.0, None, Trend::default());
+        (self.integral, self.error, self.trend) = (0.0, None, RateExtrapolator::default());
     }
 }
 
 /// How a set point moves in the update to come, 1/s.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct SetMotion<T> {
+pub struct SetpointMotion<T> {
     /// Its rate: what the D part of a controller sees.
     pub rate: T,
     /// With which it goes on from the last command until the next one comes.
     pub drift: T,
 }
 
-impl<T: Quantity> SetMotion<T> {
+impl<T: Quantity> SetpointMotion<T> {
     /// From the rates at which it moved in the latest update and in the one before: both are those of updates past, and
     /// by a whole update too old, so that their change is added. A jump is not taken for a motion: at most a quarter of
     /// the latest rate is added, and the set point drifts only as far as the two rates agree (fully, if they differ by
@@ -222,7 +228,7 @@ pub enum PoseAction {
 pub struct PoseDriver {
     gains: [Gains; 2],
     output: ControllerOutput,
-    trends: [Trend<Vector3<f64>>; 2],
+    trends: [RateExtrapolator<Vector3<f64>>; 2],
 }
 
 impl PoseDriver {
@@ -238,7 +244,7 @@ impl PoseDriver {
 
     /// The action in the sub-step of `h` s that follows. Deviations of position (m, m/s) and of orientation (rotation
     /// vector, rad, and rad/s) in world axes.
-    pub fn update(&mut self, at: &[Deviation<Vector3<f64>>; 2], h: f64) -> PoseAction {
+    pub fn update(&mut self, at: &[TrackingError<Vector3<f64>>; 2], h: f64) -> PoseAction {
         if self.is_spring() {
             PoseAction::Springs([0, 1].map(|i| {
                 let ahead = self.trends[i].half_change(at[i].rate) * self.gains[i].d.max(0.0);
@@ -246,7 +252,7 @@ impl PoseDriver {
             }))
         } else {
             PoseAction::Velocity([0, 1].map(|i| {
-                let (Deviation { error, set_rate, .. }, p) = (at[i], self.gains[i].p);
+                let (TrackingError { error, set_rate, .. }, p) = (at[i], self.gains[i].p);
                 set_rate + (error * p - set_rate) * mean_decay(h * p)
             }))
         }
@@ -273,8 +279,8 @@ mod tests {
         before + impulse / mass
     }
 
-    fn still(error: f64, rate: f64) -> Deviation<f64> {
-        Deviation { error, set_rate: 0.0, rate }
+    fn still(error: f64, rate: f64) -> TrackingError<f64> {
+        TrackingError { error, set_rate: 0.0, rate }
     }
 
     /// Last error, and the largest beyond the goal, of a mass that is to go from 0 to 1.
@@ -317,7 +323,7 @@ mod tests {
                 for i in 0..n {
                     // It speeds up, so that what a step misses does not decay.
                     let set_rate = (i as f64 + 0.5) * h;
-                    v = solve(&driver.update(&Deviation { error: 0.0, set_rate, rate: v }, scheme, h), 1.0, v);
+                    v = solve(&driver.update(&TrackingError { error: 0.0, set_rate, rate: v }, scheme, h), 1.0, v);
                 }
                 let t = n as f64 * h;
                 (v - (t - (1.0 - (-5.0 * t).exp()) / 5.0)).abs()
@@ -364,17 +370,17 @@ mod tests {
         driver.reset();
         assert_eq!(driver.update(&still(1.0, 0.0), Scheme::Staggered, 0.1).velocity, 0.0);
         let mut driver = JointDriver::new(&controller(1e3, 0.0, 50.0, ControllerOutput::Force));
-        let row = driver.update(&Deviation { error: 0.0, set_rate: 0.7, rate: 0.7 }, Scheme::Staggered, 1e-3);
+        let row = driver.update(&TrackingError { error: 0.0, set_rate: 0.7, rate: 0.7 }, Scheme::Staggered, 1e-3);
         assert!((solve(&row, 2.0, 0.7) - 0.7).abs() < 1e-12, "it follows without error: {row:?}");
     }
 
     #[test]
     fn a_set_point_goes_on_but_a_jump_does_not() {
-        let SetMotion { rate, drift } = SetMotion::following(1.0, 0.9);
+        let SetpointMotion { rate, drift } = SetpointMotion::following(1.0, 0.9);
         assert!((rate - 1.1_f64).abs() < 1e-12 && drift == rate);
-        assert_eq!(SetMotion::following(1.0, 0.0), SetMotion { rate: 1.25, drift: 0.0 });
+        assert_eq!(SetpointMotion::following(1.0, 0.0), SetpointMotion { rate: 1.25, drift: 0.0 });
         for (latest, before) in [(0.0, 1.0), (0.0, 0.0)] {
-            assert_eq!(SetMotion::following(latest, before), SetMotion { rate: 0.0, drift: 0.0 });
+            assert_eq!(SetpointMotion::following(latest, before), SetpointMotion { rate: 0.0, drift: 0.0 });
         }
     }
 
@@ -391,7 +397,7 @@ mod tests {
     #[test]
     fn a_pose_has_two_springs_or_two_velocities() {
         let part = |p, output| controller(p, 0.0, 1.0, output);
-        let at = [Vector3::x(), Vector3::y() * 0.1].map(|error| Deviation {
+        let at = [Vector3::x(), Vector3::y() * 0.1].map(|error| TrackingError {
             error,
             set_rate: Vector3::zeros(),
             rate: Vector3::zeros(),

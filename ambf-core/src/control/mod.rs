@@ -5,7 +5,9 @@ mod drive;
 mod joint;
 
 pub use cartesian::{orientation_of, CartesianController, CartesianError, CartesianOutput};
-pub use drive::{spring, Deviation, JointDriver, PoseAction, PoseDriver, Quantity, Scheme, SetMotion, SoftVelocity};
+pub use drive::{
+    spring, JointDriver, PoseAction, PoseDriver, Quantity, Scheme, SetpointMotion, SoftVelocity, TrackingError,
+};
 pub use joint::{shortest_angle, JointController};
 
 /// Which physics is wanted where the C++ program and the best result differ.

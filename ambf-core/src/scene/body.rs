@@ -5,7 +5,7 @@ use std::ops::{Deref, DerefMut};
 use nalgebra::{Isometry3, Vector3};
 use slotmap::SecondaryMap;
 
-use super::driven::BodyOrder;
+use super::targets::BodyTarget;
 use super::Identity;
 use crate::adf::SourcePos;
 use crate::bullet::{BodyHandle, World};
@@ -47,7 +47,7 @@ pub struct Body {
     /// Type of the latest command; a device moves the body only while it is force.
     pub(crate) control: CartesianCommandType,
     pub(crate) controller: CartesianController,
-    pub(crate) order: BodyOrder,
+    pub(crate) target: BodyTarget,
 }
 
 /// What of a [`Body`] changes while the simulation runs, beside what Bullet knows.
@@ -55,7 +55,7 @@ pub struct Body {
 pub(super) struct SavedBody {
     control: CartesianCommandType,
     controller: CartesianController,
-    order: BodyOrder,
+    target: BodyTarget,
 }
 
 /// Cartesian commands closer than this to the pose of a static body leave it alone: m and rad.
@@ -115,16 +115,16 @@ impl Body {
             handle: _,
             control,
             controller,
-            order,
+            target,
         } = self;
-        SavedBody { control: *control, controller: controller.clone(), order: order.clone() }
+        SavedBody { control: *control, controller: controller.clone(), target: target.clone() }
     }
 
     pub(super) fn restore(&mut self, saved: &SavedBody) {
-        let SavedBody { control, controller, order } = saved;
+        let SavedBody { control, controller, target } = saved;
         self.control = *control;
         self.controller.clone_from(controller);
-        self.order.clone_from(order);
+        self.target.clone_from(target);
     }
 
     /// Pose of the body frame in the world as reported: from the motion state, up to one sub-step old.

@@ -7,10 +7,10 @@ use std::sync::Arc;
 use nalgebra::Isometry3;
 
 use super::assemble::Assembly;
+use super::attached::{camera_parameters, camera_pose, first_target, light_rotation, Attached, Camera, Light};
 use super::body::Body;
-use super::driven::BodyOrder;
 use super::joint::{constraint, frames, Joint};
-use super::placed::{camera_parameters, camera_pose, first_target, light_rotation, Camera, Light, Placed};
+use super::targets::BodyTarget;
 use super::{
     shape, Bodies, BodyGraph, Counts, Found, Identity, ModelInfo, NameMap, Names, Note, ObjectType, Parent,
     PhysicsOptions, Scene, SceneOptions,
@@ -380,7 +380,7 @@ impl<'a> Builder<'a> {
             removed: false,
             handle,
             control: CartesianCommandType::Force,
-            order: BodyOrder::new(&controller.linear, &controller.angular),
+            target: BodyTarget::new(&controller.linear, &controller.angular),
             controller: CartesianController::new(controller.linear, controller.angular),
         });
         Some(self.scene.graph.add_body())
@@ -550,7 +550,7 @@ impl<'a> Builder<'a> {
         let pose = camera_pose(&camera.location, &camera.look_at, &camera.up);
         let identity = self.identity(&camera.common, |scene| &scene.names.cameras);
         self.scene.cameras.push(Camera {
-            placed: Placed::new(identity, pose),
+            attached: Attached::new(identity, pose),
             parameters: camera_parameters(camera),
             look_at: camera.look_at,
             target: first_target(&pose, &camera.look_at),
@@ -569,7 +569,11 @@ impl<'a> Builder<'a> {
         pose.rotation = light.direction.as_ref().and_then(light_rotation).unwrap_or(pose.rotation);
         let identity = self.identity(&light.common, |scene| &scene.names.lights);
         let parameters = LightParameters { cutoff_angle: light.cutoff_angle, parent_name: light.parent.clone() };
-        self.scene.lights.push(Light { placed: Placed::new(identity, pose), parameters, description: light.clone() });
+        self.scene.lights.push(Light {
+            attached: Attached::new(identity, pose),
+            parameters,
+            description: light.clone(),
+        });
     }
 
     /// Enters a model's objects in the world's maps and applies what concerns them together.
@@ -578,12 +582,12 @@ impl<'a> Builder<'a> {
         let Names { joints, soft_bodies, ghosts, sensors, actuators, vehicles, cameras, lights, .. } = &mut scene.names;
         enter(&mut scene.body_names, known.bodies, scene.bodies.iter().map(|body| body.identity.key()));
         enter(soft_bodies, known.soft_bodies, scene.soft_bodies.iter().map(|soft| soft.identity.key()));
-        enter(ghosts, known.ghosts, scene.ghosts.iter().map(|ghost| ghost.placed.identity.key()));
+        enter(ghosts, known.ghosts, scene.ghosts.iter().map(|ghost| ghost.attached.identity.key()));
         enter(sensors, known.sensors, scene.sensors.iter().map(|sensor| sensor.identity.key()));
         enter(actuators, known.actuators, scene.actuators.iter().map(|actuator| actuator.identity.key()));
         enter(vehicles, known.vehicles, scene.vehicles.iter().map(|vehicle| vehicle.identity.key()));
-        enter(cameras, known.cameras, scene.cameras.iter().map(|camera| camera.placed.identity.key()));
-        enter(lights, known.lights, scene.lights.iter().map(|light| light.placed.identity.key()));
+        enter(cameras, known.cameras, scene.cameras.iter().map(|camera| camera.attached.identity.key()));
+        enter(lights, known.lights, scene.lights.iter().map(|light| light.attached.identity.key()));
         for index in self.known_joints..scene.joints.len() {
             joints.insert(&scene.joints[index].key, index);
         }
@@ -635,7 +639,7 @@ impl<'a> Builder<'a> {
                 Parent::Ghost(index) => &self.scene.ghosts[index].parent_name,
             };
             let (text, source) = (text.clone(), self.source_of(object));
-            let is_resolved = self.scene.placed_mut(object).is_some_and(|placed| placed.parent.is_some());
+            let is_resolved = self.scene.attached_mut(object).is_some_and(|attached| attached.parent.is_some());
             if let (false, Err(message)) = (is_resolved, self.scene.set_parent(object, &text)) {
                 // A parent that is there is refused where it closes a loop.
                 match self.scene.find_parent(object, &text) {

@@ -1,7 +1,7 @@
 //! Builds what is more than bodies and joints: soft bodies, ghosts, sensors, actuators, vehicles.
 
+use super::attached::Attached;
 use super::build::{ray_mesh, Builder};
-use super::placed::Placed;
 use super::sensor::{ray_count, rays_of, Resistance, Sensor};
 use super::{shape, soft_body, Actuator, Ghost, SoftBody, Vehicle, Wheel};
 use crate::adf::{self, CollisionGeometry, SensorKind, Severity, WheelVisual};
@@ -50,8 +50,8 @@ impl Builder<'_> {
         }
         let handle = self.scene.world.add_ghost(shape, &ghost.location);
         let identity = self.identity(&ghost.common, |scene| &scene.names.ghosts);
-        let placed = Placed::new(identity, ghost.location);
-        self.scene.ghosts.push(Ghost::new(placed, ghost, handle));
+        let attached = Attached::new(identity, ghost.location);
+        self.scene.ghosts.push(Ghost::new(attached, ghost, handle));
     }
 
     pub(super) fn add_sensor(&mut self, sensor: &adf::Sensor) {

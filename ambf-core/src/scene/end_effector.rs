@@ -4,7 +4,7 @@ use std::path::Path;
 
 use nalgebra::{Isometry3, Vector3};
 
-use super::driven::BodyOrder;
+use super::targets::BodyTarget;
 use super::{Actuator, Found, Identity, NameMap, Note, PreparedModel, Scene};
 use crate::adf::{self, Severity};
 use crate::bullet::Preset;
@@ -191,7 +191,7 @@ impl Scene {
         if let Some(adf::CartesianController { linear, angular }) = device.controller_gain {
             let body = &mut self.bodies[root];
             body.controller = CartesianController::new(linear, angular);
-            body.order = BodyOrder::new(&linear, &angular);
+            body.target = BodyTarget::new(&linear, &angular);
         }
         if let Some(location) = device.location {
             self.move_subtree(root, &location);
@@ -251,10 +251,10 @@ impl Scene {
 
     /// Indices of the cameras that a device is paired with: those that are named, else all. Says which are not found.
     pub(crate) fn paired_cameras(&self, names: &[String]) -> (Vec<usize>, Vec<String>) {
-        let live = |index: &usize| !self.models[self.cameras[*index].placed.identity.model].removed;
+        let live = |index: &usize| !self.models[self.cameras[*index].attached.identity.model].removed;
         let (mut paired, mut missing) = (Vec::new(), Vec::new());
         for name in names {
-            let named = |index: &usize| *self.cameras[*index].placed.identity.name == **name;
+            let named = |index: &usize| *self.cameras[*index].attached.identity.name == **name;
             let found = self.names.cameras.find(name);
             match found.index().or_else(|| (0..self.cameras.len()).filter(live).find(named)) {
                 Some(index) => paired.push(index),

@@ -169,7 +169,7 @@ fn looking(azimuth: f64, elevation: f64) -> UnitQuaternion<f64> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::placed::camera_pose;
+    use super::super::attached::camera_pose;
     use super::*;
 
     /// Multipliers of the C++ program: m/pixel, rad/pixel, m/pixel, m/tick.

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use nalgebra::{Isometry3, Vector3};
 
-use super::placed::Placed;
+use super::attached::Attached;
 use super::Bodies;
 use crate::adf::{self, SourcePos};
 use crate::bullet::{BodyHandle, GhostHandle, World};
@@ -15,7 +15,7 @@ use crate::control::Profile;
 #[derive(Debug)]
 pub struct Ghost {
     /// Names, parent and pose.
-    pub placed: Placed,
+    pub attached: Attached,
     /// Text that names the parent; empty: the world.
     pub parent_name: String,
     /// Collision groups.
@@ -32,7 +32,7 @@ pub struct Ghost {
 /// What of a [`Ghost`] changes while the simulation runs, beside what Bullet knows.
 #[derive(Debug, Clone)]
 pub(super) struct SavedGhost {
-    placed: Isometry3<f64>,
+    attached: Isometry3<f64>,
     pose: Isometry3<f64>,
     sensed: Vec<BodyHandle>,
 }
@@ -43,10 +43,10 @@ const KEPT: f64 = 0.9;
 const CONTACTS: usize = 256;
 
 impl Ghost {
-    pub(super) fn new(placed: Placed, ghost: &adf::GhostObject, handle: GhostHandle) -> Self {
+    pub(super) fn new(attached: Attached, ghost: &adf::GhostObject, handle: GhostHandle) -> Self {
         Self {
-            pose: placed.pose,
-            placed,
+            pose: attached.pose,
+            attached,
             parent_name: ghost.parent.clone(),
             collision_groups: ghost.collision_groups.clone(),
             source: ghost.common.source.clone(),
@@ -58,12 +58,12 @@ impl Ghost {
 
     pub(super) fn save(&self) -> SavedGhost {
         // All fields by name, so that no new one is forgotten.
-        let Self { placed, parent_name: _, collision_groups: _, source: _, handle: _, pose, sensed, found: _ } = self;
-        SavedGhost { placed: placed.pose, pose: *pose, sensed: sensed.clone() }
+        let Self { attached, parent_name: _, collision_groups: _, source: _, handle: _, pose, sensed, found: _ } = self;
+        SavedGhost { attached: attached.pose, pose: *pose, sensed: sensed.clone() }
     }
 
     pub(super) fn restore(&mut self, saved: &SavedGhost) {
-        (self.placed.pose, self.pose) = (saved.placed, saved.pose);
+        (self.attached.pose, self.pose) = (saved.attached, saved.pose);
         self.sensed.clone_from(&saved.sensed);
     }
 

@@ -5,7 +5,7 @@ use std::f64::consts::{PI, TAU};
 use nalgebra::{Isometry3, Unit, UnitQuaternion, Vector3};
 
 use super::body::Body;
-use super::driven::JointOrder;
+use super::targets::JointTarget;
 use crate::adf::{self, ControllerOutput, JointKind, Limits, SixDofLimits, SourcePos, IMPULSE_STEP};
 use crate::bullet::{Constraint, ConstraintHandle, ConstraintKind, ConstraintParameter, Spring, World};
 use crate::comm::JointCommandType;
@@ -127,7 +127,7 @@ pub struct Joint {
     pub removed: bool,
     pub(crate) controller: JointController,
     pub(crate) output: ControllerOutput,
-    pub(crate) order: JointOrder,
+    pub(crate) target: JointTarget,
 }
 
 /// What of a [`Joint`] changes while the simulation runs, beside what Bullet knows.
@@ -137,7 +137,7 @@ pub(super) struct SavedJoint {
     velocity: f64,
     effort: f64,
     controller: JointController,
-    order: JointOrder,
+    target: JointTarget,
 }
 
 impl Joint {
@@ -166,22 +166,22 @@ impl Joint {
             removed: _,
             controller,
             output: _,
-            order,
+            target,
         } = self;
         SavedJoint {
             position: *position,
             velocity: *velocity,
             effort: *effort,
             controller: controller.clone(),
-            order: order.clone(),
+            target: target.clone(),
         }
     }
 
     pub(super) fn restore(&mut self, saved: &SavedJoint) {
-        let SavedJoint { position, velocity, effort, controller, order } = saved;
+        let SavedJoint { position, velocity, effort, controller, target } = saved;
         (self.position, self.velocity, self.effort) = (*position, *velocity, *effort);
         self.controller.clone_from(controller);
-        self.order.clone_from(order);
+        self.target.clone_from(target);
     }
 
     pub(super) fn new(
@@ -215,7 +215,7 @@ impl Joint {
             removed: false,
             controller: JointController::new(joint.controller.gains),
             output: joint.controller.output,
-            order: JointOrder::new(&joint.controller),
+            target: JointTarget::new(&joint.controller),
         }
     }
 

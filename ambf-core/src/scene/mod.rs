@@ -3,9 +3,9 @@
 mod actuator;
 mod articulate;
 mod assemble;
+mod attached;
 mod body;
 mod build;
-mod driven;
 mod elements;
 mod end_effector;
 mod gesture;
@@ -16,19 +16,19 @@ mod joint;
 mod load;
 mod names;
 mod object;
-mod placed;
 mod remove;
 mod saved;
 mod sensor;
 mod shape;
 mod soft_body;
+mod targets;
 mod vehicle;
 mod visuals;
 
 pub use actuator::Actuator;
 pub use ambf_plugin::{ObjectId, ObjectType};
+pub use attached::{Attached, Camera, Light, Parent};
 pub use body::{Bodies, Body};
-pub(crate) use driven::SubSteps;
 pub use end_effector::{EndEffectorParts, PreparedEndEffector};
 pub use gesture::{CameraGesture, CameraPlace};
 pub use ghost::Ghost;
@@ -38,10 +38,10 @@ pub use joint::{Joint, JointType};
 pub use load::{load, read_model, Loaded, PreparedModel, SceneFiles, SceneReport};
 pub use names::{Found, NameMap};
 pub use object::DeclaredPlugins;
-pub use placed::{Camera, Light, Parent, Placed};
 pub(crate) use saved::SavedScene;
 pub use sensor::{LocalRay, Sensed, Sensor};
 pub use soft_body::SoftBody;
+pub(crate) use targets::SubSteps;
 pub use vehicle::{Vehicle, Wheel};
 pub use visuals::{
     VisualActuator, VisualBody, VisualCamera, VisualJoint, VisualLight, VisualModel, VisualObject, VisualScene,
@@ -236,10 +236,10 @@ impl Scene {
         let mut objects = Vec::new();
         let mut add = |identity: &Identity, kind: ObjectKind| objects.extend(identity.object(kind));
         for (i, light) in self.lights.iter().enumerate().skip(known.lights) {
-            add(&light.placed.identity, ObjectKind::Light(i, Box::new(light.parameters.clone())));
+            add(&light.attached.identity, ObjectKind::Light(i, Box::new(light.parameters.clone())));
         }
         for (i, camera) in self.cameras.iter().enumerate().skip(known.cameras) {
-            add(&camera.placed.identity, ObjectKind::Camera(i, Box::new(camera.parameters.clone())));
+            add(&camera.attached.identity, ObjectKind::Camera(i, Box::new(camera.parameters.clone())));
         }
         for (i, body) in self.bodies.iter().enumerate().skip(known.bodies) {
             add(&body.identity, ObjectKind::RigidBody(i, Box::new(self.body_info(i))));
@@ -249,7 +249,7 @@ impl Scene {
         }
         for (i, ghost) in self.ghosts.iter().enumerate().skip(known.ghosts) {
             let info = GhostInfo { parent_name: ghost.parent_name.clone() };
-            add(&ghost.placed.identity, ObjectKind::Ghost(i, Box::new(info)));
+            add(&ghost.attached.identity, ObjectKind::Ghost(i, Box::new(info)));
         }
         for (i, sensor) in self.sensors.iter().enumerate().skip(known.sensors) {
             add(&sensor.identity, ObjectKind::Sensor(i, Box::new(sensor.info.clone())));
@@ -284,13 +284,13 @@ impl Scene {
         match *kind {
             ObjectKind::World => None,
             ObjectKind::RigidBody(i, _) => Some(&self.bodies[i].identity),
-            ObjectKind::Camera(i, _) => Some(&self.cameras[i].placed.identity),
-            ObjectKind::Light(i, _) => Some(&self.lights[i].placed.identity),
+            ObjectKind::Camera(i, _) => Some(&self.cameras[i].attached.identity),
+            ObjectKind::Light(i, _) => Some(&self.lights[i].attached.identity),
             ObjectKind::Sensor(i, _) => Some(&self.sensors[i].identity),
             ObjectKind::Actuator(i, _) => Some(&self.actuators[i].identity),
             ObjectKind::Vehicle(i, _) => Some(&self.vehicles[i].identity),
             ObjectKind::SoftBody(i, _) => Some(&self.soft_bodies[i].identity),
-            ObjectKind::Ghost(i, _) => Some(&self.ghosts[i].placed.identity),
+            ObjectKind::Ghost(i, _) => Some(&self.ghosts[i].attached.identity),
         }
     }
 
@@ -368,8 +368,8 @@ impl Scene {
     /// Cameras, lights and ghost objects back to where they were.
     pub(crate) fn reset_placed(&mut self) {
         for object in self.all_placed().collect::<Vec<_>>() {
-            if let Some(placed) = self.placed_mut(object) {
-                placed.pose = placed.initial_pose;
+            if let Some(attached) = self.attached_mut(object) {
+                attached.pose = attached.initial_pose;
             }
         }
         self.reset_cameras();
@@ -412,11 +412,11 @@ impl Scene {
     /// Writes the states of everything but bodies and joints.
     pub(crate) fn fill_elements(&self, snapshot: &mut Snapshot) {
         for (i, camera) in self.cameras.iter().enumerate() {
-            snapshot.cameras[i] = camera.placed.pose;
+            snapshot.cameras[i] = camera.attached.pose;
             snapshot.views[i] = self.view_of(camera);
         }
         for (i, light) in self.lights.iter().enumerate() {
-            snapshot.lights[i] = light.placed.pose;
+            snapshot.lights[i] = light.attached.pose;
             snapshot.spots[i] = self.spot_of(light);
         }
         for (readings, sensor) in snapshot.sensors.iter_mut().zip(&self.sensors) {
@@ -448,7 +448,7 @@ impl Scene {
         for i in 0..self.elements.len() {
             match self.elements[i] {
                 Element::Ghost(index) => {
-                    let Placed { parent, pose, .. } = self.ghosts[index].placed;
+                    let Attached { parent, pose, .. } = self.ghosts[index].attached;
                     let pose = self.global_pose(parent, &pose);
                     let carrier = match parent {
                         Some(Parent::Body(body)) => Some(body),

@@ -171,12 +171,12 @@ impl Scene {
         match object.kind {
             ObjectType::Body => self.bodies.get(index).map(|body| &body.identity),
             ObjectType::SoftBody => self.soft_bodies.get(index).map(|soft| &soft.identity),
-            ObjectType::Ghost => self.ghosts.get(index).map(|ghost| &ghost.placed.identity),
+            ObjectType::Ghost => self.ghosts.get(index).map(|ghost| &ghost.attached.identity),
             ObjectType::Sensor => self.sensors.get(index).map(|sensor| &sensor.identity),
             ObjectType::Actuator => self.actuators.get(index).map(|actuator| &actuator.identity),
             ObjectType::Vehicle => self.vehicles.get(index).map(|vehicle| &vehicle.identity),
-            ObjectType::Camera => self.cameras.get(index).map(|camera| &camera.placed.identity),
-            ObjectType::Light => self.lights.get(index).map(|light| &light.placed.identity),
+            ObjectType::Camera => self.cameras.get(index).map(|camera| &camera.attached.identity),
+            ObjectType::Light => self.lights.get(index).map(|light| &light.attached.identity),
             ObjectType::Joint | ObjectType::Volume => None,
         }
     }

@@ -1,6 +1,6 @@
 //! Taking models and bodies out of a scene, and what follows from its list of objects.
 
-use super::placed::Placed;
+use super::attached::Attached;
 use super::{Bodies, BodyGraph, Element, Parent, Scene};
 use crate::comm::ObjectKind;
 
@@ -23,13 +23,13 @@ impl Scene {
     /// Takes a model out of the scene, with all joints and everything held that leads into it.
     pub(crate) fn remove_model(&mut self, model: usize) {
         let Self { world, bodies, gravity, .. } = self;
-        for ghost in self.ghosts.iter_mut().filter(|ghost| ghost.placed.identity.model == model) {
+        for ghost in self.ghosts.iter_mut().filter(|ghost| ghost.attached.identity.model == model) {
             ghost.release(world, bodies, gravity);
         }
         self.orphan_children(|scene, parent| scene.model_of_parent(parent) == model);
         self.release_bodies(|bodies, body| bodies[body].identity.model == model);
         let Self { world, bodies, .. } = self;
-        for ghost in self.ghosts.iter().filter(|ghost| ghost.placed.identity.model == model) {
+        for ghost in self.ghosts.iter().filter(|ghost| ghost.attached.identity.model == model) {
             world.remove_ghost(ghost.handle);
         }
         for actuator in self.actuators.iter_mut().filter(|actuator| actuator.identity.model == model) {
@@ -112,9 +112,9 @@ impl Scene {
         body_names.remove(|i| self.body_is_gone(i));
         names.joints.remove(|i| self.joints[i].removed);
         names.soft_bodies.remove(|i| model_is_gone(&self.soft_bodies[i].identity));
-        names.ghosts.remove(|i| model_is_gone(&self.ghosts[i].placed.identity));
-        names.cameras.remove(|i| model_is_gone(&self.cameras[i].placed.identity));
-        names.lights.remove(|i| model_is_gone(&self.lights[i].placed.identity));
+        names.ghosts.remove(|i| model_is_gone(&self.ghosts[i].attached.identity));
+        names.cameras.remove(|i| model_is_gone(&self.cameras[i].attached.identity));
+        names.lights.remove(|i| model_is_gone(&self.lights[i].attached.identity));
         names.sensors.remove(|i| gone(ObjectKind::Sensor(i, Box::default())));
         names.actuators.remove(|i| gone(ObjectKind::Actuator(i, Box::default())));
         names.vehicles.remove(|i| gone(ObjectKind::Vehicle(i, Box::default())));
@@ -126,20 +126,20 @@ impl Scene {
     fn model_of_parent(&self, parent: Parent) -> usize {
         match parent {
             Parent::Body(i) => self.bodies[i].identity.model,
-            Parent::Camera(i) => self.cameras[i].placed.identity.model,
-            Parent::Light(i) => self.lights[i].placed.identity.model,
-            Parent::Ghost(i) => self.ghosts[i].placed.identity.model,
+            Parent::Camera(i) => self.cameras[i].attached.identity.model,
+            Parent::Light(i) => self.lights[i].attached.identity.model,
+            Parent::Ghost(i) => self.ghosts[i].attached.identity.model,
         }
     }
 
     /// What hung on an object that goes stays where it is, in the world.
     fn orphan_children(&mut self, goes: impl Fn(&Self, Parent) -> bool) {
         for child in self.all_placed().collect::<Vec<_>>() {
-            let Some(&mut Placed { parent: Some(parent), pose, .. }) = self.placed_mut(child) else { continue };
+            let Some(&mut Attached { parent: Some(parent), pose, .. }) = self.attached_mut(child) else { continue };
             if goes(self, parent) {
                 let pose = self.global_pose(Some(parent), &pose);
-                if let Some(placed) = self.placed_mut(child) {
-                    (placed.parent, placed.pose) = (None, pose);
+                if let Some(attached) = self.attached_mut(child) {
+                    (attached.parent, attached.pose) = (None, pose);
                 }
             }
         }

@@ -8,7 +8,7 @@ use super::ghost::SavedGhost;
 use super::joint::SavedJoint;
 use super::sensor::SavedSensor;
 use super::vehicle::Drive;
-use super::{Camera, Counts, Light, Placed, Scene};
+use super::{Attached, Camera, Counts, Light, Scene};
 use crate::bullet::{SavedWorld, StateError};
 use crate::comm::{CameraParameters, LightParameters};
 
@@ -129,18 +129,18 @@ impl Scene {
         self.actuators.iter_mut().zip(&saved.actuators).for_each(|(actuator, saved)| actuator.restore(saved));
         self.vehicles.iter_mut().zip(&saved.vehicles).for_each(|(vehicle, saved)| vehicle.restore(saved));
         for (camera, (pose, parameters, target)) in self.cameras.iter_mut().zip(&saved.cameras) {
-            (camera.placed.pose, camera.target) = (*pose, *target);
+            (camera.attached.pose, camera.target) = (*pose, *target);
             camera.parameters.clone_from(parameters);
         }
         for (light, (pose, parameters)) in self.lights.iter_mut().zip(&saved.lights) {
-            light.placed.pose = *pose;
+            light.attached.pose = *pose;
             light.parameters.clone_from(parameters);
         }
         Ok(())
     }
 }
 
-impl Placed {
+impl Attached {
     fn save(&self) -> Isometry3<f64> {
         // All fields by name, so that no new one is forgotten. A parent changes only with the extent.
         let Self { identity: _, parent: _, pose, initial_pose: _ } = self;
@@ -150,14 +150,14 @@ impl Placed {
 
 impl Camera {
     fn save(&self) -> (Isometry3<f64>, CameraParameters, Vector3<f64>) {
-        let Self { placed, parameters, look_at: _, target, description: _ } = self;
-        (placed.save(), parameters.clone(), *target)
+        let Self { attached, parameters, look_at: _, target, description: _ } = self;
+        (attached.save(), parameters.clone(), *target)
     }
 }
 
 impl Light {
     fn save(&self) -> (Isometry3<f64>, LightParameters) {
-        let Self { placed, parameters, description: _ } = self;
-        (placed.save(), parameters.clone())
+        let Self { attached, parameters, description: _ } = self;
+        (attached.save(), parameters.clone())
     }
 }

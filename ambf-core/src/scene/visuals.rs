@@ -278,10 +278,10 @@ impl Scene {
             described: of_bodies.described(self, &body.identity),
         };
         let ghost = |ghost: &super::Ghost| {
-            let described = of_ghosts.described(self, &ghost.placed.identity);
+            let described = of_ghosts.described(self, &ghost.attached.identity);
             let scale = described.index.map_or(1.0, |index| described.model.ghosts[index].scale);
             VisualBody {
-                object: object(&ghost.placed.identity),
+                object: object(&ghost.attached.identity),
                 offset: Isometry3::identity(),
                 scale,
                 is_ghost: true,
@@ -331,13 +331,13 @@ impl Scene {
             VisualActuator { object, parent: actuator.parent, pose: actuator.info.pose, visible, visible_size }
         };
         let camera = |camera: &super::Camera| VisualCamera {
-            object: object(&camera.placed.identity),
+            object: object(&camera.attached.identity),
             description: Arc::new(camera.description.clone()),
-            initial_pose: camera.placed.initial_pose,
+            initial_pose: camera.attached.initial_pose,
             look_at: camera.look_at,
         };
         let light = |light: &super::Light| VisualLight {
-            object: object(&light.placed.identity),
+            object: object(&light.attached.identity),
             description: Arc::new(light.description.clone()),
         };
         let joint = |joint: &super::Joint| VisualJoint {

@@ -8,8 +8,8 @@ use nalgebra::Vector3;
 use super::{LostState, Simulation};
 use crate::comm::{
     Activity, ActuatorCommand, CameraParameters, CartesianCommandType, Channel, Hub, HubIndex, HubObject, Inbox,
-    JointCommandType, LightParameters, ObjectKind, ObjectList, PoseCommand, RigidBodyCommand, Snapshot, SnapshotWriter,
-    SoftBodyCommand, Timing, VehicleCommand, Wrench,
+    JointCommandType, LightParameters, ObjectKind, ObjectList, PoseCommand, Resets, RigidBodyCommand, Snapshot,
+    SnapshotWriter, SoftBodyCommand, Timing, VehicleCommand, Wrench,
 };
 use crate::control::Profile;
 use crate::scene::Scene;
@@ -290,11 +290,11 @@ impl Simulation {
                 }
                 Slot::Camera(index, inbox, _) => {
                     inbox.check_watchdog(now);
-                    self.scene.cameras[*index].placed.apply_command(inbox.command());
+                    self.scene.cameras[*index].attached.apply_command(inbox.command());
                 }
                 Slot::Light(index, inbox, _) => {
                     inbox.check_watchdog(now);
-                    self.scene.lights[*index].placed.apply_command(inbox.command());
+                    self.scene.lights[*index].attached.apply_command(inbox.command());
                 }
                 Slot::Actuator(index, inbox) => {
                     inbox.check_watchdog(now);
@@ -319,8 +319,8 @@ impl Simulation {
         commanded.control = command.cartesian;
         if *profile == Profile::Legacy || !commanded.is_dynamic() || command.cartesian == CartesianCommandType::Force {
             commanded.apply_command(world, command, self.dt);
-        } else if commanded.take_order(world, command) {
-            self.driven.bodies.push(body);
+        } else if commanded.set_target(world, command) {
+            self.targets.bodies.push(body);
         }
         let n = command.joint_commands.len().min(self.scene.active_joints(body).len());
         for (i, &value) in command.joint_commands[..n].iter().enumerate() {
@@ -345,8 +345,8 @@ impl Simulation {
         let Scene { joints, bodies, world, profile, .. } = &mut self.scene;
         if *profile == Profile::Legacy {
             joints[joint].apply_command(world, bodies, kind, value, self.sim_time);
-        } else if joints[joint].take_order(world, kind, value, self.sub_step) {
-            self.driven.joints.push(joint);
+        } else if joints[joint].set_target(world, kind, value, self.sub_step) {
+            self.targets.joints.push(joint);
         }
     }
 
@@ -441,23 +441,22 @@ impl Simulation {
     /// Does the resets that clients or plugins asked for; true if there was one.
     pub(super) fn do_requested_resets(&mut self) -> bool {
         let Some(link) = &self.link else { return self.do_plugin_resets() };
-        let is_thorough = link.hub.take_thoroughness();
         let from_clients = link.hub.take_resets();
-        self.do_resets(from_clients, is_thorough) | self.do_plugin_resets()
+        self.do_resets(from_clients) | self.do_plugin_resets()
     }
 
     /// Does the resets that plugins asked for; true if there was one.
     pub(super) fn do_plugin_resets(&mut self) -> bool {
         let resets = self.take_plugin_resets();
-        self.do_resets(resets, false)
+        self.do_resets(resets)
     }
 
-    fn do_resets(&mut self, resets: (bool, bool), is_thorough: bool) -> bool {
+    fn do_resets(&mut self, resets: Resets) -> bool {
         match resets {
-            (true, _) if is_thorough => self.reset_thoroughly(),
-            (true, _) => self.reset_world(),
-            (false, true) => self.reset_bodies(),
-            (false, false) => return false,
+            Resets { world: true, thorough: true, .. } => self.reset_thoroughly(),
+            Resets { world: true, .. } => self.reset_world(),
+            Resets { bodies: true, .. } => self.reset_bodies(),
+            _ => return false,
         }
         true
     }

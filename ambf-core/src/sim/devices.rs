@@ -78,7 +78,7 @@ impl Coupled {
             stamp: Some(Instant::now()),
             pose: root.pose(&scene.world),
             is_there: self.is_there,
-            camera: self.cameras.first().map(|&camera| scene.cameras[camera].placed.pose.rotation),
+            camera: self.cameras.first().map(|&camera| scene.cameras[camera].attached.pose.rotation),
             paused,
             resets,
         });
@@ -221,7 +221,7 @@ impl Simulation {
         if let Some(motion) = hand.cameras.since(&device.cameras_moved) {
             device.cameras_moved = hand.cameras;
             for &camera in &device.cameras {
-                let pose: &mut Isometry3<f64> = &mut self.scene.cameras[camera].placed.pose;
+                let pose: &mut Isometry3<f64> = &mut self.scene.cameras[camera].attached.pose;
                 *pose = motion.applied(pose);
             }
         }
@@ -266,8 +266,8 @@ impl Simulation {
                 let cartesian = CartesianCommandType::Velocity;
                 let command =
                     RigidBodyCommand { cartesian, linear_velocity, angular_velocity, ..RigidBodyCommand::default() };
-                if body.take_order(world, &command) {
-                    self.driven.bodies.push(root);
+                if body.set_target(world, &command) {
+                    self.targets.bodies.push(root);
                 }
             }
             (linear, angular) => {

@@ -262,9 +262,9 @@ mod tests {
         simulation.keep_history(true).expect("savable");
         run(&mut simulation, 300);
         simulation.scene.cameras[0].follow_gesture(crate::scene::CameraGesture::Pan { right: 1.0, up: 0.0 });
-        let camera = simulation.scene.cameras[0].placed.pose;
+        let camera = simulation.scene.cameras[0].attached.pose;
         simulation.go_to_time(0.1).expect("kept");
-        assert_eq!(simulation.scene.cameras[0].placed.pose, camera);
+        assert_eq!(simulation.scene.cameras[0].attached.pose, camera);
     }
 
     #[test]

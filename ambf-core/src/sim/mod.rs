@@ -3,7 +3,6 @@
 mod cap;
 mod commands;
 mod devices;
-mod driven;
 mod history;
 mod models;
 mod pace;
@@ -12,6 +11,7 @@ mod runner;
 mod saved;
 mod statistics;
 mod stepper;
+mod targets;
 mod window;
 
 pub use crate::bullet::StateError;
@@ -36,10 +36,10 @@ use crate::scene::Scene;
 use cap::SubStepCap;
 use commands::Link;
 use devices::Devices;
-use driven::Driven;
 use history::Recording;
 use models::ModelRequests;
 use plugins::PluginState;
+use targets::ActiveTargets;
 use window::{Picking, Window};
 
 /// Bullet's internal step unless somebody asks for another: 1 ms, whatever the frequency of the loop.
@@ -133,7 +133,7 @@ pub struct Simulation {
     requests: Option<ModelRequests>,
     window: Option<Window>,
     picking: Picking,
-    driven: Driven,
+    targets: ActiveTargets,
     recording: Recording,
     /// Input devices, if there are any.
     devices: Option<Box<Devices>>,
@@ -145,8 +145,8 @@ impl Simulation {
     /// A simulation of `scene` at time zero in sub-steps of `sub_step` s.
     pub fn new(scene: Scene, sub_step: f64) -> Self {
         let wrenches = if scene.has_feedback { vec![Wrench::default(); scene.bodies.len()] } else { Vec::new() };
-        let mut driven = Driven::default();
-        driven.reserve(&scene);
+        let mut targets = ActiveTargets::default();
+        targets.reserve(&scene);
         let (wanted, usual) = (&scene.description.physics, PlausibleBounds::default());
         let bounds = PlausibleBounds {
             speed: wanted.largest_speed.unwrap_or(usual.speed),
@@ -172,7 +172,7 @@ impl Simulation {
             requests: None,
             window: None,
             picking: Picking::default(),
-            driven,
+            targets,
             recording: Recording::default(),
             devices: None,
             notices: Vec::new(),
@@ -266,7 +266,7 @@ impl Simulation {
     fn advance(&mut self, interval: f64) {
         let cap = self.cap.get();
         let begin = Instant::now();
-        let due = self.driven.step(&mut self.scene, interval, cap, self.sub_step);
+        let due = self.targets.step(&mut self.scene, interval, cap, self.sub_step);
         self.bullet_time += begin.elapsed();
         self.due = due;
         self.lost_time += f64::from(due.saturating_sub(cap)) * self.sub_step;
@@ -370,11 +370,11 @@ impl Simulation {
     fn reset_controllers(&mut self) {
         for joint in &mut self.scene.joints {
             joint.controller.reset();
-            joint.order.reset();
+            joint.target.reset();
         }
         for body in self.scene.bodies.iter_mut() {
             body.controller.reset();
-            body.order.reset();
+            body.target.reset();
         }
     }
 

@@ -182,7 +182,7 @@ impl Simulation {
 
     /// Makes place for what the scene has now.
     pub(super) fn grow(&mut self) {
-        self.driven.reserve(&self.scene);
+        self.targets.reserve(&self.scene);
         self.joint_buffer.resize(self.scene.world.constraints().len(), 0.0);
         if self.scene.has_feedback {
             self.wrenches.resize(self.scene.bodies.len(), Default::default());

@@ -9,7 +9,7 @@ use nalgebra::{Isometry3, Vector3};
 use super::Simulation;
 use crate::adf::{node_text, PluginEntry, SourcePos};
 use crate::bullet::{Constraint, ConstraintHandle, ConstraintKind, Ray, RayTarget};
-use crate::comm::JointCommandType;
+use crate::comm::{JointCommandType, Resets};
 use crate::plugin::run::{Access, Phase, Plugins, Shared, TextOf, Wanted};
 use crate::plugin::{
     BodyState, Clock, Command, CommandError, Drawings, Hit, Input, JointState, ObjectId, ObjectType, PluginReport,
@@ -269,10 +269,11 @@ impl Simulation {
     }
 
     /// Takes what plugins asked for: reset of the world, of the bodies.
-    pub(super) fn take_plugin_resets(&self) -> (bool, bool) {
-        let Some(plugins) = &self.plugins else { return (false, false) };
+    pub(super) fn take_plugin_resets(&self) -> Resets {
+        let Some(plugins) = &self.plugins else { return Resets::default() };
         let requests = &plugins.shared.requests;
-        (requests.reset_world.swap(false, Ordering::AcqRel), requests.reset_bodies.swap(false, Ordering::AcqRel))
+        let world = requests.reset_world.swap(false, Ordering::AcqRel);
+        Resets { world, thorough: false, bodies: requests.reset_bodies.swap(false, Ordering::AcqRel) }
     }
 
     /// Takes what plugins asked of the loop: pause or resume, manual steps.
@@ -351,13 +352,13 @@ impl Simulation {
 
     fn place(&mut self, object: ObjectId, pose: &Isometry3<f64>) -> Result<(), CommandError> {
         self.live(object.kind, object.index)?;
-        let placed = match object.kind {
-            ObjectType::Camera => &mut self.scene.cameras[object.index].placed,
-            ObjectType::Light => &mut self.scene.lights[object.index].placed,
-            ObjectType::Ghost => &mut self.scene.ghosts[object.index].placed,
+        let attached = match object.kind {
+            ObjectType::Camera => &mut self.scene.cameras[object.index].attached,
+            ObjectType::Light => &mut self.scene.lights[object.index].attached,
+            ObjectType::Ghost => &mut self.scene.ghosts[object.index].attached,
             _ => return Err(CommandError::Refused),
         };
-        placed.pose = *pose;
+        attached.pose = *pose;
         Ok(())
     }
 
@@ -468,12 +469,12 @@ impl Access for Simulation {
             ObjectType::Actuator => Some(body_pose(scene.actuators[i].parent) * scene.actuators[i].info.pose),
             ObjectType::Vehicle => Some(body_pose(scene.vehicles[i].chassis)),
             ObjectType::Camera => {
-                let placed = &scene.cameras[i].placed;
-                Some(scene.global_pose(placed.parent, &placed.pose))
+                let attached = &scene.cameras[i].attached;
+                Some(scene.global_pose(attached.parent, &attached.pose))
             }
             ObjectType::Light => {
-                let placed = &scene.lights[i].placed;
-                Some(scene.global_pose(placed.parent, &placed.pose))
+                let attached = &scene.lights[i].attached;
+                Some(scene.global_pose(attached.parent, &attached.pose))
             }
             ObjectType::Joint | ObjectType::Volume => None,
         }

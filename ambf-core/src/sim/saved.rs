@@ -2,8 +2,8 @@
 
 use super::cap::SubStepCap;
 use super::commands::{Link, SavedCommands};
-use super::driven::Driven;
 use super::plugins::Attachment;
+use super::targets::ActiveTargets;
 use super::window::Picking;
 use super::Simulation;
 use crate::bullet::StateError;
@@ -30,7 +30,7 @@ pub struct SavedState {
     wrenches: Vec<Wrench>,
     commands: SavedCommands,
     picking: Picking,
-    driven: Driven,
+    targets: ActiveTargets,
     attachments: Vec<Attachment>,
     devices: Vec<EndEffector>,
 }
@@ -92,7 +92,7 @@ impl Simulation {
             recording: _,
             notices: _,
             picking,
-            driven,
+            targets,
             devices,
         } = self;
         Ok(SavedState {
@@ -107,7 +107,7 @@ impl Simulation {
             wrenches: wrenches.clone(),
             commands: link.as_ref().map(Link::save).unwrap_or_default(),
             picking: picking.clone(),
-            driven: driven.clone(),
+            targets: targets.clone(),
             attachments: plugin_state.save(),
             devices: devices.as_ref().map(|devices| devices.save()).unwrap_or_default(),
         })
@@ -134,7 +134,7 @@ impl Simulation {
         // Whoever held something then does not any more.
         self.picking.clone_from(&saved.picking);
         self.release_picked();
-        self.driven.restore(&saved.driven);
+        self.targets.restore(&saved.targets);
         self.plugin_state.restore(&saved.attachments);
         if let Some(devices) = &mut self.devices {
             devices.restore(&saved.devices);

@@ -256,7 +256,7 @@ impl Simulation {
         if !is_place {
             return;
         }
-        let Some(parent) = self.scene.cameras.get(camera).map(|camera| camera.placed.parent) else { return };
+        let Some(parent) = self.scene.cameras.get(camera).map(|camera| camera.attached.parent) else { return };
         let parent = self.scene.global_pose(parent, &Isometry3::identity());
         self.scene.cameras[camera].look_from(&(parent.inverse() * pose), distance);
     }
@@ -491,13 +491,13 @@ mod tests {
         link.post(WindowRequest::MoveCamera { camera: 0, gesture: CameraGesture::Dolly { forward: 1.0 } }).unwrap();
         assert!(simulation.window_is_waiting() && simulation.serve_window());
         let camera = &simulation.scene().cameras[0];
-        let moved = before.placed.pose.inverse() * camera.placed.pose;
+        let moved = before.attached.pose.inverse() * camera.attached.pose;
         assert!((moved.translation.vector - Vector3::new(-1.0, -1.5, 0.75)).norm() < 1e-12);
         assert!((camera.target.x - before.target.x - 1.0).abs() < 1e-12);
         link.post(WindowRequest::ResetCameras).unwrap();
         simulation.serve_window();
         let camera = &simulation.scene().cameras[0];
-        assert_eq!((camera.placed.pose, camera.target), (before.placed.pose, before.target));
+        assert_eq!((camera.attached.pose, camera.target), (before.attached.pose, before.target));
     }
 
     #[test]

@@ -137,8 +137,8 @@ pub fn hash(simulation: &Simulation, hasher: &mut DefaultHasher) {
         soft.read_nodes(&scene.world, &mut nodes);
         nodes.iter().flatten().for_each(|&x| number(x));
     }
-    for placed in scene.cameras.iter().map(|c| &c.placed).chain(scene.ghosts.iter().map(|g| &g.placed)) {
-        placed.pose.translation.vector.iter().for_each(|&x| number(x));
+    for attached in scene.cameras.iter().map(|c| &c.attached).chain(scene.ghosts.iter().map(|g| &g.attached)) {
+        attached.pose.translation.vector.iter().for_each(|&x| number(x));
     }
     for actuator in &scene.actuators {
         number(f64::from(u8::from(actuator.is_actuated())));

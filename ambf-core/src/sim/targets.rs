@@ -6,12 +6,12 @@ use crate::scene::{Scene, SubSteps};
 
 /// Joints and bodies that have something to execute in sub-steps, by index.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Driven {
+pub(super) struct ActiveTargets {
     pub joints: Vec<usize>,
     pub bodies: Vec<usize>,
 }
 
-impl Driven {
+impl ActiveTargets {
     /// Makes place for all that the scene has, so that commands allocate nothing.
     pub fn reserve(&mut self, scene: &Scene) {
         if scene.profile == Profile::Accurate {
@@ -48,8 +48,8 @@ impl Driven {
                 bodies[body].drive(world, sub_steps);
             }
         });
-        self.joints.retain(|&joint| joints[joint].finish_order(done));
-        self.bodies.retain(|&body| bodies[body].finish_order(done));
+        self.joints.retain(|&joint| joints[joint].end_update(done));
+        self.bodies.retain(|&body| bodies[body].end_update(done));
         due
     }
 }

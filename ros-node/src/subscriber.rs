@@ -17,7 +17,7 @@ use rosrust::api::Ros;
 use rosrust::error::Error;
 use rosrust::Message;
 
-use super::tcpros::{quote, Incoming, Trouble, Wanted};
+use super::tcpros::{quote, Incoming, SubscribeError, Wanted};
 use super::topic::{Announcement, Direction, Registration};
 use super::xmlrpc::{CallError, Peer};
 use super::Report;
@@ -227,10 +227,10 @@ impl Call {
         let topic = &self.shared.topic;
         let publisher = quote(&self.publisher);
         match self.listen(own) {
-            Err(Trouble::Fault(what)) if self.with_line(|line| line.fault(Instant::now())) == Some(true) => {
+            Err(SubscribeError::Fault(what)) if self.with_line(|line| line.fault(Instant::now())) == Some(true) => {
                 report(format_args!("ROS: {topic}: {publisher} is not listened to: {what}"));
             }
-            Err(Trouble::OutOfReach(what)) if self.with_line(|line| line.attempts) == Some(ATTEMPTS) => {
+            Err(SubscribeError::OutOfReach(what)) if self.with_line(|line| line.attempts) == Some(ATTEMPTS) => {
                 report(format_args!(
                     "ROS: {topic}: {publisher} cannot be reached: {}; trying again and again",
                     quote(&what)
@@ -241,7 +241,7 @@ impl Call {
     }
 
     /// Connects to the publisher and hands over what it sends, until it or we end.
-    fn listen(&self, own: &str) -> Result<(), Trouble> {
+    fn listen(&self, own: &str) -> Result<(), SubscribeError> {
         let shared = &*self.shared;
         let stream = self.connect(own)?;
         let stopped = || shared.stop.load(Ordering::Acquire);
@@ -260,27 +260,27 @@ impl Call {
         Ok(())
     }
 
-    fn connect(&self, own: &str) -> Result<TcpStream, Trouble> {
+    fn connect(&self, own: &str) -> Result<TcpStream, SubscribeError> {
         let Self { shared, publisher } = self;
         let master = shared.master.called_by(own);
         let uri = master.call("lookupNode", vec![Value::String(publisher.clone())]);
         let Ok(Value::String(uri)) = uri else { return Err(io::Error::from(ErrorKind::NotFound).into()) };
-        let node = Peer::new(&uri, own, TIMEOUT).map_err(|error| Trouble::OutOfReach(error.to_string()))?;
+        let node = Peer::new(&uri, own, TIMEOUT).map_err(|error| SubscribeError::OutOfReach(error.to_string()))?;
         let protocols = Value::Array(vec![Value::Array(vec![Value::String("TCPROS".into())])]);
         let answer = node.call("requestTopic", vec![Value::String(shared.topic.clone()), protocols]);
         let answer = answer.map_err(|error| match error {
             // It has just withdrawn its topic, or itself.
             CallError::Refused { .. } => io::Error::from(ErrorKind::NotFound).into(),
             CallError::NoAnswer { reason, .. } if reason.kind() == ErrorKind::ConnectionRefused => reason.into(),
-            error => Trouble::OutOfReach(error.to_string()),
+            error => SubscribeError::OutOfReach(error.to_string()),
         })?;
-        let no_address = || Trouble::Fault("it does not say where its messages are to be had".into());
+        let no_address = || SubscribeError::Fault("it does not say where its messages are to be had".into());
         let Value::Array(parts) = answer else { return Err(no_address()) };
         let [_, Value::String(host), Value::Integer(port), ..] = &parts[..] else { return Err(no_address()) };
         let port = u16::try_from(*port).map_err(|_| no_address())?;
         let out_of_reach = |error: io::Error| match error.kind() {
-            ErrorKind::ConnectionRefused => Trouble::Gone(error),
-            _ => Trouble::OutOfReach(format!("{host}:{port}: {error}")),
+            ErrorKind::ConnectionRefused => SubscribeError::Gone(error),
+            _ => SubscribeError::OutOfReach(format!("{host}:{port}: {error}")),
         };
         let mut last = ErrorKind::AddrNotAvailable.into();
         for address in (host.as_str(), port).to_socket_addrs().map_err(out_of_reach)? {

@@ -26,7 +26,7 @@ pub enum Parent {
 
 /// What cameras, lights and ghost objects share.
 #[derive(Debug, Clone)]
-pub struct Placed {
+pub struct Attached {
     /// Names and publishing rates.
     pub identity: Identity,
     /// `None`: the world.
@@ -37,7 +37,7 @@ pub struct Placed {
     pub initial_pose: Isometry3<f64>,
 }
 
-impl Placed {
+impl Attached {
     pub(super) fn new(identity: Identity, pose: Isometry3<f64>) -> Self {
         Self { identity, parent: None, pose, initial_pose: pose }
     }
@@ -53,7 +53,7 @@ impl Placed {
 #[derive(Debug, Clone)]
 pub struct Camera {
     /// Names and pose.
-    pub placed: Placed,
+    pub attached: Attached,
     /// What clients may change.
     pub parameters: CameraParameters,
     /// The point that it looked at in the beginning, in its parent's frame, m.
@@ -68,8 +68,8 @@ impl Camera {
     /// Moves it as a mouse does.
     pub(crate) fn follow_gesture(&mut self, gesture: CameraGesture) {
         let width = self.parameters.orthographic_view_width;
-        let place = CameraPlace { pose: self.placed.pose, target: self.target, width }.moved(gesture);
-        (self.placed.pose, self.target) = (place.pose, place.target);
+        let place = CameraPlace { pose: self.attached.pose, target: self.target, width }.moved(gesture);
+        (self.attached.pose, self.target) = (place.pose, place.target);
         if self.parameters.orthographic {
             self.parameters.orthographic_view_width = place.width;
         }
@@ -77,14 +77,14 @@ impl Camera {
 
     /// Puts it at a pose in its parent's frame, looking at a point at `distance` m.
     pub(crate) fn look_from(&mut self, pose: &Isometry3<f64>, distance: f64) {
-        self.placed.pose = *pose;
+        self.attached.pose = *pose;
         self.target = Vector3::new(-distance, 0.0, 0.0);
     }
 
     /// Back to where it was, with the target of the beginning.
     pub(crate) fn reset(&mut self) {
-        self.placed.pose = self.placed.initial_pose;
-        self.target = first_target(&self.placed.initial_pose, &self.look_at);
+        self.attached.pose = self.attached.initial_pose;
+        self.target = first_target(&self.attached.initial_pose, &self.look_at);
     }
 }
 
@@ -98,7 +98,7 @@ pub(super) fn first_target(pose: &Isometry3<f64>, look_at: &Vector3<f64>) -> Vec
 #[derive(Debug, Clone)]
 pub struct Light {
     /// Names and pose.
-    pub placed: Placed,
+    pub attached: Attached,
     /// What clients may change.
     pub parameters: LightParameters,
     /// What it was made from.
@@ -120,7 +120,7 @@ impl Scene {
             (&self.names.lights, Parent::Light),
             (&self.names.ghosts, Parent::Ghost),
         ];
-        let identity = self.placed(child).map(|placed| &placed.identity);
+        let identity = self.attached(child).map(|attached| &attached.identity);
         let (namespace, suffix) = identity.map_or(("", ""), |identity| (&identity.namespace, &identity.suffix));
         let own = [format!("{namespace}{text}{suffix}"), format!("{text}{suffix}"), format!("{namespace}{text}")];
         let exactly =
@@ -169,7 +169,7 @@ impl Scene {
             return Ok(());
         }
         let refuse = |scene: &Self, why: String| {
-            let key = scene.placed(child).map(|placed| placed.identity.key()).unwrap_or_default();
+            let key = scene.attached(child).map(|attached| attached.identity.key()).unwrap_or_default();
             Err(format!("`{key}`: parent `{text}` is {why}; it stays where it is"))
         };
         let parent = match self.find_parent(child, text) {
@@ -181,10 +181,10 @@ impl Scene {
             if link == child {
                 return refuse(self, "itself or hangs on it".into());
             }
-            above = self.placed(link).and_then(|placed| placed.parent);
+            above = self.attached(link).and_then(|attached| attached.parent);
         }
-        if let Some(placed) = self.placed_mut(child) {
-            placed.parent = Some(parent);
+        if let Some(attached) = self.attached_mut(child) {
+            attached.parent = Some(parent);
         }
         Ok(())
     }
@@ -193,9 +193,9 @@ impl Scene {
     pub fn global_pose(&self, parent: Option<Parent>, local: &Isometry3<f64>) -> Isometry3<f64> {
         let (mut pose, mut above) = (*local, parent);
         while let Some(link) = above {
-            match self.placed(link) {
+            match self.attached(link) {
                 // Loops are refused in `set_parent`.
-                Some(placed) => (pose, above) = (placed.pose * pose, placed.parent),
+                Some(attached) => (pose, above) = (attached.pose * pose, attached.parent),
                 None => {
                     if let Parent::Body(body) = link {
                         pose = self.bodies[body].pose(&self.world) * pose;
@@ -213,8 +213,8 @@ impl Scene {
             camera.parameters;
         let is_stereo = camera.parameters.stereo && !camera.parameters.orthographic;
         CameraView {
-            pose: self.global_pose(camera.placed.parent, &camera.placed.pose),
-            parent: self.global_pose(camera.placed.parent, &Isometry3::identity()),
+            pose: self.global_pose(camera.attached.parent, &camera.attached.pose),
+            parent: self.global_pose(camera.attached.parent, &Isometry3::identity()),
             near_plane,
             far_plane,
             field_view_angle,
@@ -226,26 +226,26 @@ impl Scene {
 
     /// Where `light` shines.
     pub(super) fn spot_of(&self, light: &Light) -> SpotReading {
-        let pose = self.global_pose(light.placed.parent, &light.placed.pose);
+        let pose = self.global_pose(light.attached.parent, &light.attached.pose);
         SpotReading { pose, cutoff_angle: light.parameters.cutoff_angle }
     }
 
     /// `None` for a body.
-    fn placed(&self, object: Parent) -> Option<&Placed> {
+    fn attached(&self, object: Parent) -> Option<&Attached> {
         match object {
             Parent::Body(_) => None,
-            Parent::Camera(index) => Some(&self.cameras[index].placed),
-            Parent::Light(index) => Some(&self.lights[index].placed),
-            Parent::Ghost(index) => Some(&self.ghosts[index].placed),
+            Parent::Camera(index) => Some(&self.cameras[index].attached),
+            Parent::Light(index) => Some(&self.lights[index].attached),
+            Parent::Ghost(index) => Some(&self.ghosts[index].attached),
         }
     }
 
-    pub(super) fn placed_mut(&mut self, object: Parent) -> Option<&mut Placed> {
+    pub(super) fn attached_mut(&mut self, object: Parent) -> Option<&mut Attached> {
         match object {
             Parent::Body(_) => None,
-            Parent::Camera(index) => Some(&mut self.cameras[index].placed),
-            Parent::Light(index) => Some(&mut self.lights[index].placed),
-            Parent::Ghost(index) => Some(&mut self.ghosts[index].placed),
+            Parent::Camera(index) => Some(&mut self.cameras[index].attached),
+            Parent::Light(index) => Some(&mut self.lights[index].attached),
+            Parent::Ghost(index) => Some(&mut self.ghosts[index].attached),
         }
     }
 

@@ -10,8 +10,8 @@ use crate::adf::{Controller, Limits, IMPULSE_STEP};
 use crate::bullet::{BodyDrive, SoftMotor, World};
 use crate::comm::{CartesianCommandType, JointCommandType, RigidBodyCommand};
 use crate::control::{
-    orientation_of, shortest_angle, Deviation, JointDriver, PoseAction, PoseDriver, Profile, Quantity, Scheme,
-    SetMotion,
+    orientation_of, shortest_angle, JointDriver, PoseAction, PoseDriver, Profile, Quantity, Scheme, SetpointMotion,
+    TrackingError,
 };
 
 /// The sub-steps of an update.
@@ -42,7 +42,7 @@ impl SubSteps {
 
 /// What a joint was told for the next update.
 #[derive(Debug, Clone)]
-pub(crate) struct JointOrder {
+pub(crate) struct JointTarget {
     driver: JointDriver,
     /// N·m or N.
     effort: f64,
@@ -51,7 +51,7 @@ pub(crate) struct JointOrder {
     /// Goal of the update before, if there was one, how fast it moved since, and how fast it moves.
     last_goal: Option<f64>,
     last_rate: Option<f64>,
-    goal_motion: SetMotion<f64>,
+    goal_motion: SetpointMotion<f64>,
     /// Bullet holds a spring, which goes when nobody asks for it.
     has_spring: bool,
     /// Force and torque on the parent that the effort made of in the sub-step before, world axes; the child has the
@@ -60,7 +60,7 @@ pub(crate) struct JointOrder {
     is_listed: bool,
 }
 
-impl JointOrder {
+impl JointTarget {
     pub fn new(controller: &Controller) -> Self {
         Self {
             driver: JointDriver::new(controller),
@@ -68,7 +68,7 @@ impl JointOrder {
             goal: None,
             last_goal: None,
             last_rate: None,
-            goal_motion: SetMotion::default(),
+            goal_motion: SetpointMotion::default(),
             has_spring: false,
             applied: None,
             is_listed: false,
@@ -85,58 +85,58 @@ impl JointOrder {
 impl Joint {
     /// Takes a command for the next update; `sub_step` in s. True when the joint has to be [driven](Self::drive) from
     /// now on.
-    pub(crate) fn take_order(&mut self, world: &mut World, kind: JointCommandType, value: f64, sub_step: f64) -> bool {
+    pub(crate) fn set_target(&mut self, world: &mut World, kind: JointCommandType, value: f64, sub_step: f64) -> bool {
         match kind {
             JointCommandType::Effort => {
                 self.let_go(world);
-                self.order.effort += value;
-                self.order.goal = None;
+                self.target.effort += value;
+                self.target.goal = None;
             }
             JointCommandType::Velocity if self.has_motor() => {
                 let drive = self.motor(value, sub_step);
                 self.handle.map(|handle| world.set_soft_motor(handle, Some(drive)));
-                self.order.has_spring = false;
-                self.order.goal = None;
+                self.target.has_spring = false;
+                self.target.goal = None;
                 return false;
             }
-            JointCommandType::Position if self.enable_motor && self.has_motor() => self.order.goal = Some(value),
+            JointCommandType::Position if self.enable_motor && self.has_motor() => self.target.goal = Some(value),
             _ => return false,
         }
-        !std::mem::replace(&mut self.order.is_listed, true)
+        !std::mem::replace(&mut self.target.is_listed, true)
     }
 
-    /// Executes the order in the sub-step that follows.
+    /// Pursues the target in the sub-step that follows.
     pub(crate) fn drive(&mut self, world: &mut World, bodies: &[Body], sub_steps: SubSteps) {
         if sub_steps.is_first() {
-            self.order.applied = None;
+            self.target.applied = None;
         }
-        match self.order.goal {
+        match self.target.goal {
             Some(goal) => self.pursue(world, goal, sub_steps),
             None if sub_steps.is_first() => {
-                self.order.reset();
-                if self.order.has_spring {
+                self.target.reset();
+                if self.target.has_spring {
                     self.let_go(world);
                 }
             }
             None => (),
         }
-        if self.order.effort != 0.0 {
+        if self.target.effort != 0.0 {
             self.push(world, bodies);
         }
     }
 
     /// Ends an update; without sub-steps its goal waits for the next one. False when nothing is left to do.
-    pub(crate) fn finish_order(&mut self, sub_steps: u32) -> bool {
-        self.order.effort = 0.0;
+    pub(crate) fn end_update(&mut self, sub_steps: u32) -> bool {
+        self.target.effort = 0.0;
         if sub_steps > 0 {
-            self.order.is_listed = self.order.goal.take().is_some();
+            self.target.is_listed = self.target.goal.take().is_some();
         }
-        self.order.is_listed
+        self.target.is_listed
     }
 
     /// Takes the drive out of Bullet's joint.
     pub(crate) fn let_go(&mut self, world: &mut World) {
-        self.order.has_spring = false;
+        self.target.has_spring = false;
         if let Some(handle) = self.handle.filter(|_| self.has_motor()) {
             world.set_soft_motor(handle, None);
         }
@@ -159,26 +159,26 @@ impl Joint {
         let turns_freely = self.limits.is_none() && self.joint_type == JointType::Revolute;
         // Not `clamp`: the limits may be the wrong way round.
         let goal = self.limits.map_or(goal, |Limits { low, high }| goal.min(high).max(low));
-        let order = &mut self.order;
+        let target = &mut self.target;
         if sub_steps.is_first() {
-            let rate = order.last_goal.replace(goal).map(|last| {
+            let rate = target.last_goal.replace(goal).map(|last| {
                 let moved = goal - last;
                 (if turns_freely { (moved + PI).rem_euclid(TAU) - PI } else { moved }) / sub_steps.duration()
             });
-            order.goal_motion = motion_of(rate, order.last_rate);
-            order.last_rate = rate;
+            target.goal_motion = motion_of(rate, target.last_rate);
+            target.last_rate = rate;
         }
-        let goal = goal + order.goal_motion.drift * sub_steps.elapsed();
+        let goal = goal + target.goal_motion.drift * sub_steps.elapsed();
         let error = match self.limits {
             Some(Limits { low, high }) => goal.min(high).max(low) - position,
             None if turns_freely => shortest_angle(position, goal, Profile::Accurate),
             None => goal - position,
         };
         let scheme = if world.is_articulated(handle) { Scheme::Collocated } else { Scheme::Staggered };
-        let at = Deviation { error, set_rate: order.goal_motion.rate, rate };
-        let row = order.driver.update(&at, scheme, sub_steps.length);
-        order.has_spring = order.driver.is_spring();
-        let drive = if order.has_spring {
+        let at = TrackingError { error, set_rate: target.goal_motion.rate, rate };
+        let row = target.driver.update(&at, scheme, sub_steps.length);
+        target.has_spring = target.driver.is_spring();
+        let drive = if target.has_spring {
             // As in the C++ program, forces of a controller have no bound.
             SoftMotor { velocity: row.velocity, softness: row.softness, max_impulse: f64::INFINITY }
         } else {
@@ -191,7 +191,7 @@ impl Joint {
     fn push(&mut self, world: &mut World, bodies: &[Body]) {
         let (parent, child) = (bodies[self.parent].handle, bodies[self.child].handle);
         let (Some(pose), Some(child_pose)) = (world.pose(parent), world.pose(child)) else { return };
-        let along = pose.rotation * self.axis * self.order.effort;
+        let along = pose.rotation * self.axis * self.target.effort;
         let on_parent = match self.joint_type {
             JointType::Revolute | JointType::TorsionSpring => [Vector3::zeros(), -along],
             JointType::Prismatic | JointType::LinearSpring => {
@@ -201,7 +201,7 @@ impl Joint {
             }
             _ => return,
         };
-        let before = self.order.applied.replace(on_parent).unwrap_or_default();
+        let before = self.target.applied.replace(on_parent).unwrap_or_default();
         let [force, torque] = [on_parent[0] - before[0], on_parent[1] - before[1]];
         world.apply_wrench(parent, &force, &torque);
         let turns = matches!(self.joint_type, JointType::Revolute | JointType::TorsionSpring);
@@ -210,23 +210,23 @@ impl Joint {
 }
 
 /// Motion of a set point by its rates in the latest update and in the one before, as far as there were commands then.
-fn motion_of<T: Quantity + Default>(latest: Option<T>, before: Option<T>) -> SetMotion<T> {
+fn motion_of<T: Quantity + Default>(latest: Option<T>, before: Option<T>) -> SetpointMotion<T> {
     match (latest, before) {
-        (Some(latest), Some(before)) => SetMotion::following(latest, before),
-        (latest, _) => SetMotion { rate: latest.unwrap_or_default(), drift: T::default() },
+        (Some(latest), Some(before)) => SetpointMotion::following(latest, before),
+        (latest, _) => SetpointMotion { rate: latest.unwrap_or_default(), drift: T::default() },
     }
 }
 
 /// What a body was told for the next update.
 #[derive(Debug, Clone)]
-pub(crate) struct BodyOrder {
+pub(crate) struct BodyTarget {
     driver: PoseDriver,
     goal: Option<BodyGoal>,
     /// Wanted pose of the update before, if there was one, how fast it moved since, and how fast it moves: m/s and
     /// rad/s, world axes.
     last_target: Option<Isometry3<f64>>,
     last_rates: Option<[Vector3<f64>; 2]>,
-    target_motion: [SetMotion<Vector3<f64>>; 2],
+    target_motion: [SetpointMotion<Vector3<f64>>; 2],
     has_spring: bool,
     is_listed: bool,
 }
@@ -238,7 +238,7 @@ enum BodyGoal {
     Velocity([Vector3<f64>; 2]),
 }
 
-impl BodyOrder {
+impl BodyTarget {
     pub fn new(linear: &Controller, angular: &Controller) -> Self {
         Self {
             driver: PoseDriver::new(linear, angular),
@@ -261,26 +261,26 @@ impl BodyOrder {
 impl Body {
     /// Takes the Cartesian part of a command for the next update. True when the body has to be [driven](Self::drive)
     /// from now on.
-    pub(crate) fn take_order(&mut self, world: &mut World, command: &RigidBodyCommand) -> bool {
+    pub(crate) fn set_target(&mut self, world: &mut World, command: &RigidBodyCommand) -> bool {
         match command.cartesian {
             CartesianCommandType::Position => {
                 let (orientation, _) = orientation_of(&command.orientation);
                 let target = Isometry3::from_parts(command.position.into(), orientation) * self.inertial_offset;
-                self.order.goal = Some(BodyGoal::Pose(target));
+                self.target.goal = Some(BodyGoal::Pose(target));
             }
             CartesianCommandType::Velocity => {
                 let (linear, angular) = (command.linear_velocity, command.angular_velocity);
                 world.set_velocity(self.handle, &linear, &angular);
-                self.order.goal = Some(BodyGoal::Velocity([linear, angular]));
+                self.target.goal = Some(BodyGoal::Velocity([linear, angular]));
             }
             CartesianCommandType::Force | CartesianCommandType::Unknown(_) => return false,
         }
-        !std::mem::replace(&mut self.order.is_listed, true)
+        !std::mem::replace(&mut self.target.is_listed, true)
     }
 
-    /// Executes the order in the sub-step that follows.
+    /// Pursues the target in the sub-step that follows.
     pub(crate) fn drive(&mut self, world: &mut World, sub_steps: SubSteps) {
-        match self.order.goal {
+        match self.target.goal {
             Some(BodyGoal::Pose(target)) => self.pursue(world, &target, sub_steps),
             Some(BodyGoal::Velocity([linear, angular])) => {
                 if sub_steps.is_first() {
@@ -294,17 +294,17 @@ impl Body {
     }
 
     /// Ends an update; without sub-steps its goal waits for the next one. False when nothing is left to do.
-    pub(crate) fn finish_order(&mut self, sub_steps: u32) -> bool {
+    pub(crate) fn end_update(&mut self, sub_steps: u32) -> bool {
         if sub_steps > 0 {
-            self.order.is_listed = self.order.goal.take().is_some();
+            self.target.is_listed = self.target.goal.take().is_some();
         }
-        self.order.is_listed
+        self.target.is_listed
     }
 
     /// Takes the springs away from Bullet's body.
     pub(crate) fn let_go(&mut self, world: &mut World) {
-        self.order.reset();
-        if std::mem::take(&mut self.order.has_spring) {
+        self.target.reset();
+        if std::mem::take(&mut self.target.has_spring) {
             world.set_body_drive(self.handle, None);
         }
     }
@@ -319,27 +319,27 @@ impl Body {
             let turn = (target.rotation * from.rotation.inverse()).scaled_axis();
             [target.translation.vector - from.translation.vector, turn]
         };
-        let order = &mut self.order;
+        let state = &mut self.target;
         if sub_steps.is_first() {
-            let rates = order.last_target.replace(*target);
+            let rates = state.last_target.replace(*target);
             let rates = rates.map(|last| between(&last).map(|part| part / sub_steps.duration()));
-            let motion = |i: usize| motion_of(rates.map(|rates| rates[i]), order.last_rates.map(|rates| rates[i]));
-            order.target_motion = [motion(0), motion(1)];
-            order.last_rates = rates;
+            let motion = |i: usize| motion_of(rates.map(|rates| rates[i]), state.last_rates.map(|rates| rates[i]));
+            state.target_motion = [motion(0), motion(1)];
+            state.last_rates = rates;
         }
-        let (errors, rates, motion) = (between(&pose), [linear, angular], &order.target_motion);
-        let deviation = |i: usize| Deviation {
+        let (errors, rates, motion) = (between(&pose), [linear, angular], &state.target_motion);
+        let deviation = |i: usize| TrackingError {
             error: errors[i] + motion[i].drift * sub_steps.elapsed(),
             set_rate: motion[i].rate,
             rate: rates[i],
         };
-        match order.driver.update(&[deviation(0), deviation(1)], sub_steps.length) {
+        match state.driver.update(&[deviation(0), deviation(1)], sub_steps.length) {
             PoseAction::Springs([linear, angular]) => {
                 let drive = BodyDrive {
                     velocity: [linear.velocity, angular.velocity],
                     softness: [linear.softness, angular.softness],
                 };
-                order.has_spring = world.set_body_drive(self.handle, Some(&drive));
+                state.has_spring = world.set_body_drive(self.handle, Some(&drive));
             }
             PoseAction::Velocity([linear, angular]) => {
                 world.hold_velocity(self.handle, &linear, &angular, sub_steps.length);
