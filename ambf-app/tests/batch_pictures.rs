@@ -198,7 +198,8 @@ fn videos_are_made_in_real_time() {
     assert!(first == bytes_of(&folder, "v/run_front.mp4"), "the same bytes each time");
     let ran = folder.run(&line.replace("run.mp4", "run.nonsense"));
     assert_eq!(ran.status, 2, "{ran:?}");
-    assert!(ran.stderr.contains("run_front.nonsense"), "{ran:?}");
+    // Whichever of the two ends first is named.
+    assert!(ran.stderr.contains(".nonsense"), "{ran:?}");
 }
 
 #[test]
