@@ -24,7 +24,7 @@ use crate::{ObjectId, ObjectType};
 /// Makes a shared library of plugins: the crate's type is `cdylib`, and this stands in it once.
 ///
 /// ```
-/// use ambf_core::plugin::{Plugin, SimulatorPlugin, View};
+/// use ambf_plugin::{Plugin, SimulatorPlugin, View};
 ///
 /// #[derive(Default)]
 /// struct Counter(u64);
@@ -37,7 +37,7 @@ use crate::{ObjectId, ObjectType};
 ///
 /// impl SimulatorPlugin for Counter {}
 ///
-/// ambf_core::export_plugin! { simulator: Counter }
+/// ambf_plugin::export_plugin! { simulator: Counter }
 /// ```
 ///
 /// The kinds are `simulator`, `world`, `model` and `object`; a library has at most one plugin of each. The types
