@@ -191,6 +191,19 @@ pub(crate) fn squarings(shininess: f32) -> Option<u8> {
 /// The first texture unit of shadow maps; 0 is the diffuse texture, 1 the normal map.
 pub(crate) const SHADOW_UNIT: u32 = 3;
 
+/// Begins the block of a light: `l` leads to it, at the distance `square` · `inverse`; the rest is for pixels in its cone.
+fn toward(light: u32) -> String {
+    format!(
+        r"    {{
+        vec3 l = u_position_{light} - v_world;
+        float square = dot(l, l), inverse = inversesqrt(max(square, 1e-18));
+        l *= inverse;
+        float along = -dot(l, u_axis_{light});
+        if (along >= u_cutoff_{light}) {{
+"
+    )
+}
+
 impl Lit {
     fn defines(self) -> String {
         let mut text = String::from("#version 330\n");
@@ -334,15 +347,9 @@ uniform sampler2D u_normal_map;
                 ),
                 false => String::new(),
             };
-            let weakened = self.weakened(light);
+            let (toward, weakened) = (toward(light), self.weakened(light));
             text.push_str(&format!(
-                r"    {{
-        vec3 l = u_position_{light} - v_world;
-        float square = dot(l, l), inverse = inversesqrt(max(square, 1e-18));
-        l *= inverse;
-        float along = -dot(l, u_axis_{light});
-        if (along >= u_cutoff_{light}) {{
-            vec3 part = ambient;
+                r"{toward}            vec3 part = ambient;
             float nl = dot(n, l);
             if (nl > 0.0) {{
                 {lit}
@@ -406,15 +413,9 @@ void main() {
                 1 => format!("textureProj(u_shadow_{light}, u_shadow_clip_{light} * vec4(v_world, 1.0))"),
                 _ => "1.0".to_owned(),
             };
-            let weakened = self.weakened(light);
+            let (toward, weakened) = (toward(light), self.weakened(light));
             text.push_str(&format!(
-                r"    {{
-        vec3 l = u_position_{light} - v_world;
-        float square = dot(l, l), inverse = inversesqrt(max(square, 1e-18));
-        l *= inverse;
-        float along = -dot(l, u_axis_{light});
-        if (along >= u_cutoff_{light}) {{
-            float part = 1.0;
+                r"{toward}            float part = 1.0;
 {weakened}            lights += part;
             float nl = dot(n, l);
             if (nl > 0.0) {{
