@@ -1,4 +1,3 @@
-
 use super::*;
 use crate::mesh::{parse_visual, VisualMesh};
 
