@@ -70,6 +70,9 @@ pub(crate) struct Posed {
     pub pose: Isometry3<f64>,
 }
 
+/// After the last command on a topic, so that it arrives before what follows on another topic and before the topic ends.
+pub(crate) const FLUSH: Duration = Duration::from_millis(20);
+
 /// One arm.
 pub(crate) struct Inner {
     pub names: Names,
@@ -262,14 +265,18 @@ impl Inner {
         Mode::from_number(self.commanding.load(Ordering::Acquire))
     }
 
-    /// No command is repeated any more until the next one. Waits a moment until that is so.
+    /// No command is repeated any more until the next one. Waits until that is so and the last one has left: each
+    /// topic has its own connection, so a command sent just before could arrive after what the caller sends next.
     pub fn stop_commands(&self) {
-        self.commanding.store(Mode::Uninitialised as u8, Ordering::Release);
+        let before = self.commanding.swap(Mode::Uninitialised as u8, Ordering::AcqRel);
         self.wake();
         let deadline = Instant::now() + Duration::from_millis(100);
         while Mode::from_number(self.acting.load(Ordering::Acquire)) != Mode::Uninitialised && Instant::now() < deadline
         {
             std::thread::sleep(Duration::from_micros(200));
+        }
+        if Mode::from_number(before) != Mode::Uninitialised {
+            std::thread::sleep(FLUSH);
         }
     }
 

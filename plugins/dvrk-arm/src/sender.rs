@@ -1,15 +1,12 @@
 //! The thread of an arm that sends its commands.
 
 use std::sync::atomic::Ordering;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use crate::frames::Wrench;
-use crate::inner::{lock, Inner, Mode, Servo};
+use crate::inner::{lock, Inner, Mode, Servo, FLUSH};
 use crate::outputs::Outputs;
 use crate::pace::{Act, Pace, Situation};
-
-/// After a zero before closing, so that it leaves before its topic does.
-const FLUSH: Duration = Duration::from_millis(20);
 
 /// Sends until the arm is closed, then no force, twice.
 pub(crate) fn run(inner: &Inner) {
