@@ -9,8 +9,8 @@ use std::path::Path;
 use std::thread;
 
 use parity_common::{
-    apart_at_end, at_rest, bodies, cases, compare_bodies, compare_joints, joints, shared, simulate, soft_distances,
-    soft_nodes, Case, Quantity, Recording, Start, SHIFTS,
+    apart_at_end, at_rest, bodies, cases, compare_bodies, compare_joints, joints, simulate, soft_distances, soft_nodes,
+    Case, Quantity, Recording, Start, SHIFTS,
 };
 
 const TEXT: &str = include_str!("parity_report.md");
@@ -233,11 +233,11 @@ fn figure(all: &[Measured]) -> String {
 }
 
 fn main() {
-    let Some(shared) = shared() else {
-        eprintln!("no traces in ../shared: nothing to compare with");
+    if ambf_test_support::shared().is_none() {
+        eprintln!("no traces of legacy scenes in ../shared: the page would lose their rows");
         std::process::exit(1);
-    };
-    let (soft, rigid): (Vec<_>, Vec<_>) = cases(&shared).into_iter().partition(Case::is_soft);
+    }
+    let (soft, rigid): (Vec<_>, Vec<_>) = cases().into_iter().partition(Case::is_soft);
     let all: Vec<Measured> = thread::scope(|scope| {
         let threads: Vec<_> = rigid.iter().map(|case| scope.spawn(|| measure(case))).collect();
         threads.into_iter().map(|thread| thread.join().expect("measured")).collect()

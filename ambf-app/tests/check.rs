@@ -4,7 +4,6 @@ mod batch_common;
 
 use std::fmt::Write as _;
 use std::process::Command;
-use std::time::{Duration, Instant};
 
 use batch_common::{resources, Folder, Ran};
 use serde_json::Value;
@@ -317,7 +316,7 @@ fn a_closed_chain_of_joints_is_legal() {
 }
 
 #[test]
-fn thousands_of_elements_take_seconds() {
+fn thousands_of_elements_take_no_more_processor_time_than_a_run_may() {
     let folder = Folder::new();
     let count = 10_000;
     let names = |prefix: &str| (0..count).map(|i| format!("{prefix}{i}, ")).collect::<String>();
@@ -336,9 +335,7 @@ fn thousands_of_elements_take_seconds() {
         }
     }
     folder.write("m.yaml", &text);
-    let begin = Instant::now();
     let (document, status) = check(&folder, "m.yaml");
-    assert!(begin.elapsed() < Duration::from_secs(120), "{:?}", begin.elapsed());
     assert_eq!(status, 0, "{}", document["errors"]);
     assert_eq!(document["files"][0]["built"]["bodies"], count);
     assert_eq!(document["files"][0]["built"]["joints"], count - 1);
@@ -364,7 +361,6 @@ fn broken_and_hostile_files_are_named() {
     }
     folder.write("deep.yaml", &(deep + "bodies: *a39\n"));
     folder.write("words.yaml", "colour: red\n");
-    let begin = Instant::now();
     for (file, part) in [
         ("absent.yaml", "absent.yaml: error: cannot be read"),
         (".", ".: error: is no regular file"),
@@ -380,7 +376,6 @@ fn broken_and_hostile_files_are_named() {
         assert_eq!(ran.status, 2, "{file}: {ran:?}");
         assert!(ran.stdout.contains(part), "{file}: {ran:?}");
     }
-    assert!(begin.elapsed() < Duration::from_secs(20), "{:?}", begin.elapsed());
     let ran = folder.run("--check words.yaml");
     assert_eq!(ran.status, 0, "{ran:?}");
     assert!(ran.stdout.contains("no key tells what this file is; it is taken for a model"), "{ran:?}");

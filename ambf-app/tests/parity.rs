@@ -8,7 +8,7 @@ use std::thread;
 
 use nalgebra::Vector3;
 use parity_common::{
-    apart_at_end, at_rest, bodies, cases, compare_bodies, compare_joints, joints, load_case, meta, shared, simulate,
+    apart_at_end, at_rest, bodies, cases, compare_bodies, compare_joints, joints, load_case, meta, simulate,
     soft_distances, Case, Quantity, Recording, Start, SHIFTS,
 };
 use Quantity::{Angular, JointEffort, JointPosition, JointVelocity, Linear, Position, Rotation};
@@ -45,24 +45,19 @@ const REST: f64 = 2e-3;
 const CONTACT_FREE: [&str; 7] =
     ["pendulum", "pendulum_pos", "chain", "joints", "psm_free", "kuka_free", "parallel_structure"];
 
-/// The cases that can be compared; none, and a word about it, where the test data is absent.
+/// The cases without soft bodies.
 fn comparable() -> Vec<Case> {
-    let Some(shared) = shared() else {
-        eprintln!("SKIPPED: no traces in ../shared");
-        return Vec::new();
-    };
-    cases(&shared).into_iter().filter(|case| !case.is_soft()).collect()
+    cases().into_iter().filter(|case| !case.is_soft()).collect()
 }
 
 /// Not even the nodes of a soft body go other ways: what changed inside Bullet since does not concern links, anchors
 /// and fixed nodes.
 #[test]
 fn the_nodes_of_soft_bodies_go_the_same_way() {
-    let Some(shared) = shared() else {
-        eprintln!("SKIPPED: no traces in ../shared");
+    if ambf_test_support::shared().is_none() {
         return;
-    };
-    let soft: Vec<_> = cases(&shared).into_iter().filter(Case::is_soft).collect();
+    }
+    let soft: Vec<_> = cases().into_iter().filter(Case::is_soft).collect();
     assert!(!soft.is_empty(), "no trace has a soft body");
     for_each(&soft, |case| {
         let distances = soft_distances(case);

@@ -45,11 +45,11 @@ fn a_driver_of_a_library_is_as_any_other() {
     device.write(&DeviceForce { force, ..DeviceForce::zero() }).unwrap();
     let sample = device.read().unwrap();
     assert_eq!((sample.position, sample.sequence, sample.valid), (force, 1, true));
-    assert!(sample.stamp.elapsed() < Duration::from_secs(1) && sample.linear_velocity.is_none());
+    assert!(sample.stamp.elapsed() < Duration::from_secs(60) && sample.linear_velocity.is_none());
     device.close();
     let mut lines = Vec::new();
     let begin = Instant::now();
-    while lines.len() < 2 && begin.elapsed() < Duration::from_secs(10) {
+    while lines.len() < 2 && begin.elapsed() < Duration::from_secs(60) {
         lines.extend(said.recv_timeout(Duration::from_millis(100)));
     }
     assert_eq!(lines, ["port 1 is open", "closed"]);

@@ -56,8 +56,12 @@ impl Folder {
     }
 
     /// Runs `ambf_batch` here with words between blanks.
+    ///
+    /// A run that takes more than 120 s of processor time, whatever else the machine does, is killed, which fails the
+    /// test.
     pub fn run(&self, arguments: &str) -> Ran {
-        let output = Command::new(env!("CARGO_BIN_EXE_ambf_batch"))
+        let output = Command::new("sh")
+            .args(["-c", "ulimit -t 120 && exec \"$0\" \"$@\"", env!("CARGO_BIN_EXE_ambf_batch")])
             .args(arguments.split_whitespace())
             .current_dir(&self.0)
             .env("AMBF_RESOURCES", resources())
@@ -65,7 +69,7 @@ impl Folder {
             .output()
             .expect("ambf_batch runs");
         Ran {
-            status: output.status.code().expect("no signal"),
+            status: output.status.code().expect("ends by itself, within its processor time"),
             stdout: String::from_utf8(output.stdout).expect("text"),
             stderr: String::from_utf8(output.stderr).expect("text"),
         }

@@ -9,11 +9,6 @@ use ambf_core::scene::SceneFiles;
 use flate2::read::GzDecoder;
 use nalgebra::{Quaternion, Vector3};
 
-/// The folder with the traces; `None` when this checkout has none.
-pub fn shared() -> Option<PathBuf> {
-    ambf_test_support::shared().filter(|folder| folder.join("traces/README.md").exists())
-}
-
 /// A trace and how to run its scene.
 #[derive(Debug, Clone)]
 pub struct Case {
@@ -38,34 +33,47 @@ impl Case {
     }
 }
 
-/// All traces in the table of `traces/README.md` that lie beside it.
-pub fn cases(shared: &Path) -> Vec<Case> {
+/// The traces of our own scenes, and where they are at hand those of legacy scenes, which belong to others.
+pub fn cases() -> Vec<Case> {
+    let own = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/traces/cpp");
+    let world = Path::new(env!("CARGO_MANIFEST_DIR")).join("../resources/world/world.yaml");
+    let mut cases = listed(&own, &own.join("scenes"), Some(&world), |scene| Some(own.join(scene)));
+    let Some(shared) = ambf_test_support::shared() else { return cases };
     let legacy = ambf_test_support::legacy().expect("legacy scenes beside the traces");
     let launch_file = legacy.join("descriptions/launch.yaml");
     let launch = adf::load::<Launch>(&launch_file).unwrap_or_else(|error| panic!("{error}")).0;
-    let listed = launch.multibody_configs.expect("a list of models");
+    let models = launch.multibody_configs.expect("a list of models");
+    let world = launch.world_config.as_deref();
+    cases.extend(listed(&shared.join("traces"), &shared.join("scenes"), world, |scene| {
+        match (scene.strip_prefix("launch index "), scene.strip_prefix("legacy/…/")) {
+            (Some(index), _) => Some(models[index.parse::<usize>().expect("an index")].clone()),
+            (_, Some(file)) => Some(legacy.join("descriptions").join(file)),
+            _ => None,
+        }
+    }));
+    cases
+}
 
-    let readme = shared.join("traces/README.md");
+/// The traces in the table of `folder/README.md` whose model `model` finds. Files of commands are relative to `scenes`.
+fn listed(folder: &Path, scenes: &Path, world: Option<&Path>, model: impl Fn(&str) -> Option<PathBuf>) -> Vec<Case> {
+    let readme = folder.join("README.md");
     let text = std::fs::read_to_string(&readme).unwrap_or_else(|error| panic!("{}: {error}", readme.display()));
+    let mut names = Vec::new();
     let rows = text.lines().filter_map(|line| {
         let cells: Vec<_> = line.split('|').map(|cell| cell.trim().trim_matches('`')).collect();
         let &["", name, scene, commands, steps, ""] = cells.as_slice() else { return None };
-        let prefix = shared.join("traces").join(name);
         let steps = steps.parse().ok()?;
-        let model = match (scene.strip_prefix("launch index "), scene.strip_prefix("legacy/…/")) {
-            (Some(index), _) => listed[index.parse::<usize>().expect("an index")].clone(),
-            (_, Some(file)) => legacy.join("descriptions").join(file),
-            _ => shared.join(scene),
-        };
-        let commands = (commands != "–").then(|| shared.join("scenes").join(commands));
-        let files = SceneFiles { world: launch.world_config.clone(), models: vec![model] };
-        Some(Case { name: name.into(), files, commands, steps, prefix })
+        names.push(name.to_owned());
+        let commands = (commands != "–").then(|| scenes.join(commands));
+        let files = SceneFiles { world: world.map(Path::to_owned), models: vec![model(scene)?] };
+        Some(Case { name: name.into(), files, commands, steps, prefix: folder.join(name) })
     });
     let cases: Vec<_> = rows.collect();
-    let files = shared.join("traces").read_dir().expect("traces");
-    let names = files.map(|file| file.expect("an entry").file_name().to_string_lossy().into_owned());
-    for trace in names.filter_map(|name| name.strip_suffix("_bodies.csv.gz").map(str::to_owned)) {
-        assert!(cases.iter().any(|case| case.name == trace), "{}: no row for the trace `{trace}`", readme.display());
+    for entry in folder.read_dir().expect("traces") {
+        let name = entry.expect("an entry").file_name().to_string_lossy().into_owned();
+        if let Some(trace) = name.strip_suffix("_bodies.csv.gz") {
+            assert!(names.iter().any(|name| name == trace), "{}: no row for the trace `{trace}`", readme.display());
+        }
     }
     cases
 }

@@ -137,7 +137,7 @@ fn wrenches_flow_at_the_rate_of_the_loop() {
         let sent = after - before;
         println!("{:.0} wrenches/s, longest tick {longest:?}", sent as f64 / wall);
         // A busy machine holds up the thread that sends, which then sends only the newest.
-        assert!(sent >= 3000 / 3, "{sent} of 3000");
+        assert!(sent >= 3000 / 10, "{sent} of 3000");
         assert!(sent <= 3600, "{sent} of 3000: not doubled either");
     }
 }

@@ -1,6 +1,6 @@
 //! NumPy arrays that the simulation writes or reads.
 
-use numpy::{Element, PyArrayDyn, PyArrayMethods};
+use numpy::{Element, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn};
 use pyo3::prelude::*;
 use pyo3::types::IntoPyDict;
 
@@ -48,16 +48,16 @@ impl Buffer {
         Ok(())
     }
 
-    /// Lets `take` read the numbers, `count` of them.
-    pub fn read<T: Element, R>(&self, py: Python<'_>, count: usize, take: impl FnOnce(&[T]) -> R) -> PyResult<R> {
+    /// The numbers, `count` of them, borrowed.
+    pub fn numbers<'py, T: Element>(&self, py: Python<'py>, count: usize) -> PyResult<PyReadonlyArrayDyn<'py, T>> {
         let array = self.array.bind(py).cast::<PyArrayDyn<T>>()?;
         let numbers = array.try_readonly()?;
-        let numbers = numbers.as_slice()?;
-        if numbers.len() != count {
-            let problem = format!("an array of commands was resized: it holds {} numbers, not {count}", numbers.len());
+        let len = numbers.as_slice()?.len();
+        if len != count {
+            let problem = format!("an array of commands was resized: it holds {len} numbers, not {count}");
             return Err(errors::invalid_command(py, problem));
         }
-        Ok(take(numbers))
+        Ok(numbers)
     }
 
     /// Lets `take` read all numbers, however many there are.

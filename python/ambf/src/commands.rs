@@ -2,7 +2,7 @@
 
 use std::sync::OnceLock;
 
-use ambf_core::comm::{CartesianCommandType, HubIndex, JointCommandType, RigidBodyCommand, RigidBodyInfo};
+use ambf_core::comm::{CartesianCommandType, Command, HubIndex, RigidBodyCommand, RigidBodyInfo};
 use ambf_core::sim::Stepper;
 use nalgebra::{Isometry3, Vector3};
 use pyo3::prelude::*;
@@ -50,10 +50,25 @@ pub struct SavedArrays {
     joints: Vec<Option<(Vec<i8>, Vec<f64>)>>,
 }
 
-/// What the arrays of one body say.
-struct Wanted {
-    row: usize,
-    command: RigidBodyCommand,
+/// The commands of all bodies that the arrays last asked for, in memory that is used again for the next ones.
+pub struct Requested {
+    /// One a body: whether a command was ever in force.
+    pub commanded: Vec<bool>,
+    /// One a body; those of `rows` are of the present step.
+    commands: Vec<RigidBodyCommand>,
+    /// Bodies whose commands are put in force in the present step.
+    rows: Vec<usize>,
+}
+
+impl Requested {
+    /// For `count` bodies, none of them commanded.
+    pub fn new(count: usize) -> Self {
+        Self {
+            commanded: vec![false; count],
+            commands: vec![RigidBodyCommand::default(); count],
+            rows: Vec::with_capacity(count),
+        }
+    }
 }
 
 /// The arrays through which bodies and joints are commanded.
@@ -138,112 +153,109 @@ impl BodyCommands {
         py: Python<'_>,
         rows: &[Row],
         stepper: &mut Stepper,
-        commanded: &mut [bool],
+        requested: &mut Requested,
     ) -> PyResult<()> {
-        let all = self.wanted(py, rows, commanded)?;
-        for Wanted { row, command } in all {
+        self.read(py, rows, requested)?;
+        let Requested { commanded, commands, rows: changed } = requested;
+        for &row in &*changed {
             commanded[row] = true;
             if let Some(in_force) = stepper.body_command(rows[row].object) {
-                *in_force = command;
+                in_force.copy_from(&commands[row]);
             }
         }
         Ok(())
     }
 
-    fn wanted(&self, py: Python<'_>, rows: &[Row], commanded: &[bool]) -> PyResult<Vec<Wanted>> {
-        let kinds = self.kinds.read(py, self.count, <[i8]>::to_vec)?;
-        let mut all = Vec::new();
-        for (row, kind) in kinds.into_iter().enumerate() {
-            let (types, values) = match self.joints[row].get() {
-                Some(commands) => joint_commands(py, &rows[row], commands)?,
-                None => Default::default(),
-            };
-            if kind == NONE && values.is_empty() && !commanded[row] {
+    /// Reads the commands of all bodies that have one now or had one before.
+    fn read(&self, py: Python<'_>, rows: &[Row], requested: &mut Requested) -> PyResult<()> {
+        let Requested { commanded, commands, rows: changed } = requested;
+        changed.clear();
+        let kinds = self.kinds.numbers::<i8>(py, self.count)?;
+        let wrenches = self.wrenches.numbers::<f64>(py, 6 * self.count)?;
+        let twists = self.twists.numbers::<f64>(py, 6 * self.count)?;
+        let poses = self.poses.numbers::<f64>(py, 7 * self.count)?;
+        let (kinds, wrenches) = (kinds.as_slice()?, wrenches.as_slice()?);
+        let (twists, poses) = (twists.as_slice()?, poses.as_slice()?);
+        for (row, (body, command)) in rows.iter().zip(commands).enumerate() {
+            command.copy_from(&RigidBodyCommand::default());
+            if let Some(joints) = self.joints[row].get() {
+                joints.read(py, body, command)?;
+            }
+            let kind = kinds[row];
+            if kind == NONE && command.joint_commands.is_empty() && !commanded[row] {
                 continue;
             }
-            let command = RigidBodyCommand {
-                joint_commands: values,
-                joint_command_types: types,
-                ..self.cartesian(py, &rows[row], row, kind)?
+            if kind != NONE {
+                command.cartesian = kind.into();
+            }
+            let numbers = match command.cartesian {
+                _ if kind == NONE => &[],
+                CartesianCommandType::Force => {
+                    let numbers = &wrenches[6 * row..][..6];
+                    (command.force, command.torque) = halves(numbers);
+                    numbers
+                }
+                CartesianCommandType::Velocity => {
+                    let numbers = &twists[6 * row..][..6];
+                    (command.linear_velocity, command.angular_velocity) = halves(numbers);
+                    numbers
+                }
+                CartesianCommandType::Position => {
+                    let numbers = &poses[7 * row..][..7];
+                    command.position = Vector3::from_column_slice(&numbers[..3]);
+                    command.orientation.copy_from_slice(&numbers[3..]);
+                    numbers
+                }
+                CartesianCommandType::Unknown(kind) => {
+                    return Err(errors::invalid_command(
+                        py,
+                        format!(
+                            "{}: kind {kind} of a body; expected NONE (-1), FORCE (0), POSITION (1) or VELOCITY (2)",
+                            body.name
+                        ),
+                    ))
+                }
             };
-            all.push(Wanted { row, command });
+            if let Some(wrong) = numbers.iter().find(|number| !number.is_finite()) {
+                return Err(errors::invalid_command(py, format!("the command of {} holds {wrong}", body.name)));
+            }
+            changed.push(row);
         }
-        Ok(all)
+        Ok(())
     }
+}
 
-    fn cartesian(&self, py: Python<'_>, body: &Row, row: usize, kind: i8) -> PyResult<RigidBodyCommand> {
-        let mut command = RigidBodyCommand::default();
-        if kind == NONE {
-            return Ok(command);
-        }
-        command.cartesian = CartesianCommandType::from(kind);
-        let numbers = match command.cartesian {
-            CartesianCommandType::Force => {
-                let six = self.six(py, &self.wrenches, row)?;
-                (command.force, command.torque) = halves(&six);
-                six.to_vec()
-            }
-            CartesianCommandType::Velocity => {
-                let six = self.six(py, &self.twists, row)?;
-                (command.linear_velocity, command.angular_velocity) = halves(&six);
-                six.to_vec()
-            }
-            CartesianCommandType::Position => {
-                let place = |all: &[f64]| all[7 * row..7 * row + 7].to_vec();
-                let pose = self.poses.read(py, 7 * self.count, place)?;
-                command.position = Vector3::new(pose[0], pose[1], pose[2]);
-                command.orientation = [pose[3], pose[4], pose[5], pose[6]];
-                pose
-            }
-            CartesianCommandType::Unknown(kind) => {
+fn halves(six: &[f64]) -> (Vector3<f64>, Vector3<f64>) {
+    (Vector3::from_column_slice(&six[..3]), Vector3::from_column_slice(&six[3..]))
+}
+
+impl JointCommands {
+    /// Appends types and values up to the last joint that is commanded.
+    fn read(&self, py: Python<'_>, row: &Row, command: &mut RigidBodyCommand) -> PyResult<()> {
+        let kinds = self.kinds.numbers::<i8>(py, row.joints.len())?;
+        let values = self.values.numbers::<f64>(py, row.joints.len())?;
+        let (kinds, values) = (kinds.as_slice()?, values.as_slice()?);
+        let count = kinds.iter().rposition(|kind| *kind != NONE).map_or(0, |last| last + 1);
+        for ((&kind, &value), name) in kinds[..count].iter().zip(values).zip(&row.joint_names) {
+            if !(NONE..=2).contains(&kind) {
                 return Err(errors::invalid_command(
                     py,
                     format!(
-                        "{}: kind {kind} of a body; expected NONE (-1), FORCE (0), POSITION (1) or VELOCITY (2)",
-                        body.name
+                        "joint {name} of {}: kind {kind}; expected NONE (-1), EFFORT (0), POSITION (1) or VELOCITY (2)",
+                        row.name
                     ),
-                ))
+                ));
             }
-        };
-        if let Some(wrong) = numbers.iter().find(|number| !number.is_finite()) {
-            return Err(errors::invalid_command(py, format!("the command of {} holds {wrong}", body.name)));
+            // The value of a joint that is not commanded has no meaning.
+            let value = if kind == NONE { 0.0 } else { value };
+            if !value.is_finite() {
+                let problem = format!("joint {name} of {} is commanded to {value}", row.name);
+                return Err(errors::invalid_command(py, problem));
+            }
+            // An unknown type leaves its joint alone, which is what NONE means.
+            command.joint_command_types.push(kind.into());
+            command.joint_commands.push(value);
         }
-        Ok(command)
+        Ok(())
     }
-
-    fn six(&self, py: Python<'_>, buffer: &Buffer, row: usize) -> PyResult<[f64; 6]> {
-        buffer.read(py, 6 * self.count, |all| std::array::from_fn(|i| all[6 * row + i]))
-    }
-}
-
-fn halves(six: &[f64; 6]) -> (Vector3<f64>, Vector3<f64>) {
-    (Vector3::new(six[0], six[1], six[2]), Vector3::new(six[3], six[4], six[5]))
-}
-
-/// Types and values up to the last joint that is commanded.
-fn joint_commands(py: Python<'_>, row: &Row, commands: &JointCommands) -> PyResult<(Vec<JointCommandType>, Vec<f64>)> {
-    let count = row.joints.len();
-    let mut kinds = commands.kinds.read(py, count, <[i8]>::to_vec)?;
-    kinds.truncate(kinds.iter().rposition(|kind| *kind != NONE).map_or(0, |last| last + 1));
-    let mut values: Vec<f64> = commands.values.read(py, count, |values: &[f64]| values[..kinds.len()].to_vec())?;
-    for ((kind, value), name) in kinds.iter().zip(&mut values).zip(&row.joint_names) {
-        if !(NONE..=2).contains(kind) {
-            return Err(errors::invalid_command(
-                py,
-                format!(
-                    "joint {name} of {}: kind {kind}; expected NONE (-1), EFFORT (0), POSITION (1) or VELOCITY (2)",
-                    row.name
-                ),
-            ));
-        }
-        if *kind == NONE {
-            // Nobody looks at it.
-            *value = 0.0;
-        }
-        if !value.is_finite() {
-            return Err(errors::invalid_command(py, format!("joint {name} of {} is commanded to {value}", row.name)));
-        }
-    }
-    // An unknown type leaves its joint alone, which is what NONE means.
-    Ok((kinds.into_iter().map(JointCommandType::from).collect(), values))
 }

@@ -14,7 +14,7 @@ use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
 
 use crate::arrays::Buffer;
-use crate::commands::{BodyCommands, Row, SavedArrays};
+use crate::commands::{BodyCommands, Requested, Row, SavedArrays};
 use crate::drawing::{self, Drawing, Moment};
 use crate::load::{self, Wanted};
 use crate::view::Windows;
@@ -29,8 +29,7 @@ const PAUSED: Duration = Duration::from_millis(5);
 /// The physics of a [`World`], which moves to the thread that steps it.
 pub struct Physics {
     pub stepper: Box<Stepper>,
-    /// (bodies x 1) whether a command was ever in force.
-    commanded: Vec<bool>,
+    requested: Requested,
 }
 
 /// Where the physics of a [`World`] is.
@@ -110,8 +109,8 @@ impl World {
     /// Takes the physics away and puts what the arrays command in force; nothing has changed after an error.
     pub fn take(&self, py: Python<'_>) -> PyResult<Physics> {
         let mut physics = self.take_away(py)?;
-        let Physics { stepper, commanded } = &mut physics;
-        match self.commands.put_in_force(py, &self.rows, stepper, commanded) {
+        let Physics { stepper, requested } = &mut physics;
+        match self.commands.put_in_force(py, &self.rows, stepper, requested) {
             Ok(()) => Ok(physics),
             Err(error) => {
                 *self.lock() = Slot::Here(physics);
@@ -224,6 +223,7 @@ pub fn slice(stepper: &mut Stepper, steps: u32) -> Result<u32, LostState> {
 #[pyclass(frozen, module = "ambf._ambf")]
 pub struct State {
     stepper: StepperState,
+    /// One a body: whether a command was ever in force.
     commanded: Vec<bool>,
     commands: SavedArrays,
 }
@@ -323,8 +323,8 @@ impl World {
             drawing: Drawing::default(),
             windows: Mutex::default(),
         };
-        let commanded = vec![false; made.rows.len()];
-        made.give(py, Some(Physics { stepper: Box::new(stepper), commanded }))?;
+        let requested = Requested::new(made.rows.len());
+        made.give(py, Some(Physics { stepper: Box::new(stepper), requested }))?;
         Ok(made)
     }
 
@@ -514,7 +514,8 @@ impl World {
     }
 
     fn save(&self, py: Python<'_>) -> PyResult<State> {
-        let (saved, commanded) = self.with(py, |physics| (physics.stepper.save(), physics.commanded.clone()))?;
+        let (saved, commanded) =
+            self.with(py, |physics| (physics.stepper.save(), physics.requested.commanded.clone()))?;
         let stepper = saved.map_err(|problem| errors::state(py, &problem))?;
         Ok(State { stepper, commanded, commands: self.commands.save(py)? })
     }
@@ -522,7 +523,7 @@ impl World {
     fn restore(&self, py: Python<'_>, state: &State) -> PyResult<()> {
         self.with(py, |physics| {
             physics.stepper.restore(&state.stepper).map_err(|problem| errors::state(py, &problem))?;
-            physics.commanded.clone_from(&state.commanded);
+            physics.requested.commanded.clone_from(&state.commanded);
             self.commands.restore(py, &state.commands)?;
             self.refresh(py, physics.stepper.snapshot())
         })?
