@@ -2,6 +2,7 @@
 
 use std::fmt::Arguments;
 use std::io::Write;
+use std::time::{Duration, Instant};
 
 /// Writes one line to standard error. A closed standard error is not worth a panic: the line is then lost.
 pub fn report(line: Arguments<'_>) {
@@ -24,4 +25,19 @@ pub fn print_line(line: Arguments<'_>) {
 #[macro_export]
 macro_rules! print_line {
     ($($part:tt)*) => { $crate::report::print_line(::std::format_args!($($part)*)) };
+}
+
+/// Lets at most one line a second through.
+#[derive(Debug, Default)]
+pub struct RateLimit(Option<Instant>);
+
+impl RateLimit {
+    /// Whether a line may be written now, which then counts as written.
+    pub fn is_due(&mut self) -> bool {
+        let due = self.0.is_none_or(|last| last.elapsed() >= Duration::from_secs(1));
+        if due {
+            self.0 = Some(Instant::now());
+        }
+        due
+    }
 }

@@ -19,6 +19,7 @@ use crate::cameras::CameraService;
 use crate::cli::SimulatorOptions;
 use crate::devices;
 use crate::launch::{self, LaunchError};
+use crate::report::RateLimit;
 #[cfg(feature = "view")]
 use crate::ros::PictureTopics;
 use crate::ros::{ModelHost, ModelReply, RosArguments, RosMiddleware, RosOptions};
@@ -264,7 +265,7 @@ fn follow(
     ros: Option<&RosMiddleware>,
     stop: &AtomicBool,
 ) -> Result<(), SimulatorError> {
-    let mut empty_steps = Limited::default();
+    let mut empty_steps = RateLimit::default();
     let dismissed = || ros.is_some_and(RosMiddleware::is_dismissed);
     while !stop.load(Ordering::Acquire) && !dismissed() && !windows.were_closed() {
         let news = devices.news();
@@ -294,18 +295,4 @@ fn follow(
         }
     }
     Ok(())
-}
-
-/// Lets a line through at most once a second.
-#[derive(Default)]
-struct Limited(Option<Instant>);
-
-impl Limited {
-    fn is_due(&mut self) -> bool {
-        let due = self.0.is_none_or(|last| last.elapsed() >= Duration::from_secs(1));
-        if due {
-            self.0 = Some(Instant::now());
-        }
-        due
-    }
 }

@@ -4,9 +4,9 @@ use std::collections::BTreeSet;
 use std::fmt::Display;
 use std::sync::{Mutex, OnceLock, PoisonError};
 use std::thread::Thread;
-use std::time::{Duration, Instant};
 
 use crate::report;
+use crate::report::RateLimit;
 
 /// Wakes one thread that parks.
 #[derive(Debug, Default)]
@@ -28,15 +28,13 @@ impl Waker {
 
 /// Reports about one topic, at most one line a second: a client may publish nonsense at 1 kHz.
 #[derive(Debug, Default)]
-pub(super) struct RateLimitedLog(Mutex<Option<Instant>>);
+pub(super) struct RateLimitedLog(Mutex<RateLimit>);
 
 impl RateLimitedLog {
     /// Reports `what` unless something was reported within the last second; true when it did.
     pub fn report(&self, what: impl Display) -> bool {
-        let mut last = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let due = last.is_none_or(|last| last.elapsed() >= Duration::from_secs(1));
+        let due = self.0.lock().unwrap_or_else(PoisonError::into_inner).is_due();
         if due {
-            *last = Some(Instant::now());
             report!("ROS: {what}");
         }
         due

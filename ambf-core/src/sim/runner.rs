@@ -7,10 +7,11 @@ use std::time::{Duration, Instant};
 
 use crossbeam_channel::{bounded, Receiver, Sender};
 
-use super::pace::{ask_for_short_slices, Pacer};
+use super::slices::request_short_slices;
 use super::statistics::StepStatistics;
 use super::{LostState, Simulation};
 use crate::comm::{Activity, Timing};
+use crate::device::timing::Pacer;
 use crate::plugin::run::Phase;
 
 /// How the loop keeps time.
@@ -120,6 +121,8 @@ pub struct Runner {
 
 /// Events that may wait; more are dropped: the log is not worth a stalled simulation.
 const EVENTS: usize = 64;
+/// Periods that the loop may be behind and still catch up: what a preempted iteration costs on a busy computer.
+const MAX_LAG: u32 = 10;
 /// Lost time is reported at most this often.
 const REPORT_PERIOD: Duration = Duration::from_secs(1);
 /// How often a paused loop looks around.
@@ -198,7 +201,7 @@ impl PhysicsLoop {
             last_wall: 0.0,
             was_paused: false,
             lost: false,
-            statistics: StepStatistics::new(),
+            statistics: StepStatistics::default(),
             throttle_counter: 0,
             reported_loss: 0.0,
             next_report: Duration::ZERO,
@@ -208,8 +211,8 @@ impl PhysicsLoop {
     fn run(mut self) -> Simulation {
         self.simulation.wait_in_this_thread();
         self.simulation.set_nominal_frequency(self.options.frequency);
-        ask_for_short_slices();
-        let mut pacer = Pacer::new(Duration::from_secs_f64(1.0 / self.options.frequency));
+        request_short_slices();
+        let mut pacer = Pacer::new(Duration::from_secs_f64(1.0 / self.options.frequency), MAX_LAG);
         while !self.control.is_stopping() {
             if self.simulation.do_requested_resets() {
                 self.resume_after_reset();

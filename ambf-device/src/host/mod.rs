@@ -7,7 +7,6 @@
 
 mod claim;
 mod exchange;
-mod pace;
 mod rates;
 mod worker;
 

@@ -10,10 +10,10 @@ use nalgebra::{Isometry3, Vector3};
 
 use super::claim::{panic_text, Claim};
 use super::exchange::{CameraSum, Controls, DeviceEnd, Followed, Hand, STALE};
-use super::pace::Pace;
 use super::rates::{Counter, Periods};
 use super::{DeviceEvent, News};
 use crate::law::{HapticInput, HapticLoop, HapticOutput, WorldView};
+use crate::timing::Pacer;
 use crate::{DeviceError, DeviceForce, DeviceLog, DeviceSample, DeviceSpec, InputDevice, Latest};
 use ambf_model::adf;
 
@@ -54,8 +54,8 @@ impl Shared {
             stage: AtomicU8::new(Stage::Opening as u8),
             beat: AtomicU64::new(0),
             epoch: Instant::now(),
-            loops: Periods::new(),
-            samples: Periods::new(),
+            loops: Periods::default(),
+            samples: Periods::default(),
             force: Latest::new(),
         }
     }
@@ -298,8 +298,9 @@ impl Worker {
 
     /// Ticks until the thread should end.
     fn serve(&self, open: &mut Open, hand: &mut Haptic) -> Result<(), Fault> {
-        let mut pace = Pace::new(self.timing.period);
-        let outcome = pace.be_urgent();
+        // A tick that comes too late for the next one is not caught up: the hand has moved on.
+        let mut pacer = Pacer::new(self.timing.period, 0);
+        let outcome = pacer.be_urgent();
         if !self.timing.told_urgency.swap(true, Ordering::Relaxed) {
             self.tell(DeviceEvent::Urgency(outcome));
         }
@@ -313,9 +314,9 @@ impl Worker {
                 let _ = open.write(&DeviceForce::zero());
                 break Err(fault);
             }
-            pace.wait();
+            pacer.wait();
         };
-        pace.be_normal();
+        pacer.be_normal();
         hand.loops.interrupt(&self.shared.loops);
         hand.samples.interrupt(&self.shared.samples);
         outcome
