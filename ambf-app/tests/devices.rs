@@ -1,13 +1,14 @@
 //! `ambf_simulator` with input devices, as a user runs it.
 
 use std::io::{BufRead, BufReader, Read};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Stdio};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use rustix::process::{kill_process, Pid, Signal};
+use tempfile::TempDir;
 
 const DEVICES: &str = "input devices: [Left Hand, Right Hand, Gone, Faulty]\n\
     Left Hand: {hardware name: Mock, root link: BODY Link, haptic gain: {linear: 10, angular: 0}, enable on button: false, \
@@ -20,12 +21,11 @@ const FREE: &str = "bodies: [BODY Tool]\nnamespace: /t/\n\
     BODY Tool: {name: Tool, mass: 1, collision shape: Sphere, collision geometry: {radius: 0.1}}\n";
 
 /// A folder with a launch file.
-struct Folder(PathBuf);
+struct Folder(TempDir);
 
 impl Folder {
-    fn new(name: &str, devices: Option<&str>) -> Self {
-        let folder = std::env::temp_dir().join(format!("ambf_app_devices_{}_{name}", std::process::id()));
-        std::fs::create_dir_all(&folder).expect("a folder");
+    fn new(devices: Option<&str>) -> Self {
+        let folder = TempDir::new().expect("a temporary folder");
         let resources = Path::new(env!("CARGO_MANIFEST_DIR")).join("../resources").canonicalize().expect("resources");
         let resources = resources.display();
         let launch = format!(
@@ -33,10 +33,10 @@ impl Folder {
              input devices config: devices.yaml\nmultibody configs: [{resources}/models/pendulum.yaml]\n\
              device plugins: [{{name: gone, filename: libgone.so}}]\n"
         );
-        std::fs::write(folder.join("launch.yaml"), launch).expect("written");
-        std::fs::write(folder.join("free.yaml"), FREE).expect("written");
+        std::fs::write(folder.path().join("launch.yaml"), launch).expect("written");
+        std::fs::write(folder.path().join("free.yaml"), FREE).expect("written");
         if let Some(devices) = devices {
-            std::fs::write(folder.join("devices.yaml"), devices).expect("written");
+            std::fs::write(folder.path().join("devices.yaml"), devices).expect("written");
         }
         Self(folder)
     }
@@ -45,7 +45,7 @@ impl Folder {
     fn run(&self, options: &[&str], expected: &[&str]) -> String {
         let mut child = Command::new(env!("CARGO_BIN_EXE_ambf_simulator"))
             .args(["--no_ros", "-g", "0", "-l", "0", "--launch_file"])
-            .arg(self.0.join("launch.yaml"))
+            .arg(self.0.path().join("launch.yaml"))
             .args(options)
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
@@ -85,15 +85,9 @@ fn collect(stream: impl Read + Send + 'static, text: &Arc<Mutex<String>>) -> Joi
     })
 }
 
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
-}
-
 #[test]
 fn devices_run_and_their_rates_are_printed_at_the_end() {
-    let folder = Folder::new("run", Some(DEVICES));
+    let folder = Folder::new(Some(DEVICES));
     let expected = [
         "device plugin gone (libgone.so) is left out: no such library",
         "there is no input device 9",
@@ -116,7 +110,7 @@ fn devices_run_and_their_rates_are_printed_at_the_end() {
 
 #[test]
 fn a_device_file_that_is_missing_is_said_and_asked_for_only_when_it_is_needed() {
-    let folder = Folder::new("missing", None);
+    let folder = Folder::new(None);
     let text = folder.run(&["-n", "1"], &["devices.yaml", "the simulation runs without", "Ctrl+C ends"]);
     assert!(text.contains("stopped"), "{text}");
     let text = folder.run(&[], &["Ctrl+C ends"]);

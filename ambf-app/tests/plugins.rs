@@ -3,32 +3,23 @@
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
-struct Folder(PathBuf);
+use tempfile::TempDir;
+
+struct Folder(TempDir);
 
 impl Folder {
     fn new() -> Self {
-        static COUNT: AtomicU32 = AtomicU32::new(0);
-        let name = format!("ambf_app_plugins_{}_{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
-        let path = std::env::temp_dir().join(name);
-        std::fs::create_dir_all(&path).unwrap();
-        Self(path)
+        Self(TempDir::new().expect("a temporary folder"))
     }
 
     fn write(&self, name: &str, text: &str) {
-        std::fs::write(self.0.join(name), text).unwrap();
+        std::fs::write(self.0.path().join(name), text).unwrap();
     }
 
     fn read(&self, name: &str) -> String {
-        std::fs::read_to_string(self.0.join(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
+        std::fs::read_to_string(self.0.path().join(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
     }
 }
 
@@ -62,7 +53,7 @@ fn scene(folder: &Folder) {
 fn batch(folder: &Folder, arguments: &[&str], plugin_path: &Path) -> (String, Option<i32>) {
     let output = Command::new(env!("CARGO_BIN_EXE_ambf_batch"))
         .args(arguments)
-        .current_dir(&folder.0)
+        .current_dir(folder.0.path())
         .env("AMBF_PLUGIN_PATH", plugin_path)
         .output()
         .unwrap();
@@ -128,7 +119,7 @@ fn the_simulator_closes_plugins_when_it_is_interrupted() {
     folder.write("launch.yaml", &format!("{LAUNCH}plugins: [{{name: gone, filename: libgone.so, path: sub}}]\n"));
     let mut simulator = Command::new(env!("CARGO_BIN_EXE_ambf_simulator"))
         .args(["--no_ros", "-g", "0", "-l", "0", "--verbose", "--launch_file", "launch.yaml"])
-        .current_dir(&folder.0)
+        .current_dir(folder.0.path())
         .env("AMBF_PLUGIN_PATH", &library)
         .stdout(Stdio::null())
         .stderr(Stdio::piped())
@@ -136,7 +127,7 @@ fn the_simulator_closes_plugins_when_it_is_interrupted() {
         .unwrap();
     let lines = BufReader::new(simulator.stderr.take().unwrap());
     let reader = std::thread::spawn(move || lines.lines().map_while(Result::ok).collect::<Vec<_>>());
-    let csv = folder.0.join("ball.csv");
+    let csv = folder.0.path().join("ball.csv");
     let begin = Instant::now();
     while !csv.is_file() {
         assert!(begin.elapsed() < Duration::from_secs(30), "the recorder does not start");
@@ -168,13 +159,13 @@ fn an_interrupted_batch_run_closes_plugins() {
     scene(&folder);
     let mut batch = Command::new(env!("CARGO_BIN_EXE_ambf_batch"))
         .args(["-a", "model.yaml", "--world", "world.yaml", "--steps", "1000000000"])
-        .current_dir(&folder.0)
+        .current_dir(folder.0.path())
         .env("AMBF_PLUGIN_PATH", &library)
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
     let begin = Instant::now();
-    while !folder.0.join("ball.csv").metadata().is_ok_and(|metadata| metadata.len() > 10_000) {
+    while !folder.0.path().join("ball.csv").metadata().is_ok_and(|metadata| metadata.len() > 10_000) {
         assert!(begin.elapsed() < Duration::from_secs(30), "nothing is recorded");
         std::thread::sleep(Duration::from_millis(10));
     }
@@ -193,7 +184,7 @@ fn the_linter_looks_for_libraries_without_loading_them() {
     let check = |path: &Path| {
         let output = Command::new(env!("CARGO_BIN_EXE_ambf_batch"))
             .args(["--check", "world.yaml", "model.yaml"])
-            .current_dir(&folder.0)
+            .current_dir(folder.0.path())
             .env("AMBF_PLUGIN_PATH", path)
             .output()
             .unwrap();
@@ -207,5 +198,5 @@ fn the_linter_looks_for_libraries_without_loading_them() {
         2,
         "{said}"
     );
-    assert!(!folder.0.join("ball.csv").exists(), "nothing was run");
+    assert!(!folder.0.path().join("ball.csv").exists(), "nothing was run");
 }

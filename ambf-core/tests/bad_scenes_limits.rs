@@ -4,28 +4,24 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
 use ambf_core::adf::{self, LoadError, Model};
 use ambf_core::mesh::{self, MeshError};
 use ambf_core::scene::{load, Loaded, SceneFiles, SceneOptions};
 use ambf_core::sim::{Simulation, DEFAULT_SUB_STEP};
+use tempfile::TempDir;
 
 /// A temporary folder of its own for each test.
-struct Folder(PathBuf);
+struct Folder(TempDir);
 
 impl Folder {
     fn new() -> Self {
-        static COUNT: AtomicU32 = AtomicU32::new(0);
-        let name = format!("ambf_limits_{}_{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
-        let path = std::env::temp_dir().join(name);
-        std::fs::create_dir_all(&path).expect("a folder");
-        Self(path)
+        Self(TempDir::new().expect("a temporary folder"))
     }
 
     fn write(&self, name: &str, content: impl AsRef<[u8]>) -> PathBuf {
-        let path = self.0.join(name);
+        let path = self.0.path().join(name);
         std::fs::write(&path, content).expect("written");
         path
     }
@@ -34,12 +30,6 @@ impl Folder {
     fn load(&self, model: &str) -> Loaded {
         let models = vec![self.write("model.yaml", model)];
         load(&SceneFiles { world: None, models }, &SceneOptions::default())
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
     }
 }
 
@@ -328,11 +318,11 @@ fn meshes_that_are_no_files() {
     folder.write("empty.stl", "");
     folder.write("text.3ds", "what is this");
     folder.write("utf16.dae", b"\xFF\xFE<\0a\0/\0>\0");
-    std::fs::create_dir(folder.0.join("directory.stl")).expect("a folder");
-    let made = Command::new("mkfifo").arg(folder.0.join("pipe.stl")).status().expect("mkfifo runs");
+    std::fs::create_dir(folder.0.path().join("directory.stl")).expect("a folder");
+    let made = Command::new("mkfifo").arg(folder.0.path().join("pipe.stl")).status().expect("mkfifo runs");
     assert!(made.success());
-    std::os::unix::fs::symlink("/dev/zero", folder.0.join("zero.stl")).expect("a link");
-    std::os::unix::fs::symlink("loop.stl", folder.0.join("loop.stl")).expect("a link");
+    std::os::unix::fs::symlink("/dev/zero", folder.0.path().join("zero.stl")).expect("a link");
+    std::os::unix::fs::symlink("loop.stl", folder.0.path().join("loop.stl")).expect("a link");
     let meshes =
         ["empty.obj", "empty.stl", "text.3ds", "utf16.dae", "directory.stl", "pipe.stl", "zero.stl", "loop.stl"];
     let mut text = format!("bodies: [{}, Good]\nGood: {{mass: 1}}\n", names(meshes.len()));
@@ -350,10 +340,10 @@ fn meshes_that_are_no_files() {
 #[test]
 fn scenes_that_are_no_files() {
     let folder = Folder::new();
-    let pipe = folder.0.join("pipe.yaml");
+    let pipe = folder.0.path().join("pipe.yaml");
     assert!(Command::new("mkfifo").arg(&pipe).status().expect("mkfifo runs").success());
     let refused = [
-        folder.0.clone(),
+        folder.0.path().to_owned(),
         pipe,
         "/dev/zero".into(),
         folder.write("empty.yaml", ""),

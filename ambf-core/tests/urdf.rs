@@ -8,23 +8,22 @@ use ambf_core::comm::JointCommandType;
 use ambf_core::scene::{load, Loaded, SceneFiles, SceneOptions};
 use ambf_core::sim::Simulation;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use tempfile::TempDir;
 
 mod physics_common;
 
 use physics_common::{close, turned, Bench, DT, HEAVY, WEIGHTLESS};
 
 /// A folder that goes with the test.
-struct Folder(PathBuf);
+struct Folder(TempDir);
 
 impl Folder {
-    fn new(name: &str) -> Self {
-        let path = std::env::temp_dir().join(format!("ambf_urdf_{name}_{}", std::process::id()));
-        std::fs::create_dir_all(&path).expect("a folder");
-        Self(path)
+    fn new() -> Self {
+        Self(TempDir::new().expect("a temporary folder"))
     }
 
     fn write(&self, name: &str, text: &str) -> PathBuf {
-        let path = self.0.join(name);
+        let path = self.0.path().join(name);
         std::fs::create_dir_all(path.parent().expect("a folder")).expect("a folder");
         std::fs::write(&path, text).expect("written");
         path
@@ -41,12 +40,6 @@ impl Folder {
         let Loaded { scene, report } = self.load(world, robot);
         assert_eq!(report.errors(), 0, "{report}");
         Bench(Simulation::new(scene, DT))
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
     }
 }
 
@@ -118,7 +111,7 @@ fn same_pose(found: &Isometry3<f64>, expected: &Isometry3<f64>, tolerance: f64, 
 
 #[test]
 fn links_stand_where_urdf_puts_them_and_the_joints_agree() {
-    let folder = Folder::new("poses");
+    let folder = Folder::new();
     let mut bench = folder.bench(WEIGHTLESS, &chain());
     let poses = forward_kinematics(|i| start(CHAIN[i].4));
     for steps in [0, 200] {
@@ -135,7 +128,7 @@ fn links_stand_where_urdf_puts_them_and_the_joints_agree() {
 
 #[test]
 fn joint_positions_are_those_of_urdf() {
-    let folder = Folder::new("positions");
+    let folder = Folder::new();
     let mut bench = folder.bench(WEIGHTLESS, &chain());
     let wanted = [0.5, -0.7, 0.3, 1.0, 0.15, 0.9, -0.2, f64::NAN, -0.4];
     let root = bench.body("l0");
@@ -208,7 +201,7 @@ fn arm_in_adf() -> String {
 
 #[test]
 fn the_shipped_arm_moves_as_the_same_arm_in_adf() {
-    let folder = Folder::new("twin");
+    let folder = Folder::new();
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../resources/models/hanging_arm.urdf");
     let text = std::fs::read_to_string(path).expect("the shipped arm");
     let mut urdf = folder.bench(HEAVY, &text);
@@ -241,7 +234,7 @@ fn the_shipped_arm_moves_as_the_same_arm_in_adf() {
 
 #[test]
 fn a_base_that_is_fixed_to_the_world_stays_there() {
-    let folder = Folder::new("fixed");
+    let folder = Folder::new();
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../resources/models/hanging_arm.urdf");
     let text = std::fs::read_to_string(path).expect("the shipped arm");
     let mut bench = folder.bench(HEAVY, &text);
@@ -262,7 +255,7 @@ const PYRAMID: &str = "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nv 0 0 1\n\
 
 #[test]
 fn meshes_are_found_in_packages_scaled_mirrored_and_placed_beside_primitives() {
-    let folder = Folder::new("meshes");
+    let folder = Folder::new();
     folder.write("package.xml", "<package><name>pyramids</name></package>");
     folder.write("meshes/pyramid.obj", PYRAMID);
     // A foot of 0.1 m, and beside it a pyramid upside down whose tip is 0.2 m below the body.
@@ -291,7 +284,7 @@ fn meshes_are_found_in_packages_scaled_mirrored_and_placed_beside_primitives() {
 
 #[test]
 fn a_mesh_that_is_missing_costs_nothing_but_itself() {
-    let folder = Folder::new("missing");
+    let folder = Folder::new();
     let mesh = |name: &str| format!("<collision><geometry><mesh filename='{name}'/></geometry></collision>");
     let robot = format!(
         "<robot name='r'><link name='a'>{MASS}{}{}<collision><geometry><sphere radius='0.1'/></geometry></collision>\
@@ -311,7 +304,7 @@ fn a_mesh_that_is_missing_costs_nothing_but_itself() {
 
 #[test]
 fn links_of_one_robot_pass_through_each_other_unless_gazebo_is_told_otherwise() {
-    let folder = Folder::new("self_collision");
+    let folder = Folder::new();
     let ball = "<collision><geometry><sphere radius='0.1'/></geometry></collision>";
     let slide = |name: &str, parent: &str, x: f64, limits: &str| {
         format!(
@@ -338,7 +331,7 @@ fn links_of_one_robot_pass_through_each_other_unless_gazebo_is_told_otherwise() 
 
 #[test]
 fn a_floating_joint_joins_nothing_and_a_planar_one_keeps_to_its_plane() {
-    let folder = Folder::new("free");
+    let folder = Folder::new();
     let robot = |kind: &str| {
         format!(
             "<robot name='r'><link name='root'/><joint name='j' type='{kind}'><parent link='root'/><child link='a'/>\
@@ -360,7 +353,7 @@ fn a_floating_joint_joins_nothing_and_a_planar_one_keeps_to_its_plane() {
 
 #[test]
 fn robots_of_the_same_file_are_told_apart_and_adf_files_still_are_adf() {
-    let folder = Folder::new("twice");
+    let folder = Folder::new();
     let robot = folder.write("robot.urdf", &chain());
     let files = SceneFiles { world: None, models: vec![robot.clone(), robot] };
     let Loaded { scene, report } = load(&files, &SceneOptions::default());
@@ -376,7 +369,7 @@ fn robots_of_the_same_file_are_told_apart_and_adf_files_still_are_adf() {
 
 #[test]
 fn a_spherical_joint_holds_its_point_and_lets_its_link_swing() {
-    let folder = Folder::new("spherical");
+    let folder = Folder::new();
     let mass = "<inertial><mass value='1'/><inertia ixx='0.1' iyy='0.1' izz='0.1' ixy='0' ixz='0' iyz='0'/></inertial>";
     let robot = format!(
         "\n<?xml version='1.0'?><robot name=''><link name='world'/><link name='b'>{}</link>\

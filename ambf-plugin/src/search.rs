@@ -120,33 +120,26 @@ fn is_cpp_plugin(file: &Path) -> bool {
 mod tests {
     use super::*;
     use ambf_model::adf::SourcePos;
+    use tempfile::TempDir;
 
-    struct Folder(PathBuf);
+    struct Folder(TempDir);
 
     impl Folder {
-        fn new(name: &str) -> Self {
-            let path = std::env::temp_dir().join(format!("ambf_search_{name}_{}", std::process::id()));
-            std::fs::create_dir_all(&path).unwrap();
-            Self(path)
+        fn new() -> Self {
+            Self(TempDir::new().unwrap())
         }
 
         fn with(&self, folder: &str, file: &str, content: &str) -> PathBuf {
-            let folder = self.0.join(folder);
+            let folder = self.0.path().join(folder);
             std::fs::create_dir_all(&folder).unwrap();
             std::fs::write(folder.join(file), content).unwrap();
             folder
         }
     }
 
-    impl Drop for Folder {
-        fn drop(&mut self) {
-            let _ = std::fs::remove_dir_all(&self.0);
-        }
-    }
-
     #[test]
     fn own_path_then_environment_then_working_folder() {
-        let root = Folder::new("order");
+        let root = Folder::new();
         let (own, first) = (root.with("own", "p.so", ""), root.with("first", "p.so", ""));
         let (second, here) = (root.with("second", "q.so", ""), root.with("here", "r.so", ""));
         root.with("here/sub", "p.so", "");
@@ -160,9 +153,9 @@ mod tests {
         assert_eq!(find("sub/p.so", None), Found::File(here.join("sub/p.so")), "a path is meant from here first");
         let absolute = second.join("q.so");
         assert_eq!(search.find(&absolute, Some(&own)), Found::File(absolute.clone()));
-        let tried = ["own", "first", "second", "here"].map(|folder| root.0.join(folder).join("x.so"));
+        let tried = ["own", "first", "second", "here"].map(|folder| root.0.path().join(folder).join("x.so"));
         assert_eq!(find("x.so", Some(&own)), Found::Nothing(tried.to_vec()));
-        let absent = root.0.join("p.so");
+        let absent = root.0.path().join("p.so");
         assert_eq!(
             search.find(&absent, Some(&own)),
             Found::Nothing(vec![absent]),
@@ -182,10 +175,10 @@ mod tests {
 
     #[test]
     fn plugins_of_the_cpp_program_are_known_by_name_and_by_content() {
-        let root = Folder::new("cpp");
+        let root = Folder::new();
         let folder = root.with("f", "libmine.so", "\u{7f}ELF\0CreatePlugin\0");
         root.with("f", "libours.so", "CreatePlugin\0ambf_plugin_abi_version\0");
-        let search = Search { folders: vec![folder], working_folder: root.0.clone() };
+        let search = Search { folders: vec![folder], working_folder: root.0.path().to_owned() };
         let check = |name: &str| {
             let source = SourcePos { file: Path::new("w.yaml").into(), line: 1, column: 1 };
             search.look_up(&PluginEntry { name: "p".into(), filename: name.into(), path: None, source })

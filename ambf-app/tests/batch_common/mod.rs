@@ -3,16 +3,11 @@
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::sync::atomic::{AtomicU32, Ordering};
+
+use tempfile::TempDir;
 
 /// A folder that is removed in the end.
-pub struct Folder(PathBuf);
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
-}
+pub struct Folder(TempDir);
 
 /// What a run of the program gave.
 #[derive(Debug)]
@@ -34,25 +29,21 @@ pub fn resources() -> PathBuf {
 
 impl Folder {
     pub fn new() -> Self {
-        static COUNT: AtomicU32 = AtomicU32::new(0);
-        let name = format!("ambf_batch_{}_{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
-        let path = std::env::temp_dir().join(name);
-        std::fs::create_dir_all(&path).expect("a folder");
-        Self(path)
+        Self(TempDir::new().expect("a temporary folder"))
     }
 
     pub fn path(&self) -> &Path {
-        &self.0
+        self.0.path()
     }
 
     pub fn write(&self, name: &str, text: &str) {
-        let path = self.0.join(name);
+        let path = self.0.path().join(name);
         std::fs::create_dir_all(path.parent().expect("a folder")).expect("a folder");
         std::fs::write(path, text).expect("written");
     }
 
     pub fn exists(&self, name: &str) -> bool {
-        self.0.join(name).exists()
+        self.0.path().join(name).exists()
     }
 
     /// Runs `ambf_batch` here with words between blanks.
@@ -63,7 +54,7 @@ impl Folder {
         let output = Command::new("sh")
             .args(["-c", "ulimit -t 120 && exec \"$0\" \"$@\"", env!("CARGO_BIN_EXE_ambf_batch")])
             .args(arguments.split_whitespace())
-            .current_dir(&self.0)
+            .current_dir(self.0.path())
             .env("AMBF_RESOURCES", resources())
             .env_remove("AMBF_ROOT_PATH")
             .output()
@@ -95,7 +86,7 @@ impl Folder {
     }
 
     pub fn csv(&self, name: &str) -> Csv {
-        let text = std::fs::read_to_string(self.0.join(name)).unwrap_or_else(|error| panic!("{name}: {error}"));
+        let text = std::fs::read_to_string(self.0.path().join(name)).unwrap_or_else(|error| panic!("{name}: {error}"));
         let cells = |line: &str| line.split(',').map(str::to_owned).collect::<Vec<_>>();
         let mut lines = text.lines();
         let heading = cells(lines.next().expect("a heading"));

@@ -17,6 +17,7 @@ use ambf_core::device::{
 use ambf_core::scene::{load, PhysicsOptions, SceneFiles, SceneOptions};
 use ambf_core::sim::Simulation;
 use nalgebra::{UnitQuaternion, Vector3};
+use tempfile::TempDir;
 
 /// What goes wrong in the next read.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -231,20 +232,16 @@ pub fn puppets(identities: &[&str]) -> (Vec<Arc<Puppet>>, Drivers) {
 }
 
 /// A folder of a test's files.
-pub struct Folder(pub PathBuf);
+pub struct Folder(pub TempDir);
 
 impl Folder {
     pub fn new() -> Self {
-        static COUNT: AtomicU32 = AtomicU32::new(0);
-        let name = format!("ambf_devices_{}_{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
-        let folder = std::env::temp_dir().join(name);
-        std::fs::create_dir_all(&folder).expect("a folder");
-        Self(folder)
+        Self(TempDir::new().expect("a temporary folder"))
     }
 
     pub fn write(&self, name: &str, text: &str) -> PathBuf {
-        std::fs::write(self.0.join(name), text).expect("written");
-        self.0.join(name)
+        std::fs::write(self.0.path().join(name), text).expect("written");
+        self.0.path().join(name)
     }
 
     /// Entries of a device file.
@@ -262,12 +259,6 @@ impl Folder {
         let loaded = load(&files, &SceneOptions { physics, may_grow: true, ..SceneOptions::default() });
         assert_eq!(loaded.report.errors(), 0, "{}", loaded.report);
         Simulation::new(loaded.scene, 0.001)
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
     }
 }
 
