@@ -6,17 +6,16 @@ mod parity_common;
 use std::fmt::Write as _;
 use std::ops::RangeInclusive;
 use std::path::Path;
+use std::process::{Command, Stdio};
 use std::thread;
 
 use parity_common::{
     apart_at_end, at_rest, bodies, cases, compare_bodies, compare_joints, joints, simulate, soft_distances, soft_nodes,
     Case, Quantity, Recording, Start, SHIFTS,
 };
+use serde_json::{json, Value};
 
 const TEXT: &str = include_str!("parity_report.md");
-
-/// Differences that are drawn, as powers of ten.
-const DECADES: RangeInclusive<i32> = -16..=0;
 
 /// A trace and our runs of its scene.
 struct Measured {
@@ -174,62 +173,27 @@ fn soft_bodies(cases: &[Case]) -> String {
 }
 
 /// One panel a chaotic scene: distance from our run against time, on a logarithmic scale.
-fn figure(all: &[Measured]) -> String {
-    let (width, height, left, top) = (300.0, 260.0, 60.0, 40.0);
-    let panels: Vec<_> = all.iter().filter(|one| one.is_chaotic()).collect();
-    let full_width = left + panels.len() as f64 * (width + 30.0);
-    let mut svg = format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {full_width} {}\" font-family=\"sans-serif\" font-size=\"11\">\n\
-         <rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n",
-        top + height + 60.0
-    );
-    let (low, high) = (f64::from(*DECADES.start()), f64::from(*DECADES.end()));
-    for (number, one) in panels.into_iter().enumerate() {
-        let x0 = left + number as f64 * (width + 30.0);
-        let x = |step: u64| x0 + width * step as f64 / one.case.steps as f64;
-        let y = |value: f64| top + height * (high - value.max(1e-300).log10().clamp(low, high)) / (high - low);
-        let _ = writeln!(svg, "<text x=\"{x0}\" y=\"{}\" font-weight=\"bold\">{}</text>", top - 8.0, one.case.name);
-        for decade in DECADES.step_by(4) {
-            let at = y(10f64.powi(decade));
-            let _ = writeln!(svg, "<path d=\"M{x0} {at:.1}h{width}\" stroke=\"#ddd\"/>");
-            if number == 0 {
-                let _ = writeln!(
-                    svg,
-                    "<text x=\"{}\" y=\"{:.1}\" text-anchor=\"end\">1e{decade} m</text>",
-                    x0 - 6.0,
-                    at + 4.0
-                );
-            }
-        }
-        for second in 0..=one.case.steps / 1000 {
-            let (at, below) = (x(second * 1000), top + height + 16.0);
-            let _ = writeln!(svg, "<text x=\"{at:.1}\" y=\"{below}\" text-anchor=\"middle\">{second} s</text>");
-        }
-        let mut line = |other: &parity_common::Bodies, style: &str| {
-            let mut path = String::new();
-            for &step in &one.steps {
-                let apart = compare_bodies(&one.ours.bodies, other, Quantity::Position, step..=step).difference;
-                let mark = if path.is_empty() { 'M' } else { 'L' };
-                let _ = write!(path, "{mark}{:.1} {:.1}", x(step), y(apart));
-            }
-            let _ = writeln!(svg, "<path d=\"{path}\" fill=\"none\" {style}/>");
+fn figure(all: &[Measured]) -> Value {
+    let panel = |one: &Measured| {
+        let line = |other: &parity_common::Bodies, name: &str, colour: &str, width: f64| {
+            let points: Vec<_> = one
+                .steps
+                .iter()
+                .map(|&step| {
+                    let apart = compare_bodies(&one.ours.bodies, other, Quantity::Position, step..=step).difference;
+                    (step as f64 * 1e-3, apart)
+                })
+                .collect();
+            json!({"name": name, "colour": colour, "width": width, "points": points})
         };
-        one.shifted.iter().for_each(|run| line(&run.bodies, "stroke=\"#4a90c2\" stroke-width=\"0.7\""));
-        line(&bodies(&one.case), "stroke=\"#c0392b\" stroke-width=\"1.8\"");
-    }
-    let y = top + height + 40.0;
-    let _ = writeln!(
-        svg,
-        "<path d=\"M{left} {y}h24\" stroke=\"#c0392b\" stroke-width=\"1.8\"/><text x=\"{}\" y=\"{}\">our run and the trace</text>\n\
-         <path d=\"M{} {y}h24\" stroke=\"#4a90c2\" stroke-width=\"0.7\"/><text x=\"{}\" y=\"{}\">our run and the same with a start \
-         shifted by at most 1e-12 m</text>\n</svg>",
-        left + 30.0,
-        y + 4.0,
-        left + 200.0,
-        left + 230.0,
-        y + 4.0,
-    );
-    svg
+        let shifted = "our run and the same with a start shifted by at most 1e-12 m";
+        let mut lines: Vec<_> = one.shifted.iter().map(|run| line(&run.bodies, shifted, "#4a90c2", 0.7)).collect();
+        lines.push(line(&bodies(&one.case), "our run and the trace", "#c0392b", 1.8));
+        json!({"title": one.case.name, "lines": lines})
+    };
+    let panels: Vec<_> = all.iter().filter(|one| one.is_chaotic()).map(panel).collect();
+    json!({"kind": "panels", "title": "Scenes that amplify rounding errors", "y": "distance of bodies, m",
+        "y range": [1e-16, 10.0], "panels": panels})
 }
 
 fn main() {
@@ -255,11 +219,17 @@ fn main() {
         .replace("{friction}", &friction(&all))
         .replace("{soft}", &soft_bodies(&soft));
     let docs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs");
-    for (name, contents) in [("parity.md", text), ("parity.svg", figure(&all))] {
-        let path = docs.join(name);
-        if let Err(error) = std::fs::write(&path, contents) {
-            eprintln!("{}: {error}", path.display());
-            std::process::exit(1);
-        }
+    let drawn = std::fs::write(docs.join("parity.md"), text).and_then(|()| draw(&docs, &figure(&all)));
+    if let Err(error) = drawn {
+        eprintln!("{}: {error}", docs.display());
+        std::process::exit(1);
     }
+}
+
+/// Has the figure drawn by `scripts/plot`.
+fn draw(docs: &Path, figure: &Value) -> std::io::Result<()> {
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scripts/plot");
+    let mut child = Command::new(script).arg(docs).stdin(Stdio::piped()).spawn()?;
+    serde_json::to_writer(child.stdin.take().expect("it is piped"), &json!({"parity.svg": figure}))?;
+    child.wait()?.success().then_some(()).ok_or_else(|| std::io::Error::other("scripts/plot failed"))
 }

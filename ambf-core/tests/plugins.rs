@@ -261,7 +261,9 @@ fn panics_in_rare_callbacks_are_caught_too() {
         stage.log.take();
         simulation.plugins_input(&input);
         assert_eq!(stage.log.take(), [format!("builtin:probe:{what}"), format!("bad panics in {what}:{what}")]);
-        assert_eq!(simulation.take_notices().len(), 1);
+        // On a busy machine it may also be said that a callback takes long.
+        let notices = simulation.take_notices();
+        assert_eq!(notices.iter().filter(|notice| notice.contains("panicked")).count(), 1, "{notices:?}");
     }
 }
 

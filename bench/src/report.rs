@@ -4,6 +4,8 @@ use std::fmt::{self, Write as _};
 use std::fs::{create_dir_all, read_to_string, write};
 use std::path::{Path, PathBuf};
 
+use crate::plot::{self, Figure};
+
 /// A table with words before and after it.
 #[derive(Debug, Default)]
 pub struct Section {
@@ -62,8 +64,8 @@ pub fn docs() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the workspace").join("docs")
 }
 
-/// Replaces what is between the markers of a page in `docs` and writes the figures into a folder there.
-pub fn publish(page: &str, folder: &str, machine: &str, sections: &[Section], figures: &[(impl AsRef<Path>, String)]) {
+/// Replaces what is between the markers of a page in `docs` and has the figures drawn into a folder there.
+pub fn publish(page: &str, folder: &str, machine: &str, sections: &[Section], figures: &[(impl AsRef<str>, Figure)]) {
     let path = docs().join(page);
     let text = read_to_string(&path).unwrap_or_else(|error| panic!("docs/{page} can be read: {error}"));
     let (before, rest) = text.split_once(BEGIN).unwrap_or_else(|| panic!("docs/{page} has its first marker"));
@@ -75,7 +77,5 @@ pub fn publish(page: &str, folder: &str, machine: &str, sections: &[Section], fi
     write(&path, format!("{before}{BEGIN}\n{measured}{END}{after}")).expect("a page can be written");
     let folder = docs().join(folder);
     create_dir_all(&folder).expect("a folder of docs can be made");
-    for (name, svg) in figures {
-        write(folder.join(name), svg).expect("a figure can be written");
-    }
+    plot::draw(&folder, figures);
 }

@@ -5,7 +5,7 @@ use std::cmp::Ordering;
 use super::case::{Case, Family, USUAL};
 use super::lanes::{Lane, Point};
 use super::own::{ACCURATE, LEGACY};
-use super::plot::{log_lines, Line};
+use super::plot::{log_lines, Figure, Line};
 use super::report::{goal, Section};
 use super::statistics::short;
 
@@ -150,7 +150,7 @@ pub fn section(found: &Found) -> Section {
 }
 
 /// Error against cost of all lanes of a case.
-pub fn figure(found: &Found) -> String {
+pub fn figure(found: &Found) -> Figure {
     // Below this nothing but rounding is compared.
     let points = |lane: &Lane| lane.points.iter().map(|point| (point.cost.median, point.error.max(1e-15))).collect();
     let lines: Vec<Line> = found.lanes.iter().map(|lane| Line { name: &lane.name, points: points(lane) }).collect();

@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 use super::case::{times, Case, Family, USUAL};
 use super::own::{self, Setting};
 use super::peers::{Peer, Peers};
-use super::plot::{log_lines, Line};
+use super::plot::{log_lines, Figure, Line};
 use super::report::Section;
 use super::statistics::short;
 use super::system::{Body, Shape, System};
@@ -46,7 +46,7 @@ enum Way {
 }
 
 /// Costs of piles of boxes in all ways, with the exponents of their growth, and a figure.
-pub fn measure(peers: &mut Option<Peers>, quick: bool) -> (Section, String) {
+pub fn measure(peers: &mut Option<Peers>, quick: bool) -> (Section, Figure) {
     let sizes: &[usize] = if quick { &[25, 50, 100] } else { &[25, 50, 100, 200, 400, 800, 1600] };
     let most = Duration::from_secs(if quick { 1 } else { 10 });
     let settings = own::settings(&pile(1)).into_iter().take(2);

@@ -7,6 +7,7 @@
 
 mod ablation;
 
+use ambf_bench::plot::Figure;
 use ambf_bench::{report, statistics};
 use std::path::{Path, PathBuf};
 use std::process::exit;
@@ -64,7 +65,7 @@ fn main() {
     let sections = [measure(rounds), ablation::skips(rounds / 2), ablation::sleep(rounds / 2)];
     sections.iter().for_each(|section| println!("{section}"));
     if !quick {
-        report::publish("benchmarks/bare.md", "figures", &machine, &sections, &[] as &[(&str, String)]);
+        report::publish("benchmarks/bare.md", "figures", &machine, &sections, &[] as &[(&str, Figure)]);
     }
 }
 

@@ -8,7 +8,7 @@ use ambf_core::scene::PhysicsOptions;
 
 use super::case::Case;
 use super::own::{self, Setting};
-use super::plot::{log_lines, Line};
+use super::plot::{log_lines, Figure, Line};
 use super::report::{goal, Section};
 use super::{jointed, number};
 
@@ -36,7 +36,7 @@ fn error(case: &Case, setting: &Setting, step: f64) -> f64 {
 }
 
 /// The table and its figure.
-pub fn measure() -> (Section, String) {
+pub fn measure() -> (Section, Figure) {
     // Compared at multiples of the longest step.
     let case = jointed::arm_at(12, 20);
     let settings = settings();

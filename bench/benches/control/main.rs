@@ -6,6 +6,7 @@
 mod arm;
 mod rates;
 
+use ambf_bench::plot::Figure;
 use ambf_bench::{case, jointed, own, plot, report};
 use std::process::exit;
 
@@ -15,7 +16,7 @@ use report::Section;
 const CARGO_BENCH: &str = "--bench";
 
 /// A part of the benchmark: its name, and what gives its section and figure.
-type Part = (&'static str, fn() -> (Section, String));
+type Part = (&'static str, fn() -> (Section, Figure));
 
 const PARTS: [Part; 2] = [("arm", arm::measure), ("rates", rates::measure)];
 

@@ -6,7 +6,7 @@ use ambf_core::sim::Simulation;
 use nalgebra::Vector3;
 
 use super::number;
-use super::plot::{log_lines, Line};
+use super::plot::{log_lines, Figure, Line};
 use super::report::Section;
 
 /// Commands and updates a second; sub-steps are of 1 ms.
@@ -76,7 +76,7 @@ fn error(controller: &str, profile: Profile, rate: f64) -> f64 {
 }
 
 /// The table and its figure.
-pub fn measure() -> (Section, String) {
+pub fn measure() -> (Section, Figure) {
     let runs: Vec<_> = CONTROLLERS
         .iter()
         .flat_map(|(name, controller)| PROFILES.map(|profile| (*name, *controller, profile)))

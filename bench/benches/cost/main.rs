@@ -3,7 +3,6 @@
 //! Groups: `step`, `skip`, `start`, `rate`, `overload`, `real-time`. With `--only` the tables are printed and nothing
 //! is written; else they go into `docs/benchmarks.md`, between its markers, with their figures.
 
-mod bars;
 mod lanes;
 mod live;
 mod observed;
@@ -11,6 +10,7 @@ mod scenes;
 mod step;
 mod watch;
 
+use ambf_bench::plot::Figure;
 use ambf_bench::{plot, report, statistics};
 use ambf_test_support::ros as ros_common;
 use std::process::exit;
@@ -73,7 +73,7 @@ fn read(arguments: &[String]) -> Result<(bool, Vec<String>), String> {
     Ok((quick, only))
 }
 
-fn run(group: &str, quick: bool) -> (Section, Option<(&'static str, String)>) {
+fn run(group: &str, quick: bool) -> (Section, Option<(&'static str, Figure)>) {
     let effort = if quick {
         Effort { slice: Duration::from_millis(100), rounds: 5 }
     } else {

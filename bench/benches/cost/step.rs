@@ -2,7 +2,7 @@
 
 use super::lanes::{measure, Effort, Lane, Mode};
 use super::observed;
-use super::plot::{log_lines, Line};
+use super::plot::{log_lines, Figure, Line};
 use super::report::{goal, Section};
 use super::scenes::{self, Scene};
 use super::statistics::{short, Spread};
@@ -16,7 +16,7 @@ const BOXES: [usize; 5] = [1, 10, 50, 100, 200];
 const SMALL: (f64, f64) = (2.0, 0.05);
 
 /// Cost of a step outside Bullet, without and with ROS; with a figure.
-pub fn step(effort: Effort, quick: bool) -> (Section, String) {
+pub fn step(effort: Effort, quick: bool) -> (Section, Figure) {
     let boxes: Vec<Scene> = BOXES.iter().map(|&n| scenes::boxes(n)).collect();
     let quick_ones = |scene: &Scene| ["pendulum", "arm7"].contains(&scene.name.as_str());
     let own = scenes::own().into_iter().filter(|scene| !scene.name.starts_with("boxes"));
@@ -109,7 +109,7 @@ impl Worst {
     }
 }
 
-fn figure(measured: &[Vec<Lane>]) -> String {
+fn figure(measured: &[Vec<Lane>]) -> Figure {
     let line = |name, value: &dyn Fn(&[Lane]) -> f64| {
         let points = BOXES.iter().zip(measured).filter(|(_, lanes)| lanes.len() == MODES.len());
         Line { name, points: points.map(|(&n, lanes)| (n as f64, value(lanes))).collect() }

@@ -6,9 +6,9 @@ use ambf_app::ros::messages::ambf_msgs::{RigidBodyState, Timing, WorldState};
 use ambf_core::comm::{PublishSchedule, Rates};
 use rosrust::RosMsg;
 
-use super::bars::bars;
 use super::live::{distinct, gaps, physics_rate, rate, read, Arrival, Live};
 use super::observed;
+use super::plot::{bars, Figure};
 use super::report::{goal, Section};
 use super::ros_common::RawSubscriber;
 use super::scenes::{self, Scene};
@@ -21,7 +21,7 @@ const FAST: [&str; 4] = ["--override_min_comm_freq", "2000", "--override_max_com
 const LISTENED: usize = 5;
 
 /// Time from the start of the program to states, and its memory; with a figure.
-pub fn start_up(repetitions: usize, quick: bool) -> (Section, String) {
+pub fn start_up(repetitions: usize, quick: bool) -> (Section, Figure) {
     let original = scenes::original().into_iter().filter(|scene| !quick || scene.name.contains("kuka"));
     let own =
         scenes::own().into_iter().filter(|scene| !quick || ["pendulum", "boxes200"].contains(&scene.name.as_str()));

@@ -2,9 +2,8 @@
 
 use ambf_core::sim::{Runner, RunnerOptions};
 
-use super::chart;
 use super::load::{heavy_boxes, warm_up};
-use super::plot::Line;
+use super::plot::{linear_lines, Figure, Line};
 use super::report::{goal, Section};
 use super::rig::{watch, Scenery, TOOLS};
 use super::Effort;
@@ -26,7 +25,7 @@ fn run(boxes: usize, fixed_step: bool, effort: &Effort) -> Vec<(f64, f64)> {
 }
 
 /// The table and its figure.
-pub fn measure(effort: &Effort) -> (Section, Vec<(&'static str, String)>) {
+pub fn measure(effort: &Effort) -> (Section, Vec<(&'static str, Figure)>) {
     let boxes = heavy_boxes();
     let cases = [
         ("light, dynamic step", 0, false),
@@ -51,7 +50,7 @@ pub fn measure(effort: &Effort) -> (Section, Vec<(&'static str, String)>) {
         lines.push(Line { name, points: points.into_iter().step_by(every).collect() });
     }
     let most = lines.iter().flat_map(|line| &line.points).map(|point| point.1).fold(1e-9, f64::max);
-    let figure = chart::lines("Simulated and wall time", "wall time, s", "simulated time, s", most, &lines);
+    let figure = linear_lines("Simulated and wall time", "wall time, s", "simulated time, s", most, &lines);
     let section = Section {
         title: "Simulated against wall time",
         intro: "The physics loop alone, at 1000 Hz. Dynamic: each iteration simulates the wall time that has passed; fixed: always 1 ms, so that \

@@ -11,7 +11,7 @@ use dvrk_arm::Pedal;
 use nalgebra::{Isometry3, UnitQuaternion};
 
 use super::fleet::arms;
-use super::plot::{log_lines, Line};
+use super::plot::{log_lines, Figure, Line};
 use super::report::Section;
 use super::rig::{Iteration, Rig, Scenery, Wanted};
 use super::statistics::percentile;
@@ -99,7 +99,7 @@ fn measured(fake: &Fake, profile: Profile, rate: f64, readings: usize) -> Option
 }
 
 /// The table and its figure.
-pub fn measure(effort: &Effort) -> (Section, Vec<(&'static str, String)>) {
+pub fn measure(effort: &Effort) -> (Section, Vec<(&'static str, Figure)>) {
     let fake = arms(&ARMS, Motion::Curve(Curve::default(), UnitQuaternion::identity()));
     let found: Vec<Vec<_>> = PROFILES
         .iter()

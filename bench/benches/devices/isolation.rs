@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 use ambf_core::sim::RunnerOptions;
 
 use super::fleet::{Fleet, NAMES, STYLUS, TOUCH};
+use super::plot::Figure;
 use super::rates::Periods;
 use super::report::{goal, Section};
 use super::rig::{Rig, Scenery, TOOLS};
@@ -130,7 +131,7 @@ impl Suffered {
 }
 
 /// The table.
-pub fn measure(effort: &Effort) -> (Section, Vec<(&'static str, String)>) {
+pub fn measure(effort: &Effort) -> (Section, Vec<(&'static str, Figure)>) {
     let fleet = Fleet::start();
     let scenery = Scenery { gravity: GRAVITY, ..Scenery::new(TOOLS, 0) };
     let mut rig = Rig::start(scenery.load(), &fleet.wanted, RunnerOptions::default());

@@ -9,6 +9,7 @@ use dvrk_arm::fake::{Fake, Motion};
 use nalgebra::Isometry3;
 
 use super::fleet::arms;
+use super::plot::Figure;
 use super::report::Section;
 use super::rig::{Rig, Scenery, Wanted, SUB_STEP};
 use super::statistics::percentile;
@@ -94,7 +95,7 @@ fn jump(fake: &Fake, names: &[&str], number: usize) -> Instant {
 }
 
 /// The table.
-pub fn measure(effort: &Effort) -> (Section, Vec<(&'static str, String)>) {
+pub fn measure(effort: &Effort) -> (Section, Vec<(&'static str, Figure)>) {
     let mut rows = Vec::new();
     for &count in effort.arms {
         let mut found = measured(count, effort.jumps);

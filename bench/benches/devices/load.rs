@@ -7,9 +7,8 @@ use ambf_core::device::law::{HapticInput, HapticLoop, Switches, WorldView};
 use ambf_core::device::{DeviceError, DeviceForce, DeviceLog, DeviceSample, InputDevice};
 use ambf_core::sim::{RunnerOptions, Simulation};
 
-use super::chart;
 use super::fleet::{Fleet, NAMES};
-use super::plot::Line;
+use super::plot::{linear_lines, Figure, Line};
 use super::rates::{over_time, Periods};
 use super::report::{goal, Section};
 use super::rig::{entries, watch, Iterations, Rig, Scenery, SUB_STEP, TOOLS};
@@ -173,7 +172,7 @@ pub fn row(scene: &str, control: &str, name: &str, periods: &Periods, fresh: Opt
 }
 
 /// The table and its figures.
-pub fn measure(effort: &Effort) -> (Section, Vec<(&'static str, String)>) {
+pub fn measure(effort: &Effort) -> (Section, Vec<(&'static str, Figure)>) {
     let boxes = heavy_boxes();
     let (mut rows, mut figures, mut remarks) = (Vec::new(), Vec::new(), Vec::new());
     let mut means = Vec::new();
@@ -212,7 +211,7 @@ pub fn measure(effort: &Effort) -> (Section, Vec<(&'static str, String)>) {
             means.push((scene, control, found.iter().map(|periods| periods.rate).sum::<f64>() / TOOLS as f64));
         }
         let title = format!("Five devices and a {scene} scene");
-        figures.push((file, chart::lines(&title, "time, s", "Hz, in slices of 0.1 s", 1200.0, &lines)));
+        figures.push((file, linear_lines(&title, "time, s", "Hz, in slices of 0.1 s", 1200.0, &lines)));
         remarks.push(format!("![Rates with a {scene} scene]({file})"));
     }
     for pair in means.chunks(2) {

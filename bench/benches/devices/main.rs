@@ -2,7 +2,6 @@
 //!
 //! Without `--only` the tables go into `docs/benchmarks/devices.md`, between its markers, with their figures.
 
-mod chart;
 mod clock;
 mod error;
 mod fleet;
@@ -14,6 +13,7 @@ mod rates;
 mod rig;
 mod traced;
 
+use ambf_bench::plot::Figure;
 use ambf_bench::{plot, report, statistics};
 use ambf_test_support::ros as ros_common;
 use std::process::exit;
@@ -77,7 +77,7 @@ const QUICK: Effort = Effort {
 };
 
 /// A part of the benchmark: its name, and what gives its section and figures.
-type Part = (&'static str, fn(&Effort) -> (Section, Vec<(&'static str, String)>));
+type Part = (&'static str, fn(&Effort) -> (Section, Vec<(&'static str, Figure)>));
 
 const PARTS: [Part; 6] = [
     ("load", load::measure),

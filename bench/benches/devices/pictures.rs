@@ -12,6 +12,7 @@ use ambf_render::{PictureRequest, Renderer, Stage, Stereo, View};
 
 use super::fleet::{Fleet, NAMES};
 use super::load::{row, warm_up};
+use super::plot::Figure;
 use super::rates::Periods;
 use super::report::{goal, Section};
 use super::rig::{Rig, Scenery, SUB_STEP, TOOLS};
@@ -64,7 +65,7 @@ fn scene() -> Simulation {
 }
 
 /// The table.
-pub fn measure(effort: &Effort) -> (Section, Vec<(&'static str, String)>) {
+pub fn measure(effort: &Effort) -> (Section, Vec<(&'static str, Figure)>) {
     let (mut rows, mut remarks) = (Vec::new(), Vec::new());
     for (devices, pictures) in [(true, false), (true, true), (false, true)] {
         let scene_words = if devices { "arm and devices" } else { "arm" };

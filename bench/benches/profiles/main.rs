@@ -7,6 +7,7 @@
 
 // Shared with the other benchmarks, which use more of it.
 
+use ambf_bench::plot::Figure;
 use ambf_bench::report;
 use std::path::{Path, PathBuf};
 use std::process::exit;
@@ -235,7 +236,7 @@ fn main() {
     };
     if is_own && !quick {
         println!("{section}");
-        let none: [(&str, String); 0] = [];
+        let none: [(&str, Figure); 0] = [];
         report::publish("benchmarks/profiles.md", "benchmarks", &report::machine(quick), &[section], &none);
     } else {
         section.remarks.iter().for_each(|remark| println!("{remark}"));

@@ -187,8 +187,9 @@ mod tests {
         let error = loop {
             touch.write(&force).unwrap();
             match touch.read() {
-                Ok(_) => assert!(start.elapsed() < Duration::from_secs(20)),
-                Err(error) => break error,
+                // A busy machine may take seconds to print the panic's backtrace, in the scheduler's thread.
+                Err(error) if !error.to_string().contains("stands still") => break error,
+                _ => assert!(start.elapsed() < Duration::from_secs(60)),
             }
         };
         assert!(error.to_string().contains("panicked"), "{error}");
