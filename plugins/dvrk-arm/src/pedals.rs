@@ -47,12 +47,7 @@ pub enum ClutchSource {
 
 /// Topics of the pedals below the namespace. `topics` is what is published: in the dialects of CRTK the console says
 /// that the operator is there unless a pedal does.
-pub(crate) fn pedal_topics(
-    dialect: Dialect,
-    root: &str,
-    clutch: ClutchSource,
-    topics: &Topics,
-) -> Vec<(String, Pedal)> {
+pub fn pedal_topics(dialect: Dialect, root: &str, clutch: ClutchSource, topics: &Topics) -> Vec<(String, Pedal)> {
     use Pedal::{Camera, CameraMinus, CameraPlus, Clutch, Coag, OperatorPresent};
     let operator = format!("{root}/footpedals/operatorpresent");
     let names = match dialect {

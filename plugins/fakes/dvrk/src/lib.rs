@@ -11,18 +11,13 @@ mod wired;
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use dvrk_arm::{ArmError, Dialect, Frames, Names, Pedal, Wrench};
 use nalgebra::Isometry3;
 use ros_node::{LinkOptions, Node, NodeName, OwnMaster, Peer, Report};
-
-use crate::arm::ArmError;
-use crate::dialect::{Dialect, Names};
-use crate::frames::{Frames, Wrench};
-use crate::inner::lock;
-use crate::pedals::Pedal;
 
 pub use machine::Machine;
 pub use motion::{Curve, Hand, Motion};
@@ -95,6 +90,10 @@ pub fn parse_dialect(name: &str) -> Result<Dialect, String> {
         "crtk" | "crtk-2.2" => Ok(Dialect::CrtkPose),
         _ => Err(format!("\"{name}\" is no dialect, expected legacy, ambf, crtk-2.0 or crtk (dVRK 2.2 and later)")),
     }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// What an arm was told.

@@ -1,5 +1,5 @@
-//! A Falcon in software, down to the USB packets: what the driver is tested with, and what a newcomer holds who has
-//! none (`driver settings: {transport: fake}`).
+//! Novint Falcons in software, down to the USB packets: what the driver is tested with, and what a newcomer holds who
+//! has none (`driver settings: {transport: fake}`, which [`driver`] understands).
 //!
 //! Behind the [`Port`] are the serial chip with its latency timer, the loader that wants the firmware, the motion
 //! program with its encoders, marks and motors, and a [`Hand`] that the motors push. Faults can be put between them.
@@ -12,13 +12,13 @@ mod hand;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+use falcon::{Bus, FalconDriver, Port, TransportError, PACKET};
 use nalgebra::Vector3;
 
 pub use board::Received;
 pub use clock::Clock;
 pub use hand::{Aim, Hand, Script, Softness};
 
-use crate::transport::{Bus, Port, TransportError, PACKET};
 use board::Board;
 use chip::Chip;
 
@@ -331,6 +331,12 @@ impl Bus for FakeBus {
     fn wait(&self, duration: Duration) {
         self.clock.park(duration);
     }
+}
+
+/// The driver of Falcons on USB, and of the fakes `fake-1` and `fake-2` where settings ask for `transport: fake`.
+pub fn driver() -> FalconDriver {
+    let fakes = FakeBus::new(Clock::real(), [Setup::new("fake-1"), Setup::new("fake-2")]);
+    falcon::driver().with_bus("fake", Arc::new(fakes))
 }
 
 struct FakePort {
