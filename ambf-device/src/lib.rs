@@ -4,6 +4,7 @@
 //! which devices run and how they exchange data with the physics ([`host`]), a device in software ([`MockDriver`]). Not
 //! in: physics, ROS, hardware; drivers of hardware are crates below `plugins/`, which depend on this one alone.
 
+mod caught;
 mod driver;
 pub mod host;
 pub mod known;
@@ -14,6 +15,7 @@ mod sample;
 mod spec;
 
 pub use ambf_model::{Setting, SettingError, Settings};
+pub use caught::caught;
 pub use driver::{DeviceError, DeviceInfo, DeviceLog, Driver, Drivers, InputDevice};
 pub use latest::Latest;
 pub use mock::{CommandedForce, MockDriver, MockRecording};
