@@ -1,7 +1,7 @@
 //! The C interface between the host and a shared library: plain data and tables of functions, nothing else.
 //!
-//! Everything here has a twin in `resources/plugins/ambf_plugin.h`. Texts are UTF-8 without a terminating zero. A
-//! change of any item is a new [`ABI_VERSION`].
+//! Everything here has a twin in `resources/plugins/ambf_plugin.h`; `tests.rs` compares them. Texts are UTF-8 without a
+//! terminating zero. A change of any item is a new [`ABI_VERSION`].
 
 use std::ffi::c_void;
 

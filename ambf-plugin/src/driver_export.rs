@@ -2,10 +2,11 @@
 
 use std::ffi::c_void;
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::Instant;
 
 use crossbeam_channel::Receiver;
+use parking_lot::Mutex;
 
 use super::abi::{slice, RawText};
 use super::driver_abi::{
@@ -129,7 +130,7 @@ impl HostLog {
 /// Passes on what a driver says, until it has dropped its last end of the log.
 fn pass_on(sentences: Receiver<String>, log: Arc<Mutex<Option<HostLog>>>) {
     for sentence in sentences {
-        if let Some(log) = &*log.lock().unwrap_or_else(PoisonError::into_inner) {
+        if let Some(log) = &*log.lock() {
             log.say(&sentence);
         }
     }
@@ -206,9 +207,8 @@ unsafe extern "C" fn destroy(raw: *mut RawDevice) {
     // SAFETY: both boxes come from `open`; the host calls this once, last.
     let open = unsafe { Box::from_raw(Box::from_raw(raw).instance.cast::<OpenDevice>()) };
     let OpenDevice { device, log, .. } = *open;
-    let say =
-        |sentence: &str| log.lock().unwrap_or_else(PoisonError::into_inner).iter().for_each(|log| log.say(sentence));
+    let say = |sentence: &str| log.lock().iter().for_each(|log| log.say(sentence));
     free(device, say);
     // The driver may keep its end of the log; the host's is freed now.
-    *log.lock().unwrap_or_else(PoisonError::into_inner) = None;
+    *log.lock() = None;
 }

@@ -2,9 +2,11 @@
 
 use std::collections::BTreeSet;
 use std::fmt::Display;
-use std::sync::{Mutex, OnceLock, PoisonError};
+use std::sync::OnceLock;
 use std::thread::Thread;
 use std::time::{Duration, Instant};
+
+use parking_lot::Mutex;
 
 use crate::report;
 
@@ -33,7 +35,7 @@ pub(super) struct RateLimitedLog(Mutex<Option<Instant>>);
 impl RateLimitedLog {
     /// Reports `what` unless something was reported within the last second; true when it did.
     pub fn report(&self, what: impl Display) -> bool {
-        let mut last = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut last = self.0.lock();
         let due = last.is_none_or(|last| last.elapsed() >= Duration::from_secs(1));
         if due {
             *last = Some(Instant::now());
@@ -54,7 +56,7 @@ impl OnceLog {
         if things.peek().is_none() {
             return Vec::new();
         }
-        let mut said = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut said = self.0.lock();
         things.filter(|thing| said.insert(thing)).collect()
     }
 }
