@@ -15,7 +15,7 @@ use crate::plugins;
 pub fn drivers() -> Drivers {
     let mut drivers = Drivers::default();
     drivers.add(Arc::new(dvrk_arm::driver()));
-    drivers.add(Arc::new(falcon::driver()));
+    drivers.add(Arc::new(fake_falcon::driver()));
     drivers.add(touch::driver());
     trackers::drivers().into_iter().for_each(|driver| drivers.add(driver));
     drivers.add(Arc::new(MockDriver::default()));

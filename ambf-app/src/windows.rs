@@ -46,7 +46,7 @@ mod with {
     use ambf_core::device::law::Mode;
     use ambf_core::device::law::Status;
     use ambf_viewer::{display_is_named, DeviceBoard, Ended, FrameHook, Viewer, ViewerError, ViewerParts};
-    use std::sync::{Mutex, PoisonError, TryLockError};
+    use parking_lot::Mutex;
 
     use super::*;
     use crate::cameras::{CameraService, OffscreenCameras};
@@ -96,7 +96,7 @@ mod with {
             }
             let cameras = Arc::clone(&windows.shared);
             let hook: Box<FrameHook> = Box::new(move |renderer, stage, visuals, snapshot| {
-                let mut cameras = cameras.lock().unwrap_or_else(PoisonError::into_inner);
+                let mut cameras = cameras.lock();
                 if let Some(cameras) = cameras.as_mut() {
                     cameras.frame(renderer, stage, visuals, snapshot);
                 }
@@ -127,9 +127,8 @@ mod with {
         fn go_offscreen(&mut self) {
             // A thread with windows that is lost in a driver keeps what it holds.
             let cameras = match self.shared.try_lock() {
-                Ok(mut cameras) => cameras.take(),
-                Err(TryLockError::Poisoned(cameras)) => cameras.into_inner().take(),
-                Err(TryLockError::WouldBlock) => {
+                Some(mut cameras) => cameras.take(),
+                None => {
                     report!(
                         "cameras: the thread with the windows hangs while it makes pictures: there are no more of them"
                     );

@@ -322,9 +322,13 @@ fn plugins_reset_pause_and_step_the_loop() {
     until("it falls", &mut || host.snapshot(&mut states) && states.bodies[BALL].pose.translation.z < 0.4);
     host.post(&Command::Pause(true)).unwrap();
     until("it is paused", &mut || runner.control().is_paused());
-    std::thread::sleep(Duration::from_millis(20));
-    host.snapshot(&mut states);
-    let paused_at = states.clock.step;
+    // The iteration that found the command still goes to its end.
+    let mut paused_at = 0;
+    until("it rests", &mut || {
+        let before = std::mem::replace(&mut paused_at, states.clock.step);
+        std::thread::sleep(Duration::from_millis(100));
+        host.snapshot(&mut states) && states.clock.step == paused_at && paused_at == before
+    });
     host.post(&Command::Step(7)).unwrap();
     until("it stepped", &mut || host.snapshot(&mut states) && states.clock.step == paused_at + 7);
     host.post(&Command::ResetWorld).unwrap();

@@ -77,16 +77,15 @@ impl Running {
         }
     }
 
-    /// Waits until the state stays the same for a while: a held simulation.
+    /// Waits until the state stays the same for longer than a busy machine lets physics wait: a held simulation.
     fn settle(&self) -> Snapshot {
-        loop {
-            let before = self.state();
-            std::thread::sleep(Duration::from_millis(50));
-            let after = self.state();
-            if before.sim_step == after.sim_step {
-                return after;
+        let (mut state, mut since) = (self.state(), Instant::now());
+        self.wait_for("rest", |now| {
+            if now.sim_step != state.sim_step {
+                (state, since) = (now.clone(), Instant::now());
             }
-        }
+            since.elapsed() > Duration::from_millis(200)
+        })
     }
 }
 

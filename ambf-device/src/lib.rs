@@ -5,6 +5,7 @@
 //! ([`timing`]), a device in software ([`MockDriver`]). Not in: physics, ROS, hardware; drivers of hardware are crates
 //! below `plugins/`, which depend on this one alone.
 
+mod caught;
 mod driver;
 pub mod host;
 pub mod known;
@@ -16,6 +17,7 @@ mod spec;
 pub mod timing;
 
 pub use ambf_model::{Setting, SettingError, Settings};
+pub use caught::caught;
 pub use driver::{DeviceError, DeviceInfo, DeviceLog, Driver, Drivers, InputDevice};
 pub use latest::Latest;
 pub use mock::{CommandedForce, MockDriver, MockRecording};

@@ -1,7 +1,7 @@
 //! The C interface between the host and a shared library: plain data and tables of functions, nothing else.
 //!
-//! Everything here has a twin in `resources/plugins/ambf_plugin.h`. Texts are UTF-8 without a terminating zero. A
-//! change of any item is a new [`ABI_VERSION`].
+//! Everything here has a twin in `resources/plugins/ambf_plugin.h`; `tests.rs` compares them. Texts are UTF-8 without a
+//! terminating zero. A change of any item is a new [`ABI_VERSION`].
 
 use std::ffi::c_void;
 
@@ -45,12 +45,9 @@ impl RawText {
     /// # Safety
     /// `data` points at `length` bytes, or the length is 0.
     pub(crate) unsafe fn read(self) -> String {
-        if self.length == 0 || self.data.is_null() {
-            return String::new();
-        }
         // SAFETY: the caller vouches for the bytes.
-        let bytes = unsafe { std::slice::from_raw_parts(self.data, self.length as usize) };
-        String::from_utf8_lossy(bytes).into_owned()
+        let bytes = unsafe { slice(self.data, self.length) };
+        String::from_utf8_lossy(bytes.unwrap_or_default()).into_owned()
     }
 }
 
@@ -85,16 +82,20 @@ impl From<&Isometry3<f64>> for RawPose {
 impl RawPose {
     /// The pose, if its numbers are finite and its orientation is one.
     pub(crate) fn pose(&self) -> Option<Isometry3<f64>> {
-        let [x, y, z, w] = self.orientation;
-        let quaternion = Quaternion::new(w, x, y, z);
         let finite = self.position.iter().chain(&self.orientation).all(|x| x.is_finite());
-        // A unit quaternion is left as it is: normalising it again would change its last bits.
-        let rotation = match quaternion.norm() {
-            norm if (norm - 1.0).abs() < 1e-12 => UnitQuaternion::new_unchecked(quaternion),
-            norm if norm > 1e-6 => UnitQuaternion::new_normalize(quaternion),
-            _ => return None,
-        };
-        finite.then(|| Isometry3::from_parts(Translation3::from(Vector3::from(self.position)), rotation))
+        let rotation = rotation(self.orientation).filter(|_| finite)?;
+        Some(Isometry3::from_parts(Translation3::from(Vector3::from(self.position)), rotation))
+    }
+}
+
+/// The rotation of a quaternion x, y, z, w; `None` if it has no length.
+pub(crate) fn rotation(xyzw: [f64; 4]) -> Option<UnitQuaternion<f64>> {
+    let quaternion = Quaternion::from(xyzw);
+    // A unit quaternion is left as it is: normalising it again would change its last bits.
+    match quaternion.norm() {
+        norm if (norm - 1.0).abs() < 1e-12 => Some(UnitQuaternion::new_unchecked(quaternion)),
+        norm if norm > 1e-6 => Some(UnitQuaternion::new_normalize(quaternion)),
+        _ => None,
     }
 }
 
@@ -362,6 +363,19 @@ pub type VersionFn = unsafe extern "C" fn() -> u32;
 /// Type of the exported function `ambf_plugin_create`: `kind` as in [`RawInit`]; null: there is no plugin of that kind,
 /// or it failed.
 pub type CreateFn = unsafe extern "C" fn(kind: u32, host: *const RawHost) -> *mut RawPlugin;
+
+/// What a pointer and a number of elements describe; `None` if the pointer is null although there are some.
+///
+/// # Safety
+/// `data` points at `count` elements that live for `'a`, or is null, or the count is 0.
+pub(crate) unsafe fn slice<'a, T>(data: *const T, count: u64) -> Option<&'a [T]> {
+    match count {
+        0 => Some(&[]),
+        _ if data.is_null() => None,
+        // SAFETY: the caller vouches for it.
+        _ => Some(unsafe { std::slice::from_raw_parts(data, count as usize) }),
+    }
+}
 
 /// Copies as much of `from` as `to` has place for.
 ///

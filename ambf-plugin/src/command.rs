@@ -167,7 +167,7 @@ pub enum CommandError {
 }
 
 impl CommandError {
-    const ALL: [Self; 7] =
+    pub(crate) const ALL: [Self; 7] =
         [Self::NoObject, Self::NotFinite, Self::Refused, Self::Outside, Self::Full, Self::Unknown, Self::TooMuch];
 
     /// −1, −2, … in the order above.
@@ -179,6 +179,16 @@ impl CommandError {
         let place = usize::try_from(status.saturating_neg() - 1);
         place.ok().and_then(|place| Self::ALL.get(place).copied()).unwrap_or(Self::Unknown)
     }
+}
+
+/// A result as a number: that of an error is negative.
+pub(crate) fn status_of(result: Result<u64, CommandError>) -> i64 {
+    result.map_or_else(CommandError::status, |value| value as i64)
+}
+
+/// The result with a number.
+pub(crate) fn of_status(status: i64) -> Result<u64, CommandError> {
+    u64::try_from(status).map_err(|_| CommandError::of_status(status))
 }
 
 /// An object that is not there, where one may be left out.

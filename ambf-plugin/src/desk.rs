@@ -1,9 +1,10 @@
 //! What plugins leave for physics, from any thread, and what they get from it.
 
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU8, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 use crossbeam_channel::{bounded, Receiver, Sender};
+use parking_lot::Mutex;
 
 use super::drawing::{check, Sheet};
 use super::traits::Services;
@@ -129,11 +130,11 @@ impl Desk {
     }
 
     pub fn fail(&self, text: String) {
-        *self.failure.lock().unwrap_or_else(PoisonError::into_inner) = text;
+        *self.failure.lock() = text;
     }
 
     pub fn take_failure(&self) -> String {
-        std::mem::take(&mut self.failure.lock().unwrap_or_else(PoisonError::into_inner))
+        std::mem::take(&mut self.failure.lock())
     }
 }
 

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use arc_swap::ArcSwap;
 use nalgebra::{Isometry3, Vector3};
 
-use super::abi::{RawDrawing, RawPose, RawText};
+use super::abi::{slice, RawDrawing, RawPose, RawText};
 use super::CommandError;
 
 /// Drawings that one plugin may show at a time.
@@ -230,14 +230,10 @@ impl Drawing {
         if raw.point_count > MOST_POINTS as u64 || raw.text.length > MOST_TEXT as u64 {
             return Err(CommandError::TooMuch);
         }
-        let points = || match (raw.point_count, raw.points.is_null()) {
-            (0, _) => Ok(Vec::new()),
-            (_, true) => Err(CommandError::Refused),
+        let points = || {
             // SAFETY: the caller vouches for the points.
-            (count, false) => Ok(unsafe { std::slice::from_raw_parts(raw.points, count as usize) }
-                .iter()
-                .map(|point| Vector3::from(*point))
-                .collect()),
+            let points = unsafe { slice(raw.points, raw.point_count) }.ok_or(CommandError::Refused)?;
+            Ok(points.iter().map(|point| Vector3::from(*point)).collect())
         };
         let [a, b, c] = raw.numbers;
         let text = |place| DrawingShape::Text {
@@ -260,12 +256,9 @@ impl Drawing {
                 if count > MOST_PIXELS as u64 {
                     return Err(CommandError::TooMuch);
                 }
-                if raw.pixels.is_null() {
-                    return Err(CommandError::Refused);
-                }
                 // SAFETY: the caller vouches for the pixels.
-                let rgba = unsafe { std::slice::from_raw_parts(raw.pixels, count as usize) }.to_vec();
-                let pixels = Pixels::new(raw.width, raw.height, rgba).ok_or(CommandError::Refused)?;
+                let rgba = unsafe { slice(raw.pixels, count) }.ok_or(CommandError::Refused)?;
+                let pixels = Pixels::new(raw.width, raw.height, rgba.to_vec()).ok_or(CommandError::Refused)?;
                 let place = TextPlace::of_raw(place - 9, a, b);
                 DrawingShape::Picture { pixels: Arc::new(pixels), place, height: c, is_behind: raw.behind == 1 }
             }

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use nalgebra::{Quaternion, UnitQuaternion};
 
-use super::abi::RawText;
+use super::abi::{rotation, RawText};
 use ambf_device::{Axes, DeviceForce, DeviceSample, DeviceSpec};
 
 /// Kind of a failure: what is needed is not there.
@@ -253,14 +253,9 @@ impl RawSample {
     /// The sample. Numbers that are not finite stay so: the device layer looks for them.
     pub(crate) fn read(&self, now: Instant) -> DeviceSample {
         let age = Duration::try_from_secs_f64(self.age.max(0.0)).unwrap_or(Duration::MAX);
-        let [x, y, z, w] = self.rotation;
-        let quaternion = Quaternion::new(w, x, y, z);
-        let norm = quaternion.norm();
-        let is_unit = (norm - 1.0).abs() < 1e-12 || norm.is_nan();
-        let rotation = match norm {
-            _ if is_unit => UnitQuaternion::new_unchecked(quaternion),
-            _ if norm > 1e-6 => UnitQuaternion::new_normalize(quaternion),
-            _ => UnitQuaternion::identity(),
+        let rotation = match self.rotation.iter().any(|x| x.is_nan()) {
+            true => UnitQuaternion::new_unchecked(Quaternion::from(self.rotation)),
+            false => rotation(self.rotation).unwrap_or_default(),
         };
         let with = |bit: u32| self.flags & bit != 0;
         DeviceSample {

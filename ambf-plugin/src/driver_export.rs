@@ -1,20 +1,19 @@
 //! Drivers of input devices in shared libraries, as their authors see them. This part runs in the library.
 
-use std::collections::BTreeMap;
 use std::ffi::c_void;
-use std::panic::{catch_unwind, AssertUnwindSafe};
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::Instant;
 
 use crossbeam_channel::Receiver;
+use parking_lot::Mutex;
 
-use super::abi::{RawText, DONE, FAILED, PANICKED};
+use super::abi::{slice, RawText};
 use super::driver_abi::{
     RawAnswer, RawDevice, RawDriver, RawForce, RawLog, RawSample, RawSettings, RawSpec, LOST, UNAVAILABLE,
 };
-use super::export::message_of;
-use ambf_device::{DeviceError, DeviceInfo, DeviceLog, Driver, InputDevice, Setting, Settings};
+use super::export::{free, guarded};
+use ambf_device::{caught, DeviceError, DeviceInfo, DeviceLog, Driver, InputDevice, Setting, Settings};
 
 /// Makes a shared library of a driver of input devices: the crate's type is `cdylib`, and this stands in it once, with
 /// a type that implements [`Driver`](ambf_device::Driver) and [`Default`]. A launch file names it under `device
@@ -22,11 +21,7 @@ use ambf_device::{DeviceError, DeviceInfo, DeviceLog, Driver, InputDevice, Setti
 #[macro_export]
 macro_rules! export_driver {
     ($driver:ty) => {
-        /// Version of the plugin interface that this library was made for.
-        #[unsafe(no_mangle)]
-        pub extern "C" fn ambf_plugin_abi_version() -> u32 {
-            $crate::abi::ABI_VERSION
-        }
+        $crate::__export_version! {}
 
         /// Makes the driver.
         #[unsafe(no_mangle)]
@@ -44,54 +39,40 @@ struct Instance {
 /// The part of [`export_driver!`](crate::export_driver) that is the same in all libraries. The driver is never freed.
 #[doc(hidden)]
 pub fn export_driver(make: impl FnOnce() -> Box<dyn Driver>) -> *mut RawDriver {
-    let made = catch_unwind(AssertUnwindSafe(|| {
+    let made = caught(|| {
         let driver = make();
         let name = driver.name().to_owned();
         Instance { driver, name }
-    }));
-    let Ok(instance) = made.map_err(message_of) else { return std::ptr::null_mut() };
+    });
+    let Ok(instance) = made else { return std::ptr::null_mut() };
     let instance = Box::leak(Box::new(instance));
     let name = RawText::of(&instance.name);
     let instance = std::ptr::from_mut(instance).cast();
     Box::into_raw(Box::new(RawDriver { instance, name, serves, find, open }))
 }
 
-/// Tells the host of a failure.
-///
-/// # Safety
-/// `answer` is that of the call that runs.
-unsafe fn fail(answer: *const RawAnswer, kind: u32, text: &str) {
-    // SAFETY: the caller vouches for it; the text lives until the call returns.
-    unsafe { ((*answer).fail)((*answer).context, kind, RawText::of(text)) }
-}
-
 /// Runs `work`; the host is told what it fails or panics with.
 ///
 /// # Safety
-/// As for [`fail`].
-unsafe fn guarded(answer: *const RawAnswer, work: impl FnOnce() -> Result<(), DeviceError>) -> i32 {
-    let (kind, text, status) = match catch_unwind(AssertUnwindSafe(work)) {
-        Ok(Ok(())) => return DONE,
-        Ok(Err(error @ DeviceError::Lost(_))) => (LOST, error.to_string(), FAILED),
-        Ok(Err(error)) => (UNAVAILABLE, error.to_string(), FAILED),
-        Err(panic) => (UNAVAILABLE, message_of(panic), PANICKED),
-    };
-    // SAFETY: the caller vouches for it.
-    unsafe { fail(answer, kind, &text) };
-    status
+/// `answer` is that of the call that runs.
+unsafe fn answering(answer: *const RawAnswer, work: impl FnOnce() -> Result<(), DeviceError>) -> i32 {
+    guarded(work, |error, why| {
+        let kind = if matches!(error, Some(DeviceError::Lost(_))) { LOST } else { UNAVAILABLE };
+        // SAFETY: the caller vouches for it; the text lives until the call returns.
+        unsafe { ((*answer).fail)((*answer).context, kind, RawText::of(why)) }
+    })
 }
 
 /// # Safety
 /// The settings and their texts are valid.
 unsafe fn settings_of(raw: *const RawSettings) -> Settings {
-    let mut entries = BTreeMap::new();
     // SAFETY: the caller vouches for all of it.
     unsafe {
-        for i in 0..(*raw).count as usize {
-            let entry = &*(*raw).entries.add(i);
-            entries.insert(entry.key.read(), Setting { value: entry.value.read(), place: entry.place.read() });
-        }
-        Settings::new(entries, PathBuf::from((*raw).directory.read()))
+        let entries = slice((*raw).entries, (*raw).count).unwrap_or_default().iter().map(|entry| {
+            let setting = Setting { value: entry.value.read(), place: entry.place.read() };
+            (entry.key.read(), setting)
+        });
+        Settings::new(entries.collect(), PathBuf::from((*raw).directory.read()))
     }
 }
 
@@ -105,7 +86,7 @@ unsafe fn driver<'a>(instance: *mut c_void) -> &'a dyn Driver {
 unsafe extern "C" fn serves(instance: *mut c_void, model: RawText) -> i32 {
     // SAFETY: the host gives our instance and a text of its own.
     let (driver, model) = unsafe { (driver(instance), model.read()) };
-    catch_unwind(AssertUnwindSafe(|| i32::from(driver.serves(&model)))).map_err(message_of).unwrap_or(0)
+    caught(|| i32::from(driver.serves(&model))).unwrap_or(0)
 }
 
 unsafe extern "C" fn find(
@@ -117,7 +98,7 @@ unsafe extern "C" fn find(
     // SAFETY: the host gives our instance, and pointers that live until this returns.
     unsafe {
         let (driver, model, settings) = (driver(instance), model.read(), settings_of(settings));
-        guarded(answer, || {
+        answering(answer, || {
             for info in driver.find(&model, &settings)? {
                 let (model, identity) = (RawText::of(&info.model), RawText::of(&info.identity));
                 ((*answer).found)((*answer).context, model, identity);
@@ -149,7 +130,7 @@ impl HostLog {
 /// Passes on what a driver says, until it has dropped its last end of the log.
 fn pass_on(sentences: Receiver<String>, log: Arc<Mutex<Option<HostLog>>>) {
     for sentence in sentences {
-        if let Some(log) = &*log.lock().unwrap_or_else(PoisonError::into_inner) {
+        if let Some(log) = &*log.lock() {
             log.say(&sentence);
         }
     }
@@ -170,7 +151,7 @@ unsafe extern "C" fn open(
         let driver = driver(instance);
         let info = DeviceInfo { model: model.read(), identity: identity.read() };
         let (settings, host_log) = (settings_of(settings), Arc::new(Mutex::new(Some(HostLog(*log)))));
-        guarded(answer, || {
+        answering(answer, || {
             let (log, sentences) = DeviceLog::new();
             let passed = Arc::clone(&host_log);
             std::thread::Builder::new()
@@ -199,7 +180,7 @@ unsafe fn device<'a>(instance: *mut c_void) -> &'a mut dyn InputDevice {
 unsafe extern "C" fn read(instance: *mut c_void, answer: *const RawAnswer, out: *mut RawSample) -> i32 {
     // SAFETY: the host calls an open device from one thread at a time, with pointers that live until this returns.
     unsafe {
-        guarded(answer, || {
+        answering(answer, || {
             let sample = device(instance).read()?;
             out.write(RawSample::of(&sample, Instant::now()));
             Ok(())
@@ -209,13 +190,13 @@ unsafe extern "C" fn read(instance: *mut c_void, answer: *const RawAnswer, out: 
 
 unsafe extern "C" fn write(instance: *mut c_void, answer: *const RawAnswer, force: *const RawForce) -> i32 {
     // SAFETY: as in `read`.
-    unsafe { guarded(answer, || device(instance).write(&(&*force).into())) }
+    unsafe { answering(answer, || device(instance).write(&(&*force).into())) }
 }
 
 unsafe extern "C" fn close(instance: *mut c_void, answer: *const RawAnswer) -> i32 {
     // SAFETY: as in `read`.
     unsafe {
-        guarded(answer, || {
+        answering(answer, || {
             device(instance).close();
             Ok(())
         })
@@ -226,9 +207,8 @@ unsafe extern "C" fn destroy(raw: *mut RawDevice) {
     // SAFETY: both boxes come from `open`; the host calls this once, last.
     let open = unsafe { Box::from_raw(Box::from_raw(raw).instance.cast::<OpenDevice>()) };
     let OpenDevice { device, log, .. } = *open;
-    let dropped = catch_unwind(AssertUnwindSafe(|| drop(device))).map_err(message_of);
-    let log = log.lock().unwrap_or_else(PoisonError::into_inner).take();
-    if let (Err(message), Some(log)) = (dropped, log) {
-        log.say(&format!("it panicked when it was dropped: {message}"));
-    }
+    let say = |sentence: &str| log.lock().iter().for_each(|log| log.say(sentence));
+    free(device, say);
+    // The driver may keep its end of the log; the host's is freed now.
+    *log.lock() = None;
 }

@@ -1,18 +1,17 @@
 //! Plugins in shared libraries, as their authors see them: the C interface around the traits. This part runs in the
 //! library.
 
-use std::any::Any;
 use std::ffi::c_void;
-use std::panic::{catch_unwind, AssertUnwindSafe};
 use std::path::PathBuf;
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Vector3};
 
 use super::abi::{
-    RawBody, RawClock, RawDrawing, RawHost, RawInit, RawInput, RawJoint, RawPlugin, RawPose, RawText, RawTouch, DONE,
-    FAILED, MODEL, PANICKED,
+    slice, RawBody, RawClock, RawDrawing, RawHost, RawInit, RawInput, RawJoint, RawPlugin, RawPose, RawText, RawTouch,
+    DONE, FAILED, MODEL, PANICKED,
 };
+use super::command::of_status;
 use super::traits::{Host, Services};
 use super::view::{Access, TextOf};
 use super::{
@@ -20,6 +19,7 @@ use super::{
     PluginKind, StateSnapshot, Subject, Touch, View,
 };
 use crate::{ObjectId, ObjectType};
+use ambf_device::caught;
 
 /// Makes a shared library of plugins: the crate's type is `cdylib`, and this stands in it once.
 ///
@@ -45,11 +45,7 @@ use crate::{ObjectId, ObjectType};
 #[macro_export]
 macro_rules! export_plugin {
     ($($kind:ident: $plugin:ty),+ $(,)?) => {
-        /// Version of the plugin interface that this library was made for.
-        #[unsafe(no_mangle)]
-        pub extern "C" fn ambf_plugin_abi_version() -> u32 {
-            $crate::abi::ABI_VERSION
-        }
+        $crate::__export_version! {}
 
         /// Makes a plugin; null for a kind that this library does not have.
         ///
@@ -70,6 +66,19 @@ macro_rules! export_plugin {
             };
             // SAFETY: the caller vouches for `host`.
             unsafe { $crate::export(kind, host, make) }
+        }
+    };
+}
+
+/// What libraries of plugins and of drivers have in common.
+#[doc(hidden)]
+#[macro_export]
+macro_rules! __export_version {
+    () => {
+        /// Version of the plugin interface that this library was made for.
+        #[unsafe(no_mangle)]
+        pub extern "C" fn ambf_plugin_abi_version() -> u32 {
+            $crate::abi::ABI_VERSION
         }
     };
 }
@@ -111,11 +120,11 @@ pub unsafe fn export(
         return std::ptr::null_mut();
     };
     let remote = Remote(*host);
-    let plugin = match catch_unwind(AssertUnwindSafe(|| make(kind))) {
+    let plugin = match caught(|| make(kind)) {
         Ok(Some(plugin)) => plugin,
         Ok(None) => return std::ptr::null_mut(),
         Err(panic) => {
-            remote.fail(&format!("it panicked: {}", message_of(panic)));
+            remote.fail(&format!("it panicked: {panic}"));
             return std::ptr::null_mut();
         }
     };
@@ -134,15 +143,26 @@ pub unsafe fn export(
     }))
 }
 
-/// What a panic said.
-pub(crate) fn message_of(panic: Box<dyn Any + Send>) -> String {
-    let text = match panic.downcast_ref::<&str>() {
-        Some(text) => (*text).to_owned(),
-        None => panic.downcast_ref::<String>().cloned().unwrap_or_else(|| "something that is no text".to_owned()),
-    };
-    // Dropping it could panic again.
-    std::mem::forget(panic);
-    text
+/// Status of `work` for the host, who is told before what it fails or panics (`None`) with.
+pub(crate) fn guarded<E: ToString>(work: impl FnOnce() -> Result<(), E>, fail: impl FnOnce(Option<&E>, &str)) -> i32 {
+    match caught(work) {
+        Ok(Ok(())) => DONE,
+        Ok(Err(error)) => {
+            fail(Some(&error), &error.to_string());
+            FAILED
+        }
+        Err(panic) => {
+            fail(None, &panic);
+            PANICKED
+        }
+    }
+}
+
+/// Frees what belongs to a plugin or device; `say` tells the host if that panics.
+pub(crate) fn free<T>(value: T, say: impl FnOnce(&str)) {
+    if let Err(panic) = caught(|| drop(value)) {
+        say(&format!("it panicked when it was dropped: {panic}"));
+    }
 }
 
 struct Instance {
@@ -151,30 +171,42 @@ struct Instance {
     subject: Subject,
 }
 
-/// Calls `work`; what it panics with is told to the host.
+/// Calls `work`; what it fails or panics with is told to the host.
 ///
 /// # Safety
 /// `instance` comes from [`export`], is alive, and is used by nobody else now.
-unsafe fn guarded(instance: *mut c_void, work: impl FnOnce(&mut Instance) -> i32) -> i32 {
+unsafe fn with_instance(instance: *mut c_void, work: impl FnOnce(&mut Instance) -> Result<(), String>) -> i32 {
     // SAFETY: the caller vouches for it.
     let instance = unsafe { &mut *instance.cast::<Instance>() };
     let remote = instance.remote;
-    match catch_unwind(AssertUnwindSafe(|| work(instance))) {
-        Ok(status) => status,
-        Err(panic) => {
-            remote.fail(&message_of(panic));
-            PANICKED
-        }
-    }
+    guarded(|| work(instance), |_, why| remote.fail(why))
 }
 
-impl Instance {
-    /// Calls the plugin with the simulation.
-    fn with_world(&mut self, call: impl FnOnce(&mut AnyPlugin, &mut View<'_>)) -> i32 {
-        let mut remote = self.remote;
-        call(&mut self.plugin, &mut View::new(&mut remote, self.subject));
-        DONE
-    }
+/// Calls a plugin without the simulation.
+///
+/// # Safety
+/// As for [`with_instance`].
+unsafe fn with_plugin(instance: *mut c_void, call: impl FnOnce(&mut AnyPlugin)) -> i32 {
+    let work = |instance: &mut Instance| {
+        call(&mut instance.plugin);
+        Ok(())
+    };
+    // SAFETY: the caller vouches for it.
+    unsafe { with_instance(instance, work) }
+}
+
+/// Calls a plugin with the simulation.
+///
+/// # Safety
+/// As for [`with_instance`].
+unsafe fn with_world(instance: *mut c_void, call: impl FnOnce(&mut AnyPlugin, &mut View<'_>)) -> i32 {
+    let work = |instance: &mut Instance| {
+        let mut remote = instance.remote;
+        call(&mut instance.plugin, &mut View::new(&mut remote, instance.subject));
+        Ok(())
+    };
+    // SAFETY: the caller vouches for it.
+    unsafe { with_instance(instance, work) }
 }
 
 unsafe extern "C" fn init(instance: *mut c_void, raw: *const RawInit) -> i32 {
@@ -182,11 +214,8 @@ unsafe extern "C" fn init(instance: *mut c_void, raw: *const RawInit) -> i32 {
         // SAFETY: the host gives a structure whose pointers live until this returns.
         let (raw, arguments) = unsafe {
             let raw = &*raw;
-            let words: &[RawText] = match raw.argument_count {
-                0 => &[],
-                n => std::slice::from_raw_parts(raw.arguments, n as usize),
-            };
-            (raw, words.iter().map(|word| word.read()).collect::<Vec<_>>())
+            let words = slice(raw.arguments, raw.argument_count).unwrap_or_default();
+            (raw, words.iter().map(|word| word.read()).collect())
         };
         instance.subject = match (PluginKind::from_number(raw.kind), ObjectType::from_number(raw.object_kind)) {
             (Some(PluginKind::Object), Some(kind)) => Subject::Object(ObjectId { kind, index: raw.index as usize }),
@@ -205,93 +234,65 @@ unsafe extern "C" fn init(instance: *mut c_void, raw: *const RawInit) -> i32 {
             directory: PathBuf::from(directory),
             arguments,
         };
-        match instance.plugin.common().init(&mut context) {
-            Ok(()) => DONE,
-            Err(error) => {
-                let said = match error {
-                    PluginError::Init(said) => said,
-                    other => other.to_string(),
-                };
-                instance.remote.fail(&said);
-                FAILED
-            }
-        }
+        instance.plugin.common().init(&mut context).map_err(|error| match error {
+            PluginError::Init(said) => said,
+            other => other.to_string(),
+        })
     };
     // SAFETY: the host calls a plugin that is alive, from one thread at a time.
-    unsafe { guarded(instance, start) }
+    unsafe { with_instance(instance, start) }
 }
 
 unsafe extern "C" fn physics_update(instance: *mut c_void, dt: f64) -> i32 {
-    let call = |instance: &mut Instance| instance.with_world(|plugin, world| plugin.common().physics_update(world, dt));
     // SAFETY: as in `init`.
-    unsafe { guarded(instance, call) }
+    unsafe { with_world(instance, |plugin, world| plugin.common().physics_update(world, dt)) }
 }
 
 unsafe extern "C" fn graphics_update(instance: *mut c_void) -> i32 {
-    let call = |instance: &mut Instance| {
-        instance.plugin.common().graphics_update();
-        DONE
-    };
     // SAFETY: as in `init`.
-    unsafe { guarded(instance, call) }
+    unsafe { with_plugin(instance, |plugin| plugin.common().graphics_update()) }
 }
 
 unsafe extern "C" fn reset(instance: *mut c_void) -> i32 {
-    let call = |instance: &mut Instance| instance.with_world(|plugin, world| plugin.common().reset(world));
     // SAFETY: as in `init`.
-    unsafe { guarded(instance, call) }
+    unsafe { with_world(instance, |plugin, world| plugin.common().reset(world)) }
 }
 
 unsafe extern "C" fn model_changed(instance: *mut c_void, added: u32, model: u64) -> i32 {
-    let call = |instance: &mut Instance| {
-        instance.with_world(|plugin, world| plugin.model_changed(world, added != 0, model as usize))
-    };
     // SAFETY: as in `init`.
-    unsafe { guarded(instance, call) }
+    unsafe { with_world(instance, |plugin, world| plugin.model_changed(world, added != 0, model as usize)) }
 }
 
 unsafe extern "C" fn object_changed(instance: *mut c_void, added: u32, kind: u32, index: u64) -> i32 {
-    let call = |instance: &mut Instance| {
-        let Some(kind) = ObjectType::from_number(kind) else { return DONE };
-        let object = ObjectId { kind, index: index as usize };
-        instance.with_world(|plugin, world| plugin.object_changed(world, added != 0, object))
-    };
+    let Some(kind) = ObjectType::from_number(kind) else { return DONE };
+    let object = ObjectId { kind, index: index as usize };
     // SAFETY: as in `init`.
-    unsafe { guarded(instance, call) }
+    unsafe { with_world(instance, |plugin, world| plugin.object_changed(world, added != 0, object)) }
 }
 
 unsafe extern "C" fn input(instance: *mut c_void, raw: *const RawInput) -> i32 {
-    let call = |instance: &mut Instance| {
-        // SAFETY: the host gives a structure that lives until this returns.
-        let RawInput { code, window, values: [first, scancode, action, mods], x, y } = unsafe { *raw };
-        instance.plugin.input(&match code {
-            0 => Input::Key { window, key: first, scancode, action, mods },
-            1 => Input::Button { window, button: first, action, mods },
-            2 => Input::Position { window, x, y },
-            _ => Input::Scroll { window, x, y },
-        });
-        DONE
+    // SAFETY: the host gives a structure that lives until this returns.
+    let RawInput { code, window, values: [first, scancode, action, mods], x, y } = unsafe { *raw };
+    let input = match code {
+        0 => Input::Key { window, key: first, scancode, action, mods },
+        1 => Input::Button { window, button: first, action, mods },
+        2 => Input::Position { window, x, y },
+        _ => Input::Scroll { window, x, y },
     };
     // SAFETY: as in `init`.
-    unsafe { guarded(instance, call) }
+    unsafe { with_plugin(instance, |plugin| plugin.input(&input)) }
 }
 
 unsafe extern "C" fn close(instance: *mut c_void) -> i32 {
-    let call = |instance: &mut Instance| {
-        instance.plugin.common().close();
-        DONE
-    };
     // SAFETY: as in `init`.
-    unsafe { guarded(instance, call) }
+    unsafe { with_plugin(instance, |plugin| plugin.common().close()) }
 }
 
 unsafe extern "C" fn destroy(plugin: *mut RawPlugin) {
     // SAFETY: both boxes come from `export`; the host calls this once, last.
     let instance = unsafe { Box::from_raw(Box::from_raw(plugin).instance.cast::<Instance>()) };
     let remote = instance.remote;
-    if let Err(panic) = catch_unwind(AssertUnwindSafe(|| drop(instance))) {
-        remote.say(&format!("it panicked when it was dropped: {}", message_of(panic)));
-    }
+    free(instance, |sentence| remote.say(sentence));
 }
 
 /// The host through its table.
@@ -319,6 +320,32 @@ fn found(status: i64) -> Option<usize> {
     usize::try_from(status).ok()
 }
 
+/// What `ask` writes, unless it gives back another status than 0.
+fn given<T: Default>(ask: impl FnOnce(&mut T) -> i32) -> Option<T> {
+    let mut raw = T::default();
+    (ask(&mut raw) == 0).then_some(raw)
+}
+
+/// Appends to `out` what `ask` writes to a place of as many elements as it is told, at first `room`; its result is how
+/// many there are, or negative.
+fn gathered<T: Copy + Default>(out: &mut Vec<T>, room: usize, ask: impl Fn(*mut T, u64) -> i64) -> Option<()> {
+    let begin = out.len();
+    // As much as is there already: asked for once more it fits.
+    out.resize(out.capacity().max(begin + room), T::default());
+    loop {
+        let place = &mut out[begin..];
+        let count = place.len();
+        let Some(n) = found(ask(place.as_mut_ptr(), count as u64)) else {
+            out.truncate(begin);
+            return None;
+        };
+        out.resize(begin + n, T::default());
+        if n <= count {
+            return Some(());
+        }
+    }
+}
+
 impl Services for Remote {
     fn say(&self, text: &str) {
         // SAFETY: the table is alive, the text until the call returns.
@@ -327,10 +354,7 @@ impl Services for Remote {
 
     fn post(&self, command: &Command) -> Result<(), CommandError> {
         // SAFETY: the table is alive, the command until the call returns.
-        match unsafe { (self.0.post)(self.0.context, &command.raw()) } {
-            status if status < 0 => Err(CommandError::of_status(status)),
-            _ => Ok(()),
-        }
+        of_status(unsafe { (self.0.post)(self.0.context, &command.raw()) }).map(drop)
     }
 
     fn snapshot(&self, out: &mut StateSnapshot) -> bool {
@@ -376,10 +400,7 @@ impl Services for Remote {
             drawings.iter().zip(&mut points).map(|(drawing, points)| drawing.raw(points)).collect();
         // SAFETY: the table is alive, all that the drawings point at until the call returns. A library of this version
         // is loaded by hosts that have this function only.
-        match unsafe { (self.0.show)(self.0.context, raw.as_ptr(), raw.len() as u64) } {
-            status if status < 0 => Err(CommandError::of_status(status)),
-            _ => Ok(()),
-        }
+        of_status(unsafe { (self.0.show)(self.0.context, raw.as_ptr(), raw.len() as u64) }).map(drop)
     }
 }
 
@@ -407,18 +428,12 @@ impl Access for Remote {
             TextOf::Identifier => 1,
             TextOf::File => 2,
         };
-        let mut bytes = vec![0; 128];
-        loop {
-            let (out, capacity) = (bytes.as_mut_ptr(), bytes.len() as u64);
-            // SAFETY: the table is alive; `bytes` has that capacity.
-            let length =
-                found(unsafe { (self.0.text)(self.0.context, what, number_of(kind), index as u64, out, capacity) })?;
-            let fits = length <= bytes.len();
-            bytes.resize(length, 0);
-            if fits {
-                return Some(String::from_utf8_lossy(&bytes).into_owned());
-            }
-        }
+        let mut bytes = Vec::new();
+        // SAFETY: the table is alive; the place has that capacity.
+        gathered(&mut bytes, 128, |out, capacity| unsafe {
+            (self.0.text)(self.0.context, what, number_of(kind), index as u64, out, capacity)
+        })?;
+        Some(String::from_utf8_lossy(&bytes).into_owned())
     }
 
     fn model_of(&self, object: ObjectId) -> Option<usize> {
@@ -427,50 +442,28 @@ impl Access for Remote {
     }
 
     fn body(&self, index: usize) -> Option<BodyState> {
-        let mut raw = RawBody::default();
         // SAFETY: the table is alive; `raw` is ours.
-        let status = unsafe { (self.0.body)(self.0.context, index as u64, &mut raw) };
-        (status == 0).then(|| BodyState::from(&raw))
+        let raw = given(|raw| unsafe { (self.0.body)(self.0.context, index as u64, raw) });
+        raw.as_ref().map(BodyState::from)
     }
 
     fn joint(&self, index: usize) -> Option<JointState> {
-        let mut raw = RawJoint::default();
         // SAFETY: the table is alive; `raw` is ours.
-        let status = unsafe { (self.0.joint)(self.0.context, index as u64, &mut raw) };
-        (status == 0).then(|| JointState::from(&raw))
+        let raw = given(|raw| unsafe { (self.0.joint)(self.0.context, index as u64, raw) });
+        raw.as_ref().map(JointState::from)
     }
 
     fn pose(&self, object: ObjectId) -> Option<Isometry3<f64>> {
-        let mut raw = RawPose::default();
+        let (kind, index) = (object.kind as u32, object.index as u64);
         // SAFETY: the table is alive; `raw` is ours.
-        let status = unsafe { (self.0.pose)(self.0.context, object.kind as u32, object.index as u64, &mut raw) };
-        if status == 0 {
-            raw.pose()
-        } else {
-            None
-        }
+        let raw: RawPose = given(|raw| unsafe { (self.0.pose)(self.0.context, kind, index, raw) })?;
+        raw.pose()
     }
 
     fn values(&self, object: ObjectId, out: &mut Vec<f64>) -> Option<()> {
-        let begin = out.len();
-        // As much as is there already: asked for once more it fits.
-        out.resize(out.capacity().max(begin + 16), 0.0);
-        loop {
-            let place = &mut out[begin..];
-            let (data, capacity) = (place.as_mut_ptr(), place.len() as u64);
-            // SAFETY: the table is alive; the place has that capacity.
-            let status =
-                unsafe { (self.0.values)(self.0.context, object.kind as u32, object.index as u64, data, capacity) };
-            let Some(n) = found(status) else {
-                out.truncate(begin);
-                return None;
-            };
-            let fits = n <= out.len() - begin;
-            out.resize(begin + n, 0.0);
-            if fits {
-                return Some(());
-            }
-        }
+        let (kind, index) = (object.kind as u32, object.index as u64);
+        // SAFETY: the table is alive; the place has that capacity.
+        gathered(out, 16, |out, capacity| unsafe { (self.0.values)(self.0.context, kind, index, out, capacity) })
     }
 
     fn cast_ray(&self, from: &Vector3<f64>, to: &Vector3<f64>) -> Option<Hit> {
@@ -482,23 +475,17 @@ impl Access for Remote {
     }
 
     fn contacts(&self, body: usize, out: &mut Vec<Touch>) -> Option<()> {
-        let mut raw = vec![RawTouch::default(); 16];
-        loop {
-            let (data, capacity) = (raw.as_mut_ptr(), raw.len() as u64);
-            // SAFETY: the table is alive; `raw` has that capacity.
-            let n = found(unsafe { (self.0.contacts)(self.0.context, body as u64, data, capacity) })?;
-            let fits = n <= raw.len();
-            raw.resize(n, RawTouch::default());
-            if fits {
-                out.extend(raw.iter().map(Touch::from));
-                return Some(());
-            }
-        }
+        let mut raw = Vec::new();
+        // SAFETY: the table is alive; the place has that capacity.
+        gathered(&mut raw, 16, |out, capacity| unsafe {
+            (self.0.contacts)(self.0.context, body as u64, out, capacity)
+        })?;
+        out.extend(raw.iter().map(Touch::from));
+        Some(())
     }
 
     fn execute(&mut self, command: &Command) -> Result<u64, CommandError> {
         // SAFETY: the table is alive, the command until the call returns.
-        let status = unsafe { (self.0.execute)(self.0.context, &command.raw()) };
-        u64::try_from(status).map_err(|_| CommandError::of_status(status))
+        of_status(unsafe { (self.0.execute)(self.0.context, &command.raw()) })
     }
 }

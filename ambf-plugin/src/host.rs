@@ -1,16 +1,15 @@
 //! Holds all plugins of a simulation, calls them in order, and keeps their failures to themselves.
 
-use std::panic::{catch_unwind, AssertUnwindSafe};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::desk::{Desk, Incoming, Shared};
-use super::export::message_of;
 use super::registry::BUILTIN;
 use super::view::Access;
 use super::{library, AnyPlugin, Drawings, Host, InitContext, Input, PluginError, Registry, Search, Subject, View};
 use crate::ObjectId;
+use ambf_device::caught;
 use ambf_model::adf::PluginEntry;
 
 /// Panics after which a plugin is closed.
@@ -182,8 +181,8 @@ impl Plugins {
             directory,
             arguments: self.setup.arguments.clone(),
         };
-        let started = catch_unwind(AssertUnwindSafe(|| plugin.common().init(&mut context)));
-        let started = started.unwrap_or_else(|panic| Err(PluginError::Panicked(message_of(panic))));
+        let started = caught(|| plugin.common().init(&mut context));
+        let started = started.unwrap_or_else(|panic| Err(PluginError::Panicked(panic)));
         if let Err(error) = started {
             self.drop_plugin(&entry.name, plugin);
             self.shared.drawings.close(number);
@@ -206,16 +205,16 @@ impl Plugins {
     fn make(&self, entry: &PluginEntry, subject: Subject, desk: &Arc<Desk>) -> Result<AnyPlugin, PluginError> {
         let kind = subject.kind();
         if let Some(name) = builtin(entry) {
-            return catch_unwind(AssertUnwindSafe(|| self.setup.registry.make(name, kind)))
-                .unwrap_or_else(|panic| Err(PluginError::Panicked(message_of(panic))));
+            return caught(|| self.setup.registry.make(name, kind))
+                .unwrap_or_else(|panic| Err(PluginError::Panicked(panic)));
         }
         library::load(&resolve(&self.setup.search, entry)?, kind, desk)
     }
 
     /// Dropping is foreign code, too.
     fn drop_plugin(&mut self, handle: &str, plugin: AnyPlugin) {
-        if let Err(panic) = catch_unwind(AssertUnwindSafe(|| drop(plugin))) {
-            self.notices.push(format!("plugin {handle} panicked when it was dropped: {}", message_of(panic)));
+        if let Err(panic) = caught(|| drop(plugin)) {
+            self.notices.push(format!("plugin {handle} panicked when it was dropped: {panic}"));
         }
     }
 
@@ -329,15 +328,15 @@ impl Plugins {
         let held = &mut self.slots[slot];
         let Some(plugin) = &mut held.plugin else { return };
         let begin = Instant::now();
-        let outcome = catch_unwind(AssertUnwindSafe(|| call(plugin)));
+        let outcome = caught(|| call(plugin));
         let end = Instant::now();
         let meter = if graphics { &mut held.graphics } else { &mut held.physics };
         if let Some(clause) = meter.record(end - begin, end) {
             self.notices.push(format!("plugin {} is slow: in {what}, {clause}", held.handle));
         }
-        let Err(panic) = outcome else { return };
+        let Err(message) = outcome else { return };
         held.panics += 1;
-        let (count, message) = (held.panics, message_of(panic));
+        let count = held.panics;
         let handle = &held.handle;
         self.notices.push(format!("plugin {handle} panicked in {what} ({count} of {MAX_PANICS}): {message}"));
         if count == MAX_PANICS {
@@ -350,8 +349,8 @@ impl Plugins {
     fn close_slot(&mut self, slot: usize) {
         let Some(mut plugin) = self.slots[slot].plugin.take() else { return };
         let handle = self.slots[slot].handle.clone();
-        if let Err(panic) = catch_unwind(AssertUnwindSafe(|| plugin.common().close())) {
-            self.notices.push(format!("plugin {handle} panicked in close: {}", message_of(panic)));
+        if let Err(panic) = caught(|| plugin.common().close()) {
+            self.notices.push(format!("plugin {handle} panicked in close: {panic}"));
         }
         self.drop_plugin(&handle, plugin);
         self.shared.drawings.close(self.slots[slot].number);

@@ -38,6 +38,8 @@ mod registry;
 mod search;
 mod snapshot;
 mod state;
+#[cfg(test)]
+mod tests;
 mod traits;
 mod view;
 

@@ -2,7 +2,7 @@
 
 use std::cell::Cell;
 use std::ffi::c_void;
-use std::panic::{catch_unwind, resume_unwind, AssertUnwindSafe};
+use std::panic::resume_unwind;
 use std::path::Path;
 use std::ptr::NonNull;
 use std::sync::Arc;
@@ -11,9 +11,10 @@ use libloading::os::unix::{Library, RTLD_LOCAL, RTLD_NOW};
 use nalgebra::Vector3;
 
 use super::abi::{
-    copy_out, CreateFn, RawBody, RawClock, RawCommand, RawDrawing, RawHost, RawInit, RawInput, RawJoint, RawPlugin,
-    RawPose, RawText, RawTouch, VersionFn, ABI_VERSION, DONE, MODEL, OLDEST_ABI_VERSION, PANICKED,
+    copy_out, slice, CreateFn, RawBody, RawClock, RawCommand, RawDrawing, RawHost, RawInit, RawInput, RawJoint,
+    RawPlugin, RawPose, RawText, RawTouch, VersionFn, ABI_VERSION, DONE, MODEL, OLDEST_ABI_VERSION, PANICKED,
 };
+use super::command::status_of;
 use super::desk::Desk;
 use super::traits::Services;
 use super::view::{Access, TextOf};
@@ -22,6 +23,7 @@ use super::{
     SimulatorPlugin, StateSnapshot, Subject, View, WorldPlugin,
 };
 use crate::{ObjectId, ObjectType};
+use ambf_device::caught;
 
 const VERSION: &str = "ambf_plugin_abi_version";
 const CREATE: &str = "ambf_plugin_create";
@@ -102,8 +104,11 @@ impl Foreign {
         unsafe { *self.raw.as_ptr() }
     }
 
-    /// Passes on what went wrong in the library as the panic that it was.
-    fn check(&self, status: i32) {
+    /// Calls a function of the table with the plugin's instance, if there is such a function. What goes wrong in the
+    /// library is passed on as the panic that it was.
+    fn call<F>(&self, function: impl FnOnce(&RawPlugin) -> Option<F>, call: impl FnOnce(F, *mut c_void) -> i32) {
+        let table = self.table();
+        let status = function(&table).map_or(DONE, |function| call(function, table.instance));
         if status != DONE {
             let said = self.desk.take_failure();
             let said = if said.is_empty() { format!("it returned {status}") } else { said };
@@ -146,62 +151,48 @@ impl Plugin for Foreign {
     }
 
     fn physics_update(&mut self, world: &mut View<'_>, dt: f64) {
-        let table = self.table();
-        if let Some(update) = table.physics_update {
-            // SAFETY: the plugin is alive.
-            self.check(lend(world.access, || unsafe { update(table.instance, dt) }));
-        }
+        // SAFETY: the plugin is alive.
+        self.call(|table| table.physics_update, |update, it| lend(world.access, || unsafe { update(it, dt) }));
     }
 
     fn graphics_update(&mut self) {
-        let table = self.table();
-        if let Some(update) = table.graphics_update {
-            // SAFETY: the plugin is alive.
-            self.check(unsafe { update(table.instance) });
-        }
+        // SAFETY: the plugin is alive.
+        self.call(|table| table.graphics_update, |update, it| unsafe { update(it) });
     }
 
     fn reset(&mut self, world: &mut View<'_>) {
-        let table = self.table();
-        if let Some(reset) = table.reset {
-            // SAFETY: the plugin is alive.
-            self.check(lend(world.access, || unsafe { reset(table.instance) }));
-        }
+        // SAFETY: the plugin is alive.
+        self.call(|table| table.reset, |reset, it| lend(world.access, || unsafe { reset(it) }));
     }
 
     fn close(&mut self) {
-        let table = self.table();
-        if let Some(close) = table.close {
-            // SAFETY: the plugin is alive.
-            self.check(unsafe { close(table.instance) });
-        }
+        // SAFETY: the plugin is alive.
+        self.call(|table| table.close, |close, it| unsafe { close(it) });
     }
 }
 
 impl Foreign {
     fn model_changed(&mut self, world: &mut View<'_>, added: bool, model: usize) {
-        let table = self.table();
-        if let Some(changed) = table.model_changed {
-            // SAFETY: the plugin is alive.
-            self.check(lend(world.access, || unsafe { changed(table.instance, u32::from(added), model as u64) }));
-        }
+        let (added, model) = (u32::from(added), model as u64);
+        // SAFETY: the plugin is alive.
+        self.call(
+            |table| table.model_changed,
+            |changed, it| lend(world.access, || unsafe { changed(it, added, model) }),
+        );
     }
 
     fn object_changed(&mut self, world: &mut View<'_>, added: bool, object: ObjectId) {
-        let table = self.table();
-        if let Some(changed) = table.object_changed {
-            let (added, kind, index) = (u32::from(added), object.kind as u32, object.index as u64);
+        let (added, kind, index) = (u32::from(added), object.kind as u32, object.index as u64);
+        self.call(
+            |table| table.object_changed,
             // SAFETY: the plugin is alive.
-            self.check(lend(world.access, || unsafe { changed(table.instance, added, kind, index) }));
-        }
+            |changed, it| lend(world.access, || unsafe { changed(it, added, kind, index) }),
+        );
     }
 
     fn input(&mut self, raw: &RawInput) {
-        let table = self.table();
-        if let Some(input) = table.input {
-            // SAFETY: the plugin is alive; `raw` lives until the call returns.
-            self.check(unsafe { input(table.instance, raw) });
-        }
+        // SAFETY: the plugin is alive; `raw` lives until the call returns.
+        self.call(|table| table.input, |input, it| unsafe { input(it, raw) });
     }
 }
 
@@ -284,18 +275,14 @@ fn lend(access: &mut dyn Access, call: impl FnOnce() -> i32) -> i32 {
 }
 
 /// Runs `work` with the simulation if this thread is in a callback. Nothing unwinds out of it.
-fn now(work: impl FnOnce(&mut dyn Access) -> Result<i64, CommandError>) -> i64 {
+fn now(work: impl FnOnce(&mut dyn Access) -> Result<u64, CommandError>) -> i64 {
     // Taken away meanwhile, so that there are never two.
     let Some(mut lent) = LENT.take() else { return CommandError::Outside.status() };
     // SAFETY: `lend` has put it there, is still running, and nobody else has it.
     let access = unsafe { lent.as_mut() };
-    let done = catch_unwind(AssertUnwindSafe(|| work(access)));
+    let done = caught(|| work(access));
     LENT.set(Some(lent));
-    match done {
-        Ok(Ok(value)) => value,
-        Ok(Err(error)) => error.status(),
-        Err(_) => CommandError::Refused.status(),
-    }
+    status_of(done.unwrap_or(Err(CommandError::Refused)))
 }
 
 fn type_of(kind: u32) -> Result<Option<ObjectType>, CommandError> {
@@ -314,7 +301,7 @@ fn object_of(kind: u32, index: u64) -> Result<ObjectId, CommandError> {
 ///
 /// # Safety
 /// `out` is null or points at a `T` of the caller.
-unsafe fn give<T>(value: Option<T>, out: *mut T) -> Result<i64, CommandError> {
+unsafe fn give<T>(value: Option<T>, out: *mut T) -> Result<u64, CommandError> {
     let value = value.ok_or(CommandError::NoObject)?;
     if out.is_null() {
         return Err(CommandError::Refused);
@@ -371,10 +358,7 @@ unsafe extern "C" fn post(context: *const c_void, command: *const RawCommand) ->
     let (desk, Some(command)) = (unsafe { (desk(context), command.as_ref()) }) else {
         return CommandError::Unknown.status();
     };
-    match Command::from_raw(command).and_then(|command| desk.post(&command)) {
-        Ok(()) => 0,
-        Err(error) => error.status(),
-    }
+    status_of(Command::from_raw(command).and_then(|command| desk.post(&command)).map(|()| 0))
 }
 
 unsafe extern "C" fn snapshot(
@@ -408,20 +392,13 @@ unsafe extern "C" fn show(context: *const c_void, drawings: *const RawDrawing, c
         if count > super::MOST_DRAWINGS as u64 {
             return Err(CommandError::TooMuch);
         }
-        let raw: &[RawDrawing] = match (count, drawings.is_null()) {
-            (0, _) => &[],
-            (_, true) => return Err(CommandError::Refused),
-            // SAFETY: the library gives as many drawings of its own as it says.
-            (count, false) => unsafe { std::slice::from_raw_parts(drawings, count as usize) },
-        };
+        // SAFETY: the library gives as many drawings of its own as it says.
+        let raw = unsafe { slice(drawings, count) }.ok_or(CommandError::Refused)?;
         // SAFETY: points and texts are the library's, until it gets its answer.
         raw.iter().map(|raw| unsafe { Drawing::from_raw(raw) }).collect::<Result<Vec<_>, _>>()
     };
     // SAFETY: the library gives the context that it was given.
-    match read().and_then(|drawings| unsafe { desk(context) }.show(&drawings)) {
-        Ok(()) => 0,
-        Err(error) => error.status(),
-    }
+    status_of(read().and_then(|drawings| unsafe { desk(context) }.show(&drawings)).map(|()| 0))
 }
 
 unsafe extern "C" fn clock(_: *const c_void, out: *mut RawClock) -> i32 {
@@ -430,13 +407,13 @@ unsafe extern "C" fn clock(_: *const c_void, out: *mut RawClock) -> i32 {
 }
 
 unsafe extern "C" fn count(_: *const c_void, kind: u32) -> i64 {
-    now(|access| Ok(access.count(type_of(kind)?) as i64))
+    now(|access| Ok(access.count(type_of(kind)?) as u64))
 }
 
 unsafe extern "C" fn find(_: *const c_void, kind: u32, text: RawText) -> i64 {
     // SAFETY: the text is the library's.
     let text = unsafe { text.read() };
-    now(|access| access.find(type_of(kind)?, &text).map(|index| index as i64).ok_or(CommandError::NoObject))
+    now(|access| access.find(type_of(kind)?, &text).map(|index| index as u64).ok_or(CommandError::NoObject))
 }
 
 unsafe extern "C" fn text(_: *const c_void, what: u32, kind: u32, index: u64, out: *mut u8, capacity: u64) -> i64 {
@@ -450,14 +427,14 @@ unsafe extern "C" fn text(_: *const c_void, what: u32, kind: u32, index: u64, ou
         let text = access.text(what, type_of(kind)?, index as usize).ok_or(CommandError::NoObject)?;
         // SAFETY: `out` is null or has the capacity.
         unsafe { copy_out(text.as_bytes(), out, capacity) };
-        Ok(text.len() as i64)
+        Ok(text.len() as u64)
     })
 }
 
 unsafe extern "C" fn model_of(_: *const c_void, kind: u32, index: u64) -> i64 {
     now(|access| {
         let model = access.model_of(object_of(kind, index)?);
-        model.map(|model| model as i64).ok_or(CommandError::NoObject)
+        model.map(|model| model as u64).ok_or(CommandError::NoObject)
     })
 }
 
@@ -482,7 +459,7 @@ unsafe extern "C" fn values(_: *const c_void, kind: u32, index: u64, out: *mut f
         access.values(object_of(kind, index)?, &mut found).ok_or(CommandError::NoObject)?;
         // SAFETY: `out` is null or has the capacity.
         unsafe { copy_out(&found, out, capacity) };
-        Ok(found.len() as i64)
+        Ok(found.len() as u64)
     })
 }
 
@@ -505,7 +482,7 @@ unsafe extern "C" fn contacts(_: *const c_void, body: u64, out: *mut RawTouch, c
         let raw: Vec<RawTouch> = touches.iter().map(RawTouch::from).collect();
         // SAFETY: `out` is null or has the capacity.
         unsafe { copy_out(&raw, out, capacity) };
-        Ok(raw.len() as i64)
+        Ok(raw.len() as u64)
     })
 }
 
@@ -513,6 +490,6 @@ unsafe extern "C" fn execute(_: *const c_void, command: *const RawCommand) -> i6
     now(|access| {
         // SAFETY: the command is null or the library's.
         let command = unsafe { command.as_ref() }.ok_or(CommandError::Unknown)?;
-        access.execute(&Command::from_raw(command)?).map(|result| result as i64)
+        access.execute(&Command::from_raw(command)?)
     })
 }

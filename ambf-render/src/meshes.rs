@@ -3,11 +3,12 @@
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 use ambf_core::adf::{Axis, Primitive};
 use ambf_core::mesh::{load_visual, MeshMaterial, MeshTexture, VisualMesh, VisualMeshPart};
 use nalgebra::{Point3, Vector3};
+use parking_lot::Mutex;
 
 use crate::gl::{self, Current, Layout, VertexArray};
 use crate::stage::Look;
@@ -143,9 +144,9 @@ fn map_in_parallel<T: Sync, R: Send>(items: &[T], make: impl Fn(&T) -> R + Sync)
     let results: Vec<Mutex<Option<R>>> = items.iter().map(|_| Mutex::new(None)).collect();
     in_parallel(items.len(), |index| {
         let made = make(&items[index]);
-        *results[index].lock().unwrap_or_else(PoisonError::into_inner) = Some(made);
+        *results[index].lock() = Some(made);
     });
-    results.into_iter().filter_map(|result| result.into_inner().unwrap_or_else(PoisonError::into_inner)).collect()
+    results.into_iter().filter_map(Mutex::into_inner).collect()
 }
 
 impl Library {

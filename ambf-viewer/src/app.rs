@@ -720,7 +720,7 @@ impl ApplicationHandler for App {
             }
             WindowEvent::KeyboardInput { event, is_synthetic: false, .. } if !wants_keys && !is_used => {
                 self.on_key(camera, &event);
-                if self.shared.ended.lock().is_ok_and(|ended| ended.is_some()) {
+                if self.shared.ended.lock().is_some() {
                     event_loop.exit();
                 }
             }

@@ -24,7 +24,7 @@ mod shown;
 
 use std::panic::{catch_unwind, AssertUnwindSafe};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -34,6 +34,7 @@ use ambf_core::scene::VisualScene;
 use ambf_core::sim::{Control, Models, WindowLink};
 use ambf_render::{Renderer, Stage};
 use crossbeam_channel::{bounded, Sender};
+use parking_lot::Mutex;
 use thiserror::Error;
 use winit::event_loop::EventLoop;
 use winit::platform::wayland::EventLoopBuilderExtWayland;
@@ -93,7 +94,7 @@ impl DeviceBoard {
 
     /// Changes what is shown.
     pub fn update(&self, change: impl FnOnce(&mut DeviceNews)) {
-        let mut news = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut news = self.0.lock();
         change(&mut news);
         let surplus = news.lines.len().saturating_sub(Self::LINES);
         news.lines.drain(..surplus);
@@ -101,7 +102,7 @@ impl DeviceBoard {
 
     /// What is shown now.
     pub fn read(&self) -> DeviceNews {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        self.0.lock().clone()
     }
 }
 
@@ -134,7 +135,7 @@ struct Shared {
 
 impl Shared {
     fn end(&self, how: Ended) {
-        self.ended.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(how);
+        self.ended.lock().get_or_insert(how);
     }
 }
 
@@ -181,7 +182,7 @@ impl Viewer {
 
     /// How the windows ended; `None` while they are open.
     pub fn ended(&self) -> Option<Ended> {
-        let said = self.shared.ended.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let said = self.shared.ended.lock().clone();
         said.or_else(|| match connection::is_lost() {
             true => Some(Ended::Lost(connection::BROKEN.into())),
             false if self.thread.as_ref().is_some_and(JoinHandle::is_finished) => {

@@ -8,10 +8,11 @@ use std::collections::HashSet;
 use std::mem::discriminant;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 
 use dxr::Value;
+use parking_lot::Mutex;
 use rosrust::api::Ros;
 
 use super::embedded::{local_address, EmbeddedMaster};
@@ -137,22 +138,14 @@ impl Link {
         }
     }
 
-    fn items(&self) -> MutexGuard<'_, Vec<Item>> {
-        self.items.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// How many times everything was registered with a master that did not know us; 0 before the first time.
     pub fn generation(&self) -> u64 {
         self.generation.load(Ordering::Acquire)
     }
 
-    fn node(&self) -> MutexGuard<'_, Option<(String, String)>> {
-        self.node.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// The master, called in the node's name once there is a node.
     pub fn master(&self) -> Peer {
-        match &*self.node() {
+        match &*self.node.lock() {
             Some((name, _)) => self.options.master.called_by(name),
             None => self.options.master.clone(),
         }
@@ -180,13 +173,9 @@ impl Link {
         false
     }
 
-    fn change(&self) -> MutexGuard<'_, ()> {
-        self.changing.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// Announces more soon.
     pub fn add(&self, announcements: impl IntoIterator<Item = Arc<dyn Announcement>>) {
-        self.items().extend(announcements.into_iter().map(Item::new));
+        self.items.lock().extend(announcements.into_iter().map(Item::new));
         self.stop.nudge();
     }
 
@@ -195,15 +184,16 @@ impl Link {
         if gone.is_empty() {
             return;
         }
-        let _change = self.change();
+        let _change = self.changing.lock();
         let key = |announcement: &dyn Announcement| {
             let Registration { topic, direction, .. } = announcement.registration();
             (topic, discriminant(&direction))
         };
         let keys: HashSet<_> = gone.iter().map(|announcement| key(&**announcement)).collect();
         // rosrust closes a topic for all who share it: the others have to open it again.
-        let touched = self.items().extract_if(.., |item| keys.contains(&key(&*item.announcement))).collect::<Vec<_>>();
-        let own = self.node().as_ref().and_then(|(_, uri)| own_peer(uri).ok());
+        let touched =
+            self.items.lock().extract_if(.., |item| keys.contains(&key(&*item.announcement))).collect::<Vec<_>>();
+        let own = self.node.lock().as_ref().and_then(|(_, uri)| own_peer(uri).ok());
         let published = touched.iter().filter(|item| item.announced.is_some()).map(|item| key(&*item.announcement));
         let published: HashSet<_> =
             published.filter(|(_, side)| *side == discriminant(&Direction::Publishes)).collect();
@@ -216,12 +206,12 @@ impl Link {
 
     /// The first that is not announced yet.
     fn next_pending(&self) -> Option<Arc<dyn Announcement>> {
-        self.items().iter().find(|item| item.announced.is_none()).map(|item| Arc::clone(&item.announcement))
+        self.items.lock().iter().find(|item| item.announced.is_none()).map(|item| Arc::clone(&item.announcement))
     }
 
     fn mark_announced(&self, done: &Arc<dyn Announcement>) {
         let number = self.announcements.fetch_add(1, Ordering::Relaxed);
-        let mut items = self.items();
+        let mut items = self.items.lock();
         if let Some(item) = items.iter_mut().find(|item| Arc::ptr_eq(&item.announcement, done)) {
             item.announced = Some(number);
         }
@@ -229,7 +219,7 @@ impl Link {
 
     /// What is announced, each with the number of its announcement.
     fn registrations(&self) -> Vec<(u64, Registration)> {
-        let items = self.items();
+        let items = self.items.lock();
         items.iter().filter_map(|item| Some((item.announced?, item.announcement.registration()))).collect()
     }
 }
@@ -307,7 +297,7 @@ impl Worker<'_> {
                         node.hostname()
                     ));
                 }
-                *self.link.node() = Some((node.name().to_owned(), node.uri().to_owned()));
+                *self.link.node.lock() = Some((node.name().to_owned(), node.uri().to_owned()));
                 self.set_parameters(node.name());
                 self.node = Some(node);
                 self.complained = false;
@@ -389,7 +379,7 @@ impl Worker<'_> {
             }
         }
         if self.forgotten {
-            let _change = self.link.change();
+            let _change = self.link.changing.lock();
             match register_again(&self.link.registrations(), node, &master) {
                 Ok(()) => {
                     self.link.report(format_args!(
@@ -415,7 +405,7 @@ impl Worker<'_> {
         let Some(node) = &self.node else { return };
         loop {
             // Nothing may be removed half announced.
-            let _change = self.link.change();
+            let _change = self.link.changing.lock();
             let Some(announcement) = self.link.next_pending() else { break };
             if self.link.stop.is_stopped() {
                 return;
@@ -445,8 +435,8 @@ impl Worker<'_> {
     }
 
     fn withdraw(&mut self) {
-        let _change = self.link.change();
-        let items = std::mem::take(&mut *self.link.items());
+        let _change = self.link.changing.lock();
+        let items = std::mem::take(&mut *self.link.items.lock());
         let Some(node) = self.node.take() else { return };
         items.iter().filter(|item| item.announced.is_some()).for_each(|item| item.announcement.withdraw());
         // Withdraws the log topic.
@@ -479,7 +469,8 @@ pub fn tend_connections(link: &Link) {
     let mut listing = Listing::default();
     while !link.stop.wait(CONNECT_POLL) {
         let listening: Vec<_> = link
-            .items()
+            .items
+            .lock()
             .iter()
             .filter(|item| item.announced.is_some() && item.announcement.connects())
             .map(|item| Arc::clone(&item.announcement))
@@ -497,7 +488,7 @@ pub fn tend_sockets(link: &Link) {
     let mut bounded: HashSet<u64> = HashSet::new();
     while !link.stop.wait(POLL) {
         link.sockets.sweep();
-        let uri = link.node().as_ref().map(|(_, uri)| uri.clone());
+        let uri = link.node.lock().as_ref().map(|(_, uri)| uri.clone());
         let Some(Ok(own)) = uri.as_deref().map(own_peer) else { continue };
         let mut ports = HashSet::new();
         for (number, Registration { topic, direction, .. }) in link.registrations() {

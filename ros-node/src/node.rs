@@ -2,9 +2,11 @@
 
 use std::io;
 use std::sync::mpsc::{channel, Receiver, RecvTimeoutError};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::thread;
 use std::time::Duration;
+
+use parking_lot::Mutex;
 
 use super::link::{run, tend_connections, tend_sockets, Link, LinkOptions};
 
@@ -47,7 +49,7 @@ impl Node {
 
     /// Withdraws everything. Takes at most 2 s, also when the master does not answer.
     pub fn stop(&self) {
-        let Some(ended) = self.ended.lock().unwrap_or_else(PoisonError::into_inner).take() else { return };
+        let Some(ended) = self.ended.lock().take() else { return };
         self.link.stop.stop();
         if ended.recv_timeout(STOP_TIMEOUT) == Err(RecvTimeoutError::Timeout) {
             self.link.report(format_args!("ROS: the master did not let us go within {} s", STOP_TIMEOUT.as_secs()));

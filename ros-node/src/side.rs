@@ -13,11 +13,12 @@ use std::collections::BTreeMap;
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{Ipv4Addr, Shutdown, TcpListener, TcpStream};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::thread;
 use std::time::{Duration, Instant};
 
 use dxr::{MethodCall, MethodResponse, Value};
+use parking_lot::{Condvar, Mutex};
 use rosrust::api::Ros;
 use rosrust::error::Error;
 use rosrust::Message;
@@ -44,10 +45,6 @@ const MAX_CONNECTIONS: usize = 256;
 /// Messages whose memory is kept for the next ones, a topic.
 const KEPT: usize = 3;
 
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 /// A second node of the process. It is there while one of its [publications](LargePublication) is announced.
 pub struct SideNode {
     suffix: String,
@@ -68,7 +65,7 @@ impl SideNode {
 
     /// The same, beside the node `name` at `uri`; it listens at `address` and is reachable under `host`.
     fn open_beside(&self, name: &str, uri: &str, address: &str, host: &str) -> Result<Arc<Open>, String> {
-        let mut place = lock(&self.open);
+        let mut place = self.open.lock();
         if let Some(open) = &*place {
             return Ok(Arc::clone(open));
         }
@@ -83,7 +80,7 @@ impl SideNode {
 
     /// Ends the node if it has no topics left.
     fn tidy(&self) {
-        let unused = lock(&self.open).take_if(|open| lock(&open.topics).is_empty());
+        let unused = self.open.lock().take_if(|open| open.topics.lock().is_empty());
         if let Some(open) = unused {
             open.close();
         }
@@ -173,7 +170,7 @@ impl Open {
 
     fn close(&self) {
         self.closed.store(true, Ordering::Release);
-        for topic in lock(&self.topics).values() {
+        for topic in self.topics.lock().values() {
             topic.close();
         }
         // The accepting threads end with the next connection.
@@ -194,7 +191,7 @@ impl Open {
         (&stream).take(length).read_to_end(&mut header)?;
         let fields = fields(&header);
         let field = |key: &str| fields.get(key).map(String::as_str).unwrap_or_default();
-        let topic = lock(&self.topics).get(field("topic")).cloned();
+        let topic = self.topics.lock().get(field("topic")).cloned();
         let Some(topic) = topic else {
             let why = format!("{} does not publish {}", self.name, super::tcpros::quote(field("topic")));
             return stream.write_all(&header_of(&[("error", &why)]));
@@ -248,14 +245,14 @@ impl Open {
 
     fn call(&self, call: &MethodCall<'_>) -> Value {
         let text = |text: &str| Value::String(text.to_owned());
-        let topics = || lock(&self.topics).iter().map(|(name, topic)| (name.clone(), Arc::clone(topic))).collect();
+        let topics = || self.topics.lock().iter().map(|(name, topic)| (name.clone(), Arc::clone(topic))).collect();
         match &*call.name {
             "requestTopic" => {
                 let name = match call.params.get(1) {
                     Some(Value::String(name)) => name.as_str(),
                     _ => "",
                 };
-                if !lock(&self.topics).contains_key(name) {
+                if !self.topics.lock().contains_key(name) {
                     return answer(-1, &format!("{} does not publish {name}", self.name), Value::Integer(0));
                 }
                 let how = vec![text("TCPROS"), text(&self.host), Value::Integer(i32::from(self.port))];
@@ -274,7 +271,7 @@ impl Open {
                 let topics: Vec<(String, Arc<Topic>)> = topics();
                 let mut rows = Vec::new();
                 for (name, topic) in &topics {
-                    for subscriber in lock(&topic.subscribers).iter() {
+                    for subscriber in topic.subscribers.lock().iter() {
                         let number = Value::Integer(rows.len() as i32);
                         let row = vec![
                             number,
@@ -357,7 +354,7 @@ struct Topic {
 impl Topic {
     /// False when the topic has been withdrawn.
     fn admit(&self, subscriber: &Arc<Subscriber>) -> bool {
-        let mut subscribers = lock(&self.subscribers);
+        let mut subscribers = self.subscribers.lock();
         if self.closed.load(Ordering::Acquire) {
             return false;
         }
@@ -366,16 +363,16 @@ impl Topic {
     }
 
     fn dismiss(&self, subscriber: &Arc<Subscriber>) {
-        let mut subscribers = lock(&self.subscribers);
+        let mut subscribers = self.subscribers.lock();
         subscribers.retain(|other| !Arc::ptr_eq(other, subscriber));
         if subscribers.is_empty() {
-            lock(&self.kept).clear();
+            self.kept.lock().clear();
         }
     }
 
     /// Memory for a message.
     fn memory(&self) -> Vec<u8> {
-        let mut kept = lock(&self.kept);
+        let mut kept = self.kept.lock();
         let free = kept.iter().position(|message| Arc::strong_count(message) == 1);
         let mut memory = free.and_then(|free| Arc::into_inner(kept.swap_remove(free))).unwrap_or_default();
         memory.clear();
@@ -385,19 +382,19 @@ impl Topic {
     /// Leaves a message for all subscribers.
     fn post(&self, message: Vec<u8>) {
         let message = Arc::new(message);
-        let subscribers = lock(&self.subscribers);
+        let subscribers = self.subscribers.lock();
         subscribers.iter().for_each(|subscriber| subscriber.post(&message));
-        let mut kept = lock(&self.kept);
+        let mut kept = self.kept.lock();
         if !subscribers.is_empty() && kept.len() < KEPT {
             kept.push(message);
         }
     }
 
     fn close(&self) {
-        let mut subscribers = lock(&self.subscribers);
+        let mut subscribers = self.subscribers.lock();
         self.closed.store(true, Ordering::Release);
         subscribers.drain(..).for_each(|subscriber| subscriber.end());
-        lock(&self.kept).clear();
+        self.kept.lock().clear();
     }
 }
 
@@ -421,20 +418,20 @@ struct Waiting {
 
 impl Subscriber {
     fn post(&self, message: &Arc<Vec<u8>>) {
-        let mut place = lock(&self.place);
+        let mut place = self.place.lock();
         place.next = Some(Arc::clone(message));
         drop(place);
         self.filled.notify_one();
     }
 
     fn end(&self) {
-        lock(&self.place).end = true;
+        self.place.lock().end = true;
         self.filled.notify_one();
         let _ = self.stream.shutdown(Shutdown::Both);
     }
 
     fn is_stalled(&self) -> bool {
-        lock(&self.place).writing.is_some_and(|since| since.elapsed() > STALLED)
+        self.place.lock().writing.is_some_and(|since| since.elapsed() > STALLED)
     }
 
     /// Sends what is posted until the subscriber goes or the topic is withdrawn.
@@ -442,7 +439,7 @@ impl Subscriber {
         stream.set_read_timeout(Some(Duration::from_millis(1)))?;
         loop {
             let message = {
-                let mut place = lock(&self.place);
+                let mut place = self.place.lock();
                 place.writing = None;
                 loop {
                     if place.end {
@@ -452,10 +449,7 @@ impl Subscriber {
                         place.writing = Some(Instant::now());
                         break message;
                     }
-                    let (back, waited) =
-                        self.filled.wait_timeout(place, GLANCE).unwrap_or_else(PoisonError::into_inner);
-                    place = back;
-                    if waited.timed_out() {
+                    if self.filled.wait_for(&mut place, GLANCE).timed_out() {
                         drop(place);
                         // Subscribers say nothing: whatever comes is dropped, and the end is seen without sending
                         // anything.
@@ -464,7 +458,7 @@ impl Subscriber {
                             Err(error) if !is_timeout(&error) => return Err(error),
                             _ => (),
                         }
-                        place = lock(&self.place);
+                        place = self.place.lock();
                     }
                 }
             };
@@ -479,7 +473,7 @@ impl Subscriber {
                 Ok(0) => return Err(ErrorKind::WriteZero.into()),
                 Ok(count) => rest = &rest[count..],
                 Err(error) if is_timeout(&error) => {
-                    if lock(&self.place).end {
+                    if self.place.lock().end {
                         return Err(ErrorKind::ConnectionAborted.into());
                     }
                 }
@@ -527,7 +521,7 @@ impl LargePublication {
     }
 
     fn topic(&self) -> Arc<Topic> {
-        Arc::clone(&lock(&self.topic))
+        Arc::clone(&self.topic.lock())
     }
 
     /// Name of the topic.
@@ -538,7 +532,7 @@ impl LargePublication {
     /// Whether somebody is connected who has not stopped reading: one to whom the same message has been sent for more
     /// than 2 s does not count.
     pub fn is_wanted(&self) -> bool {
-        lock(&self.topic().subscribers).iter().any(|subscriber| !subscriber.is_stalled())
+        self.topic().subscribers.lock().iter().any(|subscriber| !subscriber.is_stalled())
     }
 
     /// Makes a message and leaves it for all subscribers; never waits for one. `write` appends the message as it goes
@@ -548,10 +542,10 @@ impl LargePublication {
     /// Messages of 4 GiB and more are not sent.
     pub fn send(&self, write: impl FnOnce(&mut Vec<u8>, u32)) {
         let topic = self.topic();
-        if lock(&topic.subscribers).is_empty() {
+        if topic.subscribers.lock().is_empty() {
             return;
         }
-        let mut outgoing = lock(&self.outgoing);
+        let mut outgoing = self.outgoing.lock();
         let mut message = topic.memory();
         message.extend([0; 4]);
         write(&mut message, outgoing.number);
@@ -565,18 +559,18 @@ impl LargePublication {
 impl LargePublication {
     /// Takes subscribers from now on; the type of the messages.
     fn serve(&self, open: &Open) -> String {
-        let mut topics = lock(&open.topics);
+        let mut topics = open.topics.lock();
         let own = topics.entry(self.name.clone()).or_insert_with(|| self.topic());
         own.closed.store(false, Ordering::Release);
-        *lock(&self.topic) = Arc::clone(own);
-        lock(&self.outgoing).node = Some((open.name.clone(), open.uri.clone()));
+        *self.topic.lock() = Arc::clone(own);
+        self.outgoing.lock().node = Some((open.name.clone(), open.uri.clone()));
         own.kind.clone()
     }
 }
 
 impl Announcement for LargePublication {
     fn registration(&self) -> Registration {
-        let (node, uri) = lock(&self.outgoing).node.clone().unwrap_or_default();
+        let (node, uri) = self.outgoing.lock().node.clone().unwrap_or_default();
         Registration {
             topic: self.name.clone(),
             message_type: self.topic().kind.clone(),
@@ -594,10 +588,10 @@ impl Announcement for LargePublication {
     }
 
     fn withdraw(&self) {
-        let node = lock(&self.outgoing).node.take();
+        let node = self.outgoing.lock().node.take();
         self.topic().close();
-        if let Some(open) = &*lock(&self.node.open) {
-            lock(&open.topics).remove(&self.name);
+        if let Some(open) = &*self.node.open.lock() {
+            open.topics.lock().remove(&self.name);
         }
         if let Some((node, uri)) = node {
             let arguments = vec![Value::String(self.name.clone()), Value::String(uri)];
@@ -675,7 +669,7 @@ mod tests {
         }
 
         fn count(&self) -> usize {
-            lock(&self.publication.topic().subscribers).len()
+            self.publication.topic().subscribers.lock().len()
         }
 
         fn send(&self, size: usize, byte: u8) {
@@ -735,7 +729,7 @@ mod tests {
             assert!(begin.elapsed() < Duration::from_secs(20), "sending never waits");
             assert_eq!(message(&mut busy)[SIZE], number);
         }
-        let kept = lock(&fixture.publication.topic().kept).len();
+        let kept = fixture.publication.topic().kept.lock().len();
         assert!(kept <= KEPT, "{kept}");
         assert_eq!(message(&mut idle)[SIZE], 0, "the one that was under way");
         assert_eq!(message(&mut idle)[SIZE], 29, "then the newest");
@@ -759,7 +753,7 @@ mod tests {
         message(&mut stream);
         drop(stream);
         until("it is forgotten", || fixture.count() == 0);
-        assert!(lock(&fixture.publication.topic().kept).is_empty(), "without subscribers there are no messages");
+        assert!(fixture.publication.topic().kept.lock().is_empty(), "without subscribers there are no messages");
     }
 
     #[test]

@@ -8,9 +8,9 @@ use std::collections::HashSet;
 use std::fs;
 use std::net::{TcpListener, TcpStream};
 use std::os::fd::{AsFd, OwnedFd, RawFd};
-use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
+use parking_lot::Mutex;
 use rustix::net::sockopt;
 use rustix::net::AddressFamily;
 use rustix::process::{getpid, pidfd_getfd, pidfd_open, PidfdFlags, PidfdGetfdFlags};
@@ -65,7 +65,7 @@ impl Sockets {
     /// Sets the options of all sockets that have come up since the last sweep.
     pub fn sweep(&self) {
         let Some(pidfd) = &self.pidfd else { return };
-        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut state = self.state.lock();
         let present = open_sockets();
         let fresh: Vec<OwnedFd> = present
             .difference(&state.seen)
@@ -106,7 +106,7 @@ impl Sockets {
 
     /// Ports on which this process listens.
     pub fn ports(&self) -> Vec<u16> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner).ports.iter().copied().collect()
+        self.state.lock().ports.iter().copied().collect()
     }
 }
 

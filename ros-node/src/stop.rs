@@ -1,7 +1,8 @@
 //! A signal to end.
 
-use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
+
+use parking_lot::{Condvar, Mutex};
 
 /// Tells threads to end, and wakes those that wait for it.
 #[derive(Debug, Default)]
@@ -17,33 +18,29 @@ struct State {
 }
 
 impl Stop {
-    fn lock(&self) -> MutexGuard<'_, State> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// Says stop, for good.
     pub fn stop(&self) {
-        self.lock().stopped = true;
+        self.state.lock().stopped = true;
         self.changed.notify_all();
     }
 
     /// Ends the present [`wait`](Self::wait) of everybody early.
     pub fn nudge(&self) {
-        self.lock().nudges += 1;
+        self.state.lock().nudges += 1;
         self.changed.notify_all();
     }
 
     /// Whether it is time to end.
     pub fn is_stopped(&self) -> bool {
-        self.lock().stopped
+        self.state.lock().stopped
     }
 
     /// Waits for `time`, a nudge or the stop; true when it is time to end.
     pub fn wait(&self, time: Duration) -> bool {
-        let state = self.lock();
+        let mut state = self.state.lock();
         let nudges = state.nudges;
-        let waiting = |s: &mut State| !s.stopped && s.nudges == nudges;
-        self.changed.wait_timeout_while(state, time, waiting).unwrap_or_else(PoisonError::into_inner).0.stopped
+        self.changed.wait_while_for(&mut state, |s| !s.stopped && s.nudges == nudges, time);
+        state.stopped
     }
 }
 

@@ -9,10 +9,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, ErrorKind};
 use std::net::{Shutdown, TcpStream, ToSocketAddrs};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use dxr::Value;
+use parking_lot::Mutex;
 use rosrust::api::Ros;
 use rosrust::error::Error;
 use rosrust::Message;
@@ -87,10 +88,6 @@ struct Line {
     faults: u32,
 }
 
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 impl RawSubscription {
     /// Messages of any type, of 16 MiB at most. `on_message` runs in a thread of each publisher's and must not block.
     pub fn new(master: Peer, topic: String, on_message: impl Fn(RawReceived<'_>) + Send + Sync + 'static) -> Arc<Self> {
@@ -137,7 +134,7 @@ impl Announcement for RawSubscription {
     fn announce(&self, ros: &Ros) -> Result<(), Error> {
         let shared = &self.shared;
         shared.stop.store(false, Ordering::Release);
-        *lock(&shared.node) = Some((ros.name().to_owned(), ros.uri().to_owned()));
+        *shared.node.lock() = Some((ros.name().to_owned(), ros.uri().to_owned()));
         let text = |s: &str| Value::String(s.to_owned());
         let arguments = vec![text(&shared.topic), text(&shared.wanted.kind), text(ros.uri())];
         shared.master.called_by(ros.name()).call("registerSubscriber", arguments).map_err(|error| error.to_string())?;
@@ -147,10 +144,10 @@ impl Announcement for RawSubscription {
     fn withdraw(&self) {
         let shared = &self.shared;
         shared.stop.store(true, Ordering::Release);
-        for stream in lock(&shared.lines).values().filter_map(|line| line.stream.as_ref()) {
+        for stream in shared.lines.lock().values().filter_map(|line| line.stream.as_ref()) {
             let _ = stream.shutdown(Shutdown::Both);
         }
-        if let Some((name, uri)) = lock(&shared.node).take() {
+        if let Some((name, uri)) = shared.node.lock().take() {
             let arguments = vec![Value::String(shared.topic.clone()), Value::String(uri)];
             // A master that is away has nothing to forget.
             let _ = shared.master.called_by(&name).call("unregisterSubscriber", arguments);
@@ -162,9 +159,9 @@ impl Announcement for RawSubscription {
     }
 
     fn connect(&self, publishers: &Publishers, report: &Report) {
-        let Some((own, _)) = lock(&self.shared.node).clone() else { return };
+        let Some((own, _)) = self.shared.node.lock().clone() else { return };
         let listed = publishers.get(&self.shared.topic);
-        let mut lines = lock(&self.shared.lines);
+        let mut lines = self.shared.lines.lock();
         lines.retain(|publisher, line| line.busy || listed.is_some_and(|listed| listed.contains(publisher)));
         let now = Instant::now();
         for publisher in listed.into_iter().flatten() {
@@ -179,7 +176,7 @@ impl Announcement for RawSubscription {
             // Without a thread the call ends here, and the lock must be free for that.
             drop(lines);
             let _ = thread.spawn(move || call.run(&own, &report));
-            lines = lock(&self.shared.lines);
+            lines = self.shared.lines.lock();
         }
     }
 }
@@ -220,7 +217,7 @@ impl Drop for Call {
 
 impl Call {
     fn with_line<T>(&self, change: impl FnOnce(&mut Line) -> T) -> Option<T> {
-        lock(&self.shared.lines).get_mut(&self.publisher).map(change)
+        self.shared.lines.lock().get_mut(&self.publisher).map(change)
     }
 
     fn run(&self, own: &str, report: &Report) {

@@ -1,7 +1,8 @@
 //! What the node announces to the master: topics it publishes, topics it subscribes and services.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 
+use parking_lot::Mutex;
 use rosrust::api::Ros;
 use rosrust::error::{tcpros, Error, ErrorKind};
 use rosrust::{Message, Publisher};
@@ -78,10 +79,6 @@ pub fn is_permanent(error: &Error) -> bool {
     )
 }
 
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 /// A topic to publish on. Nothing is sent before it is announced.
 pub struct Publication<M: Message> {
     topic: String,
@@ -102,17 +99,17 @@ impl<M: Message> Publication<M> {
 
     /// Whether the master has been told and [`send`](Self::send) has an effect.
     pub fn is_announced(&self) -> bool {
-        lock(&self.publisher).is_some()
+        self.publisher.lock().is_some()
     }
 
     /// Whether anybody is connected.
     pub fn has_subscribers(&self) -> bool {
-        lock(&self.publisher).as_ref().is_some_and(|publisher| publisher.subscriber_count() > 0)
+        self.publisher.lock().as_ref().is_some_and(|publisher| publisher.subscriber_count() > 0)
     }
 
     /// Hands `message` to the sending thread of the topic; never waits for the network.
     pub fn send(&self, message: M) {
-        if let Some(publisher) = lock(&self.publisher).as_ref() {
+        if let Some(publisher) = self.publisher.lock().as_ref() {
             // Encoding into memory cannot fail, and a topic that is just being withdrawn needs no message.
             let _ = publisher.send(message);
         }
@@ -127,13 +124,13 @@ impl<M: Message> Announcement for Publication<M> {
     fn announce(&self, ros: &Ros) -> Result<(), Error> {
         let mut publisher = ros.publish(&self.topic, QUEUE)?;
         publisher.set_latching(self.latched);
-        *lock(&self.publisher) = Some(publisher);
+        *self.publisher.lock() = Some(publisher);
         Ok(())
     }
 
     fn withdraw(&self) {
         // Dropped outside the lock: telling the master can take long.
-        let publisher = lock(&self.publisher).take();
+        let publisher = self.publisher.lock().take();
         drop(publisher);
     }
 }

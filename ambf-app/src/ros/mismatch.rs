@@ -1,9 +1,9 @@
 //! Subscribers that use another version of a message: rosrust refuses them and says so only in the `log` facade.
 
 use std::collections::BTreeMap;
-use std::sync::{Mutex, PoisonError};
 
 use log::{Level, LevelFilter, Log, Metadata, Record};
+use parking_lot::Mutex;
 
 use super::signal::RateLimitedLog;
 
@@ -24,7 +24,7 @@ struct MismatchLogger(Mutex<BTreeMap<String, RateLimitedLog>>);
 
 impl MismatchLogger {
     fn report(&self, line: String) {
-        let mut lines = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut lines = self.0.lock();
         if lines.len() >= MAX_LINES {
             lines.clear();
         }

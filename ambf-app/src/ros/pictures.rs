@@ -1,9 +1,10 @@
 //! Topics of cameras that publish pictures.
 
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 
 use ambf_core::adf;
+use parking_lot::Mutex;
 use ros_node::{Announcement, LargePublication, SideNode};
 
 use super::messages::sensor_msgs;
@@ -86,10 +87,6 @@ pub struct PictureTopics {
 }
 
 impl PictureTopics {
-    fn lock(&self) -> MutexGuard<'_, Vec<Arc<CameraTopics>>> {
-        self.cameras.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// How often cameras came or went.
     pub fn generation(&self) -> u64 {
         self.generation.load(Ordering::Acquire)
@@ -97,22 +94,22 @@ impl PictureTopics {
 
     /// Those of each camera, in the order in which they came.
     pub fn all(&self) -> Vec<Arc<CameraTopics>> {
-        self.lock().clone()
+        self.cameras.lock().clone()
     }
 
     /// Whether anybody subscribes to any of them who has not stopped reading.
     pub fn is_wanted(&self) -> bool {
-        self.lock().iter().any(|camera| camera.publications().any(|publication| publication.is_wanted()))
+        self.cameras.lock().iter().any(|camera| camera.publications().any(|publication| publication.is_wanted()))
     }
 
     pub(super) fn insert(&self, camera: Arc<CameraTopics>) {
-        self.lock().push(camera);
+        self.cameras.lock().push(camera);
         self.generation.fetch_add(1, Ordering::AcqRel);
     }
 
     /// Forgets the camera at `index`.
     pub(super) fn remove(&self, index: usize) {
-        self.lock().retain(|camera| camera.index != index);
+        self.cameras.lock().retain(|camera| camera.index != index);
         self.generation.fetch_add(1, Ordering::AcqRel);
     }
 }

@@ -1,8 +1,9 @@
 //! Point clouds that clients publish for display.
 
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
+use parking_lot::Mutex;
 use ros_node::{Announcement, Peer};
 
 use super::messages::{sensor_msgs, std_msgs};
@@ -36,20 +37,16 @@ pub struct PointClouds(Mutex<BTreeMap<String, Arc<PointCloud>>>);
 impl PointClouds {
     /// Topic and cloud of each, sorted by topic.
     pub fn all(&self) -> Vec<(String, Arc<PointCloud>)> {
-        self.lock().iter().map(|(topic, cloud)| (topic.clone(), Arc::clone(cloud))).collect()
-    }
-
-    fn lock(&self) -> std::sync::MutexGuard<'_, BTreeMap<String, Arc<PointCloud>>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.0.lock().iter().map(|(topic, cloud)| (topic.clone(), Arc::clone(cloud))).collect()
     }
 
     fn insert(&self, topic: &str) {
-        self.lock().insert(topic.to_owned(), Arc::default());
+        self.0.lock().insert(topic.to_owned(), Arc::default());
     }
 
     /// Nothing happens to a topic that has been removed: a message may still be on its way.
     fn change(&self, topic: &str, change: impl FnOnce(&mut PointCloud)) {
-        if let Some(cloud) = self.lock().get_mut(topic) {
+        if let Some(cloud) = self.0.lock().get_mut(topic) {
             change(Arc::make_mut(cloud));
         }
     }
@@ -57,12 +54,12 @@ impl PointClouds {
     /// Makes `cloud` the newest of `topic`.
     #[cfg(test)]
     pub(crate) fn set(&self, topic: &str, cloud: PointCloud) {
-        self.lock().insert(topic.to_owned(), Arc::new(cloud));
+        self.0.lock().insert(topic.to_owned(), Arc::new(cloud));
     }
 
     /// Forgets the cloud of `topic`.
     pub(super) fn remove(&self, topic: &str) {
-        self.lock().remove(topic);
+        self.0.lock().remove(topic);
     }
 }
 

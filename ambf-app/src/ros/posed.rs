@@ -1,9 +1,10 @@
 //! Cameras and lights on the wire: a pose to publish and a pose to follow.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 use ambf_core::comm::{PoseCommand, Snapshot};
 use nalgebra::Isometry3;
+use parking_lot::Mutex;
 
 use super::messages::{ambf_msgs, from_point, from_quaternion, header, pose, string};
 
@@ -19,12 +20,12 @@ impl ParentName {
 
     /// The present name.
     pub fn get(&self) -> String {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        self.0.lock().clone()
     }
 
     /// Replaces the name.
     pub fn set(&self, name: &str) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = name.to_owned();
+        *self.0.lock() = name.to_owned();
     }
 }
 

@@ -3,8 +3,9 @@
 //! rosrust reserves memory for as many elements as an array on the wire announces, before it looks whether they follow:
 //! 16 bytes that are no message could end the program.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
+use parking_lot::Mutex;
 use ros_node::{Announcement, Peer, RawReceived, RawSubscription};
 use rosrust::Message;
 
@@ -184,7 +185,7 @@ pub(super) fn subscription<M: FromClient>(
     // Posts to one mailbox that race would make the physics thread free memory.
     let on_message = Mutex::new(on_message);
     RawSubscription::of::<M>(master.clone(), topic, longest, move |RawReceived { body, .. }| match read(body) {
-        Ok(message) => (on_message.lock().unwrap_or_else(PoisonError::into_inner))(message),
+        Ok(message) => (on_message.lock())(message),
         Err(why) => {
             complaints.report(format_args!("{name}: {why}; they are ignored"));
         }

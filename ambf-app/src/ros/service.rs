@@ -8,10 +8,11 @@
 use std::collections::HashMap;
 use std::io::{self, Read, Write};
 use std::net::{Ipv4Addr, Shutdown, TcpListener, TcpStream};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 
 use dxr::Value;
+use parking_lot::Mutex;
 use ros_node::tcpros::{block, fields, header_of};
 use ros_node::{Announcement, Direction, Peer, Registration};
 use rosrust::api::Ros;
@@ -74,10 +75,6 @@ where
         Arc::new(Self { desk: Arc::new(desk), master, open: Mutex::default() })
     }
 
-    fn open(&self) -> MutexGuard<'_, Option<Open>> {
-        self.open.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// Listens at `address` and registers it as one of the node `name` at `uri`, reachable under `host`.
     fn listen(&self, address: &str, host: &str, name: &str, uri: &str) -> Result<(), String> {
         let in_vain = |error: io::Error| format!("no socket for the service: {error}");
@@ -97,7 +94,7 @@ where
             open.close();
             return Err(error.to_string());
         }
-        *self.open() = Some(open);
+        *self.open.lock() = Some(open);
         Ok(())
     }
 }
@@ -117,7 +114,7 @@ where
     S::Request: FromClient,
 {
     fn registration(&self) -> Registration {
-        let uri = self.open().as_ref().map(|open| open.uri.clone()).unwrap_or_default();
+        let uri = self.open.lock().as_ref().map(|open| open.uri.clone()).unwrap_or_default();
         Registration {
             topic: self.desk.name.clone(),
             message_type: S::msg_type(),
@@ -130,7 +127,7 @@ where
     }
 
     fn withdraw(&self) {
-        let Some(open) = self.open().take() else { return };
+        let Some(open) = self.open.lock().take() else { return };
         open.close();
         // A master that does not answer finds out by itself.
         let arguments = vec![Value::String(self.desk.name.clone()), Value::String(open.uri)];
@@ -150,23 +147,19 @@ impl Connections {
         Arc::new(Self { node: node.to_owned(), clients: Mutex::new(Some(HashMap::new())) })
     }
 
-    fn lock(&self) -> MutexGuard<'_, Option<HashMap<u64, TcpStream>>> {
-        self.clients.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     fn is_closed(&self) -> bool {
-        self.lock().is_none()
+        self.clients.lock().is_none()
     }
 
     fn close(&self) {
-        for stream in self.lock().take().into_iter().flat_map(HashMap::into_values) {
+        for stream in self.clients.lock().take().into_iter().flat_map(HashMap::into_values) {
             let _ = stream.shutdown(Shutdown::Both);
         }
     }
 
     /// Makes a place for the client number `number`, unless there are too many.
     fn admit(self: &Arc<Self>, number: u64, stream: &TcpStream) -> Option<Place> {
-        let mut clients = self.lock();
+        let mut clients = self.clients.lock();
         let clients = clients.as_mut().filter(|clients| clients.len() < MAX_CONNECTIONS)?;
         clients.insert(number, stream.try_clone().ok()?);
         Some(Place { number, connections: Arc::clone(self) })
@@ -181,7 +174,7 @@ struct Place {
 
 impl Drop for Place {
     fn drop(&mut self) {
-        if let Some(clients) = self.connections.lock().as_mut() {
+        if let Some(clients) = self.connections.clients.lock().as_mut() {
             clients.remove(&self.number);
         }
     }
@@ -436,7 +429,7 @@ mod tests {
         assert!(ask(&mut fixture.client(&[]).0, &request("car.yaml")).0);
         silent.extend([fixture.connect(), fixture.connect()]);
         let deadline = std::time::Instant::now() + Duration::from_secs(20);
-        let count = || fixture.open.connections.lock().as_ref().unwrap().len();
+        let count = || fixture.open.connections.clients.lock().as_ref().unwrap().len();
         while count() < MAX_CONNECTIONS {
             assert!(std::time::Instant::now() < deadline);
             std::thread::sleep(Duration::from_millis(1));

@@ -2,8 +2,10 @@
 
 use std::collections::BTreeSet;
 use std::fmt::Display;
-use std::sync::{Mutex, OnceLock, PoisonError};
+use std::sync::OnceLock;
 use std::thread::Thread;
+
+use parking_lot::Mutex;
 
 use crate::report;
 use crate::report::RateLimit;
@@ -33,7 +35,7 @@ pub(super) struct RateLimitedLog(Mutex<RateLimit>);
 impl RateLimitedLog {
     /// Reports `what` unless something was reported within the last second; true when it did.
     pub fn report(&self, what: impl Display) -> bool {
-        let due = self.0.lock().unwrap_or_else(PoisonError::into_inner).is_due();
+        let due = self.0.lock().is_due();
         if due {
             report!("ROS: {what}");
         }
@@ -52,7 +54,7 @@ impl OnceLog {
         if things.peek().is_none() {
             return Vec::new();
         }
-        let mut said = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut said = self.0.lock();
         things.filter(|thing| said.insert(thing)).collect()
     }
 }

@@ -1,13 +1,14 @@
 //! The service `<world>/step`: commands, iterations and states in one request.
 
 use std::collections::HashMap;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 
 use ambf_core::comm::{
     ActuatorCommand, ActuatorInfo, GhostInfo, Hub, HubIndex, ObjectInfo, PostError, RigidBodyCommand, RigidBodyInfo,
     SensorInfo, SensorType, Snapshot, StepOrder, WATCHDOG_TIMEOUT,
 };
+use parking_lot::Mutex;
 
 use super::messages::ambf_msgs::{ActuatorCmd, RigidBodyCmd, Step, StepReq, StepRes};
 use super::rigid_body::{self, Requests};
@@ -52,18 +53,14 @@ impl Kind {
 pub(super) struct Steppables(Mutex<HashMap<String, Arc<Steppable>>>);
 
 impl Steppables {
-    fn lock(&self) -> MutexGuard<'_, HashMap<String, Arc<Steppable>>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// Adds an object; one of the same name that was there before is forgotten.
     pub fn insert(&self, name: String, steppable: Steppable) {
-        self.lock().insert(name, Arc::new(steppable));
+        self.0.lock().insert(name, Arc::new(steppable));
     }
 
     /// The object of that name, unless it has been removed from the scene.
     fn find(&self, hub: &Hub, name: &str) -> Result<Arc<Steppable>, String> {
-        let found = self.lock().get(name).cloned();
+        let found = self.0.lock().get(name).cloned();
         let found = found.filter(|found| hub.objects().get(found.object).is_some_and(|object| !object.is_removed()));
         found.ok_or_else(|| {
             format!("there is no body, sensor, actuator or ghost object \"{name}\"; names are those of topics, without /State")
@@ -178,7 +175,7 @@ fn observe(observed: &Steppable, snapshot: &Snapshot, answer: &mut StepRes) -> R
     let Steppable { info, kind, .. } = observed;
     let there = match kind {
         Kind::Body { source, .. } => {
-            let state = source.lock().unwrap_or_else(PoisonError::into_inner).message(snapshot);
+            let state = source.lock().message(snapshot);
             state.map(|state| answer.bodies.push(state))
         }
         Kind::Sensor(index, sensor) if sensor.kind == SensorType::Contact => {

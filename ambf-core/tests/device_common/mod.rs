@@ -3,7 +3,7 @@
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use ambf_core::adf::{self, InputDevice as Entry, InputDevices};
@@ -17,6 +17,7 @@ use ambf_core::device::{
 use ambf_core::scene::{load, PhysicsOptions, SceneFiles, SceneOptions};
 use ambf_core::sim::Simulation;
 use nalgebra::{UnitQuaternion, Vector3};
+use parking_lot::Mutex;
 use tempfile::TempDir;
 
 /// What goes wrong in the next read.
@@ -64,10 +65,6 @@ pub struct Puppet {
     left: AtomicU64,
 }
 
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 impl Puppet {
     fn new(identity: &str) -> Arc<Self> {
         let rotation = UnitQuaternion::identity();
@@ -93,20 +90,20 @@ impl Puppet {
     }
 
     pub fn set(&self, change: impl FnOnce(&mut Pose)) {
-        change(&mut lock(&self.pose));
+        change(&mut self.pose.lock());
     }
 
     pub fn make(&self, trouble: Trouble) {
-        *lock(&self.trouble) = Some(trouble);
+        *self.trouble.lock() = Some(trouble);
     }
 
     pub fn set_opening(&self, opening: Opening) {
-        *lock(&self.opening) = opening;
+        *self.opening.lock() = opening;
     }
 
     /// The newest force, N; 0 before the first.
     pub fn force(&self) -> f64 {
-        lock(&self.force).map_or(0.0, |force| force.force.norm() + force.torque.norm())
+        self.force.lock().map_or(0.0, |force| force.force.norm() + force.torque.norm())
     }
 
     /// The force with which it was closed last, N.
@@ -141,7 +138,7 @@ impl InputDevice for Opened {
     fn read(&mut self) -> Result<DeviceSample, DeviceError> {
         let puppet = &self.puppet;
         let sequence = puppet.reads.fetch_add(1, Ordering::Relaxed);
-        let pose = *lock(&puppet.pose);
+        let pose = *puppet.pose.lock();
         let mut sample = DeviceSample {
             sequence,
             position: pose.position,
@@ -151,7 +148,7 @@ impl InputDevice for Opened {
             valid: pose.valid,
             ..DeviceSample::none(Instant::now())
         };
-        let trouble = lock(&puppet.trouble).take();
+        let trouble = puppet.trouble.lock().take();
         match trouble {
             None => (),
             Some(Trouble::Block(time)) => std::thread::sleep(time),
@@ -164,7 +161,7 @@ impl InputDevice for Opened {
 
     fn write(&mut self, force: &DeviceForce) -> Result<(), DeviceError> {
         assert!(force.is_finite());
-        *lock(&self.puppet.force) = Some(*force);
+        *self.puppet.force.lock() = Some(*force);
         self.puppet.writes.fetch_add(1, Ordering::Relaxed);
         if !self.is_open {
             self.puppet.writes_when_closed.fetch_add(1, Ordering::Relaxed);
@@ -198,7 +195,7 @@ impl Driver for Puppeteer {
 
     fn open(&self, info: &DeviceInfo, _: &Settings, log: &DeviceLog) -> Result<Box<dyn InputDevice>, DeviceError> {
         let puppet = self.0.iter().find(|puppet| puppet.identity == info.identity).expect("it was found").clone();
-        let opening = *lock(&puppet.opening);
+        let opening = *puppet.opening.lock();
         match opening {
             Opening::Good => (),
             Opening::Unavailable => return Err(DeviceError::Unavailable("no library".into())),

@@ -1,12 +1,11 @@
 //! Which device serves which entry of a device file.
 
-use std::panic::{catch_unwind, AssertUnwindSafe};
 use std::sync::Arc;
 use std::time::Duration;
 
 use crossbeam_channel::{bounded, RecvTimeoutError};
 
-use crate::{DeviceInfo, Driver, Drivers, Settings};
+use crate::{caught, DeviceInfo, Driver, Drivers, Settings};
 use ambf_model::adf;
 
 /// How long a driver may look for its devices.
@@ -73,7 +72,7 @@ fn find(driver: &Arc<dyn Driver>, model: &str, settings: &Settings) -> Result<Ve
     let (answer, answered) = bounded(1);
     let (name, finder, model, settings) = (driver.name(), Arc::clone(driver), model.to_owned(), settings.clone());
     let look = move || {
-        let found = catch_unwind(AssertUnwindSafe(|| finder.find(&model, &settings)));
+        let found = caught(|| finder.find(&model, &settings));
         // Nobody waits any more after the timeout.
         let _ = answer.send(found);
     };
@@ -81,17 +80,11 @@ fn find(driver: &Arc<dyn Driver>, model: &str, settings: &Settings) -> Result<Ve
     match answered.recv_timeout(FIND_TIMEOUT) {
         Ok(Ok(Ok(found))) => Ok(found),
         Ok(Ok(Err(error))) => Err(error.to_string()),
-        Ok(Err(panic)) => Err(format!("driver `{name}` panicked: {}", panic_text(&*panic))),
+        Ok(Err(panic)) => Err(format!("driver `{name}` panicked: {panic}")),
         Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => {
             Err(format!("driver `{name}` did not say within {} s which devices there are", FIND_TIMEOUT.as_secs()))
         }
     }
-}
-
-/// What a panic said.
-pub(super) fn panic_text(panic: &(dyn std::any::Any + Send)) -> String {
-    let text = panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied());
-    text.unwrap_or("without a word").to_owned()
 }
 
 #[cfg(test)]

@@ -8,13 +8,13 @@ use std::time::{Duration, Instant};
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender};
 use nalgebra::{Isometry3, Vector3};
 
-use super::claim::{panic_text, Claim};
+use super::claim::Claim;
 use super::exchange::{CameraSum, Controls, DeviceEnd, Followed, Hand, STALE};
 use super::rates::{Counter, Periods};
 use super::{DeviceEvent, News};
 use crate::law::{HapticInput, HapticLoop, HapticOutput, WorldView};
 use crate::timing::Pacer;
-use crate::{DeviceError, DeviceForce, DeviceLog, DeviceSample, DeviceSpec, InputDevice, Latest};
+use crate::{caught, DeviceError, DeviceForce, DeviceLog, DeviceSample, DeviceSpec, InputDevice, Latest};
 use ambf_model::adf;
 
 /// First wait before a lost device is opened again; it doubles up to the second.
@@ -149,9 +149,9 @@ impl From<DeviceError> for Fault {
 
 /// Calls a driver. A panic of it becomes a fault.
 fn guarded<T>(what: &str, call: impl FnOnce() -> Result<T, DeviceError>) -> Result<T, Fault> {
-    match catch_unwind(AssertUnwindSafe(call)) {
+    match caught(call) {
         Ok(result) => result.map_err(Fault::from),
-        Err(panic) => Err(Fault(format!("its driver panicked in `{what}`: {}", panic_text(&*panic)))),
+        Err(panic) => Err(Fault(format!("its driver panicked in `{what}`: {panic}"))),
     }
 }
 
@@ -182,8 +182,8 @@ impl Drop for Open {
         if let Some(mut device) = self.0.take() {
             // A driver that panics while it closes has nothing more to lose; nor has one that panics when it is
             // dropped.
-            let _ = catch_unwind(AssertUnwindSafe(|| device.close()));
-            let _ = catch_unwind(AssertUnwindSafe(|| drop(device)));
+            let _ = caught(|| device.close());
+            let _ = caught(|| drop(device));
         }
     }
 }
@@ -257,14 +257,12 @@ impl Worker {
     fn open(&self) -> Result<(Open, DeviceSpec), DeviceError> {
         self.shared.set_stage(Stage::Opening);
         let Claim { driver, info, settings } = &self.claim;
-        let opened = catch_unwind(AssertUnwindSafe(|| {
+        let opened = caught(|| {
             let device = driver.open(info, settings, &self.log)?;
             let spec = device.spec().clone();
             Ok((Open(Some(device)), spec))
-        }));
-        let lost = |panic: Box<dyn std::any::Any + Send>| {
-            DeviceError::Lost(format!("its driver panicked in `open`: {}", panic_text(&*panic)))
-        };
+        });
+        let lost = |panic| DeviceError::Lost(format!("its driver panicked in `open`: {panic}"));
         let opened = opened.unwrap_or_else(|panic| Err(lost(panic)));
         if opened.is_err() {
             self.shared.set_stage(Stage::Lost);

@@ -3,11 +3,12 @@
 mod script;
 
 use std::collections::{BTreeMap, VecDeque};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use nalgebra::{UnitQuaternion, Vector3};
+use parking_lot::Mutex;
 
 use super::{known, Axes, DeviceError, DeviceForce, DeviceInfo, DeviceLog, DeviceSample, DeviceSpec};
 use super::{Driver, InputDevice, Settings};
@@ -50,12 +51,10 @@ pub struct MockRecording(Records);
 impl MockRecording {
     /// What the device of that identity was told, in order; empty if it was never opened.
     pub fn forces(&self, identity: &str) -> Vec<CommandedForce> {
-        let records = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let records = self.0.lock();
         let record = records.get(identity).cloned();
         drop(records);
-        record.map_or_else(Vec::new, |record| {
-            record.lock().unwrap_or_else(PoisonError::into_inner).iter().copied().collect()
-        })
+        record.map_or_else(Vec::new, |record| record.lock().iter().copied().collect())
     }
 }
 
@@ -114,14 +113,14 @@ impl Driver for MockDriver {
         _log: &DeviceLog,
     ) -> Result<Box<dyn InputDevice>, DeviceError> {
         let plan = Plan::read(settings)?;
-        let mut starts = self.starts.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut starts = self.starts.lock();
         let start = *starts.entry(info.identity.clone()).or_insert_with(Instant::now);
         drop(starts);
         if plan.faults.at(start.elapsed().as_secs_f64()).any(|(fault, _)| fault == Fault::Lost) {
             return Err(DeviceError::Unavailable(format!("the mock device {} is away, as scripted", info.identity)));
         }
         let record = self.recording.as_ref().map(|(MockRecording(records), capacity)| {
-            let mut records = records.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut records = records.lock();
             let record = records
                 .entry(info.identity.clone())
                 .or_insert_with(|| Arc::new(Mutex::new(VecDeque::with_capacity((*capacity).max(1)))));
@@ -253,7 +252,7 @@ impl MockDevice {
     fn record(&self, force: DeviceForce) {
         let Some(record) = &self.record else { return };
         let time = self.start.elapsed().as_secs_f64();
-        let mut record = record.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut record = record.lock();
         if record.len() >= self.capacity {
             record.pop_front();
         }

@@ -3,8 +3,10 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, OnceLock};
 use std::thread;
+
+use parking_lot::Mutex;
 
 use super::{check_finite, load, Mesh, MeshError};
 
@@ -49,7 +51,7 @@ impl MeshCache {
     }
 
     fn cell(&self, path: &Path, scale: f64) -> Cell {
-        let mut outcomes = self.outcomes.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut outcomes = self.outcomes.lock();
         Arc::clone(outcomes.entry((canonical(path), scale.to_bits())).or_default())
     }
 
@@ -72,7 +74,7 @@ impl MeshCache {
 
     /// Every error of [`get`](Self::get) so far once, however many asked for the file, sorted by message.
     pub fn errors(&self) -> Vec<Arc<MeshError>> {
-        let outcomes = self.outcomes.lock().unwrap_or_else(PoisonError::into_inner);
+        let outcomes = self.outcomes.lock();
         let mut errors: Vec<_> = outcomes.values().filter_map(|cell| cell.get()?.as_ref().err().cloned()).collect();
         errors.sort_by_cached_key(|e| e.to_string());
         // A scaled request hands on the error of the file itself.

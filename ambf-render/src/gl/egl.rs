@@ -2,9 +2,10 @@
 
 use std::ffi::{c_void, CStr};
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 use khronos_egl as egl;
+use parking_lot::Mutex;
 
 use crate::RenderError;
 
@@ -49,7 +50,7 @@ fn library() -> Result<Arc<Egl>, RenderError> {
     check_process()?;
     PROCESS.store(std::process::id(), Ordering::Release);
     static LIBRARY: Mutex<Option<Arc<Egl>>> = Mutex::new(None);
-    let mut library = LIBRARY.lock().unwrap_or_else(PoisonError::into_inner);
+    let mut library = LIBRARY.lock();
     if let Some(egl) = &*library {
         return Ok(Arc::clone(egl));
     }

@@ -11,9 +11,10 @@ mod fixed;
 use std::cell::RefCell;
 use std::collections::HashMap;
 use std::ffi::{c_void, CStr};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 use glow::{HasContext as _, PixelPackData, PixelUnpackData};
+use parking_lot::Mutex;
 
 pub(crate) use self::fixed::{FixedLight, FixedMaterial};
 use crate::RenderError;
@@ -79,7 +80,7 @@ struct Owned<T: Copy> {
 
 impl<T: Copy> Drop for Owned<T> {
     fn drop(&mut self) {
-        self.bin.lock().unwrap_or_else(PoisonError::into_inner).push((self.wrap)(self.name));
+        self.bin.lock().push((self.wrap)(self.name));
     }
 }
 
@@ -304,7 +305,7 @@ impl Current<'_> {
     }
 
     fn empty_bin(&self) {
-        let names = std::mem::take(&mut *self.device.bin.lock().unwrap_or_else(PoisonError::into_inner));
+        let names = std::mem::take(&mut *self.device.bin.lock());
         let gl = self.raw();
         for name in names {
             // SAFETY: the context is current, the name was made in it and its owner is gone.

@@ -6,8 +6,8 @@ use std::time::{Duration, Instant};
 use ambf_core::control::Profile;
 use ambf_core::device::Driver;
 use ambf_core::sim::RunnerOptions;
-use dvrk_arm::fake::{Curve, Fake, Motion};
 use dvrk_arm::Pedal;
+use fake_dvrk::{Curve, Fake, Motion};
 use nalgebra::{Isometry3, UnitQuaternion};
 
 use super::fleet::arms;

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use dvrk_arm::fake::{Curve, Fake as FakeDvrk, FakeOptions, Motion};
+use fake_dvrk::{Curve, Fake as FakeDvrk, FakeOptions, Motion};
 use fake_hd::Fake as FakeHd;
 use nalgebra::UnitQuaternion;
 
@@ -29,7 +29,7 @@ impl Fleet {
         let dvrk = arms(&NAMES[3..], motion);
         let hd = FakeHd::new(&[(STYLUS, "Touch")]).expect("a copy of the library");
         hd.tell(&format!("{STYLUS}: circle 40 0.5"));
-        let falcon: Arc<dyn ambf_core::device::Driver> = Arc::new(falcon::driver());
+        let falcon: Arc<dyn ambf_core::device::Driver> = Arc::new(fake_falcon::driver());
         let arm: Arc<dyn ambf_core::device::Driver> = Arc::new(dvrk_arm::driver());
         let gain = "haptic gain: {linear: 10, angular: 0}";
         let falcon_keys =

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use ambf_core::device::Driver;
 use ambf_core::sim::RunnerOptions;
-use dvrk_arm::fake::{Fake, Motion};
+use fake_dvrk::{Fake, Motion};
 use nalgebra::Isometry3;
 
 use super::fleet::arms;

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use ambf_core::adf::{self, InputDevice, InputDevices};
@@ -14,6 +14,7 @@ use ambf_core::plugin::{AnyPlugin, ObjectType, Plugin, PluginKind, PluginSetup, 
 use ambf_core::scene::{load, PhysicsOptions, SceneFiles, SceneOptions};
 use ambf_core::sim::{Runner, RunnerOptions, Simulation};
 use nalgebra::Vector3;
+use parking_lot::Mutex;
 
 use super::traced::{Trace, Traced};
 
@@ -120,11 +121,11 @@ pub struct Iterations(Arc<Mutex<Vec<Iteration>>>);
 impl Iterations {
     /// All of them.
     pub fn all(&self) -> Vec<Iteration> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        self.0.lock().clone()
     }
 
     pub fn push(&self, iteration: Iteration) {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).push(iteration);
+        self.0.lock().push(iteration);
     }
 }
 
@@ -160,7 +161,7 @@ impl SimulatorPlugin for Watch {}
 /// Lets `simulation` write down its iterations.
 pub fn watch(simulation: &mut Simulation) -> Iterations {
     let iterations = Iterations::default();
-    iterations.0.lock().unwrap_or_else(PoisonError::into_inner).reserve(ROOM);
+    iterations.0.lock().reserve(ROOM);
     let mut setup = PluginSetup { command_line: vec!["builtin:watch".into()], ..PluginSetup::default() };
     let log = iterations.clone();
     setup.registry.add("watch", move |kind| {

@@ -1,13 +1,14 @@
 //! A driver around a driver: it writes down what passes, and can let things go wrong.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 use ambf_core::device::{
     DeviceError, DeviceForce, DeviceInfo, DeviceLog, DeviceSample, DeviceSpec, Driver, InputDevice, Settings,
 };
 use nalgebra::Vector3;
+use parking_lot::Mutex;
 
 /// Start-up hold of every device here, s: with the usual 3 s there would be nothing to see for long.
 const HOLD: f64 = 0.3;
@@ -64,7 +65,7 @@ fn epoch() -> Instant {
 impl Trace {
     /// All ticks until now. Not while they are measured: the device waits for the copy.
     pub fn ticks(&self) -> Vec<Tick> {
-        lock(&self.0.ticks).clone()
+        self.0.ticks.lock().clone()
     }
 
     /// Whether a valid sample came after `time`.
@@ -80,14 +81,9 @@ impl Trace {
     /// Lets something go wrong from now on; says when that was.
     pub fn inject(&self, fault: Fault) -> Instant {
         let now = Instant::now();
-        *lock(&self.0.fault) = Some((fault, now));
+        *self.0.fault.lock() = Some((fault, now));
         now
     }
-}
-
-/// Nobody leaves these half changed.
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// The driver.
@@ -102,7 +98,7 @@ impl Traced {
     pub fn new(name: &str, inner: Arc<dyn Driver>) -> (Self, Trace) {
         epoch();
         let trace = Trace::default();
-        lock(&trace.0.ticks).reserve(ROOM);
+        trace.0.ticks.lock().reserve(ROOM);
         (Self { name: name.into(), inner, trace: trace.clone() }, trace)
     }
 }
@@ -135,7 +131,7 @@ impl Driver for Traced {
 
 impl Inner {
     fn is_there(&self) -> Result<(), DeviceError> {
-        match *lock(&self.fault) {
+        match *self.fault.lock() {
             Some((Fault::Disappear(time), since)) if since.elapsed() < time => {
                 Err(DeviceError::Lost("the device went away, as the benchmark wanted".into()))
             }
@@ -145,7 +141,7 @@ impl Inner {
 
     /// What goes wrong now, in this read. What happens once is over with that.
     fn take(&self) -> Option<Fault> {
-        let mut fault = lock(&self.fault);
+        let mut fault = self.fault.lock();
         match *fault {
             Some((Fault::NotANumber(time) | Fault::Disappear(time), since)) if since.elapsed() < time => {
                 fault.map(|(fault, _)| fault)
@@ -199,7 +195,7 @@ impl InputDevice for TracedDevice {
     fn write(&mut self, force: &DeviceForce) -> Result<(), DeviceError> {
         let written = self.inner.write(force);
         if let Some(tick) = self.last.take() {
-            lock(&self.trace.0.ticks).push(tick);
+            self.trace.0.ticks.lock().push(tick);
         }
         written
     }

@@ -1,7 +1,7 @@
 //! Holds the tip of a master where it is, with a virtual spring, for ten seconds.
 //!
 //! `cargo run -p dvrk-arm --example arm -- MTMR`; without a robot, run
-//! `cargo run -p dvrk-arm --bin fake_dvrk -- MTMR --start-master --rate 1000 --size 0.01` in another shell first.
+//! `cargo run --bin fake_dvrk -- MTMR --start-master --rate 1000 --size 0.01` in another shell first.
 
 use std::error::Error;
 use std::time::{Duration, Instant};

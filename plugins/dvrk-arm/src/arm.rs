@@ -1,11 +1,12 @@
 //! An arm for programs of any kind.
 
 use std::sync::atomic::Ordering;
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3};
+use parking_lot::Mutex;
 use ros_node::Peer;
 use thiserror::Error;
 
@@ -13,7 +14,7 @@ use crate::dialect::{arms, Dialect, Names};
 use crate::frames::{is_finite, Frames, Wrench};
 use crate::gravity::GravityTerm;
 use crate::hub::{published, Hub};
-use crate::inner::{lock, Inner, Mode, Servo};
+use crate::inner::{Inner, Mode, Servo};
 use crate::options::ArmOptions;
 use crate::pedals::Pedal;
 use crate::sender;
@@ -122,7 +123,7 @@ impl Arm {
 
     /// Name of its state as it says it: `ENABLED`, `DVRK_EFFORT_CARTESIAN`…; `None` before it has said one.
     pub fn state(&self) -> Option<String> {
-        lock(&self.inner.state).as_ref().map(|state| state.name.clone())
+        self.inner.state.lock().as_ref().map(|state| state.name.clone())
     }
 
     /// Pose of the tip in the device frame, m; identity before the first.
@@ -152,8 +153,8 @@ impl Arm {
 
     /// Wrench that the arm measures at its tip, in device axes; zero before the first.
     pub fn measured_wrench(&self) -> Wrench {
-        let wrench = *lock(&self.inner.measured_wrench);
-        lock(&self.inner.frames).wrench_to_device(&wrench)
+        let wrench = *self.inner.measured_wrench.lock();
+        self.inner.frames.lock().wrench_to_device(&wrench)
     }
 
     /// Its force, N.
@@ -168,17 +169,17 @@ impl Arm {
 
     /// Joint positions, rad or m, as many as the arm sends.
     pub fn joint_positions(&self) -> Vec<f64> {
-        lock(&self.inner.joints).position.clone()
+        self.inner.joints.lock().position.clone()
     }
 
     /// Joint velocities, rad/s or m/s, as many as the arm sends.
     pub fn joint_velocities(&self) -> Vec<f64> {
-        lock(&self.inner.joints).velocity.clone()
+        self.inner.joints.lock().velocity.clone()
     }
 
     /// Joint efforts, N·m or N, as many as the arm sends.
     pub fn joint_efforts(&self) -> Vec<f64> {
-        lock(&self.inner.joints).effort.clone()
+        self.inner.joints.lock().effort.clone()
     }
 
     /// Gripper or jaw: 0 closed … 1 open, in the range of [`ArmOptions::gripper`]; 0.5 before the first message.
@@ -223,7 +224,7 @@ impl Arm {
 
     /// Origin and tip offset.
     pub fn frames(&self) -> Frames {
-        *lock(&self.inner.frames)
+        *self.inner.frames.lock()
     }
 
     /// Sets the origin, m, in the arm's reference frame.
@@ -275,7 +276,7 @@ impl Arm {
     }
 
     fn change_frames(&self, what: &'static str, change: impl FnOnce(&mut Frames)) -> Result<(), ArmError> {
-        let mut known = lock(&self.inner.frames);
+        let mut known = self.inner.frames.lock();
         let mut frames = *known;
         change(&mut frames);
         if !is_finite(&frames.origin) || !is_finite(&frames.tip) {
@@ -295,7 +296,7 @@ impl Arm {
         if !wrench.is_finite() {
             return Err(ArmError::NotFinite("the wrench"));
         }
-        *lock(&self.wrench) = *wrench;
+        *self.wrench.lock() = *wrench;
         self.inner.command_wrench(wrench);
         Ok(())
     }
@@ -305,7 +306,7 @@ impl Arm {
     /// # Errors
     /// [`ArmError::NotFinite`].
     pub fn set_force(&self, force: &Vector3<f64>) -> Result<(), ArmError> {
-        let wrench = *lock(&self.wrench);
+        let wrench = *self.wrench.lock();
         self.set_wrench(&Wrench { force: *force, ..wrench })
     }
 
@@ -314,7 +315,7 @@ impl Arm {
     /// # Errors
     /// [`ArmError::NotFinite`].
     pub fn set_moment(&self, moment: &Vector3<f64>) -> Result<(), ArmError> {
-        let wrench = *lock(&self.wrench);
+        let wrench = *self.wrench.lock();
         self.set_wrench(&Wrench { torque: *moment, ..wrench })
     }
 
@@ -451,12 +452,12 @@ impl Arm {
         torques: impl FnMut(&[f64]) -> Option<Vec<f64>> + Send + 'static,
     ) {
         let limits = (max_force.max(0.0), max_torque.max(0.0));
-        *lock(&self.inner.gravity) = Some(GravityTerm { torques: Box::new(torques), limits });
+        *self.inner.gravity.lock() = Some(GravityTerm { torques: Box::new(torques), limits });
     }
 
     /// Adds none any more.
     pub fn clear_gravity_term(&self) {
-        *lock(&self.inner.gravity) = None;
+        *self.inner.gravity.lock() = None;
     }
 
     /// Wrenches that were sent, repetitions and zeros included.

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 
 /// Topics that somebody publishes, and their types, as the master lists them.
-pub(crate) type Topics = BTreeMap<String, String>;
+pub type Topics = BTreeMap<String, String>;
 
 /// Names and types of an arm's topics.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -55,7 +55,7 @@ pub enum DialectChoice {
 
 /// Names of topics of one arm in one namespace.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) struct Names {
+pub struct Names {
     /// As configured, with a leading slash and none at the end; empty: none. `None`: not configured.
     namespace: Option<String>,
     arm: String,

@@ -2,15 +2,16 @@
 
 use std::collections::BTreeMap;
 use std::sync::atomic::Ordering;
-use std::sync::{Arc, Mutex, Weak};
+use std::sync::{Arc, Weak};
 use std::time::Duration;
 
 use dxr::Value;
+use parking_lot::Mutex;
 use ros_node::{Announcement, CallError, Link, LinkOptions, Node, NodeName, OwnMaster, Peer, Stop};
 
 use crate::arm::ArmError;
 use crate::dialect::Topics;
-use crate::inner::{lock, Inner};
+use crate::inner::Inner;
 use crate::pedals::{Pedal, Pedals};
 use crate::session::{subscribe, Session};
 use crate::wire;
@@ -47,7 +48,7 @@ impl Hub {
     /// # Errors
     /// [`ArmError::Master`] for a `ROS_MASTER_URI` that is none, [`ArmError::Thread`].
     pub fn get() -> Result<Arc<Self>, ArmError> {
-        let mut known = lock(&HUB);
+        let mut known = HUB.lock();
         if let Some(hub) = known.upgrade() {
             return Ok(hub);
         }
@@ -62,7 +63,7 @@ impl Hub {
         // Sentences about the node are said once, by the first arm.
         let report = move |line: std::fmt::Arguments<'_>| {
             let Some(arms) = voices.upgrade() else { return };
-            let first = lock(&arms).iter().find_map(|(arm, _)| arm.upgrade());
+            let first = arms.lock().iter().find_map(|(arm, _)| arm.upgrade());
             if let Some(arm) = first {
                 (arm.options.say)(&line.to_string());
             }
@@ -87,7 +88,7 @@ impl Hub {
 
     /// Looks after an arm from now on.
     pub fn add(&self, inner: &Arc<Inner>) {
-        lock(&self.watch.arms).push((Arc::downgrade(inner), Arc::default()));
+        self.watch.arms.lock().push((Arc::downgrade(inner), Arc::default()));
         self.watch.stop.nudge();
     }
 
@@ -113,17 +114,17 @@ impl Watch {
     fn run(&self) {
         loop {
             let topics = published(&self.link.master());
-            let arms = lock(&self.arms).clone();
+            let arms = self.arms.lock().clone();
             for (arm, session) in &arms {
                 let open = arm.upgrade().filter(|arm| !arm.closing.load(Ordering::Acquire));
                 match (open, &topics) {
-                    (Some(arm), Ok(topics)) => lock(session).watch(&arm, topics, &self.link, &self.boards),
+                    (Some(arm), Ok(topics)) => session.lock().watch(&arm, topics, &self.link, &self.boards),
                     // The master is away: connections between nodes stay.
                     (Some(_), Err(_)) => (),
-                    (None, _) => lock(session).end(&self.link),
+                    (None, _) => session.lock().end(&self.link),
                 }
             }
-            lock(&self.arms).retain(|(arm, _)| arm.upgrade().is_some_and(|arm| !arm.closing.load(Ordering::Acquire)));
+            self.arms.lock().retain(|(arm, _)| arm.upgrade().is_some_and(|arm| !arm.closing.load(Ordering::Acquire)));
             drop(arms);
             self.boards.prune(&self.link);
             if self.stop.wait(POLL) {
@@ -179,7 +180,7 @@ impl PedalBoards {
     /// The pedals of those topics.
     pub fn board(&self, key: BoardKey, link: &Link) -> Arc<PedalBoard> {
         let names = key.iter().map(|(topic, _)| topic.clone()).collect();
-        let mut boards = lock(&self.0);
+        let mut boards = self.0.lock();
         let board = boards.entry(names).or_insert_with(|| {
             let pedals = Arc::<Pedals>::default();
             let listen = |(topic, pedal): &(String, Pedal)| {
@@ -200,7 +201,7 @@ impl PedalBoards {
     /// Withdraws those that nobody uses any more.
     fn prune(&self, link: &Link) {
         let mut unused = Vec::new();
-        lock(&self.0).retain(|_, board| {
+        self.0.lock().retain(|_, board| {
             let used = Arc::strong_count(board) > 1;
             if !used {
                 unused.extend(board.subscriptions.iter().map(Arc::clone));

@@ -1,13 +1,14 @@
 //! What the threads of one arm share.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicU8, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::{Arc, OnceLock};
 use std::thread::Thread;
 use std::time::{Duration, Instant};
 
 use ambf_device::Latest;
 use arc_swap::{ArcSwap, ArcSwapOption};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use parking_lot::Mutex;
 
 use crate::dialect::{Dialect, Names};
 use crate::frames::{Frames, Wrench};
@@ -111,10 +112,6 @@ pub(crate) struct Inner {
     sender: OnceLock<Thread>,
 }
 
-pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 impl Inner {
     pub fn new(names: Names, arm: &str, options: ArmOptions) -> Self {
         let frames = options.frames.unwrap_or_else(|| Frames::of(arm));
@@ -159,7 +156,7 @@ impl Inner {
         self.gripper_range.store([closed.to_bits(), open.to_bits()]);
         self.gripper.store(f64::NAN.to_bits(), Ordering::Release);
         self.closed.store(false, Ordering::Release);
-        *lock(&self.state) = None;
+        *self.state.lock() = None;
         self.ready.store(!dialect.is_crtk(), Ordering::Release);
     }
 
@@ -173,7 +170,7 @@ impl Inner {
 
     /// A pose has come, in the arm's frames.
     pub fn take_pose(&self, measured: &Isometry3<f64>) {
-        let pose = lock(&self.frames).to_device(measured);
+        let pose = self.frames.lock().to_device(measured);
         let (p, q) = (pose.translation, pose.rotation.coords);
         let numbers = [p.x, p.y, p.z, q.x, q.y, q.z, q.w].map(f64::to_bits);
         let mut words = [self.nanoseconds(Instant::now()); 8];
@@ -233,7 +230,7 @@ impl Inner {
         if let Some(mode) = Mode::from_name(&state.name) {
             self.mode.store(mode as u8, Ordering::Release);
         }
-        let mut known = lock(&self.state);
+        let mut known = self.state.lock();
         let news = known.as_ref().is_none_or(|known| {
             (&known.name, known.homed_busy.map(|(homed, _)| homed))
                 != (&state.name, state.homed_busy.map(|(homed, _)| homed))
@@ -315,7 +312,7 @@ impl Inner {
             Servo::Pose(_) => Mode::CartesianPosition,
             Servo::Joints(_) => Mode::JointPosition,
         };
-        let mut slot = lock(&self.servo);
+        let mut slot = self.servo.lock();
         let number = slot.as_ref().map_or(0, |(number, ..)| *number) + 1;
         *slot = Some((number, Instant::now(), servo));
         drop(slot);

@@ -3,8 +3,8 @@
 //!
 //! * [`driver`] makes them input devices of the simulator.
 //! * [`Arm`] offers them to other programs.
-//! * [`fake`] is a node that behaves like the robot's, for tests and for those who have none; the program `fake_dvrk`
-//!   runs it.
+//! * [`Names`], [`pedal_topics`] and [`messages`] are names and types of topics, for nodes that stand in for the
+//!   robot's, as `fake_dvrk` does.
 //!
 //! The four ways in which releases of the robot's software name and type their topics, [`Dialect`], are told apart
 //! automatically.
@@ -21,12 +21,11 @@
 mod arm;
 mod device;
 mod dialect;
-pub mod fake;
 mod frames;
 mod gravity;
 mod hub;
 mod inner;
-mod messages;
+pub mod messages;
 mod options;
 mod outputs;
 mod pace;
@@ -37,9 +36,9 @@ mod wire;
 
 pub use arm::{active_arms, Arm, ArmError};
 pub use device::driver;
-pub use dialect::{Dialect, DialectChoice};
+pub use dialect::{Dialect, DialectChoice, Names, Topics};
 pub use frames::{isometry, Frames, Wrench};
 pub use gravity::tip_wrench;
 pub use inner::Mode;
 pub use options::{ArmOptions, Say, SETTINGS};
-pub use pedals::{ClutchSource, Pedal};
+pub use pedals::{pedal_topics, ClutchSource, Pedal};

@@ -30,7 +30,7 @@ use nalgebra::{Isometry3, Vector3};
 use crate::frames::Wrench;
 
 /// `geometry_msgs/Vector3`.
-pub(crate) fn vector(v: &Vector3<f64>) -> geometry_msgs::Vector3 {
+pub fn vector(v: &Vector3<f64>) -> geometry_msgs::Vector3 {
     geometry_msgs::Vector3 { x: v.x, y: v.y, z: v.z }
 }
 
@@ -40,18 +40,18 @@ fn quaternion(pose: &Isometry3<f64>) -> geometry_msgs::Quaternion {
 }
 
 /// `geometry_msgs/Pose`.
-pub(crate) fn pose(pose: &Isometry3<f64>) -> geometry_msgs::Pose {
+pub fn pose(pose: &Isometry3<f64>) -> geometry_msgs::Pose {
     let p = pose.translation;
     geometry_msgs::Pose { position: geometry_msgs::Point { x: p.x, y: p.y, z: p.z }, orientation: quaternion(pose) }
 }
 
 /// `geometry_msgs/Transform`.
-pub(crate) fn transform(pose: &Isometry3<f64>) -> geometry_msgs::Transform {
+pub fn transform(pose: &Isometry3<f64>) -> geometry_msgs::Transform {
     geometry_msgs::Transform { translation: vector(&pose.translation.vector), rotation: quaternion(pose) }
 }
 
 /// `geometry_msgs/Wrench`.
-pub(crate) fn wrench(wrench: &Wrench) -> geometry_msgs::Wrench {
+pub fn wrench(wrench: &Wrench) -> geometry_msgs::Wrench {
     geometry_msgs::Wrench { force: vector(&wrench.force), torque: vector(&wrench.torque) }
 }
 

@@ -1,8 +1,9 @@
 //! Foot pedals, which all arms of a console share.
 
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::sync::{Mutex, PoisonError};
 use std::thread::Thread;
+
+use parking_lot::Mutex;
 
 use crate::dialect::{Dialect, Topics};
 
@@ -47,12 +48,7 @@ pub enum ClutchSource {
 
 /// Topics of the pedals below the namespace. `topics` is what is published: in the dialects of CRTK the console says
 /// that the operator is there unless a pedal does.
-pub(crate) fn pedal_topics(
-    dialect: Dialect,
-    root: &str,
-    clutch: ClutchSource,
-    topics: &Topics,
-) -> Vec<(String, Pedal)> {
+pub fn pedal_topics(dialect: Dialect, root: &str, clutch: ClutchSource, topics: &Topics) -> Vec<(String, Pedal)> {
     use Pedal::{Camera, CameraMinus, CameraPlus, Clutch, Coag, OperatorPresent};
     let operator = format!("{root}/footpedals/operatorpresent");
     let names = match dialect {
@@ -103,12 +99,12 @@ impl Pedals {
             }
             _ => self.pressed.fetch_or(pedal.bit(), Ordering::AcqRel),
         };
-        self.listeners.lock().unwrap_or_else(PoisonError::into_inner).iter().for_each(Thread::unpark);
+        self.listeners.lock().iter().for_each(Thread::unpark);
     }
 
     /// Wakes `thread` with every message.
     pub fn wake(&self, thread: Thread) {
-        let mut listeners = self.listeners.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut listeners = self.listeners.lock();
         if !listeners.iter().any(|other| other.id() == thread.id()) {
             listeners.push(thread);
         }

@@ -4,7 +4,7 @@ use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 use crate::frames::Wrench;
-use crate::inner::{lock, Inner, Mode, Servo, FLUSH};
+use crate::inner::{Inner, Mode, Servo, FLUSH};
 use crate::outputs::Outputs;
 use crate::pace::{Act, Pace, Situation};
 
@@ -15,7 +15,7 @@ pub(crate) fn run(inner: &Inner) {
     let mut pace = Pace::new(0);
     while !inner.closing.load(Ordering::Acquire) {
         let outputs = inner.outputs.load_full();
-        let (wrench, servo) = (inner.commanded_wrench(), lock(&inner.servo).clone());
+        let (wrench, servo) = (inner.commanded_wrench(), inner.servo.lock().clone());
         // A mode request ends repetitions; a wrench then counts as withdrawn, which is no force.
         let now_kind = inner.commanding();
         if now_kind != kind {
@@ -74,14 +74,14 @@ pub(crate) fn run(inner: &Inner) {
 
 /// A wrench of the device frame in the arm's, with the user's own gravity term.
 fn compensated(inner: &Inner, wrench: Wrench) -> Wrench {
-    let frames = *lock(&inner.frames);
+    let frames = *inner.frames.lock();
     let mut wrench = frames.wrench_to_arm(&wrench);
-    if let Some(term) = lock(&inner.gravity).as_mut() {
+    if let Some(term) = inner.gravity.lock().as_mut() {
         if let Some(posed) = inner.posed() {
-            let joints = lock(&inner.joints).position.clone();
+            let joints = inner.joints.lock().position.clone();
             // From the frame of the tip to the axes of the base.
             let tip = frames.to_arm(&posed.pose).rotation;
-            let own = term.wrench(&joints, &lock(&inner.jacobian)).rotated(&tip);
+            let own = term.wrench(&joints, &inner.jacobian.lock()).rotated(&tip);
             wrench = Wrench { force: wrench.force + own.force, torque: wrench.torque + own.torque };
         }
     }

@@ -8,7 +8,7 @@ use ros_node::{Announcement, Link, Peer, RawReceived, RawSubscription};
 
 use crate::dialect::{readings, Dialect, DialectChoice, Reading, Topics};
 use crate::hub::{PedalBoard, PedalBoards};
-use crate::inner::{lock, Inner, Mode};
+use crate::inner::{Inner, Mode};
 use crate::outputs::Outputs;
 use crate::pedals::pedal_topics;
 use crate::wire::{self, Stamped};
@@ -81,7 +81,7 @@ impl Session {
             inner.set_pedals(board.pedals());
             self.pedals = Some(board);
         }
-        if dialect.is_crtk() && lock(&inner.state).is_none() {
+        if dialect.is_crtk() && inner.state.lock().is_none() {
             // One that publishes no state is taken as it is.
             let silent = !topics.contains_key(&inner.names.topic(dialect, "operating_state"));
             inner.ready.store(silent, Ordering::Release);
@@ -151,7 +151,7 @@ impl Session {
             self.asked_mode = heard && (self.asked_mode || outputs.ask(Mode::CartesianEffort.name()));
             return;
         }
-        let state = lock(&inner.state).clone();
+        let state = inner.state.lock().clone();
         let Some(wire::State { name, homed_busy: Some((homed, busy)) }) = &state else { return };
         let wish = match (name.as_str(), *homed) {
             ("ENABLED", true) => None,
@@ -202,7 +202,7 @@ impl Session {
             _ => (),
         }
         let long = |since: Option<Instant>| since.is_some_and(|since| since.elapsed() > SILENCE);
-        let is_stateless = || !inner.ready.load(Ordering::Acquire) && lock(&inner.state).is_none();
+        let is_stateless = || !inner.ready.load(Ordering::Acquire) && inner.state.lock().is_none();
         let missing = match available {
             _ if self.said_missing => return,
             false if self.posed.is_none() && long(self.listed) => {
@@ -275,7 +275,7 @@ fn take(inner: &Inner, dialect: Dialect, reading: Reading, kind: &str, bytes: &[
         }
         Reading::Joints => {
             if let Some(joints) = valid(dialect, wire::joints(kind, bytes)?) {
-                *lock(&inner.joints) = joints;
+                *inner.joints.lock() = joints;
             }
         }
         Reading::Gripper => {
@@ -286,12 +286,12 @@ fn take(inner: &Inner, dialect: Dialect, reading: Reading, kind: &str, bytes: &[
         }
         Reading::Wrench => {
             if let Some(wrench) = valid(dialect, wire::wrench(kind, bytes)?) {
-                *lock(&inner.measured_wrench) = wrench;
+                *inner.measured_wrench.lock() = wrench;
             }
         }
         Reading::Closed => inner.take_closed(wire::button(kind, bytes)? != 0),
         Reading::State => inner.take_state(wire::state(kind, bytes)?),
-        Reading::Jacobian => *lock(&inner.jacobian) = wire::matrix(kind, bytes)?,
+        Reading::Jacobian => *inner.jacobian.lock() = wire::matrix(kind, bytes)?,
     }
     Some(())
 }

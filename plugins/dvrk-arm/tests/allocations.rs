@@ -7,7 +7,7 @@ use std::cell::Cell;
 
 use ambf_device::DeviceForce;
 use common::*;
-use dvrk_arm::fake::{Curve, Fake, FakeOptions, Motion};
+use fake_dvrk::{Curve, Fake, FakeOptions, Motion};
 use nalgebra::{UnitQuaternion, Vector3};
 
 /// Counts for each thread by itself.

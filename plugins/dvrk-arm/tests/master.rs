@@ -3,7 +3,7 @@
 mod common;
 
 use common::*;
-use dvrk_arm::fake::{Fake, FakeOptions};
+use fake_dvrk::{Fake, FakeOptions};
 use nalgebra::Vector3;
 
 const FORCE: Vector3<f64> = Vector3::new(0.0, 0.0, 1.0);

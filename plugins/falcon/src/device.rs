@@ -1,10 +1,8 @@
-use std::any::Any;
-use std::panic::{catch_unwind, AssertUnwindSafe};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
 
-use ambf_device::{Axes, DeviceError, DeviceForce, DeviceLog, DeviceSample, DeviceSpec, InputDevice};
+use ambf_device::{caught, Axes, DeviceError, DeviceForce, DeviceLog, DeviceSample, DeviceSpec, InputDevice};
 use nalgebra::Vector3;
 use triple_buffer::{triple_buffer, Input, Output};
 
@@ -78,23 +76,18 @@ impl FalconDevice {
 
 /// Talks to the device until it is told to stop, or there is no point in going on; says why.
 fn run(mut worker: Worker) -> String {
-    let result = catch_unwind(AssertUnwindSafe(|| {
+    let result = caught(|| {
         while !worker.is_stopped() {
             if let Err(problem) = worker.step() {
                 return problem.to_string();
             }
         }
         String::from("it was closed")
-    }));
+    });
     // After a panic the link has rested the motors while the stack was unwound; otherwise it does now. A second panic
     // is no reason to stay.
-    drop(catch_unwind(AssertUnwindSafe(|| worker.end())));
-    result.unwrap_or_else(|panic| format!("its driver panicked: {}", text(&*panic)))
-}
-
-fn text(panic: &(dyn Any + Send)) -> &str {
-    let text = panic.downcast_ref::<&str>().copied();
-    text.or_else(|| panic.downcast_ref::<String>().map(String::as_str)).unwrap_or("without a word")
+    drop(caught(|| worker.end()));
+    result.unwrap_or_else(|panic| format!("its driver panicked: {panic}"))
 }
 
 impl InputDevice for FalconDevice {

@@ -3,37 +3,37 @@ use std::sync::Arc;
 use ambf_device::{DeviceError, DeviceInfo, DeviceLog, Driver, InputDevice, Settings};
 
 use crate::device::FalconDevice;
-use crate::fake::{Clock, FakeBus, Setup};
-use crate::settings::{config, place, Transport};
+use crate::settings::{config, KEYS};
 use crate::transport::Bus;
 use crate::usb::Usb;
 use crate::MODEL;
 
-/// The driver of Falcons: on USB, and of two fake ones where settings ask for `transport: fake`.
+/// The driver of Falcons, on USB and where else [`with_bus`](Self::with_bus) says.
 pub struct FalconDriver {
-    usb: Arc<dyn Bus>,
-    fake: Arc<dyn Bus>,
+    /// With the names that the setting `transport` has for them; the first is the default.
+    buses: Vec<(&'static str, Arc<dyn Bus>)>,
 }
 
-/// The driver of Falcons.
+/// The driver of Falcons on USB.
 pub fn driver() -> FalconDriver {
-    let fake = FakeBus::new(Clock::real(), [Setup::new("fake-1"), Setup::new("fake-2")]);
-    FalconDriver { usb: Arc::new(Usb), fake: Arc::new(fake) }
+    FalconDriver { buses: vec![("usb", Arc::new(Usb))] }
 }
 
 impl FalconDriver {
-    /// A driver whose fake devices are on `bus`.
+    /// Looks for devices on `bus` where settings ask for `transport: name`.
     #[must_use]
-    pub fn with_fakes(mut self, bus: Arc<dyn Bus>) -> Self {
-        self.fake = bus;
+    pub fn with_bus(mut self, name: &'static str, bus: Arc<dyn Bus>) -> Self {
+        self.buses.push((name, bus));
         self
     }
 
-    fn bus(&self, transport: Transport) -> &Arc<dyn Bus> {
-        match transport {
-            Transport::Usb => &self.usb,
-            Transport::Fake => &self.fake,
-        }
+    /// The bus that settings ask for, if all of their keys are known.
+    fn bus(&self, settings: &Settings) -> Result<&Arc<dyn Bus>, DeviceError> {
+        settings.unknown(&KEYS)?;
+        let wanted = settings.text("transport");
+        let names = || self.buses.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(" or ");
+        let bus = self.buses.iter().find(|(name, _)| wanted.is_none_or(|wanted| wanted == *name));
+        Ok(&bus.ok_or_else(|| settings.wrong("transport", &names()))?.1)
     }
 
     /// Opens a device that was found, as [`Driver::open`] does.
@@ -46,8 +46,7 @@ impl FalconDriver {
         settings: &Settings,
         log: &DeviceLog,
     ) -> Result<FalconDevice, DeviceError> {
-        let (transport, _) = place(settings)?;
-        FalconDevice::open(self.bus(transport), &info.identity, config(settings)?, log)
+        FalconDevice::open(self.bus(settings)?, &info.identity, config(settings)?, log)
     }
 }
 
@@ -61,12 +60,11 @@ impl Driver for FalconDriver {
     }
 
     fn find(&self, model: &str, settings: &Settings) -> Result<Vec<DeviceInfo>, DeviceError> {
-        let (transport, port) = place(settings)?;
+        let (bus, port) = (self.bus(settings)?, settings.text("port"));
         if !self.serves(model) {
             return Ok(Vec::new());
         }
-        let identities =
-            self.bus(transport).list().map_err(|error| DeviceError::Unavailable(format!("Falcon: {error}")))?;
+        let identities = bus.list().map_err(|error| DeviceError::Unavailable(format!("Falcon: {error}")))?;
         let wanted = identities.into_iter().filter(|identity| port.is_none_or(|port| port == identity));
         Ok(wanted.map(|identity| DeviceInfo { model: model.to_owned(), identity }).collect())
     }

@@ -42,6 +42,16 @@ const CENTRE: Vector3<f64> = Vector3::new(0.0, 0.0, 0.125);
 const TOLERANCE: f64 = 1e-9;
 const ITERATIONS: usize = 15;
 
+/// Position in the device frame, m, of one in the base frame; `z0` is the distance of its origin from the base.
+pub fn to_device(position: &Vector3<f64>, z0: f64) -> Vector3<f64> {
+    Vector3::new(position.z - z0, position.x, position.y)
+}
+
+/// Vector in the base frame of one in the device frame.
+pub fn to_base(vector: &Vector3<f64>) -> Vector3<f64> {
+    Vector3::new(vector.y, vector.z, vector.x)
+}
+
 /// θ1 for an encoder, rad.
 pub fn angle(counts: f64) -> f64 {
     (counts * DEGREES_PER_COUNT + DEGREES_AT_ZERO).to_radians()
@@ -189,6 +199,13 @@ fn search(start: Vector3<f64>, theta1: &Vector3<f64>) -> Option<Vector3<f64>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn frames_are_those_of_device_and_base() {
+        let base = Vector3::new(0.01, 0.02, 0.135);
+        assert!((to_device(&base, 0.125) - Vector3::new(0.01, 0.01, 0.02)).norm() < 1e-12);
+        assert_eq!(to_base(&Vector3::new(1.0, 2.0, 3.0)), Vector3::new(2.0, 3.0, 1.0));
+    }
 
     /// Position, m; θ1, degrees; counts; motor values for 1 N along z.
     type Row = ([f64; 3], [f64; 3], [i16; 3], [i16; 3]);

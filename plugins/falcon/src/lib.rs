@@ -4,10 +4,10 @@
 //! ```
 //! use ambf_device::{DeviceForce, DeviceLog, Driver, InputDevice, Setting, Settings};
 //!
-//! // As `driver settings: {transport: fake}` in a device file: two Falcons in software.
+//! // As `driver settings: {transport: fake}` in a device file: two Falcons in software, added to `falcon::driver()`.
 //! let fake = Setting { value: "fake".into(), place: "devices.yaml:3".into() };
 //! let settings = Settings::new([("transport".into(), fake)].into(), ".".into());
-//! let driver = falcon::driver();
+//! let driver = fake_falcon::driver();
 //! let found = driver.find("Falcon", &settings)?;
 //! let (log, sentences) = DeviceLog::new();
 //! let mut device = driver.open(&found[0], &settings, &log)?;
@@ -20,9 +20,8 @@
 
 mod device;
 mod driver;
-pub mod fake;
 mod firmware;
-mod kinematics;
+pub mod kinematics;
 mod link;
 mod motion;
 mod packet;

@@ -1,6 +1,7 @@
-use std::panic::{catch_unwind, AssertUnwindSafe};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
+
+use ambf_device::caught;
 
 use crate::packet::{Command, Led, Parser, Reply, END};
 use crate::transport::{Bus, Port, TransportError, PACKET};
@@ -179,7 +180,7 @@ impl Drop for Link {
         if self.moves {
             for _ in 0..3 {
                 // A device that is gone can't be told. The stack may be unwinding, so a panic must not get out.
-                drop(catch_unwind(AssertUnwindSafe(|| self.command(&Command::zero(Led::Off)))));
+                drop(caught(|| self.command(&Command::zero(Led::Off))));
             }
         }
     }

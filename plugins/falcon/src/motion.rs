@@ -3,7 +3,7 @@ use std::time::{Duration, Instant};
 use ambf_device::DeviceSample;
 use nalgebra::Vector3;
 
-use crate::kinematics::{self, Solver};
+use crate::kinematics::{self, to_base, to_device, Solver};
 use crate::packet::{Command, Led, Reply};
 
 /// A force that was not renewed for so long is not sent any more.
@@ -21,16 +21,6 @@ const JUMP_PER_MS: f64 = 30.0;
 pub(crate) struct Wanted {
     pub force: Vector3<f64>,
     pub since: Instant,
-}
-
-/// Position in the device frame, m, of one in the base frame; `z0` is the distance of its origin from the base.
-pub(crate) fn to_device(position: &Vector3<f64>, z0: f64) -> Vector3<f64> {
-    Vector3::new(position.z - z0, position.x, position.y)
-}
-
-/// Vector in the base frame of one in the device frame.
-pub(crate) fn to_base(vector: &Vector3<f64>) -> Vector3<f64> {
-    Vector3::new(vector.y, vector.z, vector.x)
 }
 
 /// What is known of the grip, and which forces it may feel. Has no clock and no device.
@@ -168,13 +158,6 @@ mod tests {
             motion.reply(&reply([-200; 3], true), now);
         }
         (motion, now)
-    }
-
-    #[test]
-    fn frames_are_those_of_device_and_base() {
-        let base = Vector3::new(0.01, 0.02, 0.135);
-        assert!((to_device(&base, 0.125) - Vector3::new(0.01, 0.01, 0.02)).norm() < 1e-12);
-        assert_eq!(to_base(&Vector3::new(1.0, 2.0, 3.0)), Vector3::new(2.0, 3.0, 1.0));
     }
 
     #[test]

@@ -6,14 +6,7 @@ use crate::firmware::Firmware;
 const Z0: f64 = 0.125;
 
 /// Keys of `driver settings`.
-const KEYS: [&str; 5] = ["event character", "firmware", "port", "transport", "z0"];
-
-/// Which bus devices are looked for on.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Transport {
-    Usb,
-    Fake,
-}
+pub(crate) const KEYS: [&str; 5] = ["event character", "firmware", "port", "transport", "z0"];
 
 /// What the user wants of a device.
 #[derive(Debug, Clone, PartialEq)]
@@ -23,20 +16,8 @@ pub(crate) struct Config {
     pub event_character: bool,
 }
 
-/// Bus and, if the user wants a certain device, its identity.
-pub(crate) fn place(settings: &Settings) -> Result<(Transport, Option<&str>), DeviceError> {
-    settings.unknown(&KEYS)?;
-    let transport = match settings.text("transport") {
-        None | Some("usb") => Transport::Usb,
-        Some("fake") => Transport::Fake,
-        Some(_) => return Err(settings.wrong("transport", "usb or fake").into()),
-    };
-    Ok((transport, settings.text("port")))
-}
-
 /// Reads the settings of a device, and the firmware if there is any.
 pub(crate) fn config(settings: &Settings) -> Result<Config, DeviceError> {
-    settings.unknown(&KEYS)?;
     let expected = "a distance in m between 0.05 and 0.2";
     let z0 = settings.parsed("z0", expected)?.unwrap_or(Z0);
     if !(0.05..=0.2).contains(&z0) {

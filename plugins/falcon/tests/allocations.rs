@@ -34,7 +34,7 @@ static ALLOCATOR: Counting = Counting;
 
 #[test]
 fn a_thousand_ticks_allocate_nothing() {
-    let driver = falcon::driver();
+    let driver = fake_falcon::driver();
     let fake = Setting { value: "fake".into(), place: String::new() };
     let settings = Settings::new([("transport".to_owned(), fake)].into(), ".".into());
     let info = driver.find(MODEL, &settings).unwrap().remove(0);

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use ambf_device::{DeviceError, DeviceForce, DeviceLog, DeviceSample, Driver, InputDevice, Setting, Settings};
-use falcon::fake::{Aim, Clock, FakeBus, FakeFalcon, Fault, Hand, Setup};
+use fake_falcon::{Aim, Clock, FakeBus, FakeFalcon, Fault, Hand, Setup};
 use falcon::{FalconDriver, State, MODEL};
 use nalgebra::Vector3;
 
@@ -30,7 +30,7 @@ fn bench() -> (FalconDriver, Vec<FakeFalcon>) {
     };
     let bus = FakeBus::new(Clock::real(), [setup("fake-1", 0.01), setup("fake-2", -0.01)]);
     let falcons = bus.falcons().to_vec();
-    (falcon::driver().with_fakes(Arc::new(bus)), falcons)
+    (falcon::driver().with_bus("fake", Arc::new(bus)), falcons)
 }
 
 type Sentences = Box<dyn Fn() -> Vec<String>>;

@@ -3,11 +3,12 @@
 use std::ffi::CString;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::thread;
 use std::time::{Duration, Instant};
 
 use ambf_device::{DeviceError, DeviceLog};
+use parking_lot::Mutex;
 
 use crate::hd::{self, Handle, Hd, ScheduleHandle};
 use crate::servo::{self, Servo, Shared};
@@ -52,18 +53,13 @@ struct ServoBox(*mut Servo);
 // SAFETY: a servo is `Send`; the pointer is only used to free it, after the callback has ended.
 unsafe impl Send for ServoBox {}
 
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    // What the lock guards is whole between any two calls.
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 impl HdLibrary {
     /// The library at `path`, or the vendor's; loaded once.
     ///
     /// # Errors
     /// [`DeviceError::Unavailable`] if it cannot be loaded.
     pub fn shared(path: Option<PathBuf>) -> Result<Arc<Self>, DeviceError> {
-        let mut libraries = lock(&LIBRARIES);
+        let mut libraries = LIBRARIES.lock();
         if let Some((_, library)) = libraries.iter().find(|(known, _)| *known == path) {
             return Ok(library.clone());
         }
@@ -77,7 +73,7 @@ impl HdLibrary {
     /// # Errors
     /// [`DeviceError::Unavailable`] if there is no such device, [`DeviceError::Lost`] if the scheduler does not answer.
     pub fn open(self: &Arc<Self>, name: &str, rate: Option<u64>, log: &DeviceLog) -> Result<Opened, DeviceError> {
-        let mut control = lock(&self.control);
+        let mut control = self.control.lock();
         if control.open.iter().any(|open| open == name) {
             return Err(DeviceError::Unavailable(format!(
                 "`{name}` is in use already: give each entry its own `driver settings: {{device: …}}`"
@@ -162,7 +158,7 @@ impl HdLibrary {
 
     /// Ends a device: no force, one more frame, no more callbacks, the scheduler if it was the last, the device.
     pub fn close(&self, opened: Opened) {
-        self.end(&mut lock(&self.control), opened);
+        self.end(&mut self.control.lock(), opened);
     }
 
     fn end(&self, control: &mut Control, opened: Opened) {

@@ -233,7 +233,8 @@ fn poses_count_once_the_device_is_calibrated() {
     let mut touch = open_logged(&fake, "Arm", "Touch", &[], &log).unwrap();
     sample_where(&mut touch, "samples", |sample| sample.sequence > 150);
     assert!(!touch.read().unwrap().valid);
-    for _ in 0..50 {
+    let frames = fake.frames("Arm");
+    while fake.frames("Arm") < frames + 50 {
         touch.write(&newton(1.0, 0.0, 0.0)).unwrap();
         sleep(Duration::from_millis(1));
     }

@@ -2,12 +2,13 @@
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 use ambf_core::comm::Snapshot;
 use ambf_core::scene::VisualScene;
 use ambf_render::{camera_labels, find_camera, object_label, published_size, NoSuchCamera};
 use ambf_render::{Picture, PictureRequest, RenderError, Renderer, Stage, View};
+use parking_lot::Mutex;
 
 /// Messages that are kept; further ones are dropped.
 const MOST_MESSAGES: usize = 1000;
@@ -125,7 +126,7 @@ impl Drawing {
 
     /// Takes what there is to say about files that cannot be drawn as described.
     pub fn take_messages(&self) -> Vec<String> {
-        std::mem::take(&mut *self.messages.lock().unwrap_or_else(PoisonError::into_inner))
+        std::mem::take(&mut *self.messages.lock())
     }
 
     /// Where messages are left.
@@ -136,7 +137,7 @@ impl Drawing {
     /// Lets go of the renderer.
     pub fn close(&self) {
         if self.is_ours() {
-            drop(self.studio.lock().unwrap_or_else(PoisonError::into_inner).take());
+            drop(self.studio.lock().take());
         }
     }
 
@@ -151,7 +152,7 @@ impl Drawing {
             return Err(RenderError::Forked);
         }
         self.process.store(std::process::id(), Ordering::Release);
-        let mut place = self.studio.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut place = self.studio.lock();
         let studio = match &mut *place {
             Some(studio) => studio,
             None => place.insert(Studio { renderer: Renderer::offscreen()?, stage: Stage::default() }),
@@ -161,7 +162,7 @@ impl Drawing {
     }
 
     fn say(&self, messages: Vec<String>) {
-        let mut said = self.messages.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut said = self.messages.lock();
         let room = MOST_MESSAGES.saturating_sub(said.len());
         said.extend(messages.into_iter().take(room));
     }

@@ -2,10 +2,11 @@
 
 use std::panic::{catch_unwind, AssertUnwindSafe};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 use ambf_core::sim::LostState;
 use crossbeam_channel::{bounded, unbounded, RecvTimeoutError, Sender};
+use parking_lot::Mutex;
 use pyo3::prelude::*;
 
 use crate::errors;
@@ -38,7 +39,7 @@ impl Pool {
 
 /// Where jobs are left.
 fn jobs() -> Sender<Job> {
-    let mut pool = POOL.lock().unwrap_or_else(PoisonError::into_inner);
+    let mut pool = POOL.lock();
     if pool.as_ref().is_none_or(|pool| pool.process != std::process::id()) {
         // The channel of the parent process may have been in use when it forked: it is left as it is.
         std::mem::forget(pool.replace(Pool::new()));

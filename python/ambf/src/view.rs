@@ -1,7 +1,7 @@
 //! Windows of a world.
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError, Weak};
+use std::sync::{Arc, Weak};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -9,6 +9,7 @@ use ambf_core::device::host::Controls;
 use ambf_core::device::law::Switches;
 use ambf_core::sim::{Control, StepperWindow};
 use ambf_viewer::{Viewer, ViewerError, ViewerParts};
+use parking_lot::Mutex;
 
 use crate::world::Slot;
 
@@ -43,7 +44,7 @@ impl Windows {
             board: Arc::default(),
             hook: None,
             load_report,
-            say: Box::new(move |line| said.lock().unwrap_or_else(PoisonError::into_inner).push(line.to_owned())),
+            say: Box::new(move |line| said.lock().push(line.to_owned())),
         })?;
         let stop = Arc::<AtomicBool>::default();
         let own = Arc::clone(&stop);
@@ -51,7 +52,7 @@ impl Windows {
             while !own.load(Ordering::Acquire) {
                 let Some(slot) = slot.upgrade() else { break };
                 // Who steps has taken the physics away, and serves the windows himself.
-                if let Slot::Here(physics) = &mut *slot.lock().unwrap_or_else(PoisonError::into_inner) {
+                if let Slot::Here(physics) = &mut *slot.lock() {
                     physics.stepper.serve_window();
                 }
                 drop(slot);

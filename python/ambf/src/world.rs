@@ -2,7 +2,7 @@
 
 use std::panic::{catch_unwind, resume_unwind, AssertUnwindSafe};
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use ambf_core::bullet::EnergyLedger;
@@ -11,6 +11,7 @@ use ambf_core::sim::{LostState, Stepper, StepperState};
 use ambf_render::camera_labels;
 use nalgebra::Isometry3;
 use numpy::{PyArray1, PyArrayMethods};
+use parking_lot::Mutex;
 use pyo3::prelude::*;
 
 use crate::arrays::Buffer;
@@ -84,13 +85,9 @@ pub struct World {
 }
 
 impl World {
-    fn lock(&self) -> MutexGuard<'_, Slot> {
-        self.slot.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// Takes the physics away. The lock is held for no longer than that: Python's could change hands meanwhile.
     fn take_away(&self, py: Python<'_>) -> PyResult<Physics> {
-        let mut slot = self.lock();
+        let mut slot = self.slot.lock();
         let before = std::mem::replace(&mut *slot, Slot::Away);
         match before {
             Slot::Here(physics) => Ok(physics),
@@ -113,7 +110,7 @@ impl World {
         match self.commands.put_in_force(py, &self.rows, stepper, requested) {
             Ok(()) => Ok(physics),
             Err(error) => {
-                *self.lock() = Slot::Here(physics);
+                *self.slot.lock() = Slot::Here(physics);
                 Err(error)
             }
         }
@@ -122,11 +119,11 @@ impl World {
     /// Takes the physics back and shows its states; `None`: it was lost in a panic, and the world is closed.
     pub fn give(&self, py: Python<'_>, physics: Option<Physics>) -> PyResult<()> {
         let Some(physics) = physics else {
-            *self.lock() = Slot::Closed;
+            *self.slot.lock() = Slot::Closed;
             return Ok(());
         };
         let refreshed = self.refresh(py, physics.stepper.snapshot());
-        *self.lock() = Slot::Here(physics);
+        *self.slot.lock() = Slot::Here(physics);
         refreshed
     }
 
@@ -134,7 +131,7 @@ impl World {
     fn with<R>(&self, py: Python<'_>, act: impl FnOnce(&mut Physics) -> R) -> PyResult<R> {
         let mut physics = self.take_away(py)?;
         let result = act(&mut physics);
-        *self.lock() = Slot::Here(physics);
+        *self.slot.lock() = Slot::Here(physics);
         Ok(result)
     }
 
@@ -173,22 +170,18 @@ impl World {
             holding.iter_mut().zip(held).for_each(|(to, from)| *to = from);
         })?;
         let clock = Clock { step: snapshot.sim_step, time: snapshot.sim_time, lost: snapshot.timing.lost_time };
-        *self.clock.lock().unwrap_or_else(PoisonError::into_inner) = clock;
+        *self.clock.lock() = clock;
         Ok(())
-    }
-
-    fn windows(&self) -> MutexGuard<'_, Option<Windows>> {
-        self.windows.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Whether the user has paused the simulation in a window.
     fn is_paused(&self) -> bool {
-        self.windows().as_ref().is_some_and(Windows::is_paused)
+        self.windows.lock().as_ref().is_some_and(Windows::is_paused)
     }
 
     /// Whether it has to wait; a single step that the user wants is taken.
     fn is_held(&self) -> bool {
-        self.windows().as_ref().is_some_and(Windows::hold)
+        self.windows.lock().as_ref().is_some_and(Windows::hold)
     }
 
     /// What can be drawn now; the physics may go on afterwards.
@@ -201,7 +194,7 @@ impl World {
     }
 
     fn clock(&self) -> Clock {
-        *self.clock.lock().unwrap_or_else(PoisonError::into_inner)
+        *self.clock.lock()
     }
 
     fn row(&self, body: usize) -> PyResult<&Row> {
@@ -612,25 +605,25 @@ impl World {
     }
 
     fn view(&self, py: Python<'_>) -> PyResult<()> {
-        if self.windows().as_ref().is_some_and(Windows::are_open) {
+        if self.windows.lock().as_ref().is_some_and(Windows::are_open) {
             return Ok(());
         }
         let window = self.with(py, |physics| physics.stepper.window())?;
         let (slot, said, report) = (Arc::downgrade(&self.slot), self.drawing.messages(), self.warnings.join("\n"));
         let opened = py.detach(|| Windows::open(window, slot, report, said));
         let windows = opened.map_err(|problem| errors::view(py, &problem))?;
-        let before = self.windows().replace(windows);
+        let before = self.windows.lock().replace(windows);
         py.detach(|| drop(before));
         Ok(())
     }
 
     #[getter]
     fn is_viewed(&self) -> bool {
-        self.windows().as_ref().is_some_and(Windows::are_open)
+        self.windows.lock().as_ref().is_some_and(Windows::are_open)
     }
 
     fn close_view(&self, py: Python<'_>) {
-        let windows = self.windows().take();
+        let windows = self.windows.lock().take();
         py.detach(|| drop(windows));
     }
 
@@ -665,7 +658,7 @@ impl World {
     }
 
     fn close(&self, py: Python<'_>) -> PyResult<()> {
-        let mut slot = self.lock();
+        let mut slot = self.slot.lock();
         let is_busy = matches!(*slot, Slot::Away);
         let before = if is_busy { Slot::Away } else { std::mem::replace(&mut *slot, Slot::Closed) };
         drop(slot);

@@ -15,9 +15,9 @@ mod shrink;
 use ambf_bench::{follow, script};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::Mutex;
 
 use follow::{Outcome, Verdict};
+use parking_lot::Mutex;
 use run::WAYS;
 
 /// What is searched.
@@ -116,14 +116,14 @@ pub fn search(options: &Options) {
                         break;
                     }
                     let tried = try_scene(options, options.first + n, ways, &path);
-                    all.lock().unwrap_or_else(std::sync::PoisonError::into_inner).push(tried);
+                    all.lock().push(tried);
                 }
                 // A file that stays tells which scene never came back.
                 let _ = std::fs::remove_file(&path);
             });
         }
     });
-    let mut all = all.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
+    let mut all = all.into_inner();
     all.sort_by_key(|tried| tried.index);
     report::print(options, ways, &all);
 }

@@ -7,8 +7,8 @@ use std::sync::{Arc, Mutex, OnceLock};
 use std::time::{Duration, Instant};
 
 use ambf_device::{DeviceForce, DeviceInfo, DeviceLog, DeviceSample, Driver, InputDevice, Setting, Settings};
-use dvrk_arm::fake::{Fake, FakeOptions};
 use dvrk_arm::{driver, Dialect};
+use fake_dvrk::{Fake, FakeOptions};
 use nalgebra::Vector3;
 
 /// How long a condition may take to become true on a busy machine.

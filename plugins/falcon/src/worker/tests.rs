@@ -6,9 +6,58 @@ use nalgebra::Vector3;
 use triple_buffer::triple_buffer;
 
 use super::*;
-use crate::fake::{Aim, Clock, FakeBus, FakeFalcon, Fault, Hand, Received, Script, Setup, Softness};
+use crate::kinematics::{force, motor_torques, to_base};
+use crate::transport::{Port, PACKET};
+use fake_falcon::{Aim, Clock, FakeBus, FakeFalcon, Fault, Hand, Received, Script, Setup, Softness};
 
 const MS: Duration = Duration::from_millis(1);
+
+/// A bus of the fakes. They are built against this crate without its tests, whose traits are others to the compiler.
+struct Fakes(FakeBus);
+
+impl Bus for Fakes {
+    fn list(&self) -> Result<Vec<String>, TransportError> {
+        falcon::Bus::list(&self.0).map_err(same)
+    }
+
+    fn open(&self, identity: &str) -> Result<Box<dyn Port>, TransportError> {
+        let port = falcon::Bus::open(&self.0, identity).map_err(same)?;
+        Ok(Box::new(FakePort(port)))
+    }
+
+    fn now(&self) -> Instant {
+        falcon::Bus::now(&self.0)
+    }
+
+    fn wait(&self, duration: Duration) {
+        falcon::Bus::wait(&self.0, duration);
+    }
+}
+
+struct FakePort(Box<dyn falcon::Port>);
+
+impl Port for FakePort {
+    fn control_out(&mut self, request: u8, value: u16) -> Result<(), TransportError> {
+        self.0.control_out(request, value).map_err(same)
+    }
+
+    fn bulk_out(&mut self, bytes: &[u8], timeout: Duration) -> Result<(), TransportError> {
+        self.0.bulk_out(bytes, timeout).map_err(same)
+    }
+
+    fn bulk_in(&mut self, packet: &mut [u8; PACKET], timeout: Duration) -> Result<usize, TransportError> {
+        self.0.bulk_in(packet, timeout).map_err(same)
+    }
+}
+
+fn same(error: falcon::TransportError) -> TransportError {
+    match error {
+        falcon::TransportError::TimedOut => TransportError::TimedOut,
+        falcon::TransportError::Gone => TransportError::Gone,
+        falcon::TransportError::Busy => TransportError::Busy,
+        other => TransportError::Other(other.to_string()),
+    }
+}
 
 /// Worker, fake and what the host holds of a device.
 struct Bench {
@@ -52,7 +101,7 @@ impl Bench {
         let (published, status) = triple_buffer(&Status::none(clock.now()));
         let config = Config { firmware, z0: 0.125, event_character };
         let worker = Worker::new(
-            Arc::new(bus),
+            Arc::new(Fakes(bus)),
             "fake-1",
             config,
             log,
@@ -172,13 +221,13 @@ fn a_force_pushes_in_its_direction() {
     for axis in 0..3 {
         for sign in [-1.0, 1.0] {
             let mut bench = Bench::ready(Vector3::new(0.005, 0.01, -0.01));
-            let force = Vector3::ith(axis, 2.0 * sign);
-            bench.push_for(force, 10 * MS);
+            let wanted = Vector3::ith(axis, 2.0 * sign);
+            bench.push_for(wanted, 10 * MS);
             // What the fake's hand feels, by the inverse way.
-            let base = crate::motion::to_base(&bench.fake.grip().0) + Vector3::new(0.0, 0.0, 0.125);
-            let torques = crate::kinematics::motor_torques(bench.fake.motors());
-            let felt = crate::kinematics::force(&base, &torques).unwrap();
-            assert!((Vector3::new(felt.z, felt.x, felt.y) - force).norm() < 0.02, "{force} became {felt}");
+            let base = to_base(&bench.fake.grip().0) + Vector3::new(0.0, 0.0, 0.125);
+            let torques = motor_torques(bench.fake.motors());
+            let felt = force(&base, &torques).unwrap();
+            assert!((Vector3::new(felt.z, felt.x, felt.y) - wanted).norm() < 0.02, "{wanted} became {felt}");
         }
     }
 }

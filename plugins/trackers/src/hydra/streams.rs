@@ -1,7 +1,9 @@
 //! Which bases stream, and for how many of their controllers: the stream of a base ends with the last of them.
 
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
+
+use parking_lot::Mutex;
 
 /// Controllers in use, by base.
 #[derive(Debug, Clone, Default)]
@@ -17,14 +19,9 @@ pub(super) struct Stream {
 }
 
 impl Streams {
-    fn lock(&self) -> MutexGuard<'_, BTreeMap<String, [bool; 2]>> {
-        // Whole between any two statements.
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// Claims a controller; `None` if it is in use.
     pub fn join(&self, base: &str, controller: usize) -> Option<Stream> {
-        let mut bases = self.lock();
+        let mut bases = self.0.lock();
         let used = bases.entry(base.to_owned()).or_default().get_mut(controller)?;
         if *used {
             return None;
@@ -42,7 +39,7 @@ impl Stream {
         }
         // The lock is kept while the stream is stopped: a controller that is opened meanwhile starts it again, after
         // that.
-        let mut bases = self.streams.lock();
+        let mut bases = self.streams.0.lock();
         let Some(used) = bases.get_mut(&self.base) else { return };
         used[self.controller] = false;
         if *used == [false; 2] {

@@ -3,10 +3,8 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::Instant;
 
+use falcon::kinematics::{self, to_base};
 use nalgebra::Vector3;
-
-use crate::kinematics;
-use crate::motion::to_base;
 
 /// Step of the hand's motion, s.
 const STEP: f64 = 1e-4;
@@ -86,7 +84,7 @@ impl Hand {
     }
 
     /// Lets the script begin at `now`.
-    pub(super) fn begin(&mut self, now: Instant) {
+    pub(crate) fn begin(&mut self, now: Instant) {
         self.begin = now;
         self.time = 0.0;
         self.position = (self.script)(0.0).position;
@@ -94,7 +92,7 @@ impl Hand {
     }
 
     /// Moves on to `now` while the motors have these values.
-    pub(super) fn advance(&mut self, now: Instant, motors: [i16; 3]) {
+    pub(crate) fn advance(&mut self, now: Instant, motors: [i16; 3]) {
         let end = now.saturating_duration_since(self.begin).as_secs_f64();
         let Some(softness) = self.softness else {
             self.time = end;
@@ -142,7 +140,7 @@ impl Hand {
     }
 
     /// True encoders, counts; `None` where the grip can't be.
-    pub(super) fn counts(&self) -> Option<[i16; 3]> {
+    pub(crate) fn counts(&self) -> Option<[i16; 3]> {
         kinematics::inverse(&self.base())
             .map(|angles| <[f64; 3]>::from(angles.map(kinematics::counts)).map(|n| n.round() as i16))
     }

@@ -88,7 +88,7 @@ fn main() {
 
 fn show(options: &Options) -> Result<(), DeviceError> {
     let settings = Settings::new(options.settings.clone(), std::path::PathBuf::new());
-    let driver = falcon::driver();
+    let driver = fake_falcon::driver();
     let found = driver.find(MODEL, &settings)?;
     for info in &found {
         println!("{} {}", info.model, info.identity);

@@ -11,18 +11,14 @@ mod wired;
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use dvrk_arm::{ArmError, Dialect, Frames, Names, Pedal, Wrench};
 use nalgebra::Isometry3;
+use parking_lot::Mutex;
 use ros_node::{LinkOptions, Node, NodeName, OwnMaster, Peer, Report};
-
-use crate::arm::ArmError;
-use crate::dialect::{Dialect, Names};
-use crate::frames::{Frames, Wrench};
-use crate::inner::lock;
-use crate::pedals::Pedal;
 
 pub use machine::Machine;
 pub use motion::{Curve, Hand, Motion};
@@ -148,7 +144,7 @@ struct State {
 impl World {
     /// An arm was told something.
     pub fn hear(&self, arm: usize, told: Told) {
-        let mut arm = lock(&self.arms[arm]);
+        let mut arm = self.arms[arm].lock();
         match told {
             Told::Wrench(wrench) => arm.record.push(wrench),
             Told::Pose(pose) => arm.pose = Some(arm.frames.to_device(&pose)),
@@ -233,11 +229,11 @@ impl Fake {
     }
 
     fn arm<T>(&self, arm: &str, of: impl FnOnce(&mut FakeArm) -> T) -> Option<T> {
-        self.world.index(arm).map(|index| of(&mut lock(&self.world.arms[index])))
+        self.world.index(arm).map(|index| of(&mut self.world.arms[index].lock()))
     }
 
     fn state<T>(&self, of: impl FnOnce(&mut State) -> T) -> T {
-        of(&mut lock(&self.world.state))
+        of(&mut self.world.state.lock())
     }
 
     /// Puts an arm at a pose of the device frame, whatever script and curve say.
@@ -370,7 +366,7 @@ fn run(world: &Arc<World>, options: &FakeOptions, master: &Peer) {
         let dt = if last < 0.0 { 0.0 } else { t - last };
         last = t;
         let (dialect, present) = {
-            let state = lock(&world.state);
+            let state = world.state.lock();
             (state.dialect, state.present)
         };
         if node.as_ref().is_some_and(|(speaks, ..)| !present || *speaks != dialect) {
@@ -392,8 +388,8 @@ fn run(world: &Arc<World>, options: &FakeOptions, master: &Peer) {
 }
 
 fn happen(world: &World, arm: Option<&str>, event: &Event) {
-    let each = |act: &dyn Fn(&mut FakeArm)| world.of(arm).into_iter().for_each(|i| act(&mut lock(&world.arms[i])));
-    let state = || lock(&world.state);
+    let each = |act: &dyn Fn(&mut FakeArm)| world.of(arm).into_iter().for_each(|i| act(&mut world.arms[i].lock()));
+    let state = || world.state.lock();
     match event {
         Event::Press(pedal) => state().pedals.push((*pedal, 1)),
         Event::Release(pedal) => state().pedals.push((*pedal, 0)),
@@ -426,7 +422,7 @@ fn connect(
     let wired = Wired::new(world, dialect, master.clone());
     node.link().add(wired.announcements.iter().map(Arc::clone));
     // What is latched is said again by a node that starts.
-    let mut state = lock(&world.state);
+    let mut state = world.state.lock();
     let levels: Vec<_> = state.pedal_levels.values().copied().collect();
     state.pedals.splice(0..0, levels);
     Ok((node, wired))
@@ -434,7 +430,7 @@ fn connect(
 
 fn publish(world: &World, options: &FakeOptions, wired: &mut Wired, now: Instant, t: f64, dt: f64) {
     let zero_stamps = {
-        let mut state = lock(&world.state);
+        let mut state = world.state.lock();
         if wired.is_announced() {
             state.published += 1;
             for (pedal, value) in std::mem::take(&mut state.pedals) {
@@ -445,7 +441,7 @@ fn publish(world: &World, options: &FakeOptions, wired: &mut Wired, now: Instant
         state.zero_stamps
     };
     for (index, names) in world.names.iter().enumerate() {
-        let mut arm = lock(&world.arms[index]);
+        let mut arm = world.arms[index].lock();
         let arm = &mut *arm;
         arm.machine.step(now);
         let scripted = || options.script.pose(names.arm(), t);

@@ -1,7 +1,7 @@
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-use crate::transport::PACKET;
+use falcon::PACKET;
 
 /// Modem status at the head of each packet.
 const STATUS: [u8; 2] = [0x01, 0x60];
@@ -11,7 +11,7 @@ const REQUESTS: usize = 10_000;
 
 /// What a request means for the board behind the chip.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Line {
+pub(crate) enum Line {
     Dtr(bool),
     Baud(u16),
     Other,
@@ -19,7 +19,7 @@ pub(super) enum Line {
 
 /// The serial chip: an FT232 as far as the device uses it.
 #[derive(Debug)]
-pub(super) struct Chip {
+pub(crate) struct Chip {
     latency: Duration,
     /// Divisor word.
     pub baud: u16,

@@ -5,7 +5,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use nalgebra::{Isometry3, Matrix6, Rotation3, SMatrix, SVector, Translation3, UnitQuaternion, Vector3, Vector6};
 
 /// Joints of a master.
-pub(super) const JOINTS: usize = 7;
+pub(crate) const JOINTS: usize = 7;
 
 type Q = SVector<f64, JOINTS>;
 type Jacobian = SMatrix<f64, 6, JOINTS>;
@@ -46,12 +46,12 @@ fn frames(q: &Q) -> [Isometry3<f64>; JOINTS + 1] {
 }
 
 /// Pose of the tip in the base.
-pub(super) fn forward(q: &Q) -> Isometry3<f64> {
+pub(crate) fn forward(q: &Q) -> Isometry3<f64> {
     frames(q)[JOINTS]
 }
 
 /// Body Jacobian: linear, then angular velocity of the tip in its own frame.
-pub(super) fn body_jacobian(q: &Q) -> Jacobian {
+pub(crate) fn body_jacobian(q: &Q) -> Jacobian {
     let frames = frames(q);
     let tip = frames[JOINTS];
     let to_tip: Rotation3<f64> = tip.rotation.inverse().to_rotation_matrix();
@@ -66,7 +66,7 @@ pub(super) fn body_jacobian(q: &Q) -> Jacobian {
 }
 
 /// Joints of a fake master and where its base is.
-pub(super) struct Joints {
+pub(crate) struct Joints {
     q: Q,
     base: Isometry3<f64>,
     limits: [(f64, f64); JOINTS],

@@ -50,7 +50,7 @@ enum Program {
 
 /// The device's own processor.
 #[derive(Debug)]
-pub(super) struct Board {
+pub(crate) struct Board {
     program: Program,
     leading_zero: bool,
     /// Encoders before homing are off by these, counts.

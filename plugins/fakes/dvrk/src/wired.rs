@@ -5,20 +5,18 @@ use std::sync::atomic::AtomicUsize;
 use std::sync::{Arc, Weak};
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
+use dvrk_arm::messages::{self, crtk_msgs, geometry_msgs, sensor_msgs, std_msgs};
+use dvrk_arm::{pedal_topics, ClutchSource, Dialect, Names, Pedal, Topics, Wrench};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use ros_node::{Announcement, Peer, Publication, RawReceived, RawSubscription};
 use rosrust::{Clock, Message, RosMsg};
 
-use super::machine::Machine;
-use super::{Told, World};
-use crate::dialect::{Dialect, Names};
-use crate::frames::Wrench;
-use crate::messages::{self, crtk_msgs, geometry_msgs, sensor_msgs, std_msgs};
-use crate::pedals::{pedal_topics, ClutchSource, Pedal};
+use crate::machine::Machine;
+use crate::{Told, World};
 
 /// A message whose header is sent as it is: rosrust fills in times that are zero, which fake invalid samples must be.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub(super) struct AsIs<M>(pub M);
+pub(crate) struct AsIs<M>(pub M);
 
 impl<M: RosMsg> RosMsg for AsIs<M> {
     fn encode<W: io::Write>(&self, writer: W) -> io::Result<()> {
@@ -60,7 +58,7 @@ enum StateOut {
 }
 
 /// What one arm publishes.
-pub(super) struct WiredArm {
+pub(crate) struct WiredArm {
     pose: PoseOut,
     twist: Out<AsIs<geometry_msgs::TwistStamped>>,
     joints: Out<AsIs<sensor_msgs::JointState>>,
@@ -77,7 +75,7 @@ pub(super) struct WiredArm {
 }
 
 /// All topics of a node.
-pub(super) struct Wired {
+pub(crate) struct Wired {
     dialect: Dialect,
     pub arms: Vec<WiredArm>,
     pedals: Vec<(Pedal, Out<sensor_msgs::Joy>)>,
@@ -137,7 +135,7 @@ impl Wired {
             maker.arm = arm;
             arms.push(wire(&mut maker, names, dialect));
         }
-        let none = crate::dialect::Topics::new();
+        let none = Topics::new();
         let topics = pedal_topics(dialect, &root, ClutchSource::Pedal, &none);
         let pedals = topics.into_iter().map(|(topic, pedal)| (pedal, maker.latched(topic))).collect();
         Self { dialect, arms, pedals, announcements: maker.announcements }
@@ -220,7 +218,7 @@ fn wire(maker: &mut Maker, names: &Names, dialect: Dialect) -> WiredArm {
 }
 
 /// What an arm is at one moment, in its own frames.
-pub(super) struct Moment<'a> {
+pub(crate) struct Moment<'a> {
     pub now: Instant,
     pub pose: Isometry3<f64>,
     /// 0 … 1.

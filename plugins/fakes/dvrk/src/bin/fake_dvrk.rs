@@ -9,8 +9,8 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use clap::{Parser, ValueEnum};
-use dvrk_arm::fake::{parse_dialect, Curve, Fake, FakeOptions, Hand, Machine, Motion, Script};
 use dvrk_arm::{isometry, Dialect};
+use fake_dvrk::{parse_dialect, Curve, Fake, FakeOptions, Hand, Machine, Motion, Script};
 use nalgebra::{UnitQuaternion, Vector3};
 
 /// Grippers of hands on the curve, where no script moves them: the first time that they are closed switches forces on.

@@ -1,5 +1,5 @@
-//! A Falcon in software, down to the USB packets: what the driver is tested with, and what a newcomer holds who has
-//! none (`driver settings: {transport: fake}`).
+//! Novint Falcons in software, down to the USB packets: what the driver is tested with, and what a newcomer holds who
+//! has none (`driver settings: {transport: fake}`, which [`driver`] understands).
 //!
 //! Behind the [`Port`] are the serial chip with its latency timer, the loader that wants the firmware, the motion
 //! program with its encoders, marks and motors, and a [`Hand`] that the motors push. Faults can be put between them.
@@ -9,16 +9,17 @@ mod chip;
 mod clock;
 mod hand;
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use falcon::{Bus, FalconDriver, Port, TransportError, PACKET};
 use nalgebra::Vector3;
+use parking_lot::{Mutex, MutexGuard};
 
 pub use board::Received;
 pub use clock::Clock;
 pub use hand::{Aim, Hand, Script, Softness};
 
-use crate::transport::{Bus, Port, TransportError, PACKET};
 use board::Board;
 use chip::Chip;
 
@@ -186,19 +187,14 @@ impl FakeFalcon {
         Self { identity: setup.identity, clock, device: Arc::new(Mutex::new(device)) }
     }
 
-    fn device(&self) -> MutexGuard<'_, Device> {
-        // A fault may have panicked; the state is whole.
-        self.device.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// Pulls the plug of the USB cable; the device keeps its power, and forgets nothing.
     pub fn unplug(&self) {
-        self.device().plugged = false;
+        self.device.lock().plugged = false;
     }
 
     /// Plugs it in again.
     pub fn plug(&self) {
-        let mut device = self.device();
+        let mut device = self.device.lock();
         device.plugged = true;
         device.generation += 1;
         device.open = false;
@@ -207,7 +203,7 @@ impl FakeFalcon {
     /// Switches it off and on: the loader waits for the firmware.
     pub fn power_cycle(&self) {
         let now = self.clock.now();
-        let mut device = self.device();
+        let mut device = self.device.lock();
         device.board.reset();
         device.chip.reset(now);
         drop(device);
@@ -217,58 +213,58 @@ impl FakeFalcon {
     /// Lets a fault happen the next `count` times that it can; faults about the same happen one after the other.
     pub fn inject(&self, fault: Fault, count: u64) {
         if count > 0 {
-            self.device().faults.push((fault, count));
+            self.device.lock().faults.push((fault, count));
         }
     }
 
     /// Takes back the faults that have not happened.
     pub fn heal(&self) {
-        self.device().faults.clear();
+        self.device.lock().faults.clear();
     }
 
     /// Whether a program has it.
     pub fn is_open(&self) -> bool {
-        self.device().open
+        self.device.lock().open
     }
 
     /// Whether the motion program runs.
     pub fn is_running(&self) -> bool {
-        self.device().board.is_running()
+        self.device.lock().board.is_running()
     }
 
     /// Firmware that the loader was given last, as far as it came.
     pub fn image(&self) -> Vec<u8> {
-        self.device().board.image.clone()
+        self.device.lock().board.image.clone()
     }
 
     /// How often somebody tried to open it.
     pub fn attempts(&self) -> u64 {
-        self.device().attempts
+        self.device.lock().attempts
     }
 
     /// Commands that the motion program has got, in all.
     pub fn count(&self) -> u64 {
-        self.device().board.count
+        self.device.lock().board.count
     }
 
     /// The last 10 000 of them, the newest last.
     pub fn commands(&self) -> Vec<Received> {
-        self.device().board.commands.iter().copied().collect()
+        self.device.lock().board.commands.iter().copied().collect()
     }
 
     /// Motor values in force.
     pub fn motors(&self) -> [i16; 3] {
-        self.device().board.motors()
+        self.device.lock().board.motors()
     }
 
     /// The last 10 000 requests of the chip: `(request, value)`.
     pub fn requests(&self) -> Vec<(u8, u16)> {
-        self.device().chip.requests.iter().copied().collect()
+        self.device.lock().chip.requests.iter().copied().collect()
     }
 
     /// Where the grip is, m, and how fast it moves, m/s, in the device frame, when the last command came.
     pub fn grip(&self) -> (Vector3<f64>, Vector3<f64>) {
-        let device = self.device();
+        let device = self.device.lock();
         (device.board.hand.position(), device.board.hand.velocity())
     }
 }
@@ -300,7 +296,7 @@ impl FakeBus {
 
 impl Bus for FakeBus {
     fn list(&self) -> Result<Vec<String>, TransportError> {
-        let plugged = self.falcons.iter().filter(|falcon| falcon.device().plugged);
+        let plugged = self.falcons.iter().filter(|falcon| falcon.device.lock().plugged);
         let mut identities: Vec<String> = plugged.map(|falcon| falcon.identity.clone()).collect();
         identities.sort();
         Ok(identities)
@@ -309,7 +305,7 @@ impl Bus for FakeBus {
     fn open(&self, identity: &str) -> Result<Box<dyn Port>, TransportError> {
         let falcon = self.falcons.iter().find(|falcon| falcon.identity == identity).ok_or(TransportError::Gone)?;
         let now = self.clock.now();
-        let mut device = falcon.device();
+        let mut device = falcon.device.lock();
         device.attempts += 1;
         if !device.plugged {
             return Err(TransportError::Gone);
@@ -333,6 +329,12 @@ impl Bus for FakeBus {
     }
 }
 
+/// The driver of Falcons on USB, and of the fakes `fake-1` and `fake-2` where settings ask for `transport: fake`.
+pub fn driver() -> FalconDriver {
+    let fakes = FakeBus::new(Clock::real(), [Setup::new("fake-1"), Setup::new("fake-2")]);
+    falcon::driver().with_bus("fake", Arc::new(fakes))
+}
+
 struct FakePort {
     falcon: FakeFalcon,
     generation: u64,
@@ -340,7 +342,7 @@ struct FakePort {
 
 impl FakePort {
     fn device(&self) -> Result<MutexGuard<'_, Device>, TransportError> {
-        let device = self.falcon.device();
+        let device = self.falcon.device.lock();
         if device.plugged && device.generation == self.generation {
             Ok(device)
         } else {
@@ -402,7 +404,7 @@ impl Port for FakePort {
 
 impl Drop for FakePort {
     fn drop(&mut self) {
-        let mut device = self.falcon.device();
+        let mut device = self.falcon.device.lock();
         if device.generation == self.generation {
             device.open = false;
         }

@@ -31,7 +31,7 @@ impl Clock {
     }
 
     /// Waits until `time`.
-    pub(super) fn wait_until(&self, time: Instant) {
+    pub(crate) fn wait_until(&self, time: Instant) {
         match &self.own {
             Some(own) => {
                 own.fetch_max(time.saturating_duration_since(self.begin).as_nanos() as u64, Ordering::AcqRel);
@@ -41,7 +41,7 @@ impl Clock {
     }
 
     /// Waits for `duration`; a real clock's thread may be unparked before.
-    pub(super) fn park(&self, duration: Duration) {
+    pub(crate) fn park(&self, duration: Duration) {
         match &self.own {
             Some(_) => self.wait_until(self.now() + duration),
             None => std::thread::park_timeout(duration),

@@ -20,13 +20,11 @@
 //! 9.0  loop                     # or: from the beginning
 //! ```
 
+use dvrk_arm::{isometry, Dialect, Pedal};
 use nalgebra::{Isometry3, Vector3};
 use thiserror::Error;
 
-use super::parse_dialect;
-use crate::dialect::Dialect;
-use crate::frames::isometry;
-use crate::pedals::Pedal;
+use crate::parse_dialect;
 
 /// Error in a script.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]

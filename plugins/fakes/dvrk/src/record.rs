@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::time::Instant;
 
-use crate::frames::Wrench;
+use dvrk_arm::Wrench;
 
 /// How many are kept: five minutes at 1 kHz.
 const MOST: usize = 300_000;
