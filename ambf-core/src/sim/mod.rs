@@ -4,6 +4,7 @@ mod cap;
 mod commands;
 mod devices;
 mod history;
+mod iteration;
 mod models;
 mod pace;
 mod plugins;
@@ -24,7 +25,7 @@ pub use window::{Picked, WindowAnswer, WindowLink, WindowRequest};
 
 use std::fmt;
 use std::sync::Arc;
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Duration, SystemTime};
 
 use nalgebra::Vector3;
 use thiserror::Error;
@@ -233,43 +234,6 @@ impl Simulation {
     /// Force and torque of feedback joints on each body in its inertial frame; empty when no joint has feedback.
     pub fn wrenches(&self) -> &[Wrench] {
         &self.wrenches
-    }
-
-    /// Advances by `interval` s and brings what follows from Bullet's step up to date: joints, efforts, wrenches.
-    /// Nothing happens for an interval that is not positive.
-    ///
-    /// # Errors
-    /// [`LostState`]: the state is lost, the caller should stop or reset.
-    pub fn update(&mut self, interval: f64) -> Result<(), LostState> {
-        if interval.is_nan() || interval <= 0.0 {
-            return Ok(());
-        }
-        self.do_plugin_resets();
-        self.execute_posted();
-        self.iteration += 1;
-        self.dt = self.interval;
-        self.interval = interval;
-        self.drive_devices(interval);
-        self.advance(interval);
-        self.sim_time += interval;
-        self.stamp = self.is_listened_to().then(SystemTime::now);
-        self.scene.observe_joints(self.dt, &mut self.joint_buffer);
-        if self.scene.has_feedback {
-            self.estimate_efforts();
-        }
-        self.scene.update_elements(self.sub_step, interval.max(self.sub_step));
-        self.check_state()?;
-        self.tell_devices();
-        Ok(())
-    }
-
-    fn advance(&mut self, interval: f64) {
-        let cap = self.cap.get();
-        let begin = Instant::now();
-        let due = self.targets.step(&mut self.scene, interval, cap, self.sub_step);
-        self.bullet_time += begin.elapsed();
-        self.due = due;
-        self.lost_time += f64::from(due.saturating_sub(cap)) * self.sub_step;
     }
 
     /// Sums the reactions of all joints with feedback on their bodies, each in the body's inertial frame.

@@ -183,16 +183,8 @@ impl Simulation {
         self.plugins.as_ref().is_some_and(|plugins| !plugins.is_empty())
     }
 
-    /// Calls all plugins after an [`update`](Self::update) that made a step, in the order of the C++ program: of the
-    /// world, of each model and its objects, of the simulator. Who steps a simulation without a
-    /// [`Runner`](super::Runner) calls this after each step.
-    pub fn update_plugins(&mut self) {
-        for phase in [Phase::World, Phase::Models, Phase::Simulator] {
-            self.update_plugins_of(phase);
-        }
-    }
-
-    pub(super) fn update_plugins_of(&mut self, phase: Phase) {
+    /// Calls plugins after an [`update`](Self::update) that made a step, in the order of the C++ program.
+    pub(super) fn update_plugins(&mut self, phase: Phase) {
         if self.plugins.is_none() {
             return;
         }
