@@ -6,7 +6,7 @@
 //! iterations chooses interval and moment, and where to rest: a [`Runner`](super::Runner) before the first half, a
 //! [`Stepper`](super::Stepper) between them.
 
-use std::time::{Instant, SystemTime};
+use std::time::SystemTime;
 
 use super::{LostState, Simulation};
 use crate::plugin::run::Phase;
@@ -59,29 +59,13 @@ impl Simulation {
         }
         self.do_plugin_resets();
         self.execute_posted();
-        self.iteration += 1;
-        self.dt = self.interval;
-        self.interval = interval;
-        self.drive_devices(interval);
-        self.step_world(interval);
-        self.sim_time += interval;
-        self.stamp = self.is_listened_to().then(SystemTime::now);
-        self.scene.observe_joints(self.dt, &mut self.joint_buffer);
-        if self.scene.has_feedback {
-            self.estimate_efforts();
-        }
-        self.scene.update_elements(self.sub_step, interval.max(self.sub_step));
+        self.physics.begin_update(interval);
+        self.drive_devices();
+        self.physics.step();
+        self.physics.stamp = self.is_listened_to().then(SystemTime::now);
+        self.physics.observe();
         self.check_state()?;
         self.tell_devices();
         Ok(())
-    }
-
-    fn step_world(&mut self, interval: f64) {
-        let cap = self.cap.get();
-        let begin = Instant::now();
-        let due = self.targets.step(&mut self.scene, interval, cap, self.sub_step);
-        self.bullet_time += begin.elapsed();
-        self.due = due;
-        self.lost_time += f64::from(due.saturating_sub(cap)) * self.sub_step;
     }
 }

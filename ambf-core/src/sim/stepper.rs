@@ -31,7 +31,7 @@ struct Published {
 
 impl Published {
     fn publish(&mut self, simulation: &mut Simulation) {
-        simulation.fill(&mut self.snapshot, 0.0, Timing::default());
+        simulation.physics.fill(&mut self.snapshot, 0.0, Timing::default());
         self.show(simulation);
     }
 
