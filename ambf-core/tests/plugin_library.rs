@@ -32,8 +32,7 @@ fn problem(stage: &Stage, library: &Path) -> String {
     let setup = PluginSetup { command_line: vec![library.to_owned()], ..stage.setup() };
     let report = simulation.load_plugins(setup);
     assert!(report.loaded.is_empty());
-    simulation.update(0.001).unwrap();
-    simulation.update_plugins();
+    simulation.iterate(0.001).unwrap();
     assert_eq!(simulation.sim_step(), 1, "the simulation goes on");
     let [problem] = report.problems.as_slice() else { panic!("{:?}", report.problems) };
     problem.clone()
@@ -157,8 +156,7 @@ fn a_plugin_in_c_works_through_the_same_interface() {
     assert_eq!(report.problems, Vec::<String>::new());
     simulation.reset_world();
     for _ in 0..100 {
-        simulation.update(0.001).unwrap();
-        simulation.update_plugins();
+        simulation.iterate(0.001).unwrap();
     }
     let scene = simulation.scene();
     let fallen = scene.bodies[0].pose(&scene.world).translation.vector.z;
@@ -245,8 +243,7 @@ fn a_library_of_version_1_works_as_before() {
     assert_eq!(simulation.load_plugins(setup).problems, Vec::<String>::new());
     simulation.reset_world();
     for _ in 0..100 {
-        simulation.update(0.001).unwrap();
-        simulation.update_plugins();
+        simulation.iterate(0.001).unwrap();
     }
     simulation.close_plugins();
     assert_eq!(simulation.take_notices(), ["plugin holder: all was seen", "plugin holder: destroyed"]);
@@ -266,8 +263,7 @@ fn the_c_example_of_the_guide_lifts_its_body() {
     );
     let mut simulation = stage.simulation("gravity: {x: 0, y: 0, z: -9.8}\nmax iterations: 50\n", &[&model]);
     for _ in 0..100 {
-        simulation.update(0.001).unwrap();
-        simulation.update_plugins();
+        simulation.iterate(0.001).unwrap();
     }
     let scene = simulation.scene();
     let fallen = scene.bodies[0].pose(&scene.world).translation.vector.z;
@@ -294,8 +290,7 @@ fn a_panic_in_a_library_never_leaves_it() {
         let (mut simulation, problems) = with_faulty(&stage, &library, &handle, &handle);
         let mut notices = Vec::new();
         for _ in 0..4 {
-            simulation.update(0.001).unwrap();
-            simulation.update_plugins();
+            simulation.iterate(0.001).unwrap();
             simulation.reset_world();
             simulation.plugins_after_picture();
             simulation.plugins_input(&Input::Key { window: 0, key: 65, scancode: 0, action: 1, mods: 0 });

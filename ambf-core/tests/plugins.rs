@@ -67,8 +67,7 @@ fn plugins_are_loaded_called_and_closed_in_order() {
     let mut simulation = full(&stage);
     assert_eq!(only(stage.log.take(), "init"), lines(&LOADED, "init"));
     for _ in 0..100 {
-        simulation.update(0.001).unwrap();
-        simulation.update_plugins();
+        simulation.iterate(0.001).unwrap();
         assert_eq!(stage.log.take(), lines(&CALLED, "physics_update"));
     }
     simulation.reset_bodies();
@@ -92,7 +91,7 @@ fn plugins_are_loaded_called_and_closed_in_order() {
     ];
     assert_eq!(stage.log.take(), lines(&closed, "close"));
     simulation.close_plugins();
-    simulation.update_plugins();
+    simulation.iterate(0.001).unwrap();
     drop(simulation);
     assert_eq!(stage.log.take(), Vec::<String>::new(), "each is closed once");
 }
@@ -104,11 +103,7 @@ fn every_plugin_is_told_the_step_that_was_made() {
     stage.log.take();
     let steps = [0.001, 0.002, 0.0005, 0.0, -1.0, f64::NAN, 0.004];
     for interval in steps {
-        let before = simulation.sim_step();
-        simulation.update(interval).unwrap();
-        if simulation.sim_step() > before {
-            simulation.update_plugins();
-        }
+        simulation.iterate(interval).unwrap();
     }
     for handle in CALLED {
         let told = stage.log.steps_of(handle);
@@ -204,8 +199,7 @@ fn what_cannot_be_found_is_named_with_the_paths_tried() {
     }
     assert!(builtin.contains("no built-in plugin `absent`; there is probe"), "{builtin}");
     assert!(cpp.contains("C++") && cpp.contains("no component serves the CRTK topics"), "{cpp}");
-    simulation.update(0.001).unwrap();
-    simulation.update_plugins();
+    simulation.iterate(0.001).unwrap();
 }
 
 #[test]
@@ -216,8 +210,7 @@ fn a_panic_stays_in_its_plugin_and_the_third_one_closes_it() {
         let mut simulation = stage.simulation(&probes(&["before", &bad, "after"]), &[]);
         let mut notices = Vec::new();
         for _ in 0..5 {
-            simulation.update(0.001).unwrap();
-            simulation.update_plugins();
+            simulation.iterate(0.001).unwrap();
             simulation.reset_world();
             simulation.plugins_after_picture();
             notices.extend(simulation.take_notices());
@@ -291,8 +284,7 @@ fn models_that_come_and_go_bring_their_plugins_and_are_announced() {
     let mut expected = lines(&["g-base", "g-arm", "g-joint", "g-model"], "init");
     expected.extend(notes("+"));
     assert_eq!(stage.log.take(), expected);
-    simulation.update(0.001).unwrap();
-    simulation.update_plugins();
+    simulation.iterate(0.001).unwrap();
     let order = ["w", "g-model", "g-arm", "g-base", "g-joint"];
     assert_eq!(stage.log.take(), lines(&order, "physics_update"));
 
@@ -300,8 +292,7 @@ fn models_that_come_and_go_bring_their_plugins_and_are_announced() {
     let mut expected = notes("-");
     expected.extend(lines(&["g-joint", "g-arm", "g-base", "g-model"], "close"));
     assert_eq!(stage.log.take(), expected);
-    simulation.update(0.001).unwrap();
-    simulation.update_plugins();
+    simulation.iterate(0.001).unwrap();
     assert_eq!(stage.log.take(), lines(&["w"], "physics_update"));
     drop(simulation);
     assert_eq!(stage.log.take(), lines(&["w"], "close"));
@@ -352,8 +343,7 @@ fn a_scene_without_plugins_is_bit_for_bit_the_same() {
         let mut bits = Vec::new();
         for step in 0..500 {
             simulation.apply_wrench(1, nalgebra::Vector3::new(0.0, 0.0, f64::from(step % 7)), Default::default());
-            simulation.update(0.001).unwrap();
-            simulation.update_plugins();
+            simulation.iterate(0.001).unwrap();
             let mut states = vec![Default::default(); simulation.scene().bodies.len()];
             simulation.scene().world.read_bodies(&mut states);
             bits.extend(states);
@@ -385,8 +375,7 @@ fn slow_plugins_are_named() {
     let mut simulation = stage.scene("plugins: [{name: snail, filename: 'builtin:slow'}]\n", &[]);
     assert_eq!(simulation.load_plugins(setup).problems, Vec::<String>::new());
     for _ in 0..20 {
-        simulation.update(0.001).unwrap();
-        simulation.update_plugins();
+        simulation.iterate(0.001).unwrap();
     }
     let notices = simulation.take_notices();
     let [notice] = notices.as_slice() else { panic!("once, not always: {notices:?}") };

@@ -77,8 +77,7 @@ impl Bench {
 
     fn step(&mut self, steps: usize) {
         for _ in 0..steps {
-            self.simulation.update(0.001).unwrap();
-            self.simulation.update_plugins();
+            self.simulation.iterate(0.001).unwrap();
         }
     }
 

@@ -201,8 +201,7 @@ pub fn run(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<Summary, B
     for step in 0..=options.steps {
         if step > 0 {
             let begin = Instant::now();
-            simulation.update(options.dt).map_err(|error| name_command(error, &commands, &simulation))?;
-            simulation.update_plugins();
+            simulation.iterate(options.dt).map_err(|error| name_command(error, &commands, &simulation))?;
             let cost = begin.elapsed();
             wall += cost;
             if step > options.steps - options.steps / 4 {

@@ -81,6 +81,23 @@ pub struct RigidBodyCommand {
     pub publish_joint_positions: bool,
 }
 
+impl RigidBodyCommand {
+    /// A force (N) at the centre of mass and a torque (N·m), world axes.
+    pub fn wrench(force: Vector3<f64>, torque: Vector3<f64>) -> Self {
+        Self { cartesian: CartesianCommandType::Force, force, torque, ..Self::default() }
+    }
+
+    /// A linear velocity (m/s) and an angular one (rad/s), world axes.
+    pub fn velocity(linear_velocity: Vector3<f64>, angular_velocity: Vector3<f64>) -> Self {
+        Self { cartesian: CartesianCommandType::Velocity, linear_velocity, angular_velocity, ..Self::default() }
+    }
+
+    /// A pose of the body frame in the world, m; `orientation` is a quaternion `[x, y, z, w]`.
+    pub fn pose(position: Vector3<f64>, orientation: [f64; 4]) -> Self {
+        Self { cartesian: CartesianCommandType::Position, position, orientation, ..Self::default() }
+    }
+}
+
 impl Command for RigidBodyCommand {
     fn copy_from(&mut self, other: &Self) {
         let mut joint_commands = std::mem::take(&mut self.joint_commands);

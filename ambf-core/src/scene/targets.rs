@@ -6,6 +6,7 @@ use nalgebra::{Isometry3, Vector3};
 
 use super::body::Body;
 use super::joint::{Joint, JointType};
+use super::Scene;
 use crate::adf::{Controller, Limits, IMPULSE_STEP};
 use crate::bullet::{BodyDrive, SoftMotor, World};
 use crate::comm::{CartesianCommandType, JointCommandType, RigidBodyCommand};
@@ -37,6 +38,17 @@ impl SubSteps {
     /// Time since the update began, s.
     fn elapsed(&self) -> f64 {
         self.length * f64::from(self.index)
+    }
+}
+
+impl Scene {
+    /// Lets go of all joints and bodies that controllers hold.
+    pub(crate) fn release_drives(&mut self) {
+        let Self { world, joints, bodies, profile, .. } = self;
+        if *profile == Profile::Accurate {
+            joints.iter_mut().for_each(|joint| joint.let_go(world));
+            bodies.iter_mut().for_each(|body| body.let_go(world));
+        }
     }
 }
 

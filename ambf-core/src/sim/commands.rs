@@ -5,13 +5,13 @@ use std::time::Duration;
 
 use nalgebra::Vector3;
 
+use super::physics::Physics;
 use super::{LostState, Simulation};
 use crate::comm::{
-    Activity, ActuatorCommand, CameraParameters, CartesianCommandType, Channel, Hub, HubIndex, HubObject, Inbox,
-    JointCommandType, LightParameters, ObjectKind, ObjectList, PoseCommand, Resets, RigidBodyCommand, Snapshot,
-    SnapshotWriter, SoftBodyCommand, Timing, VehicleCommand, Wrench,
+    Activity, ActuatorCommand, CameraParameters, Channel, Hub, HubIndex, HubObject, Inbox, JointCommandType,
+    LightParameters, ObjectKind, ObjectList, PoseCommand, Resets, RigidBodyCommand, Snapshot, SnapshotWriter,
+    SoftBodyCommand, Timing, VehicleCommand, Wrench,
 };
-use crate::control::Profile;
 use crate::scene::Scene;
 
 /// The physics thread's end of the hub.
@@ -182,6 +182,56 @@ impl Link {
         let command = slot.map(Inbox::command).filter(|command| **command != RigidBodyCommand::default())?;
         Some(format!("{command:?}"))
     }
+
+    /// Takes what waits in the mailboxes.
+    fn fetch(&mut self, scene: &mut Scene, notices: &mut Vec<String>) {
+        let Self { objects, slots, commanded, rank, .. } = self;
+        objects.take_pending(|object| {
+            if objects[object].is_removed() {
+                return;
+            }
+            if slots[object.0].fetch(&objects[object].channel, scene, notices) {
+                note_commanded(commanded, rank, object);
+            }
+        });
+    }
+
+    /// Executes the commands in force.
+    fn execute(&mut self, physics: &mut Physics, notices: &mut Vec<String>) {
+        if self.commanded.is_empty() {
+            return;
+        }
+        let now = self.watch_time();
+        for &object in &self.commanded {
+            match &mut self.slots[object.0] {
+                Slot::Idle => (),
+                Slot::Body(index, inbox) => {
+                    inbox.check_watchdog(now);
+                    physics.command_body(*index, inbox.command());
+                }
+                Slot::Camera(index, inbox, _) => {
+                    inbox.check_watchdog(now);
+                    physics.scene.cameras[*index].attached.apply_command(inbox.command());
+                }
+                Slot::Light(index, inbox, _) => {
+                    inbox.check_watchdog(now);
+                    physics.scene.lights[*index].attached.apply_command(inbox.command());
+                }
+                Slot::Actuator(index, inbox) => {
+                    inbox.check_watchdog(now);
+                    notices.extend(physics.scene.command_actuator(*index, inbox.command()));
+                }
+                Slot::SoftBody(index, inbox) => {
+                    inbox.check_watchdog(now);
+                    physics.scene.soft_bodies[*index].apply_command(&mut physics.scene.world, inbox.command());
+                }
+                Slot::Vehicle(index, inbox) => {
+                    inbox.check_watchdog(now);
+                    physics.command_vehicle(*index, inbox.command());
+                }
+            }
+        }
+    }
 }
 
 /// Puts `object` among those that are visited in each iteration.
@@ -198,15 +248,13 @@ impl Simulation {
     /// [`LostState`] when a finite command has a result that is not, such as a goal so far off that the velocity
     /// towards it overflows.
     pub(super) fn execute_commands(&mut self) -> Result<(), LostState> {
-        let Some(mut link) = self.link.take() else { return Ok(()) };
-        self.fetch(&mut link);
-        self.execute(&mut link);
-        let is_commanded = !link.commanded.is_empty();
-        self.link = Some(link);
-        if is_commanded {
-            self.check_state()?;
+        let Some(link) = &mut self.link else { return Ok(()) };
+        link.fetch(&mut self.physics.scene, &mut self.notices);
+        link.execute(&mut self.physics, &mut self.notices);
+        if link.commanded.is_empty() {
+            return Ok(());
         }
-        Ok(())
+        self.check_state()
     }
 
     /// Whether states go anywhere.
@@ -216,18 +264,15 @@ impl Simulation {
 
     /// Publishes the states. `wall_time` in s.
     pub(super) fn publish(&mut self, wall_time: f64, timing: Timing) {
-        let Some(mut link) = self.link.take() else { return };
-        if link.hub.is_listening() {
-            // When readers hold every spare snapshot they see this state one iteration later. There is no later one
-            // when a client waits for just this state.
-            let hub = Arc::clone(&link.hub);
-            while !hub.publish(&mut link.writer, |snapshot| self.fill(snapshot, wall_time, timing))
-                && !hub.throttle().is_open()
-            {
-                std::thread::yield_now();
-            }
+        let Some(link) = self.link.as_mut().filter(|link| link.hub.is_listening()) else { return };
+        let Link { hub, writer, .. } = link;
+        // When readers hold every spare snapshot they see this state one iteration later. There is no later one when a
+        // client waits for just this state.
+        while !hub.publish(writer, |snapshot| self.physics.fill(snapshot, wall_time, timing))
+            && !hub.throttle().is_open()
+        {
+            std::thread::yield_now();
         }
-        self.link = Some(link);
     }
 
     /// Tells clients that the state of this iteration is published.
@@ -264,101 +309,25 @@ impl Simulation {
         self.link.as_ref().is_some_and(|link| link.hub.throttle().is_stepped_by_orders())
     }
 
-    fn fetch(&mut self, link: &mut Link) {
-        let Link { objects, slots, commanded, rank, .. } = link;
-        objects.take_pending(|object| {
-            if objects[object].is_removed() {
-                return;
-            }
-            if slots[object.0].fetch(&objects[object].channel, &mut self.scene, &mut self.notices) {
-                note_commanded(commanded, rank, object);
-            }
-        });
-    }
-
-    fn execute(&mut self, link: &mut Link) {
-        if link.commanded.is_empty() {
-            return;
-        }
-        let now = link.watch_time();
-        for &object in &link.commanded {
-            match &mut link.slots[object.0] {
-                Slot::Idle => (),
-                Slot::Body(index, inbox) => {
-                    inbox.check_watchdog(now);
-                    self.command_body(*index, inbox.command());
-                }
-                Slot::Camera(index, inbox, _) => {
-                    inbox.check_watchdog(now);
-                    self.scene.cameras[*index].attached.apply_command(inbox.command());
-                }
-                Slot::Light(index, inbox, _) => {
-                    inbox.check_watchdog(now);
-                    self.scene.lights[*index].attached.apply_command(inbox.command());
-                }
-                Slot::Actuator(index, inbox) => {
-                    inbox.check_watchdog(now);
-                    self.notices.extend(self.scene.command_actuator(*index, inbox.command()));
-                }
-                Slot::SoftBody(index, inbox) => {
-                    inbox.check_watchdog(now);
-                    self.scene.soft_bodies[*index].apply_command(&mut self.scene.world, inbox.command());
-                }
-                Slot::Vehicle(index, inbox) => {
-                    inbox.check_watchdog(now);
-                    self.command_vehicle(*index, inbox.command());
-                }
-            }
-        }
-    }
-
     /// Applies a whole command to a body; it acts in the next update.
     pub fn command_body(&mut self, body: usize, command: &RigidBodyCommand) {
-        let Scene { bodies, world, profile, .. } = &mut self.scene;
-        let commanded = &mut bodies[body];
-        commanded.control = command.cartesian;
-        if *profile == Profile::Legacy || !commanded.is_dynamic() || command.cartesian == CartesianCommandType::Force {
-            commanded.apply_command(world, command, self.dt);
-        } else if commanded.set_target(world, command) {
-            self.targets.bodies.push(body);
-        }
-        let n = command.joint_commands.len().min(self.scene.active_joints(body).len());
-        for (i, &value) in command.joint_commands[..n].iter().enumerate() {
-            let kind = command.joint_command_types.get(i).copied().unwrap_or_default();
-            self.command_joint(body, i, kind, value);
-        }
+        self.physics.command_body(body, command);
     }
 
     /// Applies a command to the `index`-th active joint of a body: effort (N·m, N), position (rad, m) or velocity
     /// (rad/s, m/s). False when there is no such joint or the value is not finite.
     pub fn command_joint(&mut self, body: usize, index: usize, kind: JointCommandType, value: f64) -> bool {
-        if !value.is_finite() {
-            return false;
-        }
-        let Some(&joint) = self.scene.active_joints(body).get(index) else { return false };
-        self.order_joint(joint, kind, value);
-        true
-    }
-
-    /// Applies a finite command to a joint.
-    pub(super) fn order_joint(&mut self, joint: usize, kind: JointCommandType, value: f64) {
-        let Scene { joints, bodies, world, profile, .. } = &mut self.scene;
-        if *profile == Profile::Legacy {
-            joints[joint].apply_command(world, bodies, kind, value, self.sim_time);
-        } else if joints[joint].set_target(world, kind, value, self.sub_step) {
-            self.targets.joints.push(joint);
-        }
+        self.physics.command_joint(body, index, kind, value)
     }
 
     /// Applies a whole command to a vehicle; it acts in the next update.
     pub fn command_vehicle(&mut self, vehicle: usize, command: &VehicleCommand) {
-        let Scene { vehicles, world, bodies, .. } = &mut self.scene;
-        vehicles[vehicle].apply_command(world, bodies, command);
+        self.physics.command_vehicle(vehicle, command);
     }
 
     /// Lets an actuator hold or let go. A sentence when what the command names is not there.
     pub fn command_actuator(&mut self, actuator: usize, command: &ActuatorCommand) -> Option<String> {
-        self.scene.command_actuator(actuator, command)
+        self.physics.scene.command_actuator(actuator, command)
     }
 
     /// Draws the node of a soft body that is nearest to `point` (m, world axes) and within `radius` of it towards
@@ -371,7 +340,7 @@ impl Simulation {
         radius: f64,
         goal: Vector3<f64>,
     ) -> Option<usize> {
-        let Scene { soft_bodies, world, .. } = &mut self.scene;
+        let Scene { soft_bodies, world, .. } = &mut self.physics.scene;
         let handle = soft_bodies[soft].handle;
         let node = world.nearest_node(handle, point, radius)?;
         world.pull_node(handle, node, Some(goal)).then_some(node)
@@ -379,36 +348,22 @@ impl Simulation {
 
     /// Moves the goal of a picked node, or lets go of it.
     pub fn drag_soft_node(&mut self, soft: usize, node: usize, goal: Option<Vector3<f64>>) {
-        self.scene.world.pull_node(self.scene.soft_bodies[soft].handle, node, goal);
+        self.physics.scene.world.pull_node(self.physics.scene.soft_bodies[soft].handle, node, goal);
     }
 
     /// Adds a force (N) at the centre of mass and a torque (N·m), world axes, for the next update.
     pub fn apply_wrench(&mut self, body: usize, force: Vector3<f64>, torque: Vector3<f64>) {
-        let command =
-            RigidBodyCommand { cartesian: CartesianCommandType::Force, force, torque, ..RigidBodyCommand::default() };
-        self.command_body(body, &command);
+        self.command_body(body, &RigidBodyCommand::wrench(force, torque));
     }
 
     /// Sets the velocity of a body, m/s and rad/s, world axes.
     pub fn set_velocity(&mut self, body: usize, linear: Vector3<f64>, angular: Vector3<f64>) {
-        let command = RigidBodyCommand {
-            cartesian: CartesianCommandType::Velocity,
-            linear_velocity: linear,
-            angular_velocity: angular,
-            ..RigidBodyCommand::default()
-        };
-        self.command_body(body, &command);
+        self.command_body(body, &RigidBodyCommand::velocity(linear, angular));
     }
 
     /// Follows a pose of the body frame in the world for one iteration; `orientation` is a quaternion `[x, y, z, w]`.
     pub fn follow_pose(&mut self, body: usize, position: Vector3<f64>, orientation: [f64; 4]) {
-        let command = RigidBodyCommand {
-            cartesian: CartesianCommandType::Position,
-            position,
-            orientation,
-            ..RigidBodyCommand::default()
-        };
-        self.command_body(body, &command);
+        self.command_body(body, &RigidBodyCommand::pose(position, orientation));
     }
 
     /// Says that the calling thread is the one that clients hold.
@@ -468,6 +423,6 @@ impl Simulation {
 
     /// Lets the cap on sub-steps learn what the latest update cost.
     pub(super) fn learn_cost(&mut self, cost: Duration) {
-        self.cap.learn(self.due, self.sub_step, cost.as_secs_f64());
+        self.physics.cap.learn(self.physics.due, self.physics.sub_step, cost.as_secs_f64());
     }
 }

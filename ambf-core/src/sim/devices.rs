@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use nalgebra::{Isometry3, Vector3};
 
+use super::physics::Physics;
 use super::Simulation;
 use crate::adf;
 use crate::comm::{CartesianCommandType, JointCommandType, RigidBodyCommand};
@@ -83,6 +84,76 @@ impl Coupled {
             resets,
         });
     }
+
+    fn move_cameras(&mut self, scene: &mut Scene, hand: &Hand) {
+        if let Some(motion) = hand.cameras.since(&self.cameras_moved) {
+            self.cameras_moved = hand.cameras;
+            for &camera in &self.cameras {
+                let pose: &mut Isometry3<f64> = &mut scene.cameras[camera].attached.pose;
+                *pose = motion.applied(pose);
+            }
+        }
+    }
+
+    /// Takes hold of the nearest foreign body that a sensor of the root link sees, or lets go.
+    fn grip(&self, scene: &mut Scene, grip: Grip) {
+        let Scene { actuators, sensors, bodies, world, .. } = scene;
+        let actuator = &mut actuators[self.parts.actuator];
+        match grip {
+            Grip::Attach if !actuator.is_actuated() => {
+                let foreign = |body: usize| !self.own[body];
+                let hits = self.sensors.iter().filter_map(|&sensor| sensors[sensor].nearest_body(bodies, foreign));
+                if let Some((body, _)) = hits.min_by(|a, b| a.1.total_cmp(&b.1)) {
+                    actuator.hold(world, bodies, body, None);
+                }
+            }
+            Grip::Release if actuator.is_actuated() => actuator.release(world, bodies),
+            Grip::Attach | Grip::Release | Grip::Leave => (),
+        }
+    }
+
+    fn drive_root(&self, physics: &mut Physics, output: &EffectorOutput) {
+        let Scene { bodies, world, profile, .. } = &mut physics.scene;
+        let root = self.parts.root;
+        let body = &mut bodies[root];
+        if !body.is_dynamic() {
+            return;
+        }
+        let force = |drive: Option<Drive>| match drive {
+            Some(Drive::Force(u)) => u,
+            _ => Vector3::zeros(),
+        };
+        let velocity = |drive: Option<Drive>| match drive {
+            Some(Drive::Velocity(u)) => Some(u),
+            _ => None,
+        };
+        world.apply_wrench(body.handle, &force(output.linear), &force(output.angular));
+        match (velocity(output.linear), velocity(output.angular)) {
+            (None, None) => (),
+            (Some(linear_velocity), Some(angular_velocity)) if *profile == Profile::Accurate => {
+                // Held in all sub-steps.
+                let command = RigidBodyCommand::velocity(linear_velocity, angular_velocity);
+                if body.set_target(world, &command) {
+                    physics.targets.bodies.push(root);
+                }
+            }
+            (linear, angular) => {
+                // The other half goes on as it is.
+                let (linear_now, angular_now) = world.velocity(body.handle).unwrap_or_default();
+                world.set_velocity(body.handle, &linear.unwrap_or(linear_now), &angular.unwrap_or(angular_now));
+            }
+        }
+    }
+
+    fn drive_joints(&self, physics: &mut Physics, opening: f64) {
+        for &joint in &self.joints {
+            let limits = physics.scene.joints[joint].limits;
+            let target = limits.and_then(|limits| joint_target(opening, limits.low, limits.high));
+            if let Some(target) = target {
+                physics.order_joint(joint, JointCommandType::Position, target);
+            }
+        }
+    }
 }
 
 impl Devices {
@@ -102,6 +173,38 @@ impl Devices {
             device.tell(scene, self.paused, self.resets);
         }
     }
+
+    /// Drives all end-effectors in the update of `physics` that has begun.
+    fn drive(&mut self, physics: &mut Physics, notices: &mut Vec<String>) {
+        let switches = self.controls.switches();
+        for device in self.list.iter_mut().filter(|device| device.is_there) {
+            let Coupled { law, followed, .. } = device;
+            followed.catch_up(&self.controls, |change| {
+                if let Some(value) = law.change(change) {
+                    let (name, label) = (&device.entry.identifier, change.quantity.label());
+                    notices.push(format!("{name}: {label} = {value:.4}"));
+                }
+            });
+            let hand = *device.end.hand.read();
+            device.move_cameras(&mut physics.scene, &hand);
+            let Scene { bodies, world, .. } = &physics.scene;
+            let root = &bodies[device.parts.root];
+            let output = device.law.tick(&EffectorInput {
+                reference: hand.reference,
+                pose: root.pose(world),
+                gripper: hand.gripper,
+                dt: physics.interval,
+                nominal_dt: self.nominal_dt,
+                force_active: root.control == CartesianCommandType::Force,
+                gripping_assist: switches.gripping_assist,
+            });
+            device.grip(&mut physics.scene, output.grip);
+            device.drive_root(physics, &output);
+            if let Some(opening) = output.joints {
+                device.drive_joints(physics, opening);
+            }
+        }
+    }
 }
 
 impl Simulation {
@@ -112,8 +215,9 @@ impl Simulation {
         let mut said = Vec::new();
         for (index, entry) in host.waiting() {
             let place = format!("{}: device `{}`", entry.source, entry.identifier);
-            let known = self.scene.counts();
-            let added = PreparedEndEffector::read(&entry).and_then(|prepared| self.scene.add_end_effector(prepared));
+            let known = self.physics.scene.counts();
+            let added =
+                PreparedEndEffector::read(&entry).and_then(|prepared| self.physics.scene.add_end_effector(prepared));
             let (parts, notes) = match added {
                 Ok(added) => added,
                 Err(why) => {
@@ -123,13 +227,15 @@ impl Simulation {
                 }
             };
             said.extend(notes);
-            said.extend(self.scene.paired_cameras(&entry.pair_cameras).1.iter().map(|why| format!("{place}: {why}")));
+            said.extend(
+                self.physics.scene.paired_cameras(&entry.pair_cameras).1.iter().map(|why| format!("{place}: {why}")),
+            );
             let device = Coupled::new(entry, host.couple(index, parts.initial_pose), parts);
             let devices = self.devices.get_or_insert_with(|| {
                 Box::new(Devices {
                     list: Vec::new(),
                     controls: Arc::clone(host.controls()),
-                    nominal_dt: self.sub_step,
+                    nominal_dt: self.physics.sub_step,
                     paused: false,
                     resets: 0,
                 })
@@ -137,8 +243,8 @@ impl Simulation {
             devices.list.push(device);
             self.grow();
             if let Some(link) = &mut self.link {
-                link.hub.add_objects(self.scene.objects_from(&known));
-                link.follow_scene(&self.scene, &self.wrenches);
+                link.hub.add_objects(self.physics.scene.objects_from(&known));
+                link.follow_scene(&self.physics.scene, &self.physics.wrenches);
             }
         }
         said
@@ -147,8 +253,8 @@ impl Simulation {
     /// Finds the parts of end-effectors in a scene that has changed.
     pub(super) fn find_device_parts(&mut self) {
         if let Some(devices) = &mut self.devices {
-            devices.list.iter_mut().for_each(|device| device.find_parts(&self.scene));
-            devices.tell(&self.scene);
+            devices.list.iter_mut().for_each(|device| device.find_parts(&self.physics.scene));
+            devices.tell(&self.physics.scene);
         }
     }
 
@@ -163,7 +269,7 @@ impl Simulation {
     pub(super) fn pause_devices(&mut self, paused: bool) {
         if let Some(devices) = self.devices.as_mut().filter(|devices| devices.paused != paused) {
             devices.paused = paused;
-            devices.tell(&self.scene);
+            devices.tell(&self.physics.scene);
         }
     }
 
@@ -172,119 +278,21 @@ impl Simulation {
         if let Some(devices) = &mut self.devices {
             devices.resets += 1;
             devices.list.iter_mut().for_each(|device| device.law.reset());
-            devices.tell(&self.scene);
+            devices.tell(&self.physics.scene);
         }
     }
 
     /// Tells devices what the step made of their end-effectors.
     pub(super) fn tell_devices(&mut self) {
         if let Some(devices) = &mut self.devices {
-            devices.tell(&self.scene);
+            devices.tell(&self.physics.scene);
         }
     }
 
-    /// Drives all end-effectors in the step of `interval` s that follows.
-    pub(super) fn drive_devices(&mut self, interval: f64) {
-        let Some(mut devices) = self.devices.take() else { return };
-        let switches = devices.controls.switches();
-        for device in devices.list.iter_mut().filter(|device| device.is_there) {
-            let Coupled { law, followed, .. } = device;
-            followed.catch_up(&devices.controls, |change| {
-                if let Some(value) = law.change(change) {
-                    let (name, label) = (&device.entry.identifier, change.quantity.label());
-                    self.notices.push(format!("{name}: {label} = {value:.4}"));
-                }
-            });
-            let hand = *device.end.hand.read();
-            self.move_cameras(device, &hand);
-            let Scene { bodies, world, .. } = &self.scene;
-            let root = &bodies[device.parts.root];
-            let output = device.law.tick(&EffectorInput {
-                reference: hand.reference,
-                pose: root.pose(world),
-                gripper: hand.gripper,
-                dt: interval,
-                nominal_dt: devices.nominal_dt,
-                force_active: root.control == CartesianCommandType::Force,
-                gripping_assist: switches.gripping_assist,
-            });
-            self.grip(device, output.grip);
-            self.drive_root(device.parts.root, &output);
-            if let Some(opening) = output.joints {
-                self.drive_joints(&device.joints, opening);
-            }
-        }
-        self.devices = Some(devices);
-    }
-
-    fn move_cameras(&mut self, device: &mut Coupled, hand: &Hand) {
-        if let Some(motion) = hand.cameras.since(&device.cameras_moved) {
-            device.cameras_moved = hand.cameras;
-            for &camera in &device.cameras {
-                let pose: &mut Isometry3<f64> = &mut self.scene.cameras[camera].attached.pose;
-                *pose = motion.applied(pose);
-            }
-        }
-    }
-
-    /// Takes hold of the nearest foreign body that a sensor of the root link sees, or lets go.
-    fn grip(&mut self, device: &Coupled, grip: Grip) {
-        let Scene { actuators, sensors, bodies, world, .. } = &mut self.scene;
-        let actuator = &mut actuators[device.parts.actuator];
-        match grip {
-            Grip::Attach if !actuator.is_actuated() => {
-                let foreign = |body: usize| !device.own[body];
-                let hits = device.sensors.iter().filter_map(|&sensor| sensors[sensor].nearest_body(bodies, foreign));
-                if let Some((body, _)) = hits.min_by(|a, b| a.1.total_cmp(&b.1)) {
-                    actuator.hold(world, bodies, body, None);
-                }
-            }
-            Grip::Release if actuator.is_actuated() => actuator.release(world, bodies),
-            Grip::Attach | Grip::Release | Grip::Leave => (),
-        }
-    }
-
-    fn drive_root(&mut self, root: usize, output: &EffectorOutput) {
-        let Scene { bodies, world, profile, .. } = &mut self.scene;
-        let body = &mut bodies[root];
-        if !body.is_dynamic() {
-            return;
-        }
-        let force = |drive: Option<Drive>| match drive {
-            Some(Drive::Force(u)) => u,
-            _ => Vector3::zeros(),
-        };
-        let velocity = |drive: Option<Drive>| match drive {
-            Some(Drive::Velocity(u)) => Some(u),
-            _ => None,
-        };
-        world.apply_wrench(body.handle, &force(output.linear), &force(output.angular));
-        match (velocity(output.linear), velocity(output.angular)) {
-            (None, None) => (),
-            (Some(linear_velocity), Some(angular_velocity)) if *profile == Profile::Accurate => {
-                // Held in all sub-steps.
-                let cartesian = CartesianCommandType::Velocity;
-                let command =
-                    RigidBodyCommand { cartesian, linear_velocity, angular_velocity, ..RigidBodyCommand::default() };
-                if body.set_target(world, &command) {
-                    self.targets.bodies.push(root);
-                }
-            }
-            (linear, angular) => {
-                // The other half goes on as it is.
-                let (linear_now, angular_now) = world.velocity(body.handle).unwrap_or_default();
-                world.set_velocity(body.handle, &linear.unwrap_or(linear_now), &angular.unwrap_or(angular_now));
-            }
-        }
-    }
-
-    fn drive_joints(&mut self, joints: &[usize], opening: f64) {
-        for &joint in joints {
-            let limits = self.scene.joints[joint].limits;
-            let target = limits.and_then(|limits| joint_target(opening, limits.low, limits.high));
-            if let Some(target) = target {
-                self.order_joint(joint, JointCommandType::Position, target);
-            }
+    /// Drives all end-effectors in the update that has begun.
+    pub(super) fn drive_devices(&mut self) {
+        if let Some(devices) = &mut self.devices {
+            devices.drive(&mut self.physics, &mut self.notices);
         }
     }
 }

@@ -38,7 +38,7 @@ impl Timeline {
 /// States of the last minute, oldest first.
 #[derive(Default)]
 pub(super) struct History {
-    states: VecDeque<SavedState>,
+    states: VecDeque<Arc<SavedState>>,
     bytes: usize,
 }
 
@@ -50,7 +50,7 @@ impl History {
         }
         let oldest = state.sim_time() - SPAN;
         self.bytes += state.size();
-        self.states.push_back(state);
+        self.states.push_back(Arc::new(state));
         while self.states.len() > 1
             && (self.bytes > MOST_BYTES || self.states.front().is_some_and(|first| first.sim_time() < oldest))
         {
@@ -58,20 +58,20 @@ impl History {
         }
     }
 
-    fn drop_one(&mut self, pop: impl FnOnce(&mut VecDeque<SavedState>) -> Option<SavedState>) {
+    fn drop_one(&mut self, pop: impl FnOnce(&mut VecDeque<Arc<SavedState>>) -> Option<Arc<SavedState>>) {
         self.bytes -= pop(&mut self.states).map_or(0, |state| state.size());
     }
 
     /// The state whose time is nearest.
-    fn nearest(&self, time: f64) -> Option<&SavedState> {
+    fn nearest(&self, time: f64) -> Option<Arc<SavedState>> {
         let after = self.states.partition_point(|state| state.sim_time() < time);
-        let off = |state: &&SavedState| (state.sim_time() - time).abs();
+        let off = |state: &&Arc<SavedState>| (state.sim_time() - time).abs();
         let both = self.states.get(after.saturating_sub(1)).into_iter().chain(self.states.get(after));
-        both.min_by(|a, b| off(a).total_cmp(&off(b)))
+        both.min_by(|a, b| off(a).total_cmp(&off(b))).map(Arc::clone)
     }
 
     fn tell(&self, timeline: &Timeline) {
-        let time = |state: Option<&SavedState>| state.map_or(0.0, SavedState::sim_time).to_bits();
+        let time = |state: Option<&Arc<SavedState>>| state.map_or(0.0, |state| state.sim_time()).to_bits();
         timeline.first.store(time(self.states.front()), Ordering::Release);
         timeline.last.store(time(self.states.back()), Ordering::Release);
         timeline.count.store(self.states.len() as u32, Ordering::Release);
@@ -117,9 +117,9 @@ impl Simulation {
 
     /// Keeps the present state if it is time for that; a sentence when it cannot be saved, after which nothing is kept.
     pub(super) fn record_history(&mut self) -> Option<String> {
-        let last = self.recording.history.as_ref()?.states.back().map(SavedState::sim_time);
+        let last = self.recording.history.as_ref()?.states.back().map(|last| last.sim_time());
         // Time that went back means that the simulation goes on from an earlier state.
-        let is_due = last.is_none_or(|last| self.sim_time < last || self.sim_time >= last + INTERVAL);
+        let is_due = last.is_none_or(|last| self.physics.sim_time < last || self.physics.sim_time >= last + INTERVAL);
         if !is_due {
             return None;
         }
@@ -158,26 +158,21 @@ impl Simulation {
         if !time.is_finite() {
             return Err(format!("{time} is no time"));
         }
-        let sim_time = self.sim_time;
+        let sim_time = self.physics.sim_time;
         let is_newest = |history: &History| history.states.back().is_none_or(|last| last.sim_time() < sim_time);
         // The present is not lost by looking back.
         if self.recording.history.as_ref().is_some_and(is_newest) && self.check_state().is_ok() {
             self.keep_present()?;
         }
-        let Some(history) = self.recording.history.take() else {
+        let Some(history) = &self.recording.history else {
             return Err("no states are kept: switch that on first".into());
         };
-        let cameras = self.scene.cameras.clone();
-        let restored = match history.nearest(time) {
-            Some(state) => self.restore(state).map(|()| state.sim_time()).map_err(|error| error.to_string()),
-            None => Err("no states are kept yet".into()),
-        };
-        self.recording.history = Some(history);
-        if restored.is_ok() {
-            self.scene.cameras = cameras;
-            self.recording.jumped = true;
-        }
-        restored
+        let Some(state) = history.nearest(time) else { return Err("no states are kept yet".into()) };
+        let cameras = self.physics.scene.cameras.clone();
+        self.restore(&state).map_err(|error| error.to_string())?;
+        self.physics.scene.cameras = cameras;
+        self.recording.jumped = true;
+        Ok(state.sim_time())
     }
 
     /// Whether time has jumped since this was called the last time.
@@ -248,7 +243,7 @@ mod tests {
         let (first, last) = simulation.timeline().span().expect("states");
         assert!(last - first <= SPAN + 1e-9 && last - first > SPAN - 0.2, "{first} to {last}");
         let history = simulation.recording.history.as_ref().expect("on");
-        assert_eq!(history.bytes, history.states.iter().map(SavedState::size).sum::<usize>());
+        assert_eq!(history.bytes, history.states.iter().map(|state| state.size()).sum::<usize>());
         assert!(history.bytes <= MOST_BYTES);
         simulation.keep_history(false).expect("nothing can go wrong");
         assert_eq!(simulation.timeline().span(), None);
@@ -261,10 +256,10 @@ mod tests {
         let mut simulation = simulation("pendulum.yaml", true);
         simulation.keep_history(true).expect("savable");
         run(&mut simulation, 300);
-        simulation.scene.cameras[0].follow_gesture(crate::scene::CameraGesture::Pan { right: 1.0, up: 0.0 });
-        let camera = simulation.scene.cameras[0].attached.pose;
+        simulation.physics.scene.cameras[0].follow_gesture(crate::scene::CameraGesture::Pan { right: 1.0, up: 0.0 });
+        let camera = simulation.physics.scene.cameras[0].attached.pose;
         simulation.go_to_time(0.1).expect("kept");
-        assert_eq!(simulation.scene.cameras[0].attached.pose, camera);
+        assert_eq!(simulation.physics.scene.cameras[0].attached.pose, camera);
     }
 
     #[test]

@@ -130,7 +130,7 @@ impl Simulation {
                     let _ = answer.send(outcome);
                 }
                 Request::List(answer) => {
-                    let live = self.scene.models.iter().filter(|model| !model.removed);
+                    let live = self.physics.scene.models.iter().filter(|model| !model.removed);
                     let list = live.map(|model| (model.key.clone(), model.description.file.to_path_buf()));
                     let _ = answer.send(Ok(list.collect()));
                 }
@@ -142,16 +142,16 @@ impl Simulation {
     /// Builds a model into the scene. Objects of other models keep their state.
     pub fn add_model(&mut self, mut prepared: PreparedModel) -> AddedModel {
         let mut report = std::mem::take(&mut prepared.report);
-        let known = self.scene.counts();
-        let (index, notes) = self.scene.add_model(prepared);
+        let known = self.physics.scene.counts();
+        let (index, notes) = self.physics.scene.add_model(prepared);
         let incomplete = report.errors() > 0 || notes.iter().any(|note: &Note| note.severity > Severity::Warning);
         report.notes.extend(notes);
         self.grow();
         if let Some(link) = &mut self.link {
-            link.hub.add_objects(self.scene.objects_from(&known));
-            link.follow_scene(&self.scene, &self.wrenches);
+            link.hub.add_objects(self.physics.scene.objects_from(&known));
+            link.follow_scene(&self.physics.scene, &self.physics.wrenches);
         }
-        let key = self.scene.models[index].key.clone();
+        let key = self.physics.scene.models[index].key.clone();
         let mut report = report.to_string().trim_end().to_owned();
         for problem in self.start_model_plugins(index) {
             report += &format!("{}{problem}", if report.is_empty() { "" } else { "\n" });
@@ -165,28 +165,24 @@ impl Simulation {
     /// [`ModelError::Unknown`].
     pub fn remove_model(&mut self, name: &str) -> Result<String, ModelError> {
         let unknown = |why| ModelError::Unknown { name: name.to_owned(), why };
-        let model = self.scene.find_model(name).map_err(unknown)?;
+        let model = self.physics.scene.find_model(name).map_err(unknown)?;
         self.end_model_plugins(model);
         self.release_picked_of(|scene, is_soft, index| match is_soft {
             true => scene.soft_bodies[index].identity.model == model,
             false => scene.bodies[index].identity.model == model,
         });
-        self.scene.remove_model(model);
+        self.physics.scene.remove_model(model);
         self.grow();
         if let Some(link) = &mut self.link {
-            link.remove_objects(&self.scene);
-            link.follow_scene(&self.scene, &self.wrenches);
+            link.remove_objects(&self.physics.scene);
+            link.follow_scene(&self.physics.scene, &self.physics.wrenches);
         }
-        Ok(self.scene.models[model].key.clone())
+        Ok(self.physics.scene.models[model].key.clone())
     }
 
     /// Makes place for what the scene has now.
     pub(super) fn grow(&mut self) {
-        self.targets.reserve(&self.scene);
-        self.joint_buffer.resize(self.scene.world.constraints().len(), 0.0);
-        if self.scene.has_feedback {
-            self.wrenches.resize(self.scene.bodies.len(), Default::default());
-        }
+        self.physics.grow();
         self.find_device_parts();
     }
 }

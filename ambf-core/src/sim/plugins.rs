@@ -6,10 +6,11 @@ use std::sync::Arc;
 
 use nalgebra::{Isometry3, Vector3};
 
+use super::physics::Physics;
 use super::Simulation;
 use crate::adf::{node_text, PluginEntry, SourcePos};
 use crate::bullet::{Constraint, ConstraintHandle, ConstraintKind, Ray, RayTarget};
-use crate::comm::{JointCommandType, Resets};
+use crate::comm::{JointCommandType, Resets, RigidBodyCommand};
 use crate::plugin::run::{Access, Phase, Plugins, Shared, TextOf, Wanted};
 use crate::plugin::{
     BodyState, Clock, Command, CommandError, Drawings, Hit, Input, JointState, ObjectId, ObjectType, PluginReport,
@@ -50,6 +51,19 @@ impl PluginState {
     pub fn restore(&mut self, saved: &[Attachment]) {
         saved.clone_into(&mut self.attachments);
     }
+
+    /// Lets go of what `which` is true for; true if there was any.
+    fn detach_where(&mut self, scene: &mut Scene, which: impl Fn(&Attachment) -> bool) -> bool {
+        let before = self.attachments.len();
+        self.attachments.retain(|attachment| {
+            let goes = which(attachment);
+            if goes {
+                scene.world.remove_constraint(attachment.constraint);
+            }
+            !goes
+        });
+        self.attachments.len() < before
+    }
 }
 
 impl Simulation {
@@ -59,40 +73,173 @@ impl Simulation {
     /// Without a call of this, no plugin runs.
     pub fn load_plugins(&mut self, setup: PluginSetup) -> PluginReport {
         self.close_plugins();
-        let mut plugins = Box::new(Plugins::new(setup, self.plugin_state.drawings.clone()));
+        let plugins = Plugins::new(setup, self.plugin_state.drawings.clone());
         self.plugin_state.shared = Some(Arc::clone(&plugins.shared));
+        self.plugins = Some(Box::new(plugins));
         let mut report = PluginReport::default();
-        for model in 0..self.scene.models.len() {
-            self.load_model_plugins(&mut plugins, model, &mut report);
-            if model == 0 {
-                self.load_world_plugins(&mut plugins, &mut report);
+        self.with_plugins(|plugins, access| {
+            for model in 0..access.physics.scene.models.len() {
+                access.load_model_plugins(plugins, model, &mut report);
+                if model == 0 {
+                    access.load_world_plugins(plugins, &mut report);
+                }
+                access.announce(plugins, model, true);
             }
-            self.announce(&mut plugins, model, true);
-        }
-        let command_line: Vec<PluginEntry> =
-            plugins.setup.command_line.iter().map(|path| named_by_itself(path)).collect();
-        for entry in &command_line {
-            let directory = plugins.setup.search.working_folder.clone();
-            let wanted = Wanted { entry, subject: Subject::Simulator, model: None, node: String::new(), directory };
-            load(&mut plugins, self, wanted, &mut report);
-        }
-        let launch = plugins.setup.launch.clone();
-        let source = launch.first().map(|entry| entry.source.clone());
-        self.load_entries(&mut plugins, &launch, (Subject::Simulator, None), source, &mut report);
-        self.arrange_plugins(&mut plugins);
-        self.notices.append(&mut plugins.notices);
-        self.plugins = Some(plugins);
+            let command_line: Vec<PluginEntry> =
+                plugins.setup.command_line.iter().map(|path| named_by_itself(path)).collect();
+            for entry in &command_line {
+                let directory = plugins.setup.search.working_folder.clone();
+                let wanted = Wanted { entry, subject: Subject::Simulator, model: None, node: String::new(), directory };
+                access.load(plugins, wanted, &mut report);
+            }
+            let launch = plugins.setup.launch.clone();
+            let source = launch.first().map(|entry| entry.source.clone());
+            access.load_entries(plugins, &launch, (Subject::Simulator, None), source, &mut report);
+            access.arrange(plugins);
+        });
         report
     }
 
+    /// Loads the plugins of a model that was just added; sentences about what is left out.
+    pub(super) fn start_model_plugins(&mut self, model: usize) -> Vec<String> {
+        let mut report = PluginReport::default();
+        self.with_plugins(|plugins, access| {
+            access.load_model_plugins(plugins, model, &mut report);
+            access.announce(plugins, model, true);
+            access.arrange(plugins);
+        });
+        report.problems
+    }
+
+    /// Tells of a model that is about to leave, and closes its plugins.
+    pub(super) fn end_model_plugins(&mut self, model: usize) {
+        self.with_plugins(|plugins, access| {
+            access.announce(plugins, model, false);
+            plugins.close_model(access, model);
+            access.arrange(plugins);
+        });
+        let own: Vec<bool> = self.physics.scene.bodies.iter().map(|body| body.identity.model == model).collect();
+        self.detach_plugins_from(|body| own[body]);
+    }
+
+    /// Undoes what plugins have attached to bodies that are about to leave.
+    pub(super) fn detach_plugins_from(&mut self, is_going: impl Fn(usize) -> bool) {
+        let goes = |attachment: &Attachment| attachment.bodies.iter().any(|&body| is_going(body));
+        self.plugin_state.detach_where(&mut self.physics.scene, goes);
+    }
+
+    /// Whether plugins are running or were.
+    pub fn has_plugins(&self) -> bool {
+        self.plugins.as_ref().is_some_and(|plugins| !plugins.is_empty())
+    }
+
+    /// Calls plugins after an [`update`](Self::update) that made a step, in the order of the C++ program.
+    pub(super) fn update_plugins(&mut self, phase: Phase) {
+        let dt = self.physics.interval;
+        self.with_plugins(|plugins, access| {
+            plugins.update(access, phase, dt);
+            if phase == Phase::Simulator {
+                let Plugins { incoming, shared, .. } = plugins;
+                incoming.publish(shared, |snapshot| access.fill_states(snapshot));
+            }
+        });
+    }
+
+    pub(super) fn reset_plugins(&mut self) {
+        self.with_plugins(|plugins, access| plugins.reset(access));
+    }
+
+    /// Calls all plugins after a picture: for a program that has windows.
+    pub fn plugins_after_picture(&mut self) {
+        self.with_plugins(|plugins, _| plugins.graphics_update());
+    }
+
+    /// Tells the simulator's plugins of a use of a window: for a program that has windows.
+    pub fn plugins_input(&mut self, input: &Input) {
+        self.with_plugins(|plugins, _| plugins.input(input));
+    }
+
+    /// Closes all plugins: the simulator's, those of objects, of models, of the world, each in the reverse order of
+    /// loading, each once. Dropping the simulation does the same.
+    pub fn close_plugins(&mut self) {
+        self.with_plugins(|plugins, access| plugins.close(access));
+        self.plugins = None;
+    }
+
+    /// Lets plugins work with the physics, and collects what they have to say.
+    fn with_plugins(&mut self, work: impl FnOnce(&mut Plugins, &mut SceneAccess<'_>)) {
+        let Some(plugins) = &mut self.plugins else { return };
+        work(plugins, &mut SceneAccess { physics: &mut self.physics, state: &mut self.plugin_state });
+        self.notices.append(&mut plugins.notices);
+        self.notices.extend(plugins.incoming.lines.try_iter());
+    }
+
+    /// Collects what plugins have said in threads of their own.
+    pub(super) fn hear_plugins(&mut self) {
+        self.with_plugins(|_, _| ());
+    }
+
+    /// Executes what plugins have left since the step before.
+    pub(super) fn execute_posted(&mut self) {
+        self.with_plugins(|plugins, access| {
+            // As many as wait now: a plugin that posts without end holds nothing up.
+            for _ in 0..plugins.incoming.commands.len() {
+                let Ok((plugin, command)) = plugins.incoming.commands.try_recv() else { break };
+                access.act_as(plugin);
+                if let Err(error) = access.execute(&command) {
+                    plugins.notices.push(format!("a command that a plugin left failed: {error}: {command:?}"));
+                }
+            }
+        });
+    }
+
+    /// Whether a plugin asked for a reset.
+    pub(super) fn plugins_want_reset(&self) -> bool {
+        self.plugins.as_ref().is_some_and(|plugins| {
+            let requests = &plugins.shared.requests;
+            requests.reset_world.load(Ordering::Acquire) || requests.reset_bodies.load(Ordering::Acquire)
+        })
+    }
+
+    /// Takes what plugins asked for: reset of the world, of the bodies.
+    pub(super) fn take_plugin_resets(&self) -> Resets {
+        let Some(plugins) = &self.plugins else { return Resets::default() };
+        let requests = &plugins.shared.requests;
+        let world = requests.reset_world.swap(false, Ordering::AcqRel);
+        Resets { world, thorough: false, bodies: requests.reset_bodies.swap(false, Ordering::AcqRel) }
+    }
+
+    /// Takes what plugins asked of the loop: pause or resume, manual steps.
+    pub(super) fn take_plugin_requests(&self) -> (Option<bool>, u32) {
+        let Some(plugins) = &self.plugins else { return (None, 0) };
+        let requests = &plugins.shared.requests;
+        (requests.take_pause(), requests.take_steps())
+    }
+}
+
+/// The entry of a plugin that the command line names.
+fn named_by_itself(path: &Path) -> PluginEntry {
+    let name = path.display().to_string();
+    let source = SourcePos { file: Path::new("--plugins").into(), line: 0, column: 0 };
+    PluginEntry { name, filename: path.to_owned(), path: None, source }
+}
+
+/// The simulation as its plugins can work with it.
+struct SceneAccess<'a> {
+    physics: &'a mut Physics,
+    state: &'a mut PluginState,
+}
+
+impl SceneAccess<'_> {
     fn load_world_plugins(&mut self, plugins: &mut Plugins, report: &mut PluginReport) {
-        let world = Arc::clone(&self.scene.description);
+        let world = Arc::clone(&self.physics.scene.description);
         let source = Some(world.common.source.clone());
         self.load_entries(plugins, &world.common.plugins, (Subject::World, None), source, report);
     }
 
     fn load_model_plugins(&mut self, plugins: &mut Plugins, model: usize, report: &mut PluginReport) {
-        let declared: Vec<_> = self.scene.plugins.iter().filter(|place| place.model == model).cloned().collect();
+        let declared: Vec<_> =
+            self.physics.scene.plugins.iter().filter(|place| place.model == model).cloned().collect();
         for place in declared {
             let subject = place.object.map_or(Subject::Model(model), Subject::Object);
             let source = place.source;
@@ -134,157 +281,36 @@ impl Simulation {
         let directory = source.file.parent().unwrap_or(Path::new("")).to_owned();
         for entry in entries {
             let wanted = Wanted { entry, subject, model, node: node.clone(), directory: directory.clone() };
-            load(plugins, self, wanted, report);
+            self.load(plugins, wanted, report);
         }
     }
 
-    fn arrange_plugins(&self, plugins: &mut Plugins) {
-        let scene = &self.scene;
+    fn arrange(&self, plugins: &mut Plugins) {
+        let scene = &self.physics.scene;
         plugins
             .arrange(|model, object| (scene.models[model].key.clone(), object.map(|object| scene.calling_key(object))));
     }
 
     fn announce(&mut self, plugins: &mut Plugins, model: usize, added: bool) {
         if plugins.watches_models() {
-            let objects = self.scene.objects_of_model(model);
+            let objects = self.physics.scene.objects_of_model(model);
             plugins.model_changed(self, model, &objects, added);
         }
     }
 
-    /// Loads the plugins of a model that was just added; sentences about what is left out.
-    pub(super) fn start_model_plugins(&mut self, model: usize) -> Vec<String> {
-        let mut report = PluginReport::default();
-        self.with_plugins(|simulation, plugins| {
-            simulation.load_model_plugins(plugins, model, &mut report);
-            simulation.announce(plugins, model, true);
-            simulation.arrange_plugins(plugins);
-        });
-        report.problems
-    }
-
-    /// Tells of a model that is about to leave, and closes its plugins.
-    pub(super) fn end_model_plugins(&mut self, model: usize) {
-        self.with_plugins(|simulation, plugins| {
-            simulation.announce(plugins, model, false);
-            plugins.close_model(simulation, model);
-            simulation.arrange_plugins(plugins);
-        });
-        let own: Vec<bool> = self.scene.bodies.iter().map(|body| body.identity.model == model).collect();
-        self.detach_plugins_from(|body| own[body]);
-    }
-
-    /// Undoes what plugins have attached to bodies that are about to leave.
-    pub(super) fn detach_plugins_from(&mut self, is_going: impl Fn(usize) -> bool) {
-        self.detach_where(|attachment| attachment.bodies.iter().any(|&body| is_going(body)));
-    }
-
-    /// Whether plugins are running or were.
-    pub fn has_plugins(&self) -> bool {
-        self.plugins.as_ref().is_some_and(|plugins| !plugins.is_empty())
-    }
-
-    /// Calls all plugins after an [`update`](Self::update) that made a step, in the order of the C++ program: of the
-    /// world, of each model and its objects, of the simulator. Who steps a simulation without a
-    /// [`Runner`](super::Runner) calls this after each step.
-    pub fn update_plugins(&mut self) {
-        for phase in [Phase::World, Phase::Models, Phase::Simulator] {
-            self.update_plugins_of(phase);
-        }
-    }
-
-    pub(super) fn update_plugins_of(&mut self, phase: Phase) {
-        if self.plugins.is_none() {
-            return;
-        }
-        let dt = self.interval;
-        self.with_plugins(|simulation, plugins| {
-            plugins.update(simulation, phase, dt);
-            if phase == Phase::Simulator {
-                let Plugins { incoming, shared, .. } = plugins;
-                incoming.publish(shared, |snapshot| simulation.fill_states(snapshot));
+    fn load(&mut self, plugins: &mut Plugins, wanted: Wanted<'_>, report: &mut PluginReport) {
+        let (entry, subject) = (wanted.entry, wanted.subject);
+        let file = entry.filename.display();
+        match plugins.load(self, wanted) {
+            Ok(()) => report.loaded.push(format!("{} plugin {} ({file})", subject.kind().words(), entry.name)),
+            Err(error) => {
+                report.problems.push(format!("{}: plugin {} ({file}) is left out: {error}", entry.source, entry.name));
             }
-        });
-    }
-
-    pub(super) fn reset_plugins(&mut self) {
-        self.with_plugins(|simulation, plugins| plugins.reset(simulation));
-    }
-
-    /// Calls all plugins after a picture: for a program that has windows.
-    pub fn plugins_after_picture(&mut self) {
-        self.with_plugins(|_, plugins| plugins.graphics_update());
-    }
-
-    /// Tells the simulator's plugins of a use of a window: for a program that has windows.
-    pub fn plugins_input(&mut self, input: &Input) {
-        self.with_plugins(|_, plugins| plugins.input(input));
-    }
-
-    /// Closes all plugins: the simulator's, those of objects, of models, of the world, each in the reverse order of
-    /// loading, each once. Dropping the simulation does the same.
-    pub fn close_plugins(&mut self) {
-        self.with_plugins(|simulation, plugins| plugins.close(simulation));
-        self.plugins = None;
-    }
-
-    /// Lets plugins work with the rest of the simulation, and collects what they have to say.
-    fn with_plugins(&mut self, work: impl FnOnce(&mut Self, &mut Plugins)) {
-        let Some(mut plugins) = self.plugins.take() else { return };
-        work(self, &mut plugins);
-        self.notices.append(&mut plugins.notices);
-        self.notices.extend(plugins.incoming.lines.try_iter());
-        self.plugins = Some(plugins);
-    }
-
-    /// Collects what plugins have said in threads of their own.
-    pub(super) fn hear_plugins(&mut self) {
-        if let Some(plugins) = &self.plugins {
-            self.notices.extend(plugins.incoming.lines.try_iter());
         }
-    }
-
-    /// Executes what plugins have left since the step before.
-    pub(super) fn execute_posted(&mut self) {
-        if self.plugins.as_ref().is_none_or(|plugins| plugins.incoming.commands.is_empty()) {
-            return;
-        }
-        self.with_plugins(|simulation, plugins| {
-            // As many as wait now: a plugin that posts without end holds nothing up.
-            for _ in 0..plugins.incoming.commands.len() {
-                let Ok((plugin, command)) = plugins.incoming.commands.try_recv() else { break };
-                simulation.act_as(plugin);
-                if let Err(error) = Access::execute(simulation, &command) {
-                    simulation.notices.push(format!("a command that a plugin left failed: {error}: {command:?}"));
-                }
-            }
-        });
-    }
-
-    /// Whether a plugin asked for a reset.
-    pub(super) fn plugins_want_reset(&self) -> bool {
-        self.plugins.as_ref().is_some_and(|plugins| {
-            let requests = &plugins.shared.requests;
-            requests.reset_world.load(Ordering::Acquire) || requests.reset_bodies.load(Ordering::Acquire)
-        })
-    }
-
-    /// Takes what plugins asked for: reset of the world, of the bodies.
-    pub(super) fn take_plugin_resets(&self) -> Resets {
-        let Some(plugins) = &self.plugins else { return Resets::default() };
-        let requests = &plugins.shared.requests;
-        let world = requests.reset_world.swap(false, Ordering::AcqRel);
-        Resets { world, thorough: false, bodies: requests.reset_bodies.swap(false, Ordering::AcqRel) }
-    }
-
-    /// Takes what plugins asked of the loop: pause or resume, manual steps.
-    pub(super) fn take_plugin_requests(&self) -> (Option<bool>, u32) {
-        let Some(plugins) = &self.plugins else { return (None, 0) };
-        let requests = &plugins.shared.requests;
-        (requests.take_pause(), requests.take_steps())
     }
 
     fn fill_states(&self, snapshot: &mut StateSnapshot) {
-        let scene = &self.scene;
+        let scene = &self.physics.scene;
         snapshot.clock = Access::clock(self);
         snapshot.bodies.resize(scene.bodies.len(), BodyState::default());
         for (i, state) in snapshot.bodies.iter_mut().enumerate() {
@@ -295,7 +321,7 @@ impl Simulation {
     }
 
     fn joint_state(&self, index: usize) -> JointState {
-        let joint = &self.scene.joints[index];
+        let joint = &self.physics.scene.joints[index];
         let limits = joint.limits.map_or((f64::NEG_INFINITY, f64::INFINITY), |limits| (limits.low, limits.high));
         JointState {
             position: joint.position,
@@ -309,13 +335,13 @@ impl Simulation {
 
     fn live(&self, kind: ObjectType, index: usize) -> Result<(), CommandError> {
         let object = ObjectId { kind, index };
-        self.scene.has_object(object).then_some(()).ok_or(CommandError::NoObject)
+        self.physics.scene.has_object(object).then_some(()).ok_or(CommandError::NoObject)
     }
 
     fn attach(&mut self, body: usize, to: usize) -> Result<u64, CommandError> {
         self.live(ObjectType::Body, body)?;
         self.live(ObjectType::Body, to)?;
-        let Scene { bodies, world, .. } = &mut self.scene;
+        let Scene { bodies, world, .. } = &mut self.physics.scene;
         let [a, b] = [body, to].map(|index| bodies[index].handle);
         let (Some(pose), Some(other)) = (world.pose(a), world.pose(b)) else { return Err(CommandError::NoObject) };
         if body == to {
@@ -330,32 +356,19 @@ impl Simulation {
             disable_collisions: true,
         };
         let constraint = world.add_constraint(a, b, &constraint).ok_or(CommandError::Refused)?;
-        let state = &mut self.plugin_state;
+        let state = &mut self.state;
         state.next_attachment += 1;
         let (number, plugin) = (state.next_attachment, state.caller);
         state.attachments.push(Attachment { number, plugin, bodies: [body, to], constraint });
         Ok(number)
     }
 
-    fn detach_where(&mut self, which: impl Fn(&Attachment) -> bool) -> bool {
-        let before = self.plugin_state.attachments.len();
-        let world = &mut self.scene.world;
-        self.plugin_state.attachments.retain(|attachment| {
-            let goes = which(attachment);
-            if goes {
-                world.remove_constraint(attachment.constraint);
-            }
-            !goes
-        });
-        self.plugin_state.attachments.len() < before
-    }
-
     fn place(&mut self, object: ObjectId, pose: &Isometry3<f64>) -> Result<(), CommandError> {
         self.live(object.kind, object.index)?;
         let attached = match object.kind {
-            ObjectType::Camera => &mut self.scene.cameras[object.index].attached,
-            ObjectType::Light => &mut self.scene.lights[object.index].attached,
-            ObjectType::Ghost => &mut self.scene.ghosts[object.index].attached,
+            ObjectType::Camera => &mut self.physics.scene.cameras[object.index].attached,
+            ObjectType::Light => &mut self.physics.scene.lights[object.index].attached,
+            ObjectType::Ghost => &mut self.physics.scene.ghosts[object.index].attached,
             _ => return Err(CommandError::Refused),
         };
         attached.pose = *pose;
@@ -364,66 +377,49 @@ impl Simulation {
 
     fn pull_node(&mut self, soft: usize, node: usize, goal: Option<Vector3<f64>>) -> Result<(), CommandError> {
         self.live(ObjectType::SoftBody, soft)?;
-        if node >= self.scene.soft_bodies[soft].nodes {
+        let Scene { soft_bodies, world, .. } = &mut self.physics.scene;
+        if node >= soft_bodies[soft].nodes {
             return Err(CommandError::NoObject);
         }
-        self.drag_soft_node(soft, node, goal);
+        world.pull_node(soft_bodies[soft].handle, node, goal);
         Ok(())
     }
 }
 
-/// The entry of a plugin that the command line names.
-fn named_by_itself(path: &Path) -> PluginEntry {
-    let name = path.display().to_string();
-    let source = SourcePos { file: Path::new("--plugins").into(), line: 0, column: 0 };
-    PluginEntry { name, filename: path.to_owned(), path: None, source }
-}
-
-fn load(plugins: &mut Plugins, simulation: &mut Simulation, wanted: Wanted<'_>, report: &mut PluginReport) {
-    let (entry, subject) = (wanted.entry, wanted.subject);
-    let file = entry.filename.display();
-    match plugins.load(simulation, wanted) {
-        Ok(()) => report.loaded.push(format!("{} plugin {} ({file})", subject.kind().words(), entry.name)),
-        Err(error) => {
-            report.problems.push(format!("{}: plugin {} ({file}) is left out: {error}", entry.source, entry.name));
-        }
-    }
-}
-
-impl Access for Simulation {
+impl Access for SceneAccess<'_> {
     fn act_as(&mut self, plugin: u64) {
-        self.plugin_state.caller = plugin;
+        self.state.caller = plugin;
     }
 
     fn release(&mut self, plugin: u64) {
-        self.detach_where(|attachment| attachment.plugin == plugin);
+        self.state.detach_where(&mut self.physics.scene, |attachment| attachment.plugin == plugin);
     }
 
     fn clock(&self) -> Clock {
-        Clock { sim_time: self.sim_time, dt: self.interval, step: self.iteration }
+        Clock { sim_time: self.physics.sim_time, dt: self.physics.interval, step: self.physics.iteration }
     }
 
     fn count(&self, kind: Option<ObjectType>) -> usize {
-        kind.map_or(self.scene.models.len(), |kind| self.scene.object_count(kind))
+        kind.map_or(self.physics.scene.models.len(), |kind| self.physics.scene.object_count(kind))
     }
 
     fn find(&self, kind: Option<ObjectType>, text: &str) -> Option<usize> {
         match kind {
-            Some(kind) => self.scene.find_object(kind, text),
-            None => self.scene.find_any_model(text),
+            Some(kind) => self.physics.scene.find_object(kind, text),
+            None => self.physics.scene.find_any_model(text),
         }
     }
 
     fn text(&self, what: TextOf, kind: Option<ObjectType>, index: usize) -> Option<String> {
         let Some(kind) = kind else {
-            let model = self.scene.models.get(index)?;
+            let model = self.physics.scene.models.get(index)?;
             return Some(match what {
                 TextOf::Name => model.description.name.clone(),
                 TextOf::Identifier => model.key.clone(),
                 TextOf::File => model.description.file.display().to_string(),
             });
         };
-        let (name, identifier) = self.scene.names_of(ObjectId { kind, index })?;
+        let (name, identifier) = self.physics.scene.names_of(ObjectId { kind, index })?;
         match what {
             TextOf::Name => Some(name),
             TextOf::Identifier => Some(identifier),
@@ -432,12 +428,12 @@ impl Access for Simulation {
     }
 
     fn model_of(&self, object: ObjectId) -> Option<usize> {
-        self.scene.model_of(object)
+        self.physics.scene.model_of(object)
     }
 
     fn body(&self, index: usize) -> Option<BodyState> {
-        let world = &self.scene.world;
-        let body = self.scene.bodies.get(index)?;
+        let world = &self.physics.scene.world;
+        let body = self.physics.scene.bodies.get(index)?;
         let (linear_velocity, angular_velocity) = world.velocity(body.handle)?;
         Some(BodyState {
             pose: body.pose(world),
@@ -456,7 +452,7 @@ impl Access for Simulation {
 
     fn pose(&self, object: ObjectId) -> Option<Isometry3<f64>> {
         self.live(object.kind, object.index).ok()?;
-        let (scene, i) = (&self.scene, object.index);
+        let (scene, i) = (&self.physics.scene, object.index);
         let body_pose = |body: usize| scene.bodies[body].pose(&scene.world);
         match object.kind {
             ObjectType::Body => Some(body_pose(i)),
@@ -482,7 +478,7 @@ impl Access for Simulation {
 
     fn values(&self, object: ObjectId, out: &mut Vec<f64>) -> Option<()> {
         self.live(object.kind, object.index).ok()?;
-        let (scene, i) = (&self.scene, object.index);
+        let (scene, i) = (&self.physics.scene, object.index);
         match object.kind {
             ObjectType::Sensor => out.extend(scene.sensors[i].readings().iter().map(|reading| reading.measurement)),
             ObjectType::Ghost => out.extend(scene.ghosts[i].sensed(&scene.bodies).map(|body| body as f64)),
@@ -499,10 +495,10 @@ impl Access for Simulation {
 
     fn cast_ray(&self, from: &Vector3<f64>, to: &Vector3<f64>) -> Option<Hit> {
         let mut hits = [None];
-        self.scene.world.cast_rays(&[Ray { from: *from, to: *to }], &mut hits);
+        self.physics.scene.world.cast_rays(&[Ray { from: *from, to: *to }], &mut hits);
         let hit = hits[0]?;
         let body = match hit.target {
-            RayTarget::Body(handle) => self.scene.bodies.index_of(handle),
+            RayTarget::Body(handle) => self.physics.scene.bodies.index_of(handle),
             RayTarget::SoftBody(_) | RayTarget::Other => None,
         };
         Some(Hit { body, point: hit.point, normal: hit.normal, fraction: hit.fraction })
@@ -511,9 +507,9 @@ impl Access for Simulation {
     fn contacts(&self, body: usize, out: &mut Vec<Touch>) -> Option<()> {
         self.live(ObjectType::Body, body).ok()?;
         let mut contacts = Vec::new();
-        self.scene.world.contacts(self.scene.bodies[body].handle, f64::INFINITY, &mut contacts);
+        self.physics.scene.world.contacts(self.physics.scene.bodies[body].handle, f64::INFINITY, &mut contacts);
         out.extend(contacts.iter().map(|contact| Touch {
-            body: self.scene.bodies.index_of(contact.other),
+            body: self.physics.scene.bodies.index_of(contact.other),
             point: contact.point,
             normal: contact.normal,
             distance: contact.distance,
@@ -529,27 +525,28 @@ impl Access for Simulation {
         match *command {
             Command::Wrench { body, force, torque } => {
                 self.live(ObjectType::Body, body)?;
-                self.apply_wrench(body, force, torque);
+                self.physics.command_body(body, &RigidBodyCommand::wrench(force, torque));
             }
             Command::Velocity { body, linear, angular } => {
                 self.live(ObjectType::Body, body)?;
-                self.set_velocity(body, linear, angular);
+                self.physics.command_body(body, &RigidBodyCommand::velocity(linear, angular));
             }
             Command::Pose { body, pose } => {
                 self.live(ObjectType::Body, body)?;
-                let Scene { bodies, world, .. } = &mut self.scene;
+                let Scene { bodies, world, .. } = &mut self.physics.scene;
                 world.set_pose(bodies[body].handle, &(pose * bodies[body].inertial_offset));
             }
             Command::FollowPose { body, pose } => {
                 self.live(ObjectType::Body, body)?;
-                self.follow_pose(body, pose.translation.vector, pose.rotation.coords.into());
+                let command = RigidBodyCommand::pose(pose.translation.vector, pose.rotation.coords.into());
+                self.physics.command_body(body, &command);
             }
             Command::Joint { joint, kind, value } => {
                 self.live(ObjectType::Joint, joint)?;
                 if matches!(kind, JointCommandType::Unknown(_)) {
                     return Err(CommandError::Unknown);
                 }
-                self.order_joint(joint, kind, value);
+                self.physics.order_joint(joint, kind, value);
             }
             Command::Place { object, pose } => self.place(object, &pose)?,
             Command::Hold { actuator, body } => {
@@ -557,29 +554,30 @@ impl Access for Simulation {
                 if let Some(body) = body {
                     self.live(ObjectType::Body, body)?;
                 }
-                self.scene.hold_with_actuator(actuator, body);
+                self.physics.scene.hold_with_actuator(actuator, body);
             }
             Command::Drive { vehicle, wheel, steering, power, brake } => {
                 self.live(ObjectType::Vehicle, vehicle)?;
-                let Scene { vehicles, world, .. } = &mut self.scene;
+                let Scene { vehicles, world, .. } = &mut self.physics.scene;
                 if !vehicles[vehicle].drive_wheel(world, wheel, steering, power, brake) {
                     return Err(CommandError::NoObject);
                 }
             }
             Command::SoftForce { soft, force } => {
                 self.live(ObjectType::SoftBody, soft)?;
-                self.scene.world.apply_soft_force(self.scene.soft_bodies[soft].handle, &force);
+                self.physics.scene.world.apply_soft_force(self.physics.scene.soft_bodies[soft].handle, &force);
             }
             Command::PullNode { soft, node, goal } => self.pull_node(soft, node, goal)?,
             Command::Attach { body, to } => return self.attach(body, to),
             Command::Detach { attachment } => {
-                let plugin = self.plugin_state.caller;
-                if !self.detach_where(|own| own.number == attachment && own.plugin == plugin) {
+                let plugin = self.state.caller;
+                let is_own = |own: &Attachment| own.number == attachment && own.plugin == plugin;
+                if !self.state.detach_where(&mut self.physics.scene, is_own) {
                     return Err(CommandError::NoObject);
                 }
             }
             Command::ResetWorld | Command::ResetBodies | Command::Pause(_) | Command::Step(_) => {
-                if let Some(shared) = &self.plugin_state.shared {
+                if let Some(shared) = &self.state.shared {
                     shared.requests.keep(command);
                 }
             }

@@ -12,7 +12,6 @@ use super::statistics::StepStatistics;
 use super::{LostState, Simulation};
 use crate::comm::{Activity, Timing};
 use crate::device::timing::Pacer;
-use crate::plugin::run::Phase;
 
 /// How the loop keeps time.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -214,12 +213,7 @@ impl PhysicsLoop {
         request_short_slices();
         let mut pacer = Pacer::new(Duration::from_secs_f64(1.0 / self.options.frequency), MAX_LAG);
         while !self.control.is_stopping() {
-            if self.simulation.do_requested_resets() {
-                self.resume_after_reset();
-            }
-            if self.simulation.do_requested_changes() {
-                self.show_changes();
-            }
+            self.serve_requests();
             self.obey_plugins();
             self.simulation.pause_devices(self.control.is_paused());
             if self.control.is_paused() && !self.control.take_manual_step() {
@@ -229,7 +223,9 @@ impl PhysicsLoop {
                 continue;
             }
             self.simulation.tell_activity(Activity::Runs);
-            self.iterate();
+            if let Err(problem) = self.iterate() {
+                self.pause_lost(problem);
+            }
             // With fixed steps a client that orders them gets them as fast as they can be made.
             if !(self.options.fixed_step && self.simulation.is_stepped_by_orders()) {
                 pacer.wait();
@@ -239,18 +235,14 @@ impl PhysicsLoop {
         self.simulation
     }
 
-    /// One physics iteration.
-    fn iterate(&mut self) {
+    /// One iteration, if its interval is above 0. It ends early when the state is lost.
+    fn iterate(&mut self) -> Result<(), LostState> {
         let begin = Instant::now();
         let interval = self.choose_interval(begin);
         if interval <= 0.0 {
-            return;
+            return Ok(());
         }
-        if let Err(problem) = self.simulation.update(interval) {
-            self.pause_lost(problem);
-            return;
-        }
-        self.simulation.update_plugins_of(Phase::World);
+        self.simulation.advance(interval)?;
         let stepped = begin.elapsed();
         if self.simulation.is_held_by_clients() && self.simulation.sim_step() == 1 {
             // Held from the start: clients have to see what there is.
@@ -258,15 +250,11 @@ impl PhysicsLoop {
         }
         self.hold_for_clients();
         let resumed = Instant::now();
-        let wall = resumed - self.start;
-        self.simulation.update_plugins_of(Phase::Models);
-        if let Err(problem) = self.simulation.execute_commands() {
-            self.pause_lost(problem);
-            return;
-        }
-        self.publish(wall);
-        self.simulation.note_published();
-        self.simulation.update_plugins_of(Phase::Simulator);
+        let (wall, timing) = (resumed - self.start, self.timing());
+        self.simulation.exchange(|simulation| {
+            simulation.publish(wall.as_secs_f64(), timing);
+            simulation.note_published();
+        })?;
         if let Some(why) = self.simulation.record_history() {
             self.tell(Event::Notice(why));
         }
@@ -277,6 +265,20 @@ impl PhysicsLoop {
             self.simulation.learn_cost(cost);
         }
         self.report_loss(wall);
+        Ok(())
+    }
+
+    /// Does the resets and changes that clients, plugins and windows asked for; true if there were any.
+    fn serve_requests(&mut self) -> bool {
+        let reset = self.simulation.do_requested_resets();
+        if reset {
+            self.resume_after_reset();
+        }
+        let changed = self.simulation.do_requested_changes();
+        if changed {
+            self.show_changes();
+        }
+        reset || changed
     }
 
     /// What plugins ask of the loop, and what they have to say while nothing moves.
@@ -336,12 +338,7 @@ impl PhysicsLoop {
             if self.control.is_stopping() {
                 break;
             }
-            let (reset, changed) = (self.simulation.do_requested_resets(), self.simulation.do_requested_changes());
-            if reset {
-                self.resume_after_reset();
-            } else if changed {
-                self.show_changes();
-            } else if !self.simulation.is_held_by_clients() {
+            if !self.serve_requests() && !self.simulation.is_held_by_clients() {
                 break;
             }
         }

@@ -2,6 +2,7 @@
 
 use super::cap::SubStepCap;
 use super::commands::{Link, SavedCommands};
+use super::physics::Physics;
 use super::plugins::Attachment;
 use super::targets::ActiveTargets;
 use super::window::Picking;
@@ -69,6 +70,17 @@ impl Simulation {
         let Self {
             plugins: _,
             plugin_state,
+            physics,
+            link,
+            // What others have asked for or are to be told.
+            requests: _,
+            window: _,
+            recording: _,
+            notices: _,
+            picking,
+            devices,
+        } = self;
+        let Physics {
             scene,
             sub_step: _,
             bounds: _,
@@ -85,16 +97,8 @@ impl Simulation {
             // Read anew in each update.
             joint_buffer: _,
             wrenches,
-            link,
-            // What others have asked for or are to be told.
-            requests: _,
-            window: _,
-            recording: _,
-            notices: _,
-            picking,
             targets,
-            devices,
-        } = self;
+        } = physics;
         Ok(SavedState {
             scene: scene.save()?,
             cap: cap.clone(),
@@ -121,20 +125,21 @@ impl Simulation {
     /// [`StateError::Changed`] when models or devices were added or removed since; [`StateError::TooLarge`]. Nothing
     /// has changed then.
     pub fn restore(&mut self, saved: &SavedState) -> Result<(), StateError> {
-        self.scene.restore(&saved.scene)?;
-        self.cap.clone_from(&saved.cap);
-        self.sim_time = saved.sim_time;
-        (self.dt, self.interval) = (saved.dt, saved.interval);
-        self.iteration = saved.iteration;
-        (self.lost_time, self.due) = (saved.lost_time, saved.due);
-        self.wrenches.clone_from(&saved.wrenches);
+        let physics = &mut self.physics;
+        physics.scene.restore(&saved.scene)?;
+        physics.cap.clone_from(&saved.cap);
+        physics.sim_time = saved.sim_time;
+        (physics.dt, physics.interval) = (saved.dt, saved.interval);
+        physics.iteration = saved.iteration;
+        (physics.lost_time, physics.due) = (saved.lost_time, saved.due);
+        physics.wrenches.clone_from(&saved.wrenches);
+        physics.targets.restore(&saved.targets);
         if let Some(link) = &mut self.link {
             link.restore(&saved.commands);
         }
         // Whoever held something then does not any more.
         self.picking.clone_from(&saved.picking);
         self.release_picked();
-        self.targets.restore(&saved.targets);
         self.plugin_state.restore(&saved.attachments);
         if let Some(devices) = &mut self.devices {
             devices.restore(&saved.devices);
@@ -167,8 +172,8 @@ mod tests {
 
     fn run(simulation: &mut Simulation, steps: u32) {
         for step in 0..steps {
-            for body in 0..simulation.scene.bodies.len() {
-                for joint in 0..simulation.scene.active_joints(body).len() {
+            for body in 0..simulation.physics.scene.bodies.len() {
+                for joint in 0..simulation.physics.scene.active_joints(body).len() {
                     let goal = 0.3 * f64::from(step).sin();
                     simulation.command_joint(body, joint, JointCommandType::Position, goal);
                 }
@@ -211,7 +216,8 @@ mod tests {
         let mut simulation = simulation("pendulum.yaml", Profile::Legacy);
         let hub = simulation.connect();
         let objects = hub.objects().clone();
-        let is_body = |kind: &ObjectKind| matches!(kind, ObjectKind::RigidBody(body, _) if !simulation.scene.active_joints(*body).is_empty());
+        let joints = |body: &usize| simulation.physics.scene.active_joints(*body);
+        let is_body = |kind: &ObjectKind| matches!(kind, ObjectKind::RigidBody(body, _) if !joints(body).is_empty());
         let (object, _) = objects.entries().find(|(_, object)| is_body(&object.info.kind)).expect("a body with joints");
         let push = |effort: f64| {
             let command = RigidBodyCommand {
@@ -224,7 +230,7 @@ mod tests {
         let step = |simulation: &mut Simulation| {
             simulation.execute_commands().expect("finite");
             simulation.update(0.001).expect("finite");
-            simulation.scene.joints[0].position
+            simulation.physics.scene.joints[0].position
         };
         let without = simulation.save().expect("savable");
         push(3.0);

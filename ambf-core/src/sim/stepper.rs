@@ -5,7 +5,6 @@ use std::sync::Arc;
 use super::{Control, LostState, Models, SavedState, Simulation, WindowLink};
 use crate::bullet::{SolverStatistics, StateError};
 use crate::comm::{ActuatorCommand, Hub, HubIndex, ObjectList, RigidBodyCommand, Snapshot, Timing};
-use crate::plugin::run::Phase;
 use crate::scene::VisualScene;
 
 /// A simulation without a clock and without threads of its own: it moves in [`step`](Self::step) and nowhere else.
@@ -16,13 +15,32 @@ use crate::scene::VisualScene;
 /// iterations is what the n-th publishes. Commands stay in force until they are changed: there is no watchdog.
 pub struct Stepper {
     simulation: Simulation,
-    hub: Arc<Hub>,
     interval: f64,
-    snapshot: Snapshot,
+    published: Published,
     lost: Option<LostState>,
     notices: Vec<String>,
+}
+
+/// Where a [`Stepper`] publishes.
+struct Published {
+    snapshot: Snapshot,
+    hub: Arc<Hub>,
     /// Windows show what is published.
     is_shown: bool,
+}
+
+impl Published {
+    fn publish(&mut self, simulation: &mut Simulation) {
+        simulation.physics.fill(&mut self.snapshot, 0.0, Timing::default());
+        self.show(simulation);
+    }
+
+    /// Lets windows see the present states.
+    fn show(&self, simulation: &mut Simulation) {
+        if self.is_shown {
+            simulation.publish(self.hub.now().as_secs_f64(), Timing::default());
+        }
+    }
 }
 
 /// What windows of a [`Stepper`] work with.
@@ -67,11 +85,10 @@ impl Stepper {
         let hub = simulation.connect();
         simulation.set_nominal_frequency(1.0 / interval);
         let snapshot = simulation.scene().snapshot(simulation.wrenches());
-        let mut stepper =
-            Self { simulation, hub, interval, snapshot, lost: None, notices: Vec::new(), is_shown: false };
-        stepper.update();
-        stepper.publish();
-        stepper
+        let mut published = Published { snapshot, hub, is_shown: false };
+        let lost = simulation.advance(interval).err();
+        published.publish(&mut simulation);
+        Self { simulation, interval, published, lost, notices: Vec::new() }
     }
 
     /// The simulation.
@@ -91,37 +108,37 @@ impl Stepper {
 
     /// All objects that have a State and a Command; positions in this list name them below.
     pub fn objects(&self) -> Arc<ObjectList> {
-        Arc::clone(&self.hub.objects())
+        Arc::clone(&self.published.hub.objects())
     }
 
     /// The states that the latest iteration published.
     pub fn snapshot(&self) -> &Snapshot {
-        &self.snapshot
+        &self.published.snapshot
     }
 
     /// What windows need. From now on they see each publication; those who had an earlier link are cut off.
     pub fn window(&mut self) -> StepperWindow {
-        self.is_shown = true;
-        self.hub.set_listening();
+        self.published.is_shown = true;
+        self.published.hub.set_listening();
         let link = self.simulation.window_link();
         let models = self.simulation.models();
         // Nobody will answer, so that asking fails at once.
         self.simulation.refuse_models();
-        self.show();
-        StepperWindow { hub: Arc::clone(&self.hub), link, control: Arc::default(), models }
+        self.published.show(&mut self.simulation);
+        StepperWindow { hub: Arc::clone(&self.published.hub), link, control: Arc::default(), models }
     }
 
     /// Does what was asked for in windows: cameras are moved, bodies held. It is done in each iteration, and has to be
     /// called when there are none for a while. Costs next to nothing when there is nothing to do.
     pub fn serve_window(&mut self) {
-        if self.is_shown && self.simulation.do_requested_changes() {
-            self.show();
+        if self.published.is_shown && self.simulation.do_requested_changes() {
+            self.published.show(&mut self.simulation);
         }
     }
 
     /// What can be drawn of the scene; another value whenever the scene has changed.
     pub fn visuals(&self) -> Option<Arc<VisualScene>> {
-        self.hub.visuals()
+        self.published.hub.visuals()
     }
 
     /// The command in force for a body, to be changed. `None` when the object at that position is no body.
@@ -154,20 +171,21 @@ impl Stepper {
                 return Err(problem.clone());
             }
             self.serve_window();
-            self.simulation.update_plugins_of(Phase::Models);
-            if let Err(problem) = self.simulation.execute_commands() {
+            let mut is_last = false;
+            let outcome = self.simulation.exchange(|simulation| {
+                is_last = made == steps || !go_on();
+                if is_last {
+                    self.published.publish(simulation);
+                }
+            });
+            if let Err(problem) = outcome {
                 self.lost = Some(problem.clone());
                 return Err(problem);
             }
-            let is_last = made == steps || !go_on();
-            if is_last {
-                self.publish();
-            }
-            self.simulation.update_plugins_of(Phase::Simulator);
             self.hear();
             // Plugins may ask for resets.
             self.simulation.do_requested_resets();
-            self.update();
+            self.lost = self.simulation.advance(self.interval).err();
             if is_last {
                 return Ok(made);
             }
@@ -180,7 +198,7 @@ impl Stepper {
     pub fn reset(&mut self) {
         self.simulation.reset_thoroughly();
         self.lost = None;
-        self.publish();
+        self.published.publish(&mut self.simulation);
     }
 
     /// Saves everything: see [`Simulation::save`]; it is at rest.
@@ -189,7 +207,7 @@ impl Stepper {
     /// Those of [`Simulation::save`].
     pub fn save(&self) -> Result<StepperState, StateError> {
         let simulation = Arc::new(self.simulation.save()?);
-        Ok(StepperState { simulation, snapshot: self.snapshot.clone(), lost: self.lost.clone() })
+        Ok(StepperState { simulation, snapshot: self.published.snapshot.clone(), lost: self.lost.clone() })
     }
 
     /// Brings everything back to a saved state, commands in force and what was published too.
@@ -198,9 +216,9 @@ impl Stepper {
     /// Those of [`Simulation::restore`]; nothing has changed then.
     pub fn restore(&mut self, state: &StepperState) -> Result<(), StateError> {
         self.simulation.restore(&state.simulation)?;
-        self.snapshot.clone_from(&state.snapshot);
+        self.published.snapshot.clone_from(&state.snapshot);
         self.lost.clone_from(&state.lost);
-        self.show();
+        self.published.show(&mut self.simulation);
         Ok(())
     }
 
@@ -219,26 +237,6 @@ impl Stepper {
         let heard = self.simulation.take_notices();
         let room = MOST_NOTICES.saturating_sub(self.notices.len());
         self.notices.extend(heard.into_iter().take(room));
-    }
-
-    fn update(&mut self) {
-        match self.simulation.update(self.interval) {
-            Ok(()) => self.simulation.update_plugins_of(Phase::World),
-            Err(problem) => self.lost = Some(problem),
-        }
-    }
-
-    fn publish(&mut self) {
-        self.simulation.fill(&mut self.snapshot, 0.0, Timing::default());
-        self.show();
-    }
-
-    /// Lets windows see the present states.
-    fn show(&mut self) {
-        if self.is_shown {
-            let wall_time = self.hub.now().as_secs_f64();
-            self.simulation.publish(wall_time, Timing::default());
-        }
     }
 }
 

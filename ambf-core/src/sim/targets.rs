@@ -1,6 +1,5 @@
 //! Sub-steps of the accurate profile: what was commanded is executed before each.
 
-use super::Simulation;
 use crate::control::Profile;
 use crate::scene::{Scene, SubSteps};
 
@@ -51,16 +50,5 @@ impl ActiveTargets {
         self.joints.retain(|&joint| joints[joint].end_update(done));
         self.bodies.retain(|&body| bodies[body].end_update(done));
         due
-    }
-}
-
-impl Simulation {
-    /// Lets go of all joints and bodies that controllers hold.
-    pub(super) fn release_drives(&mut self) {
-        let Scene { world, joints, bodies, profile, .. } = &mut self.scene;
-        if *profile == Profile::Accurate {
-            joints.iter_mut().for_each(|joint| joint.let_go(world));
-            bodies.iter_mut().for_each(|body| body.let_go(world));
-        }
     }
 }

@@ -209,31 +209,29 @@ impl Simulation {
 
     /// Physics thread: does what windows have asked for; true if there was anything that others can see.
     pub(super) fn serve_window(&mut self) -> bool {
-        let Some(window) = self.window.take() else { return false };
         let mut seen = false;
         // As many as wait now, so that nobody holds the simulation up.
-        for _ in 0..window.requests.len() {
-            let Ok(request) = window.requests.try_recv() else { break };
+        for _ in 0..self.window.as_ref().map_or(0, |window| window.requests.len()) {
+            let Some(Ok(request)) = self.window.as_ref().map(|window| window.requests.try_recv()) else { break };
             seen |= !matches!(request, WindowRequest::Drawn | WindowRequest::Input(_));
-            if let Some(answer) = self.do_for_window(request) {
+            if let (Some(answer), Some(window)) = (self.do_for_window(request), &self.window) {
                 // Nobody reads answers: nobody waits for this one either.
                 let _ = window.answers.try_send(answer);
             }
         }
-        self.window = Some(window);
         seen
     }
 
     fn do_for_window(&mut self, request: WindowRequest) -> Option<WindowAnswer> {
         match request {
             WindowRequest::MoveCamera { camera, gesture } => {
-                self.scene.cameras.get_mut(camera)?.follow_gesture(gesture);
+                self.physics.scene.cameras.get_mut(camera)?.follow_gesture(gesture);
             }
             WindowRequest::PlaceCamera { camera, pose, distance } => self.place_camera(camera, &pose, distance),
-            WindowRequest::ResetCameras => self.scene.reset_cameras(),
+            WindowRequest::ResetCameras => self.physics.scene.reset_cameras(),
             WindowRequest::Gravity(on) => {
-                let gravity = if on { self.scene.gravity } else { Vector3::zeros() };
-                self.scene.world.set_gravity(gravity);
+                let gravity = if on { self.physics.scene.gravity } else { Vector3::zeros() };
+                self.physics.scene.world.set_gravity(gravity);
             }
             WindowRequest::Pick { origin, direction } => {
                 self.release_picked();
@@ -256,9 +254,9 @@ impl Simulation {
         if !is_place {
             return;
         }
-        let Some(parent) = self.scene.cameras.get(camera).map(|camera| camera.attached.parent) else { return };
-        let parent = self.scene.global_pose(parent, &Isometry3::identity());
-        self.scene.cameras[camera].look_from(&(parent.inverse() * pose), distance);
+        let Some(parent) = self.physics.scene.cameras.get(camera).map(|camera| camera.attached.parent) else { return };
+        let parent = self.physics.scene.global_pose(parent, &Isometry3::identity());
+        self.physics.scene.cameras[camera].look_from(&(parent.inverse() * pose), distance);
     }
 
     /// Takes hold of what a ray meets first, of rigid and soft bodies; `direction` is of unit length, world axes. What
@@ -271,10 +269,10 @@ impl Simulation {
             return Picked::Nothing;
         }
         let mut hits = [None];
-        self.scene.world.cast_rays(&[Ray { from: *origin, to: origin + direction * REACH }], &mut hits);
+        self.physics.scene.world.cast_rays(&[Ray { from: *origin, to: origin + direction * REACH }], &mut hits);
         let Some(hit) = hits[0] else { return Picked::Nothing };
         let distance = (hit.point - origin).norm();
-        let Scene { world, bodies, soft_bodies, .. } = &mut self.scene;
+        let Scene { world, bodies, soft_bodies, .. } = &mut self.physics.scene;
         let (what, picked) = match hit.target {
             RayTarget::Body(handle) => {
                 let (Some(index), Some(pose)) = (bodies.index_of(handle), world.pose(handle)) else {
@@ -317,10 +315,10 @@ impl Simulation {
         }
         match held.what {
             Hold::Grip { grip, .. } => {
-                self.scene.world.move_grip(grip, &goal);
+                self.physics.scene.world.move_grip(grip, &goal);
             }
             Hold::Carried { body, offset } => {
-                let Scene { bodies, world, .. } = &mut self.scene;
+                let Scene { bodies, world, .. } = &mut self.physics.scene;
                 if let Some(mut pose) = world.pose(bodies[body].handle) {
                     pose.translation.vector = goal + offset;
                     world.set_pose(bodies[body].handle, &pose);
@@ -334,7 +332,7 @@ impl Simulation {
     pub fn release_picked(&mut self) {
         match self.picking.0.take().map(|held| held.what) {
             Some(Hold::Grip { grip, .. }) => {
-                self.scene.world.remove_constraint(grip);
+                self.physics.scene.world.remove_constraint(grip);
             }
             Some(Hold::Node { soft, node }) => self.drag_soft_node(soft, node, None),
             Some(Hold::Carried { .. }) | None => (),
@@ -344,8 +342,8 @@ impl Simulation {
     /// Lets go of what is held if it, or part of it, is `is_going`.
     pub(super) fn release_picked_of(&mut self, is_going: impl Fn(&Scene, bool, usize) -> bool) {
         let goes = self.picking.0.as_ref().is_some_and(|held| match held.what {
-            Hold::Grip { body, .. } | Hold::Carried { body, .. } => is_going(&self.scene, false, body),
-            Hold::Node { soft, .. } => is_going(&self.scene, true, soft),
+            Hold::Grip { body, .. } | Hold::Carried { body, .. } => is_going(&self.physics.scene, false, body),
+            Hold::Node { soft, .. } => is_going(&self.physics.scene, true, soft),
         });
         if goes {
             self.release_picked();
@@ -357,19 +355,19 @@ impl Simulation {
     /// # Errors
     /// A sentence when there is no such body, or no longer.
     pub fn remove_body(&mut self, body: usize) -> Result<Arc<str>, String> {
-        let Some(name) = self.scene.bodies.get(body).map(|body| body.identity.communication_name()) else {
+        let Some(name) = self.physics.scene.bodies.get(body).map(|body| body.identity.communication_name()) else {
             return Err("there is no such body".into());
         };
-        if self.scene.body_is_gone(body) {
+        if self.physics.scene.body_is_gone(body) {
             return Err(format!("body `{name}` was removed before"));
         }
         self.release_picked_of(|_, is_soft, index| !is_soft && index == body);
         self.detach_plugins_from(|index| index == body);
-        self.scene.remove_body(body);
+        self.physics.scene.remove_body(body);
         self.grow();
         if let Some(link) = &mut self.link {
-            link.remove_objects(&self.scene);
-            link.follow_scene(&self.scene, &self.wrenches);
+            link.remove_objects(&self.physics.scene);
+            link.follow_scene(&self.physics.scene, &self.physics.wrenches);
         }
         Ok(name.into())
     }
@@ -539,7 +537,7 @@ mod tests {
             let handle = simulation.scene().bodies[index].handle;
             let pose = simulation.scene().world.pose(handle).unwrap();
             let raised = Isometry3::translation(0.0, 0.0, 3.0) * pose;
-            simulation.scene.world.set_pose(handle, &raised);
+            simulation.physics.scene.world.set_pose(handle, &raised);
             steps(simulation, 100);
             raised.translation.z - simulation.scene().world.pose(handle).unwrap().translation.z
         };

@@ -134,8 +134,7 @@ fn sequential(mut simulation: Simulation, fleet: &Fleet, fixed_step: bool, effor
             simulation.follow_pose(line.body, output.reference.translation.vector, rotation);
         }
         let lag = (begin.elapsed().as_secs_f64() - simulation.sim_time()).clamp(SUB_STEP, limit);
-        simulation.update(lag).expect("a finite state");
-        simulation.update_plugins();
+        simulation.iterate(lag).expect("a finite state");
         let now = Instant::now();
         if valid {
             let since = *all_there.get_or_insert(now);

@@ -1,0 +1,71 @@
+//! The order of an iteration: nowhere else is it decided what comes before what.
+//!
+//! An iteration has two halves. [`Simulation::advance`] moves everything by one interval; [`Simulation::exchange`] then
+//! takes commands and publishes states. So a command acts from the next update on, and what is published is the state
+//! before it acts, as in the C++ program. Clients that throttle the simulation hold it between the halves. Who repeats
+//! iterations chooses interval and moment, and where to rest: a [`Runner`](super::Runner) before the first half, a
+//! [`Stepper`](super::Stepper) between them.
+
+use std::time::SystemTime;
+
+use super::{LostState, Simulation};
+use crate::plugin::run::Phase;
+
+impl Simulation {
+    /// One iteration of `interval` s, for callers that step a simulation themselves: [`update`](Self::update), plugins
+    /// of the world, those of models and objects, commands from the [hub](Self::connect), plugins of the simulator.
+    /// Nothing is published. Nothing happens for an interval that is not positive.
+    ///
+    /// # Errors
+    /// Those of [`update`](Self::update).
+    pub fn iterate(&mut self, interval: f64) -> Result<(), LostState> {
+        if interval.is_nan() || interval <= 0.0 {
+            return Ok(());
+        }
+        self.advance(interval)?;
+        self.exchange(|_| ())
+    }
+
+    /// First half of an iteration.
+    ///
+    /// # Errors
+    /// Those of [`update`](Self::update); plugins are not called then.
+    pub(super) fn advance(&mut self, interval: f64) -> Result<(), LostState> {
+        self.update(interval)?;
+        self.update_plugins(Phase::World);
+        Ok(())
+    }
+
+    /// Second half of an iteration. `publish` shows the present state to whom it concerns.
+    ///
+    /// # Errors
+    /// Those of `execute_commands`; nothing is published then.
+    pub(super) fn exchange(&mut self, publish: impl FnOnce(&mut Self)) -> Result<(), LostState> {
+        self.update_plugins(Phase::Models);
+        self.execute_commands()?;
+        publish(self);
+        self.update_plugins(Phase::Simulator);
+        Ok(())
+    }
+
+    /// Advances by `interval` s and brings what follows from Bullet's step up to date: joints, efforts, wrenches.
+    /// Nothing happens for an interval that is not positive. No plugin is called.
+    ///
+    /// # Errors
+    /// [`LostState`]: the state is lost, the caller should stop or reset.
+    pub fn update(&mut self, interval: f64) -> Result<(), LostState> {
+        if interval.is_nan() || interval <= 0.0 {
+            return Ok(());
+        }
+        self.do_plugin_resets();
+        self.execute_posted();
+        self.physics.begin_update(interval);
+        self.drive_devices();
+        self.physics.step();
+        self.physics.stamp = self.is_listened_to().then(SystemTime::now);
+        self.physics.observe();
+        self.check_state()?;
+        self.tell_devices();
+        Ok(())
+    }
+}

@@ -1,0 +1,239 @@
+//! A scene in time: what a step does to it, and what commands do to it.
+
+use std::time::{Duration, Instant, SystemTime};
+
+use nalgebra::Vector3;
+
+use super::cap::SubStepCap;
+use super::targets::ActiveTargets;
+use crate::bullet::PlausibleBounds;
+use crate::comm::{
+    ActuatorCommand, CartesianCommandType, JointCommandType, RigidBodyCommand, Snapshot, Timing, VehicleCommand, Wrench,
+};
+use crate::control::Profile;
+use crate::scene::{Scene, Sensor};
+
+/// The part of a [`Simulation`](super::Simulation) that moves. It knows nothing of clients, devices, plugins and
+/// windows; these work on it.
+pub(super) struct Physics {
+    pub scene: Scene,
+    pub sub_step: f64,
+    pub bounds: PlausibleBounds,
+    pub cap: SubStepCap,
+    pub sim_time: f64,
+    /// Interval before the present one, s: what object updates, controllers and plugins get.
+    pub dt: f64,
+    pub interval: f64,
+    pub iteration: u64,
+    pub lost_time: f64,
+    /// Sub-steps that the latest update should have done.
+    pub due: u32,
+    pub bullet_time: Duration,
+    /// When the latest update was; taken where somebody listens.
+    pub stamp: Option<SystemTime>,
+    pub joint_buffer: Vec<f64>,
+    pub wrenches: Vec<Wrench>,
+    pub targets: ActiveTargets,
+}
+
+impl Physics {
+    pub fn new(scene: Scene, sub_step: f64) -> Self {
+        let (wanted, usual) = (&scene.description.physics, PlausibleBounds::default());
+        let bounds = PlausibleBounds {
+            speed: wanted.largest_speed.unwrap_or(usual.speed),
+            distance: wanted.largest_distance.unwrap_or(usual.distance),
+        };
+        let mut physics = Self {
+            sub_step,
+            bounds,
+            cap: SubStepCap::new(scene.max_sub_steps),
+            sim_time: 0.0,
+            dt: 0.0,
+            interval: 0.0,
+            iteration: 0,
+            lost_time: 0.0,
+            due: 0,
+            bullet_time: Duration::ZERO,
+            stamp: None,
+            joint_buffer: Vec::new(),
+            wrenches: Vec::new(),
+            targets: ActiveTargets::default(),
+            scene,
+        };
+        physics.grow();
+        physics
+    }
+
+    /// Makes place for what the scene has now.
+    pub fn grow(&mut self) {
+        self.targets.reserve(&self.scene);
+        self.joint_buffer.resize(self.scene.world.constraints().len(), 0.0);
+        if self.scene.has_feedback {
+            self.wrenches.resize(self.scene.bodies.len(), Wrench::default());
+        }
+    }
+
+    /// Counts an update of `interval` s that begins.
+    pub fn begin_update(&mut self, interval: f64) {
+        self.iteration += 1;
+        self.dt = self.interval;
+        self.interval = interval;
+    }
+
+    /// Steps the world by the interval of this update.
+    pub fn step(&mut self) {
+        let cap = self.cap.get();
+        let begin = Instant::now();
+        self.due = self.targets.step(&mut self.scene, self.interval, cap, self.sub_step);
+        self.bullet_time += begin.elapsed();
+        self.lost_time += f64::from(self.due.saturating_sub(cap)) * self.sub_step;
+        self.sim_time += self.interval;
+    }
+
+    /// Brings what follows from a step up to date: joints, efforts, wrenches, then ghost objects, sensors, vehicles.
+    pub fn observe(&mut self) {
+        self.scene.observe_joints(self.dt, &mut self.joint_buffer);
+        if self.scene.has_feedback {
+            self.estimate_efforts();
+        }
+        self.scene.update_elements(self.sub_step, self.interval.max(self.sub_step));
+    }
+
+    /// Sums the reactions of all joints with feedback on their bodies, each in the body's inertial frame.
+    fn estimate_efforts(&mut self) {
+        self.wrenches.fill(Wrench::default());
+        let Scene { joints, bodies, world, .. } = &mut self.scene;
+        for joint in joints.iter_mut().filter(|joint| joint.feedback) {
+            let Some(reaction) = joint.handle.and_then(|handle| world.joint_wrench(handle)) else { continue };
+            let mut local = |body: usize, force: &Vector3<f64>, torque: &Vector3<f64>| {
+                let to_body = world.pose(bodies[body].handle).map(|pose| pose.rotation.inverse()).unwrap_or_default();
+                let wrench = &mut self.wrenches[body];
+                wrench.force += to_body * force;
+                wrench.torque += to_body * torque;
+                (to_body * force, to_body * torque)
+            };
+            let (force, torque) = local(joint.parent, &reaction.force_a, &reaction.torque_a);
+            local(joint.child, &reaction.force_b, &reaction.torque_b);
+            joint.estimate_effort(&force, &torque);
+        }
+    }
+
+    /// Iterations that stepped. Wraps like the counter on the wire.
+    pub fn sim_step(&self) -> u32 {
+        self.iteration as u32
+    }
+
+    /// Fills a snapshot with the state of this moment; `wall_time` in s.
+    pub fn fill(&self, snapshot: &mut Snapshot, wall_time: f64, timing: Timing) {
+        let scene = &self.scene;
+        snapshot.stamp = self.stamp.unwrap_or_else(SystemTime::now);
+        snapshot.sim_step = self.sim_step();
+        snapshot.wall_time = wall_time;
+        snapshot.sim_time = self.sim_time;
+        snapshot.timing = Timing { lost_time: self.lost_time, sub_step_cap: self.cap.get(), ..timing };
+        scene.world.read_bodies(&mut snapshot.bodies);
+        snapshot.wrenches.copy_from_slice(&self.wrenches);
+        for (i, joint) in scene.joints.iter().enumerate() {
+            snapshot.joint_positions[i] = joint.position;
+            snapshot.joint_velocities[i] = joint.velocity;
+            snapshot.joint_efforts[i] = joint.effort;
+        }
+        scene.fill_elements(snapshot);
+    }
+
+    /// Applies a whole command to a body; it acts in the next update.
+    pub fn command_body(&mut self, body: usize, command: &RigidBodyCommand) {
+        let Scene { bodies, world, profile, .. } = &mut self.scene;
+        let commanded = &mut bodies[body];
+        commanded.control = command.cartesian;
+        if *profile == Profile::Legacy || !commanded.is_dynamic() || command.cartesian == CartesianCommandType::Force {
+            commanded.apply_command(world, command, self.dt);
+        } else if commanded.set_target(world, command) {
+            self.targets.bodies.push(body);
+        }
+        let n = command.joint_commands.len().min(self.scene.active_joints(body).len());
+        for (i, &value) in command.joint_commands[..n].iter().enumerate() {
+            let kind = command.joint_command_types.get(i).copied().unwrap_or_default();
+            self.command_joint(body, i, kind, value);
+        }
+    }
+
+    /// Applies a command to the `index`-th active joint of a body: effort (N·m, N), position (rad, m) or velocity
+    /// (rad/s, m/s). False when there is no such joint or the value is not finite.
+    pub fn command_joint(&mut self, body: usize, index: usize, kind: JointCommandType, value: f64) -> bool {
+        if !value.is_finite() {
+            return false;
+        }
+        let Some(&joint) = self.scene.active_joints(body).get(index) else { return false };
+        self.order_joint(joint, kind, value);
+        true
+    }
+
+    /// Applies a finite command to a joint.
+    pub fn order_joint(&mut self, joint: usize, kind: JointCommandType, value: f64) {
+        let Scene { joints, bodies, world, profile, .. } = &mut self.scene;
+        if *profile == Profile::Legacy {
+            joints[joint].apply_command(world, bodies, kind, value, self.sim_time);
+        } else if joints[joint].set_target(world, kind, value, self.sub_step) {
+            self.targets.joints.push(joint);
+        }
+    }
+
+    /// Applies a whole command to a vehicle; it acts in the next update.
+    pub fn command_vehicle(&mut self, vehicle: usize, command: &VehicleCommand) {
+        let Scene { vehicles, world, bodies, .. } = &mut self.scene;
+        vehicles[vehicle].apply_command(world, bodies, command);
+    }
+
+    /// Returns rigid bodies, with what is on them, to their initial poses at rest. If the state `was_lost`, controllers
+    /// forget what they remember of it.
+    pub fn reset_bodies(&mut self, was_lost: bool) {
+        let Scene { bodies, joints, world, .. } = &mut self.scene;
+        bodies.iter().for_each(|body| body.reset(world));
+        if was_lost {
+            world.recover();
+            // A motor may have been told a speed that is not finite.
+            joints.iter().for_each(|joint| joint.stop_motor(world));
+            self.scene.release_drives();
+            self.reset_controllers();
+        }
+        let Scene { vehicles, world, .. } = &mut self.scene;
+        vehicles.iter_mut().for_each(|vehicle| vehicle.reset(world));
+        self.scene.place_wheels();
+        self.scene.sensors.iter_mut().for_each(Sensor::reset);
+        self.scene.world.refresh_constraints();
+        self.scene.observe_joints(0.0, &mut self.joint_buffer);
+    }
+
+    /// Returns to their initial states what [`reset_bodies`](Self::reset_bodies) leaves alone.
+    pub fn reset_others(&mut self) {
+        self.scene.reset_placed();
+        let Scene { soft_bodies, world, profile, .. } = &mut self.scene;
+        soft_bodies.iter().for_each(|soft| soft.reset(world));
+        if *profile == Profile::Accurate {
+            self.reset_controllers();
+        }
+    }
+
+    /// Controllers forget what they remember.
+    pub fn reset_controllers(&mut self) {
+        for joint in &mut self.scene.joints {
+            joint.controller.reset();
+            joint.target.reset();
+        }
+        for body in self.scene.bodies.iter_mut() {
+            body.controller.reset();
+            body.target.reset();
+        }
+    }
+
+    /// Actuators let go, motors are off, and controllers hold nothing.
+    pub fn release(&mut self) {
+        for actuator in 0..self.scene.actuators.len() {
+            self.scene.command_actuator(actuator, &ActuatorCommand::default());
+        }
+        let Scene { joints, world, .. } = &mut self.scene;
+        joints.iter().for_each(|joint| joint.stop_motor(world));
+        self.scene.release_drives();
+    }
+}
