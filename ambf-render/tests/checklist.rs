@@ -399,7 +399,8 @@ fn the_order_of_lights_does_not_matter() {
     let pictures = [[0, 1, 2, 3], [3, 2, 1, 0], [2, 0, 3, 1]].map(|order| {
         let mut world = floor_world(keys[order[0]]).replace("lights: [light1]", "lights: [light1, b, c, d]");
         for (name, keys) in ["b", "c", "d"].iter().zip(&order[1..]).map(|(name, &index)| (name, keys[index])) {
-            world += &format!("{name}:\n  name: {name}\n{}", indented(&format!("direction: {{x: 0, y: 0, z: -1}}\n{keys}")));
+            world +=
+                &format!("{name}:\n  name: {name}\n{}", indented(&format!("direction: {{x: 0, y: 0, z: -1}}\n{keys}")));
         }
         drawn(&mut shown("order_of_lights", &world, &bodies), 320, 240)
     });

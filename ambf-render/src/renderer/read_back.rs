@@ -3,12 +3,7 @@
 use crate::view::Eye;
 
 /// Pixels of `N` bytes, bottom row first, as values, top row first.
-pub(super) fn top_first<const N: usize, T>(
-    bytes: &[u8],
-    width: usize,
-    out: &mut [T],
-    convert: impl Fn([u8; N]) -> T,
-) {
+pub(super) fn top_first<const N: usize, T>(bytes: &[u8], width: usize, out: &mut [T], convert: impl Fn([u8; N]) -> T) {
     let (pixels, _) = bytes.as_chunks::<N>();
     assert_eq!(out.len(), pixels.len(), "size of a picture");
     for (from, to) in pixels.chunks_exact(width).rev().zip(out.chunks_exact_mut(width)) {
