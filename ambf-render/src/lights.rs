@@ -202,7 +202,7 @@ fn draw_map(
     let seen: Vec<usize> = visible(casters, clip).into_iter().filter(|&i| !is_lit_plane(&casters[i], light)).collect();
     let area = seen.iter().map(|&i| area_of(&casters[i], clip, size)).fold([0; 4], united);
     let [width, height] =
-        [area[2] - area[0], area[3] - area[1]].map(|texels| texels.max(1).next_multiple_of(size / SHADOW_STEPS));
+        [area[2] - area[0], area[3] - area[1]].map(|n| n.max(1).next_multiple_of(size / SHADOW_STEPS).min(size));
     // Another size would round otherwise: what is seen must not depend on what was drawn before.
     let fits = |map: &ShadowMap| (map.target.width, map.target.height) == (width, height);
     let (target, filled) = match before.filter(fits) {

@@ -565,7 +565,7 @@ fn the_inside_of_an_open_mesh_is_seen() {
         .collect();
     // Vertex 1 + 4 x + 2 y + z; the last face is at +x.
     let faces = ["1 2 4 3", "1 5 6 2", "3 4 8 7", "1 3 7 5", "2 6 8 4", "5 7 8 6"].map(|face| format!("f {face}\n"));
-    let mut depth = |name: &str, faces: &[String], at: f64| {
+    let depth = |name: &str, faces: &[String], at: f64| {
         std::fs::write(place.join(name), format!("{vertices}{}", faces.concat())).expect("a file");
         let mut shown = shown_mesh(&place, name);
         shown.snapshot.bodies[0].origin[0] = at;
