@@ -130,7 +130,8 @@ pub(crate) fn visible(drawables: &[Drawable<'_>], clip: &Matrix4<f64>) -> Vec<us
 pub(crate) struct Programs {
     lit: HashMap<Lit, Program>,
     depth: Option<Program>,
-    flat: Option<Program>,
+    /// Without normals, with them.
+    ids: [Option<Program>; 2],
     unlit: Option<Program>,
     mask: Option<Program>,
     sky: Option<Program>,
@@ -157,8 +158,8 @@ impl Programs {
         compiled(&mut self.depth, gl, shaders::DEPTH_VERTEX, shaders::DEPTH_FRAGMENT)
     }
 
-    fn flat(&mut self, gl: &Current<'_>) -> Result<&Program, RenderError> {
-        compiled(&mut self.flat, gl, shaders::VERTEX, shaders::FLAT_FRAGMENT)
+    fn ids(&mut self, gl: &Current<'_>, normals: bool) -> Result<&Program, RenderError> {
+        compiled(&mut self.ids[usize::from(normals)], gl, &shaders::ids_vertex(), &shaders::ids(normals))
     }
 
     fn unlit(&mut self, gl: &Current<'_>) -> Result<&Program, RenderError> {
@@ -364,20 +365,12 @@ impl Pass<'_> {
                     colored: part.array.layout.colors,
                     physical,
                     physical_map: physical_map.is_some(),
-                    one_material: count == 1,
                     glossy: !physical && looks().any(|look| look.specular != [0.0; 3]),
                     squarings: shaders::squarings(shininess).filter(|_| is_shared && !physical),
                     ..lights::lit(self.lights)
                 };
                 let program = self.programs.lit(gl, lit)?;
                 gl.use_program(Some(program));
-                if lit.one_material {
-                    let Look { diffuse, ambient: [r, g, b], emission, shininess, .. } = drawable.look;
-                    gl.uniform(program, "v_diffuse", Uniform::Vec4(diffuse));
-                    gl.uniform(program, "v_ambient", Uniform::Vec4([r, g, b, shininess]));
-                    gl.uniform(program, "v_specular", Uniform::Vec3(drawable.look.specular_or_physical()));
-                    gl.uniform(program, "v_emission", Uniform::Vec3(emission));
-                }
                 if lit.textured {
                     gl.bind_texture(0, Some(part.diffuse_map.as_deref().unwrap_or(self.white)));
                     gl.uniform(program, "u_diffuse_map", Uniform::Int(0));
@@ -462,8 +455,8 @@ impl Pass<'_> {
         gl.viewport(eye.left, eye.width, eye.height);
         gl.state(false, true, Cull::None);
         gl.clear_flat(normals);
-        self.programs.flat(gl)?;
-        let Some(program) = &self.programs.flat else { return Ok(()) };
+        self.programs.ids(gl, normals)?;
+        let Some(program) = &self.programs.ids[usize::from(normals)] else { return Ok(()) };
         gl.use_program(Some(program));
         // Rows of the view are right, up and backward; the camera's axes are backward, right, up.
         for (name, row) in [("u_camera_x", 2), ("u_camera_y", 0), ("u_camera_z", 1)] {

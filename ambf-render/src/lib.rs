@@ -32,7 +32,7 @@ mod view;
 
 pub use cameras::{camera_labels, find_camera, object_label, NoSuchCamera};
 pub use files::DepthFormat;
-pub use picture::{Picture, PictureRequest};
+pub use picture::{Picture, PictureRequest, Planes};
 pub use renderer::{RenderError, Renderer};
 pub use stage::{Backdrop, Highlight, Marker, MarkerShape, Stage};
 pub use texture::{Texture, TextureError};

@@ -27,20 +27,25 @@ pub(crate) struct Light {
     cutoff: f64,
     exponent: f64,
     attenuation: [f64; 3],
-    /// Index in the list of shadow maps, and from the world to its clip coordinates.
+    /// Index in the list of shadow maps, and from the world to clip coordinates of its target.
     shadow: Option<(usize, Matrix4<f64>)>,
 }
 
-/// A shadow map and what it was drawn of.
+/// That part of a shadow map in which there are casters, and what it was drawn of. Around it nothing is in shadow.
 pub(crate) struct ShadowMap {
     target: Target,
     of: u64,
-    /// Where it may hold something; the rest is empty.
+    /// Where the target may hold something; the rest is empty.
     used: Area,
+    /// From the world to clip coordinates of the target.
+    clip: Matrix4<f64>,
 }
 
-/// Texels of a shadow map: left, bottom, right, top.
+/// Texels: left, bottom, right, top.
 type Area = [u32; 4];
+
+/// A part of a shadow map has so many sizes each way, so that a caster that moves a little needs no other target.
+const SHADOW_STEPS: u32 = 8;
 
 impl Built {
     /// The lights, with shadow maps that are up to date.
@@ -86,15 +91,11 @@ impl Built {
                 clip.iter().for_each(|number| number.to_bits().hash(&mut hasher));
                 let of = hasher.finish();
                 let map = &mut maps[index];
-                if map.as_ref().is_none_or(|map| map.target.width != size) {
-                    let target = gl.target(size, size, TargetKind::Shadow)?;
-                    *map = Some(ShadowMap { target, of: !of, used: [0, 0, size, size] });
+                if map.as_ref().is_none_or(|map| map.of != of) {
+                    let drawn = draw_map(gl, programs, buffer, casters, &shining.position, map.take(), &clip, size)?;
+                    *map = Some(ShadowMap { of, ..drawn });
                 }
-                if let Some(map) = map.as_mut().filter(|map| map.of != of) {
-                    draw_map(gl, programs, buffer, casters, &shining.position, map, &clip)?;
-                    map.of = of;
-                }
-                shining.shadow = Some((index, clip));
+                shining.shadow = map.as_ref().map(|map| (index, map.clip));
             }
             lights.push(shining);
         }
@@ -182,26 +183,43 @@ fn united(a: Area, b: Area) -> Area {
     }
 }
 
-/// Back faces only: closed bodies then don't shade their own lit sides. A sheet has no back: both of its sides are
-/// drawn, a little farther away than they are. Only that part of the map is touched in which there is or was something:
-/// where the processor draws, emptying a large map costs more than a scene.
+/// Draws what a light sees, in place of `before`: back faces only, so that closed bodies don't shade their own lit sides. A
+/// sheet has no back: both of its sides are drawn, a little farther away than they are. Of a map of `size` x `size` texels
+/// that part is stored in which there are casters, and emptied where there were some: where the processor draws, emptying
+/// a large map costs more than a scene.
+#[allow(clippy::too_many_arguments)] // what is drawn with, and what is drawn
 fn draw_map(
     gl: &Current<'_>,
     programs: &mut Programs,
     buffer: &InstanceBuffer,
     casters: &[Drawable<'_>],
     light: &Vector3<f64>,
-    map: &mut ShadowMap,
+    before: Option<ShadowMap>,
     clip: &Matrix4<f64>,
-) -> Result<(), RenderError> {
+    size: u32,
+) -> Result<ShadowMap, RenderError> {
     let program = programs.depth(gl)?;
-    let size = map.target.width;
     let seen: Vec<usize> = visible(casters, clip).into_iter().filter(|&i| !is_lit_plane(&casters[i], light)).collect();
-    let used = seen.iter().map(|&i| area_of(&casters[i], clip, size)).fold([0; 4], united);
-    let [left, bottom, right, top] = united(map.used, used);
-    map.used = used;
-    gl.bind_target(&map.target);
-    gl.viewport(0, size, size);
+    let area = seen.iter().map(|&i| area_of(&casters[i], clip, size)).fold([0; 4], united);
+    let [width, height] =
+        [area[2] - area[0], area[3] - area[1]].map(|n| n.max(1).next_multiple_of(size / SHADOW_STEPS).min(size));
+    // Another size would round otherwise: what is seen must not depend on what was drawn before.
+    let fits = |map: &ShadowMap| (map.target.width, map.target.height) == (width, height);
+    let (target, filled) = match before.filter(fits) {
+        Some(map) => (map.target, map.used),
+        None => (gl.target(width, height, TargetKind::Shadow)?, [0, 0, width, height]),
+    };
+    let (x, y) = (area[0].min(size - width), area[1].min(size - height));
+    let used = [area[0] - x, area[1] - y, area[2] - x, area[3] - y];
+    // From the clip coordinates of the map to those of the part that begins at (x, y).
+    let (across, up) = (f64::from(size) / f64::from(width), f64::from(size) / f64::from(height));
+    let mut part = Matrix4::new_nonuniform_scaling(&Vector3::new(across, up, 1.0));
+    part[(0, 3)] = across - 1.0 - 2.0 * f64::from(x) / f64::from(width);
+    part[(1, 3)] = up - 1.0 - 2.0 * f64::from(y) / f64::from(height);
+    let clip = &(part * clip);
+    let [left, bottom, right, top] = united(filled, used);
+    gl.bind_target(&target);
+    gl.viewport(0, width, height);
     gl.scissor([left, bottom, right - left, top - bottom]);
     gl.clear(false);
     gl.use_program(Some(program));
@@ -217,7 +235,7 @@ fn draw_map(
         }
     }
     gl.push_back(false);
-    Ok(())
+    Ok(ShadowMap { target, of: 0, used, clip: *clip })
 }
 
 /// Column by column.
@@ -249,7 +267,6 @@ pub(crate) fn lit(lights: &[Light]) -> Lit {
         colored: false,
         physical: false,
         physical_map: false,
-        one_material: false,
         glossy: false,
         squarings: None,
     }
@@ -260,9 +277,9 @@ pub(crate) fn set_lights(gl: &Current<'_>, program: &Program, lights: &[Light], 
     for (index, light) in lights.iter().enumerate() {
         let set = |name: &str, value: Uniform<'_>| gl.uniform(program, &format!("u_{name}_{index}"), value);
         set("position", Uniform::Vec3(narrow3(&light.position)));
-        set("axis", Uniform::Vec3(narrow3(&light.axis)));
-        set("cutoff", Uniform::Float(light.cutoff.cos() as f32));
-        set("exponent", Uniform::Float(light.exponent as f32));
+        let cosine = light.cutoff.cos();
+        set("axis", Uniform::Vec3(narrow3(&(light.axis / cosine))));
+        set("spot", Uniform::Vec4([cosine as f32, light.exponent as f32, 0.0, 0.0]));
         set("attenuation", Uniform::Vec3(light.attenuation.map(|x| x as f32)));
         if let Some((map, clip)) = &light.shadow {
             set("shadow_clip", Uniform::Mat4(&narrow(&to_texture(clip))));

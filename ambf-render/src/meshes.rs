@@ -95,9 +95,13 @@ impl MeshRequest {
         (Self { key: MeshKey::Shape(format!("{shape:?}")), shape: Some(shape) }, scale)
     }
 
-    /// Whether the mesh is known to be a closed surface whose triangles face outwards.
-    fn is_closed(&self) -> bool {
-        self.shape.as_ref().is_some_and(|shape| !matches!(shape, Primitive::Plane { .. }))
+    /// Whether nobody outside of the mesh sees the back of a triangle, if it is opaque.
+    fn is_closed(&self, mesh: &VisualMesh) -> bool {
+        match &self.shape {
+            // Angles of a whole turn and of none are not the same place to the last bit.
+            Some(shape) => !matches!(shape, Primitive::Plane { .. }),
+            None => is_closed(mesh),
+        }
     }
 
     fn read(&self) -> Result<(VisualMesh, Vec<String>), String> {
@@ -157,13 +161,17 @@ impl Library {
             .iter()
             .filter(|request| !self.meshes.contains_key(&request.key) && seen.insert(&request.key))
             .collect();
-        let read = map_in_parallel(&missing, |request| request.read());
-        let meshes: Vec<&VisualMesh> = read.iter().flatten().map(|(mesh, _)| mesh).collect();
+        let read = map_in_parallel(&missing, |request| {
+            request.read().map(|(mesh, warnings)| {
+                let is_closed = request.is_closed(&mesh);
+                (mesh, warnings, is_closed)
+            })
+        });
+        let meshes: Vec<&VisualMesh> = read.iter().flatten().map(|(mesh, ..)| mesh).collect();
         let mut messages = self.load_textures(gl, &meshes);
         for (request, read) in missing.into_iter().zip(read) {
-            let loaded = read.and_then(|(mesh, warnings)| {
+            let loaded = read.and_then(|(mesh, warnings, is_closed)| {
                 messages.extend(warnings);
-                let is_closed = request.is_closed();
                 self.upload(gl, &mesh, is_closed)
                     .map_err(|error| format!("{:?}: {error}; it is not drawn", request.key))
             });
@@ -213,6 +221,8 @@ impl Library {
 
     fn upload(&self, gl: &Current<'_>, mesh: &VisualMesh, is_closed: bool) -> Result<LoadedMesh, RenderError> {
         let parts = mesh.parts.iter().filter(|part| !part.triangles.is_empty());
+        // Through a transparent part backs of the others are seen.
+        let is_closed = is_closed && mesh.parts.iter().all(|part| part.material.alpha >= 1.0);
         let part = |part| self.part(gl, part).map(|(part, _)| Arc::new(Part { is_closed, ..part }));
         let parts: Result<Vec<_>, _> = parts.map(part).collect();
         let widen = |corner: [f32; 3]| Vector3::from(corner.map(f64::from));
@@ -402,6 +412,60 @@ impl Part {
     }
 }
 
+/// Whether nobody outside of an opaque mesh sees the back of a triangle: each edge is used once in each direction, and
+/// each connected piece has a positive volume. Vertices at one place are one. A surface that passes through itself can
+/// be inside out in places all the same.
+fn is_closed(mesh: &VisualMesh) -> bool {
+    let mut places = HashMap::new();
+    let mut triangles: Vec<[u32; 3]> = Vec::new();
+    for part in &mesh.parts {
+        let place = |position: &[f32; 3]| {
+            let next = places.len() as u32;
+            // Both zeros are one place.
+            *places.entry(position.map(|x| (x + 0.0).to_bits())).or_insert(next)
+        };
+        let place_of: Vec<u32> = part.positions.iter().map(place).collect();
+        let joined = part.triangles.iter().map(|triangle| triangle.map(|vertex| place_of[vertex as usize]));
+        triangles.extend(joined.filter(|[a, b, c]| a != b && b != c && c != a));
+    }
+    // The lower place, the higher one and the direction, so that both uses of an edge are neighbours.
+    let edge = |(a, b): (u32, u32)| u64::from(a.min(b)) << 33 | u64::from(a.max(b)) << 1 | u64::from(a > b);
+    let edges = triangles.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)].map(edge));
+    let mut edges: Vec<u64> = edges.collect();
+    edges.sort_unstable();
+    let (pairs, rest) = edges.as_chunks::<2>();
+    if !rest.is_empty() || pairs.iter().any(|[there, back]| there & 1 == 1 || *back != there + 1) {
+        return false;
+    }
+    // Pieces: each place leads to another one of its piece, or is its root.
+    let mut leads: Vec<u32> = (0..places.len() as u32).collect();
+    let root = |leads: &mut [u32], mut place: u32| {
+        while leads[place as usize] != place {
+            leads[place as usize] = leads[leads[place as usize] as usize];
+            place = leads[place as usize];
+        }
+        place
+    };
+    for &[a, b, c] in &triangles {
+        for other in [b, c] {
+            let (from, to) = (root(&mut leads, other), root(&mut leads, a));
+            leads[from as usize] = to;
+        }
+    }
+    let mut positions = vec![Vector3::zeros(); places.len()];
+    for (bits, place) in places {
+        positions[place as usize] = Vector3::from(bits.map(|bits| f64::from(f32::from_bits(bits))));
+    }
+    // (places x 1) six times the volume of the piece, at its root, seen from there.
+    let mut volumes = vec![0.0; positions.len()];
+    for triangle in &triangles {
+        let root = root(&mut leads, triangle[0]) as usize;
+        let [a, b, c] = triangle.map(|place| positions[place as usize] - positions[root]);
+        volumes[root] += a.cross(&b).dot(&c);
+    }
+    !triangles.is_empty() && triangles.iter().all(|&[a, ..]| volumes[root(&mut leads, a) as usize] > 0.0)
+}
+
 /// The normal of all triangles, if they lie in one plane and face the same way.
 fn flat_normal(positions: &[[f32; 3]], triangles: &[[u32; 3]]) -> Option<Vector3<f64>> {
     let corner = |index: u32| Vector3::from(positions[index as usize].map(f64::from));
@@ -436,8 +500,9 @@ mod tests {
         });
         let shapes = [Primitive::Box { size: Vector3::new(1.0, 2.0, 3.0) }, Primitive::Sphere { radius: 0.5 }];
         for shape in shapes.into_iter().chain(round) {
-            assert!(MeshRequest::shape(&shape).0.is_closed());
-            for part in VisualMesh::primitive(&shape).parts {
+            let mesh = VisualMesh::primitive(&shape);
+            assert!(MeshRequest::shape(&shape).0.is_closed(&mesh));
+            for part in mesh.parts {
                 for triangle in part.triangles {
                     let [a, b, c] = triangle.map(|vertex| Vector3::from(part.positions[vertex as usize]));
                     // The origin is within these convex shapes. Triangles at poles have no area.
@@ -446,6 +511,56 @@ mod tests {
             }
         }
         let plane = Primitive::Plane { normal: Vector3::z(), offset: 0.0 };
-        assert!(!MeshRequest::shape(&plane).0.is_closed());
+        assert!(!MeshRequest::shape(&plane).0.is_closed(&VisualMesh::primitive(&plane)));
+    }
+
+    /// A box whose faces have vertices of their own, as files have them.
+    fn cube() -> VisualMesh {
+        VisualMesh::primitive(&Primitive::Box { size: Vector3::repeat(1.0) })
+    }
+
+    #[test]
+    fn a_mesh_is_closed_if_its_triangles_enclose_bodies_and_face_outwards() {
+        assert!(is_closed(&cube()));
+        assert!(!is_closed(&VisualMesh { parts: Vec::new() }), "nothing");
+        let mut open = cube();
+        open.parts[0].triangles.pop();
+        assert!(!is_closed(&open), "a triangle is missing");
+        let mut turned = cube();
+        turned.parts[0].triangles[3].swap(0, 1);
+        assert!(!is_closed(&turned), "a triangle faces inwards");
+        let mut inside_out = cube();
+        inside_out.parts[0].triangles.iter_mut().for_each(|triangle| triangle.swap(0, 1));
+        assert!(!is_closed(&inside_out), "all triangles face inwards");
+        let mut two_sided = cube();
+        two_sided.parts.extend(inside_out.parts.clone());
+        assert!(!is_closed(&two_sided), "each triangle stands there once for each side");
+        // Another material.
+        let mut joined = cube();
+        let mut half = joined.parts[0].clone();
+        half.triangles = joined.parts[0].triangles.split_off(5);
+        joined.parts.push(half);
+        assert!(is_closed(&joined), "two parts enclose one body");
+        // A second piece beside the first.
+        let beside = |mut mesh: VisualMesh| {
+            mesh.parts[0].positions.iter_mut().for_each(|position| position[0] += 3.0);
+            let mut both = cube();
+            both.parts.extend(mesh.parts);
+            both
+        };
+        assert!(is_closed(&beside(cube())));
+        assert!(!is_closed(&beside(inside_out)), "one of two pieces is inside out");
+        let mut degenerate = cube();
+        degenerate.parts[0].triangles.push([0, 0, 1]);
+        assert!(is_closed(&degenerate), "a triangle without area changes nothing");
+    }
+
+    #[test]
+    fn meshes_of_the_shipped_arm_are_closed() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../resources/meshes/arm7");
+        for name in ["base", "shoulder", "upper_arm", "elbow", "forearm", "wrist", "hand", "flange"] {
+            let (mesh, _) = load_visual(&folder.join(format!("{name}.obj")), false).unwrap();
+            assert!(is_closed(&mesh), "{name}");
+        }
     }
 }

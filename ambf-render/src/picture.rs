@@ -69,6 +69,18 @@ pub struct Picture {
     pub messages: Vec<String>,
 }
 
+/// Arrays that a picture is written into, each as that of [`Picture`]; what is not asked for is not touched.
+pub struct Planes<'a> {
+    /// (height x width x 3) red, green, blue.
+    pub color: &'a mut [u8],
+    /// (height x width) m along the axis.
+    pub depth: &'a mut [f32],
+    /// (height x width x 2) object and model.
+    pub ids: &'a mut [[u32; 2]],
+    /// (height x width x 3) unit normals in the camera's frame.
+    pub normals: &'a mut [[f32; 3]],
+}
+
 impl Picture {
     /// (height·width x 3) points of the depth in the camera's frame, m, float32, **bottom row first**: (x, y, z) with x
     /// = −depth, y to the right, z up. Empty without depth.

@@ -20,7 +20,7 @@ use crate::lights::ShadowMap;
 use crate::meshes::Library;
 use crate::stage::{Backdrop, Built};
 use crate::view::Eye;
-use crate::{Picture, PictureRequest, Stage, View};
+use crate::{Picture, PictureRequest, Planes, Stage, View};
 use drawables::{drawables, marker_parts, Flags};
 use read_back::{metric, rgb, top_first};
 use shapes::Shapes;
@@ -218,12 +218,45 @@ impl Renderer {
     /// [`RenderError::Size`], [`RenderError::Gl`], [`RenderError::NotPrepared`].
     pub fn render(&mut self, stage: &mut Stage, view: &View, request: &PictureRequest) -> Result<Picture, RenderError> {
         let (width, height) = (request.width, request.height);
+        self.eyes(view, width, height)?;
+        let count = |is_wanted: bool| if is_wanted { width as usize * height as usize } else { 0 };
+        let mut picture = Picture {
+            width,
+            height,
+            color: vec![0; 3 * count(request.color)],
+            depth: vec![0.0; count(request.depth)],
+            ids: vec![[0; 2]; count(request.ids)],
+            normals: vec![[0.0; 3]; count(request.normals)],
+            ..Picture::default()
+        };
+        let Picture { color, depth, ids, normals, .. } = &mut picture;
+        let planes = Planes { color, depth, ids, normals };
+        (picture.eyes, picture.messages) = self.render_into(stage, view, request, planes)?;
+        Ok(picture)
+    }
+
+    /// As [`render`](Self::render), into arrays that are there: the system takes long to give a program memory for new
+    /// ones. Returns the eyes and the messages of a [`Picture`].
+    ///
+    /// # Errors
+    /// [`RenderError::Size`], [`RenderError::Gl`], [`RenderError::NotPrepared`].
+    ///
+    /// # Panics
+    /// If an array that is asked for has another size than the picture.
+    pub fn render_into(
+        &mut self,
+        stage: &mut Stage,
+        view: &View,
+        request: &PictureRequest,
+        planes: Planes<'_>,
+    ) -> Result<(Vec<Eye>, Vec<String>), RenderError> {
+        let (width, height) = (request.width, request.height);
         let eyes = self.eyes(view, width, height)?;
-        let mut picture = Picture { width, height, eyes, ..Picture::default() };
+        let mut messages = Vec::new();
         let gl = self.device.enter()?;
         gl.clear_errors();
         let mask = request.preprocessing.as_ref().map(|files| {
-            let user = self.resources.programs.user(&gl, files, &mut picture.messages);
+            let user = self.resources.programs.user(&gl, files, &mut messages);
             user.map_or(Mask::Built, Mask::User)
         });
         let samples = if mask.is_some() { 1 } else { request.samples.clamp(1, 8) };
@@ -234,7 +267,7 @@ impl Renderer {
             if request.color {
                 let target = targets.get(&gl, TargetKind::Color(samples), width, height)?;
                 gl.bind_target(target);
-                for eye in &picture.eyes {
+                for eye in &eyes {
                     pass.color(eye, mask)?;
                 }
                 let target = match samples {
@@ -248,24 +281,24 @@ impl Renderer {
                     }
                 };
                 gl.read_color(target, &mut bytes);
-                picture.color = rgb(&bytes, width as usize);
+                rgb(&bytes, width as usize, planes.color);
             }
             if request.depth {
                 let target = targets.get(&gl, TargetKind::Color(1), width, height)?;
                 // The depth of the colour is the depth that is wanted, unless transparent bodies were drawn opaque.
                 if !request.color || samples > 1 || mask.is_some() {
                     gl.bind_target(target);
-                    for eye in &picture.eyes {
+                    for eye in &eyes {
                         pass.depth(eye)?;
                     }
                 }
                 gl.read_depth(target, &mut bytes);
-                picture.depth = metric(&bytes, width, &picture.eyes);
+                metric(&bytes, width, &eyes, planes.depth);
             }
             if request.ids || request.normals {
                 let target = targets.get(&gl, TargetKind::Flat(request.normals), width, height)?;
                 gl.bind_target(target);
-                for eye in &picture.eyes {
+                for eye in &eyes {
                     pass.flat(eye, request.normals)?;
                 }
                 if request.ids {
@@ -273,13 +306,13 @@ impl Renderer {
                     let id = |b: [u8; 8]| {
                         [u32::from_ne_bytes([b[0], b[1], b[2], b[3]]), u32::from_ne_bytes([b[4], b[5], b[6], b[7]])]
                     };
-                    picture.ids = top_first(&bytes, width as usize, |pixel| [id(pixel)]);
+                    top_first(&bytes, width as usize, planes.ids, id);
                 }
                 if request.normals {
                     gl.read_normals(target, &mut bytes);
                     let number = |b: &[u8; 16], i: usize| f32::from_ne_bytes(std::array::from_fn(|j| b[4 * i + j]));
-                    let normal = |b: [u8; 16]| [std::array::from_fn(|i| number(&b, i))];
-                    picture.normals = top_first(&bytes, width as usize, normal);
+                    let normal = |b: [u8; 16]| std::array::from_fn(|i| number(&b, i));
+                    top_first(&bytes, width as usize, planes.normals, normal);
                 }
             }
             Ok(bytes)
@@ -287,7 +320,7 @@ impl Renderer {
         self.resources.bytes = bytes;
         gl.leave();
         match gl.error() {
-            None => Ok(picture),
+            None => Ok((eyes, messages)),
             Some(error) => Err(RenderError::Gl(error)),
         }
     }

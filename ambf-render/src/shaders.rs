@@ -13,8 +13,23 @@ in vec3 i_specular, i_emission;
 in uvec2 i_ids;
 uniform mat4 u_clip;
 uniform float u_point_size;
+// w: along the backward axis of the camera.
+out vec4 v_normal;
+flat out vec4 v_diffuse, v_ambient;
+flat out vec3 v_specular, v_emission;
+#ifdef IDS
+flat out uvec2 v_ids;
+uniform vec3 u_camera_x, u_camera_y, u_camera_z;
+#else
+uniform vec3 u_backward;
+#endif
+#ifdef WORLD
 out vec3 v_world;
-out vec3 v_normal;
+#endif
+#ifdef PHYSICAL
+uniform vec4 u_eye;
+out vec3 v_view;
+#endif
 #ifdef TEXTURED
 out vec2 v_tex_coord;
 #endif
@@ -26,17 +41,31 @@ out vec4 v_color;
 out vec3 v_tangent;
 out vec3 v_bitangent;
 #endif
-#ifndef ONE_MATERIAL
-flat out vec4 v_diffuse, v_ambient;
-flat out vec3 v_specular, v_emission;
-flat out uvec2 v_ids;
-#endif
 void main() {
     vec4 p = vec4(aPosition, 1.0);
-    v_world = vec3(dot(i_row_x, p), dot(i_row_y, p), dot(i_row_z, p));
+    vec3 world = vec3(dot(i_row_x, p), dot(i_row_y, p), dot(i_row_z, p));
     // The cofactors of the linear part carry normals, whatever the scales.
     vec3 x = cross(i_row_y.xyz, i_row_z.xyz), y = cross(i_row_z.xyz, i_row_x.xyz), z = cross(i_row_x.xyz, i_row_y.xyz);
-    v_normal = vec3(dot(x, aNormal), dot(y, aNormal), dot(z, aNormal));
+    vec3 normal = vec3(dot(x, aNormal), dot(y, aNormal), dot(z, aNormal));
+    v_diffuse = i_diffuse;
+    v_ambient = vec4(0.4 * i_ambient.rgb, i_ambient.a);
+    v_specular = i_specular;
+    v_emission = i_emission;
+#ifndef PHYSICAL
+    v_emission += 0.2 * i_ambient.rgb;
+#endif
+#ifdef IDS
+    v_ids = i_ids;
+    v_normal = vec4(dot(u_camera_x, normal), dot(u_camera_y, normal), dot(u_camera_z, normal), 0.0);
+#else
+    v_normal = vec4(normal, dot(u_backward, normal));
+#endif
+#ifdef WORLD
+    v_world = world;
+#endif
+#ifdef PHYSICAL
+    v_view = u_eye.xyz - u_eye.w * world;
+#endif
 #ifdef TEXTURED
     v_tex_coord = aTexCoord;
 #endif
@@ -47,15 +76,9 @@ void main() {
     v_tangent = vec3(dot(i_row_x.xyz, aTangent), dot(i_row_y.xyz, aTangent), dot(i_row_z.xyz, aTangent));
     v_bitangent = vec3(dot(i_row_x.xyz, aBitangent), dot(i_row_y.xyz, aBitangent), dot(i_row_z.xyz, aBitangent));
 #endif
-#ifndef ONE_MATERIAL
-    v_diffuse = i_diffuse;
-    v_ambient = i_ambient;
-    v_specular = i_specular;
-    v_emission = i_emission;
-    v_ids = i_ids;
-#endif
+    //LIGHTS
     gl_PointSize = u_point_size;
-    gl_Position = u_clip * vec4(v_world, 1.0);
+    gl_Position = u_clip * vec4(world, 1.0);
 }
 ";
 
@@ -73,20 +96,22 @@ void main() {
 /// Fragment shader where only the depth counts.
 pub(crate) const DEPTH_FRAGMENT: &str = "#version 330\nvoid main() {}\n";
 
-/// Ids and normals in the camera's frame, towards the camera.
-pub(crate) const FLAT_FRAGMENT: &str = r"#version 330
-in vec3 v_world;
-in vec3 v_normal;
-flat in uvec2 v_ids;
-uniform vec3 u_camera_x, u_camera_y, u_camera_z;
-out uvec2 o_ids;
-out vec4 o_normal;
-void main() {
-    o_ids = v_ids;
-    vec3 n = normalize(gl_FrontFacing ? v_normal : -v_normal);
-    o_normal = vec4(dot(u_camera_x, n), dot(u_camera_y, n), dot(u_camera_z, n), 0.0);
+/// The vertex shader for [`ids`].
+pub(crate) fn ids_vertex() -> String {
+    VERTEX.replacen("#version 330\n", "#version 330\n#define IDS\n", 1)
 }
-";
+
+/// Ids, and normals in the camera's frame, towards the camera, if they are wanted.
+pub(crate) fn ids(normals: bool) -> String {
+    let (output, normal) = match normals {
+        true => (
+            "in vec4 v_normal;\nout vec4 o_normal;\n",
+            "    o_normal = vec4(normalize(gl_FrontFacing ? v_normal.xyz : -v_normal.xyz), 0.0);\n",
+        ),
+        false => ("", ""),
+    };
+    format!("#version 330\nflat in uvec2 v_ids;\nout uvec2 o_ids;\n{output}void main() {{\n    o_ids = v_ids;\n{normal}}}\n")
+}
 
 /// The diffuse colour alone.
 pub(crate) const UNLIT_FRAGMENT: &str = r"#version 330
@@ -174,9 +199,6 @@ pub(crate) struct Lit {
     pub(crate) physical: bool,
     /// A texture multiplies its roughness and metalness.
     pub(crate) physical_map: bool,
-    /// The material is that of one instance, and uniform: a software renderer pays for what it hands on at every
-    /// triangle.
-    pub(crate) one_material: bool,
     /// Some instance has highlights.
     pub(crate) glossy: bool,
     /// All instances have the shininess 2^k: k multiplications cost a software renderer less than a power.
@@ -191,42 +213,63 @@ pub(crate) fn squarings(shininess: f32) -> Option<u8> {
 /// The first texture unit of shadow maps; 0 is the diffuse texture, 1 the normal map.
 pub(crate) const SHADOW_UNIT: u32 = 3;
 
-/// Begins the block of a light: `l` leads to it, at the distance `square` · `inverse`; the rest is for pixels in its cone.
-fn toward(light: u32) -> String {
-    format!(
-        r"    {{
-        vec3 l = u_position_{light} - v_world;
-        float square = dot(l, l), inverse = inversesqrt(max(square, 1e-18));
-        l *= inverse;
-        float along = -dot(l, u_axis_{light});
-        if (along >= u_cutoff_{light}) {{
-"
-    )
-}
+/// Lights whose geometry is computed at vertices and interpolated, which is exact because it is linear in the place. More
+/// would exceed the 60 numbers that every driver hands on: that of further lights is computed at each pixel, where Mesa's
+/// software renderer takes some thirty instructions to read one number of a uniform.
+const AT_VERTICES: u32 = 2;
 
 impl Lit {
     fn defines(self) -> String {
-        let mut text = String::from("#version 330\n");
-        if self.textured {
-            text.push_str("#define TEXTURED\n");
+        let all = [
+            (self.textured, "TEXTURED"),
+            (self.normal_map, "NORMAL_MAP"),
+            (self.colored, "COLORED"),
+            (self.physical, "PHYSICAL"),
+            (self.physical_map, "PHYSICAL_MAP"),
+            (self.lights > AT_VERTICES, "WORLD"),
+        ];
+        let defined = all.iter().filter(|(is_defined, _)| *is_defined).map(|(_, name)| format!("#define {name}\n"));
+        std::iter::once("#version 330\n".to_owned()).chain(defined).collect()
+    }
+
+    /// What a light needs at a place `world`: qualifier, type, name and expression; and the uniforms in it.
+    ///
+    /// `v_light`: the vector to the light, and its component along the light's axis over the cosine of the cutoff angle;
+    /// `v_back`: its component along the camera's backward axis; `v_shadow`: place in the shadow map; `v_spot`: cosine
+    /// of the cutoff angle, and exponent.
+    fn geometry(self, i: u32) -> (Vec<[String; 4]>, String) {
+        let mut values = vec![(
+            "",
+            "vec4",
+            format!("v_light_{i}"),
+            format!("vec4(u_position_{i} - world, dot(world - u_position_{i}, u_axis_{i}))"),
+        )];
+        let mut uniforms = format!("uniform vec3 u_position_{i}, u_axis_{i};\n");
+        if self.glossy {
+            values.push(("", "float", format!("v_back_{i}"), format!("dot(u_position_{i} - world, u_backward)")));
         }
-        if self.normal_map {
-            text.push_str("#define NORMAL_MAP\n");
+        if self.shadows >> i & 1 == 1 {
+            values.push(("", "vec4", format!("v_shadow_{i}"), format!("u_shadow_clip_{i} * vec4(world, 1.0)")));
+            uniforms.push_str(&format!("uniform mat4 u_shadow_clip_{i};\n"));
         }
-        if self.colored {
-            text.push_str("#define COLORED\n");
+        if self.exponents >> i & 1 == 1 {
+            values.push(("flat ", "vec2", format!("v_spot_{i}"), format!("u_spot_{i}.xy")));
+            uniforms.push_str(&format!("uniform vec4 u_spot_{i};\n"));
         }
-        if self.physical_map {
-            text.push_str("#define PHYSICAL_MAP\n");
-        }
-        if self.one_material {
-            text.push_str("#define ONE_MATERIAL\n");
-        }
-        text
+        (values.into_iter().map(|(a, b, c, d)| [a.to_owned(), b.to_owned(), c, d]).collect(), uniforms)
     }
 
     pub(crate) fn vertex(self) -> String {
-        VERTEX.replacen("#version 330\n", &self.defines(), 1)
+        let (mut head, mut computed) = (self.defines(), String::new());
+        for light in 0..self.lights.min(AT_VERTICES) {
+            let (values, uniforms) = self.geometry(light);
+            head.push_str(&uniforms);
+            for [qualifier, kind, name, expression] in values {
+                head.push_str(&format!("{qualifier}out {kind} {name};\n"));
+                computed.push_str(&format!("{name} = {expression};\n    "));
+            }
+        }
+        VERTEX.replacen("#version 330\n", &head, 1).replacen("//LIGHTS\n", &format!("{computed}\n"), 1)
     }
 
     /// The light on a pixel, by the equation of the material.
@@ -243,17 +286,14 @@ impl Lit {
     fn head(self) -> String {
         let mut text = self.defines();
         text.push_str(
-            r"in vec3 v_world;
-in vec3 v_normal;
-#ifdef ONE_MATERIAL
-uniform vec4 v_diffuse, v_ambient;
-uniform vec3 v_specular, v_emission;
-#else
+            r"in vec4 v_normal;
 flat in vec4 v_diffuse, v_ambient;
 flat in vec3 v_specular, v_emission;
-#endif
 uniform vec3 u_backward;
 out vec4 o_color;
+#ifdef WORLD
+in vec3 v_world;
+#endif
 #ifdef TEXTURED
 in vec2 v_tex_coord;
 uniform sampler2D u_diffuse_map;
@@ -272,21 +312,28 @@ uniform sampler2D u_normal_map;
 ",
         );
         for light in 0..self.lights {
-            text.push_str(&format!(
-                "uniform vec3 u_position_{light}, u_axis_{light}, u_attenuation_{light};\nuniform float u_cutoff_{light}, u_exponent_{light};\n"
-            ));
+            let (values, uniforms) = self.geometry(light);
+            match light < AT_VERTICES {
+                true => values.iter().for_each(|[qualifier, kind, name, _]| {
+                    text.push_str(&format!("{qualifier}in {kind} {name};\n"));
+                }),
+                false => text.push_str(&uniforms),
+            }
             if self.shadows >> light & 1 == 1 {
-                text.push_str(&format!(
-                    "uniform sampler2DShadow u_shadow_{light};\nuniform mat4 u_shadow_clip_{light};\n"
-                ));
+                text.push_str(&format!("uniform sampler2DShadow u_shadow_{light};\n"));
+            }
+            if self.attenuated >> light & 1 == 1 {
+                text.push_str(&format!("uniform vec3 u_attenuation_{light};\n"));
             }
         }
         text.push_str(
-            r"vec3 normal() {
-    vec3 n = normalize(v_normal);
+            r"// w: along the backward axis of the camera.
+vec4 normal() {
+    vec4 n = v_normal * inversesqrt(dot(v_normal.xyz, v_normal.xyz));
 #ifdef NORMAL_MAP
     vec3 bump = 2.0 * texture(u_normal_map, v_tex_coord).xyz - 1.0;
-    n = normalize(bump.x * normalize(v_tangent) + bump.y * normalize(v_bitangent) + bump.z * n);
+    n.xyz = normalize(bump.x * normalize(v_tangent) + bump.y * normalize(v_bitangent) + bump.z * n.xyz);
+    n.w = dot(u_backward, n.xyz);
 #endif
     return gl_FrontFacing ? n : -n;
 }
@@ -295,12 +342,32 @@ uniform sampler2D u_normal_map;
         text
     }
 
+    /// Begins the block of a light: `l` · `inverse` is the unit vector to it, at the distance `square` · `inverse`; the
+    /// rest is for pixels in its cone.
+    fn toward(self, light: u32) -> String {
+        let mut text = "    {\n".to_owned();
+        if light >= AT_VERTICES {
+            text.push_str("        vec3 world = v_world;\n");
+            for [_, kind, name, expression] in self.geometry(light).0 {
+                text.push_str(&format!("        {kind} {name} = {expression};\n"));
+            }
+        }
+        text.push_str(&format!(
+            r"        vec3 l = v_light_{light}.xyz;
+        float square = dot(l, l), inverse = inversesqrt(max(square, 1e-18)), along = v_light_{light}.w * inverse;
+        if (along >= 1.0) {{
+"
+        ));
+        text
+    }
+
     /// How much of light i reaches the pixel beside its shadow: the factors of spot and attenuation, as statements that
     /// multiply `part`.
     fn weakened(self, light: u32) -> String {
         let mut text = String::new();
         if self.exponents >> light & 1 == 1 {
-            text.push_str(&format!("            part *= pow(max(along, 1e-6), u_exponent_{light});\n"));
+            let (cosine, exponent) = (format!("v_spot_{light}.x"), format!("v_spot_{light}.y"));
+            text.push_str(&format!("            part *= pow(max(along * {cosine}, 1e-6), {exponent});\n"));
         }
         if self.attenuated >> light & 1 == 1 {
             text.push_str(&format!(
@@ -312,17 +379,20 @@ uniform sampler2D u_normal_map;
         text
     }
 
+    /// How much of light i is seen from the pixel, 0 to 1; 1.0 if it casts no shadows.
+    fn seen(self, light: u32) -> String {
+        match self.shadows >> light & 1 {
+            1 => format!("textureProj(u_shadow_{light}, v_shadow_{light})"),
+            _ => "1.0".to_owned(),
+        }
+    }
+
     /// The equation of the fixed-function pipeline, at every pixel: colour = emission + 0.2 m_a + Σ over lights of
     /// attenuation · spot · (0.4 m_a + max(n·l, 0) 0.7 m_d + max(n·h, 0)^shininess m_s), viewer at infinity, both sides
     /// lit, clamped, then multiplied by the texture. In the shadow of a light its diffuse part counts 0.3 and its
     /// specular part nothing.
     fn phong_main(self, text: &mut String) {
-        text.push_str(
-            r"void main() {
-    vec3 n = normal();
-    vec3 color = v_emission + 0.2 * v_ambient.rgb, ambient = 0.4 * v_ambient.rgb;
-",
-        );
+        text.push_str("void main() {\n    vec4 n = normal();\n    vec3 color = v_emission;\n");
         // (n·h)^shininess, of which only the square needs no root.
         let power = match self.squarings {
             Some(squarings) => format!("nh *= nh / hh; {}", "nh *= nh; ".repeat(usize::from(squarings) - 1)),
@@ -330,29 +400,25 @@ uniform sampler2D u_normal_map;
         };
         for light in 0..self.lights {
             // What a light does not do is not computed: that is felt where the processor draws.
-            let (lit, diffuse, specular) = match self.shadows >> light & 1 {
-                1 => (
-                    format!("float lit = textureProj(u_shadow_{light}, u_shadow_clip_{light} * vec4(v_world, 1.0));"),
-                    "(0.21 + 0.49 * lit)",
-                    "lit * ",
-                ),
-                _ => (String::new(), "0.7", ""),
+            let (diffuse, specular) = match self.shadows >> light & 1 {
+                1 => ("(0.21 + 0.49 * lit)", "lit * "),
+                _ => ("0.7", ""),
             };
+            // h is the sum of the unit vectors to the light and backwards.
             let highlight = match self.glossy {
                 true => format!(
-                    r"vec3 h = l + u_backward;
-                float nh = max(dot(n, h), 1e-6), hh = max(dot(h, h), 1e-12);
+                    r"float nh = max(nl + n.w, 1e-6), hh = max(2.0 + 2.0 * inverse * v_back_{light}, 1e-6);
                 {power}
-                part += {specular}nh * v_specular;"
+                part += {specular}min(nh, 1.0) * v_specular;"
                 ),
                 false => String::new(),
             };
-            let (toward, weakened) = (toward(light), self.weakened(light));
+            let (toward, weakened, seen) = (self.toward(light), self.weakened(light), self.seen(light));
             text.push_str(&format!(
-                r"{toward}            vec3 part = ambient;
-            float nl = dot(n, l);
+                r"{toward}            vec3 part = v_ambient.rgb;
+            float nl = dot(n.xyz, l) * inverse;
             if (nl > 0.0) {{
-                {lit}
+                float lit = {seen};
                 part += {diffuse} * nl * v_diffuse.rgb;
                 {highlight}
             }}
@@ -383,11 +449,11 @@ uniform sampler2D u_normal_map;
     /// is bright above. README, section Light.
     fn physical_main(self, text: &mut String) {
         text.push_str(
-            r"uniform vec4 u_eye;
+            r"in vec3 v_view;
 const vec3 GAMMA = vec3(2.2);
 float environment(float height, float blur) { return 0.3 + 0.7 * smoothstep(-blur, blur, height); }
 void main() {
-    vec3 n = normal(), v = normalize(u_eye.xyz - u_eye.w * v_world);
+    vec3 n = normal().xyz, v = normalize(v_view);
     vec4 surface = v_diffuse;
 #ifdef TEXTURED
     surface *= texture(u_diffuse_map, v_tex_coord);
@@ -409,21 +475,18 @@ void main() {
 ",
         );
         for light in 0..self.lights {
-            let lit = match self.shadows >> light & 1 {
-                1 => format!("textureProj(u_shadow_{light}, u_shadow_clip_{light} * vec4(v_world, 1.0))"),
-                _ => "1.0".to_owned(),
-            };
-            let (toward, weakened) = (toward(light), self.weakened(light));
+            let (toward, weakened, seen) = (self.toward(light), self.weakened(light), self.seen(light));
             text.push_str(&format!(
                 r"{toward}            float part = 1.0;
 {weakened}            lights += part;
+            l *= inverse;
             float nl = dot(n, l);
             if (nl > 0.0) {{
                 vec3 h = normalize(l + v);
                 float nh = dot(n, h), spread = nh * nh * (aa - 1.0) + 1.0;
                 float visibility = 0.5 / (nl * sqrt(nv * nv * (1.0 - aa) + aa) + nv * sqrt(nl * nl * (1.0 - aa) + aa));
                 vec3 f = f0 + (1.0 - f0) * pow(1.0 - clamp(dot(v, h), 0.0, 1.0), 5.0);
-                part *= 0.9 * nl * {lit};
+                part *= 0.9 * nl * {seen};
                 color += part * ((1.0 - f) * rho + aa / (spread * spread) * visibility * f);
             }}
         }}

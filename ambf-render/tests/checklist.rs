@@ -9,7 +9,7 @@ use std::sync::Arc;
 use ambf_core::plugin::Pixels;
 use ambf_render::{Backdrop, Picture, PictureRequest, Renderer};
 use nalgebra::{Isometry3, Point3, Vector3};
-use render_common::{directory, pixel, simulation, Shown};
+use render_common::{directory, keep, pixel, simulation, Shown};
 
 /// A world with one camera at (2, 0, 0) that looks at the origin, and one light far above it. `camera` and `light` are
 /// further lines.
@@ -378,7 +378,41 @@ fn rows_36_and_37_shadows() {
     }
 }
 
-/// Only a part of a shadow map is drawn anew: it must be the right one.
+/// The geometry of the first lights is interpolated between vertices, that of others computed at each pixel.
+#[test]
+fn the_order_of_lights_does_not_matter() {
+    let keys = [
+        "location: {x: 0.5, y: 0.3, z: 1.0}\nspot exponent: 3\ncutoff angle: 0.7\nshadow quality: 3",
+        "location: {x: -0.6, y: 0.2, z: 1.5}\nattenuation: {constant: 0.5, linear: 0.2}\ncutoff angle: 1.5707963267948966\nshadow quality: 2",
+        "location: {x: 0.1, y: -0.7, z: 2.0}\nspot exponent: 0\ncutoff angle: 0.4\nshadow quality: 0",
+        "location: {x: -0.4, y: -0.5, z: 1.2}\nspot exponent: 20\ncutoff angle: 0.9\nshadow quality: 4",
+    ];
+    // A plain material, one with highlights of any shininess, and a physically based one.
+    let shiny = "color components:\n  ambient: {level: 0.5}\n  diffuse: {r: 0.3, g: 0.1, b: 0.1}\n  specular: {r: 0.9, g: 0.9, b: 0.9}\n\
+                 \x20 shininess: 50\n  transparency: 1.0";
+    let physical = "color components:\n  diffuse: {r: 0.3, g: 0.1, b: 0.1}\n  metallic: 0.5\n  roughness: 0.4\n  transparency: 1.0";
+    let bodies = [
+        floor(),
+        block("Box", [0.2, 0.1, -0.5], [0.2, 0.3, 0.4], shiny),
+        block("Other", [-0.4, 0.1, -0.5], [0.2, 0.3, 0.4], physical),
+    ];
+    let pictures = [[0, 1, 2, 3], [3, 2, 1, 0], [2, 0, 3, 1]].map(|order| {
+        let mut world = floor_world(keys[order[0]]).replace("lights: [light1]", "lights: [light1, b, c, d]");
+        for (name, keys) in ["b", "c", "d"].iter().zip(&order[1..]).map(|(name, &index)| (name, keys[index])) {
+            world +=
+                &format!("{name}:\n  name: {name}\n{}", indented(&format!("direction: {{x: 0, y: 0, z: -1}}\n{keys}")));
+        }
+        drawn(&mut shown("order_of_lights", &world, &bodies), 320, 240)
+    });
+    keep(&pictures[0], "order_of_lights.png");
+    for other in &pictures[1..] {
+        let differs = |(a, b): &(&u8, &u8)| a.abs_diff(**b) > 2;
+        let count = pictures[0].color.iter().zip(&other.color).filter(differs).count();
+        assert_eq!(count, 0, "numbers of the pictures that differ by more than rounding");
+    }
+}
+
+/// Only a part of a shadow map is stored and drawn anew: it must be the right one.
 #[test]
 fn rows_36_and_37_shadows_follow_bodies() {
     let light = "location: {x: 0.0, y: 0.0, z: 3.0}\nspot exponent: 0.0\nshadow quality: 3";
@@ -395,11 +429,19 @@ fn rows_36_and_37_shadows_follow_bodies() {
     let request = PictureRequest::color(320, 240);
     let mut kept = renderer();
     let mut pictures: Vec<Picture> = Vec::new();
-    // Aside, beside the light's cone, near the light, behind the light, and back.
-    let places =
-        [[0.0, 0.0, 0.0], [0.3, -0.4, 0.0], [30.0, 0.0, 0.0], [0.1, 0.0, 2.7], [0.0, 0.0, 5.0], [0.0, 0.0, 0.0]];
-    for place in places {
+    // Aside, beside the light's cone, near the light, behind the light, and back; then the light moves aside.
+    let places = [
+        ([0.0, 0.0, 0.0], 0.0),
+        ([0.3, -0.4, 0.0], 0.0),
+        ([30.0, 0.0, 0.0], 0.0),
+        ([0.1, 0.0, 2.7], 0.0),
+        ([0.0, 0.0, 5.0], 0.0),
+        ([0.0, 0.0, 0.0], 0.0),
+        ([0.0, 0.0, 0.0], 0.4),
+    ];
+    for (place, light) in places {
         shown.snapshot.bodies[1].origin = place;
+        shown.snapshot.spots[0].pose.translation.x = light;
         let picture = shown.picture(&mut kept, 0, &request);
         let stage = std::mem::take(&mut shown.stage);
         let fresh = shown.picture(&mut renderer(), 0, &request);
@@ -509,6 +551,31 @@ fn shown_mesh(place: &Path, mesh: &str) -> Shown {
     let body = format!("BODY Square:\n  name: Square\n  mass: 0.0\n  mesh: {mesh}\n");
     let text = format!("namespace: /test/\nhigh resolution path: ./\nlow resolution path: ./\nbodies: [BODY Square]\njoints: []\n{body}");
     Shown::of_texts(place, &world("", ""), &text)
+}
+
+/// Backs of triangles are left out where nobody sees them. A box of 0.8 m as a file, with and without the face towards the
+/// camera.
+#[test]
+fn the_inside_of_an_open_mesh_is_seen() {
+    let place = directory("open_mesh");
+    std::fs::create_dir_all(&place).expect("a directory");
+    let vertices: String = (0..8)
+        .map(|vertex: u8| [2, 1, 0].map(|bit| if vertex >> bit & 1 == 0 { -0.4 } else { 0.4 }))
+        .map(|[x, y, z]| format!("v {x} {y} {z}\n"))
+        .collect();
+    // Vertex 1 + 4 x + 2 y + z; the last face is at +x.
+    let faces = ["1 2 4 3", "1 5 6 2", "3 4 8 7", "1 3 7 5", "2 6 8 4", "5 7 8 6"].map(|face| format!("f {face}\n"));
+    let depth = |name: &str, faces: &[String], at: f64| {
+        std::fs::write(place.join(name), format!("{vertices}{}", faces.concat())).expect("a file");
+        let mut shown = shown_mesh(&place, name);
+        shown.snapshot.bodies[0].origin[0] = at;
+        let picture = drawn(&mut shown, 64, 48);
+        assert!(pixel(&picture, 32, 24)[0] < 250, "{name} is seen");
+        f64::from(picture.depth[24 * 64 + 32])
+    };
+    near(depth("closed.obj", &faces, 0.0), 1.6, 1e-3, "front of a closed box");
+    near(depth("open.obj", &faces[..5], 0.0), 2.4, 1e-3, "back wall of an open box");
+    near(depth("closed.obj", &faces, 2.0), 0.4, 1e-3, "wall of a closed box around the camera");
 }
 
 #[test]

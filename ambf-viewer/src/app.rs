@@ -39,6 +39,8 @@ use pointer::Drag;
 const FRAME: Duration = Duration::from_nanos(1_000_000_000 / 120);
 /// Samples a pixel in windows, where a graphics card draws.
 const SAMPLES: u32 = 4;
+/// Texels from left to right of the texture of letters, at most.
+const FONT_TEXELS: usize = 2048;
 /// Colour of a picked body, and of the point where it was picked.
 const TOMATO: [f32; 3] = [1.0, 99.0 / 255.0, 71.0 / 255.0];
 const GREEN_YELLOW: [f32; 4] = [173.0 / 255.0, 1.0, 47.0 / 255.0, 1.0];
@@ -306,7 +308,8 @@ impl App {
             &window,
             Some(window.scale_factor() as f32),
             None,
-            Some(painter.max_texture_side()),
+            // It is as wide as this allows, and it is there twice: 2 MB each where textures may have 16384 texels.
+            Some(painter.max_texture_side().min(FONT_TEXELS)),
         );
         self.windows.push(CameraWindow {
             camera,

@@ -89,8 +89,11 @@ impl Shown<'_> {
             let place = loaded.iter().position(|(known, _)| Arc::ptr_eq(known, pixels)).unwrap_or_else(|| {
                 let size = [pixels.width() as usize, pixels.height() as usize];
                 let image = egui::ColorImage::from_rgba_unmultiplied(size, pixels.rgba().as_flattened());
-                let texture = painter.ctx().load_texture("picture of a plugin", image, egui::TextureOptions::LINEAR);
-                loaded.push((Arc::clone(pixels), texture));
+                // Not `load_texture`, whose limit is that of the texture of letters.
+                let textures = painter.ctx().tex_manager();
+                let name = "picture of a plugin".into();
+                let texture = textures.write().alloc(name, image.into(), egui::TextureOptions::LINEAR);
+                loaded.push((Arc::clone(pixels), egui::TextureHandle::new(textures, texture)));
                 loaded.len() - 1
             });
             for area in areas(drawing, self.size, &self.eyes, self.mirrored) {

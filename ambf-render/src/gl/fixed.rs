@@ -1,5 +1,6 @@
 //! The few functions of the fixed-function pipeline that programs of users depend on: they read `gl_LightSource`,
-//! `gl_FrontMaterial`, `gl_ModelViewMatrix`, `gl_EyePlaneS` and their like. `glow` has none of them.
+//! `gl_FrontMaterial`, `gl_ModelViewMatrix`, `gl_EyePlaneS` and their like; and `glReleaseShaderCompiler`. `glow` has none
+//! of them.
 
 use std::ffi::{c_void, CStr};
 
@@ -54,6 +55,7 @@ pub(crate) struct FixedMaterial {
     pub(crate) shininess: f32,
 }
 
+type Nothing = unsafe extern "system" fn();
 type OneEnum = unsafe extern "system" fn(u32);
 type Matrix = unsafe extern "system" fn(*const f32);
 type Vector = unsafe extern "system" fn(u32, *const f32);
@@ -68,6 +70,8 @@ pub(super) struct Functions {
     light: NamedVector,
     material: NamedVector,
     tex_gen: NamedVector,
+    /// Of OpenGL 4.1.
+    release_shader_compiler: Option<Nothing>,
 }
 
 impl Functions {
@@ -80,7 +84,7 @@ impl Functions {
             let address = find(name);
             (!address.is_null()).then_some(address)
         };
-        // SAFETY: each type is the signature that the OpenGL 2.1 specification gives to the function of this name.
+        // SAFETY: each type is the signature that the OpenGL specification gives to the function of this name.
         unsafe {
             Some(Self {
                 matrix_mode: std::mem::transmute::<*const c_void, OneEnum>(get(c"glMatrixMode")?),
@@ -90,7 +94,17 @@ impl Functions {
                 light: std::mem::transmute::<*const c_void, NamedVector>(get(c"glLightfv")?),
                 material: std::mem::transmute::<*const c_void, NamedVector>(get(c"glMaterialfv")?),
                 tex_gen: std::mem::transmute::<*const c_void, NamedVector>(get(c"glTexGenfv")?),
+                release_shader_compiler: get(c"glReleaseShaderCompiler")
+                    .map(|address| std::mem::transmute::<*const c_void, Nothing>(address)),
             })
+        }
+    }
+
+    /// The compiler's memory can be freed, until the next shader.
+    pub(super) fn release_shader_compiler(&self) {
+        if let Some(release) = self.release_shader_compiler {
+            // SAFETY: as in `scene`.
+            unsafe { release() };
         }
     }
 

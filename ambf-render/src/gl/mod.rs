@@ -8,7 +8,7 @@
 mod egl;
 mod fixed;
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::collections::HashMap;
 use std::ffi::{c_void, CStr};
 use std::sync::Arc;
@@ -98,6 +98,8 @@ pub(crate) struct Device {
     fixed: fixed::Functions,
     bin: Bin,
     backing: Backing,
+    /// Something was compiled since the compiler was released.
+    has_compiled: Cell<bool>,
     /// Vendor, device and version.
     pub(crate) description: String,
     /// Drawn by the processor.
@@ -131,6 +133,12 @@ impl Device {
         // SAFETY: the context is current, and its own functions are looked up.
         let (raw, fixed) = unsafe { (glow::Context::from_loader_function_cstr(find), fixed::Functions::load(find)) };
         let device = Self::new(raw, fixed, Backing::Offscreen(context));
+        if device.as_ref().is_ok_and(|device| device.is_software) {
+            // The C library gives memory at the end of its heap back to the system when it is twice as much as the largest
+            // block that was freed (mallopt(3), M_TRIM_THRESHOLD). The renderer would get its own anew for each picture,
+            // page by page, for a tenth of the time.
+            drop(std::hint::black_box(Vec::<u8>::with_capacity(8 << 20)));
+        }
         if let Ok(Device { backing: Backing::Offscreen(context), .. }) = &device {
             context.release();
         }
@@ -176,6 +184,7 @@ impl Device {
             fixed,
             bin: Bin::default(),
             backing,
+            has_compiled: Cell::default(),
             description: format!("{vendor}, {renderer}, OpenGL {version}"),
             is_software,
             most_pixels: natural(most_target.min(most_texels)).min(16384),
@@ -191,6 +200,11 @@ impl Device {
         }
         let current = Current { device: self };
         current.empty_bin();
+        // Since then pictures were drawn, for which Mesa has made machine code: the memory of all that is 10 MB.
+        if self.has_compiled.take() {
+            self.fixed.release_shader_compiler();
+            give_memory_back();
+        }
         Ok(current)
     }
 }
@@ -278,6 +292,18 @@ pub(crate) enum Mode {
     Triangles,
     Points,
     Lines,
+}
+
+/// Gives memory that was freed back to the system; the C library keeps what is not at the end of a heap.
+fn give_memory_back() {
+    #[cfg(target_env = "gnu")]
+    {
+        unsafe extern "C" {
+            fn malloc_trim(pad: usize) -> std::ffi::c_int;
+        }
+        // SAFETY: the signature is that of glibc; it touches only memory that nobody holds.
+        unsafe { malloc_trim(0) };
+    }
 }
 
 fn bytes<T: Plain>(values: &[T]) -> &[u8] {
@@ -496,6 +522,7 @@ impl Current<'_> {
     /// Compiles and links; the error is what the compiler says.
     pub(crate) fn program(&self, vertex: &str, fragment: &str) -> Result<Program, String> {
         let gl = self.raw();
+        self.device.has_compiled.set(true);
         // SAFETY: names are of objects that are made here; sources are strings whose lengths glow passes on.
         unsafe {
             let program = self.own(gl.create_program()?, Name::Program);

@@ -2,26 +2,20 @@
 
 use crate::view::Eye;
 
-/// Pixels of `N` bytes, bottom row first, as `M` values each, top row first.
-pub(super) fn top_first<const N: usize, const M: usize, T: Copy + Default>(
-    bytes: &[u8],
-    width: usize,
-    convert: impl Fn([u8; N]) -> [T; M],
-) -> Vec<T> {
+/// Pixels of `N` bytes, bottom row first, as values, top row first.
+pub(super) fn top_first<const N: usize, T>(bytes: &[u8], width: usize, out: &mut [T], convert: impl Fn([u8; N]) -> T) {
     let (pixels, _) = bytes.as_chunks::<N>();
-    let mut out = vec![T::default(); pixels.len() * M];
-    let (places, _) = out.as_chunks_mut::<M>();
-    for (from, to) in pixels.chunks_exact(width).rev().zip(places.chunks_exact_mut(width)) {
+    assert_eq!(out.len(), pixels.len(), "size of a picture");
+    for (from, to) in pixels.chunks_exact(width).rev().zip(out.chunks_exact_mut(width)) {
         for (from, to) in from.iter().zip(to) {
             *to = convert(*from);
         }
     }
-    out
 }
 
 /// Red, green and blue of RGBA pixels, bottom row first, top row first.
-pub(super) fn rgb(bytes: &[u8], width: usize) -> Vec<u8> {
-    let mut out = vec![0; bytes.len() / 4 * 3];
+pub(super) fn rgb(bytes: &[u8], width: usize, out: &mut [u8]) {
+    assert_eq!(out.len(), bytes.len() / 4 * 3, "size of a picture");
     for (row, to) in bytes.chunks_exact(4 * width).rev().zip(out.chunks_exact_mut(3 * width)) {
         // Four pixels at once, as three words.
         let (fours, rest) = row.as_chunks::<16>();
@@ -38,16 +32,17 @@ pub(super) fn rgb(bytes: &[u8], width: usize) -> Vec<u8> {
             to.copy_from_slice(&pixel[..3]);
         }
     }
-    out
 }
 
 /// Depths of a depth buffer (native f32, bottom row first) in m along the axis, top row first.
-pub(super) fn metric(bytes: &[u8], width: u32, eyes: &[Eye]) -> Vec<f32> {
+pub(super) fn metric(bytes: &[u8], width: u32, eyes: &[Eye], out: &mut [f32]) {
     let (depths, _) = bytes.as_chunks::<4>();
-    let mut out = Vec::with_capacity(depths.len());
-    for row in depths.chunks_exact(width as usize).rev() {
+    assert_eq!(out.len(), depths.len(), "size of a picture");
+    let width = width as usize;
+    for (row, to) in depths.chunks_exact(width).rev().zip(out.chunks_exact_mut(width)) {
         for eye in eyes {
-            let pixels = row[eye.left as usize..(eye.left + eye.width) as usize].iter();
+            let columns = eye.left as usize..(eye.left + eye.width) as usize;
+            let pixels = row[columns.clone()].iter().zip(&mut to[columns]);
             let p = &eye.projection;
             let (p22, p23, p32, p33) = (p[(2, 2)], p[(2, 3)], p[(3, 2)], p[(3, 3)]);
             if (p32, p33) == (-1.0, 0.0) {
@@ -55,14 +50,15 @@ pub(super) fn metric(bytes: &[u8], width: u32, eyes: &[Eye]) -> Vec<f32> {
                 // floats.
                 let (numerator, high) = (p23 as f32, p22 as f32);
                 let low = (p22 - f64::from(high)) as f32;
-                out.extend(pixels.map(|&depth| numerator / (2.0 * f32::from_ne_bytes(depth) - 1.0 + high + low)));
+                for (&depth, to) in pixels {
+                    *to = numerator / (2.0 * f32::from_ne_bytes(depth) - 1.0 + high + low);
+                }
             } else {
-                out.extend(pixels.map(|&depth| {
+                for (&depth, to) in pixels {
                     let n = 2.0 * f64::from(f32::from_ne_bytes(depth)) - 1.0;
-                    ((p23 - n * p33) / (p22 - n * p32)) as f32
-                }));
+                    *to = ((p23 - n * p33) / (p22 - n * p32)) as f32;
+                }
             }
         }
     }
-    out
 }

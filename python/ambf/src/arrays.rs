@@ -1,6 +1,7 @@
 //! NumPy arrays that the simulation writes or reads.
 
-use numpy::{Element, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn};
+use numpy::{Element, PyArray1, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyReadwriteArray1};
+use parking_lot::Mutex;
 use pyo3::prelude::*;
 use pyo3::types::IntoPyDict;
 
@@ -70,5 +71,36 @@ impl Buffer {
     /// Overwrites the numbers with `values`.
     pub fn write_all<T: Element + Copy>(&self, py: Python<'_>, values: &[T]) -> PyResult<()> {
         self.write(py, |numbers| numbers.iter_mut().zip(values).for_each(|(to, from)| *to = *from))
+    }
+}
+
+/// Arrays that are kept of a kind: who asks for a picture often holds the one before.
+const MOST_KEPT: usize = 3;
+
+/// Arrays whose memory is used again when Python has let go of them: giving a program new memory takes the system as long
+/// as half of a small picture.
+#[derive(Default)]
+pub struct Pool(Mutex<Vec<Py<PyAny>>>);
+
+impl Pool {
+    /// An array of `length` numbers of any value that nobody else has. Python must get views of it only.
+    #[allow(deprecated)] // without `get_refcnt` the count is read by an unsafe function
+    pub fn array<'py, T: Element>(&self, py: Python<'py>, length: usize) -> PyResult<PyReadwriteArray1<'py, T>> {
+        let kept = || self.0.lock();
+        // Below a view Python may have changed anything.
+        let fits = |array: &Py<PyAny>| {
+            let numbers = array.bind(py).cast::<PyArray1<T>>().ok().and_then(|array| array.try_readwrite().ok());
+            numbers.is_some_and(|mut numbers| numbers.as_slice_mut().is_ok_and(|numbers| numbers.len() == length))
+        };
+        // Not under the lock: making an array may run Python's code.
+        let mut arrays = std::mem::take(&mut *kept());
+        let array = match arrays.iter().position(|array| array.get_refcnt(py) == 1 && fits(array)) {
+            Some(place) => arrays.remove(place).into_bound(py),
+            None => PyArray1::<T>::zeros(py, length, false).into_any(),
+        };
+        arrays.insert(0, array.clone().unbind());
+        arrays.truncate(MOST_KEPT);
+        *kept() = arrays;
+        Ok(array.cast::<PyArray1<T>>()?.try_readwrite()?)
     }
 }

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use ambf_core::comm::Snapshot;
 use ambf_core::scene::VisualScene;
 use ambf_render::{camera_labels, find_camera, object_label, published_size, NoSuchCamera};
-use ambf_render::{Picture, PictureRequest, RenderError, Renderer, Stage, View};
+use ambf_render::{PictureRequest, Planes, RenderError, Renderer, Stage, View};
 use parking_lot::Mutex;
 
 /// Messages that are kept; further ones are dropped.
@@ -31,6 +31,18 @@ pub struct Wanted {
     pub samples: u32,
 }
 
+/// Arrays that a picture is drawn into; those that are not wanted are empty.
+pub struct Arrays<'a> {
+    /// (height x width x 3).
+    pub rgb: &'a mut [u8],
+    /// (height x width) m.
+    pub depth: &'a mut [f32],
+    /// (height x width) ids of objects.
+    pub ids: &'a mut [i32],
+    /// (height x width x 3).
+    pub normals: &'a mut [f32],
+}
+
 /// Renderer and stage of a world, made when they are used for the first time.
 #[derive(Default)]
 pub struct Drawing {
@@ -43,6 +55,8 @@ pub struct Drawing {
 struct Studio {
     renderer: Renderer,
     stage: Stage,
+    /// Objects and models of the last picture with ids.
+    ids: Vec<[u32; 2]>,
 }
 
 impl Moment {
@@ -87,8 +101,8 @@ impl Moment {
 }
 
 impl Drawing {
-    /// Draws. Nobody else draws this world meanwhile.
-    pub fn picture(&self, moment: &Moment, wanted: &Wanted) -> Result<Picture, RenderError> {
+    /// Draws into arrays of the size of the picture. Nobody else draws this world meanwhile.
+    pub fn picture(&self, moment: &Moment, wanted: &Wanted, arrays: Arrays<'_>) -> Result<(), RenderError> {
         let request = PictureRequest {
             color: wanted.rgb,
             depth: wanted.depth,
@@ -98,11 +112,18 @@ impl Drawing {
             preprocessing: moment.visuals.cameras[wanted.camera].description.preprocessing_shaders.clone(),
             ..PictureRequest::color(wanted.size.0, wanted.size.1)
         };
-        let mut picture = self.with(moment, |Studio { renderer, stage }| {
-            renderer.render(stage, &moment.view(wanted.camera), &request)
+        let messages = self.with(moment, |Studio { renderer, stage, ids }| {
+            ids.resize(arrays.ids.len(), [0; 2]);
+            let (normals, _) = arrays.normals.as_chunks_mut();
+            let planes = Planes { color: arrays.rgb, depth: arrays.depth, ids, normals };
+            let (_, messages) = renderer.render_into(stage, &moment.view(wanted.camera), &request, planes)?;
+            for (to, [object, _]) in arrays.ids.iter_mut().zip(ids) {
+                *to = i32::try_from(*object).unwrap_or(i32::MAX);
+            }
+            Ok(messages)
         })??;
-        self.say(std::mem::take(&mut picture.messages));
-        Ok(picture)
+        self.say(messages);
+        Ok(())
     }
 
     /// Labels of the objects by id; the first is nothing.
@@ -155,7 +176,7 @@ impl Drawing {
         let mut place = self.studio.lock();
         let studio = match &mut *place {
             Some(studio) => studio,
-            None => place.insert(Studio { renderer: Renderer::offscreen()?, stage: Stage::default() }),
+            None => place.insert(Studio { renderer: Renderer::offscreen()?, stage: Stage::default(), ids: Vec::new() }),
         };
         self.say(studio.renderer.prepare(&mut studio.stage, &moment.visuals, &moment.snapshot));
         Ok(use_studio(studio))

@@ -14,7 +14,7 @@ use numpy::{PyArray1, PyArrayMethods};
 use parking_lot::Mutex;
 use pyo3::prelude::*;
 
-use crate::arrays::Buffer;
+use crate::arrays::{Buffer, Pool};
 use crate::commands::{BodyCommands, Requested, Row, SavedArrays};
 use crate::drawing::{self, Drawing, Moment};
 use crate::load::{self, Wanted};
@@ -81,7 +81,17 @@ pub struct World {
     commands: BodyCommands,
     cameras: Vec<String>,
     drawing: Drawing,
+    pictures: PictureArrays,
     windows: Mutex<Option<Windows>>,
+}
+
+/// Arrays of pictures.
+#[derive(Default)]
+struct PictureArrays {
+    rgb: Pool,
+    depth: Pool,
+    ids: Pool,
+    normals: Pool,
 }
 
 impl World {
@@ -314,6 +324,7 @@ impl World {
             actuators,
             cameras,
             drawing: Drawing::default(),
+            pictures: PictureArrays::default(),
             windows: Mutex::default(),
         };
         let requested = Requested::new(made.rows.len());
@@ -578,28 +589,36 @@ impl World {
         let camera = moment.camera(camera.as_deref()).map_err(|problem| errors::camera(py, &problem))?;
         let size = moment.size(camera, width, height);
         let wanted = drawing::Wanted { camera, size, rgb, depth, ids, normals, samples };
-        let picture = py.detach(|| {
-            let picture = self.drawing.picture(&moment, &wanted)?;
-            let ids: Vec<i32> =
-                picture.ids.iter().map(|[object, _]| i32::try_from(*object).unwrap_or(i32::MAX)).collect();
-            Ok((picture, ids))
-        });
-        let (picture, id_numbers) = picture.map_err(|problem| errors::render(py, &problem))?;
-        let shape = [picture.height as usize, picture.width as usize];
+        let shape = [size.1 as usize, size.0 as usize];
         let colors = [shape[0], shape[1], 3];
+        // Other sizes are refused before anything is drawn.
+        let is_possible = [size.0, size.1].iter().all(|pixels| (1..=16384).contains(pixels));
+        let count = |is_wanted: bool| if is_wanted && is_possible { shape[0] * shape[1] } else { 0 };
+        let pools = &self.pictures;
+        let mut rgb_array = pools.rgb.array(py, 3 * count(rgb))?;
+        let mut depth_array = pools.depth.array(py, count(depth))?;
+        let mut id_array = pools.ids.array(py, count(ids))?;
+        let mut normal_array = pools.normals.array(py, 3 * count(normals))?;
+        let numbers = drawing::Arrays {
+            rgb: rgb_array.as_slice_mut()?,
+            depth: depth_array.as_slice_mut()?,
+            ids: id_array.as_slice_mut()?,
+            normals: normal_array.as_slice_mut()?,
+        };
+        let drawn = py.detach(|| self.drawing.picture(&moment, &wanted, numbers));
+        drawn.map_err(|problem| errors::render(py, &problem))?;
         let mut arrays = Vec::with_capacity(4);
         if rgb {
-            arrays.push(("rgb", PyArray1::from_vec(py, picture.color).reshape(colors)?.into_any()));
+            arrays.push(("rgb", rgb_array.reshape(colors)?.into_any()));
         }
         if depth {
-            arrays.push(("depth", PyArray1::from_vec(py, picture.depth).reshape(shape)?.into_any()));
+            arrays.push(("depth", depth_array.reshape(shape)?.into_any()));
         }
         if ids {
-            arrays.push(("ids", PyArray1::from_vec(py, id_numbers).reshape(shape)?.into_any()));
+            arrays.push(("ids", id_array.reshape(shape)?.into_any()));
         }
         if normals {
-            let numbers = picture.normals.into_flattened();
-            arrays.push(("normals", PyArray1::from_vec(py, numbers).reshape(colors)?.into_any()));
+            arrays.push(("normals", normal_array.reshape(colors)?.into_any()));
         }
         Ok(arrays)
     }

@@ -86,6 +86,32 @@ class Pictures(unittest.TestCase):
         self.assertEqual(sim.render(rgb=False, depth=True).shape, (48, 64))
         self.assertEqual(sim.notices(), [])
 
+    def test_pictures_that_are_held_stay_as_they_are(self):
+        """Memory of pictures that nobody holds any more is used again, and only that."""
+        sim = simulation()
+        held, copies = [], []
+        for count in range(6):
+            found = sim.render("front", depth=True, ids=True)
+            # A view of a part is enough to hold a picture.
+            held.append((found["rgb"][10:40], found["depth"].T, found["ids"] if count % 2 else found["ids"][:, ::2]))
+            copies.append([array.copy() for array in held[-1]])
+            del found
+            sim.step(20)
+        for arrays, kept in zip(held, copies):
+            for array, copy in zip(arrays, kept):
+                np.testing.assert_array_equal(array, copy)
+        addresses = set()
+        for _ in range(8):
+            addresses.add(sim.render("front").ctypes.data)
+        self.assertLess(len(addresses), 3)
+        # What Python makes of the memory of a picture changes nothing.
+        picture = sim.render("front")
+        below = picture.base
+        before = picture.copy()
+        below.dtype = np.uint16
+        del picture, below
+        np.testing.assert_array_equal(sim.render("front"), before)
+
     def test_sizes(self):
         """As given, as published, or of the published shape."""
         sim = simulation()
