@@ -126,8 +126,8 @@ impl InputDevice for Touch {
         if let Some(words) = shared.sample.newest() {
             self.newest = Measured::from_words(&words);
         }
-        let silence = shared.now().saturating_sub(shared.beat.load(Ordering::Relaxed));
-        if silence > LOST {
+        let now = shared.now();
+        if now.saturating_sub(shared.beat.load(Ordering::Relaxed)) > LOST {
             return Err(DeviceError::Lost(format!(
                 "`{}` is lost: the scheduler of the HD library stands still",
                 self.name
@@ -143,7 +143,8 @@ impl InputDevice for Touch {
             angular_velocity: None,
             gripper: None,
             buttons: newest.buttons,
-            valid: newest.valid && silence <= STALE,
+            // Of the sample, not of the scheduler: after a pause that runs before it has measured.
+            valid: newest.valid && now.saturating_sub(newest.stamp) <= STALE,
         })
     }
 
