@@ -2,9 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use ambf_core::adf::{self, Launch, LoadError, Report};
-use ambf_core::bullet::{Integrator, Preset, Solver};
-use ambf_core::control::Profile;
+use ambf_core::adf::{self, Launch, LoadError, PhysicsSettings, Report};
 use ambf_core::scene::{PhysicsOptions, SceneFiles};
 use thiserror::Error;
 
@@ -81,37 +79,20 @@ pub fn scene_files(
 /// # Errors
 /// The sentence that says which name is not known.
 pub fn physics(options: &cli::PhysicsOptions) -> Result<PhysicsOptions, String> {
-    fn named<T>(
-        option: &str,
-        name: Option<&str>,
-        find: fn(&str) -> Option<T>,
-        known: &[&str],
-    ) -> Result<Option<T>, String> {
-        let Some(name) = name else { return Ok(None) };
-        let problem = || format!("--{option} {name}: not known, expected one of {}", known.join(", "));
-        find(name).map(Some).ok_or_else(problem)
-    }
-    let solver = named("solver", options.solver.as_deref(), Solver::from_name, &Solver::NAMES.map(|(name, _)| name))?;
-    let integrator = options.integrator.as_deref();
-    let integrator = named("integrator", integrator, Integrator::from_name, &Integrator::NAMES.map(|(name, _)| name))?;
-    Ok(PhysicsOptions {
-        profile: options.profile.map(|profile| match profile {
-            cli::Profile::Legacy => Profile::Legacy,
-            cli::Profile::Accurate => Profile::Accurate,
-            cli::Profile::PyBullet => Profile::Legacy,
-        }),
-        preset: (options.profile == Some(cli::Profile::PyBullet)).then_some(Preset::PyBullet),
-        solver,
-        integrator,
-        iterations: options.iterations,
-        articulated: options.articulated,
-        sleep: options.sleep,
-        ..PhysicsOptions::default()
-    })
+    let cli::PhysicsOptions { profile, solver, iterations, integrator, sleep, articulated } = options.clone();
+    let chosen =
+        PhysicsSettings { profile, solver, iterations, integrator, sleep, articulated, ..PhysicsSettings::default() };
+    let mut problem = None;
+    let physics = PhysicsOptions::new(&chosen, |option, name, known| {
+        problem.get_or_insert(format!("--{option} {name}: not known, expected one of {known}"));
+    });
+    problem.map_or(Ok(physics), Err)
 }
 
 #[cfg(test)]
 mod tests {
+    use ambf_core::bullet::Integrator;
+
     use super::*;
 
     fn launch(text: &str) -> Launch {
@@ -141,15 +122,5 @@ mod tests {
         assert!(physics(&options).unwrap_err().contains("dantzig"));
         let options = cli::PhysicsOptions { integrator: Some("ballistic".into()), ..Default::default() };
         assert_eq!(physics(&options).unwrap().integrator, Some(Integrator::Ballistic));
-    }
-
-    #[test]
-    fn pybullet_is_legacy_with_a_preset() {
-        let of = |profile| {
-            let physics = physics(&cli::PhysicsOptions { profile: Some(profile), ..Default::default() }).unwrap();
-            (physics.profile, physics.preset)
-        };
-        assert_eq!(of(cli::Profile::PyBullet), (Some(Profile::Legacy), Some(Preset::PyBullet)));
-        assert_eq!(of(cli::Profile::Accurate), (Some(Profile::Accurate), None));
     }
 }

@@ -265,7 +265,7 @@ impl Arguments {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Profile;
+    use super::super::PhysicsProfile;
     use super::*;
 
     fn parse(line: &str) -> Result<Parsed<BatchOptions>, CliError> {
@@ -325,7 +325,7 @@ mod tests {
             full: true,
             json: true,
             physics: PhysicsOptions {
-                profile: Some(Profile::Legacy),
+                profile: Some(PhysicsProfile::Legacy),
                 solver: Some("nncg".to_owned()),
                 iterations: Some(5),
                 integrator: Some("rk4".to_owned()),

@@ -15,6 +15,7 @@ pub use simulator::{DeviceSelection, PublishFrequency, SimulatorOptions};
 
 use std::path::PathBuf;
 
+use ambf_core::adf::PhysicsProfile;
 use clap::error::ErrorKind;
 
 /// What a command line asks for.
@@ -50,25 +51,13 @@ impl CliError {
     pub const BATCH_STATUS: i32 = 1;
 }
 
-/// Which behaviour of the physics to use.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub enum Profile {
-    /// The original simulator's trajectories.
-    Legacy,
-    /// The most accurate result for the same cost.
-    Accurate,
-    /// As `legacy`, with the solver and the shapes of pybullet.
-    #[value(name = "pybullet")]
-    PyBullet,
-}
-
 /// How Bullet solves and integrates; `None` leaves a choice to the world file and then to the profile.
 #[derive(Debug, Clone, Default, PartialEq, Eq, clap::Args)]
 #[command(next_help_heading = "Physics")]
 pub struct PhysicsOptions {
     /// Behaviour of the physics: legacy, accurate or pybullet [default: the world file's, else legacy]
-    #[arg(long, value_enum, value_name = "PROFILE", hide_possible_values = true)]
-    pub profile: Option<Profile>,
+    #[arg(long, value_parser = values::profile(), value_name = "PROFILE", hide_possible_values = true)]
+    pub profile: Option<PhysicsProfile>,
     /// Constraint solver, by name [default: the profile's]
     #[arg(long, value_name = "NAME")]
     pub solver: Option<String>,

@@ -2,6 +2,9 @@
 
 use std::path::PathBuf;
 
+use ambf_core::adf::PhysicsProfile;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+
 /// `true yes on 1` or `false no off 0`, in any case.
 pub(super) fn boolean(text: &str) -> Result<bool, String> {
     match text.to_ascii_lowercase().as_str() {
@@ -9,6 +12,12 @@ pub(super) fn boolean(text: &str) -> Result<bool, String> {
         "false" | "no" | "off" | "0" => Ok(false),
         _ => Err("expected true, yes, on, 1 or false, no, off, 0".to_owned()),
     }
+}
+
+/// A profile of the physics, by name.
+pub(super) fn profile() -> impl TypedValueParser<Value = PhysicsProfile> {
+    let one = |name: String| PhysicsProfile::from_name(&name).expect("one of the possible values");
+    PossibleValuesParser::new(PhysicsProfile::NAMES.map(|(name, _)| name)).map(one)
 }
 
 /// A finite number above zero.

@@ -72,11 +72,6 @@ impl Gyroscopic {
     /// The values that users can choose, with their names.
     pub const NAMES: [(&'static str, Self); 3] =
         [("none", Self::None), ("explicit", Self::Explicit), ("implicit", Self::ImplicitBody)];
-
-    /// The value called `name`.
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::NAMES.iter().find(|(known, _)| *known == name).map(|&(_, way)| way)
-    }
 }
 
 /// A set of settings.

@@ -35,11 +35,6 @@ impl Solver {
     pub fn name(self) -> &'static str {
         Self::NAMES.iter().find(|(_, solver)| *solver == self).map_or("", |(name, _)| name)
     }
-
-    /// The solver called `name`.
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::NAMES.iter().find(|(known, _)| *known == name).map(|&(_, solver)| solver)
-    }
 }
 
 /// Integrator of free bodies: those without contacts and constraints.
@@ -63,26 +58,5 @@ impl Integrator {
     /// Its name.
     pub fn name(self) -> &'static str {
         Self::NAMES.iter().find(|(_, integrator)| *integrator == self).map_or("", |(name, _)| name)
-    }
-
-    /// The integrator called `name`.
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::NAMES.iter().find(|(known, _)| *known == name).map(|&(_, integrator)| integrator)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn every_name_names_one() {
-        for (name, solver) in Solver::NAMES {
-            assert_eq!((Solver::from_name(name), solver.name()), (Some(solver), name));
-        }
-        for (name, integrator) in Integrator::NAMES {
-            assert_eq!((Integrator::from_name(name), integrator.name()), (Some(integrator), name));
-        }
-        assert_eq!(Solver::from_name("best"), None);
     }
 }

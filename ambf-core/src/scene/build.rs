@@ -15,8 +15,8 @@ use super::{
     shape, Bodies, BodyGraph, Counts, Found, Identity, ModelInfo, NameMap, Names, Note, ObjectType, Parent,
     PhysicsOptions, Scene, SceneOptions,
 };
-use crate::adf::{self, CollisionGeometry, Part, PartGeometry, PhysicsProfile, RaySource, Severity, SourcePos};
-use crate::bullet::{self, Gyroscopic, Integrator, Preset, Solver, SolverSettings, World, WorldKind};
+use crate::adf::{self, CollisionGeometry, Part, PartGeometry, RaySource, Severity, SourcePos};
+use crate::bullet::{self, Integrator, Preset, Solver, SolverSettings, World, WorldKind};
 use crate::comm::{CartesianCommandType, LightParameters, Rates};
 use crate::control::{CartesianController, Profile};
 use crate::mesh::{Mesh, MeshCache};
@@ -675,51 +675,10 @@ fn three_digits(number: f64) -> String {
 
 /// The options, completed by the world file.
 fn physics(world: &adf::World, options: &PhysicsOptions, notes: &mut Vec<Note>) -> PhysicsOptions {
-    let settings = &world.physics;
-    let mut unknown = |key: &str, name: &str, known: Vec<&str>| {
-        let message = format!("`physics / {key}`: `{name}` is not known, expected one of {}", known.join(", "));
+    options.or(PhysicsOptions::new(&world.physics, |key, name, known| {
+        let message = format!("`physics / {key}`: `{name}` is not known, expected one of {known}");
         notes.push(Note { severity: Severity::Error, source: world.common.source.clone(), message, wanted: None });
-    };
-    let solver = settings.solver.as_deref().and_then(|name| {
-        let solver = Solver::from_name(name);
-        if solver.is_none() {
-            unknown("solver", name, Solver::NAMES.map(|(name, _)| name).to_vec());
-        }
-        solver
-    });
-    let integrator = settings.integrator.as_deref().and_then(|name| {
-        let integrator = Integrator::from_name(name);
-        if integrator.is_none() {
-            unknown("integrator", name, Integrator::NAMES.map(|(name, _)| name).to_vec());
-        }
-        integrator
-    });
-    let gyroscopic = settings.gyroscopic.as_deref().and_then(|name| {
-        let way = Gyroscopic::from_name(name);
-        if way.is_none() {
-            unknown("gyroscopic", name, Gyroscopic::NAMES.map(|(name, _)| name).to_vec());
-        }
-        way
-    });
-    let (profile, preset) = match (options.profile, settings.profile) {
-        (Some(profile), _) => (Some(profile), options.preset),
-        (None, Some(PhysicsProfile::Legacy)) => (Some(Profile::Legacy), options.preset),
-        (None, Some(PhysicsProfile::Accurate)) => (Some(Profile::Accurate), options.preset),
-        (None, Some(PhysicsProfile::PyBullet)) => (Some(Profile::Legacy), Some(Preset::PyBullet)),
-        (None, None) => (None, options.preset),
-    };
-    PhysicsOptions {
-        profile,
-        preset,
-        solver: options.solver.or(solver),
-        iterations: options.iterations.or(settings.iterations),
-        integrator: options.integrator.or(integrator),
-        articulated: options.articulated.or(settings.articulated),
-        sub_step: options.sub_step.or(settings.sub_step),
-        sleep: options.sleep.or(settings.sleep),
-        joint_erp: options.joint_erp.or(settings.joint_erp),
-        gyroscopic: options.gyroscopic.or(gyroscopic),
-    }
+    }))
 }
 
 #[cfg(test)]

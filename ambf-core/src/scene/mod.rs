@@ -16,6 +16,7 @@ mod joint;
 mod load;
 mod names;
 mod object;
+mod physics;
 mod remove;
 mod saved;
 mod sensor;
@@ -38,6 +39,7 @@ pub use joint::{Joint, JointType};
 pub use load::{load, read_model, Loaded, PreparedModel, SceneFiles, SceneReport};
 pub use names::{Found, NameMap};
 pub use object::DeclaredPlugins;
+pub use physics::PhysicsOptions;
 pub(crate) use saved::SavedScene;
 pub use sensor::{LocalRay, Sensed, Sensor};
 pub use soft_body::SoftBody;
@@ -54,7 +56,7 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Vector3};
 
 use crate::adf::{self, Severity, SourcePos};
-use crate::bullet::{Gyroscopic, Integrator, Preset, Solver, World};
+use crate::bullet::{Gyroscopic, Preset, World};
 use crate::comm::{
     ActuatorCommand, BodyKinematics, GhostInfo, GhostReading, ObjectInfo, ObjectKind, Rates, RigidBodyInfo, Snapshot,
     SoftBodyReading, VehicleInfo, VehicleReading, Wrench,
@@ -75,33 +77,6 @@ pub struct SceneOptions {
     pub may_grow: bool,
     /// States of the simulation can be [saved](crate::sim::Simulation::save). Default: `false`.
     pub savable: bool,
-}
-
-/// How physics is solved; what is `None` comes from the world file, else from the profile.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct PhysicsOptions {
-    /// Legacy or accurate.
-    pub profile: Option<Profile>,
-    /// Settings of the solver and of shapes instead of the profile's. A `profile` here is without the preset of the
-    /// world file.
-    pub preset: Option<Preset>,
-    /// Constraint solver.
-    pub solver: Option<Solver>,
-    /// Iterations of the solver.
-    pub iterations: Option<u32>,
-    /// How free bodies are moved.
-    pub integrator: Option<Integrator>,
-    /// Whether joints that form trees are put into reduced coordinates. Default: `true` in the accurate profile with
-    /// its own solver.
-    pub articulated: Option<bool>,
-    /// Length of a sub-step, s.
-    pub sub_step: Option<f64>,
-    /// Whether bodies at rest sleep: no, unless asked for.
-    pub sleep: Option<bool>,
-    /// Share of the position error of joints that is corrected in a sub-step.
-    pub joint_erp: Option<f64>,
-    /// How the gyroscopic torque is integrated.
-    pub gyroscopic: Option<Gyroscopic>,
 }
 
 /// A remark on a scene: what was dropped, replaced or guessed while it was built.

@@ -423,6 +423,6 @@ impl Simulation {
 
     /// Lets the cap on sub-steps learn what the latest update cost.
     pub(super) fn learn_cost(&mut self, cost: Duration) {
-        self.physics.cap.learn(self.physics.due, self.physics.sub_step, cost.as_secs_f64());
+        self.physics.cap.learn(self.physics.time.due, self.physics.sub_step, cost.as_secs_f64());
     }
 }

@@ -193,7 +193,7 @@ impl Devices {
                 reference: hand.reference,
                 pose: root.pose(world),
                 gripper: hand.gripper,
-                dt: physics.interval,
+                dt: physics.time.interval,
                 nominal_dt: self.nominal_dt,
                 force_active: root.control == CartesianCommandType::Force,
                 gripping_assist: switches.gripping_assist,

@@ -119,7 +119,8 @@ impl Simulation {
     pub(super) fn record_history(&mut self) -> Option<String> {
         let last = self.recording.history.as_ref()?.states.back().map(|last| last.sim_time());
         // Time that went back means that the simulation goes on from an earlier state.
-        let is_due = last.is_none_or(|last| self.physics.sim_time < last || self.physics.sim_time >= last + INTERVAL);
+        let now = self.physics.time.sim_time;
+        let is_due = last.is_none_or(|last| now < last || now >= last + INTERVAL);
         if !is_due {
             return None;
         }
@@ -158,7 +159,7 @@ impl Simulation {
         if !time.is_finite() {
             return Err(format!("{time} is no time"));
         }
-        let sim_time = self.physics.sim_time;
+        let sim_time = self.physics.time.sim_time;
         let is_newest = |history: &History| history.states.back().is_none_or(|last| last.sim_time() < sim_time);
         // The present is not lost by looking back.
         if self.recording.history.as_ref().is_some_and(is_newest) && self.check_state().is_ok() {

@@ -173,7 +173,7 @@ impl Simulation {
 
     /// Simulated time: sum of all intervals, s. Resets leave it alone.
     pub fn sim_time(&self) -> f64 {
-        self.physics.sim_time
+        self.physics.time.sim_time
     }
 
     /// Iterations that stepped.
@@ -183,7 +183,7 @@ impl Simulation {
 
     /// Simulated seconds that were never integrated because of the cap on sub-steps.
     pub fn lost_time(&self) -> f64 {
-        self.physics.lost_time
+        self.physics.time.lost_time
     }
 
     /// Time spent inside Bullet's step.

@@ -13,6 +13,23 @@ use crate::comm::{
 use crate::control::Profile;
 use crate::scene::{Scene, Sensor};
 
+/// Simulated time.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Time {
+    /// Sum of all intervals, s.
+    pub sim_time: f64,
+    /// Interval of the latest update, s.
+    pub interval: f64,
+    /// Interval before that, s: what object updates and controllers get.
+    pub dt: f64,
+    /// Updates that stepped.
+    pub iteration: u64,
+    /// Sub-steps that the latest update should have done.
+    pub due: u32,
+    /// Simulated time that was never integrated because of the cap on sub-steps, s.
+    pub lost_time: f64,
+}
+
 /// The part of a [`Simulation`](super::Simulation) that moves. It knows nothing of clients, devices, plugins and
 /// windows; these work on it.
 pub(super) struct Physics {
@@ -20,14 +37,7 @@ pub(super) struct Physics {
     pub sub_step: f64,
     pub bounds: PlausibleBounds,
     pub cap: SubStepCap,
-    pub sim_time: f64,
-    /// Interval before the present one, s: what object updates, controllers and plugins get.
-    pub dt: f64,
-    pub interval: f64,
-    pub iteration: u64,
-    pub lost_time: f64,
-    /// Sub-steps that the latest update should have done.
-    pub due: u32,
+    pub time: Time,
     pub bullet_time: Duration,
     /// When the latest update was; taken where somebody listens.
     pub stamp: Option<SystemTime>,
@@ -47,12 +57,7 @@ impl Physics {
             sub_step,
             bounds,
             cap: SubStepCap::new(scene.max_sub_steps),
-            sim_time: 0.0,
-            dt: 0.0,
-            interval: 0.0,
-            iteration: 0,
-            lost_time: 0.0,
-            due: 0,
+            time: Time::default(),
             bullet_time: Duration::ZERO,
             stamp: None,
             joint_buffer: Vec::new(),
@@ -75,28 +80,28 @@ impl Physics {
 
     /// Counts an update of `interval` s that begins.
     pub fn begin_update(&mut self, interval: f64) {
-        self.iteration += 1;
-        self.dt = self.interval;
-        self.interval = interval;
+        self.time.iteration += 1;
+        self.time.dt = self.time.interval;
+        self.time.interval = interval;
     }
 
     /// Steps the world by the interval of this update.
     pub fn step(&mut self) {
         let cap = self.cap.get();
         let begin = Instant::now();
-        self.due = self.targets.step(&mut self.scene, self.interval, cap, self.sub_step);
+        self.time.due = self.targets.step(&mut self.scene, self.time.interval, cap, self.sub_step);
         self.bullet_time += begin.elapsed();
-        self.lost_time += f64::from(self.due.saturating_sub(cap)) * self.sub_step;
-        self.sim_time += self.interval;
+        self.time.lost_time += f64::from(self.time.due.saturating_sub(cap)) * self.sub_step;
+        self.time.sim_time += self.time.interval;
     }
 
     /// Brings what follows from a step up to date: joints, efforts, wrenches, then ghost objects, sensors, vehicles.
     pub fn observe(&mut self) {
-        self.scene.observe_joints(self.dt, &mut self.joint_buffer);
+        self.scene.observe_joints(self.time.dt, &mut self.joint_buffer);
         if self.scene.has_feedback {
             self.estimate_efforts();
         }
-        self.scene.update_elements(self.sub_step, self.interval.max(self.sub_step));
+        self.scene.update_elements(self.sub_step, self.time.interval.max(self.sub_step));
     }
 
     /// Sums the reactions of all joints with feedback on their bodies, each in the body's inertial frame.
@@ -120,7 +125,7 @@ impl Physics {
 
     /// Iterations that stepped. Wraps like the counter on the wire.
     pub fn sim_step(&self) -> u32 {
-        self.iteration as u32
+        self.time.iteration as u32
     }
 
     /// Fills a snapshot with the state of this moment; `wall_time` in s.
@@ -129,8 +134,8 @@ impl Physics {
         snapshot.stamp = self.stamp.unwrap_or_else(SystemTime::now);
         snapshot.sim_step = self.sim_step();
         snapshot.wall_time = wall_time;
-        snapshot.sim_time = self.sim_time;
-        snapshot.timing = Timing { lost_time: self.lost_time, sub_step_cap: self.cap.get(), ..timing };
+        snapshot.sim_time = self.time.sim_time;
+        snapshot.timing = Timing { lost_time: self.time.lost_time, sub_step_cap: self.cap.get(), ..timing };
         scene.world.read_bodies(&mut snapshot.bodies);
         snapshot.wrenches.copy_from_slice(&self.wrenches);
         for (i, joint) in scene.joints.iter().enumerate() {
@@ -147,7 +152,7 @@ impl Physics {
         let commanded = &mut bodies[body];
         commanded.control = command.cartesian;
         if *profile == Profile::Legacy || !commanded.is_dynamic() || command.cartesian == CartesianCommandType::Force {
-            commanded.apply_command(world, command, self.dt);
+            commanded.apply_command(world, command, self.time.dt);
         } else if commanded.set_target(world, command) {
             self.targets.bodies.push(body);
         }
@@ -173,7 +178,7 @@ impl Physics {
     pub fn order_joint(&mut self, joint: usize, kind: JointCommandType, value: f64) {
         let Scene { joints, bodies, world, profile, .. } = &mut self.scene;
         if *profile == Profile::Legacy {
-            joints[joint].apply_command(world, bodies, kind, value, self.sim_time);
+            joints[joint].apply_command(world, bodies, kind, value, self.time.sim_time);
         } else if joints[joint].set_target(world, kind, value, self.sub_step) {
             self.targets.joints.push(joint);
         }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use nalgebra::{Isometry3, Vector3};
 
-use super::physics::Physics;
+use super::physics::{Physics, Time};
 use super::Simulation;
 use crate::adf::{node_text, PluginEntry, SourcePos};
 use crate::bullet::{Constraint, ConstraintHandle, ConstraintKind, Ray, RayTarget};
@@ -135,7 +135,7 @@ impl Simulation {
 
     /// Calls plugins after an [`update`](Self::update) that made a step, in the order of the C++ program.
     pub(super) fn update_plugins(&mut self, phase: Phase) {
-        let dt = self.physics.interval;
+        let dt = self.physics.time.interval;
         self.with_plugins(|plugins, access| {
             plugins.update(access, phase, dt);
             if phase == Phase::Simulator {
@@ -396,7 +396,8 @@ impl Access for SceneAccess<'_> {
     }
 
     fn clock(&self) -> Clock {
-        Clock { sim_time: self.physics.sim_time, dt: self.physics.interval, step: self.physics.iteration }
+        let Time { sim_time, interval, iteration, .. } = self.physics.time;
+        Clock { sim_time, dt: interval, step: iteration }
     }
 
     fn count(&self, kind: Option<ObjectType>) -> usize {

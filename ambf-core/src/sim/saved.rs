@@ -2,7 +2,7 @@
 
 use super::cap::SubStepCap;
 use super::commands::{Link, SavedCommands};
-use super::physics::Physics;
+use super::physics::{Physics, Time};
 use super::plugins::Attachment;
 use super::targets::ActiveTargets;
 use super::window::Picking;
@@ -22,12 +22,7 @@ use crate::scene::SavedScene;
 pub struct SavedState {
     scene: SavedScene,
     cap: SubStepCap,
-    sim_time: f64,
-    dt: f64,
-    interval: f64,
-    iteration: u64,
-    lost_time: f64,
-    due: u32,
+    time: Time,
     wrenches: Vec<Wrench>,
     commands: SavedCommands,
     picking: Picking,
@@ -38,10 +33,9 @@ pub struct SavedState {
 
 impl std::fmt::Debug for SavedState {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { sim_time, iteration, .. } = self;
         let mut out = f.debug_struct("SavedState");
-        out.field("sim_time", sim_time)
-            .field("iteration", iteration)
+        out.field("sim_time", &self.time.sim_time)
+            .field("iteration", &self.time.iteration)
             .field("size", &self.size())
             .finish_non_exhaustive()
     }
@@ -55,7 +49,7 @@ impl SavedState {
 
     /// Simulated time of the state, s.
     pub fn sim_time(&self) -> f64 {
-        self.sim_time
+        self.time.sim_time
     }
 }
 
@@ -85,12 +79,7 @@ impl Simulation {
             sub_step: _,
             bounds: _,
             cap,
-            sim_time,
-            dt,
-            interval,
-            iteration,
-            lost_time,
-            due,
+            time,
             // Measured, not simulated.
             bullet_time: _,
             stamp: _,
@@ -102,12 +91,7 @@ impl Simulation {
         Ok(SavedState {
             scene: scene.save()?,
             cap: cap.clone(),
-            sim_time: *sim_time,
-            dt: *dt,
-            interval: *interval,
-            iteration: *iteration,
-            lost_time: *lost_time,
-            due: *due,
+            time: *time,
             wrenches: wrenches.clone(),
             commands: link.as_ref().map(Link::save).unwrap_or_default(),
             picking: picking.clone(),
@@ -128,10 +112,7 @@ impl Simulation {
         let physics = &mut self.physics;
         physics.scene.restore(&saved.scene)?;
         physics.cap.clone_from(&saved.cap);
-        physics.sim_time = saved.sim_time;
-        (physics.dt, physics.interval) = (saved.dt, saved.interval);
-        physics.iteration = saved.iteration;
-        (physics.lost_time, physics.due) = (saved.lost_time, saved.due);
+        physics.time = saved.time;
         physics.wrenches.clone_from(&saved.wrenches);
         physics.targets.restore(&saved.targets);
         if let Some(link) = &mut self.link {

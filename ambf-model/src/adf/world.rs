@@ -57,7 +57,8 @@ pub struct Skybox {
     pub shaders: Option<ShaderProgram>,
 }
 
-/// Key `physics` of a world file; the reference has no such key. Every part is optional.
+/// What users choose of the physics, in a world file (key `physics`, which the reference does not have), on a command
+/// line or in Python. Every part is optional.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PhysicsSettings {
     /// `legacy`, `accurate` or `pybullet`.
@@ -93,6 +94,17 @@ pub enum PhysicsProfile {
     Accurate,
     /// As the reference, with the solver and the shapes of pybullet.
     PyBullet,
+}
+
+impl PhysicsProfile {
+    /// All of them, with the names by which users choose.
+    pub const NAMES: [(&'static str, Self); 3] =
+        [("legacy", Self::Legacy), ("accurate", Self::Accurate), ("pybullet", Self::PyBullet)];
+
+    /// The profile called `name`.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::NAMES.iter().find(|(known, _)| *known == name).map(|&(_, profile)| profile)
+    }
 }
 
 impl World {
@@ -171,20 +183,16 @@ impl Skybox {
 impl PhysicsSettings {
     fn read(root: &Map<'_>) -> Self {
         let block = root.map("physics");
-        let profile = block.string("profile");
+        let profile = block.string("profile").and_then(|name| {
+            let profile = PhysicsProfile::from_name(&name);
+            if profile.is_none() {
+                let expected = "legacy, accurate or pybullet";
+                block.error(ProblemKind::UnknownValue, "profile", expected, "the default is used");
+            }
+            profile
+        });
         let settings = Self {
-            profile: match profile.as_deref() {
-                Some("legacy") => Some(PhysicsProfile::Legacy),
-                Some("accurate") => Some(PhysicsProfile::Accurate),
-                Some("pybullet") => Some(PhysicsProfile::PyBullet),
-                Some(_) => {
-                    let expected = "legacy, accurate or pybullet";
-                    let action = "the default is used";
-                    block.error(ProblemKind::UnknownValue, "profile", expected, action);
-                    None
-                }
-                None => None,
-            },
+            profile,
             solver: block.filled("solver"),
             integrator: block.filled("integrator"),
             iterations: at_least_one(&block, "iterations"),

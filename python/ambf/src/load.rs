@@ -2,9 +2,7 @@
 
 use std::path::PathBuf;
 
-use ambf_core::adf::{self, Launch};
-use ambf_core::bullet::{Integrator, Preset, Solver};
-use ambf_core::control::Profile;
+use ambf_core::adf::{self, Launch, PhysicsProfile, PhysicsSettings};
 use ambf_core::plugin::{PluginSetup, Registry, Search};
 use ambf_core::scene::{load, Loaded, PhysicsOptions, SceneFiles, SceneOptions};
 use ambf_core::sim::{Simulation, Stepper, DEFAULT_SUB_STEP};
@@ -94,40 +92,26 @@ fn files(wanted: &Wanted, launch: Option<&Launch>) -> Result<SceneFiles, Vec<Str
 }
 
 fn physics(wanted: &Wanted) -> Result<PhysicsOptions, String> {
-    fn named<T>(
-        what: &str,
-        name: Option<&String>,
-        find: impl Fn(&str) -> Option<T>,
-        known: &[&str],
-    ) -> Result<Option<T>, String> {
-        let Some(name) = name else { return Ok(None) };
-        let problem = || format!("{what}={name:?}: not known, expected one of {}", known.join(", "));
-        find(name).map(Some).ok_or_else(problem)
-    }
-    let profiles = ["legacy", "accurate", "pybullet"];
-    let profile = |name: &str| match name {
-        "legacy" => Some((Profile::Legacy, None)),
-        "accurate" => Some((Profile::Accurate, None)),
-        "pybullet" => Some((Profile::Legacy, Some(Preset::PyBullet))),
-        _ => None,
+    let unknown = |what: &str, name: &str, known: &str| format!("{what}={name:?}: not known, expected one of {known}");
+    let profile = |name: &String| {
+        let known = PhysicsProfile::NAMES.map(|(name, _)| name).join(", ");
+        PhysicsProfile::from_name(name).ok_or_else(|| unknown("profile", name, &known))
     };
-    let profile = named("profile", wanted.profile.as_ref(), profile, &profiles)?;
-    if wanted.iterations == Some(0) {
-        return Err("iterations=0: expected 1 or more".into());
-    }
-    Ok(PhysicsOptions {
-        profile: profile.map(|(profile, _)| profile),
-        preset: profile.and_then(|(_, preset)| preset),
-        solver: named("solver", wanted.solver.as_ref(), Solver::from_name, &Solver::NAMES.map(|(name, _)| name))?,
-        integrator: named(
-            "integrator",
-            wanted.integrator.as_ref(),
-            Integrator::from_name,
-            &Integrator::NAMES.map(|(name, _)| name),
-        )?,
+    let chosen = PhysicsSettings {
+        profile: wanted.profile.as_ref().map(profile).transpose()?,
+        solver: wanted.solver.clone(),
+        integrator: wanted.integrator.clone(),
         iterations: wanted.iterations,
         articulated: wanted.articulated,
         sleep: wanted.sleep,
-        ..PhysicsOptions::default()
-    })
+        ..PhysicsSettings::default()
+    };
+    if wanted.iterations == Some(0) {
+        return Err("iterations=0: expected 1 or more".into());
+    }
+    let mut problem = None;
+    let physics = PhysicsOptions::new(&chosen, |what, name, known| {
+        problem.get_or_insert(unknown(what, name, known));
+    });
+    problem.map_or(Ok(physics), Err)
 }

@@ -1,4 +1,4 @@
-use super::super::Profile;
+use super::super::PhysicsProfile;
 use super::*;
 use std::path::Path;
 
@@ -122,7 +122,7 @@ fn every_long_name_sets_its_option() {
         hold: true,
         verbose: true,
         physics: PhysicsOptions {
-            profile: Some(Profile::Accurate),
+            profile: Some(PhysicsProfile::Accurate),
             solver: Some("nncg".to_owned()),
             iterations: Some(30),
             integrator: Some("rk4".to_owned()),
