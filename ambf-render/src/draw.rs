@@ -11,6 +11,7 @@ use crate::gl::{self, Cull, Current, FixedMaterial, InstanceBuffer, Mode, Progra
 use crate::lights::{self, narrow, Light, ShadowMap};
 use crate::meshes::Part;
 use crate::shaders::{self, Lit};
+use crate::sky::{self, Sky};
 use crate::stage::{Backdrop, Look};
 use crate::view::Eye;
 use crate::RenderError;
@@ -240,7 +241,7 @@ pub(crate) struct Pass<'a> {
     pub(crate) maps: &'a [Option<ShadowMap>],
     /// A shadow map in which nothing is in shadow.
     pub(crate) no_shadow: &'a gl::Texture,
-    pub(crate) sky: Option<&'a gl::Texture>,
+    pub(crate) sky: Option<&'a Sky>,
     /// Pictures behind the scene with their textures.
     pub(crate) backdrops: Vec<(&'a Backdrop, &'a gl::Texture)>,
     /// One white texel.
@@ -300,13 +301,7 @@ impl Pass<'_> {
             self.run(eye, &batches, run.first, count, mask)?;
         }
         if let Some(sky) = self.sky.filter(|_| mask.is_none()) {
-            gl.state(false, false, Cull::None);
-            let program = self.programs.sky(gl)?;
-            gl.use_program(Some(program));
-            gl.uniform(program, "u_to_world", Uniform::Mat4(&narrow(&crate::sky::to_world(eye))));
-            gl.uniform(program, "u_faces", Uniform::Int(0));
-            gl.bind_texture(0, Some(sky));
-            gl.draw_covering();
+            self.sky(eye, sky)?;
         }
         for (backdrop, picture) in self.backdrops.iter().filter(|_| mask.is_none()) {
             gl.state(true, false, Cull::None);
@@ -409,6 +404,32 @@ impl Pass<'_> {
         }
         gl.uniform(program, "u_clip", Uniform::Mat4(&narrow(&(eye.projection * eye.view))));
         gl.draw_instances(&drawable.part.array, mode, self.buffer, first, count, batches.count());
+        Ok(())
+    }
+
+    fn sky(&mut self, eye: &Eye, sky: &Sky) -> Result<(), RenderError> {
+        let gl = self.gl;
+        gl.state(false, false, Cull::None);
+        match sky {
+            Sky::BuiltIn(layers) => {
+                let program = self.programs.sky(gl)?;
+                gl.use_program(Some(program));
+                gl.uniform(program, "u_to_world", Uniform::Mat4(&narrow(&sky::to_world(eye))));
+                gl.uniform(program, "u_faces", Uniform::Int(0));
+                gl.bind_texture(0, Some(layers));
+                gl.draw_covering();
+            }
+            Sky::User { program, faces, cube } => {
+                let Some(Some(program)) = self.programs.user.get(*program) else { return Ok(()) };
+                let (view, projection) = sky::cube_to_eye(eye);
+                gl.use_program(Some(program));
+                gl.uniform(program, "viewMat", Uniform::Mat4(&narrow(&view)));
+                gl.uniform(program, "projectionMat", Uniform::Mat4(&narrow(&projection)));
+                gl.uniform(program, "skybox", Uniform::Int(0));
+                gl.bind_texture(0, Some(faces));
+                gl.draw_farthest(cube);
+            }
+        }
         Ok(())
     }
 

@@ -18,6 +18,7 @@ use crate::draw::{Mask, Pass, Programs};
 use crate::gl::{self, Current, Device, InstanceBuffer, Target, TargetKind};
 use crate::lights::ShadowMap;
 use crate::meshes::Library;
+use crate::sky::Sky;
 use crate::stage::{Backdrop, Built};
 use crate::view::Eye;
 use crate::{Picture, PictureRequest, Planes, Stage, View};
@@ -77,7 +78,7 @@ struct Resources {
     shapes: Shapes,
     targets: Targets,
     /// The last sky, `None` in it if it cannot be loaded.
-    sky: Option<(adf::Skybox, Option<gl::Texture>)>,
+    sky: Option<(adf::Skybox, Option<Sky>)>,
     /// Pictures behind the scene.
     backdrops: Vec<(Arc<Pixels>, gl::Texture)>,
     /// (lights x 1).

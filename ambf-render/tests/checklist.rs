@@ -672,8 +672,12 @@ fn rows_48_and_49_the_sky() {
         ([0.0, 0.0, 1.0], 4),
         ([0.0, 0.0, -1.0], 5),
     ];
+    // A user's program, which swaps red and blue.
+    std::fs::write(place.join("sky.vs"), SKY_VERTEX).expect("a file");
+    std::fs::write(place.join("sky.fs"), SKY_FRAGMENT).expect("a file");
+    let own = format!("{sky}  shaders: {{path: ./, vertex: sky.vs, fragment: sky.fs}}\n");
     let mut renderer = renderer();
-    for ([x, y, z], face) in looks {
+    for (([x, y, z], face), sky) in looks.into_iter().flat_map(|look| [(look, sky), (look, own.as_str())]) {
         // For looking up and down, up of the picture is what joins the front picture: −x, +x.
         let up = match z as i32 {
             1 => "{x: -1.0, y: 0.0, z: 0.0}",
@@ -685,7 +689,11 @@ fn rows_48_and_49_the_sky() {
             .replace("up: {x: 0.0, y: 0.0, z: 1.0}", &format!("up: {up}"));
         let mut shown = Shown::of_texts(&place, &world, &model(&[]));
         let picture = shown.picture(&mut renderer, 0, &PictureRequest::color(640, 480));
-        let color = colors[face].1;
+        assert_eq!(picture.messages, [] as [String; 0]);
+        let mut color = colors[face].1;
+        if sky == own {
+            color.swap(0, 2);
+        }
         assert_eq!(pixel(&picture, 400, 350), color, "{}: below", colors[face].0);
         assert_eq!(pixel(&picture, 400, 100), color.map(|c| c / 2), "{}: upright", colors[face].0);
         assert_eq!(pixel(&picture, 200, 100), [0; 3], "{}: not mirrored", colors[face].0);
@@ -696,6 +704,13 @@ fn rows_48_and_49_the_sky() {
     assert!(picture.messages.iter().any(|message| message.contains("absent.png")), "{:?}", picture.messages);
     assert!(picture.color.iter().all(|&level| level == 255), "white instead");
 }
+
+const SKY_VERTEX: &str =
+    "attribute vec3 aPosition; uniform mat4 viewMat; uniform mat4 projectionMat; varying vec3 place;\n\
+    void main() { place = aPosition; gl_Position = (projectionMat * viewMat * vec4(aPosition, 1.0)).xyww; }\n";
+
+const SKY_FRAGMENT: &str = "varying vec3 place; uniform samplerCube skybox;\n\
+    void main() { gl_FragColor = textureCube(skybox, place).bgra; }\n";
 
 const MASK_VERTEX: &str =
     "attribute vec3 aPosition;\nvoid main() { gl_Position = gl_ModelViewProjectionMatrix * vec4(aPosition, 1.0); }\n";

@@ -52,10 +52,12 @@ pub fn bars(title: &str, unit: &str, series: &[&str], rows: &[(String, Vec<f64>)
 
 /// A coloured cell of a table: text and colour.
 pub type Cell = (String, &'static str);
+/// The name and the cells of each row of a block.
+pub type Rows<'a> = Vec<(&'a str, Vec<Cell>)>;
 
-/// Blocks of rows of coloured cells: the title of each block, and the name and cells of each row. `legend`: what the
+/// Blocks of rows of coloured cells, with the title of each block. `legend`: what the
 /// colours mean.
-pub fn cells(title: &str, legend: &[(&str, &str)], blocks: &[(&str, Vec<(&str, Vec<Cell>)>)]) -> Figure {
+pub fn cells(title: &str, legend: &[(&str, &str)], blocks: &[(&str, Rows<'_>)]) -> Figure {
     Figure(json!({"kind": "cells", "title": title, "legend": legend, "blocks": blocks}))
 }
 

@@ -500,6 +500,15 @@ impl Current<'_> {
         }
     }
 
+    /// Draws as [`draw`](Self::draw) does, everything at the greatest depth.
+    pub(crate) fn draw_farthest(&self, array: &VertexArray) {
+        // SAFETY: a state without conditions.
+        unsafe { self.raw().depth_range_f32(1.0, 1.0) };
+        self.draw(array);
+        // SAFETY: as above; the usual range.
+        unsafe { self.raw().depth_range_f32(0.0, 1.0) };
+    }
+
     /// Draws one triangle of which the vertex shader knows the corners.
     pub(crate) fn draw_covering(&self) {
         // SAFETY: no vertex attribute is read; without a vertex array that is legal in a compatibility profile.
@@ -655,6 +664,39 @@ impl Current<'_> {
             set(glow::TEXTURE_WRAP_T, glow::CLAMP_TO_EDGE);
             match gl.get_error() {
                 glow::NO_ERROR => Ok(Texture { texture, target: glow::TEXTURE_2D_ARRAY }),
+                code => Err(RenderError::Gl(format!("a texture cannot be stored (error 0x{code:04x})"))),
+            }
+        }
+    }
+
+    /// A cube map of six squares, red, green, blue and alpha, the top row first: towards x, −x, y, −y, z, −z.
+    pub(crate) fn cube_map(&self, size: u32, faces: &[Vec<u8>]) -> Result<Texture, RenderError> {
+        let expected = size as usize * size as usize * 4;
+        assert!(faces.len() == 6 && faces.iter().all(|face| face.len() == expected), "size of a face");
+        let gl = self.raw();
+        let target = glow::TEXTURE_CUBE_MAP;
+        // SAFETY: each slice has the size that is named (checked above).
+        unsafe {
+            let texture = self.own(gl.create_texture().map_err(RenderError::Gl)?, Name::Texture);
+            gl.bind_texture(target, Some(texture.name));
+            gl.pixel_store_i32(glow::UNPACK_ALIGNMENT, 1);
+            let side = size as i32;
+            for (face, place) in faces.iter().zip(glow::TEXTURE_CUBE_MAP_POSITIVE_X..) {
+                let pixels = PixelUnpackData::Slice(Some(face));
+                let (format, kind) = (glow::RGBA, glow::UNSIGNED_BYTE);
+                gl.tex_image_2d(place, 0, glow::RGBA8 as i32, side, side, 0, format, kind, pixels);
+            }
+            for (name, value) in [
+                (glow::TEXTURE_MIN_FILTER, glow::LINEAR),
+                (glow::TEXTURE_MAG_FILTER, glow::LINEAR),
+                (glow::TEXTURE_WRAP_S, glow::CLAMP_TO_EDGE),
+                (glow::TEXTURE_WRAP_T, glow::CLAMP_TO_EDGE),
+                (glow::TEXTURE_WRAP_R, glow::CLAMP_TO_EDGE),
+            ] {
+                gl.tex_parameter_i32(target, name, value as i32);
+            }
+            match gl.get_error() {
+                glow::NO_ERROR => Ok(Texture { texture, target }),
                 code => Err(RenderError::Gl(format!("a texture cannot be stored (error 0x{code:04x})"))),
             }
         }

@@ -168,9 +168,6 @@ impl Resources {
         for camera in visuals.cameras.iter().filter(|camera| camera.description.depth_compute_shaders.is_some()) {
             messages.push(format!("{}: its depth compute {without}", camera.object.identifier));
         }
-        if visuals.world.skybox.as_ref().is_some_and(|skybox| skybox.shaders.is_some()) {
-            messages.push(format!("the sky's {without}"));
-        }
         let requests: Vec<MeshRequest> = wanted.iter().map(|wanted| wanted.request.clone()).collect();
         messages.extend(self.library.load(gl, &requests));
         let mut items = self.items(wanted, &mut objects);
@@ -277,7 +274,9 @@ impl Resources {
             return;
         }
         self.sky = skybox.map(|skybox| {
-            let sky = sky::load(gl, skybox).map_err(|message| messages.push(message)).ok();
+            let files = skybox.shaders.as_ref();
+            let program = files.and_then(|files| self.programs.user(gl, files, messages));
+            let sky = sky::load(gl, skybox, program).map_err(|message| messages.push(message)).ok();
             (skybox.clone(), sky)
         });
     }
