@@ -184,6 +184,9 @@ fn world_commands_and_resets_reach_the_hub() {
     commands.send(ambf_msgs::WorldCmd { enable_step_throttling: true, step_clock: false, n_skip_steps: 1 }).unwrap();
     until("throttling", || fixture.with(|s| s.hub.throttle().is_live(s.hub.now_ns())));
     fixture.with(|s| assert!(!s.hub.throttle().count(&mut 0) && !s.hub.throttle().is_open()));
+    // No physics thread ends it here, and the watchdogs of other tests stand still meanwhile.
+    commands.send(ambf_msgs::WorldCmd::default()).unwrap();
+    until("no throttling", || fixture.with(|s| s.hub.throttle().watch_time(u64::MAX) == u64::MAX));
 }
 
 #[test]

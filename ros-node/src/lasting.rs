@@ -18,9 +18,9 @@ use dxr::Value;
 use rustix::process::{kill_process, setsid, Pid, Signal};
 use thiserror::Error;
 
-use super::embedded::EmbeddedMaster;
+use super::log::{LogAggregator, AGGREGATOR};
+use super::master::Master;
 use super::xmlrpc::{CallError, Peer};
-use super::Report;
 
 /// First argument of a program that is started to be a master; the second is the socket address it serves.
 pub const SERVE_MASTER: &str = "--serve-master";
@@ -54,26 +54,27 @@ pub fn start_master(program: &Path, address: SocketAddr) -> io::Result<u32> {
 /// [`UNUSED`]. `None` when they ask for something else.
 ///
 /// Nodes of this machine at whose address nobody listens any more, because they were killed, are unregistered.
-pub fn serve_master(mut arguments: impl Iterator<Item = OsString>, report: &Report) -> Option<io::Result<()>> {
+pub fn serve_master(mut arguments: impl Iterator<Item = OsString>) -> Option<io::Result<()>> {
     if arguments.next()? != SERVE_MASTER {
         return None;
     }
     let address = arguments.next().and_then(|address| address.to_str()?.parse().ok());
     let usage = || io::Error::new(io::ErrorKind::InvalidInput, format!("{SERVE_MASTER}: expected HOST:PORT"));
-    Some(address.ok_or_else(usage).and_then(|address| serve(address, UNUSED, report)))
+    Some(address.ok_or_else(usage).and_then(|address| serve(address, UNUSED)))
 }
 
-fn serve(address: SocketAddr, unused: Duration, report: &Report) -> io::Result<()> {
+fn serve(address: SocketAddr, unused: Duration) -> io::Result<()> {
     // Ctrl+C in the terminal of the program that started it, and the end of that terminal, are not meant for it. It
     // fails where it is a session of its own already.
     let _ = setsid();
-    let _master = EmbeddedMaster::start(address, std::sync::Arc::clone(report))?;
+    let _master = Master::start(address)?;
     let own = match address.ip() {
         ip if ip.is_unspecified() => IpAddr::from([127, 0, 0, 1]),
         ip => ip,
     };
     let uri = format!("http://{}/", SocketAddr::new(own, address.port()));
     let master = Peer::new(&uri, "/master", TIMEOUT).map_err(io::Error::other)?;
+    let _log = LogAggregator::start(&master)?;
     let (mut used, mut suspects) = (Instant::now(), HashSet::new());
     while used.elapsed() < unused {
         sleep(POLL);
@@ -82,7 +83,7 @@ fn serve(address: SocketAddr, unused: Duration, report: &Report) -> io::Result<(
         for name in gone.intersection(&suspects) {
             unregister(&master, name, &nodes[name]);
         }
-        if nodes.keys().any(|name| !gone.contains(name)) {
+        if nodes.keys().any(|name| !gone.contains(name) && name != AGGREGATOR) {
             used = Instant::now();
         }
         // Only who is gone twice in a row: a node may be just starting.
@@ -205,15 +206,6 @@ pub enum EndError {
     },
 }
 
-/// A number, or that in a list of one number, with which the master of `ros_core_rs` answers.
-fn number(value: &Value) -> Option<i32> {
-    match value {
-        Value::Integer(number) => Some(*number),
-        Value::Array(list) if list.len() == 1 => number(&list[0]),
-        _ => None,
-    }
-}
-
 /// Ends the master at `uri`, if it is one that [`start_master`] started on this machine. False when there is none.
 ///
 /// # Errors
@@ -221,7 +213,8 @@ fn number(value: &Value) -> Option<i32> {
 pub fn end_master(uri: &str) -> Result<bool, EndError> {
     let master = Peer::new(uri, "/end_master", TIMEOUT)?;
     let pid = match master.call("getPid", vec![]) {
-        Ok(answer) => number(&answer).ok_or_else(|| CallError::NotRos(uri.to_owned()))?,
+        Ok(Value::Integer(pid)) => pid,
+        Ok(_) => return Err(CallError::NotRos(uri.to_owned()).into()),
         Err(CallError::NoAnswer { .. }) => return Ok(false),
         Err(error) => return Err(error.into()),
     };
@@ -262,7 +255,7 @@ mod tests {
 
     #[test]
     fn other_arguments_are_not_meant_for_it() {
-        let asked = |arguments: &[&str]| serve_master(arguments.iter().map(OsString::from), &crate::silent());
+        let asked = |arguments: &[&str]| serve_master(arguments.iter().map(OsString::from));
         assert!(asked(&[]).is_none() && asked(&["-l", "1"]).is_none());
         assert!(asked(&[SERVE_MASTER]).unwrap().is_err());
         assert!(asked(&[SERVE_MASTER, "somewhere"]).unwrap().is_err());
@@ -275,7 +268,7 @@ mod tests {
         let uri = format!("http://{address}/");
         static ENDED: AtomicBool = AtomicBool::new(false);
         let serving = thread::spawn(move || {
-            serve(address, Duration::from_secs(3), &crate::silent()).unwrap();
+            serve(address, Duration::from_secs(3)).unwrap();
             ENDED.store(true, Ordering::Release);
         });
         let master = Peer::new(&uri, "/killed", TIMEOUT).unwrap();
@@ -301,7 +294,7 @@ mod tests {
         assert_eq!(all()["/killed"], expected);
 
         drop(node);
-        until("it is unregistered", || all().is_empty());
+        until("it is unregistered", || registered(&master).is_ok_and(|nodes| !nodes.contains_key("/killed")));
         until("the master has ended", || ENDED.load(Ordering::Acquire));
         serving.join().unwrap();
         assert!(matches!(end_master(&uri), Ok(false)), "nobody is there any more");

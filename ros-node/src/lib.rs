@@ -1,26 +1,39 @@
-//! A ROS 1 node that outlives its master, on rosrust. It knows nothing of the simulator.
+//! A ROS 1 node that outlives its master. It knows nothing of the simulator.
 //!
-//! rosrust registers a topic once and never looks back, waits for ever for a peer that hangs, and leaves its sockets as
-//! they come. What programs need that run beside a robot all day is added here, without changes to rosrust: the master
-//! may be absent at the start, restart or hang; one subscriber that stops reading does not starve the others; small
-//! messages are sent at once; messages of any type can be received.
+//! It speaks ROS 1's own protocols in all roles: publisher, subscriber, service, and a master when there is none. All
+//! connections of a node are served by one thread (two, when there are large messages), whatever their number. What
+//! programs need that run beside a robot all day is part of it: the master may be absent at the start, restart or hang;
+//! one subscriber that stops reading does not starve the others; small messages are sent at once; messages of any type
+//! can be received; no peer is believed a length; while the master is on this machine, only programs of this machine get
+//! in. Messages are those that rosrust generates.
 //!
-//! Large messages are published by a [`SideNode`], with a thread a subscriber.
+//! | thread | what it does | file |
+//! |---|---|---|
+//! | `ros-io` | accepts connections, sends what did not go at once, receives, answers calls | `reactor.rs`, `graph.rs` |
+//! | `ros-large` | the same for large messages, while there are any | |
+//! | `ros-link` | finds or starts the master, registers, notices when the master goes or forgets | `link.rs` |
+//! | `ros-connect` | asks the master who publishes | `subscriber.rs` |
+//! | `ros-call` | one a publishing node while it is being connected to | `subscriber.rs` |
+//! | `ros-request` | one a client of a service | `service.rs` |
+//! | `ros-master`, `ros-notice` | a master in this process; one a node while it is told something | `master.rs` |
 //!
-//! A [`Node`] does everything in threads of its own. Two nodes in one process do not know of each other.
+//! Begin with [`Node`]. What is announced is an [`Announcement`]: a [`Publication`], a [`RawSubscription`], a
+//! [`LargePublication`], a [`ServiceServer`]. Two nodes in one process do not know of each other.
 //!
-//! Begin with [`Node`] for a program that publishes and listens; with [`Link`] and [`run`] where threads are the
-//! program's own. What is announced is an [`Announcement`]: a [`Publication`], a [`RawSubscription`], a
-//! [`LargePublication`].
-//!
-//! Not in: services, of which `ambf_app::ros` has a server; messages, which rosrust generates.
+//! Not in: clients of services; messages, which rosrust generates; UDP; simulated time.
 
-mod embedded;
+mod announcement;
+mod calls;
+mod connections;
+mod graph;
 mod lasting;
 mod link;
+mod log;
+mod master;
 mod node;
-mod side;
-mod sockets;
+mod parameters;
+mod reactor;
+mod service;
 mod stop;
 mod subscriber;
 pub mod tcpros;
@@ -30,13 +43,15 @@ mod xmlrpc;
 use std::fmt::Arguments;
 use std::sync::Arc;
 
+pub use announcement::{Announcement, Direction, Registration};
 pub use lasting::{end_master, entries, node, serve_master, start_master, EndError, SERVE_MASTER, UNUSED};
-pub use link::{run, tend_connections, tend_sockets, Link, LinkOptions, NodeName, OwnMaster};
+pub use link::{Link, LinkOptions, NodeName, OwnMaster};
+pub use master::Master;
 pub use node::Node;
-pub use side::{LargePublication, SideNode};
+pub use service::{ServiceKind, ServiceServer};
 pub use stop::Stop;
-pub use subscriber::{Publishers, RawReceived, RawSubscription};
-pub use topic::{is_permanent, Announcement, Direction, Publication, Registration};
+pub use subscriber::{RawReceived, RawSubscription};
+pub use topic::{LargePublication, Publication};
 pub use xmlrpc::{CallError, Peer};
 
 /// Where a node says what its user should know, a line at a time; called from any thread.

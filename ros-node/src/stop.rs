@@ -35,6 +35,23 @@ impl Stop {
         self.state.lock().stopped
     }
 
+    /// Waits for `time` or the stop, whatever nudges come; true when it is time to end.
+    pub(crate) fn wait_still(&self, time: Duration) -> bool {
+        let mut state = self.state.lock();
+        self.changed.wait_while_for(&mut state, |s| !s.stopped, time);
+        state.stopped
+    }
+
+    /// Waits until there have been other nudges than the `seen`, which are those up to now afterwards, for `time` at
+    /// most; true when it is time to end.
+    pub(crate) fn wait_for_news(&self, seen: &mut u64, time: Duration) -> bool {
+        let mut state = self.state.lock();
+        let before = *seen;
+        self.changed.wait_while_for(&mut state, |s| !s.stopped && s.nudges == before, time);
+        *seen = state.nudges;
+        state.stopped
+    }
+
     /// Waits for `time`, a nudge or the stop; true when it is time to end.
     pub fn wait(&self, time: Duration) -> bool {
         let mut state = self.state.lock();

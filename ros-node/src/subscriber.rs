@@ -1,33 +1,49 @@
-//! Listening to topics on connections of our own.
+//! Listening to topics.
 //!
-//! rosrust's subscribers do not try again when a connection fails, wait for ever for a publisher that hangs, lose
-//! messages that come in bursts, believe any length that is announced, and do not ask for small messages to be sent at
-//! once. Here each publisher that the master lists is connected to until it answers, also after it was restarted, and
-//! its thread hands each message over directly.
+//! Each publisher that the master lists is connected to until it answers, also after it was restarted. Finding it takes
+//! calls that may take long, so that each publishing node is called in a thread of its own ([`tend`]); messages are then
+//! received in the node's thread and handed over there. A publisher is believed neither a length nor a type, and one
+//! that does what publishers don't do is named once.
 
-use std::collections::{BTreeMap, BTreeSet};
-use std::io::{self, ErrorKind};
-use std::net::{Shutdown, TcpStream, ToSocketAddrs};
+use std::collections::{BTreeMap, BTreeSet, HashSet};
+use std::io::{self, ErrorKind, Write};
+use std::net::{IpAddr, Shutdown, SocketAddr, TcpListener, TcpStream, ToSocketAddrs};
+use std::os::fd::{AsRawFd, RawFd};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use dxr::Value;
 use parking_lot::Mutex;
-use rosrust::api::Ros;
-use rosrust::error::Error;
 use rosrust::Message;
 
-use super::tcpros::{quote, Incoming, SubscribeError, Wanted};
-use super::topic::{Announcement, Direction, Registration};
+use super::announcement::{Announcement, Direction, Endpoint, Registration, Serves};
+use super::calls::text;
+use super::connections::{Buffer, Came};
+use super::graph::Graph;
+use super::reactor::{Handler, Turn};
+use super::tcpros::{fields, header_of, quote};
+use super::topic::{set_options, Kind, Traffic};
 use super::xmlrpc::{CallError, Peer};
 use super::Report;
 
 /// How long a publisher may take for each step of connecting.
 const TIMEOUT: Duration = Duration::from_secs(1);
 
+/// How long a publisher may take to answer our header.
+const HANDSHAKE_TIMEOUT: Duration = Duration::from_secs(5);
+
+/// Longest header that is read, bytes: the definition of a message is in it.
+const LONGEST_HEADER: usize = 1 << 20;
+
 /// Longest message of any type, bytes.
 const LONGEST: usize = 16 << 20;
+
+/// Messages that may be longer than this are received in the thread of large messages, bytes.
+const LARGE: usize = 1 << 20;
+
+/// Bytes of one publisher that are handled before the others have a turn.
+const TURN: usize = 256 << 10;
 
 /// How long a publisher that was connected to in vain is left alone the first time; doubled each time.
 const BACK_OFF: Duration = Duration::from_millis(200);
@@ -42,8 +58,17 @@ const LONGEST_PENANCE: Duration = Duration::from_secs(30);
 /// A publisher that there is no way to is named after so many attempts in a row, some seconds: it may be gone by then.
 const ATTEMPTS: u32 = 6;
 
+/// The master is asked again after this time although it has not said that anything changed: what it says may get lost.
+const DOUBT: Duration = Duration::from_secs(2);
+
+/// Changes that come within this time are looked at together.
+const TOGETHER: Duration = Duration::from_millis(5);
+
+/// Publishing nodes that are called at the same time.
+const MOST_CALLS: usize = 32;
+
 /// Names of the nodes that publish each topic.
-pub type Publishers = BTreeMap<String, BTreeSet<String>>;
+type Publishers = BTreeMap<String, BTreeSet<String>>;
 
 /// A message as it came.
 #[derive(Debug, Clone, Copy)]
@@ -54,32 +79,37 @@ pub struct RawReceived<'a> {
     pub body: &'a [u8],
 }
 
-type Handler = dyn Fn(RawReceived<'_>) + Send + Sync;
+type Callback = dyn Fn(RawReceived<'_>) + Send + Sync;
 
-/// A topic to listen to. A publisher that does not do as publishers do is named once.
-pub struct RawSubscription {
-    shared: Arc<Shared>,
+/// Messages that are wanted.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Wanted {
+    /// Type and checksum may be `*` for any.
+    kind: Kind,
+    /// Longest message, bytes.
+    longest: usize,
 }
 
-struct Shared {
-    topic: String,
+/// A topic to listen to. A publisher that does not do as publishers do is named once.
+pub struct RawSubscription(Arc<Subscription>);
+
+/// What the threads need of a subscription.
+pub(crate) struct Subscription {
+    pub topic: String,
     wanted: Wanted,
-    master: Peer,
-    on_message: Box<Handler>,
-    /// Name and address of our node while it listens.
-    node: Mutex<Option<(String, String)>>,
+    on_message: Box<Callback>,
     /// By name of the publishing node.
     lines: Mutex<BTreeMap<String, Line>>,
-    stop: AtomicBool,
+    closed: AtomicBool,
 }
 
 /// A publisher that the master lists.
 #[derive(Default)]
 struct Line {
-    /// A thread looks after it.
+    /// It is being called, or connected.
     busy: bool,
     /// The connection, to be ended from outside.
-    stream: Option<TcpStream>,
+    stream: Option<Arc<TcpStream>>,
     /// Attempts since the last message.
     attempts: u32,
     /// Not before then again.
@@ -88,95 +118,116 @@ struct Line {
     faults: u32,
 }
 
+/// Error when a publisher is not listened to, or not any more.
+enum Trouble {
+    /// It is not there, or goes: programs come and go, which is nothing to talk about.
+    Gone,
+    /// There is no way to it: worth a word if it stays like that.
+    OutOfReach(String),
+    /// It does what publishers don't do: worth a word.
+    Fault(String),
+}
+
 impl RawSubscription {
-    /// Messages of any type, of 16 MiB at most. `on_message` runs in a thread of each publisher's and must not block.
-    pub fn new(master: Peer, topic: String, on_message: impl Fn(RawReceived<'_>) + Send + Sync + 'static) -> Arc<Self> {
-        Self::with(master, topic, Wanted::any(LONGEST), on_message)
+    /// Messages of any type, of 16 MiB at most. `on_message` runs in a thread of the node, in one at a time, and must
+    /// not block.
+    pub fn new(topic: String, on_message: impl Fn(RawReceived<'_>) + Send + Sync + 'static) -> Arc<Self> {
+        let any = Kind { name: "*".into(), md5sum: "*".into(), definition: String::new() };
+        Self::with(topic, Wanted { kind: any, longest: LONGEST }, on_message)
     }
 
     /// Messages that claim to be an `M`, of `longest` bytes at most; other publishers are not listened to. `on_message`
-    /// runs in a thread of each publisher's and must not block.
+    /// runs in a thread of the node, in one at a time, and must not block.
     pub fn of<M: Message>(
-        master: Peer,
         topic: String,
         longest: usize,
         on_message: impl Fn(RawReceived<'_>) + Send + Sync + 'static,
     ) -> Arc<Self> {
-        Self::with(master, topic, Wanted::of::<M>(longest), on_message)
+        Self::with(topic, Wanted { kind: Kind::of::<M>(), longest }, on_message)
     }
 
-    fn with(
-        master: Peer,
-        topic: String,
-        wanted: Wanted,
-        on_message: impl Fn(RawReceived<'_>) + Send + Sync + 'static,
-    ) -> Arc<Self> {
-        let shared = Shared {
-            topic,
-            wanted,
-            master,
-            on_message: Box::new(on_message),
-            node: Mutex::default(),
-            lines: Mutex::default(),
-            stop: AtomicBool::new(false),
-        };
-        Arc::new(Self { shared: Arc::new(shared) })
+    fn with(topic: String, wanted: Wanted, on_message: impl Fn(RawReceived<'_>) + Send + Sync + 'static) -> Arc<Self> {
+        let (on_message, closed) = (Box::new(on_message), AtomicBool::new(true));
+        Arc::new(Self(Arc::new(Subscription { topic, wanted, on_message, lines: Mutex::default(), closed })))
     }
 }
 
 impl Announcement for RawSubscription {
     fn registration(&self) -> Registration {
-        let Shared { topic, wanted, .. } = &*self.shared;
-        Registration { topic: topic.clone(), message_type: wanted.kind.clone(), direction: Direction::Subscribes }
+        let Subscription { topic, wanted, .. } = &*self.0;
+        Registration { topic: topic.clone(), message_type: wanted.kind.name.clone(), direction: Direction::Subscribes }
     }
 
-    /// The master may fail: it is told again when it does not know us.
-    fn announce(&self, ros: &Ros) -> Result<(), Error> {
-        let shared = &self.shared;
-        shared.stop.store(false, Ordering::Release);
-        *shared.node.lock() = Some((ros.name().to_owned(), ros.uri().to_owned()));
-        let text = |s: &str| Value::String(s.to_owned());
-        let arguments = vec![text(&shared.topic), text(&shared.wanted.kind), text(ros.uri())];
-        shared.master.called_by(ros.name()).call("registerSubscriber", arguments).map_err(|error| error.to_string())?;
-        Ok(())
+    fn endpoint(&self) -> Endpoint {
+        Endpoint(Serves::Subscription(Arc::clone(&self.0)))
+    }
+}
+
+impl Subscription {
+    /// Connects to publishers from now on.
+    pub fn open(&self) {
+        self.closed.store(false, Ordering::Release);
     }
 
-    fn withdraw(&self) {
-        let shared = &self.shared;
-        shared.stop.store(true, Ordering::Release);
-        for stream in shared.lines.lock().values().filter_map(|line| line.stream.as_ref()) {
+    /// Ends all connections and makes no more.
+    pub fn close(&self) {
+        self.closed.store(true, Ordering::Release);
+        for stream in self.lines.lock().values().filter_map(|line| line.stream.as_ref()) {
             let _ = stream.shutdown(Shutdown::Both);
         }
-        if let Some((name, uri)) = shared.node.lock().take() {
-            let arguments = vec![Value::String(shared.topic.clone()), Value::String(uri)];
-            // A master that is away has nothing to forget.
-            let _ = shared.master.called_by(&name).call("unregisterSubscriber", arguments);
-        }
     }
 
-    fn connects(&self) -> bool {
-        true
+    /// Names of the nodes whose messages are received.
+    pub fn publisher_names(&self) -> Vec<String> {
+        let lines = self.lines.lock();
+        lines.iter().filter(|(_, line)| line.stream.is_some()).map(|(name, _)| name.clone()).collect()
     }
 
-    fn connect(&self, publishers: &Publishers, report: &Report) {
-        let Some((own, _)) = self.shared.node.lock().clone() else { return };
-        let listed = publishers.get(&self.shared.topic);
-        let mut lines = self.shared.lines.lock();
+    /// `package/Type`, or `*` for any.
+    pub fn kind(&self) -> &str {
+        &self.wanted.kind.name
+    }
+
+    fn is_closed(&self) -> bool {
+        self.closed.load(Ordering::Acquire)
+    }
+
+    fn with_line<T>(&self, publisher: &str, change: impl FnOnce(&mut Line) -> T) -> Option<T> {
+        self.lines.lock().get_mut(publisher).map(change)
+    }
+
+    /// Of the publishers `listed`, those to connect to now, which are busy from now on; and when there is something to
+    /// do next, should nothing change.
+    fn choose(&self, listed: Option<&BTreeSet<String>>, now: Instant) -> (Vec<String>, Option<Instant>) {
+        let mut lines = self.lines.lock();
         lines.retain(|publisher, line| line.busy || listed.is_some_and(|listed| listed.contains(publisher)));
-        let now = Instant::now();
+        let (mut chosen, mut next) = (Vec::new(), None::<Instant>);
         for publisher in listed.into_iter().flatten() {
             let line = lines.entry(publisher.clone()).or_default();
-            if line.busy || line.not_before.is_some_and(|then| now < then) {
-                continue;
+            match line.not_before {
+                _ if line.busy => (),
+                Some(then) if now < then => next = Some(next.map_or(then, |next| next.min(then))),
+                _ => {
+                    line.begin(now);
+                    chosen.push(publisher.clone());
+                }
             }
-            line.begin(now);
-            let call = Call { shared: Arc::clone(&self.shared), publisher: publisher.clone() };
-            let (own, report) = (own.clone(), Arc::clone(report));
-            let thread = std::thread::Builder::new().name("ros-listen".into());
-            // Without a thread the call ends here, and the lock must be free for that.
-            drop(lines);
-            let _ = thread.spawn(move || call.run(&own, &report));
-            lines = self.shared.lines.lock();
+        }
+        (chosen, next)
+    }
+
+    /// What becomes of a line that has failed; a word about it if it is worth one.
+    fn fail(&self, publisher: &str, trouble: &Trouble, report: &Report) {
+        let (topic, name) = (&self.topic, quote(publisher));
+        match trouble {
+            Trouble::Fault(what) if self.with_line(publisher, |line| line.fault(Instant::now())) == Some(true) => {
+                report(format_args!("ROS: {topic}: {name} is not listened to: {what}"));
+            }
+            Trouble::OutOfReach(what) if self.with_line(publisher, |line| line.attempts) == Some(ATTEMPTS) => {
+                let what = quote(what);
+                report(format_args!("ROS: {topic}: {name} cannot be reached: {what}; trying again and again"));
+            }
+            _ => (),
         }
     }
 }
@@ -202,104 +253,292 @@ fn pause(attempts: u32, longest: Duration) -> Duration {
     (BACK_OFF * 2u32.pow(attempts.min(10))).min(longest)
 }
 
-/// One publisher, as long as its thread runs.
-struct Call {
-    shared: Arc<Shared>,
+/// A line that is busy. However it ends, the publisher is connected to again as long as the master lists it.
+struct Busy {
+    graph: Arc<Graph>,
+    subscription: Arc<Subscription>,
     publisher: String,
 }
 
-impl Drop for Call {
-    /// However the thread ends, the publisher is connected to again as long as the master lists it.
+impl Drop for Busy {
     fn drop(&mut self) {
-        self.with_line(|line| (line.busy, line.stream) = (false, None));
+        self.subscription.with_line(&self.publisher, |line| (line.busy, line.stream) = (false, None));
+        self.graph.changed.nudge();
     }
 }
 
-impl Call {
-    fn with_line<T>(&self, change: impl FnOnce(&mut Line) -> T) -> Option<T> {
-        self.shared.lines.lock().get_mut(&self.publisher).map(change)
-    }
-
-    fn run(&self, own: &str, report: &Report) {
-        let topic = &self.shared.topic;
-        let publisher = quote(&self.publisher);
-        match self.listen(own) {
-            Err(SubscribeError::Fault(what)) if self.with_line(|line| line.fault(Instant::now())) == Some(true) => {
-                report(format_args!("ROS: {topic}: {publisher} is not listened to: {what}"));
+/// Connects to publishers until the node stops: when the master says that they changed, when a connection has ended,
+/// and every now and then.
+pub(crate) fn tend(graph: &Arc<Graph>) {
+    let mut listing = Listing::default();
+    let called = Arc::<Mutex<HashSet<String>>>::default();
+    let (mut next, mut seen) = (None::<Instant>, 0);
+    loop {
+        let doubt = Instant::now() + DOUBT;
+        let until = next.map_or(doubt, |next| next.min(doubt));
+        let wait = until.saturating_duration_since(Instant::now());
+        if graph.changed.wait_for_news(&mut seen, wait) || graph.changed.wait_still(TOGETHER) {
+            return;
+        }
+        next = None;
+        let subscriptions = graph.subscriptions();
+        if subscriptions.is_empty() {
+            continue;
+        }
+        let publishers = listing.refresh(&graph.master());
+        let mut work = BTreeMap::<String, Vec<Busy>>::new();
+        let now = Instant::now();
+        for subscription in &subscriptions {
+            let (chosen, later) = subscription.choose(publishers.get(&subscription.topic), now);
+            next = [next, later].into_iter().flatten().min();
+            for publisher in chosen {
+                let (graph, subscription) = (Arc::clone(graph), Arc::clone(subscription));
+                work.entry(publisher.clone()).or_default().push(Busy { graph, subscription, publisher });
             }
-            Err(SubscribeError::OutOfReach(what)) if self.with_line(|line| line.attempts) == Some(ATTEMPTS) => {
-                report(format_args!(
-                    "ROS: {topic}: {publisher} cannot be reached: {}; trying again and again",
-                    quote(&what)
-                ));
+        }
+        for (publisher, lines) in work {
+            let mut calls = called.lock();
+            if calls.len() >= MOST_CALLS || !calls.insert(publisher.clone()) {
+                // Its lines end here, and are tried again after their pause.
+                continue;
             }
-            _ => (),
+            drop(calls);
+            let called = Arc::clone(&called);
+            let call = move || {
+                call(&publisher, lines);
+                called.lock().remove(&publisher);
+            };
+            // Without a thread the lines end too.
+            let _ = std::thread::Builder::new().name("ros-call".into()).spawn(call);
         }
     }
+}
 
-    /// Connects to the publisher and hands over what it sends, until it or we end.
-    fn listen(&self, own: &str) -> Result<(), SubscribeError> {
-        let shared = &*self.shared;
-        let stream = self.connect(own)?;
-        let stopped = || shared.stop.load(Ordering::Acquire);
-        let held = stream.try_clone()?;
-        self.with_line(|line| line.stream = Some(held));
-        let mut incoming = Incoming::new(&stream, stopped)?;
-        let kind = incoming.shake_hands(own, &shared.topic, &shared.wanted)?;
-        let (mut message, mut is_first) = (Vec::new(), true);
-        while !stopped() {
-            incoming.read_message(&mut message, shared.wanted.longest)?;
-            if std::mem::take(&mut is_first) {
-                self.with_line(|line| line.attempts = 0);
+/// Finds the node `publisher`, connects each line to it, and hands the connections over to the node's thread.
+fn call(publisher: &str, lines: Vec<Busy>) {
+    let Some(graph) = lines.first().map(|line| Arc::clone(&line.graph)) else { return };
+    let node = find(&graph, publisher);
+    for line in lines {
+        let connected = match &node {
+            Ok(node) => connect(&line, node),
+            Err(trouble) => Err(trouble.again()),
+        };
+        match connected {
+            Ok(stream) => hand_over(line, stream),
+            Err(trouble) => line.subscription.fail(publisher, &trouble, &graph.report),
+        }
+    }
+}
+
+impl Trouble {
+    /// The same for another line.
+    fn again(&self) -> Self {
+        match self {
+            Self::Gone => Self::Gone,
+            Self::OutOfReach(what) => Self::OutOfReach(what.clone()),
+            Self::Fault(what) => Self::Fault(what.clone()),
+        }
+    }
+}
+
+/// The address of a node, as the master knows it.
+fn find(graph: &Graph, publisher: &str) -> Result<Peer, Trouble> {
+    let Ok(Value::String(uri)) = graph.master().call("lookupNode", vec![text(publisher)]) else {
+        return Err(Trouble::Gone);
+    };
+    let out_of_reach = |error: CallError| Trouble::OutOfReach(error.to_string());
+    let node = Peer::new(&uri, &graph.name, TIMEOUT).map_err(out_of_reach)?;
+    if graph.is_local && !node.addresses().map_err(out_of_reach)?.iter().all(is_here) {
+        return Err(Trouble::Fault(format!(
+            "it is at {}, and only programs of this machine are listened to while the master is on it; set ROS_IP or \
+             ROS_HOSTNAME to the address of this machine in your network",
+            quote(node.uri())
+        )));
+    }
+    Ok(node)
+}
+
+/// Whether an address is one of this machine: only those can be bound.
+fn is_here(address: &SocketAddr) -> bool {
+    let ip: IpAddr = address.ip();
+    ip.is_loopback() || TcpListener::bind((ip, 0)).is_ok()
+}
+
+/// A connection to `node` for the messages of the line's topic; our header is sent.
+fn connect(line: &Busy, node: &Peer) -> Result<TcpStream, Trouble> {
+    let Busy { graph, subscription, .. } = line;
+    let protocols = Value::Array(vec![Value::Array(vec![text("TCPROS")])]);
+    let answer = node.call("requestTopic", vec![text(&subscription.topic), protocols]);
+    let answer = answer.map_err(|error| match error {
+        // It has just withdrawn its topic, or itself.
+        CallError::Refused { .. } => Trouble::Gone,
+        CallError::NoAnswer { reason, .. } if reason.kind() == ErrorKind::ConnectionRefused => Trouble::Gone,
+        error => Trouble::OutOfReach(error.to_string()),
+    })?;
+    let no_address = || Trouble::Fault("it does not say where its messages are to be had".into());
+    let Value::Array(parts) = answer else { return Err(no_address()) };
+    let [_, Value::String(host), Value::Integer(port), ..] = &parts[..] else { return Err(no_address()) };
+    let port = u16::try_from(*port).map_err(|_| no_address())?;
+    let out_of_reach = |error: io::Error| match error.kind() {
+        ErrorKind::ConnectionRefused => Trouble::Gone,
+        _ => Trouble::OutOfReach(format!("{host}:{port}: {error}")),
+    };
+    let mut last = ErrorKind::AddrNotAvailable.into();
+    for address in (host.as_str(), port).to_socket_addrs().map_err(out_of_reach)? {
+        if graph.is_local && !is_here(&address) {
+            return Err(Trouble::Fault(format!("its messages come from another machine, {address}")));
+        }
+        match TcpStream::connect_timeout(&address, TIMEOUT) {
+            Ok(stream) => return greet(line, stream).map_err(|_| Trouble::Gone),
+            Err(error) => last = error,
+        }
+    }
+    Err(out_of_reach(last))
+}
+
+/// Sends our header to a publisher.
+fn greet(line: &Busy, mut stream: TcpStream) -> io::Result<TcpStream> {
+    let Subscription { topic, wanted: Wanted { kind, .. }, .. } = &*line.subscription;
+    stream.set_write_timeout(Some(TIMEOUT))?;
+    stream.write_all(&header_of(&[
+        ("callerid", &line.graph.name),
+        ("topic", topic),
+        ("type", &kind.name),
+        ("md5sum", &kind.md5sum),
+        ("message_definition", &kind.definition),
+        ("tcp_nodelay", "1"),
+    ]))?;
+    set_options(&stream, Traffic::Pictures)?;
+    stream.set_nonblocking(true)?;
+    Ok(stream)
+}
+
+fn hand_over(line: Busy, stream: TcpStream) {
+    let stream = Arc::new(stream);
+    let is_wanted = line.subscription.with_line(&line.publisher, |own| own.stream = Some(Arc::clone(&stream)));
+    if is_wanted.is_none() || line.subscription.is_closed() {
+        return;
+    }
+    let graph = Arc::clone(&line.graph);
+    let large = line.subscription.wanted.longest > LARGE;
+    let deadline = Some(Instant::now() + HANDSHAKE_TIMEOUT);
+    graph.serve(
+        Box::new(Listening { line, stream, input: Buffer::default(), kind: None, deadline, is_heard: false }),
+        large,
+    );
+}
+
+/// Receives from one publisher.
+struct Listening {
+    line: Busy,
+    stream: Arc<TcpStream>,
+    input: Buffer,
+    /// The type that the publisher announces, once it has.
+    kind: Option<String>,
+    /// When it has to have answered our header.
+    deadline: Option<Instant>,
+    /// A message has come.
+    is_heard: bool,
+}
+
+impl Listening {
+    /// Uses all blocks that are complete.
+    fn use_input(&mut self) -> Result<(), Trouble> {
+        let subscription = &*self.line.subscription;
+        let Wanted { kind: wanted, longest } = &subscription.wanted;
+        let too_long = |length, longest| Trouble::Fault(format!("it announces {length} bytes, {longest} are the most"));
+        if self.kind.is_none() {
+            let header = self.input.block(LONGEST_HEADER).map_err(|length| too_long(length, LONGEST_HEADER))?;
+            let Some(header) = header else { return Ok(()) };
+            self.kind = Some(announced_kind(header, wanted)?);
+            self.deadline = None;
+        }
+        let kind = self.kind.as_deref().unwrap_or_default();
+        while let Some(body) = self.input.block(*longest).map_err(|length| too_long(length, *longest))? {
+            if subscription.is_closed() {
+                return Err(Trouble::Gone);
             }
-            (shared.on_message)(RawReceived { kind: &kind, body: &message });
+            (subscription.on_message)(RawReceived { kind, body });
+            if !std::mem::replace(&mut self.is_heard, true) {
+                subscription.with_line(&self.line.publisher, |line| line.attempts = 0);
+            }
         }
         Ok(())
     }
 
-    fn connect(&self, own: &str) -> Result<TcpStream, SubscribeError> {
-        let Self { shared, publisher } = self;
-        let master = shared.master.called_by(own);
-        let uri = master.call("lookupNode", vec![Value::String(publisher.clone())]);
-        let Ok(Value::String(uri)) = uri else { return Err(io::Error::from(ErrorKind::NotFound).into()) };
-        let node = Peer::new(&uri, own, TIMEOUT).map_err(|error| SubscribeError::OutOfReach(error.to_string()))?;
-        let protocols = Value::Array(vec![Value::Array(vec![Value::String("TCPROS".into())])]);
-        let answer = node.call("requestTopic", vec![Value::String(shared.topic.clone()), protocols]);
-        let answer = answer.map_err(|error| match error {
-            // It has just withdrawn its topic, or itself.
-            CallError::Refused { .. } => io::Error::from(ErrorKind::NotFound).into(),
-            CallError::NoAnswer { reason, .. } if reason.kind() == ErrorKind::ConnectionRefused => reason.into(),
-            error => SubscribeError::OutOfReach(error.to_string()),
-        })?;
-        let no_address = || SubscribeError::Fault("it does not say where its messages are to be had".into());
-        let Value::Array(parts) = answer else { return Err(no_address()) };
-        let [_, Value::String(host), Value::Integer(port), ..] = &parts[..] else { return Err(no_address()) };
-        let port = u16::try_from(*port).map_err(|_| no_address())?;
-        let out_of_reach = |error: io::Error| match error.kind() {
-            ErrorKind::ConnectionRefused => SubscribeError::Gone(error),
-            _ => SubscribeError::OutOfReach(format!("{host}:{port}: {error}")),
-        };
-        let mut last = ErrorKind::AddrNotAvailable.into();
-        for address in (host.as_str(), port).to_socket_addrs().map_err(out_of_reach)? {
-            match TcpStream::connect_timeout(&address, TIMEOUT) {
-                Ok(stream) => return Ok(stream),
-                Err(error) => last = error,
+    fn fail(&self, trouble: &Trouble) {
+        self.line.subscription.fail(&self.line.publisher, trouble, &self.line.graph.report);
+    }
+}
+
+/// The type that a publisher announces in its header.
+fn announced_kind(header: &[u8], wanted: &Kind) -> Result<String, Trouble> {
+    let fields = fields(header);
+    if let Some(why) = fields.get("error") {
+        return Err(Trouble::Fault(format!("it refuses us: {}", quote(why))));
+    }
+    let field = |key: &str| fields.get(key).map(String::as_str).unwrap_or_default();
+    let differs = |wanted: &str, key: &str| wanted != "*" && wanted != field(key);
+    if field("type").is_empty() {
+        return Err(Trouble::Fault("its answer is no header of a publisher".into()));
+    }
+    if differs(&wanted.name, "type") || differs(&wanted.md5sum, "md5sum") {
+        return Err(Trouble::Fault(format!(
+            "it sends {} with the checksum {}, expected {} with {}: a program with another version of the message",
+            quote(field("type")),
+            quote(field("md5sum")),
+            wanted.name,
+            wanted.md5sum,
+        )));
+    }
+    Ok(field("type").to_owned())
+}
+
+impl Handler for Listening {
+    fn socket(&self) -> RawFd {
+        self.stream.as_raw_fd()
+    }
+
+    fn ready(&mut self) -> Turn {
+        let mut count = 0;
+        while count < TURN {
+            match self.input.read(&self.stream) {
+                Came::Bytes(bytes) => count += bytes,
+                Came::Nothing => return Turn::Wait,
+                Came::End => return Turn::Done,
+            }
+            if let Err(trouble) = self.use_input() {
+                self.fail(&trouble);
+                return Turn::Done;
             }
         }
-        Err(out_of_reach(last))
+        Turn::Again
+    }
+
+    fn deadline(&self) -> Option<Instant> {
+        self.deadline
+    }
+}
+
+impl Drop for Listening {
+    fn drop(&mut self) {
+        if self.deadline.is_some_and(|deadline| deadline <= Instant::now()) {
+            let seconds = HANDSHAKE_TIMEOUT.as_secs();
+            self.fail(&Trouble::Fault(format!("it takes the connection and says nothing within {seconds} s")));
+        }
     }
 }
 
 /// Who publishes what, as the master says when it is asked again and again.
 #[derive(Default)]
-pub(crate) struct Listing {
+struct Listing {
     answer: String,
     publishers: Publishers,
 }
 
 impl Listing {
     /// What `master` says now; what it said before when it does not answer.
-    pub fn refresh(&mut self, master: &Peer) -> &Publishers {
+    fn refresh(&mut self, master: &Peer) -> &Publishers {
         if let Ok(Some(state)) = master.call_unless("getSystemState", vec![], &mut self.answer) {
             self.publishers = publishers(state).unwrap_or_default();
         }

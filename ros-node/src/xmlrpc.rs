@@ -1,11 +1,13 @@
-//! Calls to a ROS master or node with a time-out: rosrust's own client waits for ever and caches parameters.
+//! Calls to a ROS master or node, with a time-out.
 
-use std::io::{Read, Write};
+use std::io::{ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpStream, ToSocketAddrs};
 use std::time::Duration;
 
 use dxr::{FaultResponse, MethodCall, MethodResponse, Value};
 use thiserror::Error;
+
+use super::calls::is_too_deep;
 
 /// Longest answer that is read, bytes: the parameter tree of one object is far smaller.
 const LONGEST_ANSWER: u64 = 16 << 20;
@@ -102,7 +104,7 @@ impl Peer {
     fn no_answer(&self, reason: std::io::Error) -> CallError {
         // A socket's time-out is called "resource temporarily unavailable".
         let reason = match reason.kind() {
-            std::io::ErrorKind::WouldBlock => std::io::Error::new(std::io::ErrorKind::TimedOut, "it took too long"),
+            ErrorKind::WouldBlock => std::io::Error::new(ErrorKind::TimedOut, "it took too long"),
             _ => reason,
         };
         CallError::NoAnswer { uri: self.uri.clone(), reason }
@@ -141,11 +143,16 @@ impl Peer {
         CallError::NotRos(self.uri.clone())
     }
 
-    /// The XML that is answered.
-    fn ask(&self, method: &str, arguments: Vec<Value>) -> Result<String, CallError> {
+    /// The XML of a call.
+    fn body(&self, method: &str, arguments: Vec<Value>) -> Result<String, CallError> {
         let mut params = vec![Value::String(self.caller_id.clone())];
         params.extend(arguments);
-        let body = MethodCall { name: method.into(), params }.to_xml().map_err(|_| self.not_ros())?;
+        MethodCall { name: method.into(), params }.to_xml().map_err(|_| self.not_ros())
+    }
+
+    /// The XML that is answered.
+    fn ask(&self, method: &str, arguments: Vec<Value>) -> Result<String, CallError> {
+        let body = self.body(method, arguments)?;
         let answer = self.post(&body).map_err(|e| self.no_answer(e))?;
         // The head has the time in it.
         let (_head, xml) = answer.split_once("\r\n\r\n").ok_or_else(|| self.not_ros())?;
@@ -154,6 +161,9 @@ impl Peer {
 
     fn value_of(&self, method: &str, xml: &str) -> Result<Value, CallError> {
         let refused = |reason: String| CallError::Refused { method: method.to_owned(), reason };
+        if is_too_deep(xml) {
+            return Err(self.not_ros());
+        }
         let value = match MethodResponse::from_xml(xml) {
             Ok(response) => response.value,
             Err(_) => match FaultResponse::from_xml(xml) {
@@ -173,29 +183,116 @@ impl Peer {
 
     /// HTTP/1.0, so that the answer ends with the connection and is never chunked.
     fn post(&self, body: &str) -> std::io::Result<String> {
-        let mut last = std::io::Error::from(std::io::ErrorKind::AddrNotAvailable);
+        let mut stream = self.connect()?;
+        stream.write_all(self.request(body, "1.0").as_bytes())?;
+        let mut answer = Vec::new();
+        stream.take(LONGEST_ANSWER).read_to_end(&mut answer)?;
+        Ok(String::from_utf8_lossy(&answer).into_owned())
+    }
+
+    fn connect(&self) -> std::io::Result<TcpStream> {
+        let mut last = std::io::Error::from(ErrorKind::AddrNotAvailable);
         for address in (self.host.as_str(), self.port).to_socket_addrs()? {
             match TcpStream::connect_timeout(&address, self.timeout) {
-                Ok(stream) => return self.exchange(stream, body),
+                Ok(stream) => {
+                    stream.set_nodelay(true)?;
+                    stream.set_read_timeout(Some(self.timeout))?;
+                    stream.set_write_timeout(Some(self.timeout))?;
+                    return Ok(stream);
+                }
                 Err(error) => last = error,
             }
         }
         Err(last)
     }
 
-    fn exchange(&self, mut stream: TcpStream, body: &str) -> std::io::Result<String> {
-        stream.set_nodelay(true)?;
-        stream.set_read_timeout(Some(self.timeout))?;
-        stream.set_write_timeout(Some(self.timeout))?;
-        let request = format!(
-            "POST /RPC2 HTTP/1.0\r\nHost: {}:{}\r\nContent-Type: text/xml\r\nContent-Length: {}\r\n\r\n{body}",
-            self.host,
-            self.port,
-            body.len()
-        );
-        stream.write_all(request.as_bytes())?;
-        let mut answer = Vec::new();
-        stream.take(LONGEST_ANSWER).read_to_end(&mut answer)?;
+    fn request(&self, body: &str, version: &str) -> String {
+        let (host, port, length) = (&self.host, self.port, body.len());
+        format!(
+            "POST /RPC2 HTTP/{version}\r\nHost: {host}:{port}\r\nContent-Type: text/xml\r\nContent-Length: {length}\r\n\r\n{body}"
+        )
+    }
+}
+
+/// Calls to one peer over one connection, for many calls in a row.
+pub(crate) struct Session {
+    peer: Peer,
+    stream: Option<TcpStream>,
+    /// It did not answer: further calls fail at once.
+    given_up: bool,
+}
+
+impl Session {
+    pub fn new(peer: Peer) -> Self {
+        Self { peer, stream: None, given_up: false }
+    }
+
+    /// Fails all further calls.
+    pub fn give_up(&mut self) {
+        self.given_up = true;
+    }
+
+    /// As [`Peer::call`].
+    ///
+    /// # Errors
+    /// The same.
+    pub fn call(&mut self, method: &str, arguments: Vec<Value>) -> Result<Value, CallError> {
+        if self.given_up {
+            return Err(self.peer.no_answer(ErrorKind::TimedOut.into()));
+        }
+        let body = self.peer.body(method, arguments)?;
+        // A connection that was kept may have been closed meanwhile: then a new one is tried.
+        if let Some(stream) = self.stream.take() {
+            match self.exchange(stream, &body) {
+                Ok(xml) => return self.peer.value_of(method, &xml),
+                // It is there and takes too long.
+                Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {
+                    return Err(self.peer.no_answer(error))
+                }
+                Err(_) => (),
+            }
+        }
+        let exchanged = self.peer.connect().and_then(|stream| self.exchange(stream, &body));
+        let xml = exchanged.map_err(|error| self.peer.no_answer(error))?;
+        self.peer.value_of(method, &xml)
+    }
+
+    /// Sends `body` and returns the body of the answer; keeps the connection if the peer does.
+    fn exchange(&mut self, mut stream: TcpStream, body: &str) -> std::io::Result<String> {
+        stream.write_all(self.peer.request(body, "1.1").as_bytes())?;
+        let (mut answer, mut chunk) = (Vec::new(), [0; 4096]);
+        let head_end = loop {
+            if let Some(end) = answer.windows(4).position(|bytes| bytes == b"\r\n\r\n") {
+                break end;
+            }
+            match stream.read(&mut chunk)? {
+                0 => return Err(ErrorKind::UnexpectedEof.into()),
+                count => answer.extend_from_slice(&chunk[..count]),
+            }
+            if answer.len() as u64 > LONGEST_ANSWER {
+                return Err(ErrorKind::InvalidData.into());
+            }
+        };
+        let head = String::from_utf8_lossy(&answer[..head_end]).to_ascii_lowercase();
+        let mut answer = answer.split_off(head_end + 4);
+        let field = |key: &str| head.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix(':').map(str::trim));
+        let length = field("content-length").and_then(|length| length.parse::<u64>().ok());
+        match length {
+            Some(length) if length <= LONGEST_ANSWER => {
+                let missing = length.saturating_sub(answer.len() as u64);
+                (&stream).take(missing).read_to_end(&mut answer)?;
+                if (answer.len() as u64) < length {
+                    return Err(ErrorKind::UnexpectedEof.into());
+                }
+                let is_kept = field("connection").map_or(head.starts_with("http/1.1"), |value| value == "keep-alive");
+                self.stream = is_kept.then_some(stream);
+            }
+            Some(_) => return Err(ErrorKind::InvalidData.into()),
+            // It ends with the connection.
+            None => {
+                stream.take(LONGEST_ANSWER).read_to_end(&mut answer)?;
+            }
+        }
         Ok(String::from_utf8_lossy(&answer).into_owned())
     }
 }

@@ -6,7 +6,7 @@ use ambf_app::cli::{CliError, Parsed, SimulatorOptions};
 use ambf_app::{check, report, ros, simulator};
 
 fn main() {
-    if let Some(ended) = ros_node::serve_master(std::env::args_os().skip(1), &ros_node::silent()) {
+    if let Some(ended) = ros_node::serve_master(std::env::args_os().skip(1)) {
         exit(i32::from(ended.is_err()));
     }
     let arguments = ros::RosArguments::take().unwrap_or_else(|error| {

@@ -297,7 +297,6 @@ pub(super) mod tests {
     use super::*;
     use ambf_core::scene::{load, SceneFiles, SceneOptions};
     use ambf_core::sim::{Simulation, DEFAULT_SUB_STEP};
-    use ros_node::{Peer, SideNode};
     use std::sync::atomic::{AtomicU32, Ordering};
 
     const MODEL: &str = "bodies: [BODY Red, BODY Blue]\n\
@@ -335,10 +334,9 @@ pub(super) mod tests {
         }
 
         fn camera(&self, name: &str) -> Camera {
-            let node = SideNode::new(Peer::new("http://localhost:1/", "/test", Default::default()).unwrap(), "cameras");
             let index = self.visuals.cameras.iter().position(|camera| &*camera.object.name == name).unwrap();
             let described = &self.visuals.cameras[index].description;
-            let topics = CameraTopics::new(&node, index, &format!("/e/{name}"), described, |topic| topic).unwrap();
+            let topics = CameraTopics::new(index, &format!("/e/{name}"), described, |topic| topic).unwrap();
             Camera { topics, noise: None, numbers: Vec::new(), request: None, trouble: String::new() }
         }
 

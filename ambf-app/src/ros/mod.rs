@@ -1,33 +1,19 @@
-//! ROS 1: topics and parameters of the original simulator, through rosrust, and services of our own.
+//! ROS 1: topics, parameters and services of the original simulator, and some of our own.
 //!
 //! | thread | what it does |
 //! |---|---|
 //! | `ros-publish` | publishes all states, each at its own rate ([`PublishSchedule`](ambf_core::comm::PublishSchedule)) |
-//! | `ros-link` | finds or starts the master, announces topics, registers again when the master was restarted |
 //! | `ros-objects` | announces and withdraws the topics of objects that come and go |
 //! | `ros-parameters` | writes and polls the parameters of cameras, lights and the world |
-//! | `ros-connect` | asks the master which clients publish commands |
-//! | `ros-listen` | one a client and topic, receives its commands |
-//! | `ros-sockets` | sets the options of new sockets |
-//! | `ros-master` | a master in this process, when there is one; the simulator starts its own in another process |
-//! | `ros-service`, `ros-request` | one a service for its new clients, one a client for its requests |
-//! | `ros-large`, `ros-large-calls` | pictures: one for new subscribers, one a subscriber, one for calls of other nodes |
 //!
-//! rosrust adds two threads for each topic that is published. None of them can hold up the physics: states are read
-//! from the hub's newest snapshot and commands are left in its mailboxes.
-//!
-//! ## Limitations
-//! Pictures are published by a node of their own, which is there while a camera publishes
-//! ([`SideNode`](ros_node::SideNode) says why). `rosnode info` of the other node fails, because rosrust does not
-//! implement `getBusInfo`. The master that is started has no `/rosout_agg`, and `rosparam list` shows namespaces too. A
-//! client is connected to up to 0.1 s after it has registered.
+//! The others are those of the [node](ros_node). None of them can hold up the physics: states are read from the hub's
+//! newest snapshot and commands are left in its mailboxes.
 
 mod actuator;
 mod arguments;
 mod contact;
 mod ghost;
 pub mod messages;
-mod mismatch;
 mod models;
 pub mod naming;
 mod neighbours;
@@ -53,10 +39,10 @@ use std::error::Error;
 use std::sync::mpsc::{channel, Receiver, Sender};
 use std::sync::Arc;
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use ambf_core::comm::{Hub, Middleware};
-use ros_node::{Link, LinkOptions, OwnMaster, Peer};
+use ros_node::{LinkOptions, Node, OwnMaster, Peer};
 
 pub use arguments::RosArguments;
 pub use models::{ModelHost, ModelReply};
@@ -74,14 +60,10 @@ use topics::ServeContext;
 /// Beginning of the node's name.
 const NODE_NAME: &str = "ambf_comm_node";
 
-/// What is appended to the node's name for the node of pictures.
-#[cfg(feature = "view")]
-const PICTURES: &str = "cameras";
-
 /// How long one call to the master may take before it counts as absent.
 const MASTER_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// How long [`RosMiddleware::stop`] waits for a master that does not answer.
+/// How long [`RosMiddleware::stop`] waits for threads that wait for a master that does not answer.
 const STOP_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// What the ROS side is told besides the hub.
@@ -117,7 +99,7 @@ pub struct RosMiddleware {
 }
 
 struct Running {
-    link: Arc<Link>,
+    node: Node,
     waker: Arc<Waker>,
     publisher: JoinHandle<()>,
     /// Threads that may hang with the master: each drops a sender when it ends.
@@ -153,7 +135,7 @@ impl RosMiddleware {
 
     /// Whether somebody told the node to shut down (`rosnode kill`).
     pub fn is_dismissed(&self) -> bool {
-        self.running.as_ref().is_some_and(|running| running.link.is_dismissed())
+        self.running.as_ref().is_some_and(|running| running.node.link().is_dismissed())
     }
 
     /// Point clouds that clients publish, to be drawn.
@@ -171,16 +153,16 @@ impl Middleware for RosMiddleware {
         }
         let master = Peer::new(&ros_node::master_uri(), &format!("/{NODE_NAME}"), MASTER_TIMEOUT)?;
         let RosOptions { arguments, own_master, n_devices } = self.options.clone();
-        mismatch::report_mismatches();
         hub.set_listening();
         let waker = Arc::<Waker>::default();
-        let link = Arc::new(Link::new(LinkOptions {
-            master: master.clone(),
+        let node = Node::start(LinkOptions {
+            master,
             name: arguments.node_name(NODE_NAME),
             own_master,
             parameters: arguments.parameters.clone(),
             report: Arc::new(crate::report::report),
-        }));
+        })?;
+        let link = Arc::clone(node.link());
         let (publisher, entries) = channel();
         let (to_parameters, changes) = channel();
         let told = ChangeSinks { link: Arc::clone(&link), publisher, parameters: to_parameters };
@@ -189,11 +171,7 @@ impl Middleware for RosMiddleware {
             waker: Arc::clone(&waker),
             n_devices,
             #[cfg(feature = "view")]
-            pictures: self
-                .pictures
-                .clone()
-                .map(|topics| pictures::Pictures { node: ros_node::SideNode::new(master.clone(), PICTURES), topics }),
-            master,
+            pictures: self.pictures.clone(),
             models: self.models.clone(),
             steppables: Arc::default(),
             arguments,
@@ -205,32 +183,24 @@ impl Middleware for RosMiddleware {
             named("ros-publish").spawn(move || scheduler::run(&hub, &entries, &link.stop, &waker))?
         };
         // From here on `stop` cleans up whatever has been started.
-        self.running = Some(Running { link: Arc::clone(&link), waker, publisher, ended });
-        let parameters = Parameters::new(hub, Arc::clone(&link), changes, Arc::clone(&self.clouds));
+        self.running = Some(Running { node, waker, publisher, ended });
+        let parameters = Parameters::new(hub, link, changes, Arc::clone(&self.clouds));
         spawn_detached("ros-parameters", &alive, move || parameters.run())?;
         spawn_detached("ros-objects", &alive, move || objects.run(&told))?;
-        let swept = Arc::clone(&link);
-        spawn_detached("ros-sockets", &alive, move || ros_node::tend_sockets(&swept))?;
-        let connected = Arc::clone(&link);
-        spawn_detached("ros-connect", &alive, move || ros_node::tend_connections(&connected))?;
-        spawn_detached("ros-link", &alive, move || ros_node::run(&link))?;
         Ok(())
     }
 
-    /// Takes at most 2 s, also when the master does not answer.
+    /// Takes some seconds at most, also when the master does not answer.
     fn stop(&mut self) {
         let Some(running) = self.running.take() else { return };
-        let deadline = Instant::now() + STOP_TIMEOUT;
-        running.link.stop.stop();
+        running.node.link().stop.stop();
         running.waker.wake();
         if running.publisher.join().is_err() {
             report!("ROS: the publishing thread had ended with a panic");
         }
-        // Disconnects when the last thread has dropped its sender.
-        let left = deadline.saturating_duration_since(Instant::now());
-        if running.ended.recv_timeout(left) == Err(std::sync::mpsc::RecvTimeoutError::Timeout) {
-            report!("ROS: the master did not let us go within {} s; ended without it", STOP_TIMEOUT.as_secs());
-        }
+        running.node.stop();
+        // Disconnects when the last thread has dropped its sender. Those of a master that hangs are left behind.
+        let _ = running.ended.recv_timeout(STOP_TIMEOUT);
     }
 }
 

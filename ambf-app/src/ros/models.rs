@@ -3,13 +3,13 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use ros_node::{Announcement, Peer};
+use ros_node::Announcement;
 
 use super::messages::ambf_msgs::{
     AddModel, AddModelReq, AddModelRes, ListModels, ListModelsReq, ListModelsRes, RemoveModel, RemoveModelReq,
     RemoveModelRes,
 };
-use super::service::Service;
+use super::service::service_of;
 
 /// What a client is told about a model that was added.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -42,16 +42,12 @@ pub trait ModelHost: Send + Sync {
 }
 
 /// The services `add_model`, `remove_model` and `list_models`; `name` gives the full name of each.
-pub(super) fn services(
-    name: impl Fn(&str) -> String,
-    master: &Peer,
-    host: &Arc<dyn ModelHost>,
-) -> [Arc<dyn Announcement>; 3] {
+pub(super) fn services(name: impl Fn(&str) -> String, host: &Arc<dyn ModelHost>) -> [Arc<dyn Announcement>; 3] {
     let (adder, remover, lister) = (Arc::clone(host), Arc::clone(host), Arc::clone(host));
     [
-        Service::<AddModel>::new(name("add_model"), master.clone(), move |request| add(&*adder, &request)),
-        Service::<RemoveModel>::new(name("remove_model"), master.clone(), move |request| remove(&*remover, &request)),
-        Service::<ListModels>::new(name("list_models"), master.clone(), move |request| list(&*lister, &request)),
+        service_of::<AddModel>(name("add_model"), move |request| add(&*adder, &request)),
+        service_of::<RemoveModel>(name("remove_model"), move |request| remove(&*remover, &request)),
+        service_of::<ListModels>(name("list_models"), move |request| list(&*lister, &request)),
     ]
 }
 

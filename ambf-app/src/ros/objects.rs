@@ -110,12 +110,11 @@ impl Objects {
             };
             let Some(camera) = visuals.cameras.get(*index) else { return true };
             let mapped = |topic| arguments.mapped(topic);
-            let node = &pictures.node;
-            if let Some(topics) = CameraTopics::new(node, *index, &known.name, &camera.description, mapped) {
+            if let Some(topics) = CameraTopics::new(*index, &known.name, &camera.description, mapped) {
                 let new = topics.announcements();
                 known.announcements.extend(new.iter().cloned());
                 announcements.extend(new);
-                pictures.topics.insert(topics);
+                pictures.insert(topics);
             }
             false
         });
@@ -140,7 +139,7 @@ impl Objects {
                 if let (Some(pictures), ambf_core::comm::ObjectKind::Camera(index, _)) =
                     (&self.around.pictures, &object.info.kind)
                 {
-                    pictures.topics.remove(*index);
+                    pictures.remove(*index);
                 }
                 change.come.parameters.removed.push(position);
             }
@@ -168,7 +167,7 @@ mod tests {
     use crate::ros::arguments::RosArguments;
     use crate::ros::models::{ModelHost, ModelReply};
     use ambf_core::comm::{Hub, HubIndex, ObjectInfo, ObjectKind, Rates, SensorInfo, SensorType};
-    use ros_node::{Direction, Peer};
+    use ros_node::Direction;
     use std::path::{Path, PathBuf};
 
     /// A host that does nothing.
@@ -199,12 +198,10 @@ mod tests {
     }
 
     fn objects(hub: &Arc<Hub>, models: Option<Arc<dyn ModelHost>>) -> Objects {
-        let master = Peer::new("http://localhost:1/", "/test", Duration::from_millis(1)).unwrap();
         Objects::new(ServeContext {
             hub: Arc::clone(hub),
             waker: Arc::default(),
             n_devices: 0,
-            master,
             models,
             steppables: Arc::default(),
             arguments: RosArguments::default(),
@@ -218,9 +215,9 @@ mod tests {
         let mut lines: Vec<_> = registrations
             .map(|r| {
                 let side = match r.direction {
-                    Direction::Publishes | Direction::PublishesAs { .. } => "out",
+                    Direction::Publishes => "out",
                     Direction::Subscribes => "in",
-                    Direction::Serves { .. } => "service",
+                    Direction::Serves => "service",
                 };
                 format!("{} {} {side}", r.topic, r.message_type)
             })

@@ -349,7 +349,7 @@ impl CloudTopics {
         }
         for topic in topics {
             if self.topics.iter().all(|(followed, _)| *followed != topic) {
-                let subscriptions = subscriptions(&link.master(), clouds, &topic);
+                let subscriptions = subscriptions(clouds, &topic);
                 link.add(subscriptions.clone());
                 self.topics.push((topic, subscriptions));
             }
@@ -503,7 +503,8 @@ mod tests {
             own_master: OwnMaster::None,
             parameters: Vec::new(),
             report: ros_node::silent(),
-        });
+        })
+        .unwrap();
         let mut parameters = Parameters::new(hub, Arc::new(link), changes, Arc::default());
         let light = |object, name: &str| {
             let (values, parent) = (LightParameters::default(), ParentName::new(""));

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use ambf_core::adf;
 use parking_lot::Mutex;
-use ros_node::{Announcement, LargePublication, SideNode};
+use ros_node::{Announcement, LargePublication};
 
 use super::messages::sensor_msgs;
 
@@ -34,7 +34,6 @@ impl CameraTopics {
     /// Topics below `name`, `/<namespace>/<camera>`, for the camera that `described` describes; `mapped` gives the name
     /// under which each is published. `None` if it publishes nothing.
     pub(crate) fn new(
-        node: &Arc<SideNode>,
         index: usize,
         name: &str,
         described: &adf::Camera,
@@ -50,12 +49,12 @@ impl CameraTopics {
             name: name.to_owned(),
             image_interval: image,
             depth_interval: depth,
-            image: image.map(|_| LargePublication::new::<sensor_msgs::Image>(node, topic("ImageData"))),
+            image: image.map(|_| LargePublication::new::<sensor_msgs::Image>(topic("ImageData"))),
             compressed: image
-                .map(|_| LargePublication::new::<sensor_msgs::CompressedImage>(node, topic("ImageData/compressed"))),
-            cloud: depth.map(|_| LargePublication::new::<sensor_msgs::PointCloud2>(node, topic("DepthData"))),
-            depth_image: depth.map(|_| LargePublication::new::<sensor_msgs::Image>(node, topic("DepthImage"))),
-            info: is_pinhole.then(|| LargePublication::new::<sensor_msgs::CameraInfo>(node, topic("CameraInfo"))),
+                .map(|_| LargePublication::new::<sensor_msgs::CompressedImage>(topic("ImageData/compressed"))),
+            cloud: depth.map(|_| LargePublication::new::<sensor_msgs::PointCloud2>(topic("DepthData"))),
+            depth_image: depth.map(|_| LargePublication::new::<sensor_msgs::Image>(topic("DepthImage"))),
+            info: is_pinhole.then(|| LargePublication::new::<sensor_msgs::CameraInfo>(topic("CameraInfo"))),
         }))
     }
 
@@ -71,12 +70,6 @@ impl CameraTopics {
     pub(crate) fn announcements(&self) -> Vec<Arc<dyn Announcement>> {
         self.publications().map(|publication| Arc::clone(publication) as Arc<dyn Announcement>).collect()
     }
-}
-
-/// Where topics of pictures are made, and found.
-pub(super) struct Pictures {
-    pub node: Arc<SideNode>,
-    pub topics: Arc<PictureTopics>,
 }
 
 /// Topics of all cameras that publish pictures, while the cameras come and go.

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use parking_lot::Mutex;
-use ros_node::{Announcement, Peer};
+use ros_node::Announcement;
 
 use super::messages::{sensor_msgs, std_msgs};
 use super::received::subscription;
@@ -72,12 +72,12 @@ pub(super) fn radius_topic(topic: &str) -> String {
 const LONGEST_CLOUD: usize = 256 << 20;
 
 /// Listens to the cloud on `topic` and to the size of its points.
-pub(super) fn subscriptions(master: &Peer, clouds: &Arc<PointClouds>, topic: &str) -> [Arc<dyn Announcement>; 2] {
+pub(super) fn subscriptions(clouds: &Arc<PointClouds>, topic: &str) -> [Arc<dyn Announcement>; 2] {
     clouds.insert(topic);
     let (points, radius) = (Arc::clone(clouds), Arc::clone(clouds));
     let (of_points, of_radius) = (topic.to_owned(), topic.to_owned());
     [
-        subscription(master, topic.to_owned(), LONGEST_CLOUD, move |message: sensor_msgs::PointCloud| {
+        subscription(topic.to_owned(), LONGEST_CLOUD, move |message: sensor_msgs::PointCloud| {
             points.change(&of_points, |cloud| {
                 cloud.frame_id = message.header.frame_id;
                 cloud.points.clear();
@@ -85,7 +85,7 @@ pub(super) fn subscriptions(master: &Peer, clouds: &Arc<PointClouds>, topic: &st
                 cloud.points.extend(all.filter(|p| p.iter().all(|x| x.is_finite())));
             });
         }),
-        subscription(master, radius_topic(topic), 4, move |message: std_msgs::Float32| {
+        subscription(radius_topic(topic), 4, move |message: std_msgs::Float32| {
             let radius_px = message.data.abs();
             if radius_px.is_finite() {
                 radius.change(&of_radius, |cloud| cloud.radius = radius_px);
@@ -101,8 +101,7 @@ mod tests {
     #[test]
     fn a_cloud_is_kept_while_its_topic_is_listened_to() {
         let clouds = Arc::<PointClouds>::default();
-        let master = Peer::new("http://localhost:1/", "/test", std::time::Duration::ZERO).unwrap();
-        let _subscriptions = subscriptions(&master, &clouds, "/a");
+        let _subscriptions = subscriptions(&clouds, "/a");
         clouds.change("/a", |cloud| cloud.points.push([1.0, 2.0, 3.0]));
         clouds.change("/b", |_| panic!("nobody listens to /b"));
         let all = clouds.all();

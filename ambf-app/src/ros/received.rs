@@ -6,7 +6,7 @@
 use std::sync::Arc;
 
 use parking_lot::Mutex;
-use ros_node::{Announcement, Peer, RawReceived, RawSubscription};
+use ros_node::{Announcement, RawReceived, RawSubscription};
 use rosrust::Message;
 
 use super::messages::{ambf_msgs, sensor_msgs, std_msgs};
@@ -174,17 +174,16 @@ pub(super) fn read<M: FromClient>(body: &[u8]) -> Result<M, String> {
 }
 
 /// Listens to `topic` for messages of `longest` bytes at most; bytes that are no `M` are named. `on_message` runs in a
-/// thread of each client's, in one at a time, and must not block.
+/// thread of the node and must not block.
 pub(super) fn subscription<M: FromClient>(
-    master: &Peer,
     topic: String,
     longest: usize,
     on_message: impl FnMut(M) + Send + 'static,
 ) -> Arc<dyn Announcement> {
     let (complaints, name) = (RateLimitedLog::default(), topic.clone());
-    // Posts to one mailbox that race would make the physics thread free memory.
+    // Only to share it: messages come one at a time.
     let on_message = Mutex::new(on_message);
-    RawSubscription::of::<M>(master.clone(), topic, longest, move |RawReceived { body, .. }| match read(body) {
+    RawSubscription::of::<M>(topic, longest, move |RawReceived { body, .. }| match read(body) {
         Ok(message) => (on_message.lock())(message),
         Err(why) => {
             complaints.report(format_args!("{name}: {why}; they are ignored"));

@@ -12,9 +12,9 @@ use parking_lot::Mutex;
 
 use super::messages::ambf_msgs::{ActuatorCmd, RigidBodyCmd, Step, StepReq, StepRes};
 use super::rigid_body::{self, Requests};
-use super::service::Service;
+use super::service::service_of;
 use super::{actuator, contact, ghost, sensor};
-use ros_node::Peer;
+use ros_node::ServiceServer;
 
 /// Most iterations of one request, and the longest patience, s.
 const MOST_STEPS: u32 = 1_000_000;
@@ -69,9 +69,9 @@ impl Steppables {
 }
 
 /// The service, called `name`.
-pub(super) fn service(name: String, master: &Peer, hub: &Arc<Hub>, objects: &Arc<Steppables>) -> Arc<Service<Step>> {
+pub(super) fn service(name: String, hub: &Arc<Hub>, objects: &Arc<Steppables>) -> Arc<ServiceServer> {
     let (hub, objects) = (Arc::clone(hub), Arc::clone(objects));
-    Service::new(name, master.clone(), move |request| {
+    service_of::<Step>(name, move |request| {
         answer(&hub, &objects, &request).unwrap_or_else(|message| StepRes {
             success: false,
             message,

@@ -6,7 +6,7 @@ use ambf_core::comm::{
     ActuatorInfo, CameraParameters, GhostInfo, Hub, HubIndex, LightParameters, ObjectInfo, ObjectKind, PostError,
     Rates, RigidBodyInfo, SensorCommand, SensorInfo, SensorType, Snapshot, VehicleInfo,
 };
-use ros_node::{Announcement, Peer, Publication};
+use ros_node::{Announcement, Publication};
 use rosrust::Message;
 
 use super::arguments::RosArguments;
@@ -72,17 +72,15 @@ pub(super) struct ServeContext {
     pub waker: Arc<Waker>,
     /// Haptic devices loaded.
     pub n_devices: u8,
-    /// Where services are registered.
-    pub master: Peer,
     /// Who adds and removes models; without one there are no services.
     pub models: Option<Arc<dyn ModelHost>>,
     /// What steps can command and observe.
     pub steppables: Arc<Steppables>,
     /// What the command line says.
     pub arguments: RosArguments,
-    /// Where topics of pictures are made; `None`: there are none.
+    /// Where topics of pictures are to be found; `None`: there are none.
     #[cfg(feature = "view")]
-    pub pictures: Option<super::pictures::Pictures>,
+    pub pictures: Option<Arc<super::pictures::PictureTopics>>,
 }
 
 /// Makes the topics of the object at position `object`, whose name is `name` (`/<namespace>/<name>`), and adds them to
@@ -126,7 +124,7 @@ impl Builder<'_> {
 
     fn subscribe<M: FromClient>(&mut self, topic: String, on_message: impl FnMut(M) + Send + 'static) {
         let topic = self.around.arguments.mapped(topic);
-        let subscription = received::subscription(&self.around.master, topic, LONGEST_COMMAND, on_message);
+        let subscription = received::subscription(topic, LONGEST_COMMAND, on_message);
         self.served.announcements.push(subscription);
     }
 
@@ -172,11 +170,11 @@ impl Builder<'_> {
         });
         self.subscribe(format!("{name}/Command/Reset"), world::on_reset(Arc::clone(&self.around.hub)));
         self.subscribe(format!("{name}/Command/Reset/Bodies"), world::on_body_reset(Arc::clone(&self.around.hub)));
-        let ServeContext { hub, master, steppables, arguments, .. } = self.around;
+        let ServeContext { hub, steppables, arguments, .. } = self.around;
         let full_name = |service: &str| arguments.mapped(format!("{name}/{service}"));
-        self.served.announcements.push(step::service(full_name("step"), master, hub, steppables));
+        self.served.announcements.push(step::service(full_name("step"), hub, steppables));
         if let Some(host) = &self.around.models {
-            self.served.announcements.extend(models::services(full_name, &self.around.master, host));
+            self.served.announcements.extend(models::services(full_name, host));
         }
         self.served.parameters.world_states.push(full_name("State"));
         self.served.parameters.worlds.push(name);

@@ -189,7 +189,7 @@ impl PedalBoards {
                     pedals.set(pedal, wire::button(kind, bytes)?);
                     Some(())
                 };
-                subscribe(&link.master(), topic.clone(), wire::BUTTON_TYPES, take, |text| eprintln!("ROS: {text}"))
+                subscribe(topic.clone(), wire::BUTTON_TYPES, take, |text| eprintln!("ROS: {text}"))
             };
             let subscriptions: Vec<_> = key.iter().map(listen).collect();
             link.add(subscriptions.iter().map(Arc::clone));

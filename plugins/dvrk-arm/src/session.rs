@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use ros_node::{Announcement, Link, Peer, RawReceived, RawSubscription};
+use ros_node::{Announcement, Link, RawReceived, RawSubscription};
 
 use crate::dialect::{readings, Dialect, DialectChoice, Reading, Topics};
 use crate::hub::{PedalBoard, PedalBoards};
@@ -127,9 +127,8 @@ impl Session {
         }
         inner.speak(dialect);
         let has_jaw = inner.names.arm().starts_with("PSM");
-        let master = link.master();
         let subscriptions = readings(dialect, has_jaw).into_iter();
-        self.inputs = subscriptions.map(|(name, reading)| listen(&master, inner, dialect, name, reading)).collect();
+        self.inputs = subscriptions.map(|(name, reading)| listen(inner, dialect, name, reading)).collect();
         let outputs = Arc::new(Outputs::new(&inner.names, dialect, inner.options.motion));
         link.add(self.inputs.iter().map(Arc::clone).chain(outputs.announcements().iter().map(Arc::clone)));
         inner.outputs.store(Some(Arc::clone(&outputs)));
@@ -219,7 +218,7 @@ impl Session {
 }
 
 /// Listens to one topic of an arm.
-fn listen(master: &Peer, inner: &Arc<Inner>, dialect: Dialect, name: &str, reading: Reading) -> Arc<dyn Announcement> {
+fn listen(inner: &Arc<Inner>, dialect: Dialect, name: &str, reading: Reading) -> Arc<dyn Announcement> {
     let accepted = match reading {
         Reading::Pose => wire::POSE_TYPES,
         Reading::Joints | Reading::Gripper => wire::JOINT_TYPES,
@@ -232,7 +231,6 @@ fn listen(master: &Peer, inner: &Arc<Inner>, dialect: Dialect, name: &str, readi
     let inner = Arc::clone(inner);
     let say = Arc::clone(&inner);
     subscribe(
-        master,
         topic,
         accepted,
         move |kind, bytes| take(&inner, dialect, reading, kind, bytes),
@@ -242,14 +240,13 @@ fn listen(master: &Peer, inner: &Arc<Inner>, dialect: Dialect, name: &str, readi
 
 /// Messages of `accepted` types go to `take`; others, and bytes that are none, are named once.
 pub(crate) fn subscribe(
-    master: &Peer,
     topic: String,
     accepted: &'static [&'static str],
     take: impl Fn(&str, &[u8]) -> Option<()> + Send + Sync + 'static,
     say: impl Fn(&str) + Send + Sync + 'static,
 ) -> Arc<dyn Announcement> {
     let (name, said) = (topic.clone(), AtomicBool::new(false));
-    RawSubscription::new(master.clone(), topic, move |RawReceived { kind, body }| {
+    RawSubscription::new(topic, move |RawReceived { kind, body }| {
         if !accepted.contains(&kind) {
             if !said.swap(true, Ordering::Relaxed) {
                 say(&format!("{name}: messages of type {kind} are not understood, expected {}", accepted.join(" or ")));

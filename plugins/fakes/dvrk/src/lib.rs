@@ -419,7 +419,7 @@ fn connect(
         parameters: Vec::new(),
         report: Arc::clone(&options.report),
     })?;
-    let wired = Wired::new(world, dialect, master.clone());
+    let wired = Wired::new(world, dialect);
     node.link().add(wired.announcements.iter().map(Arc::clone));
     // What is latched is said again by a node that starts.
     let mut state = world.state.lock();

@@ -8,7 +8,7 @@ use std::time::{Instant, SystemTime, UNIX_EPOCH};
 use dvrk_arm::messages::{self, crtk_msgs, geometry_msgs, sensor_msgs, std_msgs};
 use dvrk_arm::{pedal_topics, ClutchSource, Dialect, Names, Pedal, Topics, Wrench};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
-use ros_node::{Announcement, Peer, Publication, RawReceived, RawSubscription};
+use ros_node::{Announcement, Publication, RawReceived, RawSubscription};
 use rosrust::{Clock, Message, RosMsg};
 
 use crate::machine::Machine;
@@ -84,7 +84,6 @@ pub(crate) struct Wired {
 
 /// Collects what is announced.
 struct Maker {
-    master: Peer,
     world: Weak<World>,
     arm: usize,
     announcements: Vec<Arc<dyn Announcement>>,
@@ -112,7 +111,7 @@ impl Maker {
                 world.hear(arm, read(message));
             }
         };
-        self.announcements.push(RawSubscription::new(self.master.clone(), topic, heard));
+        self.announcements.push(RawSubscription::new(topic, heard));
     }
 }
 
@@ -127,9 +126,9 @@ fn from_parts(p: [f64; 3], q: &geometry_msgs::Quaternion) -> Told {
 }
 
 impl Wired {
-    pub fn new(world: &Arc<World>, dialect: Dialect, master: Peer) -> Self {
+    pub fn new(world: &Arc<World>, dialect: Dialect) -> Self {
         let root = world.names[0].root(dialect).to_owned();
-        let mut maker = Maker { master, world: Arc::downgrade(world), arm: 0, announcements: Vec::new() };
+        let mut maker = Maker { world: Arc::downgrade(world), arm: 0, announcements: Vec::new() };
         let mut arms = Vec::new();
         for (arm, names) in world.names.iter().enumerate() {
             maker.arm = arm;
