@@ -275,7 +275,8 @@ impl Graph {
         let differs = |key: &str, own: &str| !["*", own].contains(&field(key));
         if differs("md5sum", &topic.kind.md5sum) || differs("type", &topic.kind.name) {
             return refuse(format!(
-                "{} is a {} with the checksum {}, the client's is {} with {}: a client with another version of the message",
+                "the type of {} is mismatched: it is {} with the checksum {}, the client's is {} with {}: a client with another \
+                 version of the message",
                 topic.name,
                 topic.kind.name,
                 topic.kind.md5sum,
@@ -292,7 +293,7 @@ impl Graph {
             ("type", &topic.kind.name),
         ]);
         let large = topic.traffic == Traffic::Pictures;
-        if set_options(stream, topic.traffic).is_ok() {
+        if set_options(stream).is_ok() {
             let caller = field("callerid").to_owned();
             if let Some(serving) = topic.admit(caller, Arc::clone(stream), header, place) {
                 self.serve(Box::new(serving), large);

@@ -23,7 +23,7 @@ use super::connections::{Buffer, Came};
 use super::graph::Graph;
 use super::reactor::{Handler, Turn};
 use super::tcpros::{fields, header_of, quote};
-use super::topic::{set_options, Kind, Traffic};
+use super::topic::{set_options, Kind};
 use super::xmlrpc::{CallError, Peer};
 use super::Report;
 
@@ -408,7 +408,7 @@ fn greet(line: &Busy, mut stream: TcpStream) -> io::Result<TcpStream> {
         ("message_definition", &kind.definition),
         ("tcp_nodelay", "1"),
     ]))?;
-    set_options(&stream, Traffic::Pictures)?;
+    set_options(&stream)?;
     stream.set_nonblocking(true)?;
     Ok(stream)
 }

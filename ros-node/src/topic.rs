@@ -489,20 +489,18 @@ impl Announcement for LargePublication {
 ///
 /// # Errors
 /// When the connection is down.
-pub(crate) fn set_options(stream: &TcpStream, traffic: Traffic) -> io::Result<()> {
+pub(crate) fn set_options(stream: &TcpStream) -> io::Result<()> {
     use rustix::net::sockopt;
     stream.set_nodelay(true)?;
     sockopt::set_socket_keepalive(stream, true)?;
     sockopt::set_tcp_keepidle(stream, KEEP_ALIVE)?;
-    if traffic == Traffic::States {
-        sockopt::set_socket_send_buffer_size(stream, SEND_BUFFER)?;
-    }
+    sockopt::set_socket_send_buffer_size(stream, SEND_BUFFER)?;
     Ok(())
 }
 
 /// A peer that vanished without a word is noticed after this much silence and a few unanswered probes.
 const KEEP_ALIVE: Duration = Duration::from_secs(10);
 
-/// What the kernel may hold back for one subscriber of small messages, bytes: some hundred states. Left to itself it
-/// takes megabytes, and it takes that long to see that nobody reads.
+/// What the kernel may hold back for one subscriber, bytes: some hundred states, or a part of a picture. Left to itself it
+/// takes megabytes: old messages, for one that does not read.
 const SEND_BUFFER: usize = 256 << 10;

@@ -1,5 +1,6 @@
 """Starts ROS masters and the simulator for the tests, and waits for conditions instead of for time to pass."""
 
+import ipaddress
 import os
 import pathlib
 import resource
@@ -58,6 +59,21 @@ def free_port():
     with socket.socket() as probe:
         probe.bind(("localhost", 0))
         return probe.getsockname()[1]
+
+
+def listening(process):
+    """Address and port of each TCP socket on which a process listens."""
+    folder = pathlib.Path(f"/proc/{process}/fd")
+    own = {os.readlink(entry) for entry in folder.iterdir() if entry.is_symlink()}
+    found = []
+    for table, size in (("tcp", 4), ("tcp6", 16)):
+        for line in pathlib.Path(f"/proc/net/{table}").read_text().splitlines()[1:]:
+            row = line.split()
+            if row[3] == "0A" and f"socket:[{row[9]}]" in own:
+                address, port = row[1].split(":")
+                words = [bytes.fromhex(address[i : i + 8])[::-1] for i in range(0, 2 * size, 8)]
+                found.append((str(ipaddress.ip_address(b"".join(words))), int(port, 16)))
+    return found
 
 
 def wait_for(condition, what, seconds=PATIENCE_S):

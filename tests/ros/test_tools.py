@@ -122,6 +122,15 @@ class Tools(harness.RosTest):
         listed = [name for name in harness.ros(self.port, "rosnode", "list").split() if "ambf" in name]
         self.assertEqual(len(listed), 1, listed)
         self.assertRegex(listed[0], r"^/ambf_comm_node_\w+$")
+        info = harness.ros(self.port, "rosnode", "info", listed[0])
+        for part in (f"{BODY}/State [ambf_msgs/RigidBodyState]", f"{WORLD}/step", "/rosout [rosgraph_msgs/Log]"):
+            self.assertIn(part, info)
+
+    def test_nobody_else_gets_in(self):
+        """With a master on this machine: two ports, and only programs of this machine reach them."""
+        ports = harness.listening(self.simulator.process.pid)
+        self.assertEqual(len(ports), 2, ports)
+        self.assertEqual({address for address, _ in ports}, {"127.0.0.1"})
 
 
 class Names(harness.RosTest):
