@@ -473,3 +473,33 @@ fn own_host(master: &[SocketAddr]) -> String {
     });
     reached.unwrap_or(name)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn place(given: Option<&str>, master: &str) -> (String, String, bool) {
+        let master = Peer::new(master, "/test", Duration::from_secs(1)).unwrap();
+        let (bind, host, is_local) = place_of(given.map(str::to_owned), &master);
+        (bind.to_string(), host, is_local)
+    }
+
+    #[test]
+    fn a_master_of_this_machine_keeps_everything_on_loopback_unless_the_user_names_an_address() {
+        let local = ("127.0.0.1".to_owned(), "127.0.0.1".to_owned(), true);
+        assert_eq!(place(None, "http://localhost:11311/"), local);
+        assert_eq!(place(None, "http://127.0.1.1:11311/"), local);
+        let master = "http://localhost:11311/";
+        assert_eq!(place(Some("localhost"), master), ("127.0.0.1".into(), "localhost".into(), true));
+        assert_eq!(place(Some("192.0.2.7"), master), ("0.0.0.0".into(), "192.0.2.7".into(), false));
+        assert_eq!(place(Some("2001:db8::7"), master), ("::".into(), "[2001:db8::7]".into(), false));
+        assert_eq!(place(Some("::1"), master), ("::1".into(), "[::1]".into(), true));
+    }
+
+    #[test]
+    fn with_a_master_elsewhere_others_are_told_an_address_that_they_can_reach() {
+        let (bind, host, is_local) = place(None, "http://192.0.2.1:11311/");
+        assert_eq!((bind.as_str(), is_local), ("0.0.0.0", false));
+        assert!(!host.is_empty() && host != "localhost" && !host.starts_with("127."), "{host}");
+    }
+}

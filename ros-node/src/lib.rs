@@ -67,3 +67,12 @@ pub fn master_uri() -> String {
     let uri = std::env::var("ROS_MASTER_URI").ok().filter(|uri| !uri.is_empty());
     uri.unwrap_or_else(|| String::from("http://localhost:11311/"))
 }
+
+/// Lets this process open as many sockets and files as the system permits, usually half a million, instead of the 1024 that it
+/// is given at first: each subscriber of each topic needs one. To be called by programs with many topics.
+pub fn allow_many_connections() {
+    use rustix::process::{getrlimit, setrlimit, Resource, Rlimit};
+    let limit = getrlimit(Resource::Nofile);
+    // A refusal leaves what there was.
+    let _ = setrlimit(Resource::Nofile, Rlimit { current: limit.maximum, ..limit });
+}

@@ -154,6 +154,7 @@ impl Middleware for RosMiddleware {
         let master = Peer::new(&ros_node::master_uri(), &format!("/{NODE_NAME}"), MASTER_TIMEOUT)?;
         let RosOptions { arguments, own_master, n_devices } = self.options.clone();
         hub.set_listening();
+        ros_node::allow_many_connections();
         let waker = Arc::<Waker>::default();
         let node = Node::start(LinkOptions {
             master,
