@@ -11,6 +11,7 @@ use super::{
     ActuatorCommand, CameraParameters, Command, LightParameters, Mailbox, PoseCommand, Rates, RigidBodyCommand,
     SensorCommand, Snapshot, SnapshotWriter, SoftBodyCommand, StepThrottle, VehicleCommand,
 };
+use crate::ids::{ActuatorId, BodyId, CameraId, GhostId, JointId, LightId, SensorId, SoftBodyId, VehicleId};
 use crate::scene::VisualScene;
 use ambf_plugin::SnapshotSlot;
 
@@ -20,21 +21,21 @@ pub enum ObjectKind {
     /// The one world.
     World,
     /// Index into [`Snapshot::bodies`], and what does not change in its state.
-    RigidBody(usize, Box<RigidBodyInfo>),
+    RigidBody(BodyId, Box<RigidBodyInfo>),
     /// Index into [`Snapshot::cameras`], and the parameters at the start.
-    Camera(usize, Box<CameraParameters>),
+    Camera(CameraId, Box<CameraParameters>),
     /// Index into [`Snapshot::lights`], and the parameters at the start.
-    Light(usize, Box<LightParameters>),
+    Light(LightId, Box<LightParameters>),
     /// Index into [`Snapshot::sensors`], and what does not change in its state.
-    Sensor(usize, Box<SensorInfo>),
+    Sensor(SensorId, Box<SensorInfo>),
     /// Index into [`Snapshot::actuators`], and what does not change in its state.
-    Actuator(usize, Box<ActuatorInfo>),
+    Actuator(ActuatorId, Box<ActuatorInfo>),
     /// Index into [`Snapshot::vehicles`], and what does not change in its state.
-    Vehicle(usize, Box<VehicleInfo>),
+    Vehicle(VehicleId, Box<VehicleInfo>),
     /// Index into [`Snapshot::soft_bodies`], and its mass, kg.
-    SoftBody(usize, f64),
+    SoftBody(SoftBodyId, f64),
     /// Index into [`Snapshot::ghosts`], and what does not change in its state.
-    Ghost(usize, Box<GhostInfo>),
+    Ghost(GhostId, Box<GhostInfo>),
 }
 
 /// The part of a ghost object's state that does not change while it runs.
@@ -57,8 +58,8 @@ pub struct RigidBodyInfo {
     pub children_names: Vec<String>,
     /// (n x 1) names of the active joints, in the order that indexes joint commands.
     pub joint_names: Vec<String>,
-    /// (n x 1) where each active joint stands in the snapshot's joint arrays.
-    pub joints: Vec<usize>,
+    /// (n x 1) each active joint.
+    pub joints: Vec<JointId>,
     /// Whether the names of children are in the state before a client asks.
     pub publish_children_names: bool,
     /// Whether the names of joints are in the state before a client asks.
@@ -460,7 +461,7 @@ mod tests {
 
     fn hub(n: usize) -> Hub {
         let object = |i: usize| ObjectInfo {
-            kind: ObjectKind::RigidBody(i, Box::default()),
+            kind: ObjectKind::RigidBody(BodyId::new(i), Box::default()),
             namespace: "/ambf/env/".into(),
             name: format!("Box{i}"),
             identifier: format!("/ambf/env/BODY Box{i}"),

@@ -7,6 +7,7 @@ use super::{Bodies, Identity, NameMap};
 use crate::bullet::{BodyHandle, Constraint, ConstraintHandle, ConstraintKind, SoftBodyHandle, World};
 use crate::comm::{ActuatorCommand, ActuatorInfo};
 use crate::control::orientation_of;
+use crate::ids::{BodyId, Id, SensorId, Table};
 
 /// An actuator of a [`Scene`](super::Scene).
 #[derive(Debug)]
@@ -16,7 +17,7 @@ pub struct Actuator {
     /// Parent's name and pose in the parent's body frame.
     pub info: ActuatorInfo,
     /// Index of the parent body.
-    pub parent: usize,
+    pub parent: BodyId,
     /// Pose of the constraint in the parent's inertial frame.
     pub(super) frame: Isometry3<f64>,
     held: Held,
@@ -52,7 +53,7 @@ impl Actuator {
         (self.held, self.complained) = (saved.held, saved.complained);
     }
 
-    pub(super) fn new(identity: Identity, info: ActuatorInfo, parent: usize, frame: Isometry3<f64>) -> Self {
+    pub(super) fn new(identity: Identity, info: ActuatorInfo, parent: BodyId, frame: Isometry3<f64>) -> Self {
         Self { identity, info, parent, frame, held: Held::Nothing, complained: false }
     }
 
@@ -66,9 +67,9 @@ impl Actuator {
         &mut self,
         world: &mut World,
         bodies: &Bodies,
-        body_names: &NameMap,
-        sensors: &[Sensor],
-        sensor_names: &NameMap,
+        body_names: &NameMap<BodyId>,
+        sensors: &Table<SensorId, Sensor>,
+        sensor_names: &NameMap<SensorId>,
         command: &ActuatorCommand,
     ) -> Option<String> {
         if !command.actuate {
@@ -80,7 +81,7 @@ impl Actuator {
             return None;
         }
         if command.use_sensor_data {
-            let Some(sensor) = sensor_names.index(&command.sensor_identifier) else {
+            let Some(sensor) = sensor_names.id(&command.sensor_identifier) else {
                 return self.complain(sensor_names, "sensor", &command.sensor_identifier);
             };
             for sensed in sensors[sensor].sensed(bodies) {
@@ -92,7 +93,7 @@ impl Actuator {
             }
             return None;
         }
-        let Some(body) = body_names.index(&command.body_name) else {
+        let Some(body) = body_names.id(&command.body_name) else {
             return self.complain(body_names, "body", &command.body_name);
         };
         let offset = command.use_offset.then(|| {
@@ -103,13 +104,13 @@ impl Actuator {
         None
     }
 
-    fn complain(&mut self, names: &NameMap, what: &str, text: &str) -> Option<String> {
+    fn complain<I: Id>(&mut self, names: &NameMap<I>, what: &str, text: &str) -> Option<String> {
         let first = !std::mem::replace(&mut self.complained, true);
         first.then(|| format!("actuator `{}`: {what} `{text}` is {}", self.identity.key(), names.find(text)))
     }
 
     /// Holds a body at `offset`, the pose of the constraint in its inertial frame, or where it is now.
-    pub(crate) fn hold(&mut self, world: &mut World, bodies: &Bodies, body: usize, offset: Option<Isometry3<f64>>) {
+    pub(crate) fn hold(&mut self, world: &mut World, bodies: &Bodies, body: BodyId, offset: Option<Isometry3<f64>>) {
         let (parent, target) = (bodies[self.parent].handle, bodies[body].handle);
         if matches!(self.held, Held::Body(held, _) if held == target) || parent == target {
             return;

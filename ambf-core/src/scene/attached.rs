@@ -3,25 +3,26 @@
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 use super::gesture::{CameraGesture, CameraPlace};
-use super::{Found, Identity, NameMap, Scene};
+use super::{Identity, Scene};
 use crate::adf;
 use crate::comm::{CameraParameters, CameraView, Command, LightParameters, PoseCommand, SpotReading};
 use crate::control::orientation_of;
+use crate::ids::{BodyId, CameraId, GhostId, LightId};
 
 /// Objects that a message names: a few are enough to see what went wrong.
 const MAX_CANDIDATES: usize = 5;
 
-/// What an object can hang on, by index.
+/// What an object can hang on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Parent {
     /// Body frame of a rigid body.
-    Body(usize),
+    Body(BodyId),
     /// A camera.
-    Camera(usize),
+    Camera(CameraId),
     /// A light.
-    Light(usize),
+    Light(LightId),
     /// A ghost object.
-    Ghost(usize),
+    Ghost(GhostId),
 }
 
 /// What cameras, lights and ghost objects share.
@@ -113,26 +114,17 @@ impl Scene {
     /// # Errors
     /// A clause that says why there is none.
     pub(crate) fn find_parent(&self, child: Parent, text: &str) -> Result<Parent, String> {
-        type Make = fn(usize) -> Parent;
-        let kinds: [(&NameMap, Make); 4] = [
-            (&self.body_names, Parent::Body),
-            (&self.names.cameras, Parent::Camera),
-            (&self.names.lights, Parent::Light),
-            (&self.names.ghosts, Parent::Ghost),
-        ];
         let identity = self.attached(child).map(|attached| &attached.identity);
         let (namespace, suffix) = identity.map_or(("", ""), |identity| (&identity.namespace, &identity.suffix));
         let own = [format!("{namespace}{text}{suffix}"), format!("{text}{suffix}"), format!("{namespace}{text}")];
-        let exactly =
-            |text: &str| kinds.iter().filter_map(|(names, make)| names.exact(text).map(make)).collect::<Vec<_>>();
-        let parts = kinds.iter().filter_map(|(names, make)| names.index(text).map(make));
-        let own = own.iter().map(|text| exactly(text)).find(|found| !found.is_empty()).unwrap_or_default();
-        match (own.as_slice(), exactly(text).as_slice(), parts.collect::<Vec<_>>().as_slice()) {
+        let own = own.iter().map(|text| self.parents_named(text)).find(|found| !found.is_empty()).unwrap_or_default();
+        let exactly = self.parents_named(text);
+        match (own.as_slice(), exactly.as_slice(), self.parents_with(text).as_slice()) {
             (&[parent], ..) | ([], &[parent], _) | ([], [], &[parent]) => Ok(parent),
             _ => {
-                let is_exact = kinds.iter().any(|(names, _)| names.exact(text).is_some());
-                Err(match self.candidates(&kinds.map(|(names, _)| names), text, is_exact) {
-                    candidates if candidates.is_empty() => Found::Nothing.to_string(),
+                let is_exact = !exactly.is_empty();
+                Err(match self.candidates(text, is_exact) {
+                    candidates if candidates.is_empty() => "not found".to_owned(),
                     candidates if is_exact => format!("the name of several: {}", candidates.join(", ")),
                     candidates => format!("part of several: {}", candidates.join(", ")),
                 })
@@ -140,16 +132,34 @@ impl Scene {
         }
     }
 
+    /// What of each type others may hang on has exactly the name `text`.
+    fn parents_named(&self, text: &str) -> Vec<Parent> {
+        let body = self.body_names.exact(text).map(Parent::Body);
+        let camera = self.names.cameras.exact(text).map(Parent::Camera);
+        let light = self.names.lights.exact(text).map(Parent::Light);
+        let ghost = self.names.ghosts.exact(text).map(Parent::Ghost);
+        [body, camera, light, ghost].into_iter().flatten().collect()
+    }
+
+    /// What of each type others may hang on is named by `text`, its whole name or a part that no other has.
+    fn parents_with(&self, text: &str) -> Vec<Parent> {
+        let body = self.body_names.id(text).map(Parent::Body);
+        let camera = self.names.cameras.id(text).map(Parent::Camera);
+        let light = self.names.lights.id(text).map(Parent::Light);
+        let ghost = self.names.ghosts.id(text).map(Parent::Ghost);
+        [body, camera, light, ghost].into_iter().flatten().collect()
+    }
+
     /// What of each type has the name `text`, or with `is_exact` false holds it: a few in lexicographic order, as a
     /// message shows them.
-    fn candidates(&self, kinds: &[&NameMap; 4], text: &str, is_exact: bool) -> Vec<String> {
-        let types = ["body", "camera", "light", "ghost object"];
-        let mut found: Vec<(&str, &str)> = Vec::new();
-        for (names, kind) in kinds.iter().zip(types) {
-            let holds = |key: &str| if is_exact { key == text } else { key.contains(text) };
-            let keys = names.iter().map(|(key, _)| key).filter(|key| holds(key)).take(MAX_CANDIDATES);
-            found.extend(keys.map(|key| (key, kind)));
-        }
+    fn candidates<'a>(&'a self, text: &str, is_exact: bool) -> Vec<String> {
+        let holds = |key: &&str| if is_exact { *key == text } else { key.contains(text) };
+        let mut found: Vec<(&'a str, &str)> = Vec::new();
+        let mut add = |keys: Vec<&'a str>, kind| found.extend(keys.into_iter().map(|key| (key, kind)));
+        add(self.body_names.keys().filter(holds).take(MAX_CANDIDATES).collect(), "body");
+        add(self.names.cameras.keys().filter(holds).take(MAX_CANDIDATES).collect(), "camera");
+        add(self.names.lights.keys().filter(holds).take(MAX_CANDIDATES).collect(), "light");
+        add(self.names.ghosts.keys().filter(holds).take(MAX_CANDIDATES).collect(), "ghost object");
         found.sort_unstable();
         // The type matters only where a name is that of objects of several types.
         let is_of_two = |key: &str| found.iter().filter(|(other, _)| *other == key).count() > 1;
@@ -251,21 +261,20 @@ impl Scene {
 
     /// Cameras, lights and ghost objects.
     pub(super) fn all_placed(&self) -> impl Iterator<Item = Parent> {
-        let cameras = (0..self.cameras.len()).map(Parent::Camera);
-        let lights = (0..self.lights.len()).map(Parent::Light);
-        cameras.chain(lights).chain((0..self.ghosts.len()).map(Parent::Ghost))
+        let cameras = self.cameras.ids().map(Parent::Camera);
+        cameras.chain(self.lights.ids().map(Parent::Light)).chain(self.ghosts.ids().map(Parent::Ghost))
     }
 
     /// Takes over what a client changed of a camera; a sentence when its parent is not found.
-    pub(crate) fn set_camera_parameters(&mut self, index: usize, parameters: &CameraParameters) -> Result<(), String> {
-        self.cameras[index].parameters.copy_from(parameters);
-        self.set_parent(Parent::Camera(index), &parameters.parent_name)
+    pub(crate) fn set_camera_parameters(&mut self, id: CameraId, parameters: &CameraParameters) -> Result<(), String> {
+        self.cameras[id].parameters.copy_from(parameters);
+        self.set_parent(Parent::Camera(id), &parameters.parent_name)
     }
 
     /// Takes over what a client changed of a light; a sentence when its parent is not found.
-    pub(crate) fn set_light_parameters(&mut self, index: usize, parameters: &LightParameters) -> Result<(), String> {
-        self.lights[index].parameters.copy_from(parameters);
-        self.set_parent(Parent::Light(index), &parameters.parent_name)
+    pub(crate) fn set_light_parameters(&mut self, id: LightId, parameters: &LightParameters) -> Result<(), String> {
+        self.lights[id].parameters.copy_from(parameters);
+        self.set_parent(Parent::Light(id), &parameters.parent_name)
     }
 }
 

@@ -11,6 +11,7 @@ use crate::adf::SourcePos;
 use crate::bullet::{BodyHandle, World};
 use crate::comm::{CartesianCommandType, RigidBodyCommand};
 use crate::control::{orientation_of, CartesianController, CartesianOutput};
+use crate::ids::{BodyId, Table};
 
 /// A rigid body of a [`Scene`](super::Scene).
 #[derive(Debug, Clone)]
@@ -61,35 +62,35 @@ pub(super) struct SavedBody {
 /// Cartesian commands closer than this to the pose of a static body leave it alone: m and rad.
 const SAME_POSE: (f64, f64) = (1e-5, 1e-4);
 
-/// All rigid bodies, by index in order of creation. One that was removed keeps its place: its handle leads nowhere.
+/// All rigid bodies, in order of creation. One that was removed keeps its place: its handle leads nowhere.
 #[derive(Debug, Default)]
 pub struct Bodies {
-    list: Vec<Body>,
-    places: SecondaryMap<BodyHandle, usize>,
+    list: Table<BodyId, Body>,
+    places: SecondaryMap<BodyHandle, BodyId>,
 }
 
 impl Bodies {
     pub(super) fn push(&mut self, body: Body) {
-        self.places.insert(body.handle, self.list.len());
-        self.list.push(body);
+        let handle = body.handle;
+        self.places.insert(handle, self.list.push(body));
     }
 
-    /// Index of the body behind a handle of Bullet's world.
-    pub fn index_of(&self, handle: BodyHandle) -> Option<usize> {
+    /// The body behind a handle of Bullet's world.
+    pub fn id_of(&self, handle: BodyHandle) -> Option<BodyId> {
         self.places.get(handle).copied()
     }
 }
 
 impl Deref for Bodies {
-    type Target = [Body];
+    type Target = Table<BodyId, Body>;
 
-    fn deref(&self) -> &[Body] {
+    fn deref(&self) -> &Self::Target {
         &self.list
     }
 }
 
 impl DerefMut for Bodies {
-    fn deref_mut(&mut self) -> &mut [Body] {
+    fn deref_mut(&mut self) -> &mut Self::Target {
         &mut self.list
     }
 }

@@ -19,6 +19,7 @@ use crate::adf::{self, CollisionGeometry, Part, PartGeometry, RaySource, Severit
 use crate::bullet::{self, Integrator, Preset, Solver, SolverSettings, World, WorldKind};
 use crate::comm::{CartesianCommandType, LightParameters, Rates};
 use crate::control::{CartesianController, Profile};
+use crate::ids::{BodyId, Id, JointId, ModelId, Table};
 use crate::mesh::{Mesh, MeshCache};
 
 /// Least principal moment of what collides, as a share of that of a solid body of its shape.
@@ -36,17 +37,17 @@ pub(super) struct Builder<'a> {
     pub scene: &'a mut Scene,
     pub notes: Vec<Note>,
     pub(super) meshes: &'a MeshCache,
-    /// Index of the model that is being built.
-    pub(super) model: usize,
+    /// The model that is being built.
+    pub(super) model: ModelId,
     /// Its bodies by qualified identifier.
-    own_names: NameMap,
+    own_names: NameMap<BodyId>,
     /// Objects and joints of the models before it.
     known: Counts,
-    known_joints: usize,
+    known_joints: JointId,
     /// Of the joints that this builder makes.
-    first_joint: usize,
+    first_joint: JointId,
     /// Of the bodies that this builder makes.
-    first_body: usize,
+    first_body: BodyId,
     assembly: Assembly,
 }
 
@@ -144,16 +145,16 @@ pub(super) fn empty_scene(
     Scene {
         world: bullet,
         bodies: Bodies::default(),
-        joints: Vec::new(),
-        soft_bodies: Vec::new(),
-        ghosts: Vec::new(),
-        sensors: Vec::new(),
-        actuators: Vec::new(),
-        vehicles: Vec::new(),
-        cameras: Vec::new(),
-        lights: Vec::new(),
+        joints: Table::default(),
+        soft_bodies: Table::default(),
+        ghosts: Table::default(),
+        sensors: Table::default(),
+        actuators: Table::default(),
+        vehicles: Table::default(),
+        cameras: Table::default(),
+        lights: Table::default(),
         graph: BodyGraph::default(),
-        models: Vec::new(),
+        models: Table::default(),
         body_names: NameMap::default(),
         namespace: format!("{}{}", options.prefix, world.common.namespace),
         world_rates: options.rates.unwrap_or_default(),
@@ -167,7 +168,7 @@ pub(super) fn empty_scene(
         has_feedback: false,
         description: Arc::new(world),
         options: options.clone(),
-        active_joints: Vec::new(),
+        active_joints: Table::default(),
         names: Names::default(),
         elements: Vec::new(),
         plugins: Vec::new(),
@@ -176,14 +177,14 @@ pub(super) fn empty_scene(
 
 impl<'a> Builder<'a> {
     pub fn new(scene: &'a mut Scene, meshes: &'a MeshCache) -> Self {
-        let (known, known_joints) = (scene.counts(), scene.joints.len());
+        let (known, known_joints) = (scene.counts(), scene.joints.next_id());
         let own_names = NameMap::default();
-        let first_body = scene.bodies.len();
+        let first_body = scene.bodies.next_id();
         Self {
             scene,
             notes: Vec::new(),
             meshes,
-            model: 0,
+            model: ModelId::ENVIRONMENT,
             own_names,
             known,
             known_joints,
@@ -240,9 +241,9 @@ impl<'a> Builder<'a> {
 
     fn begin_model(&mut self, model: adf::Model) -> Arc<adf::Model> {
         let scene = &mut *self.scene;
-        (self.known, self.known_joints) = (scene.counts(), scene.joints.len());
+        (self.known, self.known_joints) = (scene.counts(), scene.joints.next_id());
         self.own_names = NameMap::default();
-        self.model = scene.models.len();
+        self.model = scene.models.next_id();
         let key = format!("{}{}{}", scene.options.prefix, model.namespace, model.name);
         let suffix = scene.names.models.free_suffix(&key);
         scene.names.models.insert(&key, self.model);
@@ -267,7 +268,7 @@ impl<'a> Builder<'a> {
     }
 
     /// Names of an element whose type has `names` in the world.
-    pub(super) fn identity(&mut self, common: &adf::Common, names: impl Fn(&Scene) -> &NameMap) -> Identity {
+    pub(super) fn identity<I: Id>(&mut self, common: &adf::Common, names: impl Fn(&Scene) -> &NameMap<I>) -> Identity {
         let namespace = self.namespace(common);
         let suffix = names(self.scene).free_suffix(&format!("{namespace}{}", common.identifier));
         let rates = self.rates(common);
@@ -287,13 +288,13 @@ impl<'a> Builder<'a> {
 
     /// All but cameras and lights, in the order of the C++ program.
     fn add_objects(&mut self, model: &adf::Model) {
-        let first = self.scene.bodies.len();
+        let first = self.scene.bodies.next_id();
         let mut self_collision = Vec::with_capacity(model.bodies.len());
         for body in &model.bodies {
             self.with_plugins(ObjectType::Body, &body.common, |builder| {
-                if let Some(index) = builder.add_body(body, model) {
+                if let Some(id) = builder.add_body(body, model) {
                     self_collision.push(body.self_collision);
-                    builder.own_names.insert(&builder.scene.bodies[index].identity.key(), index);
+                    builder.own_names.insert(&builder.scene.bodies[id].identity.key(), id);
                 }
             });
         }
@@ -320,7 +321,7 @@ impl<'a> Builder<'a> {
         }
     }
 
-    fn add_body(&mut self, body: &adf::RigidBody, model: &adf::Model) -> Option<usize> {
+    fn add_body(&mut self, body: &adf::RigidBody, model: &adf::Model) -> Option<BodyId> {
         let source = &body.common.source;
         let mesh = match &body.collision {
             CollisionGeometry::Mesh { path, .. } => Some(self.mesh(path, body.scale, &body.common)?),
@@ -464,15 +465,15 @@ impl<'a> Builder<'a> {
             return;
         }
         let (frame_a, frame_b, axis) = frames(joint, &self.scene.bodies[parent], &self.scene.bodies[child]);
-        let index = self.scene.joints.len();
+        let id = self.scene.joints.next_id();
         let handle = constraint(joint, frame_a, frame_b, self.scene.joint_erp).and_then(|constraint| {
-            self.assembly.add(index, &constraint, joint.assemble);
+            self.assembly.add(id, &constraint, joint.assemble);
             let [a, b] = [parent, child].map(|body| self.scene.bodies[body].handle);
             let handle = self.scene.world.add_constraint(a, b, &constraint)?;
             Some((handle, self.scene.world.constraint_index(handle)?))
         });
         let was_full = self.scene.graph.is_full();
-        self.scene.graph.add_joint(parent, child, index, joint.common.passive);
+        self.scene.graph.add_joint(parent, child, id, joint.common.passive);
         if !was_full && self.scene.graph.is_full() {
             let message = format!(
                 "`{}` makes chains too long to be listed: of it and of some later joints only the parent body has names, positions and \
@@ -488,7 +489,7 @@ impl<'a> Builder<'a> {
 
     /// The body that `text` names for an element; `None`, and a note that the element is dropped, if there is none.
     /// `suffix` tells copies of the element apart, `role` is what the body is to it.
-    pub(super) fn body_for(&mut self, common: &adf::Common, suffix: &str, role: &str, text: &str) -> Option<usize> {
+    pub(super) fn body_for(&mut self, common: &adf::Common, suffix: &str, role: &str, text: &str) -> Option<BodyId> {
         match self.find_body(text, &self.namespace(common), suffix) {
             Ok((index, remark)) => {
                 if let Some(remark) = remark {
@@ -512,7 +513,7 @@ impl<'a> Builder<'a> {
         text: &str,
         namespace: &str,
         suffix: &str,
-    ) -> Result<(usize, Option<String>), String> {
+    ) -> Result<(BodyId, Option<String>), String> {
         let own_names = &self.own_names;
         let qualified = format!("{namespace}{text}");
         // The usual case first, without a search: a key that is `qualified` holds `text`, so that the steps below could
@@ -522,16 +523,16 @@ impl<'a> Builder<'a> {
         }
         let world = &self.scene.body_names;
         let with_suffix = format!("{qualified}{suffix}");
-        let steps: [(&NameMap, &str); 4] =
+        let steps: [(&NameMap<BodyId>, &str); 4] =
             [(own_names, text), (own_names, &qualified), (world, &with_suffix), (world, text)];
         let mut ambiguous = None;
         for (step, (names, wanted)) in steps.into_iter().enumerate() {
             let found = names.find(wanted);
-            match found.index() {
-                Some(index) if step < 2 => return Ok((index, Some(format!("is {found}")))),
-                Some(index) => {
-                    let remark = format!("is taken from another model: `{}`", self.scene.bodies[index].identity.key());
-                    return Ok((index, Some(remark)));
+            match found.id() {
+                Some(id) if step < 2 => return Ok((id, Some(format!("is {found}")))),
+                Some(id) => {
+                    let remark = format!("is taken from another model: `{}`", self.scene.bodies[id].identity.key());
+                    return Ok((id, Some(remark)));
                 }
                 None if matches!(found, Found::Ambiguous(_)) => ambiguous = ambiguous.or(Some(found)),
                 None => (),
@@ -588,15 +589,16 @@ impl<'a> Builder<'a> {
         enter(vehicles, known.vehicles, scene.vehicles.iter().map(|vehicle| vehicle.identity.key()));
         enter(cameras, known.cameras, scene.cameras.iter().map(|camera| camera.attached.identity.key()));
         enter(lights, known.lights, scene.lights.iter().map(|light| light.attached.identity.key()));
-        for index in self.known_joints..scene.joints.len() {
-            joints.insert(&scene.joints[index].key, index);
+        for id in scene.joints.ids_from(self.known_joints) {
+            joints.insert(&scene.joints[id].key, id);
         }
         self.ignore_foreign_groups();
     }
 
     /// Keeps the bodies from `first` on from colliding with each other, but for those that are to do so.
-    fn ignore_all_pairs(&mut self, first: usize, self_collision: &[bool]) {
-        let apart: Vec<_> = (0..self_collision.len()).filter(|&i| !self_collision[i]).map(|i| first + i).collect();
+    fn ignore_all_pairs(&mut self, first: BodyId, self_collision: &[bool]) {
+        let own = self.scene.bodies.ids_from(first).zip(self_collision);
+        let apart: Vec<_> = own.filter(|(_, &collides)| !collides).map(|(body, _)| body).collect();
         for (i, &a) in apart.iter().enumerate() {
             for &b in &apart[i + 1..] {
                 self.ignore_pair(a, b);
@@ -604,17 +606,17 @@ impl<'a> Builder<'a> {
         }
     }
 
-    fn ignore_pair(&mut self, a: usize, b: usize) {
+    fn ignore_pair(&mut self, a: BodyId, b: BodyId) {
         let [a, b] = [a, b].map(|body| self.scene.bodies[body].handle);
         self.scene.world.ignore_collision(a, b);
     }
 
     /// Bodies of different groups that share none never collide; bodies in no group collide with everything.
     fn ignore_foreign_groups(&mut self) {
-        let mut members: BTreeMap<&[u32], Vec<usize>> = BTreeMap::new();
-        for (index, body) in self.scene.bodies.iter().enumerate() {
+        let mut members: BTreeMap<&[u32], Vec<BodyId>> = BTreeMap::new();
+        for (id, body) in self.scene.bodies.entries() {
             if !body.collision_groups.is_empty() {
-                members.entry(&body.collision_groups).or_default().push(index);
+                members.entry(&body.collision_groups).or_default().push(id);
             }
         }
         let members: Vec<_> =
@@ -661,10 +663,10 @@ impl<'a> Builder<'a> {
 }
 
 /// Enters the objects beyond the first `known` under their keys, sorted by key, as the C++ program's maps are.
-fn enter(names: &mut NameMap, known: usize, keys: impl Iterator<Item = String>) {
-    let mut new: Vec<_> = keys.enumerate().skip(known).map(|(index, key)| (key, index)).collect();
+fn enter<I: Id>(names: &mut NameMap<I>, known: usize, keys: impl Iterator<Item = String>) {
+    let mut new: Vec<_> = keys.enumerate().skip(known).map(|(index, key)| (key, I::from_index(index))).collect();
     new.sort();
-    new.iter().for_each(|(key, index)| names.insert(key, *index));
+    new.iter().for_each(|(key, id)| names.insert(key, *id));
 }
 
 /// A positive number below a million with three significant digits, without an exponent.

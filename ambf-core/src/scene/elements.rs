@@ -8,6 +8,7 @@ use crate::adf::{self, CollisionGeometry, SensorKind, Severity, WheelVisual};
 use crate::bullet;
 use crate::comm::{ActuatorInfo, SensorInfo, SensorType};
 use crate::control::Profile;
+use crate::ids::BodyId;
 
 /// Rays of all sensors of a scene. A few keys can ask for a million each, which take a quarter of a gigabyte.
 const MAX_RAYS: usize = 1_000_000;
@@ -138,7 +139,7 @@ impl Builder<'_> {
     }
 
     /// The body that shows a wheel. A wheel without one rolls unseen.
-    fn wheel_body(&mut self, vehicle: &adf::Vehicle, suffix: &str, text: &str, chassis: usize) -> Option<usize> {
+    fn wheel_body(&mut self, vehicle: &adf::Vehicle, suffix: &str, text: &str, chassis: BodyId) -> Option<BodyId> {
         let common = &vehicle.common;
         let mut wanted = None;
         let problem = match self.find_body(text, &self.namespace(common), suffix) {

@@ -10,6 +10,7 @@ use crate::adf::{self, SourcePos};
 use crate::bullet::{BodyHandle, GhostHandle, World};
 use crate::comm::GhostReading;
 use crate::control::Profile;
+use crate::ids::BodyId;
 
 /// A ghost object of a [`Scene`](super::Scene).
 #[derive(Debug)]
@@ -72,9 +73,9 @@ impl Ghost {
         &self.pose
     }
 
-    /// Indices of the bodies in it, one entry a contact.
-    pub fn sensed<'a>(&'a self, bodies: &'a Bodies) -> impl Iterator<Item = usize> + 'a {
-        self.sensed.iter().filter_map(|&handle| bodies.index_of(handle))
+    /// The bodies in it, one entry a contact.
+    pub fn sensed<'a>(&'a self, bodies: &'a Bodies) -> impl Iterator<Item = BodyId> + 'a {
+        self.sensed.iter().filter_map(|&handle| bodies.id_of(handle))
     }
 
     /// Moves to `pose` in the world; what left it gets its weight back, what is in it is held. `carrier` is the parent
@@ -84,7 +85,7 @@ impl Ghost {
         world: &mut World,
         bodies: &Bodies,
         pose: Isometry3<f64>,
-        carrier: Option<usize>,
+        carrier: Option<BodyId>,
         gravity: &Vector3<f64>,
         profile: Profile,
     ) {
@@ -95,7 +96,7 @@ impl Ghost {
         let velocity = carrier.and_then(|body| world.velocity(bodies[body].handle)).unwrap_or_default().0;
         for i in 0..self.found.len() {
             let handle = self.found[i];
-            let Some(body) = bodies.index_of(handle) else { continue };
+            let Some(body) = bodies.id_of(handle) else { continue };
             let is_again = self.sensed.contains(&handle);
             // The C++ program slows a body once for each contact, and what carries the ghost too.
             let left_out = profile == Profile::Accurate && (is_again || carrier == Some(body));
@@ -110,7 +111,7 @@ impl Ghost {
     /// Gives everything in it its own weight back.
     pub(crate) fn release(&mut self, world: &mut World, bodies: &Bodies, gravity: &Vector3<f64>) {
         for handle in self.sensed.drain(..) {
-            let Some(body) = bodies.index_of(handle) else { continue };
+            let Some(body) = bodies.id_of(handle) else { continue };
             world.set_body_gravity(handle, bodies[body].gravity.as_ref().unwrap_or(gravity));
         }
     }

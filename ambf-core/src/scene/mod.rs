@@ -62,6 +62,9 @@ use crate::comm::{
     SoftBodyReading, VehicleInfo, VehicleReading, Wrench,
 };
 use crate::control::Profile;
+use crate::ids::{
+    ActuatorId, BodyId, CameraId, GhostId, JointId, LightId, ModelId, SensorId, SoftBodyId, Table, VehicleId,
+};
 
 /// How a scene is built, beside what its files say.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -117,27 +120,27 @@ pub struct Scene {
     /// Rigid bodies.
     pub bodies: Bodies,
     /// Joints, those of unknown type included.
-    pub joints: Vec<Joint>,
+    pub joints: Table<JointId, Joint>,
     /// Soft bodies.
-    pub soft_bodies: Vec<SoftBody>,
+    pub soft_bodies: Table<SoftBodyId, SoftBody>,
     /// Ghost objects.
-    pub ghosts: Vec<Ghost>,
+    pub ghosts: Table<GhostId, Ghost>,
     /// Sensors.
-    pub sensors: Vec<Sensor>,
+    pub sensors: Table<SensorId, Sensor>,
     /// Actuators.
-    pub actuators: Vec<Actuator>,
+    pub actuators: Table<ActuatorId, Actuator>,
     /// Vehicles.
-    pub vehicles: Vec<Vehicle>,
+    pub vehicles: Table<VehicleId, Vehicle>,
     /// Cameras.
-    pub cameras: Vec<Camera>,
+    pub cameras: Table<CameraId, Camera>,
     /// Lights.
-    pub lights: Vec<Light>,
+    pub lights: Table<LightId, Light>,
     /// What hangs below what.
     pub graph: BodyGraph,
     /// Models in order of creation; the first is the environment.
-    pub models: Vec<ModelInfo>,
+    pub models: Table<ModelId, ModelInfo>,
     /// Bodies by qualified identifier.
-    pub body_names: NameMap,
+    pub body_names: NameMap<BodyId>,
     /// Prefix and namespace of the world object.
     pub namespace: String,
     /// Publishing rates of the world object.
@@ -165,7 +168,7 @@ pub struct Scene {
     pub plugins: Vec<DeclaredPlugins>,
     options: SceneOptions,
     /// For each body its active joints; see [`active_joints`](Self::active_joints).
-    active_joints: Vec<Vec<usize>>,
+    active_joints: Table<BodyId, Vec<JointId>>,
     names: Names,
     /// Ghosts, sensors and vehicles in the order in which they are updated.
     elements: Vec<Element>,
@@ -174,23 +177,23 @@ pub struct Scene {
 /// Objects by qualified identifier, bodies excepted.
 #[derive(Debug, Default)]
 struct Names {
-    models: NameMap,
-    joints: NameMap,
-    soft_bodies: NameMap,
-    ghosts: NameMap,
-    sensors: NameMap,
-    actuators: NameMap,
-    vehicles: NameMap,
-    cameras: NameMap,
-    lights: NameMap,
+    models: NameMap<ModelId>,
+    joints: NameMap<JointId>,
+    soft_bodies: NameMap<SoftBodyId>,
+    ghosts: NameMap<GhostId>,
+    sensors: NameMap<SensorId>,
+    actuators: NameMap<ActuatorId>,
+    vehicles: NameMap<VehicleId>,
+    cameras: NameMap<CameraId>,
+    lights: NameMap<LightId>,
 }
 
 /// An object that has something to do in each iteration, by index.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Element {
-    Ghost(usize),
-    Sensor(usize),
-    Vehicle(usize),
+    Ghost(GhostId),
+    Sensor(SensorId),
+    Vehicle(VehicleId),
 }
 
 impl Scene {
@@ -210,29 +213,29 @@ impl Scene {
     pub(crate) fn objects_from(&self, known: &Counts) -> Vec<ObjectInfo> {
         let mut objects = Vec::new();
         let mut add = |identity: &Identity, kind: ObjectKind| objects.extend(identity.object(kind));
-        for (i, light) in self.lights.iter().enumerate().skip(known.lights) {
+        for (i, light) in self.lights.entries().skip(known.lights) {
             add(&light.attached.identity, ObjectKind::Light(i, Box::new(light.parameters.clone())));
         }
-        for (i, camera) in self.cameras.iter().enumerate().skip(known.cameras) {
+        for (i, camera) in self.cameras.entries().skip(known.cameras) {
             add(&camera.attached.identity, ObjectKind::Camera(i, Box::new(camera.parameters.clone())));
         }
-        for (i, body) in self.bodies.iter().enumerate().skip(known.bodies) {
+        for (i, body) in self.bodies.entries().skip(known.bodies) {
             add(&body.identity, ObjectKind::RigidBody(i, Box::new(self.body_info(i))));
         }
-        for (i, soft) in self.soft_bodies.iter().enumerate().skip(known.soft_bodies) {
+        for (i, soft) in self.soft_bodies.entries().skip(known.soft_bodies) {
             add(&soft.identity, ObjectKind::SoftBody(i, soft.mass));
         }
-        for (i, ghost) in self.ghosts.iter().enumerate().skip(known.ghosts) {
+        for (i, ghost) in self.ghosts.entries().skip(known.ghosts) {
             let info = GhostInfo { parent_name: ghost.parent_name.clone() };
             add(&ghost.attached.identity, ObjectKind::Ghost(i, Box::new(info)));
         }
-        for (i, sensor) in self.sensors.iter().enumerate().skip(known.sensors) {
+        for (i, sensor) in self.sensors.entries().skip(known.sensors) {
             add(&sensor.identity, ObjectKind::Sensor(i, Box::new(sensor.info.clone())));
         }
-        for (i, actuator) in self.actuators.iter().enumerate().skip(known.actuators) {
+        for (i, actuator) in self.actuators.entries().skip(known.actuators) {
             add(&actuator.identity, ObjectKind::Actuator(i, Box::new(actuator.info.clone())));
         }
-        for (i, vehicle) in self.vehicles.iter().enumerate().skip(known.vehicles) {
+        for (i, vehicle) in self.vehicles.entries().skip(known.vehicles) {
             let chassis = &self.bodies[vehicle.chassis];
             let info = VehicleInfo { mass: chassis.mass, inertia: chassis.inertia, wheels: vehicle.wheels.len() };
             add(&vehicle.identity, ObjectKind::Vehicle(i, Box::new(info)));
@@ -287,24 +290,24 @@ impl Scene {
         (self.models[identity.model].key.clone(), rank, identity.key())
     }
 
-    /// Indices of the active joints of a body: what its joint commands are indexed by.
-    pub fn active_joints(&self, body: usize) -> &[usize] {
+    /// The active joints of a body: what its joint commands are indexed by.
+    pub fn active_joints(&self, body: BodyId) -> &[JointId] {
         &self.active_joints[body]
     }
 
-    fn body_info(&self, index: usize) -> RigidBodyInfo {
-        let body = &self.bodies[index];
+    fn body_info(&self, id: BodyId) -> RigidBodyInfo {
+        let body = &self.bodies[id];
         RigidBodyInfo {
             mass: body.mass,
             inertia: body.inertia,
             inertial_offset_inverse: body.inertial_offset_inverse,
             children_names: self
                 .graph
-                .active(index)
+                .active(id)
                 .map(|entry| self.bodies[entry.body].identity.name.to_string())
                 .collect(),
-            joint_names: self.graph.active(index).map(|entry| self.joints[entry.joint].name.clone()).collect(),
-            joints: self.active_joints(index).to_vec(),
+            joint_names: self.graph.active(id).map(|entry| self.joints[entry.joint].name.clone()).collect(),
+            joints: self.active_joints(id).to_vec(),
             publish_children_names: body.publish_children_names,
             publish_joint_names: body.publish_joint_names,
             publish_joint_positions: body.publish_joint_positions,
@@ -326,17 +329,17 @@ impl Scene {
     }
 
     /// Lets an actuator hold or let go.
-    pub(crate) fn command_actuator(&mut self, index: usize, command: &ActuatorCommand) -> Option<String> {
+    pub(crate) fn command_actuator(&mut self, id: ActuatorId, command: &ActuatorCommand) -> Option<String> {
         let Self { actuators, world, bodies, body_names, sensors, names, .. } = self;
-        actuators[index].apply_command(world, bodies, body_names, sensors, &names.sensors, command)
+        actuators[id].apply_command(world, bodies, body_names, sensors, &names.sensors, command)
     }
 
     /// Lets an actuator hold a body where it is, or let go.
-    pub(crate) fn hold_with_actuator(&mut self, index: usize, body: Option<usize>) {
+    pub(crate) fn hold_with_actuator(&mut self, id: ActuatorId, body: Option<BodyId>) {
         let Self { actuators, world, bodies, .. } = self;
         match body {
-            Some(body) => actuators[index].hold(world, bodies, body, None),
-            None => actuators[index].release(world, bodies),
+            Some(body) => actuators[id].hold(world, bodies, body, None),
+            None => actuators[id].release(world, bodies),
         }
     }
 
@@ -356,7 +359,7 @@ impl Scene {
     }
 
     /// A snapshot with place for the state of every object.
-    pub(crate) fn snapshot(&self, wrenches: &[Wrench]) -> Snapshot {
+    pub(crate) fn snapshot(&self, wrenches: &Table<BodyId, Wrench>) -> Snapshot {
         let identities = |n: usize| vec![Isometry3::identity(); n];
         let vehicle = |vehicle: &Vehicle| VehicleReading {
             wheels: identities(vehicle.wheels.len()),
@@ -365,32 +368,32 @@ impl Scene {
         let soft =
             |soft: &SoftBody| SoftBodyReading { nodes: vec![[0.0; 3]; soft.nodes], ..SoftBodyReading::default() };
         Snapshot {
-            bodies: vec![BodyKinematics::default(); self.bodies.len()],
-            wrenches: wrenches.to_vec(),
-            joint_positions: vec![0.0; self.joints.len()],
-            joint_velocities: vec![0.0; self.joints.len()],
-            joint_efforts: vec![0.0; self.joints.len()],
-            cameras: identities(self.cameras.len()),
-            lights: identities(self.lights.len()),
+            bodies: Table::filled(BodyKinematics::default(), self.bodies.len()),
+            wrenches: wrenches.clone(),
+            joint_positions: Table::filled(0.0, self.joints.len()),
+            joint_velocities: Table::filled(0.0, self.joints.len()),
+            joint_efforts: Table::filled(0.0, self.joints.len()),
+            cameras: identities(self.cameras.len()).into(),
+            lights: identities(self.lights.len()).into(),
             views: self.cameras.iter().map(|camera| self.view_of(camera)).collect(),
             spots: self.lights.iter().map(|light| self.spot_of(light)).collect(),
             sensors: self.sensors.iter().map(|sensor| sensor.readings().to_vec()).collect(),
             contacts: self.sensors.iter().map(|sensor| sensor.contacts().cloned().unwrap_or_default()).collect(),
-            actuators: vec![false; self.actuators.len()],
+            actuators: Table::filled(false, self.actuators.len()),
             vehicles: self.vehicles.iter().map(vehicle).collect(),
             soft_bodies: self.soft_bodies.iter().map(soft).collect(),
-            ghosts: vec![GhostReading::default(); self.ghosts.len()],
+            ghosts: Table::filled(GhostReading::default(), self.ghosts.len()),
             ..Snapshot::default()
         }
     }
 
     /// Writes the states of everything but bodies and joints.
     pub(crate) fn fill_elements(&self, snapshot: &mut Snapshot) {
-        for (i, camera) in self.cameras.iter().enumerate() {
+        for (i, camera) in self.cameras.entries() {
             snapshot.cameras[i] = camera.attached.pose;
             snapshot.views[i] = self.view_of(camera);
         }
-        for (i, light) in self.lights.iter().enumerate() {
+        for (i, light) in self.lights.entries() {
             snapshot.lights[i] = light.attached.pose;
             snapshot.spots[i] = self.spot_of(light);
         }

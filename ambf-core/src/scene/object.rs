@@ -1,14 +1,17 @@
 //! Which objects of a scene have plugins.
 
 use super::build::Builder;
-use super::{Identity, ObjectId, ObjectType, Scene};
+use super::{Identity, NameMap, ObjectId, ObjectType, Scene};
 use crate::adf::{self, PluginEntry, SourcePos};
+use crate::ids::{
+    ActuatorId, BodyId, CameraId, GhostId, Id, JointId, LightId, ModelId, SensorId, SoftBodyId, VehicleId,
+};
 
 /// The plugins that a description asks for at one place.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DeclaredPlugins {
-    /// Index of the model.
-    pub model: usize,
+    /// The model.
+    pub model: ModelId,
     /// The object that has them; `None`: the model itself.
     pub object: Option<ObjectId>,
     /// In file order.
@@ -72,9 +75,9 @@ impl Scene {
     }
 
     /// Model of an object; `None` when there is no such object.
-    pub fn model_of(&self, object: ObjectId) -> Option<usize> {
+    pub fn model_of(&self, object: ObjectId) -> Option<ModelId> {
         match object.kind {
-            ObjectType::Joint => self.joints.get(object.index).map(|joint| joint.model),
+            ObjectType::Joint => self.joints.get(JointId::new(object.index)).map(|joint| joint.model),
             ObjectType::Volume => self.volume(object.index).map(|(model, _)| model),
             _ => self.identity_of(object).map(|identity| identity.model),
         }
@@ -84,7 +87,9 @@ impl Scene {
     /// when there is no such object.
     pub fn names_of(&self, object: ObjectId) -> Option<(String, String)> {
         match object.kind {
-            ObjectType::Joint => self.joints.get(object.index).map(|joint| (joint.name.clone(), joint.key.clone())),
+            ObjectType::Joint => {
+                self.joints.get(JointId::new(object.index)).map(|joint| (joint.name.clone(), joint.key.clone()))
+            }
             ObjectType::Volume => self.volume(object.index).map(|(_, volume)| {
                 let common = &volume.common;
                 (common.name.clone(), format!("{}{}{}", self.options.prefix, common.namespace, common.identifier))
@@ -99,11 +104,11 @@ impl Scene {
     /// Whether an object is in the scene: it was made, and neither it nor its model was taken out.
     pub fn has_object(&self, object: ObjectId) -> bool {
         let is_gone = || match object.kind {
-            ObjectType::Joint => self.joints[object.index].removed,
-            ObjectType::Body => self.bodies[object.index].removed,
-            ObjectType::Sensor => self.bodies[self.sensors[object.index].parent].removed,
-            ObjectType::Actuator => self.bodies[self.actuators[object.index].parent].removed,
-            ObjectType::Vehicle => self.bodies[self.vehicles[object.index].chassis].removed,
+            ObjectType::Joint => self.joints[JointId::new(object.index)].removed,
+            ObjectType::Body => self.bodies[BodyId::new(object.index)].removed,
+            ObjectType::Sensor => self.bodies[self.sensors[SensorId::new(object.index)].parent].removed,
+            ObjectType::Actuator => self.bodies[self.actuators[ActuatorId::new(object.index)].parent].removed,
+            ObjectType::Vehicle => self.bodies[self.vehicles[VehicleId::new(object.index)].chassis].removed,
             _ => false,
         };
         self.model_of(object).is_some_and(|model| !self.models[model].removed && !is_gone())
@@ -112,20 +117,20 @@ impl Scene {
     /// The object of a type whose qualified identifier is `text`, else the only one whose identifier holds it, else the
     /// only one whose name is `text`.
     pub fn find_object(&self, kind: ObjectType, text: &str) -> Option<usize> {
-        let names = match kind {
-            ObjectType::Body => Some(&self.body_names),
-            ObjectType::SoftBody => Some(&self.names.soft_bodies),
-            ObjectType::Ghost => Some(&self.names.ghosts),
-            ObjectType::Joint => Some(&self.names.joints),
-            ObjectType::Sensor => Some(&self.names.sensors),
-            ObjectType::Actuator => Some(&self.names.actuators),
-            ObjectType::Vehicle => Some(&self.names.vehicles),
-            ObjectType::Camera => Some(&self.names.cameras),
-            ObjectType::Light => Some(&self.names.lights),
-            ObjectType::Volume => None,
+        let (exact, part) = match kind {
+            ObjectType::Body => indices(&self.body_names, text),
+            ObjectType::SoftBody => indices(&self.names.soft_bodies, text),
+            ObjectType::Ghost => indices(&self.names.ghosts, text),
+            ObjectType::Joint => indices(&self.names.joints, text),
+            ObjectType::Sensor => indices(&self.names.sensors, text),
+            ObjectType::Actuator => indices(&self.names.actuators, text),
+            ObjectType::Vehicle => indices(&self.names.vehicles, text),
+            ObjectType::Camera => indices(&self.names.cameras, text),
+            ObjectType::Light => indices(&self.names.lights, text),
+            ObjectType::Volume => (None, None),
         };
-        if let Some(index) = names.and_then(|names| names.exact(text)) {
-            return Some(index);
+        if exact.is_some() {
+            return exact;
         }
         let mut named = (0..self.object_count(kind)).filter(|&index| {
             let object = ObjectId { kind, index };
@@ -134,12 +139,12 @@ impl Scene {
         match (named.next(), named.next()) {
             (Some(index), None) => Some(index),
             (Some(_), Some(_)) => None,
-            (None, _) => names.and_then(|names| names.index(text)),
+            (None, _) => part,
         }
     }
 
     /// The objects of a model in the order in which plugins are called: by type, then by qualified identifier.
-    pub(crate) fn objects_of_model(&self, model: usize) -> Vec<ObjectId> {
+    pub(crate) fn objects_of_model(&self, model: ModelId) -> Vec<ObjectId> {
         let all = ObjectType::ALL.into_iter().flat_map(|kind| {
             let objects = (0..self.object_count(kind)).map(move |index| ObjectId { kind, index });
             objects.filter(|&object| self.model_of(object) == Some(model) && self.has_object(object))
@@ -169,21 +174,21 @@ impl Scene {
     fn identity_of(&self, object: ObjectId) -> Option<&Identity> {
         let index = object.index;
         match object.kind {
-            ObjectType::Body => self.bodies.get(index).map(|body| &body.identity),
-            ObjectType::SoftBody => self.soft_bodies.get(index).map(|soft| &soft.identity),
-            ObjectType::Ghost => self.ghosts.get(index).map(|ghost| &ghost.attached.identity),
-            ObjectType::Sensor => self.sensors.get(index).map(|sensor| &sensor.identity),
-            ObjectType::Actuator => self.actuators.get(index).map(|actuator| &actuator.identity),
-            ObjectType::Vehicle => self.vehicles.get(index).map(|vehicle| &vehicle.identity),
-            ObjectType::Camera => self.cameras.get(index).map(|camera| &camera.attached.identity),
-            ObjectType::Light => self.lights.get(index).map(|light| &light.attached.identity),
+            ObjectType::Body => self.bodies.get(BodyId::new(index)).map(|body| &body.identity),
+            ObjectType::SoftBody => self.soft_bodies.get(SoftBodyId::new(index)).map(|soft| &soft.identity),
+            ObjectType::Ghost => self.ghosts.get(GhostId::new(index)).map(|ghost| &ghost.attached.identity),
+            ObjectType::Sensor => self.sensors.get(SensorId::new(index)).map(|sensor| &sensor.identity),
+            ObjectType::Actuator => self.actuators.get(ActuatorId::new(index)).map(|actuator| &actuator.identity),
+            ObjectType::Vehicle => self.vehicles.get(VehicleId::new(index)).map(|vehicle| &vehicle.identity),
+            ObjectType::Camera => self.cameras.get(CameraId::new(index)).map(|camera| &camera.attached.identity),
+            ObjectType::Light => self.lights.get(LightId::new(index)).map(|light| &light.attached.identity),
             ObjectType::Joint | ObjectType::Volume => None,
         }
     }
 
     /// Model and description of a volume.
-    fn volume(&self, mut index: usize) -> Option<(usize, &adf::Volume)> {
-        for (model, info) in self.models.iter().enumerate() {
+    fn volume(&self, mut index: usize) -> Option<(ModelId, &adf::Volume)> {
+        for (model, info) in self.models.entries() {
             match info.description.volumes.get(index) {
                 Some(volume) => return Some((model, volume)),
                 None => index -= info.description.volumes.len(),
@@ -191,4 +196,8 @@ impl Scene {
         }
         None
     }
+}
+
+fn indices<I: Id>(names: &NameMap<I>, text: &str) -> (Option<usize>, Option<usize>) {
+    (names.exact(text).map(I::to_index), names.id(text).map(I::to_index))
 }

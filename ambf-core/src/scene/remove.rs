@@ -3,25 +3,26 @@
 use super::attached::Attached;
 use super::{Bodies, BodyGraph, Element, Parent, Scene};
 use crate::comm::ObjectKind;
+use crate::ids::{BodyId, ModelId};
 
 impl Scene {
-    /// Index of the model called `name`: its key, or a part of the key that no other has. The environment cannot be
+    /// The model called `name`: its key, or a part of the key that no other has. The environment cannot be
     /// named.
-    pub(crate) fn find_model(&self, name: &str) -> Result<usize, String> {
-        match self.names.models.find(name).index() {
-            Some(0) => Err("it is the world's environment".into()),
-            Some(index) => Ok(index),
+    pub(crate) fn find_model(&self, name: &str) -> Result<ModelId, String> {
+        match self.names.models.find(name).id() {
+            Some(ModelId::ENVIRONMENT) => Err("it is the world's environment".into()),
+            Some(id) => Ok(id),
             None => Err(self.names.models.find(name).to_string()),
         }
     }
 
-    /// Index of the model called `name`, the environment included.
-    pub(crate) fn find_any_model(&self, name: &str) -> Option<usize> {
-        self.names.models.index(name)
+    /// The model called `name`, the environment included.
+    pub(crate) fn find_any_model(&self, name: &str) -> Option<ModelId> {
+        self.names.models.id(name)
     }
 
     /// Takes a model out of the scene, with all joints and everything held that leads into it.
-    pub(crate) fn remove_model(&mut self, model: usize) {
+    pub(crate) fn remove_model(&mut self, model: ModelId) {
         let Self { world, bodies, gravity, .. } = self;
         for ghost in self.ghosts.iter_mut().filter(|ghost| ghost.attached.identity.model == model) {
             ghost.release(world, bodies, gravity);
@@ -45,12 +46,12 @@ impl Scene {
             world.remove_body(body.handle);
         }
         self.models[model].removed = true;
-        self.names.models.remove(|index| index == model);
+        self.names.models.remove(|id| id == model);
         self.forget();
     }
 
     /// Takes one body out of the scene, with all joints on it and what stands on it. False when it is not there.
-    pub(crate) fn remove_body(&mut self, body: usize) -> bool {
+    pub(crate) fn remove_body(&mut self, body: BodyId) -> bool {
         if self.bodies.get(body).is_none() || self.body_is_gone(body) {
             return false;
         }
@@ -63,10 +64,10 @@ impl Scene {
     }
 
     /// Lets go of bodies whatever holds them: what refers to bodies goes before them.
-    fn release_bodies(&mut self, is_gone: impl Fn(&Bodies, usize) -> bool) {
+    fn release_bodies(&mut self, is_gone: impl Fn(&Bodies, BodyId) -> bool) {
         let Self { world, bodies, .. } = self;
-        let going: Vec<usize> = (0..bodies.len()).filter(|&body| is_gone(bodies, body)).collect();
-        let is_gone = |body: usize| going.binary_search(&body).is_ok();
+        let going: Vec<BodyId> = bodies.ids().filter(|&body| is_gone(bodies, body)).collect();
+        let is_gone = |body: BodyId| going.binary_search(&body).is_ok();
         for actuator in &mut self.actuators {
             if is_gone(actuator.parent) || going.iter().any(|&body| actuator.holds(bodies[body].handle)) {
                 actuator.release(world, bodies);
@@ -86,7 +87,7 @@ impl Scene {
     }
 
     /// Whether a body was taken out of the scene, by itself or with its model.
-    pub fn body_is_gone(&self, body: usize) -> bool {
+    pub fn body_is_gone(&self, body: BodyId) -> bool {
         let body = &self.bodies[body];
         body.removed || self.models[body.identity.model].removed
     }
@@ -123,7 +124,7 @@ impl Scene {
         self.arrange();
     }
 
-    fn model_of_parent(&self, parent: Parent) -> usize {
+    fn model_of_parent(&self, parent: Parent) -> ModelId {
         match parent {
             Parent::Body(i) => self.bodies[i].identity.model,
             Parent::Camera(i) => self.cameras[i].attached.identity.model,
@@ -147,11 +148,11 @@ impl Scene {
 
     fn rebuild_graph(&mut self) {
         self.graph = BodyGraph::default();
-        for _ in 0..self.bodies.len() {
+        for _ in self.bodies.iter() {
             self.graph.add_body();
         }
-        for (index, joint) in self.joints.iter().enumerate().filter(|(_, joint)| !joint.removed) {
-            self.graph.add_joint(joint.parent, joint.child, index, joint.passive);
+        for (id, joint) in self.joints.entries().filter(|(_, joint)| !joint.removed) {
+            self.graph.add_joint(joint.parent, joint.child, id, joint.passive);
         }
     }
 
@@ -159,15 +160,15 @@ impl Scene {
     pub(super) fn arrange(&mut self) {
         let graph = &self.graph;
         let active = |body| graph.active(body).map(|entry| entry.joint).collect();
-        self.active_joints = (0..self.bodies.len()).map(active).collect();
+        self.active_joints = self.bodies.ids().map(active).collect();
         let mut order = Vec::new();
-        for i in 0..self.ghosts.len() {
+        for i in self.ghosts.ids() {
             order.push((ObjectKind::Ghost(i, Box::default()), Element::Ghost(i)));
         }
-        for i in 0..self.sensors.len() {
+        for i in self.sensors.ids() {
             order.push((ObjectKind::Sensor(i, Box::default()), Element::Sensor(i)));
         }
-        for i in 0..self.vehicles.len() {
+        for i in self.vehicles.ids() {
             order.push((ObjectKind::Vehicle(i, Box::default()), Element::Vehicle(i)));
         }
         order.retain(|(kind, _)| !self.is_removed(kind));

@@ -6,6 +6,7 @@ use super::{Bodies, Identity, Scene};
 use crate::adf::Limits;
 use crate::bullet::{VehicleHandle, World};
 use crate::comm::{VehicleCommand, VehicleReading};
+use crate::ids::BodyId;
 
 /// A vehicle of a [`Scene`](super::Scene).
 #[derive(Debug)]
@@ -13,7 +14,7 @@ pub struct Vehicle {
     /// Names and publishing rates.
     pub identity: Identity,
     /// Index of the chassis.
-    pub chassis: usize,
+    pub chassis: BodyId,
     /// Wheels in file order.
     pub wheels: Vec<Wheel>,
     pub(crate) handle: VehicleHandle,
@@ -23,7 +24,7 @@ pub struct Vehicle {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Wheel {
     /// Index of the body that shows the wheel; its inertial frame follows it.
-    pub body: Option<usize>,
+    pub body: Option<BodyId>,
     /// Range of the steering angle, rad.
     pub steering_limits: Limits,
     /// Largest engine force, N.
@@ -43,7 +44,7 @@ pub(super) struct Drive {
 }
 
 impl Wheel {
-    pub(super) fn new(body: Option<usize>, wheel: &crate::adf::Wheel) -> Self {
+    pub(super) fn new(body: Option<BodyId>, wheel: &crate::adf::Wheel) -> Self {
         Self {
             body,
             steering_limits: wheel.steering_limits,
