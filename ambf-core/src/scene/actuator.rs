@@ -2,12 +2,13 @@
 
 use nalgebra::Isometry3;
 
+use super::list::SceneObject;
 use super::sensor::{Sensed, Sensor};
-use super::{Bodies, Identity, NameMap};
+use super::{Bodies, Identity, NameMap, ObjectType, Objects, Scene};
 use crate::bullet::{BodyHandle, Constraint, ConstraintHandle, ConstraintKind, SoftBodyHandle, World};
-use crate::comm::{ActuatorCommand, ActuatorInfo};
+use crate::comm::{ActuatorCommand, ActuatorInfo, ObjectKind, Snapshot};
 use crate::control::orientation_of;
-use crate::ids::{BodyId, Id, SensorId, Table};
+use crate::ids::{ActuatorId, BodyId, Id, SensorId};
 
 /// An actuator of a [`Scene`](super::Scene).
 #[derive(Debug)]
@@ -42,17 +43,44 @@ pub(super) struct SavedActuator {
     complained: bool,
 }
 
-impl Actuator {
-    pub(super) fn save(&self) -> SavedActuator {
+impl SceneObject for Actuator {
+    type Id = ActuatorId;
+    type Saved = SavedActuator;
+    const TYPE: ObjectType = ObjectType::Actuator;
+    const RANK: u8 = 0;
+
+    fn identity(&self) -> &Identity {
+        &self.identity
+    }
+
+    fn kind(&self, id: Self::Id, _scene: &Scene) -> ObjectKind {
+        ObjectKind::Actuator(id, Box::new(self.info.clone()))
+    }
+
+    fn stands_on(&self, _id: Self::Id) -> Option<BodyId> {
+        Some(self.parent)
+    }
+
+    fn make_room(&self, _scene: &Scene, snapshot: &mut Snapshot) {
+        snapshot.actuators.push(false);
+    }
+
+    fn read(&self, id: Self::Id, _scene: &Scene, snapshot: &mut Snapshot) {
+        snapshot.actuators[id] = self.is_actuated();
+    }
+
+    fn save(&self) -> SavedActuator {
         // All fields by name, so that no new one is forgotten.
         let Self { identity: _, info: _, parent: _, frame: _, held, complained } = self;
         SavedActuator { held: *held, complained: *complained }
     }
 
-    pub(super) fn restore(&mut self, saved: &SavedActuator) {
+    fn restore(&mut self, saved: &SavedActuator) {
         (self.held, self.complained) = (saved.held, saved.complained);
     }
+}
 
+impl Actuator {
     pub(super) fn new(identity: Identity, info: ActuatorInfo, parent: BodyId, frame: Isometry3<f64>) -> Self {
         Self { identity, info, parent, frame, held: Held::Nothing, complained: false }
     }
@@ -67,9 +95,7 @@ impl Actuator {
         &mut self,
         world: &mut World,
         bodies: &Bodies,
-        body_names: &NameMap<BodyId>,
-        sensors: &Table<SensorId, Sensor>,
-        sensor_names: &NameMap<SensorId>,
+        sensors: &Objects<SensorId, Sensor>,
         command: &ActuatorCommand,
     ) -> Option<String> {
         if !command.actuate {
@@ -81,8 +107,8 @@ impl Actuator {
             return None;
         }
         if command.use_sensor_data {
-            let Some(sensor) = sensor_names.id(&command.sensor_identifier) else {
-                return self.complain(sensor_names, "sensor", &command.sensor_identifier);
+            let Some(sensor) = sensors.names.id(&command.sensor_identifier) else {
+                return self.complain(&sensors.names, "sensor", &command.sensor_identifier);
             };
             for sensed in sensors[sensor].sensed(bodies) {
                 match sensed {
@@ -93,8 +119,8 @@ impl Actuator {
             }
             return None;
         }
-        let Some(body) = body_names.id(&command.body_name) else {
-            return self.complain(body_names, "body", &command.body_name);
+        let Some(body) = bodies.names.id(&command.body_name) else {
+            return self.complain(&bodies.names, "body", &command.body_name);
         };
         let offset = command.use_offset.then(|| {
             let rotation = orientation_of(&command.offset_orientation).0;

@@ -3,9 +3,12 @@
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 use super::gesture::{CameraGesture, CameraPlace};
-use super::{Identity, Scene};
+use super::list::SceneObject;
+use super::{Identity, ObjectType, Scene};
 use crate::adf;
-use crate::comm::{CameraParameters, CameraView, Command, LightParameters, PoseCommand, SpotReading};
+use crate::comm::{
+    CameraParameters, CameraView, Command, LightParameters, ObjectKind, PoseCommand, Snapshot, SpotReading,
+};
 use crate::control::orientation_of;
 use crate::ids::{BodyId, CameraId, GhostId, LightId};
 
@@ -43,6 +46,12 @@ impl Attached {
         Self { identity, parent: None, pose, initial_pose: pose }
     }
 
+    fn save(&self) -> Isometry3<f64> {
+        // All fields by name, so that no new one is forgotten. A parent changes only with the extent.
+        let Self { identity: _, parent: _, pose, initial_pose: _ } = self;
+        *pose
+    }
+
     pub(crate) fn apply_command(&mut self, command: &PoseCommand) {
         if command.enabled {
             self.pose = Isometry3::from_parts(command.position.into(), orientation_of(&command.orientation).0);
@@ -63,6 +72,41 @@ pub struct Camera {
     pub target: Vector3<f64>,
     /// What it was made from.
     pub description: adf::Camera,
+}
+
+impl SceneObject for Camera {
+    type Id = CameraId;
+    type Saved = (Isometry3<f64>, CameraParameters, Vector3<f64>);
+    const TYPE: ObjectType = ObjectType::Camera;
+    const RANK: u8 = 1;
+
+    fn identity(&self) -> &Identity {
+        &self.attached.identity
+    }
+
+    fn kind(&self, id: Self::Id, _scene: &Scene) -> ObjectKind {
+        ObjectKind::Camera(id, Box::new(self.parameters.clone()))
+    }
+
+    fn make_room(&self, scene: &Scene, snapshot: &mut Snapshot) {
+        snapshot.cameras.push(Isometry3::identity());
+        snapshot.views.push(scene.view_of(self));
+    }
+
+    fn read(&self, id: Self::Id, scene: &Scene, snapshot: &mut Snapshot) {
+        snapshot.cameras[id] = self.attached.pose;
+        snapshot.views[id] = scene.view_of(self);
+    }
+
+    fn save(&self) -> Self::Saved {
+        let Self { attached, parameters, look_at: _, target, description: _ } = self;
+        (attached.save(), parameters.clone(), *target)
+    }
+
+    fn restore(&mut self, (pose, parameters, target): &Self::Saved) {
+        (self.attached.pose, self.target) = (*pose, *target);
+        self.parameters.clone_from(parameters);
+    }
 }
 
 impl Camera {
@@ -106,6 +150,41 @@ pub struct Light {
     pub description: adf::Light,
 }
 
+impl SceneObject for Light {
+    type Id = LightId;
+    type Saved = (Isometry3<f64>, LightParameters);
+    const TYPE: ObjectType = ObjectType::Light;
+    const RANK: u8 = 2;
+
+    fn identity(&self) -> &Identity {
+        &self.attached.identity
+    }
+
+    fn kind(&self, id: Self::Id, _scene: &Scene) -> ObjectKind {
+        ObjectKind::Light(id, Box::new(self.parameters.clone()))
+    }
+
+    fn make_room(&self, scene: &Scene, snapshot: &mut Snapshot) {
+        snapshot.lights.push(Isometry3::identity());
+        snapshot.spots.push(scene.spot_of(self));
+    }
+
+    fn read(&self, id: Self::Id, scene: &Scene, snapshot: &mut Snapshot) {
+        snapshot.lights[id] = self.attached.pose;
+        snapshot.spots[id] = scene.spot_of(self);
+    }
+
+    fn save(&self) -> Self::Saved {
+        let Self { attached, parameters, description: _ } = self;
+        (attached.save(), parameters.clone())
+    }
+
+    fn restore(&mut self, (pose, parameters): &Self::Saved) {
+        self.attached.pose = *pose;
+        self.parameters.clone_from(parameters);
+    }
+}
+
 impl Scene {
     /// What `text` names as the parent of `child`: by its qualified identifier, in the namespace of `child`, else as
     /// part of one. Of a model that is loaded several times the copy of `child` is meant. Several hits of different
@@ -134,19 +213,19 @@ impl Scene {
 
     /// What of each type others may hang on has exactly the name `text`.
     fn parents_named(&self, text: &str) -> Vec<Parent> {
-        let body = self.body_names.exact(text).map(Parent::Body);
-        let camera = self.names.cameras.exact(text).map(Parent::Camera);
-        let light = self.names.lights.exact(text).map(Parent::Light);
-        let ghost = self.names.ghosts.exact(text).map(Parent::Ghost);
+        let body = self.bodies.names.exact(text).map(Parent::Body);
+        let camera = self.cameras.names.exact(text).map(Parent::Camera);
+        let light = self.lights.names.exact(text).map(Parent::Light);
+        let ghost = self.ghosts.names.exact(text).map(Parent::Ghost);
         [body, camera, light, ghost].into_iter().flatten().collect()
     }
 
     /// What of each type others may hang on is named by `text`, its whole name or a part that no other has.
     fn parents_with(&self, text: &str) -> Vec<Parent> {
-        let body = self.body_names.id(text).map(Parent::Body);
-        let camera = self.names.cameras.id(text).map(Parent::Camera);
-        let light = self.names.lights.id(text).map(Parent::Light);
-        let ghost = self.names.ghosts.id(text).map(Parent::Ghost);
+        let body = self.bodies.names.id(text).map(Parent::Body);
+        let camera = self.cameras.names.id(text).map(Parent::Camera);
+        let light = self.lights.names.id(text).map(Parent::Light);
+        let ghost = self.ghosts.names.id(text).map(Parent::Ghost);
         [body, camera, light, ghost].into_iter().flatten().collect()
     }
 
@@ -156,10 +235,10 @@ impl Scene {
         let holds = |key: &&str| if is_exact { *key == text } else { key.contains(text) };
         let mut found: Vec<(&'a str, &str)> = Vec::new();
         let mut add = |keys: Vec<&'a str>, kind| found.extend(keys.into_iter().map(|key| (key, kind)));
-        add(self.body_names.keys().filter(holds).take(MAX_CANDIDATES).collect(), "body");
-        add(self.names.cameras.keys().filter(holds).take(MAX_CANDIDATES).collect(), "camera");
-        add(self.names.lights.keys().filter(holds).take(MAX_CANDIDATES).collect(), "light");
-        add(self.names.ghosts.keys().filter(holds).take(MAX_CANDIDATES).collect(), "ghost object");
+        add(self.bodies.names.keys().filter(holds).take(MAX_CANDIDATES).collect(), "body");
+        add(self.cameras.names.keys().filter(holds).take(MAX_CANDIDATES).collect(), "camera");
+        add(self.lights.names.keys().filter(holds).take(MAX_CANDIDATES).collect(), "light");
+        add(self.ghosts.names.keys().filter(holds).take(MAX_CANDIDATES).collect(), "ghost object");
         found.sort_unstable();
         // The type matters only where a name is that of objects of several types.
         let is_of_two = |key: &str| found.iter().filter(|(other, _)| *other == key).count() > 1;

@@ -12,7 +12,7 @@ use super::body::Body;
 use super::joint::{constraint, frames, Joint};
 use super::targets::BodyTarget;
 use super::{
-    shape, Bodies, BodyGraph, Counts, Found, Identity, ModelInfo, NameMap, Names, Note, ObjectType, Parent,
+    shape, Bodies, BodyGraph, Counts, Found, Identity, ModelInfo, NameMap, Note, ObjectType, Objects, Parent,
     PhysicsOptions, Scene, SceneOptions,
 };
 use crate::adf::{self, CollisionGeometry, Part, PartGeometry, RaySource, Severity, SourcePos};
@@ -146,16 +146,15 @@ pub(super) fn empty_scene(
         world: bullet,
         bodies: Bodies::default(),
         joints: Table::default(),
-        soft_bodies: Table::default(),
-        ghosts: Table::default(),
-        sensors: Table::default(),
-        actuators: Table::default(),
-        vehicles: Table::default(),
-        cameras: Table::default(),
-        lights: Table::default(),
+        soft_bodies: Objects::default(),
+        ghosts: Objects::default(),
+        sensors: Objects::default(),
+        actuators: Objects::default(),
+        vehicles: Objects::default(),
+        cameras: Objects::default(),
+        lights: Objects::default(),
         graph: BodyGraph::default(),
         models: Table::default(),
-        body_names: NameMap::default(),
         namespace: format!("{}{}", options.prefix, world.common.namespace),
         world_rates: options.rates.unwrap_or_default(),
         gravity: world.gravity,
@@ -169,7 +168,8 @@ pub(super) fn empty_scene(
         description: Arc::new(world),
         options: options.clone(),
         active_joints: Table::default(),
-        names: Names::default(),
+        model_names: NameMap::default(),
+        joint_names: NameMap::default(),
         elements: Vec::new(),
         plugins: Vec::new(),
     }
@@ -245,8 +245,8 @@ impl<'a> Builder<'a> {
         self.own_names = NameMap::default();
         self.model = scene.models.next_id();
         let key = format!("{}{}{}", scene.options.prefix, model.namespace, model.name);
-        let suffix = scene.names.models.free_suffix(&key);
-        scene.names.models.insert(&key, self.model);
+        let suffix = scene.model_names.free_suffix(&key);
+        scene.model_names.insert(&key, self.model);
         let description = Arc::new(model);
         scene.models.push(ModelInfo { key: key + &suffix, description: Arc::clone(&description), removed: false });
         self.note_undrawn(&description);
@@ -363,7 +363,7 @@ impl<'a> Builder<'a> {
         self.set_continuous(body, handle);
         self.scene.world.set_gyroscopic(handle, self.scene.gyroscopic);
         let controller = body.controller.unwrap_or_default();
-        let identity = self.identity(&body.common, |scene| &scene.body_names);
+        let identity = self.identity(&body.common, |scene| &scene.bodies.names);
         self.scene.bodies.push(Body {
             identity,
             mass: body.mass,
@@ -456,7 +456,7 @@ impl<'a> Builder<'a> {
 
     fn add_joint(&mut self, joint: &adf::Joint) {
         let key = format!("{}{}", self.namespace(&joint.common), joint.common.identifier);
-        let suffix = self.scene.names.joints.free_suffix(&key);
+        let suffix = self.scene.joint_names.free_suffix(&key);
         let parent = self.body_for(&joint.common, &suffix, "parent", &joint.parent);
         let child = self.body_for(&joint.common, &suffix, "child", &joint.child);
         let (Some(parent), Some(child)) = (parent, child) else { return };
@@ -521,7 +521,7 @@ impl<'a> Builder<'a> {
         if let Some(index) = own_names.exact(text).or_else(|| own_names.exact(&qualified)) {
             return Ok((index, None));
         }
-        let world = &self.scene.body_names;
+        let world = &self.scene.bodies.names;
         let with_suffix = format!("{qualified}{suffix}");
         let steps: [(&NameMap<BodyId>, &str); 4] =
             [(own_names, text), (own_names, &qualified), (world, &with_suffix), (world, text)];
@@ -549,7 +549,7 @@ impl<'a> Builder<'a> {
 
     fn add_camera(&mut self, camera: &adf::Camera) {
         let pose = camera_pose(&camera.location, &camera.look_at, &camera.up);
-        let identity = self.identity(&camera.common, |scene| &scene.names.cameras);
+        let identity = self.identity(&camera.common, |scene| &scene.cameras.names);
         self.scene.cameras.push(Camera {
             attached: Attached::new(identity, pose),
             parameters: camera_parameters(camera),
@@ -568,7 +568,7 @@ impl<'a> Builder<'a> {
     fn add_light(&mut self, light: &adf::Light) {
         let mut pose = light.location;
         pose.rotation = light.direction.as_ref().and_then(light_rotation).unwrap_or(pose.rotation);
-        let identity = self.identity(&light.common, |scene| &scene.names.lights);
+        let identity = self.identity(&light.common, |scene| &scene.lights.names);
         let parameters = LightParameters { cutoff_angle: light.cutoff_angle, parent_name: light.parent.clone() };
         self.scene.lights.push(Light {
             attached: Attached::new(identity, pose),
@@ -579,18 +579,12 @@ impl<'a> Builder<'a> {
 
     /// Enters a model's objects in the world's maps and applies what concerns them together.
     fn finish_model(&mut self) {
-        let (scene, known) = (&mut *self.scene, self.known);
-        let Names { joints, soft_bodies, ghosts, sensors, actuators, vehicles, cameras, lights, .. } = &mut scene.names;
-        enter(&mut scene.body_names, known.bodies, scene.bodies.iter().map(|body| body.identity.key()));
-        enter(soft_bodies, known.soft_bodies, scene.soft_bodies.iter().map(|soft| soft.identity.key()));
-        enter(ghosts, known.ghosts, scene.ghosts.iter().map(|ghost| ghost.attached.identity.key()));
-        enter(sensors, known.sensors, scene.sensors.iter().map(|sensor| sensor.identity.key()));
-        enter(actuators, known.actuators, scene.actuators.iter().map(|actuator| actuator.identity.key()));
-        enter(vehicles, known.vehicles, scene.vehicles.iter().map(|vehicle| vehicle.identity.key()));
-        enter(cameras, known.cameras, scene.cameras.iter().map(|camera| camera.attached.identity.key()));
-        enter(lights, known.lights, scene.lights.iter().map(|light| light.attached.identity.key()));
-        for id in scene.joints.ids_from(self.known_joints) {
-            joints.insert(&scene.joints[id].key, id);
+        for (list, &known) in self.scene.lists_mut().into_iter().zip(&self.known.0) {
+            list.enter_names(known);
+        }
+        let Scene { joints, joint_names, .. } = &mut *self.scene;
+        for id in joints.ids_from(self.known_joints) {
+            joint_names.insert(&joints[id].key, id);
         }
         self.ignore_foreign_groups();
     }
@@ -660,13 +654,6 @@ impl<'a> Builder<'a> {
             Parent::Ghost(index) => self.scene.ghosts[index].source.clone(),
         }
     }
-}
-
-/// Enters the objects beyond the first `known` under their keys, sorted by key, as the C++ program's maps are.
-fn enter<I: Id>(names: &mut NameMap<I>, known: usize, keys: impl Iterator<Item = String>) {
-    let mut new: Vec<_> = keys.enumerate().skip(known).map(|(index, key)| (key, I::from_index(index))).collect();
-    new.sort();
-    new.iter().for_each(|(key, id)| names.insert(key, *id));
 }
 
 /// A positive number below a million with three significant digits, without an exponent.

@@ -26,7 +26,7 @@ impl Builder<'_> {
         }
         match self.scene.world.add_soft_body(&body) {
             Ok(handle) => {
-                let identity = self.identity(&soft.common, |scene| &scene.names.soft_bodies);
+                let identity = self.identity(&soft.common, |scene| &scene.soft_bodies.names);
                 let nodes = body.nodes.len();
                 self.scene.soft_bodies.push(SoftBody { identity, mass: soft.mass, nodes, handle });
             }
@@ -50,13 +50,13 @@ impl Builder<'_> {
             self.note(severity, &ghost.common.source, format!("`{}`: {message}", ghost.common.identifier));
         }
         let handle = self.scene.world.add_ghost(shape, &ghost.location);
-        let identity = self.identity(&ghost.common, |scene| &scene.names.ghosts);
+        let identity = self.identity(&ghost.common, |scene| &scene.ghosts.names);
         let attached = Attached::new(identity, ghost.location);
         self.scene.ghosts.push(Ghost::new(attached, ghost, handle));
     }
 
     pub(super) fn add_sensor(&mut self, sensor: &adf::Sensor) {
-        let identity = self.identity(&sensor.common, |scene| &scene.names.sensors);
+        let identity = self.identity(&sensor.common, |scene| &scene.sensors.names);
         let Some(parent) = self.body_for(&sensor.common, &identity.suffix, "parent", &sensor.parent) else { return };
         let mesh = match ray_mesh(&sensor.rays).cloned() {
             Some(path) => match self.mesh(&path, 1.0, &sensor.common) {
@@ -91,7 +91,7 @@ impl Builder<'_> {
     }
 
     pub(super) fn add_actuator(&mut self, actuator: &adf::Actuator) {
-        let identity = self.identity(&actuator.common, |scene| &scene.names.actuators);
+        let identity = self.identity(&actuator.common, |scene| &scene.actuators.names);
         let parent = self.body_for(&actuator.common, &identity.suffix, "parent", &actuator.parent);
         let Some(parent) = parent else { return };
         // The C++ program takes the location in the inertial frame.
@@ -104,7 +104,7 @@ impl Builder<'_> {
     }
 
     pub(super) fn add_vehicle(&mut self, vehicle: &adf::Vehicle) {
-        let identity = self.identity(&vehicle.common, |scene| &scene.names.vehicles);
+        let identity = self.identity(&vehicle.common, |scene| &scene.vehicles.names);
         let chassis = self.body_for(&vehicle.common, &identity.suffix, "chassis", &vehicle.chassis);
         let Some(chassis) = chassis else { return };
         if self.scene.bodies[chassis].mass == 0.0 {
@@ -134,7 +134,7 @@ impl Builder<'_> {
             (body.mass, body.inertia) = (0.0, nalgebra::Vector3::zeros());
         }
         let live = Vehicle { identity, chassis, wheels, handle };
-        live.update(&mut self.scene.world, &self.scene.bodies);
+        live.show_wheels(&mut self.scene.world, &self.scene.bodies);
         self.scene.vehicles.push(live);
     }
 

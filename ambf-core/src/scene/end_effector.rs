@@ -187,7 +187,7 @@ impl Scene {
     fn bind_body(&mut self, device: &adf::InputDevice) -> Result<BodyId, String> {
         let text = device.root_link.as_deref().ok_or("it has neither `simulated multibody` nor `root link`")?;
         let with_prefix = format!("{}{text}", self.options.prefix);
-        let found = self.body_names.exact(&with_prefix).map_or_else(|| self.body_names.find(text), Found::Exact);
+        let found = self.bodies.names.exact(&with_prefix).map_or_else(|| self.bodies.names.find(text), Found::Exact);
         let root = found.id().ok_or_else(|| format!("`root link: {text}` is {found} among the bodies"))?;
         if let Some(adf::CartesianController { linear, angular }) = device.controller_gain {
             let body = &mut self.bodies[root];
@@ -227,7 +227,7 @@ impl Scene {
             ..body.identity.clone()
         };
         let key = identity.key();
-        identity.suffix = self.names.actuators.free_suffix(&key);
+        identity.suffix = self.actuators.names.free_suffix(&key);
         identity.qualified = format!("{key}{}", identity.suffix).into();
         let frame = match (self.profile, self.preset) {
             (Profile::Legacy, None | Some(Preset::PyBullet)) => Isometry3::identity(),
@@ -235,7 +235,7 @@ impl Scene {
         };
         let info = ActuatorInfo { parent_name: body.identity.identifier.clone(), pose: Isometry3::identity() };
         let id = self.actuators.push(Actuator::new(identity, info, root, frame));
-        self.names.actuators.insert(&key, id);
+        self.actuators.names.insert(&key, id);
         id
     }
 
@@ -255,7 +255,7 @@ impl Scene {
         let (mut paired, mut missing) = (Vec::new(), Vec::new());
         for name in names {
             let named = |id: &CameraId| *self.cameras[*id].attached.identity.name == **name;
-            let found = self.names.cameras.find(name);
+            let found = self.cameras.names.find(name);
             match found.id().or_else(|| self.cameras.ids().filter(live).find(named)) {
                 Some(id) => paired.push(id),
                 None => missing.push(format!("camera `{name}` is {found}")),

@@ -52,9 +52,9 @@ impl Identity {
     }
 
     /// What a middleware is told; `None` for a passive object.
-    pub(super) fn object(&self, kind: ObjectKind) -> Option<ObjectInfo> {
+    pub(super) fn object(&self, kind: impl FnOnce() -> ObjectKind) -> Option<ObjectInfo> {
         (!self.passive).then(|| ObjectInfo {
-            kind,
+            kind: kind(),
             namespace: self.namespace.clone(),
             name: self.communication_name(),
             identifier: self.key() + &self.suffix,

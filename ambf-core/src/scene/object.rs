@@ -1,11 +1,9 @@
 //! Which objects of a scene have plugins.
 
 use super::build::Builder;
-use super::{Identity, NameMap, ObjectId, ObjectType, Scene};
+use super::{Identity, ObjectId, ObjectType, Scene};
 use crate::adf::{self, PluginEntry, SourcePos};
-use crate::ids::{
-    ActuatorId, BodyId, CameraId, GhostId, Id, JointId, LightId, ModelId, SensorId, SoftBodyId, VehicleId,
-};
+use crate::ids::{BodyId, JointId, ModelId};
 
 /// The plugins that a description asks for at one place.
 #[derive(Debug, Clone, PartialEq)]
@@ -61,16 +59,9 @@ impl Scene {
     /// How many objects of a type there ever were.
     pub fn object_count(&self, kind: ObjectType) -> usize {
         match kind {
-            ObjectType::Body => self.bodies.len(),
-            ObjectType::SoftBody => self.soft_bodies.len(),
-            ObjectType::Ghost => self.ghosts.len(),
             ObjectType::Joint => self.joints.len(),
-            ObjectType::Sensor => self.sensors.len(),
-            ObjectType::Actuator => self.actuators.len(),
-            ObjectType::Vehicle => self.vehicles.len(),
-            ObjectType::Camera => self.cameras.len(),
-            ObjectType::Light => self.lights.len(),
             ObjectType::Volume => self.models.iter().map(|model| model.description.volumes.len()).sum(),
+            _ => self.list(kind).map_or(0, |list| list.count()),
         }
     }
 
@@ -105,11 +96,7 @@ impl Scene {
     pub fn has_object(&self, object: ObjectId) -> bool {
         let is_gone = || match object.kind {
             ObjectType::Joint => self.joints[JointId::new(object.index)].removed,
-            ObjectType::Body => self.bodies[BodyId::new(object.index)].removed,
-            ObjectType::Sensor => self.bodies[self.sensors[SensorId::new(object.index)].parent].removed,
-            ObjectType::Actuator => self.bodies[self.actuators[ActuatorId::new(object.index)].parent].removed,
-            ObjectType::Vehicle => self.bodies[self.vehicles[VehicleId::new(object.index)].chassis].removed,
-            _ => false,
+            _ => self.stands_on(object).is_some_and(|body| self.bodies[body].removed),
         };
         self.model_of(object).is_some_and(|model| !self.models[model].removed && !is_gone())
     }
@@ -118,16 +105,10 @@ impl Scene {
     /// only one whose name is `text`.
     pub fn find_object(&self, kind: ObjectType, text: &str) -> Option<usize> {
         let (exact, part) = match kind {
-            ObjectType::Body => indices(&self.body_names, text),
-            ObjectType::SoftBody => indices(&self.names.soft_bodies, text),
-            ObjectType::Ghost => indices(&self.names.ghosts, text),
-            ObjectType::Joint => indices(&self.names.joints, text),
-            ObjectType::Sensor => indices(&self.names.sensors, text),
-            ObjectType::Actuator => indices(&self.names.actuators, text),
-            ObjectType::Vehicle => indices(&self.names.vehicles, text),
-            ObjectType::Camera => indices(&self.names.cameras, text),
-            ObjectType::Light => indices(&self.names.lights, text),
-            ObjectType::Volume => (None, None),
+            ObjectType::Joint => {
+                (self.joint_names.exact(text).map(JointId::index), self.joint_names.id(text).map(JointId::index))
+            }
+            _ => self.list(kind).map_or((None, None), |list| list.find(text)),
         };
         if exact.is_some() {
             return exact;
@@ -157,33 +138,21 @@ impl Scene {
     /// What sorts the objects of a model into the order in which their plugins are called.
     pub(crate) fn calling_key(&self, object: ObjectId) -> (u8, String) {
         let rank = match object.kind {
-            ObjectType::Actuator => 0,
-            ObjectType::Camera => 1,
-            ObjectType::Light => 2,
-            ObjectType::Body => 3,
-            ObjectType::SoftBody => 4,
-            ObjectType::Ghost => 5,
-            ObjectType::Sensor => 6,
-            ObjectType::Vehicle => 7,
-            ObjectType::Volume => 8,
-            ObjectType::Joint => 9,
+            ObjectType::Volume => u8::MAX - 1,
+            ObjectType::Joint => u8::MAX,
+            _ => self.list(object.kind).map_or(0, |list| list.rank()),
         };
         (rank, self.names_of(object).unwrap_or_default().1)
     }
 
+    /// Names of an object that has a State; `None` for others.
     fn identity_of(&self, object: ObjectId) -> Option<&Identity> {
-        let index = object.index;
-        match object.kind {
-            ObjectType::Body => self.bodies.get(BodyId::new(index)).map(|body| &body.identity),
-            ObjectType::SoftBody => self.soft_bodies.get(SoftBodyId::new(index)).map(|soft| &soft.identity),
-            ObjectType::Ghost => self.ghosts.get(GhostId::new(index)).map(|ghost| &ghost.attached.identity),
-            ObjectType::Sensor => self.sensors.get(SensorId::new(index)).map(|sensor| &sensor.identity),
-            ObjectType::Actuator => self.actuators.get(ActuatorId::new(index)).map(|actuator| &actuator.identity),
-            ObjectType::Vehicle => self.vehicles.get(VehicleId::new(index)).map(|vehicle| &vehicle.identity),
-            ObjectType::Camera => self.cameras.get(CameraId::new(index)).map(|camera| &camera.attached.identity),
-            ObjectType::Light => self.lights.get(LightId::new(index)).map(|light| &light.attached.identity),
-            ObjectType::Joint | ObjectType::Volume => None,
-        }
+        self.list(object.kind)?.identity(object.index)
+    }
+
+    /// The body with which an object leaves the scene.
+    pub(super) fn stands_on(&self, object: ObjectId) -> Option<BodyId> {
+        self.list(object.kind)?.stands_on(object.index)
     }
 
     /// Model and description of a volume.
@@ -196,8 +165,4 @@ impl Scene {
         }
         None
     }
-}
-
-fn indices<I: Id>(names: &NameMap<I>, text: &str) -> (Option<usize>, Option<usize>) {
-    (names.exact(text).map(I::to_index), names.id(text).map(I::to_index))
 }

@@ -1,24 +1,24 @@
 //! Taking models and bodies out of a scene, and what follows from its list of objects.
 
 use super::attached::Attached;
-use super::{Bodies, BodyGraph, Element, Parent, Scene};
-use crate::comm::ObjectKind;
+use super::list::ObjectList;
+use super::{Bodies, BodyGraph, ObjectId, Parent, Scene};
 use crate::ids::{BodyId, ModelId};
 
 impl Scene {
     /// The model called `name`: its key, or a part of the key that no other has. The environment cannot be
     /// named.
     pub(crate) fn find_model(&self, name: &str) -> Result<ModelId, String> {
-        match self.names.models.find(name).id() {
+        match self.model_names.find(name).id() {
             Some(ModelId::ENVIRONMENT) => Err("it is the world's environment".into()),
             Some(id) => Ok(id),
-            None => Err(self.names.models.find(name).to_string()),
+            None => Err(self.model_names.find(name).to_string()),
         }
     }
 
     /// The model called `name`, the environment included.
     pub(crate) fn find_any_model(&self, name: &str) -> Option<ModelId> {
-        self.names.models.id(name)
+        self.model_names.id(name)
     }
 
     /// Takes a model out of the scene, with all joints and everything held that leads into it.
@@ -46,7 +46,7 @@ impl Scene {
             world.remove_body(body.handle);
         }
         self.models[model].removed = true;
-        self.names.models.remove(|id| id == model);
+        self.model_names.remove(|id| id == model);
         self.forget();
     }
 
@@ -93,33 +93,23 @@ impl Scene {
     }
 
     /// Whether an object was taken out of the scene: itself, its model, or what it stood on.
-    pub(crate) fn is_removed(&self, kind: &ObjectKind) -> bool {
-        let is_gone = match *kind {
-            ObjectKind::RigidBody(i, _) => self.body_is_gone(i),
-            ObjectKind::Sensor(i, _) => self.body_is_gone(self.sensors[i].parent),
-            ObjectKind::Actuator(i, _) => self.body_is_gone(self.actuators[i].parent),
-            ObjectKind::Vehicle(i, _) => self.body_is_gone(self.vehicles[i].chassis),
-            _ => false,
-        };
-        is_gone || self.identity(kind).is_some_and(|identity| self.models[identity.model].removed)
+    pub(crate) fn is_removed(&self, object: ObjectId) -> bool {
+        self.stands_on(object).is_some_and(|body| self.body_is_gone(body))
+            || self.model_of(object).is_some_and(|model| self.models[model].removed)
     }
 
     /// Forgets the names of what was removed, and brings up to date what follows from the lists of objects.
     fn forget(&mut self) {
-        let mut names = std::mem::take(&mut self.names);
-        let mut body_names = std::mem::take(&mut self.body_names);
-        let model_is_gone = |identity: &super::Identity| self.models[identity.model].removed;
-        let gone = |kind: ObjectKind| self.is_removed(&kind);
-        body_names.remove(|i| self.body_is_gone(i));
-        names.joints.remove(|i| self.joints[i].removed);
-        names.soft_bodies.remove(|i| model_is_gone(&self.soft_bodies[i].identity));
-        names.ghosts.remove(|i| model_is_gone(&self.ghosts[i].attached.identity));
-        names.cameras.remove(|i| model_is_gone(&self.cameras[i].attached.identity));
-        names.lights.remove(|i| model_is_gone(&self.lights[i].attached.identity));
-        names.sensors.remove(|i| gone(ObjectKind::Sensor(i, Box::default())));
-        names.actuators.remove(|i| gone(ObjectKind::Actuator(i, Box::default())));
-        names.vehicles.remove(|i| gone(ObjectKind::Vehicle(i, Box::default())));
-        (self.names, self.body_names) = (names, body_names);
+        let is_gone = |list: &dyn ObjectList| {
+            let kind = list.object_type();
+            (0..list.count()).map(|index| self.is_removed(ObjectId { kind, index })).collect::<Vec<_>>()
+        };
+        let gone = self.lists().map(is_gone);
+        for (list, gone) in self.lists_mut().into_iter().zip(gone) {
+            list.forget_names(&gone);
+        }
+        let Self { joints, joint_names, .. } = self;
+        joint_names.remove(|joint| joints[joint].removed);
         self.rebuild_graph();
         self.arrange();
     }
@@ -162,17 +152,12 @@ impl Scene {
         let active = |body| graph.active(body).map(|entry| entry.joint).collect();
         self.active_joints = self.bodies.ids().map(active).collect();
         let mut order = Vec::new();
-        for i in self.ghosts.ids() {
-            order.push((ObjectKind::Ghost(i, Box::default()), Element::Ghost(i)));
+        for list in self.lists() {
+            let Some(update) = list.update() else { continue };
+            let objects = (0..list.count()).map(|index| ObjectId { kind: list.object_type(), index });
+            order.extend(objects.filter(|&object| !self.is_removed(object)).map(|object| (object, update)));
         }
-        for i in self.sensors.ids() {
-            order.push((ObjectKind::Sensor(i, Box::default()), Element::Sensor(i)));
-        }
-        for i in self.vehicles.ids() {
-            order.push((ObjectKind::Vehicle(i, Box::default()), Element::Vehicle(i)));
-        }
-        order.retain(|(kind, _)| !self.is_removed(kind));
-        order.sort_by_cached_key(|(kind, _)| self.visiting_key(kind));
-        self.elements = order.into_iter().map(|(_, element)| element).collect();
+        order.sort_by_cached_key(|&(object, _)| self.visiting_key(Some(object)));
+        self.elements = order.into_iter().map(|(object, update)| (update, object.index)).collect();
     }
 }

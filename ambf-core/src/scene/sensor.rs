@@ -4,13 +4,13 @@ use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
-use super::body::Body;
-use super::{Bodies, Identity};
+use super::list::SceneObject;
+use super::{Bodies, Body, Identity, ObjectType, Scene};
 use crate::adf::{RaySource, ResistanceParameters};
 use crate::bullet::{Contact, Ray, RayHit, RayTarget, SoftBodyHandle, World};
-use crate::comm::{ContactPoint, ContactReading, RayReading, SensorInfo, TouchingBody};
+use crate::comm::{ContactPoint, ContactReading, ObjectKind, RayReading, SensorInfo, Snapshot, TouchingBody};
 use crate::control::Profile;
-use crate::ids::BodyId;
+use crate::ids::{BodyId, SensorId};
 use crate::mesh::Mesh;
 
 /// A ray in the sensor frame.
@@ -73,6 +73,78 @@ fn spacious() -> ContactReading {
     ContactReading { bodies: Vec::with_capacity(CONTACTS), points: Vec::with_capacity(CONTACTS) }
 }
 
+impl SceneObject for Sensor {
+    type Id = SensorId;
+    type Saved = SavedSensor;
+    const TYPE: ObjectType = ObjectType::Sensor;
+    const RANK: u8 = 6;
+    const ACTS: bool = true;
+
+    fn identity(&self) -> &Identity {
+        &self.identity
+    }
+
+    fn kind(&self, id: Self::Id, _scene: &Scene) -> ObjectKind {
+        ObjectKind::Sensor(id, Box::new(self.info.clone()))
+    }
+
+    fn stands_on(&self, _id: Self::Id) -> Option<BodyId> {
+        Some(self.parent)
+    }
+
+    fn make_room(&self, _scene: &Scene, snapshot: &mut Snapshot) {
+        snapshot.sensors.push(self.readings.clone());
+        snapshot.contacts.push(self.contacts().cloned().unwrap_or_default());
+    }
+
+    fn read(&self, id: Self::Id, _scene: &Scene, snapshot: &mut Snapshot) {
+        // Keeps the memory of what was there.
+        let readings = &mut snapshot.sensors[id];
+        readings.clear();
+        readings.extend_from_slice(&self.readings);
+        if let Some(contacts) = self.contacts() {
+            snapshot.contacts[id].copy_from(contacts);
+        }
+    }
+
+    fn update(scene: &mut Scene, id: Self::Id, sub_step: f64, interval: f64) {
+        let Scene { sensors, world, bodies, .. } = scene;
+        sensors[id].sense(world, bodies, sub_step, interval);
+    }
+
+    fn save(&self) -> SavedSensor {
+        // All fields by name, so that no new one is forgotten.
+        let Self { identity: _, info: _, parent: _, rays: _, readings, work } = self;
+        let (rays, hits, memory, touching) = match work {
+            Work::Rays { world, hits, resistance } => {
+                let memory = resistance
+                    .as_ref()
+                    .map(|Resistance { parameters: _, profile: _, memory, pushes: _ }| memory.clone());
+                (world.clone(), hits.clone(), memory.unwrap_or_default(), ContactReading::default())
+            }
+            // Contacts are asked for in each update.
+            Work::Contacts { threshold: _, details: _, contacts: _, reading } => {
+                (Vec::new(), Vec::new(), Vec::new(), reading.clone())
+            }
+        };
+        SavedSensor { readings: readings.clone(), rays, hits, memory, touching }
+    }
+
+    fn restore(&mut self, saved: &SavedSensor) {
+        self.readings.clone_from(&saved.readings);
+        match &mut self.work {
+            Work::Rays { world, hits, resistance } => {
+                world.clone_from(&saved.rays);
+                hits.clone_from(&saved.hits);
+                if let Some(resistance) = resistance {
+                    resistance.memory.clone_from(&saved.memory);
+                }
+            }
+            Work::Contacts { reading, .. } => reading.copy_from(&saved.touching),
+        }
+    }
+}
+
 impl Sensor {
     pub(super) fn with_rays(
         identity: Identity,
@@ -91,38 +163,6 @@ impl Sensor {
         let contacts = Vec::with_capacity(CONTACTS);
         let work = Work::Contacts { threshold: info.range, details, contacts, reading: spacious() };
         Self { identity, info, parent, rays: Vec::new(), readings: Vec::with_capacity(CONTACTS), work }
-    }
-
-    pub(super) fn save(&self) -> SavedSensor {
-        // All fields by name, so that no new one is forgotten.
-        let Self { identity: _, info: _, parent: _, rays: _, readings, work } = self;
-        let (rays, hits, memory, touching) = match work {
-            Work::Rays { world, hits, resistance } => {
-                let memory = resistance
-                    .as_ref()
-                    .map(|Resistance { parameters: _, profile: _, memory, pushes: _ }| memory.clone());
-                (world.clone(), hits.clone(), memory.unwrap_or_default(), ContactReading::default())
-            }
-            // Contacts are asked for in each update.
-            Work::Contacts { threshold: _, details: _, contacts: _, reading } => {
-                (Vec::new(), Vec::new(), Vec::new(), reading.clone())
-            }
-        };
-        SavedSensor { readings: readings.clone(), rays, hits, memory, touching }
-    }
-
-    pub(super) fn restore(&mut self, saved: &SavedSensor) {
-        self.readings.clone_from(&saved.readings);
-        match &mut self.work {
-            Work::Rays { world, hits, resistance } => {
-                world.clone_from(&saved.rays);
-                hits.clone_from(&saved.hits);
-                if let Some(resistance) = resistance {
-                    resistance.memory.clone_from(&saved.memory);
-                }
-            }
-            Work::Contacts { reading, .. } => reading.copy_from(&saved.touching),
-        }
     }
 
     /// What is seen, one entry a ray; for a contact sensor one entry a body in contact.
@@ -173,7 +213,7 @@ impl Sensor {
 
     /// Looks, and pushes if it is a resistance sensor. The forces act in the next update, which is taken to be as long
     /// as the last one: `interval` s. `sub_step` in s.
-    pub(crate) fn update(&mut self, world: &mut World, bodies: &Bodies, sub_step: f64, interval: f64) {
+    pub(crate) fn sense(&mut self, world: &mut World, bodies: &Bodies, sub_step: f64, interval: f64) {
         match &mut self.work {
             Work::Contacts { threshold, details, contacts, reading } => {
                 world.contacts(bodies[self.parent].handle, f64::INFINITY, contacts);

@@ -140,7 +140,7 @@ impl Link {
         let new = self.objects.iter().skip(self.slots.len());
         self.slots.extend(new.map(|object| Slot::of(&object.info.kind)));
         let mut order: Vec<HubIndex> = self.objects.entries().map(|(object, _)| object).collect();
-        order.sort_by_cached_key(|&object| scene.visiting_key(&self.objects[object].info.kind));
+        order.sort_by_cached_key(|&object| scene.visiting_key(self.objects[object].info.kind.object()));
         self.rank = vec![0; order.len()];
         for (rank, object) in order.into_iter().enumerate() {
             self.rank[object.0] = rank;
@@ -154,7 +154,9 @@ impl Link {
 
     /// Tells the hub which objects are no longer part of the scene.
     pub fn remove_objects(&mut self, scene: &Scene) {
-        let is_gone = |object: &HubObject| !object.is_removed() && scene.is_removed(&object.info.kind);
+        let is_gone = |object: &HubObject| {
+            !object.is_removed() && object.info.kind.object().is_some_and(|object| scene.is_removed(object))
+        };
         let gone = self.objects.entries().filter(|(_, object)| is_gone(object)).map(|(position, _)| position);
         self.hub.remove_objects(gone.collect::<Vec<_>>());
     }

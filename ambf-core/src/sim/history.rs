@@ -171,7 +171,7 @@ impl Simulation {
         let Some(state) = history.nearest(time) else { return Err("no states are kept yet".into()) };
         let cameras = self.physics.scene.cameras.clone();
         self.restore(&state).map_err(|error| error.to_string())?;
-        self.physics.scene.cameras = cameras;
+        *self.physics.scene.cameras = cameras;
         self.recording.jumped = true;
         Ok(state.sim_time())
     }
