@@ -6,6 +6,7 @@ use std::ops::RangeInclusive;
 use std::process::Command;
 use std::thread;
 
+use ambf_core::ids::BodyId;
 use nalgebra::Vector3;
 use parity_common::{
     apart_at_end, at_rest, bodies, cases, compare_bodies, compare_joints, joints, load_case, meta, simulate,
@@ -221,13 +222,14 @@ fn descriptions_become_the_same_bodies_and_joints() {
             complaints.push(format!("{} bodies instead of {}", scene.bodies.len(), bodies.len()));
         }
         for expected in &bodies {
-            let Some(index) = names.iter().position(|name| *name == expected.name) else {
+            let Some(body) = names.iter().position(|name| *name == expected.name).map(BodyId::new) else {
                 complaints.push(format!("no body `{}`", expected.name));
                 continue;
             };
-            let body = &scene.bodies[index];
-            let active = scene.graph.active(index);
-            let active: Vec<_> = active.map(|e| (scene.joints[e.joint].name.clone(), names[e.body].clone())).collect();
+            let active = scene.graph.active(body);
+            let body = &scene.bodies[body];
+            let active: Vec<_> =
+                active.map(|e| (scene.joints[e.joint].name.clone(), names[e.body.index()].clone())).collect();
             let same = equal(body.mass, expected.mass)
                 && vectors_equal(&body.inertia, &expected.inertia)
                 && vectors_equal(&body.inertial_offset.translation.vector, &expected.inertial_offset)

@@ -1,5 +1,6 @@
 //! The ROS side of sensors, actuators, vehicles, soft bodies and ghost objects, and of models that come and go.
 
+use ambf_core::ids::{BodyId, CameraId, GhostId, LightId};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::{Arc, Mutex, OnceLock};
@@ -153,9 +154,9 @@ fn objects_come_and_go_and_leave_nothing_behind() {
     let add = |near_plane: f64| {
         let camera = CameraParameters { near_plane, ..Default::default() };
         let light = LightParameters { cutoff_angle: 0.5, ..Default::default() };
-        let mut list = vec![object(ObjectKind::RigidBody(1, Box::default()), namespace, "Ball")];
-        list.push(object(ObjectKind::Camera(0, Box::new(camera)), namespace, "cam"));
-        list.push(object(ObjectKind::Light(0, Box::new(light)), namespace, "light"));
+        let mut list = vec![object(ObjectKind::RigidBody(BodyId::new(1), Box::default()), namespace, "Ball")];
+        list.push(object(ObjectKind::Camera(CameraId::new(0), Box::new(camera)), namespace, "cam"));
+        list.push(object(ObjectKind::Light(LightId::new(0), Box::new(light)), namespace, "light"));
         list.extend(elements(namespace));
         fixture.hub.add_objects(list);
         until("the topics", || system_state_mentions(&fixture.master, "/ambf/env/late/Water/Command"));
@@ -209,7 +210,7 @@ fn objects_come_and_go_and_leave_nothing_behind() {
 fn one_of_two_that_share_their_topics_goes_and_the_other_stays() {
     let fixture = fixture();
     let twin = |identifier: &str| {
-        let mut twin = object(ObjectKind::Ghost(0, Box::default()), "/ambf/env/twins/", "Twin");
+        let mut twin = object(ObjectKind::Ghost(GhostId::new(0), Box::default()), "/ambf/env/twins/", "Twin");
         twin.identifier = identifier.into();
         twin
     };

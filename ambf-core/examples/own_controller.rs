@@ -38,7 +38,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         return Err(loaded.report.to_string().into());
     }
     let mut simulation = Simulation::new(loaded.scene, STEP);
-    let base = simulation.scene().bodies.iter().position(|body| &*body.identity.name == "Base").ok_or("no `Base`")?;
+    let base = simulation.scene().bodies.position(|body| &*body.identity.name == "Base").ok_or("no `Base`")?;
     // Joint commands belong to a body and count the joints below it: here there is one.
     let joint = simulation.scene().active_joints(base)[0];
 

@@ -25,7 +25,7 @@ fn main() -> ExitCode {
     print!("{}", loaded.report);
 
     let mut simulation = Simulation::new(loaded.scene, STEP);
-    let Some(body) = simulation.scene().bodies.iter().position(|body| *body.identity.name == *name) else {
+    let Some(body) = simulation.scene().bodies.position(|body| *body.identity.name == *name) else {
         eprintln!("there is no body `{name}`");
         return ExitCode::FAILURE;
     };

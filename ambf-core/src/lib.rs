@@ -45,6 +45,7 @@
 pub mod bullet;
 pub mod comm;
 pub mod control;
+pub mod ids;
 pub mod scene;
 pub mod sim;
 

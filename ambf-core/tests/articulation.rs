@@ -32,7 +32,7 @@ fn bench(articulated: bool) -> Bench {
     );
     let bench = Bench::new(&world, ARM);
     let scene = bench.0.scene();
-    let link = scene.world.bodies()[bench.body("Lower")];
+    let link = scene.world.bodies()[bench.body("Lower").index()];
     assert_eq!(scene.world.articulation(link).is_some(), articulated);
     bench
 }

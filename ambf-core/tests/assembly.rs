@@ -3,6 +3,7 @@
 mod physics_common;
 
 use ambf_core::adf::Severity;
+use ambf_core::ids::BodyId;
 use ambf_core::scene::{Loaded, Note, PreparedModel};
 use ambf_core::sim::Simulation;
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -207,6 +208,6 @@ fn a_robot_whose_joints_are_closed_is_loaded_as_it_is() {
     let exact = arm("").replace("x: 0.751, y: 0, z: 0.002", "x: 0.75, y: 0, z: 0");
     let Loaded { scene, .. } = load_texts(ACCURATE, &[&exact]);
     let simulation = Simulation::new(scene, DT);
-    let pose = simulation.scene().bodies[2].initial_pose;
+    let pose = simulation.scene().bodies[BodyId::new(2)].initial_pose;
     assert_eq!(pose.translation.vector, Vector3::new(0.75, 0.0, 0.0));
 }

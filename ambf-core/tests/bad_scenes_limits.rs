@@ -7,6 +7,7 @@ use std::process::Command;
 use std::time::{Duration, Instant};
 
 use ambf_core::adf::{self, LoadError, Model};
+use ambf_core::ids::BodyId;
 use ambf_core::mesh::{self, MeshError};
 use ambf_core::scene::{load, Loaded, SceneFiles, SceneOptions};
 use ambf_core::sim::{Simulation, DEFAULT_SUB_STEP};
@@ -111,7 +112,11 @@ fn ten_thousand_joints_in_a_chain() {
         assert_eq!(loaded.scene.joints.len(), COUNT);
         // Every body's list of all bodies below it would take gigabytes.
         assert!(loaded.report.to_string().contains("too long to be listed"), "{}", loaded.report);
-        assert!((0..COUNT).all(|body| loaded.scene.graph.active(body).any(|below| below.body == body + 1)));
+        assert!((0..COUNT).all(|body| loaded
+            .scene
+            .graph
+            .active(BodyId::new(body))
+            .any(|below| below.body == BodyId::new(body + 1))));
         step(loaded);
     });
 }
@@ -306,7 +311,7 @@ fn a_loop_of_parents() {
         let loaded = Folder::new().load(&text);
         assert_eq!(loaded.report.errors(), 0, "{}", loaded.report);
         // Each is below every one, itself too.
-        assert!((0..300).all(|body| loaded.scene.graph.descendants(body).len() == 300));
+        assert!((0..300).all(|body| loaded.scene.graph.descendants(BodyId::new(body)).len() == 300));
         step(loaded);
     });
 }

@@ -7,6 +7,7 @@ use std::sync::Arc;
 use ambf_core::comm::{CartesianCommandType, HubObject, RigidBodyCommand};
 use ambf_core::control::Profile;
 use ambf_core::device::host::DeviceHost;
+use ambf_core::ids::{ActuatorId, BodyId, CameraId, JointId};
 use ambf_core::sim::Simulation;
 use device_common::{coupled, puppets, until, Folder, Puppet, BOTH, BOXES, GRIPPER};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
@@ -32,8 +33,8 @@ impl Stage {
         Self { simulation, host, puppets, _folder: folder }
     }
 
-    fn body(&self, name: &str) -> usize {
-        let found = self.simulation.scene().bodies.iter().position(|body| *body.identity.name == *name);
+    fn body(&self, name: &str) -> BodyId {
+        let found = self.simulation.scene().bodies.position(|body| *body.identity.name == *name);
         found.unwrap_or_else(|| panic!("no body `{name}`"))
     }
 
@@ -109,7 +110,7 @@ fn the_root_link_follows_the_hand_and_the_fingers_the_gripper() {
         // The camera looks along −x: its axes are those of the world. Five times the hand's way.
         let moved = stage.position("palm") - start;
         assert!((moved - Vector3::new(0.1, 0.0, 0.05)).norm() < 2e-3, "{profile:?}: {moved}");
-        let joint = |stage: &Stage| stage.simulation.scene().joints[0].position;
+        let joint = |stage: &Stage| stage.simulation.scene().joints[JointId::new(0)].position;
         assert!((joint(&stage) + 0.2).abs() < 0.02, "{profile:?}: closed at {}", joint(&stage));
         stage.puppets[0].set(|pose| pose.gripper = Some(1.0));
         stage.settle();
@@ -177,7 +178,7 @@ fn a_closed_gripper_takes_the_nearest_body_and_an_open_one_lets_go() {
         stage.settle();
         stage.puppets[0].set(|pose| pose.gripper = Some(0.1));
         stage.settle();
-        let actuator = |stage: &Stage| stage.simulation.scene().actuators[0].is_actuated();
+        let actuator = |stage: &Stage| stage.simulation.scene().actuators[ActuatorId::new(0)].is_actuated();
         assert!(actuator(&stage), "{profile:?}");
         // Slowly: a jerk would swing the box against the other.
         for i in 1..=10 {
@@ -239,8 +240,8 @@ fn two_copies_of_an_end_effector_live_side_by_side() {
     stage.puppets[1].set(|pose| pose.position.z = 0.1);
     stage.settle();
     let scene = stage.simulation.scene();
-    let z = |index: usize| scene.bodies[index].pose(&scene.world).translation.z;
-    let palms: Vec<_> = (0..scene.bodies.len()).filter(|&i| &*scene.bodies[i].identity.name == "palm").collect();
+    let z = |index: BodyId| scene.bodies[index].pose(&scene.world).translation.z;
+    let palms: Vec<_> = scene.bodies.ids().filter(|&id| &*scene.bodies[id].identity.name == "palm").collect();
     assert!((z(palms[0]) - 3.0).abs() < 2e-3 && (z(palms[1]) - 0.1).abs() < 2e-3);
 }
 
@@ -262,7 +263,7 @@ fn the_camera_button_moves_the_camera_and_freezes_the_hand() {
     stage.settle();
     stage.puppets[0].set(|pose| pose.buttons = 0b1000);
     stage.settle();
-    let camera = |stage: &Stage| stage.simulation.scene().cameras[0].attached.pose;
+    let camera = |stage: &Stage| stage.simulation.scene().cameras[CameraId::new(0)].attached.pose;
     let before = camera(&stage);
     let turn = UnitQuaternion::new(Vector3::new(0.0, 0.0, 0.3));
     stage.puppets[0].set(|pose| {

@@ -4,6 +4,7 @@
 mod physics_common;
 
 use ambf_core::comm::{CartesianCommandType, JointCommandType, RigidBodyCommand};
+use ambf_core::ids::BodyId;
 use ambf_core::scene::Loaded;
 use ambf_core::sim::{Loss, LostState, Simulation};
 use nalgebra::Vector3;
@@ -66,7 +67,7 @@ fn comes_back(simulation: &mut Simulation, lost: &Option<LostState>, what: &str)
 
 fn hold(kind: JointCommandType, value: f64) -> impl FnMut(&mut Simulation) {
     move |simulation| {
-        simulation.command_joint(0, 0, kind, value);
+        simulation.command_joint(BodyId::new(0), 0, kind, value);
     }
 }
 
@@ -112,7 +113,9 @@ fn impossible_pose_controllers_are_named_with_their_body() {
                     format!(", controller: {{linear: {gains}, angular: {gains}}}, controller output type: {output}");
                 let mut simulation = simulation(profile, &keys, "");
                 let target = Vector3::new(3.0, 4.0, 5.0);
-                let lost = run(&mut simulation, |simulation| simulation.follow_pose(2, target, [0.5, 0.5, 0.5, 0.5]));
+                let lost = run(&mut simulation, |simulation| {
+                    simulation.follow_pose(BodyId::new(2), target, [0.5, 0.5, 0.5, 0.5])
+                });
                 let what = format!("{profile}: {keys}");
                 if let Some(lost) = &lost {
                     names += 1;
@@ -178,9 +181,9 @@ fn an_impossible_spring_is_survived_or_named() {
 fn a_loss_names_the_command_to_the_body_whose_joint_it_is() {
     let keys = ", controller: {P: 1e308, I: 0, D: 1e308}, controller output type: FORCE";
     let mut simulation = simulation("legacy", "", keys);
-    let commanders: Vec<_> = simulation.commanders(1).collect();
+    let commanders: Vec<_> = simulation.commanders(BodyId::new(1)).map(BodyId::index).collect();
     assert_eq!(commanders, [1, 0], "the rod, and the post that has its joint");
-    assert_eq!(simulation.commanders(2).collect::<Vec<_>>(), [2]);
+    assert_eq!(simulation.commanders(BodyId::new(2)).map(BodyId::index).collect::<Vec<_>>(), [2]);
     let hub = simulation.connect();
     let objects = hub.objects().clone();
     let (post, _) = objects.entries().find(|(_, object)| object.info.name.contains("Post")).expect("the post");
@@ -214,8 +217,9 @@ fn bounded(profile: &str, keys: &str) -> Simulation {
 #[test]
 fn what_is_finite_but_implausible_is_lost_too_unless_the_world_says_otherwise() {
     for profile in PROFILES {
-        let fling =
-            |simulation: &mut Simulation| simulation.set_velocity(2, Vector3::new(0.0, 0.0, 1e9), Vector3::zeros());
+        let fling = |simulation: &mut Simulation| {
+            simulation.set_velocity(BodyId::new(2), Vector3::new(0.0, 0.0, 1e9), Vector3::zeros())
+        };
         let mut simulation = bounded(profile, "");
         fling(&mut simulation);
         let lost = simulation.update(DT).expect_err("faster than light");

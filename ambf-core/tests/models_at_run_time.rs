@@ -5,6 +5,7 @@ mod physics_common;
 use std::path::{Path, PathBuf};
 
 use ambf_core::comm::{ActuatorCommand, Hub, HubIndex, ObjectKind, RigidBodyCommand};
+use ambf_core::ids::{ActuatorId, BodyId, SensorId};
 use ambf_core::scene::PreparedModel;
 use ambf_core::sim::{AddedModel, Control, ModelError, Runner, RunnerOptions, Simulation};
 use nalgebra::{Isometry3, Vector3};
@@ -66,10 +67,10 @@ fn a_guest_changes_nothing_for_the_others() {
         host.update(DT);
         assert_eq!(alone.pose("Arm"), host.pose("Arm"), "step {step}");
         assert_eq!(alone.joint("J").position, host.joint("J").position);
-        assert_eq!(alone.0.wrenches()[..2], host.0.wrenches()[..2]);
+        assert_eq!(alone.0.wrenches().as_slice()[..2], host.0.wrenches().as_slice()[..2]);
         if step == 299 {
             close(host.velocity("Ball").0.z, -2.0, 0.02);
-            assert!(!host.0.scene().sensors[0].readings()[0].triggered);
+            assert!(!host.0.scene().sensors[SensorId::new(0)].readings()[0].triggered);
         }
     }
 }
@@ -102,7 +103,10 @@ fn copies_get_suffixes_and_the_hub_follows() {
     // The name is free again.
     assert_eq!(simulation.add_model(guest.read()).key, keys[0]);
     let again = position_of(&hub, "/g/BODY Ball");
-    assert!(again > first && matches!(hub.objects()[again].info.kind, ObjectKind::RigidBody(index, _) if index == 4));
+    assert!(
+        again > first
+            && matches!(hub.objects()[again].info.kind, ObjectKind::RigidBody(index, _) if index == BodyId::new(4))
+    );
 }
 
 #[test]
@@ -115,24 +119,27 @@ fn what_leads_into_a_model_goes_with_it() {
     let mut simulation = simulation(&[holder]);
     simulation.add_model(guest.read());
     let camera = |simulation: &Simulation| {
-        let attached = &simulation.scene().cameras.last().expect("a camera").attached;
+        let attached = &simulation.scene().cameras.iter().last().expect("a camera").attached;
         (attached.parent.is_some(), simulation.scene().global_pose(attached.parent, &attached.pose))
     };
     assert!(camera(&simulation).0, "it waited for its parent");
     let command = ActuatorCommand { actuate: true, body_name: "BODY Ball".into(), ..Default::default() };
-    assert_eq!(simulation.command_actuator(0, &command), None);
-    assert!(simulation.scene().actuators[0].is_actuated());
+    assert_eq!(simulation.command_actuator(ActuatorId::new(0), &command), None);
+    assert!(simulation.scene().actuators[ActuatorId::new(0)].is_actuated());
     (0..50).for_each(|_| simulation.update(DT).unwrap());
     let before = camera(&simulation).1;
     simulation.remove_model("/g/model.yaml").unwrap();
-    assert!(!simulation.scene().actuators[0].is_actuated());
+    assert!(!simulation.scene().actuators[ActuatorId::new(0)].is_actuated());
     assert_eq!(camera(&simulation), (false, before), "it stays where it was");
-    assert!(simulation.command_actuator(0, &command).expect("a message").contains("BODY Ball"));
+    assert!(simulation.command_actuator(ActuatorId::new(0), &command).expect("a message").contains("BODY Ball"));
     (0..50).for_each(|_| simulation.update(DT).unwrap());
     // The list of constraints is as long as before, however often something is held.
     for _ in 0..100 {
-        simulation.command_actuator(0, &ActuatorCommand { body_name: "BODY Hand".into(), ..command.clone() });
-        simulation.command_actuator(0, &ActuatorCommand::default());
+        simulation.command_actuator(
+            ActuatorId::new(0),
+            &ActuatorCommand { body_name: "BODY Hand".into(), ..command.clone() },
+        );
+        simulation.command_actuator(ActuatorId::new(0), &ActuatorCommand::default());
     }
     assert!(simulation.scene().world.constraints().len() <= 1);
 }
@@ -148,12 +155,12 @@ fn a_joint_to_another_model_goes_with_either() {
     let mut bench = Bench::new(HEAVY, PENDULUM);
     let added = bench.0.add_model(bridge.read());
     assert!(added.report.contains("is taken from another model"), "{}", added.report);
-    assert_eq!(bench.0.scene().active_joints(0).len(), 2);
+    assert_eq!(bench.0.scene().active_joints(BodyId::new(0)).len(), 2);
     bench.steps(200);
     let apart = bench.pose("Arm").inverse() * bench.pose("Tip");
     close((apart.translation.vector - Vector3::new(0.5, 0.0, 0.0)).norm(), 0.0, 2e-3);
     bench.0.remove_model("/b/").unwrap();
-    assert_eq!(bench.0.scene().active_joints(0).len(), 1);
+    assert_eq!(bench.0.scene().active_joints(BodyId::new(0)).len(), 1);
     bench.steps(200);
     assert!(bench.pose("Arm") != Isometry3::identity());
 }

@@ -3,6 +3,7 @@
 mod physics_common;
 
 use ambf_core::comm::{ActuatorCommand, ObjectKind, SensorType, VehicleCommand};
+use ambf_core::ids::{ActuatorId, BodyId, GhostId, SensorId, SoftBodyId, VehicleId};
 use ambf_core::scene::{Loaded, Parent};
 use ambf_core::sim::Simulation;
 use nalgebra::Vector3;
@@ -27,20 +28,20 @@ const UP: &str = "array: [{offset: {x: 0, y: 0, z: 0}, direction: {x: 0, y: 0, z
 fn a_ray_measures_how_near_something_is_and_names_it() {
     let mut bench = Bench::new(WEIGHTLESS, &ray_under_ball(0.2, &format!("type: Proximity, {UP}")));
     bench.steps(1);
-    let readings = bench.0.scene().sensors[0].readings();
+    let readings = bench.0.scene().sensors[SensorId::new(0)].readings();
     assert_eq!(readings.len(), 2);
     assert!(readings[0].triggered && readings[0].sensed.as_deref() == Some("Ball"));
     close(readings[0].measurement, 1.0 - 0.2 / 0.5, 1e-9);
     assert!(!readings[1].triggered && readings[1].sensed.is_none() && readings[1].measurement == 0.0);
-    let info = &bench.0.scene().sensors[0].info;
+    let info = &bench.0.scene().sensors[SensorId::new(0)].info;
     assert_eq!((info.kind, info.range, info.parent_name.as_str()), (SensorType::Proximity, 0.5, "BODY Post"));
     // Out of reach, then back: a reset restores the body, and the sensor still sees from where it was.
     bench.throw("Ball", Vector3::new(5.0, 0.0, 0.0));
     bench.steps(100);
-    assert!(!bench.0.scene().sensors[0].readings()[0].triggered);
+    assert!(!bench.0.scene().sensors[SensorId::new(0)].readings()[0].triggered);
     bench.0.reset_world();
     bench.steps(1);
-    close(bench.0.scene().sensors[0].readings()[0].measurement, 0.6, 1e-9);
+    close(bench.0.scene().sensors[SensorId::new(0)].readings()[0].measurement, 0.6, 1e-9);
 }
 
 #[test]
@@ -50,7 +51,7 @@ fn the_location_of_a_fan_counts_once() {
     let mut bench = Bench::new(WEIGHTLESS, &ray_under_ball(0.2, fan));
     bench.steps(1);
     // The middle ray starts 0.02 above the sensor, which is 0.1 above the post.
-    close(bench.0.scene().sensors[0].readings()[4].measurement, 1.0 - 0.08 / 0.5, 1e-9);
+    close(bench.0.scene().sensors[SensorId::new(0)].readings()[4].measurement, 1.0 - 0.08 / 0.5, 1e-9);
 }
 
 #[test]
@@ -60,8 +61,8 @@ fn a_resistance_sensor_carries_what_it_presses() {
     bench.steps(8000);
     // k·d = m·g: d = 0.1, the gap is 0.45 m.
     close(bench.position("Ball").z, 0.55, 1e-4);
-    close(bench.0.scene().sensors[0].readings()[0].measurement, 0.1, 2e-4);
-    assert_eq!(bench.0.scene().sensors[0].info.kind, SensorType::Resistance);
+    close(bench.0.scene().sensors[SensorId::new(0)].readings()[0].measurement, 0.1, 2e-4);
+    assert_eq!(bench.0.scene().sensors[SensorId::new(0)].info.kind, SensorType::Resistance);
 }
 
 #[test]
@@ -73,12 +74,12 @@ fn a_contact_sensor_weighs_what_lies_on_its_parent() {
                  SENSOR touch: {name: touch, type: Contact, parent: BODY Table}\n";
     let mut bench = Bench::new(HEAVY, model);
     bench.steps(5);
-    assert!(bench.0.scene().sensors[0].readings().is_empty(), "still falling");
+    assert!(bench.0.scene().sensors[SensorId::new(0)].readings().is_empty(), "still falling");
     bench.steps(1000);
     let mut sum = 0.0;
     for _ in 0..100 {
         bench.steps(1);
-        let readings = bench.0.scene().sensors[0].readings();
+        let readings = bench.0.scene().sensors[SensorId::new(0)].readings();
         sum += readings.iter().map(|reading| reading.measurement).sum::<f64>() / 100.0;
         assert!(readings.iter().all(|reading| reading.sensed.as_deref() == Some("Box")), "{readings:?}");
     }
@@ -117,8 +118,8 @@ fn an_actuator_holds_a_body_where_it_is_until_it_lets_go() {
     ] {
         let mut bench = hand();
         bench.steps(1);
-        assert_eq!(bench.0.command_actuator(0, &command), None);
-        assert!(bench.0.scene().actuators[0].is_actuated());
+        assert_eq!(bench.0.command_actuator(ActuatorId::new(0), &command), None);
+        assert!(bench.0.scene().actuators[ActuatorId::new(0)].is_actuated());
         let hand = bench.body("Hand");
         for step in 0..1000 {
             // 0.2 m to the side in a second.
@@ -126,8 +127,8 @@ fn an_actuator_holds_a_body_where_it_is_until_it_lets_go() {
             bench.steps(1);
         }
         near(bench.position("Box") - bench.position("Hand"), [0.0, 0.0, -0.3], 2e-3);
-        assert_eq!(bench.0.command_actuator(0, &ActuatorCommand::default()), None);
-        assert!(!bench.0.scene().actuators[0].is_actuated());
+        assert_eq!(bench.0.command_actuator(ActuatorId::new(0), &ActuatorCommand::default()), None);
+        assert!(!bench.0.scene().actuators[ActuatorId::new(0)].is_actuated());
         bench.steps(300);
         assert!(bench.position("Box").z < 0.4, "it falls");
     }
@@ -142,7 +143,7 @@ fn an_offset_says_where_the_body_is_held() {
         offset_orientation: [0.0, 0.0, 0.0, 1.0],
         ..by_name("Box")
     };
-    bench.0.command_actuator(0, &offset);
+    bench.0.command_actuator(ActuatorId::new(0), &offset);
     bench.steps(1500);
     // The frame 0.1 above the centre of the box is at the actuator, 0.1 below the hand.
     near(bench.position("Box"), [0.0, 0.0, 0.8], 2e-3);
@@ -151,13 +152,16 @@ fn an_offset_says_where_the_body_is_held() {
 #[test]
 fn what_an_actuator_cannot_find_is_named_once() {
     let mut bench = hand();
-    let message = bench.0.command_actuator(0, &by_name("BODY Nobody")).expect("a message");
+    let message = bench.0.command_actuator(ActuatorId::new(0), &by_name("BODY Nobody")).expect("a message");
     assert!(message.contains("BODY Nobody") && message.contains("ACTUATOR grip"), "{message}");
-    assert_eq!(bench.0.command_actuator(0, &by_name("BODY Nobody")), None);
-    assert!(bench.0.command_actuator(0, &by_name("BODY")).is_none() && !bench.0.scene().actuators[0].is_actuated());
+    assert_eq!(bench.0.command_actuator(ActuatorId::new(0), &by_name("BODY Nobody")), None);
+    assert!(
+        bench.0.command_actuator(ActuatorId::new(0), &by_name("BODY")).is_none()
+            && !bench.0.scene().actuators[ActuatorId::new(0)].is_actuated()
+    );
     // The hand itself cannot be held by itself.
-    bench.0.command_actuator(0, &by_name("BODY Hand"));
-    assert!(!bench.0.scene().actuators[0].is_actuated());
+    bench.0.command_actuator(ActuatorId::new(0), &by_name("BODY Hand"));
+    assert!(!bench.0.scene().actuators[ActuatorId::new(0)].is_actuated());
 }
 
 /// A box in a ghost zone of 1 m around the origin, with its own gravity.
@@ -174,7 +178,7 @@ fn what_is_in_a_ghost_floats_and_gets_its_own_weight_back() {
     let (velocity, _) = bench.velocity("Box");
     assert!(velocity.norm() < 1e-6, "it is slowed down: {velocity}");
     assert!(bench.position("Box").norm() < 0.1);
-    assert_eq!(bench.0.scene().ghosts[0].sensed(&bench.0.scene().bodies).next(), Some(0));
+    assert_eq!(bench.0.scene().ghosts[GhostId::new(0)].sensed(&bench.0.scene().bodies).next(), Some(BodyId::new(0)));
     // Throw it out.
     for _ in 0..400 {
         bench.throw("Box", Vector3::new(0.0, 0.0, -5.0));
@@ -183,7 +187,7 @@ fn what_is_in_a_ghost_floats_and_gets_its_own_weight_back() {
     let before = bench.velocity("Box").0.z;
     bench.steps(100);
     close(bench.velocity("Box").0.z - before, -0.3, 1e-9);
-    assert!(bench.0.scene().ghosts[0].sensed(&bench.0.scene().bodies).next().is_none());
+    assert!(bench.0.scene().ghosts[GhostId::new(0)].sensed(&bench.0.scene().bodies).next().is_none());
 }
 
 #[test]
@@ -196,9 +200,9 @@ fn a_ghost_follows_its_parent_body() {
     let mut bench = Bench::new(HEAVY, &model);
     bench.steps(2);
     let scene = bench.0.scene();
-    assert_eq!(scene.ghosts[0].attached.parent, Some(Parent::Body(1)));
-    near(scene.ghosts[0].pose().translation.vector, [5.0, 0.0, 1.0], 1e-12);
-    assert!(scene.ghosts[0].sensed(&scene.bodies).next().is_none());
+    assert_eq!(scene.ghosts[GhostId::new(0)].attached.parent, Some(Parent::Body(BodyId::new(1))));
+    near(scene.ghosts[GhostId::new(0)].pose().translation.vector, [5.0, 0.0, 1.0], 1e-12);
+    assert!(scene.ghosts[GhostId::new(0)].sensed(&scene.bodies).next().is_none());
 }
 
 #[test]
@@ -216,7 +220,7 @@ fn a_short_name_means_the_parent_of_the_same_model() {
     let Loaded { scene, report } = load_texts(HEAVY, &[&a, &a, &b]);
     assert!(report.errors() == 0 && !report.to_string().contains("parent"), "{report}");
     let parents = |placed: Vec<Option<Parent>>| {
-        assert_eq!(placed, (0..3).map(|body| Some(Parent::Body(body))).collect::<Vec<_>>())
+        assert_eq!(placed, (0..3).map(|body| Some(Parent::Body(BodyId::new(body)))).collect::<Vec<_>>())
     };
     parents(scene.ghosts.iter().map(|ghost| ghost.attached.parent).collect());
     parents(
@@ -275,7 +279,7 @@ fn car() -> String {
 
 fn drive(bench: &mut Bench, command: &VehicleCommand, steps: u32) {
     for _ in 0..steps {
-        bench.0.command_vehicle(0, command);
+        bench.0.command_vehicle(VehicleId::new(0), command);
         bench.steps(1);
     }
 }
@@ -283,7 +287,7 @@ fn drive(bench: &mut Bench, command: &VehicleCommand, steps: u32) {
 #[test]
 fn a_vehicle_drives_steers_and_brakes() {
     let mut bench = Bench::new(HEAVY, &car());
-    assert_eq!(bench.0.scene().vehicles[0].wheels.len(), 4);
+    assert_eq!(bench.0.scene().vehicles[VehicleId::new(0)].wheels.len(), 4);
     drive(&mut bench, &VehicleCommand::default(), 1000);
     let start = bench.position("Chassis");
     assert!((0.15..0.25).contains(&start.z), "it stands on its wheels: {start}");
@@ -386,7 +390,7 @@ fn cloth_and_hand(name: &str) -> Bench {
 
 fn nodes(bench: &Bench) -> Vec<Vector3<f64>> {
     let (scene, mut nodes) = (bench.0.scene(), vec![[0.0; 3]; 36]);
-    scene.soft_bodies[0].read_nodes(&scene.world, &mut nodes);
+    scene.soft_bodies[SoftBodyId::new(0)].read_nodes(&scene.world, &mut nodes);
     nodes.into_iter().map(Vector3::from).collect()
 }
 
@@ -416,12 +420,16 @@ fn a_cloth_hangs_settles_and_is_restored() {
 fn an_actuator_ties_what_it_sees_of_a_cloth_to_its_parent() {
     let mut bench = cloth_and_hand("held");
     bench.steps(1);
-    assert!(bench.0.scene().sensors[0].readings()[0].triggered);
-    assert_eq!(bench.0.scene().sensors[0].readings()[0].sensed, None, "a soft body has no name to a sensor");
+    assert!(bench.0.scene().sensors[SensorId::new(0)].readings()[0].triggered);
+    assert_eq!(
+        bench.0.scene().sensors[SensorId::new(0)].readings()[0].sensed,
+        None,
+        "a soft body has no name to a sensor"
+    );
     let command =
         ActuatorCommand { actuate: true, use_sensor_data: true, sensor_identifier: "eye".into(), ..Default::default() };
-    assert_eq!(bench.0.command_actuator(0, &command), None);
-    assert!(bench.0.scene().actuators[0].is_actuated());
+    assert_eq!(bench.0.command_actuator(ActuatorId::new(0), &command), None);
+    assert!(bench.0.scene().actuators[ActuatorId::new(0)].is_actuated());
     let middle = |bench: &Bench| {
         nodes(bench).iter().map(|node| (node - Vector3::new(0.25, 0.0, 0.75)).norm()).fold(9.0, f64::min)
     };
@@ -434,8 +442,8 @@ fn an_actuator_ties_what_it_sees_of_a_cloth_to_its_parent() {
     }
     let pulled = nodes(&bench).iter().map(|node| node.y).fold(0.0, f64::min);
     close(pulled, -0.2, 0.03);
-    bench.0.command_actuator(0, &ActuatorCommand::default());
-    assert!(!bench.0.scene().actuators[0].is_actuated());
+    bench.0.command_actuator(ActuatorId::new(0), &ActuatorCommand::default());
+    assert!(!bench.0.scene().actuators[ActuatorId::new(0)].is_actuated());
     bench.steps(3000);
     assert!(nodes(&bench).iter().all(|node| node.y.abs() < 0.1), "it swings back");
 }
@@ -444,11 +452,11 @@ fn an_actuator_ties_what_it_sees_of_a_cloth_to_its_parent() {
 fn a_node_can_be_picked_and_dragged() {
     let mut bench = cloth_and_hand("picked");
     let goal = Vector3::new(0.25, 0.3, 0.6);
-    assert_eq!(bench.0.pick_soft_node(0, &Vector3::new(9.0, 9.0, 9.0), 0.1, goal), None);
-    let node = bench.0.pick_soft_node(0, &Vector3::new(0.3, 0.0, 0.6), 0.1, goal).expect("a node");
+    assert_eq!(bench.0.pick_soft_node(SoftBodyId::new(0), &Vector3::new(9.0, 9.0, 9.0), 0.1, goal), None);
+    let node = bench.0.pick_soft_node(SoftBodyId::new(0), &Vector3::new(0.3, 0.0, 0.6), 0.1, goal).expect("a node");
     bench.steps(500);
     assert!((nodes(&bench)[node] - goal).norm() < 0.1, "{}", nodes(&bench)[node]);
-    bench.0.drag_soft_node(0, node, None);
+    bench.0.drag_soft_node(SoftBodyId::new(0), node, None);
     bench.steps(3000);
     assert!((nodes(&bench)[node] - goal).norm() > 0.2);
 }

@@ -2,6 +2,7 @@
 
 mod physics_common;
 
+use ambf_core::ids::BodyId;
 use ambf_core::scene::Loaded;
 use ambf_core::sim::Simulation;
 use physics_common::{load_texts, DT, HEAVY};
@@ -125,7 +126,7 @@ fn a_file_with_a_text_for_a_number_is_refused_and_the_others_live() {
 fn a_body_that_is_listed_but_not_defined_is_said_and_replaced() {
     let simulation = survives(WITH_BODY, "", &["m0.yaml:1", "BODY Bad", "not defined"]);
     // An unnamed one, as in the C++ program.
-    let body = &simulation.scene().bodies[1];
+    let body = &simulation.scene().bodies[BodyId::new(1)];
     assert_eq!((&*body.identity.name, body.mass), ("", 1.0));
 }
 
@@ -172,7 +173,7 @@ fn a_state_that_is_lost_is_reported_with_body_and_step() {
     assert_eq!(report.errors(), 0, "{report}");
     let mut simulation = Simulation::new(scene, DT);
     simulation.update(DT).expect("sane");
-    simulation.set_velocity(1, nalgebra::Vector3::repeat(1e308), nalgebra::Vector3::repeat(1e308));
+    simulation.set_velocity(BodyId::new(1), nalgebra::Vector3::repeat(1e308), nalgebra::Vector3::repeat(1e308));
     let lost = (0..100).find_map(|_| simulation.update(DT).err()).expect("1e308 m/s cannot last");
     assert!(lost.step >= 2 && lost.body.contains("BODY "), "{lost}");
     assert_eq!(lost.joint.as_deref(), Some("J"));

@@ -2,6 +2,7 @@
 
 mod physics_common;
 
+use ambf_core::ids::BodyId;
 use ambf_core::scene::Loaded;
 use ambf_core::sim::Simulation;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
@@ -161,7 +162,7 @@ fn the_moment_of_inertia_is_that_of_the_bounding_box() {
             format!("bodies: [B]\nB: {{name: B, mass: 12, collision margin: 0.001, collision shape: {shape}}}\n");
         let bench = Bench::new(WEIGHTLESS, &text);
         let [x, y, z] = edges.map(|edge| edge * edge);
-        near(bench.0.scene().bodies[0].inertia, [y + z, z + x, x + y], 1e-9);
+        near(bench.0.scene().bodies[BodyId::new(0)].inertia, [y + z, z + x, x + y], 1e-9);
     }
 }
 
@@ -172,23 +173,23 @@ fn several_shapes_count_as_their_common_box() {
                 {shape: Sphere, geometry: {radius: 0.1}, offset: {position: {x: -0.4, y: 0, z: 0}}}]}\n";
     let bench = Bench::new(WEIGHTLESS, text);
     let (x, y) = (1.0, 0.04);
-    near(bench.0.scene().bodies[0].inertia, [y + y, x + y, x + y], 1e-9);
+    near(bench.0.scene().bodies[BodyId::new(0)].inertia, [y + y, x + y, x + y], 1e-9);
 }
 
 #[test]
 fn a_written_moment_of_inertia_is_used_and_a_plane_has_none() {
     let bench = ball(WEIGHTLESS, 0.0);
-    near(bench.0.scene().bodies[0].inertia, [0.1, 0.2, 0.3], 0.0);
+    near(bench.0.scene().bodies[BodyId::new(0)].inertia, [0.1, 0.2, 0.3], 0.0);
     let text = "bodies: [P]\nP: {name: P, mass: 0, collision shape: Plane, \
                 collision geometry: {normal: {x: 0, y: 0, z: 1}, offset: 0}}\n";
-    near(Bench::new(HEAVY, text).0.scene().bodies[0].inertia, [0.0; 3], 0.0);
+    near(Bench::new(HEAVY, text).0.scene().bodies[BodyId::new(0)].inertia, [0.0; 3], 0.0);
 }
 
 #[test]
 fn a_body_without_a_shape_does_not_turn() {
     let mut bench = Bench::new(WEIGHTLESS, "bodies: [B]\nB: {name: B, mass: 1}\n");
-    assert_eq!(bench.0.scene().bodies[0].inertia, Vector3::zeros());
-    bench.0.apply_wrench(0, Vector3::x(), Vector3::new(1.0, 2.0, 3.0));
+    assert_eq!(bench.0.scene().bodies[BodyId::new(0)].inertia, Vector3::zeros());
+    bench.0.apply_wrench(BodyId::new(0), Vector3::x(), Vector3::new(1.0, 2.0, 3.0));
     bench.steps(10);
     assert_eq!(bench.velocity("B").1, Vector3::zeros());
     assert!(bench.velocity("B").0.x > 0.0);
@@ -247,7 +248,7 @@ fn copies_of_a_model_are_separate_bodies() {
         bench.0.scene().bodies.iter().map(|body| body.identity.communication_name()).collect::<Vec<_>>(),
         ["Ball", "Ball1"]
     );
-    bench.0.set_velocity(1, Vector3::x(), Vector3::zeros());
+    bench.0.set_velocity(BodyId::new(1), Vector3::x(), Vector3::zeros());
     bench.steps(10);
     let world = &bench.0.scene().world;
     let x = [0, 1].map(|body| world.pose(world.bodies()[body]).expect("live").translation.x);
@@ -280,7 +281,7 @@ fn what_collides_cannot_turn_like_a_point() {
     let report = load_texts(&world, &[&text("0.006")]).report;
     assert!(!report.to_string().contains("inertia"), "{report}");
     let Loaded { scene, .. } = load_texts(HEAVY, &[&text("1e-9")]);
-    assert_eq!(scene.bodies[1].inertia, Vector3::repeat(1e-9), "legacy takes what is written");
+    assert_eq!(scene.bodies[BodyId::new(1)].inertia, Vector3::repeat(1e-9), "legacy takes what is written");
 }
 
 /// The impulses from which the solver starts belong to the motion that was reset.

@@ -5,6 +5,7 @@
 mod physics_common;
 
 use ambf_core::comm::{ActuatorCommand, JointCommandType};
+use ambf_core::ids::ActuatorId;
 use ambf_core::sim::Simulation;
 use nalgebra::{UnitQuaternion, Vector3};
 use physics_common::{load_texts, Bench};
@@ -234,7 +235,7 @@ impl Case {
     fn run(&self) {
         let mut bench = self.bench();
         let grip = |bench: &mut Bench, actuate: bool| {
-            for tool in 0..self.tools().len() {
+            for tool in (0..self.tools().len()).map(ActuatorId::new) {
                 let command = ActuatorCommand { actuate, body_name: "BODY Held".into(), ..Default::default() };
                 assert_eq!(bench.0.command_actuator(tool, &command), None);
             }

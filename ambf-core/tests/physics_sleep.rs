@@ -3,6 +3,7 @@
 mod physics_common;
 
 use ambf_core::comm::{ActuatorCommand, BodyKinematics, JointCommandType};
+use ambf_core::ids::{ActuatorId, SensorId};
 use nalgebra::{Isometry3, Vector3};
 use physics_common::{close, load_texts, near, Bench, HEAVY, WEIGHTLESS};
 
@@ -27,7 +28,7 @@ const MODEL: &str = "bodies: [BODY Table, BODY Box, BODY Hand, BODY Post, BODY A
 
 fn asleep(bench: &Bench, name: &str) -> bool {
     let world = &bench.0.scene().world;
-    world.is_asleep(world.bodies()[bench.body(name)]).expect("a live body")
+    world.is_asleep(world.bodies()[bench.body(name).index()]).expect("a live body")
 }
 
 fn sleeping() -> Bench {
@@ -49,14 +50,14 @@ fn sensors_see_and_feel_what_sleeps_and_its_state_is_complete() {
     let mut bench = sleeping();
     bench.steps(100);
     let scene = bench.0.scene();
-    let touch = scene.sensors[0].readings();
+    let touch = scene.sensors[SensorId::new(0)].readings();
     close(touch.iter().map(|reading| reading.measurement).sum::<f64>(), 20.0, 1.0);
-    let eye = &scene.sensors[1].readings()[0];
+    let eye = &scene.sensors[SensorId::new(1)].readings()[0];
     assert_eq!(eye.sensed.as_deref(), Some("Box"));
     close(eye.measurement, 1.0 - 0.35, 1e-3);
     let mut states = vec![BodyKinematics::default(); scene.bodies.len()];
     scene.world.read_bodies(&mut states);
-    let state = states[bench.body("Box")];
+    let state = states[bench.body("Box").index()];
     assert_eq!((state.linear_velocity, state.angular_velocity), ([0.0; 3], [0.0; 3]));
     near(state.origin.into(), [0.0, 0.0, 0.1], 1e-3);
 }
@@ -86,7 +87,7 @@ fn commands_wake_what_they_act_on() {
 fn an_actuator_holds_and_lets_go_of_what_sleeps() {
     let mut bench = sleeping();
     let hold = ActuatorCommand { actuate: true, body_name: "BODY Box".into(), ..ActuatorCommand::default() };
-    assert_eq!(bench.0.command_actuator(0, &hold), None);
+    assert_eq!(bench.0.command_actuator(ActuatorId::new(0), &hold), None);
     bench.steps(4000);
     assert!(asleep(&bench, "Box"), "it is held, and rests");
     for i in 1..=100 {
@@ -97,7 +98,7 @@ fn an_actuator_holds_and_lets_go_of_what_sleeps() {
     close(bench.position("Box").z, 0.3, 0.01);
     bench.steps(4000);
     assert!(asleep(&bench, "Box"));
-    bench.0.command_actuator(0, &ActuatorCommand::default());
+    bench.0.command_actuator(ActuatorId::new(0), &ActuatorCommand::default());
     bench.steps(500);
     close(bench.position("Box").z, 0.1, 0.01);
 }

@@ -5,6 +5,7 @@ mod plugin_common;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use ambf_core::ids::BodyId;
 use ambf_core::plugin::{DrawingShape, Input, PluginSetup, TextPlace};
 use ambf_core::sim::Simulation;
 use nalgebra::Vector3;
@@ -159,7 +160,7 @@ fn a_plugin_in_c_works_through_the_same_interface() {
         simulation.iterate(0.001).unwrap();
     }
     let scene = simulation.scene();
-    let fallen = scene.bodies[0].pose(&scene.world).translation.vector.z;
+    let fallen = scene.bodies[BodyId::new(0)].pose(&scene.world).translation.vector.z;
     // Only the first step is not carried.
     assert!((fallen + 0.001).abs() < 2e-4, "{fallen}");
     simulation.close_plugins();
@@ -266,7 +267,7 @@ fn the_c_example_of_the_guide_lifts_its_body() {
         simulation.iterate(0.001).unwrap();
     }
     let scene = simulation.scene();
-    let fallen = scene.bodies[0].pose(&scene.world).translation.vector.z;
+    let fallen = scene.bodies[BodyId::new(0)].pose(&scene.world).translation.vector.z;
     // One step of free fall, then carried.
     assert!((fallen + 9.8 * 0.001 * 0.1).abs() < 1e-4, "{fallen}");
 }

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use ambf_core::comm::Hub;
+use ambf_core::ids::BodyId;
 use ambf_core::plugin::{Input, PluginSetup};
 use ambf_core::scene::PreparedModel;
 use ambf_core::sim::{Event, Runner, RunnerOptions, Simulation};
@@ -342,7 +343,11 @@ fn a_scene_without_plugins_is_bit_for_bit_the_same() {
     let run = |mut simulation: Simulation| {
         let mut bits = Vec::new();
         for step in 0..500 {
-            simulation.apply_wrench(1, nalgebra::Vector3::new(0.0, 0.0, f64::from(step % 7)), Default::default());
+            simulation.apply_wrench(
+                BodyId::new(1),
+                nalgebra::Vector3::new(0.0, 0.0, f64::from(step % 7)),
+                Default::default(),
+            );
             simulation.iterate(0.001).unwrap();
             let mut states = vec![Default::default(); simulation.scene().bodies.len()];
             simulation.scene().world.read_bodies(&mut states);

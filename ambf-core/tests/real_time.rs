@@ -8,6 +8,7 @@ use ambf_core::comm::{
     CartesianCommandType, Hub, HubIndex, HubObject, JointCommandType, ObjectKind, RigidBodyCommand, Snapshot,
     StepError, StepOrder, WorldCommand,
 };
+use ambf_core::ids::{BodyId, JointId};
 use ambf_core::scene::{load, SceneFiles, SceneOptions};
 use ambf_core::sim::{Event, Runner, RunnerOptions, Simulation, DEFAULT_SUB_STEP};
 use nalgebra::Vector3;
@@ -36,7 +37,7 @@ impl Running {
         Self { runner: Runner::start(simulation, options), hub }
     }
 
-    fn object(&self, name: &str) -> (HubIndex, usize) {
+    fn object(&self, name: &str) -> (HubIndex, BodyId) {
         let found = self.hub.objects().entries().find_map(|(place, object)| match object.info.kind {
             ObjectKind::RigidBody(index, _) if object.info.name == name => Some((place, index)),
             _ => None,
@@ -158,9 +159,10 @@ fn a_joint_command_moves_its_joint_until_the_watchdog_lets_go() {
     };
     running.wait_for("the set point", |state| {
         running.hub.post(object, &command).unwrap();
-        (state.joint_positions[0] - 0.3).abs() < 0.05 && state.joint_velocities[0].abs() < 0.05
+        (state.joint_positions[JointId::new(0)] - 0.3).abs() < 0.05
+            && state.joint_velocities[JointId::new(0)].abs() < 0.05
     });
-    running.wait_for("letting go", |state| (state.joint_positions[0] - 0.3).abs() > 0.3);
+    running.wait_for("letting go", |state| (state.joint_positions[JointId::new(0)] - 0.3).abs() > 0.3);
 }
 
 #[test]
@@ -185,11 +187,11 @@ fn a_wrench_acts_and_a_reset_brings_everything_back() {
 fn a_reset_is_seen_while_paused() {
     let running = Running::start("pendulum.yaml", FIXED);
     let (_, link) = running.object("Link");
-    let swung = running.wait_for("motion", |state| state.joint_positions[0].abs() > 0.1);
+    let swung = running.wait_for("motion", |state| state.joint_positions[JointId::new(0)].abs() > 0.1);
     running.runner.control().set_paused(true);
     let held = running.settle();
     running.hub.request_body_reset();
-    let reset = running.wait_for("the start", |state| state.joint_positions[0].abs() < 1e-9);
+    let reset = running.wait_for("the start", |state| state.joint_positions[JointId::new(0)].abs() < 1e-9);
     assert_ne!(reset.bodies[link].origin, swung.bodies[link].origin);
     assert_eq!((reset.sim_step, reset.sim_time), (held.sim_step, held.sim_time));
 }

@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use ambf_core::bullet::Solver;
 use ambf_core::comm::ActuatorCommand;
 use ambf_core::control::Profile;
+use ambf_core::ids::{ActuatorId, SoftBodyId};
 use ambf_core::scene::{PhysicsOptions, PreparedModel, SceneFiles};
 use ambf_core::sim::{SavedState, Simulation, StateError};
 use ambf_test_support::legacy;
@@ -249,7 +250,7 @@ fn grips_come_and_go_with_the_states() {
             let heavy = scene.bodies.iter().rev().find(|body| body.mass > 0.0).expect("a dynamic body");
             let body_name = heavy.identity.key();
             let command = ActuatorCommand { actuate, body_name, ..ActuatorCommand::default() };
-            assert_eq!(simulation.command_actuator(0, &command), None);
+            assert_eq!(simulation.command_actuator(ActuatorId::new(0), &command), None);
         };
         let steps = |simulation: &mut Simulation| {
             let mut hasher = DefaultHasher::new();
@@ -259,7 +260,7 @@ fn grips_come_and_go_with_the_states() {
             }
             hasher.finish()
         };
-        let held = |simulation: &Simulation| simulation.scene().actuators[0].is_actuated();
+        let held = |simulation: &Simulation| simulation.scene().actuators[ActuatorId::new(0)].is_actuated();
         steps(&mut simulation);
         let free = simulation.save().expect("savable");
         let after_free = steps(&mut simulation);
@@ -301,14 +302,15 @@ fn a_picked_node_of_a_cloth_is_drawn_on() {
     let free = simulation.save().expect("savable");
     let after_free = steps(&mut simulation);
     let scene = simulation.scene();
-    let mut nodes = vec![[0.0; 3]; scene.soft_bodies[0].nodes];
-    scene.soft_bodies[0].read_nodes(&scene.world, &mut nodes);
+    let mut nodes = vec![[0.0; 3]; scene.soft_bodies[SoftBodyId::new(0)].nodes];
+    scene.soft_bodies[SoftBodyId::new(0)].read_nodes(&scene.world, &mut nodes);
     let point = Vector3::from(nodes[5]);
-    let node = simulation.pick_soft_node(0, &point, 0.1, point + Vector3::z() * 0.3).expect("a node is near");
+    let node =
+        simulation.pick_soft_node(SoftBodyId::new(0), &point, 0.1, point + Vector3::z() * 0.3).expect("a node is near");
     let picked = simulation.save().expect("savable");
     let after_picked = steps(&mut simulation);
     assert_ne!(after_picked, after_free);
-    simulation.drag_soft_node(0, node, None);
+    simulation.drag_soft_node(SoftBodyId::new(0), node, None);
     steps(&mut simulation);
     for _ in 0..2 {
         simulation.restore(&picked).expect("of this simulation");

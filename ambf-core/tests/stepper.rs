@@ -36,11 +36,11 @@ fn command(object: usize, kind: &ObjectKind, call: usize) -> Option<RigidBodyCom
         orientation: [0.0, 0.0, 0.0, 1.0],
         force: Vector3::new(phase, 0.0, 0.3),
         linear_velocity: Vector3::new(0.1 * phase, 0.0, 0.0),
-        joint_commands: info.joints.iter().map(|&joint| 0.2 * (phase + joint as f64)).collect(),
+        joint_commands: info.joints.iter().map(|&joint| 0.2 * (phase + joint.index() as f64)).collect(),
         joint_command_types: info
             .joints
             .iter()
-            .map(|joint| JointCommandType::from(((joint + call / 7) % 3) as i8))
+            .map(|joint| JointCommandType::from(((joint.index() + call / 7) % 3) as i8))
             .collect(),
         ..RigidBodyCommand::default()
     })

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use ambf_core::adf;
 use ambf_core::comm::JointCommandType;
+use ambf_core::ids::BodyId;
 use ambf_core::scene::{load, Loaded, SceneFiles, SceneOptions};
 use ambf_core::sim::Simulation;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
@@ -359,7 +360,7 @@ fn robots_of_the_same_file_are_told_apart_and_adf_files_still_are_adf() {
     let Loaded { scene, report } = load(&files, &SceneOptions::default());
     assert_eq!(report.errors(), 0, "{report}");
     assert_eq!((scene.bodies.len(), scene.joints.len(), scene.models.len()), (20, 18, 3));
-    assert!(scene.joints.iter().skip(9).all(|joint| joint.parent >= 10 && joint.child >= 10));
+    assert!(scene.joints.iter().skip(9).all(|joint| joint.parent >= BodyId::new(10) && joint.child >= BodyId::new(10)));
     let yaml = folder.write("model.yaml", "bodies: []\n");
     assert!(adf::load::<adf::Model>(&yaml).is_ok() && ambf_core::scene::read_model(&yaml).is_ok());
     let broken = SceneFiles { world: None, models: vec![folder.write("broken.urdf", "<robot>\n<link></robot>")] };

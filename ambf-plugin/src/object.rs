@@ -1,65 +1,56 @@
 //! Any object of a scene, named by its type and its index.
 
-/// Types of objects that a model is made of.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-#[repr(u32)]
-pub enum ObjectType {
+macro_rules! object_types {
+    ($($(#[$doc:meta])* $kind:ident = $number:literal, $words:literal;)*) => {
+        /// Types of objects that a model is made of.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+        #[repr(u32)]
+        pub enum ObjectType {
+            $($(#[$doc])* $kind = $number,)*
+        }
+
+        impl ObjectType {
+            /// All types, in the order of their numbers.
+            pub const ALL: [Self; [$($number),*].len()] = [$(Self::$kind),*];
+
+            /// What a message calls it.
+            pub fn words(self) -> &'static str {
+                match self {
+                    $(Self::$kind => $words,)*
+                }
+            }
+        }
+    };
+}
+
+// New ones at the end: numbers stay what they are.
+object_types! {
     /// Rigid body.
-    Body = 0,
+    Body = 0, "rigid body";
     /// Soft body.
-    SoftBody = 1,
+    SoftBody = 1, "soft body";
     /// Ghost object.
-    Ghost = 2,
+    Ghost = 2, "ghost object";
     /// Joint.
-    Joint = 3,
+    Joint = 3, "joint";
     /// Sensor.
-    Sensor = 4,
+    Sensor = 4, "sensor";
     /// Actuator.
-    Actuator = 5,
+    Actuator = 5, "actuator";
     /// Vehicle.
-    Vehicle = 6,
+    Vehicle = 6, "vehicle";
     /// Camera.
-    Camera = 7,
+    Camera = 7, "camera";
     /// Light.
-    Light = 8,
+    Light = 8, "light";
     /// Volume: kept for a viewer, without anything that moves.
-    Volume = 9,
+    Volume = 9, "volume";
 }
 
 impl ObjectType {
-    /// All types, in the order of their numbers.
-    pub const ALL: [Self; 10] = [
-        Self::Body,
-        Self::SoftBody,
-        Self::Ghost,
-        Self::Joint,
-        Self::Sensor,
-        Self::Actuator,
-        Self::Vehicle,
-        Self::Camera,
-        Self::Light,
-        Self::Volume,
-    ];
-
     /// The type with a number.
     pub fn from_number(number: u32) -> Option<Self> {
         Self::ALL.get(number as usize).copied()
-    }
-
-    /// What a message calls it.
-    pub fn words(self) -> &'static str {
-        match self {
-            Self::Body => "rigid body",
-            Self::SoftBody => "soft body",
-            Self::Ghost => "ghost object",
-            Self::Joint => "joint",
-            Self::Sensor => "sensor",
-            Self::Actuator => "actuator",
-            Self::Vehicle => "vehicle",
-            Self::Camera => "camera",
-            Self::Light => "light",
-            Self::Volume => "volume",
-        }
     }
 }
 

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
+use ambf_core::ids::CameraId;
 use ambf_core::scene::{load, SceneFiles, SceneOptions};
 use ambf_core::sim::Simulation;
 use ambf_render::{PictureRequest, Renderer, Stage, View};
@@ -19,7 +20,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let simulation = Simulation::new(loaded.scene, 0.001);
     let (visuals, snapshot) = (Arc::new(simulation.scene().visuals(0)), simulation.snapshot());
     let camera = visuals.cameras.first().ok_or("the scene has no camera")?;
-    let view = View::of_camera(&camera.description, &snapshot.views[0]);
+    let view = View::of_camera(&camera.description, &snapshot.views[CameraId::new(0)]);
 
     let mut renderer = Renderer::offscreen()?;
     println!("{}", renderer.device());

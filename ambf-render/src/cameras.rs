@@ -1,5 +1,6 @@
 //! Which camera is meant.
 
+use ambf_core::ids::CameraId;
 use ambf_core::scene::{VisualObject, VisualScene};
 use thiserror::Error;
 
@@ -41,38 +42,37 @@ pub fn object_label(object: &VisualObject) -> String {
     })
 }
 
-/// Labels ([`object_label`]) of all cameras that are in the scene, by index.
-pub fn camera_labels(visuals: &VisualScene) -> Vec<(usize, String)> {
-    let here = visuals.cameras.iter().enumerate().filter(|(_, camera)| !camera.object.removed);
-    here.map(|(index, camera)| (index, object_label(&camera.object))).collect()
+/// Labels ([`object_label`]) of all cameras that are in the scene.
+pub fn camera_labels(visuals: &VisualScene) -> Vec<(CameraId, String)> {
+    let here = visuals.cameras.entries().filter(|(_, camera)| !camera.object.removed);
+    here.map(|(id, camera)| (id, object_label(&camera.object))).collect()
 }
 
-/// Index of a camera: by label, qualified identifier (prefix, namespace and mapping key), name or mapping key, in this
+/// A camera by label, qualified identifier (prefix, namespace and mapping key), name or mapping key, in this
 /// order; `None` stands for the first camera.
 ///
 /// # Errors
 /// [`NoSuchCamera`], which lists the cameras.
-pub fn find_camera(visuals: &VisualScene, wanted: Option<&str>) -> Result<usize, NoSuchCamera> {
+pub fn find_camera(visuals: &VisualScene, wanted: Option<&str>) -> Result<CameraId, NoSuchCamera> {
     let labels = camera_labels(visuals);
     let Some((first, _)) = labels.first() else { return Err(NoSuchCamera::None) };
     let Some(wanted) = wanted else { return Ok(*first) };
-    let object = |index: usize| &visuals.cameras[index].object;
-    let key = |index: usize| object(index).identifier.rsplit('/').next().unwrap_or_default();
-    type Way<'a> = &'a dyn Fn(usize, &str) -> bool;
+    let object = |id: CameraId| &visuals.cameras[id].object;
+    let key = |id: CameraId| object(id).identifier.rsplit('/').next().unwrap_or_default();
+    type Way<'a> = &'a dyn Fn(CameraId, &str) -> bool;
     let ways: [Way<'_>; 4] = [
         &|_, label| label == wanted,
-        &|index, _| &*object(index).identifier == wanted,
-        &|index, _| &*object(index).name == wanted,
-        &|index, _| key(index) == wanted,
+        &|id, _| &*object(id).identifier == wanted,
+        &|id, _| &*object(id).name == wanted,
+        &|id, _| key(id) == wanted,
     ];
     for way in ways {
-        let found: Vec<usize> =
-            labels.iter().filter(|(index, label)| way(*index, label)).map(|(index, _)| *index).collect();
+        let found: Vec<CameraId> = labels.iter().filter(|(id, label)| way(*id, label)).map(|(id, _)| *id).collect();
         match found[..] {
             [] => continue,
-            [index] => return Ok(index),
+            [id] => return Ok(id),
             _ => {
-                let cameras = found.iter().map(|&index| object(index).identifier.to_string()).collect();
+                let cameras = found.iter().map(|&id| object(id).identifier.to_string()).collect();
                 return Err(NoSuchCamera::Ambiguous { wanted: wanted.to_owned(), cameras });
             }
         }
@@ -107,12 +107,12 @@ mod tests {
     #[test]
     fn cameras_are_found_by_all_their_names() {
         let visuals = visuals(&[("one", "left_eye"), ("two", "right_eye")]);
-        let identifier = visuals.cameras[1].object.identifier.to_string();
+        let identifier = visuals.cameras[CameraId::new(1)].object.identifier.to_string();
         assert!(identifier.ends_with("two"), "{identifier}");
         for name in ["/w/cameras/right_eye", "right_eye", "two", &identifier] {
-            assert_eq!(find_camera(&visuals, Some(name)), Ok(1), "{name}");
+            assert_eq!(find_camera(&visuals, Some(name)), Ok(CameraId::new(1)), "{name}");
         }
-        assert_eq!(find_camera(&visuals, None), Ok(0));
+        assert_eq!(find_camera(&visuals, None), Ok(CameraId::new(0)));
         let error = find_camera(&visuals, Some("three")).expect_err("there is none");
         let text = error.to_string();
         assert_eq!(text, "there is no camera `three`; the scene has /w/cameras/left_eye, /w/cameras/right_eye");
@@ -122,11 +122,11 @@ mod tests {
     fn a_name_of_two_cameras_is_refused() {
         let mut visuals = visuals(&[("one", "eye"), ("two", "eye"), ("three", "lens")]);
         // The second one of a name gets a suffix.
-        visuals.cameras[1].object.name = "eye".into();
+        visuals.cameras[CameraId::new(1)].object.name = "eye".into();
         let error = find_camera(&visuals, Some("eye")).expect_err("there are two");
         assert!(error.to_string().starts_with("several cameras are called `eye`; write "), "{error}");
-        visuals.cameras[0].object.removed = true;
-        assert_eq!(find_camera(&visuals, Some("eye")), Ok(1));
+        visuals.cameras[CameraId::new(0)].object.removed = true;
+        assert_eq!(find_camera(&visuals, Some("eye")), Ok(CameraId::new(1)));
         for camera in &mut visuals.cameras {
             camera.object.removed = true;
         }

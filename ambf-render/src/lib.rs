@@ -2,7 +2,7 @@
 //! window, no ROS, no physics.
 //!
 //! ```no_run
-//! use ambf_render::{Picture, PictureRequest, Renderer, Stage, View};
+//! use ambf_render::{find_camera, Picture, PictureRequest, Renderer, Stage, View};
 //! # fn picture(hub: &ambf_core::comm::Hub) -> Result<Picture, ambf_render::RenderError> {
 //! let (visuals, snapshot) = (hub.visuals().unwrap(), hub.snapshot().clone().unwrap());
 //! let mut renderer = Renderer::offscreen()?;
@@ -10,7 +10,8 @@
 //! for message in renderer.prepare(&mut stage, &visuals, &snapshot) {
 //!     eprintln!("{message}");
 //! }
-//! let view = View::of_camera(&visuals.cameras[0].description, &snapshot.views[0]);
+//! let camera = find_camera(&visuals, None).unwrap();
+//! let view = View::of_camera(&visuals.cameras[camera].description, &snapshot.views[camera]);
 //! let request = PictureRequest { depth: true, ..PictureRequest::color(640, 480) };
 //! renderer.render(&mut stage, &view, &request)
 //! # }

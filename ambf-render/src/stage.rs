@@ -4,7 +4,8 @@ use std::collections::{BTreeSet, HashSet};
 use std::sync::Arc;
 
 use ambf_core::adf;
-use ambf_core::comm::Snapshot;
+use ambf_core::comm::{RayReading, Snapshot, SpotReading};
+use ambf_core::ids::{ActuatorId, BodyId, CameraId, GhostId, LightId, SensorId, SoftBodyId, Table, VehicleId};
 use ambf_core::plugin::Pixels;
 use ambf_core::scene::VisualScene;
 use nalgebra::{Isometry3, Matrix4, Point3, Vector3};
@@ -50,8 +51,8 @@ pub struct Backdrop {
 /// A rigid body that is drawn in another colour.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Highlight {
-    /// Index of the body.
-    pub body: usize,
+    /// Which one.
+    pub body: BodyId,
     /// Red, green, blue, 0 to 1.
     pub color: [f32; 3],
 }
@@ -107,23 +108,23 @@ pub(crate) struct Built {
 /// What of a snapshot is drawn besides poses.
 #[derive(Default)]
 pub(crate) struct SnapshotParts {
-    pub(crate) spots: Vec<ambf_core::comm::SpotReading>,
-    pub(crate) sensors: Vec<Vec<ambf_core::comm::RayReading>>,
-    pub(crate) actuators: Vec<bool>,
+    pub(crate) spots: Table<LightId, SpotReading>,
+    pub(crate) sensors: Table<SensorId, Vec<RayReading>>,
+    pub(crate) actuators: Table<ActuatorId, bool>,
 }
 
-/// Which object of the scene it is, by index.
+/// Which object of the scene it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Source {
-    Body(usize),
-    Ghost(usize),
-    SoftBody(usize),
+    Body(BodyId),
+    Ghost(GhostId),
+    SoftBody(SoftBodyId),
     /// Vehicle and wheel.
-    Wheel(usize, usize),
-    Camera(usize),
-    Light(usize),
-    Sensor(usize),
-    Actuator(usize),
+    Wheel(VehicleId, usize),
+    Camera(CameraId),
+    Light(LightId),
+    Sensor(SensorId),
+    Actuator(ActuatorId),
 }
 
 /// An object of the scene.
@@ -207,8 +208,8 @@ pub(crate) struct Item {
 
 /// A soft body's mesh.
 pub(crate) struct SoftItem {
-    /// Index of the soft body.
-    pub(crate) body: usize,
+    /// Which one.
+    pub(crate) body: SoftBodyId,
     /// Index of the item that shows it.
     pub(crate) item: usize,
     pub(crate) part: SoftPart,
@@ -251,14 +252,14 @@ impl Built {
     pub(crate) fn is_removed(&self, source: Source) -> bool {
         let visuals = &self.visuals;
         match source {
-            Source::Body(index) => visuals.bodies[index].object.removed,
-            Source::Ghost(index) => visuals.ghosts[index].object.removed,
-            Source::SoftBody(index) => visuals.soft_bodies[index].object.removed,
+            Source::Body(id) => visuals.bodies[id].object.removed,
+            Source::Ghost(id) => visuals.ghosts[id].object.removed,
+            Source::SoftBody(id) => visuals.soft_bodies[id].object.removed,
             Source::Wheel(vehicle, _) => visuals.vehicles[vehicle].object.removed,
-            Source::Camera(index) => visuals.cameras[index].object.removed,
-            Source::Light(index) => visuals.lights[index].object.removed,
-            Source::Sensor(index) => visuals.sensors[index].object.removed,
-            Source::Actuator(index) => visuals.actuators[index].object.removed,
+            Source::Camera(id) => visuals.cameras[id].object.removed,
+            Source::Light(id) => visuals.lights[id].object.removed,
+            Source::Sensor(id) => visuals.sensors[id].object.removed,
+            Source::Actuator(id) => visuals.actuators[id].object.removed,
         }
     }
 
@@ -266,29 +267,27 @@ impl Built {
     /// its pose.
     pub(crate) fn take_poses(&mut self, snapshot: &Snapshot) {
         let visuals = Arc::clone(&self.visuals);
-        let body_frame = |index: usize| {
-            let body = snapshot.bodies.get(index)?;
-            Some(body.inertial_pose() * visuals.bodies[index].offset)
+        let body_frame = |id: BodyId| {
+            let body = snapshot.bodies.get(id)?;
+            Some(body.inertial_pose() * visuals.bodies[id].offset)
         };
         for object in &mut self.objects {
             let pose = match object.source {
-                Source::Body(index) => body_frame(index),
-                Source::Ghost(index) => {
-                    snapshot.ghosts.get(index).map(|ghost| ghost.pose * visuals.ghosts[index].offset)
-                }
+                Source::Body(id) => body_frame(id),
+                Source::Ghost(id) => snapshot.ghosts.get(id).map(|ghost| ghost.pose * visuals.ghosts[id].offset),
                 Source::SoftBody(_) => Some(Isometry3::identity()),
                 Source::Wheel(vehicle, wheel) => {
                     let reading = snapshot.vehicles.get(vehicle);
                     reading.and_then(|reading| Some(reading.pose * reading.wheels.get(wheel)?))
                 }
-                Source::Camera(index) => snapshot.views.get(index).map(|view| view.pose),
-                Source::Light(index) => snapshot.spots.get(index).map(|spot| spot.pose),
-                Source::Sensor(index) => {
-                    let sensor = &visuals.sensors[index];
+                Source::Camera(id) => snapshot.views.get(id).map(|view| view.pose),
+                Source::Light(id) => snapshot.spots.get(id).map(|spot| spot.pose),
+                Source::Sensor(id) => {
+                    let sensor = &visuals.sensors[id];
                     body_frame(sensor.parent).map(|parent| parent * sensor.pose)
                 }
-                Source::Actuator(index) => {
-                    let actuator = &visuals.actuators[index];
+                Source::Actuator(id) => {
+                    let actuator = &visuals.actuators[id];
                     body_frame(actuator.parent).map(|parent| parent * actuator.pose)
                 }
             };

@@ -6,6 +6,7 @@ use std::f64::consts::TAU;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use ambf_core::ids::{ActuatorId, BodyId, CameraId, LightId, SensorId, SoftBodyId};
 use ambf_core::plugin::Pixels;
 use ambf_render::{Backdrop, Picture, PictureRequest, Renderer};
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -13,6 +14,9 @@ use render_common::{directory, keep, pixel, simulation, Shown};
 
 /// A world with one camera at (2, 0, 0) that looks at the origin, and one light far above it. `camera` and `light` are
 /// further lines.
+/// The only camera of most scenes here.
+const FIRST: CameraId = CameraId::new(0);
+
 fn world(camera: &str, light: &str) -> String {
     format!(
         "namespace: /test/\ngravity: {{x: 0, y: 0, z: 0}}\ncameras: [cam]\nlights: [light1]\n\
@@ -62,7 +66,7 @@ fn renderer() -> Renderer {
 
 fn drawn(shown: &mut Shown, width: u32, height: u32) -> Picture {
     let request = PictureRequest { depth: true, ..PictureRequest::color(width, height) };
-    shown.picture(&mut renderer(), 0, &request)
+    shown.picture(&mut renderer(), FIRST, &request)
 }
 
 /// First and last column and row of the pixels that are not background, and their number.
@@ -203,7 +207,7 @@ fn row_12_points_project_where_the_formulas_say() {
     let mut shown = shown("row_12", &world("", ""), &[body]);
     let (columns, rows, _) = extent(&drawn(&mut shown, 1280, 960));
     // Clients know the pose, the matrix from the camera to the optical axes, and fx = H / (2 tan(φ/2)).
-    let p = shown.snapshot.views[0].pose.inverse() * at;
+    let p = shown.snapshot.views[FIRST].pose.inverse() * at;
     let optical = Vector3::new(p.y, -p.z, -p.x);
     let focal = 960.0 / (2.0 * 0.25_f64.tan());
     near(f64::from(columns[0] + columns[1] + 1) / 2.0, focal * optical.x / optical.z + 640.0, 1.0, "column");
@@ -345,10 +349,10 @@ fn row_35_nine_lights() {
     }
     let mut shown = shown("row_35", &world, &[floor()]);
     let mut renderer = renderer();
-    let first = shown.picture(&mut renderer, 0, &PictureRequest::color(64, 48));
+    let first = shown.picture(&mut renderer, FIRST, &PictureRequest::color(64, 48));
     let said = |picture: &Picture| picture.messages.iter().filter(|message| message.contains("lights")).count();
     assert_eq!(said(&first), 1, "{:?}", first.messages);
-    assert_eq!(said(&shown.picture(&mut renderer, 0, &PictureRequest::color(64, 48))), 0, "said once");
+    assert_eq!(said(&shown.picture(&mut renderer, FIRST, &PictureRequest::color(64, 48))), 0, "said once");
 }
 
 #[test]
@@ -440,11 +444,11 @@ fn rows_36_and_37_shadows_follow_bodies() {
         ([0.0, 0.0, 0.0], 0.4),
     ];
     for (place, light) in places {
-        shown.snapshot.bodies[1].origin = place;
-        shown.snapshot.spots[0].pose.translation.x = light;
-        let picture = shown.picture(&mut kept, 0, &request);
+        shown.snapshot.bodies[BodyId::new(1)].origin = place;
+        shown.snapshot.spots[LightId::new(0)].pose.translation.x = light;
+        let picture = shown.picture(&mut kept, FIRST, &request);
         let stage = std::mem::take(&mut shown.stage);
-        let fresh = shown.picture(&mut renderer(), 0, &request);
+        let fresh = shown.picture(&mut renderer(), FIRST, &request);
         shown.stage = stage;
         assert!(picture.color == fresh.color, "the box is at {place:?}");
         assert!(pictures.last().is_none_or(|last| last.color != picture.color), "the box at {place:?} is seen");
@@ -568,7 +572,7 @@ fn the_inside_of_an_open_mesh_is_seen() {
     let depth = |name: &str, faces: &[String], at: f64| {
         std::fs::write(place.join(name), format!("{vertices}{}", faces.concat())).expect("a file");
         let mut shown = shown_mesh(&place, name);
-        shown.snapshot.bodies[0].origin[0] = at;
+        shown.snapshot.bodies[BodyId::new(0)].origin[0] = at;
         let picture = drawn(&mut shown, 64, 48);
         assert!(pixel(&picture, 32, 24)[0] < 250, "{name} is seen");
         f64::from(picture.depth[24 * 64 + 32])
@@ -688,7 +692,7 @@ fn rows_48_and_49_the_sky() {
             .replace("look at: {x: 0.0, y: 0.0, z: 0.0}", &format!("look at: {{x: {}, y: {y:?}, z: {z:?}}}", 2.0 + x))
             .replace("up: {x: 0.0, y: 0.0, z: 1.0}", &format!("up: {up}"));
         let mut shown = Shown::of_texts(&place, &world, &model(&[]));
-        let picture = shown.picture(&mut renderer, 0, &PictureRequest::color(640, 480));
+        let picture = shown.picture(&mut renderer, FIRST, &PictureRequest::color(640, 480));
         assert_eq!(picture.messages, [] as [String; 0]);
         let mut color = colors[face].1;
         if sky == own {
@@ -700,7 +704,7 @@ fn rows_48_and_49_the_sky() {
     }
     let world = format!("{}{}", sky.replace("left.png", "absent.png"), world("", ""));
     let mut shown = Shown::of_texts(&place, &world, &model(&[]));
-    let picture = shown.picture(&mut renderer, 0, &PictureRequest::color(64, 48));
+    let picture = shown.picture(&mut renderer, FIRST, &PictureRequest::color(64, 48));
     assert!(picture.messages.iter().any(|message| message.contains("absent.png")), "{:?}", picture.messages);
     assert!(picture.color.iter().all(|&level| level == 255), "white instead");
 }
@@ -727,11 +731,11 @@ fn row_50_masks() {
     for file in ["mask", "absent"] {
         let shaders = format!("preprocessing shaders:\n  path: ./\n  vertex: {file}.vs\n  fragment: {file}.fs");
         let mut shown = Shown::of_texts(&place, &world(&shaders, ""), &model(&bodies));
-        let preprocessing = shown.visuals.cameras[0].description.preprocessing_shaders.clone();
+        let preprocessing = shown.visuals.cameras[FIRST].description.preprocessing_shaders.clone();
         assert!(preprocessing.is_some());
         let request = PictureRequest { preprocessing, samples: 4, ..PictureRequest::color(640, 480) };
         let mut renderer = renderer();
-        let picture = shown.picture(&mut renderer, 0, &request);
+        let picture = shown.picture(&mut renderer, FIRST, &request);
         let mut masked = 0;
         for pixel in picture.color.chunks_exact(3) {
             let is_mask = pixel.iter().zip([179_u8, 89, 0]).all(|(&got, expected)| got.abs_diff(expected) <= 1);
@@ -742,7 +746,7 @@ fn row_50_masks() {
         // The bodies are transparent otherwise; as masks they are opaque.
         let said = picture.messages.iter().filter(|message| message.contains("absent.vs")).count();
         assert_eq!(said, usize::from(file == "absent"), "{:?}", picture.messages);
-        let plain = shown.picture(&mut renderer, 0, &PictureRequest::color(640, 480));
+        let plain = shown.picture(&mut renderer, FIRST, &PictureRequest::color(640, 480));
         assert_ne!(plain.color, picture.color, "the window is as ever");
     }
 }
@@ -759,7 +763,7 @@ fn row_51_shaders_that_do_not_compile() {
     for fragment in ["bad.fs", "good.fs"] {
         let shaders = format!("shaders:\n  path: ./\n  vertex: bad.vs\n  fragment: {fragment}\n{}", world("", ""));
         let mut shown = Shown::of_texts(&place, &shaders, &model(&bodies));
-        let picture = shown.picture(&mut renderer(), 0, &PictureRequest::color(640, 480));
+        let picture = shown.picture(&mut renderer(), FIRST, &PictureRequest::color(640, 480));
         let [r, g, _] = pixel(&picture, 320, 240);
         if fragment == "good.fs" {
             assert_eq!([r, g], [0, 255], "the user's program draws; {:?}", picture.messages);
@@ -789,15 +793,15 @@ fn row_54_frames() {
         let has = |test: fn(&[u8]) -> bool| picture.color.chunks_exact(3).any(test);
         (has(|p| p[1] > 60 && p[0] < 30 && p[2] < 30), has(|p| p[2] > 60 && p[0] < 30 && p[1] < 30))
     };
-    let one = shown.picture(&mut renderer, 0, &PictureRequest::color(640, 480));
+    let one = shown.picture(&mut renderer, FIRST, &PictureRequest::color(640, 480));
     assert_eq!(colors(&one), (true, true), "green y and blue z of the body that was picked");
     // With all frames on, that one is off; those of camera and light are out of sight or end on.
     shown.stage.own_frames.clear();
     shown.stage.frames = true;
-    let all = shown.picture(&mut renderer, 0, &PictureRequest::color(640, 480));
+    let all = shown.picture(&mut renderer, FIRST, &PictureRequest::color(640, 480));
     assert_eq!(colors(&all), (true, true));
     shown.stage.frames = false;
-    let none = shown.picture(&mut renderer, 0, &PictureRequest::color(640, 480));
+    let none = shown.picture(&mut renderer, FIRST, &PictureRequest::color(640, 480));
     assert_eq!(colors(&none), (false, false));
 }
 
@@ -811,7 +815,7 @@ fn row_53_points() {
             pose: Isometry3::translation(0.0, 0.2, 0.0),
             color: [0.0, 0.0, 0.0, 1.0],
         }];
-        let picture = shown.picture(&mut renderer, 0, &PictureRequest::color(640, 480));
+        let picture = shown.picture(&mut renderer, FIRST, &PictureRequest::color(640, 480));
         let (columns, rows, count) = extent(&picture);
         assert_eq!(count, (size * size) as usize, "a square of {size} pixels");
         assert_eq!((width_of(columns), width_of(rows)), (f64::from(size), f64::from(size)));
@@ -834,10 +838,10 @@ fn count(picture: &Picture, test: impl Fn(&[u8]) -> bool) -> usize {
 fn row_52_cloth_follows_its_nodes() {
     let mut shown = shipped("cloth.yaml");
     let mut renderer = renderer();
-    let cloth = shown.visuals.soft_bodies[0].object.identifier.to_string();
+    let cloth = shown.visuals.soft_bodies[SoftBodyId::new(0)].object.identifier.to_string();
     let request = PictureRequest { ids: true, ..PictureRequest::color(320, 240) };
     let mut rows = |shown: &mut Shown| {
-        let picture = shown.picture(&mut renderer, 0, &request);
+        let picture = shown.picture(&mut renderer, FIRST, &request);
         assert!(picture.messages.is_empty(), "{:?}", picture.messages);
         let is_cloth = |id: &[u32; 2]| shown.stage.id_name(id[0]) == Some(&cloth);
         let places: Vec<usize> = (0..picture.ids.len()).filter(|&at| is_cloth(&picture.ids[at])).collect();
@@ -848,7 +852,7 @@ fn row_52_cloth_follows_its_nodes() {
         places.iter().map(|at| at / 320).sum::<usize>() as f64 / places.len() as f64
     };
     let before = rows(&mut shown);
-    for node in &mut shown.snapshot.soft_bodies[0].nodes {
+    for node in &mut shown.snapshot.soft_bodies[SoftBodyId::new(0)].nodes {
         node[2] -= 0.3;
     }
     shown.snapshot.sim_step += 1;
@@ -878,21 +882,21 @@ fn rows_55_and_56_sensors_and_actuators() {
 
     shown.stage.sensors = Some(false);
     shown.stage.actuators = Some(false);
-    let off = shown.picture(&mut renderer, 0, &request);
+    let off = shown.picture(&mut renderer, FIRST, &request);
     shown.stage.sensors = Some(true);
-    let on = shown.picture(&mut renderer, 0, &request);
+    let on = shown.picture(&mut renderer, FIRST, &request);
     assert!(count(&on, red) > count(&off, red) && count(&on, green) > count(&off, green), "start and end of the rays");
-    shown.snapshot.sensors[0][0].triggered = true;
-    shown.snapshot.sensors[0][0].measurement = 0.5;
-    let hit = shown.picture(&mut renderer, 0, &request);
+    shown.snapshot.sensors[SensorId::new(0)][0].triggered = true;
+    shown.snapshot.sensors[SensorId::new(0)][0].measurement = 0.5;
+    let hit = shown.picture(&mut renderer, FIRST, &request);
     assert!(count(&hit, pink) > count(&on, pink), "a pink ball where something is hit");
 
     shown.stage.sensors = Some(false);
     shown.stage.actuators = Some(true);
-    let rest = shown.picture(&mut renderer, 0, &request);
+    let rest = shown.picture(&mut renderer, FIRST, &request);
     assert!(count(&rest, gold) > count(&off, gold), "gold");
-    shown.snapshot.actuators[0] = true;
-    let holds = shown.picture(&mut renderer, 0, &request);
+    shown.snapshot.actuators[ActuatorId::new(0)] = true;
+    let holds = shown.picture(&mut renderer, FIRST, &request);
     assert!(
         count(&holds, lime) > count(&rest, lime) && count(&holds, gold) == count(&off, gold),
         "lime while it holds"
@@ -940,15 +944,15 @@ fn row_73_what_is_removed_is_gone() {
     let mut shown = shown("row_73", &world("", ""), &[block("Box", [0.0; 3], [0.2; 3], RED)]);
     shown.stage.frames = true;
     let mut renderer = renderer();
-    assert!(extent(&shown.picture(&mut renderer, 0, &PictureRequest::color(640, 480))).2 > 0);
+    assert!(extent(&shown.picture(&mut renderer, FIRST, &PictureRequest::color(640, 480))).2 > 0);
     let mut visuals = (*shown.visuals).clone();
     for body in &mut visuals.bodies {
         body.object.removed = true;
     }
-    visuals.cameras[0].object.removed = true;
-    visuals.lights[0].object.removed = true;
+    visuals.cameras[FIRST].object.removed = true;
+    visuals.lights[LightId::new(0)].object.removed = true;
     shown.visuals = visuals.into();
-    let picture = shown.picture(&mut renderer, 0, &PictureRequest::color(640, 480));
+    let picture = shown.picture(&mut renderer, FIRST, &PictureRequest::color(640, 480));
     assert_eq!(extent(&picture).2, 0, "mesh and frame");
 }
 
@@ -984,7 +988,7 @@ fn ids_and_normals() {
     ];
     let mut shown = shown("ids", &world("", ""), &bodies);
     let request = PictureRequest { color: false, ids: true, normals: true, ..PictureRequest::color(640, 480) };
-    let picture = shown.picture(&mut renderer(), 0, &request);
+    let picture = shown.picture(&mut renderer(), FIRST, &request);
     assert!(picture.color.is_empty() && picture.depth.is_empty());
     let focal = 480.0 / (2.0 * 0.25_f64.tan());
     for (y, name) in [(0.1, "/test/BODY Box"), (-0.2, "/test/BODY Glass")] {
@@ -1023,7 +1027,7 @@ fn sizes_that_are_too_large_are_refused() {
     let mut shown = shown("sizes", &world("", ""), &[]);
     let mut renderer = renderer();
     renderer.prepare(&mut shown.stage, &shown.visuals, &shown.snapshot);
-    let view = shown.view(0);
+    let view = shown.view(FIRST);
     for (width, height) in [(0, 480), (640, 0), (100_000, 480)] {
         let error =
             renderer.render(&mut shown.stage, &view, &PictureRequest::color(width, height)).expect_err("a size");
@@ -1037,8 +1041,8 @@ fn sizes_that_are_too_large_are_refused() {
 fn a_renderer_goes_from_thread_to_thread() {
     let mut shown = shown("threads", &world("", ""), &[block("Box", [0.0; 3], [0.2; 3], GREY)]);
     let mut renderer = renderer();
-    let here = shown.picture(&mut renderer, 0, &PictureRequest::color(64, 48));
-    let there = std::thread::spawn(move || shown.picture(&mut renderer, 0, &PictureRequest::color(64, 48)));
+    let here = shown.picture(&mut renderer, FIRST, &PictureRequest::color(64, 48));
+    let there = std::thread::spawn(move || shown.picture(&mut renderer, FIRST, &PictureRequest::color(64, 48)));
     assert_eq!(there.join().expect("a picture").color, here.color);
 }
 
@@ -1051,7 +1055,7 @@ fn backdrops_are_behind_the_scene_and_fill_their_area() {
     shown.stage.backdrops.push(Backdrop { pixels: Arc::new(pixels), area, color: [1.0, 1.0, 1.0, 0.5] });
     let mut renderer = renderer();
     let request = PictureRequest::color(640, 480);
-    let picture = shown.picture(&mut renderer, 0, &request);
+    let picture = shown.picture(&mut renderer, FIRST, &request);
     // Half of it over white.
     for (column, row, expected) in
         [(5, 100, [255, 255, 255]), (12, 5, [127, 127, 255]), (305, 475, [127, 255, 127]), (315, 475, [255, 255, 255])]
@@ -1060,7 +1064,7 @@ fn backdrops_are_behind_the_scene_and_fill_their_area() {
         assert!(found.iter().zip(expected).all(|(a, b): (&u8, u8)| a.abs_diff(b) <= 2), "{column}, {row}: {found:?}");
     }
     let request = PictureRequest { markers: false, ..request };
-    let without = shown.picture(&mut renderer, 0, &request);
+    let without = shown.picture(&mut renderer, FIRST, &request);
     assert_eq!(pixel(&without, 12, 5), [255; 3], "only where markers are");
     assert_eq!(pixel(&picture, 320, 240), pixel(&without, 320, 240));
     assert_eq!(pixel(&picture, 300, 240), pixel(&without, 300, 240), "the box is before it");

@@ -9,6 +9,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use ambf_core::comm::Snapshot;
+use ambf_core::ids::{BodyId, CameraId};
 use ambf_core::plugin::{Drawing, Input};
 use ambf_core::scene::VisualScene;
 use ambf_core::sim::{Picked, WindowAnswer, WindowRequest};
@@ -62,7 +63,7 @@ struct FullScreen {
 /// The window of a camera.
 pub(crate) struct CameraWindow {
     /// Index of the camera.
-    pub camera: usize,
+    pub camera: CameraId,
     painter: egui_glow::Painter,
     // Goes before the window.
     surface: Surface<WindowSurface>,
@@ -91,8 +92,8 @@ impl CameraWindow {
 /// What is held by the mouse.
 #[derive(Debug, Clone)]
 struct Held {
-    camera: usize,
-    body: Option<usize>,
+    camera: CameraId,
+    body: Option<BodyId>,
     /// From the eye, m.
     distance: f64,
 }
@@ -130,7 +131,7 @@ pub(crate) struct App {
     /// Cameras that windows were made for, by the generation of the scene.
     seen: Option<u64>,
     /// Cameras whose windows could not be made, or whose monitors are missing, which was said.
-    said: Vec<usize>,
+    said: Vec<CameraId>,
     next_frame: Instant,
     frames: Counter,
     steps: StepRate,
@@ -138,10 +139,10 @@ pub(crate) struct App {
     modifiers: ModifiersState,
     left_shift: bool,
     /// Camera of the pick that waits for its answer.
-    picking: Option<usize>,
+    picking: Option<CameraId>,
     held: Option<Held>,
     /// Index and qualified identifier of the body that was picked last.
-    last_picked: Option<(usize, String)>,
+    last_picked: Option<(BodyId, String)>,
     action: String,
     /// Wall time of the simulation minus the hub's clock, s.
     wall_offset: f64,
@@ -149,8 +150,8 @@ pub(crate) struct App {
     news: (Sender<String>, Receiver<String>),
     message: Option<(Instant, String)>,
     panels: Panels,
-    screenshot: Option<usize>,
-    video: Option<(usize, Video)>,
+    screenshot: Option<CameraId>,
+    video: Option<(CameraId, Video)>,
 }
 
 /// What of [`ViewerParts`] is used all the time.
@@ -226,7 +227,7 @@ impl App {
             return Ok(());
         }
         self.seen = Some(visuals.generation);
-        let is_there = |camera: usize| {
+        let is_there = |camera: CameraId| {
             visuals.cameras.get(camera).is_some_and(|camera| !camera.object.removed && camera.description.visible)
         };
         for place in
@@ -235,7 +236,7 @@ impl App {
             let window = self.windows.remove(place);
             self.close(window);
         }
-        for camera in 0..visuals.cameras.len() {
+        for camera in visuals.cameras.ids() {
             let has_window = self.windows.iter().any(|window| window.camera == camera);
             if is_there(camera) && !has_window && !self.said.contains(&camera) {
                 if let Err(why) = self.open(event_loop, visuals, camera) {
@@ -264,11 +265,11 @@ impl App {
         }
     }
 
-    fn open(&mut self, event_loop: &ActiveEventLoop, visuals: &VisualScene, camera: usize) -> Result<(), String> {
+    fn open(&mut self, event_loop: &ActiveEventLoop, visuals: &VisualScene, camera: CameraId) -> Result<(), String> {
         let Some(context) = &self.context else { return Err("no OpenGL".into()) };
         let description = &visuals.cameras[camera].description;
         let monitors: Vec<MonitorHandle> = event_loop.available_monitors().collect();
-        let (monitor, is_missing) = monitor_index(description.monitor, camera, monitors.len());
+        let (monitor, is_missing) = monitor_index(description.monitor, camera.index(), monitors.len());
         if is_missing {
             (self.parts.say)(&format!(
                 "camera {}: there is no monitor {}, only {}; its window opens on monitor {monitor}",
@@ -279,7 +280,7 @@ impl App {
         }
         let nth = self.windows.iter().filter(|window| window.monitor == monitor).count();
         let mut attributes = Window::default_attributes()
-            .with_title(title(camera, &description.controlling_devices))
+            .with_title(title(camera.index(), &description.controlling_devices))
             .with_resizable(true);
         match monitors.get(monitor).map(area_of).filter(|area| area.width > 0 && area.height > 0) {
             Some(screen) => {
@@ -622,7 +623,7 @@ impl App {
         }
     }
 
-    fn on_key(&mut self, camera: usize, event: &KeyEvent) {
+    fn on_key(&mut self, camera: CameraId, event: &KeyEvent) {
         let PhysicalKey::Code(key) = event.physical_key else { return };
         if key == KeyCode::ShiftLeft {
             self.left_shift = event.state == ElementState::Pressed;
@@ -645,8 +646,8 @@ impl App {
 }
 
 /// Number of the window of a camera, as its title says.
-fn number(camera: usize) -> u32 {
-    u32::try_from(camera + 1).unwrap_or(u32::MAX)
+fn number(camera: CameraId) -> u32 {
+    u32::try_from(camera.index() + 1).unwrap_or(u32::MAX)
 }
 
 fn area_of(monitor: &MonitorHandle) -> Area {

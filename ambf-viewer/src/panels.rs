@@ -9,6 +9,7 @@ use std::time::Instant;
 use ambf_core::comm::{BodyKinematics, HubIndex, JointCommandType, ObjectKind, RigidBodyCommand, Snapshot};
 use ambf_core::device::host::DeviceState;
 use ambf_core::device::DeviceForce;
+use ambf_core::ids::{BodyId, CameraId, JointId, ModelId};
 use ambf_core::scene::{CameraGesture, JointType, VisualJoint, VisualScene};
 use ambf_core::sim::WindowRequest;
 use ambf_render::{Marker, MarkerShape, Stage};
@@ -44,9 +45,9 @@ pub(crate) struct PanelContext<'a> {
     pub visuals: &'a Arc<VisualScene>,
     pub snapshot: &'a Arc<Snapshot>,
     /// Camera of the window.
-    pub camera: usize,
+    pub camera: CameraId,
     /// Index and qualified identifier of the body that was picked or chosen last.
-    pub picked: &'a mut Option<(usize, String)>,
+    pub picked: &'a mut Option<(BodyId, String)>,
     /// Lines to be said.
     pub messages: Vec<String>,
     /// As if keys had been pressed.
@@ -75,15 +76,15 @@ type Goals = HashMap<HubIndex, Vec<f64>>;
 
 /// A camera that follows a body.
 struct Follow {
-    camera: usize,
-    body: usize,
+    camera: CameraId,
+    body: BodyId,
     last: Vector3<f64>,
 }
 
 /// All panels, in the window in which they were opened.
 pub(crate) struct Panels {
     load_report: String,
-    camera: usize,
+    camera: CameraId,
     open: [bool; TITLES.len()],
     /// It unfolds in the next frame.
     just_opened: Option<usize>,
@@ -94,14 +95,14 @@ pub(crate) struct Panels {
     follow: Option<Follow>,
     plots: Plots,
     files_seen: Option<(Instant, Vec<Option<std::time::SystemTime>>)>,
-    changed: Vec<usize>,
+    changed: Vec<ModelId>,
 }
 
 impl Panels {
     pub fn new(load_report: String) -> Self {
         Self {
             load_report,
-            camera: 0,
+            camera: CameraId::new(0),
             open: [false; TITLES.len()],
             just_opened: None,
             search: String::new(),
@@ -115,18 +116,18 @@ impl Panels {
     }
 
     /// Whether there are panels in the window of a camera.
-    pub fn are_open(&self, camera: usize) -> bool {
+    pub fn are_open(&self, camera: CameraId) -> bool {
         self.camera == camera && self.open.contains(&true)
     }
 
     /// Opens all panels, or closes them.
-    pub fn switch_all(&mut self, camera: usize) {
+    pub fn switch_all(&mut self, camera: CameraId) {
         let open = !self.are_open(camera);
         (self.camera, self.open) = (camera, [open; TITLES.len()]);
     }
 
     /// Opens or closes a panel, in the window of a camera.
-    pub fn switch(&mut self, panel: usize, camera: usize) {
+    pub fn switch(&mut self, panel: usize, camera: CameraId) {
         if self.camera != camera {
             (self.camera, self.open) = (camera, [false; TITLES.len()]);
         }
@@ -203,9 +204,9 @@ impl Panels {
 
     /// Boxes of even density that have the inertia of the bodies.
     fn inertia_boxes(&self, visuals: &VisualScene, snapshot: &Snapshot) -> Vec<Marker> {
-        let boxed = |(index, info): (usize, &crate::panels::Inertia)| {
-            let state = snapshot.bodies.get(index)?;
-            let removed = visuals.bodies.get(index)?.object.removed;
+        let boxed = |(id, info): (BodyId, &crate::panels::Inertia)| {
+            let state = snapshot.bodies.get(id)?;
+            let removed = visuals.bodies.get(id)?.object.removed;
             let edges = box_of_inertia(info.mass, &info.inertia)?;
             let shape = MarkerShape::Box(edges.map(|edge| edge as f32));
             (!removed).then(|| Marker { shape, pose: pose_of(state), color: INERTIA })
@@ -322,8 +323,8 @@ impl Panels {
         let search = self.search.to_lowercase();
         let matches = |name: &str| search.is_empty() || name.to_lowercase().contains(&search);
         let mut left = LISTED;
-        for (index, model) in with.visuals.models.iter().enumerate().filter(|(_, model)| !model.removed) {
-            let bodies = with.visuals.bodies.iter().enumerate();
+        for (index, model) in with.visuals.models.entries().filter(|(_, model)| !model.removed) {
+            let bodies = with.visuals.bodies.entries();
             let own = bodies.filter(|(_, body)| body.object.model == index && !body.object.removed);
             let found: Vec<_> = own.filter(|(_, body)| matches(&body.object.identifier)).collect();
             if found.is_empty() {
@@ -380,7 +381,7 @@ impl Panels {
         let mut any = false;
         for (object, info) in objects.entries().filter(|(_, object)| !object.is_removed()) {
             let ObjectKind::RigidBody(body, details) = &info.info.kind else { continue };
-            let drives = |&joint: &usize| with.visuals.joints.get(joint).is_some_and(has_coordinate);
+            let drives = |&joint: &JointId| with.visuals.joints.get(joint).is_some_and(has_coordinate);
             // Of a chain only the first body is listed: its joints are those of all below it.
             let is_below = with.visuals.joints.iter().any(|joint| !joint.removed && joint.child == *body);
             if is_below || !details.joints.iter().any(drives) {
@@ -390,7 +391,8 @@ impl Panels {
             egui::CollapsingHeader::new(&info.info.name).id_salt(object).default_open(details.joints.len() < 12).show(
                 ui,
                 |ui| {
-                    let position = |joint: usize| with.snapshot.joint_positions.get(joint).copied().unwrap_or_default();
+                    let position =
+                        |joint: JointId| with.snapshot.joint_positions.get(joint).copied().unwrap_or_default();
                     let mut commands = self.goals.contains_key(&object);
                     if ui.checkbox(&mut commands, "command").changed() {
                         match commands {
@@ -446,7 +448,7 @@ impl Panels {
     }
 
     fn cameras(&mut self, ui: &mut Ui, with: &mut PanelContext<'_>) {
-        for (index, camera) in with.visuals.cameras.iter().enumerate().filter(|(_, camera)| !camera.object.removed) {
+        for (index, camera) in with.visuals.cameras.entries().filter(|(_, camera)| !camera.object.removed) {
             let (Some(view), name) = (with.snapshot.views.get(index), &camera.object.name) else { continue };
             let place = view.pose.translation.vector;
             let hidden = if camera.description.visible { "" } else { ", hidden" };
@@ -477,7 +479,7 @@ impl Panels {
 
     fn files(&mut self, ui: &mut Ui, with: &mut PanelContext<'_>) {
         self.look_for_changes(with.visuals);
-        for (index, model) in with.visuals.models.iter().enumerate().filter(|(_, model)| !model.removed) {
+        for (index, model) in with.visuals.models.entries().filter(|(_, model)| !model.removed) {
             let file = &model.description.file;
             ui.horizontal(|ui| {
                 if self.changed.contains(&index) {
@@ -485,11 +487,11 @@ impl Panels {
                 }
                 ui.label(&*model.key).on_hover_text(file.display().to_string());
                 // The environment belongs to the world and stays.
-                if index > 0 && ui.button("Reload").clicked() {
+                if index != ModelId::ENVIRONMENT && ui.button("Reload").clicked() {
                     with.remove.push(Arc::clone(&model.key));
                     with.load.push(file.to_path_buf());
                 }
-                if index > 0 && ui.button("Remove").clicked() {
+                if index != ModelId::ENVIRONMENT && ui.button("Remove").clicked() {
                     with.remove.push(Arc::clone(&model.key));
                 }
             });
@@ -515,7 +517,7 @@ impl Panels {
                 *seen = Instant::now();
                 let now = times();
                 let differs = |index: &usize| known.get(*index).is_some_and(|before| *before != now[*index]);
-                self.changed = (0..now.len()).filter(differs).collect();
+                self.changed = (0..now.len()).filter(differs).map(ModelId::new).collect();
                 // Models that came since.
                 let new = known.len();
                 known.extend(now.into_iter().skip(new));
@@ -672,9 +674,9 @@ mod tests {
     fn sliders_have_an_end_on_each_side() {
         let joint = |kind, limits| VisualJoint {
             name: "j".into(),
-            parent: 0,
-            child: 1,
-            model: 1,
+            parent: BodyId::new(0),
+            child: BodyId::new(1),
+            model: ModelId::new(1),
             limits,
             kind,
             axis: Vector3::z(),

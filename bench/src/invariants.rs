@@ -5,6 +5,7 @@
 
 use ambf_core::adf;
 use ambf_core::bullet::Contact;
+use ambf_core::ids::BodyId;
 use ambf_core::scene::{Joint, JointType, Scene};
 use ambf_core::sim::Simulation;
 use nalgebra::{Point3, Vector3};
@@ -27,8 +28,8 @@ const CONTACT_INTERVAL: u64 = 5;
 
 /// Where the pivot of a joint is on either body, in the inertial frames.
 struct Pivot {
-    parent: usize,
-    child: usize,
+    parent: BodyId,
+    child: BodyId,
     points: [Point3<f64>; 2],
     /// Axis along which the pivots may part, in the parent's inertial frame.
     free: Option<Vector3<f64>>,
@@ -259,13 +260,13 @@ fn pivot(scene: &Scene, joint: &Joint) -> Option<Pivot> {
         JointType::Prismatic | JointType::LinearSpring => Some(joint.axis),
         _ => None,
     };
-    let on = |body: usize, pivot: &Vector3<f64>| {
+    let on = |body: BodyId, pivot: &Vector3<f64>| {
         let body = &scene.bodies[body];
         body.inertial_offset_inverse * Point3::from(pivot * body.scale)
     };
     let points = [on(joint.parent, &described.parent_pivot), on(joint.child, &described.child_pivot)];
-    let moves = |body: usize| scene.bodies[body].mass > 0.0;
-    let arm = |body: usize, point: &Point3<f64>| if moves(body) { point.coords.norm() } else { 0.0 };
+    let moves = |body: BodyId| scene.bodies[body].mass > 0.0;
+    let arm = |body: BodyId, point: &Point3<f64>| if moves(body) { point.coords.norm() } else { 0.0 };
     let lever = arm(joint.parent, &points[0]).max(arm(joint.child, &points[1]));
     let is_ball = matches!(joint.joint_type, JointType::PointToPoint | JointType::ConeTwist);
     let axes = (!is_ball).then(|| {
@@ -278,20 +279,21 @@ fn pivot(scene: &Scene, joint: &Joint) -> Option<Pivot> {
 /// Angle between the axes, rad; 0 where the joint leaves it free.
 fn skew(scene: &Scene, pivot: &Pivot) -> f64 {
     let Some([parent, child]) = pivot.axes else { return 0.0 };
-    let turn = |body: usize| scene.world.pose(scene.world.bodies()[body]).unwrap_or_default().rotation;
+    let turn = |body: BodyId| scene.world.pose(scene.world.bodies()[body.index()]).unwrap_or_default().rotation;
     (turn(pivot.parent) * parent).angle(&(turn(pivot.child) * child))
 }
 
 /// Angle by which the bodies turn in a sub-step, rad. Bodies that move along tangents leave a joint by its square,
 /// halved, times the lever arm, before that is corrected.
 fn turn(scene: &Scene, pivot: &Pivot, step: f64) -> f64 {
-    let speed = |body: usize| scene.world.velocity(scene.world.bodies()[body]).map_or(0.0, |(_, spin)| spin.norm());
+    let speed =
+        |body: BodyId| scene.world.velocity(scene.world.bodies()[body.index()]).map_or(0.0, |(_, spin)| spin.norm());
     speed(pivot.parent).max(speed(pivot.child)) * step
 }
 
 /// Distance of the pivots across the free axis, m, for the lever arm of a joint that has not slid.
 fn gap(scene: &Scene, pivot: &Pivot) -> f64 {
-    let pose = |body: usize| scene.world.pose(scene.world.bodies()[body]).unwrap_or_default();
+    let pose = |body: BodyId| scene.world.pose(scene.world.bodies()[body.index()]).unwrap_or_default();
     let (parent, child) = (pose(pivot.parent), pose(pivot.child));
     let mut apart = child * pivot.points[1] - parent * pivot.points[0];
     let mut slide = 0.0;

@@ -5,6 +5,7 @@ use std::time::Duration;
 use ambf_core::bullet::{Integrator, Solver};
 use ambf_core::comm::JointCommandType;
 use ambf_core::control::Profile;
+use ambf_core::ids::BodyId;
 use ambf_core::scene::{load, PhysicsOptions, SceneFiles, SceneOptions};
 use ambf_core::sim::Simulation;
 use rustix::time::{clock_gettime, ClockId};
@@ -93,7 +94,7 @@ pub fn run(case: &Case, setting: &Setting, step: f64, most: Duration) -> Result<
             if let Some(drive) = &case.system.drive {
                 let (angle, _) = drive.set_point(index as f64 * step);
                 (0..drive.gains.len()).for_each(|joint| {
-                    simulation.command_joint(0, joint, JointCommandType::Position, angle);
+                    simulation.command_joint(BodyId::new(0), joint, JointCommandType::Position, angle);
                 });
             }
             simulation.update(step).is_err()

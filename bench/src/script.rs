@@ -9,6 +9,7 @@
 use std::fmt::Write;
 
 use ambf_core::comm::{ActuatorCommand, JointCommandType};
+use ambf_core::ids::{ActuatorId, BodyId};
 use ambf_core::scene;
 use ambf_core::sim::Simulation;
 use nalgebra::Vector3;
@@ -17,17 +18,17 @@ use nalgebra::Vector3;
 #[derive(Debug, Clone, PartialEq)]
 pub enum Action {
     /// Body, index among its active joints, type, set point.
-    Joint(usize, usize, JointCommandType, f64),
+    Joint(BodyId, usize, JointCommandType, f64),
     /// Body; N; N·m.
-    Wrench(usize, Vector3<f64>, Vector3<f64>),
+    Wrench(BodyId, Vector3<f64>, Vector3<f64>),
     /// Body; m/s; rad/s.
-    Twist(usize, Vector3<f64>, Vector3<f64>),
+    Twist(BodyId, Vector3<f64>, Vector3<f64>),
     /// Body; position of the body frame, m, and its orientation as a quaternion `[x, y, z, w]`.
-    Pose(usize, Vector3<f64>, [f64; 4]),
+    Pose(BodyId, Vector3<f64>, [f64; 4]),
     /// 0 bodies, 1 world, 2 thorough.
     Reset(u8),
     /// Actuator, body.
-    Hold(usize, Option<usize>),
+    Hold(ActuatorId, Option<BodyId>),
 }
 
 /// An action before each sub-step from `first` to `last`, both included, counted from 0.
@@ -118,7 +119,7 @@ impl Script {
 }
 
 fn action_text(action: &Action, scene: &scene::Scene) -> String {
-    let name = |body: usize| scene.bodies[body].identity.name.to_string();
+    let name = |body: BodyId| scene.bodies[body].identity.name.to_string();
     let numbers = |list: &[f64]| list.iter().map(|x| format!("{x:?}")).collect::<Vec<_>>().join(" ");
     let two = |a: &Vector3<f64>, b: &Vector3<f64>| numbers(&[a.x, a.y, a.z, b.x, b.y, b.z]);
     match action {
@@ -134,7 +135,7 @@ fn action_text(action: &Action, scene: &scene::Scene) -> String {
         Action::Twist(body, linear, angular) => format!("TW|{}|{}", name(*body), two(linear, angular)),
         Action::Pose(body, p, q) => format!("POSE|{}|{} {}", name(*body), numbers(p.as_slice()), numbers(q)),
         Action::Reset(kind) => format!("RESET||{kind}"),
-        Action::Hold(actuator, body) => format!("HOLD|{actuator}|{}", body.map_or("-".into(), name)),
+        Action::Hold(actuator, body) => format!("HOLD|{}|{}", actuator.index(), body.map_or("-".into(), name)),
     }
 }
 
@@ -146,12 +147,12 @@ fn parse_event(line: &str, scene: &scene::Scene) -> Result<Event, String> {
     let whole = |text: &str| text.parse::<u64>().map_err(|_| format!("`{line}`: `{text}` is no sub-step"));
     let (first, last) = (whole(first)?, whole(last)?);
     let body = |name: &str| {
-        let found = scene.bodies.iter().position(|body| body.identity.name.to_string() == name);
+        let found = scene.bodies.position(|body| body.identity.name.to_string() == name);
         found.ok_or_else(|| format!("`{line}`: there is no body `{name}`"))
     };
     if kind == "HOLD" {
         let held = if numbers == "-" { None } else { Some(body(numbers)?) };
-        return Ok(Event { first, last, action: Action::Hold(whole(target)? as usize, held) });
+        return Ok(Event { first, last, action: Action::Hold(ActuatorId::new(whole(target)? as usize), held) });
     }
     let numbers = numbers.split_whitespace().map(str::parse::<f64>).collect::<Result<Vec<_>, _>>();
     let numbers = numbers.map_err(|_| format!("`{line}`: expected numbers"))?;

@@ -14,6 +14,7 @@ use std::f64::consts::{PI, TAU};
 
 use ambf_core::adf::{self, ControllerOutput, Gains};
 use ambf_core::comm::JointCommandType;
+use ambf_core::ids::BodyId;
 use ambf_core::scene::{Joint, JointType, Scene};
 use ambf_core::sim::Simulation;
 
@@ -56,7 +57,7 @@ pub struct Work {
     step: f64,
     done: f64,
     /// Power of wrenches in the present sub-step: bodies with force and torque.
-    wrenches: Vec<(usize, nalgebra::Vector3<f64>, nalgebra::Vector3<f64>, f64)>,
+    wrenches: Vec<(BodyId, nalgebra::Vector3<f64>, nalgebra::Vector3<f64>, f64)>,
     /// Largest force of all resistance sensors, N.
     resistance: f64,
     /// Energy that springs of several coordinates and rays of resistance sensors can hold, J.
@@ -123,7 +124,7 @@ impl Work {
             match event.action {
                 Action::Joint(body, index, kind, value) => {
                     if let Some(&joint) = scene.active_joints(body).get(index) {
-                        self.joints[joint].command(&scene.joints[joint], kind, value, self.step);
+                        self.joints[joint.index()].command(&scene.joints[joint], kind, value, self.step);
                     }
                 }
                 Action::Wrench(body, force, torque) => {
@@ -196,8 +197,8 @@ impl Driven {
 }
 
 /// W that force (N) and torque (N·m) put into a body.
-fn power(scene: &Scene, body: usize, force: &nalgebra::Vector3<f64>, torque: &nalgebra::Vector3<f64>) -> f64 {
-    let velocity = scene.world.velocity(scene.world.bodies()[body]);
+fn power(scene: &Scene, body: BodyId, force: &nalgebra::Vector3<f64>, torque: &nalgebra::Vector3<f64>) -> f64 {
+    let velocity = scene.world.velocity(scene.world.bodies()[body.index()]);
     velocity.map_or(0.0, |(velocity, spin)| force.dot(&velocity) + torque.dot(&spin))
 }
 

@@ -8,6 +8,7 @@ use std::path::PathBuf;
 use std::sync::OnceLock;
 
 use ambf_core::comm::{ActuatorCommand, JointCommandType, VehicleCommand};
+use ambf_core::ids::BodyId;
 use ambf_core::scene::{load, Loaded, PreparedModel, SceneFiles, SceneOptions};
 use ambf_core::sim::{Simulation, DEFAULT_SUB_STEP};
 use libfuzzer_sys::{fuzz_mutator, fuzz_target};
@@ -86,8 +87,8 @@ fn steps(simulation: &mut Simulation) {
 /// Tells the first of everything to do something.
 fn command(simulation: &mut Simulation) {
     let scene = simulation.scene();
-    let (bodies, vehicles, actuators) = (scene.bodies.len(), scene.vehicles.len(), scene.actuators.len());
-    let name = |i: usize| scene.bodies.get(i).map(|body| body.identity.name.to_string()).unwrap_or_default();
+    let (bodies, vehicles, actuators) = (scene.bodies.ids(), scene.vehicles.ids(), scene.actuators.ids());
+    let name = |i| scene.bodies.get(BodyId::new(i)).map(|body| body.identity.name.to_string()).unwrap_or_default();
     let hold = |body_name, use_sensor_data| ActuatorCommand {
         actuate: true,
         body_name,
@@ -96,14 +97,14 @@ fn command(simulation: &mut Simulation) {
         ..Default::default()
     };
     let holds = [hold(name(1), false), hold(name(2), true)];
-    for body in 0..bodies.min(4) {
+    for body in bodies.take(4) {
         simulation.command_joint(body, 0, JointCommandType::Position, 0.5);
         simulation.command_joint(body, 1, JointCommandType::Velocity, 1.0);
         simulation.apply_wrench(body, Vector3::new(1.0, 0.0, 2.0), Vector3::z());
     }
     let drive = VehicleCommand { steering: vec![0.3; 4], power: vec![50.0; 4], ..Default::default() };
-    (0..vehicles.min(2)).for_each(|vehicle| simulation.command_vehicle(vehicle, &drive));
-    for (actuator, command) in (0..actuators).zip(&holds) {
+    vehicles.take(2).for_each(|vehicle| simulation.command_vehicle(vehicle, &drive));
+    for (actuator, command) in actuators.zip(&holds) {
         let _ = simulation.command_actuator(actuator, command);
     }
 }

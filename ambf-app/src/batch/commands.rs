@@ -4,6 +4,7 @@ use std::f64::consts::TAU;
 use std::ops::RangeInclusive;
 
 use ambf_core::comm::{JointCommandType, VehicleCommand};
+use ambf_core::ids::{BodyId, Table, VehicleId};
 use ambf_core::scene::{Identity, Scene};
 use ambf_core::sim::Simulation;
 use nalgebra::Vector3;
@@ -24,6 +25,14 @@ pub struct CommandError {
 /// What a line of a command file does in each step of its range.
 #[derive(Debug, Clone, PartialEq)]
 enum Action {
+    /// To a body.
+    Body(BodyId, BodyAction),
+    /// To a vehicle: brake, power and steering of all wheels.
+    Drive(VehicleId, VehicleCommand),
+}
+
+#[derive(Debug, Clone, PartialEq)]
+enum BodyAction {
     /// Joint command: index, type, offset, amplitude, frequency (Hz).
     Joint { index: usize, kind: JointCommandType, offset: f64, amplitude: f64, frequency: f64 },
     /// Force (N) and torque (N·m) at the centre of mass, world axes.
@@ -32,16 +41,12 @@ enum Action {
     Twist(Vector3<f64>, Vector3<f64>),
     /// Pose of the body frame: position (m) and quaternion x, y, z, w.
     Pose(Vector3<f64>, [f64; 4]),
-    /// Brake, power and steering of all wheels.
-    Drive(VehicleCommand),
 }
 
 #[derive(Debug, Clone, PartialEq)]
 struct TimedCommand {
     line: usize,
     steps: RangeInclusive<u64>,
-    /// Index of the body, or of the vehicle that is driven.
-    target: usize,
     action: Action,
 }
 
@@ -53,7 +58,7 @@ pub struct Targets<'n> {
     /// Qualified identifiers and topics of the bodies.
     qualified: Vec<Qualified>,
     /// Number of active joints of each body.
-    active_joints: Vec<usize>,
+    active_joints: Table<BodyId, usize>,
     /// Name, qualified names and number of wheels of each vehicle.
     vehicles: Vec<(String, Qualified, usize)>,
 }
@@ -80,7 +85,7 @@ impl<'n> Targets<'n> {
         Self {
             bodies: names,
             qualified: scene.bodies.iter().map(|body| Qualified::of(&body.identity)).collect(),
-            active_joints: (0..names.len()).map(|body| scene.active_joints(body).len()).collect(),
+            active_joints: scene.bodies.ids().map(|body| scene.active_joints(body).len()).collect(),
             vehicles: (scene.vehicles.iter())
                 .map(|v| (v.identity.communication_name(), Qualified::of(&v.identity), v.wheels.len()))
                 .collect(),
@@ -154,10 +159,9 @@ impl Commands {
     }
 
     /// The place of the last command that has acted on `body` before the end of step `step`.
-    pub fn latest(&self, body: usize, step: u64) -> Option<String> {
+    pub fn latest(&self, body: BodyId, step: u64) -> Option<String> {
         let acted = |command: &&TimedCommand| {
-            let is_drive = matches!(command.action, Action::Drive(_));
-            !is_drive && command.target == body && *command.steps.start() < step
+            matches!(command.action, Action::Body(commanded, _) if commanded == body) && *command.steps.start() < step
         };
         let latest = self.list.iter().filter(acted).max_by_key(|command| *command.steps.end().min(&step))?;
         Some(format!("{}:{}", self.file, latest.line))
@@ -166,30 +170,37 @@ impl Commands {
     /// Applies the commands whose range contains `step`; they act in the step after.
     pub fn apply(&self, simulation: &mut Simulation, step: u64) {
         for command in self.list.iter().filter(|command| command.steps.contains(&step)) {
-            let target = command.target;
-            match command.action {
-                Action::Joint { index, kind, offset, amplitude, frequency } => {
-                    let value = offset + amplitude * (TAU * frequency * simulation.sim_time()).sin();
-                    // As on the wire.
-                    simulation.command_joint(target, index, kind, f64::from(value as f32));
-                }
-                Action::Wrench(force, torque) => simulation.apply_wrench(target, force, torque),
-                Action::Twist(linear, angular) => simulation.set_velocity(target, linear, angular),
-                Action::Pose(position, orientation) => simulation.follow_pose(target, position, orientation),
-                Action::Drive(ref drive) => simulation.command_vehicle(target, drive),
+            match &command.action {
+                Action::Body(body, action) => action.apply(simulation, *body),
+                Action::Drive(vehicle, drive) => simulation.command_vehicle(*vehicle, drive),
             }
+        }
+    }
+}
+
+impl BodyAction {
+    fn apply(&self, simulation: &mut Simulation, body: BodyId) {
+        match *self {
+            Self::Joint { index, kind, offset, amplitude, frequency } => {
+                let value = offset + amplitude * (TAU * frequency * simulation.sim_time()).sin();
+                // As on the wire.
+                simulation.command_joint(body, index, kind, f64::from(value as f32));
+            }
+            Self::Wrench(force, torque) => simulation.apply_wrench(body, force, torque),
+            Self::Twist(linear, angular) => simulation.set_velocity(body, linear, angular),
+            Self::Pose(position, orientation) => simulation.follow_pose(body, position, orientation),
         }
     }
 }
 
 impl TimedCommand {
     /// Refuses what would never do anything.
-    fn check(self, active_joints: &[usize]) -> Result<Self, String> {
+    fn check(self, active_joints: &Table<BodyId, usize>) -> Result<Self, String> {
         if self.steps.is_empty() {
             return Err(format!("the range ends at {} before it begins at {}", self.steps.end(), self.steps.start()));
         }
-        let Action::Joint { index, .. } = self.action else { return Ok(self) };
-        match active_joints[self.target] {
+        let Action::Body(body, BodyAction::Joint { index, .. }) = self.action else { return Ok(self) };
+        match active_joints[body] {
             0 => Err("the body has no active joint to command".into()),
             known if index >= known => {
                 Err(format!("there is no joint {index}: the body has {known} active joint(s), counted from 0"))
@@ -215,24 +226,24 @@ fn parse_line(line: &str, number: usize, targets: &Targets<'_>) -> Result<TimedC
         let vehicles = &targets.vehicles;
         let names = vehicles.iter().map(|(name, ..)| name.as_str());
         let target = find("vehicle", body, names, vehicles.iter().map(|(_, qualified, _)| qualified))?;
-        let action = Action::Drive(drive(&numbers, vehicles[target].2)?);
-        return Ok(TimedCommand { line: number, steps, target, action });
+        let action = Action::Drive(VehicleId::new(target), drive(&numbers, vehicles[target].2)?);
+        return Ok(TimedCommand { line: number, steps, action });
     }
     let target = find("body", body, targets.bodies.iter().map(String::as_str), targets.qualified.iter())?;
     let vector = |i: usize| Vector3::new(numbers[i], numbers[i + 1], numbers[i + 2]);
     let action = match (kind, numbers.as_slice()) {
         ("J", &[index, kind, offset]) => joint(index, kind, offset, 0.0, 0.0)?,
         ("JS", &[index, kind, offset, amplitude, frequency]) => joint(index, kind, offset, amplitude, frequency)?,
-        ("WR", [_, _, _, _, _, _]) => Action::Wrench(vector(0), vector(3)),
-        ("TW", [_, _, _, _, _, _]) => Action::Twist(vector(0), vector(3)),
-        ("POSE", &[_, _, _, x, y, z, w]) => Action::Pose(vector(0), [x, y, z, w]),
+        ("WR", [_, _, _, _, _, _]) => BodyAction::Wrench(vector(0), vector(3)),
+        ("TW", [_, _, _, _, _, _]) => BodyAction::Twist(vector(0), vector(3)),
+        ("POSE", &[_, _, _, x, y, z, w]) => BodyAction::Pose(vector(0), [x, y, z, w]),
         ("J", _) => return Err("J takes 3 numbers: index, type, value".into()),
         ("JS", _) => return Err("JS takes 5 numbers: index, type, offset, amplitude, frequency".into()),
         ("WR" | "TW", _) => return Err(format!("{kind} takes 6 numbers")),
         ("POSE", _) => return Err("POSE takes 7 numbers: position, then quaternion x y z w".into()),
         _ => return Err(format!("expected J, JS, WR, TW, POSE or VEH, found `{kind}`")),
     };
-    Ok(TimedCommand { line: number, steps, target, action })
+    Ok(TimedCommand { line: number, steps, action: Action::Body(BodyId::new(target), action) })
 }
 
 /// Brake, then the power of each wheel, then its steering angle.
@@ -250,7 +261,7 @@ fn drive(numbers: &[f64], wheels: usize) -> Result<VehicleCommand, String> {
     })
 }
 
-fn joint(index: f64, kind: f64, offset: f64, amplitude: f64, frequency: f64) -> Result<Action, String> {
+fn joint(index: f64, kind: f64, offset: f64, amplitude: f64, frequency: f64) -> Result<BodyAction, String> {
     if index < 0.0 || index.fract() != 0.0 {
         return Err(format!("expected a joint index, found {index}"));
     }
@@ -266,7 +277,7 @@ fn joint(index: f64, kind: f64, offset: f64, amplitude: f64, frequency: f64) -> 
     {
         return Err(format!("expected numbers of at most {largest:e}, found {number:e}"));
     }
-    Ok(Action::Joint { index: index as usize, kind, offset, amplitude, frequency })
+    Ok(BodyAction::Joint { index: index as usize, kind, offset, amplitude, frequency })
 }
 
 #[cfg(test)]
@@ -281,7 +292,11 @@ mod tests {
         };
         let vehicles = vec![("Car".into(), full("Car", "VEHICLE"), 2)];
         let qualified = bodies.iter().map(|name: &String| full(name, "BODY")).collect();
-        Commands::parse(text, "c.txt", &Targets { bodies: &bodies, qualified, active_joints: vec![7, 0], vehicles })
+        Commands::parse(
+            text,
+            "c.txt",
+            &Targets { bodies: &bodies, qualified, active_joints: vec![7, 0].into(), vehicles },
+        )
     }
 
     #[test]
@@ -291,16 +306,21 @@ mod tests {
         let commands = parse(text).unwrap();
         assert_eq!(commands.list.len(), 6);
         assert_eq!(commands.list[0].steps, 1..=30);
-        let expected =
-            Action::Joint { index: 0, kind: JointCommandType::Velocity, offset: 2.5, amplitude: 0.0, frequency: 0.0 };
-        assert_eq!((commands.list[0].target, &commands.list[0].action), (0, &expected));
+        let kind = JointCommandType::Velocity;
+        let expected = BodyAction::Joint { index: 0, kind, offset: 2.5, amplitude: 0.0, frequency: 0.0 };
+        assert_eq!(commands.list[0].action, Action::Body(BodyId::new(0), expected));
         let drive = VehicleCommand { power: vec![10.0, 20.0], steering: vec![0.1, 0.2], ..VehicleCommand::default() };
-        assert_eq!(commands.list[5].action, Action::Drive(drive));
+        assert_eq!(commands.list[5].action, Action::Drive(VehicleId::new(0), drive));
     }
 
     #[test]
     fn bodies_are_found_by_full_name_by_name_and_by_a_part_of_one() {
-        let target = |name: &str| parse(&format!("1|1|TW|{name}|0 0 0 0 0 0")).map(|commands| commands.list[0].target);
+        let target = |name: &str| {
+            parse(&format!("1|1|TW|{name}|0 0 0 0 0 0")).map(|commands| match commands.list[0].action {
+                Action::Body(body, _) => body.index(),
+                Action::Drive(..) => panic!("TW is for bodies"),
+            })
+        };
         for (name, index) in
             [("Base", 0), ("/ambf/env/psm/Base", 0), ("/ambf/env/psm/BODY Link", 1), ("psm/Li", 1), ("BODY B", 0)]
         {
@@ -312,14 +332,18 @@ mod tests {
         assert_eq!(error, expected);
         assert!(target("").is_err());
         let vehicle = parse("1|9|VEH|/ambf/env/psm/Car|0 10 20 0.1 0.2").unwrap();
-        assert_eq!(vehicle.list[0].target, 0);
+        assert!(matches!(vehicle.list[0].action, Action::Drive(vehicle, _) if vehicle == VehicleId::new(0)));
     }
 
     #[test]
     fn the_latest_command_of_a_body_is_known() {
         let commands = parse("0|3|TW|Base|0 0 0 0 0 0\n2|9|TW|Link|0 0 0 0 0 0\n4|5|WR|Base|0 0 0 0 0 0\n").unwrap();
         for (body, step, line) in [(0, 0, None), (0, 4, Some(1)), (0, 5, Some(3)), (1, 2, None), (1, 90, Some(2))] {
-            assert_eq!(commands.latest(body, step), line.map(|line: u32| format!("c.txt:{line}")), "{body} {step}");
+            assert_eq!(
+                commands.latest(BodyId::new(body), step),
+                line.map(|line: u32| format!("c.txt:{line}")),
+                "{body} {step}"
+            );
         }
     }
 

@@ -289,7 +289,7 @@ fn load_scene(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<(Simula
 
 /// Says which line of the command file the lost body was last told.
 fn name_command(mut error: LostState, commands: &Commands, simulation: &Simulation) -> LostState {
-    let body = simulation.scene().bodies.iter().position(|body| body.identity.key() == error.body);
+    let body = simulation.scene().bodies.position(|body| body.identity.key() == error.body);
     let latest = |body| commands.latest(body, u64::from(error.step));
     if let Some(place) = body.and_then(|body| simulation.commanders(body).find_map(latest)) {
         error.command = place;

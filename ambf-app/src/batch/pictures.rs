@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use ambf_core::adf::ShaderProgram;
+use ambf_core::ids::CameraId;
 use ambf_core::scene::VisualScene;
 use ambf_core::sim::Simulation;
 use ambf_render::{
@@ -62,7 +63,7 @@ pub enum PictureError {
 
 /// A camera that takes pictures.
 struct Camera {
-    index: usize,
+    index: CameraId,
     /// What its files begin with.
     name: String,
     width: u32,

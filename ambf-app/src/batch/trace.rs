@@ -5,6 +5,7 @@ use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
 use ambf_core::bullet::BodyKinematics;
+use ambf_core::ids::{BodyId, JointId, Table};
 use ambf_core::sim::Simulation;
 use nalgebra::Isometry3;
 
@@ -13,12 +14,12 @@ pub struct TraceWriter {
     bodies: Option<BufWriter<File>>,
     joints: Option<BufWriter<File>>,
     soft_nodes: Option<BufWriter<File>>,
-    names: Vec<String>,
+    names: Table<BodyId, String>,
     /// Bodies in order of their qualified identifiers.
-    order: Vec<usize>,
+    order: Vec<BodyId>,
     /// Joints in order of their qualified identifiers.
-    joint_order: Vec<usize>,
-    states: Vec<BodyKinematics>,
+    joint_order: Vec<JointId>,
+    states: Table<BodyId, BodyKinematics>,
     /// Room for the nodes of the largest soft body.
     nodes: Vec<[f64; 3]>,
     full: bool,
@@ -49,9 +50,9 @@ impl TraceWriter {
         if full {
             heading += ",cx,cy,cz,cqx,cqy,cqz,cqw";
         }
-        let mut order: Vec<usize> = (0..names.len()).collect();
+        let mut order: Vec<BodyId> = scene.bodies.ids().collect();
         order.sort_by_cached_key(|&body| (scene.bodies[body].identity.key(), body));
-        let mut joint_order: Vec<usize> = (0..scene.joints.len()).collect();
+        let mut joint_order: Vec<JointId> = scene.joints.ids().collect();
         joint_order.sort_by_key(|&joint| &scene.joints[joint].key);
         Ok(Self {
             bodies: create("_bodies.csv", &heading, !scene.bodies.is_empty())?,
@@ -66,8 +67,8 @@ impl TraceWriter {
                 !scene.soft_bodies.is_empty(),
             )?,
             nodes: vec![[0.0; 3]; scene.soft_bodies.iter().map(|soft| soft.nodes).max().unwrap_or(0)],
-            states: vec![BodyKinematics::default(); scene.bodies.len()],
-            names,
+            states: Table::filled(BodyKinematics::default(), scene.bodies.len()),
+            names: names.into(),
             order,
             joint_order,
             full,
@@ -81,15 +82,15 @@ impl TraceWriter {
     pub fn write(&mut self, simulation: &Simulation, step: u64) -> io::Result<()> {
         let (scene, time) = (simulation.scene(), simulation.sim_time());
         if let Some(out) = &mut self.bodies {
-            scene.world.read_bodies(&mut self.states);
-            for &index in &self.order {
-                let (body, state) = (&scene.bodies[index], &self.states[index]);
-                write!(out, "{step},{time:?},{}", self.names[index])?;
+            scene.world.read_bodies(self.states.as_mut_slice());
+            for &id in &self.order {
+                let (body, state) = (&scene.bodies[id], &self.states[id]);
+                write!(out, "{step},{time:?},{}", self.names[id])?;
                 write_pose(out, &state.body_pose(&body.inertial_offset_inverse))?;
                 write_numbers(out, &state.linear_velocity)?;
                 write_numbers(out, &state.angular_velocity)?;
                 if self.full {
-                    let pose = scene.world.bodies().get(index).and_then(|&handle| scene.world.pose(handle));
+                    let pose = scene.world.bodies().get(id.index()).and_then(|&handle| scene.world.pose(handle));
                     write_pose(out, &pose.unwrap_or_else(Isometry3::identity))?;
                 }
                 writeln!(out)?;

@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use ambf_core::comm::Snapshot;
+use ambf_core::ids::BodyId;
 use ambf_core::scene::VisualScene;
 use ambf_render::{Marker, MarkerShape, Stage};
 use nalgebra::Isometry3;
@@ -28,7 +29,7 @@ struct Shown {
     cloud: Arc<PointCloud>,
     mark: Mark,
     /// Body in whose frame it is; `None`: the world.
-    body: Option<usize>,
+    body: Option<BodyId>,
     /// Of the scene in which the body was looked up.
     generation: u64,
 }
@@ -105,15 +106,15 @@ impl CloudMarkers {
     }
 
     /// The body whose identifier is `frame`, else the only one whose identifier holds it.
-    fn body(&mut self, topic: &str, frame: &str, visuals: &VisualScene) -> Option<usize> {
+    fn body(&mut self, topic: &str, frame: &str, visuals: &VisualScene) -> Option<BodyId> {
         if frame.is_empty() {
             return None;
         }
-        let bodies = || visuals.bodies.iter().enumerate().filter(|(_, body)| !body.object.removed);
+        let bodies = || visuals.bodies.entries().filter(|(_, body)| !body.object.removed);
         let exact = bodies().find(|(_, body)| *body.object.identifier == *frame);
         let mut parts = bodies().filter(|(_, body)| body.object.identifier.contains(frame));
         let found = match (exact, parts.next(), parts.next()) {
-            (Some((index, _)), ..) | (None, Some((index, _)), None) => Ok(index),
+            (Some((id, _)), ..) | (None, Some((id, _)), None) => Ok(id),
             (None, None, _) => Err("names no body"),
             (None, Some(_), Some(_)) => Err("is part of the names of several bodies"),
         };
@@ -147,7 +148,7 @@ mod tests {
         clouds.set("/a", cloud("BODY Red", 3, 10.0));
         clouds.set("/b", cloud("nobody", 2, 10.0));
         markers.refresh(&mut stage, &visuals, &snapshot);
-        let red = visuals.bodies.iter().position(|body| body.object.name.contains("Red")).unwrap();
+        let red = visuals.bodies.position(|body| body.object.name.contains("Red")).unwrap();
         let pose = snapshot.bodies[red].body_pose(&visuals.bodies[red].offset);
         assert_eq!((stage.markers.len(), &stage.markers[0]), (3, &other));
         assert_eq!(stage.markers[1].pose, pose);

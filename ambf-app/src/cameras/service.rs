@@ -334,7 +334,7 @@ pub(super) mod tests {
         }
 
         fn camera(&self, name: &str) -> Camera {
-            let index = self.visuals.cameras.iter().position(|camera| &*camera.object.name == name).unwrap();
+            let index = self.visuals.cameras.position(|camera| &*camera.object.name == name).unwrap();
             let described = &self.visuals.cameras[index].description;
             let topics = CameraTopics::new(index, &format!("/e/{name}"), described, |topic| topic).unwrap();
             Camera { topics, noise: None, numbers: Vec::new(), request: None, trouble: String::new() }

@@ -45,7 +45,7 @@ pub(super) fn root_link(pass: &mut Pass<'_>, device: &InputDevice, path: &Path) 
         names.insert(&format!("{}{}", body.common.namespace, body.common.identifier), index);
     }
     let qualified = format!("{}{link}", model.namespace);
-    if names.exact(&qualified).is_none() && names.find(link).index().is_none() {
+    if names.exact(&qualified).is_none() && names.find(link).id().is_none() {
         let entry = pass.entry(&device.identifier).and_then(|entry| entry.get("root link"));
         let place = entry.map_or_else(|| device.source.clone(), |entry| entry.source());
         let sentence = format!("is `{link}`, which is no body of {}, or part of several", path.display());

@@ -37,7 +37,7 @@ pub(super) fn model(pass: &mut Pass<'_>, model: &Model) {
 
 /// The bodies of a model by qualified identifier.
 struct Bodies<'m> {
-    names: NameMap,
+    names: NameMap<usize>,
     bodies: &'m [RigidBody],
 }
 
@@ -57,7 +57,7 @@ impl<'m> Bodies<'m> {
     /// The body that an element of `namespace` means by `text`.
     fn find(&self, text: &str, namespace: &str) -> Option<&'m RigidBody> {
         let exact = self.exact(text).or_else(|| self.exact(&format!("{namespace}{text}")));
-        exact.or_else(|| self.names.find(text).index()).map(|index| &self.bodies[index])
+        exact.or_else(|| self.names.find(text).id()).map(|index| &self.bodies[index])
     }
 }
 
@@ -206,7 +206,7 @@ fn sensor(pass: &mut Pass<'_>, sensor: &Sensor, bodies: &Bodies<'_>) {
 fn parent(pass: &mut Pass<'_>, common: &Common, text: &str, bodies: &Bodies<'_>) {
     let qualified = format!("{}{text}", common.namespace);
     let needs_namespace = bodies.exact(text).is_none() && bodies.exact(&qualified).is_some();
-    if needs_namespace && bodies.names.find(text).index().is_none() {
+    if needs_namespace && bodies.names.find(text).id().is_none() {
         pass.differs(&original::SHORT_PARENT, &common.identifier);
     }
 }

@@ -1,6 +1,7 @@
 //! A constraint actuator on the wire: `ActuatorState` and `ActuatorCmd`.
 
 use ambf_core::comm::{ActuatorCommand, ActuatorInfo, ObjectInfo, Snapshot};
+use ambf_core::ids::ActuatorId;
 
 use super::messages::{ambf_msgs, from_point, from_quaternion, header, pose, string};
 
@@ -11,7 +12,7 @@ const LONGEST_NAME: usize = 4096;
 /// State of the actuator at `index` of the snapshot's actuators; `None` when the snapshot does not know it.
 pub(super) fn state(
     object: &ObjectInfo,
-    index: usize,
+    index: ActuatorId,
     actuator: &ActuatorInfo,
     snapshot: &Snapshot,
 ) -> Option<ambf_msgs::ActuatorState> {
@@ -65,20 +66,20 @@ mod tests {
     fn a_state_says_where_it_is_and_whether_it_holds() {
         let info = ActuatorInfo { parent_name: "BODY tip".into(), pose: Isometry3::translation(0.0, 0.5, 0.0) };
         let object = ObjectInfo {
-            kind: ObjectKind::Actuator(1, Box::new(info.clone())),
+            kind: ObjectKind::Actuator(ActuatorId::new(1), Box::new(info.clone())),
             namespace: "/e/".into(),
             name: "Grasp".into(),
             identifier: "/e/ACTUATOR Grasp".into(),
             rates: Rates::default(),
         };
-        let snapshot = Snapshot { sim_step: 4, actuators: vec![false, true], ..Default::default() };
-        let held = state(&object, 1, &info, &snapshot).unwrap();
+        let snapshot = Snapshot { sim_step: 4, actuators: vec![false, true].into(), ..Default::default() };
+        let held = state(&object, ActuatorId::new(1), &info, &snapshot).unwrap();
         assert!(held.actuated);
         assert_eq!((held.type_.data.as_str(), held.parent_name.data.as_str()), ("CONSTRAINT", "BODY tip"));
         assert_eq!((held.name.data.as_str(), held.identifier.data.as_str()), ("Grasp", "/e/ACTUATOR Grasp"));
         assert_eq!((held.sim_step, held.pose.position.y, held.pose.orientation.w), (4, 0.5, 1.0));
-        assert!(!state(&object, 0, &info, &snapshot).unwrap().actuated);
-        assert_eq!(state(&object, 2, &info, &snapshot), None);
+        assert!(!state(&object, ActuatorId::new(0), &info, &snapshot).unwrap().actuated);
+        assert_eq!(state(&object, ActuatorId::new(2), &info, &snapshot), None);
     }
 
     #[test]

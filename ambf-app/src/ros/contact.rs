@@ -1,13 +1,14 @@
 //! A contact sensor on the wire: `ContactSensorState`, and `ContactSensorCmd`, which has no effect.
 
 use ambf_core::comm::{ContactPoint, ObjectInfo, SensorInfo, Snapshot};
+use ambf_core::ids::SensorId;
 
 use super::messages::{ambf_msgs, header, std_msgs, string, vector};
 
 /// State of the contact sensor at `index` of the snapshot's sensors; `None` when the snapshot does not know it.
 pub(super) fn state(
     object: &ObjectInfo,
-    index: usize,
+    index: SensorId,
     sensor: &SensorInfo,
     snapshot: &Snapshot,
 ) -> Option<ambf_msgs::ContactSensorState> {
@@ -46,7 +47,7 @@ mod tests {
     fn a_state_has_one_event_a_body_with_its_own_points() {
         let info = SensorInfo { kind: SensorType::Contact, parent_name: "BODY tip".into(), ..Default::default() };
         let object = ObjectInfo {
-            kind: ObjectKind::Sensor(1, Box::new(info.clone())),
+            kind: ObjectKind::Sensor(SensorId::new(1), Box::new(info.clone())),
             namespace: "/e/".into(),
             name: "Touch".into(),
             identifier: "/e/SENSOR Touch".into(),
@@ -58,8 +59,9 @@ mod tests {
             bodies: vec![body("/e/BODY Box", 2), body("/e/BODY Ball", 0), body("/e/BODY Peg", 1)],
             points: vec![point(-0.25), point(-0.5), point(0.125)],
         };
-        let snapshot = Snapshot { sim_step: 4, contacts: vec![Default::default(), reading], ..Default::default() };
-        let state = state(&object, 1, &info, &snapshot).unwrap();
+        let snapshot =
+            Snapshot { sim_step: 4, contacts: vec![Default::default(), reading].into(), ..Default::default() };
+        let state = state(&object, SensorId::new(1), &info, &snapshot).unwrap();
         assert_eq!((state.type_.data.as_str(), state.parent_name.data.as_str()), ("CONTACT", "BODY tip"));
         assert_eq!((state.name.data.as_str(), state.identifier.data.as_str()), ("Touch", "/e/SENSOR Touch"));
         let seen: Vec<_> = (state.contact_events.iter())
@@ -70,6 +72,6 @@ mod tests {
         assert_eq!(seen, [("/e/BODY Box", vec![-0.25, -0.5]), ("/e/BODY Ball", vec![]), ("/e/BODY Peg", vec![0.125])]);
         let first = &state.contact_events[0].contact_data[0];
         assert_eq!((first.contact_point.x, first.contact_normal.z), (1.0, 1.0));
-        assert_eq!(super::state(&object, 2, &info, &snapshot), None);
+        assert_eq!(super::state(&object, SensorId::new(2), &info, &snapshot), None);
     }
 }

@@ -5,13 +5,14 @@
 //! looks for one by a part of its name.
 
 use ambf_core::comm::{GhostInfo, ObjectInfo, Snapshot};
+use ambf_core::ids::GhostId;
 
 use super::messages::{ambf_msgs, header, pose, string};
 
 /// State of the ghost object at `index` of the snapshot's ghost objects; `None` when the snapshot does not know it.
 pub(super) fn state(
     object: &ObjectInfo,
-    index: usize,
+    index: GhostId,
     ghost: &GhostInfo,
     snapshot: &Snapshot,
 ) -> Option<ambf_msgs::GhostObjectState> {
@@ -39,7 +40,7 @@ mod tests {
     fn a_state_names_what_is_inside() {
         let info = GhostInfo { parent_name: "BODY jaw".into() };
         let object = ObjectInfo {
-            kind: ObjectKind::Ghost(0, Box::new(info.clone())),
+            kind: ObjectKind::Ghost(GhostId::new(0), Box::new(info.clone())),
             namespace: "/e/".into(),
             name: "Water".into(),
             identifier: "/e/GHOST OBJECT Water".into(),
@@ -47,14 +48,14 @@ mod tests {
         };
         let sensed = vec!["/e/BODY Box".into(), "/e/BODY Ball".into()];
         let reading = GhostReading { pose: Isometry3::translation(1.0, 0.0, 0.0), sensed };
-        let snapshot = Snapshot { sim_step: 4, ghosts: vec![reading], ..Default::default() };
-        let water = state(&object, 0, &info, &snapshot).unwrap();
+        let snapshot = Snapshot { sim_step: 4, ghosts: vec![reading].into(), ..Default::default() };
+        let water = state(&object, GhostId::new(0), &info, &snapshot).unwrap();
         assert_eq!((water.name.data.as_str(), water.identifier.data.as_str()), ("Water", "/e/GHOST OBJECT Water"));
         assert_eq!((water.sim_step, water.parent_name.data.as_str(), water.pose.position.x), (4, "BODY jaw", 1.0));
         assert_eq!(
             water.sensed_objects.iter().map(|name| name.data.as_str()).collect::<Vec<_>>(),
             ["/e/BODY Box", "/e/BODY Ball"]
         );
-        assert_eq!(state(&object, 1, &info, &snapshot), None);
+        assert_eq!(state(&object, GhostId::new(1), &info, &snapshot), None);
     }
 }

@@ -167,6 +167,7 @@ mod tests {
     use crate::ros::arguments::RosArguments;
     use crate::ros::models::{ModelHost, ModelReply};
     use ambf_core::comm::{Hub, HubIndex, ObjectInfo, ObjectKind, Rates, SensorInfo, SensorType};
+    use ambf_core::ids::{ActuatorId, BodyId, CameraId, GhostId, LightId, SensorId, SoftBodyId, VehicleId};
     use ros_node::Direction;
     use std::path::{Path, PathBuf};
 
@@ -230,18 +231,21 @@ mod tests {
     fn every_object_gets_its_topics_and_the_world_some_of_its_own() {
         let hub = Arc::new(Hub::new(vec![
             object(ObjectKind::World, "World"),
-            object(ObjectKind::RigidBody(0, Box::default()), "psm/baselink1"),
-            object(ObjectKind::Camera(0, Box::default()), "cameras/default_camera"),
-            object(ObjectKind::Light(0, Box::default()), "light"),
-            object(ObjectKind::Sensor(0, Box::default()), "sensor"),
+            object(ObjectKind::RigidBody(BodyId::new(0), Box::default()), "psm/baselink1"),
+            object(ObjectKind::Camera(CameraId::new(0), Box::default()), "cameras/default_camera"),
+            object(ObjectKind::Light(LightId::new(0), Box::default()), "light"),
+            object(ObjectKind::Sensor(SensorId::new(0), Box::default()), "sensor"),
             object(
-                ObjectKind::Sensor(1, Box::new(SensorInfo { kind: SensorType::Contact, ..Default::default() })),
+                ObjectKind::Sensor(
+                    SensorId::new(1),
+                    Box::new(SensorInfo { kind: SensorType::Contact, ..Default::default() }),
+                ),
                 "touch",
             ),
-            object(ObjectKind::Actuator(0, Box::default()), "actuator"),
-            object(ObjectKind::Vehicle(0, Box::default()), "vehicle"),
-            object(ObjectKind::SoftBody(0, 1.0), "soft body"),
-            object(ObjectKind::Ghost(0, Box::default()), "ghost"),
+            object(ObjectKind::Actuator(ActuatorId::new(0), Box::default()), "actuator"),
+            object(ObjectKind::Vehicle(VehicleId::new(0), Box::default()), "vehicle"),
+            object(ObjectKind::SoftBody(SoftBodyId::new(0), 1.0), "soft body"),
+            object(ObjectKind::Ghost(GhostId::new(0), Box::default()), "ghost"),
         ]));
         let change = objects(&hub, Some(Arc::new(Nobody))).compare().unwrap();
         assert_eq!(
@@ -290,8 +294,8 @@ mod tests {
         assert_eq!(objects.compare().unwrap().come.announcements.len(), 7, "no host, no services for models");
         assert!(objects.compare().is_none(), "nothing has changed");
 
-        let car = || object(ObjectKind::Vehicle(0, Box::default()), "car");
-        let light = || object(ObjectKind::Light(0, Box::default()), "light");
+        let car = || object(ObjectKind::Vehicle(VehicleId::new(0), Box::default()), "car");
+        let light = || object(ObjectKind::Light(LightId::new(0), Box::default()), "light");
         hub.add_objects(vec![car(), light()]);
         let change = objects.compare().unwrap();
         assert_eq!(
@@ -307,7 +311,7 @@ mod tests {
 
         // One goes, one comes and goes unseen, one comes that has the name of the one that goes.
         hub.remove_objects([HubIndex(1)]);
-        hub.add_objects(vec![object(ObjectKind::Ghost(0, Box::default()), "unseen"), car()]);
+        hub.add_objects(vec![object(ObjectKind::Ghost(GhostId::new(0), Box::default()), "unseen"), car()]);
         hub.remove_objects([HubIndex(3)]);
         let change = objects.compare().unwrap();
         let topics =

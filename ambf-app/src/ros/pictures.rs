@@ -4,6 +4,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::Arc;
 
 use ambf_core::adf;
+use ambf_core::ids::CameraId;
 use parking_lot::Mutex;
 use ros_node::{Announcement, LargePublication};
 
@@ -12,7 +13,7 @@ use super::messages::sensor_msgs;
 /// What one camera publishes.
 pub struct CameraTopics {
     /// Index of the camera in [`VisualScene::cameras`](ambf_core::scene::VisualScene::cameras).
-    pub index: usize,
+    pub index: CameraId,
     name: String,
     /// Images come every so many frames; `None`: there are none.
     pub image_interval: Option<u32>,
@@ -34,7 +35,7 @@ impl CameraTopics {
     /// Topics below `name`, `/<namespace>/<camera>`, for the camera that `described` describes; `mapped` gives the name
     /// under which each is published. `None` if it publishes nothing.
     pub(crate) fn new(
-        index: usize,
+        index: CameraId,
         name: &str,
         described: &adf::Camera,
         mapped: impl Fn(String) -> String,
@@ -101,7 +102,7 @@ impl PictureTopics {
     }
 
     /// Forgets the camera at `index`.
-    pub(super) fn remove(&self, index: usize) {
+    pub(super) fn remove(&self, index: CameraId) {
         self.cameras.lock().retain(|camera| camera.index != index);
         self.generation.fetch_add(1, Ordering::AcqRel);
     }

@@ -4,6 +4,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Arc;
 
 use ambf_core::comm::{CartesianCommandType, JointCommandType, RigidBodyCommand, RigidBodyInfo, Snapshot};
+use ambf_core::ids::{BodyId, JointId, Table};
 
 use super::messages::{
     ambf_msgs, from_point, from_quaternion, from_vector, geometry_msgs, header, narrow, point, pose, string, vector,
@@ -31,7 +32,7 @@ impl Requests {
 /// Makes the states of one body.
 pub(super) struct StateSource {
     /// Index into [`Snapshot::bodies`].
-    index: usize,
+    index: BodyId,
     info: RigidBodyInfo,
     name: String,
     identifier: String,
@@ -45,7 +46,7 @@ pub(super) struct StateSource {
 
 impl StateSource {
     /// The body at `index` of the snapshot's bodies.
-    pub fn new(index: usize, info: RigidBodyInfo, name: &str, identifier: &str, requests: Arc<Requests>) -> Self {
+    pub fn new(index: BodyId, info: RigidBodyInfo, name: &str, identifier: &str, requests: Arc<Requests>) -> Self {
         Self {
             index,
             info,
@@ -109,9 +110,9 @@ impl StateSource {
     }
 }
 
-fn select(out: &mut Vec<f32>, values: &[f64], indices: &[usize]) {
+fn select(out: &mut Vec<f32>, values: &Table<JointId, f64>, joints: &[JointId]) {
     out.clear();
-    out.extend(indices.iter().map(|&i| values.get(i).copied().map_or(0.0, narrow)));
+    out.extend(joints.iter().map(|&joint| values.get(joint).copied().map_or(0.0, narrow)));
 }
 
 /// The command in `message`. Entries beyond the body's `n_joints` are dropped here: nobody could use them.
@@ -164,12 +165,12 @@ mod tests {
             inertial_offset_inverse: Isometry3::translation(0.0, 0.0, -0.5),
             children_names: vec!["a".into(), "b".into()],
             joint_names: vec!["j1".into(), "j2".into()],
-            joints: vec![2, 0],
+            joints: vec![JointId::new(2), JointId::new(0)],
             publish_joint_names: publish,
             publish_joint_positions: publish,
             ..Default::default()
         };
-        StateSource::new(0, info, "Box1", "/ambf/env/BODY Box1", Arc::clone(requests))
+        StateSource::new(BodyId::new(0), info, "Box1", "/ambf/env/BODY Box1", Arc::clone(requests))
     }
 
     fn snapshot(x: f64) -> Snapshot {
@@ -179,10 +180,11 @@ mod tests {
                 origin: [x, 2.0, 3.0],
                 angular_velocity: [0.0, 0.0, 4.0],
                 ..Default::default()
-            }],
-            joint_positions: vec![x, 0.2, 0.3],
-            joint_velocities: vec![1.0, 2.0, 3.0],
-            joint_efforts: vec![0.0; 3],
+            }]
+            .into(),
+            joint_positions: vec![x, 0.2, 0.3].into(),
+            joint_velocities: vec![1.0, 2.0, 3.0].into(),
+            joint_efforts: vec![0.0; 3].into(),
             ..Default::default()
         }
     }
@@ -201,7 +203,7 @@ mod tests {
         assert_eq!((state.name.data.as_str(), state.mass, state.sim_step), ("Box1", 2.0, 9));
         assert_eq!(state.wrench.force.x, 0.0, "no feedback, no wrench");
         let with_feedback =
-            Snapshot { wrenches: vec![Wrench { force: Vector3::x(), ..Default::default() }], ..snapshot(0.1) };
+            Snapshot { wrenches: vec![Wrench { force: Vector3::x(), ..Default::default() }].into(), ..snapshot(0.1) };
         assert_eq!(source.message(&with_feedback).unwrap().wrench.force.x, 1.0);
         assert!(source.message(&Snapshot::default()).is_none());
     }

@@ -148,6 +148,7 @@ fn publish_due(hub: &Hub, entries: &mut [Entry], now: Duration) -> Duration {
 mod tests {
     use super::*;
     use ambf_core::comm::{ObjectInfo, RigidBodyCommand, SnapshotWriter};
+    use ambf_core::ids::BodyId;
     use std::sync::atomic::{AtomicUsize, Ordering};
     use std::sync::mpsc::channel;
     use std::time::Instant;
@@ -172,7 +173,7 @@ mod tests {
 
     fn body(name: &str) -> ObjectInfo {
         ObjectInfo {
-            kind: ObjectKind::RigidBody(0, Box::default()),
+            kind: ObjectKind::RigidBody(BodyId::new(0), Box::default()),
             namespace: "/ambf/env/".into(),
             name: name.into(),
             identifier: format!("/ambf/env/BODY {name}"),

@@ -1,13 +1,14 @@
 //! A sensor on the wire: `SensorState`, and `SensorCmd`, which has no effect.
 
 use ambf_core::comm::{ObjectInfo, SensorInfo, SensorType, Snapshot};
+use ambf_core::ids::SensorId;
 
 use super::messages::{ambf_msgs, header, narrow, pose, string};
 
 /// State of the sensor at `index` of the snapshot's sensors; `None` when the snapshot does not know it.
 pub(super) fn state(
     object: &ObjectInfo,
-    index: usize,
+    index: SensorId,
     sensor: &SensorInfo,
     snapshot: &Snapshot,
 ) -> Option<ambf_msgs::SensorState> {
@@ -53,7 +54,7 @@ mod tests {
             range: 0.25,
         };
         let object = ObjectInfo {
-            kind: ObjectKind::Sensor(1, Box::new(info.clone())),
+            kind: ObjectKind::Sensor(SensorId::new(1), Box::new(info.clone())),
             namespace: "/e/".into(),
             name: "Proximity0".into(),
             identifier: "/e/SENSOR Proximity0".into(),
@@ -63,8 +64,9 @@ mod tests {
         let soft = RayReading { triggered: true, measurement: 0.5, sensed: None };
         // The body that was hit last stays stored after a miss.
         let miss = RayReading { triggered: false, measurement: 0.0, sensed: Some("Box".into()) };
-        let snapshot = Snapshot { sim_step: 4, sensors: vec![vec![], vec![hit, soft, miss]], ..Default::default() };
-        let state = state(&object, 1, &info, &snapshot).unwrap();
+        let snapshot =
+            Snapshot { sim_step: 4, sensors: vec![vec![], vec![hit, soft, miss]].into(), ..Default::default() };
+        let state = state(&object, SensorId::new(1), &info, &snapshot).unwrap();
         assert_eq!((state.type_.data.as_str(), state.parent_name.data.as_str()), ("RESISTANCE", "BODY tip"));
         assert_eq!((state.name.data.as_str(), state.identifier.data.as_str()), ("Proximity0", "/e/SENSOR Proximity0"));
         assert_eq!((state.sim_step, state.pose.position.z), (4, 0.5));
@@ -73,6 +75,6 @@ mod tests {
         assert_eq!(state.measurement, [f32::MAX, 0.5, 0.0]);
         assert_eq!(state.sensed_objects.iter().map(|s| s.data.as_str()).collect::<Vec<_>>(), ["Box", "", ""]);
         assert!(state.sensed_objects_map.is_empty());
-        assert_eq!(super::state(&object, 2, &info, &snapshot), None);
+        assert_eq!(super::state(&object, SensorId::new(2), &info, &snapshot), None);
     }
 }

@@ -1,6 +1,7 @@
 //! A soft body on the wire: `SoftBodyState`, which holds its shape, and `SoftBodyCmd`, of which only the force counts.
 
 use ambf_core::comm::{ObjectInfo, Snapshot, SoftBodyCommand};
+use ambf_core::ids::SoftBodyId;
 use nalgebra::Isometry3;
 
 use super::messages::{ambf_msgs, from_vector, header, is_zero, narrow, pose, string};
@@ -11,7 +12,7 @@ const USERDATA: &str = "node positions x y z, x y z, ... in the world, m";
 /// State of the soft body at `index` of the snapshot's soft bodies; `None` when the snapshot does not know it.
 pub(super) fn state(
     object: &ObjectInfo,
-    index: usize,
+    index: SoftBodyId,
     mass: f64,
     snapshot: &Snapshot,
 ) -> Option<ambf_msgs::SoftBodyState> {
@@ -55,7 +56,7 @@ mod tests {
     #[test]
     fn a_state_holds_the_shape() {
         let object = ObjectInfo {
-            kind: ObjectKind::SoftBody(0, 2.0),
+            kind: ObjectKind::SoftBody(SoftBodyId::new(0), 2.0),
             namespace: "/e/".into(),
             name: "Cloth".into(),
             identifier: "/e/SOFT BODY Cloth".into(),
@@ -63,14 +64,14 @@ mod tests {
         };
         let reading =
             SoftBodyReading { center: Vector3::new(1.0, 2.0, 3.0), nodes: vec![[0.5, 1.5, 1e300], [1.0, 2.0, 3.0]] };
-        let snapshot = Snapshot { sim_step: 4, soft_bodies: vec![reading], ..Default::default() };
-        let cloth = state(&object, 0, 2.0, &snapshot).unwrap();
+        let snapshot = Snapshot { sim_step: 4, soft_bodies: vec![reading].into(), ..Default::default() };
+        let cloth = state(&object, SoftBodyId::new(0), 2.0, &snapshot).unwrap();
         assert_eq!((cloth.name.data.as_str(), cloth.identifier.data.as_str()), ("Cloth", "/e/SOFT BODY Cloth"));
         assert_eq!((cloth.sim_step, cloth.mass, cloth.pose.position.z, cloth.pose.orientation.w), (4, 2.0, 3.0, 1.0));
         assert_eq!(cloth.userdata, [0.5, 1.5, f32::MAX, 1.0, 2.0, 3.0]);
         assert!(cloth.userdata_description.contains("node positions"));
         assert!(cloth.children_names.is_empty() && cloth.joint_positions.is_empty());
-        assert_eq!(state(&object, 1, 2.0, &snapshot), None);
+        assert_eq!(state(&object, SoftBodyId::new(1), 2.0, &snapshot), None);
     }
 
     #[test]

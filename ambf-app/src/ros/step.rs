@@ -8,6 +8,7 @@ use ambf_core::comm::{
     ActuatorCommand, ActuatorInfo, GhostInfo, Hub, HubIndex, ObjectInfo, PostError, RigidBodyCommand, RigidBodyInfo,
     SensorInfo, SensorType, Snapshot, StepOrder, WATCHDOG_TIMEOUT,
 };
+use ambf_core::ids::{ActuatorId, BodyId, GhostId, SensorId};
 use parking_lot::Mutex;
 
 use super::messages::ambf_msgs::{ActuatorCmd, RigidBodyCmd, Step, StepReq, StepRes};
@@ -31,14 +32,14 @@ pub(super) struct Steppable {
 /// What it is.
 pub(super) enum Kind {
     Body { source: Box<Mutex<rigid_body::StateSource>>, requests: Arc<Requests>, n_joints: usize },
-    Sensor(usize, SensorInfo),
-    Actuator(usize, ActuatorInfo),
-    Ghost(usize, GhostInfo),
+    Sensor(SensorId, SensorInfo),
+    Actuator(ActuatorId, ActuatorInfo),
+    Ghost(GhostId, GhostInfo),
 }
 
 impl Kind {
     /// The body at `index` of the snapshot's bodies.
-    pub fn body(index: usize, body: &RigidBodyInfo, info: &ObjectInfo, requests: &Arc<Requests>) -> Self {
+    pub fn body(index: BodyId, body: &RigidBodyInfo, info: &ObjectInfo, requests: &Arc<Requests>) -> Self {
         let n_joints = body.joint_names.len().max(body.joints.len());
         let source =
             rigid_body::StateSource::new(index, body.clone(), &info.name, &info.identifier, Arc::clone(requests));
@@ -196,6 +197,7 @@ fn observe(observed: &Steppable, snapshot: &Snapshot, answer: &mut StepRes) -> R
 mod tests {
     use super::*;
     use ambf_core::comm::{ObjectKind, Rates};
+    use ambf_core::ids::JointId;
 
     fn steppables() -> (Arc<Hub>, Steppables) {
         let object = |kind, name: &str| ObjectInfo {
@@ -205,15 +207,15 @@ mod tests {
             identifier: format!("/e/{name}"),
             rates: Rates::default(),
         };
-        let body = RigidBodyInfo { joint_names: vec!["j".into()], joints: vec![0], ..Default::default() };
+        let body = RigidBodyInfo { joint_names: vec!["j".into()], joints: vec![JointId::new(0)], ..Default::default() };
         let infos = [
-            object(ObjectKind::RigidBody(0, Box::new(body.clone())), "box"),
-            object(ObjectKind::Actuator(0, Box::default()), "holder"),
+            object(ObjectKind::RigidBody(BodyId::new(0), Box::new(body.clone())), "box"),
+            object(ObjectKind::Actuator(ActuatorId::new(0), Box::default()), "holder"),
         ];
         let steppables = Steppables::default();
-        let kind = Kind::body(0, &body, &infos[0], &Arc::default());
+        let kind = Kind::body(BodyId::new(0), &body, &infos[0], &Arc::default());
         steppables.insert("/e/box".into(), Steppable { object: HubIndex(0), info: infos[0].clone(), kind });
-        let kind = Kind::Actuator(0, ActuatorInfo::default());
+        let kind = Kind::Actuator(ActuatorId::new(0), ActuatorInfo::default());
         steppables.insert("/e/holder".into(), Steppable { object: HubIndex(1), info: infos[1].clone(), kind });
         (Arc::new(Hub::new(infos.to_vec())), steppables)
     }

@@ -6,6 +6,7 @@ use ambf_core::comm::{
     ActuatorInfo, CameraParameters, GhostInfo, Hub, HubIndex, LightParameters, ObjectInfo, ObjectKind, PostError,
     Rates, RigidBodyInfo, SensorCommand, SensorInfo, SensorType, Snapshot, VehicleInfo,
 };
+use ambf_core::ids::{ActuatorId, BodyId, CameraId, GhostId, LightId, SensorId, SoftBodyId, VehicleId};
 use ros_node::{Announcement, Publication};
 use rosrust::Message;
 
@@ -180,7 +181,7 @@ impl Builder<'_> {
         self.served.parameters.worlds.push(name);
     }
 
-    fn rigid_body(&mut self, info: &ObjectInfo, name: String, index: usize, body: &RigidBodyInfo) {
+    fn rigid_body(&mut self, info: &ObjectInfo, name: String, index: BodyId, body: &RigidBodyInfo) {
         let requests = Arc::<Requests>::default();
         let mut source =
             rigid_body::StateSource::new(index, body.clone(), &info.name, &info.identifier, Arc::clone(&requests));
@@ -201,7 +202,7 @@ impl Builder<'_> {
         });
     }
 
-    fn camera(&mut self, info: &ObjectInfo, name: String, index: usize, parameters: &CameraParameters) {
+    fn camera(&mut self, info: &ObjectInfo, name: String, index: CameraId, parameters: &CameraParameters) {
         let (identity, parent) = identity(info, &parameters.parent_name);
         self.publish(format!("{name}/State"), info.rates, true, move |snapshot| {
             let snapshot = snapshot?;
@@ -215,7 +216,7 @@ impl Builder<'_> {
         self.served.parameters.cameras.push(Parameterised { object, name, values: parameters.clone(), parent });
     }
 
-    fn light(&mut self, info: &ObjectInfo, name: String, index: usize, parameters: &LightParameters) {
+    fn light(&mut self, info: &ObjectInfo, name: String, index: LightId, parameters: &LightParameters) {
         let (identity, parent) = identity(info, &parameters.parent_name);
         self.publish(format!("{name}/State"), info.rates, true, move |snapshot| {
             let snapshot = snapshot?;
@@ -229,7 +230,7 @@ impl Builder<'_> {
         self.served.parameters.lights.push(Parameterised { object, name, values: parameters.clone(), parent });
     }
 
-    fn sensor(&mut self, info: &ObjectInfo, name: String, index: usize, sensor: &SensorInfo) {
+    fn sensor(&mut self, info: &ObjectInfo, name: String, index: SensorId, sensor: &SensorInfo) {
         self.can_be_stepped(&name, info, Kind::Sensor(index, sensor.clone()));
         let (of, own) = (info.clone(), sensor.clone());
         let state = format!("{name}/State");
@@ -250,7 +251,7 @@ impl Builder<'_> {
         });
     }
 
-    fn actuator(&mut self, info: &ObjectInfo, name: String, index: usize, actuator: &ActuatorInfo) {
+    fn actuator(&mut self, info: &ObjectInfo, name: String, index: ActuatorId, actuator: &ActuatorInfo) {
         self.can_be_stepped(&name, info, Kind::Actuator(index, actuator.clone()));
         let (of, actuator) = (info.clone(), actuator.clone());
         self.publish(format!("{name}/State"), info.rates, true, move |snapshot| {
@@ -265,7 +266,7 @@ impl Builder<'_> {
         });
     }
 
-    fn vehicle(&mut self, info: &ObjectInfo, name: String, index: usize, vehicle: &VehicleInfo) {
+    fn vehicle(&mut self, info: &ObjectInfo, name: String, index: VehicleId, vehicle: &VehicleInfo) {
         let (of, wheels, vehicle) = (info.clone(), vehicle.wheels, vehicle.clone());
         self.publish(format!("{name}/State"), info.rates, true, move |snapshot| {
             vehicle::state(&of, index, &vehicle, snapshot?)
@@ -276,7 +277,7 @@ impl Builder<'_> {
         });
     }
 
-    fn soft_body(&mut self, info: &ObjectInfo, name: String, index: usize, mass: f64) {
+    fn soft_body(&mut self, info: &ObjectInfo, name: String, index: SoftBodyId, mass: f64) {
         let of = info.clone();
         self.publish(format!("{name}/State"), info.rates, true, move |snapshot| {
             soft_body::state(&of, index, mass, snapshot?)
@@ -288,7 +289,7 @@ impl Builder<'_> {
         });
     }
 
-    fn ghost(&mut self, info: &ObjectInfo, name: String, index: usize, ghost: &GhostInfo) {
+    fn ghost(&mut self, info: &ObjectInfo, name: String, index: GhostId, ghost: &GhostInfo) {
         self.can_be_stepped(&name, info, Kind::Ghost(index, ghost.clone()));
         let (of, ghost) = (info.clone(), ghost.clone());
         self.publish(format!("{name}/State"), info.rates, true, move |snapshot| {

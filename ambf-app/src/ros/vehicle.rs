@@ -1,13 +1,14 @@
 //! A vehicle on the wire: `VehicleState` and `VehicleCmd`.
 
 use ambf_core::comm::{ObjectInfo, Snapshot, VehicleCommand, VehicleInfo};
+use ambf_core::ids::VehicleId;
 
 use super::messages::{ambf_msgs, from_vector, header, narrow, point, pose, string};
 
 /// State of the vehicle at `index` of the snapshot's vehicles; `None` when the snapshot does not know it.
 pub(super) fn state(
     object: &ObjectInfo,
-    index: usize,
+    index: VehicleId,
     vehicle: &VehicleInfo,
     snapshot: &Snapshot,
 ) -> Option<ambf_msgs::VehicleState> {
@@ -50,7 +51,7 @@ mod tests {
     fn a_state_holds_the_chassis_and_every_wheel() {
         let info = VehicleInfo { mass: 20.0, inertia: Vector3::new(1.0, 2.0, 3.0), wheels: 2 };
         let object = ObjectInfo {
-            kind: ObjectKind::Vehicle(0, Box::new(info.clone())),
+            kind: ObjectKind::Vehicle(VehicleId::new(0), Box::new(info.clone())),
             namespace: "/e/".into(),
             name: "Car".into(),
             identifier: "/e/VEHICLE Car".into(),
@@ -60,14 +61,14 @@ mod tests {
             pose: Isometry3::translation(1.0, 0.0, 0.0),
             wheels: vec![Isometry3::translation(0.0, 0.5, 0.0), Isometry3::translation(0.0, -0.5, 0.0)],
         };
-        let snapshot = Snapshot { sim_step: 4, vehicles: vec![reading], ..Default::default() };
-        let car = state(&object, 0, &info, &snapshot).unwrap();
+        let snapshot = Snapshot { sim_step: 4, vehicles: vec![reading].into(), ..Default::default() };
+        let car = state(&object, VehicleId::new(0), &info, &snapshot).unwrap();
         assert_eq!((car.name.data.as_str(), car.identifier.data.as_str()), ("Car", "/e/VEHICLE Car"));
         assert_eq!((car.sim_step, car.mass, car.pInertia.z, car.pose.position.x), (4, 20.0, 3.0, 1.0));
         assert_eq!((car.wheel_count, car.wheel_offsets.len(), car.wheel_offsets[1].position.y), (2, 2, -0.5));
-        assert_eq!(state(&object, 1, &info, &snapshot), None);
+        assert_eq!(state(&object, VehicleId::new(1), &info, &snapshot), None);
         let many = VehicleInfo { mass: 1e300, wheels: 1000, ..info };
-        let many = state(&object, 0, &many, &snapshot).unwrap();
+        let many = state(&object, VehicleId::new(0), &many, &snapshot).unwrap();
         assert_eq!((many.mass, many.wheel_count), (f32::MAX, 127));
     }
 

@@ -2,6 +2,7 @@
 
 use ambf_app::batch::{Commands, Targets};
 use ambf_core::bullet::{BodyKinematics, Solver};
+use ambf_core::ids::SoftBodyId;
 use ambf_core::scene::{load, Loaded, Scene, SceneOptions};
 use ambf_core::sim::Simulation;
 use nalgebra::Vector3;
@@ -41,9 +42,9 @@ pub fn load_case(case: &Case, start: Start) -> Scene {
 pub fn simulate(case: &Case, steps: &[u64], start: Start) -> Recording {
     let mut scene = load_case(case, start);
     if let Start::Shifted(distance) = start {
-        let dynamic = (0..scene.bodies.len()).filter(|&body| scene.bodies[body].mass > 0.0);
+        let dynamic = scene.bodies.ids().filter(|&body| scene.bodies[body].mass > 0.0);
         for (count, body) in dynamic.collect::<Vec<_>>().into_iter().enumerate() {
-            let handle = scene.world.bodies()[body];
+            let handle = scene.world.bodies()[body.index()];
             let mut pose = scene.world.pose(handle).expect("a live body");
             let shift = if count % 2 == 0 { distance } else { -distance };
             pose.translation.vector += Vector3::new(shift, 0.0, shift);
@@ -103,8 +104,8 @@ fn record(simulation: &Simulation, step: u64, recording: &mut Recording) {
     let names = &recording.bodies.names;
     let joints = scene.joints.iter().map(|joint| JointState {
         kind: joint.joint_type.code(),
-        parent: names[joint.parent].clone(),
-        child: names[joint.child].clone(),
+        parent: names[joint.parent.index()].clone(),
+        child: names[joint.child.index()].clone(),
         position: joint.position,
         velocity: joint.velocity,
         effort: joint.effort,
@@ -115,7 +116,7 @@ fn record(simulation: &Simulation, step: u64, recording: &mut Recording) {
 /// Largest distance of a soft body's nodes from the trace at each recorded step, m, in rising order of steps.
 pub fn soft_distances(case: &Case) -> Vec<(u64, f64)> {
     let mut simulation = Simulation::new(load_case(case, Start::AsWritten), 0.001);
-    let mut nodes = vec![[0.0; 3]; simulation.scene().soft_bodies[0].nodes];
+    let mut nodes = vec![[0.0; 3]; simulation.scene().soft_bodies[SoftBodyId::new(0)].nodes];
     let mut distances: Vec<(u64, f64)> = Vec::new();
     let mut done = 0;
     for (step, node, theirs) in soft_nodes(case) {
@@ -126,7 +127,7 @@ pub fn soft_distances(case: &Case) -> Vec<(u64, f64)> {
         if distances.last().is_none_or(|last| last.0 != step) {
             distances.push((step, 0.0));
             let scene = simulation.scene();
-            scene.soft_bodies[0].read_nodes(&scene.world, &mut nodes);
+            scene.soft_bodies[SoftBodyId::new(0)].read_nodes(&scene.world, &mut nodes);
         }
         let apart = (Vector3::from(nodes[node]) - theirs).norm();
         let worst = &mut distances.last_mut().expect("just pushed").1;

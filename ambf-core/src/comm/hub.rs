@@ -1,40 +1,69 @@
 use std::ops::{Deref, Index};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use arc_swap::{ArcSwap, ArcSwapOption, Guard};
 use nalgebra::{Isometry3, Vector3};
+use parking_lot::Mutex;
 use thiserror::Error;
 
 use super::{
     ActuatorCommand, CameraParameters, Command, LightParameters, Mailbox, PoseCommand, Rates, RigidBodyCommand,
     SensorCommand, Snapshot, SnapshotWriter, SoftBodyCommand, StepThrottle, VehicleCommand,
 };
+use crate::ids::{ActuatorId, BodyId, CameraId, GhostId, JointId, LightId, SensorId, SoftBodyId, VehicleId};
 use crate::scene::VisualScene;
-use ambf_plugin::SnapshotSlot;
+use ambf_plugin::{ObjectId, SnapshotSlot};
 
-/// What an object is, and where its state stands in a [`Snapshot`].
-#[derive(Debug, Clone, PartialEq)]
-pub enum ObjectKind {
-    /// The one world.
-    World,
-    /// Index into [`Snapshot::bodies`], and what does not change in its state.
-    RigidBody(usize, Box<RigidBodyInfo>),
-    /// Index into [`Snapshot::cameras`], and the parameters at the start.
-    Camera(usize, Box<CameraParameters>),
-    /// Index into [`Snapshot::lights`], and the parameters at the start.
-    Light(usize, Box<LightParameters>),
-    /// Index into [`Snapshot::sensors`], and what does not change in its state.
-    Sensor(usize, Box<SensorInfo>),
-    /// Index into [`Snapshot::actuators`], and what does not change in its state.
-    Actuator(usize, Box<ActuatorInfo>),
-    /// Index into [`Snapshot::vehicles`], and what does not change in its state.
-    Vehicle(usize, Box<VehicleInfo>),
-    /// Index into [`Snapshot::soft_bodies`], and its mass, kg.
-    SoftBody(usize, f64),
-    /// Index into [`Snapshot::ghosts`], and what does not change in its state.
-    Ghost(usize, Box<GhostInfo>),
+macro_rules! object_kinds {
+    ($($(#[$doc:meta])* $kind:ident($id:ident, $info:ty) with $mailbox:ident;)*) => {
+        /// What an object is, and where its state stands in a [`Snapshot`].
+        #[derive(Debug, Clone, PartialEq)]
+        pub enum ObjectKind {
+            /// The one world.
+            World,
+            $($(#[$doc])* $kind($id, $info),)*
+        }
+
+        impl ObjectKind {
+            /// Which object of the scene it is; `None`: the world.
+            pub fn object(&self) -> Option<ObjectId> {
+                match *self {
+                    Self::World => None,
+                    $(Self::$kind(id, _) => Some(id.into()),)*
+                }
+            }
+
+            /// Whether commands that keep it alive come through `channel`.
+            fn is_live(&self, channel: &Channel, now_ns: u64) -> bool {
+                match self {
+                    Self::World => false,
+                    $(Self::$kind(..) => channel.$mailbox.is_live(now_ns),)*
+                }
+            }
+        }
+    };
+}
+
+// One line a type: its id and what clients are told of it; commands in which mailbox keep it alive.
+object_kinds! {
+    /// In [`Snapshot::bodies`]; what does not change in its state.
+    RigidBody(BodyId, Box<RigidBodyInfo>) with body;
+    /// In [`Snapshot::cameras`]; the parameters at the start.
+    Camera(CameraId, Box<CameraParameters>) with pose;
+    /// In [`Snapshot::lights`]; the parameters at the start.
+    Light(LightId, Box<LightParameters>) with pose;
+    /// In [`Snapshot::sensors`]; what does not change in its state.
+    Sensor(SensorId, Box<SensorInfo>) with sensor;
+    /// In [`Snapshot::actuators`]; what does not change in its state.
+    Actuator(ActuatorId, Box<ActuatorInfo>) with actuator;
+    /// In [`Snapshot::vehicles`]; what does not change in its state.
+    Vehicle(VehicleId, Box<VehicleInfo>) with vehicle;
+    /// In [`Snapshot::soft_bodies`]; its mass, kg.
+    SoftBody(SoftBodyId, f64) with soft_body;
+    /// In [`Snapshot::ghosts`]; what does not change in its state.
+    Ghost(GhostId, Box<GhostInfo>) with sensor;
 }
 
 /// The part of a ghost object's state that does not change while it runs.
@@ -57,8 +86,8 @@ pub struct RigidBodyInfo {
     pub children_names: Vec<String>,
     /// (n x 1) names of the active joints, in the order that indexes joint commands.
     pub joint_names: Vec<String>,
-    /// (n x 1) where each active joint stands in the snapshot's joint arrays.
-    pub joints: Vec<usize>,
+    /// (n x 1) each active joint.
+    pub joints: Vec<JointId>,
     /// Whether the names of children are in the state before a client asks.
     pub publish_children_names: bool,
     /// Whether the names of joints are in the state before a client asks.
@@ -170,16 +199,7 @@ impl HubObject {
     /// Whether commands keep coming for the object at `now_ns` on the hub's clock ([`StepThrottle::watch_time`]). Not
     /// for the world: see [`StepThrottle::is_live`].
     pub fn is_live(&self, now_ns: u64) -> bool {
-        let channel = &self.channel;
-        match self.info.kind {
-            ObjectKind::World => false,
-            ObjectKind::RigidBody(..) => channel.body.is_live(now_ns),
-            ObjectKind::Camera(..) | ObjectKind::Light(..) => channel.pose.is_live(now_ns),
-            ObjectKind::Sensor(..) | ObjectKind::Ghost(..) => channel.sensor.is_live(now_ns),
-            ObjectKind::Actuator(..) => channel.actuator.is_live(now_ns),
-            ObjectKind::Vehicle(..) => channel.vehicle.is_live(now_ns),
-            ObjectKind::SoftBody(..) => channel.soft_body.is_live(now_ns),
-        }
+        self.info.kind.is_live(&self.channel, now_ns)
     }
 }
 
@@ -323,7 +343,7 @@ impl Hub {
 
     /// Physics thread: appends the objects of a new model.
     pub fn add_objects(&self, infos: Vec<ObjectInfo>) {
-        let _one_at_a_time = self.changing.lock().unwrap_or_else(PoisonError::into_inner);
+        let _one_at_a_time = self.changing.lock();
         let mut list = ObjectList::clone(&self.objects.load());
         list.extend(infos);
         self.objects.store(Arc::new(list));
@@ -460,7 +480,7 @@ mod tests {
 
     fn hub(n: usize) -> Hub {
         let object = |i: usize| ObjectInfo {
-            kind: ObjectKind::RigidBody(i, Box::default()),
+            kind: ObjectKind::RigidBody(BodyId::new(i), Box::default()),
             namespace: "/ambf/env/".into(),
             name: format!("Box{i}"),
             identifier: format!("/ambf/env/BODY Box{i}"),

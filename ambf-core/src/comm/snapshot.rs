@@ -4,6 +4,7 @@ use std::time::SystemTime;
 use nalgebra::{Isometry3, Vector3};
 
 use crate::bullet::BodyKinematics;
+use crate::ids::{ActuatorId, BodyId, CameraId, GhostId, JointId, LightId, SensorId, SoftBodyId, Table, VehicleId};
 
 /// Force and torque.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -155,36 +156,36 @@ pub struct Snapshot {
     /// Where time went.
     pub timing: Timing,
     /// (bodies x 1).
-    pub bodies: Vec<BodyKinematics>,
+    pub bodies: Table<BodyId, BodyKinematics>,
     /// (bodies x 1) sum of the joint reactions on each body in its own inertial frame; empty when no joint has
     /// feedback.
-    pub wrenches: Vec<Wrench>,
+    pub wrenches: Table<BodyId, Wrench>,
     /// (joints x 1) rad or m.
-    pub joint_positions: Vec<f64>,
+    pub joint_positions: Table<JointId, f64>,
     /// (joints x 1) rad/s or m/s.
-    pub joint_velocities: Vec<f64>,
+    pub joint_velocities: Table<JointId, f64>,
     /// (joints x 1) N·m or N; 0 for joints without feedback.
-    pub joint_efforts: Vec<f64>,
+    pub joint_efforts: Table<JointId, f64>,
     /// (cameras x 1) pose in the parent's body frame, or in the world.
-    pub cameras: Vec<Isometry3<f64>>,
+    pub cameras: Table<CameraId, Isometry3<f64>>,
     /// (lights x 1) pose in the parent's body frame, or in the world.
-    pub lights: Vec<Isometry3<f64>>,
+    pub lights: Table<LightId, Isometry3<f64>>,
     /// (cameras x 1) what pictures of them depend on.
-    pub views: Vec<CameraView>,
+    pub views: Table<CameraId, CameraView>,
     /// (lights x 1) where they shine.
-    pub spots: Vec<SpotReading>,
+    pub spots: Table<LightId, SpotReading>,
     /// (sensors x rays), for contact sensors (sensors x contacts).
-    pub sensors: Vec<Vec<RayReading>>,
+    pub sensors: Table<SensorId, Vec<RayReading>>,
     /// (sensors x 1) what touches the body of each contact sensor; empty for other sensors.
-    pub contacts: Vec<ContactReading>,
+    pub contacts: Table<SensorId, ContactReading>,
     /// (actuators x 1) whether it holds something.
-    pub actuators: Vec<bool>,
+    pub actuators: Table<ActuatorId, bool>,
     /// (vehicles x 1).
-    pub vehicles: Vec<VehicleReading>,
+    pub vehicles: Table<VehicleId, VehicleReading>,
     /// (soft bodies x 1).
-    pub soft_bodies: Vec<SoftBodyReading>,
+    pub soft_bodies: Table<SoftBodyId, SoftBodyReading>,
     /// (ghost objects x 1).
-    pub ghosts: Vec<GhostReading>,
+    pub ghosts: Table<GhostId, GhostReading>,
 }
 
 impl Default for Snapshot {
@@ -195,21 +196,21 @@ impl Default for Snapshot {
             wall_time: 0.0,
             sim_time: 0.0,
             timing: Timing::default(),
-            bodies: Vec::new(),
-            wrenches: Vec::new(),
-            joint_positions: Vec::new(),
-            joint_velocities: Vec::new(),
-            joint_efforts: Vec::new(),
-            cameras: Vec::new(),
-            lights: Vec::new(),
-            views: Vec::new(),
-            spots: Vec::new(),
-            sensors: Vec::new(),
-            contacts: Vec::new(),
-            actuators: Vec::new(),
-            vehicles: Vec::new(),
-            soft_bodies: Vec::new(),
-            ghosts: Vec::new(),
+            bodies: Table::default(),
+            wrenches: Table::default(),
+            joint_positions: Table::default(),
+            joint_velocities: Table::default(),
+            joint_efforts: Table::default(),
+            cameras: Table::default(),
+            lights: Table::default(),
+            views: Table::default(),
+            spots: Table::default(),
+            sensors: Table::default(),
+            contacts: Table::default(),
+            actuators: Table::default(),
+            vehicles: Table::default(),
+            soft_bodies: Table::default(),
+            ghosts: Table::default(),
         }
     }
 }

@@ -1,4 +1,4 @@
-use std::sync::{Arc, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 
 use thiserror::Error;
@@ -52,7 +52,7 @@ impl Hub {
         order: StepOrder,
         command: impl FnOnce(&Hub) -> Result<(), PostError>,
     ) -> Result<Arc<Snapshot>, StepError> {
-        let _turn = self.turn.lock().unwrap_or_else(PoisonError::into_inner);
+        let _turn = self.turn.lock();
         let throttle = self.throttle();
         if throttle.activity() == Activity::Paused && !order.reset {
             return Err(self.why_paused());

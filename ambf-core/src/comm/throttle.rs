@@ -1,7 +1,8 @@
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicU8, Ordering};
-use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::Thread;
 use std::time::{Duration, Instant};
+
+use parking_lot::{Condvar, Mutex};
 
 use super::WATCHDOG_TIMEOUT;
 
@@ -84,15 +85,11 @@ impl Default for StepThrottle {
     }
 }
 
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 impl StepThrottle {
     /// Takes a client's command, at `now_ns` on the hub's clock. Every message counts: clock edges are found by
     /// comparing it with the one before.
     pub fn post(&self, command: WorldCommand, now_ns: u64) {
-        let mut previous = lock(&self.previous);
+        let mut previous = self.previous.lock();
         self.last_post_ns.store(now_ns, Ordering::Release);
         self.skip.store(u32::from(command.n_skip_steps), Ordering::Release);
         let begins = !self.throttling.swap(command.enable_step_throttling, Ordering::AcqRel);
@@ -172,12 +169,12 @@ impl StepThrottle {
 
     /// Names the thread that calls [`wait`](Self::wait), so that a command can wake it. Once, before its loop starts.
     pub fn set_waiter(&self, thread: Thread) {
-        *lock(&self.waiter) = Some(thread);
+        *self.waiter.lock() = Some(thread);
     }
 
     /// Names a thread that is unparked when a clocked step is published: it may pass on the states at once.
     pub fn set_follower(&self, thread: Thread) {
-        *lock(&self.follower) = Some(thread);
+        *self.follower.lock() = Some(thread);
     }
 
     /// Steps that were clocked, not ordered, and are done and published.
@@ -187,7 +184,7 @@ impl StepThrottle {
 
     /// Wakes the waiting physics thread, for example to end.
     pub fn wake(&self) {
-        if let Some(thread) = lock(&self.waiter).as_ref() {
+        if let Some(thread) = self.waiter.lock().as_ref() {
             thread.unpark();
         }
     }
@@ -290,7 +287,7 @@ impl StepThrottle {
             self.tell();
         } else if !self.is_open() && !self.by_order.load(Ordering::Acquire) {
             self.clocked_steps.fetch_add(1, Ordering::AcqRel);
-            if let Some(thread) = lock(&self.follower).as_ref() {
+            if let Some(thread) = self.follower.lock().as_ref() {
                 thread.unpark();
             }
         }
@@ -298,19 +295,19 @@ impl StepThrottle {
 
     /// Physics thread: tells those who [wait](Self::wait_until) to look again.
     pub fn tell(&self) {
-        drop(lock(&self.told));
+        drop(self.told.lock());
         self.changed.notify_all();
     }
 
     /// Not for the physics thread: waits until `is_there`; false after `timeout`.
     pub fn wait_until(&self, timeout: Duration, is_there: impl Fn() -> bool) -> bool {
         let end = Instant::now() + timeout;
-        let mut guard = lock(&self.told);
+        let mut guard = self.told.lock();
         while !is_there() {
             let Some(left) = end.checked_duration_since(Instant::now()) else { return false };
             // Not everything that is waited for is told of.
             let nap = left.min(Duration::from_millis(5));
-            guard = self.changed.wait_timeout(guard, nap).unwrap_or_else(PoisonError::into_inner).0;
+            self.changed.wait_for(&mut guard, nap);
         }
         true
     }

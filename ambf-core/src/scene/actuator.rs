@@ -2,11 +2,13 @@
 
 use nalgebra::Isometry3;
 
+use super::list::SceneObject;
 use super::sensor::{Sensed, Sensor};
-use super::{Bodies, Identity, NameMap};
+use super::{Bodies, Identity, NameMap, ObjectType, Objects, Scene};
 use crate::bullet::{BodyHandle, Constraint, ConstraintHandle, ConstraintKind, SoftBodyHandle, World};
-use crate::comm::{ActuatorCommand, ActuatorInfo};
+use crate::comm::{ActuatorCommand, ActuatorInfo, ObjectKind, Snapshot};
 use crate::control::orientation_of;
+use crate::ids::{ActuatorId, BodyId, Id, SensorId};
 
 /// An actuator of a [`Scene`](super::Scene).
 #[derive(Debug)]
@@ -16,7 +18,7 @@ pub struct Actuator {
     /// Parent's name and pose in the parent's body frame.
     pub info: ActuatorInfo,
     /// Index of the parent body.
-    pub parent: usize,
+    pub parent: BodyId,
     /// Pose of the constraint in the parent's inertial frame.
     pub(super) frame: Isometry3<f64>,
     held: Held,
@@ -41,18 +43,45 @@ pub(super) struct SavedActuator {
     complained: bool,
 }
 
-impl Actuator {
-    pub(super) fn save(&self) -> SavedActuator {
+impl SceneObject for Actuator {
+    type Id = ActuatorId;
+    type Saved = SavedActuator;
+    const TYPE: ObjectType = ObjectType::Actuator;
+    const RANK: u8 = 0;
+
+    fn identity(&self) -> &Identity {
+        &self.identity
+    }
+
+    fn kind(&self, id: Self::Id, _scene: &Scene) -> ObjectKind {
+        ObjectKind::Actuator(id, Box::new(self.info.clone()))
+    }
+
+    fn stands_on(&self, _id: Self::Id) -> Option<BodyId> {
+        Some(self.parent)
+    }
+
+    fn make_room(&self, _scene: &Scene, snapshot: &mut Snapshot) {
+        snapshot.actuators.push(false);
+    }
+
+    fn read(&self, id: Self::Id, _scene: &Scene, snapshot: &mut Snapshot) {
+        snapshot.actuators[id] = self.is_actuated();
+    }
+
+    fn save(&self) -> SavedActuator {
         // All fields by name, so that no new one is forgotten.
         let Self { identity: _, info: _, parent: _, frame: _, held, complained } = self;
         SavedActuator { held: *held, complained: *complained }
     }
 
-    pub(super) fn restore(&mut self, saved: &SavedActuator) {
+    fn restore(&mut self, saved: &SavedActuator) {
         (self.held, self.complained) = (saved.held, saved.complained);
     }
+}
 
-    pub(super) fn new(identity: Identity, info: ActuatorInfo, parent: usize, frame: Isometry3<f64>) -> Self {
+impl Actuator {
+    pub(super) fn new(identity: Identity, info: ActuatorInfo, parent: BodyId, frame: Isometry3<f64>) -> Self {
         Self { identity, info, parent, frame, held: Held::Nothing, complained: false }
     }
 
@@ -66,9 +95,7 @@ impl Actuator {
         &mut self,
         world: &mut World,
         bodies: &Bodies,
-        body_names: &NameMap,
-        sensors: &[Sensor],
-        sensor_names: &NameMap,
+        sensors: &Objects<SensorId, Sensor>,
         command: &ActuatorCommand,
     ) -> Option<String> {
         if !command.actuate {
@@ -80,8 +107,8 @@ impl Actuator {
             return None;
         }
         if command.use_sensor_data {
-            let Some(sensor) = sensor_names.index(&command.sensor_identifier) else {
-                return self.complain(sensor_names, "sensor", &command.sensor_identifier);
+            let Some(sensor) = sensors.names.id(&command.sensor_identifier) else {
+                return self.complain(&sensors.names, "sensor", &command.sensor_identifier);
             };
             for sensed in sensors[sensor].sensed(bodies) {
                 match sensed {
@@ -92,8 +119,8 @@ impl Actuator {
             }
             return None;
         }
-        let Some(body) = body_names.index(&command.body_name) else {
-            return self.complain(body_names, "body", &command.body_name);
+        let Some(body) = bodies.names.id(&command.body_name) else {
+            return self.complain(&bodies.names, "body", &command.body_name);
         };
         let offset = command.use_offset.then(|| {
             let rotation = orientation_of(&command.offset_orientation).0;
@@ -103,13 +130,13 @@ impl Actuator {
         None
     }
 
-    fn complain(&mut self, names: &NameMap, what: &str, text: &str) -> Option<String> {
+    fn complain<I: Id>(&mut self, names: &NameMap<I>, what: &str, text: &str) -> Option<String> {
         let first = !std::mem::replace(&mut self.complained, true);
         first.then(|| format!("actuator `{}`: {what} `{text}` is {}", self.identity.key(), names.find(text)))
     }
 
     /// Holds a body at `offset`, the pose of the constraint in its inertial frame, or where it is now.
-    pub(crate) fn hold(&mut self, world: &mut World, bodies: &Bodies, body: usize, offset: Option<Isometry3<f64>>) {
+    pub(crate) fn hold(&mut self, world: &mut World, bodies: &Bodies, body: BodyId, offset: Option<Isometry3<f64>>) {
         let (parent, target) = (bodies[self.parent].handle, bodies[body].handle);
         if matches!(self.held, Held::Body(held, _) if held == target) || parent == target {
             return;

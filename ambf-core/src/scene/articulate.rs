@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::{Note, Scene};
 use crate::adf::{self, JointKind, Severity};
 use crate::bullet::ConstraintHandle;
+use crate::ids::{BodyId, JointId, Table};
 
 /// Whether a model has joints that can be put into reduced coordinates.
 pub(super) fn may_articulate(model: &adf::Model) -> bool {
@@ -14,10 +15,10 @@ pub(super) fn may_articulate(model: &adf::Model) -> bool {
 }
 
 /// Disjoint sets of bodies.
-struct Sets(Vec<usize>);
+struct Sets(Table<BodyId, BodyId>);
 
 impl Sets {
-    fn root(&mut self, mut body: usize) -> usize {
+    fn root(&mut self, mut body: BodyId) -> BodyId {
         while self.0[body] != body {
             self.0[body] = self.0[self.0[body]];
             body = self.0[body];
@@ -25,7 +26,7 @@ impl Sets {
         body
     }
 
-    fn join(&mut self, a: usize, b: usize) {
+    fn join(&mut self, a: BodyId, b: BodyId) {
         let (a, b) = (self.root(a), self.root(b));
         self.0[b] = a;
     }
@@ -35,23 +36,23 @@ impl Scene {
     /// Puts the joints from `first` on into reduced coordinates, as far as they form trees: whole groups of bodies that
     /// joints hold together, no parts of them. What has loops, ball joints or springs with several axes stays as it is,
     /// and so does what has a joint of `open`: reduced coordinates would close it. Says what was done.
-    pub(super) fn articulate(&mut self, first: usize, open: &BTreeSet<usize>) -> Option<Note> {
+    pub(super) fn articulate(&mut self, first: JointId, open: &BTreeSet<JointId>) -> Option<Note> {
         if !self.world.has_articulations() {
             return None;
         }
-        let mut sets = Sets((0..self.bodies.len()).collect());
-        let is_dynamic = |body: &usize| self.bodies[*body].mass != 0.0;
-        for joint in &self.joints[first..] {
+        let mut sets = Sets(self.bodies.ids().collect());
+        let is_dynamic = |body: &BodyId| self.bodies[*body].mass != 0.0;
+        for joint in self.joints.iter().skip(first.index()) {
             if is_dynamic(&joint.parent) && is_dynamic(&joint.child) && joint.handle.is_some() {
                 sets.join(joint.parent, joint.child);
             }
         }
-        let mut groups: BTreeMap<usize, Vec<ConstraintHandle>> = BTreeMap::new();
+        let mut groups: BTreeMap<BodyId, Vec<ConstraintHandle>> = BTreeMap::new();
         let mut open_roots = BTreeSet::new();
-        for (index, joint) in self.joints.iter().enumerate().skip(first) {
+        for (id, joint) in self.joints.entries().skip(first.index()) {
             let Some(body) = [joint.parent, joint.child].into_iter().find(is_dynamic) else { continue };
             groups.entry(sets.root(body)).or_default().extend(joint.handle);
-            if open.contains(&index) {
+            if open.contains(&id) {
                 open_roots.insert(sets.root(body));
             }
         }

@@ -10,6 +10,7 @@ use super::{Note, Scene};
 use crate::adf::Severity;
 use crate::bullet::{Constraint, ConstraintKind};
 use crate::control::Profile;
+use crate::ids::{BodyId, JointId, ModelId};
 
 /// Displacements and gaps up to these are not worth a line: m and rad.
 const NEGLIGIBLE: (f64, f64) = (1e-6, 1e-5);
@@ -22,8 +23,8 @@ const MAX_NAMED: usize = 3;
 
 /// What of a joint matters to assembly: what Bullet was given.
 struct Constrained {
-    /// Index of the joint in the scene.
-    joint: usize,
+    /// The joint in the scene.
+    joint: JointId,
     kind: Kind,
     frames: [Isometry3<f64>; 2],
     /// `assemble: false`.
@@ -36,13 +37,13 @@ pub(super) struct Assembly(Vec<Constrained>);
 
 /// How far a body was displaced.
 struct Displacement {
-    body: usize,
+    body: BodyId,
     moved: Gap,
 }
 
 impl Assembly {
     /// Takes a joint over. `joint`: its index in the scene.
-    pub fn add(&mut self, joint: usize, constraint: &Constraint, assemble: bool) {
+    pub fn add(&mut self, joint: JointId, constraint: &Constraint, assemble: bool) {
         let frames = [constraint.frame_a, constraint.frame_b];
         self.0.push(Constrained { joint, kind: kind(&constraint.kind), frames, is_left_open: !assemble });
     }
@@ -50,18 +51,17 @@ impl Assembly {
     /// Moves the bodies from `first` on onto the joints in profile `accurate`, with the least displacement in the
     /// metric of their masses; those poses become the initial ones. Bodies before `first` and static ones stay. Returns
     /// what is worth saying, and the joints that are to stay open.
-    pub fn put_together(&self, scene: &mut Scene, first: usize) -> (Vec<Note>, BTreeSet<usize>) {
+    pub fn put_together(&self, scene: &mut Scene, first: BodyId) -> (Vec<Note>, BTreeSet<JointId>) {
         if scene.profile != Profile::Accurate || scene.preset.is_some() || self.0.is_empty() {
             return Default::default();
         }
-        let mut bodies: Vec<assembly::Body> =
-            (0..scene.bodies.len()).map(|index| described(scene, index, first)).collect();
+        let mut bodies: Vec<assembly::Body> = scene.bodies.ids().map(|body| described(scene, body, first)).collect();
         let all: Vec<assembly::Joint> = self
             .0
             .iter()
             .map(|Constrained { joint, kind, frames, .. }| {
                 let joint = &scene.joints[*joint];
-                assembly::Joint { kind: *kind, bodies: [joint.parent, joint.child], frames: *frames }
+                assembly::Joint { kind: *kind, bodies: [joint.parent.index(), joint.child.index()], frames: *frames }
             })
             .collect();
         let closed: Vec<usize> = (0..all.len()).filter(|&index| !self.0[index].is_left_open).collect();
@@ -82,18 +82,17 @@ fn matters(gap: &Gap) -> bool {
 }
 
 /// A body as it is now.
-fn described(scene: &Scene, index: usize, first: usize) -> assembly::Body {
-    let body = &scene.bodies[index];
+fn described(scene: &Scene, id: BodyId, first: BodyId) -> assembly::Body {
+    let body = &scene.bodies[id];
     let pose = scene.world.pose(body.handle).unwrap_or(body.initial_pose);
-    let movable = index >= first && body.is_dynamic();
+    let movable = id >= first && body.is_dynamic();
     assembly::Body { pose, mass: body.mass, inertia: body.inertia, movable }
 }
 
 /// Sets the poses that changed, as poses to which resets return.
-fn place(scene: &mut Scene, bodies: &[assembly::Body], first: usize) -> Vec<Displacement> {
+fn place(scene: &mut Scene, bodies: &[assembly::Body], first: BodyId) -> Vec<Displacement> {
     let mut displaced = Vec::new();
-    for (index, assembled) in bodies.iter().enumerate().skip(first) {
-        let body = &mut scene.bodies[index];
+    for ((id, body), assembled) in scene.bodies.entries_mut().zip(bodies).skip(first.index()) {
         if !assembled.movable || assembled.pose == body.initial_pose {
             continue;
         }
@@ -101,7 +100,7 @@ fn place(scene: &mut Scene, bodies: &[assembly::Body], first: usize) -> Vec<Disp
         let angle = assembled.pose.rotation.angle_to(&body.initial_pose.rotation);
         body.initial_pose = assembled.pose;
         scene.world.set_pose(body.handle, &assembled.pose);
-        displaced.push(Displacement { body: index, moved: Gap { distance, angle } });
+        displaced.push(Displacement { body: id, moved: Gap { distance, angle } });
     }
     displaced.retain(|displacement| matters(&displacement.moved));
     displaced
@@ -109,7 +108,7 @@ fn place(scene: &mut Scene, bodies: &[assembly::Body], first: usize) -> Vec<Disp
 
 /// One line a model: how many bodies were displaced, and which most.
 fn displacements(scene: &Scene, displaced: &[Displacement]) -> Vec<Note> {
-    let mut models: BTreeMap<usize, Vec<&Displacement>> = BTreeMap::new();
+    let mut models: BTreeMap<ModelId, Vec<&Displacement>> = BTreeMap::new();
     for displacement in displaced {
         models.entry(scene.bodies[displacement.body].identity.model).or_default().push(displacement);
     }
@@ -132,8 +131,8 @@ fn displacements(scene: &Scene, displaced: &[Displacement]) -> Vec<Note> {
 }
 
 /// A line for each joint that stays open, the widest first; of many only the first, and how many more.
-fn residuals(scene: &Scene, gaps: impl Iterator<Item = (usize, Gap)>) -> Vec<Note> {
-    let mut models: BTreeMap<usize, Vec<(usize, Gap)>> = BTreeMap::new();
+fn residuals(scene: &Scene, gaps: impl Iterator<Item = (JointId, Gap)>) -> Vec<Note> {
+    let mut models: BTreeMap<ModelId, Vec<(JointId, Gap)>> = BTreeMap::new();
     for (joint, gap) in gaps.filter(|(_, gap)| matters(gap)) {
         models.entry(scene.joints[joint].model).or_default().push((joint, gap));
     }

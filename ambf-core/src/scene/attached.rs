@@ -3,25 +3,29 @@
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 use super::gesture::{CameraGesture, CameraPlace};
-use super::{Found, Identity, NameMap, Scene};
+use super::list::SceneObject;
+use super::{Identity, ObjectType, Scene};
 use crate::adf;
-use crate::comm::{CameraParameters, CameraView, Command, LightParameters, PoseCommand, SpotReading};
+use crate::comm::{
+    CameraParameters, CameraView, Command, LightParameters, ObjectKind, PoseCommand, Snapshot, SpotReading,
+};
 use crate::control::orientation_of;
+use crate::ids::{BodyId, CameraId, GhostId, LightId};
 
 /// Objects that a message names: a few are enough to see what went wrong.
 const MAX_CANDIDATES: usize = 5;
 
-/// What an object can hang on, by index.
+/// What an object can hang on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Parent {
     /// Body frame of a rigid body.
-    Body(usize),
+    Body(BodyId),
     /// A camera.
-    Camera(usize),
+    Camera(CameraId),
     /// A light.
-    Light(usize),
+    Light(LightId),
     /// A ghost object.
-    Ghost(usize),
+    Ghost(GhostId),
 }
 
 /// What cameras, lights and ghost objects share.
@@ -40,6 +44,12 @@ pub struct Attached {
 impl Attached {
     pub(super) fn new(identity: Identity, pose: Isometry3<f64>) -> Self {
         Self { identity, parent: None, pose, initial_pose: pose }
+    }
+
+    fn save(&self) -> Isometry3<f64> {
+        // All fields by name, so that no new one is forgotten. A parent changes only with the extent.
+        let Self { identity: _, parent: _, pose, initial_pose: _ } = self;
+        *pose
     }
 
     pub(crate) fn apply_command(&mut self, command: &PoseCommand) {
@@ -62,6 +72,41 @@ pub struct Camera {
     pub target: Vector3<f64>,
     /// What it was made from.
     pub description: adf::Camera,
+}
+
+impl SceneObject for Camera {
+    type Id = CameraId;
+    type Saved = (Isometry3<f64>, CameraParameters, Vector3<f64>);
+    const TYPE: ObjectType = ObjectType::Camera;
+    const RANK: u8 = 1;
+
+    fn identity(&self) -> &Identity {
+        &self.attached.identity
+    }
+
+    fn kind(&self, id: Self::Id, _scene: &Scene) -> ObjectKind {
+        ObjectKind::Camera(id, Box::new(self.parameters.clone()))
+    }
+
+    fn make_room(&self, scene: &Scene, snapshot: &mut Snapshot) {
+        snapshot.cameras.push(Isometry3::identity());
+        snapshot.views.push(scene.view_of(self));
+    }
+
+    fn read(&self, id: Self::Id, scene: &Scene, snapshot: &mut Snapshot) {
+        snapshot.cameras[id] = self.attached.pose;
+        snapshot.views[id] = scene.view_of(self);
+    }
+
+    fn save(&self) -> Self::Saved {
+        let Self { attached, parameters, look_at: _, target, description: _ } = self;
+        (attached.save(), parameters.clone(), *target)
+    }
+
+    fn restore(&mut self, (pose, parameters, target): &Self::Saved) {
+        (self.attached.pose, self.target) = (*pose, *target);
+        self.parameters.clone_from(parameters);
+    }
 }
 
 impl Camera {
@@ -105,6 +150,41 @@ pub struct Light {
     pub description: adf::Light,
 }
 
+impl SceneObject for Light {
+    type Id = LightId;
+    type Saved = (Isometry3<f64>, LightParameters);
+    const TYPE: ObjectType = ObjectType::Light;
+    const RANK: u8 = 2;
+
+    fn identity(&self) -> &Identity {
+        &self.attached.identity
+    }
+
+    fn kind(&self, id: Self::Id, _scene: &Scene) -> ObjectKind {
+        ObjectKind::Light(id, Box::new(self.parameters.clone()))
+    }
+
+    fn make_room(&self, scene: &Scene, snapshot: &mut Snapshot) {
+        snapshot.lights.push(Isometry3::identity());
+        snapshot.spots.push(scene.spot_of(self));
+    }
+
+    fn read(&self, id: Self::Id, scene: &Scene, snapshot: &mut Snapshot) {
+        snapshot.lights[id] = self.attached.pose;
+        snapshot.spots[id] = scene.spot_of(self);
+    }
+
+    fn save(&self) -> Self::Saved {
+        let Self { attached, parameters, description: _ } = self;
+        (attached.save(), parameters.clone())
+    }
+
+    fn restore(&mut self, (pose, parameters): &Self::Saved) {
+        self.attached.pose = *pose;
+        self.parameters.clone_from(parameters);
+    }
+}
+
 impl Scene {
     /// What `text` names as the parent of `child`: by its qualified identifier, in the namespace of `child`, else as
     /// part of one. Of a model that is loaded several times the copy of `child` is meant. Several hits of different
@@ -113,26 +193,17 @@ impl Scene {
     /// # Errors
     /// A clause that says why there is none.
     pub(crate) fn find_parent(&self, child: Parent, text: &str) -> Result<Parent, String> {
-        type Make = fn(usize) -> Parent;
-        let kinds: [(&NameMap, Make); 4] = [
-            (&self.body_names, Parent::Body),
-            (&self.names.cameras, Parent::Camera),
-            (&self.names.lights, Parent::Light),
-            (&self.names.ghosts, Parent::Ghost),
-        ];
         let identity = self.attached(child).map(|attached| &attached.identity);
         let (namespace, suffix) = identity.map_or(("", ""), |identity| (&identity.namespace, &identity.suffix));
         let own = [format!("{namespace}{text}{suffix}"), format!("{text}{suffix}"), format!("{namespace}{text}")];
-        let exactly =
-            |text: &str| kinds.iter().filter_map(|(names, make)| names.exact(text).map(make)).collect::<Vec<_>>();
-        let parts = kinds.iter().filter_map(|(names, make)| names.index(text).map(make));
-        let own = own.iter().map(|text| exactly(text)).find(|found| !found.is_empty()).unwrap_or_default();
-        match (own.as_slice(), exactly(text).as_slice(), parts.collect::<Vec<_>>().as_slice()) {
+        let own = own.iter().map(|text| self.parents_named(text)).find(|found| !found.is_empty()).unwrap_or_default();
+        let exactly = self.parents_named(text);
+        match (own.as_slice(), exactly.as_slice(), self.parents_with(text).as_slice()) {
             (&[parent], ..) | ([], &[parent], _) | ([], [], &[parent]) => Ok(parent),
             _ => {
-                let is_exact = kinds.iter().any(|(names, _)| names.exact(text).is_some());
-                Err(match self.candidates(&kinds.map(|(names, _)| names), text, is_exact) {
-                    candidates if candidates.is_empty() => Found::Nothing.to_string(),
+                let is_exact = !exactly.is_empty();
+                Err(match self.candidates(text, is_exact) {
+                    candidates if candidates.is_empty() => "not found".to_owned(),
                     candidates if is_exact => format!("the name of several: {}", candidates.join(", ")),
                     candidates => format!("part of several: {}", candidates.join(", ")),
                 })
@@ -140,16 +211,34 @@ impl Scene {
         }
     }
 
+    /// What of each type others may hang on has exactly the name `text`.
+    fn parents_named(&self, text: &str) -> Vec<Parent> {
+        let body = self.bodies.names.exact(text).map(Parent::Body);
+        let camera = self.cameras.names.exact(text).map(Parent::Camera);
+        let light = self.lights.names.exact(text).map(Parent::Light);
+        let ghost = self.ghosts.names.exact(text).map(Parent::Ghost);
+        [body, camera, light, ghost].into_iter().flatten().collect()
+    }
+
+    /// What of each type others may hang on is named by `text`, its whole name or a part that no other has.
+    fn parents_with(&self, text: &str) -> Vec<Parent> {
+        let body = self.bodies.names.id(text).map(Parent::Body);
+        let camera = self.cameras.names.id(text).map(Parent::Camera);
+        let light = self.lights.names.id(text).map(Parent::Light);
+        let ghost = self.ghosts.names.id(text).map(Parent::Ghost);
+        [body, camera, light, ghost].into_iter().flatten().collect()
+    }
+
     /// What of each type has the name `text`, or with `is_exact` false holds it: a few in lexicographic order, as a
     /// message shows them.
-    fn candidates(&self, kinds: &[&NameMap; 4], text: &str, is_exact: bool) -> Vec<String> {
-        let types = ["body", "camera", "light", "ghost object"];
-        let mut found: Vec<(&str, &str)> = Vec::new();
-        for (names, kind) in kinds.iter().zip(types) {
-            let holds = |key: &str| if is_exact { key == text } else { key.contains(text) };
-            let keys = names.iter().map(|(key, _)| key).filter(|key| holds(key)).take(MAX_CANDIDATES);
-            found.extend(keys.map(|key| (key, kind)));
-        }
+    fn candidates<'a>(&'a self, text: &str, is_exact: bool) -> Vec<String> {
+        let holds = |key: &&str| if is_exact { *key == text } else { key.contains(text) };
+        let mut found: Vec<(&'a str, &str)> = Vec::new();
+        let mut add = |keys: Vec<&'a str>, kind| found.extend(keys.into_iter().map(|key| (key, kind)));
+        add(self.bodies.names.keys().filter(holds).take(MAX_CANDIDATES).collect(), "body");
+        add(self.cameras.names.keys().filter(holds).take(MAX_CANDIDATES).collect(), "camera");
+        add(self.lights.names.keys().filter(holds).take(MAX_CANDIDATES).collect(), "light");
+        add(self.ghosts.names.keys().filter(holds).take(MAX_CANDIDATES).collect(), "ghost object");
         found.sort_unstable();
         // The type matters only where a name is that of objects of several types.
         let is_of_two = |key: &str| found.iter().filter(|(other, _)| *other == key).count() > 1;
@@ -251,21 +340,20 @@ impl Scene {
 
     /// Cameras, lights and ghost objects.
     pub(super) fn all_placed(&self) -> impl Iterator<Item = Parent> {
-        let cameras = (0..self.cameras.len()).map(Parent::Camera);
-        let lights = (0..self.lights.len()).map(Parent::Light);
-        cameras.chain(lights).chain((0..self.ghosts.len()).map(Parent::Ghost))
+        let cameras = self.cameras.ids().map(Parent::Camera);
+        cameras.chain(self.lights.ids().map(Parent::Light)).chain(self.ghosts.ids().map(Parent::Ghost))
     }
 
     /// Takes over what a client changed of a camera; a sentence when its parent is not found.
-    pub(crate) fn set_camera_parameters(&mut self, index: usize, parameters: &CameraParameters) -> Result<(), String> {
-        self.cameras[index].parameters.copy_from(parameters);
-        self.set_parent(Parent::Camera(index), &parameters.parent_name)
+    pub(crate) fn set_camera_parameters(&mut self, id: CameraId, parameters: &CameraParameters) -> Result<(), String> {
+        self.cameras[id].parameters.copy_from(parameters);
+        self.set_parent(Parent::Camera(id), &parameters.parent_name)
     }
 
     /// Takes over what a client changed of a light; a sentence when its parent is not found.
-    pub(crate) fn set_light_parameters(&mut self, index: usize, parameters: &LightParameters) -> Result<(), String> {
-        self.lights[index].parameters.copy_from(parameters);
-        self.set_parent(Parent::Light(index), &parameters.parent_name)
+    pub(crate) fn set_light_parameters(&mut self, id: LightId, parameters: &LightParameters) -> Result<(), String> {
+        self.lights[id].parameters.copy_from(parameters);
+        self.set_parent(Parent::Light(id), &parameters.parent_name)
     }
 }
 

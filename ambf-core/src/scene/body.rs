@@ -5,12 +5,14 @@ use std::ops::{Deref, DerefMut};
 use nalgebra::{Isometry3, Vector3};
 use slotmap::SecondaryMap;
 
+use super::list::SceneObject;
 use super::targets::BodyTarget;
-use super::Identity;
+use super::{Identity, ObjectType, Objects, Scene};
 use crate::adf::SourcePos;
 use crate::bullet::{BodyHandle, World};
-use crate::comm::{CartesianCommandType, RigidBodyCommand};
+use crate::comm::{BodyKinematics, CartesianCommandType, ObjectKind, RigidBodyCommand, Snapshot};
 use crate::control::{orientation_of, CartesianController, CartesianOutput};
+use crate::ids::BodyId;
 
 /// A rigid body of a [`Scene`](super::Scene).
 #[derive(Debug, Clone)]
@@ -61,41 +63,62 @@ pub(super) struct SavedBody {
 /// Cartesian commands closer than this to the pose of a static body leave it alone: m and rad.
 const SAME_POSE: (f64, f64) = (1e-5, 1e-4);
 
-/// All rigid bodies, by index in order of creation. One that was removed keeps its place: its handle leads nowhere.
+/// All rigid bodies, in order of creation. One that was removed keeps its place: its handle leads nowhere.
 #[derive(Debug, Default)]
 pub struct Bodies {
-    list: Vec<Body>,
-    places: SecondaryMap<BodyHandle, usize>,
+    list: Objects<BodyId, Body>,
+    places: SecondaryMap<BodyHandle, BodyId>,
 }
 
 impl Bodies {
     pub(super) fn push(&mut self, body: Body) {
-        self.places.insert(body.handle, self.list.len());
-        self.list.push(body);
+        let handle = body.handle;
+        self.places.insert(handle, self.list.push(body));
     }
 
-    /// Index of the body behind a handle of Bullet's world.
-    pub fn index_of(&self, handle: BodyHandle) -> Option<usize> {
+    /// The body behind a handle of Bullet's world.
+    pub fn id_of(&self, handle: BodyHandle) -> Option<BodyId> {
         self.places.get(handle).copied()
     }
 }
 
 impl Deref for Bodies {
-    type Target = [Body];
+    type Target = Objects<BodyId, Body>;
 
-    fn deref(&self) -> &[Body] {
+    fn deref(&self) -> &Self::Target {
         &self.list
     }
 }
 
 impl DerefMut for Bodies {
-    fn deref_mut(&mut self) -> &mut [Body] {
+    fn deref_mut(&mut self) -> &mut Self::Target {
         &mut self.list
     }
 }
 
-impl Body {
-    pub(super) fn save(&self) -> SavedBody {
+impl SceneObject for Body {
+    type Id = BodyId;
+    type Saved = SavedBody;
+    const TYPE: ObjectType = ObjectType::Body;
+    const RANK: u8 = 3;
+
+    fn identity(&self) -> &Identity {
+        &self.identity
+    }
+
+    fn kind(&self, id: Self::Id, scene: &Scene) -> ObjectKind {
+        ObjectKind::RigidBody(id, Box::new(scene.body_info(id)))
+    }
+
+    fn stands_on(&self, id: Self::Id) -> Option<BodyId> {
+        Some(id)
+    }
+
+    fn make_room(&self, _scene: &Scene, snapshot: &mut Snapshot) {
+        snapshot.bodies.push(BodyKinematics::default());
+    }
+
+    fn save(&self) -> SavedBody {
         // All fields by name, so that no new one is forgotten.
         let Self {
             identity: _,
@@ -120,13 +143,15 @@ impl Body {
         SavedBody { control: *control, controller: controller.clone(), target: target.clone() }
     }
 
-    pub(super) fn restore(&mut self, saved: &SavedBody) {
+    fn restore(&mut self, saved: &SavedBody) {
         let SavedBody { control, controller, target } = saved;
         self.control = *control;
         self.controller.clone_from(controller);
         self.target.clone_from(target);
     }
+}
 
+impl Body {
     /// Pose of the body frame in the world as reported: from the motion state, up to one sub-step old.
     pub fn pose(&self, world: &World) -> Isometry3<f64> {
         world.motion_state(self.handle).unwrap_or(self.initial_pose) * self.inertial_offset_inverse

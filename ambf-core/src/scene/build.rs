@@ -12,13 +12,14 @@ use super::body::Body;
 use super::joint::{constraint, frames, Joint};
 use super::targets::BodyTarget;
 use super::{
-    shape, Bodies, BodyGraph, Counts, Found, Identity, ModelInfo, NameMap, Names, Note, ObjectType, Parent,
+    shape, Bodies, BodyGraph, Counts, Found, Identity, ModelInfo, NameMap, Note, ObjectType, Objects, Parent,
     PhysicsOptions, Scene, SceneOptions,
 };
 use crate::adf::{self, CollisionGeometry, Part, PartGeometry, RaySource, Severity, SourcePos};
 use crate::bullet::{self, Integrator, Preset, Solver, SolverSettings, World, WorldKind};
 use crate::comm::{CartesianCommandType, LightParameters, Rates};
 use crate::control::{CartesianController, Profile};
+use crate::ids::{BodyId, Id, JointId, ModelId, Table};
 use crate::mesh::{Mesh, MeshCache};
 
 /// Least principal moment of what collides, as a share of that of a solid body of its shape.
@@ -36,17 +37,17 @@ pub(super) struct Builder<'a> {
     pub scene: &'a mut Scene,
     pub notes: Vec<Note>,
     pub(super) meshes: &'a MeshCache,
-    /// Index of the model that is being built.
-    pub(super) model: usize,
+    /// The model that is being built.
+    pub(super) model: ModelId,
     /// Its bodies by qualified identifier.
-    own_names: NameMap,
+    own_names: NameMap<BodyId>,
     /// Objects and joints of the models before it.
     known: Counts,
-    known_joints: usize,
+    known_joints: JointId,
     /// Of the joints that this builder makes.
-    first_joint: usize,
+    first_joint: JointId,
     /// Of the bodies that this builder makes.
-    first_body: usize,
+    first_body: BodyId,
     assembly: Assembly,
 }
 
@@ -144,17 +145,16 @@ pub(super) fn empty_scene(
     Scene {
         world: bullet,
         bodies: Bodies::default(),
-        joints: Vec::new(),
-        soft_bodies: Vec::new(),
-        ghosts: Vec::new(),
-        sensors: Vec::new(),
-        actuators: Vec::new(),
-        vehicles: Vec::new(),
-        cameras: Vec::new(),
-        lights: Vec::new(),
+        joints: Table::default(),
+        soft_bodies: Objects::default(),
+        ghosts: Objects::default(),
+        sensors: Objects::default(),
+        actuators: Objects::default(),
+        vehicles: Objects::default(),
+        cameras: Objects::default(),
+        lights: Objects::default(),
         graph: BodyGraph::default(),
-        models: Vec::new(),
-        body_names: NameMap::default(),
+        models: Table::default(),
         namespace: format!("{}{}", options.prefix, world.common.namespace),
         world_rates: options.rates.unwrap_or_default(),
         gravity: world.gravity,
@@ -167,8 +167,9 @@ pub(super) fn empty_scene(
         has_feedback: false,
         description: Arc::new(world),
         options: options.clone(),
-        active_joints: Vec::new(),
-        names: Names::default(),
+        active_joints: Table::default(),
+        model_names: NameMap::default(),
+        joint_names: NameMap::default(),
         elements: Vec::new(),
         plugins: Vec::new(),
     }
@@ -176,14 +177,14 @@ pub(super) fn empty_scene(
 
 impl<'a> Builder<'a> {
     pub fn new(scene: &'a mut Scene, meshes: &'a MeshCache) -> Self {
-        let (known, known_joints) = (scene.counts(), scene.joints.len());
+        let (known, known_joints) = (scene.counts(), scene.joints.next_id());
         let own_names = NameMap::default();
-        let first_body = scene.bodies.len();
+        let first_body = scene.bodies.next_id();
         Self {
             scene,
             notes: Vec::new(),
             meshes,
-            model: 0,
+            model: ModelId::ENVIRONMENT,
             own_names,
             known,
             known_joints,
@@ -240,12 +241,12 @@ impl<'a> Builder<'a> {
 
     fn begin_model(&mut self, model: adf::Model) -> Arc<adf::Model> {
         let scene = &mut *self.scene;
-        (self.known, self.known_joints) = (scene.counts(), scene.joints.len());
+        (self.known, self.known_joints) = (scene.counts(), scene.joints.next_id());
         self.own_names = NameMap::default();
-        self.model = scene.models.len();
+        self.model = scene.models.next_id();
         let key = format!("{}{}{}", scene.options.prefix, model.namespace, model.name);
-        let suffix = scene.names.models.free_suffix(&key);
-        scene.names.models.insert(&key, self.model);
+        let suffix = scene.model_names.free_suffix(&key);
+        scene.model_names.insert(&key, self.model);
         let description = Arc::new(model);
         scene.models.push(ModelInfo { key: key + &suffix, description: Arc::clone(&description), removed: false });
         self.note_undrawn(&description);
@@ -267,7 +268,7 @@ impl<'a> Builder<'a> {
     }
 
     /// Names of an element whose type has `names` in the world.
-    pub(super) fn identity(&mut self, common: &adf::Common, names: impl Fn(&Scene) -> &NameMap) -> Identity {
+    pub(super) fn identity<I: Id>(&mut self, common: &adf::Common, names: impl Fn(&Scene) -> &NameMap<I>) -> Identity {
         let namespace = self.namespace(common);
         let suffix = names(self.scene).free_suffix(&format!("{namespace}{}", common.identifier));
         let rates = self.rates(common);
@@ -287,13 +288,13 @@ impl<'a> Builder<'a> {
 
     /// All but cameras and lights, in the order of the C++ program.
     fn add_objects(&mut self, model: &adf::Model) {
-        let first = self.scene.bodies.len();
+        let first = self.scene.bodies.next_id();
         let mut self_collision = Vec::with_capacity(model.bodies.len());
         for body in &model.bodies {
             self.with_plugins(ObjectType::Body, &body.common, |builder| {
-                if let Some(index) = builder.add_body(body, model) {
+                if let Some(id) = builder.add_body(body, model) {
                     self_collision.push(body.self_collision);
-                    builder.own_names.insert(&builder.scene.bodies[index].identity.key(), index);
+                    builder.own_names.insert(&builder.scene.bodies[id].identity.key(), id);
                 }
             });
         }
@@ -320,7 +321,7 @@ impl<'a> Builder<'a> {
         }
     }
 
-    fn add_body(&mut self, body: &adf::RigidBody, model: &adf::Model) -> Option<usize> {
+    fn add_body(&mut self, body: &adf::RigidBody, model: &adf::Model) -> Option<BodyId> {
         let source = &body.common.source;
         let mesh = match &body.collision {
             CollisionGeometry::Mesh { path, .. } => Some(self.mesh(path, body.scale, &body.common)?),
@@ -362,7 +363,7 @@ impl<'a> Builder<'a> {
         self.set_continuous(body, handle);
         self.scene.world.set_gyroscopic(handle, self.scene.gyroscopic);
         let controller = body.controller.unwrap_or_default();
-        let identity = self.identity(&body.common, |scene| &scene.body_names);
+        let identity = self.identity(&body.common, |scene| &scene.bodies.names);
         self.scene.bodies.push(Body {
             identity,
             mass: body.mass,
@@ -455,7 +456,7 @@ impl<'a> Builder<'a> {
 
     fn add_joint(&mut self, joint: &adf::Joint) {
         let key = format!("{}{}", self.namespace(&joint.common), joint.common.identifier);
-        let suffix = self.scene.names.joints.free_suffix(&key);
+        let suffix = self.scene.joint_names.free_suffix(&key);
         let parent = self.body_for(&joint.common, &suffix, "parent", &joint.parent);
         let child = self.body_for(&joint.common, &suffix, "child", &joint.child);
         let (Some(parent), Some(child)) = (parent, child) else { return };
@@ -464,15 +465,15 @@ impl<'a> Builder<'a> {
             return;
         }
         let (frame_a, frame_b, axis) = frames(joint, &self.scene.bodies[parent], &self.scene.bodies[child]);
-        let index = self.scene.joints.len();
+        let id = self.scene.joints.next_id();
         let handle = constraint(joint, frame_a, frame_b, self.scene.joint_erp).and_then(|constraint| {
-            self.assembly.add(index, &constraint, joint.assemble);
+            self.assembly.add(id, &constraint, joint.assemble);
             let [a, b] = [parent, child].map(|body| self.scene.bodies[body].handle);
             let handle = self.scene.world.add_constraint(a, b, &constraint)?;
             Some((handle, self.scene.world.constraint_index(handle)?))
         });
         let was_full = self.scene.graph.is_full();
-        self.scene.graph.add_joint(parent, child, index, joint.common.passive);
+        self.scene.graph.add_joint(parent, child, id, joint.common.passive);
         if !was_full && self.scene.graph.is_full() {
             let message = format!(
                 "`{}` makes chains too long to be listed: of it and of some later joints only the parent body has names, positions and \
@@ -488,7 +489,7 @@ impl<'a> Builder<'a> {
 
     /// The body that `text` names for an element; `None`, and a note that the element is dropped, if there is none.
     /// `suffix` tells copies of the element apart, `role` is what the body is to it.
-    pub(super) fn body_for(&mut self, common: &adf::Common, suffix: &str, role: &str, text: &str) -> Option<usize> {
+    pub(super) fn body_for(&mut self, common: &adf::Common, suffix: &str, role: &str, text: &str) -> Option<BodyId> {
         match self.find_body(text, &self.namespace(common), suffix) {
             Ok((index, remark)) => {
                 if let Some(remark) = remark {
@@ -512,7 +513,7 @@ impl<'a> Builder<'a> {
         text: &str,
         namespace: &str,
         suffix: &str,
-    ) -> Result<(usize, Option<String>), String> {
+    ) -> Result<(BodyId, Option<String>), String> {
         let own_names = &self.own_names;
         let qualified = format!("{namespace}{text}");
         // The usual case first, without a search: a key that is `qualified` holds `text`, so that the steps below could
@@ -520,18 +521,18 @@ impl<'a> Builder<'a> {
         if let Some(index) = own_names.exact(text).or_else(|| own_names.exact(&qualified)) {
             return Ok((index, None));
         }
-        let world = &self.scene.body_names;
+        let world = &self.scene.bodies.names;
         let with_suffix = format!("{qualified}{suffix}");
-        let steps: [(&NameMap, &str); 4] =
+        let steps: [(&NameMap<BodyId>, &str); 4] =
             [(own_names, text), (own_names, &qualified), (world, &with_suffix), (world, text)];
         let mut ambiguous = None;
         for (step, (names, wanted)) in steps.into_iter().enumerate() {
             let found = names.find(wanted);
-            match found.index() {
-                Some(index) if step < 2 => return Ok((index, Some(format!("is {found}")))),
-                Some(index) => {
-                    let remark = format!("is taken from another model: `{}`", self.scene.bodies[index].identity.key());
-                    return Ok((index, Some(remark)));
+            match found.id() {
+                Some(id) if step < 2 => return Ok((id, Some(format!("is {found}")))),
+                Some(id) => {
+                    let remark = format!("is taken from another model: `{}`", self.scene.bodies[id].identity.key());
+                    return Ok((id, Some(remark)));
                 }
                 None if matches!(found, Found::Ambiguous(_)) => ambiguous = ambiguous.or(Some(found)),
                 None => (),
@@ -548,7 +549,7 @@ impl<'a> Builder<'a> {
 
     fn add_camera(&mut self, camera: &adf::Camera) {
         let pose = camera_pose(&camera.location, &camera.look_at, &camera.up);
-        let identity = self.identity(&camera.common, |scene| &scene.names.cameras);
+        let identity = self.identity(&camera.common, |scene| &scene.cameras.names);
         self.scene.cameras.push(Camera {
             attached: Attached::new(identity, pose),
             parameters: camera_parameters(camera),
@@ -567,7 +568,7 @@ impl<'a> Builder<'a> {
     fn add_light(&mut self, light: &adf::Light) {
         let mut pose = light.location;
         pose.rotation = light.direction.as_ref().and_then(light_rotation).unwrap_or(pose.rotation);
-        let identity = self.identity(&light.common, |scene| &scene.names.lights);
+        let identity = self.identity(&light.common, |scene| &scene.lights.names);
         let parameters = LightParameters { cutoff_angle: light.cutoff_angle, parent_name: light.parent.clone() };
         self.scene.lights.push(Light {
             attached: Attached::new(identity, pose),
@@ -578,25 +579,20 @@ impl<'a> Builder<'a> {
 
     /// Enters a model's objects in the world's maps and applies what concerns them together.
     fn finish_model(&mut self) {
-        let (scene, known) = (&mut *self.scene, self.known);
-        let Names { joints, soft_bodies, ghosts, sensors, actuators, vehicles, cameras, lights, .. } = &mut scene.names;
-        enter(&mut scene.body_names, known.bodies, scene.bodies.iter().map(|body| body.identity.key()));
-        enter(soft_bodies, known.soft_bodies, scene.soft_bodies.iter().map(|soft| soft.identity.key()));
-        enter(ghosts, known.ghosts, scene.ghosts.iter().map(|ghost| ghost.attached.identity.key()));
-        enter(sensors, known.sensors, scene.sensors.iter().map(|sensor| sensor.identity.key()));
-        enter(actuators, known.actuators, scene.actuators.iter().map(|actuator| actuator.identity.key()));
-        enter(vehicles, known.vehicles, scene.vehicles.iter().map(|vehicle| vehicle.identity.key()));
-        enter(cameras, known.cameras, scene.cameras.iter().map(|camera| camera.attached.identity.key()));
-        enter(lights, known.lights, scene.lights.iter().map(|light| light.attached.identity.key()));
-        for index in self.known_joints..scene.joints.len() {
-            joints.insert(&scene.joints[index].key, index);
+        for (list, &known) in self.scene.lists_mut().into_iter().zip(&self.known.0) {
+            list.enter_names(known);
+        }
+        let Scene { joints, joint_names, .. } = &mut *self.scene;
+        for id in joints.ids_from(self.known_joints) {
+            joint_names.insert(&joints[id].key, id);
         }
         self.ignore_foreign_groups();
     }
 
     /// Keeps the bodies from `first` on from colliding with each other, but for those that are to do so.
-    fn ignore_all_pairs(&mut self, first: usize, self_collision: &[bool]) {
-        let apart: Vec<_> = (0..self_collision.len()).filter(|&i| !self_collision[i]).map(|i| first + i).collect();
+    fn ignore_all_pairs(&mut self, first: BodyId, self_collision: &[bool]) {
+        let own = self.scene.bodies.ids_from(first).zip(self_collision);
+        let apart: Vec<_> = own.filter(|(_, &collides)| !collides).map(|(body, _)| body).collect();
         for (i, &a) in apart.iter().enumerate() {
             for &b in &apart[i + 1..] {
                 self.ignore_pair(a, b);
@@ -604,17 +600,17 @@ impl<'a> Builder<'a> {
         }
     }
 
-    fn ignore_pair(&mut self, a: usize, b: usize) {
+    fn ignore_pair(&mut self, a: BodyId, b: BodyId) {
         let [a, b] = [a, b].map(|body| self.scene.bodies[body].handle);
         self.scene.world.ignore_collision(a, b);
     }
 
     /// Bodies of different groups that share none never collide; bodies in no group collide with everything.
     fn ignore_foreign_groups(&mut self) {
-        let mut members: BTreeMap<&[u32], Vec<usize>> = BTreeMap::new();
-        for (index, body) in self.scene.bodies.iter().enumerate() {
+        let mut members: BTreeMap<&[u32], Vec<BodyId>> = BTreeMap::new();
+        for (id, body) in self.scene.bodies.entries() {
             if !body.collision_groups.is_empty() {
-                members.entry(&body.collision_groups).or_default().push(index);
+                members.entry(&body.collision_groups).or_default().push(id);
             }
         }
         let members: Vec<_> =
@@ -658,13 +654,6 @@ impl<'a> Builder<'a> {
             Parent::Ghost(index) => self.scene.ghosts[index].source.clone(),
         }
     }
-}
-
-/// Enters the objects beyond the first `known` under their keys, sorted by key, as the C++ program's maps are.
-fn enter(names: &mut NameMap, known: usize, keys: impl Iterator<Item = String>) {
-    let mut new: Vec<_> = keys.enumerate().skip(known).map(|(index, key)| (key, index)).collect();
-    new.sort();
-    new.iter().for_each(|(key, index)| names.insert(key, *index));
 }
 
 /// A positive number below a million with three significant digits, without an exponent.

@@ -8,6 +8,7 @@ use crate::adf::{self, CollisionGeometry, SensorKind, Severity, WheelVisual};
 use crate::bullet;
 use crate::comm::{ActuatorInfo, SensorInfo, SensorType};
 use crate::control::Profile;
+use crate::ids::BodyId;
 
 /// Rays of all sensors of a scene. A few keys can ask for a million each, which take a quarter of a gigabyte.
 const MAX_RAYS: usize = 1_000_000;
@@ -25,7 +26,7 @@ impl Builder<'_> {
         }
         match self.scene.world.add_soft_body(&body) {
             Ok(handle) => {
-                let identity = self.identity(&soft.common, |scene| &scene.names.soft_bodies);
+                let identity = self.identity(&soft.common, |scene| &scene.soft_bodies.names);
                 let nodes = body.nodes.len();
                 self.scene.soft_bodies.push(SoftBody { identity, mass: soft.mass, nodes, handle });
             }
@@ -49,13 +50,13 @@ impl Builder<'_> {
             self.note(severity, &ghost.common.source, format!("`{}`: {message}", ghost.common.identifier));
         }
         let handle = self.scene.world.add_ghost(shape, &ghost.location);
-        let identity = self.identity(&ghost.common, |scene| &scene.names.ghosts);
+        let identity = self.identity(&ghost.common, |scene| &scene.ghosts.names);
         let attached = Attached::new(identity, ghost.location);
         self.scene.ghosts.push(Ghost::new(attached, ghost, handle));
     }
 
     pub(super) fn add_sensor(&mut self, sensor: &adf::Sensor) {
-        let identity = self.identity(&sensor.common, |scene| &scene.names.sensors);
+        let identity = self.identity(&sensor.common, |scene| &scene.sensors.names);
         let Some(parent) = self.body_for(&sensor.common, &identity.suffix, "parent", &sensor.parent) else { return };
         let mesh = match ray_mesh(&sensor.rays).cloned() {
             Some(path) => match self.mesh(&path, 1.0, &sensor.common) {
@@ -90,7 +91,7 @@ impl Builder<'_> {
     }
 
     pub(super) fn add_actuator(&mut self, actuator: &adf::Actuator) {
-        let identity = self.identity(&actuator.common, |scene| &scene.names.actuators);
+        let identity = self.identity(&actuator.common, |scene| &scene.actuators.names);
         let parent = self.body_for(&actuator.common, &identity.suffix, "parent", &actuator.parent);
         let Some(parent) = parent else { return };
         // The C++ program takes the location in the inertial frame.
@@ -103,7 +104,7 @@ impl Builder<'_> {
     }
 
     pub(super) fn add_vehicle(&mut self, vehicle: &adf::Vehicle) {
-        let identity = self.identity(&vehicle.common, |scene| &scene.names.vehicles);
+        let identity = self.identity(&vehicle.common, |scene| &scene.vehicles.names);
         let chassis = self.body_for(&vehicle.common, &identity.suffix, "chassis", &vehicle.chassis);
         let Some(chassis) = chassis else { return };
         if self.scene.bodies[chassis].mass == 0.0 {
@@ -133,12 +134,12 @@ impl Builder<'_> {
             (body.mass, body.inertia) = (0.0, nalgebra::Vector3::zeros());
         }
         let live = Vehicle { identity, chassis, wheels, handle };
-        live.update(&mut self.scene.world, &self.scene.bodies);
+        live.show_wheels(&mut self.scene.world, &self.scene.bodies);
         self.scene.vehicles.push(live);
     }
 
     /// The body that shows a wheel. A wheel without one rolls unseen.
-    fn wheel_body(&mut self, vehicle: &adf::Vehicle, suffix: &str, text: &str, chassis: usize) -> Option<usize> {
+    fn wheel_body(&mut self, vehicle: &adf::Vehicle, suffix: &str, text: &str, chassis: BodyId) -> Option<BodyId> {
         let common = &vehicle.common;
         let mut wanted = None;
         let problem = match self.find_body(text, &self.namespace(common), suffix) {

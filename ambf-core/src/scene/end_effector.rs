@@ -10,6 +10,7 @@ use crate::adf::{self, Severity};
 use crate::bullet::Preset;
 use crate::comm::{ActuatorInfo, SensorType};
 use crate::control::{CartesianController, Profile};
+use crate::ids::{ActuatorId, BodyId, CameraId, ModelId, SensorId};
 
 /// A simulated end-effector that was read and is not part of a scene yet.
 pub struct PreparedEndEffector {
@@ -21,15 +22,15 @@ pub struct PreparedEndEffector {
     report: String,
 }
 
-/// A simulated end-effector of a [`Scene`], by index.
+/// A simulated end-effector of a [`Scene`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct EndEffectorParts {
-    /// Index of its own model, if it has one.
-    pub model: Option<usize>,
-    /// Index of the body that follows the device.
-    pub root: usize,
-    /// Index of the actuator with which it grips.
-    pub actuator: usize,
+    /// Its own model, if it has one.
+    pub model: Option<ModelId>,
+    /// The body that follows the device.
+    pub root: BodyId,
+    /// The actuator with which it grips.
+    pub actuator: ActuatorId,
     /// Controller of the root link.
     pub controller: adf::CartesianController,
     /// Pose of the root link's body frame that it starts from.
@@ -94,11 +95,11 @@ fn find_root(model: &adf::Model, device: &adf::InputDevice, notes: &mut Vec<Note
     };
     if let Some(text) = &device.root_link {
         let found = find(&model.namespace, text);
-        return found.index().ok_or_else(|| format!("`root link: {text}` is {found} in {}", model.file.display()));
+        return found.id().ok_or_else(|| format!("`root link: {text}` is {found} in {}", model.file.display()));
     }
     let mut has_parent = vec![false; model.bodies.len()];
     for joint in &model.joints {
-        if let Some(child) = find(&joint.common.namespace, &joint.child).index() {
+        if let Some(child) = find(&joint.common.namespace, &joint.child).id() {
             has_parent[child] = true;
         }
     }
@@ -155,7 +156,7 @@ impl Scene {
                 let (model, remarks) = self.add_model(prepared);
                 let key = format!("{}{key}", self.options.prefix);
                 let is_root = |body: &super::Body| body.identity.model == model && body.identity.key() == key;
-                let Some(root) = self.bodies.iter().position(is_root) else {
+                let Some(root) = self.bodies.position(is_root) else {
                     self.remove_model(model);
                     let why: Vec<_> = remarks.iter().map(|note| note.message.as_str()).collect();
                     return Err(format!("its root link `{key}` could not be made: {}", why.join("; ")));
@@ -183,11 +184,11 @@ impl Scene {
     }
 
     /// A body that is there already becomes a root link.
-    fn bind_body(&mut self, device: &adf::InputDevice) -> Result<usize, String> {
+    fn bind_body(&mut self, device: &adf::InputDevice) -> Result<BodyId, String> {
         let text = device.root_link.as_deref().ok_or("it has neither `simulated multibody` nor `root link`")?;
         let with_prefix = format!("{}{text}", self.options.prefix);
-        let found = self.body_names.exact(&with_prefix).map_or_else(|| self.body_names.find(text), Found::Exact);
-        let root = found.index().ok_or_else(|| format!("`root link: {text}` is {found} among the bodies"))?;
+        let found = self.bodies.names.exact(&with_prefix).map_or_else(|| self.bodies.names.find(text), Found::Exact);
+        let root = found.id().ok_or_else(|| format!("`root link: {text}` is {found} among the bodies"))?;
         if let Some(adf::CartesianController { linear, angular }) = device.controller_gain {
             let body = &mut self.bodies[root];
             body.controller = CartesianController::new(linear, angular);
@@ -200,12 +201,12 @@ impl Scene {
     }
 
     /// Moves a body and all below it so that its body frame is at `location`; resets return there.
-    fn move_subtree(&mut self, root: usize, location: &Isometry3<f64>) {
+    fn move_subtree(&mut self, root: BodyId, location: &Isometry3<f64>) {
         let Self { world, bodies, graph, .. } = self;
         let shift = location * bodies[root].pose(world).inverse();
         let below = graph.descendants(root).iter().map(|below| below.body);
-        for index in std::iter::once(root).chain(below) {
-            let body = &mut bodies[index];
+        for id in std::iter::once(root).chain(below) {
+            let body = &mut bodies[id];
             let Some(pose) = world.pose(body.handle).filter(|_| body.is_dynamic()) else { continue };
             body.initial_pose = shift * pose;
             world.set_pose(body.handle, &body.initial_pose);
@@ -214,7 +215,7 @@ impl Scene {
     }
 
     /// The actuator that holds what is gripped: unseen, without State and Command.
-    fn add_gripping_actuator(&mut self, device: &adf::InputDevice, root: usize) -> usize {
+    fn add_gripping_actuator(&mut self, device: &adf::InputDevice, root: BodyId) -> ActuatorId {
         let body = &self.bodies[root];
         let name = format!("{}_constraint_actuator", device.identifier.replace(' ', ""));
         let mut identity = Identity {
@@ -226,43 +227,42 @@ impl Scene {
             ..body.identity.clone()
         };
         let key = identity.key();
-        identity.suffix = self.names.actuators.free_suffix(&key);
+        identity.suffix = self.actuators.names.free_suffix(&key);
         identity.qualified = format!("{key}{}", identity.suffix).into();
         let frame = match (self.profile, self.preset) {
             (Profile::Legacy, None | Some(Preset::PyBullet)) => Isometry3::identity(),
             (Profile::Accurate, _) => body.inertial_offset_inverse,
         };
         let info = ActuatorInfo { parent_name: body.identity.identifier.clone(), pose: Isometry3::identity() };
-        let index = self.actuators.len();
-        self.names.actuators.insert(&key, index);
-        self.actuators.push(Actuator::new(identity, info, root, frame));
-        index
+        let id = self.actuators.push(Actuator::new(identity, info, root, frame));
+        self.actuators.names.insert(&key, id);
+        id
     }
 
-    /// Indices of the proximity sensors on a body.
-    pub(crate) fn proximity_sensors(&self, body: usize) -> impl Iterator<Item = usize> + '_ {
+    /// The proximity sensors on a body.
+    pub(crate) fn proximity_sensors(&self, body: BodyId) -> impl Iterator<Item = SensorId> + '_ {
         let live =
             |sensor: &super::Sensor| !self.models[sensor.identity.model].removed && !self.body_is_gone(sensor.parent);
-        let sensors = self.sensors.iter().enumerate();
+        let sensors = self.sensors.entries();
         sensors
             .filter(move |(_, s)| s.parent == body && s.info.kind == SensorType::Proximity && live(s))
-            .map(|(index, _)| index)
+            .map(|(id, _)| id)
     }
 
-    /// Indices of the cameras that a device is paired with: those that are named, else all. Says which are not found.
-    pub(crate) fn paired_cameras(&self, names: &[String]) -> (Vec<usize>, Vec<String>) {
-        let live = |index: &usize| !self.models[self.cameras[*index].attached.identity.model].removed;
+    /// The cameras that a device is paired with: those that are named, else all. Says which are not found.
+    pub(crate) fn paired_cameras(&self, names: &[String]) -> (Vec<CameraId>, Vec<String>) {
+        let live = |id: &CameraId| !self.models[self.cameras[*id].attached.identity.model].removed;
         let (mut paired, mut missing) = (Vec::new(), Vec::new());
         for name in names {
-            let named = |index: &usize| *self.cameras[*index].attached.identity.name == **name;
-            let found = self.names.cameras.find(name);
-            match found.index().or_else(|| (0..self.cameras.len()).filter(live).find(named)) {
-                Some(index) => paired.push(index),
+            let named = |id: &CameraId| *self.cameras[*id].attached.identity.name == **name;
+            let found = self.cameras.names.find(name);
+            match found.id().or_else(|| self.cameras.ids().filter(live).find(named)) {
+                Some(id) => paired.push(id),
                 None => missing.push(format!("camera `{name}` is {found}")),
             }
         }
         if paired.is_empty() {
-            paired.extend((0..self.cameras.len()).filter(live));
+            paired.extend(self.cameras.ids().filter(live));
         }
         (paired, missing)
     }

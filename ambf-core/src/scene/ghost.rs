@@ -5,11 +5,13 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Vector3};
 
 use super::attached::Attached;
-use super::Bodies;
+use super::list::SceneObject;
+use super::{Bodies, Identity, ObjectType, Parent, Scene};
 use crate::adf::{self, SourcePos};
 use crate::bullet::{BodyHandle, GhostHandle, World};
-use crate::comm::GhostReading;
+use crate::comm::{GhostInfo, GhostReading, ObjectKind, Snapshot};
 use crate::control::Profile;
+use crate::ids::{BodyId, GhostId};
 
 /// A ghost object of a [`Scene`](super::Scene).
 #[derive(Debug)]
@@ -42,6 +44,60 @@ const KEPT: f64 = 0.9;
 /// Bodies in a ghost, counted by contact, that take no new memory.
 const CONTACTS: usize = 256;
 
+impl SceneObject for Ghost {
+    type Id = GhostId;
+    type Saved = SavedGhost;
+    const TYPE: ObjectType = ObjectType::Ghost;
+    const RANK: u8 = 5;
+    const ACTS: bool = true;
+
+    fn identity(&self) -> &Identity {
+        &self.attached.identity
+    }
+
+    fn kind(&self, id: Self::Id, _scene: &Scene) -> ObjectKind {
+        ObjectKind::Ghost(id, Box::new(GhostInfo { parent_name: self.parent_name.clone() }))
+    }
+
+    fn make_room(&self, _scene: &Scene, snapshot: &mut Snapshot) {
+        snapshot.ghosts.push(GhostReading::default());
+    }
+
+    fn read(&self, id: Self::Id, scene: &Scene, snapshot: &mut Snapshot) {
+        let reading = &mut snapshot.ghosts[id];
+        reading.pose = self.pose;
+        reading.sensed.clear();
+        for body in self.sensed(&scene.bodies) {
+            let identifier = &scene.bodies[body].identity.qualified;
+            if !reading.sensed.iter().any(|known| Arc::ptr_eq(known, identifier)) {
+                reading.sensed.push(Arc::clone(identifier));
+            }
+        }
+    }
+
+    fn update(scene: &mut Scene, id: Self::Id, _sub_step: f64, _interval: f64) {
+        let Attached { parent, pose, .. } = scene.ghosts[id].attached;
+        let pose = scene.global_pose(parent, &pose);
+        let carrier = match parent {
+            Some(Parent::Body(body)) => Some(body),
+            _ => None,
+        };
+        let Scene { ghosts, world, bodies, gravity, profile, .. } = scene;
+        ghosts[id].follow(world, bodies, pose, carrier, gravity, *profile);
+    }
+
+    fn save(&self) -> SavedGhost {
+        // All fields by name, so that no new one is forgotten.
+        let Self { attached, parent_name: _, collision_groups: _, source: _, handle: _, pose, sensed, found: _ } = self;
+        SavedGhost { attached: attached.pose, pose: *pose, sensed: sensed.clone() }
+    }
+
+    fn restore(&mut self, saved: &SavedGhost) {
+        (self.attached.pose, self.pose) = (saved.attached, saved.pose);
+        self.sensed.clone_from(&saved.sensed);
+    }
+}
+
 impl Ghost {
     pub(super) fn new(attached: Attached, ghost: &adf::GhostObject, handle: GhostHandle) -> Self {
         Self {
@@ -56,35 +112,24 @@ impl Ghost {
         }
     }
 
-    pub(super) fn save(&self) -> SavedGhost {
-        // All fields by name, so that no new one is forgotten.
-        let Self { attached, parent_name: _, collision_groups: _, source: _, handle: _, pose, sensed, found: _ } = self;
-        SavedGhost { attached: attached.pose, pose: *pose, sensed: sensed.clone() }
-    }
-
-    pub(super) fn restore(&mut self, saved: &SavedGhost) {
-        (self.attached.pose, self.pose) = (saved.attached, saved.pose);
-        self.sensed.clone_from(&saved.sensed);
-    }
-
     /// Pose in the world.
     pub fn pose(&self) -> &Isometry3<f64> {
         &self.pose
     }
 
-    /// Indices of the bodies in it, one entry a contact.
-    pub fn sensed<'a>(&'a self, bodies: &'a Bodies) -> impl Iterator<Item = usize> + 'a {
-        self.sensed.iter().filter_map(|&handle| bodies.index_of(handle))
+    /// The bodies in it, one entry a contact.
+    pub fn sensed<'a>(&'a self, bodies: &'a Bodies) -> impl Iterator<Item = BodyId> + 'a {
+        self.sensed.iter().filter_map(|&handle| bodies.id_of(handle))
     }
 
     /// Moves to `pose` in the world; what left it gets its weight back, what is in it is held. `carrier` is the parent
     /// body.
-    pub(crate) fn update(
+    fn follow(
         &mut self,
         world: &mut World,
         bodies: &Bodies,
         pose: Isometry3<f64>,
-        carrier: Option<usize>,
+        carrier: Option<BodyId>,
         gravity: &Vector3<f64>,
         profile: Profile,
     ) {
@@ -95,7 +140,7 @@ impl Ghost {
         let velocity = carrier.and_then(|body| world.velocity(bodies[body].handle)).unwrap_or_default().0;
         for i in 0..self.found.len() {
             let handle = self.found[i];
-            let Some(body) = bodies.index_of(handle) else { continue };
+            let Some(body) = bodies.id_of(handle) else { continue };
             let is_again = self.sensed.contains(&handle);
             // The C++ program slows a body once for each contact, and what carries the ghost too.
             let left_out = profile == Profile::Accurate && (is_again || carrier == Some(body));
@@ -110,7 +155,7 @@ impl Ghost {
     /// Gives everything in it its own weight back.
     pub(crate) fn release(&mut self, world: &mut World, bodies: &Bodies, gravity: &Vector3<f64>) {
         for handle in self.sensed.drain(..) {
-            let Some(body) = bodies.index_of(handle) else { continue };
+            let Some(body) = bodies.id_of(handle) else { continue };
             world.set_body_gravity(handle, bodies[body].gravity.as_ref().unwrap_or(gravity));
         }
     }
@@ -118,17 +163,6 @@ impl Ghost {
     fn shares_group(&self, groups: &[u32]) -> bool {
         let own = &self.collision_groups;
         own.is_empty() || groups.is_empty() || groups.iter().any(|group| own.contains(group))
-    }
-
-    pub(crate) fn read(&self, bodies: &Bodies, reading: &mut GhostReading) {
-        reading.pose = self.pose;
-        reading.sensed.clear();
-        for body in self.sensed(bodies) {
-            let identifier = &bodies[body].identity.qualified;
-            if !reading.sensed.iter().any(|known| Arc::ptr_eq(known, identifier)) {
-                reading.sensed.push(Arc::clone(identifier));
-            }
-        }
     }
 }
 

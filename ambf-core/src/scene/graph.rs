@@ -1,12 +1,14 @@
 //! Which bodies hang below which: the lists that order joint names and joint commands.
 
+use crate::ids::{BodyId, JointId, Table};
+
 /// A body below another, and the joint that leads to it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Descendant {
-    /// Index of the body.
-    pub body: usize,
-    /// Index of the first joint that reached it.
-    pub joint: usize,
+    /// The body.
+    pub body: BodyId,
+    /// The first joint that reached it.
+    pub joint: JointId,
     /// Whether that joint is excluded from the active list.
     pub passive: bool,
 }
@@ -17,8 +19,8 @@ struct BodySet(Vec<u64>);
 
 impl BodySet {
     /// Enters a body; false when it was there already.
-    fn insert(&mut self, body: usize) -> bool {
-        let (word, bit) = (body / 64, 1 << (body % 64));
+    fn insert(&mut self, body: BodyId) -> bool {
+        let (word, bit) = (body.index() / 64, 1 << (body.index() % 64));
         if self.0.len() <= word {
             self.0.resize(word + 1, 0);
         }
@@ -30,7 +32,7 @@ impl BodySet {
 
 #[derive(Debug, Clone, Default)]
 struct Node {
-    ancestors: Vec<usize>,
+    ancestors: Vec<BodyId>,
     descendants: Vec<Descendant>,
     /// What is in the lists: long chains would be searched for ever otherwise.
     above: BodySet,
@@ -40,7 +42,7 @@ struct Node {
 /// Ancestors and descendants of every body, in the order in which joints were made.
 #[derive(Debug, Clone, Default)]
 pub struct BodyGraph {
-    nodes: Vec<Node>,
+    nodes: Table<BodyId, Node>,
     /// Descendants in all lists.
     listed: usize,
     is_full: bool,
@@ -51,16 +53,15 @@ pub struct BodyGraph {
 const MAX_LISTED: usize = 2_000_000;
 
 impl BodyGraph {
-    /// Makes place for one more body and returns its index.
-    pub fn add_body(&mut self) -> usize {
-        self.nodes.push(Node::default());
-        self.nodes.len() - 1
+    /// Makes place for one more body and returns its id.
+    pub fn add_body(&mut self) -> BodyId {
+        self.nodes.push(Node::default())
     }
 
     /// Enters a joint from `parent` to `child`. A joint of a body with itself changes nothing; so does, in the lists, a
     /// second path to the same child. A joint with which the lists together would grow beyond two million entries is
     /// listed by `parent` only.
-    pub fn add_joint(&mut self, parent: usize, child: usize, joint: usize, passive: bool) {
+    pub fn add_joint(&mut self, parent: BodyId, child: BodyId, joint: JointId, passive: bool) {
         if parent == child {
             return;
         }
@@ -91,17 +92,17 @@ impl BodyGraph {
     }
 
     /// All bodies below `body` with the joints that lead to them.
-    pub fn descendants(&self, body: usize) -> &[Descendant] {
+    pub fn descendants(&self, body: BodyId) -> &[Descendant] {
         &self.nodes[body].descendants
     }
 
     /// The descendants that count for states and joint commands: those whose joint is not passive.
-    pub fn active(&self, body: usize) -> impl Iterator<Item = &Descendant> {
+    pub fn active(&self, body: BodyId) -> impl Iterator<Item = &Descendant> {
         self.nodes[body].descendants.iter().filter(|entry| !entry.passive)
     }
 
     /// Whether nothing is above `body`.
-    pub fn is_root(&self, body: usize) -> bool {
+    pub fn is_root(&self, body: BodyId) -> bool {
         self.nodes[body].ancestors.is_empty()
     }
 }
@@ -116,13 +117,13 @@ mod tests {
             graph.add_body();
         }
         for (joint, &(parent, child, passive)) in joints.iter().enumerate() {
-            graph.add_joint(parent, child, joint, passive);
+            graph.add_joint(BodyId::new(parent), BodyId::new(child), JointId::new(joint), passive);
         }
         graph
     }
 
     fn active(graph: &BodyGraph, body: usize) -> Vec<usize> {
-        graph.active(body).map(|entry| entry.joint).collect()
+        graph.active(BodyId::new(body)).map(|entry| entry.joint.index()).collect()
     }
 
     #[test]
@@ -130,14 +131,14 @@ mod tests {
         let graph = graph(&[(0, 1, false), (1, 2, false), (2, 3, false)]);
         assert_eq!(active(&graph, 0), [0, 1, 2]);
         assert_eq!(active(&graph, 1), [1, 2]);
-        assert!(graph.is_root(0) && !graph.is_root(3));
+        assert!(graph.is_root(BodyId::new(0)) && !graph.is_root(BodyId::new(3)));
     }
 
     #[test]
     fn a_subtree_built_first_comes_first() {
         let graph = graph(&[(1, 2, false), (2, 3, false), (0, 1, false)]);
         assert_eq!(active(&graph, 0), [0, 1, 2]);
-        assert_eq!(graph.descendants(0).iter().map(|d| d.body).collect::<Vec<_>>(), [2, 3, 1]);
+        assert_eq!(graph.descendants(BodyId::new(0)).iter().map(|d| d.body.index()).collect::<Vec<_>>(), [2, 3, 1]);
     }
 
     #[test]
@@ -145,7 +146,7 @@ mod tests {
         let graph = graph(&[(0, 1, false), (0, 2, true), (1, 3, false), (2, 3, false)]);
         assert_eq!(active(&graph, 0), [0, 2]);
         assert_eq!(active(&graph, 2), [3]);
-        assert_eq!(graph.descendants(0).len(), 3);
+        assert_eq!(graph.descendants(BodyId::new(0)).len(), 3);
     }
 
     #[test]
@@ -154,9 +155,9 @@ mod tests {
         for _ in 0..=10_000 {
             graph.add_body();
         }
-        (0..10_000).for_each(|i| graph.add_joint(i, i + 1, i, false));
+        (0..10_000).for_each(|i| graph.add_joint(BodyId::new(i), BodyId::new(i + 1), JointId::new(i), false));
         assert!(graph.is_full());
-        let listed = graph.descendants(0).len();
+        let listed = graph.descendants(BodyId::new(0)).len();
         assert!((1_990..2_060).contains(&listed), "{listed}");
         assert_eq!(active(&graph, 9_999), [9_999]);
     }
@@ -164,8 +165,8 @@ mod tests {
     #[test]
     fn loops_and_self_joints_end() {
         let mut graph = graph(&[(0, 1, false), (1, 0, false)]);
-        graph.add_joint(2, 2, 2, false);
-        assert!(graph.descendants(2).is_empty());
-        assert_eq!(graph.descendants(0).len(), 2);
+        graph.add_joint(BodyId::new(2), BodyId::new(2), JointId::new(2), false);
+        assert!(graph.descendants(BodyId::new(2)).is_empty());
+        assert_eq!(graph.descendants(BodyId::new(0)).len(), 2);
     }
 }

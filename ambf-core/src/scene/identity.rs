@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use crate::adf;
 use crate::comm::{ObjectInfo, ObjectKind, Rates};
+use crate::ids::ModelId;
 
 /// Names and publishing rates of an object with a State and a Command.
 #[derive(Debug, Clone, PartialEq)]
@@ -22,12 +23,12 @@ pub struct Identity {
     pub passive: bool,
     /// How often it is published.
     pub rates: Rates,
-    /// Index of its model.
-    pub model: usize,
+    /// Its model.
+    pub model: ModelId,
 }
 
 impl Identity {
-    pub(super) fn new(common: &adf::Common, namespace: String, suffix: String, rates: Rates, model: usize) -> Self {
+    pub(super) fn new(common: &adf::Common, namespace: String, suffix: String, rates: Rates, model: ModelId) -> Self {
         Self {
             name: common.name.as_str().into(),
             qualified: format!("{namespace}{}{suffix}", common.identifier).into(),
@@ -51,9 +52,9 @@ impl Identity {
     }
 
     /// What a middleware is told; `None` for a passive object.
-    pub(super) fn object(&self, kind: ObjectKind) -> Option<ObjectInfo> {
+    pub(super) fn object(&self, kind: impl FnOnce() -> ObjectKind) -> Option<ObjectInfo> {
         (!self.passive).then(|| ObjectInfo {
-            kind,
+            kind: kind(),
             namespace: self.namespace.clone(),
             name: self.communication_name(),
             identifier: self.key() + &self.suffix,

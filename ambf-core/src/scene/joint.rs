@@ -4,12 +4,13 @@ use std::f64::consts::{PI, TAU};
 
 use nalgebra::{Isometry3, Unit, UnitQuaternion, Vector3};
 
-use super::body::Body;
 use super::targets::JointTarget;
+use super::{Bodies, Body};
 use crate::adf::{self, ControllerOutput, JointKind, Limits, SixDofLimits, SourcePos, IMPULSE_STEP};
 use crate::bullet::{Constraint, ConstraintHandle, ConstraintKind, ConstraintParameter, Spring, World};
 use crate::comm::JointCommandType;
 use crate::control::{shortest_angle, JointController, Profile};
+use crate::ids::{BodyId, ModelId};
 
 /// What kind of coordinate a joint has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -92,12 +93,12 @@ pub struct Joint {
     pub key: String,
     /// What kind of coordinate it has.
     pub joint_type: JointType,
-    /// Index of the parent body.
-    pub parent: usize,
-    /// Index of the child body.
-    pub child: usize,
-    /// Index of the model that describes it.
-    pub model: usize,
+    /// The parent body.
+    pub parent: BodyId,
+    /// The child body.
+    pub child: BodyId,
+    /// The model that describes it.
+    pub model: ModelId,
     /// Left out of states and joint commands, with its child.
     pub passive: bool,
     /// Range of the coordinate, rad or m.
@@ -187,8 +188,8 @@ impl Joint {
     pub(super) fn new(
         joint: &adf::Joint,
         key: String,
-        (parent, child): (usize, usize),
-        model: usize,
+        (parent, child): (BodyId, BodyId),
+        model: ModelId,
         (pivot, axis): (Vector3<f64>, Vector3<f64>),
         constraint: Option<(ConstraintHandle, usize)>,
     ) -> Self {
@@ -243,7 +244,7 @@ impl Joint {
     pub(crate) fn apply_command(
         &mut self,
         world: &mut World,
-        bodies: &[Body],
+        bodies: &Bodies,
         kind: JointCommandType,
         value: f64,
         time: f64,
@@ -256,7 +257,7 @@ impl Joint {
         }
     }
 
-    fn apply_position(&mut self, world: &mut World, bodies: &[Body], value: f64, time: f64) {
+    fn apply_position(&mut self, world: &mut World, bodies: &Bodies, value: f64, time: f64) {
         if !self.enable_motor || !self.joint_type.has_motor() {
             return;
         }
@@ -275,7 +276,7 @@ impl Joint {
         }
     }
 
-    fn apply_effort(&mut self, world: &mut World, bodies: &[Body], effort: f64) {
+    fn apply_effort(&mut self, world: &mut World, bodies: &Bodies, effort: f64) {
         self.set_motor(world, false, 0.0);
         let (parent, child) = (bodies[self.parent].handle, bodies[self.child].handle);
         let Some(pose) = world.pose(parent) else { return };

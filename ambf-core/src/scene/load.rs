@@ -9,6 +9,7 @@ use super::{Note, Scene, SceneOptions};
 use crate::adf::{self, LoadError, Report, Severity};
 use crate::bullet::Solver;
 use crate::control::Profile;
+use crate::ids::ModelId;
 use crate::mesh::MeshCache;
 use crate::urdf;
 
@@ -169,12 +170,13 @@ impl PreparedModel {
 }
 
 impl Scene {
-    /// Builds a model into the scene; returns its index and what was dropped, replaced or guessed.
-    pub(crate) fn add_model(&mut self, model: PreparedModel) -> (usize, Vec<Note>) {
+    /// Builds a model into the scene; returns it and what was dropped, replaced or guessed.
+    pub(crate) fn add_model(&mut self, model: PreparedModel) -> (ModelId, Vec<Note>) {
+        let id = self.models.next_id();
         let mut builder = Builder::new(self, &model.meshes);
         builder.add_model(model.description);
         let notes = builder.finish();
-        (self.models.len() - 1, notes)
+        (id, notes)
     }
 }
 

@@ -13,6 +13,7 @@ mod ghost;
 mod graph;
 mod identity;
 mod joint;
+mod list;
 mod load;
 mod names;
 mod object;
@@ -36,6 +37,8 @@ pub use ghost::Ghost;
 pub use graph::{BodyGraph, Descendant};
 pub use identity::Identity;
 pub use joint::{Joint, JointType};
+pub use list::Objects;
+use list::{ObjectList, Update};
 pub use load::{load, read_model, Loaded, PreparedModel, SceneFiles, SceneReport};
 pub use names::{Found, NameMap};
 pub use object::DeclaredPlugins;
@@ -53,15 +56,15 @@ pub use visuals::{
 use std::fmt;
 use std::sync::Arc;
 
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::Vector3;
 
 use crate::adf::{self, Severity, SourcePos};
 use crate::bullet::{Gyroscopic, Preset, World};
-use crate::comm::{
-    ActuatorCommand, BodyKinematics, GhostInfo, GhostReading, ObjectInfo, ObjectKind, Rates, RigidBodyInfo, Snapshot,
-    SoftBodyReading, VehicleInfo, VehicleReading, Wrench,
-};
+use crate::comm::{ActuatorCommand, ObjectInfo, ObjectKind, Rates, RigidBodyInfo, Snapshot, Wrench};
 use crate::control::Profile;
+use crate::ids::{
+    ActuatorId, BodyId, CameraId, GhostId, JointId, LightId, ModelId, SensorId, SoftBodyId, Table, VehicleId,
+};
 
 /// How a scene is built, beside what its files say.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -117,27 +120,25 @@ pub struct Scene {
     /// Rigid bodies.
     pub bodies: Bodies,
     /// Joints, those of unknown type included.
-    pub joints: Vec<Joint>,
+    pub joints: Table<JointId, Joint>,
     /// Soft bodies.
-    pub soft_bodies: Vec<SoftBody>,
+    pub soft_bodies: Objects<SoftBodyId, SoftBody>,
     /// Ghost objects.
-    pub ghosts: Vec<Ghost>,
+    pub ghosts: Objects<GhostId, Ghost>,
     /// Sensors.
-    pub sensors: Vec<Sensor>,
+    pub sensors: Objects<SensorId, Sensor>,
     /// Actuators.
-    pub actuators: Vec<Actuator>,
+    pub actuators: Objects<ActuatorId, Actuator>,
     /// Vehicles.
-    pub vehicles: Vec<Vehicle>,
+    pub vehicles: Objects<VehicleId, Vehicle>,
     /// Cameras.
-    pub cameras: Vec<Camera>,
+    pub cameras: Objects<CameraId, Camera>,
     /// Lights.
-    pub lights: Vec<Light>,
+    pub lights: Objects<LightId, Light>,
     /// What hangs below what.
     pub graph: BodyGraph,
     /// Models in order of creation; the first is the environment.
-    pub models: Vec<ModelInfo>,
-    /// Bodies by qualified identifier.
-    pub body_names: NameMap,
+    pub models: Table<ModelId, ModelInfo>,
     /// Prefix and namespace of the world object.
     pub namespace: String,
     /// Publishing rates of the world object.
@@ -165,32 +166,13 @@ pub struct Scene {
     pub plugins: Vec<DeclaredPlugins>,
     options: SceneOptions,
     /// For each body its active joints; see [`active_joints`](Self::active_joints).
-    active_joints: Vec<Vec<usize>>,
-    names: Names,
-    /// Ghosts, sensors and vehicles in the order in which they are updated.
-    elements: Vec<Element>,
-}
-
-/// Objects by qualified identifier, bodies excepted.
-#[derive(Debug, Default)]
-struct Names {
-    models: NameMap,
-    joints: NameMap,
-    soft_bodies: NameMap,
-    ghosts: NameMap,
-    sensors: NameMap,
-    actuators: NameMap,
-    vehicles: NameMap,
-    cameras: NameMap,
-    lights: NameMap,
-}
-
-/// An object that has something to do in each iteration, by index.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Element {
-    Ghost(usize),
-    Sensor(usize),
-    Vehicle(usize),
+    active_joints: Table<BodyId, Vec<JointId>>,
+    /// Models by key.
+    model_names: NameMap<ModelId>,
+    /// Joints by qualified identifier.
+    joint_names: NameMap<JointId>,
+    /// What acts by itself in an iteration, in the order in which it does.
+    elements: Vec<(Update, usize)>,
 }
 
 impl Scene {
@@ -206,105 +188,84 @@ impl Scene {
         std::iter::once(world).chain(self.objects_from(&Counts::default())).collect()
     }
 
+    /// All objects with a State: each type has its line here, in the order in which clients are told of objects.
+    fn lists(&self) -> [&dyn ObjectList; 8] {
+        [
+            &self.lights,
+            &self.cameras,
+            &*self.bodies,
+            &self.soft_bodies,
+            &self.ghosts,
+            &self.sensors,
+            &self.actuators,
+            &self.vehicles,
+        ]
+    }
+
+    /// [`lists`](Self::lists), to be changed.
+    fn lists_mut(&mut self) -> [&mut dyn ObjectList; 8] {
+        [
+            &mut self.lights,
+            &mut self.cameras,
+            &mut *self.bodies,
+            &mut self.soft_bodies,
+            &mut self.ghosts,
+            &mut self.sensors,
+            &mut self.actuators,
+            &mut self.vehicles,
+        ]
+    }
+
+    /// The objects of a type; `None` for types without a State.
+    fn list(&self, kind: ObjectType) -> Option<&dyn ObjectList> {
+        self.lists().into_iter().find(|list| list.object_type() == kind)
+    }
+
     /// The objects that have a State and a Command beyond the first `known` of each type, without the world.
     pub(crate) fn objects_from(&self, known: &Counts) -> Vec<ObjectInfo> {
         let mut objects = Vec::new();
-        let mut add = |identity: &Identity, kind: ObjectKind| objects.extend(identity.object(kind));
-        for (i, light) in self.lights.iter().enumerate().skip(known.lights) {
-            add(&light.attached.identity, ObjectKind::Light(i, Box::new(light.parameters.clone())));
-        }
-        for (i, camera) in self.cameras.iter().enumerate().skip(known.cameras) {
-            add(&camera.attached.identity, ObjectKind::Camera(i, Box::new(camera.parameters.clone())));
-        }
-        for (i, body) in self.bodies.iter().enumerate().skip(known.bodies) {
-            add(&body.identity, ObjectKind::RigidBody(i, Box::new(self.body_info(i))));
-        }
-        for (i, soft) in self.soft_bodies.iter().enumerate().skip(known.soft_bodies) {
-            add(&soft.identity, ObjectKind::SoftBody(i, soft.mass));
-        }
-        for (i, ghost) in self.ghosts.iter().enumerate().skip(known.ghosts) {
-            let info = GhostInfo { parent_name: ghost.parent_name.clone() };
-            add(&ghost.attached.identity, ObjectKind::Ghost(i, Box::new(info)));
-        }
-        for (i, sensor) in self.sensors.iter().enumerate().skip(known.sensors) {
-            add(&sensor.identity, ObjectKind::Sensor(i, Box::new(sensor.info.clone())));
-        }
-        for (i, actuator) in self.actuators.iter().enumerate().skip(known.actuators) {
-            add(&actuator.identity, ObjectKind::Actuator(i, Box::new(actuator.info.clone())));
-        }
-        for (i, vehicle) in self.vehicles.iter().enumerate().skip(known.vehicles) {
-            let chassis = &self.bodies[vehicle.chassis];
-            let info = VehicleInfo { mass: chassis.mass, inertia: chassis.inertia, wheels: vehicle.wheels.len() };
-            add(&vehicle.identity, ObjectKind::Vehicle(i, Box::new(info)));
+        for (i, list) in self.lists().into_iter().enumerate() {
+            let new = known.0.get(i).copied().unwrap_or(0)..list.count();
+            objects.extend(new.filter_map(|index| list.identity(index)?.object(|| list.kind(index, self))));
         }
         objects
     }
 
     /// How many objects of each type there are, removed ones included.
     pub(crate) fn counts(&self) -> Counts {
-        Counts {
-            bodies: self.bodies.len(),
-            soft_bodies: self.soft_bodies.len(),
-            ghosts: self.ghosts.len(),
-            sensors: self.sensors.len(),
-            actuators: self.actuators.len(),
-            vehicles: self.vehicles.len(),
-            cameras: self.cameras.len(),
-            lights: self.lights.len(),
-        }
-    }
-
-    /// Names of an object that has a State; `None` for the world.
-    pub(crate) fn identity(&self, kind: &ObjectKind) -> Option<&Identity> {
-        match *kind {
-            ObjectKind::World => None,
-            ObjectKind::RigidBody(i, _) => Some(&self.bodies[i].identity),
-            ObjectKind::Camera(i, _) => Some(&self.cameras[i].attached.identity),
-            ObjectKind::Light(i, _) => Some(&self.lights[i].attached.identity),
-            ObjectKind::Sensor(i, _) => Some(&self.sensors[i].identity),
-            ObjectKind::Actuator(i, _) => Some(&self.actuators[i].identity),
-            ObjectKind::Vehicle(i, _) => Some(&self.vehicles[i].identity),
-            ObjectKind::SoftBody(i, _) => Some(&self.soft_bodies[i].identity),
-            ObjectKind::Ghost(i, _) => Some(&self.ghosts[i].attached.identity),
-        }
+        Counts(self.lists().map(|list| list.count()).to_vec())
     }
 
     /// What sorts objects into the order in which they are visited: by model, then by type, then by qualified
     /// identifier.
-    pub(crate) fn visiting_key(&self, kind: &ObjectKind) -> (String, u8, String) {
-        let Some(identity) = self.identity(kind) else { return Default::default() };
-        let rank = match kind {
-            ObjectKind::World => 0,
-            ObjectKind::Actuator(..) => 1,
-            ObjectKind::Camera(..) => 2,
-            ObjectKind::Light(..) => 3,
-            ObjectKind::RigidBody(..) => 4,
-            ObjectKind::SoftBody(..) => 5,
-            ObjectKind::Ghost(..) => 6,
-            ObjectKind::Sensor(..) => 7,
-            ObjectKind::Vehicle(..) => 8,
-        };
-        (self.models[identity.model].key.clone(), rank, identity.key())
+    pub(crate) fn visiting_key(&self, object: Option<ObjectId>) -> (String, u8, String) {
+        let found = object.and_then(|object| {
+            let list = self.list(object.kind)?;
+            Some((list.rank(), list.identity(object.index)?))
+        });
+        found.map_or_else(Default::default, |(rank, identity)| {
+            (self.models[identity.model].key.clone(), rank + 1, identity.key())
+        })
     }
 
-    /// Indices of the active joints of a body: what its joint commands are indexed by.
-    pub fn active_joints(&self, body: usize) -> &[usize] {
+    /// The active joints of a body: what its joint commands are indexed by.
+    pub fn active_joints(&self, body: BodyId) -> &[JointId] {
         &self.active_joints[body]
     }
 
-    fn body_info(&self, index: usize) -> RigidBodyInfo {
-        let body = &self.bodies[index];
+    fn body_info(&self, id: BodyId) -> RigidBodyInfo {
+        let body = &self.bodies[id];
         RigidBodyInfo {
             mass: body.mass,
             inertia: body.inertia,
             inertial_offset_inverse: body.inertial_offset_inverse,
             children_names: self
                 .graph
-                .active(index)
+                .active(id)
                 .map(|entry| self.bodies[entry.body].identity.name.to_string())
                 .collect(),
-            joint_names: self.graph.active(index).map(|entry| self.joints[entry.joint].name.clone()).collect(),
-            joints: self.active_joints(index).to_vec(),
+            joint_names: self.graph.active(id).map(|entry| self.joints[entry.joint].name.clone()).collect(),
+            joints: self.active_joints(id).to_vec(),
             publish_children_names: body.publish_children_names,
             publish_joint_names: body.publish_joint_names,
             publish_joint_positions: body.publish_joint_positions,
@@ -326,17 +287,17 @@ impl Scene {
     }
 
     /// Lets an actuator hold or let go.
-    pub(crate) fn command_actuator(&mut self, index: usize, command: &ActuatorCommand) -> Option<String> {
-        let Self { actuators, world, bodies, body_names, sensors, names, .. } = self;
-        actuators[index].apply_command(world, bodies, body_names, sensors, &names.sensors, command)
+    pub(crate) fn command_actuator(&mut self, id: ActuatorId, command: &ActuatorCommand) -> Option<String> {
+        let Self { actuators, world, bodies, sensors, .. } = self;
+        actuators[id].apply_command(world, bodies, sensors, command)
     }
 
     /// Lets an actuator hold a body where it is, or let go.
-    pub(crate) fn hold_with_actuator(&mut self, index: usize, body: Option<usize>) {
+    pub(crate) fn hold_with_actuator(&mut self, id: ActuatorId, body: Option<BodyId>) {
         let Self { actuators, world, bodies, .. } = self;
         match body {
-            Some(body) => actuators[index].hold(world, bodies, body, None),
-            None => actuators[index].release(world, bodies),
+            Some(body) => actuators[id].hold(world, bodies, body, None),
+            None => actuators[id].release(world, bodies),
         }
     }
 
@@ -356,98 +317,33 @@ impl Scene {
     }
 
     /// A snapshot with place for the state of every object.
-    pub(crate) fn snapshot(&self, wrenches: &[Wrench]) -> Snapshot {
-        let identities = |n: usize| vec![Isometry3::identity(); n];
-        let vehicle = |vehicle: &Vehicle| VehicleReading {
-            wheels: identities(vehicle.wheels.len()),
-            ..VehicleReading::default()
-        };
-        let soft =
-            |soft: &SoftBody| SoftBodyReading { nodes: vec![[0.0; 3]; soft.nodes], ..SoftBodyReading::default() };
-        Snapshot {
-            bodies: vec![BodyKinematics::default(); self.bodies.len()],
-            wrenches: wrenches.to_vec(),
-            joint_positions: vec![0.0; self.joints.len()],
-            joint_velocities: vec![0.0; self.joints.len()],
-            joint_efforts: vec![0.0; self.joints.len()],
-            cameras: identities(self.cameras.len()),
-            lights: identities(self.lights.len()),
-            views: self.cameras.iter().map(|camera| self.view_of(camera)).collect(),
-            spots: self.lights.iter().map(|light| self.spot_of(light)).collect(),
-            sensors: self.sensors.iter().map(|sensor| sensor.readings().to_vec()).collect(),
-            contacts: self.sensors.iter().map(|sensor| sensor.contacts().cloned().unwrap_or_default()).collect(),
-            actuators: vec![false; self.actuators.len()],
-            vehicles: self.vehicles.iter().map(vehicle).collect(),
-            soft_bodies: self.soft_bodies.iter().map(soft).collect(),
-            ghosts: vec![GhostReading::default(); self.ghosts.len()],
+    pub(crate) fn snapshot(&self, wrenches: &Table<BodyId, Wrench>) -> Snapshot {
+        let coordinates = || Table::filled(0.0, self.joints.len());
+        let mut snapshot = Snapshot {
+            wrenches: wrenches.clone(),
+            joint_positions: coordinates(),
+            joint_velocities: coordinates(),
+            joint_efforts: coordinates(),
             ..Snapshot::default()
-        }
+        };
+        self.lists().into_iter().for_each(|list| list.make_room(self, &mut snapshot));
+        snapshot
     }
 
     /// Writes the states of everything but bodies and joints.
     pub(crate) fn fill_elements(&self, snapshot: &mut Snapshot) {
-        for (i, camera) in self.cameras.iter().enumerate() {
-            snapshot.cameras[i] = camera.attached.pose;
-            snapshot.views[i] = self.view_of(camera);
-        }
-        for (i, light) in self.lights.iter().enumerate() {
-            snapshot.lights[i] = light.attached.pose;
-            snapshot.spots[i] = self.spot_of(light);
-        }
-        for (readings, sensor) in snapshot.sensors.iter_mut().zip(&self.sensors) {
-            // Keeps the memory of what was there.
-            readings.clear();
-            readings.extend_from_slice(sensor.readings());
-        }
-        for (reading, sensor) in snapshot.contacts.iter_mut().zip(&self.sensors) {
-            if let Some(contacts) = sensor.contacts() {
-                reading.copy_from(contacts);
-            }
-        }
-        for (actuated, actuator) in snapshot.actuators.iter_mut().zip(&self.actuators) {
-            *actuated = actuator.is_actuated();
-        }
-        for (reading, vehicle) in snapshot.vehicles.iter_mut().zip(&self.vehicles) {
-            vehicle.read(&self.world, &self.bodies, reading);
-        }
-        for (reading, soft) in snapshot.soft_bodies.iter_mut().zip(&self.soft_bodies) {
-            soft.read(&self.world, reading);
-        }
-        for (reading, ghost) in snapshot.ghosts.iter_mut().zip(&self.ghosts) {
-            ghost.read(&self.bodies, reading);
-        }
+        self.lists().into_iter().for_each(|list| list.read(self, snapshot));
     }
 
     /// Updates everything that has something to do besides moving: ghosts, sensors, vehicles. Sub-step and update in s.
     pub(crate) fn update_elements(&mut self, sub_step: f64, interval: f64) {
         for i in 0..self.elements.len() {
-            match self.elements[i] {
-                Element::Ghost(index) => {
-                    let Attached { parent, pose, .. } = self.ghosts[index].attached;
-                    let pose = self.global_pose(parent, &pose);
-                    let carrier = match parent {
-                        Some(Parent::Body(body)) => Some(body),
-                        _ => None,
-                    };
-                    let Self { ghosts, world, bodies, gravity, profile, .. } = self;
-                    ghosts[index].update(world, bodies, pose, carrier, gravity, *profile);
-                }
-                Element::Sensor(index) => self.sensors[index].update(&mut self.world, &self.bodies, sub_step, interval),
-                Element::Vehicle(index) => self.vehicles[index].update(&mut self.world, &self.bodies),
-            }
+            let (update, index) = self.elements[i];
+            update(self, index, sub_step, interval);
         }
     }
 }
 
-/// Numbers of objects by type.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(crate) struct Counts {
-    pub bodies: usize,
-    pub soft_bodies: usize,
-    pub ghosts: usize,
-    pub sensors: usize,
-    pub actuators: usize,
-    pub vehicles: usize,
-    pub cameras: usize,
-    pub lights: usize,
-}
+/// Numbers of objects by type, in the order of [`Scene::lists`].
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(crate) struct Counts(Vec<usize>);

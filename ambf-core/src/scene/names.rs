@@ -3,34 +3,40 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
-/// Objects of one type by qualified identifier, in lexicographic order.
-#[derive(Debug, Clone, Default)]
-pub struct NameMap(BTreeMap<String, usize>);
+/// Objects of one type, with ids `I`, by qualified identifier, in lexicographic order.
+#[derive(Debug, Clone)]
+pub struct NameMap<I>(BTreeMap<String, I>);
+
+impl<I> Default for NameMap<I> {
+    fn default() -> Self {
+        Self(BTreeMap::new())
+    }
+}
 
 /// What a look-up gave.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Found {
+pub enum Found<I> {
     /// The key is exactly the text.
-    Exact(usize),
+    Exact(I),
     /// The text is part of this one key only.
-    Part(usize, String),
+    Part(I, String),
     /// No key holds the text.
     Nothing,
     /// Several keys hold the text.
     Ambiguous(Vec<String>),
 }
 
-impl Found {
+impl<I: Copy> Found<I> {
     /// The object, if there is exactly one.
-    pub fn index(&self) -> Option<usize> {
+    pub fn id(&self) -> Option<I> {
         match self {
-            Self::Exact(index) | Self::Part(index, _) => Some(*index),
+            Self::Exact(id) | Self::Part(id, _) => Some(*id),
             Self::Nothing | Self::Ambiguous(_) => None,
         }
     }
 }
 
-impl fmt::Display for Found {
+impl<I> fmt::Display for Found<I> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Exact(_) => write!(f, "found"),
@@ -44,7 +50,7 @@ impl fmt::Display for Found {
 /// Suffixes that are tried to make a name unique.
 const MAX_SUFFIX: u32 = 100;
 
-impl NameMap {
+impl<I: Copy> NameMap<I> {
     /// The suffix that makes `key` free: empty, or the first of 1, 2, … 100.
     pub fn free_suffix(&self, key: &str) -> String {
         if !self.0.contains_key(key) {
@@ -57,18 +63,18 @@ impl NameMap {
     }
 
     /// Enters an object under `key` and the first free suffix.
-    pub fn insert(&mut self, key: &str, index: usize) {
+    pub fn insert(&mut self, key: &str, id: I) {
         let suffix = self.free_suffix(key);
-        self.0.insert(format!("{key}{suffix}"), index);
+        self.0.insert(format!("{key}{suffix}"), id);
     }
 
     /// The object whose key is exactly `text`.
-    pub fn exact(&self, text: &str) -> Option<usize> {
+    pub fn exact(&self, text: &str) -> Option<I> {
         self.0.get(text).copied()
     }
 
     /// The object that [`find`](Self::find) finds, without saying how.
-    pub fn index(&self, text: &str) -> Option<usize> {
+    pub fn id(&self, text: &str) -> Option<I> {
         self.exact(text).or_else(|| {
             let mut holding = self.0.iter().filter(|(key, _)| key.contains(text));
             let first = holding.next()?;
@@ -77,19 +83,19 @@ impl NameMap {
     }
 
     /// Forgets the objects for which `gone` is true.
-    pub fn remove(&mut self, gone: impl Fn(usize) -> bool) {
-        self.0.retain(|_, index| !gone(*index));
+    pub fn remove(&mut self, gone: impl Fn(I) -> bool) {
+        self.0.retain(|_, id| !gone(*id));
     }
 
     /// The object whose key is `text`, else the only one whose key holds `text`.
-    pub fn find(&self, text: &str) -> Found {
-        if let Some(index) = self.exact(text) {
-            return Found::Exact(index);
+    pub fn find(&self, text: &str) -> Found<I> {
+        if let Some(id) = self.exact(text) {
+            return Found::Exact(id);
         }
         let mut holding = self.0.iter().filter(|(key, _)| key.contains(text));
         match (holding.next(), holding.next()) {
             (None, _) => Found::Nothing,
-            (Some((key, &index)), None) => Found::Part(index, key.clone()),
+            (Some((key, &id)), None) => Found::Part(id, key.clone()),
             (Some((first, _)), Some((second, _))) => {
                 // A few are enough to see what went wrong.
                 let rest = holding.take(3).map(|(key, _)| key);
@@ -98,9 +104,14 @@ impl NameMap {
         }
     }
 
+    /// Keys in lexicographic order.
+    pub fn keys(&self) -> impl Iterator<Item = &str> {
+        self.0.keys().map(String::as_str)
+    }
+
     /// Keys and objects in lexicographic order.
-    pub fn iter(&self) -> impl Iterator<Item = (&str, usize)> {
-        self.0.iter().map(|(key, &index)| (key.as_str(), index))
+    pub fn iter(&self) -> impl Iterator<Item = (&str, I)> {
+        self.0.iter().map(|(key, &id)| (key.as_str(), id))
     }
 }
 
@@ -126,11 +137,11 @@ mod tests {
         map.insert("/env/BODY link10", 1);
         map.insert("/env/BODY base", 2);
         assert_eq!(map.find("/env/BODY link1"), Found::Exact(0));
-        assert_eq!(map.find("BODY base").index(), Some(2));
+        assert_eq!(map.find("BODY base").id(), Some(2));
         for text in ["/env/BODY link1", "BODY base", "BODY link1", "BODY tip"] {
-            assert_eq!(map.index(text), map.find(text).index(), "{text}");
+            assert_eq!(map.id(text), map.find(text).id(), "{text}");
         }
-        assert_eq!(map.find("BODY link1").index(), None);
+        assert_eq!(map.find("BODY link1").id(), None);
         assert_eq!(map.find("BODY tip"), Found::Nothing);
     }
 }

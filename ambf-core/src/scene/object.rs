@@ -3,12 +3,13 @@
 use super::build::Builder;
 use super::{Identity, ObjectId, ObjectType, Scene};
 use crate::adf::{self, PluginEntry, SourcePos};
+use crate::ids::{BodyId, JointId, ModelId};
 
 /// The plugins that a description asks for at one place.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DeclaredPlugins {
-    /// Index of the model.
-    pub model: usize,
+    /// The model.
+    pub model: ModelId,
     /// The object that has them; `None`: the model itself.
     pub object: Option<ObjectId>,
     /// In file order.
@@ -58,23 +59,16 @@ impl Scene {
     /// How many objects of a type there ever were.
     pub fn object_count(&self, kind: ObjectType) -> usize {
         match kind {
-            ObjectType::Body => self.bodies.len(),
-            ObjectType::SoftBody => self.soft_bodies.len(),
-            ObjectType::Ghost => self.ghosts.len(),
             ObjectType::Joint => self.joints.len(),
-            ObjectType::Sensor => self.sensors.len(),
-            ObjectType::Actuator => self.actuators.len(),
-            ObjectType::Vehicle => self.vehicles.len(),
-            ObjectType::Camera => self.cameras.len(),
-            ObjectType::Light => self.lights.len(),
             ObjectType::Volume => self.models.iter().map(|model| model.description.volumes.len()).sum(),
+            _ => self.list(kind).map_or(0, |list| list.count()),
         }
     }
 
     /// Model of an object; `None` when there is no such object.
-    pub fn model_of(&self, object: ObjectId) -> Option<usize> {
+    pub fn model_of(&self, object: ObjectId) -> Option<ModelId> {
         match object.kind {
-            ObjectType::Joint => self.joints.get(object.index).map(|joint| joint.model),
+            ObjectType::Joint => self.joints.get(JointId::new(object.index)).map(|joint| joint.model),
             ObjectType::Volume => self.volume(object.index).map(|(model, _)| model),
             _ => self.identity_of(object).map(|identity| identity.model),
         }
@@ -84,7 +78,9 @@ impl Scene {
     /// when there is no such object.
     pub fn names_of(&self, object: ObjectId) -> Option<(String, String)> {
         match object.kind {
-            ObjectType::Joint => self.joints.get(object.index).map(|joint| (joint.name.clone(), joint.key.clone())),
+            ObjectType::Joint => {
+                self.joints.get(JointId::new(object.index)).map(|joint| (joint.name.clone(), joint.key.clone()))
+            }
             ObjectType::Volume => self.volume(object.index).map(|(_, volume)| {
                 let common = &volume.common;
                 (common.name.clone(), format!("{}{}{}", self.options.prefix, common.namespace, common.identifier))
@@ -99,12 +95,8 @@ impl Scene {
     /// Whether an object is in the scene: it was made, and neither it nor its model was taken out.
     pub fn has_object(&self, object: ObjectId) -> bool {
         let is_gone = || match object.kind {
-            ObjectType::Joint => self.joints[object.index].removed,
-            ObjectType::Body => self.bodies[object.index].removed,
-            ObjectType::Sensor => self.bodies[self.sensors[object.index].parent].removed,
-            ObjectType::Actuator => self.bodies[self.actuators[object.index].parent].removed,
-            ObjectType::Vehicle => self.bodies[self.vehicles[object.index].chassis].removed,
-            _ => false,
+            ObjectType::Joint => self.joints[JointId::new(object.index)].removed,
+            _ => self.stands_on(object).is_some_and(|body| self.bodies[body].removed),
         };
         self.model_of(object).is_some_and(|model| !self.models[model].removed && !is_gone())
     }
@@ -112,20 +104,14 @@ impl Scene {
     /// The object of a type whose qualified identifier is `text`, else the only one whose identifier holds it, else the
     /// only one whose name is `text`.
     pub fn find_object(&self, kind: ObjectType, text: &str) -> Option<usize> {
-        let names = match kind {
-            ObjectType::Body => Some(&self.body_names),
-            ObjectType::SoftBody => Some(&self.names.soft_bodies),
-            ObjectType::Ghost => Some(&self.names.ghosts),
-            ObjectType::Joint => Some(&self.names.joints),
-            ObjectType::Sensor => Some(&self.names.sensors),
-            ObjectType::Actuator => Some(&self.names.actuators),
-            ObjectType::Vehicle => Some(&self.names.vehicles),
-            ObjectType::Camera => Some(&self.names.cameras),
-            ObjectType::Light => Some(&self.names.lights),
-            ObjectType::Volume => None,
+        let (exact, part) = match kind {
+            ObjectType::Joint => {
+                (self.joint_names.exact(text).map(JointId::index), self.joint_names.id(text).map(JointId::index))
+            }
+            _ => self.list(kind).map_or((None, None), |list| list.find(text)),
         };
-        if let Some(index) = names.and_then(|names| names.exact(text)) {
-            return Some(index);
+        if exact.is_some() {
+            return exact;
         }
         let mut named = (0..self.object_count(kind)).filter(|&index| {
             let object = ObjectId { kind, index };
@@ -134,12 +120,12 @@ impl Scene {
         match (named.next(), named.next()) {
             (Some(index), None) => Some(index),
             (Some(_), Some(_)) => None,
-            (None, _) => names.and_then(|names| names.index(text)),
+            (None, _) => part,
         }
     }
 
     /// The objects of a model in the order in which plugins are called: by type, then by qualified identifier.
-    pub(crate) fn objects_of_model(&self, model: usize) -> Vec<ObjectId> {
+    pub(crate) fn objects_of_model(&self, model: ModelId) -> Vec<ObjectId> {
         let all = ObjectType::ALL.into_iter().flat_map(|kind| {
             let objects = (0..self.object_count(kind)).map(move |index| ObjectId { kind, index });
             objects.filter(|&object| self.model_of(object) == Some(model) && self.has_object(object))
@@ -152,38 +138,26 @@ impl Scene {
     /// What sorts the objects of a model into the order in which their plugins are called.
     pub(crate) fn calling_key(&self, object: ObjectId) -> (u8, String) {
         let rank = match object.kind {
-            ObjectType::Actuator => 0,
-            ObjectType::Camera => 1,
-            ObjectType::Light => 2,
-            ObjectType::Body => 3,
-            ObjectType::SoftBody => 4,
-            ObjectType::Ghost => 5,
-            ObjectType::Sensor => 6,
-            ObjectType::Vehicle => 7,
-            ObjectType::Volume => 8,
-            ObjectType::Joint => 9,
+            ObjectType::Volume => u8::MAX - 1,
+            ObjectType::Joint => u8::MAX,
+            _ => self.list(object.kind).map_or(0, |list| list.rank()),
         };
         (rank, self.names_of(object).unwrap_or_default().1)
     }
 
+    /// Names of an object that has a State; `None` for others.
     fn identity_of(&self, object: ObjectId) -> Option<&Identity> {
-        let index = object.index;
-        match object.kind {
-            ObjectType::Body => self.bodies.get(index).map(|body| &body.identity),
-            ObjectType::SoftBody => self.soft_bodies.get(index).map(|soft| &soft.identity),
-            ObjectType::Ghost => self.ghosts.get(index).map(|ghost| &ghost.attached.identity),
-            ObjectType::Sensor => self.sensors.get(index).map(|sensor| &sensor.identity),
-            ObjectType::Actuator => self.actuators.get(index).map(|actuator| &actuator.identity),
-            ObjectType::Vehicle => self.vehicles.get(index).map(|vehicle| &vehicle.identity),
-            ObjectType::Camera => self.cameras.get(index).map(|camera| &camera.attached.identity),
-            ObjectType::Light => self.lights.get(index).map(|light| &light.attached.identity),
-            ObjectType::Joint | ObjectType::Volume => None,
-        }
+        self.list(object.kind)?.identity(object.index)
+    }
+
+    /// The body with which an object leaves the scene.
+    pub(super) fn stands_on(&self, object: ObjectId) -> Option<BodyId> {
+        self.list(object.kind)?.stands_on(object.index)
     }
 
     /// Model and description of a volume.
-    fn volume(&self, mut index: usize) -> Option<(usize, &adf::Volume)> {
-        for (model, info) in self.models.iter().enumerate() {
+    fn volume(&self, mut index: usize) -> Option<(ModelId, &adf::Volume)> {
+        for (model, info) in self.models.entries() {
             match info.description.volumes.get(index) {
                 Some(volume) => return Some((model, volume)),
                 None => index -= info.description.volumes.len(),

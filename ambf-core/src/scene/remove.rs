@@ -1,27 +1,28 @@
 //! Taking models and bodies out of a scene, and what follows from its list of objects.
 
 use super::attached::Attached;
-use super::{Bodies, BodyGraph, Element, Parent, Scene};
-use crate::comm::ObjectKind;
+use super::list::ObjectList;
+use super::{Bodies, BodyGraph, ObjectId, Parent, Scene};
+use crate::ids::{BodyId, ModelId};
 
 impl Scene {
-    /// Index of the model called `name`: its key, or a part of the key that no other has. The environment cannot be
+    /// The model called `name`: its key, or a part of the key that no other has. The environment cannot be
     /// named.
-    pub(crate) fn find_model(&self, name: &str) -> Result<usize, String> {
-        match self.names.models.find(name).index() {
-            Some(0) => Err("it is the world's environment".into()),
-            Some(index) => Ok(index),
-            None => Err(self.names.models.find(name).to_string()),
+    pub(crate) fn find_model(&self, name: &str) -> Result<ModelId, String> {
+        match self.model_names.find(name).id() {
+            Some(ModelId::ENVIRONMENT) => Err("it is the world's environment".into()),
+            Some(id) => Ok(id),
+            None => Err(self.model_names.find(name).to_string()),
         }
     }
 
-    /// Index of the model called `name`, the environment included.
-    pub(crate) fn find_any_model(&self, name: &str) -> Option<usize> {
-        self.names.models.index(name)
+    /// The model called `name`, the environment included.
+    pub(crate) fn find_any_model(&self, name: &str) -> Option<ModelId> {
+        self.model_names.id(name)
     }
 
     /// Takes a model out of the scene, with all joints and everything held that leads into it.
-    pub(crate) fn remove_model(&mut self, model: usize) {
+    pub(crate) fn remove_model(&mut self, model: ModelId) {
         let Self { world, bodies, gravity, .. } = self;
         for ghost in self.ghosts.iter_mut().filter(|ghost| ghost.attached.identity.model == model) {
             ghost.release(world, bodies, gravity);
@@ -45,12 +46,12 @@ impl Scene {
             world.remove_body(body.handle);
         }
         self.models[model].removed = true;
-        self.names.models.remove(|index| index == model);
+        self.model_names.remove(|id| id == model);
         self.forget();
     }
 
     /// Takes one body out of the scene, with all joints on it and what stands on it. False when it is not there.
-    pub(crate) fn remove_body(&mut self, body: usize) -> bool {
+    pub(crate) fn remove_body(&mut self, body: BodyId) -> bool {
         if self.bodies.get(body).is_none() || self.body_is_gone(body) {
             return false;
         }
@@ -63,10 +64,10 @@ impl Scene {
     }
 
     /// Lets go of bodies whatever holds them: what refers to bodies goes before them.
-    fn release_bodies(&mut self, is_gone: impl Fn(&Bodies, usize) -> bool) {
+    fn release_bodies(&mut self, is_gone: impl Fn(&Bodies, BodyId) -> bool) {
         let Self { world, bodies, .. } = self;
-        let going: Vec<usize> = (0..bodies.len()).filter(|&body| is_gone(bodies, body)).collect();
-        let is_gone = |body: usize| going.binary_search(&body).is_ok();
+        let going: Vec<BodyId> = bodies.ids().filter(|&body| is_gone(bodies, body)).collect();
+        let is_gone = |body: BodyId| going.binary_search(&body).is_ok();
         for actuator in &mut self.actuators {
             if is_gone(actuator.parent) || going.iter().any(|&body| actuator.holds(bodies[body].handle)) {
                 actuator.release(world, bodies);
@@ -86,44 +87,34 @@ impl Scene {
     }
 
     /// Whether a body was taken out of the scene, by itself or with its model.
-    pub fn body_is_gone(&self, body: usize) -> bool {
+    pub fn body_is_gone(&self, body: BodyId) -> bool {
         let body = &self.bodies[body];
         body.removed || self.models[body.identity.model].removed
     }
 
     /// Whether an object was taken out of the scene: itself, its model, or what it stood on.
-    pub(crate) fn is_removed(&self, kind: &ObjectKind) -> bool {
-        let is_gone = match *kind {
-            ObjectKind::RigidBody(i, _) => self.body_is_gone(i),
-            ObjectKind::Sensor(i, _) => self.body_is_gone(self.sensors[i].parent),
-            ObjectKind::Actuator(i, _) => self.body_is_gone(self.actuators[i].parent),
-            ObjectKind::Vehicle(i, _) => self.body_is_gone(self.vehicles[i].chassis),
-            _ => false,
-        };
-        is_gone || self.identity(kind).is_some_and(|identity| self.models[identity.model].removed)
+    pub(crate) fn is_removed(&self, object: ObjectId) -> bool {
+        self.stands_on(object).is_some_and(|body| self.body_is_gone(body))
+            || self.model_of(object).is_some_and(|model| self.models[model].removed)
     }
 
     /// Forgets the names of what was removed, and brings up to date what follows from the lists of objects.
     fn forget(&mut self) {
-        let mut names = std::mem::take(&mut self.names);
-        let mut body_names = std::mem::take(&mut self.body_names);
-        let model_is_gone = |identity: &super::Identity| self.models[identity.model].removed;
-        let gone = |kind: ObjectKind| self.is_removed(&kind);
-        body_names.remove(|i| self.body_is_gone(i));
-        names.joints.remove(|i| self.joints[i].removed);
-        names.soft_bodies.remove(|i| model_is_gone(&self.soft_bodies[i].identity));
-        names.ghosts.remove(|i| model_is_gone(&self.ghosts[i].attached.identity));
-        names.cameras.remove(|i| model_is_gone(&self.cameras[i].attached.identity));
-        names.lights.remove(|i| model_is_gone(&self.lights[i].attached.identity));
-        names.sensors.remove(|i| gone(ObjectKind::Sensor(i, Box::default())));
-        names.actuators.remove(|i| gone(ObjectKind::Actuator(i, Box::default())));
-        names.vehicles.remove(|i| gone(ObjectKind::Vehicle(i, Box::default())));
-        (self.names, self.body_names) = (names, body_names);
+        let is_gone = |list: &dyn ObjectList| {
+            let kind = list.object_type();
+            (0..list.count()).map(|index| self.is_removed(ObjectId { kind, index })).collect::<Vec<_>>()
+        };
+        let gone = self.lists().map(is_gone);
+        for (list, gone) in self.lists_mut().into_iter().zip(gone) {
+            list.forget_names(&gone);
+        }
+        let Self { joints, joint_names, .. } = self;
+        joint_names.remove(|joint| joints[joint].removed);
         self.rebuild_graph();
         self.arrange();
     }
 
-    fn model_of_parent(&self, parent: Parent) -> usize {
+    fn model_of_parent(&self, parent: Parent) -> ModelId {
         match parent {
             Parent::Body(i) => self.bodies[i].identity.model,
             Parent::Camera(i) => self.cameras[i].attached.identity.model,
@@ -147,11 +138,11 @@ impl Scene {
 
     fn rebuild_graph(&mut self) {
         self.graph = BodyGraph::default();
-        for _ in 0..self.bodies.len() {
+        for _ in self.bodies.iter() {
             self.graph.add_body();
         }
-        for (index, joint) in self.joints.iter().enumerate().filter(|(_, joint)| !joint.removed) {
-            self.graph.add_joint(joint.parent, joint.child, index, joint.passive);
+        for (id, joint) in self.joints.entries().filter(|(_, joint)| !joint.removed) {
+            self.graph.add_joint(joint.parent, joint.child, id, joint.passive);
         }
     }
 
@@ -159,19 +150,14 @@ impl Scene {
     pub(super) fn arrange(&mut self) {
         let graph = &self.graph;
         let active = |body| graph.active(body).map(|entry| entry.joint).collect();
-        self.active_joints = (0..self.bodies.len()).map(active).collect();
+        self.active_joints = self.bodies.ids().map(active).collect();
         let mut order = Vec::new();
-        for i in 0..self.ghosts.len() {
-            order.push((ObjectKind::Ghost(i, Box::default()), Element::Ghost(i)));
+        for list in self.lists() {
+            let Some(update) = list.update() else { continue };
+            let objects = (0..list.count()).map(|index| ObjectId { kind: list.object_type(), index });
+            order.extend(objects.filter(|&object| !self.is_removed(object)).map(|object| (object, update)));
         }
-        for i in 0..self.sensors.len() {
-            order.push((ObjectKind::Sensor(i, Box::default()), Element::Sensor(i)));
-        }
-        for i in 0..self.vehicles.len() {
-            order.push((ObjectKind::Vehicle(i, Box::default()), Element::Vehicle(i)));
-        }
-        order.retain(|(kind, _)| !self.is_removed(kind));
-        order.sort_by_cached_key(|(kind, _)| self.visiting_key(kind));
-        self.elements = order.into_iter().map(|(_, element)| element).collect();
+        order.sort_by_cached_key(|&(object, _)| self.visiting_key(Some(object)));
+        self.elements = order.into_iter().map(|(object, update)| (update, object.index)).collect();
     }
 }

@@ -4,12 +4,13 @@ use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
-use super::body::Body;
-use super::{Bodies, Identity};
+use super::list::SceneObject;
+use super::{Bodies, Body, Identity, ObjectType, Scene};
 use crate::adf::{RaySource, ResistanceParameters};
 use crate::bullet::{Contact, Ray, RayHit, RayTarget, SoftBodyHandle, World};
-use crate::comm::{ContactPoint, ContactReading, RayReading, SensorInfo, TouchingBody};
+use crate::comm::{ContactPoint, ContactReading, ObjectKind, RayReading, SensorInfo, Snapshot, TouchingBody};
 use crate::control::Profile;
+use crate::ids::{BodyId, SensorId};
 use crate::mesh::Mesh;
 
 /// A ray in the sensor frame.
@@ -25,7 +26,7 @@ pub struct LocalRay {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Sensed {
     /// A rigid body, by index.
-    Body(usize),
+    Body(BodyId),
     /// A soft body, at a point in the world, m.
     SoftBody(SoftBodyHandle, Vector3<f64>),
     /// Something without a name.
@@ -40,7 +41,7 @@ pub struct Sensor {
     /// Type, parent's name, pose in the parent's body frame, range.
     pub info: SensorInfo,
     /// Index of the parent body.
-    pub parent: usize,
+    pub parent: BodyId,
     /// Rays in the sensor frame; none for a contact sensor.
     pub rays: Vec<LocalRay>,
     /// What is seen, one entry a ray or a body in contact.
@@ -72,27 +73,46 @@ fn spacious() -> ContactReading {
     ContactReading { bodies: Vec::with_capacity(CONTACTS), points: Vec::with_capacity(CONTACTS) }
 }
 
-impl Sensor {
-    pub(super) fn with_rays(
-        identity: Identity,
-        info: SensorInfo,
-        parent: usize,
-        rays: Vec<LocalRay>,
-        resistance: Option<Resistance>,
-    ) -> Self {
-        let nowhere = Ray { from: Vector3::zeros(), to: Vector3::zeros() };
-        let work = Work::Rays { world: vec![nowhere; rays.len()], hits: vec![None; rays.len()], resistance };
-        Self { identity, info, parent, readings: vec![RayReading::default(); rays.len()], rays, work }
+impl SceneObject for Sensor {
+    type Id = SensorId;
+    type Saved = SavedSensor;
+    const TYPE: ObjectType = ObjectType::Sensor;
+    const RANK: u8 = 6;
+    const ACTS: bool = true;
+
+    fn identity(&self) -> &Identity {
+        &self.identity
     }
 
-    /// A contact sensor. With `details` it also reports each contact point.
-    pub(super) fn with_contacts(identity: Identity, info: SensorInfo, parent: usize, details: bool) -> Self {
-        let contacts = Vec::with_capacity(CONTACTS);
-        let work = Work::Contacts { threshold: info.range, details, contacts, reading: spacious() };
-        Self { identity, info, parent, rays: Vec::new(), readings: Vec::with_capacity(CONTACTS), work }
+    fn kind(&self, id: Self::Id, _scene: &Scene) -> ObjectKind {
+        ObjectKind::Sensor(id, Box::new(self.info.clone()))
     }
 
-    pub(super) fn save(&self) -> SavedSensor {
+    fn stands_on(&self, _id: Self::Id) -> Option<BodyId> {
+        Some(self.parent)
+    }
+
+    fn make_room(&self, _scene: &Scene, snapshot: &mut Snapshot) {
+        snapshot.sensors.push(self.readings.clone());
+        snapshot.contacts.push(self.contacts().cloned().unwrap_or_default());
+    }
+
+    fn read(&self, id: Self::Id, _scene: &Scene, snapshot: &mut Snapshot) {
+        // Keeps the memory of what was there.
+        let readings = &mut snapshot.sensors[id];
+        readings.clear();
+        readings.extend_from_slice(&self.readings);
+        if let Some(contacts) = self.contacts() {
+            snapshot.contacts[id].copy_from(contacts);
+        }
+    }
+
+    fn update(scene: &mut Scene, id: Self::Id, sub_step: f64, interval: f64) {
+        let Scene { sensors, world, bodies, .. } = scene;
+        sensors[id].sense(world, bodies, sub_step, interval);
+    }
+
+    fn save(&self) -> SavedSensor {
         // All fields by name, so that no new one is forgotten.
         let Self { identity: _, info: _, parent: _, rays: _, readings, work } = self;
         let (rays, hits, memory, touching) = match work {
@@ -110,7 +130,7 @@ impl Sensor {
         SavedSensor { readings: readings.clone(), rays, hits, memory, touching }
     }
 
-    pub(super) fn restore(&mut self, saved: &SavedSensor) {
+    fn restore(&mut self, saved: &SavedSensor) {
         self.readings.clone_from(&saved.readings);
         match &mut self.work {
             Work::Rays { world, hits, resistance } => {
@@ -122,6 +142,27 @@ impl Sensor {
             }
             Work::Contacts { reading, .. } => reading.copy_from(&saved.touching),
         }
+    }
+}
+
+impl Sensor {
+    pub(super) fn with_rays(
+        identity: Identity,
+        info: SensorInfo,
+        parent: BodyId,
+        rays: Vec<LocalRay>,
+        resistance: Option<Resistance>,
+    ) -> Self {
+        let nowhere = Ray { from: Vector3::zeros(), to: Vector3::zeros() };
+        let work = Work::Rays { world: vec![nowhere; rays.len()], hits: vec![None; rays.len()], resistance };
+        Self { identity, info, parent, readings: vec![RayReading::default(); rays.len()], rays, work }
+    }
+
+    /// A contact sensor. With `details` it also reports each contact point.
+    pub(super) fn with_contacts(identity: Identity, info: SensorInfo, parent: BodyId, details: bool) -> Self {
+        let contacts = Vec::with_capacity(CONTACTS);
+        let work = Work::Contacts { threshold: info.range, details, contacts, reading: spacious() };
+        Self { identity, info, parent, rays: Vec::new(), readings: Vec::with_capacity(CONTACTS), work }
     }
 
     /// What is seen, one entry a ray; for a contact sensor one entry a body in contact.
@@ -144,7 +185,7 @@ impl Sensor {
             Work::Contacts { .. } => &[],
         };
         hits.iter().flatten().map(|hit| match hit.target {
-            RayTarget::Body(handle) => bodies.index_of(handle).map_or(Sensed::Other, Sensed::Body),
+            RayTarget::Body(handle) => bodies.id_of(handle).map_or(Sensed::Other, Sensed::Body),
             RayTarget::SoftBody(handle) => Sensed::SoftBody(handle, hit.point),
             RayTarget::Other => Sensed::Other,
         })
@@ -152,12 +193,12 @@ impl Sensor {
 
     /// The nearest rigid body that a ray hits among those that are accepted, with its distance from the start of the
     /// ray, m.
-    pub(crate) fn nearest_body(&self, bodies: &Bodies, accept: impl Fn(usize) -> bool) -> Option<(usize, f64)> {
+    pub(crate) fn nearest_body(&self, bodies: &Bodies, accept: impl Fn(BodyId) -> bool) -> Option<(BodyId, f64)> {
         let Work::Rays { world, hits, .. } = &self.work else { return None };
         let bodies_hit = world.iter().zip(hits).filter_map(|(ray, hit)| {
             let hit = hit.as_ref()?;
             let RayTarget::Body(handle) = hit.target else { return None };
-            let body = bodies.index_of(handle).filter(|&body| accept(body))?;
+            let body = bodies.id_of(handle).filter(|&body| accept(body))?;
             Some((body, hit.fraction * (ray.to - ray.from).norm()))
         });
         bodies_hit.min_by(|a, b| a.1.total_cmp(&b.1))
@@ -172,13 +213,13 @@ impl Sensor {
 
     /// Looks, and pushes if it is a resistance sensor. The forces act in the next update, which is taken to be as long
     /// as the last one: `interval` s. `sub_step` in s.
-    pub(crate) fn update(&mut self, world: &mut World, bodies: &Bodies, sub_step: f64, interval: f64) {
+    pub(crate) fn sense(&mut self, world: &mut World, bodies: &Bodies, sub_step: f64, interval: f64) {
         match &mut self.work {
             Work::Contacts { threshold, details, contacts, reading } => {
                 world.contacts(bodies[self.parent].handle, f64::INFINITY, contacts);
                 // What rests on a thin cushion of Bullet's margin touches too: it is carried.
                 contacts.retain(|contact| contact.distance <= *threshold || contact.impulse > 0.0);
-                contacts.retain(|contact| bodies.index_of(contact.other).is_some());
+                contacts.retain(|contact| bodies.id_of(contact.other).is_some());
                 // Of the bodies the one with the lower handle first: the order does not change from step to step.
                 contacts.sort_unstable_by_key(|contact| contact.other);
                 read_contacts(&mut self.readings, reading, contacts, bodies, sub_step, *details);
@@ -193,7 +234,7 @@ impl Sensor {
                 world.cast_rays(rays, hits);
                 for (reading, hit) in self.readings.iter_mut().zip(hits.iter()) {
                     let sensed = hit.as_ref().and_then(|hit| match hit.target {
-                        RayTarget::Body(handle) => bodies.index_of(handle),
+                        RayTarget::Body(handle) => bodies.id_of(handle),
                         RayTarget::SoftBody(_) | RayTarget::Other => None,
                     });
                     reading.triggered = hit.is_some();
@@ -222,7 +263,7 @@ fn read_contacts(
     reading.bodies.clear();
     reading.points.clear();
     for of_one in contacts.chunk_by(|a, b| a.other == b.other) {
-        let Some(body) = bodies.index_of(of_one[0].other) else { continue };
+        let Some(body) = bodies.id_of(of_one[0].other) else { continue };
         let identity = &bodies[body].identity;
         let force = of_one.iter().map(|contact| contact.impulse / sub_step).sum();
         readings.push(RayReading { triggered: true, measurement: force, sensed: Some(Arc::clone(&identity.name)) });
@@ -260,7 +301,7 @@ pub(super) struct Resistance {
 /// Two points that met, and how far they have drifted apart.
 #[derive(Debug, Clone, Copy)]
 struct Stuck {
-    body: usize,
+    body: BodyId,
     /// In the inertial frames of the two bodies, m.
     on_parent: Vector3<f64>,
     on_body: Vector3<f64>,
@@ -285,7 +326,7 @@ impl Resistance {
         &mut self,
         world: &mut World,
         bodies: &Bodies,
-        parent: usize,
+        parent: BodyId,
         info: &SensorInfo,
         (rays, hits): (&[LocalRay], &[Option<RayHit>]),
         interval: f64,
@@ -293,7 +334,7 @@ impl Resistance {
         self.pushes.clear();
         for (ray, (hit, memory)) in rays.iter().zip(hits.iter().zip(&mut self.memory)) {
             let body = hit.as_ref().and_then(|hit| match hit.target {
-                RayTarget::Body(handle) => bodies.index_of(handle),
+                RayTarget::Body(handle) => bodies.id_of(handle),
                 _ => None,
             });
             let (Some(hit), Some(body)) = (hit, body) else {
@@ -361,7 +402,7 @@ impl Resistance {
 /// The force of one ray, before it acts.
 #[derive(Debug, Clone, Copy)]
 struct Push {
-    body: usize,
+    body: BodyId,
     /// World axes, m.
     point: Vector3<f64>,
     /// At the present positions and velocities, N.
@@ -538,7 +579,7 @@ mod tests {
     }
 
     fn stuck(drift: [Vector3<f64>; 2]) -> Stuck {
-        Stuck { body: 0, on_parent: Vector3::zeros(), on_body: Vector3::zeros(), depth: 0.5, drift }
+        Stuck { body: BodyId::new(0), on_parent: Vector3::zeros(), on_body: Vector3::zeros(), depth: 0.5, drift }
     }
 
     #[test]

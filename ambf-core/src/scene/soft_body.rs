@@ -2,11 +2,13 @@
 
 use nalgebra::Vector3;
 
-use super::Identity;
+use super::list::SceneObject;
+use super::{Identity, ObjectType, Scene};
 use crate::adf;
 use crate::bullet::{self, SoftBodyHandle, World};
-use crate::comm::{SoftBodyCommand, SoftBodyReading};
+use crate::comm::{ObjectKind, Snapshot, SoftBodyCommand, SoftBodyReading};
 use crate::control::Profile;
+use crate::ids::SoftBodyId;
 use crate::mesh::{Mesh, SubMesh};
 
 /// A soft body of a [`Scene`](super::Scene).
@@ -19,6 +21,39 @@ pub struct SoftBody {
     /// Number of nodes.
     pub nodes: usize,
     pub(crate) handle: SoftBodyHandle,
+}
+
+impl SceneObject for SoftBody {
+    type Id = SoftBodyId;
+    type Saved = ();
+    const TYPE: ObjectType = ObjectType::SoftBody;
+    const RANK: u8 = 4;
+
+    fn identity(&self) -> &Identity {
+        &self.identity
+    }
+
+    fn kind(&self, id: Self::Id, _scene: &Scene) -> ObjectKind {
+        ObjectKind::SoftBody(id, self.mass)
+    }
+
+    fn make_room(&self, _scene: &Scene, snapshot: &mut Snapshot) {
+        let nodes = vec![[0.0; 3]; self.nodes];
+        snapshot.soft_bodies.push(SoftBodyReading { nodes, ..SoftBodyReading::default() });
+    }
+
+    fn read(&self, id: Self::Id, scene: &Scene, snapshot: &mut Snapshot) {
+        let reading = &mut snapshot.soft_bodies[id];
+        reading.center = scene.world.soft_center(self.handle).unwrap_or_default();
+        scene.world.read_soft_nodes(self.handle, &mut reading.nodes);
+    }
+
+    fn save(&self) {
+        // All fields by name, so that no new one is forgotten. Nothing is kept beside Bullet.
+        let Self { identity: _, mass: _, nodes: _, handle: _ } = self;
+    }
+
+    fn restore(&mut self, _saved: &()) {}
 }
 
 impl SoftBody {
@@ -37,11 +72,6 @@ impl SoftBody {
     /// Back to its first shape, at rest.
     pub(crate) fn reset(&self, world: &mut World) {
         world.restore_soft_body(self.handle);
-    }
-
-    pub(crate) fn read(&self, world: &World, reading: &mut SoftBodyReading) {
-        reading.center = world.soft_center(self.handle).unwrap_or_default();
-        world.read_soft_nodes(self.handle, &mut reading.nodes);
     }
 }
 

@@ -4,9 +4,8 @@ use std::f64::consts::{PI, TAU};
 
 use nalgebra::{Isometry3, Vector3};
 
-use super::body::Body;
 use super::joint::{Joint, JointType};
-use super::Scene;
+use super::{Bodies, Body, Scene};
 use crate::adf::{Controller, Limits, IMPULSE_STEP};
 use crate::bullet::{BodyDrive, SoftMotor, World};
 use crate::comm::{CartesianCommandType, JointCommandType, RigidBodyCommand};
@@ -118,7 +117,7 @@ impl Joint {
     }
 
     /// Pursues the target in the sub-step that follows.
-    pub(crate) fn drive(&mut self, world: &mut World, bodies: &[Body], sub_steps: SubSteps) {
+    pub(crate) fn drive(&mut self, world: &mut World, bodies: &Bodies, sub_steps: SubSteps) {
         if sub_steps.is_first() {
             self.target.applied = None;
         }
@@ -200,7 +199,7 @@ impl Joint {
     }
 
     /// Replaces the wrenches of the sub-step before by those of the present pose.
-    fn push(&mut self, world: &mut World, bodies: &[Body]) {
+    fn push(&mut self, world: &mut World, bodies: &Bodies) {
         let (parent, child) = (bodies[self.parent].handle, bodies[self.child].handle);
         let (Some(pose), Some(child_pose)) = (world.pose(parent), world.pose(child)) else { return };
         let along = pose.rotation * self.axis * self.target.effort;

@@ -2,10 +2,12 @@
 
 use nalgebra::{Isometry3, Vector3};
 
-use super::{Bodies, Identity, Scene};
+use super::list::SceneObject;
+use super::{Bodies, Identity, ObjectType, Scene};
 use crate::adf::Limits;
 use crate::bullet::{VehicleHandle, World};
-use crate::comm::{VehicleCommand, VehicleReading};
+use crate::comm::{ObjectKind, Snapshot, VehicleCommand, VehicleInfo, VehicleReading};
+use crate::ids::{BodyId, VehicleId};
 
 /// A vehicle of a [`Scene`](super::Scene).
 #[derive(Debug)]
@@ -13,7 +15,7 @@ pub struct Vehicle {
     /// Names and publishing rates.
     pub identity: Identity,
     /// Index of the chassis.
-    pub chassis: usize,
+    pub chassis: BodyId,
     /// Wheels in file order.
     pub wheels: Vec<Wheel>,
     pub(crate) handle: VehicleHandle,
@@ -23,7 +25,7 @@ pub struct Vehicle {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Wheel {
     /// Index of the body that shows the wheel; its inertial frame follows it.
-    pub body: Option<usize>,
+    pub body: Option<BodyId>,
     /// Range of the steering angle, rad.
     pub steering_limits: Limits,
     /// Largest engine force, N.
@@ -43,7 +45,7 @@ pub(super) struct Drive {
 }
 
 impl Wheel {
-    pub(super) fn new(body: Option<usize>, wheel: &crate::adf::Wheel) -> Self {
+    pub(super) fn new(body: Option<BodyId>, wheel: &crate::adf::Wheel) -> Self {
         Self {
             body,
             steering_limits: wheel.steering_limits,
@@ -75,13 +77,53 @@ impl Scene {
     /// Puts the bodies that show wheels where the wheels are: chassis may have been moved.
     pub(crate) fn place_wheels(&mut self) {
         let Self { vehicles, world, bodies, .. } = self;
-        vehicles.iter().for_each(|vehicle| vehicle.update(world, bodies));
+        vehicles.iter().for_each(|vehicle| vehicle.show_wheels(world, bodies));
     }
 }
 
-impl Vehicle {
-    /// What changes while the simulation runs, beside what Bullet knows: of each wheel.
-    pub(super) fn save(&self) -> Vec<Drive> {
+impl SceneObject for Vehicle {
+    type Id = VehicleId;
+    type Saved = Vec<Drive>;
+    const TYPE: ObjectType = ObjectType::Vehicle;
+    const RANK: u8 = 7;
+    const ACTS: bool = true;
+
+    fn identity(&self) -> &Identity {
+        &self.identity
+    }
+
+    fn kind(&self, id: Self::Id, scene: &Scene) -> ObjectKind {
+        let chassis = &scene.bodies[self.chassis];
+        let info = VehicleInfo { mass: chassis.mass, inertia: chassis.inertia, wheels: self.wheels.len() };
+        ObjectKind::Vehicle(id, Box::new(info))
+    }
+
+    fn stands_on(&self, _id: Self::Id) -> Option<BodyId> {
+        Some(self.chassis)
+    }
+
+    fn make_room(&self, _scene: &Scene, snapshot: &mut Snapshot) {
+        let wheels = vec![Isometry3::identity(); self.wheels.len()];
+        snapshot.vehicles.push(VehicleReading { wheels, ..VehicleReading::default() });
+    }
+
+    fn read(&self, id: Self::Id, scene: &Scene, snapshot: &mut Snapshot) {
+        let reading = &mut snapshot.vehicles[id];
+        // Wheels are drawn on the chassis as it is reported.
+        reading.pose = scene.bodies[self.chassis].pose(&scene.world);
+        let to_chassis = reading.pose.inverse();
+        for (i, wheel) in reading.wheels.iter_mut().enumerate() {
+            let pose = scene.world.wheel_pose(self.handle, i);
+            *wheel = pose.map_or_else(Isometry3::identity, |pose| to_chassis * pose);
+        }
+    }
+
+    fn update(scene: &mut Scene, id: Self::Id, _sub_step: f64, _interval: f64) {
+        let Scene { vehicles, world, bodies, .. } = scene;
+        vehicles[id].show_wheels(world, bodies);
+    }
+
+    fn save(&self) -> Vec<Drive> {
         // All fields by name, so that no new one is forgotten.
         let Self { identity: _, chassis: _, wheels, handle: _ } = self;
         let drive = |wheel: &Wheel| {
@@ -91,12 +133,14 @@ impl Vehicle {
         wheels.iter().map(drive).collect()
     }
 
-    pub(super) fn restore(&mut self, saved: &[Drive]) {
+    fn restore(&mut self, saved: &Vec<Drive>) {
         for (wheel, &drive) in self.wheels.iter_mut().zip(saved) {
             wheel.drive = drive;
         }
     }
+}
 
+impl Vehicle {
     /// Executes a command; it acts in the next update.
     pub(crate) fn apply_command(&mut self, world: &mut World, bodies: &Bodies, command: &VehicleCommand) {
         for (i, wheel) in self.wheels.iter_mut().enumerate() {
@@ -130,7 +174,7 @@ impl Vehicle {
     }
 
     /// Lets the bodies that show wheels follow them.
-    pub(crate) fn update(&self, world: &mut World, bodies: &Bodies) {
+    pub(crate) fn show_wheels(&self, world: &mut World, bodies: &Bodies) {
         for (i, wheel) in self.wheels.iter().enumerate() {
             if let (Some(body), Some(pose)) = (wheel.body, world.wheel_pose(self.handle, i)) {
                 world.set_pose(bodies[body].handle, &pose);
@@ -142,14 +186,5 @@ impl Vehicle {
     pub(crate) fn reset(&mut self, world: &mut World) {
         self.wheels.iter_mut().for_each(|wheel| wheel.drive = Drive::default());
         world.reset_vehicle(self.handle);
-    }
-
-    pub(crate) fn read(&self, world: &World, bodies: &Bodies, reading: &mut VehicleReading) {
-        // Wheels are drawn on the chassis as it is reported.
-        reading.pose = bodies[self.chassis].pose(world);
-        let to_chassis = reading.pose.inverse();
-        for (i, wheel) in reading.wheels.iter_mut().enumerate() {
-            *wheel = world.wheel_pose(self.handle, i).map_or_else(Isometry3::identity, |pose| to_chassis * pose);
-        }
     }
 }

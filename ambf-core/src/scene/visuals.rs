@@ -9,6 +9,9 @@ use nalgebra::{Isometry3, Vector3};
 
 use super::{Identity, JointType, LocalRay, Scene};
 use crate::adf;
+use crate::ids::{
+    ActuatorId, BodyId, CameraId, GhostId, JointId, LightId, ModelId, SensorId, SoftBodyId, Table, VehicleId,
+};
 
 /// What of a scene can be drawn. All lists are indexed as the arrays of [`Snapshot`](crate::comm::Snapshot); what was
 /// removed keeps its place.
@@ -21,25 +24,25 @@ pub struct VisualScene {
     /// Sky box and shaders of the world.
     pub world: Arc<adf::World>,
     /// (bodies x 1).
-    pub bodies: Vec<VisualBody>,
+    pub bodies: Table<BodyId, VisualBody>,
     /// (ghost objects x 1).
-    pub ghosts: Vec<VisualBody>,
+    pub ghosts: Table<GhostId, VisualBody>,
     /// (soft bodies x 1).
-    pub soft_bodies: Vec<VisualSoftBody>,
+    pub soft_bodies: Table<SoftBodyId, VisualSoftBody>,
     /// (vehicles x 1).
-    pub vehicles: Vec<VisualVehicle>,
+    pub vehicles: Table<VehicleId, VisualVehicle>,
     /// (sensors x 1).
-    pub sensors: Vec<VisualSensor>,
+    pub sensors: Table<SensorId, VisualSensor>,
     /// (actuators x 1).
-    pub actuators: Vec<VisualActuator>,
+    pub actuators: Table<ActuatorId, VisualActuator>,
     /// (cameras x 1).
-    pub cameras: Vec<VisualCamera>,
+    pub cameras: Table<CameraId, VisualCamera>,
     /// (lights x 1).
-    pub lights: Vec<VisualLight>,
+    pub lights: Table<LightId, VisualLight>,
     /// (joints x 1).
-    pub joints: Vec<VisualJoint>,
+    pub joints: Table<JointId, VisualJoint>,
     /// (models x 1) key of each model, what it is removed by, and its file; the environment is the first.
-    pub models: Vec<VisualModel>,
+    pub models: Table<ModelId, VisualModel>,
 }
 
 /// A model.
@@ -58,12 +61,12 @@ pub struct VisualModel {
 pub struct VisualJoint {
     /// Name without suffix.
     pub name: Arc<str>,
-    /// Index of the parent body.
-    pub parent: usize,
-    /// Index of the child body.
-    pub child: usize,
-    /// Index of the joint's model.
-    pub model: usize,
+    /// The parent body.
+    pub parent: BodyId,
+    /// The child body.
+    pub child: BodyId,
+    /// The joint's model.
+    pub model: ModelId,
     /// Range of the coordinate, rad or m; `None`: unlimited.
     pub limits: Option<(f64, f64)>,
     /// Whether its coordinate is an angle, a length, or nothing.
@@ -85,8 +88,8 @@ pub struct VisualObject {
     pub namespace: Arc<str>,
     /// Name with the suffix that tells copies apart: the last part of the object's topics.
     pub name: Arc<str>,
-    /// Index of the object's model: the environment is 0.
-    pub model: usize,
+    /// The object's model.
+    pub model: ModelId,
     /// Taken out of the scene.
     pub removed: bool,
 }
@@ -136,8 +139,8 @@ pub struct VisualVehicle {
 pub struct VisualSensor {
     /// Names.
     pub object: VisualObject,
-    /// Index of the parent body.
-    pub parent: usize,
+    /// The parent body.
+    pub parent: BodyId,
     /// Pose of the sensor in the parent's body frame.
     pub pose: Isometry3<f64>,
     /// Rays in the sensor frame; none for a contact sensor.
@@ -155,8 +158,8 @@ pub struct VisualSensor {
 pub struct VisualActuator {
     /// Names.
     pub object: VisualObject,
-    /// Index of the parent body.
-    pub parent: usize,
+    /// The parent body.
+    pub parent: BodyId,
     /// Pose of the actuator in the parent's body frame.
     pub pose: Isometry3<f64>,
     /// Shown at the start.
@@ -230,12 +233,12 @@ impl VisualSoftBody {
 }
 
 /// Places of descriptions in their lists, by model and mapping key. A key that is listed twice has one description.
-struct Places<'a>(HashMap<(usize, &'a str), usize>);
+struct Places<'a>(HashMap<(ModelId, &'a str), usize>);
 
 impl<'a> Places<'a> {
     fn new(scene: &'a Scene, list: impl Fn(&'a adf::Model) -> Vec<&'a adf::Common>) -> Self {
         let mut places = HashMap::new();
-        for (model, info) in scene.models.iter().enumerate() {
+        for (model, info) in scene.models.entries() {
             for (index, common) in list(&info.description).into_iter().enumerate() {
                 places.insert((model, common.identifier.as_str()), index);
             }
@@ -269,9 +272,9 @@ impl Scene {
         let of_vehicles = Places::new(self, |model| model.vehicles.iter().map(|vehicle| &vehicle.common).collect());
         let of_sensors = Places::new(self, |model| model.sensors.iter().map(|sensor| &sensor.common).collect());
         let of_actuators = Places::new(self, |model| model.actuators.iter().map(|actuator| &actuator.common).collect());
-        let is_gone = |body: usize| self.body_is_gone(body);
-        let body = |(index, body): (usize, &super::Body)| VisualBody {
-            object: VisualObject { removed: is_gone(index), ..object(&body.identity) },
+        let is_gone = |body: BodyId| self.body_is_gone(body);
+        let body = |(id, body): (BodyId, &super::Body)| VisualBody {
+            object: VisualObject { removed: is_gone(id), ..object(&body.identity) },
             offset: body.inertial_offset_inverse,
             scale: body.scale,
             is_ghost: false,
@@ -359,7 +362,7 @@ impl Scene {
         VisualScene {
             generation,
             world: Arc::clone(&self.description),
-            bodies: self.bodies.iter().enumerate().map(body).collect(),
+            bodies: self.bodies.entries().map(body).collect(),
             ghosts: self.ghosts.iter().map(ghost).collect(),
             soft_bodies: self.soft_bodies.iter().map(soft).collect(),
             vehicles: self.vehicles.iter().map(vehicle).collect(),

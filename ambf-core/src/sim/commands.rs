@@ -12,6 +12,7 @@ use crate::comm::{
     LightParameters, ObjectKind, ObjectList, PoseCommand, Resets, RigidBodyCommand, Snapshot, SnapshotWriter,
     SoftBodyCommand, Timing, VehicleCommand, Wrench,
 };
+use crate::ids::{ActuatorId, BodyId, CameraId, LightId, SoftBodyId, Table, VehicleId};
 use crate::scene::Scene;
 
 /// The physics thread's end of the hub.
@@ -26,16 +27,16 @@ pub(super) struct Link {
     rank: Vec<usize>,
 }
 
-/// Commands in force for one object, which is named by its index in the scene.
+/// Commands in force for one object of the scene.
 enum Slot {
     /// The world, sensors and ghost objects: commands do nothing to them.
     Idle,
-    Body(usize, Inbox<RigidBodyCommand>),
-    Camera(usize, Inbox<PoseCommand>, Inbox<CameraParameters>),
-    Light(usize, Inbox<PoseCommand>, Inbox<LightParameters>),
-    Actuator(usize, Inbox<ActuatorCommand>),
-    SoftBody(usize, Inbox<SoftBodyCommand>),
-    Vehicle(usize, Inbox<VehicleCommand>),
+    Body(BodyId, Inbox<RigidBodyCommand>),
+    Camera(CameraId, Inbox<PoseCommand>, Inbox<CameraParameters>),
+    Light(LightId, Inbox<PoseCommand>, Inbox<LightParameters>),
+    Actuator(ActuatorId, Inbox<ActuatorCommand>),
+    SoftBody(SoftBodyId, Inbox<SoftBodyCommand>),
+    Vehicle(VehicleId, Inbox<VehicleCommand>),
 }
 
 impl Slot {
@@ -120,7 +121,7 @@ impl Link {
         self.hub.throttle().watch_time(self.hub.now_ns())
     }
 
-    pub fn new(hub: Arc<Hub>, scene: &Scene, wrenches: &[Wrench]) -> Self {
+    pub fn new(hub: Arc<Hub>, scene: &Scene, wrenches: &Table<BodyId, Wrench>) -> Self {
         let mut link = Self {
             objects: hub.objects().clone(),
             hub,
@@ -134,12 +135,12 @@ impl Link {
     }
 
     /// Makes place for what the hub and the scene hold now.
-    pub fn follow_scene(&mut self, scene: &Scene, wrenches: &[Wrench]) {
+    pub fn follow_scene(&mut self, scene: &Scene, wrenches: &Table<BodyId, Wrench>) {
         self.objects = self.hub.objects().clone();
         let new = self.objects.iter().skip(self.slots.len());
         self.slots.extend(new.map(|object| Slot::of(&object.info.kind)));
         let mut order: Vec<HubIndex> = self.objects.entries().map(|(object, _)| object).collect();
-        order.sort_by_cached_key(|&object| scene.visiting_key(&self.objects[object].info.kind));
+        order.sort_by_cached_key(|&object| scene.visiting_key(self.objects[object].info.kind.object()));
         self.rank = vec![0; order.len()];
         for (rank, object) in order.into_iter().enumerate() {
             self.rank[object.0] = rank;
@@ -153,7 +154,9 @@ impl Link {
 
     /// Tells the hub which objects are no longer part of the scene.
     pub fn remove_objects(&mut self, scene: &Scene) {
-        let is_gone = |object: &HubObject| !object.is_removed() && scene.is_removed(&object.info.kind);
+        let is_gone = |object: &HubObject| {
+            !object.is_removed() && object.info.kind.object().is_some_and(|object| scene.is_removed(object))
+        };
         let gone = self.objects.entries().filter(|(_, object)| is_gone(object)).map(|(position, _)| position);
         self.hub.remove_objects(gone.collect::<Vec<_>>());
     }
@@ -174,7 +177,7 @@ impl Link {
     }
 
     /// What the body was last told, in words; `None` where that is nothing.
-    pub fn last_command(&self, body: usize) -> Option<String> {
+    pub fn last_command(&self, body: BodyId) -> Option<String> {
         let slot = self.slots.iter().find_map(|slot| match slot {
             Slot::Body(index, inbox) if *index == body => Some(inbox),
             _ => None,
@@ -310,23 +313,23 @@ impl Simulation {
     }
 
     /// Applies a whole command to a body; it acts in the next update.
-    pub fn command_body(&mut self, body: usize, command: &RigidBodyCommand) {
+    pub fn command_body(&mut self, body: BodyId, command: &RigidBodyCommand) {
         self.physics.command_body(body, command);
     }
 
     /// Applies a command to the `index`-th active joint of a body: effort (N·m, N), position (rad, m) or velocity
     /// (rad/s, m/s). False when there is no such joint or the value is not finite.
-    pub fn command_joint(&mut self, body: usize, index: usize, kind: JointCommandType, value: f64) -> bool {
+    pub fn command_joint(&mut self, body: BodyId, index: usize, kind: JointCommandType, value: f64) -> bool {
         self.physics.command_joint(body, index, kind, value)
     }
 
     /// Applies a whole command to a vehicle; it acts in the next update.
-    pub fn command_vehicle(&mut self, vehicle: usize, command: &VehicleCommand) {
+    pub fn command_vehicle(&mut self, vehicle: VehicleId, command: &VehicleCommand) {
         self.physics.command_vehicle(vehicle, command);
     }
 
     /// Lets an actuator hold or let go. A sentence when what the command names is not there.
-    pub fn command_actuator(&mut self, actuator: usize, command: &ActuatorCommand) -> Option<String> {
+    pub fn command_actuator(&mut self, actuator: ActuatorId, command: &ActuatorCommand) -> Option<String> {
         self.physics.scene.command_actuator(actuator, command)
     }
 
@@ -335,7 +338,7 @@ impl Simulation {
     /// near.
     pub fn pick_soft_node(
         &mut self,
-        soft: usize,
+        soft: SoftBodyId,
         point: &Vector3<f64>,
         radius: f64,
         goal: Vector3<f64>,
@@ -347,22 +350,22 @@ impl Simulation {
     }
 
     /// Moves the goal of a picked node, or lets go of it.
-    pub fn drag_soft_node(&mut self, soft: usize, node: usize, goal: Option<Vector3<f64>>) {
+    pub fn drag_soft_node(&mut self, soft: SoftBodyId, node: usize, goal: Option<Vector3<f64>>) {
         self.physics.scene.world.pull_node(self.physics.scene.soft_bodies[soft].handle, node, goal);
     }
 
     /// Adds a force (N) at the centre of mass and a torque (N·m), world axes, for the next update.
-    pub fn apply_wrench(&mut self, body: usize, force: Vector3<f64>, torque: Vector3<f64>) {
+    pub fn apply_wrench(&mut self, body: BodyId, force: Vector3<f64>, torque: Vector3<f64>) {
         self.command_body(body, &RigidBodyCommand::wrench(force, torque));
     }
 
     /// Sets the velocity of a body, m/s and rad/s, world axes.
-    pub fn set_velocity(&mut self, body: usize, linear: Vector3<f64>, angular: Vector3<f64>) {
+    pub fn set_velocity(&mut self, body: BodyId, linear: Vector3<f64>, angular: Vector3<f64>) {
         self.command_body(body, &RigidBodyCommand::velocity(linear, angular));
     }
 
     /// Follows a pose of the body frame in the world for one iteration; `orientation` is a quaternion `[x, y, z, w]`.
-    pub fn follow_pose(&mut self, body: usize, position: Vector3<f64>, orientation: [f64; 4]) {
+    pub fn follow_pose(&mut self, body: BodyId, position: Vector3<f64>, orientation: [f64; 4]) {
         self.command_body(body, &RigidBodyCommand::pose(position, orientation));
     }
 

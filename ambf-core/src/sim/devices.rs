@@ -12,6 +12,7 @@ use crate::comm::{CartesianCommandType, JointCommandType, RigidBodyCommand};
 use crate::control::Profile;
 use crate::device::host::{BodyState, CameraSum, Controls, DeviceHost, Followed, Hand, PhysicsEnd};
 use crate::device::law::{joint_target, Drive, EffectorInput, EffectorOutput, EndEffector, Grip};
+use crate::ids::{BodyId, CameraId, JointId, SensorId, Table};
 use crate::scene::{EndEffectorParts, PreparedEndEffector, Scene};
 
 /// All devices of a simulation.
@@ -34,13 +35,13 @@ struct Coupled {
     parts: EndEffectorParts,
     is_there: bool,
     /// (bodies x 1) what is not gripped: the root link and all below it.
-    own: Vec<bool>,
+    own: Table<BodyId, bool>,
     /// Joints below the root link.
-    joints: Vec<usize>,
+    joints: Vec<JointId>,
     /// Proximity sensors of the root link.
-    sensors: Vec<usize>,
+    sensors: Vec<SensorId>,
     /// Paired cameras.
-    cameras: Vec<usize>,
+    cameras: Vec<CameraId>,
 }
 
 impl Coupled {
@@ -53,7 +54,7 @@ impl Coupled {
             cameras_moved: CameraSum::default(),
             parts,
             is_there: true,
-            own: Vec::new(),
+            own: Table::default(),
             joints: Vec::new(),
             sensors: Vec::new(),
             cameras: Vec::new(),
@@ -64,7 +65,7 @@ impl Coupled {
     fn find_parts(&mut self, scene: &Scene) {
         let root = self.parts.root;
         self.is_there = !scene.body_is_gone(root);
-        self.own = vec![false; scene.bodies.len()];
+        self.own = Table::filled(false, scene.bodies.len());
         self.own[root] = true;
         let below = scene.graph.descendants(root);
         below.iter().for_each(|below| self.own[below.body] = true);
@@ -101,7 +102,7 @@ impl Coupled {
         let actuator = &mut actuators[self.parts.actuator];
         match grip {
             Grip::Attach if !actuator.is_actuated() => {
-                let foreign = |body: usize| !self.own[body];
+                let foreign = |body: BodyId| !self.own[body];
                 let hits = self.sensors.iter().filter_map(|&sensor| sensors[sensor].nearest_body(bodies, foreign));
                 if let Some((body, _)) = hits.min_by(|a, b| a.1.total_cmp(&b.1)) {
                     actuator.hold(world, bodies, body, None);

@@ -171,7 +171,7 @@ impl Simulation {
         let Some(state) = history.nearest(time) else { return Err("no states are kept yet".into()) };
         let cameras = self.physics.scene.cameras.clone();
         self.restore(&state).map_err(|error| error.to_string())?;
-        self.physics.scene.cameras = cameras;
+        *self.physics.scene.cameras = cameras;
         self.recording.jumped = true;
         Ok(state.sim_time())
     }
@@ -187,6 +187,7 @@ mod tests {
     use nalgebra::Isometry3;
 
     use super::*;
+    use crate::ids::CameraId;
     use crate::sim::shipped::simulation;
 
     fn poses(simulation: &Simulation) -> Vec<Isometry3<f64>> {
@@ -226,7 +227,7 @@ mod tests {
         simulation.go_to_time(0.4).expect("kept");
         assert_eq!(run(&mut simulation, 1050 - step as u32), first[step..]);
         assert!(simulation.timeline().count() <= 12);
-        let body = simulation.scene().bodies.len() - 1;
+        let body = simulation.scene().bodies.ids().last().expect("a body");
         simulation.go_to_time(0.4).expect("kept");
         simulation.remove_body(body).expect("it is there");
         assert!(simulation.go_to_time(0.2).unwrap_err().contains("removed since"), "the scene is another one");
@@ -257,10 +258,11 @@ mod tests {
         let mut simulation = simulation("pendulum.yaml", true);
         simulation.keep_history(true).expect("savable");
         run(&mut simulation, 300);
-        simulation.physics.scene.cameras[0].follow_gesture(crate::scene::CameraGesture::Pan { right: 1.0, up: 0.0 });
-        let camera = simulation.physics.scene.cameras[0].attached.pose;
+        simulation.physics.scene.cameras[CameraId::new(0)]
+            .follow_gesture(crate::scene::CameraGesture::Pan { right: 1.0, up: 0.0 });
+        let camera = simulation.physics.scene.cameras[CameraId::new(0)].attached.pose;
         simulation.go_to_time(0.1).expect("kept");
-        assert_eq!(simulation.physics.scene.cameras[0].attached.pose, camera);
+        assert_eq!(simulation.physics.scene.cameras[CameraId::new(0)].attached.pose, camera);
     }
 
     #[test]

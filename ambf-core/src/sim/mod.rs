@@ -32,6 +32,7 @@ use thiserror::Error;
 
 use crate::bullet::{BodyHandle, EnergyLedger, PlausibleBounds, SolverStatistics, World};
 use crate::comm::{Hub, Snapshot, Timing, Wrench};
+use crate::ids::{BodyId, JointId, Table};
 use crate::plugin::run::Plugins;
 use crate::scene::Scene;
 use commands::Link;
@@ -209,7 +210,7 @@ impl Simulation {
     }
 
     /// Force and torque of feedback joints on each body in its inertial frame; empty when no joint has feedback.
-    pub fn wrenches(&self) -> &[Wrench] {
+    pub fn wrenches(&self) -> &Table<BodyId, Wrench> {
         &self.physics.wrenches
     }
 
@@ -223,15 +224,15 @@ impl Simulation {
             let soft = scene.soft_bodies.iter().find(|soft| soft.handle == handle);
             return lost(soft.map(|soft| soft.identity.key()).unwrap_or_default(), Loss::NonFinite, None, None);
         }
-        let Some(index) = scene.world.first_lost(bounds) else { return Ok(()) };
-        let body = &scene.bodies[index];
-        let holds = |joint: &&crate::scene::Joint| joint.parent == index || joint.child == index;
+        let Some(id) = scene.world.first_lost(bounds).map(BodyId::new) else { return Ok(()) };
+        let body = &scene.bodies[id];
+        let holds = |joint: &&crate::scene::Joint| joint.parent == id || joint.child == id;
         let joint = scene.joints.iter().find(holds).map(|joint| joint.name.clone());
-        lost(body.identity.key(), Loss::of(&scene.world, body.handle, bounds), joint, self.last_command(index))
+        lost(body.identity.key(), Loss::of(&scene.world, body.handle, bounds), joint, self.last_command(id))
     }
 
     /// What a body was last told through the hub, in words; else what was told a joint of it.
-    fn last_command(&self, body: usize) -> Option<String> {
+    fn last_command(&self, body: BodyId) -> Option<String> {
         let link = self.link.as_ref()?;
         self.commanders(body).find_map(|commander| {
             let command = link.last_command(commander)?;
@@ -241,10 +242,10 @@ impl Simulation {
     }
 
     /// Bodies whose commands reach a body: itself, then those of whose active joints one holds it.
-    pub fn commanders(&self, body: usize) -> impl Iterator<Item = usize> + '_ {
+    pub fn commanders(&self, body: BodyId) -> impl Iterator<Item = BodyId> + '_ {
         let scene = &self.physics.scene;
-        let holds = move |&joint: &usize| scene.joints[joint].parent == body || scene.joints[joint].child == body;
-        let others = (0..scene.bodies.len()).filter(move |&other| other != body);
+        let holds = move |&joint: &JointId| scene.joints[joint].parent == body || scene.joints[joint].child == body;
+        let others = scene.bodies.ids().filter(move |&other| other != body);
         std::iter::once(body).chain(others.filter(move |&other| scene.active_joints(other).iter().any(holds)))
     }
 

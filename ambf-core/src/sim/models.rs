@@ -167,10 +167,7 @@ impl Simulation {
         let unknown = |why| ModelError::Unknown { name: name.to_owned(), why };
         let model = self.physics.scene.find_model(name).map_err(unknown)?;
         self.end_model_plugins(model);
-        self.release_picked_of(|scene, is_soft, index| match is_soft {
-            true => scene.soft_bodies[index].identity.model == model,
-            false => scene.bodies[index].identity.model == model,
-        });
+        self.release_picked_of(|scene, held| scene.model_of(held) == Some(model));
         self.physics.scene.remove_model(model);
         self.grow();
         if let Some(link) = &mut self.link {

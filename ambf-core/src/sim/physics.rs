@@ -11,6 +11,7 @@ use crate::comm::{
     ActuatorCommand, CartesianCommandType, JointCommandType, RigidBodyCommand, Snapshot, Timing, VehicleCommand, Wrench,
 };
 use crate::control::Profile;
+use crate::ids::{BodyId, JointId, Table, VehicleId};
 use crate::scene::{Scene, Sensor};
 
 /// Simulated time.
@@ -42,7 +43,7 @@ pub(super) struct Physics {
     /// When the latest update was; taken where somebody listens.
     pub stamp: Option<SystemTime>,
     pub joint_buffer: Vec<f64>,
-    pub wrenches: Vec<Wrench>,
+    pub wrenches: Table<BodyId, Wrench>,
     pub targets: ActiveTargets,
 }
 
@@ -61,7 +62,7 @@ impl Physics {
             bullet_time: Duration::ZERO,
             stamp: None,
             joint_buffer: Vec::new(),
-            wrenches: Vec::new(),
+            wrenches: Table::default(),
             targets: ActiveTargets::default(),
             scene,
         };
@@ -74,7 +75,7 @@ impl Physics {
         self.targets.reserve(&self.scene);
         self.joint_buffer.resize(self.scene.world.constraints().len(), 0.0);
         if self.scene.has_feedback {
-            self.wrenches.resize(self.scene.bodies.len(), Wrench::default());
+            self.wrenches.grow(self.scene.bodies.len(), Wrench::default());
         }
     }
 
@@ -106,11 +107,11 @@ impl Physics {
 
     /// Sums the reactions of all joints with feedback on their bodies, each in the body's inertial frame.
     fn estimate_efforts(&mut self) {
-        self.wrenches.fill(Wrench::default());
+        self.wrenches.as_mut_slice().fill(Wrench::default());
         let Scene { joints, bodies, world, .. } = &mut self.scene;
         for joint in joints.iter_mut().filter(|joint| joint.feedback) {
             let Some(reaction) = joint.handle.and_then(|handle| world.joint_wrench(handle)) else { continue };
-            let mut local = |body: usize, force: &Vector3<f64>, torque: &Vector3<f64>| {
+            let mut local = |body: BodyId, force: &Vector3<f64>, torque: &Vector3<f64>| {
                 let to_body = world.pose(bodies[body].handle).map(|pose| pose.rotation.inverse()).unwrap_or_default();
                 let wrench = &mut self.wrenches[body];
                 wrench.force += to_body * force;
@@ -136,9 +137,9 @@ impl Physics {
         snapshot.wall_time = wall_time;
         snapshot.sim_time = self.time.sim_time;
         snapshot.timing = Timing { lost_time: self.time.lost_time, sub_step_cap: self.cap.get(), ..timing };
-        scene.world.read_bodies(&mut snapshot.bodies);
-        snapshot.wrenches.copy_from_slice(&self.wrenches);
-        for (i, joint) in scene.joints.iter().enumerate() {
+        scene.world.read_bodies(snapshot.bodies.as_mut_slice());
+        snapshot.wrenches.as_mut_slice().copy_from_slice(self.wrenches.as_slice());
+        for (i, joint) in scene.joints.entries() {
             snapshot.joint_positions[i] = joint.position;
             snapshot.joint_velocities[i] = joint.velocity;
             snapshot.joint_efforts[i] = joint.effort;
@@ -147,7 +148,7 @@ impl Physics {
     }
 
     /// Applies a whole command to a body; it acts in the next update.
-    pub fn command_body(&mut self, body: usize, command: &RigidBodyCommand) {
+    pub fn command_body(&mut self, body: BodyId, command: &RigidBodyCommand) {
         let Scene { bodies, world, profile, .. } = &mut self.scene;
         let commanded = &mut bodies[body];
         commanded.control = command.cartesian;
@@ -165,7 +166,7 @@ impl Physics {
 
     /// Applies a command to the `index`-th active joint of a body: effort (N·m, N), position (rad, m) or velocity
     /// (rad/s, m/s). False when there is no such joint or the value is not finite.
-    pub fn command_joint(&mut self, body: usize, index: usize, kind: JointCommandType, value: f64) -> bool {
+    pub fn command_joint(&mut self, body: BodyId, index: usize, kind: JointCommandType, value: f64) -> bool {
         if !value.is_finite() {
             return false;
         }
@@ -175,7 +176,7 @@ impl Physics {
     }
 
     /// Applies a finite command to a joint.
-    pub fn order_joint(&mut self, joint: usize, kind: JointCommandType, value: f64) {
+    pub fn order_joint(&mut self, joint: JointId, kind: JointCommandType, value: f64) {
         let Scene { joints, bodies, world, profile, .. } = &mut self.scene;
         if *profile == Profile::Legacy {
             joints[joint].apply_command(world, bodies, kind, value, self.time.sim_time);
@@ -185,7 +186,7 @@ impl Physics {
     }
 
     /// Applies a whole command to a vehicle; it acts in the next update.
-    pub fn command_vehicle(&mut self, vehicle: usize, command: &VehicleCommand) {
+    pub fn command_vehicle(&mut self, vehicle: VehicleId, command: &VehicleCommand) {
         let Scene { vehicles, world, bodies, .. } = &mut self.scene;
         vehicles[vehicle].apply_command(world, bodies, command);
     }
@@ -234,7 +235,7 @@ impl Physics {
 
     /// Actuators let go, motors are off, and controllers hold nothing.
     pub fn release(&mut self) {
-        for actuator in 0..self.scene.actuators.len() {
+        for actuator in self.scene.actuators.ids() {
             self.scene.command_actuator(actuator, &ActuatorCommand::default());
         }
         let Scene { joints, world, .. } = &mut self.scene;

@@ -11,12 +11,15 @@ use super::Simulation;
 use crate::adf::{node_text, PluginEntry, SourcePos};
 use crate::bullet::{Constraint, ConstraintHandle, ConstraintKind, Ray, RayTarget};
 use crate::comm::{JointCommandType, Resets, RigidBodyCommand};
+use crate::ids::{
+    ActuatorId, BodyId, CameraId, GhostId, Id, JointId, LightId, ModelId, SensorId, SoftBodyId, Table, VehicleId,
+};
 use crate::plugin::run::{Access, Phase, Plugins, Shared, TextOf, Wanted};
 use crate::plugin::{
     BodyState, Clock, Command, CommandError, Drawings, Hit, Input, JointState, ObjectId, ObjectType, PluginReport,
     PluginSetup, StateSnapshot, Subject, Touch,
 };
-use crate::scene::Scene;
+use crate::scene::{Joint, Scene};
 
 /// What the simulation keeps for its plugins.
 #[derive(Default)]
@@ -36,7 +39,7 @@ pub(super) struct PluginState {
 pub(super) struct Attachment {
     number: u64,
     plugin: u64,
-    bodies: [usize; 2],
+    bodies: [BodyId; 2],
     constraint: ConstraintHandle,
 }
 
@@ -78,9 +81,9 @@ impl Simulation {
         self.plugins = Some(Box::new(plugins));
         let mut report = PluginReport::default();
         self.with_plugins(|plugins, access| {
-            for model in 0..access.physics.scene.models.len() {
+            for model in access.physics.scene.models.ids() {
                 access.load_model_plugins(plugins, model, &mut report);
-                if model == 0 {
+                if model == ModelId::ENVIRONMENT {
                     access.load_world_plugins(plugins, &mut report);
                 }
                 access.announce(plugins, model, true);
@@ -101,7 +104,7 @@ impl Simulation {
     }
 
     /// Loads the plugins of a model that was just added; sentences about what is left out.
-    pub(super) fn start_model_plugins(&mut self, model: usize) -> Vec<String> {
+    pub(super) fn start_model_plugins(&mut self, model: ModelId) -> Vec<String> {
         let mut report = PluginReport::default();
         self.with_plugins(|plugins, access| {
             access.load_model_plugins(plugins, model, &mut report);
@@ -112,18 +115,19 @@ impl Simulation {
     }
 
     /// Tells of a model that is about to leave, and closes its plugins.
-    pub(super) fn end_model_plugins(&mut self, model: usize) {
+    pub(super) fn end_model_plugins(&mut self, model: ModelId) {
         self.with_plugins(|plugins, access| {
             access.announce(plugins, model, false);
-            plugins.close_model(access, model);
+            plugins.close_model(access, model.index());
             access.arrange(plugins);
         });
-        let own: Vec<bool> = self.physics.scene.bodies.iter().map(|body| body.identity.model == model).collect();
+        let own: Table<BodyId, bool> =
+            self.physics.scene.bodies.iter().map(|body| body.identity.model == model).collect();
         self.detach_plugins_from(|body| own[body]);
     }
 
     /// Undoes what plugins have attached to bodies that are about to leave.
-    pub(super) fn detach_plugins_from(&mut self, is_going: impl Fn(usize) -> bool) {
+    pub(super) fn detach_plugins_from(&mut self, is_going: impl Fn(BodyId) -> bool) {
         let goes = |attachment: &Attachment| attachment.bodies.iter().any(|&body| is_going(body));
         self.plugin_state.detach_where(&mut self.physics.scene, goes);
     }
@@ -224,6 +228,18 @@ fn named_by_itself(path: &Path) -> PluginEntry {
     PluginEntry { name, filename: path.to_owned(), path: None, source }
 }
 
+fn joint_state(joint: &Joint) -> JointState {
+    let limits = joint.limits.map_or((f64::NEG_INFINITY, f64::INFINITY), |limits| (limits.low, limits.high));
+    JointState {
+        position: joint.position,
+        velocity: joint.velocity,
+        effort: joint.effort,
+        limits,
+        parent: joint.parent.index(),
+        child: joint.child.index(),
+    }
+}
+
 /// The simulation as its plugins can work with it.
 struct SceneAccess<'a> {
     physics: &'a mut Physics,
@@ -237,14 +253,14 @@ impl SceneAccess<'_> {
         self.load_entries(plugins, &world.common.plugins, (Subject::World, None), source, report);
     }
 
-    fn load_model_plugins(&mut self, plugins: &mut Plugins, model: usize, report: &mut PluginReport) {
+    fn load_model_plugins(&mut self, plugins: &mut Plugins, model: ModelId, report: &mut PluginReport) {
         let declared: Vec<_> =
             self.physics.scene.plugins.iter().filter(|place| place.model == model).cloned().collect();
         for place in declared {
-            let subject = place.object.map_or(Subject::Model(model), Subject::Object);
+            let subject = place.object.map_or(Subject::Model(model.index()), Subject::Object);
             let source = place.source;
             let node = node_text(&source);
-            self.load_at(plugins, &place.entries, (subject, Some(model)), &source, node, report);
+            self.load_at(plugins, &place.entries, (subject, Some(model.index())), &source, node, report);
         }
     }
 
@@ -287,14 +303,15 @@ impl SceneAccess<'_> {
 
     fn arrange(&self, plugins: &mut Plugins) {
         let scene = &self.physics.scene;
-        plugins
-            .arrange(|model, object| (scene.models[model].key.clone(), object.map(|object| scene.calling_key(object))));
+        plugins.arrange(|model, object| {
+            (scene.models[ModelId::new(model)].key.clone(), object.map(|object| scene.calling_key(object)))
+        });
     }
 
-    fn announce(&mut self, plugins: &mut Plugins, model: usize, added: bool) {
+    fn announce(&mut self, plugins: &mut Plugins, model: ModelId, added: bool) {
         if plugins.watches_models() {
             let objects = self.physics.scene.objects_of_model(model);
-            plugins.model_changed(self, model, &objects, added);
+            plugins.model_changed(self, model.index(), &objects, added);
         }
     }
 
@@ -317,32 +334,18 @@ impl SceneAccess<'_> {
             *state = Access::body(self, i).unwrap_or(*state);
         }
         snapshot.joints.clear();
-        snapshot.joints.extend((0..scene.joints.len()).map(|i| self.joint_state(i)));
+        snapshot.joints.extend(scene.joints.iter().map(joint_state));
     }
 
-    fn joint_state(&self, index: usize) -> JointState {
-        let joint = &self.physics.scene.joints[index];
-        let limits = joint.limits.map_or((f64::NEG_INFINITY, f64::INFINITY), |limits| (limits.low, limits.high));
-        JointState {
-            position: joint.position,
-            velocity: joint.velocity,
-            effort: joint.effort,
-            limits,
-            parent: joint.parent,
-            child: joint.child,
-        }
+    /// What a plugin names by a number, if it is in the scene.
+    fn live<I: Id + Into<ObjectId>>(&self, index: usize) -> Result<I, CommandError> {
+        let id = I::from_index(index);
+        self.physics.scene.has_object(id.into()).then_some(id).ok_or(CommandError::NoObject)
     }
 
-    fn live(&self, kind: ObjectType, index: usize) -> Result<(), CommandError> {
-        let object = ObjectId { kind, index };
-        self.physics.scene.has_object(object).then_some(()).ok_or(CommandError::NoObject)
-    }
-
-    fn attach(&mut self, body: usize, to: usize) -> Result<u64, CommandError> {
-        self.live(ObjectType::Body, body)?;
-        self.live(ObjectType::Body, to)?;
+    fn attach(&mut self, body: BodyId, to: BodyId) -> Result<u64, CommandError> {
         let Scene { bodies, world, .. } = &mut self.physics.scene;
-        let [a, b] = [body, to].map(|index| bodies[index].handle);
+        let [a, b] = [body, to].map(|id| bodies[id].handle);
         let (Some(pose), Some(other)) = (world.pose(a), world.pose(b)) else { return Err(CommandError::NoObject) };
         if body == to {
             return Err(CommandError::Refused);
@@ -364,19 +367,21 @@ impl SceneAccess<'_> {
     }
 
     fn place(&mut self, object: ObjectId, pose: &Isometry3<f64>) -> Result<(), CommandError> {
-        self.live(object.kind, object.index)?;
+        let index = object.index;
+        if !self.physics.scene.has_object(object) {
+            return Err(CommandError::NoObject);
+        }
         let attached = match object.kind {
-            ObjectType::Camera => &mut self.physics.scene.cameras[object.index].attached,
-            ObjectType::Light => &mut self.physics.scene.lights[object.index].attached,
-            ObjectType::Ghost => &mut self.physics.scene.ghosts[object.index].attached,
+            ObjectType::Camera => &mut self.physics.scene.cameras[CameraId::new(index)].attached,
+            ObjectType::Light => &mut self.physics.scene.lights[LightId::new(index)].attached,
+            ObjectType::Ghost => &mut self.physics.scene.ghosts[GhostId::new(index)].attached,
             _ => return Err(CommandError::Refused),
         };
         attached.pose = *pose;
         Ok(())
     }
 
-    fn pull_node(&mut self, soft: usize, node: usize, goal: Option<Vector3<f64>>) -> Result<(), CommandError> {
-        self.live(ObjectType::SoftBody, soft)?;
+    fn pull_node(&mut self, soft: SoftBodyId, node: usize, goal: Option<Vector3<f64>>) -> Result<(), CommandError> {
         let Scene { soft_bodies, world, .. } = &mut self.physics.scene;
         if node >= soft_bodies[soft].nodes {
             return Err(CommandError::NoObject);
@@ -407,13 +412,13 @@ impl Access for SceneAccess<'_> {
     fn find(&self, kind: Option<ObjectType>, text: &str) -> Option<usize> {
         match kind {
             Some(kind) => self.physics.scene.find_object(kind, text),
-            None => self.physics.scene.find_any_model(text),
+            None => self.physics.scene.find_any_model(text).map(ModelId::index),
         }
     }
 
     fn text(&self, what: TextOf, kind: Option<ObjectType>, index: usize) -> Option<String> {
         let Some(kind) = kind else {
-            let model = self.physics.scene.models.get(index)?;
+            let model = self.physics.scene.models.get(ModelId::new(index))?;
             return Some(match what {
                 TextOf::Name => model.description.name.clone(),
                 TextOf::Identifier => model.key.clone(),
@@ -429,12 +434,12 @@ impl Access for SceneAccess<'_> {
     }
 
     fn model_of(&self, object: ObjectId) -> Option<usize> {
-        self.physics.scene.model_of(object)
+        self.physics.scene.model_of(object).map(ModelId::index)
     }
 
     fn body(&self, index: usize) -> Option<BodyState> {
         let world = &self.physics.scene.world;
-        let body = self.physics.scene.bodies.get(index)?;
+        let body = self.physics.scene.bodies.get(BodyId::new(index))?;
         let (linear_velocity, angular_velocity) = world.velocity(body.handle)?;
         Some(BodyState {
             pose: body.pose(world),
@@ -447,30 +452,38 @@ impl Access for SceneAccess<'_> {
     }
 
     fn joint(&self, index: usize) -> Option<JointState> {
-        self.live(ObjectType::Joint, index).ok()?;
-        Some(self.joint_state(index))
+        let joint: JointId = self.live(index).ok()?;
+        Some(joint_state(&self.physics.scene.joints[joint]))
     }
 
     fn pose(&self, object: ObjectId) -> Option<Isometry3<f64>> {
-        self.live(object.kind, object.index).ok()?;
         let (scene, i) = (&self.physics.scene, object.index);
-        let body_pose = |body: usize| scene.bodies[body].pose(&scene.world);
+        if !scene.has_object(object) {
+            return None;
+        }
+        let body_pose = |body: BodyId| scene.bodies[body].pose(&scene.world);
         match object.kind {
-            ObjectType::Body => Some(body_pose(i)),
+            ObjectType::Body => Some(body_pose(BodyId::new(i))),
             ObjectType::SoftBody => {
-                let centre = scene.world.soft_center(scene.soft_bodies[i].handle)?;
+                let centre = scene.world.soft_center(scene.soft_bodies[SoftBodyId::new(i)].handle)?;
                 Some(Isometry3::from_parts(centre.into(), Default::default()))
             }
-            ObjectType::Ghost => Some(*scene.ghosts[i].pose()),
-            ObjectType::Sensor => Some(body_pose(scene.sensors[i].parent) * scene.sensors[i].info.pose),
-            ObjectType::Actuator => Some(body_pose(scene.actuators[i].parent) * scene.actuators[i].info.pose),
-            ObjectType::Vehicle => Some(body_pose(scene.vehicles[i].chassis)),
+            ObjectType::Ghost => Some(*scene.ghosts[GhostId::new(i)].pose()),
+            ObjectType::Sensor => {
+                let sensor = &scene.sensors[SensorId::new(i)];
+                Some(body_pose(sensor.parent) * sensor.info.pose)
+            }
+            ObjectType::Actuator => {
+                let actuator = &scene.actuators[ActuatorId::new(i)];
+                Some(body_pose(actuator.parent) * actuator.info.pose)
+            }
+            ObjectType::Vehicle => Some(body_pose(scene.vehicles[VehicleId::new(i)].chassis)),
             ObjectType::Camera => {
-                let attached = &scene.cameras[i].attached;
+                let attached = &scene.cameras[CameraId::new(i)].attached;
                 Some(scene.global_pose(attached.parent, &attached.pose))
             }
             ObjectType::Light => {
-                let attached = &scene.lights[i].attached;
+                let attached = &scene.lights[LightId::new(i)].attached;
                 Some(scene.global_pose(attached.parent, &attached.pose))
             }
             ObjectType::Joint | ObjectType::Volume => None,
@@ -478,17 +491,28 @@ impl Access for SceneAccess<'_> {
     }
 
     fn values(&self, object: ObjectId, out: &mut Vec<f64>) -> Option<()> {
-        self.live(object.kind, object.index).ok()?;
         let (scene, i) = (&self.physics.scene, object.index);
+        if !scene.has_object(object) {
+            return None;
+        }
         match object.kind {
-            ObjectType::Sensor => out.extend(scene.sensors[i].readings().iter().map(|reading| reading.measurement)),
-            ObjectType::Ghost => out.extend(scene.ghosts[i].sensed(&scene.bodies).map(|body| body as f64)),
+            ObjectType::Sensor => {
+                let readings = scene.sensors[SensorId::new(i)].readings();
+                out.extend(readings.iter().map(|reading| reading.measurement));
+            }
+            ObjectType::Ghost => {
+                let sensed = scene.ghosts[GhostId::new(i)].sensed(&scene.bodies);
+                out.extend(sensed.map(|body| body.index() as f64));
+            }
             ObjectType::SoftBody => {
-                let mut nodes = vec![[0.0; 3]; scene.soft_bodies[i].nodes];
-                scene.soft_bodies[i].read_nodes(&scene.world, &mut nodes);
+                let soft = &scene.soft_bodies[SoftBodyId::new(i)];
+                let mut nodes = vec![[0.0; 3]; soft.nodes];
+                soft.read_nodes(&scene.world, &mut nodes);
                 out.extend(nodes.as_flattened());
             }
-            ObjectType::Actuator => out.push(f64::from(u8::from(scene.actuators[i].is_actuated()))),
+            ObjectType::Actuator => {
+                out.push(f64::from(u8::from(scene.actuators[ActuatorId::new(i)].is_actuated())));
+            }
             _ => (),
         }
         Some(())
@@ -499,18 +523,18 @@ impl Access for SceneAccess<'_> {
         self.physics.scene.world.cast_rays(&[Ray { from: *from, to: *to }], &mut hits);
         let hit = hits[0]?;
         let body = match hit.target {
-            RayTarget::Body(handle) => self.physics.scene.bodies.index_of(handle),
+            RayTarget::Body(handle) => self.physics.scene.bodies.id_of(handle),
             RayTarget::SoftBody(_) | RayTarget::Other => None,
         };
-        Some(Hit { body, point: hit.point, normal: hit.normal, fraction: hit.fraction })
+        Some(Hit { body: body.map(BodyId::index), point: hit.point, normal: hit.normal, fraction: hit.fraction })
     }
 
     fn contacts(&self, body: usize, out: &mut Vec<Touch>) -> Option<()> {
-        self.live(ObjectType::Body, body).ok()?;
+        let body: BodyId = self.live(body).ok()?;
         let mut contacts = Vec::new();
         self.physics.scene.world.contacts(self.physics.scene.bodies[body].handle, f64::INFINITY, &mut contacts);
         out.extend(contacts.iter().map(|contact| Touch {
-            body: self.physics.scene.bodies.index_of(contact.other),
+            body: self.physics.scene.bodies.id_of(contact.other).map(BodyId::index),
             point: contact.point,
             normal: contact.normal,
             distance: contact.distance,
@@ -525,25 +549,25 @@ impl Access for SceneAccess<'_> {
         }
         match *command {
             Command::Wrench { body, force, torque } => {
-                self.live(ObjectType::Body, body)?;
+                let body = self.live(body)?;
                 self.physics.command_body(body, &RigidBodyCommand::wrench(force, torque));
             }
             Command::Velocity { body, linear, angular } => {
-                self.live(ObjectType::Body, body)?;
+                let body = self.live(body)?;
                 self.physics.command_body(body, &RigidBodyCommand::velocity(linear, angular));
             }
             Command::Pose { body, pose } => {
-                self.live(ObjectType::Body, body)?;
+                let body: BodyId = self.live(body)?;
                 let Scene { bodies, world, .. } = &mut self.physics.scene;
                 world.set_pose(bodies[body].handle, &(pose * bodies[body].inertial_offset));
             }
             Command::FollowPose { body, pose } => {
-                self.live(ObjectType::Body, body)?;
+                let body = self.live(body)?;
                 let command = RigidBodyCommand::pose(pose.translation.vector, pose.rotation.coords.into());
                 self.physics.command_body(body, &command);
             }
             Command::Joint { joint, kind, value } => {
-                self.live(ObjectType::Joint, joint)?;
+                let joint = self.live(joint)?;
                 if matches!(kind, JointCommandType::Unknown(_)) {
                     return Err(CommandError::Unknown);
                 }
@@ -551,25 +575,23 @@ impl Access for SceneAccess<'_> {
             }
             Command::Place { object, pose } => self.place(object, &pose)?,
             Command::Hold { actuator, body } => {
-                self.live(ObjectType::Actuator, actuator)?;
-                if let Some(body) = body {
-                    self.live(ObjectType::Body, body)?;
-                }
+                let actuator = self.live(actuator)?;
+                let body = body.map(|body| self.live(body)).transpose()?;
                 self.physics.scene.hold_with_actuator(actuator, body);
             }
             Command::Drive { vehicle, wheel, steering, power, brake } => {
-                self.live(ObjectType::Vehicle, vehicle)?;
+                let vehicle: VehicleId = self.live(vehicle)?;
                 let Scene { vehicles, world, .. } = &mut self.physics.scene;
                 if !vehicles[vehicle].drive_wheel(world, wheel, steering, power, brake) {
                     return Err(CommandError::NoObject);
                 }
             }
             Command::SoftForce { soft, force } => {
-                self.live(ObjectType::SoftBody, soft)?;
+                let soft: SoftBodyId = self.live(soft)?;
                 self.physics.scene.world.apply_soft_force(self.physics.scene.soft_bodies[soft].handle, &force);
             }
-            Command::PullNode { soft, node, goal } => self.pull_node(soft, node, goal)?,
-            Command::Attach { body, to } => return self.attach(body, to),
+            Command::PullNode { soft, node, goal } => self.pull_node(self.live(soft)?, node, goal)?,
+            Command::Attach { body, to } => return self.attach(self.live(body)?, self.live(to)?),
             Command::Detach { attachment } => {
                 let plugin = self.state.caller;
                 let is_own = |own: &Attachment| own.number == attachment && own.plugin == plugin;

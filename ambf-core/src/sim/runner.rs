@@ -404,6 +404,7 @@ mod tests {
     use std::path::Path;
 
     use super::*;
+    use crate::ids::CameraId;
     use crate::scene::{load, SceneFiles, SceneOptions};
     use crate::sim::{Simulation, WindowRequest};
 
@@ -462,10 +463,11 @@ mod tests {
         wait("it runs", || time(&hub) > 0.01);
         runner.control().set_paused(true);
         std::thread::sleep(Duration::from_millis(50));
-        let (before, step) = hub.snapshot().as_ref().map(|s| (s.cameras[0], s.sim_step)).expect("a snapshot");
+        let (before, step) =
+            hub.snapshot().as_ref().map(|s| (s.cameras[CameraId::new(0)], s.sim_step)).expect("a snapshot");
         let gesture = crate::scene::CameraGesture::Pan { right: 1.0, up: 0.0 };
-        link.post(WindowRequest::MoveCamera { camera: 0, gesture }).expect("there is room");
-        let now = || hub.snapshot().as_ref().map(|s| (s.cameras[0], s.sim_step)).expect("a snapshot");
+        link.post(WindowRequest::MoveCamera { camera: CameraId::new(0), gesture }).expect("there is room");
+        let now = || hub.snapshot().as_ref().map(|s| (s.cameras[CameraId::new(0)], s.sim_step)).expect("a snapshot");
         wait("the camera has moved", || now().0 != before);
         assert!((before.inverse() * now().0).translation.y > 0.999);
         assert_eq!(now().1, step, "no step was made");

@@ -10,6 +10,7 @@ use super::Simulation;
 use crate::bullet::StateError;
 use crate::comm::Wrench;
 use crate::device::law::EndEffector;
+use crate::ids::{BodyId, Table};
 use crate::scene::SavedScene;
 
 /// The state of a [`Simulation`] at one moment: poses, velocities, contacts with what the solver starts from,
@@ -23,7 +24,7 @@ pub struct SavedState {
     scene: SavedScene,
     cap: SubStepCap,
     time: Time,
-    wrenches: Vec<Wrench>,
+    wrenches: Table<BodyId, Wrench>,
     commands: SavedCommands,
     picking: Picking,
     targets: ActiveTargets,
@@ -137,6 +138,7 @@ mod tests {
     use super::*;
     use crate::comm::{JointCommandType, ObjectKind, RigidBodyCommand};
     use crate::control::Profile;
+    use crate::ids::JointId;
     use crate::scene::{load, PhysicsOptions, SceneFiles, SceneOptions};
 
     fn simulation(model: &str, profile: Profile) -> Simulation {
@@ -153,7 +155,7 @@ mod tests {
 
     fn run(simulation: &mut Simulation, steps: u32) {
         for step in 0..steps {
-            for body in 0..simulation.physics.scene.bodies.len() {
+            for body in simulation.physics.scene.bodies.ids() {
                 for joint in 0..simulation.physics.scene.active_joints(body).len() {
                     let goal = 0.3 * f64::from(step).sin();
                     simulation.command_joint(body, joint, JointCommandType::Position, goal);
@@ -197,7 +199,7 @@ mod tests {
         let mut simulation = simulation("pendulum.yaml", Profile::Legacy);
         let hub = simulation.connect();
         let objects = hub.objects().clone();
-        let joints = |body: &usize| simulation.physics.scene.active_joints(*body);
+        let joints = |body: &BodyId| simulation.physics.scene.active_joints(*body);
         let is_body = |kind: &ObjectKind| matches!(kind, ObjectKind::RigidBody(body, _) if !joints(body).is_empty());
         let (object, _) = objects.entries().find(|(_, object)| is_body(&object.info.kind)).expect("a body with joints");
         let push = |effort: f64| {
@@ -211,7 +213,7 @@ mod tests {
         let step = |simulation: &mut Simulation| {
             simulation.execute_commands().expect("finite");
             simulation.update(0.001).expect("finite");
-            simulation.physics.scene.joints[0].position
+            simulation.physics.scene.joints[JointId::new(0)].position
         };
         let without = simulation.save().expect("savable");
         push(3.0);

@@ -254,6 +254,7 @@ mod tests {
     use nalgebra::Isometry3;
 
     use super::*;
+    use crate::ids::CameraId;
     use crate::scene::{load, SceneFiles, SceneOptions};
     use crate::sim::WindowRequest;
 
@@ -286,9 +287,12 @@ mod tests {
         let mut shown = stepper();
         let window = shown.window();
         let pose = Isometry3::translation(1.0, 2.0, 3.0);
-        window.link.post(WindowRequest::PlaceCamera { camera: 0, pose, distance: 1.0 }).expect("there is room");
+        window
+            .link
+            .post(WindowRequest::PlaceCamera { camera: CameraId::new(0), pose, distance: 1.0 })
+            .expect("there is room");
         shown.serve_window();
-        let seen = window.hub.snapshot().as_ref().map(|snapshot| snapshot.views[0].pose);
+        let seen = window.hub.snapshot().as_ref().map(|snapshot| snapshot.views[CameraId::new(0)].pose);
         assert!((seen.expect("published").translation.vector - pose.translation.vector).norm() < 1e-9);
         let begin = Instant::now();
         assert!(window.models.list().is_err(), "models belong to who steps");

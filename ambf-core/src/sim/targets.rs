@@ -1,13 +1,14 @@
 //! Sub-steps of the accurate profile: what was commanded is executed before each.
 
 use crate::control::Profile;
+use crate::ids::{BodyId, JointId};
 use crate::scene::{Scene, SubSteps};
 
-/// Joints and bodies that have something to execute in sub-steps, by index.
+/// Joints and bodies that have something to execute in sub-steps.
 #[derive(Debug, Clone, Default)]
 pub(super) struct ActiveTargets {
-    pub joints: Vec<usize>,
-    pub bodies: Vec<usize>,
+    pub joints: Vec<JointId>,
+    pub bodies: Vec<BodyId>,
 }
 
 impl ActiveTargets {

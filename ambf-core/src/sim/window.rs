@@ -9,7 +9,8 @@ use std::sync::Arc;
 
 use super::{Simulation, Timeline};
 use crate::bullet::{ConstraintHandle, Ray, RayTarget};
-use crate::plugin::{Drawings, Input};
+use crate::ids::{BodyId, CameraId, SoftBodyId};
+use crate::plugin::{Drawings, Input, ObjectId};
 use crate::scene::{CameraGesture, Scene};
 
 /// How far a ray of picking reaches, m.
@@ -26,14 +27,14 @@ pub enum WindowRequest {
     /// Moves a camera.
     MoveCamera {
         /// Index of the camera.
-        camera: usize,
+        camera: CameraId,
         /// How.
         gesture: CameraGesture,
     },
     /// Puts a camera somewhere.
     PlaceCamera {
         /// Index of the camera.
-        camera: usize,
+        camera: CameraId,
         /// Pose in the world.
         pose: Isometry3<f64>,
         /// Distance of the point that it looks at, m.
@@ -60,7 +61,7 @@ pub enum WindowRequest {
     /// Lets go of what is held.
     Release,
     /// Takes a rigid body out of the scene, with its joints.
-    RemoveBody(usize),
+    RemoveBody(BodyId),
     /// A picture was drawn: plugins that want to know are told.
     Drawn,
     /// A use of a window, for plugins of the simulator.
@@ -95,8 +96,8 @@ pub enum Picked {
     Nothing,
     /// A rigid body.
     Body {
-        /// Its index.
-        body: usize,
+        /// Which one.
+        body: BodyId,
         /// Its name.
         name: Arc<str>,
         /// Where the ray met it, m, world axes.
@@ -106,8 +107,8 @@ pub enum Picked {
     },
     /// A node of a soft body.
     Node {
-        /// Index of the soft body.
-        soft: usize,
+        /// Which one.
+        soft: SoftBodyId,
         /// Its name.
         name: Arc<str>,
         /// Where the ray met it, m, world axes.
@@ -168,11 +169,11 @@ impl WindowLink {
 #[derive(Debug, Clone)]
 enum Hold {
     /// A dynamic body.
-    Grip { body: usize, grip: ConstraintHandle },
+    Grip { body: BodyId, grip: ConstraintHandle },
     /// A static body, which is moved by its position: from the hit to its body frame.
-    Carried { body: usize, offset: Vector3<f64> },
+    Carried { body: BodyId, offset: Vector3<f64> },
     /// A node of a soft body.
-    Node { soft: usize, node: usize },
+    Node { soft: SoftBodyId, node: usize },
 }
 
 #[derive(Debug, Clone)]
@@ -248,7 +249,7 @@ impl Simulation {
         None
     }
 
-    fn place_camera(&mut self, camera: usize, pose: &Isometry3<f64>, distance: f64) {
+    fn place_camera(&mut self, camera: CameraId, pose: &Isometry3<f64>, distance: f64) {
         let numbers = pose.to_homogeneous();
         let is_place = numbers.iter().all(|x| x.is_finite()) && distance > 0.0 && distance.is_finite();
         if !is_place {
@@ -275,27 +276,27 @@ impl Simulation {
         let Scene { world, bodies, soft_bodies, .. } = &mut self.physics.scene;
         let (what, picked) = match hit.target {
             RayTarget::Body(handle) => {
-                let (Some(index), Some(pose)) = (bodies.index_of(handle), world.pose(handle)) else {
+                let (Some(id), Some(pose)) = (bodies.id_of(handle), world.pose(handle)) else {
                     return Picked::Nothing;
                 };
-                let body = &bodies[index];
+                let body = &bodies[id];
                 let what = match body.is_dynamic() {
                     true => {
                         let point = (pose.inverse() * nalgebra::Point3::from(hit.point)).coords;
                         let Some(grip) = world.add_grip(handle, &point, &hit.point, body.mass) else {
                             return Picked::Nothing;
                         };
-                        Hold::Grip { body: index, grip }
+                        Hold::Grip { body: id, grip }
                     }
-                    false => Hold::Carried { body: index, offset: pose.translation.vector - hit.point },
+                    false => Hold::Carried { body: id, offset: pose.translation.vector - hit.point },
                 };
                 let name = body.identity.communication_name().into();
-                (what, Picked::Body { body: index, name, point: hit.point, distance })
+                (what, Picked::Body { body: id, name, point: hit.point, distance })
             }
             RayTarget::SoftBody(handle) => {
-                let index = soft_bodies.iter().position(|soft| soft.handle == handle);
+                let soft = soft_bodies.position(|soft| soft.handle == handle);
                 let node = world.nearest_node(handle, &hit.point, NODE_RADIUS);
-                let (Some(soft), Some(node)) = (index, node) else { return Picked::Nothing };
+                let (Some(soft), Some(node)) = (soft, node) else { return Picked::Nothing };
                 world.pull_node(handle, node, Some(hit.point));
                 let name = soft_bodies[soft].identity.communication_name().into();
                 (Hold::Node { soft, node }, Picked::Node { soft, name, point: hit.point, distance })
@@ -340,10 +341,10 @@ impl Simulation {
     }
 
     /// Lets go of what is held if it, or part of it, is `is_going`.
-    pub(super) fn release_picked_of(&mut self, is_going: impl Fn(&Scene, bool, usize) -> bool) {
+    pub(super) fn release_picked_of(&mut self, is_going: impl Fn(&Scene, ObjectId) -> bool) {
         let goes = self.picking.0.as_ref().is_some_and(|held| match held.what {
-            Hold::Grip { body, .. } | Hold::Carried { body, .. } => is_going(&self.physics.scene, false, body),
-            Hold::Node { soft, .. } => is_going(&self.physics.scene, true, soft),
+            Hold::Grip { body, .. } | Hold::Carried { body, .. } => is_going(&self.physics.scene, body.into()),
+            Hold::Node { soft, .. } => is_going(&self.physics.scene, soft.into()),
         });
         if goes {
             self.release_picked();
@@ -354,15 +355,15 @@ impl Simulation {
     ///
     /// # Errors
     /// A sentence when there is no such body, or no longer.
-    pub fn remove_body(&mut self, body: usize) -> Result<Arc<str>, String> {
+    pub fn remove_body(&mut self, body: BodyId) -> Result<Arc<str>, String> {
         let Some(name) = self.physics.scene.bodies.get(body).map(|body| body.identity.communication_name()) else {
             return Err("there is no such body".into());
         };
         if self.physics.scene.body_is_gone(body) {
             return Err(format!("body `{name}` was removed before"));
         }
-        self.release_picked_of(|_, is_soft, index| !is_soft && index == body);
-        self.detach_plugins_from(|index| index == body);
+        self.release_picked_of(|_, held| held == body.into());
+        self.detach_plugins_from(|other| other == body);
         self.physics.scene.remove_body(body);
         self.grow();
         if let Some(link) = &mut self.link {
@@ -379,9 +380,9 @@ mod tests {
     use crate::sim::shipped::simulation;
 
     /// Ray straight down onto a body.
-    fn above(simulation: &Simulation, name: &str) -> (usize, Vector3<f64>) {
+    fn above(simulation: &Simulation, name: &str) -> (BodyId, Vector3<f64>) {
         let scene = simulation.scene();
-        let found = scene.bodies.iter().position(|body| *body.identity.name == *name);
+        let found = scene.bodies.position(|body| *body.identity.name == *name);
         let index = found.unwrap_or_else(|| panic!("no body {name}"));
         let place = scene.world.pose(scene.bodies[index].handle).unwrap().translation.vector;
         (index, place + Vector3::new(0.0, 0.0, 5.0))
@@ -402,8 +403,8 @@ mod tests {
     fn row_57_a_picked_body_follows_the_ray_at_constant_distance_and_falls_when_released() {
         let mut simulation = simulation("stack.yaml", false);
         let scene = simulation.scene();
-        let top = scene.bodies.iter().enumerate().filter(|(_, body)| body.is_dynamic());
-        let height = |index: usize| scene.world.pose(scene.bodies[index].handle).unwrap().translation.vector.z;
+        let top = scene.bodies.entries().filter(|(_, body)| body.is_dynamic());
+        let height = |index: BodyId| scene.world.pose(scene.bodies[index].handle).unwrap().translation.vector.z;
         let (top, _) = top.max_by(|a, b| height(a.0).total_cmp(&height(b.0))).unwrap();
         let name = scene.bodies[top].identity.name.to_string();
         let (index, origin) = above(&simulation, &name);
@@ -433,7 +434,7 @@ mod tests {
     fn a_static_body_is_carried_and_stays() {
         let mut simulation = simulation("stack.yaml", false);
         let scene = simulation.scene();
-        let found = scene.bodies.iter().position(|body| !body.is_dynamic()).expect("a floor");
+        let found = scene.bodies.position(|body| !body.is_dynamic()).expect("a floor");
         let before = scene.world.pose(scene.bodies[found].handle).unwrap();
         let origin = before.translation.vector + Vector3::new(1.3, 1.3, 5.0);
         let Picked::Body { body, .. } = simulation.pick(&origin, &-Vector3::z()) else { panic!("no floor there") };
@@ -460,7 +461,7 @@ mod tests {
         assert!(joints > 0);
         assert_eq!(&*simulation.remove_body(index).unwrap(), name);
         assert!(simulation.remove_body(index).unwrap_err().contains("before"));
-        assert!(simulation.remove_body(usize::MAX).is_err());
+        assert!(simulation.remove_body(BodyId::new(usize::MAX)).is_err());
         assert!(hub.generation() > before);
         assert!(hub.visuals().unwrap().bodies[index].object.removed);
         assert!(hub.objects().iter().find(|object| object.info.name == name).unwrap().is_removed());
@@ -480,21 +481,29 @@ mod tests {
         let mut simulation = simulation("pendulum.yaml", false);
         let link = simulation.window_link();
         assert!(!simulation.serve_window());
-        let before = simulation.scene().cameras[0].clone();
+        let before = simulation.scene().cameras[CameraId::new(0)].clone();
         for _ in 0..3 {
             let gesture = CameraGesture::Pan { right: -0.5, up: 0.25 };
-            link.post(WindowRequest::MoveCamera { camera: 0, gesture }).unwrap();
+            link.post(WindowRequest::MoveCamera { camera: CameraId::new(0), gesture }).unwrap();
         }
-        link.post(WindowRequest::MoveCamera { camera: 99, gesture: CameraGesture::Dolly { forward: 1.0 } }).unwrap();
-        link.post(WindowRequest::MoveCamera { camera: 0, gesture: CameraGesture::Dolly { forward: 1.0 } }).unwrap();
+        link.post(WindowRequest::MoveCamera {
+            camera: CameraId::new(99),
+            gesture: CameraGesture::Dolly { forward: 1.0 },
+        })
+        .unwrap();
+        link.post(WindowRequest::MoveCamera {
+            camera: CameraId::new(0),
+            gesture: CameraGesture::Dolly { forward: 1.0 },
+        })
+        .unwrap();
         assert!(simulation.window_is_waiting() && simulation.serve_window());
-        let camera = &simulation.scene().cameras[0];
+        let camera = &simulation.scene().cameras[CameraId::new(0)];
         let moved = before.attached.pose.inverse() * camera.attached.pose;
         assert!((moved.translation.vector - Vector3::new(-1.0, -1.5, 0.75)).norm() < 1e-12);
         assert!((camera.target.x - before.target.x - 1.0).abs() < 1e-12);
         link.post(WindowRequest::ResetCameras).unwrap();
         simulation.serve_window();
-        let camera = &simulation.scene().cameras[0];
+        let camera = &simulation.scene().cameras[CameraId::new(0)];
         assert_eq!((camera.attached.pose, camera.target), (before.attached.pose, before.target));
     }
 

@@ -4,6 +4,7 @@
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use ambf_core::comm::JointCommandType;
+use ambf_core::ids::BodyId;
 use ambf_core::scene::{load, Joint, Loaded, SceneFiles, SceneOptions};
 use ambf_core::sim::Simulation;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
@@ -49,8 +50,8 @@ impl Bench {
         Self(Simulation::new(scene, DT))
     }
 
-    pub fn body(&self, name: &str) -> usize {
-        let found = self.0.scene().bodies.iter().position(|body| *body.identity.name == *name);
+    pub fn body(&self, name: &str) -> BodyId {
+        let found = self.0.scene().bodies.position(|body| *body.identity.name == *name);
         found.unwrap_or_else(|| panic!("no body `{name}`"))
     }
 
@@ -61,9 +62,9 @@ impl Bench {
 
     /// Pose of the body frame after the last sub-step, not lagged.
     pub fn pose(&self, name: &str) -> Isometry3<f64> {
-        let (scene, index) = (self.0.scene(), self.body(name));
-        let inertial = scene.world.pose(scene.world.bodies()[index]).expect("a live body");
-        inertial * scene.bodies[index].inertial_offset_inverse
+        let (scene, body) = (self.0.scene(), self.body(name));
+        let inertial = scene.world.pose(scene.world.bodies()[body.index()]).expect("a live body");
+        inertial * scene.bodies[body].inertial_offset_inverse
     }
 
     pub fn position(&self, name: &str) -> Vector3<f64> {
@@ -79,7 +80,7 @@ impl Bench {
     /// Linear and angular velocity, world axes.
     pub fn velocity(&self, name: &str) -> (Vector3<f64>, Vector3<f64>) {
         let world = &self.0.scene().world;
-        world.velocity(world.bodies()[self.body(name)]).expect("a live body")
+        world.velocity(world.bodies()[self.body(name).index()]).expect("a live body")
     }
 
     /// One update of `interval` s.

@@ -47,32 +47,32 @@ pub fn simulation(files: &SceneFiles, profile: Profile) -> Simulation {
 pub fn command(simulation: &mut Simulation, step: u32) {
     let phase = f64::from(step) * 0.02;
     let scene = simulation.scene();
-    let (bodies, vehicles, actuators) = (scene.bodies.len(), scene.vehicles.len(), scene.actuators.len());
-    for body in 0..bodies {
+    let (bodies, vehicles, actuators) = (scene.bodies.ids(), scene.vehicles.ids(), scene.actuators.ids());
+    for body in bodies {
         for joint in 0..simulation.scene().active_joints(body).len() {
             let value = 0.3 * (phase + joint as f64).sin();
-            match (joint + body) % 4 {
+            match (joint + body.index()) % 4 {
                 0 | 1 => simulation.command_joint(body, joint, JointCommandType::Position, value),
                 2 => simulation.command_joint(body, joint, JointCommandType::Effort, value),
                 _ => simulation.command_joint(body, joint, JointCommandType::Velocity, value),
             };
         }
-        match (body as u32 + step / 50) % 5 {
+        match (body.index() as u32 + step / 50) % 5 {
             0 => simulation.apply_wrench(body, Vector3::new(phase.sin(), phase.cos(), 0.5), Vector3::z() * 0.01),
-            1 if body % 7 == 3 => {
+            1 if body.index() % 7 == 3 => {
                 let pose = simulation.scene().bodies[body].initial_pose.translation.vector;
                 simulation.follow_pose(body, pose + Vector3::z() * (0.05 * phase.sin()), [0.0, 0.0, 0.0, 1.0]);
             }
             _ => (),
         }
     }
-    for vehicle in 0..vehicles {
+    for vehicle in vehicles {
         let wheels = simulation.scene().vehicles[vehicle].wheels.len();
         let (steering, power) = (vec![0.2 * phase.sin(); wheels], vec![30.0; wheels]);
         let command = VehicleCommand { steering, power, ..VehicleCommand::default() };
         simulation.command_vehicle(vehicle, &command);
     }
-    for actuator in 0..actuators {
+    for actuator in actuators {
         // Holds and lets go, each for a while.
         let use_sensor_data = !simulation.scene().sensors.is_empty() && step.is_multiple_of(2);
         let sensor_identifier = simulation.scene().sensors.first().map(|sensor| sensor.identity.key());
@@ -144,7 +144,7 @@ pub fn hash(simulation: &Simulation, hasher: &mut DefaultHasher) {
         number(f64::from(u8::from(actuator.is_actuated())));
     }
     for ghost in &scene.ghosts {
-        ghost.sensed(&scene.bodies).for_each(|body| number(body as f64));
+        ghost.sensed(&scene.bodies).for_each(|body| number(body.index() as f64));
     }
     for sensor in &scene.sensors {
         for reading in sensor.readings() {
@@ -182,7 +182,7 @@ pub fn check(what: &str, files: &SceneFiles, physics: PhysicsOptions, warm: u32,
 
 /// Does what the commands do not, until little is as it was.
 pub fn disturb(simulation: &mut Simulation) {
-    for body in 0..simulation.scene().bodies.len() {
+    for body in simulation.scene().bodies.ids() {
         simulation.set_velocity(body, Vector3::new(0.3, -0.2, 1.0), Vector3::z());
     }
     for _ in 0..50 {

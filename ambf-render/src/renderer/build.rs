@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use ambf_core::adf;
 use ambf_core::comm::Snapshot;
+use ambf_core::ids::SoftBodyId;
 use ambf_core::scene::{VisualBody, VisualObject, VisualScene};
 use nalgebra::{Isometry3, Matrix4, Point3, Vector3};
 
@@ -111,13 +112,13 @@ impl Resources {
         let mut objects = Vec::new();
         let mut wanted = Vec::new();
         let mut add = |source: Source, object: &VisualObject| {
-            let model = u32::try_from(object.model + 1).unwrap_or(u32::MAX);
+            let model = u32::try_from(object.model.index() + 1).unwrap_or(u32::MAX);
             let (name, pose) = (Arc::clone(&object.identifier), Isometry3::identity());
             objects.push(Object { source, name, model, pose, frame_length: frame_length(None) });
             objects.len() - 1
         };
-        let ghosts = visuals.ghosts.iter().enumerate().map(|(index, ghost)| (Source::Ghost(index), ghost));
-        let bodies = visuals.bodies.iter().enumerate().map(|(index, body)| (Source::Body(index), body));
+        let ghosts = visuals.ghosts.entries().map(|(id, ghost)| (Source::Ghost(id), ghost));
+        let bodies = visuals.bodies.entries().map(|(id, body)| (Source::Body(id), body));
         for (source, body) in bodies.chain(ghosts) {
             let object = add(source, &body.object);
             if body.object.removed {
@@ -134,10 +135,9 @@ impl Resources {
                 program,
             }));
         }
-        let soft_objects: Vec<usize> = (visuals.soft_bodies.iter().enumerate())
-            .map(|(index, soft)| add(Source::SoftBody(index), &soft.object))
-            .collect();
-        for (vehicle, description) in visuals.vehicles.iter().enumerate() {
+        let soft_objects: Vec<_> =
+            visuals.soft_bodies.entries().map(|(id, soft)| (id, add(Source::SoftBody(id), &soft.object))).collect();
+        for (vehicle, description) in visuals.vehicles.entries() {
             for (wheel, files) in description.wheels.iter().enumerate() {
                 let object = add(Source::Wheel(vehicle, wheel), &description.object);
                 if let Some(file) = files.iter().find(|file| file.is_file()).or(files.first()) {
@@ -148,17 +148,17 @@ impl Resources {
                 }
             }
         }
-        for (index, camera) in visuals.cameras.iter().enumerate() {
-            add(Source::Camera(index), &camera.object);
+        for (id, camera) in visuals.cameras.entries() {
+            add(Source::Camera(id), &camera.object);
         }
-        for (index, light) in visuals.lights.iter().enumerate() {
-            add(Source::Light(index), &light.object);
+        for (id, light) in visuals.lights.entries() {
+            add(Source::Light(id), &light.object);
         }
-        for (index, sensor) in visuals.sensors.iter().enumerate() {
-            add(Source::Sensor(index), &sensor.object);
+        for (id, sensor) in visuals.sensors.entries() {
+            add(Source::Sensor(id), &sensor.object);
         }
-        for (index, actuator) in visuals.actuators.iter().enumerate() {
-            add(Source::Actuator(index), &actuator.object);
+        for (id, actuator) in visuals.actuators.entries() {
+            add(Source::Actuator(id), &actuator.object);
         }
         let dark = visuals.lights.iter().filter(|light| !light.object.removed).skip(MOST_LIGHTS).count();
         if dark > 0 {
@@ -172,7 +172,7 @@ impl Resources {
         messages.extend(self.library.load(gl, &requests));
         let mut items = self.items(wanted, &mut objects);
         let mut soft_items = Vec::new();
-        for (body, object) in soft_objects.into_iter().enumerate() {
+        for (body, object) in soft_objects {
             self.soft_body(gl, visuals, snapshot, (body, object), &mut items, &mut soft_items, messages);
         }
         self.load_sky(gl, visuals.world.skybox.as_ref(), messages);
@@ -226,7 +226,7 @@ impl Resources {
         gl: &Current<'_>,
         visuals: &VisualScene,
         snapshot: &Snapshot,
-        (body, object): (usize, usize),
+        (body, object): (SoftBodyId, usize),
         items: &mut Vec<Item>,
         soft_items: &mut Vec<SoftItem>,
         messages: &mut Vec<String>,

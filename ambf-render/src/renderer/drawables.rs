@@ -130,9 +130,9 @@ pub(super) fn drawables<'a>(
             put_frame(&mut drawables, shapes, &object.pose, object.frame_length);
         }
         match object.source {
-            Source::Sensor(index) if flags.sensors.unwrap_or(visuals.sensors[index].visible) => {
-                let sensor = &visuals.sensors[index];
-                let readings = built.snapshot.sensors.get(index);
+            Source::Sensor(id) if flags.sensors.unwrap_or(visuals.sensors[id].visible) => {
+                let sensor = &visuals.sensors[id];
+                let readings = built.snapshot.sensors.get(id);
                 for (ray, place) in sensor.rays.iter().enumerate() {
                     let start = Point3::from(place.start);
                     let along = place.direction * sensor.range;
@@ -149,10 +149,10 @@ pub(super) fn drawables<'a>(
                     }
                 }
             }
-            Source::Actuator(index) if flags.actuators.unwrap_or(visuals.actuators[index].visible) => {
-                let holds = built.snapshot.actuators.get(index).copied().unwrap_or(false);
+            Source::Actuator(id) if flags.actuators.unwrap_or(visuals.actuators[id].visible) => {
+                let holds = built.snapshot.actuators.get(id).copied().unwrap_or(false);
                 let color = if holds { ACTUATOR_HOLDS } else { ACTUATOR };
-                let size = visuals.actuators[index].visible_size;
+                let size = visuals.actuators[id].visible_size;
                 let matrix = object.pose.to_homogeneous() * Matrix4::new_scaling(size);
                 put(&mut drawables, &shapes.sphere, &matrix, color, Style::Lit);
             }

@@ -7,6 +7,7 @@ use std::sync::Arc;
 
 use ambf_core::adf::{self, Launch};
 use ambf_core::comm::Snapshot;
+use ambf_core::ids::CameraId;
 use ambf_core::scene::{load, SceneFiles, SceneOptions, VisualScene};
 use ambf_core::sim::Simulation;
 use ambf_render::{Picture, PictureRequest, Renderer, Stage, View};
@@ -74,17 +75,17 @@ impl Shown {
     }
 
     /// Index of a camera by its name.
-    pub fn camera(&self, name: &str) -> usize {
-        let found = self.visuals.cameras.iter().position(|camera| &*camera.object.name == name);
+    pub fn camera(&self, name: &str) -> CameraId {
+        let found = self.visuals.cameras.position(|camera| &*camera.object.name == name);
         found.unwrap_or_else(|| panic!("no camera `{name}`"))
     }
 
-    pub fn view(&self, camera: usize) -> View {
+    pub fn view(&self, camera: CameraId) -> View {
         View::of_camera(&self.visuals.cameras[camera].description, &self.snapshot.views[camera])
     }
 
     /// Draws; messages are collected in the picture.
-    pub fn picture(&mut self, renderer: &mut Renderer, camera: usize, request: &PictureRequest) -> Picture {
+    pub fn picture(&mut self, renderer: &mut Renderer, camera: CameraId, request: &PictureRequest) -> Picture {
         let messages = renderer.prepare(&mut self.stage, &self.visuals, &self.snapshot);
         let view = self.view(camera);
         let mut picture = renderer.render(&mut self.stage, &view, request).expect("a picture");

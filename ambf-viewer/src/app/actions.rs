@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use ambf_core::device::law::{GainChange, Quantity, RotationRule, Status};
+use ambf_core::ids::CameraId;
 use ambf_core::sim::WindowRequest;
 use nalgebra::Vector3;
 use winit::window::Fullscreen;
@@ -18,7 +19,7 @@ use crate::Ended;
 const FULL_SCREEN_TIMEOUT: Duration = Duration::from_millis(400);
 
 impl App {
-    pub(super) fn film(&mut self, camera: usize, gl: &glow::Context, size: (u32, u32)) {
+    pub(super) fn film(&mut self, camera: CameraId, gl: &glow::Context, size: (u32, u32)) {
         let Some((filmed, video)) = &mut self.video else { return };
         if *filmed != camera {
             return;
@@ -40,7 +41,7 @@ impl App {
         let _ = std::thread::Builder::new().name("video end".into()).spawn(finish);
     }
 
-    pub(super) fn switch_video(&mut self, camera: usize) {
+    pub(super) fn switch_video(&mut self, camera: CameraId) {
         if self.video.is_some() {
             return self.finish_video();
         }
@@ -120,7 +121,7 @@ impl App {
     }
 
     /// Does what a key asks for, in the window of a camera.
-    pub(super) fn act(&mut self, action: Action, camera: usize) {
+    pub(super) fn act(&mut self, action: Action, camera: CameraId) {
         let on = |on: bool| if on { "on" } else { "off" };
         let hub = Arc::clone(&self.parts.hub);
         match action {
@@ -241,14 +242,14 @@ impl App {
     }
 
     /// Moves a camera along its view so that everything is seen.
-    pub(super) fn fit(&mut self, camera: usize) {
+    pub(super) fn fit(&mut self, camera: CameraId) {
         let Some((center, radius)) = self.stage.bounds() else {
             return self.tell("there is nothing to be seen".into());
         };
         self.look_at(camera, center.coords, radius);
     }
 
-    pub(super) fn look_at(&mut self, camera: usize, center: Vector3<f64>, radius: f64) {
+    pub(super) fn look_at(&mut self, camera: CameraId, center: Vector3<f64>, radius: f64) {
         let (Some(snapshot), Some(window)) =
             (self.parts.hub.snapshot().clone(), self.windows.iter().find(|window| window.camera == camera))
         else {

@@ -1,6 +1,7 @@
 //! What the mouse does: cameras move, bodies are picked and held.
 
 use ambf_core::comm::Snapshot;
+use ambf_core::ids::CameraId;
 use ambf_core::plugin::Input;
 use ambf_core::scene::{CameraGesture, VisualScene};
 use ambf_core::sim::WindowRequest;
@@ -36,7 +37,7 @@ impl App {
     /// The ray under the pointer of the window of a camera: origin and direction.
     pub(super) fn ray(
         &self,
-        camera: usize,
+        camera: CameraId,
         visuals: &VisualScene,
         snapshot: &Snapshot,
     ) -> Option<(Vector3<f64>, Vector3<f64>)> {
@@ -52,7 +53,7 @@ impl App {
         Some(origin + direction * held.distance)
     }
 
-    pub(super) fn pick(&mut self, camera: usize) {
+    pub(super) fn pick(&mut self, camera: CameraId) {
         let (Some(visuals), Some(snapshot)) = (self.parts.hub.visuals(), self.parts.hub.snapshot().clone()) else {
             return;
         };
@@ -172,7 +173,7 @@ impl App {
         self.forward(Input::Scroll { window: number(camera), x: across, y: ticks });
     }
 
-    pub(super) fn multipliers(&self, camera: usize) -> ambf_core::adf::MouseMultipliers {
+    pub(super) fn multipliers(&self, camera: CameraId) -> ambf_core::adf::MouseMultipliers {
         let visuals = self.parts.hub.visuals();
         let camera = visuals.as_ref().and_then(|visuals| visuals.cameras.get(camera));
         camera.map(|camera| camera.description.mouse).unwrap_or_default()

@@ -3,6 +3,7 @@
 use std::collections::{HashMap, VecDeque};
 
 use ambf_core::comm::{ObjectKind, Snapshot};
+use ambf_core::ids::{BodyId, JointId};
 use egui::{Color32, Pos2, Rect, Sense, Stroke, Ui, Vec2};
 use nalgebra::Vector3;
 
@@ -26,18 +27,18 @@ const COLORS: [Color32; 6] = [
 /// What can be plotted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Quantity {
-    Joint(usize),
-    JointVelocity(usize),
-    JointEffort(usize),
+    Joint(JointId),
+    JointVelocity(JointId),
+    JointEffort(JointId),
     /// Body and axis.
-    Position(usize, usize),
-    Velocity(usize, usize),
-    AngularVelocity(usize, usize),
+    Position(BodyId, usize),
+    Velocity(BodyId, usize),
+    AngularVelocity(BodyId, usize),
 }
 
 impl Quantity {
     fn read(self, snapshot: &Snapshot) -> Option<f64> {
-        let body = |body: usize| snapshot.bodies.get(body);
+        let body = |body: BodyId| snapshot.bodies.get(body);
         match self {
             Self::Joint(joint) => snapshot.joint_positions.get(joint).copied(),
             Self::JointVelocity(joint) => snapshot.joint_velocities.get(joint).copied(),
@@ -62,7 +63,7 @@ pub(super) struct Plots {
     curves: Vec<Curve>,
     search: String,
     /// By index of the body.
-    pub inertias: HashMap<usize, Inertia>,
+    pub inertias: HashMap<BodyId, Inertia>,
     generation: Option<u64>,
 }
 
@@ -123,7 +124,7 @@ impl Plots {
         let search = self.search.to_lowercase();
         let matches = |name: &str| name.to_lowercase().contains(&search);
         let mut add = None;
-        let joints = with.visuals.joints.iter().enumerate();
+        let joints = with.visuals.joints.entries();
         for (index, joint) in joints.filter(|(_, joint)| has_coordinate(joint) && matches(&joint.name)).take(100) {
             ui.horizontal(|ui| {
                 ui.label(&*joint.name);
@@ -139,7 +140,7 @@ impl Plots {
                 }
             });
         }
-        let bodies = with.visuals.bodies.iter().enumerate();
+        let bodies = with.visuals.bodies.entries();
         for (index, body) in bodies.filter(|(_, body)| !body.object.removed && matches(&body.object.name)).take(100) {
             ui.horizontal(|ui| {
                 ui.label(&*body.object.name);
@@ -214,13 +215,13 @@ mod tests {
     use super::*;
 
     fn snapshot(time: f64, value: f64) -> Snapshot {
-        Snapshot { sim_time: time, joint_positions: vec![value], ..Snapshot::default() }
+        Snapshot { sim_time: time, joint_positions: vec![value].into(), ..Snapshot::default() }
     }
 
     #[test]
     fn values_are_kept_once_and_for_the_time_that_is_shown() {
         let curve = |quantity| Curve { name: "q".into(), quantity, values: VecDeque::new() };
-        let curves = vec![curve(Quantity::Joint(0)), curve(Quantity::Position(9, 2))];
+        let curves = vec![curve(Quantity::Joint(JointId::new(0))), curve(Quantity::Position(BodyId::new(9), 2))];
         let mut plots = Plots { curves, ..Plots::default() };
         for step in 0..5000 {
             let time = 0.01 * f64::from(step);

@@ -51,8 +51,7 @@ fn simulation(controller: &str, profile: Profile) -> Simulation {
 /// Root mean square of the distance from the curve, m, at the ends of updates; infinite if the body is lost.
 fn error(controller: &str, profile: Profile, rate: f64) -> f64 {
     let mut simulation = simulation(controller, profile);
-    let bodies = simulation.scene().bodies.iter();
-    let body = bodies.enumerate().find(|(_, body)| &*body.identity.name == "tool").expect("the tool").0;
+    let body = simulation.scene().bodies.position(|body| &*body.identity.name == "tool").expect("the tool");
     let (mut sum, mut count) = (0.0, 0.0);
     while simulation.sim_time() < SPAN.1 {
         simulation.follow_pose(body, curve(simulation.sim_time()), [0.0, 0.0, 0.0, 1.0]);
@@ -60,7 +59,7 @@ fn error(controller: &str, profile: Profile, rate: f64) -> f64 {
             return f64::INFINITY;
         }
         let scene = simulation.scene();
-        let pose = scene.world.pose(scene.world.bodies()[body]).expect("nothing is removed");
+        let pose = scene.world.pose(scene.world.bodies()[body.index()]).expect("nothing is removed");
         if simulation.sim_time() >= SPAN.0 {
             sum += (pose.translation.vector - curve(simulation.sim_time())).norm_squared();
             count += 1.0;

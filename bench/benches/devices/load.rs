@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use ambf_core::device::law::{HapticInput, HapticLoop, Switches, WorldView};
 use ambf_core::device::{DeviceError, DeviceForce, DeviceLog, DeviceSample, InputDevice};
+use ambf_core::ids::BodyId;
 use ambf_core::sim::{RunnerOptions, Simulation};
 
 use super::fleet::{Fleet, NAMES};
@@ -75,7 +76,7 @@ fn gather(traces: &[Trace], iterations: &Iterations, from: Instant, to: Instant)
 struct InLine {
     device: Box<dyn InputDevice>,
     law: HapticLoop,
-    body: usize,
+    body: BodyId,
     sequence: u64,
     last: Instant,
 }
@@ -108,7 +109,7 @@ fn sequential(mut simulation: Simulation, fleet: &Fleet, fixed_step: bool, effor
         let info = found.into_iter().find(|info| wanted(&info.identity)).expect("the device");
         let device = driver.open(&info, &entry.driver_settings, &log).expect("the device opens");
         let name = format!("Tool{i}");
-        let body = bodies.iter().position(|body| *body.identity.name == *name).expect("its end-effector");
+        let body = bodies.position(|body| *body.identity.name == *name).expect("its end-effector");
         let law = HapticLoop::new(entry, device.spec(), bodies[body].pose(&simulation.scene().world));
         devices.push(InLine { device, law, body, sequence: u64::MAX, last: Instant::now() });
     }

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use ambf_core::comm::Hub;
+use ambf_core::ids::CameraId;
 use ambf_core::scene::{load, SceneFiles, SceneOptions};
 use ambf_core::sim::{RunnerOptions, Simulation};
 use ambf_render::{PictureRequest, Renderer, Stage, Stereo, View};
@@ -43,7 +44,8 @@ fn draw(hub: &Hub, stop: &AtomicBool) -> Frames {
         let (Some(snapshot), Some(visuals)) = (hub.snapshot().clone(), hub.visuals()) else { continue };
         let said = renderer.prepare(&mut stage, &visuals, &snapshot);
         assert!(said.is_empty(), "{said:?}");
-        let mut view = View::of_camera(&visuals.cameras[0].description, &snapshot.views[0]);
+        let mut view =
+            View::of_camera(&visuals.cameras[CameraId::new(0)].description, &snapshot.views[CameraId::new(0)]);
         view.stereo = Some(Stereo { separation: 0.06, focal_length: 3.0 });
         let picture = renderer.render(&mut stage, &view, &request).expect("a picture");
         assert_eq!(picture.depth.len(), (SIZE.0 * SIZE.1) as usize);

@@ -3,6 +3,7 @@
 use std::sync::OnceLock;
 
 use ambf_core::comm::{CartesianCommandType, Command, HubIndex, RigidBodyCommand, RigidBodyInfo};
+use ambf_core::ids::{BodyId, JointId};
 use ambf_core::sim::Stepper;
 use nalgebra::{Isometry3, Vector3};
 use pyo3::prelude::*;
@@ -18,19 +19,19 @@ pub struct Row {
     pub name: String,
     /// Position among the objects of the stepper.
     object: HubIndex,
-    /// Index into the snapshot's bodies.
-    pub index: usize,
+    /// The body in snapshots.
+    pub id: BodyId,
     /// Inverse of the inertial offset.
     pub offset: Isometry3<f64>,
     pub joint_names: Vec<String>,
-    /// Indices into the snapshot's joints.
-    pub joints: Vec<usize>,
+    /// The active joints below it.
+    pub joints: Vec<JointId>,
 }
 
 impl Row {
-    pub fn new(name: String, object: HubIndex, index: usize, info: &RigidBodyInfo) -> Self {
+    pub fn new(name: String, object: HubIndex, id: BodyId, info: &RigidBodyInfo) -> Self {
         let RigidBodyInfo { inertial_offset_inverse: offset, joint_names, joints, .. } = info.clone();
-        Self { name, object, index, offset, joint_names, joints }
+        Self { name, object, id, offset, joint_names, joints }
     }
 }
 

@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::Arc;
 
 use ambf_core::comm::Snapshot;
+use ambf_core::ids::CameraId;
 use ambf_core::scene::VisualScene;
 use ambf_render::{camera_labels, find_camera, object_label, published_size, NoSuchCamera};
 use ambf_render::{PictureRequest, Planes, RenderError, Renderer, Stage, View};
@@ -21,8 +22,8 @@ pub struct Moment {
 
 /// What is wanted of a picture.
 pub struct Wanted {
-    /// Index of the camera.
-    pub camera: usize,
+    /// Of which camera.
+    pub camera: CameraId,
     pub size: (u32, u32),
     pub rgb: bool,
     pub depth: bool,
@@ -61,7 +62,7 @@ struct Studio {
 
 impl Moment {
     /// The camera of that name; a part of a label that no other has is enough. `None`: the first.
-    pub fn camera(&self, wanted: Option<&str>) -> Result<usize, NoSuchCamera> {
+    pub fn camera(&self, wanted: Option<&str>) -> Result<CameraId, NoSuchCamera> {
         let found = find_camera(&self.visuals, wanted);
         let (Err(NoSuchCamera::Unknown { wanted, .. }), true) = (&found, wanted.is_some_and(|name| !name.is_empty()))
         else {
@@ -71,7 +72,7 @@ impl Moment {
         let parts: Vec<_> = labels.into_iter().filter(|(_, label)| label.contains(wanted)).collect();
         match &parts[..] {
             [] => found,
-            [(index, _)] => Ok(*index),
+            [(id, _)] => Ok(*id),
             _ => {
                 let cameras = parts.into_iter().map(|(_, label)| label).collect();
                 Err(NoSuchCamera::Ambiguous { wanted: wanted.clone(), cameras })
@@ -80,7 +81,7 @@ impl Moment {
     }
 
     /// Size of a picture: as given; else the published resolution, or what keeps its shape.
-    pub fn size(&self, camera: usize, width: Option<u32>, height: Option<u32>) -> (u32, u32) {
+    pub fn size(&self, camera: CameraId, width: Option<u32>, height: Option<u32>) -> (u32, u32) {
         let (w, h) = published_size(&self.visuals.cameras[camera].description);
         let other = |given: u32, from: u32, to: u32| {
             let size = (f64::from(given) * f64::from(to) / f64::from(from)).round();
@@ -95,7 +96,7 @@ impl Moment {
     }
 
     /// View of a camera.
-    pub fn view(&self, camera: usize) -> View {
+    pub fn view(&self, camera: CameraId) -> View {
         View::of_camera(&self.visuals.cameras[camera].description, &self.snapshot.views[camera])
     }
 }

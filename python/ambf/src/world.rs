@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use ambf_core::bullet::EnergyLedger;
 use ambf_core::comm::{ActuatorCommand, HubIndex, ObjectKind, Snapshot};
+use ambf_core::ids::{ActuatorId, SensorId};
 use ambf_core::sim::{LostState, Stepper, StepperState};
 use ambf_render::camera_labels;
 use nalgebra::Isometry3;
@@ -42,7 +43,7 @@ pub enum Slot {
 
 struct Sensor {
     name: String,
-    index: usize,
+    id: SensorId,
     /// Where its rays stand in the array of measurements; contact sensors have none.
     rays: std::ops::Range<usize>,
 }
@@ -50,7 +51,7 @@ struct Sensor {
 struct Actuator {
     name: String,
     object: HubIndex,
-    index: usize,
+    id: ActuatorId,
 }
 
 /// Where the latest refresh stands.
@@ -146,7 +147,7 @@ impl World {
     }
 
     fn refresh(&self, py: Python<'_>, snapshot: &Snapshot) -> PyResult<()> {
-        let bodies = || self.rows.iter().map(|row| (row, &snapshot.bodies[row.index]));
+        let bodies = || self.rows.iter().map(|row| (row, &snapshot.bodies[row.id]));
         self.poses.write::<f64>(py, |poses| {
             for (pose, (row, body)) in poses.chunks_exact_mut(7).zip(bodies()) {
                 let Isometry3 { translation, rotation } = body.body_pose(&row.offset);
@@ -172,11 +173,11 @@ impl World {
         self.measurements.write::<f64>(py, |numbers| {
             for sensor in &self.sensors {
                 let rays = numbers.get_mut(sensor.rays.clone()).unwrap_or_default();
-                rays.iter_mut().zip(&snapshot.sensors[sensor.index]).for_each(|(to, from)| *to = from.measurement);
+                rays.iter_mut().zip(&snapshot.sensors[sensor.id]).for_each(|(to, from)| *to = from.measurement);
             }
         })?;
         self.holding.write::<bool>(py, |holding| {
-            let held = self.actuators.iter().map(|actuator| snapshot.actuators[actuator.index]);
+            let held = self.actuators.iter().map(|actuator| snapshot.actuators[actuator.id]);
             holding.iter_mut().zip(held).for_each(|(to, from)| *to = from);
         })?;
         let clock = Clock { step: snapshot.sim_step, time: snapshot.sim_time, lost: snapshot.timing.lost_time };
@@ -292,14 +293,14 @@ impl World {
         for (object, entry) in stepper.objects().entries() {
             let name = names::of(&entry.info);
             match &entry.info.kind {
-                ObjectKind::RigidBody(index, info) => rows.push(Row::new(name, object, *index, info)),
-                ObjectKind::Sensor(index, info) => {
+                ObjectKind::RigidBody(id, info) => rows.push(Row::new(name, object, *id, info)),
+                ObjectKind::Sensor(id, info) => {
                     let is_contact = info.kind == ambf_core::comm::SensorType::Contact;
-                    let count = if is_contact { 0 } else { snapshot.sensors[*index].len() };
-                    sensors.push(Sensor { name, index: *index, rays: rays..rays + count });
+                    let count = if is_contact { 0 } else { snapshot.sensors[*id].len() };
+                    sensors.push(Sensor { name, id: *id, rays: rays..rays + count });
                     rays += count;
                 }
-                ObjectKind::Actuator(index, _) => actuators.push(Actuator { name, object, index: *index }),
+                ObjectKind::Actuator(id, _) => actuators.push(Actuator { name, object, id: *id }),
                 _ => (),
             }
         }
@@ -359,7 +360,7 @@ impl World {
 
     fn body_joints(&self, body: usize) -> PyResult<(Vec<String>, Vec<usize>)> {
         let row = self.row(body)?;
-        Ok((row.joint_names.clone(), row.joints.clone()))
+        Ok((row.joint_names.clone(), row.joints.iter().map(|joint| joint.index()).collect()))
     }
 
     fn sensor_rays(&self, sensor: usize) -> PyResult<(usize, usize)> {
@@ -374,7 +375,7 @@ impl World {
     ) -> PyResult<(Bound<'py, PyArray1<f64>>, Vec<String>)> {
         let found = self.sensors.get(sensor).ok_or_else(|| no_such("sensor", sensor, self.sensors.len()))?;
         self.with(py, |physics| {
-            let readings = &physics.stepper.snapshot().sensors[found.index];
+            let readings = &physics.stepper.snapshot().sensors[found.id];
             let seen = readings
                 .iter()
                 .map(|reading| reading.sensed.as_deref().filter(|_| reading.triggered).unwrap_or_default().to_owned());

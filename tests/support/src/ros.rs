@@ -1,6 +1,7 @@
 //! A simulator without physics, and raw clients that behave well or badly.
 #![allow(missing_docs, reason = "for tests")]
 
+use ambf_core::ids::{ActuatorId, BodyId, CameraId, GhostId, JointId, LightId, SensorId, SoftBodyId, VehicleId};
 use std::collections::HashMap;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -59,20 +60,20 @@ pub fn objects(namespace: &str, n_bodies: usize, rates: Rates) -> Vec<ObjectInfo
         let info = RigidBodyInfo {
             mass: 1.5,
             joint_names: vec!["joint".into()],
-            joints: vec![0],
+            joints: vec![JointId::new(0)],
             children_names: vec!["child".into()],
             publish_joint_names: true,
             publish_joint_positions: true,
             ..Default::default()
         };
-        object(ObjectKind::RigidBody(i, Box::new(info)), format!("Box{i}"))
+        object(ObjectKind::RigidBody(BodyId::new(i), Box::new(info)), format!("Box{i}"))
     };
     let camera = CameraParameters { near_plane: 0.1, far_plane: 10.0, field_view_angle: 0.8, ..Default::default() };
     let light = LightParameters { cutoff_angle: 0.5, ..Default::default() };
     let mut objects = vec![object(ObjectKind::World, "World".into())];
     objects.extend((0..n_bodies).map(body));
-    objects.push(object(ObjectKind::Camera(0, Box::new(camera)), "cameras/cam".into()));
-    objects.push(object(ObjectKind::Light(0, Box::new(light)), "light".into()));
+    objects.push(object(ObjectKind::Camera(CameraId::new(0), Box::new(camera)), "cameras/cam".into()));
+    objects.push(object(ObjectKind::Light(LightId::new(0), Box::new(light)), "light".into()));
     objects
 }
 
@@ -95,12 +96,16 @@ pub fn elements(namespace: &str) -> Vec<ObjectInfo> {
     let touch = SensorInfo { kind: SensorType::Contact, ..sensor.clone() };
     let vehicle = VehicleInfo { mass: 20.0, inertia: Vector3::new(1.0, 2.0, 3.0), wheels: 2 };
     vec![
-        object(ObjectKind::Sensor(0, Box::new(sensor)), namespace, "Eye"),
-        object(ObjectKind::Actuator(0, Box::new(ActuatorInfo { parent_name, pose })), namespace, "Hand"),
-        object(ObjectKind::Vehicle(0, Box::new(vehicle)), namespace, "Car"),
-        object(ObjectKind::SoftBody(0, 4.0), namespace, "Cloth"),
-        object(ObjectKind::Sensor(1, Box::new(touch)), namespace, "Touch"),
-        object(ObjectKind::Ghost(0, Box::default()), namespace, "Water"),
+        object(ObjectKind::Sensor(SensorId::new(0), Box::new(sensor)), namespace, "Eye"),
+        object(
+            ObjectKind::Actuator(ActuatorId::new(0), Box::new(ActuatorInfo { parent_name, pose })),
+            namespace,
+            "Hand",
+        ),
+        object(ObjectKind::Vehicle(VehicleId::new(0), Box::new(vehicle)), namespace, "Car"),
+        object(ObjectKind::SoftBody(SoftBodyId::new(0), 4.0), namespace, "Cloth"),
+        object(ObjectKind::Sensor(SensorId::new(1), Box::new(touch)), namespace, "Touch"),
+        object(ObjectKind::Ghost(GhostId::new(0), Box::default()), namespace, "Water"),
     ]
 }
 
@@ -153,36 +158,41 @@ impl Drop for Simulator {
 
 fn physics(hub: &Hub, n_bodies: usize, stop: &AtomicBool) {
     let mut writer = SnapshotWriter::new(Snapshot {
-        bodies: vec![BodyKinematics::default(); n_bodies],
-        joint_positions: vec![0.25],
-        joint_velocities: vec![0.0],
-        joint_efforts: vec![0.0],
-        cameras: vec![Isometry3::translation(1.0, 2.0, 3.0)],
-        lights: vec![Isometry3::identity()],
+        bodies: vec![BodyKinematics::default(); n_bodies].into(),
+        joint_positions: vec![0.25].into(),
+        joint_velocities: vec![0.0].into(),
+        joint_efforts: vec![0.0].into(),
+        cameras: vec![Isometry3::translation(1.0, 2.0, 3.0)].into(),
+        lights: vec![Isometry3::identity()].into(),
         sensors: vec![vec![
             RayReading { triggered: true, measurement: 0.75, sensed: Some("Box0".into()) },
             RayReading::default(),
-        ]],
+        ]]
+        .into(),
         contacts: vec![
             ContactReading::default(),
             ContactReading {
                 bodies: vec![TouchingBody { identifier: "/ambf/env/KEY Box1".into(), points: 1 }],
                 points: vec![ContactPoint { distance: -0.5, ..Default::default() }],
             },
-        ],
-        actuators: vec![true],
+        ]
+        .into(),
+        actuators: vec![true].into(),
         vehicles: vec![VehicleReading {
             pose: Isometry3::translation(0.0, 0.0, 0.5),
             wheels: vec![Isometry3::translation(1.0, 0.0, 0.0), Isometry3::translation(-1.0, 0.0, 0.0)],
-        }],
+        }]
+        .into(),
         soft_bodies: vec![SoftBodyReading {
             center: Vector3::new(0.5, 0.0, 0.0),
             nodes: vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]],
-        }],
+        }]
+        .into(),
         ghosts: vec![GhostReading {
             pose: Isometry3::translation(7.0, 0.0, 0.0),
             sensed: vec!["/ambf/env/KEY Box1".into()],
-        }],
+        }]
+        .into(),
         ..Default::default()
     });
     let mut step = 0;

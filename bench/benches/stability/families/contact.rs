@@ -1,5 +1,6 @@
 //! Contacts: stacks, spin, overlaps, thin walls.
 
+use ambf_core::ids::BodyId;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::super::system::{Body, Shape, System};
@@ -182,9 +183,9 @@ fn teleport(share: f64) -> Trial {
             target.x -= EDGE * (1.0 - share);
             // Not below the ground with it when the box has gone there.
             target.z = target.z.max(EDGE / 2.0);
-            simulation.follow_pose(2, target, [0.0, 0.0, 0.0, 1.0]);
+            simulation.follow_pose(BodyId::new(2), target, [0.0, 0.0, 0.0, 1.0]);
         } else if n % 500 == 0 {
-            simulation.follow_pose(2, far, [0.0, 0.0, 0.0, 1.0]);
+            simulation.follow_pose(BodyId::new(2), far, [0.0, 0.0, 0.0, 1.0]);
         }
         0.001
     }));

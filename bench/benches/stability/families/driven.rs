@@ -1,5 +1,6 @@
 //! Controllers: gains, steps, stalls, commands at random.
 
+use ambf_core::ids::BodyId;
 use std::f64::consts::{PI, TAU};
 
 use ambf_core::comm::JointCommandType;
@@ -103,7 +104,7 @@ fn follow_arm(drive: Drive, mut interval: impl FnMut(u64) -> f64 + 'static) -> A
     Box::new(move |simulation, n| {
         let (goal, _) = drive.set_point(simulation.sim_time());
         for joint in 0..drive.gains.len() {
-            simulation.command_joint(0, joint, JointCommandType::Position, goal);
+            simulation.command_joint(BodyId::new(0), joint, JointCommandType::Position, goal);
         }
         interval(n)
     })
@@ -154,7 +155,7 @@ fn cartesian(factor: f64, step: f64) -> Trial {
         ),
     );
     trial.act = Some(Box::new(move |simulation, _| {
-        simulation.follow_pose(0, goal(simulation.sim_time()), [0.0, 0.0, 0.0, 1.0]);
+        simulation.follow_pose(BodyId::new(0), goal(simulation.sim_time()), [0.0, 0.0, 0.0, 1.0]);
         step
     }));
     trial.stray = Some(Box::new(move |simulation| {
@@ -182,7 +183,7 @@ fn random_commands(seconds: f64) -> Trial {
             };
         }
         for (joint, &(kind, value)) in commands.iter().enumerate() {
-            simulation.command_joint(0, joint, kind, value);
+            simulation.command_joint(BodyId::new(0), joint, kind, value);
         }
         0.001
     }));

@@ -1,6 +1,7 @@
 //! A held body is pressed against the ground: grip and ground contradict each other.
 
 use ambf_core::comm::{ActuatorCommand, JointCommandType};
+use ambf_core::ids::{ActuatorId, BodyId};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::super::system::{Body, Freedom, Joint, Shape, System};
@@ -89,11 +90,11 @@ fn press(depth: f64, plate: Option<f64>, step: f64) -> Trial {
         let t = n as f64 * step;
         let command =
             ActuatorCommand { actuate: t < RELEASE, body_name: format!("BODY {BOX}"), ..ActuatorCommand::default() };
-        simulation.command_actuator(0, &command);
+        simulation.command_actuator(ActuatorId::new(0), &command);
         let height = (start - 0.02 * t).max(touch - depth) + REACH;
-        simulation.follow_pose(PALM, Vector3::new(0.0, 0.0, height), [0.0, 0.0, 0.0, 1.0]);
+        simulation.follow_pose(BodyId::new(PALM), Vector3::new(0.0, 0.0, height), [0.0, 0.0, 0.0, 1.0]);
         for finger in 0..2 {
-            simulation.command_joint(PALM, finger, JointCommandType::Position, 0.03);
+            simulation.command_joint(BodyId::new(PALM), finger, JointCommandType::Position, 0.03);
         }
         step
     }));

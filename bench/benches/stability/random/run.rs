@@ -8,6 +8,7 @@ use ambf_core::adf::Severity;
 use ambf_core::bullet::Solver;
 use ambf_core::comm::JointCommandType;
 use ambf_core::control::Profile;
+use ambf_core::ids::{ActuatorId, BodyId, JointId};
 use ambf_core::scene::{self, load, PhysicsOptions, SceneFiles, SceneOptions};
 use ambf_core::sim::Simulation;
 
@@ -79,12 +80,11 @@ fn simulation(scene: &Scene, way: &str, path: &Path) -> Result<(Simulation, Scri
 /// Commands of an abstract scene, bound to the loaded one. A joint is addressed through its parent, where it is
 /// active.
 fn script(scene: &Scene, loaded: &scene::Scene) -> Script {
-    let joints: HashMap<&str, usize> =
-        loaded.joints.iter().enumerate().map(|(i, joint)| (joint.name.as_str(), i)).collect();
+    let joints: HashMap<&str, JointId> = loaded.joints.entries().map(|(id, joint)| (joint.name.as_str(), id)).collect();
     let active = |joint: usize| {
-        let &index = joints.get(format!("j{}", scene.joints[joint].id).as_str())?;
-        let parent = loaded.joints[index].parent;
-        let place = loaded.active_joints(parent).iter().position(|&other| other == index)?;
+        let &id = joints.get(format!("j{}", scene.joints[joint].id).as_str())?;
+        let parent = loaded.joints[id].parent;
+        let place = loaded.active_joints(parent).iter().position(|&other| other == id)?;
         Some((parent, place))
     };
     let action = |order: &Order| match *order {
@@ -96,14 +96,14 @@ fn script(scene: &Scene, loaded: &scene::Scene) -> Script {
             };
             active(joint).map(|(body, place)| Action::Joint(body, place, kind, value))
         }
-        Order::Wrench(body, force, torque) => Some(Action::Wrench(body, force, torque)),
-        Order::Twist(body, linear, angular) => Some(Action::Twist(body, linear, angular)),
+        Order::Wrench(body, force, torque) => Some(Action::Wrench(BodyId::new(body), force, torque)),
+        Order::Twist(body, linear, angular) => Some(Action::Twist(BodyId::new(body), linear, angular)),
         Order::Pose(body, pose) => {
             let q = pose.rotation.coords;
-            Some(Action::Pose(body, pose.translation.vector, [q.x, q.y, q.z, q.w]))
+            Some(Action::Pose(BodyId::new(body), pose.translation.vector, [q.x, q.y, q.z, q.w]))
         }
         Order::Reset(kind) => Some(Action::Reset(kind)),
-        Order::Hold(actuator, body) => Some(Action::Hold(actuator, body)),
+        Order::Hold(actuator, body) => Some(Action::Hold(ActuatorId::new(actuator), body.map(BodyId::new))),
     };
     let event = |command: &super::scene::Command| {
         action(&command.order).map(|action| Event { first: command.first, last: command.last, action })

@@ -1,0 +1,246 @@
+//! Names of what a scene is made of, a type for each, and lists that only the right one indexes.
+//!
+//! An id says where something stands in its list, in order of creation, and is never used again. Ids are not positions
+//! in a [`Hub`](crate::comm::Hub): those are [`HubIndex`](crate::comm::HubIndex). Interfaces without types, those of
+//! plugins and of Python, have the bare number: `new` and `index` convert.
+
+use std::fmt;
+use std::marker::PhantomData;
+use std::ops::{Index, IndexMut};
+
+use ambf_plugin::{ObjectId, ObjectType};
+
+/// An index of a [`Table`].
+pub trait Id: Copy + Eq + Ord + fmt::Debug {
+    /// The id with this index.
+    fn from_index(index: usize) -> Self;
+
+    /// Place in the list, from 0.
+    fn to_index(self) -> usize;
+}
+
+macro_rules! ids {
+    ($($(#[$doc:meta])* $name:ident $(= $object:ident)?;)*) => {$(
+        $(#[$doc])*
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+        pub struct $name(usize);
+
+        impl $name {
+            /// The id with this index.
+            pub const fn new(index: usize) -> Self {
+                Self(index)
+            }
+
+            /// Place in the list, from 0.
+            pub const fn index(self) -> usize {
+                self.0
+            }
+        }
+
+        impl Id for $name {
+            fn from_index(index: usize) -> Self {
+                Self(index)
+            }
+
+            fn to_index(self) -> usize {
+                self.0
+            }
+        }
+
+        $(impl From<$name> for ObjectId {
+            fn from(id: $name) -> Self {
+                Self { kind: ObjectType::$object, index: id.0 }
+            }
+        })?
+    )*};
+}
+
+ids! {
+    /// A model; the environment is the first.
+    ModelId;
+    /// A rigid body.
+    BodyId = Body;
+    /// A soft body.
+    SoftBodyId = SoftBody;
+    /// A ghost object.
+    GhostId = Ghost;
+    /// A joint.
+    JointId = Joint;
+    /// A sensor.
+    SensorId = Sensor;
+    /// An actuator.
+    ActuatorId = Actuator;
+    /// A vehicle.
+    VehicleId = Vehicle;
+    /// A camera.
+    CameraId = Camera;
+    /// A light.
+    LightId = Light;
+}
+
+impl ModelId {
+    /// What stands in the world file and in the environment model it names.
+    pub const ENVIRONMENT: Self = Self(0);
+}
+
+/// A list that grows at its end only, and is indexed by the ids `I`.
+#[derive(Clone, PartialEq)]
+pub struct Table<I, T> {
+    list: Vec<T>,
+    id: PhantomData<fn() -> I>,
+}
+
+impl<I, T> Default for Table<I, T> {
+    fn default() -> Self {
+        Self::from(Vec::new())
+    }
+}
+
+impl<I, T: fmt::Debug> fmt::Debug for Table<I, T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.list.fmt(f)
+    }
+}
+
+impl<I, T> From<Vec<T>> for Table<I, T> {
+    fn from(list: Vec<T>) -> Self {
+        Self { list, id: PhantomData }
+    }
+}
+
+impl<I: Id, T> Table<I, T> {
+    /// `value` for each of `n` ids.
+    pub fn filled(value: T, n: usize) -> Self
+    where
+        T: Clone,
+    {
+        vec![value; n].into()
+    }
+
+    /// Appends an entry.
+    pub fn push(&mut self, entry: T) -> I {
+        self.list.push(entry);
+        I::from_index(self.list.len() - 1)
+    }
+
+    /// The id that the next entry will have.
+    pub fn next_id(&self) -> I {
+        I::from_index(self.list.len())
+    }
+
+    /// How many entries there are.
+    pub fn len(&self) -> usize {
+        self.list.len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.list.is_empty()
+    }
+
+    /// The entry of an id, if there is one.
+    pub fn get(&self, id: I) -> Option<&T> {
+        self.list.get(id.to_index())
+    }
+
+    /// The entry of an id, if there is one.
+    pub fn get_mut(&mut self, id: I) -> Option<&mut T> {
+        self.list.get_mut(id.to_index())
+    }
+
+    /// All ids.
+    pub fn ids(&self) -> impl DoubleEndedIterator<Item = I> + use<I, T> {
+        (0..self.list.len()).map(I::from_index)
+    }
+
+    /// The ids from `first` on.
+    pub fn ids_from(&self, first: I) -> impl Iterator<Item = I> + use<I, T> {
+        (first.to_index()..self.list.len()).map(I::from_index)
+    }
+
+    /// All entries.
+    pub fn iter(&self) -> std::slice::Iter<'_, T> {
+        self.list.iter()
+    }
+
+    /// All entries.
+    pub fn iter_mut(&mut self) -> std::slice::IterMut<'_, T> {
+        self.list.iter_mut()
+    }
+
+    /// All entries with their ids.
+    pub fn entries(&self) -> impl DoubleEndedIterator<Item = (I, &T)> + ExactSizeIterator {
+        self.list.iter().enumerate().map(|(index, entry)| (I::from_index(index), entry))
+    }
+
+    /// All entries with their ids.
+    pub fn entries_mut(&mut self) -> impl Iterator<Item = (I, &mut T)> {
+        self.list.iter_mut().enumerate().map(|(index, entry)| (I::from_index(index), entry))
+    }
+
+    /// The id of the first entry for which `is_it` is true.
+    pub fn position(&self, is_it: impl FnMut(&T) -> bool) -> Option<I> {
+        self.list.iter().position(is_it).map(I::from_index)
+    }
+
+    /// The first entry, if there is one.
+    pub fn first(&self) -> Option<&T> {
+        self.list.first()
+    }
+
+    /// All entries, by index.
+    pub fn as_slice(&self) -> &[T] {
+        &self.list
+    }
+
+    /// All entries, by index.
+    pub fn as_mut_slice(&mut self) -> &mut [T] {
+        &mut self.list
+    }
+
+    /// Appends `value` until there are `n` entries.
+    pub fn grow(&mut self, n: usize, value: T)
+    where
+        T: Clone,
+    {
+        self.list.resize(n.max(self.list.len()), value);
+    }
+}
+
+impl<I: Id, T> Index<I> for Table<I, T> {
+    type Output = T;
+
+    fn index(&self, id: I) -> &T {
+        &self.list[id.to_index()]
+    }
+}
+
+impl<I: Id, T> IndexMut<I> for Table<I, T> {
+    fn index_mut(&mut self, id: I) -> &mut T {
+        &mut self.list[id.to_index()]
+    }
+}
+
+impl<I, T> FromIterator<T> for Table<I, T> {
+    fn from_iter<L: IntoIterator<Item = T>>(entries: L) -> Self {
+        Vec::from_iter(entries).into()
+    }
+}
+
+impl<'a, I, T> IntoIterator for &'a Table<I, T> {
+    type Item = &'a T;
+    type IntoIter = std::slice::Iter<'a, T>;
+
+    fn into_iter(self) -> Self::IntoIter {
+        self.list.iter()
+    }
+}
+
+impl<'a, I, T> IntoIterator for &'a mut Table<I, T> {
+    type Item = &'a mut T;
+    type IntoIter = std::slice::IterMut<'a, T>;
+
+    fn into_iter(self) -> Self::IntoIter {
+        self.list.iter_mut()
+    }
+}

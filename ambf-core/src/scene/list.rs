@@ -1,0 +1,191 @@
+//! What the scene does alike with objects of all types that have a State.
+//!
+//! A type implements [`SceneObject`] in its own file and has one line in [`Scene::lists`](super::Scene). What is done
+//! with all objects then goes over these lists.
+
+use std::any::Any;
+use std::ops::{Deref, DerefMut};
+use std::sync::Arc;
+
+use super::{Identity, NameMap, ObjectType, Scene};
+use crate::comm::{ObjectKind, Snapshot};
+use crate::ids::{BodyId, Id, Table};
+
+/// An object with a State.
+pub(super) trait SceneObject: Sized {
+    /// What names it.
+    type Id: Id;
+    /// What of it changes while the simulation runs, beside what Bullet knows.
+    type Saved: Send + Sync + 'static;
+    /// Its type for plugins.
+    const TYPE: ObjectType;
+    /// Place of the type among those of a model, in which commands are executed, objects updated and plugins called.
+    const RANK: u8;
+    /// Whether [`update`](Self::update) does something.
+    const ACTS: bool = false;
+
+    /// Names and publishing rates.
+    fn identity(&self) -> &Identity;
+
+    /// What clients are told of it.
+    fn kind(&self, id: Self::Id, scene: &Scene) -> ObjectKind;
+
+    /// The body with which it leaves the scene. Default: none.
+    fn stands_on(&self, _id: Self::Id) -> Option<BodyId> {
+        None
+    }
+
+    /// Appends place for its state.
+    fn make_room(&self, scene: &Scene, snapshot: &mut Snapshot);
+
+    /// Writes its state. Default: nothing.
+    fn read(&self, _id: Self::Id, _scene: &Scene, _snapshot: &mut Snapshot) {}
+
+    /// What it does in an iteration after the sub-steps. Sub-step and update in s.
+    fn update(_scene: &mut Scene, _id: Self::Id, _sub_step: f64, _interval: f64) {}
+
+    /// What [`restore`](Self::restore) needs.
+    fn save(&self) -> Self::Saved;
+
+    /// Back to a state of before.
+    fn restore(&mut self, saved: &Self::Saved);
+}
+
+/// All objects `T` of a type in order of creation, named by ids `I`. What was removed keeps its place.
+#[derive(Debug)]
+pub struct Objects<I, T> {
+    list: Table<I, T>,
+    /// By qualified identifier, without what was removed.
+    pub names: NameMap<I>,
+}
+
+impl<I, T> Default for Objects<I, T> {
+    fn default() -> Self {
+        Self { list: Table::default(), names: NameMap::default() }
+    }
+}
+
+impl<I, T> Deref for Objects<I, T> {
+    type Target = Table<I, T>;
+
+    fn deref(&self) -> &Self::Target {
+        &self.list
+    }
+}
+
+impl<I, T> DerefMut for Objects<I, T> {
+    fn deref_mut(&mut self) -> &mut Self::Target {
+        &mut self.list
+    }
+}
+
+impl<'a, I, T> IntoIterator for &'a Objects<I, T> {
+    type Item = &'a T;
+    type IntoIter = std::slice::Iter<'a, T>;
+
+    fn into_iter(self) -> Self::IntoIter {
+        (&self.list).into_iter()
+    }
+}
+
+impl<'a, I, T> IntoIterator for &'a mut Objects<I, T> {
+    type Item = &'a mut T;
+    type IntoIter = std::slice::IterMut<'a, T>;
+
+    fn into_iter(self) -> Self::IntoIter {
+        (&mut self.list).into_iter()
+    }
+}
+
+/// Updates the object of an index.
+pub(super) type Update = fn(&mut Scene, usize, f64, f64);
+
+/// What was saved of a list.
+pub(super) type SavedList = Arc<dyn Any + Send + Sync>;
+
+/// [`Objects`] of any type.
+pub(super) trait ObjectList {
+    fn object_type(&self) -> ObjectType;
+    fn rank(&self) -> u8;
+    /// `None`: objects of this type do nothing by themselves.
+    fn update(&self) -> Option<Update>;
+    fn count(&self) -> usize;
+    fn identity(&self, index: usize) -> Option<&Identity>;
+    fn kind(&self, index: usize, scene: &Scene) -> ObjectKind;
+    fn stands_on(&self, index: usize) -> Option<BodyId>;
+    /// By the whole name, and by a part that no other name has.
+    fn find(&self, text: &str) -> (Option<usize>, Option<usize>);
+    fn make_room(&self, scene: &Scene, snapshot: &mut Snapshot);
+    fn read(&self, scene: &Scene, snapshot: &mut Snapshot);
+    fn save(&self) -> SavedList;
+    fn restore(&mut self, saved: &SavedList);
+    /// Enters the objects beyond the first `known` under their keys, sorted by key, as the C++ program's maps are.
+    fn enter_names(&mut self, known: usize);
+    fn forget_names(&mut self, is_gone: &[bool]);
+}
+
+impl<T: SceneObject> ObjectList for Objects<T::Id, T> {
+    fn object_type(&self) -> ObjectType {
+        T::TYPE
+    }
+
+    fn rank(&self) -> u8 {
+        T::RANK
+    }
+
+    fn update(&self) -> Option<Update> {
+        T::ACTS.then_some(|scene, index, sub_step, interval| {
+            T::update(scene, T::Id::from_index(index), sub_step, interval);
+        })
+    }
+
+    fn count(&self) -> usize {
+        self.list.len()
+    }
+
+    fn identity(&self, index: usize) -> Option<&Identity> {
+        self.list.get(T::Id::from_index(index)).map(T::identity)
+    }
+
+    fn kind(&self, index: usize, scene: &Scene) -> ObjectKind {
+        let id = T::Id::from_index(index);
+        self.list[id].kind(id, scene)
+    }
+
+    fn stands_on(&self, index: usize) -> Option<BodyId> {
+        let id = T::Id::from_index(index);
+        self.list.get(id)?.stands_on(id)
+    }
+
+    fn find(&self, text: &str) -> (Option<usize>, Option<usize>) {
+        (self.names.exact(text).map(T::Id::to_index), self.names.id(text).map(T::Id::to_index))
+    }
+
+    fn make_room(&self, scene: &Scene, snapshot: &mut Snapshot) {
+        self.list.iter().for_each(|object| object.make_room(scene, snapshot));
+    }
+
+    fn read(&self, scene: &Scene, snapshot: &mut Snapshot) {
+        self.list.entries().for_each(|(id, object)| object.read(id, scene, snapshot));
+    }
+
+    fn save(&self) -> SavedList {
+        Arc::new(self.list.iter().map(T::save).collect::<Vec<_>>())
+    }
+
+    fn restore(&mut self, saved: &SavedList) {
+        let saved = saved.downcast_ref::<Vec<T::Saved>>().expect("lists are saved and restored in one order");
+        self.list.iter_mut().zip(saved).for_each(|(object, saved)| object.restore(saved));
+    }
+
+    fn enter_names(&mut self, known: usize) {
+        let new = self.list.entries().skip(known).map(|(id, object)| (object.identity().key(), id));
+        let mut new: Vec<_> = new.collect();
+        new.sort();
+        new.iter().for_each(|(key, id)| self.names.insert(key, *id));
+    }
+
+    fn forget_names(&mut self, is_gone: &[bool]) {
+        self.names.remove(|id| is_gone[id.to_index()]);
+    }
+}
