@@ -37,7 +37,7 @@ pub use environment::{silent, EnvironmentError, GidLength, Options, Range, Repor
 pub use names::TypeName;
 pub use node::Node;
 pub use parameters::{Parameter, ParameterServices, Parameters, Value};
-pub use participant::{Error, Hold, Participant};
+pub use participant::{Error, Hold, Participant, Timer};
 pub use publication::{Publication, SendError};
 pub use qos::{Qos, LARGEST_WINDOW, SMALLEST_WINDOW};
 pub use service::{Request, Service};

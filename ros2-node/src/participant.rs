@@ -248,6 +248,14 @@ impl Participant {
         Hold(Arc::clone(&self.shared))
     }
 
+    /// Calls `call` in the participant's thread, at once and then each time that `period` has passed since, until what is
+    /// returned is dropped. It may make and drop nodes and what they have.
+    pub fn call_every(&self, period: Duration, call: impl FnMut() + Send + 'static) -> Timer {
+        let key = self.shared.new_key();
+        self.shared.add_source(key, Arc::new(Periodic { period, call: Mutex::new(Box::new(call)) }));
+        Timer { shared: Arc::clone(&self.shared), key }
+    }
+
     /// Topics that other participants publish or subscribe, with their types, as ROS 2 calls them. Sorted.
     pub fn topics(&self) -> Vec<(String, String)> {
         let dds = &self.shared.dds;
@@ -277,10 +285,36 @@ fn ros_type(dds: &str) -> Option<String> {
     TypeName::parse(&format!("{package}/{kind}/{}", name.strip_suffix('_')?)).ok().map(|name| name.to_string())
 }
 
+/// Something that is called again and again. Dropping it ends that; a call that is going on still finishes.
+pub struct Timer {
+    shared: Arc<Shared>,
+    key: u64,
+}
+
+impl Drop for Timer {
+    fn drop(&mut self) {
+        self.shared.remove_source(self.key);
+    }
+}
+
+struct Periodic {
+    period: Duration,
+    call: Mutex<Box<dyn FnMut() + Send>>,
+}
+
+impl Source for Periodic {
+    fn serve(&self, _: &Waker) -> Option<Instant> {
+        (self.call.lock())();
+        Some(Instant::now() + self.period)
+    }
+}
+
 impl Drop for Participant {
     fn drop(&mut self) {
         self.shared.signal.stop();
-        if let Some(Err(_)) = self.thread.take().map(JoinHandle::join) {
+        // A call-back may be its last owner.
+        let thread = self.thread.take().filter(|thread| thread.thread().id() != std::thread::current().id());
+        if let Some(Err(_)) = thread.map(JoinHandle::join) {
             (self.shared.report())(format_args!("ROS 2: the thread that serves nodes had ended with a panic"));
         }
     }

@@ -205,6 +205,8 @@ mod tests {
             models,
             steppables: Arc::default(),
             arguments: RosArguments::default(),
+            #[cfg(feature = "ros2")]
+            ros2: None,
             #[cfg(feature = "view")]
             pictures: None,
         })
