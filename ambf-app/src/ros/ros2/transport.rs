@@ -142,6 +142,7 @@ impl Transport {
     fn serve<S: ServicePair>(&self, name: &str, answer: impl Fn(S::Request) -> S::Response + Send + Sync + 'static)
     where
         S::Request: FromClient,
+        S::Response: Message,
     {
         let made = self.with_node(name, |node| {
             let type_name = TypeName { kind: Kind::Service, ..TypeName::parse(&S::msg_type())? };
