@@ -16,13 +16,15 @@ use thiserror::Error;
 
 #[cfg(feature = "view")]
 use crate::cameras::CameraService;
-use crate::cli::SimulatorOptions;
+use crate::cli::{RosVersions, SimulatorOptions};
 use crate::devices;
 use crate::launch::{self, LaunchError};
 use crate::report::RateLimit;
 #[cfg(feature = "view")]
 use crate::ros::PictureTopics;
 use crate::ros::{ModelHost, ModelReply, RosArguments, RosMiddleware, RosOptions};
+#[cfg(feature = "ros2")]
+use crate::ros::{Ros2Middleware, Ros2Options};
 use crate::windows::{self, WindowParts, Windows, WindowsWanted};
 use crate::{plugins, print_line, process, report};
 
@@ -162,17 +164,24 @@ fn serve(
     // Clients of this simulator outlive it, and so does the master they need.
     let own_master = std::env::current_exe().map_or(OwnMaster::InProcess, OwnMaster::Program);
     let ros_options = RosOptions { arguments, own_master, ..RosOptions::default() };
-    let mut ros = (!options.no_ros).then(|| RosMiddleware::new(ros_options).with_models(host));
+    let versions = ros_versions(options);
+    #[cfg(feature = "ros2")]
+    let mut ros2 = versions.has_two().then(|| ros2(options, Arc::clone(&host)));
+    let mut ros = versions.has_one().then(|| RosMiddleware::new(ros_options).with_models(host));
     #[cfg(feature = "view")]
     let cameras;
     #[cfg(feature = "view")]
     {
         (ros, cameras) = with_cameras(ros);
     }
+    if options.hold && versions != RosVersions::None {
+        hub.throttle().hold(Duration::MAX, hub.now_ns());
+    }
+    #[cfg(feature = "ros2")]
+    if let Some(Err(error)) = ros2.as_mut().map(|ros2| ros2.start(Arc::clone(&hub))) {
+        report!("ROS 2 is not available: {error}; the simulation runs without");
+    }
     if let Some(ros) = &mut ros {
-        if options.hold {
-            hub.throttle().hold(Duration::MAX, hub.now_ns());
-        }
         if let Err(error) = ros.start(Arc::clone(&hub)) {
             report!("ROS is not available: {error}; the simulation runs without");
         }
@@ -207,7 +216,31 @@ fn serve(
     if let Some(ros) = &mut ros {
         ros.stop();
     }
+    #[cfg(feature = "ros2")]
+    if let Some(ros2) = &mut ros2 {
+        ros2.stop();
+    }
     outcome
+}
+
+/// The versions of ROS that `options` ask for, or the environment if they ask for none.
+fn ros_versions(options: &SimulatorOptions) -> RosVersions {
+    if options.no_ros {
+        return RosVersions::None;
+    }
+    let of = |name: &str| std::env::var(name).ok().filter(|value| !value.is_empty());
+    let said = || RosVersions::from_environment(|name| of(name).is_some(), of("ROS_VERSION").as_deref());
+    let versions = options.ros.unwrap_or_else(said);
+    if versions.has_two() && cfg!(not(feature = "ros2")) {
+        report!("this program was built without ROS 2");
+    }
+    versions
+}
+
+/// What serves ROS 2.
+#[cfg(feature = "ros2")]
+fn ros2(options: &SimulatorOptions, host: Arc<Host>) -> Ros2Middleware {
+    Ros2Middleware::new(Ros2Options { clock: options.clock, ..Ros2Options::default() }).with_models(host)
 }
 
 /// Lets `ros` have topics of pictures; what makes them.

@@ -11,7 +11,7 @@ mod simulator;
 mod values;
 
 pub use batch::{BatchOptions, PictureOptions};
-pub use simulator::{DeviceSelection, PublishFrequency, SimulatorOptions};
+pub use simulator::{DeviceSelection, PublishFrequency, RosVersions, SimulatorOptions};
 
 use std::path::PathBuf;
 

@@ -1,6 +1,6 @@
 //! Options of `ambf_simulator`.
 
-use super::values::{boolean, count, haptic_frequency, indexes, paths, positive, whole};
+use super::values::{boolean, count, haptic_frequency, indexes, paths, positive, ros_versions, whole};
 use super::{filter, launch_file, print_or_fail, utf8, CheckOptions, CliError, Parsed, PhysicsOptions};
 use clap::{CommandFactory, FromArgMatches};
 use std::ffi::OsString;
@@ -45,6 +45,10 @@ pub struct SimulatorOptions {
     pub model_indexes: Vec<usize>,
     /// Whether to run without any ROS communication; default: `false`.
     pub no_ros: bool,
+    /// Which versions of ROS to talk; `None` (default): what the environment says.
+    pub ros: Option<RosVersions>,
+    /// Whether ROS 2 gets `/clock`, and stamps that are simulated time; default: `false`.
+    pub clock: bool,
     /// Whether to end the ROS master that was left behind, instead of simulating; default: `false`.
     pub end_master: bool,
     /// Whether the physics waits for the first step that a client asks for; default: `false`.
@@ -55,6 +59,47 @@ pub struct SimulatorOptions {
     pub physics: PhysicsOptions,
     /// Files to check instead of simulating; `None`: simulate.
     pub check: Option<CheckOptions>,
+}
+
+/// Versions of ROS.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RosVersions {
+    /// None at all.
+    None,
+    /// ROS 1.
+    One,
+    /// ROS 2.
+    Two,
+    /// Both at once.
+    Both,
+}
+
+impl RosVersions {
+    /// Names on the command line.
+    pub const NAMES: [(&str, Self); 4] =
+        [("1", Self::One), ("2", Self::Two), ("both", Self::Both), ("none", Self::None)];
+
+    /// The version that the environment speaks of: ROS 1 where there is a master (`ROS_MASTER_URI`), ROS 2 where there is
+    /// none, but `ROS_VERSION` is 2 or `ROS_DOMAIN_ID` is set; otherwise ROS 1. `is_set`: whether a variable is set;
+    /// `version`: `ROS_VERSION`.
+    pub fn from_environment(is_set: impl Fn(&str) -> bool, version: Option<&str>) -> Self {
+        let is_two = version == Some("2") || is_set("ROS_DOMAIN_ID");
+        if is_two && !is_set("ROS_MASTER_URI") {
+            Self::Two
+        } else {
+            Self::One
+        }
+    }
+
+    /// Whether ROS 1 is one of them.
+    pub fn has_one(self) -> bool {
+        matches!(self, Self::One | Self::Both)
+    }
+
+    /// Whether ROS 2 is one of them.
+    pub fn has_two(self) -> bool {
+        matches!(self, Self::Two | Self::Both)
+    }
 }
 
 /// Which entries of the launch file's list of input devices are loaded.
@@ -198,6 +243,15 @@ struct Arguments {
     #[arg(default_value = "false", default_missing_value = "true", value_parser = boolean, hide_default_value = true)]
     #[arg(action = clap::ArgAction::Set)]
     no_ros: bool,
+    /// Which ROS: 1, 2, both or none [default: 1, unless only variables of ROS 2 are set]
+    #[arg(long, value_name = "VERSION", help_heading = "ROS", value_parser = ros_versions())]
+    #[arg(hide_possible_values = true)]
+    ros: Option<RosVersions>,
+    /// Publish /clock on ROS 2, and stamp with simulated time there
+    #[arg(long, value_name = "BOOL", num_args = 0..=1, require_equals = true, help_heading = "ROS")]
+    #[arg(default_value = "false", default_missing_value = "true", value_parser = boolean, hide_default_value = true)]
+    #[arg(action = clap::ArgAction::Set)]
+    clock: bool,
     /// Make the first step of the physics when a client asks for it, with the service World/step or by throttling
     #[arg(long, value_name = "BOOL", num_args = 0..=1, require_equals = true, help_heading = "ROS")]
     #[arg(default_value = "false", default_missing_value = "true", value_parser = boolean, hide_default_value = true)]
@@ -274,6 +328,8 @@ impl Arguments {
             model_files,
             model_indexes,
             no_ros: self.no_ros,
+            ros: self.ros,
+            clock: self.clock,
             hold: self.hold,
             end_master: self.end_master,
             verbose: self.verbose,

@@ -5,6 +5,8 @@ use std::path::PathBuf;
 use ambf_core::adf::PhysicsProfile;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 
+use super::RosVersions;
+
 /// `true yes on 1` or `false no off 0`, in any case.
 pub(super) fn boolean(text: &str) -> Result<bool, String> {
     match text.to_ascii_lowercase().as_str() {
@@ -18,6 +20,13 @@ pub(super) fn boolean(text: &str) -> Result<bool, String> {
 pub(super) fn profile() -> impl TypedValueParser<Value = PhysicsProfile> {
     let one = |name: String| PhysicsProfile::from_name(&name).expect("one of the possible values");
     PossibleValuesParser::new(PhysicsProfile::NAMES.map(|(name, _)| name)).map(one)
+}
+
+/// Versions of ROS, by name.
+pub(super) fn ros_versions() -> impl TypedValueParser<Value = RosVersions> {
+    let one = |name: String| RosVersions::NAMES.into_iter().find(|(own, _)| *own == name);
+    PossibleValuesParser::new(RosVersions::NAMES.map(|(name, _)| name))
+        .map(move |name| one(name).expect("one of the possible values").1)
 }
 
 /// A finite number above zero.

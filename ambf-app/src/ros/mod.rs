@@ -25,6 +25,8 @@ mod point_cloud;
 mod posed;
 mod received;
 mod rigid_body;
+#[cfg(feature = "ros2")]
+mod ros2;
 mod scheduler;
 mod sensor;
 mod service;
@@ -49,6 +51,8 @@ pub use models::{ModelHost, ModelReply};
 #[cfg(feature = "view")]
 pub use pictures::{CameraTopics, PictureTopics};
 pub use point_cloud::{PointCloud, PointClouds};
+#[cfg(feature = "ros2")]
+pub use ros2::{Ros2Middleware, Ros2Options};
 pub use ros_node::CallError;
 
 use crate::report;
@@ -176,6 +180,8 @@ impl Middleware for RosMiddleware {
             models: self.models.clone(),
             steppables: Arc::default(),
             arguments,
+            #[cfg(feature = "ros2")]
+            ros2: None,
         });
         objects.follow(&told);
         let (alive, ended) = channel();

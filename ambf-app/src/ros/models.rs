@@ -51,14 +51,14 @@ pub(super) fn services(name: impl Fn(&str) -> String, host: &Arc<dyn ModelHost>)
     ]
 }
 
-fn add(host: &dyn ModelHost, request: &AddModelReq) -> AddModelRes {
+pub(super) fn add(host: &dyn ModelHost, request: &AddModelReq) -> AddModelRes {
     match host.add(Path::new(&request.file)) {
         Ok(ModelReply { model, message }) => AddModelRes { success: true, model, message },
         Err(message) => AddModelRes { success: false, model: String::new(), message },
     }
 }
 
-fn remove(host: &dyn ModelHost, request: &RemoveModelReq) -> RemoveModelRes {
+pub(super) fn remove(host: &dyn ModelHost, request: &RemoveModelReq) -> RemoveModelRes {
     let (success, message) = match host.remove(&request.model) {
         Ok(message) => (true, message),
         Err(message) => (false, message),
@@ -66,7 +66,7 @@ fn remove(host: &dyn ModelHost, request: &RemoveModelReq) -> RemoveModelRes {
     RemoveModelRes { success, message }
 }
 
-fn list(host: &dyn ModelHost, _: &ListModelsReq) -> ListModelsRes {
+pub(super) fn list(host: &dyn ModelHost, _: &ListModelsReq) -> ListModelsRes {
     let (models, files) =
         host.list().into_iter().map(|(name, file)| (name, file.to_string_lossy().into_owned())).unzip();
     ListModelsRes { models, files }

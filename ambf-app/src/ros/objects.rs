@@ -206,6 +206,8 @@ mod tests {
             models,
             steppables: Arc::default(),
             arguments: RosArguments::default(),
+            #[cfg(feature = "ros2")]
+            ros2: None,
             #[cfg(feature = "view")]
             pictures: None,
         })

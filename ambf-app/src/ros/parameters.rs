@@ -24,7 +24,7 @@ const POLL: Duration = Duration::from_secs(2);
 const IMPATIENT_POLL: Duration = Duration::from_millis(50);
 
 /// What the parameter server says about one object.
-type Tree = BTreeMap<String, Value>;
+pub(super) type Tree = BTreeMap<String, Value>;
 
 /// Vertical field of view in place of 0, rad.
 const DEFAULT_FIELD_VIEW_ANGLE: f64 = 0.7;
@@ -58,7 +58,7 @@ pub(super) struct ParameterChange {
 }
 
 /// Parameters of an object as the server holds them.
-trait OnServer: Clone + PartialEq {
+pub(super) trait OnServer: Clone + PartialEq {
     /// Name and value of each.
     fn values(&self) -> Vec<(&'static str, Value)>;
 

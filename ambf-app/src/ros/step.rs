@@ -72,13 +72,13 @@ impl Steppables {
 /// The service, called `name`.
 pub(super) fn service(name: String, hub: &Arc<Hub>, objects: &Arc<Steppables>) -> Arc<ServiceServer> {
     let (hub, objects) = (Arc::clone(hub), Arc::clone(objects));
-    service_of::<Step>(name, move |request| {
-        answer(&hub, &objects, &request).unwrap_or_else(|message| StepRes {
-            success: false,
-            message,
-            ..StepRes::default()
-        })
-    })
+    service_of::<Step>(name, move |request| reply(&hub, &objects, &request))
+}
+
+/// What a request becomes, whoever asks.
+pub(super) fn reply(hub: &Hub, objects: &Steppables, request: &StepReq) -> StepRes {
+    let refused = |message| StepRes { success: false, message, ..StepRes::default() };
+    answer(hub, objects, request).unwrap_or_else(refused)
 }
 
 /// Everything that a request asks for, found and checked.

@@ -79,6 +79,9 @@ pub(super) struct ServeContext {
     pub steppables: Arc<Steppables>,
     /// What the command line says.
     pub arguments: RosArguments,
+    /// Where the topics are made if they are those of ROS 2; `None`: they are those of ROS 1.
+    #[cfg(feature = "ros2")]
+    pub ros2: Option<Arc<super::ros2::Transport>>,
     /// Where topics of pictures are to be found; `None`: there are none.
     #[cfg(feature = "view")]
     pub pictures: Option<Arc<super::pictures::PictureTopics>>,
@@ -117,6 +120,13 @@ impl Builder<'_> {
         commanded: bool,
         message: impl FnMut(Option<&Snapshot>) -> Option<M> + Send + 'static,
     ) {
+        #[cfg(feature = "ros2")]
+        if let Some(ros2) = &self.around.ros2 {
+            let outlet = ros2.publish(&topic, rates, message);
+            let entry = |outlet| Entry::new(outlet, rates, self.object, commanded, self.around.hub.now());
+            self.served.entries.extend(outlet.map(entry));
+            return;
+        }
         let publication = Publication::new(self.around.arguments.mapped(topic));
         self.served.announcements.push(Arc::clone(&publication) as Arc<dyn Announcement>);
         let outlet = Box::new(StateOutlet { publication, message });
@@ -124,6 +134,10 @@ impl Builder<'_> {
     }
 
     fn subscribe<M: FromClient>(&mut self, topic: String, on_message: impl FnMut(M) + Send + 'static) {
+        #[cfg(feature = "ros2")]
+        if let Some(ros2) = &self.around.ros2 {
+            return ros2.subscribe(&topic, LONGEST_COMMAND, on_message);
+        }
         let topic = self.around.arguments.mapped(topic);
         let subscription = received::subscription(topic, LONGEST_COMMAND, on_message);
         self.served.announcements.push(subscription);
@@ -171,6 +185,12 @@ impl Builder<'_> {
         });
         self.subscribe(format!("{name}/Command/Reset"), world::on_reset(Arc::clone(&self.around.hub)));
         self.subscribe(format!("{name}/Command/Reset/Bodies"), world::on_body_reset(Arc::clone(&self.around.hub)));
+        #[cfg(feature = "ros2")]
+        if let Some(ros2) = &self.around.ros2 {
+            let entry = |(outlet, rates)| Entry::new(outlet, rates, self.object, false, self.around.hub.now());
+            self.served.entries.extend(ros2.clock().map(entry));
+            return ros2.serve_world(self.around, &name);
+        }
         let ServeContext { hub, steppables, arguments, .. } = self.around;
         let full_name = |service: &str| arguments.mapped(format!("{name}/{service}"));
         self.served.announcements.push(step::service(full_name("step"), hub, steppables));

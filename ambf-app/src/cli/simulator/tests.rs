@@ -45,6 +45,8 @@ fn defaults_are_those_of_the_original() {
         model_files: vec![],
         model_indexes: vec![1],
         no_ros: false,
+        ros: None,
+        clock: false,
         end_master: false,
         hold: false,
         verbose: false,
@@ -89,6 +91,9 @@ fn every_long_name_sets_its_option() {
         "--load_multibodies",
         "1, 6,10",
         "--no_ros",
+        "--ros",
+        "both",
+        "--clock",
         "--hold",
         "--verbose",
         "--profile",
@@ -118,6 +123,8 @@ fn every_long_name_sets_its_option() {
         model_files: ["a.yaml", "b.yaml"].map(PathBuf::from).to_vec(),
         model_indexes: vec![1, 6, 10],
         no_ros: true,
+        ros: Some(RosVersions::Both),
+        clock: true,
         end_master: false,
         hold: true,
         verbose: true,
@@ -167,6 +174,21 @@ fn names_may_be_shortened_unless_ambiguous() {
     assert!(options.fixed_physics_step && options.force_feedback && options.no_ros);
     let message = refused(&["--load_m", "1"]);
     assert!(message.contains("--load_multibodies") && message.contains("--load_multibody_files"), "{message}");
+}
+
+#[test]
+fn the_environment_says_which_ros_unless_an_option_does() {
+    for (name, versions) in RosVersions::NAMES {
+        assert_eq!(quiet(&["--ros", name]).ros, Some(versions));
+    }
+    assert!(refused(&["--ros", "3"]).contains("both"));
+    let chosen = |set: &[&str], version| RosVersions::from_environment(|name| set.contains(&name), version);
+    assert_eq!(chosen(&[], None), RosVersions::One);
+    assert_eq!(chosen(&[], Some("1")), RosVersions::One);
+    assert_eq!(chosen(&[], Some("2")), RosVersions::Two);
+    assert_eq!(chosen(&["ROS_DOMAIN_ID"], None), RosVersions::Two);
+    assert_eq!(chosen(&["ROS_DOMAIN_ID", "ROS_MASTER_URI"], Some("2")), RosVersions::One);
+    assert!(RosVersions::Both.has_one() && RosVersions::Both.has_two() && !RosVersions::None.has_one());
 }
 
 #[test]

@@ -1,0 +1,235 @@
+"""The simulator beside rclpy: `ambf_simulator --ros 2`."""
+
+import math
+import os
+import pathlib
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+import xmlrpc.client
+
+from ambf_msgs.msg import ObjectCmd, RigidBodyCmd, RigidBodyState, Timing, WorldState  # noqa: F401
+from ambf_msgs.srv import AddModel, ListModels, RemoveModel, Step
+from harness import PATIENCE_S, REPOSITORY, STOP_S, Ros2Test, environment, program
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
+from rclpy.qos import QoSProfile
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Empty
+
+sys.path.append(str(REPOSITORY / "tests/ros"))
+import scenes  # noqa: E402
+
+MANY = QoSProfile(depth=5000)
+FREE = "/ambf/env/Free"
+
+
+class Simulator:
+    """The simulator without windows; index 1 of the launch file is a free box and a wall."""
+
+    def __init__(self, domain, folder, *arguments, **variables):
+        command = [program("ambf_simulator"), "-g", "0", "-l", "1", "--launch_file", folder / "launch.yaml", *arguments]
+        self.log_file = folder / "log"
+        with self.log_file.open("w") as log:
+            self.process = subprocess.Popen(
+                command, env=dict(environment(domain), **variables), stdin=subprocess.DEVNULL, stdout=log, stderr=log
+            )
+
+    def log(self):
+        """What it has said."""
+        return self.log_file.read_text()
+
+    def threads(self):
+        """Names of its threads."""
+        tasks = pathlib.Path(f"/proc/{self.process.pid}/task").iterdir()
+        return sorted((task / "comm").read_text().strip() for task in tasks)
+
+    def close(self):
+        """Ends it as Ctrl+C does."""
+        self.process.send_signal(signal.SIGINT)
+        try:
+            assert self.process.wait(STOP_S) == 0, self.log()
+        finally:
+            self.process.kill()
+        assert "panicked" not in self.log(), self.log()
+
+
+class Simulated(Ros2Test):
+    """The simulator's topics, services and parameters."""
+
+    def setUp(self):
+        super().setUp()
+        folder = tempfile.TemporaryDirectory(prefix="ambf-ros2-tests-")
+        self.addCleanup(folder.cleanup)
+        self.folder = pathlib.Path(folder.name) / "scene"
+        scenes.write(self.folder)
+
+    def simulator(self, *arguments, **variables):
+        """A simulator that lasts no longer than the test."""
+        simulator = Simulator(self.domain, self.folder, *arguments, **variables)
+        self.addCleanup(simulator.close)
+        return simulator
+
+    def with_state(self, *arguments, **variables):
+        """A simulator, a client, and the states of the free box, of which there is one."""
+        simulator, client = self.simulator("--ros", "2", *arguments, **variables), self.client()
+        states = client.listen(RigidBodyState, f"{FREE}/State", MANY)
+        client.wait_for(lambda: states, "a state")
+        return simulator, client, states
+
+    def test_topics_and_nodes_are_there(self):
+        simulator, client, states = self.with_state()
+        wanted = {
+            f"{FREE}/State": "ambf_msgs/msg/RigidBodyState",
+            f"{FREE}/Command": "ambf_msgs/msg/RigidBodyCmd",
+            "/ambf/env/World/State": "ambf_msgs/msg/WorldState",
+            "/ambf/env/World/Timing": "ambf_msgs/msg/Timing",
+            "/ambf/env/World/Command": "ambf_msgs/msg/WorldCmd",
+            "/ambf/env/World/Command/Reset": "std_msgs/msg/Empty",
+            "/ambf/env/lights/lamp/State": "ambf_msgs/msg/LightState",
+            "/ambf/env/cameras/eye/Command": "ambf_msgs/msg/CameraCmd",
+            "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+        }
+        client.wait_for(lambda: wanted.items() <= {(n, t[0]) for n, t in client.node.get_topic_names_and_types()}, "topics")
+        self.assertNotIn("/clock", dict(client.node.get_topic_names_and_types()))
+        nodes = [name for name, _ in client.node.get_node_names_and_namespaces()]
+        self.assertLessEqual({"ambf_env_Free", "ambf_env_World", "ambf_env_lights_lamp"}, set(nodes))
+        published = client.node.get_publisher_names_and_types_by_node("ambf_env_Free", "/")
+        self.assertEqual(published, [(f"{FREE}/State", ["ambf_msgs/msg/RigidBodyState"])])
+        ours = [name for name in simulator.threads() if name.startswith(("ros", "RustDDS"))]
+        self.assertLessEqual(len(ours), 4, ours)
+        self.assertEqual(states[0].name.data, "Free")
+        self.assertAlmostEqual(states[0].header.stamp.sec, time.time(), delta=PATIENCE_S)
+        worlds = client.listen(WorldState, "/ambf/env/World/State", MANY)
+        client.wait_for(lambda: len(worlds) > 5, "states of the world")
+        self.assertGreater(worlds[-1].sim_step, worlds[0].sim_step)
+
+    def test_commands_move_a_body_and_a_reset_returns_it(self):
+        _, client, states = self.with_state()
+        publisher = client.node.create_publisher(RigidBodyCmd, f"{FREE}/Command", 1)
+        client.wait_for(lambda: publisher.get_subscription_count() == 1, "the subscription")
+        command = RigidBodyCmd(cartesian_cmd_type=RigidBodyCmd.TYPE_FORCE)
+        command.wrench.force.x = 5.0
+
+        def moved():
+            publisher.publish(command)
+            return states[-1].pose.position.x > 0.5
+
+        client.wait_for(moved, "the body moves")
+        command.wrench.force.x = math.nan
+        publisher.publish(command)
+        reset = client.node.create_publisher(Empty, "/ambf/env/World/Command/Reset", 1)
+        client.wait_for(lambda: reset.get_subscription_count() == 1, "the subscription")
+
+        def returned():
+            reset.publish(Empty())
+            return abs(states[-1].pose.position.x) < 0.1
+
+        client.wait_for(returned, "the body is where it was")
+
+    def test_states_come_at_the_higher_rate_while_commands_come(self):
+        _, client, states = self.with_state()
+        publisher = client.node.create_publisher(RigidBodyCmd, f"{FREE}/Command", 1)
+        client.wait_for(lambda: publisher.get_subscription_count() == 1, "the subscription")
+
+        def rate():
+            publisher.publish(RigidBodyCmd())
+            last = states[-200:]
+            times = [state.header.stamp.sec + state.header.stamp.nanosec * 1e-9 for state in last]
+            return len(last) == 200 and 199 / (times[-1] - times[0]) > 300.0
+
+        client.wait_for(rate, "more than 300 states a second")
+
+    def test_steps_are_made_one_by_one(self):
+        _, client, _ = self.with_state()
+        first = client.call(Step, "/ambf/env/World/Step", Step.Request(steps=1, patience=30.0))
+        self.assertTrue(first.success, first.message)
+        command = RigidBodyCmd(cartesian_cmd_type=RigidBodyCmd.TYPE_FORCE)
+        command.wrench.force.x = 1.0
+        for number in range(20):
+            request = Step.Request(steps=5, patience=30.0, observe=[FREE], body_names=[FREE], body_commands=[command])
+            answer = client.call(Step, "/ambf/env/World/Step", request)
+            self.assertTrue(answer.success, answer.message)
+            self.assertEqual(answer.sim_step, first.sim_step + 5 * (number + 1))
+            self.assertEqual(answer.bodies[0].sim_step, answer.sim_step)
+        self.assertGreater(answer.bodies[0].twist.linear.x, 0.0)
+        wrong = client.call(Step, "/ambf/env/World/Step", Step.Request(observe=["/nobody"]))
+        self.assertIn("/nobody", wrong.message)
+
+    def test_models_come_and_go(self):
+        _, client, _ = self.with_state()
+
+        def topics():
+            return {name for name, _ in client.node.get_topic_names_and_types()}
+
+        file = str(self.folder / "pendulum.yaml")
+        added = client.call(AddModel, "/ambf/env/World/AddModel", AddModel.Request(file=file))
+        self.assertTrue(added.success, added.message)
+        client.wait_for(lambda: "/ambf/env/Link/State" in topics(), "topics of the model")
+        client.wait_for(lambda: "ambf_env_Link" in client.node.get_node_names(), "nodes of the model")
+        listed = client.call(ListModels, "/ambf/env/World/ListModels", ListModels.Request())
+        self.assertIn(added.model, listed.models)
+        removed = client.call(RemoveModel, "/ambf/env/World/RemoveModel", RemoveModel.Request(model=added.model))
+        self.assertTrue(removed.success, removed.message)
+        client.wait_for(lambda: "ambf_env_Link" not in client.node.get_node_names(), "the end of the model's nodes")
+
+    def test_parameters_of_a_light_are_read_and_set(self):
+        _, client, _ = self.with_state()
+        node, name = "/ambf_env_lights_lamp", "/ambf/env/lights/lamp/cutoff_angle"
+        listed = client.call(ListParameters, f"{node}/list_parameters", ListParameters.Request())
+        self.assertIn(name, listed.result.names)
+
+        def angle():
+            answer = client.call(GetParameters, f"{node}/get_parameters", GetParameters.Request(names=[name]))
+            return answer.values[0].double_value
+
+        self.assertAlmostEqual(angle(), 0.7)
+
+        def result(number):
+            value = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=number)
+            request = SetParameters.Request(parameters=[Parameter(name=name, value=value)])
+            return client.call(SetParameters, f"{node}/set_parameters", request).results[0]
+
+        self.assertTrue(result(0.25).successful)
+        self.assertEqual(angle(), 0.25)
+        self.assertFalse(result(math.nan).successful)
+        self.assertEqual(angle(), 0.25)
+
+    def test_the_clock_is_published_when_asked_for(self):
+        _, client, states = self.with_state("--clock")
+        clocks = client.listen(Clock, "/clock", MANY)
+        client.wait_for(lambda: len(clocks) > 100, "the clock")
+        times = [clock.clock.sec + clock.clock.nanosec * 1e-9 for clock in clocks]
+        self.assertEqual(times, sorted(times))
+        state = states[-1]
+        self.assertAlmostEqual(state.header.stamp.sec + state.header.stamp.nanosec * 1e-9, state.sim_time, delta=1e-3)
+
+    def test_both_versions_at_once(self):
+        with socket.socket() as probe:
+            probe.bind(("localhost", 0))
+            port = probe.getsockname()[1]
+        uri = f"http://localhost:{port}"
+        self.simulator("--ros", "both", ROS_MASTER_URI=uri, ROS_HOSTNAME="localhost")
+        self.addCleanup(subprocess.run, [program("ambf_simulator"), "--end-master"], env=dict(os.environ, ROS_MASTER_URI=uri))
+        client = self.client()
+        states = client.listen(RigidBodyState, f"{FREE}/State", MANY)
+        client.wait_for(lambda: states, "a state")
+
+        def ros1_topics():
+            try:
+                return dict(xmlrpc.client.ServerProxy(uri).getPublishedTopics("/test", "")[2])
+            except (OSError, xmlrpc.client.Error):
+                return {}
+
+        client.wait_for(lambda: ros1_topics().get(f"{FREE}/State") == "ambf_msgs/RigidBodyState", "the topic of ROS 1")
+
+    def test_a_domain_that_is_none_is_said_and_the_simulation_goes_on(self):
+        simulator = self.simulator("--ros", "2", ROS_DOMAIN_ID="abc")
+        end = time.monotonic() + PATIENCE_S
+        while 'ROS 2 is not available: ROS_DOMAIN_ID is "abc"' not in simulator.log():
+            self.assertLess(time.monotonic(), end, simulator.log())
+            time.sleep(0.02)
+        self.assertIsNone(simulator.process.poll())
