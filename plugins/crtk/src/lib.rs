@@ -11,5 +11,8 @@
 //! The mathematics is in `README.md`, use in `docs/crtk.md`.
 
 pub mod arm;
+pub mod config;
 pub mod kinematics;
+pub mod messages;
+pub mod topics;
 pub mod trajectory;

@@ -85,6 +85,7 @@ pub struct SetPoint {
 
 /// What the arm does.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[allow(clippy::large_enum_variant, reason = "there is one an arm, and nothing here allocates")]
 enum Mode {
     /// The set point stays, or was set by a servo command so long ago, s.
     Position { age: f64 },
@@ -598,4 +599,4 @@ pub fn wrench_of(jacobian: &Jacobian, efforts: &Coordinates) -> Vector6<f64> {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

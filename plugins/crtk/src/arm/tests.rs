@@ -1,3 +1,5 @@
+#![allow(clippy::approx_constant, reason = "limits as the dVRK simulators write them")]
+
 use std::iter::{empty, once};
 
 use nalgebra::{UnitQuaternion, Vector3};
@@ -10,7 +12,7 @@ const DT: f64 = 1e-3;
 const SECOND: u64 = 1_000_000_000;
 const HOME: [f64; 6] = [0.0, 0.0, 0.12, 0.0, 0.0, 0.0];
 
-fn psm(dialect: Dialect) -> ArmModel {
+pub(crate) fn psm(dialect: Dialect) -> ArmModel {
     let limits = [
         (-1.5708, 1.5708),
         (-0.7854, 0.7854),
