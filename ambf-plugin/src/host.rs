@@ -204,7 +204,7 @@ impl Plugins {
 
     fn make(&self, entry: &PluginEntry, subject: Subject, desk: &Arc<Desk>) -> Result<AnyPlugin, PluginError> {
         let kind = subject.kind();
-        if let Some(name) = builtin(entry) {
+        if let Some(name) = builtin(entry).or_else(|| stand_in(&self.setup.registry, entry)) {
             return caught(|| self.setup.registry.make(name, kind))
                 .unwrap_or_else(|panic| Err(PluginError::Panicked(panic)));
         }
@@ -408,6 +408,14 @@ impl PluginSetup {
 /// Name of a built-in plugin.
 fn builtin(entry: &PluginEntry) -> Option<&str> {
     entry.filename.to_str()?.strip_prefix(BUILTIN)
+}
+
+/// The built-in plugin that stands in for a public one of the C++ program.
+pub(super) fn stand_in<'n>(registry: &Registry, entry: &PluginEntry) -> Option<&'n str> {
+    const STAND_INS: [(&str, &str); 1] = [("libambf_crtk", "crtk")];
+    let file = entry.filename.file_name()?.to_str()?;
+    let found = STAND_INS.iter().find(|(start, _)| file.starts_with(start));
+    found.map(|(_, name)| *name).filter(|name| registry.check(name).is_ok())
 }
 
 /// The file of an entry. The dynamic loader is asked for a bare name that no folder holds.

@@ -13,10 +13,10 @@ use crate::bullet::{Constraint, ConstraintHandle, ConstraintKind, Ray, RayTarget
 use crate::comm::{JointCommandType, Resets, RigidBodyCommand};
 use crate::plugin::run::{Access, Phase, Plugins, Shared, TextOf, Wanted};
 use crate::plugin::{
-    BodyState, Clock, Command, CommandError, Drawings, Hit, Input, JointState, ObjectId, ObjectType, PluginReport,
-    PluginSetup, StateSnapshot, Subject, Touch,
+    BodyState, Clock, Command, CommandError, Drawings, Hit, Input, JointFrame, JointState, ObjectId, ObjectType,
+    PluginReport, PluginSetup, StateSnapshot, Subject, Touch,
 };
-use crate::scene::Scene;
+use crate::scene::{JointType, Scene};
 
 /// What the simulation keeps for its plugins.
 #[derive(Default)]
@@ -449,6 +449,23 @@ impl Access for SceneAccess<'_> {
     fn joint(&self, index: usize) -> Option<JointState> {
         self.live(ObjectType::Joint, index).ok()?;
         Some(self.joint_state(index))
+    }
+
+    fn joint_frame(&self, index: usize) -> Option<JointFrame> {
+        self.live(ObjectType::Joint, index).ok()?;
+        let joint = &self.physics.scene.joints[index];
+        let is_angular = match joint.joint_type {
+            JointType::Revolute => true,
+            JointType::Prismatic => false,
+            _ => return None,
+        };
+        Some(JointFrame { is_angular, pivot: joint.pivot, axis: joint.axis })
+    }
+
+    fn gravity(&self, body: usize) -> Option<Vector3<f64>> {
+        self.live(ObjectType::Body, body).ok()?;
+        let scene = &self.physics.scene;
+        Some(scene.bodies[body].gravity.unwrap_or(scene.gravity))
     }
 
     fn pose(&self, object: ObjectId) -> Option<Isometry3<f64>> {
