@@ -398,7 +398,7 @@ impl PluginSetup {
     /// # Errors
     /// [`PluginError::Builtin`], [`PluginError::NotFound`], [`PluginError::Cpp`].
     pub fn check(&self, entry: &PluginEntry) -> Result<(), PluginError> {
-        match builtin(entry) {
+        match builtin(entry).or_else(|| stand_in(&self.registry, entry)) {
             Some(name) => self.registry.check(name),
             None => self.search.look_up(entry).map(|_| ()),
         }

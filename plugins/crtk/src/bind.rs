@@ -3,7 +3,7 @@
 
 use ambf_model::adf::SourcePos;
 use ambf_plugin::{JointCommandType, ObjectId, ObjectType, View};
-use nalgebra::{Isometry3, Point3, Unit, Vector3, Vector6};
+use nalgebra::{Isometry3, Point3, Translation3, Unit, Vector3, Vector6};
 use thiserror::Error;
 
 use crate::arm::{ArmModel, Dialect, Drive, FrameNames, JawModel, Measured, SetPoint};
@@ -177,7 +177,7 @@ const OFFERED: usize = 3;
 
 impl Finder<'_, '_> {
     fn find(&self, kind: ObjectType, name: &str) -> Result<usize, BindError> {
-        let found = self.world.find(kind, name).or_else(|| self.by_parts(kind, name));
+        let found = self.by_parts(kind, name).or_else(|| self.world.find(kind, name));
         found.ok_or_else(|| BindError::NoObject {
             place: self.config.source.clone(),
             arm: self.config.name.clone(),
@@ -187,15 +187,16 @@ impl Finder<'_, '_> {
         })
     }
 
-    /// The only object whose identifier holds all parts of a name in order, such as `psm1/JOINT yaw`.
+    /// The only object whose identifier ends with the last part of a name and holds the parts before in order, such as
+    /// `psm1/yaw` or `psm1/JOINT yaw`.
     fn by_parts(&self, kind: ObjectType, name: &str) -> Option<usize> {
+        let wanted = plain_parts(name);
         let holds = |index: &usize| {
             let identifier = self.world.identifier(ObjectId::new(kind, *index)).unwrap_or_default();
-            let mut rest = identifier.as_str();
-            name.split('/').all(|part| {
-                let part = part.trim_start_matches("BODY ").trim_start_matches("JOINT ");
-                rest.find(part).map(|at| rest = &rest[at + part.len()..]).is_some()
-            })
+            let has = plain_parts(&identifier);
+            let mut before = has.iter().take(has.len().saturating_sub(1));
+            let Some((last, first)) = wanted.split_last() else { return false };
+            has.last() == Some(last) && first.iter().all(|part| before.any(|other| other == part))
         };
         let mut found = (0..self.world.count(kind)).filter(holds);
         let first = found.next()?;
@@ -222,6 +223,15 @@ impl Finder<'_, '_> {
         }
         Ok(joint)
     }
+}
+
+/// Parts of a name without the word for its type, and without what is written differently in files, keys and topics.
+fn plain_parts(name: &str) -> Vec<String> {
+    let plain = |part: &str| {
+        let part = part.trim_start_matches("BODY ").trim_start_matches("JOINT ");
+        part.chars().filter(|c| !matches!(c, ' ' | '_')).collect()
+    };
+    name.split('/').filter(|part| !part.is_empty()).map(plain).collect()
 }
 
 /// Least number of characters that are added, removed or replaced to make one text of another (Levenshtein 1966).
@@ -351,14 +361,15 @@ impl Binding {
             return Ok(Kinematics { chain, inverse: Inverse::None });
         };
         let body = tool.body.as_ref().map(|name| finder.find(ObjectType::Body, name)).transpose()?;
-        self.tool = body.and_then(|body| Mount::new(world, body, &tool.offset));
+        let tip = Translation3::new(0.0, 0.0, tool.tip);
+        self.tool = body.and_then(|body| Mount::new(world, body, &(tool.offset * tip)));
         let table = self.table(config);
         let Some(body) = body else {
             // Without a body the table says where the tool is.
             self.base = base.and_then(|base| Mount::new(world, base, &identity));
             let table = table.filter(|table| table.joints.len() == self.joints.len());
             let chain = match &table {
-                Some(table) => table.chain().with_tip(&tool.offset),
+                Some(table) => table.chain().with_tip(&beyond_table(config)),
                 None => Chain::new(count, Vec::new(), identity).map_err(nothing)?,
             };
             let inverse = if table.is_some() { inverse(config) } else { Inverse::None };
@@ -377,7 +388,7 @@ impl Binding {
         self.base = Mount::new(world, base, &identity);
         let chain = self.chain(world, &path, count).map_err(nothing)?;
         if let (IkKind::Psm | IkKind::Ecm, Some(table)) = (config.ik, &table) {
-            self.compare(&chain, &table.chain().with_tip(&tool.offset), config);
+            self.compare(&chain, &table.chain().with_tip(&beyond_table(config)), config);
         }
         Ok(Kinematics { chain, inverse: inverse(config) })
     }
@@ -630,8 +641,15 @@ fn instrument(config: &ArmConfig) -> Instrument {
     number.and_then(Instrument::of_number).unwrap_or(Instrument::LARGE_NEEDLE_DRIVER)
 }
 
+/// Control point in the table's tool frame. Where a body has the tool, its frame is the table's.
+fn beyond_table(config: &ArmConfig) -> Isometry3<f64> {
+    let Some(tool) = &config.tool else { return Isometry3::identity() };
+    let frame = if tool.body.is_some() { Isometry3::identity() } else { tool.offset };
+    frame * Translation3::new(0.0, 0.0, tool.tip)
+}
+
 fn inverse(config: &ArmConfig) -> Inverse {
-    let offset = config.tool.as_ref().map_or_else(Isometry3::identity, |tool| tool.offset);
+    let offset = beyond_table(config);
     match config.ik {
         IkKind::Psm => Inverse::Psm(PsmInverse { tip: offset, ..PsmInverse::from(&instrument(config)) }),
         IkKind::Ecm => Inverse::Ecm(EcmInverse { tool: DhTable::ecm(0.0).tool * offset }),
@@ -647,6 +665,12 @@ fn inverse(config: &ArmConfig) -> Inverse {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn names_of_files_keys_and_topics_are_compared_by_their_parts() {
+        assert_eq!(plain_parts("psm1/BODY tool yaw link"), ["psm1", "toolyawlink"]);
+        assert_eq!(plain_parts("/ambf/env/psm/left_jaw"), ["ambf", "env", "psm", "leftjaw"]);
+    }
 
     #[test]
     fn likeness_of_names_is_counted_in_edits() {

@@ -138,8 +138,10 @@ pub struct JawConfig {
 pub struct ToolConfig {
     /// Body that it is on.
     pub body: Option<String>,
-    /// Control point in the body's frame, or in the table's tool frame.
+    /// The tool's frame in the body's frame; without a body, in the table's tool frame.
     pub offset: Isometry3<f64>,
+    /// Control point in the tool's frame, along z, m.
+    pub tip: f64,
     /// Number of the instrument.
     pub instrument: Option<String>,
 }
@@ -465,6 +467,7 @@ fn tool(map: &Map<'_>, kind: Kind) -> Result<Option<ToolConfig>, ConfigError> {
     let plain = |body: Option<&str>| ToolConfig {
         body: body.map(str::to_owned),
         offset: Isometry3::identity(),
+        tip: 0.0,
         instrument: None,
     };
     if kind == Kind::Object {
@@ -477,9 +480,7 @@ fn tool(map: &Map<'_>, kind: Kind) -> Result<Option<ToolConfig>, ConfigError> {
     if let Some(entry) = tool.get("offset") {
         read.offset = pose(&Map::new(entry))?;
     }
-    if let Some(tip) = tool.number("tip_offset")? {
-        read.offset *= Translation3::new(0.0, 0.0, tip);
-    }
+    read.tip = tool.number("tip_offset")?.unwrap_or(0.0);
     if let Some(number) = tool.text("instrument") {
         if number.len() != 6 || !number.chars().all(|c| c.is_ascii_digit()) {
             return Err(tool.wrong("instrument", "six digits"));

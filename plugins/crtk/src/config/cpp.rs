@@ -94,7 +94,8 @@ fn default_space(interface: &str, body: Option<&str>) -> String {
 fn arm(space: String, asked: Asked, entry: Entry<'_>) -> ArmConfig {
     let Asked { body, reference, joints } = asked;
     let count = joints.len();
-    let tool = body.map(|body| ToolConfig { body: Some(body), offset: Isometry3::identity(), instrument: None });
+    let tool =
+        body.map(|body| ToolConfig { body: Some(body), offset: Isometry3::identity(), tip: 0.0, instrument: None });
     ArmConfig {
         name: space.trim_start_matches('/').replace('/', "_"),
         space,

@@ -24,7 +24,7 @@ fn an_entry_has_the_defaults_of_its_kind() {
     assert_eq!((arm.speeds[2], arm.rate, arm.on_limit), (0.4, 100.0, OnLimit::Refuse));
     assert_eq!((arm.coupling[0].of, arm.coupling[1].of, arm.coupling[0].ratio), (1, 1, -1.0));
     let tool = arm.tool.as_ref().unwrap();
-    assert_eq!((tool.instrument.as_deref(), tool.offset.translation.z), (Some("420006"), 0.0102));
+    assert_eq!((tool.instrument.as_deref(), tool.tip), (Some("420006"), 0.0102));
     assert_eq!(arm.jaw.as_ref().unwrap().limits, Limits { lower: -0.3, upper: 1.3 });
 }
 
