@@ -436,6 +436,23 @@ mod tests {
     use super::*;
 
     #[test]
+    fn the_public_crtk_plugin_has_a_stand_in_where_the_program_has_one() {
+        let source = ambf_model::adf::SourcePos { file: Path::new("w.yaml").into(), line: 1, column: 1 };
+        let entry = |filename: &str| PluginEntry {
+            name: "p".into(),
+            filename: filename.into(),
+            path: None,
+            source: source.clone(),
+        };
+        let crtk = entry("build/libambf_crtk_simulator_plugin.so");
+        let mut registry = Registry::default();
+        assert_eq!(stand_in(&registry, &crtk), None);
+        registry.add("crtk", |_| None);
+        assert_eq!(stand_in(&registry, &crtk), Some("crtk"));
+        assert_eq!(stand_in(&registry, &entry("libambf_recording.so")), None);
+    }
+
+    #[test]
     fn slow_calls_are_reported_at_once_and_then_rarely() {
         let mut meter = Meter::new(Duration::from_millis(1));
         let begin = Instant::now();

@@ -88,9 +88,9 @@ class Arm:
         harness.wait_for(all_connected, f"all topics of {self.space} are connected")
         self.wait(lambda: self.states and all(name in self.newest for name in self.outputs), "everything is published")
 
-    def send(self, name, **fields):
+    def send(self, topic, **fields):
         """Publishes a message; `position`, `velocity`, `effort`, `name` of joints, or `pose`, `frame`."""
-        publisher, kind = self._publishers[name]
+        publisher, kind = self._publishers[topic]
         message = kind()
         for field, value in fields.items():
             if field == "pose":
@@ -108,18 +108,20 @@ class Arm:
         self.wait(lambda: len(self.states) > count, f"an answer to {text}")
         return self.states[-1]
 
-    def move(self, name, **fields):
-        """A move; waits until the arm was busy and is not any more. Returns how long that took, s."""
+    def move(self, topic, **fields):
+        """A move; waits until the arm was busy and is not any more, and for a publication after that. Returns how long it was busy, s."""
         count = len(self.states)
         begin = time.monotonic()
-        self.send(name, **fields)
+        self.send(topic, **fields)
 
         def done():
             busy = [state.is_busy for state in self.states[count:]]
             return True in busy and not busy[-1]
 
-        self.wait(done, f"{name} has ended")
-        return time.monotonic() - begin
+        self.wait(done, f"{topic} has ended")
+        took = time.monotonic() - begin
+        self.fresh("setpoint_js")
+        return took
 
     def joints(self, name="measured_js"):
         """Positions of the newest message."""

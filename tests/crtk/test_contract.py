@@ -70,10 +70,10 @@ class Contract(unittest.TestCase):
         for command, row in table.items():
             for way, expected in zip(ways, row):
                 with self.subTest(command=command, after=way):
-                    arm.send("state_command", string="reset")
-                    arm.command("disable")
+                    self.disable()
                     for step in way:
                         state = arm.command(step)
+                    self.assertEqual(state.state, {"disable": "DISABLED", "enable": "ENABLED", "pause": "PAUSED", "fault": "FAULT"}[way[-1]])
                     arm.warnings.clear()
                     if expected:
                         self.assertEqual(arm.command(f" {command.upper()} ").state, expected)
@@ -81,7 +81,12 @@ class Contract(unittest.TestCase):
                         arm.send("state_command", string=command)
                         harness.wait_for(lambda: arm.warnings, "a warning")
                         self.assertEqual(arm.states[-1].state, state.state)
-        arm.send("state_command", string="reset")
+        self.disable()
+
+    def disable(self):
+        """From any state, faults included."""
+        if arm.states[-1].state == "FAULT":
+            arm.command("reset")
         arm.command("disable")
 
     def test_04_unknown_command(self):

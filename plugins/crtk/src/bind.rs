@@ -259,7 +259,10 @@ pub fn bind(all: &[ArmConfig], own: usize, world: &View<'_>) -> Result<(ArmModel
     let joints = config.joints.iter().map(|name| finder.joint(name)).collect::<Result<Vec<_>, _>>()?;
     let follower = |follower: &crate::config::Follower| {
         let joint = finder.joint(&follower.joint)?;
-        Ok(Driven { joint, coordinate: follower.of, ratio: follower.ratio, offset: follower.offset })
+        let position = |joint| world.joint(joint).map_or(0.0, |state| state.position);
+        let now = position(joint) - follower.ratio * position(joints[follower.of]);
+        let offset = follower.offset.unwrap_or(now);
+        Ok(Driven { joint, coordinate: follower.of, ratio: follower.ratio, offset })
     };
     let followers = config.coupling.iter().map(follower).collect::<Result<Vec<_>, _>>()?;
     let finger = |(name, ratio, offset): &(String, f64, f64)| {

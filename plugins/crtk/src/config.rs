@@ -116,8 +116,8 @@ pub struct Follower {
     pub of: usize,
     /// Default: 1.
     pub ratio: f64,
-    /// rad or m. Default: 0.
-    pub offset: f64,
+    /// rad or m. Default: such that it is true when the arm is loaded.
+    pub offset: Option<f64>,
 }
 
 /// A jaw.
@@ -424,7 +424,7 @@ fn coupling(map: &Map<'_>, joints: &[String]) -> Result<Vec<Follower>, ConfigErr
             joint: map.needed_text("joint", "the name of a joint")?.to_owned(),
             of: of.ok_or_else(|| map.wrong("of", "the index (from 0) or the name of a joint of the arm"))?,
             ratio: map.number("ratio")?.unwrap_or(1.0),
-            offset: map.number("offset")?.unwrap_or(0.0),
+            offset: map.number("offset")?,
         })
     };
     list.items().map(read).collect()
