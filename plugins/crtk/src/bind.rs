@@ -124,6 +124,8 @@ struct Driven {
     coordinate: usize,
     ratio: f64,
     offset: f64,
+    /// Whether it is told what to do.
+    is_driven: bool,
 }
 
 /// What gravity does to the bodies that a joint moves.
@@ -262,11 +264,11 @@ pub fn bind(all: &[ArmConfig], own: usize, world: &View<'_>) -> Result<(ArmModel
         let position = |joint| world.joint(joint).map_or(0.0, |state| state.position);
         let now = position(joint) - follower.ratio * position(joints[follower.of]);
         let offset = follower.offset.unwrap_or(now);
-        Ok(Driven { joint, coordinate: follower.of, ratio: follower.ratio, offset })
+        Ok(Driven { joint, coordinate: follower.of, ratio: follower.ratio, offset, is_driven: follower.is_driven })
     };
     let followers = config.coupling.iter().map(follower).collect::<Result<Vec<_>, _>>()?;
     let finger = |(name, ratio, offset): &(String, f64, f64)| {
-        Ok(Driven { joint: finder.joint(name)?, coordinate: 0, ratio: *ratio, offset: *offset })
+        Ok(Driven { joint: finder.joint(name)?, coordinate: 0, ratio: *ratio, offset: *offset, is_driven: true })
     };
     let fingers = config.jaw.iter().flat_map(|jaw| &jaw.joints);
     let jaw = fingers.map(finger).collect::<Result<Vec<_>, _>>()?;
@@ -433,7 +435,7 @@ impl Binding {
     /// Which coordinate moves a joint, and how.
     fn driven(&self, joint: usize) -> Option<Driven> {
         let own = self.joints.iter().position(|&own| own == joint);
-        let own = own.map(|coordinate| Driven { joint, coordinate, ratio: 1.0, offset: 0.0 });
+        let own = own.map(|coordinate| Driven { joint, coordinate, ratio: 1.0, offset: 0.0, is_driven: true });
         own.or_else(|| self.followers.iter().copied().find(|follower| follower.joint == joint))
     }
 
@@ -587,7 +589,7 @@ impl Binding {
             // A joint that has left the scene needs no command.
             let _ = world.command_joint(joint, kind, value);
         }
-        for follower in &self.followers {
+        for follower in self.followers.iter().filter(|follower| follower.is_driven) {
             let value = follower.ratio * set_point.position[follower.coordinate] + follower.offset;
             if set_point.drive == Drive::Position {
                 let _ = world.command_joint(follower.joint, JointCommandType::Position, value);

@@ -5,7 +5,7 @@ mod cpp;
 mod read;
 
 use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use ambf_model::adf::{Entry, LoadError, Outline, SourcePos};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion};
@@ -118,6 +118,8 @@ pub struct Follower {
     pub ratio: f64,
     /// rad or m. Default: such that it is true when the arm is loaded.
     pub offset: Option<f64>,
+    /// Whether it is commanded with that joint; else the scene moves it along. Default: `true`.
+    pub is_driven: bool,
 }
 
 /// A jaw.
@@ -416,7 +418,7 @@ fn coupling(map: &Map<'_>, joints: &[String]) -> Result<Vec<Follower>, ConfigErr
     let Some(list) = map.get("coupling") else { return Ok(Vec::new()) };
     let read = |entry| {
         let map = Map::new(entry);
-        map.only(&["joint", "of", "ratio", "offset"])?;
+        map.only(&["joint", "of", "ratio", "offset", "driven"])?;
         let of = map.needed_text("of", "the index or the name of a joint of the arm")?;
         let by_index = of.parse().ok().filter(|&index: &usize| index < joints.len());
         let of = by_index.or_else(|| joints.iter().position(|joint| joint == of));
@@ -425,6 +427,7 @@ fn coupling(map: &Map<'_>, joints: &[String]) -> Result<Vec<Follower>, ConfigErr
             of: of.ok_or_else(|| map.wrong("of", "the index (from 0) or the name of a joint of the arm"))?,
             ratio: map.number("ratio")?.unwrap_or(1.0),
             offset: map.number("offset")?,
+            is_driven: map.boolean("driven")?.unwrap_or(true),
         })
     };
     list.items().map(read).collect()
@@ -556,7 +559,7 @@ struct Described {
 }
 
 impl Described {
-    fn load(path: &PathBuf) -> Result<Self, ConfigError> {
+    fn load(path: &Path) -> Result<Self, ConfigError> {
         let outline = Outline::load(path)?;
         let root = outline.root();
         let robot =

@@ -179,7 +179,9 @@ mod tests {
         Isometry3::from_parts(Translation3::new(p[0], p[1], p[2]), rotation)
     }
 
-    /// Joint positions and poses that were computed from the tables of dVRK's files by other programs.
+    /// Joint positions; place with either of dVRK's instruments and with that of the challenge; rotation: computed from
+    /// the tables of their files by other programs.
+    #[allow(clippy::type_complexity, clippy::approx_constant, reason = "a table, as it was printed")]
     const PSM: [([f64; 6], [f64; 3], [f64; 3], [f64; 4]); 3] = [
         ([0.0, 0.0, 0.12, 0.0, 0.0, 0.0], [0.0, 0.0, -0.1135], [0.0, 0.0, -0.1798], [0.707107, 0.707107, 0.0, 0.0]),
         (

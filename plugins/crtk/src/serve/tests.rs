@@ -57,8 +57,8 @@ fn offered(dialect: Dialect, memory: &Memory, outbox: &Arc<Outbox>) -> Offered {
 }
 
 fn status() -> ArmStatus {
-    let mut reading = Reading::default();
-    reading.measured = Measured { position: coordinates(&[0.1, -0.2, 0.15, 0.3, -0.4, 0.5]), ..Measured::default() };
+    let measured = Measured { position: coordinates(&[0.1, -0.2, 0.15, 0.3, -0.4, 0.5]), ..Measured::default() };
+    let mut reading = Reading { measured, ..Reading::default() };
     let arm = Arm::new(Arc::new(psm(Dialect::Dvrk)));
     reading.tool.pose = arm.model().kinematics.chain.forward(&reading.measured.position);
     ArmStatus {
