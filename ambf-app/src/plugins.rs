@@ -1,34 +1,62 @@
 //! Plugins of the programs: what is built in, where libraries are looked for, what is said about them.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use ambf_core::adf::PluginEntry;
 use ambf_core::device::Drivers;
 use ambf_core::plugin::{load_driver, PluginReport, PluginSetup, Registry, Search};
 use ambf_core::sim::Simulation;
+use crtk::transport::{Connect, Ros1, Transport};
 
 use crate::report;
 
-/// Plugins that are part of the programs.
-pub fn registry() -> Registry {
-    Registry::default()
+/// Arms that are offered to CRTK clients.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct CrtkFiles<'a> {
+    /// Configurations that the command line names.
+    pub files: &'a [PathBuf],
+    /// Whether there is a middleware to offer them on.
+    pub has_ros: bool,
+}
+
+/// Beginning of the name of the node that offers arms.
+const CRTK_NODE: &str = "ambf_crtk";
+
+/// The middleware on which arms are offered.
+fn connect(has_ros: bool) -> Connect {
+    Arc::new(move || {
+        let mut transports: Vec<Box<dyn Transport>> = Vec::new();
+        if has_ros {
+            transports.push(Box::new(Ros1::start(CRTK_NODE, Arc::new(report::report))?));
+        }
+        Ok(transports)
+    })
 }
 
 /// What is to be loaded, and from where.
-pub fn setup(launch: &[PluginEntry], command_line: &[PathBuf]) -> PluginSetup {
+pub fn setup(launch: &[PluginEntry], command_line: &[PathBuf], crtk: CrtkFiles<'_>) -> PluginSetup {
+    let mut registry = Registry::default();
+    let arms = crtk::plugin::register(&mut registry, crtk.files, &connect(crtk.has_ros));
     PluginSetup {
-        registry: registry(),
+        registry,
         search: Search::from_environment(),
         arguments: std::env::args_os().map(|word| word.to_string_lossy().into_owned()).collect(),
-        command_line: command_line.to_vec(),
+        command_line: command_line.iter().cloned().chain(arms).collect(),
         launch: launch.to_vec(),
     }
 }
 
 /// Loads the plugins that a scene, a launch file and a command line ask for; each one that is left out is named, the
 /// others too if `verbose`.
-pub fn load(simulation: &mut Simulation, launch: &[PluginEntry], command_line: &[PathBuf], verbose: bool) {
-    let PluginReport { loaded, problems } = simulation.load_plugins(setup(launch, command_line));
+pub fn load(
+    simulation: &mut Simulation,
+    launch: &[PluginEntry],
+    command_line: &[PathBuf],
+    crtk: CrtkFiles<'_>,
+    verbose: bool,
+) {
+    let PluginReport { loaded, problems } = simulation.load_plugins(setup(launch, command_line, crtk));
     if verbose {
         loaded.iter().for_each(|line| report!("{line} is running"));
     }

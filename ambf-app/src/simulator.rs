@@ -120,7 +120,8 @@ fn load_simulation(
     let mut simulation = Simulation::new(scene, sub_step);
     let (host, said) = devices::open(&launch, options, &mut simulation);
     said.iter().for_each(|line| report!("{line}"));
-    plugins::load(&mut simulation, &launch.plugins, &options.plugins, options.verbose);
+    let crtk = plugins::CrtkFiles { files: &options.crtk, has_ros: !options.no_ros };
+    plugins::load(&mut simulation, &launch.plugins, &options.plugins, crtk, options.verbose);
     Ok((simulation, host, found.to_string()))
 }
 

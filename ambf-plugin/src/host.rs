@@ -204,7 +204,7 @@ impl Plugins {
 
     fn make(&self, entry: &PluginEntry, subject: Subject, desk: &Arc<Desk>) -> Result<AnyPlugin, PluginError> {
         let kind = subject.kind();
-        if let Some(name) = builtin(entry) {
+        if let Some(name) = builtin(entry).or_else(|| stand_in(&self.setup.registry, entry)) {
             return caught(|| self.setup.registry.make(name, kind))
                 .unwrap_or_else(|panic| Err(PluginError::Panicked(panic)));
         }
@@ -398,7 +398,7 @@ impl PluginSetup {
     /// # Errors
     /// [`PluginError::Builtin`], [`PluginError::NotFound`], [`PluginError::Cpp`].
     pub fn check(&self, entry: &PluginEntry) -> Result<(), PluginError> {
-        match builtin(entry) {
+        match builtin(entry).or_else(|| stand_in(&self.registry, entry)) {
             Some(name) => self.registry.check(name),
             None => self.search.look_up(entry).map(|_| ()),
         }
@@ -408,6 +408,14 @@ impl PluginSetup {
 /// Name of a built-in plugin.
 fn builtin(entry: &PluginEntry) -> Option<&str> {
     entry.filename.to_str()?.strip_prefix(BUILTIN)
+}
+
+/// The built-in plugin that stands in for a public one of the C++ program.
+pub(super) fn stand_in<'n>(registry: &Registry, entry: &PluginEntry) -> Option<&'n str> {
+    const STAND_INS: [(&str, &str); 1] = [("libambf_crtk", "crtk")];
+    let file = entry.filename.file_name()?.to_str()?;
+    let found = STAND_INS.iter().find(|(start, _)| file.starts_with(start));
+    found.map(|(_, name)| *name).filter(|name| registry.check(name).is_ok())
 }
 
 /// The file of an entry. The dynamic loader is asked for a bare name that no folder holds.
@@ -426,6 +434,23 @@ pub(super) fn resolve(search: &Search, entry: &PluginEntry) -> Result<PathBuf, P
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_public_crtk_plugin_has_a_stand_in_where_the_program_has_one() {
+        let source = ambf_model::adf::SourcePos { file: Path::new("w.yaml").into(), line: 1, column: 1 };
+        let entry = |filename: &str| PluginEntry {
+            name: "p".into(),
+            filename: filename.into(),
+            path: None,
+            source: source.clone(),
+        };
+        let crtk = entry("build/libambf_crtk_simulator_plugin.so");
+        let mut registry = Registry::default();
+        assert_eq!(stand_in(&registry, &crtk), None);
+        registry.add("crtk", |_| None);
+        assert_eq!(stand_in(&registry, &crtk), Some("crtk"));
+        assert_eq!(stand_in(&registry, &entry("libambf_recording.so")), None);
+    }
 
     #[test]
     fn slow_calls_are_reported_at_once_and_then_rarely() {

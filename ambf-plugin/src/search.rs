@@ -87,8 +87,9 @@ impl Search {
 const KNOWN: [(&str, &str); 7] = [
     (
         "libambf_crtk",
-        "no component serves the CRTK topics (measured_js, servo_cp, …) of simulated arms yet, so the entry is skipped; meanwhile \
-         clients command the joints of the arm with `joint_cmds` on the topic `…/Command` of its base body",
+        "this program does not serve the CRTK topics (measured_js, servo_cp, …) of simulated arms, ambf_simulator does \
+         (docs/crtk.md); the entry is skipped; clients can command the joints of the arm with `joint_cmds` on the topic `…/Command` \
+         of its base body",
     ),
     (
         "libvolumetric_drilling",

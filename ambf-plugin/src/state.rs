@@ -47,6 +47,17 @@ pub struct JointState {
     pub child: usize,
 }
 
+/// Where a joint with one coordinate is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct JointFrame {
+    /// Whether the coordinate is an angle about the axis; else a distance along it.
+    pub is_angular: bool,
+    /// A point of the axis in the parent's inertial frame, m.
+    pub pivot: Vector3<f64>,
+    /// Direction of the axis in the parent's inertial frame, of unit length.
+    pub axis: Vector3<f64>,
+}
+
 /// What a ray meets first.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Hit {

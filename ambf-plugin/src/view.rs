@@ -1,6 +1,6 @@
 use nalgebra::{Isometry3, Vector3};
 
-use super::{BodyState, Clock, Command, CommandError, Hit, JointState, Subject, Touch};
+use super::{BodyState, Clock, Command, CommandError, Hit, JointFrame, JointState, Subject, Touch};
 use crate::JointCommandType;
 use crate::{ObjectId, ObjectType};
 
@@ -36,6 +36,14 @@ pub trait Access {
     fn body(&self, index: usize) -> Option<BodyState>;
     /// State of a joint.
     fn joint(&self, index: usize) -> Option<JointState>;
+    /// Where a joint with one coordinate is; `None` for others, and through the C interface.
+    fn joint_frame(&self, _index: usize) -> Option<JointFrame> {
+        None
+    }
+    /// Gravity that acts on a body, m/s², world axes; `None` when there is no such body, and through the C interface.
+    fn gravity(&self, _body: usize) -> Option<Vector3<f64>> {
+        None
+    }
     /// Pose of an object in the world.
     fn pose(&self, object: ObjectId) -> Option<Isometry3<f64>>;
     /// Appends the numbers of an object; `None` when there is no such object.
@@ -138,6 +146,16 @@ impl<'a> View<'a> {
     /// State of a joint.
     pub fn joint(&self, index: usize) -> Option<JointState> {
         self.access.joint(index)
+    }
+
+    /// Where a joint with one coordinate is and how it moves; `None` for other joints, and in shared libraries.
+    pub fn joint_frame(&self, index: usize) -> Option<JointFrame> {
+        self.access.joint_frame(index)
+    }
+
+    /// Gravity that acts on a body, m/s², world axes; `None` when there is no such body, and in shared libraries.
+    pub fn gravity(&self, body: usize) -> Option<Vector3<f64>> {
+        self.access.gravity(body)
     }
 
     /// Pose of an object in the world: of a body its body frame, of a soft body its centre without rotation; `None` for

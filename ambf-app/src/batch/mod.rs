@@ -283,7 +283,7 @@ fn load_scene(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<(Simula
     warn(report.to_string().trim_end());
     let mut simulation = Simulation::new(scene, options.dt);
     let listed = launch.as_ref().map(|launch| launch.plugins.as_slice()).unwrap_or_default();
-    plugins::load(&mut simulation, listed, &options.plugins, false);
+    plugins::load(&mut simulation, listed, &options.plugins, plugins::CrtkFiles::default(), false);
     Ok((simulation, report.errors() > 0))
 }
 

@@ -34,7 +34,7 @@ impl<'a> Pass<'a> {
             findings: Vec::new(),
             kept: BTreeMap::new(),
             topics: HashMap::new(),
-            setup: plugins::setup(&[], &[]),
+            setup: plugins::setup(&[], &[], plugins::CrtkFiles::default()),
             plugins: 0,
         }
     }

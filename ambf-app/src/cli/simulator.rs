@@ -37,6 +37,8 @@ pub struct SimulatorOptions {
     pub speed_factor: f64,
     /// Simulator plugins, in load order.
     pub plugins: Vec<PathBuf>,
+    /// Configurations of arms that are offered to CRTK clients.
+    pub crtk: Vec<PathBuf>,
     /// Launch file. It need not exist.
     pub launch_file: PathBuf,
     /// Model files, loaded first.
@@ -189,6 +191,9 @@ struct Arguments {
     /// Simulator plugins to load
     #[arg(long, value_name = "FILE,…", help_heading = "Scene")]
     plugins: Option<String>,
+    /// Offer the arms of these configurations to CRTK clients
+    #[arg(long, value_name = "FILE,…", help_heading = "ROS")]
+    crtk: Option<String>,
     /// Open camera windows [default: where there is a display]
     #[arg(short = 'g', long = "show_gui", value_name = "BOOL", value_parser = boolean)]
     #[arg(help_heading = "Scene", action = clap::ArgAction::Set)]
@@ -324,6 +329,7 @@ impl Arguments {
             namespace: self.ns,
             speed_factor,
             plugins: self.plugins.as_deref().map(paths).unwrap_or_default(),
+            crtk: self.crtk.as_deref().map(paths).unwrap_or_default(),
             launch_file,
             model_files,
             model_indexes,

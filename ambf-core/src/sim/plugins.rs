@@ -16,10 +16,10 @@ use crate::ids::{
 };
 use crate::plugin::run::{Access, Phase, Plugins, Shared, TextOf, Wanted};
 use crate::plugin::{
-    BodyState, Clock, Command, CommandError, Drawings, Hit, Input, JointState, ObjectId, ObjectType, PluginReport,
-    PluginSetup, StateSnapshot, Subject, Touch,
+    BodyState, Clock, Command, CommandError, Drawings, Hit, Input, JointFrame, JointState, ObjectId, ObjectType,
+    PluginReport, PluginSetup, StateSnapshot, Subject, Touch,
 };
-use crate::scene::{Joint, Scene};
+use crate::scene::{Joint, JointType, Scene};
 
 /// What the simulation keeps for its plugins.
 #[derive(Default)]
@@ -454,6 +454,23 @@ impl Access for SceneAccess<'_> {
     fn joint(&self, index: usize) -> Option<JointState> {
         let joint: JointId = self.live(index).ok()?;
         Some(joint_state(&self.physics.scene.joints[joint]))
+    }
+
+    fn joint_frame(&self, index: usize) -> Option<JointFrame> {
+        let joint: JointId = self.live(index).ok()?;
+        let joint = &self.physics.scene.joints[joint];
+        let is_angular = match joint.joint_type {
+            JointType::Revolute => true,
+            JointType::Prismatic => false,
+            _ => return None,
+        };
+        Some(JointFrame { is_angular, pivot: joint.pivot, axis: joint.axis })
+    }
+
+    fn gravity(&self, body: usize) -> Option<Vector3<f64>> {
+        let body: BodyId = self.live(body).ok()?;
+        let scene = &self.physics.scene;
+        Some(scene.bodies[body].gravity.unwrap_or(scene.gravity))
     }
 
     fn pose(&self, object: ObjectId) -> Option<Isometry3<f64>> {

@@ -1,0 +1,337 @@
+//! What clients may tell an arm, and what is refused.
+//!
+//! The functions here turn what came into a [`Command`] by what never changes about the arm, so that they can be called
+//! in any thread. What cannot be used becomes [`Command::Refused`]: the arm decides whether it is worth a warning.
+
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3, Vector6};
+use thiserror::Error;
+
+use super::model::{ArmModel, OnLimit, LIMIT_TOLERANCE};
+use crate::kinematics::{Coordinates, InverseError, Limits};
+
+/// How a command is carried out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Level {
+    /// At once.
+    Servo,
+    /// Smoothed, within the limits of speed and acceleration.
+    Interpolate,
+    /// As a move to rest.
+    Move,
+}
+
+/// Of what a joint command is a value.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Quantity {
+    /// rad or m.
+    Position,
+    /// rad or m, to be added to the set point.
+    Relative,
+    /// rad/s or m/s.
+    Velocity,
+    /// N·m or N.
+    Effort,
+}
+
+/// In which frame a pose is given.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Frame {
+    /// The arm's reference frame.
+    Reference,
+    /// The world.
+    World,
+    /// The arm's base.
+    Base,
+}
+
+/// In which axes and about which point a wrench is given.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum WrenchFrame {
+    /// At the control point, in tool axes, or in base axes if the orientation is absolute.
+    Body,
+    /// At the origin of the base, in base axes.
+    Spatial,
+}
+
+/// What an arm is told.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Command {
+    /// A state command.
+    State(String),
+    /// Joint values.
+    Joints {
+        /// How.
+        level: Level,
+        /// What.
+        quantity: Quantity,
+        /// A value a joint.
+        value: Coordinates,
+    },
+    /// A pose of the control point.
+    Pose {
+        /// How.
+        level: Level,
+        /// Where.
+        pose: Isometry3<f64>,
+        /// In which frame.
+        frame: Frame,
+    },
+    /// A twist of the control point in reference axes: m/s, rad/s.
+    Twist(Vector6<f64>),
+    /// A wrench, N and N·m.
+    Wrench {
+        /// Force, then torque.
+        wrench: Vector6<f64>,
+        /// In which frame.
+        frame: WrenchFrame,
+    },
+    /// Stay at the set point.
+    Hold,
+    /// No effort but what holds the arm against gravity.
+    Free,
+    /// Whether efforts that hold the arm against gravity are added to commanded efforts.
+    GravityCompensation(bool),
+    /// Whether wrenches of [`WrenchFrame::Body`] are in base axes.
+    AbsoluteForces(bool),
+    /// The jaw's angle, rad.
+    Jaw {
+        /// How.
+        level: Level,
+        /// The angle between the fingers.
+        angle: f64,
+    },
+    /// The jaw's effort, N·m.
+    JawEffort(f64),
+    /// A motion command that cannot be used.
+    Refused {
+        /// Whether it is a move, whose sender waits for the arm to be busy.
+        is_move: bool,
+        /// Why.
+        refusal: Refusal,
+    },
+}
+
+/// Why a command is refused.
+#[derive(Debug, Clone, PartialEq, Error)]
+#[non_exhaustive]
+pub enum Refusal {
+    /// Error when the bytes are no message of the type.
+    #[error("the message cannot be read")]
+    Unreadable,
+    /// Error when there are too many or too few values.
+    #[error("{got} values, expected {expected}")]
+    Count {
+        /// How many came.
+        got: usize,
+        /// How many there should be.
+        expected: usize,
+    },
+    /// Error when a number is NaN or infinite.
+    #[error("a number is not finite")]
+    NotFinite,
+    /// Error when the names of joints are not those of the arm, each once.
+    #[error("the joint names are not those of the arm, each once; expected {expected}, or none")]
+    Names {
+        /// Names, separated by commas.
+        expected: String,
+    },
+    /// Error when a quaternion has no length.
+    #[error("the quaternion is zero")]
+    Quaternion,
+    /// Error when a pose is given in a frame that the arm does not know.
+    #[error("the frame `{got}` is not known; expected {expected}")]
+    Frame {
+        /// The frame.
+        got: String,
+        /// Those that are known.
+        expected: String,
+    },
+    /// Error when a target is beyond a joint's limits.
+    #[error("joint {joint} at {value} is beyond its limits, {lower} to {upper}")]
+    Limit {
+        /// From 0; the jaw is the one after the last.
+        joint: usize,
+        /// rad or m.
+        value: f64,
+        /// rad or m.
+        lower: f64,
+        /// rad or m.
+        upper: f64,
+    },
+    /// Error when there are no joint coordinates for a pose.
+    #[error(transparent)]
+    Inverse(#[from] InverseError),
+    /// Error when the arm has no jaw.
+    #[error("the arm has no jaw")]
+    NoJaw,
+    /// Error when more moves and state commands wait than are kept.
+    #[error("too many commands wait")]
+    Full,
+    /// Error when a state command is none.
+    #[error("`{0}` is no state command")]
+    UnknownState(String),
+    /// Error when a state command is not possible now.
+    #[error("`{command}` is not possible in the state {state}")]
+    State {
+        /// The command.
+        command: String,
+        /// The state.
+        state: super::State,
+    },
+}
+
+/// Longest text of a client that is repeated in a warning, characters.
+const LONGEST_QUOTE: usize = 64;
+
+/// The beginning of what a client wrote.
+pub(super) fn quoted(text: &str) -> String {
+    text.chars().filter(|c| !c.is_control()).take(LONGEST_QUOTE).collect()
+}
+
+/// Joint values with their names as they came.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct JointMessage {
+    /// Empty, or a name a joint.
+    pub names: Vec<String>,
+    /// rad or m.
+    pub position: Vec<f64>,
+    /// rad/s or m/s.
+    pub velocity: Vec<f64>,
+    /// N·m or N.
+    pub effort: Vec<f64>,
+}
+
+/// A pose as it came.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct PoseMessage {
+    /// Frame.
+    pub frame: String,
+    /// m.
+    pub position: [f64; 3],
+    /// x y z w.
+    pub orientation: [f64; 4],
+}
+
+impl ArmModel {
+    /// The command of a joint message.
+    pub fn joint_command(&self, level: Level, quantity: Quantity, message: &JointMessage) -> Command {
+        self.joint_values(quantity, message)
+            .map_or_else(|refusal| refused(level, refusal), |value| Command::Joints { level, quantity, value })
+    }
+
+    fn joint_values(&self, quantity: Quantity, message: &JointMessage) -> Result<Coordinates, Refusal> {
+        let values = match quantity {
+            Quantity::Position | Quantity::Relative => &message.position,
+            Quantity::Velocity => &message.velocity,
+            Quantity::Effort => &message.effort,
+        };
+        let expected = self.count();
+        if values.len() != expected {
+            return Err(Refusal::Count { got: values.len(), expected });
+        }
+        if values.iter().any(|value| !value.is_finite()) {
+            return Err(Refusal::NotFinite);
+        }
+        let mut ordered = Coordinates::zeros();
+        for (value, place) in values.iter().zip(self.places(&message.names)?) {
+            ordered[place] = *value;
+        }
+        if quantity == Quantity::Position {
+            self.within_limits(&mut ordered)?;
+        }
+        Ok(ordered)
+    }
+
+    /// For each value the joint that it belongs to.
+    fn places(&self, names: &[String]) -> Result<Vec<usize>, Refusal> {
+        let count = self.count();
+        let are_numbers = names.len() == count && names.iter().enumerate().all(|(i, name)| *name == i.to_string());
+        if names.is_empty() || are_numbers {
+            return Ok((0..count).collect());
+        }
+        let wrong = || Refusal::Names { expected: self.joints.join(", ") };
+        let places: Option<Vec<usize>> =
+            names.iter().map(|name| self.joints.iter().position(|joint| joint == name)).collect();
+        let places = places.filter(|places| places.len() == count).ok_or_else(wrong)?;
+        let all_different = (0..count).all(|joint| places.contains(&joint));
+        all_different.then_some(places).ok_or_else(wrong)
+    }
+
+    /// Clips targets, or refuses them.
+    pub(super) fn within_limits(&self, target: &mut Coordinates) -> Result<(), Refusal> {
+        for (joint, limits) in self.limits.iter().enumerate() {
+            target[joint] = self.within(joint, target[joint], limits)?;
+        }
+        Ok(())
+    }
+
+    fn within(&self, joint: usize, value: f64, limits: &Limits) -> Result<f64, Refusal> {
+        if self.on_limit == OnLimit::Refuse && !limits.hold(value, LIMIT_TOLERANCE) {
+            return Err(Refusal::Limit { joint, value, lower: limits.lower, upper: limits.upper });
+        }
+        Ok(limits.clip(value))
+    }
+
+    /// The command of a pose message. `is_local`: poses without a frame are in the base.
+    pub fn pose_command(&self, level: Level, message: &PoseMessage, is_local: bool) -> Command {
+        let read = || {
+            let numbers = message.position.iter().chain(&message.orientation);
+            if numbers.into_iter().any(|value| !value.is_finite()) {
+                return Err(Refusal::NotFinite);
+            }
+            let [x, y, z, w] = message.orientation;
+            let rotation = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 1e-9).ok_or(Refusal::Quaternion)?;
+            let pose = Isometry3::from_parts(Translation3::from(message.position), rotation);
+            Ok((pose, self.frame(&message.frame, is_local)?))
+        };
+        read().map_or_else(|refusal| refused(level, refusal), |(pose, frame)| Command::Pose { level, pose, frame })
+    }
+
+    fn frame(&self, name: &str, is_local: bool) -> Result<Frame, Refusal> {
+        let known = &self.frames;
+        match name {
+            "" if is_local => Ok(Frame::Base),
+            "" => Ok(Frame::Reference),
+            _ if name == known.reference => Ok(Frame::Reference),
+            _ if name == known.base => Ok(Frame::Base),
+            "world" => Ok(Frame::World),
+            _ => {
+                let expected = format!("{}, {} or world", known.reference, known.base);
+                Err(Refusal::Frame { got: quoted(name), expected })
+            }
+        }
+    }
+
+    /// The command of a twist, force or torque message.
+    pub fn six_command(linear: [f64; 3], angular: [f64; 3], make: impl FnOnce(Vector6<f64>) -> Command) -> Command {
+        if linear.iter().chain(&angular).any(|value| !value.is_finite()) {
+            return refused(Level::Servo, Refusal::NotFinite);
+        }
+        let (v, w) = (Vector3::from(linear), Vector3::from(angular));
+        make(Vector6::new(v.x, v.y, v.z, w.x, w.y, w.z))
+    }
+
+    /// The command of a jaw message: one value.
+    pub fn jaw_command(&self, level: Level, quantity: Quantity, message: &JointMessage) -> Command {
+        let read = || {
+            let jaw = self.jaw.as_ref().ok_or(Refusal::NoJaw)?;
+            let values = if quantity == Quantity::Effort { &message.effort } else { &message.position };
+            let &[value] = values.as_slice() else {
+                return Err(Refusal::Count { got: values.len(), expected: 1 });
+            };
+            if !value.is_finite() {
+                return Err(Refusal::NotFinite);
+            }
+            match quantity {
+                Quantity::Effort => Ok(Command::JawEffort(value)),
+                _ => Ok(Command::Jaw { level, angle: self.within(self.count(), value, &jaw.limits)? }),
+            }
+        };
+        read().unwrap_or_else(|refusal| refused(level, refusal))
+    }
+}
+
+/// A motion command that cannot be used.
+pub fn refused(level: Level, refusal: Refusal) -> Command {
+    Command::Refused { is_move: level == Level::Move, refusal }
+}

@@ -1,0 +1,28 @@
+//! Arms of a scene, offered to clients that speak CRTK (collaborative robotics toolkit), as dVRK software does.
+//!
+//! Layers, each of which knows only those above it:
+//!
+//! | module | what it is |
+//! |---|---|
+//! | [`kinematics`] | chains of joints: forward kinematics, Jacobians, inverse kinematics; numbers only |
+//! | [`trajectory`] | how set points move |
+//! | [`arm`] | one arm as a state machine: commands and measurements in, set points and events out |
+//! | [`config`] | which arms a file offers, and how |
+//! | [`messages`], [`topics`] | what is said about an arm and taken from clients, as data |
+//! | [`transport`] | how topics reach clients: a trait, and ROS 1 |
+//! | [`exchange`], [`serve`] | commands and states between threads; the thread that publishes |
+//! | [`bind`], [`plugin`] | arms in a scene; the plugin of the simulator |
+//!
+//! //! The mathematics is in `README.md`, use in `docs/crtk.md`.
+
+pub mod arm;
+pub mod bind;
+pub mod config;
+pub mod exchange;
+pub mod kinematics;
+pub mod messages;
+pub mod plugin;
+pub mod serve;
+pub mod topics;
+pub mod trajectory;
+pub mod transport;

@@ -1,0 +1,309 @@
+//! The plugin of the simulator: it reads the arms of a scene after each step, tells their joints what to do in the next,
+//! and lets a thread of its own publish.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::thread::JoinHandle;
+
+use ambf_plugin::{
+    AnyPlugin, InitContext, ModelPlugin, Plugin, PluginError, PluginKind, Registry, SimulatorPlugin, SnapshotSlot,
+    SnapshotWriter, View, WorldPlugin,
+};
+use crossbeam_channel::{bounded, Sender};
+
+use crate::arm::{Arm, Event};
+use crate::bind::{bind, Binding, Moving, Reading};
+use crate::config::{self, ArmConfig, ClockKind, ConfigError, Kind};
+use crate::exchange::{commands, ArmStatus, Inbox, Status};
+use crate::messages::MessageType;
+use crate::serve::{wall_time, Offered, Publisher, Texts};
+use crate::topics::{topics, Carries, Extras, Output, Topic};
+use crate::transport::{Connect, Transport};
+
+/// Name of the built-in plugin: `filename: builtin:crtk`.
+pub const NAME: &str = "crtk";
+
+/// Events that wait for the publishing thread; more are lost, which takes a thread that does not run.
+const EVENTS: usize = 4096;
+
+/// Adds the plugin to those of a program; `files`: configurations that the command line names. Returns what the command
+/// line's list of plugins needs besides.
+pub fn register(registry: &mut Registry, files: &[PathBuf], connect: &Connect) -> Vec<PathBuf> {
+    let make = |file: Option<PathBuf>| {
+        let connect = Arc::clone(connect);
+        move |kind| {
+            let plugin = Crtk { connect: Arc::clone(&connect), file: file.clone(), running: None };
+            match kind {
+                PluginKind::Simulator => Some(AnyPlugin::Simulator(Box::new(plugin))),
+                PluginKind::World => Some(AnyPlugin::World(Box::new(plugin))),
+                PluginKind::Model => Some(AnyPlugin::Model(Box::new(plugin))),
+                PluginKind::Object => None,
+            }
+        }
+    };
+    registry.add(NAME, make(None));
+    let named = |file: &PathBuf| {
+        let name = format!("{NAME}:{}", file.display());
+        registry.add(&name, make(Some(file.clone())));
+        PathBuf::from(format!("builtin:{name}"))
+    };
+    files.iter().map(named).collect()
+}
+
+/// The plugin.
+struct Crtk {
+    connect: Connect,
+    /// Configuration that the command line names; `None`: where the plugin is declared.
+    file: Option<PathBuf>,
+    running: Option<Running>,
+}
+
+/// One arm in the physics thread.
+struct Live {
+    arm: Arm,
+    binding: Binding,
+    inbox: Inbox,
+    clock: ClockKind,
+    reading: Option<Reading>,
+}
+
+struct Running {
+    arms: Vec<Live>,
+    /// Control points, by place in the configuration; some arms may not be offered.
+    tools: Vec<Option<Moving>>,
+    /// Place in the configuration of each arm.
+    places: Vec<usize>,
+    writer: SnapshotWriter<Status>,
+    slot: Arc<SnapshotSlot<Status>>,
+    events: Sender<(usize, Event)>,
+    /// Memory that is used again.
+    fresh: Vec<Event>,
+    publisher: Option<JoinHandle<()>>,
+}
+
+impl Crtk {
+    fn configuration(&self, context: &InitContext<'_>) -> Result<Vec<ArmConfig>, PluginError> {
+        if let Some(file) = &self.file {
+            return config::load(file).map_err(|error| error.to_string().into());
+        }
+        let declared = context.settings().map_err(|error| error.to_string());
+        let read = declared.and_then(|settings| {
+            match config::from_outline(&settings, context.directory()) {
+                // The C++ program names the file on its command line.
+                Err(ConfigError::Nothing { .. }) if conf(context.arguments()).is_some() => Ok(None),
+                read => read.map(Some).map_err(|error| error.to_string()),
+            }
+        });
+        match (read, conf(context.arguments())) {
+            (Ok(Some(arms)), _) => Ok(arms),
+            (Ok(None), Some(file)) => config::load(Path::new(file)).map_err(|error| error.to_string().into()),
+            (Ok(None), None) => Err("there is no configuration".into()),
+            (Err(_), Some(file)) if context.node().is_empty() => {
+                config::load(Path::new(file)).map_err(|error| error.to_string().into())
+            }
+            (Err(error), _) => Err(error.into()),
+        }
+    }
+}
+
+/// The value of `--conf` on a command line.
+fn conf(arguments: &[String]) -> Option<&str> {
+    let after = arguments.iter().position(|word| word == "--conf").map(|at| at + 1);
+    let attached = arguments.iter().find_map(|word| word.strip_prefix("--conf="));
+    attached.or_else(|| after.and_then(|at| arguments.get(at)).map(String::as_str))
+}
+
+/// What is needed of an arm to open its topics.
+struct Prepared {
+    place: usize,
+    model: Arc<crate::arm::ArmModel>,
+    binding: Binding,
+}
+
+impl Plugin for Crtk {
+    fn init(&mut self, context: &mut InitContext<'_>) -> Result<(), PluginError> {
+        let configs = self.configuration(context)?;
+        let host = context.host();
+        let mut prepared = Vec::new();
+        let mut problems = Vec::new();
+        for place in 0..configs.len() {
+            match bind(&configs, place, &context.world) {
+                Ok((model, binding)) => prepared.push(Prepared { place, model: Arc::new(model), binding }),
+                Err(error) => problems.push(error.to_string()),
+            }
+        }
+        if prepared.is_empty() {
+            return Err(problems.join("; ").into());
+        }
+        problems.iter().for_each(|problem| host.say(format!("an arm is left out: {problem}")));
+        prepared.iter().flat_map(|arm| &arm.binding.notes).for_each(|note| host.say(note));
+        let transports = (self.connect)().map_err(|error| error.to_string())?;
+        if transports.is_empty() {
+            host.say("no middleware is running, so no topics are offered");
+        }
+        self.running = Some(Running::start(&configs, prepared, transports).map_err(|error| error.to_string())?);
+        Ok(())
+    }
+
+    fn physics_update(&mut self, world: &mut View<'_>, dt: f64) {
+        if let Some(running) = &mut self.running {
+            running.update(world, dt);
+        }
+    }
+
+    fn reset(&mut self, _world: &mut View<'_>) {
+        let arms = self.running.iter_mut().flat_map(|running| &mut running.arms);
+        arms.for_each(|live| {
+            live.inbox.take().for_each(drop);
+            live.arm.reset();
+        });
+    }
+
+    fn close(&mut self) {
+        if let Some(Running { events, publisher, .. }) = self.running.take() {
+            drop(events);
+            if let Some(publisher) = publisher {
+                // A thread that panicked has said so.
+                let _ = publisher.join();
+            }
+        }
+    }
+}
+
+impl SimulatorPlugin for Crtk {}
+impl WorldPlugin for Crtk {}
+impl ModelPlugin for Crtk {}
+
+impl Running {
+    fn start(
+        configs: &[ArmConfig],
+        prepared: Vec<Prepared>,
+        mut transports: Vec<Box<dyn Transport>>,
+    ) -> Result<Self, String> {
+        let (events, receiver) = bounded(EVENTS);
+        let mut arms = Vec::new();
+        let mut offered = Vec::new();
+        let mut places = Vec::new();
+        let tools = vec![None; configs.len()];
+        for Prepared { place, model, binding } in prepared {
+            let config = &configs[place];
+            let (outbox, inbox) = commands();
+            let tool_type = config.tool.as_ref().and_then(|tool| tool.instrument.clone());
+            let has_tool = config.tool.is_some();
+            let texts = Texts { info: binding.notes.clone(), tool_type };
+            let extras = Extras { dvrk: config.extras, tool_type: texts.tool_type.is_some() };
+            let topics = fitting(topics(&model, &config.space, extras), config.kind, has_tool);
+            let served = (config.rate, config.clock);
+            let open = Offered::open((&model, &topics), served, texts, &outbox, &mut transports);
+            offered.push(open.map_err(|error| error.to_string())?);
+            arms.push(Live { arm: Arm::new(model), binding, inbox, clock: config.clock, reading: None });
+            places.push(place);
+        }
+        let mut clock = Vec::new();
+        if configs.iter().any(|config| config.clock == ClockKind::Sim) {
+            let topic = Topic {
+                name: "/clock".into(),
+                message: MessageType::Clock,
+                carries: Carries::Out(Output::Info),
+                is_latched: false,
+                depth: 1,
+            };
+            for transport in &mut transports {
+                clock.push(transport.advertise(&topic).map_err(|error| error.to_string())?);
+            }
+        }
+        let slot = Arc::new(SnapshotSlot::empty());
+        let template = Status { arms: arms.iter().map(Live::status).collect(), ..Status::default() };
+        let publisher = Publisher { arms: offered, status: Arc::clone(&slot), events: receiver, clock, transports };
+        let thread = std::thread::Builder::new().name("crtk-publish".into()).spawn(move || publisher.run());
+        Ok(Self {
+            arms,
+            tools,
+            places,
+            writer: SnapshotWriter::new(template),
+            slot,
+            events,
+            fresh: Vec::with_capacity(64),
+            publisher: Some(thread.map_err(|error| format!("no thread can be made: {error}"))?),
+        })
+    }
+
+    fn update(&mut self, world: &mut View<'_>, dt: f64) {
+        let clock = world.clock();
+        let sim_time = (clock.sim_time * 1e9) as u64;
+        let wall_time = wall_time();
+        for (live, &place) in self.arms.iter_mut().zip(&self.places) {
+            live.reading = live.binding.read(world, live.arm.model());
+            self.tools[place] = live.reading.map(|reading| reading.tool);
+        }
+        for (index, live) in self.arms.iter_mut().enumerate() {
+            let Some(reading) = &mut live.reading else { continue };
+            reading.reference = live.binding.refer(world, reading, &self.tools);
+            reading.measured.reference = reading.reference.pose;
+            let stamp = if live.clock == ClockKind::Wall { wall_time } else { sim_time };
+            live.arm.update(stamp, dt, &reading.measured, live.inbox.take(), &mut self.fresh);
+            if live.binding.has_joints() {
+                live.binding.command(world, live.arm.set_point());
+            }
+            for event in self.fresh.drain(..) {
+                // Never waits: a thread that does not run for so long has lost its clients.
+                let _ = self.events.try_send((index, event));
+            }
+        }
+        let arms = &self.arms;
+        self.writer.publish(&self.slot, |status| {
+            (status.step, status.sim_time, status.wall_time) = (clock.step, sim_time, wall_time);
+            status.arms.clear();
+            status.arms.extend(arms.iter().map(Live::status));
+        });
+    }
+}
+
+impl Live {
+    fn status(&self) -> ArmStatus {
+        ArmStatus {
+            reading: self.reading,
+            set_point: *self.arm.set_point(),
+            state: self.arm.operating_state(),
+            absolute_forces: self.arm.has_absolute_forces(),
+        }
+    }
+}
+
+/// Leaves out what an entry cannot have: poses without a tool, joints of an object.
+fn fitting(topics: Vec<Topic>, kind: Kind, has_tool: bool) -> Vec<Topic> {
+    let fits = |topic: &Topic| {
+        let is_pose =
+            matches!(topic.message, MessageType::Pose | MessageType::Twist | MessageType::Wrench | MessageType::Matrix);
+        match kind {
+            Kind::Object => matches!(topic.carries, Carries::Out(Output::MeasuredPose { .. } | Output::MeasuredTwist)),
+            _ => has_tool || !is_pose,
+        }
+    };
+    topics.into_iter().filter(fits).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_line_of_the_cpp_program_names_its_configuration() {
+        let words = |line: &str| line.split(' ').map(str::to_owned).collect::<Vec<_>>();
+        assert_eq!(conf(&words("ambf -l 1 --conf a.yaml -p 5")), Some("a.yaml"));
+        assert_eq!(conf(&words("ambf --conf=b.yaml")), Some("b.yaml"));
+        assert_eq!(conf(&words("ambf --conf")), None);
+        assert_eq!(conf(&words("ambf -l 1")), None);
+    }
+
+    #[test]
+    fn each_file_of_the_command_line_is_a_plugin() {
+        let mut registry = Registry::default();
+        let connect: Connect = Arc::new(|| Ok(Vec::new()));
+        let paths = register(&mut registry, &["a.yaml".into(), "b.yaml".into()], &connect);
+        assert_eq!(paths, ["builtin:crtk:a.yaml", "builtin:crtk:b.yaml"].map(PathBuf::from));
+        assert_eq!(registry.names().collect::<Vec<_>>(), ["crtk", "crtk:a.yaml", "crtk:b.yaml"]);
+        assert!(registry.make("crtk", PluginKind::Model).is_ok());
+        assert!(registry.make("crtk", PluginKind::Object).is_err());
+    }
+}

@@ -1,0 +1,174 @@
+//! How topics reach clients: [`Transport`], and that of ROS 1.
+//!
+//! A transport has two verbs. What is sent is a [`Message`]: [`Message::encode`] gives its bytes in the encoding of
+//! ROS 1, [`MessageType::definition`] its type and definition, for transports that encode anew. What is received are
+//! bytes in that encoding.
+
+use std::any::Any;
+use std::sync::Arc;
+use std::time::Duration;
+
+use ros_node::{Announcement, LinkOptions, Node, NodeName, OwnMaster, Peer, Publication, RawSubscription, Report};
+use rosrust::Message as RosMessage;
+use thiserror::Error;
+
+use crate::messages::{crtk_msgs, geometry_msgs, rosgraph_msgs, sensor_msgs, std_msgs, Message, MessageType, WithRos};
+use crate::topics::Topic;
+
+/// Why topics cannot be offered.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum TransportError {
+    /// Error when the address of the ROS master is none.
+    #[error(transparent)]
+    Master(#[from] ros_node::CallError),
+    /// Error when no thread can be made.
+    #[error("the threads of the ROS node cannot be made: {0}")]
+    Thread(#[from] std::io::Error),
+    /// Error of another transport.
+    #[error("{0}")]
+    Other(String),
+}
+
+/// Called with each message that comes, from a thread of the transport's; it returns at once.
+pub type Receive = Arc<dyn Fn(&[u8]) + Send + Sync>;
+
+/// A topic that is published.
+pub trait Sender: Send {
+    /// Whether what is sent now is sent, or kept for those who come later.
+    fn is_open(&self) -> bool;
+
+    /// Whether anybody listens.
+    fn has_receivers(&self) -> bool;
+
+    /// Sends without waiting for the network.
+    fn send(&self, message: &Message);
+}
+
+/// A middleware.
+pub trait Transport: Send {
+    /// Opens a topic for sending.
+    ///
+    /// # Errors
+    /// [`TransportError`].
+    fn advertise(&mut self, topic: &Topic) -> Result<Box<dyn Sender>, TransportError>;
+
+    /// Listens to a topic.
+    ///
+    /// # Errors
+    /// [`TransportError`].
+    fn subscribe(&mut self, topic: &Topic, receive: Receive) -> Result<(), TransportError>;
+}
+
+/// Makes the transports of an instance.
+pub type Connect = Arc<dyn Fn() -> Result<Vec<Box<dyn Transport>>, TransportError> + Send + Sync>;
+
+/// Longest message that is taken, bytes.
+const LONGEST: usize = 64 << 10;
+
+/// How long a call to the master may take.
+const TIMEOUT: Duration = Duration::from_secs(1);
+
+/// Topics of ROS 1, in a node of their own. Dropping it ends the node.
+pub struct Ros1 {
+    node: Node,
+    master: Peer,
+}
+
+impl Ros1 {
+    /// A node whose name begins with `name`; the master may come later.
+    ///
+    /// # Errors
+    /// [`TransportError`].
+    pub fn start(name: &str, report: Report) -> Result<Self, TransportError> {
+        let master = Peer::new(&ros_node::master_uri(), &format!("/{name}"), TIMEOUT)?;
+        let node = Node::start(LinkOptions {
+            master: master.clone(),
+            name: NodeName::Anonymous(name.into()),
+            own_master: OwnMaster::None,
+            parameters: Vec::new(),
+            report,
+        })?;
+        Ok(Self { node, master })
+    }
+
+    fn announce(&self, announcement: Arc<dyn Announcement>) {
+        self.node.link().add([announcement]);
+    }
+
+    fn publication<M: RosMessage>(&self, topic: &Topic) -> Box<dyn Sender> {
+        let name = topic.name.clone();
+        let publication = if topic.is_latched { Publication::<M>::latched(name) } else { Publication::new(name) };
+        self.announce(Arc::clone(&publication) as Arc<dyn Announcement>);
+        Box::new(Ros1Sender { publication })
+    }
+
+    fn subscription<M: RosMessage>(&self, topic: &Topic, receive: Receive) {
+        let on_message = move |message: ros_node::RawReceived<'_>| receive(message.body);
+        self.announce(RawSubscription::of::<M>(self.master.clone(), topic.name.clone(), LONGEST, on_message));
+    }
+}
+
+struct Ros1Sender<M: RosMessage> {
+    publication: Arc<Publication<M>>,
+}
+
+impl<M: RosMessage> Sender for Ros1Sender<M> {
+    fn is_open(&self) -> bool {
+        self.publication.is_announced()
+    }
+
+    fn has_receivers(&self) -> bool {
+        self.publication.has_subscribers()
+    }
+
+    fn send(&self, message: &Message) {
+        struct To<'a>(&'a dyn Any);
+        impl WithRos for To<'_> {
+            type Output = ();
+
+            fn with<N: RosMessage>(self, message: N) {
+                // A message of another type than the topic's would be a bug, and is not sent.
+                if let Some(publication) = self.0.downcast_ref::<Arc<Publication<N>>>() {
+                    publication.send(message);
+                }
+            }
+        }
+        message.with_ros(To(&self.publication));
+    }
+}
+
+impl Transport for Ros1 {
+    fn advertise(&mut self, topic: &Topic) -> Result<Box<dyn Sender>, TransportError> {
+        Ok(match topic.message {
+            MessageType::Joints => self.publication::<sensor_msgs::JointState>(topic),
+            MessageType::Pose => self.publication::<geometry_msgs::PoseStamped>(topic),
+            MessageType::Twist => self.publication::<geometry_msgs::TwistStamped>(topic),
+            MessageType::Wrench => self.publication::<geometry_msgs::WrenchStamped>(topic),
+            MessageType::Matrix => self.publication::<std_msgs::Float64MultiArray>(topic),
+            MessageType::OperatingState => self.publication::<crtk_msgs::OperatingState>(topic),
+            MessageType::StampedText => self.publication::<crtk_msgs::StringStamped>(topic),
+            MessageType::Text => self.publication::<std_msgs::String>(topic),
+            MessageType::Bool => self.publication::<std_msgs::Bool>(topic),
+            MessageType::Empty => self.publication::<std_msgs::Empty>(topic),
+            MessageType::Clock => self.publication::<rosgraph_msgs::Clock>(topic),
+        })
+    }
+
+    fn subscribe(&mut self, topic: &Topic, receive: Receive) -> Result<(), TransportError> {
+        match topic.message {
+            MessageType::Joints => self.subscription::<sensor_msgs::JointState>(topic, receive),
+            MessageType::Pose => self.subscription::<geometry_msgs::PoseStamped>(topic, receive),
+            MessageType::Twist => self.subscription::<geometry_msgs::TwistStamped>(topic, receive),
+            MessageType::Wrench => self.subscription::<geometry_msgs::WrenchStamped>(topic, receive),
+            MessageType::Matrix => self.subscription::<std_msgs::Float64MultiArray>(topic, receive),
+            MessageType::OperatingState => self.subscription::<crtk_msgs::OperatingState>(topic, receive),
+            MessageType::StampedText => self.subscription::<crtk_msgs::StringStamped>(topic, receive),
+            MessageType::Text => self.subscription::<std_msgs::String>(topic, receive),
+            MessageType::Bool => self.subscription::<std_msgs::Bool>(topic, receive),
+            MessageType::Empty => self.subscription::<std_msgs::Empty>(topic, receive),
+            MessageType::Clock => self.subscription::<rosgraph_msgs::Clock>(topic, receive),
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,357 @@
+"""What clients of the dVRK simulators rely on, against any back end (CRTK_ARM): topics, states, busy pairs, refusals, stamps, frames,
+motion."""
+
+import math
+import time
+import unittest
+
+import back_end
+import harness
+import node
+from poses_math import angle, distance, moved
+
+HOME = [0.0, 0.0, 0.12, 0.0, 0.0, 0.0]
+
+
+def setUpModule():
+    global backend, arm, ecm
+    back_end.messages()
+    backend = back_end.BackEnd(*back_end.CART)
+    node.start(backend.port)
+    from arm_client import Arm
+
+    arm = Arm(back_end.external() or "/PSM1")
+    arm.check_connections()
+    ecm = None
+    if not back_end.external():
+        ecm = Arm("/ECM", jaw=False)
+        ecm.check_connections()
+
+
+def tearDownModule():
+    backend.stop()
+
+
+class Contract(unittest.TestCase):
+    """Each test begins with the arm enabled, homed and at home."""
+
+    def setUp(self):
+        arm.command("enable")
+        arm.command("home")
+        arm.move("move_jp", position=HOME)
+        arm.move("jaw/move_jp", position=[0.0])
+        arm.warnings.clear()
+
+    def settled(self, name="measured_cp", other="setpoint_cp"):
+        """Waits until the arm is where it is to be: 0.1 mm and 0.1 deg."""
+
+        def there():
+            a, b = arm.pose(name), arm.pose(other)
+            return distance(a, b) < 1e-4 and angle(a, b) < math.radians(0.1)
+
+        arm.wait(there, "the arm is where it is to be")
+
+    def test_01_start(self):
+        """The latched state that came first: enabled, homed, not busy."""
+        first = arm.states[0]
+        self.assertEqual((first.state, first.is_homed, first.is_busy), ("ENABLED", True, False))
+
+    def test_03_states(self):
+        """The table of the simulators' contract."""
+        table = {
+            "disable": ["DISABLED"] * 4,
+            "fault": ["FAULT"] * 4,
+            "enable": ["ENABLED", "ENABLED", "ENABLED", None],
+            "pause": [None, "PAUSED", None, None],
+            "resume": [None, None, "ENABLED", None],
+            "reset": [None, None, None, "DISABLED"],
+        }
+        ways = [["disable"], ["enable"], ["enable", "pause"], ["fault"]]
+        for command, row in table.items():
+            for way, expected in zip(ways, row):
+                with self.subTest(command=command, after=way):
+                    self.disable()
+                    for step in way:
+                        state = arm.command(step)
+                    self.assertEqual(state.state, {"disable": "DISABLED", "enable": "ENABLED", "pause": "PAUSED", "fault": "FAULT"}[way[-1]])
+                    arm.warnings.clear()
+                    if expected:
+                        self.assertEqual(arm.command(f" {command.upper()} ").state, expected)
+                    else:
+                        arm.send("state_command", string=command)
+                        harness.wait_for(lambda: arm.warnings, "a warning")
+                        self.assertEqual(arm.states[-1].state, state.state)
+        self.disable()
+
+    def disable(self):
+        """From any state, faults included."""
+        if arm.states[-1].state == "FAULT":
+            arm.command("reset")
+        arm.command("disable")
+
+    def test_04_unknown_command(self):
+        """One warning, no event."""
+        count = len(arm.states)
+        arm.send("state_command", string="dance")
+        harness.wait_for(lambda: arm.warnings, "a warning")
+        arm.fresh()
+        self.assertEqual((len(arm.warnings), len(arm.states)), (1, count))
+
+    def test_05_stamps_of_events(self):
+        """They increase strictly."""
+        stamps = [state.header.stamp.to_nsec() for state in arm.states]
+        self.assertTrue(all(a < b for a, b in zip(stamps, stamps[1:])))
+
+    def test_06_every_move_is_busy(self):
+        """To the present position, and one that is refused."""
+        arm.move("move_jp", position=HOME)
+        self.assertEqual(arm.warnings, [])
+        arm.move("move_jp", position=[9.0, 0.0, 0.12, 0.0, 0.0, 0.0])
+        harness.wait_for(lambda: arm.warnings, "a warning")
+        arm.move("jaw/move_jp", position=[0.3])
+        self.assertAlmostEqual(arm.joints("jaw/setpoint_js")[0], 0.3, 6)
+
+    def test_08_pause(self):
+        """During a move: the set point is where the arm is; resume does not go on."""
+        arm.send("move_jp", position=[1.0, 0.5, 0.05, 0.0, 0.0, 0.0])
+        arm.wait(lambda: arm.joints("setpoint_js")[0] > 0.2, "it moves")
+        self.assertFalse(arm.command("pause").is_busy)
+        arm.fresh("setpoint_js")
+        stopped = arm.joints("setpoint_js")[0]
+        self.assertLess(stopped, 1.0)
+        arm.command("resume")
+        arm.fresh("setpoint_js", 20)
+        self.assertEqual(arm.joints("setpoint_js")[0], stopped)
+
+    def test_09_not_enabled(self):
+        """Motion changes nothing, without a word."""
+        arm.command("disable")
+        arm.fresh("setpoint_js")
+        before = arm.joints("setpoint_js")
+        arm.send("servo_jp", position=[0.5, 0.0, 0.12, 0.0, 0.0, 0.0])
+        arm.move("move_jp", position=[0.5, 0.0, 0.12, 0.0, 0.0, 0.0])
+        arm.fresh("setpoint_js")
+        self.assertEqual((arm.joints("setpoint_js"), arm.warnings), (before, []))
+
+    def test_11_rate_and_12_stamps(self):
+        """100 a second on the average, and all topics of a publication with one stamp."""
+        arm.arrivals.clear()
+        arm.fresh("measured_js", 300)
+        arrivals = list(arm.arrivals["measured_js"])
+        rate = (len(arrivals) - 1) / (arrivals[-1][0] - arrivals[0][0])
+        self.assertGreater(rate, 90.0)
+        self.assertLess(rate, 110.0)
+        sets = [{header.stamp.to_nsec() for _, header in list(arm.arrivals[name])[5:-5]} for name in arm.outputs]
+        for stamps in sets[1:]:
+            self.assertLess(len(sets[0] ^ stamps), 40, "the same publications, but for the ends")
+        age = time.time() - arm.newest["measured_js"].header.stamp.to_sec()
+        self.assertLess(age, 1.0)
+
+    @unittest.skipIf(back_end.external(), "what the back end has in its scene is not known")
+    def test_13_frames(self):
+        """In the view of the endoscope; local topics in the base."""
+        for name in ("measured_cp", "setpoint_cp", "measured_cv", "measured_js"):
+            self.assertEqual(arm.newest[name].header.frame_id, "ECM_view", name)
+        self.assertEqual(arm.newest["local/measured_cp"].header.frame_id, "PSM1_base")
+        self.assertEqual(ecm.newest["measured_cp"].header.frame_id, "world")
+
+    def test_14_joints(self):
+        """Names, count, velocities."""
+        joints = arm.newest["measured_js"]
+        self.assertEqual(list(joints.name), ["yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw"])
+        self.assertEqual((len(joints.position), len(joints.velocity)), (6, 6))
+
+    def test_16_golden_pose(self):
+        """Home and another pose in the base, from dVRK's table."""
+        self.settled()
+        for q, place, rotation in [
+            (HOME, (0.0, 0.0, -0.1135), (0.707107, 0.707107, 0.0, 0.0)),
+            (
+                [0.1, -0.2, 0.15, 0.3, -0.4, 0.5],
+                (0.014945, 0.031684, -0.138463),
+                (0.779083, 0.490896, 0.389079, 0.025857),
+            ),
+        ]:
+            arm.move("move_jp", position=q)
+            arm.fresh("local/setpoint_cp")
+            pose = arm.pose("local/setpoint_cp")
+            got = (pose.position.x, pose.position.y, pose.position.z)
+            self.assertLess(math.dist(got, place), 3e-6)
+            o = pose.orientation
+            dot = abs(sum(a * b for a, b in zip((o.x, o.y, o.z, o.w), rotation)))
+            self.assertGreater(dot, 1.0 - 1e-9)
+            self.settled("local/measured_cp", "local/setpoint_cp")
+
+    def test_17_twist(self):
+        """measured_cv is the derivative of measured_cp."""
+        arm.send("move_jp", position=[0.8, 0.0, 0.2, 0.0, 0.0, 0.0])
+        arm.wait(lambda: arm.joints()[0] > 0.1, "it moves")
+        samples = {}
+
+        def collected():
+            pose, twist = arm.newest["measured_cp"], arm.newest["measured_cv"]
+            if pose.header.stamp == twist.header.stamp:
+                samples[pose.header.stamp.to_nsec()] = (pose.pose.position, twist.twist.linear)
+            return arm.joints()[0] > 0.6
+
+        arm.wait(collected, "samples")
+        keys = sorted(samples)
+        errors = []
+        for first, second in zip(keys, keys[1:]):
+            dt = (second - first) * 1e-9
+            (a, v), (b, w) = samples[first], samples[second]
+            for axis in "xyz":
+                slope = (getattr(b, axis) - getattr(a, axis)) / dt
+                errors.append(abs(slope - (getattr(v, axis) + getattr(w, axis)) / 2.0))
+        self.assertTrue(errors)
+        errors.sort()
+        self.assertLess(errors[len(errors) // 2], 0.05, "m/s, at some 0.6 m/s on a busy machine")
+
+    @unittest.skipIf(back_end.external(), "the back end may have no endoscope")
+    def test_18_moving_view(self):
+        """The endoscope moves: the instrument moves in its view and stands still in its base."""
+        self.settled()
+        arm.fresh("local/measured_cp")
+        before, local = arm.pose(), arm.pose("local/measured_cp")
+        speeds = []
+        ecm.send("move_jp", position=[0.2, 0.0, 0.05, 0.0])
+
+        def over():
+            linear = arm.newest["measured_cv"].twist.linear
+            speeds.append(math.hypot(linear.x, linear.y, linear.z))
+            return ecm.joints()[0] > 0.19
+
+        arm.wait(over, "the endoscope moves")
+        self.assertGreater(max(speeds), 0.01)
+        arm.fresh()
+        self.assertGreater(distance(before, arm.pose()), 0.005)
+        self.assertLess(distance(local, arm.pose("local/measured_cp")), 1e-4)
+        ecm.move("move_jp", position=[0.0, 0.0, 0.02, 0.0])
+
+    def test_23_servo(self):
+        """A stream of joint positions is followed, and nothing is busy."""
+        count = len(arm.states)
+        begin = time.monotonic()
+        while time.monotonic() < begin + 2.0:
+            phase = 2.0 * math.pi * (time.monotonic() - begin) / 2.0
+            arm.send("servo_jp", position=[0.1 * math.sin(phase), 0.0, 0.12, 0.0, 0.0, 0.0])
+            time.sleep(0.01)
+        arm.send("servo_jp", position=HOME)
+        self.settled()
+        self.assertEqual((len(arm.states), arm.warnings), (count, []))
+
+    def test_24_names(self):
+        """Permuted, numbered, and wrong."""
+        names = ["wrist_yaw", "wrist_pitch", "roll", "insertion", "pitch", "yaw"]
+        arm.move("move_jp", position=[0.0, 0.0, 0.0, 0.1, 0.0, 0.2], name=names)
+        self.assertAlmostEqual(arm.joints("setpoint_js")[0], 0.2, 9)
+        arm.move("move_jp", position=HOME, name=[str(i) for i in range(6)])
+        self.assertEqual(arm.warnings, [])
+        for wrong in (["yaw"], ["yaw"] * 6, [*names[:5], "elbow"]):
+            arm.warnings.clear()
+            arm.send("servo_jp", position=HOME, name=wrong)
+            harness.wait_for(lambda: arm.warnings, "a warning")
+
+    def test_25_no_command(self):
+        """NaN, wrong counts, no quaternion, an unknown frame: one warning each, nothing moves."""
+        arm.fresh("setpoint_js")
+        before = arm.joints("setpoint_js")
+        pose = arm.pose("setpoint_cp")
+        flat = moved(pose)
+        flat.orientation.x = flat.orientation.y = flat.orientation.z = flat.orientation.w = 0.0
+        bad = [
+            ("servo_jp", {"position": [math.nan, 0.0, 0.12, 0.0, 0.0, 0.0]}),
+            ("servo_jp", {"position": [math.inf, 0.0, 0.12, 0.0, 0.0, 0.0]}),
+            ("servo_jp", {"position": []}),
+            ("servo_jp", {"position": [0.0] * 7}),
+            ("servo_cp", {"pose": moved(pose, x=math.nan)}),
+            ("servo_cp", {"pose": flat}),
+            ("servo_cp", {"pose": pose, "frame": "moon"}),
+            ("jaw/servo_jp", {"position": [0.1, 0.2]}),
+        ]
+        for name, fields in bad:
+            with self.subTest(name=name, **{key: str(value)[:40] for key, value in fields.items()}):
+                arm.warnings.clear()
+                arm.send(name, **fields)
+                harness.wait_for(lambda: arm.warnings, "a warning")
+                arm.fresh()
+                self.assertEqual(len(arm.warnings), 1)
+        self.assertIn("moon", harness.wait_for(lambda: self.warned_of("moon"), "the frame is named"))
+        self.assertEqual(arm.joints("setpoint_js"), before)
+
+    def warned_of(self, word):
+        """A warning that holds a word, after one more try."""
+        arm.send("servo_cp", pose=arm.pose("setpoint_cp"), frame=word)
+        return next((warning.string for warning in arm.warnings if word in warning.string), None)
+
+    def test_26_limits(self):
+        """Beyond by 2e-6 is refused, by 5e-7 taken."""
+        arm.send("servo_jp", position=[0.0, 0.0, 0.240002, 0.0, 0.0, 0.0])
+        harness.wait_for(lambda: arm.warnings, "a warning")
+        arm.warnings.clear()
+        arm.send("servo_jp", position=[0.0, 0.0, 0.2400005, 0.0, 0.0, 0.0])
+        arm.wait(lambda: abs(arm.joints("setpoint_js")[2] - 0.24) < 1e-6, "it is taken")
+        self.assertEqual(arm.warnings, [])
+
+    def test_27_frames_of_commands(self):
+        """One place in the reference frame and in the base."""
+        self.settled()
+        arm.fresh("setpoint_cp")
+        place, local = arm.pose("setpoint_cp"), arm.pose("local/setpoint_cp")
+        arm.move("move_jp", position=[0.3, 0.1, 0.1, 0.2, 0.1, -0.1])
+        arm.move("move_cp", pose=local, frame="PSM1_base")
+        arm.wait(lambda: max(abs(a - b) for a, b in zip(arm.joints("setpoint_js"), HOME)) < 1e-4, "home by the base")
+        arm.move("move_jp", position=[0.3, 0.1, 0.1, 0.2, 0.1, -0.1])
+        arm.move("move_cp", pose=place)
+        arm.wait(lambda: max(abs(a - b) for a, b in zip(arm.joints("setpoint_js"), HOME)) < 1e-4, "home by the view")
+
+    def test_29_out_of_reach(self):
+        """The target stays."""
+        arm.fresh("setpoint_js")
+        before = arm.joints("setpoint_js")
+        arm.move("move_cp", pose=moved(arm.pose("setpoint_cp"), x=2.0))
+        harness.wait_for(lambda: arm.warnings, "a warning")
+        arm.fresh("setpoint_js")
+        self.assertEqual(arm.joints("setpoint_js"), before)
+
+    def test_30_move(self):
+        """Ends exactly at the goal, and takes max |d| / v."""
+        goal = [0.5, -0.25, 0.2, 0.5, 0.3, -0.2]
+        took = arm.move("move_jp", position=goal)
+        self.assertGreater(took, 0.19)
+        arm.fresh("setpoint_js")
+        self.assertEqual(arm.joints("setpoint_js"), goal)
+        self.settled()
+
+    def test_33_jaw(self):
+        """The angle between the fingers, measured within 0.01 rad."""
+        arm.move("jaw/move_jp", position=[0.8])
+        arm.wait(lambda: abs(arm.joints("jaw/measured_js")[0] - 0.8) < 0.01, "the jaw is open")
+        self.assertEqual(len(arm.joints("jaw/setpoint_js")), 1)
+
+    def test_48_integration(self):
+        """What dVRK's own test of arms does: a trajectory of servo_cp of 2 cm, and move_cp of 5 cm, met within 0.1 mm and 0.1 deg."""
+        self.settled()
+        arm.fresh("setpoint_cp")
+        start = moved(arm.pose("setpoint_cp"))
+        begin = time.monotonic()
+        lags = []
+        while time.monotonic() < begin + 3.0:
+            phase = 2.0 * math.pi * (time.monotonic() - begin) / 3.0
+            arm.send("servo_cp", pose=moved(start, x=0.01 * (1 - math.cos(phase)), y=0.01 * math.sin(phase)))
+            lags.append(distance(arm.pose(), arm.pose("setpoint_cp")))
+            time.sleep(0.01)
+        self.assertLess(sorted(lags)[len(lags) // 2], 2e-3)
+        arm.send("servo_cp", pose=start)
+        arm.wait(lambda: distance(arm.pose("setpoint_cp"), start) < 1e-6, "the last one")
+        self.settled()
+        for goal in (moved(start, x=0.025), moved(start, y=-0.025), start):
+            arm.move("move_cp", pose=goal)
+            arm.fresh("setpoint_cp")
+            self.assertLess(distance(arm.pose("setpoint_cp"), goal), 1e-6)
+            self.settled()
+        print(f"lag while following at 0.02 m/s: median {sorted(lags)[len(lags) // 2] * 1e3:.3f} mm")
+
+
+if __name__ == "__main__":
+    unittest.main()
