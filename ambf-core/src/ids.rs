@@ -84,6 +84,21 @@ impl ModelId {
 }
 
 /// A list that grows at its end only, and is indexed by the ids `I`.
+///
+/// ```
+/// use ambf_core::ids::{BodyId, Table};
+/// let mut names: Table<BodyId, &str> = Table::default();
+/// let base = names.push("base");
+/// assert_eq!(names[base], "base");
+/// ```
+///
+/// An id of another type is refused:
+///
+/// ```compile_fail,E0308
+/// use ambf_core::ids::{BodyId, JointId, Table};
+/// let names: Table<BodyId, &str> = vec!["base"].into();
+/// names[JointId::new(0)];
+/// ```
 #[derive(Clone, PartialEq)]
 pub struct Table<I, T> {
     list: Vec<T>,

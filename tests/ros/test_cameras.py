@@ -249,9 +249,9 @@ class Images(Seen):
 
         with node.Stream(f"{CAMERAS}/cam/Command", command):
             images.until(is_left, "the view from the commanded pose")
-        time.sleep(1.0)
-        images.next()
-        self.assertTrue(is_left(images.next()), "it stays after the last command")
+        ended = stamp(images.next())
+        later = images.until(lambda image: stamp(image) > ended + 1_000_000_000, "an image of a second later")
+        self.assertTrue(is_left(later), "it stays after the last command")
 
     def test_row_11_the_field_of_view_is_a_parameter(self):
         """The next image is zoomed by the ratio of the tangents of the half angles."""

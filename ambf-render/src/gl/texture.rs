@@ -109,7 +109,7 @@ impl Current<'_> {
         self.shadow_texture(1, 1, Some(1.0))
     }
 
-    fn shadow_texture(&self, width: i32, height: i32, texel: Option<f32>) -> Result<Texture, RenderError> {
+    pub(super) fn shadow_texture(&self, width: i32, height: i32, texel: Option<f32>) -> Result<Texture, RenderError> {
         assert!(texel.is_none() || (width, height) == (1, 1), "one texel");
         let gl = self.raw();
         let data = texel.map(|texel| texel.to_ne_bytes());
