@@ -45,7 +45,7 @@ pub(in super::super) struct Transport {
 }
 
 /// A node with what it has. Dropping it ends that.
-pub(super) struct NodeParts {
+pub(in super::super) struct NodeParts {
     node: Option<Node>,
     parts: Vec<Box<dyn Any + Send>>,
 }
