@@ -73,7 +73,8 @@ class Contract(unittest.TestCase):
                     self.disable()
                     for step in way:
                         state = arm.command(step)
-                    self.assertEqual(state.state, {"disable": "DISABLED", "enable": "ENABLED", "pause": "PAUSED", "fault": "FAULT"}[way[-1]])
+                    begun = {"disable": "DISABLED", "enable": "ENABLED", "pause": "PAUSED", "fault": "FAULT"}
+                    self.assertEqual(state.state, begun[way[-1]])
                     arm.warnings.clear()
                     if expected:
                         self.assertEqual(arm.command(f" {command.upper()} ").state, expected)

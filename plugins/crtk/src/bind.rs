@@ -1,5 +1,5 @@
-//! From a configured arm to the bodies and joints of a scene: which they are, the chain that they make, and what is read
-//! of them and told to them in each step.
+//! From a configured arm to the bodies and joints of a scene: which they are, the chain that they make, and what is
+//! read of them and told to them in each step.
 
 use ambf_model::adf::SourcePos;
 use ambf_plugin::{JointCommandType, ObjectId, ObjectType, View};

@@ -1,5 +1,5 @@
-//! The plugin of the simulator: it reads the arms of a scene after each step, tells their joints what to do in the next,
-//! and lets a thread of its own publish.
+//! The plugin of the simulator: it reads the arms of a scene after each step, tells their joints what to do in the
+//! next, and lets a thread of its own publish.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

@@ -232,7 +232,7 @@ pub fn topics(model: &ArmModel, space: &str, extras: Extras) -> Vec<Topic> {
         list.out("state", MessageType::StampedText, Output::StateName);
     }
     let is_robot = extras.dvrk || model.dialect == Dialect::Dvrk;
-    if has_jaw || is_robot {
+    if has_jaw || is_robot || model.dialect == Dialect::Plugin {
         list.local_poses();
     }
     if has_jaw {

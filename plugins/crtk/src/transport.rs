@@ -4,6 +4,8 @@
 //! ROS 1, [`MessageType::definition`] its type and definition, for transports that encode anew. What is received are
 //! bytes in that encoding.
 
+mod as_is;
+
 use std::any::Any;
 use std::sync::Arc;
 use std::time::Duration;
@@ -14,6 +16,7 @@ use thiserror::Error;
 
 use crate::messages::{crtk_msgs, geometry_msgs, rosgraph_msgs, sensor_msgs, std_msgs, Message, MessageType, WithRos};
 use crate::topics::Topic;
+use as_is::AsIs;
 
 /// Why topics cannot be offered.
 #[derive(Debug, Error)]
@@ -98,7 +101,7 @@ impl Ros1 {
 
     fn publication<M: RosMessage>(&self, topic: &Topic) -> Box<dyn Sender> {
         let name = topic.name.clone();
-        let publication = if topic.is_latched { Publication::<M>::latched(name) } else { Publication::new(name) };
+        let publication = if topic.is_latched { Publication::<AsIs<M>>::latched(name) } else { Publication::new(name) };
         self.announce(Arc::clone(&publication) as Arc<dyn Announcement>);
         Box::new(Ros1Sender { publication })
     }
@@ -110,7 +113,7 @@ impl Ros1 {
 }
 
 struct Ros1Sender<M: RosMessage> {
-    publication: Arc<Publication<M>>,
+    publication: Arc<Publication<AsIs<M>>>,
 }
 
 impl<M: RosMessage> Sender for Ros1Sender<M> {
@@ -129,8 +132,8 @@ impl<M: RosMessage> Sender for Ros1Sender<M> {
 
             fn with<N: RosMessage>(self, message: N) {
                 // A message of another type than the topic's would be a bug, and is not sent.
-                if let Some(publication) = self.0.downcast_ref::<Arc<Publication<N>>>() {
-                    publication.send(message);
+                if let Some(publication) = self.0.downcast_ref::<Arc<Publication<AsIs<N>>>>() {
+                    publication.send(AsIs(message));
                 }
             }
         }

@@ -60,7 +60,8 @@ fn mistakes_say_where_they_are_and_what_was_expected() {
 #[test]
 fn arm_files_of_the_simulators_give_limits_speeds_and_home() {
     let folder = TempDir::new().unwrap();
-    let robot = "robot:\n  name: PSM1\n  joints:\n    - {name: yaw, type: revolute, lower: -1.5, upper: 1.5, velocity: 5}\n    \
+    let robot = "robot:\n  name: PSM1\n  joints:\n    \
+                 - {name: yaw, type: revolute, lower: -1.5, upper: 1.5, velocity: 5}\n    \
                  - {name: pitch, type: revolute, lower: -0.7, upper: 0.7, velocity: 4}\n  home_position: [0.1, 0.2]\n  \
                  jaw: {lower: 0, upper: 1, velocity: 0.3}\n  cartesian: {reference_frame: ECM_view}\n";
     fs::write(folder.path().join("PSM1.yaml"), robot).unwrap();
@@ -78,7 +79,8 @@ fn arm_files_of_the_simulators_give_limits_speeds_and_home() {
 
 #[test]
 fn configurations_of_the_cpp_plugin_are_read_in_both_forms() {
-    let text = "interface: [PSM1]\nPSM1:\n  measured_cp: [{rigidbody: psm1/BODY tool yaw link, namespace: /PSM1/, reference: CameraFrame}]\n  \
+    let text = "interface: [PSM1]\nPSM1:\n  \
+                measured_cp: [{rigidbody: psm1/BODY tool yaw link, namespace: /PSM1/, reference: CameraFrame}]\n  \
                 servo_cp: [{rigidbody: psm1/BODY tool yaw link, namespace: /PSM1/}]\n  \
                 measured_js: {namespace: /PSM1, joints: [psm1/JOINT base link-yaw link, psm1/JOINT b]}\n  \
                 servo_jp: [{namespace: /PSM1/gripper, joints: [psm1/JOINT c]}]\n  \
