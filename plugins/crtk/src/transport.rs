@@ -75,7 +75,6 @@ const TIMEOUT: Duration = Duration::from_secs(1);
 /// Topics of ROS 1, in a node of their own. Dropping it ends the node.
 pub struct Ros1 {
     node: Node,
-    master: Peer,
 }
 
 impl Ros1 {
@@ -86,13 +85,13 @@ impl Ros1 {
     pub fn start(name: &str, report: Report) -> Result<Self, TransportError> {
         let master = Peer::new(&ros_node::master_uri(), &format!("/{name}"), TIMEOUT)?;
         let node = Node::start(LinkOptions {
-            master: master.clone(),
+            master,
             name: NodeName::Anonymous(name.into()),
             own_master: OwnMaster::None,
             parameters: Vec::new(),
             report,
         })?;
-        Ok(Self { node, master })
+        Ok(Self { node })
     }
 
     fn announce(&self, announcement: Arc<dyn Announcement>) {
@@ -108,7 +107,7 @@ impl Ros1 {
 
     fn subscription<M: RosMessage>(&self, topic: &Topic, receive: Receive) {
         let on_message = move |message: ros_node::RawReceived<'_>| receive(message.body);
-        self.announce(RawSubscription::of::<M>(self.master.clone(), topic.name.clone(), LONGEST, on_message));
+        self.announce(RawSubscription::of::<M>(topic.name.clone(), LONGEST, on_message));
     }
 }
 
