@@ -9,26 +9,38 @@ use ambf_core::plugin::{load_driver, PluginReport, PluginSetup, Registry, Search
 use ambf_core::sim::Simulation;
 use crtk::transport::{Connect, Ros1, Transport};
 
+use crate::cli::RosVersions;
 use crate::report;
 
 /// Arms that are offered to CRTK clients.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy)]
 pub struct CrtkFiles<'a> {
     /// Configurations that the command line names.
     pub files: &'a [PathBuf],
-    /// Whether there is a middleware to offer them on.
-    pub has_ros: bool,
+    /// Versions of ROS to offer them on.
+    pub versions: RosVersions,
+}
+
+impl Default for CrtkFiles<'_> {
+    /// No arms.
+    fn default() -> Self {
+        Self { files: &[], versions: RosVersions::None }
+    }
 }
 
 /// Beginning of the name of the node that offers arms.
 const CRTK_NODE: &str = "ambf_crtk";
 
-/// The middleware on which arms are offered.
-fn connect(has_ros: bool) -> Connect {
+/// The middlewares on which arms are offered.
+fn connect(versions: RosVersions) -> Connect {
     Arc::new(move || {
         let mut transports: Vec<Box<dyn Transport>> = Vec::new();
-        if has_ros {
+        if versions.has_one() {
             transports.push(Box::new(Ros1::start(CRTK_NODE, Arc::new(report::report))?));
+        }
+        #[cfg(feature = "ros2")]
+        if versions.has_two() {
+            transports.push(Box::new(crate::ros::ArmTopics::start(CRTK_NODE)?));
         }
         Ok(transports)
     })
@@ -37,7 +49,7 @@ fn connect(has_ros: bool) -> Connect {
 /// What is to be loaded, and from where.
 pub fn setup(launch: &[PluginEntry], command_line: &[PathBuf], crtk: CrtkFiles<'_>) -> PluginSetup {
     let mut registry = Registry::default();
-    let arms = crtk::plugin::register(&mut registry, crtk.files, &connect(crtk.has_ros));
+    let arms = crtk::plugin::register(&mut registry, crtk.files, &connect(crtk.versions));
     PluginSetup {
         registry,
         search: Search::from_environment(),

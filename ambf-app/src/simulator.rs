@@ -120,7 +120,7 @@ fn load_simulation(
     let mut simulation = Simulation::new(scene, sub_step);
     let (host, said) = devices::open(&launch, options, &mut simulation);
     said.iter().for_each(|line| report!("{line}"));
-    let crtk = plugins::CrtkFiles { files: &options.crtk, has_ros: !options.no_ros };
+    let crtk = plugins::CrtkFiles { files: &options.crtk, versions: ros_versions(options) };
     plugins::load(&mut simulation, &launch.plugins, &options.plugins, crtk, options.verbose);
     Ok((simulation, host, found.to_string()))
 }
@@ -166,6 +166,9 @@ fn serve(
     let own_master = std::env::current_exe().map_or(OwnMaster::InProcess, OwnMaster::Program);
     let ros_options = RosOptions { arguments, own_master, ..RosOptions::default() };
     let versions = ros_versions(options);
+    if versions.has_two() && cfg!(not(feature = "ros2")) {
+        report!("this program was built without ROS 2");
+    }
     #[cfg(feature = "ros2")]
     let mut ros2 = versions.has_two().then(|| ros2(options, Arc::clone(&host)));
     let mut ros = versions.has_one().then(|| RosMiddleware::new(ros_options).with_models(host));
@@ -231,11 +234,7 @@ fn ros_versions(options: &SimulatorOptions) -> RosVersions {
     }
     let of = |name: &str| std::env::var(name).ok().filter(|value| !value.is_empty());
     let said = || RosVersions::from_environment(|name| of(name).is_some(), of("ROS_VERSION").as_deref());
-    let versions = options.ros.unwrap_or_else(said);
-    if versions.has_two() && cfg!(not(feature = "ros2")) {
-        report!("this program was built without ROS 2");
-    }
-    versions
+    options.ros.unwrap_or_else(said)
 }
 
 /// What serves ROS 2.

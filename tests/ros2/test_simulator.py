@@ -13,11 +13,14 @@ import xmlrpc.client
 
 from ambf_msgs.msg import RigidBodyCmd, RigidBodyState, WorldState
 from ambf_msgs.srv import AddModel, ListModels, RemoveModel, Step
+from crtk_msgs.msg import OperatingState, StringStamped
+from geometry_msgs.msg import PoseStamped
 from harness import PATIENCE_S, REPOSITORY, STOP_S, Ros2Test, environment, program
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty
 
 sys.path.append(str(REPOSITORY / "tests/ros"))
@@ -229,6 +232,32 @@ class Simulated(Ros2Test):
                 return {}
 
         client.wait_for(lambda: ros1_topics().get(f"{FREE}/State") == "ambf_msgs/RigidBodyState", "the topic of ROS 1")
+
+    def test_an_arm_is_moved_by_a_client_of_crtk(self):
+        """Its states come, a state command is heard, and joints go where they are told."""
+        arms = REPOSITORY / "resources/crtk/psm.yaml"
+        self.simulator("--ros", "2", "-a", REPOSITORY / "resources/models/psm.yaml", "--crtk", arms)
+        client = self.client()
+        joints = client.listen(JointState, "/PSM1/measured_js", MANY)
+        poses = client.listen(PoseStamped, "/PSM1/measured_cp", MANY)
+        latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        states = client.listen(OperatingState, "/PSM1/operating_state", latched)
+        client.wait_for(lambda: joints and poses and states, "states of the arm")
+        self.assertEqual((states[0].state, states[0].is_homed), ("ENABLED", True))
+        self.assertEqual(len(joints[0].position), 6)
+        self.assertEqual(joints[-1].header.frame_id, joints[0].header.frame_id)
+        command = client.node.create_publisher(StringStamped, "/PSM1/state_command", 10)
+        servo = client.node.create_publisher(JointState, "/PSM1/servo_jp", 10)
+        client.wait_for(lambda: servo.get_subscription_count() and command.get_subscription_count(), "subscriptions")
+        goal = [0.1, -0.1, 0.12, 0.2, 0.0, 0.0]
+
+        def is_there():
+            servo.publish(JointState(position=goal))
+            return max(abs(own - wanted) for own, wanted in zip(joints[-1].position, goal)) < 0.01
+
+        client.wait_for(is_there, "the joints are where they were told to be")
+        command.publish(StringStamped(string="disable"))
+        client.wait_for(lambda: states[-1].state == "DISABLED", "the arm is disabled")
 
     def test_a_domain_that_is_none_is_said_and_the_simulation_goes_on(self):
         simulator = self.simulator("--ros", "2", ROS_DOMAIN_ID="abc")

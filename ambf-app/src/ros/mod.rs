@@ -52,7 +52,7 @@ pub use models::{ModelHost, ModelReply};
 pub use pictures::{CameraTopics, PictureTopics};
 pub use point_cloud::{PointCloud, PointClouds};
 #[cfg(feature = "ros2")]
-pub use ros2::{Ros2Middleware, Ros2Options};
+pub use ros2::{ArmTopics, Ros2Middleware, Ros2Options};
 pub use ros_node::CallError;
 
 use crate::report;

@@ -10,9 +10,12 @@
 //! | two of RustDDS | sockets, discovery |
 //! | `ros2-request` | one a request of a service, while it is answered |
 //!
+//! Arms for CRTK clients ([`ArmTopics`]) have a participant of their own, with the same threads but the first and last.
+//!
 //! ## Limitations
 //! No pictures of cameras and no point clouds.
 
+mod arms;
 mod objects;
 mod parameters;
 mod transport;
@@ -34,6 +37,7 @@ use super::scheduler;
 use super::signal::Waker;
 use super::topics::ServeContext;
 use crate::report;
+pub use arms::ArmTopics;
 use objects::Objects;
 pub(super) use transport::Transport;
 
