@@ -199,7 +199,7 @@ fn what_cannot_be_found_is_named_with_the_paths_tried() {
         assert!(absent.contains(part), "{part} is not in {absent}");
     }
     assert!(builtin.contains("no built-in plugin `absent`; there is probe"), "{builtin}");
-    assert!(cpp.contains("C++") && cpp.contains("no component serves the CRTK topics"), "{cpp}");
+    assert!(cpp.contains("C++") && cpp.contains("does not serve the CRTK topics"), "{cpp}");
     simulation.iterate(0.001).unwrap();
 }
 
