@@ -178,8 +178,9 @@ class Messages(Ros2Test):
         client = self.client()
         images = client.listen(Image, "/test/Image", 10)
         start = time.monotonic()
-        client.wait_for(lambda: len(images) >= 5, "images")
-        print(f"5 images of 1 MB after {time.monotonic() - start:.1f} s; sent are 10 a second")
+        # With a receive buffer of the usual size most of them are lost: a fragment of each is enough (ros2-node/README.md).
+        client.wait_for(lambda: images, "an image")
+        print(f"an image of 1 MB after {time.monotonic() - start:.1f} s; sent are 10 a second")
         image = images[-1]
         self.assertEqual((image.height, image.width, image.encoding), (500, 2000, "mono8"))
         self.assertEqual(bytes(image.data), bytes((i // 7) % 256 for i in range(1_000_000)))
