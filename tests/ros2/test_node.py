@@ -178,7 +178,7 @@ class Messages(Ros2Test):
         client = self.client()
         images = client.listen(Image, "/test/Image", 10)
         start = time.monotonic()
-        # With a receive buffer of the usual size most of them are lost: a fragment of each is enough (ros2-node/README.md).
+        # With a receive buffer of the usual size most of them are lost (ros2-node/README.md): one is enough.
         client.wait_for(lambda: images, "an image")
         print(f"an image of 1 MB after {time.monotonic() - start:.1f} s; sent are 10 a second")
         image = images[-1]
