@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use ambf_core::comm::{Hub, HubIndex, ObjectKind, PublishSchedule, Rates, Snapshot};
+use ambf_core::sim::request_short_slices;
 use ros_node::{Publication, Stop};
 use rosrust::Message;
 
@@ -89,6 +90,8 @@ pub(super) fn is_live(hub: &Hub, object: HubIndex, now_ns: u64) -> bool {
 /// Publishes what comes in through `fresh`, each as long as its object exists, until `stop`. `waker` is nudged by the
 /// first command of a stream and by the stop.
 pub(super) fn run(hub: &Hub, fresh: &Receiver<Vec<Entry>>, stop: &Stop, waker: &Waker) {
+    // A subscriber on this machine that each state wakes would otherwise use up its slice before the next state is sent.
+    request_short_slices();
     waker.claim();
     hub.throttle().set_follower(std::thread::current());
     let mut followed = hub.throttle().clocked_steps();

@@ -21,6 +21,7 @@ pub use history::Timeline;
 pub use models::{AddedModel, ModelError, Models, ANSWER_TIMEOUT};
 pub use runner::{Control, Event, Runner, RunnerOptions};
 pub use saved::SavedState;
+pub use slices::request_short_slices;
 pub use stepper::{Stepper, StepperState, StepperWindow};
 pub use window::{Picked, WindowAnswer, WindowLink, WindowRequest};
 

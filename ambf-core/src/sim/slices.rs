@@ -4,7 +4,7 @@ const SLICE: u64 = 100_000;
 /// Asks the scheduler for short slices of time for this thread. Its share stays the same, but when it wakes up it need
 /// not wait until a thread of lower priority, such as one that draws, has used up a slice of some 3 ms. Linux since
 /// 6.12 heeds it, others ignore or refuse it.
-pub(super) fn request_short_slices() {
+pub fn request_short_slices() {
     // SAFETY: `sched_attr` is a plain structure of numbers, of which its size is told: no more of it is written or
     // read.
     unsafe {
