@@ -98,7 +98,8 @@ class Touch(Simulated):
     def test_a_resistance_sensor_lets_go(self):
         """What is lifted off is not felt and not pushed any more: it falls freely from above."""
         self.assert_pad_carries(0.2 * G)
-        with node.Stream(f"{TOUCH}/plate/Command", push(4.0)):
+        # Hardly more than its weight: on a busy machine the push lasts longer, and must not throw it high.
+        with node.Stream(f"{TOUCH}/plate/Command", push(2.1)):
             self.pad.until(lambda state: state.triggered == [False] * 4, "the plate is off")
             state = self.pad.next()
             self.assertEqual((state.measurement, state.sensed_objects), ((0.0,) * 4, [String("")] * 4))

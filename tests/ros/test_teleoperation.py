@@ -29,8 +29,9 @@ def tearDownModule():
     Ros.stop()
 
 
-def stretched(text, factor):
-    """A script that takes `factor` times as long: busy machines then keep the order of poses and pedals too."""
+def stretched(text, factor=2.0):
+    """A script that takes `factor` times as long: busy machines then keep the order of poses and pedals too, and the
+    grippers close in time where simulated time falls behind the clock."""
     lines = (line.split("#")[0].split(maxsplit=1) for line in text.splitlines())
     return "".join(f"{float(time) * factor} {rest}\n" for time, rest in filter(None, lines))
 
@@ -98,11 +99,11 @@ class Teleoperation(Simulated):
         return history
 
     def arms(self, script):
-        """Starts fake arms that do what `script` says; they end with the test."""
+        """Starts fake arms that do what `script` says, at half its speed; they end with the test."""
         program = harness.simulator_path().parent / "fake_dvrk"
         self.assertTrue(program.exists(), f"no {program}: run cargo build --workspace")
         file = harness.folder / "hands.txt"
-        file.write_text(script)
+        file.write_text(stretched(script))
         command = [program, *ARMS, "--rate", "250", "--quiet", "--script", file]
         fake = harness.Program(command, harness.environment(Ros.master.port))
         self.addCleanup(fake.stop)
@@ -123,7 +124,7 @@ class Teleoperation(Simulated):
             self.assertNotIn(f"{SCENE}/{name}/State", harness.published(Ros.master.port))
         for _, ring, side in ARMS.values():
             self.assertLess(distance(self.now(ring), [0.0, 0.4 * side, LYING]), 0.003)
-        self.arms(stretched((RESOURCES / "teleop/hands.txt").read_text(), 1.5))
+        self.arms((RESOURCES / "teleop/hands.txt").read_text())
         for palm, ring, _ in ARMS.values():
             self.until(ring, lambda p: p[2] > CLEAR, "it is lifted")
             gap = distance(self.now(palm), self.now(ring))
