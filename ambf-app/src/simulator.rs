@@ -22,7 +22,7 @@ use crate::launch::{self, LaunchError};
 use crate::report::RateLimit;
 #[cfg(feature = "view")]
 use crate::ros::PictureTopics;
-use crate::ros::{ModelHost, ModelReply, RosArguments, RosMiddleware, RosOptions};
+use crate::ros::{DeviceReports, Extras, ModelHost, ModelReply, RosArguments, RosMiddleware, RosOptions};
 #[cfg(feature = "ros2")]
 use crate::ros::{Ros2Middleware, Ros2Options};
 use crate::windows::{self, WindowParts, Windows, WindowsWanted};
@@ -164,13 +164,18 @@ fn serve(
     let host = Arc::new(Host(models.clone()));
     // Clients of this simulator outlive it, and so does the master they need.
     let own_master = std::env::current_exe().map_or(OwnMaster::InProcess, OwnMaster::Program);
-    let ros_options = RosOptions { arguments, own_master, ..RosOptions::default() };
+    let extras = Extras { clock: options.clock, tf: options.tf, devices: Arc::default() };
+    extras.devices.set(devices.status());
+    simulation.set_simulated_stamps(options.clock);
+    let ros_options = RosOptions { arguments, own_master, extras: extras.clone() };
     let versions = ros_versions(options);
     if versions.has_two() && cfg!(not(feature = "ros2")) {
         report!("this program was built without ROS 2");
     }
     #[cfg(feature = "ros2")]
-    let mut ros2 = versions.has_two().then(|| ros2(options, Arc::clone(&host)));
+    let mut ros2 = versions
+        .has_two()
+        .then(|| Ros2Middleware::new(Ros2Options { extras: extras.clone() }).with_models(Arc::clone(&host) as _));
     let mut ros = versions.has_one().then(|| RosMiddleware::new(ros_options).with_models(host));
     #[cfg(feature = "view")]
     let cameras;
@@ -208,7 +213,7 @@ fn serve(
         cameras,
     };
     let outcome = Windows::start(wanted.windows, parts, &devices)
-        .and_then(|mut windows| follow(&runner, &mut devices, &mut windows, ros.as_ref(), stop));
+        .and_then(|mut windows| follow(&runner, &mut devices, &extras.devices, &mut windows, ros.as_ref(), stop));
     let simulation = runner.stop();
     devices.stop().iter().for_each(|line| report!("{line}"));
     if let Some(mut simulation) = simulation {
@@ -235,12 +240,6 @@ fn ros_versions(options: &SimulatorOptions) -> RosVersions {
     let of = |name: &str| std::env::var(name).ok().filter(|value| !value.is_empty());
     let said = || RosVersions::from_environment(|name| of(name).is_some(), of("ROS_VERSION").as_deref());
     options.ros.unwrap_or_else(said)
-}
-
-/// What serves ROS 2.
-#[cfg(feature = "ros2")]
-fn ros2(options: &SimulatorOptions, host: Arc<Host>) -> Ros2Middleware {
-    Ros2Middleware::new(Ros2Options { clock: options.clock, ..Ros2Options::default() }).with_models(host)
 }
 
 /// Lets `ros` have topics of pictures; what makes them.
@@ -294,6 +293,7 @@ impl ModelHost for Host {
 fn follow(
     runner: &Runner,
     devices: &mut DeviceHost,
+    reports: &DeviceReports,
     windows: &mut Windows,
     ros: Option<&RosMiddleware>,
     stop: &AtomicBool,
@@ -306,6 +306,9 @@ fn follow(
             report!("{}", devices.line(news));
         }
         windows.show_devices(devices, &news);
+        if !devices.is_empty() {
+            reports.set(devices.status());
+        }
         match runner.events().recv_timeout(POLL) {
             Ok(Event::LostTime { recent, total }) => report!(
                 "the scene is too heavy for this computer: {recent:.3} s of simulated time were not computed ({total:.3} s in all)"

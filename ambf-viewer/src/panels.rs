@@ -185,7 +185,7 @@ impl Panels {
             for joint in visuals.joints.iter().filter(|joint| !joint.removed) {
                 let Some(parent) = snapshot.bodies.get(joint.parent) else { continue };
                 let parent = pose_of(parent);
-                let from = parent * nalgebra::Point3::from(joint.pivot);
+                let from = parent * nalgebra::Point3::from(joint.frames[0].translation.vector);
                 stage.markers.extend(arrow(from.coords, parent.rotation * joint.axis * 0.2, AXIS));
             }
         }
@@ -680,7 +680,7 @@ mod tests {
             limits,
             kind,
             axis: Vector3::z(),
-            pivot: Vector3::zeros(),
+            frames: [Isometry3::identity(); 2],
             removed: false,
         };
         assert_eq!(range(&joint(JointType::Revolute, Some((-0.5, 2.0)))), (-0.5, 2.0));

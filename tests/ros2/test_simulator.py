@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import xml.etree.ElementTree
 import xmlrpc.client
 
 from ambf_msgs.msg import RigidBodyCmd, RigidBodyState, WorldState
@@ -21,7 +22,8 @@ from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Empty
+from std_msgs.msg import Empty, String
+from tf2_msgs.msg import TFMessage
 
 sys.path.append(str(REPOSITORY / "tests/ros"))
 import scenes  # noqa: E402
@@ -211,6 +213,28 @@ class Simulated(Ros2Test):
         self.assertEqual(times, sorted(times))
         state = states[-1]
         self.assertAlmostEqual(state.header.stamp.sec + state.header.stamp.nanosec * 1e-9, state.sim_time, delta=1e-3)
+
+    def test_frames_and_the_description_come_when_asked_for(self):
+        _, client, states = self.with_state("--tf=100")
+        messages = client.listen(TFMessage, "/tf", MANY)
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        descriptions = client.listen(String, "/robot_description", latched)
+
+        def common():
+            stamps = {(state.header.stamp.sec, state.header.stamp.nanosec): state.pose.position for state in states}
+            frames = [transform for message in messages for transform in message.transforms]
+            free = [transform for transform in frames if transform.child_frame_id == FREE.strip("/")]
+            pairs = [(stamps.get((one.header.stamp.sec, one.header.stamp.nanosec)), one) for one in free]
+            return [(position, one) for position, one in pairs if position is not None]
+
+        client.wait_for(common, "a state and a frame of one step")
+        position, frame = common()[-1]
+        self.assertEqual(frame.header.frame_id, "world")
+        at = frame.transform.translation
+        self.assertEqual((at.x, at.y, at.z), (position.x, position.y, position.z))
+        client.wait_for(lambda: descriptions, "the description")
+        links = {link.get("name") for link in xml.etree.ElementTree.fromstring(descriptions[-1].data).iter("link")}
+        self.assertEqual(links, {"world", *(transform.child_frame_id for transform in messages[-1].transforms)})
 
     def test_both_versions_at_once(self):
         with socket.socket() as probe:

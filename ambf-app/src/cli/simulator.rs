@@ -49,8 +49,11 @@ pub struct SimulatorOptions {
     pub no_ros: bool,
     /// Which versions of ROS to talk; `None` (default): what the environment says.
     pub ros: Option<RosVersions>,
-    /// Whether ROS 2 gets `/clock`, and stamps that are simulated time; default: `false`.
+    /// Whether `/clock` is published, and stamps are simulated time; default: `false`.
     pub clock: bool,
+    /// How often the poses of all bodies are published on `/tf`, Hz, with what is loaded as URDF beside; `None`
+    /// (default): not at all.
+    pub tf: Option<u32>,
     /// Whether to end the ROS master that was left behind, instead of simulating; default: `false`.
     pub end_master: bool,
     /// Whether the physics waits for the first step that a client asks for; default: `false`.
@@ -252,11 +255,15 @@ struct Arguments {
     #[arg(long, value_name = "VERSION", help_heading = "ROS", value_parser = ros_versions())]
     #[arg(hide_possible_values = true)]
     ros: Option<RosVersions>,
-    /// Publish /clock on ROS 2, and stamp with simulated time there
+    /// Publish /clock, and stamp with simulated time
     #[arg(long, value_name = "BOOL", num_args = 0..=1, require_equals = true, help_heading = "ROS")]
     #[arg(default_value = "false", default_missing_value = "true", value_parser = boolean, hide_default_value = true)]
     #[arg(action = clap::ArgAction::Set)]
     clock: bool,
+    /// Publish the poses of all bodies on /tf, so often [default: 50], and what is loaded as robot_description
+    #[arg(long, value_name = "HZ", num_args = 0..=1, require_equals = true, help_heading = "ROS")]
+    #[arg(default_missing_value = "50", value_parser = count)]
+    tf: Option<u32>,
     /// Make the first step of the physics when a client asks for it, with the service World/step or by throttling
     #[arg(long, value_name = "BOOL", num_args = 0..=1, require_equals = true, help_heading = "ROS")]
     #[arg(default_value = "false", default_missing_value = "true", value_parser = boolean, hide_default_value = true)]
@@ -336,6 +343,7 @@ impl Arguments {
             no_ros: self.no_ros,
             ros: self.ros,
             clock: self.clock,
+            tf: self.tf,
             hold: self.hold,
             end_master: self.end_master,
             verbose: self.verbose,

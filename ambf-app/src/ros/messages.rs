@@ -30,13 +30,15 @@ mod generated {
         ambf_msgs / WorldCmd,
         ambf_msgs / WorldState,
         diagnostic_msgs / DiagnosticArray,
+        rosgraph_msgs / Clock,
         sensor_msgs / CameraInfo,
         sensor_msgs / CompressedImage,
         sensor_msgs / Image,
         sensor_msgs / PointCloud,
         sensor_msgs / PointCloud2,
         std_msgs / Empty,
-        std_msgs / Float32
+        std_msgs / Float32,
+        tf2_msgs / TFMessage
     );
 }
 
@@ -45,7 +47,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use ambf_core::comm::Snapshot;
 use nalgebra::{Isometry3, Vector3};
 
-pub use generated::{ambf_msgs, diagnostic_msgs, geometry_msgs, sensor_msgs, std_msgs};
+pub use generated::{ambf_msgs, diagnostic_msgs, geometry_msgs, rosgraph_msgs, sensor_msgs, std_msgs, tf2_msgs};
 
 /// Header of a state: time stamp of the physics step, empty frame; the publisher fills in the running number. Without a
 /// snapshot all zero, which rosrust sends with the time of sending.

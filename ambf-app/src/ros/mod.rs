@@ -12,6 +12,8 @@
 mod actuator;
 mod arguments;
 mod contact;
+mod diagnostics;
+mod frames;
 mod ghost;
 pub mod messages;
 mod models;
@@ -47,6 +49,7 @@ use ambf_core::comm::{Hub, Middleware};
 use ros_node::{LinkOptions, Node, OwnMaster, Peer};
 
 pub use arguments::RosArguments;
+pub use diagnostics::DeviceReports;
 pub use models::{ModelHost, ModelReply};
 #[cfg(feature = "view")]
 pub use pictures::{CameraTopics, PictureTopics};
@@ -56,13 +59,17 @@ pub use ros2::{ArmTopics, Ros2Middleware, Ros2Options};
 pub use ros_node::CallError;
 
 use crate::report;
+use frames::Frames;
 use objects::{ChangeSinks, Objects};
-use parameters::Parameters;
+use parameters::{DescriptionParameter, Parameters};
 use signal::Waker;
 use topics::ServeContext;
 
 /// Beginning of the node's name.
 const NODE_NAME: &str = "ambf_comm_node";
+
+/// Parameter with the URDF of what is loaded.
+const ROBOT_DESCRIPTION: &str = "/robot_description";
 
 /// How long one call to the master may take before it counts as absent.
 const MASTER_TIMEOUT: Duration = Duration::from_secs(1);
@@ -70,21 +77,34 @@ const MASTER_TIMEOUT: Duration = Duration::from_secs(1);
 /// How long [`RosMiddleware::stop`] waits for threads that wait for a master that does not answer.
 const STOP_TIMEOUT: Duration = Duration::from_secs(2);
 
+/// What is published beside the objects of a hub.
+#[derive(Clone, Default)]
+pub struct Extras {
+    /// Whether `/clock` is published. The simulation must then stamp with simulated time
+    /// ([`set_simulated_stamps`](ambf_core::sim::Simulation::set_simulated_stamps)). Default: `false`.
+    pub clock: bool,
+    /// How often the poses of all bodies are published on `/tf`, Hz; the parameter `robot_description` then holds what
+    /// is loaded as URDF. Default, `None`: neither.
+    pub tf: Option<u32>,
+    /// Reports on the haptic devices, whose number is in the world's state. Default: none.
+    pub devices: Arc<DeviceReports>,
+}
+
 /// What the ROS side is told besides the hub.
-#[derive(Debug, Clone)]
+#[derive(Clone)]
 pub struct RosOptions {
     /// What the command line says to ROS. Default: nothing; the node is then called `ambf_comm_node` with process id
     /// and time appended.
     pub arguments: RosArguments,
     /// What is done when no master answers at a local address. Default: one is started in this process.
     pub own_master: OwnMaster,
-    /// Haptic devices loaded, shown in the world's state. Default: 0.
-    pub n_devices: u8,
+    /// What is published beside the objects.
+    pub extras: Extras,
 }
 
 impl Default for RosOptions {
     fn default() -> Self {
-        Self { arguments: RosArguments::default(), own_master: OwnMaster::InProcess, n_devices: 0 }
+        Self { arguments: RosArguments::default(), own_master: OwnMaster::InProcess, extras: Extras::default() }
     }
 }
 
@@ -156,7 +176,8 @@ impl Middleware for RosMiddleware {
             return Ok(());
         }
         let master = Peer::new(&ros_node::master_uri(), &format!("/{NODE_NAME}"), MASTER_TIMEOUT)?;
-        let RosOptions { arguments, own_master, n_devices } = self.options.clone();
+        let RosOptions { arguments, own_master, extras } = self.options.clone();
+        let frames = extras.tf.map(|_| Arc::<Frames>::default());
         hub.set_listening();
         ros_node::allow_many_connections();
         let waker = Arc::<Waker>::default();
@@ -174,12 +195,13 @@ impl Middleware for RosMiddleware {
         let mut objects = Objects::new(ServeContext {
             hub: Arc::clone(&hub),
             waker: Arc::clone(&waker),
-            n_devices,
+            extras,
+            frames: frames.clone(),
             #[cfg(feature = "view")]
             pictures: self.pictures.clone(),
             models: self.models.clone(),
             steppables: Arc::default(),
-            arguments,
+            arguments: arguments.clone(),
             #[cfg(feature = "ros2")]
             ros2: None,
         });
@@ -191,7 +213,9 @@ impl Middleware for RosMiddleware {
         };
         // From here on `stop` cleans up whatever has been started.
         self.running = Some(Running { node, waker, publisher, ended });
-        let parameters = Parameters::new(hub, link, changes, Arc::clone(&self.clouds));
+        let description =
+            frames.map(|frames| DescriptionParameter::new(arguments.mapped(ROBOT_DESCRIPTION.into()), frames));
+        let parameters = Parameters::new(hub, link, changes, Arc::clone(&self.clouds), description);
         spawn_detached("ros-parameters", &alive, move || parameters.run())?;
         spawn_detached("ros-objects", &alive, move || objects.run(&told))?;
         Ok(())

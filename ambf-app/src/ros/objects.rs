@@ -4,7 +4,7 @@ use std::sync::mpsc::Sender;
 use std::sync::Arc;
 use std::time::Duration;
 
-use ambf_core::comm::HubIndex;
+use ambf_core::comm::{HubIndex, ObjectKind};
 use ros_node::{Announcement, Link};
 
 use super::naming::Names;
@@ -81,6 +81,9 @@ impl Objects {
             let _ = told.parameters.send(come.parameters);
             told.link.add(come.announcements);
         }
+        if let Some(frames) = &self.around.frames {
+            frames.follow(&self.around.hub);
+        }
         #[cfg(feature = "view")]
         {
             let new = self.follow_cameras();
@@ -95,7 +98,6 @@ impl Objects {
     /// little after the camera.
     #[cfg(feature = "view")]
     fn follow_cameras(&mut self) -> Vec<Arc<dyn Announcement>> {
-        use ambf_core::comm::ObjectKind;
         let mut announcements = Vec::new();
         let Some(pictures) = self.around.pictures.as_ref().filter(|_| !self.cameras.is_empty()) else {
             return announcements;
@@ -135,10 +137,11 @@ impl Objects {
             if let Some(known) = known.take_if(|_| object.is_removed()) {
                 self.names.give_back(&known.name, &object.info);
                 change.withdrawn.extend(known.announcements);
+                if let (Some(frames), ObjectKind::RigidBody(body, _)) = (&self.around.frames, &object.info.kind) {
+                    frames.remove(*body);
+                }
                 #[cfg(feature = "view")]
-                if let (Some(pictures), ambf_core::comm::ObjectKind::Camera(index, _)) =
-                    (&self.around.pictures, &object.info.kind)
-                {
+                if let (Some(pictures), ObjectKind::Camera(index, _)) = (&self.around.pictures, &object.info.kind) {
                     pictures.remove(*index);
                 }
                 change.come.parameters.removed.push(position);
@@ -150,7 +153,7 @@ impl Objects {
                 let name = self.names.take(&object.info);
                 topics::serve(&self.around, &mut change.come, position, &object.info, name.clone());
                 #[cfg(feature = "view")]
-                if matches!(object.info.kind, ambf_core::comm::ObjectKind::Camera(..)) {
+                if matches!(object.info.kind, ObjectKind::Camera(..)) {
                     self.cameras.push(position);
                 }
                 ServedObject { name, announcements: change.come.announcements[begin..].to_vec() }
@@ -166,7 +169,8 @@ mod tests {
     use super::*;
     use crate::ros::arguments::RosArguments;
     use crate::ros::models::{ModelHost, ModelReply};
-    use ambf_core::comm::{Hub, HubIndex, ObjectInfo, ObjectKind, Rates, SensorInfo, SensorType};
+    use crate::ros::Extras;
+    use ambf_core::comm::{Hub, ObjectInfo, Rates, SensorInfo, SensorType};
     use ambf_core::ids::{ActuatorId, BodyId, CameraId, GhostId, LightId, SensorId, SoftBodyId, VehicleId};
     use ros_node::Direction;
     use std::path::{Path, PathBuf};
@@ -202,7 +206,8 @@ mod tests {
         Objects::new(ServeContext {
             hub: Arc::clone(hub),
             waker: Arc::default(),
-            n_devices: 0,
+            extras: Extras::default(),
+            frames: None,
             models,
             steppables: Arc::default(),
             arguments: RosArguments::default(),

@@ -10,6 +10,7 @@ use ambf_core::comm::{CameraParameters, Hub, HubIndex, LightParameters, PostErro
 use dxr::Value;
 use ros_node::{Announcement, CallError, Link, Peer};
 
+use super::frames::Frames;
 use super::naming::graph_name;
 use super::neighbours::Neighbours;
 use super::point_cloud::{subscriptions, PointClouds};
@@ -357,6 +358,31 @@ impl CloudTopics {
     }
 }
 
+/// The parameter with the URDF of what is loaded, for rviz and its like.
+pub(super) struct DescriptionParameter {
+    name: String,
+    frames: Arc<Frames>,
+    /// Generation of the link in which it was last written, and which description it was.
+    written: (u64, u64),
+}
+
+impl DescriptionParameter {
+    pub fn new(name: String, frames: Arc<Frames>) -> Self {
+        Self { name, frames, written: (0, 0) }
+    }
+
+    /// Writes to a server that does not hold the newest description yet.
+    fn visit(&mut self, master: &Peer, generation: u64) -> Result<(), CallError> {
+        let described = self.frames.described();
+        let newest = (generation, described.count);
+        if described.count != 0 && self.written != newest {
+            set(master, &self.name, Value::String(described.robot.urdf.clone()))?;
+            self.written = newest;
+        }
+        Ok(())
+    }
+}
+
 /// Everything that is on the parameter server.
 pub(super) struct Parameters {
     hub: Arc<Hub>,
@@ -371,13 +397,20 @@ pub(super) struct Parameters {
     /// Parameters of objects that are gone, still to be deleted.
     gone: Vec<String>,
     clouds: Arc<PointClouds>,
+    description: Option<DescriptionParameter>,
 }
 
 impl Parameters {
     /// Parameters of the objects that come through `changes`.
-    pub fn new(hub: Arc<Hub>, link: Arc<Link>, changes: Receiver<ParameterChange>, clouds: Arc<PointClouds>) -> Self {
+    pub fn new(
+        hub: Arc<Hub>,
+        link: Arc<Link>,
+        changes: Receiver<ParameterChange>,
+        clouds: Arc<PointClouds>,
+        description: Option<DescriptionParameter>,
+    ) -> Self {
         let (cameras, lights, worlds, world_states, neighbours, gone) = Default::default();
-        Self { hub, link, changes, cameras, lights, worlds, world_states, neighbours, gone, clouds }
+        Self { hub, link, changes, cameras, lights, worlds, world_states, neighbours, gone, clouds, description }
     }
 
     /// Writes and polls until the link is stopped. A master that does not answer is the link's business to report.
@@ -419,6 +452,9 @@ impl Parameters {
         while let Some(key) = self.gone.last() {
             delete(master, key)?;
             self.gone.pop();
+        }
+        if let Some(description) = &mut self.description {
+            description.visit(master, generation)?;
         }
         for world in &mut self.worlds {
             world.visit(master, generation, &self.link, &self.clouds)?;
@@ -505,7 +541,7 @@ mod tests {
             report: ros_node::silent(),
         })
         .unwrap();
-        let mut parameters = Parameters::new(hub, Arc::new(link), changes, Arc::default());
+        let mut parameters = Parameters::new(hub, Arc::new(link), changes, Arc::default(), None);
         let light = |object, name: &str| {
             let (values, parent) = (LightParameters::default(), ParentName::new(""));
             Parameterised { object: HubIndex(object), name: name.into(), values, parent }

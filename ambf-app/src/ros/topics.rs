@@ -11,7 +11,9 @@ use ros_node::{Announcement, Publication};
 use rosrust::Message;
 
 use super::arguments::RosArguments;
-use super::messages::ambf_msgs;
+use super::diagnostics;
+use super::frames::{self, Frames};
+use super::messages::{ambf_msgs, rosgraph_msgs, time};
 use super::models::{self, ModelHost};
 use super::parameters::{ParameterChange, Parameterised};
 use super::posed::{self, Identity, ParentName};
@@ -20,11 +22,11 @@ use super::rigid_body::{self, Requests};
 use super::scheduler::{is_live, Entry, StateOutlet};
 use super::signal::{OnceLog, RateLimitedLog, Waker};
 use super::step::{self, Kind, Steppable, Steppables};
-use super::{actuator, contact, ghost, sensor, soft_body, vehicle, world};
+use super::{actuator, contact, ghost, sensor, soft_body, vehicle, world, Extras};
 use crate::report;
 
-/// Topic of all reports on the health of nodes and devices (REP 107).
-const DIAGNOSTICS: &str = "/diagnostics";
+/// How often `/clock` is published, Hz.
+const CLOCK_FREQUENCY: u32 = 200;
 
 /// Longest command, bytes: some hundred thousand joints.
 const LONGEST_COMMAND: usize = 1 << 20;
@@ -71,8 +73,10 @@ impl Commanded {
 pub(super) struct ServeContext {
     pub hub: Arc<Hub>,
     pub waker: Arc<Waker>,
-    /// Haptic devices loaded.
-    pub n_devices: u8,
+    /// What is published beside the objects.
+    pub extras: Extras,
+    /// Frames of the bodies, if they are wanted.
+    pub frames: Option<Arc<Frames>>,
     /// Who adds and removes models; without one there are no services.
     pub models: Option<Arc<dyn ModelHost>>,
     /// What steps can command and observe.
@@ -102,6 +106,11 @@ pub(super) fn serve(around: &ServeContext, served: &mut TopicSet, object: HubInd
         ObjectKind::SoftBody(index, mass) => builder.soft_body(info, name, *index, *mass),
         ObjectKind::Ghost(index, ghost) => builder.ghost(info, name, *index, ghost),
     }
+}
+
+/// Always this frequency, Hz.
+fn at(frequency: u32) -> Rates {
+    Rates { min: frequency, max: frequency }
 }
 
 struct Builder<'a> {
@@ -160,21 +169,16 @@ impl Builder<'_> {
     }
 
     fn world(&mut self, info: &ObjectInfo, name: String) {
-        let n_devices = self.around.n_devices;
-        let hub = Arc::clone(&self.around.hub);
+        let (hub, devices) = (Arc::clone(&self.around.hub), Arc::clone(&self.around.extras.devices));
         self.publish(format!("{name}/State"), info.rates, true, move |snapshot| {
-            Some(world::state(snapshot, n_devices, hub.lost().as_deref().map(String::as_str)))
+            Some(world::state(snapshot, devices.count(), hub.lost().as_deref().map(String::as_str)))
         });
-        let at = |frequency| Rates { min: frequency, max: frequency };
         let hub = Arc::clone(&self.around.hub);
         self.publish(format!("{name}/Timing"), at(10), false, move |snapshot| {
             Some(world::timing(snapshot?, hub.lost().as_deref().map(String::as_str)))
         });
-        let (hub, own_name, mut lost_before) = (Arc::clone(&self.around.hub), name.clone(), 0.0);
-        self.publish(DIAGNOSTICS.into(), at(1), false, move |snapshot| {
-            let lost = hub.lost();
-            Some(world::diagnostics(&own_name, snapshot?, lost.as_deref().map(String::as_str), &mut lost_before))
-        });
+        self.diagnostics(name.clone());
+        self.time_and_frames();
         let on_command = world::on_command(Arc::clone(&self.around.hub));
         let commanded = self.commanded(&name);
         self.subscribe(format!("{name}/Command"), move |message| {
@@ -187,8 +191,6 @@ impl Builder<'_> {
         self.subscribe(format!("{name}/Command/Reset/Bodies"), world::on_body_reset(Arc::clone(&self.around.hub)));
         #[cfg(feature = "ros2")]
         if let Some(ros2) = &self.around.ros2 {
-            let entry = |(outlet, rates)| Entry::new(outlet, rates, self.object, false, self.around.hub.now());
-            self.served.entries.extend(ros2.clock().map(entry));
             return ros2.serve_world(self.around, &name);
         }
         let ServeContext { hub, steppables, arguments, .. } = self.around;
@@ -201,7 +203,34 @@ impl Builder<'_> {
         self.served.parameters.worlds.push(name);
     }
 
+    /// Reports on the world whose topics begin with `name`, and on devices.
+    fn diagnostics(&mut self, name: String) {
+        let (hub, devices) = (Arc::clone(&self.around.hub), Arc::clone(&self.around.extras.devices));
+        let (rates, mut lost_before) = (at(diagnostics::FREQUENCY), 0.0);
+        self.publish(diagnostics::TOPIC.into(), rates, false, move |snapshot| {
+            let lost = hub.lost();
+            let lost = lost.as_deref().map(String::as_str);
+            Some(diagnostics::message(&name, snapshot?, lost, &mut lost_before, &devices))
+        });
+    }
+
+    /// `/clock` and `/tf`, where they are wanted.
+    fn time_and_frames(&mut self) {
+        let Extras { clock, tf, .. } = self.around.extras;
+        if clock {
+            self.publish("/clock".into(), at(CLOCK_FREQUENCY), false, |snapshot| {
+                Some(rosgraph_msgs::Clock { clock: time(snapshot?.stamp) })
+            });
+        }
+        if let (Some(frequency), Some(frames)) = (tf, &self.around.frames) {
+            self.publish("/tf".into(), at(frequency), false, frames::source(Arc::clone(frames), clock));
+        }
+    }
+
     fn rigid_body(&mut self, info: &ObjectInfo, name: String, index: BodyId, body: &RigidBodyInfo) {
+        if let Some(frames) = &self.around.frames {
+            frames.insert(index, &name);
+        }
         let requests = Arc::<Requests>::default();
         let mut source =
             rigid_body::StateSource::new(index, body.clone(), &info.name, &info.identifier, Arc::clone(&requests));

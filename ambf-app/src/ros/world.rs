@@ -1,10 +1,10 @@
-//! The world on the wire: `WorldState`, `WorldCmd`, the two reset topics, our own `Timing`, and `/diagnostics`.
+//! The world on the wire: `WorldState`, `WorldCmd`, the two reset topics and our own `Timing`.
 
 use std::sync::Arc;
 
 use ambf_core::comm::{Hub, Snapshot, WorldCommand};
 
-use super::messages::{ambf_msgs, diagnostic_msgs, header, std_msgs};
+use super::messages::{ambf_msgs, header, std_msgs};
 
 /// State of the world. Zeros before the first snapshot: clients wait for the world before anything else. `lost`
 /// ([`Hub::lost`]) stands in `header.frame_id`, the only text of the message, which is empty otherwise.
@@ -39,39 +39,6 @@ pub(super) fn timing(snapshot: &Snapshot, lost: Option<&str>) -> ambf_msgs::Timi
         sub_steps_cap: timing.sub_step_cap,
         lost: lost.unwrap_or_default().to_owned(),
     }
-}
-
-/// The report on the physics of the world whose topics begin with `world`. `lost_before`:
-/// [`lost_time`](ambf_core::comm::Timing::lost_time) at the report before, s; it is brought up to date.
-pub(super) fn diagnostics(
-    world: &str,
-    snapshot: &Snapshot,
-    lost: Option<&str>,
-    lost_before: &mut f64,
-) -> diagnostic_msgs::DiagnosticArray {
-    use diagnostic_msgs::{DiagnosticStatus as Status, KeyValue};
-    let timing = &snapshot.timing;
-    let recent = timing.lost_time - std::mem::replace(lost_before, timing.lost_time);
-    let (level, message) = match lost {
-        Some(why) => (Status::ERROR, why.to_owned()),
-        None if recent > 0.0 => (Status::WARN, format!("{recent:.3} s of simulated time were not computed")),
-        None => (Status::OK, "running".to_owned()),
-    };
-    let [median, _, p99, longest] = timing.step_cost;
-    let values = [
-        ("simulated time, s", snapshot.sim_time.to_string()),
-        ("iterations", snapshot.sim_step.to_string()),
-        ("frequency, Hz", timing.physics_frequency.to_string()),
-        ("time not computed, s", timing.lost_time.to_string()),
-        ("cost of an iteration, median, s", median.to_string()),
-        ("cost of an iteration, 99th percentile, s", p99.to_string()),
-        ("cost of an iteration, longest, s", longest.to_string()),
-    ];
-    let values = values.into_iter().map(|(key, value)| KeyValue { key: key.into(), value }).collect();
-    let name = format!("ambf_simulator: physics of {world}");
-    let status = vec![Status { level, name, message, hardware_id: String::new(), values }];
-    // The time of sending: a lost state has an old stamp.
-    diagnostic_msgs::DiagnosticArray { header: header(None), status }
 }
 
 /// What is done with a message on `Command`.
@@ -126,30 +93,12 @@ mod tests {
     }
 
     #[test]
-    fn a_lost_state_is_told_in_every_message() {
+    fn a_lost_state_is_told_in_both_messages() {
         let why = Some("lost at step 7: …; a reset resumes");
         let snapshot = Snapshot { sim_step: 6, ..Default::default() };
         let world = state(Some(&snapshot), 0, why);
         assert_eq!((Some(world.header.frame_id.as_str()), world.sim_step), (why, 6));
         assert_eq!(Some(timing(&snapshot, why).lost.as_str()), why);
-        let report = diagnostics("/ambf/env/World", &snapshot, why, &mut 0.0);
-        let [status] = &report.status[..] else { panic!("{report:?}") };
-        assert_eq!((status.level, Some(status.message.as_str())), (diagnostic_msgs::DiagnosticStatus::ERROR, why));
-    }
-
-    #[test]
-    fn diagnostics_warn_of_time_that_was_lost_since_the_report_before() {
-        let mut before = 0.0;
-        let mut report = |lost_time| {
-            let timing = Timing { lost_time, ..Default::default() };
-            let snapshot = Snapshot { timing, ..Default::default() };
-            diagnostics("/ambf/env/World", &snapshot, None, &mut before).status.remove(0)
-        };
-        assert_eq!((report(0.0).level, report(0.25).level, report(0.25).level), (0, 1, 0));
-        let status = report(0.75);
-        assert!(status.message.starts_with("0.500 s"), "{status:?}");
-        assert_eq!(status.name, "ambf_simulator: physics of /ambf/env/World");
-        assert!(status.values.iter().any(|value| value.key == "time not computed, s" && value.value == "0.75"));
     }
 
     #[test]

@@ -145,7 +145,8 @@ pub struct SpotReading {
 /// State of every object after one physics iteration. Arrays are indexed as [`ObjectKind`](super::ObjectKind) says.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Snapshot {
-    /// System time right after the step.
+    /// System time right after the step, or simulated time since 1970
+    /// ([`Simulation::set_simulated_stamps`](crate::sim::Simulation::set_simulated_stamps)).
     pub stamp: SystemTime,
     /// Iterations that stepped, since the start.
     pub sim_step: u32,

@@ -483,7 +483,7 @@ impl<'a> Builder<'a> {
             self.note(Severity::Warning, &joint.common.source, message);
         }
         self.scene.has_feedback |= joint.enable_feedback && handle.is_some();
-        let live = Joint::new(joint, key, (parent, child), self.model, (frame_a.translation.vector, axis), handle);
+        let live = Joint::new(joint, key, (parent, child), self.model, ([frame_a, frame_b], axis), handle);
         self.scene.joints.push(live);
     }
 

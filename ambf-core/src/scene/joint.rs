@@ -119,8 +119,8 @@ pub struct Joint {
     pub source: SourcePos,
     /// Joint axis in the parent's inertial frame, of length 1.
     pub axis: Vector3<f64>,
-    /// Its origin in the parent's inertial frame, m.
-    pub pivot: Vector3<f64>,
+    /// Joint frames in the inertial frames of parent and child; they are one where the coordinate is 0.
+    pub frames: [Isometry3<f64>; 2],
     pub(crate) handle: Option<ConstraintHandle>,
     /// Where its position stands among those that are read of Bullet's constraints.
     pub(crate) place: Option<usize>,
@@ -161,7 +161,7 @@ impl Joint {
             effort,
             source: _,
             axis: _,
-            pivot: _,
+            frames: _,
             handle: _,
             place: _,
             removed: _,
@@ -190,7 +190,7 @@ impl Joint {
         key: String,
         (parent, child): (BodyId, BodyId),
         model: ModelId,
-        (pivot, axis): (Vector3<f64>, Vector3<f64>),
+        (frames, axis): ([Isometry3<f64>; 2], Vector3<f64>),
         constraint: Option<(ConstraintHandle, usize)>,
     ) -> Self {
         Self {
@@ -210,7 +210,7 @@ impl Joint {
             effort: 0.0,
             source: joint.common.source.clone(),
             axis,
-            pivot,
+            frames,
             handle: constraint.map(|(handle, _)| handle),
             place: constraint.map(|(_, place)| place),
             removed: false,

@@ -19,6 +19,7 @@ mod names;
 mod object;
 mod physics;
 mod remove;
+mod robot_description;
 mod saved;
 mod sensor;
 mod shape;
@@ -43,6 +44,7 @@ pub use load::{load, read_model, Loaded, PreparedModel, SceneFiles, SceneReport}
 pub use names::{Found, NameMap};
 pub use object::DeclaredPlugins;
 pub use physics::PhysicsOptions;
+pub use robot_description::{LinkFrame, RobotDescription, UNLIMITED, WORLD_LINK};
 pub(crate) use saved::SavedScene;
 pub use sensor::{LocalRay, Sensed, Sensor};
 pub use soft_body::SoftBody;

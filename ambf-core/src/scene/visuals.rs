@@ -73,8 +73,8 @@ pub struct VisualJoint {
     pub kind: JointType,
     /// Axis in the parent's inertial frame, of length 1.
     pub axis: Vector3<f64>,
-    /// Origin of the axis in the parent's inertial frame, m.
-    pub pivot: Vector3<f64>,
+    /// Joint frames in the inertial frames of parent and child; they are one where the coordinate is 0.
+    pub frames: [Isometry3<f64>; 2],
     /// Taken out of the scene.
     pub removed: bool,
 }
@@ -112,6 +112,12 @@ pub struct VisualBody {
     pub offset: Isometry3<f64>,
     /// Factor on meshes; primitives are not scaled.
     pub scale: f64,
+    /// Pose in the world at the start, of the same frame as in the snapshot.
+    pub initial_pose: Isometry3<f64>,
+    /// kg; 0: static, or a ghost object.
+    pub mass: f64,
+    /// Principal moments about the axes of the inertial frame, kg·m².
+    pub inertia: Vector3<f64>,
     /// Whether it is a ghost object.
     pub is_ghost: bool,
     described: Described,
@@ -277,6 +283,9 @@ impl Scene {
             object: VisualObject { removed: is_gone(id), ..object(&body.identity) },
             offset: body.inertial_offset_inverse,
             scale: body.scale,
+            initial_pose: body.initial_pose,
+            mass: body.mass,
+            inertia: body.inertia,
             is_ghost: false,
             described: of_bodies.described(self, &body.identity),
         };
@@ -287,6 +296,9 @@ impl Scene {
                 object: object(&ghost.attached.identity),
                 offset: Isometry3::identity(),
                 scale,
+                initial_pose: ghost.attached.initial_pose,
+                mass: 0.0,
+                inertia: Vector3::zeros(),
                 is_ghost: true,
                 described,
             }
@@ -351,7 +363,7 @@ impl Scene {
             limits: joint.limits.map(|limits| (limits.low, limits.high)),
             kind: joint.joint_type,
             axis: joint.axis,
-            pivot: joint.pivot,
+            frames: joint.frames,
             removed: joint.removed || self.models[joint.model].removed,
         };
         let model = |model: &super::ModelInfo| VisualModel {

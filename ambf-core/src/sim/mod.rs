@@ -199,6 +199,12 @@ impl Simulation {
         self.physics.scene.world.take_statistics()
     }
 
+    /// Stamps snapshots, and with them all states and pictures that are published, with simulated time since 1970
+    /// instead of the system's. Default: the system's.
+    pub fn set_simulated_stamps(&mut self, enabled: bool) {
+        self.physics.has_simulated_stamps = enabled;
+    }
+
     /// Switches the energy ledger on, with all sums at 0, or off; see
     /// [`World::set_energy_ledger`](crate::bullet::World::set_energy_ledger).
     pub fn set_energy_ledger(&mut self, enabled: bool) {

@@ -42,6 +42,8 @@ pub(super) struct Physics {
     pub bullet_time: Duration,
     /// When the latest update was; taken where somebody listens.
     pub stamp: Option<SystemTime>,
+    /// Snapshots are stamped with simulated time since 1970 instead.
+    pub has_simulated_stamps: bool,
     pub joint_buffer: Vec<f64>,
     pub wrenches: Table<BodyId, Wrench>,
     pub targets: ActiveTargets,
@@ -61,6 +63,7 @@ impl Physics {
             time: Time::default(),
             bullet_time: Duration::ZERO,
             stamp: None,
+            has_simulated_stamps: false,
             joint_buffer: Vec::new(),
             wrenches: Table::default(),
             targets: ActiveTargets::default(),
@@ -132,7 +135,10 @@ impl Physics {
     /// Fills a snapshot with the state of this moment; `wall_time` in s.
     pub fn fill(&self, snapshot: &mut Snapshot, wall_time: f64, timing: Timing) {
         let scene = &self.scene;
-        snapshot.stamp = self.stamp.unwrap_or_else(SystemTime::now);
+        snapshot.stamp = match self.has_simulated_stamps {
+            true => SystemTime::UNIX_EPOCH + Duration::try_from_secs_f64(self.time.sim_time).unwrap_or_default(),
+            false => self.stamp.unwrap_or_else(SystemTime::now),
+        };
         snapshot.sim_step = self.sim_step();
         snapshot.wall_time = wall_time;
         snapshot.sim_time = self.time.sim_time;

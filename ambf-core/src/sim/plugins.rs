@@ -464,7 +464,7 @@ impl Access for SceneAccess<'_> {
             JointType::Prismatic => false,
             _ => return None,
         };
-        Some(JointFrame { is_angular, pivot: joint.pivot, axis: joint.axis })
+        Some(JointFrame { is_angular, pivot: joint.frames[0].translation.vector, axis: joint.axis })
     }
 
     fn gravity(&self, body: usize) -> Option<Vector3<f64>> {

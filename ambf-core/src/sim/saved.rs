@@ -84,6 +84,8 @@ impl Simulation {
             // Measured, not simulated.
             bullet_time: _,
             stamp: _,
+            // How clients want it.
+            has_simulated_stamps: _,
             // Read anew in each update.
             joint_buffer: _,
             wrenches,

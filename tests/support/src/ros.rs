@@ -1,6 +1,7 @@
 //! A simulator without physics, and raw clients that behave well or badly.
 #![allow(missing_docs, reason = "for tests")]
 
+use ambf_core::device::host::{DeviceState, DeviceStatus};
 use ambf_core::ids::{ActuatorId, BodyId, CameraId, GhostId, JointId, LightId, SensorId, SoftBodyId, VehicleId};
 use std::collections::HashMap;
 use std::io::{Read, Write};
@@ -109,6 +110,20 @@ pub fn elements(namespace: &str) -> Vec<ObjectInfo> {
     ]
 }
 
+/// A device that runs.
+fn device(name: &str) -> DeviceStatus {
+    DeviceStatus {
+        name: name.into(),
+        model: "mock".into(),
+        identity: String::new(),
+        cameras: Vec::new(),
+        state: DeviceState::Running,
+        loops: Default::default(),
+        samples: Default::default(),
+        force: Default::default(),
+    }
+}
+
 /// Publishes snapshots at about 1 kHz in place of a physics thread, and serves them to ROS.
 pub struct Simulator {
     pub hub: Arc<Hub>,
@@ -126,7 +141,9 @@ impl Simulator {
     pub fn start_with(objects: Vec<ObjectInfo>, furnish: impl FnOnce(RosMiddleware) -> RosMiddleware) -> Self {
         let n_bodies = objects.iter().filter(|o| matches!(o.kind, ObjectKind::RigidBody(..))).count();
         let hub = Arc::new(Hub::new(objects));
-        let mut ros = furnish(RosMiddleware::new(RosOptions { n_devices: 3, ..Default::default() }));
+        let options = RosOptions::default();
+        options.extras.devices.set(["left", "right", "foot"].map(device).to_vec());
+        let mut ros = furnish(RosMiddleware::new(options));
         ros.start(Arc::clone(&hub)).unwrap();
         let stop = Arc::new(AtomicBool::new(false));
         let physics = {

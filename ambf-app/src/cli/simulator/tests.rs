@@ -48,6 +48,7 @@ fn defaults_are_those_of_the_original() {
         no_ros: false,
         ros: None,
         clock: false,
+        tf: None,
         end_master: false,
         hold: false,
         verbose: false,
@@ -97,6 +98,7 @@ fn every_long_name_sets_its_option() {
         "--ros",
         "both",
         "--clock",
+        "--tf=100",
         "--hold",
         "--verbose",
         "--profile",
@@ -129,6 +131,7 @@ fn every_long_name_sets_its_option() {
         no_ros: true,
         ros: Some(RosVersions::Both),
         clock: true,
+        tf: Some(100),
         end_master: false,
         hold: true,
         verbose: true,
@@ -186,6 +189,8 @@ fn the_environment_says_which_ros_unless_an_option_does() {
         assert_eq!(quiet(&["--ros", name]).ros, Some(versions));
     }
     assert!(refused(&["--ros", "3"]).contains("both"));
+    assert_eq!((quiet(&["--tf"]).tf, quiet(&["--tf", "--hold"]).tf), (Some(50), Some(50)));
+    assert!(refused(&["--tf=0"]).contains("--tf"));
     let chosen = |set: &[&str], version| RosVersions::from_environment(|name| set.contains(&name), version);
     assert_eq!(chosen(&[], None), RosVersions::One);
     assert_eq!(chosen(&[], Some("1")), RosVersions::One);

@@ -32,10 +32,12 @@ use ros2_node::{Options, Participant, Timer};
 use ros_node::Stop;
 
 use super::arguments::RosArguments;
+use super::frames::Frames;
 use super::models::ModelHost;
 use super::scheduler;
 use super::signal::Waker;
 use super::topics::ServeContext;
+use super::Extras;
 use crate::report;
 pub use arms::ArmTopics;
 use objects::Objects;
@@ -45,12 +47,10 @@ pub(super) use transport::Transport;
 const POLL: Duration = Duration::from_millis(50);
 
 /// What the ROS 2 side is told besides the hub.
-#[derive(Debug, Clone, Default)]
+#[derive(Clone, Default)]
 pub struct Ros2Options {
-    /// Whether `/clock` is published; stamps are then simulated time. Default: `false`.
-    pub clock: bool,
-    /// Haptic devices loaded, shown in the world's state. Default: 0.
-    pub n_devices: u8,
+    /// What is published beside the objects.
+    pub extras: Extras,
 }
 
 /// Serves the objects of a hub to ROS 2.
@@ -92,16 +92,18 @@ impl Middleware for Ros2Middleware {
         if self.running.is_some() {
             return Ok(());
         }
-        let Ros2Options { clock, n_devices } = self.options;
+        let Ros2Options { extras } = self.options.clone();
+        let frames = extras.tf.map(|_| Arc::<Frames>::default());
         let participant = Participant::new(Options::from_environment(Arc::new(crate::report::report))?)?;
         hub.set_listening();
         let waker = Arc::<Waker>::default();
-        let transport = Arc::new(Transport::new(participant, clock));
+        let transport = Arc::new(Transport::new(participant));
         let (publisher, entries) = channel();
         let around = ServeContext {
             hub: Arc::clone(&hub),
             waker: Arc::clone(&waker),
-            n_devices,
+            extras,
+            frames,
             models: self.models.clone(),
             steppables: Arc::default(),
             arguments: RosArguments::default(),

@@ -2,14 +2,16 @@
 
 use std::sync::mpsc::Sender;
 
-use ambf_core::comm::ObjectInfo;
+use ambf_core::comm::{ObjectInfo, ObjectKind};
 use ros2_node::names::{clean_node, clean_topic, NameSet, LONGEST_TOPIC};
 
+use super::super::messages::{std_msgs, string};
 use super::super::naming::graph_name;
 use super::super::scheduler::Entry;
 use super::super::topics::{self, ServeContext, TopicSet};
+use super::super::ROBOT_DESCRIPTION;
 use super::parameters::Offered;
-use super::transport::{NodeParts, Transport};
+use super::transport::{Latched, NodeParts, Transport};
 use crate::report;
 
 /// What topics of an object have behind its name, at most: `/Command/Reset/Bodies` and the like.
@@ -32,17 +34,30 @@ pub(super) struct Objects {
     known: Vec<Option<ServedObject>>,
     /// The hub's when it was last looked at; `None` before.
     generation: Option<u64>,
+    /// The topic with the URDF of what is loaded, and which description it has.
+    description: Option<(Latched, u64)>,
 }
 
 impl Objects {
     /// Serves nothing yet. What is to be published goes to `publisher`.
     pub fn new(around: ServeContext, publisher: Sender<Vec<Entry>>) -> Self {
         let (names, node_names) = Default::default();
-        Self { around, publisher, names, node_names, known: Vec::new(), generation: None }
+        Self { around, publisher, names, node_names, known: Vec::new(), generation: None, description: None }
     }
 
     /// Serves what has come since the last call, ends what has gone.
     pub fn follow(&mut self) {
+        self.follow_list();
+        let Some(frames) = &self.around.frames else { return };
+        frames.follow(&self.around.hub);
+        let described = frames.described();
+        if let Some((topic, published)) = self.description.as_mut().filter(|(_, count)| *count != described.count) {
+            topic.send(&string(&described.robot.urdf));
+            *published = described.count;
+        }
+    }
+
+    fn follow_list(&mut self) {
         // Read before the list: what changes between the two is seen again.
         let generation = self.around.hub.generation();
         if self.generation.replace(generation) == Some(generation) {
@@ -54,6 +69,9 @@ impl Objects {
         let served = self.known.len();
         for ((_, object), known) in objects.entries().zip(&mut self.known) {
             if let Some(gone) = known.take_if(|_| object.is_removed()) {
+                if let (Some(frames), ObjectKind::RigidBody(body, _)) = (&self.around.frames, &object.info.kind) {
+                    frames.remove(*body);
+                }
                 self.names.release(&gone.name);
                 self.node_names.release(&gone.node_name);
             }
@@ -66,6 +84,10 @@ impl Objects {
                 transport.begin(&node_name);
                 topics::serve(&self.around, &mut come, position, &object.info, name.clone());
                 self.serve_parameters(&transport, &mut come);
+                if self.around.frames.is_some() && matches!(object.info.kind, ObjectKind::World) {
+                    let topic = transport.latched::<std_msgs::String>(ROBOT_DESCRIPTION);
+                    self.description = topic.map(|topic| (topic, 0));
+                }
                 ServedObject { name, node_name, _parts: transport.finish() }
             });
             self.known.push(known);

@@ -28,9 +28,6 @@ const LONGEST_REQUEST: usize = 64 << 10;
 /// Requests of a service that are answered at the same time; of more, clients get no answer.
 const REQUESTS_AT_ONCE: usize = 16;
 
-/// How often `/clock` is published, Hz.
-const CLOCK_FREQUENCY: u32 = 200;
-
 /// Where the stamp of a header is in ROS 1, and its bytes.
 const STAMP: std::ops::Range<usize> = 4..12;
 
@@ -39,8 +36,6 @@ type Failure = Box<dyn std::error::Error + Send + Sync>;
 /// Makes what one node after the other has.
 pub(in super::super) struct Transport {
     participant: Participant,
-    /// Whether stamps are simulated time.
-    clock: bool,
     current: Mutex<Option<NodeParts>>,
 }
 
@@ -51,8 +46,8 @@ pub(in super::super) struct NodeParts {
 }
 
 impl Transport {
-    pub fn new(participant: Participant, clock: bool) -> Self {
-        Self { participant, clock, current: Mutex::default() }
+    pub fn new(participant: Participant) -> Self {
+        Self { participant, current: Mutex::default() }
     }
 
     pub fn participant(&self) -> &Participant {
@@ -98,7 +93,17 @@ impl Transport {
         });
         let (publication, transcoder, stamped) = made?;
         let bytes = Converted { transcoder, ros1: Vec::new(), cdr: Vec::new() };
-        Some(Box::new(StateOutlet { publication, message, bytes, stamped, clock: self.clock }))
+        Some(Box::new(StateOutlet { publication, message, bytes, stamped }))
+    }
+
+    /// A topic of the current node whose last message subscribers get that come later; `None` where that cannot be.
+    pub fn latched<M: Message>(&self, topic: &str) -> Option<Latched> {
+        let (publication, transcoder) = self.with_node(topic, |node| {
+            let name = TypeName::parse(&M::msg_type())?;
+            let transcoder = Transcoder::new(&Description::parse(name.clone(), &M::msg_definition())?)?;
+            Ok((node.publish(topic, &name, Qos::latched())?, transcoder))
+        })?;
+        Some(Latched { publication, bytes: Converted { transcoder, ros1: Vec::new(), cdr: Vec::new() } })
     }
 
     /// Calls `on_message` with messages of at most `longest` bytes; bytes that are no `M` are named.
@@ -164,15 +169,6 @@ impl Transport {
         let made = self.with_node("parameters", |node| Ok(node.serve_parameters(parameters)?));
         made.into_iter().for_each(|services| self.keep(services));
     }
-
-    /// An outlet for `/clock` with its rates, if it is wanted.
-    pub fn clock(&self) -> Option<(Box<dyn Outlet>, Rates)> {
-        let clock = || TypeName::message("rosgraph_msgs", "Clock");
-        let wanted =
-            self.clock.then(|| self.with_node("/clock", |node| Ok(node.publish("/clock", &clock(), Qos::new())?)));
-        let outlet = ClockOutlet { publication: wanted.flatten()? };
-        Some((Box::new(outlet), Rates { min: CLOCK_FREQUENCY, max: CLOCK_FREQUENCY }))
-    }
 }
 
 /// Bytes on their way, whose memory is used again.
@@ -191,6 +187,24 @@ impl Converted {
     }
 }
 
+/// A topic for messages that seldom change.
+pub(in super::super) struct Latched {
+    publication: Arc<Publication>,
+    bytes: Converted,
+}
+
+impl Latched {
+    /// Sends a message of the topic's type.
+    pub fn send(&mut self, message: &impl Message) {
+        let Converted { transcoder, ros1, cdr } = &mut self.bytes;
+        ros1.clear();
+        // Encoding into memory cannot fail, and what was encoded is a message.
+        if message.encode(&mut *ros1).is_ok() && transcoder.to_cdr(ros1, cdr).is_ok() {
+            let _ = self.publication.send(cdr);
+        }
+    }
+}
+
 /// An outlet that makes its messages with a function, which returns `None` while there is nothing to say.
 struct StateOutlet<F> {
     publication: Arc<Publication>,
@@ -198,7 +212,6 @@ struct StateOutlet<F> {
     bytes: Converted,
     /// Whether the message begins with a header.
     stamped: bool,
-    clock: bool,
 }
 
 impl<M: Message, F: FnMut(Option<&Snapshot>) -> Option<M> + Send> Outlet for StateOutlet<F> {
@@ -215,10 +228,8 @@ impl<M: Message, F: FnMut(Option<&Snapshot>) -> Option<M> + Send> Outlet for Sta
             return;
         }
         if let Some(stamp) = ros1.get_mut(STAMP).filter(|_| self.stamped) {
-            if self.clock {
-                stamp.copy_from_slice(&time_of(snapshot.map_or(0.0, |snapshot| snapshot.sim_time)));
-            } else if *stamp == [0; 8] {
-                // rosrust sends the time of sending then.
+            // ROS 1 sends the time of sending then.
+            if *stamp == [0; 8] {
                 stamp.copy_from_slice(&now());
             }
         }
@@ -229,29 +240,7 @@ impl<M: Message, F: FnMut(Option<&Snapshot>) -> Option<M> + Send> Outlet for Sta
     }
 }
 
-/// Sends the simulated time.
-struct ClockOutlet {
-    publication: Arc<Publication>,
-}
-
-impl Outlet for ClockOutlet {
-    fn is_wanted(&self) -> bool {
-        self.publication.is_matched()
-    }
-
-    fn publish(&mut self, snapshot: Option<&Snapshot>) {
-        if let Some(snapshot) = snapshot {
-            let _ = self.publication.send(&time_of(snapshot.sim_time));
-        }
-    }
-}
-
-/// A time in seconds on the wire: seconds and nanoseconds, the same in ROS 1 and 2.
-fn time_of(seconds: f64) -> [u8; 8] {
-    let nanoseconds = (seconds.max(0.0) * 1e9).round() as u64;
-    stamp(nanoseconds / 1_000_000_000, (nanoseconds % 1_000_000_000) as u32)
-}
-
+/// Seconds and nanoseconds since 1970, the same in ROS 1 and 2.
 fn now() -> [u8; 8] {
     let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     stamp(since.as_secs(), since.subsec_nanos())
