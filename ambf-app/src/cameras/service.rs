@@ -9,14 +9,13 @@ use ambf_core::scene::VisualScene;
 use ambf_render::{published_size, Picture, PictureRequest, Renderer, Stage, View};
 use image::codecs::jpeg::JpegEncoder;
 use image::ExtendedColorType;
-use ros_node::LargePublication;
 
 use super::clouds::CloudMarkers;
 use super::messages::{self, Header, Pinhole, Points};
 use super::noise::Noise;
 use crate::report;
 use crate::ros::messages::time;
-use crate::ros::{CameraTopics, PictureTopics, PointClouds};
+use crate::ros::{CameraTopics, PictureTopic, PictureTopics, PointClouds};
 
 /// Quality of compressed images, percent: that of `image_transport`.
 const JPEG_QUALITY: u8 = 80;
@@ -45,6 +44,14 @@ struct Camera {
     trouble: String,
 }
 
+/// When a picture was.
+#[derive(Clone, Copy)]
+struct Shown<'a> {
+    header: Header<'a>,
+    /// s
+    sim_time: f64,
+}
+
 /// What of a camera is to be made in a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 struct Due {
@@ -58,12 +65,11 @@ struct Due {
 impl Due {
     /// What is due in the frame number `frame`, and wanted.
     fn of(topics: &CameraTopics, frame: u64) -> Self {
-        Self::of_wanted(topics, frame, LargePublication::is_wanted)
+        Self::of_wanted(topics, frame, PictureTopic::is_due)
     }
 
-    fn of_wanted(topics: &CameraTopics, frame: u64, is_wanted: impl Fn(&LargePublication) -> bool) -> Self {
+    fn of_wanted(topics: &CameraTopics, frame: u64, is_wanted: impl Fn(&PictureTopic) -> bool) -> Self {
         let is_due = |interval: Option<u32>| interval.is_some_and(|n| frame.is_multiple_of(u64::from(n.max(1))));
-        let is_wanted = |of: &Option<Arc<LargePublication>>| of.as_ref().is_some_and(|topic| is_wanted(topic));
         let (image, depth) = (is_due(topics.image_interval), is_due(topics.depth_interval));
         Self {
             image: image && is_wanted(&topics.image),
@@ -142,16 +148,18 @@ impl CameraService {
         }
         self.generation = Some(generation);
         let all = self.topics.all();
-        self.cameras.retain(|camera| all.iter().any(|topics| Arc::ptr_eq(topics, &camera.topics)));
+        self.cameras.retain(|camera| all.iter().any(|topics| topics.index == camera.topics.index));
         for topics in all {
-            if !self.cameras.iter().any(|camera| Arc::ptr_eq(&camera.topics, &topics)) {
-                self.cameras.push(Camera {
+            // They are others when another version of ROS has joined.
+            match self.cameras.iter_mut().find(|camera| camera.topics.index == topics.index) {
+                Some(camera) => camera.topics = topics,
+                None => self.cameras.push(Camera {
                     topics,
                     noise: None,
                     numbers: Vec::new(),
                     request: None,
                     trouble: String::new(),
-                });
+                }),
             }
         }
         // Pictures of one frame are made in the order of the cameras.
@@ -178,31 +186,32 @@ impl Camera {
         let view = View::of_camera(description, state);
         let topics = Arc::clone(&self.topics);
         let header = Header { stamp: time(snapshot.stamp), frame_id: &camera.object.name };
+        let shown = Shown { header, sim_time: snapshot.sim_time };
         let image_size = published_size(description);
         let depth_size = description.publish_depth.map_or(image_size, |frame| (frame.width, frame.height));
         let (wants_color, wants_depth) = (due.image || due.compressed, due.cloud || due.depth_image);
 
         if due.info {
             let eyes = view.eyes(image_size.0, image_size.1);
-            if let (Some(info), [eye]) = (&topics.info, eyes.as_slice()) {
-                if let Some(pinhole) = Pinhole::of(eye) {
-                    info.send(|bytes, seq| messages::camera_info(bytes, seq, header, image_size, &pinhole));
-                }
+            if let [Some(pinhole)] = eyes.iter().map(Pinhole::of).collect::<Vec<_>>()[..] {
+                topics.info.send(shown.sim_time, |bytes, seq| {
+                    messages::camera_info(bytes, seq, header, image_size, &pinhole);
+                });
             }
         }
         let is_one_picture = wants_color && wants_depth && image_size == depth_size;
         if wants_color {
             let picture = self.picture(description, image_size, (true, is_one_picture), &view, &mut render);
             let Some(picture) = picture else { return };
-            send_color(&topics, due, header, &picture);
+            send_color(&topics, due, shown, &picture);
             if is_one_picture {
-                self.send_depth(due, header, &picture, description);
+                self.send_depth(due, shown, &picture, description);
             }
         }
         if wants_depth && !is_one_picture {
             let picture = self.picture(description, depth_size, (due.cloud, true), &view, &mut render);
             let Some(picture) = picture else { return };
-            self.send_depth(due, header, &picture, description);
+            self.send_depth(due, shown, &picture, description);
         }
     }
 
@@ -245,7 +254,13 @@ impl Camera {
         }
     }
 
-    fn send_depth(&mut self, due: Due, header: Header<'_>, picture: &Picture, description: &adf::Camera) {
+    fn send_depth(
+        &mut self,
+        due: Due,
+        Shown { header, sim_time }: Shown<'_>,
+        picture: &Picture,
+        description: &adf::Camera,
+    ) {
         match &description.depth_noise {
             Some(described) => {
                 let noise = self.noise.get_or_insert_with(|| Noise::new(described));
@@ -254,23 +269,25 @@ impl Camera {
             None => self.numbers.clear(),
         }
         let (noise, size) = (self.numbers.as_slice(), (picture.width, picture.height));
-        if let Some(cloud) = self.topics.cloud.as_ref().filter(|_| due.cloud) {
+        if due.cloud {
             let points = Points { color: &picture.color, depth: &picture.depth, noise, eyes: &picture.eyes };
-            cloud.send(|bytes, seq| messages::cloud(bytes, seq, header, size, &points));
+            self.topics.cloud.send(sim_time, |bytes, seq| messages::cloud(bytes, seq, header, size, &points));
         }
-        if let Some(image) = self.topics.depth_image.as_ref().filter(|_| due.depth_image) {
-            image.send(|bytes, seq| messages::depth_image(bytes, seq, header, size, &picture.depth, noise));
+        if due.depth_image {
+            self.topics.depth_image.send(sim_time, |bytes, seq| {
+                messages::depth_image(bytes, seq, header, size, &picture.depth, noise);
+            });
         }
     }
 }
 
-fn send_color(topics: &CameraTopics, due: Due, header: Header<'_>, picture: &Picture) {
+fn send_color(topics: &CameraTopics, due: Due, Shown { header, sim_time }: Shown<'_>, picture: &Picture) {
     let (width, height) = (picture.width, picture.height);
-    if let Some(image) = topics.image.as_ref().filter(|_| due.image) {
-        image.send(|bytes, seq| messages::image(bytes, seq, header, (width, height), &picture.color));
+    if due.image {
+        topics.image.send(sim_time, |bytes, seq| messages::image(bytes, seq, header, (width, height), &picture.color));
     }
-    if let Some(compressed) = topics.compressed.as_ref().filter(|_| due.compressed) {
-        compressed.send(|bytes, seq| {
+    if due.compressed {
+        topics.compressed.send(sim_time, |bytes, seq| {
             messages::compressed(bytes, seq, header, |bytes| {
                 let begin = bytes.len();
                 if let Err(error) = encode(&mut *bytes, picture) {
@@ -336,8 +353,8 @@ pub(super) mod tests {
         fn camera(&self, name: &str) -> Camera {
             let index = self.visuals.cameras.position(|camera| &*camera.object.name == name).unwrap();
             let described = &self.visuals.cameras[index].description;
-            let topics = CameraTopics::new(index, &format!("/e/{name}"), described, |topic| topic).unwrap();
-            Camera { topics, noise: None, numbers: Vec::new(), request: None, trouble: String::new() }
+            let (topics, _) = CameraTopics::of_ros1(index, &format!("/e/{name}"), described, |topic| topic).unwrap();
+            Camera { topics: Arc::new(topics), noise: None, numbers: Vec::new(), request: None, trouble: String::new() }
         }
 
         /// What is asked of the renderer when `due` is due: size, colour and depth of each picture.
@@ -400,8 +417,9 @@ pub(super) mod tests {
     fn topics_are_those_that_the_camera_has_something_for() {
         let fixture = Fixture::new();
         let of = |name: &str| {
-            let topics = fixture.camera(name).topics;
-            let all = topics.announcements();
+            let index = fixture.camera(name).topics.index;
+            let described = &fixture.visuals.cameras[index].description;
+            let (_, all) = CameraTopics::of_ros1(index, &format!("/e/{name}"), described, |topic| topic).unwrap();
             let mut all: Vec<_> = all.iter().map(|one| one.registration()).map(|r| (r.topic, r.message_type)).collect();
             all.sort();
             all
