@@ -2,18 +2,97 @@
 
 use std::fmt::Arguments;
 use std::io::Write;
+use std::sync::atomic::{AtomicU8, Ordering};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Writes one line to standard error. A closed standard error is not worth a panic: the line is then lost.
+use parking_lot::RwLock;
+
+/// How important a line is; the numbers are those of `rcl_interfaces/msg/Log` and of ROS 2's loggers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[repr(u8)]
+pub enum Level {
+    /// For those who look for a mistake.
+    Debug = 10,
+    /// Something has happened.
+    Info = 20,
+    /// Something is not as it should be, and the program goes on.
+    Warn = 30,
+    /// Something cannot be done.
+    Error = 40,
+    /// The program ends.
+    Fatal = 50,
+}
+
+impl Level {
+    /// All, the least important first, with their names.
+    pub const ALL: [(Self, &'static str); 5] = [
+        (Self::Debug, "debug"),
+        (Self::Info, "info"),
+        (Self::Warn, "warn"),
+        (Self::Error, "error"),
+        (Self::Fatal, "fatal"),
+    ];
+
+    /// The level called `name`, in small or capital letters.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|(_, own)| own.eq_ignore_ascii_case(name)).map(|(level, _)| level)
+    }
+}
+
+/// The least important level that is written.
+static LEAST: AtomicU8 = AtomicU8::new(Level::Debug as u8);
+
+/// Who else gets lines.
+static LISTENERS: RwLock<Vec<Arc<Listener>>> = RwLock::new(Vec::new());
+
+/// Gets lines with their level, in the thread that reports them: must neither report nor wait.
+pub type Listener = dyn Fn(Level, &str) + Send + Sync;
+
+/// Writes nothing that is less important than `level` from now on. Default: [`Level::Debug`].
+pub fn set_level(level: Level) {
+    LEAST.store(level as u8, Ordering::Relaxed);
+}
+
+/// Gives every line to `listener`, too, until it is [removed](remove_listener).
+pub fn add_listener(listener: &Arc<Listener>) {
+    LISTENERS.write().push(Arc::clone(listener));
+}
+
+/// Gives no more lines to `listener`.
+pub fn remove_listener(listener: &Arc<Listener>) {
+    LISTENERS.write().retain(|other| !Arc::ptr_eq(other, listener));
+}
+
+/// Writes one line of the level [`Level::Info`], as [`report_at`] does.
 pub fn report(line: Arguments<'_>) {
+    report_at(Level::Info, line);
+}
+
+/// Writes one line to standard error. A closed standard error is not worth a panic: the line is then lost.
+pub fn report_at(level: Level, line: Arguments<'_>) {
+    if (level as u8) < LEAST.load(Ordering::Relaxed) {
+        return;
+    }
+    let mut line = line.to_string();
+    LISTENERS.read().iter().for_each(|listener| listener(level, &line));
+    line.push('\n');
     // One call, so that lines of different threads do not mix.
-    let _ = std::io::stderr().write_all(format!("{line}\n").as_bytes());
+    let _ = std::io::stderr().write_all(line.as_bytes());
 }
 
 /// Formats like [`println!`] and writes one line to standard error.
 #[macro_export]
 macro_rules! report {
     ($($part:tt)*) => { $crate::report::report(::std::format_args!($($part)*)) };
+}
+
+/// [`report!`] for what is not as it should be: a line of the level [`Level::Warn`].
+#[macro_export]
+macro_rules! warn {
+    ($($part:tt)*) => {
+        $crate::report::report_at($crate::report::Level::Warn, ::std::format_args!($($part)*))
+    };
 }
 
 /// Writes one line to standard output; it is lost when nobody reads.

@@ -20,13 +20,13 @@ use crate::cli::{RosVersions, SimulatorOptions};
 use crate::devices;
 use crate::launch::{self, LaunchError};
 use crate::report::RateLimit;
-#[cfg(feature = "view")]
-use crate::ros::PictureTopics;
 use crate::ros::{DeviceReports, Extras, ModelHost, ModelReply, RosArguments, RosMiddleware, RosOptions};
+#[cfg(feature = "view")]
+use crate::ros::{PictureTopics, PointClouds};
 #[cfg(feature = "ros2")]
 use crate::ros::{Ros2Middleware, Ros2Options};
 use crate::windows::{self, WindowParts, Windows, WindowsWanted};
-use crate::{plugins, print_line, process, report};
+use crate::{plugins, print_line, process, report, warn};
 
 /// How often the main thread looks whether it should end.
 const POLL: Duration = Duration::from_millis(50);
@@ -167,32 +167,36 @@ fn serve(
     let extras = Extras { clock: options.clock, tf: options.tf, devices: Arc::default() };
     extras.devices.set(devices.status());
     simulation.set_simulated_stamps(options.clock);
+    #[cfg(feature = "ros2")]
+    let ros2_options = Ros2Options { arguments: arguments.clone(), extras: extras.clone() };
     let ros_options = RosOptions { arguments, own_master, extras: extras.clone() };
     let versions = ros_versions(options);
     if versions.has_two() && cfg!(not(feature = "ros2")) {
         report!("this program was built without ROS 2");
     }
     #[cfg(feature = "ros2")]
-    let mut ros2 = versions
-        .has_two()
-        .then(|| Ros2Middleware::new(Ros2Options { extras: extras.clone() }).with_models(Arc::clone(&host) as _));
+    let mut ros2 = versions.has_two().then(|| Ros2Middleware::new(ros2_options).with_models(Arc::clone(&host) as _));
     let mut ros = versions.has_one().then(|| RosMiddleware::new(ros_options).with_models(host));
     #[cfg(feature = "view")]
-    let cameras;
-    #[cfg(feature = "view")]
-    {
-        (ros, cameras) = with_cameras(ros);
-    }
+    let cameras = {
+        let drawn = Drawn::default();
+        ros = ros.map(|ros| drawn.on_one(ros));
+        #[cfg(feature = "ros2")]
+        {
+            ros2 = ros2.map(|ros2| drawn.on_two(ros2));
+        }
+        (versions != RosVersions::None).then(|| CameraService::new(drawn.topics, drawn.clouds))
+    };
     if options.hold && versions != RosVersions::None {
         hub.throttle().hold(Duration::MAX, hub.now_ns());
     }
     #[cfg(feature = "ros2")]
     if let Some(Err(error)) = ros2.as_mut().map(|ros2| ros2.start(Arc::clone(&hub))) {
-        report!("ROS 2 is not available: {error}; the simulation runs without");
+        warn!("ROS 2 is not available: {error}; the simulation runs without");
     }
     if let Some(ros) = &mut ros {
         if let Err(error) = ros.start(Arc::clone(&hub)) {
-            report!("ROS is not available: {error}; the simulation runs without");
+            warn!("ROS is not available: {error}; the simulation runs without");
         }
     }
     let runner = Runner::start(
@@ -242,13 +246,24 @@ fn ros_versions(options: &SimulatorOptions) -> RosVersions {
     options.ros.unwrap_or_else(said)
 }
 
-/// Lets `ros` have topics of pictures; what makes them.
+/// What cameras publish, and points that are drawn, on all versions of ROS.
 #[cfg(feature = "view")]
-fn with_cameras(ros: Option<RosMiddleware>) -> (Option<RosMiddleware>, Option<CameraService>) {
-    let Some(ros) = ros else { return (None, None) };
-    let topics = Arc::<PictureTopics>::default();
-    let service = CameraService::new(Arc::clone(&topics), ros.point_clouds());
-    (Some(ros.with_pictures(topics)), Some(service))
+#[derive(Default)]
+struct Drawn {
+    topics: Arc<PictureTopics>,
+    clouds: Arc<PointClouds>,
+}
+
+#[cfg(feature = "view")]
+impl Drawn {
+    fn on_one(&self, ros: RosMiddleware) -> RosMiddleware {
+        ros.with_pictures(Arc::clone(&self.topics)).with_point_clouds(Arc::clone(&self.clouds))
+    }
+
+    #[cfg(feature = "ros2")]
+    fn on_two(&self, ros: Ros2Middleware) -> Ros2Middleware {
+        ros.with_pictures(Arc::clone(&self.topics)).with_point_clouds(Arc::clone(&self.clouds))
+    }
 }
 
 /// One line about the solver of profile `accurate`; nothing of other solvers, which count nothing.
@@ -310,15 +325,15 @@ fn follow(
             reports.set(devices.status());
         }
         match runner.events().recv_timeout(POLL) {
-            Ok(Event::LostTime { recent, total }) => report!(
+            Ok(Event::LostTime { recent, total }) => warn!(
                 "the scene is too heavy for this computer: {recent:.3} s of simulated time were not computed ({total:.3} s in all)"
             ),
             Ok(Event::Lost(problem)) => {
-                report!("{problem}; nothing of that step is published and the simulation is paused: reset it (topic Command/Reset) or end it");
+                warn!("{problem}; nothing of that step is published and the simulation is paused: reset it (topic Command/Reset) or end it");
             }
             Ok(Event::EmptySteps) => {
                 if empty_steps.is_due() {
-                    report!("a client throttles with n_skip_steps 0, which never blocks");
+                    warn!("a client throttles with n_skip_steps 0, which never blocks");
                 }
             }
             Ok(Event::Reset) => report!("reset"),

@@ -14,13 +14,14 @@
 //! Those of RustDDS 0.15 are in the crate's `README.md`, with what is done about them: the hash of a type
 //! ([`Description::type_hash`]) cannot be announced; acknowledged messages are kept for 6 s; other implementations show
 //! our topics for up to 60 s after the end; fragments of large messages are sent in one burst. Services cannot be called,
-//! only offered. There is no `/rosout`.
+//! only offered. Who wants `/rosout` publishes [`LogLine`]s there.
 
 mod cdr;
 mod description;
 mod environment;
 mod graph;
 mod hash;
+mod log;
 pub mod names;
 mod node;
 mod parameters;
@@ -34,6 +35,7 @@ mod wire;
 
 pub use description::{Arity, Base, Description, DescriptionError, Field, Primitive};
 pub use environment::{silent, EnvironmentError, GidLength, Options, Range, Report, HIGHEST_DOMAIN};
+pub use log::LogLine;
 pub use names::TypeName;
 pub use node::Node;
 pub use parameters::{Parameter, ParameterServices, Parameters, Value};

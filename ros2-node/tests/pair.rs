@@ -75,6 +75,32 @@ fn those_that_come_late_get_what_is_latched_and_nothing_else() {
 }
 
 #[test]
+fn more_than_is_latched_is_sent_without_a_loss() {
+    let options = options();
+    let (one, other) = (Participant::new(options.clone()).unwrap(), Participant::new(options).unwrap());
+    let qos = Qos { window: 2000, ..Qos::latched().with_depth(1000) };
+    let node = one.node("/", "one").unwrap();
+    let latched = node.publish("/latched", &text(), qos).unwrap();
+    let send = |numbers: std::ops::Range<u32>| {
+        let failed = numbers.filter(|number| latched.send(&number.to_le_bytes()).is_err()).count();
+        assert_eq!((failed, latched.lost()), (0, 0));
+    };
+    send(0..5000);
+    let got = Messages::default();
+    let node = other.node("/", "other").unwrap();
+    let _late = node.subscribe("/latched", &text(), qos, 100, listen(&got)).unwrap();
+    let last = |number: u32| got.lock().last() == Some(&number.to_le_bytes().to_vec());
+    wait("the last of them arrives", || last(4999));
+    let early = got.lock().len();
+    assert!(early >= 1000, "{early}");
+    for thousand in 5..10 {
+        send(1000 * thousand..1000 * (thousand + 1));
+        wait("those that come later arrive", || last(1000 * thousand + 999));
+    }
+    assert_eq!(got.lock().len(), early + 5000);
+}
+
+#[test]
 fn messages_that_are_too_long_are_left_out_and_large_ones_arrive() {
     let options = options();
     let (one, other) = (Participant::new(options.clone()).unwrap(), Participant::new(options).unwrap());

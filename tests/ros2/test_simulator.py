@@ -2,88 +2,29 @@
 
 import math
 import os
-import pathlib
-import signal
 import socket
 import subprocess
-import sys
-import tempfile
 import time
 import xml.etree.ElementTree
 import xmlrpc.client
 
-from ambf_msgs.msg import RigidBodyCmd, RigidBodyState, WorldState
+from ambf_msgs.msg import RigidBodyCmd, RigidBodyState, WorldCmd, WorldState
 from ambf_msgs.srv import AddModel, ListModels, RemoveModel, Step
 from crtk_msgs.msg import OperatingState, StringStamped
 from geometry_msgs.msg import PoseStamped
-from harness import PATIENCE_S, REPOSITORY, STOP_S, Ros2Test, environment, program
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from harness import PATIENCE_S, REPOSITORY, program
+from rcl_interfaces.msg import Log, Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
+from simulator import FREE, MANY, Simulated
 from std_msgs.msg import Empty, String
 from tf2_msgs.msg import TFMessage
 
-sys.path.append(str(REPOSITORY / "tests/ros"))
-import scenes  # noqa: E402
 
-MANY = QoSProfile(depth=5000)
-FREE = "/ambf/env/Free"
-
-
-class Simulator:
-    """The simulator without windows; index 1 of the launch file is a free box and a wall."""
-
-    def __init__(self, domain, folder, *arguments, **variables):
-        command = [program("ambf_simulator"), "-g", "0", "-l", "1", "--launch_file", folder / "launch.yaml", *arguments]
-        self.log_file = folder / "log"
-        with self.log_file.open("w") as log:
-            self.process = subprocess.Popen(
-                command, env=dict(environment(domain), **variables), stdin=subprocess.DEVNULL, stdout=log, stderr=log
-            )
-
-    def log(self):
-        """What it has said."""
-        return self.log_file.read_text()
-
-    def threads(self):
-        """Names of its threads."""
-        tasks = pathlib.Path(f"/proc/{self.process.pid}/task").iterdir()
-        return sorted((task / "comm").read_text().strip() for task in tasks)
-
-    def close(self):
-        """Ends it as Ctrl+C does."""
-        self.process.send_signal(signal.SIGINT)
-        try:
-            assert self.process.wait(STOP_S) == 0, self.log()
-        finally:
-            self.process.kill()
-        assert "panicked" not in self.log(), self.log()
-
-
-class Simulated(Ros2Test):
+class Served(Simulated):
     """The simulator's topics, services and parameters."""
-
-    def setUp(self):
-        super().setUp()
-        folder = tempfile.TemporaryDirectory(prefix="ambf-ros2-tests-")
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name) / "scene"
-        scenes.write(self.folder)
-
-    def simulator(self, *arguments, **variables):
-        """A simulator that lasts no longer than the test."""
-        simulator = Simulator(self.domain, self.folder, *arguments, **variables)
-        self.addCleanup(simulator.close)
-        return simulator
-
-    def with_state(self, *arguments, **variables):
-        """A simulator, a client, and the states of the free box, of which there is one."""
-        simulator, client = self.simulator("--ros", "2", *arguments, **variables), self.client()
-        states = client.listen(RigidBodyState, f"{FREE}/State", MANY)
-        client.wait_for(lambda: states, "a state")
-        return simulator, client, states
 
     def test_topics_and_nodes_are_there(self):
         simulator, client, states = self.with_state()
@@ -282,6 +223,134 @@ class Simulated(Ros2Test):
         client.wait_for(is_there, "the joints are where they were told to be")
         command.publish(StringStamped(string="disable"))
         client.wait_for(lambda: states[-1].state == "DISABLED", "the arm is disabled")
+
+    def test_the_program_is_told_what_nodes_of_ros_2_are_told(self):
+        """A namespace, another name, other names of topics and services, parameters of its own and of objects."""
+        light = "/ambf/env/lights/lamp"
+        words = f"-r {FREE}/State:=/lab/box -r {FREE}/Command:=box_command -r /ambf/env/World/Step:=/step -r __ns:=/lab"
+        words += f" -r __node:=sim -p rate:=50 -p {light}/cutoff_angle:=0.25"
+        points = "/ambf/env/World/point_cloud_topics"
+        file = self.folder / "parameters.yaml"
+        file.write_text(f"/**:\n  ros__parameters:\n    {points}: [/points]\n    gains: {{p: 1.5}}\n")
+        self.simulator("--ros", "2", "--ros-args", *words.split(), "--params-file", file, "--", "-p", "500")
+        client = self.client()
+        states = client.listen(RigidBodyState, "/lab/box", MANY)
+        client.wait_for(lambda: states, "a state")
+        publisher = client.node.create_publisher(RigidBodyCmd, "/lab/box_command", 1)
+        client.wait_for(lambda: publisher.get_subscription_count() == 1, "the subscription")
+        self.assertTrue(client.call(Step, "/step", Step.Request(steps=1, patience=0.1)).success)
+
+        def nodes():
+            return set(client.node.get_node_names_and_namespaces())
+
+        client.wait_for(lambda: {("sim", "/lab"), ("ambf_env_Free", "/lab")} <= nodes(), "the nodes")
+
+        def values(node, *names):
+            request = GetParameters.Request(names=names)
+            return client.call(GetParameters, f"/lab/{node}/get_parameters", request).values
+
+        rate, gain = values("sim", "rate", "gains.p")
+        self.assertEqual((rate.integer_value, gain.double_value), (50, 1.5))
+        self.assertEqual(values("ambf_env_lights_lamp", f"{light}/cutoff_angle")[0].double_value, 0.25)
+        self.assertEqual(list(values("ambf_env_World", points)[0].string_array_value), ["/points"])
+
+    def test_arguments_of_ros_1_act_on_ros_2(self):
+        self.simulator("--ros", "2", f"{FREE}/State:=/lab/box", "__name:=sim", "_rate:=50")
+        client = self.client()
+        states = client.listen(RigidBodyState, "/lab/box", MANY)
+        client.wait_for(lambda: states, "a state")
+        client.wait_for(lambda: "sim" in client.node.get_node_names(), "the node")
+
+    def test_arguments_that_are_wrong_say_what_was_expected(self):
+        for words, expected in (("-r a=b", "FROM:=TO"), ("--log-level loud", "debug, info"), ("-l 1", "--ros-args")):
+            command = [program("ambf_simulator"), "--ros-args", *words.split()]
+            ended = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+            self.assertEqual(ended.returncode, 2, ended.stderr)
+            self.assertIn(expected, ended.stderr)
+
+    def test_lines_for_users_are_on_rosout(self):
+        """Also those that were said before somebody listened."""
+        simulator, client, _ = self.with_state()
+        latched = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        lines = client.listen(Log, "/rosout", latched)
+        reset = client.node.create_publisher(Empty, "/ambf/env/World/Command/Reset", 1)
+        client.wait_for(lambda: reset.get_subscription_count() == 1, "the subscription")
+
+        def ours(text):
+            return [line for line in lines if line.name == "ambf_simulator" and text in line.msg]
+
+        def is_said():
+            reset.publish(Empty())
+            return ours("reset")
+
+        client.wait_for(is_said, "a line")
+        line = ours("reset")[-1]
+        self.assertEqual(line.level, int.from_bytes(Log.INFO, "little") if isinstance(Log.INFO, bytes) else Log.INFO)
+        self.assertAlmostEqual(line.stamp.sec, time.time(), delta=PATIENCE_S)
+        late = self.client("late")
+        late_lines = late.listen(Log, "/rosout", latched)
+        late.wait_for(lambda: [line for line in late_lines if "reset" in line.msg], "the line, later")
+        command = client.node.create_publisher(RigidBodyCmd, f"{FREE}/Command", 1)
+        client.wait_for(lambda: command.get_subscription_count() == 1, "the subscription")
+        wrong = RigidBodyCmd(cartesian_cmd_type=RigidBodyCmd.TYPE_FORCE)
+        wrong.wrench.force.x = math.nan
+
+        def warned():
+            command.publish(wrong)
+            return [line for line in ours(f"{FREE}/Command") if line.level == 30]
+
+        client.wait_for(warned, "a warning")
+        self.assertIn(warned()[0].msg, simulator.log())
+
+    def test_what_is_less_important_is_not_said(self):
+        simulator, client = self.simulator("--ros", "2", "--ros-args", "--log-level", "warn"), self.client()
+        lines = client.listen(Log, "/rosout", QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+        reset = client.node.create_publisher(Empty, "/ambf/env/World/Command/Reset", 1)
+        command = client.node.create_publisher(RigidBodyCmd, f"{FREE}/Command", 1)
+        client.wait_for(lambda: command.get_subscription_count() and reset.get_subscription_count(), "subscriptions")
+        wrong = RigidBodyCmd(cartesian_cmd_type=RigidBodyCmd.TYPE_FORCE)
+        wrong.wrench.force.x = math.nan
+
+        def warned():
+            reset.publish(Empty())
+            command.publish(wrong)
+            return [line for line in lines if f"{FREE}/Command" in line.msg]
+
+        client.wait_for(warned, "a warning")
+        self.assertNotIn("reset", [line.msg for line in lines])
+        self.assertNotIn("reset\n", simulator.log())
+
+    def test_clocked_steps_are_seen_by_clients_of_both_versions(self):
+        """A client of ROS 2 clocks the physics, and its states come at once although ROS 1 is served, too."""
+        with socket.socket() as probe:
+            probe.bind(("localhost", 0))
+            uri = f"http://localhost:{probe.getsockname()[1]}"
+        self.addCleanup(
+            subprocess.run, [program("ambf_simulator"), "--end-master"], env=dict(os.environ, ROS_MASTER_URI=uri)
+        )
+        arguments = {"ROS_MASTER_URI": uri, "ROS_HOSTNAME": "localhost"}
+        self.simulator("--ros", "both", **arguments)
+        client = self.client()
+        states = client.listen(WorldState, "/ambf/env/World/State", MANY)
+        publisher = client.node.create_publisher(WorldCmd, "/ambf/env/World/Command", MANY)
+        client.wait_for(lambda: states and publisher.get_subscription_count() == 1, "the world")
+        command = WorldCmd(enable_step_throttling=True, n_skip_steps=1)
+
+        def is_held():
+            # Said again and again, or the watchdog ends it.
+            publisher.publish(command)
+            return len(states) > 5 and len({state.sim_step for state in states[-5:]}) == 1
+
+        client.wait_for(is_held, "the hold")
+        for _ in range(50):
+            before = states[-1].sim_step
+            command.step_clock = not command.step_clock
+
+            def is_done(before=before):
+                publisher.publish(command)
+                return states[-1].sim_step == before + 1
+
+            client.wait_for(is_done, "the step")
 
     def test_a_domain_that_is_none_is_said_and_the_simulation_goes_on(self):
         simulator = self.simulator("--ros", "2", ROS_DOMAIN_ID="abc")

@@ -9,10 +9,17 @@ fn main() {
     if let Some(ended) = ros_node::serve_master(std::env::args_os().skip(1)) {
         exit(i32::from(ended.is_err()));
     }
-    let arguments = ros::RosArguments::take().unwrap_or_else(|error| {
-        report!("the program cannot be started again without its arguments for ROS, which are ignored: {error}");
-        ros::RosArguments::default()
-    });
+    let arguments = match ros::RosArguments::take() {
+        Ok(arguments) => arguments,
+        Err(error @ ros::ArgumentError::Restart(_)) => {
+            report!("{error}; they are ignored");
+            ros::RosArguments::default()
+        }
+        Err(error) => {
+            report!("{error}");
+            exit(CliError::SIMULATOR_STATUS);
+        }
+    };
     let options = match SimulatorOptions::parse(std::env::args_os()) {
         Ok(Parsed::Run { options, notes }) => {
             notes.iter().for_each(|note| report!("{note}"));

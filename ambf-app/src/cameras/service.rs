@@ -9,14 +9,13 @@ use ambf_core::scene::VisualScene;
 use ambf_render::{published_size, Picture, PictureRequest, Renderer, Stage, View};
 use image::codecs::jpeg::JpegEncoder;
 use image::ExtendedColorType;
-use ros_node::LargePublication;
 
 use super::clouds::CloudMarkers;
 use super::messages::{self, Header, Pinhole, Points};
 use super::noise::Noise;
 use crate::report;
 use crate::ros::messages::time;
-use crate::ros::{CameraTopics, PictureTopics, PointClouds};
+use crate::ros::{CameraTopics, PictureTopic, PictureTopics, PointClouds};
 
 /// Quality of compressed images, percent: that of `image_transport`.
 const JPEG_QUALITY: u8 = 80;
@@ -58,12 +57,11 @@ struct Due {
 impl Due {
     /// What is due in the frame number `frame`, and wanted.
     fn of(topics: &CameraTopics, frame: u64) -> Self {
-        Self::of_wanted(topics, frame, LargePublication::is_wanted)
+        Self::of_wanted(topics, frame, PictureTopic::is_due)
     }
 
-    fn of_wanted(topics: &CameraTopics, frame: u64, is_wanted: impl Fn(&LargePublication) -> bool) -> Self {
+    fn of_wanted(topics: &CameraTopics, frame: u64, is_wanted: impl Fn(&PictureTopic) -> bool) -> Self {
         let is_due = |interval: Option<u32>| interval.is_some_and(|n| frame.is_multiple_of(u64::from(n.max(1))));
-        let is_wanted = |of: &Option<Arc<LargePublication>>| of.as_ref().is_some_and(|topic| is_wanted(topic));
         let (image, depth) = (is_due(topics.image_interval), is_due(topics.depth_interval));
         Self {
             image: image && is_wanted(&topics.image),
@@ -142,16 +140,18 @@ impl CameraService {
         }
         self.generation = Some(generation);
         let all = self.topics.all();
-        self.cameras.retain(|camera| all.iter().any(|topics| Arc::ptr_eq(topics, &camera.topics)));
+        self.cameras.retain(|camera| all.iter().any(|topics| topics.index == camera.topics.index));
         for topics in all {
-            if !self.cameras.iter().any(|camera| Arc::ptr_eq(&camera.topics, &topics)) {
-                self.cameras.push(Camera {
+            // They are others when another version of ROS has joined.
+            match self.cameras.iter_mut().find(|camera| camera.topics.index == topics.index) {
+                Some(camera) => camera.topics = topics,
+                None => self.cameras.push(Camera {
                     topics,
                     noise: None,
                     numbers: Vec::new(),
                     request: None,
                     trouble: String::new(),
-                });
+                }),
             }
         }
         // Pictures of one frame are made in the order of the cameras.
@@ -184,10 +184,10 @@ impl Camera {
 
         if due.info {
             let eyes = view.eyes(image_size.0, image_size.1);
-            if let (Some(info), [eye]) = (&topics.info, eyes.as_slice()) {
-                if let Some(pinhole) = Pinhole::of(eye) {
-                    info.send(|bytes, seq| messages::camera_info(bytes, seq, header, image_size, &pinhole));
-                }
+            if let [Some(pinhole)] = eyes.iter().map(Pinhole::of).collect::<Vec<_>>()[..] {
+                topics.info.send(|bytes, seq| {
+                    messages::camera_info(bytes, seq, header, image_size, &pinhole);
+                });
             }
         }
         let is_one_picture = wants_color && wants_depth && image_size == depth_size;
@@ -254,23 +254,25 @@ impl Camera {
             None => self.numbers.clear(),
         }
         let (noise, size) = (self.numbers.as_slice(), (picture.width, picture.height));
-        if let Some(cloud) = self.topics.cloud.as_ref().filter(|_| due.cloud) {
+        if due.cloud {
             let points = Points { color: &picture.color, depth: &picture.depth, noise, eyes: &picture.eyes };
-            cloud.send(|bytes, seq| messages::cloud(bytes, seq, header, size, &points));
+            self.topics.cloud.send(|bytes, seq| messages::cloud(bytes, seq, header, size, &points));
         }
-        if let Some(image) = self.topics.depth_image.as_ref().filter(|_| due.depth_image) {
-            image.send(|bytes, seq| messages::depth_image(bytes, seq, header, size, &picture.depth, noise));
+        if due.depth_image {
+            self.topics.depth_image.send(|bytes, seq| {
+                messages::depth_image(bytes, seq, header, size, &picture.depth, noise);
+            });
         }
     }
 }
 
 fn send_color(topics: &CameraTopics, due: Due, header: Header<'_>, picture: &Picture) {
     let (width, height) = (picture.width, picture.height);
-    if let Some(image) = topics.image.as_ref().filter(|_| due.image) {
-        image.send(|bytes, seq| messages::image(bytes, seq, header, (width, height), &picture.color));
+    if due.image {
+        topics.image.send(|bytes, seq| messages::image(bytes, seq, header, (width, height), &picture.color));
     }
-    if let Some(compressed) = topics.compressed.as_ref().filter(|_| due.compressed) {
-        compressed.send(|bytes, seq| {
+    if due.compressed {
+        topics.compressed.send(|bytes, seq| {
             messages::compressed(bytes, seq, header, |bytes| {
                 let begin = bytes.len();
                 if let Err(error) = encode(&mut *bytes, picture) {
@@ -336,8 +338,8 @@ pub(super) mod tests {
         fn camera(&self, name: &str) -> Camera {
             let index = self.visuals.cameras.position(|camera| &*camera.object.name == name).unwrap();
             let described = &self.visuals.cameras[index].description;
-            let topics = CameraTopics::new(index, &format!("/e/{name}"), described, |topic| topic).unwrap();
-            Camera { topics, noise: None, numbers: Vec::new(), request: None, trouble: String::new() }
+            let (topics, _) = CameraTopics::of_ros1(index, &format!("/e/{name}"), described, |topic| topic).unwrap();
+            Camera { topics: Arc::new(topics), noise: None, numbers: Vec::new(), request: None, trouble: String::new() }
         }
 
         /// What is asked of the renderer when `due` is due: size, colour and depth of each picture.
@@ -400,8 +402,9 @@ pub(super) mod tests {
     fn topics_are_those_that_the_camera_has_something_for() {
         let fixture = Fixture::new();
         let of = |name: &str| {
-            let topics = fixture.camera(name).topics;
-            let all = topics.announcements();
+            let index = fixture.camera(name).topics.index;
+            let described = &fixture.visuals.cameras[index].description;
+            let (_, all) = CameraTopics::of_ros1(index, &format!("/e/{name}"), described, |topic| topic).unwrap();
             let mut all: Vec<_> = all.iter().map(|one| one.registration()).map(|r| (r.topic, r.message_type)).collect();
             all.sort();
             all

@@ -1,4 +1,5 @@
-//! What the command line says to ROS: `__name:=`, `__ns:=`, remappings of topics and services, private parameters.
+//! What the command line says to ROS: `__name:=`, `__ns:=`, remappings of topics and services, private parameters; or the
+//! same as nodes of ROS 2 take it ([`ros_args`](super::ros_args)). Both act on both versions.
 //!
 //! rosrust reads such arguments from the process's own, wherever it makes a node; but drivers of devices have nodes of
 //! their own in this process, which are not meant. So the program starts itself again without them and hands them on in
@@ -15,7 +16,9 @@ use dxr::Value;
 use ros_node::NodeName;
 
 use super::naming::graph_name;
-use crate::report;
+use super::ros_args::{self, ArgumentError};
+use crate::report::{self, Level};
+use crate::warn;
 
 /// Environment variable in which the arguments are handed on, with [`SEPARATOR`] between them.
 const CARRIED: &str = "AMBF_ROS_ARGUMENTS";
@@ -36,25 +39,37 @@ pub struct RosArguments {
     pub mappings: Vec<(String, String)>,
     /// Private parameters of the node: name and value.
     pub parameters: Vec<(String, Value)>,
+    /// Namespace of the nodes of ROS 2; those of ROS 1 have it from the environment.
+    pub namespace: Option<String>,
+    /// Parameters of objects: full names and values. On ROS 1 they are on the parameter server, for anybody to set.
+    pub of_objects: Vec<(String, Value)>,
+    /// Nothing less important is written or sent.
+    pub level: Option<Level>,
+    /// Whether `/rosout` of ROS 2 is left out.
+    pub no_log: bool,
 }
 
 impl RosArguments {
     /// Takes the arguments of the form `a:=b` from this process: starts the program again without them, if there are
     /// any. To be called first in `main`, before there are threads; returns what the start before has handed on. What
-    /// cannot be used is reported.
+    /// cannot be used is reported, and a level of lines comes into force.
     ///
     /// # Errors
-    /// When the program cannot be started again.
-    pub fn take() -> io::Result<Self> {
-        let (kept, taken) = split(env::args_os());
+    /// [`ArgumentError::Restart`] when the program cannot be started again, others when what is between `--ros-args` and
+    /// `--` is of no use.
+    pub fn take() -> Result<Self, ArgumentError> {
+        let (plain, of_ros2) = ros_args::extract(env::args_os())?;
+        let (kept, mut taken) = split(plain.into_iter());
+        taken.extend(of_ros2.into_iter().map(OsString::from));
         if taken.is_empty() {
             let carried = env::var(CARRIED).unwrap_or_default();
             let namespace = env::var("ROS_NAMESPACE").unwrap_or_default();
             let (arguments, complaints) = Self::parse(carried.split(SEPARATOR), &namespace);
-            complaints.iter().for_each(|complaint| report!("{complaint}"));
+            complaints.iter().for_each(|complaint| warn!("{complaint}"));
+            arguments.level.into_iter().for_each(report::set_level);
             return Ok(arguments);
         }
-        let mut command = Command::new(env::current_exe()?);
+        let mut command = Command::new(env::current_exe().map_err(ArgumentError::Restart)?);
         if let Some(name) = env::args_os().next() {
             command.arg0(name);
         }
@@ -67,7 +82,7 @@ impl RosArguments {
         }
         command.env(CARRIED, taken.join(&SEPARATOR.to_string()));
         let failed: Result<Infallible, io::Error> = Err(command.args(kept).exec());
-        failed.map(|never| match never {})
+        failed.map(|never| match never {}).map_err(ArgumentError::Restart)
     }
 
     /// The arguments, and a sentence for each that cannot be used. Names without a leading slash are below `namespace`.
@@ -77,7 +92,9 @@ impl RosArguments {
             let mut ignored = |why: &str| complaints.push(format!("\"{argument}\" is ignored: {why}"));
             let Some((key, value)) = argument.split_once(":=") else { continue };
             if let Some(special) = key.strip_prefix("__") {
-                let is_known = special == "log" || IN_ENVIRONMENT.iter().any(|(known, _)| *known == key);
+                arguments.take_special(special, value);
+                let is_known = ["log", "log_level", "rosout"].contains(&special)
+                    || IN_ENVIRONMENT.iter().any(|(known, _)| *known == key);
                 if special == "name" && is_base_name(value) {
                     arguments.name = Some(value.to_owned());
                 } else if special == "name" {
@@ -85,6 +102,8 @@ impl RosArguments {
                 } else if !is_known {
                     ignored("no such argument of ROS is known");
                 }
+            } else if let Some(parameter) = key.strip_prefix("_").filter(|name| name.starts_with('/')) {
+                arguments.of_objects.push((parameter.to_owned(), parameter_value(value)));
             } else if let Some(parameter) = key.strip_prefix('_') {
                 arguments.parameters.push((parameter.to_owned(), parameter_value(value)));
             } else {
@@ -95,6 +114,16 @@ impl RosArguments {
             }
         }
         (arguments, complaints)
+    }
+
+    /// What stands behind `__` and has no place in the environment of ROS 2.
+    fn take_special(&mut self, key: &str, value: &str) {
+        match key {
+            "ns" => self.namespace = resolve(value, "").or((value == "/").then(|| value.to_owned())),
+            "log_level" => self.level = Level::named(value),
+            "rosout" => self.no_log = value == "false",
+            _ => (),
+        }
     }
 
     /// How the node is called; `base` is the beginning of a name that is made unique.
@@ -165,6 +194,7 @@ mod tests {
         let (arguments, complaints) = RosArguments::parse(carried.into_iter(), "/lab");
         assert_eq!(complaints, [""; 0]);
         assert_eq!(arguments.node_name("base"), NodeName::Exact("sim".into()));
+        assert_eq!(arguments.namespace.as_deref(), Some("/lab"));
         let pair = |a: &str, b: &str| (a.to_owned(), b.to_owned());
         assert_eq!(arguments.mappings, [pair("/lab/chatter", "/lab/talk"), pair("/a/State", "/lab/b/State")]);
         assert_eq!(arguments.mapped("/a/State".into()), "/lab/b/State");
@@ -176,6 +206,16 @@ mod tests {
             ("who", Value::String("me:=you".into())),
         ];
         assert_eq!(arguments.parameters, values.map(|(name, value)| (name.to_owned(), value)));
+    }
+
+    #[test]
+    fn objects_parameters_levels_and_logs_are_told_apart() {
+        let carried = ["_/e/lamp/cutoff_angle:=0.5", "__log_level:=Error", "__rosout:=false", "_x:=1"];
+        let (arguments, complaints) = RosArguments::parse(carried.into_iter(), "");
+        assert_eq!(complaints, [""; 0]);
+        assert_eq!(arguments.of_objects, [("/e/lamp/cutoff_angle".to_owned(), Value::Double(0.5))]);
+        assert_eq!(arguments.parameters, [("x".to_owned(), Value::Integer(1))]);
+        assert_eq!((arguments.level, arguments.no_log), (Some(Level::Error), true));
     }
 
     #[test]

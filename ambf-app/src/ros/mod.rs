@@ -29,6 +29,7 @@ mod received;
 mod rigid_body;
 #[cfg(feature = "ros2")]
 mod ros2;
+mod ros_args;
 mod scheduler;
 mod sensor;
 mod service;
@@ -52,10 +53,13 @@ pub use arguments::RosArguments;
 pub use diagnostics::DeviceReports;
 pub use models::{ModelHost, ModelReply};
 #[cfg(feature = "view")]
+pub(crate) use pictures::PictureTopic;
+#[cfg(feature = "view")]
 pub use pictures::{CameraTopics, PictureTopics};
 pub use point_cloud::{PointCloud, PointClouds};
 #[cfg(feature = "ros2")]
 pub use ros2::{ArmTopics, Ros2Middleware, Ros2Options};
+pub use ros_args::ArgumentError;
 pub use ros_node::CallError;
 
 use crate::report;
@@ -154,6 +158,12 @@ impl RosMiddleware {
     #[cfg(feature = "view")]
     pub fn with_pictures(mut self, topics: Arc<PictureTopics>) -> Self {
         self.pictures = Some(topics);
+        self
+    }
+
+    /// Adds point clouds that clients publish to `clouds`. Default: its own.
+    pub fn with_point_clouds(mut self, clouds: Arc<PointClouds>) -> Self {
+        self.clouds = clouds;
         self
     }
 

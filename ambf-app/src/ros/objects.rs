@@ -112,8 +112,8 @@ impl Objects {
             };
             let Some(camera) = visuals.cameras.get(*index) else { return true };
             let mapped = |topic| arguments.mapped(topic);
-            if let Some(topics) = CameraTopics::new(*index, &known.name, &camera.description, mapped) {
-                let new = topics.announcements();
+            let described = &camera.description;
+            if let Some((topics, new)) = CameraTopics::of_ros1(*index, &known.name, described, mapped) {
                 known.announcements.extend(new.iter().cloned());
                 announcements.extend(new);
                 pictures.insert(topics);

@@ -93,7 +93,8 @@ pub(super) fn run(hub: &Hub, fresh: &Receiver<Vec<Entry>>, stop: &Stop, waker: &
     // A subscriber on this machine that each state wakes would otherwise use up its slice before the next state is sent.
     request_short_slices();
     waker.claim();
-    hub.throttle().set_follower(std::thread::current());
+    let own = std::thread::current();
+    hub.throttle().add_follower(&own);
     let mut followed = hub.throttle().clocked_steps();
     let mut entries = Vec::new();
     let mut generation = hub.generation();
@@ -116,6 +117,7 @@ pub(super) fn run(hub: &Hub, fresh: &Receiver<Vec<Entry>>, stop: &Stop, waker: &
         // The schedules are absolute: a late wake-up delays one message, it does not lower the rate.
         std::thread::park_timeout(next.saturating_sub(hub.now()).min(LONGEST_SLEEP));
     }
+    hub.throttle().remove_follower(&own);
 }
 
 /// Publishes the objects for which commands keep coming, whether they are due or not.

@@ -7,8 +7,8 @@ use std::thread::Thread;
 
 use parking_lot::Mutex;
 
-use crate::report;
 use crate::report::RateLimit;
+use crate::warn;
 
 /// Wakes one thread that parks.
 #[derive(Debug, Default)]
@@ -37,7 +37,7 @@ impl RateLimitedLog {
     pub fn report(&self, what: impl Display) -> bool {
         let due = self.0.lock().is_due();
         if due {
-            report!("ROS: {what}");
+            warn!("ROS: {what}");
         }
         due
     }

@@ -131,7 +131,7 @@ impl Builder<'_> {
     ) {
         #[cfg(feature = "ros2")]
         if let Some(ros2) = &self.around.ros2 {
-            let outlet = ros2.publish(&topic, rates, message);
+            let outlet = ros2.publish(&self.around.arguments.mapped(topic), rates, message);
             let entry = |outlet| Entry::new(outlet, rates, self.object, commanded, self.around.hub.now());
             self.served.entries.extend(outlet.map(entry));
             return;
@@ -145,7 +145,7 @@ impl Builder<'_> {
     fn subscribe<M: FromClient>(&mut self, topic: String, on_message: impl FnMut(M) + Send + 'static) {
         #[cfg(feature = "ros2")]
         if let Some(ros2) = &self.around.ros2 {
-            return ros2.subscribe(&topic, LONGEST_COMMAND, on_message);
+            return ros2.subscribe(&self.around.arguments.mapped(topic), LONGEST_COMMAND, on_message);
         }
         let topic = self.around.arguments.mapped(topic);
         let subscription = received::subscription(topic, LONGEST_COMMAND, on_message);
@@ -191,6 +191,7 @@ impl Builder<'_> {
         self.subscribe(format!("{name}/Command/Reset/Bodies"), world::on_body_reset(Arc::clone(&self.around.hub)));
         #[cfg(feature = "ros2")]
         if let Some(ros2) = &self.around.ros2 {
+            self.served.parameters.worlds.push(name.clone());
             return ros2.serve_world(self.around, &name);
         }
         let ServeContext { hub, steppables, arguments, .. } = self.around;

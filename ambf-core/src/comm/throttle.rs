@@ -2,6 +2,7 @@ use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicU8, Ordering};
 use std::thread::Thread;
 use std::time::{Duration, Instant};
 
+use arc_swap::ArcSwap;
 use parking_lot::{Condvar, Mutex};
 
 use super::WATCHDOG_TIMEOUT;
@@ -55,7 +56,8 @@ pub struct StepThrottle {
     clocked_steps: AtomicU64,
     activity: AtomicU8,
     waiter: Mutex<Option<Thread>>,
-    follower: Mutex<Option<Thread>>,
+    /// Read by the physics thread without a lock.
+    followers: ArcSwap<Vec<Thread>>,
     /// Guards nothing: what it tells of is atomic.
     told: Mutex<()>,
     changed: Condvar,
@@ -78,7 +80,7 @@ impl Default for StepThrottle {
             clocked_steps: AtomicU64::new(0),
             activity: AtomicU8::new(Activity::Runs as u8),
             waiter: Mutex::new(None),
-            follower: Mutex::new(None),
+            followers: ArcSwap::default(),
             told: Mutex::new(()),
             changed: Condvar::new(),
         }
@@ -172,9 +174,19 @@ impl StepThrottle {
         *self.waiter.lock() = Some(thread);
     }
 
-    /// Names a thread that is unparked when a clocked step is published: it may pass on the states at once.
-    pub fn set_follower(&self, thread: Thread) {
-        *self.follower.lock() = Some(thread);
+    /// Names a thread that is unparked when a clocked step is published, besides those that were named before: it may
+    /// pass on the states at once. Not for the physics thread.
+    pub fn add_follower(&self, thread: &Thread) {
+        self.followers.rcu(|before| {
+            let others = before.iter().filter(|other| other.id() != thread.id());
+            others.chain([thread]).cloned().collect::<Vec<_>>()
+        });
+    }
+
+    /// Does not unpark `thread` any more. Not for the physics thread.
+    pub fn remove_follower(&self, thread: &Thread) {
+        self.followers
+            .rcu(|before| before.iter().filter(|other| other.id() != thread.id()).cloned().collect::<Vec<_>>());
     }
 
     /// Steps that were clocked, not ordered, and are done and published.
@@ -287,9 +299,7 @@ impl StepThrottle {
             self.tell();
         } else if !self.is_open() && !self.by_order.load(Ordering::Acquire) {
             self.clocked_steps.fetch_add(1, Ordering::AcqRel);
-            if let Some(thread) = self.follower.lock().as_ref() {
-                thread.unpark();
-            }
+            self.followers.load().iter().for_each(Thread::unpark);
         }
     }
 
@@ -394,6 +404,40 @@ mod tests {
         throttle.order(2, 3);
         throttle.cancel();
         assert_eq!(run(&throttle, &mut counter, 100), 0);
+    }
+
+    #[test]
+    fn all_followers_are_told_of_a_clocked_step() {
+        let (throttle, mut counter) = (StepThrottle::default(), 0);
+        let (told, tell) = std::sync::mpsc::channel();
+        let (begin, may_go) = (std::sync::Barrier::new(4), AtomicBool::new(false));
+        std::thread::scope(|scope| {
+            let followers: Vec<_> = (0..3)
+                .map(|number| {
+                    let (told, begin, may_go) = (told.clone(), &begin, &may_go);
+                    scope.spawn(move || {
+                        begin.wait();
+                        while !may_go.load(Ordering::Acquire) {
+                            std::thread::park_timeout(Duration::from_secs(20));
+                        }
+                        told.send(number).unwrap();
+                    })
+                })
+                .collect();
+            begin.wait();
+            // Named twice is named once; one that has gone is not told.
+            followers.iter().chain(&followers[..1]).for_each(|follower| throttle.add_follower(follower.thread()));
+            assert_eq!(throttle.followers.load().len(), 3);
+            throttle.add_follower(&std::thread::current());
+            throttle.remove_follower(&std::thread::current());
+            throttle.post(command(false, 1), 1);
+            run(&throttle, &mut counter, 10);
+            may_go.store(true, Ordering::Release);
+            throttle.note_published(2);
+            let mut all: Vec<i32> = (0..3).map(|_| tell.recv_timeout(Duration::from_secs(10)).unwrap()).collect();
+            all.sort_unstable();
+            assert_eq!(all, [0, 1, 2], "none of them waited until it woke by itself");
+        });
     }
 
     #[test]

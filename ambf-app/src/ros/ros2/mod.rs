@@ -11,13 +11,13 @@
 //! | `ros2-request` | one a request of a service, while it is answered |
 //!
 //! Arms for CRTK clients ([`ArmTopics`]) have a participant of their own, with the same threads but the first and last.
-//!
-//! ## Limitations
-//! No pictures of cameras and no point clouds.
 
 mod arms;
+mod log;
 mod objects;
 mod parameters;
+#[cfg(feature = "view")]
+mod pictures;
 mod transport;
 
 use std::error::Error;
@@ -34,6 +34,9 @@ use ros_node::Stop;
 use super::arguments::RosArguments;
 use super::frames::Frames;
 use super::models::ModelHost;
+#[cfg(feature = "view")]
+use super::pictures::PictureTopics;
+use super::point_cloud::PointClouds;
 use super::scheduler;
 use super::signal::Waker;
 use super::topics::ServeContext;
@@ -41,6 +44,7 @@ use super::Extras;
 use crate::report;
 pub use arms::ArmTopics;
 use objects::Objects;
+use transport::Program;
 pub(super) use transport::Transport;
 
 /// How often the hub's list of objects is compared with what is served.
@@ -49,6 +53,9 @@ const POLL: Duration = Duration::from_millis(50);
 /// What the ROS 2 side is told besides the hub.
 #[derive(Clone, Default)]
 pub struct Ros2Options {
+    /// What the command line says to ROS. Default: nothing; the node that is the program is then called
+    /// `ambf_simulator`.
+    pub arguments: RosArguments,
     /// What is published beside the objects.
     pub extras: Extras,
 }
@@ -59,12 +66,16 @@ pub struct Ros2Options {
 /// `ROS_LOCALHOST_ONLY` are honoured; nothing leaves this machine unless they say so.
 pub struct Ros2Middleware {
     options: Ros2Options,
+    clouds: Arc<PointClouds>,
     models: Option<Arc<dyn ModelHost>>,
+    #[cfg(feature = "view")]
+    pictures: Option<Arc<PictureTopics>>,
     running: Option<Running>,
 }
 
 struct Running {
     following: Timer,
+    program: Program,
     objects: Arc<Mutex<Objects>>,
     stop: Arc<Stop>,
     waker: Arc<Waker>,
@@ -74,7 +85,33 @@ struct Running {
 impl Ros2Middleware {
     /// Not started yet.
     pub fn new(options: Ros2Options) -> Self {
-        Self { options, models: None, running: None }
+        Self {
+            options,
+            clouds: Arc::default(),
+            models: None,
+            #[cfg(feature = "view")]
+            pictures: None,
+            running: None,
+        }
+    }
+
+    /// Adds topics of cameras that publish pictures, for somebody else to publish on: `topics` has them. Default: there
+    /// are none.
+    #[cfg(feature = "view")]
+    pub fn with_pictures(mut self, topics: Arc<PictureTopics>) -> Self {
+        self.pictures = Some(topics);
+        self
+    }
+
+    /// Adds point clouds that clients publish to `clouds`. Default: its own.
+    pub fn with_point_clouds(mut self, clouds: Arc<PointClouds>) -> Self {
+        self.clouds = clouds;
+        self
+    }
+
+    /// Point clouds that clients publish, to be drawn.
+    pub fn point_clouds(&self) -> Arc<PointClouds> {
+        Arc::clone(&self.clouds)
     }
 
     /// Offers services with which clients add, remove and list models through `host`. Default: there are none.
@@ -92,12 +129,13 @@ impl Middleware for Ros2Middleware {
         if self.running.is_some() {
             return Ok(());
         }
-        let Ros2Options { extras } = self.options.clone();
+        let Ros2Options { arguments, extras } = self.options.clone();
         let frames = extras.tf.map(|_| Arc::<Frames>::default());
         let participant = Participant::new(Options::from_environment(Arc::new(crate::report::report))?)?;
         hub.set_listening();
         let waker = Arc::<Waker>::default();
-        let transport = Arc::new(Transport::new(participant));
+        let transport = Arc::new(Transport::new(participant, &arguments));
+        let program = transport.program(&arguments);
         let (publisher, entries) = channel();
         let around = ServeContext {
             hub: Arc::clone(&hub),
@@ -106,12 +144,12 @@ impl Middleware for Ros2Middleware {
             frames,
             models: self.models.clone(),
             steppables: Arc::default(),
-            arguments: RosArguments::default(),
+            arguments,
             ros2: Some(Arc::clone(&transport)),
             #[cfg(feature = "view")]
-            pictures: None,
+            pictures: self.pictures.clone(),
         };
-        let mut objects = Objects::new(around, publisher);
+        let mut objects = Objects::new(around, publisher, Arc::clone(&self.clouds));
         objects.follow();
         let objects = Arc::new(Mutex::new(objects));
         let stop = Arc::<Stop>::default();
@@ -126,18 +164,19 @@ impl Middleware for Ros2Middleware {
                 objects.lock().follow();
             }
         });
-        self.running = Some(Running { following, objects, stop, waker, publisher });
+        self.running = Some(Running { following, program, objects, stop, waker, publisher });
         Ok(())
     }
 
     fn stop(&mut self) {
-        let Some(Running { following, objects, stop, waker, publisher }) = self.running.take() else { return };
+        let Some(Running { following, program, objects, stop, waker, publisher }) = self.running.take() else { return };
         drop(following);
         stop.stop();
         waker.wake();
         if publisher.join().is_err() {
             report!("ROS 2: the publishing thread had ended with a panic");
         }
+        drop(program);
         // Ends the participant with all its nodes.
         drop(objects);
     }

@@ -1,12 +1,16 @@
 //! From the hub's list of objects to nodes, also while objects come and go.
 
 use std::sync::mpsc::Sender;
+use std::sync::Arc;
 
+#[cfg(feature = "view")]
+use ambf_core::comm::HubIndex;
 use ambf_core::comm::{ObjectInfo, ObjectKind};
 use ros2_node::names::{clean_node, clean_topic, NameSet, LONGEST_TOPIC};
 
 use super::super::messages::{std_msgs, string};
 use super::super::naming::graph_name;
+use super::super::point_cloud::PointClouds;
 use super::super::scheduler::Entry;
 use super::super::topics::{self, ServeContext, TopicSet};
 use super::super::ROBOT_DESCRIPTION;
@@ -21,7 +25,7 @@ const LONGEST_ENDING: usize = 40;
 struct ServedObject {
     name: String,
     node_name: String,
-    _parts: NodeParts,
+    parts: NodeParts,
 }
 
 /// Keeps what is served in step with the hub's list of objects.
@@ -36,18 +40,40 @@ pub(super) struct Objects {
     generation: Option<u64>,
     /// The topic with the URDF of what is loaded, and which description it has.
     description: Option<(Latched, u64)>,
+    clouds: Arc<PointClouds>,
+    /// Positions of cameras of which it is not known yet what they publish.
+    #[cfg(feature = "view")]
+    cameras: Vec<HubIndex>,
 }
 
 impl Objects {
-    /// Serves nothing yet. What is to be published goes to `publisher`.
-    pub fn new(around: ServeContext, publisher: Sender<Vec<Entry>>) -> Self {
+    /// Serves nothing yet. What is to be published goes to `publisher`, points that come to `clouds`.
+    pub fn new(around: ServeContext, publisher: Sender<Vec<Entry>>, clouds: Arc<PointClouds>) -> Self {
         let (names, node_names) = Default::default();
-        Self { around, publisher, names, node_names, known: Vec::new(), generation: None, description: None }
+        Self {
+            around,
+            publisher,
+            names,
+            node_names,
+            known: Vec::new(),
+            generation: None,
+            description: None,
+            clouds,
+            #[cfg(feature = "view")]
+            cameras: Vec::new(),
+        }
     }
 
     /// Serves what has come since the last call, ends what has gone.
     pub fn follow(&mut self) {
-        self.follow_list();
+        self.compare();
+        self.follow_description();
+        #[cfg(feature = "view")]
+        self.follow_cameras();
+    }
+
+    /// The URDF of what is loaded.
+    fn follow_description(&mut self) {
         let Some(frames) = &self.around.frames else { return };
         frames.follow(&self.around.hub);
         let described = frames.described();
@@ -57,7 +83,31 @@ impl Objects {
         }
     }
 
-    fn follow_list(&mut self) {
+    /// Topics of pictures of cameras that have come. What a camera publishes is in its description, which comes a
+    /// little after the camera.
+    #[cfg(feature = "view")]
+    fn follow_cameras(&mut self) {
+        let (Some(pictures), Some(transport)) = (&self.around.pictures, &self.around.ros2) else { return };
+        if self.cameras.is_empty() {
+            return;
+        }
+        let Some(visuals) = self.around.hub.visuals() else { return };
+        let objects = self.around.hub.objects().clone();
+        let known = &mut self.known;
+        self.cameras.retain(|&position| {
+            let ObjectKind::Camera(index, _) = objects[position].info.kind else { return false };
+            let Some(camera) = visuals.cameras.get(index) else { return true };
+            let Some(ServedObject { name, node_name, parts }) = known[position.0].take() else { return false };
+            transport.resume(parts);
+            let arguments = &self.around.arguments;
+            let topics = super::pictures::topics(transport, arguments, index, &name, &camera.description);
+            known[position.0] = Some(ServedObject { name, node_name, parts: transport.finish() });
+            topics.into_iter().for_each(|topics| pictures.insert(topics));
+            false
+        });
+    }
+
+    fn compare(&mut self) {
         // Read before the list: what changes between the two is seen again.
         let generation = self.around.hub.generation();
         if self.generation.replace(generation) == Some(generation) {
@@ -74,6 +124,11 @@ impl Objects {
                 }
                 self.names.release(&gone.name);
                 self.node_names.release(&gone.node_name);
+                #[cfg(feature = "view")]
+                if let (Some(pictures), ObjectKind::Camera(index, _)) = (&self.around.pictures, &object.info.kind) {
+                    pictures.remove(*index);
+                }
+                drop(gone.parts);
             }
         }
         let mut come = TopicSet::default();
@@ -85,10 +140,15 @@ impl Objects {
                 topics::serve(&self.around, &mut come, position, &object.info, name.clone());
                 self.serve_parameters(&transport, &mut come);
                 if self.around.frames.is_some() && matches!(object.info.kind, ObjectKind::World) {
-                    let topic = transport.latched::<std_msgs::String>(ROBOT_DESCRIPTION);
+                    let topic =
+                        transport.latched::<std_msgs::String>(&self.around.arguments.mapped(ROBOT_DESCRIPTION.into()));
                     self.description = topic.map(|topic| (topic, 0));
                 }
-                ServedObject { name, node_name, _parts: transport.finish() }
+                #[cfg(feature = "view")]
+                if matches!(object.info.kind, ObjectKind::Camera(..)) {
+                    self.cameras.push(position);
+                }
+                ServedObject { name, node_name, parts: transport.finish() }
             });
             self.known.push(known);
         }
@@ -114,6 +174,9 @@ impl Objects {
         }
         for light in come.parameters.lights.drain(..) {
             transport.serve_parameters(Offered::new(hub, light));
+        }
+        for world in come.parameters.worlds.drain(..) {
+            transport.serve_clouds(&self.clouds, &world);
         }
     }
 }

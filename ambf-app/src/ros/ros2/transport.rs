@@ -2,25 +2,31 @@
 
 use std::any::Any;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::Arc;
+use std::sync::{Arc, Weak};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use ambf_core::comm::{Rates, Snapshot};
 use parking_lot::Mutex;
 use ros2_node::names::Kind;
 use ros2_node::{
-    Description, Node, Parameters, Participant, Publication, Qos, Request, TranscodeError, Transcoder, TypeName,
+    Description, Node, Parameters, Participant, Publication, Qos, Request, Subscription, TranscodeError, Transcoder,
+    TypeName, UnusableType, Value,
 };
 use rosrust::{Message, RosMsg, ServicePair};
 
+use super::super::arguments::RosArguments;
 use super::super::messages::ambf_msgs;
 use super::super::models;
+use super::super::point_cloud::PointClouds;
 use super::super::received::{self, FromClient};
+use super::super::ros_args::PROGRAM;
 use super::super::scheduler::Outlet;
 use super::super::signal::RateLimitedLog;
 use super::super::step;
 use super::super::topics::ServeContext;
-use crate::report;
+use super::log::Log;
+use super::parameters::{from_command_line, CloudTopics, Given};
+use crate::{report, warn};
 
 /// Longest request of a service, bytes, as with ROS 1.
 const LONGEST_REQUEST: usize = 64 << 10;
@@ -31,12 +37,23 @@ const REQUESTS_AT_ONCE: usize = 16;
 /// Where the stamp of a header is in ROS 1, and its bytes.
 const STAMP: std::ops::Range<usize> = 4..12;
 
-type Failure = Box<dyn std::error::Error + Send + Sync>;
+pub(super) type Failure = Box<dyn std::error::Error + Send + Sync>;
 
 /// Makes what one node after the other has.
 pub(in super::super) struct Transport {
     participant: Participant,
+    /// Namespace of all nodes.
+    namespace: String,
+    /// Parameters of objects: full names and values that they are to have from the beginning.
+    values: Vec<(String, Value)>,
     current: Mutex<Option<NodeParts>>,
+}
+
+/// The node that is the program. Dropping it ends it.
+pub(super) struct Program {
+    // Dropped in this order.
+    _log: Option<Log>,
+    _node: NodeParts,
 }
 
 /// A node with what it has. Dropping it ends that.
@@ -46,21 +63,39 @@ pub(in super::super) struct NodeParts {
 }
 
 impl Transport {
-    pub fn new(participant: Participant) -> Self {
-        Self { participant, current: Mutex::default() }
+    pub fn new(participant: Participant, arguments: &RosArguments) -> Self {
+        let namespace = arguments.namespace.clone().unwrap_or_else(|| "/".into());
+        let values = arguments.of_objects.iter();
+        let values = values.filter_map(|(name, value)| Some((name.clone(), from_command_line(value)?))).collect();
+        Self { participant, namespace, values, current: Mutex::default() }
     }
 
     pub fn participant(&self) -> &Participant {
         &self.participant
     }
 
+    /// The node that is the program: its parameters, and `/rosout`.
+    pub(super) fn program(&self, arguments: &RosArguments) -> Program {
+        self.begin(arguments.name.as_deref().unwrap_or(PROGRAM));
+        if !arguments.parameters.is_empty() {
+            self.serve_parameters(Given::new(&arguments.parameters));
+        }
+        let log = || self.with_node("/rosout", |node| Log::new(&self.participant, node));
+        Program { _log: (!arguments.no_log).then(log).flatten(), _node: self.finish() }
+    }
+
     /// What is made from now on belongs to a new node.
     pub fn begin(&self, node: &str) {
-        let node = self.participant.node("/", node).map_err(|error| report!("ROS 2: {error}")).ok();
+        let node = self.participant.node(&self.namespace, node).map_err(|error| report!("ROS 2: {error}")).ok();
         *self.current.lock() = Some(NodeParts { node, parts: Vec::new() });
     }
 
-    /// What was made since [`begin`](Self::begin).
+    /// What is made from now on belongs to the node of `parts`.
+    pub fn resume(&self, parts: NodeParts) {
+        *self.current.lock() = Some(parts);
+    }
+
+    /// What was made since [`begin`](Self::begin) or [`resume`](Self::resume), with what was resumed.
     pub fn finish(&self) -> NodeParts {
         self.current.lock().take().unwrap_or(NodeParts { node: None, parts: Vec::new() })
     }
@@ -85,54 +120,42 @@ impl Transport {
         message: impl FnMut(Option<&Snapshot>) -> Option<M> + Send + 'static,
     ) -> Option<Box<dyn Outlet>> {
         let made = self.with_node(topic, |node| {
-            let name = TypeName::parse(&M::msg_type())?;
-            let description = Description::parse(name.clone(), &M::msg_definition())?;
+            let (name, description) = described::<M>()?;
             let stamped = description.fields().first().is_some_and(|field| field.name == "header");
             let publication = node.publish(topic, &name, Qos::states(f64::from(rates.max)))?;
-            Ok((publication, Transcoder::new(&description)?, stamped))
+            Ok((publication, Converted::new(&description)?, stamped))
         });
-        let (publication, transcoder, stamped) = made?;
-        let bytes = Converted { transcoder, ros1: Vec::new(), cdr: Vec::new() };
+        let (publication, bytes, stamped) = made?;
         Some(Box::new(StateOutlet { publication, message, bytes, stamped }))
     }
 
     /// A topic of the current node whose last message subscribers get that come later; `None` where that cannot be.
     pub fn latched<M: Message>(&self, topic: &str) -> Option<Latched> {
-        let (publication, transcoder) = self.with_node(topic, |node| {
-            let name = TypeName::parse(&M::msg_type())?;
-            let transcoder = Transcoder::new(&Description::parse(name.clone(), &M::msg_definition())?)?;
-            Ok((node.publish(topic, &name, Qos::latched())?, transcoder))
-        })?;
-        Some(Latched { publication, bytes: Converted { transcoder, ros1: Vec::new(), cdr: Vec::new() } })
+        self.large::<M>(topic, Qos::latched()).map(|(publication, bytes)| Latched { publication, bytes })
+    }
+
+    /// A topic for large messages of type `M`, which ends with the current node; `None` where that cannot be.
+    pub(super) fn large<M: Message>(&self, topic: &str, qos: Qos) -> Option<(Weak<Publication>, Converted)> {
+        let made = self.with_node(topic, |node| {
+            let (name, description) = described::<M>()?;
+            Ok((node.publish(topic, &name, qos)?, Converted::new(&description)?))
+        });
+        let (publication, bytes) = made?;
+        let weak = Arc::downgrade(&publication);
+        self.keep(publication);
+        Some((weak, bytes))
     }
 
     /// Calls `on_message` with messages of at most `longest` bytes; bytes that are no `M` are named.
-    pub fn subscribe<M: FromClient>(
-        &self,
-        topic: &str,
-        longest: usize,
-        mut on_message: impl FnMut(M) + Send + 'static,
-    ) {
-        let made = self.with_node(topic, |node| {
-            let name = TypeName::parse(&M::msg_type())?;
-            let transcoder = Transcoder::new(&Description::parse(name.clone(), &M::msg_definition())?)?;
-            let mut bytes = Converted { transcoder, ros1: Vec::new(), cdr: Vec::new() };
-            let (complaints, topic_name) = (RateLimitedLog::default(), topic.to_owned());
-            let on_bytes = move |body: &[u8]| match bytes.read(body) {
-                Ok(message) => on_message(message),
-                Err(why) => {
-                    complaints.report(format_args!("{topic_name}: {why}; they are ignored"));
-                }
-            };
-            Ok(node.subscribe(topic, &name, Qos::new(), longest, on_bytes)?)
-        });
+    pub fn subscribe<M: FromClient>(&self, topic: &str, longest: usize, on_message: impl FnMut(M) + Send + 'static) {
+        let made = self.with_node(topic, |node| subscription(node, topic, longest, on_message));
         made.into_iter().for_each(|subscription| self.keep(subscription));
     }
 
     /// The services of the world whose topics begin with `name`.
     pub fn serve_world(&self, around: &ServeContext, name: &str) {
         let (hub, steppables) = (Arc::clone(&around.hub), Arc::clone(&around.steppables));
-        let own_name = |service: &str| format!("{name}/{service}");
+        let own_name = |service: &str| around.arguments.mapped(format!("{name}/{service}"));
         self.serve::<ambf_msgs::Step>(&own_name("Step"), move |request| step::reply(&hub, &steppables, &request));
         let Some(host) = &around.models else { return };
         let (adder, remover, lister) = (Arc::clone(host), Arc::clone(host), Arc::clone(host));
@@ -164,21 +187,63 @@ impl Transport {
         made.into_iter().for_each(|service| self.keep(service));
     }
 
-    /// Offers `parameters` on the current node.
+    /// Offers `parameters` on the current node; those that the command line gives values have these.
     pub fn serve_parameters(&self, parameters: Arc<dyn Parameters>) {
+        let all = parameters.all();
+        for (name, value) in self.values.iter().filter(|(name, _)| all.iter().any(|own| own.name == *name)) {
+            if let Err(why) = parameters.set(name, value) {
+                warn!("ROS 2: the parameter {name} is not set: {why}");
+            }
+        }
         let made = self.with_node("parameters", |node| Ok(node.serve_parameters(parameters)?));
         made.into_iter().for_each(|services| self.keep(services));
     }
+
+    /// Listens to clouds of points for `clouds`, on topics that the parameter of `world` on the current node lists.
+    pub fn serve_clouds(&self, clouds: &Arc<PointClouds>, world: &str) {
+        let topics = self.with_node(world, |node| CloudTopics::new(clouds, node, world));
+        topics.into_iter().for_each(|topics| self.serve_parameters(topics));
+    }
+}
+
+/// Name and description of `M`.
+fn described<M: Message>() -> Result<(TypeName, Description), Failure> {
+    let name = TypeName::parse(&M::msg_type())?;
+    let description = Description::parse(name.clone(), &M::msg_definition())?;
+    Ok((name, description))
+}
+
+/// Calls `on_message` with the messages of at most `longest` bytes that come on `topic`; bytes that are no `M` are named.
+pub(super) fn subscription<M: FromClient>(
+    node: &Node,
+    topic: &str,
+    longest: usize,
+    mut on_message: impl FnMut(M) + Send + 'static,
+) -> Result<Subscription, Failure> {
+    let (name, description) = described::<M>()?;
+    let mut bytes = Converted::new(&description)?;
+    let (complaints, topic_name) = (RateLimitedLog::default(), topic.to_owned());
+    let on_bytes = move |body: &[u8]| match bytes.read(body) {
+        Ok(message) => on_message(message),
+        Err(why) => {
+            complaints.report(format_args!("{topic_name}: {why}; they are ignored"));
+        }
+    };
+    Ok(node.subscribe(topic, &name, Qos::new(), longest, on_bytes)?)
 }
 
 /// Bytes on their way, whose memory is used again.
-struct Converted {
-    transcoder: Transcoder,
-    ros1: Vec<u8>,
-    cdr: Vec<u8>,
+pub(super) struct Converted {
+    pub transcoder: Transcoder,
+    pub ros1: Vec<u8>,
+    pub cdr: Vec<u8>,
 }
 
 impl Converted {
+    fn new(description: &Description) -> Result<Self, UnusableType> {
+        Ok(Self { transcoder: Transcoder::new(description)?, ros1: Vec::new(), cdr: Vec::new() })
+    }
+
     /// The `M` in `body`, checked as one of ROS 1.
     fn read<M: FromClient>(&mut self, body: &[u8]) -> Result<M, String> {
         let error = |error: TranscodeError| format!("{} bytes are not a {}: {error}", body.len(), M::msg_type());
@@ -189,7 +254,7 @@ impl Converted {
 
 /// A topic for messages that seldom change.
 pub(in super::super) struct Latched {
-    publication: Arc<Publication>,
+    publication: Weak<Publication>,
     bytes: Converted,
 }
 
@@ -200,7 +265,7 @@ impl Latched {
         ros1.clear();
         // Encoding into memory cannot fail, and what was encoded is a message.
         if message.encode(&mut *ros1).is_ok() && transcoder.to_cdr(ros1, cdr).is_ok() {
-            let _ = self.publication.send(cdr);
+            let _ = self.publication.upgrade().map(|publication| publication.send(cdr));
         }
     }
 }
