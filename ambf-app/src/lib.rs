@@ -16,6 +16,7 @@ pub mod cameras;
 pub mod check;
 pub mod cli;
 pub mod devices;
+pub mod doctor;
 pub mod launch;
 pub mod plugins;
 pub mod process;

@@ -3,7 +3,7 @@
 use std::process::exit;
 
 use ambf_app::cli::{CliError, Parsed, SimulatorOptions};
-use ambf_app::{check, report, ros, simulator};
+use ambf_app::{check, doctor, report, ros, simulator};
 
 fn main() {
     if let Some(ended) = ros_node::serve_master(std::env::args_os().skip(1)) {
@@ -33,6 +33,9 @@ fn main() {
     };
     if let Some(check) = &options.check {
         exit(check::print(check));
+    }
+    if options.doctor {
+        exit(doctor::print(&options.launch_file));
     }
     if options.end_master {
         exit(end_master());

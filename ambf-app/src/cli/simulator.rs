@@ -64,6 +64,8 @@ pub struct SimulatorOptions {
     pub physics: PhysicsOptions,
     /// Files to check instead of simulating; `None`: simulate.
     pub check: Option<CheckOptions>,
+    /// Whether to say what this machine can do, instead of simulating; default: `false`.
+    pub doctor: bool,
 }
 
 /// Versions of ROS.
@@ -285,6 +287,9 @@ struct Arguments {
     /// Check files instead of simulating: say what is wrong with them, what they hold and what becomes of it
     #[arg(long, help_heading = "Check")]
     check: bool,
+    /// Say what this machine can and cannot do for the simulator, instead of simulating
+    #[arg(long, help_heading = "Check")]
+    doctor: bool,
     /// Print what --check finds as JSON
     #[arg(long, help_heading = "Check")]
     json: bool,
@@ -349,6 +354,7 @@ impl Arguments {
             verbose: self.verbose,
             physics: self.physics,
             check,
+            doctor: self.doctor,
         }
     }
 }

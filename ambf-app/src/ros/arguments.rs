@@ -1,9 +1,9 @@
 //! What the command line says to ROS: `__name:=`, `__ns:=`, remappings of topics and services, private parameters; or the
 //! same as nodes of ROS 2 take it ([`ros_args`](super::ros_args)). Both act on both versions.
 //!
-//! rosrust reads such arguments from the process's own, wherever it makes a node; but drivers of devices have nodes of
-//! their own in this process, which are not meant. So the program starts itself again without them and hands them on in
-//! its environment.
+//! The master's address, the namespace and the like go into the environment, where all nodes of this process look,
+//! those of drivers and arms too. A program must not change its environment while it has threads, so it starts itself
+//! again without these arguments and hands them on in its new environment.
 
 use std::convert::Infallible;
 use std::env;
@@ -26,7 +26,7 @@ const CARRIED: &str = "AMBF_ROS_ARGUMENTS";
 /// ASCII's unit separator: in no name that ROS allows.
 const SEPARATOR: char = '\u{1f}';
 
-/// Arguments for rosrust that have environment variables of the same meaning.
+/// Arguments that have environment variables of the same meaning.
 const IN_ENVIRONMENT: [(&str, &str); 4] =
     [("__ns", "ROS_NAMESPACE"), ("__master", "ROS_MASTER_URI"), ("__hostname", "ROS_HOSTNAME"), ("__ip", "ROS_IP")];
 

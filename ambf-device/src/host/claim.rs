@@ -35,7 +35,7 @@ pub(super) fn claim(entry: &adf::InputDevice, drivers: &Drivers, claimed: &[Clai
         Some(name) => drivers.named(name).ok_or_else(|| format!("there is no driver `{name}`{}", known(drivers)))?,
         None => drivers.serving(model).ok_or_else(|| format!("no driver serves `{model}`{}", known(drivers)))?,
     };
-    let mut found = find(driver, model, &entry.driver_settings)?;
+    let mut found = find_devices(driver, model, &entry.driver_settings)?;
     found.retain(|info| info.model == *model);
     if found.is_empty() {
         return Err(format!("no `{model}` is connected"));
@@ -68,7 +68,10 @@ fn known(drivers: &Drivers) -> String {
 }
 
 /// What a driver finds. One that panics or does not return is no reason to start without the others.
-fn find(driver: &Arc<dyn Driver>, model: &str, settings: &Settings) -> Result<Vec<DeviceInfo>, String> {
+///
+/// # Errors
+/// Why it is not known what there is.
+pub fn find_devices(driver: &Arc<dyn Driver>, model: &str, settings: &Settings) -> Result<Vec<DeviceInfo>, String> {
     let (answer, answered) = bounded(1);
     let (name, finder, model, settings) = (driver.name(), Arc::clone(driver), model.to_owned(), settings.clone());
     let look = move || {

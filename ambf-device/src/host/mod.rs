@@ -10,6 +10,7 @@ mod exchange;
 mod rates;
 mod worker;
 
+pub use claim::find_devices;
 pub use exchange::{BodyState, CameraSum, Controls, Followed, Hand, PhysicsEnd};
 pub use rates::Rate;
 

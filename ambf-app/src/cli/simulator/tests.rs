@@ -54,6 +54,7 @@ fn defaults_are_those_of_the_original() {
         verbose: false,
         physics: PhysicsOptions::default(),
         check: None,
+        doctor: false,
     };
     assert_eq!(options, expected);
     assert!(options.launch_file.ends_with("launch.yaml"));
@@ -144,6 +145,7 @@ fn every_long_name_sets_its_option() {
             articulated: Some(false),
         },
         check: None,
+        doctor: false,
     };
     assert_eq!(options, expected);
 }
