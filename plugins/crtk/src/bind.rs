@@ -141,10 +141,22 @@ struct Weight {
     beyond: Vec<(usize, f64, Vector3<f64>)>,
 }
 
+/// A joint that slides. Its axis is in the parent's inertial frame.
+#[derive(Debug, Clone, Copy)]
+struct Slide {
+    parent: usize,
+    child: usize,
+    axis: Vector3<f64>,
+}
+
 /// Bodies and joints of an arm.
 #[derive(Debug)]
 pub struct Binding {
     joints: Vec<usize>,
+    /// Of each joint that slides.
+    slides: Vec<Option<Slide>>,
+    /// Each body that the joints move, and the force that takes its weight away, N, world axes.
+    lifted: Vec<(usize, Vector3<f64>)>,
     followers: Vec<Driven>,
     jaw: Vec<Driven>,
     base: Option<Mount>,
@@ -273,6 +285,8 @@ pub fn bind(all: &[ArmConfig], own: usize, world: &View<'_>) -> Result<(ArmModel
     let fingers = config.jaw.iter().flat_map(|jaw| &jaw.joints);
     let jaw = fingers.map(finger).collect::<Result<Vec<_>, _>>()?;
     let mut binding = Binding {
+        slides: joints.iter().map(|&joint| slide(world, joint)).collect(),
+        lifted: Vec::new(),
         joints,
         followers,
         jaw,
@@ -285,6 +299,7 @@ pub fn bind(all: &[ArmConfig], own: usize, world: &View<'_>) -> Result<(ArmModel
     let kinematics = binding.mount(&finder)?;
     binding.reference = reference(all, own, &finder)?;
     binding.weights = binding.weights(world);
+    binding.lifted = lifted(&binding.weights);
     let model = model(config, &binding, kinematics, world);
     Ok((model, binding))
 }
@@ -581,19 +596,18 @@ impl Binding {
 
     /// Tells the joints what to do in the next step.
     pub fn command(&self, world: &mut View<'_>, set_point: &SetPoint) {
-        for (i, &joint) in self.joints.iter().enumerate() {
-            let (kind, value) = match set_point.drive {
-                Drive::Position => (JointCommandType::Position, set_point.position[i]),
-                Drive::Effort => (JointCommandType::Effort, set_point.effort[i]),
-            };
-            // A joint that has left the scene needs no command.
-            let _ = world.command_joint(joint, kind, value);
+        // A joint that has left the scene needs no command.
+        match set_point.drive {
+            Drive::Position => {
+                for (&joint, &position) in self.joints.iter().zip(set_point.position.iter()) {
+                    let _ = world.command_joint(joint, JointCommandType::Position, position);
+                }
+            }
+            Drive::Effort => self.push(world, set_point),
         }
         for follower in self.followers.iter().filter(|follower| follower.is_driven) {
             let value = follower.ratio * set_point.position[follower.coordinate] + follower.offset;
-            if set_point.drive == Drive::Position {
-                let _ = world.command_joint(follower.joint, JointCommandType::Position, value);
-            }
+            let _ = world.command_joint(follower.joint, JointCommandType::Position, value);
         }
         for finger in &self.jaw {
             let (kind, value) = match set_point.jaw_drive {
@@ -604,10 +618,57 @@ impl Binding {
         }
     }
 
+    /// Efforts for the next step. What holds the arm against gravity is taken off each body by itself: at the joints
+    /// that is the same by virtual work, but then the joints have nothing to carry, so that it is right where they
+    /// close loops, and independent of how far an iterative solver gets.
+    fn push(&self, world: &mut View<'_>, set_point: &SetPoint) {
+        let efforts = set_point.effort - set_point.holding;
+        for ((&joint, slide), &effort) in self.joints.iter().zip(&self.slides).zip(efforts.iter()) {
+            let turning = if slide.is_some() { 0.0 } else { effort };
+            let _ = world.command_joint(joint, JointCommandType::Effort, turning);
+            if let Some(slide) = slide.filter(|_| effort != 0.0) {
+                slide.push(world, effort);
+            }
+        }
+        if set_point.is_lifted {
+            for &(body, force) in &self.lifted {
+                let _ = world.apply_wrench(body, force, Vector3::zeros());
+            }
+        }
+    }
+
     /// Whether there is anything to command.
     pub fn has_joints(&self) -> bool {
         !self.joints.is_empty()
     }
+}
+
+impl Slide {
+    /// Forces on parent and child along one line. The simulator's own effort acts at the centres of mass in the profile
+    /// `legacy`, as in the C++ program: where these are not on one line along the axis, that is a torque from nowhere.
+    fn push(&self, world: &mut View<'_>, effort: f64) {
+        let (Some(parent), Some(child)) = (world.body(self.parent), world.body(self.child)) else { return };
+        let force = parent.inertial_pose.rotation * self.axis * effort;
+        let arm = child.inertial_pose.translation.vector - parent.inertial_pose.translation.vector;
+        let _ = world.apply_wrench(self.child, force, Vector3::zeros());
+        let _ = world.apply_wrench(self.parent, -force, -arm.cross(&force));
+    }
+}
+
+fn slide(world: &View<'_>, joint: usize) -> Option<Slide> {
+    let (frame, state) = (world.joint_frame(joint)?, world.joint(joint)?);
+    (!frame.is_angular).then_some(Slide { parent: state.parent, child: state.child, axis: frame.axis })
+}
+
+/// Each body once that joints move, and what takes its weight away.
+fn lifted(weights: &[Weight]) -> Vec<(usize, Vector3<f64>)> {
+    let mut all: Vec<(usize, Vector3<f64>)> = Vec::new();
+    for &(body, mass, gravity) in weights.iter().flat_map(|weight| &weight.beyond) {
+        if mass > 0.0 && all.iter().all(|(other, _)| *other != body) {
+            all.push((body, -gravity * mass));
+        }
+    }
+    all
 }
 
 /// Most ways from a tool to a base that are looked at.
