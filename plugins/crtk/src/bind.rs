@@ -8,6 +8,7 @@ use thiserror::Error;
 
 use crate::arm::{ArmModel, Dialect, Drive, FrameNames, JawModel, Measured, SetPoint};
 use crate::config::{ArmConfig, IkKind, Kind};
+use crate::grasp::Grasp;
 use crate::kinematics::{
     holding_efforts, Chain, ChainError, ChainJoint, Coordinates, DampedLeastSquares, DhTable, DlsSettings, EcmInverse,
     Instrument, Inverse, Kinematics, Limits, Load, Motion, PsmInverse,
@@ -163,6 +164,8 @@ pub struct Binding {
     tool: Option<Mount>,
     reference: Reference,
     weights: Vec<Weight>,
+    /// What its jaw holds by rules.
+    grasp: Option<Grasp>,
     /// Sentences for the user.
     pub notes: Vec<String>,
 }
@@ -287,6 +290,7 @@ pub fn bind(all: &[ArmConfig], own: usize, world: &View<'_>) -> Result<(ArmModel
     let mut binding = Binding {
         slides: joints.iter().map(|&joint| slide(world, joint)).collect(),
         lifted: Vec::new(),
+        grasp: None,
         joints,
         followers,
         jaw,
@@ -297,9 +301,13 @@ pub fn bind(all: &[ArmConfig], own: usize, world: &View<'_>) -> Result<(ArmModel
         notes: Vec::new(),
     };
     let kinematics = binding.mount(&finder)?;
+    binding.notes.extend(binding.tool.is_none().then(|| config.grasp.as_ref()).flatten().map(|_| {
+        format!("{}: without a `tool: {{body: …}}` its jaw holds nothing", config.name)
+    }));
     binding.reference = reference(all, own, &finder)?;
     binding.weights = binding.weights(world);
     binding.lifted = lifted(&binding.weights);
+    binding.grasp = binding.grasp(config, world);
     let model = model(config, &binding, kinematics, world);
     Ok((model, binding))
 }
@@ -634,6 +642,27 @@ impl Binding {
             for &(body, force) in &self.lifted {
                 let _ = world.apply_wrench(body, force, Vector3::zeros());
             }
+        }
+    }
+
+    fn grasp(&self, config: &ArmConfig, world: &View<'_>) -> Option<Grasp> {
+        let (rules, tool) = (config.grasp.clone()?, self.tool?.body);
+        let fingers = self.jaw.iter().filter_map(|finger| Some(world.joint(finger.joint)?.child)).collect();
+        let own = self.weights.iter().flat_map(|weight| &weight.beyond).map(|(body, ..)| *body).collect();
+        Some(Grasp::new(rules, fingers, tool, own))
+    }
+
+    /// Takes or lets go by the rules of grasping, where there are any.
+    pub fn hold(&mut self, world: &mut View<'_>, set_point: &SetPoint, tool: &Isometry3<f64>) {
+        if let Some(grasp) = &mut self.grasp {
+            grasp.update(world, set_point.jaw[0], tool);
+        }
+    }
+
+    /// Lets go of what it holds.
+    pub fn let_go(&mut self, world: &mut View<'_>) {
+        if let Some(grasp) = &mut self.grasp {
+            grasp.release(world);
         }
     }
 

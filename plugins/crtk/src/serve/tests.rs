@@ -50,7 +50,7 @@ impl Transport for Memory {
 
 fn offered(dialect: Dialect, memory: &Memory, outbox: &Arc<Outbox>) -> Offered {
     let model = Arc::new(psm(dialect));
-    let all = topics(&model, "/PSM1", Extras { dvrk: false, tool_type: true });
+    let all = topics(&model, "/PSM1", Extras { tool_type: true, ..Extras::default() });
     let texts = Texts { tool_type: Some("420006".into()), info: Vec::new() };
     let mut transports: Vec<Box<dyn Transport>> = vec![Box::new(memory.clone())];
     Offered::open((&model, &all), (1000.0, ClockKind::Wall), texts, outbox, &mut transports).unwrap()

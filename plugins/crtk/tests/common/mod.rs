@@ -76,9 +76,10 @@ impl Bench {
     /// Models in the shipped world, with the arms that a file configures.
     pub fn new(models: &[PathBuf], arms: &Path, profile: Profile) -> Self {
         let files = SceneFiles { world: Some(resources().join("world/world.yaml")), models: models.to_vec() };
-        let physics = PhysicsOptions { profile: Some(profile), ..PhysicsOptions::default() };
+        let mut physics = PhysicsOptions { profile: Some(profile), ..PhysicsOptions::default() }; if let Ok(e)=std::env::var("ERP"){physics.joint_erp=Some(e.parse().unwrap());} if let Ok(e)=std::env::var("SOL"){physics.solver=ambf_core::bullet::Solver::NAMES.iter().find(|n| n.0==e).map(|n| n.1);} if let Ok(e)=std::env::var("IT"){physics.iterations=Some(e.parse().unwrap());} if std::env::var("NOART").is_ok(){physics.articulated=Some(false);}
         let loaded = load(&files, &SceneOptions { physics, ..SceneOptions::default() });
         assert_eq!(loaded.report.errors(), 0, "{}", loaded.report);
+        if std::env::var("SHOW").is_ok() { println!("{}", loaded.report.verbose()); }
         let mut simulation = Simulation::new(loaded.scene, STEP);
         let topics = Memory::default();
         let own = topics.clone();
@@ -105,7 +106,7 @@ impl Bench {
     /// Pose of a body's inertial frame.
     pub fn body(&self, name: &str) -> Isometry3<f64> {
         let scene = self.simulation.scene();
-        let at = scene.bodies.iter().position(|body| *body.identity.name == *name);
+        let at = scene.bodies.iter().position(|body| body.identity.qualified.ends_with(name));
         let mut states = vec![BodyKinematics::default(); scene.bodies.len()];
         scene.world.read_bodies(&mut states);
         let BodyKinematics { origin, basis, .. } = states[at.unwrap_or_else(|| panic!("no body {name}"))];
@@ -132,4 +133,18 @@ impl Drop for Bench {
     fn drop(&mut self) {
         self.simulation.close_plugins();
     }
+}
+
+/// Arms of the C++ simulator's scenes: configuration, name space, body at the tool.
+pub const LEGACY_ARMS: [(&str, &str, &str); 3] =
+    [("psm", "/PSM1", "/ambf/env/psm/BODY tool pitch link"), ("ecm", "/ECM", "/ambf/env/ecm/BODY tool link"), ("mtm", "/MTMR", "/ambf/env/mtm/BODY WristRoll")];
+
+/// One of them; `None` when those files are not here. All topics are offered.
+pub fn legacy_arm(name: &str, profile: Profile) -> Option<Bench> {
+    let models = ambf_test_support::legacy()?.join("descriptions/multi-bodies/robots");
+    let text = std::fs::read_to_string(resources().join(format!("crtk/legacy-{name}.yaml"))).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let arms = folder.path().join("arms.yaml");
+    std::fs::write(&arms, text.replace("    kind:", "    extras: true\n    kind:")).unwrap();
+    Some(Bench::new(&[models.join(format!("blender-{name}.yaml"))], &arms, profile))
 }
