@@ -301,9 +301,14 @@ pub fn bind(all: &[ArmConfig], own: usize, world: &View<'_>) -> Result<(ArmModel
         notes: Vec::new(),
     };
     let kinematics = binding.mount(&finder)?;
-    binding.notes.extend(binding.tool.is_none().then(|| config.grasp.as_ref()).flatten().map(|_| {
-        format!("{}: without a `tool: {{body: …}}` its jaw holds nothing", config.name)
-    }));
+    binding.notes.extend(
+        binding
+            .tool
+            .is_none()
+            .then(|| config.grasp.as_ref())
+            .flatten()
+            .map(|_| format!("{}: without a `tool: {{body: …}}` its jaw holds nothing", config.name)),
+    );
     binding.reference = reference(all, own, &finder)?;
     binding.weights = binding.weights(world);
     binding.lifted = lifted(&binding.weights);

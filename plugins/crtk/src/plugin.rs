@@ -154,7 +154,8 @@ impl Plugin for Crtk {
         if transports.is_empty() {
             host.say("no middleware is running, so no topics are offered");
         }
-        self.running = Some(Running::start(&configs, prepared, transports, &self.board).map_err(|error| error.to_string())?);
+        self.running =
+            Some(Running::start(&configs, prepared, transports, &self.board).map_err(|error| error.to_string())?);
         Ok(())
     }
 
@@ -208,11 +209,8 @@ impl Running {
             let tool_type = config.tool.as_ref().and_then(|tool| tool.instrument.clone());
             let has_tool = config.tool.is_some();
             let texts = Texts { info: binding.notes.clone(), tool_type };
-            let extras = Extras {
-                dvrk: config.extras,
-                tool_type: texts.tool_type.is_some(),
-                gripper: config.kind == Kind::Mtm,
-            };
+            let extras =
+                Extras { dvrk: config.extras, tool_type: texts.tool_type.is_some(), gripper: config.kind == Kind::Mtm };
             let topics = fitting(topics(&model, &config.space, extras), config.kind, has_tool);
             let served = (config.rate, config.clock);
             let open = Offered::open((&model, &topics), served, texts, &outbox, &mut transports);

@@ -116,7 +116,8 @@ impl Offered {
             }
         }
         let period = Duration::from_secs_f64(1.0 / rate);
-        let mut offered = Self { model: Arc::clone(model), clock, period, due: Instant::now(), texts, outlets, window: 0 };
+        let mut offered =
+            Self { model: Arc::clone(model), clock, period, due: Instant::now(), texts, outlets, window: 0 };
         offered.introduce();
         Ok(offered)
     }
@@ -190,7 +191,10 @@ impl Offered {
             return;
         }
         let message = Message::Statistics(self.header(stamp, false), *statistics);
-        self.outlets.iter().filter(|outlet| outlet.output == Output::Statistics).for_each(|outlet| outlet.send(&message));
+        self.outlets
+            .iter()
+            .filter(|outlet| outlet.output == Output::Statistics)
+            .for_each(|outlet| outlet.send(&message));
     }
 
     fn message(&self, output: Output, status: &ArmStatus, reading: &Reading, stamp: u64) -> Option<Message> {

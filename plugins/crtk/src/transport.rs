@@ -12,7 +12,9 @@ use ros_node::{Announcement, LinkOptions, Node, NodeName, OwnMaster, Peer, Publi
 use rosrust::Message as RosMessage;
 use thiserror::Error;
 
-use crate::messages::{cisst_msgs, crtk_msgs, geometry_msgs, rosgraph_msgs, sensor_msgs, std_msgs, Message, MessageType, WithRos};
+use crate::messages::{
+    cisst_msgs, crtk_msgs, geometry_msgs, rosgraph_msgs, sensor_msgs, std_msgs, Message, MessageType, WithRos,
+};
 use crate::topics::Topic;
 
 /// Why topics cannot be offered.

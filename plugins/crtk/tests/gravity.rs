@@ -74,4 +74,3 @@ fn arms_of_the_cpp_simulators_scenes_stand_still_too() {
         }
     }
 }
-

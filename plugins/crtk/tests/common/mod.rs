@@ -76,10 +76,24 @@ impl Bench {
     /// Models in the shipped world, with the arms that a file configures.
     pub fn new(models: &[PathBuf], arms: &Path, profile: Profile) -> Self {
         let files = SceneFiles { world: Some(resources().join("world/world.yaml")), models: models.to_vec() };
-        let mut physics = PhysicsOptions { profile: Some(profile), ..PhysicsOptions::default() }; if let Ok(e)=std::env::var("ERP"){physics.joint_erp=Some(e.parse().unwrap());} if let Ok(e)=std::env::var("SOL"){physics.solver=ambf_core::bullet::Solver::NAMES.iter().find(|n| n.0==e).map(|n| n.1);} if let Ok(e)=std::env::var("IT"){physics.iterations=Some(e.parse().unwrap());} if std::env::var("NOART").is_ok(){physics.articulated=Some(false);}
+        let mut physics = PhysicsOptions { profile: Some(profile), ..PhysicsOptions::default() };
+        if let Ok(e) = std::env::var("ERP") {
+            physics.joint_erp = Some(e.parse().unwrap());
+        }
+        if let Ok(e) = std::env::var("SOL") {
+            physics.solver = ambf_core::bullet::Solver::NAMES.iter().find(|n| n.0 == e).map(|n| n.1);
+        }
+        if let Ok(e) = std::env::var("IT") {
+            physics.iterations = Some(e.parse().unwrap());
+        }
+        if std::env::var("NOART").is_ok() {
+            physics.articulated = Some(false);
+        }
         let loaded = load(&files, &SceneOptions { physics, ..SceneOptions::default() });
         assert_eq!(loaded.report.errors(), 0, "{}", loaded.report);
-        if std::env::var("SHOW").is_ok() { println!("{}", loaded.report.verbose()); }
+        if std::env::var("SHOW").is_ok() {
+            println!("{}", loaded.report.verbose());
+        }
         let mut simulation = Simulation::new(loaded.scene, STEP);
         let topics = Memory::default();
         let own = topics.clone();
@@ -94,7 +108,11 @@ impl Bench {
 
     /// The shipped PSM.
     pub fn psm(profile: Profile) -> Self {
-        Self::new(&["psm", "ecm"].map(|name| resources().join(format!("models/{name}.yaml"))), &resources().join("crtk/cart.yaml"), profile)
+        Self::new(
+            &["psm", "ecm"].map(|name| resources().join(format!("models/{name}.yaml"))),
+            &resources().join("crtk/cart.yaml"),
+            profile,
+        )
     }
 
     pub fn run(&mut self, seconds: f64) {
@@ -136,8 +154,11 @@ impl Drop for Bench {
 }
 
 /// Arms of the C++ simulator's scenes: configuration, name space, body at the tool.
-pub const LEGACY_ARMS: [(&str, &str, &str); 3] =
-    [("psm", "/PSM1", "/ambf/env/psm/BODY tool pitch link"), ("ecm", "/ECM", "/ambf/env/ecm/BODY tool link"), ("mtm", "/MTMR", "/ambf/env/mtm/BODY WristRoll")];
+pub const LEGACY_ARMS: [(&str, &str, &str); 3] = [
+    ("psm", "/PSM1", "/ambf/env/psm/BODY tool pitch link"),
+    ("ecm", "/ECM", "/ambf/env/ecm/BODY tool link"),
+    ("mtm", "/MTMR", "/ambf/env/mtm/BODY WristRoll"),
+];
 
 /// One of them; `None` when those files are not here. All topics are offered.
 pub fn legacy_arm(name: &str, profile: Profile) -> Option<Bench> {

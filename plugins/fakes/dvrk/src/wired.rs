@@ -223,8 +223,7 @@ impl WiredArm {
         let most = f64::to_radians(60.0);
         let closed = if dialect.is_crtk() { 0.0 } else { -most };
         let angle = closed + moment.gripper * (most - closed);
-        let gripper =
-            sensor_msgs::JointState { header: header(), position: vec![angle], ..Default::default() };
+        let gripper = sensor_msgs::JointState { header: header(), position: vec![angle], ..Default::default() };
         self.gripper.send_as_is(&gripper);
         let wrench = messages::wrench(&moment.wrench);
         self.wrench.send_as_is(&geometry_msgs::WrenchStamped { header: header(), wrench });
