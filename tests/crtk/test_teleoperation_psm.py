@@ -11,17 +11,18 @@ from poses_math import angle, distance
 SCRIPT = """
 0 pose 0 0 0  0 0 0
 0 gripper 0.2
-3 pose 0.1 0.05 -0.06  0 0 0
-6 pose 0.1 0.05 -0.06  0.2 -0.15 0.3
-6 gripper 1
-8 gripper 1
-9 pose 0.1 0.05 -0.06  0.2 -0.15 0.3
-9 press clutch
-12 pose -0.1 0 0  0.2 -0.15 0.3
-13 pose -0.1 0 0  0.2 -0.15 0.3
-13 release clutch
-14 pose -0.1 0 0  0.2 -0.15 0.3
-17 pose -0.1 0.1 0  0.2 -0.15 0.3
+4 pose 0 0 0  0 0 0
+7 pose 0.1 0.05 -0.06  0 0 0
+10 pose 0.1 0.05 -0.06  0.2 -0.15 0.3
+10 gripper 1
+12 gripper 1
+13 pose 0.1 0.05 -0.06  0.2 -0.15 0.3
+13 press clutch
+16 pose -0.1 0 0  0.2 -0.15 0.3
+17 pose -0.1 0 0  0.2 -0.15 0.3
+17 release clutch
+18 pose -0.1 0 0  0.2 -0.15 0.3
+21 pose -0.1 0.1 0  0.2 -0.15 0.3
 """
 
 
@@ -75,7 +76,7 @@ class MasterAndPuppet(unittest.TestCase):
         self.assertLess(quantile(turns), math.radians(2.0))
         held = self.rests(arm)
         self.assertAlmostEqual(arm.joints("jaw/measured_js")[0], settings.jaw[1], 1)
-        # Where the master went by then, in scale; it was engaged within its first movement.
+        # Where the master went by then, in scale; it is engaged before it moves, or soon after on a busy machine.
         moved = math.dist(start[0], frame_of(held)[0])
         self.assertGreater(moved, 0.02)
         self.assertLess(moved, 0.25 * math.dist((0, 0, 0), (0.1, 0.05, -0.06)) + 1e-3)

@@ -301,14 +301,9 @@ pub fn bind(all: &[ArmConfig], own: usize, world: &View<'_>) -> Result<(ArmModel
         notes: Vec::new(),
     };
     let kinematics = binding.mount(&finder)?;
-    binding.notes.extend(
-        binding
-            .tool
-            .is_none()
-            .then(|| config.grasp.as_ref())
-            .flatten()
-            .map(|_| format!("{}: without a `tool: {{body: …}}` its jaw holds nothing", config.name)),
-    );
+    if binding.tool.is_none() && config.grasp.is_some() {
+        binding.notes.push(format!("{}: without a `tool: {{body: …}}` its jaw holds nothing", config.name));
+    }
     binding.reference = reference(all, own, &finder)?;
     binding.weights = binding.weights(world);
     binding.lifted = lifted(&binding.weights);

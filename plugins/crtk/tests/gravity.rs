@@ -3,7 +3,7 @@
 mod common;
 
 use ambf_core::control::Profile;
-use common::{legacy_arm, Bench, LEGACY_ARMS, PROFILES};
+use common::{Bench, PROFILES};
 use crtk::messages::{Header, Message};
 use nalgebra::{Vector3, Vector6};
 
@@ -60,17 +60,5 @@ fn efforts_beside_it_move_the_arm_as_without_gravity() {
         // Some 0.28 kg slide: 1 N for 0.15 s is 40 mm.
         assert!((0.035..0.045).contains(&forward), "{profile:?}: {forward} m");
         assert!(aside < 0.01 * forward, "{profile:?}: {aside} m aside of {forward} m");
-    }
-}
-
-#[test]
-fn arms_of_the_cpp_simulators_scenes_stand_still_too() {
-    for profile in PROFILES {
-        for (name, space, body) in LEGACY_ARMS {
-            let Some(mut bench) = legacy_arm(name, profile) else { return };
-            bench.run(2.0);
-            let drift = drift(&mut bench, space, body);
-            println!("{profile:?} {name}: {:.4} mm", drift * 1e3);
-        }
     }
 }

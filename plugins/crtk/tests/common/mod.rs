@@ -75,25 +75,14 @@ pub fn resources() -> PathBuf {
 impl Bench {
     /// Models in the shipped world, with the arms that a file configures.
     pub fn new(models: &[PathBuf], arms: &Path, profile: Profile) -> Self {
+        Self::with_physics(models, arms, PhysicsOptions { profile: Some(profile), ..PhysicsOptions::default() })
+    }
+
+    /// The same with other settings of the physics.
+    pub fn with_physics(models: &[PathBuf], arms: &Path, physics: PhysicsOptions) -> Self {
         let files = SceneFiles { world: Some(resources().join("world/world.yaml")), models: models.to_vec() };
-        let mut physics = PhysicsOptions { profile: Some(profile), ..PhysicsOptions::default() };
-        if let Ok(e) = std::env::var("ERP") {
-            physics.joint_erp = Some(e.parse().unwrap());
-        }
-        if let Ok(e) = std::env::var("SOL") {
-            physics.solver = ambf_core::bullet::Solver::NAMES.iter().find(|n| n.0 == e).map(|n| n.1);
-        }
-        if let Ok(e) = std::env::var("IT") {
-            physics.iterations = Some(e.parse().unwrap());
-        }
-        if std::env::var("NOART").is_ok() {
-            physics.articulated = Some(false);
-        }
         let loaded = load(&files, &SceneOptions { physics, ..SceneOptions::default() });
         assert_eq!(loaded.report.errors(), 0, "{}", loaded.report);
-        if std::env::var("SHOW").is_ok() {
-            println!("{}", loaded.report.verbose());
-        }
         let mut simulation = Simulation::new(loaded.scene, STEP);
         let topics = Memory::default();
         let own = topics.clone();
@@ -161,11 +150,11 @@ pub const LEGACY_ARMS: [(&str, &str, &str); 3] = [
 ];
 
 /// One of them; `None` when those files are not here. All topics are offered.
-pub fn legacy_arm(name: &str, profile: Profile) -> Option<Bench> {
+pub fn legacy_arm(name: &str, physics: PhysicsOptions) -> Option<Bench> {
     let models = ambf_test_support::legacy()?.join("descriptions/multi-bodies/robots");
     let text = std::fs::read_to_string(resources().join(format!("crtk/legacy-{name}.yaml"))).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let arms = folder.path().join("arms.yaml");
     std::fs::write(&arms, text.replace("    kind:", "    extras: true\n    kind:")).unwrap();
-    Some(Bench::new(&[models.join(format!("blender-{name}.yaml"))], &arms, profile))
+    Some(Bench::with_physics(&[models.join(format!("blender-{name}.yaml"))], &arms, physics))
 }
