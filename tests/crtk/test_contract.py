@@ -18,7 +18,7 @@ def setUpModule():
     from arm_client import Arm
     from middleware import nanoseconds
 
-    arm = Arm(back_end.external() or "/PSM1")
+    arm = Arm(back_end.external() or "/PSM1", robot=not back_end.external())
     arm.check_connections()
     ecm = None
     if not back_end.external():
@@ -138,10 +138,13 @@ class Contract(unittest.TestCase):
         arm.arrivals.clear()
         arm.fresh("measured_js", 300)
         arrivals = list(arm.arrivals["measured_js"])
-        rate = (len(arrivals) - 1) / (arrivals[-1][0] - arrivals[0][0])
-        self.assertGreater(rate, 90.0)
+        # By the stamps: a busy machine delivers in bursts.
+        first, last = (nanoseconds(arrivals[end][1].stamp) for end in (0, -1))
+        rate = (len(arrivals) - 1) / (last - first) * 1e9
+        self.assertGreater(rate, 50.0, "on a busy machine, too")
         self.assertLess(rate, 110.0)
-        sets = [{nanoseconds(header.stamp) for _, header in list(arm.arrivals[name])[5:-5]} for name in arm.outputs]
+        stamped = [name for name in arm.outputs if name != "body/jacobian"]
+        sets = [{nanoseconds(header.stamp) for _, header in list(arm.arrivals[name])[5:-5]} for name in stamped]
         for stamps in sets[1:]:
             self.assertLess(len(sets[0] ^ stamps), 40, "the same publications, but for the ends")
         age = time.time() - nanoseconds(arm.newest["measured_js"].header.stamp) * 1e-9
@@ -330,6 +333,45 @@ class Contract(unittest.TestCase):
         arm.move("jaw/move_jp", position=[0.8])
         arm.wait(lambda: abs(arm.joints("jaw/measured_js")[0] - 0.8) < 0.01, "the jaw is open")
         self.assertEqual(len(arm.joints("jaw/setpoint_js")), 1)
+
+    @unittest.skipIf(back_end.external(), "the back end may have no topics of the real robot")
+    def test_36_free_and_21_setpoint(self):
+        """A free arm stands still within 1 mm, without a set point of its pose; hold brings that back."""
+        self.settled()
+        arm.fresh()
+        before = arm.pose("local/measured_cp")
+        arm.send("free")
+        arm.wait(lambda: not nanoseconds(arm.newest["setpoint_cp"].header.stamp), "the set point is not valid")
+        arm.fresh("local/measured_cp", 500)
+        drift = distance(before, arm.pose("local/measured_cp"))
+        arm.send("hold")
+        arm.wait(lambda: nanoseconds(arm.newest["setpoint_cp"].header.stamp), "the set point is valid again")
+        self.assertLess(drift, 1e-3)
+        print(f"free for 5 s: {drift * 1e3:.4f} mm")
+
+    @unittest.skipIf(back_end.external(), "the back end may have no topics of the real robot")
+    def test_37_velocities_end(self):
+        """The last velocity acts for 0.1 s."""
+
+        def moves():
+            arm.send("servo_jv", velocity=[0.2, 0.0, 0.0, 0.0, 0.0, 0.0])
+            return arm.joints("setpoint_js")[0] > 0.05
+
+        wait_for(moves, "it moves")
+        arm.fresh("setpoint_js", 50)
+        stopped = arm.joints("setpoint_js")[0]
+        arm.fresh("setpoint_js", 20)
+        self.assertEqual(arm.joints("setpoint_js")[0], stopped)
+
+    @unittest.skipIf(back_end.external(), "the back end may have no topics of the real robot")
+    def test_19_jacobian(self):
+        """Its layout, and that it is that of the joints: the insertion moves the tool along its axis."""
+        message = arm.newest["body/jacobian"]
+        sides = [(side.label, side.size, side.stride) for side in message.layout.dim]
+        self.assertEqual(sides, [("rows", 6, 1), ("cols", 6, 6)])
+        column = [message.data[row * 6 + 2] for row in range(6)]
+        self.assertAlmostEqual(math.hypot(*column[:3]), 1.0, 9)
+        self.assertLess(math.hypot(*column[3:]), 1e-9)
 
     def test_48_integration(self):
         """What dVRK's own test of arms does: a trajectory of servo_cp of 2 cm, and move_cp of 5 cm, met within 0.1 mm and 0.1 deg."""

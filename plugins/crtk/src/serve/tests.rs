@@ -97,6 +97,29 @@ fn latched_messages_wait_for_an_open_topic() {
 }
 
 #[test]
+fn the_statistics_of_a_window_are_sent_once() {
+    let memory = Memory::default();
+    memory.is_open.store(true, Ordering::Release);
+    let (outbox, _inbox) = commands();
+    let mut arm = offered(Dialect::Dvrk, &memory, &outbox);
+    let mut statistics = Statistics::default();
+    arm.tell_statistics(&statistics, 1);
+    assert_eq!(memory.last("/PSM1/period_statistics"), None, "no window is over");
+    (statistics.window, statistics.samples) = (1, 1000);
+    arm.tell_statistics(&statistics, 2);
+    memory.sent.lock().iter().for_each(|(name, message)| {
+        if name == "/PSM1/period_statistics" {
+            assert!(matches!(message, Message::Statistics(header, told) if header.stamp == 2 && told.samples == 1000));
+            // The header, nine numbers, and three counts.
+            assert_eq!(message.encode().len(), 4 + 8 + 4 + "ECM_view".len() + 12 * 8);
+        }
+    });
+    let count = memory.sent.lock().len();
+    arm.tell_statistics(&statistics, 3);
+    assert_eq!(memory.sent.lock().len(), count);
+}
+
+#[test]
 fn all_topics_of_a_publication_carry_one_stamp_and_the_frame() {
     let memory = Memory::default();
     memory.is_open.store(true, Ordering::Release);
