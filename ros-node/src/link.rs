@@ -6,7 +6,7 @@ use std::io;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use dxr::Value;
 use parking_lot::Mutex;
@@ -81,6 +81,8 @@ pub enum OwnMaster {
     /// It is waited for.
     #[default]
     None,
+    /// Another node of this program starts one, or nobody does: only after so long is it said that there is none.
+    Expected(Duration),
     /// One is started in this process; it ends with the program.
     InProcess,
     /// This program is started to be one ([`start_master`](super::start_master)); it lasts as long as somebody uses it.
@@ -313,11 +315,21 @@ struct Worker<'a> {
     forgotten: bool,
     /// A line about the absence of a master has been written.
     complained: bool,
+    /// When it began.
+    since: Instant,
 }
 
 /// Keeps the link up until it is stopped, then withdraws everything.
 pub(crate) fn run(link: &Link) {
-    let mut worker = Worker { link, is_known: false, embedded: None, lost: false, forgotten: false, complained: false };
+    let mut worker = Worker {
+        link,
+        is_known: false,
+        embedded: None,
+        lost: false,
+        forgotten: false,
+        complained: false,
+        since: Instant::now(),
+    };
     let mut seen = 0;
     loop {
         worker.step();
@@ -353,7 +365,7 @@ impl Worker<'_> {
         let link = self.link;
         let master = link.master();
         if let Err(error) = master.call("getPid", vec![]) {
-            if self.complained || self.embedded.is_some() {
+            if self.complained || self.embedded.is_some() || self.expects_master() {
                 return;
             }
             if !self.start_master(&error) {
@@ -375,6 +387,11 @@ impl Worker<'_> {
         (self.is_known, self.complained) = (true, false);
     }
 
+    /// Whether there is still time in which another node may start a master.
+    fn expects_master(&self) -> bool {
+        matches!(self.link.options.own_master, OwnMaster::Expected(within) if self.since.elapsed() < within)
+    }
+
     fn set_parameters(&self) {
         for (name, value) in &self.link.options.parameters {
             let name = format!("{}/{name}", self.link.name());
@@ -392,7 +409,7 @@ impl Worker<'_> {
         let Some(address) = local_address(&self.link.options.master) else { return false };
         let (link, uri) = (self.link, self.link.options.master.uri());
         match &self.link.options.own_master {
-            OwnMaster::None => false,
+            OwnMaster::None | OwnMaster::Expected(_) => false,
             OwnMaster::InProcess => {
                 match Master::start(address) {
                     // Without a thread for the logs of all there are still those of each.

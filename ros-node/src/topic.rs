@@ -391,10 +391,22 @@ impl<M: Message> Publication<M> {
     /// Without subscribers it is not even encoded, unless the topic is latched.
     pub fn send(&self, mut message: M) {
         let topic = self.topic();
-        if !topic.is_heard() {
-            return;
+        if topic.is_heard() {
+            message.set_header(&self.clock, &topic.sequence);
+            Self::post(&topic, &message);
         }
-        message.set_header(&self.clock, &topic.sequence);
+    }
+
+    /// Sends `message` with its header as it is: a time of 0 says in some protocols that the data are not valid now.
+    /// Otherwise as [`send`](Self::send).
+    pub fn send_as_is(&self, message: &M) {
+        let topic = self.topic();
+        if topic.is_heard() {
+            Self::post(&topic, message);
+        }
+    }
+
+    fn post(topic: &Topic, message: &M) {
         let mut memory = topic.memory();
         // Encoding into memory cannot fail.
         if message.encode(&mut memory).is_ok() {

@@ -166,6 +166,16 @@ fn small_messages_have_numbers_and_times_and_the_last_one_is_kept_if_it_is_to_be
     assert!(numbers.windows(2).all(|pair| pair[1] == pair[0] + 1), "{numbers:?}");
 }
 
+#[test]
+fn a_message_that_is_sent_as_it_is_keeps_a_time_of_zero() {
+    let fixture = Fixture::new();
+    let plain = fixture.small("/plain", false);
+    let mut stream = fixture.subscribe_to("/plain");
+    plain.send_as_is(&log(7));
+    let came = Log::decode(&message(&mut stream).unwrap()[..]).unwrap();
+    assert_eq!((came.line, came.header.stamp.sec, came.header.stamp.nsec), (7, 0, 0));
+}
+
 /// It misses the oldest of what waits, and never a part of one.
 #[test]
 fn a_slow_subscriber_of_small_messages_misses_some_and_the_others_none() {

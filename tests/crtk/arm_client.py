@@ -5,21 +5,16 @@ import collections
 import threading
 import time
 
-import geometry_msgs.msg
-import harness
-import rospy
-import sensor_msgs.msg
-import std_msgs.msg
-
-JOINTS, POSE, TWIST = sensor_msgs.msg.JointState, geometry_msgs.msg.PoseStamped, geometry_msgs.msg.TwistStamped
+from middleware import Publisher, Subscriber, messages, nanoseconds
+from waiting import PATIENCE_S, wait_for
 
 
 class Arm:
     """An arm by its name space, such as /PSM1."""
 
     def __init__(self, space, jaw=True, robot=False):
-        from crtk_msgs.msg import OperatingState, StringStamped
-
+        kinds = messages()
+        joints, pose, twist = kinds.JointState, kinds.PoseStamped, kinds.TwistStamped
         self.space = space
         self.newest = {}
         self.arrivals = collections.defaultdict(lambda: collections.deque(maxlen=20000))
@@ -29,33 +24,32 @@ class Arm:
         self._subscribers = []
         self._publishers = {}
         self.outputs = {
-            "measured_js": JOINTS,
-            "setpoint_js": JOINTS,
-            "measured_cp": POSE,
-            "setpoint_cp": POSE,
-            "measured_cv": TWIST,
+            "measured_js": joints,
+            "setpoint_js": joints,
+            "measured_cp": pose,
+            "setpoint_cp": pose,
+            "measured_cv": twist,
         }
-        inputs = {"servo_jp": JOINTS, "servo_cp": POSE, "move_jp": JOINTS, "move_cp": POSE, "state_command": StringStamped}
+        inputs = {"servo_jp": joints, "servo_cp": pose, "move_jp": joints, "move_cp": pose, "state_command": kinds.StringStamped}
         if jaw:
-            self.outputs.update({"jaw/measured_js": JOINTS, "jaw/setpoint_js": JOINTS})
-            self.outputs.update({"local/measured_cp": POSE, "local/setpoint_cp": POSE})
-            inputs.update({"jaw/servo_jp": JOINTS, "jaw/move_jp": JOINTS})
+            self.outputs.update({"jaw/measured_js": joints, "jaw/setpoint_js": joints})
+            self.outputs.update({"local/measured_cp": pose, "local/setpoint_cp": pose})
+            inputs.update({"jaw/servo_jp": joints, "jaw/move_jp": joints})
         if robot:
-            inputs.update({"servo_jv": JOINTS, "servo_cv": TWIST, "servo_jr": JOINTS, "move_jr": JOINTS, "servo_jf": JOINTS})
-            inputs.update({"hold": std_msgs.msg.Empty, "free": std_msgs.msg.Empty})
-            inputs["body/servo_cf"] = geometry_msgs.msg.WrenchStamped
-            self.outputs["body/jacobian"] = std_msgs.msg.Float64MultiArray
+            inputs.update({"servo_jv": joints, "servo_cv": twist, "servo_jr": joints, "move_jr": joints, "servo_jf": joints})
+            inputs.update({"hold": kinds.Empty, "free": kinds.Empty})
+            inputs["body/servo_cf"] = kinds.WrenchStamped
+            self.outputs["body/jacobian"] = kinds.Float64MultiArray
         for name, kind in self.outputs.items():
             self._subscribe(name, kind, self._receive(name))
-        self._subscribe("operating_state", OperatingState, self._receive_state)
-        self._subscribe("warning", StringStamped, self.warnings.append)
+        self._subscribe("operating_state", kinds.OperatingState, self._receive_state, is_latched=True)
+        self._subscribe("warning", kinds.StringStamped, self.warnings.append)
         for name, kind in inputs.items():
-            topic = f"{space}/{name}"
-            self._publishers[name] = (rospy.Publisher(topic, kind, queue_size=10, latch=name == "state_command"), kind)
+            publisher = Publisher(f"{space}/{name}", kind, is_latched=name == "state_command")
+            self._publishers[name] = (publisher, kind)
 
-    def _subscribe(self, name, kind, receive):
-        subscriber = rospy.Subscriber(f"{self.space}/{name}", kind, receive, queue_size=1000, tcp_nodelay=True)
-        self._subscribers.append(subscriber)
+    def _subscribe(self, name, kind, receive, is_latched=False):
+        self._subscribers.append(Subscriber(f"{self.space}/{name}", kind, receive, is_latched))
 
     def _receive(self, name):
         def receive(message):
@@ -68,11 +62,11 @@ class Arm:
 
     def _receive_state(self, state):
         with self._changed:
-            if not self.states or state.header.stamp > self.states[-1].header.stamp:
+            if not self.states or nanoseconds(state.header.stamp) > nanoseconds(self.states[-1].header.stamp):
                 self.states.append(state)
                 self._changed.notify_all()
 
-    def wait(self, condition, what, seconds=harness.PATIENCE_S):
+    def wait(self, condition, what, seconds=PATIENCE_S):
         """Waits for a condition on what has come."""
         with self._changed:
             if not self._changed.wait_for(condition, seconds):
@@ -82,10 +76,10 @@ class Arm:
         """Every topic has somebody on the other side."""
 
         def all_connected():
-            publishers = all(publisher.get_num_connections() for publisher, _ in self._publishers.values())
-            return publishers and all(subscriber.get_num_connections() for subscriber in self._subscribers)
+            publishers = all(publisher.is_connected() for publisher, _ in self._publishers.values())
+            return publishers and all(subscriber.is_connected() for subscriber in self._subscribers)
 
-        harness.wait_for(all_connected, f"all topics of {self.space} are connected")
+        wait_for(all_connected, f"all topics of {self.space} are connected")
         self.wait(lambda: self.states and all(name in self.newest for name in self.outputs), "everything is published")
 
     def send(self, topic, **fields):

@@ -6,21 +6,19 @@ import time
 import unittest
 
 import back_end
-import harness
-import node
 from poses_math import angle, distance, moved
+from waiting import wait_for
 
 HOME = [0.0, 0.0, 0.12, 0.0, 0.0, 0.0]
 
 
 def setUpModule():
-    global backend, arm, ecm
-    back_end.messages()
-    backend = back_end.BackEnd(*back_end.CART)
-    node.start(backend.port)
+    global backend, arm, ecm, nanoseconds
+    backend = back_end.start(back_end.CART)
     from arm_client import Arm
+    from middleware import nanoseconds
 
-    arm = Arm(back_end.external() or "/PSM1")
+    arm = Arm(back_end.external() or "/PSM1", robot=not back_end.external())
     arm.check_connections()
     ecm = None
     if not back_end.external():
@@ -80,7 +78,7 @@ class Contract(unittest.TestCase):
                         self.assertEqual(arm.command(f" {command.upper()} ").state, expected)
                     else:
                         arm.send("state_command", string=command)
-                        harness.wait_for(lambda: arm.warnings, "a warning")
+                        wait_for(lambda: arm.warnings, "a warning")
                         self.assertEqual(arm.states[-1].state, state.state)
         self.disable()
 
@@ -94,13 +92,13 @@ class Contract(unittest.TestCase):
         """One warning, no event."""
         count = len(arm.states)
         arm.send("state_command", string="dance")
-        harness.wait_for(lambda: arm.warnings, "a warning")
+        wait_for(lambda: arm.warnings, "a warning")
         arm.fresh()
         self.assertEqual((len(arm.warnings), len(arm.states)), (1, count))
 
     def test_05_stamps_of_events(self):
         """They increase strictly."""
-        stamps = [state.header.stamp.to_nsec() for state in arm.states]
+        stamps = [nanoseconds(state.header.stamp) for state in arm.states]
         self.assertTrue(all(a < b for a, b in zip(stamps, stamps[1:])))
 
     def test_06_every_move_is_busy(self):
@@ -108,21 +106,22 @@ class Contract(unittest.TestCase):
         arm.move("move_jp", position=HOME)
         self.assertEqual(arm.warnings, [])
         arm.move("move_jp", position=[9.0, 0.0, 0.12, 0.0, 0.0, 0.0])
-        harness.wait_for(lambda: arm.warnings, "a warning")
+        wait_for(lambda: arm.warnings, "a warning")
         arm.move("jaw/move_jp", position=[0.3])
         self.assertAlmostEqual(arm.joints("jaw/setpoint_js")[0], 0.3, 6)
 
     def test_08_pause(self):
-        """During a move: the set point is where the arm is; resume does not go on."""
-        arm.send("move_jp", position=[1.0, 0.5, 0.05, 0.0, 0.0, 0.0])
-        arm.wait(lambda: arm.joints("setpoint_js")[0] > 0.2, "it moves")
+        """During a move of 0.6 s: the set point is where the arm is; resume does not go on."""
+        arm.move("move_jp", position=[0.0] * 6)
+        arm.send("move_jp", position=[0.0, 0.0, 0.24, 0.0, 0.0, 0.0])
+        arm.wait(lambda: arm.joints("setpoint_js")[2] > 0.02, "it moves")
         self.assertFalse(arm.command("pause").is_busy)
         arm.fresh("setpoint_js")
-        stopped = arm.joints("setpoint_js")[0]
-        self.assertLess(stopped, 1.0)
+        stopped = arm.joints("setpoint_js")[2]
+        self.assertLess(stopped, 0.24)
         arm.command("resume")
         arm.fresh("setpoint_js", 20)
-        self.assertEqual(arm.joints("setpoint_js")[0], stopped)
+        self.assertEqual(arm.joints("setpoint_js")[2], stopped)
 
     def test_09_not_enabled(self):
         """Motion changes nothing, without a word."""
@@ -139,13 +138,16 @@ class Contract(unittest.TestCase):
         arm.arrivals.clear()
         arm.fresh("measured_js", 300)
         arrivals = list(arm.arrivals["measured_js"])
-        rate = (len(arrivals) - 1) / (arrivals[-1][0] - arrivals[0][0])
-        self.assertGreater(rate, 90.0)
+        # By the stamps: a busy machine delivers in bursts.
+        first, last = (nanoseconds(arrivals[end][1].stamp) for end in (0, -1))
+        rate = (len(arrivals) - 1) / (last - first) * 1e9
+        self.assertGreater(rate, 50.0, "on a busy machine, too")
         self.assertLess(rate, 110.0)
-        sets = [{header.stamp.to_nsec() for _, header in list(arm.arrivals[name])[5:-5]} for name in arm.outputs]
+        stamped = [name for name in arm.outputs if name != "body/jacobian"]
+        sets = [{nanoseconds(header.stamp) for _, header in list(arm.arrivals[name])[5:-5]} for name in stamped]
         for stamps in sets[1:]:
             self.assertLess(len(sets[0] ^ stamps), 40, "the same publications, but for the ends")
-        age = time.time() - arm.newest["measured_js"].header.stamp.to_sec()
+        age = time.time() - nanoseconds(arm.newest["measured_js"].header.stamp) * 1e-9
         self.assertLess(age, 1.0)
 
     @unittest.skipIf(back_end.external(), "what the back end has in its scene is not known")
@@ -185,14 +187,16 @@ class Contract(unittest.TestCase):
 
     def test_17_twist(self):
         """measured_cv is the derivative of measured_cp."""
-        arm.send("move_jp", position=[0.8, 0.0, 0.2, 0.0, 0.0, 0.0])
+        # As long as the insertion takes: half a second.
+        arm.move("move_jp", position=[0.0, 0.0, 0.03, 0.0, 0.0, 0.0])
+        arm.send("move_jp", position=[0.8, 0.0, 0.23, 0.0, 0.0, 0.0])
         arm.wait(lambda: arm.joints()[0] > 0.1, "it moves")
         samples = {}
 
         def collected():
             pose, twist = arm.newest["measured_cp"], arm.newest["measured_cv"]
             if pose.header.stamp == twist.header.stamp:
-                samples[pose.header.stamp.to_nsec()] = (pose.pose.position, twist.twist.linear)
+                samples[nanoseconds(pose.header.stamp)] = (pose.pose.position, twist.twist.linear)
             return arm.joints()[0] > 0.6
 
         arm.wait(collected, "samples")
@@ -251,7 +255,7 @@ class Contract(unittest.TestCase):
         for wrong in (["yaw"], ["yaw"] * 6, [*names[:5], "elbow"]):
             arm.warnings.clear()
             arm.send("servo_jp", position=HOME, name=wrong)
-            harness.wait_for(lambda: arm.warnings, "a warning")
+            wait_for(lambda: arm.warnings, "a warning")
 
     def test_25_no_command(self):
         """NaN, wrong counts, no quaternion, an unknown frame: one warning each, nothing moves."""
@@ -274,10 +278,10 @@ class Contract(unittest.TestCase):
             with self.subTest(name=name, **{key: str(value)[:40] for key, value in fields.items()}):
                 arm.warnings.clear()
                 arm.send(name, **fields)
-                harness.wait_for(lambda: arm.warnings, "a warning")
+                wait_for(lambda: arm.warnings, "a warning")
                 arm.fresh()
                 self.assertEqual(len(arm.warnings), 1)
-        self.assertIn("moon", harness.wait_for(lambda: self.warned_of("moon"), "the frame is named"))
+        self.assertIn("moon", wait_for(lambda: self.warned_of("moon"), "the frame is named"))
         self.assertEqual(arm.joints("setpoint_js"), before)
 
     def warned_of(self, word):
@@ -288,7 +292,7 @@ class Contract(unittest.TestCase):
     def test_26_limits(self):
         """Beyond by 2e-6 is refused, by 5e-7 taken."""
         arm.send("servo_jp", position=[0.0, 0.0, 0.240002, 0.0, 0.0, 0.0])
-        harness.wait_for(lambda: arm.warnings, "a warning")
+        wait_for(lambda: arm.warnings, "a warning")
         arm.warnings.clear()
         arm.send("servo_jp", position=[0.0, 0.0, 0.2400005, 0.0, 0.0, 0.0])
         arm.wait(lambda: abs(arm.joints("setpoint_js")[2] - 0.24) < 1e-6, "it is taken")
@@ -311,7 +315,7 @@ class Contract(unittest.TestCase):
         arm.fresh("setpoint_js")
         before = arm.joints("setpoint_js")
         arm.move("move_cp", pose=moved(arm.pose("setpoint_cp"), x=2.0))
-        harness.wait_for(lambda: arm.warnings, "a warning")
+        wait_for(lambda: arm.warnings, "a warning")
         arm.fresh("setpoint_js")
         self.assertEqual(arm.joints("setpoint_js"), before)
 
@@ -329,6 +333,45 @@ class Contract(unittest.TestCase):
         arm.move("jaw/move_jp", position=[0.8])
         arm.wait(lambda: abs(arm.joints("jaw/measured_js")[0] - 0.8) < 0.01, "the jaw is open")
         self.assertEqual(len(arm.joints("jaw/setpoint_js")), 1)
+
+    @unittest.skipIf(back_end.external(), "the back end may have no topics of the real robot")
+    def test_36_free_and_21_setpoint(self):
+        """A free arm stands still within 1 mm, without a set point of its pose; hold brings that back."""
+        self.settled()
+        arm.fresh()
+        before = arm.pose("local/measured_cp")
+        arm.send("free")
+        arm.wait(lambda: not nanoseconds(arm.newest["setpoint_cp"].header.stamp), "the set point is not valid")
+        arm.fresh("local/measured_cp", 500)
+        drift = distance(before, arm.pose("local/measured_cp"))
+        arm.send("hold")
+        arm.wait(lambda: nanoseconds(arm.newest["setpoint_cp"].header.stamp), "the set point is valid again")
+        self.assertLess(drift, 1e-3)
+        print(f"free for 5 s: {drift * 1e3:.4f} mm")
+
+    @unittest.skipIf(back_end.external(), "the back end may have no topics of the real robot")
+    def test_37_velocities_end(self):
+        """The last velocity acts for 0.1 s."""
+
+        def moves():
+            arm.send("servo_jv", velocity=[0.2, 0.0, 0.0, 0.0, 0.0, 0.0])
+            return arm.joints("setpoint_js")[0] > 0.05
+
+        wait_for(moves, "it moves")
+        arm.fresh("setpoint_js", 50)
+        stopped = arm.joints("setpoint_js")[0]
+        arm.fresh("setpoint_js", 20)
+        self.assertEqual(arm.joints("setpoint_js")[0], stopped)
+
+    @unittest.skipIf(back_end.external(), "the back end may have no topics of the real robot")
+    def test_19_jacobian(self):
+        """Its layout, and that it is that of the joints: the insertion moves the tool along its axis."""
+        message = arm.newest["body/jacobian"]
+        sides = [(side.label, side.size, side.stride) for side in message.layout.dim]
+        self.assertEqual(sides, [("rows", 6, 1), ("cols", 6, 6)])
+        column = [message.data[row * 6 + 2] for row in range(6)]
+        self.assertAlmostEqual(math.hypot(*column[:3]), 1.0, 9)
+        self.assertLess(math.hypot(*column[3:]), 1e-9)
 
     def test_48_integration(self):
         """What dVRK's own test of arms does: a trajectory of servo_cp of 2 cm, and move_cp of 5 cm, met within 0.1 mm and 0.1 deg."""

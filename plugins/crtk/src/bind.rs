@@ -8,6 +8,7 @@ use thiserror::Error;
 
 use crate::arm::{ArmModel, Dialect, Drive, FrameNames, JawModel, Measured, SetPoint};
 use crate::config::{ArmConfig, IkKind, Kind};
+use crate::grasp::Grasp;
 use crate::kinematics::{
     holding_efforts, Chain, ChainError, ChainJoint, Coordinates, DampedLeastSquares, DhTable, DlsSettings, EcmInverse,
     Instrument, Inverse, Kinematics, Limits, Load, Motion, PsmInverse,
@@ -141,16 +142,30 @@ struct Weight {
     beyond: Vec<(usize, f64, Vector3<f64>)>,
 }
 
+/// A joint that slides. Its axis is in the parent's inertial frame.
+#[derive(Debug, Clone, Copy)]
+struct Slide {
+    parent: usize,
+    child: usize,
+    axis: Vector3<f64>,
+}
+
 /// Bodies and joints of an arm.
 #[derive(Debug)]
 pub struct Binding {
     joints: Vec<usize>,
+    /// Of each joint that slides.
+    slides: Vec<Option<Slide>>,
+    /// Each body that the joints move, and the force that takes its weight away, N, world axes.
+    lifted: Vec<(usize, Vector3<f64>)>,
     followers: Vec<Driven>,
     jaw: Vec<Driven>,
     base: Option<Mount>,
     tool: Option<Mount>,
     reference: Reference,
     weights: Vec<Weight>,
+    /// What its jaw holds by rules.
+    grasp: Option<Grasp>,
     /// Sentences for the user.
     pub notes: Vec<String>,
 }
@@ -273,6 +288,9 @@ pub fn bind(all: &[ArmConfig], own: usize, world: &View<'_>) -> Result<(ArmModel
     let fingers = config.jaw.iter().flat_map(|jaw| &jaw.joints);
     let jaw = fingers.map(finger).collect::<Result<Vec<_>, _>>()?;
     let mut binding = Binding {
+        slides: joints.iter().map(|&joint| slide(world, joint)).collect(),
+        lifted: Vec::new(),
+        grasp: None,
         joints,
         followers,
         jaw,
@@ -283,8 +301,13 @@ pub fn bind(all: &[ArmConfig], own: usize, world: &View<'_>) -> Result<(ArmModel
         notes: Vec::new(),
     };
     let kinematics = binding.mount(&finder)?;
+    if binding.tool.is_none() && config.grasp.is_some() {
+        binding.notes.push(format!("{}: without a `tool: {{body: …}}` its jaw holds nothing", config.name));
+    }
     binding.reference = reference(all, own, &finder)?;
     binding.weights = binding.weights(world);
+    binding.lifted = lifted(&binding.weights);
+    binding.grasp = binding.grasp(config, world);
     let model = model(config, &binding, kinematics, world);
     Ok((model, binding))
 }
@@ -581,19 +604,18 @@ impl Binding {
 
     /// Tells the joints what to do in the next step.
     pub fn command(&self, world: &mut View<'_>, set_point: &SetPoint) {
-        for (i, &joint) in self.joints.iter().enumerate() {
-            let (kind, value) = match set_point.drive {
-                Drive::Position => (JointCommandType::Position, set_point.position[i]),
-                Drive::Effort => (JointCommandType::Effort, set_point.effort[i]),
-            };
-            // A joint that has left the scene needs no command.
-            let _ = world.command_joint(joint, kind, value);
+        // A joint that has left the scene needs no command.
+        match set_point.drive {
+            Drive::Position => {
+                for (&joint, &position) in self.joints.iter().zip(set_point.position.iter()) {
+                    let _ = world.command_joint(joint, JointCommandType::Position, position);
+                }
+            }
+            Drive::Effort => self.push(world, set_point),
         }
         for follower in self.followers.iter().filter(|follower| follower.is_driven) {
             let value = follower.ratio * set_point.position[follower.coordinate] + follower.offset;
-            if set_point.drive == Drive::Position {
-                let _ = world.command_joint(follower.joint, JointCommandType::Position, value);
-            }
+            let _ = world.command_joint(follower.joint, JointCommandType::Position, value);
         }
         for finger in &self.jaw {
             let (kind, value) = match set_point.jaw_drive {
@@ -604,10 +626,78 @@ impl Binding {
         }
     }
 
+    /// Efforts for the next step. What holds the arm against gravity is taken off each body by itself: at the joints
+    /// that is the same by virtual work, but then the joints have nothing to carry, so that it is right where they
+    /// close loops, and independent of how far an iterative solver gets.
+    fn push(&self, world: &mut View<'_>, set_point: &SetPoint) {
+        let efforts = set_point.effort - set_point.holding;
+        for ((&joint, slide), &effort) in self.joints.iter().zip(&self.slides).zip(efforts.iter()) {
+            let turning = if slide.is_some() { 0.0 } else { effort };
+            let _ = world.command_joint(joint, JointCommandType::Effort, turning);
+            if let Some(slide) = slide.filter(|_| effort != 0.0) {
+                slide.push(world, effort);
+            }
+        }
+        if set_point.is_lifted {
+            for &(body, force) in &self.lifted {
+                let _ = world.apply_wrench(body, force, Vector3::zeros());
+            }
+        }
+    }
+
+    fn grasp(&self, config: &ArmConfig, world: &View<'_>) -> Option<Grasp> {
+        let (rules, tool) = (config.grasp.clone()?, self.tool?.body);
+        let fingers = self.jaw.iter().filter_map(|finger| Some(world.joint(finger.joint)?.child)).collect();
+        let own = self.weights.iter().flat_map(|weight| &weight.beyond).map(|(body, ..)| *body).collect();
+        Some(Grasp::new(rules, fingers, tool, own))
+    }
+
+    /// Takes or lets go by the rules of grasping, where there are any.
+    pub fn hold(&mut self, world: &mut View<'_>, set_point: &SetPoint, tool: &Isometry3<f64>) {
+        if let Some(grasp) = &mut self.grasp {
+            grasp.update(world, set_point.jaw[0], tool);
+        }
+    }
+
+    /// Lets go of what it holds.
+    pub fn let_go(&mut self, world: &mut View<'_>) {
+        if let Some(grasp) = &mut self.grasp {
+            grasp.release(world);
+        }
+    }
+
     /// Whether there is anything to command.
     pub fn has_joints(&self) -> bool {
         !self.joints.is_empty()
     }
+}
+
+impl Slide {
+    /// Forces on parent and child along one line. The simulator's own effort acts at the centres of mass in the profile
+    /// `legacy`, as in the C++ program: where these are not on one line along the axis, that is a torque from nowhere.
+    fn push(&self, world: &mut View<'_>, effort: f64) {
+        let (Some(parent), Some(child)) = (world.body(self.parent), world.body(self.child)) else { return };
+        let force = parent.inertial_pose.rotation * self.axis * effort;
+        let arm = child.inertial_pose.translation.vector - parent.inertial_pose.translation.vector;
+        let _ = world.apply_wrench(self.child, force, Vector3::zeros());
+        let _ = world.apply_wrench(self.parent, -force, -arm.cross(&force));
+    }
+}
+
+fn slide(world: &View<'_>, joint: usize) -> Option<Slide> {
+    let (frame, state) = (world.joint_frame(joint)?, world.joint(joint)?);
+    (!frame.is_angular).then_some(Slide { parent: state.parent, child: state.child, axis: frame.axis })
+}
+
+/// Each body once that joints move, and what takes its weight away.
+fn lifted(weights: &[Weight]) -> Vec<(usize, Vector3<f64>)> {
+    let mut all: Vec<(usize, Vector3<f64>)> = Vec::new();
+    for &(body, mass, gravity) in weights.iter().flat_map(|weight| &weight.beyond) {
+        if mass > 0.0 && all.iter().all(|(other, _)| *other != body) {
+            all.push((body, -gravity * mass));
+        }
+    }
+    all
 }
 
 /// Most ways from a tool to a base that are looked at.

@@ -12,6 +12,7 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion};
 use thiserror::Error;
 
 use crate::arm::{Dialect, OnLimit};
+use crate::grasp::GraspConfig;
 use crate::kinematics::{Limits, MAX_JOINTS};
 use read::Map;
 
@@ -169,6 +170,8 @@ pub struct ArmConfig {
     pub coupling: Vec<Follower>,
     /// Jaw.
     pub jaw: Option<JawConfig>,
+    /// Rules by which its jaw holds objects; `None`: friction alone does.
+    pub grasp: Option<GraspConfig>,
     /// Control point; `None`: no Cartesian topics.
     pub tool: Option<ToolConfig>,
     /// Reference frame: `world`, `base`, `ARM_view` for another arm's control point, or a body.
@@ -205,6 +208,7 @@ const KEYS: &[&str] = &[
     "dialect",
     "efforts",
     "extras",
+    "grasp",
     "home",
     "ik",
     "jaw",
@@ -366,6 +370,7 @@ fn arm(entry: Entry<'_>, directory: &Path) -> Result<ArmConfig, ConfigError> {
         base: map.text("base").map(str::to_owned),
         coupling: coupling(&map, &joints)?,
         jaw: jaw(&map, described.jaw.as_ref())?,
+        grasp: grasp(&map)?,
         tool: tool(&map, kind)?,
         reference: map
             .text("reference")
@@ -464,6 +469,27 @@ fn jaw(map: &Map<'_>, described: Option<&JawConfig>) -> Result<Option<JawConfig>
     }
     let home = jaw.number("home")?.unwrap_or(0.0);
     Ok(Some(JawConfig { joints, limits, speed, home }))
+}
+
+fn grasp(map: &Map<'_>) -> Result<Option<GraspConfig>, ConfigError> {
+    let Some(entry) = map.get("grasp") else { return Ok(None) };
+    if map.get("jaw").is_none() {
+        return Err(map.wrong("grasp", "it only where there is a `jaw`"));
+    }
+    let rules = Map::new(entry);
+    rules.only(&["close", "open", "only", "distance", "centre"])?;
+    let tip = map.get("tool").map(Map::new).map_or(Ok(None), |tool| tool.number("tip_offset"))?;
+    let close = rules.number("close")?.unwrap_or(0.04);
+    let open = rules.number("open")?.unwrap_or(close + 0.04);
+    if open <= close {
+        return Err(rules.wrong("open", "an angle above `close`"));
+    }
+    let distance = rules.number("distance")?.unwrap_or(0.008);
+    if distance <= 0.0 {
+        return Err(rules.wrong("distance", "a number above 0"));
+    }
+    let centre = rules.number("centre")?.unwrap_or(0.0072 - tip.unwrap_or(0.0));
+    Ok(Some(GraspConfig { close, open, only: rules.texts("only")?.unwrap_or_default(), distance, centre }))
 }
 
 fn tool(map: &Map<'_>, kind: Kind) -> Result<Option<ToolConfig>, ConfigError> {

@@ -9,6 +9,7 @@ use triple_buffer::{triple_buffer, Input, Output};
 
 use crate::arm::{refused, Command, Level, OperatingState, Refusal, SetPoint};
 use crate::bind::Reading;
+use crate::statistics::Statistics;
 
 /// Moves and state commands that wait for a step; more are refused.
 pub const QUEUE: usize = 32;
@@ -112,6 +113,8 @@ pub struct Status {
     pub sim_time: u64,
     /// When the step was made, ns since 1970.
     pub wall_time: u64,
+    /// How regular steps were.
+    pub statistics: Statistics,
     /// In the order of the configuration.
     pub arms: Vec<ArmStatus>,
 }

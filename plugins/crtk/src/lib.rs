@@ -11,18 +11,22 @@
 //! | [`messages`], [`topics`] | what is said about an arm and taken from clients, as data |
 //! | [`transport`] | how topics reach clients: a trait, and ROS 1 |
 //! | [`exchange`], [`serve`] | commands and states between threads; the thread that publishes |
-//! | [`bind`], [`plugin`] | arms in a scene; the plugin of the simulator |
+//! | [`bind`], [`grasp`], [`plugin`] | arms in a scene; what their jaws hold; the plugin of the simulator |
+//! | [`statistics`], [`diagnostics`] | how regularly arms are updated; what is told about them |
 //!
-//! //! The mathematics is in `README.md`, use in `docs/crtk.md`.
+//! The mathematics is in `README.md`, use in `docs/crtk.md`.
 
 pub mod arm;
 pub mod bind;
 pub mod config;
+pub mod diagnostics;
 pub mod exchange;
+pub mod grasp;
 pub mod kinematics;
 pub mod messages;
 pub mod plugin;
 pub mod serve;
+pub mod statistics;
 pub mod topics;
 pub mod trajectory;
 pub mod transport;

@@ -8,10 +8,12 @@ use rosrust::{Message as RosMessage, RosMsg};
 
 use crate::arm::{JointMessage, PoseMessage};
 use crate::kinematics::Coordinates;
+use crate::statistics::Statistics;
 
 #[allow(missing_docs, clippy::all, clippy::pedantic)]
 mod generated {
     rosrust::rosmsg_include!(
+        cisst_msgs / IntervalStatistics,
         crtk_msgs / OperatingState,
         crtk_msgs / StringStamped,
         geometry_msgs / PoseStamped,
@@ -26,7 +28,7 @@ mod generated {
     );
 }
 
-pub use generated::{crtk_msgs, geometry_msgs, rosgraph_msgs, sensor_msgs, std_msgs};
+pub use generated::{cisst_msgs, crtk_msgs, geometry_msgs, rosgraph_msgs, sensor_msgs, std_msgs};
 
 /// Type of a topic.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -53,6 +55,8 @@ pub enum MessageType {
     Empty,
     /// `rosgraph_msgs/Clock`.
     Clock,
+    /// `cisst_msgs/IntervalStatistics`.
+    Statistics,
 }
 
 impl MessageType {
@@ -73,6 +77,7 @@ impl MessageType {
             Self::Bool => of::<std_msgs::Bool>(),
             Self::Empty => of::<std_msgs::Empty>(),
             Self::Clock => of::<rosgraph_msgs::Clock>(),
+            Self::Statistics => of::<cisst_msgs::IntervalStatistics>(),
         }
     }
 }
@@ -121,6 +126,8 @@ pub enum Message {
     Text(String),
     /// Simulated time, ns.
     Clock(u64),
+    /// Periods and computing times.
+    Statistics(Header, Statistics),
 }
 
 fn time(stamp: u64) -> rosrust::Time {
@@ -153,6 +160,25 @@ fn jacobian(columns: usize, data: &[f64]) -> std_msgs::Float64MultiArray {
     let dimension = |label: &str, size, stride| std_msgs::MultiArrayDimension { label: label.into(), size, stride };
     let dim = vec![dimension("rows", 6, 1), dimension("cols", count, 6)];
     std_msgs::Float64MultiArray { layout: std_msgs::MultiArrayLayout { dim, data_offset: 0 }, data: data.to_vec() }
+}
+
+fn interval_statistics(head: &Header, of: &Statistics) -> cisst_msgs::IntervalStatistics {
+    let count = |count: u64| i64::try_from(count).unwrap_or(i64::MAX);
+    cisst_msgs::IntervalStatistics {
+        header: header(head),
+        period_avg: of.period.mean,
+        period_std_dev: of.period.deviation,
+        period_min: of.period.least,
+        period_max: of.period.most,
+        compute_time_avg: of.compute.mean,
+        compute_time_std_dev: of.compute.deviation,
+        compute_time_min: of.compute.least,
+        compute_time_max: of.compute.most,
+        number_of_samples: count(of.samples),
+        number_of_overruns: count(of.overruns),
+        statistics_interval: of.interval,
+        user_data: 0,
+    }
 }
 
 /// What is done with a message of a type that is known at compile time.
@@ -193,6 +219,7 @@ impl Message {
             }
             Self::Text(text) => work.with(std_msgs::String { data: text.clone() }),
             Self::Clock(now) => work.with(rosgraph_msgs::Clock { clock: time(*now) }),
+            Self::Statistics(head, of) => work.with(interval_statistics(head, of)),
         }
     }
 

@@ -4,6 +4,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::thread::JoinHandle;
+use std::time::Instant;
 
 use ambf_plugin::{
     AnyPlugin, InitContext, ModelPlugin, Plugin, PluginError, PluginKind, Registry, SimulatorPlugin, SnapshotSlot,
@@ -14,9 +15,11 @@ use crossbeam_channel::{bounded, Sender};
 use crate::arm::{Arm, Event};
 use crate::bind::{bind, Binding, Moving, Reading};
 use crate::config::{self, ArmConfig, ClockKind, ConfigError, Kind};
+use crate::diagnostics::{Board, Shown};
 use crate::exchange::{commands, ArmStatus, Inbox, Status};
 use crate::messages::MessageType;
 use crate::serve::{wall_time, Offered, Publisher, Texts};
+use crate::statistics::Meter;
 use crate::topics::{topics, Carries, Extras, Output, Topic};
 use crate::transport::{Connect, Transport};
 
@@ -29,10 +32,16 @@ const EVENTS: usize = 4096;
 /// Adds the plugin to those of a program; `files`: configurations that the command line names. Returns what the command
 /// line's list of plugins needs besides.
 pub fn register(registry: &mut Registry, files: &[PathBuf], connect: &Connect) -> Vec<PathBuf> {
+    register_on(registry, files, connect, &Board::default())
+}
+
+/// The same; what there is to tell about the arms is asked of `board`.
+pub fn register_on(registry: &mut Registry, files: &[PathBuf], connect: &Connect, board: &Board) -> Vec<PathBuf> {
     let make = |file: Option<PathBuf>| {
-        let connect = Arc::clone(connect);
+        let (connect, board) = (Arc::clone(connect), board.clone());
         move |kind| {
-            let plugin = Crtk { connect: Arc::clone(&connect), file: file.clone(), running: None };
+            let (connect, board) = (Arc::clone(&connect), board.clone());
+            let plugin = Crtk { connect, board, file: file.clone(), running: None };
             match kind {
                 PluginKind::Simulator => Some(AnyPlugin::Simulator(Box::new(plugin))),
                 PluginKind::World => Some(AnyPlugin::World(Box::new(plugin))),
@@ -53,6 +62,7 @@ pub fn register(registry: &mut Registry, files: &[PathBuf], connect: &Connect) -
 /// The plugin.
 struct Crtk {
     connect: Connect,
+    board: Board,
     /// Configuration that the command line names; `None`: where the plugin is declared.
     file: Option<PathBuf>,
     running: Option<Running>,
@@ -76,6 +86,9 @@ struct Running {
     writer: SnapshotWriter<Status>,
     slot: Arc<SnapshotSlot<Status>>,
     events: Sender<(usize, Event)>,
+    meter: Meter,
+    /// Keeps the arms on the board.
+    _shown: Arc<Shown>,
     /// Memory that is used again.
     fresh: Vec<Event>,
     publisher: Option<JoinHandle<()>>,
@@ -141,20 +154,24 @@ impl Plugin for Crtk {
         if transports.is_empty() {
             host.say("no middleware is running, so no topics are offered");
         }
-        self.running = Some(Running::start(&configs, prepared, transports).map_err(|error| error.to_string())?);
+        self.running =
+            Some(Running::start(&configs, prepared, transports, &self.board).map_err(|error| error.to_string())?);
         Ok(())
     }
 
     fn physics_update(&mut self, world: &mut View<'_>, dt: f64) {
         if let Some(running) = &mut self.running {
+            let begin = Instant::now();
             running.update(world, dt);
+            running.meter.record(begin, Instant::now());
         }
     }
 
-    fn reset(&mut self, _world: &mut View<'_>) {
+    fn reset(&mut self, world: &mut View<'_>) {
         let arms = self.running.iter_mut().flat_map(|running| &mut running.arms);
         arms.for_each(|live| {
             live.inbox.take().for_each(drop);
+            live.binding.let_go(world);
             live.arm.reset();
         });
     }
@@ -179,6 +196,7 @@ impl Running {
         configs: &[ArmConfig],
         prepared: Vec<Prepared>,
         mut transports: Vec<Box<dyn Transport>>,
+        board: &Board,
     ) -> Result<Self, String> {
         let (events, receiver) = bounded(EVENTS);
         let mut arms = Vec::new();
@@ -191,7 +209,8 @@ impl Running {
             let tool_type = config.tool.as_ref().and_then(|tool| tool.instrument.clone());
             let has_tool = config.tool.is_some();
             let texts = Texts { info: binding.notes.clone(), tool_type };
-            let extras = Extras { dvrk: config.extras, tool_type: texts.tool_type.is_some() };
+            let extras =
+                Extras { dvrk: config.extras, tool_type: texts.tool_type.is_some(), gripper: config.kind == Kind::Mtm };
             let topics = fitting(topics(&model, &config.space, extras), config.kind, has_tool);
             let served = (config.rate, config.clock);
             let open = Offered::open((&model, &topics), served, texts, &outbox, &mut transports);
@@ -213,6 +232,9 @@ impl Running {
             }
         }
         let slot = Arc::new(SnapshotSlot::empty());
+        let named = |place: &usize| (configs[*place].space.clone(), configs[*place].rate);
+        let shown = Arc::new(Shown { arms: places.iter().map(named).collect(), status: Arc::clone(&slot) });
+        board.add(&shown);
         let template = Status { arms: arms.iter().map(Live::status).collect(), ..Status::default() };
         let publisher = Publisher { arms: offered, status: Arc::clone(&slot), events: receiver, clock, transports };
         let thread = std::thread::Builder::new().name("crtk-publish".into()).spawn(move || publisher.run());
@@ -223,6 +245,8 @@ impl Running {
             writer: SnapshotWriter::new(template),
             slot,
             events,
+            meter: Meter::default(),
+            _shown: shown,
             fresh: Vec::with_capacity(64),
             publisher: Some(thread.map_err(|error| format!("no thread can be made: {error}"))?),
         })
@@ -244,15 +268,17 @@ impl Running {
             live.arm.update(stamp, dt, &reading.measured, live.inbox.take(), &mut self.fresh);
             if live.binding.has_joints() {
                 live.binding.command(world, live.arm.set_point());
+                live.binding.hold(world, live.arm.set_point(), &reading.tool.pose);
             }
             for event in self.fresh.drain(..) {
                 // Never waits: a thread that does not run for so long has lost its clients.
                 let _ = self.events.try_send((index, event));
             }
         }
-        let arms = &self.arms;
+        let (arms, statistics) = (&self.arms, self.meter.statistics());
         self.writer.publish(&self.slot, |status| {
             (status.step, status.sim_time, status.wall_time) = (clock.step, sim_time, wall_time);
+            status.statistics = statistics;
             status.arms.clear();
             status.arms.extend(arms.iter().map(Live::status));
         });

@@ -14,11 +14,12 @@ use crate::bind::{Moving, Reading};
 use crate::config::ClockKind;
 use crate::exchange::{ArmStatus, Outbox, Status};
 use crate::messages::{self, Header, Message};
+use crate::statistics::Statistics;
 use crate::topics::{Carries, Input, Output, Topic};
 use crate::transport::{Receive, Sender, Transport, TransportError};
 
 /// A status that is older shows that the simulation is paused.
-const PAUSED: Duration = Duration::from_millis(100);
+pub(crate) const PAUSED: Duration = Duration::from_millis(100);
 
 /// ns since 1970.
 pub fn wall_time() -> u64 {
@@ -80,6 +81,8 @@ pub struct Offered {
     due: Instant,
     texts: Texts,
     outlets: Vec<Outlet>,
+    /// The last window whose statistics were sent.
+    window: u64,
 }
 
 impl Offered {
@@ -113,7 +116,8 @@ impl Offered {
             }
         }
         let period = Duration::from_secs_f64(1.0 / rate);
-        let mut offered = Self { model: Arc::clone(model), clock, period, due: Instant::now(), texts, outlets };
+        let mut offered =
+            Self { model: Arc::clone(model), clock, period, due: Instant::now(), texts, outlets, window: 0 };
         offered.introduce();
         Ok(offered)
     }
@@ -181,6 +185,18 @@ impl Offered {
         }
     }
 
+    /// Sends the statistics of a window that is over, once.
+    fn tell_statistics(&mut self, statistics: &Statistics, stamp: u64) {
+        if std::mem::replace(&mut self.window, statistics.window) == statistics.window {
+            return;
+        }
+        let message = Message::Statistics(self.header(stamp, false), *statistics);
+        self.outlets
+            .iter()
+            .filter(|outlet| outlet.output == Output::Statistics)
+            .for_each(|outlet| outlet.send(&message));
+    }
+
     fn message(&self, output: Output, status: &ArmStatus, reading: &Reading, stamp: u64) -> Option<Message> {
         let (measured, set_point) = (&reading.measured, &status.set_point);
         let header = |is_local| self.header(stamp, is_local);
@@ -237,7 +253,8 @@ impl Offered {
             | Output::Info
             | Output::Warning
             | Output::Error
-            | Output::ToolType => return None,
+            | Output::ToolType
+            | Output::Statistics => return None,
         })
     }
 
@@ -370,6 +387,7 @@ impl Publisher {
             };
             if let Some(own) = status.arms.get(index) {
                 arm.publish(own, stamp);
+                arm.tell_statistics(&status.statistics, stamp);
             }
         }
     }

@@ -44,13 +44,15 @@ pub enum Output {
     ToolType,
     /// The base in the world.
     BaseInWorld,
+    /// Periods and computing times, at the end of each window.
+    Statistics,
 }
 
 impl Output {
     /// Whether it is sent all the time; else when something happens.
     pub fn is_periodic(self) -> bool {
-        use Output::{Error, Info, OperatingState, StateName, ToolType, Warning};
-        !matches!(self, OperatingState | StateName | Info | Warning | Error | ToolType)
+        use Output::{Error, Info, OperatingState, StateName, Statistics, ToolType, Warning};
+        !matches!(self, OperatingState | StateName | Info | Warning | Error | ToolType | Statistics)
     }
 }
 
@@ -115,6 +117,8 @@ pub struct Extras {
     pub dvrk: bool,
     /// There is a number of an instrument.
     pub tool_type: bool,
+    /// What it has is no jaw but a gripper, which is only measured: a master.
+    pub gripper: bool,
 }
 
 /// Builds the list.
@@ -182,6 +186,7 @@ impl List {
             self.out(&format!("{space}/jacobian"), MessageType::Matrix, Output::Jacobian(frame));
             self.input(&format!("{space}/servo_cf"), MessageType::Wrench, Input::Wrench(frame));
         }
+        self.out("period_statistics", MessageType::Statistics, Output::Statistics);
         self.input("servo_jv", MessageType::Joints, Input::Joints(Level::Servo, Quantity::Velocity));
         self.input("servo_cv", MessageType::Twist, Input::Twist);
         self.input("servo_jr", MessageType::Joints, Input::Joints(Level::Servo, Quantity::Relative));
@@ -232,17 +237,19 @@ pub fn topics(model: &ArmModel, space: &str, extras: Extras) -> Vec<Topic> {
         list.out("state", MessageType::StampedText, Output::StateName);
     }
     let is_robot = extras.dvrk || model.dialect == Dialect::Dvrk;
-    if has_jaw || is_robot || model.dialect == Dialect::Plugin {
+    if (has_jaw && !extras.gripper) || is_robot || model.dialect == Dialect::Plugin {
         list.local_poses();
     }
-    if has_jaw {
-        list.jaw();
+    match has_jaw {
+        true if extras.gripper => list.out("gripper/measured_js", MessageType::Joints, Output::MeasuredJaw),
+        true => list.jaw(),
+        false => (),
     }
     if extras.tool_type {
         list.out("tool_type", MessageType::Text, Output::ToolType);
     }
     if is_robot {
-        list.robot(has_jaw);
+        list.robot(has_jaw && !extras.gripper);
     }
     list.topics
 }
@@ -257,7 +264,7 @@ mod tests {
         if !jaw {
             model.jaw = None;
         }
-        let extras = Extras { dvrk: false, tool_type: jaw };
+        let extras = Extras { tool_type: jaw, ..Extras::default() };
         let mut names: Vec<String> =
             topics(&model, "/PSM1", extras).into_iter().map(|topic| topic.name["/PSM1/".len()..].to_owned()).collect();
         names.sort();
@@ -279,6 +286,7 @@ mod tests {
         let all = names(Dialect::Dvrk, true);
         for name in "hold free state_command servo_cp servo_jp body/servo_cf use_gravity_compensation operating_state \
                      setpoint_js measured_js setpoint_cp measured_cp measured_cv error warning status jaw/servo_jp \
+                     period_statistics \
                      jaw/setpoint_js jaw/measured_js"
             .split_whitespace()
         {
@@ -291,9 +299,17 @@ mod tests {
     }
 
     #[test]
+    fn a_master_has_a_gripper_that_is_only_measured() {
+        let extras = Extras { dvrk: true, gripper: true, ..Extras::default() };
+        let all = topics(&psm(Dialect::Dvrk), "/MTMR", extras);
+        let named = |part: &str| all.iter().filter(|topic| topic.name.contains(part)).count();
+        assert_eq!((named("/gripper/measured_js"), named("/gripper/"), named("/jaw/")), (1, 1, 0));
+    }
+
+    #[test]
     fn names_are_different_and_events_are_latched() {
         for dialect in [Dialect::Contract, Dialect::Dvrk, Dialect::Src, Dialect::Plugin] {
-            let all = topics(&psm(dialect), "/PSM1/", Extras { dvrk: true, tool_type: true });
+            let all = topics(&psm(dialect), "/PSM1/", Extras { dvrk: true, tool_type: true, gripper: false });
             let mut names: Vec<&str> = all.iter().map(|topic| topic.name.as_str()).collect();
             names.sort_unstable();
             let count = names.len();

@@ -4,8 +4,6 @@
 //! ROS 1, [`MessageType::definition`] its type and definition, for transports that encode anew. What is received are
 //! bytes in that encoding.
 
-mod as_is;
-
 use std::any::Any;
 use std::sync::Arc;
 use std::time::Duration;
@@ -14,9 +12,10 @@ use ros_node::{Announcement, LinkOptions, Node, NodeName, OwnMaster, Peer, Publi
 use rosrust::Message as RosMessage;
 use thiserror::Error;
 
-use crate::messages::{crtk_msgs, geometry_msgs, rosgraph_msgs, sensor_msgs, std_msgs, Message, MessageType, WithRos};
+use crate::messages::{
+    cisst_msgs, crtk_msgs, geometry_msgs, rosgraph_msgs, sensor_msgs, std_msgs, Message, MessageType, WithRos,
+};
 use crate::topics::Topic;
-use as_is::AsIs;
 
 /// Why topics cannot be offered.
 #[derive(Debug, Error)]
@@ -69,6 +68,9 @@ pub type Connect = Arc<dyn Fn() -> Result<Vec<Box<dyn Transport>>, TransportErro
 /// Longest message that is taken, bytes.
 const LONGEST: usize = 64 << 10;
 
+/// How long the program's other node may take to find or start a master.
+const OTHERS_MASTER: Duration = Duration::from_secs(8);
+
 /// How long a call to the master may take.
 const TIMEOUT: Duration = Duration::from_secs(1);
 
@@ -87,7 +89,7 @@ impl Ros1 {
         let node = Node::start(LinkOptions {
             master,
             name: NodeName::Anonymous(name.into()),
-            own_master: OwnMaster::None,
+            own_master: OwnMaster::Expected(OTHERS_MASTER),
             parameters: Vec::new(),
             report,
         })?;
@@ -100,7 +102,7 @@ impl Ros1 {
 
     fn publication<M: RosMessage>(&self, topic: &Topic) -> Box<dyn Sender> {
         let name = topic.name.clone();
-        let publication = if topic.is_latched { Publication::<AsIs<M>>::latched(name) } else { Publication::new(name) };
+        let publication = if topic.is_latched { Publication::<M>::latched(name) } else { Publication::new(name) };
         self.announce(Arc::clone(&publication) as Arc<dyn Announcement>);
         Box::new(Ros1Sender { publication })
     }
@@ -112,7 +114,7 @@ impl Ros1 {
 }
 
 struct Ros1Sender<M: RosMessage> {
-    publication: Arc<Publication<AsIs<M>>>,
+    publication: Arc<Publication<M>>,
 }
 
 impl<M: RosMessage> Sender for Ros1Sender<M> {
@@ -131,8 +133,9 @@ impl<M: RosMessage> Sender for Ros1Sender<M> {
 
             fn with<N: RosMessage>(self, message: N) {
                 // A message of another type than the topic's would be a bug, and is not sent.
-                if let Some(publication) = self.0.downcast_ref::<Arc<Publication<AsIs<N>>>>() {
-                    publication.send(AsIs(message));
+                if let Some(publication) = self.0.downcast_ref::<Arc<Publication<N>>>() {
+                    // A stamp of 0 says that the data are not valid now.
+                    publication.send_as_is(&message);
                 }
             }
         }
@@ -154,6 +157,7 @@ impl Transport for Ros1 {
             MessageType::Bool => self.publication::<std_msgs::Bool>(topic),
             MessageType::Empty => self.publication::<std_msgs::Empty>(topic),
             MessageType::Clock => self.publication::<rosgraph_msgs::Clock>(topic),
+            MessageType::Statistics => self.publication::<cisst_msgs::IntervalStatistics>(topic),
         })
     }
 
@@ -170,6 +174,7 @@ impl Transport for Ros1 {
             MessageType::Bool => self.subscription::<std_msgs::Bool>(topic, receive),
             MessageType::Empty => self.subscription::<std_msgs::Empty>(topic, receive),
             MessageType::Clock => self.subscription::<rosgraph_msgs::Clock>(topic, receive),
+            MessageType::Statistics => self.subscription::<cisst_msgs::IntervalStatistics>(topic, receive),
         }
         Ok(())
     }

@@ -75,6 +75,10 @@ pub struct SetPoint {
     pub velocity: Coordinates,
     /// N·m or N.
     pub effort: Coordinates,
+    /// Of the efforts, what holds the arm against gravity, N·m or N; zero while that is switched off.
+    pub holding: Coordinates,
+    /// Whether the arm is held against gravity beside its efforts.
+    pub is_lifted: bool,
     /// What counts for the jaw.
     pub jaw_drive: Drive,
     /// Angle between the fingers, rad; its speed, rad/s.
@@ -159,6 +163,8 @@ impl Arm {
                 position: zero,
                 velocity: zero,
                 effort: zero,
+                holding: zero,
+                is_lifted: false,
                 jaw_drive: Drive::Position,
                 jaw: [0.0; 2],
                 jaw_effort: 0.0,
@@ -496,7 +502,11 @@ impl Arm {
         if self.set_point.drive == Drive::Effort {
             self.set_point.position = measured.position;
             self.set_point.velocity = Coordinates::zeros();
-            self.set_point.effort = self.efforts(measured);
+            let is_lifted = self.gravity_compensation || self.mode == Mode::Free;
+            self.set_point.is_lifted = is_lifted;
+            self.set_point.holding = if is_lifted { measured.holding } else { Coordinates::zeros() };
+            self.set_point.effort = self.efforts(measured) + self.set_point.holding;
+            self.model.limit_efforts(&mut self.set_point.effort);
         }
     }
 
@@ -526,10 +536,10 @@ impl Arm {
         pseudo_inverse(&jacobian, &in_base)
     }
 
-    /// Efforts of the mode, with what holds the arm against gravity, within their limits.
+    /// Efforts of the mode.
     fn efforts(&self, measured: &Measured) -> Coordinates {
         let chain = &self.model.kinematics.chain;
-        let commanded = match &self.mode {
+        match &self.mode {
             Mode::Effort { value, .. } => *value,
             Mode::Wrench { value, frame, .. } => {
                 let jacobian = match frame {
@@ -540,13 +550,7 @@ impl Arm {
                 jacobian.tr_mul(value)
             }
             _ => Coordinates::zeros(),
-        };
-        let holds = self.gravity_compensation || self.mode == Mode::Free;
-        let mut efforts = if holds { commanded + measured.holding } else { commanded };
-        for (effort, most) in efforts.iter_mut().zip(self.model.efforts.iter()) {
-            *effort = effort.max(-most).min(*most);
         }
-        efforts
     }
 
     fn advance_jaw(&mut self, dt: f64, measured: &Measured) {

@@ -73,6 +73,13 @@ impl ArmModel {
         self.kinematics.chain.count()
     }
 
+    /// Clips efforts, N·m or N.
+    pub(super) fn limit_efforts(&self, efforts: &mut Coordinates) {
+        for (effort, most) in efforts.iter_mut().zip(self.efforts.iter()) {
+            *effort = effort.max(-most).min(*most);
+        }
+    }
+
     /// The course of moves in its dialect.
     pub fn shape(&self) -> Shape {
         match self.dialect {

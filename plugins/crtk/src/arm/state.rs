@@ -61,12 +61,16 @@ pub enum Outcome {
     Unknown,
 }
 
+/// All commands, in any dialect.
+const COMMANDS: [&str; 9] = ["enable", "disable", "pause", "resume", "home", "unhome", "fault", "clear_fault", "reset"];
+
 /// What a command does in a state. Case and blanks at the ends do not matter.
 pub fn outcome(command: &str, state: State, dialect: Dialect) -> Outcome {
     use Outcome::{Homed, Is, Refused, Unknown};
     use State::{Disabled, Enabled, Fault, Paused};
     let crtk = dialect.is_crtk();
-    match (command.trim().to_ascii_lowercase().as_str(), state) {
+    let known = COMMANDS.iter().find(|known| known.eq_ignore_ascii_case(command.trim()));
+    match (known.copied().unwrap_or_default(), state) {
         ("enable", Disabled | Enabled) => Is(Enabled),
         ("enable", Paused) if !crtk => Is(Enabled),
         ("enable", Fault) if crtk => Is(Enabled),

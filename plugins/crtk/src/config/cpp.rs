@@ -106,6 +106,7 @@ fn arm(space: String, asked: Asked, entry: Entry<'_>) -> ArmConfig {
         joints,
         coupling: Vec::new(),
         jaw: None,
+        grasp: None,
         ik: if tool.is_some() { IkKind::Dls } else { IkKind::None },
         tool,
         reference: reference.unwrap_or_else(|| "world".into()),

@@ -29,6 +29,21 @@ fn an_entry_has_the_defaults_of_its_kind() {
 }
 
 #[test]
+fn rules_of_grasping_have_defaults_and_need_a_jaw() {
+    let grasp = |rules: &str| read(&PSM.replace("    tool:", &format!("    grasp: {rules}\n    tool:")));
+    let rules = grasp("{close: 0.1, only: [Needle]}").unwrap()[0].grasp.clone().unwrap();
+    assert_eq!((rules.close, rules.open, rules.distance), (0.1, 0.1 + 0.04, 0.008));
+    assert!((rules.centre + 0.003).abs() < 1e-12, "3 mm behind a tip of 10.2 mm");
+    assert_eq!(rules.only, ["Needle"]);
+    for (text, word) in [("{open: 0.01}", "above `close`"), ("{distance: 0}", "above 0"), ("{shut: 1}", "shut")] {
+        let error = grasp(text).unwrap_err().to_string();
+        assert!(error.contains(word), "{error}");
+    }
+    let error = read("crtk:\n  - {name: A, joints: [x], grasp: {}}\n").unwrap_err().to_string();
+    assert!(error.contains("jaw"), "{error}");
+}
+
+#[test]
 fn mistakes_say_where_they_are_and_what_was_expected() {
     let entry = |lines: &str| format!("crtk:\n  - name: A\n    joints: [x, y]\n    {lines}\n");
     for (text, words) in [

@@ -13,7 +13,8 @@ pub struct Load {
 
 /// Effort (N·m or N) of a joint that holds the bodies beyond it, by virtual work: −Σ (∂c/∂q)·w. `axis` and `origin` in
 /// world axes; `beyond`: the bodies that the joint moves. Valid for trees; where joints close a loop, what hangs on the
-/// loop is counted for the joint through which it was found.
+/// loop is counted for the joint through which it was found. Arms report these efforts; what acts is the same weight
+/// taken off each body.
 pub fn holding_efforts(
     is_angular: bool,
     axis: &Unit<Vector3<f64>>,

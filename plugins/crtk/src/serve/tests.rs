@@ -50,7 +50,7 @@ impl Transport for Memory {
 
 fn offered(dialect: Dialect, memory: &Memory, outbox: &Arc<Outbox>) -> Offered {
     let model = Arc::new(psm(dialect));
-    let all = topics(&model, "/PSM1", Extras { dvrk: false, tool_type: true });
+    let all = topics(&model, "/PSM1", Extras { tool_type: true, ..Extras::default() });
     let texts = Texts { tool_type: Some("420006".into()), info: Vec::new() };
     let mut transports: Vec<Box<dyn Transport>> = vec![Box::new(memory.clone())];
     Offered::open((&model, &all), (1000.0, ClockKind::Wall), texts, outbox, &mut transports).unwrap()
@@ -94,6 +94,29 @@ fn latched_messages_wait_for_an_open_topic() {
     arm.publish(&status(), 6);
     let again = memory.sent.lock()[count..].iter().filter(|(name, _)| name == "/PSM1/tool_type").count();
     assert_eq!(again, 0, "once is enough");
+}
+
+#[test]
+fn the_statistics_of_a_window_are_sent_once() {
+    let memory = Memory::default();
+    memory.is_open.store(true, Ordering::Release);
+    let (outbox, _inbox) = commands();
+    let mut arm = offered(Dialect::Dvrk, &memory, &outbox);
+    let mut statistics = Statistics::default();
+    arm.tell_statistics(&statistics, 1);
+    assert_eq!(memory.last("/PSM1/period_statistics"), None, "no window is over");
+    (statistics.window, statistics.samples) = (1, 1000);
+    arm.tell_statistics(&statistics, 2);
+    memory.sent.lock().iter().for_each(|(name, message)| {
+        if name == "/PSM1/period_statistics" {
+            assert!(matches!(message, Message::Statistics(header, told) if header.stamp == 2 && told.samples == 1000));
+            // The header, nine numbers, and three counts.
+            assert_eq!(message.encode().len(), 4 + 8 + 4 + "ECM_view".len() + 12 * 8);
+        }
+    });
+    let count = memory.sent.lock().len();
+    arm.tell_statistics(&statistics, 3);
+    assert_eq!(memory.sent.lock().len(), count);
 }
 
 #[test]

@@ -1,7 +1,5 @@
 //! The topics of a fake arm in one dialect.
 
-use std::io;
-use std::sync::atomic::AtomicUsize;
 use std::sync::{Arc, Weak};
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
@@ -9,46 +7,16 @@ use dvrk_arm::messages::{self, crtk_msgs, geometry_msgs, sensor_msgs, std_msgs};
 use dvrk_arm::{pedal_topics, ClutchSource, Dialect, Names, Pedal, Topics, Wrench};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use ros_node::{Announcement, Publication, RawReceived, RawSubscription};
-use rosrust::{Clock, Message, RosMsg};
+use rosrust::Message;
 
 use crate::machine::Machine;
 use crate::{Told, World};
 
-/// A message whose header is sent as it is: rosrust fills in times that are zero, which fake invalid samples must be.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub(crate) struct AsIs<M>(pub M);
-
-impl<M: RosMsg> RosMsg for AsIs<M> {
-    fn encode<W: io::Write>(&self, writer: W) -> io::Result<()> {
-        self.0.encode(writer)
-    }
-
-    fn decode<R: io::Read>(reader: R) -> io::Result<Self> {
-        M::decode(reader).map(Self)
-    }
-}
-
-impl<M: Message> Message for AsIs<M> {
-    fn msg_definition() -> String {
-        M::msg_definition()
-    }
-
-    fn md5sum() -> String {
-        M::md5sum()
-    }
-
-    fn msg_type() -> String {
-        M::msg_type()
-    }
-
-    fn set_header(&mut self, _clock: &Arc<dyn Clock>, _seq: &Arc<AtomicUsize>) {}
-}
-
 type Out<M> = Arc<Publication<M>>;
 
 enum PoseOut {
-    Stamped(Out<AsIs<geometry_msgs::PoseStamped>>),
-    Transform(Out<AsIs<geometry_msgs::TransformStamped>>),
+    Stamped(Out<geometry_msgs::PoseStamped>),
+    Transform(Out<geometry_msgs::TransformStamped>),
 }
 
 enum StateOut {
@@ -60,10 +28,10 @@ enum StateOut {
 /// What one arm publishes.
 pub(crate) struct WiredArm {
     pose: PoseOut,
-    twist: Out<AsIs<geometry_msgs::TwistStamped>>,
-    joints: Out<AsIs<sensor_msgs::JointState>>,
-    gripper: Out<AsIs<sensor_msgs::JointState>>,
-    wrench: Out<AsIs<geometry_msgs::WrenchStamped>>,
+    twist: Out<geometry_msgs::TwistStamped>,
+    joints: Out<sensor_msgs::JointState>,
+    gripper: Out<sensor_msgs::JointState>,
+    wrench: Out<geometry_msgs::WrenchStamped>,
     jacobian: Out<std_msgs::Float64MultiArray>,
     closed: Out<std_msgs::Bool>,
     state: StateOut,
@@ -231,36 +199,34 @@ pub(crate) struct Moment<'a> {
 }
 
 impl WiredArm {
-    /// Publishes everything once.
+    /// Publishes everything once, headers as they are: a fake must be able to send samples that are not valid.
     pub fn publish(&mut self, dialect: Dialect, moment: &Moment<'_>) {
         let header = || std_msgs::Header { stamp: stamp(moment.zero_stamps), ..Default::default() };
         match &self.pose {
             PoseOut::Stamped(out) => {
-                out.send(AsIs(geometry_msgs::PoseStamped { header: header(), pose: messages::pose(&moment.pose) }));
+                let pose = messages::pose(&moment.pose);
+                out.send_as_is(&geometry_msgs::PoseStamped { header: header(), pose });
             }
-            PoseOut::Transform(out) => out.send(AsIs(geometry_msgs::TransformStamped {
+            PoseOut::Transform(out) => out.send_as_is(&geometry_msgs::TransformStamped {
                 header: header(),
                 transform: messages::transform(&moment.pose),
                 ..Default::default()
-            })),
+            }),
         }
         let (v, w) = self.velocity(moment);
         let twist = geometry_msgs::Twist { linear: messages::vector(&v), angular: messages::vector(&w) };
-        self.twist.send(AsIs(geometry_msgs::TwistStamped { header: header(), twist }));
+        self.twist.send_as_is(&geometry_msgs::TwistStamped { header: header(), twist });
         let joints =
             sensor_msgs::JointState { header: header(), position: moment.joints.to_vec(), ..Default::default() };
-        self.joints.send(AsIs(joints));
+        self.joints.send_as_is(&joints);
         self.jacobian.send(std_msgs::Float64MultiArray { data: moment.jacobian.to_vec(), ..Default::default() });
         let most = f64::to_radians(60.0);
         let closed = if dialect.is_crtk() { 0.0 } else { -most };
         let angle = closed + moment.gripper * (most - closed);
-        self.gripper.send(AsIs(sensor_msgs::JointState {
-            header: header(),
-            position: vec![angle],
-            ..Default::default()
-        }));
+        let gripper = sensor_msgs::JointState { header: header(), position: vec![angle], ..Default::default() };
+        self.gripper.send_as_is(&gripper);
         let wrench = messages::wrench(&moment.wrench);
-        self.wrench.send(AsIs(geometry_msgs::WrenchStamped { header: header(), wrench }));
+        self.wrench.send_as_is(&geometry_msgs::WrenchStamped { header: header(), wrench });
         if let Some(status) = &self.status {
             status.send(std_msgs::Empty {});
         }

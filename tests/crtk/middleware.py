@@ -1,0 +1,10 @@
+"""The version of ROS over which this process talks to arms: 1, or 2 with CRTK_ROS=2. Both modules have the same functions."""
+
+import os
+
+if os.environ.get("CRTK_ROS") == "2":
+    from over_ros2 import BackEnd, Publisher, Subscriber, connect, messages, nanoseconds, now
+else:
+    from over_ros1 import BackEnd, Publisher, Subscriber, connect, messages, nanoseconds, now
+
+__all__ = ["BackEnd", "Publisher", "Subscriber", "connect", "messages", "nanoseconds", "now"]

@@ -1,0 +1,18 @@
+"""Waits for conditions instead of for time to pass."""
+
+import time
+
+# Every wait ends as soon as its condition holds; this only bounds a failing test, on a busy machine too.
+PATIENCE_S = 60.0
+
+
+def wait_for(condition, what, seconds=PATIENCE_S):
+    """Polls `condition` until it is true and returns its value; fails with `what` after `seconds`."""
+    end = time.monotonic() + seconds
+    while True:
+        value = condition()
+        if value:
+            return value
+        if time.monotonic() > end:
+            raise AssertionError(f"not within {seconds:.0f} s: {what}; last value {value!r}")
+        time.sleep(0.02)
