@@ -7,24 +7,27 @@ use ambf_core::adf::PluginEntry;
 use ambf_core::device::Drivers;
 use ambf_core::plugin::{load_driver, PluginReport, PluginSetup, Registry, Search};
 use ambf_core::sim::Simulation;
+use crtk::diagnostics::Board;
 use crtk::transport::{Connect, Ros1, Transport};
 
 use crate::cli::RosVersions;
 use crate::report;
 
 /// Arms that are offered to CRTK clients.
-#[derive(Debug, Clone, Copy)]
+#[derive(Clone)]
 pub struct CrtkFiles<'a> {
     /// Configurations that the command line names.
     pub files: &'a [PathBuf],
     /// Versions of ROS to offer them on.
     pub versions: RosVersions,
+    /// Where there is to be seen how they are.
+    pub board: Board,
 }
 
 impl Default for CrtkFiles<'_> {
     /// No arms.
     fn default() -> Self {
-        Self { files: &[], versions: RosVersions::None }
+        Self { files: &[], versions: RosVersions::None, board: Board::default() }
     }
 }
 
@@ -49,7 +52,7 @@ fn connect(versions: RosVersions) -> Connect {
 /// What is to be loaded, and from where.
 pub fn setup(launch: &[PluginEntry], command_line: &[PathBuf], crtk: CrtkFiles<'_>) -> PluginSetup {
     let mut registry = Registry::default();
-    let arms = crtk::plugin::register(&mut registry, crtk.files, &connect(crtk.versions));
+    let arms = crtk::plugin::register(&mut registry, crtk.files, &connect(crtk.versions), &crtk.board);
     PluginSetup {
         registry,
         search: Search::from_environment(),

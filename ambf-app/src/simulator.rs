@@ -11,6 +11,7 @@ use ambf_core::device::host::DeviceHost;
 use ambf_core::scene::{load, Loaded, SceneOptions, SceneReport};
 use ambf_core::sim::{Event, Models, Runner, RunnerOptions, Simulation, DEFAULT_SUB_STEP};
 use crossbeam_channel::RecvTimeoutError;
+use crtk::diagnostics::Board;
 use ros_node::OwnMaster;
 use thiserror::Error;
 
@@ -77,12 +78,13 @@ pub fn run(options: &SimulatorOptions, arguments: RosArguments) -> Result<(), Si
 
     let begin = Instant::now();
     let has_windows = wants_windows != WindowsWanted::No;
-    let (simulation, devices, load_report) = load_simulation(options, has_windows)?;
+    let arms = Board::default();
+    let (simulation, devices, load_report) = load_simulation(options, has_windows, &arms)?;
     if stop.load(Ordering::Acquire) {
         return Ok(());
     }
     print_summary(&simulation, begin.elapsed());
-    let wanted = Wanted { windows: wants_windows, load_report };
+    let wanted = Wanted { windows: wants_windows, load_report, arms };
     let outcome = serve(simulation, devices, options, wanted, arguments, &stop);
     report!("stopped");
     outcome
@@ -99,6 +101,7 @@ fn time_step(options: &SimulatorOptions) -> String {
 fn load_simulation(
     options: &SimulatorOptions,
     has_windows: bool,
+    arms: &Board,
 ) -> Result<(Simulation, DeviceHost, String), SimulatorError> {
     let physics = launch::physics(&options.physics).map_err(SimulatorError::Usage)?;
     let (launch, problems) = launch::read_strict(&options.launch_file)?;
@@ -120,15 +123,17 @@ fn load_simulation(
     let mut simulation = Simulation::new(scene, sub_step);
     let (host, said) = devices::open(&launch, options, &mut simulation);
     said.iter().for_each(|line| report!("{line}"));
-    let crtk = plugins::CrtkFiles { files: &options.crtk, versions: ros_versions(options) };
+    let crtk = plugins::CrtkFiles { files: &options.crtk, versions: ros_versions(options), board: arms.clone() };
     plugins::load(&mut simulation, &launch.plugins, &options.plugins, crtk, options.verbose);
     Ok((simulation, host, found.to_string()))
 }
 
-/// What windows are to show.
+/// What windows and clients are to be shown.
 struct Wanted {
     windows: WindowsWanted,
     load_report: String,
+    /// Arms that are offered to CRTK clients.
+    arms: Board,
 }
 
 fn print_report(found: &SceneReport, verbose: bool) {
@@ -164,7 +169,7 @@ fn serve(
     let host = Arc::new(Host(models.clone()));
     // Clients of this simulator outlive it, and so does the master they need.
     let own_master = std::env::current_exe().map_or(OwnMaster::InProcess, OwnMaster::Program);
-    let extras = Extras { clock: options.clock, tf: options.tf, devices: Arc::default() };
+    let extras = Extras { clock: options.clock, tf: options.tf, devices: Arc::default(), arms: wanted.arms };
     extras.devices.set(devices.status());
     simulation.set_simulated_stamps(options.clock);
     #[cfg(feature = "ros2")]

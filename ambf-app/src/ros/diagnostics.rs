@@ -1,11 +1,13 @@
-//! `/diagnostics` (REP 107): how the physics, its loops and the input devices are.
+//! `/diagnostics` (REP 107): how the physics, the input devices and the arms are.
 
 use ambf_core::comm::Snapshot;
 use ambf_core::device::host::{DeviceState, DeviceStatus};
+use crtk::diagnostics::ArmDiagnostic;
 use parking_lot::Mutex;
 
 use super::messages::diagnostic_msgs::{DiagnosticArray, DiagnosticStatus as Status, KeyValue};
 use super::messages::header;
+use super::Extras;
 
 /// Topic of all reports on the health of nodes and devices.
 pub(super) const TOPIC: &str = "/diagnostics";
@@ -33,7 +35,7 @@ impl DeviceReports {
     }
 }
 
-/// Reports on the physics of the world whose topics begin with `world`, and on all devices. `lost`: why the state was
+/// Reports on the physics of the world whose topics begin with `world`, on all devices and on the arms of `extras`. `lost`: why the state was
 /// lost. `lost_before`: [`lost_time`](ambf_core::comm::Timing::lost_time) at the report before, s; it is brought up to
 /// date.
 pub(super) fn message(
@@ -41,10 +43,11 @@ pub(super) fn message(
     snapshot: &Snapshot,
     lost: Option<&str>,
     lost_before: &mut f64,
-    devices: &DeviceReports,
+    extras: &Extras,
 ) -> DiagnosticArray {
     let mut status = vec![physics(world, snapshot, lost, lost_before)];
-    status.extend(devices.statuses());
+    status.extend(extras.devices.statuses());
+    status.extend(extras.arms.statuses().into_iter().map(arm));
     // The time of sending: a lost state has an old stamp.
     DiagnosticArray { header: header(None), status }
 }
@@ -98,7 +101,17 @@ fn device(device: &DeviceStatus) -> Status {
     }
 }
 
-fn pairs<const N: usize>(values: [(&str, String); N]) -> Vec<KeyValue> {
+fn arm(arm: ArmDiagnostic) -> Status {
+    Status {
+        level: arm.severity as i8,
+        name: format!("ambf_simulator: arm {}", arm.name),
+        message: arm.message,
+        hardware_id: String::new(),
+        values: pairs(arm.values),
+    }
+}
+
+fn pairs<'k>(values: impl IntoIterator<Item = (&'k str, String)>) -> Vec<KeyValue> {
     values.into_iter().map(|(key, value)| KeyValue { key: key.to_owned(), value }).collect()
 }
 
@@ -110,14 +123,14 @@ mod tests {
     #[test]
     fn a_lost_state_is_an_error() {
         let why = "lost at step 7: …; a reset resumes";
-        let report = message("/w", &Snapshot::default(), Some(why), &mut 0.0, &DeviceReports::default());
+        let report = message("/w", &Snapshot::default(), Some(why), &mut 0.0, &Extras::default());
         let [status] = &report.status[..] else { panic!("{report:?}") };
         assert_eq!((status.level, status.message.as_str()), (Status::ERROR, why));
     }
 
     #[test]
     fn time_that_was_lost_since_the_report_before_is_a_warning() {
-        let (mut before, none) = (0.0, DeviceReports::default());
+        let (mut before, none) = (0.0, Extras::default());
         let mut report = |lost_time| {
             let timing = Timing { lost_time, ..Default::default() };
             let snapshot = Snapshot { timing, ..Default::default() };
@@ -132,7 +145,7 @@ mod tests {
 
     #[test]
     fn every_device_has_a_report() {
-        let reports = DeviceReports::default();
+        let extras = Extras::default();
         let status = |name: &str, state| DeviceStatus {
             name: name.into(),
             model: "Falcon".into(),
@@ -143,11 +156,11 @@ mod tests {
             samples: Default::default(),
             force: Default::default(),
         };
-        reports.set(vec![status("left", DeviceState::Running), status("right", DeviceState::Lost)]);
-        let found = message("/w", &Snapshot::default(), None, &mut 0.0, &reports).status;
+        extras.devices.set(vec![status("left", DeviceState::Running), status("right", DeviceState::Lost)]);
+        let found = message("/w", &Snapshot::default(), None, &mut 0.0, &extras).status;
         let of = |index: usize| (found[index].name.as_str(), found[index].level, found[index].hardware_id.as_str());
         assert_eq!(of(1), ("ambf_simulator: device left", Status::OK, "Falcon 3"));
         assert_eq!(of(2), ("ambf_simulator: device right", Status::ERROR, "Falcon 3"));
-        assert_eq!(reports.count(), 2);
+        assert_eq!(extras.devices.count(), 2);
     }
 }

@@ -92,6 +92,8 @@ pub struct Extras {
     pub tf: Option<u32>,
     /// Reports on the haptic devices, whose number is in the world's state. Default: none.
     pub devices: Arc<DeviceReports>,
+    /// Arms that are offered to CRTK clients. Default: none.
+    pub arms: crtk::diagnostics::Board,
 }
 
 /// What the ROS side is told besides the hub.

@@ -206,12 +206,12 @@ impl Builder<'_> {
 
     /// Reports on the world whose topics begin with `name`, and on devices.
     fn diagnostics(&mut self, name: String) {
-        let (hub, devices) = (Arc::clone(&self.around.hub), Arc::clone(&self.around.extras.devices));
+        let (hub, extras) = (Arc::clone(&self.around.hub), self.around.extras.clone());
         let (rates, mut lost_before) = (at(diagnostics::FREQUENCY), 0.0);
         self.publish(diagnostics::TOPIC.into(), rates, false, move |snapshot| {
             let lost = hub.lost();
             let lost = lost.as_deref().map(String::as_str);
-            Some(diagnostics::message(&name, snapshot?, lost, &mut lost_before, &devices))
+            Some(diagnostics::message(&name, snapshot?, lost, &mut lost_before, &extras))
         });
     }
 

@@ -30,13 +30,8 @@ pub const NAME: &str = "crtk";
 const EVENTS: usize = 4096;
 
 /// Adds the plugin to those of a program; `files`: configurations that the command line names. Returns what the command
-/// line's list of plugins needs besides.
-pub fn register(registry: &mut Registry, files: &[PathBuf], connect: &Connect) -> Vec<PathBuf> {
-    register_on(registry, files, connect, &Board::default())
-}
-
-/// The same; what there is to tell about the arms is asked of `board`.
-pub fn register_on(registry: &mut Registry, files: &[PathBuf], connect: &Connect, board: &Board) -> Vec<PathBuf> {
+/// line's list of plugins needs besides. What there is to tell about the arms is asked of `board`.
+pub fn register(registry: &mut Registry, files: &[PathBuf], connect: &Connect, board: &Board) -> Vec<PathBuf> {
     let make = |file: Option<PathBuf>| {
         let (connect, board) = (Arc::clone(connect), board.clone());
         move |kind| {
@@ -326,7 +321,7 @@ mod tests {
     fn each_file_of_the_command_line_is_a_plugin() {
         let mut registry = Registry::default();
         let connect: Connect = Arc::new(|| Ok(Vec::new()));
-        let paths = register(&mut registry, &["a.yaml".into(), "b.yaml".into()], &connect);
+        let paths = register(&mut registry, &["a.yaml".into(), "b.yaml".into()], &connect, &Board::default());
         assert_eq!(paths, ["builtin:crtk:a.yaml", "builtin:crtk:b.yaml"].map(PathBuf::from));
         assert_eq!(registry.names().collect::<Vec<_>>(), ["crtk", "crtk:a.yaml", "crtk:b.yaml"]);
         assert!(registry.make("crtk", PluginKind::Model).is_ok());

@@ -10,6 +10,7 @@ use ambf_core::plugin::{PluginSetup, Registry};
 use ambf_core::scene::{load, PhysicsOptions, SceneFiles, SceneOptions};
 use ambf_core::sim::Simulation;
 use crtk::arm::JointMessage;
+use crtk::diagnostics::Board;
 use crtk::messages::{Header, Message};
 use crtk::topics::Topic;
 use crtk::transport::{Connect, Receive, Sender, Transport, TransportError};
@@ -88,7 +89,7 @@ impl Bench {
         let own = topics.clone();
         let connect: Connect = Arc::new(move || Ok(vec![Box::new(own.clone()) as Box<dyn Transport>]));
         let mut registry = Registry::default();
-        let command_line = crtk::plugin::register(&mut registry, &[arms.to_owned()], &connect);
+        let command_line = crtk::plugin::register(&mut registry, &[arms.to_owned()], &connect, &Board::default());
         let report = simulation.load_plugins(PluginSetup { registry, command_line, ..PluginSetup::default() });
         assert_eq!(report.problems, Vec::<String>::new());
         let notices = simulation.take_notices();
