@@ -1,6 +1,7 @@
 """A master moves the simulated PSM through topics alone: translation in scale, rotation, jaw, clutch. The master is the fake of a dVRK's."""
 
 import math
+import os
 import pathlib
 import unittest
 
@@ -34,6 +35,8 @@ class MasterAndPuppet(unittest.TestCase):
         """Within 2 mm and 2 deg while it moves, 0.1 mm and 0.1 deg at rest; a clutch lets the master move alone."""
         program = harness.simulator_path().parent / "fake_dvrk"
         self.assertTrue(program.exists(), f"no {program}: run cargo build --workspace")
+        # Its controllers act in each sub-step: those of `legacy` act once an iteration, and swing where a busy machine makes long ones.
+        os.environ["CRTK_PROFILE"] = "accurate"
         backend = back_end.start(back_end.CART)
         self.addCleanup(backend.stop)
         from arm_client import Arm
@@ -86,10 +89,13 @@ class MasterAndPuppet(unittest.TestCase):
         arm.wait(lambda: teleoperation.coupling.is_engaged, "the clutch is released")
         begin = master()
         arm.wait(lambda: math.dist(master()[0], begin[0]) > 0.0999, "the master goes 0.1 m")
-        end = frame_of(self.rests(arm))
-        went = tuple(after - before for before, after in zip(frame_of(held)[0], end[0]))
-        wanted = tuple(0.25 * (after - before) for before, after in zip(begin[0], master()[0]))
-        self.assertLess(math.dist(went, wanted), 2e-4, (went, wanted))
+
+        def error():
+            went = tuple(after - before for before, after in zip(frame_of(held)[0], frame_of(arm.pose())[0]))
+            wanted = tuple(0.25 * (after - before) for before, after in zip(begin[0], master()[0]))
+            return math.dist(went, wanted)
+
+        arm.wait(lambda: error() < 1e-4, "the puppet went a quarter as far")
 
     def rests(self, arm):
         """Waits until the arm is at its set point; its pose."""

@@ -7,9 +7,11 @@ use std::path::PathBuf;
 use common::{resources, Bench, PROFILES};
 use nalgebra::Vector3;
 
-/// Free plates of 0.6 mm, weightless: one where the fingers of the shipped PSM are when it is inserted by 0.16 m, one aside.
+/// Free plates of 0.6 mm, weightless: one where the fingers of the shipped PSM are when it is inserted by 0.16 m, one
+/// aside.
 const BOXES: &str = "bodies: [BODY Needle, BODY Thorn]\njoints: []\nnamespace: /ambf/env/box/\n\
-    BODY Needle: {name: Needle, mass: 0.005, collision shape: Box, collision geometry: {x: 0.0006, y: 0.004, z: 0.004}, \
+    BODY Needle: {name: Needle, mass: 0.005, \
+    collision shape: Box, collision geometry: {x: 0.0006, y: 0.004, z: 0.004}, \
     inertia: {ix: 1.0e-7, iy: 1.0e-7, iz: 1.0e-7}, gravity: {x: 0, y: 0, z: 0}, \
     location: {position: {x: -0.01975, y: 0, z: 0.034209}, orientation: {r: 0, p: -0.523598776, y: 0}}}\n\
     BODY Thorn: {name: Thorn, mass: 0.005, collision shape: Box, collision geometry: {x: 0.0006, y: 0.004, z: 0.004}, \
