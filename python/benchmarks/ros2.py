@@ -80,7 +80,8 @@ def read_states(numbers):
             if not sys.stdin.readline():
                 break
             taken, ages[:] = list(ages), []
-            print(json.dumps([len(taken), percentile(taken, 0.5), percentile(taken, 0.99), max(taken, default=0)]), flush=True)
+            said = [len(taken), percentile(taken, 0.5), percentile(taken, 0.99), max(taken, default=0)]
+            print(json.dumps(said), flush=True)
     # The library's own end of the process takes seconds at times.
     os._exit(0)
 
