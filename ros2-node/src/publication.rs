@@ -1,6 +1,6 @@
 //! A topic that a node publishes on.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, VecDeque};
 use std::pin::Pin;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::Arc;
@@ -24,6 +24,20 @@ const REMEMBERED_CHANGES: usize = 4;
 
 /// Shortest time between two times that a publication is made anew.
 const RENEW_EVERY: Duration = Duration::from_secs(2);
+
+/// How long no message can be sent until a publication is made anew. RustDDS takes everything that was ever sent as not
+/// acknowledged by a new subscription until it has acknowledged something, which takes Fast DDS about 0.1 s.
+const PATIENCE: Duration = Duration::from_millis(150);
+
+/// How long others have to find a publication that was made anew, until they get what waits.
+const HOLD: Duration = Duration::from_millis(100);
+
+/// How often messages that wait are tried again.
+const RETRY: Duration = Duration::from_millis(5);
+
+/// Messages that wait meanwhile, at most, and their bytes; one may always wait.
+const MOST_WAITING: usize = 1024;
+const MOST_WAITING_BYTES: usize = 8 << 20;
 
 /// Why a message was not sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -60,13 +74,62 @@ struct State {
     readers: BTreeSet<GUID>,
     /// What those that come later get, to be said again when the publication is made anew.
     last: Option<Bytes>,
-    renewal: Option<Renewal>,
+    /// What could not be sent yet, in order.
+    waiting: VecDeque<(Bytes, WriteOptions)>,
+    /// When it began that nothing can be sent.
+    full_since: Option<Instant>,
+    /// Nothing is sent before.
+    hold_until: Option<Instant>,
     renewed: Option<Instant>,
     complained: bool,
 }
 
-/// A publication is to be made anew.
-struct Renewal;
+impl State {
+    /// Sends a message, unless others wait.
+    ///
+    /// # Errors
+    /// With the message when it cannot be sent yet; without when RustDDS has ended.
+    fn write(&mut self, body: Bytes, options: &WriteOptions) -> Result<(), Option<Bytes>> {
+        match self.writer.write_with_options(body, options.clone()) {
+            Ok(_) => {
+                self.full_since = None;
+                Ok(())
+            }
+            Err(WriteError::WouldBlock { data }) => {
+                self.full_since.get_or_insert_with(Instant::now);
+                Err(Some(data))
+            }
+            Err(_) => Err(None),
+        }
+    }
+
+    /// Sends what waits, as far as that is possible.
+    ///
+    /// # Errors
+    /// When RustDDS has ended.
+    fn send_waiting(&mut self) -> Result<(), SendError> {
+        if self.hold_until.is_some_and(|until| until > Instant::now()) {
+            return Ok(());
+        }
+        self.hold_until = None;
+        while let Some((body, options)) = self.waiting.pop_front() {
+            match self.write(body, &options) {
+                Ok(()) => (),
+                Err(Some(body)) => {
+                    self.waiting.push_front((body, options));
+                    break;
+                }
+                Err(None) => return Err(SendError::Ended),
+            }
+        }
+        Ok(())
+    }
+
+    fn has_room(&self, bytes: usize) -> bool {
+        let waiting: usize = self.waiting.iter().map(|(body, _)| body.len()).sum();
+        self.waiting.is_empty() || self.waiting.len() < MOST_WAITING && waiting + bytes <= MOST_WAITING_BYTES
+    }
+}
 
 impl Publication {
     pub(crate) fn new(
@@ -105,9 +168,10 @@ impl Publication {
     /// subscription. Without one nothing is sent, and it is kept only if it is latched.
     ///
     /// A reliable subscription that does not acknowledge messages, because its program hangs, makes RustDDS keep them.
-    /// When that are as many as the window of the [`Qos`], messages are lost for all subscriptions; the publication is
-    /// then made anew at once, every two seconds at most: others find the new one within some milliseconds, and lose
-    /// what is sent until then.
+    /// When that are as many as the window of the [`Qos`], messages wait, at most 1024 and 8 MB; others are lost. A new
+    /// subscription has the same effect until it has acknowledged something. When that lasts for 0.15 s, the publication is
+    /// made anew, every two seconds at most: others find the new one within some milliseconds, and get what waits 0.1 s
+    /// later.
     ///
     /// # Errors
     /// [`SendError`] when it is lost.
@@ -147,7 +211,9 @@ impl Inner {
                 writer,
                 readers: BTreeSet::new(),
                 last: None,
-                renewal: None,
+                waiting: VecDeque::new(),
+                full_since: None,
+                hold_until: None,
                 renewed: None,
                 complained: false,
             }),
@@ -174,18 +240,25 @@ impl Inner {
         if self.qos.latched {
             state.last = Some(body.clone());
         }
-        match state.writer.write_with_options(body, options) {
-            Ok(_) => Ok(()),
-            Err(WriteError::WouldBlock { .. }) => {
-                self.lost.fetch_add(1, Ordering::Relaxed);
-                if state.renewal.is_none() {
-                    state.renewal = Some(Renewal);
-                    self.shared().signal.ready(self.source);
-                }
-                Err(SendError::Full)
+        state.send_waiting()?;
+        let unsent = if state.waiting.is_empty() && state.hold_until.is_none() {
+            match state.write(body, &options) {
+                Ok(()) => return Ok(()),
+                Err(None) => return Err(SendError::Ended),
+                Err(Some(body)) => body,
             }
-            Err(_) => Err(SendError::Ended),
+        } else {
+            body
+        };
+        if !state.has_room(unsent.len()) {
+            self.lost.fetch_add(1, Ordering::Relaxed);
+            return Err(SendError::Full);
         }
+        if state.waiting.is_empty() {
+            self.shared().signal.ready(self.source);
+        }
+        state.waiting.push_back((unsent, options));
+        Ok(())
     }
 
     /// Takes the changes of subscriptions that RustDDS has remembered.
@@ -220,7 +293,10 @@ impl Inner {
                 if self.qos.latched { "transient local" } else { "volatile" }
             ));
         }
-        self.matched.store(state.readers.len(), Ordering::Relaxed);
+        // Those who are about to find it count already.
+        if state.hold_until.is_none() {
+            self.matched.store(state.readers.len(), Ordering::Relaxed);
+        }
     }
 
     /// RustDDS may have forgotten changes: whoever subscribes the topic counts.
@@ -239,8 +315,8 @@ impl Inner {
         if let Some(at) = allowed.filter(|at| *at > Instant::now()) {
             return Some(at);
         }
-        state.renewal = None;
         state.renewed = Some(Instant::now());
+        (state.full_since, state.hold_until) = (None, Some(Instant::now() + HOLD));
         let shared = self.shared();
         match shared.writer(&self.dds_topic, &self.dds_type, &self.qos.of_writer()) {
             Ok(writer) => {
@@ -252,11 +328,11 @@ impl Inner {
                     graph.remove(self.node.key, Side::Writes, old_guid);
                     graph.add(self.node.key, Side::Writes, guid);
                 });
-                if let Some(last) = state.last.clone() {
+                if let Some(last) = state.last.clone().filter(|_| state.waiting.is_empty()) {
                     let _ = state.writer.write_with_options(last, WriteOptionsBuilder::new().build());
                 }
                 (shared.report())(format_args!(
-                    "ROS 2: {}: a subscription does not acknowledge messages; the topic was published anew for the others",
+                    "ROS 2: {}: a subscription does not acknowledge messages; the topic was published anew",
                     self.topic
                 ));
             }
@@ -268,7 +344,11 @@ impl Inner {
     /// What [`Source::serve`] does.
     pub fn tend(&self, waker: &Waker) -> Option<Instant> {
         let mut state = self.state.lock();
-        let next = state.renewal.is_some().then(|| self.renew(&mut state)).flatten();
+        let _ = state.send_waiting();
+        let must_renew = !state.waiting.is_empty() && state.full_since.is_some_and(|since| since.elapsed() >= PATIENCE);
+        let later = if must_renew { self.renew(&mut state) } else { None };
+        let has_more = !state.waiting.is_empty() || state.hold_until.is_some();
+        let next = later.or_else(|| has_more.then(|| Instant::now() + RETRY));
         self.follow(&mut state, waker);
         next
     }

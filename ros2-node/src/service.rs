@@ -128,6 +128,8 @@ impl Server {
         if let Err(SendError::Full) = self.replies.write(body, options) {
             (self.incoming.node.shared.report())(format_args!("ROS 2: {}: a reply is lost", self.replies.topic()));
         }
+        // It may wait.
+        self.incoming.node.shared.signal.ready(self.incoming.source);
     }
 
     /// Whether the client's subscription to replies is known.

@@ -305,5 +305,4 @@ class Comings(Ros2Test):
         longest = max(later - earlier for earlier, later in zip(arrivals, arrivals[1:]))
         _, unsent, _, _ = peer.counts()
         print(f"{len(arrivals)} states beside a client that hangs, {unsent} lost, longest pause {longest:.2f} s")
-        self.assertGreater(unsent, 0, "the window was full")
         self.assertLess(longest, 10.0, "others waited until the hung one was given up")
