@@ -77,6 +77,10 @@ class Frames(Simulated):
         self.assertEqual(self.links(), {"world", *names})
         meshes = [mesh.get("filename").removeprefix("file://") for mesh in described.iter("mesh")]
         self.assertTrue(meshes and all(pathlib.Path(mesh).is_file() for mesh in meshes), meshes)
+        file = written("described.urdf", {})
+        file.write_text(rospy.get_param("/told/description"))
+        read = subprocess.run(["check_urdf", file], capture_output=True, text=True)
+        self.assertEqual(read.returncode, 0, read.stdout + read.stderr)
         kinds = [joint.get("type") for joint in described.iter("joint")]
         self.assertGreaterEqual(kinds.count("revolute"), 5)
         self.assertGreaterEqual(kinds.count("prismatic"), 1)
