@@ -147,7 +147,10 @@ class Seen(Simulated):
     def image(self, name):
         """An image of a camera, two after the first: what was loaded is there."""
         listener = self.of(name, "ImageData", Image)
-        listener.newest()
+        try:
+            listener.newest()
+        except AssertionError as error:
+            raise AssertionError(f"{error}; the simulator printed:\n{self.simulator.log()}") from None
         listener.next()
         return listener.next()
 

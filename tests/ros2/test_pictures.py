@@ -42,7 +42,8 @@ class Seen(Simulated):
 
     def show(self, size=(64, 48), *arguments, **variables):
         """A simulator with the camera, and a client."""
-        cube = dict(scenes.box("Red", 0.0, size=0.4))
+        # Far above the other bodies of the scene, one of which falls.
+        cube = dict(scenes.box("Red", 0.0, z=50.0, size=0.4))
         shining = {"ambient": {"level": 0.0}, "diffuse": RED, "specular": BLACK, "emission": RED, "transparency": 1.0}
         cube["color components"] = shining
         content = scenes.model({"BODY Red": cube})
@@ -51,8 +52,8 @@ class Seen(Simulated):
         content["CAMERA seeing"] = {
             "name": "seeing",
             "namespace": "/ambf/env/cameras/",
-            "location": vector(2.0, 0.0, 0.0),
-            "look at": vector(0.0, 0.0, 0.0),
+            "location": vector(2.0, 0.0, 50.0),
+            "look at": vector(0.0, 0.0, 50.0),
             "up": vector(0.0, 0.0, 1.0),
             "clipping plane": {"near": 0.1, "far": 10.0},
             "field view angle": 0.8,
@@ -95,13 +96,19 @@ class Seen(Simulated):
         _, client = self.show()
         clouds = client.listen(PointCloud2, f"{CAMERA}/DepthData", MANY)
         depths = client.listen(Image, f"{CAMERA}/DepthImage", MANY)
-        client.wait_for(lambda: clouds and depths, "depth")
-        cloud, depth = clouds[-1], depths[-1]
+        middle = 4 * (24 * 64 + 32)
+
+        def nearness():
+            return struct.unpack("<f", bytes(depths[-1].data[middle : middle + 4]))[0] if clouds and depths else None
+
+        # In the first pictures not everything is loaded yet.
+        client.wait_for(lambda: nearness() is not None and abs(nearness() - 1.8) < 0.01, "the face of the cube is seen")
+        depth = depths[-1]
+        client.wait_for(lambda: stamp(clouds[-1]) >= stamp(depth), "the cloud of that picture, or a later one")
+        cloud = clouds[-1]
         self.assertEqual((cloud.width, cloud.height, cloud.point_step), (64 * 48, 1, 32))
         self.assertEqual([field.name for field in cloud.fields], ["x", "y", "z", "rgb"])
         self.assertEqual((depth.width, depth.height, depth.encoding), (64, 48, "32FC1"))
-        middle = 4 * (24 * 64 + 32)
-        self.assertAlmostEqual(struct.unpack("<f", bytes(depth.data[middle : middle + 4]))[0], 1.8, delta=0.01)
         x, _, _ = struct.unpack("<3f", bytes(cloud.data[32 * (24 * 64 + 32) :][:12]))
         self.assertAlmostEqual(x, -1.8, delta=0.01)
 
@@ -157,7 +164,7 @@ class Seen(Simulated):
         def hides_the_cube(topic):
             points = client.node.create_publisher(PointCloud, topic, 1)
             radius = client.node.create_publisher(Float32, f"{topic}/radius", 1)
-            cloud = PointCloud(points=[Point32(x=1.0)])
+            cloud = PointCloud(points=[Point32(x=1.0, z=50.0)])
 
             def hidden():
                 points.publish(cloud)

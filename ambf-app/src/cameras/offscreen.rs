@@ -24,6 +24,9 @@ const GLANCE: Duration = Duration::from_millis(50);
 /// How long the renderer is kept for the next subscriber.
 const KEPT: Duration = Duration::from_secs(5);
 
+/// How long it is until a renderer that could not be made is tried again.
+const RETRY: Duration = Duration::from_secs(2);
+
 /// How long [`OffscreenCameras::stop`] waits for a picture that is being drawn.
 const STOP_TIMEOUT: Duration = Duration::from_secs(5);
 
@@ -84,10 +87,9 @@ impl Worker {
         let _ = rustix::process::setpriority_process(None, NICE);
         let mut idle_since = Instant::now();
         let mut next = Instant::now();
-        let mut is_hopeless = false;
+        let mut retry_at = Instant::now();
         while !self.stop.is_stopped() {
             if !self.service.is_wanted() {
-                is_hopeless = false;
                 if idle_since.elapsed() > KEPT {
                     self.drawing = None;
                 }
@@ -95,10 +97,12 @@ impl Worker {
                 continue;
             }
             idle_since = Instant::now();
-            is_hopeless = is_hopeless || !self.has_renderer();
-            if is_hopeless {
-                // Until all subscribers have gone and one comes back.
+            if retry_at > idle_since {
                 self.stop.wait(GLANCE);
+                continue;
+            }
+            if !self.has_renderer() {
+                retry_at = idle_since + RETRY;
                 continue;
             }
             self.frame();
