@@ -4,8 +4,9 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 /// Default launch file: `$AMBF_ROOT_PATH/ambf_models/descriptions/launch.yaml` if that variable is set, else
-/// `$AMBF_RESOURCES/launch.yaml`, else `resources/launch.yaml` in the nearest folder above the program, the place it
-/// was built from or the working directory. Empty variables count as not set.
+/// `$AMBF_RESOURCES/launch.yaml`, else `resources/launch.yaml`, or `share/ambf/launch.yaml` of an installed package, in
+/// the nearest folder above the program, the place it was built from or the working directory. Empty variables count as
+/// not set.
 pub(super) fn default() -> PathBuf {
     let program = std::env::current_exe().ok();
     let working = std::env::current_dir().ok();
@@ -22,10 +23,10 @@ fn search<'a>(variable: impl Fn(&str) -> Option<OsString>, starts: impl Iterator
     if let Some(resources) = folder("AMBF_RESOURCES") {
         return resources.join("launch.yaml");
     }
-    let shipped = Path::new("resources/launch.yaml");
+    let [shipped, installed] = ["resources/launch.yaml", "share/ambf/launch.yaml"].map(Path::new);
     starts
         .flat_map(Path::ancestors)
-        .map(|folder| folder.join(shipped))
+        .flat_map(|folder| [shipped, installed].map(|file| folder.join(file)))
         .find(|file| file.is_file())
         // Nothing found: the loader's message names the place where it belongs.
         .unwrap_or_else(|| shipped.to_owned())
@@ -51,6 +52,15 @@ mod tests {
             with(&[("AMBF_ROOT_PATH", ""), ("AMBF_RESOURCES", "")], nowhere),
             Path::new("resources/launch.yaml")
         );
+    }
+
+    #[test]
+    fn an_installed_program_finds_the_files_of_its_package() {
+        let top = tempfile::tempdir().unwrap();
+        let [programs, shared] = ["usr/bin", "usr/share/ambf"].map(|folder| top.path().join(folder));
+        [&programs, &shared].into_iter().for_each(|folder| std::fs::create_dir_all(folder).unwrap());
+        std::fs::write(shared.join("launch.yaml"), "").unwrap();
+        assert_eq!(with(&[], &programs), shared.join("launch.yaml"));
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 import ambf
 
-sim = ambf.Simulation('resources/models/arm7.yaml', profile='accurate')
+sim = ambf.Simulation(ambf.resources() / 'models/arm7.yaml', profile='accurate')
 arm, flange = sim.body('arm7/base'), sim.body('arm7/flange')
 arm.joint_kinds[:] = ambf.POSITION
 arm.joint_commands[:] = 0.3
@@ -24,6 +24,7 @@ from .errors import (
     RenderError,
     StateError,
 )
+from .scenes import resources
 from .simulation import (
     EFFORT,
     FORCE,
@@ -59,5 +60,6 @@ __all__ = [
     "State",
     "StateError",
     "Viewer",
+    "resources",
     "step_all",
 ]
