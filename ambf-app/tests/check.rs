@@ -219,6 +219,7 @@ const DIFFERENCES: &[(&str, &str)] = &[
     ("resistance damping", "sensors: [S]\nS: {type: Resistance, parent: A, contact damping: 1, \
       array: [{offset: {x: 0, y: 0, z: 0}, direction: {x: 1, y: 0, z: 0}}]}\n"),
     ("contact sensor", "sensors: [S]\nS: {type: contact, parent: A}\n"),
+    ("convex decomposition", "bodies: [A]\nA: {mass: 1, mesh: one.obj, collision mesh type: CONVEX_DECOMPOSITION}\n"),
     ("short parent", "namespace: /n/\nbodies: [A, AB]\nA: {mass: 0}\nAB: {mass: 0}\nactuators: [C]\nC: {type: Constraint, parent: A}\n"),
     ("actuator frame", "bodies: [A]\nA: {mass: 1, inertia: {ix: 1, iy: 1, iz: 1}, inertial offset: {position: {x: 1, y: 0, z: 0}}}\n\
       actuators: [C]\nC: {type: Constraint, parent: A}\n"),

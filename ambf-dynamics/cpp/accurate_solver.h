@@ -355,9 +355,13 @@ class AccurateSolver : public Base {
     }
   }
 
-  btScalar bounce_velocity(const btConstraintArray &, int i) const { return bounce_velocities_[i]; }
-  // Not known for contacts of articulations.
-  static btScalar bounce_velocity(const btMultiBodyConstraintArray &, int) { return 0; }
+  // Velocity bias of a contact by restitution and by its gap, m/s.
+  btScalar contact_bias(const btConstraintArray &, int i, btScalar gap, btScalar h) const {
+    return gap > 0 ? -gap / h : bounce_velocities_[i];
+  }
+  btScalar contact_bias(const btMultiBodyConstraintArray &, int i, btScalar gap, btScalar h) const {
+    return this->link_bounces_[i] - std::max(gap, btScalar(0)) / h;
+  }
 
   // Clamps the push-out velocity of all other contacts, see push_out_speed.
   template <class Rows>
@@ -640,7 +644,7 @@ class AccurateSolver : public Base {
       row.state = row.x == 0 && (row.target < 0 || contacts_.of(rows[i]).is_known) ? AMB_MLCP_LOW : AMB_MLCP_FREE;
       const btScalar gap = point.getDistance() + info.m_linearSlop;
       deepest_ = std::max(deepest_, -gap);
-      row.bias = gap > 0 ? -gap / info.m_timeStep : bounce_velocity(rows, i);
+      row.bias = contact_bias(rows, i, gap, info.m_timeStep);
       row.in_positions = rows[i].m_jacDiagABInv > 0 && row.high > 0;
       row.position_target = gap > 0            ? -gap / info.m_timeStep
                             : row.in_positions ? rows[i].m_rhsPenetration / rows[i].m_jacDiagABInv

@@ -53,8 +53,9 @@ bool joins_the_same(const AmbConstraint &a, const AmbConstraint &b) {
          (&first_of(a) == &second_of(b) && &second_of(a) == &first_of(b));
 }
 
-// Largest turn in a sub-step for which no limit of the kinetic energy is needed at the new position, rad.
-constexpr btScalar FAST_TURN = 0.05;
+// Largest turn in a sub-step up to which the kinetic energy may grow at the new position, rad, and by which share of
+// it: slow motion exchanges energy between sub-steps by truncation errors of either sign.
+constexpr btScalar FAST_TURN = 0.05, SLOW_GROWTH = 1e-3;
 
 // Largest position error of a joint, m and rad, up to which its child is moved onto the joint. With larger errors the
 // joint stays a constraint.
@@ -403,6 +404,7 @@ void AmbArticulation::integrate_free_motion(btScalar h) {
   joint_rows->plan_motors(h);
   dynamics.step(h, position, rate, free_position, free_rate);
   free_energy = dynamics.kinetic_energy();
+  free_internal_energy = dynamics.internal_energy();
   joint_rows->plan_limits(h);
   has_rows = joint_rows->any() || has_contact || external_constraint_count > 0 || is_driven();
 }
@@ -410,6 +412,7 @@ void AmbArticulation::integrate_free_motion(btScalar h) {
 void AmbArticulation::prepare_rows() {
   dynamics.update_poses(position);
   dynamics.update_velocities(free_rate);
+  unsolved_energy = dynamics.internal_energy();
   dynamics.factor_inertia();
   // The velocity of the btMultiBody is the sum of the changes by all rows.
   multi_body->clearVelocities();
@@ -442,20 +445,15 @@ void AmbArticulation::integrate(btScalar h) {
     for (int i = 0; i < dynamics.coordinates; ++i) after.q[i] = free_rate.q[i] + change.q[i];
     dynamics.update_poses(position);
     dynamics.update_velocities(after);
-    const btScalar fastest = dynamics.fastest_rotation(after);
-    const bool is_fast = fastest * h > FAST_TURN;
-    if (is_fast) {
+    is_straight = has_contact || external_constraint_count > 0 || had_impulses();
+    const bool is_fast = dynamics.fastest_rotation(after) * h > FAST_TURN;
+    if (is_fast || is_straight) {
       // At the old position, whose inertia they were solved with, rows add no energy but the work of motors.
-      const btScalar solved = dynamics.internal_energy();
-      dynamics.update_velocities(free_rate);
-      const btScalar unsolved = dynamics.internal_energy();
-      dynamics.update_poses(free_position);
-      dynamics.update_velocities(free_rate);
+      const btScalar solved = dynamics.internal_energy(), unsolved = unsolved_energy, there = free_internal_energy;
       // If rows removed a share of the energy at the old position, the same share is removed at the new one, where
       // inertias may be very different; if they added energy, the same amount is added.
-      const btScalar there = dynamics.internal_energy();
       energy_limit = solved < unsolved ? there * (solved / unsolved) : there + (solved - unsolved);
-      if (keeps_momentum) dynamics.update_poses(position);
+      if (!is_fast) energy_limit *= 1 + SLOW_GROWTH;
     }
     if (keeps_momentum) {
       dynamics.update_velocities(change);
@@ -466,11 +464,10 @@ void AmbArticulation::integrate(btScalar h) {
       momentum.linear += by_rows.linear;
       momentum.angular += by_rows.angular;
     }
-    if (has_contact || external_constraint_count > 0 || had_impulses()) {
+    if (is_straight) {
       // Impulses of contacts, limits and external constraints act from the beginning of the sub-step, so that no link
       // penetrates further.
       ArticulationDynamics::advance_position(position, h, after);
-      is_straight = true;
     } else {
       // Forces of motors are constant over the sub-step: their mean change of the rates is half of `change`.
       position = free_position;

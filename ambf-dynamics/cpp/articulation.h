@@ -79,8 +79,9 @@ struct AmbArticulation {
   // State at the end of the sub-step without constraint rows.
   ArticulationDynamics::Position free_position;
   ArticulationDynamics::Rate free_rate;
-  // Kinetic energy of that motion, J.
-  btScalar free_energy = 0;
+  // Kinetic energy of that motion, J, and its internal energy at the end and, with the same rates, at the beginning of
+  // the sub-step.
+  btScalar free_energy = 0, free_internal_energy = 0, unsolved_energy = 0;
   // Pseudo-velocity of the position correction: moves the articulation in this sub-step and does not change its rates.
   ArticulationDynamics::Rate correction;
   bool is_corrected = false;

@@ -254,8 +254,9 @@ void ArticulationDynamics::sweep(Rate &out, bool with_bias) {
 }
 
 btScalar ArticulationDynamics::Spring::displacement(btScalar q) const {
-  const btScalar x = sign * q + offset;
-  return (is_angle ? std::remainder(x, 2 * SIMD_PI) : x) - rest;
+  // Wrapped half a turn away from the rest position, where the elastic energy is continuous.
+  const btScalar x = sign * q + offset - rest;
+  return is_angle ? std::remainder(x, 2 * SIMD_PI) : x;
 }
 
 void ArticulationDynamics::accelerate(const Position &position, const Rate &rate, Rate &acceleration) {
@@ -381,22 +382,53 @@ btScalar ArticulationDynamics::fastest_rotation(const Rate &rate) const {
 }
 
 void ArticulationDynamics::bound_rotation(Rate &rate, btScalar h) {
-  const btScalar most = SIMD_HALF_PI / h, base = rate.angular.length();
-  bool any = base > most;
-  if (any) rate.angular *= most / base;
-  for (const Link &link : links) {
-    if (link.type != JointType::Revolute) continue;
-    btScalar &q = rate.q[link.coordinate];
-    if (!(btFabs(q) > most)) continue;
-    q = q > 0 ? most : -most;
-    any = true;
+  // Impulses on one coordinate after the other disturb those before.
+  constexpr int MAX_ROUNDS = 4;
+  const btScalar most = SIMD_HALF_PI / h;
+  for (int round = 0; fastest_coordinate(rate) > most; ++round) {
+    if (round == MAX_ROUNDS) {
+      scale_internal_velocity(most / fastest_coordinate(rate), rate);
+      update_velocities(rate);
+      break;
+    }
+    factor_inertia();
+    for (const Link &link : links) {
+      const bool turns = link.type == JointType::Revolute;
+      if (turns && btFabs(rate.q[link.coordinate]) > most) stop_at(link.coordinate, most, rate);
+    }
+    update_velocities(rate);
   }
-  if (!any) return;
-  const btVector3 before = linear_momentum();
+  const btScalar base = rate.angular.length();
+  if (fixed_base || !(base > most)) return;
+  scale_internal_velocity(most / base, rate);
   update_velocities(rate);
-  if (fixed_base) return;
-  rate.linear += (before - linear_momentum()) / mass();
-  update_velocities(rate);
+}
+
+btScalar ArticulationDynamics::fastest_coordinate(const Rate &rate) const {
+  btScalar fastest = 0;
+  for (const Link &link : links) {
+    if (link.type == JointType::Revolute) fastest = std::max(fastest, btFabs(rate.q[link.coordinate]));
+  }
+  return fastest;
+}
+
+// Brings the rate of a coordinate to +-`most` by an impulse between the two bodies of its joint.
+void ArticulationDynamics::stop_at(int coordinate, btScalar most, Rate &rate) {
+  const size_t n = velocity_size();
+  impulse_row.assign(n, 0);
+  impulse_row[6 + coordinate] = 1;
+  normalise(impulse_row.data());
+  btScalar response = 0;
+  for (const btScalar part : impulse_row) response += part * part;
+  if (!(response > 0)) return;
+  btScalar &q = rate.q[coordinate];
+  const btScalar impulse = ((q > 0 ? most : -most) - q) / response;
+  for (btScalar &part : impulse_row) part *= impulse;
+  part_rate.q.resize(coordinates);
+  rates_of(impulse_row.data(), part_rate);
+  rate.angular += part_rate.angular;
+  rate.linear += part_rate.linear;
+  for (int k = 0; k < coordinates; ++k) rate.q[k] += part_rate.q[k];
 }
 
 // Damping over h s: the velocities of all bodies decay, and their projection onto the joints gives the new rates.

@@ -108,9 +108,10 @@ class ArticulationDynamics {
     steps_until_probe = 0;
   }
 
-  // Clamps the angular velocity of the base and the rates of revolute coordinates to pi / 2 in h s, as Bullet clamps
-  // angular velocities of rigid bodies. The linear momentum of an articulation with a free base is kept. Poses and
-  // velocities must be up to date.
+  // Bounds the angular velocity of the base and the rates of revolute coordinates to pi / 2 in h s, as Bullet clamps
+  // angular velocities of rigid bodies: by impulses between the two bodies of a joint, which take energy away and keep
+  // the momentum. Setting the rate of one coordinate alone would change the velocities of all bodies behind it, and
+  // adds energy where rates of several coordinates cancel. Poses and velocities must be up to date.
   void bound_rotation(Rate &rate, btScalar h);
 
   // Factors the generalised inertia H = L^T L. In the velocity coordinates z = L v the kinetic energy is z^T z / 2,
@@ -168,6 +169,8 @@ class ArticulationDynamics {
 
   void runge_kutta(btScalar h, const Position &from, const Rate &rate, Position &to, Rate &new_rate);
   void divided_step(btScalar h, int parts, const Position &from, const Rate &rate, Position &to, Rate &new_rate);
+  btScalar fastest_coordinate(const Rate &rate) const;
+  void stop_at(int coordinate, btScalar most, Rate &rate);
   void apply_damping(btScalar h, const Position &at, Rate &rate);
   btScalar elastic_energy(const Position &at) const;
   btVector3 linear_momentum() const;
@@ -185,6 +188,8 @@ class ArticulationDynamics {
   Vector<int> parent_component;
   // L, by rows, and the inverses of its diagonal.
   Vector<btScalar> factor, inverse_diagonal;
+  // Impulse of stop_at, as a row for z.
+  Vector<btScalar> impulse_row;
   Position stage, part;
   Rate stage_rate, part_rate, start_rate, slopes[4], speeds[4];
   // Whether damping is split off from the other forces in the present step.

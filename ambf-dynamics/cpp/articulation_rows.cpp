@@ -59,9 +59,12 @@ void JointRows::plan_limit(int coordinate, btScalar low, btScalar high, bool is_
     // Distance to the limit (negative: violated), and speed away from it.
     const btScalar gap = side * (q - (side > 0 ? low : high));
     const btScalar speed = side * articulation.free_rate.q[coordinate];
+    // The joint rebounds from the velocity before the sub-step, not from what motors give it while they press it
+    // against its limit.
+    const btScalar speed_before = side * articulation.rate.q[coordinate];
     if (gap + h * speed >= 0 && gap >= 0) continue;
     btScalar target = gap < 0 ? 0 : -gap / h;
-    if (bounce > 0) target = std::max(target, -bounce * speed);
+    if (bounce > 0) target = std::max(target, -bounce * speed_before);
     const btScalar correction = gap < 0 ? std::min(-gap / h * LIMIT_ERP, most) : -gap / h;
     planned.push_back({coordinate, side * target, 0, side > 0 ? 0 : -infinity, side > 0 ? infinity : 0, -1, 0,
                        side * correction, is_angle});

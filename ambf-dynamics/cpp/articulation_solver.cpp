@@ -128,6 +128,7 @@ struct ArticulationSolver::LinkContact {
 };
 
 void ArticulationSolver::convertContacts(btPersistentManifold **manifolds, int n, const btContactSolverInfo &info) {
+  link_bounces_.clear();
   for (int i = 0; i < n; ++i) {
     btPersistentManifold &manifold = *manifolds[i];
     if (btMultiBodyLinkCollider::upcast(manifold.getBody0()) || btMultiBodyLinkCollider::upcast(manifold.getBody1())) {
@@ -170,8 +171,12 @@ void ArticulationSolver::convert_link_contacts(btPersistentManifold &manifold, c
     Row &row = add_contact_row(m_multiBodyNormalContactConstraints, contact, point.m_normalWorldOnB, none, motion);
     const btScalar cfm = info.m_globalCfm / h, whole = motion.response + cfm,
                    gap = point.getDistance() + info.m_linearSlop;
-    const btScalar bounce = std::max(btScalar(0), restitutionCurve(motion.velocity, point.m_combinedRestitution,
-                                                                   info.m_restitutionVelocityThreshold));
+    // The velocity after the free motion also holds what forces that press the bodies together give them in h, from
+    // which no body rebounds.
+    const btScalar bounce =
+        std::max(btScalar(0), restitutionCurve(velocity_before(contact, point.m_normalWorldOnB),
+                                               point.m_combinedRestitution, info.m_restitutionVelocityThreshold));
+    link_bounces_.push_back(bounce);
     row.m_jacDiagABInv = whole > SIMD_EPSILON ? info.m_sor / whole : 0;
     row.m_rhs = (bounce - motion.velocity - (gap > 0 ? gap : gap * info.m_erp2) / h) * row.m_jacDiagABInv;
     row.m_cfm = cfm * row.m_jacDiagABInv;
@@ -201,6 +206,29 @@ void ArticulationSolver::convert_link_contacts(btPersistentManifold &manifold, c
     add_friction_row(frictions, contact, first, none, point.m_combinedFriction, point.m_appliedImpulseLateral1, info);
     add_friction_row(frictions, contact, second, none, point.m_combinedFriction, point.m_appliedImpulseLateral2, info);
   }
+}
+
+// Velocity at which the bodies separated along a direction at the contact point before the sub-step, m/s.
+btScalar ArticulationSolver::velocity_before(const LinkContact &contact, const btVector3 &direction) const {
+  btVector3 relative(0, 0, 0);
+  for (int k = 0; k < 2; ++k) {
+    const LinkContact::Touching &side = contact.sides[k];
+    const btVector3 arm =
+        (k ? contact.point->getPositionWorldOnB() : contact.point->getPositionWorldOnA()) - side.center;
+    btVector3 linear, angular;
+    if (side.articulation) {
+      const btRigidBody &link = side.articulation->members[side.member].body->body;
+      linear = link.getLinearVelocity();
+      angular = link.getAngularVelocity();
+    } else {
+      const btSolverBody &body = m_tmpSolverBodyPool[side.id];
+      linear = body.m_linearVelocity;
+      angular = body.m_angularVelocity;
+    }
+    const btVector3 velocity = linear + angular.cross(arm);
+    relative += k ? -velocity : velocity;
+  }
+  return direction.dot(relative);
 }
 
 // Appends a row along a linear direction at the contact point, or about an angular one.

@@ -84,9 +84,13 @@ class ArticulationSolver : public btMultiBodyConstraintSolver {
   // Sets the change of an articulation's velocity by all impulses.
   void set_change(btMultiBody &multi_body, int velocity, const double *change);
 
+  // Separation velocity by restitution of each row of m_multiBodyNormalContactConstraints, m/s.
+  Vector<btScalar> link_bounces_;
+
  private:
   struct LinkContact;
   void convert_link_contacts(btPersistentManifold &manifold, const btContactSolverInfo &info);
+  btScalar velocity_before(const LinkContact &contact, const btVector3 &direction) const;
   Row &add_contact_row(btMultiBodyConstraintArray &rows, const LinkContact &contact, const btVector3 &linear,
                        const btVector3 &angular, RowMotion &motion);
   void add_friction_row(btMultiBodyConstraintArray &rows, const LinkContact &contact, const btVector3 &linear,

@@ -1,8 +1,10 @@
 #include "articulation_rows.h"
 #include "engine.h"
+#include "position_error.h"
 #include "spring_rotation.h"
 
 #include <algorithm>
+#include <cmath>
 #include <optional>
 
 namespace {
@@ -196,13 +198,15 @@ struct ImplicitSpring : btGeneric6DofSpring2Constraint {
     }
   }
 
-  // Target velocity of a spring row, m/s or rad/s; sets its softness.
-  btScalar target_of(int index, btScalar stiffness, btScalar damping, btScalar displacement, btScalar rate,
-                     btScalar h) {
-    const btScalar back = h * rate, implicit = damping + h * stiffness;
+  // Target velocity of a spring row, m/s or rad/s; sets its softness. `curved` is the change of the displacement in h
+  // because bodies move along tangents, m. It is part of the displacement at the end of the sub-step as h v is: a stiff
+  // spring between bodies that turn about each other would otherwise be stretched by it anew in each sub-step.
+  btScalar target_of(int index, btScalar stiffness, btScalar damping, btScalar displacement, btScalar rate, btScalar h,
+                     btScalar curved = 0) {
+    const btScalar back = h * rate + curved, implicit = damping + h * stiffness;
     const btScalar share = back == 0 ? 0 : std::min(btScalar(1), btFabs(displacement / back) / 2);
     rows.softness[index] = 1 / (h * implicit);
-    return -stiffness * (displacement - share * back) / implicit;
+    return -stiffness * (displacement + curved - share * back) / implicit;
   }
 
   int index_of(int axis) const { return static_cast<int>(std::count(taken, taken + axis, true)); }
@@ -218,8 +222,11 @@ struct ImplicitSpring : btGeneric6DofSpring2Constraint {
     write_vector(arm_b.cross(direction), row.angular_b);
     const btScalar rate = direction.dot(m_rbB.getVelocityInLocalPoint(arm_b) - m_rbA.getVelocityInLocalPoint(arm_a));
     const btScalar displacement = m_calculatedLinearDiff[axis] - m_linearLimits.m_equilibriumPoint[axis];
+    JointMotion motion;
+    motion.finish(m_rbA.getLinearVelocity(), m_rbA.getAngularVelocity(), m_rbB.getLinearVelocity(),
+                  m_rbB.getAngularVelocity(), h, &arm_a, &arm_b);
     return target_of(index_of(axis), m_linearLimits.m_springStiffness[axis], m_linearLimits.m_springDamping[axis],
-                     displacement, rate, h);
+                     displacement, rate, h, -h * motion.linear_target(direction));
   }
 
   // Bullet's angles have the opposite sign.
@@ -229,8 +236,10 @@ struct ImplicitSpring : btGeneric6DofSpring2Constraint {
     write_vector(direction, row.angular_b);
     const btRotationalLimitMotor2 &motor = m_angularLimits[axis];
     const btScalar rate = direction.dot(m_rbB.getAngularVelocity() - m_rbA.getAngularVelocity());
+    // Wrapped half a turn away from the rest position, where the elastic energy is continuous.
     const btScalar displacement =
-        rotation ? rotation->phi[axis] : motor.m_equilibriumPoint - m_calculatedAxisAngleDiff[axis];
+        rotation ? rotation->phi[axis]
+                 : std::remainder(motor.m_equilibriumPoint - m_calculatedAxisAngleDiff[axis], 2 * SIMD_PI);
     return target_of(index_of(axis + 3), motor.m_springStiffness, motor.m_springDamping, displacement, rate, h);
   }
 

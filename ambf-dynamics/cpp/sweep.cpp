@@ -216,8 +216,14 @@ void stop_at_impacts(EngineWorld &engine) {
 extern "C" {
 
 int amb_world_set_continuous(AmbWorld *world, AmbBody *body, int enabled) {
-  const btScalar radius = enabled ? inner_radius(*body->shape->shape, btTransform::getIdentity()) : 0;
-  body->swept_radius = std::isfinite(radius) ? SWEPT_SHARE * btMax(radius, btScalar(0)) : 0;
+  std::atomic<double> &known = *body->shape->inner_radius;
+  if (enabled && known < 0) {
+    const btScalar found = inner_radius(*body->shape->shape, btTransform::getIdentity());
+    // Threads that find it at the same time find the same.
+    known = std::isfinite(found) ? btMax(found, btScalar(0)) : 0;
+  }
+  const btScalar radius = enabled ? known.load() : 0;
+  body->swept_radius = SWEPT_SHARE * radius;
   engine_of(*world).has_continuous |= body->swept_radius > 0;
   return body->swept_radius > 0;
 }

@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU8, Ordering};
 use std::sync::Arc;
 
-use crossbeam_channel::{bounded, Receiver, Sender};
+use crossbeam_channel::{bounded, unbounded, Receiver, Sender};
 use parking_lot::Mutex;
 
 use super::drawing::{check, Sheet};
@@ -13,7 +13,7 @@ use crate::snapshot::{SnapshotSlot, SnapshotWriter};
 
 /// Lines that may wait for the log.
 const LINES: usize = 256;
-/// Commands that may wait for the next step.
+/// Commands that may wait for the next step, and one more a thread that posts at the same time.
 const COMMANDS: usize = 4096;
 
 /// Requests that the loop around the simulation looks at.
@@ -89,7 +89,8 @@ impl Shared {
     /// Both ends; what plugins draw goes into `drawings`.
     pub fn new(drawings: Drawings) -> (Arc<Self>, Incoming) {
         let (lines, lines_out) = bounded(LINES);
-        let (commands, commands_out) = bounded(COMMANDS);
+        // `post` keeps the bound: room for all of them would be 360 kB, in each of the hundreds of worlds that learners have.
+        let (commands, commands_out) = unbounded();
         let shared = Self {
             lines,
             commands,
@@ -150,6 +151,9 @@ impl Services for Desk {
         }
         if self.shared.requests.keep(command) {
             return Ok(());
+        }
+        if self.shared.commands.len() >= COMMANDS {
+            return Err(CommandError::Full);
         }
         self.shared.commands.try_send((self.number, *command)).map_err(|_| CommandError::Full)
     }

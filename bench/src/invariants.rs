@@ -131,9 +131,16 @@ impl Watch {
         let bodies = scene.bodies.iter().filter(|body| body.mass > 0.0);
         let pull = |body: &ambf_core::scene::Body| body.mass * body.gravity.unwrap_or(scene.gravity).norm();
         self.weight = scene.bodies.iter().map(pull).sum();
-        let lifted = |mass: f64| mass * scene.gravity.norm() * (present + beyond * self.size);
-        self.allowance = bodies.map(|body| of((body.mass, body.inertia.amax())) + lifted(body.mass)).sum::<f64>()
-            + self.work.elastic_reserve();
+        // A limit that is corrected turns all that hangs on the joint about it, not only the body next to it.
+        let turned = turns_of_corrections(scene, &self.pivots);
+        let lifted = |body: BodyId| {
+            let centre = scene.world.pose(scene.world.bodies()[body.index()]).unwrap_or_default().translation.vector;
+            let turned = turned.iter().map(|(at, angle)| angle * (centre - at).norm()).sum::<f64>();
+            present + slid_of_corrections(scene) + turned
+        };
+        self.allowance = bodies.map(|body| of((body.mass, body.inertia.amax()))).sum::<f64>()
+            + scene.bodies.entries().map(|(id, body)| body.mass * scene.gravity.norm() * lifted(id)).sum::<f64>()
+            + self.work.elastic_reserve(scene);
     }
 
     /// Before sub-step `n`, when its commands have been given.
@@ -222,6 +229,30 @@ impl Watch {
             since: self.since,
         }
     }
+}
+
+/// Whether a joint's coordinate is a length.
+fn slides(joint: &Joint) -> bool {
+    matches!(joint.joint_type, JointType::Prismatic | JointType::LinearSpring)
+}
+
+/// Where and by which angle the corrections of limits and of the axes of joints turn bodies: m, world axes, and rad.
+fn turns_of_corrections(scene: &Scene, pivots: &[Pivot]) -> Vec<(Vector3<f64>, f64)> {
+    let at = |body: BodyId, point: Point3<f64>| {
+        let pose = scene.world.pose(scene.world.bodies()[body.index()]).unwrap_or_default();
+        (pose * point).coords
+    };
+    let limits = scene.joints.iter().filter(|joint| !slides(joint)).map(|joint| {
+        let origin = Point3::from(joint.frames[0].translation.vector);
+        (at(joint.parent, origin), violation(joint))
+    });
+    let axes = pivots.iter().map(|pivot| (at(pivot.parent, pivot.points[0]), skew(scene, pivot)));
+    limits.chain(axes).filter(|(_, angle)| *angle > 0.0).collect()
+}
+
+/// By how much the corrections of the limits of sliding joints move bodies, m.
+fn slid_of_corrections(scene: &Scene) -> f64 {
+    scene.joints.iter().filter(|joint| slides(joint)).map(violation).sum()
 }
 
 /// How far the start is beyond a limit, rad or m.

@@ -9,6 +9,10 @@
 //!   when its command has ended.
 //! * Wrench on a body: ∫ max(F·v + τ·ω, 0) dt.
 //! * Resistance sensors: ∫ F·v dt with the largest force of their rays and the largest speed of any body.
+//!
+//! |q̇| is the larger one of the change of the coordinate over the step and of its rate after the sub-step by the
+//! velocities of both bodies: an angle that changes by more than π in a sub-step is not seen from outside, and a sliding
+//! coordinate whose bodies turn far is not the integral of its rate.
 
 use std::f64::consts::{PI, TAU};
 
@@ -17,6 +21,7 @@ use ambf_core::comm::JointCommandType;
 use ambf_core::ids::BodyId;
 use ambf_core::scene::{Joint, JointType, Scene};
 use ambf_core::sim::Simulation;
+use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::invariants::description;
 use super::script::{Action, Script};
@@ -105,9 +110,10 @@ impl Work {
         self.done
     }
 
-    /// Energy that springs of several coordinates and rays of resistance sensors can hold, J.
-    pub fn elastic_reserve(&self) -> f64 {
-        self.elastic
+    /// Energy that springs of several coordinates and rays of resistance sensors can hold, J: such springs within their
+    /// limits, and what they hold now, which is more where the limits exclude the present pose.
+    pub fn elastic_reserve(&self, scene: &Scene) -> f64 {
+        self.elastic + scene.joints.iter().map(|joint| held(scene, joint)).sum::<f64>()
     }
 
     /// Notes what is commanded in sub-step `n`.
@@ -140,7 +146,7 @@ impl Work {
     pub fn after(&mut self, simulation: &Simulation) {
         let scene = simulation.scene();
         for (driven, joint) in self.joints.iter_mut().zip(&scene.joints) {
-            self.done += driven.work(joint, self.step);
+            self.done += driven.work(joint, rate(scene, joint), self.step);
         }
         for (body, force, torque, before) in &self.wrenches {
             self.done += power(scene, *body, force, torque).max(*before).max(0.0) * self.step;
@@ -179,20 +185,43 @@ impl Driven {
         };
     }
 
-    fn work(&mut self, joint: &Joint, step: f64) -> f64 {
+    /// Bound of the work in a sub-step of `step` s, J; `after` is the rate of the coordinate after it.
+    fn work(&mut self, joint: &Joint, after: f64, step: f64) -> f64 {
         let mut change = joint.position - self.position;
         if joint.limits.is_none() && change.abs() > PI && joint.joint_type == JointType::Revolute {
             change -= TAU.copysign(change);
         }
         let (before, rate) = (self.rate, change / step);
         self.rate = rate;
-        let speed = before.abs().max(rate.abs());
+        let speed = before.abs().max(rate.abs()).max(after.abs());
         step * match self.drive {
             Drive::None => 0.0,
             Drive::Effort(effort) => (effort * rate).max(effort * before).max(0.0),
             Drive::Controlled(effort) => effort * speed,
             Drive::Motor(target) => self.motor * speed.min(target),
         }
+    }
+}
+
+/// Rate of the coordinate of a joint by the velocities of its bodies, rad/s or m/s; 0 for joints that no motor drives.
+fn rate(scene: &Scene, joint: &Joint) -> f64 {
+    let motion = |body: BodyId| {
+        let handle = scene.world.bodies()[body.index()];
+        (scene.world.pose(handle).unwrap_or_default(), scene.world.velocity(handle).unwrap_or_default())
+    };
+    let (parent, (velocity, spin)) = motion(joint.parent);
+    let (child, (child_velocity, child_spin)) = motion(joint.child);
+    let axis = parent * joint.axis;
+    match joint.joint_type {
+        JointType::Revolute => axis.dot(&(child_spin - spin)),
+        JointType::Prismatic => {
+            let pivot = child * Point3::from(joint.frames[1].translation.vector);
+            let of = |pose: &Isometry3<f64>, velocity: Vector3<f64>, spin: Vector3<f64>| {
+                velocity + spin.cross(&(pivot.coords - pose.translation.vector))
+            };
+            axis.dot(&(of(&child, child_velocity, child_spin) - of(&parent, velocity, spin)))
+        }
+        _ => 0.0,
     }
 }
 
@@ -209,7 +238,10 @@ pub fn spring_energy(scene: &Scene, joint: &Joint) -> f64 {
     }
     let Some((described, limits)) = description(scene, joint).zip(joint.limits) else { return 0.0 };
     let rest = described.equilibrium_point.unwrap_or((limits.low + limits.high) / 2.0);
-    described.stiffness * (joint.position - rest).powi(2) / 2.0
+    let away = joint.position - rest;
+    // An angle is known to whole turns only.
+    let away = if joint.joint_type == JointType::TorsionSpring { (away + PI).rem_euclid(TAU) - PI } else { away };
+    described.stiffness * away.powi(2) / 2.0
 }
 
 /// Largest force of a sensor, N.
@@ -219,8 +251,26 @@ fn resistance(sensor: &adf::Sensor) -> f64 {
         adf::RaySource::Array(rays) => rays.len() as f64,
         _ => 100.0,
     };
-    let normal = law.contact_area.max(1.0) * law.contact_stiffness * sensor.range;
-    rays * normal * (1.0 + law.static_friction + law.dynamic_friction)
+    // The depth that stiffness and damping multiply is a share of the range, at most 1; what sticks slips from a drift
+    // of `contact_area` on. Sliding friction only takes energy away.
+    let pressing = law.contact_stiffness.abs() + law.contact_damping.abs();
+    let scale = if law.variable_friction { pressing } else { 1.0 };
+    let sticking = law.contact_area * (law.static_friction.abs() * scale + 2.0 * law.friction_damping.abs());
+    rays * (pressing + sticking)
+}
+
+/// Energy that a six-dof spring holds now, J: of the translations of its frames, and of the rotation vector between
+/// them. 0 for other joints.
+fn held(scene: &Scene, joint: &Joint) -> f64 {
+    let Some(adf::JointKind::SixDofSpring(spring)) = description(scene, joint).map(|described| &described.kind) else {
+        return 0.0;
+    };
+    let pose = |body: BodyId| scene.world.pose(scene.world.bodies()[body.index()]).unwrap_or_default();
+    let [parent, child] = joint.frames;
+    let between = (pose(joint.parent) * parent).inverse() * (pose(joint.child) * child);
+    let of = |stiffness: &Vector3<f64>, away: Vector3<f64>| stiffness.dot(&away.component_mul(&away)) / 2.0;
+    of(&spring.stiffness.linear, between.translation.vector - spring.equilibrium_point.linear)
+        + of(&spring.stiffness.angular, between.rotation.scaled_axis() - spring.equilibrium_point.angular)
 }
 
 /// Energy that a six-dof spring can hold within its limits, J.

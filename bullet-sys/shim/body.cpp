@@ -14,14 +14,19 @@ void amb_body_set_surface(AmbBody *body, double friction, double rolling_frictio
   body->body.setRestitution(restitution);
 }
 
-void amb_body_set_damping(AmbBody *body, double linear, double angular) { body->body.setDamping(linear, angular); }
+void amb_body_set_damping(AmbBody *body, double linear, double angular) {
+  body->body.setDamping(linear, angular);
+  if (body->world) set_sleeping_thresholds(*body->world, *body);
+}
 
 // activate() wakes a sleeping body and has no effect on a body that never sleeps.
 
 void amb_body_set_gravity(AmbBody *body, const double gravity[3]) {
   const btVector3 before = body->body.getGravity();
   body->body.setGravity(vector_of(gravity));
-  if (before != body->body.getGravity()) body->body.activate();
+  if (before == body->body.getGravity()) return;
+  body->body.activate();
+  if (body->world) set_sleeping_thresholds(*body->world, *body);
 }
 
 void amb_body_apply_wrench(AmbBody *body, const double force[3], const double torque[3]) {

@@ -117,7 +117,7 @@ AmbConstraint *amb_grip_new(AmbBody *body, const double pivot[3], const double g
   alignas(AmbShape) static unsigned char place[sizeof(AmbShape)];
   static AmbShape *const nothing = [] {
     auto *shape = new (place) AmbShape;
-    shape->shape.reset(&empty);
+    shape->shape.reset(&empty, [](btCollisionShape *) {});
     return shape;
   }();
   auto anchor = std::make_unique<AmbBody>(0, btVector3(0, 0, 0), nothing, btTransform::getIdentity());

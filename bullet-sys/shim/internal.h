@@ -2,6 +2,7 @@
 #ifndef AMB_INTERNAL_H
 #define AMB_INTERNAL_H
 
+#include <atomic>
 #include <cmath>
 #include <cstdint>
 #include <memory>
@@ -23,8 +24,13 @@ extern "C" {
 struct AmbShape {
   // Members are destroyed in reverse order: the shape before the mesh and the children that it refers to.
   std::vector<std::unique_ptr<AmbShape>> children;
-  std::unique_ptr<btStridingMeshInterface> mesh;
-  std::unique_ptr<btCollisionShape> shape;
+  // Twins (amb_shape_twin) share the mesh, and the shape where it is never written to after its construction.
+  std::shared_ptr<btStridingMeshInterface> mesh;
+  // The shape whose tree of triangles this one uses.
+  std::shared_ptr<const btCollisionShape> original;
+  std::shared_ptr<btCollisionShape> shape;
+  // What twins need to find out only once: radius of the largest sphere about the origin within the shape; negative: not known.
+  std::shared_ptr<std::atomic<double>> inner_radius = std::make_shared<std::atomic<double>>(-1.0);
   bool needs_gimpact = false;
 };
 
@@ -212,6 +218,8 @@ struct AmbWorld {
   // Bodies fall asleep below these linear (m/s) and angular (rad/s) speeds.
   bool allows_sleeping = false;
   btScalar sleeping_thresholds[2] = {0, 0};
+  // The same for bodies that only contacts can carry.
+  btScalar resting_thresholds[2] = {0, 0};
   bool has_gimpact = false;
   // Rays are cast in this world: soft bodies maintain a bounding-volume tree of their faces.
   bool has_rays = false;
@@ -225,6 +233,8 @@ inline bool responds(const btPersistentManifold &manifold) {
 
 // See sleeping.cpp. Sets the activation state of a body: frozen if static, able to sleep, or always awake.
 void set_activation_state(AmbWorld &world, AmbBody &owner);
+// To be called when the gravity, the damping or the number of constraints of a body has changed.
+void set_sleeping_thresholds(AmbWorld &world, AmbBody &owner);
 // Wakes the bodies that overlap the AABB of a body or share a constraint with it.
 void activate_neighbours(AmbWorld &world, const AmbBody &owner);
 // Sets the pose of a body and wakes its neighbours at the old and the new pose.

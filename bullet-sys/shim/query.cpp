@@ -27,6 +27,16 @@ int target_of(const AmbObject &object) {
   }
 }
 
+// A contact as the first or second body of the manifold has it.
+void write_contact(const btManifoldPoint &point, bool first, const AmbBody &other, AmbContact &contact) {
+  contact.other = other.handle;
+  write_vector(first ? point.getPositionWorldOnA() : point.getPositionWorldOnB(), contact.point);
+  // Bullet's normal points from its second body to its first.
+  write_vector(first ? point.m_normalWorldOnB : -point.m_normalWorldOnB, contact.normal);
+  contact.distance = point.getDistance();
+  contact.impulse = point.getAppliedImpulse();
+}
+
 }  // namespace
 
 extern "C" {
@@ -61,17 +71,37 @@ int amb_body_contacts(const AmbWorld *world, const AmbBody *body, double thresho
     for (int p = 0; p < manifold.getNumContacts(); ++p) {
       const btManifoldPoint &point = manifold.getContactPoint(p);
       if (!(point.getDistance() <= threshold)) continue;
-      if (count < capacity) {
-        AmbContact &contact = out[count];
-        contact.other = other->handle;
-        write_vector(first ? point.getPositionWorldOnA() : point.getPositionWorldOnB(), contact.point);
-        // Bullet's normal points from its second body to its first.
-        write_vector(first ? point.m_normalWorldOnB : -point.m_normalWorldOnB, contact.normal);
-        contact.distance = point.getDistance();
-        contact.impulse = point.getAppliedImpulse();
-      }
+      if (count < capacity) write_contact(point, first, *other, out[count]);
       ++count;
     }
+  }
+  return count;
+}
+
+int amb_world_touching(const AmbWorld *world, AmbTouching *out, int capacity) {
+  int count = 0;
+  for (int i = 0; i < world->dispatcher.getNumManifolds(); ++i) {
+    const btPersistentManifold &manifold = *world->dispatcher.getManifoldByIndexInternal(i);
+    if (manifold.getNumContacts() == 0) continue;
+    const AmbBody *a = body_of(manifold.getBody0()), *b = body_of(manifold.getBody1());
+    if (!a || !b) continue;
+    if (count < capacity) out[count] = {{a->handle, b->handle}, i};
+    ++count;
+  }
+  return count;
+}
+
+int amb_manifold_contacts(const AmbWorld *world, int number, int side, AmbManifoldContacts *out) {
+  static_assert(MANIFOLD_CACHE_SIZE == sizeof(out->points) / sizeof(out->points[0]), "the points of a manifold fit");
+  if (number < 0 || number >= world->dispatcher.getNumManifolds()) return 0;
+  const btPersistentManifold &manifold = *world->dispatcher.getManifoldByIndexInternal(number);
+  const AmbBody *other = body_of(side == 0 ? manifold.getBody1() : manifold.getBody0());
+  if (!other) return 0;
+  int count = 0;
+  for (int p = 0; p < manifold.getNumContacts(); ++p) {
+    const btManifoldPoint &point = manifold.getContactPoint(p);
+    // A distance that is not a number is no contact.
+    if (point.getDistance() == point.getDistance()) write_contact(point, side == 0, *other, out->points[count++]);
   }
   return count;
 }

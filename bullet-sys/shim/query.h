@@ -40,4 +40,21 @@ typedef struct AmbContact {
    returns the number of all. Visits every contact manifold of the world. */
 int amb_body_contacts(const AmbWorld *world, const AmbBody *body, double threshold, AmbContact *out, int capacity);
 
+/* Two bodies with contact points. */
+typedef struct AmbTouching {
+  AmbHandle bodies[2];
+  int manifold; /* for amb_manifold_contacts, until something of the world is stepped, added or removed */
+} AmbTouching;
+
+/* All pairs of bodies with contact points, in the order in which amb_body_contacts visits them. Writes up to `capacity`
+   pairs and returns the number of all. */
+int amb_world_touching(const AmbWorld *world, AmbTouching *out, int capacity);
+typedef struct AmbManifoldContacts {
+  AmbContact points[4];
+} AmbManifoldContacts;
+
+/* Contact points of a manifold as amb_body_contacts gives them for body `side`, 0 or 1, of its pair, whatever their
+   distance. Returns their number; 0 if `manifold` is not in range. */
+int amb_manifold_contacts(const AmbWorld *world, int manifold, int side, AmbManifoldContacts *out);
+
 #endif

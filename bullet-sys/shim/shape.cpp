@@ -22,8 +22,9 @@ btCollisionShape *along(int axis, btScalar radius, btScalar height) {
 }
 
 // Triangles share vertices, so that a mesh on a plane has one contact per vertex.
-std::unique_ptr<btTriangleMesh> triangle_mesh(const double *vertices, int n, const unsigned *triangles, int m) {
-  auto mesh = std::make_unique<btTriangleMesh>();
+std::shared_ptr<btTriangleMesh> triangle_mesh(const double *vertices, int n, const unsigned *triangles, int m) {
+  // Bullet's allocator, unlike std::make_shared, clears memory.
+  std::shared_ptr<btTriangleMesh> mesh(new btTriangleMesh);
   mesh->preallocateVertices(n);
   mesh->preallocateIndices(3 * m);
   for (int i = 0; i < n; ++i) mesh->findOrAddVertex(vector_of(vertices + 3 * i), false);
@@ -32,6 +33,45 @@ std::unique_ptr<btTriangleMesh> triangle_mesh(const double *vertices, int n, con
     mesh->addTriangleIndices(static_cast<int>(t[0]), static_cast<int>(t[1]), static_cast<int>(t[2]));
   }
   return mesh;
+}
+
+// Members of a GImpact shape that it has no functions for.
+struct PartInside : btGImpactMeshShapePart {
+  static btGImpactBoxSet &boxes(btGImpactMeshShapePart &part) { return part.*(&PartInside::m_box_set); }
+  static btAABB &bounds(btGImpactMeshShapePart &part) { return part.*(&PartInside::m_localAABB); }
+  static bool &needs_update(btGImpactMeshShapePart &part) { return part.*(&PartInside::m_needs_update); }
+};
+struct BoxesInside : btGImpactBoxSet {
+  static btQuantizedBvhTree &tree(btGImpactBoxSet &boxes) { return boxes.*(&BoxesInside::m_box_tree); }
+};
+struct TreeInside : btQuantizedBvhTree {
+  // Makes `to` the tree `from`, whose nodes both then have; `from` owns them.
+  static void alias(btQuantizedBvhTree &to, btQuantizedBvhTree &from) {
+    auto &nodes = from.*(&TreeInside::m_node_array);
+    (to.*(&TreeInside::m_node_array)).initializeFromBuffer(nodes.size() ? &nodes[0] : nullptr, nodes.size(), nodes.size());
+    to.*(&TreeInside::m_num_nodes) = from.*(&TreeInside::m_num_nodes);
+    to.*(&TreeInside::m_global_bound) = from.*(&TreeInside::m_global_bound);
+    to.*(&TreeInside::m_bvhQuantization) = from.*(&TreeInside::m_bvhQuantization);
+  }
+};
+
+// Queries of a GImpact shape write to it: they count locks of its mesh. So each world has a shape of its own, without a tree:
+// nodes are written by buildSet and update alone, which a shape calls when it has no nodes, or when its margin or scale was
+// changed, which nobody does after this.
+std::unique_ptr<btGImpactMeshShape> gimpact_twin(btGImpactMeshShape &original, btStridingMeshInterface *mesh) {
+  auto twin = std::make_unique<btGImpactMeshShape>(mesh);
+  twin->setMargin(original.getMargin());
+  for (int i = 0; i < original.getMeshPartCount(); ++i) {
+    btGImpactMeshShapePart &from = *original.getMeshPart(i), &to = *twin->getMeshPart(i);
+    TreeInside::alias(BoxesInside::tree(PartInside::boxes(to)), BoxesInside::tree(PartInside::boxes(from)));
+    PartInside::bounds(to) = PartInside::bounds(from);
+    PartInside::needs_update(to) = false;
+    // The first lock tells the part how many triangles it has.
+    to.lockChildShapes();
+    to.unlockChildShapes();
+  }
+  twin->updateBound();
+  return twin;
 }
 
 }  // namespace
@@ -98,7 +138,7 @@ AmbShape *amb_shape_gimpact(const double *vertices, int n, const unsigned *trian
 
 AmbShape *amb_shape_compound(void) {
   auto *owner = new AmbShape;
-  owner->shape = std::make_unique<btCompoundShape>();
+  owner->shape.reset(new btCompoundShape);
   return owner;
 }
 
@@ -109,7 +149,8 @@ void amb_shape_compound_add(AmbShape *compound, AmbShape *child, const double po
 }
 
 AmbShape *amb_shape_simplify(AmbShape *shape) {
-  if (shape->shape->getShapeType() == CONVEX_HULL_SHAPE_PROXYTYPE) {
+  // Nobody else may be reading it.
+  if (shape->shape->getShapeType() == CONVEX_HULL_SHAPE_PROXYTYPE && shape->shape.use_count() == 1) {
     static_cast<btConvexHullShape &>(*shape->shape).recalcLocalAabb();
   }
   if (!shape->shape->isCompound() || shape->children.size() != 1) return shape;
@@ -119,6 +160,37 @@ AmbShape *amb_shape_simplify(AmbShape *shape) {
   // The destructor of the compound does not access its child, whose ownership was released above.
   delete shape;
   return amb_shape_simplify(child);
+}
+
+AmbShape *amb_shape_twin(const AmbShape *shape) {
+  auto *owner = new AmbShape;
+  owner->needs_gimpact = shape->needs_gimpact;
+  owner->mesh = shape->mesh;
+  owner->inner_radius = shape->inner_radius;
+  switch (shape->shape->getShapeType()) {
+    case COMPOUND_SHAPE_PROXYTYPE: {
+      // The tree of its children is made again: same children in the same order make the same tree.
+      auto *compound = new btCompoundShape;
+      owner->shape.reset(compound);
+      const auto &original = static_cast<const btCompoundShape &>(*shape->shape);
+      for (size_t i = 0; i < shape->children.size(); ++i) {
+        owner->children.emplace_back(amb_shape_twin(shape->children[i].get()));
+        compound->addChildShape(original.getChildTransform(static_cast<int>(i)), owner->children.back()->shape.get());
+      }
+      break;
+    }
+    case GIMPACT_SHAPE_PROXYTYPE:
+      owner->shape = gimpact_twin(static_cast<btGImpactMeshShape &>(*shape->shape), shape->mesh.get());
+      owner->original = shape->original ? shape->original : shape->shape;
+      break;
+    default:
+      // Hulls, convex meshes and primitives are never written to once they are made: what collision detection, rays, bounding
+      // boxes and inertia call is const, and computes nothing on demand. Writers would be setMargin and setLocalScaling, which
+      // are called in `own` only, recalcLocalAabb (amb_shape_simplify, before there are twins), initializePolyhedralFeatures
+      // and the user pointer and index of a shape, which nobody uses. Bodies keep what is theirs in the collision object.
+      owner->shape = shape->shape;
+  }
+  return owner;
 }
 
 void amb_shape_free(AmbShape *shape) { delete shape; }

@@ -22,9 +22,13 @@ AmbShape *amb_shape_compound(void);
 /* Takes ownership of child. */
 void amb_shape_compound_add(AmbShape *compound, AmbShape *child, const double pose[12]);
 /* Takes ownership of `shape`. Returns the child of a compound with one child at the identity pose, else `shape` itself.
-   The AABB of a convex hull is computed again with the margin that was set after its construction. */
+   The AABB of a convex hull without twins is computed again with the margin that was set after its construction. */
 AmbShape *amb_shape_simplify(AmbShape *shape);
 void amb_shape_free(AmbShape *shape);
+/* A shape that collides as `shape` does, bit for bit, for another world, which another thread may step at the same time.
+   Points, triangles and their tree are shared and kept until the last twin is freed. Several threads may make twins of one
+   shape at a time, if it belongs to no world. */
+AmbShape *amb_shape_twin(const AmbShape *shape);
 
 /* Bullet's estimate of the principal moments for a mass in kg; kg m^2. Zero for shapes that have none. */
 void amb_shape_inertia(const AmbShape *shape, double mass, double inertia[3]);

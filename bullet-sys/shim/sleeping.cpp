@@ -1,5 +1,7 @@
 #include "internal.h"
 
+#include <cmath>
+
 namespace {
 
 struct ActivateOverlapping : btBroadphaseAabbCallback {
@@ -16,14 +18,32 @@ void set_all_activation_states(AmbWorld &world) {
   }
 }
 
+// Whether nothing but contacts can hold the body against its gravity. Then it is slow for long only if it rests on
+// something: it would fall faster than the thresholds of resting bodies otherwise, also at its terminal speed.
+bool is_carried(const AmbWorld &world, const AmbBody &owner) {
+  // It is reached within a tenth of the time after which bodies fall asleep, 2 s.
+  constexpr btScalar LEAST_GRAVITY = 1;
+  if (owner.constraint_count > 0) return false;
+  const btScalar gravity = owner.body.getGravity().length();
+  // Bullet's damping is the share of the velocity that is lost in 1 s.
+  const btScalar damping_rate = -std::log1p(-owner.body.getLinearDamping());
+  return gravity >= LEAST_GRAVITY && gravity > 2 * world.resting_thresholds[0] * damping_rate;
+}
+
 }  // namespace
+
+void set_sleeping_thresholds(AmbWorld &world, AmbBody &owner) {
+  if (!world.allows_sleeping || owner.sleep_inhibitors > 0 || owner.body.isStaticObject()) return;
+  const btScalar *thresholds = is_carried(world, owner) ? world.resting_thresholds : world.sleeping_thresholds;
+  owner.body.setSleepingThresholds(thresholds[0], thresholds[1]);
+}
 
 void set_activation_state(AmbWorld &world, AmbBody &owner) {
   btRigidBody &body = owner.body;
   if (body.isStaticObject()) {
     if (world.freezes_static_aabbs) body.forceActivationState(ISLAND_SLEEPING);
   } else if (world.allows_sleeping && owner.sleep_inhibitors == 0) {
-    body.setSleepingThresholds(world.sleeping_thresholds[0], world.sleeping_thresholds[1]);
+    set_sleeping_thresholds(world, owner);
     body.setDeactivationTime(0);
     body.forceActivationState(ACTIVE_TAG);
   } else {
@@ -67,10 +87,12 @@ void amb_world_freeze_static_aabbs(AmbWorld *world) {
   set_all_activation_states(*world);
 }
 
-void amb_world_enable_sleeping(AmbWorld *world, double linear, double angular) {
+void amb_world_enable_sleeping(AmbWorld *world, const double slow[2], const double resting[2]) {
   world->allows_sleeping = true;
-  world->sleeping_thresholds[0] = linear;
-  world->sleeping_thresholds[1] = angular;
+  for (int i = 0; i < 2; ++i) {
+    world->sleeping_thresholds[i] = slow[i];
+    world->resting_thresholds[i] = resting[i];
+  }
   amb_world_freeze_static_aabbs(world);
 }
 

@@ -18,13 +18,14 @@ void near_callback(btBroadphasePair &pair, btCollisionDispatcher &dispatcher, co
   btCollisionDispatcher::defaultNearCallback(pair, dispatcher, info);
 }
 
-// Bullet's default pool of 4096 manifolds is 7 MB, all of it written at once: half of the memory of a small scene.
-// Beyond the pool, manifolds are allocated one by one. In an arena a pool has no advantage, and its unused part would
+// Bullet's default pool of 4096 manifolds is 7 MB, all of it written at once, and learners have hundreds of worlds in a
+// process: a pool of 1024 was three quarters of the memory of a world with one arm. Beyond the pool, manifolds are
+// allocated one by one. In an arena a pool has no advantage, and its unused part would
 // be part of each copy.
 btDefaultCollisionConstructionInfo small_pools(bool in_arena) {
   btDefaultCollisionConstructionInfo info;
-  info.m_defaultMaxPersistentManifoldPoolSize = in_arena ? 1 : 1024;
-  info.m_defaultMaxCollisionAlgorithmPoolSize = in_arena ? 1 : 1024;
+  info.m_defaultMaxPersistentManifoldPoolSize = in_arena ? 1 : 32;
+  info.m_defaultMaxCollisionAlgorithmPoolSize = in_arena ? 1 : 64;
   return info;
 }
 
@@ -86,9 +87,12 @@ void AmbWorld::ignore_pair(AmbObject &a, btCollisionObject &object_a, AmbObject 
 
 namespace {
 
-void count_constraints(const AmbConstraint &constraint, int change) {
+void count_constraints(AmbWorld &world, const AmbConstraint &constraint, int change) {
   for (const btRigidBody *body : {&constraint.constraint->getRigidBodyA(), &constraint.constraint->getRigidBodyB()}) {
-    if (AmbBody *owner = body_of(body)) owner->constraint_count += change;
+    AmbBody *owner = body_of(body);
+    if (!owner) continue;
+    owner->constraint_count += change;
+    set_sleeping_thresholds(world, *owner);
   }
 }
 
@@ -118,6 +122,9 @@ void amb_world_set_gravity(AmbWorld *world, const double gravity[3]) {
   btCollisionObjectArray &objects = world->world->getCollisionObjectArray();
   for (int i = 0; i < objects.size(); ++i) objects[i]->activate();
   world->world->setGravity(vector_of(gravity));
+  for (int i = 0; i < objects.size(); ++i) {
+    if (AmbBody *body = body_of(objects[i])) set_sleeping_thresholds(*world, *body);
+  }
   if (world->soft) world->soft->getWorldInfo().m_gravity = vector_of(gravity);
   if (world->extension) world->extension->gravity_set(vector_of(gravity));
 }
@@ -159,7 +166,7 @@ void amb_world_make_visual_only(AmbWorld *world, AmbBody *body) {
 }
 
 void amb_world_add_constraint(AmbWorld *world, AmbConstraint *constraint, int disable_collisions) {
-  count_constraints(*constraint, 1);
+  count_constraints(*world, *constraint, 1);
   constraint->disables_collision = disable_collisions != 0;
   activate_bodies(*constraint);
   if (world->extension && world->extension->add_constraint(*constraint)) return;
@@ -167,7 +174,7 @@ void amb_world_add_constraint(AmbWorld *world, AmbConstraint *constraint, int di
 }
 
 void amb_world_remove_constraint(AmbWorld *world, AmbConstraint *constraint) {
-  count_constraints(*constraint, -1);
+  count_constraints(*world, *constraint, -1);
   activate_bodies(*constraint);
   if (world->extension && world->extension->remove_constraint(*constraint)) return;
   world->world->removeConstraint(constraint->constraint.get());

@@ -1,8 +1,9 @@
 """What stepping in this process costs: in_process.py FOLDER [--quick]. `scripts/bench python` starts it.
 
-* physics steps a second of an arm of seven joints, 1 to 8 worlds, beside pybullet with the same file: worlds here are stepped on threads of
-  one process, those of pybullet in a process each;
-* steps a second of the environment of the reach task, 1 to 8 worlds, and over ROS;
+* what `worlds.py` measures, with all cores and with one, with nothing beside it and with endless loops on all of them: physics steps of an
+  arm, and the vectorised reach task, beside pybullet and MuJoCo;
+* the environment of the reach task without a vector, and over ROS;
+* what `many_worlds.py` measures: memory and load time of 256 worlds;
 * what `ros_stepping.py` measures.
 
 The lanes of a table take turns in short rounds; medians of the rounds are told. Writes FOLDER/python.md (what is between the markers) and
@@ -12,114 +13,33 @@ figures; with --quick it measures a third as long and writes nothing.
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import os
 import platform
 import subprocess
+import sys
 import tempfile
 import time
 from pathlib import Path
 from typing import Any, Callable
 
-import ambf
 import numpy as np
 import ros_stepping
-from ambf_gym import InProcessVectorEnv, SimulatorEnv
+from ambf_gym import SimulatorEnv
 from ambf_gym.scene import resources
 from ambf_gym.tasks import make_reach, reach
 
 WORLDS = (1, 2, 4, 8)
 STEPS = (1, 10)
-PROFILES = ("accurate", "legacy")
 ROUND_S = 0.25
-MODEL = "models/hanging_arm.urdf"
+# Processes that take all cores, a core.
+BUSY = 4
+HERE = Path(__file__).parent
 MARKS = ("<!-- measured: begin -->\n", "<!-- measured: end -->\n")
 
 # A lane does so many calls and says how long they took, s.
 Lane = Callable[[int], float]
-
-
-def arms(profile: str, worlds: int, steps: int) -> Lane:
-    """Calls as pybullet_peer.py describes them, in all worlds at once; a call counts once a world."""
-    sims = [ambf.Simulation(resources() / MODEL, profile=profile) for _ in range(worlds)]
-    bodies = [sim.body("hanging_arm/base") for sim in sims]
-    ends = [sim.body("flange") for sim in sims]
-    places = np.arange(len(bodies[0].joints))
-    for body in bodies:
-        body.joint_kinds[:] = ambf.POSITION
-    done = 0
-
-    def run(calls: int) -> float:
-        nonlocal done
-        begin = time.perf_counter()
-        for _ in range(calls):
-            done += 1
-            for body in bodies:
-                body.joint_commands[:] = 0.3 * np.sin(0.01 * done + places)
-            if worlds == 1:
-                sims[0].step(steps)
-            else:
-                ambf.step_all(sims, steps)
-            for body, end in zip(bodies, ends):
-                _ = body.joint_positions, body.joint_velocities, end.pose.copy(), end.twist.copy()
-        return time.perf_counter() - begin
-
-    return run
-
-
-class Peers:
-    """Programs with an arm in pybullet each."""
-
-    def __init__(self, python: str) -> None:
-        command = [python, str(Path(__file__).with_name("pybullet_peer.py")), str(resources() / MODEL)]
-        self._programs = [
-            subprocess.Popen(
-                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
-            )
-            for _ in range(WORLDS[-1])
-        ]
-        joints = {self._answer(program) for program in self._programs}
-        if joints != {7.0}:
-            raise RuntimeError(f"pybullet found {joints} joints instead of 7")
-
-    @staticmethod
-    def _answer(program: Any) -> float:
-        return float(program.stdout.readline())
-
-    def lane(self, worlds: int, steps: int) -> Lane:
-        """So many of them at once."""
-
-        def run(calls: int) -> float:
-            begin = time.perf_counter()
-            for program in self._programs[:worlds]:
-                program.stdin.write(f"{calls} {steps}\n")
-                program.stdin.flush()
-            for program in self._programs[:worlds]:
-                self._answer(program)
-            return time.perf_counter() - begin
-
-        return run
-
-    def close(self) -> None:
-        """Ends them."""
-        for program in self._programs:
-            program.communicate()
-
-
-def environments(worlds: int) -> tuple[Lane, Callable[[], None]]:
-    """Steps of the reach task with random actions, resets among them."""
-    env = InProcessVectorEnv(reach.SCENE, reach.TASK, worlds)
-    env.reset(seed=0)
-    env.action_space.seed(0)
-
-    def run(calls: int) -> float:
-        actions = [env.action_space.sample() for _ in range(calls)]
-        begin = time.perf_counter()
-        for action in actions:
-            env.step(action)
-        return time.perf_counter() - begin
-
-    return run, env.close
 
 
 def environment(env: SimulatorEnv) -> tuple[Lane, Callable[[], None]]:
@@ -160,61 +80,119 @@ def rate(value: Any) -> str:
     return f"{digits(value[1])} ({digits(value[0])}–{digits(value[2])})"
 
 
-def physics(rounds: int) -> tuple[list[str], dict[Any, Any], list[str]]:
-    """Table of the arm."""
-    python = os.environ.get("AMBF_PEERS_PYTHON")
-    peers = Peers(python) if python else None
-    names = [f"`{profile}`" for profile in PROFILES] + (["pybullet"] if peers else [])
-    lines = [
-        f"| worlds | steps a call | {' | '.join(names)} |" + (" accurate/pybullet |" if peers else ""),
-        "|" + "---|" * (2 + len(names) + bool(peers)),
-    ]
-    found: dict[Any, Any] = {}
-    for steps in STEPS:
-        for worlds in WORLDS:
-            lanes = {(name, steps, worlds): (arms(name, worlds, steps), worlds * steps) for name in PROFILES}
-            if peers:
-                lanes["pybullet", steps, worlds] = (peers.lane(worlds, steps), worlds * steps)
-            row = measure(lanes, rounds)
-            found.update(row)
-            cells = [rate(value) for value in row.values()]
-            if peers:
-                cells.append(f"{row['accurate', steps, worlds][1] / row['pybullet', steps, worlds][1]:.2f}")
-            lines.append(f"| {worlds} | {steps} | {' | '.join(cells)} |")
-            print(lines[-1], flush=True)
-    if peers:
-        peers.close()
-    return lines, found, [*PROFILES, *(["pybullet"] if peers else [])]
+def under(cores: int, busy: int, worlds: tuple[int, ...], rounds: int, *extra: str) -> Any:
+    """What worlds.py finds under a condition."""
+    words = ["--cores", cores, "--busy", busy, "--rounds", rounds, *extra, "--worlds", *worlds]
+    command = [sys.executable, str(HERE / "worlds.py"), *map(str, words)]
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    return json.loads(done.stdout.splitlines()[-1])
 
 
-def reaching(rounds: int) -> list[str]:
-    """Table of the environment."""
-    made = {f"{worlds} world(s), vector": (environments(worlds), worlds) for worlds in WORLDS}
-    made["1 world, alone"] = (environment(make_reach(in_process=True)), 1)
-    made["1 world over ROS"] = (environment(make_reach()), 1)
-    found = measure({name: (lane, factor) for name, ((lane, _), factor) in made.items()}, rounds)
-    for (_, close), _ in made.values():
-        close()
-    iterations = reach.TASK.n_skip_steps
-    lines = ["| | environment steps/s | physics steps/s |", "|---|---|---|"]
-    lines += [f"| {name} | {rate(value)} | {rate(value * iterations)} |" for name, value in found.items()]
+def conditions(rounds: int) -> list[Any]:
+    """All that are measured; the first is all cores with nothing beside them."""
+    cores = len(os.sched_getaffinity(0))
+    found = [under(cores, 0, WORLDS, rounds, "--all")]
+    for count in sorted({cores, 1}, reverse=True):
+        for busy in (0, BUSY * count):
+            if (count, busy) != (cores, 0):
+                found.append(under(count, busy, (2, WORLDS[-1]), rounds))
+    return found
+
+
+def name_of(condition: Any) -> str:
+    """Cores, and what runs beside."""
+    beside = f", {condition['busy']} endless loops" if condition["busy"] else ""
+    return f"{condition['cores']} core{'s' if condition['cores'] > 1 else ''}{beside}"
+
+
+def ratio(one: Any, other: Any) -> str:
+    """Of two medians."""
+    return f"{one[1] / other[1]:.2f}"
+
+
+def physics(found: list[Any]) -> list[str]:
+    """Tables of the arm."""
+    has_peers = "pybullet" in found[0]["physics"][str(WORLDS[0])][str(STEPS[0])]
+    names = ["`accurate`", "in turn", "`accurate`/in turn", *(["pybullet", "`accurate`/pybullet"] if has_peers else [])]
+    lines = [f"| | load | worlds | steps a call | {' | '.join(names)} | `legacy` |", "|" + "---|" * (5 + len(names))]
+    for condition in found:
+        for steps in STEPS:
+            for worlds, rates in condition["physics"].items():
+                row = rates[str(steps)]
+                cells = [rate(row["accurate"]), rate(row["in turn"]), ratio(row["accurate"], row["in turn"])]
+                if has_peers:
+                    cells += [rate(row["pybullet"]), ratio(row["accurate"], row["pybullet"])]
+                cells.append(rate(row["legacy"]) if "legacy" in row else "")
+                load = f"{condition['load']:.1f}"
+                lines.append(f"| {name_of(condition)} | {load} | {worlds} | {steps} | {' | '.join(cells)} |")
     print("\n".join(lines), flush=True)
     return lines
 
 
-def draw(folder: Path, found: dict[Any, Any], names: list[str]) -> None:
+def reaching(found: list[Any], rounds: int) -> list[str]:
+    """Tables of the environment."""
+    lanes = list(found[0]["reach"][str(WORLDS[0])])
+    lines = [f"| | worlds | {' | '.join(lanes)} | ambf/best other |", "|" + "---|" * (3 + len(lanes))]
+    for condition in found:
+        for worlds, row in condition["reach"].items():
+            others = [row[name] for name in lanes[1:]]
+            best = ratio(row["ambf"], max(others, key=lambda value: value[1])) if others else ""
+            cells = " | ".join(rate(row[name]) for name in lanes)
+            lines.append(f"| {name_of(condition)} | {worlds} | {cells} | {best} |")
+    made = {"alone": (environment(make_reach(in_process=True)), 1), "over ROS": (environment(make_reach()), 1)}
+    single = measure({name: (lane, factor) for name, ((lane, _), factor) in made.items()}, rounds)
+    for (_, close), _ in made.values():
+        close()
+    lines += ["", "| 1 world, no vector | environment steps/s |", "|---|---|"]
+    lines += [f"| {name} | {rate(value)} |" for name, value in single.items()]
+    print("\n".join(lines), flush=True)
+    return lines
+
+
+def many(worlds: int) -> list[str]:
+    """Table of memory and load time."""
+    lines = [
+        "| scene | first world, ms | last worlds, ms | first/last | first, MB | each further, kB | all, MB | again alone, ms |",
+        "|" + "---|" * 8,
+    ]
+    scenes = {
+        "`hanging_arm.urdf`": str(resources() / "models/hanging_arm.urdf"),
+        "arm, hulls of 8 meshes": "hulls",
+        "arm, 8 concave meshes of 20 000 triangles": "fine",
+    }
+    root = os.environ.get("AMBF_ROOT_PATH")
+    if root:
+        raven = Path(root) / "ambf_models/descriptions/multi-bodies/robots/blender-raven2.yaml"
+        scenes.update({"`blender-raven2.yaml`": str(raven)} if raven.exists() else {})
+    for name, scene in scenes.items():
+        command = [sys.executable, str(HERE / "many_worlds.py"), scene, "--worlds", str(worlds)]
+        found = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()[-1])
+        first, last = 1e3 * found["first_s"], 1e3 * found["last_s"]
+        each = (found["all_kb"] - found["first_kb"]) / (worlds - 1)
+        megabytes = [(found[key] - found["before_kb"]) / 1000 for key in ("first_kb", "all_kb")]
+        lines.append(
+            f"| {name} | {first:.1f} | {last:.2f} | {first / last:.1f} | {megabytes[0]:.1f} | {each:.0f} | {megabytes[1]:.0f} "
+            f"| {1e3 * found['alone_s']:.1f} |"
+        )
+    print("\n".join(lines), flush=True)
+    return lines
+
+
+def draw(folder: Path, found: Any) -> None:
     """Physics steps a second against worlds."""
     import matplotlib
 
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
+    colours = {"accurate": "#33658a", "legacy": "#86bbd8", "in turn": "#758e4f", "pybullet": "#f26419"}
     figure, panes = pyplot.subplots(1, len(STEPS), figsize=(8.0, 3.2), sharey=True)
     for axes, steps in zip(panes, STEPS):
-        for name, colour in zip(names, ("#33658a", "#86bbd8", "#f26419")):
-            low, middle, high = np.transpose([found[name, steps, worlds] for worlds in WORLDS]) / 1000.0
-            axes.fill_between(WORLDS, low, high, color=colour, alpha=0.25, linewidth=0)
-            axes.plot(WORLDS, middle, color=colour, marker="o", label=name)
+        rows = [found["physics"][str(worlds)][str(steps)] for worlds in WORLDS]
+        for name in (name for name in colours if name in rows[0]):
+            low, middle, high = np.transpose([row[name] for row in rows]) / 1000.0
+            axes.fill_between(WORLDS, low, high, color=colours[name], alpha=0.25, linewidth=0)
+            axes.plot(WORLDS, middle, color=colours[name], marker="o", label=name)
         axes.set_xscale("log", base=2)
         axes.set_xticks(WORLDS, [str(worlds) for worlds in WORLDS])
         axes.set_title(f"{steps} step(s) a call", fontsize=10)
@@ -281,14 +259,17 @@ def main() -> None:
     head, rest = page.read_text().split(MARKS[0])
     tail = rest.split(MARKS[1])[1]
     parts = [machine(), ""]
-    rounds = 4 if chosen.quick else 12
-    table, found, names = physics(rounds)
+    rounds = 2 if chosen.quick else 6
+    found = conditions(rounds)
     with tempfile.TemporaryDirectory() as folder:
         figures = Path(folder) if chosen.quick else chosen.folder
-        parts += ["### Physics steps a second, arm of seven joints", "", *table, ""]
-        draw(figures, found, names)
+        parts += ["### Physics steps a second, arm of seven joints", "", *physics(found), ""]
+        draw(figures, found[0])
         parts += ["![physics steps a second against worlds](python.svg)", ""]
-        parts += [f"### The reach task, {reach.TASK.n_skip_steps} iterations a step", "", *reaching(rounds), ""]
+        title = f"### Environment steps a second, the reach task, {reach.TASK.n_skip_steps} physics steps each"
+        parts += [title, "", *reaching(found, rounds), ""]
+        worlds = 32 if chosen.quick else 256
+        parts += [f"### Memory and load time of {worlds} worlds", "", *many(worlds), ""]
         parts += ["### Over ROS", "", *over_ros(figures, 2.0 if chosen.quick else 5.0), ""]
     if not chosen.quick:
         page.write_text(head + MARKS[0] + "\n".join(parts) + "\n" + MARKS[1] + tail)

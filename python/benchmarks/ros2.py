@@ -21,8 +21,9 @@ import time
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests/ros2"))
 
+from watched import Watched, percentile  # noqa: E402
+
 MARKS = ("<!-- measured: begin -->\n", "<!-- measured: end -->\n")
-TICKS_S = os.sysconf("SC_CLK_TCK")
 BODIES = 200
 READ = range(10)
 COMMANDED = range(100, 102)
@@ -51,12 +52,6 @@ def write_model(file):
         for number in range(BODIES)
     }
     file.write_text(json.dumps({"namespace": "/ambf/env/", "bodies": list(boxes), **boxes}))
-
-
-def percentile(values, part):
-    """The value below which are `part` of `values`."""
-    ordered = sorted(values)
-    return ordered[min(int(part * len(ordered)), len(ordered) - 1)] if ordered else float("nan")
 
 
 def read_states(numbers):
@@ -177,34 +172,6 @@ class Visitors:
                 client.process.send_signal(signal.SIGCONT)
             client.end()
         self.there.clear()
-
-
-class Watched:
-    """What the system says about a process."""
-
-    def __init__(self, pid):
-        self.folder = pathlib.Path(f"/proc/{pid}")
-        self.before = (time.monotonic(), self.ticks())
-
-    def ticks(self):
-        """Its processor time, ticks."""
-        return sum(int(field) for field in (self.folder / "stat").read_text().rsplit(")", 1)[1].split()[11:13])
-
-    def processor(self):
-        """Processor time since it was asked before, % of a core."""
-        before, self.before = self.before, (time.monotonic(), self.ticks())
-        return 100.0 * (self.before[1] - before[1]) / TICKS_S / (self.before[0] - before[0])
-
-    def status(self, key):
-        """A number of its status."""
-        lines = (self.folder / "status").read_text().splitlines()
-        return next(float(line.split()[1]) for line in lines if line.startswith(key))
-
-    def row(self):
-        """Processor, % of a core; memory, MB; threads; open files."""
-        files = len(list((self.folder / "fd").iterdir()))
-        memory, threads = self.status("VmRSS:") / 1024, self.status("Threads:")
-        return f"{self.processor():.0f} | {memory:.1f} | {threads:.0f} | {files}"
 
 
 HEAD = """| | slow: % of the states | age p50, ms | p99, ms | fast: % of the states | age p50, ms | p99, ms | ended, killed, stopped \

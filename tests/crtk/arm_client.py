@@ -39,11 +39,14 @@ class Arm:
             inputs.update({"servo_jv": joints, "servo_cv": twist, "servo_jr": joints, "move_jr": joints, "servo_jf": joints})
             inputs.update({"hold": kinds.Empty, "free": kinds.Empty})
             inputs["body/servo_cf"] = kinds.WrenchStamped
+            inputs["jaw/servo_jf"] = joints
             self.outputs["body/jacobian"] = kinds.Float64MultiArray
         for name, kind in self.outputs.items():
             self._subscribe(name, kind, self._receive(name))
         self._subscribe("operating_state", kinds.OperatingState, self._receive_state, is_latched=True)
         self._subscribe("warning", kinds.StringStamped, self.warnings.append)
+        if jaw:
+            self._subscribe("tool_type", kinds.String, self._receive("tool_type"), is_latched=True)
         for name, kind in inputs.items():
             publisher = Publisher(f"{space}/{name}", kind, is_latched=name == "state_command")
             self._publishers[name] = (publisher, kind)

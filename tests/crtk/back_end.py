@@ -19,9 +19,7 @@ def start(arguments):
     from middleware import BackEnd, connect
 
     profile = os.environ.get("CRTK_PROFILE")
-    # Iterations are always 1 ms: in the profile legacy controllers act once an iteration, and become unstable where a busy machine makes
-    # one of many milliseconds.
-    more = ["-t", "1", *(["--profile", profile] if profile else [])]
+    more = ["--profile", profile] if profile else []
     backend = BackEnd([*arguments, *more], external=bool(external()))
     connect(backend)
     return backend

@@ -31,6 +31,28 @@ def angle(a, b):
     return 2.0 * math.atan2(math.hypot(x, y, z), abs(w))
 
 
+def psm_point(q):
+    """Place of a PSM's control point in its base, m, for joints in rad and m: the wrist-yaw axis by dVRK's modified
+    Denavit-Hartenberg table, D - L = 0.0156 m, a = 0.0091 m."""
+    half = math.pi / 2.0
+    rows = [
+        (half, 0.0, q[0] + half, 0.0),
+        (-half, 0.0, q[1] - half, 0.0),
+        (half, 0.0, 0.0, q[2] - 0.0156),
+        (0.0, 0.0, q[3], 0.0),
+        (-half, 0.0, q[4] - half, 0.0),
+        (-half, 0.0091, q[5] - half, 0.0),
+    ]
+    place = (0.0, 0.0, 0.0)
+    for alpha, a, theta, d in reversed(rows):
+        x, y, z = place
+        x, y = math.cos(theta) * x - math.sin(theta) * y, math.sin(theta) * x + math.cos(theta) * y
+        x, z = x + a, z + d
+        y, z = math.cos(alpha) * y - math.sin(alpha) * z, math.sin(alpha) * y + math.cos(alpha) * z
+        place = (x, y, z)
+    return place
+
+
 def moved(pose, x=0.0, y=0.0, z=0.0):
     """The pose at another place."""
     other = copy.deepcopy(pose)

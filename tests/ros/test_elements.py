@@ -41,13 +41,9 @@ def push(z):
 
 
 class Touch(Simulated):
-    """The shipped scene of sensors that feel.
-
-    Iterations are always 1 ms: a resistance sensor pushes as it felt at the iteration's begin, and what lies on it would bounce for ever
-    where a busy machine makes iterations of many milliseconds."""
+    """The shipped scene of sensors that feel."""
 
     FILES = (MODELS / "touch.yaml",)
-    ARGUMENTS = ("-t", "1")
 
     def setUp(self):
         super().setUp()

@@ -79,13 +79,10 @@ def force(message):
 
 
 class Teleoperation(Simulated):
-    """The scene with the first two devices of the shipped file, which may push back, and no arms yet.
-
-    Iterations are always 1 ms: the hand's controller acts once an iteration, and becomes unstable where a busy machine makes one of many
-    milliseconds; the gripper then drops its ring."""
+    """The scene with the first two devices of the shipped file, which may push back, and no arms yet."""
 
     FILES = (MODELS / "teleop.yaml",)
-    ARGUMENTS = ("-i", "0,1", "-e", "1", "-t", "1")
+    ARGUMENTS = ("-i", "0,1", "-e", "1")
 
     def setUp(self):
         super().setUp()

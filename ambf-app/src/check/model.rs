@@ -1,9 +1,9 @@
 //! What is worth saying about the elements of a model.
 
 use ambf_core::adf::{
-    Actuator, Axis, CollisionGeometry, Common, GhostObject, ImageStack, Joint, JointKind, Model, Part, PartGeometry,
-    Primitive, RaySource, RigidBody, Sensor, SensorKind, SoftBody, Vehicle, Visual, VisualGeometry, Volume,
-    WheelVisual,
+    Actuator, Axis, CollisionGeometry, CollisionMeshKind, Common, GhostObject, ImageStack, Joint, JointKind, Model,
+    Part, PartGeometry, Primitive, RaySource, RigidBody, Sensor, SensorKind, SoftBody, Vehicle, Visual, VisualGeometry,
+    Volume, WheelVisual,
 };
 use ambf_core::mesh;
 use ambf_core::scene::NameMap;
@@ -85,6 +85,9 @@ fn rigid_body(pass: &mut Pass<'_>, body: &RigidBody) {
         _ => None,
     };
     visual(pass, common, &body.visual, collision);
+    if matches!(body.collision, CollisionGeometry::Mesh { kind: CollisionMeshKind::ConvexDecomposition(_), .. }) {
+        pass.differs(&original::CONVEX_DECOMPOSITION, &common.identifier);
+    }
     if body.collision == CollisionGeometry::None && body.inertia.is_none() && body.mass > 0.0 {
         pass.differs(&original::EMPTY_INERTIA, &common.identifier);
     }

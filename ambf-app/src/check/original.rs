@@ -57,6 +57,9 @@ differences! {
     AXIS_DRAWN: "axis drawn", "geometry",
         "has an axis other than z",
         "draws it along z; what collides is right";
+    CONVEX_DECOMPOSITION: "convex decomposition", "collision mesh type",
+        "divides the mesh into convex hulls",
+        "does not know this type: it reports it and collides with the mesh as it is";
     EMPTY_INERTIA: "empty inertia", "inertia",
         "is missing and there is no shape to estimate it from: zero is used, the body does not rotate",
         "uses uninitialised numbers";

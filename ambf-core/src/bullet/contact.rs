@@ -1,6 +1,6 @@
 use bullet_sys as sys;
 use nalgebra::Vector3;
-use slotmap::KeyData;
+use slotmap::{Key, KeyData, SecondaryMap};
 
 use super::{BodyHandle, World};
 
@@ -31,13 +31,118 @@ impl World {
         let raw = &mut self.scratch.borrow_mut().contacts;
         // SAFETY: world and body are alive.
         fill(raw, |out, capacity| unsafe { sys::amb_body_contacts(self.raw.as_ptr(), body, threshold, out, capacity) });
-        contacts.extend(raw.iter().map(|raw| Contact {
+        contacts.extend(raw.iter().map(Contact::of));
+    }
+
+    /// Fills `touching` with the pairs of bodies that have contact points, in the order of their manifolds.
+    fn touching<'a>(&self, touching: &'a mut Vec<sys::AmbTouching>) -> &'a [sys::AmbTouching] {
+        let write = |out: &mut [sys::AmbTouching]| {
+            let capacity = i32::try_from(out.len()).unwrap_or(i32::MAX);
+            // SAFETY: the world is alive; pointer and length come from one slice.
+            unsafe { sys::amb_world_touching(self.raw.as_ptr(), out.as_mut_ptr(), capacity) }.max(0) as usize
+        };
+        let mut count = write(touching);
+        if count > touching.len() {
+            touching.resize(count.next_power_of_two(), sys::AmbTouching::default());
+            count = write(touching);
+        }
+        &touching[..count.min(touching.len())]
+    }
+
+    /// The contact points of a pair that [`touching`](Self::touching) gave, as its first or second body has them.
+    fn contacts_of_pair(&self, pair: &sys::AmbTouching, side: usize) -> impl Iterator<Item = Contact> {
+        let mut raw = sys::AmbManifoldContacts::default();
+        // SAFETY: the world is alive; `raw` has place for all points of a manifold.
+        let count = unsafe { sys::amb_manifold_contacts(self.raw.as_ptr(), pair.manifold, side as i32, &mut raw) };
+        raw.points.into_iter().take(count.max(0) as usize).map(|raw| Contact::of(&raw))
+    }
+}
+
+impl Contact {
+    fn of(raw: &sys::AmbContact) -> Self {
+        Self {
             other: KeyData::from_ffi(raw.other).into(),
             point: raw.point.into(),
             normal: raw.normal.into(),
             distance: raw.distance,
             impulse: raw.impulse,
-        }));
+        }
+    }
+}
+
+/// The contact points of some bodies, from one pass over the contact manifolds of the world.
+///
+/// For many bodies this takes much less time than [`World::contacts`] for each of them, and gives the same points in
+/// the same order. It allocates only when there are more contact points than ever before, and then for twice as many.
+#[derive(Debug, Default)]
+pub struct ContactLists {
+    /// Ends of the lists, one entry a body that is watched.
+    ends: SecondaryMap<BodyHandle, Ends>,
+    /// Points of all lists, each with the index of the next one in its list.
+    points: Vec<(Contact, usize)>,
+    pairs: Vec<sys::AmbTouching>,
+}
+
+/// First and last point of a list; [`NONE`]: it is empty.
+#[derive(Debug, Clone, Copy)]
+struct Ends {
+    first: usize,
+    last: usize,
+}
+
+/// No point of a list.
+const NONE: usize = usize::MAX;
+/// An empty list.
+const EMPTY: Ends = Ends { first: NONE, last: NONE };
+/// Pairs of bodies, and points of a watched body, for which there is memory from the start.
+const ROOM: (usize, usize) = (1024, 64);
+
+impl ContactLists {
+    /// Keeps lists of the contacts of these bodies from the next [`update`](Self::update) on, and of no others.
+    pub fn watch(&mut self, bodies: impl IntoIterator<Item = BodyHandle>) {
+        self.ends.clear();
+        self.points.clear();
+        for body in bodies.into_iter().filter(|body| !body.is_null()) {
+            self.ends.insert(body, EMPTY);
+        }
+        if !self.ends.is_empty() {
+            self.points.reserve(self.ends.len().saturating_mul(ROOM.1));
+            self.pairs.resize(self.pairs.len().max(ROOM.0), sys::AmbTouching::default());
+        }
+    }
+
+    /// Reads the contacts of the last sub-step. Does nothing if no body is watched.
+    pub fn update(&mut self, world: &World) {
+        if self.ends.is_empty() {
+            return;
+        }
+        self.points.clear();
+        self.ends.values_mut().for_each(|ends| *ends = EMPTY);
+        for pair in world.touching(&mut self.pairs) {
+            for (side, &body) in pair.bodies.iter().enumerate() {
+                let Some(ends) = self.ends.get_mut(KeyData::from_ffi(body).into()) else { continue };
+                for contact in world.contacts_of_pair(pair, side) {
+                    let place = self.points.len();
+                    match self.points.get_mut(ends.last) {
+                        Some((_, next)) => *next = place,
+                        None => ends.first = place,
+                    }
+                    ends.last = place;
+                    self.points.push((contact, NONE));
+                }
+            }
+        }
+    }
+
+    /// The contact points of a watched body with other bodies as of the last [`update`](Self::update), at any distance:
+    /// what [`World::contacts`] gives for an infinite threshold. Nothing for a body that is not watched.
+    pub fn of(&self, body: BodyHandle) -> impl Iterator<Item = Contact> + '_ {
+        let mut place = self.ends.get(body).map_or(NONE, |ends| ends.first);
+        std::iter::from_fn(move || {
+            let &(contact, next) = self.points.get(place)?;
+            place = next;
+            Some(contact)
+        })
     }
 }
 
@@ -108,5 +213,53 @@ mod tests {
         others.sort_unstable();
         others.dedup();
         assert_eq!(others.len(), 50);
+    }
+
+    #[test]
+    fn lists_are_what_each_body_would_be_told() {
+        let mut world = World::new(Solver::default());
+        world.set_gravity(Vector3::new(0.0, 0.0, -10.0));
+        let ground = RigidBody { shape: Shape::plane(Vector3::z(), -0.1, 0.0), ..ball(0.0, 0.0) };
+        let mut bodies = vec![world.add_body(ground)];
+        for i in 0..60 {
+            let place = Isometry3::translation(0.21 * f64::from(i % 8), 0.0, 0.2 * f64::from(i / 8));
+            let shape = Shape::cuboid(Vector3::repeat(0.1), 0.001);
+            bodies.push(world.add_body(RigidBody { shape, pose: place, ..ball(1.0, 0.0) }));
+        }
+        let watched: Vec<_> = bodies.iter().copied().step_by(3).collect();
+        let mut lists = ContactLists::default();
+        lists.watch(watched.iter().copied());
+        let mut found = Vec::new();
+        for step in 0..200 {
+            if step == 150 {
+                // Its list becomes empty, and it is nobody's contact any more.
+                assert!(world.remove_body(watched[5]));
+            }
+            world.step(0.001, 1, 0.001);
+            lists.update(&world);
+            for &body in &watched {
+                world.contacts(body, f64::INFINITY, &mut found);
+                assert_eq!(lists.of(body).collect::<Vec<_>>(), found, "step {step}");
+                assert!(step < 100 || !found.is_empty() || step >= 150 && body == watched[5]);
+            }
+            assert_eq!(lists.of(bodies[1]).count(), 0, "not watched");
+        }
+        lists.watch([]);
+        lists.update(&world);
+        assert_eq!(lists.of(watched[0]).count(), 0);
+    }
+
+    #[test]
+    fn lists_grow_with_what_touches() {
+        let mut world = World::new(Solver::default());
+        let ground = world.add_body(RigidBody { shape: Shape::plane(Vector3::z(), -0.1, 0.0), ..ball(0.0, 0.0) });
+        for i in 0..ROOM.0 + 100 {
+            world.add_body(RigidBody { pose: Isometry3::translation(i as f64, 0.0, 0.0), ..ball(1.0, 0.0) });
+        }
+        world.step(0.001, 1, 0.001);
+        let mut lists = ContactLists::default();
+        lists.watch([ground]);
+        lists.update(&world);
+        assert_eq!(lists.of(ground).count(), ROOM.0 + 100);
     }
 }

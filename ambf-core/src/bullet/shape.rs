@@ -1,4 +1,5 @@
 use std::ptr::NonNull;
+use std::sync::Arc;
 
 use bullet_sys as sys;
 use nalgebra::{Isometry3, Vector3};
@@ -18,27 +19,65 @@ pub enum Axis {
 
 /// A collision shape, lengths in m. Margins are collision margins, m.
 #[derive(Debug)]
-pub struct Shape(NonNull<sys::AmbShape>);
+pub struct Shape {
+    raw: NonNull<sys::AmbShape>,
+    /// What it is a twin of.
+    pattern: Option<Arc<ShapePattern>>,
+}
 
 // SAFETY: a shape is plain memory without thread affinity; it is only touched through `&Shape`, `&mut Shape` or the
-// world that owns it, and `Shape` is not `Sync`, so never by two threads at once.
+// world that owns it, and `Shape` is not `Sync`, so never by two threads at once. What twins share is never written to
+// (`amb_shape_twin` in shape.cpp says why), and counted by atomics.
 unsafe impl Send for Shape {}
+
+/// A collision shape that is in no world, as a pattern for those of many worlds: points, triangles and their tree are in
+/// memory once.
+#[derive(Debug)]
+pub struct ShapePattern(Shape);
+
+// SAFETY: through a reference nothing but `twin` is done, which reads the shape, and counts by atomics.
+unsafe impl Sync for ShapePattern {}
+
+impl From<Shape> for ShapePattern {
+    fn from(shape: Shape) -> Self {
+        Self(shape)
+    }
+}
+
+impl ShapePattern {
+    /// A shape that collides as the pattern does, to the last bit. It keeps the pattern.
+    pub fn twin(self: &Arc<Self>) -> Shape {
+        // SAFETY: the shape is alive and in no world: it is owned here.
+        let mut twin = Shape::own(unsafe { sys::amb_shape_twin(self.0.raw()) });
+        twin.pattern = Some(Arc::clone(self));
+        twin
+    }
+}
 
 impl Drop for Shape {
     fn drop(&mut self) {
         // SAFETY: the pointer came from a constructor of the shim and is freed once, here; a body that uses the shape
         // owns it and is freed before.
-        unsafe { sys::amb_shape_free(self.0.as_ptr()) }
+        unsafe { sys::amb_shape_free(self.raw.as_ptr()) }
     }
 }
 
 impl Shape {
     fn own(raw: *mut sys::AmbShape) -> Self {
-        Self(NonNull::new(raw).expect("operator new throws rather than return null"))
+        let raw = NonNull::new(raw).expect("operator new throws rather than return null");
+        Self { raw, pattern: None }
     }
 
     pub(super) fn raw(&self) -> *mut sys::AmbShape {
-        self.0.as_ptr()
+        self.raw.as_ptr()
+    }
+
+    /// Gives the shape to the shim, which frees it.
+    fn into_raw(mut self) -> *mut sys::AmbShape {
+        self.pattern = None;
+        let raw = self.raw();
+        std::mem::forget(self);
+        raw
     }
 
     /// Touches nothing.
@@ -122,10 +161,8 @@ impl Shape {
         // SAFETY: no argument to go wrong.
         let compound = Self::own(unsafe { sys::amb_shape_compound() });
         for (child, pose) in children {
-            // SAFETY: both shapes are alive and different; ownership of the child passes to the compound, so it is
-            // forgotten here.
-            unsafe { sys::amb_shape_compound_add(compound.raw(), child.raw(), raw_pose(&pose).as_ptr()) }
-            std::mem::forget(child);
+            // SAFETY: both shapes are alive and different; ownership of the child passes to the compound.
+            unsafe { sys::amb_shape_compound_add(compound.raw(), child.into_raw(), raw_pose(&pose).as_ptr()) }
         }
         compound
     }
@@ -135,9 +172,7 @@ impl Shape {
     /// is made for Bullet's default margin of 0.04 m, becomes that for its own margin.
     pub fn simplified(self) -> Self {
         // SAFETY: the shape is alive; ownership passes to the shim, which returns the shape that is left.
-        let raw = unsafe { sys::amb_shape_simplify(self.raw()) };
-        std::mem::forget(self);
-        Self::own(raw)
+        Self::own(unsafe { sys::amb_shape_simplify(self.into_raw()) })
     }
 
     /// Bullet's estimate of the principal moments of inertia for `mass` kg, kg·m²; for a compound that of its bounding
@@ -165,6 +200,8 @@ fn length<T>(slice: &[T]) -> i32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bullet::tests::ball;
+    use crate::bullet::{RigidBody, Solver, World};
 
     const TETRAHEDRON: [[f64; 3]; 4] = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
     const FACES: [[u32; 3]; 4] = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]];
@@ -221,5 +258,84 @@ mod tests {
         let compound = Shape::compound([(mesh, Isometry3::translation(1.0, 0.0, 0.0))]);
         let (low, high) = compound.bounds();
         assert!((low.x - 1.0).abs() < 1e-9 && (high.x - 2.0).abs() < 1e-9, "{low} {high}");
+    }
+
+    /// A bowl of triangles.
+    fn bowl() -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
+        const N: u32 = 12;
+        let at = |i: u32| f64::from(i) / f64::from(N) - 0.5;
+        let corners = (0..=N).flat_map(|i| (0..=N).map(move |j| (at(i), at(j))));
+        let vertices = corners.map(|(x, y)| [x, y, 0.8 * (x * x + y * y)]).collect();
+        let cells = (0..N).flat_map(|i| (0..N).map(move |j| (N + 1) * i + j));
+        let triangles = cells.flat_map(|a| [[a, a + N + 1, a + N + 2], [a, a + N + 2, a + 1]]).collect();
+        (vertices, triangles)
+    }
+
+    /// What falls into the bowl, and where it is after some steps, to the last bit.
+    fn fallen(bowl: Shape, stone: Shape) -> Vec<u64> {
+        let mut world = World::new(Solver::default());
+        world.set_gravity(Vector3::new(0.0, 0.0, -10.0));
+        let turned = Isometry3::new(Vector3::new(0.2, 0.05, 0.5), Vector3::new(0.3, 0.2, 0.1));
+        world.add_body(RigidBody { shape: bowl, ..ball(0.0, 0.0) });
+        let stone = world.add_body(RigidBody { shape: stone, pose: turned, ..ball(0.5, 0.4) });
+        for _ in 0..700 {
+            world.step(0.001, 1, 0.001);
+        }
+        let pose = world.pose(stone).expect("it is there");
+        assert!((0.0..0.3).contains(&pose.translation.z), "it lies in the bowl: {pose}");
+        pose.translation.vector.iter().chain(pose.rotation.coords.iter()).map(|x| x.to_bits()).collect()
+    }
+
+    #[test]
+    fn twins_collide_as_their_pattern_in_any_thread() {
+        let (vertices, triangles) = bowl();
+        let concave = || Shape::concave_mesh(&vertices, &triangles, 0.001).expect("a mesh");
+        let tetrahedron: Vec<_> = TETRAHEDRON.iter().map(|vertex| vertex.map(|x| 0.1 * x)).collect();
+        type Make = fn(&[[f64; 3]]) -> Shape;
+        let stones: [Make; 4] = [
+            |points| Shape::convex_hull(points, 0.001),
+            |points| Shape::convex_triangle_mesh(points, &FACES, 0.001).expect("a mesh"),
+            |points| Shape::compound([(Shape::convex_hull(points, 0.001), Isometry3::identity())]),
+            |points| {
+                let hull = || Shape::convex_hull(points, 0.001);
+                let both = [(hull(), Isometry3::translation(0.0, 0.1, 0.0)), (hull(), Isometry3::identity())];
+                Shape::compound(both).simplified()
+            },
+        ];
+        for stone in stones {
+            let expected = fallen(concave(), stone(&tetrahedron));
+            let patterns = [concave(), stone(&tetrahedron)].map(|shape| Arc::new(ShapePattern::from(shape)));
+            let of_twins = || fallen(patterns[0].twin(), patterns[1].twin());
+            std::thread::scope(|scope| {
+                let threads: Vec<_> = (0..4).map(|_| scope.spawn(of_twins)).collect();
+                threads.into_iter().for_each(|thread| assert_eq!(thread.join().unwrap(), expected));
+            });
+        }
+    }
+
+    #[test]
+    fn twins_outlive_their_pattern_and_are_what_it_is() {
+        let (vertices, triangles) = bowl();
+        let shape = Shape::concave_mesh(&vertices, &triangles, 0.001).expect("a mesh");
+        let (bounds, inertia) = (shape.bounds(), shape.inertia(2.0));
+        let pattern = Arc::new(ShapePattern::from(shape));
+        let kept = Arc::downgrade(&pattern);
+        let twin = pattern.twin();
+        drop(pattern);
+        assert_eq!((twin.bounds(), twin.inertia(2.0)), (bounds, inertia));
+        assert!(kept.upgrade().is_some());
+        drop(twin);
+        assert!(kept.upgrade().is_none());
+    }
+
+    #[test]
+    fn a_twin_that_is_simplified_changes_no_other() {
+        let hull = Shape::convex_hull(&TETRAHEDRON, 0.2);
+        let bounds = hull.bounds();
+        let pattern = Arc::new(ShapePattern::from(Shape::compound([(hull, Isometry3::identity())])));
+        let other = pattern.twin();
+        let simple = pattern.twin().simplified();
+        assert_eq!(other.bounds(), pattern.twin().bounds());
+        assert_eq!(simple.bounds(), bounds);
     }
 }

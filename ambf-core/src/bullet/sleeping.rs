@@ -3,8 +3,12 @@ use bullet_sys as sys;
 use super::{BodyHandle, World};
 
 /// Thresholds of the linear (m/s) and angular (rad/s) speed below which bodies fall asleep. Bullet's 0.8 m/s and 1
-/// rad/s would stop a pendulum of 1 m with an amplitude of 10°; resting stacked boxes jitter by up to 0.04 rad/s.
-const SLEEP_BELOW: (f64, f64) = (0.02, 0.1);
+/// rad/s would stop a pendulum of 1 m with an amplitude of 10°.
+const SLEEP_BELOW: [f64; 2] = [0.02, 0.1];
+
+/// The same for bodies that nothing but contacts can carry. Ten iterations of sequential impulses leave the bodies of a
+/// heap with up to 0.05 m/s and 0.3 rad/s for ever, so that one of 200 always is faster than [`SLEEP_BELOW`].
+const RESTS_BELOW: [f64; 2] = [0.08, 0.5];
 
 impl World {
     /// Updates AABBs of static bodies only when their pose is set, not in every sub-step. This changes the order of
@@ -16,7 +20,8 @@ impl World {
     }
 
     /// Enables sleeping: the bodies of an island fall asleep together when all of them have been slower than 0.02 m/s
-    /// and 0.1 rad/s for 2 s. Sleeping bodies keep their pose, have zero velocity and take hardly any time. A body
+    /// and 0.1 rad/s for 2 s. For a body without constraints under a gravity of at least 1 m/s², which therefore rests
+    /// on something, it is 0.08 m/s and 0.5 rad/s. Sleeping bodies keep their pose, have zero velocity and take hardly any time. A body
     /// wakes up, with its neighbours, when its pose, velocity, force, motor or constraints are changed through this
     /// interface, and when the AABB of an awake body overlaps its own. Vehicles never sleep. Includes
     /// [`freeze_static_aabbs`](Self::freeze_static_aabbs). Default: disabled.
@@ -28,7 +33,7 @@ impl World {
             return false;
         }
         // SAFETY: the world and everything in it are alive.
-        unsafe { sys::amb_world_enable_sleeping(self.raw.as_ptr(), SLEEP_BELOW.0, SLEEP_BELOW.1) }
+        unsafe { sys::amb_world_enable_sleeping(self.raw.as_ptr(), SLEEP_BELOW.as_ptr(), RESTS_BELOW.as_ptr()) }
         true
     }
 
@@ -199,6 +204,67 @@ mod tests {
             run(&mut world, 0.5);
             assert_eq!(world.is_asleep(b), Some(false));
         }
+    }
+
+    /// Cubes of 0.2 m in a heap on the ground, turned and placed by a small generator of numbers.
+    fn heap(solver: Solver, seed: u32, count: usize) -> (World, Vec<BodyHandle>) {
+        let mut world = World::new(solver);
+        world.enable_sleeping();
+        world.set_gravity(Vector3::new(0.0, 0.0, -10.0));
+        world.add_body(RigidBody { shape: Shape::plane(Vector3::z(), -0.1, 0.0), friction: 0.9, ..ball(0.0, 0.0) });
+        let mut state = seed;
+        let mut random = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            f64::from(state >> 8) / f64::from(1 << 24) - 0.5
+        };
+        let mut bodies = Vec::new();
+        for i in 0..count {
+            let place = [i % 4, i / 4 % 4, i / 16].map(|k| 0.3 * k as f64 + 0.1 * random());
+            let turn = Vector3::from_fn(|_, _| 0.5 * random());
+            let pose = Isometry3::new(place.into(), turn);
+            bodies.push(world.add_body(RigidBody { pose, angular_damping: 0.5, ..cube(0.1, 0.0) }));
+        }
+        (world, bodies)
+    }
+
+    #[test]
+    fn a_heap_comes_to_rest_whatever_solves_it() {
+        for solver in [Solver::default(), Solver::Accurate] {
+            let (mut world, bodies) = heap(solver, 1, 60);
+            let asleep = |world: &World| bodies.iter().filter(|&&body| world.is_asleep(body) == Some(true)).count();
+            let mut seconds = 0;
+            while asleep(&world) < bodies.len() {
+                assert!(seconds < 60, "{solver:?}: {} of {} sleep", asleep(&world), bodies.len());
+                run(&mut world, 1.0);
+                seconds += 1;
+            }
+            // It stays where it is, and one that is pushed wakes those that it lies on.
+            let poses: Vec<_> = bodies.iter().map(|&body| world.pose(body)).collect();
+            run(&mut world, 1.0);
+            assert_eq!(poses, bodies.iter().map(|&body| world.pose(body)).collect::<Vec<_>>());
+            world.apply_wrench(bodies[0], &Vector3::new(0.0, 0.0, 1e-3), &Vector3::zeros());
+            run(&mut world, 0.002);
+            assert!(asleep(&world) < bodies.len() - 1, "{solver:?}");
+        }
+    }
+
+    #[test]
+    fn what_only_contacts_carry_may_be_faster_when_it_falls_asleep() {
+        // Slides on without friction, at speeds between both thresholds.
+        let slides = |gravity: f64| {
+            let mut world = World::new(Solver::default());
+            world.enable_sleeping();
+            let ground = RigidBody { shape: Shape::plane(Vector3::z(), -0.1, 0.0), friction: 0.0, ..ball(0.0, 0.0) };
+            world.add_body(ground);
+            let body = world.add_body(RigidBody { friction: 0.0, ..cube(1.0, 0.0) });
+            world.set_gravity(Vector3::new(0.0, 0.0, -gravity));
+            world.set_velocity(body, &Vector3::new(0.05, 0.0, 0.0), &Vector3::zeros());
+            run(&mut world, 3.0);
+            world.is_asleep(body) == Some(false)
+        };
+        assert!(!slides(10.0), "it rests");
+        assert!(slides(0.1), "it would fall too slowly to tell");
+        assert!(slides(0.0), "it floats");
     }
 
     #[test]

@@ -18,13 +18,13 @@ pub struct Wrench {
 /// Where simulated time and computing time went.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Timing {
-    /// Simulated seconds that were never integrated because of the sub-step cap.
+    /// Simulated seconds that were never integrated because they could not be computed in time.
     pub lost_time: f64,
     /// Iterations in the last complete second, Hz; 0 in the first second.
     pub physics_frequency: f64,
     /// Cost of an iteration in the last complete second, s: 50th, 90th, 99th percentile and maximum.
     pub step_cost: [f64; 4],
-    /// Sub-steps an iteration may do at present.
+    /// Sub-steps that may be due at present before time is lost.
     pub sub_step_cap: u32,
 }
 

@@ -144,6 +144,11 @@ impl StepThrottle {
         self.ordered.load(Ordering::Acquire) > 0 || self.unpublished.load(Ordering::Acquire)
     }
 
+    /// Whether clients hold the simulation between iterations.
+    pub fn is_throttling(&self) -> bool {
+        self.throttling.load(Ordering::Acquire)
+    }
+
     /// Whether clients order the iterations, so that there is no need to keep time between them.
     pub fn is_stepped_by_orders(&self) -> bool {
         self.throttling.load(Ordering::Acquire) && self.by_order.load(Ordering::Acquire)

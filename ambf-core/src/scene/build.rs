@@ -9,18 +9,21 @@ use nalgebra::Isometry3;
 use super::assemble::Assembly;
 use super::attached::{camera_parameters, camera_pose, first_target, light_rotation, Attached, Camera, Light};
 use super::body::Body;
+use super::hulls::{CollisionMeshes, WantedHulls};
 use super::joint::{constraint, frames, Joint};
+use super::shape::BuiltShape;
+use super::shared::{self, ShapeKey, SharedShape};
 use super::targets::BodyTarget;
 use super::{
     shape, Bodies, BodyGraph, Counts, Found, Identity, ModelInfo, NameMap, Note, ObjectType, Objects, Parent,
     PhysicsOptions, Scene, SceneOptions,
 };
-use crate::adf::{self, CollisionGeometry, Part, PartGeometry, RaySource, Severity, SourcePos};
-use crate::bullet::{self, Integrator, Preset, Solver, SolverSettings, World, WorldKind};
+use crate::adf::{self, CollisionGeometry, CollisionMeshKind, Part, PartGeometry, RaySource, Severity, SourcePos};
+use crate::bullet::{self, ContactLists, Integrator, Preset, Solver, SolverSettings, World, WorldKind};
 use crate::comm::{CartesianCommandType, LightParameters, Rates};
 use crate::control::{CartesianController, Profile};
 use crate::ids::{BodyId, Id, JointId, ModelId, Table};
-use crate::mesh::{Mesh, MeshCache};
+use crate::mesh::{Mesh, MeshError};
 
 /// Least principal moment of what collides, as a share of that of a solid body of its shape.
 const LEAST_INERTIA: f64 = 0.01;
@@ -36,7 +39,7 @@ const ACCURATE_JOINT_ERP: f64 = 0.9;
 pub(super) struct Builder<'a> {
     pub scene: &'a mut Scene,
     pub notes: Vec<Note>,
-    pub(super) meshes: &'a MeshCache,
+    pub(super) meshes: &'a CollisionMeshes,
     /// The model that is being built.
     pub(super) model: ModelId,
     /// Its bodies by qualified identifier.
@@ -51,8 +54,23 @@ pub(super) struct Builder<'a> {
     assembly: Assembly,
 }
 
-/// Meshes that the objects of a model need, with their scales.
-pub(super) fn needed_meshes(model: &adf::Model) -> impl Iterator<Item = (PathBuf, f64)> + '_ {
+/// Whether compounds of one shape become that shape. The trajectories of the C++ program depend on the compound.
+fn simplifies(scene: &Scene) -> bool {
+    scene.preset == Some(Preset::PyBullet) || scene.profile == Profile::Accurate
+}
+
+/// Whether another world has the shape of a body of `scene`.
+fn is_shared(body: &adf::RigidBody, scene: Option<&Scene>) -> bool {
+    let key = scene.and_then(|scene| ShapeKey::new(body, scene.profile, simplifies(scene)));
+    key.is_some_and(|key| shared::find(&key).is_some())
+}
+
+/// Meshes that the objects of a model need, with their scales; `scene`: without those of bodies whose shape another
+/// world has.
+pub(super) fn needed_meshes<'m>(
+    model: &'m adf::Model,
+    scene: Option<&'m Scene>,
+) -> impl Iterator<Item = (PathBuf, f64)> + 'm {
     let of = |collision: &CollisionGeometry, scale| match collision {
         CollisionGeometry::Mesh { path, .. } => vec![(path.clone(), scale)],
         CollisionGeometry::Parts { parts, .. } => {
@@ -65,11 +83,28 @@ pub(super) fn needed_meshes(model: &adf::Model) -> impl Iterator<Item = (PathBuf
         }
         _ => vec![],
     };
-    let bodies = model.bodies.iter().flat_map(move |body| of(&body.collision, body.scale));
+    let wanted = model.bodies.iter().filter(move |body| !is_shared(body, scene));
+    let bodies = wanted.flat_map(move |body| of(&body.collision, body.scale));
     let ghosts = model.ghosts.iter().flat_map(move |ghost| of(&ghost.collision, ghost.scale));
     let soft_bodies = model.soft_bodies.iter().map(|soft| (soft.collision_mesh.clone(), soft.scale));
     let sensors = model.sensors.iter().filter_map(|sensor| Some((ray_mesh(&sensor.rays)?.clone(), 1.0)));
     bodies.chain(ghosts).chain(soft_bodies).chain(sensors)
+}
+
+/// Convex hulls that the objects of a model need; `scene`: as for [`needed_meshes`].
+pub(super) fn needed_hulls<'m>(
+    model: &'m adf::Model,
+    scene: Option<&'m Scene>,
+) -> impl Iterator<Item = WantedHulls> + 'm {
+    let of = |collision: &CollisionGeometry, scale| match collision {
+        CollisionGeometry::Mesh { path, kind: CollisionMeshKind::ConvexDecomposition(parameters) } => {
+            Some((path.clone(), scale, *parameters))
+        }
+        _ => None,
+    };
+    let wanted = model.bodies.iter().filter(move |body| !is_shared(body, scene));
+    let bodies = wanted.filter_map(move |body| of(&body.collision, body.scale));
+    bodies.chain(model.ghosts.iter().filter_map(move |ghost| of(&ghost.collision, ghost.scale)))
 }
 
 /// The file of a mesh with rays: the first that exists, else the best.
@@ -171,12 +206,13 @@ pub(super) fn empty_scene(
         model_names: NameMap::default(),
         joint_names: NameMap::default(),
         elements: Vec::new(),
+        touching: ContactLists::default(),
         plugins: Vec::new(),
     }
 }
 
 impl<'a> Builder<'a> {
-    pub fn new(scene: &'a mut Scene, meshes: &'a MeshCache) -> Self {
+    pub fn new(scene: &'a mut Scene, meshes: &'a CollisionMeshes) -> Self {
         let (known, known_joints) = (scene.counts(), scene.joints.next_id());
         let own_names = NameMap::default();
         let first_body = scene.bodies.next_id();
@@ -323,29 +359,31 @@ impl<'a> Builder<'a> {
 
     fn add_body(&mut self, body: &adf::RigidBody, model: &adf::Model) -> Option<BodyId> {
         let source = &body.common.source;
-        let mesh = match &body.collision {
-            CollisionGeometry::Mesh { path, .. } => Some(self.mesh(path, body.scale, &body.common)?),
-            _ => None,
+        let (built, shared) = match self.built_shape(body) {
+            Ok(built) => built,
+            Err(error) => {
+                self.drop_element(&body.common, error);
+                return None;
+            }
         };
-        let mut built = shape::build(body, mesh.as_deref(), self.meshes, self.scene.profile);
-        // The trajectories of the C++ program depend on the compound.
-        if self.scene.preset == Some(Preset::PyBullet) || self.scene.profile == Profile::Accurate {
-            built.shape = built.shape.simplified();
-        }
         for (severity, message) in &built.left_out {
             self.note(*severity, source, format!("`{}`: {message}", body.common.identifier));
         }
-        self.note_displacement(body, mesh.as_deref(), &built.inertial_offset);
+        self.note_displacement(body, &built.inertial_offset);
 
+        let estimate = || match &shared {
+            Some(shared) => shared.inertia(body.mass, || built.shape.inertia(body.mass)),
+            None => built.shape.inertia(body.mass),
+        };
         let inertia = body.inertia.unwrap_or_else(|| {
             if body.mass > 0.0 {
                 // An extent whose square underflows doesn't turn.
-                built.shape.inertia(body.mass).map(|moment| if moment.recip().is_finite() { moment } else { 0.0 })
+                estimate().map(|moment| if moment.recip().is_finite() { moment } else { 0.0 })
             } else {
                 nalgebra::Vector3::zeros()
             }
         });
-        let inertia = self.bounded_inertia(body, inertia, &built.shape);
+        let inertia = self.bounded_inertia(body, inertia, estimate);
         let initial_pose = body.location * built.inertial_offset;
         let gravity = body.gravity.or(model.gravity);
         let handle = self.scene.world.add_body(bullet::RigidBody {
@@ -387,18 +425,40 @@ impl<'a> Builder<'a> {
         Some(self.scene.graph.add_body())
     }
 
+    /// What collides of a body: as another world has it, if one of the same files does.
+    fn built_shape(&self, body: &adf::RigidBody) -> Result<(BuiltShape, Option<SharedShape>), Arc<MeshError>> {
+        let is_simplified = simplifies(self.scene);
+        let key = ShapeKey::new(body, self.scene.profile, is_simplified);
+        if let Some(shared) = key.as_ref().and_then(shared::find) {
+            return Ok((shared.built(), Some(shared)));
+        }
+        let mesh = match &body.collision {
+            CollisionGeometry::Mesh { path, .. } => Some(self.meshes.files.get(path, body.scale)?),
+            _ => None,
+        };
+        let mut built = shape::build(body, mesh.as_deref(), self.meshes, self.scene.profile);
+        if is_simplified {
+            built.shape = built.shape.simplified();
+        }
+        let Some(key) = key else { return Ok((built, None)) };
+        Ok(match shared::keep(key, body, built, &self.meshes.files) {
+            Ok(shared) => (shared.built(), Some(shared)),
+            Err(built) => (*built, None),
+        })
+    }
+
     /// What collides far out but turns like a point is shot away by any contact: one step cannot follow it. Zero
     /// moments, which don't turn, stay.
     fn bounded_inertia(
         &mut self,
         body: &adf::RigidBody,
         inertia: nalgebra::Vector3<f64>,
-        shape: &bullet::Shape,
+        estimate: impl FnOnce() -> nalgebra::Vector3<f64>,
     ) -> nalgebra::Vector3<f64> {
         if self.scene.profile != Profile::Accurate || body.mass <= 0.0 || body.inertia.is_none() {
             return inertia;
         }
-        let least = shape.inertia(body.mass) * LEAST_INERTIA;
+        let least = estimate() * LEAST_INERTIA;
         let bounded = inertia.zip_map(&least, |moment, least| if moment > 0.0 { moment.max(least) } else { moment });
         if bounded != inertia {
             let message = format!(
@@ -428,7 +488,7 @@ impl<'a> Builder<'a> {
 
     /// A mesh; `None`, and a note that the element is dropped, when it cannot be used.
     pub(super) fn mesh(&mut self, path: &Path, scale: f64, common: &adf::Common) -> Option<Arc<Mesh>> {
-        match self.meshes.get(path, scale) {
+        match self.meshes.files.get(path, scale) {
             Ok(mesh) => Some(mesh),
             Err(error) => {
                 self.drop_element(common, error);
@@ -441,9 +501,12 @@ impl<'a> Builder<'a> {
         self.note(Severity::Error, &common.source, format!("`{}` is dropped: {why}", common.identifier));
     }
 
-    fn note_displacement(&mut self, body: &adf::RigidBody, mesh: Option<&Mesh>, offset: &Isometry3<f64>) {
+    fn note_displacement(&mut self, body: &adf::RigidBody, offset: &Isometry3<f64>) {
         let distance = offset.translation.vector.norm();
-        if mesh.is_some() && body.inertial_offset.is_none() && distance >= LEAST_DISPLACEMENT {
+        if matches!(body.collision, CollisionGeometry::Mesh { .. })
+            && body.inertial_offset.is_none()
+            && distance >= LEAST_DISPLACEMENT
+        {
             let message = format!(
                 "`{}` has no `inertial offset`: its centre of mass is taken from the collision mesh; the C++ program then collides \
                  with the mesh displaced by {} m, here it stays where it is drawn",

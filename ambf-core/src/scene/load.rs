@@ -4,13 +4,13 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 use super::articulate;
-use super::build::{empty_scene, needed_meshes, Builder};
+use super::build::{empty_scene, needed_hulls, needed_meshes, Builder};
+use super::hulls::CollisionMeshes;
 use super::{Note, Scene, SceneOptions};
 use crate::adf::{self, LoadError, Report, Severity};
 use crate::bullet::Solver;
 use crate::control::Profile;
 use crate::ids::ModelId;
-use crate::mesh::MeshCache;
 use crate::urdf;
 
 /// The files a scene is made of, in the order in which their contents are created.
@@ -103,13 +103,13 @@ pub fn load(files: &SceneFiles, options: &SceneOptions) -> Loaded {
     let environment = environment.unwrap_or_else(|| built_in_environment(&world));
     let models: Vec<adf::Model> = files.models.iter().filter_map(|path| taken(read_model(path), &mut report)).collect();
 
-    let meshes = MeshCache::new();
-    preload(&meshes, std::iter::once(&environment).chain(&models));
     let has_soft_bodies = std::iter::once(&environment).chain(&models).any(|model| !model.soft_bodies.is_empty());
     let may_articulate =
         options.may_grow || std::iter::once(&environment).chain(&models).any(articulate::may_articulate);
     let mut notes = Vec::new();
     let mut scene = empty_scene(with_defaults(world), options, has_soft_bodies, may_articulate, &mut notes);
+    let meshes = CollisionMeshes::new();
+    preload(&meshes, std::iter::once(&environment).chain(&models), Some(&scene));
     let mut builder = Builder::new(&mut scene, &meshes);
     builder.add_environment(environment);
     models.into_iter().for_each(|model| builder.add_model(model));
@@ -137,18 +137,24 @@ fn physics_line(scene: &Scene) -> String {
     )
 }
 
-/// Loads the meshes of `models` in parallel.
-fn preload<'m>(meshes: &MeshCache, models: impl Iterator<Item = &'m adf::Model>) {
-    let mut wanted: Vec<_> = models.flat_map(needed_meshes).collect();
+/// Loads the meshes of `models`, and makes the convex hulls that they ask for, in parallel: those that will be needed in
+/// `scene`.
+fn preload<'m>(
+    meshes: &CollisionMeshes,
+    models: impl Iterator<Item = &'m adf::Model> + Clone,
+    scene: Option<&'m Scene>,
+) {
+    let mut wanted: Vec<_> = models.clone().flat_map(|model| needed_meshes(model, scene)).collect();
     wanted.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
     wanted.dedup();
-    meshes.preload(&wanted);
+    meshes.files.preload(&wanted);
+    meshes.hulls.preload(&meshes.files, &models.flat_map(|model| needed_hulls(model, scene)).collect::<Vec<_>>());
 }
 
 /// A model that was read and whose meshes are in memory, ready to be built into a scene.
 pub struct PreparedModel {
     pub(super) description: adf::Model,
-    meshes: MeshCache,
+    meshes: CollisionMeshes,
     /// What was found while it was read.
     pub report: SceneReport,
 }
@@ -163,8 +169,8 @@ impl PreparedModel {
         let Some(description) = taken(read_model(path), &mut report) else {
             return Err(report.to_string().trim_end().to_owned());
         };
-        let meshes = MeshCache::new();
-        preload(&meshes, std::iter::once(&description));
+        let meshes = CollisionMeshes::new();
+        preload(&meshes, std::iter::once(&description), None);
         Ok(Self { description, meshes, report })
     }
 }

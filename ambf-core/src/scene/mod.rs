@@ -11,6 +11,7 @@ mod end_effector;
 mod gesture;
 mod ghost;
 mod graph;
+mod hulls;
 mod identity;
 mod joint;
 mod list;
@@ -23,6 +24,7 @@ mod robot_description;
 mod saved;
 mod sensor;
 mod shape;
+mod shared;
 mod soft_body;
 mod targets;
 mod vehicle;
@@ -36,6 +38,7 @@ pub use end_effector::{EndEffectorParts, PreparedEndEffector};
 pub use gesture::{CameraGesture, CameraPlace};
 pub use ghost::Ghost;
 pub use graph::{BodyGraph, Descendant};
+pub use hulls::convex_hulls;
 pub use identity::Identity;
 pub use joint::{Joint, JointType};
 pub use list::Objects;
@@ -47,6 +50,7 @@ pub use physics::PhysicsOptions;
 pub use robot_description::{LinkFrame, RobotDescription, UNLIMITED, WORLD_LINK};
 pub(crate) use saved::SavedScene;
 pub use sensor::{LocalRay, Sensed, Sensor};
+pub use shared::shared_shapes;
 pub use soft_body::SoftBody;
 pub(crate) use targets::SubSteps;
 pub use vehicle::{Vehicle, Wheel};
@@ -61,7 +65,7 @@ use std::sync::Arc;
 use nalgebra::Vector3;
 
 use crate::adf::{self, Severity, SourcePos};
-use crate::bullet::{Gyroscopic, Preset, World};
+use crate::bullet::{ContactLists, Gyroscopic, Preset, World};
 use crate::comm::{ActuatorCommand, ObjectInfo, ObjectKind, Rates, RigidBodyInfo, Snapshot, Wrench};
 use crate::control::Profile;
 use crate::ids::{
@@ -175,6 +179,8 @@ pub struct Scene {
     joint_names: NameMap<JointId>,
     /// What acts by itself in an iteration, in the order in which it does.
     elements: Vec<(Update, usize)>,
+    /// Contacts of the parents of contact sensors.
+    touching: ContactLists,
 }
 
 impl Scene {
@@ -339,6 +345,7 @@ impl Scene {
 
     /// Updates everything that has something to do besides moving: ghosts, sensors, vehicles. Sub-step and update in s.
     pub(crate) fn update_elements(&mut self, sub_step: f64, interval: f64) {
+        self.touching.update(&self.world);
         for i in 0..self.elements.len() {
             let (update, index) = self.elements[i];
             update(self, index, sub_step, interval);

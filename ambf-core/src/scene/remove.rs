@@ -159,5 +159,8 @@ impl Scene {
         }
         order.sort_by_cached_key(|&(object, _)| self.visiting_key(Some(object)));
         self.elements = order.into_iter().map(|(object, update)| (update, object.index)).collect();
+        let Self { sensors, bodies, touching, .. } = self;
+        let feeling = sensors.iter().filter(|sensor| sensor.contacts().is_some());
+        touching.watch(feeling.map(|sensor| bodies[sensor.parent].handle));
     }
 }

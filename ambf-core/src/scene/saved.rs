@@ -75,6 +75,7 @@ impl Scene {
             model_names: _,
             joint_names: _,
             elements: _,
+            touching: _,
             has_feedback: _,
             // These are chosen when the scene is loaded.
             namespace: _,

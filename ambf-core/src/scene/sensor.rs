@@ -7,7 +7,7 @@ use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use super::list::SceneObject;
 use super::{Bodies, Body, Identity, ObjectType, Scene};
 use crate::adf::{RaySource, ResistanceParameters};
-use crate::bullet::{Contact, Ray, RayHit, RayTarget, SoftBodyHandle, World};
+use crate::bullet::{Contact, ContactLists, Ray, RayHit, RayTarget, SoftBodyHandle, World};
 use crate::comm::{ContactPoint, ContactReading, ObjectKind, RayReading, SensorInfo, Snapshot, TouchingBody};
 use crate::control::Profile;
 use crate::ids::{BodyId, SensorId};
@@ -108,8 +108,8 @@ impl SceneObject for Sensor {
     }
 
     fn update(scene: &mut Scene, id: Self::Id, sub_step: f64, interval: f64) {
-        let Scene { sensors, world, bodies, .. } = scene;
-        sensors[id].sense(world, bodies, sub_step, interval);
+        let Scene { sensors, world, bodies, touching, .. } = scene;
+        sensors[id].sense(world, bodies, touching, sub_step, interval);
     }
 
     fn save(&self) -> SavedSensor {
@@ -212,14 +212,23 @@ impl Sensor {
     }
 
     /// Looks, and pushes if it is a resistance sensor. The forces act in the next update, which is taken to be as long
-    /// as the last one: `interval` s. `sub_step` in s.
-    pub(crate) fn sense(&mut self, world: &mut World, bodies: &Bodies, sub_step: f64, interval: f64) {
+    /// as the last one: `interval` s. `sub_step` in s. `touching` has the contacts of the parents of contact sensors.
+    pub(crate) fn sense(
+        &mut self,
+        world: &mut World,
+        bodies: &Bodies,
+        touching: &ContactLists,
+        sub_step: f64,
+        interval: f64,
+    ) {
         match &mut self.work {
             Work::Contacts { threshold, details, contacts, reading } => {
-                world.contacts(bodies[self.parent].handle, f64::INFINITY, contacts);
+                contacts.clear();
                 // What rests on a thin cushion of Bullet's margin touches too: it is carried.
-                contacts.retain(|contact| contact.distance <= *threshold || contact.impulse > 0.0);
-                contacts.retain(|contact| bodies.id_of(contact.other).is_some());
+                let touches = |contact: &Contact| contact.distance <= *threshold || contact.impulse > 0.0;
+                let known = |contact: &Contact| bodies.id_of(contact.other).is_some();
+                let all = touching.of(bodies[self.parent].handle);
+                contacts.extend(all.filter(|contact| touches(contact) && known(contact)));
                 // Of the bodies the one with the lower handle first: the order does not change from step to step.
                 contacts.sort_unstable_by_key(|contact| contact.other);
                 read_contacts(&mut self.readings, reading, contacts, bodies, sub_step, *details);

@@ -2,10 +2,11 @@
 
 use nalgebra::{Isometry3, Vector3};
 
+use super::hulls::{CollisionMeshes, HullCache};
 use crate::adf::{self, CollisionGeometry, CollisionMeshKind, Part, PartGeometry, Primitive, RigidBody, Severity};
 use crate::bullet::{Axis, Shape};
 use crate::control::Profile;
-use crate::mesh::{Mesh, MeshCache};
+use crate::mesh::Mesh;
 
 /// A collision shape in the inertial frame, and the inertial frame it was made for.
 pub(super) struct BuiltShape {
@@ -18,7 +19,7 @@ pub(super) struct BuiltShape {
 
 /// Makes the collision shape of `body`. `mesh` is its collision mesh, welded and scaled, when the geometry is one;
 /// `meshes` gives those of its parts, when it has several.
-pub(super) fn build(body: &RigidBody, mesh: Option<&Mesh>, meshes: &MeshCache, profile: Profile) -> BuiltShape {
+pub(super) fn build(body: &RigidBody, mesh: Option<&Mesh>, meshes: &CollisionMeshes, profile: Profile) -> BuiltShape {
     let inertial_offset = body.inertial_offset.unwrap_or_else(|| match mesh {
         Some(mesh) => Isometry3::from(estimated_centre(mesh, profile)),
         None => Isometry3::identity(),
@@ -34,7 +35,7 @@ pub(super) fn geometry(
     collision: &CollisionGeometry,
     margin: f64,
     mesh: Option<&Mesh>,
-    meshes: &MeshCache,
+    meshes: &CollisionMeshes,
     origin: &Isometry3<f64>,
     left_out: &mut Vec<(Severity, String)>,
 ) -> Shape {
@@ -52,7 +53,7 @@ pub(super) fn geometry(
             Shape::compound(parts.iter().map(|part| (primitive(&part.primitive, margin), to_origin * part.offset)))
         }
         CollisionGeometry::Mesh { kind, .. } => match mesh {
-            Some(mesh) => compound(mesh_children(mesh, *kind, margin, &to_origin, left_out)),
+            Some(mesh) => compound(mesh_children(mesh, *kind, &meshes.hulls, margin, &to_origin, left_out)),
             None => Shape::empty(),
         },
         CollisionGeometry::Parts { parts, kind } => {
@@ -118,17 +119,17 @@ fn part_children(
     kind: CollisionMeshKind,
     margin: f64,
     body_in_inertial: &Isometry3<f64>,
-    meshes: &MeshCache,
+    meshes: &CollisionMeshes,
     left_out: &mut Vec<(Severity, String)>,
 ) -> Vec<(Shape, Isometry3<f64>)> {
     let pose = body_in_inertial * part.offset;
     match &part.geometry {
         PartGeometry::Primitive(p) => vec![(primitive(p, margin), pose)],
-        PartGeometry::Mesh { path, scale } => match meshes.get(path, 1.0) {
+        PartGeometry::Mesh { path, scale } => match meshes.files.get(path, 1.0) {
             Ok(mesh) => {
                 let mesh = mesh.scaled_along((*scale).into());
                 if mesh.sub_meshes.iter().flat_map(|sub| sub.vertices.as_flattened()).all(|x| x.is_finite()) {
-                    return mesh_children(&mesh, kind, margin, &pose, left_out);
+                    return mesh_children(&mesh, kind, &meshes.hulls, margin, &pose, left_out);
                 }
                 let message = format!("{}: too large for its numbers when scaled; it is left out", path.display());
                 left_out.push((Severity::Error, message));
@@ -145,6 +146,7 @@ fn part_children(
 fn mesh_children(
     mesh: &Mesh,
     kind: CollisionMeshKind,
+    hulls: &HullCache,
     margin: f64,
     pose: &Isometry3<f64>,
     left_out: &mut Vec<(Severity, String)>,
@@ -166,12 +168,21 @@ fn mesh_children(
                 children.extend(spheres);
                 continue;
             }
+            CollisionMeshKind::ConvexDecomposition(parameters) => {
+                let parts = hulls.hulls_of(sub, &parameters);
+                if parts.is_empty() {
+                    empty.push(number);
+                }
+                children.extend(parts.iter().map(|hull| (Shape::convex_hull(hull, margin), *pose)));
+                continue;
+            }
         };
         match child {
             Some(child) => children.push((child, *pose)),
             None => empty.push(number),
         }
     }
+    left_out.extend(hulls.take_remarks());
     match empty[..] {
         [] => (),
         [number] => {
@@ -228,7 +239,7 @@ mod tests {
         let drawn = VisualMesh::compound(&parts);
         let geometry_of = |parts| {
             let compound = CollisionGeometry::Compound(parts);
-            geometry(&compound, margin, None, &MeshCache::new(), &Isometry3::identity(), &mut Vec::new())
+            geometry(&compound, margin, None, &CollisionMeshes::new(), &Isometry3::identity(), &mut Vec::new())
         };
         check_congruent(&geometry_of(parts), &drawn, margin, "compound");
     }

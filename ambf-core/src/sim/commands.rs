@@ -1,7 +1,6 @@
 //! What commands do, and the physics thread's end of the hub.
 
 use std::sync::Arc;
-use std::time::Duration;
 
 use nalgebra::Vector3;
 
@@ -307,6 +306,11 @@ impl Simulation {
         }
     }
 
+    /// Whether clients hold the simulation between iterations.
+    pub(super) fn is_throttled(&self) -> bool {
+        self.link.as_ref().is_some_and(|link| link.hub.throttle().is_throttling())
+    }
+
     /// Whether clients order iterations one by one.
     pub(super) fn is_stepped_by_orders(&self) -> bool {
         self.link.as_ref().is_some_and(|link| link.hub.throttle().is_stepped_by_orders())
@@ -422,10 +426,5 @@ impl Simulation {
     /// Whether clients or plugins asked for a reset that was not done yet.
     pub(super) fn reset_is_requested(&self) -> bool {
         self.link.as_ref().is_some_and(|link| link.hub.reset_requested()) || self.plugins_want_reset()
-    }
-
-    /// Lets the cap on sub-steps learn what the latest update cost.
-    pub(super) fn learn_cost(&mut self, cost: Duration) {
-        self.physics.cap.learn(self.physics.time.due, self.physics.sub_step, cost.as_secs_f64());
     }
 }

@@ -1,6 +1,6 @@
 //! The simulation: one iteration, its clock, and the thread that repeats it.
 
-mod cap;
+mod backlog;
 mod commands;
 mod devices;
 mod history;
@@ -12,6 +12,7 @@ mod runner;
 mod saved;
 mod slices;
 mod statistics;
+mod step_pool;
 mod stepper;
 mod targets;
 mod window;
@@ -22,6 +23,7 @@ pub use models::{AddedModel, ModelError, Models, ANSWER_TIMEOUT};
 pub use runner::{Control, Event, Runner, RunnerOptions};
 pub use saved::SavedState;
 pub use slices::request_short_slices;
+pub use step_pool::{Batch, StepPool, Stepped, Steps};
 pub use stepper::{Stepper, StepperState, StepperWindow};
 pub use window::{Picked, WindowAnswer, WindowLink, WindowRequest};
 
@@ -32,7 +34,7 @@ use std::time::Duration;
 use thiserror::Error;
 
 use crate::bullet::{BodyHandle, EnergyLedger, PlausibleBounds, SolverStatistics, World};
-use crate::comm::{Hub, Snapshot, Timing, Wrench};
+use crate::comm::{Hub, Snapshot, Wrench};
 use crate::ids::{BodyId, JointId, Table};
 use crate::plugin::run::Plugins;
 use crate::scene::Scene;
@@ -183,7 +185,7 @@ impl Simulation {
         self.physics.sim_step()
     }
 
-    /// Simulated seconds that were never integrated because of the cap on sub-steps.
+    /// Simulated seconds that were never integrated because they could not be computed in time.
     pub fn lost_time(&self) -> f64 {
         self.physics.time.lost_time
     }
@@ -290,7 +292,7 @@ impl Simulation {
     /// The state of everything at this moment, for those who step the simulation themselves. It allocates.
     pub fn snapshot(&self) -> Snapshot {
         let mut snapshot = self.physics.scene.snapshot(&self.physics.wrenches);
-        self.physics.fill(&mut snapshot, 0.0, Timing::default());
+        self.physics.fill(&mut snapshot, 0.0, self.physics.timing());
         snapshot
     }
 }

@@ -4,7 +4,6 @@ use std::time::{Duration, Instant, SystemTime};
 
 use nalgebra::Vector3;
 
-use super::cap::SubStepCap;
 use super::targets::ActiveTargets;
 use crate::bullet::PlausibleBounds;
 use crate::comm::{
@@ -37,7 +36,6 @@ pub(super) struct Physics {
     pub scene: Scene,
     pub sub_step: f64,
     pub bounds: PlausibleBounds,
-    pub cap: SubStepCap,
     pub time: Time,
     pub bullet_time: Duration,
     /// When the latest update was; taken where somebody listens.
@@ -59,7 +57,6 @@ impl Physics {
         let mut physics = Self {
             sub_step,
             bounds,
-            cap: SubStepCap::new(scene.max_sub_steps),
             time: Time::default(),
             bullet_time: Duration::ZERO,
             stamp: None,
@@ -91,12 +88,18 @@ impl Physics {
 
     /// Steps the world by the interval of this update.
     pub fn step(&mut self) {
-        let cap = self.cap.get();
+        let cap = self.scene.max_sub_steps;
         let begin = Instant::now();
         self.time.due = self.targets.step(&mut self.scene, self.time.interval, cap, self.sub_step);
         self.bullet_time += begin.elapsed();
         self.time.lost_time += f64::from(self.time.due.saturating_sub(cap)) * self.sub_step;
         self.time.sim_time += self.time.interval;
+    }
+
+    /// Lets `seconds` of simulated time pass in which nothing moves.
+    pub fn lose_time(&mut self, seconds: f64) {
+        self.time.lost_time += seconds;
+        self.time.sim_time += seconds;
     }
 
     /// Brings what follows from a step up to date: joints, efforts, wrenches, then ghost objects, sensors, vehicles.
@@ -132,6 +135,11 @@ impl Physics {
         self.time.iteration as u32
     }
 
+    /// The timing of iterations whose cost nobody measures.
+    pub fn timing(&self) -> Timing {
+        Timing { sub_step_cap: self.scene.max_sub_steps, ..Timing::default() }
+    }
+
     /// Fills a snapshot with the state of this moment; `wall_time` in s.
     pub fn fill(&self, snapshot: &mut Snapshot, wall_time: f64, timing: Timing) {
         let scene = &self.scene;
@@ -142,7 +150,7 @@ impl Physics {
         snapshot.sim_step = self.sim_step();
         snapshot.wall_time = wall_time;
         snapshot.sim_time = self.time.sim_time;
-        snapshot.timing = Timing { lost_time: self.time.lost_time, sub_step_cap: self.cap.get(), ..timing };
+        snapshot.timing = Timing { lost_time: self.time.lost_time, ..timing };
         scene.world.read_bodies(snapshot.bodies.as_mut_slice());
         snapshot.wrenches.as_mut_slice().copy_from_slice(self.wrenches.as_slice());
         for (i, joint) in scene.joints.entries() {

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use crossbeam_channel::{bounded, Receiver, Sender};
 
+use super::backlog::{Backlog, Share};
 use super::slices::request_short_slices;
 use super::statistics::StepStatistics;
 use super::{LostState, Simulation};
@@ -175,10 +176,7 @@ struct PhysicsLoop {
     control: Arc<Control>,
     events: Sender<Event>,
     start: Instant,
-    /// Wall time that did not count as simulated: pauses.
-    skipped: f64,
-    /// Wall time of the iteration before.
-    last_wall: f64,
+    backlog: Backlog,
     was_paused: bool,
     /// The pause was made because the state was lost.
     lost: bool,
@@ -190,14 +188,15 @@ struct PhysicsLoop {
 
 impl PhysicsLoop {
     fn new(simulation: Simulation, options: RunnerOptions, control: Arc<Control>, events: Sender<Event>) -> Self {
+        let backlog =
+            Backlog::new(1.0 / options.frequency, simulation.physics.sub_step, simulation.physics.scene.max_sub_steps);
         Self {
             simulation,
             options,
             control,
             events,
             start: Instant::now(),
-            skipped: 0.0,
-            last_wall: 0.0,
+            backlog,
             was_paused: false,
             lost: false,
             statistics: StepStatistics::default(),
@@ -226,13 +225,22 @@ impl PhysicsLoop {
             if let Err(problem) = self.iterate() {
                 self.pause_lost(problem);
             }
-            // With fixed steps a client that orders them gets them as fast as they can be made.
-            if !(self.options.fixed_step && self.simulation.is_stepped_by_orders()) {
-                pacer.wait();
+            match self.is_urgent() {
+                true => pacer.skip(),
+                false => pacer.wait(),
             }
         }
         self.simulation.pause_devices(true);
         self.simulation
+    }
+
+    /// Whether the next iteration follows at once: with fixed steps a client that orders them gets them as fast as they
+    /// can be made; otherwise time that is due is caught up.
+    fn is_urgent(&self) -> bool {
+        match self.options.fixed_step {
+            true => self.simulation.is_stepped_by_orders(),
+            false => self.backlog.is_behind(),
+        }
     }
 
     /// One iteration, if its interval is above 0. It ends early when the state is lost.
@@ -242,6 +250,7 @@ impl PhysicsLoop {
         if interval <= 0.0 {
             return Ok(());
         }
+        let bullet_before = self.simulation.bullet_time();
         self.simulation.advance(interval)?;
         let stepped = begin.elapsed();
         if self.simulation.is_held_by_clients() && self.simulation.sim_step() == 1 {
@@ -262,7 +271,9 @@ impl PhysicsLoop {
         let cost = stepped + resumed.elapsed();
         self.statistics.record(wall, cost);
         if !self.options.fixed_step {
-            self.simulation.learn_cost(cost);
+            let sub_steps = self.simulation.bullet_time() - bullet_before;
+            let other = cost.saturating_sub(sub_steps);
+            self.backlog.learn(self.simulation.physics.time.due, sub_steps.as_secs_f64(), other.as_secs_f64());
         }
         self.report_loss(wall);
         Ok(())
@@ -307,25 +318,25 @@ impl PhysicsLoop {
         self.tell(Event::Lost(problem));
     }
 
-    /// Interval of this iteration, s: what the wall clock is ahead, or fixed. The first one after a pause is one
-    /// period.
+    /// Interval of this iteration, s: what the wall clock is ahead, or a part of it; or fixed. The first one after a
+    /// pause is one period.
     fn choose_interval(&mut self, now: Instant) -> f64 {
         let speed = self.control.speed();
         if self.options.fixed_step {
             return speed * self.options.speed_factor / self.options.frequency;
         }
         let wall = (now - self.start).as_secs_f64();
-        let last = std::mem::replace(&mut self.last_wall, wall);
-        if speed != 1.0 && !self.was_paused {
-            let interval = speed * (wall - last);
-            // The clock is followed from here on again when the factor is 1.
-            self.skipped = wall - self.simulation.sim_time() - interval;
-            return interval;
+        match std::mem::take(&mut self.was_paused) {
+            true => self.backlog.restart(wall),
+            false => self.backlog.pass(wall, speed),
         }
-        if std::mem::take(&mut self.was_paused) {
-            self.skipped = wall - self.simulation.sim_time() - 1.0 / self.options.frequency;
-        }
-        wall - self.skipped - self.simulation.sim_time()
+        // A client that throttles counts iterations: one has to take all the time for which it was held.
+        let Share { interval, lost } = match self.simulation.is_throttled() {
+            true => self.backlog.take_all(),
+            false => self.backlog.take(),
+        };
+        self.simulation.physics.lose_time(lost);
+        interval
     }
 
     /// Blocks while clients throttle. Resets and requests about models are honoured meanwhile.
@@ -377,11 +388,13 @@ impl PhysicsLoop {
     }
 
     fn timing(&self) -> Timing {
-        Timing {
-            physics_frequency: self.statistics.frequency,
-            step_cost: self.statistics.percentiles,
-            ..Timing::default()
+        let mut timing = self.simulation.physics.timing();
+        timing.physics_frequency = self.statistics.frequency;
+        timing.step_cost = self.statistics.percentiles;
+        if !self.options.fixed_step {
+            timing.sub_step_cap = self.backlog.cap();
         }
+        timing
     }
 
     fn report_loss(&mut self, wall: Duration) {

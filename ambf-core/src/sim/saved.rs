@@ -1,6 +1,5 @@
 //! Saving and restoring a simulation.
 
-use super::cap::SubStepCap;
 use super::commands::{Link, SavedCommands};
 use super::physics::{Physics, Time};
 use super::plugins::Attachment;
@@ -22,7 +21,6 @@ use crate::scene::SavedScene;
 /// spent in Bullet.
 pub struct SavedState {
     scene: SavedScene,
-    cap: SubStepCap,
     time: Time,
     wrenches: Table<BodyId, Wrench>,
     commands: SavedCommands,
@@ -79,7 +77,6 @@ impl Simulation {
             scene,
             sub_step: _,
             bounds: _,
-            cap,
             time,
             // Measured, not simulated.
             bullet_time: _,
@@ -93,7 +90,6 @@ impl Simulation {
         } = physics;
         Ok(SavedState {
             scene: scene.save()?,
-            cap: cap.clone(),
             time: *time,
             wrenches: wrenches.clone(),
             commands: link.as_ref().map(Link::save).unwrap_or_default(),
@@ -114,7 +110,6 @@ impl Simulation {
     pub fn restore(&mut self, saved: &SavedState) -> Result<(), StateError> {
         let physics = &mut self.physics;
         physics.scene.restore(&saved.scene)?;
-        physics.cap.clone_from(&saved.cap);
         physics.time = saved.time;
         physics.wrenches.clone_from(&saved.wrenches);
         physics.targets.restore(&saved.targets);

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::{Control, LostState, Models, SavedState, Simulation, WindowLink};
 use crate::bullet::{SolverStatistics, StateError};
-use crate::comm::{ActuatorCommand, Hub, HubIndex, ObjectList, RigidBodyCommand, Snapshot, Timing};
+use crate::comm::{ActuatorCommand, Hub, HubIndex, ObjectList, RigidBodyCommand, Snapshot};
 use crate::scene::VisualScene;
 
 /// A simulation without a clock and without threads of its own: it moves in [`step`](Self::step) and nowhere else.
@@ -31,14 +31,14 @@ struct Published {
 
 impl Published {
     fn publish(&mut self, simulation: &mut Simulation) {
-        simulation.physics.fill(&mut self.snapshot, 0.0, Timing::default());
+        simulation.physics.fill(&mut self.snapshot, 0.0, simulation.physics.timing());
         self.show(simulation);
     }
 
     /// Lets windows see the present states.
     fn show(&self, simulation: &mut Simulation) {
         if self.is_shown {
-            simulation.publish(self.hub.now().as_secs_f64(), Timing::default());
+            simulation.publish(self.hub.now().as_secs_f64(), simulation.physics.timing());
         }
     }
 }

@@ -51,6 +51,13 @@ impl Pacer {
         self.next += self.period;
     }
 
+    /// Takes a tick that has come already, if there is one, without waiting.
+    pub fn skip(&mut self) {
+        if now() >= self.next {
+            self.next += self.period;
+        }
+    }
+
     /// Asks the system to run this thread first in, first out, above all others.
     ///
     /// A thread that has this wakes up on time and does not spin: on a computer with few cores it would keep one from
@@ -108,6 +115,17 @@ mod tests {
         let late = Instant::now();
         (0..10).for_each(|_| pacer.wait());
         assert!(late.elapsed() >= 9 * PERIOD, "no burst after a late tick");
+    }
+
+    #[test]
+    fn a_tick_that_was_taken_is_not_caught_up() {
+        let begin = now();
+        let mut pacer = Pacer::new(PERIOD, 1_000_000);
+        pacer.skip();
+        assert!(pacer.next <= now() + PERIOD, "a tick in the future is not taken");
+        std::thread::sleep(5 * PERIOD);
+        (0..3).for_each(|_| pacer.skip());
+        assert!(pacer.next >= begin + 4 * PERIOD);
     }
 
     #[test]

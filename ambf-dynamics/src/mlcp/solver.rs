@@ -26,10 +26,13 @@ const NEAR_SHARE: f64 = 0.2;
 const EXPENSIVE: f64 = 10.0;
 /// Residual from which an approximation counts as poor, as a share of the largest target.
 const POOR: f64 = 1e-2;
-/// Energy that biases may add, as a share of the kinetic energy and of the nominal work Σ |λ · bias| of the biases.
-/// Curved motion exchanges the share θ³ of the kinetic energy in a turn of θ rad.
+/// Energy that biases may add, as a share of the kinetic energy and of the nominal work Σ |λ · bias| of the biases, and
+/// at most as a share of the kinetic energy. Curved motion exchanges the share θ³ of the kinetic energy in a turn of
+/// θ rad. Rows that nearly contradict each other have impulses, and a nominal work, that are thousands of times those
+/// of the motion.
 const ENERGY_SLACK: f64 = 2e-3;
 const BIAS_SLACK: f64 = 0.02;
+const MAX_ENERGY_SLACK: f64 = 0.01;
 /// Multiple of the nominal work beyond which added energy cannot come from the biases.
 const MAX_BIAS_WORK: f64 = 1e4;
 /// Velocities up to this count as 0, m/s or rad/s.
@@ -241,13 +244,14 @@ impl Solver {
     ///
     /// Impulses that ask all rows for rest add no kinetic energy. Restitution does where other rows are violated: a
     /// limit that a light link hits fast then accelerates all that hangs on that link. Where rows other than drives add
-    /// more than 0.2 % of the kinetic energy before and 2 % of the work that the biases ask for, the problem is solved
-    /// again without biases.
+    /// more than 0.2 % of the kinetic energy before and 2 % of the work that the biases ask for, or more than 1 % of the
+    /// kinetic energy before, the problem is solved again without biases.
     pub fn solve(&mut self, budget: Budget) -> Outcome {
         let mut outcome = self.solve_velocities(budget, Variable::of_velocity);
         if outcome != Outcome::NotFinite {
             let (work, asked) = self.iterate.work_of_biases(&self.rows, &self.layout.order);
-            let slack = (BIAS_SLACK * asked).max(ENERGY_SLACK * self.kinetic_energy);
+            let most = MAX_ENERGY_SLACK * self.kinetic_energy;
+            let slack = (BIAS_SLACK * asked).min(most).max(ENERGY_SLACK * self.kinetic_energy);
             if work > slack && work < MAX_BIAS_WORK * asked {
                 let first = self.statistics;
                 outcome = self.solve_velocities(budget, Variable::without_bias);

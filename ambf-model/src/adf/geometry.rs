@@ -144,7 +144,7 @@ pub enum CollisionGeometry {
 }
 
 /// Key `collision mesh type`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum CollisionMeshKind {
     /// Convex hull of all vertices of a sub-mesh.
     ConvexHull,
@@ -155,6 +155,34 @@ pub enum CollisionMeshKind {
     ConcaveMesh,
     /// A sphere with the radius of the collision margin at each vertex.
     PointCloud,
+    /// Convex hulls that together have nearly the surface of a sub-mesh. The C++ program does not know it.
+    ConvexDecomposition(ConvexDecomposition),
+}
+
+/// Key `convex decomposition`: how a mesh is divided into convex hulls.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ConvexDecomposition {
+    /// Hulls of a sub-mesh at most, 1 to [`MAX_HULLS`](Self::MAX_HULLS). Default: 32.
+    pub hulls: u32,
+    /// Voxels along the longest edge of the bounding box of a sub-mesh, 8 to [`MAX_RESOLUTION`](Self::MAX_RESOLUTION):
+    /// the finer, the closer a cut can be to where it is best. Default: 64.
+    pub resolution: u32,
+    /// Volume that a hull may have beyond what it encloses of the sub-mesh, as a share of the volume of the convex hull
+    /// of the whole sub-mesh; above 0, at most 1. Default: 0.005.
+    pub concavity: f64,
+}
+
+impl ConvexDecomposition {
+    /// The cost of two bodies that touch grows with the product of their numbers of hulls.
+    pub const MAX_HULLS: u32 = 256;
+    /// Two million voxels.
+    pub const MAX_RESOLUTION: u32 = 128;
+}
+
+impl Default for ConvexDecomposition {
+    fn default() -> Self {
+        Self { hulls: 32, resolution: 64, concavity: 0.005 }
+    }
 }
 
 /// What is drawn.
@@ -313,7 +341,13 @@ pub(super) fn collision_mesh(map: &Map<'_>, base: &Base) -> Option<PathBuf> {
 impl CollisionGeometry {
     /// Reads the keys of the collision geometry of an element; what is there but unusable is reported.
     pub(super) fn read(map: &Map<'_>, base: &Base) -> Self {
-        let replaced = ["compound collision shape", "collision mesh", "collision mesh type", "low resolution path"];
+        let replaced = [
+            "compound collision shape",
+            "collision mesh",
+            "collision mesh type",
+            "convex decomposition",
+            "low resolution path",
+        ];
         if map.has("collision shape") {
             map.skip(&replaced);
             let primitive = Primitive::read(map, "collision shape", "collision geometry");
@@ -342,17 +376,46 @@ impl CollisionMeshKind {
     fn read(map: &Map<'_>) -> Self {
         let key = "collision mesh type";
         // An empty text is what the Blender add-on writes for "none".
-        match map.string(key).as_deref().filter(|text| !text.is_empty()) {
+        let kind = match map.string(key).as_deref().filter(|text| !text.is_empty()) {
             Some("CONVEX_HULL" | "convex_hull" | "hull") => Self::ConvexHull,
             Some("CONVEX_MESH" | "convex_mesh") => Self::ConvexMesh,
             Some("POINT_CLOUD" | "point_cloud") => Self::PointCloud,
             Some("CONCAVE_MESH" | "TRIMESH" | "trimesh") | None => Self::ConcaveMesh,
+            Some("CONVEX_DECOMPOSITION" | "convex_decomposition" | "convex decomposition") => {
+                return Self::ConvexDecomposition(ConvexDecomposition::read(map));
+            }
             Some(_) => {
-                let expected = "CONVEX_HULL, CONVEX_MESH, CONCAVE_MESH or POINT_CLOUD";
+                let expected = "CONVEX_HULL, CONVEX_MESH, CONCAVE_MESH, POINT_CLOUD or CONVEX_DECOMPOSITION";
                 map.warn(ProblemKind::UnknownValue, key, expected, "CONCAVE_MESH is used");
                 Self::ConcaveMesh
             }
-        }
+        };
+        let why = "only `collision mesh type: CONVEX_DECOMPOSITION` has it";
+        map.ignore(&[DECOMPOSITION], why);
+        kind
+    }
+}
+
+const DECOMPOSITION: &str = "convex decomposition";
+
+impl ConvexDecomposition {
+    fn read(map: &Map<'_>) -> Self {
+        let default = Self::default();
+        let block = map.map(DECOMPOSITION);
+        let bounded = |key: &str, least: u32, most: u32, default: u32| {
+            let Some(value) = block.uint(key) else { return default };
+            if !(least..=most).contains(&value) {
+                block.reject(ProblemKind::OutOfRange, key, &format!("an integer from {least} to {most}"));
+            }
+            value.clamp(least, most)
+        };
+        let read = Self {
+            hulls: bounded("hulls", 1, Self::MAX_HULLS, default.hulls),
+            resolution: bounded("resolution", 8, Self::MAX_RESOLUTION, default.resolution),
+            concavity: block.real_in("concavity", Range::Share).unwrap_or(default.concavity),
+        };
+        block.finish();
+        read
     }
 }
 
@@ -428,10 +491,40 @@ mod tests {
             assert!(matches!(body.collision, CollisionGeometry::Mesh { kind, .. } if kind == expected));
             assert!(problems.is_empty());
         }
+        for text in ["CONVEX_DECOMPOSITION", "convex_decomposition", "convex decomposition"] {
+            let (body, problems) = body(&format!("mesh: a, collision mesh type: {text}"));
+            let kind = CollisionMeshKind::ConvexDecomposition(ConvexDecomposition::default());
+            assert_eq!(body.collision, CollisionGeometry::Mesh { path: "dir/lo/a".into(), kind });
+            assert!(problems.is_empty(), "{problems:?}");
+        }
         for (text, expected) in [("''", 0), ("concave_mesh", 1)] {
             let (body, problems) = body(&format!("mesh: a, collision mesh type: {text}"));
             assert!(matches!(body.collision, CollisionGeometry::Mesh { kind: CollisionMeshKind::ConcaveMesh, .. }));
             assert_eq!(problems.len(), expected, "{problems:?}");
+        }
+    }
+
+    #[test]
+    fn a_decomposition_has_parameters() {
+        let kind = "mesh: a, collision mesh type: CONVEX_DECOMPOSITION";
+        let keys = format!("{kind}, convex decomposition: {{hulls: 8, resolution: 100, concavity: 0.1}}");
+        let (read_body, problems) = body(&keys);
+        assert!(problems.is_empty(), "{problems:?}");
+        let wanted = ConvexDecomposition { hulls: 8, resolution: 100, concavity: 0.1 };
+        let CollisionGeometry::Mesh { kind: found, .. } = read_body.collision else { panic!() };
+        assert_eq!(found, CollisionMeshKind::ConvexDecomposition(wanted));
+        // Without the type the parameters have no meaning, as misspelt ones have not.
+        let (read_body, problems) = body("mesh: a, convex decomposition: {hulls: 8}");
+        assert!(matches!(read_body.collision, CollisionGeometry::Mesh { kind: CollisionMeshKind::ConcaveMesh, .. }));
+        assert_eq!(problems.len(), 1, "{problems:?}");
+        let (_, problems) = body(&format!("{kind}, convex decomposition: {{hull: 8}}"));
+        assert_eq!(problems.len(), 1, "{problems:?}");
+        for wrong in ["hulls: 0", "hulls: 257", "resolution: 7", "resolution: 129", "concavity: 0", "concavity: 1.5"] {
+            let text =
+                format!("bodies: [A, B]\nA: {{mass: 1, {kind}, convex decomposition: {{{wrong}}}}}\nB: {{mass: 1}}\n");
+            let (model, problems) = read::<Model>(&text);
+            assert_eq!((model.bodies.len(), problems.len()), (1, 1), "{wrong}: {problems:?}");
+            assert!(problems[0].contains("the body is dropped"), "{}", problems[0]);
         }
     }
 

@@ -45,8 +45,8 @@ pub use common::{Common, Material, PhysicalMaterial, PluginEntry, ShaderProgram,
 pub use controller::{CartesianController, Controller, ControllerOutput, Gains};
 pub use device::{ButtonMapping, HapticGain, InputDevice, InputDevices};
 pub use geometry::{
-    Axis, CollisionGeometry, CollisionMeshKind, Part, PartGeometry, PlacedPrimitive, Primitive, Visual, VisualGeometry,
-    VisualPart,
+    Axis, CollisionGeometry, CollisionMeshKind, ConvexDecomposition, Part, PartGeometry, PlacedPrimitive, Primitive,
+    Visual, VisualGeometry, VisualPart,
 };
 pub use ghost::GhostObject;
 pub use joint::{ConeTwistLimits, Joint, JointKind, Limits, LinearAngular, SixDofLimits, SixDofSpring, IMPULSE_STEP};

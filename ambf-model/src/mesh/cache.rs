@@ -8,7 +8,7 @@ use std::thread;
 
 use parking_lot::Mutex;
 
-use super::{check_finite, load, Mesh, MeshError};
+use super::{check_finite, load_with_sources, Mesh, MeshError, Sources};
 
 /// One thread loads, while others that want the same wait without a lock on the whole.
 type Cell = Arc<OnceLock<Result<Arc<Mesh>, Arc<MeshError>>>>;
@@ -23,6 +23,8 @@ type Key = (PathBuf, u64);
 #[derive(Debug, Default)]
 pub struct MeshCache {
     outcomes: Mutex<HashMap<Key, Cell>>,
+    /// What each file was read from, by its canonical path.
+    sources: Mutex<HashMap<PathBuf, Sources>>,
 }
 
 impl MeshCache {
@@ -34,7 +36,7 @@ impl MeshCache {
     /// The mesh in file `path`, positions multiplied by `scale` (dimensionless).
     ///
     /// # Errors
-    /// As [`load`]; [`MeshError::Scale`] when `scale` is not finite, [`MeshError::NonFinite`] when scaling overflows.
+    /// As [`load`](super::load); [`MeshError::Scale`] when `scale` is not finite, [`MeshError::NonFinite`] when scaling overflows.
     pub fn get(&self, path: &Path, scale: f64) -> Result<Arc<Mesh>, Arc<MeshError>> {
         if !scale.is_finite() {
             return Err(Arc::new(MeshError::Scale { path: path.to_path_buf(), scale }));
@@ -42,12 +44,24 @@ impl MeshCache {
         let cell = self.cell(path, scale);
         let outcome = cell.get_or_init(|| {
             if scale == 1.0 {
-                load(path).map(Arc::new).map_err(Arc::new)
+                self.read(path).map(Arc::new).map_err(Arc::new)
             } else {
                 scaled(path, &*self.get(path, 1.0)?, scale).map(Arc::new).map_err(Arc::new)
             }
         });
         outcome.clone()
+    }
+
+    fn read(&self, path: &Path) -> Result<Mesh, MeshError> {
+        let mut sources = Sources::default();
+        let read = load_with_sources(path, &mut sources);
+        self.sources.lock().insert(canonical(path), sources);
+        read
+    }
+
+    /// The files that the mesh in file `path` was made of; `None`: nobody has asked for it.
+    pub fn sources(&self, path: &Path) -> Option<Sources> {
+        self.sources.lock().get(&canonical(path)).cloned()
     }
 
     fn cell(&self, path: &Path, scale: f64) -> Cell {
@@ -58,6 +72,10 @@ impl MeshCache {
     /// Loads all `requests` (path, scale) on as many threads as the machine has cores. What fails is found again by
     /// [`get`](Self::get) and [`errors`](Self::errors).
     pub fn preload(&self, requests: &[(PathBuf, f64)]) {
+        if requests.is_empty() {
+            // Counting cores reads files of the system.
+            return;
+        }
         let next = AtomicUsize::new(0);
         let workers = thread::available_parallelism().map_or(1, usize::from).min(requests.len());
         thread::scope(|scope| {

@@ -14,10 +14,12 @@ mod obj;
 mod placement;
 mod ply;
 mod primitive;
+mod sources;
 mod stl;
 mod three_ds;
 mod visual;
 
+use std::cell::RefCell;
 use std::collections::HashMap;
 use std::fmt;
 use std::fs::File;
@@ -28,6 +30,7 @@ use thiserror::Error;
 
 pub use cache::MeshCache;
 pub use material::{MeshMaterial, MeshTexture, MetallicRoughness};
+pub use sources::Sources;
 use visual::Details;
 pub use visual::{load_both, load_visual, parse_visual, VisualMesh, VisualMeshPart};
 
@@ -204,6 +207,27 @@ impl MeshError {
 pub fn load(path: &Path) -> Result<Mesh, MeshError> {
     let reader = reader_of(path)?;
     not_empty(path, reader(path, read_file(path)?, &ON_DISK, None)?)
+}
+
+/// Reads a mesh file as [`load`] does, and tells which files that depends on, also those that were looked for in vain:
+/// `sources` gets them.
+///
+/// # Errors
+/// As [`load`].
+pub fn load_with_sources(path: &Path, sources: &mut Sources) -> Result<Mesh, MeshError> {
+    let reader = reader_of(path)?;
+    sources.add(path);
+    let bytes = read_file(path)?;
+    let named = RefCell::new(sources);
+    let open = |path: &Path| {
+        named.borrow_mut().add(path);
+        read_file(path)
+    };
+    let exists = |path: &Path| {
+        named.borrow_mut().add(path);
+        path.is_file()
+    };
+    not_empty(path, reader(path, bytes, &Files { open: &open, exists: &exists }, None)?)
 }
 
 /// Reads the content of a mesh file as [`load`] reads a file; `path` stands for its name. No file is opened: the

@@ -186,7 +186,7 @@ pub fn overload(time: Duration) -> Section {
                 time that a body in free fall beside the boxes has really moved for; it has to equal simulated time less the lost time \
                 that `World/Timing` reports; 0.5 ms of the difference is that reported poses are a sub-step old.",
         header: &[
-            "boxes", "iterations/s", "distinct states/s", "sub-step cap", "lost", "simulated − lost − integrated, ms", "longest gap, ms",
+            "boxes", "iterations/s", "distinct states/s", "sub-steps due, at most", "lost", "simulated − lost − integrated, ms", "longest gap, ms",
             "C++ (observed, other run)",
         ],
         ..Section::default()

@@ -1,79 +1,116 @@
 //! Many worlds at once, on threads that are kept.
 
-use std::panic::{catch_unwind, AssertUnwindSafe};
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Arc;
+use std::time::Instant;
 
-use ambf_core::sim::LostState;
-use crossbeam_channel::{bounded, unbounded, RecvTimeoutError, Sender};
+use ambf_core::sim::{LostState, StepPool, Stepped, Steps};
 use parking_lot::Mutex;
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::errors;
 use crate::world::{slice, Physics, World, SLICE};
 
-type Job = Box<dyn FnOnce() + Send>;
-
-/// Threads that wait for jobs.
-struct Pool {
-    jobs: Sender<Job>,
-    /// The process that they are threads of: they are not there after a fork.
-    process: u32,
-}
-
-static POOL: Mutex<Option<Pool>> = Mutex::new(None);
-
-impl Pool {
-    fn new() -> Self {
-        let (jobs, waiting) = unbounded::<Job>();
-        let count = std::thread::available_parallelism().map_or(1, usize::from);
-        for number in 0..count {
-            let waiting = waiting.clone();
-            let work = move || waiting.iter().for_each(|job| job());
-            // With fewer threads it takes longer; without any, sending fails and the caller does the work.
-            let _ = std::thread::Builder::new().name(format!("ambf-step-{number}")).spawn(work);
-        }
-        Self { jobs, process: std::process::id() }
+impl Steps for Physics {
+    fn advance(&mut self, at_most: u32) -> Result<u32, LostState> {
+        slice(&mut self.stepper, at_most)
     }
 }
 
-/// Where jobs are left.
-fn jobs() -> Sender<Job> {
-    let mut pool = POOL.lock();
-    if pool.as_ref().is_none_or(|pool| pool.process != std::process::id()) {
-        // The channel of the parent process may have been in use when it forked: it is left as it is.
-        std::mem::forget(pool.replace(Pool::new()));
-    }
-    pool.get_or_insert_with(Pool::new).jobs.clone()
-}
+/// The pool, and the process that its threads belong to: they are not there after a fork.
+static POOL: Mutex<Option<(u32, Arc<StepPool<Physics>>)>> = Mutex::new(None);
 
-/// What came of a job.
-struct Done {
-    index: usize,
-    /// `None` after a panic.
-    physics: Option<Physics>,
-    result: Result<(), LostState>,
-}
-
-fn run(index: usize, mut physics: Physics, steps: u32, cancelled: &AtomicBool) -> Done {
-    let mut left = steps;
-    let stepped = catch_unwind(AssertUnwindSafe(|| {
-        while left > 0 && !cancelled.load(Ordering::Relaxed) {
-            left -= slice(&mut physics.stepper, left)?;
+fn pool() -> Arc<StepPool<Physics>> {
+    let mut kept = POOL.lock();
+    let process = std::process::id();
+    match &*kept {
+        Some((owner, pool)) if *owner == process => Arc::clone(pool),
+        _ => {
+            // The caller is a thread, too.
+            let helpers = std::thread::available_parallelism().map_or(0, |count| count.get() - 1);
+            let made = Arc::new(StepPool::new(helpers));
+            // The pool of the parent process may have been in use when it forked: it is left as it is.
+            std::mem::forget(kept.replace((process, Arc::clone(&made))));
+            made
         }
-        Ok(())
-    }));
-    match stepped {
-        Ok(result) => Done { index, physics: Some(physics), result },
-        Err(_) => Done { index, physics: None, result: Ok(()) },
+    }
+}
+
+/// Iterations of each world.
+#[derive(FromPyObject)]
+pub enum Counts {
+    Same(u32),
+    Each(Vec<u32>),
+}
+
+/// See `_ambf.pyi`.
+#[pyfunction]
+pub fn step_all(
+    py: Python<'_>,
+    worlds: Vec<Bound<'_, World>>,
+    steps: Counts,
+) -> PyResult<Option<Vec<Option<Py<PyAny>>>>> {
+    if let Counts::Each(steps) = &steps {
+        if steps.len() != worlds.len() {
+            let problem = format!("{} numbers of steps for {} simulations", steps.len(), worlds.len());
+            return Err(PyValueError::new_err(problem));
+        }
+    }
+    let steps_of = |index: usize| match &steps {
+        Counts::Same(steps) => *steps,
+        Counts::Each(steps) => steps[index],
+    };
+    let taken = take_all(py, &worlds)?;
+    let pool = pool();
+    let mut batch = pool.begin(taken.into_iter().enumerate().map(|(index, physics)| (physics, steps_of(index))));
+    let mut interrupted = None;
+    while !py.detach(|| batch.work_until(Instant::now() + SLICE)) {
+        if let Err(error) = py.check_signals() {
+            batch.cancel();
+            interrupted.get_or_insert(error);
+        }
+    }
+    give_all(py, &worlds, batch.finish(), interrupted)
+}
+
+/// Gives all back, also after an array that could not be written; what went wrong in each, or `None` if nothing did.
+fn give_all(
+    py: Python<'_>,
+    worlds: &[Bound<'_, World>],
+    stepped: Vec<Stepped<Physics>>,
+    interrupted: Option<PyErr>,
+) -> PyResult<Option<Vec<Option<Py<PyAny>>>>> {
+    let mut problems: Option<Vec<_>> = None;
+    let mut refreshed = Ok(());
+    for (index, (world, done)) in worlds.iter().zip(stepped).enumerate() {
+        let problem = match (&done.result, &done.world) {
+            (Err(problem), _) => Some(errors::non_finite(py, problem)),
+            (Ok(()), None) => Some(errors::closed(py)),
+            (Ok(()), Some(_)) => None,
+        };
+        refreshed = refreshed.and(world.get().give(py, done.world));
+        if let Some(problem) = problem {
+            let all = problems.get_or_insert_with(|| worlds.iter().map(|_| None).collect());
+            all[index] = Some(problem.into_value(py).into_any());
+        }
+    }
+    refreshed?;
+    match interrupted {
+        Some(error) => Err(error),
+        None => Ok(problems),
     }
 }
 
 /// See `_ambf.pyi`.
 #[pyfunction]
-pub fn step_all(py: Python<'_>, worlds: Vec<Bound<'_, World>>, steps: Vec<u32>) -> PyResult<Vec<Option<Py<PyAny>>>> {
+pub fn shared_shapes() -> usize {
+    ambf_core::scene::shared_shapes()
+}
+
+/// Takes the physics of all worlds, or of none.
+fn take_all(py: Python<'_>, worlds: &[Bound<'_, World>]) -> PyResult<Vec<Physics>> {
     let mut taken: Vec<Physics> = Vec::with_capacity(worlds.len());
-    for world in &worlds {
+    for world in worlds {
         match world.get().take(py) {
             Ok(physics) => taken.push(physics),
             Err(error) => {
@@ -84,51 +121,5 @@ pub fn step_all(py: Python<'_>, worlds: Vec<Bound<'_, World>>, steps: Vec<u32>) 
             }
         }
     }
-    let count = taken.len();
-    let cancelled = Arc::new(AtomicBool::new(false));
-    let (sender, results) = bounded::<Done>(count);
-    let jobs = jobs();
-    for (index, (physics, steps)) in taken.into_iter().zip(steps).enumerate() {
-        let (sender, cancelled) = (sender.clone(), Arc::clone(&cancelled));
-        let job: Job = Box::new(move || {
-            // There is room for the results of all.
-            let _ = sender.send(run(index, physics, steps, &cancelled));
-        });
-        if let Err(refused) = jobs.send(job) {
-            refused.into_inner()();
-        }
-    }
-    drop(sender);
-    let mut done: Vec<Option<Done>> = (0..count).map(|_| None).collect();
-    let mut interrupted = None;
-    loop {
-        match py.detach(|| results.recv_timeout(SLICE)) {
-            Ok(result) => {
-                let index = result.index;
-                done[index] = Some(result);
-            }
-            Err(RecvTimeoutError::Disconnected) => break,
-            Err(RecvTimeoutError::Timeout) => {
-                if let Err(error) = py.check_signals() {
-                    cancelled.store(true, Ordering::Relaxed);
-                    interrupted = interrupted.or(Some(error));
-                }
-            }
-        }
-    }
-    let mut problems = Vec::with_capacity(count);
-    for (world, done) in worlds.iter().zip(done) {
-        let (physics, result) = done.map_or((None, Ok(())), |done| (done.physics, done.result));
-        let is_lost = physics.is_none();
-        world.get().give(py, physics)?;
-        problems.push(match result {
-            Err(problem) => Some(errors::non_finite(py, &problem).into_value(py).into_any()),
-            Ok(()) if is_lost => Some(errors::closed(py).into_value(py).into_any()),
-            Ok(()) => None,
-        });
-    }
-    match interrupted {
-        Some(error) => Err(error),
-        None => Ok(problems),
-    }
+    Ok(taken)
 }
