@@ -2,11 +2,8 @@
 
 evaluate.py FOLDER"""
 
-import atexit
 import math
 import pathlib
-import signal
-import subprocess
 import sys
 import time
 
@@ -14,6 +11,7 @@ import numpy as np
 import rosbag
 from ambf_client import Client
 from instrument_arm import expect, transform_of
+from recorder import Recorder
 
 TIP = np.array([-0.2, 0.0, 0.0, 1.0])  # in the needle's frame, m
 PREFIX = "/ambf/env/phantom/"
@@ -29,12 +27,7 @@ topics = [
     "/ambf/env/Needle/State",
     *(f"{PREFIX}{name}/State" for name in ("Entry1", "Exit1", "ghostEntry1", "ghostExit1")),
 ]
-partial = bag_path.with_suffix(".bag.active")
-for old in (bag_path, partial):
-    old.unlink(missing_ok=True)
-recorder = subprocess.Popen(["rosbag", "record", "--quiet", "-O", bag_path, *topics])
-atexit.register(recorder.terminate)
-expect("recording", lambda: partial.exists() and partial.stat().st_size > 20_000)
+recorder = Recorder(bag_path, 20_000, *topics)
 
 
 def drive_tip_to(x, y, z):
@@ -64,10 +57,7 @@ drive_tip_to(at_entry.x, at_entry.y - 0.3, 0.4)
 drive_tip_to(at_entry.x, at_entry.y, at_entry.z + 0.035)
 drive_tip_to(at_exit.x, at_exit.y, at_exit.z + 0.035)
 drive_tip_to(at_exit.x, at_exit.y, 0.5)
-recorder.send_signal(signal.SIGINT)
-recorder.wait(30)
-# The program may end before the one that it has started is done.
-expect("the bag is closed", bag_path.exists)
+recorder.stop()
 c.get_world_handle().reset()
 c.clean_up()
 

@@ -6,9 +6,7 @@ Before each pose the program waits until the arm rests at the one before, so the
 places whatever the pace of the simulation is. In between, commands reach the simulator a few iterations earlier or later: paths are
 compared, not times."""
 
-import atexit
 import pathlib
-import signal
 import subprocess
 import sys
 import time
@@ -17,30 +15,13 @@ import numpy as np
 import rosbag
 from ambf_client import Client
 from instrument_arm import HOME, JOINTS, expect
+from recorder import Recorder
 
 POSES = [[0.5, 0.3, 1.2, 0.8, 0.4, -0.3], [-0.4, -0.3, 0.8, -0.8, -0.5, 0.5], HOME]
 TOPIC = "/ambf/env/psm1/baselink"
+BEGUN = 8_000  # bytes in a bag by which its recording has begun
 REST, PATH = 0.02, 0.1  # rad or m: of where the arm rests, and of the way there
 folder = pathlib.Path(sys.argv[1])
-
-
-class Recorder:
-    """`rosbag record` of some topics."""
-
-    def __init__(self, name, *topics):
-        self.path = folder / f"{name}.bag"
-        self.path.unlink(missing_ok=True)
-        self._process = subprocess.Popen(["rosbag", "record", "--quiet", "-O", self.path, *topics])
-        atexit.register(self._process.terminate)
-        partial = self.path.with_suffix(".bag.active")
-        expect("recording", lambda: partial.exists() and partial.stat().st_size > 8_000)
-
-    def stop(self):
-        """Closes the bag."""
-        self._process.send_signal(signal.SIGINT)
-        self._process.wait(30)
-        # The program may end before the one that it has started is done.
-        expect("the bag is closed", self.path.exists)
 
 
 def joints_of(path):
@@ -78,7 +59,7 @@ def drive(pose):
 
 c.get_world_handle().reset()
 expect("at the start", at(HOME), lambda: drive(HOME))
-recorder = Recorder("recorded", f"{TOPIC}/Command", f"{TOPIC}/State")
+recorder = Recorder(folder / "recorded.bag", BEGUN, f"{TOPIC}/Command", f"{TOPIC}/State")
 for i, pose in enumerate(POSES):
     begin = base.get_all_joint_pos()[:6]
     for k in range(1, 41):
@@ -103,7 +84,7 @@ with rosbag.Bag(str(recorder.path)) as bag:
     )
 for attempt in range(3):
     # A machine that is busier than before may simulate less in the same time: then again.
-    again = Recorder(f"played{attempt}", f"{TOPIC}/State")
+    again = Recorder(folder / f"played{attempt}.bag", BEGUN, f"{TOPIC}/State")
     subprocess.run(
         ["rosbag", "play", "--quiet", "--delay=1", recorder.path, "--topics", f"{TOPIC}/Command"],
         check=True,
