@@ -1,9 +1,9 @@
 //! What plugins leave for physics, from any thread, and what they get from it.
 
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU8, Ordering};
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
-use crossbeam_channel::{bounded, unbounded, Receiver, Sender};
+use crossbeam_channel::{bounded, Receiver, Sender};
 use parking_lot::Mutex;
 
 use super::drawing::{check, Sheet};
@@ -13,7 +13,7 @@ use crate::snapshot::{SnapshotSlot, SnapshotWriter};
 
 /// Lines that may wait for the log.
 const LINES: usize = 256;
-/// Commands that may wait for the next step, and one more a thread that posts at the same time.
+/// Commands that may wait for the next step.
 const COMMANDS: usize = 4096;
 
 /// Requests that the loop around the simulation looks at.
@@ -63,10 +63,14 @@ impl Requests {
     }
 }
 
+/// Commands and the numbers of the plugins that left them.
+type Posted = (Sender<(u64, Command)>, Receiver<(u64, Command)>);
+
 /// What all plugins of a simulation share.
 pub struct Shared {
     lines: Sender<String>,
-    commands: Sender<(u64, Command)>,
+    /// 360 kB, taken when the first plugin is loaded: most of the hundreds of worlds that learners have are without any.
+    commands: OnceLock<Posted>,
     /// Requests to the loop around the simulation.
     pub requests: Requests,
     snapshots: SnapshotSlot<StateSnapshot>,
@@ -80,8 +84,6 @@ pub struct Shared {
 pub struct Incoming {
     /// Lines for the log.
     pub lines: Receiver<String>,
-    /// Number of the plugin, and what it wants.
-    pub commands: Receiver<(u64, Command)>,
     writer: SnapshotWriter<StateSnapshot>,
 }
 
@@ -89,18 +91,26 @@ impl Shared {
     /// Both ends; what plugins draw goes into `drawings`.
     pub fn new(drawings: Drawings) -> (Arc<Self>, Incoming) {
         let (lines, lines_out) = bounded(LINES);
-        // `post` keeps the bound: room for all of them would be 360 kB, in each of the hundreds of worlds that learners have.
-        let (commands, commands_out) = unbounded();
         let shared = Self {
             lines,
-            commands,
+            commands: OnceLock::new(),
             requests: Requests::default(),
             snapshots: SnapshotSlot::empty(),
             wanted: AtomicBool::new(false),
             drawings,
         };
         let writer = SnapshotWriter::new(StateSnapshot::default());
-        (Arc::new(shared), Incoming { lines: lines_out, commands: commands_out, writer })
+        (Arc::new(shared), Incoming { lines: lines_out, writer })
+    }
+
+    fn commands(&self) -> &Posted {
+        self.commands.get_or_init(|| bounded(COMMANDS))
+    }
+
+    /// Commands that wait now, oldest first, with the numbers of the plugins that left them: a plugin that posts without
+    /// end holds nothing up.
+    pub fn posted(&self) -> impl Iterator<Item = (u64, Command)> + '_ {
+        self.commands.get().into_iter().flat_map(|(_, posted)| posted.try_iter().take(posted.len()))
     }
 }
 
@@ -127,6 +137,7 @@ pub(crate) struct Desk {
 impl Desk {
     pub fn new(handle: &str, number: u64, shared: Arc<Shared>) -> Self {
         let sheet = shared.drawings.open(number);
+        shared.commands();
         Self { handle: handle.to_owned(), number, shared, failure: Mutex::default(), sheet }
     }
 
@@ -152,10 +163,7 @@ impl Services for Desk {
         if self.shared.requests.keep(command) {
             return Ok(());
         }
-        if self.shared.commands.len() >= COMMANDS {
-            return Err(CommandError::Full);
-        }
-        self.shared.commands.try_send((self.number, *command)).map_err(|_| CommandError::Full)
+        self.shared.commands().0.try_send((self.number, *command)).map_err(|_| CommandError::Full)
     }
 
     fn snapshot(&self, out: &mut StateSnapshot) -> bool {
@@ -180,7 +188,8 @@ mod tests {
 
     #[test]
     fn commands_wait_and_requests_are_kept_apart() {
-        let (shared, incoming) = Shared::new(Drawings::default());
+        let (shared, _incoming) = Shared::new(Drawings::default());
+        assert!(shared.posted().next().is_none());
         let desk = Desk::new("p", 7, Arc::clone(&shared));
         let wrench = Command::Wrench { body: 0, force: Vector3::x(), torque: Vector3::zeros() };
         for command in [Command::ResetWorld, Command::Pause(true), Command::Step(3), Command::Step(4), wrench] {
@@ -188,7 +197,7 @@ mod tests {
         }
         let nan = Command::Wrench { body: 0, force: Vector3::repeat(f64::NAN), torque: Vector3::zeros() };
         assert_eq!(desk.post(&nan), Err(CommandError::NotFinite));
-        assert_eq!(incoming.commands.try_iter().collect::<Vec<_>>(), [(7, wrench)]);
+        assert_eq!(shared.posted().collect::<Vec<_>>(), [(7, wrench)]);
         let requests = &shared.requests;
         assert!(requests.reset_world.load(Ordering::Relaxed) && !requests.reset_bodies.load(Ordering::Relaxed));
         assert_eq!((requests.take_pause(), requests.take_steps()), (Some(true), 7));

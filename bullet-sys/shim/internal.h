@@ -187,7 +187,7 @@ struct Broadphase : btDbvtBroadphase {
 struct AmbWorld {
   BT_DECLARE_ALIGNED_ALLOCATOR();
 
-  AmbWorld(int solver_kind, int kind, const AmbArena *memory, const AmbEngine *engine);
+  AmbWorld(int solver_kind, int kind, int manifolds, const AmbArena *memory, const AmbEngine *engine);
 
   // Assigns the index and handle of a new object, and registers the GImpact algorithm if its shape needs it.
   void adopt(AmbObject &object, const AmbShape *shape, AmbHandle handle);

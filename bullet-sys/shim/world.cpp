@@ -18,23 +18,22 @@ void near_callback(btBroadphasePair &pair, btCollisionDispatcher &dispatcher, co
   btCollisionDispatcher::defaultNearCallback(pair, dispatcher, info);
 }
 
-// Bullet's default pool of 4096 manifolds is 7 MB, all of it written at once, and learners have hundreds of worlds in a
-// process: a pool of 1024 was three quarters of the memory of a world with one arm. Beyond the pool, manifolds are
-// allocated one by one. In an arena a pool has no advantage, and its unused part would
-// be part of each copy.
-btDefaultCollisionConstructionInfo small_pools(bool in_arena) {
+// Bullet's default pool of 4096 manifolds is 7 MB, all of it written at once. Beyond the pool, manifolds are allocated
+// one by one. In an arena a pool has no advantage, and its unused part would be part of each copy.
+btDefaultCollisionConstructionInfo pools_of(int manifolds, bool in_arena) {
   btDefaultCollisionConstructionInfo info;
-  info.m_defaultMaxPersistentManifoldPoolSize = in_arena ? 1 : 32;
-  info.m_defaultMaxCollisionAlgorithmPoolSize = in_arena ? 1 : 64;
+  info.m_defaultMaxPersistentManifoldPoolSize = in_arena ? 1 : std::max(manifolds, 1);
+  info.m_defaultMaxCollisionAlgorithmPoolSize = in_arena ? 1 : std::max(2 * manifolds, 1);
   return info;
 }
 
-std::unique_ptr<btDefaultCollisionConfiguration> configuration_of(bool soft, bool in_arena, Extension *extension) {
+std::unique_ptr<btDefaultCollisionConfiguration> configuration_of(
+    bool soft, const btDefaultCollisionConstructionInfo &pools, Extension *extension) {
   std::unique_ptr<btDefaultCollisionConfiguration> made;
   if (soft) {
-    made = std::make_unique<InArena<btSoftBodyRigidBodyCollisionConfiguration>>(small_pools(in_arena));
+    made = std::make_unique<InArena<btSoftBodyRigidBodyCollisionConfiguration>>(pools);
   } else {
-    made = std::make_unique<InArena<btDefaultCollisionConfiguration>>(small_pools(in_arena));
+    made = std::make_unique<InArena<btDefaultCollisionConfiguration>>(pools);
   }
   if (extension) extension->configure(*made);
   return made;
@@ -42,10 +41,10 @@ std::unique_ptr<btDefaultCollisionConfiguration> configuration_of(bool soft, boo
 
 }  // namespace
 
-AmbWorld::AmbWorld(int solver_kind, int kind, const AmbArena *memory, const AmbEngine *engine)
+AmbWorld::AmbWorld(int solver_kind, int kind, int manifolds, const AmbArena *memory, const AmbEngine *engine)
     : arena(memory),
       extension(engine ? engine->extend(*this, solver_kind, kind) : nullptr),
-      configuration(configuration_of(kind == AmbWorldKind_Soft, memory, extension.get())),
+      configuration(configuration_of(kind == AmbWorldKind_Soft, pools_of(manifolds, memory), extension.get())),
       dispatcher(configuration.get()) {
   const bool is_articulated = extension && kind == AmbWorldKind_Articulated;
   if (!is_articulated) mlcp = mlcp_of(solver_kind);
@@ -100,9 +99,9 @@ void count_constraints(AmbWorld &world, const AmbConstraint &constraint, int cha
 
 extern "C" {
 
-AmbWorld *amb_world_new(int solver, int kind, AmbArena *arena, const AmbEngine *engine) {
+AmbWorld *amb_world_new(int solver, int kind, int manifolds, AmbArena *arena, const AmbEngine *engine) {
   AmbArena *const before = amb_arena_enter(arena);
-  auto *world = new AmbWorld(solver, kind, arena, engine);
+  auto *world = new AmbWorld(solver, kind, manifolds, arena, engine);
   amb_arena_enter(before);
   return world;
 }

@@ -25,11 +25,12 @@ enum AmbWorldKind {
   AmbWorldKind_Articulated = 2
 };
 
-/* solver: enum AmbSolver; kind: enum AmbWorldKind. arena: used by this world only, or null. A caller that gives one
+/* solver: enum AmbSolver; kind: enum AmbWorldKind. manifolds: contact manifolds for which memory is taken at once, 1.7 kB
+   each; further ones are allocated one by one; without meaning in an arena. arena: used by this world only, or null. A caller that gives one
    must enter it before each of the functions below, which may all allocate, and whenever an object is made for the
    world; shapes, which do not change, are made outside. engine: replaces parts of Bullet's step, see extension.h; of
    static lifetime; null: none. */
-AmbWorld *amb_world_new(int solver, int kind, AmbArena *arena, const AmbEngine *engine);
+AmbWorld *amb_world_new(int solver, int kind, int manifolds, AmbArena *arena, const AmbEngine *engine);
 /* Restores the state of the world when the copy of its arena was made. The bodies, soft bodies, ghosts and vehicles in
    the world must be the same as then; constraints and articulations made since do not exist afterwards, and those
    removed since exist again. */

@@ -18,7 +18,7 @@ fn second_ball(solver: i32, kind: u32, hinged: bool) -> ([f64; 3], [f64; 6]) {
     let (mut at, mut velocity) = ([0.0; 12], [0.0; 6]);
     // SAFETY: everything is freed once, in the order that the headers ask for; arrays have the sizes that they name.
     unsafe {
-        let world = amb_world_new(solver, kind as i32, ptr::null_mut(), ptr::null());
+        let world = amb_world_new(solver, kind as i32, 32, ptr::null_mut(), ptr::null());
         amb_world_set_gravity(world, [0.0, 0.0, GRAVITY].as_ptr());
         let shape = amb_shape_sphere(0.1, 0.001);
         let first_mass = if hinged { 0.0 } else { 1.0 };

@@ -109,21 +109,30 @@ impl Drop for World {
 }
 
 impl World {
+    /// Contact manifolds for which a world has memory from the start, where no other number is given.
+    pub const MANIFOLDS: u16 = 1024;
+
     /// An empty world without gravity, for rigid bodies.
     pub fn new(solver: Solver) -> Self {
-        Self::make(solver, WorldKind::Rigid, None)
+        Self::with_room(solver, WorldKind::Rigid, Self::MANIFOLDS)
     }
 
     /// An empty world without gravity, for rigid and soft bodies. Rigid bodies that meet no soft body move as in a
     /// plain world, bit for bit.
     pub fn with_soft_bodies(solver: Solver) -> Self {
-        Self::make(solver, WorldKind::Soft, None)
+        Self::with_room(solver, WorldKind::Soft, Self::MANIFOLDS)
     }
 
     /// An empty world without gravity, for rigid bodies whose constraints may be [articulated](Self::articulate).
     /// Contacts have two directions of friction.
     pub fn with_articulations(solver: Solver) -> Self {
-        Self::make(solver, WorldKind::Articulated, None)
+        Self::with_room(solver, WorldKind::Articulated, Self::MANIFOLDS)
+    }
+
+    /// An empty world without gravity with memory for a number of contact manifolds, 1.7 kB each, which is taken at
+    /// once. Further manifolds, of pairs of bodies that come close, are allocated one by one during a step.
+    pub fn with_room(solver: Solver, kind: WorldKind, manifolds: u16) -> Self {
+        Self::make(solver, kind, manifolds, None)
     }
 
     /// An empty world whose state can be saved; its motion is that of a world that cannot, bit for bit. `None`: the
@@ -134,10 +143,10 @@ impl World {
 
     /// The same with an arena of at most `bytes`.
     pub(super) fn savable_within(bytes: u64, solver: Solver, kind: WorldKind) -> Option<Self> {
-        Arena::new(bytes).map(|arena| Self::make(solver, kind, Some(arena)))
+        Arena::new(bytes).map(|arena| Self::make(solver, kind, 0, Some(arena)))
     }
 
-    fn make(solver: Solver, kind: WorldKind, arena: Option<Arena>) -> Self {
+    fn make(solver: Solver, kind: WorldKind, manifolds: u16, arena: Option<Arena>) -> Self {
         let raw_kind = match kind {
             WorldKind::Rigid => sys::AmbWorldKind::AmbWorldKind_Rigid,
             WorldKind::Soft => sys::AmbWorldKind::AmbWorldKind_Soft,
@@ -148,7 +157,10 @@ impl World {
         unsafe { sys::amb_set_mlcp(std::ptr::from_ref(ambf_dynamics::mlcp::ffi::table()).cast()) };
         // SAFETY: numbers that the enums of the shim have; the arena is this world's alone and goes after it; the
         // engine is static.
-        let raw = unsafe { sys::amb_world_new(solver as i32, raw_kind as i32, place, sys::amb_dynamics_engine()) };
+        let raw = unsafe {
+            let engine = sys::amb_dynamics_engine();
+            sys::amb_world_new(solver as i32, raw_kind as i32, i32::from(manifolds), place, engine)
+        };
         let mut world = Self {
             raw: NonNull::new(raw).expect("operator new throws rather than return null"),
             solver,

@@ -153,11 +153,8 @@ pub(super) fn empty_scene(
     if matches!(savable, Some(None)) {
         warn("states cannot be saved: the process may have no more address space (`ulimit -v`)".into());
     }
-    let mut bullet = savable.flatten().unwrap_or_else(|| match kind {
-        WorldKind::Soft => World::with_soft_bodies(solver),
-        WorldKind::Articulated => World::with_articulations(solver),
-        WorldKind::Rigid => World::new(solver),
-    });
+    let manifolds = if options.is_one_of_many { 32 } else { World::MANIFOLDS };
+    let mut bullet = savable.flatten().unwrap_or_else(|| World::with_room(solver, kind, manifolds));
     bullet.set_integrator(physics.integrator.unwrap_or(integrator));
     bullet.set_lag(profile == Profile::Legacy && physics.preset.is_none());
     if let Some(preset) = physics.preset {

@@ -186,9 +186,7 @@ impl Simulation {
     /// Executes what plugins have left since the step before.
     pub(super) fn execute_posted(&mut self) {
         self.with_plugins(|plugins, access| {
-            // As many as wait now: a plugin that posts without end holds nothing up.
-            for _ in 0..plugins.incoming.commands.len() {
-                let Ok((plugin, command)) = plugins.incoming.commands.try_recv() else { break };
+            for (plugin, command) in plugins.shared.posted() {
                 access.act_as(plugin);
                 if let Err(error) = access.execute(&command) {
                     plugins.notices.push(format!("a command that a plugin left failed: {error}: {command:?}"));

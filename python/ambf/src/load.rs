@@ -46,7 +46,7 @@ pub fn stepper(wanted: &Wanted) -> Result<(Stepper, Vec<String>), Vec<String>> {
         None => None,
     };
     let files = files(wanted, launch.as_ref())?;
-    let options = SceneOptions { physics, savable: wanted.saving, ..SceneOptions::default() };
+    let options = SceneOptions { physics, savable: wanted.saving, is_one_of_many: true, ..SceneOptions::default() };
     let Loaded { scene, report } = load(&files, &options);
     if !report.refused.is_empty() {
         return Err(report.refused.iter().map(|problem| problem.trim_end().to_owned()).collect());
