@@ -21,7 +21,7 @@ import time
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests/ros2"))
 
-from watched import Watched, percentile  # noqa: E402
+from watched import Client, Watched, percentile  # noqa: E402
 
 MARKS = ("<!-- measured: begin -->\n", "<!-- measured: end -->\n")
 BODIES = 200
@@ -95,40 +95,12 @@ def command(numbers):
     os._exit(0)
 
 
-class Client:
+def start(domain, role, numbers):
     """This program as one of its clients."""
-
-    def __init__(self, domain, role, numbers):
-        # The wheels start the interpreter again with paths of their own, unless this is set.
-        kept = {name: value for name, value in os.environ.items() if name != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
-        self.process = subprocess.Popen(
-            [sys.executable, "-W", "ignore", __file__, "--role", role, "--numbers", json.dumps(list(numbers)), "-"],
-            env=dict(kept, ROS_DOMAIN_ID=str(domain)),
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            text=True,
-        )
-
-    def ask(self):
-        """What a reader got since it was asked before."""
-        self.process.stdin.write("?\n")
-        self.process.stdin.flush()
-        return json.loads(self.process.stdout.readline())
-
-    def end(self):
-        """Lets it end by itself."""
-        self.process.stdin.close()
-        try:
-            self.process.wait(PATIENCE_S)
-        except subprocess.TimeoutExpired:
-            self.kill()
-        self.process.stdout.close()
-
-    def kill(self):
-        """Ends it without a chance to say good-bye."""
-        self.process.kill()
-        self.process.wait()
+    # The wheels start the interpreter again with paths of their own, unless this is set.
+    kept = {name: value for name, value in os.environ.items() if name != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
+    command = ["-W", "ignore", __file__, "--role", role, "--numbers", json.dumps(list(numbers)), "-"]
+    return Client(command, dict(kept, ROS_DOMAIN_ID=str(domain)))
 
 
 class Visitors:
@@ -158,10 +130,10 @@ class Visitors:
                 client.kill()
                 self.counts[what] += 1
             else:
-                client.end()
+                client.end(PATIENCE_S)
                 self.counts[what] += 1
         while len(self.there) < VISITORS:
-            client = Client(self.domain, "read", self.random.sample(range(BODIES), 20))
+            client = start(self.domain, "read", self.random.sample(range(BODIES), 20))
             what = self.random.choice(["ended", "ended", "killed", "stopped"])
             self.there.append((client, now + self.random.uniform(6.0, 12.0), what))
 
@@ -170,7 +142,7 @@ class Visitors:
         for client, _, what in self.there:
             if what == "continued":
                 client.process.send_signal(signal.SIGCONT)
-            client.end()
+            client.end(PATIENCE_S)
         self.there.clear()
 
 
@@ -183,8 +155,8 @@ HEAD = """| | slow: % of the states | age p50, ms | p99, ms | fast: % of the sta
 def measure(simulator, domain, minutes, seconds):
     """The table, a line a minute."""
     watched = Watched(simulator.pid)
-    slow, fast = Client(domain, "read", READ), Client(domain, "read", COMMANDED)
-    commander = Client(domain, "command", COMMANDED)
+    slow, fast = start(domain, "read", READ), start(domain, "read", COMMANDED)
+    commander = start(domain, "command", COMMANDED)
     visitors = Visitors(domain, 1)
     table = HEAD
 
@@ -213,7 +185,7 @@ def measure(simulator, domain, minutes, seconds):
         say(f"| minute {minute + 1} |{cells} {counts} | {watched.row()} |")
     visitors.leave()
     for client in (slow, fast, commander):
-        client.end()
+        client.end(PATIENCE_S)
     watched.processor()
     time.sleep(10.0)
     say(f"| 10 s after all have gone | | | | | | | | {watched.row()} |")

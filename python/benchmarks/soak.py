@@ -26,7 +26,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests/ros"))
 
 import harness  # noqa: E402
-from watched import Watched, percentile  # noqa: E402
+from watched import Client, Watched, percentile  # noqa: E402
 
 MARKS = ("<!-- measured: begin -->\n", "<!-- measured: end -->\n")
 SCENE = "/ambf/env/teleop"
@@ -37,6 +37,8 @@ GROWTH = {"memory": 4.0, "threads": 1, "files": 2}
 # Seconds from one event to the next.
 BETWEEN_S = (3.0, 8.0)
 EVENTS = ("visitor", "visitor", "visitor", "killed visitor", "hung visitor", "model", "reset", "arms", "master")
+# So long may a client take to end, s.
+END_S = 10.0
 # Ages above this are counted, ms.
 LATE_MS = 20.0
 
@@ -134,35 +136,9 @@ def reset():
 ROLES = {"read": read, "visit": visit, "model": change_models, "reset": reset}
 
 
-class Client:
+def start(port, role):
     """This program as one of its clients."""
-
-    def __init__(self, port, role):
-        self.process = subprocess.Popen(
-            [sys.executable, __file__, "--role", role, "-"],
-            env=harness.environment(port),
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            text=True,
-        )
-
-    def ask(self):
-        """What a reader got since it was asked before."""
-        self.process.stdin.write("?\n")
-        self.process.stdin.flush()
-        return json.loads(self.process.stdout.readline())
-
-    def end(self, seconds=10.0):
-        """Lets it end by itself, or kills it; whether it ended well."""
-        self.process.stdin.close()
-        try:
-            self.process.wait(seconds)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            self.process.wait()
-        self.process.stdout.close()
-        return self.process.returncode == 0
+    return Client([__file__, "--role", role, "-"], harness.environment(port))
 
 
 class Stage:
@@ -197,7 +173,7 @@ class Stage:
         what = self.random.choice(EVENTS)
         self.counts[what] += 1
         if what.endswith("visitor"):
-            self.visitors.append((Client(self.port, "visit"), what, time.monotonic() + self.random.uniform(3.0, 10.0)))
+            self.visitors.append((start(self.port, "visit"), what, time.monotonic() + self.random.uniform(3.0, 10.0)))
         elif what == "arms":
             self.arms.kill()
             self.arms = self.start_arms()
@@ -206,7 +182,7 @@ class Stage:
             self.master = harness.Master(self.port)
             # Nobody knows of the simulator before it is registered again.
             self.simulator.wait_for_topics(f"{SCENE}/rightring/State")
-        elif not Client(self.port, what).end(harness.PATIENCE_S):
+        elif not start(self.port, what).end(harness.PATIENCE_S):
             self.failed[what] += 1
 
     def tend(self):
@@ -223,14 +199,14 @@ class Stage:
                     client.process.send_signal(signal.SIGCONT)
                 if what == "killed visitor":
                     client.process.kill()
-                client.end()
+                client.end(END_S)
 
     def leave(self):
         """All visitors go."""
         for client, what, _ in self.visitors:
             if what == "woken visitor":
                 client.process.send_signal(signal.SIGCONT)
-            client.end()
+            client.end(END_S)
         self.visitors.clear()
 
     def stop(self):
@@ -261,7 +237,7 @@ def line(minute, watched, samples, got, seconds):
 
 def measure(stage, minutes):
     """(Table, samples of time in min, memory, threads and files)."""
-    reader = Client(stage.port, "read")
+    reader = start(stage.port, "read")
     watched = Watched(stage.simulator.process.pid)
     table, series = HEAD, []
     print(HEAD, end="")
@@ -290,7 +266,7 @@ def measure(stage, minutes):
                 break
         time.sleep(0.05)
     stage.leave()
-    reader.end()
+    reader.end(END_S)
     return table, series
 
 

@@ -1,7 +1,10 @@
 """What benchmarks that run for long ask of the system and compute from what they saw."""
 
+import json
 import os
 import pathlib
+import subprocess
+import sys
 import time
 
 TICKS_S = os.sysconf("SC_CLK_TCK")
@@ -49,3 +52,38 @@ class Watched:
     def row(self):
         """Processor, % of a core; memory, MB; threads; open files."""
         return f"{self.processor():.0f} | {self.memory():.1f} | {self.threads()} | {self.files()}"
+
+
+class Client:
+    """A program that is a client until its input ends, and answers each line of it with one of JSON."""
+
+    def __init__(self, command, environment):
+        self.process = subprocess.Popen(
+            [sys.executable, *map(str, command)],
+            env=environment,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+        )
+
+    def ask(self):
+        """What a reader got since it was asked before."""
+        self.process.stdin.write("?\n")
+        self.process.stdin.flush()
+        return json.loads(self.process.stdout.readline())
+
+    def end(self, seconds):
+        """Lets it end by itself within `seconds`, or kills it; whether it ended well."""
+        self.process.stdin.close()
+        try:
+            self.process.wait(seconds)
+        except subprocess.TimeoutExpired:
+            self.kill()
+        self.process.stdout.close()
+        return self.process.returncode == 0
+
+    def kill(self):
+        """Ends it without a chance to say good-bye."""
+        self.process.kill()
+        self.process.wait()
