@@ -32,6 +32,8 @@ struct AmbShape {
   // What twins need to find out only once: radius of the largest sphere about the origin within the shape; negative: not known.
   std::shared_ptr<std::atomic<double>> inner_radius = std::make_shared<std::atomic<double>>(-1.0);
   bool needs_gimpact = false;
+  // A hull of a decomposition; in a compound its user index is its place among the children.
+  bool is_part = false;
 };
 
 enum class ObjectKind { Body, Ghost, SoftBody };

@@ -118,6 +118,12 @@ AmbShape *amb_shape_convex_hull(const double *vertices, int n, double margin) {
   return own(hull, margin);
 }
 
+AmbShape *amb_shape_convex_part(const double *vertices, int n, double margin) {
+  AmbShape *owner = amb_shape_convex_hull(vertices, n, margin);
+  owner->is_part = true;
+  return owner;
+}
+
 AmbShape *amb_shape_convex_triangle_mesh(const double *vertices, int n, const unsigned *triangles, int m,
                                          double margin) {
   auto mesh = triangle_mesh(vertices, n, triangles, m);
@@ -143,6 +149,7 @@ AmbShape *amb_shape_compound(void) {
 }
 
 void amb_shape_compound_add(AmbShape *compound, AmbShape *child, const double pose[12]) {
+  if (child->is_part) child->shape->setUserIndex(static_cast<int>(compound->children.size()));
   static_cast<btCompoundShape &>(*compound->shape).addChildShape(transform_of(pose), child->shape.get());
   compound->needs_gimpact |= child->needs_gimpact;
   compound->children.emplace_back(child);
@@ -186,8 +193,9 @@ AmbShape *amb_shape_twin(const AmbShape *shape) {
     default:
       // Hulls, convex meshes and primitives are never written to once they are made: what collision detection, rays, bounding
       // boxes and inertia call is const, and computes nothing on demand. Writers would be setMargin and setLocalScaling, which
-      // are called in `own` only, recalcLocalAabb (amb_shape_simplify, before there are twins), initializePolyhedralFeatures
-      // and the user pointer and index of a shape, which nobody uses. Bodies keep what is theirs in the collision object.
+      // are called in `own` only, recalcLocalAabb (amb_shape_simplify, before there are twins), setUserIndex
+      // (amb_shape_compound_add, before as well), initializePolyhedralFeatures and the user pointer of a shape, which nobody
+      // uses. Bodies keep what is theirs in the collision object.
       owner->shape = shape->shape;
   }
   return owner;

@@ -14,6 +14,9 @@ AmbShape *amb_shape_cone(int axis, double radius, double height, double margin);
 AmbShape *amb_shape_plane(const double normal[3], double offset, double margin);
 /* vertices: (n x 3), copied. */
 AmbShape *amb_shape_convex_hull(const double *vertices, int n, double margin);
+/* The same as a part of a decomposition: the pairs that it makes with parts of other bodies are found with less work,
+   see hull_pairs.h. */
+AmbShape *amb_shape_convex_part(const double *vertices, int n, double margin);
 /* vertices (n x 3) and triangles (m x 3), copied; every index is below n. */
 AmbShape *amb_shape_convex_triangle_mesh(const double *vertices, int n, const unsigned *triangles, int m,
                                          double margin);

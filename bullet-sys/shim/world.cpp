@@ -1,3 +1,4 @@
+#include "hull_pairs.h"
 #include "solvers.h"
 #include "substepped_world.h"
 
@@ -15,6 +16,7 @@ void near_callback(btBroadphasePair &pair, btCollisionDispatcher &dispatcher, co
   if (a.ignores(b)) return;
   const bool soft = a.kind == ObjectKind::SoftBody || b.kind == ObjectKind::SoftBody;
   if (soft && !prepare_soft_pair(pair, first, second)) return;
+  const HullPairs parts(first, second);
   btCollisionDispatcher::defaultNearCallback(pair, dispatcher, info);
 }
 

@@ -128,6 +128,14 @@ impl Shape {
         Self::own(unsafe { sys::amb_shape_convex_hull(vertices.as_ptr().cast(), length(vertices), margin) })
     }
 
+    /// Convex hull of points as one of several parts of a body. Many parts of one body near many of another are less work
+    /// than as hulls: parts that are too far apart to touch are found by a separating plane, before Bullet looks at them.
+    /// The contacts are the same.
+    pub fn convex_part(vertices: &[[f64; 3]], margin: f64) -> Self {
+        // SAFETY: pointer and length come from one slice and are read before the call returns.
+        Self::own(unsafe { sys::amb_shape_convex_part(vertices.as_ptr().cast(), length(vertices), margin) })
+    }
+
     /// Triangle mesh treated as convex; `None` when a triangle refers to a vertex that does not exist, or there is
     /// none.
     pub fn convex_triangle_mesh(vertices: &[[f64; 3]], triangles: &[[u32; 3]], margin: f64) -> Option<Self> {
@@ -284,6 +292,41 @@ mod tests {
         let pose = world.pose(stone).expect("it is there");
         assert!((0.0..0.3).contains(&pose.translation.z), "it lies in the bowl: {pose}");
         pose.translation.vector.iter().chain(pose.rotation.coords.iter()).map(|x| x.to_bits()).collect()
+    }
+
+    /// Contact points after the first step of two rings of oblique staves, the second one at a pose.
+    fn ring_contacts(stave: fn(&[[f64; 3]], f64) -> Shape, pose: Isometry3<f64>) -> usize {
+        let ring = || {
+            let staves = (0..12).map(|i| {
+                let turn = Isometry3::rotation(Vector3::z() * (std::f64::consts::TAU * f64::from(i) / 12.0));
+                let corners = [-1.0, 1.0].map(|x| [-1.0, 1.0].map(|y| [-1.0, 1.0].map(|z| [x, y, z])));
+                let corners = corners.as_flattened().as_flattened().iter().map(|&[x, y, z]| {
+                    let corner = nalgebra::Point3::new(0.1 + 0.01 * x, 0.03 * y, 0.02 * z);
+                    (turn * corner).coords.into()
+                });
+                (stave(&corners.collect::<Vec<[f64; 3]>>(), 0.001), Isometry3::identity())
+            });
+            Shape::compound(staves)
+        };
+        let mut world = World::new(Solver::default());
+        world.add_body(RigidBody { shape: ring(), ..ball(0.0, 0.0) });
+        world.add_body(RigidBody { shape: ring(), pose, ..ball(0.5, 0.4) });
+        world.step(0.001, 1, 0.001);
+        world.contact_count()
+    }
+
+    #[test]
+    fn parts_have_the_contacts_of_hulls() {
+        let mut touching = 0;
+        for i in 0..300 {
+            let part = |k: f64| (f64::from(i) * k).sin();
+            let place = Vector3::new(part(0.71), part(1.37), part(2.03)) * 0.15;
+            let pose = Isometry3::new(place, Vector3::new(part(0.33), part(0.91), part(1.77)) * 2.0);
+            let expected = ring_contacts(Shape::convex_hull, pose);
+            assert_eq!(ring_contacts(Shape::convex_part, pose), expected, "{pose}");
+            touching += usize::from(expected > 0);
+        }
+        assert!((50..250).contains(&touching), "{touching} of 300 poses touch");
     }
 
     #[test]

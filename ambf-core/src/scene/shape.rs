@@ -173,7 +173,7 @@ fn mesh_children(
                 if parts.is_empty() {
                     empty.push(number);
                 }
-                children.extend(parts.iter().map(|hull| (Shape::convex_hull(hull, margin), *pose)));
+                children.extend(parts.iter().map(|hull| (Shape::convex_part(hull, margin), *pose)));
                 continue;
             }
         };

@@ -111,7 +111,7 @@ fn cost(simulation: &mut Simulation, rounds: usize, steps: usize) -> Spread {
 fn concave(rounds: usize) -> Section {
     let mut rows = Vec::new();
     for shape in shapes::all() {
-        let mesh = written(&format!("large_{}.obj", shape.name), &shapes::obj(&shape.mesh));
+        let mesh = written(&format!("large_{}.obj", shape.name.replace(", ", "_")), &shapes::obj(&shape.mesh));
         for (name, kind, hulls) in KINDS {
             let wanted = ConvexDecomposition { hulls, ..ConvexDecomposition::default() };
             let begin = std::time::Instant::now();
@@ -123,6 +123,7 @@ fn concave(rounds: usize) -> Section {
             let (own, ball) = resting(&shape, &mesh, kind);
             rows.push(vec![
                 shape.name.into(),
+                shape.mesh.triangles.len().to_string(),
                 name.into(),
                 if hulls.is_empty() { "–".into() } else { hulls.len().to_string() },
                 heap.scene().world.contact_count().to_string(),
@@ -143,7 +144,7 @@ fn concave(rounds: usize) -> Section {
                 contact points then; lying: bodies above the floor and within 1 m of where they fell. Error: distance of 4000 points of the mesh's surface from the surface that collides, without Bullet's \
                 margin, mm. Height: of the centre of a single body that lies on the floor, mm; of a ball of 20 mm radius that fell \
                 into it. Time: what the division took, ms, without the files that keep it.",
-        header: &["mesh", "collides as", "hulls", "contacts", "lying", "step", "mean error", "largest error", "height", "ball", "time"],
+        header: &["mesh", "triangles", "collides as", "hulls", "contacts", "lying", "step", "mean error", "largest error", "height", "ball", "time"],
         rows,
         ..Section::default()
     }

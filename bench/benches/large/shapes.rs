@@ -1,5 +1,6 @@
 //! Meshes that are not convex, made of closed prisms and rings; m.
 
+use std::collections::HashMap;
 use std::f64::consts::TAU;
 use std::fmt::Write;
 
@@ -29,9 +30,12 @@ pub fn all() -> Vec<Shape> {
     // Inside, bottom, outside, rim: radius and height.
     let ring = [[0.03, 0.0], [0.05, 0.0], [0.05, 0.02], [0.03, 0.02]];
     let cup = [[0.0, 0.0], [0.04, 0.0], [0.04, 0.08], [0.034, 0.08], [0.034, 0.006], [0.0, 0.006]];
+    // As many triangles as the meshes that designers export.
+    let fine = finer(finer(finer(turned(&cup, false))));
     [
         ("ring", turned(&ring, true), Some(0.02)),
         ("cup", turned(&cup, false), Some(0.02)),
+        ("cup, fine", fine, Some(0.02)),
         ("L", prism(&bracket, 0.03), None),
         ("finger", prism(&finger, 0.02), None),
     ]
@@ -80,6 +84,25 @@ fn prism(outline: &[[f64; 2]], depth: f64) -> SubMesh {
     }
     for [a, b, c] in ears(outline) {
         mesh.triangles.extend([[a, b, c], [a + n, c + n, b + n]]);
+    }
+    mesh
+}
+
+/// The same surface in four times as many triangles.
+fn finer(mut mesh: SubMesh) -> SubMesh {
+    let mut known = HashMap::new();
+    let triangles = std::mem::take(&mut mesh.triangles);
+    for corners in triangles {
+        let middles = [0, 1, 2].map(|k| {
+            let (a, b) = (corners[k], corners[(k + 1) % 3]);
+            *known.entry((a.min(b), a.max(b))).or_insert_with(|| {
+                let [p, q] = [a, b].map(|corner| mesh.vertices[corner as usize]);
+                mesh.vertices.push([0, 1, 2].map(|axis| (p[axis] + q[axis]) / 2.0));
+                mesh.vertices.len() as u32 - 1
+            })
+        });
+        mesh.triangles.push(middles);
+        mesh.triangles.extend([0, 1, 2].map(|k| [middles[(k + 2) % 3], corners[k], middles[k]]));
     }
     mesh
 }
