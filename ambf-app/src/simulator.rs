@@ -79,7 +79,7 @@ pub fn run(options: &SimulatorOptions, arguments: RosArguments) -> Result<(), Si
     let begin = Instant::now();
     let has_windows = wants_windows != WindowsWanted::No;
     let arms = Board::default();
-    let (simulation, devices, load_report) = load_simulation(options, has_windows, &arms)?;
+    let (simulation, devices, load_report) = load_simulation(options, has_windows, &arms, &arguments)?;
     if stop.load(Ordering::Acquire) {
         return Ok(());
     }
@@ -102,6 +102,7 @@ fn load_simulation(
     options: &SimulatorOptions,
     has_windows: bool,
     arms: &Board,
+    arguments: &RosArguments,
 ) -> Result<(Simulation, DeviceHost, String), SimulatorError> {
     let physics = launch::physics(&options.physics).map_err(SimulatorError::Usage)?;
     let (launch, problems) = launch::read_strict(&options.launch_file)?;
@@ -123,7 +124,12 @@ fn load_simulation(
     let mut simulation = Simulation::new(scene, sub_step);
     let (host, said) = devices::open(&launch, options, &mut simulation);
     said.iter().for_each(|line| report!("{line}"));
-    let crtk = plugins::CrtkFiles { files: &options.crtk, versions: ros_versions(options), board: arms.clone() };
+    let crtk = plugins::CrtkFiles {
+        files: &options.crtk,
+        versions: ros_versions(options),
+        board: arms.clone(),
+        arguments: arguments.clone(),
+    };
     plugins::load(&mut simulation, &launch.plugins, &options.plugins, crtk, options.verbose);
     Ok((simulation, host, found.to_string()))
 }

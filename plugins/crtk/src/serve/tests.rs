@@ -11,7 +11,9 @@ use crate::arm::tests::psm;
 use crate::arm::{Arm, Measured, OperatingState, Quantity, State};
 use crate::exchange::commands;
 use crate::kinematics::testing::coordinates;
+use crate::queries::Service;
 use crate::topics::{topics, Extras};
+use crate::transport::Answer;
 
 /// A transport that keeps what is sent.
 #[derive(Clone, Default)]
@@ -46,6 +48,10 @@ impl Transport for Memory {
         self.receivers.lock().push((topic.name.clone(), receive));
         Ok(())
     }
+
+    fn serve(&mut self, _: &Service, _: Answer) -> Result<(), TransportError> {
+        Ok(())
+    }
 }
 
 fn offered(dialect: Dialect, memory: &Memory, outbox: &Arc<Outbox>) -> Offered {
@@ -66,6 +72,8 @@ fn status() -> ArmStatus {
         set_point: *arm.set_point(),
         state: arm.operating_state(),
         absolute_forces: false,
+        reference_name: None,
+        has_tool: true,
     }
 }
 
