@@ -44,7 +44,7 @@ fn connect(versions: RosVersions, arguments: RosArguments) -> Connect {
     Arc::new(move || {
         let mut transports: Vec<Box<dyn Transport>> = Vec::new();
         if versions.has_one() {
-            let inner = Ros1::start(CRTK_NODE, Arc::new(report::report))?;
+            let inner = Ros1::start(CRTK_NODE, crate::ros::of_node())?;
             transports.push(Box::new(Mapped { inner, arguments: arguments.clone() }));
         }
         #[cfg(feature = "ros2")]

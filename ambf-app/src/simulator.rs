@@ -20,7 +20,7 @@ use crate::cameras::CameraService;
 use crate::cli::{RosVersions, SimulatorOptions};
 use crate::devices;
 use crate::launch::{self, LaunchError};
-use crate::report::RateLimit;
+use crate::report::{report_at, Level, RateLimit};
 use crate::ros::{DeviceReports, Extras, ModelHost, ModelReply, RosArguments, RosMiddleware, RosOptions};
 #[cfg(feature = "view")]
 use crate::ros::{PictureTopics, PointClouds};
@@ -145,7 +145,20 @@ struct Wanted {
 fn print_report(found: &SceneReport, verbose: bool) {
     let text = if verbose { found.verbose().to_string() } else { found.to_string() };
     for line in text.lines() {
-        report!("{line}");
+        report_at(level_of(line), format_args!("{line}"));
+    }
+}
+
+/// How important a line about a file is: problems are written as `PLACE: SEVERITY: SENTENCE`.
+fn level_of(line: &str) -> Level {
+    let at = |severity: &str| line.find(&format!(": {severity}: ")).unwrap_or(usize::MAX);
+    let (error, warning) = (at("error"), at("warning"));
+    if error < warning {
+        Level::Error
+    } else if warning < error {
+        Level::Warn
+    } else {
+        Level::Info
     }
 }
 

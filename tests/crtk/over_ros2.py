@@ -15,12 +15,14 @@ if not os.environ.get("CRTK_ARM"):
     os.environ["ROS_DOMAIN_ID"] = str(random.randrange(1, 100))
 
 import crtk_msgs.msg  # noqa: E402
+import crtk_msgs.srv  # noqa: E402
 import geometry_msgs.msg  # noqa: E402
 import rclpy  # noqa: E402
 import sensor_msgs.msg  # noqa: E402
 import std_msgs.msg  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
+from waiting import PATIENCE_S, wait_for  # noqa: E402
 
 REPOSITORY = pathlib.Path(__file__).resolve().parents[2]
 STOP_S = 20.0
@@ -32,9 +34,9 @@ _end = threading.Event()
 
 def messages():
     """All types by their names."""
-    packages = (geometry_msgs.msg, sensor_msgs.msg, crtk_msgs.msg)
+    packages = (geometry_msgs.msg, sensor_msgs.msg, crtk_msgs.msg, crtk_msgs.srv)
     types_of = {name: kind for package in packages for name, kind in vars(package).items() if isinstance(kind, type)}
-    standard = {name: getattr(std_msgs.msg, name) for name in ("Empty", "Float64MultiArray", "String")}
+    standard = {name: getattr(std_msgs.msg, name) for name in ("Bool", "Empty", "Float64", "Float64MultiArray", "String")}
     return types.SimpleNamespace(**types_of, **standard)
 
 
@@ -130,3 +132,15 @@ class Publisher:
     def is_connected(self):
         """Whether somebody listens."""
         return self._publisher.get_subscription_count() > 0
+
+
+def ask(service, kind, **fields):
+    """The answer of a service to a request with these fields."""
+    client = _node.create_client(kind, service)
+    try:
+        assert client.wait_for_service(PATIENCE_S), service
+        answer = client.call_async(kind.Request(**fields))
+        wait_for(answer.done, f"an answer of {service}")
+        return answer.result()
+    finally:
+        _node.destroy_client(client)

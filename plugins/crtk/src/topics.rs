@@ -337,6 +337,26 @@ mod tests {
         {
             assert!(all.iter().any(|other| other == name), "{name}");
         }
+        // dvrk_arm_from_ros, by type.
+        let types = [
+            ("hold free", MessageType::Empty),
+            ("state_command", MessageType::StampedText),
+            ("servo_cp setpoint_cp measured_cp", MessageType::Pose),
+            ("servo_jp setpoint_js measured_js jaw/servo_jp jaw/setpoint_js jaw/measured_js", MessageType::Joints),
+            ("body/servo_cf", MessageType::Wrench),
+            ("use_gravity_compensation", MessageType::Bool),
+            ("operating_state", MessageType::OperatingState),
+            ("measured_cv", MessageType::Twist),
+            ("period_statistics", MessageType::Statistics),
+            ("error warning status", MessageType::Text),
+        ];
+        let offered = topics(&psm(Dialect::Dvrk), "/a", Extras::default());
+        for (names, message) in types {
+            for name in names.split(' ') {
+                let topic = offered.iter().find(|topic| topic.name == format!("/a/{name}")).unwrap();
+                assert_eq!(topic.message, message, "{name}");
+            }
+        }
         assert!(topics(&psm(Dialect::Dvrk), "/a", Extras::default())
             .iter()
             .filter(|topic| matches!(topic.carries, Carries::Out(Output::Warning | Output::Info | Output::Error)))

@@ -198,6 +198,42 @@ fn what_comes_is_a_command_or_a_refusal() {
 }
 
 #[test]
+fn two_transports_say_the_same_and_share_one_queue() {
+    let memories = [Memory::default(), Memory::default()];
+    memories.iter().for_each(|memory| memory.is_open.store(true, Ordering::Release));
+    let (outbox, mut inbox) = commands();
+    let model = Arc::new(psm(Dialect::Dvrk));
+    let all = topics(&model, "/PSM1", Extras::default());
+    let mut transports: Vec<Box<dyn Transport>> = Vec::new();
+    memories.iter().for_each(|memory| transports.push(Box::new(memory.clone())));
+    let served = (1000.0, ClockKind::Wall);
+    let mut arm = Offered::open((&model, &all), served, Texts::default(), &outbox, &mut transports).unwrap();
+    arm.publish(&status(), 42);
+    arm.tell(&Event::Goal(true));
+    let sent = |memory: &Memory| memory.sent.lock().clone();
+    assert!(sent(&memories[0]).len() > 10);
+    assert_eq!(sent(&memories[0]), sent(&memories[1]), "numbers and stamps");
+    for (turn, memory) in memories.iter().cycle().take(6).enumerate() {
+        let receivers = memory.receivers.lock();
+        let (_, receive) = receivers.iter().find(|(topic, _)| topic == "/PSM1/trajectory_j/set_ratio").unwrap();
+        receive(&Message::Number(0.1 * (turn + 1) as f64).encode());
+        // The newest servo command counts, from wherever it came.
+        let (_, servo) = receivers.iter().find(|(topic, _)| topic == "/PSM1/servo_jp").unwrap();
+        let position = vec![0.01 * turn as f64, 0.0, 0.1, 0.0, 0.0, 0.0];
+        servo(&Message::Joints(Header::default(), JointMessage { position, ..JointMessage::default() }).encode());
+    }
+    let taken: Vec<Command> = inbox.take().collect();
+    let ratios = taken.iter().filter_map(|command| match command {
+        Command::Ratio { value, .. } => Some(*value),
+        _ => None,
+    });
+    let expected: Vec<f64> = (1..=6).map(|turn| 0.1 * f64::from(turn)).collect();
+    assert_eq!(ratios.collect::<Vec<_>>(), expected, "in the order of arrival");
+    let servo: Vec<&Command> = taken.iter().filter(|command| matches!(command, Command::Joints { .. })).collect();
+    assert!(matches!(servo[..], [Command::Joints { value, .. }] if (value[0] - 0.05).abs() < 1e-12));
+}
+
+#[test]
 fn a_moving_view_sees_a_still_tool_move() {
     let turn = UnitQuaternion::from_euler_angles(0.2, 0.4, -0.3);
     let tool = Moving { pose: Isometry3::translation(0.1, 0.2, 0.3), ..Moving::default() };
