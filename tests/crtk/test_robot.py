@@ -136,8 +136,6 @@ class Robot(unittest.TestCase):
 
     def test_set_base_frame(self):
         """Poses are in the frame that the message names; a place in it is gone to; a reset brings the old one back."""
-        from test_contract import reset_world
-
         base = kinds.PoseStamped()
         base.header.frame_id = "camera"
         base.pose.position.x, base.pose.position.y, base.pose.position.z = 0.1, -0.2, 0.3
@@ -153,7 +151,9 @@ class Robot(unittest.TestCase):
         arm.move("move_cp", pose=expected, frame="camera")
         arm.wait(lambda: max(abs(a - b) for a, b in zip(arm.joints("setpoint_js"), HOME)) < 1e-6, "home by the camera")
         self.assertEqual(arm.warnings, [])
-        reset_world()
+        publisher = middleware.Publisher("/ambf/env/World/Command/Reset", kinds.Empty)
+        wait_for(publisher.is_connected, "somebody resets the world")
+        publisher.publish(kinds.Empty())
         arm.wait(lambda: arm.newest["setpoint_cp"].header.frame_id == "ECM_view", "the frame of the configuration")
 
     def test_instruments(self):
