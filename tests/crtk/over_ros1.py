@@ -16,6 +16,10 @@ import std_msgs.msg
 from waiting import PATIENCE_S
 
 
+# Whether a new subscriber gets what was latched before it was there.
+TAKES_LATCHED = True
+
+
 def messages():
     """All types by their names; the classes of crtk_msgs are generated."""
     source = harness.REPOSITORY / "resources/ros/crtk_msgs/msg"
@@ -54,7 +58,14 @@ class BackEnd:
             self.master = harness.Master()
             self.port = self.master.port
             os.chdir(harness.REPOSITORY)
+            self.arguments = arguments
             self.simulator = harness.Simulator(self.port, *arguments)
+
+    def restart(self):
+        """Another simulator on the same master."""
+        self.simulator.stop()
+        self.simulator.check_log()
+        self.simulator = harness.Simulator(self.port, *self.arguments)
 
     def stop(self):
         """Ends what was started."""

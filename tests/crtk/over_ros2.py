@@ -27,6 +27,9 @@ from waiting import PATIENCE_S, wait_for  # noqa: E402
 REPOSITORY = pathlib.Path(__file__).resolve().parents[2]
 STOP_S = 20.0
 
+# Whether a new subscription gets what was latched before it was there: those of arms are volatile.
+TAKES_LATCHED = False
+
 _node = None
 _thread = None
 _end = threading.Event()
@@ -51,11 +54,14 @@ class BackEnd:
 
     def __init__(self, arguments, external=False):
         self._process = None
-        if external:
-            return
+        if not external:
+            self._start(arguments)
+
+    def _start(self, arguments):
         # The wheels of rclpy start the interpreter again with paths that other programs must not get.
         kept = {name: value for name, value in os.environ.items() if name != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
         self._log = tempfile.TemporaryFile("w+", prefix="ambf-crtk-tests-")
+        self._arguments = arguments
         command = [simulator_path(), "-g", "0", "--ros", "2", *arguments]
         self._process = subprocess.Popen(
             command, env=kept, cwd=REPOSITORY, stdin=subprocess.DEVNULL, stdout=self._log, stderr=self._log
@@ -66,8 +72,15 @@ class BackEnd:
         _end.set()
         _thread.join()
         rclpy.shutdown()
-        if self._process is None:
-            return
+        if self._process is not None:
+            self._end()
+
+    def restart(self):
+        """Another simulator in the same domain."""
+        self._end()
+        self._start(self._arguments)
+
+    def _end(self):
         self._process.send_signal(signal.SIGINT)
         try:
             status = self._process.wait(STOP_S)
