@@ -15,7 +15,6 @@ import sensor_msgs.msg
 import std_msgs.msg
 from waiting import PATIENCE_S
 
-
 # Whether a new subscriber gets what was latched before it was there.
 TAKES_LATCHED = True
 

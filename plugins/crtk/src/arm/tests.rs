@@ -146,12 +146,13 @@ fn it_starts_enabled_homed_and_at_home() {
     let mut events = Vec::new();
     arm.update(SECOND, DT, &measured, empty(), &mut events);
     let expected = OperatingState { stamp: SECOND, state: State::Enabled, is_homed: true, is_busy: false };
-    assert_eq!(events, [Event::State(expected)]);
+    let settings = [Event::Ratios(Ratios::default()), Event::OrientationLocked(false)];
+    assert_eq!(events, [&[Event::State(expected)], &settings[..]].concat());
     for k in 0..1000 {
         arm.update(SECOND + k, DT, &measured, empty(), &mut events);
     }
     assert_eq!(arm.set_point().position, coordinates(&HOME));
-    assert_eq!(events.len(), 1, "going home at the start is not busy");
+    assert_eq!(events.len(), 3, "going home at the start is not busy");
 }
 
 #[test]
