@@ -78,7 +78,7 @@ fn those_that_come_late_get_what_is_latched_and_nothing_else() {
 #[test]
 fn what_the_last_subscription_has_left_is_let_go() {
     let options = options();
-    let (one, other) = (Participant::new(options.clone()).unwrap(), Participant::new(options).unwrap());
+    let (one, other) = (Participant::new(options.clone()).unwrap(), Participant::new(options.clone()).unwrap());
     let publication = one.node("/", "one").unwrap().publish("/left", &text(), Qos::states(1000.0)).unwrap();
     let node = other.node("/", "other").unwrap();
     let first = node.subscribe("/left", &text(), Qos::new(), 100, |_: &[u8]| ()).unwrap();
@@ -90,6 +90,9 @@ fn what_the_last_subscription_has_left_is_let_go() {
     drop(first);
     wait("it is made anew", || publication.renewals() == 1);
     let got = Messages::default();
+    // Another program: RustDDS remembers for a participant what it has received.
+    let late = Participant::new(options).unwrap();
+    let node = late.node("/", "late").unwrap();
     let _second = node.subscribe("/left", &text(), Qos::new(), 100, listen(&got)).unwrap();
     wait("they find each other again", || publication.is_matched());
     publication.send(b"new ").unwrap();
