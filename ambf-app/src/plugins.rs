@@ -8,10 +8,13 @@ use ambf_core::device::Drivers;
 use ambf_core::plugin::{load_driver, PluginReport, PluginSetup, Registry, Search};
 use ambf_core::sim::Simulation;
 use crtk::diagnostics::Board;
-use crtk::transport::{Connect, Ros1, Transport};
+use crtk::queries::Service;
+use crtk::topics::Topic;
+use crtk::transport::{Answer, Connect, Receive, Ros1, Sender, Transport, TransportError};
 
 use crate::cli::RosVersions;
 use crate::report;
+use crate::ros::RosArguments;
 
 /// Arms that are offered to CRTK clients.
 #[derive(Clone)]
@@ -22,12 +25,14 @@ pub struct CrtkFiles<'a> {
     pub versions: RosVersions,
     /// Where there is to be seen how they are.
     pub board: Board,
+    /// What the command line says to ROS: topics and services that are called otherwise.
+    pub arguments: RosArguments,
 }
 
 impl Default for CrtkFiles<'_> {
     /// No arms.
     fn default() -> Self {
-        Self { files: &[], versions: RosVersions::None, board: Board::default() }
+        Self { files: &[], versions: RosVersions::None, board: Board::default(), arguments: RosArguments::default() }
     }
 }
 
@@ -35,24 +40,55 @@ impl Default for CrtkFiles<'_> {
 const CRTK_NODE: &str = "ambf_crtk";
 
 /// The middlewares on which arms are offered.
-fn connect(versions: RosVersions) -> Connect {
+fn connect(versions: RosVersions, arguments: RosArguments) -> Connect {
     Arc::new(move || {
         let mut transports: Vec<Box<dyn Transport>> = Vec::new();
         if versions.has_one() {
-            transports.push(Box::new(Ros1::start(CRTK_NODE, Arc::new(report::report))?));
+            let inner = Ros1::start(CRTK_NODE, crate::ros::of_node())?;
+            transports.push(Box::new(Mapped { inner, arguments: arguments.clone() }));
         }
         #[cfg(feature = "ros2")]
         if versions.has_two() {
-            transports.push(Box::new(crate::ros::ArmTopics::start(CRTK_NODE)?));
+            let inner = crate::ros::ArmTopics::start(CRTK_NODE, &arguments)?;
+            transports.push(Box::new(Mapped { inner, arguments: arguments.clone() }));
         }
         Ok(transports)
     })
 }
 
+/// A transport whose topics and services are called as the command line says.
+struct Mapped<T> {
+    inner: T,
+    arguments: RosArguments,
+}
+
+impl<T> Mapped<T> {
+    fn topic(&self, topic: &Topic) -> Topic {
+        Topic { name: self.arguments.mapped(topic.name.clone()), ..topic.clone() }
+    }
+}
+
+impl<T: Transport> Transport for Mapped<T> {
+    fn advertise(&mut self, topic: &Topic) -> Result<Box<dyn Sender>, TransportError> {
+        let topic = self.topic(topic);
+        self.inner.advertise(&topic)
+    }
+
+    fn subscribe(&mut self, topic: &Topic, receive: Receive) -> Result<(), TransportError> {
+        let topic = self.topic(topic);
+        self.inner.subscribe(&topic, receive)
+    }
+
+    fn serve(&mut self, service: &Service, answer: Answer) -> Result<(), TransportError> {
+        let service = Service { name: self.arguments.mapped(service.name.clone()), ..service.clone() };
+        self.inner.serve(&service, answer)
+    }
+}
+
 /// What is to be loaded, and from where.
 pub fn setup(launch: &[PluginEntry], command_line: &[PathBuf], crtk: CrtkFiles<'_>) -> PluginSetup {
     let mut registry = Registry::default();
-    let arms = crtk::plugin::register(&mut registry, crtk.files, &connect(crtk.versions), &crtk.board);
+    let arms = crtk::plugin::register(&mut registry, crtk.files, &connect(crtk.versions, crtk.arguments), &crtk.board);
     PluginSetup {
         registry,
         search: Search::from_environment(),

@@ -1,12 +1,13 @@
 //! The programs' only log: one line a fact on standard error.
 
+use std::collections::VecDeque;
 use std::fmt::Arguments;
 use std::io::Write;
 use std::sync::atomic::{AtomicU8, Ordering};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use parking_lot::RwLock;
+use parking_lot::{Mutex, RwLock};
 
 /// How important a line is; the numbers are those of `rcl_interfaces/msg/Log` and of ROS 2's loggers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -46,6 +47,12 @@ static LEAST: AtomicU8 = AtomicU8::new(Level::Debug as u8);
 /// Who else gets lines.
 static LISTENERS: RwLock<Vec<Arc<Listener>>> = RwLock::new(Vec::new());
 
+/// Lines that were said before anybody listened, such as those about the files of a scene: for who listens then.
+static EARLY: Mutex<VecDeque<(Level, String)>> = Mutex::new(VecDeque::new());
+
+/// Most early lines that are kept: the last ones.
+const MOST_EARLY: usize = 200;
+
 /// Gets lines with their level, in the thread that reports them: must neither report nor wait.
 pub type Listener = dyn Fn(Level, &str) + Send + Sync;
 
@@ -54,9 +61,12 @@ pub fn set_level(level: Level) {
     LEAST.store(level as u8, Ordering::Relaxed);
 }
 
-/// Gives every line to `listener`, too, until it is [removed](remove_listener).
+/// Gives every line to `listener`, too, until it is [removed](remove_listener); also the last ones (200 at most) of those
+/// that were said before there was the first listener.
 pub fn add_listener(listener: &Arc<Listener>) {
-    LISTENERS.write().push(Arc::clone(listener));
+    let mut listeners = LISTENERS.write();
+    listeners.push(Arc::clone(listener));
+    EARLY.lock().iter().for_each(|(level, line)| listener(*level, line));
 }
 
 /// Gives no more lines to `listener`.
@@ -75,7 +85,17 @@ pub fn report_at(level: Level, line: Arguments<'_>) {
         return;
     }
     let mut line = line.to_string();
-    LISTENERS.read().iter().for_each(|listener| listener(level, &line));
+    {
+        let listeners = LISTENERS.read();
+        if listeners.is_empty() {
+            let mut early = EARLY.lock();
+            if early.len() == MOST_EARLY {
+                early.pop_front();
+            }
+            early.push_back((level, line.clone()));
+        }
+        listeners.iter().for_each(|listener| listener(level, &line));
+    }
     line.push('\n');
     // One call, so that lines of different threads do not mix.
     let _ = std::io::stderr().write_all(line.as_bytes());

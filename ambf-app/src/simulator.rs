@@ -20,7 +20,7 @@ use crate::cameras::CameraService;
 use crate::cli::{RosVersions, SimulatorOptions};
 use crate::devices;
 use crate::launch::{self, LaunchError};
-use crate::report::RateLimit;
+use crate::report::{report_at, Level, RateLimit};
 use crate::ros::{DeviceReports, Extras, ModelHost, ModelReply, RosArguments, RosMiddleware, RosOptions};
 #[cfg(feature = "view")]
 use crate::ros::{PictureTopics, PointClouds};
@@ -79,7 +79,7 @@ pub fn run(options: &SimulatorOptions, arguments: RosArguments) -> Result<(), Si
     let begin = Instant::now();
     let has_windows = wants_windows != WindowsWanted::No;
     let arms = Board::default();
-    let (simulation, devices, load_report) = load_simulation(options, has_windows, &arms)?;
+    let (simulation, devices, load_report) = load_simulation(options, has_windows, &arms, &arguments)?;
     if stop.load(Ordering::Acquire) {
         return Ok(());
     }
@@ -102,6 +102,7 @@ fn load_simulation(
     options: &SimulatorOptions,
     has_windows: bool,
     arms: &Board,
+    arguments: &RosArguments,
 ) -> Result<(Simulation, DeviceHost, String), SimulatorError> {
     let physics = launch::physics(&options.physics).map_err(SimulatorError::Usage)?;
     let (launch, problems) = launch::read_strict(&options.launch_file)?;
@@ -123,7 +124,12 @@ fn load_simulation(
     let mut simulation = Simulation::new(scene, sub_step);
     let (host, said) = devices::open(&launch, options, &mut simulation);
     said.iter().for_each(|line| report!("{line}"));
-    let crtk = plugins::CrtkFiles { files: &options.crtk, versions: ros_versions(options), board: arms.clone() };
+    let crtk = plugins::CrtkFiles {
+        files: &options.crtk,
+        versions: ros_versions(options),
+        board: arms.clone(),
+        arguments: arguments.clone(),
+    };
     plugins::load(&mut simulation, &launch.plugins, &options.plugins, crtk, options.verbose);
     Ok((simulation, host, found.to_string()))
 }
@@ -139,7 +145,20 @@ struct Wanted {
 fn print_report(found: &SceneReport, verbose: bool) {
     let text = if verbose { found.verbose().to_string() } else { found.to_string() };
     for line in text.lines() {
-        report!("{line}");
+        report_at(level_of(line), format_args!("{line}"));
+    }
+}
+
+/// How important a line about a file is: problems are written as `PLACE: SEVERITY: SENTENCE`.
+fn level_of(line: &str) -> Level {
+    let at = |severity: &str| line.find(&format!(": {severity}: ")).unwrap_or(usize::MAX);
+    let (error, warning) = (at("error"), at("warning"));
+    if error < warning {
+        Level::Error
+    } else if warning < error {
+        Level::Warn
+    } else {
+        Level::Info
     }
 }
 

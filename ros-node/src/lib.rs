@@ -46,6 +46,7 @@ use std::sync::Arc;
 pub use announcement::{Announcement, Direction, Registration};
 pub use lasting::{end_master, entries, node, serve_master, start_master, EndError, SERVE_MASTER, UNUSED};
 pub use link::{Link, LinkOptions, NodeName, OwnMaster};
+pub use log::Severity;
 pub use master::Master;
 pub use node::Node;
 pub use service::{ServiceKind, ServiceServer};

@@ -6,7 +6,7 @@ use std::io;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 use dxr::Value;
 use parking_lot::Mutex;
@@ -15,7 +15,7 @@ use super::announcement::{Announcement, Direction, Endpoint, Registration, Serve
 use super::calls::text;
 use super::graph::Graph;
 use super::lasting::{start_master, UNUSED};
-use super::log::{LogAggregator, OwnLog};
+use super::log::{LogAggregator, OwnLog, Severity};
 use super::master::{local_address, Master};
 use super::stop::Stop;
 use super::xmlrpc::{CallError, Peer, Session};
@@ -119,6 +119,7 @@ pub struct LinkOptions {
 pub struct Link {
     options: LinkOptions,
     graph: Arc<Graph>,
+    log: Arc<OwnLog>,
     items: Mutex<Vec<Item>>,
     /// Held while something is announced or withdrawn, which can take long.
     changing: Mutex<()>,
@@ -134,17 +135,19 @@ impl Link {
     /// When there are no sockets or no thread to be had.
     pub fn new(options: LinkOptions) -> io::Result<Self> {
         let name = options.name.full();
-        let log = OwnLog::new(&name);
+        let log = Arc::new(OwnLog::new(&name));
         let own_log = log.announcement();
         let user = Arc::clone(&options.report);
+        let own = Arc::clone(&log);
         let report: Report = Arc::new(move |line| {
             user(line);
-            log.line(&line.to_string());
+            own.line(Severity::Info, SystemTime::now(), &line.to_string());
         });
         let graph = Graph::start(name, &options.master, report)?;
         let link = Self {
             options,
             graph,
+            log,
             items: Mutex::default(),
             changing: Mutex::default(),
             generation: AtomicU64::new(0),
@@ -161,6 +164,17 @@ impl Link {
     /// Full name of the node.
     pub fn name(&self) -> &str {
         &self.graph.name
+    }
+
+    /// Whether somebody listens to the log messages of the node: in general the node `/rosout`.
+    pub fn is_log_heard(&self) -> bool {
+        self.log.is_heard()
+    }
+
+    /// Publishes a log message of the node, of what was said at `at`. Without anybody who listens it is lost. Lines of
+    /// the node itself are published anyway.
+    pub fn log(&self, severity: Severity, at: SystemTime, text: &str) {
+        self.log.line(severity, at, text);
     }
 
     /// How many times everything was registered with a master that did not know us; 0 before the first time.

@@ -25,6 +25,22 @@ pub(crate) const AGGREGATOR: &str = "/rosout";
 /// Longest log message, bytes.
 const LONGEST: usize = 1 << 20;
 
+/// How important a log message is; the numbers are those of `rosgraph_msgs/Log`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[repr(u8)]
+pub enum Severity {
+    /// For those who look for a mistake.
+    Debug = 1,
+    /// Something has happened.
+    Info = 2,
+    /// Something is not as it should be.
+    Warn = 4,
+    /// Something cannot be done.
+    Error = 8,
+    /// The program ends.
+    Fatal = 16,
+}
+
 /// A node's own log messages.
 pub(crate) struct OwnLog {
     name: String,
@@ -41,13 +57,19 @@ impl OwnLog {
         Arc::clone(&self.publication) as Arc<dyn Announcement>
     }
 
-    /// Publishes a line for the user.
-    pub fn line(&self, text: &str) {
-        if !self.publication.has_subscribers() {
+    /// Whether anybody listens.
+    pub fn is_heard(&self) -> bool {
+        self.publication.has_subscribers()
+    }
+
+    /// Publishes a line for the user, said at `at`.
+    pub fn line(&self, severity: Severity, at: SystemTime, text: &str) {
+        if !self.is_heard() {
             return;
         }
-        let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-        let mut log = Log { level: Log::INFO, name: self.name.clone(), msg: text.to_owned(), ..Default::default() };
+        let since = at.duration_since(UNIX_EPOCH).unwrap_or_default();
+        let mut log =
+            Log { level: severity as i8, name: self.name.clone(), msg: text.to_owned(), ..Default::default() };
         log.header.stamp = rosrust::Time { sec: since.as_secs() as u32, nsec: since.subsec_nanos() };
         self.publication.send(log);
     }

@@ -52,6 +52,13 @@ const BACK_OFF: Duration = Duration::from_millis(200);
 /// under the same name.
 const LONGEST_ABSENCE: Duration = Duration::from_secs(3);
 
+/// All publishers of a topic that are not there are connected to so often together, when there are many: programs that
+/// were killed stay on the master's list for good, each under a name of its own if it was made unique.
+const PER_ABSENT: Duration = Duration::from_millis(100);
+
+/// After so many attempts in vain a publisher counts as not there.
+const ABSENT_ATTEMPTS: u32 = 5;
+
 /// Longest such pause for one that does what publishers don't do: it may say something about each attempt.
 const LONGEST_PENANCE: Duration = Duration::from_secs(30);
 
@@ -201,14 +208,18 @@ impl Subscription {
     fn choose(&self, listed: Option<&BTreeSet<String>>, now: Instant) -> (Vec<String>, Option<Instant>) {
         let mut lines = self.lines.lock();
         lines.retain(|publisher, line| line.busy || listed.is_some_and(|listed| listed.contains(publisher)));
+        let absent = lines.values().filter(|line| line.is_absent()).count();
+        let longest = LONGEST_ABSENCE.max(PER_ABSENT * u32::try_from(absent).unwrap_or(u32::MAX));
         let (mut chosen, mut next) = (Vec::new(), None::<Instant>);
         for publisher in listed.into_iter().flatten() {
             let line = lines.entry(publisher.clone()).or_default();
             match line.not_before {
                 _ if line.busy => (),
-                Some(then) if now < then => next = Some(next.map_or(then, |next| next.min(then))),
+                Some(then) if now + line.slack() < then => next = Some(next.map_or(then, |next| next.min(then))),
                 _ => {
-                    line.begin(now);
+                    // The next attempt, should this one fail.
+                    let then = line.begin(now, longest);
+                    next = Some(next.map_or(then, |next| next.min(then)));
                     chosen.push(publisher.clone());
                 }
             }
@@ -233,11 +244,28 @@ impl Subscription {
 }
 
 impl Line {
-    /// Another attempt; the time of the next one, should it fail, is settled now.
-    fn begin(&mut self, now: Instant) {
+    /// Another attempt; returns the time of the next one, should it fail, after `longest` at most.
+    fn begin(&mut self, now: Instant, longest: Duration) -> Instant {
         self.busy = true;
-        self.not_before = Some(now + pause(self.attempts, LONGEST_ABSENCE));
+        let then = now + pause(self.attempts, longest);
+        self.not_before = Some(then);
         self.attempts = self.attempts.saturating_add(1);
+        then
+    }
+
+    /// Whether it has not been there for some time.
+    fn is_absent(&self) -> bool {
+        self.stream.is_none() && self.attempts >= ABSENT_ATTEMPTS
+    }
+
+    /// An attempt may be so early, so that those of many that are not there fall together: before each round of attempts
+    /// the master is asked for all that it knows.
+    fn slack(&self) -> Duration {
+        if self.is_absent() {
+            PER_ABSENT
+        } else {
+            Duration::ZERO
+        }
     }
 
     /// It did what publishers don't do; true for the first time.
@@ -262,8 +290,14 @@ struct Busy {
 
 impl Drop for Busy {
     fn drop(&mut self) {
-        self.subscription.with_line(&self.publisher, |line| (line.busy, line.stream) = (false, None));
-        self.graph.changed.nudge();
+        let end = |line: &mut Line| {
+            line.busy = false;
+            line.stream.take().is_some()
+        };
+        // When one fails that was not connected, what is next is settled already.
+        if self.subscription.with_line(&self.publisher, end) == Some(true) {
+            self.graph.changed.nudge();
+        }
     }
 }
 
@@ -578,8 +612,40 @@ mod tests {
             assert!(pauses.windows(2).all(|pair| pair[0] <= pair[1]));
             (pauses[0], pauses[39])
         };
-        assert_eq!(pauses(&|line| line.begin(now)), (BACK_OFF, LONGEST_ABSENCE));
+        let begin = |line: &mut Line| {
+            line.begin(now, LONGEST_ABSENCE);
+        };
+        assert_eq!(pauses(&begin), (BACK_OFF, LONGEST_ABSENCE));
         assert_eq!(pauses(&|line| assert_eq!(line.fault(now), line.faults == 1)), (BACK_OFF, LONGEST_PENANCE));
+    }
+
+    #[test]
+    fn many_publishers_that_are_gone_are_not_tried_more_often_than_a_few() {
+        // Each was tried every 3 s, however many there were.
+        let attempts = |count: usize| {
+            let topic = RawSubscription::new("/t".into(), |_| ()).0.clone();
+            let listed: BTreeSet<String> = (0..count).map(|number| format!("/gone_{number}")).collect();
+            let (begin, mut tried, mut rounds) = (Instant::now(), 0, 0);
+            let mut now = begin;
+            while now < begin + Duration::from_secs(600) {
+                let (chosen, next) = topic.choose(Some(&listed), now);
+                rounds += 1;
+                if now > begin + Duration::from_secs(300) {
+                    tried += chosen.len();
+                }
+                for publisher in chosen {
+                    topic.with_line(&publisher, |line| line.busy = false);
+                }
+                now = next.unwrap();
+            }
+            assert!(rounds < 6500, "{rounds} rounds in 600 s for {count}");
+            tried
+        };
+        assert!((95..=105).contains(&attempts(1)), "{}", attempts(1));
+        for count in [30, 300] {
+            let tried = attempts(count);
+            assert!((2500..=3200).contains(&tried), "{tried} of {count}: ten a second");
+        }
     }
 
     #[test]

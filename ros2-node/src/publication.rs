@@ -32,6 +32,11 @@ const PATIENCE: Duration = Duration::from_millis(150);
 /// How long others have to find a publication that was made anew, until they get what waits.
 const HOLD: Duration = Duration::from_millis(100);
 
+/// Messages that a publication without subscriptions may go on holding. RustDDS lets go of messages when subscriptions
+/// acknowledge them: those that the last one has left unacknowledged stay, up to the window of the [`Qos`], until another
+/// one comes.
+const MOST_LEFT: u64 = 64;
+
 /// How often messages that wait are tried again.
 const RETRY: Duration = Duration::from_millis(5);
 
@@ -66,6 +71,7 @@ pub(crate) struct Inner {
     qos: Qos,
     state: Mutex<State>,
     matched: AtomicUsize,
+    renewals: AtomicU64,
     lost: AtomicU64,
 }
 
@@ -81,6 +87,8 @@ struct State {
     /// Nothing is sent before.
     hold_until: Option<Instant>,
     renewed: Option<Instant>,
+    /// Messages sent since it was made or made anew.
+    sent: u64,
     complained: bool,
 }
 
@@ -93,6 +101,7 @@ impl State {
         match self.writer.write_with_options(body, options.clone()) {
             Ok(_) => {
                 self.full_since = None;
+                self.sent += 1;
                 Ok(())
             }
             Err(WriteError::WouldBlock { data }) => {
@@ -159,6 +168,11 @@ impl Publication {
         self.inner.matched.load(Ordering::Relaxed)
     }
 
+    /// How often it was made anew.
+    pub fn renewals(&self) -> u64 {
+        self.inner.renewals.load(Ordering::Relaxed)
+    }
+
     /// Messages that were not sent because a subscription did not acknowledge those before.
     pub fn lost(&self) -> u64 {
         self.inner.lost.load(Ordering::Relaxed)
@@ -215,10 +229,12 @@ impl Inner {
                 full_since: None,
                 hold_until: None,
                 renewed: None,
+                sent: 0,
                 complained: false,
             }),
             matched: AtomicUsize::new(0),
             lost: AtomicU64::new(0),
+            renewals: AtomicU64::new(0),
         }))
     }
 
@@ -309,13 +325,14 @@ impl Inner {
         state.readers = matching.map(|reader| reader.reader_proxy.remote_reader_guid).collect();
     }
 
-    /// Replaces the endpoint by a new one, which has nothing unacknowledged.
+    /// Replaces the endpoint by a new one, which has nothing unacknowledged; when it is possible, if it is not yet.
     fn renew(&self, state: &mut State) -> Option<Instant> {
         let allowed = state.renewed.map(|at| at + RENEW_EVERY);
         if let Some(at) = allowed.filter(|at| *at > Instant::now()) {
             return Some(at);
         }
         state.renewed = Some(Instant::now());
+        let is_left = state.readers.is_empty() && state.waiting.is_empty();
         (state.full_since, state.hold_until) = (None, Some(Instant::now() + HOLD));
         let shared = self.shared();
         match shared.writer(&self.dds_topic, &self.dds_type, &self.qos.of_writer()) {
@@ -323,6 +340,8 @@ impl Inner {
                 let old = std::mem::replace(&mut state.writer, writer);
                 let (old_guid, guid) = (old.guid(), state.writer.guid());
                 state.readers.clear();
+                state.sent = 0;
+                self.renewals.fetch_add(1, Ordering::Relaxed);
                 drop(old);
                 shared.change_graph(|graph| {
                     graph.remove(self.node.key, Side::Writes, old_guid);
@@ -331,10 +350,12 @@ impl Inner {
                 if let Some(last) = state.last.clone().filter(|_| state.waiting.is_empty()) {
                     let _ = state.writer.write_with_options(last, WriteOptionsBuilder::new().build());
                 }
-                (shared.report())(format_args!(
-                    "ROS 2: {}: a subscription does not acknowledge messages; the topic was published anew",
-                    self.topic
-                ));
+                if !is_left {
+                    (shared.report())(format_args!(
+                        "ROS 2: {}: a subscription does not acknowledge messages; the topic was published anew",
+                        self.topic
+                    ));
+                }
             }
             Err(error) => (shared.report())(format_args!("ROS 2: {}: {error}", self.topic)),
         }
@@ -350,6 +371,14 @@ impl Inner {
         let has_more = !state.waiting.is_empty() || state.hold_until.is_some();
         let next = later.or_else(|| has_more.then(|| Instant::now() + RETRY));
         self.follow(&mut state, waker);
+        let is_left = !self.qos.latched && state.readers.is_empty() && state.waiting.is_empty();
+        if is_left && state.hold_until.is_none() && state.sent > MOST_LEFT {
+            // What was sent is of no use to those who come later.
+            let later = self.renew(&mut state);
+            self.follow(&mut state, waker);
+            let hold = state.hold_until.map(|_| Instant::now() + RETRY);
+            return [next, later, hold].into_iter().flatten().min();
+        }
         next
     }
 }

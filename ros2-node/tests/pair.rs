@@ -74,6 +74,33 @@ fn those_that_come_late_get_what_is_latched_and_nothing_else() {
     assert_eq!(*lost.lock(), [[10, 0, 0, 0]]);
 }
 
+/// RustDDS kept what the last subscription had not acknowledged: up to twenty seconds of states a topic, for good.
+#[test]
+fn what_the_last_subscription_has_left_is_let_go() {
+    let options = options();
+    let (one, other) = (Participant::new(options.clone()).unwrap(), Participant::new(options.clone()).unwrap());
+    let publication = one.node("/", "one").unwrap().publish("/left", &text(), Qos::states(1000.0)).unwrap();
+    let node = other.node("/", "other").unwrap();
+    let first = node.subscribe("/left", &text(), Qos::new(), 100, |_: &[u8]| ()).unwrap();
+    wait("they find each other", || publication.is_matched());
+    for _ in 0..200 {
+        publication.send(b"old ").unwrap();
+    }
+    assert_eq!(publication.renewals(), 0, "somebody listens");
+    drop(first);
+    wait("it is made anew", || publication.renewals() == 1);
+    let got = Messages::default();
+    // Another program: RustDDS remembers for a participant what it has received.
+    let late = Participant::new(options).unwrap();
+    let node = late.node("/", "late").unwrap();
+    let _second = node.subscribe("/left", &text(), Qos::new(), 100, listen(&got)).unwrap();
+    wait("they find each other again", || publication.is_matched());
+    publication.send(b"new ").unwrap();
+    wait("what comes later arrives", || !got.lock().is_empty());
+    assert_eq!(*got.lock(), [b"new "]);
+    assert_eq!(publication.renewals(), 1, "once is enough");
+}
+
 /// RustDDS takes everything that was ever sent as not acknowledged by a new subscription, until it acknowledges something:
 /// messages used to be lost for all others then.
 #[test]

@@ -3,8 +3,8 @@
 import os
 
 if os.environ.get("CRTK_ROS") == "2":
-    from over_ros2 import BackEnd, Publisher, Subscriber, connect, messages, nanoseconds, now
+    from over_ros2 import TAKES_LATCHED, BackEnd, Publisher, Subscriber, ask, connect, messages, nanoseconds, now
 else:
-    from over_ros1 import BackEnd, Publisher, Subscriber, connect, messages, nanoseconds, now
+    from over_ros1 import TAKES_LATCHED, BackEnd, Publisher, Subscriber, ask, connect, messages, nanoseconds, now
 
-__all__ = ["BackEnd", "Publisher", "Subscriber", "connect", "messages", "nanoseconds", "now"]
+__all__ = ["TAKES_LATCHED", "BackEnd", "Publisher", "Subscriber", "ask", "connect", "messages", "nanoseconds", "now"]

@@ -13,6 +13,10 @@ import node
 import rospy
 import sensor_msgs.msg
 import std_msgs.msg
+from waiting import PATIENCE_S
+
+# Whether a new subscriber gets what was latched before it was there.
+TAKES_LATCHED = True
 
 
 def messages():
@@ -20,20 +24,25 @@ def messages():
     source = harness.REPOSITORY / "resources/ros/crtk_msgs/msg"
     package = harness.python_messages / "crtk_msgs"
     if not package.exists():
-        generator = ["/usr/bin/python3", "/usr/lib/genpy/genmsg_py.py"]
         package.mkdir(parents=True)
         (package / "__init__.py").touch()
-        files = [source / "OperatingState.msg", source / "StringStamped.msg"]
-        include = ["-I", f"crtk_msgs:{source}", "-I", "std_msgs:/usr/share/std_msgs/msg"]
-        subprocess.run([*generator, "-p", "crtk_msgs", "-o", package / "msg", *include, *files], check=True)
-        subprocess.run([*generator, "--initpy", "-o", package / "msg"], check=True)
+        services = sorted((source.parent / "srv").glob("*.srv"))
+        include = ["-I", f"crtk_msgs:{source}"]
+        for used in ("std_msgs", "geometry_msgs"):
+            include += ["-I", f"{used}:/usr/share/{used}/msg"]
+        messages_of = [source / "OperatingState.msg", source / "StringStamped.msg"]
+        for kind, files in (("msg", messages_of), ("srv", services)):
+            generator = ["/usr/bin/python3", f"/usr/lib/genpy/gen{kind}_py.py"]
+            subprocess.run([*generator, "-p", "crtk_msgs", "-o", package / kind, *include, *files], check=True)
+            subprocess.run([*generator, "--initpy", "-o", package / kind], check=True)
     if str(harness.python_messages) not in sys.path:
         sys.path.insert(0, str(harness.python_messages))
     import crtk_msgs.msg
+    import crtk_msgs.srv
 
-    packages = (geometry_msgs.msg, sensor_msgs.msg, crtk_msgs.msg)
+    packages = (geometry_msgs.msg, sensor_msgs.msg, crtk_msgs.msg, crtk_msgs.srv)
     types_of = {name: kind for package in packages for name, kind in vars(package).items() if isinstance(kind, type)}
-    standard = {name: getattr(std_msgs.msg, name) for name in ("Empty", "Float64MultiArray", "String")}
+    standard = {name: getattr(std_msgs.msg, name) for name in ("Bool", "Empty", "Float64", "Float64MultiArray", "String")}
     return types.SimpleNamespace(**types_of, **standard)
 
 
@@ -48,7 +57,14 @@ class BackEnd:
             self.master = harness.Master()
             self.port = self.master.port
             os.chdir(harness.REPOSITORY)
+            self.arguments = arguments
             self.simulator = harness.Simulator(self.port, *arguments)
+
+    def restart(self):
+        """Another simulator on the same master."""
+        self.simulator.stop()
+        self.simulator.check_log()
+        self.simulator = harness.Simulator(self.port, *self.arguments)
 
     def stop(self):
         """Ends what was started."""
@@ -96,3 +112,9 @@ class Publisher:
     def is_connected(self):
         """Whether somebody listens."""
         return self._publisher.get_num_connections() > 0
+
+
+def ask(service, kind, **fields):
+    """The answer of a service to a request with these fields."""
+    rospy.wait_for_service(service, timeout=PATIENCE_S)
+    return rospy.ServiceProxy(service, kind)(**fields)

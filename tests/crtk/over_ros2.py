@@ -15,15 +15,20 @@ if not os.environ.get("CRTK_ARM"):
     os.environ["ROS_DOMAIN_ID"] = str(random.randrange(1, 100))
 
 import crtk_msgs.msg  # noqa: E402
+import crtk_msgs.srv  # noqa: E402
 import geometry_msgs.msg  # noqa: E402
 import rclpy  # noqa: E402
 import sensor_msgs.msg  # noqa: E402
 import std_msgs.msg  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
+from waiting import PATIENCE_S, wait_for  # noqa: E402
 
 REPOSITORY = pathlib.Path(__file__).resolve().parents[2]
 STOP_S = 20.0
+
+# Whether a new subscription gets what was latched before it was there: those of arms are volatile.
+TAKES_LATCHED = False
 
 _node = None
 _thread = None
@@ -32,9 +37,9 @@ _end = threading.Event()
 
 def messages():
     """All types by their names."""
-    packages = (geometry_msgs.msg, sensor_msgs.msg, crtk_msgs.msg)
+    packages = (geometry_msgs.msg, sensor_msgs.msg, crtk_msgs.msg, crtk_msgs.srv)
     types_of = {name: kind for package in packages for name, kind in vars(package).items() if isinstance(kind, type)}
-    standard = {name: getattr(std_msgs.msg, name) for name in ("Empty", "Float64MultiArray", "String")}
+    standard = {name: getattr(std_msgs.msg, name) for name in ("Bool", "Empty", "Float64", "Float64MultiArray", "String")}
     return types.SimpleNamespace(**types_of, **standard)
 
 
@@ -49,11 +54,14 @@ class BackEnd:
 
     def __init__(self, arguments, external=False):
         self._process = None
-        if external:
-            return
+        if not external:
+            self._start(arguments)
+
+    def _start(self, arguments):
         # The wheels of rclpy start the interpreter again with paths that other programs must not get.
         kept = {name: value for name, value in os.environ.items() if name != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
         self._log = tempfile.TemporaryFile("w+", prefix="ambf-crtk-tests-")
+        self._arguments = arguments
         command = [simulator_path(), "-g", "0", "--ros", "2", *arguments]
         self._process = subprocess.Popen(
             command, env=kept, cwd=REPOSITORY, stdin=subprocess.DEVNULL, stdout=self._log, stderr=self._log
@@ -64,8 +72,15 @@ class BackEnd:
         _end.set()
         _thread.join()
         rclpy.shutdown()
-        if self._process is None:
-            return
+        if self._process is not None:
+            self._end()
+
+    def restart(self):
+        """Another simulator in the same domain."""
+        self._end()
+        self._start(self._arguments)
+
+    def _end(self):
         self._process.send_signal(signal.SIGINT)
         try:
             status = self._process.wait(STOP_S)
@@ -130,3 +145,15 @@ class Publisher:
     def is_connected(self):
         """Whether somebody listens."""
         return self._publisher.get_subscription_count() > 0
+
+
+def ask(service, kind, **fields):
+    """The answer of a service to a request with these fields."""
+    client = _node.create_client(kind, service)
+    try:
+        assert client.wait_for_service(PATIENCE_S), service
+        answer = client.call_async(kind.Request(**fields))
+        wait_for(answer.done, f"an answer of {service}")
+        return answer.result()
+    finally:
+        _node.destroy_client(client)

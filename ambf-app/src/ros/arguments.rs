@@ -132,7 +132,7 @@ impl RosArguments {
     }
 
     /// What the topic or service `name` is called.
-    pub(super) fn mapped(&self, name: String) -> String {
+    pub(crate) fn mapped(&self, name: String) -> String {
         self.mappings.iter().find(|(from, _)| *from == name).map_or(name, |(_, to)| to.clone())
     }
 }

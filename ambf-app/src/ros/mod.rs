@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `ros-publish` | publishes all states, each at its own rate ([`PublishSchedule`](ambf_core::comm::PublishSchedule)) |
 //! | `ros-objects` | announces and withdraws the topics of objects that come and go |
+//! | `ros-log` | sends what the program says on `/rosout` |
 //! | `ros-parameters` | writes and polls the parameters of cameras, lights and the world |
 //!
 //! The others are those of the [node](ros_node). None of them can hold up the physics: states are read from the hub's
@@ -15,6 +16,7 @@ mod contact;
 mod diagnostics;
 mod frames;
 mod ghost;
+mod log;
 pub mod messages;
 mod models;
 pub mod naming;
@@ -51,6 +53,7 @@ use ros_node::{LinkOptions, Node, OwnMaster, Peer};
 
 pub use arguments::RosArguments;
 pub use diagnostics::DeviceReports;
+pub(crate) use log::of_node;
 pub use models::{ModelHost, ModelReply};
 #[cfg(feature = "view")]
 pub(crate) use pictures::PictureTopic;
@@ -64,6 +67,7 @@ pub use ros_node::CallError;
 
 use crate::report;
 use frames::Frames;
+use log::Log;
 use objects::{ChangeSinks, Objects};
 use parameters::{DescriptionParameter, Parameters};
 use signal::Waker;
@@ -130,6 +134,7 @@ pub struct RosMiddleware {
 
 struct Running {
     node: Node,
+    _log: Log,
     waker: Arc<Waker>,
     publisher: JoinHandle<()>,
     /// Threads that may hang with the master: each drops a sender when it ends.
@@ -198,9 +203,10 @@ impl Middleware for RosMiddleware {
             name: arguments.node_name(NODE_NAME),
             own_master,
             parameters: arguments.parameters.clone(),
-            report: Arc::new(crate::report::report),
+            report: log::of_node(),
         })?;
         let link = Arc::clone(node.link());
+        let log = Log::start(&link)?;
         let (publisher, entries) = channel();
         let (to_parameters, changes) = channel();
         let told = ChangeSinks { link: Arc::clone(&link), publisher, parameters: to_parameters };
@@ -224,7 +230,7 @@ impl Middleware for RosMiddleware {
             named("ros-publish").spawn(move || scheduler::run(&hub, &entries, &link.stop, &waker))?
         };
         // From here on `stop` cleans up whatever has been started.
-        self.running = Some(Running { node, waker, publisher, ended });
+        self.running = Some(Running { node, _log: log, waker, publisher, ended });
         let description =
             frames.map(|frames| DescriptionParameter::new(arguments.mapped(ROBOT_DESCRIPTION.into()), frames));
         let parameters = Parameters::new(hub, link, changes, Arc::clone(&self.clouds), description);

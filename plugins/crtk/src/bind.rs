@@ -6,7 +6,7 @@ use ambf_plugin::{JointCommandType, ObjectId, ObjectType, View};
 use nalgebra::{Isometry3, Point3, Translation3, Unit, Vector3, Vector6};
 use thiserror::Error;
 
-use crate::arm::{ArmModel, Dialect, Drive, FrameNames, JawModel, Measured, SetPoint};
+use crate::arm::{ArmModel, Dialect, Drive, FrameNames, InstrumentNumber, JawModel, Measured, SetPoint};
 use crate::config::{ArmConfig, IkKind, Kind};
 use crate::grasp::Grasp;
 use crate::kinematics::{
@@ -87,6 +87,19 @@ pub struct Moving {
 impl Default for Moving {
     fn default() -> Self {
         Self { pose: Isometry3::identity(), twist: Vector6::zeros() }
+    }
+}
+
+impl Moving {
+    /// A frame fixed to this one, at a pose in it.
+    pub fn carried(&self, at: &Isometry3<f64>) -> Self {
+        let pose = self.pose * at;
+        let w = Vector3::from(self.twist.fixed_rows::<3>(3));
+        let mut twist = self.twist;
+        let arm = pose.translation.vector - self.pose.translation.vector;
+        let mut linear = twist.fixed_rows_mut::<3>(0);
+        linear += w.cross(&arm);
+        Self { pose, twist }
     }
 }
 
@@ -368,6 +381,7 @@ fn model(config: &ArmConfig, binding: &Binding, kinematics: Kinematics, world: &
         jaw,
         dialect: config.dialect,
         on_limit: config.on_limit,
+        instrument: config.tool.as_ref().and_then(|tool| InstrumentNumber::of_tool(tool.instrument.as_deref()?)),
         frames: FrameNames {
             reference: if config.reference == "base" { base.clone() } else { config.reference.clone() },
             base,
@@ -631,7 +645,12 @@ impl Binding {
     /// close loops, and independent of how far an iterative solver gets.
     fn push(&self, world: &mut View<'_>, set_point: &SetPoint) {
         let efforts = set_point.effort - set_point.holding;
-        for ((&joint, slide), &effort) in self.joints.iter().zip(&self.slides).zip(efforts.iter()) {
+        for (place, ((&joint, slide), &effort)) in self.joints.iter().zip(&self.slides).zip(efforts.iter()).enumerate()
+        {
+            if place >= set_point.positioned_from {
+                let _ = world.command_joint(joint, JointCommandType::Position, set_point.position[place]);
+                continue;
+            }
             let turning = if slide.is_some() { 0.0 } else { effort };
             let _ = world.command_joint(joint, JointCommandType::Effort, turning);
             if let Some(slide) = slide.filter(|_| effort != 0.0) {

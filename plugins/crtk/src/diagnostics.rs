@@ -127,6 +127,8 @@ mod tests {
             set_point: *arm.set_point(),
             state: arm.operating_state(),
             absolute_forces: false,
+            reference_name: None,
+            has_tool: true,
         };
         let there = own;
         own.state.state = State::Fault;

@@ -7,7 +7,7 @@ use crossbeam_channel::{bounded, Receiver, Sender};
 use parking_lot::Mutex;
 use triple_buffer::{triple_buffer, Input, Output};
 
-use crate::arm::{refused, Command, Level, OperatingState, Refusal, SetPoint};
+use crate::arm::{refused, Command, FrameName, Level, OperatingState, Refusal, SetPoint};
 use crate::bind::Reading;
 use crate::statistics::Statistics;
 
@@ -102,6 +102,10 @@ pub struct ArmStatus {
     pub state: OperatingState,
     /// Axes of wrenches are those of the base.
     pub absolute_forces: bool,
+    /// Name of the reference frame, where a client has set it.
+    pub reference_name: Option<FrameName>,
+    /// It has an instrument.
+    pub has_tool: bool,
 }
 
 /// All arms after one step.

@@ -9,6 +9,7 @@
 //! | [`arm`] | one arm as a state machine: commands and measurements in, set points and events out |
 //! | [`config`] | which arms a file offers, and how |
 //! | [`messages`], [`topics`] | what is said about an arm and taken from clients, as data |
+//! | [`queries`] | services: what clients may ask about an arm |
 //! | [`transport`] | how topics reach clients: a trait, and ROS 1 |
 //! | [`exchange`], [`serve`] | commands and states between threads; the thread that publishes |
 //! | [`bind`], [`grasp`], [`plugin`] | arms in a scene; what their jaws hold; the plugin of the simulator |
@@ -25,6 +26,7 @@ pub mod grasp;
 pub mod kinematics;
 pub mod messages;
 pub mod plugin;
+pub mod queries;
 pub mod serve;
 pub mod statistics;
 pub mod topics;

@@ -15,14 +15,19 @@ mod generated {
     rosrust::rosmsg_include!(
         cisst_msgs / IntervalStatistics,
         crtk_msgs / OperatingState,
+        crtk_msgs / QueryForwardKinematics,
+        crtk_msgs / QueryInverseKinematics,
         crtk_msgs / StringStamped,
+        crtk_msgs / TriggerOperatingState,
         geometry_msgs / PoseStamped,
+        geometry_msgs / Quaternion,
         geometry_msgs / TwistStamped,
         geometry_msgs / WrenchStamped,
         rosgraph_msgs / Clock,
         sensor_msgs / JointState,
         std_msgs / Bool,
         std_msgs / Empty,
+        std_msgs / Float64,
         std_msgs / Float64MultiArray,
         std_msgs / String
     );
@@ -53,6 +58,10 @@ pub enum MessageType {
     Bool,
     /// `std_msgs/Empty`.
     Empty,
+    /// `std_msgs/Float64`.
+    Number,
+    /// `geometry_msgs/Quaternion`.
+    Quaternion,
     /// `rosgraph_msgs/Clock`.
     Clock,
     /// `cisst_msgs/IntervalStatistics`.
@@ -76,6 +85,8 @@ impl MessageType {
             Self::Text => of::<std_msgs::String>(),
             Self::Bool => of::<std_msgs::Bool>(),
             Self::Empty => of::<std_msgs::Empty>(),
+            Self::Number => of::<std_msgs::Float64>(),
+            Self::Quaternion => of::<geometry_msgs::Quaternion>(),
             Self::Clock => of::<rosgraph_msgs::Clock>(),
             Self::Statistics => of::<cisst_msgs::IntervalStatistics>(),
         }
@@ -124,6 +135,12 @@ pub enum Message {
     StampedText(Header, String),
     /// A text.
     Text(String),
+    /// A number.
+    Number(f64),
+    /// Yes or no.
+    Bool(bool),
+    /// That something happened.
+    Empty,
     /// Simulated time, ns.
     Clock(u64),
     /// Periods and computing times.
@@ -135,7 +152,7 @@ fn time(stamp: u64) -> rosrust::Time {
     rosrust::Time { sec: seconds, nsec: (stamp % 1_000_000_000) as u32 }
 }
 
-fn header(from: &Header) -> std_msgs::Header {
+pub(crate) fn header(from: &Header) -> std_msgs::Header {
     std_msgs::Header { seq: 0, stamp: time(from.stamp), frame_id: from.frame.clone() }
 }
 
@@ -147,7 +164,7 @@ fn halves(six: &Vector6<f64>) -> [geometry_msgs::Vector3; 2] {
     [0, 3].map(|row| vector(&six.fixed_rows::<3>(row).into_owned()))
 }
 
-fn pose(pose: &Isometry3<f64>) -> geometry_msgs::Pose {
+pub(crate) fn pose(pose: &Isometry3<f64>) -> geometry_msgs::Pose {
     let (p, q) = (pose.translation.vector, pose.rotation.coords);
     geometry_msgs::Pose {
         position: geometry_msgs::Point { x: p.x, y: p.y, z: p.z },
@@ -217,6 +234,9 @@ impl Message {
             Self::StampedText(head, text) => {
                 work.with(crtk_msgs::StringStamped { header: header(head), string: text.clone() })
             }
+            Self::Number(number) => work.with(std_msgs::Float64 { data: *number }),
+            Self::Bool(truth) => work.with(std_msgs::Bool { data: *truth }),
+            Self::Empty => work.with(std_msgs::Empty {}),
             Self::Text(text) => work.with(std_msgs::String { data: text.clone() }),
             Self::Clock(now) => work.with(rosgraph_msgs::Clock { clock: time(*now) }),
             Self::Statistics(head, of) => work.with(interval_statistics(head, of)),
@@ -331,6 +351,39 @@ pub fn read_stamped_text(bytes: &[u8]) -> Option<String> {
 /// Reads a `std_msgs/Bool`.
 pub fn read_bool(bytes: &[u8]) -> Option<bool> {
     whole(bytes, |b| b.take(1).map(|byte| byte[0] != 0))
+}
+
+/// Reads a `std_msgs/Float64`.
+pub fn read_number(bytes: &[u8]) -> Option<f64> {
+    whole(bytes, |b| b.number())
+}
+
+/// Reads a `std_msgs/String`.
+pub fn read_text(bytes: &[u8]) -> Option<String> {
+    whole(bytes, |b| b.text())
+}
+
+/// Reads a `geometry_msgs/Quaternion`: x y z w.
+pub fn read_quaternion(bytes: &[u8]) -> Option<[f64; 4]> {
+    whole(bytes, |b| b.numbers())
+}
+
+/// Reads the request of a `crtk_msgs/QueryForwardKinematics`: joint positions. Its pose is not used.
+pub fn read_forward(bytes: &[u8]) -> Option<Vec<f64>> {
+    whole(bytes, |b| {
+        let positions = b.list(Bytes::number)?;
+        b.numbers::<7>()?;
+        Some(positions)
+    })
+}
+
+/// Reads the request of a `crtk_msgs/QueryInverseKinematics`: a pose, without the name of a frame, and joint positions
+/// near which the solution is to be.
+pub fn read_inverse(bytes: &[u8]) -> Option<(PoseMessage, Vec<f64>)> {
+    whole(bytes, |b| {
+        let pose = PoseMessage { frame: String::new(), position: b.numbers()?, orientation: b.numbers()? };
+        Some((pose, b.list(Bytes::number)?))
+    })
 }
 
 /// Joint values of an arm of `count` joints.

@@ -12,12 +12,13 @@ use ambf_plugin::{
 };
 use crossbeam_channel::{bounded, Sender};
 
-use crate::arm::{Arm, Event};
+use crate::arm::{Arm, Dialect, Event};
 use crate::bind::{bind, Binding, Moving, Reading};
 use crate::config::{self, ArmConfig, ClockKind, ConfigError, Kind};
 use crate::diagnostics::{Board, Shown};
 use crate::exchange::{commands, ArmStatus, Inbox, Status};
 use crate::messages::MessageType;
+use crate::queries::{answers, services};
 use crate::serve::{wall_time, Offered, Publisher, Texts};
 use crate::statistics::Meter;
 use crate::topics::{topics, Carries, Extras, Output, Topic};
@@ -194,6 +195,7 @@ impl Running {
         board: &Board,
     ) -> Result<Self, String> {
         let (events, receiver) = bounded(EVENTS);
+        let slot = Arc::new(SnapshotSlot::empty());
         let mut arms = Vec::new();
         let mut offered = Vec::new();
         let mut places = Vec::new();
@@ -210,6 +212,14 @@ impl Running {
             let served = (config.rate, config.clock);
             let open = Offered::open((&model, &topics), served, texts, &outbox, &mut transports);
             offered.push(open.map_err(|error| error.to_string())?);
+            if config.extras || model.dialect == Dialect::Dvrk {
+                for service in services(&config.space, has_tool) {
+                    let answer = answers(service.query, &model, arms.len(), &slot);
+                    for transport in &mut transports {
+                        transport.serve(&service, Arc::clone(&answer)).map_err(|error| error.to_string())?;
+                    }
+                }
+            }
             arms.push(Live { arm: Arm::new(model), binding, inbox, clock: config.clock, reading: None });
             places.push(place);
         }
@@ -226,7 +236,6 @@ impl Running {
                 clock.push(transport.advertise(&topic).map_err(|error| error.to_string())?);
             }
         }
-        let slot = Arc::new(SnapshotSlot::empty());
         let named = |place: &usize| (configs[*place].space.clone(), configs[*place].rate);
         let shown = Arc::new(Shown { arms: places.iter().map(named).collect(), status: Arc::clone(&slot) });
         board.add(&shown);
@@ -257,7 +266,10 @@ impl Running {
         }
         for (index, live) in self.arms.iter_mut().enumerate() {
             let Some(reading) = &mut live.reading else { continue };
-            reading.reference = live.binding.refer(world, reading, &self.tools);
+            reading.reference = match live.arm.base_frame() {
+                Some(base) => reading.base.carried(&base.inverse()),
+                None => live.binding.refer(world, reading, &self.tools),
+            };
             reading.measured.reference = reading.reference.pose;
             let stamp = if live.clock == ClockKind::Wall { wall_time } else { sim_time };
             live.arm.update(stamp, dt, &reading.measured, live.inbox.take(), &mut self.fresh);
@@ -287,6 +299,8 @@ impl Live {
             set_point: *self.arm.set_point(),
             state: self.arm.operating_state(),
             absolute_forces: self.arm.has_absolute_forces(),
+            reference_name: self.arm.reference_name(),
+            has_tool: self.arm.has_tool(),
         }
     }
 }

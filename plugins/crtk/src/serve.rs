@@ -8,7 +8,8 @@ use crossbeam_channel::{Receiver, RecvTimeoutError};
 use nalgebra::{Isometry3, Vector6};
 
 use crate::arm::{
-    refused, wrench_of, ArmModel, Command, Dialect, Drive, Event, JointMessage, Level, Refusal, WrenchFrame,
+    refused, wrench_of, ArmModel, Command, Dialect, Drive, Event, FrameName, JointMessage, Level, RatioOf, Ratios,
+    Refusal, WrenchFrame,
 };
 use crate::bind::{Moving, Reading};
 use crate::config::ClockKind;
@@ -81,6 +82,8 @@ pub struct Offered {
     due: Instant,
     texts: Texts,
     outlets: Vec<Outlet>,
+    /// Name of the frame of what is published, where a client has set it.
+    reference: Option<FrameName>,
     /// The last window whose statistics were sent.
     window: u64,
 }
@@ -116,22 +119,32 @@ impl Offered {
             }
         }
         let period = Duration::from_secs_f64(1.0 / rate);
-        let mut offered =
-            Self { model: Arc::clone(model), clock, period, due: Instant::now(), texts, outlets, window: 0 };
+        let mut offered = Self {
+            model: Arc::clone(model),
+            clock,
+            period,
+            due: Instant::now(),
+            texts,
+            outlets,
+            reference: None,
+            window: 0,
+        };
         offered.introduce();
         Ok(offered)
     }
 
     /// Sends what never changes.
     fn introduce(&mut self) {
-        let tool_type = self.texts.tool_type.clone().unwrap_or_default();
-        for outlet in &mut self.outlets {
-            if outlet.output == Output::ToolType {
-                outlet.keep(&Message::Text(tool_type.clone()));
-            }
+        if let Some(tool_type) = self.texts.tool_type.take() {
+            self.keep(Output::ToolType, &Message::Text(tool_type));
         }
         let info = std::mem::take(&mut self.texts.info);
         info.into_iter().for_each(|text| self.say(Output::Info, wall_time(), text));
+    }
+
+    /// Sends what those have to see, too, who come later.
+    fn keep(&mut self, output: Output, message: &Message) {
+        self.outlets.iter_mut().filter(|outlet| outlet.output == output).for_each(|outlet| outlet.keep(message));
     }
 
     fn say(&mut self, output: Output, stamp: u64, text: String) {
@@ -148,7 +161,7 @@ impl Offered {
         let frame = match is_local {
             _ if world => "world",
             true => &frames.base,
-            false => &frames.reference,
+            false => self.reference.as_ref().map_or(frames.reference.as_str(), FrameName::as_str),
         };
         Header { stamp, frame: frame.to_owned() }
     }
@@ -157,19 +170,23 @@ impl Offered {
     fn tell(&mut self, event: &Event) {
         match event {
             Event::Warning { stamp, refusal } => self.say(Output::Warning, *stamp, refusal.to_string()),
+            Event::Goal(reached) => self.keep(Output::GoalReached, &Message::Bool(*reached)),
+            Event::Ratios(Ratios { speed, acceleration }) => {
+                self.keep(Output::Ratio(RatioOf::Speeds), &Message::Number(*speed));
+                self.keep(Output::Ratio(RatioOf::Accelerations), &Message::Number(*acceleration));
+                self.keep(Output::Ratio(RatioOf::Both), &Message::Number(speed.min(*acceleration)));
+            }
+            Event::Tool(Some(number)) => self.keep(Output::ToolType, &Message::Text(number.as_str().to_owned())),
+            Event::Tool(None) => self.keep(Output::ToolTypeRequest, &Message::Empty),
+            Event::OrientationLocked(locked) => self.keep(Output::OrientationLocked, &Message::Bool(*locked)),
             Event::State(state) => {
                 let header = self.header(state.stamp, false);
                 let (is_homed, is_busy) = (state.is_homed, state.is_busy);
                 let name = state.state.to_string();
                 let text = Message::StampedText(header.clone(), name.clone());
                 let full = Message::OperatingState { header, state: name, is_homed, is_busy };
-                for outlet in &mut self.outlets {
-                    match outlet.output {
-                        Output::OperatingState => outlet.keep(&full),
-                        Output::StateName => outlet.keep(&text),
-                        _ => (),
-                    }
-                }
+                self.keep(Output::OperatingState, &full);
+                self.keep(Output::StateName, &text);
             }
         }
     }
@@ -177,6 +194,7 @@ impl Offered {
     /// Sends the topics that are sent all the time.
     fn publish(&mut self, status: &ArmStatus, stamp: u64) {
         self.outlets.iter_mut().for_each(Outlet::catch_up);
+        self.reference = status.reference_name;
         let Some(reading) = &status.reading else { return };
         for outlet in self.outlets.iter().filter(|outlet| outlet.output.is_periodic() && outlet.is_wanted()) {
             if let Some(message) = self.message(outlet.output, status, reading, stamp) {
@@ -199,7 +217,11 @@ impl Offered {
 
     fn message(&self, output: Output, status: &ArmStatus, reading: &Reading, stamp: u64) -> Option<Message> {
         let (measured, set_point) = (&reading.measured, &status.set_point);
-        let header = |is_local| self.header(stamp, is_local);
+        // Without an instrument there is no control point.
+        let of_tool = |is_local| {
+            let stamp = if status.has_tool { stamp } else { 0 };
+            self.header(stamp, is_local)
+        };
         let chain = &self.model.kinematics.chain;
         Some(match output {
             Output::MeasuredJoints => {
@@ -212,23 +234,24 @@ impl Offered {
                 self.joints(stamp, self.list(&set_point.position), self.list(&set_point.velocity), effort)
             }
             Output::MeasuredPose { is_local } => {
-                Message::Pose(header(is_local), self.place(is_local, reading, &reading.tool.pose))
+                Message::Pose(of_tool(is_local), self.place(is_local, reading, &reading.tool.pose))
             }
             Output::SetPointPose { is_local } => {
-                let is_valid = set_point.drive == Drive::Position;
-                let mut header = header(is_local);
-                header.stamp = if is_valid { stamp } else { 0 };
+                let mut header = of_tool(is_local);
+                if set_point.drive == Drive::Effort {
+                    header.stamp = 0;
+                }
                 let pose = reading.base.pose * chain.forward(&set_point.position);
                 Message::Pose(header, self.place(is_local, reading, &pose))
             }
-            Output::MeasuredTwist => Message::Twist(header(false), relative_twist(&reading.tool, &reading.reference)),
+            Output::MeasuredTwist => Message::Twist(of_tool(false), relative_twist(&reading.tool, &reading.reference)),
             Output::MeasuredWrench(frame) => {
                 let jacobian = match frame {
                     WrenchFrame::Spatial => chain.spatial_jacobian(&measured.position),
                     WrenchFrame::Body if status.absolute_forces => chain.jacobian(&measured.position),
                     WrenchFrame::Body => chain.body_jacobian(&measured.position),
                 };
-                Message::Wrench(header(true), wrench_of(&jacobian, &measured.effort))
+                Message::Wrench(of_tool(true), wrench_of(&jacobian, &measured.effort))
             }
             Output::Jacobian(frame) => {
                 let jacobian = match frame {
@@ -248,13 +271,8 @@ impl Offered {
                 self.jaw(stamp, set_point.jaw[0], set_point.jaw[1], effort)
             }
             Output::BaseInWorld => Message::Pose(Header { stamp, frame: "world".into() }, reading.base.pose),
-            Output::OperatingState
-            | Output::StateName
-            | Output::Info
-            | Output::Warning
-            | Output::Error
-            | Output::ToolType
-            | Output::Statistics => return None,
+            // Not periodic.
+            _ => return None,
         })
     }
 
@@ -323,6 +341,12 @@ pub fn command(model: &ArmModel, input: Input, bytes: &[u8]) -> Command {
         Input::Free => bytes.is_empty().then_some(Command::Free),
         Input::GravityCompensation => messages::read_bool(bytes).map(Command::GravityCompensation),
         Input::AbsoluteForces => messages::read_bool(bytes).map(Command::AbsoluteForces),
+        Input::Ratio(of) => messages::read_number(bytes).map(|value| ArmModel::ratio_command(of, value)),
+        Input::BaseFrame => messages::read_pose(bytes).map(|pose| model.base_frame_command(&pose)),
+        Input::ToolType => messages::read_text(bytes).map(|name| model.tool_type_command(&name)),
+        Input::ToolPresent => messages::read_bool(bytes).map(Command::ToolPresent),
+        Input::LockOrientation => messages::read_quaternion(bytes).map(ArmModel::orientation_command),
+        Input::UnlockOrientation => bytes.is_empty().then_some(Command::UnlockOrientation),
     };
     read.unwrap_or_else(|| refused(level, Refusal::Unreadable))
 }

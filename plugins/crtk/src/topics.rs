@@ -1,6 +1,6 @@
 //! Topics of an arm, as data: what they are called, of which type, in which direction, and how they are delivered.
 
-use crate::arm::{ArmModel, Dialect, Level, Quantity, WrenchFrame};
+use crate::arm::{ArmModel, Dialect, Level, Quantity, RatioOf, WrenchFrame};
 use crate::messages::MessageType;
 
 /// What a topic brings.
@@ -46,13 +46,30 @@ pub enum Output {
     BaseInWorld,
     /// Periods and computing times, at the end of each window.
     Statistics,
+    /// Whether the last move has come to its goal, when it has ended.
+    GoalReached,
+    /// Share of the limits of trajectories, when it changes.
+    Ratio(RatioOf),
+    /// That the number of the instrument is to be told.
+    ToolTypeRequest,
+    /// Whether the orientation is kept.
+    OrientationLocked,
 }
 
 impl Output {
     /// Whether it is sent all the time; else when something happens.
     pub fn is_periodic(self) -> bool {
-        use Output::{Error, Info, OperatingState, StateName, Statistics, ToolType, Warning};
-        !matches!(self, OperatingState | StateName | Info | Warning | Error | ToolType | Statistics)
+        use Output::{Error, Info, Statistics, Warning};
+        !self.is_latched() && !matches!(self, Info | Warning | Error | Statistics)
+    }
+
+    /// Whether those who come later get the last one, too.
+    pub fn is_latched(self) -> bool {
+        use Output::{GoalReached, OperatingState, OrientationLocked, Ratio, StateName, ToolType, ToolTypeRequest};
+        matches!(
+            self,
+            OperatingState | StateName | ToolType | GoalReached | Ratio(_) | ToolTypeRequest | OrientationLocked
+        )
     }
 }
 
@@ -84,6 +101,18 @@ pub enum Input {
     GravityCompensation,
     /// Axes of wrenches.
     AbsoluteForces,
+    /// Share of the limits of trajectories.
+    Ratio(RatioOf),
+    /// Pose of the base in the reference frame.
+    BaseFrame,
+    /// Name of the instrument.
+    ToolType,
+    /// Whether there is an instrument.
+    ToolPresent,
+    /// An orientation to be kept.
+    LockOrientation,
+    /// Nothing is kept.
+    UnlockOrientation,
 }
 
 /// Direction of a topic and what it carries.
@@ -130,11 +159,9 @@ struct List {
 
 impl List {
     fn out(&mut self, name: &str, message: MessageType, output: Output) {
-        let (is_latched, depth) = match output {
-            Output::OperatingState | Output::StateName => (true, self.depth),
-            Output::ToolType => (true, 1),
-            _ => (false, self.depth),
-        };
+        let is_latched = output.is_latched();
+        let is_state = matches!(output, Output::OperatingState | Output::StateName);
+        let depth = if is_latched && !is_state { 1 } else { self.depth };
         let name = format!("{}/{name}", self.space);
         self.topics.push(Topic { name, message, carries: Carries::Out(output), is_latched, depth });
     }
@@ -142,8 +169,8 @@ impl List {
     fn input(&mut self, name: &str, message: MessageType, input: Input) {
         let depth = match input {
             Input::Joints(Level::Move, _) | Input::Pose { level: Level::Move, .. } | Input::Jaw(Level::Move, _) => 10,
-            Input::State | Input::Hold | Input::Free | Input::GravityCompensation | Input::AbsoluteForces => 10,
-            _ => 1,
+            Input::Joints(..) | Input::Pose { .. } | Input::Jaw(..) | Input::Twist | Input::Wrench(_) => 1,
+            _ => 10,
         };
         let name = format!("{}/{name}", self.space);
         self.topics.push(Topic { name, message, carries: Carries::In(input), is_latched: false, depth });
@@ -196,9 +223,24 @@ impl List {
         self.input("free", MessageType::Empty, Input::Free);
         self.input("use_gravity_compensation", MessageType::Bool, Input::GravityCompensation);
         self.input("body/set_cf_orientation_absolute", MessageType::Bool, Input::AbsoluteForces);
+        self.out("goal_reached", MessageType::Bool, Output::GoalReached);
+        for (end, of) in [("", RatioOf::Both), ("_v", RatioOf::Speeds), ("_a", RatioOf::Accelerations)] {
+            self.out(&format!("trajectory_j/ratio{end}"), MessageType::Number, Output::Ratio(of));
+            self.input(&format!("trajectory_j/set_ratio{end}"), MessageType::Number, Input::Ratio(of));
+        }
+        self.input("set_base_frame", MessageType::Pose, Input::BaseFrame);
         if has_jaw {
             self.input("jaw/servo_jf", MessageType::Joints, Input::Jaw(Level::Servo, Quantity::Effort));
+            self.input("set_tool_type", MessageType::Text, Input::ToolType);
+            self.out("tool_type_request", MessageType::Empty, Output::ToolTypeRequest);
+            self.input("emulate_tool_present", MessageType::Bool, Input::ToolPresent);
         }
+    }
+
+    fn master(&mut self) {
+        self.input("lock_orientation", MessageType::Quaternion, Input::LockOrientation);
+        self.input("unlock_orientation", MessageType::Empty, Input::UnlockOrientation);
+        self.out("orientation_locked", MessageType::Bool, Output::OrientationLocked);
     }
 
     fn challenge(&mut self, has_jaw: bool) {
@@ -245,11 +287,14 @@ pub fn topics(model: &ArmModel, space: &str, extras: Extras) -> Vec<Topic> {
         true => list.jaw(),
         false => (),
     }
-    if extras.tool_type {
+    if extras.tool_type || (is_robot && has_jaw && !extras.gripper) {
         list.out("tool_type", MessageType::Text, Output::ToolType);
     }
     if is_robot {
         list.robot(has_jaw && !extras.gripper);
+        if extras.gripper {
+            list.master();
+        }
     }
     list.topics
 }
@@ -292,6 +337,26 @@ mod tests {
         {
             assert!(all.iter().any(|other| other == name), "{name}");
         }
+        // dvrk_arm_from_ros, by type.
+        let types = [
+            ("hold free", MessageType::Empty),
+            ("state_command", MessageType::StampedText),
+            ("servo_cp setpoint_cp measured_cp", MessageType::Pose),
+            ("servo_jp setpoint_js measured_js jaw/servo_jp jaw/setpoint_js jaw/measured_js", MessageType::Joints),
+            ("body/servo_cf", MessageType::Wrench),
+            ("use_gravity_compensation", MessageType::Bool),
+            ("operating_state", MessageType::OperatingState),
+            ("measured_cv", MessageType::Twist),
+            ("period_statistics", MessageType::Statistics),
+            ("error warning status", MessageType::Text),
+        ];
+        let offered = topics(&psm(Dialect::Dvrk), "/a", Extras::default());
+        for (names, message) in types {
+            for name in names.split(' ') {
+                let topic = offered.iter().find(|topic| topic.name == format!("/a/{name}")).unwrap();
+                assert_eq!(topic.message, message, "{name}");
+            }
+        }
         assert!(topics(&psm(Dialect::Dvrk), "/a", Extras::default())
             .iter()
             .filter(|topic| matches!(topic.carries, Carries::Out(Output::Warning | Output::Info | Output::Error)))
@@ -304,6 +369,8 @@ mod tests {
         let all = topics(&psm(Dialect::Dvrk), "/MTMR", extras);
         let named = |part: &str| all.iter().filter(|topic| topic.name.contains(part)).count();
         assert_eq!((named("/gripper/measured_js"), named("/gripper/"), named("/jaw/")), (1, 1, 0));
+        assert_eq!((named("/lock_orientation"), named("/unlock_orientation"), named("_locked")), (1, 1, 1));
+        assert_eq!(named("tool_"), 0);
     }
 
     #[test]
@@ -316,11 +383,9 @@ mod tests {
             names.dedup();
             assert_eq!(names.len(), count);
             for topic in &all {
-                let is_event = matches!(
-                    topic.carries,
-                    Carries::Out(Output::OperatingState | Output::StateName | Output::ToolType)
-                );
-                assert_eq!(topic.is_latched, is_event, "{}", topic.name);
+                let last = topic.name.rsplit('/').next().unwrap_or_default();
+                let events = "operating_state state tool_type tool_type_request goal_reached ratio ratio_v ratio_a orientation_locked";
+                assert_eq!(topic.is_latched, events.split(' ').any(|event| event == last), "{}", topic.name);
             }
         }
     }

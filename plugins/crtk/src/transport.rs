@@ -8,13 +8,17 @@ use std::any::Any;
 use std::sync::Arc;
 use std::time::Duration;
 
-use ros_node::{Announcement, LinkOptions, Node, NodeName, OwnMaster, Peer, Publication, RawSubscription, Report};
+use ros_node::{
+    Announcement, LinkOptions, Node, NodeName, OwnMaster, Peer, Publication, RawSubscription, Report, ServiceKind,
+    ServiceServer,
+};
 use rosrust::Message as RosMessage;
 use thiserror::Error;
 
 use crate::messages::{
     cisst_msgs, crtk_msgs, geometry_msgs, rosgraph_msgs, sensor_msgs, std_msgs, Message, MessageType, WithRos,
 };
+use crate::queries::{Service, ServiceType};
 use crate::topics::Topic;
 
 /// Why topics cannot be offered.
@@ -34,6 +38,10 @@ pub enum TransportError {
 
 /// Called with each message that comes, from a thread of the transport's; it returns at once.
 pub type Receive = Arc<dyn Fn(&[u8]) + Send + Sync>;
+
+/// Answers a request with the bytes of a message, or with a sentence why there is none. It is called in a thread of the
+/// transport's, in several at once, and does not wait.
+pub type Answer = Arc<dyn Fn(&[u8]) -> Result<Vec<u8>, String> + Send + Sync>;
 
 /// A topic that is published.
 pub trait Sender: Send {
@@ -60,6 +68,12 @@ pub trait Transport: Send {
     /// # Errors
     /// [`TransportError`].
     fn subscribe(&mut self, topic: &Topic, receive: Receive) -> Result<(), TransportError>;
+
+    /// Offers a service.
+    ///
+    /// # Errors
+    /// [`TransportError`].
+    fn serve(&mut self, service: &Service, answer: Answer) -> Result<(), TransportError>;
 }
 
 /// Makes the transports of an instance.
@@ -77,6 +91,7 @@ const TIMEOUT: Duration = Duration::from_secs(1);
 /// Topics of ROS 1, in a node of their own. Dropping it ends the node.
 pub struct Ros1 {
     node: Node,
+    report: Report,
 }
 
 impl Ros1 {
@@ -91,9 +106,9 @@ impl Ros1 {
             name: NodeName::Anonymous(name.into()),
             own_master: OwnMaster::Expected(OTHERS_MASTER),
             parameters: Vec::new(),
-            report,
+            report: Arc::clone(&report),
         })?;
-        Ok(Self { node })
+        Ok(Self { node, report })
     }
 
     fn announce(&self, announcement: Arc<dyn Announcement>) {
@@ -158,6 +173,8 @@ impl Transport for Ros1 {
             MessageType::Empty => self.publication::<std_msgs::Empty>(topic),
             MessageType::Clock => self.publication::<rosgraph_msgs::Clock>(topic),
             MessageType::Statistics => self.publication::<cisst_msgs::IntervalStatistics>(topic),
+            MessageType::Number => self.publication::<std_msgs::Float64>(topic),
+            MessageType::Quaternion => self.publication::<geometry_msgs::Quaternion>(topic),
         })
     }
 
@@ -175,7 +192,18 @@ impl Transport for Ros1 {
             MessageType::Empty => self.subscription::<std_msgs::Empty>(topic, receive),
             MessageType::Clock => self.subscription::<rosgraph_msgs::Clock>(topic, receive),
             MessageType::Statistics => self.subscription::<cisst_msgs::IntervalStatistics>(topic, receive),
+            MessageType::Number => self.subscription::<std_msgs::Float64>(topic, receive),
+            MessageType::Quaternion => self.subscription::<geometry_msgs::Quaternion>(topic, receive),
         }
+        Ok(())
+    }
+
+    fn serve(&mut self, service: &Service, answer: Answer) -> Result<(), TransportError> {
+        let ServiceType { name, md5sum, .. } = service.query.kind();
+        let kind = ServiceKind { name, md5sum, longest: LONGEST };
+        let report = Arc::clone(&self.report);
+        let complain = move |what: &str| report(format_args!("ROS: {what}"));
+        self.announce(ServiceServer::new(service.name.clone(), kind, move |request| answer(request), complain));
         Ok(())
     }
 }

@@ -3,11 +3,16 @@
 use std::sync::Arc;
 
 use crtk::messages::{Message, MessageType};
+use crtk::queries::Service;
 use crtk::topics::Topic;
-use crtk::transport::{Receive, Sender, Transport, TransportError};
+use crtk::transport::{Answer, Receive, Sender, Transport, TransportError};
 use parking_lot::Mutex;
-use ros2_node::{Description, Node, Options, Participant, Publication, Qos, Subscription, Transcoder, TypeName};
+use ros2_node::names::Kind;
+use ros2_node::{
+    Description, Node, Options, Participant, Publication, Qos, Request, Subscription, Transcoder, TypeName,
+};
 
+use super::super::arguments::RosArguments;
 use super::super::signal::RateLimitedLog;
 
 /// Longest message that is taken, bytes.
@@ -20,21 +25,23 @@ const RATE: f64 = 200.0;
 pub struct ArmTopics {
     // Dropped in this order: what was made of a participant is of no use after it.
     subscriptions: Vec<Subscription>,
+    services: Vec<ros2_node::Service>,
     node: Node,
     _participant: Participant,
 }
 
 impl ArmTopics {
-    /// A node called `name`, of a participant of its own.
+    /// A node called `name`, in the namespace that the command line says, of a participant of its own.
     ///
     /// # Errors
     /// [`TransportError::Other`] when a variable of the environment has a value that ROS 2 does not know, or there is no
     /// network, not even loopback.
-    pub fn start(name: &str) -> Result<Self, TransportError> {
+    pub fn start(name: &str, arguments: &RosArguments) -> Result<Self, TransportError> {
         let options = Options::from_environment(Arc::new(crate::report::report)).map_err(other)?;
         let participant = Participant::new(options).map_err(other)?;
-        let node = participant.node("/", name).map_err(other)?;
-        Ok(Self { subscriptions: Vec::new(), node, _participant: participant })
+        let namespace = arguments.namespace.as_deref().unwrap_or("/");
+        let node = participant.node(namespace, name).map_err(other)?;
+        Ok(Self { subscriptions: Vec::new(), services: Vec::new(), node, _participant: participant })
     }
 }
 
@@ -75,6 +82,34 @@ impl Transport for ArmTopics {
         let qos = Qos::new().with_depth(u32::try_from(topic.depth).unwrap_or(u32::MAX));
         let subscription = self.node.subscribe(&topic.name, &name, qos, LONGEST, on_message).map_err(other)?;
         self.subscriptions.push(subscription);
+        Ok(())
+    }
+
+    /// Requests are answered in the thread `ros2`: answers do not wait.
+    fn serve(&mut self, service: &Service, answer: Answer) -> Result<(), TransportError> {
+        let kind = service.query.kind();
+        let type_name = TypeName { kind: Kind::Service, ..TypeName::parse(&kind.name).map_err(other)? };
+        let half = |name: TypeName, text: &str| -> Result<Transcoder, TransportError> {
+            Transcoder::new(&Description::parse(name, text).map_err(other)?).map_err(other)
+        };
+        let request = half(type_name.request(), &kind.request)?;
+        let response = half(type_name.response(), &kind.response)?;
+        let (complaints, own_name) = (RateLimitedLog::default(), service.name.clone());
+        let (mut ros1, mut cdr) = (Vec::new(), Vec::new());
+        let on_request = move |asked: Request| {
+            let read = request.to_ros1(asked.body(), &mut ros1).map_err(|error| error.to_string());
+            let answered = read.and_then(|()| answer(&ros1));
+            let written =
+                answered.and_then(|bytes| response.to_cdr(&bytes, &mut cdr).map_err(|error| error.to_string()));
+            match written {
+                Ok(()) => asked.reply(&cdr),
+                // A client of ROS 2 cannot be told.
+                Err(why) => {
+                    complaints.report(format_args!("ROS 2: {own_name}: {why}; it is ignored"));
+                }
+            }
+        };
+        self.services.push(self.node.serve(&service.name, &type_name, LONGEST, on_request).map_err(other)?);
         Ok(())
     }
 }

@@ -7,7 +7,7 @@ use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3, Vec
 use thiserror::Error;
 
 use super::model::{ArmModel, OnLimit, LIMIT_TOLERANCE};
-use crate::kinematics::{Coordinates, InverseError, Limits};
+use crate::kinematics::{Coordinates, Instrument, InverseError, Limits};
 
 /// How a command is carried out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -42,6 +42,62 @@ pub enum Frame {
     World,
     /// The arm's base.
     Base,
+    /// One that is none of these: known only if a client has named the reference frame so.
+    Named(FrameName),
+}
+
+/// Most bytes of the name of a frame that a client chooses.
+pub const LONGEST_FRAME: usize = 63;
+
+/// The name of a frame, in place: the physics thread keeps it without allocating.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FrameName {
+    bytes: [u8; LONGEST_FRAME],
+    count: u8,
+}
+
+impl FrameName {
+    /// `None` for an empty name and for one with more than [`LONGEST_FRAME`] bytes.
+    pub fn new(name: &str) -> Option<Self> {
+        let mut bytes = [0; LONGEST_FRAME];
+        bytes.get_mut(..name.len())?.copy_from_slice(name.as_bytes());
+        (!name.is_empty()).then_some(Self { bytes, count: name.len() as u8 })
+    }
+
+    /// The name.
+    pub fn as_str(&self) -> &str {
+        // The bytes are those of a text.
+        std::str::from_utf8(&self.bytes[..usize::from(self.count)]).unwrap_or_default()
+    }
+}
+
+/// Number of an instrument: six digits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct InstrumentNumber([u8; 6]);
+
+impl InstrumentNumber {
+    /// The number in the name of a tool: six digits alone, or behind what is separated from them by `_` or `:`, such as
+    /// `LARGE_NEEDLE_DRIVER_420006`.
+    pub fn of_tool(name: &str) -> Option<Self> {
+        let digits: [u8; 6] = name.rsplit(['_', ':']).next()?.as_bytes().try_into().ok()?;
+        digits.iter().all(u8::is_ascii_digit).then_some(Self(digits))
+    }
+
+    /// Its digits.
+    pub fn as_str(&self) -> &str {
+        std::str::from_utf8(&self.0).unwrap_or_default()
+    }
+}
+
+/// What a ratio of trajectories reduces.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RatioOf {
+    /// Largest speeds and accelerations.
+    Both,
+    /// Largest speeds.
+    Speeds,
+    /// Largest accelerations.
+    Accelerations,
 }
 
 /// In which axes and about which point a wrench is given.
@@ -102,6 +158,30 @@ pub enum Command {
     },
     /// The jaw's effort, N·m.
     JawEffort(f64),
+    /// Share of the largest speeds and accelerations that trajectories use, above 0, at most 1.
+    Ratio {
+        /// Of what.
+        of: RatioOf,
+        /// The share.
+        value: f64,
+    },
+    /// Where the arm's base is from now on in its reference frame, and how that frame is called; `None`: as before.
+    BaseFrame {
+        /// Pose of the base.
+        pose: Isometry3<f64>,
+        /// Name of the reference frame.
+        name: Option<FrameName>,
+    },
+    /// Which instrument it has.
+    ToolType(InstrumentNumber),
+    /// Whether it has an instrument.
+    ToolPresent(bool),
+    /// The control point keeps this orientation in the reference frame while the arm follows efforts.
+    LockOrientation(UnitQuaternion<f64>),
+    /// The orientation follows efforts, too.
+    UnlockOrientation,
+    /// A setting that cannot be used.
+    RefusedSetting(Refusal),
     /// A motion command that cannot be used.
     Refused {
         /// Whether it is a move, whose sender waits for the arm to be busy.
@@ -170,6 +250,26 @@ pub enum Refusal {
     /// Error when a state command is none.
     #[error("`{0}` is no state command")]
     UnknownState(String),
+    /// Error when a ratio of speeds or accelerations is not above 0, or above 1.
+    #[error("the ratio {0} is not above 0 and at most 1")]
+    Ratio(f64),
+    /// Error when the name of a frame is too long.
+    #[error("the frame `{0}…` has more than {LONGEST_FRAME} bytes")]
+    LongFrame(String),
+    /// Error when the name of a tool does not end with six digits.
+    #[error("`{0}` is no instrument: expected six digits, or a name that ends with them")]
+    NoInstrument(String),
+    /// Error when an instrument would have other lengths than that of the scene.
+    #[error("the scene's instrument is {own}; that {got} has the same lengths is not known")]
+    OtherInstrument {
+        /// What it is to be.
+        got: String,
+        /// What the scene has.
+        own: String,
+    },
+    /// Error when a Cartesian command comes while the arm has no instrument.
+    #[error("the arm has no instrument")]
+    NoTool,
     /// Error when a state command is not possible now.
     #[error("`{command}` is not possible in the state {state}")]
     State {
@@ -210,6 +310,28 @@ pub struct PoseMessage {
     pub position: [f64; 3],
     /// x y z w.
     pub orientation: [f64; 4],
+}
+
+impl PoseMessage {
+    /// The pose. Its quaternion is normalised.
+    ///
+    /// # Errors
+    /// [`Refusal::NotFinite`], [`Refusal::Quaternion`].
+    pub fn pose(&self) -> Result<Isometry3<f64>, Refusal> {
+        if self.position.iter().any(|value| !value.is_finite()) {
+            return Err(Refusal::NotFinite);
+        }
+        Ok(Isometry3::from_parts(Translation3::from(self.position), rotation_of(self.orientation)?))
+    }
+}
+
+/// The rotation of a quaternion x y z w, which is normalised.
+fn rotation_of(orientation: [f64; 4]) -> Result<UnitQuaternion<f64>, Refusal> {
+    if orientation.iter().any(|value| !value.is_finite()) {
+        return Err(Refusal::NotFinite);
+    }
+    let [x, y, z, w] = orientation;
+    UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 1e-9).ok_or(Refusal::Quaternion)
 }
 
 impl ArmModel {
@@ -265,6 +387,20 @@ impl ArmModel {
         Ok(())
     }
 
+    /// Joint coordinates, which may be beyond limits by [`LIMIT_TOLERANCE`] and are clipped then.
+    ///
+    /// # Errors
+    /// [`Refusal::Limit`], also where commands are clipped.
+    pub fn joints_within_limits(&self, mut q: Coordinates) -> Result<Coordinates, Refusal> {
+        for (joint, limits) in self.limits.iter().enumerate() {
+            if !limits.hold(q[joint], LIMIT_TOLERANCE) {
+                return Err(Refusal::Limit { joint, value: q[joint], lower: limits.lower, upper: limits.upper });
+            }
+            q[joint] = limits.clip(q[joint]);
+        }
+        Ok(q)
+    }
+
     fn within(&self, joint: usize, value: f64, limits: &Limits) -> Result<f64, Refusal> {
         if self.on_limit == OnLimit::Refuse && !limits.hold(value, LIMIT_TOLERANCE) {
             return Err(Refusal::Limit { joint, value, lower: limits.lower, upper: limits.upper });
@@ -274,16 +410,7 @@ impl ArmModel {
 
     /// The command of a pose message. `is_local`: poses without a frame are in the base.
     pub fn pose_command(&self, level: Level, message: &PoseMessage, is_local: bool) -> Command {
-        let read = || {
-            let numbers = message.position.iter().chain(&message.orientation);
-            if numbers.into_iter().any(|value| !value.is_finite()) {
-                return Err(Refusal::NotFinite);
-            }
-            let [x, y, z, w] = message.orientation;
-            let rotation = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 1e-9).ok_or(Refusal::Quaternion)?;
-            let pose = Isometry3::from_parts(Translation3::from(message.position), rotation);
-            Ok((pose, self.frame(&message.frame, is_local)?))
-        };
+        let read = || Ok((message.pose()?, self.frame(&message.frame, is_local)?));
         read().map_or_else(|refusal| refused(level, refusal), |(pose, frame)| Command::Pose { level, pose, frame })
     }
 
@@ -295,10 +422,56 @@ impl ArmModel {
             _ if name == known.reference => Ok(Frame::Reference),
             _ if name == known.base => Ok(Frame::Base),
             "world" => Ok(Frame::World),
-            _ => {
-                let expected = format!("{}, {} or world", known.reference, known.base);
-                Err(Refusal::Frame { got: quoted(name), expected })
+            _ => FrameName::new(name).map(Frame::Named).ok_or_else(|| self.unknown_frame(name)),
+        }
+    }
+
+    /// Why a pose in the frame `name` is refused.
+    pub(super) fn unknown_frame(&self, name: &str) -> Refusal {
+        let expected = format!("{}, {} or world", self.frames.reference, self.frames.base);
+        Refusal::Frame { got: quoted(name), expected }
+    }
+
+    /// The command of a ratio.
+    pub fn ratio_command(of: RatioOf, value: f64) -> Command {
+        if value > 0.0 && value <= 1.0 {
+            Command::Ratio { of, value }
+        } else {
+            Command::RefusedSetting(Refusal::Ratio(value))
+        }
+    }
+
+    /// The command of a base frame.
+    pub fn base_frame_command(&self, message: &PoseMessage) -> Command {
+        let name = FrameName::new(&message.frame);
+        match message.pose() {
+            Ok(_) if name.is_none() && !message.frame.is_empty() => {
+                Command::RefusedSetting(Refusal::LongFrame(quoted(&message.frame)))
             }
+            Ok(pose) => Command::BaseFrame { pose, name },
+            Err(refusal) => Command::RefusedSetting(refusal),
+        }
+    }
+
+    /// The command of the name of a tool: its lengths must be those of the arm's own.
+    pub fn tool_type_command(&self, name: &str) -> Command {
+        let Some(number) = InstrumentNumber::of_tool(name.trim()) else {
+            return Command::RefusedSetting(Refusal::NoInstrument(quoted(name)));
+        };
+        match &self.instrument {
+            Some(own) if *own != number && !Instrument::are_alike(own.as_str(), number.as_str()) => {
+                let (got, own) = (number.as_str().to_owned(), own.as_str().to_owned());
+                Command::RefusedSetting(Refusal::OtherInstrument { got, own })
+            }
+            _ => Command::ToolType(number),
+        }
+    }
+
+    /// The command of an orientation, x y z w.
+    pub fn orientation_command(orientation: [f64; 4]) -> Command {
+        match rotation_of(orientation) {
+            Ok(rotation) => Command::LockOrientation(rotation),
+            Err(refusal) => Command::RefusedSetting(refusal),
         }
     }
 

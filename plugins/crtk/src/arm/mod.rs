@@ -7,15 +7,18 @@ mod command;
 mod model;
 mod state;
 
-pub use command::{refused, Command, Frame, JointMessage, Level, PoseMessage, Quantity, Refusal, WrenchFrame};
+pub use command::{
+    refused, Command, Frame, FrameName, InstrumentNumber, JointMessage, Level, PoseMessage, Quantity, RatioOf, Refusal,
+    WrenchFrame, LONGEST_FRAME,
+};
 pub use model::{ArmModel, FrameNames, JawModel, Measured, OnLimit, LIMIT_TOLERANCE};
 pub use state::{outcome, Dialect, Outcome, State};
 
 use std::sync::Arc;
 
-use nalgebra::{Isometry3, Matrix6, Vector6};
+use nalgebra::{Isometry3, Matrix6, UnitQuaternion, Vector6};
 
-use crate::kinematics::{Coordinates, Jacobian};
+use crate::kinematics::{Coordinates, Jacobian, MAX_JOINTS};
 use crate::trajectory::{Bounds, Point, Shape, Trajectory};
 use command::quoted;
 
@@ -24,6 +27,9 @@ pub const VELOCITY_TIMEOUT: f64 = 0.1;
 
 /// Effort commands end so long after the last one, and the arm holds, s: the watchdog of joint commands.
 pub const EFFORT_TIMEOUT: f64 = 0.5;
+
+/// Joints that place the control point while its orientation is kept by the others: those of a master's arm.
+const POSITIONING_JOINTS: usize = 3;
 
 /// A warning about poses without a solution comes at most so often, ns.
 const INVERSE_WARNINGS: u64 = 1_000_000_000;
@@ -40,6 +46,29 @@ pub enum Event {
         /// Why.
         refusal: Refusal,
     },
+    /// The last move has ended; at its goal, or before.
+    Goal(bool),
+    /// Shares of the largest speeds and accelerations that trajectories use.
+    Ratios(Ratios),
+    /// Which instrument it has; `None`: not known.
+    Tool(Option<InstrumentNumber>),
+    /// Whether the orientation of the control point is kept.
+    OrientationLocked(bool),
+}
+
+/// Shares of the largest speeds and accelerations, above 0, at most 1. Default: 1.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Ratios {
+    /// Of the speeds.
+    pub speed: f64,
+    /// Of the accelerations.
+    pub acceleration: f64,
+}
+
+impl Default for Ratios {
+    fn default() -> Self {
+        Self { speed: 1.0, acceleration: 1.0 }
+    }
 }
 
 /// The operating state at a time.
@@ -79,6 +108,8 @@ pub struct SetPoint {
     pub holding: Coordinates,
     /// Whether the arm is held against gravity beside its efforts.
     pub is_lifted: bool,
+    /// While efforts count: joints from this one on are held at their positions, to keep an orientation.
+    pub positioned_from: usize,
     /// What counts for the jaw.
     pub jaw_drive: Drive,
     /// Angle between the fingers, rad; its speed, rad/s.
@@ -133,6 +164,14 @@ pub struct Arm {
     set_point: SetPoint,
     gravity_compensation: bool,
     absolute_forces: bool,
+    ratios: Ratios,
+    /// Pose of the base in the reference frame, and that frame's name, where a client has set them.
+    base_frame: Option<(Isometry3<f64>, Option<FrameName>)>,
+    /// Which instrument it has.
+    tool: Option<InstrumentNumber>,
+    has_tool: bool,
+    /// Orientation to be kept, reference frame.
+    locked: Option<UnitQuaternion<f64>>,
     /// What the last event of the state said.
     told_busy: bool,
     last_stamp: u64,
@@ -153,6 +192,11 @@ impl Arm {
     pub fn new(model: Arc<ArmModel>) -> Self {
         let zero = Coordinates::zeros();
         Self {
+            ratios: Ratios::default(),
+            base_frame: None,
+            tool: model.instrument,
+            has_tool: true,
+            locked: None,
             model,
             state: State::Enabled,
             is_homed: true,
@@ -165,6 +209,7 @@ impl Arm {
                 effort: zero,
                 holding: zero,
                 is_lifted: false,
+                positioned_from: MAX_JOINTS,
                 jaw_drive: Drive::Position,
                 jaw: [0.0; 2],
                 jaw_effort: 0.0,
@@ -183,9 +228,9 @@ impl Arm {
         &self.model
     }
 
-    /// As at the start, after the scene was reset. Events go on.
+    /// As at the start, after the scene was reset, with the instrument that it has. Events go on.
     pub fn reset(&mut self) {
-        *self = Self { last_stamp: self.last_stamp, ..Self::new(Arc::clone(&self.model)) };
+        *self = Self { last_stamp: self.last_stamp, tool: self.tool, ..Self::new(Arc::clone(&self.model)) };
     }
 
     /// What the joints are to do.
@@ -202,6 +247,21 @@ impl Arm {
     /// Whether wrenches of the body frame are in base axes.
     pub fn has_absolute_forces(&self) -> bool {
         self.absolute_forces
+    }
+
+    /// Pose of the base in the reference frame, where a client has set it.
+    pub fn base_frame(&self) -> Option<&Isometry3<f64>> {
+        self.base_frame.as_ref().map(|(pose, _)| pose)
+    }
+
+    /// Name of the reference frame, where a client has set it.
+    pub fn reference_name(&self) -> Option<FrameName> {
+        self.base_frame.and_then(|(_, name)| name)
+    }
+
+    /// Whether it has an instrument; without one, poses are not valid.
+    pub fn has_tool(&self) -> bool {
+        self.has_tool
     }
 
     fn is_busy(&self) -> bool {
@@ -229,8 +289,12 @@ impl Arm {
         for command in commands {
             self.take(command, &mut now);
         }
+        let was_moving = self.is_busy();
         self.advance(dt, &mut now);
         self.advance_jaw(dt, measured);
+        if was_moving && !self.is_busy() {
+            now.events.push(Event::Goal(true));
+        }
         if self.is_busy() != self.told_busy {
             self.tell_state(self.is_busy(), &mut now);
         }
@@ -247,6 +311,10 @@ impl Arm {
             self.follow_jaw(jaw.home, Shape::Bounded, false);
         }
         self.tell_state(false, now);
+        now.events.extend([Event::Ratios(self.ratios), Event::OrientationLocked(false)]);
+        if self.tool.is_none() {
+            now.events.push(Event::Tool(None));
+        }
     }
 
     /// Set points are where the joints are, at rest.
@@ -276,22 +344,65 @@ impl Arm {
     }
 
     fn take(&mut self, command: Command, now: &mut Now<'_>) {
-        match command {
-            Command::State(text) => return self.take_state(&text, now),
-            Command::GravityCompensation(on) => return self.gravity_compensation = on,
-            Command::AbsoluteForces(on) => return self.absolute_forces = on,
-            Command::Refused { refusal: refusal @ Refusal::Full, .. } => return self.warn(refusal, now),
-            _ => (),
-        }
+        let moved = self.is_busy();
         let is_move = command.is_move();
-        if self.accepts_motion() {
-            if let Err(refusal) = self.take_motion(command, now) {
-                self.refuse(refusal, now);
+        // A move that takes the place of another, of the arm or of the jaw.
+        let replaces = is_move && if command.is_of_jaw() { self.jaw_mode.is_move() } else { self.mode.is_move() };
+        match command {
+            Command::State(text) => self.take_state(&text, now),
+            Command::Refused { refusal: refusal @ Refusal::Full, .. } => self.warn(refusal, now),
+            Command::RefusedSetting(refusal) => self.warn(refusal, now),
+            command if command.is_setting() => self.take_setting(command, now),
+            command => {
+                let taken = if self.accepts_motion() { self.take_motion(command, now) } else { Ok(false) };
+                let is_lost = is_move && !matches!(taken, Ok(true));
+                if let Err(refusal) = taken {
+                    self.refuse(refusal, now);
+                }
+                if is_lost || replaces {
+                    now.events.push(Event::Goal(false));
+                }
             }
+        }
+        if moved && !self.is_busy() {
+            // It was ended before its goal.
+            now.events.push(Event::Goal(false));
         }
         if is_move {
             // Whoever sent it waits for this, whatever came of it; the end follows when nothing moves.
             self.tell_state(true, now);
+        }
+    }
+
+    /// Settings count in all states.
+    fn take_setting(&mut self, command: Command, now: &mut Now<'_>) {
+        match command {
+            Command::GravityCompensation(on) => self.gravity_compensation = on,
+            Command::AbsoluteForces(on) => self.absolute_forces = on,
+            Command::Ratio { of, value } => {
+                if of != RatioOf::Accelerations {
+                    self.ratios.speed = value;
+                }
+                if of != RatioOf::Speeds {
+                    self.ratios.acceleration = value;
+                }
+                now.events.push(Event::Ratios(self.ratios));
+            }
+            Command::BaseFrame { pose, name } => self.base_frame = Some((pose, name)),
+            Command::ToolType(number) => {
+                self.tool = Some(number);
+                now.events.push(Event::Tool(self.tool));
+            }
+            Command::ToolPresent(present) => self.has_tool = present,
+            Command::LockOrientation(rotation) => {
+                self.locked = Some(rotation);
+                now.events.push(Event::OrientationLocked(true));
+            }
+            Command::UnlockOrientation => {
+                self.locked = None;
+                now.events.push(Event::OrientationLocked(false));
+            }
+            _ => (),
         }
     }
 
@@ -323,7 +434,12 @@ impl Arm {
         self.tell_state(self.is_busy(), now);
     }
 
-    fn take_motion(&mut self, command: Command, now: &mut Now<'_>) -> Result<(), Refusal> {
+    /// Whether anything comes of it.
+    fn take_motion(&mut self, command: Command, now: &mut Now<'_>) -> Result<bool, Refusal> {
+        let is_cartesian = matches!(command, Command::Pose { .. } | Command::Twist(_) | Command::Wrench { .. });
+        if is_cartesian && !self.has_tool {
+            return Err(Refusal::NoTool);
+        }
         match command {
             Command::Joints { level, quantity, value } => self.take_joints(level, quantity, value, now)?,
             Command::Pose { level, pose, frame } => {
@@ -343,9 +459,10 @@ impl Arm {
                 self.jaw_mode = Mode::Effort { value, age: 0.0 };
             }
             Command::Refused { refusal, .. } => return Err(refusal),
-            Command::State(_) | Command::GravityCompensation(_) | Command::AbsoluteForces(_) => (),
+            // The others are no motion.
+            _ => return Ok(false),
         }
-        Ok(())
+        Ok(true)
     }
 
     fn take_joints(
@@ -383,6 +500,10 @@ impl Arm {
             Frame::Base => *pose,
             Frame::World => measured.base.inv_mul(pose),
             Frame::Reference => measured.base.inv_mul(&(measured.reference * pose)),
+            Frame::Named(name) if self.reference_name() == Some(name) => {
+                measured.base.inv_mul(&(measured.reference * pose))
+            }
+            Frame::Named(name) => return Err(self.model.unknown_frame(name.as_str())),
         };
         let present = self.origin(Level::Servo, measured);
         let model = &self.model;
@@ -430,8 +551,13 @@ impl Arm {
 
     fn follow(&mut self, goal: Coordinates, shape: Shape, is_move: bool) {
         let start = Point { position: self.set_point.position, velocity: self.set_point.velocity };
-        let path = Trajectory::new(shape, start, goal, &self.model.bounds);
+        let path = Trajectory::new(shape, start, goal, &self.reduced(&self.model.bounds));
         self.mode = Mode::Follow { path, elapsed: 0.0, is_move };
+    }
+
+    /// Bounds of trajectories.
+    fn reduced(&self, bounds: &Bounds) -> Bounds {
+        Bounds { speed: bounds.speed * self.ratios.speed, acceleration: bounds.acceleration * self.ratios.acceleration }
     }
 
     fn take_jaw(&mut self, level: Level, angle: f64, measured: &Measured) {
@@ -459,7 +585,7 @@ impl Arm {
         let [position, velocity] = self.set_point.jaw;
         let start = Point { position: first(position, 0.0), velocity: first(velocity, 0.0) };
         let bounds = Bounds { speed: first(jaw.speed, 1.0), acceleration: first(jaw.acceleration, 1.0) };
-        let path = Trajectory::new(shape, start, first(angle, 0.0), &bounds);
+        let path = Trajectory::new(shape, start, first(angle, 0.0), &self.reduced(&bounds));
         self.jaw_mode = Mode::Follow { path, elapsed: 0.0, is_move };
     }
 
@@ -499,15 +625,35 @@ impl Arm {
             Mode::Free => (),
         }
         self.set_point.drive = self.mode.drive();
+        self.set_point.positioned_from = MAX_JOINTS;
         if self.set_point.drive == Drive::Effort {
+            let before = self.set_point.position;
             self.set_point.position = measured.position;
             self.set_point.velocity = Coordinates::zeros();
+            self.keep_orientation(&before, dt, measured);
             let is_lifted = self.gravity_compensation || self.mode == Mode::Free;
             self.set_point.is_lifted = is_lifted;
             self.set_point.holding = if is_lifted { measured.holding } else { Coordinates::zeros() };
             self.set_point.effort = self.efforts(measured) + self.set_point.holding;
             self.model.limit_efforts(&mut self.set_point.effort);
         }
+    }
+
+    /// While the orientation is locked, joints after the third are where they keep it, by at most their largest speeds;
+    /// the first three follow efforts. `before`: set points of the last step.
+    fn keep_orientation(&mut self, before: &Coordinates, dt: f64, measured: &Measured) {
+        let Some(locked) = self.locked.filter(|_| self.model.count() >= POSITIONING_JOINTS + 3) else { return };
+        let goal = measured.base.rotation.inverse() * measured.reference.rotation * locked;
+        let mut begin = measured.position;
+        for joint in POSITIONING_JOINTS..self.model.count() {
+            begin[joint] = before[joint];
+        }
+        let kept = self.model.kinematics.orient(&goal, &begin, POSITIONING_JOINTS, &self.model.limits);
+        for joint in POSITIONING_JOINTS..self.model.count() {
+            let most = self.model.bounds.speed[joint] * dt;
+            self.set_point.position[joint] = begin[joint] + (kept[joint] - begin[joint]).clamp(-most, most);
+        }
+        self.set_point.positioned_from = POSITIONING_JOINTS;
     }
 
     fn integrate(&mut self, speeds: Coordinates, age: f64, dt: f64) {
@@ -577,6 +723,25 @@ impl Arm {
 }
 
 impl Command {
+    /// Whether it changes how the arm behaves, and moves nothing.
+    fn is_setting(&self) -> bool {
+        matches!(
+            self,
+            Self::GravityCompensation(_)
+                | Self::AbsoluteForces(_)
+                | Self::Ratio { .. }
+                | Self::BaseFrame { .. }
+                | Self::ToolType(_)
+                | Self::ToolPresent(_)
+                | Self::LockOrientation(_)
+                | Self::UnlockOrientation
+        )
+    }
+
+    fn is_of_jaw(&self) -> bool {
+        matches!(self, Self::Jaw { .. } | Self::JawEffort(_))
+    }
+
     fn is_move(&self) -> bool {
         match self {
             Self::Joints { level, .. } | Self::Pose { level, .. } | Self::Jaw { level, .. } => *level == Level::Move,

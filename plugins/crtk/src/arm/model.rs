@@ -2,6 +2,7 @@
 
 use nalgebra::Isometry3;
 
+use super::command::InstrumentNumber;
 use super::state::Dialect;
 use crate::kinematics::{Coordinates, Kinematics, Limits};
 use crate::trajectory::{Bounds, Shape};
@@ -62,6 +63,8 @@ pub struct ArmModel {
     pub on_limit: OnLimit,
     /// Names of frames.
     pub frames: FrameNames,
+    /// The instrument that the scene has, where it is known.
+    pub instrument: Option<InstrumentNumber>,
 }
 
 /// A target may be beyond a limit by so much, rad or m.

@@ -45,6 +45,7 @@ pub(crate) fn psm(dialect: Dialect) -> ArmModel {
         dialect,
         on_limit: if dialect == Dialect::Contract { OnLimit::Refuse } else { OnLimit::Clamp },
         frames: FrameNames { reference: "ECM_view".into(), base: "PSM1_base".into() },
+        instrument: InstrumentNumber::of_tool("420006"),
     }
 }
 
@@ -121,9 +122,16 @@ impl Bench {
             match event {
                 Event::State(state) => busy.push(state.is_busy),
                 Event::Warning { refusal, .. } => refusals.push(refusal),
+                _ => (),
             }
         }
         (busy, refusals)
+    }
+
+    /// Whether moves came to their goals, as was said.
+    fn goals(&mut self) -> Vec<bool> {
+        let goal = |event| if let Event::Goal(reached) = event { Some(reached) } else { None };
+        self.events.drain(..).filter_map(goal).collect()
     }
 
     fn position(&self) -> &Coordinates {
@@ -138,12 +146,13 @@ fn it_starts_enabled_homed_and_at_home() {
     let mut events = Vec::new();
     arm.update(SECOND, DT, &measured, empty(), &mut events);
     let expected = OperatingState { stamp: SECOND, state: State::Enabled, is_homed: true, is_busy: false };
-    assert_eq!(events, [Event::State(expected)]);
+    let settings = [Event::Ratios(Ratios::default()), Event::OrientationLocked(false)];
+    assert_eq!(events, [&[Event::State(expected)], &settings[..]].concat());
     for k in 0..1000 {
         arm.update(SECOND + k, DT, &measured, empty(), &mut events);
     }
     assert_eq!(arm.set_point().position, coordinates(&HOME));
-    assert_eq!(events.len(), 1, "going home at the start is not busy");
+    assert_eq!(events.len(), 3, "going home at the start is not busy");
 }
 
 #[test]
@@ -259,7 +268,7 @@ fn state_commands_are_told_once_each() {
     let stamps: Vec<u64> = (bench.events.iter())
         .map(|event| match event {
             Event::State(state) => state.stamp,
-            Event::Warning { .. } => panic!("no warning is due"),
+            other => panic!("{other:?} is not due"),
         })
         .collect();
     assert_eq!(stamps.len(), 1000);
@@ -525,4 +534,199 @@ fn a_lost_place_in_the_queue_is_a_warning_in_any_state() {
     bench.said();
     bench.tell(refused(Level::Servo, Refusal::Full));
     assert_eq!(bench.said().1, [Refusal::Full]);
+}
+
+#[test]
+fn each_move_is_told_to_have_reached_its_goal_or_not() {
+    let away = [0.5, 0.0, 0.12, 0.0, 0.0, 0.0];
+    let mut bench = Bench::new(Dialect::Dvrk);
+    bench.joints(Level::Move, &HOME);
+    bench.rest();
+    assert_eq!(bench.goals(), [true], "of no length");
+    bench.joints(Level::Move, &away);
+    bench.step(empty());
+    assert_eq!(bench.goals(), [false; 0], "on its way");
+    bench.joints(Level::Move, &HOME);
+    bench.rest();
+    assert_eq!(bench.goals(), [false, true], "another took its place");
+    bench.joints(Level::Move, &away);
+    bench.joints(Level::Servo, &HOME);
+    assert_eq!(bench.goals(), [false], "a servo command ended it");
+    bench.joints(Level::Move, &away);
+    bench.jaw(Level::Move, 0.5);
+    bench.rest();
+    assert_eq!(bench.goals(), [true], "arm and jaw together");
+    bench.joints(Level::Move, &HOME);
+    bench.state("pause");
+    assert_eq!(bench.goals(), [false]);
+    bench.joints(Level::Move, &HOME);
+    assert_eq!(bench.goals(), [false], "it was not taken");
+    bench.state("resume");
+    bench.joints(Level::Move, &[0.0]);
+    assert_eq!(bench.goals(), [false], "it was refused");
+}
+
+#[test]
+fn ratios_slow_moves_down() {
+    let goal = [0.5, 0.0, 0.12, 0.0, 0.0, 0.0];
+    let took = |commands: &[Command]| {
+        let mut bench = Bench::new(Dialect::Dvrk);
+        commands.iter().for_each(|command| bench.tell(command.clone()));
+        bench.joints(Level::Move, &goal);
+        bench.rest()
+    };
+    let (full, none) = (took(&[]), [0.0, -0.5, 1.0001, f64::NAN]);
+    // 0.5 rad at most 5 rad/s and 20 rad/s²: accelerations decide, 2 sqrt(d / a).
+    assert!((full - 2.0 * (0.5_f64 / 20.0).sqrt()).abs() < 0.003, "{full}");
+    let quarter = took(&[ArmModel::ratio_command(RatioOf::Accelerations, 0.25)]);
+    assert!((quarter - 2.0 * full).abs() < 0.005, "{quarter}");
+    // 0.5 rad/s, with ramps of 25 ms.
+    let slow = took(&[ArmModel::ratio_command(RatioOf::Speeds, 0.1)]);
+    assert!((slow - 1.025).abs() < 0.005, "{slow}");
+    let both = took(&[ArmModel::ratio_command(RatioOf::Both, 0.1)]);
+    assert!((both - 1.25).abs() < 0.005, "{both}");
+    let mut bench = Bench::new(Dialect::Dvrk);
+    for value in none {
+        bench.tell(ArmModel::ratio_command(RatioOf::Both, value));
+    }
+    let (_, refusals) = bench.said();
+    assert!(refusals.len() == 4 && refusals.iter().all(|refusal| matches!(refusal, Refusal::Ratio(_))));
+    bench.tell(ArmModel::ratio_command(RatioOf::Both, 0.5));
+    bench.tell(ArmModel::ratio_command(RatioOf::Speeds, 1.0));
+    let told = |event: &Event| {
+        if let Event::Ratios(ratios) = event {
+            Some((ratios.speed, ratios.acceleration))
+        } else {
+            None
+        }
+    };
+    assert_eq!(bench.events.iter().filter_map(told).collect::<Vec<_>>(), [(0.5, 0.5), (1.0, 0.5)]);
+    bench.arm.reset();
+    bench.events.clear();
+    bench.step(empty());
+    assert_eq!(bench.events.iter().filter_map(told).collect::<Vec<_>>(), [(1.0, 1.0)]);
+}
+
+#[test]
+fn a_named_frame_is_known_once_the_reference_is_called_so() {
+    let mut bench = Bench::new(Dialect::Dvrk);
+    let place = bench.arm.model().kinematics.chain.forward(&coordinates(&[0.1, 0.1, 0.1, 0.0, 0.0, 0.0]));
+    let message = |pose: &Isometry3<f64>, frame: &str| {
+        let (p, q) = (pose.translation.vector, pose.rotation.coords);
+        PoseMessage { frame: frame.into(), position: p.into(), orientation: [q.x, q.y, q.z, q.w] }
+    };
+    let model = Arc::clone(bench.arm.model());
+    let go = |frame: &str| model.pose_command(Level::Servo, &message(&place, frame), false);
+    bench.tell(go("camera"));
+    assert!(matches!(&bench.said().1[..], [Refusal::Frame { got, .. }] if got == "camera"));
+    let base = Isometry3::translation(0.1, 0.2, 0.3);
+    bench.tell(model.base_frame_command(&message(&base, "camera")));
+    assert_eq!(bench.arm.base_frame(), Some(&base));
+    // What the plugin does with it.
+    bench.measured.reference = bench.measured.base * base.inverse();
+    let seen = base * place;
+    bench.tell(model.pose_command(Level::Servo, &message(&seen, "camera"), false));
+    assert_eq!(bench.said().1, []);
+    let there = model.kinematics.chain.forward(bench.position());
+    assert!(gap(&there, &place) < 1e-9);
+    bench.tell(go("moon"));
+    assert_eq!(bench.said().1.len(), 1);
+    let long = model.base_frame_command(&message(&base, &"x".repeat(LONGEST_FRAME + 1)));
+    assert!(matches!(long, Command::RefusedSetting(Refusal::LongFrame(_))));
+}
+
+#[test]
+fn an_instrument_can_be_named_if_its_lengths_are_the_same() {
+    let mut bench = Bench::new(Dialect::Dvrk);
+    let model = Arc::clone(bench.arm.model());
+    bench.tell(model.tool_type_command("LARGE_NEEDLE_DRIVER_400006"));
+    assert!(bench.events.contains(&Event::Tool(InstrumentNumber::of_tool("400006"))));
+    assert_eq!(bench.said().1, []);
+    bench.tell(model.tool_type_command("420093"));
+    bench.tell(model.tool_type_command("scissors"));
+    bench.tell(model.tool_type_command("4200061"));
+    let refusals = bench.said().1;
+    assert!(matches!(
+        &refusals[..],
+        [Refusal::OtherInstrument { .. }, Refusal::NoInstrument(_), Refusal::NoInstrument(_)]
+    ));
+    let mut nameless = psm(Dialect::Dvrk);
+    nameless.instrument = None;
+    assert!(matches!(nameless.tool_type_command("420093"), Command::ToolType(_)));
+    let mut arm = Arm::new(Arc::new(nameless));
+    let mut events = Vec::new();
+    arm.update(SECOND, DT, &Measured::default(), empty(), &mut events);
+    assert!(events.contains(&Event::Tool(None)), "it asks for it");
+}
+
+#[test]
+fn without_an_instrument_there_are_no_poses() {
+    let mut bench = Bench::new(Dialect::Dvrk);
+    let place = bench.arm.model().kinematics.chain.forward(&coordinates(&HOME));
+    let go = Command::Pose { level: Level::Move, pose: place, frame: Frame::Base };
+    bench.tell(Command::ToolPresent(false));
+    assert!(!bench.arm.has_tool());
+    bench.tell(go.clone());
+    assert_eq!(bench.said().1, [Refusal::NoTool]);
+    bench.joints(Level::Move, &HOME);
+    bench.rest();
+    assert_eq!(bench.said().1, [], "joints move");
+    bench.tell(Command::ToolPresent(true));
+    bench.tell(go);
+    assert_eq!(bench.said().1, []);
+}
+
+/// A master as dVRK's table has it.
+fn master() -> ArmModel {
+    let free = Limits { lower: -3.0, upper: 3.0 };
+    let names = ["yaw", "shoulder", "elbow", "platform", "pitch", "wrist_yaw", "roll"];
+    let chain = DhTable::mtm().chain();
+    ArmModel {
+        name: "MTMR".into(),
+        joints: names.map(String::from).into(),
+        kinematics: Kinematics { chain, inverse: Inverse::None },
+        limits: vec![free; 7],
+        home: None,
+        jaw: None,
+        instrument: None,
+        ..psm(Dialect::Dvrk)
+    }
+}
+
+#[test]
+fn a_locked_orientation_is_kept_while_the_arm_is_led_about() {
+    let start = [0.1, 0.2, 0.1, 0.0, 0.5, 0.1, 0.2, 0.0];
+    let mut bench = Bench::of(master());
+    bench.measured.position = coordinates(&start);
+    bench.tell(Command::Free);
+    let model = Arc::clone(bench.arm.model());
+    let rotation = |q: &Coordinates| model.kinematics.chain.forward(q).rotation;
+    let locked = rotation(&bench.measured.position);
+    bench.tell(Command::LockOrientation(locked));
+    assert!(bench.events.contains(&Event::OrientationLocked(true)));
+    for k in 1..=1000 {
+        // A hand leads the first joints; the others are where they are told to be.
+        let set_point = *bench.arm.set_point();
+        assert_eq!((set_point.drive, set_point.positioned_from), (Drive::Effort, 3));
+        bench.measured.position = set_point.position;
+        for joint in 0..3 {
+            bench.measured.position[joint] = start[joint] + 0.2 * (f64::from(k) * 2e-3).sin();
+        }
+        bench.step(empty());
+        let kept = bench.arm.set_point().position;
+        assert!(rotation(&kept).angle_to(&locked) < 1e-6, "step {k}: {}", rotation(&kept).angle_to(&locked));
+    }
+    assert!((bench.measured.position - coordinates(&start)).amax() > 0.1, "it was led about");
+    // A goal that is far is come to at the largest speeds, which are 50 rad/s at the wrist here.
+    let turned = locked * UnitQuaternion::from_euler_angles(0.3, 0.0, 0.0);
+    bench.tell(Command::LockOrientation(turned));
+    assert!(rotation(&bench.arm.set_point().position).angle_to(&turned) > 0.1);
+    for _ in 0..50 {
+        bench.measured.position = bench.arm.set_point().position;
+        bench.step(empty());
+    }
+    assert!(rotation(&bench.arm.set_point().position).angle_to(&turned) < 1e-6);
+    bench.tell(Command::UnlockOrientation);
+    assert_eq!(bench.arm.set_point().positioned_from, MAX_JOINTS);
+    assert!(bench.events.contains(&Event::OrientationLocked(false)));
 }

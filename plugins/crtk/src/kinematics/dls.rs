@@ -1,6 +1,6 @@
 //! Inverse kinematics of any chain by damped least squares (Levenberg and Marquardt; Wampler 1986).
 
-use nalgebra::{Isometry3, Matrix6, Vector6};
+use nalgebra::{Isometry3, Matrix6, UnitQuaternion, Vector6};
 
 use super::{Chain, Coordinates, InverseError, Jacobian, Limits};
 
@@ -110,6 +110,43 @@ impl DampedLeastSquares {
         angular *= self.weight();
         jacobian
     }
+}
+
+/// Most steps towards an orientation.
+const ORIENTING_STEPS: usize = 10;
+
+/// Joint coordinates near `present` that turn the control point to `goal` (in the base), with joints from `first` on only;
+/// those before stay, and the place is what comes of it. What cannot be reached is come near.
+pub(super) fn orient(
+    chain: &Chain,
+    goal: &UnitQuaternion<f64>,
+    present: &Coordinates,
+    first: usize,
+    limits: &[Limits],
+) -> Coordinates {
+    let error = |q: &Coordinates| {
+        let mut error = Vector6::zeros();
+        let turn = (goal * chain.forward(q).rotation.inverse()).scaled_axis();
+        error.fixed_rows_mut::<3>(3).copy_from(&turn);
+        error
+    };
+    let mut q = *present;
+    let mut left = error(&q);
+    for _ in 0..ORIENTING_STEPS {
+        if left.norm() < EXACT {
+            break;
+        }
+        let mut jacobian = chain.jacobian(&q);
+        jacobian.fixed_rows_mut::<3>(0).fill(0.0);
+        jacobian.columns_mut(0, first).fill(0.0);
+        let trial = step(&jacobian, &left, &q, 1e-6, limits);
+        let trial_left = error(&trial);
+        if trial_left.norm() >= left.norm() {
+            break;
+        }
+        (q, left) = (trial, trial_left);
+    }
+    q
 }
 
 /// One step that respects the limits.

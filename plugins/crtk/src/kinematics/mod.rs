@@ -13,7 +13,7 @@ pub use gravity::{holding_efforts, Load};
 pub use table::{DhJoint, DhTable, Instrument};
 pub use wrist::{EcmInverse, PsmInverse};
 
-use nalgebra::{Isometry3, SMatrix, SVector};
+use nalgebra::{Isometry3, SMatrix, SVector, UnitQuaternion};
 use thiserror::Error;
 
 /// Most coordinates of an arm.
@@ -107,6 +107,18 @@ impl Kinematics {
             Inverse::Iterative(method) => method.solve(&self.chain, goal, present, limits),
             Inverse::None => Err(InverseError::None),
         }
+    }
+
+    /// Joint coordinates near `present` that turn the control point to `goal` (in the base), with joints from `first` on
+    /// only. Redundant joints move as little as possible; what is out of reach is come near.
+    pub fn orient(
+        &self,
+        goal: &UnitQuaternion<f64>,
+        present: &Coordinates,
+        first: usize,
+        limits: &[Limits],
+    ) -> Coordinates {
+        dls::orient(&self.chain, goal, present, first, limits)
     }
 }
 

@@ -73,6 +73,14 @@ impl Instrument {
             _ => None,
         }
     }
+
+    /// Whether two instruments, by their numbers, are known to give the same poses.
+    pub fn are_alike(one: &str, other: &str) -> bool {
+        let lengths = |number| Self::of_number(number).map(|own| (own.depth - own.length, own.wrist));
+        // Lengths are given to 0.1 mm.
+        let near = |(a, b): ((f64, f64), (f64, f64))| (a.0 - b.0).abs() < 1e-5 && (a.1 - b.1).abs() < 1e-5;
+        lengths(one).zip(lengths(other)).is_some_and(near)
+    }
 }
 
 /// An arm as a table.

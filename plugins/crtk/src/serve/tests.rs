@@ -11,7 +11,9 @@ use crate::arm::tests::psm;
 use crate::arm::{Arm, Measured, OperatingState, Quantity, State};
 use crate::exchange::commands;
 use crate::kinematics::testing::coordinates;
+use crate::queries::Service;
 use crate::topics::{topics, Extras};
+use crate::transport::Answer;
 
 /// A transport that keeps what is sent.
 #[derive(Clone, Default)]
@@ -46,6 +48,10 @@ impl Transport for Memory {
         self.receivers.lock().push((topic.name.clone(), receive));
         Ok(())
     }
+
+    fn serve(&mut self, _: &Service, _: Answer) -> Result<(), TransportError> {
+        Ok(())
+    }
 }
 
 fn offered(dialect: Dialect, memory: &Memory, outbox: &Arc<Outbox>) -> Offered {
@@ -66,6 +72,8 @@ fn status() -> ArmStatus {
         set_point: *arm.set_point(),
         state: arm.operating_state(),
         absolute_forces: false,
+        reference_name: None,
+        has_tool: true,
     }
 }
 
@@ -187,6 +195,42 @@ fn what_comes_is_a_command_or_a_refusal() {
             let _ = inbox.take().count();
         }
     }
+}
+
+#[test]
+fn two_transports_say_the_same_and_share_one_queue() {
+    let memories = [Memory::default(), Memory::default()];
+    memories.iter().for_each(|memory| memory.is_open.store(true, Ordering::Release));
+    let (outbox, mut inbox) = commands();
+    let model = Arc::new(psm(Dialect::Dvrk));
+    let all = topics(&model, "/PSM1", Extras::default());
+    let mut transports: Vec<Box<dyn Transport>> = Vec::new();
+    memories.iter().for_each(|memory| transports.push(Box::new(memory.clone())));
+    let served = (1000.0, ClockKind::Wall);
+    let mut arm = Offered::open((&model, &all), served, Texts::default(), &outbox, &mut transports).unwrap();
+    arm.publish(&status(), 42);
+    arm.tell(&Event::Goal(true));
+    let sent = |memory: &Memory| memory.sent.lock().clone();
+    assert!(sent(&memories[0]).len() > 10);
+    assert_eq!(sent(&memories[0]), sent(&memories[1]), "numbers and stamps");
+    for (turn, memory) in memories.iter().cycle().take(6).enumerate() {
+        let receivers = memory.receivers.lock();
+        let (_, receive) = receivers.iter().find(|(topic, _)| topic == "/PSM1/trajectory_j/set_ratio").unwrap();
+        receive(&Message::Number(0.1 * (turn + 1) as f64).encode());
+        // The newest servo command counts, from wherever it came.
+        let (_, servo) = receivers.iter().find(|(topic, _)| topic == "/PSM1/servo_jp").unwrap();
+        let position = vec![0.01 * turn as f64, 0.0, 0.1, 0.0, 0.0, 0.0];
+        servo(&Message::Joints(Header::default(), JointMessage { position, ..JointMessage::default() }).encode());
+    }
+    let taken: Vec<Command> = inbox.take().collect();
+    let ratios = taken.iter().filter_map(|command| match command {
+        Command::Ratio { value, .. } => Some(*value),
+        _ => None,
+    });
+    let expected: Vec<f64> = (1..=6).map(|turn| 0.1 * f64::from(turn)).collect();
+    assert_eq!(ratios.collect::<Vec<_>>(), expected, "in the order of arrival");
+    let servo: Vec<&Command> = taken.iter().filter(|command| matches!(command, Command::Joints { .. })).collect();
+    assert!(matches!(servo[..], [Command::Joints { value, .. }] if (value[0] - 0.05).abs() < 1e-12));
 }
 
 #[test]

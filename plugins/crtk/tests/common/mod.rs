@@ -12,8 +12,9 @@ use ambf_core::sim::Simulation;
 use crtk::arm::JointMessage;
 use crtk::diagnostics::Board;
 use crtk::messages::{Header, Message};
+use crtk::queries::Service;
 use crtk::topics::Topic;
-use crtk::transport::{Connect, Receive, Sender, Transport, TransportError};
+use crtk::transport::{Answer, Connect, Receive, Sender, Transport, TransportError};
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion};
 use parking_lot::Mutex;
 
@@ -26,6 +27,7 @@ pub const STEP: f64 = 0.001;
 #[derive(Clone, Default)]
 pub struct Memory {
     receivers: Arc<Mutex<Vec<(String, Receive)>>>,
+    services: Arc<Mutex<Vec<(String, Answer)>>>,
 }
 
 struct NoSender;
@@ -51,6 +53,11 @@ impl Transport for Memory {
         self.receivers.lock().push((topic.name.clone(), receive));
         Ok(())
     }
+
+    fn serve(&mut self, service: &Service, answer: Answer) -> Result<(), TransportError> {
+        self.services.lock().push((service.name.clone(), answer));
+        Ok(())
+    }
 }
 
 impl Memory {
@@ -59,6 +66,15 @@ impl Memory {
         let receivers = self.receivers.lock();
         let (_, receive) = receivers.iter().find(|(name, _)| name == topic).unwrap_or_else(|| panic!("no {topic}"));
         receive(bytes);
+    }
+}
+
+impl Memory {
+    /// Asks a service; bytes in the encoding of ROS 1.
+    pub fn ask(&self, service: &str, request: &[u8]) -> Result<Vec<u8>, String> {
+        let services = self.services.lock();
+        let (_, answer) = services.iter().find(|(name, _)| name == service).unwrap_or_else(|| panic!("no {service}"));
+        answer(request)
     }
 }
 
