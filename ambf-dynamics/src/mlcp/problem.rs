@@ -232,14 +232,8 @@ impl Rows {
             let expected = side.jacobian.len().max(side.response.len());
             self.uneven = Some(ProblemError::WrongSize { row, body: side.body, expected, found: size });
         }
-        match (<&[f64; 6]>::try_from(side.jacobian), <&[f64; 6]>::try_from(side.response)) {
-            // Copies of a known length are some moves.
-            (Ok(jacobian), Ok(response)) => self.data.extend_from_slice([*jacobian, *response].as_flattened()),
-            _ => {
-                self.data.extend_from_slice(&side.jacobian[..size]);
-                self.data.extend_from_slice(&side.response[..size]);
-            }
-        }
+        self.data.extend_from_slice(&side.jacobian[..size]);
+        self.data.extend_from_slice(&side.response[..size]);
         self.not_finite |= !are_finite(&self.data[offset..]);
         let (jacobian, response) = self.data[offset..].split_at(size);
         let nonzeros = (jacobian == response).then(|| jacobian.iter().filter(|&&value| value != 0.0).count() as u32);
