@@ -21,6 +21,8 @@ use super::vector::{add_scaled, dot, dot_velocity};
 const HEAVY: f64 = 1e8;
 /// Rows of the same bodies that are added together.
 const GROUP: usize = 4;
+/// Velocity components of a rigid body.
+const BODY: usize = 6;
 
 /// `1 + Qᵀ W Q` and its Cholesky factor. A row of the matrix holds the columns from the first coordinate of its
 /// envelope to the last one of its own body.
@@ -37,6 +39,8 @@ pub(super) struct VelocityFactor {
     matrix: Vec<f64>,
     factor: Vec<f64>,
     inverse_diagonal: Vec<f64>,
+    /// The rows of one rigid body in the factor, by columns.
+    columns: Vec<[f64; BODY]>,
     right: Vec<f64>,
     valid: bool,
     /// Whether the changes are to be made on a new matrix.
@@ -137,31 +141,78 @@ impl VelocityFactor {
     }
 
     fn factorise(&mut self, layout: &Layout) {
-        self.factor.clear();
-        self.factor.extend_from_slice(&self.matrix);
+        // Every entry is written below.
+        self.factor.resize(self.matrix.len(), 0.0);
         self.inverse_diagonal.clear();
         for (b, block) in layout.blocks.iter().enumerate() {
-            let (first, stride, size) = (block.first as usize, block.stride as usize, block.size as usize);
-            for k in 0..size {
-                let (done, row) = self.factor.split_at_mut(block.offset + k * stride);
-                let row = &mut row[..stride];
-                // Blocks from the first of the envelope to this one.
-                for before in &layout.blocks[block.first_block as usize..=b] {
-                    let columns = if before.start == block.start { k } else { before.size as usize };
-                    let low = first.max(before.first as usize);
-                    for j in 0..columns {
-                        let column = before.start as usize + j;
-                        let other = before.offset + j * before.stride as usize;
-                        let other = &done[other + low - before.first as usize..other + column - before.first as usize];
-                        let (known, open) = row.split_at_mut(column - first);
-                        open[0] = (open[0] - dot(&known[low - first..], other)) * self.inverse_diagonal[column];
-                    }
-                }
-                let diagonal = stride - size + k;
-                let rest = row[diagonal] - dot(&row[..diagonal], &row[..diagonal]);
-                // The eigenvalues are at least 1; less is an error of rounding.
-                self.inverse_diagonal.push(1.0 / rest.max(0.5).sqrt());
+            if block.size as usize == BODY && block.stride > block.size {
+                self.factorise_body(layout, b);
+            } else {
+                self.factorise_rows(layout, b);
             }
+        }
+    }
+
+    /// The rows of a rigid body, all at a time: they share their envelope but for its end.
+    fn factorise_body(&mut self, layout: &Layout, b: usize) {
+        let block = &layout.blocks[b];
+        let (first, stride) = (block.first as usize, block.stride as usize);
+        let (done, rows) = self.factor.split_at_mut(block.offset);
+        let from = &self.matrix[block.offset..block.offset + BODY * stride];
+        self.columns.clear();
+        self.columns.extend((0..stride).map(|c| std::array::from_fn::<_, BODY, _>(|r| from[r * stride + c])));
+        // Blocks from the first of the envelope to before this one.
+        for before in &layout.blocks[block.first_block as usize..b] {
+            let (start, stride) = (before.start as usize, before.stride as usize);
+            let low = first.max(before.first as usize);
+            for column in start..start + before.size as usize {
+                let other = before.offset + (column - start) * stride;
+                let other = &done[other + low - before.first as usize..other + column - before.first as usize];
+                let (known, open) = self.columns.split_at_mut(column - first);
+                let sums = dots(&known[low - first..], |c| other[c]);
+                let inverse = self.inverse_diagonal[column];
+                open[0].iter_mut().zip(sums).for_each(|(entry, sum)| *entry = (*entry - sum) * inverse);
+            }
+        }
+        let own = stride - BODY;
+        for j in 0..BODY {
+            let (known, open) = self.columns.split_at_mut(own + j);
+            let sums = dots(known, |c| known[c][j]);
+            let inverse = inverse_root(open[0][j] - sums[j]);
+            self.inverse_diagonal.push(inverse);
+            for k in j + 1..BODY {
+                open[0][k] = (open[0][k] - sums[k]) * inverse;
+            }
+        }
+        for (r, row) in rows[..BODY * stride].chunks_exact_mut(stride).enumerate() {
+            row.iter_mut().zip(&self.columns).for_each(|(entry, column)| *entry = column[r]);
+        }
+    }
+
+    /// The rows of a body, one after the other.
+    fn factorise_rows(&mut self, layout: &Layout, b: usize) {
+        let block = &layout.blocks[b];
+        let (first, stride, size) = (block.first as usize, block.stride as usize, block.size as usize);
+        for k in 0..size {
+            let at = block.offset + k * stride;
+            let (done, row) = self.factor.split_at_mut(at);
+            let row = &mut row[..stride];
+            row.copy_from_slice(&self.matrix[at..at + stride]);
+            // Blocks from the first of the envelope to this one.
+            for before in &layout.blocks[block.first_block as usize..=b] {
+                let columns = if before.start == block.start { k } else { before.size as usize };
+                let low = first.max(before.first as usize);
+                for j in 0..columns {
+                    let column = before.start as usize + j;
+                    let other = before.offset + j * before.stride as usize;
+                    let other = &done[other + low - before.first as usize..other + column - before.first as usize];
+                    let (known, open) = row.split_at_mut(column - first);
+                    open[0] = (open[0] - dot(&known[low - first..], other)) * self.inverse_diagonal[column];
+                }
+            }
+            let diagonal = stride - size + k;
+            let rest = row[diagonal] - dot(&row[..diagonal], &row[..diagonal]);
+            self.inverse_diagonal.push(inverse_root(rest));
         }
     }
 
@@ -199,6 +250,34 @@ impl VelocityFactor {
             *b = self.weights[p] * rest;
         }
     }
+}
+
+/// Inverse of a diagonal entry of the factor. The eigenvalues are at least 1; less is an error of rounding.
+fn inverse_root(rest: f64) -> f64 {
+    1.0 / rest.max(0.5).sqrt()
+}
+
+/// [`dot`] of the six rows that `columns` holds with one row, `other(c)` in column c, with the same bits: a sum of its
+/// own for each of four consecutive columns.
+#[inline(always)]
+fn dots(columns: &[[f64; BODY]], other: impl Fn(usize) -> f64) -> [f64; BODY] {
+    let mut sums = [[0.0; BODY]; 4];
+    let (groups, rest) = columns.as_chunks::<4>();
+    let mut add = |sum: usize, column: &[f64; BODY], c: usize| {
+        let factor = other(c);
+        for r in 0..BODY {
+            sums[sum][r] += column[r] * factor;
+        }
+    };
+    for (g, group) in groups.iter().enumerate() {
+        for k in 0..4 {
+            add(k, &group[k], 4 * g + k);
+        }
+    }
+    for (k, column) in rest.iter().enumerate() {
+        add(0, column, 4 * groups.len() + k);
+    }
+    std::array::from_fn(|r| (sums[0][r] + sums[1][r]) + (sums[2][r] + sums[3][r]))
 }
 
 #[inline(always)]
