@@ -1,16 +1,18 @@
 //! `ambf_simulator --doctor`: what this machine can and cannot do for the simulator, and what to do about it.
 //!
-//! Nothing is changed on the machine: no device is opened, no master started, no window shown.
+//! Nothing is changed on the machine: no device is opened, no master started, no window shown. Of arms over ROS a node
+//! listens to what they publish anyway.
 
 use std::fmt;
 use std::fs;
-use std::net::{TcpStream, ToSocketAddrs};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
 use ambf_core::adf::{self, InputDevices, Launch};
-use ambf_core::device::host::find_devices;
+use ambf_core::device::host::{find_devices, presence_of};
 use ambf_core::device::timing::Pacer;
+use ambf_core::device::{Drivers, Presence};
+use ros_node::{CallError, Peer};
 
 use crate::devices;
 use crate::print_line;
@@ -70,7 +72,7 @@ pub fn print(launch_file: &Path) -> i32 {
     i32::from(findings.iter().any(|finding| finding.verdict == Verdict::Bad))
 }
 
-/// Looks at everything; takes about a second, and two more if a ROS master does not answer.
+/// Looks at everything; takes about a second, and up to some more for each input device that is there and silent.
 pub fn examine(launch_file: &Path) -> Vec<Finding> {
     let text = |file: &str| fs::read_to_string(file).unwrap_or_default();
     let mut findings = vec![
@@ -81,7 +83,7 @@ pub fn examine(launch_file: &Path) -> Vec<Finding> {
         open_files(&text("/proc/self/limits")),
         drawing(),
         display(|name| std::env::var(name).ok()),
-        master(&ros_node::master_uri(), answers),
+        master(&ros_node::master_uri(), |master| master.call("getPid", Vec::new()).map(drop)),
         ros2_buffer(&text("/proc/sys/net/core/rmem_default")),
         scenes(launch_file),
     ];
@@ -201,32 +203,25 @@ fn display(variable: impl Fn(&str) -> Option<String>) -> Finding {
     Finding::new("display", verdict, named.unwrap_or_else(|| "none".into()), advice)
 }
 
-/// `answers`: whether somebody listens at an address, HOST:PORT.
-fn master(uri: &str, answers: impl Fn(&str) -> Result<(), String>) -> Finding {
-    let address = uri.trim_start_matches("http://").trim_end_matches('/');
-    let host = address.rsplit_once(':').map_or(address, |(host, _)| host);
-    let is_local = ["localhost", "127.0.0.1", "[::1]"].contains(&host);
-    match answers(address) {
-        Ok(()) => Finding::new("ROS 1 master", Verdict::Good, format!("{uri} answers"), ""),
-        Err(_) if is_local => {
-            Finding::new("ROS 1 master", Verdict::Good, format!("none at {uri}: the simulator will start one"), "")
+/// `answers`: whether a master does.
+fn master(uri: &str, answers: impl Fn(&Peer) -> Result<(), CallError>) -> Finding {
+    let subject = "ROS 1 master";
+    let master = match Peer::new(uri, "/ambf_doctor", Duration::from_secs(1)) {
+        Ok(master) => master,
+        Err(error) => return Finding::new(subject, Verdict::Bad, error.to_string(), "set ROS_MASTER_URI, or unset it"),
+    };
+    let is_local =
+        || master.addresses().is_ok_and(|addresses| addresses.iter().all(|address| address.ip().is_loopback()));
+    match answers(&master) {
+        Ok(()) => Finding::new(subject, Verdict::Good, format!("{uri} answers"), ""),
+        Err(CallError::NoAnswer { .. }) if is_local() => {
+            Finding::new(subject, Verdict::Good, format!("none at {uri}: the simulator will start one"), "")
         }
         Err(why) => {
             let advice = "start roscore there, or set ROS_MASTER_URI; the simulator runs and asks for it every second";
-            Finding::new("ROS 1 master", Verdict::Note, format!("{uri} does not answer: {why}"), advice)
+            Finding::new(subject, Verdict::Note, why.to_string(), advice)
         }
     }
-}
-
-fn answers(address: &str) -> Result<(), String> {
-    let mut why = "no address".to_owned();
-    for address in address.to_socket_addrs().map_err(|error| error.to_string())? {
-        match TcpStream::connect_timeout(&address, Duration::from_secs(1)) {
-            Ok(_) => return Ok(()),
-            Err(error) => why = error.to_string(),
-        }
-    }
-    Err(why)
 }
 
 /// The receive buffer that ROS 2 programs on this machine have unless they ask for another.
@@ -258,23 +253,34 @@ fn input_devices(launch_file: &Path) -> Vec<Finding> {
     let file = launch.and_then(|launch| launch.input_devices_config);
     let Some(Ok((listed, _))) = file.map(|file| adf::load::<InputDevices>(&file)) else { return Vec::new() };
     let drivers = devices::drivers();
-    let look = |entry: &adf::InputDevice| {
-        let model = &entry.hardware_name;
-        let driver = entry.driver.as_ref().map_or_else(|| drivers.serving(model), |name| drivers.named(name));
-        let found = driver.ok_or_else(|| format!("no driver serves {model}"));
-        let found = found.and_then(|driver| find_devices(driver, model, &entry.driver_settings));
-        device(&format!("device {}", entry.identifier), found.map(|found| found.len()))
-    };
+    let look = |entry: &adf::InputDevice| device(&format!("device {}", entry.identifier), look_at(entry, &drivers));
     listed.entries.iter().flatten().map(look).collect()
 }
 
-/// `found`: how many there are, or why that is not known.
-fn device(subject: &str, found: Result<usize, String>) -> Finding {
-    match found {
-        Ok(0) => Finding::new(subject, Verdict::Note, "not connected", "docs/devices.md says what each device needs"),
-        Ok(_) => Finding::new(subject, Verdict::Good, "there", ""),
-        Err(why) => Finding::new(subject, Verdict::Note, why, "docs/devices.md says what each device needs"),
-    }
+/// What its driver tells of the device of an entry; `None`: there is none.
+///
+/// # Errors
+/// Why that is not known.
+fn look_at(entry: &adf::InputDevice, drivers: &Drivers) -> Result<Option<Presence>, String> {
+    let model = &entry.hardware_name;
+    let driver = entry.driver.as_ref().map_or_else(|| drivers.serving(model), |name| drivers.named(name));
+    let driver = driver.ok_or_else(|| format!("no driver serves {model}"))?;
+    let found = find_devices(driver, model, &entry.driver_settings)?;
+    let is_wanted = |identity: &str| entry.identity.as_ref().is_none_or(|wanted| wanted == identity);
+    let found = found.iter().find(|info| info.model == *model && is_wanted(&info.identity));
+    found.map(|info| presence_of(driver, info, &entry.driver_settings)).transpose()
+}
+
+fn device(subject: &str, looked: Result<Option<Presence>, String>) -> Finding {
+    let (verdict, found) = match looked {
+        Ok(Some(Presence::There(what))) if what.is_empty() => (Verdict::Good, "there".to_owned()),
+        Ok(Some(Presence::There(what))) => (Verdict::Good, format!("there: {what}")),
+        Ok(Some(Presence::NotReady(why))) => (Verdict::Note, format!("not ready: {why}")),
+        Ok(Some(Presence::Unknown(why))) => (Verdict::Note, format!("not known: {why}")),
+        Ok(None) => (Verdict::Note, "not connected".to_owned()),
+        Err(why) => (Verdict::Note, why),
+    };
+    Finding::new(subject, verdict, found, "docs/devices.md says what each device needs")
 }
 
 #[cfg(test)]
@@ -298,11 +304,40 @@ mod tests {
 
     #[test]
     fn masters_of_this_machine_need_not_be_there() {
-        let nobody = |_: &str| Err("refused".to_owned());
-        assert_eq!(master("http://localhost:11311", nobody).verdict, Verdict::Good);
-        assert_eq!(master("http://robot:11311/", nobody).verdict, Verdict::Note);
-        let asked = |address: &str| if address == "robot:11311" { Ok(()) } else { Err(address.to_owned()) };
-        assert_eq!(master("http://robot:11311/", asked).verdict, Verdict::Good);
+        let none = |master: &Peer| {
+            let reason = std::io::ErrorKind::ConnectionRefused.into();
+            Err(CallError::NoAnswer { uri: master.uri().to_owned(), reason })
+        };
+        assert_eq!(master("http://localhost:11311", none).verdict, Verdict::Good);
+        assert_eq!(master("http://192.0.2.1:11311/", none).verdict, Verdict::Note);
+        assert_eq!(master("http://192.0.2.1:11311/", |_| Ok(())).verdict, Verdict::Good);
+        let other = |master: &Peer| Err(CallError::NotRos(master.uri().to_owned()));
+        assert_eq!(master("http://localhost:11311", other).verdict, Verdict::Note, "none can be started there");
+        assert_eq!(master("localhost:11311", none).verdict, Verdict::Bad);
+    }
+
+    #[test]
+    fn devices_are_there_only_if_their_driver_says_so() {
+        let of = |looked| device("device A", looked);
+        assert_eq!(of(Ok(Some(Presence::There("usb 1-2".into())))).verdict, Verdict::Good);
+        for looked in [
+            Ok(Some(Presence::NotReady("why".into()))),
+            Ok(Some(Presence::Unknown("why".into()))),
+            Ok(None),
+            Err("why".into()),
+        ] {
+            let finding = of(looked);
+            assert!(finding.verdict == Verdict::Note && !finding.advice.is_empty(), "{finding}");
+        }
+        let text = "input devices: [A, B, C]\n\
+                    A: {hardware name: Mock, root link: l}\nB: {hardware name: Mock, identity: 99, root link: l}\n\
+                    C: {hardware name: Loom, root link: l}\n";
+        let (list, _) = adf::parse::<InputDevices>(text, Path::new("d.yaml")).unwrap();
+        let drivers = devices::drivers();
+        let looked: Vec<_> = list.entries.iter().flatten().map(|entry| look_at(entry, &drivers)).collect();
+        assert!(matches!(&looked[0], Ok(Some(Presence::There(_)))), "{looked:?}");
+        assert_eq!(looked[1], Ok(None));
+        assert!(looked[2].is_err());
     }
 
     #[test]

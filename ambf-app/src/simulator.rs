@@ -70,7 +70,7 @@ pub fn run(options: &SimulatorOptions, arguments: RosArguments) -> Result<(), Si
     let stop = process::stop_flag();
     print_line!(
         "AMBF simulator {} (physics {} Hz{})",
-        env!("CARGO_PKG_VERSION"),
+        ambf_version::VERSION,
         options.physics_frequency,
         time_step(options)
     );

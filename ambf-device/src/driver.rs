@@ -31,6 +31,17 @@ pub struct DeviceInfo {
     pub identity: String,
 }
 
+/// What can be told of a device without opening it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Presence {
+    /// It is there, and nothing is seen that keeps it from being opened and used. What is seen of it.
+    There(String),
+    /// It could not be used now. What is missing.
+    NotReady(String),
+    /// Only opening it would tell. Why.
+    Unknown(String),
+}
+
 /// Where a driver says what its user should know, from any of its threads, without waiting. Sentences that nobody takes
 /// are dropped.
 #[derive(Debug, Clone)]
@@ -87,6 +98,13 @@ pub trait Driver: Send + Sync {
     /// # Errors
     /// [`DeviceError::Unavailable`], [`DeviceError::Setting`].
     fn find(&self, model: &str, settings: &Settings) -> Result<Vec<DeviceInfo>, DeviceError>;
+
+    /// What can be told of a device that was [found](Self::find), without opening it: nothing is moved or told, nobody is
+    /// disturbed who uses it. It may take some seconds. Default: [`Presence::Unknown`].
+    fn presence(&self, info: &DeviceInfo, settings: &Settings) -> Presence {
+        let _ = (info, settings);
+        Presence::Unknown("its driver tells only when it is opened".into())
+    }
 
     /// Opens a device that was found. It may take a second.
     ///

@@ -18,7 +18,7 @@ pub mod timing;
 
 pub use ambf_model::{Setting, SettingError, Settings};
 pub use caught::caught;
-pub use driver::{DeviceError, DeviceInfo, DeviceLog, Driver, Drivers, InputDevice};
+pub use driver::{DeviceError, DeviceInfo, DeviceLog, Driver, Drivers, InputDevice, Presence};
 pub use latest::Latest;
 pub use mock::{CommandedForce, MockDriver, MockRecording};
 pub use sample::{DeviceForce, DeviceSample};

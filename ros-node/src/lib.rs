@@ -22,6 +22,7 @@
 //!
 //! Not in: clients of services; messages, which rosrust generates; UDP; simulated time.
 
+mod address;
 mod announcement;
 mod calls;
 mod connections;

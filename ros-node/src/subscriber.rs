@@ -7,7 +7,7 @@
 
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::io::{self, ErrorKind, Write};
-use std::net::{IpAddr, Shutdown, SocketAddr, TcpListener, TcpStream, ToSocketAddrs};
+use std::net::{IpAddr, Shutdown, SocketAddr, TcpListener, TcpStream};
 use std::os::fd::{AsRawFd, RawFd};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Arc;
@@ -17,6 +17,7 @@ use dxr::Value;
 use parking_lot::Mutex;
 use rosrust::Message;
 
+use super::address::resolve;
 use super::announcement::{Announcement, Direction, Endpoint, Registration, Serves};
 use super::calls::text;
 use super::connections::{Buffer, Came};
@@ -418,7 +419,7 @@ fn connect(line: &Busy, node: &Peer) -> Result<TcpStream, Trouble> {
         _ => Trouble::OutOfReach(format!("{host}:{port}: {error}")),
     };
     let mut last = ErrorKind::AddrNotAvailable.into();
-    for address in (host.as_str(), port).to_socket_addrs().map_err(out_of_reach)? {
+    for address in resolve(host, port).map_err(out_of_reach)? {
         if graph.is_local && !is_here(&address) {
             return Err(Trouble::Fault(format!("its messages come from another machine, {address}")));
         }

@@ -1,12 +1,13 @@
 //! Calls to a ROS master or node, with a time-out.
 
 use std::io::{ErrorKind, Read, Write};
-use std::net::{SocketAddr, TcpStream, ToSocketAddrs};
+use std::net::{SocketAddr, TcpStream};
 use std::time::Duration;
 
 use dxr::{FaultResponse, MethodCall, MethodResponse, Value};
 use thiserror::Error;
 
+use super::address::resolve;
 use super::calls::is_too_deep;
 
 /// Longest answer that is read, bytes: the parameter tree of one object is far smaller.
@@ -93,12 +94,12 @@ impl Peer {
         &self.uri
     }
 
-    /// Its socket addresses; resolving a name may take seconds.
+    /// Its socket addresses; resolving a name may take seconds. `localhost` is 127.0.0.1 where the system does not know it.
     ///
     /// # Errors
     /// [`CallError::NoAnswer`] when the name is unknown.
     pub fn addresses(&self) -> Result<Vec<SocketAddr>, CallError> {
-        (self.host.as_str(), self.port).to_socket_addrs().map(Iterator::collect).map_err(|e| self.no_answer(e))
+        resolve(&self.host, self.port).map_err(|error| self.no_answer(error))
     }
 
     fn no_answer(&self, reason: std::io::Error) -> CallError {
@@ -192,7 +193,7 @@ impl Peer {
 
     fn connect(&self) -> std::io::Result<TcpStream> {
         let mut last = std::io::Error::from(ErrorKind::AddrNotAvailable);
-        for address in (self.host.as_str(), self.port).to_socket_addrs()? {
+        for address in resolve(&self.host, self.port)? {
             match TcpStream::connect_timeout(&address, self.timeout) {
                 Ok(stream) => {
                     stream.set_nodelay(true)?;

@@ -2,7 +2,7 @@
 
 use super::values::{indexes, parts, positive};
 use super::{launch_file, print_or_fail, utf8, CheckOptions, CliError, Parsed, PhysicsOptions};
-use clap::Parser;
+use clap::{CommandFactory, Parser};
 use std::ffi::OsString;
 use std::path::PathBuf;
 
@@ -67,6 +67,11 @@ pub struct PictureOptions {
 }
 
 impl BatchOptions {
+    /// The command line as clap knows it, for completions and manual pages.
+    pub fn command() -> clap::Command {
+        Arguments::command()
+    }
+
     /// Reads a command line, program name included. There are never notes.
     ///
     /// # Errors
@@ -99,7 +104,7 @@ impl BatchOptions {
 #[derive(Debug, clap::Parser)]
 #[command(
     name = "ambf_batch",
-    version,
+    version = ambf_version::VERSION,
     about = "Steps a scene as fast as it can, without ROS and without a clock, and writes traces.",
     after_help = "At least one of -l and -a is needed, except with --check.\n\n\
                   Exit status: 0 done; 1 wrong usage; 2 a file could not be loaded; 3 the state became non-finite.\n\

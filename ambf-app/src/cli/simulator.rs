@@ -135,6 +135,11 @@ impl Default for PublishFrequency {
 }
 
 impl SimulatorOptions {
+    /// The command line as clap knows it, for completions and manual pages.
+    pub fn command() -> clap::Command {
+        Arguments::command()
+    }
+
     /// Reads a command line, program name included.
     ///
     /// Ignored words, indexes that are no numbers and values without effect are reported in the notes.
@@ -166,7 +171,7 @@ impl SimulatorOptions {
 #[derive(Debug, clap::Parser)]
 #[command(
     name = "ambf_simulator",
-    version,
+    version = ambf_version::VERSION,
     about = "Simulates the multi-body models of a launch file in real time and talks ROS 1 about them.",
     after_help = "\
 BOOL is true, yes, on, 1 or false, no, off, 0. Long names may be shortened: --launch. A value may be attached: -l1, --ns=/a.

@@ -5,10 +5,10 @@ use std::time::Duration;
 
 use crossbeam_channel::{bounded, RecvTimeoutError};
 
-use crate::{caught, DeviceInfo, Driver, Drivers, Settings};
+use crate::{caught, DeviceInfo, Driver, Drivers, Presence, Settings};
 use ambf_model::adf;
 
-/// How long a driver may look for its devices.
+/// How long a driver may look for its devices, or at one of them.
 const FIND_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// A device that belongs to one entry.
@@ -72,20 +72,39 @@ fn known(drivers: &Drivers) -> String {
 /// # Errors
 /// Why it is not known what there is.
 pub fn find_devices(driver: &Arc<dyn Driver>, model: &str, settings: &Settings) -> Result<Vec<DeviceInfo>, String> {
+    let (model, settings) = (model.to_owned(), settings.clone());
+    let found = asked(driver, "which devices there are", move |driver| driver.find(&model, &settings))?;
+    found.map_err(|error| error.to_string())
+}
+
+/// What a driver can tell of a device that it found; the same holds for one that panics or does not return.
+///
+/// # Errors
+/// Why that is not known.
+pub fn presence_of(driver: &Arc<dyn Driver>, info: &DeviceInfo, settings: &Settings) -> Result<Presence, String> {
+    let (info, settings) = (info.clone(), settings.clone());
+    asked(driver, "whether the device can be used", move |driver| driver.presence(&info, &settings))
+}
+
+/// What a driver answers, in a thread that is given up after [`FIND_TIMEOUT`]; `what` it is asked.
+fn asked<T: Send + 'static>(
+    driver: &Arc<dyn Driver>,
+    what: &str,
+    ask: impl FnOnce(&dyn Driver) -> T + Send + 'static,
+) -> Result<T, String> {
     let (answer, answered) = bounded(1);
-    let (name, finder, model, settings) = (driver.name(), Arc::clone(driver), model.to_owned(), settings.clone());
-    let look = move || {
-        let found = caught(|| finder.find(&model, &settings));
+    let (name, asked) = (driver.name(), Arc::clone(driver));
+    let work = move || {
+        let said = caught(|| ask(&*asked));
         // Nobody waits any more after the timeout.
-        let _ = answer.send(found);
+        let _ = answer.send(said);
     };
-    std::thread::Builder::new().name("find devices".into()).spawn(look).map_err(|error| error.to_string())?;
+    std::thread::Builder::new().name("find devices".into()).spawn(work).map_err(|error| error.to_string())?;
     match answered.recv_timeout(FIND_TIMEOUT) {
-        Ok(Ok(Ok(found))) => Ok(found),
-        Ok(Ok(Err(error))) => Err(error.to_string()),
+        Ok(Ok(said)) => Ok(said),
         Ok(Err(panic)) => Err(format!("driver `{name}` panicked: {panic}")),
         Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => {
-            Err(format!("driver `{name}` did not say within {} s which devices there are", FIND_TIMEOUT.as_secs()))
+            Err(format!("driver `{name}` did not say within {} s {what}", FIND_TIMEOUT.as_secs()))
         }
     }
 }
@@ -95,7 +114,7 @@ mod tests {
     use std::path::Path;
 
     use super::*;
-    use crate::{DeviceError, DeviceLog, InputDevice, MockDriver};
+    use crate::{DeviceError, DeviceLog, InputDevice, MockDriver, Setting};
 
     /// A driver with which something is wrong.
     struct Bad;
@@ -114,6 +133,13 @@ mod tests {
                 Some("panic") => panic!("no bus"),
                 Some("refuse") => Err(DeviceError::Unavailable("no permission".into())),
                 _ => Ok(Vec::new()),
+            }
+        }
+
+        fn presence(&self, _: &DeviceInfo, settings: &Settings) -> Presence {
+            match settings.text("how") {
+                Some("panic") => panic!("no bus"),
+                _ => Presence::Unknown("only opening it would tell".into()),
             }
         }
 
@@ -158,5 +184,18 @@ mod tests {
         assert_eq!(of("hardware name: Bad, driver settings: {how: panic}"), "driver `bad` panicked: no bus");
         let found = of("hardware name: Mock, identity: 99");
         assert!(found.starts_with("no `Mock` with the identity `99` is connected, only `0`, `1`"), "{found}");
+    }
+
+    #[test]
+    fn drivers_are_asked_about_devices() {
+        let of = |driver: Arc<dyn Driver>, how: &str| {
+            let setting = Setting { value: how.into(), place: "d.yaml:1".into() };
+            let settings = Settings::new([("how".to_owned(), setting)].into(), ".".into());
+            presence_of(&driver, &DeviceInfo { model: "Bad".into(), identity: "0".into() }, &settings)
+        };
+        let said = of(Arc::new(MockDriver::default()), "any");
+        assert_eq!(said, Ok(Presence::There("in software".into())));
+        assert!(matches!(of(Arc::new(Bad), "any"), Ok(Presence::Unknown(_))), "what a driver says that does not know");
+        assert!(of(Arc::new(Bad), "panic").unwrap_err().contains("no bus"));
     }
 }

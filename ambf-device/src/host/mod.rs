@@ -10,7 +10,7 @@ mod exchange;
 mod rates;
 mod worker;
 
-pub use claim::find_devices;
+pub use claim::{find_devices, presence_of};
 pub use exchange::{BodyState, CameraSum, Controls, Followed, Hand, PhysicsEnd};
 pub use rates::Rate;
 

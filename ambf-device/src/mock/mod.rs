@@ -11,7 +11,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use parking_lot::Mutex;
 
 use super::{known, Axes, DeviceError, DeviceForce, DeviceInfo, DeviceLog, DeviceSample, DeviceSpec};
-use super::{Driver, InputDevice, Settings};
+use super::{Driver, InputDevice, Presence, Settings};
 use script::{Button, Fault, Script};
 
 /// Devices that there are of each model.
@@ -104,6 +104,10 @@ impl Driver for MockDriver {
         Plan::read(settings)?;
         let unit = |unit: u32| DeviceInfo { model: model.to_owned(), identity: unit.to_string() };
         Ok((0..UNITS).map(unit).collect())
+    }
+
+    fn presence(&self, _info: &DeviceInfo, _settings: &Settings) -> Presence {
+        Presence::There("in software".into())
     }
 
     fn open(

@@ -149,7 +149,8 @@ fn read_json(path: &Path, bytes: &[u8], json: Range<usize>) -> Result<Root, Mesh
         let message = format!("more than {most} JSON objects and lists, or {MAX_VALUES} values");
         return Err(MeshError::malformed(path, Position::Whole, message));
     }
-    gltf_json::deserialize::from_slice(text).map_err(|error| {
+    // Not `deserialize::from_slice`, which would be compiled once more here, for half a minute.
+    Root::from_slice(text).map_err(|error| {
         let at = if is_container {
             let lines = text.split_inclusive(|byte| *byte == b'\n').take(error.line().saturating_sub(1));
             Position::Byte(start + lines.map(<[u8]>::len).sum::<usize>() + error.column().saturating_sub(1))

@@ -5,13 +5,14 @@ use std::time::Instant;
 
 use ambf_device::{
     known, Axes, DeviceError, DeviceForce, DeviceInfo, DeviceLog, DeviceSample, DeviceSpec, Driver, InputDevice,
-    Settings,
+    Presence, Settings,
 };
 
 use crate::arm::{Arm, ArmError};
 use crate::dialect::Names;
 use crate::frames::Wrench;
 use crate::options::ArmOptions;
+use crate::presence::presence;
 
 /// The driver `dvrk`: each arm is a device whose model name is the arm's name, or that of the setting `arm`.
 pub fn driver() -> impl Driver {
@@ -55,6 +56,13 @@ impl Driver for DvrkDriver {
     fn find(&self, model: &str, settings: &Settings) -> Result<Vec<DeviceInfo>, DeviceError> {
         let (_, names) = options(model, settings)?;
         Ok(vec![DeviceInfo { model: model.to_owned(), identity: names.identity() }])
+    }
+
+    fn presence(&self, info: &DeviceInfo, settings: &Settings) -> Presence {
+        match options(&info.model, settings) {
+            Ok((options, names)) => presence(&names, &options),
+            Err(error) => Presence::NotReady(error.to_string()),
+        }
     }
 
     fn open(

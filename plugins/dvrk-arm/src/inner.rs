@@ -222,11 +222,7 @@ impl Inner {
 
     /// A state has come; says what it means for the user if it is news.
     pub fn take_state(&self, state: State) {
-        let ready = match state.homed_busy {
-            Some((homed, busy)) => state.name == "ENABLED" && homed && !busy,
-            None => state.name != Mode::Uninitialised.name(),
-        };
-        self.ready.store(ready, Ordering::Release);
+        self.ready.store(state.is_ready(), Ordering::Release);
         if let Some(mode) = Mode::from_name(&state.name) {
             self.mode.store(mode as u8, Ordering::Release);
         }

@@ -30,6 +30,7 @@ mod options;
 mod outputs;
 mod pace;
 mod pedals;
+mod presence;
 mod sender;
 mod session;
 mod wire;

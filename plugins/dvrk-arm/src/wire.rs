@@ -4,6 +4,7 @@
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 use crate::frames::{is_finite, Wrench};
+use crate::inner::Mode;
 
 /// Most numbers in an array that is read: arms have seven joints.
 const MOST_NUMBERS: usize = 1 << 10;
@@ -169,6 +170,17 @@ pub(crate) struct State {
     pub name: String,
     /// Homed and busy; `None` where only a name is sent.
     pub homed_busy: Option<(bool, bool)>,
+}
+
+impl State {
+    /// Whether the arm can be used: enabled, homed and not busy, or, where only a name is sent, not the one of arms that
+    /// have not been powered on.
+    pub fn is_ready(&self) -> bool {
+        match self.homed_busy {
+            Some((homed, busy)) => self.name == "ENABLED" && homed && !busy,
+            None => self.name != Mode::Uninitialised.name(),
+        }
+    }
 }
 
 /// Types of [`state`].

@@ -4,8 +4,9 @@ mod common;
 
 use std::time::{Duration, Instant};
 
+use ambf_device::{Driver, Presence};
 use common::*;
-use dvrk_arm::{isometry, Arm, ArmOptions, Dialect, Frames, Mode, Pedal};
+use dvrk_arm::{driver, isometry, Arm, ArmOptions, Dialect, Frames, Mode, Pedal};
 use fake_dvrk::{Curve, Fake, FakeOptions, Hand, Machine, Motion, Script};
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -55,6 +56,35 @@ fn all_dialects_are_found_and_spoken() {
         fake.set_gripper("MTMR", 0.0);
         until("the closed gripper", || device.read().buttons == 1 && device.read().gripper == Some(0.0));
     }
+}
+
+/// What can be told before an arm is opened: nothing reaches it, and its answer is that of the moment.
+#[test]
+fn arms_are_asked_whether_they_could_be_used() {
+    let ask = |arm: &str, namespace: &str| {
+        let settings = settings(&[("namespace", namespace)]);
+        let info = driver().find(arm, &settings).unwrap().remove(0);
+        driver().presence(&info, &settings)
+    };
+    for (number, dialect) in DIALECTS.into_iter().enumerate() {
+        let namespace = format!("asked{number}");
+        let fake = fake(&namespace, dialect, right(200.0));
+        until("it is there", || match ask("MTMR", &namespace) {
+            Presence::There(what) => what.contains(&dialect.to_string()),
+            _ => false,
+        });
+        assert_eq!((fake.commands("MTMR"), fake.switches("MTMR")), (Vec::new(), (None, None)), "it is told nothing");
+        let Presence::NotReady(why) = ask("MTML", &namespace) else { panic!("{dialect}: there is no MTML") };
+        assert!(why.contains("MTMR"), "who is there instead: {why}");
+    }
+    let machine = Machine::new("DISABLED", false).unwrap();
+    let _fake = fake("unready", Dialect::CrtkPose, FakeOptions { machine, ..right(200.0) });
+    until(
+        "its state",
+        || matches!(ask("MTMR", "unready"), Presence::NotReady(why) if why.contains("DISABLED, not homed")),
+    );
+    let _silent = fake("silent", Dialect::CrtkPose, FakeOptions { zero_stamps: true, ..right(200.0) });
+    until("no pose", || matches!(ask("MTMR", "silent"), Presence::NotReady(why) if why.contains("no valid pose")));
 }
 
 /// Late, away, back, and back as another release.

@@ -1,6 +1,6 @@
 use std::sync::Arc;
 
-use ambf_device::{DeviceError, DeviceInfo, DeviceLog, Driver, InputDevice, Settings};
+use ambf_device::{DeviceError, DeviceInfo, DeviceLog, Driver, InputDevice, Presence, Settings};
 
 use crate::device::FalconDevice;
 use crate::settings::{config, KEYS};
@@ -67,6 +67,19 @@ impl Driver for FalconDriver {
         let identities = bus.list().map_err(|error| DeviceError::Unavailable(format!("Falcon: {error}")))?;
         let wanted = identities.into_iter().filter(|identity| port.is_none_or(|port| port == identity));
         Ok(wanted.map(|identity| DeviceInfo { model: model.to_owned(), identity }).collect())
+    }
+
+    fn presence(&self, info: &DeviceInfo, settings: &Settings) -> Presence {
+        let checked = self.bus(settings).and_then(|bus| Ok((bus, config(settings)?)));
+        match checked.map(|(bus, config)| (bus.may_open(&info.identity), config.firmware.is_some())) {
+            Err(error) => Presence::NotReady(error.to_string()),
+            Ok((Err(error), _)) => Presence::NotReady(format!("{}: {error}", info.identity)),
+            Ok((Ok(()), true)) => Presence::There(format!("{}, and its firmware", info.identity)),
+            Ok((Ok(()), false)) => Presence::There(format!(
+                "{}; without `firmware` in its driver settings it works only if its firmware runs already",
+                info.identity
+            )),
+        }
     }
 
     fn open(

@@ -34,6 +34,15 @@ pub trait Bus: Send + Sync {
     /// [`TransportError::Other`] when the bus can't be looked at.
     fn list(&self) -> Result<Vec<String>, TransportError>;
 
+    /// Whether this user may open a device; it is not opened. Default: yes.
+    ///
+    /// # Errors
+    /// [`TransportError`].
+    fn may_open(&self, identity: &str) -> Result<(), TransportError> {
+        let _ = identity;
+        Ok(())
+    }
+
     /// Opens a device for this program alone.
     ///
     /// # Errors

@@ -2,6 +2,8 @@ use std::time::Duration;
 
 use nusb::transfer::{Buffer, Bulk, ControlOut, ControlType, In, Out, Recipient, TransferError};
 use nusb::{DeviceInfo, Endpoint, ErrorKind, Interface, MaybeFuture};
+use rustix::fs::Access;
+use rustix::io::Errno;
 
 use crate::transport::{Bus, Port, TransportError, PACKET};
 
@@ -40,6 +42,16 @@ impl Bus for Usb {
         let mut identities: Vec<String> = Self::falcons()?.map(|device| identity(&device)).collect();
         identities.sort();
         Ok(identities)
+    }
+
+    fn may_open(&self, wanted: &str) -> Result<(), TransportError> {
+        let device = Self::falcons()?.find(|device| identity(device) == wanted).ok_or(TransportError::Gone)?;
+        // Where Linux has the files that programs open; a system that keeps them elsewhere says so at opening only.
+        let file = format!("/dev/bus/usb/{:03}/{:03}", device.busnum(), device.device_address());
+        match rustix::fs::access(&file, Access::READ_OK | Access::WRITE_OK) {
+            Err(Errno::ACCESS | Errno::PERM) => Err(TransportError::Denied),
+            _ => Ok(()),
+        }
     }
 
     fn open(&self, wanted: &str) -> Result<Box<dyn Port>, TransportError> {

@@ -1,7 +1,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use ambf_device::{DeviceError, DeviceInfo, DeviceLog, Driver, InputDevice, Settings};
+use ambf_device::{DeviceError, DeviceInfo, DeviceLog, Driver, InputDevice, Presence, Settings};
 
 use crate::device::Touch;
 use crate::library::{HdLibrary, DEFAULT_DEVICE};
@@ -71,6 +71,13 @@ impl Driver for TouchDriver {
             None => configured(std::env::var_os("GTDD_HOME").map(PathBuf::from).as_deref()),
         };
         Ok(names.into_iter().map(|identity| DeviceInfo { model: model.to_owned(), identity }).collect())
+    }
+
+    fn presence(&self, info: &DeviceInfo, _settings: &Settings) -> Presence {
+        Presence::Unknown(format!(
+            "the vendor's library is there; whether `{}` is plugged in it tells only by opening it",
+            info.identity
+        ))
     }
 
     fn open(

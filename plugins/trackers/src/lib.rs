@@ -9,9 +9,11 @@
 mod hydra;
 mod joystick;
 
+use std::path::Path;
 use std::sync::Arc;
 
-use ambf_device::{Axes, DeviceSpec, Driver};
+use ambf_device::{Axes, DeviceSpec, Driver, Presence};
+use rustix::fs::{access, Access};
 
 pub use hydra::HydraDriver;
 pub use joystick::JoystickDriver;
@@ -19,6 +21,17 @@ pub use joystick::JoystickDriver;
 /// The drivers `hydra` and `joystick`, for [`Drivers`](ambf_device::Drivers).
 pub fn drivers() -> [Arc<dyn Driver>; 2] {
     [Arc::new(HydraDriver::default()), Arc::new(JoystickDriver::default())]
+}
+
+/// What can be told of a device by its file, which is not opened.
+fn may_open(path: &Path, how: Access) -> Presence {
+    match access(path, how) {
+        Ok(()) => Presence::There(path.display().to_string()),
+        Err(error) => Presence::NotReady(format!(
+            "{} cannot be opened: {error}; log in at this computer, or see resources/udev for rules that allow it",
+            path.display()
+        )),
+    }
 }
 
 /// A tracker for either hand that senses position and rotation, and no more is known about it than that.
@@ -38,5 +51,19 @@ fn tracker(model: &str) -> DeviceSpec {
         left_hand: true,
         right_hand: true,
         ..DeviceSpec::unknown(model)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn device_files_that_cannot_be_opened_are_named() {
+        assert_eq!(may_open(Path::new("/dev/null"), Access::READ_OK), Presence::There("/dev/null".into()));
+        let Presence::NotReady(why) = may_open(Path::new("/dev/input/none"), Access::READ_OK) else {
+            panic!("a file that does not exist")
+        };
+        assert!(why.contains("/dev/input/none"), "{why}");
     }
 }

@@ -333,7 +333,7 @@ fn help_and_version_are_texts() {
             other => panic!("{other:?}"),
         }
     }
-    let version = format!("ambf_simulator {}\n", env!("CARGO_PKG_VERSION"));
+    let version = format!("ambf_simulator {}\n", ambf_version::VERSION);
     assert_eq!(parse(&["--version"]), Ok(Parsed::Print(version)));
 }
 

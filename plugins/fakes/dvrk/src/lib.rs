@@ -2,6 +2,7 @@
 //! [`Script`], pedals, the operating states, and a record of every wrench. For tests, and for those who want to try the
 //! simulator; the program `fake_dvrk` runs it.
 
+pub mod cli;
 mod kinematics;
 mod machine;
 mod motion;

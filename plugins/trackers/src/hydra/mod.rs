@@ -8,7 +8,8 @@ mod streams;
 
 use std::path::PathBuf;
 
-use ambf_device::{DeviceError, DeviceInfo, DeviceLog, Driver, InputDevice, Settings};
+use ambf_device::{DeviceError, DeviceInfo, DeviceLog, Driver, InputDevice, Presence, Settings};
+use rustix::fs::Access;
 
 use device::{Hydra, MODEL};
 use hidraw::HidRaw;
@@ -65,6 +66,13 @@ impl Driver for HydraDriver {
         let bases = hidraw::list(&self.sys).into_iter();
         let controllers = bases.flat_map(|(port, _)| [0, 1].map(|controller| identity(&port, controller)));
         Ok(controllers.map(|identity| DeviceInfo { model: model.to_owned(), identity }).collect())
+    }
+
+    fn presence(&self, info: &DeviceInfo, _settings: &Settings) -> Presence {
+        let bases = hidraw::list(&self.sys);
+        let base = bases.iter().find(|(port, _)| [0, 1].iter().any(|one| identity(port, *one) == info.identity));
+        let Some((_, path)) = base else { return Presence::NotReady(format!("`{}` is not plugged in", info.identity)) };
+        crate::may_open(path, Access::READ_OK | Access::WRITE_OK)
     }
 
     fn open(

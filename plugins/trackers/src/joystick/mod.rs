@@ -8,7 +8,8 @@ mod options;
 use std::io::ErrorKind;
 use std::path::PathBuf;
 
-use ambf_device::{DeviceError, DeviceInfo, DeviceLog, Driver, InputDevice, Settings};
+use ambf_device::{DeviceError, DeviceInfo, DeviceLog, Driver, InputDevice, Presence, Settings};
+use rustix::fs::Access;
 
 use device::{EventFile, Joystick};
 use find::{JOYSTICK, SPACE_MOUSE};
@@ -44,6 +45,14 @@ impl Driver for JoystickDriver {
         Options::read(settings)?;
         let found = find::list(&self.sys, model).into_iter();
         Ok(found.map(|found| DeviceInfo { model: model.to_owned(), identity: found.identity }).collect())
+    }
+
+    fn presence(&self, info: &DeviceInfo, _settings: &Settings) -> Presence {
+        let listed = find::list(&self.sys, &info.model);
+        match listed.iter().find(|found| found.identity == info.identity) {
+            Some(found) => crate::may_open(&found.path, Access::READ_OK),
+            None => Presence::NotReady(format!("`{}` is not plugged in", info.identity)),
+        }
     }
 
     fn open(

@@ -9,7 +9,8 @@ from .errors import NotFoundError
 
 
 def resources() -> Path:
-    """The folder of shipped scenes, with `launch.yaml` and `models`: `$AMBF_RESOURCES`, that of a wheel, or that of the repository.
+    """The folder of shipped scenes, with `launch.yaml` and `models`: `$AMBF_RESOURCES`, that of a wheel, that of the
+    repository, or that of the Debian package `ambf`.
 
     Raises `NotFoundError` where there is none.
     """
@@ -17,6 +18,7 @@ def resources() -> Path:
     if chosen:
         return Path(chosen)
     for folder in Path(__file__).resolve().parents:
-        if (folder / "resources/launch.yaml").is_file():
-            return folder / "resources"
+        for part in ("resources", "share/ambf"):
+            if (folder / part / "launch.yaml").is_file():
+                return folder / part
     raise NotFoundError("the folder of shipped scenes is not known; set AMBF_RESOURCES to it")
