@@ -365,12 +365,13 @@ void AmbArticulation::apply_set_state() {
   }
   dynamics.update_poses(position);
   if (velocities_set) {
-    std::vector<btVector3> linear, angular;
+    per_link[0].clear();
+    per_link[1].clear();
     for (const Member &member : members) {
-      linear.push_back(member.body->body.getLinearVelocity());
-      angular.push_back(member.body->body.getAngularVelocity());
+      per_link[0].push_back(member.body->body.getLinearVelocity());
+      per_link[1].push_back(member.body->body.getAngularVelocity());
     }
-    dynamics.project(linear.data(), angular.data(), rate);
+    dynamics.project(per_link[0].data(), per_link[1].data(), rate);
   }
   dynamics.update_velocities(rate);
   poses_set = velocities_set = false;
@@ -555,7 +556,9 @@ void AmbArticulation::remember_momenta() {
 void AmbArticulation::write_feedback(btScalar h) {
   const size_t n = members.size();
   const btVector3 zero(0, 0, 0);
-  std::vector<btVector3> forces(n, zero), torques(n, zero);
+  auto &[forces, torques] = per_link;
+  forces.assign(n, zero);
+  torques.assign(n, zero);
   for (size_t i = n; i-- > 0;) {
     const ArticulationDynamics::Body &body = dynamics.bodies[i];
     const btVector3 velocity = (velocities[i] + dynamics.linear[i]) / 2;

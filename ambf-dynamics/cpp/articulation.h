@@ -10,6 +10,8 @@
 #include "engine.h"
 #include "articulation_dynamics.h"
 
+#include <array>
+
 #include <BulletDynamics/Featherstone/btMultiBody.h>
 #include <BulletDynamics/Featherstone/btMultiBodyDynamicsWorld.h>
 #include <BulletDynamics/Featherstone/btMultiBodyLinkCollider.h>
@@ -133,6 +135,8 @@ struct AmbArticulation {
   btTransform base_pose;
   bool has_feedback = false;
   Vector<btVector3> momenta, angular_momenta, velocities, angular_velocities;
+  // Linear and angular quantities of the links while they are computed; members so that nothing is allocated in a step.
+  std::array<Vector<btVector3>, 2> per_link;
 };
 
 // A world with articulations.
