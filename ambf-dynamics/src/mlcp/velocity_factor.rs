@@ -270,8 +270,8 @@ fn dots(columns: &[[f64; BODY]], other: impl Fn(usize) -> f64) -> [f64; BODY] {
         }
     };
     for (g, group) in groups.iter().enumerate() {
-        for k in 0..4 {
-            add(k, &group[k], 4 * g + k);
+        for (k, column) in group.iter().enumerate() {
+            add(k, column, 4 * g + k);
         }
     }
     for (k, column) in rest.iter().enumerate() {
