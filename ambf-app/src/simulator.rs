@@ -113,6 +113,7 @@ fn load_simulation(
         prefix: options.namespace.clone(),
         rates: options.publish_frequency.map(|rates| Rates { min: rates.min, max: rates.max }),
         physics,
+        is_one_of_many: false,
         may_grow: devices::are_wanted(&options.devices),
         // Windows show the last minute.
         savable: has_windows,
