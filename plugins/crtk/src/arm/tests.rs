@@ -709,8 +709,8 @@ fn a_locked_orientation_is_kept_while_the_arm_is_led_about() {
         let set_point = *bench.arm.set_point();
         assert_eq!((set_point.drive, set_point.positioned_from), (Drive::Effort, 3));
         bench.measured.position = set_point.position;
-        for joint in 0..3 {
-            bench.measured.position[joint] = start[joint] + 0.2 * (f64::from(k) * 2e-3).sin();
+        for (joint, begin) in start.iter().enumerate().take(3) {
+            bench.measured.position[joint] = begin + 0.2 * (f64::from(k) * 2e-3).sin();
         }
         bench.step(empty());
         let kept = bench.arm.set_point().position;
