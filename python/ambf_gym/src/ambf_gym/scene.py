@@ -56,7 +56,9 @@ class Scene:
 
 
 def resources() -> Path:
-    """The simulator's folder `resources`: `$AMBF_RESOURCES`, or that of the repository, wheel or Debian package in which this file lies."""
+    """The simulator's folder `resources`: `$AMBF_RESOURCES`, or that of the repository, wheel or Debian package
+    in which this file lies.
+    """
     chosen = os.environ.get("AMBF_RESOURCES")
     if chosen:
         return Path(chosen)
