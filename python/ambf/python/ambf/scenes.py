@@ -9,8 +9,8 @@ from .errors import NotFoundError
 
 
 def resources() -> Path:
-    """The folder of shipped scenes, with `launch.yaml` and `models`: `$AMBF_RESOURCES`, that of a wheel, that of the
-    repository, or that of the Debian package `ambf`.
+    """The folder of shipped scenes, with `launch.yaml` and `models`: `$AMBF_RESOURCES`, that of a wheel, of the
+    repository, or of the Debian package `ambf`.
 
     Raises `NotFoundError` where there is none.
     """

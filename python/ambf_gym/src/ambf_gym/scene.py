@@ -56,12 +56,14 @@ class Scene:
 
 
 def resources() -> Path:
-    """The simulator's folder `resources`: `$AMBF_RESOURCES`, or that of the repository or wheel in which this file lies."""
+    """The simulator's folder `resources`: `$AMBF_RESOURCES`, or that of the repository, wheel or Debian package
+    in which this file lies.
+    """
     chosen = os.environ.get("AMBF_RESOURCES")
     if chosen:
         return Path(chosen)
     for folder in Path(__file__).resolve().parents:
-        for place in (folder / "resources", folder / "ambf/resources"):
+        for place in (folder / "resources", folder / "ambf/resources", folder / "share/ambf"):
             if (place / "launch.yaml").is_file():
                 return place
     raise InvalidDescription("the simulator's folder of scenes is not known; set AMBF_RESOURCES to it")
