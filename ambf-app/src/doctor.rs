@@ -174,7 +174,7 @@ fn open_files(limits: &str) -> Finding {
     Finding::new("open files", verdict, format!("at most {most}"), advice)
 }
 
-#[cfg(feature = "view")]
+#[cfg(feature = "pictures")]
 fn drawing() -> Finding {
     let advice = "windows and cameras: apt install libegl1 libgl1-mesa-dri, or the driver of the graphics card";
     match ambf_render::Renderer::offscreen() {
@@ -188,9 +188,9 @@ fn drawing() -> Finding {
     }
 }
 
-#[cfg(not(feature = "view"))]
+#[cfg(not(feature = "pictures"))]
 fn drawing() -> Finding {
-    Finding::new("drawing", Verdict::Note, "this program was built without", "build with the feature view")
+    Finding::new("drawing", Verdict::Note, "this program was built without", "build with the feature pictures")
 }
 
 fn display(variable: impl Fn(&str) -> Option<String>) -> Finding {

@@ -5,13 +5,13 @@
 //! ROS 1 topics and services ([`ros`]), pictures of cameras over ROS (`cameras`), which drivers and plugins there are
 //! ([`devices`], [`plugins`]), and the only log ([`report`](mod@report)).
 //!
-//! Not in: physics, which is `ambf_core`'s; ROS 1 as such, which is `ros_node`'s; pictures and windows, which are
-//! `ambf_render`'s and `ambf_viewer`'s and left out without the feature `view`.
+//! Not in: physics, which is `ambf_core`'s; ROS 1 as such, which is `ros_node`'s; pictures, which are `ambf_render`'s
+//! (left out without the feature `pictures`), and windows, which are `ambf_viewer`'s (left out without `view`).
 //!
 //! Begin with [`simulator::run`] and [`batch::run`]; for ROS with the table at the top of [`ros`].
 
 pub mod batch;
-#[cfg(feature = "view")]
+#[cfg(feature = "pictures")]
 pub mod cameras;
 pub mod check;
 pub mod cli;

@@ -8,21 +8,21 @@ use std::time::{Duration, Instant};
 use ambf_core::bullet::SolverStatistics;
 use ambf_core::comm::{Middleware, Rates};
 use ambf_core::device::host::DeviceHost;
-use ambf_core::scene::{load, Loaded, SceneOptions, SceneReport};
+use ambf_core::scene::{load_with_progress, Loaded, Progress, SceneFiles, SceneOptions, SceneReport};
 use ambf_core::sim::{Event, Models, Runner, RunnerOptions, Simulation, DEFAULT_SUB_STEP};
 use crossbeam_channel::RecvTimeoutError;
 use crtk::diagnostics::Board;
 use ros_node::OwnMaster;
 use thiserror::Error;
 
-#[cfg(feature = "view")]
+#[cfg(feature = "pictures")]
 use crate::cameras::CameraService;
 use crate::cli::{RosVersions, SimulatorOptions};
 use crate::devices;
 use crate::launch::{self, LaunchError};
 use crate::report::{report_at, Level, RateLimit};
 use crate::ros::{DeviceReports, Extras, ModelHost, ModelReply, RosArguments, RosMiddleware, RosOptions};
-#[cfg(feature = "view")]
+#[cfg(feature = "pictures")]
 use crate::ros::{PictureTopics, PointClouds};
 #[cfg(feature = "ros2")]
 use crate::ros::{Ros2Middleware, Ros2Options};
@@ -31,6 +31,9 @@ use crate::{plugins, print_line, process, report, warn};
 
 /// How often the main thread looks whether it should end.
 const POLL: Duration = Duration::from_millis(50);
+
+/// How often it is said how far loading is.
+const TELL: Duration = Duration::from_secs(2);
 
 /// Why the simulator could not run.
 #[derive(Debug, Error)]
@@ -118,7 +121,7 @@ fn load_simulation(
         // Windows show the last minute.
         savable: has_windows,
     };
-    let Loaded { scene, report: mut found } = load(&files, &scene_options);
+    let Loaded { scene, report: mut found } = load_telling(&files, &scene_options);
     found.files.insert(0, problems);
     print_report(&found, options.verbose);
     let sub_step = scene.sub_step.unwrap_or(DEFAULT_SUB_STEP);
@@ -133,6 +136,25 @@ fn load_simulation(
     };
     plugins::load(&mut simulation, &launch.plugins, &options.plugins, crtk, options.verbose);
     Ok((simulation, host, found.to_string()))
+}
+
+/// Loads a scene; while that takes long, a line says every now and then how far it is.
+fn load_telling(files: &SceneFiles, options: &SceneOptions) -> Loaded {
+    let progress = Progress::default();
+    std::thread::scope(|scope| {
+        let (end, ended) = crossbeam_channel::bounded::<()>(0);
+        let progress = &progress;
+        let tell = move || {
+            while ended.recv_timeout(TELL) == Err(RecvTimeoutError::Timeout) {
+                report!("loading: {progress}");
+            }
+        };
+        // Without a thread to say it, nothing is said.
+        let _ = std::thread::Builder::new().name("loading".into()).spawn_scoped(scope, tell);
+        let loaded = load_with_progress(files, options, progress);
+        drop(end);
+        loaded
+    })
 }
 
 /// What windows and clients are to be shown.
@@ -202,7 +224,7 @@ fn serve(
     #[cfg(feature = "ros2")]
     let mut ros2 = versions.has_two().then(|| Ros2Middleware::new(ros2_options).with_models(Arc::clone(&host) as _));
     let mut ros = versions.has_one().then(|| RosMiddleware::new(ros_options).with_models(host));
-    #[cfg(feature = "view")]
+    #[cfg(feature = "pictures")]
     let cameras = {
         let drawn = Drawn::default();
         ros = ros.map(|ros| drawn.on_one(ros));
@@ -238,7 +260,7 @@ fn serve(
         control: Arc::clone(runner.control()),
         models,
         load_report: wanted.load_report,
-        #[cfg(feature = "view")]
+        #[cfg(feature = "pictures")]
         cameras,
     };
     let outcome = Windows::start(wanted.windows, parts, &devices)
@@ -272,14 +294,14 @@ fn ros_versions(options: &SimulatorOptions) -> RosVersions {
 }
 
 /// What cameras publish, and points that are drawn, on all versions of ROS.
-#[cfg(feature = "view")]
+#[cfg(feature = "pictures")]
 #[derive(Default)]
 struct Drawn {
     topics: Arc<PictureTopics>,
     clouds: Arc<PointClouds>,
 }
 
-#[cfg(feature = "view")]
+#[cfg(feature = "pictures")]
 impl Drawn {
     fn on_one(&self, ros: RosMiddleware) -> RosMiddleware {
         ros.with_pictures(Arc::clone(&self.topics)).with_point_clouds(Arc::clone(&self.clouds))

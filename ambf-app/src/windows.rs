@@ -6,6 +6,8 @@ use ambf_core::comm::Hub;
 use ambf_core::device::host::{DeviceHost, News};
 use ambf_core::sim::{Control, Models, WindowLink};
 
+#[cfg(feature = "pictures")]
+use crate::cameras::{CameraService, OffscreenCameras};
 use crate::report;
 use crate::simulator::SimulatorError;
 
@@ -31,8 +33,18 @@ pub(crate) struct WindowParts {
     /// Problems of the files, one line each.
     pub load_report: String,
     /// What makes pictures for ROS; `None` without ROS.
-    #[cfg(feature = "view")]
-    pub cameras: Option<crate::cameras::CameraService>,
+    #[cfg(feature = "pictures")]
+    pub cameras: Option<CameraService>,
+}
+
+/// Lets a thread of its own make pictures for ROS.
+#[cfg(feature = "pictures")]
+fn offscreen(hub: &Arc<Hub>, cameras: CameraService) -> Option<OffscreenCameras> {
+    OffscreenCameras::start(Arc::clone(hub), cameras)
+        .inspect_err(|error| {
+            report!("cameras: no thread can be made for pictures: {error}; the simulation runs without");
+        })
+        .ok()
 }
 
 #[cfg(feature = "view")]
@@ -49,7 +61,6 @@ mod with {
     use parking_lot::Mutex;
 
     use super::*;
-    use crate::cameras::{CameraService, OffscreenCameras};
     use crate::print_line;
 
     /// What the option `-g` and the environment say.
@@ -135,12 +146,8 @@ mod with {
                     None
                 }
             };
-            let Some(cameras) = cameras else { return };
-            match OffscreenCameras::start(Arc::clone(&self.hub), cameras) {
-                Ok(offscreen) => self.offscreen = Some(offscreen),
-                Err(error) => {
-                    report!("cameras: no thread can be made for pictures: {error}; the simulation runs without");
-                }
+            if let Some(cameras) = cameras {
+                self.offscreen = offscreen(&self.hub, cameras);
             }
         }
 
@@ -200,7 +207,8 @@ mod without {
         match option {
             Some(true) => {
                 let why =
-                    "this program was built without windows: build it with the feature `view`, or run it with -g 0";
+                    "this program was built without windows: with DISPLAY or WAYLAND_DISPLAY set, scripts/simulate builds them \
+                     (cargo: the feature `view`); or run it with -g 0";
                 Err(SimulatorError::Windows(why.into()))
             }
             Some(false) => Ok(WindowsWanted::No),
@@ -211,14 +219,21 @@ mod without {
         }
     }
 
-    /// No windows.
-    pub(crate) struct Windows;
+    /// No windows, and what makes pictures for ROS.
+    pub(crate) struct Windows {
+        #[cfg(feature = "pictures")]
+        _offscreen: Option<OffscreenCameras>,
+    }
 
     impl Windows {
         /// # Errors
         /// Never.
-        pub fn start(_: WindowsWanted, _: WindowParts, _: &DeviceHost) -> Result<Self, SimulatorError> {
-            Ok(Self)
+        #[cfg_attr(not(feature = "pictures"), allow(unused_variables))]
+        pub fn start(_: WindowsWanted, parts: WindowParts, _: &DeviceHost) -> Result<Self, SimulatorError> {
+            Ok(Self {
+                #[cfg(feature = "pictures")]
+                _offscreen: parts.cameras.and_then(|cameras| offscreen(&parts.hub, cameras)),
+            })
         }
 
         /// Never.

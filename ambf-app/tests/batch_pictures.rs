@@ -1,5 +1,5 @@
 //! Pictures of `ambf_batch`: files, what is in them, and that they change nothing of the physics.
-#![cfg(feature = "view")]
+#![cfg(feature = "pictures")]
 
 mod batch_common;
 

@@ -15,7 +15,7 @@ fn every_legacy_mesh_is_read() {
     let cache = MeshCache::new();
     let requests: Vec<_> = files.iter().map(|f| (f.clone(), 1.0)).collect();
     let start = Instant::now();
-    cache.preload(&requests);
+    cache.preload(&requests, &|| ());
     let elapsed = start.elapsed();
 
     let mut per_format: BTreeMap<String, (usize, usize, usize)> = BTreeMap::new();

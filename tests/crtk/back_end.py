@@ -4,6 +4,10 @@ With CRTK_ARM=/PSM1 the arm of that name space is tested, on the master of ROS_M
 and nothing is started. Otherwise the simulator is, with a roscore for ROS 1. CRTK_PROFILE is the profile of its physics."""
 
 import os
+import pathlib
+import sys
+
+sys.path.append(str(pathlib.Path(__file__).resolve().parents[1]))
 
 CART = ["-a", "resources/models/psm.yaml,resources/models/ecm.yaml", "--crtk", "resources/crtk/cart.yaml"]
 ALONE = ["-a", "resources/models/psm.yaml", "--crtk", "resources/crtk/psm.yaml"]

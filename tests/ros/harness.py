@@ -10,7 +10,6 @@ import socket
 import subprocess
 import sys
 import tempfile
-import time
 import unittest
 
 import rosgraph
@@ -19,8 +18,10 @@ import bad_scenes
 import scenes
 
 REPOSITORY = pathlib.Path(__file__).resolve().parents[2]
-# Every wait ends as soon as its condition holds; these only bound a failing test, on a busy machine too.
-PATIENCE_S = 60.0
+sys.path.append(str(REPOSITORY / "tests"))
+
+from waiting import PATIENCE_S, wait_for  # noqa: E402
+
 STOP_S = 20.0
 
 folder = pathlib.Path(tempfile.mkdtemp(prefix="ambf-ros-tests-"))
@@ -74,18 +75,6 @@ def listening(process):
                 words = [bytes.fromhex(address[i : i + 8])[::-1] for i in range(0, 2 * size, 8)]
                 found.append((str(ipaddress.ip_address(b"".join(words))), int(port, 16)))
     return found
-
-
-def wait_for(condition, what, seconds=PATIENCE_S):
-    """Polls `condition` until it is true and returns its value; fails with `what` after `seconds`."""
-    end = time.monotonic() + seconds
-    while True:
-        value = condition()
-        if value:
-            return value
-        if time.monotonic() > end:
-            raise AssertionError(f"not within {seconds:.0f} s: {what}; last value {value!r}")
-        time.sleep(0.02)
 
 
 def environment(port, **more):

@@ -5,7 +5,7 @@ import pathlib
 import random
 import select
 import subprocess
-import time
+import sys
 import unittest
 
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
@@ -16,8 +16,11 @@ import rclpy  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 
 REPOSITORY = pathlib.Path(__file__).resolve().parents[2]
-# Every wait ends as soon as its condition holds; this only bounds a failing test, on a busy machine too.
-PATIENCE_S = 60.0
+sys.path.append(str(REPOSITORY / "tests"))
+
+import waiting  # noqa: E402
+from waiting import PATIENCE_S  # noqa: E402
+
 STOP_S = 20.0
 
 
@@ -95,14 +98,7 @@ class Client:
 
     def wait_for(self, condition, what, seconds=PATIENCE_S):
         """Serves the node until `condition` is true and returns its value; fails with `what` after `seconds`."""
-        end = time.monotonic() + seconds
-        while True:
-            value = condition()
-            if value:
-                return value
-            if time.monotonic() > end:
-                raise AssertionError(f"not within {seconds:.0f} s: {what}; last value {value!r}")
-            self.executor.spin_once(timeout_sec=0.02)
+        return waiting.wait_for(condition, what, seconds, lambda: self.executor.spin_once(timeout_sec=0.02))
 
     def listen(self, kind, topic, qos):
         """A list to which the messages of `topic` are added."""

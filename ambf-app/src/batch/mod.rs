@@ -2,13 +2,13 @@
 
 mod commands;
 mod energy;
-#[cfg(feature = "view")]
+#[cfg(feature = "pictures")]
 mod pictures;
 mod trace;
 
 pub use commands::{CommandError, Commands, Targets};
 pub use energy::EnergyWriter;
-#[cfg(feature = "view")]
+#[cfg(feature = "pictures")]
 pub use pictures::{PictureError, Pictures};
 pub use trace::TraceWriter;
 
@@ -57,7 +57,7 @@ pub enum BatchError {
         source: std::io::Error,
     },
     /// Error when pictures cannot be taken or written.
-    #[cfg(feature = "view")]
+    #[cfg(feature = "pictures")]
     #[error(transparent)]
     Pictures(#[from] PictureError),
     /// Error when the state became non-finite or implausible.
@@ -75,9 +75,9 @@ impl BatchError {
         match self {
             Self::Usage(_) => 1,
             Self::Load(_) | Self::Commands(_) | Self::Trace { .. } | Self::Energy { .. } => 2,
-            #[cfg(feature = "view")]
+            #[cfg(feature = "pictures")]
             Self::Pictures(PictureError::Camera(_) | PictureError::Twice(_)) => 1,
-            #[cfg(feature = "view")]
+            #[cfg(feature = "pictures")]
             Self::Pictures(_) => 2,
             Self::Lost(_) => 3,
             Self::Interrupted => 130,
@@ -181,12 +181,12 @@ pub fn run(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<Summary, B
         Some(path) => Some(EnergyWriter::create(path, &mut simulation).map_err(energy_error)?),
         None => None,
     };
-    #[cfg(feature = "view")]
+    #[cfg(feature = "pictures")]
     let mut pictures = match &options.pictures {
         Some(wanted) => Some(Pictures::create(wanted, &simulation, options.dt)?),
         None => None,
     };
-    #[cfg(not(feature = "view"))]
+    #[cfg(not(feature = "pictures"))]
     if options.pictures.is_some() {
         return Err(BatchError::Usage("--render: this program was built without pictures (feature `view`)".into()));
     }
@@ -216,7 +216,7 @@ pub fn run(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<Summary, B
                 energy.write(&simulation, step).map_err(energy_error)?;
             }
         }
-        #[cfg(feature = "view")]
+        #[cfg(feature = "pictures")]
         if let Some(pictures) = &mut pictures {
             pictures.take(&simulation, step)?;
         }
@@ -241,7 +241,7 @@ pub fn run(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<Summary, B
     if let Some(energy) = energy {
         energy.finish().map_err(energy_error)?;
     }
-    #[cfg(feature = "view")]
+    #[cfg(feature = "pictures")]
     if let Some(pictures) = pictures {
         pictures.finish()?;
     }

@@ -23,7 +23,7 @@ pub mod naming;
 mod neighbours;
 mod objects;
 mod parameters;
-#[cfg(feature = "view")]
+#[cfg(feature = "pictures")]
 mod pictures;
 mod point_cloud;
 mod posed;
@@ -55,9 +55,9 @@ pub use arguments::RosArguments;
 pub use diagnostics::DeviceReports;
 pub(crate) use log::of_node;
 pub use models::{ModelHost, ModelReply};
-#[cfg(feature = "view")]
+#[cfg(feature = "pictures")]
 pub(crate) use pictures::PictureTopic;
-#[cfg(feature = "view")]
+#[cfg(feature = "pictures")]
 pub use pictures::{CameraTopics, PictureTopics};
 pub use point_cloud::{PointCloud, PointClouds};
 #[cfg(feature = "ros2")]
@@ -127,7 +127,7 @@ pub struct RosMiddleware {
     options: RosOptions,
     clouds: Arc<PointClouds>,
     models: Option<Arc<dyn ModelHost>>,
-    #[cfg(feature = "view")]
+    #[cfg(feature = "pictures")]
     pictures: Option<Arc<PictureTopics>>,
     running: Option<Running>,
 }
@@ -148,7 +148,7 @@ impl RosMiddleware {
             options,
             clouds: Arc::default(),
             models: None,
-            #[cfg(feature = "view")]
+            #[cfg(feature = "pictures")]
             pictures: None,
             running: None,
         }
@@ -162,7 +162,7 @@ impl RosMiddleware {
 
     /// Announces topics of cameras that publish pictures, for somebody else to publish on: `topics` has them. Default:
     /// there are none.
-    #[cfg(feature = "view")]
+    #[cfg(feature = "pictures")]
     pub fn with_pictures(mut self, topics: Arc<PictureTopics>) -> Self {
         self.pictures = Some(topics);
         self
@@ -215,7 +215,7 @@ impl Middleware for RosMiddleware {
             waker: Arc::clone(&waker),
             extras,
             frames: frames.clone(),
-            #[cfg(feature = "view")]
+            #[cfg(feature = "pictures")]
             pictures: self.pictures.clone(),
             models: self.models.clone(),
             steppables: Arc::default(),

@@ -4,12 +4,14 @@ use std::sync::mpsc::Sender;
 use std::sync::Arc;
 use std::time::Duration;
 
-use ambf_core::comm::{HubIndex, ObjectKind};
+#[cfg(feature = "pictures")]
+use ambf_core::comm::HubIndex;
+use ambf_core::comm::ObjectKind;
 use ros_node::{Announcement, Link};
 
 use super::naming::Names;
 use super::parameters::ParameterChange;
-#[cfg(feature = "view")]
+#[cfg(feature = "pictures")]
 use super::pictures::CameraTopics;
 use super::scheduler::Entry;
 use super::topics::{self, ServeContext, TopicSet};
@@ -32,7 +34,7 @@ pub(super) struct Objects {
     /// The hub's when it was last looked at; `None` before.
     generation: Option<u64>,
     /// Positions of cameras of which it is not known yet what they publish.
-    #[cfg(feature = "view")]
+    #[cfg(feature = "pictures")]
     cameras: Vec<HubIndex>,
 }
 
@@ -58,7 +60,7 @@ impl Objects {
             names: Names::default(),
             known: Vec::new(),
             generation: None,
-            #[cfg(feature = "view")]
+            #[cfg(feature = "pictures")]
             cameras: Vec::new(),
         }
     }
@@ -84,7 +86,7 @@ impl Objects {
         if let Some(frames) = &self.around.frames {
             frames.follow(&self.around.hub);
         }
-        #[cfg(feature = "view")]
+        #[cfg(feature = "pictures")]
         {
             let new = self.follow_cameras();
             // Adding wakes the link, which is not to be done for nothing.
@@ -96,7 +98,7 @@ impl Objects {
 
     /// Topics of pictures of cameras that have come. What a camera publishes is in its description, which comes a
     /// little after the camera.
-    #[cfg(feature = "view")]
+    #[cfg(feature = "pictures")]
     fn follow_cameras(&mut self) -> Vec<Arc<dyn Announcement>> {
         let mut announcements = Vec::new();
         let Some(pictures) = self.around.pictures.as_ref().filter(|_| !self.cameras.is_empty()) else {
@@ -140,7 +142,7 @@ impl Objects {
                 if let (Some(frames), ObjectKind::RigidBody(body, _)) = (&self.around.frames, &object.info.kind) {
                     frames.remove(*body);
                 }
-                #[cfg(feature = "view")]
+                #[cfg(feature = "pictures")]
                 if let (Some(pictures), ObjectKind::Camera(index, _)) = (&self.around.pictures, &object.info.kind) {
                     pictures.remove(*index);
                 }
@@ -152,7 +154,7 @@ impl Objects {
                 let begin = change.come.announcements.len();
                 let name = self.names.take(&object.info);
                 topics::serve(&self.around, &mut change.come, position, &object.info, name.clone());
-                #[cfg(feature = "view")]
+                #[cfg(feature = "pictures")]
                 if matches!(object.info.kind, ObjectKind::Camera(..)) {
                     self.cameras.push(position);
                 }
@@ -213,7 +215,7 @@ mod tests {
             arguments: RosArguments::default(),
             #[cfg(feature = "ros2")]
             ros2: None,
-            #[cfg(feature = "view")]
+            #[cfg(feature = "pictures")]
             pictures: None,
         })
     }

@@ -87,7 +87,7 @@ pub(super) struct ServeContext {
     #[cfg(feature = "ros2")]
     pub ros2: Option<Arc<super::ros2::Transport>>,
     /// Where topics of pictures are to be found; `None`: there are none.
-    #[cfg(feature = "view")]
+    #[cfg(feature = "pictures")]
     pub pictures: Option<Arc<super::pictures::PictureTopics>>,
 }
 

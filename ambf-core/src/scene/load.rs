@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use super::articulate;
 use super::build::{empty_scene, needed_hulls, needed_meshes, Builder};
 use super::hulls::CollisionMeshes;
+use super::progress::{Part, Progress};
 use super::{Note, Scene, SceneOptions};
 use crate::adf::{self, LoadError, Report, Severity};
 use crate::bullet::Solver;
@@ -95,6 +96,11 @@ pub struct Loaded {
 /// Never fails: a file that cannot be used is left out and reported, as in the C++ program; without a usable world file
 /// the defaults apply (gravity −9.8 m/s² along z, 10 sub-steps, no environment).
 pub fn load(files: &SceneFiles, options: &SceneOptions) -> Loaded {
+    load_with_progress(files, options, &Progress::default())
+}
+
+/// [`load`], which says in `progress` how far it is.
+pub fn load_with_progress(files: &SceneFiles, options: &SceneOptions, progress: &Progress) -> Loaded {
     let mut report = SceneReport::default();
     let world: Option<adf::World> = files.world.as_deref().and_then(|path| taken(adf::load(path), &mut report));
     let world = world.unwrap_or_else(|| described("gravity: {x: 0, y: 0, z: -9.8}\n"));
@@ -109,10 +115,15 @@ pub fn load(files: &SceneFiles, options: &SceneOptions) -> Loaded {
     let mut notes = Vec::new();
     let mut scene = empty_scene(with_defaults(world), options, has_soft_bodies, may_articulate, &mut notes);
     let meshes = CollisionMeshes::new();
-    preload(&meshes, std::iter::once(&environment).chain(&models), Some(&scene));
+    preload(&meshes, std::iter::once(&environment).chain(&models), Some(&scene), progress);
+    progress.begin(Part::Models, models.len() + 1);
     let mut builder = Builder::new(&mut scene, &meshes);
     builder.add_environment(environment);
-    models.into_iter().for_each(|model| builder.add_model(model));
+    for model in models {
+        progress.advance();
+        builder.add_model(model);
+    }
+    progress.begin(Part::Articulations, 1);
     notes.extend(builder.finish());
     report.notes = notes;
     report.physics = (scene.profile == Profile::Accurate && scene.preset.is_none()).then(|| physics_line(&scene));
@@ -143,12 +154,15 @@ fn preload<'m>(
     meshes: &CollisionMeshes,
     models: impl Iterator<Item = &'m adf::Model> + Clone,
     scene: Option<&'m Scene>,
+    progress: &Progress,
 ) {
     let mut wanted: Vec<_> = models.clone().flat_map(|model| needed_meshes(model, scene)).collect();
     wanted.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
     wanted.dedup();
-    meshes.files.preload(&wanted);
-    meshes.hulls.preload(&meshes.files, &models.flat_map(|model| needed_hulls(model, scene)).collect::<Vec<_>>());
+    progress.begin(Part::Meshes, wanted.len());
+    meshes.files.preload(&wanted, &|| progress.advance());
+    let hulls: Vec<_> = models.flat_map(|model| needed_hulls(model, scene)).collect();
+    meshes.hulls.preload(&meshes.files, &hulls, progress);
 }
 
 /// A model that was read and whose meshes are in memory, ready to be built into a scene.
@@ -170,7 +184,7 @@ impl PreparedModel {
             return Err(report.to_string().trim_end().to_owned());
         };
         let meshes = CollisionMeshes::new();
-        preload(&meshes, std::iter::once(&description), None);
+        preload(&meshes, std::iter::once(&description), None, &Progress::default());
         Ok(Self { description, meshes, report })
     }
 }

@@ -70,8 +70,8 @@ impl MeshCache {
     }
 
     /// Loads all `requests` (path, scale) on as many threads as the machine has cores. What fails is found again by
-    /// [`get`](Self::get) and [`errors`](Self::errors).
-    pub fn preload(&self, requests: &[(PathBuf, f64)]) {
+    /// [`get`](Self::get) and [`errors`](Self::errors). `after_each` is called after each of them, by these threads.
+    pub fn preload(&self, requests: &[(PathBuf, f64)], after_each: &(dyn Fn() + Sync)) {
         if requests.is_empty() {
             // Counting cores reads files of the system.
             return;
@@ -84,6 +84,7 @@ impl MeshCache {
                     while let Some((path, scale)) = requests.get(next.fetch_add(1, Ordering::Relaxed)) {
                         // The outcome stays in the cache.
                         let _ = self.get(path, *scale);
+                        after_each();
                     }
                 });
             }
@@ -131,7 +132,7 @@ mod tests {
     fn a_mesh_is_shared_by_canonical_path_and_scale() {
         let dir = folder("cache_share");
         let cache = MeshCache::new();
-        cache.preload(&[(dir.join("a.obj"), 1.0), (dir.join("./a.obj"), 0.5), (dir.join("a.obj"), 1.0)]);
+        cache.preload(&[(dir.join("a.obj"), 1.0), (dir.join("./a.obj"), 0.5), (dir.join("a.obj"), 1.0)], &|| ());
         // Served from memory from here on.
         let one = cache.get(&dir.join("a.obj"), 1.0).unwrap();
         assert!(Arc::ptr_eq(&one, &cache.get(&dir.join(".").join("a.obj"), 1.0).unwrap()));
@@ -147,8 +148,8 @@ mod tests {
         let dir = folder("cache_errors");
         let cache = MeshCache::new();
         let requests: Vec<_> = [1.0, 2.0, 3.0].iter().map(|&s| (dir.join("bad.obj"), s)).collect();
-        cache.preload(&requests);
-        cache.preload(&[(dir.join("absent.stl"), 1.0)]);
+        cache.preload(&requests, &|| ());
+        cache.preload(&[(dir.join("absent.stl"), 1.0)], &|| ());
         assert_eq!(cache.errors().len(), 2);
         assert!(cache.errors()[0].to_string().contains("absent.stl"));
         // A file repaired later does not change what others already got.

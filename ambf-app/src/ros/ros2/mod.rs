@@ -16,7 +16,7 @@ mod arms;
 mod log;
 mod objects;
 mod parameters;
-#[cfg(feature = "view")]
+#[cfg(feature = "pictures")]
 mod pictures;
 mod transport;
 
@@ -34,7 +34,7 @@ use ros_node::Stop;
 use super::arguments::RosArguments;
 use super::frames::Frames;
 use super::models::ModelHost;
-#[cfg(feature = "view")]
+#[cfg(feature = "pictures")]
 use super::pictures::PictureTopics;
 use super::point_cloud::PointClouds;
 use super::scheduler;
@@ -68,7 +68,7 @@ pub struct Ros2Middleware {
     options: Ros2Options,
     clouds: Arc<PointClouds>,
     models: Option<Arc<dyn ModelHost>>,
-    #[cfg(feature = "view")]
+    #[cfg(feature = "pictures")]
     pictures: Option<Arc<PictureTopics>>,
     running: Option<Running>,
 }
@@ -89,7 +89,7 @@ impl Ros2Middleware {
             options,
             clouds: Arc::default(),
             models: None,
-            #[cfg(feature = "view")]
+            #[cfg(feature = "pictures")]
             pictures: None,
             running: None,
         }
@@ -97,7 +97,7 @@ impl Ros2Middleware {
 
     /// Adds topics of cameras that publish pictures, for somebody else to publish on: `topics` has them. Default: there
     /// are none.
-    #[cfg(feature = "view")]
+    #[cfg(feature = "pictures")]
     pub fn with_pictures(mut self, topics: Arc<PictureTopics>) -> Self {
         self.pictures = Some(topics);
         self
@@ -146,7 +146,7 @@ impl Middleware for Ros2Middleware {
             steppables: Arc::default(),
             arguments,
             ros2: Some(Arc::clone(&transport)),
-            #[cfg(feature = "view")]
+            #[cfg(feature = "pictures")]
             pictures: self.pictures.clone(),
         };
         let mut objects = Objects::new(around, publisher, Arc::clone(&self.clouds));

@@ -3,7 +3,7 @@
 use std::sync::mpsc::Sender;
 use std::sync::Arc;
 
-#[cfg(feature = "view")]
+#[cfg(feature = "pictures")]
 use ambf_core::comm::HubIndex;
 use ambf_core::comm::{ObjectInfo, ObjectKind};
 use ros2_node::names::{clean_node, clean_topic, NameSet, LONGEST_TOPIC};
@@ -42,7 +42,7 @@ pub(super) struct Objects {
     description: Option<(Latched, u64)>,
     clouds: Arc<PointClouds>,
     /// Positions of cameras of which it is not known yet what they publish.
-    #[cfg(feature = "view")]
+    #[cfg(feature = "pictures")]
     cameras: Vec<HubIndex>,
 }
 
@@ -59,7 +59,7 @@ impl Objects {
             generation: None,
             description: None,
             clouds,
-            #[cfg(feature = "view")]
+            #[cfg(feature = "pictures")]
             cameras: Vec::new(),
         }
     }
@@ -68,7 +68,7 @@ impl Objects {
     pub fn follow(&mut self) {
         self.compare();
         self.follow_description();
-        #[cfg(feature = "view")]
+        #[cfg(feature = "pictures")]
         self.follow_cameras();
     }
 
@@ -85,7 +85,7 @@ impl Objects {
 
     /// Topics of pictures of cameras that have come. What a camera publishes is in its description, which comes a
     /// little after the camera.
-    #[cfg(feature = "view")]
+    #[cfg(feature = "pictures")]
     fn follow_cameras(&mut self) {
         let (Some(pictures), Some(transport)) = (&self.around.pictures, &self.around.ros2) else { return };
         if self.cameras.is_empty() {
@@ -124,7 +124,7 @@ impl Objects {
                 }
                 self.names.release(&gone.name);
                 self.node_names.release(&gone.node_name);
-                #[cfg(feature = "view")]
+                #[cfg(feature = "pictures")]
                 if let (Some(pictures), ObjectKind::Camera(index, _)) = (&self.around.pictures, &object.info.kind) {
                     pictures.remove(*index);
                 }
@@ -144,7 +144,7 @@ impl Objects {
                         transport.latched::<std_msgs::String>(&self.around.arguments.mapped(ROBOT_DESCRIPTION.into()));
                     self.description = topic.map(|topic| (topic, 0));
                 }
-                #[cfg(feature = "view")]
+                #[cfg(feature = "pictures")]
                 if matches!(object.info.kind, ObjectKind::Camera(..)) {
                     self.cameras.push(position);
                 }

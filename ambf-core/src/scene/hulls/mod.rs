@@ -15,6 +15,7 @@ use parking_lot::Mutex;
 
 use self::decompose::{decompose, Divided};
 use self::store::Store;
+use super::progress::{Part, Progress};
 use crate::adf::{ConvexDecomposition, Severity};
 use crate::mesh::{Mesh, MeshCache, SubMesh};
 
@@ -88,7 +89,7 @@ impl HullCache {
     }
 
     /// Makes hulls of all sub-meshes of these meshes, in parallel. Meshes that cannot be read are left out.
-    pub fn preload(&self, meshes: &MeshCache, wanted: &[WantedHulls]) {
+    pub fn preload(&self, meshes: &MeshCache, wanted: &[WantedHulls], progress: &Progress) {
         let read: Vec<(Arc<Mesh>, ConvexDecomposition)> = wanted
             .iter()
             .filter_map(|(path, scale, parameters)| Some((meshes.get(path, *scale).ok()?, *parameters)))
@@ -99,6 +100,7 @@ impl HullCache {
             .collect();
         let mut seen = std::collections::HashSet::new();
         let jobs: Vec<_> = jobs.into_iter().filter(|(sub, parameters)| seen.insert(Key::of(sub, parameters))).collect();
+        progress.begin(Part::Hulls, jobs.len());
         let threads = std::thread::available_parallelism().map_or(1, usize::from).min(jobs.len());
         let next = AtomicUsize::new(0);
         std::thread::scope(|scope| {
@@ -106,6 +108,7 @@ impl HullCache {
                 scope.spawn(|| {
                     while let Some((sub, parameters)) = jobs.get(next.fetch_add(1, Ordering::Relaxed)) {
                         self.hulls_of(sub, parameters);
+                        progress.advance();
                     }
                 });
             }

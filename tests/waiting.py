@@ -1,4 +1,4 @@
-"""Waits for conditions instead of for time to pass."""
+"""Waits for conditions instead of for time to pass: for tests with ROS 1, with ROS 2 and with both."""
 
 import time
 
@@ -6,8 +6,8 @@ import time
 PATIENCE_S = 60.0
 
 
-def wait_for(condition, what, seconds=PATIENCE_S):
-    """Polls `condition` until it is true and returns its value; fails with `what` after `seconds`."""
+def wait_for(condition, what, seconds=PATIENCE_S, pause=lambda: time.sleep(0.02)):
+    """Polls `condition`, with `pause` between, until it is true and returns its value; fails with `what` after `seconds`."""
     end = time.monotonic() + seconds
     while True:
         value = condition()
@@ -15,4 +15,4 @@ def wait_for(condition, what, seconds=PATIENCE_S):
             return value
         if time.monotonic() > end:
             raise AssertionError(f"not within {seconds:.0f} s: {what}; last value {value!r}")
-        time.sleep(0.02)
+        pause()
