@@ -112,8 +112,8 @@ def main():
     table = HEAD
     try:
         for way in options.ways:
-            with tempfile.TemporaryDirectory(prefix="ambf-installs-") as folder:
-                folder = pathlib.Path(folder)
+            with tempfile.TemporaryDirectory(prefix="ambf-installs-") as made:
+                folder = pathlib.Path(made)
                 row = apt() if way == "apt" else pip(way, folder) if way in PIP else source(way, folder)
             print(f"{way}: {row}", flush=True)
             table += f"| {way} | {row} |\n"
