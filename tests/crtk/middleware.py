@@ -3,8 +3,8 @@
 import os
 
 if os.environ.get("CRTK_ROS") == "2":
-    from over_ros2 import TAKES_LATCHED, BackEnd, Publisher, Subscriber, ask, connect, messages, nanoseconds, now
+    from over_ros2 import STEP, TAKES_LATCHED, BackEnd, Publisher, Subscriber, ask, connect, messages, nanoseconds, now
 else:
-    from over_ros1 import TAKES_LATCHED, BackEnd, Publisher, Subscriber, ask, connect, messages, nanoseconds, now
+    from over_ros1 import STEP, TAKES_LATCHED, BackEnd, Publisher, Subscriber, ask, connect, messages, nanoseconds, now
 
-__all__ = ["TAKES_LATCHED", "BackEnd", "Publisher", "Subscriber", "ask", "connect", "messages", "nanoseconds", "now"]
+__all__ = ["STEP", "TAKES_LATCHED", "BackEnd", "Publisher", "Subscriber", "ask", "connect", "messages", "nanoseconds", "now"]

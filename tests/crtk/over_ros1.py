@@ -10,6 +10,7 @@ import urllib.parse
 import geometry_msgs.msg
 import harness
 import node
+import rosgraph_msgs.msg
 import rospy
 import sensor_msgs.msg
 import std_msgs.msg
@@ -17,6 +18,9 @@ from waiting import PATIENCE_S
 
 # Whether a new subscriber gets what was latched before it was there.
 TAKES_LATCHED = True
+
+# The service that makes steps.
+STEP = "/ambf/env/World/step"
 
 
 def messages():
@@ -40,7 +44,7 @@ def messages():
     import crtk_msgs.msg
     import crtk_msgs.srv
 
-    packages = (geometry_msgs.msg, sensor_msgs.msg, crtk_msgs.msg, crtk_msgs.srv)
+    packages = (geometry_msgs.msg, rosgraph_msgs.msg, sensor_msgs.msg, crtk_msgs.msg, crtk_msgs.srv)
     types_of = {name: kind for package in packages for name, kind in vars(package).items() if isinstance(kind, type)}
     standard = {name: getattr(std_msgs.msg, name) for name in ("Bool", "Empty", "Float64", "Float64MultiArray", "String")}
     return types.SimpleNamespace(**types_of, **standard)

@@ -18,6 +18,7 @@ import crtk_msgs.msg  # noqa: E402
 import crtk_msgs.srv  # noqa: E402
 import geometry_msgs.msg  # noqa: E402
 import rclpy  # noqa: E402
+import rosgraph_msgs.msg  # noqa: E402
 import sensor_msgs.msg  # noqa: E402
 import std_msgs.msg  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
@@ -30,6 +31,9 @@ STOP_S = 20.0
 # Whether a new subscription gets what was latched before it was there: those of arms are volatile.
 TAKES_LATCHED = False
 
+# The service that makes steps.
+STEP = "/ambf/env/World/Step"
+
 _node = None
 _thread = None
 _end = threading.Event()
@@ -37,7 +41,7 @@ _end = threading.Event()
 
 def messages():
     """All types by their names."""
-    packages = (geometry_msgs.msg, sensor_msgs.msg, crtk_msgs.msg, crtk_msgs.srv)
+    packages = (geometry_msgs.msg, rosgraph_msgs.msg, sensor_msgs.msg, crtk_msgs.msg, crtk_msgs.srv)
     types_of = {name: kind for package in packages for name, kind in vars(package).items() if isinstance(kind, type)}
     standard = {name: getattr(std_msgs.msg, name) for name in ("Bool", "Empty", "Float64", "Float64MultiArray", "String")}
     return types.SimpleNamespace(**types_of, **standard)
