@@ -26,11 +26,12 @@ HEAD = "| | fetched, MB | installed, MB | fetch, s | install, s | first state, s
 PIP = {
     "pip install ambf": (None, f"import ambf; s = ambf.Simulation({str(ARM)!r}); s.step(1); print(s.sim_time)"),
     "pip install mujoco": (
-        "mujoco",
+        ["mujoco"],
         f"import mujoco as m; a = m.MjModel.from_xml_path({str(ARM)!r}); d = m.MjData(a); m.mj_step(a, d); print(d.qpos[0])",
     ),
-    "pip install pybullet": (
-        "pybullet",
+    # Its wheel does not say that it needs NumPy.
+    "pip install pybullet numpy": (
+        ["pybullet", "numpy"],
         f"import pybullet as p; p.connect(p.DIRECT); a = p.loadURDF({str(ARM)!r}); p.stepSimulation(); print(p.getJointState(a, 1)[0])",
     ),
 }
@@ -57,13 +58,13 @@ def pip(name, folder):
     if not what:
         run(ROOT / "scripts/wheel")
         wheels = sorted((ROOT / "target/wheels").glob("ambf-*.whl"), key=lambda file: file.stat().st_mtime)
-        what = wheels[-1]
+        what = [wheels[-1]]
     venv, fetched = folder / "venv", folder / "fetched"
     run(sys.executable, "-m", "venv", venv)
     before = megabytes(venv)
     common = (venv / "bin/pip", "--disable-pip-version-check", "--no-cache-dir")
-    fetch, _ = run(*common, "download", "--quiet", "--only-binary", ":all:", "-d", fetched, what)
-    local = ("--no-index", "--find-links", fetched, what)
+    fetch, _ = run(*common, "download", "--quiet", "--only-binary", ":all:", "-d", fetched, *what)
+    local = ("--no-index", "--find-links", fetched, *what)
     install, _ = run(*common, "install", "--quiet", *local)
     # The second start: the first one compiles Python.
     first = [run(venv / "bin/python", "-c", program)[0] for _ in range(2)][-1]
