@@ -4,9 +4,7 @@ use std::sync::mpsc::Sender;
 use std::sync::Arc;
 use std::time::Duration;
 
-#[cfg(feature = "pictures")]
-use ambf_core::comm::HubIndex;
-use ambf_core::comm::ObjectKind;
+use ambf_core::comm::{self, ObjectKind};
 use ros_node::{Announcement, Link};
 
 use super::naming::Names;
@@ -35,7 +33,7 @@ pub(super) struct Objects {
     generation: Option<u64>,
     /// Positions of cameras of which it is not known yet what they publish.
     #[cfg(feature = "pictures")]
-    cameras: Vec<HubIndex>,
+    cameras: Vec<comm::HubIndex>,
 }
 
 /// What has changed.
@@ -319,15 +317,15 @@ mod tests {
         assert_eq!((change.come.parameters.lights.len(), change.come.entries.len()), (1, 2));
 
         // One goes, one comes and goes unseen, one comes that has the name of the one that goes.
-        hub.remove_objects([HubIndex(1)]);
+        hub.remove_objects([comm::HubIndex(1)]);
         hub.add_objects(vec![object(ObjectKind::Ghost(GhostId::new(0), Box::default()), "unseen"), car()]);
-        hub.remove_objects([HubIndex(3)]);
+        hub.remove_objects([comm::HubIndex(3)]);
         let change = objects.compare().unwrap();
         let topics =
             ["/ambf/env/car/Command ambf_msgs/VehicleCmd in", "/ambf/env/car/State ambf_msgs/VehicleState out"];
         assert_eq!(lines(&change.withdrawn), topics);
         assert_eq!(lines(&change.come.announcements), topics);
-        assert_eq!(change.come.parameters.removed, [HubIndex(1)]);
+        assert_eq!(change.come.parameters.removed, [comm::HubIndex(1)]);
         assert!(!change.withdrawn.iter().any(|old| change.come.announcements.iter().any(|new| Arc::ptr_eq(old, new))));
     }
 }
