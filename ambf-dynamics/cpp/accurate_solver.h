@@ -458,7 +458,9 @@ class AccurateSolver : public Base {
       // If this guess is not the solution, pivoting starts with free rows: a drive that alternates between its bounds
       // would otherwise take many pivots in each sub-step.
       row.x = joint_errors_[i].guess;
-      add(row, joints[i].m_contactNormal1.isZero(), MIN_CORRECTION, row.low == 0 || row.high == 0);
+      const bool is_limit = row.low == 0 || row.high == 0;
+      if (is_limit) row.position_cfm = softness_of(joints[i], YIELDING_POSITION_SOFTNESS);
+      add(row, joints[i].m_contactNormal1.isZero(), MIN_CORRECTION, is_limit);
     }
     // Contact softness regularises redundant contacts.
     add_contacts(this->m_tmpSolverContactConstraintPool, info);
@@ -488,7 +490,9 @@ class AccurateSolver : public Base {
       row.position_target = row.in_positions ? joints[i].m_rhsPenetration / joints[i].m_jacDiagABInv : 0;
       row.x = 0;
       row.state = guess_of(row);
-      add(row, owner.is_angular(joints[i].m_orgDofIndex), MIN_CORRECTION, row.low == 0 || row.high == 0);
+      const bool is_limit = row.low == 0 || row.high == 0;
+      if (is_limit) row.position_cfm = softness_of(joints[i], YIELDING_POSITION_SOFTNESS);
+      add(row, owner.is_angular(joints[i].m_orgDofIndex), MIN_CORRECTION, is_limit);
     }
     const int first_contact = row_count_;
     add_contacts(this->m_multiBodyNormalContactConstraints, info);
@@ -524,7 +528,7 @@ class AccurateSolver : public Base {
     is_at_rest_ = is_at_rest_ && is_idle && row.low <= 0 && row.high >= 0;
     const bool idle = (row.low == 0 && row.position_target < 0) || (row.high == 0 && row.position_target > 0);
     // Weight in the sum of squared errors: inversely proportional to the CFM in the position problem.
-    const double weight = row.position_cfm > 0 ? POSITION_SOFTNESS / CONTACT_POSITION_SOFTNESS : 1;
+    const double weight = row.position_cfm > 0 ? POSITION_SOFTNESS / YIELDING_POSITION_SOFTNESS : 1;
     position_rows_.push_back({row.in_positions && !idle ? row.position_target : 0, weight, is_angular});
     if (row.in_positions && !idle) {
       const double asked = std::fabs(row.position_target) / least_correction;
@@ -639,7 +643,7 @@ class AccurateSolver : public Base {
       AmbMlcpRow row = row_of(rows[i]);
       const auto &point = *static_cast<const btManifoldPoint *>(rows[i].m_originalContactPoint);
       row.x = std::max(btScalar(0), point.m_appliedImpulse);
-      row.position_cfm = softness_of(rows[i], CONTACT_POSITION_SOFTNESS);
+      row.position_cfm = softness_of(rows[i], YIELDING_POSITION_SOFTNESS);
       soften(row, rows[i], settings_.contact_softness);
       row.state = row.x == 0 && (row.target < 0 || contacts_.of(rows[i]).is_known) ? AMB_MLCP_LOW : AMB_MLCP_FREE;
       const btScalar gap = point.getDistance() + info.m_linearSlop;

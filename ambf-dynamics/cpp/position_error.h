@@ -19,9 +19,9 @@ constexpr btScalar MIN_DEPTH = 1e-5;
 // Errors below URGENT_CORRECTION times these thresholds are corrected in every CORRECTION_INTERVAL-th sub-step only.
 constexpr double URGENT_CORRECTION = 20;
 constexpr unsigned CORRECTION_INTERVAL = 4;
-// CFM of the position problem as a share of the diagonal, of joints and of contacts: infeasible rows end in a
-// least-squares compromise, in which joints and grips are stiffer than contacts.
-constexpr double POSITION_SOFTNESS = 1e-6, CONTACT_POSITION_SOFTNESS = 1e-4;
+// CFM of the position problem as a share of the diagonal, of joints, and of contacts and limits: infeasible rows end in
+// a least-squares compromise, in which contacts and limits yield to joints and grips.
+constexpr double POSITION_SOFTNESS = 1e-6, YIELDING_POSITION_SOFTNESS = 1e-4;
 // Largest CFM, as a share of the diagonal, of a row that constrains a position; softer rows are drives.
 constexpr btScalar MAX_GEOMETRIC_SOFTNESS = 1e-3;
 // Largest turn in a sub-step for which the motion of joint frames is approximated to second order, rad.

@@ -13,7 +13,8 @@ use nalgebra::{Point3, Vector3};
 use super::script::{Action, Script};
 use super::work::Work;
 
-/// Joint gaps and penetration count from this time on, s.
+/// Joint gaps and penetration count from this time after the start, a reset, and the end of prescribed motion on, s:
+/// bodies may then be where joints and grips do not close, which is corrected at a bounded speed.
 const SETTLED: f64 = 0.2;
 /// Speed that a correction of initial penetration or of joint frames may leave behind, m/s.
 const PUSH: f64 = 1.0;
@@ -68,7 +69,9 @@ pub struct Watch {
     /// Largest gap of any joint at the start, and length of the scene's lever arms, m.
     misfit: f64,
     size: f64,
-    /// Largest penetration until [`SETTLED`], m.
+    /// First sub-step in which gaps and penetration count.
+    settled_from: u64,
+    /// Largest penetration before they count, m.
     first_depth: f64,
     worst_depth: f64,
     energy_ratio: f64,
@@ -100,6 +103,7 @@ impl Watch {
             weight: 0.0,
             misfit,
             size,
+            settled_from: settling(script),
             first_depth: 0.0,
             worst_depth: 0.0,
             energy_ratio: 0.0,
@@ -154,6 +158,7 @@ impl Watch {
         if has_rest || script.due(n).any(|event| matches!(event.action, Action::Reset(_))) {
             // Once all commands have ended, nothing of what they might have done is left for later.
             self.rebase(simulation);
+            self.settled_from = n + settling(script);
         }
         self.work.before(simulation, script, n);
     }
@@ -163,7 +168,7 @@ impl Watch {
         let scene = simulation.scene();
         self.work.after(simulation);
         self.judge_energy(simulation);
-        let settled = simulation.sim_time() >= SETTLED;
+        let settled = n >= self.settled_from;
         if settled && !self.moved {
             let (misfit, size, step) = (self.misfit, self.size, self.step);
             for pivot in &mut self.pivots {
@@ -229,6 +234,11 @@ impl Watch {
             since: self.since,
         }
     }
+}
+
+/// Sub-steps of [`SETTLED`].
+fn settling(script: &Script) -> u64 {
+    (SETTLED / script.step).round() as u64
 }
 
 /// Whether a joint's coordinate is a length.

@@ -131,11 +131,11 @@ impl Solution {
 
 /// Best impulses so far, by place.
 #[derive(Debug)]
-struct Best {
+pub(super) struct Best {
     merit: Merit,
     x: Vec<(f64, State)>,
     /// Whether the iterate is it.
-    is_current: bool,
+    pub(super) is_current: bool,
 }
 
 impl Default for Best {
@@ -176,7 +176,7 @@ pub struct Solver {
     pub(super) fine: f64,
     pub(super) statistics: Statistics,
     guess: Vec<(f64, State)>,
-    best: Best,
+    pub(super) best: Best,
     velocity: Solution,
     position: Solution,
     /// Position errors after the pseudo-velocities, by row.
@@ -409,6 +409,10 @@ impl Solver {
         self.load_best();
         if self.best.merit.residual > accepted.max(POOR * scale) {
             self.dissipate(budget);
+            self.load_best();
+        }
+        if self.best.merit.residual > accepted {
+            self.close_joints();
             self.load_best();
         }
         let residual = self.best.merit.residual;

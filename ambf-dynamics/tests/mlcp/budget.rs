@@ -2,6 +2,8 @@
 
 use ambf_dynamics::mlcp::{Budget, Outcome};
 
+use nalgebra::DVector;
+
 use super::case::{Case, CaseRow, Random};
 
 /// A chain of bodies that hang on each other, on which sweeps converge badly.
@@ -86,6 +88,37 @@ fn contacts_stay_within_bounds_and_budget_whatever_the_budget_is() {
         whole += usize::from(outcome == Outcome::Solved);
     }
     assert!(whole > 0);
+}
+
+/// Largest error of an approximation in the joints, m/s or rad/s: it was of the order of the targets, and opened joints
+/// where contacts had too many solutions.
+#[test]
+fn approximations_miss_contacts_and_no_joints() {
+    let mut approximate = 0;
+    for seed in 1..60 {
+        let random = &mut Random::new(seed);
+        let mut case = Case::random(random, 8, &[4]);
+        for _ in 0..9 {
+            let sides = case.random_sides(random);
+            case.rows.push(CaseRow::new(sides, random.signed(), 1e-6, [f64::NEG_INFINITY, f64::INFINITY]));
+        }
+        for _ in 0..30 {
+            let target = random.signed();
+            case.add_contact(random, target);
+        }
+        let mut solver = case.solver();
+        for budget in [4e5, 1e6, 2e6] {
+            let outcome = solver.solve(Budget(budget));
+            if outcome == Outcome::Solved || solver.statistics().factorisations == 0 {
+                continue;
+            }
+            approximate += 1;
+            let errors = case.matrix() * DVector::from_column_slice(solver.impulses()) - case.targets();
+            let missed = errors.iter().take(9).fold(0.0, |most: f64, error| most.max(error.abs()));
+            assert!(missed <= 1e-6, "seed {seed}, budget {budget}: {missed}");
+        }
+    }
+    assert!(approximate > 20, "{approximate}");
 }
 
 #[test]
