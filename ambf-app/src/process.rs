@@ -1,4 +1,4 @@
-//! What this process has used, from `/proc`, and how it is told to end.
+//! What this process has used, from `/proc`, and how it is asked to end.
 
 use std::fs::read_to_string;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use crate::report;
 
 /// Signals that come so soon after the first are the same wish: terminals and scripts send them to whole groups of
-/// processes. By then devices have let go of their forces, so that a program that has to be ended by force leaves none
+/// processes. By then the forces of devices are zero, so that a program that has to be ended by force leaves none
 /// behind.
 const SAME: Duration = Duration::from_secs(1);
 

@@ -51,7 +51,7 @@ static LISTENERS: RwLock<Vec<Arc<Listener>>> = RwLock::new(Vec::new());
 static EARLY: Mutex<VecDeque<(Level, String)>> = Mutex::new(VecDeque::new());
 
 /// Most early lines that are kept: the last ones.
-const MOST_EARLY: usize = 200;
+const MAX_EARLY_LINES: usize = 200;
 
 /// Gets lines with their level, in the thread that reports them: must neither report nor wait.
 pub type Listener = dyn Fn(Level, &str) + Send + Sync;
@@ -89,7 +89,7 @@ pub fn report_at(level: Level, line: Arguments<'_>) {
         let listeners = LISTENERS.read();
         if listeners.is_empty() {
             let mut early = EARLY.lock();
-            if early.len() == MOST_EARLY {
+            if early.len() == MAX_EARLY_LINES {
                 early.pop_front();
             }
             early.push_back((level, line.clone()));

@@ -8,8 +8,6 @@ use std::fmt;
 use std::marker::PhantomData;
 use std::ops::{Index, IndexMut};
 
-use ambf_plugin::{ObjectId, ObjectType};
-
 /// An index of a [`Table`].
 pub trait Id: Copy + Eq + Ord + fmt::Debug {
     /// The id with this index.
@@ -37,7 +35,7 @@ macro_rules! ids {
             }
         }
 
-        impl Id for $name {
+        impl $crate::ids::Id for $name {
             fn from_index(index: usize) -> Self {
                 Self(index)
             }
@@ -47,35 +45,24 @@ macro_rules! ids {
             }
         }
 
-        $(impl From<$name> for ObjectId {
+        $(impl From<$name> for ambf_plugin::ObjectId {
             fn from(id: $name) -> Self {
-                Self { kind: ObjectType::$object, index: id.0 }
+                Self { kind: ambf_plugin::ObjectType::$object, index: id.0 }
             }
         })?
     )*};
 }
 
+pub(crate) use ids;
+
+// Those of objects with a State follow from their list.
+pub use crate::comm::object_ids::*;
+
 ids! {
-    /// A model; the environment is the first.
+    /// Names a model; the environment is the first.
     ModelId;
-    /// A rigid body.
-    BodyId = Body;
-    /// A soft body.
-    SoftBodyId = SoftBody;
-    /// A ghost object.
-    GhostId = Ghost;
-    /// A joint.
+    /// Names a joint.
     JointId = Joint;
-    /// A sensor.
-    SensorId = Sensor;
-    /// An actuator.
-    ActuatorId = Actuator;
-    /// A vehicle.
-    VehicleId = Vehicle;
-    /// A camera.
-    CameraId = Camera;
-    /// A light.
-    LightId = Light;
 }
 
 impl ModelId {

@@ -31,7 +31,7 @@ pub struct DeviceInfo {
     pub identity: String,
 }
 
-/// What can be told of a device without opening it.
+/// What is known of a device without opening it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Presence {
     /// It is there, and nothing is seen that keeps it from being opened and used. What is seen of it.
@@ -81,7 +81,7 @@ pub trait InputDevice: Send {
     /// As [`read`](Self::read).
     fn write(&mut self, force: &DeviceForce) -> Result<(), DeviceError>;
 
-    /// Sends no force and lets go of the device. Called once, last; dropping must do the same.
+    /// Sends a force of zero and closes the device. Called once, last; dropping must do the same.
     fn close(&mut self);
 }
 
@@ -93,13 +93,13 @@ pub trait Driver: Send + Sync {
     /// Whether devices of that model name are this driver's.
     fn serves(&self, model: &str) -> bool;
 
-    /// Devices that are there, without side effects: nothing is opened, moved or told. `model` is what is looked for.
+    /// Devices that are there, without side effects: nothing is opened, moved or sent. `model` is what is looked for.
     ///
     /// # Errors
     /// [`DeviceError::Unavailable`], [`DeviceError::Setting`].
     fn find(&self, model: &str, settings: &Settings) -> Result<Vec<DeviceInfo>, DeviceError>;
 
-    /// What can be told of a device that was [found](Self::find), without opening it: nothing is moved or told, nobody is
+    /// What is known of a device that was [found](Self::find), without opening it: nothing is moved or sent, nobody is
     /// disturbed who uses it. It may take some seconds. Default: [`Presence::Unknown`].
     fn presence(&self, info: &DeviceInfo, settings: &Settings) -> Presence {
         let _ = (info, settings);

@@ -107,7 +107,7 @@ pub struct RawBody {
     pub pose: RawPose,
     /// Inertial frame in the world.
     pub inertial_pose: RawPose,
-    /// Of the centre of mass, m/s, world axes.
+    /// Velocity of the centre of mass, m/s, world axes.
     pub linear_velocity: [f64; 3],
     /// rad/s, world axes.
     pub angular_velocity: [f64; 3],
@@ -145,7 +145,7 @@ pub struct RawTouch {
     pub body: i64,
     /// m, world axes.
     pub point: [f64; 3],
-    /// Of unit length, world axes.
+    /// Normal of unit length, world axes.
     pub normal: [f64; 3],
     /// Ray: share of its way, 0 to 1. Contact: m, negative where bodies overlap.
     pub distance: f64,
@@ -201,21 +201,21 @@ pub struct RawDrawing {
     pub numbers: [f64; 3],
     /// Red, green, blue, alpha, 0 to 1.
     pub color: [f32; 4],
-    /// Behind a text; alpha 0: nothing.
+    /// Colour behind a text; alpha 0: none.
     pub panel: [f32; 4],
-    /// Of points and lines, m.
+    /// Coordinates of points and lines, m.
     pub points: *const [f64; 3],
     /// How many.
     pub point_count: u64,
-    /// Of texts.
+    /// What a text says.
     pub text: RawText,
-    /// Of pictures: red, green, blue, alpha, top row first.
+    /// Pixels of a picture: red, green, blue, alpha, top row first.
     pub pixels: *const [u8; 4],
     /// Pixels of a picture from left to right.
     pub width: u32,
     /// Pixels of a picture from top to bottom.
     pub height: u32,
-    /// Of pictures: 1 behind the scene, else before it.
+    /// Place of a picture: 1 behind the scene, else before it.
     pub behind: u32,
 }
 
@@ -239,7 +239,7 @@ impl Default for RawDrawing {
     }
 }
 
-/// What a plugin is told at its start.
+/// What a plugin gets at its start.
 #[derive(Debug, Clone, Copy)]
 #[repr(C)]
 pub struct RawInit {

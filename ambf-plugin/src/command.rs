@@ -46,7 +46,7 @@ pub enum Command {
     Velocity {
         /// Rigid body.
         body: usize,
-        /// Of the centre of mass, m/s.
+        /// Velocity of the centre of mass, m/s.
         linear: Vector3<f64>,
         /// rad/s.
         angular: Vector3<f64>,
@@ -81,11 +81,11 @@ pub enum Command {
         /// Pose in the parent's frame.
         pose: Isometry3<f64>,
     },
-    /// Lets an actuator hold a body where it is, or let go.
+    /// Fixes a body to an actuator where it is, or releases what it holds.
     Hold {
         /// Actuator.
         actuator: usize,
-        /// Rigid body; `None`: let go.
+        /// Rigid body; `None`: release.
         body: Option<usize>,
     },
     /// Drives a wheel of a vehicle until the next command.
@@ -108,13 +108,13 @@ pub enum Command {
         /// N.
         force: Vector3<f64>,
     },
-    /// Draws a node of a soft body towards a point before each sub-step from now on, or lets go of it.
+    /// Draws a node of a soft body towards a point before each sub-step from now on, or releases it.
     PullNode {
         /// Soft body.
         soft: usize,
         /// Node.
         node: usize,
-        /// m; `None`: let go.
+        /// m; `None`: release.
         goal: Option<Vector3<f64>>,
     },
     /// Holds two bodies together as they are now, until it is undone or the plugin is closed.

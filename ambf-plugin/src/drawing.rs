@@ -9,16 +9,16 @@ use super::abi::{slice, RawDrawing, RawPose, RawText};
 use super::CommandError;
 
 /// Drawings that one plugin may show at a time.
-pub const MOST_DRAWINGS: usize = 10_000;
+pub const MAX_DRAWINGS: usize = 10_000;
 /// Points of all drawings of one plugin at a time.
-pub const MOST_POINTS: usize = 1_000_000;
+pub const MAX_POINTS: usize = 1_000_000;
 /// Bytes of all texts of one plugin at a time.
-pub const MOST_TEXT: usize = 100_000;
+pub const MAX_TEXT: usize = 100_000;
 
 /// Pixels of all pictures of one plugin at a time.
-pub const MOST_PIXELS: usize = 1 << 24;
+pub const MAX_PIXELS: usize = 1 << 24;
 /// Pixels of a picture each way.
-const LONGEST_SIDE: u32 = 8192;
+const MAX_SIDE: u32 = 8192;
 
 /// A picture: (height x width) pixels of red, green, blue and alpha, top row first. Alpha is not multiplied into the
 /// colours.
@@ -32,7 +32,7 @@ pub struct Pixels {
 impl Pixels {
     /// A picture of `width` x `height` pixels, 1 to 8192 each way; `None` for others and if `rgba` are not as many.
     pub fn new(width: u32, height: u32, rgba: Vec<[u8; 4]>) -> Option<Self> {
-        let is_possible = [width, height].iter().all(|side| (1..=LONGEST_SIDE).contains(side));
+        let is_possible = [width, height].iter().all(|side| (1..=MAX_SIDE).contains(side));
         (is_possible && rgba.len() == width as usize * height as usize).then_some(Self { width, height, rgba })
     }
 
@@ -227,7 +227,7 @@ impl Drawing {
     /// # Safety
     /// Points, text and pixels are null or as many as they say, and live until this returns.
     pub(super) unsafe fn from_raw(raw: &RawDrawing) -> Result<Self, CommandError> {
-        if raw.point_count > MOST_POINTS as u64 || raw.text.length > MOST_TEXT as u64 {
+        if raw.point_count > MAX_POINTS as u64 || raw.text.length > MAX_TEXT as u64 {
             return Err(CommandError::TooMuch);
         }
         let points = || {
@@ -253,7 +253,7 @@ impl Drawing {
             place @ 6..=8 => text(place - 6),
             place @ 9..=11 => {
                 let count = u64::from(raw.width) * u64::from(raw.height);
-                if count > MOST_PIXELS as u64 {
+                if count > MAX_PIXELS as u64 {
                     return Err(CommandError::TooMuch);
                 }
                 // SAFETY: the caller vouches for the pixels.
@@ -288,7 +288,7 @@ pub(super) fn check(drawings: &[Drawing]) -> Result<(), CommandError> {
             _ => (),
         }
     }
-    if drawings.len() > MOST_DRAWINGS || points > MOST_POINTS || bytes > MOST_TEXT || pixels > MOST_PIXELS {
+    if drawings.len() > MAX_DRAWINGS || points > MAX_POINTS || bytes > MAX_TEXT || pixels > MAX_PIXELS {
         return Err(CommandError::TooMuch);
     }
     match drawings.iter().all(Drawing::is_finite) {
@@ -398,8 +398,8 @@ mod tests {
         assert_eq!(check(&[Drawing { color: [f32::INFINITY; 4], ..sphere(1.0) }]), Err(CommandError::NotFinite));
         let far = Isometry3::translation(f64::INFINITY, 0.0, 0.0);
         assert_eq!(check(&[Drawing { pose: far, ..sphere(1.0) }]), Err(CommandError::NotFinite));
-        assert_eq!(check(&vec![sphere(1.0); MOST_DRAWINGS + 1]), Err(CommandError::TooMuch));
-        let long = Drawing::text("x".repeat(MOST_TEXT / 2 + 1), TextPlace::Scene);
+        assert_eq!(check(&vec![sphere(1.0); MAX_DRAWINGS + 1]), Err(CommandError::TooMuch));
+        let long = Drawing::text("x".repeat(MAX_TEXT / 2 + 1), TextPlace::Scene);
         assert_eq!(check(std::slice::from_ref(&long)), Ok(()));
         assert_eq!(check(&[long.clone(), long]), Err(CommandError::TooMuch), "both together");
         let half = Pixels::new(4096, 2049, vec![[0; 4]; 4096 * 2049]).expect("as many");

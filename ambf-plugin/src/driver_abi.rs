@@ -137,7 +137,7 @@ pub struct RawDevice {
     pub read: unsafe extern "C" fn(instance: *mut c_void, answer: *const RawAnswer, out: *mut RawSample) -> i32,
     /// Lets the user feel a force.
     pub write: unsafe extern "C" fn(instance: *mut c_void, answer: *const RawAnswer, force: *const RawForce) -> i32,
-    /// Sends no force and lets go; called once, before `destroy`.
+    /// Sends a force of zero and closes the device; called once, before `destroy`.
     pub close: unsafe extern "C" fn(instance: *mut c_void, answer: *const RawAnswer) -> i32,
     /// Frees the device and this table.
     pub destroy: unsafe extern "C" fn(device: *mut RawDevice),

@@ -51,7 +51,7 @@ pub fn export_driver(make: impl FnOnce() -> Box<dyn Driver>) -> *mut RawDriver {
     Box::into_raw(Box::new(RawDriver { instance, name, serves, find, open }))
 }
 
-/// Runs `work`; the host is told what it fails or panics with.
+/// Runs `work`; its error or panic is reported to the host.
 ///
 /// # Safety
 /// `answer` is that of the call that runs.

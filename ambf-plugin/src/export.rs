@@ -143,7 +143,7 @@ pub unsafe fn export(
     }))
 }
 
-/// Status of `work` for the host, who is told before what it fails or panics (`None`) with.
+/// Status of `work` for the host, to whom its error or panic (`None`) is reported before.
 pub(crate) fn guarded<E: ToString>(work: impl FnOnce() -> Result<(), E>, fail: impl FnOnce(Option<&E>, &str)) -> i32 {
     match caught(work) {
         Ok(Ok(())) => DONE,
@@ -171,7 +171,7 @@ struct Instance {
     subject: Subject,
 }
 
-/// Calls `work`; what it fails or panics with is told to the host.
+/// Calls `work`; its error or panic is reported to the host.
 ///
 /// # Safety
 /// `instance` comes from [`export`], is alive, and is used by nobody else now.
@@ -326,7 +326,7 @@ fn given<T: Default>(ask: impl FnOnce(&mut T) -> i32) -> Option<T> {
     (ask(&mut raw) == 0).then_some(raw)
 }
 
-/// Appends to `out` what `ask` writes to a place of as many elements as it is told, at first `room`; its result is how
+/// Appends to `out` what `ask` writes to memory for as many elements as its argument says, at first `room`; its result is how
 /// many there are, or negative.
 fn gathered<T: Copy + Default>(out: &mut Vec<T>, room: usize, ask: impl Fn(*mut T, u64) -> i64) -> Option<()> {
     let begin = out.len();

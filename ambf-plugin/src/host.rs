@@ -70,7 +70,7 @@ struct Meter {
     window_end: Option<Instant>,
     calls: u32,
     over: u32,
-    /// Of the calls over the budget.
+    /// Total duration of the calls over the budget.
     time: Duration,
     worst: Duration,
     is_reported: bool,
@@ -285,7 +285,7 @@ impl Plugins {
         }
     }
 
-    /// Whether anybody is told of new models and objects.
+    /// Whether any plugin is notified of new models and objects.
     pub fn watches_models(&self) -> bool {
         let watches = |slot: &Slot| matches!(slot.subject, Subject::World | Subject::Model(_));
         self.slots.iter().any(watches)

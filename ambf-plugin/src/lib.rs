@@ -44,9 +44,7 @@ mod traits;
 mod view;
 
 pub use command::{Command, CommandError, JointCommandType};
-pub use drawing::{
-    Drawing, DrawingShape, Drawings, Pixels, TextPlace, MOST_DRAWINGS, MOST_PIXELS, MOST_POINTS, MOST_TEXT,
-};
+pub use drawing::{Drawing, DrawingShape, Drawings, Pixels, TextPlace, MAX_DRAWINGS, MAX_PIXELS, MAX_POINTS, MAX_TEXT};
 #[doc(hidden)]
 pub use driver_export::export_driver;
 pub use driver_library::load_driver;

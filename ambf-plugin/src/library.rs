@@ -389,7 +389,7 @@ unsafe extern "C" fn snapshot(
 
 unsafe extern "C" fn show(context: *const c_void, drawings: *const RawDrawing, count: u64) -> i64 {
     let read = || {
-        if count > super::MOST_DRAWINGS as u64 {
+        if count > super::MAX_DRAWINGS as u64 {
             return Err(CommandError::TooMuch);
         }
         // SAFETY: the library gives as many drawings of its own as it says.

@@ -20,7 +20,7 @@ pub struct BodyState {
     pub pose: Isometry3<f64>,
     /// Inertial frame (centre of mass, principal axes) in the world at the end of the step.
     pub inertial_pose: Isometry3<f64>,
-    /// Of the centre of mass, m/s, world axes.
+    /// Velocity of the centre of mass, m/s, world axes.
     pub linear_velocity: Vector3<f64>,
     /// rad/s, world axes.
     pub angular_velocity: Vector3<f64>,

@@ -89,9 +89,14 @@ fn the_header_says_what_the_definitions_say() {
     ] {
         check(&mut out, &format!("AMBF_{name}"), kind as u32);
     }
-    let types = ["BODY", "SOFT_BODY", "GHOST", "JOINT", "SENSOR", "ACTUATOR", "VEHICLE", "CAMERA", "LIGHT", "VOLUME"];
-    for (name, kind) in types.into_iter().zip(ObjectType::ALL) {
-        check(&mut out, &format!("AMBF_{name}"), kind as u32);
+    for kind in ObjectType::ALL {
+        // `SoftBody` is AMBF_SOFT_BODY.
+        let mut name = "AMBF".to_owned();
+        for letter in format!("{kind:?}").chars() {
+            name.extend(letter.is_uppercase().then_some('_'));
+            name.push(letter.to_ascii_uppercase());
+        }
+        check(&mut out, &name, kind as u32);
     }
     check(&mut out, "AMBF_MODEL", MODEL);
     let errors = ["NO_OBJECT", "NOT_FINITE", "REFUSED", "OUTSIDE", "FULL", "UNKNOWN", "TOO_MUCH"];

@@ -86,7 +86,7 @@ pub trait Plugin: Send {
     }
 
     /// Once a frame, after all its pictures were drawn, at 120 Hz at most; also while paused. Frames that are drawn
-    /// while physics is busy are told as one. Never called without a window. What [`Host::show`] shows here is seen in
+    /// while physics is busy come as one. Never called without a window. What [`Host::show`] shows here is seen in
     /// the next frame.
     fn graphics_update(&mut self) {}
 
@@ -104,14 +104,14 @@ pub trait Plugin: Send {
 pub trait SimulatorPlugin: Plugin {
     /// A key was pressed (`action` 1) or repeated (2) in a window, after the simulator's own handling. Windows count
     /// from 1, as their titles do. Numbers as in GLFW: [`key_name`](super::key_name) gives the name of a key, `mods` is
-    /// a sum of 1 Shift, 2 Ctrl, 4 Alt, 8 Super. Keys that a panel takes, such as those of a search, are not told.
+    /// a sum of 1 Shift, 2 Ctrl, 4 Alt, 8 Super. Keys that a panel takes, such as those of a search, do not come.
     /// Never called without a window.
     fn keyboard_update(&mut self, window: u32, key: i32, scancode: i32, action: i32, mods: i32) {
         let _ = (window, key, scancode, action, mods);
     }
 
     /// A mouse button (0 left, 1 right, 2 middle) was pressed (`action` 1) or released (0) in a window, at the position
-    /// that was told last. Never called without a window.
+    /// that came last. Never called without a window.
     fn mouse_buttons_update(&mut self, window: u32, button: i32, action: i32, mods: i32) {
         let _ = (window, button, action, mods);
     }
@@ -168,13 +168,13 @@ pub trait ObjectPlugin: Plugin {}
 
 /// A plugin of any kind.
 pub enum AnyPlugin {
-    /// Of the simulator.
+    /// Plugin of the simulator.
     Simulator(Box<dyn SimulatorPlugin>),
-    /// Of the world.
+    /// Plugin of the world.
     World(Box<dyn WorldPlugin>),
-    /// Of a model.
+    /// Plugin of a model.
     Model(Box<dyn ModelPlugin>),
-    /// Of an object.
+    /// Plugin of an object.
     Object(Box<dyn ObjectPlugin>),
 }
 
@@ -317,15 +317,15 @@ impl Host {
     /// drawings.
     ///
     /// # Errors
-    /// [`CommandError::NotFinite`]; [`CommandError::TooMuch`] for more than [`MOST_DRAWINGS`](super::MOST_DRAWINGS)
-    /// drawings, [`MOST_POINTS`](super::MOST_POINTS) points or [`MOST_TEXT`](super::MOST_TEXT) bytes of texts. What was
+    /// [`CommandError::NotFinite`]; [`CommandError::TooMuch`] for more than [`MAX_DRAWINGS`](super::MAX_DRAWINGS)
+    /// drawings, [`MAX_POINTS`](super::MAX_POINTS) points or [`MAX_TEXT`](super::MAX_TEXT) bytes of texts. What was
     /// shown before stays then.
     pub fn show(&self, drawings: &[Drawing]) -> Result<(), CommandError> {
         self.0.show(drawings)
     }
 }
 
-/// What a plugin is told and given at its start.
+/// What a plugin gets at its start.
 pub struct InitContext<'a> {
     /// The simulation.
     pub world: View<'a>,

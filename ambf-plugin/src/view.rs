@@ -15,7 +15,7 @@ pub enum TextOf {
     File,
 }
 
-/// What can be asked and told: the host's simulation itself, or the same through the C interface. `kind`: a type of
+/// Queries and commands: the host's simulation itself, or the same through the C interface. `kind`: a type of
 /// objects, or `None` for models.
 pub trait Access {
     /// What follows is done for the plugin with this number.
@@ -63,7 +63,7 @@ pub trait Access {
 ///
 /// Objects are named by type and index; an index stays the same for as long as the simulation runs and is never used
 /// again. What is asked of an object that is not there, or no longer, is `None` or [`CommandError::NoObject`]. Nothing
-/// that is told here can corrupt the simulation: numbers that are not finite are refused.
+/// that is sent here can corrupt the simulation: numbers that are not finite are refused.
 pub struct View<'a> {
     pub(crate) access: &'a mut dyn Access,
     subject: Subject,

@@ -208,14 +208,14 @@ impl Programs {
 }
 
 /// Most bytes of a shader.
-const LARGEST_SHADER: u64 = 1 << 20;
+const MAX_SHADER: u64 = 1 << 20;
 
 fn user_program(gl: &Current<'_>, files: &ShaderProgram) -> Result<Program, String> {
     let read = |path: &PathBuf| {
         let length = std::fs::metadata(path).map(|meta| meta.len());
         match length {
-            Ok(length) if length > LARGEST_SHADER => {
-                Err(format!("{}: a shader of {length} bytes; at most {LARGEST_SHADER} are read", path.display()))
+            Ok(length) if length > MAX_SHADER => {
+                Err(format!("{}: a shader of {length} bytes; at most {MAX_SHADER} are read", path.display()))
             }
             _ => std::fs::read(path)
                 .map(|bytes| String::from_utf8_lossy(&bytes).replace('\0', " "))

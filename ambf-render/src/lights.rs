@@ -11,13 +11,13 @@ use crate::stage::Built;
 use crate::RenderError;
 
 /// Lights that are drawn; further ones shine on nothing.
-pub(crate) const MOST_LIGHTS: usize = 8;
+pub(crate) const MAX_LIGHTS: usize = 8;
 /// Where shadow maps begin, m.
 const SHADOW_NEAR: f64 = 0.1;
 /// Widest angle of a shadow map, rad: at 180 degrees its scale would vanish.
 const WIDEST_SHADOW: f64 = 160.0 / 180.0 * std::f64::consts::PI;
 /// Colours cast no shadow beyond this distance, m.
-const FARTHEST_SHADOW: f64 = 1000.0;
+const MAX_SHADOW: f64 = 1000.0;
 
 /// A light as it shines.
 pub(crate) struct Light {
@@ -59,7 +59,7 @@ impl Built {
     ) -> Result<Vec<Light>, RenderError> {
         let visuals = self.visuals.clone();
         let shining = visuals.lights.iter().zip(&self.snapshot.spots).enumerate();
-        let shining = shining.filter(|(_, (light, _))| !light.object.removed).take(MOST_LIGHTS);
+        let shining = shining.filter(|(_, (light, _))| !light.object.removed).take(MAX_LIGHTS);
         let mut lights = Vec::new();
         let mut bytes_of_casters = None;
         for (index, (light, spot)) in shining {
@@ -120,7 +120,7 @@ fn hash_of(casters: &[Drawable<'_>], soft_version: u64) -> u64 {
 fn shadow_clip(pose: &Isometry3<f64>, cutoff: f64, casters: &[Drawable<'_>]) -> Matrix4<f64> {
     let position = Point3::from(pose.translation.vector);
     let reach = casters.iter().map(|caster| (caster.center - position).norm() + caster.radius);
-    let far = reach.filter(|reach| reach.is_finite()).fold(2.0 * SHADOW_NEAR, f64::max).min(FARTHEST_SHADOW);
+    let far = reach.filter(|reach| reach.is_finite()).fold(2.0 * SHADOW_NEAR, f64::max).min(MAX_SHADOW);
     let cotangent = 1.0 / (0.5 * (2.0 * cutoff).min(WIDEST_SHADOW)).tan();
     let near = SHADOW_NEAR;
     let mut projection = Matrix4::zeros();

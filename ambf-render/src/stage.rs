@@ -228,8 +228,7 @@ impl Stage {
     /// drawn.
     pub fn bounds(&self) -> Option<(Point3<f64>, f64)> {
         let items = &self.built.as_ref()?.items;
-        let finite =
-            || items.iter().filter(|item| item.radius < LARGEST_BODY && item.center.iter().all(|x| x.is_finite()));
+        let finite = || items.iter().filter(|item| item.radius < MAX_BODY && item.center.iter().all(|x| x.is_finite()));
         let (mut low, mut high) = (Point3::from([f64::INFINITY; 3]), Point3::from([f64::NEG_INFINITY; 3]));
         for item in finite() {
             for axis in 0..3 {
@@ -245,7 +244,7 @@ impl Stage {
 }
 
 /// What is larger is taken for a ground, m: planes are drawn as squares of 100 m.
-const LARGEST_BODY: f64 = 50.0;
+const MAX_BODY: f64 = 50.0;
 
 impl Built {
     /// Whether an object was taken out of the scene.
@@ -329,7 +328,7 @@ pub(crate) fn frame_length(bounds: Option<(Vector3<f64>, Vector3<f64>)>) -> f64 
     let Some((_, high)) = bounds else { return FRAME_WITHOUT_SIZE };
     match high.max() {
         // Arrows as long as a ground is wide would hide everything.
-        largest if high.norm() > 0.001 && largest > 0.0 && largest < 0.5 * LARGEST_BODY => 1.2 * largest,
+        largest if high.norm() > 0.001 && largest > 0.0 && largest < 0.5 * MAX_BODY => 1.2 * largest,
         _ => 0.5,
     }
 }

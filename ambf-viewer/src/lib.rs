@@ -205,7 +205,7 @@ impl Viewer {
             std::thread::sleep(Duration::from_millis(2));
         }
         if thread.is_finished() {
-            // A panic was told of as the way it ended.
+            // A panic was reported as the way it ended.
             let _ = thread.join();
         }
     }

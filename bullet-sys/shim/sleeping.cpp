@@ -22,12 +22,12 @@ void set_all_activation_states(AmbWorld &world) {
 // something: it would fall faster than the thresholds of resting bodies otherwise, also at its terminal speed.
 bool is_carried(const AmbWorld &world, const AmbBody &owner) {
   // It is reached within a tenth of the time after which bodies fall asleep, 2 s.
-  constexpr btScalar LEAST_GRAVITY = 1;
+  constexpr btScalar MIN_GRAVITY = 1;
   if (owner.constraint_count > 0) return false;
   const btScalar gravity = owner.body.getGravity().length();
   // Bullet's damping is the share of the velocity that is lost in 1 s.
   const btScalar damping_rate = -std::log1p(-owner.body.getLinearDamping());
-  return gravity >= LEAST_GRAVITY && gravity > 2 * world.resting_thresholds[0] * damping_rate;
+  return gravity >= MIN_GRAVITY && gravity > 2 * world.resting_thresholds[0] * damping_rate;
 }
 
 }  // namespace

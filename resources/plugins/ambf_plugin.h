@@ -69,10 +69,10 @@ enum {
     AMBF_FOLLOW_POSE = 4,  /* as above, through the body's controller; for the next step */
     AMBF_JOINT_COMMAND = 5,/* joint; kind 0 effort, 1 position, 2 velocity; value; for the next step */
     AMBF_PLACE = 6,        /* kind: camera, light or ghost; index; pose in the parent */
-    AMBF_HOLD = 7,         /* actuator; other: body, -1 lets go */
+    AMBF_HOLD = 7,         /* actuator; other: body, -1 releases it */
     AMBF_DRIVE = 8,        /* vehicle; other: wheel; steering, power, brake; until the next */
     AMBF_SOFT_FORCE = 9,   /* soft body; force x y z; for the next step */
-    AMBF_PULL_NODE = 10,   /* soft body; other: node; kind 1: goal x y z, kind 0: let go */
+    AMBF_PULL_NODE = 10,   /* soft body; other: node; kind 1: goal x y z, kind 0: release */
     AMBF_ATTACH = 11,      /* body; other: body; the result is a number */
     AMBF_DETACH = 12,      /* index: that number */
     AMBF_RESET_WORLD = 13,

@@ -32,7 +32,7 @@ pub struct Registration {
 /// [`LargePublication`](super::LargePublication), [`RawSubscription`](super::RawSubscription) or
 /// [`ServiceServer`](super::ServiceServer). Nobody else can implement it.
 pub trait Announcement: Send + Sync {
-    /// What the master is told.
+    /// What is registered at the master.
     fn registration(&self) -> Registration;
 
     /// What the node's thread serves.

@@ -15,7 +15,7 @@ use super::reactor::{Handler, Turn};
 const LONGEST: usize = 4 << 20;
 
 /// Longest head of a request, bytes.
-const LONGEST_HEAD: usize = 16 << 10;
+const MAX_HEAD: usize = 16 << 10;
 
 /// Deepest nesting of lists and structures. The reader of XML calls itself for each, and a stack is finite.
 const DEEPEST: usize = 64;
@@ -111,7 +111,7 @@ impl Client {
     fn answer_next(&mut self) -> Result<bool, ()> {
         let rest = self.input.rest();
         let Some(head) = rest.windows(4).position(|bytes| bytes == b"\r\n\r\n") else {
-            return if rest.len() > LONGEST_HEAD { Err(()) } else { Ok(false) };
+            return if rest.len() > MAX_HEAD { Err(()) } else { Ok(false) };
         };
         let request = Head::read(&rest[..head]).ok_or(())?;
         let begin = head + 4;

@@ -36,7 +36,7 @@ use super::Report;
 const HEADER_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Longest header of a client, bytes: the definition of a message is in it.
-const LONGEST_HEADER: usize = 1 << 20;
+const MAX_HEADER: usize = 1 << 20;
 
 /// How many connections to topics and services there may be at once; further ones are turned away.
 const MAX_CONNECTIONS: usize = 8192;
@@ -410,7 +410,7 @@ impl Handler for Hello {
 
     fn ready(&mut self) -> Turn {
         let came = self.input.read(&self.stream);
-        match (self.input.block(LONGEST_HEADER), came) {
+        match (self.input.block(MAX_HEADER), came) {
             (Ok(None), Came::Bytes(_)) => return Turn::Again,
             (Ok(None), Came::Nothing) => return Turn::Wait,
             (Ok(Some(header)), _) => {

@@ -67,9 +67,9 @@ struct Item {
 
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum State {
-    /// The node serves it; the master has not been told.
+    /// The node serves it; it is not registered at the master.
     Served,
-    /// The master has been told.
+    /// It is registered at the master.
     Announced,
     /// It cannot be served.
     LeftOut,
@@ -325,7 +325,7 @@ struct Worker<'a> {
     embedded: Option<(Master, Option<LogAggregator>)>,
     /// The master did not answer when last asked.
     lost: bool,
-    /// The master has forgotten us and has not been told everything again.
+    /// The master has forgotten us and not everything is registered again.
     forgotten: bool,
     /// A line about the absence of a master has been written.
     complained: bool,

@@ -25,7 +25,7 @@ const MAX_CALLERS: usize = 1024;
 const TIMEOUT: Duration = Duration::from_secs(1);
 
 /// How many nodes are told something at the same time.
-const MOST_NOTICES: usize = 32;
+const MAX_NOTICES: usize = 32;
 
 /// A ROS master in this process. It lives until it is dropped.
 pub struct Master {
@@ -391,7 +391,7 @@ impl Notices {
     fn tell(self: &Arc<Self>, uri: &str, notice: Notice, name: &str, value: Value) {
         let mut queues = self.0.lock();
         queues.waiting.entry(uri.to_owned()).or_default().insert((notice, name.to_owned()), value);
-        if queues.busy.len() >= MOST_NOTICES || !queues.busy.insert(uri.to_owned()) {
+        if queues.busy.len() >= MAX_NOTICES || !queues.busy.insert(uri.to_owned()) {
             // Whoever is told now is told this too, or the thread that is done first takes it.
             return;
         }

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use dxr::Value;
 
 /// Longest name, parts. Trees are written and freed by functions that call themselves for each level.
-const MOST_PARTS: usize = 32;
+const MAX_PARTS: usize = 32;
 
 /// All parameters. A structure that is set is a part of the tree, and a part of the tree is read as a structure.
 #[derive(Debug, Default)]
@@ -51,10 +51,10 @@ impl Tree {
     }
 
     /// Sets it, in place of what was there; whether that is possible: the whole tree can only be a structure, and a name
-    /// has [`MOST_PARTS`] at most.
+    /// has [`MAX_PARTS`] at most.
     pub fn set(&mut self, name: &str, value: Value) -> bool {
         let parts = parts(name);
-        if parts.len() > MOST_PARTS {
+        if parts.len() > MAX_PARTS {
             return false;
         }
         let Some((last, path)) = parts.split_last() else {

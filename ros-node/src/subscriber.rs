@@ -35,7 +35,7 @@ const TIMEOUT: Duration = Duration::from_secs(1);
 const HANDSHAKE_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Longest header that is read, bytes: the definition of a message is in it.
-const LONGEST_HEADER: usize = 1 << 20;
+const MAX_HEADER: usize = 1 << 20;
 
 /// Longest message of any type, bytes.
 const LONGEST: usize = 16 << 20;
@@ -51,7 +51,7 @@ const BACK_OFF: Duration = Duration::from_millis(200);
 
 /// Longest such pause for one that is not there: a program that was killed stays on the master's list, and comes back
 /// under the same name.
-const LONGEST_ABSENCE: Duration = Duration::from_secs(3);
+const MAX_ABSENT_PAUSE: Duration = Duration::from_secs(3);
 
 /// All publishers of a topic that are not there are connected to so often together, when there are many: programs that
 /// were killed stay on the master's list for good, each under a name of its own if it was made unique.
@@ -60,8 +60,8 @@ const PER_ABSENT: Duration = Duration::from_millis(100);
 /// After so many attempts in vain a publisher counts as not there.
 const ABSENT_ATTEMPTS: u32 = 5;
 
-/// Longest such pause for one that does what publishers don't do: it may say something about each attempt.
-const LONGEST_PENANCE: Duration = Duration::from_secs(30);
+/// Longest such pause for one that violates the protocol: it may log each attempt.
+const MAX_FAULTY_PAUSE: Duration = Duration::from_secs(30);
 
 /// A publisher that there is no way to is named after so many attempts in a row, some seconds: it may be gone by then.
 const ATTEMPTS: u32 = 6;
@@ -73,7 +73,7 @@ const DOUBT: Duration = Duration::from_secs(2);
 const TOGETHER: Duration = Duration::from_millis(5);
 
 /// Publishing nodes that are called at the same time.
-const MOST_CALLS: usize = 32;
+const MAX_CALLS: usize = 32;
 
 /// Names of the nodes that publish each topic.
 type Publishers = BTreeMap<String, BTreeSet<String>>;
@@ -210,7 +210,7 @@ impl Subscription {
         let mut lines = self.lines.lock();
         lines.retain(|publisher, line| line.busy || listed.is_some_and(|listed| listed.contains(publisher)));
         let absent = lines.values().filter(|line| line.is_absent()).count();
-        let longest = LONGEST_ABSENCE.max(PER_ABSENT * u32::try_from(absent).unwrap_or(u32::MAX));
+        let longest = MAX_ABSENT_PAUSE.max(PER_ABSENT * u32::try_from(absent).unwrap_or(u32::MAX));
         let (mut chosen, mut next) = (Vec::new(), None::<Instant>);
         for publisher in listed.into_iter().flatten() {
             let line = lines.entry(publisher.clone()).or_default();
@@ -271,7 +271,7 @@ impl Line {
 
     /// It did what publishers don't do; true for the first time.
     fn fault(&mut self, now: Instant) -> bool {
-        self.not_before = Some(now + pause(self.faults, LONGEST_PENANCE));
+        self.not_before = Some(now + pause(self.faults, MAX_FAULTY_PAUSE));
         self.faults = self.faults.saturating_add(1);
         self.faults == 1
     }
@@ -333,7 +333,7 @@ pub(crate) fn tend(graph: &Arc<Graph>) {
         }
         for (publisher, lines) in work {
             let mut calls = called.lock();
-            if calls.len() >= MOST_CALLS || !calls.insert(publisher.clone()) {
+            if calls.len() >= MAX_CALLS || !calls.insert(publisher.clone()) {
                 // Its lines end here, and are tried again after their pause.
                 continue;
             }
@@ -483,7 +483,7 @@ impl Listening {
         let Wanted { kind: wanted, longest } = &subscription.wanted;
         let too_long = |length, longest| Trouble::Fault(format!("it announces {length} bytes, {longest} are the most"));
         if self.kind.is_none() {
-            let header = self.input.block(LONGEST_HEADER).map_err(|length| too_long(length, LONGEST_HEADER))?;
+            let header = self.input.block(MAX_HEADER).map_err(|length| too_long(length, MAX_HEADER))?;
             let Some(header) = header else { return Ok(()) };
             self.kind = Some(announced_kind(header, wanted)?);
             self.deadline = None;
@@ -614,10 +614,10 @@ mod tests {
             (pauses[0], pauses[39])
         };
         let begin = |line: &mut Line| {
-            line.begin(now, LONGEST_ABSENCE);
+            line.begin(now, MAX_ABSENT_PAUSE);
         };
-        assert_eq!(pauses(&begin), (BACK_OFF, LONGEST_ABSENCE));
-        assert_eq!(pauses(&|line| assert_eq!(line.fault(now), line.faults == 1)), (BACK_OFF, LONGEST_PENANCE));
+        assert_eq!(pauses(&begin), (BACK_OFF, MAX_ABSENT_PAUSE));
+        assert_eq!(pauses(&|line| assert_eq!(line.fault(now), line.faults == 1)), (BACK_OFF, MAX_FAULTY_PAUSE));
     }
 
     #[test]

@@ -3,13 +3,13 @@
 use std::collections::HashMap;
 
 /// Longest text of a peer that is repeated to the user, characters.
-const LONGEST_QUOTE: usize = 200;
+const MAX_QUOTE: usize = 200;
 
 /// `text` for a line to the user: printable, and not longer than that.
 pub(crate) fn quote(text: &str) -> String {
     let printable = text.trim().chars().map(|c| if c.is_control() { ' ' } else { c });
-    let mut quoted: String = printable.take(LONGEST_QUOTE).collect();
-    if text.chars().nth(LONGEST_QUOTE).is_some() {
+    let mut quoted: String = printable.take(MAX_QUOTE).collect();
+    if text.chars().nth(MAX_QUOTE).is_some() {
         quoted.push('…');
     }
     if quoted.is_empty() {

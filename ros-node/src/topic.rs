@@ -75,7 +75,7 @@ pub(crate) struct Topic {
     kept: Mutex<Vec<Arc<Vec<u8>>>>,
     /// Whether subscribers are taken.
     open: AtomicBool,
-    /// Whether the master has been told.
+    /// Whether it is registered at the master.
     announced: AtomicBool,
     /// Number of the next message.
     sequence: Arc<AtomicUsize>,
@@ -367,7 +367,7 @@ impl<M: Message> Publication<M> {
         Arc::clone(&self.topic.lock())
     }
 
-    /// Whether the master has been told.
+    /// Whether it is registered at the master.
     pub fn is_announced(&self) -> bool {
         self.topic().announced.load(Ordering::Acquire)
     }

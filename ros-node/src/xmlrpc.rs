@@ -11,7 +11,7 @@ use super::address::resolve;
 use super::calls::is_too_deep;
 
 /// Longest answer that is read, bytes: the parameter tree of one object is far smaller.
-const LONGEST_ANSWER: u64 = 16 << 20;
+const MAX_ANSWER: u64 = 16 << 20;
 
 /// Error when a call to a master or node did not succeed.
 #[derive(Debug, Error)]
@@ -187,7 +187,7 @@ impl Peer {
         let mut stream = self.connect()?;
         stream.write_all(self.request(body, "1.0").as_bytes())?;
         let mut answer = Vec::new();
-        stream.take(LONGEST_ANSWER).read_to_end(&mut answer)?;
+        stream.take(MAX_ANSWER).read_to_end(&mut answer)?;
         Ok(String::from_utf8_lossy(&answer).into_owned())
     }
 
@@ -270,7 +270,7 @@ impl Session {
                 0 => return Err(ErrorKind::UnexpectedEof.into()),
                 count => answer.extend_from_slice(&chunk[..count]),
             }
-            if answer.len() as u64 > LONGEST_ANSWER {
+            if answer.len() as u64 > MAX_ANSWER {
                 return Err(ErrorKind::InvalidData.into());
             }
         };
@@ -279,7 +279,7 @@ impl Session {
         let field = |key: &str| head.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix(':').map(str::trim));
         let length = field("content-length").and_then(|length| length.parse::<u64>().ok());
         match length {
-            Some(length) if length <= LONGEST_ANSWER => {
+            Some(length) if length <= MAX_ANSWER => {
                 let missing = length.saturating_sub(answer.len() as u64);
                 (&stream).take(missing).read_to_end(&mut answer)?;
                 if (answer.len() as u64) < length {
@@ -291,7 +291,7 @@ impl Session {
             Some(_) => return Err(ErrorKind::InvalidData.into()),
             // It ends with the connection.
             None => {
-                stream.take(LONGEST_ANSWER).read_to_end(&mut answer)?;
+                stream.take(MAX_ANSWER).read_to_end(&mut answer)?;
             }
         }
         Ok(String::from_utf8_lossy(&answer).into_owned())

@@ -41,7 +41,7 @@ pub use node::Node;
 pub use parameters::{Parameter, ParameterServices, Parameters, Value};
 pub use participant::{Error, Hold, Participant, Timer};
 pub use publication::{Publication, SendError};
-pub use qos::{Qos, LARGEST_WINDOW, SMALLEST_WINDOW};
+pub use qos::{Qos, MAX_WINDOW, MIN_WINDOW};
 pub use service::{Request, Service};
 pub use subscription::Subscription;
 pub use transcode::{TranscodeError, Transcoder, UnusableType};

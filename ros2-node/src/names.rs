@@ -4,10 +4,10 @@ use std::collections::HashSet;
 use std::fmt;
 
 /// Longest topic name that ROS 2 allows, characters.
-pub const LONGEST_TOPIC: usize = 247;
+pub const MAX_TOPIC: usize = 247;
 
 /// Longest node name that ROS 2 allows, characters.
-pub const LONGEST_NODE: usize = 255;
+pub const MAX_NODE: usize = 255;
 
 /// A topic name that ROS 2 allows, made from `name`, at most `longest` characters.
 ///
@@ -31,7 +31,7 @@ pub fn clean_node(name: &str) -> String {
     let joined = name.split('/').filter(|part| !part.is_empty()).collect::<Vec<_>>().join("_");
     let mut clean = String::with_capacity(joined.len() + 1);
     push_clean(&mut clean, if joined.is_empty() { "_" } else { &joined });
-    shortened(clean, name, LONGEST_NODE)
+    shortened(clean, name, MAX_NODE)
 }
 
 fn push_clean(clean: &mut String, part: &str) {
@@ -113,7 +113,7 @@ pub enum NameError {
 /// # Errors
 /// What is wrong with it.
 pub fn check_topic(name: &str) -> Result<(), NameError> {
-    check_length(name, LONGEST_TOPIC)?;
+    check_length(name, MAX_TOPIC)?;
     let parts = name.strip_prefix('/').ok_or_else(|| NameError::Relative(name.into()))?;
     parts.split('/').try_for_each(|part| check_part(part, name))
 }
@@ -123,7 +123,7 @@ pub fn check_topic(name: &str) -> Result<(), NameError> {
 /// # Errors
 /// What is wrong with it.
 pub fn check_node(name: &str) -> Result<(), NameError> {
-    check_length(name, LONGEST_NODE)?;
+    check_length(name, MAX_NODE)?;
     check_part(name, name)
 }
 
@@ -246,7 +246,7 @@ mod tests {
     use super::*;
 
     fn cleaned(name: &str) -> String {
-        let clean = clean_topic(name, LONGEST_TOPIC);
+        let clean = clean_topic(name, MAX_TOPIC);
         assert_eq!(check_topic(&clean), Ok(()), "{name}");
         clean
     }
@@ -278,10 +278,10 @@ mod tests {
     fn long_names_are_cut_and_stay_different() {
         let (one, other) = ("a".repeat(300), "a".repeat(301));
         let (clean_one, clean_other) = (cleaned(&one), cleaned(&other));
-        assert_eq!(clean_one.len(), LONGEST_TOPIC);
+        assert_eq!(clean_one.len(), MAX_TOPIC);
         assert_ne!(clean_one, clean_other);
         assert_eq!(check_node(&clean_node(&one)), Ok(()));
-        assert_eq!(clean_node(&one).len(), LONGEST_NODE);
+        assert_eq!(clean_node(&one).len(), MAX_NODE);
     }
 
     #[test]

@@ -142,7 +142,7 @@ impl Shared {
     }
 
     pub fn remove_source(&self, key: u64) {
-        // Dropped outside the lock: it may be the last owner, and RustDDS takes its time to let go of endpoints.
+        // Dropped outside the lock: it may be the last owner, and RustDDS takes its time to close endpoints.
         let source = self.sources.lock().remove(&key);
         drop(source);
     }

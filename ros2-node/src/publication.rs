@@ -32,17 +32,17 @@ const PATIENCE: Duration = Duration::from_millis(150);
 /// How long others have to find a publication that was made anew, until they get what waits.
 const HOLD: Duration = Duration::from_millis(100);
 
-/// Messages that a publication without subscriptions may go on holding. RustDDS lets go of messages when subscriptions
+/// Messages that a publication without subscriptions may go on holding. RustDDS frees messages when subscriptions
 /// acknowledge them: those that the last one has left unacknowledged stay, up to the window of the [`Qos`], until another
 /// one comes.
-const MOST_LEFT: u64 = 64;
+const MAX_UNACKNOWLEDGED: u64 = 64;
 
 /// How often messages that wait are tried again.
 const RETRY: Duration = Duration::from_millis(5);
 
 /// Messages that wait meanwhile, at most, and their bytes; one may always wait.
-const MOST_WAITING: usize = 1024;
-const MOST_WAITING_BYTES: usize = 8 << 20;
+const MAX_WAITING: usize = 1024;
+const MAX_WAITING_BYTES: usize = 8 << 20;
 
 /// Why a message was not sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -136,7 +136,7 @@ impl State {
 
     fn has_room(&self, bytes: usize) -> bool {
         let waiting: usize = self.waiting.iter().map(|(body, _)| body.len()).sum();
-        self.waiting.is_empty() || self.waiting.len() < MOST_WAITING && waiting + bytes <= MOST_WAITING_BYTES
+        self.waiting.is_empty() || self.waiting.len() < MAX_WAITING && waiting + bytes <= MAX_WAITING_BYTES
     }
 }
 
@@ -372,7 +372,7 @@ impl Inner {
         let next = later.or_else(|| has_more.then(|| Instant::now() + RETRY));
         self.follow(&mut state, waker);
         let is_left = !self.qos.latched && state.readers.is_empty() && state.waiting.is_empty();
-        if is_left && state.hold_until.is_none() && state.sent > MOST_LEFT {
+        if is_left && state.hold_until.is_none() && state.sent > MAX_UNACKNOWLEDGED {
             // What was sent is of no use to those who come later.
             let later = self.renew(&mut state);
             self.follow(&mut state, waker);

@@ -4,10 +4,10 @@ use rustdds::qos::policy;
 use rustdds::{QosPolicies, QosPolicyBuilder};
 
 /// Unacknowledged messages that a publication keeps at least: acknowledgements come each 0.1 s.
-pub const SMALLEST_WINDOW: u32 = 512;
+pub const MIN_WINDOW: u32 = 512;
 
 /// Unacknowledged messages that a publication keeps at most.
-pub const LARGEST_WINDOW: u32 = 8192;
+pub const MAX_WINDOW: u32 = 8192;
 
 /// How messages of a topic are kept and delivered. Begin with one of the functions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -26,25 +26,25 @@ pub struct Qos {
 impl Qos {
     /// Reliable, volatile, the last ten: the default of ROS 2. Window: the smallest.
     pub const fn new() -> Self {
-        Self { reliable: true, latched: false, depth: 10, window: SMALLEST_WINDOW }
+        Self { reliable: true, latched: false, depth: 10, window: MIN_WINDOW }
     }
 
     /// Reliable, for subscriptions that come later, the last one.
     pub const fn latched() -> Self {
-        Self { reliable: true, latched: true, depth: 1, window: SMALLEST_WINDOW }
+        Self { reliable: true, latched: true, depth: 1, window: MIN_WINDOW }
     }
 
     /// For states that are published at most at `frequency`, Hz: twenty seconds of them may be unacknowledged, as long
     /// as other implementations wait until they give a peer up.
     pub fn states(frequency: f64) -> Self {
         // A number that is none gives the smallest.
-        let window = ((20.0 * frequency) as u32).clamp(SMALLEST_WINDOW, LARGEST_WINDOW);
+        let window = ((20.0 * frequency) as u32).clamp(MIN_WINDOW, MAX_WINDOW);
         Self { window, ..Self::new() }
     }
 
     /// For messages of about so many bytes, of which 16 MB may be unacknowledged.
     pub fn large(bytes: usize) -> Self {
-        let window = (16_000_000 / bytes.max(1)).clamp(8, SMALLEST_WINDOW as usize) as u32;
+        let window = (16_000_000 / bytes.max(1)).clamp(8, MIN_WINDOW as usize) as u32;
         Self { depth: 2, window, ..Self::new() }
     }
 
@@ -93,10 +93,10 @@ mod tests {
     #[test]
     fn windows_are_bounded() {
         assert_eq!(Qos::states(50.0).window, 1000);
-        assert_eq!(Qos::states(1000.0).window, LARGEST_WINDOW);
-        assert_eq!(Qos::states(f64::NAN).window, SMALLEST_WINDOW);
+        assert_eq!(Qos::states(1000.0).window, MAX_WINDOW);
+        assert_eq!(Qos::states(f64::NAN).window, MIN_WINDOW);
         assert_eq!(Qos::large(1_000_000).window, 16);
         assert_eq!(Qos::large(100_000_000).window, 8);
-        assert_eq!(Qos::large(0).window, SMALLEST_WINDOW);
+        assert_eq!(Qos::large(0).window, MIN_WINDOW);
     }
 }

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use common::{description, options, rigid_body_state, wait};
 use parking_lot::Mutex;
-use ros2_node::{Error, Participant, Qos, SendError, Transcoder, TypeName, SMALLEST_WINDOW};
+use ros2_node::{Error, Participant, Qos, SendError, Transcoder, TypeName, MIN_WINDOW};
 
 type Messages = Arc<Mutex<Vec<Vec<u8>>>>;
 
@@ -120,7 +120,7 @@ fn one_that_comes_late_costs_the_others_nothing() {
             std::thread::sleep(std::time::Duration::from_millis(1));
         }
     };
-    send(SMALLEST_WINDOW + 100);
+    send(MIN_WINDOW + 100);
     let late: Vec<_> = (0..3)
         .map(|number| {
             let late = Participant::new(options.clone()).unwrap();

@@ -287,7 +287,7 @@ fn load_scene(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<(Simula
     Ok((simulation, report.errors() > 0))
 }
 
-/// Says which line of the command file the lost body was last told.
+/// Names the line of the command file with the last command of the lost body.
 fn name_command(mut error: LostState, commands: &Commands, simulation: &Simulation) -> LostState {
     let body = simulation.scene().bodies.position(|body| body.identity.key() == error.body);
     let latest = |body| commands.latest(body, u64::from(error.step));

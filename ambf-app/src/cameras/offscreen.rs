@@ -16,7 +16,7 @@ use crate::report;
 const FRAME: Duration = Duration::from_nanos(1_000_000_000 / 120);
 
 /// How far frames may be behind and still catch up.
-const MOST_BEHIND: Duration = Duration::from_millis(100);
+const MAX_DELAY: Duration = Duration::from_millis(100);
 
 /// How often it looks whether somebody subscribes, while nobody does.
 const GLANCE: Duration = Duration::from_millis(50);
@@ -109,7 +109,7 @@ impl Worker {
             // A picture that took longer than a frame is caught up with in frames in which none is due, so that every
             // fourth of 120 frames a second is 30 pictures a second.
             let now = Instant::now();
-            next = if now > next + MOST_BEHIND { now } else { next + FRAME };
+            next = if now > next + MAX_DELAY { now } else { next + FRAME };
             self.stop.wait(next.saturating_duration_since(now));
         }
     }

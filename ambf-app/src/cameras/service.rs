@@ -100,12 +100,6 @@ impl CameraService {
         self.frames += 1;
     }
 
-    /// Brings the markers of point clouds in `stage` up to date. [`frame`](Self::frame) does so too; a window that is
-    /// drawn before calls this first.
-    pub fn show_clouds(&mut self, stage: &mut Stage, visuals: &VisualScene, snapshot: &Snapshot) {
-        self.clouds.refresh(stage, visuals, snapshot);
-    }
-
     /// A graphics frame: renders and publishes what is due in it and subscribed to. `stage` must have been
     /// [prepared](Renderer::prepare) with `visuals` and `snapshot`. Never waits for a subscriber; what goes wrong is
     /// reported once.

@@ -4,7 +4,9 @@ use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use ambf_core::adf::{self, ColorTable, FileKind, InputDevices, Launch, LoadError, Outline, Report, SourcePos, World};
+use ambf_core::adf::{
+    self, ColorTable, FileKind, InputDevices, Launch, LoadError, ObjectType, Outline, Report, SourcePos, World,
+};
 use ambf_core::scene::{load, read_model, Loaded, Note, SceneFiles, SceneOptions};
 use ambf_core::urdf;
 
@@ -588,21 +590,9 @@ struct Elements<'o>(HashMap<&'o str, &'static str>);
 
 impl<'o> Elements<'o> {
     fn of(outline: &'o Outline) -> Self {
-        const LISTS: [(&str, &str); 11] = [
-            ("bodies", "body"),
-            ("soft bodies", "soft body"),
-            ("ghost objects", "ghost object"),
-            ("sensors", "sensor"),
-            ("actuators", "actuator"),
-            ("joints", "joint"),
-            ("vehicles", "vehicle"),
-            ("cameras", "camera"),
-            ("lights", "light"),
-            ("volumes", "volume"),
-            ("input devices", "input device"),
-        ];
+        let types = ObjectType::ALL.iter().map(|kind| (kind.list(), kind.words()));
         let mut kinds = HashMap::new();
-        for (list, kind) in LISTS {
+        for (list, kind) in types.chain([("input devices", "input device")]) {
             let items = outline.root().get(list).into_iter().flat_map(|list| list.items());
             for identifier in items.filter_map(|name| name.text()) {
                 kinds.entry(identifier).or_insert(kind);

@@ -2,40 +2,33 @@
 
 use std::fmt::Write as _;
 
-use ambf_core::adf::{is_version_key, Entry, FileKind, Outline};
+use ambf_core::adf::{is_version_key, Entry, FileKind, ObjectType, Outline};
 use ambf_core::scene::Scene;
 use serde_json::{json, Map, Value};
 
-/// What is counted, in the order of the table.
-const COUNTED: [&str; 14] = [
-    "bodies",
-    "joints",
-    "soft bodies",
-    "ghost objects",
-    "sensors",
-    "actuators",
-    "vehicles",
-    "cameras",
-    "lights",
-    "volumes",
-    "plugins",
-    "devices",
-    "colours",
-    "models",
-];
+/// What is counted beside the objects of a model.
+const OTHERS: [&str; 4] = ["plugins", "devices", "colours", "models"];
+
+/// How many things are counted.
+const N_COUNTED: usize = ObjectType::ALL.len() + OTHERS.len();
+
+/// What is counted: objects by type, then [`OTHERS`].
+fn counted() -> impl Iterator<Item = &'static str> {
+    ObjectType::ALL.into_iter().map(ObjectType::list).chain(OTHERS)
+}
 
 /// Numbers of things by name.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Counts([usize; COUNTED.len()]);
+pub struct Counts([usize; N_COUNTED]);
 
 impl Counts {
     /// Number of `what`, one of the headings of the table (`bodies`, `joints`, …); 0 for other words.
     pub fn get(&self, what: &str) -> usize {
-        COUNTED.iter().position(|name| *name == what).map_or(0, |i| self.0[i])
+        counted().position(|name| name == what).map_or(0, |i| self.0[i])
     }
 
     pub(super) fn set(&mut self, what: &str, number: usize) {
-        if let Some(i) = COUNTED.iter().position(|name| *name == what) {
+        if let Some(i) = counted().position(|name| name == what) {
             self.0[i] = number;
         }
     }
@@ -52,25 +45,15 @@ impl Counts {
     }
 
     fn to_json(self) -> Value {
-        let numbers = COUNTED.iter().zip(self.0).filter(|(_, number)| *number > 0);
-        numbers.map(|(name, number)| ((*name).to_owned(), json!(number))).collect::<Map<_, _>>().into()
+        let numbers = counted().zip(self.0).filter(|(_, number)| *number > 0);
+        numbers.map(|(name, number)| (name.to_owned(), json!(number))).collect::<Map<_, _>>().into()
     }
 }
 
 /// Elements of a scene, those of the default world included: the one place that knows what is simulated.
 pub fn built(scene: &Scene) -> Counts {
     let mut counts = Counts::default();
-    counts.set("bodies", scene.bodies.len());
-    counts.set("joints", scene.joints.len());
-    counts.set("soft bodies", scene.soft_bodies.len());
-    counts.set("ghost objects", scene.ghosts.len());
-    counts.set("sensors", scene.sensors.len());
-    counts.set("actuators", scene.actuators.len());
-    counts.set("vehicles", scene.vehicles.len());
-    counts.set("cameras", scene.cameras.len());
-    counts.set("lights", scene.lights.len());
-    // Kept for a viewer.
-    counts.set("volumes", scene.models.iter().map(|model| model.description.volumes.len()).sum());
+    ObjectType::ALL.iter().for_each(|&kind| counts.set(kind.list(), scene.object_count(kind)));
     counts
 }
 
@@ -81,9 +64,10 @@ pub fn written(outline: &Outline, kind: FileKind) -> Counts {
     let mut counts = Counts::default();
     match kind {
         FileKind::Model | FileKind::World => {
-            let lists: &[&str] = if kind == FileKind::World { &["cameras", "lights"] } else { &COUNTED[..10] };
-            lists.iter().for_each(|list| counts.set(list, listed(list)));
-            let elements = lists.iter().filter_map(|list| root.get(list)).flat_map(Entry::items);
+            let is_listed = |object: &&ObjectType| kind == FileKind::Model || object.is_in_worlds();
+            let lists = || ObjectType::ALL.iter().filter(is_listed).map(|object| object.list());
+            lists().for_each(|list| counts.set(list, listed(list)));
+            let elements = lists().filter_map(|list| root.get(list)).flat_map(Entry::items);
             let elements = elements.filter_map(|name| root.get(name.text()?));
             let plugins = elements.filter_map(|element| Some(element.get("plugins")?.items().count())).sum::<usize>();
             counts.set("plugins", plugins + listed("plugins"));
@@ -161,7 +145,9 @@ pub(super) fn table(rows: &[Row]) -> String {
     type Cell<'a> = Box<dyn Fn(&Row) -> String + 'a>;
     let mut columns: Vec<(&str, Cell<'_>)> =
         vec![("file", Box::new(|row| row.file.clone())), ("taken for", Box::new(|row| row.kind.to_owned()))];
-    for what in COUNTED {
+    // Bodies and what joins them come first.
+    let main = [ObjectType::Body, ObjectType::Joint].map(ObjectType::list);
+    for what in main.into_iter().chain(counted().filter(|what| !main.contains(what))) {
         columns.push((what, Box::new(move |row| pair(row.written.get(what), row.built.map(|built| built.get(what))))));
     }
     columns.push(("meshes", Box::new(move |row| pair(row.meshes.named, Some(row.meshes.found)))));

@@ -45,7 +45,7 @@ pub(super) fn count(text: &str) -> Result<u32, String> {
     }
 }
 
-/// A frequency of devices' loops, Hz: a device lets go of a force that is not renewed within 50 ms, and the laws know
+/// A frequency of devices' loops, Hz: a device sets a force that is not renewed within 50 ms to zero, and the laws know
 /// periods of 0.1 to 20 ms.
 pub(super) fn haptic_frequency(text: &str) -> Result<u32, String> {
     match text.trim().parse() {

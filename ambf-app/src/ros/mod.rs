@@ -10,12 +10,9 @@
 //! The others are those of the [node](ros_node). None of them can hold up the physics: states are read from the hub's
 //! newest snapshot and commands are left in its mailboxes.
 
-mod actuator;
 mod arguments;
-mod contact;
 mod diagnostics;
 mod frames;
-mod ghost;
 mod log;
 pub mod messages;
 mod models;
@@ -26,21 +23,15 @@ mod parameters;
 #[cfg(feature = "pictures")]
 mod pictures;
 mod point_cloud;
-mod posed;
 mod received;
-mod rigid_body;
 #[cfg(feature = "ros2")]
 mod ros2;
 mod ros_args;
 mod scheduler;
-mod sensor;
 mod service;
 mod signal;
-mod soft_body;
 mod step;
 mod topics;
-mod vehicle;
-mod world;
 
 use std::error::Error;
 use std::sync::mpsc::{channel, Receiver, Sender};
@@ -100,7 +91,7 @@ pub struct Extras {
     pub arms: crtk::diagnostics::Board,
 }
 
-/// What the ROS side is told besides the hub.
+/// What the ROS side uses besides the hub.
 #[derive(Clone)]
 pub struct RosOptions {
     /// What the command line says to ROS. Default: nothing; the node is then called `ambf_comm_node` with process id
@@ -209,7 +200,7 @@ impl Middleware for RosMiddleware {
         let log = Log::start(&link)?;
         let (publisher, entries) = channel();
         let (to_parameters, changes) = channel();
-        let told = ChangeSinks { link: Arc::clone(&link), publisher, parameters: to_parameters };
+        let sinks = ChangeSinks { link: Arc::clone(&link), publisher, parameters: to_parameters };
         let mut objects = Objects::new(ServeContext {
             hub: Arc::clone(&hub),
             waker: Arc::clone(&waker),
@@ -223,7 +214,7 @@ impl Middleware for RosMiddleware {
             #[cfg(feature = "ros2")]
             ros2: None,
         });
-        objects.follow(&told);
+        objects.follow(&sinks);
         let (alive, ended) = channel();
         let publisher = {
             let (hub, link, waker) = (Arc::clone(&hub), Arc::clone(&link), Arc::clone(&waker));
@@ -235,7 +226,7 @@ impl Middleware for RosMiddleware {
             frames.map(|frames| DescriptionParameter::new(arguments.mapped(ROBOT_DESCRIPTION.into()), frames));
         let parameters = Parameters::new(hub, link, changes, Arc::clone(&self.clouds), description);
         spawn_detached("ros-parameters", &alive, move || parameters.run())?;
-        spawn_detached("ros-objects", &alive, move || objects.run(&told))?;
+        spawn_detached("ros-objects", &alive, move || objects.run(&sinks))?;
         Ok(())
     }
 

@@ -11,7 +11,7 @@ use super::messages::ambf_msgs::{
 };
 use super::service::service_of;
 
-/// What a client is told about a model that was added.
+/// The answer to a client about a model that was added.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct ModelReply {
     /// What to call it when it is removed.

@@ -43,7 +43,7 @@ struct Change {
     withdrawn: Vec<Arc<dyn Announcement>>,
 }
 
-/// Who is told of changes.
+/// Who gets changes.
 pub(super) struct ChangeSinks {
     pub link: Arc<Link>,
     pub publisher: Sender<Vec<Entry>>,
@@ -65,21 +65,21 @@ impl Objects {
 
     /// Follows the list until the link is stopped. Blocks while the master thinks, which is why it needs a thread of
     /// its own.
-    pub fn run(mut self, told: &ChangeSinks) {
-        while !told.link.stop.wait(POLL) {
-            self.follow(told);
+    pub fn run(mut self, sinks: &ChangeSinks) {
+        while !sinks.link.stop.wait(POLL) {
+            self.follow(sinks);
         }
     }
 
     /// Announces what has come since the last call, withdraws what has gone.
-    pub fn follow(&mut self, told: &ChangeSinks) {
+    pub fn follow(&mut self, sinks: &ChangeSinks) {
         if let Some(Change { come, withdrawn }) = self.compare() {
             // Withdrawn first: what comes may have the same topics.
-            told.link.remove(&withdrawn);
+            sinks.link.remove(&withdrawn);
             // Nobody listens any more while the program ends.
-            let _ = told.publisher.send(come.entries);
-            let _ = told.parameters.send(come.parameters);
-            told.link.add(come.announcements);
+            let _ = sinks.publisher.send(come.entries);
+            let _ = sinks.parameters.send(come.parameters);
+            sinks.link.add(come.announcements);
         }
         if let Some(frames) = &self.around.frames {
             frames.follow(&self.around.hub);
@@ -89,7 +89,7 @@ impl Objects {
             let new = self.follow_cameras();
             // Adding wakes the link, which is not to be done for nothing.
             if !new.is_empty() {
-                told.link.add(new);
+                sinks.link.add(new);
             }
         }
     }

@@ -14,8 +14,8 @@ use super::frames::Frames;
 use super::naming::graph_name;
 use super::neighbours::Neighbours;
 use super::point_cloud::{subscriptions, PointClouds};
-use super::posed::ParentName;
 use super::signal::RateLimitedLog;
+use super::topics::posed::ParentName;
 use crate::report;
 
 /// How often changes are looked for.

@@ -52,7 +52,7 @@ pub(crate) trait PictureSink: Send + Sync {
     }
 
     /// Makes a message and sends it; never waits for a subscriber. `write` appends the message as ROS 1 has it, without its
-    /// length; it is told the number for the message's header.
+    /// length; it gets the number for the message's header.
     fn send(&self, write: &mut dyn FnMut(&mut Vec<u8>, u32));
 }
 

@@ -84,18 +84,15 @@ pub(super) fn radius_topic(topic: &str) -> String {
 }
 
 /// Longest cloud, bytes: some twenty million points.
-pub(super) const LONGEST_CLOUD: usize = 256 << 20;
+pub(super) const MAX_CLOUD: usize = 256 << 20;
 
 /// Longest message with the size of points, bytes.
-pub(super) const LONGEST_RADIUS: usize = 4;
+pub(super) const MAX_RADIUS: usize = 4;
 
 /// Listens to the cloud on `topic` and to the size of its points.
 pub(super) fn subscriptions(clouds: &Arc<PointClouds>, topic: &str) -> [Arc<dyn Announcement>; 2] {
     let (on_points, on_radius) = listeners(clouds, topic);
-    [
-        subscription(topic.to_owned(), LONGEST_CLOUD, on_points),
-        subscription(radius_topic(topic), LONGEST_RADIUS, on_radius),
-    ]
+    [subscription(topic.to_owned(), MAX_CLOUD, on_points), subscription(radius_topic(topic), MAX_RADIUS, on_radius)]
 }
 
 /// What is done with a cloud on `topic`, and with the size of its points. From now on it is one of `clouds`.

@@ -24,7 +24,7 @@ pub(super) trait FromClient: Message {
 pub(super) struct Wire<'a>(&'a [u8]);
 
 impl Wire<'_> {
-    fn skip(&mut self, bytes: usize) -> Option<()> {
+    pub(super) fn skip(&mut self, bytes: usize) -> Option<()> {
         self.0 = self.0.get(bytes..)?;
         Some(())
     }
@@ -36,13 +36,13 @@ impl Wire<'_> {
     }
 
     /// A text, or an array of elements of so many bytes.
-    fn array(&mut self, element: usize) -> Option<()> {
+    pub(super) fn array(&mut self, element: usize) -> Option<()> {
         let bytes = self.count()?.checked_mul(element)?;
         self.skip(bytes)
     }
 
     /// An array of booleans. rosrust takes their bytes as they are, and anything but 0 and 1 is no `bool`.
-    fn booleans(&mut self) -> Option<()> {
+    pub(super) fn booleans(&mut self) -> Option<()> {
         let count = self.count()?;
         let (booleans, rest) = self.0.split_at_checked(count)?;
         self.0 = rest;
@@ -54,81 +54,21 @@ impl Wire<'_> {
         (0..self.count()?).try_for_each(|_| walk(self))
     }
 
-    fn header(&mut self) -> Option<()> {
+    pub(super) fn header(&mut self) -> Option<()> {
         self.skip(12)?;
         self.array(1)
     }
 }
 
-impl FromClient for ambf_msgs::WorldCmd {}
-impl FromClient for ambf_msgs::CameraCmd {}
-impl FromClient for ambf_msgs::LightCmd {}
 impl FromClient for ambf_msgs::ListModelsReq {}
 impl FromClient for std_msgs::Empty {}
 impl FromClient for std_msgs::Float32 {}
 
 /// Sizes on the wire, bytes.
-const BOOL: usize = 1;
-const POSE: usize = 7 * 8;
-const WRENCH: usize = 6 * 8;
-const TWIST: usize = 6 * 8;
-
-impl FromClient for ambf_msgs::RigidBodyCmd {
-    fn walk(wire: &mut Wire<'_>) -> Option<()> {
-        const TYPE: usize = 1;
-        wire.header()?;
-        wire.skip(TYPE + POSE + WRENCH + TWIST)?;
-        wire.array(1)?;
-        wire.array(4)?;
-        wire.skip(3 * BOOL)
-    }
-}
-
-impl FromClient for ambf_msgs::SensorCmd {
-    fn walk(wire: &mut Wire<'_>) -> Option<()> {
-        wire.header()?;
-        wire.booleans()
-    }
-}
-
-impl FromClient for ambf_msgs::ActuatorCmd {
-    fn walk(wire: &mut Wire<'_>) -> Option<()> {
-        wire.header()?;
-        wire.skip(BOOL)?;
-        wire.array(1)?;
-        wire.skip(BOOL + POSE + BOOL)?;
-        wire.array(1)
-    }
-}
-
-impl FromClient for ambf_msgs::VehicleCmd {
-    fn walk(wire: &mut Wire<'_>) -> Option<()> {
-        wire.header()?;
-        wire.skip(WRENCH)?;
-        (0..3).try_for_each(|_| wire.array(4))
-    }
-}
-
-impl FromClient for ambf_msgs::SoftBodyCmd {
-    fn walk(wire: &mut Wire<'_>) -> Option<()> {
-        wire.header()?;
-        wire.skip(BOOL + POSE + WRENCH)?;
-        wire.array(4)?;
-        wire.booleans()
-    }
-}
-
-impl FromClient for ambf_msgs::ContactSensorCmd {
-    fn walk(wire: &mut Wire<'_>) -> Option<()> {
-        wire.header()
-    }
-}
-
-impl FromClient for ambf_msgs::GhostObjectCmd {
-    fn walk(wire: &mut Wire<'_>) -> Option<()> {
-        wire.header()
-    }
-}
+pub(super) const BOOL: usize = 1;
+pub(super) const POSE: usize = 7 * 8;
+pub(super) const WRENCH: usize = 6 * 8;
+pub(super) const TWIST: usize = 6 * 8;
 
 impl FromClient for ambf_msgs::AddModelReq {
     fn walk(wire: &mut Wire<'_>) -> Option<()> {

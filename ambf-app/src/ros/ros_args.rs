@@ -17,10 +17,10 @@ const END: &str = "--";
 pub(super) const PROGRAM: &str = "ambf_simulator";
 
 /// Deepest nesting of a file of parameters.
-const MOST_DEEP: usize = 32;
+const MAX_DEPTH: usize = 32;
 
 /// Largest file of parameters that is read, bytes.
-const LARGEST_FILE: u64 = 1 << 20;
+const MAX_FILE: u64 = 1 << 20;
 
 /// Why arguments for ROS are of no use.
 #[derive(Debug, thiserror::Error)]
@@ -183,8 +183,8 @@ fn is_parameter(name: &str) -> bool {
 fn parameters_in(file: &PathBuf) -> Result<Vec<(String, String)>, ArgumentError> {
     let error = |why| ArgumentError::File { file: file.clone(), why };
     let length = fs::metadata(file).map_err(error)?.len();
-    if length > LARGEST_FILE {
-        return Err(error(io::Error::other(format!("it has {length} bytes, more than {LARGEST_FILE}"))));
+    if length > MAX_FILE {
+        return Err(error(io::Error::other(format!("it has {length} bytes, more than {MAX_FILE}"))));
     }
     let text = fs::read_to_string(file).map_err(error)?;
     let all = leaves(&text).map_err(|why| ArgumentError::Content { file: file.clone(), why })?;
@@ -230,7 +230,7 @@ fn leaves(text: &str) -> Result<Vec<(Vec<String>, String)>, String> {
                 }
                 (None, None) => return refused("a mapping was expected"),
             },
-            Event::MappingStart(..) if list.is_some() || open.last() == Some(&true) || open.len() > MOST_DEEP => {
+            Event::MappingStart(..) if list.is_some() || open.last() == Some(&true) || open.len() > MAX_DEPTH => {
                 return refused("a mapping is not expected here");
             }
             Event::MappingStart(..) => open.push(true),

@@ -13,7 +13,7 @@ use super::signal::Waker;
 use crate::report;
 
 /// Longest sleep: bounds how late a new listener or the end of a command stream is seen.
-const LONGEST_SLEEP: Duration = Duration::from_millis(20);
+const MAX_SLEEP: Duration = Duration::from_millis(20);
 
 /// A topic as the scheduler sees it.
 pub(super) trait Outlet: Send {
@@ -115,7 +115,7 @@ pub(super) fn run(hub: &Hub, fresh: &Receiver<Vec<Entry>>, stop: &Stop, waker: &
         }
         let next = publish_due(hub, &mut entries, hub.now());
         // The schedules are absolute: a late wake-up delays one message, it does not lower the rate.
-        std::thread::park_timeout(next.saturating_sub(hub.now()).min(LONGEST_SLEEP));
+        std::thread::park_timeout(next.saturating_sub(hub.now()).min(MAX_SLEEP));
     }
     hub.throttle().remove_follower(&own);
 }

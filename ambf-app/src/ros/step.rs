@@ -12,14 +12,14 @@ use ambf_core::ids::{ActuatorId, BodyId, GhostId, SensorId};
 use parking_lot::Mutex;
 
 use super::messages::ambf_msgs::{ActuatorCmd, RigidBodyCmd, Step, StepReq, StepRes};
-use super::rigid_body::{self, Requests};
 use super::service::service_of;
-use super::{actuator, contact, ghost, sensor};
+use super::topics::rigid_body::{self, Requests};
+use super::topics::{actuator, contact, ghost, sensor};
 use ros_node::ServiceServer;
 
 /// Most iterations of one request, and the longest patience, s.
-const MOST_STEPS: u32 = 1_000_000;
-const MOST_PATIENCE: f64 = 3600.0;
+const MAX_STEPS: u32 = 1_000_000;
+const MAX_PATIENCE: f64 = 3600.0;
 
 /// An object that can be commanded or observed by steps.
 pub(super) struct Steppable {
@@ -104,11 +104,11 @@ fn answer(hub: &Hub, objects: &Steppables, request: &StepReq) -> Result<StepRes,
 }
 
 fn order(request: &StepReq) -> Result<StepOrder, String> {
-    if request.steps > MOST_STEPS {
-        return Err(format!("{} steps; {MOST_STEPS} are the most", request.steps));
+    if request.steps > MAX_STEPS {
+        return Err(format!("{} steps; {MAX_STEPS} are the most", request.steps));
     }
-    if !(0.0..=MOST_PATIENCE).contains(&request.patience) {
-        return Err(format!("a patience of {} s; expected 0 to {MOST_PATIENCE}", request.patience));
+    if !(0.0..=MAX_PATIENCE).contains(&request.patience) {
+        return Err(format!("a patience of {} s; expected 0 to {MAX_PATIENCE}", request.patience));
     }
     let patience = Duration::from_secs_f64(request.patience);
     let patience = if patience.is_zero() { WATCHDOG_TIMEOUT } else { patience };
@@ -249,7 +249,7 @@ mod tests {
         let unknown = RigidBodyCmd { cartesian_cmd_type: 9, ..Default::default() };
         assert!(why(&StepReq { body_commands: vec![unknown], ..good.clone() }).contains("does not exist"));
         assert!(why(&StepReq { patience: f64::NAN, ..good.clone() }).contains("patience"));
-        assert!(why(&StepReq { steps: MOST_STEPS + 1, ..good }).contains("the most"));
+        assert!(why(&StepReq { steps: MAX_STEPS + 1, ..good }).contains("the most"));
     }
 
     #[test]

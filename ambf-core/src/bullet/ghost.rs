@@ -111,7 +111,7 @@ mod tests {
         // A ball of radius 0.1 at x = -1 + t: inside the box from t = 0.4 to 1.6.
         let first = sensed.iter().position(|&sensed| sensed).unwrap();
         let last = sensed.iter().rposition(|&sensed| sensed).unwrap();
-        // Old contact points stay until Bullet parts the pair, some time after the bounding boxes have parted.
+        // Old contact points stay until Bullet removes the pair, some time after the bounding boxes have separated.
         assert!(first.abs_diff(400) < 5 && (1595..1900).contains(&last), "{first} {last}");
         assert!(sensed[first..=last].iter().all(|&sensed| sensed));
     }

@@ -4,6 +4,8 @@ use bullet_sys as sys;
 use nalgebra::Isometry3;
 use thiserror::Error;
 
+pub use crate::adf::SoftConfig;
+
 /// Most nodes of a soft body.
 pub(super) const MAX_NODES: usize = 100_000;
 /// Most links, and most bending links, of a soft body.
@@ -59,96 +61,6 @@ impl SoftBody {
         let mut seen = HashSet::new();
         let edges = faces.iter().flat_map(|&[a, b, c]| [[c, a], [a, b], [b, c]]);
         edges.filter(|&[a, b]| a != b && seen.insert([a.min(b), a.max(b)])).collect()
-    }
-}
-
-/// Bullet's parameters of a soft body under Bullet's names. The default is Bullet's.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[allow(non_snake_case)] // Bullet's names, known to every user of it
-pub struct SoftConfig {
-    /// Velocities correction factor (Baumgarte).
-    pub kVCF: f64,
-    /// Damping, 0 to 1: share of the velocity lost in a sub-step.
-    pub kDP: f64,
-    /// Drag. There is no air: without effect.
-    pub kDG: f64,
-    /// Lift. There is no air: without effect.
-    pub kLF: f64,
-    /// Pressure; needs faces that enclose a volume.
-    pub kPR: f64,
-    /// Volume conservation.
-    pub kVC: f64,
-    /// Dynamic friction, 0 to 1.
-    pub kDF: f64,
-    /// Pose matching, 0 to 1.
-    pub kMT: f64,
-    /// Hardness of contacts with dynamic bodies, 0 to 1.
-    pub kCHR: f64,
-    /// Hardness of contacts with static bodies, 0 to 1.
-    pub kKHR: f64,
-    /// Hardness of contacts with soft bodies, 0 to 1.
-    pub kSHR: f64,
-    /// Hardness of anchors, 0 to 1.
-    pub kAHR: f64,
-    /// Clusters: hardness against dynamic bodies, 0 to 1.
-    pub kSRHR_CL: f64,
-    /// Clusters: hardness against static bodies, 0 to 1.
-    pub kSKHR_CL: f64,
-    /// Clusters: hardness against soft bodies, 0 to 1.
-    pub kSSHR_CL: f64,
-    /// Clusters: split of the impulse with dynamic bodies, 0 to 1.
-    pub kSR_SPLT_CL: f64,
-    /// Clusters: split of the impulse with static bodies, 0 to 1.
-    pub kSK_SPLT_CL: f64,
-    /// Clusters: split of the impulse with soft bodies, 0 to 1.
-    pub kSS_SPLT_CL: f64,
-    /// Maximum volume ratio for the pose.
-    pub maxvolume: f64,
-    /// Time scale, positive.
-    pub timescale: f64,
-    /// Iterations of the velocity solver, up to 1000.
-    pub viterations: i32,
-    /// Iterations of the position solver, up to 1000.
-    pub piterations: i32,
-    /// Iterations of the drift solver, up to 1000.
-    pub diterations: i32,
-    /// Iterations of the cluster solver, up to 1000.
-    pub citerations: i32,
-    /// Collision types, a bit mask: 1 nodes against bodies, 2 clusters against bodies, 16 nodes against faces of soft
-    /// bodies, 32 clusters against clusters of soft bodies. Other bits are left out: Bullet 3 has no collision of a
-    /// soft body's clusters with each other.
-    pub flags: i32,
-}
-
-impl Default for SoftConfig {
-    fn default() -> Self {
-        Self {
-            kVCF: 1.0,
-            kDP: 0.0,
-            kDG: 0.0,
-            kLF: 0.0,
-            kPR: 0.0,
-            kVC: 0.0,
-            kDF: 0.2,
-            kMT: 0.0,
-            kCHR: 1.0,
-            kKHR: 0.1,
-            kSHR: 1.0,
-            kAHR: 0.7,
-            kSRHR_CL: 0.1,
-            kSKHR_CL: 1.0,
-            kSSHR_CL: 0.5,
-            kSR_SPLT_CL: 0.5,
-            kSK_SPLT_CL: 0.5,
-            kSS_SPLT_CL: 0.5,
-            maxvolume: 1.0,
-            timescale: 1.0,
-            viterations: 0,
-            piterations: 1,
-            diterations: 0,
-            citerations: 4,
-            flags: 1,
-        }
     }
 }
 
@@ -356,35 +268,34 @@ fn at_most(what: &'static str, count: usize, limit: usize) -> Result<(), SoftBod
     }
 }
 
-impl SoftConfig {
-    pub(super) fn raw(&self) -> sys::AmbSoftConfig {
-        sys::AmbSoftConfig {
-            kVCF: self.kVCF,
-            kDP: self.kDP,
-            kDG: self.kDG,
-            kLF: self.kLF,
-            kPR: self.kPR,
-            kVC: self.kVC,
-            kDF: self.kDF,
-            kMT: self.kMT,
-            kCHR: self.kCHR,
-            kKHR: self.kKHR,
-            kSHR: self.kSHR,
-            kAHR: self.kAHR,
-            kSRHR_CL: self.kSRHR_CL,
-            kSKHR_CL: self.kSKHR_CL,
-            kSSHR_CL: self.kSSHR_CL,
-            kSR_SPLT_CL: self.kSR_SPLT_CL,
-            kSK_SPLT_CL: self.kSK_SPLT_CL,
-            kSS_SPLT_CL: self.kSS_SPLT_CL,
-            maxvolume: self.maxvolume,
-            timescale: self.timescale,
-            viterations: self.viterations,
-            piterations: self.piterations,
-            diterations: self.diterations,
-            citerations: self.citerations,
-            flags: self.flags,
-        }
+/// `config` as the shim takes it.
+pub(super) fn raw(config: &SoftConfig) -> sys::AmbSoftConfig {
+    sys::AmbSoftConfig {
+        kVCF: config.kVCF,
+        kDP: config.kDP,
+        kDG: config.kDG,
+        kLF: config.kLF,
+        kPR: config.kPR,
+        kVC: config.kVC,
+        kDF: config.kDF,
+        kMT: config.kMT,
+        kCHR: config.kCHR,
+        kKHR: config.kKHR,
+        kSHR: config.kSHR,
+        kAHR: config.kAHR,
+        kSRHR_CL: config.kSRHR_CL,
+        kSKHR_CL: config.kSKHR_CL,
+        kSSHR_CL: config.kSSHR_CL,
+        kSR_SPLT_CL: config.kSR_SPLT_CL,
+        kSK_SPLT_CL: config.kSK_SPLT_CL,
+        kSS_SPLT_CL: config.kSS_SPLT_CL,
+        maxvolume: config.maxvolume,
+        timescale: config.timescale,
+        viterations: config.viterations,
+        piterations: config.piterations,
+        diterations: config.diterations,
+        citerations: config.citerations,
+        flags: config.flags,
     }
 }
 

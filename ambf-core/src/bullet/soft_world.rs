@@ -73,7 +73,7 @@ impl World {
             if let Some(material) = &body.material {
                 sys::amb_soft_set_material(raw, material.as_ptr());
             }
-            sys::amb_soft_set_config(raw, &body.config.raw());
+            sys::amb_soft_set_config(raw, &super::soft_body::raw(&body.config));
             if body.pose_matching {
                 sys::amb_soft_match_pose(raw);
             }

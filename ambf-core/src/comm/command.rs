@@ -186,7 +186,7 @@ impl Command for SoftBodyCommand {
 /// Command of a constraint actuator. The default holds nothing.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ActuatorCommand {
-    /// Hold something; `false` lets go.
+    /// Hold something; `false` releases it.
     pub actuate: bool,
     /// Text that names the rigid body to hold.
     pub body_name: String,
@@ -207,7 +207,7 @@ impl Command for ActuatorCommand {
         self.clone_from(other);
     }
 
-    /// Lets go.
+    /// Releases what is held.
     fn expire(&mut self) {
         self.actuate = false;
         self.body_name.clear();

@@ -4,142 +4,12 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use arc_swap::{ArcSwap, ArcSwapOption, Guard};
-use nalgebra::{Isometry3, Vector3};
 use parking_lot::Mutex;
 use thiserror::Error;
 
-use super::{
-    ActuatorCommand, CameraParameters, Command, LightParameters, Mailbox, PoseCommand, Rates, RigidBodyCommand,
-    SensorCommand, Snapshot, SnapshotWriter, SoftBodyCommand, StepThrottle, VehicleCommand,
-};
-use crate::ids::{ActuatorId, BodyId, CameraId, GhostId, JointId, LightId, SensorId, SoftBodyId, VehicleId};
+use super::{Channel, Command, ObjectKind, Rates, Snapshot, SnapshotWriter, StepThrottle};
 use crate::scene::VisualScene;
-use ambf_plugin::{ObjectId, SnapshotSlot};
-
-macro_rules! object_kinds {
-    ($($(#[$doc:meta])* $kind:ident($id:ident, $info:ty) with $mailbox:ident;)*) => {
-        /// What an object is, and where its state stands in a [`Snapshot`].
-        #[derive(Debug, Clone, PartialEq)]
-        pub enum ObjectKind {
-            /// The one world.
-            World,
-            $($(#[$doc])* $kind($id, $info),)*
-        }
-
-        impl ObjectKind {
-            /// Which object of the scene it is; `None`: the world.
-            pub fn object(&self) -> Option<ObjectId> {
-                match *self {
-                    Self::World => None,
-                    $(Self::$kind(id, _) => Some(id.into()),)*
-                }
-            }
-
-            /// Whether commands that keep it alive come through `channel`.
-            fn is_live(&self, channel: &Channel, now_ns: u64) -> bool {
-                match self {
-                    Self::World => false,
-                    $(Self::$kind(..) => channel.$mailbox.is_live(now_ns),)*
-                }
-            }
-        }
-    };
-}
-
-// One line a type: its id and what clients are told of it; commands in which mailbox keep it alive.
-object_kinds! {
-    /// In [`Snapshot::bodies`]; what does not change in its state.
-    RigidBody(BodyId, Box<RigidBodyInfo>) with body;
-    /// In [`Snapshot::cameras`]; the parameters at the start.
-    Camera(CameraId, Box<CameraParameters>) with pose;
-    /// In [`Snapshot::lights`]; the parameters at the start.
-    Light(LightId, Box<LightParameters>) with pose;
-    /// In [`Snapshot::sensors`]; what does not change in its state.
-    Sensor(SensorId, Box<SensorInfo>) with sensor;
-    /// In [`Snapshot::actuators`]; what does not change in its state.
-    Actuator(ActuatorId, Box<ActuatorInfo>) with actuator;
-    /// In [`Snapshot::vehicles`]; what does not change in its state.
-    Vehicle(VehicleId, Box<VehicleInfo>) with vehicle;
-    /// In [`Snapshot::soft_bodies`]; its mass, kg.
-    SoftBody(SoftBodyId, f64) with soft_body;
-    /// In [`Snapshot::ghosts`]; what does not change in its state.
-    Ghost(GhostId, Box<GhostInfo>) with sensor;
-}
-
-/// The part of a ghost object's state that does not change while it runs.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub struct GhostInfo {
-    /// Parent as named in the file; empty: the world.
-    pub parent_name: String,
-}
-
-/// The part of a rigid body's state that does not change while it runs.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct RigidBodyInfo {
-    /// kg; 0 is static.
-    pub mass: f64,
-    /// Principal moments of inertia about the axes of the inertial frame, kg·m².
-    pub inertia: Vector3<f64>,
-    /// Inverse of the inertial offset: pose of the body frame in the inertial frame.
-    pub inertial_offset_inverse: Isometry3<f64>,
-    /// (n x 1) names of the active descendants, without namespace.
-    pub children_names: Vec<String>,
-    /// (n x 1) names of the active joints, in the order that indexes joint commands.
-    pub joint_names: Vec<String>,
-    /// (n x 1) each active joint.
-    pub joints: Vec<JointId>,
-    /// Whether the names of children are in the state before a client asks.
-    pub publish_children_names: bool,
-    /// Whether the names of joints are in the state before a client asks.
-    pub publish_joint_names: bool,
-    /// Whether joint positions, velocities and efforts are in the state before a client asks.
-    pub publish_joint_positions: bool,
-}
-
-/// Types of sensors.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum SensorType {
-    /// Rays that see.
-    #[default]
-    Proximity,
-    /// Rays that see and push.
-    Resistance,
-    /// Contacts of its parent body.
-    Contact,
-}
-
-/// The part of a sensor's state that does not change while it runs.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct SensorInfo {
-    /// Type of the sensor.
-    pub kind: SensorType,
-    /// Parent body as named in the file.
-    pub parent_name: String,
-    /// Pose of the sensor in its parent's body frame.
-    pub pose: Isometry3<f64>,
-    /// Reach of a ray of direction length 1, m; for contact sensors the largest distance that counts as contact.
-    pub range: f64,
-}
-
-/// The part of an actuator's state that does not change while it runs.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct ActuatorInfo {
-    /// Parent body as named in the file.
-    pub parent_name: String,
-    /// Pose of the actuator in its parent's body frame.
-    pub pose: Isometry3<f64>,
-}
-
-/// The part of a vehicle's state that does not change while it runs.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct VehicleInfo {
-    /// Mass of the chassis, kg.
-    pub mass: f64,
-    /// Principal moments of inertia of the chassis, kg·m².
-    pub inertia: Vector3<f64>,
-    /// Number of wheels.
-    pub wheels: usize,
-}
+use ambf_plugin::SnapshotSlot;
 
 /// An object that has a State and a Command.
 #[derive(Debug, Clone, PartialEq)]
@@ -154,27 +24,6 @@ pub struct ObjectInfo {
     pub identifier: String,
     /// How often it is published.
     pub rates: Rates,
-}
-
-/// Where commands for one object are left. Which field is used follows from the object's kind.
-#[derive(Default)]
-pub struct Channel {
-    /// Commands of a rigid body.
-    pub body: Mailbox<RigidBodyCommand>,
-    /// Commands of a camera or light.
-    pub pose: Mailbox<PoseCommand>,
-    /// Changed parameters of a camera.
-    pub camera: Mailbox<CameraParameters>,
-    /// Changed parameters of a light.
-    pub light: Mailbox<LightParameters>,
-    /// Commands of a sensor or a ghost object.
-    pub sensor: Mailbox<SensorCommand>,
-    /// Commands of an actuator.
-    pub actuator: Mailbox<ActuatorCommand>,
-    /// Commands of a vehicle.
-    pub vehicle: Mailbox<VehicleCommand>,
-    /// Commands of a soft body.
-    pub soft_body: Mailbox<SoftBodyCommand>,
 }
 
 /// An object of the hub: what it is and where its commands are left.
@@ -276,11 +125,11 @@ pub enum PostError {
 /// Resets that are requested.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Resets {
-    /// Of all objects.
+    /// Reset of all objects.
     pub world: bool,
     /// With [`world`](Self::world): nothing is left of what was before.
     pub thorough: bool,
-    /// Of the rigid bodies.
+    /// Reset of the rigid bodies.
     pub bodies: bool,
 }
 
@@ -476,7 +325,9 @@ impl Hub {
 
 #[cfg(test)]
 mod tests {
+    use super::super::RigidBodyCommand;
     use super::*;
+    use crate::ids::BodyId;
 
     fn hub(n: usize) -> Hub {
         let object = |i: usize| ObjectInfo {

@@ -14,9 +14,11 @@
 
 mod command;
 mod hub;
+mod info;
 mod mailbox;
+mod objects;
+mod reading;
 mod schedule;
-mod snapshot;
 mod step;
 mod throttle;
 
@@ -26,16 +28,15 @@ pub use command::{
     ActuatorCommand, CameraParameters, CartesianCommandType, Command, LightParameters, PoseCommand, RigidBodyCommand,
     SensorCommand, SoftBodyCommand, VehicleCommand,
 };
-pub use hub::{
-    ActuatorInfo, Channel, GhostInfo, Hub, HubIndex, HubObject, ObjectInfo, ObjectKind, ObjectList, PostError, Resets,
-    RigidBodyInfo, SensorInfo, SensorType, VehicleInfo,
-};
+pub use hub::{Hub, HubIndex, HubObject, ObjectInfo, ObjectList, PostError, Resets};
+pub use info::{ActuatorInfo, GhostInfo, RigidBodyInfo, SensorInfo, SensorType, VehicleInfo};
 pub use mailbox::{Inbox, Mailbox};
-pub use schedule::{PublishSchedule, Rates};
-pub use snapshot::{
-    CameraView, ContactPoint, ContactReading, GhostReading, RayReading, Snapshot, SoftBodyReading, SpotReading, Timing,
+pub use objects::*;
+pub use reading::{
+    CameraView, ContactPoint, ContactReading, GhostReading, RayReading, SoftBodyReading, SpotReading, Timing,
     TouchingBody, VehicleReading, Wrench,
 };
+pub use schedule::{PublishSchedule, Rates};
 
 /// The physics thread's end of the slot of the newest snapshot.
 pub type SnapshotWriter = ambf_plugin::SnapshotWriter<Snapshot>;

@@ -320,7 +320,7 @@ impl StepThrottle {
         let mut guard = self.told.lock();
         while !is_there() {
             let Some(left) = end.checked_duration_since(Instant::now()) else { return false };
-            // Not everything that is waited for is told of.
+            // Not every change that is waited for is notified.
             let nap = left.min(Duration::from_millis(5));
             self.changed.wait_for(&mut guard, nap);
         }

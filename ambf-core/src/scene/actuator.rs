@@ -1,10 +1,13 @@
-//! Live constraint actuators: they hold what they are told to, or what a sensor sees.
+//! Live constraint actuators: they fix the body that a command names, or what a sensor sees, to their parent.
 
 use nalgebra::Isometry3;
 
+use super::build::Builder;
+use super::commands::{Commanded, Commands};
 use super::list::SceneObject;
 use super::sensor::{Sensed, Sensor};
 use super::{Bodies, Identity, NameMap, ObjectType, Objects, Scene};
+use crate::adf;
 use crate::bullet::{BodyHandle, Constraint, ConstraintHandle, ConstraintKind, SoftBodyHandle, World};
 use crate::comm::{ActuatorCommand, ActuatorInfo, ObjectKind, Snapshot};
 use crate::control::orientation_of;
@@ -53,6 +56,12 @@ impl SceneObject for Actuator {
         &self.identity
     }
 
+    fn add_all(builder: &mut Builder<'_>, model: &adf::Model) {
+        for actuator in &model.actuators {
+            builder.with_plugins(Self::TYPE, &actuator.common, |builder| builder.add_actuator(actuator));
+        }
+    }
+
     fn kind(&self, id: Self::Id, _scene: &Scene) -> ObjectKind {
         ObjectKind::Actuator(id, Box::new(self.info.clone()))
     }
@@ -67,6 +76,19 @@ impl SceneObject for Actuator {
 
     fn read(&self, id: Self::Id, _scene: &Scene, snapshot: &mut Snapshot) {
         snapshot.actuators[id] = self.is_actuated();
+    }
+
+    fn commands(id: Self::Id) -> Option<Box<dyn Commands>> {
+        Some(Commanded::new(id, |scene, id, command, notices| notices.extend(scene.command_actuator(id, command))))
+    }
+
+    fn pose(&self, _id: Self::Id, scene: &Scene) -> Option<Isometry3<f64>> {
+        Some(scene.bodies[self.parent].pose(&scene.world) * self.info.pose)
+    }
+
+    /// Whether it holds something.
+    fn values(&self, _scene: &Scene, out: &mut Vec<f64>) {
+        out.push(f64::from(u8::from(self.is_actuated())));
     }
 
     fn save(&self) -> SavedActuator {
@@ -90,7 +112,7 @@ impl Actuator {
         self.held != Held::Nothing
     }
 
-    /// Executes a command. A sentence when what it names is not there, once until it lets go.
+    /// Executes a command. A sentence when what it names is not there, once until a command releases it.
     pub(crate) fn apply_command(
         &mut self,
         world: &mut World,
@@ -178,7 +200,7 @@ impl Actuator {
         }
     }
 
-    /// Lets go of everything.
+    /// Releases what it holds.
     pub(crate) fn release(&mut self, world: &mut World, bodies: &Bodies) {
         match std::mem::replace(&mut self.held, Held::Nothing) {
             Held::Nothing => (),

@@ -2,12 +2,13 @@
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 
+use super::commands::{Commanded, Commands, WithParameters};
 use super::gesture::{CameraGesture, CameraPlace};
 use super::list::SceneObject;
 use super::{Identity, ObjectType, Scene};
 use crate::adf;
 use crate::comm::{
-    CameraParameters, CameraView, Command, LightParameters, ObjectKind, PoseCommand, Snapshot, SpotReading,
+    CameraParameters, CameraView, Command, Inbox, LightParameters, ObjectKind, PoseCommand, Snapshot, SpotReading,
 };
 use crate::control::orientation_of;
 use crate::ids::{BodyId, CameraId, GhostId, LightId};
@@ -98,6 +99,22 @@ impl SceneObject for Camera {
         snapshot.views[id] = scene.view_of(self);
     }
 
+    fn commands(id: Self::Id) -> Option<Box<dyn Commands>> {
+        Some(Box::new(WithParameters {
+            commands: Commanded {
+                id,
+                execute: |scene, id, command, _| scene.cameras[id].attached.apply_command(command),
+                inbox: Inbox::default(),
+            },
+            set: Scene::set_camera_parameters,
+            parameters: Inbox::default(),
+        }))
+    }
+
+    fn pose(&self, _id: Self::Id, scene: &Scene) -> Option<Isometry3<f64>> {
+        Some(scene.global_pose(self.attached.parent, &self.attached.pose))
+    }
+
     fn save(&self) -> Self::Saved {
         let Self { attached, parameters, look_at: _, target, description: _ } = self;
         (attached.save(), parameters.clone(), *target)
@@ -172,6 +189,22 @@ impl SceneObject for Light {
     fn read(&self, id: Self::Id, scene: &Scene, snapshot: &mut Snapshot) {
         snapshot.lights[id] = self.attached.pose;
         snapshot.spots[id] = scene.spot_of(self);
+    }
+
+    fn commands(id: Self::Id) -> Option<Box<dyn Commands>> {
+        Some(Box::new(WithParameters {
+            commands: Commanded {
+                id,
+                execute: |scene, id, command, _| scene.lights[id].attached.apply_command(command),
+                inbox: Inbox::default(),
+            },
+            set: Scene::set_light_parameters,
+            parameters: Inbox::default(),
+        }))
+    }
+
+    fn pose(&self, _id: Self::Id, scene: &Scene) -> Option<Isometry3<f64>> {
+        Some(scene.global_pose(self.attached.parent, &self.attached.pose))
     }
 
     fn save(&self) -> Self::Saved {
@@ -339,7 +372,7 @@ impl Scene {
     }
 
     /// Cameras, lights and ghost objects.
-    pub(super) fn all_placed(&self) -> impl Iterator<Item = Parent> {
+    pub(super) fn all_attached(&self) -> impl Iterator<Item = Parent> {
         let cameras = self.cameras.ids().map(Parent::Camera);
         cameras.chain(self.lights.ids().map(Parent::Light)).chain(self.ghosts.ids().map(Parent::Ghost))
     }

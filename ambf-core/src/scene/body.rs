@@ -114,6 +114,10 @@ impl SceneObject for Body {
         Some(id)
     }
 
+    fn pose(&self, _id: Self::Id, scene: &Scene) -> Option<Isometry3<f64>> {
+        Some(Body::pose(self, &scene.world))
+    }
+
     fn make_room(&self, _scene: &Scene, snapshot: &mut Snapshot) {
         snapshot.bodies.push(BodyKinematics::default());
     }

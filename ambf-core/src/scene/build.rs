@@ -15,21 +15,20 @@ use super::shape::BuiltShape;
 use super::shared::{self, ShapeKey, SharedShape};
 use super::targets::BodyTarget;
 use super::{
-    shape, Bodies, BodyGraph, Counts, Found, Identity, ModelInfo, NameMap, Note, ObjectType, Objects, Parent,
-    PhysicsOptions, Scene, SceneOptions,
+    shape, Counts, Found, Identity, ModelInfo, NameMap, Note, ObjectType, Parent, PhysicsOptions, Scene, SceneOptions,
 };
 use crate::adf::{self, CollisionGeometry, CollisionMeshKind, Part, PartGeometry, RaySource, Severity, SourcePos};
-use crate::bullet::{self, ContactLists, Integrator, Preset, Solver, SolverSettings, World, WorldKind};
+use crate::bullet::{self, Integrator, Preset, Solver, SolverSettings, World, WorldKind};
 use crate::comm::{CartesianCommandType, LightParameters, Rates};
 use crate::control::{CartesianController, Profile};
-use crate::ids::{BodyId, Id, JointId, ModelId, Table};
+use crate::ids::{BodyId, Id, JointId, ModelId};
 use crate::mesh::{Mesh, MeshError};
 
 /// Least principal moment of what collides, as a share of that of a solid body of its shape.
-const LEAST_INERTIA: f64 = 0.01;
+const MIN_INERTIA: f64 = 0.01;
 
 /// Displacements of collision meshes below this are not worth a line, m.
-const LEAST_DISPLACEMENT: f64 = 1e-5;
+const MIN_DISPLACEMENT: f64 = 1e-5;
 
 /// Share of the position error of joints that profile `accurate` corrects in a sub-step: the joint gap is proportional
 /// to its inverse, and with 1 rounding errors of redundant loops begin to show.
@@ -47,9 +46,9 @@ pub(super) struct Builder<'a> {
     /// Objects and joints of the models before it.
     known: Counts,
     known_joints: JointId,
-    /// Of the joints that this builder makes.
+    /// The first of the joints that this builder makes.
     first_joint: JointId,
-    /// Of the bodies that this builder makes.
+    /// The first of the bodies that this builder makes.
     first_body: BodyId,
     assembly: Assembly,
 }
@@ -175,18 +174,6 @@ pub(super) fn empty_scene(
         bullet.set_iterations(iterations);
     }
     Scene {
-        world: bullet,
-        bodies: Bodies::default(),
-        joints: Table::default(),
-        soft_bodies: Objects::default(),
-        ghosts: Objects::default(),
-        sensors: Objects::default(),
-        actuators: Objects::default(),
-        vehicles: Objects::default(),
-        cameras: Objects::default(),
-        lights: Objects::default(),
-        graph: BodyGraph::default(),
-        models: Table::default(),
         namespace: format!("{}{}", options.prefix, world.common.namespace),
         world_rates: options.rates.unwrap_or_default(),
         gravity: world.gravity,
@@ -196,15 +183,7 @@ pub(super) fn empty_scene(
         preset: physics.preset,
         joint_erp,
         gyroscopic: physics.gyroscopic.unwrap_or_default(),
-        has_feedback: false,
-        description: Arc::new(world),
-        options: options.clone(),
-        active_joints: Table::default(),
-        model_names: NameMap::default(),
-        joint_names: NameMap::default(),
-        elements: Vec::new(),
-        touching: ContactLists::default(),
-        plugins: Vec::new(),
+        ..Scene::empty(bullet, world, options)
     }
 }
 
@@ -331,27 +310,20 @@ impl<'a> Builder<'a> {
                 }
             });
         }
-        for soft in &model.soft_bodies {
-            self.with_plugins(ObjectType::SoftBody, &soft.common, |builder| builder.add_soft_body(soft));
-        }
-        for ghost in &model.ghosts {
-            self.with_plugins(ObjectType::Ghost, &ghost.common, |builder| builder.add_ghost(ghost));
-        }
-        for sensor in &model.sensors {
-            self.with_plugins(ObjectType::Sensor, &sensor.common, |builder| builder.add_sensor(sensor));
-        }
-        for actuator in &model.actuators {
-            self.with_plugins(ObjectType::Actuator, &actuator.common, |builder| builder.add_actuator(actuator));
-        }
+        self.add_lists(model, false);
         for joint in &model.joints {
             self.with_plugins(ObjectType::Joint, &joint.common, |builder| builder.add_joint(joint));
         }
-        for vehicle in &model.vehicles {
-            self.with_plugins(ObjectType::Vehicle, &vehicle.common, |builder| builder.add_vehicle(vehicle));
-        }
+        self.add_lists(model, true);
         if model.ignore_inter_collision {
             self.ignore_all_pairs(first, &self_collision);
         }
+    }
+
+    /// The objects of all types that are built before joints, or after.
+    fn add_lists(&mut self, model: &adf::Model, follow_joints: bool) {
+        let adds = self.scene.lists().map(|list| list.add(follow_joints));
+        adds.into_iter().flatten().for_each(|add| add(self, model));
     }
 
     fn add_body(&mut self, body: &adf::RigidBody, model: &adf::Model) -> Option<BodyId> {
@@ -455,11 +427,11 @@ impl<'a> Builder<'a> {
         if self.scene.profile != Profile::Accurate || body.mass <= 0.0 || body.inertia.is_none() {
             return inertia;
         }
-        let least = estimate() * LEAST_INERTIA;
+        let least = estimate() * MIN_INERTIA;
         let bounded = inertia.zip_map(&least, |moment, least| if moment > 0.0 { moment.max(least) } else { moment });
         if bounded != inertia {
             let message = format!(
-                "`{}`: `inertia` is less than {LEAST_INERTIA} times that of a solid body of its collision shape, which contacts cannot stand; \
+                "`{}`: `inertia` is less than {MIN_INERTIA} times that of a solid body of its collision shape, which contacts cannot stand; \
                  that is taken",
                 body.common.identifier
             );
@@ -502,7 +474,7 @@ impl<'a> Builder<'a> {
         let distance = offset.translation.vector.norm();
         if matches!(body.collision, CollisionGeometry::Mesh { .. })
             && body.inertial_offset.is_none()
-            && distance >= LEAST_DISPLACEMENT
+            && distance >= MIN_DISPLACEMENT
         {
             let message = format!(
                 "`{}` has no `inertial offset`: its centre of mass is taken from the collision mesh; the C++ program then collides \
@@ -687,7 +659,7 @@ impl<'a> Builder<'a> {
     }
 
     fn resolve_parents(&mut self) {
-        for object in self.scene.all_placed().collect::<Vec<_>>() {
+        for object in self.scene.all_attached().collect::<Vec<_>>() {
             let text = match object {
                 Parent::Body(_) => continue,
                 Parent::Camera(index) => &self.scene.cameras[index].parameters.parent_name,

@@ -164,7 +164,7 @@ impl Builder<'_> {
     }
 }
 
-/// A wheel as Bullet is told to make it. The C++ program leaves the axle as it is written.
+/// A wheel as it is made in Bullet. The C++ program leaves the axle as it is written.
 fn described(wheel: &adf::Wheel, to_chassis: &nalgebra::Isometry3<f64>) -> bullet::Wheel {
     bullet::Wheel {
         connection: (to_chassis * nalgebra::Point3::from(wheel.offset)).coords,

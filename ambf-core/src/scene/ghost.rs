@@ -5,6 +5,7 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Vector3};
 
 use super::attached::Attached;
+use super::build::Builder;
 use super::list::SceneObject;
 use super::{Bodies, Identity, ObjectType, Parent, Scene};
 use crate::adf::{self, SourcePos};
@@ -55,6 +56,12 @@ impl SceneObject for Ghost {
         &self.attached.identity
     }
 
+    fn add_all(builder: &mut Builder<'_>, model: &adf::Model) {
+        for ghost in &model.ghosts {
+            builder.with_plugins(Self::TYPE, &ghost.common, |builder| builder.add_ghost(ghost));
+        }
+    }
+
     fn kind(&self, id: Self::Id, _scene: &Scene) -> ObjectKind {
         ObjectKind::Ghost(id, Box::new(GhostInfo { parent_name: self.parent_name.clone() }))
     }
@@ -73,6 +80,15 @@ impl SceneObject for Ghost {
                 reading.sensed.push(Arc::clone(identifier));
             }
         }
+    }
+
+    fn pose(&self, _id: Self::Id, _scene: &Scene) -> Option<Isometry3<f64>> {
+        Some(self.pose)
+    }
+
+    /// The bodies in it, one entry a contact.
+    fn values(&self, scene: &Scene, out: &mut Vec<f64>) {
+        out.extend(self.sensed(&scene.bodies).map(|body| body.index() as f64));
     }
 
     fn update(scene: &mut Scene, id: Self::Id, _sub_step: f64, _interval: f64) {

@@ -51,7 +51,7 @@ impl Identity {
         format!("{}{}", self.name, self.suffix)
     }
 
-    /// What a middleware is told; `None` for a passive object.
+    /// The description for clients; `None` for a passive object.
     pub(super) fn object(&self, kind: impl FnOnce() -> ObjectKind) -> Option<ObjectInfo> {
         (!self.passive).then(|| ObjectInfo {
             kind: kind(),

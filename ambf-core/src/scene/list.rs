@@ -7,7 +7,12 @@ use std::any::Any;
 use std::ops::{Deref, DerefMut};
 use std::sync::Arc;
 
+use nalgebra::Isometry3;
+
+use super::build::Builder;
+use super::commands::Commands;
 use super::{Identity, NameMap, ObjectType, Scene};
+use crate::adf;
 use crate::comm::{ObjectKind, Snapshot};
 use crate::ids::{BodyId, Id, Table};
 
@@ -23,11 +28,16 @@ pub(super) trait SceneObject: Sized {
     const RANK: u8;
     /// Whether [`update`](Self::update) does something.
     const ACTS: bool = false;
+    /// Whether it is built after the joints of its model, not before.
+    const FOLLOWS_JOINTS: bool = false;
 
     /// Names and publishing rates.
     fn identity(&self) -> &Identity;
 
-    /// What clients are told of it.
+    /// Builds all objects of this type in a model. Default: nothing.
+    fn add_all(_builder: &mut Builder<'_>, _model: &adf::Model) {}
+
+    /// Its description for clients.
     fn kind(&self, id: Self::Id, scene: &Scene) -> ObjectKind;
 
     /// The body with which it leaves the scene. Default: none.
@@ -40,6 +50,19 @@ pub(super) trait SceneObject: Sized {
 
     /// Writes its state. Default: nothing.
     fn read(&self, _id: Self::Id, _scene: &Scene, _snapshot: &mut Snapshot) {}
+
+    /// The place where its commands are taken and executed. Default: none, commands do nothing to it.
+    fn commands(_id: Self::Id) -> Option<Box<dyn Commands>> {
+        None
+    }
+
+    /// Pose in the world, as plugins see it. Default: none.
+    fn pose(&self, _id: Self::Id, _scene: &Scene) -> Option<Isometry3<f64>> {
+        None
+    }
+
+    /// Appends the numbers that plugins can read of it. Default: none.
+    fn values(&self, _scene: &Scene, _out: &mut Vec<f64>) {}
 
     /// What it does in an iteration after the sub-steps. Sub-step and update in s.
     fn update(_scene: &mut Scene, _id: Self::Id, _sub_step: f64, _interval: f64) {}
@@ -100,6 +123,9 @@ impl<'a, I, T> IntoIterator for &'a mut Objects<I, T> {
 /// Updates the object of an index.
 pub(super) type Update = fn(&mut Scene, usize, f64, f64);
 
+/// Builds objects of a model.
+pub(super) type Add = fn(&mut Builder<'_>, &adf::Model);
+
 /// What was saved of a list.
 pub(super) type SavedList = Arc<dyn Any + Send + Sync>;
 
@@ -109,10 +135,15 @@ pub(super) trait ObjectList {
     fn rank(&self) -> u8;
     /// `None`: objects of this type do nothing by themselves.
     fn update(&self) -> Option<Update>;
+    /// What builds them before the joints of their model, or after; `None` where they are built the other time.
+    fn add(&self, follows_joints: bool) -> Option<Add>;
     fn count(&self) -> usize;
     fn identity(&self, index: usize) -> Option<&Identity>;
     fn kind(&self, index: usize, scene: &Scene) -> ObjectKind;
     fn stands_on(&self, index: usize) -> Option<BodyId>;
+    fn commands(&self, index: usize) -> Option<Box<dyn Commands>>;
+    fn pose(&self, index: usize, scene: &Scene) -> Option<Isometry3<f64>>;
+    fn values(&self, index: usize, scene: &Scene, out: &mut Vec<f64>);
     /// By the whole name, and by a part that no other name has.
     fn find(&self, text: &str) -> (Option<usize>, Option<usize>);
     fn make_room(&self, scene: &Scene, snapshot: &mut Snapshot);
@@ -139,6 +170,10 @@ impl<T: SceneObject> ObjectList for Objects<T::Id, T> {
         })
     }
 
+    fn add(&self, follows_joints: bool) -> Option<Add> {
+        (T::FOLLOWS_JOINTS == follows_joints).then_some(T::add_all)
+    }
+
     fn count(&self) -> usize {
         self.list.len()
     }
@@ -155,6 +190,19 @@ impl<T: SceneObject> ObjectList for Objects<T::Id, T> {
     fn stands_on(&self, index: usize) -> Option<BodyId> {
         let id = T::Id::from_index(index);
         self.list.get(id)?.stands_on(id)
+    }
+
+    fn commands(&self, index: usize) -> Option<Box<dyn Commands>> {
+        T::commands(T::Id::from_index(index))
+    }
+
+    fn pose(&self, index: usize, scene: &Scene) -> Option<Isometry3<f64>> {
+        let id = T::Id::from_index(index);
+        self.list.get(id)?.pose(id, scene)
+    }
+
+    fn values(&self, index: usize, scene: &Scene, out: &mut Vec<f64>) {
+        self.list[T::Id::from_index(index)].values(scene, out);
     }
 
     fn find(&self, text: &str) -> (Option<usize>, Option<usize>) {

@@ -6,6 +6,7 @@ mod assemble;
 mod attached;
 mod body;
 mod build;
+mod commands;
 mod elements;
 mod end_effector;
 mod gesture;
@@ -35,6 +36,7 @@ pub use actuator::Actuator;
 pub use ambf_plugin::{ObjectId, ObjectType};
 pub use attached::{Attached, Camera, Light, Parent};
 pub use body::{Bodies, Body};
+pub(crate) use commands::Commands;
 pub use end_effector::{EndEffectorParts, PreparedEndEffector};
 pub use gesture::{CameraGesture, CameraPlace};
 pub use ghost::Ghost;
@@ -64,7 +66,7 @@ pub use visuals::{
 use std::fmt;
 use std::sync::Arc;
 
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, Vector3};
 
 use crate::adf::{self, Severity, SourcePos};
 use crate::bullet::{ContactLists, Gyroscopic, Preset, World};
@@ -189,6 +191,83 @@ pub struct Scene {
 }
 
 impl Scene {
+    /// A scene without objects, with defaults for all that `description` and `options` can choose.
+    fn empty(world: World, description: adf::World, options: &SceneOptions) -> Self {
+        Self {
+            world,
+            bodies: Bodies::default(),
+            joints: Table::default(),
+            soft_bodies: Objects::default(),
+            ghosts: Objects::default(),
+            sensors: Objects::default(),
+            actuators: Objects::default(),
+            vehicles: Objects::default(),
+            cameras: Objects::default(),
+            lights: Objects::default(),
+            graph: BodyGraph::default(),
+            models: Table::default(),
+            namespace: String::new(),
+            world_rates: Rates::default(),
+            gravity: Vector3::zeros(),
+            max_sub_steps: 1,
+            sub_step: None,
+            profile: Profile::default(),
+            preset: None,
+            joint_erp: None,
+            gyroscopic: Gyroscopic::default(),
+            has_feedback: false,
+            description: Arc::new(description),
+            plugins: Vec::new(),
+            options: options.clone(),
+            active_joints: Table::default(),
+            model_names: NameMap::default(),
+            joint_names: NameMap::default(),
+            elements: Vec::new(),
+            touching: ContactLists::default(),
+        }
+    }
+
+    /// What is saved beside the [`lists`](Self::lists) of objects.
+    fn saved_fields(&self) -> (&World, &Table<JointId, Joint>) {
+        // All fields by name, so that no new one is forgotten.
+        let Self {
+            world,
+            joints,
+            // These are in `lists`.
+            bodies: _,
+            soft_bodies: _,
+            ghosts: _,
+            sensors: _,
+            actuators: _,
+            vehicles: _,
+            cameras: _,
+            lights: _,
+            // These change only with the extent.
+            graph: _,
+            models: _,
+            plugins: _,
+            active_joints: _,
+            model_names: _,
+            joint_names: _,
+            elements: _,
+            touching: _,
+            has_feedback: _,
+            // These are chosen when the scene is loaded.
+            namespace: _,
+            world_rates: _,
+            gravity: _,
+            max_sub_steps: _,
+            sub_step: _,
+            profile: _,
+            preset: _,
+            joint_erp: _,
+            gyroscopic: _,
+            description: _,
+            options: _,
+        } = self;
+        (world, joints)
+    }
+
     /// The objects that have a State and a Command, the world first.
     pub fn objects(&self) -> Vec<ObjectInfo> {
         let world = ObjectInfo {
@@ -201,7 +280,7 @@ impl Scene {
         std::iter::once(world).chain(self.objects_from(&Counts::default())).collect()
     }
 
-    /// All objects with a State: each type has its line here, in the order in which clients are told of objects.
+    /// All objects with a State: each type has its line here, in the order of the list that clients see.
     fn lists(&self) -> [&dyn ObjectList; 8] {
         [
             &self.lights,
@@ -242,6 +321,25 @@ impl Scene {
             objects.extend(new.filter_map(|index| list.identity(index)?.object(|| list.kind(index, self))));
         }
         objects
+    }
+
+    /// Where the commands of an object are taken and executed; `None` where they do nothing.
+    pub(crate) fn commands_of(&self, object: ObjectId) -> Option<Box<dyn Commands>> {
+        self.list(object.kind)?.commands(object.index)
+    }
+
+    /// Pose of an object in the world; `None` when it is not there or has none.
+    pub(crate) fn pose_of(&self, object: ObjectId) -> Option<Isometry3<f64>> {
+        self.has_object(object).then(|| self.list(object.kind)?.pose(object.index, self)).flatten()
+    }
+
+    /// Appends the numbers that plugins can read of an object; `None` when it is not there.
+    pub(crate) fn values_of(&self, object: ObjectId, out: &mut Vec<f64>) -> Option<()> {
+        self.has_object(object).then(|| {
+            if let Some(list) = self.list(object.kind) {
+                list.values(object.index, self, out);
+            }
+        })
     }
 
     /// How many objects of each type there are, removed ones included.
@@ -299,13 +397,13 @@ impl Scene {
         }
     }
 
-    /// Lets an actuator hold or let go.
+    /// Executes a command of an actuator. A sentence when what it names is not there.
     pub(crate) fn command_actuator(&mut self, id: ActuatorId, command: &ActuatorCommand) -> Option<String> {
         let Self { actuators, world, bodies, sensors, .. } = self;
         actuators[id].apply_command(world, bodies, sensors, command)
     }
 
-    /// Lets an actuator hold a body where it is, or let go.
+    /// Fixes a body to an actuator where it is; `None`: releases what it holds.
     pub(crate) fn hold_with_actuator(&mut self, id: ActuatorId, body: Option<BodyId>) {
         let Self { actuators, world, bodies, .. } = self;
         match body {
@@ -315,8 +413,8 @@ impl Scene {
     }
 
     /// Cameras, lights and ghost objects back to where they were.
-    pub(crate) fn reset_placed(&mut self) {
-        for object in self.all_placed().collect::<Vec<_>>() {
+    pub(crate) fn reset_attached(&mut self) {
+        for object in self.all_attached().collect::<Vec<_>>() {
             if let Some(attached) = self.attached_mut(object) {
                 attached.pose = attached.initial_pose;
             }

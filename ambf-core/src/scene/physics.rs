@@ -32,7 +32,7 @@ pub struct PhysicsOptions {
 }
 
 impl PhysicsOptions {
-    /// What users chose. `unknown` is told of each name that stands for nothing, which then chooses nothing: what it
+    /// What users chose. `unknown` is called with each name that stands for nothing, which then chooses nothing: what it
     /// should name, the name, and the names that are known.
     pub fn new(chosen: &PhysicsSettings, mut unknown: impl FnMut(&str, &str, &str)) -> Self {
         Self {

@@ -21,7 +21,7 @@ impl Scene {
         self.model_names.id(name)
     }
 
-    /// Takes a model out of the scene, with all joints and everything held that leads into it.
+    /// Takes a model out of the scene, with all joints and constraints of actuators that lead into it.
     pub(crate) fn remove_model(&mut self, model: ModelId) {
         let Self { world, bodies, gravity, .. } = self;
         for ghost in self.ghosts.iter_mut().filter(|ghost| ghost.attached.identity.model == model) {
@@ -63,7 +63,7 @@ impl Scene {
         true
     }
 
-    /// Lets go of bodies whatever holds them: what refers to bodies goes before them.
+    /// Removes constraints, vehicles and joints on bodies that go: what refers to bodies goes before them.
     fn release_bodies(&mut self, is_gone: impl Fn(&Bodies, BodyId) -> bool) {
         let Self { world, bodies, .. } = self;
         let going: Vec<BodyId> = bodies.ids().filter(|&body| is_gone(bodies, body)).collect();
@@ -125,7 +125,7 @@ impl Scene {
 
     /// What hung on an object that goes stays where it is, in the world.
     fn orphan_children(&mut self, goes: impl Fn(&Self, Parent) -> bool) {
-        for child in self.all_placed().collect::<Vec<_>>() {
+        for child in self.all_attached().collect::<Vec<_>>() {
             let Some(&mut Attached { parent: Some(parent), pose, .. }) = self.attached_mut(child) else { continue };
             if goes(self, parent) {
                 let pose = self.global_pose(Some(parent), &pose);

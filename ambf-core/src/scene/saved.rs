@@ -54,48 +54,13 @@ impl Scene {
     /// # Errors
     /// Those of [`World::save`](crate::bullet::World::save).
     pub(crate) fn save(&self) -> Result<SavedScene, StateError> {
-        // All fields by name, so that no new one is forgotten.
-        let Self {
-            world,
-            joints,
-            // These are in `lists`.
-            bodies,
-            soft_bodies: _,
-            ghosts: _,
-            sensors: _,
-            actuators: _,
-            vehicles: _,
-            cameras: _,
-            lights: _,
-            // These change only with the extent.
-            graph: _,
-            models: _,
-            plugins: _,
-            active_joints: _,
-            model_names: _,
-            joint_names: _,
-            elements: _,
-            touching: _,
-            has_feedback: _,
-            // These are chosen when the scene is loaded.
-            namespace: _,
-            world_rates: _,
-            gravity: _,
-            max_sub_steps: _,
-            sub_step: _,
-            profile: _,
-            preset: _,
-            joint_erp: _,
-            gyroscopic: _,
-            description: _,
-            options: _,
-        } = self;
+        let (world, joints) = self.saved_fields();
         Ok(SavedScene {
             extent: self.extent(),
             world: world.save()?,
             lists: self.lists().map(|list| list.save()).to_vec(),
             joints: joints.iter().map(|joint| joint.save()).collect(),
-            n_bodies: bodies.len(),
+            n_bodies: self.bodies.len(),
         })
     }
 

@@ -4,9 +4,10 @@ use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
+use super::build::Builder;
 use super::list::SceneObject;
 use super::{Bodies, Body, Identity, ObjectType, Scene};
-use crate::adf::{RaySource, ResistanceParameters};
+use crate::adf::{self, RaySource, ResistanceParameters};
 use crate::bullet::{Contact, ContactLists, Ray, RayHit, RayTarget, SoftBodyHandle, World};
 use crate::comm::{ContactPoint, ContactReading, ObjectKind, RayReading, SensorInfo, Snapshot, TouchingBody};
 use crate::control::Profile;
@@ -84,6 +85,12 @@ impl SceneObject for Sensor {
         &self.identity
     }
 
+    fn add_all(builder: &mut Builder<'_>, model: &adf::Model) {
+        for sensor in &model.sensors {
+            builder.with_plugins(Self::TYPE, &sensor.common, |builder| builder.add_sensor(sensor));
+        }
+    }
+
     fn kind(&self, id: Self::Id, _scene: &Scene) -> ObjectKind {
         ObjectKind::Sensor(id, Box::new(self.info.clone()))
     }
@@ -105,6 +112,15 @@ impl SceneObject for Sensor {
         if let Some(contacts) = self.contacts() {
             snapshot.contacts[id].copy_from(contacts);
         }
+    }
+
+    fn pose(&self, _id: Self::Id, scene: &Scene) -> Option<Isometry3<f64>> {
+        Some(scene.bodies[self.parent].pose(&scene.world) * self.info.pose)
+    }
+
+    /// The measurement of each ray or contact.
+    fn values(&self, _scene: &Scene, out: &mut Vec<f64>) {
+        out.extend(self.readings.iter().map(|reading| reading.measurement));
     }
 
     fn update(scene: &mut Scene, id: Self::Id, sub_step: f64, interval: f64) {
@@ -367,7 +383,8 @@ impl Resistance {
                 linear + angular.cross(&(hit.point - pose.translation.vector))
             };
             let approach = velocity(a, &pose_a) - velocity(b, &pose_b);
-            let (force, kept) = self.parameters.force(
+            let (force, kept) = force(
+                &self.parameters,
                 self.profile,
                 &normal,
                 depth,
@@ -375,7 +392,7 @@ impl Resistance {
                 memory.filter(|stuck| stuck.body == body).as_mut(),
                 |stuck| (pose_a * Point3::from(stuck.on_parent)) - (pose_b * Point3::from(stuck.on_body)),
             );
-            let gains = self.parameters.gains(depth, kept.is_some(), info.range);
+            let gains = gains(&self.parameters, depth, kept.is_some(), info.range);
             *memory = kept.or_else(|| {
                 let local = |pose: &Isometry3<f64>| pose.inverse_transform_point(&Point3::from(hit.point)).coords;
                 let (on_parent, on_body) = (local(&pose_a), local(&pose_b));
@@ -455,69 +472,52 @@ fn response(body: &Body, pose: &Isometry3<f64>, point: &Vector3<f64>) -> f64 {
     1.0 / body.mass + arm / least
 }
 
-/// The force of a resistance sensor by its parameters.
-trait ResistanceLaw {
-    /// Derivatives of the force at a depth; `sticks`: the points that met are still held together; range of the ray in
-    /// m.
-    fn gains(&self, depth: f64, sticks: bool, range: f64) -> Gains;
-
-    /// Force on the body that is hit, and what is remembered if the points still stick.
-    fn force(
-        &self,
-        profile: Profile,
-        normal: &Vector3<f64>,
-        depth: f64,
-        sliding: &Vector3<f64>,
-        stuck: Option<&mut Stuck>,
-        drift_of: impl Fn(&Stuck) -> Vector3<f64>,
-    ) -> (Vector3<f64>, Option<Stuck>);
+/// Derivatives of the force of a resistance sensor at a depth; `sticks`: the points that met are still held together;
+/// range of the ray in m.
+fn gains(parameters: &ResistanceParameters, depth: f64, sticks: bool, range: f64) -> Gains {
+    let pressing = (parameters.contact_stiffness * depth).abs();
+    let scale = if parameters.variable_friction { pressing } else { 1.0 };
+    // What damps is proportional to differences between updates, like a stiffness that remembers.
+    let across = if sticks { parameters.static_friction * scale + parameters.friction_damping } else { 0.0 };
+    Gains {
+        along: ((parameters.contact_stiffness + parameters.contact_damping) / range).abs(),
+        across: across.abs(),
+        damping: (parameters.dynamic_friction * scale).abs(),
+    }
 }
 
-impl ResistanceLaw for ResistanceParameters {
-    fn gains(&self, depth: f64, sticks: bool, range: f64) -> Gains {
-        let pressing = (self.contact_stiffness * depth).abs();
-        let scale = if self.variable_friction { pressing } else { 1.0 };
-        // What damps is proportional to differences between updates, like a stiffness that remembers.
-        let across = if sticks { self.static_friction * scale + self.friction_damping } else { 0.0 };
-        Gains {
-            along: ((self.contact_stiffness + self.contact_damping) / range).abs(),
-            across: across.abs(),
-            damping: (self.dynamic_friction * scale).abs(),
-        }
+/// Force of a resistance sensor on the body that is hit, and what is remembered if the points still stick.
+fn force(
+    parameters: &ResistanceParameters,
+    profile: Profile,
+    normal: &Vector3<f64>,
+    depth: f64,
+    sliding: &Vector3<f64>,
+    stuck: Option<&mut Stuck>,
+    drift_of: impl Fn(&Stuck) -> Vector3<f64>,
+) -> (Vector3<f64>, Option<Stuck>) {
+    let mut pressing = normal * (parameters.contact_stiffness * depth);
+    if let (Profile::Accurate, Some(stuck)) = (profile, &stuck) {
+        // In the C++ program the depth before is the present one: no damping.
+        pressing += normal * (parameters.contact_damping * (depth - stuck.depth));
     }
-
-    fn force(
-        &self,
-        profile: Profile,
-        normal: &Vector3<f64>,
-        depth: f64,
-        sliding: &Vector3<f64>,
-        stuck: Option<&mut Stuck>,
-        drift_of: impl Fn(&Stuck) -> Vector3<f64>,
-    ) -> (Vector3<f64>, Option<Stuck>) {
-        let mut pressing = normal * (self.contact_stiffness * depth);
-        if let (Profile::Accurate, Some(stuck)) = (profile, &stuck) {
-            // In the C++ program the depth before is the present one: no damping.
-            pressing += normal * (self.contact_damping * (depth - stuck.depth));
+    let scale = if parameters.variable_friction { pressing.norm() } else { 1.0 };
+    let mut force = pressing + sliding * (parameters.dynamic_friction * scale);
+    let kept = stuck.and_then(|stuck| {
+        let drift = tangential(&drift_of(stuck), normal);
+        let distance = drift.norm();
+        if distance == 0.0 || distance > parameters.contact_area {
+            return None;
         }
-        let scale = if self.variable_friction { pressing.norm() } else { 1.0 };
-        let mut force = pressing + sliding * (self.dynamic_friction * scale);
-        let kept = stuck.and_then(|stuck| {
-            let drift = tangential(&drift_of(stuck), normal);
-            let distance = drift.norm();
-            if distance == 0.0 || distance > self.contact_area {
-                return None;
-            }
-            // The C++ program compares with the drift of two iterations ago.
-            let before = match profile {
-                Profile::Legacy => stuck.drift[1],
-                Profile::Accurate => stuck.drift[0],
-            };
-            force += drift * (self.static_friction * scale) + (drift - before) * self.friction_damping;
-            Some(Stuck { depth, drift: [drift, stuck.drift[0]], ..*stuck })
-        });
-        (force, kept)
-    }
+        // The C++ program compares with the drift of two iterations ago.
+        let before = match profile {
+            Profile::Legacy => stuck.drift[1],
+            Profile::Accurate => stuck.drift[0],
+        };
+        force += drift * (parameters.static_friction * scale) + (drift - before) * parameters.friction_damping;
+        Some(Stuck { depth, drift: [drift, stuck.drift[0]], ..*stuck })
+    });
+    (force, kept)
 }
 
 /// The part of `drift` orthogonal to `normal`.
@@ -596,21 +596,22 @@ mod tests {
         let (normal, sliding) = (Vector3::x(), Vector3::new(0.0, 0.1, 0.0));
         let drift = Vector3::new(0.7, 0.02, 0.0);
         let before = [Vector3::new(0.0, 0.015, 0.0), Vector3::new(0.0, 0.01, 0.0)];
-        let force = |profile| parameters().force(profile, &normal, 0.6, &sliding, Some(&mut stuck(before)), |_| drift);
-        let (legacy, kept) = force(Profile::Legacy);
+        let at = |profile| force(&parameters(), profile, &normal, 0.6, &sliding, Some(&mut stuck(before)), |_| drift);
+        let (legacy, kept) = at(Profile::Legacy);
         // |F_n| = 6: F_y = 2·6·0.1 + 3·6·0.02 + 0.5·(0.02 − 0.01).
         assert!((legacy - Vector3::new(6.0, 1.2 + 0.36 + 0.005, 0.0)).norm() < 1e-12, "{legacy}");
         let kept = kept.unwrap();
         assert!((kept.drift[0].y - 0.02).abs() < 1e-15 && kept.drift[1] == before[0]);
         // |F_n| = 6 + 4·0.1 = 6.4, and the drift of one iteration ago.
-        let (accurate, _) = force(Profile::Accurate);
+        let (accurate, _) = at(Profile::Accurate);
         assert!((accurate - Vector3::new(6.4, 1.28 + 0.384 + 0.0025, 0.0)).norm() < 1e-12, "{accurate}");
     }
 
     #[test]
     fn points_that_drifted_too_far_or_not_at_all_are_forgotten() {
         for drift in [Vector3::new(0.0, 0.2, 0.0), Vector3::new(0.5, 0.0, 0.0)] {
-            let (force, kept) = parameters().force(
+            let (force, kept) = force(
+                &parameters(),
                 Profile::Legacy,
                 &Vector3::x(),
                 1.0,

@@ -63,7 +63,7 @@ pub(super) struct SharedShape {
 type Inertias = Arc<Mutex<Vec<(u64, Vector3<f64>)>>>;
 
 /// Masses of one shape whose estimates are kept.
-const MOST_MASSES: usize = 16;
+const MAX_MASSES: usize = 16;
 
 impl SharedShape {
     /// For a body of one more world, or one more body.
@@ -85,7 +85,7 @@ impl SharedShape {
         }
         let inertia = estimate();
         let mut inertias = self.inertias.lock();
-        if inertias.len() < MOST_MASSES && known(&inertias).is_none() {
+        if inertias.len() < MAX_MASSES && known(&inertias).is_none() {
             inertias.push((mass.to_bits(), inertia));
         }
         inertia

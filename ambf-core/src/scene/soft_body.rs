@@ -1,7 +1,9 @@
 //! Live soft bodies: a mesh whose vertices are nodes and whose edges are links.
 
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, Vector3};
 
+use super::build::Builder;
+use super::commands::{Commanded, Commands};
 use super::list::SceneObject;
 use super::{Identity, ObjectType, Scene};
 use crate::adf;
@@ -33,6 +35,12 @@ impl SceneObject for SoftBody {
         &self.identity
     }
 
+    fn add_all(builder: &mut Builder<'_>, model: &adf::Model) {
+        for soft in &model.soft_bodies {
+            builder.with_plugins(Self::TYPE, &soft.common, |builder| builder.add_soft_body(soft));
+        }
+    }
+
     fn kind(&self, id: Self::Id, _scene: &Scene) -> ObjectKind {
         ObjectKind::SoftBody(id, self.mass)
     }
@@ -46,6 +54,24 @@ impl SceneObject for SoftBody {
         let reading = &mut snapshot.soft_bodies[id];
         reading.center = scene.world.soft_center(self.handle).unwrap_or_default();
         scene.world.read_soft_nodes(self.handle, &mut reading.nodes);
+    }
+
+    fn commands(id: Self::Id) -> Option<Box<dyn Commands>> {
+        Some(Commanded::new(id, |Scene { soft_bodies, world, .. }, id, command, _| {
+            soft_bodies[id].apply_command(world, command);
+        }))
+    }
+
+    /// Not turned, at its centre of mass.
+    fn pose(&self, _id: Self::Id, scene: &Scene) -> Option<Isometry3<f64>> {
+        scene.world.soft_center(self.handle).map(|center| Isometry3::from_parts(center.into(), Default::default()))
+    }
+
+    /// x, y, z of each node.
+    fn values(&self, scene: &Scene, out: &mut Vec<f64>) {
+        let mut nodes = vec![[0.0; 3]; self.nodes];
+        self.read_nodes(&scene.world, &mut nodes);
+        out.extend(nodes.as_flattened());
     }
 
     fn save(&self) {
@@ -75,7 +101,7 @@ impl SoftBody {
     }
 }
 
-/// A soft body as Bullet is told to make it, and remarks on what of the description could not be used.
+/// A soft body as it is made in Bullet, and remarks on what of the description could not be used.
 ///
 /// The legacy profile keeps the habits of the C++ program: only the last part of the mesh counts, a vertex that became
 /// node 0 cannot be fixed by its number in the file, and the list of fixed nodes ends at the first number that is too
@@ -132,43 +158,13 @@ pub(super) fn describe(soft: &adf::SoftBody, mesh: &Mesh, profile: Profile) -> (
         mass: soft.mass,
         margin: soft.collision_margin,
         pose: soft.location,
-        config: config(described),
+        config: described.numbers,
         material: described.material.map(|material| [material.kLST, material.kAST, material.kVST]),
-        pose_matching: soft.config.kMT.is_some(),
+        pose_matching: soft.config.pose_matching,
         bending_distance: soft.config.bending_constraint,
         clusters: soft.config.clusters,
         fixed_nodes,
         randomize: soft.randomize_constraints,
     };
     (body, remarks)
-}
-
-fn config(config: &adf::SoftBodyConfig) -> bullet::SoftConfig {
-    bullet::SoftConfig {
-        kVCF: config.kVCF,
-        kDP: config.kDP,
-        kDG: config.kDG,
-        kLF: config.kLF,
-        kPR: config.kPR,
-        kVC: config.kVC,
-        kDF: config.kDF,
-        kMT: config.kMT.unwrap_or(0.0),
-        kCHR: config.kCHR,
-        kKHR: config.kKHR,
-        kSHR: config.kSHR,
-        kAHR: config.kAHR,
-        kSRHR_CL: config.kSRHR_CL,
-        kSKHR_CL: config.kSKHR_CL,
-        kSSHR_CL: config.kSSHR_CL,
-        kSR_SPLT_CL: config.kSR_SPLT_CL,
-        kSK_SPLT_CL: config.kSK_SPLT_CL,
-        kSS_SPLT_CL: config.kSS_SPLT_CL,
-        maxvolume: config.maxvolume,
-        timescale: config.timescale,
-        viterations: config.viterations,
-        piterations: config.piterations,
-        diterations: config.diterations,
-        citerations: config.citerations,
-        flags: config.flags,
-    }
 }

@@ -51,7 +51,7 @@ impl Scene {
     }
 }
 
-/// What a joint was told for the next update.
+/// The command of a joint for the next update.
 #[derive(Debug, Clone)]
 pub(crate) struct JointTarget {
     driver: JointDriver,
@@ -228,7 +228,7 @@ fn motion_of<T: Quantity + Default>(latest: Option<T>, before: Option<T>) -> Set
     }
 }
 
-/// What a body was told for the next update.
+/// The command of a body for the next update.
 #[derive(Debug, Clone)]
 pub(crate) struct BodyTarget {
     driver: PoseDriver,

@@ -2,9 +2,11 @@
 
 use nalgebra::{Isometry3, Vector3};
 
+use super::build::Builder;
+use super::commands::{Commanded, Commands};
 use super::list::SceneObject;
 use super::{Bodies, Identity, ObjectType, Scene};
-use crate::adf::Limits;
+use crate::adf::{self, Limits};
 use crate::bullet::{VehicleHandle, World};
 use crate::comm::{ObjectKind, Snapshot, VehicleCommand, VehicleInfo, VehicleReading};
 use crate::ids::{BodyId, VehicleId};
@@ -79,6 +81,12 @@ impl Scene {
         let Self { vehicles, world, bodies, .. } = self;
         vehicles.iter().for_each(|vehicle| vehicle.show_wheels(world, bodies));
     }
+
+    /// Applies a whole command to a vehicle; it acts in the next update.
+    pub(crate) fn command_vehicle(&mut self, vehicle: VehicleId, command: &VehicleCommand) {
+        let Self { vehicles, world, bodies, .. } = self;
+        vehicles[vehicle].apply_command(world, bodies, command);
+    }
 }
 
 impl SceneObject for Vehicle {
@@ -87,9 +95,17 @@ impl SceneObject for Vehicle {
     const TYPE: ObjectType = ObjectType::Vehicle;
     const RANK: u8 = 7;
     const ACTS: bool = true;
+    /// A body that a joint holds cannot be a wheel.
+    const FOLLOWS_JOINTS: bool = true;
 
     fn identity(&self) -> &Identity {
         &self.identity
+    }
+
+    fn add_all(builder: &mut Builder<'_>, model: &adf::Model) {
+        for vehicle in &model.vehicles {
+            builder.with_plugins(Self::TYPE, &vehicle.common, |builder| builder.add_vehicle(vehicle));
+        }
     }
 
     fn kind(&self, id: Self::Id, scene: &Scene) -> ObjectKind {
@@ -116,6 +132,14 @@ impl SceneObject for Vehicle {
             let pose = scene.world.wheel_pose(self.handle, i);
             *wheel = pose.map_or_else(Isometry3::identity, |pose| to_chassis * pose);
         }
+    }
+
+    fn commands(id: Self::Id) -> Option<Box<dyn Commands>> {
+        Some(Commanded::new(id, |scene, id, command, _| scene.command_vehicle(id, command)))
+    }
+
+    fn pose(&self, _id: Self::Id, scene: &Scene) -> Option<Isometry3<f64>> {
+        Some(scene.bodies[self.chassis].pose(&scene.world))
     }
 
     fn update(scene: &mut Scene, id: Self::Id, _sub_step: f64, _interval: f64) {

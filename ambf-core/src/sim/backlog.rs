@@ -26,7 +26,7 @@ const WORTHWHILE: f64 = 4.0;
 /// limit of sub-steps an iteration, and under overload nearly everything that is due, so that states and commands flow.
 #[derive(Debug)]
 pub(super) struct Backlog {
-    /// Of the loop, s.
+    /// Period of the loop, s.
     period: f64,
     /// Length of a sub-step, s.
     sub_step: f64,

@@ -7,12 +7,11 @@ use nalgebra::Vector3;
 use super::physics::Physics;
 use super::{LostState, Simulation};
 use crate::comm::{
-    Activity, ActuatorCommand, CameraParameters, Channel, Hub, HubIndex, HubObject, Inbox, JointCommandType,
-    LightParameters, ObjectKind, ObjectList, PoseCommand, Resets, RigidBodyCommand, Snapshot, SnapshotWriter,
-    SoftBodyCommand, Timing, VehicleCommand, Wrench,
+    Activity, ActuatorCommand, Channel, Hub, HubIndex, HubObject, Inbox, JointCommandType, ObjectKind, ObjectList,
+    Resets, RigidBodyCommand, Snapshot, SnapshotWriter, Timing, VehicleCommand, Wrench,
 };
-use crate::ids::{ActuatorId, BodyId, CameraId, LightId, SoftBodyId, Table, VehicleId};
-use crate::scene::Scene;
+use crate::ids::{ActuatorId, BodyId, SoftBodyId, Table, VehicleId};
+use crate::scene::{Commands, Scene};
 
 /// The physics thread's end of the hub.
 pub(super) struct Link {
@@ -28,26 +27,18 @@ pub(super) struct Link {
 
 /// Commands in force for one object of the scene.
 enum Slot {
-    /// The world, sensors and ghost objects: commands do nothing to them.
+    /// The world, and objects to which commands do nothing.
     Idle,
+    /// Commands of a rigid body: its targets are executed in sub-steps, by [`Physics`].
     Body(BodyId, Inbox<RigidBodyCommand>),
-    Camera(CameraId, Inbox<PoseCommand>, Inbox<CameraParameters>),
-    Light(LightId, Inbox<PoseCommand>, Inbox<LightParameters>),
-    Actuator(ActuatorId, Inbox<ActuatorCommand>),
-    SoftBody(SoftBodyId, Inbox<SoftBodyCommand>),
-    Vehicle(VehicleId, Inbox<VehicleCommand>),
+    Other(Box<dyn Commands>),
 }
 
 impl Slot {
-    fn of(kind: &ObjectKind) -> Self {
+    fn of(kind: &ObjectKind, scene: &Scene) -> Self {
         match *kind {
             ObjectKind::RigidBody(index, _) => Self::Body(index, Inbox::default()),
-            ObjectKind::Camera(index, _) => Self::Camera(index, Inbox::default(), Inbox::default()),
-            ObjectKind::Light(index, _) => Self::Light(index, Inbox::default(), Inbox::default()),
-            ObjectKind::Actuator(index, _) => Self::Actuator(index, Inbox::default()),
-            ObjectKind::SoftBody(index, _) => Self::SoftBody(index, Inbox::default()),
-            ObjectKind::Vehicle(index, _) => Self::Vehicle(index, Inbox::default()),
-            ObjectKind::World | ObjectKind::Sensor(..) | ObjectKind::Ghost(..) => Self::Idle,
+            _ => kind.object().and_then(|object| scene.commands_of(object)).map_or(Self::Idle, Self::Other),
         }
     }
 
@@ -56,11 +47,7 @@ impl Slot {
         match self {
             Self::Idle => Self::Idle,
             Self::Body(index, inbox) => Self::Body(*index, inbox.later(by)),
-            Self::Camera(index, pose, parameters) => Self::Camera(*index, pose.later(by), parameters.later(by)),
-            Self::Light(index, pose, parameters) => Self::Light(*index, pose.later(by), parameters.later(by)),
-            Self::Actuator(index, inbox) => Self::Actuator(*index, inbox.later(by)),
-            Self::SoftBody(index, inbox) => Self::SoftBody(*index, inbox.later(by)),
-            Self::Vehicle(index, inbox) => Self::Vehicle(*index, inbox.later(by)),
+            Self::Other(commands) => Self::Other(commands.later(by)),
         }
     }
 
@@ -70,21 +57,7 @@ impl Slot {
         match self {
             Self::Idle => false,
             Self::Body(_, inbox) => inbox.fetch(&channel.body),
-            Self::Camera(index, pose, parameters) => {
-                if parameters.fetch(&channel.camera) {
-                    notices.extend(scene.set_camera_parameters(*index, parameters.command()).err());
-                }
-                pose.fetch(&channel.pose)
-            }
-            Self::Light(index, pose, parameters) => {
-                if parameters.fetch(&channel.light) {
-                    notices.extend(scene.set_light_parameters(*index, parameters.command()).err());
-                }
-                pose.fetch(&channel.pose)
-            }
-            Self::Actuator(_, inbox) => inbox.fetch(&channel.actuator),
-            Self::SoftBody(_, inbox) => inbox.fetch(&channel.soft_body),
-            Self::Vehicle(_, inbox) => inbox.fetch(&channel.vehicle),
+            Self::Other(commands) => commands.fetch(channel, scene, notices),
         }
     }
 }
@@ -105,10 +78,10 @@ impl Link {
 
     /// Commands that came since are forgotten, but for those that were not looked at yet; watchdogs leave the others as
     /// long as they would have.
-    pub fn restore(&mut self, saved: &SavedCommands) {
+    pub fn restore(&mut self, saved: &SavedCommands, scene: &Scene) {
         let passed = self.watch_time().saturating_sub(saved.saved_at);
         for object in std::mem::take(&mut self.commanded) {
-            self.slots[object.0] = Slot::of(&self.objects[object].info.kind);
+            self.slots[object.0] = Slot::of(&self.objects[object].info.kind, scene);
         }
         for (object, slot) in &saved.slots {
             self.slots[object.0] = slot.later(passed);
@@ -137,7 +110,7 @@ impl Link {
     pub fn follow_scene(&mut self, scene: &Scene, wrenches: &Table<BodyId, Wrench>) {
         self.objects = self.hub.objects().clone();
         let new = self.objects.iter().skip(self.slots.len());
-        self.slots.extend(new.map(|object| Slot::of(&object.info.kind)));
+        self.slots.extend(new.map(|object| Slot::of(&object.info.kind, scene)));
         let mut order: Vec<HubIndex> = self.objects.entries().map(|(object, _)| object).collect();
         order.sort_by_cached_key(|&object| scene.visiting_key(self.objects[object].info.kind.object()));
         self.rank = vec![0; order.len()];
@@ -170,12 +143,13 @@ impl Link {
 
     /// [`body_command`](Self::body_command) for an actuator.
     pub fn actuator_command(&mut self, object: HubIndex) -> Option<&mut ActuatorCommand> {
-        let Some(Slot::Actuator(_, inbox)) = self.slots.get_mut(object.0) else { return None };
+        let Some(Slot::Other(commands)) = self.slots.get_mut(object.0) else { return None };
+        let inbox = commands.inbox().downcast_mut::<Inbox<ActuatorCommand>>()?;
         note_commanded(&mut self.commanded, &self.rank, object);
         Some(inbox.command_mut())
     }
 
-    /// What the body was last told, in words; `None` where that is nothing.
+    /// The last command of the body, in words; `None` if there was none.
     pub fn last_command(&self, body: BodyId) -> Option<String> {
         let slot = self.slots.iter().find_map(|slot| match slot {
             Slot::Body(index, inbox) if *index == body => Some(inbox),
@@ -211,26 +185,7 @@ impl Link {
                     inbox.check_watchdog(now);
                     physics.command_body(*index, inbox.command());
                 }
-                Slot::Camera(index, inbox, _) => {
-                    inbox.check_watchdog(now);
-                    physics.scene.cameras[*index].attached.apply_command(inbox.command());
-                }
-                Slot::Light(index, inbox, _) => {
-                    inbox.check_watchdog(now);
-                    physics.scene.lights[*index].attached.apply_command(inbox.command());
-                }
-                Slot::Actuator(index, inbox) => {
-                    inbox.check_watchdog(now);
-                    notices.extend(physics.scene.command_actuator(*index, inbox.command()));
-                }
-                Slot::SoftBody(index, inbox) => {
-                    inbox.check_watchdog(now);
-                    physics.scene.soft_bodies[*index].apply_command(&mut physics.scene.world, inbox.command());
-                }
-                Slot::Vehicle(index, inbox) => {
-                    inbox.check_watchdog(now);
-                    physics.command_vehicle(*index, inbox.command());
-                }
+                Slot::Other(commands) => commands.execute(now, &mut physics.scene, notices),
             }
         }
     }
@@ -329,10 +284,10 @@ impl Simulation {
 
     /// Applies a whole command to a vehicle; it acts in the next update.
     pub fn command_vehicle(&mut self, vehicle: VehicleId, command: &VehicleCommand) {
-        self.physics.command_vehicle(vehicle, command);
+        self.physics.scene.command_vehicle(vehicle, command);
     }
 
-    /// Lets an actuator hold or let go. A sentence when what the command names is not there.
+    /// Executes a command of an actuator: it fixes a body to its parent, or releases it. A sentence when what the command names is not there.
     pub fn command_actuator(&mut self, actuator: ActuatorId, command: &ActuatorCommand) -> Option<String> {
         self.physics.scene.command_actuator(actuator, command)
     }
@@ -353,7 +308,7 @@ impl Simulation {
         world.pull_node(handle, node, Some(goal)).then_some(node)
     }
 
-    /// Moves the goal of a picked node, or lets go of it.
+    /// Moves the goal of a picked node, or releases it.
     pub fn drag_soft_node(&mut self, soft: SoftBodyId, node: usize, goal: Option<Vector3<f64>>) {
         self.physics.scene.world.pull_node(self.physics.scene.soft_bodies[soft].handle, node, goal);
     }

@@ -1,4 +1,4 @@
-//! The physics side of input devices: what their end-effectors do before each step, and what devices are told after it.
+//! The physics side of input devices: what their end-effectors do before each step, and the states that go to devices after it.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -96,7 +96,7 @@ impl Coupled {
         }
     }
 
-    /// Takes hold of the nearest foreign body that a sensor of the root link sees, or lets go.
+    /// Takes hold of the nearest foreign body that a sensor of the root link sees, or releases it.
     fn grip(&self, scene: &mut Scene, grip: Grip) {
         let Scene { actuators, sensors, bodies, world, .. } = scene;
         let actuator = &mut actuators[self.parts.actuator];
@@ -151,7 +151,7 @@ impl Coupled {
             let limits = physics.scene.joints[joint].limits;
             let target = limits.and_then(|limits| joint_target(opening, limits.low, limits.high));
             if let Some(target) = target {
-                physics.order_joint(joint, JointCommandType::Position, target);
+                physics.apply_joint_command(joint, JointCommandType::Position, target);
             }
         }
     }

@@ -12,7 +12,7 @@ const INTERVAL: f64 = 0.1;
 /// Simulated time that is kept, s.
 const SPAN: f64 = 60.0;
 /// Memory that the states may take, bytes. Of larger scenes less time is kept.
-const MOST_BYTES: usize = 256 << 20;
+const MAX_BYTES: usize = 256 << 20;
 
 /// What times are kept, for the thread with the windows. Times are simulated ones, s.
 #[derive(Debug, Default)]
@@ -52,7 +52,7 @@ impl History {
         self.bytes += state.size();
         self.states.push_back(Arc::new(state));
         while self.states.len() > 1
-            && (self.bytes > MOST_BYTES || self.states.front().is_some_and(|first| first.sim_time() < oldest))
+            && (self.bytes > MAX_BYTES || self.states.front().is_some_and(|first| first.sim_time() < oldest))
         {
             self.drop_one(VecDeque::pop_front);
         }
@@ -246,7 +246,7 @@ mod tests {
         assert!(last - first <= SPAN + 1e-9 && last - first > SPAN - 0.2, "{first} to {last}");
         let history = simulation.recording.history.as_ref().expect("on");
         assert_eq!(history.bytes, history.states.iter().map(|state| state.size()).sum::<usize>());
-        assert!(history.bytes <= MOST_BYTES);
+        assert!(history.bytes <= MAX_BYTES);
         simulation.keep_history(false).expect("nothing can go wrong");
         assert_eq!(simulation.timeline().span(), None);
         assert_eq!(simulation.record_history(), None);

@@ -61,7 +61,7 @@ pub struct LostState {
     pub joint: Option<String>,
     /// Iteration in which it was seen.
     pub step: u32,
-    /// What the body was last told.
+    /// The last command of the body.
     pub command: String,
 }
 
@@ -240,7 +240,7 @@ impl Simulation {
         lost(body.identity.key(), Loss::of(&scene.world, body.handle, bounds), joint, self.last_command(id))
     }
 
-    /// What a body was last told through the hub, in words; else what was told a joint of it.
+    /// The last command of a body through the hub, in words; else that of one of its joints.
     fn last_command(&self, body: BodyId) -> Option<String> {
         let link = self.link.as_ref()?;
         self.commanders(body).find_map(|commander| {
@@ -274,7 +274,7 @@ impl Simulation {
         self.reset_plugins();
     }
 
-    /// [`reset_world`](Self::reset_world) after which nothing is left of what was before: actuators let go, motors are
+    /// [`reset_world`](Self::reset_world) after which nothing is left of what was before: actuators release what they hold, motors are
     /// off, controllers, solver and contacts forget. Time and commands go on.
     pub fn reset_thoroughly(&mut self) {
         self.physics.release();

@@ -7,10 +7,10 @@ use nalgebra::Vector3;
 use super::targets::ActiveTargets;
 use crate::bullet::PlausibleBounds;
 use crate::comm::{
-    ActuatorCommand, CartesianCommandType, JointCommandType, RigidBodyCommand, Snapshot, Timing, VehicleCommand, Wrench,
+    ActuatorCommand, CartesianCommandType, JointCommandType, RigidBodyCommand, Snapshot, Timing, Wrench,
 };
 use crate::control::Profile;
-use crate::ids::{BodyId, JointId, Table, VehicleId};
+use crate::ids::{BodyId, JointId, Table};
 use crate::scene::{Scene, Sensor};
 
 /// Simulated time.
@@ -185,24 +185,18 @@ impl Physics {
             return false;
         }
         let Some(&joint) = self.scene.active_joints(body).get(index) else { return false };
-        self.order_joint(joint, kind, value);
+        self.apply_joint_command(joint, kind, value);
         true
     }
 
     /// Applies a finite command to a joint.
-    pub fn order_joint(&mut self, joint: JointId, kind: JointCommandType, value: f64) {
+    pub fn apply_joint_command(&mut self, joint: JointId, kind: JointCommandType, value: f64) {
         let Scene { joints, bodies, world, profile, .. } = &mut self.scene;
         if *profile == Profile::Legacy {
             joints[joint].apply_command(world, bodies, kind, value, self.time.sim_time);
         } else if joints[joint].set_target(world, kind, value, self.sub_step) {
             self.targets.joints.push(joint);
         }
-    }
-
-    /// Applies a whole command to a vehicle; it acts in the next update.
-    pub fn command_vehicle(&mut self, vehicle: VehicleId, command: &VehicleCommand) {
-        let Scene { vehicles, world, bodies, .. } = &mut self.scene;
-        vehicles[vehicle].apply_command(world, bodies, command);
     }
 
     /// Returns rigid bodies, with what is on them, to their initial poses at rest. If the state `was_lost`, controllers
@@ -212,7 +206,7 @@ impl Physics {
         bodies.iter().for_each(|body| body.reset(world));
         if was_lost {
             world.recover();
-            // A motor may have been told a speed that is not finite.
+            // The commanded speed of a motor may not be finite.
             joints.iter().for_each(|joint| joint.stop_motor(world));
             self.scene.release_drives();
             self.reset_controllers();
@@ -227,7 +221,7 @@ impl Physics {
 
     /// Returns to their initial states what [`reset_bodies`](Self::reset_bodies) leaves alone.
     pub fn reset_others(&mut self) {
-        self.scene.reset_placed();
+        self.scene.reset_attached();
         let Scene { soft_bodies, world, profile, .. } = &mut self.scene;
         soft_bodies.iter().for_each(|soft| soft.reset(world));
         if *profile == Profile::Accurate {
@@ -247,7 +241,7 @@ impl Physics {
         }
     }
 
-    /// Actuators let go, motors are off, and controllers hold nothing.
+    /// Actuators release what they hold, motors are off, and controllers have no targets.
     pub fn release(&mut self) {
         for actuator in self.scene.actuators.ids() {
             self.scene.command_actuator(actuator, &ActuatorCommand::default());

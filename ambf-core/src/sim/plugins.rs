@@ -11,9 +11,7 @@ use super::Simulation;
 use crate::adf::{node_text, PluginEntry, SourcePos};
 use crate::bullet::{Constraint, ConstraintHandle, ConstraintKind, Ray, RayTarget};
 use crate::comm::{JointCommandType, Resets, RigidBodyCommand};
-use crate::ids::{
-    ActuatorId, BodyId, CameraId, GhostId, Id, JointId, LightId, ModelId, SensorId, SoftBodyId, Table, VehicleId,
-};
+use crate::ids::{BodyId, CameraId, GhostId, Id, JointId, LightId, ModelId, SoftBodyId, Table, VehicleId};
 use crate::plugin::run::{Access, Phase, Plugins, Shared, TextOf, Wanted};
 use crate::plugin::{
     BodyState, Clock, Command, CommandError, Drawings, Hit, Input, JointFrame, JointState, ObjectId, ObjectType,
@@ -55,7 +53,7 @@ impl PluginState {
         saved.clone_into(&mut self.attachments);
     }
 
-    /// Lets go of what `which` is true for; true if there was any.
+    /// Removes the constraints that `which` is true for; true if there was any.
     fn detach_where(&mut self, scene: &mut Scene, which: impl Fn(&Attachment) -> bool) -> bool {
         let before = self.attachments.len();
         self.attachments.retain(|attachment| {
@@ -472,65 +470,11 @@ impl Access for SceneAccess<'_> {
     }
 
     fn pose(&self, object: ObjectId) -> Option<Isometry3<f64>> {
-        let (scene, i) = (&self.physics.scene, object.index);
-        if !scene.has_object(object) {
-            return None;
-        }
-        let body_pose = |body: BodyId| scene.bodies[body].pose(&scene.world);
-        match object.kind {
-            ObjectType::Body => Some(body_pose(BodyId::new(i))),
-            ObjectType::SoftBody => {
-                let centre = scene.world.soft_center(scene.soft_bodies[SoftBodyId::new(i)].handle)?;
-                Some(Isometry3::from_parts(centre.into(), Default::default()))
-            }
-            ObjectType::Ghost => Some(*scene.ghosts[GhostId::new(i)].pose()),
-            ObjectType::Sensor => {
-                let sensor = &scene.sensors[SensorId::new(i)];
-                Some(body_pose(sensor.parent) * sensor.info.pose)
-            }
-            ObjectType::Actuator => {
-                let actuator = &scene.actuators[ActuatorId::new(i)];
-                Some(body_pose(actuator.parent) * actuator.info.pose)
-            }
-            ObjectType::Vehicle => Some(body_pose(scene.vehicles[VehicleId::new(i)].chassis)),
-            ObjectType::Camera => {
-                let attached = &scene.cameras[CameraId::new(i)].attached;
-                Some(scene.global_pose(attached.parent, &attached.pose))
-            }
-            ObjectType::Light => {
-                let attached = &scene.lights[LightId::new(i)].attached;
-                Some(scene.global_pose(attached.parent, &attached.pose))
-            }
-            ObjectType::Joint | ObjectType::Volume => None,
-        }
+        self.physics.scene.pose_of(object)
     }
 
     fn values(&self, object: ObjectId, out: &mut Vec<f64>) -> Option<()> {
-        let (scene, i) = (&self.physics.scene, object.index);
-        if !scene.has_object(object) {
-            return None;
-        }
-        match object.kind {
-            ObjectType::Sensor => {
-                let readings = scene.sensors[SensorId::new(i)].readings();
-                out.extend(readings.iter().map(|reading| reading.measurement));
-            }
-            ObjectType::Ghost => {
-                let sensed = scene.ghosts[GhostId::new(i)].sensed(&scene.bodies);
-                out.extend(sensed.map(|body| body.index() as f64));
-            }
-            ObjectType::SoftBody => {
-                let soft = &scene.soft_bodies[SoftBodyId::new(i)];
-                let mut nodes = vec![[0.0; 3]; soft.nodes];
-                soft.read_nodes(&scene.world, &mut nodes);
-                out.extend(nodes.as_flattened());
-            }
-            ObjectType::Actuator => {
-                out.push(f64::from(u8::from(scene.actuators[ActuatorId::new(i)].is_actuated())));
-            }
-            _ => (),
-        }
-        Some(())
+        self.physics.scene.values_of(object, out)
     }
 
     fn cast_ray(&self, from: &Vector3<f64>, to: &Vector3<f64>) -> Option<Hit> {
@@ -586,7 +530,7 @@ impl Access for SceneAccess<'_> {
                 if matches!(kind, JointCommandType::Unknown(_)) {
                     return Err(CommandError::Unknown);
                 }
-                self.physics.order_joint(joint, kind, value);
+                self.physics.apply_joint_command(joint, kind, value);
             }
             Command::Place { object, pose } => self.place(object, &pose)?,
             Command::Hold { actuator, body } => {

@@ -31,7 +31,7 @@ impl Default for RunnerOptions {
     }
 }
 
-/// Something worth a line in the log, told by the physics thread without waiting for anyone.
+/// Something worth a line in the log, sent by the physics thread without waiting for anyone.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum Event {

@@ -65,7 +65,7 @@ impl Simulation {
             plugin_state,
             physics,
             link,
-            // What others have asked for or are to be told.
+            // Requests of others, and notices for them.
             requests: _,
             window: _,
             recording: _,
@@ -114,7 +114,7 @@ impl Simulation {
         physics.wrenches.clone_from(&saved.wrenches);
         physics.targets.restore(&saved.targets);
         if let Some(link) = &mut self.link {
-            link.restore(&saved.commands);
+            link.restore(&saved.commands, &physics.scene);
         }
         // Whoever held something then does not any more.
         self.picking.clone_from(&saved.picking);

@@ -5,7 +5,7 @@ const SLICE: u64 = 100_000;
 /// not wait until a thread of lower priority, such as one that draws, has used up a slice of some 3 ms. Linux since
 /// 6.12 heeds it, others ignore or refuse it.
 pub fn request_short_slices() {
-    // SAFETY: `sched_attr` is a plain structure of numbers, of which its size is told: no more of it is written or
+    // SAFETY: `sched_attr` is a plain structure of numbers, whose first field is its size: no more of it is written or
     // read.
     unsafe {
         let mut attributes: libc::sched_attr = std::mem::zeroed();

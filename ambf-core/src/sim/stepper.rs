@@ -76,7 +76,7 @@ impl StepperState {
 }
 
 /// Most notices that wait to be taken; further ones are dropped.
-const MOST_NOTICES: usize = 1000;
+const MAX_NOTICES: usize = 1000;
 
 impl Stepper {
     /// Steps `simulation` by `interval` s (above 0) an iteration. The first update is done here, as it is before a
@@ -235,7 +235,7 @@ impl Stepper {
 
     fn hear(&mut self) {
         let heard = self.simulation.take_notices();
-        let room = MOST_NOTICES.saturating_sub(self.notices.len());
+        let room = MAX_NOTICES.saturating_sub(self.notices.len());
         self.notices.extend(heard.into_iter().take(room));
     }
 }

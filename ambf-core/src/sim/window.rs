@@ -48,14 +48,14 @@ pub enum WindowRequest {
     Pick {
         /// Start of the ray, m, world axes.
         origin: Vector3<f64>,
-        /// Of unit length.
+        /// Direction of the ray, of unit length.
         direction: Vector3<f64>,
     },
     /// Moves what is held: it stays at the distance at which it was picked, along this ray.
     Drag {
         /// Start of the ray, m, world axes.
         origin: Vector3<f64>,
-        /// Of unit length.
+        /// Direction of the ray, of unit length.
         direction: Vector3<f64>,
     },
     /// Lets go of what is held.
@@ -261,7 +261,7 @@ impl Simulation {
     }
 
     /// Takes hold of what a ray meets first, of rigid and soft bodies; `direction` is of unit length, world axes. What
-    /// was held is let go. A dynamic body hangs on the point that was met by a constraint whose impulse in a sub-step
+    /// was held is released. A dynamic body hangs on the point that was met by a constraint whose impulse in a sub-step
     /// is at most its mass times 1 m/s; a static one is carried with the offset from there; of a soft body the nearest
     /// node within 0.1 m is drawn along.
     pub fn pick(&mut self, origin: &Vector3<f64>, direction: &Vector3<f64>) -> Picked {

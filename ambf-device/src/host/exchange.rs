@@ -12,7 +12,7 @@ use crate::law::{self, GainChange, Mode, Quantity, RotationRule, Switches};
 /// What is older than this says nothing about the present any more.
 pub(crate) const STALE: Duration = Duration::from_millis(50);
 
-/// What a device is told of the body that it moves, after each iteration.
+/// State of the body that a device moves, sent to it after each iteration.
 #[derive(Debug, Clone, Copy)]
 pub struct BodyState {
     /// When it was written; `None`: physics has not started.

@@ -90,7 +90,7 @@ pub struct DeviceStatus {
     pub loops: Rate,
     /// Measurements of the device: never more than ticks.
     pub samples: Rate,
-    /// What it was told last, N and N·m; nothing unless it runs.
+    /// The last force and torque written to it, N and N·m; nothing unless it runs.
     pub force: DeviceForce,
 }
 

@@ -43,7 +43,7 @@ pub(super) struct Shared {
     epoch: Instant,
     pub loops: Periods,
     pub samples: Periods,
-    /// Bits of what the device was told last: force, torque, gripper.
+    /// Bits of what was written to the device last: force, torque, gripper.
     force: Latest<7>,
 }
 
@@ -66,7 +66,7 @@ impl Shared {
         self.force.store([f.x, f.y, f.z, t.x, t.y, t.z, *gripper].map(f64::to_bits));
     }
 
-    /// What the device was told last; nothing before, and while it is not running.
+    /// What was written to the device last; nothing before, and while it is not running.
     pub fn force(&self) -> DeviceForce {
         let Some(words) = self.force.newest().filter(|_| self.stage() == Stage::Running) else {
             return DeviceForce::zero();
@@ -202,14 +202,14 @@ impl Worker {
 
     fn work(&self) {
         let first = self.open();
-        let told = match &first {
+        let opened = match &first {
             Ok(_) => Opened::Ready,
             Err(error @ DeviceError::Lost(_)) => Opened::Later(error.to_string()),
             Err(error) => Opened::Refused(error.to_string()),
         };
-        let refused = matches!(told, Opened::Refused(_));
+        let refused = matches!(opened, Opened::Refused(_));
         // The host waits for a while only.
-        let _ = self.opened.try_send((self.index, told));
+        let _ = self.opened.try_send((self.index, opened));
         if refused {
             return;
         }
@@ -308,7 +308,7 @@ impl Worker {
                 break Ok(());
             }
             if let Err(fault) = hand.tick(self, open) {
-                // At once, not with the watchdog of a device that is told nothing more.
+                // At once, not with the watchdog of a device that gets nothing more.
                 let _ = open.write(&DeviceForce::zero());
                 break Err(fault);
             }

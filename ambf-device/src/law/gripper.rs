@@ -1,7 +1,7 @@
 use super::controls::Buttons;
 use crate::DeviceSample;
 
-/// Opening at which the gripping assist lets go; below it, it grips.
+/// Opening at which the gripping assist releases; below it, it grips.
 const GRIP: f64 = 0.5;
 
 /// Opening of a gripper, 0 closed … 1 open: sensed, or by a button (pressed: closed), or stepped in mode
@@ -50,7 +50,7 @@ pub enum Grip {
 }
 
 impl Grip {
-    /// For an opening of 0…1. Without the assist nothing new is gripped, but what is held can be let go.
+    /// For an opening of 0…1. Without the assist nothing new is gripped, but what is held can be released.
     pub fn of(opening: f64, assist: bool) -> Self {
         if opening >= GRIP {
             Self::Release

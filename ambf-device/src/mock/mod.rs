@@ -1,4 +1,4 @@
-//! A device without hardware: it draws a curve and writes down what it is told to let feel.
+//! A device without hardware: it draws a curve and records the forces written to it.
 
 mod script;
 
@@ -32,7 +32,7 @@ const KEYS: &[&str] = &[
     "faults",
 ];
 
-/// A force that a [`MockDriver`]'s device was told to let feel.
+/// A force written to a [`MockDriver`]'s device.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CommandedForce {
     /// Since the device was opened first, s.
@@ -44,12 +44,12 @@ pub struct CommandedForce {
 /// The newest forces of each device, by identity.
 type Records = Arc<Mutex<BTreeMap<String, Arc<Mutex<VecDeque<CommandedForce>>>>>>;
 
-/// Forces that the devices of a [`MockDriver`] were told to let feel; for tests.
+/// Forces written to the devices of a [`MockDriver`]; for tests.
 #[derive(Debug, Clone, Default)]
 pub struct MockRecording(Records);
 
 impl MockRecording {
-    /// What the device of that identity was told, in order; empty if it was never opened.
+    /// What was written to the device of that identity, in order; empty if it was never opened.
     pub fn forces(&self, identity: &str) -> Vec<CommandedForce> {
         let records = self.0.lock();
         let record = records.get(identity).cloned();

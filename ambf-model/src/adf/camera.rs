@@ -157,10 +157,10 @@ impl Camera {
                     eye_separation: block.need_real("eye separation"),
                     focal_length: block.need_real("focal length"),
                 };
-                if stereo.focal_length < SHORTEST_FOCAL_LENGTH {
-                    let (expected, used) = ("a length above 0 m", format!("{SHORTEST_FOCAL_LENGTH} is used"));
+                if stereo.focal_length < MIN_FOCAL_LENGTH {
+                    let (expected, used) = ("a length above 0 m", format!("{MIN_FOCAL_LENGTH} is used"));
                     block.warn(ProblemKind::OutOfRange, "focal length", expected, &used);
-                    stereo.focal_length = SHORTEST_FOCAL_LENGTH;
+                    stereo.focal_length = MIN_FOCAL_LENGTH;
                 }
                 block.finish();
                 stereo
@@ -215,7 +215,7 @@ const FIELD_OF_VIEW: f64 = 0.7;
 const PLANES: (f64, f64) = (0.1, 10.0);
 
 /// Shortest focal length of stereo, m.
-const SHORTEST_FOCAL_LENGTH: f64 = 1e-6;
+const MIN_FOCAL_LENGTH: f64 = 1e-6;
 
 fn clipping_plane(map: &Map<'_>) -> (f64, f64) {
     let Some(planes) = map.map_opt("clipping plane") else { return PLANES };

@@ -6,6 +6,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::common::SourcePos;
+use super::model::ObjectType;
 use super::reader::is_version_key;
 use super::report::LoadError;
 use super::yaml::{Document, Kind, Mark};
@@ -42,22 +43,8 @@ impl FileKind {
 const TELLING_KEYS: [(FileKind, &[&str]); 4] = [
     (FileKind::Launch, &["world config", "input devices config", "color config", "multibody configs"]),
     (FileKind::InputDevices, &["input devices"]),
-    (
-        FileKind::Model,
-        &[
-            "bodies",
-            "soft bodies",
-            "ghost objects",
-            "sensors",
-            "actuators",
-            "joints",
-            "vehicles",
-            "volumes",
-            "high resolution path",
-            "low resolution path",
-            "ignore inter-collision",
-        ],
-    ),
+    // Beside the lists of objects that worlds have not.
+    (FileKind::Model, &["high resolution path", "low resolution path", "ignore inter-collision"]),
     (FileKind::World, &["environment", "enclosure", "enclosure size", "max iterations", "skybox", "physics"]),
 ];
 
@@ -155,8 +142,12 @@ impl Outline {
     /// What kind of file it is, by its keys; `None` when none of them tells.
     pub fn kind(&self) -> Option<FileKind> {
         let root = self.root();
-        let telling = TELLING_KEYS.iter().find(|(_, keys)| keys.iter().any(|key| root.get(key).is_some()));
-        if let Some((kind, _)) = telling {
+        let has = |key: &str| root.get(key).is_some();
+        let lists_objects = || ObjectType::ALL.iter().any(|kind| !kind.is_in_worlds() && has(kind.list()));
+        let tells = |(kind, keys): &&(FileKind, &[&str])| {
+            keys.iter().any(|key| has(key)) || (*kind == FileKind::Model && lists_objects())
+        };
+        if let Some((kind, _)) = TELLING_KEYS.iter().find(tells) {
             return Some(*kind);
         }
         // What a world and a model share stands alone in worlds only: a model has something that can move.

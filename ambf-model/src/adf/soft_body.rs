@@ -33,71 +33,65 @@ pub struct SoftBody {
     pub config: SoftBodyConfig,
 }
 
-/// Bullet's soft body parameters under their names in ADF. All are written to Bullet, absent ones with their default.
-#[derive(Clone, Debug, PartialEq)]
-#[allow(non_snake_case)] // Bullet's and ADF's names, known to every user of either
-pub struct SoftBodyConfig {
-    /// Velocities correction factor (Baumgarte). Default: 1.
+/// Bullet's parameters of a soft body under Bullet's names. The default is Bullet's.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[allow(non_snake_case)] // Bullet's names, known to every user of it
+pub struct SoftConfig {
+    /// Velocities correction factor (Baumgarte).
     pub kVCF: f64,
-    /// Damping coefficient, 0 to 1. Default: 0.
+    /// Damping, 0 to 1: share of the velocity lost in a sub-step.
     pub kDP: f64,
-    /// Drag coefficient. Default: 0.
+    /// Drag. There is no air: without effect.
     pub kDG: f64,
-    /// Lift coefficient. Default: 0.
+    /// Lift. There is no air: without effect.
     pub kLF: f64,
-    /// Pressure coefficient. Default: 0.
+    /// Pressure; needs faces that enclose a volume.
     pub kPR: f64,
-    /// Volume conservation coefficient. Default: 0.
+    /// Volume conservation.
     pub kVC: f64,
-    /// Dynamic friction coefficient, 0 to 1. Default: 0.2.
+    /// Dynamic friction, 0 to 1.
     pub kDF: f64,
-    /// Pose matching coefficient, 0 to 1; `None`: 0, and no pose matching.
-    pub kMT: Option<f64>,
-    /// Rigid contact hardness. Default: 1.
+    /// Pose matching, 0 to 1.
+    pub kMT: f64,
+    /// Hardness of contacts with dynamic bodies, 0 to 1.
     pub kCHR: f64,
-    /// Kinetic contact hardness. Default: 0.1.
+    /// Hardness of contacts with static bodies, 0 to 1.
     pub kKHR: f64,
-    /// Soft contact hardness. Default: 1.
+    /// Hardness of contacts with soft bodies, 0 to 1.
     pub kSHR: f64,
-    /// Anchor hardness. Default: 0.7.
+    /// Hardness of anchors, 0 to 1.
     pub kAHR: f64,
-    /// Soft against rigid hardness, clusters. Default: 0.1.
+    /// Clusters: hardness against dynamic bodies, 0 to 1.
     pub kSRHR_CL: f64,
-    /// Soft against kinetic hardness, clusters. Default: 1.
+    /// Clusters: hardness against static bodies, 0 to 1.
     pub kSKHR_CL: f64,
-    /// Soft against soft hardness, clusters. Default: 0.5.
+    /// Clusters: hardness against soft bodies, 0 to 1.
     pub kSSHR_CL: f64,
-    /// Soft against rigid impulse split, clusters. Default: 0.5.
+    /// Clusters: split of the impulse with dynamic bodies, 0 to 1.
     pub kSR_SPLT_CL: f64,
-    /// Soft against kinetic impulse split, clusters. Default: 0.5.
+    /// Clusters: split of the impulse with static bodies, 0 to 1.
     pub kSK_SPLT_CL: f64,
-    /// Soft against soft impulse split, clusters. Default: 0.5.
+    /// Clusters: split of the impulse with soft bodies, 0 to 1.
     pub kSS_SPLT_CL: f64,
-    /// Maximum volume ratio for the pose. Default: 1.
+    /// Maximum volume ratio for the pose.
     pub maxvolume: f64,
-    /// Time scale. Default: 1.
+    /// Time scale, positive.
     pub timescale: f64,
-    /// Velocity solver iterations. Default: 0.
+    /// Iterations of the velocity solver, up to 1000.
     pub viterations: i32,
-    /// Position solver iterations. Default: 1.
+    /// Iterations of the position solver, up to 1000.
     pub piterations: i32,
-    /// Drift solver iterations. Default: 0.
+    /// Iterations of the drift solver, up to 1000.
     pub diterations: i32,
-    /// Cluster solver iterations. Default: 4.
+    /// Iterations of the cluster solver, up to 1000.
     pub citerations: i32,
-    /// Bullet's collision flags. Default: 1.
+    /// Collision types, a bit mask: 1 nodes against bodies, 2 clusters against bodies, 16 nodes against faces of soft
+    /// bodies, 32 clusters against clusters of soft bodies. Other bits are left out: Bullet 3 has no collision of a
+    /// soft body's clusters with each other.
     pub flags: i32,
-    /// Stiffness of material 0; `None`: none of the three keys is present, the material stays Bullet's.
-    pub material: Option<SoftMaterial>,
-    /// Distance of generated bending constraints; `None`: none are generated.
-    pub bending_constraint: Option<i32>,
-    /// Number of generated clusters; `None`: none are generated.
-    pub clusters: Option<i32>,
-    /// Vertex indices that get mass 0; not negative.
-    pub fixed_nodes: Vec<u32>,
 }
 
-impl Default for SoftBodyConfig {
+impl Default for SoftConfig {
     fn default() -> Self {
         Self {
             kVCF: 1.0,
@@ -107,7 +101,7 @@ impl Default for SoftBodyConfig {
             kPR: 0.0,
             kVC: 0.0,
             kDF: 0.2,
-            kMT: None,
+            kMT: 0.0,
             kCHR: 1.0,
             kKHR: 0.1,
             kSHR: 1.0,
@@ -125,12 +119,25 @@ impl Default for SoftBodyConfig {
             diterations: 0,
             citerations: 4,
             flags: 1,
-            material: None,
-            bending_constraint: None,
-            clusters: None,
-            fixed_nodes: Vec::new(),
         }
     }
+}
+
+/// Parameters of a soft body. All are written to Bullet, absent ones with their default.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SoftBodyConfig {
+    /// Bullet's numbers.
+    pub numbers: SoftConfig,
+    /// Whether the shape at the start is kept for pose matching: `kMT` is present.
+    pub pose_matching: bool,
+    /// Stiffness of material 0; `None`: none of the three keys is present, the material stays Bullet's.
+    pub material: Option<SoftMaterial>,
+    /// Distance of generated bending constraints; `None`: none are generated.
+    pub bending_constraint: Option<i32>,
+    /// Number of generated clusters; `None`: none are generated.
+    pub clusters: Option<i32>,
+    /// Vertex indices that get mass 0; not negative.
+    pub fixed_nodes: Vec<u32>,
 }
 
 /// Stiffness coefficients of a soft body's material, each 0 to 1. Default: 1 each.
@@ -155,30 +162,30 @@ impl SoftBodyConfig {
     /// The coefficients for which `btSoftBody.h` gives a range from 0 on, with the upper end of it: beyond it Bullet's
     /// solver can make positions that are no numbers.
     fn bounded(&mut self) -> impl Iterator<Item = (&'static str, &mut f64, f64)> {
-        let any = f64::INFINITY;
+        let (any, numbers) = (f64::INFINITY, &mut self.numbers);
         let material = self.material.as_mut();
         let material =
             material.map(|SoftMaterial { kLST, kAST, kVST }| [("kLST", kLST), ("kAST", kAST), ("kVST", kVST)]);
         let material = material.into_iter().flatten().map(|(key, value)| (key, value, 1.0));
         [
-            ("kDP", &mut self.kDP, 1.0),
-            ("kDG", &mut self.kDG, any),
-            ("kLF", &mut self.kLF, any),
-            ("kVC", &mut self.kVC, any),
-            ("kDF", &mut self.kDF, 1.0),
-            ("kCHR", &mut self.kCHR, 1.0),
-            ("kKHR", &mut self.kKHR, 1.0),
-            ("kSHR", &mut self.kSHR, 1.0),
-            ("kAHR", &mut self.kAHR, 1.0),
-            ("kSRHR_CL", &mut self.kSRHR_CL, 1.0),
-            ("kSKHR_CL", &mut self.kSKHR_CL, 1.0),
-            ("kSSHR_CL", &mut self.kSSHR_CL, 1.0),
-            ("kSR_SPLT_CL", &mut self.kSR_SPLT_CL, 1.0),
-            ("kSK_SPLT_CL", &mut self.kSK_SPLT_CL, 1.0),
-            ("kSS_SPLT_CL", &mut self.kSS_SPLT_CL, 1.0),
+            ("kDP", &mut numbers.kDP, 1.0),
+            ("kDG", &mut numbers.kDG, any),
+            ("kLF", &mut numbers.kLF, any),
+            ("kVC", &mut numbers.kVC, any),
+            ("kDF", &mut numbers.kDF, 1.0),
+            ("kCHR", &mut numbers.kCHR, 1.0),
+            ("kKHR", &mut numbers.kKHR, 1.0),
+            ("kSHR", &mut numbers.kSHR, 1.0),
+            ("kAHR", &mut numbers.kAHR, 1.0),
+            ("kSRHR_CL", &mut numbers.kSRHR_CL, 1.0),
+            ("kSKHR_CL", &mut numbers.kSKHR_CL, 1.0),
+            ("kSSHR_CL", &mut numbers.kSSHR_CL, 1.0),
+            ("kSR_SPLT_CL", &mut numbers.kSR_SPLT_CL, 1.0),
+            ("kSK_SPLT_CL", &mut numbers.kSK_SPLT_CL, 1.0),
+            ("kSS_SPLT_CL", &mut numbers.kSS_SPLT_CL, 1.0),
+            ("kMT", &mut numbers.kMT, 1.0),
         ]
         .into_iter()
-        .chain(self.kMT.as_mut().map(|value| ("kMT", value, 1.0)))
         .chain(material)
     }
 
@@ -232,44 +239,46 @@ impl SoftBody {
 impl SoftBodyConfig {
     fn read(map: &Map<'_>) -> Self {
         let mut config = Self {
-            kMT: map.real("kMT"),
+            pose_matching: map.has("kMT"),
             bending_constraint: map.int("bending constraint"),
             clusters: map.int("clusters"),
             material: SoftMaterial::read(map),
             fixed_nodes: fixed_nodes(map),
             ..Self::default()
         };
+        let numbers = &mut config.numbers;
         for (key, value) in [
-            ("kVCF", &mut config.kVCF),
-            ("kDP", &mut config.kDP),
-            ("kDG", &mut config.kDG),
-            ("kLF", &mut config.kLF),
-            ("kPR", &mut config.kPR),
-            ("kVC", &mut config.kVC),
-            ("kDF", &mut config.kDF),
-            ("kCHR", &mut config.kCHR),
-            ("kKHR", &mut config.kKHR),
-            ("kSHR", &mut config.kSHR),
-            ("kAHR", &mut config.kAHR),
-            ("kSRHR_CL", &mut config.kSRHR_CL),
-            ("kSKHR_CL", &mut config.kSKHR_CL),
-            ("kSSHR_CL", &mut config.kSSHR_CL),
-            ("kSR_SPLT_CL", &mut config.kSR_SPLT_CL),
-            ("kSK_SPLT_CL", &mut config.kSK_SPLT_CL),
-            ("kSS_SPLT_CL", &mut config.kSS_SPLT_CL),
-            ("maxvolume", &mut config.maxvolume),
-            ("timescale", &mut config.timescale),
+            ("kVCF", &mut numbers.kVCF),
+            ("kDP", &mut numbers.kDP),
+            ("kDG", &mut numbers.kDG),
+            ("kLF", &mut numbers.kLF),
+            ("kPR", &mut numbers.kPR),
+            ("kVC", &mut numbers.kVC),
+            ("kDF", &mut numbers.kDF),
+            ("kMT", &mut numbers.kMT),
+            ("kCHR", &mut numbers.kCHR),
+            ("kKHR", &mut numbers.kKHR),
+            ("kSHR", &mut numbers.kSHR),
+            ("kAHR", &mut numbers.kAHR),
+            ("kSRHR_CL", &mut numbers.kSRHR_CL),
+            ("kSKHR_CL", &mut numbers.kSKHR_CL),
+            ("kSSHR_CL", &mut numbers.kSSHR_CL),
+            ("kSR_SPLT_CL", &mut numbers.kSR_SPLT_CL),
+            ("kSK_SPLT_CL", &mut numbers.kSK_SPLT_CL),
+            ("kSS_SPLT_CL", &mut numbers.kSS_SPLT_CL),
+            ("maxvolume", &mut numbers.maxvolume),
+            ("timescale", &mut numbers.timescale),
         ] {
             if let Some(x) = map.real(key) {
                 *value = x;
             }
         }
         for (key, value) in [
-            ("viterations", &mut config.viterations),
-            ("piterations", &mut config.piterations),
-            ("diterations", &mut config.diterations),
-            ("citerations", &mut config.citerations),
-            ("flags", &mut config.flags),
+            ("viterations", &mut numbers.viterations),
+            ("piterations", &mut numbers.piterations),
+            ("diterations", &mut numbers.diterations),
+            ("citerations", &mut numbers.citerations),
+            ("flags", &mut numbers.flags),
         ] {
             if let Some(x) = map.int(key) {
                 *value = x;
@@ -347,11 +356,11 @@ mod tests {
                     kPR: -3\n    kVC: -1\n    kMT: 1.5\n    kLST: 2\n    kCHR: 1\n    timescale: 3\n";
         let (model, problems) = read::<Model>(text);
         let config = &model.soft_bodies[0].config;
-        assert_eq!((config.kDF, config.kDP, config.kMT), (10.0, -0.5, Some(1.5)), "as written");
-        let clamped = config.within_range();
-        assert_eq!((clamped.kDF, clamped.kDP, clamped.kVC, clamped.kMT), (1.0, 0.0, 0.0, Some(1.0)));
+        assert_eq!((config.numbers.kDF, config.numbers.kDP, config.numbers.kMT), (10.0, -0.5, 1.5), "as written");
+        let SoftBodyConfig { numbers: clamped, material, .. } = config.within_range();
+        assert_eq!((clamped.kDF, clamped.kDP, clamped.kVC, clamped.kMT), (1.0, 0.0, 0.0, 1.0));
         assert_eq!((clamped.kDG, clamped.kPR, clamped.timescale), (7.0, -3.0, 3.0));
-        assert_eq!(clamped.material.map(|material| material.kLST), Some(1.0));
+        assert_eq!(material.map(|material| material.kLST), Some(1.0));
         assert_eq!(problems.len(), 5, "{problems:#?}");
         assert!(
             problems.contains(

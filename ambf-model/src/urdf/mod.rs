@@ -109,24 +109,12 @@ fn read(robot: &Element<'_>, packages: &Packages) -> Model {
     let names: Vec<String> = links.iter().map(|link| link.name.to_owned()).collect();
     let self_collision = self_collision(robot);
     let path = robot.file().path();
+    let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     Model {
-        name: path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
-        file: path.clone(),
         bodies: convert::bodies(links, &places, &namespace, &self_collision.links),
         joints: convert::joints(&names, &places, &joints, &namespace),
-        namespace,
         ignore_inter_collision: !self_collision.all,
-        soft_bodies: vec![],
-        ghosts: vec![],
-        sensors: vec![],
-        actuators: vec![],
-        vehicles: vec![],
-        cameras: vec![],
-        lights: vec![],
-        volumes: vec![],
-        gravity: None,
-        shaders: None,
-        plugins: vec![],
+        ..Model::empty(name, namespace, path.clone())
     }
 }
 

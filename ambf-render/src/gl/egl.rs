@@ -15,7 +15,7 @@ const PLATFORM_DEVICE: egl::Enum = 0x313F;
 const PLATFORM_SURFACELESS: egl::Enum = 0x31DD;
 const DEFAULT_DISPLAY: *mut c_void = std::ptr::null_mut();
 /// Most devices that are looked at.
-const MOST_DEVICES: usize = 16;
+const MAX_DEVICES: usize = 16;
 
 /// A context without a surface.
 pub(super) struct Offscreen {
@@ -170,16 +170,16 @@ fn hardware(egl: &Egl) -> Vec<*mut c_void> {
     type QueryString = unsafe extern "system" fn(*mut c_void, egl::Int) -> *const std::ffi::c_char;
     let functions = egl.get_proc_address("eglQueryDevicesEXT").zip(egl.get_proc_address("eglQueryDeviceStringEXT"));
     let Some((devices, string)) = functions else { return Vec::new() };
-    let mut found = [std::ptr::null_mut(); MOST_DEVICES];
+    let mut found = [std::ptr::null_mut(); MAX_DEVICES];
     let mut count = 0;
     // SAFETY: the signatures are those of EGL_EXT_device_enumeration and EGL_EXT_device_query; the array has the size
     // that is passed.
     let (string, ok) = unsafe {
         let query = std::mem::transmute::<extern "system" fn(), QueryDevices>(devices);
         let string = std::mem::transmute::<extern "system" fn(), QueryString>(string);
-        (string, query(MOST_DEVICES as egl::Int, found.as_mut_ptr(), &raw mut count))
+        (string, query(MAX_DEVICES as egl::Int, found.as_mut_ptr(), &raw mut count))
     };
-    let count = usize::try_from(count).unwrap_or(0).min(MOST_DEVICES);
+    let count = usize::try_from(count).unwrap_or(0).min(MAX_DEVICES);
     let is_hardware = |device: &*mut c_void| {
         // SAFETY: the device comes from EGL; the text is static or null.
         let extensions = unsafe {

@@ -26,7 +26,7 @@ const TEXTURE0: u32 = 0x84C0;
 const EYE_PLANE: u32 = 0x2502;
 const TEXTURE_COORDINATES: [u32; 4] = [0x2000, 0x2001, 0x2002, 0x2003];
 /// Lights that the fixed-function pipeline has.
-const MOST_LIGHTS: u32 = 8;
+const MAX_LIGHTS: u32 = 8;
 
 /// A spot light in world coordinates.
 #[derive(Debug, Clone, Copy)]
@@ -119,7 +119,7 @@ impl Functions {
             // set.
             (self.load_matrix)(view.as_ptr());
             (self.light_model)(LIGHT_MODEL_AMBIENT, [0.2_f32, 0.2, 0.2, 1.0].as_ptr());
-            for (index, place) in (LIGHT0..LIGHT0 + MOST_LIGHTS).enumerate() {
+            for (index, place) in (LIGHT0..LIGHT0 + MAX_LIGHTS).enumerate() {
                 let set = |name: u32, value: &[f32; 4]| (self.light)(place, name, value.as_ptr());
                 let number = |name: u32, value: f32| (self.light)(place, name, &raw const value);
                 let Some(light) = lights.get(index) else {

@@ -10,7 +10,7 @@ use nalgebra::{Isometry3, Matrix4, Point3, Vector3};
 
 use super::Resources;
 use crate::gl::Current;
-use crate::lights::MOST_LIGHTS;
+use crate::lights::MAX_LIGHTS;
 use crate::meshes::MeshRequest;
 use crate::sky;
 use crate::stage::{frame_length, rows, Built, Item, Look, Object, SoftItem, Source};
@@ -160,9 +160,9 @@ impl Resources {
         for (id, actuator) in visuals.actuators.entries() {
             add(Source::Actuator(id), &actuator.object);
         }
-        let dark = visuals.lights.iter().filter(|light| !light.object.removed).skip(MOST_LIGHTS).count();
+        let dark = visuals.lights.iter().filter(|light| !light.object.removed).skip(MAX_LIGHTS).count();
         if dark > 0 {
-            messages.push(format!("{dark} lights shine on nothing: {MOST_LIGHTS} lights are drawn at most"));
+            messages.push(format!("{dark} lights shine on nothing: {MAX_LIGHTS} lights are drawn at most"));
         }
         let without = "shaders have no effect: the built-in ones do what they are for";
         for camera in visuals.cameras.iter().filter(|camera| camera.description.depth_compute_shaders.is_some()) {

@@ -141,7 +141,7 @@ impl App {
             Action::RemovePicked => match self.last_picked.take() {
                 Some((body, identifier)) => {
                     self.stage.own_frames.remove(&identifier);
-                    self.let_go();
+                    self.release_held();
                     self.outbox.post(WindowRequest::RemoveBody(body));
                 }
                 None => self.tell("no body was picked: pick one first (p, then the left button)".into()),
@@ -271,4 +271,21 @@ impl App {
 pub(super) fn is_model_file(file: &Path) -> bool {
     let extension = file.extension().and_then(|extension| extension.to_str());
     extension.is_some_and(|extension| ["yaml", "YAML", "ambf", "AMBF"].contains(&extension))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+
+    #[test]
+    fn row_67_only_models_may_be_dropped() {
+        for name in ["a.yaml", "b.YAML", "/x/c.ambf", "d.e.AMBF"] {
+            assert!(is_model_file(Path::new(name)), "{name}");
+        }
+        for name in ["a.txt", "yaml", "a.Yaml", "a.yml", ""] {
+            assert!(!is_model_file(Path::new(name)), "{name}");
+        }
+    }
 }

@@ -63,7 +63,7 @@ impl App {
         }
     }
 
-    pub(super) fn let_go(&mut self) {
+    pub(super) fn release_held(&mut self) {
         self.picking = None;
         self.held = None;
         self.outbox.post(WindowRequest::Release);
@@ -73,7 +73,7 @@ impl App {
         let Some(held) = &self.held else { return };
         let is_gone = held.body.is_some_and(|body| visuals.bodies.get(body).is_none_or(|body| body.object.removed));
         if is_gone {
-            self.let_go();
+            self.release_held();
         } else if let Some((origin, direction)) = self.ray(held.camera, visuals, snapshot) {
             self.outbox.post(WindowRequest::Drag { origin, direction });
         }
@@ -91,7 +91,7 @@ impl App {
                 if held == button {
                     self.windows[place].drag = None;
                     if drag == Drag::Pick {
-                        self.let_go();
+                        self.release_held();
                     }
                 }
             }
@@ -191,4 +191,49 @@ pub(super) fn pointer_ray(
     let y = if mirrored { f64::from(size.1) - pointer.y } else { pointer.y };
     let ray = view.ray(size.0, size.1, pointer.x, y);
     (ray.origin.coords, ray.direction)
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Isometry3, Vector3};
+
+    use super::*;
+
+    /// A ball of 0.05 m with its centre at `point` is what the ray under the pixel where that is seen meets.
+    #[test]
+    fn row_58_the_body_under_the_pointer_is_picked_in_stereo_orthographic_and_mirrored_views() {
+        use ambf_render::{Projection, Stereo};
+        let pose = Isometry3::new(Vector3::new(2.0, 0.1, 0.3), Vector3::new(0.1, 0.05, -0.05));
+        let size = (641, 480);
+        let perspective = View { pose, near: 0.1, far: 10.0, projection: Projection::Perspective(1.4), stereo: None };
+        let stereo = View { stereo: Some(Stereo { separation: 0.2, focal_length: 1.5 }), ..perspective };
+        let orthographic = View { projection: Projection::Orthographic(3.0), ..perspective };
+        let points = [[0.0, 0.1, 0.2], [-0.5, -0.3, 0.1], [0.4, 0.3, 0.0]].map(Vector3::from);
+        for (view, eyes) in [(perspective, 1), (stereo, 2), (orthographic, 1)] {
+            assert_eq!(view.eyes(size.0, size.1).len(), eyes);
+            for (mirrored, point) in [false, true].iter().flat_map(|m| points.iter().map(move |p| (*m, *p))) {
+                for eye in view.eyes(size.0, size.1) {
+                    // Where the renderer puts the point: projection, then the part of the window that the eye has, from
+                    // the upper edge; mirrored windows count from the lower one.
+                    let clip = eye.projection * eye.view * point.push(1.0);
+                    let (x, y) = (clip.x / clip.w, clip.y / clip.w);
+                    assert!(x.abs() < 0.99 && y.abs() < 0.99, "in the picture");
+                    let up = if mirrored { -y } else { y };
+                    let pointer = PhysicalPosition {
+                        x: f64::from(eye.left) + 0.5 * (x + 1.0) * f64::from(eye.width),
+                        y: 0.5 * (1.0 - up) * f64::from(eye.height),
+                    };
+                    let distance = |mirrored| {
+                        let (origin, direction) = pointer_ray(&view, size, pointer, mirrored);
+                        assert!((direction.norm() - 1.0).abs() < 1e-12);
+                        assert!(direction.dot(&(point - origin)) > 0.0, "ahead");
+                        (point - origin).cross(&direction).norm()
+                    };
+                    assert!(distance(mirrored) < 1e-6, "{view:?} {mirrored}: {}", distance(mirrored));
+                    let is_off_centre = y.abs() > 0.1;
+                    assert!(!is_off_centre || distance(!mirrored) > 0.05, "the other way up it is another body");
+                }
+            }
+        }
+    }
 }

@@ -1,4 +1,4 @@
-//! What is told about arms under `/diagnostics`, as data: who publishes diagnostics asks a [`Board`] for it.
+//! The reports on arms under `/diagnostics`, as data: who publishes diagnostics asks a [`Board`] for it.
 
 use std::sync::{Arc, Weak};
 

@@ -1,7 +1,7 @@
 //! Grasping by rules: a jaw that is closed on a free object holds it, whatever friction would do.
 //!
 //! The object is taken when the jaw is commanded to `close` or less and all fingers touch it near the middle of the
-//! jaw; it is let go at `open`. An object that is torn away is lost until the jaw has opened.
+//! jaw; it is released at `open`. An object that is torn away is lost until the jaw has opened.
 
 use ambf_plugin::{ObjectType, Touch, View};
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -11,7 +11,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 pub struct GraspConfig {
     /// Jaw angle at which an object is taken, rad. Default: 0.04.
     pub close: f64,
-    /// Jaw angle at which it is let go, rad; above `close`. Default: 0.08.
+    /// Jaw angle at which it is released, rad; above `close`. Default: 0.08.
     pub open: f64,
     /// Parts of the names of objects that can be held; empty: any. Default: empty.
     pub only: Vec<String>,
@@ -70,7 +70,7 @@ impl Grasp {
         }
     }
 
-    /// Takes, keeps or lets go after a step. `jaw`: angle to which the jaw is commanded, rad; `point`: the control
+    /// Grasps, keeps or releases after a step. `jaw`: angle to which the jaw is commanded, rad; `point`: the control
     /// point.
     pub fn update(&mut self, world: &mut View<'_>, jaw: f64, point: &Isometry3<f64>) {
         if jaw >= self.rules.open {

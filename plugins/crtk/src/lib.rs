@@ -13,7 +13,7 @@
 //! | [`transport`] | how topics reach clients: a trait, and ROS 1 |
 //! | [`exchange`], [`serve`] | commands and states between threads; the thread that publishes |
 //! | [`bind`], [`grasp`], [`plugin`] | arms in a scene; what their jaws hold; the plugin of the simulator |
-//! | [`statistics`], [`diagnostics`] | how regularly arms are updated; what is told about them |
+//! | [`statistics`], [`diagnostics`] | how regularly arms are updated; reports on them |
 //!
 //! The mathematics is in `README.md`, use in `docs/crtk.md`.
 

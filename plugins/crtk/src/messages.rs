@@ -261,10 +261,10 @@ impl Message {
 }
 
 /// Most elements of an array that is read: arms have eight joints.
-const MOST_ELEMENTS: usize = 256;
+const MAX_ELEMENTS: usize = 256;
 
 /// Longest text that is read, bytes.
-const LONGEST_TEXT: usize = 4096;
+const MAX_TEXT: usize = 4096;
 
 /// Bytes not read yet.
 struct Bytes<'a>(&'a [u8]);
@@ -294,12 +294,12 @@ impl<'a> Bytes<'a> {
     }
 
     fn text(&mut self) -> Option<String> {
-        let count = self.count(LONGEST_TEXT)?;
+        let count = self.count(MAX_TEXT)?;
         Some(String::from_utf8_lossy(self.take(count)?).into_owned())
     }
 
     fn list<T>(&mut self, mut read: impl FnMut(&mut Self) -> Option<T>) -> Option<Vec<T>> {
-        let count = self.count(MOST_ELEMENTS)?;
+        let count = self.count(MAX_ELEMENTS)?;
         (0..count).map(|_| read(self)).collect()
     }
 

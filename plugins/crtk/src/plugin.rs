@@ -167,7 +167,7 @@ impl Plugin for Crtk {
         let arms = self.running.iter_mut().flat_map(|running| &mut running.arms);
         arms.for_each(|live| {
             live.inbox.take().for_each(drop);
-            live.binding.let_go(world);
+            live.binding.release(world);
             live.arm.reset();
         });
     }

@@ -50,7 +50,7 @@ pub enum Output {
     GoalReached,
     /// Share of the limits of trajectories, when it changes.
     Ratio(RatioOf),
-    /// That the number of the instrument is to be told.
+    /// That the number of the instrument is to be published.
     ToolTypeRequest,
     /// Whether the orientation is kept.
     OrientationLocked,

@@ -35,7 +35,7 @@ pub enum ArmError {
     /// Error when a number is not finite; nothing was changed or sent.
     #[error("{0} has numbers that are not finite")]
     NotFinite(&'static str),
-    /// Error when the arm cannot be told: its node is away, or does not listen to that topic.
+    /// Error when nothing can be sent to the arm: its node is away, or does not listen to that topic.
     #[error("{0} is not there, or does not listen to {1}")]
     NotHeard(String, &'static str),
     /// Error when the arm's dialect has no such command, or [`ArmOptions::motion`] is off.
@@ -465,7 +465,7 @@ impl Arm {
         self.inner.sent.load(Ordering::Relaxed)
     }
 
-    /// Sends no force, twice, and lets go of the arm; nothing else of ROS in this process is touched.
+    /// Sends a force of zero, twice, and closes the arm; nothing else of ROS in this process is touched.
     pub fn close(self) {
         drop(self);
     }

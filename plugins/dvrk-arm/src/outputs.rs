@@ -1,4 +1,4 @@
-//! What an arm is told, in the topics of its dialect.
+//! What is sent to an arm, in the topics of its dialect.
 
 use std::sync::Arc;
 
@@ -57,7 +57,7 @@ pub(crate) struct Motion {
 pub(crate) struct Outputs {
     pub dialect: Dialect,
     wrench: WrenchOut,
-    /// Latched: an arm that comes late is told too.
+    /// Latched: an arm that comes late gets it, too.
     orientation_lock: Out<std_msgs::Bool>,
     gravity: Out<std_msgs::Bool>,
     /// Not latched: an arm that comes back must not home because of what was said before.

@@ -17,7 +17,7 @@ use crate::wire::{self, Stamped};
 const ASK_AGAIN: Duration = Duration::from_secs(2);
 
 /// Most such requests until the arm's state changes.
-const MOST_ASKED: u32 = 3;
+const MAX_REQUESTS: u32 = 3;
 
 /// An arm that is listed but silent for so long may speak another dialect, if that is listed too.
 const SILENCE: Duration = Duration::from_secs(2);
@@ -173,10 +173,10 @@ impl Session {
             (self.asked, self.asked_in) = (0, state.clone());
         }
         let patient = self.asked_at.is_some_and(|at| at.elapsed() < ASK_AGAIN) || *busy;
-        if !patient && self.asked < MOST_ASKED && outputs.ask(command) {
+        if !patient && self.asked < MAX_REQUESTS && outputs.ask(command) {
             (self.asked, self.asked_at) = (self.asked + 1, Some(Instant::now()));
             inner.say(&format!("is told to {command}"));
-            if self.asked == MOST_ASKED {
+            if self.asked == MAX_REQUESTS {
                 inner.say(&format!("is not told to {command} again until its state changes"));
             }
         }

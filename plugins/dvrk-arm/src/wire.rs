@@ -7,7 +7,7 @@ use crate::frames::{is_finite, Wrench};
 use crate::inner::Mode;
 
 /// Most numbers in an array that is read: arms have seven joints.
-const MOST_NUMBERS: usize = 1 << 10;
+const MAX_NUMBERS: usize = 1 << 10;
 
 /// Bytes not read yet.
 struct Bytes<'a>(&'a [u8]);
@@ -37,7 +37,7 @@ impl<'a> Bytes<'a> {
     }
 
     fn numbers(&mut self) -> Option<Vec<f64>> {
-        let count = self.count().filter(|&count| count <= MOST_NUMBERS)?;
+        let count = self.count().filter(|&count| count <= MAX_NUMBERS)?;
         (0..count).map(|_| self.number()).collect()
     }
 

@@ -52,12 +52,12 @@ pub(crate) enum Answer {
     Silence,
 }
 
-/// An open device. However it is let go of, its motors are told to rest first.
+/// An open device. However it is closed, its motors are sent forces of zero first.
 pub(crate) struct Link {
     bus: Arc<dyn Bus>,
     port: Box<dyn Port>,
     parser: Parser,
-    /// Whether the motion program was heard: the loader can't be told to rest, and needs not.
+    /// Whether the motion program was heard: the loader takes no forces, and needs none.
     moves: bool,
 }
 
@@ -179,7 +179,7 @@ impl Drop for Link {
     fn drop(&mut self) {
         if self.moves {
             for _ in 0..3 {
-                // A device that is gone can't be told. The stack may be unwinding, so a panic must not get out.
+                // A device that is gone takes nothing. The stack may be unwinding, so a panic must not get out.
                 drop(caught(|| self.command(&Command::zero(Led::Off))));
             }
         }

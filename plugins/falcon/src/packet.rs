@@ -35,7 +35,7 @@ impl Led {
     }
 }
 
-/// What the device is told.
+/// What is sent to the device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Command {
     /// Motor values of the legs, within ±4096.

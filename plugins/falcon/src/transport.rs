@@ -60,7 +60,7 @@ pub trait Bus: Send + Sync {
     }
 }
 
-/// An open device. Dropping it lets go of the device.
+/// An open device. Dropping it closes the device.
 pub trait Port: Send {
     /// A request of the serial chip, without data.
     ///

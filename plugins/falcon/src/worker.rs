@@ -11,13 +11,13 @@ use crate::motion::{Motion, Wanted};
 use crate::settings::Config;
 use crate::transport::{Bus, TransportError};
 
-/// Without a reply for so long the device is told to rest.
+/// Without a reply for so long the device is sent forces of zero.
 const REPLY_TIMEOUT: Duration = Duration::from_millis(20);
 /// Without a reply for so long it is closed and opened again.
 const SILENCE: Duration = Duration::from_millis(200);
 /// A device that is gone is looked for so often.
 const RETRY: Duration = Duration::from_secs(1);
-/// Attempts to get the firmware into a device before the host is told.
+/// Attempts to get the firmware into a device before the host gets an error.
 const UPLOADS: u32 = 10;
 
 /// What a device is doing.
@@ -122,7 +122,7 @@ impl Worker {
         self.stop.load(Ordering::Relaxed)
     }
 
-    /// Sends zero forces and lets go of the device.
+    /// Sends zero forces and closes the device.
     pub fn end(&mut self) {
         self.link = None;
         self.leave(State::Away);
@@ -165,7 +165,7 @@ impl Worker {
     }
 
     fn lost(&mut self, link: Link, why: &str, retry_at: Instant) {
-        // It is told to rest, if it still hears.
+        // Forces of zero, if the device still answers.
         drop(link);
         self.say(format!("is lost: {why}. It is looked for until it is back"));
         self.retry_at = retry_at;

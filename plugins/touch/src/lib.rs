@@ -6,7 +6,7 @@
 //! and takes the newest force. All devices of the process share the library and its scheduler.
 //!
 //! Safety: no force without calibration, after 50 ms without a new one, for 100 ms after a force error, while the
-//! device is at fault, and before it is let go; the library's own limit of forces stays on.
+//! device is at fault, and before it is closed; the library's own limit of forces stays on.
 //!
 //! ```no_run
 //! use ambf_device::{DeviceLog, Driver, InputDevice, Settings};

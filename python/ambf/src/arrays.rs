@@ -75,9 +75,9 @@ impl Buffer {
 }
 
 /// Arrays that are kept of a kind: who asks for a picture often holds the one before.
-const MOST_KEPT: usize = 3;
+const MAX_KEPT: usize = 3;
 
-/// Arrays whose memory is used again when Python has let go of them: giving a program new memory takes the system as long
+/// Arrays whose memory is used again when Python has dropped them: giving a program new memory takes the system as long
 /// as half of a small picture.
 #[derive(Default)]
 pub struct Pool(Mutex<Vec<Py<PyAny>>>);
@@ -99,7 +99,7 @@ impl Pool {
             None => PyArray1::<T>::zeros(py, length, false).into_any(),
         };
         arrays.insert(0, array.clone().unbind());
-        arrays.truncate(MOST_KEPT);
+        arrays.truncate(MAX_KEPT);
         *kept() = arrays;
         Ok(array.cast::<PyArray1<T>>()?.try_readwrite()?)
     }

@@ -12,7 +12,7 @@ use ambf_render::{PictureRequest, Planes, RenderError, Renderer, Stage, View};
 use parking_lot::Mutex;
 
 /// Messages that are kept; further ones are dropped.
-const MOST_MESSAGES: usize = 1000;
+const MAX_MESSAGES: usize = 1000;
 
 /// What of a world is drawn, at one moment.
 pub struct Moment {
@@ -156,7 +156,7 @@ impl Drawing {
         Arc::clone(&self.messages)
     }
 
-    /// Lets go of the renderer.
+    /// Drops the renderer.
     pub fn close(&self) {
         if self.is_ours() {
             drop(self.studio.lock().take());
@@ -185,7 +185,7 @@ impl Drawing {
 
     fn say(&self, messages: Vec<String>) {
         let mut said = self.messages.lock();
-        let room = MOST_MESSAGES.saturating_sub(said.len());
+        let room = MAX_MESSAGES.saturating_sub(said.len());
         said.extend(messages.into_iter().take(room));
     }
 }

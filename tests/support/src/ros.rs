@@ -137,13 +137,13 @@ impl Simulator {
         Self::start_with(objects, |ros| ros)
     }
 
-    /// With a middleware that `furnish` has furnished.
-    pub fn start_with(objects: Vec<ObjectInfo>, furnish: impl FnOnce(RosMiddleware) -> RosMiddleware) -> Self {
+    /// With a middleware that `configure` has configured.
+    pub fn start_with(objects: Vec<ObjectInfo>, configure: impl FnOnce(RosMiddleware) -> RosMiddleware) -> Self {
         let n_bodies = objects.iter().filter(|o| matches!(o.kind, ObjectKind::RigidBody(..))).count();
         let hub = Arc::new(Hub::new(objects));
         let options = RosOptions::default();
         options.extras.devices.set(["left", "right", "foot"].map(device).to_vec());
-        let mut ros = furnish(RosMiddleware::new(options));
+        let mut ros = configure(RosMiddleware::new(options));
         ros.start(Arc::clone(&hub)).unwrap();
         let stop = Arc::new(AtomicBool::new(false));
         let physics = {

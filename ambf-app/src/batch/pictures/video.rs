@@ -8,7 +8,7 @@ use std::thread::JoinHandle;
 use super::{failed, PictureError};
 
 /// Most that is kept of what `ffmpeg` prints, bytes.
-const MOST_SAID: u64 = 4096;
+const MAX_OUTPUT: u64 = 4096;
 
 /// A video that grows.
 pub struct Video {
@@ -105,7 +105,7 @@ impl Drop for Video {
 fn listen(stderr: impl Read) -> String {
     let mut reader = std::io::BufReader::new(stderr);
     let mut said = Vec::new();
-    let _ = reader.by_ref().take(MOST_SAID).read_to_end(&mut said);
+    let _ = reader.by_ref().take(MAX_OUTPUT).read_to_end(&mut said);
     // The rest is read too, so that it does not wait for a reader.
     let _ = std::io::copy(&mut reader, &mut std::io::sink());
     String::from_utf8_lossy(&said).into_owned()

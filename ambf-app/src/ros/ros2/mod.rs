@@ -50,7 +50,7 @@ pub(super) use transport::Transport;
 /// How often the hub's list of objects is compared with what is served.
 const POLL: Duration = Duration::from_millis(50);
 
-/// What the ROS 2 side is told besides the hub.
+/// What the ROS 2 side uses besides the hub.
 #[derive(Clone, Default)]
 pub struct Ros2Options {
     /// What the command line says to ROS. Default: nothing; the node that is the program is then called
@@ -107,11 +107,6 @@ impl Ros2Middleware {
     pub fn with_point_clouds(mut self, clouds: Arc<PointClouds>) -> Self {
         self.clouds = clouds;
         self
-    }
-
-    /// Point clouds that clients publish, to be drawn.
-    pub fn point_clouds(&self) -> Arc<PointClouds> {
-        Arc::clone(&self.clouds)
     }
 
     /// Offers services with which clients add, remove and list models through `host`. Default: there are none.

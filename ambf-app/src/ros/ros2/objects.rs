@@ -6,7 +6,7 @@ use std::sync::Arc;
 #[cfg(feature = "pictures")]
 use ambf_core::comm::HubIndex;
 use ambf_core::comm::{ObjectInfo, ObjectKind};
-use ros2_node::names::{clean_node, clean_topic, NameSet, LONGEST_TOPIC};
+use ros2_node::names::{clean_node, clean_topic, NameSet, MAX_TOPIC};
 
 use super::super::messages::{std_msgs, string};
 use super::super::naming::graph_name;
@@ -19,7 +19,7 @@ use super::transport::{Latched, NodeParts, Transport};
 use crate::report;
 
 /// What topics of an object have behind its name, at most: `/Command/Reset/Bodies` and the like.
-const LONGEST_ENDING: usize = 40;
+const MAX_SUFFIX: usize = 40;
 
 /// An object that is served.
 struct ServedObject {
@@ -160,7 +160,7 @@ impl Objects {
     fn name(&mut self, object: &ObjectInfo) -> String {
         let own = if object.name.is_empty() { "_" } else { &object.name };
         let written = format!("/{}/{own}", object.namespace);
-        let name = self.names.claim(clean_topic(&written, LONGEST_TOPIC - LONGEST_ENDING));
+        let name = self.names.claim(clean_topic(&written, MAX_TOPIC - MAX_SUFFIX));
         if name != graph_name(&[&object.namespace, own]).0 {
             report!("ROS 2: \"{}\" is published as {name}", object.identifier);
         }

@@ -5,11 +5,11 @@ use std::sync::Arc;
 use ambf_core::comm::{Command, Hub};
 use dxr::Value as Ros1Value;
 use parking_lot::Mutex;
-use ros2_node::names::{check_topic, NameError, LONGEST_TOPIC};
+use ros2_node::names::{check_topic, NameError, MAX_TOPIC};
 use ros2_node::{Node, Parameter, Parameters, Subscription, Value};
 
 use super::super::parameters::{OnServer, Parameterised, Tree};
-use super::super::point_cloud::{listeners, radius_topic, PointClouds, LONGEST_CLOUD, LONGEST_RADIUS};
+use super::super::point_cloud::{listeners, radius_topic, PointClouds, MAX_CLOUD, MAX_RADIUS};
 use super::transport::{subscription, Failure};
 
 /// An object whose parameters are offered.
@@ -57,7 +57,7 @@ impl<P: OnServer + Command> Parameters for Offered<P> {
 }
 
 /// Clouds of points that a world listens to, at most: each is two topics and their memory.
-const MOST_CLOUDS: usize = 100;
+const MAX_CLOUDS: usize = 100;
 
 /// Why a list of topics is of no use.
 #[derive(Debug, thiserror::Error)]
@@ -66,7 +66,7 @@ enum CloudError {
     #[error("expected a list of names of topics")]
     NoList,
     /// Error when there are too many.
-    #[error("{0} topics are more than {MOST_CLOUDS}")]
+    #[error("{0} topics are more than {MAX_CLOUDS}")]
     Many(usize),
     /// Error when one is no name of a topic.
     #[error(transparent)]
@@ -106,10 +106,10 @@ impl CloudTopics {
 
     /// Listens to `topics` and to nothing else; to what it did before if that is not possible.
     fn follow(&self, topics: &[String]) -> Result<(), CloudError> {
-        if topics.len() > MOST_CLOUDS {
+        if topics.len() > MAX_CLOUDS {
             return Err(CloudError::Many(topics.len()));
         }
-        let longest = LONGEST_TOPIC - radius_topic("").len();
+        let longest = MAX_TOPIC - radius_topic("").len();
         for topic in topics {
             check_topic(topic)?;
             if topic.len() > longest {
@@ -132,9 +132,8 @@ impl CloudTopics {
 
     fn listen(&self, topic: &str) -> Result<Followed, Failure> {
         let (on_points, on_radius) = listeners(&self.clouds, topic);
-        let made = subscription(&self.node, topic, LONGEST_CLOUD, on_points).and_then(|points| {
-            Ok([points, subscription(&self.node, &radius_topic(topic), LONGEST_RADIUS, on_radius)?])
-        });
+        let made = subscription(&self.node, topic, MAX_CLOUD, on_points)
+            .and_then(|points| Ok([points, subscription(&self.node, &radius_topic(topic), MAX_RADIUS, on_radius)?]));
         if made.is_err() {
             self.clouds.remove(topic);
         }

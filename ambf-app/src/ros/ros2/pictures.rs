@@ -17,10 +17,10 @@ use super::transport::{Converted, Transport};
 use crate::warn;
 
 /// Bytes a second that a topic sends at most: RustDDS keeps what was sent for 6 s.
-const MOST_PER_SECOND: f64 = 32e6;
+const MAX_BYTES_PER_SECOND: f64 = 32e6;
 
 /// Longest message that subscriptions with the usual receive buffer of 212 992 bytes get, bytes.
-const LONGEST_BURST: usize = 200_000;
+const MAX_MESSAGE: usize = 200_000;
 
 /// Bytes of a point in a cloud, and of what is not picture in any message.
 const POINT: usize = 32;
@@ -76,7 +76,7 @@ struct LargeOutlet {
 impl LargeOutlet {
     /// Says once what becomes of messages of so many bytes.
     fn advise(&self, topic: &str, length: usize) {
-        if length > LONGEST_BURST && !self.is_advised.swap(true, Ordering::Relaxed) {
+        if length > MAX_MESSAGE && !self.is_advised.swap(true, Ordering::Relaxed) {
             warn!(
                 "ROS 2: {topic}: messages of {} kB are mostly lost by subscribers with the usual receive buffer: {}there set \
                  net.core.rmem_default and rmem_max to 4000000; this is said once",
@@ -105,7 +105,7 @@ impl PictureSink for LargeOutlet {
             return;
         }
         self.advise(publication.topic(), cdr.len());
-        *self.ready_at.lock() = Instant::now() + Duration::from_secs_f64(cdr.len() as f64 / MOST_PER_SECOND);
+        *self.ready_at.lock() = Instant::now() + Duration::from_secs_f64(cdr.len() as f64 / MAX_BYTES_PER_SECOND);
         // What a client that hangs does not read is lost, and counted.
         let _ = publication.send(cdr);
     }

@@ -29,7 +29,7 @@ use super::parameters::{from_command_line, CloudTopics, Given};
 use crate::{report, warn};
 
 /// Longest request of a service, bytes, as with ROS 1.
-const LONGEST_REQUEST: usize = 64 << 10;
+const MAX_REQUEST: usize = 64 << 10;
 
 /// Requests of a service that are answered at the same time; of more, clients get no answer.
 const REQUESTS_AT_ONCE: usize = 16;
@@ -182,7 +182,7 @@ impl Transport {
             let service =
                 Arc::new(Answering { name: name.into(), request, response, answer, busy: AtomicUsize::new(0) });
             let on_request = move |request| Answering::take::<S>(&service, request);
-            Ok(node.serve(name, &type_name, LONGEST_REQUEST, on_request)?)
+            Ok(node.serve(name, &type_name, MAX_REQUEST, on_request)?)
         });
         made.into_iter().for_each(|service| self.keep(service));
     }

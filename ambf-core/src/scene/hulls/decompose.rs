@@ -68,7 +68,7 @@ pub(super) fn decompose(sub: &SubMesh, wanted: &ConvexDecomposition) -> Divided 
 struct Part {
     /// Vertices of its hull.
     points: Vec<Vector>,
-    /// Of its hull.
+    /// Volume of its hull.
     volume: f64,
     /// Volume that was added when it was joined from others.
     added: f64,

@@ -47,19 +47,19 @@ pub enum Frame {
 }
 
 /// Most bytes of the name of a frame that a client chooses.
-pub const LONGEST_FRAME: usize = 63;
+pub const MAX_FRAME: usize = 63;
 
 /// The name of a frame, in place: the physics thread keeps it without allocating.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FrameName {
-    bytes: [u8; LONGEST_FRAME],
+    bytes: [u8; MAX_FRAME],
     count: u8,
 }
 
 impl FrameName {
-    /// `None` for an empty name and for one with more than [`LONGEST_FRAME`] bytes.
+    /// `None` for an empty name and for one with more than [`MAX_FRAME`] bytes.
     pub fn new(name: &str) -> Option<Self> {
-        let mut bytes = [0; LONGEST_FRAME];
+        let mut bytes = [0; MAX_FRAME];
         bytes.get_mut(..name.len())?.copy_from_slice(name.as_bytes());
         (!name.is_empty()).then_some(Self { bytes, count: name.len() as u8 })
     }
@@ -109,7 +109,7 @@ pub enum WrenchFrame {
     Spatial,
 }
 
-/// What an arm is told.
+/// A command of an arm.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Command {
     /// A state command.
@@ -254,7 +254,7 @@ pub enum Refusal {
     #[error("the ratio {0} is not above 0 and at most 1")]
     Ratio(f64),
     /// Error when the name of a frame is too long.
-    #[error("the frame `{0}…` has more than {LONGEST_FRAME} bytes")]
+    #[error("the frame `{0}…` has more than {MAX_FRAME} bytes")]
     LongFrame(String),
     /// Error when the name of a tool does not end with six digits.
     #[error("`{0}` is no instrument: expected six digits, or a name that ends with them")]
@@ -281,11 +281,11 @@ pub enum Refusal {
 }
 
 /// Longest text of a client that is repeated in a warning, characters.
-const LONGEST_QUOTE: usize = 64;
+const MAX_QUOTE: usize = 64;
 
 /// The beginning of what a client wrote.
 pub(super) fn quoted(text: &str) -> String {
-    text.chars().filter(|c| !c.is_control()).take(LONGEST_QUOTE).collect()
+    text.chars().filter(|c| !c.is_control()).take(MAX_QUOTE).collect()
 }
 
 /// Joint values with their names as they came.

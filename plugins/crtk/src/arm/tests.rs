@@ -631,7 +631,7 @@ fn a_named_frame_is_known_once_the_reference_is_called_so() {
     assert!(gap(&there, &place) < 1e-9);
     bench.tell(go("moon"));
     assert_eq!(bench.said().1.len(), 1);
-    let long = model.base_frame_command(&message(&base, &"x".repeat(LONGEST_FRAME + 1)));
+    let long = model.base_frame_command(&message(&base, &"x".repeat(MAX_FRAME + 1)));
     assert!(matches!(long, Command::RefusedSetting(Refusal::LongFrame(_))));
 }
 

@@ -45,7 +45,7 @@ pub struct DampedLeastSquares {
 const EXACT: f64 = 1e-10;
 
 /// Steps that make the error larger in a row, before it is given up.
-const MOST_DAMPINGS: usize = 12;
+const MAX_DAMPINGS: usize = 12;
 
 impl DampedLeastSquares {
     /// Joint coordinates within `limits` for `goal` in the base, from `present` on.
@@ -67,7 +67,7 @@ impl DampedLeastSquares {
         let mut damping = 1e-6;
         let mut failures = 0;
         for _ in 0..self.settings.iterations {
-            if error.norm() < EXACT || failures > MOST_DAMPINGS {
+            if error.norm() < EXACT || failures > MAX_DAMPINGS {
                 break;
             }
             let jacobian = self.weighted(chain.jacobian(&q));

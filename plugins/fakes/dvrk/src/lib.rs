@@ -94,7 +94,7 @@ pub fn parse_dialect(name: &str) -> Result<Dialect, String> {
     }
 }
 
-/// What an arm was told.
+/// A message to an arm.
 pub(crate) enum Told {
     Wrench(Wrench),
     Pose(Isometry3<f64>),
@@ -143,7 +143,7 @@ struct State {
 }
 
 impl World {
-    /// An arm was told something.
+    /// An arm got a message.
     pub fn hear(&self, arm: usize, told: Told) {
         let mut arm = self.arms[arm].lock();
         match told {

@@ -8,7 +8,7 @@ const BAUD_LOADER: u16 = 0x4138;
 const BAUD_LOADING: u16 = 0x0015;
 const BAUD_MOTION: u16 = 0x0002;
 /// Less can't be the motion program.
-const SHORTEST_IMAGE: usize = 7000;
+const MIN_IMAGE: usize = 7000;
 /// Commands remembered.
 const COMMANDS: usize = 10_000;
 
@@ -98,7 +98,7 @@ impl Board {
                 loader.woken |= high && !loader.dtr;
                 loader.dtr = high;
             }
-            Line::Baud(BAUD_MOTION) if loader.loading && self.image.len() >= SHORTEST_IMAGE => {
+            Line::Baud(BAUD_MOTION) if loader.loading && self.image.len() >= MIN_IMAGE => {
                 self.program = Program::Motion(MotionProgram::default());
             }
             Line::Baud(BAUD_MOTION) => *loader = Loader { dtr: loader.dtr, ..Loader::default() },

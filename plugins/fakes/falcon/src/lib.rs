@@ -217,11 +217,6 @@ impl FakeFalcon {
         }
     }
 
-    /// Takes back the faults that have not happened.
-    pub fn heal(&self) {
-        self.device.lock().faults.clear();
-    }
-
     /// Whether a program has it.
     pub fn is_open(&self) -> bool {
         self.device.lock().open

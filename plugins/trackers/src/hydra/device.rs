@@ -18,7 +18,7 @@ const STALE: Duration = Duration::from_millis(100);
 /// A base that is silent for so long is lost.
 const LOST: Duration = Duration::from_secs(2);
 /// More reports than the kernel keeps.
-const MOST_REPORTS: u32 = 128;
+const MAX_REPORTS: u32 = 128;
 
 /// Name of the model.
 pub(super) const MODEL: &str = "Razer Hydra";
@@ -113,7 +113,7 @@ impl<F: Hid> InputDevice for Hydra<F> {
         let now = Instant::now();
         let mut bytes = [0; FEATURE];
         let mut result = Ok(());
-        for _ in 0..MOST_REPORTS {
+        for _ in 0..MAX_REPORTS {
             match file.read(&mut bytes) {
                 Ok(0) => {
                     result = Err(self.lost("its file has ended"));

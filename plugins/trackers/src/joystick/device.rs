@@ -12,7 +12,7 @@ use super::options::Options;
 use crate::tracker;
 
 /// Longer pauses of the host count as this, s: nothing jumps when it goes on.
-const LONGEST_STEP: f64 = 0.02;
+const MAX_STEP: f64 = 0.02;
 
 /// Buttons of gamepads, from `BTN_SOUTH` on.
 const GAMEPAD_BUTTONS: std::ops::Range<u16> = 0x130..0x140;
@@ -163,7 +163,7 @@ impl<E: Events> InputDevice for Joystick<E> {
         let angular = Vector3::from_column_slice(&deflection[3..]) * self.options.turn;
         let sample = &mut self.sample;
         if self.options.rates {
-            let dt = now.saturating_duration_since(sample.stamp).as_secs_f64().min(LONGEST_STEP);
+            let dt = now.saturating_duration_since(sample.stamp).as_secs_f64().min(MAX_STEP);
             sample.position += linear * dt;
             sample.rotation = UnitQuaternion::from_scaled_axis(angular * dt) * sample.rotation;
             // Small steps add up to a quaternion that is no longer of length one.

@@ -3,16 +3,19 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Arc;
 
-use ambf_core::comm::{CartesianCommandType, JointCommandType, RigidBodyCommand, RigidBodyInfo, Snapshot};
+use ambf_core::comm::{CartesianCommandType, JointCommandType, ObjectInfo, RigidBodyCommand, RigidBodyInfo, Snapshot};
 use ambf_core::ids::{BodyId, JointId, Table};
 
-use super::messages::{
+use super::Builder;
+use crate::ros::messages::{
     ambf_msgs, from_point, from_quaternion, from_vector, geometry_msgs, header, narrow, point, pose, string, vector,
 };
+use crate::ros::received::{FromClient, Wire, BOOL, POSE, TWIST, WRENCH};
+use crate::ros::step::Kind;
 
 /// What clients have asked to see, set by commands and read when a state is made.
 #[derive(Debug, Default)]
-pub(super) struct Requests {
+pub(in crate::ros) struct Requests {
     /// Once asked for, names stay.
     children_names: AtomicBool,
     joint_names: AtomicBool,
@@ -30,7 +33,7 @@ impl Requests {
 }
 
 /// Makes the states of one body.
-pub(super) struct StateSource {
+pub(in crate::ros) struct StateSource {
     /// Index into [`Snapshot::bodies`].
     index: BodyId,
     info: RigidBodyInfo,
@@ -116,7 +119,7 @@ fn select(out: &mut Vec<f32>, values: &Table<JointId, f64>, joints: &[JointId]) 
 }
 
 /// The command in `message`. Entries beyond the body's `n_joints` are dropped here: nobody could use them.
-pub(super) fn command(message: &ambf_msgs::RigidBodyCmd, n_joints: usize) -> RigidBodyCommand {
+pub(in crate::ros) fn command(message: &ambf_msgs::RigidBodyCmd, n_joints: usize) -> RigidBodyCommand {
     RigidBodyCommand {
         cartesian: CartesianCommandType::from(message.cartesian_cmd_type),
         position: from_point(&message.pose.position),
@@ -139,7 +142,7 @@ pub(super) fn command(message: &ambf_msgs::RigidBodyCmd, n_joints: usize) -> Rig
 }
 
 /// A sentence about a type in `command` that does not exist, if there is one.
-pub(super) fn unknown_type(command: &RigidBodyCommand) -> Option<String> {
+pub(in crate::ros) fn unknown_type(command: &RigidBodyCommand) -> Option<String> {
     if let CartesianCommandType::Unknown(code) = command.cartesian {
         return Some(format!(
             "cartesian_cmd_type {code} does not exist (0 force, 1 position, 2 velocity); nothing is applied"
@@ -151,6 +154,42 @@ pub(super) fn unknown_type(command: &RigidBodyCommand) -> Option<String> {
         )),
         _ => None,
     })
+}
+
+impl Builder<'_> {
+    pub(super) fn rigid_body(&mut self, info: &ObjectInfo, name: String, index: BodyId, body: &RigidBodyInfo) {
+        if let Some(frames) = &self.around.frames {
+            frames.insert(index, &name);
+        }
+        let requests = Arc::<Requests>::default();
+        let mut source = StateSource::new(index, body.clone(), &info.name, &info.identifier, Arc::clone(&requests));
+        self.publish(format!("{name}/State"), info.rates, true, move |snapshot| source.message(snapshot?));
+        let n_joints = body.joint_names.len().max(body.joints.len());
+        self.can_be_stepped(&name, info, Kind::body(index, body, info, &requests));
+        let commanded = self.commanded(&name);
+        self.subscribe(format!("{name}/Command"), move |message: ambf_msgs::RigidBodyCmd| {
+            let command = command(&message, n_joints);
+            commanded.post(|hub, object| {
+                hub.post(object, &command)?;
+                requests.note(&message);
+                Ok(())
+            });
+            if let Some(what) = unknown_type(&command) {
+                commanded.complaints.report(format_args!("{}: {what}", commanded.topic));
+            }
+        });
+    }
+}
+
+impl FromClient for ambf_msgs::RigidBodyCmd {
+    fn walk(wire: &mut Wire<'_>) -> Option<()> {
+        const TYPE: usize = 1;
+        wire.header()?;
+        wire.skip(TYPE + POSE + WRENCH + TWIST)?;
+        wire.array(1)?;
+        wire.array(4)?;
+        wire.skip(3 * BOOL)
+    }
 }
 
 #[cfg(test)]

@@ -3,10 +3,11 @@
 use ambf_core::comm::{ContactPoint, ObjectInfo, SensorInfo, Snapshot};
 use ambf_core::ids::SensorId;
 
-use super::messages::{ambf_msgs, header, std_msgs, string, vector};
+use crate::ros::messages::{ambf_msgs, header, std_msgs, string, vector};
+use crate::ros::received::{FromClient, Wire};
 
 /// State of the contact sensor at `index` of the snapshot's sensors; `None` when the snapshot does not know it.
-pub(super) fn state(
+pub(in crate::ros) fn state(
     object: &ObjectInfo,
     index: SensorId,
     sensor: &SensorInfo,
@@ -35,6 +36,12 @@ pub(super) fn state(
             })
             .collect(),
     })
+}
+
+impl FromClient for ambf_msgs::ContactSensorCmd {
+    fn walk(wire: &mut Wire<'_>) -> Option<()> {
+        wire.header()
+    }
 }
 
 #[cfg(test)]

@@ -7,10 +7,13 @@
 use ambf_core::comm::{GhostInfo, ObjectInfo, Snapshot};
 use ambf_core::ids::GhostId;
 
-use super::messages::{ambf_msgs, header, pose, string};
+use super::Builder;
+use crate::ros::messages::{ambf_msgs, header, pose, string};
+use crate::ros::received::{FromClient, Wire};
+use crate::ros::step::Kind;
 
 /// State of the ghost object at `index` of the snapshot's ghost objects; `None` when the snapshot does not know it.
-pub(super) fn state(
+pub(in crate::ros) fn state(
     object: &ObjectInfo,
     index: GhostId,
     ghost: &GhostInfo,
@@ -28,6 +31,21 @@ pub(super) fn state(
         pose: pose(&reading.pose),
         sensed_objects: reading.sensed.iter().map(|identifier| string(identifier)).collect(),
     })
+}
+
+impl Builder<'_> {
+    pub(super) fn ghost(&mut self, info: &ObjectInfo, name: String, index: GhostId, ghost: &GhostInfo) {
+        self.can_be_stepped(&name, info, Kind::Ghost(index, ghost.clone()));
+        let (of, ghost) = (info.clone(), ghost.clone());
+        self.publish(format!("{name}/State"), info.rates, true, move |snapshot| state(&of, index, &ghost, snapshot?));
+        self.without_effect::<ambf_msgs::GhostObjectCmd>(&name);
+    }
+}
+
+impl FromClient for ambf_msgs::GhostObjectCmd {
+    fn walk(wire: &mut Wire<'_>) -> Option<()> {
+        wire.header()
+    }
 }
 
 #[cfg(test)]

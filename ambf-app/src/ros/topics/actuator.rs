@@ -3,14 +3,17 @@
 use ambf_core::comm::{ActuatorCommand, ActuatorInfo, ObjectInfo, Snapshot};
 use ambf_core::ids::ActuatorId;
 
-use super::messages::{ambf_msgs, from_point, from_quaternion, header, pose, string};
+use super::Builder;
+use crate::ros::messages::{ambf_msgs, from_point, from_quaternion, header, pose, string};
+use crate::ros::received::{FromClient, Wire, BOOL, POSE};
+use crate::ros::step::Kind;
 
 /// Longest text in a command that is taken for a name, bytes. A longer one would be kept and looked up in each
 /// iteration.
-const LONGEST_NAME: usize = 4096;
+const MAX_NAME: usize = 4096;
 
 /// State of the actuator at `index` of the snapshot's actuators; `None` when the snapshot does not know it.
-pub(super) fn state(
+pub(in crate::ros) fn state(
     object: &ObjectInfo,
     index: ActuatorId,
     actuator: &ActuatorInfo,
@@ -34,13 +37,13 @@ pub(super) fn state(
 ///
 /// # Errors
 /// A sentence about a text that is too long to be a name.
-pub(super) fn command(message: ambf_msgs::ActuatorCmd) -> Result<ActuatorCommand, String> {
+pub(in crate::ros) fn command(message: ambf_msgs::ActuatorCmd) -> Result<ActuatorCommand, String> {
     let texts = [("body_name", &message.body_name.data), ("sensor_identifier", &message.sensor_identifier.data)];
     for (field, text) in texts {
-        if text.len() > LONGEST_NAME {
+        if text.len() > MAX_NAME {
             let length = text.len();
             return Err(format!(
-                "{field} has {length} bytes, {LONGEST_NAME} at most are a name; the command is ignored and the one before stays \
+                "{field} has {length} bytes, {MAX_NAME} at most are a name; the command is ignored and the one before stays \
                  in force"
             ));
         }
@@ -54,6 +57,33 @@ pub(super) fn command(message: ambf_msgs::ActuatorCmd) -> Result<ActuatorCommand
         use_sensor_data: message.use_sensor_data,
         sensor_identifier: message.sensor_identifier.data,
     })
+}
+
+impl Builder<'_> {
+    pub(super) fn actuator(&mut self, info: &ObjectInfo, name: String, index: ActuatorId, actuator: &ActuatorInfo) {
+        self.can_be_stepped(&name, info, Kind::Actuator(index, actuator.clone()));
+        let (of, actuator) = (info.clone(), actuator.clone());
+        self.publish(format!("{name}/State"), info.rates, true, move |snapshot| {
+            state(&of, index, &actuator, snapshot?)
+        });
+        let commanded = self.commanded(&name);
+        self.subscribe(format!("{name}/Command"), move |message| match command(message) {
+            Ok(command) => commanded.post(|hub, object| hub.post(object, &command)),
+            Err(why) => {
+                commanded.complaints.report(format_args!("{}: {why}", commanded.topic));
+            }
+        });
+    }
+}
+
+impl FromClient for ambf_msgs::ActuatorCmd {
+    fn walk(wire: &mut Wire<'_>) -> Option<()> {
+        wire.header()?;
+        wire.skip(BOOL)?;
+        wire.array(1)?;
+        wire.skip(BOOL + POSE + BOOL)?;
+        wire.array(1)
+    }
 }
 
 #[cfg(test)]
@@ -104,7 +134,7 @@ mod tests {
             sensor_identifier: "SENSOR eye".into(),
         };
         assert_eq!(command(message.clone()), Ok(expected));
-        message.sensor_identifier.data = "x".repeat(LONGEST_NAME + 1);
+        message.sensor_identifier.data = "x".repeat(MAX_NAME + 1);
         assert!(command(message).unwrap_err().contains("sensor_identifier has 4097 bytes"));
     }
 }

@@ -3,10 +3,12 @@
 use ambf_core::comm::{ObjectInfo, Snapshot, VehicleCommand, VehicleInfo};
 use ambf_core::ids::VehicleId;
 
-use super::messages::{ambf_msgs, from_vector, header, narrow, point, pose, string};
+use super::Builder;
+use crate::ros::messages::{ambf_msgs, from_vector, header, narrow, point, pose, string};
+use crate::ros::received::{FromClient, Wire, WRENCH};
 
 /// State of the vehicle at `index` of the snapshot's vehicles; `None` when the snapshot does not know it.
-pub(super) fn state(
+pub(in crate::ros) fn state(
     object: &ObjectInfo,
     index: VehicleId,
     vehicle: &VehicleInfo,
@@ -29,7 +31,7 @@ pub(super) fn state(
 }
 
 /// The command in `message`. Entries beyond the vehicle's `wheels` are dropped here: nobody could use them.
-pub(super) fn command(message: &ambf_msgs::VehicleCmd, wheels: usize) -> VehicleCommand {
+pub(in crate::ros) fn command(message: &ambf_msgs::VehicleCmd, wheels: usize) -> VehicleCommand {
     let cut = |values: &[f32]| values.iter().take(wheels).map(|&x| f64::from(x)).collect();
     VehicleCommand {
         force: from_vector(&message.chassis_wrench.force),
@@ -38,6 +40,25 @@ pub(super) fn command(message: &ambf_msgs::VehicleCmd, wheels: usize) -> Vehicle
         power: cut(&message.wheel_power),
         brake: cut(&message.wheel_brake),
         full_brake: message.brake,
+    }
+}
+
+impl Builder<'_> {
+    pub(super) fn vehicle(&mut self, info: &ObjectInfo, name: String, index: VehicleId, vehicle: &VehicleInfo) {
+        let (of, wheels, vehicle) = (info.clone(), vehicle.wheels, vehicle.clone());
+        self.publish(format!("{name}/State"), info.rates, true, move |snapshot| state(&of, index, &vehicle, snapshot?));
+        let commanded = self.commanded(&name);
+        self.subscribe(format!("{name}/Command"), move |message| {
+            commanded.post(|hub, object| hub.post(object, &command(&message, wheels)));
+        });
+    }
+}
+
+impl FromClient for ambf_msgs::VehicleCmd {
+    fn walk(wire: &mut Wire<'_>) -> Option<()> {
+        wire.header()?;
+        wire.skip(WRENCH)?;
+        (0..3).try_for_each(|_| wire.array(4))
     }
 }
 

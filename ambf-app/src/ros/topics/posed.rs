@@ -2,15 +2,19 @@
 
 use std::sync::Arc;
 
-use ambf_core::comm::{PoseCommand, Snapshot};
+use ambf_core::comm::{CameraParameters, LightParameters, ObjectInfo, PoseCommand, Snapshot};
+use ambf_core::ids::{CameraId, LightId};
 use nalgebra::Isometry3;
 use parking_lot::Mutex;
 
-use super::messages::{ambf_msgs, from_point, from_quaternion, header, pose, string};
+use super::Builder;
+use crate::ros::messages::{ambf_msgs, from_point, from_quaternion, header, pose, string};
+use crate::ros::parameters::Parameterised;
+use crate::ros::received::FromClient;
 
 /// Name of the parent as text, changed when a parameter changes it.
 #[derive(Debug, Default)]
-pub(super) struct ParentName(Mutex<String>);
+pub(in crate::ros) struct ParentName(Mutex<String>);
 
 impl ParentName {
     /// A parent called `name`.
@@ -30,7 +34,7 @@ impl ParentName {
 }
 
 /// What does not change in the states of a camera or light.
-pub(super) struct Identity {
+pub(in crate::ros) struct Identity {
     pub name: String,
     pub identifier: String,
     pub parent: Arc<ParentName>,
@@ -39,7 +43,11 @@ pub(super) struct Identity {
 macro_rules! posed {
     ($state:ident, $command:ident, $state_of:ident, $command_of:ident, $title:literal) => {
         #[doc = concat!("State of a ", $title, " at `local`, its pose in its parent, as of `snapshot`.")]
-        pub(super) fn $state_of(identity: &Identity, local: &Isometry3<f64>, snapshot: &Snapshot) -> ambf_msgs::$state {
+        pub(in crate::ros) fn $state_of(
+            identity: &Identity,
+            local: &Isometry3<f64>,
+            snapshot: &Snapshot,
+        ) -> ambf_msgs::$state {
             ambf_msgs::$state {
                 header: header(Some(snapshot)),
                 sim_step: snapshot.sim_step,
@@ -53,7 +61,7 @@ macro_rules! posed {
         }
 
         #[doc = concat!("The command in a message for a ", $title, ".")]
-        pub(super) fn $command_of(message: &ambf_msgs::$command) -> PoseCommand {
+        pub(in crate::ros) fn $command_of(message: &ambf_msgs::$command) -> PoseCommand {
             PoseCommand {
                 enabled: message.enable_position_controller,
                 position: from_point(&message.pose.position),
@@ -65,6 +73,47 @@ macro_rules! posed {
 
 posed!(CameraState, CameraCmd, camera_state, camera_command, "camera");
 posed!(LightState, LightCmd, light_state, light_command, "light");
+
+impl Builder<'_> {
+    pub(super) fn camera(&mut self, info: &ObjectInfo, name: String, index: CameraId, parameters: &CameraParameters) {
+        let (identity, parent) = identity(info, &parameters.parent_name);
+        self.publish(format!("{name}/State"), info.rates, true, move |snapshot| {
+            let snapshot = snapshot?;
+            Some(camera_state(&identity, snapshot.cameras.get(index)?, snapshot))
+        });
+        let commanded = self.commanded(&name);
+        self.subscribe(format!("{name}/Command"), move |message| {
+            commanded.post(|hub, object| hub.post(object, &camera_command(&message)));
+        });
+        let object = self.object;
+        self.served.parameters.cameras.push(Parameterised { object, name, values: parameters.clone(), parent });
+    }
+
+    pub(super) fn light(&mut self, info: &ObjectInfo, name: String, index: LightId, parameters: &LightParameters) {
+        let (identity, parent) = identity(info, &parameters.parent_name);
+        self.publish(format!("{name}/State"), info.rates, true, move |snapshot| {
+            let snapshot = snapshot?;
+            Some(light_state(&identity, snapshot.lights.get(index)?, snapshot))
+        });
+        let commanded = self.commanded(&name);
+        self.subscribe(format!("{name}/Command"), move |message| {
+            commanded.post(|hub, object| hub.post(object, &light_command(&message)));
+        });
+        let object = self.object;
+        self.served.parameters.lights.push(Parameterised { object, name, values: parameters.clone(), parent });
+    }
+}
+
+fn identity(info: &ObjectInfo, parent: &str) -> (Identity, Arc<ParentName>) {
+    let parent = ParentName::new(parent);
+    let identity =
+        Identity { name: info.name.clone(), identifier: info.identifier.clone(), parent: Arc::clone(&parent) };
+    (identity, parent)
+}
+
+impl FromClient for ambf_msgs::CameraCmd {}
+
+impl FromClient for ambf_msgs::LightCmd {}
 
 #[cfg(test)]
 mod tests {

@@ -2,13 +2,19 @@
 
 use std::sync::Arc;
 
-use ambf_core::comm::{Hub, Snapshot, WorldCommand};
+use ambf_core::comm::{Hub, ObjectInfo, Rates, Snapshot, WorldCommand};
 
-use super::messages::{ambf_msgs, header, std_msgs};
+use super::{Builder, ServeContext};
+use crate::ros::messages::{ambf_msgs, header, rosgraph_msgs, std_msgs, time};
+use crate::ros::received::FromClient;
+use crate::ros::{diagnostics, frames, models, step, Extras};
+
+/// How often `/clock` is published, Hz.
+const CLOCK_FREQUENCY: u32 = 200;
 
 /// State of the world. Zeros before the first snapshot: clients wait for the world before anything else. `lost`
 /// ([`Hub::lost`]) stands in `header.frame_id`, the only text of the message, which is empty otherwise.
-pub(super) fn state(snapshot: Option<&Snapshot>, n_devices: u8, lost: Option<&str>) -> ambf_msgs::WorldState {
+pub(in crate::ros) fn state(snapshot: Option<&Snapshot>, n_devices: u8, lost: Option<&str>) -> ambf_msgs::WorldState {
     let mut state = ambf_msgs::WorldState { header: header(snapshot), ..Default::default() };
     lost.unwrap_or_default().clone_into(&mut state.header.frame_id);
     if let Some(snapshot) = snapshot {
@@ -22,7 +28,7 @@ pub(super) fn state(snapshot: Option<&Snapshot>, n_devices: u8, lost: Option<&st
 }
 
 /// How well the simulation keeps up with the clock, and `lost` as in [`state`].
-pub(super) fn timing(snapshot: &Snapshot, lost: Option<&str>) -> ambf_msgs::Timing {
+pub(in crate::ros) fn timing(snapshot: &Snapshot, lost: Option<&str>) -> ambf_msgs::Timing {
     let timing = &snapshot.timing;
     let [step_p50, step_p90, step_p99, step_max] = timing.step_cost;
     ambf_msgs::Timing {
@@ -42,7 +48,7 @@ pub(super) fn timing(snapshot: &Snapshot, lost: Option<&str>) -> ambf_msgs::Timi
 }
 
 /// What is done with a message on `Command`.
-pub(super) fn on_command(hub: Arc<Hub>) -> impl Fn(ambf_msgs::WorldCmd) + Send + Sync {
+pub(in crate::ros) fn on_command(hub: Arc<Hub>) -> impl Fn(ambf_msgs::WorldCmd) + Send + Sync {
     move |message| {
         let command = WorldCommand {
             enable_step_throttling: message.enable_step_throttling,
@@ -54,14 +60,83 @@ pub(super) fn on_command(hub: Arc<Hub>) -> impl Fn(ambf_msgs::WorldCmd) + Send +
 }
 
 /// What is done with a message on `Command/Reset`.
-pub(super) fn on_reset(hub: Arc<Hub>) -> impl Fn(std_msgs::Empty) + Send + Sync {
+pub(in crate::ros) fn on_reset(hub: Arc<Hub>) -> impl Fn(std_msgs::Empty) + Send + Sync {
     move |_| hub.request_world_reset()
 }
 
 /// What is done with a message on `Command/Reset/Bodies`.
-pub(super) fn on_body_reset(hub: Arc<Hub>) -> impl Fn(std_msgs::Empty) + Send + Sync {
+pub(in crate::ros) fn on_body_reset(hub: Arc<Hub>) -> impl Fn(std_msgs::Empty) + Send + Sync {
     move |_| hub.request_body_reset()
 }
+
+/// Always this frequency, Hz.
+fn at(frequency: u32) -> Rates {
+    Rates { min: frequency, max: frequency }
+}
+
+impl Builder<'_> {
+    pub(super) fn world(&mut self, info: &ObjectInfo, name: String) {
+        let (hub, devices) = (Arc::clone(&self.around.hub), Arc::clone(&self.around.extras.devices));
+        self.publish(format!("{name}/State"), info.rates, true, move |snapshot| {
+            Some(state(snapshot, devices.count(), hub.lost().as_deref().map(String::as_str)))
+        });
+        let hub = Arc::clone(&self.around.hub);
+        self.publish(format!("{name}/Timing"), at(10), false, move |snapshot| {
+            Some(timing(snapshot?, hub.lost().as_deref().map(String::as_str)))
+        });
+        self.diagnostics(name.clone());
+        self.time_and_frames();
+        let on_command = on_command(Arc::clone(&self.around.hub));
+        let commanded = self.commanded(&name);
+        self.subscribe(format!("{name}/Command"), move |message| {
+            commanded.post(|_, _| {
+                on_command(message);
+                Ok(())
+            });
+        });
+        self.subscribe(format!("{name}/Command/Reset"), on_reset(Arc::clone(&self.around.hub)));
+        self.subscribe(format!("{name}/Command/Reset/Bodies"), on_body_reset(Arc::clone(&self.around.hub)));
+        #[cfg(feature = "ros2")]
+        if let Some(ros2) = &self.around.ros2 {
+            self.served.parameters.worlds.push(name.clone());
+            return ros2.serve_world(self.around, &name);
+        }
+        let ServeContext { hub, steppables, arguments, .. } = self.around;
+        let full_name = |service: &str| arguments.mapped(format!("{name}/{service}"));
+        self.served.announcements.push(step::service(full_name("step"), hub, steppables));
+        if let Some(host) = &self.around.models {
+            self.served.announcements.extend(models::services(full_name, host));
+        }
+        self.served.parameters.world_states.push(full_name("State"));
+        self.served.parameters.worlds.push(name);
+    }
+
+    /// Reports on the world whose topics begin with `name`, and on devices.
+    fn diagnostics(&mut self, name: String) {
+        let (hub, extras) = (Arc::clone(&self.around.hub), self.around.extras.clone());
+        let (rates, mut lost_before) = (at(diagnostics::FREQUENCY), 0.0);
+        self.publish(diagnostics::TOPIC.into(), rates, false, move |snapshot| {
+            let lost = hub.lost();
+            let lost = lost.as_deref().map(String::as_str);
+            Some(diagnostics::message(&name, snapshot?, lost, &mut lost_before, &extras))
+        });
+    }
+
+    /// `/clock` and `/tf`, where they are wanted.
+    fn time_and_frames(&mut self) {
+        let Extras { clock, tf, .. } = self.around.extras;
+        if clock {
+            self.publish("/clock".into(), at(CLOCK_FREQUENCY), false, |snapshot| {
+                Some(rosgraph_msgs::Clock { clock: time(snapshot?.stamp) })
+            });
+        }
+        if let (Some(frequency), Some(frames)) = (tf, &self.around.frames) {
+            self.publish("/tf".into(), at(frequency), false, frames::source(Arc::clone(frames), clock));
+        }
+    }
+}
+
+impl FromClient for ambf_msgs::WorldCmd {}
 
 #[cfg(test)]
 mod tests {

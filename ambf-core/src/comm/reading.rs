@@ -1,10 +1,8 @@
+//! What of objects changes while the simulation runs: the entries of a [`Snapshot`](super::Snapshot).
+
 use std::sync::Arc;
-use std::time::SystemTime;
 
 use nalgebra::{Isometry3, Vector3};
-
-use crate::bullet::BodyKinematics;
-use crate::ids::{ActuatorId, BodyId, CameraId, GhostId, JointId, LightId, SensorId, SoftBodyId, Table, VehicleId};
 
 /// Force and torque.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -83,7 +81,7 @@ pub struct ContactPoint {
     pub distance: f64,
     /// On the surface of the sensor's body, m, world axes.
     pub point: Vector3<f64>,
-    /// Of unit length, world axes, from the other body to the sensor's.
+    /// Normal of unit length, world axes, from the other body to the sensor's.
     pub normal: Vector3<f64>,
 }
 
@@ -140,78 +138,4 @@ pub struct SpotReading {
     pub pose: Isometry3<f64>,
     /// Half angle of its cone, rad.
     pub cutoff_angle: f64,
-}
-
-/// State of every object after one physics iteration. Arrays are indexed as [`ObjectKind`](super::ObjectKind) says.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Snapshot {
-    /// System time right after the step, or simulated time since 1970
-    /// ([`Simulation::set_simulated_stamps`](crate::sim::Simulation::set_simulated_stamps)).
-    pub stamp: SystemTime,
-    /// Iterations that stepped, since the start.
-    pub sim_step: u32,
-    /// Monotonic seconds since the physics thread began.
-    pub wall_time: f64,
-    /// Sum of all intervals passed to the dynamics update, s.
-    pub sim_time: f64,
-    /// Where time went.
-    pub timing: Timing,
-    /// (bodies x 1).
-    pub bodies: Table<BodyId, BodyKinematics>,
-    /// (bodies x 1) sum of the joint reactions on each body in its own inertial frame; empty when no joint has
-    /// feedback.
-    pub wrenches: Table<BodyId, Wrench>,
-    /// (joints x 1) rad or m.
-    pub joint_positions: Table<JointId, f64>,
-    /// (joints x 1) rad/s or m/s.
-    pub joint_velocities: Table<JointId, f64>,
-    /// (joints x 1) N·m or N; 0 for joints without feedback.
-    pub joint_efforts: Table<JointId, f64>,
-    /// (cameras x 1) pose in the parent's body frame, or in the world.
-    pub cameras: Table<CameraId, Isometry3<f64>>,
-    /// (lights x 1) pose in the parent's body frame, or in the world.
-    pub lights: Table<LightId, Isometry3<f64>>,
-    /// (cameras x 1) what pictures of them depend on.
-    pub views: Table<CameraId, CameraView>,
-    /// (lights x 1) where they shine.
-    pub spots: Table<LightId, SpotReading>,
-    /// (sensors x rays), for contact sensors (sensors x contacts).
-    pub sensors: Table<SensorId, Vec<RayReading>>,
-    /// (sensors x 1) what touches the body of each contact sensor; empty for other sensors.
-    pub contacts: Table<SensorId, ContactReading>,
-    /// (actuators x 1) whether it holds something.
-    pub actuators: Table<ActuatorId, bool>,
-    /// (vehicles x 1).
-    pub vehicles: Table<VehicleId, VehicleReading>,
-    /// (soft bodies x 1).
-    pub soft_bodies: Table<SoftBodyId, SoftBodyReading>,
-    /// (ghost objects x 1).
-    pub ghosts: Table<GhostId, GhostReading>,
-}
-
-impl Default for Snapshot {
-    fn default() -> Self {
-        Self {
-            stamp: SystemTime::UNIX_EPOCH,
-            sim_step: 0,
-            wall_time: 0.0,
-            sim_time: 0.0,
-            timing: Timing::default(),
-            bodies: Table::default(),
-            wrenches: Table::default(),
-            joint_positions: Table::default(),
-            joint_velocities: Table::default(),
-            joint_efforts: Table::default(),
-            cameras: Table::default(),
-            lights: Table::default(),
-            views: Table::default(),
-            spots: Table::default(),
-            sensors: Table::default(),
-            contacts: Table::default(),
-            actuators: Table::default(),
-            vehicles: Table::default(),
-            soft_bodies: Table::default(),
-            ghosts: Table::default(),
-        }
-    }
 }

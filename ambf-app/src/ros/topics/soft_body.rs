@@ -4,13 +4,15 @@ use ambf_core::comm::{ObjectInfo, Snapshot, SoftBodyCommand};
 use ambf_core::ids::SoftBodyId;
 use nalgebra::Isometry3;
 
-use super::messages::{ambf_msgs, from_vector, header, is_zero, narrow, pose, string};
+use super::Builder;
+use crate::ros::messages::{ambf_msgs, from_vector, header, is_zero, narrow, pose, string};
+use crate::ros::received::{FromClient, Wire, BOOL, POSE, WRENCH};
 
 /// What the numbers in the state mean.
 const USERDATA: &str = "node positions x y z, x y z, ... in the world, m";
 
 /// State of the soft body at `index` of the snapshot's soft bodies; `None` when the snapshot does not know it.
-pub(super) fn state(
+pub(in crate::ros) fn state(
     object: &ObjectInfo,
     index: SoftBodyId,
     mass: f64,
@@ -33,18 +35,39 @@ pub(super) fn state(
 }
 
 /// The command in `message`: its force.
-pub(super) fn command(message: &ambf_msgs::SoftBodyCmd) -> SoftBodyCommand {
+pub(in crate::ros) fn command(message: &ambf_msgs::SoftBodyCmd) -> SoftBodyCommand {
     SoftBodyCommand { force: from_vector(&message.wrench.force) }
 }
 
 /// Fields that `message` uses in vain.
-pub(super) fn unused_fields(message: &ambf_msgs::SoftBodyCmd) -> impl Iterator<Item = &'static str> {
+pub(in crate::ros) fn unused_fields(message: &ambf_msgs::SoftBodyCmd) -> impl Iterator<Item = &'static str> {
     let used = [
         (message.enable_position_controller, "enable_position_controller"),
         (!is_zero(&message.wrench.torque), "wrench.torque"),
         (!message.joint_cmds.is_empty(), "joint_cmds"),
     ];
     used.into_iter().filter_map(|(is_used, field)| is_used.then_some(field))
+}
+
+impl Builder<'_> {
+    pub(super) fn soft_body(&mut self, info: &ObjectInfo, name: String, index: SoftBodyId, mass: f64) {
+        let of = info.clone();
+        self.publish(format!("{name}/State"), info.rates, true, move |snapshot| state(&of, index, mass, snapshot?));
+        let commanded = self.commanded(&name);
+        self.subscribe(format!("{name}/Command"), move |message| {
+            commanded.name_unused(unused_fields(&message), "a soft body takes a wrench.force");
+            commanded.post(|hub, object| hub.post(object, &command(&message)));
+        });
+    }
+}
+
+impl FromClient for ambf_msgs::SoftBodyCmd {
+    fn walk(wire: &mut Wire<'_>) -> Option<()> {
+        wire.header()?;
+        wire.skip(BOOL + POSE + WRENCH)?;
+        wire.array(4)?;
+        wire.booleans()
+    }
 }
 
 #[cfg(test)]

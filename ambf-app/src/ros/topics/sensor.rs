@@ -3,10 +3,13 @@
 use ambf_core::comm::{ObjectInfo, SensorInfo, SensorType, Snapshot};
 use ambf_core::ids::SensorId;
 
-use super::messages::{ambf_msgs, header, narrow, pose, string};
+use super::{contact, Builder};
+use crate::ros::messages::{ambf_msgs, header, narrow, pose, string};
+use crate::ros::received::{FromClient, Wire};
+use crate::ros::step::Kind;
 
 /// State of the sensor at `index` of the snapshot's sensors; `None` when the snapshot does not know it.
-pub(super) fn state(
+pub(in crate::ros) fn state(
     object: &ObjectInfo,
     index: SensorId,
     sensor: &SensorInfo,
@@ -37,6 +40,28 @@ pub(super) fn state(
             .collect(),
         sensed_objects_map: Vec::new(),
     })
+}
+
+impl Builder<'_> {
+    pub(super) fn sensor(&mut self, info: &ObjectInfo, name: String, index: SensorId, sensor: &SensorInfo) {
+        self.can_be_stepped(&name, info, Kind::Sensor(index, sensor.clone()));
+        let (of, own) = (info.clone(), sensor.clone());
+        let topic = format!("{name}/State");
+        if sensor.kind == SensorType::Contact {
+            self.publish(topic, info.rates, true, move |snapshot| contact::state(&of, index, &own, snapshot?));
+            self.without_effect::<ambf_msgs::ContactSensorCmd>(&name);
+        } else {
+            self.publish(topic, info.rates, true, move |snapshot| state(&of, index, &own, snapshot?));
+            self.without_effect::<ambf_msgs::SensorCmd>(&name);
+        }
+    }
+}
+
+impl FromClient for ambf_msgs::SensorCmd {
+    fn walk(wire: &mut Wire<'_>) -> Option<()> {
+        wire.header()?;
+        wire.booleans()
+    }
 }
 
 #[cfg(test)]
