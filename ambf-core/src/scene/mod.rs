@@ -6,6 +6,7 @@ mod assemble;
 mod attached;
 mod body;
 mod build;
+mod descriptions;
 mod elements;
 mod end_effector;
 mod gesture;
@@ -35,6 +36,8 @@ pub use actuator::Actuator;
 pub use ambf_plugin::{ObjectId, ObjectType};
 pub use attached::{Attached, Camera, Light, Parent};
 pub use body::{Bodies, Body};
+use descriptions::SharedModel;
+pub use descriptions::{shared_descriptions, shared_launch};
 pub use end_effector::{EndEffectorParts, PreparedEndEffector};
 pub use gesture::{CameraGesture, CameraPlace};
 pub use ghost::Ghost;
@@ -122,6 +125,8 @@ pub struct ModelInfo {
     pub description: Arc<adf::Model>,
     /// It was taken out of the scene.
     pub removed: bool,
+    /// What other worlds may use, too, while it is part of this one.
+    shared: Option<Arc<SharedModel>>,
 }
 
 /// All objects of a world, by index in order of creation. What is removed while running keeps its place.
