@@ -9,6 +9,7 @@ use nalgebra::Isometry3;
 use super::assemble::Assembly;
 use super::attached::{camera_parameters, camera_pose, first_target, light_rotation, Attached, Camera, Light};
 use super::body::Body;
+use super::descriptions::{ShapeRules, SharedModel};
 use super::hulls::{CollisionMeshes, WantedHulls};
 use super::joint::{constraint, frames, Joint};
 use super::shape::BuiltShape;
@@ -41,6 +42,8 @@ pub(super) struct Builder<'a> {
     pub(super) meshes: &'a CollisionMeshes,
     /// The model that is being built.
     pub(super) model: ModelId,
+    /// What it has in common with those of other worlds.
+    planned: Option<PlannedModel>,
     /// Its bodies by qualified identifier.
     own_names: NameMap<BodyId>,
     /// Objects and joints of the models before it.
@@ -58,18 +61,52 @@ fn simplifies(scene: &Scene) -> bool {
     scene.preset == Some(Preset::PyBullet) || scene.profile == Profile::Accurate
 }
 
-/// Whether another world has the shape of a body of `scene`.
-fn is_shared(body: &adf::RigidBody, scene: Option<&Scene>) -> bool {
-    let key = scene.and_then(|scene| ShapeKey::new(body, scene.profile, simplifies(scene)));
-    key.is_some_and(|key| shared::find(&key).is_some())
+/// What the shapes of a scene's bodies depend on.
+fn shape_rules(scene: &Scene) -> ShapeRules {
+    ShapeRules { profile: scene.profile, is_simplified: simplifies(scene) }
 }
 
-/// Meshes that the objects of a model need, with their scales; `scene`: without those of bodies whose shape another
-/// world has.
-pub(super) fn needed_meshes<'m>(
-    model: &'m adf::Model,
-    scene: Option<&'m Scene>,
-) -> impl Iterator<Item = (PathBuf, f64)> + 'm {
+/// A model that will be built, and the shapes of its bodies that other worlds have.
+#[derive(Debug)]
+pub(super) struct PlannedModel {
+    model: Arc<SharedModel>,
+    /// (bodies x 1); `None`: to be made.
+    shapes: Vec<Option<SharedShape>>,
+}
+
+impl PlannedModel {
+    /// A model for a scene that nobody knows yet: no shape is there.
+    pub fn new(model: Arc<SharedModel>) -> Self {
+        Self { model, shapes: Vec::new() }
+    }
+
+    /// A model for `scene`.
+    pub fn for_scene(model: Arc<SharedModel>, scene: &Scene) -> Self {
+        let rules = shape_rules(scene);
+        let mut shapes = model.shapes(rules);
+        for (shape, body) in shapes.iter_mut().zip(&model.description.bodies) {
+            if shape.is_none() {
+                *shape = ShapeKey::new(body, rules).as_ref().and_then(shared::find);
+            }
+        }
+        Self { model, shapes }
+    }
+
+    /// Its description.
+    pub fn description(&self) -> &adf::Model {
+        &self.model.description
+    }
+
+    /// The bodies whose shapes have to be made.
+    fn shapeless(&self) -> impl Iterator<Item = &adf::RigidBody> {
+        let has_shape = |index: usize| self.shapes.get(index).is_some_and(Option::is_some);
+        let bodies = self.description().bodies.iter().enumerate();
+        bodies.filter(move |(index, _)| !has_shape(*index)).map(|(_, body)| body)
+    }
+}
+
+/// Meshes that the objects of a model need, with their scales; without those of bodies whose shape another world has.
+pub(super) fn needed_meshes(planned: &PlannedModel) -> impl Iterator<Item = (PathBuf, f64)> + '_ {
     let of = |collision: &CollisionGeometry, scale| match collision {
         CollisionGeometry::Mesh { path, .. } => vec![(path.clone(), scale)],
         CollisionGeometry::Parts { parts, .. } => {
@@ -82,28 +119,24 @@ pub(super) fn needed_meshes<'m>(
         }
         _ => vec![],
     };
-    let wanted = model.bodies.iter().filter(move |body| !is_shared(body, scene));
-    let bodies = wanted.flat_map(move |body| of(&body.collision, body.scale));
+    let model = planned.description();
+    let bodies = planned.shapeless().flat_map(move |body| of(&body.collision, body.scale));
     let ghosts = model.ghosts.iter().flat_map(move |ghost| of(&ghost.collision, ghost.scale));
     let soft_bodies = model.soft_bodies.iter().map(|soft| (soft.collision_mesh.clone(), soft.scale));
     let sensors = model.sensors.iter().filter_map(|sensor| Some((ray_mesh(&sensor.rays)?.clone(), 1.0)));
     bodies.chain(ghosts).chain(soft_bodies).chain(sensors)
 }
 
-/// Convex hulls that the objects of a model need; `scene`: as for [`needed_meshes`].
-pub(super) fn needed_hulls<'m>(
-    model: &'m adf::Model,
-    scene: Option<&'m Scene>,
-) -> impl Iterator<Item = WantedHulls> + 'm {
+/// Convex hulls that the objects of a model need, as [`needed_meshes`].
+pub(super) fn needed_hulls(planned: &PlannedModel) -> impl Iterator<Item = WantedHulls> + '_ {
     let of = |collision: &CollisionGeometry, scale| match collision {
         CollisionGeometry::Mesh { path, kind: CollisionMeshKind::ConvexDecomposition(parameters) } => {
             Some((path.clone(), scale, *parameters))
         }
         _ => None,
     };
-    let wanted = model.bodies.iter().filter(move |body| !is_shared(body, scene));
-    let bodies = wanted.filter_map(move |body| of(&body.collision, body.scale));
-    bodies.chain(model.ghosts.iter().filter_map(move |ghost| of(&ghost.collision, ghost.scale)))
+    let bodies = planned.shapeless().filter_map(move |body| of(&body.collision, body.scale));
+    bodies.chain(planned.description().ghosts.iter().filter_map(move |ghost| of(&ghost.collision, ghost.scale)))
 }
 
 /// The file of a mesh with rays: the first that exists, else the best.
@@ -114,7 +147,7 @@ pub(super) fn ray_mesh(rays: &RaySource) -> Option<&PathBuf> {
 
 /// A scene without objects. `may_articulate`: there is no reason against joints in reduced coordinates but the options.
 pub(super) fn empty_scene(
-    world: adf::World,
+    world: Arc<adf::World>,
     options: &SceneOptions,
     has_soft_bodies: bool,
     may_articulate: bool,
@@ -197,6 +230,7 @@ impl<'a> Builder<'a> {
             notes: Vec::new(),
             meshes,
             model: ModelId::ENVIRONMENT,
+            planned: None,
             own_names,
             known,
             known_joints,
@@ -207,7 +241,7 @@ impl<'a> Builder<'a> {
     }
 
     /// Builds the environment model with the world's own lights and cameras in it.
-    pub fn add_environment(&mut self, model: adf::Model) {
+    pub fn add_environment(&mut self, model: PlannedModel) {
         let world = Arc::clone(&self.scene.description);
         let model = self.begin_model(model);
         self.add_objects(&model);
@@ -218,7 +252,7 @@ impl<'a> Builder<'a> {
     }
 
     /// Builds a model.
-    pub fn add_model(&mut self, model: adf::Model) {
+    pub fn add_model(&mut self, model: PlannedModel) {
         let model = self.begin_model(model);
         self.add_objects(&model);
         self.add_cameras(&model.cameras);
@@ -251,16 +285,19 @@ impl<'a> Builder<'a> {
         self.notes.push(Note { severity, source: source.clone(), message, wanted: Some(wanted.to_owned()) });
     }
 
-    fn begin_model(&mut self, model: adf::Model) -> Arc<adf::Model> {
+    fn begin_model(&mut self, planned: PlannedModel) -> Arc<adf::Model> {
         let scene = &mut *self.scene;
+        let description = Arc::clone(&planned.model.description);
         (self.known, self.known_joints) = (scene.counts(), scene.joints.next_id());
         self.own_names = NameMap::default();
         self.model = scene.models.next_id();
-        let key = format!("{}{}{}", scene.options.prefix, model.namespace, model.name);
+        let key = format!("{}{}{}", scene.options.prefix, description.namespace, description.name);
         let suffix = scene.model_names.free_suffix(&key);
         scene.model_names.insert(&key, self.model);
-        let description = Arc::new(model);
-        scene.models.push(ModelInfo { key: key + &suffix, description: Arc::clone(&description), removed: false });
+        let shared = Some(Arc::clone(&planned.model));
+        let info = ModelInfo { key: key + &suffix, description: Arc::clone(&description), removed: false, shared };
+        scene.models.push(info);
+        self.planned = Some(planned);
         self.note_undrawn(&description);
         description
     }
@@ -302,9 +339,9 @@ impl<'a> Builder<'a> {
     fn add_objects(&mut self, model: &adf::Model) {
         let first = self.scene.bodies.next_id();
         let mut self_collision = Vec::with_capacity(model.bodies.len());
-        for body in &model.bodies {
+        for (index, body) in model.bodies.iter().enumerate() {
             self.with_plugins(ObjectType::Body, &body.common, |builder| {
-                if let Some(id) = builder.add_body(body, model) {
+                if let Some(id) = builder.add_body(index, body, model) {
                     self_collision.push(body.self_collision);
                     builder.own_names.insert(&builder.scene.bodies[id].identity.key(), id);
                 }
@@ -326,9 +363,10 @@ impl<'a> Builder<'a> {
         adds.into_iter().flatten().for_each(|add| add(self, model));
     }
 
-    fn add_body(&mut self, body: &adf::RigidBody, model: &adf::Model) -> Option<BodyId> {
+    /// `index`: of the body in the model's list.
+    fn add_body(&mut self, index: usize, body: &adf::RigidBody, model: &adf::Model) -> Option<BodyId> {
         let source = &body.common.source;
-        let (built, shared) = match self.built_shape(body) {
+        let (built, shared) = match self.built_shape(index, body) {
             Ok(built) => built,
             Err(error) => {
                 self.drop_element(&body.common, error);
@@ -394,10 +432,27 @@ impl<'a> Builder<'a> {
         Some(self.scene.graph.add_body())
     }
 
-    /// What collides of a body: as another world has it, if one of the same files does.
-    fn built_shape(&self, body: &adf::RigidBody) -> Result<(BuiltShape, Option<SharedShape>), Arc<MeshError>> {
-        let is_simplified = simplifies(self.scene);
-        let key = ShapeKey::new(body, self.scene.profile, is_simplified);
+    /// What collides of the body at `index` of the model's list: as another world has it, if one of the same files does.
+    fn built_shape(
+        &self,
+        index: usize,
+        body: &adf::RigidBody,
+    ) -> Result<(BuiltShape, Option<SharedShape>), Arc<MeshError>> {
+        let planned = self.planned.as_ref();
+        if let Some(shared) = planned.and_then(|planned| planned.shapes.get(index)?.clone()) {
+            return Ok((shared.built(), Some(shared)));
+        }
+        let (built, shared) = self.made_shape(body)?;
+        if let (Some(planned), Some(shared)) = (planned, &shared) {
+            planned.model.keep_shape(shape_rules(self.scene), index, shared.clone());
+        }
+        Ok((built, shared))
+    }
+
+    fn made_shape(&self, body: &adf::RigidBody) -> Result<(BuiltShape, Option<SharedShape>), Arc<MeshError>> {
+        let rules = shape_rules(self.scene);
+        let key = ShapeKey::new(body, rules);
+        // An earlier body may have the same.
         if let Some(shared) = key.as_ref().and_then(shared::find) {
             return Ok((shared.built(), Some(shared)));
         }
@@ -406,10 +461,13 @@ impl<'a> Builder<'a> {
             _ => None,
         };
         let mut built = shape::build(body, mesh.as_deref(), self.meshes, self.scene.profile);
-        if is_simplified {
+        if rules.is_simplified {
             built.shape = built.shape.simplified();
         }
-        let Some(key) = key else { return Ok((built, None)) };
+        let Some(key) = key else {
+            let shared = SharedShape::without_files(built);
+            return Ok((shared.built(), Some(shared)));
+        };
         Ok(match shared::keep(key, body, built, &self.meshes.files) {
             Ok(shared) => (shared.built(), Some(shared)),
             Err(built) => (*built, None),

@@ -63,8 +63,8 @@ fn read_model(
     notes: &mut Vec<Note>,
 ) -> Result<(PreparedModel, String), String> {
     let mut prepared = PreparedModel::read(path)?;
-    let model = &mut prepared.description;
-    let root = find_root(model, device, notes)?;
+    let mut model = prepared.description().clone();
+    let root = find_root(&model, device, notes)?;
     let key = body_key(&model.bodies[root]);
     for body in &mut model.bodies {
         body.common.passive = true;
@@ -76,8 +76,9 @@ fn read_model(
     }
     if let Some(location) = device.location {
         let shift = location * body.location.inverse();
-        move_model(model, &shift);
+        move_model(&mut model, &shift);
     }
+    prepared.set_description(model);
     Ok((prepared, key))
 }
 

@@ -2,9 +2,11 @@
 
 use std::fmt;
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, LazyLock};
 
 use super::articulate;
-use super::build::{empty_scene, needed_hulls, needed_meshes, Builder};
+use super::build::{empty_scene, needed_hulls, needed_meshes, Builder, PlannedModel};
+use super::descriptions::{self, SharedModel};
 use super::hulls::CollisionMeshes;
 use super::progress::{Part, Progress};
 use super::{Note, Scene, SceneOptions};
@@ -102,23 +104,26 @@ pub fn load(files: &SceneFiles, options: &SceneOptions) -> Loaded {
 /// [`load`], which says in `progress` how far it is.
 pub fn load_with_progress(files: &SceneFiles, options: &SceneOptions, progress: &Progress) -> Loaded {
     let mut report = SceneReport::default();
-    let world: Option<adf::World> = files.world.as_deref().and_then(|path| taken(adf::load(path), &mut report));
-    let world = world.unwrap_or_else(|| described("gravity: {x: 0, y: 0, z: -9.8}\n"));
-    let environment: Option<adf::Model> =
-        world.environment.as_deref().and_then(|path| taken(read_model(path), &mut report));
+    let read_world = |path| descriptions::world(path, with_defaults);
+    let world = files.world.as_deref().and_then(|path| taken(read_world(path), &mut report));
+    let world = world.unwrap_or_else(|| Arc::clone(&WITHOUT_FILE));
+    let environment = world.environment.as_deref().and_then(|path| taken(descriptions::model(path), &mut report));
     let environment = environment.unwrap_or_else(|| built_in_environment(&world));
-    let models: Vec<adf::Model> = files.models.iter().filter_map(|path| taken(read_model(path), &mut report)).collect();
+    let read = files.models.iter().filter_map(|path| taken(descriptions::model(path), &mut report));
+    let models: Vec<Arc<SharedModel>> = std::iter::once(environment).chain(read).collect();
 
-    let has_soft_bodies = std::iter::once(&environment).chain(&models).any(|model| !model.soft_bodies.is_empty());
-    let may_articulate =
-        options.may_grow || std::iter::once(&environment).chain(&models).any(articulate::may_articulate);
+    let all = || models.iter().map(|model| &*model.description);
+    let has_soft_bodies = all().any(|model| !model.soft_bodies.is_empty());
+    let may_articulate = options.may_grow || all().any(articulate::may_articulate);
     let mut notes = Vec::new();
-    let mut scene = empty_scene(with_defaults(world), options, has_soft_bodies, may_articulate, &mut notes);
+    let mut scene = empty_scene(world, options, has_soft_bodies, may_articulate, &mut notes);
     let meshes = CollisionMeshes::new();
-    preload(&meshes, std::iter::once(&environment).chain(&models), Some(&scene), progress);
-    progress.begin(Part::Models, models.len() + 1);
+    let models: Vec<_> = models.into_iter().map(|model| PlannedModel::for_scene(model, &scene)).collect();
+    preload(&meshes, &models, progress);
+    progress.begin(Part::Models, models.len());
     let mut builder = Builder::new(&mut scene, &meshes);
-    builder.add_environment(environment);
+    let mut models = models.into_iter();
+    models.next().into_iter().for_each(|environment| builder.add_environment(environment));
     for model in models {
         progress.advance();
         builder.add_model(model);
@@ -148,26 +153,20 @@ fn physics_line(scene: &Scene) -> String {
     )
 }
 
-/// Loads the meshes of `models`, and makes the convex hulls that they ask for, in parallel: those that will be needed in
-/// `scene`.
-fn preload<'m>(
-    meshes: &CollisionMeshes,
-    models: impl Iterator<Item = &'m adf::Model> + Clone,
-    scene: Option<&'m Scene>,
-    progress: &Progress,
-) {
-    let mut wanted: Vec<_> = models.clone().flat_map(|model| needed_meshes(model, scene)).collect();
+/// Loads the meshes of `models`, and makes the convex hulls that they ask for, in parallel: those that will be needed.
+fn preload(meshes: &CollisionMeshes, models: &[PlannedModel], progress: &Progress) {
+    let mut wanted: Vec<_> = models.iter().flat_map(needed_meshes).collect();
     wanted.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
     wanted.dedup();
     progress.begin(Part::Meshes, wanted.len());
     meshes.files.preload(&wanted, &|| progress.advance());
-    let hulls: Vec<_> = models.flat_map(|model| needed_hulls(model, scene)).collect();
+    let hulls: Vec<_> = models.iter().flat_map(needed_hulls).collect();
     meshes.hulls.preload(&meshes.files, &hulls, progress);
 }
 
 /// A model that was read and whose meshes are in memory, ready to be built into a scene.
 pub struct PreparedModel {
-    pub(super) description: adf::Model,
+    model: PlannedModel,
     meshes: CollisionMeshes,
     /// What was found while it was read.
     pub report: SceneReport,
@@ -180,12 +179,22 @@ impl PreparedModel {
     /// Why the file is of no use, with all problems in it.
     pub fn read(path: &Path) -> Result<Self, String> {
         let mut report = SceneReport::default();
-        let Some(description) = taken(read_model(path), &mut report) else {
+        let Some(model) = taken(descriptions::model(path), &mut report) else {
             return Err(report.to_string().trim_end().to_owned());
         };
-        let meshes = CollisionMeshes::new();
-        preload(&meshes, std::iter::once(&description), None, &Progress::default());
-        Ok(Self { description, meshes, report })
+        let (meshes, model) = (CollisionMeshes::new(), PlannedModel::new(model));
+        preload(&meshes, std::slice::from_ref(&model), &Progress::default());
+        Ok(Self { model, meshes, report })
+    }
+
+    /// What was read.
+    pub(super) fn description(&self) -> &adf::Model {
+        self.model.description()
+    }
+
+    /// Puts another description in place of what was read; it must not need other meshes.
+    pub(super) fn set_description(&mut self, description: adf::Model) {
+        self.model = PlannedModel::new(SharedModel::new(description));
     }
 }
 
@@ -194,7 +203,7 @@ impl Scene {
     pub(crate) fn add_model(&mut self, model: PreparedModel) -> (ModelId, Vec<Note>) {
         let id = self.models.next_id();
         let mut builder = Builder::new(self, &model.meshes);
-        builder.add_model(model.description);
+        builder.add_model(model.model);
         let notes = builder.finish();
         (id, notes)
     }
@@ -224,6 +233,10 @@ fn taken<T>(read: Result<(T, Report), LoadError>, report: &mut SceneReport) -> O
         }
     }
 }
+
+/// What is simulated without a world file.
+static WITHOUT_FILE: LazyLock<Arc<adf::World>> =
+    LazyLock::new(|| Arc::new(with_defaults(described("gravity: {x: 0, y: 0, z: -9.8}\n"))));
 
 /// The description that `text` of our own gives.
 fn described<T: adf::Description>(text: &str) -> T {
@@ -255,8 +268,8 @@ fn with_defaults(mut world: adf::World) -> adf::World {
 
 /// The environment of a world without an environment file: empty, or the five static planes of its enclosure, with the
 /// origin in the middle.
-fn built_in_environment(world: &adf::World) -> adf::Model {
-    let Some(size) = world.enclosure else { return described("bodies: []\n") };
+fn built_in_environment(world: &adf::World) -> Arc<SharedModel> {
+    let Some(size) = world.enclosure else { return descriptions::built_in("bodies: []\n", described) };
     let planes = [
         ("floor", [0, 0, 1], size.height),
         ("front", [-1, 0, 0], size.length),
@@ -273,7 +286,7 @@ fn built_in_environment(world: &adf::World) -> adf::Model {
             -span / 2.0
         );
     }
-    described(&text)
+    descriptions::built_in(&text, described)
 }
 
 #[cfg(test)]
@@ -292,7 +305,7 @@ mod tests {
     fn an_enclosure_is_five_planes() {
         let world: adf::World = described("namespace: /env/\nenclosure: {length: 4, width: 2, height: 1}\n");
         let model = built_in_environment(&world);
-        let names: Vec<_> = model.bodies.iter().map(|body| body.common.name.as_str()).collect();
+        let names: Vec<_> = model.description.bodies.iter().map(|body| body.common.name.as_str()).collect();
         assert_eq!(names, ["floor", "front", "back", "right", "left"]);
     }
 

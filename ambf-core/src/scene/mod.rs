@@ -7,6 +7,7 @@ mod attached;
 mod body;
 mod build;
 mod commands;
+mod descriptions;
 mod elements;
 mod end_effector;
 mod gesture;
@@ -37,6 +38,8 @@ pub use ambf_plugin::{ObjectId, ObjectType};
 pub use attached::{Attached, Camera, Light, Parent};
 pub use body::{Bodies, Body};
 pub(crate) use commands::Commands;
+use descriptions::SharedModel;
+pub use descriptions::{shared_descriptions, shared_launch};
 pub use end_effector::{EndEffectorParts, PreparedEndEffector};
 pub use gesture::{CameraGesture, CameraPlace};
 pub use ghost::Ghost;
@@ -124,6 +127,8 @@ pub struct ModelInfo {
     pub description: Arc<adf::Model>,
     /// It was taken out of the scene.
     pub removed: bool,
+    /// What other worlds may use, too, while it is part of this one.
+    shared: Option<Arc<SharedModel>>,
 }
 
 /// All objects of a world, by index in order of creation. What is removed while running keeps its place.
@@ -192,7 +197,7 @@ pub struct Scene {
 
 impl Scene {
     /// A scene without objects, with defaults for all that `description` and `options` can choose.
-    fn empty(world: World, description: adf::World, options: &SceneOptions) -> Self {
+    fn empty(world: World, description: Arc<adf::World>, options: &SceneOptions) -> Self {
         Self {
             world,
             bodies: Bodies::default(),
@@ -216,7 +221,7 @@ impl Scene {
             joint_erp: None,
             gyroscopic: Gyroscopic::default(),
             has_feedback: false,
-            description: Arc::new(description),
+            description,
             plugins: Vec::new(),
             options: options.clone(),
             active_joints: Table::default(),

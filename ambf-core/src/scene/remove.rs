@@ -46,6 +46,7 @@ impl Scene {
             world.remove_body(body.handle);
         }
         self.models[model].removed = true;
+        self.models[model].shared = None;
         self.model_names.remove(|id| id == model);
         self.forget();
     }

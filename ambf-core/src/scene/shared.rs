@@ -1,12 +1,14 @@
-//! Collision shapes of meshes that all worlds of this process have in common.
+//! Collision shapes that all worlds of this process have in common.
 //!
 //! A learner steps hundreds of worlds of the same files. What of a mesh costs memory and time is read-only once it is
 //! made: points of a hull, triangles, their tree. It is kept for as long as any world uses it, and a world that is built
 //! meanwhile takes it from here, without opening the files, if they are still what they were. What a world may change
 //! is not shared: each has bodies, compounds and counters of locks of its own ([`ShapePattern`]).
 //!
-//! Not shared: parsed descriptions, which are small, and meshes of soft bodies and of sensors, whose vertices become
-//! nodes and rays of a world.
+//! Shapes without a mesh are shared by worlds of one description only ([`SharedModel`](super::descriptions::SharedModel)),
+//! which asks for no files: finding the size of a sphere that fits into a cylinder takes longer than all else of a body.
+//!
+//! Not shared: meshes of soft bodies and of sensors, whose vertices become nodes and rays of a world.
 
 use std::collections::HashMap;
 use std::sync::{Arc, LazyLock, Weak};
@@ -14,10 +16,10 @@ use std::sync::{Arc, LazyLock, Weak};
 use nalgebra::{Isometry3, Vector3};
 use parking_lot::Mutex;
 
+use super::descriptions::ShapeRules;
 use super::shape::BuiltShape;
 use crate::adf::{CollisionGeometry, PartGeometry, RigidBody, Severity};
 use crate::bullet::ShapePattern;
-use crate::control::Profile;
 use crate::mesh::{MeshCache, Sources};
 
 /// All that the collision shape of a body depends on, beside the contents of its files.
@@ -26,7 +28,8 @@ pub(super) struct ShapeKey(String);
 
 impl ShapeKey {
     /// `None`: no mesh is part of the shape.
-    pub fn new(body: &RigidBody, profile: Profile, is_simplified: bool) -> Option<Self> {
+    pub fn new(body: &RigidBody, rules: ShapeRules) -> Option<Self> {
+        let ShapeRules { profile, is_simplified } = rules;
         let RigidBody { collision, collision_margin, scale, inertial_offset, .. } = body;
         mesh_files(collision).next()?;
         // Numbers are written so that they are told apart by the last bit.
@@ -57,6 +60,8 @@ pub(super) struct SharedShape {
     inertial_offset: Isometry3<f64>,
     left_out: Vec<(Severity, String)>,
     inertias: Inertias,
+    /// What its meshes were read from.
+    sources: Arc<Sources>,
 }
 
 /// Moments of inertia that were estimated, by the bits of the mass. Those of a concave mesh are a sum over all triangles.
@@ -66,6 +71,22 @@ type Inertias = Arc<Mutex<Vec<(u64, Vector3<f64>)>>>;
 const MAX_MASSES: usize = 16;
 
 impl SharedShape {
+    /// The shape of a body without meshes.
+    pub fn without_files(built: BuiltShape) -> Self {
+        Self::new(built, Sources::default())
+    }
+
+    fn new(built: BuiltShape, sources: Sources) -> Self {
+        let BuiltShape { shape, inertial_offset, left_out } = built;
+        let (pattern, sources) = (Arc::new(ShapePattern::from(shape)), Arc::new(sources));
+        Self { pattern, inertial_offset, left_out, inertias: Inertias::default(), sources }
+    }
+
+    /// Whether its files are still what they were.
+    pub fn is_current(&self) -> bool {
+        self.sources.are_current()
+    }
+
     /// For a body of one more world, or one more body.
     pub fn built(&self) -> BuiltShape {
         BuiltShape {
@@ -98,7 +119,7 @@ struct Kept {
     inertial_offset: Isometry3<f64>,
     left_out: Vec<(Severity, String)>,
     inertias: Inertias,
-    sources: Sources,
+    sources: Arc<Sources>,
 }
 
 /// Of all worlds of this process.
@@ -106,15 +127,14 @@ static KEPT: LazyLock<Mutex<HashMap<ShapeKey, Kept>>> = LazyLock::new(Mutex::def
 
 /// The shape that some world already uses, if its files have not changed since.
 pub(super) fn find(key: &ShapeKey) -> Option<SharedShape> {
-    let (found, sources) = {
+    let found = {
         let kept = KEPT.lock();
         let Kept { pattern, inertial_offset, left_out, inertias, sources } = kept.get(key)?;
-        let (left_out, inertias) = (left_out.clone(), Arc::clone(inertias));
-        let shape = SharedShape { pattern: pattern.upgrade()?, inertial_offset: *inertial_offset, left_out, inertias };
-        (shape, sources.clone())
+        let (left_out, inertias, sources) = (left_out.clone(), Arc::clone(inertias), Arc::clone(sources));
+        SharedShape { pattern: pattern.upgrade()?, inertial_offset: *inertial_offset, left_out, inertias, sources }
     };
     // Files are asked for without the lock: they may be on a slow network.
-    sources.are_current().then_some(found)
+    found.is_current().then_some(found)
 }
 
 /// Keeps the shape of a body whose meshes `meshes` has read, for as long as any world uses it. It comes back where
@@ -135,19 +155,13 @@ pub(super) fn keep(
     if !sources.are_settled() || !sources.are_current() {
         return Err(Box::new(built));
     }
-    let BuiltShape { shape, inertial_offset, left_out } = built;
-    let shared = SharedShape {
-        pattern: Arc::new(ShapePattern::from(shape)),
-        inertial_offset,
-        left_out,
-        inertias: Inertias::default(),
-    };
+    let shared = SharedShape::new(built, sources);
     let kept = Kept {
         pattern: Arc::downgrade(&shared.pattern),
-        inertial_offset,
+        inertial_offset: shared.inertial_offset,
         left_out: shared.left_out.clone(),
         inertias: Arc::clone(&shared.inertias),
-        sources,
+        sources: Arc::clone(&shared.sources),
     };
     let mut all = KEPT.lock();
     all.retain(|_, kept| kept.pattern.strong_count() > 0);

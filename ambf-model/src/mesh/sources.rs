@@ -1,4 +1,4 @@
-//! Which files a mesh was made of, and whether they are still the same.
+//! Which files something was made of, and whether they are still the same.
 
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
@@ -39,7 +39,7 @@ impl Stamp {
 }
 
 /// Files that something was read from or that were looked for, each as it was directly before.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Sources(Vec<(PathBuf, Option<Stamp>)>);
 
 impl Sources {

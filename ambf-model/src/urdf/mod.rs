@@ -22,7 +22,7 @@ use std::collections::hash_map::Entry;
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
-pub use package::Packages;
+pub use package::{PackagePlaces, Packages};
 
 use crate::adf::{read_bytes, text_of, LoadError, Model, ProblemKind, Report};
 use geometry::Materials;
@@ -47,8 +47,19 @@ pub fn is_urdf(path: &Path) -> bool {
 /// [`LoadError`]: the file is unreadable, larger than 64 MiB, no text, no XML, no `<robot>`, still to be processed by xacro, or has
 /// numbers or names that cannot be read (then all of them are reported).
 pub fn load(path: &Path) -> Result<(Model, Report), LoadError> {
+    load_with_places(path).map(|(model, report, _)| (model, report))
+}
+
+/// [`load`], and where the packages were found that the description refers to: together with the file they decide what
+/// is read.
+///
+/// # Errors
+/// Those of [`load`].
+pub fn load_with_places(path: &Path) -> Result<(Model, Report, PackagePlaces), LoadError> {
+    let packages = Packages::around(path);
     let bytes = read_bytes(path)?;
-    parse(text_of(&bytes, path)?, path, &Packages::around(path))
+    let (model, report) = parse(text_of(&bytes, path)?, path, &packages)?;
+    Ok((model, report, packages.places()))
 }
 
 /// Reads a text as [`load`] reads a file; `path` stands for its name. With the default `packages` no file is looked at.

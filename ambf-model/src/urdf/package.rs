@@ -1,7 +1,7 @@
 //! Where `package://NAME/FILE` leads.
 
-use std::cell::OnceCell;
-use std::collections::HashMap;
+use std::cell::{OnceCell, RefCell};
+use std::collections::{BTreeMap, HashMap};
 use std::ffi::OsString;
 use std::fs;
 use std::path::{Component, Path, PathBuf};
@@ -26,6 +26,24 @@ pub struct Packages {
     shares: Vec<PathBuf>,
     /// All packages below `roots`; made when it is first needed.
     index: OnceCell<HashMap<String, PathBuf>>,
+    /// What was asked for, and what was found.
+    asked: RefCell<BTreeMap<String, Option<PathBuf>>>,
+}
+
+/// Where the packages were that a description refers to.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct PackagePlaces(BTreeMap<String, Option<PathBuf>>);
+
+impl PackagePlaces {
+    /// Whether each of them would be found at the same place for the description `file` now. Looks at no disk for a
+    /// description that refers to no package.
+    pub fn are_current(&self, file: &Path) -> bool {
+        if self.0.is_empty() {
+            return true;
+        }
+        let packages = Packages::around(file);
+        self.0.iter().all(|(name, place)| packages.find(name) == *place)
+    }
 }
 
 impl Packages {
@@ -47,11 +65,23 @@ impl Packages {
             roots: folders(package_path),
             shares: folders(prefix_path).into_iter().map(|prefix| prefix.join("share")).collect(),
             index: OnceCell::new(),
+            asked: RefCell::default(),
         }
     }
 
     /// The folder of package `name`.
     pub fn find(&self, name: &str) -> Option<PathBuf> {
+        let found = self.search(name);
+        self.asked.borrow_mut().insert(name.to_owned(), found.clone());
+        found
+    }
+
+    /// What [`find`](Self::find) was asked for until now.
+    pub fn places(&self) -> PackagePlaces {
+        PackagePlaces(self.asked.borrow().clone())
+    }
+
+    fn search(&self, name: &str) -> Option<PathBuf> {
         // One plain name, so that no path leads out of the folders that are searched.
         let mut parts = Path::new(name).components();
         if !matches!((parts.next(), parts.next()), (Some(Component::Normal(_)), None)) {
@@ -157,6 +187,13 @@ mod tests {
             assert_eq!(packages.find(none), None, "{none}");
         }
         assert_eq!(Packages::default().find("gripper"), None);
+        // The environment of this process names no packages.
+        let packages = Packages::around(&file);
+        assert!(packages.places().are_current(&file) && packages.find("gripper").is_some());
+        let places = packages.places();
+        assert!(places.are_current(&file));
+        package("ws/src/repo/renamed/gripper", "gripper");
+        assert!(!places.are_current(&file), "one that is nearer counts now");
         fs::remove_dir_all(base).expect("removed");
     }
 }

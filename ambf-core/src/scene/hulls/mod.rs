@@ -101,6 +101,10 @@ impl HullCache {
         let mut seen = std::collections::HashSet::new();
         let jobs: Vec<_> = jobs.into_iter().filter(|(sub, parameters)| seen.insert(Key::of(sub, parameters))).collect();
         progress.begin(Part::Hulls, jobs.len());
+        if jobs.is_empty() {
+            // Counting cores reads files of the system.
+            return;
+        }
         let threads = std::thread::available_parallelism().map_or(1, usize::from).min(jobs.len());
         let next = AtomicUsize::new(0);
         std::thread::scope(|scope| {
