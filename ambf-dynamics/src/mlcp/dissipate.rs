@@ -33,15 +33,15 @@ impl Solver {
     /// have: what an approximation misses shall be a limit or a contact, and not open a joint. Where it has missed a
     /// joint, this lowers the objective. One factorisation is made beyond the budget.
     pub(super) fn close_joints(&mut self) {
+        let mut joints =
+            self.iterate.variables.iter().filter(|row| row.is_unbounded() && row.diagonal > 0.0).peekable();
         // Without a factorisation before there is no room for one.
-        if self.statistics.factorisations == 0 {
+        if self.statistics.factorisations == 0 || joints.peek().is_none() {
             return;
         }
-        let holds = |row: &Variable| {
-            !row.is_unbounded() || row.diagonal <= 0.0 || self.iterate.excess(&self.rows, row).abs() <= self.accepted
-        };
         self.statistics.multiplications += self.layout.pass_cost;
-        if self.iterate.variables.iter().all(holds) {
+        let is_missed = |row: &Variable| self.iterate.excess(&self.rows, row).abs() > self.accepted;
+        if !joints.any(is_missed) {
             return;
         }
         self.bounds.clear();
