@@ -339,8 +339,8 @@ mod tests {
         assert!(!body.common.passive && body.randomize_constraints);
         assert_eq!(body.collision_mesh, std::path::Path::new("dir/a.obj"));
         let expected = SoftBodyConfig {
-            kMT: Some(0.1),
-            piterations: 6,
+            numbers: SoftConfig { kMT: 0.1, piterations: 6, ..SoftConfig::default() },
+            pose_matching: true,
             bending_constraint: Some(2),
             fixed_nodes: vec![0, 3],
             material: Some(SoftMaterial { kLST: 0.5, ..SoftMaterial::default() }),

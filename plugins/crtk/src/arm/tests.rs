@@ -7,6 +7,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use super::*;
 use crate::kinematics::testing::{coordinates, gap, random_psm, Random};
 use crate::kinematics::{DhTable, Instrument, Inverse, Kinematics, Limits, PsmInverse};
+use crate::trajectory::Bounds;
 
 const DT: f64 = 1e-3;
 const SECOND: u64 = 1_000_000_000;
