@@ -21,7 +21,10 @@ macro_rules! object_kinds {
     ($($(#[$doc:meta])* $kind:ident($id:ident = $type:ident, $info:ty) with $mailbox:ident;)*) => {
         pub(crate) mod object_ids {
             crate::ids::ids! {$(
-                #[doc = concat!("Names an object of the type [`ObjectType::", stringify!($type), "`].")]
+                #[doc = concat!(
+                    "Names an object of the type [`ObjectType::", stringify!($type),
+                    "`](ambf_plugin::ObjectType::", stringify!($type), ").",
+                )]
                 $id = $type;
             )*}
         }
