@@ -1,5 +1,6 @@
 """Starts ROS masters and the simulator for the tests, and waits for conditions instead of for time to pass."""
 
+import contextlib
 import ipaddress
 import os
 import pathlib
@@ -94,6 +95,18 @@ def environment(port, **more):
     return env
 
 
+def children(process):
+    """The processes that `process` has started."""
+    found = []
+    for entry in pathlib.Path("/proc").iterdir():
+        if entry.name.isdigit():
+            with contextlib.suppress(FileNotFoundError, ProcessLookupError):
+                # After the name, which may hold anything: state, parent.
+                if int((entry / "stat").read_text().rsplit(")", 1)[1].split()[1]) == process:
+                    found.append(int(entry.name))
+    return found
+
+
 class Program:
     """A child process whose output goes to a file; always ended when the `with` block ends."""
 
@@ -160,6 +173,15 @@ class Master(Program):
         self.port = port or free_port()
         super().__init__(["roscore", "-p", self.port], environment(self.port))
         wait_for(lambda: state_of(self.port) and "/rosout" in nodes(self.port), "roscore answers")
+
+    def kill(self):
+        """Ends master and log aggregator too: `roscore` gives each a session of its own, in which it outlives `roscore`."""
+        parts = children(self.process.pid)
+        super().kill()
+        for part in parts:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(part, signal.SIGKILL)
+        wait_for(lambda: state_of(self.port) is None, "the master is gone")
 
 
 class Simulator(Program):
