@@ -3,6 +3,7 @@
 mod physics_common;
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use ambf_core::comm::{ActuatorCommand, Hub, HubIndex, ObjectKind, RigidBodyCommand};
 use ambf_core::ids::{ActuatorId, BodyId, SensorId};
@@ -107,6 +108,34 @@ fn copies_get_suffixes_and_the_hub_follows() {
         again > first
             && matches!(hub.objects()[again].info.kind, ObjectKind::RigidBody(index, _) if index == BodyId::new(4))
     );
+}
+
+/// A simulator that runs for days keeps the place of a model that was removed, but not what the model was made from.
+#[test]
+fn little_is_kept_of_models_that_were_removed() {
+    let guest = File::new("forgotten", GUEST);
+    let mut simulation = simulation(&[PENDULUM]);
+    let hub = simulation.connect();
+    let mut descriptions = Vec::new();
+    for _ in 0..50 {
+        let key = simulation.add_model(guest.read()).key;
+        let model = simulation.scene().models.iter().last().expect("it was added");
+        assert_eq!((model.description.bodies.len(), model.description.sensors.len()), (1, 1));
+        descriptions.push(Arc::downgrade(&model.description));
+        let ball = position_of(&hub, "/g/BODY Ball");
+        hub.post(ball, &RigidBodyCommand { force: Vector3::x(), ..RigidBodyCommand::default() }).unwrap();
+        simulation.update(DT).unwrap();
+        simulation.remove_model(&key).unwrap();
+    }
+    let kept = descriptions.iter().filter(|description| description.strong_count() > 0).count();
+    assert_eq!(kept, 0, "descriptions of removed models are kept");
+    let mut removed = simulation.scene().models.iter().filter(|model| model.removed).map(|model| &model.description);
+    let names = removed.clone().map(|description| (description.name.as_str(), &*description.file));
+    assert!(names.clone().all(|name| name == ("model.yaml", &*guest.0)) && names.count() == 50);
+    assert!(removed.all(|description| description.bodies.is_empty() && description.sensors.is_empty()));
+    let visuals = hub.visuals().expect("a scene");
+    let gone = visuals.bodies.iter().filter(|body| body.object.removed);
+    assert!(gone.clone().all(|body| body.visual().is_none()) && gone.count() == 50);
 }
 
 #[test]

@@ -567,7 +567,8 @@ impl Drop for Listening {
 /// Who publishes what, as the master says when it is asked again and again.
 #[derive(Default)]
 struct Listing {
-    answer: String,
+    /// Hash of the last answer.
+    answer: Option<u64>,
     publishers: Publishers,
 }
 

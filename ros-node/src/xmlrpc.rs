@@ -1,5 +1,6 @@
 //! Calls to a ROS master or node, with a time-out.
 
+use std::hash::{DefaultHasher, Hash, Hasher};
 use std::io::{ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpStream};
 use std::time::Duration;
@@ -120,8 +121,8 @@ impl Peer {
         self.value_of(method, &answer)
     }
 
-    /// The same, for a question that is asked again and again: `None` when the answer is `last`, letter by letter, and
-    /// need not be looked at. `last` becomes the answer if it is a good one.
+    /// The same, for a question that is asked again and again: `None` when the hash of the answer is `last`, and it need
+    /// not be looked at. `last` becomes the hash of the answer if it is a good one.
     ///
     /// # Errors
     /// Those of [`call`](Self::call).
@@ -129,14 +130,17 @@ impl Peer {
         &self,
         method: &str,
         arguments: Vec<Value>,
-        last: &mut String,
+        last: &mut Option<u64>,
     ) -> Result<Option<Value>, CallError> {
         let answer = self.ask(method, arguments)?;
-        if answer == *last {
+        let mut hasher = DefaultHasher::new();
+        answer.hash(&mut hasher);
+        let hash = Some(hasher.finish());
+        if hash == *last {
             return Ok(None);
         }
         let value = self.value_of(method, &answer)?;
-        *last = answer;
+        *last = hash;
         Ok(Some(value))
     }
 

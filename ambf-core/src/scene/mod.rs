@@ -123,7 +123,8 @@ impl fmt::Display for Note {
 pub struct ModelInfo {
     /// Namespace and file name, with the suffix that tells copies apart: models are visited in the order of these.
     pub key: String,
-    /// What it was made from: also all that is only drawn (volumes, shaders, materials).
+    /// What it was made from: also all that is only drawn (volumes, shaders, materials). Of a model that was removed
+    /// only names, file and volumes.
     pub description: Arc<adf::Model>,
     /// It was taken out of the scene.
     pub removed: bool,

@@ -1,9 +1,21 @@
 //! Taking models and bodies out of a scene, and what follows from its list of objects.
 
+use std::sync::Arc;
+
 use super::attached::Attached;
 use super::list::ObjectList;
-use super::{Bodies, BodyGraph, ObjectId, Parent, Scene};
+use super::{Bodies, BodyGraph, ModelInfo, ObjectId, Parent, Scene};
 use crate::ids::{BodyId, ModelId};
+
+impl ModelInfo {
+    /// Takes the model out of the scene. Its place stays, but not what it was made from: a simulator may add and remove
+    /// models for days.
+    fn remove(&mut self) {
+        self.removed = true;
+        self.shared = None;
+        self.description = Arc::new(self.description.outline());
+    }
+}
 
 impl Scene {
     /// The model called `name`: its key, or a part of the key that no other has. The environment cannot be
@@ -45,8 +57,8 @@ impl Scene {
         for body in bodies.iter().filter(|body| body.identity.model == model) {
             world.remove_body(body.handle);
         }
-        self.models[model].removed = true;
-        self.models[model].shared = None;
+        self.models[model].remove();
+        self.plugins.retain(|declared| declared.model != model);
         self.model_names.remove(|id| id == model);
         self.forget();
     }

@@ -111,6 +111,10 @@ impl Link {
         self.objects = self.hub.objects().clone();
         let new = self.objects.iter().skip(self.slots.len());
         self.slots.extend(new.map(|object| Slot::of(&object.info.kind, scene)));
+        // Places are kept for good, commands of what is gone are not.
+        for (slot, _) in self.slots.iter_mut().zip(self.objects.iter()).filter(|(_, object)| object.is_removed()) {
+            *slot = Slot::Idle;
+        }
         let mut order: Vec<HubIndex> = self.objects.entries().map(|(object, _)| object).collect();
         order.sort_by_cached_key(|&object| scene.visiting_key(self.objects[object].info.kind.object()));
         self.rank = vec![0; order.len()];
