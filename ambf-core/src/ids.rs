@@ -125,6 +125,11 @@ impl<I: Id, T> Table<I, T> {
         I::from_index(self.list.len() - 1)
     }
 
+    /// Takes memory for `additional` entries, and no more.
+    pub fn reserve_exact(&mut self, additional: usize) {
+        self.list.reserve_exact(additional);
+    }
+
     /// The id that the next entry will have.
     pub fn next_id(&self) -> I {
         I::from_index(self.list.len())

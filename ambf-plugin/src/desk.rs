@@ -68,7 +68,8 @@ type Posted = (Sender<(u64, Command)>, Receiver<(u64, Command)>);
 
 /// What all plugins of a simulation share.
 pub struct Shared {
-    lines: Sender<String>,
+    /// 8 kB, taken as `commands`.
+    lines: OnceLock<(Sender<String>, Receiver<String>)>,
     /// 360 kB, taken when the first plugin is loaded: most of the hundreds of worlds that learners have are without any.
     commands: OnceLock<Posted>,
     /// Requests to the loop around the simulation.
@@ -82,17 +83,14 @@ pub struct Shared {
 
 /// Physics' end of [`Shared`].
 pub struct Incoming {
-    /// Lines for the log.
-    pub lines: Receiver<String>,
     writer: SnapshotWriter<StateSnapshot>,
 }
 
 impl Shared {
     /// Both ends; what plugins draw goes into `drawings`.
     pub fn new(drawings: Drawings) -> (Arc<Self>, Incoming) {
-        let (lines, lines_out) = bounded(LINES);
         let shared = Self {
-            lines,
+            lines: OnceLock::new(),
             commands: OnceLock::new(),
             requests: Requests::default(),
             snapshots: SnapshotSlot::empty(),
@@ -100,11 +98,20 @@ impl Shared {
             drawings,
         };
         let writer = SnapshotWriter::new(StateSnapshot::default());
-        (Arc::new(shared), Incoming { lines: lines_out, writer })
+        (Arc::new(shared), Incoming { writer })
     }
 
     fn commands(&self) -> &Posted {
         self.commands.get_or_init(|| bounded(COMMANDS))
+    }
+
+    fn lines(&self) -> &(Sender<String>, Receiver<String>) {
+        self.lines.get_or_init(|| bounded(LINES))
+    }
+
+    /// Lines for the log that wait now, oldest first.
+    pub fn said(&self) -> impl Iterator<Item = String> + '_ {
+        self.lines.get().into_iter().flat_map(|(_, said)| said.try_iter())
     }
 
     /// Commands that wait now, oldest first, with the numbers of the plugins that left them: a plugin that posts without
@@ -137,7 +144,9 @@ pub(crate) struct Desk {
 impl Desk {
     pub fn new(handle: &str, number: u64, shared: Arc<Shared>) -> Self {
         let sheet = shared.drawings.open(number);
+        // Now, so that a plugin that says or commands something in a step takes no memory for it.
         shared.commands();
+        shared.lines();
         Self { handle: handle.to_owned(), number, shared, failure: Mutex::default(), sheet }
     }
 
@@ -153,7 +162,7 @@ impl Desk {
 impl Services for Desk {
     fn say(&self, text: &str) {
         // A full log is no reason to wait.
-        let _ = self.shared.lines.try_send(format!("plugin {}: {text}", self.handle));
+        let _ = self.shared.lines().0.try_send(format!("plugin {}: {text}", self.handle));
     }
 
     fn post(&self, command: &Command) -> Result<(), CommandError> {
@@ -189,8 +198,10 @@ mod tests {
     #[test]
     fn commands_wait_and_requests_are_kept_apart() {
         let (shared, _incoming) = Shared::new(Drawings::default());
-        assert!(shared.posted().next().is_none());
+        assert!(shared.posted().next().is_none() && shared.said().next().is_none());
+        assert!(shared.commands.get().is_none() && shared.lines.get().is_none(), "without plugins there are no queues");
         let desk = Desk::new("p", 7, Arc::clone(&shared));
+        assert!(shared.commands.get().is_some() && shared.lines.get().is_some());
         let wrench = Command::Wrench { body: 0, force: Vector3::x(), torque: Vector3::zeros() };
         for command in [Command::ResetWorld, Command::Pause(true), Command::Step(3), Command::Step(4), wrench] {
             desk.post(&command).unwrap();

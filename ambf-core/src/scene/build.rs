@@ -185,7 +185,7 @@ pub(super) fn empty_scene(
     if matches!(savable, Some(None)) {
         warn("states cannot be saved: the process may have no more address space (`ulimit -v`)".into());
     }
-    let manifolds = if options.is_one_of_many { 32 } else { World::MANIFOLDS };
+    let manifolds = if options.is_one_of_many { 8 } else { World::MANIFOLDS };
     let mut bullet = savable.flatten().unwrap_or_else(|| World::with_room(solver, kind, manifolds));
     bullet.set_integrator(physics.integrator.unwrap_or(integrator));
     bullet.set_lag(profile == Profile::Legacy && physics.preset.is_none());

@@ -120,6 +120,9 @@ pub fn load_with_progress(files: &SceneFiles, options: &SceneOptions, progress: 
     let meshes = CollisionMeshes::new();
     let models: Vec<_> = models.into_iter().map(|model| PlannedModel::for_scene(model, &scene)).collect();
     preload(&meshes, &models, progress);
+    // Entries are large: what a growing list has to spare would be as much as it needs.
+    scene.bodies.reserve_exact(models.iter().map(|model| model.description().bodies.len()).sum());
+    scene.joints.reserve_exact(models.iter().map(|model| model.description().joints.len()).sum());
     progress.begin(Part::Models, models.len());
     let mut builder = Builder::new(&mut scene, &meshes);
     let mut models = models.into_iter();

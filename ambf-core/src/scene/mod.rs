@@ -92,7 +92,7 @@ pub struct SceneOptions {
     /// Default: `false`.
     pub may_grow: bool,
     /// The process has many worlds and none of them runs in real time: memory of contact manifolds is taken as bodies
-    /// come close, during steps, but for 32 pairs of bodies. Default: `false`, memory for 1024 pairs is taken at once.
+    /// come close, during steps, but for 8 pairs of bodies. Default: `false`, memory for 1024 pairs is taken at once.
     pub is_one_of_many: bool,
     /// States of the simulation can be [saved](crate::sim::Simulation::save). Default: `false`.
     pub savable: bool,

@@ -173,7 +173,7 @@ impl Simulation {
         let Some(plugins) = &mut self.plugins else { return };
         work(plugins, &mut SceneAccess { physics: &mut self.physics, state: &mut self.plugin_state });
         self.notices.append(&mut plugins.notices);
-        self.notices.extend(plugins.incoming.lines.try_iter());
+        self.notices.extend(plugins.shared.said());
     }
 
     /// Collects what plugins have said in threads of their own.
