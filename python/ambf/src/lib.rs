@@ -27,7 +27,7 @@ use pyo3::pymodule;
 #[pymodule]
 mod _ambf {
     #[pymodule_export]
-    use super::pool::{shared_shapes, step_all};
+    use super::pool::{shared_descriptions, shared_shapes, step_all};
     #[pymodule_export]
     use super::world::{State, World};
 }

@@ -1,10 +1,11 @@
 //! From arguments to a simulation.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
-use ambf_core::adf::{self, Launch, PhysicsProfile, PhysicsSettings};
+use ambf_core::adf::{Launch, PhysicsProfile, PhysicsSettings};
 use ambf_core::plugin::{PluginSetup, Registry, Search};
-use ambf_core::scene::{load, Loaded, PhysicsOptions, SceneFiles, SceneOptions};
+use ambf_core::scene::{load, shared_launch, Loaded, PhysicsOptions, SceneFiles, SceneOptions};
 use ambf_core::sim::{Simulation, Stepper, DEFAULT_SUB_STEP};
 
 /// Which scene, and how it is simulated.
@@ -27,11 +28,20 @@ pub struct Wanted {
     pub plugins: Vec<PathBuf>,
 }
 
-/// Loads the scene; what is left out or guessed is in the sentences.
+/// What is loaded.
+pub struct Made {
+    pub stepper: Stepper,
+    /// What is left out or guessed.
+    pub warnings: Vec<String>,
+    /// While it is kept, further worlds need not read the file.
+    pub launch: Option<Arc<Launch>>,
+}
+
+/// Loads the scene.
 ///
 /// # Errors
 /// One sentence for each file, element of a list or name that can't be used at all.
-pub fn stepper(wanted: &Wanted) -> Result<(Stepper, Vec<String>), Vec<String>> {
+pub fn load_world(wanted: &Wanted) -> Result<Made, Vec<String>> {
     if !(wanted.step.is_finite() && wanted.step > 0.0 && wanted.step <= 1.0) {
         return Err(vec![format!("step={}: expected seconds, above 0 and at most 1", wanted.step)]);
     }
@@ -39,13 +49,13 @@ pub fn stepper(wanted: &Wanted) -> Result<(Stepper, Vec<String>), Vec<String>> {
     let mut warnings = Vec::new();
     let launch = match &wanted.launch_file {
         Some(path) => {
-            let (launch, report) = adf::load::<Launch>(path).map_err(|error| vec![error.to_string()])?;
+            let (launch, report) = shared_launch(path).map_err(|error| vec![error.to_string()])?;
             warnings.extend(lines(&report));
             Some(launch)
         }
         None => None,
     };
-    let files = files(wanted, launch.as_ref())?;
+    let files = files(wanted, launch.as_deref())?;
     let options = SceneOptions { physics, savable: wanted.saving, is_one_of_many: true, ..SceneOptions::default() };
     let Loaded { scene, report } = load(&files, &options);
     if !report.refused.is_empty() {
@@ -66,13 +76,13 @@ pub fn stepper(wanted: &Wanted) -> Result<(Stepper, Vec<String>), Vec<String>> {
         search: Search::from_environment(),
         arguments: vec!["python".into()],
         command_line: wanted.plugins.clone(),
-        launch: launch.map(|launch| launch.plugins).unwrap_or_default(),
+        launch: launch.as_ref().map(|launch| launch.plugins.clone()).unwrap_or_default(),
     };
     warnings.extend(simulation.load_plugins(setup).problems);
     let stepper = Stepper::new(simulation, wanted.step);
     match stepper.lost() {
         Some(problem) => Err(vec![problem.to_string()]),
-        None => Ok((stepper, warnings)),
+        None => Ok(Made { stepper, warnings, launch }),
     }
 }
 

@@ -1,5 +1,6 @@
 //! Many worlds at once, on threads that are kept.
 
+use std::panic::{catch_unwind, AssertUnwindSafe};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -60,6 +61,11 @@ pub fn step_all(
         Counts::Same(steps) => *steps,
         Counts::Each(steps) => steps[index],
     };
+    if let [world] = &worlds[..] {
+        // Threads could do nothing for it.
+        let (stepped, interrupted) = step_alone(py, world.get().take(py)?, steps_of(0));
+        return give_all(py, &worlds, [stepped], interrupted);
+    }
     let taken = take_all(py, &worlds)?;
     let pool = pool();
     let mut batch = pool.begin(taken.into_iter().enumerate().map(|(index, physics)| (physics, steps_of(index))));
@@ -73,11 +79,37 @@ pub fn step_all(
     give_all(py, &worlds, batch.finish(), interrupted)
 }
 
+/// Steps a world in this thread, until it is done, fails or is interrupted.
+fn step_alone(py: Python<'_>, physics: Physics, steps: u32) -> (Stepped<Physics>, Option<PyErr>) {
+    let mut stepped = Stepped { world: Some(physics), left: steps, result: Ok(()) };
+    while let (Some(physics), 1..) = (&mut stepped.world, stepped.left) {
+        let left = stepped.left;
+        match py.detach(|| catch_unwind(AssertUnwindSafe(|| slice(&mut physics.stepper, left)))) {
+            Ok(Ok(made)) => stepped.left -= made,
+            Ok(Err(problem)) => {
+                stepped.result = Err(problem);
+                break;
+            }
+            Err(_) => {
+                // Nobody knows in what state it is; what its destructor does is caught, too.
+                let world = stepped.world.take();
+                let _ = py.detach(|| catch_unwind(AssertUnwindSafe(|| drop(world))));
+            }
+        }
+        if stepped.left > 0 {
+            if let Err(interrupted) = py.check_signals() {
+                return (stepped, Some(interrupted));
+            }
+        }
+    }
+    (stepped, None)
+}
+
 /// Gives all back, also after an array that could not be written; what went wrong in each, or `None` if nothing did.
 fn give_all(
     py: Python<'_>,
     worlds: &[Bound<'_, World>],
-    stepped: Vec<Stepped<Physics>>,
+    stepped: impl IntoIterator<Item = Stepped<Physics>>,
     interrupted: Option<PyErr>,
 ) -> PyResult<Option<Vec<Option<Py<PyAny>>>>> {
     let mut problems: Option<Vec<_>> = None;
@@ -105,6 +137,12 @@ fn give_all(
 #[pyfunction]
 pub fn shared_shapes() -> usize {
     ambf_core::scene::shared_shapes()
+}
+
+/// See `_ambf.pyi`.
+#[pyfunction]
+pub fn shared_descriptions() -> usize {
+    ambf_core::scene::shared_descriptions()
 }
 
 /// Takes the physics of all worlds, or of none.

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use ambf_core::adf::Launch;
 use ambf_core::bullet::EnergyLedger;
 use ambf_core::comm::{ActuatorCommand, HubIndex, ObjectKind, Snapshot};
 use ambf_core::ids::{ActuatorId, SensorId};
@@ -18,7 +19,7 @@ use pyo3::prelude::*;
 use crate::arrays::{Buffer, Pool};
 use crate::commands::{BodyCommands, Requested, Row, SavedArrays};
 use crate::drawing::{self, Drawing, Moment};
-use crate::load::{self, Wanted};
+use crate::load::{self, Made, Wanted};
 use crate::view::Windows;
 use crate::{errors, names};
 
@@ -32,6 +33,8 @@ const PAUSED: Duration = Duration::from_millis(5);
 pub struct Physics {
     pub stepper: Box<Stepper>,
     requested: Requested,
+    /// Kept for further worlds.
+    _launch: Option<Arc<Launch>>,
 }
 
 /// Where the physics of a [`World`] is.
@@ -117,7 +120,7 @@ impl World {
     /// Takes the physics away and puts what the arrays command in force; nothing has changed after an error.
     pub fn take(&self, py: Python<'_>) -> PyResult<Physics> {
         let mut physics = self.take_away(py)?;
-        let Physics { stepper, requested } = &mut physics;
+        let Physics { stepper, requested, .. } = &mut physics;
         match self.commands.put_in_force(py, &self.rows, stepper, requested) {
             Ok(()) => Ok(physics),
             Err(error) => {
@@ -286,8 +289,8 @@ impl World {
             step,
             plugins,
         };
-        let (stepper, warnings) =
-            py.detach(|| load::stepper(&wanted)).map_err(|problems| errors::load(py, problems))?;
+        let Made { stepper, warnings, launch } =
+            py.detach(|| load::load_world(&wanted)).map_err(|problems| errors::load(py, problems))?;
         let (mut rows, mut sensors, mut actuators, mut rays) = (Vec::new(), Vec::new(), Vec::new(), 0);
         let snapshot = stepper.snapshot();
         for (object, entry) in stepper.objects().entries() {
@@ -329,7 +332,7 @@ impl World {
             windows: Mutex::default(),
         };
         let requested = Requested::new(made.rows.len());
-        made.give(py, Some(Physics { stepper: Box::new(stepper), requested }))?;
+        made.give(py, Some(Physics { stepper: Box::new(stepper), requested, _launch: launch }))?;
         Ok(made)
     }
 

@@ -83,12 +83,39 @@ class Together(unittest.TestCase):
         self.assertEqual(sims[0].sim_step, 152)
 
 
+    def test_one_world(self):
+        """Does what it does alone, tells its errors, and starts no thread."""
+        (sim,), (alone,) = arms(1), arms(1)
+        for steps in (1, 7, [3], 0):
+            ambf.step_all([sim], steps)
+            alone.step(steps[0] if isinstance(steps, list) else steps)
+            self.assertEqual(look(sim), look(alone))
+        flange = sim.body("arm7/flange")
+        flange.kind = ambf.FORCE
+        flange.wrench[:3] = 1e300
+        with self.assertRaises(ambf.NonFiniteError) as caught:
+            ambf.step_all([sim], 50)
+        self.assertEqual(caught.exception.index, 0)
+        sim.close()
+        with self.assertRaises(ambf.ClosedError):
+            ambf.step_all([sim])
+        program = textwrap.dedent(f"""\
+            import ambf, pathlib
+            sim = ambf.Simulation({str(ARM)!r}, launch_file={str(LAUNCH)!r})
+            ambf.step_all([sim], 5)
+            names = [task.read_text() for task in pathlib.Path("/proc/self/task").glob("*/comm")]
+            assert sim.sim_step == 6 and not any("ambf-step" in name for name in names), names
+            """)
+        subprocess.run([sys.executable, "-c", program], check=True, timeout=60)
+
+
 class Shared(unittest.TestCase):
     """What worlds of the same files have in common."""
 
     def setUp(self):
         gc.collect()
         self.before = _ambf.shared_shapes()
+        self.descriptions = _ambf.shared_descriptions()
         folder = tempfile.TemporaryDirectory()
         self.addCleanup(folder.cleanup)
         self.folder = pathlib.Path(folder.name)
@@ -141,6 +168,9 @@ class Shared(unittest.TestCase):
         alone = self.load()
         worlds = [self.first(), *(self.load() for _ in range(5))]
         self.assertEqual(_ambf.shared_shapes(), self.before + 2)
+        self.assertEqual(_ambf.shared_descriptions(), self.descriptions + 1)
+        ambf.Simulation(self.model, profile="accurate", launch_file=LAUNCH).close()
+        self.assertEqual(_ambf.shared_descriptions(), self.descriptions + 1)
         for _ in range(40):
             ambf.step_all(worlds, 25)
         alone.step(1000)
@@ -150,6 +180,14 @@ class Shared(unittest.TestCase):
             self.assertEqual(_ambf.shared_shapes(), self.before + 2)
             worlds.pop().close()
         self.assertEqual(_ambf.shared_shapes(), self.before)
+        self.assertEqual(_ambf.shared_descriptions(), self.descriptions)
+
+    def test_a_model_that_has_changed(self):
+        """Is read anew, by `Simulation` as by a learner that makes one world more."""
+        old = self.first()
+        self.model.write_text(self.model.read_text().replace("z: 1.5", "z: 1.7"))
+        new = self.load()
+        self.assertEqual([sim.body("stone").pose[2] > 1.6 for sim in (old, new)], [False, True])
 
     def test_a_mesh_that_has_changed(self):
         """Is read anew; the worlds that are there stay what they are."""

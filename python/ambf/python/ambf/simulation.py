@@ -458,7 +458,9 @@ def step_all(simulations: Sequence[Simulation], steps: Union[int, Sequence[int]]
     """
     worlds = [simulation._world for simulation in simulations]
     problems = _ambf.step_all(worlds, steps if isinstance(steps, int) else list(steps))
-    for index, problem in enumerate(problems or ()):
+    if problems is None:
+        return
+    for index, problem in enumerate(problems):
         if problem is not None:
             if isinstance(problem, NonFiniteError):
                 problem.index = index
