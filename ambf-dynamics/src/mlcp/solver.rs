@@ -39,10 +39,10 @@ const MAX_BIAS_WORK: f64 = 1e4;
 const TINY: f64 = 1e-14;
 /// Shares of the budget up to which block pivoting, staggered projections, the factorisations of subspace minimisation
 /// and its sweeps may go.
-const PIVOT_SHARE: f64 = 0.4;
-const STAGGER_SHARE: f64 = 0.6;
-const POLISH_SHARE: f64 = 0.7;
-const SWEEP_SHARE: f64 = 0.8;
+const PIVOT_SHARE: f64 = 0.7;
+const STAGGER_SHARE: f64 = 0.8;
+const POLISH_SHARE: f64 = 0.85;
+const SWEEP_SHARE: f64 = 0.9;
 
 /// Largest work of a solution, in multiplications.
 ///
