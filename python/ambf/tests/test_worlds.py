@@ -82,7 +82,6 @@ class Together(unittest.TestCase):
         ambf.step_all(sims, 2)
         self.assertEqual(sims[0].sim_step, 152)
 
-
     def test_one_world(self):
         """Does what it does alone, tells its errors, and starts no thread."""
         (sim,), (alone,) = arms(1), arms(1)
