@@ -509,7 +509,8 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
     for (int k = 0; k < coordinates; ++k) work += generalised_forces[k] * (to.q[k] - from.q[k]);
     const btScalar allowed = kinetic + work, after = internal_energy();
     const btScalar slack = MAX_GROWTH * (kinetic + btFabs(work)) + ROUNDING * (kinetic_energy() + btFabs(lifted));
-    if (after <= allowed + slack) break;
+    // With velocities that overflow in the step, `after` and `slack` are infinite.
+    if (std::isfinite(after) && after <= allowed + slack) break;
     if (parts >= MAX_PARTS) {
       // The largest number of sub-intervals was not enough: the excess energy is removed by scaling the velocities.
       scale = btSqrt(std::max(allowed, btScalar(0)) / after);

@@ -103,7 +103,7 @@ class Together(unittest.TestCase):
             sim = ambf.Simulation({str(ARM)!r}, launch_file={str(LAUNCH)!r})
             ambf.step_all([sim], 5)
             names = [task.read_text() for task in pathlib.Path("/proc/self/task").glob("*/comm")]
-            assert sim.sim_step == 6 and not any("ambf-step" in name for name in names), names
+            assert sim.sim_step == 5 and not any("ambf-step" in name for name in names), names
             """)
         subprocess.run([sys.executable, "-c", program], check=True, timeout=60)
 
