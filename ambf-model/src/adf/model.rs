@@ -132,26 +132,8 @@ impl Model {
     /// Names, file and volumes without anything else: what is kept of a model that was taken out of a scene. Volumes stay
     /// because a volume's index counts those of all models.
     pub fn outline(&self) -> Self {
-        let Self { name, namespace, file, volumes, .. } = self;
-        Self {
-            name: name.clone(),
-            namespace: namespace.clone(),
-            file: Arc::clone(file),
-            volumes: volumes.clone(),
-            bodies: Vec::new(),
-            soft_bodies: Vec::new(),
-            ghosts: Vec::new(),
-            sensors: Vec::new(),
-            actuators: Vec::new(),
-            joints: Vec::new(),
-            vehicles: Vec::new(),
-            cameras: Vec::new(),
-            lights: Vec::new(),
-            ignore_inter_collision: false,
-            gravity: None,
-            shaders: None,
-            plugins: Vec::new(),
-        }
+        let empty = Self::empty(self.name.clone(), self.namespace.clone(), Arc::clone(&self.file));
+        Self { volumes: self.volumes.clone(), ..empty }
     }
 
     pub(super) fn read(root: &Map<'_>) -> Self {
