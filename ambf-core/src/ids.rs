@@ -1,8 +1,10 @@
 //! Names of what a scene is made of, a type for each, and lists that only the right one indexes.
 //!
-//! An id says where something stands in its list, in order of creation, and is never used again. Ids are not positions
-//! in a [`Hub`](crate::comm::Hub): those are [`HubIndex`](crate::comm::HubIndex). Interfaces without types, those of
-//! plugins and of Python, have the bare number: `new` and `index` convert.
+//! An id says where something stands in its list. While nothing is removed this is the order of creation; a model that
+//! is added later takes the places of models that were removed before it takes new ones, so that an id may name another
+//! object than before as soon as a model was added. Ids are not positions in a [`Hub`](crate::comm::Hub), which are
+//! never used again: those are [`HubIndex`](crate::comm::HubIndex). Interfaces without types, those of plugins and of
+//! Python, have the bare number: `new` and `index` convert.
 
 use std::fmt;
 use std::marker::PhantomData;
@@ -70,7 +72,7 @@ impl ModelId {
     pub const ENVIRONMENT: Self = Self(0);
 }
 
-/// A list that grows at its end only, and is indexed by the ids `I`.
+/// A list that is indexed by the ids `I`. It grows at its end, or where entries were [given up](Table::vacate).
 ///
 /// ```
 /// use ambf_core::ids::{BodyId, Table};
@@ -89,6 +91,8 @@ impl ModelId {
 #[derive(Clone, PartialEq)]
 pub struct Table<I, T> {
     list: Vec<T>,
+    /// Indices of the entries that were given up, the largest first.
+    vacant: Vec<usize>,
     id: PhantomData<fn() -> I>,
 }
 
@@ -106,7 +110,7 @@ impl<I, T: fmt::Debug> fmt::Debug for Table<I, T> {
 
 impl<I, T> From<Vec<T>> for Table<I, T> {
     fn from(list: Vec<T>) -> Self {
-        Self { list, id: PhantomData }
+        Self { list, vacant: Vec::new(), id: PhantomData }
     }
 }
 
@@ -119,10 +123,22 @@ impl<I: Id, T> Table<I, T> {
         vec![value; n].into()
     }
 
-    /// Appends an entry.
+    /// Puts an entry at the first place that was given up, else at the end.
     pub fn push(&mut self, entry: T) -> I {
-        self.list.push(entry);
-        I::from_index(self.list.len() - 1)
+        let id = self.next_id();
+        match self.vacant.pop() {
+            Some(index) => self.list[index] = entry,
+            None => self.list.push(entry),
+        }
+        id
+    }
+
+    /// Gives up the places of `ids`: the entries stay until others are [pushed](Self::push). Replaces what was given up
+    /// before.
+    pub fn vacate(&mut self, ids: impl IntoIterator<Item = I>) {
+        self.vacant = ids.into_iter().map(I::to_index).filter(|&index| index < self.list.len()).collect();
+        self.vacant.sort_unstable_by(|a, b| b.cmp(a));
+        self.vacant.dedup();
     }
 
     /// Takes memory for `additional` entries, and no more.
@@ -132,7 +148,7 @@ impl<I: Id, T> Table<I, T> {
 
     /// The id that the next entry will have.
     pub fn next_id(&self) -> I {
-        I::from_index(self.list.len())
+        I::from_index(self.vacant.last().copied().unwrap_or(self.list.len()))
     }
 
     /// How many entries there are.
@@ -158,11 +174,6 @@ impl<I: Id, T> Table<I, T> {
     /// All ids.
     pub fn ids(&self) -> impl DoubleEndedIterator<Item = I> + use<I, T> {
         (0..self.list.len()).map(I::from_index)
-    }
-
-    /// The ids from `first` on.
-    pub fn ids_from(&self, first: I) -> impl Iterator<Item = I> + use<I, T> {
-        (first.to_index()..self.list.len()).map(I::from_index)
     }
 
     /// All entries.
@@ -249,5 +260,24 @@ impl<'a, I, T> IntoIterator for &'a mut Table<I, T> {
 
     fn into_iter(self) -> Self::IntoIter {
         self.list.iter_mut()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn places_that_were_given_up_are_taken_first_in_ascending_order() {
+        let mut names: Table<BodyId, &str> = vec!["a", "b", "c", "d"].into();
+        names.vacate([3, 1, 1, 9].map(BodyId::new));
+        assert_eq!((names.len(), names[BodyId::new(1)]), (4, "b"), "entries stay until they are replaced");
+        let ids = ["e", "f", "g"].map(|name| {
+            let next = names.next_id();
+            assert_eq!(next, names.push(name));
+            next.index()
+        });
+        assert_eq!(ids, [1, 3, 4]);
+        assert_eq!(names.as_slice(), ["a", "e", "c", "f", "g"]);
     }
 }

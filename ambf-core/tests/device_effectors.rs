@@ -8,6 +8,7 @@ use ambf_core::comm::{CartesianCommandType, HubObject, RigidBodyCommand};
 use ambf_core::control::Profile;
 use ambf_core::device::host::DeviceHost;
 use ambf_core::ids::{ActuatorId, BodyId, CameraId, JointId};
+use ambf_core::scene::PreparedModel;
 use ambf_core::sim::Simulation;
 use device_common::{coupled, puppets, until, Folder, Puppet, BOTH, BOXES, GRIPPER};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
@@ -19,7 +20,7 @@ struct Stage {
     simulation: Simulation,
     host: DeviceHost,
     puppets: Vec<Arc<Puppet>>,
-    _folder: Folder,
+    folder: Folder,
 }
 
 impl Stage {
@@ -30,7 +31,7 @@ impl Stage {
         let mut simulation = folder.simulation(models, profile);
         let entries = folder.entries(entries);
         let host = coupled(&entries, &drivers, false, &mut simulation);
-        Self { simulation, host, puppets, _folder: folder }
+        Self { simulation, host, puppets, folder }
     }
 
     fn body(&self, name: &str) -> BodyId {
@@ -254,6 +255,13 @@ fn removing_the_model_of_an_end_effector_leaves_a_device_without_force() {
     stage.settle();
     assert_eq!(stage.puppets[0].force(), 0.0);
     assert_eq!(stage.host.status().len(), 1);
+    // A model that takes its places is not moved by the device.
+    let file = stage.folder.write("gripper.yaml", GRIPPER);
+    stage.simulation.add_model(PreparedModel::read(&file).expect("a model"));
+    let palm = stage.position("palm");
+    stage.puppets[0].set(|pose| pose.position.z = -0.3);
+    stage.settle();
+    assert_eq!((stage.puppets[0].force(), stage.position("palm")), (0.0, palm));
 }
 
 #[test]

@@ -168,6 +168,20 @@ fn states_belong_to_their_simulation_and_its_objects() {
     let after = run(&mut simulation, 200, 250);
     simulation.restore(&without).expect("of this simulation");
     assert_eq!(run(&mut simulation, 200, 250), after);
+
+    // One camera has the place of another, of which Bullet knows nothing.
+    let folder = tempfile::tempdir().expect("a folder");
+    let camera = |name: &str| {
+        let file = folder.path().join(format!("{name}.yaml"));
+        let text = "cameras: [C]\nC: {name: C, location: {x: 1, y: 0, z: 0}, look at: {x: 0, y: 0, z: 0}}\n";
+        std::fs::write(&file, text).expect("written");
+        PreparedModel::read(&file).expect("a model")
+    };
+    let key = simulation.add_model(camera("one")).key;
+    let with_camera = simulation.save().expect("savable");
+    simulation.remove_model(&key).expect("it is there");
+    simulation.add_model(camera("other"));
+    assert_eq!(simulation.restore(&with_camera), Err(StateError::Changed));
 }
 
 #[test]

@@ -86,7 +86,8 @@ pub struct Touch {
     pub impulse: f64,
 }
 
-/// The states of all bodies and joints after one step, by index. A removed one keeps its place with its last state.
+/// The states of all bodies and joints after one step, by index. A removed one keeps its place with its last
+/// state until another takes it.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct StateSnapshot {
     /// When.

@@ -77,8 +77,8 @@ pub struct Pictures {
     renderer: Renderer,
     stage: Stage,
     visuals: Arc<VisualScene>,
-    /// Models of the scene, and how many of them were removed, when `visuals` was made.
-    models: (usize, usize),
+    /// [`Scene::changes`](ambf_core::scene::Scene::changes) when `visuals` was made.
+    changes: u64,
     cameras: Vec<Camera>,
     every: u64,
     folder: Option<PathBuf>,
@@ -92,11 +92,6 @@ pub struct Pictures {
 
 fn failed(file: &Path) -> impl Fn(io::Error) -> PictureError + '_ {
     move |source| PictureError::Write { file: file.to_owned(), source }
-}
-
-fn models(simulation: &Simulation) -> (usize, usize) {
-    let models = &simulation.scene().models;
-    (models.len(), models.iter().filter(|model| model.removed).count())
 }
 
 /// For file names.
@@ -151,7 +146,7 @@ impl Pictures {
             renderer,
             stage: Stage::default(),
             visuals,
-            models: models(simulation),
+            changes: simulation.scene().changes(),
             cameras,
             every,
             folder: options.out.clone(),
@@ -171,9 +166,9 @@ impl Pictures {
         if !step.is_multiple_of(self.every) {
             return Ok(());
         }
-        let models = models(simulation);
-        if self.models != models {
-            self.models = models;
+        let changes = simulation.scene().changes();
+        if self.changes != changes {
+            self.changes = changes;
             self.visuals = Arc::new(simulation.scene().visuals(self.visuals.generation + 1));
             self.is_new = true;
         }

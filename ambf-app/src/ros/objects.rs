@@ -4,7 +4,7 @@ use std::sync::mpsc::Sender;
 use std::sync::Arc;
 use std::time::Duration;
 
-use ambf_core::comm::{self, ObjectKind};
+use ambf_core::comm::{self, HubObject, ObjectKind};
 use ros_node::{Announcement, Link};
 
 use super::naming::Names;
@@ -19,6 +19,7 @@ const POLL: Duration = Duration::from_millis(50);
 
 /// An object that is served.
 struct ServedObject {
+    object: Arc<HubObject>,
     name: String,
     announcements: Vec<Arc<dyn Announcement>>,
 }
@@ -102,7 +103,9 @@ impl Objects {
         let Some(pictures) = self.around.pictures.as_ref().filter(|_| !self.cameras.is_empty()) else {
             return announcements;
         };
-        let Some(visuals) = self.around.hub.visuals() else { return announcements };
+        // Descriptions from before the change may be those of objects that had the same ids.
+        let visuals = self.around.hub.visuals().filter(|visuals| Some(visuals.generation) >= self.generation);
+        let Some(visuals) = visuals else { return announcements };
         let objects = self.around.hub.objects().clone();
         let (known, arguments) = (&mut self.known, &self.around.arguments);
         self.cameras.retain(|&position| {
@@ -135,6 +138,7 @@ impl Objects {
         let served = self.known.len();
         for ((position, object), known) in objects.entries().zip(&mut self.known) {
             if let Some(known) = known.take_if(|_| object.is_removed()) {
+                let object = &known.object;
                 self.names.give_back(&known.name, &object.info);
                 change.withdrawn.extend(known.announcements);
                 if let (Some(frames), ObjectKind::RigidBody(body, _)) = (&self.around.frames, &object.info.kind) {
@@ -156,7 +160,8 @@ impl Objects {
                 if matches!(object.info.kind, ObjectKind::Camera(..)) {
                     self.cameras.push(position);
                 }
-                ServedObject { name, announcements: change.come.announcements[begin..].to_vec() }
+                let object = Arc::clone(object);
+                ServedObject { object, name, announcements: change.come.announcements[begin..].to_vec() }
             });
             self.known.push(known);
         }

@@ -62,8 +62,18 @@ impl Default for PlausibleBounds {
 }
 
 impl World {
-    /// Adds a body.
+    /// Adds a body at the end of [`bodies`](Self::bodies).
     pub fn add_body(&mut self, body: RigidBody) -> BodyHandle {
+        self.add_body_at(self.body_list.len(), body)
+    }
+
+    /// Adds a body at an index of [`bodies`](Self::bodies) whose body was removed, or at the end.
+    ///
+    /// # Panics
+    /// If there is a body at the index, or the list ends before it.
+    pub fn add_body_at(&mut self, index: usize, body: RigidBody) -> BodyHandle {
+        let is_free = self.body_list.get(index).map_or(index == self.body_list.len(), |raw| raw.is_null());
+        assert!(is_free, "index {index} of {} is not free", self.body_list.len());
         let _arena = self.enter();
         self.structure += 1;
         // SAFETY: the shape is alive and stays so with the body; numbers are read before the call returns.
@@ -79,7 +89,7 @@ impl World {
         let handle = self.bodies.insert(OwnedBody {
             raw,
             _shape: body.shape,
-            index: self.body_list.len(),
+            index,
             constraint_count: 0,
             dynamic: body.mass != 0.0,
             articulation: None,
@@ -91,8 +101,12 @@ impl World {
                 sys::amb_body_set_gravity(raw.as_ptr(), gravity.as_ptr());
             }
         }
-        self.body_list.push(raw.as_ptr());
-        self.body_order.push(handle);
+        if index == self.body_list.len() {
+            self.body_list.push(raw.as_ptr());
+            self.body_order.push(handle);
+        } else {
+            (self.body_list[index], self.body_order[index]) = (raw.as_ptr(), handle);
+        }
         handle
     }
 
@@ -154,13 +168,13 @@ impl World {
         }
     }
 
-    /// Handles of all bodies in order of creation, which is the order of [`read_bodies`](Self::read_bodies). The entry
-    /// of a removed body is its stale handle.
+    /// Handles of all bodies, in the order of [`read_bodies`](Self::read_bodies): that of creation, but for those that
+    /// took a free index. The entry of a removed body is its stale handle.
     pub fn bodies(&self) -> &[BodyHandle] {
         &self.body_order
     }
 
-    /// Reads the bodies in order of creation, up to the length of `out`. Entries of removed bodies are not written.
+    /// Reads the bodies in the order of [`bodies`](Self::bodies), up to the length of `out`. Entries of removed bodies are not written.
     pub fn read_bodies(&self, out: &mut [BodyKinematics]) {
         let n = out.len().min(self.body_list.len());
         // SAFETY: the list holds live bodies and null only; `BodyKinematics` is 18 doubles in the order the shim
@@ -285,6 +299,29 @@ mod tests {
         world.set_velocity(moving, &Vector3::zeros(), &Vector3::zeros());
         world.set_pose(moving, &far);
         assert_eq!(world.first_lost(&bounds), Some(1));
+    }
+
+    #[test]
+    fn a_body_can_take_the_index_of_one_that_was_removed() {
+        let mut world = World::new(Solver::default());
+        let [first, second] = [0.0, 1.0].map(|z| world.add_body(ball(1.0, z)));
+        assert!(world.remove_body(first));
+        let third = world.add_body_at(0, ball(1.0, 2.0));
+        assert_eq!(world.bodies(), [third, second]);
+        assert!(world.pose(first).is_none(), "the old handle does not lead to the new body");
+        let mut states = [BodyKinematics::default(); 2];
+        world.read_bodies(&mut states);
+        assert_eq!(states.map(|state| state.origin[0]), [2.0, 1.0]);
+        world.set_velocity(third, &Vector3::new(f64::NAN, 0.0, 0.0), &Vector3::zeros());
+        assert_eq!(world.first_lost(&PlausibleBounds::default()), Some(0));
+    }
+
+    #[test]
+    #[should_panic(expected = "index 0 of 1 is not free")]
+    fn the_index_of_a_body_is_not_free() {
+        let mut world = World::new(Solver::default());
+        world.add_body(ball(1.0, 0.0));
+        world.add_body_at(0, ball(1.0, 1.0));
     }
 
     #[test]

@@ -45,7 +45,7 @@ pub struct World {
     pub(super) ghosts: SlotMap<GhostHandle, OwnedGhost>,
     pub(super) vehicles: SlotMap<VehicleHandle, OwnedVehicle>,
     pub(super) soft_bodies: SlotMap<SoftBodyHandle, OwnedSoftBody>,
-    /// Bodies in order of creation, for bulk reads; `body_order` names them. A removed body leaves null.
+    /// Bodies for bulk reads; `body_order` names them. A removed body leaves null until another takes its index.
     pub(super) body_list: Vec<*mut sys::AmbBody>,
     pub(super) body_order: Vec<BodyHandle>,
     /// Constraints in order of creation, and the kind of reading of each. A removed constraint leaves null.

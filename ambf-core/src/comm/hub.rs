@@ -1,6 +1,6 @@
 use std::ops::{Deref, Index};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock};
 use std::time::{Duration, Instant};
 
 use arc_swap::{ArcSwap, ArcSwapOption, Guard};
@@ -52,11 +52,24 @@ impl HubObject {
     }
 }
 
+/// Stands in the list of a [`Hub`] for all objects that were removed: a simulator may add and remove models for days.
+static REMOVED: LazyLock<Arc<HubObject>> = LazyLock::new(|| {
+    let info = ObjectInfo {
+        kind: ObjectKind::World,
+        namespace: String::new(),
+        name: String::new(),
+        identifier: String::new(),
+        rates: Rates::default(),
+    };
+    Arc::new(HubObject { info, channel: Channel::default(), removed: AtomicBool::new(true) })
+});
+
 /// Position of an object in the list of a [`Hub`], for good. It is no index of a scene: those are in [`ObjectKind`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct HubIndex(pub usize);
 
-/// All objects of a hub at one moment. An object keeps its place for good, also when it is removed.
+/// All objects of a hub at one moment. A position names one object for good. In lists that are made after the object was
+/// removed, an object without a name stands there that says so.
 #[derive(Clone, Default)]
 pub struct ObjectList {
     objects: Vec<Arc<HubObject>>,
@@ -201,8 +214,13 @@ impl Hub {
 
     /// Physics thread: says that the objects at these positions are no longer part of the scene.
     pub fn remove_objects(&self, positions: impl IntoIterator<Item = HubIndex>) {
-        let list = self.objects.load();
-        positions.into_iter().for_each(|position| list[position].removed.store(true, Ordering::Release));
+        let _one_at_a_time = self.changing.lock();
+        let mut list = ObjectList::clone(&self.objects.load());
+        for position in positions {
+            let removed = std::mem::replace(&mut list.objects[position.0], Arc::clone(&REMOVED));
+            removed.removed.store(true, Ordering::Release);
+        }
+        self.objects.store(Arc::new(list));
         self.generation.fetch_add(1, Ordering::AcqRel);
     }
 
@@ -258,8 +276,8 @@ impl Hub {
         writer.publish(&self.snapshot, fill)
     }
 
-    /// Leaves a command, or changed parameters, for the object at position `object`. What doesn't fit its kind is never
-    /// read.
+    /// Leaves a command, or changed parameters, for the object at position `object`. What doesn't fit its kind, or comes
+    /// after the object was removed, is never read.
     ///
     /// # Errors
     /// [`PostError::NotFinite`].
@@ -268,6 +286,9 @@ impl Hub {
         let target = &list[object];
         if !command.is_finite() {
             return Err(PostError::NotFinite(target.info.name.clone()));
+        }
+        if target.is_removed() {
+            return Ok(());
         }
         C::mailbox(&target.channel).post(command, self.now_ns());
         list.pending[object.0 / 64].fetch_or(1 << (object.0 % 64), Ordering::Release);
@@ -368,7 +389,9 @@ mod tests {
         hub.add_objects(vec![before[HubIndex(0)].info.clone()]);
         hub.remove_objects([HubIndex(3)]);
         assert_eq!((hub.objects().len(), before.len(), hub.generation()), (65, 64, 2));
-        assert!(before[HubIndex(3)].is_removed(), "the object is the same in both lists");
+        assert!(before[HubIndex(3)].is_removed() && hub.objects()[HubIndex(3)].is_removed());
+        assert_eq!((&*before[HubIndex(3)].info.name, &*hub.objects()[HubIndex(3)].info.name), ("Box3", ""));
+        hub.post(HubIndex(3), &RigidBodyCommand::default()).unwrap();
         hub.post(HubIndex(64), &RigidBodyCommand::default()).unwrap();
         hub.post(HubIndex(0), &RigidBodyCommand::default()).unwrap();
         let mut seen = Vec::new();

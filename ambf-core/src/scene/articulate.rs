@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::{Note, Scene};
 use crate::adf::{self, JointKind, Severity};
 use crate::bullet::ConstraintHandle;
-use crate::ids::{BodyId, JointId, Table};
+use crate::ids::{BodyId, JointId, ModelId, Table};
 
 /// Whether a model has joints that can be put into reduced coordinates.
 pub(super) fn may_articulate(model: &adf::Model) -> bool {
@@ -33,29 +33,31 @@ impl Sets {
 }
 
 impl Scene {
-    /// Puts the joints from `first` on into reduced coordinates, as far as they form trees: whole groups of bodies that
+    /// Puts the joints of `models` into reduced coordinates, as far as they form trees: whole groups of bodies that
     /// joints hold together, no parts of them. What has loops, ball joints or springs with several axes stays as it is,
     /// and so does what has a joint of `open`: reduced coordinates would close it. Says what was done.
-    pub(super) fn articulate(&mut self, first: JointId, open: &BTreeSet<JointId>) -> Option<Note> {
+    pub(super) fn articulate(&mut self, models: &BTreeSet<ModelId>, open: &BTreeSet<JointId>) -> Option<Note> {
         if !self.world.has_articulations() {
             return None;
         }
         let mut sets = Sets(self.bodies.ids().collect());
         let is_dynamic = |body: &BodyId| self.bodies[*body].mass != 0.0;
-        for joint in self.joints.iter().skip(first.index()) {
+        let own = || self.joints.entries().filter(|(_, joint)| models.contains(&joint.model));
+        for (_, joint) in own() {
             if is_dynamic(&joint.parent) && is_dynamic(&joint.child) && joint.handle.is_some() {
                 sets.join(joint.parent, joint.child);
             }
         }
         let mut groups: BTreeMap<BodyId, Vec<ConstraintHandle>> = BTreeMap::new();
         let mut open_roots = BTreeSet::new();
-        for (id, joint) in self.joints.entries().skip(first.index()) {
+        for (id, joint) in own() {
             let Some(body) = [joint.parent, joint.child].into_iter().find(is_dynamic) else { continue };
             groups.entry(sets.root(body)).or_default().extend(joint.handle);
             if open.contains(&id) {
                 open_roots.insert(sets.root(body));
             }
         }
+        let source = own().next()?.1.source.clone();
         let (mut trees, mut joints, mut others) = (0, 0, 0);
         for (root, group) in groups {
             if !open_roots.contains(&root) && self.world.articulate(&group).is_some() {
@@ -65,7 +67,6 @@ impl Scene {
                 others += group.len();
             }
         }
-        let source = self.joints.get(first)?.source.clone();
         let others =
             if others > 0 { format!("; {others} stay constraints between free bodies") } else { String::new() };
         let message = format!("joints in reduced coordinates: {joints}, in {trees} tree(s){others}");

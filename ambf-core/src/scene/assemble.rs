@@ -6,7 +6,7 @@ use std::f64::consts::PI;
 use ambf_dynamics::assembly::{self, Gap, Kind, Range};
 use nalgebra::Isometry3;
 
-use super::{Note, Scene};
+use super::{Body, Note, Scene};
 use crate::adf::Severity;
 use crate::bullet::{Constraint, ConstraintKind};
 use crate::control::Profile;
@@ -48,14 +48,14 @@ impl Assembly {
         self.0.push(Constrained { joint, kind: kind(&constraint.kind), frames, is_left_open: !assemble });
     }
 
-    /// Moves the bodies from `first` on onto the joints in profile `accurate`, with the least displacement in the
-    /// metric of their masses; those poses become the initial ones. Bodies before `first` and static ones stay. Returns
-    /// what is worth saying, and the joints that are to stay open.
-    pub fn put_together(&self, scene: &mut Scene, first: BodyId) -> (Vec<Note>, BTreeSet<JointId>) {
+    /// Moves the bodies of `models` onto the joints in profile `accurate`, with the least displacement in the metric of
+    /// their masses; those poses become the initial ones. Bodies of other models and static ones stay. Returns what is
+    /// worth saying, and the joints that are to stay open.
+    pub fn put_together(&self, scene: &mut Scene, models: &BTreeSet<ModelId>) -> (Vec<Note>, BTreeSet<JointId>) {
         if scene.profile != Profile::Accurate || scene.preset.is_some() || self.0.is_empty() {
             return Default::default();
         }
-        let mut bodies: Vec<assembly::Body> = scene.bodies.ids().map(|body| described(scene, body, first)).collect();
+        let mut bodies: Vec<assembly::Body> = scene.bodies.iter().map(|body| described(scene, body, models)).collect();
         let all: Vec<assembly::Joint> = self
             .0
             .iter()
@@ -68,7 +68,7 @@ impl Assembly {
         let to_close: Vec<assembly::Joint> = closed.iter().map(|&index| all[index].clone()).collect();
         assembly::assemble(&mut bodies, &to_close);
 
-        let displaced = place(scene, &bodies, first);
+        let displaced = place(scene, &bodies);
         let mut notes = displacements(scene, &displaced);
         let open = closed.iter().map(|&index| (self.0[index].joint, assembly::gap(&all[index], &bodies)));
         notes.extend(residuals(scene, open));
@@ -82,17 +82,16 @@ fn matters(gap: &Gap) -> bool {
 }
 
 /// A body as it is now.
-fn described(scene: &Scene, id: BodyId, first: BodyId) -> assembly::Body {
-    let body = &scene.bodies[id];
+fn described(scene: &Scene, body: &Body, models: &BTreeSet<ModelId>) -> assembly::Body {
     let pose = scene.world.pose(body.handle).unwrap_or(body.initial_pose);
-    let movable = id >= first && body.is_dynamic();
+    let movable = models.contains(&body.identity.model) && body.is_dynamic();
     assembly::Body { pose, mass: body.mass, inertia: body.inertia, movable }
 }
 
 /// Sets the poses that changed, as poses to which resets return.
-fn place(scene: &mut Scene, bodies: &[assembly::Body], first: BodyId) -> Vec<Displacement> {
+fn place(scene: &mut Scene, bodies: &[assembly::Body]) -> Vec<Displacement> {
     let mut displaced = Vec::new();
-    for ((id, body), assembled) in scene.bodies.entries_mut().zip(bodies).skip(first.index()) {
+    for ((id, body), assembled) in scene.bodies.entries_mut().zip(bodies) {
         if !assembled.movable || assembled.pose == body.initial_pose {
             continue;
         }

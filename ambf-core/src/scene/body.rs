@@ -63,7 +63,7 @@ pub(super) struct SavedBody {
 /// Cartesian commands closer than this to the pose of a static body leave it alone: m and rad.
 const SAME_POSE: (f64, f64) = (1e-5, 1e-4);
 
-/// All rigid bodies, in order of creation. One that was removed keeps its place: its handle leads nowhere.
+/// All rigid bodies, each at the index that it has in Bullet's world. The handle of one that was removed leads nowhere.
 #[derive(Debug, Default)]
 pub struct Bodies {
     list: Objects<BodyId, Body>,
@@ -71,9 +71,14 @@ pub struct Bodies {
 }
 
 impl Bodies {
-    pub(super) fn push(&mut self, body: Body) {
+    pub(super) fn push(&mut self, body: Body) -> BodyId {
+        if let Some(before) = self.list.get(self.list.next_id()) {
+            self.places.remove(before.handle);
+        }
         let handle = body.handle;
-        self.places.insert(handle, self.list.push(body));
+        let id = self.list.push(body);
+        self.places.insert(handle, id);
+        id
     }
 
     /// The body behind a handle of Bullet's world.

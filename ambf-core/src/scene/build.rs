@@ -16,13 +16,13 @@ use super::shape::BuiltShape;
 use super::shared::{self, ShapeKey, SharedShape};
 use super::targets::BodyTarget;
 use super::{
-    shape, Counts, Found, Identity, ModelInfo, NameMap, Note, ObjectType, Parent, PhysicsOptions, Scene, SceneOptions,
+    shape, Found, Identity, ModelInfo, NameMap, Note, ObjectType, Parent, PhysicsOptions, Scene, SceneOptions,
 };
 use crate::adf::{self, CollisionGeometry, CollisionMeshKind, Part, PartGeometry, RaySource, Severity, SourcePos};
 use crate::bullet::{self, Integrator, Preset, Solver, SolverSettings, World, WorldKind};
 use crate::comm::{CartesianCommandType, LightParameters, Rates};
 use crate::control::{CartesianController, Profile};
-use crate::ids::{BodyId, Id, JointId, ModelId};
+use crate::ids::{BodyId, Id, ModelId};
 use crate::mesh::{Mesh, MeshError};
 
 /// Least principal moment of what collides, as a share of that of a solid body of its shape.
@@ -46,13 +46,8 @@ pub(super) struct Builder<'a> {
     planned: Option<PlannedModel>,
     /// Its bodies by qualified identifier.
     own_names: NameMap<BodyId>,
-    /// Objects and joints of the models before it.
-    known: Counts,
-    known_joints: JointId,
-    /// The first of the joints that this builder makes.
-    first_joint: JointId,
-    /// The first of the bodies that this builder makes.
-    first_body: BodyId,
+    /// The models that this builder has built, and the one that it builds.
+    models: BTreeSet<ModelId>,
     assembly: Assembly,
 }
 
@@ -222,20 +217,14 @@ pub(super) fn empty_scene(
 
 impl<'a> Builder<'a> {
     pub fn new(scene: &'a mut Scene, meshes: &'a CollisionMeshes) -> Self {
-        let (known, known_joints) = (scene.counts(), scene.joints.next_id());
-        let own_names = NameMap::default();
-        let first_body = scene.bodies.next_id();
         Self {
             scene,
             notes: Vec::new(),
             meshes,
             model: ModelId::ENVIRONMENT,
             planned: None,
-            own_names,
-            known,
-            known_joints,
-            first_joint: known_joints,
-            first_body,
+            own_names: NameMap::default(),
+            models: BTreeSet::new(),
             assembly: Assembly::default(),
         }
     }
@@ -263,12 +252,13 @@ impl<'a> Builder<'a> {
 
     /// Resolves what may refer to later models, and reads the joints for the first time.
     pub fn finish(mut self) -> Vec<Note> {
+        self.scene.changes += 1;
         self.resolve_parents();
         self.scene.arrange();
-        let (remarks, open) = self.assembly.put_together(self.scene, self.first_body);
+        let (remarks, open) = self.assembly.put_together(self.scene, &self.models);
         self.notes.extend(remarks);
         self.scene.place_wheels();
-        let remarks = self.scene.articulate(self.first_joint, &open);
+        let remarks = self.scene.articulate(&self.models, &open);
         self.notes.extend(remarks);
         let mut buffer = vec![0.0; self.scene.world.constraints().len()];
         self.scene.world.refresh_constraints();
@@ -288,9 +278,9 @@ impl<'a> Builder<'a> {
     fn begin_model(&mut self, planned: PlannedModel) -> Arc<adf::Model> {
         let scene = &mut *self.scene;
         let description = Arc::clone(&planned.model.description);
-        (self.known, self.known_joints) = (scene.counts(), scene.joints.next_id());
         self.own_names = NameMap::default();
         self.model = scene.models.next_id();
+        self.models.insert(self.model);
         let key = format!("{}{}{}", scene.options.prefix, description.namespace, description.name);
         let suffix = scene.model_names.free_suffix(&key);
         scene.model_names.insert(&key, self.model);
@@ -337,12 +327,13 @@ impl<'a> Builder<'a> {
 
     /// All but cameras and lights, in the order of the C++ program.
     fn add_objects(&mut self, model: &adf::Model) {
-        let first = self.scene.bodies.next_id();
-        let mut self_collision = Vec::with_capacity(model.bodies.len());
+        let mut apart = Vec::new();
         for (index, body) in model.bodies.iter().enumerate() {
             self.with_plugins(ObjectType::Body, &body.common, |builder| {
                 if let Some(id) = builder.add_body(index, body, model) {
-                    self_collision.push(body.self_collision);
+                    if !body.self_collision {
+                        apart.push(id);
+                    }
                     builder.own_names.insert(&builder.scene.bodies[id].identity.key(), id);
                 }
             });
@@ -353,7 +344,7 @@ impl<'a> Builder<'a> {
         }
         self.add_lists(model, true);
         if model.ignore_inter_collision {
-            self.ignore_all_pairs(first, &self_collision);
+            self.ignore_all_pairs(&apart);
         }
     }
 
@@ -393,7 +384,8 @@ impl<'a> Builder<'a> {
         let inertia = self.bounded_inertia(body, inertia, estimate);
         let initial_pose = body.location * built.inertial_offset;
         let gravity = body.gravity.or(model.gravity);
-        let handle = self.scene.world.add_body(bullet::RigidBody {
+        let index = self.scene.bodies.next_id().index();
+        let rigid = bullet::RigidBody {
             mass: body.mass,
             inertia,
             shape: built.shape,
@@ -404,12 +396,13 @@ impl<'a> Builder<'a> {
             linear_damping: body.surface.linear_damping,
             angular_damping: body.surface.angular_damping,
             gravity,
-        });
+        };
+        let handle = self.scene.world.add_body_at(index, rigid);
         self.set_continuous(body, handle);
         self.scene.world.set_gyroscopic(handle, self.scene.gyroscopic);
         let controller = body.controller.unwrap_or_default();
         let identity = self.identity(&body.common, |scene| &scene.bodies.names);
-        self.scene.bodies.push(Body {
+        let id = self.scene.bodies.push(Body {
             identity,
             mass: body.mass,
             inertia,
@@ -429,7 +422,8 @@ impl<'a> Builder<'a> {
             target: BodyTarget::new(&controller.linear, &controller.angular),
             controller: CartesianController::new(controller.linear, controller.angular),
         });
-        Some(self.scene.graph.add_body())
+        self.scene.graph.grow(self.scene.bodies.len());
+        Some(id)
     }
 
     /// What collides of the body at `index` of the model's list: as another world has it, if one of the same files does.
@@ -669,20 +663,17 @@ impl<'a> Builder<'a> {
 
     /// Enters a model's objects in the world's maps and applies what concerns them together.
     fn finish_model(&mut self) {
-        for (list, &known) in self.scene.lists_mut().into_iter().zip(&self.known.0) {
-            list.enter_names(known);
-        }
+        let model = self.model;
+        self.scene.lists_mut().into_iter().for_each(|list| list.enter_names(model));
         let Scene { joints, joint_names, .. } = &mut *self.scene;
-        for id in joints.ids_from(self.known_joints) {
-            joint_names.insert(&joints[id].key, id);
+        for (id, joint) in joints.entries().filter(|(_, joint)| joint.model == model) {
+            joint_names.insert(&joint.key, id);
         }
         self.ignore_foreign_groups();
     }
 
-    /// Keeps the bodies from `first` on from colliding with each other, but for those that are to do so.
-    fn ignore_all_pairs(&mut self, first: BodyId, self_collision: &[bool]) {
-        let own = self.scene.bodies.ids_from(first).zip(self_collision);
-        let apart: Vec<_> = own.filter(|(_, &collides)| !collides).map(|(body, _)| body).collect();
+    /// Keeps bodies from colliding with each other.
+    fn ignore_all_pairs(&mut self, apart: &[BodyId]) {
         for (i, &a) in apart.iter().enumerate() {
             for &b in &apart[i + 1..] {
                 self.ignore_pair(a, b);

@@ -235,6 +235,7 @@ impl Scene {
             (Profile::Accurate, _) => body.inertial_offset_inverse,
         };
         let info = ActuatorInfo { parent_name: body.identity.identifier.clone(), pose: Isometry3::identity() };
+        self.changes += 1;
         let id = self.actuators.push(Actuator::new(identity, info, root, frame));
         self.actuators.names.insert(&key, id);
         id

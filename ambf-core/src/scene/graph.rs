@@ -53,9 +53,9 @@ pub struct BodyGraph {
 const MAX_LISTED: usize = 2_000_000;
 
 impl BodyGraph {
-    /// Makes place for one more body and returns its id.
-    pub fn add_body(&mut self) -> BodyId {
-        self.nodes.push(Node::default())
+    /// Makes place for `n` bodies in all.
+    pub fn grow(&mut self, n: usize) {
+        self.nodes.grow(n, Node::default());
     }
 
     /// Enters a joint from `parent` to `child`. A joint of a body with itself changes nothing; so does, in the lists, a
@@ -113,9 +113,7 @@ mod tests {
 
     fn graph(joints: &[(usize, usize, bool)]) -> BodyGraph {
         let mut graph = BodyGraph::default();
-        for _ in 0..4 {
-            graph.add_body();
-        }
+        graph.grow(4);
         for (joint, &(parent, child, passive)) in joints.iter().enumerate() {
             graph.add_joint(BodyId::new(parent), BodyId::new(child), JointId::new(joint), passive);
         }
@@ -152,9 +150,7 @@ mod tests {
     #[test]
     fn long_chains_are_listed_up_to_a_bound() {
         let mut graph = BodyGraph::default();
-        for _ in 0..=10_000 {
-            graph.add_body();
-        }
+        graph.grow(10_001);
         (0..10_000).for_each(|i| graph.add_joint(BodyId::new(i), BodyId::new(i + 1), JointId::new(i), false));
         assert!(graph.is_full());
         let listed = graph.descendants(BodyId::new(0)).len();

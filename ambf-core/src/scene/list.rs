@@ -14,7 +14,7 @@ use super::commands::Commands;
 use super::{Identity, NameMap, ObjectType, Scene};
 use crate::adf;
 use crate::comm::{ObjectKind, Snapshot};
-use crate::ids::{BodyId, Id, Table};
+use crate::ids::{BodyId, Id, ModelId, Table};
 
 /// An object with a State.
 pub(super) trait SceneObject: Sized {
@@ -74,7 +74,7 @@ pub(super) trait SceneObject: Sized {
     fn restore(&mut self, saved: &Self::Saved);
 }
 
-/// All objects `T` of a type in order of creation, named by ids `I`. What was removed keeps its place.
+/// All objects `T` of a type, named by ids `I`. What was removed keeps its place until a later model takes it.
 #[derive(Debug)]
 pub struct Objects<I, T> {
     list: Table<I, T>,
@@ -150,9 +150,11 @@ pub(super) trait ObjectList {
     fn read(&self, scene: &Scene, snapshot: &mut Snapshot);
     fn save(&self) -> SavedList;
     fn restore(&mut self, saved: &SavedList);
-    /// Enters the objects beyond the first `known` under their keys, sorted by key, as the C++ program's maps are.
-    fn enter_names(&mut self, known: usize);
+    /// Enters the objects of a model under their keys, sorted by key, as the C++ program's maps are.
+    fn enter_names(&mut self, model: ModelId);
     fn forget_names(&mut self, is_gone: &[bool]);
+    /// Gives up the places of these objects.
+    fn vacate(&mut self, indices: &[usize]);
 }
 
 impl<T: SceneObject> ObjectList for Objects<T::Id, T> {
@@ -226,14 +228,18 @@ impl<T: SceneObject> ObjectList for Objects<T::Id, T> {
         self.list.iter_mut().zip(saved).for_each(|(object, saved)| object.restore(saved));
     }
 
-    fn enter_names(&mut self, known: usize) {
-        let new = self.list.entries().skip(known).map(|(id, object)| (object.identity().key(), id));
-        let mut new: Vec<_> = new.collect();
+    fn enter_names(&mut self, model: ModelId) {
+        let new = self.list.entries().filter(|(_, object)| object.identity().model == model);
+        let mut new: Vec<_> = new.map(|(id, object)| (object.identity().key(), id)).collect();
         new.sort();
         new.iter().for_each(|(key, id)| self.names.insert(key, *id));
     }
 
     fn forget_names(&mut self, is_gone: &[bool]) {
         self.names.remove(|id| is_gone[id.to_index()]);
+    }
+
+    fn vacate(&mut self, indices: &[usize]) {
+        self.list.vacate(indices.iter().copied().map(T::Id::from_index));
     }
 }

@@ -132,7 +132,7 @@ pub struct ModelInfo {
     shared: Option<Arc<SharedModel>>,
 }
 
-/// All objects of a world, by index in order of creation. What is removed while running keeps its place.
+/// All objects of a world, by index. What is removed while running keeps its place until a later model takes it.
 pub struct Scene {
     /// Bullet's side. Its bodies are [`bodies`](Self::bodies), place for place.
     pub world: World,
@@ -194,6 +194,8 @@ pub struct Scene {
     elements: Vec<(Update, usize)>,
     /// Contacts of the parents of contact sensors.
     touching: ContactLists,
+    /// How often objects came or went.
+    changes: u64,
 }
 
 impl Scene {
@@ -230,6 +232,7 @@ impl Scene {
             joint_names: NameMap::default(),
             elements: Vec::new(),
             touching: ContactLists::default(),
+            changes: 0,
         }
     }
 
@@ -248,7 +251,7 @@ impl Scene {
             vehicles: _,
             cameras: _,
             lights: _,
-            // These change only with the extent.
+            // These change only with the objects.
             graph: _,
             models: _,
             plugins: _,
@@ -257,6 +260,7 @@ impl Scene {
             joint_names: _,
             elements: _,
             touching: _,
+            changes: _,
             has_feedback: _,
             // These are chosen when the scene is loaded.
             namespace: _,
@@ -283,7 +287,13 @@ impl Scene {
             identifier: format!("{}World", self.namespace),
             rates: self.world_rates,
         };
-        std::iter::once(world).chain(self.objects_from(&Counts::default())).collect()
+        std::iter::once(world).chain(self.objects_of(|_| true)).collect()
+    }
+
+    /// How often models, bodies and end-effectors were added or removed. As long as this stays the same, an id names the
+    /// same object.
+    pub fn changes(&self) -> u64 {
+        self.changes
     }
 
     /// All objects with a State: each type has its line here, in the order of the list that clients see.
@@ -319,12 +329,15 @@ impl Scene {
         self.lists().into_iter().find(|list| list.object_type() == kind)
     }
 
-    /// The objects that have a State and a Command beyond the first `known` of each type, without the world.
-    pub(crate) fn objects_from(&self, known: &Counts) -> Vec<ObjectInfo> {
+    /// The objects of some models that have a State and a Command, without what was removed.
+    pub(crate) fn objects_of(&self, is_wanted: impl Fn(ModelId) -> bool) -> Vec<ObjectInfo> {
         let mut objects = Vec::new();
-        for (i, list) in self.lists().into_iter().enumerate() {
-            let new = known.0.get(i).copied().unwrap_or(0)..list.count();
-            objects.extend(new.filter_map(|index| list.identity(index)?.object(|| list.kind(index, self))));
+        for list in self.lists() {
+            let is_there = |index: &usize| !self.is_removed(ObjectId { kind: list.object_type(), index: *index });
+            objects.extend((0..list.count()).filter(is_there).filter_map(|index| {
+                let identity = list.identity(index).filter(|identity| is_wanted(identity.model))?;
+                identity.object(|| list.kind(index, self))
+            }));
         }
         objects
     }
@@ -346,11 +359,6 @@ impl Scene {
                 list.values(object.index, self, out);
             }
         })
-    }
-
-    /// How many objects of each type there are, removed ones included.
-    pub(crate) fn counts(&self) -> Counts {
-        Counts(self.lists().map(|list| list.count()).to_vec())
     }
 
     /// What sorts objects into the order in which they are visited: by model, then by type, then by qualified
@@ -461,7 +469,3 @@ impl Scene {
         }
     }
 }
-
-/// Numbers of objects by type, in the order of [`Scene::lists`].
-#[derive(Debug, Clone, Default, PartialEq)]
-pub(crate) struct Counts(Vec<usize>);

@@ -1,15 +1,16 @@
 //! Taking models and bodies out of a scene, and what follows from its list of objects.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use super::attached::Attached;
 use super::list::ObjectList;
-use super::{Bodies, BodyGraph, ModelInfo, ObjectId, Parent, Scene};
+use super::{Bodies, BodyGraph, Joint, ModelInfo, ObjectId, ObjectType, Parent, Scene};
 use crate::ids::{BodyId, ModelId};
 
 impl ModelInfo {
-    /// Takes the model out of the scene. Its place stays, but not what it was made from: a simulator may add and remove
-    /// models for days.
+    /// Takes the model out of the scene, and forgets what it was made from: a simulator may add and remove models for
+    /// days.
     fn remove(&mut self) {
         self.removed = true;
         self.shared = None;
@@ -41,6 +42,8 @@ impl Scene {
         }
         self.orphan_children(|scene, parent| scene.model_of_parent(parent) == model);
         self.release_bodies(|bodies, body| bodies[body].identity.model == model);
+        // Its joints may be between bodies of others.
+        self.remove_joints(|joint| joint.model == model);
         let Self { world, bodies, .. } = self;
         for ghost in self.ghosts.iter().filter(|ghost| ghost.attached.identity.model == model) {
             world.remove_ghost(ghost.handle);
@@ -89,12 +92,16 @@ impl Scene {
         for vehicle in self.vehicles.iter().filter(|vehicle| is_gone(vehicle.chassis)) {
             world.remove_vehicle(vehicle.handle);
         }
-        for joint in self.joints.iter_mut().filter(|joint| is_gone(joint.parent) || is_gone(joint.child)) {
+        self.remove_joints(|joint| is_gone(joint.parent) || is_gone(joint.child));
+    }
+
+    fn remove_joints(&mut self, goes: impl Fn(&Joint) -> bool) {
+        for joint in self.joints.iter_mut().filter(|joint| goes(joint)) {
             joint.removed = true;
             (joint.position, joint.velocity, joint.effort) = (0.0, 0.0, 0.0);
             joint.place = None;
             if let Some(handle) = joint.handle.take() {
-                world.remove_constraint(handle);
+                self.world.remove_constraint(handle);
             }
         }
     }
@@ -111,8 +118,10 @@ impl Scene {
             || self.model_of(object).is_some_and(|model| self.models[model].removed)
     }
 
-    /// Forgets the names of what was removed, and brings up to date what follows from the lists of objects.
+    /// Forgets the names of what was removed, gives up its places, and brings up to date what follows from the lists of
+    /// objects.
     fn forget(&mut self) {
+        self.changes += 1;
         let is_gone = |list: &dyn ObjectList| {
             let kind = list.object_type();
             (0..list.count()).map(|index| self.is_removed(ObjectId { kind, index })).collect::<Vec<_>>()
@@ -123,8 +132,59 @@ impl Scene {
         }
         let Self { joints, joint_names, .. } = self;
         joint_names.remove(|joint| joints[joint].removed);
+        self.vacate();
         self.rebuild_graph();
         self.arrange();
+    }
+
+    /// Gives up the places of what was removed with its model. A body to which an object of another model refers keeps
+    /// its place: that object is gone with it.
+    fn vacate(&mut self) {
+        let is_removed = |model: ModelId| self.models[model].removed;
+        let held = self.held_bodies();
+        let vacant = self.lists().map(|list| {
+            let is_vacant = |&index: &usize| {
+                let is_held = list.object_type() == ObjectType::Body && held.contains(&BodyId::new(index));
+                !is_held && list.identity(index).is_some_and(|identity| is_removed(identity.model))
+            };
+            (0..list.count()).filter(is_vacant).collect::<Vec<_>>()
+        });
+        let joints: Vec<_> =
+            self.joints.entries().filter(|(_, joint)| is_removed(joint.model)).map(|(id, _)| id).collect();
+        // Volumes have no list of their own: their ids follow from the models.
+        let is_empty = |model: &ModelInfo| model.removed && model.description.volumes.is_empty();
+        let mut models: BTreeSet<ModelId> =
+            self.models.entries().filter(|(_, model)| is_empty(model)).map(|(id, _)| id).collect();
+        for list in self.lists() {
+            (0..list.count()).filter_map(|index| list.identity(index)).for_each(|identity| {
+                models.remove(&identity.model);
+            });
+        }
+        self.joints.iter().for_each(|joint| {
+            models.remove(&joint.model);
+        });
+        for (list, vacant) in self.lists_mut().into_iter().zip(&vacant) {
+            list.vacate(vacant);
+        }
+        self.joints.vacate(joints);
+        self.models.vacate(models);
+    }
+
+    /// The bodies to which objects refer whose models were not removed.
+    fn held_bodies(&self) -> BTreeSet<BodyId> {
+        let mut held = BTreeSet::new();
+        let is_there = |model: ModelId| !self.models[model].removed;
+        for list in self.lists().into_iter().filter(|list| list.object_type() != ObjectType::Body) {
+            let standing = |index: usize| list.identity(index).filter(|identity| is_there(identity.model));
+            held.extend((0..list.count()).filter_map(|index| standing(index).and(list.stands_on(index))));
+        }
+        for joint in self.joints.iter().filter(|joint| is_there(joint.model)) {
+            held.extend([joint.parent, joint.child]);
+        }
+        for vehicle in self.vehicles.iter().filter(|vehicle| is_there(vehicle.identity.model)) {
+            held.extend(vehicle.wheels.iter().filter_map(|wheel| wheel.body));
+        }
+        held
     }
 
     fn model_of_parent(&self, parent: Parent) -> ModelId {
@@ -151,9 +211,7 @@ impl Scene {
 
     fn rebuild_graph(&mut self) {
         self.graph = BodyGraph::default();
-        for _ in self.bodies.iter() {
-            self.graph.add_body();
-        }
+        self.graph.grow(self.bodies.len());
         for (id, joint) in self.joints.entries().filter(|(_, joint)| !joint.removed) {
             self.graph.add_joint(joint.parent, joint.child, id, joint.passive);
         }

@@ -3,28 +3,18 @@
 use super::body::SavedBody;
 use super::joint::SavedJoint;
 use super::list::SavedList;
-use super::{Counts, Scene};
+use super::Scene;
 use crate::bullet::{SavedWorld, StateError};
 
 /// What of a [`Scene`] changes while the simulation runs, as it was at one moment.
 #[derive(Debug, Clone)]
 pub(crate) struct SavedScene {
-    extent: Extent,
+    changes: u64,
     world: SavedWorld,
     /// One a list of objects, in the order of [`Scene::lists`].
     lists: Vec<SavedList>,
     joints: Vec<SavedJoint>,
     n_bodies: usize,
-}
-
-/// Numbers of which one is another whenever something was added or removed: places are never used again.
-#[derive(Debug, Clone, PartialEq)]
-struct Extent {
-    counts: Counts,
-    joints: usize,
-    models: usize,
-    removed: usize,
-    removed_bodies: usize,
 }
 
 impl SavedScene {
@@ -41,22 +31,12 @@ impl SavedScene {
 }
 
 impl Scene {
-    fn extent(&self) -> Extent {
-        Extent {
-            counts: self.counts(),
-            joints: self.joints.len(),
-            models: self.models.len(),
-            removed: self.models.iter().filter(|model| model.removed).count(),
-            removed_bodies: self.bodies.iter().filter(|body| body.removed).count(),
-        }
-    }
-
     /// # Errors
     /// Those of [`World::save`](crate::bullet::World::save).
     pub(crate) fn save(&self) -> Result<SavedScene, StateError> {
         let (world, joints) = self.saved_fields();
         Ok(SavedScene {
-            extent: self.extent(),
+            changes: self.changes,
             world: world.save()?,
             lists: self.lists().map(|list| list.save()).to_vec(),
             joints: joints.iter().map(|joint| joint.save()).collect(),
@@ -69,7 +49,7 @@ impl Scene {
     /// or went. Nothing has changed then.
     pub(crate) fn restore(&mut self, saved: &SavedScene) -> Result<(), StateError> {
         self.world.check_saved(&saved.world)?;
-        if self.extent() != saved.extent {
+        if self.changes != saved.changes {
             return Err(StateError::Changed);
         }
         self.world.restore(&saved.world)?;

@@ -111,19 +111,21 @@ impl Link {
         self.objects = self.hub.objects().clone();
         let new = self.objects.iter().skip(self.slots.len());
         self.slots.extend(new.map(|object| Slot::of(&object.info.kind, scene)));
-        // Places are kept for good, commands of what is gone are not.
+        // Positions are kept for good, commands of what is gone are not.
         for (slot, _) in self.slots.iter_mut().zip(self.objects.iter()).filter(|(_, object)| object.is_removed()) {
             *slot = Slot::Idle;
         }
-        let mut order: Vec<HubIndex> = self.objects.entries().map(|(object, _)| object).collect();
+        let live = self.objects.entries().filter(|(_, object)| !object.is_removed());
+        let mut order: Vec<HubIndex> = live.map(|(object, _)| object).collect();
         order.sort_by_cached_key(|&object| scene.visiting_key(self.objects[object].info.kind.object()));
-        self.rank = vec![0; order.len()];
+        self.rank = vec![0; self.objects.len()];
+        let live_count = order.len();
         for (rank, object) in order.into_iter().enumerate() {
             self.rank[object.0] = rank;
         }
         self.commanded.retain(|&object| !self.objects[object].is_removed());
         self.commanded.sort_by_key(|&object| self.rank[object.0]);
-        self.commanded.reserve(self.objects.len());
+        self.commanded.reserve(live_count);
         self.writer = SnapshotWriter::new(scene.snapshot(wrenches));
         self.hub.set_visuals(scene.visuals(self.hub.generation()));
     }

@@ -64,7 +64,8 @@ impl Coupled {
     /// Finds its parts in a scene that has changed.
     fn find_parts(&mut self, scene: &Scene) {
         let root = self.parts.root;
-        self.is_there = !scene.body_is_gone(root);
+        // Another model may have the place of a root link that was removed.
+        self.is_there &= !scene.body_is_gone(root);
         self.own = Table::filled(false, scene.bodies.len());
         self.own[root] = true;
         let below = scene.graph.descendants(root);
@@ -216,7 +217,6 @@ impl Simulation {
         let mut said = Vec::new();
         for (index, entry) in host.waiting() {
             let place = format!("{}: device `{}`", entry.source, entry.identifier);
-            let known = self.physics.scene.counts();
             let added =
                 PreparedEndEffector::read(&entry).and_then(|prepared| self.physics.scene.add_end_effector(prepared));
             let (parts, notes) = match added {
@@ -231,6 +231,7 @@ impl Simulation {
             said.extend(
                 self.physics.scene.paired_cameras(&entry.pair_cameras).1.iter().map(|why| format!("{place}: {why}")),
             );
+            let added_model = parts.model;
             let device = Coupled::new(entry, host.couple(index, parts.initial_pose), parts);
             let devices = self.devices.get_or_insert_with(|| {
                 Box::new(Devices {
@@ -244,7 +245,8 @@ impl Simulation {
             devices.list.push(device);
             self.grow();
             if let Some(link) = &mut self.link {
-                link.hub.add_objects(self.physics.scene.objects_from(&known));
+                // The actuator that grips has no State.
+                link.hub.add_objects(self.physics.scene.objects_of(|model| Some(model) == added_model));
                 link.follow_scene(&self.physics.scene, &self.physics.wrenches);
             }
         }

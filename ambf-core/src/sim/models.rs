@@ -142,13 +142,12 @@ impl Simulation {
     /// Builds a model into the scene. Objects of other models keep their state.
     pub fn add_model(&mut self, mut prepared: PreparedModel) -> AddedModel {
         let mut report = std::mem::take(&mut prepared.report);
-        let known = self.physics.scene.counts();
         let (index, notes) = self.physics.scene.add_model(prepared);
         let incomplete = report.errors() > 0 || notes.iter().any(|note: &Note| note.severity > Severity::Warning);
         report.notes.extend(notes);
         self.grow();
         if let Some(link) = &mut self.link {
-            link.hub.add_objects(self.physics.scene.objects_from(&known));
+            link.hub.add_objects(self.physics.scene.objects_of(|model| model == index));
             link.follow_scene(&self.physics.scene, &self.physics.wrenches);
         }
         let key = self.physics.scene.models[index].key.clone();
@@ -166,6 +165,8 @@ impl Simulation {
     pub fn remove_model(&mut self, name: &str) -> Result<String, ModelError> {
         let unknown = |why| ModelError::Unknown { name: name.to_owned(), why };
         let model = self.physics.scene.find_model(name).map_err(unknown)?;
+        // What plugins have left for objects of the model may not reach those that take their places.
+        self.execute_posted();
         self.end_model_plugins(model);
         self.release_picked_of(|scene, held| scene.model_of(held) == Some(model));
         self.physics.scene.remove_model(model);

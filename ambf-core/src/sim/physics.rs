@@ -72,7 +72,7 @@ impl Physics {
 
     /// Makes place for what the scene has now.
     pub fn grow(&mut self) {
-        self.targets.reserve(&self.scene);
+        self.targets.follow_scene(&self.scene);
         self.joint_buffer.resize(self.scene.world.constraints().len(), 0.0);
         if self.scene.has_feedback {
             self.wrenches.grow(self.scene.bodies.len(), Wrench::default());

@@ -12,8 +12,10 @@ pub(super) struct ActiveTargets {
 }
 
 impl ActiveTargets {
-    /// Makes place for all that the scene has, so that commands allocate nothing.
-    pub fn reserve(&mut self, scene: &Scene) {
+    /// Forgets what is no longer in the scene, and makes place for all that it has, so that commands allocate nothing.
+    pub fn follow_scene(&mut self, scene: &Scene) {
+        self.joints.retain(|&joint| !scene.joints[joint].removed);
+        self.bodies.retain(|&body| !scene.body_is_gone(body));
         if scene.profile == Profile::Accurate {
             self.joints.reserve(scene.joints.len());
             self.bodies.reserve(scene.bodies.len());

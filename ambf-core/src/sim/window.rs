@@ -458,13 +458,14 @@ mod tests {
         let (index, origin) = above(&simulation, &name);
         let _ = simulation.pick(&origin, &-Vector3::z());
         let (before, joints) = (hub.generation(), simulation.scene().joints.len());
+        let object = hub.objects().entries().find(|(_, object)| object.info.name == name).map(|(position, _)| position);
         assert!(joints > 0);
         assert_eq!(&*simulation.remove_body(index).unwrap(), name);
         assert!(simulation.remove_body(index).unwrap_err().contains("before"));
         assert!(simulation.remove_body(BodyId::new(usize::MAX)).is_err());
         assert!(hub.generation() > before);
         assert!(hub.visuals().unwrap().bodies[index].object.removed);
-        assert!(hub.objects().iter().find(|object| object.info.name == name).unwrap().is_removed());
+        assert!(hub.objects()[object.unwrap()].is_removed());
         assert!(simulation
             .scene()
             .joints

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 #[cfg(feature = "pictures")]
 use ambf_core::comm::HubIndex;
-use ambf_core::comm::{ObjectInfo, ObjectKind};
+use ambf_core::comm::{HubObject, ObjectInfo, ObjectKind};
 use ros2_node::names::{clean_node, clean_topic, NameSet, MAX_TOPIC};
 
 use super::super::messages::{std_msgs, string};
@@ -23,6 +23,7 @@ const MAX_SUFFIX: usize = 40;
 
 /// An object that is served.
 struct ServedObject {
+    object: Arc<HubObject>,
     name: String,
     node_name: String,
     parts: NodeParts,
@@ -91,17 +92,19 @@ impl Objects {
         if self.cameras.is_empty() {
             return;
         }
-        let Some(visuals) = self.around.hub.visuals() else { return };
+        // Descriptions from before the change may be those of objects that had the same ids.
+        let visuals = self.around.hub.visuals().filter(|visuals| Some(visuals.generation) >= self.generation);
+        let Some(visuals) = visuals else { return };
         let objects = self.around.hub.objects().clone();
         let known = &mut self.known;
         self.cameras.retain(|&position| {
             let ObjectKind::Camera(index, _) = objects[position].info.kind else { return false };
             let Some(camera) = visuals.cameras.get(index) else { return true };
-            let Some(ServedObject { name, node_name, parts }) = known[position.0].take() else { return false };
+            let Some(ServedObject { object, name, node_name, parts }) = known[position.0].take() else { return false };
             transport.resume(parts);
             let arguments = &self.around.arguments;
             let topics = super::pictures::topics(transport, arguments, index, &name, &camera.description);
-            known[position.0] = Some(ServedObject { name, node_name, parts: transport.finish() });
+            known[position.0] = Some(ServedObject { object, name, node_name, parts: transport.finish() });
             topics.into_iter().for_each(|topics| pictures.insert(topics));
             false
         });
@@ -119,6 +122,7 @@ impl Objects {
         let served = self.known.len();
         for ((_, object), known) in objects.entries().zip(&mut self.known) {
             if let Some(gone) = known.take_if(|_| object.is_removed()) {
+                let object = &gone.object;
                 if let (Some(frames), ObjectKind::RigidBody(body, _)) = (&self.around.frames, &object.info.kind) {
                     frames.remove(*body);
                 }
@@ -148,7 +152,7 @@ impl Objects {
                 if matches!(object.info.kind, ObjectKind::Camera(..)) {
                     self.cameras.push(position);
                 }
-                ServedObject { name, node_name, parts: transport.finish() }
+                ServedObject { object: Arc::clone(object), name, node_name, parts: transport.finish() }
             });
             self.known.push(known);
         }
