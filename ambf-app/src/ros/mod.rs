@@ -30,6 +30,7 @@ mod ros_args;
 mod scheduler;
 mod service;
 mod signal;
+mod snapshot_clock;
 mod step;
 mod topics;
 

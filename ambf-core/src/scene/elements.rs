@@ -1,7 +1,8 @@
 //! Builds what is more than bodies and joints: soft bodies, ghosts, sensors, actuators, vehicles.
 
 use super::attached::Attached;
-use super::build::{ray_mesh, Builder};
+use super::build::Builder;
+use super::planned::ray_mesh;
 use super::sensor::{ray_count, rays_of, Resistance, Sensor};
 use super::{shape, soft_body, Actuator, Ghost, SoftBody, Vehicle, Wheel};
 use crate::adf::{self, CollisionGeometry, SensorKind, Severity, WheelVisual};

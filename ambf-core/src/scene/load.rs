@@ -5,9 +5,11 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, LazyLock};
 
 use super::articulate;
-use super::build::{empty_scene, needed_hulls, needed_meshes, Builder, PlannedModel};
+use super::build::Builder;
 use super::descriptions::{self, SharedModel};
+use super::empty::empty_scene;
 use super::hulls::CollisionMeshes;
+use super::planned::{needed_hulls, needed_meshes, PlannedModel};
 use super::progress::{Part, Progress};
 use super::{Note, Scene, SceneOptions};
 use crate::adf::{self, LoadError, Report, Severity};

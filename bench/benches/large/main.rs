@@ -1,4 +1,4 @@
-//! Concave meshes, sleeping heaps and many contact sensors: `scripts/bench large [--quick]`
+//! Concave meshes, sleeping heaps, many contact sensors, models that come and go: `scripts/bench large [--quick]`
 
 mod shapes;
 
@@ -12,7 +12,7 @@ use ambf_bench::statistics::{short, Spread};
 use ambf_core::adf::ConvexDecomposition;
 use ambf_core::bullet::ContactLists;
 use ambf_core::control::Profile;
-use ambf_core::scene::{convex_hulls, load, PhysicsOptions, SceneFiles, SceneOptions};
+use ambf_core::scene::{convex_hulls, load, PhysicsOptions, PreparedModel, SceneFiles, SceneOptions};
 use ambf_core::sim::Simulation;
 use nalgebra::Vector3;
 use rustix::time::{clock_gettime, ClockId};
@@ -51,7 +51,9 @@ fn main() {
     let machine = report::machine(quick);
     println!("{machine}\n");
     let rounds = if quick { 5 } else { 20 };
-    let sections = [concave(rounds), sleep(rounds), sensors(rounds)];
+    // First, while the process is small.
+    let changes = changes(if quick { &[100, 1000] } else { &[100, 1000, 5000] });
+    let sections = [concave(rounds), sleep(rounds), sensors(rounds), changes];
     sections.iter().for_each(|section| println!("{section}"));
     if !quick {
         report::publish("benchmarks/large.md", "figures", &machine, &sections, &[] as &[(&str, Figure)]);
@@ -364,6 +366,52 @@ fn sensors(rounds: usize) -> Section {
             without_sensors.to_string(),
             with_sensors.to_string(),
         ]],
+        ..Section::default()
+    }
+}
+
+// --- models that come and go
+
+/// Memory of this process, MB.
+fn resident() -> f64 {
+    let status = std::fs::read_to_string("/proc/self/status").expect("Linux tells");
+    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).expect("Linux tells");
+    line.trim().trim_end_matches(" kB").parse::<f64>().expect("a number") / 1000.0
+}
+
+/// Adds a pendulum to two arms and removes it, again and again, with an update after each.
+fn changes(marks: &[usize]) -> Section {
+    /// Changes of which the median is told.
+    const LAST: usize = 100;
+    let models = report::docs().parent().expect("the workspace").join("resources/models");
+    let (world, _) = boxes();
+    let mut simulation = simulation(world, models.join("teleop.yaml"), PhysicsOptions::default());
+    let hub = simulation.connect();
+    hub.set_listening();
+    let (mut costs, mut rows, mut first) = (Vec::new(), Vec::new(), None);
+    for done in 1..=marks.last().copied().unwrap_or(0) {
+        let read = PreparedModel::read(&models.join("pendulum.yaml")).expect("a shipped model");
+        costs.push(timed(|| {
+            let key = simulation.add_model(read).key;
+            update(&mut simulation, 1);
+            simulation.remove_model(&key).expect("it is there");
+            update(&mut simulation, 1);
+        }));
+        if marks.contains(&done) {
+            let memory = resident();
+            let grown = memory - *first.get_or_insert(memory);
+            let cost = Spread::of(costs[costs.len().saturating_sub(LAST)..].to_vec()).expect("there are changes");
+            let places = simulation.scene().bodies.len();
+            rows.push(vec![done.to_string(), cost.to_string(), places.to_string(), format!("{grown:.2}")]);
+        }
+    }
+    Section {
+        title: "large/changes",
+        intro: "A pendulum of two bodies is added to the scene `teleop` and removed, with an update after each and a hub that is listened to: \
+                CPU time of the four together in the last 100 changes, µs, median (10th–90th percentile), without reading the file; places \
+                of bodies in the scene; growth of the memory of the process since the first row, MB.",
+        header: &["changes", "time", "places", "growth"],
+        rows,
         ..Section::default()
     }
 }
