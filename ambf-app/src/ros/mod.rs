@@ -30,7 +30,6 @@ mod ros_args;
 mod scheduler;
 mod service;
 mod signal;
-mod snapshot_clock;
 mod step;
 mod topics;
 

@@ -2,7 +2,7 @@
 
 use std::sync::mpsc::Receiver;
 use std::sync::Arc;
-use std::time::{Duration, SystemTime};
+use std::time::Duration;
 
 use ambf_core::comm::{Hub, HubIndex, ObjectKind, PublishSchedule, Rates, Snapshot};
 use ambf_core::sim::request_short_slices;
@@ -10,14 +10,10 @@ use ros_node::{Publication, Stop};
 use rosrust::Message;
 
 use super::signal::Waker;
-use super::snapshot_clock::SnapshotClock;
 use crate::report;
 
 /// Longest sleep: bounds how late a new listener or the end of a command stream is seen.
 const MAX_SLEEP: Duration = Duration::from_millis(20);
-
-/// How long a snapshot that is late is waited for.
-const PATIENCE: Duration = Duration::from_micros(50);
 
 /// A topic as the scheduler sees it.
 pub(super) trait Outlet: Send {
@@ -102,8 +98,6 @@ pub(super) fn run(hub: &Hub, fresh: &Receiver<Vec<Entry>>, stop: &Stop, waker: &
     let mut followed = hub.throttle().clocked_steps();
     let mut entries = Vec::new();
     let mut generation = hub.generation();
-    let mut snapshots = SnapshotClock::default();
-    let mut waits_for_snapshot = false;
     while !stop.is_stopped() {
         let before = entries.len();
         entries.extend(fresh.try_iter().flatten());
@@ -119,17 +113,9 @@ pub(super) fn run(hub: &Hub, fresh: &Receiver<Vec<Entry>>, stop: &Stop, waker: &
         if std::mem::replace(&mut followed, steps) != steps {
             publish_live(hub, &mut entries);
         }
-        let is_new = hub.snapshot().as_ref().is_some_and(|snapshot| snapshots.see(snapshot));
-        if std::mem::take(&mut waits_for_snapshot) && !is_new {
-            std::thread::park_timeout(PATIENCE);
-        }
-        let Due { next, period } = publish_due(hub, &mut entries, hub.now());
-        // The schedules are absolute: a late wake-up delays one message, it does not lower the rate. A state that is sent
-        // right after its step is younger by half a period of the physics, on average.
-        let wait = next.saturating_sub(hub.now()).min(MAX_SLEEP);
-        let aligned = snapshots.align(wait, period, SystemTime::now()).min(MAX_SLEEP);
-        waits_for_snapshot = aligned > wait;
-        std::thread::park_timeout(aligned);
+        let next = publish_due(hub, &mut entries, hub.now());
+        // The schedules are absolute: a late wake-up delays one message, it does not lower the rate.
+        std::thread::park_timeout(next.saturating_sub(hub.now()).min(MAX_SLEEP));
     }
     hub.throttle().remove_follower(&own);
 }
@@ -142,20 +128,11 @@ fn publish_live(hub: &Hub, entries: &mut [Entry]) {
     }
 }
 
-/// What is listened to.
-#[derive(Debug, PartialEq)]
-struct Due {
-    /// When something is due next, on the hub's clock; [`Duration::MAX`]: nobody listens.
-    next: Duration,
-    /// The shortest period.
-    period: Duration,
-}
-
-/// Publishes what is due at `now`; what is due next.
-fn publish_due(hub: &Hub, entries: &mut [Entry], now: Duration) -> Due {
+/// Publishes what is due at `now` and returns when something that is listened to is due next.
+fn publish_due(hub: &Hub, entries: &mut [Entry], now: Duration) -> Duration {
     let snapshot = hub.snapshot();
     let snapshot = snapshot.as_deref();
-    let mut due = Due { next: Duration::MAX, period: Duration::MAX };
+    let mut next = Duration::MAX;
     for entry in entries {
         entry.follow_commands(hub, now);
         if entry.schedule.poll(now) {
@@ -166,11 +143,10 @@ fn publish_due(hub: &Hub, entries: &mut [Entry], now: Duration) -> Due {
         }
         // Nobody is woken for topics that nobody listens to; a new listener is seen after the longest sleep.
         if entry.wanted {
-            due.next = due.next.min(entry.schedule.next_due());
-            due.period = due.period.min(entry.schedule.period());
+            next = next.min(entry.schedule.next_due());
         }
     }
-    due
+    next
 }
 
 #[cfg(test)]
@@ -250,10 +226,8 @@ mod tests {
     fn only_topics_with_listeners_cost_wake_ups() {
         let hub = Hub::new(vec![body("a")]);
         let sent = Arc::default();
-        let nothing = Due { next: Duration::MAX, period: Duration::MAX };
-        assert_eq!(publish_due(&hub, &mut [entry(false, &sent)], Duration::ZERO), nothing);
-        let period = Duration::from_millis(20);
-        assert_eq!(publish_due(&hub, &mut [entry(true, &sent)], Duration::ZERO), Due { next: period, period });
+        assert_eq!(publish_due(&hub, &mut [entry(false, &sent)], Duration::ZERO), Duration::MAX);
+        assert_eq!(publish_due(&hub, &mut [entry(true, &sent)], Duration::ZERO), Duration::from_millis(20));
     }
 
     #[test]
