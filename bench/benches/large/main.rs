@@ -1,4 +1,5 @@
-//! Concave meshes, sleeping heaps, many contact sensors, models that come and go: `scripts/bench large [--quick]`
+//! Concave meshes, sleeping heaps, many contact sensors, models that come and go: `scripts/bench large [--quick]
+//! [--only PART]…`
 
 mod shapes;
 
@@ -29,6 +30,9 @@ const WORLD: &str = "gravity: {x: 0, y: 0, z: -9.81}\nmax iterations: 50\n";
 const FLOOR: &str = "FLOOR: {name: Floor, mass: 0, friction: {static: 0.9, rolling: 0.1}, collision shape: Plane, \
                      collision geometry: {normal: {x: 0, y: 0, z: 1}, offset: 0}}\n";
 
+/// What is measured, in this order: memory of the process while it is small.
+const PARTS: [&str; 4] = ["changes", "concave", "sleep", "sensors"];
+
 /// How a mesh collides: name, value of `collision mesh type`, hulls of its geometry.
 const KINDS: [(&str, &str, u32); 3] = [
     ("mesh as it is (GImpact)", "CONCAVE_MESH", 0),
@@ -43,19 +47,31 @@ fn main() {
         println!("nothing is measured: this is started by `cargo bench` or scripts/bench large");
         return;
     }
-    if let Some(unknown) = arguments.iter().find(|argument| !["--bench", "--quick"].contains(&argument.as_str())) {
-        eprintln!("bench large: {unknown} is not known; expected --quick");
-        exit(1);
+    let (mut quick, mut only) = (false, Vec::new());
+    let mut rest = arguments.iter();
+    while let Some(argument) = rest.next() {
+        match (argument.as_str(), rest.as_slice().first().map(String::as_str)) {
+            ("--bench", _) => (),
+            ("--quick", _) => quick = true,
+            ("--only", Some(part)) if PARTS.contains(&part) => only.extend(rest.next().map(String::as_str)),
+            _ => {
+                eprintln!("bench large: {argument} is not known; expected --quick, --only {}", PARTS.join("|"));
+                exit(1);
+            }
+        }
     }
-    let quick = arguments.iter().any(|argument| argument == "--quick");
     let machine = report::machine(quick);
     println!("{machine}\n");
     let rounds = if quick { 5 } else { 20 };
-    // First, while the process is small.
-    let changes = changes(if quick { &[100, 1000] } else { &[100, 1000, 5000] });
-    let sections = [concave(rounds), sleep(rounds), sensors(rounds), changes];
-    sections.iter().for_each(|section| println!("{section}"));
-    if !quick {
+    let measure = |part: &&str| match *part {
+        "changes" => changes(if quick { &[100, 1000] } else { &[100, 1000, 5000] }),
+        "concave" => concave(rounds),
+        "sleep" => sleep(rounds),
+        _ => sensors(rounds),
+    };
+    let wanted = PARTS.iter().filter(|part| only.is_empty() || only.contains(part));
+    let sections: Vec<Section> = wanted.map(measure).inspect(|section| println!("{section}")).collect();
+    if !quick && only.is_empty() {
         report::publish("benchmarks/large.md", "figures", &machine, &sections, &[] as &[(&str, Figure)]);
     }
 }
