@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use ambf_core::comm::Hub;
 use ambf_core::ids::BodyId;
-use ambf_core::plugin::{Input, PluginSetup};
+use ambf_core::plugin::{Input, ObjectType, PluginSetup};
 use ambf_core::scene::PreparedModel;
 use ambf_core::sim::{Event, Runner, RunnerOptions, Simulation};
 use plugin_common::{launch_entry, pendulum, probes, world, Stage};
@@ -291,9 +291,16 @@ fn models_that_come_and_go_bring_their_plugins_and_are_announced() {
     assert_eq!(stage.log.take(), lines(&order, "physics_update"));
 
     simulation.remove_model("guest").unwrap();
-    let mut expected = notes("-");
-    expected.extend(lines(&["g-joint", "g-arm", "g-base", "g-model"], "close"));
+    let mut gone = notes("-");
+    gone.extend(lines(&["g-joint", "g-arm", "g-base", "g-model"], "close"));
+    assert_eq!(stage.log.take(), gone);
+    // The same in the places of the first.
+    let places = simulation.scene().bodies.len();
+    let added = simulation.add_model(PreparedModel::read(&guest).unwrap());
+    assert_eq!((added.report.as_str(), simulation.scene().bodies.len()), ("", places));
     assert_eq!(stage.log.take(), expected);
+    simulation.remove_model("guest").unwrap();
+    assert_eq!(stage.log.take(), gone);
     simulation.iterate(0.001).unwrap();
     assert_eq!(stage.log.take(), lines(&["w"], "physics_update"));
     drop(simulation);
@@ -442,4 +449,33 @@ impl Stage {
         assert!(Path::new(&self.folder).is_dir());
         Simulation::new(loaded.scene, 0.001)
     }
+}
+
+/// A volume has no list of its own: its index follows from the models before its own.
+#[test]
+fn volumes_keep_their_indices_when_models_come_and_go() {
+    let stage = Stage::new();
+    let mut simulation = stage.simulation(&world(), &[]);
+    stage.log.take();
+    let volume = |name: &str| {
+        stage.write(
+            &format!("{name}.yaml"),
+            &format!("volumes: [V]\nnamespace: /{name}/\nV: {{name: {name}, {}}}\n", probes(&[name])),
+        )
+    };
+    let empty = stage.write("empty.yaml", "bodies: []\nnamespace: /e/\n");
+    let add = |simulation: &mut Simulation, file: &Path| {
+        let added = simulation.add_model(PreparedModel::read(file).expect("a model"));
+        assert!(!added.incomplete, "{}", added.report);
+        added.key
+    };
+    let gap = add(&mut simulation, &empty);
+    add(&mut simulation, &volume("first"));
+    let index = |simulation: &Simulation, name: &str| simulation.scene().find_object(ObjectType::Volume, name);
+    assert_eq!(index(&simulation, "first"), Some(0));
+    simulation.remove_model(&gap).expect("it is there");
+    add(&mut simulation, &volume("second"));
+    assert_eq!((index(&simulation, "first"), index(&simulation, "second")), (Some(0), Some(1)));
+    let inits: Vec<_> = stage.log.take().into_iter().filter(|line| line.ends_with(":init")).collect();
+    assert_eq!(inits, lines(&["first", "second"], "init"));
 }

@@ -96,6 +96,10 @@ impl<'a> Builder<'a> {
         let scene = &mut *self.scene;
         let description = Arc::clone(&planned.model.description);
         self.own_names = NameMap::default();
+        if !description.volumes.is_empty() {
+            // In the place of another model its volumes would get in between those of others, whose ids they would take.
+            scene.models.vacate([]);
+        }
         self.model = scene.models.next_id();
         self.models.insert(self.model);
         let key = format!("{}{}{}", scene.options.prefix, description.namespace, description.name);

@@ -138,6 +138,8 @@ pub(super) trait ObjectList {
     /// What builds them before the joints of their model, or after; `None` where they are built the other time.
     fn add(&self, follows_joints: bool) -> Option<Add>;
     fn count(&self) -> usize;
+    /// The index that the next object will have.
+    fn next_index(&self) -> usize;
     fn identity(&self, index: usize) -> Option<&Identity>;
     fn kind(&self, index: usize, scene: &Scene) -> ObjectKind;
     fn stands_on(&self, index: usize) -> Option<BodyId>;
@@ -178,6 +180,10 @@ impl<T: SceneObject> ObjectList for Objects<T::Id, T> {
 
     fn count(&self) -> usize {
         self.list.len()
+    }
+
+    fn next_index(&self) -> usize {
+        self.list.next_id().to_index()
     }
 
     fn identity(&self, index: usize) -> Option<&Identity> {

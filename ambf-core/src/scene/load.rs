@@ -206,11 +206,9 @@ impl PreparedModel {
 impl Scene {
     /// Builds a model into the scene; returns it and what was dropped, replaced or guessed.
     pub(crate) fn add_model(&mut self, model: PreparedModel) -> (ModelId, Vec<Note>) {
-        let id = self.models.next_id();
         let mut builder = Builder::new(self, &model.meshes);
         builder.add_model(model.model);
-        let notes = builder.finish();
-        (id, notes)
+        (builder.model, builder.finish())
     }
 }
 

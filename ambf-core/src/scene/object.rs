@@ -21,9 +21,9 @@ pub struct DeclaredPlugins {
 impl Builder<'_> {
     /// Makes an object with `add`, and remembers its plugins if it was not dropped.
     pub(super) fn with_plugins(&mut self, kind: ObjectType, common: &adf::Common, add: impl FnOnce(&mut Self)) {
-        let index = self.scene.object_count(kind);
+        let index = self.scene.next_index(kind);
         add(self);
-        if !common.plugins.is_empty() && self.scene.object_count(kind) > index {
+        if !common.plugins.is_empty() && self.scene.next_index(kind) != index {
             self.scene.plugins.push(DeclaredPlugins {
                 model: self.model,
                 object: Some(ObjectId { kind, index }),
@@ -35,7 +35,8 @@ impl Builder<'_> {
 
     /// Remembers the plugins of the model and its volumes, after those of its other objects.
     pub(super) fn declare_plugins(&mut self, model: &adf::Model) {
-        let first = self.scene.object_count(ObjectType::Volume) - model.volumes.len();
+        let before = self.scene.models.entries().take_while(|(id, _)| *id != self.model);
+        let first: usize = before.map(|(_, info)| info.description.volumes.len()).sum();
         for (i, volume) in model.volumes.iter().enumerate().filter(|(_, volume)| !volume.common.plugins.is_empty()) {
             self.scene.plugins.push(DeclaredPlugins {
                 model: self.model,
@@ -56,12 +57,20 @@ impl Builder<'_> {
 }
 
 impl Scene {
-    /// How many objects of a type there ever were.
+    /// How many objects of a type there are, removed ones included whose places no other has taken.
     pub fn object_count(&self, kind: ObjectType) -> usize {
         match kind {
             ObjectType::Joint => self.joints.len(),
             ObjectType::Volume => self.models.iter().map(|model| model.description.volumes.len()).sum(),
             _ => self.list(kind).map_or(0, |list| list.count()),
+        }
+    }
+
+    /// The index that the next object of a type will have.
+    fn next_index(&self, kind: ObjectType) -> usize {
+        match kind {
+            ObjectType::Joint => self.joints.next_id().index(),
+            _ => self.list(kind).map_or(0, |list| list.next_index()),
         }
     }
 
