@@ -1,10 +1,9 @@
 //! Names of what a scene is made of, a type for each, and lists that only the right one indexes.
 //!
-//! An id says where something stands in its list. While nothing is removed this is the order of creation; a model that
-//! is added later takes the places of models that were removed before it takes new ones, so that an id may name another
-//! object than before as soon as a model was added. Ids are not positions in a [`Hub`](crate::comm::Hub), which are
-//! never used again: those are [`HubIndex`](crate::comm::HubIndex). Interfaces without types, those of plugins and of
-//! Python, have the bare number: `new` and `index` convert.
+//! An id says where something stands in its list, in order of creation. It never names another object: only the same
+//! object of the same model gets it again, when that model was removed and is added again. Ids are not positions in a
+//! [`Hub`](crate::comm::Hub), which are never used again: those are [`HubIndex`](crate::comm::HubIndex). Interfaces
+//! without types, those of plugins and of Python, have the bare number: `new` and `index` convert.
 
 use std::fmt;
 use std::marker::PhantomData;

@@ -211,9 +211,31 @@ fn models_that_take_the_places_of_others_are_themselves() {
     }
     let scene = host.0.scene();
     let live = |model: &ModelId| !scene.models[*model].removed;
-    assert!(scene.bodies.len() <= 2 + 4 * 2 && scene.joints.len() <= 1 + 4 && scene.sensors.len() <= 4);
-    assert!(scene.cameras.len() <= 1 + 4 && scene.models.len() <= 2 + 4 * 3, "{}", scene.models.len());
+    // Four copies of each kind have their places.
+    assert!(scene.bodies.len() <= 2 + 4 + 4 * 2 && scene.joints.len() <= 1 + 4 && scene.sensors.len() <= 4);
+    assert!(scene.cameras.len() <= 1 + 4 && scene.models.len() <= 2 + 2 * 4 * 2, "{}", scene.models.len());
     assert_eq!(scene.models.ids().filter(live).count(), 2 + guests.len());
+}
+
+/// Who has the id of an object finds that object or none.
+#[test]
+fn only_the_same_model_takes_the_places_of_a_removed_one() {
+    let guest = File::new("same", GUEST);
+    let mut simulation = simulation(&[PENDULUM]);
+    let body_of = |simulation: &mut Simulation, file: &File| {
+        let key = simulation.add_model(file.read()).key;
+        simulation.remove_model(&key).expect("it is there");
+        let balls = simulation.scene().bodies.entries().filter(|(_, body)| &*body.identity.name == "Ball");
+        balls.last().map(|(id, _)| id)
+    };
+    let first = body_of(&mut simulation, &guest);
+    assert!(first.is_some());
+    assert_eq!(body_of(&mut simulation, &guest), first);
+    let other = File::new("same-other", GUEST);
+    assert_ne!(body_of(&mut simulation, &other), first, "another file with the same key");
+    std::fs::write(&guest.0, GUEST.replace("mass: 2", "mass: 3")).expect("written");
+    assert_ne!(body_of(&mut simulation, &guest), first, "the file has changed");
+    assert_eq!(simulation.scene().bodies.iter().filter(|body| &*body.identity.name == "Ball").count(), 3);
 }
 
 /// What hung on a model that is gone does not move over to the one that comes after it.

@@ -2,9 +2,8 @@
 
 pub use ambf_model::adf::ObjectType;
 
-/// An object: its type, and its index among all of that type. The index of an object that was removed with its model may
-/// be that of another once a model is added; [`WorldPlugin::on_object_removal`](crate::WorldPlugin::on_object_removal)
-/// says when to forget it.
+/// An object: its type, and its index among all of that type in order of creation. An index never names another object:
+/// only the same object of the same model gets it again, when that model was removed and is added again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct ObjectId {
     /// What it is.

@@ -86,8 +86,7 @@ pub struct Touch {
     pub impulse: f64,
 }
 
-/// The states of all bodies and joints after one step, by index. A removed one keeps its place with its last
-/// state until another takes it.
+/// The states of all bodies and joints after one step, by index. A removed one keeps its place with its last state.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct StateSnapshot {
     /// When.

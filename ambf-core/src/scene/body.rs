@@ -63,7 +63,8 @@ pub(super) struct SavedBody {
 /// Cartesian commands closer than this to the pose of a static body leave it alone: m and rad.
 const SAME_POSE: (f64, f64) = (1e-5, 1e-4);
 
-/// All rigid bodies, each at the index that it has in Bullet's world. The handle of one that was removed leads nowhere.
+/// All rigid bodies, each at the index that it has in Bullet's world. One that was removed keeps its place: its handle
+/// leads nowhere.
 #[derive(Debug, Default)]
 pub struct Bodies {
     list: Objects<BodyId, Body>,

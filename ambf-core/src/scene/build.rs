@@ -70,6 +70,7 @@ impl<'a> Builder<'a> {
     /// Resolves what may refer to later models, and reads the joints for the first time.
     pub fn finish(mut self) -> Vec<Note> {
         self.scene.changes += 1;
+        self.scene.vacate(&BTreeSet::new());
         self.resolve_parents();
         self.scene.arrange();
         let (remarks, open) = self.assembly.put_together(self.scene, &self.models);
@@ -96,18 +97,19 @@ impl<'a> Builder<'a> {
         let scene = &mut *self.scene;
         let description = Arc::clone(&planned.model.description);
         self.own_names = NameMap::default();
-        if !description.volumes.is_empty() {
-            // In the place of another model its volumes would get in between those of others, whose ids they would take.
-            scene.models.vacate([]);
-        }
-        self.model = scene.models.next_id();
+        let name = format!("{}{}{}", scene.options.prefix, description.namespace, description.name);
+        let key = format!("{name}{}", scene.model_names.free_suffix(&name));
+        scene.vacate_for(&key, &description);
+        let info = ModelInfo {
+            key,
+            description: Arc::clone(&description),
+            removed: false,
+            shared: Some(Arc::clone(&planned.model)),
+            fingerprint: 0,
+        };
+        self.model = scene.models.push(info);
         self.models.insert(self.model);
-        let key = format!("{}{}{}", scene.options.prefix, description.namespace, description.name);
-        let suffix = scene.model_names.free_suffix(&key);
-        scene.model_names.insert(&key, self.model);
-        let shared = Some(Arc::clone(&planned.model));
-        let info = ModelInfo { key: key + &suffix, description: Arc::clone(&description), removed: false, shared };
-        scene.models.push(info);
+        scene.model_names.insert(&name, self.model);
         self.planned = Some(planned);
         self.note_undrawn(&description);
         description

@@ -74,7 +74,7 @@ pub(super) trait SceneObject: Sized {
     fn restore(&mut self, saved: &Self::Saved);
 }
 
-/// All objects `T` of a type, named by ids `I`. What was removed keeps its place until a later model takes it.
+/// All objects `T` of a type, in order of creation, named by ids `I`. What was removed keeps its place.
 #[derive(Debug)]
 pub struct Objects<I, T> {
     list: Table<I, T>,

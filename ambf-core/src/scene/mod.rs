@@ -133,9 +133,12 @@ pub struct ModelInfo {
     pub removed: bool,
     /// What other worlds may use, too, while it is part of this one.
     shared: Option<Arc<SharedModel>>,
+    /// Of a model that was removed: what its description was.
+    fingerprint: u64,
 }
 
-/// All objects of a world, by index. What is removed while running keeps its place until a later model takes it.
+/// All objects of a world, by index in order of creation. What is removed while running keeps its place, which the same
+/// model takes again when it is added again.
 pub struct Scene {
     /// Bullet's side. Its bodies are [`bodies`](Self::bodies), place for place.
     pub world: World,

@@ -57,7 +57,7 @@ impl Builder<'_> {
 }
 
 impl Scene {
-    /// How many objects of a type there are, removed ones included whose places no other has taken.
+    /// How many objects of a type there are, removed ones included.
     pub fn object_count(&self, kind: ObjectType) -> usize {
         match kind {
             ObjectType::Joint => self.joints.len(),

@@ -1,11 +1,14 @@
 //! Taking models and bodies out of a scene, and what follows from its list of objects.
 
 use std::collections::BTreeSet;
+use std::fmt::{self, Write};
+use std::hash::{DefaultHasher, Hasher};
 use std::sync::Arc;
 
 use super::attached::Attached;
 use super::list::ObjectList;
 use super::{Bodies, BodyGraph, Joint, ModelInfo, ObjectId, ObjectType, Parent, Scene};
+use crate::adf;
 use crate::ids::{BodyId, ModelId};
 
 impl ModelInfo {
@@ -13,9 +16,25 @@ impl ModelInfo {
     /// days.
     fn remove(&mut self) {
         self.removed = true;
+        self.fingerprint = fingerprint(&self.description);
         self.shared = None;
         self.description = Arc::new(self.description.outline());
     }
+}
+
+/// Hash of all that a description says.
+fn fingerprint(model: &adf::Model) -> u64 {
+    struct Hashed(DefaultHasher);
+    impl fmt::Write for Hashed {
+        fn write_str(&mut self, text: &str) -> fmt::Result {
+            self.0.write(text.as_bytes());
+            Ok(())
+        }
+    }
+    let mut hashed = Hashed(DefaultHasher::new());
+    // Neither the description nor the hasher can fail.
+    let _ = write!(hashed, "{model:?}");
+    hashed.0.finish()
 }
 
 impl Scene {
@@ -118,8 +137,7 @@ impl Scene {
             || self.model_of(object).is_some_and(|model| self.models[model].removed)
     }
 
-    /// Forgets the names of what was removed, gives up its places, and brings up to date what follows from the lists of
-    /// objects.
+    /// Forgets the names of what was removed, and brings up to date what follows from the lists of objects.
     fn forget(&mut self) {
         self.changes += 1;
         let is_gone = |list: &dyn ObjectList| {
@@ -132,15 +150,24 @@ impl Scene {
         }
         let Self { joints, joint_names, .. } = self;
         joint_names.remove(|joint| joints[joint].removed);
-        self.vacate();
         self.rebuild_graph();
         self.arrange();
     }
 
-    /// Gives up the places of what was removed with its model. A body to which an object of another model refers keeps
-    /// its place: that object is gone with it.
-    fn vacate(&mut self) {
-        let is_removed = |model: ModelId| self.models[model].removed;
+    /// Gives up the places of a model that was removed for the same model that is about to be added again: of the same
+    /// key, and of the same description to the letter. So an id never names another object than before. A body to which
+    /// an object of another model refers keeps its place: that object is gone with it.
+    pub(super) fn vacate_for(&mut self, key: &str, description: &adf::Model) {
+        let same_key = |(_, model): &(ModelId, &ModelInfo)| model.removed && model.key == key;
+        let mut before = self.models.entries().filter(same_key).peekable();
+        let wanted = before.peek().map(|_| fingerprint(description));
+        let same = before.filter(|(_, model)| Some(model.fingerprint) == wanted).map(|(id, _)| id).collect();
+        self.vacate(&same);
+    }
+
+    /// Gives up the places of some removed models instead of those that were given up before.
+    pub(super) fn vacate(&mut self, of: &BTreeSet<ModelId>) {
+        let is_removed = |model: ModelId| of.contains(&model);
         let held = self.held_bodies();
         let vacant = self.lists().map(|list| {
             let is_vacant = |&index: &usize| {
@@ -152,9 +179,8 @@ impl Scene {
         let joints: Vec<_> =
             self.joints.entries().filter(|(_, joint)| is_removed(joint.model)).map(|(id, _)| id).collect();
         // Volumes have no list of their own: their ids follow from the models.
-        let is_empty = |model: &ModelInfo| model.removed && model.description.volumes.is_empty();
         let mut models: BTreeSet<ModelId> =
-            self.models.entries().filter(|(_, model)| is_empty(model)).map(|(id, _)| id).collect();
+            of.iter().copied().filter(|&model| self.models[model].description.volumes.is_empty()).collect();
         for list in self.lists() {
             (0..list.count()).filter_map(|index| list.identity(index)).for_each(|identity| {
                 models.remove(&identity.model);

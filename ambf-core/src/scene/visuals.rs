@@ -14,7 +14,7 @@ use crate::ids::{
 };
 
 /// What of a scene can be drawn. All lists are indexed as the arrays of [`Snapshot`](crate::comm::Snapshot); what was
-/// removed keeps its place until a later model takes it.
+/// removed keeps its place.
 ///
 /// It is made anew when the scene changes, and shares the descriptions with the scene.
 #[derive(Debug, Clone)]

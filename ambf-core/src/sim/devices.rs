@@ -64,7 +64,7 @@ impl Coupled {
     /// Finds its parts in a scene that has changed.
     fn find_parts(&mut self, scene: &Scene) {
         let root = self.parts.root;
-        // Another model may have the place of a root link that was removed.
+        // Also when the model is added again.
         self.is_there &= !scene.body_is_gone(root);
         self.own = Table::filled(false, scene.bodies.len());
         self.own[root] = true;

@@ -165,7 +165,7 @@ impl Simulation {
     pub fn remove_model(&mut self, name: &str) -> Result<String, ModelError> {
         let unknown = |why| ModelError::Unknown { name: name.to_owned(), why };
         let model = self.physics.scene.find_model(name).map_err(unknown)?;
-        // What plugins have left for objects of the model may not reach those that take their places.
+        // What plugins have left for objects of the model may not reach the same model when it is added again.
         self.execute_posted();
         self.end_model_plugins(model);
         self.release_picked_of(|scene, held| scene.model_of(held) == Some(model));
