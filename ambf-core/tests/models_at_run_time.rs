@@ -225,8 +225,8 @@ fn only_the_same_model_takes_the_places_of_a_removed_one() {
     let body_of = |simulation: &mut Simulation, file: &File| {
         let key = simulation.add_model(file.read()).key;
         simulation.remove_model(&key).expect("it is there");
-        let balls = simulation.scene().bodies.entries().filter(|(_, body)| &*body.identity.name == "Ball");
-        balls.last().map(|(id, _)| id)
+        let mut balls = simulation.scene().bodies.entries().filter(|(_, body)| &*body.identity.name == "Ball");
+        balls.next_back().map(|(id, _)| id)
     };
     let first = body_of(&mut simulation, &guest);
     assert!(first.is_some());
