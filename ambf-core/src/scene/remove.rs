@@ -167,6 +167,13 @@ impl Scene {
 
     /// Gives up the places of some removed models instead of those that were given up before.
     pub(super) fn vacate(&mut self, of: &BTreeSet<ModelId>) {
+        if of.is_empty() {
+            // The usual case, of each model that is loaded.
+            self.lists_mut().into_iter().for_each(|list| list.vacate(&[]));
+            self.joints.vacate([]);
+            self.models.vacate([]);
+            return;
+        }
         let is_removed = |model: ModelId| of.contains(&model);
         let held = self.held_bodies();
         let vacant = self.lists().map(|list| {
