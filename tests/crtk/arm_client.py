@@ -129,7 +129,14 @@ class Arm:
         return self.newest[name].pose
 
     def fresh(self, name="measured_js", count=3):
-        """Waits for messages that come from now on."""
+        """Waits for messages that come from now on, none of them from before the newest operating state: topics have queues of their
+        own, so that a busy client may get a set point long after a state that was published later."""
         start = len(self.arrivals[name])
         wanted = min(start + count, self.arrivals[name].maxlen)
-        self.wait(lambda: len(self.arrivals[name]) >= wanted, f"{count} messages of {name}")
+
+        def have_come():
+            header = getattr(self.newest[name], "header", None)
+            stamp = nanoseconds(header.stamp) if header else 0
+            return len(self.arrivals[name]) >= wanted and (stamp == 0 or stamp >= nanoseconds(self.states[-1].header.stamp))
+
+        self.wait(have_come, f"{count} messages of {name}")
