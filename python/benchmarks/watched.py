@@ -38,8 +38,12 @@ class Watched:
         return next(float(line.split()[1]) for line in lines if line.startswith(key))
 
     def memory(self):
-        """What it holds, MB."""
+        """What it holds, MB: its own and pages of files."""
         return self.status("VmRSS:") / 1024
+
+    def own_memory(self):
+        """What it holds of its own, MB: without pages of programs, libraries and other files, which the system takes in and drops."""
+        return self.status("RssAnon:") / 1024
 
     def threads(self):
         """How many it has."""
