@@ -320,7 +320,8 @@ pub(crate) fn tend(graph: &Arc<Graph>) {
         if subscriptions.is_empty() {
             continue;
         }
-        let publishers = listing.refresh(&graph.master());
+        let topics = subscriptions.iter().map(|subscription| subscription.topic.clone()).collect();
+        let publishers = listing.refresh(&graph.master(), topics);
         let mut work = BTreeMap::<String, Vec<Busy>>::new();
         let now = Instant::now();
         for subscription in &subscriptions {
@@ -564,26 +565,33 @@ impl Drop for Listening {
     }
 }
 
-/// Who publishes what, as the master says when it is asked again and again.
+/// Who publishes some topics, as the master says when it is asked again and again. It lists nodes that were killed, too,
+/// until it ends.
 #[derive(Default)]
 struct Listing {
     /// Hash of the last answer.
     answer: Option<u64>,
+    topics: BTreeSet<String>,
     publishers: Publishers,
 }
 
 impl Listing {
-    /// What `master` says now; what it said before when it does not answer.
-    fn refresh(&mut self, master: &Peer) -> &Publishers {
+    /// Publishers of `topics` as `master` says now; as it said before when it does not answer.
+    fn refresh(&mut self, master: &Peer, topics: BTreeSet<String>) -> &Publishers {
+        if !topics.is_subset(&self.topics) {
+            // The last answer was not read for all of them.
+            self.answer = None;
+        }
+        self.topics = topics;
         if let Ok(Some(state)) = master.call_unless("getSystemState", vec![], &mut self.answer) {
-            self.publishers = publishers(state).unwrap_or_default();
+            self.publishers = publishers(state, &self.topics).unwrap_or_default();
         }
         &self.publishers
     }
 }
 
-/// Who publishes what in a system state: (publishers, subscribers, services), each a list of names with lists of nodes.
-fn publishers(state: Value) -> Option<Publishers> {
+/// Who publishes `wanted` in a system state: (publishers, subscribers, services), each a list of names with lists of nodes.
+fn publishers(state: Value, wanted: &BTreeSet<String>) -> Option<Publishers> {
     let Value::Array(lists) = state else { return None };
     let Some(Value::Array(topics)) = lists.into_iter().next() else { return None };
     let entry = |entry| {
@@ -595,7 +603,7 @@ fn publishers(state: Value) -> Option<Publishers> {
         });
         Some((topic, names.collect()))
     };
-    Some(topics.into_iter().filter_map(entry).collect())
+    Some(topics.into_iter().filter_map(entry).filter(|(topic, _)| wanted.contains(topic)).collect())
 }
 
 #[cfg(test)]
@@ -655,9 +663,11 @@ mod tests {
         let text = |text: &str| Value::String(text.into());
         let list = Value::Array;
         let topic = list(vec![text("/t"), list(vec![text("/b"), Value::Integer(3), text("/a")])]);
-        let state = list(vec![list(vec![topic, text("nonsense")]), list(vec![]), list(vec![])]);
+        let other = list(vec![text("/other"), list(vec![text("/a")])]);
+        let state = list(vec![list(vec![topic, other, text("nonsense")]), list(vec![]), list(vec![])]);
+        let wanted = BTreeSet::from(["/t".to_owned(), "/quiet".to_owned()]);
         let names = BTreeSet::from(["/a".to_owned(), "/b".to_owned()]);
-        assert_eq!(publishers(state), Some(Publishers::from([("/t".to_owned(), names)])));
-        assert_eq!(publishers(text("nonsense")), None);
+        assert_eq!(publishers(state, &wanted), Some(Publishers::from([("/t".to_owned(), names)])));
+        assert_eq!(publishers(text("nonsense"), &wanted), None);
     }
 }
