@@ -8,6 +8,7 @@
 #include "energy.h"
 #include "flight.h"
 #include "articulate.h"
+#include "rays.h"
 #include "types.h"
 
 /* The engine for `amb_world_new`: a single object of static lifetime that any thread may use. */

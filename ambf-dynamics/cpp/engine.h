@@ -35,6 +35,7 @@ class EngineWorld final : public Extension {
   bool remove_constraint(AmbConstraint &constraint) override;
   bool read_coordinate(const AmbConstraint &constraint, btScalar &coordinate) override;
   void recovered() override;
+  bool cast_ray(const btVector3 &from, const btVector3 &to, btCollisionWorld::RayResultCallback &result) override;
 
   AmbWorld &world;
   // An AmbSolver and an AmbWorldKind.
@@ -46,6 +47,8 @@ class EngineWorld final : public Extension {
   uint64_t sub_step = 0;
   // Continuous collision detection is enabled for at least one body, see sweep.h.
   bool has_continuous = false;
+  // See rays.h.
+  bool exact_rays = false;
   Vector<AmbImpact> impacts;
 };
 

@@ -62,6 +62,8 @@ class Extension {
   virtual bool read_coordinate(const AmbConstraint &constraint, btScalar &coordinate) = 0;
   // Contacts and warm-starting impulses of earlier sub-steps were discarded.
   virtual void recovered() = 0;
+  // Reports the hits of a ray like btCollisionWorld::rayTest, which takes over where this returns false.
+  virtual bool cast_ray(const btVector3 &from, const btVector3 &to, btCollisionWorld::RayResultCallback &result) = 0;
 };
 
 // An engine. It makes its part of each world and has static lifetime.

@@ -36,6 +36,12 @@ struct SubsteppedWorld : Base, Stepper {
     this->clearForces();
   }
 
+  void rayTest(const btVector3 &from, const btVector3 &to,
+               btCollisionWorld::RayResultCallback &result) const override {
+    Extension *extension = static_cast<AmbWorld *>(this->getWorldUserInfo())->extension.get();
+    if (!extension || !extension->cast_ray(from, to, result)) Base::rayTest(from, to, result);
+  }
+
  protected:
   void internalSingleStepSimulation(btScalar h) override {
     Extension *extension = static_cast<AmbWorld *>(this->getWorldUserInfo())->extension.get();

@@ -1,3 +1,4 @@
+use ambf_dynamics::ffi as engine;
 use bullet_sys as sys;
 use nalgebra::Vector3;
 use slotmap::KeyData;
@@ -41,6 +42,13 @@ pub struct RayHit {
 const PIECE: usize = 64;
 
 impl World {
+    /// Whether rays, those of vehicles' wheels included, meet convex shapes and planes where these are. Bullet's rays miss
+    /// the surface of small shapes by as much as their size, and meet shapes that they should miss. Default: `false`.
+    pub fn set_exact_rays(&mut self, exact: bool) {
+        // SAFETY: the world is alive and was made with the engine.
+        unsafe { engine::amb_world_set_exact_rays(self.raw.as_ptr(), exact.into()) }
+    }
+
     /// Casts rays; `hits` gets the closest hit of each, in the same order, `None` for none, for a ray without length or
     /// with a coordinate that is not finite, and beyond the last ray.
     ///
@@ -85,7 +93,7 @@ mod tests {
     use nalgebra::Isometry3;
 
     use super::super::tests::ball;
-    use super::super::{RigidBody, Shape, Solver};
+    use super::super::{Axis, RigidBody, Shape, Solver};
     use super::*;
 
     fn ray(from: [f64; 3], to: [f64; 3]) -> Ray {
@@ -181,5 +189,141 @@ mod tests {
         assert_eq!(cast(&world), Some(RayTarget::Other));
         assert!(world.remove_ghost(ghost) && world.remove_body(behind));
         assert_eq!(cast(&world), None);
+    }
+
+    /// Distance from the surface of a convex shape, m, by its type, half size `s`, m, and margin: below 0 within.
+    fn distance(shape: &str, s: f64, margin: f64, p: Vector3<f64>) -> f64 {
+        // Of a box with edges in any number of dimensions.
+        let to_box = |q: &[f64]| {
+            let outside = q.iter().map(|x| x.max(0.0).powi(2)).sum::<f64>().sqrt();
+            outside + q.iter().copied().fold(f64::MIN, f64::max).min(0.0)
+        };
+        let across = p.xy().norm();
+        match shape {
+            "sphere" => p.norm() - s,
+            "cuboid" => to_box(&[p.x.abs() - s, p.y.abs() - 0.6 * s, p.z.abs() - 0.3 * s]),
+            "hull" => to_box(&[p.x.abs() - s, p.y.abs() - 0.6 * s, p.z.abs() - 0.3 * s]) - margin,
+            "capsule" => across.hypot((p.z.abs() - s).max(0.0)) - 0.4 * s,
+            "cylinder" => to_box(&[across - (0.5 * s - margin), p.z.abs() - (s - margin)]) - margin,
+            _ => {
+                // The corner, from the tip along the side to the edge of the base, and the base.
+                let (tip, edge) = ([0.0, s], [0.5 * s, -s]);
+                let (along, from) = ([edge[0] - tip[0], edge[1] - tip[1]], [across - tip[0], p.z - tip[1]]);
+                let share = (along[0] * from[0] + along[1] * from[1]) / (along[0].powi(2) + along[1].powi(2));
+                let share = share.clamp(0.0, 1.0);
+                let side = (from[0] - share * along[0]).hypot(from[1] - share * along[1]);
+                let base = (across - edge[0]).max(0.0).hypot(p.z + s);
+                let within = p.z > -s && along[0] * from[1] - along[1] * from[0] < 0.0;
+                if within {
+                    -side.min(base) - margin
+                } else {
+                    side.min(base) - margin
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn exact_rays_meet_shapes_of_any_size_where_they_are() {
+        for (shape, s) in ["sphere", "cuboid", "capsule", "cylinder", "hull", "cone"]
+            .into_iter()
+            .flat_map(|shape| [5e-4, 0.02, 1.0, 300.0].map(|s| (shape, s)))
+        {
+            let margin = 0.05 * s;
+            let exact = matches!(shape, "sphere" | "cuboid" | "capsule");
+            let corners = |k: i32| [1, 2, 4].map(|bit| if k & bit == 0 { -1.0 } else { 1.0 });
+            let made = || match shape {
+                "sphere" => Shape::sphere(s, 0.0),
+                "cuboid" => Shape::cuboid(Vector3::new(s, 0.6 * s, 0.3 * s), margin),
+                "capsule" => Shape::capsule(Axis::Z, 0.4 * s, 2.0 * s, 0.0),
+                "cylinder" => Shape::cylinder(Axis::Z, 0.5 * s, 2.0 * s, margin),
+                "hull" => {
+                    let corner = |k| {
+                        let [x, y, z] = corners(k);
+                        [x * s, y * 0.6 * s, z * 0.3 * s]
+                    };
+                    Shape::convex_hull(&(0..8).map(corner).collect::<Vec<_>>(), margin)
+                }
+                _ => Shape::cone(Axis::Z, 0.5 * s, 2.0 * s, margin),
+            };
+            let pose = Isometry3::new(Vector3::new(0.3, -0.2, 0.1), Vector3::new(1.0, -2.0, 0.5));
+            // Alone, and as one of two children of a compound.
+            for compound in [false, true] {
+                let shape_of_body = if compound {
+                    let away = Isometry3::translation(40.0 * s, 0.0, 0.0);
+                    Shape::compound([(Shape::sphere(s, 0.0), away), (made(), Isometry3::identity())])
+                } else {
+                    made()
+                };
+                let mut world = World::new(Solver::default());
+                world.set_exact_rays(true);
+                world.add_body(RigidBody { shape: shape_of_body, pose, ..ball(0.0, 0.0) });
+                world.step(0.001, 1, 0.001);
+                // A sequence of points in the unit cube without structure.
+                let coordinate =
+                    |i: i32, k: i32| (f64::from(i) * f64::from([2, 3, 5, 7, 11, 13][k as usize]).sqrt()).fract() - 0.5;
+                let mut met = 0;
+                for i in 1..2000 {
+                    let direction = Vector3::from_fn(|k, _| coordinate(i, k as i32)).normalize();
+                    let middle = Vector3::from_fn(|k, _| 2.6 * s * coordinate(i, k as i32 + 3));
+                    // Some begin within, some end before.
+                    let (before, after) =
+                        (if i % 10 == 0 { 0.2 } else { 4.0 } * s, if i % 7 == 0 { 0.1 } else { 4.0 } * s);
+                    let local = (middle - before * direction, middle + after * direction);
+                    let [from, to] = [local.0, local.1].map(|p| pose * nalgebra::Point3::from(p)).map(|p| p.coords);
+                    let mut hits = [None];
+                    world.cast_rays(&[Ray { from, to }], &mut hits);
+                    let at = |way: f64| distance(shape, s, margin, local.0 + way * direction);
+                    let tolerance = if exact { 1e-12 * s + 1e-13 } else { 1e-4 * s };
+                    let name = format!("{shape} of {s} m, compound {compound}, ray {i}: {:?}", hits[0]);
+                    let (length, begins) = (before + after, at(0.0));
+                    if let Some(hit) = hits[0] {
+                        met += 1;
+                        let way = hit.fraction * length;
+                        assert!(begins > -tolerance && at(way).abs() <= tolerance, "{name}: {:e} off", at(way));
+                        assert!(
+                            (hit.normal.norm() - 1.0).abs() < 1e-9 && hit.normal.dot(&(to - from)) <= 1e-3 * s,
+                            "{name}"
+                        );
+                        // No part of the way before is within.
+                        assert!((0..100).all(|k| at(way * f64::from(k) / 100.0) > -tolerance), "{name}");
+                        let normal = pose.inverse_transform_vector(&hit.normal);
+                        let ahead = distance(shape, s, margin, local.0 + way * direction + 1e-3 * s * normal);
+                        assert!((ahead - at(way) - 1e-3 * s).abs() < 2e-5 * s, "{name}: along its normal {ahead:e}");
+                    } else {
+                        assert!(
+                            begins <= tolerance || (0..1000).all(|k| at(length * f64::from(k) / 1000.0) > -1e-3 * s),
+                            "{name}"
+                        );
+                    }
+                }
+                assert!(met > 200, "{shape} of {s} m: {met} hits");
+            }
+        }
+    }
+
+    #[test]
+    fn exact_rays_meet_planes_from_both_sides_and_the_nearest_of_all_bodies() {
+        let mut world = World::new(Solver::default());
+        world.set_exact_rays(true);
+        let ground = world.add_body(RigidBody { shape: Shape::plane(Vector3::z(), -1.0, 0.0), ..ball(0.0, 0.0) });
+        let spheres = [2.0, 1.0, 3.0].map(|x| world.add_body(ball(1.0, x)));
+        world.step(0.001, 1, 0.001);
+        let rays = [
+            ray([0.0, 0.0, 0.0], [4.0, 0.0, 0.0]),
+            ray([0.3, 0.0, 1.0], [0.3, 0.0, -3.0]),
+            ray([0.3, 0.0, -2.0], [0.3, 0.0, 0.0]),
+            ray([0.0, 0.0, 5.0], [1.0, 0.0, 5.0]),
+        ];
+        let mut hits = [None; 4];
+        world.cast_rays(&rays, &mut hits);
+        let hit = |target, fraction, point: [f64; 3], normal: Vector3<f64>| {
+            Some(RayHit { target: RayTarget::Body(target), fraction, point: point.into(), normal })
+        };
+        assert_eq!(hits[0].unwrap().target, RayTarget::Body(spheres[1]));
+        assert!((hits[0].unwrap().point.x - 0.9).abs() < 1e-15);
+        assert_eq!(hits[1], hit(ground, 0.5, [0.3, 0.0, -1.0], Vector3::z()));
+        assert_eq!(hits[2], hit(ground, 0.5, [0.3, 0.0, -1.0], -Vector3::z()));
+        assert_eq!(hits[3], None);
     }
 }

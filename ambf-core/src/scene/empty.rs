@@ -60,6 +60,7 @@ pub(super) fn empty_scene(
         bullet.set_tight_bounds(true);
     } else if profile == Profile::Accurate {
         bullet.freeze_static_aabbs();
+        bullet.set_exact_rays(true);
     }
     if physics.sleep == Some(true) && !bullet.enable_sleeping() {
         warn("`physics / sleep`: in a scene with soft bodies nothing sleeps".into());
