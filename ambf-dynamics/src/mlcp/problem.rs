@@ -232,10 +232,19 @@ impl Rows {
             let expected = side.jacobian.len().max(side.response.len());
             self.uneven = Some(ProblemError::WrongSize { row, body: side.body, expected, found: size });
         }
-        self.data.extend_from_slice(&side.jacobian[..size]);
-        self.data.extend_from_slice(&side.response[..size]);
-        self.not_finite |= !are_finite(&self.data[offset..]);
-        let (jacobian, response) = self.data[offset..].split_at(size);
+        let (jacobian, response) = (&side.jacobian[..size], &side.response[..size]);
+        // Most bodies are rigid: copies of known size need no calls.
+        if let (Ok(jacobian), Ok(response)) = (<[f64; 6]>::try_from(jacobian), <[f64; 6]>::try_from(response)) {
+            let mut both = [0.0; 12];
+            both[..6].copy_from_slice(&jacobian);
+            both[6..].copy_from_slice(&response);
+            self.data.extend_from_slice(&both);
+            self.not_finite |= !are_finite(&both);
+        } else {
+            self.data.extend_from_slice(jacobian);
+            self.data.extend_from_slice(response);
+            self.not_finite |= !are_finite(&self.data[offset..]);
+        }
         let nonzeros = (jacobian == response).then(|| jacobian.iter().filter(|&&value| value != 0.0).count() as u32);
         StoredSide { body: i32::try_from(side.body).unwrap_or(i32::MAX), size: size as u32, offset, nonzeros }
     }

@@ -111,7 +111,6 @@ impl Solution {
         self.impulses.resize(rows, 0.0);
         self.states.resize(rows, State::Free);
         self.velocities.resize(velocities, 0.0);
-        self.reset();
     }
 
     fn reset(&mut self) {
@@ -262,7 +261,6 @@ impl Solver {
     }
 
     fn solve_velocities(&mut self, budget: Budget, variable: fn(&StoredRow, &Layout, f64) -> Variable) -> Outcome {
-        self.velocity.reset();
         if self.begin() {
             for (p, &row) in self.layout.order.iter().enumerate() {
                 let row = &self.rows.rows[row as usize];
@@ -270,7 +268,9 @@ impl Solver {
             }
         }
         let outcome = self.run(budget);
-        if outcome != Outcome::NotFinite {
+        if outcome == Outcome::NotFinite {
+            self.velocity.reset();
+        } else {
             self.velocity.take(&self.iterate, &self.layout);
         }
         outcome
