@@ -1,17 +1,12 @@
 // Ray casts that are as exact for an instrument's tip as for a table.
 //
 // Bullet casts a ray at a convex shape by btSubsimplexConvexCast, whose simplex solver merges vertices that are less
-// than about 1 cm apart. At a box of 4 mm every sixth ray that misses is said to hit, and hits are up to 4 mm off; on a
-// sphere hits are off by up to 2 % of the radius. Here rays meet planes, spheres, boxes, capsules and the sides and ends
-// of cylinders at the roots of their equations; all other convex shapes are cast at in Bullet's way, but enlarged to
-// 200 m, where its tolerance does not count. Concave meshes and soft bodies, whose triangles are met exactly, are left
-// to Bullet.
+// than about 1 cm apart. At a box of 4 mm every seventh ray past it is said to hit, and hits are up to 3 mm off; on a
+// sphere they are off by up to 1 % of the radius. Here rays meet planes, spheres, boxes, capsules and the sides and ends
+// of cylinders at the roots of their equations, and all other convex shapes by an algorithm whose tolerances are shares
+// of their size. Concave meshes and soft bodies, whose triangles are met exactly, are left to Bullet.
 #include <algorithm>
 #include <cmath>
-
-#include <BulletCollision/CollisionShapes/btUniformScalingShape.h>
-#include <BulletCollision/NarrowPhaseCollision/btSubSimplexConvexCast.h>
-#include <BulletCollision/NarrowPhaseCollision/btVoronoiSimplexSolver.h>
 
 #include "engine.h"
 
@@ -127,37 +122,125 @@ Known enter_cylinder(const Ray &ray, const btCylinderShape &cylinder, Entry &ent
                                                 : Known::Misses;
 }
 
-// Size to which shapes are enlarged, m, diagonal of the bounding box. Bullet's tolerances are lengths: errors grow as the
-// square root of a smaller size, and costs as the logarithm of a larger one.
-const btScalar ENLARGED = 200;
+// The point of a convex hull of up to four points that is nearest to a given one.
+class Simplex {
+ public:
+  void add(const btVector3 &point) { points_[count_++] = point; }
 
-// Any convex shape: the part of the ray in its bounding box, both enlarged.
-bool enter_enlarged(const Ray &ray, const btConvexShape &shape, Entry &entry) {
+  // Forgets the points that the nearest one does not depend on. Among all faces onto which the given point can be
+  // projected, the nearest one counts: that is slower than to walk from face to face, and cannot go astray where the
+  // points are nearly in one plane.
+  btVector3 nearest_to(const btVector3 &given) {
+    btScalar least = BT_LARGE_FLOAT;
+    unsigned best = 1;
+    btVector3 nearest = points_[0];
+    for (unsigned face = 1; face < 1u << count_; ++face) {
+      btVector3 on_face;
+      if (!project(face, given, on_face)) continue;
+      const btScalar distance2 = (on_face - given).length2();
+      if (distance2 >= least) continue;
+      least = distance2;
+      best = face;
+      nearest = on_face;
+    }
+    int kept = 0;
+    for (int i = 0; i < count_; ++i) {
+      if (best >> i & 1) points_[kept++] = points_[i];
+    }
+    count_ = kept;
+    return nearest;
+  }
+
+  // Whether it is a tetrahedron around the given point.
+  bool is_full() const { return count_ == 4; }
+
+ private:
+  // Projects a point onto a face, a set of bits; false where that is not within it.
+  bool project(unsigned face, const btVector3 &given, btVector3 &on_face) const {
+    int corners[4] = {0, 0, 0, 0}, n = 0;
+    for (int i = 0; i < count_; ++i) {
+      if (face >> i & 1) corners[n++] = i;
+    }
+    const btVector3 origin = points_[corners[0]];
+    on_face = origin;
+    if (n == 1) return true;
+    // Weights of the other corners, by their reciprocal vectors.
+    btScalar weights[3] = {0, 0, 0};
+    const btVector3 way = given - origin, a = points_[corners[1]] - origin;
+    if (n == 2) {
+      const btScalar square = a.length2();
+      if (!(square > 0)) return false;
+      weights[0] = way.dot(a) / square;
+      on_face += a * weights[0];
+    } else {
+      const btVector3 b = points_[corners[2]] - origin, normal = a.cross(b);
+      // Three corners: it is projected along their normal. Four: their face is the space.
+      const btVector3 c = n == 4 ? points_[corners[3]] - origin : normal;
+      const btScalar volume = normal.dot(c);
+      // Corners in one plane, or in line, span no face of their own.
+      if (!(std::fabs(volume) > FLAT * a.length() * b.length() * c.length())) return false;
+      weights[0] = way.dot(b.cross(c)) / volume;
+      weights[1] = way.dot(c.cross(a)) / volume;
+      weights[2] = n == 4 ? way.dot(normal) / volume : 0;
+      on_face += a * weights[0] + b * weights[1];
+      if (n == 4) on_face = given;
+    }
+    return weights[0] >= 0 && weights[1] >= 0 && weights[2] >= 0 && weights[0] + weights[1] + weights[2] <= 1;
+  }
+
+  // Volume of a flat tetrahedron as a share of that of its edges at right angles.
+  static constexpr btScalar FLAT = 1e-9;
+  btVector3 points_[4] = {{0, 0, 0}, {0, 0, 0}, {0, 0, 0}, {0, 0, 0}};
+  int count_ = 0;
+};
+
+// Any convex shape: ray cast by the Gilbert-Johnson-Keerthi algorithm (van den Bergen 2004, Ray casting against general
+// convex objects). The point on the ray advances to planes that have the whole shape behind them, until it is in the
+// hull of the points where these touch the shape.
+bool enter_by_support(const Ray &ray, const btConvexShape &shape, Entry &entry) {
+  // Distances at which the point is on the shape: where the algorithm ends, and what counts where rounding keeps it
+  // from that; as shares of the size.
+  constexpr btScalar TOUCHES = 1e-10, NEARLY_TOUCHES = 1e-6;
+  constexpr int MAX_ROUNDS = 100;
+  // It begins at the bounding box, so that numbers are small. Those of hulls contain Bullet's default margin of 4 cm.
   btVector3 low, high;
   shape.getAabb(btTransform::getIdentity(), low, high);
   btScalar leaves;
-  if (!enter_box(ray, low, high, entry, leaves)) return false;
-  const btScalar size = (high - low).length();
-  if (!(size > 0) || !std::isfinite(size)) return false;
-  // The part begins a little outside, where the shape has not been entered yet.
-  const btScalar way = ray.way.length(), slack = btScalar(0.1) * size / way;
-  const btScalar first = std::max(btScalar(0), entry.share - slack), last = std::min(ray.most, leaves + slack);
-  const btScalar scale = ENLARGED / size;
-  btUniformScalingShape enlarged(const_cast<btConvexShape *>(&shape), scale);
-  btSphereShape point(0);
-  point.setMargin(0);
-  btVoronoiSimplexSolver simplex;
-  btSubsimplexConvexCast cast(&point, &enlarged, &simplex);
-  const btTransform from(btMatrix3x3::getIdentity(), ray.at(first) * scale);
-  const btTransform to(btMatrix3x3::getIdentity(), ray.at(last) * scale);
-  btConvexCast::CastResult result;
-  result.m_fraction = 1;
-  const btTransform &still = btTransform::getIdentity();
-  // A ray that begins within has no normal.
-  if (!cast.calcTimeOfImpact(from, to, still, still, result) || result.m_normal.isZero()) return false;
-  entry.share = first + result.m_fraction * (last - first);
-  entry.normal = result.m_normal;
-  return entry.share <= ray.most;
+  if (!finite(low + high) || !enter_box(ray, low, high, entry, leaves)) return false;
+  const btVector3 middle = (low + high) / 2;
+  const btScalar first = std::max(btScalar(0), entry.share), last = std::min(ray.most, leaves) - first;
+  const btVector3 start = ray.at(first);
+  btVector3 point = start, normal(0, 0, 0);
+  Simplex simplex;
+  btVector3 towards = point - middle;
+  if (towards.isZero()) towards = -ray.way;
+  btScalar share = 0, size = 0, distance = BT_LARGE_FLOAT;
+  for (int round = 0; round < MAX_ROUNDS && distance > TOUCHES * size; ++round) {
+    const btVector3 touched = shape.localGetSupportingVertex(towards.normalized());
+    size = std::max(size, 2 * (touched - middle).length());
+    const btScalar outside = towards.dot(point - touched);
+    if (outside > 0) {
+      const btScalar closing = -towards.dot(ray.way);
+      // Of a point that touches, the direction to the shape is rounding error.
+      if (!(closing > 0) && distance <= NEARLY_TOUCHES * size) break;
+      if (!(closing > 0)) return false;
+      share += outside / closing;
+      if (share > last) return false;
+      point = start + share * ray.way;
+      normal = towards;
+    }
+    simplex.add(touched);
+    towards = point - simplex.nearest_to(point);
+    const btScalar before = distance;
+    distance = simplex.is_full() ? 0 : towards.length();
+    // Neither the point nor the hull moves any more.
+    if (outside <= 0 && distance >= before) break;
+  }
+  // A ray that begins within meets no plane.
+  if (distance > NEARLY_TOUCHES * size || normal.isZero()) return false;
+  entry.share = first + share;
+  entry.normal = normal;
+  return true;
 }
 
 bool enter_convex(const Ray &ray, const btConvexShape &shape, Entry &entry) {
@@ -172,9 +255,9 @@ bool enter_convex(const Ray &ray, const btConvexShape &shape, Entry &entry) {
     case CAPSULE_SHAPE_PROXYTYPE: return enter_capsule(ray, static_cast<const btCapsuleShape &>(shape), entry);
     case CYLINDER_SHAPE_PROXYTYPE: {
       const Known known = enter_cylinder(ray, static_cast<const btCylinderShape &>(shape), entry);
-      return known == Known::Enters || (known == Known::Nothing && enter_enlarged(ray, shape, entry));
+      return known == Known::Enters || (known == Known::Nothing && enter_by_support(ray, shape, entry));
     }
-    default: return enter_enlarged(ray, shape, entry);
+    default: return enter_by_support(ray, shape, entry);
   }
 }
 

@@ -90,7 +90,7 @@ fn hit_of(raw: &sys::AmbRayHit) -> Option<RayHit> {
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::Isometry3;
+    use nalgebra::{Isometry3, Point3};
 
     use super::super::tests::ball;
     use super::super::{Axis, RigidBody, Shape, Solver};
@@ -223,81 +223,85 @@ mod tests {
         }
     }
 
+    /// A shape for which [`distance`] holds where its axis, X, Y or Z by 0 to 2, is turned to z.
+    fn shape_of(shape: &str, s: f64, margin: f64, axis: usize) -> Shape {
+        let axis = [Axis::X, Axis::Y, Axis::Z][axis];
+        match shape {
+            "sphere" => Shape::sphere(s, 0.0),
+            "cuboid" => Shape::cuboid(Vector3::new(s, 0.6 * s, 0.3 * s), margin),
+            "capsule" => Shape::capsule(axis, 0.4 * s, 2.0 * s, 0.0),
+            "cylinder" => Shape::cylinder(axis, 0.5 * s, 2.0 * s, margin),
+            "hull" => {
+                let corner = |k: u32| {
+                    [(0, 1.0), (1, 0.6), (2, 0.3)]
+                        .map(|(bit, half)| if k >> bit & 1 == 0 { -half * s } else { half * s })
+                };
+                Shape::convex_hull(&(0..8).map(corner).collect::<Vec<_>>(), margin)
+            }
+            _ => Shape::cone(axis, 0.5 * s, 2.0 * s, margin),
+        }
+    }
+
+    /// Casts rays from all sides at a shape of half size `s`, m.
+    fn check_rays(shape: &str, s: f64, axis: usize, in_compound: bool) {
+        let margin = 0.05 * s;
+        let pose = Isometry3::new(Vector3::new(0.3, -0.2, 0.1), Vector3::new(1.0, -2.0, 0.5));
+        let mut made = shape_of(shape, s, margin, axis);
+        if in_compound {
+            let away = Isometry3::translation(40.0 * s, 0.0, 0.0);
+            made = Shape::compound([(Shape::sphere(s, 0.0), away), (made, Isometry3::identity())]);
+        }
+        let mut world = World::new(Solver::default());
+        world.set_exact_rays(true);
+        world.add_body(RigidBody { shape: made, pose, ..ball(0.0, 0.0) });
+        world.step(0.001, 1, 0.001);
+        let turned = |p: Vector3<f64>| match axis {
+            0 => Vector3::new(p.y, p.z, p.x),
+            1 => Vector3::new(p.z, p.x, p.y),
+            _ => p,
+        };
+        let distance = |p| distance(shape, s, margin, if matches!(shape, "cuboid" | "hull") { p } else { turned(p) });
+        let is_exact = matches!(shape, "sphere" | "cuboid" | "capsule");
+        let tolerance = if is_exact { 1e-12 * s + 1e-13 } else { 1e-6 * s };
+        // Points in a cube without structure: multiples of irrational numbers.
+        let coordinate =
+            |i: i32, k: usize| (f64::from(i) * [2.0, 3.0, 5.0, 7.0, 11.0, 13.0_f64][k].sqrt()).fract() - 0.5;
+        let mut met = 0;
+        for i in 1..2000 {
+            let direction = Vector3::from_fn(|k, _| coordinate(i, k)).normalize();
+            let middle = Vector3::from_fn(|k, _| 2.6 * s * coordinate(i, k + 3));
+            // Some begin within, some end before.
+            let before = if i % 10 == 0 { 0.2 } else { 4.0 } * s;
+            let length = before + if i % 7 == 0 { 0.1 } else { 4.0 } * s;
+            let start = middle - before * direction;
+            let [from, to] = [0.0, length].map(|way| (pose * Point3::from(start + way * direction)).coords);
+            let mut hits = [None];
+            world.cast_rays(&[Ray { from, to }], &mut hits);
+            let at = |way: f64| distance(start + way * direction);
+            let along = |way: f64| (0..1000).map(move |k| at(way * f64::from(k) / 1000.0));
+            let name = format!("{shape} of {s} m, axis {axis}, compound {in_compound}, ray {i}: {:?}", hits[0]);
+            let Some(hit) = hits[0] else {
+                assert!(at(0.0) <= tolerance || along(length).all(|distance| distance > -1e-3 * s), "{name}");
+                continue;
+            };
+            met += 1;
+            let way = hit.fraction * length;
+            assert!(at(way).abs() <= tolerance, "{name}: {:e} m off", at(way));
+            assert!(along(way).all(|distance| distance > -tolerance), "{name}: it was within before");
+            assert!((hit.normal.norm() - 1.0).abs() < 1e-9 && hit.normal.dot(&(to - from)) <= 1e-3 * s, "{name}");
+            let normal = pose.inverse_transform_vector(&hit.normal);
+            let rise = distance(start + way * direction + 1e-3 * s * normal) - at(way);
+            assert!((rise - 1e-3 * s).abs() < 2e-5 * s, "{name}: {rise:e} m along its normal");
+        }
+        assert!(met > 200, "{shape} of {s} m: {met} hits");
+    }
+
     #[test]
     fn exact_rays_meet_shapes_of_any_size_where_they_are() {
-        for (shape, s) in ["sphere", "cuboid", "capsule", "cylinder", "hull", "cone"]
-            .into_iter()
-            .flat_map(|shape| [5e-4, 0.02, 1.0, 300.0].map(|s| (shape, s)))
-        {
-            let margin = 0.05 * s;
-            let exact = matches!(shape, "sphere" | "cuboid" | "capsule");
-            let corners = |k: i32| [1, 2, 4].map(|bit| if k & bit == 0 { -1.0 } else { 1.0 });
-            let made = || match shape {
-                "sphere" => Shape::sphere(s, 0.0),
-                "cuboid" => Shape::cuboid(Vector3::new(s, 0.6 * s, 0.3 * s), margin),
-                "capsule" => Shape::capsule(Axis::Z, 0.4 * s, 2.0 * s, 0.0),
-                "cylinder" => Shape::cylinder(Axis::Z, 0.5 * s, 2.0 * s, margin),
-                "hull" => {
-                    let corner = |k| {
-                        let [x, y, z] = corners(k);
-                        [x * s, y * 0.6 * s, z * 0.3 * s]
-                    };
-                    Shape::convex_hull(&(0..8).map(corner).collect::<Vec<_>>(), margin)
-                }
-                _ => Shape::cone(Axis::Z, 0.5 * s, 2.0 * s, margin),
-            };
-            let pose = Isometry3::new(Vector3::new(0.3, -0.2, 0.1), Vector3::new(1.0, -2.0, 0.5));
-            // Alone, and as one of two children of a compound.
-            for compound in [false, true] {
-                let shape_of_body = if compound {
-                    let away = Isometry3::translation(40.0 * s, 0.0, 0.0);
-                    Shape::compound([(Shape::sphere(s, 0.0), away), (made(), Isometry3::identity())])
-                } else {
-                    made()
-                };
-                let mut world = World::new(Solver::default());
-                world.set_exact_rays(true);
-                world.add_body(RigidBody { shape: shape_of_body, pose, ..ball(0.0, 0.0) });
-                world.step(0.001, 1, 0.001);
-                // A sequence of points in the unit cube without structure.
-                let coordinate =
-                    |i: i32, k: i32| (f64::from(i) * f64::from([2, 3, 5, 7, 11, 13][k as usize]).sqrt()).fract() - 0.5;
-                let mut met = 0;
-                for i in 1..2000 {
-                    let direction = Vector3::from_fn(|k, _| coordinate(i, k as i32)).normalize();
-                    let middle = Vector3::from_fn(|k, _| 2.6 * s * coordinate(i, k as i32 + 3));
-                    // Some begin within, some end before.
-                    let (before, after) =
-                        (if i % 10 == 0 { 0.2 } else { 4.0 } * s, if i % 7 == 0 { 0.1 } else { 4.0 } * s);
-                    let local = (middle - before * direction, middle + after * direction);
-                    let [from, to] = [local.0, local.1].map(|p| pose * nalgebra::Point3::from(p)).map(|p| p.coords);
-                    let mut hits = [None];
-                    world.cast_rays(&[Ray { from, to }], &mut hits);
-                    let at = |way: f64| distance(shape, s, margin, local.0 + way * direction);
-                    let tolerance = if exact { 1e-12 * s + 1e-13 } else { 1e-4 * s };
-                    let name = format!("{shape} of {s} m, compound {compound}, ray {i}: {:?}", hits[0]);
-                    let (length, begins) = (before + after, at(0.0));
-                    if let Some(hit) = hits[0] {
-                        met += 1;
-                        let way = hit.fraction * length;
-                        assert!(begins > -tolerance && at(way).abs() <= tolerance, "{name}: {:e} off", at(way));
-                        assert!(
-                            (hit.normal.norm() - 1.0).abs() < 1e-9 && hit.normal.dot(&(to - from)) <= 1e-3 * s,
-                            "{name}"
-                        );
-                        // No part of the way before is within.
-                        assert!((0..100).all(|k| at(way * f64::from(k) / 100.0) > -tolerance), "{name}");
-                        let normal = pose.inverse_transform_vector(&hit.normal);
-                        let ahead = distance(shape, s, margin, local.0 + way * direction + 1e-3 * s * normal);
-                        assert!((ahead - at(way) - 1e-3 * s).abs() < 2e-5 * s, "{name}: along its normal {ahead:e}");
-                    } else {
-                        assert!(
-                            begins <= tolerance || (0..1000).all(|k| at(length * f64::from(k) / 1000.0) > -1e-3 * s),
-                            "{name}"
-                        );
-                    }
-                }
-                assert!(met > 200, "{shape} of {s} m: {met} hits");
+        for shape in ["sphere", "cuboid", "capsule", "cylinder", "hull", "cone"] {
+            for (k, s) in [5e-4, 0.02, 1.0, 300.0].into_iter().enumerate() {
+                check_rays(shape, s, k % 3, false);
+                check_rays(shape, s, k % 3, true);
             }
         }
     }

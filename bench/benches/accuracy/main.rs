@@ -8,6 +8,7 @@ mod contact;
 mod growth;
 mod lanes;
 mod peers;
+mod rays;
 
 use ambf_bench::{case, jointed, own, plot, reference, report, statistics, system};
 use std::process::exit;
@@ -53,6 +54,9 @@ const CASES: [Entry; 24] = [
 
 /// The case that has costs only.
 const GROWTH: &str = "growth";
+
+/// The case that steps nothing.
+const RAYS: &str = "rays";
 
 #[derive(Default)]
 struct Wanted {
@@ -108,6 +112,11 @@ fn main() {
         sections.push(section);
         figures.push(("accuracy-growth.svg".into(), figure));
     }
+    if wanted.wants(RAYS) {
+        let section = rays::measure(wanted.quick);
+        println!("{section}");
+        sections.push(section);
+    }
     let summary = compare::summary(&found);
     if !found.is_empty() {
         println!("{summary}");
@@ -134,12 +143,14 @@ fn read(arguments: &[String]) -> Result<Wanted, String> {
             "--quick" => wanted.quick = true,
             "--no-peers" => wanted.no_peers = true,
             "--only" => match rest.next() {
-                Some(name) if name == GROWTH || CASES.iter().any(|(known, _)| known == name) => {
+                Some(name)
+                    if [GROWTH, RAYS].contains(&name.as_str()) || CASES.iter().any(|(known, _)| known == name) =>
+                {
                     wanted.only.push(name.clone())
                 }
                 _ => {
                     let names = CASES.map(|(name, _)| name).join(", ");
-                    return Err(format!("--only needs one of {names}, {GROWTH}"));
+                    return Err(format!("--only needs one of {names}, {GROWTH}, {RAYS}"));
                 }
             },
             CARGO_BENCH => (),
