@@ -456,7 +456,9 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
   constexpr btScalar MAX_GROWTH = 1e-4;
   // Rounding error of the internal energy, as a share of the kinetic energy.
   constexpr btScalar ROUNDING = 1e-12;
-  constexpr int MAX_PARTS = 100, REFINEMENT = 4, PROBES_AT_FIRST = 10, STEPS_BETWEEN_PROBES = 16;
+  // Largest number of parts for accuracy, and for a finite result: light links between heavy ones whip for an instant.
+  constexpr int MAX_PARTS = 100, MAX_PARTS_TO_FINITE = 1600, REFINEMENT = 4;
+  constexpr int PROBES_AT_FIRST = 10, STEPS_BETWEEN_PROBES = 16;
   splits_damping = false;
   for (const Body &body : bodies) {
     splits_damping = splits_damping || std::max(body.linear_drag, body.angular_drag) * h > MAX_DECAY;
@@ -511,12 +513,13 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
     const btScalar slack = MAX_GROWTH * (kinetic + btFabs(work)) + ROUNDING * (kinetic_energy() + btFabs(lifted));
     // With velocities that overflow in the step, `after` and `slack` are infinite.
     if (std::isfinite(after) && after <= allowed + slack) break;
-    if (parts >= MAX_PARTS) {
+    const int most = std::isfinite(after) ? MAX_PARTS : MAX_PARTS_TO_FINITE;
+    if (parts >= most) {
       // The largest number of sub-intervals was not enough: the excess energy is removed by scaling the velocities.
       scale = btSqrt(std::max(allowed, btScalar(0)) / after);
       break;
     }
-    parts = std::min(parts * REFINEMENT, MAX_PARTS);
+    parts = std::min(parts * REFINEMENT, most);
     update_poses(from);
     update_velocities(start_rate);
     accelerate(from, start_rate, slopes[0]);
