@@ -72,7 +72,8 @@ bool enter_side(const Ray &ray, int axis, btScalar radius, Entry &entry) {
 
 bool enter_capsule(const Ray &ray, const btCapsuleShape &capsule, Entry &entry) {
   const int axis = capsule.getUpAxis();
-  const btScalar radius = capsule.getRadius(), half = capsule.getHalfHeight();
+  // A file may say a height below 0.
+  const btScalar radius = capsule.getRadius(), half = std::fabs(capsule.getHalfHeight());
   btVector3 top(0, 0, 0);
   top[axis] = half;
   btVector3 nearest(0, 0, 0);
