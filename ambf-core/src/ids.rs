@@ -64,6 +64,8 @@ ids! {
     ModelId;
     /// Names a joint.
     JointId = Joint;
+    /// Names a volume.
+    VolumeId = Volume;
 }
 
 impl ModelId {

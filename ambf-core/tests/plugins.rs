@@ -451,7 +451,6 @@ impl Stage {
     }
 }
 
-/// A volume has no list of its own: its index follows from the models before its own.
 #[test]
 fn volumes_keep_their_indices_when_models_come_and_go() {
     let stage = Stage::new();

@@ -74,9 +74,9 @@ pub enum Command {
         /// N·m or N, rad or m, rad/s or m/s.
         value: f64,
     },
-    /// Puts a camera, a light or a ghost object at a pose in its parent's frame.
+    /// Puts a camera, a light, a ghost object or a volume at a pose in its parent's frame.
     Place {
-        /// Camera, light or ghost object.
+        /// Camera, light, ghost object or volume.
         object: ObjectId,
         /// Pose in the parent's frame.
         pose: Isometry3<f64>,

@@ -93,13 +93,13 @@ const KNOWN: [(&str, &str); 7] = [
     ),
     (
         "libvolumetric_drilling",
-        "volumes cannot be cut in this program; a plugin of your own can do it (docs/plugins.md)",
+        "volumes are drawn by this program, but cannot be cut",
     ),
     ("libcamera_override", "give the camera `intrinsics` or a `projection matrix` in its file (docs/user-guide.md)"),
     ("libambf_recording", "record with rosbag, or with the example plugin in resources/plugins/recorder"),
     ("libsimulator_plugin_example", "resources/plugins/recorder is a worked example for this program"),
     ("libworld_plugin_example", "resources/plugins/recorder is a worked example for this program"),
-    ("libambf_vol", "volumes are kept for a viewer and have no plugin here"),
+    ("libambf_vol", "volumes are drawn as their pictures are, no plugin changes their voxels"),
 ];
 
 const REWRITE: &str = "write it again against the interface in docs/plugins.md";

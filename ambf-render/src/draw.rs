@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use std::path::PathBuf;
 
 use ambf_core::adf::ShaderProgram;
-use nalgebra::{Matrix3, Matrix4, Point3};
+use nalgebra::{Matrix3, Matrix4, Point3, Vector3};
 
 use crate::gl::{self, Cull, Current, FixedMaterial, InstanceBuffer, Mode, Program, Uniform};
 use crate::lights::{self, narrow, Light, ShadowMap};
@@ -14,6 +14,7 @@ use crate::shaders::{self, Lit};
 use crate::sky::{self, Sky};
 use crate::stage::{Backdrop, Look};
 use crate::view::Eye;
+use crate::volumes::Isosurface;
 use crate::RenderError;
 
 /// How something is drawn.
@@ -46,6 +47,16 @@ pub(crate) struct Drawable<'a> {
     pub(crate) is_object: bool,
     /// Whether it is a sheet: soft bodies are.
     pub(crate) is_sheet: bool,
+    /// The part is the box of these voxels, in which the surface is looked for.
+    pub(crate) isosurface: Option<&'a Isosurface>,
+}
+
+impl Drawable<'_> {
+    /// From the part to the world.
+    fn pose(&self) -> Matrix4<f64> {
+        let r = self.rows.map(f64::from);
+        Matrix4::new(r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8], r[9], r[10], r[11], 0.0, 0.0, 0.0, 1.0)
+    }
 }
 
 /// Instances of one part.
@@ -75,6 +86,8 @@ impl<'a> Batches<'a> {
                 std::ptr::eq(before.part, drawable.part)
                     && before.style == drawable.style
                     && before.look.physical.is_some() == drawable.look.physical.is_some()
+                    && before.isosurface.is_none()
+                    && drawable.isosurface.is_none()
             });
             batches.push(drawable);
             batches.order.push(index);
@@ -130,11 +143,13 @@ pub(crate) fn visible(drawables: &[Drawable<'_>], clip: &Matrix4<f64>) -> Vec<us
 #[derive(Default)]
 pub(crate) struct Programs {
     lit: HashMap<Lit, Program>,
-    depth: Option<Program>,
-    /// Without normals, with them.
-    ids: [Option<Program>; 2],
+    /// Of surfaces, of voxels.
+    depth: [Option<Program>; 2],
+    /// Without normals, with them; of surfaces, of voxels.
+    ids: [[Option<Program>; 2]; 2],
     unlit: Option<Program>,
-    mask: Option<Program>,
+    /// Of surfaces, of voxels.
+    mask: [Option<Program>; 2],
     sky: Option<Program>,
     backdrop: Option<Program>,
     /// `None`: cannot be used.
@@ -156,19 +171,28 @@ fn compiled<'a>(
 
 impl Programs {
     pub(crate) fn depth(&mut self, gl: &Current<'_>) -> Result<&Program, RenderError> {
-        compiled(&mut self.depth, gl, shaders::DEPTH_VERTEX, shaders::DEPTH_FRAGMENT)
+        compiled(&mut self.depth[0], gl, shaders::DEPTH_VERTEX, shaders::DEPTH_FRAGMENT)
     }
 
-    fn ids(&mut self, gl: &Current<'_>, normals: bool) -> Result<&Program, RenderError> {
-        compiled(&mut self.ids[usize::from(normals)], gl, &shaders::ids_vertex(), &shaders::ids(normals))
+    fn depth_of_voxels(&mut self, gl: &Current<'_>) -> Result<&Program, RenderError> {
+        compiled(&mut self.depth[1], gl, &shaders::voxels_vertex(false), &shaders::voxels_depth())
+    }
+
+    fn ids(&mut self, gl: &Current<'_>, normals: bool, of_voxels: bool) -> Result<&Program, RenderError> {
+        let vertex = if of_voxels { shaders::voxels_vertex(true) } else { shaders::ids_vertex() };
+        let fragment = if of_voxels { shaders::voxels_ids(normals) } else { shaders::ids(normals) };
+        compiled(&mut self.ids[usize::from(of_voxels)][usize::from(normals)], gl, &vertex, &fragment)
     }
 
     fn unlit(&mut self, gl: &Current<'_>) -> Result<&Program, RenderError> {
         compiled(&mut self.unlit, gl, shaders::VERTEX, shaders::UNLIT_FRAGMENT)
     }
 
-    fn mask(&mut self, gl: &Current<'_>) -> Result<&Program, RenderError> {
-        compiled(&mut self.mask, gl, shaders::VERTEX, shaders::MASK_FRAGMENT)
+    fn mask(&mut self, gl: &Current<'_>, of_voxels: bool) -> Result<&Program, RenderError> {
+        match of_voxels {
+            true => compiled(&mut self.mask[1], gl, &shaders::voxels_vertex(false), &shaders::voxels_mask()),
+            false => compiled(&mut self.mask[0], gl, shaders::VERTEX, shaders::MASK_FRAGMENT),
+        }
     }
 
     fn sky(&mut self, gl: &Current<'_>) -> Result<&Program, RenderError> {
@@ -320,7 +344,11 @@ impl Pass<'_> {
             let first = run.first.max(first_transparent);
             for index in first..run.first + run.count {
                 // Both walls of a hollow body, the far one first.
-                for cull in [Cull::Front, Cull::Back] {
+                let walls: &[Cull] = match self.drawables[batches.order[index]].isosurface {
+                    Some(_) => &[back_walls(eye)],
+                    None => &[Cull::Front, Cull::Back],
+                };
+                for &cull in walls {
                     gl.state(true, false, cull);
                     self.run(eye, &batches, index, 1, mask)?;
                 }
@@ -339,13 +367,15 @@ impl Pass<'_> {
     ) -> Result<(), RenderError> {
         let gl = self.gl;
         let drawable = &self.drawables[batches.order[first]];
-        let style = match mask.filter(|_| drawable.is_object) {
+        let style = match mask.filter(|_| drawable.is_object && drawable.isosurface.is_none()) {
             Some(Mask::User(index)) => Style::User(index),
             _ => drawable.style,
         };
         let (program, mode) = match style {
             Style::User(index) => return self.user_run(eye, &batches.order[first..first + count], index),
-            Style::Lit if mask == Some(Mask::Built) && drawable.is_object => (self.programs.mask(gl)?, Mode::Triangles),
+            Style::Lit if mask.is_some() && drawable.is_object => {
+                (self.programs.mask(gl, drawable.isosurface.is_some())?, Mode::Triangles)
+            }
             Style::Lit => {
                 let part = drawable.part;
                 let normal_map = part.normal_map.as_ref().filter(|_| self.normal_maps);
@@ -362,6 +392,7 @@ impl Pass<'_> {
                     physical_map: physical_map.is_some(),
                     glossy: !physical && looks().any(|look| look.specular != [0.0; 3]),
                     squarings: shaders::squarings(shininess).filter(|_| is_shared && !physical),
+                    isosurface: drawable.isosurface.is_some(),
                     ..lights::lit(self.lights)
                 };
                 let program = self.programs.lit(gl, lit)?;
@@ -379,7 +410,7 @@ impl Pass<'_> {
                     gl.uniform(program, "u_physical_map", Uniform::Int(2));
                 }
                 if lit.physical {
-                    gl.uniform(program, "u_eye", Uniform::Vec4(eye.place().map(|x| x as f32)));
+                    set_eye(gl, program, eye);
                 }
                 if !self.lit_programs.contains(&lit) {
                     self.lit_programs.push(lit);
@@ -403,6 +434,7 @@ impl Pass<'_> {
             gl.uniform(program, "u_point_size", Uniform::Float(size.clamp(1.0, 255.0)));
         }
         gl.uniform(program, "u_clip", Uniform::Mat4(&narrow(&(eye.projection * eye.view))));
+        set_voxels(gl, program, drawable, eye);
         gl.draw_instances(&drawable.part.array, mode, self.buffer, first, count, batches.count());
         Ok(())
     }
@@ -451,10 +483,7 @@ impl Pass<'_> {
         gl.bind_texture(2, Some(normal_map.map_or(self.white, |map| map.as_ref())));
         for &place in order {
             let drawable = &self.drawables[place];
-            let r = drawable.rows.map(f64::from);
-            let pose = Matrix4::new(
-                r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8], r[9], r[10], r[11], 0.0, 0.0, 0.0, 1.0,
-            );
+            let pose = drawable.pose();
             let Look { diffuse, ambient, specular, emission, shininess, .. } = drawable.look;
             let solid = |[r, g, b]: [f32; 3]| [r, g, b, diffuse[3]];
             let material = FixedMaterial {
@@ -476,15 +505,20 @@ impl Pass<'_> {
         gl.viewport(eye.left, eye.width, eye.height);
         gl.state(false, true, Cull::None);
         gl.clear_flat(normals);
-        self.programs.ids(gl, normals)?;
-        let Some(program) = &self.programs.ids[usize::from(normals)] else { return Ok(()) };
-        gl.use_program(Some(program));
-        // Rows of the view are right, up and backward; the camera's axes are backward, right, up.
-        for (name, row) in [("u_camera_x", 2), ("u_camera_y", 0), ("u_camera_z", 1)] {
-            let axis = eye.view.fixed_view::<1, 3>(row, 0);
-            gl.uniform(program, name, Uniform::Vec3(std::array::from_fn(|i| axis[i] as f32)));
+        for of_voxels in self.kinds() {
+            self.programs.ids(gl, normals, of_voxels)?;
+            let program = &self.programs.ids[usize::from(of_voxels)][usize::from(normals)];
+            let Some(program) = program else { return Ok(()) };
+            gl.use_program(Some(program));
+            // Rows of the view are right, up and backward; the camera's axes are backward, right, up.
+            for (name, row) in [("u_camera_x", 2), ("u_camera_y", 0), ("u_camera_z", 1)] {
+                let axis = eye.view.fixed_view::<1, 3>(row, 0);
+                gl.uniform(program, name, Uniform::Vec3(std::array::from_fn(|i| axis[i] as f32)));
+            }
+            self.plain(eye, program, |drawable| {
+                drawable.style.is_solid() && drawable.isosurface.is_some() == of_voxels
+            });
         }
-        self.plain(eye, program, |drawable| drawable.style.is_solid());
         Ok(())
     }
 
@@ -494,12 +528,25 @@ impl Pass<'_> {
         gl.viewport(eye.left, eye.width, eye.height);
         gl.state(false, true, Cull::None);
         gl.clear(false);
-        self.programs.depth(gl)?;
-        let Some(program) = &self.programs.depth else { return Ok(()) };
-        gl.use_program(Some(program));
-        let is_seen = |drawable: &Drawable<'_>| drawable.style.is_solid() && !drawable.look.is_transparent();
-        self.plain(eye, program, is_seen);
+        for of_voxels in self.kinds() {
+            match of_voxels {
+                true => self.programs.depth_of_voxels(gl)?,
+                false => self.programs.depth(gl)?,
+            };
+            let Some(program) = &self.programs.depth[usize::from(of_voxels)] else { return Ok(()) };
+            gl.use_program(Some(program));
+            self.plain(eye, program, |drawable| {
+                let is_seen = drawable.style.is_solid() && !drawable.look.is_transparent();
+                is_seen && drawable.isosurface.is_some() == of_voxels
+            });
+        }
         Ok(())
+    }
+
+    /// Surfaces, and voxels (`true`) if there are any.
+    fn kinds(&self) -> impl Iterator<Item = bool> {
+        let has_voxels = self.drawables.iter().any(|drawable| drawable.isosurface.is_some());
+        [false, true].into_iter().take(if has_voxels { 2 } else { 1 })
     }
 
     fn plain(&self, eye: &Eye, program: &Program, which: impl Fn(&Drawable<'_>) -> bool) {
@@ -511,6 +558,7 @@ impl Pass<'_> {
         gl.upload_instances(self.buffer, &batches.instances);
         for run in &batches.runs {
             gl.state(false, true, self.culled(eye, &batches.order[run.first..run.first + run.count]));
+            set_voxels(gl, program, &self.drawables[batches.order[run.first]], eye);
             gl.draw_instances(&run.part.array, Mode::Triangles, self.buffer, run.first, run.count, batches.count());
         }
     }
@@ -518,6 +566,9 @@ impl Pass<'_> {
     /// Which faces need not be drawn of these opaque drawables of one part: the backs of closed surfaces that lie
     /// wholly in front of the eye. Nobody sees them, but a software renderer shades those that come first.
     fn culled(&self, eye: &Eye, order: &[usize]) -> Cull {
+        if self.drawables[order[0]].isosurface.is_some() {
+            return back_walls(eye);
+        }
         // What mirrors takes fronts for backs; projections of OpenGL turn a right-handed frame into a left-handed one.
         if !self.drawables[order[0]].part.is_closed || eye.projection.determinant() >= 0.0 {
             return Cull::None;
@@ -535,6 +586,38 @@ impl Pass<'_> {
             true => Cull::Back,
             false => Cull::None,
         }
+    }
+}
+
+/// What leaves the far walls of a closed part: each pixel looks for a surface of voxels once, also where the eye is among
+/// them.
+fn back_walls(eye: &Eye) -> Cull {
+    if eye.projection.determinant() < 0.0 {
+        Cull::Front
+    } else {
+        Cull::Back
+    }
+}
+
+fn set_eye(gl: &Current<'_>, program: &Program, eye: &Eye) {
+    gl.uniform(program, "u_eye", Uniform::Vec4(eye.place().map(|x| x as f32)));
+}
+
+/// Sets what a program of voxels needs, if `drawable` has any.
+fn set_voxels(gl: &Current<'_>, program: &Program, drawable: &Drawable<'_>, eye: &Eye) {
+    let Some(isosurface) = drawable.isosurface else { return };
+    let Some(to_box) = drawable.pose().try_inverse() else { return };
+    let to_voxels = Matrix4::new_translation(&Vector3::repeat(0.5)) * to_box;
+    set_eye(gl, program, eye);
+    gl.uniform(program, "u_to_voxels", Uniform::Mat4(&narrow(&to_voxels)));
+    gl.uniform(program, "u_value", Uniform::Float(isosurface.value));
+    gl.uniform(program, "u_samples", Uniform::Float(isosurface.samples));
+    gl.uniform(program, "u_tint", Uniform::Float(isosurface.tint));
+    for (unit, name, texture) in
+        [(0, "u_voxels", &isosurface.voxels.texture), (1, "u_blocks", &isosurface.voxels.blocks)]
+    {
+        gl.uniform(program, name, Uniform::Int(unit as i32));
+        gl.bind_texture(unit, Some(texture));
     }
 }
 

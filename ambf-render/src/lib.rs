@@ -30,6 +30,7 @@ mod sky;
 mod stage;
 mod texture;
 mod view;
+mod volumes;
 
 pub use cameras::{camera_labels, find_camera, object_label, NoSuchCamera};
 pub use files::DepthFormat;

@@ -199,7 +199,8 @@ fn draw_map(
     size: u32,
 ) -> Result<ShadowMap, RenderError> {
     let program = programs.depth(gl)?;
-    let seen: Vec<usize> = visible(casters, clip).into_iter().filter(|&i| !is_lit_plane(&casters[i], light)).collect();
+    let casts = |i: &usize| casters[*i].isosurface.is_none() && !is_lit_plane(&casters[*i], light);
+    let seen: Vec<usize> = visible(casters, clip).into_iter().filter(casts).collect();
     let area = seen.iter().map(|&i| area_of(&casters[i], clip, size)).fold([0; 4], united);
     let [width, height] =
         [area[2] - area[0], area[3] - area[1]].map(|n| n.max(1).next_multiple_of(size / SHADOW_STEPS).min(size));
@@ -269,6 +270,7 @@ pub(crate) fn lit(lights: &[Light]) -> Lit {
         physical_map: false,
         glossy: false,
         squarings: None,
+        isosurface: false,
     }
 }
 

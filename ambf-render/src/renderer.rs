@@ -21,6 +21,7 @@ use crate::meshes::Library;
 use crate::sky::Sky;
 use crate::stage::{Backdrop, Built};
 use crate::view::Eye;
+use crate::volumes::Stacks;
 use crate::{Picture, PictureRequest, Planes, Stage, View};
 use drawables::{drawables, marker_parts, Flags};
 use read_back::{metric, rgb, top_first};
@@ -81,6 +82,7 @@ struct Resources {
     sky: Option<(adf::Skybox, Option<Sky>)>,
     /// Pictures behind the scene.
     backdrops: Vec<(Arc<Pixels>, gl::Texture)>,
+    volumes: Stacks,
     /// (lights x 1).
     maps: Vec<Option<ShadowMap>>,
     /// Counts changes of the shapes of soft bodies.
@@ -120,6 +122,7 @@ impl Resources {
             targets: Targets::default(),
             sky: None,
             backdrops: Vec::new(),
+            volumes: Stacks::default(),
             maps: Vec::new(),
             soft_versions: 0,
             bytes: Vec::new(),
@@ -189,6 +192,7 @@ impl Renderer {
             built.said = stage.built.take().map(|built| built.said).unwrap_or_default();
             stage.built = Some(built);
             resources.library.prune();
+            resources.volumes.prune();
         }
         let Some(built) = &mut stage.built else { return messages };
         if stage.collision_shapes && built.collision_items.is_none() {

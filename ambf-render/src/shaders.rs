@@ -26,7 +26,7 @@ uniform vec3 u_backward;
 #ifdef WORLD
 out vec3 v_world;
 #endif
-#ifdef PHYSICAL
+#if defined(PHYSICAL) || defined(VOXELS)
 uniform vec4 u_eye;
 out vec3 v_view;
 #endif
@@ -63,7 +63,7 @@ void main() {
 #ifdef WORLD
     v_world = world;
 #endif
-#ifdef PHYSICAL
+#if defined(PHYSICAL) || defined(VOXELS)
     v_view = u_eye.xyz - u_eye.w * world;
 #endif
 #ifdef TEXTURED
@@ -81,6 +81,113 @@ void main() {
     gl_Position = u_clip * vec4(world, 1.0);
 }
 ";
+
+/// Looks for the surface of voxels along the ray of a pixel of the far wall of their box. `find` sets `hit`, in the
+/// world, and `voxel` there, and returns the unit normal; where there is no surface, the pixel is discarded. README,
+/// section Volumes.
+const FIND: &str = r"
+uniform sampler3D u_voxels, u_blocks;
+uniform mat4 u_to_voxels, u_clip;
+uniform float u_value, u_samples, u_tint;
+uniform vec4 u_eye;
+in vec3 v_world;
+// Towards the eye, as long as the way to it, or of unit length if rays are parallel.
+in vec3 v_view;
+vec3 hit;
+vec4 voxel;
+// What of a / b is finite and positive, else a large number.
+vec3 ways(vec3 a, vec3 b) {
+    return mix(vec3(1e30), max(a / b, 0.0), notEqual(b, vec3(0.0)));
+}
+float least(vec3 v) { return min(v.x, min(v.y, v.z)); }
+vec3 find() {
+    vec3 last = (u_to_voxels * vec4(v_world, 1.0)).xyz, back = mat3(u_to_voxels) * v_view;
+    // Shares of v_view: where the ray enters the box, the eye, the near plane.
+    float share = least(ways(step(0.0, back) - last, back));
+    if (u_eye.w > 0.5) share = min(share, 1.0);
+    vec4 clip = u_clip * vec4(v_world, 1.0), clip_back = u_clip * vec4(v_view, 0.0);
+    float ahead = clip.z + clip.w, closer = clip_back.z + clip_back.w;
+    if (closer < 0.0) share = min(share, -ahead / closer);
+    vec3 first = last + share * back;
+    int count = int(ceil(min(share * length(v_view) * u_samples, 65536.0))) + 1;
+    vec3 by = (last - first) / float(count), n = vec3(textureSize(u_voxels, 0)), block = 8.0 / n;
+    ivec3 most = textureSize(u_blocks, 0) - 1;
+    int i = 0;
+    while (i <= count) {
+        vec3 p = first + float(i) * by;
+        ivec3 at = clamp(ivec3(p / block), ivec3(0), most);
+        if (texelFetch(u_blocks, at, 0).r <= u_value) {
+            i += max(1, int(ceil(min(least(ways((vec3(at) + step(0.0, by)) * block - p, by)), 1e6))));
+        } else if (texture(u_voxels, p).a > u_value) {
+            break;
+        } else {
+            ++i;
+        }
+    }
+    if (i > count || share <= 0.0) discard;
+    vec3 p = first + float(i) * by;
+    float low = float(i) - 1.0, high = float(i);
+    for (int k = 0; k < 6 && i > 0; ++k) {
+        float middle = 0.5 * (low + high);
+        p = first + middle * by;
+        if (texture(u_voxels, p).a > u_value) high = middle; else low = middle;
+    }
+    p = first + high * by;
+    hit = v_world + (1.0 - high / float(count)) * share * v_view;
+    voxel = texture(u_voxels, p);
+    vec3 slope;
+    for (int axis = 0; axis < 3; ++axis) {
+        vec3 e = vec3(0.0);
+        e[axis] = 1.0 / n[axis];
+        slope[axis] = n[axis] * (texture(u_voxels, p - e).a - texture(u_voxels, p + e).a);
+    }
+    vec3 normal = slope * mat3(u_to_voxels);
+    clip = u_clip * vec4(hit, 1.0);
+    gl_FragDepth = 0.5 * clip.z / clip.w + 0.5;
+    // Where the box cuts through the inside there is no slope.
+    return normalize(dot(normal, normal) > 0.0 ? normal : v_view);
+}
+";
+
+/// The vertex shader of [`voxels_ids`], or of the other programs of voxels.
+pub(crate) fn voxels_vertex(ids: bool) -> String {
+    let defines = format!("#version 330\n#define VOXELS\n#define WORLD\n{}", if ids { "#define IDS\n" } else { "" });
+    VERTEX.replacen("#version 330\n", &defines, 1)
+}
+
+/// As [`DEPTH_FRAGMENT`], of voxels.
+pub(crate) fn voxels_depth() -> String {
+    format!("#version 330\n{FIND}void main() {{ find(); }}\n")
+}
+
+/// As [`ids`], of voxels.
+pub(crate) fn voxels_ids(normals: bool) -> String {
+    let (output, normal) = match normals {
+        true => (
+            "uniform vec3 u_camera_x, u_camera_y, u_camera_z;\nout vec4 o_normal;\n",
+            "    o_normal = vec4(dot(u_camera_x, n), dot(u_camera_y, n), dot(u_camera_z, n), 0.0);\n",
+        ),
+        false => ("", ""),
+    };
+    format!(
+        "#version 330\n{FIND}flat in uvec2 v_ids;\nout uvec2 o_ids;\n{output}void main() {{\n    vec3 n = find();\n    o_ids = v_ids;\n{normal}}}\n"
+    )
+}
+
+/// The colour of the nearest voxel alone.
+pub(crate) fn voxels_mask() -> String {
+    format!(
+        r"#version 330
+{FIND}out vec4 o_color;
+void main() {{
+    find();
+    vec3 n = vec3(textureSize(u_voxels, 0));
+    ivec3 nearest = ivec3(clamp((u_to_voxels * vec4(hit, 1.0)).xyz * n, vec3(0.0), n - 1.0));
+    o_color = vec4(texelFetch(u_voxels, nearest, 0).rgb, 1.0);
+}}
+"
+    )
+}
 
 /// Vertex shader where only the depth counts.
 pub(crate) const DEPTH_VERTEX: &str = r"#version 330
@@ -203,6 +310,8 @@ pub(crate) struct Lit {
     pub(crate) glossy: bool,
     /// All instances have the shininess 2^k: k multiplications cost a software renderer less than a power.
     pub(crate) squarings: Option<u8>,
+    /// The surface is looked for among voxels, whose colours multiply that of the material.
+    pub(crate) isosurface: bool,
 }
 
 /// k >= 1 of a shininess 2^k that is raised by multiplications.
@@ -226,10 +335,20 @@ impl Lit {
             (self.colored, "COLORED"),
             (self.physical, "PHYSICAL"),
             (self.physical_map, "PHYSICAL_MAP"),
-            (self.lights > AT_VERTICES, "WORLD"),
+            (self.lights > AT_VERTICES || self.isosurface, "WORLD"),
+            (self.isosurface, "VOXELS"),
         ];
         let defined = all.iter().filter(|(is_defined, _)| *is_defined).map(|(_, name)| format!("#define {name}\n"));
         std::iter::once("#version 330\n".to_owned()).chain(defined).collect()
+    }
+
+    /// Lights whose geometry is computed at vertices: none for a surface that is looked for at each pixel.
+    fn at_vertices(self) -> u32 {
+        if self.isosurface {
+            0
+        } else {
+            self.lights.min(AT_VERTICES)
+        }
     }
 
     /// What a light needs at a place `world`: qualifier, type, name and expression; and the uniforms in it.
@@ -261,7 +380,7 @@ impl Lit {
 
     pub(crate) fn vertex(self) -> String {
         let (mut head, mut computed) = (self.defines(), String::new());
-        for light in 0..self.lights.min(AT_VERTICES) {
+        for light in 0..self.at_vertices() {
             let (values, uniforms) = self.geometry(light);
             head.push_str(&uniforms);
             for [qualifier, kind, name, expression] in values {
@@ -285,13 +404,16 @@ impl Lit {
     /// What of the fragment shader is the same for all materials: inputs, and the normal towards the eye.
     fn head(self) -> String {
         let mut text = self.defines();
+        if self.isosurface {
+            text.push_str(FIND);
+        }
         text.push_str(
             r"in vec4 v_normal;
 flat in vec4 v_diffuse, v_ambient;
 flat in vec3 v_specular, v_emission;
 uniform vec3 u_backward;
 out vec4 o_color;
-#ifdef WORLD
+#if defined(WORLD) && !defined(VOXELS)
 in vec3 v_world;
 #endif
 #ifdef TEXTURED
@@ -313,7 +435,7 @@ uniform sampler2D u_normal_map;
         );
         for light in 0..self.lights {
             let (values, uniforms) = self.geometry(light);
-            match light < AT_VERTICES {
+            match light < self.at_vertices() {
                 true => values.iter().for_each(|[qualifier, kind, name, _]| {
                     text.push_str(&format!("{qualifier}in {kind} {name};\n"));
                 }),
@@ -329,6 +451,10 @@ uniform sampler2D u_normal_map;
         text.push_str(
             r"// w: along the backward axis of the camera.
 vec4 normal() {
+#ifdef VOXELS
+    vec3 found = find();
+    return vec4(found, dot(u_backward, found));
+#endif
     vec4 n = v_normal * inversesqrt(dot(v_normal.xyz, v_normal.xyz));
 #ifdef NORMAL_MAP
     vec3 bump = 2.0 * texture(u_normal_map, v_tex_coord).xyz - 1.0;
@@ -346,8 +472,9 @@ vec4 normal() {
     /// rest is for pixels in its cone.
     fn toward(self, light: u32) -> String {
         let mut text = "    {\n".to_owned();
-        if light >= AT_VERTICES {
-            text.push_str("        vec3 world = v_world;\n");
+        if light >= self.at_vertices() {
+            let world = if self.isosurface { "hit" } else { "v_world" };
+            text.push_str(&format!("        vec3 world = {world};\n"));
             for [_, kind, name, expression] in self.geometry(light).0 {
                 text.push_str(&format!("        {kind} {name} = {expression};\n"));
             }
@@ -429,7 +556,7 @@ vec4 normal() {
             ));
         }
         text.push_str(
-            r"#if defined(TEXTURED) || defined(COLORED)
+            r"#if defined(TEXTURED) || defined(COLORED) || defined(VOXELS)
     color = clamp(color, 0.0, 1.0);
 #endif
     o_color = vec4(color, v_diffuse.a);
@@ -438,6 +565,9 @@ vec4 normal() {
 #endif
 #ifdef COLORED
     o_color *= v_color;
+#endif
+#ifdef VOXELS
+    o_color.rgb *= u_tint * voxel.rgb;
 #endif
 }
 ",
@@ -449,7 +579,9 @@ vec4 normal() {
     /// is bright above. README, section Light.
     fn physical_main(self, text: &mut String) {
         text.push_str(
-            r"in vec3 v_view;
+            r"#ifndef VOXELS
+in vec3 v_view;
+#endif
 const vec3 GAMMA = vec3(2.2);
 float environment(float height, float blur) { return 0.3 + 0.7 * smoothstep(-blur, blur, height); }
 void main() {
@@ -460,6 +592,9 @@ void main() {
 #endif
 #ifdef COLORED
     surface *= v_color;
+#endif
+#ifdef VOXELS
+    surface.rgb *= u_tint * voxel.rgb;
 #endif
     float metallic = v_specular.x, roughness = v_specular.y;
 #ifdef PHYSICAL_MAP

@@ -5,12 +5,15 @@ use std::sync::Arc;
 
 use ambf_core::adf;
 use ambf_core::comm::{RayReading, Snapshot, SpotReading};
-use ambf_core::ids::{ActuatorId, BodyId, CameraId, GhostId, LightId, SensorId, SoftBodyId, Table, VehicleId};
+use ambf_core::ids::{
+    ActuatorId, BodyId, CameraId, GhostId, LightId, SensorId, SoftBodyId, Table, VehicleId, VolumeId,
+};
 use ambf_core::plugin::Pixels;
 use ambf_core::scene::VisualScene;
 use nalgebra::{Isometry3, Matrix4, Point3, Vector3};
 
 use crate::meshes::{Part, SoftPart};
+use crate::volumes::Isosurface;
 
 /// A scene as a renderer draws it: loaded meshes, poses, and what a user wants to see besides.
 #[derive(Default)]
@@ -125,6 +128,7 @@ pub(crate) enum Source {
     Light(LightId),
     Sensor(SensorId),
     Actuator(ActuatorId),
+    Volume(VolumeId),
 }
 
 /// An object of the scene.
@@ -198,6 +202,8 @@ pub(crate) struct Item {
     pub(crate) look: Look,
     /// Index of the user's program in the renderer.
     pub(crate) program: Option<usize>,
+    /// The part is the box of these voxels.
+    pub(crate) isosurface: Option<Isosurface>,
     /// Where it is, once poses are known: (3 x 4) row by row.
     pub(crate) rows: [f32; 12],
     /// Bounding sphere in the world.
@@ -259,6 +265,7 @@ impl Built {
             Source::Light(id) => visuals.lights[id].object.removed,
             Source::Sensor(id) => visuals.sensors[id].object.removed,
             Source::Actuator(id) => visuals.actuators[id].object.removed,
+            Source::Volume(id) => visuals.volumes[id].object.removed,
         }
     }
 
@@ -281,6 +288,7 @@ impl Built {
                 }
                 Source::Camera(id) => snapshot.views.get(id).map(|view| view.pose),
                 Source::Light(id) => snapshot.spots.get(id).map(|spot| spot.pose),
+                Source::Volume(id) => snapshot.volumes.get(id).copied(),
                 Source::Sensor(id) => {
                     let sensor = &visuals.sensors[id];
                     body_frame(sensor.parent).map(|parent| parent * sensor.pose)

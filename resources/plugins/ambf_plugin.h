@@ -68,7 +68,7 @@ enum {
     AMBF_POSE = 3,         /* body; position x y z, quaternion x y z w */
     AMBF_FOLLOW_POSE = 4,  /* as above, through the body's controller; for the next step */
     AMBF_JOINT_COMMAND = 5,/* joint; kind 0 effort, 1 position, 2 velocity; value; for the next step */
-    AMBF_PLACE = 6,        /* kind: camera, light or ghost; index; pose in the parent */
+    AMBF_PLACE = 6,        /* kind: camera, light, ghost or volume; index; pose in the parent */
     AMBF_HOLD = 7,         /* actuator; other: body, -1 releases it */
     AMBF_DRIVE = 8,        /* vehicle; other: wheel; steering, power, brake; until the next */
     AMBF_SOFT_FORCE = 9,   /* soft body; force x y z; for the next step */

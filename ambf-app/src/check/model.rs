@@ -319,11 +319,18 @@ fn volume(pass: &mut Pass<'_>, volume: &Volume) {
 
 /// One message for all images that are missing.
 fn image_stack(pass: &mut Pass<'_>, common: &Common, images: &ImageStack) {
-    let file = |i: u32| images.path.join(format!("{}{i}.{}", images.prefix, images.format));
     let looked_for = images.count.min(MAX_IMAGES);
-    let missing: Vec<_> = (0..looked_for).filter_map(|i| pass.files.other(&file(i))).collect();
-    if let Some(first) = missing.first() {
-        let why = format!("{} of {looked_for} images are missing, the first: {first}", missing.len());
-        pass.missing(Level::Warning, common, "images", &why, "the volume is empty");
+    let mut missing = Vec::new();
+    for index in 0..looked_for {
+        let is_there = images.candidates(index).find(|file| file.is_file());
+        let file = is_there.or_else(|| images.candidates(index).next());
+        missing.extend(file.and_then(|file| pass.files.other(&file)));
     }
+    let Some(first) = missing.first() else { return };
+    if missing.len() == looked_for as usize {
+        let why = format!("none of {looked_for} images is there, the first: {first}");
+        return pass.missing(Level::Warning, common, "images", &why, "the volume is not drawn");
+    }
+    let sentence = format!("{} of {looked_for} images are missing and left out, the first: {first}", missing.len());
+    pass.say(Level::Warning, "missing file", pass.place(common, "images"), &[&common.identifier, "images"], &sentence);
 }

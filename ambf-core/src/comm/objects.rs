@@ -14,7 +14,9 @@ use super::{
     SoftBodyCommand, SoftBodyReading, SpotReading, Timing, VehicleCommand, VehicleInfo, VehicleReading, Wrench,
 };
 use crate::bullet::BodyKinematics;
-use crate::ids::{ActuatorId, BodyId, CameraId, GhostId, JointId, LightId, SensorId, SoftBodyId, Table, VehicleId};
+use crate::ids::{
+    ActuatorId, BodyId, CameraId, GhostId, JointId, LightId, SensorId, SoftBodyId, Table, VehicleId, VolumeId,
+};
 use ambf_plugin::ObjectId;
 
 macro_rules! object_kinds {
@@ -143,6 +145,8 @@ pub struct Snapshot {
     pub soft_bodies: Table<SoftBodyId, SoftBodyReading>,
     /// (ghost objects x 1).
     pub ghosts: Table<GhostId, GhostReading>,
+    /// (volumes x 1) pose in the world.
+    pub volumes: Table<VolumeId, Isometry3<f64>>,
 }
 
 impl Default for Snapshot {
@@ -168,6 +172,7 @@ impl Default for Snapshot {
             vehicles: Table::default(),
             soft_bodies: Table::default(),
             ghosts: Table::default(),
+            volumes: Table::default(),
         }
     }
 }

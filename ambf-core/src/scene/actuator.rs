@@ -62,8 +62,8 @@ impl SceneObject for Actuator {
         }
     }
 
-    fn kind(&self, id: Self::Id, _scene: &Scene) -> ObjectKind {
-        ObjectKind::Actuator(id, Box::new(self.info.clone()))
+    fn kind(&self, id: Self::Id, _scene: &Scene) -> Option<ObjectKind> {
+        Some(ObjectKind::Actuator(id, Box::new(self.info.clone())))
     }
 
     fn stands_on(&self, _id: Self::Id) -> Option<BodyId> {

@@ -1,4 +1,4 @@
-//! Objects with a pose in a parent: cameras, lights and, with physics, ghost objects.
+//! Objects with a pose in a parent: cameras, lights, volumes and, with physics, ghost objects.
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 
@@ -11,7 +11,7 @@ use crate::comm::{
     CameraParameters, CameraView, Command, Inbox, LightParameters, ObjectKind, PoseCommand, Snapshot, SpotReading,
 };
 use crate::control::orientation_of;
-use crate::ids::{BodyId, CameraId, GhostId, LightId};
+use crate::ids::{BodyId, CameraId, GhostId, LightId, VolumeId};
 
 /// Objects that a message names: a few are enough to see what went wrong.
 const MAX_CANDIDATES: usize = 5;
@@ -27,9 +27,11 @@ pub enum Parent {
     Light(LightId),
     /// A ghost object.
     Ghost(GhostId),
+    /// A volume.
+    Volume(VolumeId),
 }
 
-/// What cameras, lights and ghost objects share.
+/// What cameras, lights, ghost objects and volumes share.
 #[derive(Debug, Clone)]
 pub struct Attached {
     /// Names and publishing rates.
@@ -47,7 +49,7 @@ impl Attached {
         Self { identity, parent: None, pose, initial_pose: pose }
     }
 
-    fn save(&self) -> Isometry3<f64> {
+    pub(super) fn save(&self) -> Isometry3<f64> {
         // All fields by name, so that no new one is forgotten. A parent changes only with the extent.
         let Self { identity: _, parent: _, pose, initial_pose: _ } = self;
         *pose
@@ -85,8 +87,8 @@ impl SceneObject for Camera {
         &self.attached.identity
     }
 
-    fn kind(&self, id: Self::Id, _scene: &Scene) -> ObjectKind {
-        ObjectKind::Camera(id, Box::new(self.parameters.clone()))
+    fn kind(&self, id: Self::Id, _scene: &Scene) -> Option<ObjectKind> {
+        Some(ObjectKind::Camera(id, Box::new(self.parameters.clone())))
     }
 
     fn make_room(&self, scene: &Scene, snapshot: &mut Snapshot) {
@@ -177,8 +179,8 @@ impl SceneObject for Light {
         &self.attached.identity
     }
 
-    fn kind(&self, id: Self::Id, _scene: &Scene) -> ObjectKind {
-        ObjectKind::Light(id, Box::new(self.parameters.clone()))
+    fn kind(&self, id: Self::Id, _scene: &Scene) -> Option<ObjectKind> {
+        Some(ObjectKind::Light(id, Box::new(self.parameters.clone())))
     }
 
     fn make_room(&self, scene: &Scene, snapshot: &mut Snapshot) {
@@ -250,7 +252,8 @@ impl Scene {
         let camera = self.cameras.names.exact(text).map(Parent::Camera);
         let light = self.lights.names.exact(text).map(Parent::Light);
         let ghost = self.ghosts.names.exact(text).map(Parent::Ghost);
-        [body, camera, light, ghost].into_iter().flatten().collect()
+        let volume = self.volumes.names.exact(text).map(Parent::Volume);
+        [body, camera, light, ghost, volume].into_iter().flatten().collect()
     }
 
     /// What of each type others may hang on is named by `text`, its whole name or a part that no other has.
@@ -259,7 +262,8 @@ impl Scene {
         let camera = self.cameras.names.id(text).map(Parent::Camera);
         let light = self.lights.names.id(text).map(Parent::Light);
         let ghost = self.ghosts.names.id(text).map(Parent::Ghost);
-        [body, camera, light, ghost].into_iter().flatten().collect()
+        let volume = self.volumes.names.id(text).map(Parent::Volume);
+        [body, camera, light, ghost, volume].into_iter().flatten().collect()
     }
 
     /// What of each type has the name `text`, or with `is_exact` false holds it: a few in lexicographic order, as a
@@ -272,6 +276,7 @@ impl Scene {
         add(self.cameras.names.keys().filter(holds).take(MAX_CANDIDATES).collect(), "camera");
         add(self.lights.names.keys().filter(holds).take(MAX_CANDIDATES).collect(), "light");
         add(self.ghosts.names.keys().filter(holds).take(MAX_CANDIDATES).collect(), "ghost object");
+        add(self.volumes.names.keys().filter(holds).take(MAX_CANDIDATES).collect(), "volume");
         found.sort_unstable();
         // The type matters only where a name is that of objects of several types.
         let is_of_two = |key: &str| found.iter().filter(|(other, _)| *other == key).count() > 1;
@@ -359,6 +364,7 @@ impl Scene {
             Parent::Camera(index) => Some(&self.cameras[index].attached),
             Parent::Light(index) => Some(&self.lights[index].attached),
             Parent::Ghost(index) => Some(&self.ghosts[index].attached),
+            Parent::Volume(index) => Some(&self.volumes[index].attached),
         }
     }
 
@@ -368,13 +374,15 @@ impl Scene {
             Parent::Camera(index) => Some(&mut self.cameras[index].attached),
             Parent::Light(index) => Some(&mut self.lights[index].attached),
             Parent::Ghost(index) => Some(&mut self.ghosts[index].attached),
+            Parent::Volume(index) => Some(&mut self.volumes[index].attached),
         }
     }
 
-    /// Cameras, lights and ghost objects.
+    /// Cameras, lights, ghost objects and volumes.
     pub(super) fn all_attached(&self) -> impl Iterator<Item = Parent> {
         let cameras = self.cameras.ids().map(Parent::Camera);
-        cameras.chain(self.lights.ids().map(Parent::Light)).chain(self.ghosts.ids().map(Parent::Ghost))
+        let placed = cameras.chain(self.lights.ids().map(Parent::Light)).chain(self.ghosts.ids().map(Parent::Ghost));
+        placed.chain(self.volumes.ids().map(Parent::Volume))
     }
 
     /// Takes over what a client changed of a camera; a sentence when its parent is not found.

@@ -112,8 +112,8 @@ impl SceneObject for Body {
         &self.identity
     }
 
-    fn kind(&self, id: Self::Id, scene: &Scene) -> ObjectKind {
-        ObjectKind::RigidBody(id, Box::new(scene.body_info(id)))
+    fn kind(&self, id: Self::Id, scene: &Scene) -> Option<ObjectKind> {
+        Some(ObjectKind::RigidBody(id, Box::new(scene.body_info(id))))
     }
 
     fn stands_on(&self, id: Self::Id) -> Option<BodyId> {

@@ -51,6 +51,7 @@ impl<'a> Builder<'a> {
         let world = Arc::clone(&self.scene.description);
         let model = self.begin_model(model);
         self.add_objects(&model);
+        self.add_volumes(&model.volumes);
         self.declare_plugins(&model);
         self.add_lights(&world.lights);
         self.add_cameras(&world.cameras);
@@ -63,6 +64,7 @@ impl<'a> Builder<'a> {
         self.add_objects(&model);
         self.add_cameras(&model.cameras);
         self.add_lights(&model.lights);
+        self.add_volumes(&model.volumes);
         self.declare_plugins(&model);
         self.finish_model();
     }
@@ -111,17 +113,7 @@ impl<'a> Builder<'a> {
         self.models.insert(self.model);
         scene.model_names.insert(&name, self.model);
         self.planned = Some(planned);
-        self.note_undrawn(&description);
         description
-    }
-
-    /// What is kept, but not drawn.
-    fn note_undrawn(&mut self, model: &adf::Model) {
-        if !model.volumes.is_empty() {
-            let source = SourcePos { file: model.file.clone(), line: 0, column: 0 };
-            let count = model.volumes.len();
-            self.note(Severity::Warning, &source, format!("kept, but not drawn: {count} × volume"));
-        }
     }
 
     /// Prefix and namespace of an element.
@@ -333,6 +325,7 @@ impl<'a> Builder<'a> {
                 Parent::Camera(index) => &self.scene.cameras[index].parameters.parent_name,
                 Parent::Light(index) => &self.scene.lights[index].parameters.parent_name,
                 Parent::Ghost(index) => &self.scene.ghosts[index].parent_name,
+                Parent::Volume(index) => &self.scene.volumes[index].description.parent,
             };
             let (text, source) = (text.clone(), self.source_of(object));
             let is_resolved = self.scene.attached_mut(object).is_some_and(|attached| attached.parent.is_some());
@@ -352,6 +345,7 @@ impl<'a> Builder<'a> {
             Parent::Camera(index) => self.scene.cameras[index].description.common.source.clone(),
             Parent::Light(index) => self.scene.lights[index].description.common.source.clone(),
             Parent::Ghost(index) => self.scene.ghosts[index].source.clone(),
+            Parent::Volume(index) => self.scene.volumes[index].description.common.source.clone(),
         }
     }
 }

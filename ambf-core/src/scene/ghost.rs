@@ -62,8 +62,8 @@ impl SceneObject for Ghost {
         }
     }
 
-    fn kind(&self, id: Self::Id, _scene: &Scene) -> ObjectKind {
-        ObjectKind::Ghost(id, Box::new(GhostInfo { parent_name: self.parent_name.clone() }))
+    fn kind(&self, id: Self::Id, _scene: &Scene) -> Option<ObjectKind> {
+        Some(ObjectKind::Ghost(id, Box::new(GhostInfo { parent_name: self.parent_name.clone() })))
     }
 
     fn make_room(&self, _scene: &Scene, snapshot: &mut Snapshot) {

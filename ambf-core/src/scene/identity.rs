@@ -51,10 +51,11 @@ impl Identity {
         format!("{}{}", self.name, self.suffix)
     }
 
-    /// The description for clients; `None` for a passive object.
-    pub(super) fn object(&self, kind: impl FnOnce() -> ObjectKind) -> Option<ObjectInfo> {
-        (!self.passive).then(|| ObjectInfo {
-            kind: kind(),
+    /// The description for clients; `None` for a passive object, and where `kind` has none.
+    pub(super) fn object(&self, kind: impl FnOnce() -> Option<ObjectKind>) -> Option<ObjectInfo> {
+        let kind = if self.passive { None } else { kind() }?;
+        Some(ObjectInfo {
+            kind,
             namespace: self.namespace.clone(),
             name: self.communication_name(),
             identifier: self.key() + &self.suffix,

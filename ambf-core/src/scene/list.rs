@@ -1,4 +1,4 @@
-//! What the scene does alike with objects of all types that have a State.
+//! What the scene does alike with objects of all types but joints.
 //!
 //! A type implements [`SceneObject`] in its own file and has one line in [`Scene::lists`](super::Scene). What is done
 //! with all objects then goes over these lists.
@@ -16,7 +16,7 @@ use crate::adf;
 use crate::comm::{ObjectKind, Snapshot};
 use crate::ids::{BodyId, Id, ModelId, Table};
 
-/// An object with a State.
+/// An object, usually one with a State.
 pub(super) trait SceneObject: Sized {
     /// What names it.
     type Id: Id;
@@ -37,8 +37,10 @@ pub(super) trait SceneObject: Sized {
     /// Builds all objects of this type in a model. Default: nothing.
     fn add_all(_builder: &mut Builder<'_>, _model: &adf::Model) {}
 
-    /// Its description for clients.
-    fn kind(&self, id: Self::Id, scene: &Scene) -> ObjectKind;
+    /// Its description for clients. Default: none, the type has no State and no Command.
+    fn kind(&self, _id: Self::Id, _scene: &Scene) -> Option<ObjectKind> {
+        None
+    }
 
     /// The body with which it leaves the scene. Default: none.
     fn stands_on(&self, _id: Self::Id) -> Option<BodyId> {
@@ -141,7 +143,7 @@ pub(super) trait ObjectList {
     /// The index that the next object will have.
     fn next_index(&self) -> usize;
     fn identity(&self, index: usize) -> Option<&Identity>;
-    fn kind(&self, index: usize, scene: &Scene) -> ObjectKind;
+    fn kind(&self, index: usize, scene: &Scene) -> Option<ObjectKind>;
     fn stands_on(&self, index: usize) -> Option<BodyId>;
     fn commands(&self, index: usize) -> Option<Box<dyn Commands>>;
     fn pose(&self, index: usize, scene: &Scene) -> Option<Isometry3<f64>>;
@@ -190,7 +192,7 @@ impl<T: SceneObject> ObjectList for Objects<T::Id, T> {
         self.list.get(T::Id::from_index(index)).map(T::identity)
     }
 
-    fn kind(&self, index: usize, scene: &Scene) -> ObjectKind {
+    fn kind(&self, index: usize, scene: &Scene) -> Option<ObjectKind> {
         let id = T::Id::from_index(index);
         self.list[id].kind(id, scene)
     }

@@ -35,6 +35,7 @@ mod soft_body;
 mod targets;
 mod vehicle;
 mod visuals;
+mod volume;
 
 pub use actuator::Actuator;
 pub use ambf_plugin::{ObjectId, ObjectType};
@@ -66,8 +67,9 @@ pub(crate) use targets::SubSteps;
 pub use vehicle::{Vehicle, Wheel};
 pub use visuals::{
     VisualActuator, VisualBody, VisualCamera, VisualJoint, VisualLight, VisualModel, VisualObject, VisualScene,
-    VisualSensor, VisualSoftBody, VisualVehicle,
+    VisualSensor, VisualSoftBody, VisualVehicle, VisualVolume,
 };
+pub use volume::Volume;
 
 use std::fmt;
 use std::sync::Arc;
@@ -79,7 +81,7 @@ use crate::bullet::{ContactLists, Gyroscopic, Preset, World};
 use crate::comm::{ActuatorCommand, ObjectInfo, ObjectKind, Rates, RigidBodyInfo, Snapshot, Wrench};
 use crate::control::Profile;
 use crate::ids::{
-    ActuatorId, BodyId, CameraId, GhostId, JointId, LightId, ModelId, SensorId, SoftBodyId, Table, VehicleId,
+    ActuatorId, BodyId, CameraId, GhostId, JointId, LightId, ModelId, SensorId, SoftBodyId, Table, VehicleId, VolumeId,
 };
 
 /// How a scene is built, beside what its files say.
@@ -126,8 +128,8 @@ impl fmt::Display for Note {
 pub struct ModelInfo {
     /// Namespace and file name, with the suffix that tells copies apart: models are visited in the order of these.
     pub key: String,
-    /// What it was made from: also all that is only drawn (volumes, shaders, materials). Of a model that was removed
-    /// only names, file and volumes.
+    /// What it was made from: also all that is only drawn (shaders, materials). Of a model that was removed only names
+    /// and file.
     pub description: Arc<adf::Model>,
     /// It was taken out of the scene.
     pub removed: bool,
@@ -160,6 +162,8 @@ pub struct Scene {
     pub cameras: Objects<CameraId, Camera>,
     /// Lights.
     pub lights: Objects<LightId, Light>,
+    /// Volumes.
+    pub volumes: Objects<VolumeId, Volume>,
     /// What hangs below what.
     pub graph: BodyGraph,
     /// Models in order of creation; the first is the environment.
@@ -218,6 +222,7 @@ impl Scene {
             vehicles: Objects::default(),
             cameras: Objects::default(),
             lights: Objects::default(),
+            volumes: Objects::default(),
             graph: BodyGraph::default(),
             models: Table::default(),
             namespace: String::new(),
@@ -257,6 +262,7 @@ impl Scene {
             vehicles: _,
             cameras: _,
             lights: _,
+            volumes: _,
             // These change only with the objects.
             graph: _,
             models: _,
@@ -302,8 +308,8 @@ impl Scene {
         self.changes
     }
 
-    /// All objects with a State: each type has its line here, in the order of the list that clients see.
-    fn lists(&self) -> [&dyn ObjectList; 8] {
+    /// All objects but joints: each type has its line here, in the order of the list that clients see.
+    fn lists(&self) -> [&dyn ObjectList; 9] {
         [
             &self.lights,
             &self.cameras,
@@ -313,11 +319,12 @@ impl Scene {
             &self.sensors,
             &self.actuators,
             &self.vehicles,
+            &self.volumes,
         ]
     }
 
     /// [`lists`](Self::lists), to be changed.
-    fn lists_mut(&mut self) -> [&mut dyn ObjectList; 8] {
+    fn lists_mut(&mut self) -> [&mut dyn ObjectList; 9] {
         [
             &mut self.lights,
             &mut self.cameras,
@@ -327,10 +334,11 @@ impl Scene {
             &mut self.sensors,
             &mut self.actuators,
             &mut self.vehicles,
+            &mut self.volumes,
         ]
     }
 
-    /// The objects of a type; `None` for types without a State.
+    /// The objects of a type; `None` for joints.
     fn list(&self, kind: ObjectType) -> Option<&dyn ObjectList> {
         self.lists().into_iter().find(|list| list.object_type() == kind)
     }
@@ -432,7 +440,7 @@ impl Scene {
         }
     }
 
-    /// Cameras, lights and ghost objects back to where they were.
+    /// Cameras, lights, ghost objects and volumes back to where they were.
     pub(crate) fn reset_attached(&mut self) {
         for object in self.all_attached().collect::<Vec<_>>() {
             if let Some(attached) = self.attached_mut(object) {

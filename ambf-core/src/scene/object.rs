@@ -33,18 +33,8 @@ impl Builder<'_> {
         }
     }
 
-    /// Remembers the plugins of the model and its volumes, after those of its other objects.
+    /// Remembers the plugins of the model, after those of its objects.
     pub(super) fn declare_plugins(&mut self, model: &adf::Model) {
-        let before = self.scene.models.entries().take_while(|(id, _)| *id != self.model);
-        let first: usize = before.map(|(_, info)| info.description.volumes.len()).sum();
-        for (i, volume) in model.volumes.iter().enumerate().filter(|(_, volume)| !volume.common.plugins.is_empty()) {
-            self.scene.plugins.push(DeclaredPlugins {
-                model: self.model,
-                object: Some(ObjectId { kind: ObjectType::Volume, index: first + i }),
-                entries: volume.common.plugins.clone(),
-                source: volume.common.source.clone(),
-            });
-        }
         if !model.plugins.is_empty() {
             self.scene.plugins.push(DeclaredPlugins {
                 model: self.model,
@@ -61,7 +51,6 @@ impl Scene {
     pub fn object_count(&self, kind: ObjectType) -> usize {
         match kind {
             ObjectType::Joint => self.joints.len(),
-            ObjectType::Volume => self.models.iter().map(|model| model.description.volumes.len()).sum(),
             _ => self.list(kind).map_or(0, |list| list.count()),
         }
     }
@@ -78,7 +67,6 @@ impl Scene {
     pub fn model_of(&self, object: ObjectId) -> Option<ModelId> {
         match object.kind {
             ObjectType::Joint => self.joints.get(JointId::new(object.index)).map(|joint| joint.model),
-            ObjectType::Volume => self.volume(object.index).map(|(model, _)| model),
             _ => self.identity_of(object).map(|identity| identity.model),
         }
     }
@@ -90,10 +78,6 @@ impl Scene {
             ObjectType::Joint => {
                 self.joints.get(JointId::new(object.index)).map(|joint| (joint.name.clone(), joint.key.clone()))
             }
-            ObjectType::Volume => self.volume(object.index).map(|(_, volume)| {
-                let common = &volume.common;
-                (common.name.clone(), format!("{}{}{}", self.options.prefix, common.namespace, common.identifier))
-            }),
             _ => self.identity_of(object).map(|identity| {
                 let key = format!("{}{}", identity.key(), identity.suffix);
                 (identity.communication_name(), key)
@@ -147,14 +131,13 @@ impl Scene {
     /// What sorts the objects of a model into the order in which their plugins are called.
     pub(crate) fn calling_key(&self, object: ObjectId) -> (u8, String) {
         let rank = match object.kind {
-            ObjectType::Volume => u8::MAX - 1,
             ObjectType::Joint => u8::MAX,
             _ => self.list(object.kind).map_or(0, |list| list.rank()),
         };
         (rank, self.names_of(object).unwrap_or_default().1)
     }
 
-    /// Names of an object that has a State; `None` for others.
+    /// Names of an object; `None` for a joint.
     fn identity_of(&self, object: ObjectId) -> Option<&Identity> {
         self.list(object.kind)?.identity(object.index)
     }
@@ -162,16 +145,5 @@ impl Scene {
     /// The body with which an object leaves the scene.
     pub(super) fn stands_on(&self, object: ObjectId) -> Option<BodyId> {
         self.list(object.kind)?.stands_on(object.index)
-    }
-
-    /// Model and description of a volume.
-    fn volume(&self, mut index: usize) -> Option<(ModelId, &adf::Volume)> {
-        for (model, info) in self.models.entries() {
-            match info.description.volumes.get(index) {
-                Some(volume) => return Some((model, volume)),
-                None => index -= info.description.volumes.len(),
-            }
-        }
-        None
     }
 }

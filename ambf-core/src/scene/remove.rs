@@ -185,9 +185,7 @@ impl Scene {
         });
         let joints: Vec<_> =
             self.joints.entries().filter(|(_, joint)| is_removed(joint.model)).map(|(id, _)| id).collect();
-        // Volumes have no list of their own: their ids follow from the models.
-        let mut models: BTreeSet<ModelId> =
-            of.iter().copied().filter(|&model| self.models[model].description.volumes.is_empty()).collect();
+        let mut models = of.clone();
         for list in self.lists() {
             (0..list.count()).filter_map(|index| list.identity(index)).for_each(|identity| {
                 models.remove(&identity.model);
@@ -226,6 +224,7 @@ impl Scene {
             Parent::Camera(i) => self.cameras[i].attached.identity.model,
             Parent::Light(i) => self.lights[i].attached.identity.model,
             Parent::Ghost(i) => self.ghosts[i].attached.identity.model,
+            Parent::Volume(i) => self.volumes[i].attached.identity.model,
         }
     }
 

@@ -91,8 +91,8 @@ impl SceneObject for Sensor {
         }
     }
 
-    fn kind(&self, id: Self::Id, _scene: &Scene) -> ObjectKind {
-        ObjectKind::Sensor(id, Box::new(self.info.clone()))
+    fn kind(&self, id: Self::Id, _scene: &Scene) -> Option<ObjectKind> {
+        Some(ObjectKind::Sensor(id, Box::new(self.info.clone())))
     }
 
     fn stands_on(&self, _id: Self::Id) -> Option<BodyId> {

@@ -41,8 +41,8 @@ impl SceneObject for SoftBody {
         }
     }
 
-    fn kind(&self, id: Self::Id, _scene: &Scene) -> ObjectKind {
-        ObjectKind::SoftBody(id, self.mass)
+    fn kind(&self, id: Self::Id, _scene: &Scene) -> Option<ObjectKind> {
+        Some(ObjectKind::SoftBody(id, self.mass))
     }
 
     fn make_room(&self, _scene: &Scene, snapshot: &mut Snapshot) {

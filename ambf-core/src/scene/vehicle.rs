@@ -108,10 +108,10 @@ impl SceneObject for Vehicle {
         }
     }
 
-    fn kind(&self, id: Self::Id, scene: &Scene) -> ObjectKind {
+    fn kind(&self, id: Self::Id, scene: &Scene) -> Option<ObjectKind> {
         let chassis = &scene.bodies[self.chassis];
         let info = VehicleInfo { mass: chassis.mass, inertia: chassis.inertia, wheels: self.wheels.len() };
-        ObjectKind::Vehicle(id, Box::new(info))
+        Some(ObjectKind::Vehicle(id, Box::new(info)))
     }
 
     fn stands_on(&self, _id: Self::Id) -> Option<BodyId> {

@@ -10,7 +10,7 @@ use nalgebra::{Isometry3, Vector3};
 use super::{Identity, JointType, LocalRay, Scene};
 use crate::adf;
 use crate::ids::{
-    ActuatorId, BodyId, CameraId, GhostId, JointId, LightId, ModelId, SensorId, SoftBodyId, Table, VehicleId,
+    ActuatorId, BodyId, CameraId, GhostId, JointId, LightId, ModelId, SensorId, SoftBodyId, Table, VehicleId, VolumeId,
 };
 
 /// What of a scene can be drawn. All lists are indexed as the arrays of [`Snapshot`](crate::comm::Snapshot); what was
@@ -39,6 +39,8 @@ pub struct VisualScene {
     pub cameras: Table<CameraId, VisualCamera>,
     /// (lights x 1).
     pub lights: Table<LightId, VisualLight>,
+    /// (volumes x 1).
+    pub volumes: Table<VolumeId, VisualVolume>,
     /// (joints x 1).
     pub joints: Table<JointId, VisualJoint>,
     /// (models x 1) key of each model, what it is removed by, and its file; the environment is the first.
@@ -194,6 +196,15 @@ pub struct VisualLight {
     pub object: VisualObject,
     /// What it was made from.
     pub description: Arc<adf::Light>,
+}
+
+/// A volume.
+#[derive(Debug, Clone)]
+pub struct VisualVolume {
+    /// Names.
+    pub object: VisualObject,
+    /// What it was made from.
+    pub description: Arc<adf::Volume>,
 }
 
 impl VisualBody {
@@ -355,6 +366,10 @@ impl Scene {
             object: object(&light.attached.identity),
             description: Arc::new(light.description.clone()),
         };
+        let volume = |volume: &super::Volume| VisualVolume {
+            object: object(&volume.attached.identity),
+            description: Arc::clone(&volume.description),
+        };
         let joint = |joint: &super::Joint| VisualJoint {
             name: joint.name.as_str().into(),
             parent: joint.parent,
@@ -382,6 +397,7 @@ impl Scene {
             actuators: self.actuators.iter().map(actuator).collect(),
             cameras: self.cameras.iter().map(camera).collect(),
             lights: self.lights.iter().map(light).collect(),
+            volumes: self.volumes.iter().map(volume).collect(),
             joints: self.joints.iter().map(joint).collect(),
             models: self.models.iter().map(model).collect(),
         }

@@ -11,7 +11,7 @@ use super::Simulation;
 use crate::adf::{node_text, PluginEntry, SourcePos};
 use crate::bullet::{Constraint, ConstraintHandle, ConstraintKind, Ray, RayTarget};
 use crate::comm::{JointCommandType, Resets, RigidBodyCommand};
-use crate::ids::{BodyId, CameraId, GhostId, Id, JointId, LightId, ModelId, SoftBodyId, Table, VehicleId};
+use crate::ids::{BodyId, CameraId, GhostId, Id, JointId, LightId, ModelId, SoftBodyId, Table, VehicleId, VolumeId};
 use crate::plugin::run::{Access, Phase, Plugins, Shared, TextOf, Wanted};
 use crate::plugin::{
     BodyState, Clock, Command, CommandError, Drawings, Hit, Input, JointFrame, JointState, ObjectId, ObjectType,
@@ -371,6 +371,7 @@ impl SceneAccess<'_> {
             ObjectType::Camera => &mut self.physics.scene.cameras[CameraId::new(index)].attached,
             ObjectType::Light => &mut self.physics.scene.lights[LightId::new(index)].attached,
             ObjectType::Ghost => &mut self.physics.scene.ghosts[GhostId::new(index)].attached,
+            ObjectType::Volume => &mut self.physics.scene.volumes[VolumeId::new(index)].attached,
             _ => return Err(CommandError::Refused),
         };
         attached.pose = *pose;

@@ -68,7 +68,7 @@ object_types! {
     Camera = 7, "camera" in "cameras";
     /// Light.
     Light = 8, "light" in "lights";
-    /// Volume: kept for a viewer, without anything that moves.
+    /// Volume.
     Volume = 9, "volume" in "volumes";
 }
 
@@ -129,11 +129,9 @@ pub struct Model {
 }
 
 impl Model {
-    /// Names, file and volumes without anything else: what is kept of a model that was taken out of a scene. Volumes stay
-    /// because a volume's index counts those of all models.
+    /// Names and file without anything else: what is kept of a model that was taken out of a scene.
     pub fn outline(&self) -> Self {
-        let empty = Self::empty(self.name.clone(), self.namespace.clone(), Arc::clone(&self.file));
-        Self { volumes: self.volumes.clone(), ..empty }
+        Self::empty(self.name.clone(), self.namespace.clone(), Arc::clone(&self.file))
     }
 
     pub(super) fn read(root: &Map<'_>) -> Self {

@@ -1,6 +1,6 @@
 //! Volumes: voxel data that is only drawn.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use nalgebra::{Isometry3, Vector3};
 
@@ -36,7 +36,7 @@ pub struct Volume {
     pub shaders: Option<ShaderProgram>,
 }
 
-/// A stack of images `path/prefix<i>.format`, i from 0 to `count` - 1.
+/// A stack of images `path/prefix<i>.format`, i from 0 to `count` (the C++ program reads one more than it counts).
 #[derive(Clone, Debug, PartialEq)]
 pub struct ImageStack {
     /// Directory, joined to the file's directory when it was relative.
@@ -85,6 +85,21 @@ impl Volume {
 }
 
 impl ImageStack {
+    /// What is looked for as the image of an index: the number as it is, then with leading zeros, at most to as many
+    /// digits as `count` has.
+    pub fn candidates(&self, index: u32) -> impl Iterator<Item = PathBuf> + '_ {
+        let digits = |number: u32| number.checked_ilog10().unwrap_or(0) as usize + 1;
+        let widths = digits(index)..=digits(self.count).max(digits(index));
+        widths.map(move |width| self.path.join(format!("{}{index:0width$}.{}", self.prefix, self.format)))
+    }
+
+    /// The images that are there, in order; numbers without a file are skipped. At most `most` numbers are tried.
+    pub fn files(&self, most: u32) -> Vec<PathBuf> {
+        let is_file = |path: &PathBuf| Path::is_file(path);
+        let indices = (0..=self.count).take(most as usize);
+        indices.filter_map(|index| self.candidates(index).find(is_file)).collect()
+    }
+
     fn read(map: &Map<'_>) -> Option<Self> {
         let images = map.map("images");
         let stack = Self {
@@ -102,6 +117,7 @@ impl ImageStack {
 mod tests {
     use super::super::tests::{clean, read};
     use super::super::Model;
+    use super::*;
 
     #[test]
     fn images() {
@@ -110,6 +126,22 @@ mod tests {
         let images = volumes[0].images.as_ref().expect("images");
         assert_eq!((images.path.to_str(), images.count), (Some("dir/p"), 3));
         assert_eq!((&volumes[1].images, volumes[1].dimensions.x), (&None, 1.0));
+    }
+
+    #[test]
+    fn numbers_may_have_leading_zeros_and_gaps() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let stack = |count| ImageStack { path: folder.path().into(), prefix: "p".into(), format: "png".into(), count };
+        for name in ["p000.png", "p1.png", "p03.png", "p100.png", "p0004.png", "p101.png"] {
+            std::fs::write(folder.path().join(name), "").expect("a file");
+        }
+        let names = |stack: ImageStack, most| -> Vec<String> {
+            let name = |path: PathBuf| path.file_name().map(|name| name.to_string_lossy().into_owned());
+            stack.files(most).into_iter().filter_map(name).collect()
+        };
+        assert_eq!(names(stack(100), 1000), ["p000.png", "p1.png", "p03.png", "p100.png"]);
+        assert_eq!(names(stack(100), 3), ["p000.png", "p1.png"]);
+        assert_eq!(names(stack(0), 1000), [""; 0], "count 0 has one digit");
     }
 
     #[test]

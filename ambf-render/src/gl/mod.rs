@@ -112,6 +112,8 @@ pub(crate) struct Device {
     pub(crate) most_pixels: u32,
     /// Most texels of a texture each way.
     pub(crate) most_texels: u32,
+    /// Most texels of a texture of three dimensions each way.
+    pub(crate) most_texels_of_volumes: usize,
     /// Most samples a pixel.
     most_samples: u32,
 }
@@ -161,13 +163,14 @@ impl Device {
 
     fn new(raw: glow::Context, fixed: Option<fixed::Functions>, backing: Backing) -> Result<Self, RenderError> {
         // SAFETY: the context is current (both callers); these are queries without pointers.
-        let (vendor, renderer, version, most_target, most_texels, most_samples) = unsafe {
+        let (vendor, renderer, version, most_target, most_texels, most_voxels, most_samples) = unsafe {
             (
                 raw.get_parameter_string(glow::VENDOR),
                 raw.get_parameter_string(glow::RENDERER),
                 raw.get_parameter_string(glow::VERSION),
                 raw.get_parameter_i32(glow::MAX_RENDERBUFFER_SIZE),
                 raw.get_parameter_i32(glow::MAX_TEXTURE_SIZE),
+                raw.get_parameter_i32(glow::MAX_3D_TEXTURE_SIZE),
                 raw.get_parameter_i32(glow::MAX_SAMPLES),
             )
         };
@@ -193,6 +196,7 @@ impl Device {
             is_software,
             most_pixels: natural(most_target.min(most_texels)).min(16384),
             most_texels: natural(most_texels).min(16384),
+            most_texels_of_volumes: natural(most_voxels) as usize,
             most_samples: natural(most_samples).max(1),
         })
     }

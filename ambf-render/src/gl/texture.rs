@@ -54,6 +54,26 @@ impl Current<'_> {
         })
     }
 
+    /// Voxels of one channel, which stands for all four, or of four: (z × y × x × channels), clamped to their edges, with
+    /// linear filter.
+    pub(crate) fn volume(&self, size: [usize; 3], texels: &[u8], channels: usize) -> Result<Texture, RenderError> {
+        assert_eq!(texels.len(), size.iter().product::<usize>() * channels, "size of a volume");
+        let [width, height, depth] = size.map(|edge| edge as i32);
+        let (internal, format) = if channels == 1 { (glow::R8, glow::RED) } else { (glow::RGBA8, glow::RGBA) };
+        self.clamped(glow::TEXTURE_3D, |gl, target| {
+            let (kind, pixels) = (glow::UNSIGNED_BYTE, PixelUnpackData::Slice(Some(texels)));
+            // SAFETY: the slice has the size that is named (checked above).
+            unsafe {
+                gl.tex_image_3d(target, 0, internal as i32, width, height, depth, 0, format, kind, pixels);
+                if channels == 1 {
+                    for channel in [glow::TEXTURE_SWIZZLE_G, glow::TEXTURE_SWIZZLE_B, glow::TEXTURE_SWIZZLE_A] {
+                        gl.tex_parameter_i32(target, channel, glow::RED as i32);
+                    }
+                }
+            }
+        })
+    }
+
     /// A cube map of six squares, red, green, blue and alpha, the top row first: towards x, −x, y, −y, z, −z.
     pub(crate) fn cube_map(&self, size: u32, faces: &[Vec<u8>]) -> Result<Texture, RenderError> {
         let side = size as i32;

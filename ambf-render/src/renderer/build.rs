@@ -14,6 +14,7 @@ use crate::lights::MAX_LIGHTS;
 use crate::meshes::MeshRequest;
 use crate::sky;
 use crate::stage::{frame_length, rows, Built, Item, Look, Object, SoftItem, Source};
+use crate::volumes::Isosurface;
 
 /// Outlines of collision shapes.
 const COLLISION: [f32; 4] = [0.0, 0.6, 0.1, 1.0];
@@ -25,6 +26,7 @@ struct Wanted {
     local: Matrix4<f64>,
     look: Option<Look>,
     program: Option<usize>,
+    isosurface: Option<Isosurface>,
 }
 
 pub(super) fn scaling(scale: &Vector3<f64>) -> Matrix4<f64> {
@@ -133,6 +135,7 @@ impl Resources {
                 local,
                 look,
                 program,
+                isosurface: None,
             }));
         }
         let soft_objects: Vec<_> =
@@ -143,7 +146,14 @@ impl Resources {
                 if let Some(file) = files.iter().find(|file| file.is_file()).or(files.first()) {
                     if !description.object.removed {
                         let request = MeshRequest::file(file, false);
-                        wanted.push(Wanted { object, request, local: Matrix4::identity(), look: None, program: None });
+                        wanted.push(Wanted {
+                            object,
+                            request,
+                            local: Matrix4::identity(),
+                            look: None,
+                            program: None,
+                            isosurface: None,
+                        });
                     }
                 }
             }
@@ -159,6 +169,25 @@ impl Resources {
         }
         for (id, actuator) in visuals.actuators.entries() {
             add(Source::Actuator(id), &actuator.object);
+        }
+        for (id, volume) in visuals.volumes.entries() {
+            let object = add(Source::Volume(id), &volume.object);
+            let Some(stack) = volume.description.images.as_ref().filter(|_| !volume.object.removed) else { continue };
+            let voxels = match self.volumes.load(gl, stack) {
+                Ok(voxels) => voxels,
+                Err(error) => {
+                    messages.push(format!("{}: {error}; the volume is not drawn", volume.object.identifier));
+                    continue;
+                }
+            };
+            if volume.description.shaders.is_some() {
+                messages.push(format!("{}: shaders of a volume have no effect", volume.object.identifier));
+            }
+            let size = volume.description.dimensions * volume.description.scale;
+            let (request, local) = placed(&adf::Primitive::Box { size }, &Isometry3::identity());
+            let look = volume.description.material.as_ref().map(Look::of_material);
+            let isosurface = Some(Isosurface::new(&voxels, &volume.description));
+            wanted.push(Wanted { object, request, local, look, program: None, isosurface });
         }
         let dark = visuals.lights.iter().filter(|light| !light.object.removed).skip(MAX_LIGHTS).count();
         if dark > 0 {
@@ -192,7 +221,7 @@ impl Resources {
     fn items(&self, wanted: Vec<Wanted>, objects: &mut [Object]) -> Vec<Item> {
         let mut items = Vec::new();
         let mut bounds: Vec<Option<(Vector3<f64>, Vector3<f64>)>> = vec![None; objects.len()];
-        for Wanted { object, request, local, look, program } in wanted {
+        for Wanted { object, request, local, look, program, isosurface } in wanted {
             let Some(mesh) = self.library.get(&request.key) else { continue };
             if let Some((low, high)) = mesh.bounds {
                 for corner in 0..8 {
@@ -209,6 +238,7 @@ impl Resources {
                 local,
                 look: look.unwrap_or(part.look),
                 program,
+                isosurface: isosurface.clone(),
                 rows: rows(&local),
                 center: part.center,
                 radius: part.radius,
@@ -261,6 +291,7 @@ impl Resources {
                 look: look.unwrap_or(part.look),
                 local,
                 program,
+                isosurface: None,
                 rows: rows(&local),
                 center: part.center,
                 radius: part.radius,
@@ -302,6 +333,7 @@ impl Resources {
                     local,
                     look: Some(Look::of_color(COLLISION)),
                     program: None,
+                    isosurface: None,
                 }));
             }
         }

@@ -64,6 +64,7 @@ fn put<'a>(drawables: &mut Vec<Drawable<'a>>, part: &'a Part, matrix: &Matrix4<f
         radius: part.radius * scale,
         is_object: false,
         is_sheet: false,
+        isosurface: None,
     });
 }
 
@@ -102,6 +103,7 @@ pub(super) fn drawables<'a>(
             radius: item.radius,
             is_object: true,
             is_sheet: matches!(object.source, Source::SoftBody(_)),
+            isosurface: item.isosurface.as_ref(),
         });
     }
     let objects = drawables.len();
@@ -119,6 +121,7 @@ pub(super) fn drawables<'a>(
             radius: item.radius,
             is_object: false,
             is_sheet: false,
+            isosurface: None,
         });
     }
     let visuals = &built.visuals;
