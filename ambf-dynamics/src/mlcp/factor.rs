@@ -3,11 +3,13 @@
 
 use super::layout::Layout;
 use super::matrix::Matrix;
-use super::vector::{add_scaled, dot};
+use super::vector::{add_scaled, dot, dots};
 
 /// Share of its diagonal below which the pivot of a row counts as zero: the row depends on those before it, and its
 /// impulse is 0.
 const DEPENDENT: f64 = 1e-13;
+/// Rows with one envelope that are found together at most: a joint has up to six.
+const GROUP: usize = 6;
 
 /// `L` with `L Lᵀ = A + diag(cfm)` for the free rows, in the order of their places.
 ///
@@ -25,6 +27,8 @@ pub(super) struct EnvelopeFactor {
     count: Vec<u32>,
     /// Places for which the factor holds.
     valid: usize,
+    /// The rows of a group by columns, each of `GROUP` entries or less.
+    columns: Vec<f64>,
 }
 
 impl EnvelopeFactor {
@@ -72,18 +76,34 @@ impl EnvelopeFactor {
             self.entries.resize(matrix.entries.len(), 0.0);
         }
         let mut work = 0;
-        for p in self.valid..n {
-            if self.count[p + 1] == self.count[p] {
-                continue;
+        let mut group = [0; GROUP];
+        let mut p = self.valid;
+        while p < n {
+            // Free rows whose envelopes begin at the same place, as those of a joint do.
+            let mut size = 0;
+            while p < n && size < GROUP && (size == 0 || layout.first[p] == layout.first[group[0]]) {
+                if self.count[p + 1] > self.count[p] {
+                    group[size] = p;
+                    size += 1;
+                }
+                p += 1;
             }
-            let diagonal = matrix.diagonal[p] + cfm(p);
-            work += self.add_row(p, layout, &matrix.entries[layout.start[p]..layout.start[p + 1]], diagonal);
+            work += match size {
+                0 => 0,
+                1 => self.add_row(group[0], layout, matrix, &cfm),
+                2 => self.add_rows::<2>(&group, layout, matrix, &cfm),
+                3 => self.add_rows::<3>(&group, layout, matrix, &cfm),
+                4 => self.add_rows::<4>(&group, layout, matrix, &cfm),
+                5 => self.add_rows::<5>(&group, layout, matrix, &cfm),
+                _ => self.add_rows::<GROUP>(&group, layout, matrix, &cfm),
+            };
         }
         self.valid = n;
         work as f64
     }
 
-    fn add_row(&mut self, p: usize, layout: &Layout, from: &[f64], diagonal: f64) -> usize {
+    fn add_row(&mut self, p: usize, layout: &Layout, matrix: &Matrix, cfm: impl Fn(usize) -> f64) -> usize {
+        let from = &matrix.entries[layout.start[p]..layout.start[p + 1]];
         let first_place = layout.first[p];
         let (m, reach) = (self.places.len(), self.count[first_place as usize] as usize);
         let used = self.start[m];
@@ -101,12 +121,69 @@ impl EnvelopeFactor {
             open[0] = (from[(place - first_place) as usize] - dot(&known[low - reach..], other)) * inverse;
             work += k - low;
         }
-        let rest = diagonal - dot(row, row);
+        let squares = dot(row, row);
+        self.push(p, reach, matrix.diagonal[p] + cfm(p), squares);
+        work + m - reach
+    }
+
+    /// Does the same as [`Self::add_row`] for N rows, one after the other, with the same bits.
+    fn add_rows<const N: usize>(
+        &mut self,
+        group: &[usize],
+        layout: &Layout,
+        matrix: &Matrix,
+        cfm: impl Fn(usize) -> f64,
+    ) -> usize {
+        let rows: [usize; N] = std::array::from_fn(|r| group[r]);
+        let from = rows.map(|p| &matrix.entries[layout.start[p]..layout.start[p + 1]]);
+        let first_place = layout.first[rows[0]];
+        let (m, reach) = (self.places.len(), self.count[first_place as usize] as usize);
+        let own = m - reach;
+        self.columns.clear();
+        self.columns.resize((own + N) * N, 0.0);
+        let (columns, _) = self.columns.as_chunks_mut::<N>();
+        let mut work = 0;
+        let before = self.places[reach..].iter().zip(&self.first[reach..]);
+        let before = before.zip(&self.start[reach..]).zip(&self.inverse_diagonal[reach..]);
+        for (i, (((&place, &first), &start), &inverse)) in before.enumerate() {
+            let first = first as usize;
+            let low = reach.max(first);
+            let k = reach + i;
+            let other = &self.entries[start + (low - first)..start + (k - first)];
+            let (known, open) = columns.split_at_mut(i);
+            let sums = dots(&known[low - reach..], |c| other[c]);
+            for r in 0..N {
+                open[0][r] = (from[r][(place - first_place) as usize] - sums[r]) * inverse;
+            }
+            work += N * (k - low);
+        }
+        for j in 0..N {
+            let p = rows[j];
+            let (columns, _) = self.columns.as_chunks::<N>();
+            let known = &columns[..own + j];
+            let sums = dots(known, |c| known[c][j]);
+            let used = self.start[m + j];
+            self.entries[used..used + own + j].iter_mut().zip(known).for_each(|(entry, column)| *entry = column[j]);
+            let inverse = self.push(p, reach, matrix.diagonal[p] + cfm(p), sums[j]);
+            let (columns, _) = self.columns.as_chunks_mut::<N>();
+            for r in j + 1..N {
+                columns[own + j][r] = (from[r][p - first_place as usize] - sums[r]) * inverse;
+            }
+            work += (N - j - 1) * (own + j) + own + j;
+        }
+        work
+    }
+
+    /// Ends a row of which all but the diagonal is known. Returns the inverse of the diagonal, 0 of a dependent row.
+    fn push(&mut self, p: usize, reach: usize, diagonal: f64, squares: f64) -> f64 {
+        let rest = diagonal - squares;
+        let inverse = if rest > DEPENDENT * diagonal { 1.0 / rest.sqrt() } else { 0.0 };
+        let m = self.places.len();
         self.places.push(p as u32);
         self.first.push(reach as u32);
-        self.start.push(used + (m - reach));
-        self.inverse_diagonal.push(if rest > DEPENDENT * diagonal { 1.0 / rest.sqrt() } else { 0.0 });
-        work + m - reach
+        self.start.push(self.start[m] + (m - reach));
+        self.inverse_diagonal.push(inverse);
+        inverse
     }
 
     /// Replaces the right-hand side of the free rows, in the order of `places`, by their impulses.

@@ -34,7 +34,30 @@ pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     (sums[0] + sums[1]) + (sums[2] + sums[3])
 }
 
-/// Same for velocities, most of which belong to rigid bodies and have six components.
+/// [`dot`] of each of the N rows that `columns` holds with one row, `other(c)` in column c, with the same bits: a sum of
+/// its own for each of four consecutive columns.
+#[inline(always)]
+pub(super) fn dots<const N: usize>(columns: &[[f64; N]], other: impl Fn(usize) -> f64) -> [f64; N] {
+    let mut sums = [[0.0; N]; 4];
+    let (groups, rest) = columns.as_chunks::<4>();
+    let mut add = |sum: usize, column: &[f64; N], c: usize| {
+        let factor = other(c);
+        for r in 0..N {
+            sums[sum][r] += column[r] * factor;
+        }
+    };
+    for (g, group) in groups.iter().enumerate() {
+        for (k, column) in group.iter().enumerate() {
+            add(k, column, 4 * g + k);
+        }
+    }
+    for (k, column) in rest.iter().enumerate() {
+        add(0, column, 4 * groups.len() + k);
+    }
+    std::array::from_fn(|r| (sums[0][r] + sums[1][r]) + (sums[2][r] + sums[3][r]))
+}
+
+/// Dot product of velocities, most of which belong to rigid bodies and have six components.
 #[inline(always)]
 pub(super) fn dot_velocity(a: &[f64], b: &[f64]) -> f64 {
     if let (Ok(a), Ok(b)) = (<&[f64; 6]>::try_from(a), <&[f64; 6]>::try_from(b)) {

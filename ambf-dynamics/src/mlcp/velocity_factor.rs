@@ -15,7 +15,7 @@ use super::coordinates::{Coordinates, Span};
 use super::iterate::Variable;
 use super::layout::Layout;
 use super::problem::State;
-use super::vector::{add_scaled, dot, dot_velocity};
+use super::vector::{add_scaled, dot, dot_velocity, dots};
 
 /// Weight times diagonal of a row beyond which its removal would leave too large an error of rounding in the matrix.
 const HEAVY: f64 = 1e8;
@@ -255,29 +255,6 @@ impl VelocityFactor {
 /// Inverse of a diagonal entry of the factor. The eigenvalues are at least 1; less is an error of rounding.
 fn inverse_root(rest: f64) -> f64 {
     1.0 / rest.max(0.5).sqrt()
-}
-
-/// [`dot`] of the six rows that `columns` holds with one row, `other(c)` in column c, with the same bits: a sum of its
-/// own for each of four consecutive columns.
-#[inline(always)]
-fn dots(columns: &[[f64; BODY]], other: impl Fn(usize) -> f64) -> [f64; BODY] {
-    let mut sums = [[0.0; BODY]; 4];
-    let (groups, rest) = columns.as_chunks::<4>();
-    let mut add = |sum: usize, column: &[f64; BODY], c: usize| {
-        let factor = other(c);
-        for r in 0..BODY {
-            sums[sum][r] += column[r] * factor;
-        }
-    };
-    for (g, group) in groups.iter().enumerate() {
-        for (k, column) in group.iter().enumerate() {
-            add(k, column, 4 * g + k);
-        }
-    }
-    for (k, column) in rest.iter().enumerate() {
-        add(0, column, 4 * groups.len() + k);
-    }
-    std::array::from_fn(|r| (sums[0][r] + sums[1][r]) + (sums[2][r] + sums[3][r]))
 }
 
 #[inline(always)]
