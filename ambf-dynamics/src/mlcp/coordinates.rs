@@ -26,6 +26,11 @@ impl Span {
     pub fn len(&self) -> usize {
         (self.size[0] + self.size[1]) as usize
     }
+
+    /// The first coordinate of all; `None` of a row that moves nothing.
+    pub fn first(&self) -> Option<u32> {
+        (0..2).find(|&side| self.size[side] > 0).map(|side| self.start[side])
+    }
 }
 
 /// The rows `q` of a problem, by place.

@@ -145,7 +145,12 @@ impl Layout {
 
     /// The block that begins at a coordinate.
     pub fn block_at(&self, coordinate: u32) -> &Block {
-        &self.blocks[self.block_of[coordinate as usize] as usize]
+        &self.blocks[self.block_index(coordinate)]
+    }
+
+    /// Index of the block that begins at a coordinate.
+    pub fn block_index(&self, coordinate: u32) -> usize {
+        self.block_of[coordinate as usize] as usize
     }
 
     /// The same for rows that all act on one body: their order is given, and all entries of the matrix are within the

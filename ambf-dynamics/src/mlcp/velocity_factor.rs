@@ -126,7 +126,9 @@ impl VelocityFactor {
         flush(&mut self.matrix, &group[..count], &shared);
         std::mem::swap(&mut self.weights, &mut self.wanted);
         self.valid = true;
-        self.factorise(layout);
+        let changed = self.changes.iter().filter_map(|&p| coordinates.spans[p as usize].first());
+        let first = if self.anew { 0 } else { changed.min().unwrap_or(0) };
+        self.factorise(layout, first);
     }
 
     fn begin(&mut self, layout: &Layout) {
@@ -140,11 +142,13 @@ impl VelocityFactor {
         }
     }
 
-    fn factorise(&mut self, layout: &Layout) {
-        // Every entry is written below.
+    /// Finds the factor from the block of the coordinate `first` on: its rows depend on those before them only.
+    fn factorise(&mut self, layout: &Layout, first: u32) {
+        let block = if first == 0 { 0 } else { layout.block_index(first) };
+        // Every entry is written below, or has been.
         self.factor.resize(self.matrix.len(), 0.0);
-        self.inverse_diagonal.clear();
-        for (b, block) in layout.blocks.iter().enumerate() {
+        self.inverse_diagonal.truncate(layout.blocks.get(block).map_or(0, |block| block.start as usize));
+        for (b, block) in layout.blocks.iter().enumerate().skip(block) {
             if block.size as usize == BODY && block.stride > block.size {
                 self.factorise_body(layout, b);
             } else {
