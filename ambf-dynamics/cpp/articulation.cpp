@@ -276,9 +276,11 @@ void AmbArticulation::add_spring(AmbConstraint &constraint, size_t link, bool is
 // Classifies springs for a sub-step of h s: soft ones are integrated with the motion, stiff ones become implicit rows,
 // which cannot overshoot.
 void AmbArticulation::choose_springs(btScalar h) {
-  for (size_t i = 0; i < springs.size(); ++i) {
-    ArticulationDynamics::Spring &spring = dynamics.springs[i];
-    const btScalar response = dynamics.response(springs[i].link) * h;
+  if (springs.empty()) return;
+  dynamics.update_poses(position);
+  dynamics.factor_inertia();
+  for (ArticulationDynamics::Spring &spring : dynamics.springs) {
+    const btScalar response = dynamics.response(spring.coordinate) * h;
     spring.is_stiff = spring.stiffness * h * response > 0.04 || spring.damping * response > 0.1;
   }
 }

@@ -412,17 +412,21 @@ btScalar ArticulationDynamics::fastest_coordinate(const Rate &rate) const {
   return fastest;
 }
 
-// Brings the rate of a coordinate to +-`most` by an impulse between the two bodies of its joint.
-void ArticulationDynamics::stop_at(int coordinate, btScalar most, Rate &rate) {
-  const size_t n = velocity_size();
-  impulse_row.assign(n, 0);
+btScalar ArticulationDynamics::response(int coordinate) {
+  impulse_row.assign(velocity_size(), 0);
   impulse_row[6 + coordinate] = 1;
   normalise(impulse_row.data());
-  btScalar response = 0;
-  for (const btScalar part : impulse_row) response += part * part;
-  if (!(response > 0)) return;
+  btScalar sum = 0;
+  for (const btScalar part : impulse_row) sum += part * part;
+  return sum;
+}
+
+// Brings the rate of a coordinate to +-`most` by an impulse between the two bodies of its joint.
+void ArticulationDynamics::stop_at(int coordinate, btScalar most, Rate &rate) {
+  const btScalar by_unit = response(coordinate);
+  if (!(by_unit > 0)) return;
   btScalar &q = rate.q[coordinate];
-  const btScalar impulse = ((q > 0 ? most : -most) - q) / response;
+  const btScalar impulse = ((q > 0 ? most : -most) - q) / by_unit;
   for (btScalar &part : impulse_row) part *= impulse;
   part_rate.q.resize(coordinates);
   rates_of(impulse_row.data(), part_rate);

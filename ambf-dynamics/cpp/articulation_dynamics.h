@@ -76,9 +76,10 @@ class ArticulationDynamics {
   // Computes accelerations under external forces and springs. Poses and velocities must be those of `position` and
   // `rate`.
   void accelerate(const Position &position, const Rate &rate, Rate &acceleration);
-  // Acceleration of a link's coordinate by a unit force on it if the parent does not move, from the last call of
-  // `accelerate`.
-  btScalar response(size_t link) const { return work[link + 1].d_inverse; }
+  // Acceleration of a coordinate by a unit force on it: the diagonal of the inverse inertia. The base and all other
+  // coordinates are free to move: a light parent of a heavy link moves instead of the link. `factor_inertia` must be up to
+  // date.
+  btScalar response(int coordinate);
   // Projects velocities of the bodies onto the joints: finds the rates with the least kinetic energy of the difference.
   // Poses must be up to date.
   void project(const btVector3 *linear, const btVector3 *angular, Rate &rate);
@@ -188,7 +189,7 @@ class ArticulationDynamics {
   Vector<int> parent_component;
   // L, by rows, and the inverses of its diagonal.
   Vector<btScalar> factor, inverse_diagonal;
-  // Impulse of stop_at, as a row for z.
+  // Impulse on one coordinate, as a row for z.
   Vector<btScalar> impulse_row;
   Position stage, part;
   Rate stage_rate, part_rate, start_rate, slopes[4], speeds[4];

@@ -142,9 +142,13 @@ impl Watch {
             let turned = turned.iter().map(|(at, angle)| angle * (centre - at).norm()).sum::<f64>();
             present + slid_of_corrections(scene) + turned
         };
+        // What cannot be closed settles elsewhere than it was assembled, and takes springs with it.
+        let (way, angle) = (present + slid_of_corrections(scene) + beyond * self.size, beyond + present / self.size);
+        let strained = |joint: &Joint| super::work::strain_energy(scene, joint, way, angle);
         self.allowance = bodies.map(|body| of((body.mass, body.inertia.amax()))).sum::<f64>()
             + scene.bodies.entries().map(|(id, body)| body.mass * scene.gravity.norm() * lifted(id)).sum::<f64>()
-            + self.work.elastic_reserve(scene);
+            + self.work.elastic_reserve(scene)
+            + scene.joints.iter().map(strained).sum::<f64>();
     }
 
     /// Before sub-step `n`, when its commands have been given.

@@ -233,15 +233,28 @@ fn power(scene: &Scene, body: BodyId, force: &nalgebra::Vector3<f64>, torque: &n
 
 /// Energy of a spring with one coordinate, J; 0 for other joints.
 pub fn spring_energy(scene: &Scene, joint: &Joint) -> f64 {
+    stretched(scene, joint).map_or(0.0, |(stiffness, away)| stiffness * away.powi(2) / 2.0)
+}
+
+/// Energy that a spring with one coordinate gains where corrections of other joints move it by up to `way`, m, or `angle`,
+/// rad, J; 0 for other joints.
+pub fn strain_energy(scene: &Scene, joint: &Joint, way: f64, angle: f64) -> f64 {
+    let by = if joint.joint_type == JointType::TorsionSpring { angle } else { way };
+    stretched(scene, joint).map_or(0.0, |(stiffness, away)| stiffness * by * (away.abs() + by / 2.0))
+}
+
+/// Stiffness of a spring with one coordinate, N/m or N·m/rad, and how far it is from rest, m or rad; `None` for other
+/// joints.
+fn stretched(scene: &Scene, joint: &Joint) -> Option<(f64, f64)> {
     if !matches!(joint.joint_type, JointType::LinearSpring | JointType::TorsionSpring) {
-        return 0.0;
+        return None;
     }
-    let Some((described, limits)) = description(scene, joint).zip(joint.limits) else { return 0.0 };
+    let (described, limits) = description(scene, joint).zip(joint.limits)?;
     let rest = described.equilibrium_point.unwrap_or((limits.low + limits.high) / 2.0);
     let away = joint.position - rest;
     // An angle is known to whole turns only.
     let away = if joint.joint_type == JointType::TorsionSpring { (away + PI).rem_euclid(TAU) - PI } else { away };
-    described.stiffness * away.powi(2) / 2.0
+    Some((described.stiffness, away))
 }
 
 /// Largest force of a sensor, N.
