@@ -327,7 +327,8 @@ class Commands(Driven):
                 self.test_joint_position()
         self.assertRegex(self.simulator.log(), "BODY Free.* (non-finite|implausible).*last command.*paused")
         self.world.until(lambda state: not state.header.frame_id, "all is well again")
-        self.assertEqual(self.listen("/diagnostics", DiagnosticArray).newest().status[0].level, DiagnosticStatus.OK)
+        # On a busy machine it may warn that the loop is late.
+        self.assertLess(self.listen("/diagnostics", DiagnosticArray).newest().status[0].level, DiagnosticStatus.ERROR)
 
     def assert_loss_is_told(self):
         """Wherever a client may look: the states of bodies seem alive, but no longer change."""
