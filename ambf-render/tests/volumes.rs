@@ -186,6 +186,29 @@ fn the_material_and_the_voxels_give_the_colour() {
 }
 
 #[test]
+fn all_materials_and_lights_work_on_volumes() {
+    // A wall between the light and the ball, beside the line of sight.
+    let wall = "bodies: [BODY Wall]\nBODY Wall:\n  mass: 0.0\n  mesh: ''\n  shape: Box\n  geometry: {x: 0.1, y: 2.0, z: 2.0}\n\
+                \x20 location: {position: {x: 3.0, y: 0.0, z: 0.0}, orientation: {r: 0, p: 0, y: 0}}\n";
+    let matt = "  color components:\n    ambient: {level: 0.0}\n    diffuse: {r: 1.0, g: 1.0, b: 1.0}\n    specular: {r: 0, g: 0, b: 0}\n    transparency: 1.0\n";
+    let metal = format!("{matt}    metallic: 0.5\n    roughness: 0.5\n");
+    for (name, material) in [("matt", matt), ("metal", &metal)] {
+        let brightest = |shadows: &str| {
+            let test = format!("volume_{name}");
+            shown(&test, "", material, wall, grey);
+            let read = |file: &str| std::fs::read_to_string(directory(&test).join(file)).expect("it was written");
+            let world = read("world.yaml").replace("light:\n", &format!("light:\n{shadows}"));
+            let mut shown = Shown::of_texts(&directory(&test), &world, &read("model.yaml"));
+            let picture = drawn(&mut shown);
+            let of_ball = picture.color.chunks_exact(3).zip(&picture.ids).filter(|(_, id)| **id != [0; 2]);
+            of_ball.map(|(pixel, _)| pixel[0]).max().expect("the ball is seen")
+        };
+        let (lit, shaded) = (brightest(""), brightest("  shadow quality: 3\n"));
+        assert!(lit > 60 && shaded < lit - 20, "{name}: {lit} in the light, {shaded} in the shadow");
+    }
+}
+
+#[test]
 fn the_eye_may_be_in_the_box_and_in_the_ball() {
     // Beside the ball, but in its box: the ball is seen. In the ball: all pixels are of it, at the near plane.
     let mut inside = shown("volume_inside", "", "", "", grey);
