@@ -90,7 +90,7 @@ impl EnvelopeFactor {
             }
             work += match size {
                 0 => 0,
-                1 => self.add_row(group[0], layout, matrix, &cfm),
+                1 => self.add_rows::<1>(&group, layout, matrix, &cfm),
                 2 => self.add_rows::<2>(&group, layout, matrix, &cfm),
                 3 => self.add_rows::<3>(&group, layout, matrix, &cfm),
                 4 => self.add_rows::<4>(&group, layout, matrix, &cfm),
@@ -102,31 +102,7 @@ impl EnvelopeFactor {
         work as f64
     }
 
-    fn add_row(&mut self, p: usize, layout: &Layout, matrix: &Matrix, cfm: impl Fn(usize) -> f64) -> usize {
-        let from = &matrix.entries[layout.start[p]..layout.start[p + 1]];
-        let first_place = layout.first[p];
-        let (m, reach) = (self.places.len(), self.count[first_place as usize] as usize);
-        let used = self.start[m];
-        let (done, row) = self.entries.split_at_mut(used);
-        let row = &mut row[..m - reach];
-        let mut work = 0;
-        let before = self.places[reach..].iter().zip(&self.first[reach..]);
-        let before = before.zip(&self.start[reach..]).zip(&self.inverse_diagonal[reach..]);
-        for (i, (((&place, &first), &start), &inverse)) in before.enumerate() {
-            let first = first as usize;
-            let low = reach.max(first);
-            let k = reach + i;
-            let other = &done[start + (low - first)..start + (k - first)];
-            let (known, open) = row.split_at_mut(i);
-            open[0] = (from[(place - first_place) as usize] - dot(&known[low - reach..], other)) * inverse;
-            work += k - low;
-        }
-        let squares = dot(row, row);
-        self.push(p, reach, matrix.diagonal[p] + cfm(p), squares);
-        work + m - reach
-    }
-
-    /// Does the same as [`Self::add_row`] for N rows, one after the other, with the same bits.
+    /// Adds N rows whose envelopes begin at one place. Returns the multiplications.
     fn add_rows<const N: usize>(
         &mut self,
         group: &[usize],
