@@ -307,7 +307,6 @@ fn soft_body(pass: &mut Pass<'_>, body: &SoftBody) {
 fn volume(pass: &mut Pass<'_>, volume: &Volume) {
     let common = &volume.common;
     pass.common(common, false);
-    pass.keep("volume");
     match &volume.images {
         Some(images) => image_stack(pass, common, images),
         None => pass.differs(&original::VOLUME_EMPTY, &common.identifier),

@@ -17,7 +17,7 @@ pub(super) struct Pass<'a> {
     pub outline: &'a Outline,
     pub files: Files,
     pub findings: Vec<Finding>,
-    /// What is kept but not drawn, by name.
+    /// What only pictures show, by name.
     kept: BTreeMap<&'static str, usize>,
     /// Topics of the file's objects and the first object that has them.
     topics: HashMap<String, String>,
@@ -39,12 +39,12 @@ impl<'a> Pass<'a> {
         }
     }
 
-    /// What is kept but not drawn, sorted by name.
+    /// What only pictures show, sorted by name.
     pub fn kept(&self) -> Vec<(&'static str, usize)> {
         self.kept.iter().map(|(what, n)| (*what, *n)).collect()
     }
 
-    /// Counts something that is kept but not drawn.
+    /// Counts something that only pictures show.
     pub fn keep(&mut self, what: &'static str) {
         *self.kept.entry(what).or_default() += 1;
     }

@@ -110,7 +110,7 @@ pub struct Row {
     pub unknown_keys: usize,
     /// Known keys without effect, here and in the C++ program.
     pub ignored_keys: usize,
-    /// What is read and kept, but not drawn.
+    /// What only pictures show.
     pub kept: Vec<(&'static str, usize)>,
     /// Other models of the launch file without which names are not found: of each list one is enough.
     pub needs: Vec<Vec<String>>,
@@ -129,7 +129,7 @@ impl Row {
             "unknown_keys": self.unknown_keys,
             "ignored_keys": self.ignored_keys,
             "needs": self.needs,
-            "not_drawn": self.kept.iter().map(|(what, n)| ((*what).to_owned(), json!(n))).collect::<Map<_, _>>(),
+            "for_pictures": self.kept.iter().map(|(what, n)| ((*what).to_owned(), json!(n))).collect::<Map<_, _>>(),
         })
     }
 }
@@ -157,7 +157,7 @@ pub(super) fn table(rows: &[Row]) -> String {
     let needs = |row: &Row| row.needs.iter().map(|files| files.join(" or ")).collect::<Vec<_>>().join(", ");
     columns.push(("needs", Box::new(needs)));
     let kept = |row: &Row| row.kept.iter().map(|(what, n)| format!("{n} × {what}")).collect::<Vec<_>>().join(", ");
-    columns.push(("kept, not drawn", Box::new(kept)));
+    columns.push(("for pictures", Box::new(kept)));
 
     let mut lines = vec![String::new(); rows.len() + 1];
     for (heading, cell) in columns {
@@ -189,7 +189,7 @@ mod tests {
         let mut other = row.clone();
         (other.file, other.built) = ("b.yaml".into(), None);
         other.kept.clear();
-        let expected = "file    taken for  bodies  kept, not drawn\na.yaml  model      3/2     2 × material\n\
+        let expected = "file    taken for  bodies  for pictures\na.yaml  model      3/2     2 × material\n\
                         b.yaml  model      3\n";
         assert_eq!(table(&[row, other]), expected);
     }
