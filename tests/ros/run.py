@@ -6,6 +6,7 @@ and exit status 1 if any failed."""
 import pathlib
 import subprocess
 import sys
+import time
 import unittest
 
 FOLDER = pathlib.Path(__file__).resolve().parent
@@ -39,7 +40,7 @@ def main(arguments):
     passed = failed = 0
     for module in files(arguments):
         print(f"-- {module.stem}", flush=True)
-        last = ""
+        last, begin_s = "", time.monotonic()
         with subprocess.Popen(
             [sys.executable, "-u", __file__, "--here", module], stdout=subprocess.PIPE, text=True
         ) as child:
@@ -47,6 +48,7 @@ def main(arguments):
                 last = line
                 if not line.startswith("counts "):
                     print(line, end="", flush=True)
+        print(f"{module.stem}: {time.monotonic() - begin_s:.0f} s", flush=True)
         counts = last.split()
         if child.returncode == 0 and len(counts) == 3 and counts[0] == "counts" and counts[1:] != ["0", "0"]:
             passed += int(counts[1])

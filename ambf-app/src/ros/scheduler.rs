@@ -4,7 +4,7 @@ use std::sync::mpsc::Receiver;
 use std::sync::Arc;
 use std::time::Duration;
 
-use ambf_core::comm::{Hub, HubIndex, ObjectKind, PublishSchedule, Rates, Snapshot};
+use ambf_core::comm::{Hub, HubIndex, ObjectKind, PublishSchedule, Published, Rates, Snapshot};
 use ambf_core::sim::request_short_slices;
 use ros_node::{Publication, Stop};
 use rosrust::Message;
@@ -93,9 +93,9 @@ pub(super) fn run(hub: &Hub, fresh: &Receiver<Vec<Entry>>, stop: &Stop, waker: &
     // A subscriber on this machine that each state wakes would otherwise use up its slice before the next state is sent.
     request_short_slices();
     waker.claim();
-    let own = std::thread::current();
-    hub.throttle().add_follower(&own);
-    let mut followed = hub.throttle().clocked_steps();
+    let throttle = hub.throttle();
+    let follower = throttle.add_follower(&std::thread::current());
+    let mut followed = throttle.clocked_steps();
     let mut entries = Vec::new();
     let mut generation = hub.generation();
     while !stop.is_stopped() {
@@ -109,15 +109,27 @@ pub(super) fn run(hub: &Hub, fresh: &Receiver<Vec<Entry>>, stop: &Stop, waker: &
             entries.retain(|entry: &Entry| !objects[entry.object].is_removed());
         }
         // A client that clocks the physics waits for the state of the step: it gets it at once.
-        let steps = hub.throttle().clocked_steps();
+        let steps = throttle.clocked_steps();
         if std::mem::replace(&mut followed, steps) != steps {
             publish_live(hub, &mut entries);
         }
-        let next = publish_due(hub, &mut entries, hub.now());
-        // The schedules are absolute: a late wake-up delays one message, it does not lower the rate.
-        std::thread::park_timeout(next.saturating_sub(hub.now()).min(MAX_SLEEP));
+        let next = publish_due(hub, &mut entries, hub.now(), throttle.published());
+        follower.wait_from(next.due);
+        if throttle.published().at < next.due {
+            // The schedules are absolute: a late wake-up delays one message, it does not lower the rate.
+            std::thread::park_timeout(next.latest.saturating_sub(hub.now()).min(MAX_SLEEP));
+        }
     }
-    hub.throttle().remove_follower(&own);
+    throttle.remove_follower(&follower);
+}
+
+/// When there is something to do again.
+#[derive(Debug, PartialEq, Eq)]
+struct Next {
+    /// From then on it is done as soon as there are new states, …
+    due: Duration,
+    /// … and at the latest at this time.
+    latest: Duration,
 }
 
 /// Publishes the objects for which commands keep coming, whether they are due or not.
@@ -128,14 +140,14 @@ fn publish_live(hub: &Hub, entries: &mut [Entry]) {
     }
 }
 
-/// Publishes what is due at `now` and returns when something that is listened to is due next.
-fn publish_due(hub: &Hub, entries: &mut [Entry], now: Duration) -> Duration {
+/// Publishes what is due at `now` and returns when something that is listened to is due next. `published`: when states came.
+fn publish_due(hub: &Hub, entries: &mut [Entry], now: Duration, published: Published) -> Next {
     let snapshot = hub.snapshot();
     let snapshot = snapshot.as_deref();
-    let mut next = Duration::MAX;
+    let mut next = Next { due: Duration::MAX, latest: Duration::MAX };
     for entry in entries {
         entry.follow_commands(hub, now);
-        if entry.schedule.poll(now) {
+        if entry.schedule.poll(now, published) {
             entry.wanted = entry.outlet.is_wanted();
             if entry.wanted {
                 entry.outlet.publish(snapshot);
@@ -143,7 +155,8 @@ fn publish_due(hub: &Hub, entries: &mut [Entry], now: Duration) -> Duration {
         }
         // Nobody is woken for topics that nobody listens to; a new listener is seen after the longest sleep.
         if entry.wanted {
-            next = next.min(entry.schedule.next_due());
+            next.due = next.due.min(entry.schedule.next_due());
+            next.latest = next.latest.min(entry.schedule.latest(published.interval));
         }
     }
     next
@@ -193,7 +206,8 @@ mod tests {
 
     fn simulate(hub: &Hub, entries: &mut [Entry], from_ms: u64, to_ms: u64) {
         for tenth in from_ms * 10..to_ms * 10 {
-            publish_due(hub, entries, Duration::from_micros(tenth * 100));
+            let now = Duration::from_micros(tenth * 100);
+            publish_due(hub, entries, now, Published { at: now, interval: Duration::from_micros(100) });
         }
     }
 
@@ -226,8 +240,42 @@ mod tests {
     fn only_topics_with_listeners_cost_wake_ups() {
         let hub = Hub::new(vec![body("a")]);
         let sent = Arc::default();
-        assert_eq!(publish_due(&hub, &mut [entry(false, &sent)], Duration::ZERO), Duration::MAX);
-        assert_eq!(publish_due(&hub, &mut [entry(true, &sent)], Duration::ZERO), Duration::from_millis(20));
+        let next = |wanted| publish_due(&hub, &mut [entry(wanted, &sent)], Duration::ZERO, Published::default());
+        assert_eq!(next(false), Next { due: Duration::MAX, latest: Duration::MAX });
+        assert_eq!(next(true), Next { due: Duration::from_millis(20), latest: Duration::from_millis(50) });
+    }
+
+    /// How long a state of a topic of 1 Hz takes that is published when the topic is due.
+    fn time_of_a_new_state() -> Duration {
+        let hub = Hub::new(vec![body("a")]);
+        let mut writer = SnapshotWriter::new(Snapshot::default());
+        let (stop, waker, sent) = (Stop::default(), Waker::default(), Arc::<AtomicUsize>::default());
+        let (sender, fresh) = channel();
+        let outlet = Counter { wanted: true, sent: Arc::clone(&sent), needs_snapshot: true };
+        let due = hub.now();
+        let entry = Entry::new(Box::new(outlet), Rates::new(1, 1).unwrap(), HubIndex(0), false, due);
+        sender.send(vec![entry]).unwrap();
+        std::thread::scope(|scope| {
+            let (hub, stop, waker) = (&hub, &stop, &waker);
+            let thread = scope.spawn(move || run(hub, &fresh, stop, waker));
+            hub.publish(&mut writer, |snapshot| snapshot.sim_step = 1);
+            hub.throttle().note_published(hub.now_ns());
+            while sent.load(Ordering::Relaxed) == 0 && hub.now() < due + Duration::from_secs(20) {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+            let time = hub.now() - due;
+            assert_eq!(sent.load(Ordering::Relaxed), 1);
+            stop.stop();
+            waker.wake();
+            thread.join().unwrap();
+            time
+        })
+    }
+
+    #[test]
+    fn states_are_sent_as_soon_as_they_are_new() {
+        // Without new states it would come after 1.5 s; on a busy machine a thread may sleep as long.
+        assert!((0..10).any(|_| time_of_a_new_state() < Duration::from_secs(1)));
     }
 
     #[test]

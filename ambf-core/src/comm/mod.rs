@@ -13,6 +13,7 @@
 //! * a command is in force until the next one, or until its watchdog expires ([`WATCHDOG_TIMEOUT`]).
 
 mod command;
+mod followers;
 mod hub;
 mod info;
 mod mailbox;
@@ -28,6 +29,7 @@ pub use command::{
     ActuatorCommand, CameraParameters, CartesianCommandType, Command, LightParameters, PoseCommand, RigidBodyCommand,
     SensorCommand, SoftBodyCommand, VehicleCommand,
 };
+pub use followers::{Follower, Published};
 pub use hub::{Hub, HubIndex, HubObject, ObjectInfo, ObjectList, PostError, Resets};
 pub use info::{ActuatorInfo, GhostInfo, RigidBodyInfo, SensorInfo, SensorType, VehicleInfo};
 pub use mailbox::{Inbox, Mailbox};

@@ -1,11 +1,12 @@
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicU8, Ordering};
+use std::sync::Arc;
 use std::thread::Thread;
 use std::time::{Duration, Instant};
 
-use arc_swap::ArcSwap;
 use parking_lot::{Condvar, Mutex};
 
-use super::WATCHDOG_TIMEOUT;
+use super::followers::Followers;
+use super::{Follower, Published, WATCHDOG_TIMEOUT};
 
 /// Command of the world: whether a client steps the simulation, and its clock.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -56,8 +57,7 @@ pub struct StepThrottle {
     clocked_steps: AtomicU64,
     activity: AtomicU8,
     waiter: Mutex<Option<Thread>>,
-    /// Read by the physics thread without a lock.
-    followers: ArcSwap<Vec<Thread>>,
+    followers: Followers,
     /// Guards nothing: what it tells of is atomic.
     told: Mutex<()>,
     changed: Condvar,
@@ -80,7 +80,7 @@ impl Default for StepThrottle {
             clocked_steps: AtomicU64::new(0),
             activity: AtomicU8::new(Activity::Runs as u8),
             waiter: Mutex::new(None),
-            followers: ArcSwap::default(),
+            followers: Followers::default(),
             told: Mutex::new(()),
             changed: Condvar::new(),
         }
@@ -179,19 +179,20 @@ impl StepThrottle {
         *self.waiter.lock() = Some(thread);
     }
 
-    /// Names a thread that is unparked when a clocked step is published, besides those that were named before: it may
-    /// pass on the states at once. Not for the physics thread.
-    pub fn add_follower(&self, thread: &Thread) {
-        self.followers.rcu(|before| {
-            let others = before.iter().filter(|other| other.id() != thread.id());
-            others.chain([thread]).cloned().collect::<Vec<_>>()
-        });
+    /// Names a thread that passes on states. It is unparked when a clocked step is published, and when it
+    /// [asks](Follower::wait_from) for it. Not for the physics thread.
+    pub fn add_follower(&self, thread: &Thread) -> Arc<Follower> {
+        self.followers.add(thread)
     }
 
-    /// Does not unpark `thread` any more. Not for the physics thread.
-    pub fn remove_follower(&self, thread: &Thread) {
-        self.followers
-            .rcu(|before| before.iter().filter(|other| other.id() != thread.id()).cloned().collect::<Vec<_>>());
+    /// Does not unpark the thread of `follower` any more. Not for the physics thread.
+    pub fn remove_follower(&self, follower: &Arc<Follower>) {
+        self.followers.remove(follower);
+    }
+
+    /// When iterations were published.
+    pub fn published(&self) -> Published {
+        self.followers.published()
     }
 
     /// Steps that were clocked, not ordered, and are done and published.
@@ -296,6 +297,7 @@ impl StepThrottle {
 
     /// Physics thread: says that the state of the iteration counted last is published, at `now_ns`.
     pub fn note_published(&self, now_ns: u64) {
+        let mut is_clocked = false;
         if self.unpublished.load(Ordering::Acquire) {
             // The client's time to think begins now.
             let until = now_ns.saturating_add(self.patience_ns.load(Ordering::Acquire));
@@ -304,8 +306,9 @@ impl StepThrottle {
             self.tell();
         } else if !self.is_open() && !self.by_order.load(Ordering::Acquire) {
             self.clocked_steps.fetch_add(1, Ordering::AcqRel);
-            self.followers.load().iter().for_each(Thread::unpark);
+            is_clocked = true;
         }
+        self.followers.note_published(now_ns, is_clocked);
     }
 
     /// Physics thread: tells those who [wait](Self::wait_until) to look again.
@@ -430,11 +433,8 @@ mod tests {
                 })
                 .collect();
             begin.wait();
-            // Named twice is named once; one that has gone is not told.
-            followers.iter().chain(&followers[..1]).for_each(|follower| throttle.add_follower(follower.thread()));
-            assert_eq!(throttle.followers.load().len(), 3);
-            throttle.add_follower(&std::thread::current());
-            throttle.remove_follower(&std::thread::current());
+            let _followers: Vec<_> =
+                followers.iter().map(|follower| throttle.add_follower(follower.thread())).collect();
             throttle.post(command(false, 1), 1);
             run(&throttle, &mut counter, 10);
             may_go.store(true, Ordering::Release);
@@ -443,6 +443,39 @@ mod tests {
             all.sort_unstable();
             assert_eq!(all, [0, 1, 2], "none of them waited until it woke by itself");
         });
+    }
+
+    #[test]
+    fn a_follower_is_woken_by_the_first_states_from_a_time_on() {
+        let throttle = StepThrottle::default();
+        let follower = throttle.add_follower(&std::thread::current());
+        let is_unparked = || {
+            let begin = Instant::now();
+            std::thread::park_timeout(Duration::from_secs(20));
+            begin.elapsed() < Duration::from_secs(10)
+        };
+        follower.wait_from(Duration::from_nanos(10));
+        throttle.note_published(10);
+        assert!(is_unparked());
+        assert_eq!(throttle.published(), Published { at: Duration::from_nanos(10), interval: Duration::ZERO });
+        // One that asked for later states, for none, or has gone is left alone: its next park ends by the clock.
+        let sleeps = || {
+            let begin = Instant::now();
+            std::thread::park_timeout(Duration::from_millis(20));
+            begin.elapsed() >= Duration::from_millis(20)
+        };
+        throttle.note_published(20);
+        assert!(sleeps());
+        follower.wait_from(Duration::from_nanos(31));
+        throttle.note_published(30);
+        assert!(sleeps());
+        throttle.remove_follower(&follower);
+        throttle.note_published(40);
+        assert!(sleeps());
+        assert_eq!(
+            throttle.published(),
+            Published { at: Duration::from_nanos(40), interval: Duration::from_nanos(10) }
+        );
     }
 
     #[test]

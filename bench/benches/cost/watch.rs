@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use ambf_app::ros::messages::ambf_msgs::{RigidBodyState, Timing, WorldState};
-use ambf_core::comm::{PublishSchedule, Rates};
+use ambf_core::comm::{PublishSchedule, Published, Rates};
 use rosrust::RosMsg;
 
 use super::live::{distinct, gaps, physics_rate, rate, read, Arrival, Live};
@@ -172,7 +172,9 @@ fn bare_timer(time: Duration) -> f64 {
     let mut schedule = PublishSchedule::new(rates, Duration::ZERO);
     let mut count = 0;
     while begin.elapsed() < time {
-        count += u32::from(schedule.poll(begin.elapsed()));
+        let now = begin.elapsed();
+        // As if states came without end.
+        count += u32::from(schedule.poll(now, Published { at: now, interval: Duration::ZERO }));
         std::thread::park_timeout(schedule.next_due().saturating_sub(begin.elapsed()));
     }
     f64::from(count) / begin.elapsed().as_secs_f64()
