@@ -141,6 +141,8 @@ class AccurateSolver : public Base {
     btScalar bias = 0;
     // Whether the row constrains a position; false: a motor or spring.
     bool is_geometric = false;
+    // Whether the row is a spring, which resists position corrections.
+    bool is_spring = false;
     // Impulse in the last sub-step, N s or N m s.
     btScalar guess = 0;
   };
@@ -156,9 +158,12 @@ class AccurateSolver : public Base {
     const btScalar h = info.m_timeStep;
     btConstraintArray &rows = this->m_tmpSolverNonContactConstraintPool;
     const SoftRows *soft = soft_rows_of(constraint);
+    const auto is_soft_row = [&](int k) {
+      return soft && k - first >= soft->first && k - first < soft->first + soft->count;
+    };
     const auto kind_of = [&](int k) {
       const btSolverConstraint &row = rows[k];
-      const bool is_soft = soft && k - first >= soft->first && k - first < soft->first + soft->count;
+      const bool is_soft = is_soft_row(k);
       const bool low_free = row.m_lowerLimit <= -UNBOUNDED, high_free = row.m_upperLimit >= UNBOUNDED;
       if (is_soft || row.m_jacDiagABInv <= 0) return RowKind::Other;
       if (low_free && high_free) return RowKind::Geometric;
@@ -181,7 +186,11 @@ class AccurateSolver : public Base {
     for (int k = first; k < first + count; ++k) {
       btSolverConstraint &row = rows[k];
       const RowKind kind = kind_of(k);
-      if (kind == RowKind::Other) continue;
+      if (kind == RowKind::Other) {
+        joint_errors_[k].is_spring = is_soft_row(k) && row.m_jacDiagABInv > 0 &&
+                                     constraint.getConstraintType() == D6_SPRING_2_CONSTRAINT_TYPE;
+        continue;
+      }
       btScalar before, forced;
       find_velocity(row, before, forced);
       const btScalar target = row.m_rhs / row.m_jacDiagABInv + before + forced;
@@ -451,7 +460,7 @@ class AccurateSolver : public Base {
     for (int i = 0; i < joints.size(); ++i) {
       AmbMlcpRow row = row_of(joints[i]);
       soften(row, joints[i], settings_.joint_softness);
-      row.in_positions = joint_errors_[i].is_geometric;
+      row.in_positions = joint_errors_[i].is_geometric || joint_errors_[i].is_spring;
       row.is_drive = !joint_errors_[i].is_geometric;
       row.bias = joint_errors_[i].bias;
       row.position_target = joint_errors_[i].correction;
@@ -485,9 +494,10 @@ class AccurateSolver : public Base {
       const auto &owner = *static_cast<const EngineRows *>(joints[i].m_orgConstraint);
       row.is_drive = !owner.is_geometric(joints[i].m_orgDofIndex);
       row.bias = row.is_drive ? 0 : owner.bias(joints[i].m_orgDofIndex);
-      row.in_positions = joints[i].m_jacDiagABInv > 0 && !row.is_drive;
+      row.in_positions = joints[i].m_jacDiagABInv > 0 && (!row.is_drive || owner.is_spring(joints[i].m_orgDofIndex));
       note_error(owner.error(joints[i].m_orgDofIndex), owner.is_angular(joints[i].m_orgDofIndex));
-      row.position_target = row.in_positions ? joints[i].m_rhsPenetration / joints[i].m_jacDiagABInv : 0;
+      row.position_target =
+          row.in_positions && !row.is_drive ? joints[i].m_rhsPenetration / joints[i].m_jacDiagABInv : 0;
       row.x = 0;
       row.state = guess_of(row);
       const bool is_limit = row.low == 0 || row.high == 0;

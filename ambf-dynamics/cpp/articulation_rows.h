@@ -20,6 +20,7 @@ class JointRows : public EngineRows {
   void plan_motors(btScalar h);
   void plan_limits(btScalar h);
   bool is_geometric(int row) const override { return planned[row].source < 0; }
+  bool is_spring(int row) const override { return planned[row].source >= articulation.dynamics.coordinates; }
   btScalar bias(int row) const override { return planned[row].target; }
   bool is_angular(int row) const override { return planned[row].is_angle; }
   WorkKind work_kind(int row) const override {

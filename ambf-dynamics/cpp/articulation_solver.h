@@ -27,6 +27,8 @@ class EngineRows : public btMultiBodyConstraint {
   // Whether the row constrains a position; false: it is a motor or drive. m_rhsPenetration of such a row is its
   // position correction.
   virtual bool is_geometric(int row) const = 0;
+  // Whether the row is a spring, which resists position corrections.
+  virtual bool is_spring(int) const { return false; }
   // Position error of a row of an external constraint: m for the first three rows, rad for the others; 0 for other
   // kinds of rows.
   virtual btScalar error(int) const { return 0; }

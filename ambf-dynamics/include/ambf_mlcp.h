@@ -58,7 +58,7 @@ typedef struct AmbMlcpRow {
   /* Guess of the active set and of the impulse (warm start). */
   int state;
   double x;
-  /* Whether the row takes part in solve_positions; rows of friction never do. */
+  /* Whether the row takes part in solve_positions; rows of friction never do. A drive that does, such as a spring, resists. */
   int in_positions;
   /* Whether the row is a drive, which may do work. */
   int is_drive;

@@ -78,7 +78,8 @@ pub struct ConstraintRow<S> {
     pub state: State,
     /// Guess of the impulse (warm start). It bounds friction in the first iteration and is where sweeps begin.
     pub x: f64,
-    /// Whether the row takes part in the correction of positions. Rows of friction never do.
+    /// Whether the row takes part in the correction of positions. Rows of friction never do. A drive that does, such as
+    /// a spring, has the target 0 and its CFM: it resists, and what is left of its target is no error.
     pub in_positions: bool,
 }
 

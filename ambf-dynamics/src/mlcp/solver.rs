@@ -326,7 +326,7 @@ impl Solver {
             for (row, &p) in self.iterate.variables.iter().zip(&self.layout.order) {
                 let left = row.target - self.iterate.row_velocity(&self.rows, row);
                 let given = &self.rows.rows[p as usize];
-                let counts = given.in_positions && given.friction.is_none() && row.can_push(left);
+                let counts = given.in_positions && !given.is_drive && given.friction.is_none() && row.can_push(left);
                 self.position_errors[p as usize] = if counts { left } else { 0.0 };
             }
         }

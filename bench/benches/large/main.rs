@@ -65,7 +65,7 @@ fn main() {
     let rounds = if quick { 5 } else { 20 };
     let measure = |part: &&str| match *part {
         "changes" => changes(if quick { &[100, 1000] } else { &[100, 1000, 5000] }),
-        "concave" => concave(rounds),
+        "concave" => concave(rounds, if quick { 1000 } else { usize::MAX }),
         "sleep" => sleep(rounds),
         _ => sensors(rounds),
     };
@@ -126,9 +126,10 @@ fn cost(simulation: &mut Simulation, rounds: usize, steps: usize) -> Spread {
 
 // --- concave meshes
 
-fn concave(rounds: usize) -> Section {
+/// Heaps of the meshes of at most `triangles`.
+fn concave(rounds: usize, triangles: usize) -> Section {
     let mut rows = Vec::new();
-    for shape in shapes::all() {
+    for shape in shapes::all().into_iter().filter(|shape| shape.mesh.triangles.len() <= triangles) {
         let mesh = written(&format!("large_{}.obj", shape.name.replace(", ", "_")), &shapes::obj(&shape.mesh));
         for (name, kind, hulls) in KINDS {
             let wanted = ConvexDecomposition { hulls, ..ConvexDecomposition::default() };
