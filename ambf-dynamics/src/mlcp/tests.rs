@@ -245,3 +245,18 @@ fn rows_without_cfm_are_solved_by_rows() {
     assert_eq!(solver.solve_positions(None, None, 1e-4, Budget::UNLIMITED), Outcome::Solved);
     assert_eq!(solver.factor.kind(), Kind::Velocities);
 }
+
+#[test]
+fn springs_resist_corrections() {
+    // Two coordinates of mass 1 kg whose sum is to change by 1 m/s. A spring with a CFM of 1/kg on the second: the least of
+    // (p₁² + p₂² + p₂²) / 2 with p₁ + p₂ = 1.
+    let mut solver = Solver::new();
+    let row = |jacobian| Row { sides: [Some(Side { body: 0, jacobian, response: jacobian }), None], ..Row::default() };
+    solver.add_row(&Row { position_target: 1.0, ..row(&[1.0, 1.0]) });
+    solver.add_row(&Row { is_drive: true, cfm: 1.0, target: 7.0, ..row(&[0.0, 1.0]) });
+    solver.prepare(0, &[2]).expect("a proper problem");
+    assert_eq!(solver.solve_positions(None, None, 1e-13, Budget::UNLIMITED), Outcome::Solved);
+    compare(solver.position_velocities(), &[2.0 / 3.0, 1.0 / 3.0], 1e-9);
+    // What a spring gives way by is no error.
+    assert!(solver.position_errors().iter().all(|error| error.abs() < 1e-9), "{:?}", solver.position_errors());
+}
