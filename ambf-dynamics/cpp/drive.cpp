@@ -168,16 +168,10 @@ struct ImplicitSpring : btGeneric6DofSpring2Constraint {
   }
 
  private:
-  bool is_implicit() const {
-    const AmbBody *a = ::body_of(&m_rbA), *b = ::body_of(&m_rbB);
-    const AmbWorld *world = a && a->world ? a->world : b ? b->world : nullptr;
-    return world && world->extension && engine_of(*world).solver == AmbSolver_Accurate;
-  }
-
   // Disables the springs while Bullet sets up its rows.
   void take_springs() {
     rows.count = 0;
-    const bool implicit = is_implicit();
+    const bool implicit = is_accurate(m_rbA, m_rbB);
     for (int axis = 0; axis < 6; ++axis) {
       bool &enabled = axis < 3 ? m_linearLimits.m_enableSpring[axis] : m_angularLimits[axis - 3].m_enableSpring;
       const btScalar stiffness =

@@ -55,6 +55,13 @@ class EngineWorld final : public Extension {
 // The engine's part of a world, which must have been made with this engine.
 inline EngineWorld &engine_of(const AmbWorld &world) { return static_cast<EngineWorld &>(*world.extension); }
 
+// Whether two bodies of a constraint are in a world of AmbSolver_Accurate; one of them may be in no world.
+inline bool is_accurate(const btRigidBody &first, const btRigidBody &second) {
+  const AmbBody *a = body_of(&first), *b = body_of(&second);
+  const AmbWorld *world = a && a->world ? a->world : b ? b->world : nullptr;
+  return world && world->extension && engine_of(*world).solver == AmbSolver_Accurate;
+}
+
 // Destroys the drive of a body before the body leaves its world; see drive.cpp.
 void drop_drive(AmbWorld &world, AmbBody &body);
 

@@ -142,7 +142,7 @@ unsafe fn make(a: *mut sys::AmbBody, b: *mut sys::AmbBody, constraint: &Constrai
             ConstraintKind::Fixed => sys::amb_fixed_new(a, b, frame_a, frame_b),
             ConstraintKind::PointToPoint => sys::amb_point_to_point_new(a, b, frame_a, frame_b),
             &ConstraintKind::ConeTwist { swing1, swing2, twist } => {
-                let raw = sys::amb_cone_twist_new(a, b, frame_a, frame_b);
+                let raw = sys::amb_exact_cone_twist_new(a, b, frame_a, frame_b);
                 sys::amb_cone_twist_set_limit(raw, swing1, swing2, twist);
                 raw
             }
