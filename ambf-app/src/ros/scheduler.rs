@@ -140,7 +140,8 @@ fn publish_live(hub: &Hub, entries: &mut [Entry]) {
     }
 }
 
-/// Publishes what is due at `now` and returns when something that is listened to is due next. `published`: when states came.
+/// Publishes what is due at `now` and returns when something that is listened to is due next. `published`: when states
+/// came.
 fn publish_due(hub: &Hub, entries: &mut [Entry], now: Duration, published: Published) -> Next {
     let snapshot = hub.snapshot();
     let snapshot = snapshot.as_deref();

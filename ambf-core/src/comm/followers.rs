@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use arc_swap::ArcSwap;
 
-/// Weight of the newest interval in the running mean.
-const NEWEST: u64 = 16;
+/// The newest interval counts for one part in this many in the running mean.
+const PARTS: u64 = 16;
 
 /// A thread that passes on states, and the time from which it waits for new ones.
 #[derive(Debug)]
@@ -66,7 +66,7 @@ impl Followers {
         let before = self.published_ns.swap(now_ns, Ordering::SeqCst);
         if before > 0 {
             let (newest, mean) = (now_ns.saturating_sub(before), self.interval_ns.load(Ordering::Relaxed));
-            let mean = if mean == 0 { newest } else { (mean * (NEWEST - 1)).saturating_add(newest) / NEWEST };
+            let mean = if mean == 0 { newest } else { (mean * (PARTS - 1)).saturating_add(newest) / PARTS };
             self.interval_ns.store(mean, Ordering::Relaxed);
         }
         for follower in self.threads.load().iter() {
