@@ -109,6 +109,7 @@ fn json_has_the_agreed_keys() {
         "islands_approximate",
         "islands_iterated",
         "position_problems",
+        "divided_sub_steps",
         "rows",
         "factorisations",
         "pivots",

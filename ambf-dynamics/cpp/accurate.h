@@ -38,6 +38,8 @@ typedef struct AmbSolverStatistics {
   unsigned long long islands_solved, islands_approximate, islands_iterated;
   /* Solved position problems. */
   unsigned long long position_problems;
+  /* Sub-steps that were divided because jointed bodies turn fast. */
+  unsigned long long divided_sub_steps;
   unsigned long long rows, factorisations, pivots, sweeps;
   /* Largest violation of complementarity of a solution, m/s or rad/s. */
   double residual;
@@ -50,6 +52,10 @@ typedef struct AmbSolverStatistics {
 
 /* Reads the statistics and resets them to 0. */
 void amb_world_take_statistics(AmbWorld *world, AmbSolverStatistics *out);
+/* Largest angular velocity of a body on which constraints act, without those that are joints of articulations, rad/s. */
+double amb_world_jointed_turn_rate(const AmbWorld *world);
+/* Counts a sub-step that is divided. */
+void amb_world_count_division(AmbWorld *world);
 /* Sets the functions of the solver of mixed linear complementarity problems (AmbMlcpTable of ambf_mlcp.h). To be called
    once, before the first world is made. */
 void amb_set_mlcp(const void *table);

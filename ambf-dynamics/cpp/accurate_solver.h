@@ -18,6 +18,7 @@
 
 #include "accurate_context.h"
 #include "contact_cache.h"
+#include "correction_damping.h"
 #include "joint_arms.h"
 #include "position_error.h"
 #include "infeasible_islands.h"
@@ -751,10 +752,12 @@ class AccurateSolver : public Base {
   // be infeasible.
   void correct_positions(const btContactSolverInfo &info, double budget, bool is_prepared) {
     if (!needs_correction_ || !(is_urgent_ || sub_step_ % CORRECTION_INTERVAL == 0)) return;
-    const void *island = island_key();
+    AmbBody *const island = first_body();
+    if (!island) return;
     const PositionErrors asked = errors([&](size_t i) { return position_rows_[i].target; });
     if (infeasible_.contain(island, asked, sub_step_) || (!is_prepared && prepare() < 0)) return;
-    if (mlcp_table->solve_positions(mlcp_, nullptr, position_states_.data(), POSITION_SOFTNESS, budget) ==
+    const double damping = update_damping(island->correction_damping, asked, sub_step_, CORRECTION_INTERVAL);
+    if (mlcp_table->solve_positions(mlcp_, nullptr, position_states_.data(), POSITION_SOFTNESS, damping, budget) ==
         AMB_MLCP_NOT_FINITE)
       return;
     ++settings_.statistics.position_problems;
@@ -775,13 +778,14 @@ class AccurateSolver : public Base {
     return sums;
   }
 
-  // Identifies an island in consecutive sub-steps: its first articulation or dynamic body.
-  const void *island_key() const {
+  // The body that identifies an island in consecutive sub-steps: the first link of its first articulation, or its first
+  // dynamic body. Null: it has none.
+  AmbBody *first_body() const {
     if constexpr (HAS_ARTICULATIONS) {
-      if (!articulations_.empty()) return articulations_[0].multi_body;
+      if (!articulations_.empty()) return &first_link_of(*articulations_[0].multi_body);
     }
     for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i) {
-      if (dynamic_body(i) >= 0) return this->m_tmpSolverBodyPool[i].m_originalBody;
+      if (dynamic_body(i) >= 0) return body_of(this->m_tmpSolverBodyPool[i].m_originalBody);
     }
     return nullptr;
   }

@@ -521,6 +521,10 @@ double free_energy(const btMultiBody &multi_body) {
   return static_cast<const AmbArticulation *>(multi_body.getUserPointer())->free_energy;
 }
 
+AmbBody &first_link_of(const btMultiBody &multi_body) {
+  return *static_cast<const AmbArticulation *>(multi_body.getUserPointer())->members[1].body;
+}
+
 void correct(btMultiBody &multi_body, const double *velocities) {
   AmbArticulation &articulation = *static_cast<AmbArticulation *>(multi_body.getUserPointer());
   articulation.dynamics.rates_of(velocities, articulation.correction);

@@ -77,7 +77,7 @@ void JointRows::plan_motor(const AmbConstraint &joint, int coordinate, btScalar 
   if (joint.motor.enabled) {
     target = joint.motor.velocity;
     softness = joint.motor.rows.softness[0];
-    impulse = joint.motor.max_impulse;
+    impulse = joint.motor.max_force * h;
   } else if (joint.kind == Kind::Hinge) {
     auto &hinge = static_cast<btHingeConstraint &>(*joint.constraint);
     if (!hinge.getEnableAngularMotor()) return;

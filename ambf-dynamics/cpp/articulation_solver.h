@@ -103,5 +103,7 @@ class ArticulationSolver : public btMultiBodyConstraintSolver {
 void correct(btMultiBody &multi_body, const double *velocities);
 // Kinetic energy of an articulation after the free motion of the sub-step, J.
 double free_energy(const btMultiBody &multi_body);
+// The first link that moves relative to the base.
+AmbBody &first_link_of(const btMultiBody &multi_body);
 
 #endif

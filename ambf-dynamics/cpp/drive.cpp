@@ -1,5 +1,6 @@
 #include "articulation_rows.h"
 #include "engine.h"
+#include "exact_rows.h"
 #include "position_error.h"
 #include "spring_rotation.h"
 
@@ -8,27 +9,6 @@
 #include <optional>
 
 namespace {
-
-// One row of a constraint as it is passed to Bullet's solver.
-struct Row {
-  Row(btTypedConstraint::btConstraintInfo2 &all, int index)
-      : linear_a(all.m_J1linearAxis + index * all.rowskip),
-        angular_a(all.m_J1angularAxis + index * all.rowskip),
-        linear_b(all.m_J2linearAxis + index * all.rowskip),
-        angular_b(all.m_J2angularAxis + index * all.rowskip),
-        target(all.m_constraintError[index * all.rowskip]),
-        lower(all.m_lowerLimit[index * all.rowskip]),
-        upper(all.m_upperLimit[index * all.rowskip]) {}
-
-  void set_motor(const SoftMotor &motor) {
-    target = motor.velocity;
-    lower = -motor.max_impulse;
-    upper = motor.max_impulse;
-  }
-
-  btScalar *linear_a, *angular_a, *linear_b, *angular_b;
-  btScalar &target, &lower, &upper;
-};
 
 // The row of the motor comes after the rows of Bullet.
 void add_row(SoftMotor &motor, btTypedConstraint::btConstraintInfo1 &info) {
@@ -40,7 +20,7 @@ void add_row(SoftMotor &motor, btTypedConstraint::btConstraintInfo1 &info) {
 
 // Removes the motor's impulse towards a limit that is reached or violated, and bounds the target of a motor without
 // softness so that a limit is not passed within the sub-step.
-void respect_limits(Row &row, const SoftMotor &motor, btScalar at, btScalar per_second) {
+void respect_limits(ConstraintRow &row, const SoftMotor &motor, btScalar at, btScalar per_second) {
   if (motor.low > motor.high) return;
   if (at <= motor.low) row.lower = 0;
   if (at >= motor.high) row.upper = 0;
@@ -50,24 +30,24 @@ void respect_limits(Row &row, const SoftMotor &motor, btScalar at, btScalar per_
   if (row.target > 0) row.target = btMin(row.target, btMax((motor.high - at) * per_second, btScalar(0)));
 }
 
-struct DrivenHinge : btHingeConstraint {
+struct DrivenHinge : WithExactRows<btHingeConstraint> {
   DrivenHinge(btRigidBody &a, btRigidBody &b, const btTransform &frame_a, const btTransform &frame_b,
               SoftMotor &soft_motor)
-      : btHingeConstraint(a, b, frame_a, frame_b, true), motor(soft_motor) {}
+      : WithExactRows(a, b, frame_a, frame_b, true), motor(soft_motor) {}
 
   void getInfo1(btConstraintInfo1 *info) override {
-    btHingeConstraint::getInfo1(info);
+    WithExactRows::getInfo1(info);
     add_row(motor, *info);
   }
 
   void getInfo2(btConstraintInfo2 *info) override {
-    btHingeConstraint::getInfo2(info);
+    WithExactRows::getInfo2(info);
     if (motor.rows.count == 0) return;
-    Row row(*info, motor.rows.first);
+    ConstraintRow row(*info, motor.rows.first);
     const btVector3 axis = (m_rbA.getCenterOfMassTransform() * getAFrame()).getBasis().getColumn(2);
     write_vector(-axis, row.angular_a);
     write_vector(axis, row.angular_b);
-    row.set_motor(motor);
+    row.set_motor(motor, 1 / info->fps);
     respect_limits(row, motor, getHingeAngle(), info->fps);
   }
 
@@ -81,10 +61,10 @@ struct DrivenHinge : btHingeConstraint {
 
 // The coordinate of a slider is a . (p_B - p_A), with the axis a and the point p_A fixed in A, p_B in B. Its rate is
 // a . (v_B + w_B x r_B - v_A - w_A x (p_B - x_A)): the force that belongs to it acts on both bodies at p_B.
-struct DrivenSlider : btSliderConstraint {
+struct DrivenSlider : WithExactRows<btSliderConstraint> {
   DrivenSlider(btRigidBody &a, btRigidBody &b, const btTransform &frame_a, const btTransform &frame_b,
                SoftMotor &soft_motor)
-      : btSliderConstraint(a, b, frame_a, frame_b, true), motor(soft_motor) {}
+      : WithExactRows(a, b, frame_a, frame_b, true), motor(soft_motor) {}
 
   struct Geometry {
     btVector3 axis, arm_a, arm_b;
@@ -100,20 +80,20 @@ struct DrivenSlider : btSliderConstraint {
   }
 
   void getInfo1(btConstraintInfo1 *info) override {
-    btSliderConstraint::getInfo1(info);
+    WithExactRows::getInfo1(info);
     add_row(motor, *info);
   }
 
   void getInfo2(btConstraintInfo2 *info) override {
-    btSliderConstraint::getInfo2(info);
+    WithExactRows::getInfo2(info);
     if (motor.rows.count == 0) return;
-    Row row(*info, motor.rows.first);
+    ConstraintRow row(*info, motor.rows.first);
     const Geometry now = geometry();
     write_vector(-now.axis, row.linear_a);
     write_vector(now.axis, row.linear_b);
     write_vector(-now.arm_a.cross(now.axis), row.angular_a);
     write_vector(now.arm_b.cross(now.axis), row.angular_b);
-    row.set_motor(motor);
+    row.set_motor(motor, 1 / info->fps);
     respect_limits(row, motor, now.position, info->fps);
   }
 
@@ -129,10 +109,10 @@ struct DrivenSlider : btSliderConstraint {
 // damping d and step h the force at the end of the sub-step is -k (x + h (v - v0)) - d v. The function `spring` in
 // ambf-core's control/drive.rs explains why the rate v0 at the beginning is subtracted, and why h v0 is limited to half
 // of the displacement.
-struct ImplicitSpring : btGeneric6DofSpring2Constraint {
+struct ImplicitSpring : WithExactRows<btGeneric6DofSpring2Constraint> {
   ImplicitSpring(btRigidBody &a, btRigidBody &b, const btTransform &frame_a, const btTransform &frame_b,
                  SoftMotor &soft_motor)
-      : btGeneric6DofSpring2Constraint(a, b, frame_a, frame_b, RO_XYZ), rows(soft_motor.rows) {
+      : WithExactRows(a, b, frame_a, frame_b, RO_XYZ), rows(soft_motor.rows) {
     // Springs exert their full force, as in Bullet 2; by default Bullet 3 targets the velocity that the force would
     // cause.
     m_flags |= BT_6DOF_FLAGS_USE_INFINITE_ERROR;
@@ -140,7 +120,7 @@ struct ImplicitSpring : btGeneric6DofSpring2Constraint {
 
   void getInfo1(btConstraintInfo1 *info) override {
     take_springs();
-    btGeneric6DofSpring2Constraint::getInfo1(info);
+    WithExactRows::getInfo1(info);
     give_springs();
     rows.first = info->m_numConstraintRows;
     info->m_numConstraintRows += rows.count;
@@ -148,9 +128,9 @@ struct ImplicitSpring : btGeneric6DofSpring2Constraint {
   }
 
   void getInfo2(btConstraintInfo2 *info) override {
-    if (rows.count == 0) return btGeneric6DofSpring2Constraint::getInfo2(info);
+    if (rows.count == 0) return WithExactRows::getInfo2(info);
     take_springs();
-    btGeneric6DofSpring2Constraint::getInfo2(info);
+    WithExactRows::getInfo2(info);
     give_springs();
     const btScalar h = 1 / info->fps;
     std::optional<SpringRotation> rotation;
@@ -158,7 +138,7 @@ struct ImplicitSpring : btGeneric6DofSpring2Constraint {
     int next = rows.first;
     for (int axis = 0; axis < 6; ++axis) {
       if (!taken[axis]) continue;
-      Row row(*info, next);
+      ConstraintRow row(*info, next);
       const btScalar target = axis < 3 ? linear_row(row, axis, h) : angular_row(row, axis - 3, rotation, h);
       row.target = target;
       row.lower = -BT_LARGE_FLOAT;
@@ -206,7 +186,7 @@ struct ImplicitSpring : btGeneric6DofSpring2Constraint {
   int index_of(int axis) const { return static_cast<int>(std::count(taken, taken + axis, true)); }
 
   // The force acts on both bodies at the origin of frame B.
-  btScalar linear_row(Row &row, int axis, btScalar h) {
+  btScalar linear_row(ConstraintRow &row, int axis, btScalar h) {
     const btVector3 direction = m_calculatedTransformA.getBasis().getColumn(axis),
                     point = m_calculatedTransformB.getOrigin();
     const btVector3 arm_a = point - m_rbA.getCenterOfMassPosition(), arm_b = point - m_rbB.getCenterOfMassPosition();
@@ -224,7 +204,7 @@ struct ImplicitSpring : btGeneric6DofSpring2Constraint {
   }
 
   // Bullet's angles have the opposite sign.
-  btScalar angular_row(Row &row, int axis, const std::optional<SpringRotation> &rotation, btScalar h) {
+  btScalar angular_row(ConstraintRow &row, int axis, const std::optional<SpringRotation> &rotation, btScalar h) {
     const btVector3 direction = rotation ? rotation->gradient[axis] : getAxis(axis);
     write_vector(-direction, row.angular_a);
     write_vector(direction, row.angular_b);
@@ -314,7 +294,7 @@ AmbConstraint *amb_implicit_spring_new(AmbBody *a, AmbBody *b, const double fram
   return own_driven<ImplicitSpring>(Kind::SixDofSpring, *a, *b, frame_a, frame_b);
 }
 
-int amb_constraint_set_soft_motor(AmbConstraint *constraint, double velocity, double softness, double max_impulse) {
+int amb_constraint_set_soft_motor(AmbConstraint *constraint, double velocity, double softness, double max_force) {
   if (constraint->kind == Kind::Hinge) {
     constraint->as<btHingeConstraint>().enableMotor(false);
   } else if (constraint->kind == Kind::Slider) {
@@ -326,7 +306,7 @@ int amb_constraint_set_soft_motor(AmbConstraint *constraint, double velocity, do
   SoftMotor &motor = constraint->motor;
   motor.enabled = true;
   motor.velocity = velocity;
-  motor.max_impulse = btMin(max_impulse, btScalar(BT_LARGE_FLOAT));
+  motor.max_force = btMin(max_force, btScalar(BT_LARGE_FLOAT));
   motor.rows.softness[0] = softness;
   return 1;
 }

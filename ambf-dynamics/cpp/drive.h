@@ -11,9 +11,9 @@ AmbConstraint *amb_driven_slider_new(AmbBody *a, AmbBody *b, const double frame_
    amb_six_dof_spring_new. */
 AmbConstraint *amb_implicit_spring_new(AmbBody *a, AmbBody *b, const double frame_a[12], const double frame_b[12]);
 /* Enables the row q' = velocity - softness * impulse of a hinge (rad/s) or slider (m/s); softness in rad/s per N m s or
-   m/s per N s, |impulse| <= max_impulse, N m s or N s per sub-step. Disables Bullet's motor. Returns 0 for constraints
+   m/s per N s, |impulse| <= max_force * h, N m or N, in a sub-step of h s. Disables Bullet's motor. Returns 0 for constraints
    of other types. */
-int amb_constraint_set_soft_motor(AmbConstraint *constraint, double velocity, double softness, double max_impulse);
+int amb_constraint_set_soft_motor(AmbConstraint *constraint, double velocity, double softness, double max_force);
 /* Disables the row. */
 void amb_constraint_clear_soft_motor(AmbConstraint *constraint);
 /* Writes the coordinate of a hinge (rad, in [-pi, pi]) or slider (m) and its rate, from the present poses and

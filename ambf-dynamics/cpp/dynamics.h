@@ -3,7 +3,7 @@
 #ifndef AMB_DYNAMICS_H
 #define AMB_DYNAMICS_H
 #include "accurate.h"
-#include "cone_twist.h"
+#include "exact_joints.h"
 #include "continuous.h"
 #include "drive.h"
 #include "energy.h"

@@ -1,5 +1,8 @@
 #include "engine.h"
 
+#include <algorithm>
+#include <cmath>
+
 #include "engine_solvers.h"
 #include "substepped_world.h"
 #include "sweep.h"
@@ -51,7 +54,7 @@ void EngineWorld::velocity_set(AmbBody &body) {
 }
 
 bool EngineWorld::pose_set(AmbBody &body) {
-  body.is_first_sub_step = true;
+  body.last_sub_step = 0;
   body.other_angular_change.setZero();
   if (body.articulation) body.articulation->poses_set = true;
   return body.articulation;
@@ -109,6 +112,29 @@ void amb_world_take_statistics(AmbWorld *world, AmbSolverStatistics *out) {
   *out = engine_of(*world).accurate.statistics;
   engine_of(*world).accurate.statistics = {};
 }
+
+double amb_world_jointed_turn_rate(const AmbWorld *world) {
+  btScalar fastest = 0;
+  const auto look_at = [&](const btRigidBody &body) {
+    if (body.getInvMass() > 0 && body.isActive()) fastest = std::max(fastest, body.getAngularVelocity().length2());
+  };
+  btDiscreteDynamicsWorld &bullet = *world->world;
+  for (int i = 0; i < bullet.getNumConstraints(); ++i) {
+    const btTypedConstraint &constraint = *bullet.getConstraint(i);
+    if (!constraint.isEnabled()) continue;
+    look_at(constraint.getRigidBodyA());
+    look_at(constraint.getRigidBodyB());
+  }
+  if (world->articulated) {
+    for (const AmbConstraint *constraint : world->articulated->external_constraints) {
+      look_at(first_of(*constraint).body);
+      look_at(second_of(*constraint).body);
+    }
+  }
+  return std::sqrt(fastest);
+}
+
+void amb_world_count_division(AmbWorld *world) { ++engine_of(*world).accurate.statistics.divided_sub_steps; }
 
 void amb_world_set_energy_ledger(AmbWorld *world, int enabled) {
   EngineWorld &engine = engine_of(*world);

@@ -1,6 +1,7 @@
 #include "ledger.h"
 
 #include "free_flight.h"
+#include "second_order.h"
 #include "spring_rotation.h"
 #include "articulation_rows.h"
 
@@ -176,10 +177,11 @@ void EnergyLedger::before_sub_step(EngineWorld &engine, double h) {
   save_sub_step_starts(engine.world);
   const bool always_leads = engine.integrator == AmbIntegrator_Euler;
   for_free_bodies(engine.world, [&](AmbBody &owner) {
-    owner.was_first_sub_step =
-        owner.is_first_sub_step && owner.constraint_count > 0 && engine.solver == AmbSolver_Accurate;
-    if (owner.was_first_sub_step) owner.pose_lead = 0;
-    if (!always_leads || owner.was_first_sub_step || owner.pose_lead > 0) return;
+    const bool is_second_order = owner.constraint_count > 0 && engine.solver == AmbSolver_Accurate;
+    const bool is_first = is_second_order && owner.last_sub_step == 0;
+    owner.force_share = is_second_order ? force_share(owner, h) : 1;
+    if (is_first) owner.pose_lead = 0;
+    if (!always_leads || is_first || owner.pose_lead > 0) return;
     // In this world the velocity is half a sub-step behind the pose at the beginning of every sub-step.
     owner.pose_lead = h / 2;
     const double slope = weight_of(owner.body).dot(owner.body.getLinearVelocity()) * owner.pose_lead;
@@ -214,7 +216,7 @@ void EnergyLedger::account(EngineWorld &engine, AmbBody &owner, double h) {
   const btVector3 &velocity = body.getLinearVelocity();
   const bool flew = owner.free_flight_sub_step == engine.sub_step && engine.integrator != AmbIntegrator_Euler;
   owner.pose_lead = flew ? 0 : h / 2;
-  if (!owner.was_first_sub_step) sums.contacts += weight.dot(start.linear_velocity) * (owner.pose_lead - before);
+  if (owner.force_share == 1) sums.contacts += weight.dot(start.linear_velocity) * (owner.pose_lead - before);
   const btVector3 &solved = owner.solved_velocity[0], &solved_omega = owner.solved_velocity[1];
   const btVector3 way = pose.getOrigin() - start.pose.getOrigin();
   if (flew) {
@@ -228,8 +230,7 @@ void EnergyLedger::account(EngineWorld &engine, AmbBody &owner, double h) {
     const btVector3 slowed = start.linear_velocity * linear_left, turned = start.angular_velocity * angular_left;
     sums.damping += (linear_left * linear_left - 1) * start.linear_velocity.length2() * mass / 2 +
                     (angular_left * angular_left - 1) * turning + weight.dot(slowed - start.linear_velocity) * (h / 2);
-    const double share = owner.was_first_sub_step ? 0.5 : 1;
-    sums.wrenches += share * h / 2 * (force.dot(slowed + solved) + torque.dot(turned + solved_omega));
+    sums.wrenches += owner.force_share * h / 2 * (force.dot(slowed + solved) + torque.dot(turned + solved_omega));
     // The rest of the displacement and of the rotation is that of pseudo-velocities.
     sums.corrections += rotation_energy(body, pose.getBasis(), solved_omega) -
                         rotation_energy(body, start.pose.getBasis(), solved_omega) - weight.dot(way - solved * h);

@@ -9,8 +9,11 @@
 
 // Bullet adds the forces at a pose to the velocity, v' = v + a h, and then the velocity to the pose, x += v' h. This is
 // the leapfrog method, of second order in h, if velocities are those halfway between two poses. For that, forces act
-// for half of the first sub-step after a pose was set, and the gyroscopic torque is evaluated at the pose. Free bodies
-// are integrated more exactly, see flight.h.
+// from the middle of the last sub-step to that of the next, for half of the first sub-step after a pose was set, and
+// the gyroscopic torque is evaluated at the pose. Free bodies are integrated more exactly, see flight.h.
+// Share of a sub-step of h s for which forces act on a body with constraints.
+inline btScalar force_share(const AmbBody &body, btScalar h) { return (body.last_sub_step + h) / (2 * h); }
+
 template <class Base>
 class SecondOrder : public Base {
  public:
@@ -28,18 +31,18 @@ class SecondOrder : public Base {
       if (body.getFlags() & BT_ENABLE_GYROSCOPIC_FORCE_IMPLICIT_BODY) {
         const btVector3 forced = body.getInvInertiaTensorWorld() * body.getTotalTorque() * h;
         btVector3 turned;
-        if (gyroscopic_change(body, owner->other_angular_change, h, turned)) {
+        const btScalar kept = owner->last_sub_step > 0 ? h / owner->last_sub_step : 1;
+        if (gyroscopic_change(body, owner->other_angular_change * kept, h, turned)) {
           row.m_externalTorqueImpulse = forced + turned;
         } else {
           turned = row.m_externalTorqueImpulse - forced;
         }
         owner->other_angular_change = -turned;
       }
-      if (owner->is_first_sub_step) {
-        row.m_externalForceImpulse *= btScalar(0.5);
-        row.m_externalTorqueImpulse *= btScalar(0.5);
-        owner->other_angular_change *= btScalar(0.5);
-      }
+      const btScalar share = force_share(*owner, h);
+      row.m_externalForceImpulse *= share;
+      row.m_externalTorqueImpulse *= share;
+      owner->other_angular_change *= share;
     }
   }
 
@@ -49,8 +52,8 @@ class SecondOrder : public Base {
       AmbBody *owner = constrained_body_of(row);
       if (!owner) continue;
       owner->other_angular_change += row.internalGetDeltaAngularVelocity() + row.m_externalTorqueImpulse;
-      if (owner->is_first_sub_step) owner->other_angular_change *= 2;
-      owner->is_first_sub_step = false;
+      owner->other_angular_change /= force_share(*owner, info.m_timeStep);
+      owner->last_sub_step = info.m_timeStep;
     }
     return Base::solveGroupCacheFriendlyFinish(bodies, n, info);
   }

@@ -79,6 +79,15 @@ struct SubStepStart {
   btVector3 linear_velocity, angular_velocity;
 };
 
+// Damping of the position correction of an island, kept by its first body; see the engine's correction_damping.h.
+struct CorrectionDamping {
+  // Multiple of the least damping.
+  double factor = 1;
+  // Errors before the last correction, and the sub-step in which it was made; 0: none.
+  double linear = 0, angular = 0;
+  unsigned sub_step = 0;
+};
+
 // Data of the engine for each body.
 struct EngineBody {
   // Number of the sub-step in which the body was last in contact; maintained by AmbIntegrator_Ballistic and _RungeKutta
@@ -87,18 +96,19 @@ struct EngineBody {
   // The articulation of which the body is a link, and its index in `members`.
   AmbArticulation *articulation = nullptr;
   int member = 0;
-  // Whether the pose was set since the last sub-step; and the change of angular velocity in the last sub-step by
-  // everything but the gyroscopic torque, rad/s. See the engine's second_order.h.
-  bool is_first_sub_step = true;
+  // Length of the last sub-step in which constraints acted on the body, s; 0: none since its pose was set. And the change
+  // of angular velocity in it by everything but the gyroscopic torque, rad/s. See the engine's second_order.h.
+  btScalar last_sub_step = 0;
   btVector3 other_angular_change{0, 0, 0};
+  CorrectionDamping correction_damping;
   SubStepStart start;
   // Number of the sub-step in which the body was last integrated as a free body.
   uint64_t free_flight_sub_step = 0;
-  // For the energy ledger only: time by which the pose is ahead of the velocity, s; whether forces acted for half of
-  // this sub-step only because it was the first, see `is_first_sub_step`; linear (m/s) and angular (rad/s) velocity
-  // after the solver or after the integration as a free body.
+  // For the energy ledger only: time by which the pose is ahead of the velocity, s; share of this sub-step for which
+  // forces acted, see `last_sub_step`; linear (m/s) and angular (rad/s) velocity after the solver or after the
+  // integration as a free body.
   btScalar pose_lead = 0;
-  bool was_first_sub_step = false;
+  btScalar force_share = 1;
   btVector3 solved_velocity[2] = {{0, 0, 0}, {0, 0, 0}};
   // Six rows that drive the body. Created when they are first needed, destroyed when the body leaves its world.
   std::unique_ptr<btTypedConstraint> drive;
@@ -121,11 +131,11 @@ struct SoftRows {
   btScalar guess[MAX_GUESSES] = {};
 };
 
-// A velocity row that drives a hinge or slider: rate = velocity - softness * impulse, |impulse| <= max_impulse.
+// A velocity row that drives a hinge or slider: rate = velocity - softness * impulse, |impulse| <= max_force * h.
 struct SoftMotor {
   bool enabled = false;
   btScalar velocity = 0;
-  btScalar max_impulse = 0;
+  btScalar max_force = 0;
   // Limits of the joint, rad or m, as they were set through the shim: Bullet wraps those of a hinge to [-pi, pi].
   // low > high: no limits.
   btScalar low = 1, high = -1;

@@ -208,6 +208,8 @@ struct AmbWorld {
   std::unique_ptr<btMLCPSolverInterface> mlcp;
   std::unique_ptr<btConstraintSolver> solver;
   std::unique_ptr<btDiscreteDynamicsWorld> world;
+  // Length of a sub-step over that of the part of it in which the contacts had their impulses.
+  double contact_impulse_scale = 1;
   // `world` as a Stepper.
   Stepper *stepper = nullptr;
   // `world`, if its kind is AmbWorldKind_Soft; else null.

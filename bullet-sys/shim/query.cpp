@@ -28,13 +28,14 @@ int target_of(const AmbObject &object) {
 }
 
 // A contact as the first or second body of the manifold has it.
-void write_contact(const btManifoldPoint &point, bool first, const AmbBody &other, AmbContact &contact) {
+void write_contact(const AmbWorld &world, const btManifoldPoint &point, bool first, const AmbBody &other,
+                   AmbContact &contact) {
   contact.other = other.handle;
   write_vector(first ? point.getPositionWorldOnA() : point.getPositionWorldOnB(), contact.point);
   // Bullet's normal points from its second body to its first.
   write_vector(first ? point.m_normalWorldOnB : -point.m_normalWorldOnB, contact.normal);
   contact.distance = point.getDistance();
-  contact.impulse = point.getAppliedImpulse();
+  contact.impulse = point.getAppliedImpulse() * world.contact_impulse_scale;
 }
 
 }  // namespace
@@ -71,7 +72,7 @@ int amb_body_contacts(const AmbWorld *world, const AmbBody *body, double thresho
     for (int p = 0; p < manifold.getNumContacts(); ++p) {
       const btManifoldPoint &point = manifold.getContactPoint(p);
       if (!(point.getDistance() <= threshold)) continue;
-      if (count < capacity) write_contact(point, first, *other, out[count]);
+      if (count < capacity) write_contact(*world, point, first, *other, out[count]);
       ++count;
     }
   }
@@ -101,7 +102,7 @@ int amb_manifold_contacts(const AmbWorld *world, int number, int side, AmbManifo
   for (int p = 0; p < manifold.getNumContacts(); ++p) {
     const btManifoldPoint &point = manifold.getContactPoint(p);
     // A distance that is not a number is no contact.
-    if (point.getDistance() == point.getDistance()) write_contact(point, side == 0, *other, out->points[count++]);
+    if (point.getDistance() == point.getDistance()) write_contact(*world, point, side == 0, *other, out->points[count++]);
   }
   return count;
 }

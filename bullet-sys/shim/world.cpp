@@ -188,6 +188,7 @@ void amb_world_ignore_pair(AmbWorld *world, AmbBody *a, AmbBody *b) {
 }
 
 int amb_world_step(AmbWorld *world, double interval, int max_sub_steps, double sub_step) {
+  world->contact_impulse_scale = 1;
   const int due = world->world->stepSimulation(interval, max_sub_steps, sub_step);
   if (world->soft) after_soft_step(*world);
   return due;
@@ -197,7 +198,10 @@ int amb_world_begin_step(AmbWorld *world, double interval, int max_sub_steps, do
   return world->stepper->begin(interval, max_sub_steps, sub_step);
 }
 
-void amb_world_advance(AmbWorld *world, double sub_step) { world->stepper->advance(sub_step); }
+void amb_world_advance(AmbWorld *world, double length, double sub_step) {
+  world->contact_impulse_scale = sub_step / length;
+  world->stepper->advance(length);
+}
 
 void amb_world_finish_step(AmbWorld *world) {
   world->stepper->finish();

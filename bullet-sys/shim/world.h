@@ -58,9 +58,10 @@ void amb_world_ignore_pair(AmbWorld *world, AmbBody *a, AmbBody *b);
    were due; those above max_sub_steps are lost. */
 int amb_world_step(AmbWorld *world, double interval, int max_sub_steps, double sub_step);
 /* The same as three functions: begin returns the number of sub-steps due; then advance is called for each of them, at
-   most max_sub_steps times, and then finish. */
+   most max_sub_steps times, and then finish. advance may divide a sub-step of `sub_step` s: it is then called for parts
+   of `length` s; impulses of contacts are always those of a whole sub-step. */
 int amb_world_begin_step(AmbWorld *world, double interval, int max_sub_steps, double sub_step);
-void amb_world_advance(AmbWorld *world, double sub_step);
+void amb_world_advance(AmbWorld *world, double length, double sub_step);
 void amb_world_finish_step(AmbWorld *world);
 /* Discards contacts and warm-starting impulses, and reactivates bodies that Bullet disabled because their state was not
    finite. Poses and velocities must have been set to finite values before. */

@@ -122,8 +122,8 @@ impl Summary {
         format!(
             "{{\"steps\":{},\"sim_s\":{},\"load_s\":{:.6},\"wall_s\":{:.6},\"us_per_step\":{:.4},\"bullet_us_per_step\":{:.4},\
              \"peak_rss_mb\":{:.1},\"bodies\":{},\"joints\":{},\"cpu_s\":{:.6},\"tail_us_per_step\":{:.4},\
-             \"islands_solved\":{},\"islands_approximate\":{},\"islands_iterated\":{},\"position_problems\":{},\"rows\":{},\
-             \"factorisations\":{},\"pivots\":{},\"sweeps\":{},\"residual\":{:e},\"joint_gap_m\":{:e},\"joint_angle_rad\":{:e},\
+             \"islands_solved\":{},\"islands_approximate\":{},\"islands_iterated\":{},\"position_problems\":{},\
+             \"divided_sub_steps\":{},\"rows\":{},\"factorisations\":{},\"pivots\":{},\"sweeps\":{},\"residual\":{:e},\"joint_gap_m\":{:e},\"joint_angle_rad\":{:e},\
              \"penetration_m\":{:e}}}",
             self.steps,
             self.sim_s,
@@ -140,6 +140,7 @@ impl Summary {
             solver.islands_approximate,
             solver.islands_iterated,
             solver.position_problems,
+            solver.divided_sub_steps,
             solver.rows,
             solver.factorisations,
             solver.pivots,

@@ -139,7 +139,7 @@ unsafe fn make(a: *mut sys::AmbBody, b: *mut sys::AmbBody, constraint: &Constrai
                 sys::amb_slider_lock_rotation(raw);
                 raw
             }
-            ConstraintKind::Fixed => sys::amb_fixed_new(a, b, frame_a, frame_b),
+            ConstraintKind::Fixed => sys::amb_exact_fixed_new(a, b, frame_a, frame_b),
             ConstraintKind::PointToPoint => sys::amb_point_to_point_new(a, b, frame_a, frame_b),
             &ConstraintKind::ConeTwist { swing1, swing2, twist } => {
                 let raw = sys::amb_exact_cone_twist_new(a, b, frame_a, frame_b);
@@ -147,7 +147,7 @@ unsafe fn make(a: *mut sys::AmbBody, b: *mut sys::AmbBody, constraint: &Constrai
                 raw
             }
             ConstraintKind::SixDof(limits) => {
-                let raw = sys::amb_six_dof_new(a, b, frame_a, frame_b);
+                let raw = sys::amb_exact_six_dof_new(a, b, frame_a, frame_b);
                 for (axis, &[low, high]) in (0..).zip(limits) {
                     sys::amb_six_dof_set_limit(raw, axis, low, high);
                 }

@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 use super::{BodyHandle, ConstraintHandle, World};
 
 /// A row of the constraint solver that drives the coordinate q of a hinge (rad) or slider (m): `q̇ = velocity −
-/// softness · impulse`, with the impulse of a sub-step within ± `max_impulse`.
+/// softness · impulse`, with an impulse within ± `max_force` h in a sub-step of h s.
 ///
 /// Without softness it is a velocity motor. [`spring`](crate::control::spring) gives the values for a spring with
 /// damper.
@@ -17,8 +17,8 @@ pub struct SoftMotor {
     pub velocity: f64,
     /// Change of the rate per impulse (compliance), rad/s per N·m·s or m/s per N·s; not negative.
     pub softness: f64,
-    /// Largest impulse of a sub-step, N·m·s or N·s.
-    pub max_impulse: f64,
+    /// Largest force, N·m or N.
+    pub max_force: f64,
 }
 
 /// Rows of the constraint solver that drive the centre of mass of a body, world axes: each component of the velocity is
@@ -40,8 +40,8 @@ impl World {
         // SAFETY: the constraint is alive.
         unsafe {
             match drive {
-                Some(SoftMotor { velocity, softness, max_impulse }) => {
-                    sys::amb_constraint_set_soft_motor(raw, velocity, softness, max_impulse) != 0
+                Some(SoftMotor { velocity, softness, max_force }) => {
+                    sys::amb_constraint_set_soft_motor(raw, velocity, softness, max_force) != 0
                 }
                 None => {
                     sys::amb_constraint_clear_soft_motor(raw);
@@ -89,29 +89,6 @@ impl World {
         // SAFETY: world and body are alive; twice three doubles are read.
         unsafe { sys::amb_body_hold_velocity(self.raw.as_ptr(), raw, linear.as_ptr(), angular.as_ptr(), dt) }
     }
-
-    /// As [`step`](Self::step); `before` is called before each sub-step, with the number of sub-steps in this step.
-    pub fn step_with(
-        &mut self,
-        interval: f64,
-        max_sub_steps: u32,
-        sub_step: f64,
-        mut before: impl FnMut(&mut Self, u32),
-    ) -> u32 {
-        let _arena = self.enter();
-        let cap = max_sub_steps.clamp(1, i32::MAX as u32);
-        // SAFETY: the world and everything in it are alive.
-        let due = unsafe { sys::amb_world_begin_step(self.raw.as_ptr(), interval, cap as i32, sub_step) }.max(0) as u32;
-        let count = due.min(cap);
-        for _ in 0..count {
-            before(self, count);
-            // SAFETY: as above.
-            unsafe { sys::amb_world_advance(self.raw.as_ptr(), sub_step) }
-        }
-        // SAFETY: as above.
-        unsafe { sys::amb_world_finish_step(self.raw.as_ptr()) }
-        due
-    }
 }
 
 #[cfg(test)]
@@ -156,9 +133,9 @@ mod tests {
                     world.apply_wrench(pushed, &Vector3::new(0.0, 3.0, 0.1), &Vector3::new(0.0, 0.01, 0.2));
                 }
                 let mut calls = 0;
-                let due = pieces.step_with(*interval, 20, 0.001, |_, count| {
+                let due = pieces.step_with(*interval, 20, 0.001, |_, sub_step| {
                     calls += 1;
-                    assert!(count <= 20);
+                    assert!(sub_step.length == 0.001 && sub_step.duration <= 0.0201, "{sub_step:?}");
                 });
                 assert_eq!(whole.step(*interval, 20, 0.001), due);
                 assert_eq!(calls, due.min(20));
@@ -187,7 +164,7 @@ mod tests {
             // Softer and harder than 1/m.
             for softness in [20.0, 0.5, 1e-3] {
                 let (mut world, slider) = slider(solver);
-                assert!(world.set_soft_motor(slider, Some(SoftMotor { velocity: 0.3, softness, max_impulse: 100.0 })));
+                assert!(world.set_soft_motor(slider, Some(SoftMotor { velocity: 0.3, softness, max_force: 1e5 })));
                 world.step(0.001, 1, 0.001);
                 // v = 0.3 - softness λ with λ = m v.
                 let wanted = 0.3 / (1.0 + 2.0 * softness);
@@ -206,7 +183,7 @@ mod tests {
             let mut world = World::with_articulations(Solver::default());
             let slider = add_slider(&mut world);
             world.articulate(&[slider]).expect("an articulation");
-            world.set_soft_motor(slider, Some(SoftMotor { velocity: 0.3, softness, max_impulse: f64::INFINITY }));
+            world.set_soft_motor(slider, Some(SoftMotor { velocity: 0.3, softness, max_force: f64::INFINITY }));
             world.step(0.001, 1, 0.001);
             let (x, v) = world.coordinate(slider).unwrap();
             let wanted = 0.3 / (1.0 + 2.0 * softness);
@@ -218,13 +195,13 @@ mod tests {
     #[test]
     fn impulses_are_bounded_and_limits_are_not_torn_at() {
         let (mut world, slider) = slider(Solver::default());
-        let drive = SoftMotor { velocity: 1.0, softness: 0.0, max_impulse: 0.01 };
+        let drive = SoftMotor { velocity: 1.0, softness: 0.0, max_force: 10.0 };
         world.set_soft_motor(slider, Some(drive));
         for _ in 0..10 {
             world.step(0.001, 1, 0.001);
         }
         assert!((world.coordinate(slider).unwrap().1 - 10.0 * 0.01 / 2.0).abs() < 1e-9);
-        world.set_soft_motor(slider, Some(SoftMotor { max_impulse: 1e6, ..drive }));
+        world.set_soft_motor(slider, Some(SoftMotor { max_force: 1e9, ..drive }));
         for _ in 0..1000 {
             world.step(0.001, 1, 0.001);
         }

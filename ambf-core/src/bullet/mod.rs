@@ -26,6 +26,7 @@ mod soft_body;
 mod soft_world;
 mod solver;
 mod statistics;
+mod step;
 mod vehicle;
 mod world;
 
@@ -44,6 +45,7 @@ pub use soft_body::{SoftBody, SoftBodyError, SoftConfig};
 pub use soft_world::SoftFeatures;
 pub use solver::{Integrator, Solver};
 pub use statistics::SolverStatistics;
+pub use step::SubStep;
 pub use vehicle::Wheel;
 pub use world::{
     ArticulationHandle, BodyHandle, ConstraintHandle, GhostHandle, SoftBodyHandle, VehicleHandle, World, WorldKind,

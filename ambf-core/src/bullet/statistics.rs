@@ -14,6 +14,8 @@ pub struct SolverStatistics {
     pub islands_iterated: u64,
     /// Solved position problems.
     pub position_problems: u64,
+    /// Sub-steps that were [divided](World::step) because jointed bodies turn fast.
+    pub divided_sub_steps: u64,
     /// Rows of all complementarity problems.
     pub rows: u64,
     /// Factorisations of the matrix of a problem or of its active set.
@@ -44,6 +46,7 @@ impl World {
             islands_approximate: raw.islands_approximate,
             islands_iterated: raw.islands_iterated,
             position_problems: raw.position_problems,
+            divided_sub_steps: raw.divided_sub_steps,
             rows: raw.rows,
             factorisations: raw.factorisations,
             pivots: raw.pivots,

@@ -240,15 +240,6 @@ impl World {
         unsafe { sys::amb_world_set_lag(self.raw.as_ptr(), lag.into()) }
     }
 
-    /// Advances by `interval` s in sub-steps of `sub_step` s, at most `max_sub_steps` of them. Returns how many were
-    /// due; those above `max_sub_steps` are lost. A remainder is kept for the next call. Applied forces are cleared.
-    pub fn step(&mut self, interval: f64, max_sub_steps: u32, sub_step: f64) -> u32 {
-        let _arena = self.enter();
-        let cap = max_sub_steps.clamp(1, i32::MAX as u32) as i32;
-        // SAFETY: the world and everything in it are alive.
-        unsafe { sys::amb_world_step(self.raw.as_ptr(), interval, cap, sub_step) }.max(0) as u32
-    }
-
     /// Discards contacts and warm-starting impulses, and reactivates bodies that Bullet disabled because their state
     /// was not finite. To be called after poses and velocities were set to finite values.
     pub fn recover(&mut self) {

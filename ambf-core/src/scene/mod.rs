@@ -63,7 +63,6 @@ pub(crate) use saved::SavedScene;
 pub use sensor::{LocalRay, Sensed, Sensor};
 pub use shared::shared_shapes;
 pub use soft_body::SoftBody;
-pub(crate) use targets::SubSteps;
 pub use vehicle::{Vehicle, Wheel};
 pub use visuals::{
     VisualActuator, VisualBody, VisualCamera, VisualJoint, VisualLight, VisualModel, VisualObject, VisualScene,

@@ -7,38 +7,16 @@ use nalgebra::{Isometry3, Vector3};
 use super::joint::{Joint, JointType};
 use super::{Bodies, Body, Scene};
 use crate::adf::{Controller, Limits, IMPULSE_STEP};
-use crate::bullet::{BodyDrive, SoftMotor, World};
+use crate::bullet::{BodyDrive, SoftMotor, SubStep, World};
 use crate::comm::{CartesianCommandType, JointCommandType, RigidBodyCommand};
 use crate::control::{
     orientation_of, shortest_angle, JointDriver, PoseAction, PoseDriver, Profile, Quantity, Scheme, SetpointMotion,
     TrackingError,
 };
 
-/// The sub-steps of an update.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct SubSteps {
-    /// Length, s.
-    pub length: f64,
-    /// How many the update has.
-    pub count: u32,
-    /// Which of them this is, from 0.
-    pub index: u32,
-}
-
-impl SubSteps {
-    fn is_first(&self) -> bool {
-        self.index == 0
-    }
-
-    fn duration(&self) -> f64 {
-        self.length * f64::from(self.count)
-    }
-
-    /// Time since the update began, s.
-    fn elapsed(&self) -> f64 {
-        self.length * f64::from(self.index)
-    }
-}
+/// Largest turn that a position controller may ask of a joint between free bodies in a sub-step, rad. Rows of joints are
+/// linear in the motion, so that larger turns open them; an absurd gain asks for any turn.
+const MAX_DRIVEN_TURN: f64 = 0.2;
 
 impl Scene {
     /// Lets go of all joints and bodies that controllers hold.
@@ -94,9 +72,9 @@ impl JointTarget {
 }
 
 impl Joint {
-    /// Takes a command for the next update; `sub_step` in s. True when the joint has to be [driven](Self::drive) from
+    /// Takes a command for the next update. True when the joint has to be [driven](Self::drive) from
     /// now on.
-    pub(crate) fn set_target(&mut self, world: &mut World, kind: JointCommandType, value: f64, sub_step: f64) -> bool {
+    pub(crate) fn set_target(&mut self, world: &mut World, kind: JointCommandType, value: f64) -> bool {
         match kind {
             JointCommandType::Effort => {
                 self.let_go(world);
@@ -104,7 +82,7 @@ impl Joint {
                 self.target.goal = None;
             }
             JointCommandType::Velocity if self.has_motor() => {
-                let drive = self.motor(value, sub_step);
+                let drive = self.motor(value);
                 self.handle.map(|handle| world.set_soft_motor(handle, Some(drive)));
                 self.target.has_spring = false;
                 self.target.goal = None;
@@ -117,13 +95,13 @@ impl Joint {
     }
 
     /// Pursues the target in the sub-step that follows.
-    pub(crate) fn drive(&mut self, world: &mut World, bodies: &Bodies, sub_steps: SubSteps) {
-        if sub_steps.is_first() {
+    pub(crate) fn drive(&mut self, world: &mut World, bodies: &Bodies, sub_step: SubStep) {
+        if sub_step.is_first() {
             self.target.applied = None;
         }
         match self.target.goal {
-            Some(goal) => self.pursue(world, goal, sub_steps),
-            None if sub_steps.is_first() => {
+            Some(goal) => self.pursue(world, goal, sub_step),
+            None if sub_step.is_first() => {
                 self.target.reset();
                 if self.target.has_spring {
                     self.let_go(world);
@@ -157,12 +135,11 @@ impl Joint {
         matches!(self.joint_type, JointType::Revolute | JointType::Prismatic)
     }
 
-    fn motor(&self, velocity: f64, sub_step: f64) -> SoftMotor {
-        // The same force at any sub-step.
-        SoftMotor { velocity, softness: 0.0, max_impulse: self.max_motor_impulse * (sub_step / IMPULSE_STEP) }
+    fn motor(&self, velocity: f64) -> SoftMotor {
+        SoftMotor { velocity, softness: 0.0, max_force: self.max_motor_impulse / IMPULSE_STEP }
     }
 
-    fn pursue(&mut self, world: &mut World, goal: f64, sub_steps: SubSteps) {
+    fn pursue(&mut self, world: &mut World, goal: f64, sub_step: SubStep) {
         let Some((handle, (position, rate))) = self.handle.and_then(|handle| Some((handle, world.coordinate(handle)?)))
         else {
             return;
@@ -171,29 +148,34 @@ impl Joint {
         // Not `clamp`: the limits may be the wrong way round.
         let goal = self.limits.map_or(goal, |Limits { low, high }| goal.min(high).max(low));
         let target = &mut self.target;
-        if sub_steps.is_first() {
+        if sub_step.is_first() {
             let rate = target.last_goal.replace(goal).map(|last| {
                 let moved = goal - last;
-                (if turns_freely { (moved + PI).rem_euclid(TAU) - PI } else { moved }) / sub_steps.duration()
+                (if turns_freely { (moved + PI).rem_euclid(TAU) - PI } else { moved }) / sub_step.duration
             });
             target.goal_motion = motion_of(rate, target.last_rate);
             target.last_rate = rate;
         }
-        let goal = goal + target.goal_motion.drift * sub_steps.elapsed();
+        let goal = goal + target.goal_motion.drift * sub_step.start;
         let error = match self.limits {
             Some(Limits { low, high }) => goal.min(high).max(low) - position,
             None if turns_freely => shortest_angle(position, goal, Profile::Accurate),
             None => goal - position,
         };
-        let scheme = if world.is_articulated(handle) { Scheme::Collocated } else { Scheme::Staggered };
+        let is_articulated = world.is_articulated(handle);
+        let scheme = if is_articulated { Scheme::Collocated } else { Scheme::Staggered };
         let at = TrackingError { error, set_rate: target.goal_motion.rate, rate };
-        let row = target.driver.update(&at, scheme, sub_steps.length);
+        let mut row = target.driver.update(&at, scheme, sub_step.length);
+        if self.joint_type == JointType::Revolute && !is_articulated {
+            let most = MAX_DRIVEN_TURN / sub_step.whole;
+            row.velocity = row.velocity.max(-most).min(most);
+        }
         target.has_spring = target.driver.is_spring();
         let drive = if target.has_spring {
             // As in the C++ program, forces of a controller have no bound.
-            SoftMotor { velocity: row.velocity, softness: row.softness, max_impulse: f64::INFINITY }
+            SoftMotor { velocity: row.velocity, softness: row.softness, max_force: f64::INFINITY }
         } else {
-            self.motor(row.velocity, sub_steps.length)
+            self.motor(row.velocity)
         };
         world.set_soft_motor(handle, Some(drive));
     }
@@ -290,16 +272,16 @@ impl Body {
     }
 
     /// Pursues the target in the sub-step that follows.
-    pub(crate) fn drive(&mut self, world: &mut World, sub_steps: SubSteps) {
+    pub(crate) fn drive(&mut self, world: &mut World, sub_step: SubStep) {
         match self.target.goal {
-            Some(BodyGoal::Pose(target)) => self.pursue(world, &target, sub_steps),
+            Some(BodyGoal::Pose(target)) => self.pursue(world, &target, sub_step),
             Some(BodyGoal::Velocity([linear, angular])) => {
-                if sub_steps.is_first() {
+                if sub_step.is_first() {
                     self.let_go(world);
                 }
-                world.hold_velocity(self.handle, &linear, &angular, sub_steps.length);
+                world.hold_velocity(self.handle, &linear, &angular, sub_step.length);
             }
-            None if sub_steps.is_first() => self.let_go(world),
+            None if sub_step.is_first() => self.let_go(world),
             None => (),
         }
     }
@@ -322,7 +304,7 @@ impl Body {
 
     /// `target` is a pose of the inertial frame: with the error of the body frame, whose origin is not where the force
     /// acts, a turning body would be pushed about.
-    fn pursue(&mut self, world: &mut World, target: &Isometry3<f64>, sub_steps: SubSteps) {
+    fn pursue(&mut self, world: &mut World, target: &Isometry3<f64>, sub_step: SubStep) {
         let (Some(pose), Some((linear, angular))) = (world.pose(self.handle), world.velocity(self.handle)) else {
             return;
         };
@@ -331,20 +313,20 @@ impl Body {
             [target.translation.vector - from.translation.vector, turn]
         };
         let state = &mut self.target;
-        if sub_steps.is_first() {
+        if sub_step.is_first() {
             let rates = state.last_target.replace(*target);
-            let rates = rates.map(|last| between(&last).map(|part| part / sub_steps.duration()));
+            let rates = rates.map(|last| between(&last).map(|part| part / sub_step.duration));
             let motion = |i: usize| motion_of(rates.map(|rates| rates[i]), state.last_rates.map(|rates| rates[i]));
             state.target_motion = [motion(0), motion(1)];
             state.last_rates = rates;
         }
         let (errors, rates, motion) = (between(&pose), [linear, angular], &state.target_motion);
         let deviation = |i: usize| TrackingError {
-            error: errors[i] + motion[i].drift * sub_steps.elapsed(),
+            error: errors[i] + motion[i].drift * sub_step.start,
             set_rate: motion[i].rate,
             rate: rates[i],
         };
-        match state.driver.update(&[deviation(0), deviation(1)], sub_steps.length) {
+        match state.driver.update(&[deviation(0), deviation(1)], sub_step.length) {
             PoseAction::Springs([linear, angular]) => {
                 let drive = BodyDrive {
                     velocity: [linear.velocity, angular.velocity],
@@ -353,7 +335,7 @@ impl Body {
                 state.has_spring = world.set_body_drive(self.handle, Some(&drive));
             }
             PoseAction::Velocity([linear, angular]) => {
-                world.hold_velocity(self.handle, &linear, &angular, sub_steps.length);
+                world.hold_velocity(self.handle, &linear, &angular, sub_step.length);
             }
         }
     }

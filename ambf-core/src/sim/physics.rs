@@ -194,7 +194,7 @@ impl Physics {
         let Scene { joints, bodies, world, profile, .. } = &mut self.scene;
         if *profile == Profile::Legacy {
             joints[joint].apply_command(world, bodies, kind, value, self.time.sim_time);
-        } else if joints[joint].set_target(world, kind, value, self.sub_step) {
+        } else if joints[joint].set_target(world, kind, value) {
             self.targets.joints.push(joint);
         }
     }

@@ -2,7 +2,7 @@
 
 use crate::control::Profile;
 use crate::ids::{BodyId, JointId};
-use crate::scene::{Scene, SubSteps};
+use crate::scene::Scene;
 
 /// Joints and bodies that have something to execute in sub-steps.
 #[derive(Debug, Clone, Default)]
@@ -40,14 +40,13 @@ impl ActiveTargets {
         }
         let Scene { world, joints, bodies, .. } = scene;
         let mut done = 0;
-        let due = world.step_with(interval, cap, length, |world, count| {
-            let sub_steps = SubSteps { length, count, index: done };
+        let due = world.step_with(interval, cap, length, |world, sub_step| {
             done += 1;
             for &joint in &self.joints {
-                joints[joint].drive(world, bodies, sub_steps);
+                joints[joint].drive(world, bodies, sub_step);
             }
             for &body in &self.bodies {
-                bodies[body].drive(world, sub_steps);
+                bodies[body].drive(world, sub_step);
             }
         });
         self.joints.retain(|&joint| joints[joint].end_update(done));

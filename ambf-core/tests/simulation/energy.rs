@@ -312,7 +312,7 @@ fn motors_give_what_moves() {
             world.articulate(&[hinge]).unwrap();
         }
         world.set_energy_ledger(true);
-        world.set_soft_motor(hinge, Some(SoftMotor { velocity: 3.0, softness, max_impulse: 1e-3 }));
+        world.set_soft_motor(hinge, Some(SoftMotor { velocity: 3.0, softness, max_force: 1.0 }));
         let open = run(&mut world, 1.0);
         let found = world.energy();
         println!("motor {articulated} {softness}: {open:e} {found:?}");
@@ -331,7 +331,7 @@ fn a_motor_that_lifts_gives_the_potential_energy() {
             world.articulate(&joints).unwrap();
         }
         world.set_energy_ledger(true);
-        world.set_soft_motor(joints[0], Some(SoftMotor { velocity: -0.5, softness: 0.0, max_impulse: 1.0 }));
+        world.set_soft_motor(joints[0], Some(SoftMotor { velocity: -0.5, softness: 0.0, max_force: 1e3 }));
         let open = run(&mut world, 2.0);
         let found = world.energy();
         println!("lift {articulated}: {open:e} {found:?}");

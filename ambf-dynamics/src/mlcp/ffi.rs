@@ -105,6 +105,7 @@ pub struct AmbMlcpTable {
         targets: *const f64,
         states: *const u8,
         cfm_share: f64,
+        damping: f64,
         budget: f64,
     ) -> c_int,
     /// See [`Solver::impulses`].
@@ -255,6 +256,7 @@ unsafe extern "C" fn solve_positions(
     targets: *const f64,
     states: *const u8,
     cfm_share: f64,
+    damping: f64,
     budget: f64,
 ) -> c_int {
     guarded(NOT_FINITE, || {
@@ -265,7 +267,7 @@ unsafe extern "C" fn solve_positions(
         let (targets, states) = unsafe { (elements(targets, rows), elements(states, rows)) };
         let target = |row: usize| targets.map(|targets| targets[row]);
         let guess = |row: usize| states.map_or(State::Free, |states| state(states[row].into()));
-        answer(solver.solve_positions_with(target, guess, cfm_share, Budget(budget)))
+        answer(solver.solve_positions_with(target, guess, cfm_share, damping, Budget(budget)))
     })
 }
 

@@ -106,13 +106,12 @@ impl Variable {
         .with_possible_state()
     }
 
-    /// The same row in the problem of positions, where only the signs of its bounds count. `target` is that of the
-    /// normal in a row of friction.
-    pub fn of_position(row: &StoredRow, layout: &Layout, diagonal: f64, share: f64, target: f64, state: State) -> Self {
+    /// The same row in the problem of positions, where only the signs of its bounds count, with a CFM of at least `cfm`.
+    /// `target` is that of the normal in a row of friction.
+    pub fn of_position(row: &StoredRow, layout: &Layout, diagonal: f64, cfm: f64, target: f64, state: State) -> Self {
         let sticks = row.friction.is_some() && target > 0.0;
         let takes_part = row.in_positions && row.friction.is_none();
-        let share = if sticks { share.max(STICKING) } else { share };
-        let cfm = row.cfm.max(row.position_cfm).max(share * diagonal);
+        let cfm = row.cfm.max(cfm).max(if sticks { STICKING * diagonal } else { 0.0 });
         Self {
             target: if takes_part { target } else { 0.0 },
             cfm,

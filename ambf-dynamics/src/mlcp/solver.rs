@@ -296,15 +296,17 @@ impl Solver {
     ) -> Outcome {
         let target = |row: usize| targets.map(|targets| targets.get(row).copied().unwrap_or(0.0));
         let guess = |row: usize| states.and_then(|states| states.get(row).copied()).unwrap_or_default();
-        self.solve_positions_with(target, guess, cfm_share, budget)
+        self.solve_positions_with(target, guess, cfm_share, 1.0, budget)
     }
 
-    /// The same with a target, if not the row's own, and a guess for each row.
+    /// The same with a target, if not the row's own, and a guess for each row, and with `damping` times the CFM that is
+    /// not the row's own.
     pub(super) fn solve_positions_with(
         &mut self,
         target: impl Fn(usize) -> Option<f64>,
         guess: impl Fn(usize) -> State,
         cfm_share: f64,
+        damping: f64,
         budget: Budget,
     ) -> Outcome {
         self.position.reset();
@@ -316,7 +318,8 @@ impl Solver {
                 let target = target(of_target).unwrap_or(self.rows.rows[of_target].position_target);
                 let state = guess(index as usize);
                 let diagonal = self.factor.diagonal()[p];
-                let variable = Variable::of_position(row, &self.layout, diagonal, cfm_share, target, state);
+                let cfm = damping * row.position_cfm.max(cfm_share * diagonal);
+                let variable = Variable::of_position(row, &self.layout, diagonal, cfm, target, state);
                 self.iterate.variables.push(variable);
             }
         }

@@ -554,6 +554,7 @@ impl World {
             ("islands_approximate", found.islands_approximate as f64),
             ("islands_iterated", found.islands_iterated as f64),
             ("position_problems", found.position_problems as f64),
+            ("divided_sub_steps", found.divided_sub_steps as f64),
             ("rows", found.rows as f64),
             ("factorisations", found.factorisations as f64),
             ("pivots", found.pivots as f64),

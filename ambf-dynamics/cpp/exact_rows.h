@@ -1,0 +1,144 @@
+// Joints of Bullet whose rows are the gradients of their position errors, in worlds of AmbSolver_Accurate. C++ only.
+//
+// Bullet's rows differ from the gradients, which sequential impulses with a small ERP forgive. A correction of positions
+// that solves the rows exactly then moves bodies elsewhere than the errors say, in the worst case away from where they
+// should be, by more in each sub-step:
+//   - Where one body is static and the joint is at an angular limit, hinges, sliders and six-dof joints leave the angular
+//     velocity of the other body out of a linear row.
+//   - The arms of a slider or six-dof joint end at different points where the bodies have slid apart: the two forces of
+//     a row have different lines of action.
+//   - The row of an Euler angle of a six-dof joint is a unit vector. The gradient of the first and of the last angle is
+//     longer by 1 / cos of the middle one.
+//   - The row of a cone-twist joint's swing is a unit vector along the normal of the elliptic cone. The gradient of the
+//     angle beyond the cone is longer by 1 / cos of the angle between this normal and the swing.
+//   - The row of the twist acts along the x axis of B, see set_exact_twist.
+#ifndef AMB_EXACT_ROWS_H
+#define AMB_EXACT_ROWS_H
+
+#include <BulletDynamics/ConstraintSolver/btConeTwistConstraint.h>
+
+#include <type_traits>
+
+#include "engine.h"
+#include "joint_arms.h"
+
+// One row of a constraint as it is passed to Bullet's solver.
+struct ConstraintRow {
+  ConstraintRow(btTypedConstraint::btConstraintInfo2 &all, int index)
+      : linear_a(all.m_J1linearAxis + index * all.rowskip),
+        angular_a(all.m_J1angularAxis + index * all.rowskip),
+        linear_b(all.m_J2linearAxis + index * all.rowskip),
+        angular_b(all.m_J2angularAxis + index * all.rowskip),
+        target(all.m_constraintError[index * all.rowskip]),
+        lower(all.m_lowerLimit[index * all.rowskip]),
+        upper(all.m_upperLimit[index * all.rowskip]) {}
+
+  // h: sub-step, s.
+  void set_motor(const SoftMotor &motor, btScalar h) {
+    target = motor.velocity;
+    lower = -motor.max_force * h;
+    upper = motor.max_force * h;
+  }
+
+  static btVector3 vector(const btScalar *values) { return btVector3(values[0], values[1], values[2]); }
+  bool is_angular() const { return vector(linear_a).isZero(); }
+
+  btScalar *linear_a, *angular_a, *linear_b, *angular_b;
+  btScalar &target, &lower, &upper;
+};
+
+// The rows of a joint in one sub-step.
+struct ConstraintRows {
+  btTypedConstraint::btConstraintInfo2 &info;
+  int count;
+
+  ConstraintRow operator[](int index) const { return ConstraintRow(info, index); }
+};
+
+// Sets the angular parts of linear rows n to arm x n, with the arms to the pivots.
+inline void set_exact_arms(const btTypedConstraint &joint, const ConstraintRows &rows) {
+  btVector3 arm_a, arm_b;
+  if (!find_joint_arms(joint, arm_a, arm_b)) return;
+  for (int k = 0; k < rows.count; ++k) {
+    const ConstraintRow row = rows[k];
+    if (row.is_angular()) continue;
+    write_vector(arm_a.cross(ConstraintRow::vector(row.linear_a)), row.angular_a);
+    write_vector(arm_b.cross(ConstraintRow::vector(row.linear_b)), row.angular_b);
+  }
+}
+
+// Scales the errors of the first and last Euler angle, in the order x, y, z, by the cosine of the middle one.
+template <class SixDof>
+void scale_euler_errors(const SixDof &joint, const ConstraintRows &rows) {
+  const btVector3 z_a = joint.getCalculatedTransformA().getBasis().getColumn(2),
+                  x_b = joint.getCalculatedTransformB().getBasis().getColumn(0);
+  const btScalar cosine = z_a.cross(x_b).length();
+  for (int k = 0; k < rows.count; ++k) {
+    const ConstraintRow row = rows[k];
+    // The other two axes are orthogonal to the axis of the middle angle.
+    const btScalar along_middle = ConstraintRow::vector(row.angular_a).dot(joint.getAxis(1));
+    if (row.is_angular() && btFabs(along_middle) < SIMDSQRT12) row.target *= cosine;
+  }
+}
+
+inline btVector3 x_axis(const btTransform &frame) { return frame.getBasis().getColumn(0); }
+
+// Scales the error of the swing by the cosine of the angle between the axis of the swing and that of its row.
+inline void scale_swing_error(btConeTwistConstraint &joint, const btVector3 &swing,
+                              const ConstraintRows &rows) {
+  const bool has_cone = std::min(joint.getSwingSpan1(), joint.getSwingSpan2()) >= joint.getFixThresh();
+  const btScalar length = swing.length();
+  // Three linear rows come first.
+  constexpr int SWING_ROW = 3;
+  if (!has_cone || length < SIMD_EPSILON || rows.count <= SWING_ROW) return;
+  const ConstraintRow row = rows[SWING_ROW];
+  row.target *= btFabs(ConstraintRow::vector(row.angular_a).dot(swing)) / length;
+}
+
+// The rotation between the bodies is a swing, which takes the x axis of one joint frame to that of the other on the
+// shortest way, after a twist about x. The rate of the twist is w . (x_A + x_B) / (1 + x_A . x_B), with the relative
+// angular velocity w. Bullet's row acts along x_B: while the swing moves around its cone, such a row lets the twist pass
+// its limit, and the correction along x_B moves the swing on, which lifts what hangs on the joint.
+inline void set_exact_twist(const btVector3 &x_a, const btVector3 &x_b, const ConstraintRows &rows) {
+  const btScalar whole = 1 + x_a.dot(x_b);
+  // Near a swing of half a turn the twist is not defined.
+  constexpr btScalar LEAST = btScalar(1e-2);
+  if (whole < LEAST || rows.count == 0) return;
+  // The row of the twist is the last one.
+  const ConstraintRow row = rows[rows.count - 1];
+  const btVector3 gradient = (x_a + x_b) * (ConstraintRow::vector(row.angular_a).dot(x_b) / whole);
+  write_vector(gradient, row.angular_a);
+  write_vector(-gradient, row.angular_b);
+}
+
+template <class Joint>
+class WithExactRows : public Joint {
+ public:
+  using Joint::Joint;
+
+  void getInfo1(btTypedConstraint::btConstraintInfo1 *info) override {
+    Joint::getInfo1(info);
+    count_ = info->m_numConstraintRows;
+  }
+
+  void getInfo2(btTypedConstraint::btConstraintInfo2 *info) override {
+    Joint::getInfo2(info);
+    if (!is_accurate(this->m_rbA, this->m_rbB)) return;
+    const ConstraintRows rows{*info, count_};
+    set_exact_arms(*this, rows);
+    if constexpr (std::is_base_of_v<btGeneric6DofConstraint, Joint> ||
+                  std::is_base_of_v<btGeneric6DofSpring2Constraint, Joint>) {
+      scale_euler_errors(*this, rows);
+    } else if constexpr (std::is_base_of_v<btConeTwistConstraint, Joint>) {
+      const btVector3 x_a = x_axis(this->m_rbA.getCenterOfMassTransform() * this->getAFrame());
+      const btVector3 x_b = x_axis(this->m_rbB.getCenterOfMassTransform() * this->getBFrame());
+      if (this->getSolveSwingLimit()) scale_swing_error(*this, x_a.cross(x_b), rows);
+      if (this->getSolveTwistLimit()) set_exact_twist(x_a, x_b, rows);
+    }
+  }
+
+ private:
+  int count_ = 0;
+};
+
+#endif
