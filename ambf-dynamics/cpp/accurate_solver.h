@@ -763,6 +763,8 @@ class AccurateSolver : public Base {
     ++settings_.statistics.position_problems;
     const double *left = mlcp_table->position_errors(mlcp_);
     const PositionErrors after = errors([&](size_t i) { return left[i]; });
+    island->correction_damping.left[0] = after.linear;
+    island->correction_damping.left[1] = after.angular;
     if (InfeasibleIslands::is_uncorrectable(asked, after)) {
       infeasible_.add(island, asked, sub_step_);
       return;

@@ -4,10 +4,9 @@
 // of the position problem. Where the errors are infeasible (a loop that cannot close, a limit that excludes what the
 // joints allow), such steps diverge along motions that hardly change the errors: with infeasible errors r, the curvature
 // k of the joints and the change s of the errors by a unit motion, each step multiplies the distance from the least sum
-// by r k / s^2. Their sign is that the errors are larger after a correction, which the linear model excludes. The CFM is
-// then raised, and lowered again while the errors do not grow (Nocedal and Wright, Numerical Optimization, 2006, ch. 10).
-// In motion the errors grow for other reasons, too; the CFM of joints is then raised from 1e-6 of the diagonal by a
-// few orders, which stiff directions do not feel.
+// by r k / s^2. The sign of this is a correction that leaves much of the errors, after which they are larger than before.
+// The CFM is then raised, and lowered again while this does not happen (Nocedal and Wright, Numerical Optimization, 2006,
+// ch. 10). In fast motion errors grow as well, but there a correction removes most of them.
 #ifndef AMB_CORRECTION_DAMPING_H
 #define AMB_CORRECTION_DAMPING_H
 
@@ -20,14 +19,20 @@
 // between two corrections, at most `interval`, they were not corrected.
 inline double update_damping(CorrectionDamping &damping, const PositionErrors &asked, unsigned sub_step,
                              unsigned interval) {
-  // Growth of a sum of squares from one correction to the next, change of the factor after growth and without, and its
-  // largest value.
-  constexpr double GROWTH = 1.02, RAISED = 10, LOWERED = 1 / 1.2, MOST = 1e4;
+  // Growth of a sum of squares from one correction to the next, and the share of it that the correction left, from which
+  // it counts as diverging; change of the factor then and otherwise; largest factor.
+  constexpr double GROWTH = 1.02, INFEASIBLE = 0.25, RAISED = 10, LOWERED = 1 / 1.2, MOST = 1e4;
   const bool is_known = damping.sub_step > 0 && sub_step - damping.sub_step <= interval;
-  const bool has_grown = asked.linear > GROWTH * damping.linear || asked.angular > GROWTH * damping.angular;
-  const double factor = !is_known ? 1 : std::clamp(damping.factor * (has_grown ? RAISED : LOWERED), 1.0, MOST);
-  damping = {factor, asked.linear, asked.angular, sub_step};
-  return factor;
+  const double now[2] = {asked.linear, asked.angular};
+  bool diverges = false;
+  for (int k = 0; k < 2; ++k) {
+    const double before = damping.asked[k];
+    diverges = diverges || (now[k] > GROWTH * before && damping.left[k] >= INFEASIBLE * before);
+    damping.asked[k] = now[k];
+  }
+  damping.factor = is_known ? std::clamp(damping.factor * (diverges ? RAISED : LOWERED), 1.0, MOST) : 1;
+  damping.sub_step = sub_step;
+  return damping.factor;
 }
 
 #endif

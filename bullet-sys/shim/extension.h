@@ -83,8 +83,9 @@ struct SubStepStart {
 struct CorrectionDamping {
   // Multiple of the least damping.
   double factor = 1;
-  // Errors before the last correction, and the sub-step in which it was made; 0: none.
-  double linear = 0, angular = 0;
+  // Linear and angular errors before the last correction, what it leaves of them by the linear model, and the sub-step
+  // in which it was made; 0: none.
+  double asked[2] = {0, 0}, left[2] = {0, 0};
   unsigned sub_step = 0;
 };
 
