@@ -96,3 +96,84 @@ impl World {
         (turn / MAX_TURN).ceil().min(MAX_PARTS) as u32
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Isometry3, Vector3};
+
+    use super::super::tests::{ball, hinge};
+    use super::super::{BodyHandle, Constraint, ConstraintKind, RigidBody, Shape};
+    use super::*;
+
+    const G: f64 = 10.0;
+    const DT: f64 = 0.001;
+
+    /// Two balls on a ball joint between them that turn about z together at `rate` rad/s in free fall, and a ball that
+    /// rests on the ground.
+    fn spinning(mut world: World, rate: f64) -> (World, [BodyHandle; 3]) {
+        world.set_gravity(Vector3::new(0.0, 0.0, -G));
+        world.add_body(RigidBody { shape: Shape::plane(Vector3::z(), 0.0, 0.0), ..ball(0.0, 0.0) });
+        let at = |x: f64, z: f64| RigidBody { pose: Isometry3::translation(x, 0.0, z), ..ball(1.0, 0.0) };
+        let [a, b] = [-0.2, 0.2].map(|x| world.add_body(at(x, 50.0)));
+        let rests = world.add_body(at(3.0, 0.1));
+        let frame = |x: f64| Isometry3::translation(x, 0.0, 0.0);
+        let joint = Constraint {
+            kind: ConstraintKind::PointToPoint,
+            frame_a: frame(0.2),
+            frame_b: frame(-0.2),
+            parameters: vec![],
+            ..hinge()
+        };
+        world.add_constraint(a, b, &joint).unwrap();
+        let spin = Vector3::z() * rate;
+        world.set_velocity(a, &Vector3::new(0.0, -0.2 * rate, 0.0), &spin);
+        world.set_velocity(b, &Vector3::new(0.0, 0.2 * rate, 0.0), &spin);
+        (world, [a, b, rests])
+    }
+
+    #[test]
+    fn sub_steps_of_jointed_bodies_that_turn_fast_are_divided() {
+        // 0.2 rad in a sub-step, and just beyond; 4 parts at most.
+        for (rate, parts) in [(199.0, 1), (201.0, 2), (599.0, 3), (1e4, 4)] {
+            let (mut world, _) = spinning(World::new(Solver::Accurate), rate);
+            let mut lengths = Vec::new();
+            assert_eq!(world.step_with(DT, 10, DT, |_, sub_step| lengths.push(sub_step)), 1);
+            assert_eq!(lengths.len(), parts, "{rate}");
+            for (index, part) in lengths.iter().enumerate() {
+                assert!((part.length * parts as f64 - DT).abs() < 1e-15 && part.is_first() == (index == 0), "{part:?}");
+                assert!((part.start - index as f64 * part.length).abs() < 1e-15, "{part:?}");
+                assert_eq!((part.whole, part.duration), (DT, DT));
+            }
+            assert_eq!(world.take_statistics().divided_sub_steps, u64::from(parts > 1), "{rate}");
+        }
+    }
+
+    #[test]
+    fn other_worlds_never_divide() {
+        for world in [World::new(Solver::SequentialImpulse), World::with_soft_bodies(Solver::Accurate)] {
+            let (mut world, _) = spinning(world, 1e3);
+            let mut count = 0;
+            world.step_with(DT, 10, DT, |_, _| count += 1);
+            assert_eq!(count, 1);
+        }
+    }
+
+    #[test]
+    fn division_changes_neither_time_nor_forces() {
+        let (mut world, [a, b, rests]) = spinning(World::new(Solver::Accurate), 500.0);
+        let (mut contacts, mut fallen) = (Vec::new(), 0.0);
+        for step in 0..200 {
+            world.step(DT, 10, DT);
+            let speeds = [a, b].map(|body| world.velocity(body).unwrap().0.z);
+            // Velocities are those of half a sub-step, or half a part, before the poses.
+            let lag = (f64::from(step + 1) * DT * G + (speeds[0] + speeds[1]) / 2.0) / G;
+            assert!((-1e-9..0.5 * DT + 1e-9).contains(&lag), "{step}: {lag}");
+            fallen = 50.0 - (world.pose(a).unwrap().translation.z + world.pose(b).unwrap().translation.z) / 2.0;
+            world.contacts(rests, 0.0, &mut contacts);
+            let impulse: f64 = contacts.iter().map(|contact| contact.impulse).sum();
+            assert!(step < 50 || (impulse - G * DT).abs() < 1e-6, "{step}: {impulse} N·s a sub-step");
+        }
+        assert!(world.take_statistics().divided_sub_steps > 150, "they turn for the whole time");
+        assert!((fallen - G * 0.2 * 0.2 / 2.0).abs() < 1e-9, "{fallen} m");
+    }
+}

@@ -6,6 +6,7 @@ mod assembly;
 mod bad_scenes_limits;
 mod energy;
 mod energy_scenes;
+mod joint_rows;
 mod lost_states;
 mod models_at_run_time;
 mod physics_churn;
