@@ -4,9 +4,10 @@
 // of the position problem. Where the errors are infeasible (a loop that cannot close, a limit that excludes what the
 // joints allow), such steps diverge along motions that hardly change the errors: with infeasible errors r, the curvature
 // k of the joints and the change s of the errors by a unit motion, each step multiplies the distance from the least sum
-// by r k / s^2. The sign of this is a correction that leaves much of the errors, after which they are larger than before.
-// The CFM is then raised, and lowered again while this does not happen (Nocedal and Wright, Numerical Optimization, 2006,
-// ch. 10). In fast motion errors grow as well, but there a correction removes most of them.
+// by r k / s^2. The sign of this are several corrections in a row that leave much of the errors, and after which these are
+// larger than before. The CFM is then raised, and lowered again while this does not happen (Nocedal and Wright, Numerical
+// Optimization, 2006, ch. 10). In fast motion errors grow as well, but there a correction removes most of them; the small
+// infeasible errors of redundant loops grow and fall from step to step.
 #ifndef AMB_CORRECTION_DAMPING_H
 #define AMB_CORRECTION_DAMPING_H
 
@@ -19,17 +20,20 @@
 // between two corrections, at most `interval`, they were not corrected.
 inline double update_damping(CorrectionDamping &damping, const PositionErrors &asked, unsigned sub_step,
                              unsigned interval) {
-  // Growth of a sum of squares from one correction to the next, and the share of it that the correction left, from which
-  // it counts as diverging; change of the factor then and otherwise; largest factor.
+  // Number of consecutive corrections, growth of a sum of squares from one to the next, and share of it that each leaves,
+  // from which they count as diverging; change of the factor then and otherwise; largest factor.
+  constexpr int TIMES = 5;
   constexpr double GROWTH = 1.02, INFEASIBLE = 0.25, RAISED = 10, LOWERED = 1 / 1.2, MOST = 1e4;
   const bool is_known = damping.sub_step > 0 && sub_step - damping.sub_step <= interval;
   const double now[2] = {asked.linear, asked.angular};
-  bool diverges = false;
+  bool has_grown = false;
   for (int k = 0; k < 2; ++k) {
     const double before = damping.asked[k];
-    diverges = diverges || (now[k] > GROWTH * before && damping.left[k] >= INFEASIBLE * before);
+    has_grown = has_grown || (now[k] > GROWTH * before && damping.left[k] >= INFEASIBLE * before);
     damping.asked[k] = now[k];
   }
+  damping.growths = is_known && has_grown ? damping.growths + 1 : 0;
+  const bool diverges = damping.growths >= TIMES;
   damping.factor = is_known ? std::clamp(damping.factor * (diverges ? RAISED : LOWERED), 1.0, MOST) : 1;
   damping.sub_step = sub_step;
   return damping.factor;

@@ -83,6 +83,8 @@ struct SubStepStart {
 struct CorrectionDamping {
   // Multiple of the least damping.
   double factor = 1;
+  // Number of consecutive corrections after which much was left and the errors had grown.
+  int growths = 0;
   // Linear and angular errors before the last correction, what it leaves of them by the linear model, and the sub-step
   // in which it was made; 0: none.
   double asked[2] = {0, 0}, left[2] = {0, 0};
