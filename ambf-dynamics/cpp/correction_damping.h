@@ -4,8 +4,8 @@
 // of the position problem. Where the errors are infeasible (a loop that cannot close, a limit that excludes what the
 // joints allow), such steps diverge along motions that hardly change the errors: with infeasible errors r, the curvature
 // k of the joints and the change s of the errors by a unit motion, each step multiplies the distance from the least sum
-// by r k / s^2. The sign of this are several corrections in a row that leave much of the errors, and after which these are
-// larger than before. The CFM is then raised, and lowered again while this does not happen (Nocedal and Wright, Numerical
+// by r k / s^2. The sign of this are corrections that leave much of the errors, and after most of which these are larger
+// than before. The CFM is then raised, and lowered again while this does not happen (Nocedal and Wright, Numerical
 // Optimization, 2006, ch. 10). In fast motion errors grow as well, but there a correction removes most of them; the small
 // infeasible errors of redundant loops grow and fall from step to step.
 #ifndef AMB_CORRECTION_DAMPING_H
@@ -20,9 +20,10 @@
 // between two corrections, at most `interval`, they were not corrected.
 inline double update_damping(CorrectionDamping &damping, const PositionErrors &asked, unsigned sub_step,
                              unsigned interval) {
-  // Number of consecutive corrections, growth of a sum of squares from one to the next, and share of it that each leaves,
-  // from which they count as diverging; change of the factor then and otherwise; largest factor.
-  constexpr int TIMES = 5;
+  // Growths of the errors, less the times that they did not grow, from which corrections count as diverging, and their
+  // largest number. A growth: by the factor GROWTH of a sum of squares, of which the last correction left the share
+  // INFEASIBLE. Change of the damping factor then and otherwise; largest factor.
+  constexpr int DIVERGING = 6, MOST_GROWTHS = 8;
   constexpr double GROWTH = 1.02, INFEASIBLE = 0.25, RAISED = 10, LOWERED = 1 / 1.2, MOST = 1e4;
   const bool is_known = damping.sub_step > 0 && sub_step - damping.sub_step <= interval;
   const double now[2] = {asked.linear, asked.angular};
@@ -32,8 +33,8 @@ inline double update_damping(CorrectionDamping &damping, const PositionErrors &a
     has_grown = has_grown || (now[k] > GROWTH * before && damping.left[k] >= INFEASIBLE * before);
     damping.asked[k] = now[k];
   }
-  damping.growths = is_known && has_grown ? damping.growths + 1 : 0;
-  const bool diverges = damping.growths >= TIMES;
+  damping.growths = is_known ? std::clamp(damping.growths + (has_grown ? 1 : -1), 0, MOST_GROWTHS) : 0;
+  const bool diverges = damping.growths >= DIVERGING;
   damping.factor = is_known ? std::clamp(damping.factor * (diverges ? RAISED : LOWERED), 1.0, MOST) : 1;
   damping.sub_step = sub_step;
   return damping.factor;

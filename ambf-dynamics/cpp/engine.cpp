@@ -56,6 +56,7 @@ void EngineWorld::velocity_set(AmbBody &body) {
 bool EngineWorld::pose_set(AmbBody &body) {
   body.last_sub_step = 0;
   body.other_angular_change.setZero();
+  body.correction_damping = {};
   if (body.articulation) body.articulation->poses_set = true;
   return body.articulation;
 }

@@ -83,7 +83,7 @@ struct SubStepStart {
 struct CorrectionDamping {
   // Multiple of the least damping.
   double factor = 1;
-  // Number of consecutive corrections after which much was left and the errors had grown.
+  // Number of corrections that left much of the errors, and after which these had grown, less the number of others.
   int growths = 0;
   // Linear and angular errors before the last correction, what it leaves of them by the linear model, and the sub-step
   // in which it was made; 0: none.
