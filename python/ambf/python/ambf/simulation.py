@@ -197,7 +197,8 @@ class Simulation:
 
         Sums: `islands_solved`, `islands_approximate` (as far as the budget went), `islands_iterated` (by sequential impulses),
         `position_problems`, `divided_sub_steps` (jointed bodies turned fast), `rows`, `factorisations`, `pivots`, `sweeps`. Maxima:
-        `residual` of the complementarity problem, m/s or rad/s; `joint_gap`, m, and `joint_angle`, rad, of joints that are solved by rows; `penetration` of contacts, m.
+        `residual` of the complementarity problem, m/s or rad/s; `joint_gap`, m, and `joint_angle`, rad, of joints that are solved by
+        rows; `penetration` of contacts, m.
         """
         return dict(self._world.take_solver_statistics())
 
