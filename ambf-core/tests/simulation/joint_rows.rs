@@ -116,8 +116,7 @@ fn cases() -> Vec<Case> {
     ]
 }
 
-/// Error of the joint before and after one sub-step, and the momenta that the sub-step gave: linear, and angular about
-/// the origin; both bodies at rest before.
+/// Error of the joint before and after one sub-step, in which both bodies stay at rest.
 fn corrected(case: &Case, mass_a: f64) -> [Gap; 2] {
     let mut world = World::new(Solver::Accurate);
     world.set_integrator(Integrator::RungeKutta);
