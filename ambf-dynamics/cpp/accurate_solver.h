@@ -756,7 +756,8 @@ class AccurateSolver : public Base {
     if (!island) return;
     const PositionErrors asked = errors([&](size_t i) { return position_rows_[i].target; });
     if (infeasible_.contain(island, asked, sub_step_) || (!is_prepared && prepare() < 0)) return;
-    const double damping = update_damping(island->correction_damping, asked, sub_step_, CORRECTION_INTERVAL);
+    const double damping =
+        update_damping(island->correction_damping, asked, info.m_timeStep, sub_step_, CORRECTION_INTERVAL);
     if (mlcp_table->solve_positions(mlcp_, nullptr, position_states_.data(), POSITION_SOFTNESS, damping, budget) ==
         AMB_MLCP_NOT_FINITE)
       return;

@@ -7,7 +7,8 @@
 // by r k / s^2. The sign of this are corrections that leave much of the errors, and after most of which these are larger
 // than before. The CFM is then raised, and lowered again while this does not happen (Nocedal and Wright, Numerical
 // Optimization, 2006, ch. 10). In fast motion errors grow as well, but there a correction removes most of them; the small
-// infeasible errors of redundant loops grow and fall from step to step.
+// infeasible errors of redundant loops grow and fall from step to step, so that several growths are needed where the
+// errors are small.
 #ifndef AMB_CORRECTION_DAMPING_H
 #define AMB_CORRECTION_DAMPING_H
 
@@ -16,14 +17,17 @@
 #include "extension.h"
 #include "infeasible_islands.h"
 
-// Factor by which the CFM of the next position problem is multiplied. `asked` are the errors before it; in the sub-steps
-// between two corrections, at most `interval`, they were not corrected.
-inline double update_damping(CorrectionDamping &damping, const PositionErrors &asked, unsigned sub_step,
+// Factor by which the CFM of the next position problem is multiplied. `asked` are the errors before it, in correction
+// velocities of a sub-step of `length` (s); in the sub-steps between two corrections, at most `interval`, they were not
+// corrected.
+inline double update_damping(CorrectionDamping &damping, const PositionErrors &asked, double length, unsigned sub_step,
                              unsigned interval) {
-  // Growths of the errors, less the times that they did not grow, from which corrections count as diverging, and their
-  // largest number. A growth: by the factor GROWTH of a sum of squares, of which the last correction left the share
-  // INFEASIBLE. Change of the damping factor then and otherwise; largest factor.
-  constexpr int DIVERGING = 6, MOST_GROWTHS = 8;
+  // Growths of the errors, less the times that they did not grow, from which corrections count as diverging, where the
+  // errors are larger than LARGE (root of the sum of squares, m or rad) and otherwise; their largest number. A growth: by
+  // the factor GROWTH of a sum of squares, of which the last correction left the share INFEASIBLE. Change of the damping
+  // factor then and otherwise; largest factor.
+  constexpr int DIVERGING_LARGE = 1, DIVERGING_SMALL = 6, MOST_GROWTHS = 8;
+  constexpr double LARGE = 1e-3;
   constexpr double GROWTH = 1.02, INFEASIBLE = 0.25, RAISED = 10, LOWERED = 1 / 1.2, MOST = 1e4;
   const bool is_known = damping.sub_step > 0 && sub_step - damping.sub_step <= interval;
   const double now[2] = {asked.linear, asked.angular};
@@ -34,7 +38,8 @@ inline double update_damping(CorrectionDamping &damping, const PositionErrors &a
     damping.asked[k] = now[k];
   }
   damping.growths = is_known ? std::clamp(damping.growths + (has_grown ? 1 : -1), 0, MOST_GROWTHS) : 0;
-  const bool diverges = damping.growths >= DIVERGING;
+  const bool is_large = std::max(now[0], now[1]) * length * length > LARGE * LARGE;
+  const bool diverges = damping.growths >= (is_large ? DIVERGING_LARGE : DIVERGING_SMALL);
   damping.factor = is_known ? std::clamp(damping.factor * (diverges ? RAISED : LOWERED), 1.0, MOST) : 1;
   damping.sub_step = sub_step;
   return damping.factor;

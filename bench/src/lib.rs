@@ -3,6 +3,7 @@
 //! * [`case`], [`jointed`], [`system`]: mechanical systems with known motions; [`mod@reference`]: their solutions in high
 //!   precision, by code that shares nothing with the simulator; [`own`]: the same systems in the simulator.
 //! * [`script`], [`follow`], [`invariants`], [`work`]: scenes that are driven by scripts and judged by invariants.
+//! * [`model_files`]: model files of other people.
 //! * [`report`], [`plot`], [`statistics`]: tables, figures and numbers of the pages in `docs/benchmarks`.
 //!
 //! The programs are in `benches/`; `scripts/bench` runs them.
@@ -12,6 +13,7 @@ pub mod case;
 pub mod follow;
 pub mod invariants;
 pub mod jointed;
+pub mod model_files;
 pub mod own;
 pub mod plot;
 pub mod reference;

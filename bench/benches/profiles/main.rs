@@ -8,8 +8,8 @@
 // Shared with the other benchmarks, which use more of it.
 
 use ambf_bench::plot::Figure;
-use ambf_bench::report;
-use std::path::{Path, PathBuf};
+use ambf_bench::{model_files, report};
+use std::path::Path;
 use std::process::exit;
 use std::time::Duration;
 
@@ -199,18 +199,6 @@ impl Comparison {
     }
 }
 
-fn models(path: &Path, found: &mut Vec<PathBuf>) {
-    if path.is_dir() {
-        let mut entries: Vec<_> =
-            std::fs::read_dir(path).into_iter().flatten().flatten().map(|entry| entry.path()).collect();
-        entries.sort();
-        entries.iter().for_each(|entry| models(entry, found));
-    } else if path.extension().is_some_and(|extension| extension == "yaml" || extension == "yml" || extension == "urdf")
-    {
-        found.push(path.to_owned());
-    }
-}
-
 fn main() {
     let mut arguments: Vec<String> = std::env::args().skip(1).collect();
     // `cargo test --all-targets` starts it too, without this word.
@@ -230,13 +218,11 @@ fn main() {
         arguments.push(Path::new(&root).join("ambf_models/descriptions/multi-bodies").display().to_string());
     }
     let steps = if quick { STEPS / 3 } else { STEPS };
-    let world = Path::new(env!("CARGO_MANIFEST_DIR")).join("../resources/world/world.yaml");
+    let world = model_files::default_world();
     let mut comparisons = Vec::new();
     for argument in &arguments {
         let root = Path::new(argument);
-        let mut files = Vec::new();
-        models(root, &mut files);
-        for file in files {
+        for file in model_files::below(&[root.to_owned()]) {
             let name = file.strip_prefix(root).ok().filter(|name| !name.as_os_str().is_empty()).unwrap_or(&file);
             let Some(comparison) = Comparison::new(name.display().to_string(), &file, &world, steps) else { continue };
             println!("{}", comparison.row(steps).join(" | "));

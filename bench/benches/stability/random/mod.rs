@@ -1,4 +1,4 @@
-//! Search for failures: `scripts/bench stability --random N --seed S`.
+//! Search for failures: `scripts/bench stability --random N --seed S`, also in files of other people ([`files`]).
 //!
 //! Scenes are drawn ([`generate`]), written as ADF ([`adf`]), run in several ways ([`run`]) and judged by
 //! invariants ([`ambf_bench::invariants`]). A scene in which `accurate` fails is shrunk ([`shrink`]) to a small file
@@ -6,6 +6,7 @@
 
 mod adf;
 mod dice;
+mod files;
 mod generate;
 mod report;
 mod run;
@@ -38,11 +39,13 @@ pub struct Options {
     pub keep_all: bool,
     /// Where failing scenes are written.
     pub keep: PathBuf,
+    /// Model files, and folders of them, that get random commands; empty: scenes are drawn, too.
+    pub files: Vec<PathBuf>,
 }
 
 /// Words for a wrong command line.
 const USAGE: &str =
-    "expected --random N [--seed S] [--first I] [--only-accurate] [--threads T] [--no-shrink] [--keep DIR] [--keep-all]";
+    "expected --random N [--files FILE|FOLDER]… [--seed S] [--first I] [--only-accurate] [--threads T] [--no-shrink] [--keep DIR] [--keep-all]";
 
 impl Options {
     /// Reads the command line; `None` without `--random`.
@@ -55,8 +58,17 @@ impl Options {
         }
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
         let keep = ambf_bench::folder().join("random");
-        let mut options =
-            Self { scenes: 0, seed: 1, first: 0, only_accurate: false, threads, shrink: true, keep_all: false, keep };
+        let mut options = Self {
+            scenes: 0,
+            seed: 1,
+            first: 0,
+            only_accurate: false,
+            threads,
+            shrink: true,
+            keep_all: false,
+            keep,
+            files: Vec::new(),
+        };
         let mut rest = arguments.iter();
         while let Some(argument) = rest.next() {
             let mut number =
@@ -69,6 +81,7 @@ impl Options {
                 "--only-accurate" => options.only_accurate = true,
                 "--no-shrink" => options.shrink = false,
                 "--keep-all" => options.keep_all = true,
+                "--files" => options.files.push(rest.next().ok_or(USAGE)?.into()),
                 "--keep" => options.keep = rest.next().ok_or(USAGE)?.into(),
                 super::CARGO_BENCH => (),
                 _ => return Err(format!("{argument} is not known; {USAGE}")),
@@ -102,6 +115,9 @@ impl Tried {
 /// # Panics
 /// When the folder for failing scenes cannot be written.
 pub fn search(options: &Options) {
+    if !options.files.is_empty() {
+        return files::search(options);
+    }
     std::fs::create_dir_all(&options.keep).expect("the folder of --keep can be made");
     let ways = if options.only_accurate { &WAYS[..1] } else { &WAYS[..] };
     let (next, all) = (AtomicU64::new(0), Mutex::new(Vec::new()));

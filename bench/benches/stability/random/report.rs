@@ -9,11 +9,15 @@ use super::{Options, Tried, Verdict};
 pub fn words(tried: &Tried) -> String {
     let Some(outcome) = tried.outcome("accurate") else { return String::new() };
     let verdict = tried.verdict("accurate").map_or("", Verdict::name);
+    format!("scene {}: {verdict}; {}", tried.index, seen(outcome))
+}
+
+/// What was seen in a run, as multiples of what is allowed.
+pub fn seen(outcome: &Outcome) -> String {
     let Outcome { seen, message, cost, .. } = outcome;
     let since = if seen.since.is_finite() { format!(" (from {:.4} s)", seen.since) } else { String::new() };
     format!(
-        "scene {}: {verdict}; energy × {:.3e}{since}, gap × {:.3e}, depth × {:.3e} of what is allowed, {:.3e} m/s, {cost:.0} µs{}",
-        tried.index,
+        "energy × {:.3e}{since}, gap × {:.3e}, depth × {:.3e} of what is allowed, {:.3e} m/s, {cost:.0} µs{}",
         seen.energy,
         seen.gap,
         seen.depth,

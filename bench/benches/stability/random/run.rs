@@ -21,7 +21,7 @@ use super::script::{Action, Event, Script};
 pub const WAYS: [&str; 4] = ["accurate", "legacy", "Dantzig", "pybullet-like"];
 
 /// CPU time after which a run is given up, in units of the simulated time.
-const PATIENCE: f64 = 20.0;
+pub const PATIENCE: f64 = 20.0;
 /// A scene is slow when it takes longer than real time and this many times as long as in `legacy`.
 const SLOW: f64 = 10.0;
 
