@@ -470,6 +470,7 @@ class AccurateSolver : public Base {
       row.x = joint_errors_[i].guess;
       const bool is_limit = row.low == 0 || row.high == 0;
       if (is_limit) row.position_cfm = softness_of(joints[i], YIELDING_POSITION_SOFTNESS);
+      row.stays_loaded = is_limit;
       add(row, joints[i].m_contactNormal1.isZero(), MIN_CORRECTION, is_limit);
     }
     // Contact softness regularises redundant contacts.
@@ -503,6 +504,7 @@ class AccurateSolver : public Base {
       row.state = guess_of(row);
       const bool is_limit = row.low == 0 || row.high == 0;
       if (is_limit) row.position_cfm = softness_of(joints[i], YIELDING_POSITION_SOFTNESS);
+      row.stays_loaded = is_limit;
       add(row, owner.is_angular(joints[i].m_orgDofIndex), MIN_CORRECTION, is_limit);
     }
     const int first_contact = row_count_;

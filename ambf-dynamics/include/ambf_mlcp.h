@@ -60,6 +60,8 @@ typedef struct AmbMlcpRow {
   double x;
   /* Whether the row takes part in solve_positions; rows of friction never do. A drive that does, such as a spring, resists. */
   int in_positions;
+  /* Whether it stays closed in solve_positions where the last solve gave it an impulse: a loaded limit. */
+  int stays_loaded;
   /* Whether the row is a drive, which may do work. */
   int is_drive;
 } AmbMlcpRow;

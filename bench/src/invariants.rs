@@ -3,15 +3,17 @@
 //! The state is read from outside, once a sub-step, so the work of controllers is bounded instead of known: see
 //! [`Work`].
 
+use std::f64::consts::PI;
+
 use ambf_core::adf;
 use ambf_core::bullet::Contact;
 use ambf_core::ids::BodyId;
-use ambf_core::scene::{Joint, JointType, Scene};
+use ambf_core::scene::{Body, Joint, JointType, Scene};
 use ambf_core::sim::Simulation;
 use nalgebra::{Point3, Vector3};
 
 use super::script::{Action, Script};
-use super::work::Work;
+use super::work::{Spring, Work};
 
 /// Joint gaps and penetration count from this time after the start, a reset, and the end of prescribed motion on, s:
 /// bodies may then be where joints and grips do not close, which is corrected at a bounded speed.
@@ -64,8 +66,12 @@ pub struct Watch {
     base: f64,
     allowance: f64,
     initial_potential: f64,
+    /// Springs as they were then.
+    springs: Vec<Spring>,
     /// Of all bodies that move, N: what lifts them out of initial penetration.
     weight: f64,
+    /// What the correction of initial penetration may add, J.
+    pushed: f64,
     /// Largest gap of any joint at the start, and length of the scene's lever arms, m.
     misfit: f64,
     size: f64,
@@ -100,7 +106,9 @@ impl Watch {
             base: 0.0,
             allowance: 0.0,
             initial_potential: 0.0,
+            springs: Vec::new(),
             weight: 0.0,
+            pushed: 0.0,
             misfit,
             size,
             settled_from: settling(script),
@@ -133,7 +141,7 @@ impl Watch {
         let speed = PUSH + ERP * present / self.step + angle * self.size;
         let of = |(mass, inertia): (f64, f64)| mass * speed * speed / 2.0 + inertia * (angle * angle + PUSH) / 2.0;
         let bodies = scene.bodies.iter().filter(|body| body.mass > 0.0);
-        let pull = |body: &ambf_core::scene::Body| body.mass * body.gravity.unwrap_or(scene.gravity).norm();
+        let pull = |body: &Body| body.mass * body.gravity.unwrap_or(scene.gravity).norm();
         self.weight = scene.bodies.iter().map(pull).sum();
         // A limit that is corrected turns all that hangs on the joint about it, not only the body next to it.
         let turned = turns_of_corrections(scene, &self.pivots);
@@ -144,11 +152,12 @@ impl Watch {
         };
         // What cannot be closed settles elsewhere than it was assembled, and takes springs with it.
         let (way, angle) = (present + slid_of_corrections(scene) + beyond * self.size, beyond + present / self.size);
-        let strained = |joint: &Joint| super::work::strain_energy(scene, joint, way, angle);
+        self.springs = super::work::springs(scene);
+        let strained = |spring: &Spring| spring.strained_by(way, angle);
         self.allowance = bodies.map(|body| of((body.mass, body.inertia.amax()))).sum::<f64>()
             + scene.bodies.entries().map(|(id, body)| body.mass * scene.gravity.norm() * lifted(id)).sum::<f64>()
             + self.work.elastic_reserve(scene)
-            + scene.joints.iter().map(strained).sum::<f64>();
+            + self.springs.iter().map(strained).sum::<f64>();
     }
 
     /// Before sub-step `n`, when its commands have been given.
@@ -182,16 +191,37 @@ impl Watch {
             }
         }
         if n.is_multiple_of(CONTACT_INTERVAL) {
-            let mut deepest: f64 = 0.0;
-            for &body in scene.world.bodies() {
+            for (index, &body) in scene.world.bodies().iter().enumerate() {
                 scene.world.contacts(body, 0.0, &mut self.contacts);
-                deepest = self.contacts.iter().map(|contact| -contact.distance).fold(deepest, f64::max);
-            }
-            match settled {
-                true => self.worst_depth = self.worst_depth.max(deepest),
-                false => self.first_depth = self.first_depth.max(deepest),
+                let depth = self.contacts.iter().map(|contact| -contact.distance).fold(0.0, f64::max);
+                if settled {
+                    self.worst_depth = self.worst_depth.max(depth);
+                } else if depth > 0.0 {
+                    self.first_depth = self.first_depth.max(depth);
+                    self.pushed = self.pushed.max(self.pushed_out(scene, BodyId::new(index), depth));
+                }
             }
         }
+    }
+
+    /// Energy that may be added where a body is pushed out of penetration of this depth, J: all bodies are lifted, or turn
+    /// about one of its joints, and springs are strained.
+    fn pushed_out(&self, scene: &Scene, body: BodyId, depth: f64) -> f64 {
+        let pivots = self.pivots.iter().flat_map(|pivot| [(pivot, pivot.parent, 0), (pivot, pivot.child, 1)]);
+        let turned = pivots.filter(|&(_, side, _)| side == body).map(|(pivot, _, side)| {
+            let pose = scene.world.pose(scene.world.bodies()[body.index()]).unwrap_or_default();
+            let (at, arm) = ((pose * pivot.points[side]).coords, pivot.points[side].coords.norm().max(0.1 * self.size));
+            let lifted = |(id, other): (BodyId, &Body)| {
+                let centre = scene.world.pose(scene.world.bodies()[id.index()]).unwrap_or_default().translation.vector;
+                other.mass
+                    * other.gravity.unwrap_or(scene.gravity).norm()
+                    * (depth / arm).min(PI)
+                    * (centre - at).norm()
+            };
+            scene.bodies.entries().map(lifted).sum::<f64>()
+        });
+        let strained = |spring: &Spring| spring.strained_by(depth, depth / self.size);
+        self.weight * depth + turned.fold(0.0, f64::max) + self.springs.iter().map(strained).sum::<f64>()
     }
 
     /// The one place where energy is judged; a ledger of the simulator itself would replace [`Work`] here.
@@ -211,7 +241,7 @@ impl Watch {
             let (kinetic, potential) = energy(scene);
             let allowed = self.work.done()
                 + self.allowance
-                + self.weight * self.first_depth
+                + self.pushed
                 + SLACK
                     * (kinetic.abs().min(self.base.abs() + self.work.done())
                         + (potential - self.initial_potential).abs());

@@ -236,11 +236,30 @@ pub fn spring_energy(scene: &Scene, joint: &Joint) -> f64 {
     stretched(scene, joint).map_or(0.0, |(stiffness, away)| stiffness * away.powi(2) / 2.0)
 }
 
-/// Energy that a spring with one coordinate gains where corrections of other joints move it by up to `way`, m, or `angle`,
-/// rad, J; 0 for other joints.
-pub fn strain_energy(scene: &Scene, joint: &Joint, way: f64, angle: f64) -> f64 {
-    let by = if joint.joint_type == JointType::TorsionSpring { angle } else { way };
-    stretched(scene, joint).map_or(0.0, |(stiffness, away)| stiffness * by * (away.abs() + by / 2.0))
+/// A spring with one coordinate as it is at some moment.
+pub struct Spring {
+    /// N/m or N·m/rad.
+    stiffness: f64,
+    /// Distance from rest, m or rad.
+    away: f64,
+    turns: bool,
+}
+
+impl Spring {
+    /// Energy that it gains where corrections move it by up to `way`, m, or `angle`, rad; J.
+    pub fn strained_by(&self, way: f64, angle: f64) -> f64 {
+        let by = if self.turns { angle } else { way };
+        self.stiffness * by * (self.away.abs() + by / 2.0)
+    }
+}
+
+/// All springs with one coordinate as they are now.
+pub fn springs(scene: &Scene) -> Vec<Spring> {
+    let spring = |joint: &Joint| {
+        let turns = joint.joint_type == JointType::TorsionSpring;
+        stretched(scene, joint).map(|(stiffness, away)| Spring { stiffness, away, turns })
+    };
+    scene.joints.iter().filter_map(spring).collect()
 }
 
 /// Stiffness of a spring with one coordinate, N/m or N·m/rad, and how far it is from rest, m or rad; `None` for other

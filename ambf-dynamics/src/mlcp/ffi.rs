@@ -54,6 +54,8 @@ pub struct AmbMlcpRow {
     pub x: f64,
     /// See [`Row::in_positions`]; not 0: true.
     pub in_positions: c_int,
+    /// See [`Row::stays_loaded`]; not 0: true.
+    pub stays_loaded: c_int,
     /// See [`Row::is_drive`]; not 0: true.
     pub is_drive: c_int,
 }
@@ -229,6 +231,7 @@ unsafe extern "C" fn add_row(solver: *mut Solver, row: *const AmbMlcpRow) -> c_i
             state: state(row.state),
             x: row.x,
             in_positions: row.in_positions != 0,
+            stays_loaded: row.stays_loaded != 0,
         });
         c_int::try_from(index).unwrap_or(-1)
     })

@@ -107,8 +107,16 @@ impl Variable {
     }
 
     /// The same row in the problem of positions, where only the signs of its bounds count, with a CFM of at least `cfm`.
-    /// `target` is that of the normal in a row of friction.
-    pub fn of_position(row: &StoredRow, layout: &Layout, diagonal: f64, cfm: f64, target: f64, state: State) -> Self {
+    /// `target` is that of the normal in a row of friction; a row that `is_loaded` has no bounds.
+    pub fn of_position(
+        row: &StoredRow,
+        layout: &Layout,
+        diagonal: f64,
+        cfm: f64,
+        target: f64,
+        state: State,
+        is_loaded: bool,
+    ) -> Self {
         let sticks = row.friction.is_some() && target > 0.0;
         let takes_part = row.in_positions && row.friction.is_none();
         let cfm = row.cfm.max(cfm).max(if sticks { STICKING * diagonal } else { 0.0 });
@@ -117,8 +125,8 @@ impl Variable {
             cfm,
             inverse_cfm: 1.0 / cfm,
             diagonal: diagonal + cfm,
-            low: if sticks || (takes_part && row.low < 0.0) { f64::NEG_INFINITY } else { 0.0 },
-            high: if sticks || (takes_part && row.high > 0.0) { f64::INFINITY } else { 0.0 },
+            low: if sticks || (takes_part && (row.low < 0.0 || is_loaded)) { f64::NEG_INFINITY } else { 0.0 },
+            high: if sticks || (takes_part && (row.high > 0.0 || is_loaded)) { f64::INFINITY } else { 0.0 },
             x: 0.0,
             state: if sticks {
                 State::Free

@@ -81,6 +81,10 @@ pub struct ConstraintRow<S> {
     /// Whether the row takes part in the correction of positions. Rows of friction never do. A drive that does, such as
     /// a spring, has the target 0 and its CFM: it resists, and what is left of its target is no error.
     pub in_positions: bool,
+    /// Whether the row is an equation in the correction of positions where the last
+    /// [`Solver::solve`](super::Solver::solve) gave it an impulse: a loaded limit, which a correction would else open
+    /// against the force that presses on it.
+    pub stays_loaded: bool,
 }
 
 impl Default for Row<'_> {
@@ -100,6 +104,7 @@ impl Default for Row<'_> {
             state: State::Free,
             x: 0.0,
             in_positions: true,
+            stays_loaded: false,
         }
     }
 }
@@ -107,7 +112,7 @@ impl Default for Row<'_> {
 impl<S> ConstraintRow<S> {
     fn with_sides<T>(&self, sides: [T; 2]) -> ConstraintRow<T> {
         let &Self { target, bias, is_drive, position_target, cfm, position_cfm, low, high, .. } = self;
-        let &Self { friction, state, x, in_positions, .. } = self;
+        let &Self { friction, state, x, in_positions, stays_loaded, .. } = self;
         ConstraintRow {
             sides,
             target,
@@ -122,6 +127,7 @@ impl<S> ConstraintRow<S> {
             state,
             x,
             in_positions,
+            stays_loaded,
         }
     }
 }

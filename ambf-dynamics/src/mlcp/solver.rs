@@ -230,6 +230,7 @@ impl Solver {
         self.layout.set_bodies(rigid, articulations);
         let velocities = self.layout.velocity_start[self.layout.bodies()];
         self.velocity.resize(self.rows.rows.len(), velocities);
+        self.velocity.reset();
         self.position.resize(self.rows.rows.len(), velocities);
         self.position_errors.resize(self.rows.rows.len(), 0.0);
         self.rows.check(&self.layout.velocity_start)?;
@@ -279,7 +280,8 @@ impl Solver {
     /// Solves for pseudo-impulses that correct positions, on the same rows and matrix.
     ///
     /// Rows without `in_positions` get no impulse. Of the bounds of the others only the signs count: rows that can push
-    /// both ways are unbounded, unilateral ones have impulses ≥ 0 or ≤ 0. Rows of friction whose normal row has a
+    /// both ways are unbounded, unilateral ones have impulses ≥ 0 or ≤ 0, unless they
+    /// [stay loaded](super::ConstraintRow::stays_loaded). Rows of friction whose normal row has a
     /// target above 0 resist tangential pseudo-velocities softly (CFM of 0.1 of the diagonal): light bodies would else
     /// be squeezed out between heavy ones. Targets are `targets`, one a row in the order of [`add_row`](Self::add_row),
     /// or the rows' own `position_target`; `states` is a guess of the active set, by default every row free.
@@ -319,7 +321,11 @@ impl Solver {
                 let state = guess(index as usize);
                 let diagonal = self.factor.diagonal()[p];
                 let cfm = damping * row.position_cfm.max(cfm_share * diagonal);
-                let variable = Variable::of_position(row, &self.layout, diagonal, cfm, target, state);
+                let is_loaded = row.stays_loaded && self.velocity.impulses[index as usize] != 0.0;
+                // The velocities already end where a loaded row closes.
+                let opens = (row.low >= 0.0 && target < 0.0) || (row.high <= 0.0 && target > 0.0);
+                let target = if is_loaded && opens { 0.0 } else { target };
+                let variable = Variable::of_position(row, &self.layout, diagonal, cfm, target, state, is_loaded);
                 self.iterate.variables.push(variable);
             }
         }

@@ -41,12 +41,25 @@ pub struct CaseRow {
     pub state: State,
     pub x: f64,
     pub in_positions: bool,
+    pub stays_loaded: bool,
 }
 
 impl CaseRow {
     pub fn new(sides: Vec<(usize, Vec<f64>)>, target: f64, cfm: f64, [low, high]: [f64; 2]) -> Self {
         let (friction, state) = (None, State::Free);
-        Self { sides, target, bias: 0.0, cfm, low, high, friction, state, x: 0.0, in_positions: true }
+        Self {
+            sides,
+            target,
+            bias: 0.0,
+            cfm,
+            low,
+            high,
+            friction,
+            state,
+            x: 0.0,
+            in_positions: true,
+            stays_loaded: false,
+        }
     }
 }
 
@@ -106,7 +119,7 @@ impl Case {
             for (out, ((body, jacobian), response)) in sides.iter_mut().zip(row.sides.iter().zip(&responses)) {
                 *out = Some(Side { body: *body, jacobian, response: response.as_slice() });
             }
-            let CaseRow { target, bias, cfm, low, high, friction, state, x, in_positions, .. } = *row;
+            let CaseRow { target, bias, cfm, low, high, friction, state, x, in_positions, stays_loaded, .. } = *row;
             let position_target = target;
             solver.add_row(&Row {
                 sides,
@@ -120,6 +133,7 @@ impl Case {
                 state,
                 x,
                 in_positions,
+                stays_loaded,
                 ..Row::default()
             });
         }

@@ -69,6 +69,7 @@ fn the_table_of_functions_solves_like_the_solver() {
         state: 0,
         x: 0.0,
         in_positions: 1,
+        stays_loaded: 0,
         is_drive: 0,
     };
     let mut statistics = AmbMlcpStatistics::default();

@@ -1,6 +1,6 @@
 //! Correction of positions on the same rows.
 
-use ambf_dynamics::mlcp::{Budget, Friction, Outcome, State};
+use ambf_dynamics::mlcp::{Budget, Friction, Outcome, Solver, State};
 use nalgebra::{DMatrix, DVector};
 
 use super::case::{Case, CaseRow, Random};
@@ -42,6 +42,32 @@ fn only_the_signs_of_bounds_count_and_friction_takes_no_part() {
     let velocities = case.inverse_mass() * case.jacobian().transpose() * DVector::from_column_slice(&x);
     assert!((velocities - DVector::from_column_slice(solver.position_velocities())).amax() < 1e-12);
     assert!(solver.impulses().iter().all(|&x| x == 0.0), "velocities were not solved for");
+}
+
+#[test]
+fn a_loaded_limit_stays_closed() {
+    let mut case = Case::random(&mut Random::new(3), 1, &[]);
+    let along = |axes: [f64; 2]| vec![(0, [axes[0], axes[1], 0.0, 0.0, 0.0, 0.0].to_vec())];
+    // A limit that the body approaches, and a row whose correction would move the body off it.
+    let limit = CaseRow { stays_loaded: true, ..CaseRow::new(along([1.0, 0.0]), 1.0, 0.0, [0.0, NONE]) };
+    case.rows.extend([limit, CaseRow::new(along([1.0, 1.0]), 0.0, 0.0, [-NONE, NONE])]);
+    let targets = [-0.2, 0.5];
+    let moved = |solver: &mut Solver| {
+        assert_eq!(solver.solve_positions(Some(&targets), None, SHARE, Budget::UNLIMITED), Outcome::Solved);
+        let velocities = solver.position_velocities();
+        assert!((velocities[0] + velocities[1] - 0.5).abs() < 1e-3, "{velocities:?}");
+        velocities[0]
+    };
+    let mut solver = case.solver();
+    assert!(moved(&mut solver) > 0.05, "velocities were not solved for: it has no load");
+    assert_eq!(solver.solve(Budget::UNLIMITED), Outcome::Solved);
+    assert!(solver.impulses()[0] > 0.0);
+    assert!(moved(&mut solver).abs() < 1e-3);
+    case.rows[0].target = -1.0;
+    let mut solver = case.solver();
+    assert_eq!(solver.solve(Budget::UNLIMITED), Outcome::Solved);
+    assert_eq!(solver.impulses()[0], 0.0);
+    assert!(moved(&mut solver) > 0.05, "the body leaves the limit");
 }
 
 #[test]
