@@ -106,6 +106,14 @@ void JointRows::plan_motors(btScalar h) {
   for (size_t i = 0; i < planned.size(); ++i) {
     if (planned[i].source >= 0) forces[planned[i].source] = (planned[i].feedforward + m_data[i]) / step;
   }
+  // What presses a joint against its limit is fed forward together with the force of the limit, or the free motion would
+  // turn the joint beyond it.
+  for (size_t i = 0; i < planned.size(); ++i) {
+    if (planned[i].source >= 0 || m_data[i] == 0) continue;
+    const auto drives = [&](const Row &row) { return row.source >= 0 && row.coordinate == planned[i].coordinate; };
+    const auto drive = std::find_if(planned.begin(), planned.end(), drives);
+    if (drive != planned.end()) forces[drive->source] += m_data[i] / step;
+  }
   step = h;
   planned.clear();
   std::fill(articulation.dynamics.generalised_forces.begin(), articulation.dynamics.generalised_forces.end(), 0);

@@ -180,7 +180,6 @@ impl Watch {
     pub fn after(&mut self, simulation: &Simulation, n: u64) {
         let scene = simulation.scene();
         self.work.after(simulation);
-        self.judge_energy(simulation);
         let settled = n >= self.settled_from;
         if settled && !self.moved {
             let (misfit, size, step) = (self.misfit, self.size, self.step);
@@ -202,6 +201,7 @@ impl Watch {
                 }
             }
         }
+        self.judge_energy(simulation);
     }
 
     /// Energy that may be added where a body is pushed out of penetration of this depth, J: all bodies are lifted, or turn

@@ -9,7 +9,8 @@ use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 const DT: f64 = 1e-3;
 const G: f64 = 9.81;
 
-fn body(mass: f64, x: f64, y: f64, z: f64) -> RigidBody {
+/// A body without a shape, friction 0.5.
+pub fn body(mass: f64, x: f64, y: f64, z: f64) -> RigidBody {
     RigidBody {
         mass,
         inertia: Vector3::new(0.02, 0.03, 0.04) * mass,

@@ -1,7 +1,7 @@
 //! Rows of joints against the positions they stand for: a correction of positions leaves of the error of a joint what the
 //! ERP says, and opens nothing else. The errors are computed by the module `assembly`, without Bullet.
 
-use ambf_core::bullet::{BodyHandle, Constraint, ConstraintKind, Integrator, RigidBody, Shape, Solver, World};
+use ambf_core::bullet::{BodyHandle, Constraint, ConstraintKind, Integrator, RigidBody, Solver, World};
 use ambf_dynamics::assembly::{gap, Body, Gap, Joint, Kind, Range};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
@@ -10,18 +10,7 @@ const MASS: f64 = 1.5;
 const INERTIA: Vector3<f64> = Vector3::new(0.02, 0.03, 0.04);
 
 fn body(mass: f64, pose: Isometry3<f64>) -> RigidBody {
-    RigidBody {
-        mass,
-        inertia: INERTIA * mass,
-        shape: Shape::empty(),
-        pose,
-        friction: 0.5,
-        rolling_friction: 0.0,
-        restitution: 0.0,
-        linear_damping: 0.0,
-        angular_damping: 0.0,
-        gravity: None,
-    }
+    RigidBody { inertia: INERTIA * mass, pose, ..super::energy::body(mass, 0.0, 0.0, 0.0) }
 }
 
 fn turned(x: f64, y: f64, z: f64) -> UnitQuaternion<f64> {
