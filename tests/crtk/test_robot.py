@@ -127,12 +127,12 @@ class Robot(unittest.TestCase):
         goal.came.clear()
         arm.move("move_jp", position=AWAY)
         wait_for(lambda: goal.came, "the end of the move")
-        self.assertEqual([message.data for message in goal.came], [True])
+        # On a busy machine that of the move before may come twice: when it was latched, and when it is sent.
+        self.assertTrue(all(message.data for message in goal.came))
         arm.send("move_jp", position=[0.0, 0.0, 0.24, 0.0, 0.0, 0.0])
         arm.wait(lambda: arm.states[-1].is_busy, "it moves")
         arm.send("servo_jp", position=HOME)
-        wait_for(lambda: len(goal.came) > 1, "the end of the move")
-        self.assertFalse(goal.came[1].data)
+        wait_for(lambda: not goal.came[-1].data, "the end of the move, which did not reach its goal")
 
     def test_set_base_frame(self):
         """Poses are in the frame that the message names; a place in it is gone to; a reset brings the old one back."""
