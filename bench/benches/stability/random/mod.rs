@@ -39,7 +39,7 @@ pub struct Options {
     pub keep_all: bool,
     /// Where failing scenes are written.
     pub keep: PathBuf,
-    /// Model files, and folders of them, that get random commands; empty: scenes are drawn, too.
+    /// Model files, and folders of them, that get random commands; empty: scenes are drawn instead.
     pub files: Vec<PathBuf>,
 }
 
