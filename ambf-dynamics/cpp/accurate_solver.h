@@ -135,13 +135,14 @@ class AccurateSolver : public Base {
  private:
   // Position correction, velocity bias and warm start of a joint row.
   struct JointError {
-    // Pseudo-velocity that removes the position error in this sub-step, clamped, m/s or rad/s.
+    // Pseudo-velocity that removes the position error in this sub-step, m/s or rad/s; that of a limit is clamped.
     btScalar correction = 0;
     // Velocity bias: target of J v after the solution, from restitution at a limit or the curvature of the motion, m/s
     // or rad/s.
     btScalar bias = 0;
     // Whether the row constrains a position; false: a motor or spring.
     bool is_geometric = false;
+    bool is_limit = false;
     // Whether the row is a spring, which resists position corrections.
     bool is_spring = false;
     // Impulse in the last sub-step, N s or N m s.
@@ -205,12 +206,12 @@ class AccurateSolver : public Base {
             is_angular ? motion.angular_target(row.m_relpos1CrossNormal) : motion.linear_target(row.m_contactNormal2);
       }
       const bool is_limit = kind == RowKind::Limit;
-      const btScalar most = is_angular ? (is_limit ? MAX_RETURN_RATE : MAX_CORRECTION_RATE)
-                                       : (is_limit ? MAX_RETURN_SPEED : MAX_CORRECTION_SPEED);
       // In worlds with this solver joints have the ERP of the world.
       if (!is_limit) note_error(target * h / info.m_erp, is_angular);
       JointError &error = joint_errors_[k];
-      error.correction = std::max(-most, std::min(most, is_limit ? target - kept : target));
+      const btScalar most = is_angular ? MAX_RETURN_RATE : MAX_RETURN_SPEED;
+      error.correction = is_limit ? std::max(-most, std::min(most, target - kept)) : target;
+      error.is_limit = is_limit;
       error.bias = kept;
       error.is_geometric = true;
       row.m_rhs -= (target - kept) * row.m_jacDiagABInv;
@@ -457,6 +458,7 @@ class AccurateSolver : public Base {
     needs_correction_ = is_urgent_ = false;
     is_at_rest_ = true;
     position_rows_.clear();
+    find_correction_share();
     const btConstraintArray &joints = this->m_tmpSolverNonContactConstraintPool;
     for (int i = 0; i < joints.size(); ++i) {
       AmbMlcpRow row = row_of(joints[i]);
@@ -464,14 +466,14 @@ class AccurateSolver : public Base {
       row.in_positions = joint_errors_[i].is_geometric || joint_errors_[i].is_spring;
       row.is_drive = !joint_errors_[i].is_geometric;
       row.bias = joint_errors_[i].bias;
-      row.position_target = joint_errors_[i].correction;
+      row.position_target = joint_errors_[i].correction * share_of(joint_errors_[i].is_limit);
       // If this guess is not the solution, pivoting starts with free rows: a drive that alternates between its bounds
       // would otherwise take many pivots in each sub-step.
       row.x = joint_errors_[i].guess;
       const bool is_limit = row.low == 0 || row.high == 0;
       if (is_limit) row.position_cfm = softness_of(joints[i], YIELDING_POSITION_SOFTNESS);
       row.stays_loaded = is_limit;
-      add(row, joints[i].m_contactNormal1.isZero(), MIN_CORRECTION, is_limit);
+      add(row, joints[i].m_contactNormal1.isZero(), MIN_CORRECTION, is_limit, share_of(joint_errors_[i].is_limit));
     }
     // Contact softness regularises redundant contacts.
     add_contacts(this->m_tmpSolverContactConstraintPool, info);
@@ -498,14 +500,15 @@ class AccurateSolver : public Base {
       row.bias = row.is_drive ? 0 : owner.bias(joints[i].m_orgDofIndex);
       row.in_positions = joints[i].m_jacDiagABInv > 0 && (!row.is_drive || owner.is_spring(joints[i].m_orgDofIndex));
       note_error(owner.error(joints[i].m_orgDofIndex), owner.is_angular(joints[i].m_orgDofIndex));
+      const bool is_limit = row.low == 0 || row.high == 0;
+      const double share = share_of(is_limit);
       row.position_target =
-          row.in_positions && !row.is_drive ? joints[i].m_rhsPenetration / joints[i].m_jacDiagABInv : 0;
+          row.in_positions && !row.is_drive ? share * joints[i].m_rhsPenetration / joints[i].m_jacDiagABInv : 0;
       row.x = 0;
       row.state = guess_of(row);
-      const bool is_limit = row.low == 0 || row.high == 0;
       if (is_limit) row.position_cfm = softness_of(joints[i], YIELDING_POSITION_SOFTNESS);
       row.stays_loaded = is_limit;
-      add(row, owner.is_angular(joints[i].m_orgDofIndex), MIN_CORRECTION, is_limit);
+      add(row, owner.is_angular(joints[i].m_orgDofIndex), MIN_CORRECTION, is_limit, share);
     }
     const int first_contact = row_count_;
     add_contacts(this->m_multiBodyNormalContactConstraints, info);
@@ -525,6 +528,32 @@ class AccurateSolver : public Base {
     }
   }
 
+  // Finds the share of the joints' position errors that is corrected in this sub-step, so that no row exceeds the largest
+  // correction velocity. It is the same for all joints of the island: a correction by a part of each error goes towards
+  // the least sum of squares, and one of clamped errors does not.
+  void find_correction_share() {
+    double fastest = 1;
+    const btConstraintArray &joints = this->m_tmpSolverNonContactConstraintPool;
+    for (int i = 0; i < joints.size(); ++i) {
+      const JointError &error = joint_errors_[i];
+      if (!error.is_geometric || error.is_limit) continue;
+      const btScalar most = joints[i].m_contactNormal1.isZero() ? MAX_CORRECTION_RATE : MAX_CORRECTION_SPEED;
+      fastest = std::max(fastest, double(btFabs(error.correction) / most));
+    }
+    if constexpr (HAS_ARTICULATIONS) {
+      const btMultiBodyConstraintArray &rows = this->m_multiBodyNonContactConstraints;
+      for (int i = 0; i < rows.size(); ++i) {
+        const btMultiBodySolverConstraint &row = rows[i];
+        const auto &owner = *static_cast<const EngineRows *>(row.m_orgConstraint);
+        if (row.m_jacDiagABInv <= 0 || !owner.is_geometric(row.m_orgDofIndex)) continue;
+        const btScalar most = owner.is_angular(row.m_orgDofIndex) ? MAX_CORRECTION_RATE : MAX_CORRECTION_SPEED;
+        fastest = std::max(fastest, double(btFabs(row.m_rhsPenetration / row.m_jacDiagABInv) / most));
+      }
+    }
+    correction_share_ = 1 / fastest;
+  }
+  double share_of(bool is_limit) const { return is_limit ? 1 : correction_share_; }
+
   // Guess of the active set: a unilateral row whose target needs no impulse is at its bound.
   static int guess_of(const AmbMlcpRow &row) {
     if (row.low == 0 && row.target < 0) return AMB_MLCP_LOW;
@@ -532,7 +561,8 @@ class AccurateSolver : public Base {
     return AMB_MLCP_FREE;
   }
 
-  void add(const AmbMlcpRow &row, bool is_angular, double least_correction, bool is_limit = false) {
+  // share: of the position error that is corrected.
+  void add(const AmbMlcpRow &row, bool is_angular, double least_correction, bool is_limit = false, double share = 1) {
     mlcp_table->add_row(mlcp_, &row);
     ++row_count_;
     // A contact may separate. The target of a row with a fixed impulse does not count.
@@ -542,7 +572,8 @@ class AccurateSolver : public Base {
     const bool idle = (row.low == 0 && row.position_target < 0) || (row.high == 0 && row.position_target > 0);
     // Weight in the sum of squared errors: inversely proportional to the CFM in the position problem.
     const double weight = row.position_cfm > 0 ? POSITION_SOFTNESS / YIELDING_POSITION_SOFTNESS : 1;
-    position_rows_.push_back({row.in_positions && !idle ? row.position_target : 0, weight, is_angular});
+    const double target = row.in_positions && !idle ? row.position_target : 0;
+    position_rows_.push_back({target, target / share, weight, is_angular});
     if (row.in_positions && !idle) {
       const double asked = std::fabs(row.position_target) / least_correction;
       needs_correction_ = needs_correction_ || asked > 1;
@@ -756,20 +787,21 @@ class AccurateSolver : public Base {
     if (!needs_correction_ || !(is_urgent_ || sub_step_ % CORRECTION_INTERVAL == 0)) return;
     AmbBody *const island = first_body();
     if (!island) return;
-    const PositionErrors asked = errors([&](size_t i) { return position_rows_[i].target; });
-    if (infeasible_.contain(island, asked, sub_step_) || (!is_prepared && prepare() < 0)) return;
+    const PositionErrors present = errors([&](size_t i) { return position_rows_[i].error; });
+    if (infeasible_.contain(island, present, sub_step_) || (!is_prepared && prepare() < 0)) return;
     const double damping =
-        update_damping(island->correction_damping, asked, info.m_timeStep, sub_step_, CORRECTION_INTERVAL);
+        update_damping(island->correction_damping, present, info.m_timeStep, sub_step_, CORRECTION_INTERVAL);
     if (mlcp_table->solve_positions(mlcp_, nullptr, position_states_.data(), POSITION_SOFTNESS, damping, budget) ==
         AMB_MLCP_NOT_FINITE)
       return;
     ++settings_.statistics.position_problems;
     const double *left = mlcp_table->position_errors(mlcp_);
+    const PositionErrors asked = errors([&](size_t i) { return position_rows_[i].target; });
     const PositionErrors after = errors([&](size_t i) { return left[i]; });
-    island->correction_damping.left[0] = after.linear;
-    island->correction_damping.left[1] = after.angular;
+    island->correction_damping.left[0] = asked.linear > 0 ? after.linear / asked.linear : 0;
+    island->correction_damping.left[1] = asked.angular > 0 ? after.angular / asked.angular : 0;
     if (InfeasibleIslands::is_uncorrectable(asked, after)) {
-      infeasible_.add(island, asked, sub_step_);
+      infeasible_.add(island, present, sub_step_);
       return;
     }
     write_corrections(info);
@@ -879,8 +911,9 @@ class AccurateSolver : public Base {
   // Whether a row has a position error that is to be corrected, and one that is to be corrected in this sub-step.
   bool needs_correction_ = false, is_urgent_ = false;
   unsigned sub_step_ = 0, resets_ = 0;
+  double correction_share_ = 1;
   struct PositionRow {
-    double target, weight;
+    double target, error, weight;
     bool is_angular;
   };
   Vector<PositionRow> position_rows_;

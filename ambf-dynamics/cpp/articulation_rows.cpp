@@ -259,12 +259,12 @@ void ExternalConstraintRows::createConstraintRows(btMultiBodyConstraintArray &ro
     const btScalar whole = motion_of_row.response + part.response;
     row.m_jacDiagABInv = whole > SIMD_EPSILON ? 1 / whole : 0;
     row.m_rhs = -(motion_of_row.velocity + part.velocity) * row.m_jacDiagABInv;
-    const btScalar error = i < 3 ? gap[i] : angle[i - 3], most = i < 3 ? MAX_CORRECTION_SPEED : MAX_CORRECTION_RATE;
+    const btScalar error = i < 3 ? gap[i] : angle[i - 3];
     errors[i] = error;
     const btScalar target = -error * info.m_erp / info.m_timeStep;
     biases[i] = i < 3 ? motion.linear_target(-linear) : 0;
     row.m_rhs += biases[i] * row.m_jacDiagABInv;
-    row.m_rhsPenetration = std::max(-most, std::min(most, target)) * row.m_jacDiagABInv;
+    row.m_rhsPenetration = target * row.m_jacDiagABInv;
     // CFM regularises rows that the articulation cannot move, and redundant rows.
     const btScalar share = 1 / (1 + EXTERNAL_SOFTNESS);
     row.m_rhs *= share;

@@ -17,10 +17,10 @@
 #include "extension.h"
 #include "infeasible_islands.h"
 
-// Factor by which the CFM of the next position problem is multiplied. `asked` are the errors before it, in correction
+// Factor by which the CFM of the next position problem is multiplied. `present` are the errors before it, in correction
 // velocities of a sub-step of `length` (s); in the sub-steps between two corrections, at most `interval`, they were not
 // corrected.
-inline double update_damping(CorrectionDamping &damping, const PositionErrors &asked, double length, unsigned sub_step,
+inline double update_damping(CorrectionDamping &damping, const PositionErrors &present, double length, unsigned sub_step,
                              unsigned interval) {
   // Growths of the errors, less the times that they did not grow, from which corrections count as diverging, where the
   // errors are larger than LARGE (root of the sum of squares, m or rad) and otherwise; their largest number. A growth: by
@@ -30,11 +30,11 @@ inline double update_damping(CorrectionDamping &damping, const PositionErrors &a
   constexpr double LARGE = 1e-3;
   constexpr double GROWTH = 1.02, INFEASIBLE = 0.25, RAISED = 10, LOWERED = 1 / 1.2, MOST = 1e4;
   const bool is_known = damping.sub_step > 0 && sub_step - damping.sub_step <= interval;
-  const double now[2] = {asked.linear, asked.angular};
+  const double now[2] = {present.linear, present.angular};
   bool has_grown = false;
   for (int k = 0; k < 2; ++k) {
     const double before = damping.asked[k];
-    has_grown = has_grown || (now[k] > GROWTH * before && damping.left[k] >= INFEASIBLE * before);
+    has_grown = has_grown || (now[k] > GROWTH * before && damping.left[k] >= INFEASIBLE);
     damping.asked[k] = now[k];
   }
   damping.growths = is_known ? std::clamp(damping.growths + (has_grown ? 1 : -1), 0, MOST_GROWTHS) : 0;

@@ -21,7 +21,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
 
-MANY = QoSProfile(depth=5000)
+# Deeper than any test is long: rclpy hands some hundred messages a second over where the machine is busy, and drops those beyond the depth.
+MANY = QoSProfile(depth=100_000)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
