@@ -864,24 +864,29 @@ class AccurateSolver : public Base {
   }
 
   // Writes the pseudo-velocities. Bullet moves rigid bodies by them when it writes back; articulations keep them until
-  // `integrate`.
+  // `integrate`. Infeasible rows may cause large ones: all of the island are then multiplied by one factor, so that
+  // bodies keep their joints closed as the solution does.
   void write_corrections(const btContactSolverInfo &info) {
-    const double *velocities = mlcp_table->position_velocities(mlcp_);
-    const btScalar turn = info.m_splitImpulseTurnErp > 0 ? 1 / info.m_splitImpulseTurnErp : 0;
-    for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i, velocities += 6) {
-      btSolverBody &b = body(i);
-      btVector3 linear(velocities[0], velocities[1], velocities[2]),
-          angular(velocities[3], velocities[4], velocities[5]);
-      const btScalar fastest = std::max(linear.length() / MAX_CORRECTION_SPEED, angular.length() / MAX_CORRECTION_RATE);
-      const btScalar share = fastest > 1 ? 1 / fastest : 1;
-      b.internalGetPushVelocity() = linear * share;
-      b.internalGetTurnVelocity() = angular * (share * turn);
+    const double *const found = mlcp_table->position_velocities(mlcp_);
+    const int bodies = this->m_tmpSolverBodyPool.size();
+    btScalar fastest = 1;
+    for (int i = 0; i < bodies; ++i) {
+      fastest = std::max(fastest, vector_at(found + 6 * i).length() / MAX_CORRECTION_SPEED);
+      fastest = std::max(fastest, vector_at(found + 6 * i + 3).length() / MAX_CORRECTION_RATE);
     }
     if constexpr (HAS_ARTICULATIONS) {
+      const double *velocities = found + 6 * bodies;
       for (size_t i = 0; i < articulations_.size(); velocities += articulation_sizes_[i++])
-        correct(*articulations_[i].multi_body, velocities);
+        fastest = std::max(fastest, set_correction(*articulations_[i].multi_body, velocities));
+      for (const Articulation &articulation : articulations_) scale_correction(*articulation.multi_body, 1 / fastest);
+    }
+    const btScalar turn = info.m_splitImpulseTurnErp > 0 ? 1 / info.m_splitImpulseTurnErp : 0;
+    for (int i = 0; i < bodies; ++i) {
+      body(i).internalGetPushVelocity() = vector_at(found + 6 * i) / fastest;
+      body(i).internalGetTurnVelocity() = vector_at(found + 6 * i + 3) * (turn / fastest);
     }
   }
+  static btVector3 vector_at(const double *v) { return {v[0], v[1], v[2]}; }
 
   struct Articulation {
     btMultiBody *multi_body;

@@ -525,10 +525,10 @@ AmbBody &first_link_of(const btMultiBody &multi_body) {
   return *static_cast<const AmbArticulation *>(multi_body.getUserPointer())->members[1].body;
 }
 
-void correct(btMultiBody &multi_body, const double *velocities) {
+btScalar set_correction(btMultiBody &multi_body, const double *velocities) {
   AmbArticulation &articulation = *static_cast<AmbArticulation *>(multi_body.getUserPointer());
   articulation.dynamics.rates_of(velocities, articulation.correction);
-  // Infeasible rows may cause large pseudo-velocities where the articulated response is small: they are clamped.
+  articulation.is_corrected = true;
   btScalar fastest = articulation.correction.angular.length() / MAX_CORRECTION_RATE;
   fastest = std::max(fastest, articulation.correction.linear.length() / MAX_CORRECTION_SPEED);
   for (const ArticulationDynamics::Link &link : articulation.dynamics.links) {
@@ -537,12 +537,14 @@ void correct(btMultiBody &multi_body, const double *velocities) {
     fastest = std::max(fastest, btFabs(articulation.correction.q[link.coordinate]) /
                                     (turns ? MAX_CORRECTION_RATE : MAX_CORRECTION_SPEED));
   }
-  if (fastest > 1) {
-    articulation.correction.angular /= fastest;
-    articulation.correction.linear /= fastest;
-    for (btScalar &q : articulation.correction.q) q /= fastest;
-  }
-  articulation.is_corrected = true;
+  return fastest;
+}
+
+void scale_correction(btMultiBody &multi_body, btScalar factor) {
+  AmbArticulation &articulation = *static_cast<AmbArticulation *>(multi_body.getUserPointer());
+  articulation.correction.angular *= factor;
+  articulation.correction.linear *= factor;
+  for (btScalar &q : articulation.correction.q) q *= factor;
 }
 
 void AmbArticulation::remember_momenta() {

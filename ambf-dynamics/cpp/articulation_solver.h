@@ -99,8 +99,10 @@ class ArticulationSolver : public btMultiBodyConstraintSolver {
                         const btVector3 &angular, btScalar friction, btScalar guess, const btContactSolverInfo &info);
 };
 
-// Stores the pseudo-velocity z of an articulation for its position correction in this sub-step.
-void correct(btMultiBody &multi_body, const double *velocities);
+// Stores the pseudo-velocity z of an articulation for its position correction in this sub-step. Returns the largest
+// multiple of MAX_CORRECTION_SPEED or MAX_CORRECTION_RATE in its coordinates.
+btScalar set_correction(btMultiBody &multi_body, const double *velocities);
+void scale_correction(btMultiBody &multi_body, btScalar factor);
 // Kinetic energy of an articulation after the free motion of the sub-step, J.
 double free_energy(const btMultiBody &multi_body);
 // The first link that moves relative to the base.
