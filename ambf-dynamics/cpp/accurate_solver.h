@@ -74,6 +74,7 @@ class AccurateSolver : public Base {
       const int count = this->m_tmpConstraintSizesPool[i].m_numConstraintRows;
       load_guesses(*constraints[i], next, count);
       separate_errors(*constraints[i], next, count, info);
+      find_responses(next, count);
       next += count;
     }
     if (!settings_.diagonal_cfm) return;
@@ -143,14 +144,16 @@ class AccurateSolver : public Base {
     // Whether the row constrains a position; false: a motor or spring.
     bool is_geometric = false;
     bool is_limit = false;
+    // See `find_responses`.
+    btScalar response = 0;
     // Whether the row is a spring, which resists position corrections.
     bool is_spring = false;
     // Impulse in the last sub-step, N s or N m s.
     btScalar guess = 0;
   };
 
-  // A row constrains a position on both sides (joint), on one side (limit), or is a motor or spring.
-  enum class RowKind { Geometric, Limit, Other };
+  // A row constrains a position on both sides (joint), on one side (limit, contact), or is a motor, spring or friction.
+  enum class RowKind { Geometric, Limit, Contact, Other };
 
   btSolverBody &body(int id) { return this->m_tmpSolverBodyPool[id]; }
 
@@ -215,6 +218,39 @@ class AccurateSolver : public Base {
       error.bias = kept;
       error.is_geometric = true;
       row.m_rhs -= (target - kept) * row.m_jacDiagABInv;
+    }
+  }
+
+  // Finds the response to which the CFM of each row of a joint is proportional, 1/kg or 1/(kg m^2): the diagonal
+  // J M^-1 J^T, but with at least the inertia that the body would have with LEAST_INERTIA times the square of its lever
+  // arm for its squared radius of gyration. A body of next to no inertia would else give way to its own weight, because
+  // only what holds its rotation makes its joints stiff.
+  void find_responses(int first, int count) {
+    constexpr btScalar LEAST_INERTIA = 0.01, LEAST_SHARE = 1e-6;
+    const btConstraintArray &rows = this->m_tmpSolverNonContactConstraintPool;
+    btScalar arm_squared[2] = {0, 0};
+    for (int k = first; k < first + count; ++k) {
+      if (rows[k].m_contactNormal1.isZero()) continue;
+      arm_squared[0] = std::max(arm_squared[0], rows[k].m_relpos1CrossNormal.length2());
+      arm_squared[1] = std::max(arm_squared[1], rows[k].m_relpos2CrossNormal.length2());
+    }
+    for (int k = first; k < first + count; ++k) {
+      const btSolverConstraint &row = rows[k];
+      if (row.m_jacDiagABInv <= 0) continue;
+      btScalar bounded = 0;
+      for (int side = 0; side < 2; ++side) {
+        const int id = dynamic_body(side ? row.m_solverBodyIdB : row.m_solverBodyIdA);
+        if (id < 0) continue;
+        const btScalar inverse_mass = body(id).internalGetInvMass().x();
+        const btVector3 &linear = side ? row.m_contactNormal2 : row.m_contactNormal1;
+        const btVector3 &angular = side ? row.m_relpos2CrossNormal : row.m_relpos1CrossNormal;
+        const btScalar turned = angular.dot(side ? row.m_angularComponentB : row.m_angularComponentA);
+        const btScalar least = LEAST_INERTIA * arm_squared[side];
+        bounded += linear.length2() * inverse_mass +
+                   (turned * least > angular.length2() * inverse_mass ? angular.length2() * inverse_mass / least : turned);
+      }
+      const btScalar diagonal = 1 / row.m_jacDiagABInv;
+      joint_errors_[k].response = std::max(std::min(bounded, diagonal), LEAST_SHARE * diagonal);
     }
   }
 
@@ -462,7 +498,7 @@ class AccurateSolver : public Base {
     const btConstraintArray &joints = this->m_tmpSolverNonContactConstraintPool;
     for (int i = 0; i < joints.size(); ++i) {
       AmbMlcpRow row = row_of(joints[i]);
-      soften(row, joints[i], settings_.joint_softness);
+      row.cfm = std::max(row.cfm, settings_.joint_softness * joint_errors_[i].response);
       row.in_positions = joint_errors_[i].is_geometric || joint_errors_[i].is_spring;
       row.is_drive = !joint_errors_[i].is_geometric;
       row.bias = joint_errors_[i].bias;
@@ -471,9 +507,11 @@ class AccurateSolver : public Base {
       // would otherwise take many pivots in each sub-step.
       row.x = joint_errors_[i].guess;
       const bool is_limit = row.low == 0 || row.high == 0;
-      if (is_limit) row.position_cfm = softness_of(joints[i], YIELDING_POSITION_SOFTNESS);
+      row.position_cfm =
+          is_limit ? softness_of(joints[i], YIELDING_POSITION_SOFTNESS) : POSITION_SOFTNESS * joint_errors_[i].response;
       row.stays_loaded = is_limit;
-      add(row, joints[i].m_contactNormal1.isZero(), MIN_CORRECTION, is_limit, share_of(joint_errors_[i].is_limit));
+      add(row, is_limit ? RowKind::Limit : RowKind::Geometric, joints[i].m_contactNormal1.isZero(), MIN_CORRECTION,
+          share_of(joint_errors_[i].is_limit));
     }
     // Contact softness regularises redundant contacts.
     add_contacts(this->m_tmpSolverContactConstraintPool, info);
@@ -506,9 +544,10 @@ class AccurateSolver : public Base {
           row.in_positions && !row.is_drive ? share * joints[i].m_rhsPenetration / joints[i].m_jacDiagABInv : 0;
       row.x = 0;
       row.state = guess_of(row);
-      if (is_limit) row.position_cfm = softness_of(joints[i], YIELDING_POSITION_SOFTNESS);
+      row.position_cfm = softness_of(joints[i], is_limit ? YIELDING_POSITION_SOFTNESS : POSITION_SOFTNESS);
       row.stays_loaded = is_limit;
-      add(row, owner.is_angular(joints[i].m_orgDofIndex), MIN_CORRECTION, is_limit, share);
+      add(row, is_limit ? RowKind::Limit : RowKind::Geometric, owner.is_angular(joints[i].m_orgDofIndex), MIN_CORRECTION,
+          share);
     }
     const int first_contact = row_count_;
     add_contacts(this->m_multiBodyNormalContactConstraints, info);
@@ -562,7 +601,7 @@ class AccurateSolver : public Base {
   }
 
   // share: of the position error that is corrected.
-  void add(const AmbMlcpRow &row, bool is_angular, double least_correction, bool is_limit = false, double share = 1) {
+  void add(const AmbMlcpRow &row, RowKind kind, bool is_angular, double least_correction, double share = 1) {
     mlcp_table->add_row(mlcp_, &row);
     ++row_count_;
     // A contact may separate. The target of a row with a fixed impulse does not count.
@@ -571,14 +610,15 @@ class AccurateSolver : public Base {
     is_at_rest_ = is_at_rest_ && is_idle && row.low <= 0 && row.high >= 0;
     const bool idle = (row.low == 0 && row.position_target < 0) || (row.high == 0 && row.position_target > 0);
     // Weight in the sum of squared errors: inversely proportional to the CFM in the position problem.
-    const double weight = row.position_cfm > 0 ? POSITION_SOFTNESS / YIELDING_POSITION_SOFTNESS : 1;
+    const bool yields = kind == RowKind::Limit || kind == RowKind::Contact;
+    const double weight = yields ? POSITION_SOFTNESS / YIELDING_POSITION_SOFTNESS : 1;
     const double target = row.in_positions && !idle ? row.position_target : 0;
     position_rows_.push_back({target, target / share, weight, is_angular});
     if (row.in_positions && !idle) {
       const double asked = std::fabs(row.position_target) / least_correction;
       needs_correction_ = needs_correction_ || asked > 1;
       // Limits are corrected at once: drives may push against them in every sub-step.
-      is_urgent_ = is_urgent_ || asked > URGENT_CORRECTION || (asked > 1 && is_limit);
+      is_urgent_ = is_urgent_ || asked > URGENT_CORRECTION || (asked > 1 && kind == RowKind::Limit);
     }
     position_states_.resize(row_count_);
     position_states_[row_count_ - 1] =
@@ -698,7 +738,7 @@ class AccurateSolver : public Base {
                             : row.in_positions ? rows[i].m_rhsPenetration / rows[i].m_jacDiagABInv
                                                : 0;
       normals_.push_back({row.x, row.state});
-      add(row, false, -gap > 0 ? std::fabs(row.position_target) * MIN_DEPTH / -gap : BT_LARGE_FLOAT);
+      add(row, RowKind::Contact, false, -gap > 0 ? std::fabs(row.position_target) * MIN_DEPTH / -gap : BT_LARGE_FLOAT);
     }
   }
 
@@ -715,7 +755,7 @@ class AccurateSolver : public Base {
     const double bound = std::min(row.friction * normal.impulse, cap) * (1 - 1e-6);
     row.state = guess >= bound * kept ? AMB_MLCP_HIGH : guess <= -bound * kept ? AMB_MLCP_LOW : AMB_MLCP_FREE;
     if (normal.state == AMB_MLCP_FREE && normal.impulse == 0) row.state = AMB_MLCP_FREE;
-    add(row, false, MIN_CORRECTION);
+    add(row, RowKind::Other, false, MIN_CORRECTION);
   }
   size_t contact_count(const btSolverConstraint &) const { return this->m_tmpSolverContactConstraintPool.size(); }
   size_t contact_count(const btMultiBodySolverConstraint &) const {
@@ -791,7 +831,7 @@ class AccurateSolver : public Base {
     if (infeasible_.contain(island, present, sub_step_) || (!is_prepared && prepare() < 0)) return;
     const double damping =
         update_damping(island->correction_damping, present, info.m_timeStep, sub_step_, CORRECTION_INTERVAL);
-    if (mlcp_table->solve_positions(mlcp_, nullptr, position_states_.data(), POSITION_SOFTNESS, damping, budget) ==
+    if (mlcp_table->solve_positions(mlcp_, nullptr, position_states_.data(), 1e-12, damping, budget) ==
         AMB_MLCP_NOT_FINITE)
       return;
     ++settings_.statistics.position_problems;
