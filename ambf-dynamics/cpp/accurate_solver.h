@@ -222,11 +222,11 @@ class AccurateSolver : public Base {
   }
 
   // Finds the response to which the CFM of each row of a joint is proportional, 1/kg or 1/(kg m^2): the diagonal
-  // J M^-1 J^T, but with at least the inertia that the body would have with LEAST_INERTIA times the square of its lever
-  // arm for its squared radius of gyration. A body of next to no inertia would else give way to its own weight, because
-  // only what holds its rotation makes its joints stiff.
+  // J M^-1 J^T, where a body has at least the inertia LEAST_INERTIA m r^2 with its mass m and its lever arm r. A body
+  // of next to no inertia would else give way under its own weight: the diagonal is large because it turns easily, but
+  // other rows hold its rotation.
   void find_responses(int first, int count) {
-    constexpr btScalar LEAST_INERTIA = 0.01, LEAST_SHARE = 1e-6;
+    constexpr btScalar LEAST_INERTIA = 1e-3, LEAST_SHARE = 1e-6;
     const btConstraintArray &rows = this->m_tmpSolverNonContactConstraintPool;
     btScalar arm_squared[2] = {0, 0};
     for (int k = first; k < first + count; ++k) {
@@ -237,7 +237,7 @@ class AccurateSolver : public Base {
     for (int k = first; k < first + count; ++k) {
       const btSolverConstraint &row = rows[k];
       if (row.m_jacDiagABInv <= 0) continue;
-      btScalar bounded = 0;
+      btScalar response = 0;
       for (int side = 0; side < 2; ++side) {
         const int id = dynamic_body(side ? row.m_solverBodyIdB : row.m_solverBodyIdA);
         if (id < 0) continue;
@@ -245,12 +245,11 @@ class AccurateSolver : public Base {
         const btVector3 &linear = side ? row.m_contactNormal2 : row.m_contactNormal1;
         const btVector3 &angular = side ? row.m_relpos2CrossNormal : row.m_relpos1CrossNormal;
         const btScalar turned = angular.dot(side ? row.m_angularComponentB : row.m_angularComponentA);
-        const btScalar least = LEAST_INERTIA * arm_squared[side];
-        bounded += linear.length2() * inverse_mass +
-                   (turned * least > angular.length2() * inverse_mass ? angular.length2() * inverse_mass / least : turned);
+        const btScalar least = LEAST_INERTIA * arm_squared[side], most = angular.length2() * inverse_mass;
+        response += linear.length2() * inverse_mass + (turned * least > most ? most / least : turned);
       }
       const btScalar diagonal = 1 / row.m_jacDiagABInv;
-      joint_errors_[k].response = std::max(std::min(bounded, diagonal), LEAST_SHARE * diagonal);
+      joint_errors_[k].response = std::clamp(response, LEAST_SHARE * diagonal, diagonal);
     }
   }
 
@@ -546,8 +545,8 @@ class AccurateSolver : public Base {
       row.state = guess_of(row);
       row.position_cfm = softness_of(joints[i], is_limit ? YIELDING_POSITION_SOFTNESS : POSITION_SOFTNESS);
       row.stays_loaded = is_limit;
-      add(row, is_limit ? RowKind::Limit : RowKind::Geometric, owner.is_angular(joints[i].m_orgDofIndex), MIN_CORRECTION,
-          share);
+      add(row, is_limit ? RowKind::Limit : RowKind::Geometric, owner.is_angular(joints[i].m_orgDofIndex),
+          MIN_CORRECTION, share);
     }
     const int first_contact = row_count_;
     add_contacts(this->m_multiBodyNormalContactConstraints, info);
@@ -567,9 +566,9 @@ class AccurateSolver : public Base {
     }
   }
 
-  // Finds the share of the joints' position errors that is corrected in this sub-step, so that no row exceeds the largest
-  // correction velocity. It is the same for all joints of the island: a correction by a part of each error goes towards
-  // the least sum of squares, and one of clamped errors does not.
+  // Finds the share of the joints' position errors that is corrected in this sub-step, so that no row exceeds the
+  // largest correction velocity. It is the same for all joints of the island: a correction by a part of each error goes
+  // towards the least sum of squares, and one of clamped errors does not.
   void find_correction_share() {
     double fastest = 1;
     const btConstraintArray &joints = this->m_tmpSolverNonContactConstraintPool;
@@ -831,8 +830,8 @@ class AccurateSolver : public Base {
     if (infeasible_.contain(island, present, sub_step_) || (!is_prepared && prepare() < 0)) return;
     const double damping =
         update_damping(island->correction_damping, present, info.m_timeStep, sub_step_, CORRECTION_INTERVAL);
-    if (mlcp_table->solve_positions(mlcp_, nullptr, position_states_.data(), 1e-12, damping, budget) ==
-        AMB_MLCP_NOT_FINITE)
+    if (mlcp_table->solve_positions(mlcp_, nullptr, position_states_.data(), LEAST_POSITION_SOFTNESS, damping,
+                                    budget) == AMB_MLCP_NOT_FINITE)
       return;
     ++settings_.statistics.position_problems;
     const double *left = mlcp_table->position_errors(mlcp_);

@@ -10,7 +10,7 @@
 constexpr double NO_SPEED = 1e-14;
 // Bounds of impulses beyond this are infinite, N s or N m s.
 constexpr btScalar UNBOUNDED = 1e9;
-// Largest correction velocity of joints, m/s and rad/s, and of violated limits.
+// Largest correction velocity of joints and of bodies, m/s and rad/s, and of violated limits.
 constexpr btScalar MAX_CORRECTION_SPEED = 10, MAX_CORRECTION_RATE = 50, MAX_RETURN_SPEED = 1, MAX_RETURN_RATE = 5;
 // The position problem is solved only if the correction velocity of a joint exceeds MIN_CORRECTION, m/s or rad/s, or
 // the penetration depth of a contact exceeds MIN_DEPTH, m.
@@ -19,9 +19,10 @@ constexpr btScalar MIN_DEPTH = 1e-5;
 // Errors below URGENT_CORRECTION times these thresholds are corrected in every CORRECTION_INTERVAL-th sub-step only.
 constexpr double URGENT_CORRECTION = 20;
 constexpr unsigned CORRECTION_INTERVAL = 4;
-// CFM of the position problem as a share of the diagonal, of joints, and of contacts and limits: infeasible rows end in
-// a least-squares compromise, in which contacts and limits yield to joints and grips.
-constexpr double POSITION_SOFTNESS = 1e-6, YIELDING_POSITION_SOFTNESS = 1e-4;
+// CFM of the position problem as a share of the response of joints, and of the diagonal of contacts and limits:
+// infeasible rows end in a least-squares compromise, in which contacts and limits yield to joints and grips. It is at
+// least LEAST_POSITION_SOFTNESS of the diagonal.
+constexpr double POSITION_SOFTNESS = 1e-6, YIELDING_POSITION_SOFTNESS = 1e-4, LEAST_POSITION_SOFTNESS = 1e-12;
 // Largest CFM, as a share of the diagonal, of a row that constrains a position; softer rows are drives.
 constexpr btScalar MAX_GEOMETRIC_SOFTNESS = 1e-3;
 // Largest turn in a sub-step for which the motion of joint frames is approximated to second order, rad.
