@@ -85,8 +85,8 @@ struct CorrectionDamping {
   double factor = 1;
   // Number of corrections that left much of the errors, and after which these had grown, less the number of others.
   int growths = 0;
-  // Linear and angular errors before the last correction, what it leaves of them by the linear model, and the sub-step
-  // in which it was made; 0: none.
+  // Linear and angular errors before the last correction, the share that it leaves of what it was to correct by the
+  // linear model, and the sub-step in which it was made; 0: none.
   double asked[2] = {0, 0}, left[2] = {0, 0};
   unsigned sub_step = 0;
 };

@@ -162,7 +162,7 @@ fn a_plugin_in_c_works_through_the_same_interface() {
     // Only the first step is not carried.
     assert!((fallen + 0.001).abs() < 2e-4, "{fallen}");
     simulation.close_plugins();
-    assert_eq!(simulation.take_notices(), ["plugin holder: all was seen", "plugin holder: destroyed"]);
+    assert_eq!(said(&mut simulation), ["plugin holder: all was seen", "plugin holder: destroyed"]);
 }
 
 /// A simulator plugin that shows things at its start and takes them away at a reset.
@@ -230,6 +230,13 @@ fn a_plugin_in_c_shows_texts_and_markers_until_it_is_closed() {
     assert!(link.drawings().read().is_empty(), "it is closed");
 }
 
+/// What plugins have said, without that they are slow, which they may be on a busy machine.
+fn said(simulation: &mut Simulation) -> Vec<String> {
+    let mut notices = simulation.take_notices();
+    notices.retain(|notice| !notice.contains(" is slow: "));
+    notices
+}
+
 #[test]
 fn a_library_of_version_1_works_as_before() {
     let stage = Stage::new();
@@ -245,7 +252,7 @@ fn a_library_of_version_1_works_as_before() {
         simulation.iterate(0.001).unwrap();
     }
     simulation.close_plugins();
-    assert_eq!(simulation.take_notices(), ["plugin holder: all was seen", "plugin holder: destroyed"]);
+    assert_eq!(said(&mut simulation), ["plugin holder: all was seen", "plugin holder: destroyed"]);
 }
 
 #[test]
