@@ -242,10 +242,15 @@ pub fn world() -> String {
     format!("gravity: {{x: 0, y: 0, z: -10}}\nmax iterations: 50\nnamespace: /w/\n{}\n", probes(&["world1", "world2"]))
 }
 
-/// The shared library that an example of this crate makes.
+/// The shared library that an example of this crate makes. It is built first, unless `AMBF_EXAMPLES_ARE_BUILT` is set:
+/// `scripts/test` has built all and runs lints beside the tests, for which cargo would wait.
 pub fn library_of(example: &str) -> PathBuf {
     let program = std::env::current_exe().unwrap();
     let profile = program.ancestors().nth(2).unwrap();
+    let library = profile.join(format!("examples/lib{example}.so"));
+    if std::env::var_os("AMBF_EXAMPLES_ARE_BUILT").is_some() {
+        return library;
+    }
     let mut build = std::process::Command::new(env!("CARGO"));
     // As `cargo test --workspace` builds it: with the features of all packages, so that nothing is compiled twice.
     build.args(["build", "--quiet", "--workspace", "--example", example]);
@@ -255,5 +260,5 @@ pub fn library_of(example: &str) -> PathBuf {
     }
     let output = build.output().expect("cargo");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    profile.join(format!("examples/lib{example}.so"))
+    library
 }
