@@ -493,7 +493,7 @@ class AccurateSolver : public Base {
     needs_correction_ = is_urgent_ = false;
     is_at_rest_ = true;
     position_rows_.clear();
-    find_correction_share();
+    find_correction_share(info.m_timeStep);
     const btConstraintArray &joints = this->m_tmpSolverNonContactConstraintPool;
     for (int i = 0; i < joints.size(); ++i) {
       AmbMlcpRow row = row_of(joints[i]);
@@ -569,13 +569,14 @@ class AccurateSolver : public Base {
   // Finds the share of the joints' position errors that is corrected in this sub-step, so that no row exceeds the
   // largest correction velocity. It is the same for all joints of the island: a correction by a part of each error goes
   // towards the least sum of squares, and one of clamped errors does not.
-  void find_correction_share() {
+  void find_correction_share(btScalar h) {
+    const btScalar most_turned = max_correction_rate(h);
     double fastest = 1;
     const btConstraintArray &joints = this->m_tmpSolverNonContactConstraintPool;
     for (int i = 0; i < joints.size(); ++i) {
       const JointError &error = joint_errors_[i];
       if (!error.is_geometric || error.is_limit) continue;
-      const btScalar most = joints[i].m_contactNormal1.isZero() ? MAX_CORRECTION_RATE : MAX_CORRECTION_SPEED;
+      const btScalar most = joints[i].m_contactNormal1.isZero() ? most_turned : MAX_CORRECTION_SPEED;
       fastest = std::max(fastest, double(btFabs(error.correction) / most));
     }
     if constexpr (HAS_ARTICULATIONS) {
@@ -584,7 +585,7 @@ class AccurateSolver : public Base {
         const btMultiBodySolverConstraint &row = rows[i];
         const auto &owner = *static_cast<const EngineRows *>(row.m_orgConstraint);
         if (row.m_jacDiagABInv <= 0 || !owner.is_geometric(row.m_orgDofIndex)) continue;
-        const btScalar most = owner.is_angular(row.m_orgDofIndex) ? MAX_CORRECTION_RATE : MAX_CORRECTION_SPEED;
+        const btScalar most = owner.is_angular(row.m_orgDofIndex) ? most_turned : MAX_CORRECTION_SPEED;
         fastest = std::max(fastest, double(btFabs(row.m_rhsPenetration / row.m_jacDiagABInv) / most));
       }
     }
@@ -828,11 +829,17 @@ class AccurateSolver : public Base {
     if (!island) return;
     const PositionErrors present = errors([&](size_t i) { return position_rows_[i].error; });
     if (infeasible_.contain(island, present, sub_step_) || (!is_prepared && prepare() < 0)) return;
-    const double damping =
-        update_damping(island->correction_damping, present, info.m_timeStep, sub_step_, CORRECTION_INTERVAL);
-    if (mlcp_table->solve_positions(mlcp_, nullptr, position_states_.data(), LEAST_POSITION_SOFTNESS, damping,
-                                    budget) == AMB_MLCP_NOT_FINITE)
-      return;
+    double &damping = island->correction_damping.factor;
+    update_damping(island->correction_damping, present, info.m_timeStep, sub_step_, CORRECTION_INTERVAL);
+    btScalar length = 0;
+    for (int round = 0;; ++round) {
+      if (mlcp_table->solve_positions(mlcp_, nullptr, position_states_.data(), LEAST_POSITION_SOFTNESS, damping,
+                                      budget) == AMB_MLCP_NOT_FINITE)
+        return;
+      length = find_correction_length(info.m_timeStep);
+      if (length <= LONG_CORRECTION || round == MOST_ROUNDS || damping >= MOST_DAMPING_OF_LONG_CORRECTIONS) break;
+      damping = std::min(damping * RAISED_DAMPING, MOST_DAMPING_OF_LONG_CORRECTIONS);
+    }
     ++settings_.statistics.position_problems;
     const double *left = mlcp_table->position_errors(mlcp_);
     const PositionErrors asked = errors([&](size_t i) { return position_rows_[i].target; });
@@ -841,9 +848,10 @@ class AccurateSolver : public Base {
     island->correction_damping.left[1] = asked.angular > 0 ? after.angular / asked.angular : 0;
     if (InfeasibleIslands::is_uncorrectable(asked, after)) {
       infeasible_.add(island, present, sub_step_);
+      scale_corrections(0);
       return;
     }
-    write_corrections(info);
+    write_corrections(info, 1 / length);
   }
 
   template <class ErrorOf>
@@ -902,27 +910,41 @@ class AccurateSolver : public Base {
     }
   }
 
-  // Writes the pseudo-velocities. Bullet moves rigid bodies by them when it writes back; articulations keep them until
-  // `integrate`. Infeasible rows may cause large ones: all of the island are then multiplied by one factor, so that
-  // bodies keep their joints closed as the solution does.
-  void write_corrections(const btContactSolverInfo &info) {
+  // Finds how fast the bodies move by the pseudo-velocities in a sub-step of h s, as a multiple of what is allowed, at
+  // least 1. Hands those of articulations over to them.
+  btScalar find_correction_length(btScalar h) {
     const double *const found = mlcp_table->position_velocities(mlcp_);
     const int bodies = this->m_tmpSolverBodyPool.size();
+    const btScalar most = max_correction_rate(h);
     btScalar fastest = 1;
     for (int i = 0; i < bodies; ++i) {
       fastest = std::max(fastest, vector_at(found + 6 * i).length() / MAX_CORRECTION_SPEED);
-      fastest = std::max(fastest, vector_at(found + 6 * i + 3).length() / MAX_CORRECTION_RATE);
+      fastest = std::max(fastest, vector_at(found + 6 * i + 3).length() / most);
     }
     if constexpr (HAS_ARTICULATIONS) {
       const double *velocities = found + 6 * bodies;
       for (size_t i = 0; i < articulations_.size(); velocities += articulation_sizes_[i++])
-        fastest = std::max(fastest, set_correction(*articulations_[i].multi_body, velocities));
-      for (const Articulation &articulation : articulations_) scale_correction(*articulation.multi_body, 1 / fastest);
+        fastest = std::max(fastest, set_correction(*articulations_[i].multi_body, velocities, most));
     }
-    const btScalar turn = info.m_splitImpulseTurnErp > 0 ? 1 / info.m_splitImpulseTurnErp : 0;
-    for (int i = 0; i < bodies; ++i) {
-      body(i).internalGetPushVelocity() = vector_at(found + 6 * i) / fastest;
-      body(i).internalGetTurnVelocity() = vector_at(found + 6 * i + 3) * (turn / fastest);
+    return fastest;
+  }
+
+  // Multiplies the pseudo-velocities that articulations keep until `integrate`.
+  void scale_corrections(btScalar factor) {
+    if constexpr (HAS_ARTICULATIONS) {
+      for (const Articulation &articulation : articulations_) scale_correction(*articulation.multi_body, factor);
+    }
+  }
+
+  // Writes the pseudo-velocities times `factor`, which is the same for all of the island, so that bodies keep their
+  // joints closed as the solution does. Bullet moves rigid bodies by them when it writes back.
+  void write_corrections(const btContactSolverInfo &info, btScalar factor) {
+    scale_corrections(factor);
+    const double *const found = mlcp_table->position_velocities(mlcp_);
+    const btScalar turn = info.m_splitImpulseTurnErp > 0 ? factor / info.m_splitImpulseTurnErp : 0;
+    for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i) {
+      body(i).internalGetPushVelocity() = vector_at(found + 6 * i) * factor;
+      body(i).internalGetTurnVelocity() = vector_at(found + 6 * i + 3) * turn;
     }
   }
   static btVector3 vector_at(const double *v) { return {v[0], v[1], v[2]}; }

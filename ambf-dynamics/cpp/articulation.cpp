@@ -525,17 +525,17 @@ AmbBody &first_link_of(const btMultiBody &multi_body) {
   return *static_cast<const AmbArticulation *>(multi_body.getUserPointer())->members[1].body;
 }
 
-btScalar set_correction(btMultiBody &multi_body, const double *velocities) {
+btScalar set_correction(btMultiBody &multi_body, const double *velocities, btScalar most_turned) {
   AmbArticulation &articulation = *static_cast<AmbArticulation *>(multi_body.getUserPointer());
   articulation.dynamics.rates_of(velocities, articulation.correction);
   articulation.is_corrected = true;
-  btScalar fastest = articulation.correction.angular.length() / MAX_CORRECTION_RATE;
+  btScalar fastest = articulation.correction.angular.length() / most_turned;
   fastest = std::max(fastest, articulation.correction.linear.length() / MAX_CORRECTION_SPEED);
   for (const ArticulationDynamics::Link &link : articulation.dynamics.links) {
     if (link.coordinate < 0) continue;
     const bool turns = link.type == ArticulationDynamics::JointType::Revolute;
     fastest = std::max(fastest, btFabs(articulation.correction.q[link.coordinate]) /
-                                    (turns ? MAX_CORRECTION_RATE : MAX_CORRECTION_SPEED));
+                                    (turns ? most_turned : MAX_CORRECTION_SPEED));
   }
   return fastest;
 }

@@ -100,8 +100,8 @@ class ArticulationSolver : public btMultiBodyConstraintSolver {
 };
 
 // Stores the pseudo-velocity z of an articulation for its position correction in this sub-step. Returns the largest
-// multiple of MAX_CORRECTION_SPEED or MAX_CORRECTION_RATE in its coordinates.
-btScalar set_correction(btMultiBody &multi_body, const double *velocities);
+// multiple of MAX_CORRECTION_SPEED or, of what turns, `most_turned` (rad/s) in its coordinates.
+btScalar set_correction(btMultiBody &multi_body, const double *velocities, btScalar most_turned);
 void scale_correction(btMultiBody &multi_body, btScalar factor);
 // Kinetic energy of an articulation after the free motion of the sub-step, J.
 double free_energy(const btMultiBody &multi_body);

@@ -17,18 +17,25 @@
 #include "extension.h"
 #include "infeasible_islands.h"
 
-// Factor by which the CFM of the next position problem is multiplied. `present` are the errors before it, in correction
+// A correction is solved again with more damping, up to MOST_ROUNDS times, while it is more than LONG_CORRECTION times as
+// long as bodies may move: near singular configurations small errors are corrected by large motions, for which the rows
+// are no longer valid. Change of the damping factor then, and the factor from which on it is not raised for that.
+constexpr btScalar LONG_CORRECTION = 3;
+constexpr int MOST_ROUNDS = 3;
+constexpr double RAISED_DAMPING = 10, MOST_DAMPING_OF_LONG_CORRECTIONS = 1e3;
+
+// Updates the factor by which the CFM of the next position problem is multiplied. `present` are the errors before it, in correction
 // velocities of a sub-step of `length` (s); in the sub-steps between two corrections, at most `interval`, they were not
 // corrected.
-inline double update_damping(CorrectionDamping &damping, const PositionErrors &present, double length, unsigned sub_step,
-                             unsigned interval) {
+inline void update_damping(CorrectionDamping &damping, const PositionErrors &present, double length, unsigned sub_step,
+                           unsigned interval) {
   // Growths of the errors, less the times that they did not grow, from which corrections count as diverging, where the
   // errors are larger than LARGE (root of the sum of squares, m or rad) and otherwise; their largest number. A growth: by
   // the factor GROWTH of a sum of squares, of which the last correction left the share INFEASIBLE. Change of the damping
-  // factor then and otherwise; largest factor.
+  // factor otherwise; largest factor.
   constexpr int DIVERGING_LARGE = 1, DIVERGING_SMALL = 6, MOST_GROWTHS = 8;
   constexpr double LARGE = 1e-3;
-  constexpr double GROWTH = 1.02, INFEASIBLE = 0.25, RAISED = 10, LOWERED = 1 / 1.2, MOST = 1e4;
+  constexpr double GROWTH = 1.02, INFEASIBLE = 0.25, LOWERED = 1 / 1.2, MOST = 1e4;
   const bool is_known = damping.sub_step > 0 && sub_step - damping.sub_step <= interval;
   const double now[2] = {present.linear, present.angular};
   bool has_grown = false;
@@ -40,9 +47,8 @@ inline double update_damping(CorrectionDamping &damping, const PositionErrors &p
   damping.growths = is_known ? std::clamp(damping.growths + (has_grown ? 1 : -1), 0, MOST_GROWTHS) : 0;
   const bool is_large = std::max(now[0], now[1]) * length * length > LARGE * LARGE;
   const bool diverges = damping.growths >= (is_large ? DIVERGING_LARGE : DIVERGING_SMALL);
-  damping.factor = is_known ? std::clamp(damping.factor * (diverges ? RAISED : LOWERED), 1.0, MOST) : 1;
+  damping.factor = is_known ? std::clamp(damping.factor * (diverges ? RAISED_DAMPING : LOWERED), 1.0, MOST) : 1;
   damping.sub_step = sub_step;
-  return damping.factor;
 }
 
 #endif

@@ -12,6 +12,8 @@ constexpr double NO_SPEED = 1e-14;
 constexpr btScalar UNBOUNDED = 1e9;
 // Largest correction velocity of joints and of bodies, m/s and rad/s, and of violated limits.
 constexpr btScalar MAX_CORRECTION_SPEED = 10, MAX_CORRECTION_RATE = 50, MAX_RETURN_SPEED = 1, MAX_RETURN_RATE = 5;
+// Largest turn of a body or joint by a correction, rad: the rows are linear in the motion.
+constexpr btScalar MAX_CORRECTION_TURN = 0.05;
 // The position problem is solved only if the correction velocity of a joint exceeds MIN_CORRECTION, m/s or rad/s, or
 // the penetration depth of a contact exceeds MIN_DEPTH, m.
 constexpr double MIN_CORRECTION = 1e-6;
@@ -27,6 +29,9 @@ constexpr double POSITION_SOFTNESS = 1e-6, YIELDING_POSITION_SOFTNESS = 1e-4, LE
 constexpr btScalar MAX_GEOMETRIC_SOFTNESS = 1e-3;
 // Largest turn in a sub-step for which the motion of joint frames is approximated to second order, rad.
 constexpr btScalar MAX_CURVED_TURN = 0.3;
+
+// Largest angular velocity of a correction in a sub-step of h s, rad/s.
+inline btScalar max_correction_rate(btScalar h) { return std::min(MAX_CORRECTION_RATE, MAX_CORRECTION_TURN / h); }
 
 // Push-out (depenetration) velocity of a contact, m/s: RATE (1/s) times the penetration depth (m), clamped to
 // [MIN_SPEED, MAX_SPEED].

@@ -133,7 +133,7 @@ mod tests {
                     world.apply_wrench(pushed, &Vector3::new(0.0, 3.0, 0.1), &Vector3::new(0.0, 0.01, 0.2));
                 }
                 let mut calls = 0;
-                let due = pieces.step_with(*interval, 20, 0.001, |_, sub_step| {
+                let due = pieces.step_with(*interval, 20, 0.001, ExpectedTurn::default(), |_, sub_step| {
                     calls += 1;
                     assert!(sub_step.length == 0.001 && sub_step.duration <= 0.0201, "{sub_step:?}");
                 });

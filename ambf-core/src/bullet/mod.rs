@@ -45,7 +45,7 @@ pub use soft_body::{SoftBody, SoftBodyError, SoftConfig};
 pub use soft_world::SoftFeatures;
 pub use solver::{Integrator, Solver};
 pub use statistics::SolverStatistics;
-pub use step::SubStep;
+pub use step::{ExpectedTurn, SubStep};
 pub use vehicle::Wheel;
 pub use world::{
     ArticulationHandle, BodyHandle, ConstraintHandle, GhostHandle, SoftBodyHandle, VehicleHandle, World, WorldKind,

@@ -6,7 +6,9 @@ use super::{Solver, World};
 
 /// Largest turn of a jointed body in a sub-step before the sub-step is divided, rad. Rows of joints are linear in the
 /// motion: a turn of θ opens a joint by θ²/2 times its lever arm.
-const MAX_TURN: f64 = 0.2;
+const MAX_TURN: f64 = 0.1;
+/// The same for a turn that is expected, rad. It is less because the bodies that are driven turn others by more.
+const MAX_EXPECTED_TURN: f64 = 0.05;
 /// Most parts of a sub-step: what they may cost.
 const MAX_PARTS: f64 = 4.0;
 
@@ -30,16 +32,25 @@ impl SubStep {
     }
 }
 
+/// Turn of jointed bodies that is expected for another reason than their velocities, such as a jump of set points.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct ExpectedTurn {
+    /// In a sub-step, rad.
+    pub turn: f64,
+    /// Number of sub-steps, from the next on, in which it is expected.
+    pub sub_steps: u32,
+}
+
 impl World {
     /// Advances by `interval` s in sub-steps of `sub_step` s, at most `max_sub_steps` of them. Returns how many were
     /// due; those above `max_sub_steps` are lost. A remainder is kept for the next call. Applied forces are cleared.
     ///
-    /// With [`Solver::Accurate`] a sub-step in which a jointed body would turn by more than 0.2 rad is divided into up to
+    /// With [`Solver::Accurate`] a sub-step in which a jointed body would turn by more than 0.1 rad is divided into up to
     /// four parts. Joints of articulations do not count, as their free motion is divided by itself, and worlds with
     /// soft bodies never divide: the stiffness of cloth depends on the length of a sub-step.
     pub fn step(&mut self, interval: f64, max_sub_steps: u32, sub_step: f64) -> u32 {
         if self.divides() {
-            return self.step_with(interval, max_sub_steps, sub_step, |_, _| ());
+            return self.step_with(interval, max_sub_steps, sub_step, ExpectedTurn::default(), |_, _| ());
         }
         let _arena = self.enter();
         let cap = max_sub_steps.clamp(1, i32::MAX as u32) as i32;
@@ -47,12 +58,14 @@ impl World {
         unsafe { sys::amb_world_step(self.raw.as_ptr(), interval, cap, sub_step) }.max(0) as u32
     }
 
-    /// As [`step`](Self::step); `before` is called before each sub-step or part of one.
+    /// As [`step`](Self::step); `before` is called before each sub-step or part of one. `expected` is a turn for a
+    /// reason that `before` brings about.
     pub fn step_with(
         &mut self,
         interval: f64,
         max_sub_steps: u32,
         sub_step: f64,
+        expected: ExpectedTurn,
         mut before: impl FnMut(&mut Self, SubStep),
     ) -> u32 {
         let _arena = self.enter();
@@ -62,7 +75,7 @@ impl World {
         let count = due.min(cap);
         let duration = f64::from(count) * sub_step;
         for index in 0..count {
-            let parts = self.parts_of(sub_step);
+            let parts = self.parts_of(sub_step, if index < expected.sub_steps { expected.turn } else { 0.0 });
             let length = sub_step / f64::from(parts);
             for part in 0..parts {
                 let start = f64::from(index) * sub_step + f64::from(part) * length;
@@ -81,19 +94,20 @@ impl World {
     }
 
     /// Parts of the sub-step of this length, s, that follows.
-    fn parts_of(&mut self, sub_step: f64) -> u32 {
+    fn parts_of(&mut self, sub_step: f64, expected_turn: f64) -> u32 {
         if !self.divides() {
             return 1;
         }
         // SAFETY: the world and everything in it are alive.
         let turn = unsafe { sys::amb_world_jointed_turn_rate(self.raw.as_ptr()) } * sub_step;
         // A turn that is not a number is left for the check of the state.
-        if turn.is_nan() || turn <= MAX_TURN {
-            return 1;
+        let parts = if turn > MAX_TURN { (turn / MAX_TURN).ceil() } else { 1.0 };
+        let parts = parts.max((expected_turn / MAX_EXPECTED_TURN).ceil()).min(MAX_PARTS) as u32;
+        if parts > 1 {
+            // SAFETY: as above.
+            unsafe { sys::amb_world_count_division(self.raw.as_ptr()) }
         }
-        // SAFETY: as above.
-        unsafe { sys::amb_world_count_division(self.raw.as_ptr()) }
-        (turn / MAX_TURN).ceil().min(MAX_PARTS) as u32
+        parts
     }
 }
 
@@ -133,11 +147,11 @@ mod tests {
 
     #[test]
     fn sub_steps_of_jointed_bodies_that_turn_fast_are_divided() {
-        // 0.2 rad in a sub-step, and just beyond; 4 parts at most.
-        for (rate, parts) in [(199.0, 1), (201.0, 2), (599.0, 3), (1e4, 4)] {
+        // 0.1 rad in a sub-step, and just beyond; 4 parts at most.
+        for (rate, parts) in [(99.0, 1), (101.0, 2), (299.0, 3), (1e4, 4)] {
             let (mut world, _) = spinning(World::new(Solver::Accurate), rate);
             let mut lengths = Vec::new();
-            assert_eq!(world.step_with(DT, 10, DT, |_, sub_step| lengths.push(sub_step)), 1);
+            assert_eq!(world.step_with(DT, 10, DT, ExpectedTurn::default(), |_, sub_step| lengths.push(sub_step)), 1);
             assert_eq!(lengths.len(), parts, "{rate}");
             for (index, part) in lengths.iter().enumerate() {
                 assert!((part.length * parts as f64 - DT).abs() < 1e-15 && part.is_first() == (index == 0), "{part:?}");
@@ -149,11 +163,24 @@ mod tests {
     }
 
     #[test]
+    fn sub_steps_in_which_a_turn_is_expected_are_divided() {
+        for (turn, parts) in [(0.0, 1), (0.05, 1), (0.06, 2), (0.15, 3), (9.0, 4)] {
+            let (mut world, _) = spinning(World::new(Solver::Accurate), 0.0);
+            let mut starts = Vec::new();
+            let expected = ExpectedTurn { turn, sub_steps: 2 };
+            assert_eq!(world.step_with(3.0 * DT, 10, DT, expected, |_, sub_step| starts.push(sub_step.start)), 3);
+            assert_eq!(starts.len(), 2 * parts + 1, "{turn} rad in the first two of three sub-steps");
+            assert!((starts[starts.len() - 1] - 2.0 * DT).abs() < 1e-15, "{starts:?}");
+        }
+    }
+
+    #[test]
     fn other_worlds_never_divide() {
+        let expected = ExpectedTurn { turn: 1.0, sub_steps: 1 };
         for world in [World::new(Solver::SequentialImpulse), World::with_soft_bodies(Solver::Accurate)] {
             let (mut world, _) = spinning(world, 1e3);
             let mut count = 0;
-            world.step_with(DT, 10, DT, |_, _| count += 1);
+            world.step_with(DT, 10, DT, expected, |_, _| count += 1);
             assert_eq!(count, 1);
         }
     }

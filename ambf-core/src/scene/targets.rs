@@ -16,7 +16,7 @@ use crate::control::{
 
 /// Largest turn that a position controller may ask of a joint between free bodies in a sub-step, rad. Rows of joints are
 /// linear in the motion, so that larger turns open them; an absurd gain asks for any turn.
-const MAX_DRIVEN_TURN: f64 = 0.2;
+const MAX_DRIVEN_TURN: f64 = 0.1;
 
 impl Scene {
     /// Lets go of all joints and bodies that controllers hold.
@@ -94,6 +94,35 @@ impl Joint {
         !std::mem::replace(&mut self.target.is_listed, true)
     }
 
+    /// Turn that a jump of the set point may cause in the next sub-step, rad; 0 for joints of articulations.
+    pub(crate) fn expected_turn(&self, world: &World, bodies: &Bodies) -> f64 {
+        let (Some(goal), Some(handle)) = (self.target.goal, self.handle) else { return 0.0 };
+        if world.is_articulated(handle) {
+            return 0.0;
+        }
+        let Some(from) = self.target.last_goal.or_else(|| Some(world.coordinate(handle)?.0)) else { return 0.0 };
+        let goal = self.within_limits(goal);
+        match self.joint_type {
+            JointType::Revolute if self.limits.is_none() => shortest_angle(from, goal, Profile::Accurate).abs(),
+            JointType::Revolute => (goal - from).abs(),
+            _ => {
+                let pose = |body| world.pose(body);
+                let (Some(parent), Some(child)) = (pose(bodies[self.parent].handle), pose(bodies[self.child].handle))
+                else {
+                    return 0.0;
+                };
+                let arm = (parent.translation.vector - child.translation.vector).norm();
+                (goal - from).abs() / arm.max(f64::MIN_POSITIVE)
+            }
+        }
+        .min(MAX_DRIVEN_TURN)
+    }
+
+    // Not `clamp`: the limits may be the wrong way round.
+    fn within_limits(&self, goal: f64) -> f64 {
+        self.limits.map_or(goal, |Limits { low, high }| goal.min(high).max(low))
+    }
+
     /// Pursues the target in the sub-step that follows.
     pub(crate) fn drive(&mut self, world: &mut World, bodies: &Bodies, sub_step: SubStep) {
         if sub_step.is_first() {
@@ -145,8 +174,7 @@ impl Joint {
             return;
         };
         let turns_freely = self.limits.is_none() && self.joint_type == JointType::Revolute;
-        // Not `clamp`: the limits may be the wrong way round.
-        let goal = self.limits.map_or(goal, |Limits { low, high }| goal.min(high).max(low));
+        let goal = self.within_limits(goal);
         let target = &mut self.target;
         if sub_step.is_first() {
             let rate = target.last_goal.replace(goal).map(|last| {

@@ -1,14 +1,21 @@
 //! Sub-steps of the accurate profile: what was commanded is executed before each.
 
+use crate::bullet::ExpectedTurn;
 use crate::control::Profile;
 use crate::ids::{BodyId, JointId};
 use crate::scene::Scene;
+
+/// Sub-steps in which a jump of set points accelerates joints: the first, and those in which controllers of high gain
+/// still correct it.
+const JUMP_SUB_STEPS: u32 = 4;
 
 /// Joints and bodies that have something to execute in sub-steps.
 #[derive(Debug, Clone, Default)]
 pub(super) struct ActiveTargets {
     pub joints: Vec<JointId>,
     pub bodies: Vec<BodyId>,
+    /// What the latest jump of set points may cause.
+    expected: ExpectedTurn,
 }
 
 impl ActiveTargets {
@@ -26,6 +33,7 @@ impl ActiveTargets {
     pub fn restore(&mut self, saved: &Self) {
         self.joints.clone_from(&saved.joints);
         self.bodies.clone_from(&saved.bodies);
+        self.expected = saved.expected;
     }
 
     fn is_empty(&self) -> bool {
@@ -40,7 +48,11 @@ impl ActiveTargets {
         }
         let Scene { world, joints, bodies, .. } = scene;
         let mut done = 0;
-        let due = world.step_with(interval, cap, length, |world, sub_step| {
+        let jump: f64 = self.joints.iter().map(|&joint| joints[joint].expected_turn(world, bodies)).sum();
+        if self.expected.sub_steps == 0 || jump >= self.expected.turn {
+            self.expected = ExpectedTurn { turn: jump, sub_steps: JUMP_SUB_STEPS };
+        }
+        let due = world.step_with(interval, cap, length, self.expected, |world, sub_step| {
             done += 1;
             for &joint in &self.joints {
                 joints[joint].drive(world, bodies, sub_step);
@@ -49,6 +61,7 @@ impl ActiveTargets {
                 bodies[body].drive(world, sub_step);
             }
         });
+        self.expected.sub_steps = self.expected.sub_steps.saturating_sub(due.min(cap));
         self.joints.retain(|&joint| joints[joint].end_update(done));
         self.bodies.retain(|&body| bodies[body].end_update(done));
         due
