@@ -52,8 +52,9 @@ typedef struct AmbSolverStatistics {
 
 /* Reads the statistics and resets them to 0. */
 void amb_world_take_statistics(AmbWorld *world, AmbSolverStatistics *out);
-/* Largest angular velocity of a body on which constraints act, without those that are joints of articulations, rad/s. */
-double amb_world_jointed_turn_rate(const AmbWorld *world);
+/* Largest angular velocity of a body on which constraints act, without those that are joints of articulations, rad/s, or
+   half of what was returned for the last sub-step, if that is more. To be called once before each sub-step. */
+double amb_world_jointed_turn_rate(AmbWorld *world);
 /* Counts a sub-step that is divided. */
 void amb_world_count_division(AmbWorld *world);
 /* Sets the functions of the solver of mixed linear complementarity problems (AmbMlcpTable of ambf_mlcp.h). To be called

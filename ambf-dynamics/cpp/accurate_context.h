@@ -14,6 +14,8 @@ struct AccurateContext : AmbAccurateSettings {
   // Free bodies are integrated exactly under constant force, not by Bullet's semi-implicit Euler method.
   bool exact_flight = false;
   mutable AmbSolverStatistics statistics{};
+  // See amb_world_jointed_turn_rate.
+  double recent_turn_rate = 0;
 };
 
 #endif

@@ -54,6 +54,7 @@ void EngineWorld::velocity_set(AmbBody &body) {
 }
 
 bool EngineWorld::pose_set(AmbBody &body) {
+  accurate.recent_turn_rate = 0;
   body.last_sub_step = 0;
   body.other_angular_change.setZero();
   body.correction_damping = {};
@@ -114,7 +115,7 @@ void amb_world_take_statistics(AmbWorld *world, AmbSolverStatistics *out) {
   engine_of(*world).accurate.statistics = {};
 }
 
-double amb_world_jointed_turn_rate(const AmbWorld *world) {
+double amb_world_jointed_turn_rate(AmbWorld *world) {
   btScalar fastest = 0;
   const auto look_at = [&](const btRigidBody &body) {
     if (body.getInvMass() > 0 && body.isActive()) fastest = std::max(fastest, body.getAngularVelocity().length2());
@@ -132,7 +133,13 @@ double amb_world_jointed_turn_rate(const AmbWorld *world) {
       look_at(second_of(*constraint).body);
     }
   }
-  return std::sqrt(fastest);
+  // A loop that is driven through a singular configuration moves fast in every second or third sub-step.
+  constexpr double KEPT = 0.5;
+  double &recent = engine_of(*world).accurate.recent_turn_rate;
+  const double rate = std::sqrt(fastest);
+  if (!std::isfinite(rate)) return rate;
+  recent = std::max(rate, KEPT * recent);
+  return recent;
 }
 
 void amb_world_count_division(AmbWorld *world) { ++engine_of(*world).accurate.statistics.divided_sub_steps; }

@@ -96,7 +96,9 @@ mod tests {
     use nalgebra::Isometry3;
 
     use super::super::tests::{ball, hinge};
-    use super::super::{BodyKinematics, Constraint, ConstraintKind, Integrator, RigidBody, Shape, Solver};
+    use super::super::{
+        BodyKinematics, Constraint, ConstraintKind, ExpectedTurn, Integrator, RigidBody, Shape, Solver,
+    };
     use super::*;
 
     fn falling(lag: bool, soft: bool) -> World {
