@@ -202,6 +202,7 @@ impl Physics {
     /// Returns rigid bodies, with what is on them, to their initial poses at rest. If the state `was_lost`, controllers
     /// forget what they remember of it.
     pub fn reset_bodies(&mut self, was_lost: bool) {
+        self.targets.forget_jumps();
         let Scene { bodies, joints, world, .. } = &mut self.scene;
         bodies.iter().for_each(|body| body.reset(world));
         if was_lost {

@@ -36,6 +36,11 @@ impl ActiveTargets {
         self.expected = saved.expected;
     }
 
+    /// Forgets jumps of set points, so that what follows a reset does not depend on what was before.
+    pub fn forget_jumps(&mut self) {
+        self.expected = ExpectedTurn::default();
+    }
+
     fn is_empty(&self) -> bool {
         self.joints.is_empty() && self.bodies.is_empty()
     }
