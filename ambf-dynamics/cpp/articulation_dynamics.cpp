@@ -371,6 +371,21 @@ btScalar ArticulationDynamics::elastic_energy(const Position &at) const {
   return sum / 2;
 }
 
+// Bound of the rounding error of the work of forces, efforts and springs in a step at this position, J: it is the sum of
+// differences of positions, of elastic energies and of displacements of springs, which nearly cancel at rest.
+btScalar ArticulationDynamics::rounding_of_work(const Position &at) const {
+  btScalar sum = 0;
+  for (size_t i = 0; i < bodies.size(); ++i) sum += bodies[i].force.length() * start_origins[i].length();
+  for (int k = 0; k < coordinates; ++k) sum += btFabs(generalised_forces[k] * at.q[k]);
+  for (const Spring &spring : springs) {
+    if (spring.is_stiff) continue;
+    const btScalar q = at.q[spring.coordinate], x = btFabs(spring.displacement(q));
+    sum += spring.stiffness * x * (x + btFabs(q) + btFabs(spring.offset) + btFabs(spring.rest));
+  }
+  constexpr btScalar OPERATIONS = 8;
+  return OPERATIONS * SIMD_EPSILON * sum;
+}
+
 btScalar ArticulationDynamics::fastest_rotation(const Rate &rate) const {
   btScalar square = 0;
   for (const btVector3 &omega : angular) square = std::max(square, omega.length2());
@@ -516,7 +531,7 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
     const btScalar allowed = kinetic + work, after = internal_energy();
     const btScalar slack = MAX_GROWTH * (kinetic + btFabs(work)) + ROUNDING * (kinetic_energy() + btFabs(lifted));
     // With velocities that overflow in the step, `after` and `slack` are infinite.
-    if (std::isfinite(after) && after <= allowed + slack) break;
+    if (std::isfinite(after) && (after <= allowed + slack || after <= allowed + slack + rounding_of_work(from))) break;
     const int most = std::isfinite(after) ? MAX_PARTS : MAX_PARTS_TO_FINITE;
     if (parts >= most) {
       // The largest number of sub-intervals was not enough: the excess energy is removed by scaling the velocities.

@@ -174,6 +174,7 @@ class ArticulationDynamics {
   void stop_at(int coordinate, btScalar most, Rate &rate);
   void apply_damping(btScalar h, const Position &at, Rate &rate);
   btScalar elastic_energy(const Position &at) const;
+  btScalar rounding_of_work(const Position &at) const;
   btVector3 linear_momentum() const;
   btScalar mass() const;
   void update_fastest_mode(const Position &at, const Rate &rate);
