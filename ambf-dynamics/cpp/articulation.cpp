@@ -296,7 +296,7 @@ AmbArticulation::~AmbArticulation() {
     if (first_of(*constraint).articulation == this || second_of(*constraint).articulation == this)
       external.push_back(constraint);
   }
-  for (AmbConstraint *constraint : external) remove_external_constraint(world, *constraint);
+  for (AmbConstraint *constraint : external) amb_world_remove_constraint(&world, constraint);
   world.articulated->removeMultiBodyConstraint(joint_rows.get());
   world.articulated->removeMultiBody(multi_body.get());
   for (Member &member : members) {

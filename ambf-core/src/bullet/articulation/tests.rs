@@ -399,6 +399,27 @@ fn springs_are_part_of_a_tree() {
 }
 
 #[test]
+fn small_vibrations_about_a_loaded_equilibrium_last() {
+    // A spring carries a rod of 2 kg, of 1 m, horizontally. The elastic energy is 1e18 times that of the vibration.
+    let (stiffness, inertia, first): (f64, f64, f64) = (10.0, 2.0 * (0.25 + INERTIA), 1e-9);
+    let mut world = World::with_articulations(Solver::default());
+    world.set_gravity(Vector3::new(0.0, -GRAVITY, 0.0));
+    world.set_lag(false);
+    let base = world.add_body(link(0.0, 0.0));
+    let body = world.add_body(link(2.0, 0.5));
+    let rest = 2.0 * GRAVITY * 0.5 / stiffness;
+    let joint = world.add_constraint(base, body, &hinge(spring(5, stiffness, 0.0, rest), 0.0, -0.5)).unwrap();
+    assert!(world.articulate(&[joint]).is_some());
+    world.set_velocity(body, &(Vector3::y() * first * 0.5), &(Vector3::z() * first));
+    for step in 1..=2000 {
+        run(&mut world, 1);
+        let wanted = first * ((stiffness / inertia).sqrt() * f64::from(step) * 1e-3).cos();
+        let (_, velocity) = world.velocity(body).unwrap();
+        assert!((velocity.z - wanted).abs() < 1e-3 * first, "step {step}: {} rad/s, not {wanted}", velocity.z);
+    }
+}
+
+#[test]
 fn drives_give_way_as_their_softness_says() {
     let (mut world, bodies, joints) = chain(&[2.0]);
     world.set_gravity(Vector3::zeros());
