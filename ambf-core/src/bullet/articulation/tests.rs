@@ -400,7 +400,7 @@ fn springs_are_part_of_a_tree() {
 
 #[test]
 fn small_vibrations_about_a_loaded_equilibrium_last() {
-    // A spring carries a rod of 2 kg, of 1 m, horizontally. The elastic energy is 1e18 times that of the vibration.
+    // A spring carries a rod of 2 kg, of 1 m, horizontally. The elastic energy is 1e19 times that of the vibration.
     let (stiffness, inertia, first): (f64, f64, f64) = (10.0, 2.0 * (0.25 + INERTIA), 1e-9);
     let mut world = World::with_articulations(Solver::default());
     world.set_gravity(Vector3::new(0.0, -GRAVITY, 0.0));
