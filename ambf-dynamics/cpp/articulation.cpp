@@ -7,6 +7,7 @@ ArticulationDynamics::JointType joint_type_of(AmbConstraint &c) {
   switch (c.kind) {
     case Kind::Hinge: return ArticulationDynamics::JointType::Revolute;
     case Kind::Slider: return ArticulationDynamics::JointType::Prismatic;
+    case Kind::PointToPoint: return ArticulationDynamics::JointType::Spherical;
     case Kind::SixDofSpring:
       if (moves_about_z(c)) return ArticulationDynamics::JointType::Revolute;
       return moves_along_z(c) ? ArticulationDynamics::JointType::Prismatic : ArticulationDynamics::JointType::Fixed;
@@ -16,6 +17,10 @@ ArticulationDynamics::JointType joint_type_of(AmbConstraint &c) {
 
 btTransform frame_of(AmbConstraint &c, bool of_b) {
   switch (c.kind) {
+    case Kind::PointToPoint: {
+      const auto &point = c.as<btPoint2PointConstraint>();
+      return btTransform(btMatrix3x3::getIdentity(), of_b ? point.getPivotInB() : point.getPivotInA());
+    }
     case Kind::Hinge: return of_b ? c.as<btHingeConstraint>().getBFrame() : c.as<btHingeConstraint>().getAFrame();
     case Kind::Slider:
       return of_b ? c.as<btSliderConstraint>().getFrameOffsetB() : c.as<btSliderConstraint>().getFrameOffsetA();
@@ -35,7 +40,7 @@ constexpr btScalar AXIS_TOLERANCE = 2e-3;
 // Whether a spring acts on the coordinate of a joint between the same bodies.
 bool acts_along(AmbConstraint &spring, AmbConstraint &joint) {
   const ArticulationDynamics::JointType type = joint_type_of(spring);
-  if (type == ArticulationDynamics::JointType::Fixed || type != joint_type_of(joint)) return false;
+  if (ArticulationDynamics::coordinates_of(type) != 1 || type != joint_type_of(joint)) return false;
   const bool same_order = &first_of(spring) == &first_of(joint);
   for (bool of_b : {false, true}) {
     const btTransform theirs = frame_of(joint, of_b), own = frame_of(spring, same_order ? of_b : !of_b);
@@ -68,6 +73,7 @@ bool fits(AmbConstraint &joint) {
   const btVector3 axis = a.getBasis() * axis_of(joint);
   btVector3 gap = b.getOrigin() - a.getOrigin();
   const ArticulationDynamics::JointType type = joint_type_of(joint);
+  if (type == ArticulationDynamics::JointType::Spherical) return gap.length() < MAX_INITIAL_GAP;
   if (type == ArticulationDynamics::JointType::Prismatic) gap -= axis * axis.dot(gap);
   btScalar angle;
   if (type == ArticulationDynamics::JointType::Revolute) {
@@ -174,6 +180,9 @@ AmbArticulation::AmbArticulation(AmbWorld &owner, AmbBody &base, AmbConstraint *
         multi_body->setupPrismatic(i, body.mass, body.inertia, parent - 1, rotation, local_axis, link.pivot, link.arm,
                                    false);
         break;
+      case ArticulationDynamics::JointType::Spherical:
+        multi_body->setupSpherical(i, body.mass, body.inertia, parent - 1, rotation, link.pivot, link.arm, false);
+        break;
       case ArticulationDynamics::JointType::Fixed:
         multi_body->setupFixed(i, body.mass, body.inertia, parent - 1, rotation, link.pivot, link.arm);
         break;
@@ -188,6 +197,7 @@ AmbArticulation::AmbArticulation(AmbWorld &owner, AmbBody &base, AmbConstraint *
   correction.q.resize(dynamics.coordinates);
   change.q.resize(dynamics.coordinates);
   position.q.resize(dynamics.coordinates);
+  position.balls.resize(dynamics.balls, btQuaternion::getIdentity());
   rate.q.resize(dynamics.coordinates);
   free_position = position;
   free_rate = rate;
@@ -353,6 +363,10 @@ void AmbArticulation::apply_set_state() {
       const btTransform &parent = members[link.parent].body->body.getWorldTransform();
       const btTransform &child = members[i + 1].body->body.getWorldTransform();
       const btTransform relative = parent.inverseTimes(child);
+      if (link.type == ArticulationDynamics::JointType::Spherical) {
+        position.balls[link.ball] = relative.getRotation();
+        continue;
+      }
       btScalar &q = position.q[link.coordinate];
       if (link.type == ArticulationDynamics::JointType::Revolute) {
         // The angle q whose rotation about the axis is nearest to R = turn(axis, q) * rest.
@@ -470,11 +484,11 @@ void AmbArticulation::integrate(btScalar h) {
     if (is_straight) {
       // Impulses of contacts, limits and external constraints act from the beginning of the sub-step, so that no link
       // penetrates further.
-      ArticulationDynamics::advance_position(position, h, after);
+      dynamics.advance_position(position, h, after);
     } else {
       // Forces of motors are constant over the sub-step: their mean change of the rates is half of `change`.
       position = free_position;
-      ArticulationDynamics::advance_position(position, h / 2, change);
+      dynamics.advance_position(position, h / 2, change);
     }
   } else {
     std::swap(position, free_position);
@@ -482,7 +496,7 @@ void AmbArticulation::integrate(btScalar h) {
   }
   const bool is_accounted = engine_of(world).ledger.enabled;
   if (is_corrected && is_accounted) book_correction(h);
-  if (is_corrected) ArticulationDynamics::advance_position(position, h, correction);
+  if (is_corrected) dynamics.advance_position(position, h, correction);
   is_corrected = false;
   if (dynamics.fixed_base) {
     position.origin = base_pose.getOrigin();
@@ -532,10 +546,11 @@ btScalar set_correction(btMultiBody &multi_body, const double *velocities, btSca
   btScalar fastest = articulation.correction.angular.length() / most_turned;
   fastest = std::max(fastest, articulation.correction.linear.length() / MAX_CORRECTION_SPEED);
   for (const ArticulationDynamics::Link &link : articulation.dynamics.links) {
-    if (link.coordinate < 0) continue;
-    const bool turns = link.type == ArticulationDynamics::JointType::Revolute;
-    fastest = std::max(fastest, btFabs(articulation.correction.q[link.coordinate]) /
-                                    (turns ? most_turned : MAX_CORRECTION_SPEED));
+    const bool turns = link.type != ArticulationDynamics::JointType::Prismatic;
+    for (int k = 0; k < link.freedoms; ++k) {
+      fastest = std::max(fastest, btFabs(articulation.correction.q[link.coordinate + k]) /
+                                      (turns ? most_turned : MAX_CORRECTION_SPEED));
+    }
   }
   return fastest;
 }

@@ -55,6 +55,18 @@ btQuaternion spin_of(const btVector3 &omega, const btQuaternion &rotation) {
   return btQuaternion(omega.x(), omega.y(), omega.z(), 0) * rotation * btScalar(0.5);
 }
 
+// Turns by h times an angular velocity, by the exponential map.
+void turn_by(btQuaternion &rotation, const btVector3 &omega, btScalar h) {
+  const btScalar speed = omega.length();
+  if (speed * h == 0) return;
+  rotation = btQuaternion(omega / speed, speed * h) * rotation;
+  rotation.normalize();
+}
+
+btVector3 three_of(const Vector<btScalar> &values, int first) {
+  return btVector3(values[first], values[first + 1], values[first + 2]);
+}
+
 void advance(ArticulationDynamics::Rate &to, const ArticulationDynamics::Rate &from, btScalar h,
              const ArticulationDynamics::Rate &slope) {
   to.angular = from.angular + slope.angular * h;
@@ -69,7 +81,10 @@ void ArticulationDynamics::add(const Body &body, int parent, JointType type, con
   Link link;
   link.parent = parent;
   link.type = type;
-  link.coordinate = type == JointType::Fixed ? -1 : coordinates++;
+  link.freedoms = coordinates_of(type);
+  link.coordinate = link.freedoms == 0 ? -1 : coordinates;
+  coordinates += link.freedoms;
+  link.ball = type == JointType::Spherical ? balls++ : -1;
   link.axis = joint_in_parent.getBasis() * axis;
   link.pivot = joint_in_parent.getOrigin();
   link.rotation = joint_in_parent.getBasis().timesTranspose(joint_in_child.getBasis());
@@ -95,15 +110,20 @@ void ArticulationDynamics::finish() {
     if (link.coordinate < 0) continue;
     int parent = link.parent;
     while (parent > 0 && links[parent - 1].coordinate < 0) parent = links[parent - 1].parent;
-    parent_component[6 + link.coordinate] = parent > 0 ? 6 + links[parent - 1].coordinate : fixed_base ? -1 : 5;
+    const auto last_of = [](const Link &other) { return 6 + other.coordinate + other.freedoms - 1; };
+    const int first = 6 + link.coordinate;
+    parent_component[first] = parent > 0 ? last_of(links[parent - 1]) : fixed_base ? -1 : 5;
+    for (int k = 1; k < link.freedoms; ++k) parent_component[first + k] = first + k - 1;
   }
   factor.resize(velocity_size() * velocity_size());
   inverse_diagonal.resize(velocity_size());
   stage.q.resize(coordinates);
+  stage.balls.resize(balls);
   stage_rate.q.resize(coordinates);
   for (int i = 0; i < 4; ++i) {
     slopes[i].q.resize(coordinates);
     speeds[i].q.resize(coordinates);
+    ball_spins[i].resize(balls);
   }
 }
 
@@ -122,6 +142,8 @@ void ArticulationDynamics::update_poses(const Position &position) {
         local[row] = link.rotation[row] + link.turn[row] * sine + link.turn2[row] * versine;
       }
       rotations[i + 1] = parent * local;
+    } else if (link.type == JointType::Spherical) {
+      rotations[i + 1] = parent * btMatrix3x3(position.balls[link.ball]);
     } else {
       rotations[i + 1] = parent * link.rotation;
       if (link.type == JointType::Prismatic) pivot += parent * link.axis * position.q[link.coordinate];
@@ -140,28 +162,33 @@ void ArticulationDynamics::update_velocities(const Rate &rate) {
     w.r = origins[i + 1] - origins[link.parent];
     angular[i + 1] = omega;
     linear[i + 1] = linear[link.parent] + omega.cross(w.r);
-    w.s_angular.setZero();
-    w.s_linear.setZero();
     w.c_angular.setZero();
     if (link.type == JointType::Fixed) {
       w.c_linear = omega.cross(omega.cross(w.r));
       continue;
     }
-    const btVector3 axis = rotations[link.parent] * link.axis;
-    const btScalar speed = rate.q[link.coordinate];
-    if (link.type == JointType::Revolute) {
-      const btVector3 arm = rotations[i + 1] * link.arm;
-      w.s_angular = axis;
-      w.s_linear = axis.cross(arm);
-      angular[i + 1] += axis * speed;
-      w.c_angular = omega.cross(axis) * speed;
-      w.c_linear = w.c_angular.cross(arm) + omega.cross(omega.cross(w.r - arm)) +
-                   angular[i + 1].cross(angular[i + 1].cross(arm));
-    } else {
-      w.s_linear = axis;
+    const btMatrix3x3 &parent = rotations[link.parent];
+    if (link.type == JointType::Prismatic) {
+      const btVector3 axis = parent * link.axis;
+      const btScalar speed = rate.q[link.coordinate];
+      w.freedoms[0].s_angular.setZero();
+      w.freedoms[0].s_linear = axis;
       w.c_linear = omega.cross(omega.cross(w.r)) + omega.cross(axis) * (2 * speed);
+      linear[i + 1] += axis * speed;
+      continue;
     }
-    linear[i + 1] += w.s_linear * speed;
+    const btVector3 arm = rotations[i + 1] * link.arm;
+    for (int k = 0; k < link.freedoms; ++k) {
+      Freedom &freedom = w.freedoms[k];
+      const btScalar speed = rate.q[link.coordinate + k];
+      freedom.s_angular = link.type == JointType::Spherical ? parent.getColumn(k) : parent * link.axis;
+      freedom.s_linear = freedom.s_angular.cross(arm);
+      angular[i + 1] += freedom.s_angular * speed;
+      linear[i + 1] += freedom.s_linear * speed;
+      w.c_angular += omega.cross(freedom.s_angular) * speed;
+    }
+    w.c_linear = w.c_angular.cross(arm) + omega.cross(omega.cross(w.r - arm)) +
+                 angular[i + 1].cross(angular[i + 1].cross(arm));
   }
 }
 
@@ -176,22 +203,20 @@ void ArticulationDynamics::add_inertias() {
   }
 }
 
-// Computes U = I_A S and 1 / D, D = S^T U, for a link with articulated inertia I_A and joint motion subspace S.
-void ArticulationDynamics::compute_joint_inertia(size_t link) {
-  Work &w = work[link + 1];
-  w.u_angular = w.a * w.s_angular + w.b * w.s_linear;
-  w.u_linear = transpose_times(w.b, w.s_angular) + w.m * w.s_linear;
-  const btScalar d = w.s_angular.dot(w.u_angular) + w.s_linear.dot(w.u_linear);
-  w.d_inverse = d > 0 ? 1 / d : 0;
+// Computes U = I_A S and 1 / D, D = S^T U, for a link with articulated inertia I_A and a degree of freedom with motion
+// subspace S.
+void ArticulationDynamics::compute_joint_inertia(Work &w, Freedom &freedom) {
+  freedom.u_angular = w.a * freedom.s_angular + w.b * freedom.s_linear;
+  freedom.u_linear = transpose_times(w.b, freedom.s_angular) + w.m * freedom.s_linear;
+  const btScalar d = freedom.s_angular.dot(freedom.u_angular) + freedom.s_linear.dot(freedom.u_linear);
+  freedom.d_inverse = d > 0 ? 1 / d : 0;
 }
 
-// Articulated inertia seen through the joint: I_A - U D^-1 U^T.
-void ArticulationDynamics::remove_joint_motion(size_t link) {
-  if (links[link].type == JointType::Fixed) return;
-  Work &w = work[link + 1];
-  subtract_outer(w.a, w.u_angular, w.u_angular, w.d_inverse);
-  subtract_outer(w.b, w.u_angular, w.u_linear, w.d_inverse);
-  subtract_outer(w.m, w.u_linear, w.u_linear, w.d_inverse);
+// Articulated inertia seen through a degree of freedom: I_A - U D^-1 U^T.
+void ArticulationDynamics::remove_joint_motion(Work &w, const Freedom &freedom) {
+  subtract_outer(w.a, freedom.u_angular, freedom.u_angular, freedom.d_inverse);
+  subtract_outer(w.b, freedom.u_angular, freedom.u_linear, freedom.d_inverse);
+  subtract_outer(w.m, freedom.u_linear, freedom.u_linear, freedom.d_inverse);
 }
 
 // Adds the articulated inertia of a link, shifted to the parent's centre of mass, to that of the parent.
@@ -210,17 +235,18 @@ void ArticulationDynamics::sweep(Rate &out, bool with_bias) {
   for (size_t i = links.size(); i-- > 0;) {
     const Link &link = links[i];
     Work &w = work[i + 1];
-    if (link.type != JointType::Fixed) {
-      compute_joint_inertia(i);
-      w.u = efforts[link.coordinate] - w.s_angular.dot(w.torque) - w.s_linear.dot(w.force);
-    }
-    if (link.parent == 0 && fixed_base) continue;
+    const bool is_last = link.parent == 0 && fixed_base;
     btVector3 torque = w.torque, force = w.force;
-    remove_joint_motion(i);
-    if (link.type != JointType::Fixed) {
-      torque += w.u_angular * (w.u * w.d_inverse);
-      force += w.u_linear * (w.u * w.d_inverse);
+    for (int k = link.freedoms; k-- > 0;) {
+      Freedom &freedom = w.freedoms[k];
+      compute_joint_inertia(w, freedom);
+      freedom.u = efforts[link.coordinate + k] - freedom.s_angular.dot(torque) - freedom.s_linear.dot(force);
+      if (is_last && k == 0) break;
+      remove_joint_motion(w, freedom);
+      torque += freedom.u_angular * (freedom.u * freedom.d_inverse);
+      force += freedom.u_linear * (freedom.u * freedom.d_inverse);
     }
+    if (is_last) continue;
     if (with_bias) {
       torque += w.a * w.c_angular + w.b * w.c_linear;
       force += transpose_times(w.b, w.c_angular) + w.m * w.c_linear;
@@ -245,11 +271,14 @@ void ArticulationDynamics::sweep(Rate &out, bool with_bias) {
       w.alpha += w.c_angular;
       w.accel += w.c_linear;
     }
-    if (link.type == JointType::Fixed) continue;
-    const btScalar acceleration = (w.u - w.u_angular.dot(w.alpha) - w.u_linear.dot(w.accel)) * w.d_inverse;
-    w.alpha += w.s_angular * acceleration;
-    w.accel += w.s_linear * acceleration;
-    out.q[link.coordinate] = acceleration;
+    for (int k = 0; k < link.freedoms; ++k) {
+      const Freedom &freedom = w.freedoms[k];
+      const btScalar acceleration =
+          (freedom.u - freedom.u_angular.dot(w.alpha) - freedom.u_linear.dot(w.accel)) * freedom.d_inverse;
+      w.alpha += freedom.s_angular * acceleration;
+      w.accel += freedom.s_linear * acceleration;
+      out.q[link.coordinate + k] = acceleration;
+    }
   }
 }
 
@@ -299,9 +328,11 @@ void ArticulationDynamics::project(const btVector3 *linear_wanted, const btVecto
 void ArticulationDynamics::update_fastest_mode(const Position &at, const Rate &rate) {
   // Displacement of the finite difference, rad or m.
   constexpr btScalar shift = 1e-6;
-  stage.rotation = at.rotation;
-  stage.origin = at.origin;
-  for (int k = 0; k < coordinates; ++k) stage.q[k] = at.q[k] + shift * mode[k];
+  stage_rate.angular.setZero();
+  stage_rate.linear.setZero();
+  stage_rate.q = mode;
+  stage = at;
+  advance_position(stage, shift, stage_rate);
   update_poses(stage);
   update_velocities(rate);
   accelerate(stage, rate, stage_rate);
@@ -390,10 +421,7 @@ btScalar ArticulationDynamics::fastest_rotation(const Rate &rate) const {
   btScalar square = 0;
   for (const btVector3 &omega : angular) square = std::max(square, omega.length2());
   btScalar fastest = btSqrt(square);
-  for (const Link &link : links) {
-    if (link.type == JointType::Revolute) fastest = std::max(fastest, btFabs(rate.q[link.coordinate]));
-  }
-  return fastest;
+  return std::max(fastest, fastest_coordinate(rate));
 }
 
 void ArticulationDynamics::bound_rotation(Rate &rate, btScalar h) {
@@ -408,8 +436,13 @@ void ArticulationDynamics::bound_rotation(Rate &rate, btScalar h) {
     }
     factor_inertia();
     for (const Link &link : links) {
-      const bool turns = link.type == JointType::Revolute;
-      if (turns && btFabs(rate.q[link.coordinate]) > most) stop_at(link.coordinate, most, rate);
+      if (link.type == JointType::Prismatic) continue;
+      const btScalar speed = joint_speed(link, rate);
+      if (!(speed > most)) continue;
+      for (int k = 0; k < link.freedoms; ++k) {
+        const btScalar component = btFabs(rate.q[link.coordinate + k]) * (most / speed);
+        stop_at(link.coordinate + k, component, rate);
+      }
     }
     update_velocities(rate);
   }
@@ -422,9 +455,15 @@ void ArticulationDynamics::bound_rotation(Rate &rate, btScalar h) {
 btScalar ArticulationDynamics::fastest_coordinate(const Rate &rate) const {
   btScalar fastest = 0;
   for (const Link &link : links) {
-    if (link.type == JointType::Revolute) fastest = std::max(fastest, btFabs(rate.q[link.coordinate]));
+    if (link.type != JointType::Prismatic) fastest = std::max(fastest, joint_speed(link, rate));
   }
   return fastest;
+}
+
+// Angular velocity of a link relative to its parent, rad/s.
+btScalar ArticulationDynamics::joint_speed(const Link &link, const Rate &rate) {
+  if (link.freedoms == 0) return 0;
+  return link.freedoms == 1 ? btFabs(rate.q[link.coordinate]) : three_of(rate.q, link.coordinate).length();
 }
 
 btScalar ArticulationDynamics::response(int coordinate) {
@@ -566,16 +605,25 @@ void ArticulationDynamics::runge_kutta(btScalar h, const Position &from, const R
                                        Rate &new_rate) {
   const btScalar way[4] = {0, h / 2, h / 2, h};
   btQuaternion spins[4];
+  const auto set_ball_spins = [this](int i, const Position &at) {
+    for (const Link &link : links) {
+      if (link.ball >= 0)
+        ball_spins[i][link.ball] = spin_of(three_of(speeds[i].q, link.coordinate), at.balls[link.ball]);
+    }
+  };
   speeds[0] = rate;
   spins[0] = spin_of(rate.angular, from.rotation);
+  set_ball_spins(0, from);
   for (int i = 1; i < 4; ++i) {
     const Rate &speed = speeds[i - 1];
     stage.rotation = from.rotation + spins[i - 1] * way[i];
     stage.origin = from.origin + speed.linear * way[i];
     for (int k = 0; k < coordinates; ++k) stage.q[k] = from.q[k] + way[i] * speed.q[k];
+    for (int k = 0; k < balls; ++k) stage.balls[k] = from.balls[k] + ball_spins[i - 1][k] * way[i];
     update_poses(stage);
     advance(speeds[i], rate, way[i], slopes[i - 1]);
     spins[i] = spin_of(speeds[i].angular, stage.rotation);
+    set_ball_spins(i, stage);
     update_velocities(speeds[i]);
     accelerate(stage, speeds[i], slopes[i]);
   }
@@ -592,6 +640,10 @@ void ArticulationDynamics::runge_kutta(btScalar h, const Position &from, const R
     to.q[k] = from.q[k] + way_of(v[0].q[k], v[1].q[k], v[2].q[k], v[3].q[k]);
     new_rate.q[k] = rate.q[k] + way_of(a[0].q[k], a[1].q[k], a[2].q[k], a[3].q[k]);
   }
+  const Vector<btQuaternion> *b = ball_spins;
+  for (int k = 0; k < balls; ++k) {
+    to.balls[k] = (from.balls[k] + way_of(b[0][k], b[1][k], b[2][k], b[3][k])).normalized();
+  }
 }
 
 // Row k of L is U / sqrt(D) of link k, projected onto each joint on the path to the base. This is more accurate than
@@ -601,29 +653,35 @@ void ArticulationDynamics::factor_inertia() {
   add_inertias();
   for (size_t i = links.size(); i-- > 0;) {
     const Link &link = links[i];
-    const Work &w = work[i + 1];
-    if (link.coordinate >= 0) {
-      compute_joint_inertia(i);
-      const size_t k = 6 + link.coordinate;
-      const btScalar inverse = btSqrt(w.d_inverse);
+    Work &w = work[i + 1];
+    const bool is_last = link.parent == 0 && fixed_base;
+    for (int f = link.freedoms; f-- > 0;) {
+      Freedom &freedom = w.freedoms[f];
+      compute_joint_inertia(w, freedom);
+      const size_t k = 6 + link.coordinate + f;
+      const btScalar inverse = btSqrt(freedom.d_inverse);
       inverse_diagonal[k] = inverse;
       btScalar *const row = &factor[k * n];
       row[k] = inverse > 0 ? 1 / inverse : 0;
-      btVector3 torque = w.u_angular * inverse, force = w.u_linear * inverse;
+      btVector3 torque = freedom.u_angular * inverse, force = freedom.u_linear * inverse;
+      int before = f;
       for (size_t body = i + 1; body > 0;) {
+        const Link &joint = links[body - 1];
+        for (int j = 0; j < before; ++j) {
+          const Freedom &other = work[body].freedoms[j];
+          row[6 + joint.coordinate + j] = other.s_angular.dot(torque) + other.s_linear.dot(force);
+        }
         torque += work[body].r.cross(force);
-        body = links[body - 1].parent;
-        if (body == 0 || links[body - 1].coordinate < 0) continue;
-        row[6 + links[body - 1].coordinate] = work[body].s_angular.dot(torque) + work[body].s_linear.dot(force);
+        body = joint.parent;
+        before = body > 0 ? links[body - 1].freedoms : 0;
       }
       for (int c = 0; c < 3; ++c) {
         row[c] = torque[c];
         row[c + 3] = force[c];
       }
+      if (!is_last || f > 0) remove_joint_motion(w, freedom);
     }
-    if (link.parent == 0 && fixed_base) continue;
-    remove_joint_motion(i);
-    add_to_parent(i);
+    if (!is_last) add_to_parent(i);
   }
   if (fixed_base) return;
   const Work &base = work[0];
@@ -648,7 +706,10 @@ void ArticulationDynamics::add_jacobian(size_t body, const btVector3 &force, con
   while (body > 0) {
     const Work &w = work[body];
     const Link &link = links[body - 1];
-    if (link.coordinate >= 0) row[6 + link.coordinate] += w.s_angular.dot(twist) + w.s_linear.dot(force);
+    for (int k = 0; k < link.freedoms; ++k) {
+      const Freedom &freedom = w.freedoms[k];
+      row[6 + link.coordinate + k] += freedom.s_angular.dot(twist) + freedom.s_linear.dot(force);
+    }
     twist += w.r.cross(force);
     body = link.parent;
   }
@@ -694,13 +755,13 @@ void ArticulationDynamics::coordinates_of(const Rate &rate, btScalar *z) const {
   }
 }
 
-void ArticulationDynamics::advance_position(Position &position, btScalar h, const Rate &rate) {
+void ArticulationDynamics::advance_position(Position &position, btScalar h, const Rate &rate) const {
   position.origin += rate.linear * h;
   for (size_t i = 0; i < position.q.size(); ++i) position.q[i] += h * rate.q[i];
-  const btScalar speed = rate.angular.length();
-  if (speed * h == 0) return;
-  position.rotation = btQuaternion(rate.angular / speed, speed * h) * position.rotation;
-  position.rotation.normalize();
+  turn_by(position.rotation, rate.angular, h);
+  for (const Link &link : links) {
+    if (link.ball >= 0) turn_by(position.balls[link.ball], three_of(rate.q, link.coordinate), h);
+  }
 }
 
 btVector3 ArticulationDynamics::angular_momentum(size_t body) const {

@@ -6,19 +6,26 @@
 
 #include <LinearMath/btTransform.h>
 
-// A kinematic tree of hinges, sliders and fixed joints on a fixed or free base. Featherstone's articulated-body
+// A kinematic tree of hinges, sliders, ball joints and fixed joints on a fixed or free base. Featherstone's articulated-body
 // algorithm (Rigid Body Dynamics Algorithms, 2008, chapter 7) with all quantities in world axes about the centre of
 // mass of their body, so that matrices need no rotation between links. Accelerations are classical, not spatial.
 //
 // Body 0 is the base, body i + 1 is link i. Poses are those of inertial frames; SI units.
 class ArticulationDynamics {
  public:
-  enum class JointType { Fixed, Revolute, Prismatic };
+  enum class JointType { Fixed, Revolute, Prismatic, Spherical };
+
+  // Number of coordinates of a joint.
+  static int coordinates_of(JointType type) {
+    return type == JointType::Fixed ? 0 : type == JointType::Spherical ? 3 : 1;
+  }
 
   struct Link {
     int parent;  // body
     JointType type;
-    int coordinate;           // index in `q`; -1 if fixed
+    int coordinate;           // index in `q` of its first coordinate; -1 if fixed
+    int freedoms;             // number of its coordinates
+    int ball;                 // index in `balls`; -1 if it is no ball joint
     btVector3 axis;           // of length 1, in the parent's frame
     btVector3 pivot;          // in the parent's frame
     btMatrix3x3 rotation;     // child in parent at coordinate 0
@@ -52,10 +59,15 @@ class ArticulationDynamics {
   struct Position {
     btQuaternion rotation{0, 0, 0, 1};  // of the base
     btVector3 origin{0, 0, 0};
+    // Angles (rad) and displacements (m). Those of ball joints are meaningless: rotations have no coordinates whose rates
+    // are angular velocities.
     Vector<btScalar> q;
+    // Rotations of the children of ball joints in their parents.
+    Vector<btQuaternion> balls;
   };
 
-  // Generalised velocity: velocity of the base and rates of the coordinates. Also used for accelerations.
+  // Generalised velocity: velocity of the base and rates of the coordinates, which for a ball joint are the components
+  // of the relative angular velocity in the parent's axes. Also used for accelerations.
   struct Rate {
     btVector3 angular{0, 0, 0}, linear{0, 0, 0};
     Vector<btScalar> q;
@@ -109,7 +121,7 @@ class ArticulationDynamics {
     steps_until_probe = 0;
   }
 
-  // Bounds the angular velocity of the base and the rates of revolute coordinates to pi / 2 in h s, as Bullet clamps
+  // Bounds the angular velocity of the base and of revolute and ball joints to pi / 2 in h s, as Bullet clamps
   // angular velocities of rigid bodies: by impulses between the two bodies of a joint, which take energy away and keep
   // the momentum. Setting the rate of one coordinate alone would change the velocities of all bodies behind it, and
   // adds energy where rates of several coordinates cancel. Poses and velocities must be up to date.
@@ -130,8 +142,8 @@ class ArticulationDynamics {
   void rates_of(const btScalar *z, Rate &rate) const;
   void coordinates_of(const Rate &rate, btScalar *z) const;
 
-  // Adds h times rate to a position; the rotation by the exponential map.
-  static void advance_position(Position &position, btScalar h, const Rate &rate);
+  // Adds h times rate to a position; rotations by the exponential map.
+  void advance_position(Position &position, btScalar h, const Rate &rate) const;
 
   // Angular momentum of a body about its own centre of mass, N m s.
   btVector3 angular_momentum(size_t body) const;
@@ -145,7 +157,7 @@ class ArticulationDynamics {
   void set_momentum(const Momentum &momentum, const btVector3 &about, Rate &rate);
 
   const bool fixed_base;
-  int coordinates = 0;
+  int coordinates = 0, balls = 0;
   Vector<Body> bodies;
   Vector<Link> links;
   Vector<Spring> springs;
@@ -156,21 +168,29 @@ class ArticulationDynamics {
   Vector<btVector3> origins, linear, angular;
 
  private:
+  // One degree of freedom of a joint.
+  struct Freedom {
+    btVector3 s_angular, s_linear;  // motion subspace
+    btVector3 u_angular, u_linear;
+    btScalar d_inverse, u;
+  };
+
+  // The degrees of freedom of a ball joint are treated like hinges between bodies without mass at the same place, the
+  // first of which is the nearest to the base.
   struct Work {
     btMatrix3x3 inertia;            // of the body alone
     btMatrix3x3 a, b, m;            // articulated: torque and force from angular and linear acceleration, [a b; b^T m]
     btVector3 torque, force;        // bias
     btVector3 r;                    // from the parent's centre of mass to the body's
-    btVector3 s_angular, s_linear;  // motion subspace of the joint
     btVector3 c_angular, c_linear;  // velocity-product acceleration
-    btVector3 u_angular, u_linear;
-    btScalar d_inverse, u;
     btVector3 alpha, accel;
+    Freedom freedoms[3];
   };
 
   void runge_kutta(btScalar h, const Position &from, const Rate &rate, Position &to, Rate &new_rate);
   void divided_step(btScalar h, int parts, const Position &from, const Rate &rate, Position &to, Rate &new_rate);
   btScalar fastest_coordinate(const Rate &rate) const;
+  static btScalar joint_speed(const Link &link, const Rate &rate);
   void stop_at(int coordinate, btScalar most, Rate &rate);
   void apply_damping(btScalar h, const Position &at, Rate &rate);
   btScalar elastic_energy(const Position &at) const;
@@ -179,8 +199,8 @@ class ArticulationDynamics {
   btScalar mass() const;
   void update_fastest_mode(const Position &at, const Rate &rate);
   void add_inertias();
-  void compute_joint_inertia(size_t link);
-  void remove_joint_motion(size_t link);
+  static void compute_joint_inertia(Work &w, Freedom &freedom);
+  static void remove_joint_motion(Work &w, const Freedom &freedom);
   void add_to_parent(size_t link);
   void sweep(Rate &out, bool with_bias);
 
@@ -194,6 +214,7 @@ class ArticulationDynamics {
   Vector<btScalar> impulse_row;
   Position stage, part;
   Rate stage_rate, part_rate, start_rate, slopes[4], speeds[4];
+  Vector<btQuaternion> ball_spins[4];
   // Whether damping is split off from the other forces in the present step.
   bool splits_damping = false;
   Vector<btVector3> wanted_linear, wanted_angular, start_origins;

@@ -119,8 +119,8 @@ void JointRows::plan_motors(btScalar h) {
   std::fill(articulation.dynamics.generalised_forces.begin(), articulation.dynamics.generalised_forces.end(), 0);
   for (size_t i = 1; i < articulation.members.size(); ++i) {
     const AmbConstraint &joint = *articulation.members[i].joint;
-    const int coordinate = articulation.dynamics.links[i - 1].coordinate;
-    if (coordinate >= 0) plan_motor(joint, coordinate, h);
+    const ArticulationDynamics::Link &link = articulation.dynamics.links[i - 1];
+    if (link.freedoms == 1) plan_motor(joint, link.coordinate, h);
   }
   for (size_t i = 0; i < articulation.springs.size(); ++i) {
     const ArticulationDynamics::Spring &spring = articulation.dynamics.springs[i];
@@ -147,11 +147,13 @@ void JointRows::drop_large_feedforward(btScalar h) {
   dynamics.accelerate(articulation.position, articulation.rate, acceleration);
   bool is_large = false;
   for (const ArticulationDynamics::Link &link : dynamics.links) {
-    if (link.coordinate < 0) continue;
     const btScalar scale =
         link.type == ArticulationDynamics::JointType::Prismatic ? link.arm.length() + link.pivot.length() : 1;
-    // The comparison is false for NaN, which counts as large.
-    is_large = is_large || !(btFabs(acceleration.q[link.coordinate]) * h * h <= MAX_FEEDFORWARD_MOTION * scale);
+    for (int k = 0; k < link.freedoms; ++k) {
+      // The comparison is false for NaN, which counts as large.
+      const btScalar motion = btFabs(acceleration.q[link.coordinate + k]) * h * h;
+      is_large = is_large || !(motion <= MAX_FEEDFORWARD_MOTION * scale);
+    }
   }
   if (!is_large) return;
   for (Row &row : planned) row.feedforward = 0;
@@ -161,8 +163,8 @@ void JointRows::drop_large_feedforward(btScalar h) {
 void JointRows::plan_limits(btScalar h) {
   for (size_t i = 1; i < articulation.members.size(); ++i) {
     const AmbConstraint &joint = *articulation.members[i].joint;
-    const int coordinate = articulation.dynamics.links[i - 1].coordinate;
-    if (coordinate >= 0) plan_limit(coordinate, joint.motor.low, joint.motor.high, joint.kind == Kind::Hinge, h);
+    const ArticulationDynamics::Link &link = articulation.dynamics.links[i - 1];
+    if (link.freedoms == 1) plan_limit(link.coordinate, joint.motor.low, joint.motor.high, joint.kind == Kind::Hinge, h);
   }
   for (size_t i = 0; i < articulation.springs.size(); ++i) {
     const ArticulationDynamics::Spring &spring = articulation.dynamics.springs[i];

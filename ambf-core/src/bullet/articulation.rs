@@ -25,9 +25,9 @@ struct SpanningTree {
 }
 
 impl World {
-    /// Makes constraints that form one kinematic tree an articulation: hinges, sliders, fixed constraints and springs
-    /// about or along one axis. Its generalised coordinates are those of the joints and, if no body is static, the pose
-    /// of the base. Springs may also act in parallel to a hinge or slider on the same axis. Joints of an articulation
+    /// Makes constraints that form one kinematic tree an articulation: hinges, sliders, ball joints, fixed constraints
+    /// and springs about or along one axis. Its generalised coordinates are those of the joints and, if no body is
+    /// static, the pose of the base. Springs may also act in parallel to a hinge or slider on the same axis. Joints of an articulation
     /// have no position error, and motion between impacts is integrated by the classical Runge-Kutta method, fourth
     /// order in the sub-step. The base is the static body, or else a body that is body A of a constraint and body B of
     /// none. Poses and velocities of links are projected onto the joints.

@@ -196,7 +196,7 @@ pub(super) struct OwnedConstraint {
     pub(super) raw: NonNull<sys::AmbConstraint>,
     pub(super) bodies: [BodyHandle; 2],
     motor: Motor,
-    /// Hinge, slider or fixed.
+    /// Hinge, slider, fixed or point-to-point.
     pub(super) is_simple: bool,
     /// Spring about or along one axis, with all other axes locked.
     pub(super) is_axis_spring: bool,
@@ -246,7 +246,10 @@ impl World {
         };
         let is_simple = matches!(
             constraint.kind,
-            ConstraintKind::Hinge { .. } | ConstraintKind::Slider { .. } | ConstraintKind::Fixed
+            ConstraintKind::Hinge { .. }
+                | ConstraintKind::Slider { .. }
+                | ConstraintKind::Fixed
+                | ConstraintKind::PointToPoint
         );
         let is_axis_spring = constraint.kind.is_axis_spring();
         let owned =

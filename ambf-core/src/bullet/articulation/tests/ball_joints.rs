@@ -1,0 +1,125 @@
+//! Ball joints as joints of articulations.
+
+use super::*;
+
+fn ball(a: f64, b: f64) -> Constraint {
+    hinge(ConstraintKind::PointToPoint, a, b)
+}
+
+#[test]
+fn a_top_precesses_steadily() {
+    // A rod of 2 kg turns about its axis, x, on a ball joint at its end, tilted by `tilt` from the vertical, and precesses
+    // at the smaller root of A W^2 cos(tilt) - C s W + m g l = 0 (Landau and Lifshitz, Mechanics, section 35), with the
+    // moments A about the joint and C about the axis, and the spin s about the axis.
+    let (mass, tilt, spin): (f64, f64, f64) = (2.0, 0.6, 300.0);
+    let (across, along) = (mass * (0.25 + INERTIA), mass * 0.01);
+    let momentum = along * spin;
+    let weight = mass * GRAVITY * 0.5;
+    // The top is above the joint and its axis points up: its weight tips it.
+    let by = 2.0 * across * tilt.cos();
+    let precession = (momentum - (momentum * momentum - 2.0 * by * weight).sqrt()) / by;
+    let mut world = World::with_articulations(Solver::default());
+    world.set_gravity(Vector3::new(0.0, -GRAVITY, 0.0));
+    world.set_lag(false);
+    let base = world.add_body(link(0.0, 0.0));
+    let axis = Vector3::new(tilt.sin(), tilt.cos(), 0.0);
+    let turn = nalgebra::UnitQuaternion::rotation_between(&Vector3::x(), &axis).unwrap();
+    let pose = Isometry3::from_parts((axis * 0.5).into(), turn);
+    let body = world.add_body(RigidBody { pose, ..link(mass, 0.0) });
+    let joint = world.add_constraint(base, body, &ball(0.0, -0.5)).unwrap();
+    assert!(world.articulate(&[joint]).is_some());
+    let along_axis = spin - precession * tilt.cos();
+    let omega = axis * along_axis + Vector3::y() * precession;
+    world.set_velocity(body, &omega.cross(&(axis * 0.5)), &omega);
+    for step in 1..=2000 {
+        run(&mut world, 1);
+        let center = world.pose(body).unwrap().translation.vector;
+        let angle = precession * f64::from(step) * 1e-3;
+        let wanted = Vector3::new(tilt.sin() * angle.cos(), tilt.cos(), -tilt.sin() * angle.sin()) * 0.5;
+        assert!((center - wanted).norm() < 1e-6, "step {step}: {center}, not {wanted}");
+    }
+}
+
+/// A free chain of links of 1 m on ball joints and hinges, whose middle is not its root, turning and bending.
+fn thrown() -> (World, Vec<BodyHandle>) {
+    let mut world = World::with_articulations(Solver::default());
+    world.set_lag(false);
+    let bodies: Vec<_> =
+        [1.0, 2.0, 0.5, 1.5].iter().enumerate().map(|(i, &mass)| world.add_body(link(mass, i as f64))).collect();
+    let kinds = [ball(0.5, -0.5), hinge(ConstraintKind::Hinge { limits: None }, 0.5, -0.5), ball(0.5, -0.5)];
+    let joints: Vec<_> = (0..3).map(|i| world.add_constraint(bodies[i], bodies[i + 1], &kinds[i]).unwrap()).collect();
+    assert!(world.articulate(&joints).is_some());
+    for (i, &body) in bodies.iter().enumerate() {
+        let i = i as f64;
+        world.set_velocity(body, &Vector3::new(0.5, i, 1.0 - i), &Vector3::new(3.0 - i, i, 2.0 * i - 1.0));
+    }
+    (world, bodies)
+}
+
+/// Linear momentum, angular momentum about the origin, and kinetic energy.
+fn conserved(world: &World, bodies: &[BodyHandle]) -> (Vector3<f64>, Vector3<f64>, f64) {
+    let (mut linear, mut angular, mut energy) = (Vector3::zeros(), Vector3::zeros(), 0.0);
+    for (&body, mass) in bodies.iter().zip([1.0, 2.0, 0.5, 1.5]) {
+        let (pose, (v, w)) = (world.pose(body).unwrap(), world.velocity(body).unwrap());
+        let inertia = Vector3::new(0.01, INERTIA, INERTIA) * mass;
+        let own = pose.rotation * inertia.component_mul(&pose.rotation.inverse_transform_vector(&w));
+        linear += v * mass;
+        angular += pose.translation.vector.cross(&v) * mass + own;
+        energy += (mass * v.norm_squared() + w.dot(&own)) / 2.0;
+    }
+    (linear, angular, energy)
+}
+
+#[test]
+fn a_free_chain_keeps_energy_and_momenta_to_fourth_order() {
+    let after = |steps: u32| {
+        let (mut world, bodies) = thrown();
+        let h = 1.0 / f64::from(steps);
+        // The first step projects the velocities onto the joints.
+        world.step(1e-9, 1, 1e-9);
+        let before = conserved(&world, &bodies);
+        (0..steps).for_each(|_| {
+            world.step(h, 1, h);
+        });
+        for pair in bodies.windows(2) {
+            let [a, b] = [pair[0], pair[1]].map(|body| world.pose(body).unwrap());
+            let gap = a * nalgebra::Point3::new(0.5, 0.0, 0.0) - b * nalgebra::Point3::new(-0.5, 0.0, 0.0);
+            assert!(gap.norm() < 1e-12, "{gap}");
+        }
+        let now = conserved(&world, &bodies);
+        let lost = [(now.0 - before.0).norm(), (now.1 - before.1).norm(), (now.2 - before.2).abs()];
+        (poses(&world, &bodies), lost)
+    };
+    let (exact, lost) = after(16_000);
+    assert!(lost.iter().all(|error| *error < 1e-9), "{lost:?}");
+    let errors = [500, 1000].map(|steps| farthest(&after(steps).0, &exact));
+    assert!(errors[1] < 1e-7, "{errors:?}");
+    assert!((10.0..25.0).contains(&(errors[0] / errors[1])), "not of fourth order: {errors:?}");
+}
+
+#[test]
+fn poses_and_velocities_that_are_set_last() {
+    let (mut world, bodies, joints) = chain(&[1.0, 2.0]);
+    joints.into_iter().for_each(|joint| assert!(world.remove_constraint(joint)));
+    world.set_gravity(Vector3::zeros());
+    let joints =
+        [(0, 0.0), (1, 0.5)].map(|(i, at)| world.add_constraint(bodies[i], bodies[i + 1], &ball(at, -0.5)).unwrap());
+    assert!(world.articulate(&joints).is_some());
+    let turn = nalgebra::UnitQuaternion::from_euler_angles(0.4, -1.1, 2.0);
+    let pose = Isometry3::from_parts((turn * Vector3::new(0.5, 0.0, 0.0)).into(), turn);
+    let bend = turn * nalgebra::UnitQuaternion::from_euler_angles(-2.5, 0.3, 0.7);
+    let end = turn * Vector3::x() + bend * Vector3::new(0.5, 0.0, 0.0);
+    world.set_pose(bodies[1], &pose);
+    world.set_pose(bodies[2], &Isometry3::from_parts(end.into(), bend));
+    run(&mut world, 1);
+    let seen = poses(&world, &bodies[1..]);
+    assert!(seen[0].rotation.angle_to(&turn) < 1e-12 && seen[1].rotation.angle_to(&bend) < 1e-12, "{seen:?}");
+    let omega = Vector3::new(0.3, -0.2, 0.5);
+    world.set_velocity(bodies[1], &omega.cross(&(turn * Vector3::new(0.5, 0.0, 0.0))), &omega);
+    world.set_velocity(bodies[2], &omega.cross(&end), &omega);
+    run(&mut world, 1);
+    for body in &bodies[1..] {
+        let (_, seen) = world.velocity(*body).unwrap();
+        assert!((seen - omega).norm() < 1e-2, "{seen}");
+    }
+}
