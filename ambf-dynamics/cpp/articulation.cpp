@@ -7,7 +7,9 @@ ArticulationDynamics::JointType joint_type_of(AmbConstraint &c) {
   switch (c.kind) {
     case Kind::Hinge: return ArticulationDynamics::JointType::Revolute;
     case Kind::Slider: return ArticulationDynamics::JointType::Prismatic;
-    case Kind::PointToPoint: return ArticulationDynamics::JointType::Spherical;
+    case Kind::PointToPoint:
+    case Kind::ConeTwist:
+    case Kind::SixDof: return ArticulationDynamics::JointType::Spherical;
     case Kind::SixDofSpring:
       if (moves_about_z(c)) return ArticulationDynamics::JointType::Revolute;
       return moves_along_z(c) ? ArticulationDynamics::JointType::Prismatic : ArticulationDynamics::JointType::Fixed;
@@ -22,6 +24,10 @@ btTransform frame_of(AmbConstraint &c, bool of_b) {
       return btTransform(btMatrix3x3::getIdentity(), of_b ? point.getPivotInB() : point.getPivotInA());
     }
     case Kind::Hinge: return of_b ? c.as<btHingeConstraint>().getBFrame() : c.as<btHingeConstraint>().getAFrame();
+    case Kind::ConeTwist:
+      return of_b ? c.as<btConeTwistConstraint>().getBFrame() : c.as<btConeTwistConstraint>().getAFrame();
+    case Kind::SixDof:
+      return of_b ? c.as<btGeneric6DofConstraint>().getFrameOffsetB() : c.as<btGeneric6DofConstraint>().getFrameOffsetA();
     case Kind::Slider:
       return of_b ? c.as<btSliderConstraint>().getFrameOffsetB() : c.as<btSliderConstraint>().getFrameOffsetA();
     case Kind::SixDofSpring: {

@@ -1,5 +1,6 @@
 #include "articulation_rows.h"
 
+#include "exact_rows.h"
 #include "position_error.h"
 
 #include <algorithm>
@@ -69,6 +70,48 @@ void JointRows::plan_limit(int coordinate, btScalar low, btScalar high, bool is_
     planned.push_back({coordinate, side * target, 0, side > 0 ? 0 : -infinity, side > 0 ? infinity : 0, -1, 0,
                        side * correction, is_angle});
     return;
+  }
+}
+
+// Limits of the rotation of a cone-twist or six-dof joint, whose rows of the rotation are those of Bullet's constraint.
+void JointRows::plan_rotation_limits(AmbConstraint &joint, size_t member, btScalar h) {
+  btTypedConstraint &constraint = *joint.constraint;
+  btTypedConstraint::btConstraintInfo1 sizes;
+  constraint.getInfo1(&sizes);
+  constexpr int MAX_ROWS = 6;
+  btVector3 linear[2 * MAX_ROWS], angular[2 * MAX_ROWS];
+  btVector3 bounds[MAX_ROWS], errors[MAX_ROWS];
+  for (int k = 0; k < 2 * MAX_ROWS; ++k) linear[k] = angular[k] = btVector3(0, 0, 0);
+  for (int k = 0; k < MAX_ROWS; ++k) {
+    bounds[k].setValue(-BT_LARGE_FLOAT, BT_LARGE_FLOAT, 0);
+    errors[k].setZero();
+  }
+  btTypedConstraint::btConstraintInfo2 rows;
+  rows.fps = 1 / h;
+  rows.erp = LIMIT_ERP;
+  rows.rowskip = sizeof(btVector3) / sizeof(btScalar);
+  rows.m_J1linearAxis = &linear[0][0];
+  rows.m_J2linearAxis = &linear[MAX_ROWS][0];
+  rows.m_J1angularAxis = &angular[0][0];
+  rows.m_J2angularAxis = &angular[MAX_ROWS][0];
+  rows.m_constraintError = &errors[0][0];
+  rows.cfm = &errors[0][1];
+  rows.m_lowerLimit = &bounds[0][0];
+  rows.m_upperLimit = &bounds[0][1];
+  rows.m_numIterations = 1;
+  rows.m_damping = 1;
+  constraint.getInfo2(&rows);
+  const ArticulationDynamics::Link &link = articulation.dynamics.links[member - 1];
+  const btMatrix3x3 &parent = articulation.members[link.parent].body->body.getWorldTransform().getBasis();
+  const bool child_is_b = &second_of(joint) == articulation.members[member].body;
+  for (int k = 0; k < sizes.m_numConstraintRows; ++k) {
+    // The ball joint itself holds the pivots together.
+    if (!linear[k].isZero()) continue;
+    Row row{link.coordinate, 0, 0, bounds[k][0], bounds[k][1]};
+    row.correction = std::clamp(errors[k][0], -MAX_RETURN_RATE, MAX_RETURN_RATE);
+    row.is_angle = true;
+    row.gradient = (child_is_b ? angular[MAX_ROWS + k] : angular[k]) * parent;
+    planned.push_back(row);
   }
 }
 
@@ -162,8 +205,9 @@ void JointRows::drop_large_feedforward(btScalar h) {
 
 void JointRows::plan_limits(btScalar h) {
   for (size_t i = 1; i < articulation.members.size(); ++i) {
-    const AmbConstraint &joint = *articulation.members[i].joint;
+    AmbConstraint &joint = *articulation.members[i].joint;
     const ArticulationDynamics::Link &link = articulation.dynamics.links[i - 1];
+    if (joint.kind == Kind::ConeTwist || joint.kind == Kind::SixDof) plan_rotation_limits(joint, i, h);
     if (link.freedoms == 1) plan_limit(link.coordinate, joint.motor.low, joint.motor.high, joint.kind == Kind::Hinge, h);
   }
   for (size_t i = 0; i < articulation.springs.size(); ++i) {
@@ -192,7 +236,9 @@ void JointRows::createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBo
   for (size_t i = 0; i < planned.size(); ++i) {
     const Row &plan = planned[i];
     btMultiBodySolverConstraint &row = new_row(rows, static_cast<int>(i), data);
-    const RowMotion motion = act_on_coordinate(row, articulation, plan.coordinate, data);
+    const RowMotion motion = plan.gradient.isZero()
+                                 ? act_on_coordinate(row, articulation, plan.coordinate, data)
+                                 : act_on_rotation(row, articulation, plan.coordinate, plan.gradient, data);
     const btScalar softness = std::max(plan.softness, motion.response * SOFTNESS), whole = motion.response + softness;
     row.m_lowerLimit = plan.low - plan.feedforward;
     row.m_upperLimit = plan.high - plan.feedforward;

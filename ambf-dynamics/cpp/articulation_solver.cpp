@@ -97,6 +97,18 @@ RowMotion act_on_coordinate(btMultiBodySolverConstraint &row, AmbArticulation &a
   return motion;
 }
 
+RowMotion act_on_rotation(btMultiBodySolverConstraint &row, AmbArticulation &articulation, int coordinate,
+                          const btVector3 &gradient, btMultiBodyJacobianData &data) {
+  btScalar *const side = begin_side(row, 0, articulation, -1, data) + 6 + coordinate;
+  RowMotion motion;
+  for (int k = 0; k < 3; ++k) {
+    side[k] = gradient[k];
+    motion.velocity += gradient[k] * articulation.free_rate.q[coordinate + k];
+  }
+  motion.response = finish_side(row, 0, articulation, data);
+  return motion;
+}
+
 RowMotion act_on_body(btMultiBodySolverConstraint &row, int side, int id, const btVector3 &linear,
                       const btVector3 &angular, const btAlignedObjectArray<btSolverBody> &bodies) {
   (side ? row.m_solverBodyIdB : row.m_solverBodyIdA) = id;

@@ -102,7 +102,21 @@ impl ConstraintKind {
     }
 }
 
+/// Below this span, rad, Bullet locks the swing of a cone-twist joint about that axis.
+const CONE_TWIST_FIXED_SPAN: f64 = 0.05;
+
 impl ConstraintKind {
+    /// Whether it leaves the motion of a hinge, a slider or a ball joint, within limits, or none: what a joint of an
+    /// articulation is.
+    fn is_simple(&self) -> bool {
+        match self {
+            Self::Hinge { .. } | Self::Slider { .. } | Self::Fixed | Self::PointToPoint => true,
+            Self::ConeTwist { swing1, swing2, .. } => swing1.min(*swing2) >= CONE_TWIST_FIXED_SPAN,
+            Self::SixDof(limits) => limits[..3] == [[0.0; 2]; 3] && limits[3..].iter().all(|[low, high]| low != high),
+            Self::SixDofSpring { .. } => false,
+        }
+    }
+
     /// Whether it is a spring along or about z with all other axes locked.
     fn is_axis_spring(&self) -> bool {
         let Self::SixDofSpring { limits, springs } = self else { return false };
@@ -196,7 +210,7 @@ pub(super) struct OwnedConstraint {
     pub(super) raw: NonNull<sys::AmbConstraint>,
     pub(super) bodies: [BodyHandle; 2],
     motor: Motor,
-    /// Hinge, slider, fixed or point-to-point.
+    /// See [`ConstraintKind::is_simple`].
     pub(super) is_simple: bool,
     /// Spring about or along one axis, with all other axes locked.
     pub(super) is_axis_spring: bool,
@@ -244,13 +258,7 @@ impl World {
             ConstraintKind::Slider { .. } => Motor::Slider,
             _ => Motor::None,
         };
-        let is_simple = matches!(
-            constraint.kind,
-            ConstraintKind::Hinge { .. }
-                | ConstraintKind::Slider { .. }
-                | ConstraintKind::Fixed
-                | ConstraintKind::PointToPoint
-        );
+        let is_simple = constraint.kind.is_simple();
         let is_axis_spring = constraint.kind.is_axis_spring();
         let owned =
             OwnedConstraint { raw, bodies: [a, b], motor, is_simple, is_axis_spring, articulation: None, index: 0 };

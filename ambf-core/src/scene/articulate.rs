@@ -9,9 +9,7 @@ use crate::ids::{BodyId, JointId, ModelId, Table};
 
 /// Whether a model has joints that can be put into reduced coordinates.
 pub(super) fn may_articulate(model: &adf::Model) -> bool {
-    use JointKind::{Fixed, LinearSpring, PointToPoint, Prismatic, Revolute, TorsionSpring};
-    let may =
-        |kind: &JointKind| matches!(kind, Revolute | Prismatic | Fixed | PointToPoint | LinearSpring | TorsionSpring);
+    let may = |kind: &JointKind| !matches!(kind, JointKind::SixDofSpring(_) | JointKind::Unknown(_));
     model.joints.iter().any(|joint| may(&joint.kind))
 }
 
@@ -35,7 +33,7 @@ impl Sets {
 
 impl Scene {
     /// Puts the joints of `models` into reduced coordinates, as far as they form trees: whole groups of bodies that
-    /// joints hold together, no parts of them. What has loops, cone-twist joints or springs with several axes stays as
+    /// joints hold together, no parts of them. What has loops, joints that slide along several axes or springs with several axes stays as
     /// it is, and so does what has a joint of `open`: reduced coordinates would close it. Says what was done.
     pub(super) fn articulate(&mut self, models: &BTreeSet<ModelId>, open: &BTreeSet<JointId>) -> Option<Note> {
         if !self.world.has_articulations() {

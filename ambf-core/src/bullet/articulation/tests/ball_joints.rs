@@ -31,10 +31,11 @@ fn a_top_precesses_steadily() {
     let along_axis = spin - precession * tilt.cos();
     let omega = axis * along_axis + Vector3::y() * precession;
     world.set_velocity(body, &omega.cross(&(axis * 0.5)), &omega);
-    for step in 1..=2000 {
-        run(&mut world, 1);
+    let h = 1e-4;
+    for step in 1..=20_000 {
+        world.step(h, 1, h);
         let center = world.pose(body).unwrap().translation.vector;
-        let angle = precession * f64::from(step) * 1e-3;
+        let angle = precession * f64::from(step) * h;
         let wanted = Vector3::new(tilt.sin() * angle.cos(), tilt.cos(), -tilt.sin() * angle.sin()) * 0.5;
         assert!((center - wanted).norm() < 1e-6, "step {step}: {center}, not {wanted}");
     }
@@ -121,5 +122,55 @@ fn poses_and_velocities_that_are_set_last() {
     for body in &bodies[1..] {
         let (_, seen) = world.velocity(*body).unwrap();
         assert!((seen - omega).norm() < 1e-2, "{seen}");
+    }
+}
+
+#[test]
+fn limits_of_a_rotation_hold_and_add_no_energy() {
+    let range = [-0.5, 0.5];
+    let cone = ConstraintKind::ConeTwist { swing1: 0.5, swing2: 0.5, twist: 0.3 };
+    let six_dof = ConstraintKind::SixDof([[0.0; 2], [0.0; 2], [0.0; 2], [-0.3, 0.3], range, range]);
+    // The two angles of a six-dof joint are limited each by itself.
+    for (kind, most) in [(cone, 0.53), (six_dof, 0.73)] {
+        for reversed in [false, true] {
+            let mut world = World::with_articulations(Solver::Accurate);
+            world.set_gravity(Vector3::new(0.0, -GRAVITY, 0.0));
+            world.set_lag(false);
+            let base = world.add_body(link(0.0, 0.0));
+            let body = world.add_body(link(2.0, 0.5));
+            let mut joint = hinge(kind.clone(), 0.0, -0.5);
+            let (mut a, mut b) = (base, body);
+            if reversed {
+                std::mem::swap(&mut joint.frame_a, &mut joint.frame_b);
+                (a, b) = (body, base);
+            }
+            let joint = world.add_constraint(a, b, &joint).unwrap();
+            assert!(world.articulate(&[joint]).is_some());
+            // It swings to a side, too, and twists.
+            let omega = Vector3::new(2.0, 1.5, 0.0);
+            world.set_velocity(body, &omega.cross(&Vector3::new(0.5, 0.0, 0.0)), &omega);
+            let energy = |world: &World| {
+                let (pose, (v, w)) = (world.pose(body).unwrap(), world.velocity(body).unwrap());
+                let local = pose.rotation.inverse_transform_vector(&w);
+                let kinetic = 2.0 * v.norm_squared()
+                    + local.dot(&(Vector3::new(0.01, INERTIA, INERTIA) * 2.0).component_mul(&local));
+                kinetic / 2.0 + 2.0 * GRAVITY * pose.translation.y
+            };
+            let first = energy(&world);
+            for _ in 0..4000 {
+                run(&mut world, 1);
+                let pose = world.pose(body).unwrap();
+                let swing = (pose.rotation * Vector3::x()).angle(&Vector3::x());
+                assert!(swing < most, "{kind:?}, reversed {reversed}: {swing}");
+                assert!(energy(&world) < first + 1e-3, "{kind:?}, reversed {reversed}: {} J", energy(&world) - first);
+            }
+            // The angles of a six-dof joint are Euler angles from its first body on.
+            if reversed && most > 0.6 {
+                continue;
+            }
+            let (roll, _, swing) = world.pose(body).unwrap().rotation.euler_angles();
+            assert!(roll.abs() < 0.31, "{kind:?}, reversed {reversed}: twist {roll}");
+            assert!((swing + 0.5).abs() < 3e-3, "{kind:?}, reversed {reversed}: swing {swing}");
+        }
     }
 }
