@@ -8,8 +8,12 @@ ArticulationDynamics::JointType joint_type_of(AmbConstraint &c) {
     case Kind::Hinge: return ArticulationDynamics::JointType::Revolute;
     case Kind::Slider: return ArticulationDynamics::JointType::Prismatic;
     case Kind::PointToPoint:
-    case Kind::ConeTwist:
-    case Kind::SixDof: return ArticulationDynamics::JointType::Spherical;
+    case Kind::ConeTwist: return ArticulationDynamics::JointType::Spherical;
+    case Kind::SixDof: {
+      const auto &limits = *c.as<btGeneric6DofConstraint>().getTranslationalLimitMotor();
+      const bool slides = !(limits.m_lowerLimit.isZero() && limits.m_upperLimit.isZero());
+      return slides ? ArticulationDynamics::JointType::Free : ArticulationDynamics::JointType::Spherical;
+    }
     case Kind::SixDofSpring:
       if (moves_about_z(c)) return ArticulationDynamics::JointType::Revolute;
       return moves_along_z(c) ? ArticulationDynamics::JointType::Prismatic : ArticulationDynamics::JointType::Fixed;
@@ -46,7 +50,7 @@ constexpr btScalar AXIS_TOLERANCE = 2e-3;
 // Whether a spring acts on the coordinate of a joint between the same bodies.
 bool acts_along(AmbConstraint &spring, AmbConstraint &joint) {
   const ArticulationDynamics::JointType type = joint_type_of(spring);
-  if (ArticulationDynamics::coordinates_of(type) != 1 || type != joint_type_of(joint)) return false;
+  if (type == ArticulationDynamics::JointType::Fixed || type != joint_type_of(joint)) return false;
   const bool same_order = &first_of(spring) == &first_of(joint);
   for (bool of_b : {false, true}) {
     const btTransform theirs = frame_of(joint, of_b), own = frame_of(spring, same_order ? of_b : !of_b);
@@ -79,6 +83,7 @@ bool fits(AmbConstraint &joint) {
   const btVector3 axis = a.getBasis() * axis_of(joint);
   btVector3 gap = b.getOrigin() - a.getOrigin();
   const ArticulationDynamics::JointType type = joint_type_of(joint);
+  if (type == ArticulationDynamics::JointType::Free) return true;
   if (type == ArticulationDynamics::JointType::Spherical) return gap.length() < MAX_INITIAL_GAP;
   if (type == ArticulationDynamics::JointType::Prismatic) gap -= axis * axis.dot(gap);
   btScalar angle;
@@ -151,7 +156,11 @@ AmbArticulation::AmbArticulation(AmbWorld &owner, AmbBody &base, AmbConstraint *
   const bool fixed = dynamics.fixed_base;
   dynamics.bodies.push_back(body_of(base));
   members.push_back({&base, nullptr, nullptr, nullptr});
-  multi_body = std::make_unique<btMultiBody>(n, dynamics.bodies[0].mass, dynamics.bodies[0].inertia, fixed, false);
+  // Bullet has no joints with six motions: a further link of the btMultiBody, without a body, has three of them.
+  int links = n;
+  for (int i = 0; i < n; ++i) links += joint_type_of(*joints[i]) == ArticulationDynamics::JointType::Free ? 1 : 0;
+  multi_body = std::make_unique<btMultiBody>(links, dynamics.bodies[0].mass, dynamics.bodies[0].inertia, fixed, false);
+  links = n;
   auto member_of = [this](const AmbBody *body) {
     // A fixed base may be the base of several articulations and has no `articulation`.
     return body == members[0].body ? 0 : body->articulation == this ? body->member : -1;
@@ -186,6 +195,9 @@ AmbArticulation::AmbArticulation(AmbWorld &owner, AmbBody &base, AmbConstraint *
         multi_body->setupPrismatic(i, body.mass, body.inertia, parent - 1, rotation, local_axis, link.pivot, link.arm,
                                    false);
         break;
+      case ArticulationDynamics::JointType::Free:
+        multi_body->setupSpherical(links++, 0, btVector3(0, 0, 0), i, rotation, link.pivot, link.arm, false);
+        [[fallthrough]];
       case ArticulationDynamics::JointType::Spherical:
         multi_body->setupSpherical(i, body.mass, body.inertia, parent - 1, rotation, link.pivot, link.arm, false);
         break;
@@ -369,8 +381,10 @@ void AmbArticulation::apply_set_state() {
       const btTransform &parent = members[link.parent].body->body.getWorldTransform();
       const btTransform &child = members[i + 1].body->body.getWorldTransform();
       const btTransform relative = parent.inverseTimes(child);
-      if (link.type == ArticulationDynamics::JointType::Spherical) {
+      if (link.ball >= 0) {
         position.balls[link.ball] = relative.getRotation();
+        const btVector3 way = relative.getOrigin() - relative.getBasis() * link.arm - link.pivot;
+        for (int k = 0; k < link.sliding; ++k) position.q[link.coordinate + k] = way[k];
         continue;
       }
       btScalar &q = position.q[link.coordinate];
@@ -552,10 +566,9 @@ btScalar set_correction(btMultiBody &multi_body, const double *velocities, btSca
   btScalar fastest = articulation.correction.angular.length() / most_turned;
   fastest = std::max(fastest, articulation.correction.linear.length() / MAX_CORRECTION_SPEED);
   for (const ArticulationDynamics::Link &link : articulation.dynamics.links) {
-    const bool turns = link.type != ArticulationDynamics::JointType::Prismatic;
-    for (int k = 0; k < link.freedoms; ++k) {
-      fastest = std::max(fastest, btFabs(articulation.correction.q[link.coordinate + k]) /
-                                      (turns ? most_turned : MAX_CORRECTION_SPEED));
+    for (int k = 0; k < link.freedoms(); ++k) {
+      const btScalar most = k < link.sliding ? MAX_CORRECTION_SPEED : most_turned;
+      fastest = std::max(fastest, btFabs(articulation.correction.q[link.coordinate + k]) / most);
     }
   }
   return fastest;

@@ -81,10 +81,11 @@ void ArticulationDynamics::add(const Body &body, int parent, JointType type, con
   Link link;
   link.parent = parent;
   link.type = type;
-  link.freedoms = coordinates_of(type);
-  link.coordinate = link.freedoms == 0 ? -1 : coordinates;
-  coordinates += link.freedoms;
-  link.ball = type == JointType::Spherical ? balls++ : -1;
+  link.sliding = sliding_coordinates_of(type);
+  link.turning = turning_coordinates_of(type);
+  link.coordinate = link.freedoms() == 0 ? -1 : coordinates;
+  coordinates += link.freedoms();
+  link.ball = link.turning == 3 ? balls++ : -1;
   link.axis = joint_in_parent.getBasis() * axis;
   link.pivot = joint_in_parent.getOrigin();
   link.rotation = joint_in_parent.getBasis().timesTranspose(joint_in_child.getBasis());
@@ -110,10 +111,10 @@ void ArticulationDynamics::finish() {
     if (link.coordinate < 0) continue;
     int parent = link.parent;
     while (parent > 0 && links[parent - 1].coordinate < 0) parent = links[parent - 1].parent;
-    const auto last_of = [](const Link &other) { return 6 + other.coordinate + other.freedoms - 1; };
+    const auto last_of = [](const Link &other) { return 6 + other.coordinate + other.freedoms() - 1; };
     const int first = 6 + link.coordinate;
     parent_component[first] = parent > 0 ? last_of(links[parent - 1]) : fixed_base ? -1 : 5;
-    for (int k = 1; k < link.freedoms; ++k) parent_component[first + k] = first + k - 1;
+    for (int k = 1; k < link.freedoms(); ++k) parent_component[first + k] = first + k - 1;
   }
   factor.resize(velocity_size() * velocity_size());
   inverse_diagonal.resize(velocity_size());
@@ -142,8 +143,9 @@ void ArticulationDynamics::update_poses(const Position &position) {
         local[row] = link.rotation[row] + link.turn[row] * sine + link.turn2[row] * versine;
       }
       rotations[i + 1] = parent * local;
-    } else if (link.type == JointType::Spherical) {
+    } else if (link.ball >= 0) {
       rotations[i + 1] = parent * btMatrix3x3(position.balls[link.ball]);
+      if (link.type == JointType::Free) pivot += parent * three_of(position.q, link.coordinate);
     } else {
       rotations[i + 1] = parent * link.rotation;
       if (link.type == JointType::Prismatic) pivot += parent * link.axis * position.q[link.coordinate];
@@ -178,10 +180,17 @@ void ArticulationDynamics::update_velocities(const Rate &rate) {
       continue;
     }
     const btVector3 arm = rotations[i + 1] * link.arm;
-    for (int k = 0; k < link.freedoms; ++k) {
+    btVector3 sliding(0, 0, 0);
+    for (int k = 0; k < link.sliding; ++k) {
+      Freedom &freedom = w.freedoms[k];
+      freedom.s_angular.setZero();
+      freedom.s_linear = parent.getColumn(k);
+      sliding += freedom.s_linear * rate.q[link.coordinate + k];
+    }
+    for (int k = link.sliding; k < link.freedoms(); ++k) {
       Freedom &freedom = w.freedoms[k];
       const btScalar speed = rate.q[link.coordinate + k];
-      freedom.s_angular = link.type == JointType::Spherical ? parent.getColumn(k) : parent * link.axis;
+      freedom.s_angular = link.turning == 3 ? parent.getColumn(k - link.sliding) : parent * link.axis;
       freedom.s_linear = freedom.s_angular.cross(arm);
       angular[i + 1] += freedom.s_angular * speed;
       linear[i + 1] += freedom.s_linear * speed;
@@ -189,6 +198,9 @@ void ArticulationDynamics::update_velocities(const Rate &rate) {
     }
     w.c_linear = w.c_angular.cross(arm) + omega.cross(omega.cross(w.r - arm)) +
                  angular[i + 1].cross(angular[i + 1].cross(arm));
+    if (link.sliding == 0) continue;
+    linear[i + 1] += sliding;
+    w.c_linear += omega.cross(sliding) * 2;
   }
 }
 
@@ -237,7 +249,7 @@ void ArticulationDynamics::sweep(Rate &out, bool with_bias) {
     Work &w = work[i + 1];
     const bool is_last = link.parent == 0 && fixed_base;
     btVector3 torque = w.torque, force = w.force;
-    for (int k = link.freedoms; k-- > 0;) {
+    for (int k = link.freedoms(); k-- > 0;) {
       Freedom &freedom = w.freedoms[k];
       compute_joint_inertia(w, freedom);
       freedom.u = efforts[link.coordinate + k] - freedom.s_angular.dot(torque) - freedom.s_linear.dot(force);
@@ -271,7 +283,7 @@ void ArticulationDynamics::sweep(Rate &out, bool with_bias) {
       w.alpha += w.c_angular;
       w.accel += w.c_linear;
     }
-    for (int k = 0; k < link.freedoms; ++k) {
+    for (int k = 0; k < link.freedoms(); ++k) {
       const Freedom &freedom = w.freedoms[k];
       const btScalar acceleration =
           (freedom.u - freedom.u_angular.dot(w.alpha) - freedom.u_linear.dot(w.accel)) * freedom.d_inverse;
@@ -436,10 +448,9 @@ void ArticulationDynamics::bound_rotation(Rate &rate, btScalar h) {
     }
     factor_inertia();
     for (const Link &link : links) {
-      if (link.type == JointType::Prismatic) continue;
       const btScalar speed = joint_speed(link, rate);
       if (!(speed > most)) continue;
-      for (int k = 0; k < link.freedoms; ++k) {
+      for (int k = link.sliding; k < link.freedoms(); ++k) {
         const btScalar component = btFabs(rate.q[link.coordinate + k]) * (most / speed);
         stop_at(link.coordinate + k, component, rate);
       }
@@ -454,16 +465,15 @@ void ArticulationDynamics::bound_rotation(Rate &rate, btScalar h) {
 
 btScalar ArticulationDynamics::fastest_coordinate(const Rate &rate) const {
   btScalar fastest = 0;
-  for (const Link &link : links) {
-    if (link.type != JointType::Prismatic) fastest = std::max(fastest, joint_speed(link, rate));
-  }
+  for (const Link &link : links) fastest = std::max(fastest, joint_speed(link, rate));
   return fastest;
 }
 
 // Angular velocity of a link relative to its parent, rad/s.
 btScalar ArticulationDynamics::joint_speed(const Link &link, const Rate &rate) {
-  if (link.freedoms == 0) return 0;
-  return link.freedoms == 1 ? btFabs(rate.q[link.coordinate]) : three_of(rate.q, link.coordinate).length();
+  if (link.turning == 0) return 0;
+  return link.turning == 1 ? btFabs(rate.q[link.coordinate])
+                           : three_of(rate.q, link.coordinate + link.sliding).length();
 }
 
 btScalar ArticulationDynamics::response(int coordinate) {
@@ -608,7 +618,7 @@ void ArticulationDynamics::runge_kutta(btScalar h, const Position &from, const R
   const auto set_ball_spins = [this](int i, const Position &at) {
     for (const Link &link : links) {
       if (link.ball >= 0)
-        ball_spins[i][link.ball] = spin_of(three_of(speeds[i].q, link.coordinate), at.balls[link.ball]);
+        ball_spins[i][link.ball] = spin_of(three_of(speeds[i].q, link.coordinate + link.sliding), at.balls[link.ball]);
     }
   };
   speeds[0] = rate;
@@ -655,7 +665,7 @@ void ArticulationDynamics::factor_inertia() {
     const Link &link = links[i];
     Work &w = work[i + 1];
     const bool is_last = link.parent == 0 && fixed_base;
-    for (int f = link.freedoms; f-- > 0;) {
+    for (int f = link.freedoms(); f-- > 0;) {
       Freedom &freedom = w.freedoms[f];
       compute_joint_inertia(w, freedom);
       const size_t k = 6 + link.coordinate + f;
@@ -673,7 +683,7 @@ void ArticulationDynamics::factor_inertia() {
         }
         torque += work[body].r.cross(force);
         body = joint.parent;
-        before = body > 0 ? links[body - 1].freedoms : 0;
+        before = body > 0 ? links[body - 1].freedoms() : 0;
       }
       for (int c = 0; c < 3; ++c) {
         row[c] = torque[c];
@@ -705,18 +715,23 @@ void ArticulationDynamics::add_jacobian(size_t body, const btVector3 &force, con
   btVector3 twist = torque;
   while (body > 0) {
     const Work &w = work[body];
-    const Link &link = links[body - 1];
-    for (int k = 0; k < link.freedoms; ++k) {
-      const Freedom &freedom = w.freedoms[k];
-      row[6 + link.coordinate + k] += freedom.s_angular.dot(twist) + freedom.s_linear.dot(force);
-    }
+    add_joint_jacobian(body, force, twist, row);
     twist += w.r.cross(force);
-    body = link.parent;
+    body = links[body - 1].parent;
   }
   if (fixed_base) return;
   for (int k = 0; k < 3; ++k) {
     row[k] += twist[k];
     row[k + 3] += force[k];
+  }
+}
+
+void ArticulationDynamics::add_joint_jacobian(size_t body, const btVector3 &force, const btVector3 &torque,
+                                              btScalar *row) const {
+  const Link &link = links[body - 1];
+  for (int k = 0; k < link.freedoms(); ++k) {
+    const Freedom &freedom = work[body].freedoms[k];
+    row[6 + link.coordinate + k] += freedom.s_angular.dot(torque) + freedom.s_linear.dot(force);
   }
 }
 
@@ -760,7 +775,7 @@ void ArticulationDynamics::advance_position(Position &position, btScalar h, cons
   for (size_t i = 0; i < position.q.size(); ++i) position.q[i] += h * rate.q[i];
   turn_by(position.rotation, rate.angular, h);
   for (const Link &link : links) {
-    if (link.ball >= 0) turn_by(position.balls[link.ball], three_of(rate.q, link.coordinate), h);
+    if (link.ball >= 0) turn_by(position.balls[link.ball], three_of(rate.q, link.coordinate + link.sliding), h);
   }
 }
 

@@ -6,26 +6,30 @@
 
 #include <LinearMath/btTransform.h>
 
-// A kinematic tree of hinges, sliders, ball joints and fixed joints on a fixed or free base. Featherstone's articulated-body
+// A kinematic tree of hinges, sliders, ball joints, joints that leave all six motions and fixed joints, on a fixed or free base. Featherstone's articulated-body
 // algorithm (Rigid Body Dynamics Algorithms, 2008, chapter 7) with all quantities in world axes about the centre of
 // mass of their body, so that matrices need no rotation between links. Accelerations are classical, not spatial.
 //
 // Body 0 is the base, body i + 1 is link i. Poses are those of inertial frames; SI units.
 class ArticulationDynamics {
  public:
-  enum class JointType { Fixed, Revolute, Prismatic, Spherical };
+  enum class JointType { Fixed, Revolute, Prismatic, Spherical, Free };
 
-  // Number of coordinates of a joint.
-  static int coordinates_of(JointType type) {
-    return type == JointType::Fixed ? 0 : type == JointType::Spherical ? 3 : 1;
+  // Numbers of coordinates of a joint: displacements along the axes of the parent, which come first, and rotations.
+  static int sliding_coordinates_of(JointType type) {
+    return type == JointType::Free ? 3 : type == JointType::Prismatic ? 1 : 0;
+  }
+  static int turning_coordinates_of(JointType type) {
+    return type == JointType::Free || type == JointType::Spherical ? 3 : type == JointType::Revolute ? 1 : 0;
   }
 
   struct Link {
     int parent;  // body
     JointType type;
     int coordinate;           // index in `q` of its first coordinate; -1 if fixed
-    int freedoms;             // number of its coordinates
-    int ball;                 // index in `balls`; -1 if it is no ball joint
+    int sliding, turning;     // numbers of its coordinates
+    int ball;                 // index in `balls`; -1 if it does not turn about three axes
+    int freedoms() const { return sliding + turning; }
     btVector3 axis;           // of length 1, in the parent's frame
     btVector3 pivot;          // in the parent's frame
     btMatrix3x3 rotation;     // child in parent at coordinate 0
@@ -59,15 +63,15 @@ class ArticulationDynamics {
   struct Position {
     btQuaternion rotation{0, 0, 0, 1};  // of the base
     btVector3 origin{0, 0, 0};
-    // Angles (rad) and displacements (m). Those of ball joints are meaningless: rotations have no coordinates whose rates
-    // are angular velocities.
+    // Angles (rad) and displacements (m). The three of a rotation about three axes are meaningless: rotations have no
+    // coordinates whose rates are angular velocities.
     Vector<btScalar> q;
-    // Rotations of the children of ball joints in their parents.
+    // Rotations of children that turn about three axes, in their parents.
     Vector<btQuaternion> balls;
   };
 
-  // Generalised velocity: velocity of the base and rates of the coordinates, which for a ball joint are the components
-  // of the relative angular velocity in the parent's axes. Also used for accelerations.
+  // Generalised velocity: velocity of the base and rates of the coordinates, which for a rotation about three axes are
+  // the components of the relative angular velocity in the parent's axes. Also used for accelerations.
   struct Rate {
     btVector3 angular{0, 0, 0}, linear{0, 0, 0};
     Vector<btScalar> q;
@@ -136,6 +140,8 @@ class ArticulationDynamics {
   // Adds to a row of the Jacobian of v the part of an impulse along `force` at the centre of mass of a body, and along
   // `torque`.
   void add_jacobian(size_t body, const btVector3 &force, const btVector3 &torque, btScalar *row) const;
+  // As `add_jacobian`, with the coordinates of the link's own joint only: an impulse between a link and its parent.
+  void add_joint_jacobian(size_t body, const btVector3 &force, const btVector3 &torque, btScalar *row) const;
   // Transforms a row J of the Jacobian of v into J L^-1, the row for z. It is also the response of z to a unit impulse
   // of the row.
   void normalise(btScalar *row) const;
@@ -175,8 +181,8 @@ class ArticulationDynamics {
     btScalar d_inverse, u;
   };
 
-  // The degrees of freedom of a ball joint are treated like hinges between bodies without mass at the same place, the
-  // first of which is the nearest to the base.
+  // The degrees of freedom of a joint are treated like sliders and hinges between bodies without mass at the same place,
+  // the first of which is the nearest to the base.
   struct Work {
     btMatrix3x3 inertia;            // of the body alone
     btMatrix3x3 a, b, m;            // articulated: torque and force from angular and linear acceleration, [a b; b^T m]
@@ -184,7 +190,7 @@ class ArticulationDynamics {
     btVector3 r;                    // from the parent's centre of mass to the body's
     btVector3 c_angular, c_linear;  // velocity-product acceleration
     btVector3 alpha, accel;
-    Freedom freedoms[3];
+    Freedom freedoms[6];
   };
 
   void runge_kutta(btScalar h, const Position &from, const Rate &rate, Position &to, Rate &new_rate);

@@ -73,8 +73,8 @@ void JointRows::plan_limit(int coordinate, btScalar low, btScalar high, bool is_
   }
 }
 
-// Limits of the rotation of a cone-twist or six-dof joint, whose rows of the rotation are those of Bullet's constraint.
-void JointRows::plan_rotation_limits(AmbConstraint &joint, size_t member, btScalar h) {
+// Limits of a cone-twist or six-dof joint: rows of Bullet's constraint.
+void JointRows::plan_limits_of(AmbConstraint &joint, size_t member, btScalar h) {
   btTypedConstraint &constraint = *joint.constraint;
   btTypedConstraint::btConstraintInfo1 sizes;
   constraint.getInfo1(&sizes);
@@ -102,15 +102,17 @@ void JointRows::plan_rotation_limits(AmbConstraint &joint, size_t member, btScal
   rows.m_damping = 1;
   constraint.getInfo2(&rows);
   const ArticulationDynamics::Link &link = articulation.dynamics.links[member - 1];
-  const btMatrix3x3 &parent = articulation.members[link.parent].body->body.getWorldTransform().getBasis();
-  const bool child_is_b = &second_of(joint) == articulation.members[member].body;
+  const int child = &second_of(joint) == articulation.members[member].body ? MAX_ROWS : 0;
   for (int k = 0; k < sizes.m_numConstraintRows; ++k) {
-    // The ball joint itself holds the pivots together.
-    if (!linear[k].isZero()) continue;
     Row row{link.coordinate, 0, 0, bounds[k][0], bounds[k][1]};
-    row.correction = std::clamp(errors[k][0], -MAX_RETURN_RATE, MAX_RETURN_RATE);
-    row.is_angle = true;
-    row.gradient = (child_is_b ? angular[MAX_ROWS + k] : angular[k]) * parent;
+    row.is_angle = linear[k].isZero();
+    // A ball joint itself holds its pivots together.
+    if (!row.is_angle && link.sliding == 0) continue;
+    const btScalar most = row.is_angle ? MAX_RETURN_RATE : MAX_RETURN_SPEED;
+    row.correction = std::clamp(errors[k][0], -most, most);
+    row.member = member;
+    row.force = linear[child + k];
+    row.torque = angular[child + k];
     planned.push_back(row);
   }
 }
@@ -163,7 +165,7 @@ void JointRows::plan_motors(btScalar h) {
   for (size_t i = 1; i < articulation.members.size(); ++i) {
     const AmbConstraint &joint = *articulation.members[i].joint;
     const ArticulationDynamics::Link &link = articulation.dynamics.links[i - 1];
-    if (link.freedoms == 1) plan_motor(joint, link.coordinate, h);
+    if (link.freedoms() == 1) plan_motor(joint, link.coordinate, h);
   }
   for (size_t i = 0; i < articulation.springs.size(); ++i) {
     const ArticulationDynamics::Spring &spring = articulation.dynamics.springs[i];
@@ -190,9 +192,8 @@ void JointRows::drop_large_feedforward(btScalar h) {
   dynamics.accelerate(articulation.position, articulation.rate, acceleration);
   bool is_large = false;
   for (const ArticulationDynamics::Link &link : dynamics.links) {
-    const btScalar scale =
-        link.type == ArticulationDynamics::JointType::Prismatic ? link.arm.length() + link.pivot.length() : 1;
-    for (int k = 0; k < link.freedoms; ++k) {
+    for (int k = 0; k < link.freedoms(); ++k) {
+      const btScalar scale = k < link.sliding ? link.arm.length() + link.pivot.length() : 1;
       // The comparison is false for NaN, which counts as large.
       const btScalar motion = btFabs(acceleration.q[link.coordinate + k]) * h * h;
       is_large = is_large || !(motion <= MAX_FEEDFORWARD_MOTION * scale);
@@ -207,8 +208,8 @@ void JointRows::plan_limits(btScalar h) {
   for (size_t i = 1; i < articulation.members.size(); ++i) {
     AmbConstraint &joint = *articulation.members[i].joint;
     const ArticulationDynamics::Link &link = articulation.dynamics.links[i - 1];
-    if (joint.kind == Kind::ConeTwist || joint.kind == Kind::SixDof) plan_rotation_limits(joint, i, h);
-    if (link.freedoms == 1) plan_limit(link.coordinate, joint.motor.low, joint.motor.high, joint.kind == Kind::Hinge, h);
+    if (joint.kind == Kind::ConeTwist || joint.kind == Kind::SixDof) plan_limits_of(joint, i, h);
+    if (link.freedoms() == 1) plan_limit(link.coordinate, joint.motor.low, joint.motor.high, joint.kind == Kind::Hinge, h);
   }
   for (size_t i = 0; i < articulation.springs.size(); ++i) {
     const ArticulationDynamics::Spring &spring = articulation.dynamics.springs[i];
@@ -236,9 +237,9 @@ void JointRows::createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBo
   for (size_t i = 0; i < planned.size(); ++i) {
     const Row &plan = planned[i];
     btMultiBodySolverConstraint &row = new_row(rows, static_cast<int>(i), data);
-    const RowMotion motion = plan.gradient.isZero()
+    const RowMotion motion = plan.member == 0
                                  ? act_on_coordinate(row, articulation, plan.coordinate, data)
-                                 : act_on_rotation(row, articulation, plan.coordinate, plan.gradient, data);
+                                 : act_between(row, articulation, plan.member, plan.force, plan.torque, data);
     const btScalar softness = std::max(plan.softness, motion.response * SOFTNESS), whole = motion.response + softness;
     row.m_lowerLimit = plan.low - plan.feedforward;
     row.m_upperLimit = plan.high - plan.feedforward;

@@ -61,12 +61,14 @@ class JointRows : public EngineRows {
     // Pseudo-velocity that corrects the position error, rad/s or m/s.
     btScalar correction = 0;
     bool is_angle = false;
-    // Gradient in the three coordinates of a ball joint, the first of which is `coordinate`; 0: the row acts on one.
-    btVector3 gradient{0, 0, 0};
+    // If not 0, the row acts between a link and its parent: force and torque about its centre of mass on the link by a
+    // unit impulse of the row, world axes.
+    size_t member = 0;
+    btVector3 force{0, 0, 0}, torque{0, 0, 0};
   };
 
   void plan_limit(int coordinate, btScalar low, btScalar high, bool is_angle, btScalar h);
-  void plan_rotation_limits(AmbConstraint &joint, size_t member, btScalar h);
+  void plan_limits_of(AmbConstraint &joint, size_t member, btScalar h);
   void plan_motor(const AmbConstraint &joint, int coordinate, btScalar h);
   void add_feedforward_row(Row row, btScalar h);
   void drop_large_feedforward(btScalar h);

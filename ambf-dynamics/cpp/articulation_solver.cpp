@@ -97,14 +97,15 @@ RowMotion act_on_coordinate(btMultiBodySolverConstraint &row, AmbArticulation &a
   return motion;
 }
 
-RowMotion act_on_rotation(btMultiBodySolverConstraint &row, AmbArticulation &articulation, int coordinate,
-                          const btVector3 &gradient, btMultiBodyJacobianData &data) {
-  btScalar *const side = begin_side(row, 0, articulation, -1, data) + 6 + coordinate;
+RowMotion act_between(btMultiBodySolverConstraint &row, AmbArticulation &articulation, size_t member,
+                      const btVector3 &force, const btVector3 &torque, btMultiBodyJacobianData &data) {
+  const ArticulationDynamics &dynamics = articulation.dynamics;
+  const ArticulationDynamics::Link &link = dynamics.links[member - 1];
+  btScalar *const side = begin_side(row, 0, articulation, -1, data);
+  dynamics.add_joint_jacobian(member, force, torque, side);
   RowMotion motion;
-  for (int k = 0; k < 3; ++k) {
-    side[k] = gradient[k];
-    motion.velocity += gradient[k] * articulation.free_rate.q[coordinate + k];
-  }
+  for (int k = link.coordinate; k < link.coordinate + link.freedoms(); ++k)
+    motion.velocity += side[6 + k] * articulation.free_rate.q[k];
   motion.response = finish_side(row, 0, articulation, data);
   return motion;
 }

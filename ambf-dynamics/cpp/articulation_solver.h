@@ -55,9 +55,9 @@ RowMotion act_on_member(btMultiBodySolverConstraint &row, int side, AmbArticulat
 // Sets side 0 of a row to act on a coordinate of an articulation.
 RowMotion act_on_coordinate(btMultiBodySolverConstraint &row, AmbArticulation &articulation, int coordinate,
                             btMultiBodyJacobianData &data);
-// Sets side 0 of a row to act on the three coordinates of a ball joint from `coordinate` on, along a gradient.
-RowMotion act_on_rotation(btMultiBodySolverConstraint &row, AmbArticulation &articulation, int coordinate,
-                          const btVector3 &gradient, btMultiBodyJacobianData &data);
+// Sets side 0 of a row to act between a member and its parent, with a force at the member's centre of mass and a torque.
+RowMotion act_between(btMultiBodySolverConstraint &row, AmbArticulation &articulation, size_t member,
+                      const btVector3 &force, const btVector3 &torque, btMultiBodyJacobianData &data);
 // Sets side 0 or 1 of a row to act on a rigid body, which may be static.
 RowMotion act_on_body(btMultiBodySolverConstraint &row, int side, int id, const btVector3 &linear,
                       const btVector3 &angular, const btAlignedObjectArray<btSolverBody> &bodies);

@@ -106,13 +106,16 @@ impl ConstraintKind {
 const CONE_TWIST_FIXED_SPAN: f64 = 0.05;
 
 impl ConstraintKind {
-    /// Whether it leaves the motion of a hinge, a slider or a ball joint, within limits, or none: what a joint of an
-    /// articulation is.
+    /// Whether it leaves the motion of a hinge, a slider or a ball joint, all motions, or none, apart from limits: what a
+    /// joint of an articulation is.
     fn is_simple(&self) -> bool {
         match self {
             Self::Hinge { .. } | Self::Slider { .. } | Self::Fixed | Self::PointToPoint => true,
             Self::ConeTwist { swing1, swing2, .. } => swing1.min(*swing2) >= CONE_TWIST_FIXED_SPAN,
-            Self::SixDof(limits) => limits[..3] == [[0.0; 2]; 3] && limits[3..].iter().all(|[low, high]| low != high),
+            Self::SixDof(limits) => {
+                let is_open = |axes: &[[f64; 2]]| axes.iter().all(|[low, high]| low != high);
+                is_open(&limits[3..]) && (limits[..3] == [[0.0; 2]; 3] || is_open(&limits[..3]))
+            }
             Self::SixDofSpring { .. } => false,
         }
     }

@@ -33,8 +33,9 @@ impl Sets {
 
 impl Scene {
     /// Puts the joints of `models` into reduced coordinates, as far as they form trees: whole groups of bodies that
-    /// joints hold together, no parts of them. What has loops, joints that slide along several axes or springs with several axes stays as
-    /// it is, and so does what has a joint of `open`: reduced coordinates would close it. Says what was done.
+    /// joints hold together, no parts of them. What has loops, six-dof joints of which some axes are locked, or springs
+    /// with several axes stays as it is, and so does what has a joint of `open`: reduced coordinates would close it. Says
+    /// what was done.
     pub(super) fn articulate(&mut self, models: &BTreeSet<ModelId>, open: &BTreeSet<JointId>) -> Option<Note> {
         if !self.world.has_articulations() {
             return None;

@@ -1,4 +1,4 @@
-//! Ball joints as joints of articulations.
+//! Joints of articulations with three and six degrees of freedom.
 
 use super::*;
 
@@ -41,13 +41,16 @@ fn a_top_precesses_steadily() {
     }
 }
 
-/// A free chain of links of 1 m on ball joints and hinges, whose middle is not its root, turning and bending.
+/// A free chain of links of 1 m, turning and bending: a ball joint, a hinge and a joint that leaves all motions.
 fn thrown() -> (World, Vec<BodyHandle>) {
     let mut world = World::with_articulations(Solver::default());
     world.set_lag(false);
     let bodies: Vec<_> =
         [1.0, 2.0, 0.5, 1.5].iter().enumerate().map(|(i, &mass)| world.add_body(link(mass, i as f64))).collect();
-    let kinds = [ball(0.5, -0.5), hinge(ConstraintKind::Hinge { limits: None }, 0.5, -0.5), ball(0.5, -0.5)];
+    let mut wide = [[-10.0, 10.0]; 6];
+    wide[4] = [-1.5, 1.5];
+    let free = hinge(ConstraintKind::SixDof(wide), 0.5, -0.5);
+    let kinds = [ball(0.5, -0.5), hinge(ConstraintKind::Hinge { limits: None }, 0.5, -0.5), free];
     let joints: Vec<_> = (0..3).map(|i| world.add_constraint(bodies[i], bodies[i + 1], &kinds[i]).unwrap()).collect();
     assert!(world.articulate(&joints).is_some());
     for (i, &body) in bodies.iter().enumerate() {
@@ -82,7 +85,7 @@ fn a_free_chain_keeps_energy_and_momenta_to_fourth_order() {
         (0..steps).for_each(|_| {
             world.step(h, 1, h);
         });
-        for pair in bodies.windows(2) {
+        for pair in bodies[..3].windows(2) {
             let [a, b] = [pair[0], pair[1]].map(|body| world.pose(body).unwrap());
             let gap = a * nalgebra::Point3::new(0.5, 0.0, 0.0) - b * nalgebra::Point3::new(-0.5, 0.0, 0.0);
             assert!(gap.norm() < 1e-12, "{gap}");
@@ -173,4 +176,27 @@ fn limits_of_a_rotation_hold_and_add_no_energy() {
             assert!((swing + 0.5).abs() < 3e-3, "{kind:?}, reversed {reversed}: swing {swing}");
         }
     }
+}
+
+#[test]
+fn limits_of_displacements_hold() {
+    let mut world = World::with_articulations(Solver::Accurate);
+    world.set_gravity(Vector3::new(0.0, -GRAVITY, 0.0));
+    world.set_lag(false);
+    let base = world.add_body(link(0.0, 0.0));
+    let body = world.add_body(link(2.0, 0.5));
+    let joint = hinge(ConstraintKind::SixDof([[-0.1, 0.2]; 6]), 0.0, -0.5);
+    let joint = world.add_constraint(base, body, &joint).unwrap();
+    assert!(world.articulate(&[joint]).is_some());
+    let pivot = |world: &World| world.pose(body).unwrap() * nalgebra::Point3::new(-0.5, 0.0, 0.0);
+    // It falls by 0.1 m and tilts, because the limit holds it at its end.
+    for _ in 0..3000 {
+        run(&mut world, 1);
+        assert!(pivot(&world).y > -0.11, "{}", pivot(&world));
+    }
+    let tilt = world.pose(body).unwrap().rotation.euler_angles().2;
+    assert!((pivot(&world).y + 0.1).abs() < 1e-3 && (tilt + 0.2).abs() < 2e-2, "{}, {tilt} rad", pivot(&world));
+    world.set_body_gravity(body, &Vector3::new(3.0, GRAVITY, 0.0));
+    run(&mut world, 3000);
+    assert!((pivot(&world).coords - Vector3::new(0.2, 0.2, 0.0)).norm() < 1e-3, "{}", pivot(&world));
 }
