@@ -1,6 +1,8 @@
 #include "position_error.h"
 #include "articulation_rows.h"
 
+#include <unordered_map>
+
 namespace {
 
 ArticulationDynamics::JointType joint_type_of(AmbConstraint &c) {
@@ -95,6 +97,32 @@ bool fits(AmbConstraint &joint) {
     angle = 2 * btAtan2(btVector3(turn.x(), turn.y(), turn.z()).length(), btFabs(turn.w()));
   }
   return gap.length() < MAX_INITIAL_GAP && angle < MAX_INITIAL_ANGLE;
+}
+
+bool can_collide(const AmbBody &body) {
+  const btCollisionShape &shape = *body.shape->shape;
+  if (shape.isCompound()) return static_cast<const btCompoundShape &>(shape).getNumChildShapes() > 0;
+  return shape.getShapeType() != EMPTY_SHAPE_PROXYTYPE;
+}
+
+// Largest number of coordinates between the base and a link that can collide. The row of a contact has an entry for each:
+// longer ropes in contact cost more than as constraints, whose rows have entries for two bodies.
+constexpr int MAX_CONTACT_PATH = 100;
+
+// Whether contacts with links of such a tree are affordable.
+bool has_short_contact_paths(const AmbBody &base, AmbConstraint *const *joints, int n) {
+  std::unordered_map<const AmbBody *, int> paths{{&base, 0}};
+  for (int i = 0; i < n; ++i) {
+    const AmbBody &a = first_of(*joints[i]), &b = second_of(*joints[i]);
+    const bool from_a = paths.count(&a) > 0;
+    const ArticulationDynamics::JointType type = joint_type_of(*joints[i]);
+    const int path = paths[from_a ? &a : &b] + ArticulationDynamics::sliding_coordinates_of(type) +
+                     ArticulationDynamics::turning_coordinates_of(type);
+    const AmbBody &child = from_a ? b : a;
+    if (path > MAX_CONTACT_PATH && can_collide(child)) return false;
+    paths[&child] = path;
+  }
+  return true;
 }
 
 AmbConstraint *joint_of(AmbConstraint &spring, AmbConstraint *const *joints, int n) {
@@ -689,7 +717,7 @@ extern "C" {
 
 AmbArticulation *amb_world_articulate(AmbWorld *world, AmbBody *base, AmbConstraint *const *joints, int n,
                                       AmbConstraint *const *springs, int n_springs) {
-  if (!world->articulated) return nullptr;
+  if (!world->articulated || !has_short_contact_paths(*base, joints, n)) return nullptr;
   for (int i = 0; i < n; ++i) {
     if (!fits(*joints[i])) return nullptr;
     for (const AmbBody *body : {&first_of(*joints[i]), &second_of(*joints[i])}) {

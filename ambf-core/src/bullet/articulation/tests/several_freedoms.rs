@@ -200,3 +200,18 @@ fn limits_of_displacements_hold() {
     run(&mut world, 3000);
     assert!((pivot(&world).coords - Vector3::new(0.2, 0.2, 0.0)).norm() < 1e-3, "{}", pivot(&world));
 }
+
+#[test]
+fn long_ropes_that_collide_stay_constraints() {
+    let articulates = |links: usize, collides: bool| {
+        let mut world = World::with_articulations(Solver::default());
+        let shape = || if collides { Shape::sphere(0.01, 0.001) } else { Shape::empty() };
+        let mass = |i: usize| if i == 0 { 0.0 } else { 1.0 };
+        let bodies: Vec<_> =
+            (0..=links).map(|i| world.add_body(RigidBody { shape: shape(), ..link(mass(i), i as f64) })).collect();
+        let joints: Vec<_> =
+            bodies.windows(2).map(|pair| world.add_constraint(pair[0], pair[1], &ball(0.5, -0.5)).unwrap()).collect();
+        world.articulate(&joints).is_some()
+    };
+    assert!(articulates(33, true) && !articulates(34, true) && articulates(34, false));
+}
