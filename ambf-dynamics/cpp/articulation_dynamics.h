@@ -6,16 +6,18 @@
 
 #include <LinearMath/btTransform.h>
 
-// A kinematic tree of hinges, sliders, ball joints, joints that leave all six motions and fixed joints, on a fixed or free base. Featherstone's articulated-body
-// algorithm (Rigid Body Dynamics Algorithms, 2008, chapter 7) with all quantities in world axes about the centre of
-// mass of their body, so that matrices need no rotation between links. Accelerations are classical, not spatial.
+// A kinematic tree of hinges, sliders, ball joints, joints that leave all six motions and fixed joints, on a fixed or
+// free base. Featherstone's articulated-body algorithm (Rigid Body Dynamics Algorithms, 2008, chapter 7) with all
+// quantities in world axes about the centre of mass of their body, so that matrices need no rotation between links.
+// Accelerations are classical, not spatial.
 //
 // Body 0 is the base, body i + 1 is link i. Poses are those of inertial frames; SI units.
 class ArticulationDynamics {
  public:
   enum class JointType { Fixed, Revolute, Prismatic, Spherical, Free };
 
-  // Numbers of coordinates of a joint: displacements along the axes of the parent, which come first, and rotations.
+  // Numbers of coordinates of a joint: displacements, which come first, and rotations. Three of a kind are along or about
+  // the parent's axes.
   static int sliding_coordinates_of(JointType type) {
     return type == JointType::Free ? 3 : type == JointType::Prismatic ? 1 : 0;
   }

@@ -70,18 +70,10 @@ RotationState rotate_rk4_step(const btVector3 &velocity, const btVector3 &inerti
   return end;
 }
 
-// Integrates Euler's equations by the classical Runge-Kutta method, in several steps if the body turns by more than
-// MAX_TURN. Damping multiplies the angular velocity by `left` over h exactly: the integrated variable is the angular
-// velocity divided by the damping factor.
-RotationState rotate_rk4(const btVector3 &velocity, const btVector3 &inertia, const btVector3 &torque, btScalar left,
-                         btScalar h) {
-  // Largest turn of one Runge-Kutta step, rad; the relative error of the angular momentum is 1e-6 after a thousand
-  // turns.
-  constexpr btScalar MAX_TURN = 0.05;
-  constexpr int MAX_PARTS = 200;
-  const btScalar turn = velocity.length() * h;
-  if (!(turn > MAX_TURN)) return rotate_rk4_step(velocity, inertia, torque, left, h);
-  const int parts = static_cast<int>(std::min(std::ceil(turn / MAX_TURN), btScalar(MAX_PARTS)));
+// The same in equal parts.
+RotationState rotate_in_parts(const btVector3 &velocity, const btVector3 &inertia, const btVector3 &torque,
+                              btScalar left, btScalar h, int parts) {
+  if (parts == 1) return rotate_rk4_step(velocity, inertia, torque, left, h);
   const btScalar part_left = std::pow(left, btScalar(1) / parts);
   RotationState end = {btQuaternion::getIdentity(), velocity};
   for (int i = 0; i < parts; ++i) {
@@ -90,6 +82,28 @@ RotationState rotate_rk4(const btVector3 &velocity, const btVector3 &inertia, co
     end = {end.attitude * next.attitude, next.velocity};
   }
   return end;
+}
+
+// Integrates Euler's equations by the classical Runge-Kutta method, in several parts if the body turns by more than
+// MAX_TURN, at the velocity before the sub-step or with what the torque gives it. Damping multiplies the angular
+// velocity by `left` over h exactly: the integrated variable is the angular velocity divided by the damping factor.
+// Returns false if the body turns too far for the method.
+bool rotate_rk4(const btVector3 &velocity, const btVector3 &inertia, const btVector3 &torque, btScalar left, btScalar h,
+                RotationState &end) {
+  // Largest turn of one Runge-Kutta step, rad; the relative error of the angular momentum is 1e-6 after a thousand
+  // turns. The method is unstable from 2.8 rad on.
+  constexpr btScalar MAX_TURN = 0.05, MAX_INACCURATE_TURN = 0.5;
+  constexpr int MAX_PARTS = 1000;
+  btScalar turn = std::max(velocity.length(), (velocity + divided(torque, inertia) * h).length()) * h;
+  for (;;) {
+    if (!(turn <= MAX_PARTS * MAX_INACCURATE_TURN)) return false;
+    const int parts = std::min(static_cast<int>(std::ceil(turn / MAX_TURN)), MAX_PARTS);
+    end = rotate_in_parts(velocity, inertia, torque, left, h, std::max(parts, 1));
+    // The torque may turn towards an axis of less inertia.
+    const btScalar turned = end.velocity.length() * h;
+    if (turned <= 2 * turn + MAX_TURN) return true;
+    turn = turned;
+  }
 }
 
 }  // namespace
@@ -129,8 +143,11 @@ bool integrate_free_body(btRigidBody &body, const SubStepStart &start, btScalar 
   const bool turns = inverse.x() > 0 && inverse.y() > 0 && inverse.z() > 0;
   if (turns && (body.getFlags() & GYROSCOPIC)) {
     const btMatrix3x3 &from = start.pose.getBasis();
-    const RotationState end = rotate_rk4(start.angular_velocity * from, divided(btVector3(1, 1, 1), inverse),
-                                         body.getTotalTorque() * from, std::pow(1 - body.getAngularDamping(), h), h);
+    RotationState end;
+    if (!rotate_rk4(start.angular_velocity * from, divided(btVector3(1, 1, 1), inverse), body.getTotalTorque() * from,
+                    std::pow(1 - body.getAngularDamping(), h), h, end)) {
+      return false;
+    }
     pose.setBasis(orthonormal(from * btMatrix3x3(end.attitude)));
     angular_velocity = pose.getBasis() * end.velocity;
   }
