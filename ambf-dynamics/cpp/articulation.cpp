@@ -71,7 +71,8 @@ bool joins_the_same(const AmbConstraint &a, const AmbConstraint &b) {
 }
 
 // Largest turn in a sub-step up to which the kinetic energy may grow at the new position, rad, and by which share of
-// it: slow motion exchanges energy between sub-steps by truncation errors of either sign.
+// it: slow motion exchanges energy between sub-steps by truncation errors of either sign, in proportion to the square of
+// the turn.
 constexpr btScalar FAST_TURN = 0.05, SLOW_GROWTH = 1e-3;
 
 // Largest position error of a joint, m and rad, up to which its child is moved onto the joint. With larger errors the
@@ -511,14 +512,15 @@ void AmbArticulation::integrate(btScalar h) {
     dynamics.update_poses(position);
     dynamics.update_velocities(after);
     is_straight = has_contact || external_constraint_count > 0 || had_impulses();
-    const bool is_fast = dynamics.fastest_rotation(after) * h > FAST_TURN;
+    const btScalar turn = dynamics.fastest_rotation(after) * h;
+    const bool is_fast = turn > FAST_TURN;
     if (is_fast || is_straight) {
       // At the old position, whose inertia they were solved with, rows add no energy but the work of motors.
       const btScalar solved = dynamics.internal_energy(), unsolved = unsolved_energy, there = free_internal_energy;
       // If rows removed a share of the energy at the old position, the same share is removed at the new one, where
       // inertias may be very different; if they added energy, the same amount is added.
       energy_limit = solved < unsolved ? there * (solved / unsolved) : there + (solved - unsolved);
-      if (!is_fast) energy_limit *= 1 + SLOW_GROWTH;
+      if (!is_fast) energy_limit *= 1 + std::min(SLOW_GROWTH, turn * turn);
     }
     if (keeps_momentum) {
       dynamics.update_velocities(change);
