@@ -391,6 +391,23 @@ mod tests {
     }
 
     #[test]
+    fn runge_kutta_follows_a_torque_that_spins_a_body_up_in_one_sub_step() {
+        // A torque, fixed in the world, that would turn a thin rod by 40 rad about its axis in one sub-step.
+        let (inertia, dt) = (Vector3::new(6e-6, 6e-6, 2e-7), 4e-3);
+        let torque = Vector3::new(0.2, -0.3, 1.0);
+        let mut world = World::new(Solver::default());
+        world.set_integrator(Integrator::RungeKutta);
+        let body = world.add_body(RigidBody { inertia, ..ball(0.05, 0.0) });
+        world.apply_wrench(body, &Vector3::zeros(), &torque);
+        world.step(dt, 1, dt);
+        let (pose, omega) = (world.pose(body).unwrap(), world.velocity(body).unwrap().1);
+        let momentum = pose.rotation * inertia.component_mul(&pose.rotation.inverse_transform_vector(&omega));
+        // The angular momentum is the impulse of the torque, whatever the body does.
+        let impulse = torque * dt;
+        assert!((momentum - impulse).norm() < 1e-4 * impulse.norm(), "{momentum}, not {impulse}");
+    }
+
+    #[test]
     fn runge_kutta_leaves_what_is_held_to_the_solver() {
         let swing = |integrator| {
             let mut world = World::new(Solver::default());
