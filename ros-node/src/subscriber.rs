@@ -124,6 +124,8 @@ struct Line {
     not_before: Option<Instant>,
     /// How often it did what publishers don't do.
     faults: u32,
+    /// How often in a row there was no way to it.
+    unreached: u32,
 }
 
 /// Error when a publisher is not listened to, or not any more.
@@ -235,11 +237,14 @@ impl Subscription {
             Trouble::Fault(what) if self.with_line(publisher, |line| line.fault(Instant::now())) == Some(true) => {
                 report(format_args!("ROS: {topic}: {name} is not listened to: {what}"));
             }
-            Trouble::OutOfReach(what) if self.with_line(publisher, |line| line.attempts) == Some(ATTEMPTS) => {
+            Trouble::OutOfReach(what) if self.with_line(publisher, Line::miss) == Some(true) => {
                 let what = quote(what);
                 report(format_args!("ROS: {topic}: {name} cannot be reached: {what}; trying again and again"));
             }
-            _ => (),
+            Trouble::Gone => {
+                self.with_line(publisher, |line| line.unreached = 0);
+            }
+            Trouble::Fault(_) | Trouble::OutOfReach(_) => (),
         }
     }
 }
@@ -274,6 +279,12 @@ impl Line {
         self.not_before = Some(now + pause(self.faults, MAX_FAULTY_PAUSE));
         self.faults = self.faults.saturating_add(1);
         self.faults == 1
+    }
+
+    /// There was no way to it; true when that has lasted long enough to be worth a word.
+    fn miss(&mut self) -> bool {
+        self.unreached = self.unreached.saturating_add(1);
+        self.unreached == ATTEMPTS
     }
 }
 
@@ -451,7 +462,10 @@ fn greet(line: &Busy, mut stream: TcpStream) -> io::Result<TcpStream> {
 
 fn hand_over(line: Busy, stream: TcpStream) {
     let stream = Arc::new(stream);
-    let is_wanted = line.subscription.with_line(&line.publisher, |own| own.stream = Some(Arc::clone(&stream)));
+    let is_wanted = line.subscription.with_line(&line.publisher, |own| {
+        own.stream = Some(Arc::clone(&stream));
+        own.unreached = 0;
+    });
     if is_wanted.is_none() || line.subscription.is_closed() {
         return;
     }
@@ -627,6 +641,31 @@ mod tests {
         };
         assert_eq!(pauses(&begin), (BACK_OFF, MAX_ABSENT_PAUSE));
         assert_eq!(pauses(&|line| assert_eq!(line.fault(now), line.faults == 1)), (BACK_OFF, MAX_FAULTY_PAUSE));
+    }
+
+    #[test]
+    fn a_publisher_is_named_when_there_was_no_way_to_it_several_times_in_a_row() {
+        let topic = RawSubscription::new("/t".into(), |_| ()).0.clone();
+        let listed = BTreeSet::from(["/p".to_owned()]);
+        topic.choose(Some(&listed), Instant::now());
+        let lines = Arc::new(Mutex::new(Vec::new()));
+        let report: Report = Arc::new({
+            let lines = Arc::clone(&lines);
+            move |line| lines.lock().push(line.to_string())
+        });
+        let (late, gone) = (Trouble::OutOfReach("late".into()), Trouble::Gone);
+        // As a program that comes and goes and once in a while answers late.
+        for _ in 0..20 {
+            topic.fail("/p", &gone, &report);
+            for _ in 1..ATTEMPTS {
+                topic.fail("/p", &late, &report);
+            }
+        }
+        assert_eq!(*lines.lock(), [""; 0]);
+        for _ in 0..20 {
+            topic.fail("/p", &late, &report);
+        }
+        assert_eq!(*lines.lock(), ["ROS: /t: /p cannot be reached: late; trying again and again"]);
     }
 
     #[test]
