@@ -508,6 +508,7 @@ class AccurateSolver : public Base {
       const bool is_limit = row.low == 0 || row.high == 0;
       row.position_cfm =
           is_limit ? softness_of(joints[i], YIELDING_POSITION_SOFTNESS) : POSITION_SOFTNESS * joint_errors_[i].response;
+      if (row.is_drive) row.position_cfm = spring_position_softness(row.cfm, joint_errors_[i].response);
       row.stays_loaded = is_limit;
       add(row, is_limit ? RowKind::Limit : RowKind::Geometric, joints[i].m_contactNormal1.isZero(), MIN_CORRECTION,
           share_of(joint_errors_[i].is_limit));
@@ -544,6 +545,7 @@ class AccurateSolver : public Base {
       row.x = 0;
       row.state = guess_of(row);
       row.position_cfm = softness_of(joints[i], is_limit ? YIELDING_POSITION_SOFTNESS : POSITION_SOFTNESS);
+      if (row.is_drive) row.position_cfm = spring_position_softness(row.cfm, softness_of(joints[i], 1));
       row.stays_loaded = is_limit;
       add(row, is_limit ? RowKind::Limit : RowKind::Geometric, owner.is_angular(joints[i].m_orgDofIndex),
           MIN_CORRECTION, share);

@@ -41,7 +41,7 @@ void ArticulatedWorld::solveExternalForces(btContactSolverInfo &info) {
   clearMultiBodyConstraintForces();
   for (AmbArticulation *articulation : articulations) {
     articulation->integrate_free_motion(info.m_timeStep);
-    if (articulation->has_rows) articulation->prepare_rows();
+    if (articulation->has_rows) articulation->prepare_rows(info.m_timeStep);
   }
   // The part of Bullet's function that is not dynamics: sorting constraints by island.
   m_sortedConstraints.copyFromArray(m_constraints);

@@ -75,6 +75,10 @@ bool joins_the_same(const AmbConstraint &a, const AmbConstraint &b) {
 // the turn.
 constexpr btScalar FAST_TURN = 0.05, SLOW_GROWTH = 1e-3;
 
+// Rows are solved with the rates after the free motion and the inertia before it. Largest ratio of the energy of both
+// together to the energy before and after the motion; beyond it rows act on a motion along the tangent instead.
+constexpr btScalar MAX_CONTRAST = 2;
+
 // Largest position error of a joint, m and rad, up to which its child is moved onto the joint. With larger errors the
 // joint stays a constraint.
 constexpr btScalar MAX_INITIAL_GAP = 0.02, MAX_INITIAL_ANGLE = 0.05;
@@ -475,10 +479,18 @@ void AmbArticulation::integrate_free_motion(btScalar h) {
   has_rows = joint_rows->any() || has_contact || external_constraint_count > 0 || is_driven();
 }
 
-void AmbArticulation::prepare_rows() {
+void AmbArticulation::prepare_rows(btScalar h) {
   dynamics.update_poses(position);
   dynamics.update_velocities(free_rate);
   unsolved_energy = dynamics.internal_energy();
+  is_tangential = unsolved_energy > MAX_CONTRAST * std::max(dynamics.start_energy, free_internal_energy);
+  if (is_tangential) {
+    free_internal_energy = dynamics.tangential_step(h, position, rate, free_position, free_rate);
+    dynamics.update_poses(position);
+    dynamics.update_velocities(free_rate);
+    unsolved_energy = dynamics.internal_energy();
+    free_energy = dynamics.kinetic_energy();
+  }
   dynamics.factor_inertia();
   // The velocity of the btMultiBody is the sum of the changes by all rows.
   multi_body->clearVelocities();
@@ -512,20 +524,22 @@ void AmbArticulation::integrate(btScalar h) {
     dynamics.update_poses(position);
     dynamics.update_velocities(after);
     is_straight = has_contact || external_constraint_count > 0 || had_impulses();
+    // At the old position, whose inertia they were solved with, rows add no energy but the work of motors.
+    const btScalar solved = dynamics.internal_energy(), unsolved = unsolved_energy, there = free_internal_energy;
+    // If rows removed a share of the energy at the old position, the same share is removed at the new one, where
+    // inertias may be very different; if they added energy, the same amount is added, or the same share if that is
+    // less.
+    energy_limit = solved < unsolved || unsolved > there ? there * (solved / unsolved) : there + (solved - unsolved);
     const btScalar turn = dynamics.fastest_rotation(after) * h;
-    const bool is_fast = turn > FAST_TURN;
-    if (is_fast || is_straight) {
-      // At the old position, whose inertia they were solved with, rows add no energy but the work of motors.
-      const btScalar solved = dynamics.internal_energy(), unsolved = unsolved_energy, there = free_internal_energy;
-      // If rows removed a share of the energy at the old position, the same share is removed at the new one, where
-      // inertias may be very different; if they added energy, the same amount is added.
-      energy_limit = solved < unsolved ? there * (solved / unsolved) : there + (solved - unsolved);
-      if (!is_fast) energy_limit *= 1 + std::min(SLOW_GROWTH, turn * turn);
+    if (turn <= FAST_TURN) {
+      energy_limit *= 1 + std::min(SLOW_GROWTH, turn * turn);
+      // The work of forces that are constant over the sub-step differs by its second order from that at the old position.
+      if (!is_straight) energy_limit += btFabs(solved - unsolved);
     }
     if (keeps_momentum) {
       dynamics.update_velocities(change);
       const ArticulationDynamics::Momentum by_rows = dynamics.momentum(about);
-      dynamics.update_poses(free_position);
+      dynamics.update_poses(is_tangential ? position : free_position);
       dynamics.update_velocities(free_rate);
       momentum = dynamics.momentum(about);
       momentum.linear += by_rows.linear;

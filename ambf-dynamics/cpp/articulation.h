@@ -60,7 +60,7 @@ struct AmbArticulation {
   void integrate_free_motion(btScalar h);
   // Prepares the creation of rows: poses are those at the beginning of the sub-step, velocities those of the free
   // motion.
-  void prepare_rows();
+  void prepare_rows(btScalar h);
   void integrate(btScalar h);
   void clear_forces();
 
@@ -84,6 +84,8 @@ struct AmbArticulation {
   // Kinetic energy of that motion, J, and its internal energy at the end and, with the same rates, at the beginning of
   // the sub-step.
   btScalar free_energy = 0, free_internal_energy = 0, unsolved_energy = 0;
+  // Whether the free motion of this sub-step is along the tangent.
+  bool is_tangential = false;
   // Pseudo-velocity of the position correction: moves the articulation in this sub-step and does not change its rates.
   ArticulationDynamics::Rate correction;
   bool is_corrected = false;

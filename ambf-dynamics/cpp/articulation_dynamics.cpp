@@ -537,8 +537,9 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
   } else {
     update_velocities(start_rate);
   }
-  const btScalar kinetic = internal_energy(), dragged_before = drag_power(), fastest = fastest_rotation(start_rate);
-  const btScalar elastic = springs.empty() ? 0 : elastic_energy(from);
+  const btScalar kinetic = start_energy = internal_energy();
+  const btScalar dragged_before = drag_power(), fastest = fastest_rotation(start_rate);
+  start_elastic_energy = springs.empty() ? 0 : elastic_energy(from);
   start_origins = origins;
   btScalar twist_before = 0;
   for (size_t i = 0; i < bodies.size(); ++i) twist_before += bodies[i].torque.dot(angular[i]);
@@ -562,29 +563,21 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
     divided_step(h, parts, from, start_rate, to, new_rate);
     update_poses(to);
     update_velocities(new_rate);
-    // Forces are constant over the step, so that their work is exact; that of torques uses the mean angular velocity.
-    btScalar work = elastic - (springs.empty() ? 0 : elastic_energy(to)), twist_after = 0;
-    btVector3 moved(0, 0, 0), force(0, 0, 0);
-    for (size_t i = 0; i < bodies.size(); ++i) {
-      const btVector3 way = origins[i] - start_origins[i];
-      work += bodies[i].force.dot(way);
-      twist_after += bodies[i].torque.dot(angular[i]);
-      moved += way * bodies[i].mass;
-      force += bodies[i].force;
-    }
-    // The work on the motion of the centre of mass does not change the internal energy.
-    const btScalar lifted = fixed_base ? 0 : force.dot(moved) / mass();
-    work -= lifted;
-    work += h / 2 * (twist_before + twist_after + dragged_before + drag_power());
-    for (int k = 0; k < coordinates; ++k) work += generalised_forces[k] * (to.q[k] - from.q[k]);
+    // The work of torques uses the mean angular velocity.
+    btScalar twist_after = 0;
+    for (size_t i = 0; i < bodies.size(); ++i) twist_after += bodies[i].torque.dot(angular[i]);
+    const Works by_forces = works_of_forces(from, to);
+    const btScalar work = by_forces.internal + h / 2 * (twist_before + twist_after + dragged_before + drag_power());
     const btScalar allowed = kinetic + work, after = internal_energy();
-    const btScalar slack = MAX_GROWTH * (kinetic + btFabs(work)) + ROUNDING * (kinetic_energy() + btFabs(lifted));
+    const btScalar slack = MAX_GROWTH * (kinetic + btFabs(work)) + ROUNDING * (kinetic_energy() + btFabs(by_forces.of_mass_centre));
     // With velocities that overflow in the step, `after` and `slack` are infinite.
     if (std::isfinite(after) && (after <= allowed + slack || after <= allowed + slack + rounding_of_work(from))) break;
     const int most = std::isfinite(after) ? MAX_PARTS : MAX_PARTS_TO_FINITE;
     if (parts >= most) {
       // The largest number of sub-intervals was not enough: the excess energy is removed by scaling the velocities.
-      scale = btSqrt(std::max(allowed, btScalar(0)) / after);
+      const bool is_finite = std::isfinite(after);
+      const btScalar most_energy = is_finite ? allowed : tangential_step(h, from, start_rate, to, new_rate);
+      scale = btSqrt(std::max(most_energy, btScalar(0)) / (is_finite ? after : internal_energy()));
       break;
     }
     parts = std::min(parts * REFINEMENT, most);
@@ -594,6 +587,37 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
   }
   if (!(scale >= 1)) scale_internal_velocity(scale, new_rate);
   if (splits_damping) apply_damping(h / 2, to, new_rate);
+}
+
+btScalar ArticulationDynamics::tangential_step(btScalar h, const Position &from, const Rate &rate, Position &to,
+                                               Rate &new_rate) {
+  new_rate = rate;
+  if (!fixed_base) {
+    btVector3 force(0, 0, 0);
+    for (const Body &body : bodies) force += body.force;
+    new_rate.linear += force * (h / mass());
+  }
+  to = from;
+  advance_position(to, h, new_rate);
+  update_poses(to);
+  update_velocities(new_rate);
+  return std::max(start_energy + works_of_forces(from, to).internal, btScalar(0));
+}
+
+ArticulationDynamics::Works ArticulationDynamics::works_of_forces(const Position &from, const Position &to) const {
+  // Forces are constant, so that their work is exact.
+  Works works{start_elastic_energy - (springs.empty() ? 0 : elastic_energy(to)), 0};
+  btVector3 moved(0, 0, 0), force(0, 0, 0);
+  for (size_t i = 0; i < bodies.size(); ++i) {
+    const btVector3 way = origins[i] - start_origins[i];
+    works.internal += bodies[i].force.dot(way);
+    moved += way * bodies[i].mass;
+    force += bodies[i].force;
+  }
+  if (!fixed_base) works.of_mass_centre = force.dot(moved) / mass();
+  works.internal -= works.of_mass_centre;
+  for (int k = 0; k < coordinates; ++k) works.internal += generalised_forces[k] * (to.q[k] - from.q[k]);
+  return works;
 }
 
 // Integrates over h s in equal parts. slopes[0] must be the acceleration at the beginning.

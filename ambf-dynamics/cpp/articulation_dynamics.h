@@ -107,6 +107,13 @@ class ArticulationDynamics {
   // further while the kinetic energy grows by more than the work of all forces. Damping that is stiff for h is split
   // off (Strang splitting): it acts for h / 2 before and after the step.
   void step(btScalar h, const Position &from, const Rate &rate, Position &to, Rate &new_rate);
+  // Internal energy at the beginning of the last step, J.
+  btScalar start_energy = 0;
+  // Instead of the last step: moves over h s along the tangent, with constant rates, without forces but those on the
+  // centre of mass of a free base. Near singular positions of links of next to no inertia the rates are finite for an
+  // instant only, and no step of useful length follows them. Returns the internal energy that the work of the forces
+  // leaves at most, J.
+  btScalar tangential_step(btScalar h, const Position &from, const Rate &rate, Position &to, Rate &new_rate);
 
   // Kinetic energy of all bodies, J, from the velocities of the last `update_velocities`.
   btScalar kinetic_energy() const;
@@ -201,6 +208,13 @@ class ArticulationDynamics {
   static btScalar joint_speed(const Link &link, const Rate &rate);
   void stop_at(int coordinate, btScalar most, Rate &rate);
   void apply_damping(btScalar h, const Position &at, Rate &rate);
+  // Work of forces, generalised forces and springs between the position at the beginning of the step and `to`, whose
+  // poses are the present ones, J: on the motion relative to the centre of mass if the base is free, and on that of the
+  // centre of mass.
+  struct Works {
+    btScalar internal, of_mass_centre;
+  };
+  Works works_of_forces(const Position &from, const Position &to) const;
   btScalar elastic_energy(const Position &at) const;
   btScalar rounding_of_work(const Position &at) const;
   btVector3 linear_momentum() const;
@@ -229,6 +243,7 @@ class ArticulationDynamics {
   // Shape of the fastest vibration mode, and the square of its angular frequency, 1/s^2.
   Vector<btScalar> mode;
   btScalar stiffness = 0;
+  btScalar start_elastic_energy = 0;
   // Number of steps until the mode is estimated again.
   int steps_until_probe = 0;
 };

@@ -65,8 +65,8 @@ pub struct ConstraintRow<S> {
     pub position_target: f64,
     /// Constraint force mixing: velocity given up per unit of impulse, 1/kg or 1/(kg·m²), ≥ 0.
     pub cfm: f64,
-    /// The same in the correction of positions if it is larger: rows that contradict each other are stronger the less
-    /// they give up.
+    /// The same in the correction of positions, for a drive instead of `cfm` and for other rows if it is larger: rows
+    /// that contradict each other are stronger the less they give up.
     pub position_cfm: f64,
     /// Lower bound of the impulse, N·s or N·m·s; what is ≤ -1e9 means none.
     pub low: f64,

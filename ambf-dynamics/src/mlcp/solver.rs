@@ -287,7 +287,7 @@ impl Solver {
     /// or the rows' own `position_target`; `states` is a guess of the active set, by default every row free.
     ///
     /// CFM is `cfm_share` of the diagonal (1e-4 is a good value), or that of the row or its `position_cfm` if one is
-    /// larger. It makes the result the best compromise between rows that contradict each other: kinetic energy is at
+    /// larger; that of a drive is its `position_cfm` if it has one. It makes the result the best compromise between rows that contradict each other: kinetic energy is at
     /// most `Σ target² / (2 cfm)`.
     pub fn solve_positions(
         &mut self,
