@@ -469,6 +469,12 @@ btScalar ArticulationDynamics::fastest_coordinate(const Rate &rate) const {
   return fastest;
 }
 
+btScalar ArticulationDynamics::largest_component(const Rate &rate) const {
+  btScalar most = std::max(rate.linear.length(), rate.angular.length());
+  for (int k = 0; k < coordinates; ++k) most = std::max(most, btFabs(rate.q[k]));
+  return most;
+}
+
 // Angular velocity of a link relative to its parent, rad/s.
 btScalar ArticulationDynamics::joint_speed(const Link &link, const Rate &rate) {
   if (link.turning == 0) return 0;
@@ -525,6 +531,8 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
   // Rounding error of the internal energy, as a share of the kinetic energy.
   constexpr btScalar ROUNDING = 1e-12;
   // Largest number of parts for accuracy, and for a finite result: light links between heavy ones whip for an instant.
+  // Change of a rate in a sub-step by the acceleration at its beginning, m/s or rad/s, that no real force causes.
+  constexpr btScalar MAX_CHANGE = 1e9;
   constexpr int MAX_PARTS = 100, MAX_PARTS_TO_FINITE = 1600, REFINEMENT = 4;
   constexpr int PROBES_AT_FIRST = 10, STEPS_BETWEEN_PROBES = 16;
   splits_damping = false;
@@ -555,6 +563,8 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
     for (int i = 0; i < probes; ++i) update_fastest_mode(from, start_rate);
     steps_until_probe = STEPS_BETWEEN_PROBES;
   }
+  // Forces without measure end in a state that is not finite, which stops the simulation with a word about it.
+  const bool is_measured = h * largest_component(slopes[0]) < MAX_CHANGE;
   const btScalar phases = std::max(h * btSqrt(stiffness) / MAX_PHASE, h * fastest / MAX_TURN);
   // The comparison is false for NaN.
   int parts = phases > 1 ? static_cast<int>(std::min(std::ceil(phases), btScalar(MAX_PARTS))) : 1;
@@ -568,16 +578,20 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
     for (size_t i = 0; i < bodies.size(); ++i) twist_after += bodies[i].torque.dot(angular[i]);
     const Works by_forces = works_of_forces(from, to);
     const btScalar work = by_forces.internal + h / 2 * (twist_before + twist_after + dragged_before + drag_power());
-    const btScalar allowed = kinetic + work, after = internal_energy();
-    const btScalar slack = MAX_GROWTH * (kinetic + btFabs(work)) + ROUNDING * (kinetic_energy() + btFabs(by_forces.of_mass_centre));
+    const btScalar allowed = kinetic + work, lifted = btFabs(by_forces.of_mass_centre);
+    btScalar after = internal_energy();
+    const btScalar slack = MAX_GROWTH * (kinetic + btFabs(work)) + ROUNDING * (kinetic_energy() + lifted);
     // With velocities that overflow in the step, `after` and `slack` are infinite.
     if (std::isfinite(after) && (after <= allowed + slack || after <= allowed + slack + rounding_of_work(from))) break;
     const int most = std::isfinite(after) ? MAX_PARTS : MAX_PARTS_TO_FINITE;
     if (parts >= most) {
       // The largest number of sub-intervals was not enough: the excess energy is removed by scaling the velocities.
-      const bool is_finite = std::isfinite(after);
-      const btScalar most_energy = is_finite ? allowed : tangential_step(h, from, start_rate, to, new_rate);
-      scale = btSqrt(std::max(most_energy, btScalar(0)) / (is_finite ? after : internal_energy()));
+      btScalar most_energy = allowed;
+      if (!std::isfinite(after) && is_measured) {
+        most_energy = tangential_step(h, from, start_rate, to, new_rate);
+        after = internal_energy();
+      }
+      scale = btSqrt(std::max(most_energy, btScalar(0)) / after);
       break;
     }
     parts = std::min(parts * REFINEMENT, most);

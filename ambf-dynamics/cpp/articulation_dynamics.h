@@ -205,6 +205,7 @@ class ArticulationDynamics {
   void runge_kutta(btScalar h, const Position &from, const Rate &rate, Position &to, Rate &new_rate);
   void divided_step(btScalar h, int parts, const Position &from, const Rate &rate, Position &to, Rate &new_rate);
   btScalar fastest_coordinate(const Rate &rate) const;
+  btScalar largest_component(const Rate &rate) const;
   static btScalar joint_speed(const Link &link, const Rate &rate);
   void stop_at(int coordinate, btScalar most, Rate &rate);
   void apply_damping(btScalar h, const Position &at, Rate &rate);

@@ -106,8 +106,8 @@ mod tests {
 
     #[test]
     fn ticks_never_come_faster_than_asked_and_are_not_caught_up() {
-        let mut pacer = Pacer::new(PERIOD, 0);
         let begin = Instant::now();
+        let mut pacer = Pacer::new(PERIOD, 0);
         (0..20).for_each(|_| pacer.wait());
         assert!(begin.elapsed() >= 20 * PERIOD);
         std::thread::sleep(30 * PERIOD);
