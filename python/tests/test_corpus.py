@@ -142,7 +142,7 @@ class Legacy(Programs):
 
     def test_record_play(self):
         """Commands from a bag."""
-        self.run_program("record_play", self.folder())
+        self.run_program("record_play", self.folder(), held="baselink")
 
     def test_throttle(self):
         """Two hundred clock edges."""

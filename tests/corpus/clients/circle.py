@@ -48,7 +48,7 @@ if angle < 2.0 * math.pi or worst > 0.01 or worst_height > 0.01:
     sys.exit(1)
 
 # What the kinematics say is where the body is.
-expect("the arm rests", lambda: distance(arm.measured_cp(), point(angle)) < 0.004)
+expect("the arm rests", lambda: distance(arm.measured_cp(), point(angle)) < 0.004, arm.hold)
 position = tool.get_pos()
 off = np.linalg.norm(arm.measured_cp()[:3, 3] - [position.x, position.y, position.z])
 print(f"the tool's body is {off:.4f} m from where the joints say")
@@ -65,10 +65,16 @@ for i in range(4):
     expect(
         f"frame at point {i}",
         lambda goal=there: math.dist((goal.x, goal.y, goal.z), frame.get_pose()[:3]) < 1e-4,
+        lambda goal=pose: frame.set_pose(goal),
     )
-frame.set_pos(*home[:3])
-frame.set_rpy(*home[3:])
-expect("frame is back", lambda: max(abs(a - b) for a, b in zip(home, frame.get_pose())) < 1e-3)
+
+
+def go_home():
+    frame.set_pos(*home[:3])
+    frame.set_rpy(*home[3:])
+
+
+expect("frame is back", lambda: max(abs(a - b) for a, b in zip(home, frame.get_pose())) < 1e-3, go_home)
 client.clean_up()
 layer.shutdown()
 print("done", flush=True)

@@ -48,8 +48,9 @@ def drive_tip_to(x, y, z):
         time.sleep(0.01)
         end = time.time() + 60.0
         while lag(now) > 0.08 and time.time() < end:
+            needle.set_pos(*now)
             time.sleep(0.01)
-    expect(f"tip at {x:.2f} {y:.2f} {z:.2f}", lambda: lag(goal) < 0.02)
+    expect(f"tip at {x:.2f} {y:.2f} {z:.2f}", lambda: lag(goal) < 0.02, lambda: needle.set_pos(*goal))
 
 
 at_entry, at_exit = entry.get_pos(), exit_.get_pos()

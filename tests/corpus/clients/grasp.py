@@ -47,16 +47,18 @@ arm.set_jaw_angle(OPEN)
 x, y, z = middle()
 print("the needle is at", np.round([x, y, z], 3))
 arm.move_cp(tip(x, y, 0.5))
-expect("nothing between open jaws", lambda: graspable() == [])
+expect("nothing between open jaws", lambda: graspable() == [], arm.hold)
 arm.move_cp(tip(x, y, z + 0.142))
 expect(
     "the proximity sensor sees the needle",
     lambda: proximity.is_triggered(0) and "Needle" in proximity.get_sensed_object(0),
+    arm.hold,
 )
 arm.set_jaw_angle(CLOSED)
 expect(
     "both jaws sense the needle",
     lambda: all(any("Needle" in n for n in g.get_all_sensed_obj_names()) for g in arm.ghosts),
+    arm.hold,
 )
 names = graspable()
 print("between the jaws:", names)
@@ -64,19 +66,19 @@ if "/ambf/env/BODY Needle" not in names:
     sys.exit(1)
 held = next(name for name in names if "Needle" in name)
 arm.actuator.actuate(held)
-expect("the actuator holds", lambda: arm.actuator._state.actuated)
+expect("the actuator holds", lambda: arm.actuator._state.actuated, arm.hold)
 ground = needle.get_pos().z
 offset = np.array(middle()) - arm.measured_cp()[:3, 3]
 arm.move_cp(tip(x, y, z + 0.45))
-expect("the needle is lifted", lambda: middle()[2] > ground + 0.27)
+expect("the needle is lifted", lambda: middle()[2] > ground + 0.27, arm.hold)
 slipped = float(np.linalg.norm(np.array(middle()) - arm.measured_cp()[:3, 3] - offset))
 print(f"lifted by {middle()[2] - ground:.3f} m; off its place in the jaws by {slipped:.4f} m")
 # The states of arm and needle may be of different steps.
-expect("it follows", lambda: np.linalg.norm(np.array(middle()) - arm.measured_cp()[:3, 3] - offset) < 0.03)
+expect("it follows", lambda: np.linalg.norm(np.array(middle()) - arm.measured_cp()[:3, 3] - offset) < 0.03, arm.hold)
 arm.actuator.deactuate()
 arm.set_jaw_angle(WIDE)
-expect("the needle falls", lambda: needle.get_pos().z < ground + 0.03)
-expect("the jaws are empty", lambda: graspable() == [])
+expect("the needle falls", lambda: needle.get_pos().z < ground + 0.03, arm.hold)
+expect("the jaws are empty", lambda: graspable() == [], arm.hold)
 arm.move_cp(tip(x, y, 0.5))
 client.get_world_handle().reset()
 time.sleep(0.3)

@@ -71,6 +71,7 @@ class InstrumentArm:
         self.base = client.get_obj_handle(f"{name}/baselink")
         self.actuator = client.get_obj_handle(f"{name}/Actuator0")
         self.ghosts = [client.get_obj_handle(f"{name}/{side}_finger_ghost") for side in ("left", "right")]
+        self.set_points = {}
         time.sleep(0.2)
         self.base_transform = transform_of(self.base._state.pose)
 
@@ -82,10 +83,16 @@ class InstrumentArm:
         """Pose (4 x 4) of the tip in the world."""
         return self.base_transform @ forward_kinematics(self.measured_jp())
 
+    def hold(self):
+        """Sends all set points again: after a pause of this program that was longer than the watchdogs' time, the commands are gone and the
+        arm sags."""
+        for name, position in self.set_points.items():
+            self.base.set_joint_pos(name, position)
+
     def servo_jp(self, positions):
         """Set points of the six joints."""
-        for name, position in zip(JOINTS, positions):
-            self.base.set_joint_pos(name, position)
+        self.set_points.update(zip(JOINTS, positions))
+        self.hold()
 
     def servo_cp(self, transform):
         """Set point of the tip, a pose (4 x 4) in the world."""
@@ -93,8 +100,8 @@ class InstrumentArm:
 
     def set_jaw_angle(self, angle):
         """Opening of each of the two jaws."""
-        for name in JAWS:
-            self.base.set_joint_pos(name, angle)
+        self.set_points.update(dict.fromkeys(JAWS, angle))
+        self.hold()
 
     def jaw_angles(self):
         """Openings of the two jaws."""
@@ -115,8 +122,9 @@ class InstrumentArm:
             end = time.time() + PATIENCE_S
             time.sleep(1.0 / 120.0)
             while distance(self.measured_cp(), goal_now) > 0.04 and time.time() < end:
+                self.hold()
                 time.sleep(1.0 / 120.0)
-        expect("  at " + str(np.round(goal[:3, 3], 3)), lambda: distance(self.measured_cp(), goal) < 0.005)
+        expect("  at " + str(np.round(goal[:3, 3], 3)), lambda: distance(self.measured_cp(), goal) < 0.005, self.hold)
 
 
 def distance(one, other):

@@ -65,7 +65,7 @@ for i, pose in enumerate(POSES):
     for k in range(1, 41):
         drive([a + (b - a) * k / 40 for a, b in zip(begin, pose)])
         time.sleep(0.01)
-    expect(f"pose {i}", at(pose))
+    expect(f"pose {i}", at(pose), lambda pose=pose: drive(pose))
     time.sleep(0.3)
 recorder.stop()
 world = c.get_world_handle()

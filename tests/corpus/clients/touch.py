@@ -31,10 +31,10 @@ def touched():
 
 arm.set_jaw_angle(0.0)
 arm.move_cp(tip(0.3))
-expect("nothing is touched", lambda: touched() == [])
+expect("nothing is touched", lambda: touched() == [], arm.hold)
 # The jaws are 0.15 m long.
 arm.move_cp(tip(0.149))
-expect("the table is touched", lambda: [name.split("BODY ")[-1] for name in touched()] == ["table"])
+expect("the table is touched", lambda: [name.split("BODY ")[-1] for name in touched()] == ["table"], arm.hold)
 # What was seen is kept: the next state may have no contact, because the tip bounces.
 points = []
 
@@ -46,7 +46,7 @@ def seen():
     return bool(points)
 
 
-expect("contact points", seen)
+expect("contact points", seen, arm.hold)
 for data in points:
     point, normal = data.contact_point, data.contact_normal
     print(f"at {point.x:.3f} {point.y:.3f} {point.z:.3f} m, normal {normal.x:.2f} {normal.y:.2f} {normal.z:.2f}")
@@ -54,7 +54,7 @@ for data in points:
     if abs(point.x - 0.6) > 0.05 or abs(point.z) > 0.01 or abs(normal.z) < 0.99:
         sys.exit(1)
 arm.move_cp(tip(0.3))
-expect("nothing is touched any more", lambda: touched() == [])
+expect("nothing is touched any more", lambda: touched() == [], arm.hold)
 client.clean_up()
 layer.shutdown()
 print("done", flush=True)
