@@ -146,9 +146,10 @@ class Teleoperation(Simulated):
         """The gripper holds where it is and what it has, without force; later it goes on from there."""
         palm, ring, _ = ARMS["MTMR"]
         forces = self.forces["MTMR"].values
+        # The hands rest until the simulator has found them; it puts them where it sees them first.
         fake = self.arms(
-            "0 pose 0 0 0 0 0 0\n1 pose 0 0 0 0 0 0\n3 pose 0 0 -0.068 0 0 0\n4 gripper 1\n4.5 gripper 0\n"
-            "6 pose 0 0 -0.068 0 0 0\n16 pose 0 0 0 0 0 0\n"
+            "0 pose 0 0 0 0 0 0\n3 pose 0 0 0 0 0 0\n5 pose 0 0 -0.068 0 0 0\n6 gripper 1\n6.5 gripper 0\n"
+            "8 pose 0 0 -0.068 0 0 0\n18 pose 0 0 0 0 0 0\n"
         )
         self.until(ring, lambda p: p[2] > LYING + 0.04, "it is on its way up")
         self.forces["MTMR"].passes(lambda newton: newton > 0.05, "the ring is felt")
