@@ -222,6 +222,29 @@ fn a_free_tree_keeps_its_momentum() {
     assert!((momentum(&world) - before).norm() < 1e-9);
 }
 
+#[test]
+fn a_free_tree_that_whips_keeps_its_momentum() {
+    let masses = [1.0, 2.0, 0.5, 0.1];
+    let (mut world, bodies, joints) = chain(&masses);
+    world.remove_constraint(joints[0]);
+    world.set_gravity(Vector3::zeros());
+    world.articulate(&joints[1..]).unwrap();
+    let mut most = 0.0;
+    for step in 0..200 {
+        // Opposite torques, by which the links would turn by a thousand radians in a step.
+        let torque = if step % 20 < 10 { 1e8 } else { -3e7 };
+        world.apply_wrench(bodies[4], &Vector3::zeros(), &(Vector3::z() * torque));
+        world.apply_wrench(bodies[3], &Vector3::zeros(), &(Vector3::z() * -torque));
+        run(&mut world, 1);
+        let velocity = |body| world.velocity(body).unwrap().0;
+        let momentum: Vector3<f64> = masses.iter().zip(&bodies[1..]).map(|(mass, &body)| velocity(body) * *mass).sum();
+        let speeds: f64 = masses.iter().zip(&bodies[1..]).map(|(mass, &body)| velocity(body).norm() * mass).sum();
+        most = f64::max(most, speeds);
+        assert!(momentum.norm() < 1e-12 * most, "step {step}: {momentum} of {most} N s");
+    }
+    assert!(most > 100.0, "{most} N s");
+}
+
 /// A link on a hinge or slider, horizontal, with gravity along -y, and what holds it.
 fn pendulum(constraint: Constraint, articulated: bool) -> (World, BodyHandle, ConstraintHandle) {
     let mut world = World::with_articulations(Solver::default());
