@@ -75,7 +75,6 @@ class AccurateSolver : public Base {
       load_guesses(*constraints[i], next, count);
       separate_errors(*constraints[i], next, count, info);
       find_responses(next, count);
-      average_responses(next, count);
       next += count;
     }
     if (!settings_.diagonal_cfm) return;
@@ -145,8 +144,8 @@ class AccurateSolver : public Base {
     // Whether the row constrains a position; false: a motor or spring.
     bool is_geometric = false;
     bool is_limit = false;
-    // See `find_responses` and `average_responses`.
-    btScalar response = 0, position_response = 0;
+    // See `find_responses`.
+    btScalar response = 0;
     // Whether the row is a spring, which resists position corrections.
     bool is_spring = false;
     // Impulse in the last sub-step, N s or N m s.
@@ -251,28 +250,6 @@ class AccurateSolver : public Base {
       }
       const btScalar diagonal = 1 / row.m_jacDiagABInv;
       joint_errors_[k].response = std::clamp(response, LEAST_SHARE * diagonal, diagonal);
-    }
-  }
-
-  // Sets the response of each row in the position problem: the mean of the linear, or of the angular, rows of the joint
-  // that are neither limits, motors nor springs. The sum of their squared errors over it then does not depend on the axes
-  // along which Bullet resolves an error, and the compromise between joints that contradict each other is that of the
-  // assembly (`src/assembly`).
-  void average_responses(int first, int count) {
-    const btConstraintArray &rows = this->m_tmpSolverNonContactConstraintPool;
-    const auto is_averaged = [&](int k) { return joint_errors_[k].is_geometric && !joint_errors_[k].is_limit; };
-    btScalar sums[2] = {0, 0};
-    int counts[2] = {0, 0};
-    for (int k = first; k < first + count; ++k) {
-      if (!is_averaged(k)) continue;
-      const int is_angular = rows[k].m_contactNormal1.isZero();
-      sums[is_angular] += joint_errors_[k].response;
-      ++counts[is_angular];
-    }
-    for (int k = first; k < first + count; ++k) {
-      const int is_angular = rows[k].m_contactNormal1.isZero();
-      joint_errors_[k].position_response =
-          is_averaged(k) ? sums[is_angular] / counts[is_angular] : joint_errors_[k].response;
     }
   }
 
@@ -530,8 +507,7 @@ class AccurateSolver : public Base {
       row.x = joint_errors_[i].guess;
       const bool is_limit = row.low == 0 || row.high == 0;
       row.position_cfm =
-          is_limit ? softness_of(joints[i], YIELDING_POSITION_SOFTNESS)
-                   : POSITION_SOFTNESS * joint_errors_[i].position_response;
+          is_limit ? softness_of(joints[i], YIELDING_POSITION_SOFTNESS) : POSITION_SOFTNESS * joint_errors_[i].response;
       if (row.is_drive) row.position_cfm = spring_position_softness(row.cfm, joint_errors_[i].response);
       row.stays_loaded = is_limit;
       add(row, is_limit ? RowKind::Limit : RowKind::Geometric, joints[i].m_contactNormal1.isZero(), MIN_CORRECTION,
