@@ -385,6 +385,12 @@ btScalar ArticulationDynamics::internal_energy() const {
   return fixed_base ? whole : std::max(whole - linear_momentum().length2() / (2 * mass()), btScalar(0));
 }
 
+btVector3 ArticulationDynamics::total_force() const {
+  btVector3 sum(0, 0, 0);
+  for (const Body &body : bodies) sum += body.force;
+  return sum;
+}
+
 // Sum of the drags of all bodies that the equations of motion hold, N.
 btVector3 ArticulationDynamics::drag_force() const {
   btVector3 sum(0, 0, 0);
@@ -538,9 +544,9 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
   constexpr btScalar MAX_GROWTH = 1e-4;
   // Rounding error of the internal energy, as a share of the kinetic energy.
   constexpr btScalar ROUNDING = 1e-12;
-  // Largest number of parts for accuracy, and for a finite result: light links between heavy ones whip for an instant.
   // Change of a rate in a sub-step by the acceleration at its beginning, m/s or rad/s, that no real force causes.
   constexpr btScalar MAX_CHANGE = 1e9;
+  // Largest number of parts for accuracy, and for a finite result: light links between heavy ones whip for an instant.
   constexpr int MAX_PARTS = 100, MAX_PARTS_TO_FINITE = 1600, REFINEMENT = 4;
   constexpr int PROBES_AT_FIRST = 10, STEPS_BETWEEN_PROBES = 16;
   splits_damping = false;
@@ -618,10 +624,8 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
 // the internal energy sees.
 void ArticulationDynamics::restore_momentum(btScalar h, const btVector3 &before, const btVector3 &drag_before,
                                             Rate &rate) {
-  btVector3 force(0, 0, 0);
-  for (const Body &body : bodies) force += body.force;
   const btVector3 drag = drag_force();
-  const btVector3 error = linear_momentum() - (before + (force - (drag_before + drag) / 2) * h);
+  const btVector3 error = linear_momentum() - (before + (total_force() - (drag_before + drag) / 2) * h);
   // The mean drag is that of the trapezoidal rule, of lower order than the method where velocities are smooth.
   if (!(error.length() > h * (drag - drag_before).length())) return;
   rate.linear -= error / mass();
@@ -631,11 +635,7 @@ void ArticulationDynamics::restore_momentum(btScalar h, const btVector3 &before,
 btScalar ArticulationDynamics::tangential_step(btScalar h, const Position &from, const Rate &rate, Position &to,
                                                Rate &new_rate) {
   new_rate = rate;
-  if (!fixed_base) {
-    btVector3 force(0, 0, 0);
-    for (const Body &body : bodies) force += body.force;
-    new_rate.linear += force * (h / mass());
-  }
+  if (!fixed_base) new_rate.linear += total_force() * (h / mass());
   to = from;
   advance_position(to, h, new_rate);
   update_poses(to);
@@ -646,14 +646,13 @@ btScalar ArticulationDynamics::tangential_step(btScalar h, const Position &from,
 ArticulationDynamics::Works ArticulationDynamics::works_of_forces(const Position &from, const Position &to) const {
   // Forces are constant, so that their work is exact.
   Works works{start_elastic_energy - (springs.empty() ? 0 : elastic_energy(to)), 0};
-  btVector3 moved(0, 0, 0), force(0, 0, 0);
+  btVector3 moved(0, 0, 0);
   for (size_t i = 0; i < bodies.size(); ++i) {
     const btVector3 way = origins[i] - start_origins[i];
     works.internal += bodies[i].force.dot(way);
     moved += way * bodies[i].mass;
-    force += bodies[i].force;
   }
-  if (!fixed_base) works.of_mass_centre = force.dot(moved) / mass();
+  if (!fixed_base) works.of_mass_centre = total_force().dot(moved) / mass();
   works.internal -= works.of_mass_centre;
   for (int k = 0; k < coordinates; ++k) works.internal += generalised_forces[k] * (to.q[k] - from.q[k]);
   return works;

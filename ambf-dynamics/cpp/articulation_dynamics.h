@@ -202,6 +202,7 @@ class ArticulationDynamics {
     Freedom freedoms[6];
   };
 
+  btVector3 total_force() const;
   btVector3 drag_force() const;
   void restore_momentum(btScalar h, const btVector3 &before, const btVector3 &drag_before, Rate &rate);
   void runge_kutta(btScalar h, const Position &from, const Rate &rate, Position &to, Rate &new_rate);
