@@ -229,6 +229,10 @@ fn main() {
             comparisons.push(comparison);
         }
     }
+    if comparisons.is_empty() {
+        eprintln!("bench: no model file that loads in {}", arguments.join(", "));
+        exit(1);
+    }
     let mut ratios: Vec<f64> = comparisons.iter().map(Comparison::cost_ratio).collect();
     ratios.sort_by(f64::total_cmp);
     let median = ratios.get(ratios.len() / 2).copied().unwrap_or(f64::NAN);
