@@ -75,6 +75,7 @@ class AccurateSolver : public Base {
       load_guesses(*constraints[i], next, count);
       separate_errors(*constraints[i], next, count, info);
       find_responses(next, count);
+      average_responses(next, count);
       next += count;
     }
     if (!settings_.diagonal_cfm) return;
@@ -144,8 +145,8 @@ class AccurateSolver : public Base {
     // Whether the row constrains a position; false: a motor or spring.
     bool is_geometric = false;
     bool is_limit = false;
-    // See `find_responses`.
-    btScalar response = 0;
+    // See `find_responses` and `average_responses`.
+    btScalar response = 0, position_response = 0;
     // Whether the row is a spring, which resists position corrections.
     bool is_spring = false;
     // Impulse in the last sub-step, N s or N m s.
@@ -250,6 +251,28 @@ class AccurateSolver : public Base {
       }
       const btScalar diagonal = 1 / row.m_jacDiagABInv;
       joint_errors_[k].response = std::clamp(response, LEAST_SHARE * diagonal, diagonal);
+    }
+  }
+
+  // Sets the response of each row in the position problem: the mean of the linear, or of the angular, rows of the joint
+  // that are neither limits, motors nor springs. The sum of their squared errors over it then does not depend on the axes
+  // along which Bullet resolves an error, and the compromise between joints that contradict each other is that of the
+  // assembly (`src/assembly`).
+  void average_responses(int first, int count) {
+    const btConstraintArray &rows = this->m_tmpSolverNonContactConstraintPool;
+    const auto is_averaged = [&](int k) { return joint_errors_[k].is_geometric && !joint_errors_[k].is_limit; };
+    btScalar sums[2] = {0, 0};
+    int counts[2] = {0, 0};
+    for (int k = first; k < first + count; ++k) {
+      if (!is_averaged(k)) continue;
+      const int is_angular = rows[k].m_contactNormal1.isZero();
+      sums[is_angular] += joint_errors_[k].response;
+      ++counts[is_angular];
+    }
+    for (int k = first; k < first + count; ++k) {
+      const int is_angular = rows[k].m_contactNormal1.isZero();
+      joint_errors_[k].position_response =
+          is_averaged(k) ? sums[is_angular] / counts[is_angular] : joint_errors_[k].response;
     }
   }
 
@@ -507,7 +530,8 @@ class AccurateSolver : public Base {
       row.x = joint_errors_[i].guess;
       const bool is_limit = row.low == 0 || row.high == 0;
       row.position_cfm =
-          is_limit ? softness_of(joints[i], YIELDING_POSITION_SOFTNESS) : POSITION_SOFTNESS * joint_errors_[i].response;
+          is_limit ? softness_of(joints[i], YIELDING_POSITION_SOFTNESS)
+                   : POSITION_SOFTNESS * joint_errors_[i].position_response;
       if (row.is_drive) row.position_cfm = spring_position_softness(row.cfm, joint_errors_[i].response);
       row.stays_loaded = is_limit;
       add(row, is_limit ? RowKind::Limit : RowKind::Geometric, joints[i].m_contactNormal1.isZero(), MIN_CORRECTION,
@@ -611,11 +635,10 @@ class AccurateSolver : public Base {
         row.low >= row.high ? row.low == 0 : row.target <= NO_SPEED && (row.low == 0 || row.target >= -NO_SPEED);
     is_at_rest_ = is_at_rest_ && is_idle && row.low <= 0 && row.high >= 0;
     const bool idle = (row.low == 0 && row.position_target < 0) || (row.high == 0 && row.position_target > 0);
-    // Weight in the sum of squared errors: inversely proportional to the CFM in the position problem.
-    const bool yields = kind == RowKind::Limit || kind == RowKind::Contact;
-    const double weight = yields ? POSITION_SOFTNESS / YIELDING_POSITION_SOFTNESS : 1;
+    // Weight in the sum of squared errors: the inverse of the CFM in the position problem, as the solution has it.
+    const double weight = row.position_cfm > 0 ? POSITION_SOFTNESS / row.position_cfm : 0;
     const double target = row.in_positions && !idle ? row.position_target : 0;
-    position_rows_.push_back({target, target / share, weight, is_angular});
+    position_rows_.push_back({target, target / share, weight, is_angular, kind == RowKind::Geometric});
     if (row.in_positions && !idle) {
       const double asked = std::fabs(row.position_target) / least_correction;
       needs_correction_ = needs_correction_ || asked > 1;
@@ -832,7 +855,8 @@ class AccurateSolver : public Base {
     const PositionErrors present = errors([&](size_t i) { return position_rows_[i].error; });
     if (infeasible_.contain(island, present, sub_step_) || (!is_prepared && prepare() < 0)) return;
     double &damping = island->correction_damping.factor;
-    update_damping(island->correction_damping, present, info.m_timeStep, sub_step_, CORRECTION_INTERVAL);
+    update_damping(island->correction_damping, present, largest_joint_error() * info.m_timeStep, sub_step_,
+                   CORRECTION_INTERVAL);
     btScalar length = 0;
     for (int round = 0;; ++round) {
       if (mlcp_table->solve_positions(mlcp_, nullptr, position_states_.data(), LEAST_POSITION_SOFTNESS, damping,
@@ -862,6 +886,13 @@ class AccurateSolver : public Base {
     for (size_t i = 0; i < position_rows_.size(); ++i)
       sums.add(error_of(i), position_rows_[i].weight, position_rows_[i].is_angular);
     return sums;
+  }
+
+  // Of the correction velocities that the errors of the island's joints ask for, m/s or rad/s.
+  double largest_joint_error() const {
+    double largest = 0;
+    for (const PositionRow &row : position_rows_) largest = std::max(largest, row.is_joint ? std::fabs(row.error) : 0.0);
+    return largest;
   }
 
   // The body that identifies an island in consecutive sub-steps: the first link of its first articulation, or its first
@@ -982,7 +1013,7 @@ class AccurateSolver : public Base {
   double correction_share_ = 1;
   struct PositionRow {
     double target, error, weight;
-    bool is_angular;
+    bool is_angular, is_joint;
   };
   Vector<PositionRow> position_rows_;
   InfeasibleIslands infeasible_;

@@ -24,14 +24,12 @@ constexpr btScalar LONG_CORRECTION = 3;
 constexpr int MOST_ROUNDS = 3;
 constexpr double RAISED_DAMPING = 10, MOST_DAMPING_OF_LONG_CORRECTIONS = 1e3;
 
-// Updates the factor by which the CFM of the next position problem is multiplied. `present` are the errors before it, in correction
-// velocities of a sub-step of `length` (s); in the sub-steps between two corrections, at most `interval`, they were not
-// corrected.
-inline void update_damping(CorrectionDamping &damping, const PositionErrors &present, double length, unsigned sub_step,
+// Updates the factor by which the CFM of the next position problem is multiplied. `present` are the errors before it, and
+// `largest` that of a joint, m or rad; in the sub-steps between two corrections, at most `interval`, they were not corrected.
+inline void update_damping(CorrectionDamping &damping, const PositionErrors &present, double largest, unsigned sub_step,
                            unsigned interval) {
   // Growths of the errors, less the times that they did not grow, from which corrections count as diverging, where the
-  // errors are larger than LARGE (root of the sum of squares, m or rad) and otherwise; their largest number. A growth: by
-  // the factor GROWTH of a sum of squares, of which the last correction left the share INFEASIBLE. Change of the damping
+  // largest error exceeds LARGE (m or rad) and otherwise; their largest number. A growth: by the factor GROWTH of a sum of squares, of which the last correction left the share INFEASIBLE. Change of the damping
   // factor otherwise; largest factor.
   constexpr int DIVERGING_LARGE = 1, DIVERGING_SMALL = 6, MOST_GROWTHS = 8;
   constexpr double LARGE = 1e-3;
@@ -45,8 +43,7 @@ inline void update_damping(CorrectionDamping &damping, const PositionErrors &pre
     damping.asked[k] = now[k];
   }
   damping.growths = is_known ? std::clamp(damping.growths + (has_grown ? 1 : -1), 0, MOST_GROWTHS) : 0;
-  const bool is_large = std::max(now[0], now[1]) * length * length > LARGE * LARGE;
-  const bool diverges = damping.growths >= (is_large ? DIVERGING_LARGE : DIVERGING_SMALL);
+  const bool diverges = damping.growths >= (largest > LARGE ? DIVERGING_LARGE : DIVERGING_SMALL);
   damping.factor = is_known ? std::clamp(damping.factor * (diverges ? RAISED_DAMPING : LOWERED), 1.0, MOST) : 1;
   damping.sub_step = sub_step;
 }

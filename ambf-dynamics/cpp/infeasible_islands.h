@@ -2,9 +2,12 @@
 #ifndef AMB_INFEASIBLE_ISLANDS_H
 #define AMB_INFEASIBLE_ISLANDS_H
 
+#include <algorithm>
+
 #include "arena_memory.h"
 
-// Weighted sums of squares of the correction velocities of an island's rows, (m/s)^2 and (rad/s)^2.
+// Sums of squares of the correction velocities of an island's rows, over their responses, J: the parts of the sum that
+// the position problem minimises.
 struct PositionErrors {
   double linear = 0, angular = 0;
 
@@ -17,11 +20,16 @@ struct PositionErrors {
 
 class InfeasibleIslands {
  public:
-  // A correction that leaves more than this share of both sums is not applied: the remaining errors are infeasible.
-  static constexpr double UNCORRECTABLE = 0.98;
+  // A correction that lowers neither sum by more than this share, or one only at the expense of the other, is not applied:
+  // the remaining errors are infeasible.
+  static constexpr double LEAST_DECREASE = 0.02;
 
   static bool is_uncorrectable(const PositionErrors &asked, const PositionErrors &left) {
-    return left.linear >= UNCORRECTABLE * asked.linear && left.angular >= UNCORRECTABLE * asked.angular;
+    const double linear = asked.linear - left.linear, angular = asked.angular - left.angular;
+    const auto is_lowered = [both = linear + angular](double decrease, double before) {
+      return std::min(decrease, both) > LEAST_DECREASE * before;
+    };
+    return !is_lowered(linear, asked.linear) && !is_lowered(angular, asked.angular);
   }
 
   // Disables the position correction of an island for INTERVAL sub-steps. `island` identifies it in consecutive

@@ -7,7 +7,7 @@
 //! * Controller with output velocity, or a velocity command: a motor drives the coordinate to the speed u with at
 //!   most F = `max motor impulse` / min(h, 1 ms), and only up to that speed: ∫ F·min(|q̇|, |u|) dt; it stays on
 //!   when its command has ended.
-//! * Wrench on a body: ∫ max(F·v + τ·ω, 0) dt.
+//! * Wrench on a body: ∫ max(F·v + τ·ω, 0) dt; ∫ |F||v| + |τ||ω| dt if it turns by more than 0.5 rad in a sub-step.
 //! * Resistance sensors: ∫ F·v dt with the largest force of their rays and the largest speed of any body.
 //!
 //! |q̇| is the larger one of the change of the coordinate over the step and of its rate after the sub-step by the
@@ -28,6 +28,9 @@ use super::script::{Action, Script};
 
 /// `max motor impulse` is meant per this time, s.
 const IMPULSE_STEP: f64 = 0.001;
+
+/// Turn of a body in a sub-step from which on its velocities at both ends say little of those in between, rad.
+const FAR: f64 = 0.5;
 
 /// What drives a joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -134,7 +137,7 @@ impl Work {
                     }
                 }
                 Action::Wrench(body, force, torque) => {
-                    let power = power(scene, body, &force, &torque);
+                    let power = power(scene, body, &force, &torque, self.step);
                     self.wrenches.push((body, force, torque, power));
                 }
                 _ => (),
@@ -149,7 +152,7 @@ impl Work {
             self.done += driven.work(joint, rate(scene, joint), self.step);
         }
         for (body, force, torque, before) in &self.wrenches {
-            self.done += power(scene, *body, force, torque).max(*before).max(0.0) * self.step;
+            self.done += power(scene, *body, force, torque, self.step).max(*before).max(0.0) * self.step;
         }
         if self.resistance > 0.0 {
             let speeds = scene.world.bodies().iter().filter_map(|&body| scene.world.velocity(body));
@@ -191,7 +194,9 @@ impl Driven {
         if joint.limits.is_none() && change.abs() > PI && joint.joint_type == JointType::Revolute {
             change -= TAU.copysign(change);
         }
-        let (before, rate) = (self.rate, change / step);
+        // A coordinate says nothing of turns by more than π in a sub-step.
+        let wraps = joint.joint_type == JointType::Revolute && after.abs() * step > PI;
+        let (before, rate) = (self.rate, if wraps { after } else { change / step });
         self.rate = rate;
         let speed = before.abs().max(rate.abs()).max(after.abs());
         step * match self.drive {
@@ -225,10 +230,17 @@ fn rate(scene: &Scene, joint: &Joint) -> f64 {
     }
 }
 
-/// W that force (N) and torque (N·m) put into a body.
-fn power(scene: &Scene, body: BodyId, force: &nalgebra::Vector3<f64>, torque: &nalgebra::Vector3<f64>) -> f64 {
+/// W that force (N) and torque (N·m) put into a body. If it turns far in a sub-step of `step` s, the power in between is not
+/// seen; then it is that of the same speeds along the wrench.
+fn power(scene: &Scene, body: BodyId, force: &Vector3<f64>, torque: &Vector3<f64>, step: f64) -> f64 {
     let velocity = scene.world.velocity(scene.world.bodies()[body.index()]);
-    velocity.map_or(0.0, |(velocity, spin)| force.dot(&velocity) + torque.dot(&spin))
+    velocity.map_or(0.0, |(velocity, spin)| {
+        if spin.norm() * step > FAR {
+            force.norm() * velocity.norm() + torque.norm() * spin.norm()
+        } else {
+            force.dot(&velocity) + torque.dot(&spin)
+        }
+    })
 }
 
 /// Energy of a spring with one coordinate, J; 0 for other joints.

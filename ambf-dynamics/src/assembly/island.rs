@@ -202,7 +202,8 @@ impl<'a> Island<'a> {
         island
     }
 
-    /// Sets the compliances D = diag(J M⁻¹ Jᵀ).
+    /// Sets the compliances D: the diagonal of J M⁻¹ Jᵀ, of which the linear and the angular rows that lock a joint
+    /// have their means, so that the compromise does not depend on the axes along which an error is resolved.
     fn weigh(&mut self) {
         let mut most = 0.0f64;
         for index in 0..self.members.len() {
@@ -220,6 +221,12 @@ impl<'a> Island<'a> {
                 }
             }
             most = most.max(compliance.amax());
+            let rows = &self.members[index].rows;
+            for angular in [false, true] {
+                let of = || (0..6).filter(|&row| rows[row].is_locked() && rows[row].angular == angular);
+                let mean = of().map(|row| compliance[row]).sum::<f64>() / of().count().max(1) as f64;
+                of().for_each(|row| compliance[row] = mean);
+            }
             self.members[index].compliance = compliance;
         }
         // Rows that nothing can change.

@@ -16,9 +16,12 @@
 //! The step is taken from the quasi-definite form of the same equations, \[M Jᵀ; J −εD\], by a block LDLᵀ factorisation
 //! in an order of minimum degree: trees have no fill, so that the cost of a step is linear in the number of bodies.
 //!
+//! The linear rows of a joint, and its angular rows, have the means of their D: the diagonal alone depends on the axes
+//! along which an error is resolved, and the sum of squares below would, too.
+//!
 //! Where the joints contradict each other, the iteration ends at a stationary point of ½ gᵀD⁻¹g, the least-squares
 //! compromise in which each row counts with its effective mass; redundant joints that do not contradict each other are
-//! closed exactly.
+//! closed exactly. The position problem of a sub-step has the same weights: the compromise stays where it is.
 //!
 //! ## Limitations
 //! The iteration is local: joints that are off by more than about a quarter of a turn may end in another configuration

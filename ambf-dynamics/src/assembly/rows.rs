@@ -54,6 +54,15 @@ impl Row {
         jacobians: [Vector6::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0); 2],
     };
 
+    /// Whether the coordinate has one admissible value.
+    pub fn is_locked(&self) -> bool {
+        match self.demand {
+            Demand::None => false,
+            Demand::Zero => true,
+            Demand::Within(range) => range.is_locked(),
+        }
+    }
+
     /// Error: the coordinate itself, or by how much it exceeds its range (negative below it).
     pub fn error(&self) -> f64 {
         match self.demand {

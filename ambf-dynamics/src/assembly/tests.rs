@@ -235,6 +235,33 @@ fn contradictory_joints_end_at_the_least_squares_compromise() {
 }
 
 #[test]
+fn the_compromise_does_not_depend_on_the_axes_of_the_frames() {
+    // Thin rods in a triangle whose hinges are not parallel.
+    let thin = |pose| Body { inertia: Vector3::new(1e-4, 0.08, 0.09), ..rod(pose) };
+    let closed_with = |turn: f64| {
+        let mut bodies =
+            vec![ground(), thin(at(0.5, 0.0, 0.0)), thin(at(1.0, 0.5, 0.0) * turned(Vector3::z() * FRAC_PI_2))];
+        let about = Isometry3::rotation(Vector3::z() * turn);
+        let frame = |x: f64, skew: Vector3<f64>| at(x, 0.0, 0.0) * turned(skew) * about;
+        let level = Vector3::zeros();
+        let joints = [
+            joint(HINGE, [0, 1], [frame(0.0, level), frame(-0.5, Vector3::x() * 0.2)]),
+            joint(HINGE, [1, 2], [frame(0.5, Vector3::y() * 0.1), frame(-0.5, level)]),
+            joint(HINGE, [2, 0], [frame(0.5, level), at(1.0, 1.0, 0.0) * turned(Vector3::x() * 0.1) * about]),
+        ];
+        assert!(!assemble(&mut bodies, &joints));
+        bodies
+    };
+    let level = closed_with(0.0);
+    for turn in [0.3, 0.8, 1.4] {
+        for (body, other) in level.iter().zip(&closed_with(turn)).skip(1) {
+            let apart = body.pose.inverse() * other.pose;
+            assert!(apart.translation.vector.norm() < 1e-6 && apart.rotation.angle() < 1e-6, "{turn} rad: {apart}");
+        }
+    }
+}
+
+#[test]
 fn a_loop_that_is_too_short_is_stretched_and_named() {
     // Two rods of 1 m cannot reach 2.1 m.
     let mut bodies = vec![ground(), rod(at(0.5, 0.0, 0.0)), rod(at(1.6, 0.0, 0.0))];

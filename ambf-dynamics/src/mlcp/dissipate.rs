@@ -13,6 +13,9 @@ const MIN_SWEEPS: u32 = 4;
 const MAX_SWEEPS: u32 = 10;
 /// Most factorisations for either.
 const MAX_ROUNDS: u32 = 10;
+/// Most solutions for given friction, and factorisations of each.
+const MAX_HOLDS: u32 = 3;
+const MAX_HOLD_ROUNDS: u32 = 200;
 
 impl Solver {
     /// Looks for impulses of a lower objective than the best approximation, which is at hand, has. A few sweeps are
@@ -27,6 +30,92 @@ impl Solver {
         self.solve_without_friction(sweeps, budget);
         self.add_friction(sweeps, budget);
         self.record();
+    }
+
+    /// Solves all rows but those of friction exactly for the friction that the best approximation, which is at hand, has:
+    /// where friction has no solution, or none is found, what is missed shall be friction, and not a joint, a limit or
+    /// a contact. Friction that exceeds its bounds for the new normal impulses is lowered to them a few times. These
+    /// problems have fixed bounds, and thus solutions; the objective does not grow. As much work again as the `budget`
+    /// is allowed. Returns whether the best approximation is now such a solution.
+    pub(super) fn hold_friction(&mut self, budget: f64) -> bool {
+        // Without a factorisation before there is no room for one.
+        if self.statistics.factorisations == 0 {
+            return false;
+        }
+        let limit = self.statistics.multiplications + budget;
+        let mut objective = self.best_objective().max(0.0);
+        let tolerance = std::mem::replace(&mut self.tolerance, self.accepted);
+        self.save_impulses();
+        let mut is_held = false;
+        for _ in 0..MAX_HOLDS {
+            self.fix_frictions();
+            let is_solved = self.solve_within_bounds(limit);
+            self.iterate.variables.iter_mut().for_each(|row| row.x = row.clamp(row.x));
+            self.iterate.accumulate(&self.rows);
+            let now = self.iterate.energy(&self.rows);
+            // Not `>`, which is false for what is not a number.
+            if !(is_solved && now <= objective) {
+                self.restore_impulses();
+                break;
+            }
+            (objective, is_held) = (now, true);
+            self.save_impulses();
+            if !self.lower_frictions() {
+                break;
+            }
+        }
+        self.restore_impulses();
+        self.iterate.bound_frictions();
+        self.tolerance = tolerance;
+        if is_held {
+            self.keep_current();
+        }
+        is_held
+    }
+
+    /// Solves the problem within fixed bounds, from the saved impulses.
+    fn solve_within_bounds(&mut self, limit: f64) -> bool {
+        self.set_states();
+        let mut rounds = MAX_HOLD_ROUNDS;
+        if self.block_pivot(&mut rounds, limit) {
+            return true;
+        }
+        for (row, &x) in self.iterate.variables.iter_mut().zip(&self.saved) {
+            row.x = row.clamp(x);
+        }
+        self.primal_active_set(&mut rounds, limit)
+    }
+
+    /// Fixes the impulses of friction at their values.
+    fn fix_frictions(&mut self) {
+        for row in self.iterate.variables.iter_mut().filter(|row| row.is_friction()) {
+            (row.low, row.high) = (row.x, row.x);
+        }
+    }
+
+    /// Brings friction within the bounds that the normal impulses give. Returns whether it exceeded them.
+    fn lower_frictions(&mut self) -> bool {
+        self.iterate.bound_frictions();
+        let mut exceeded = false;
+        for row in self.iterate.variables.iter_mut().filter(|row| row.is_friction()) {
+            let x = row.clamp(row.x);
+            exceeded |= x != row.x;
+            row.x = x;
+        }
+        exceeded
+    }
+
+    fn save_impulses(&mut self) {
+        self.saved.clear();
+        self.saved.extend(self.iterate.variables.iter().map(|row| row.x));
+    }
+
+    /// Loads the saved impulses, and finds their velocities.
+    fn restore_impulses(&mut self) {
+        for (row, &x) in self.iterate.variables.iter_mut().zip(&self.saved) {
+            row.x = x;
+        }
+        self.iterate.accumulate(&self.rows);
     }
 
     /// Solves the unbounded rows (joints, springs) of an approximation exactly for the impulses that all other rows
@@ -94,8 +183,7 @@ impl Solver {
     /// Lowers the objective within the bounds, from impulses within them, with their velocities.
     fn minimise_within_bounds(&mut self, sweeps: u32, budget: f64) {
         let before = self.iterate.energy(&self.rows);
-        self.saved.clear();
-        self.saved.extend(self.iterate.variables.iter().map(|row| row.x));
+        self.save_impulses();
         self.set_states();
         let mut rounds = MAX_ROUNDS;
         // Without a factorisation before there is no room for one.
@@ -106,10 +194,7 @@ impl Solver {
                 return;
             }
         }
-        for (row, &x) in self.iterate.variables.iter_mut().zip(&self.saved) {
-            row.x = x;
-        }
-        self.iterate.accumulate(&self.rows);
+        self.restore_impulses();
         for count in 0..MAX_SWEEPS {
             if count >= sweeps && self.statistics.multiplications + self.sweep_cost() > budget {
                 return;

@@ -22,14 +22,14 @@
 //!    and Curnier 1991) follows each alternation.
 //! 4. If that fails, projected Gauss–Seidel with subspace minimisation (Silcowitz, Niebe and Erleben 2010).
 //! 5. If the best approximation is poor, the problem without friction, and then friction for its normal impulses, which
-//!    lowers the energy.
+//!    lowers the energy; and, if it is not near a solution, all rows but friction exactly for its friction.
 //!
 //! A guess that is the solution is returned unchanged if a factorisation is expensive; a guess near the solution gets a
 //! smaller share of the budget, and sweeps end when they hardly change velocities.
 //!
-//! The work is bounded by a [`Budget`]; problems whose factorisation does not fit are solved by sweeps of projected
-//! Gauss–Seidel. The impulses are always within their bounds and add no energy beyond that of biases and drives, and
-//! [`Outcome`] states their accuracy. The result depends on the rows and the budget only. No memory is allocated while
+//! The work is bounded by a [`Budget`], of which method 5 may take as much again; problems whose factorisation does not fit
+//! are solved by sweeps of projected Gauss–Seidel. The impulses add no energy beyond that of biases and drives. They are
+//! within their bounds, but for friction in approximations, and [`Outcome`] states their accuracy. The result depends on the rows and the budget only. No memory is allocated while
 //! a problem is not larger than those before it.
 //!
 //! # Limitations

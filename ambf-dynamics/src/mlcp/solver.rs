@@ -17,7 +17,7 @@ const FINE: f64 = 1e-9;
 const COARSE: f64 = 1e-6;
 /// Residual up to which the guess is accepted as the solution, as a share of the largest target.
 const RESTING: f64 = 1e-7;
-/// Residual up to which a guess counts as near the solution, as a share of the largest target, and the share of the
+/// Residual up to which impulses count as near the solution, as a share of the largest target, and the share of the
 /// budget for block pivoting from such a guess.
 const NEAR: f64 = 1e-3;
 const NEAR_SHARE: f64 = 0.2;
@@ -420,7 +420,8 @@ impl Solver {
             self.dissipate(budget);
             self.load_best();
         }
-        if self.best.merit.residual > accepted {
+        let is_held = self.best.merit.residual > accepted.max(NEAR * scale) && self.hold_friction(budget);
+        if !is_held && self.best.merit.residual > accepted {
             self.close_joints();
             self.load_best();
         }
@@ -532,6 +533,12 @@ impl Solver {
             self.best.x.extend(self.iterate.variables.iter().map(|row| (row.x, row.state)));
         }
         merit.residual
+    }
+
+    /// Keeps the impulses at hand, with their velocities, as the result, also where friction exceeds its bounds.
+    pub(super) fn keep_current(&mut self) {
+        self.best.merit = self.iterate.merit(&self.rows);
+        self.best.is_current = true;
     }
 
     pub(super) fn best_objective(&self) -> f64 {

@@ -59,7 +59,7 @@ impl Solver {
 
     /// The same problem by a primal active-set method (Nocedal and Wright, *Numerical Optimization*, section 16.5):
     /// from one point within the bounds to a better one, a row at a time, which ends.
-    fn primal_active_set(&mut self, rounds: &mut u32, limit: f64) -> bool {
+    pub(super) fn primal_active_set(&mut self, rounds: &mut u32, limit: f64) -> bool {
         self.set_states();
         for row in &mut self.iterate.variables {
             row.x = row.clamp(row.x);

@@ -68,7 +68,7 @@ fn a_chain_takes_one_factorisation() {
 }
 
 #[test]
-fn contacts_stay_within_bounds_and_budget_whatever_the_budget_is() {
+fn contacts_stay_within_bounds_and_twice_the_budget_whatever_it_is() {
     let random = &mut Random::new(4);
     let mut case = Case::random(random, 12, &[6]);
     for _ in 0..30 {
@@ -83,8 +83,9 @@ fn contacts_stay_within_bounds_and_budget_whatever_the_budget_is() {
         let residual = case.residual(solver.impulses());
         let statistics = solver.statistics();
         assert!((residual - statistics.residual).abs() <= 1e-9 * (1.0 + residual), "{residual} {statistics:?}");
-        // Four sweeps, a last pass and what belongs to the iteration in which the budget ends.
-        assert!(statistics.multiplications <= 1.1 * budget + 2e4, "{budget}: {statistics:?}");
+        // As much again for given friction, four sweeps, a last pass and what belongs to the iteration in which the
+        // budget ends.
+        assert!(statistics.multiplications <= 2.1 * budget + 2e4, "{budget}: {statistics:?}");
         whole += usize::from(outcome == Outcome::Solved);
     }
     assert!(whole > 0);
@@ -119,6 +120,49 @@ fn approximations_miss_contacts_and_no_joints() {
         }
     }
     assert!(approximate > 20, "{approximate}");
+}
+
+/// Where friction has no solution, or none is found, all other rows have theirs: residuals of 1e4 m/s at the limits of
+/// joints threw links kilometres away.
+#[test]
+fn approximations_miss_friction_alone() {
+    let (mut approximate, mut exceeding) = (0, 0);
+    for seed in 1..400 {
+        let random = &mut Random::new(seed);
+        let mut case = Case::random(random, 4, &[4]);
+        for _ in 0..3 {
+            let sides = case.random_sides(random);
+            case.rows.push(CaseRow::new(sides, random.signed(), 1e-6, [f64::NEG_INFINITY, f64::INFINITY]));
+        }
+        for _ in 0..12 {
+            let target = 1e3 * random.signed();
+            case.add_contact(random, target);
+        }
+        for row in &mut case.rows {
+            if let Some(friction) = &mut row.friction {
+                friction.coefficient = 2.0;
+            }
+        }
+        let mut solver = case.solver();
+        solver.solve(Budget::UNLIMITED);
+        // What is near a solution is left as it is.
+        if solver.statistics().residual <= 1.0 {
+            continue;
+        }
+        approximate += 1;
+        let x = DVector::from_column_slice(solver.impulses());
+        let errors = case.matrix() * &x - case.targets();
+        for (row, (&x, &error)) in case.rows.iter().zip(x.iter().zip(&errors)).filter(|(row, _)| row.friction.is_none())
+        {
+            let missed = if row.low < 0.0 || x > 0.0 { error.abs() } else { (-error).max(0.0) };
+            assert!(missed <= 2e-3, "seed {seed}: {missed}");
+        }
+        let objective = (&case.matrix() * &x / 2.0 - case.targets()).dot(&x);
+        assert!(objective <= 0.0, "seed {seed}: {objective}");
+        let exceeds = |(row, &x): (usize, &f64)| x.abs() > case.bounds(row, solver.impulses())[1] + 1e-9;
+        exceeding += usize::from((0..).zip(&x).filter(|&(row, _)| case.rows[row].friction.is_some()).any(exceeds));
+    }
+    assert!(approximate > 20 && exceeding > 0, "{approximate}, {exceeding}");
 }
 
 #[test]
