@@ -596,8 +596,11 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
     const btScalar allowed = kinetic + work, lifted = btFabs(by_forces.of_mass_centre);
     btScalar after = internal_energy();
     const btScalar slack = MAX_GROWTH * (kinetic + btFabs(work)) + ROUNDING * (kinetic_energy() + lifted);
-    // With velocities that overflow in the step, `after` and `slack` are infinite.
-    if (std::isfinite(after) && (after <= allowed + slack || after <= allowed + slack + rounding_of_work(from))) break;
+    // With velocities that overflow in the step, `after` and `slack` are infinite. Near rest the energy is rounded to 0,
+    // and what drag takes is more: nothing can be removed then.
+    if (std::isfinite(after) &&
+        (after <= 0 || after <= allowed + slack || after <= allowed + slack + rounding_of_work(from)))
+      break;
     const int most = std::isfinite(after) ? MAX_PARTS : MAX_PARTS_TO_FINITE;
     if (parts >= most) {
       // The largest number of sub-intervals was not enough: the excess energy is removed by scaling the velocities.
@@ -606,7 +609,7 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
         most_energy = tangential_step(h, from, start_rate, to, new_rate);
         after = internal_energy();
       }
-      scale = btSqrt(std::max(most_energy, btScalar(0)) / after);
+      if (!(after <= 0)) scale = btSqrt(std::max(most_energy, btScalar(0)) / after);
       break;
     }
     parts = std::min(parts * REFINEMENT, most);

@@ -24,13 +24,15 @@ constexpr btScalar LONG_CORRECTION = 3;
 constexpr int MOST_ROUNDS = 3;
 constexpr double RAISED_DAMPING = 10, MOST_DAMPING_OF_LONG_CORRECTIONS = 1e3;
 
-// Updates the factor by which the CFM of the next position problem is multiplied. `present` are the errors before it, and
-// `largest` that of a joint, m or rad; in the sub-steps between two corrections, at most `interval`, they were not corrected.
+// Updates the factor by which the CFM of the next position problem is multiplied. `present` are the errors before it,
+// and `largest` that of a joint, m or rad; in the sub-steps between two corrections, at most `interval`, they were not
+// corrected.
 inline void update_damping(CorrectionDamping &damping, const PositionErrors &present, double largest, unsigned sub_step,
                            unsigned interval) {
   // Growths of the errors, less the times that they did not grow, from which corrections count as diverging, where the
-  // largest error exceeds LARGE (m or rad) and otherwise; their largest number. A growth: by the factor GROWTH of a sum of squares, of which the last correction left the share INFEASIBLE. Change of the damping
-  // factor otherwise; largest factor.
+  // largest error exceeds LARGE (m or rad) and otherwise; their largest number. A growth: by the factor GROWTH of a sum of
+  // squares, of which the last correction left the share INFEASIBLE. Change of the damping factor otherwise; largest
+  // factor.
   constexpr int DIVERGING_LARGE = 1, DIVERGING_SMALL = 6, MOST_GROWTHS = 8;
   constexpr double LARGE = 1e-3;
   constexpr double GROWTH = 1.02, INFEASIBLE = 0.25, LOWERED = 1 / 1.2, MOST = 1e4;

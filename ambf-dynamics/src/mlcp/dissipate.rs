@@ -1,4 +1,4 @@
-//! Approximations that add no energy.
+//! Approximations that add no energy and open no joint.
 //!
 //! Within fixed bounds that contain 0 the objective `xᵀ (A + cfm) x / 2 - targetᵀ x` has a least value of at most 0,
 //! and what gets there by descent never gains energy. The bounds of friction are not fixed, but its impulses can be
@@ -32,9 +32,9 @@ impl Solver {
         self.record();
     }
 
-    /// Solves all rows but those of friction exactly for the friction that the best approximation, which is at hand, has:
-    /// where friction has no solution, or none is found, what is missed shall be friction, and not a joint, a limit or
-    /// a contact. Friction that exceeds its bounds for the new normal impulses is lowered to them a few times. These
+    /// Solves all rows but those of friction exactly for the friction that the best approximation, which is at hand,
+    /// has: where friction has no solution, or none is found, what is missed shall be friction, and not a joint, a limit
+    /// or a contact. Friction that exceeds its bounds for the new normal impulses is lowered to them a few times. These
     /// problems have fixed bounds, and thus solutions; the objective does not grow. As much work again as the `budget`
     /// is allowed. Returns whether the best approximation is now such a solution.
     pub(super) fn hold_friction(&mut self, budget: f64) -> bool {

@@ -27,10 +27,10 @@
 //! A guess that is the solution is returned unchanged if a factorisation is expensive; a guess near the solution gets a
 //! smaller share of the budget, and sweeps end when they hardly change velocities.
 //!
-//! The work is bounded by a [`Budget`], of which method 5 may take as much again; problems whose factorisation does not fit
-//! are solved by sweeps of projected Gauss–Seidel. The impulses add no energy beyond that of biases and drives. They are
-//! within their bounds, but for friction in approximations, and [`Outcome`] states their accuracy. The result depends on the rows and the budget only. No memory is allocated while
-//! a problem is not larger than those before it.
+//! The work is bounded by a [`Budget`], of which method 5 may take as much again; problems whose factorisation does not
+//! fit are solved by sweeps of projected Gauss–Seidel. The impulses add no energy beyond that of biases and drives. They
+//! are within their bounds, except friction in approximations, and [`Outcome`] states their accuracy. The result depends
+//! on the rows and the budget only. No memory is allocated while a problem is not larger than those before it.
 //!
 //! # Limitations
 //! With friction, solutions need neither exist nor be unique (Painlevé). The pyramid of friction has the directions of
