@@ -609,7 +609,7 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
         most_energy = tangential_step(h, from, start_rate, to, new_rate);
         after = internal_energy();
       }
-      if (!(after <= 0)) scale = btSqrt(std::max(most_energy, btScalar(0)) / after);
+      scale = btSqrt(std::max(most_energy, btScalar(0)) / after);
       break;
     }
     parts = std::min(parts * REFINEMENT, most);
