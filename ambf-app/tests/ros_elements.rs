@@ -88,7 +88,7 @@ impl Fixture {
         let positions = self.positions(namespace);
         let object = positions.into_iter().map(|i| &objects[i]).find(|object| object.info.name == name).unwrap();
         let mut inbox = Inbox::<C>::default();
-        until("the command", || inbox.fetch(C::mailbox(&object.channel)));
+        until("the command", || inbox.fetch(C::mailbox(&object.channel), 0));
         inbox.command().clone()
     }
 

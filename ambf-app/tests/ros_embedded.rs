@@ -150,7 +150,7 @@ fn commands_arrive_and_nonsense_does_not() {
     let mut inbox = Inbox::<RigidBodyCommand>::default();
     let mut fetch = |force: f64, what: &str| {
         until(what, || {
-            fixture.with(|s| inbox.fetch(&s.hub.objects()[s.object("Box5")].channel.body));
+            fixture.with(|s| inbox.fetch(&s.hub.objects()[s.object("Box5")].channel.body, 0));
             inbox.command().force.x == force
         });
         inbox.command().clone()
@@ -250,7 +250,7 @@ fn camera_parameters_are_written_polled_and_checked() {
     call(master, "setParam", vec![name("field_view_angle"), Value::Double(0.0)]).unwrap();
     let mut inbox = Inbox::<CameraParameters>::default();
     until("the change in the hub", || {
-        fixture().with(|s| inbox.fetch(&s.hub.objects()[s.object("cameras/cam")].channel.camera));
+        fixture().with(|s| inbox.fetch(&s.hub.objects()[s.object("cameras/cam")].channel.camera, 0));
         inbox.command().far_plane == 77.0 && inbox.command().field_view_angle == 0.7
     });
     assert!(!inbox.command().stereo, "an unknown word changes nothing");
@@ -265,7 +265,7 @@ fn a_camera_follows_pose_commands() {
     command.pose.position.y = 4.0;
     commands.send(command).unwrap();
     let mut inbox = Inbox::<PoseCommand>::default();
-    until("the pose", || fixture.with(|s| inbox.fetch(&s.hub.objects()[s.object("cameras/cam")].channel.pose)));
+    until("the pose", || fixture.with(|s| inbox.fetch(&s.hub.objects()[s.object("cameras/cam")].channel.pose, 0)));
     assert!(inbox.command().enabled && inbox.command().position.y == 4.0);
 }
 

@@ -117,7 +117,7 @@ fn a_master_that_dies_and_comes_back_is_told_everything_again() {
     until("the simulator listens", || commands.subscriber_count() > 0);
     commands.send(ambf_msgs::RigidBodyCmd { cartesian_cmd_type: 2, ..Default::default() }).unwrap();
     let mut inbox = Inbox::<RigidBodyCommand>::default();
-    until("the command", || inbox.fetch(&simulator.hub.objects()[simulator.object("Box1")].channel.body));
+    until("the command", || inbox.fetch(&simulator.hub.objects()[simulator.object("Box1")].channel.body, 0));
     drop(commands);
 
     if let Some(heard) = heard_by_rospy(topic) {

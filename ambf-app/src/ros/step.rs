@@ -5,8 +5,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use ambf_core::comm::{
-    ActuatorCommand, ActuatorInfo, GhostInfo, Hub, HubIndex, ObjectInfo, PostError, RigidBodyCommand, RigidBodyInfo,
-    SensorInfo, SensorType, Snapshot, StepOrder, WATCHDOG_TIMEOUT,
+    ActuatorCommand, ActuatorInfo, GhostInfo, Hub, HubIndex, ObjectInfo, OrderedCommands, PostError, RigidBodyCommand,
+    RigidBodyInfo, SensorInfo, SensorType, Snapshot, StepOrder, WATCHDOG_TIMEOUT,
 };
 use ambf_core::ids::{ActuatorId, BodyId, GhostId, SensorId};
 use parking_lot::Mutex;
@@ -92,9 +92,9 @@ struct Checked {
 fn answer(hub: &Hub, objects: &Steppables, request: &StepReq) -> Result<StepRes, String> {
     let order = order(request)?;
     let checked = check(hub, objects, request)?;
-    let post = |hub: &Hub| -> Result<(), PostError> {
-        checked.bodies.iter().try_for_each(|(object, command)| hub.post(*object, command))?;
-        checked.actuators.iter().try_for_each(|(object, command)| hub.post(*object, command))
+    let post = |order: &OrderedCommands| -> Result<(), PostError> {
+        checked.bodies.iter().try_for_each(|(object, command)| order.post(*object, command))?;
+        checked.actuators.iter().try_for_each(|(object, command)| order.post(*object, command))
     };
     let snapshot = hub.step(order, post).map_err(|error| error.to_string())?;
     let mut answer =

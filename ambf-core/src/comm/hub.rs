@@ -159,8 +159,10 @@ pub struct Hub {
     lost: ArcSwapOption<String>,
     listeners: AtomicBool,
     throttle: StepThrottle,
-    /// Held while an order of steps is carried out.
-    pub(super) turn: Mutex<()>,
+    /// Held while an order of steps is carried out; how many there were.
+    pub(super) turn: Mutex<u64>,
+    /// The number of the order that may hold commands in force; 0: none.
+    pub(super) running_order: AtomicU64,
     /// Resets that were done and published.
     resets: AtomicU64,
     reset_world: AtomicBool,
@@ -184,6 +186,7 @@ impl Hub {
             listeners: AtomicBool::new(false),
             throttle: StepThrottle::default(),
             turn: Mutex::default(),
+            running_order: AtomicU64::new(0),
             resets: AtomicU64::new(0),
             reset_world: AtomicBool::new(false),
             reset_thoroughly: AtomicBool::new(false),
@@ -276,12 +279,18 @@ impl Hub {
         writer.publish(&self.snapshot, fill)
     }
 
-    /// Leaves a command, or changed parameters, for the object at position `object`. What doesn't fit its kind, or comes
-    /// after the object was removed, is never read.
+    /// Leaves a command, or changed parameters, for the object at position `object`. What doesn't fit its kind, comes
+    /// after the object was removed, or while an [order of steps](Self::step) runs that commands the same object, is
+    /// never read.
     ///
     /// # Errors
     /// [`PostError::NotFinite`].
     pub fn post<C: Command>(&self, object: HubIndex, command: &C) -> Result<(), PostError> {
+        self.post_for(object, command, 0)
+    }
+
+    /// [`post`](Self::post) for the order with the number `order`; 0: for none.
+    pub(super) fn post_for<C: Command>(&self, object: HubIndex, command: &C, order: u64) -> Result<(), PostError> {
         let list = self.objects.load();
         let target = &list[object];
         if !command.is_finite() {
@@ -290,9 +299,18 @@ impl Hub {
         if target.is_removed() {
             return Ok(());
         }
-        C::mailbox(&target.channel).post(command, self.now_ns());
+        let (mailbox, now) = (C::mailbox(&target.channel), self.now_ns());
+        match order {
+            0 => mailbox.post(command, now),
+            order => mailbox.post_ordered(command, now, order),
+        }
         list.pending[object.0 / 64].fetch_or(1 << (object.0 % 64), Ordering::Release);
         Ok(())
+    }
+
+    /// Number of the [order of steps](Self::step) that runs; 0 while none does.
+    pub(crate) fn running_order(&self) -> u64 {
+        self.running_order.load(Ordering::Acquire)
     }
 
     /// Step throttling by the world's clients.

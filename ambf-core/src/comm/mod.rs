@@ -43,7 +43,7 @@ pub use schedule::{PublishSchedule, Rates};
 /// The physics thread's end of the slot of the newest snapshot.
 pub type SnapshotWriter = ambf_plugin::SnapshotWriter<Snapshot>;
 
-pub use step::{StepError, StepOrder};
+pub use step::{OrderedCommands, StepError, StepOrder};
 pub use throttle::{Activity, StepThrottle, WorldCommand};
 
 use std::sync::Arc;

@@ -1,9 +1,10 @@
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::Arc;
 use std::time::Duration;
 
 use thiserror::Error;
 
-use super::{Activity, Hub, PostError, Snapshot};
+use super::{Activity, Command, Hub, HubIndex, PostError, Snapshot};
 
 /// How long iterations may take to make any progress.
 const STALLED: Duration = Duration::from_secs(30);
@@ -37,9 +38,37 @@ pub enum StepError {
     Command(#[from] PostError),
 }
 
+/// Where an order leaves its commands.
+pub struct OrderedCommands<'a> {
+    hub: &'a Hub,
+    order: u64,
+}
+
+impl OrderedCommands<'_> {
+    /// [`Hub::post`] of a command that nothing replaces while the order runs.
+    ///
+    /// # Errors
+    /// [`PostError::NotFinite`].
+    pub fn post<C: Command>(&self, object: HubIndex, command: &C) -> Result<(), PostError> {
+        self.hub.post_for(object, command, self.order)
+    }
+}
+
+/// Says that no order runs any more, however it ended.
+struct Running<'a>(&'a AtomicU64);
+
+impl Drop for Running<'_> {
+    fn drop(&mut self) {
+        self.0.store(0, Ordering::Release);
+    }
+}
+
 impl Hub {
     /// Holds the physics, lets `command` post what is to be in force, lets exactly the ordered iterations through, and
     /// returns the state after them. Blocks; orders of several threads are carried out one after the other.
+    ///
+    /// What `command` posts stays in force until the last of the iterations: a command that others post meanwhile for
+    /// the same object, or that they posted before and that was delivered late, is dropped.
     ///
     /// A reset is [thorough](Hub::request_thorough_reset), and done at rest: between the Bullet step of one iteration
     /// and its commands, as every order begins. So, with fixed steps, the result of a series of orders depends on
@@ -50,9 +79,10 @@ impl Hub {
     pub fn step(
         &self,
         order: StepOrder,
-        command: impl FnOnce(&Hub) -> Result<(), PostError>,
+        command: impl FnOnce(&OrderedCommands) -> Result<(), PostError>,
     ) -> Result<Arc<Snapshot>, StepError> {
-        let _turn = self.turn.lock();
+        let mut orders = self.turn.lock();
+        *orders += 1;
         let throttle = self.throttle();
         if throttle.activity() == Activity::Paused && !order.reset {
             return Err(self.why_paused());
@@ -67,7 +97,9 @@ impl Hub {
             self.request_thorough_reset();
             self.await_progress(|| self.resets() != before)?;
         }
-        command(self)?;
+        self.running_order.store(*orders, Ordering::Release);
+        let _running = Running(&self.running_order);
+        command(&OrderedCommands { hub: self, order: *orders })?;
         if order.steps > 0 {
             throttle.order(order.steps, self.now_ns());
             let done = self.await_progress(|| !throttle.is_busy() || throttle.activity() == Activity::Paused);

@@ -10,9 +10,9 @@ pub(crate) trait Commands: Send + Sync {
     /// The same commands, as if they had come `by` ns later.
     fn later(&self, by: u64) -> Box<dyn Commands>;
 
-    /// Takes what waits in `channel`; true when there is a command to execute from now on. Sentences about what cannot
-    /// be done go to `notices`.
-    fn fetch(&mut self, channel: &Channel, scene: &mut Scene, notices: &mut Vec<String>) -> bool;
+    /// Takes what waits in `channel` while the order of steps with the number `order` runs, as [`Inbox::fetch`]; true
+    /// when there is a command to execute from now on. Sentences about what cannot be done go to `notices`.
+    fn fetch(&mut self, channel: &Channel, order: u64, scene: &mut Scene, notices: &mut Vec<String>) -> bool;
 
     /// Executes the command in force, unless its watchdog has expired before `now_ns`.
     fn execute(&mut self, now_ns: u64, scene: &mut Scene, notices: &mut Vec<String>);
@@ -44,8 +44,8 @@ where
         Box::new(Self { inbox: self.inbox.later(by), ..*self })
     }
 
-    fn fetch(&mut self, channel: &Channel, _scene: &mut Scene, _notices: &mut Vec<String>) -> bool {
-        self.inbox.fetch(C::mailbox(channel))
+    fn fetch(&mut self, channel: &Channel, order: u64, _scene: &mut Scene, _notices: &mut Vec<String>) -> bool {
+        self.inbox.fetch(C::mailbox(channel), order)
     }
 
     fn execute(&mut self, now_ns: u64, scene: &mut Scene, notices: &mut Vec<String>) {
@@ -77,11 +77,11 @@ where
         Box::new(Self { commands, parameters: self.parameters.later(by), ..*self })
     }
 
-    fn fetch(&mut self, channel: &Channel, scene: &mut Scene, notices: &mut Vec<String>) -> bool {
-        if self.parameters.fetch(P::mailbox(channel)) {
+    fn fetch(&mut self, channel: &Channel, order: u64, scene: &mut Scene, notices: &mut Vec<String>) -> bool {
+        if self.parameters.fetch(P::mailbox(channel), order) {
             notices.extend((self.set)(scene, self.commands.id, self.parameters.command()).err());
         }
-        self.commands.fetch(channel, scene, notices)
+        self.commands.fetch(channel, order, scene, notices)
     }
 
     fn execute(&mut self, now_ns: u64, scene: &mut Scene, notices: &mut Vec<String>) {

@@ -51,13 +51,13 @@ impl Slot {
         }
     }
 
-    /// Takes what waits in `channel`; true when there is a command to execute from now on. Sentences about what cannot
-    /// be done go to `notices`.
-    fn fetch(&mut self, channel: &Channel, scene: &mut Scene, notices: &mut Vec<String>) -> bool {
+    /// Takes what waits in `channel` while the order of steps with the number `order` runs; true when there is a command
+    /// to execute from now on. Sentences about what cannot be done go to `notices`.
+    fn fetch(&mut self, channel: &Channel, order: u64, scene: &mut Scene, notices: &mut Vec<String>) -> bool {
         match self {
             Self::Idle => false,
-            Self::Body(_, inbox) => inbox.fetch(&channel.body),
-            Self::Other(commands) => commands.fetch(channel, scene, notices),
+            Self::Body(_, inbox) => inbox.fetch(&channel.body, order),
+            Self::Other(commands) => commands.fetch(channel, order, scene, notices),
         }
     }
 }
@@ -167,12 +167,13 @@ impl Link {
 
     /// Takes what waits in the mailboxes.
     fn fetch(&mut self, scene: &mut Scene, notices: &mut Vec<String>) {
-        let Self { objects, slots, commanded, rank, .. } = self;
+        let Self { hub, objects, slots, commanded, rank, .. } = self;
+        let order = hub.running_order();
         objects.take_pending(|object| {
             if objects[object].is_removed() {
                 return;
             }
-            if slots[object.0].fetch(&objects[object].channel, scene, notices) {
+            if slots[object.0].fetch(&objects[object].channel, order, scene, notices) {
                 note_commanded(commanded, rank, object);
             }
         });

@@ -1,10 +1,14 @@
 //! Steps in the caller's thread: what a runner does for orders, number for number.
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Arc;
 use std::time::Duration;
 
 use crate::saved_common::{shipped, simulation, DT};
-use ambf_core::comm::{CartesianCommandType, Hub, JointCommandType, ObjectKind, RigidBodyCommand, Snapshot, StepOrder};
+use ambf_core::comm::{
+    CartesianCommandType, Hub, HubIndex, JointCommandType, ObjectKind, OrderedCommands, RigidBodyCommand, Snapshot,
+    StepOrder,
+};
 use ambf_core::control::Profile;
 use ambf_core::sim::{Runner, RunnerOptions, Simulation, Stepper};
 use nalgebra::Vector3;
@@ -78,11 +82,11 @@ fn drive(stepper: &mut Stepper, call: usize) -> Vec<u64> {
 fn order(hub: &Arc<Hub>, call: usize) -> Vec<u64> {
     let (steps, reset) = schedule(call);
     let order = StepOrder { steps, reset, patience: Duration::from_secs(60) };
-    let post = |hub: &Hub| {
+    let post = |commands: &OrderedCommands| {
         let objects = hub.objects().clone();
         for (object, entry) in objects.entries() {
             if let Some(command) = command(object.0, &entry.info.kind, call) {
-                hub.post(object, &command)?;
+                commands.post(object, &command)?;
             }
         }
         Ok(())
@@ -106,6 +110,41 @@ fn orders_of_a_runner_have_the_same_results() {
             runner.stop().expect("no panic");
         }
     }
+}
+
+#[test]
+fn what_others_post_meanwhile_does_not_reach_commanded_objects() {
+    let with = |noise: bool| {
+        let mut ordered = load("joints.yaml", Profile::Accurate);
+        let hub = ordered.connect();
+        hub.set_listening();
+        hub.throttle().hold(Duration::MAX, hub.now_ns());
+        let runner = Runner::start(ordered, RunnerOptions { fixed_step: true, ..RunnerOptions::default() });
+        let bodies: Vec<HubIndex> = hub.objects().entries().map(|(object, _)| object).collect();
+        let push = |z: f64| RigidBodyCommand { force: Vector3::new(0.0, 0.0, z), ..RigidBodyCommand::default() };
+        let done = AtomicBool::new(!noise);
+        let states = std::thread::scope(|scope| {
+            scope.spawn(|| {
+                while !done.load(Ordering::Acquire) {
+                    bodies.iter().for_each(|&body| hub.post(body, &push(100.0)).expect("finite"));
+                }
+            });
+            let states: Vec<_> = (0..200)
+                .map(|call| {
+                    let order = StepOrder { steps: 1 + call % 3, reset: false, patience: Duration::from_secs(60) };
+                    let post = |commands: &OrderedCommands| {
+                        bodies.iter().try_for_each(|&body| commands.post(body, &push(f64::from(call % 5))))
+                    };
+                    bits(&hub.step(order, post).expect("stepped"))
+                })
+                .collect();
+            done.store(true, Ordering::Release);
+            states
+        });
+        runner.stop().expect("no panic");
+        states
+    };
+    assert!(with(true) == with(false));
 }
 
 #[test]
