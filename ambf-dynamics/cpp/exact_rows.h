@@ -111,8 +111,87 @@ inline void set_exact_twist(const btVector3 &x_a, const btVector3 &x_b, const Co
   write_vector(-gradient, row.angular_b);
 }
 
+// Rows that are left out of a joint because other joints of its loop demand the same (`src/assembly/redundancy.rs`). Their
+// position errors do not count. The linear rows of a joint of which some are left out are along `axes`, the angular ones about the axes
+// of the joint frame on A.
+struct OmittedRows {
+  bool is_any = false;
+  // Joint frames in the inertial frames of A and B.
+  btTransform frames[2];
+  // Columns: unit vectors in the joint frame on body `side`; of a slider, the first is its axis.
+  btMatrix3x3 axes;
+  int side = 0;
+  bool linear[3] = {}, angular[3] = {};
+  // Position errors from which on these rows hold nevertheless, m and rad.
+  btScalar linear_clearance = 0, angular_clearance = 0;
+};
+
+// Leaves a row out but for a soft resistance to velocities, with a CFM as large as its response. That guides the mechanism
+// through configurations in which its other rows do not determine its motion, as the third bar of a parallelogram does when
+// the bars lie in a line. Where it moves as its loops imply, misfits of the share s of the lever arm are resisted by s^2 of
+// the velocity.
+// Beyond the clearance the row is a limit: the mechanism does not get into another configuration.
+inline void leave_out(const ConstraintRows &rows, int k, btScalar error, btScalar clearance, btScalar rate) {
+  const ConstraintRow row = rows[k];
+  if (btFabs(error) <= clearance) {
+    row.target = 0;
+    rows.info.cfm[k * rows.info.rowskip] = 1;
+  } else {
+    (error > 0 ? row.lower : row.upper) = 0;
+    row.target = rate * (error - (error > 0 ? clearance : -clearance));
+  }
+}
+
+// Sets one row of a joint to the velocity of A less that of B along or about `axis`, with the position error `error`.
+inline void set_row(const ConstraintRow &row, const btVector3 &axis, const btVector3 *arms, btScalar target) {
+  const btVector3 none(0, 0, 0);
+  write_vector(arms ? axis : none, row.linear_a);
+  write_vector(arms ? -axis : none, row.linear_b);
+  write_vector(arms ? arms[0].cross(axis) : axis, row.angular_a);
+  write_vector(arms ? -arms[1].cross(axis) : -axis, row.angular_b);
+  row.target = target;
+}
+
+inline void leave_out(const btTypedConstraint &joint, const ConstraintRows &rows, const OmittedRows &omitted) {
+  constexpr btScalar NO_BOUND = 1e9;
+  const bool slides = joint.getConstraintType() == SLIDER_CONSTRAINT_TYPE;
+  const bool turns_about_axis = joint.getConstraintType() == HINGE_CONSTRAINT_TYPE;
+  const btTransform frames[2] = {joint.getRigidBodyA().getCenterOfMassTransform() * omitted.frames[0],
+                                 joint.getRigidBodyB().getCenterOfMassTransform() * omitted.frames[1]};
+  btVector3 arms[2];
+  if (!find_joint_arms(joint, arms[0], arms[1])) return;
+  const btVector3 gap = frames[1].getOrigin() - frames[0].getOrigin();
+  // The axis of a hinge is z, that of a slider x.
+  const int own = slides ? 0 : 2;
+  const btVector3 tilt = frames[0].getBasis().getColumn(own).cross(frames[1].getBasis().getColumn(own));
+  const btScalar rate = rows.info.fps * rows.info.erp;
+  int linear = slides ? 1 : 0, angular = slides ? 1 : 0;
+  for (int k = 0; k < rows.count; ++k) {
+    const ConstraintRow row = rows[k];
+    // Rows with bounds are limits.
+    if (row.lower > -NO_BOUND || row.upper < NO_BOUND) continue;
+    if (!row.is_angular()) {
+      if (linear > 2) continue;
+      const btVector3 axis = frames[omitted.side].getBasis() * omitted.axes.getColumn(linear);
+      const btScalar error = gap.dot(axis);
+      set_row(row, axis, arms, rate * error);
+      if (omitted.linear[linear++]) leave_out(rows, k, error, omitted.linear_clearance, rate);
+    } else if ((turns_about_axis || slides) && angular < own + 3) {
+      // Those across the axis come first: x and y of a hinge, y and z of a slider. Then comes the lock of a slider.
+      const int about = angular++ % 3;
+      btScalar error = row.target / rate;
+      if (about != own) {
+        const btVector3 axis = frames[0].getBasis().getColumn(about);
+        error = tilt.dot(axis);
+        set_row(row, axis, nullptr, rate * error);
+      }
+      if (omitted.angular[about]) leave_out(rows, k, error, omitted.angular_clearance, rate);
+    }
+  }
+}
+
 template <class Joint>
-class WithExactRows : public Joint {
+class WithExactRows : public Joint, public OmittedRows {
  public:
   using Joint::Joint;
 
@@ -135,6 +214,7 @@ class WithExactRows : public Joint {
       if (this->getSolveSwingLimit()) scale_swing_error(*this, x_a.cross(x_b), rows);
       if (this->getSolveTwistLimit()) set_exact_twist(x_a, x_b, rows);
     }
+    if (is_any) leave_out(*this, rows, *this);
   }
 
  private:

@@ -1,5 +1,6 @@
 use std::ptr::NonNull;
 
+use ambf_dynamics::assembly::Omission;
 use ambf_dynamics::ffi as sys;
 use nalgebra::{Isometry3, Vector3};
 
@@ -137,8 +138,8 @@ impl ConstraintKind {
 unsafe fn make(a: *mut sys::AmbBody, b: *mut sys::AmbBody, constraint: &Constraint) -> *mut sys::AmbConstraint {
     let (raw_a, raw_b) = (raw_pose(&constraint.frame_a), raw_pose(&constraint.frame_b));
     let (frame_a, frame_b) = (raw_a.as_ptr(), raw_b.as_ptr());
-    // SAFETY: the caller vouches for the bodies; frames are 12 doubles, of which a point-to-point joint reads the first
-    // three; each set function is called on the type it casts to.
+    // SAFETY: the caller vouches for the bodies; frames are 12 doubles; each set function is called on the type it casts
+    // to.
     unsafe {
         match &constraint.kind {
             ConstraintKind::Hinge { limits } => {
@@ -157,7 +158,7 @@ unsafe fn make(a: *mut sys::AmbBody, b: *mut sys::AmbBody, constraint: &Constrai
                 raw
             }
             ConstraintKind::Fixed => sys::amb_exact_fixed_new(a, b, frame_a, frame_b),
-            ConstraintKind::PointToPoint => sys::amb_point_to_point_new(a, b, frame_a, frame_b),
+            ConstraintKind::PointToPoint => sys::amb_exact_point_to_point_new(a, b, frame_a, frame_b),
             &ConstraintKind::ConeTwist { swing1, swing2, twist } => {
                 let raw = sys::amb_exact_cone_twist_new(a, b, frame_a, frame_b);
                 sys::amb_cone_twist_set_limit(raw, swing1, swing2, twist);
@@ -266,6 +267,28 @@ impl World {
         let owned =
             OwnedConstraint { raw, bodies: [a, b], motor, is_simple, is_axis_spring, articulation: None, index: 0 };
         Some(self.list_constraint(owned, constraint.kind.reading()))
+    }
+
+    /// Leaves rows out of a hinge, slider, ball joint or cone-twist joint in worlds with the accurate solver, because other
+    /// joints of its loop demand the same. `frames` are its joint frames in the inertial frames of its bodies. False for
+    /// other constraints and stale handles.
+    pub fn omit_rows(&mut self, handle: ConstraintHandle, frames: &[Isometry3<f64>; 2], omission: &Omission) -> bool {
+        let _arena = self.enter();
+        let Some(raw) = self.raw_constraint(handle) else { return false };
+        let mut axes = [0.0; 9];
+        axes.copy_from_slice(omission.axes.as_slice());
+        let rows = sys::AmbOmittedRows {
+            frame_a: raw_pose(&frames[0]),
+            frame_b: raw_pose(&frames[1]),
+            axes,
+            side: omission.side as i32,
+            linear: omission.linear.map(i32::from),
+            angular: omission.angular.map(i32::from),
+            linear_clearance: omission.clearance.distance,
+            angular_clearance: omission.clearance.angle,
+        };
+        // SAFETY: the constraint is alive; the rows are copied.
+        unsafe { sys::amb_constraint_omit_rows(raw, &rows) != 0 }
     }
 
     /// Gives a constraint its place in the lists.

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::PI;
 
-use ambf_dynamics::assembly::{self, Gap, Kind, Range};
+use ambf_dynamics::assembly::{self, Gap, Kind, Omission, Range};
 use nalgebra::Isometry3;
 
 use super::{Body, Note, Scene};
@@ -55,22 +55,47 @@ impl Assembly {
         if scene.profile != Profile::Accurate || scene.preset.is_some() || self.0.is_empty() {
             return Default::default();
         }
-        let mut bodies: Vec<assembly::Body> = scene.bodies.iter().map(|body| described(scene, body, models)).collect();
+        let written: Vec<assembly::Body> = scene.bodies.iter().map(|body| described(scene, body, models)).collect();
+        let mut bodies = written.clone();
         let all: Vec<assembly::Joint> = self
             .0
             .iter()
             .map(|Constrained { joint, kind, frames, .. }| {
                 let joint = &scene.joints[*joint];
-                assembly::Joint { kind: *kind, bodies: [joint.parent.index(), joint.child.index()], frames: *frames }
+                assembly::Joint {
+                    kind: *kind,
+                    bodies: [joint.parent.index(), joint.child.index()],
+                    frames: *frames,
+                    omission: Omission::NONE,
+                }
             })
             .collect();
         let closed: Vec<usize> = (0..all.len()).filter(|&index| !self.0[index].is_left_open).collect();
-        let to_close: Vec<assembly::Joint> = closed.iter().map(|&index| all[index].clone()).collect();
+        let mut to_close: Vec<assembly::Joint> = closed.iter().map(|&index| all[index].clone()).collect();
         assembly::assemble(&mut bodies, &to_close);
+        let redundant = assembly::omit_redundant_rows(&bodies, &mut to_close);
+        if !redundant.is_empty() {
+            // Not from the compromise of all rows.
+            bodies = written;
+            assembly::assemble(&mut bodies, &to_close);
+        }
+        let joint_of = |index: usize| self.0[closed[index]].joint;
+        let mut omitted = Vec::new();
+        for loops in &redundant {
+            for &(index, misfit) in &loops.omitted {
+                let (joint, assembly::Joint { frames, omission, .. }) = (joint_of(index), &to_close[index]);
+                if let Some(handle) = scene.joints[joint].handle {
+                    scene.world.omit_rows(handle, frames, omission);
+                }
+                omitted.push((joint, *omission, misfit));
+            }
+            scene.redundant_loops.push(loops.joints.iter().map(|&index| joint_of(index)).collect());
+        }
 
         let displaced = place(scene, &bodies);
         let mut notes = displacements(scene, &displaced);
-        let open = closed.iter().map(|&index| (self.0[index].joint, assembly::gap(&all[index], &bodies)));
+        notes.extend(omissions(scene, omitted));
+        let open = (0..closed.len()).map(|index| (joint_of(index), assembly::gap(&to_close[index], &bodies)));
         notes.extend(residuals(scene, open));
         let is_open = |index: &usize| self.0[*index].is_left_open && matters(&assembly::gap(&all[*index], &bodies));
         (notes, (0..all.len()).filter(is_open).map(|index| self.0[index].joint).collect())
@@ -125,6 +150,28 @@ fn displacements(scene: &Scene, displaced: &[Displacement]) -> Vec<Note> {
         let is_far = list.iter().any(|displacement| displacement.moved.exceeds(FAR.0, FAR.1));
         let severity = if is_far { Severity::Warning } else { Severity::Info };
         Note { severity, source: scene.bodies[list[0].body].source.clone(), message, wanted: None }
+    };
+    models.into_values().map(line).collect()
+}
+
+/// A line for each model of which rows of joints are left out.
+fn omissions(scene: &Scene, joints: Vec<(JointId, Omission, Gap)>) -> Vec<Note> {
+    let mut models: BTreeMap<ModelId, Vec<(JointId, Omission, Gap)>> = BTreeMap::new();
+    for joint in joints {
+        models.entry(scene.joints[joint.0].model).or_default().push(joint);
+    }
+    let line = |list: Vec<(JointId, Omission, Gap)>| {
+        let named = |(joint, omission, misfit): &(JointId, Omission, Gap)| {
+            format!("{} of `{}`, up to {}", omission.count(), scene.joints[*joint].name, readable(misfit))
+        };
+        let rest = list.len().saturating_sub(MAX_NAMED);
+        let rest = if rest > 0 { format!("; … ({rest} more joints)") } else { String::new() };
+        let named: Vec<_> = list.iter().take(MAX_NAMED).map(named).collect();
+        let message = format!(
+            "the loops have more constraints than they need, and do not fit so exactly that they could move; those that repeat others are left out: {}{rest}",
+            named.join("; ")
+        );
+        Note { severity: Severity::Info, source: scene.joints[list[0].0].source.clone(), message, wanted: None }
     };
     models.into_values().map(line).collect()
 }

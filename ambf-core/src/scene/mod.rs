@@ -203,6 +203,8 @@ pub struct Scene {
     elements: Vec<(Update, usize)>,
     /// Contacts of the parents of contact sensors.
     touching: ContactLists,
+    /// Joints of loops of which rows are left out: without one of its joints a loop needs those rows.
+    redundant_loops: Vec<Vec<JointId>>,
     /// How often objects came or went.
     changes: u64,
 }
@@ -242,6 +244,7 @@ impl Scene {
             joint_names: NameMap::default(),
             elements: Vec::new(),
             touching: ContactLists::default(),
+            redundant_loops: Vec::new(),
             changes: 0,
         }
     }
@@ -271,6 +274,7 @@ impl Scene {
             joint_names: _,
             elements: _,
             touching: _,
+            redundant_loops: _,
             changes: _,
             has_feedback: _,
             // These are chosen when the scene is loaded.

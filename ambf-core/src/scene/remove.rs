@@ -5,6 +5,8 @@ use std::fmt::{self, Write};
 use std::hash::{DefaultHasher, Hasher};
 use std::sync::Arc;
 
+use ambf_dynamics::assembly::Omission;
+
 use super::attached::Attached;
 use super::list::ObjectList;
 use super::{Bodies, BodyGraph, Joint, ModelInfo, ObjectId, ObjectType, Parent, Scene};
@@ -123,6 +125,18 @@ impl Scene {
                 self.world.remove_constraint(handle);
             }
         }
+        let Self { redundant_loops, joints, world, .. } = self;
+        redundant_loops.retain(|members| {
+            let is_whole = !members.iter().any(|&joint| joints[joint].removed);
+            if !is_whole {
+                for Joint { handle, frames, .. } in members.iter().map(|&joint| &joints[joint]) {
+                    if let Some(handle) = *handle {
+                        world.omit_rows(handle, frames, &Omission::NONE);
+                    }
+                }
+            }
+            is_whole
+        });
     }
 
     /// Whether a body was taken out of the scene, by itself or with its model.

@@ -2,7 +2,7 @@
 //! ERP says, and opens nothing else. The errors are computed by the module `assembly`, without Bullet.
 
 use ambf_core::bullet::{BodyHandle, Constraint, ConstraintKind, Integrator, RigidBody, Solver, World};
-use ambf_dynamics::assembly::{gap, Body, Gap, Joint, Kind, Range};
+use ambf_dynamics::assembly::{gap, Body, Gap, Joint, Kind, Omission, Range};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 const DT: f64 = 1e-3;
@@ -126,7 +126,10 @@ fn corrected(case: &Case, mass_a: f64) -> [Gap; 2] {
     let error = |world: &World| {
         let pose = |handle: BodyHandle| world.pose(handle).expect("alive");
         let described = |handle| Body { pose: pose(handle), mass: MASS, inertia: INERTIA, movable: true };
-        gap(&Joint { kind: case.kind, bodies: [0, 1], frames: [frame_a, frame_b] }, &handles.map(described))
+        gap(
+            &Joint { kind: case.kind, bodies: [0, 1], frames: [frame_a, frame_b], omission: Omission::NONE },
+            &handles.map(described),
+        )
     };
     let before = error(&world);
     world.step(DT, 1, DT);

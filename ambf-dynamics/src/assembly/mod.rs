@@ -23,18 +23,23 @@
 //! compromise in which each row counts with its effective mass; redundant joints that do not contradict each other are
 //! closed exactly. The position problem of a sub-step has the same weights: the compromise stays where it is.
 //!
+//! Loops with more constraints than they need are such a contradiction as soon as a dimension is rounded, and cannot move.
+//! [`omit_redundant_rows`] finds the constraints that repeat others.
+//!
 //! ## Limitations
 //! The iteration is local: joints that are off by more than about a quarter of a turn may end in another configuration
 //! of the mechanism, or at a compromise although a solution exists.
 
 mod factor;
 mod island;
+mod redundancy;
 mod rows;
 #[cfg(test)]
 mod tests;
 
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Matrix3, Vector3};
 
+pub use redundancy::{omit_redundant_rows, Loops};
 pub use rows::{gap, Gap};
 
 /// A rigid body.
@@ -116,6 +121,41 @@ pub struct Joint {
     pub bodies: [usize; 2],
     /// Joint frames in the inertial frames of A and B, m.
     pub frames: [Isometry3<f64>; 2],
+    /// Rows that are not asked for.
+    pub omission: Omission,
+}
+
+/// Rows of a joint that are left out, because the other joints of its loop demand the same: see
+/// [`omit_redundant_rows`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Omission {
+    /// The axes along which the gap of the joint is resolved into linear rows are the columns of this matrix, in the joint
+    /// frame on body `side`. For [`Kind::Prismatic`] the first is x.
+    pub axes: Matrix3<f64>,
+    /// Body with which these axes turn: 0 is A, 1 is B.
+    pub side: usize,
+    /// Which of the linear rows are left out.
+    pub linear: [bool; 3],
+    /// Which of the angular rows, about the axes of frame A, are left out.
+    pub angular: [bool; 3],
+    /// Errors of these rows from which on they are asked for nevertheless, m and rad.
+    pub clearance: Gap,
+}
+
+impl Omission {
+    /// All rows are asked for, the linear ones along the axes of frame A.
+    pub const NONE: Self = Self {
+        axes: Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
+        side: 0,
+        linear: [false; 3],
+        angular: [false; 3],
+        clearance: Gap { distance: f64::INFINITY, angle: f64::INFINITY },
+    };
+
+    /// Number of rows that are left out.
+    pub fn count(&self) -> usize {
+        self.linear.iter().chain(&self.angular).filter(|&&is_omitted| is_omitted).count()
+    }
 }
 
 /// Moves the bodies onto the joints; poses of bodies that are not movable, and of groups of bodies whose joints are

@@ -4,7 +4,7 @@ use std::f64::consts::{PI, TAU};
 
 use nalgebra::{Isometry3, UnitQuaternion, UnitVector3, Vector3, Vector6};
 
-use super::{Body, Joint, Kind, Range};
+use super::{Body, Joint, Kind, Omission, Range};
 
 /// How far a joint is open: violated limits count, free coordinates do not.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -95,6 +95,7 @@ struct Frames {
     arms: [Vector3<f64>; 2],
     /// From the origin of the frame on A to that on B, m.
     gap: Vector3<f64>,
+    omission: Omission,
     /// Filled so far.
     rows: [Row; 6],
     n: usize,
@@ -108,6 +109,7 @@ pub(super) fn rows(joint: &Joint, poses: &[Isometry3<f64>; 2]) -> [Row; 6] {
         arms: [origin - poses[0].translation.vector, origin - poses[1].translation.vector],
         gap: origin - world[0].translation.vector,
         world,
+        omission: joint.omission,
         rows: [Row::NONE; 6],
         n: 0,
     };
@@ -139,6 +141,10 @@ pub(super) fn rows(joint: &Joint, poses: &[Isometry3<f64>; 2]) -> [Row; 6] {
     frames.rows
 }
 
+fn within(clearance: f64) -> Demand {
+    Demand::Within(Range::new(-clearance, clearance))
+}
+
 fn wanted(range: Range) -> Demand {
     // A comparison that is also false for what is not a number.
     if range.low <= range.high {
@@ -158,11 +164,15 @@ impl Frames {
         self.n += 1;
     }
 
-    /// The gap along an axis of frame A, which turns with A.
+    /// The gap along an axis of frame A, which turns with A, or along one of those that the omission names.
     fn linear(&mut self, axis: usize, demand: Demand) {
-        let along = self.axis(0, axis);
-        // The arm of A ends at the origin of B: the turning axis is counted in.
-        let jacobians = [twist(-along, -self.arms[0].cross(&along)), twist(along, self.arms[1].cross(&along))];
+        let Omission { axes, side, linear, clearance, .. } = self.omission;
+        let along = self.world[side].rotation * (axes * Vector3::ith(axis, 1.0));
+        // The arms end at the origin of the frame in which the axis is not fixed: its turning is counted in.
+        let back = if side == 0 { Vector3::zeros() } else { self.gap };
+        let arms = self.arms.map(|arm| arm - back);
+        let jacobians = [twist(-along, -arms[0].cross(&along)), twist(along, arms[1].cross(&along))];
+        let demand = if linear[axis] { within(clearance.distance) } else { demand };
         self.push(demand, self.gap.dot(&along), jacobians, false);
     }
 
@@ -177,6 +187,15 @@ impl Frames {
         self.push(demand, value, jacobians, true);
     }
 
+    /// What is asked of the angle about an axis of frame A that the joint locks.
+    fn asked_about(&self, axis: usize) -> Demand {
+        if self.omission.angular[axis] {
+            within(self.omission.clearance.angle)
+        } else {
+            Demand::Zero
+        }
+    }
+
     /// Frame B is turned against frame A by `target`, seen in frame A: three rows of the rotation vector of the
     /// deviation.
     fn align(&mut self, target: &UnitQuaternion<f64>) {
@@ -184,7 +203,7 @@ impl Frames {
         let vector = deviation.scaled_axis();
         for axis in 0..3 {
             let along = self.axis(0, axis);
-            self.angular(&along, vector.dot(&along), Demand::Zero);
+            self.angular(&along, vector.dot(&along), self.asked_about(axis));
         }
     }
 
@@ -197,7 +216,7 @@ impl Frames {
         let direction = normal.try_normalize(1e-300).unwrap_or_else(|| self.axis(0, (axis + 1) % 3));
         for across in [(axis + 1) % 3, (axis + 2) % 3] {
             let along = self.axis(0, across);
-            self.angular(&along, angle * direction.dot(&along), Demand::Zero);
+            self.angular(&along, angle * direction.dot(&along), self.asked_about(across));
         }
         let (first, second) = (self.axis(0, (axis + 1) % 3), self.axis(0, (axis + 2) % 3));
         let turned = self.axis(1, (axis + 1) % 3);
@@ -310,7 +329,7 @@ mod tests {
                 _ => Isometry3::identity(),
             };
             let poses = [body, body * frames[0] * free * error * frames[1].inverse()];
-            let joint = Joint { kind, bodies: [0, 1], frames };
+            let joint = Joint { kind, bodies: [0, 1], frames, omission: Omission::NONE };
             let at = rows(&joint, &poses);
             for (moved, axis) in (0..2).flat_map(|moved| (0..6).map(move |axis| (moved, axis))) {
                 let shifted = |step: f64| {
@@ -341,7 +360,7 @@ mod tests {
         let a = pose([1.0, 2.0, 3.0], [0.4, 1.1, -0.6]);
         let between = |relative: Isometry3<f64>, kind| {
             let bodies = [body(a), body(a * frames[0] * relative * frames[1].inverse())];
-            gap(&Joint { kind, bodies: [0, 1], frames }, &bodies)
+            gap(&Joint { kind, bodies: [0, 1], frames, omission: Omission::NONE }, &bodies)
         };
         for kind in kinds() {
             let gap = between(Isometry3::identity(), kind);

@@ -4,7 +4,7 @@ use std::f64::consts::FRAC_PI_2;
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-use super::{assemble, gap, Body, Joint, Kind, Range};
+use super::{assemble, gap, omit_redundant_rows, Body, Joint, Kind, Omission, Range};
 
 /// Largest error of a closed joint, m and rad.
 const CLOSED: f64 = 1e-12;
@@ -27,7 +27,7 @@ fn ground() -> Body {
 }
 
 fn joint(kind: Kind, bodies: [usize; 2], frames: [Isometry3<f64>; 2]) -> Joint {
-    Joint { kind, bodies, frames }
+    Joint { kind, bodies, frames, omission: Omission::NONE }
 }
 
 const HINGE: Kind = Kind::Revolute(Range::FREE);
@@ -385,4 +385,86 @@ fn a_rope_that_is_too_long_for_its_ends_buckles() {
     for (index, body) in bodies.iter().enumerate() {
         assert!((body.pose.translation.vector - Vector3::z() * spacing * index as f64).norm() < 0.3, "{}", body.pose);
     }
+}
+
+/// Bars of 1 m along y on the ground at `feet` along x, which hold a rail along x above them. Each joint is off by up to
+/// `error` m and rad. The ground is the first body, the rail the second.
+fn bars(feet: &[f64], error: f64, numbers: &mut Numbers) -> (Vec<Body>, Vec<Joint>) {
+    let mut bodies = vec![ground(), rod(at(0.5, 1.0, 0.0))];
+    let mut joints = Vec::new();
+    for &foot in feet {
+        let bar = bodies.len();
+        bodies.push(rod(at(foot, 0.5, 0.0)));
+        let mut frames = [[at(foot, 0.0, 0.0), at(0.0, -0.5, 0.0)], [at(foot - 0.5, 0.0, 0.0), at(0.0, 0.5, 0.0)]];
+        frames.iter_mut().flatten().for_each(|frame| numbers.disturb(frame, error, error));
+        let [below, above] = frames;
+        joints.push(joint(HINGE, [0, bar], below));
+        joints.push(joint(HINGE, [1, bar], above));
+    }
+    (bodies, joints)
+}
+
+/// Turns the first bar to `angle` and closes the rest; the joint with the bar's foot is locked there.
+fn turn_first_bar(bodies: &mut [Body], joints: &[Joint], angle: f64) -> bool {
+    let mut joints = joints.to_vec();
+    joints[0].kind = Kind::Revolute(Range::new(angle, angle));
+    assemble(bodies, &joints)
+}
+
+#[test]
+fn rows_that_lock_an_inaccurate_mechanism_are_left_out() {
+    let mut numbers = Numbers(7);
+    for round in 0..20 {
+        let (mut bodies, mut joints) = bars(&[0.0, 1.0, 0.4], 5e-4, &mut numbers);
+        // A ball joint holds a point of the rail's far end on its circle: a bar without hinges.
+        let reach = bodies.len();
+        bodies.push(rod(at(1.5, 0.5, 0.0)));
+        joints.push(joint(Kind::PointToPoint, [0, reach], [at(1.5, 5e-4, 0.0), at(0.0, -0.5, 0.0)]));
+        joints.push(joint(HINGE, [1, reach], [at(1.0, 0.0, 0.0), at(0.0, 0.5, 0.0)]));
+        assemble(&mut bodies, &joints);
+        let mut locked = bodies.clone();
+        assert!(!turn_first_bar(&mut locked, &joints, 0.3), "round {round}: the joints lock it");
+        let omitted = omit_redundant_rows(&bodies, &mut joints);
+        let rows: usize = joints.iter().map(|joint| joint.omission.count()).sum();
+        // 4 bodies of 6 coordinates + 1, less the one motion that is left, less 33 + 5 rows.
+        assert_eq!(rows, 38 - 29, "round {round}");
+        let mut misfits = omitted.iter().flat_map(|loops| &loops.omitted);
+        assert!(misfits.all(|(_, misfit)| !misfit.exceeds(0.01, 0.01)), "round {round}: {omitted:?}");
+        for angle in [0.0, 0.3, -0.6] {
+            assert!(turn_first_bar(&mut bodies, &joints, angle), "round {round}: it moves to {angle}");
+        }
+    }
+}
+
+#[test]
+fn rows_that_are_needed_stay() {
+    let mut numbers = Numbers(3);
+    let none = |what: &str, bodies: &mut Vec<Body>, joints: &mut Vec<Joint>| {
+        assemble(bodies, joints);
+        assert_eq!(omit_redundant_rows(bodies, joints), Vec::new(), "{what}");
+        assert!(joints.iter().all(|joint| joint.omission == Omission::NONE), "{what}");
+    };
+    // Redundant to rounding errors: the solver copes with that, in all configurations.
+    let (mut bodies, mut joints) = bars(&[0.0, 1.0, 0.4], 0.0, &mut numbers);
+    none("an exact parallelogram", &mut bodies, &mut joints);
+    // A chain without loops.
+    let (mut bodies, mut joints) = bars(&[0.0], 1e-3, &mut numbers);
+    none("a chain", &mut bodies, &mut joints);
+    // A stretched four-bar linkage: its rows depend on each other in this configuration only.
+    let mut bodies = vec![ground(), rod(at(0.5, 0.0, 0.0)), rod(at(1.5, 0.0, 0.0)), rod(at(2.5, 0.0, 0.0))];
+    let ends = [at(-0.5, 0.0, 0.0), at(0.5, 0.0, 0.0)];
+    let mut joints = vec![
+        joint(Kind::PointToPoint, [0, 1], [at(0.0, 0.0, 0.0), ends[0]]),
+        joint(HINGE, [1, 2], [ends[1], ends[0]]),
+        joint(HINGE, [2, 3], [ends[1], ends[0]]),
+        joint(Kind::PointToPoint, [0, 3], [at(3.0, 0.0, 0.0), ends[1]]),
+    ];
+    none("a stretched chain between two points", &mut bodies, &mut joints);
+    // A truss: three bars whose ends are hinged to the ground and to each other, across the plane of the hinges.
+    let (mut bodies, mut joints) = bars(&[0.0, 1.0], 1e-3, &mut numbers);
+    let brace = bodies.len();
+    bodies.push(rod(at(0.5, 0.5, 0.0)));
+    joints.push(joint(HINGE, [0, brace], [at(0.0, 0.0, 0.0), at(-0.5, -0.5, 0.0)]));
+    joints.push(joint(HINGE, [1, brace], [at(0.5, 0.0, 0.0), at(0.5, 0.5, 0.0)]));
+    none("a truss", &mut bodies, &mut joints);
 }
