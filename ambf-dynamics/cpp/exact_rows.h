@@ -112,8 +112,8 @@ inline void set_exact_twist(const btVector3 &x_a, const btVector3 &x_b, const Co
 }
 
 // Rows that are left out of a joint because other joints of its loop demand the same (`src/assembly/redundancy.rs`). Their
-// position errors do not count. The linear rows of a joint of which some are left out are along `axes`, the angular ones about the axes
-// of the joint frame on A.
+// position errors do not count. The linear rows of a joint of which some are left out are along `axes`, the angular ones
+// about the axes of the joint frame on A.
 struct OmittedRows {
   bool is_any = false;
   // Joint frames in the inertial frames of A and B.
@@ -126,16 +126,17 @@ struct OmittedRows {
   btScalar linear_clearance = 0, angular_clearance = 0;
 };
 
-// Leaves a row out but for a soft resistance to velocities, with a CFM as large as its response. That guides the mechanism
-// through configurations in which its other rows do not determine its motion, as the third bar of a parallelogram does when
-// the bars lie in a line. Where it moves as its loops imply, misfits of the share s of the lever arm are resisted by s^2 of
-// the velocity.
-// Beyond the clearance the row is a limit: the mechanism does not get into another configuration.
+// Leaves a row out but for a soft resistance to velocities. That guides the mechanism through configurations in which its
+// other rows do not determine its motion, as the third bar of a parallelogram does when the bars lie in a line. Where it
+// moves as its loops imply, with a misfit of the share s of the lever arm, it loses the share s^2 / GUIDANCE of its
+// velocity in a sub-step. Beyond the clearance the row is a limit: the mechanism does not get into another configuration.
 inline void leave_out(const ConstraintRows &rows, int k, btScalar error, btScalar clearance, btScalar rate) {
+  // CFM as a share of the response.
+  constexpr btScalar GUIDANCE = 10;
   const ConstraintRow row = rows[k];
   if (btFabs(error) <= clearance) {
     row.target = 0;
-    rows.info.cfm[k * rows.info.rowskip] = 1;
+    rows.info.cfm[k * rows.info.rowskip] = GUIDANCE;
   } else {
     (error > 0 ? row.lower : row.upper) = 0;
     row.target = rate * (error - (error > 0 ? clearance : -clearance));

@@ -211,9 +211,10 @@ fn a_robot_whose_joints_are_closed_is_loaded_as_it_is() {
     assert_eq!(pose.translation.vector, Vector3::new(0.75, 0.0, 0.0));
 }
 
-/// A rail on two bars and, if there is a third in `bars`, on that: parallelograms whose pivots are off by up to 0.4 mm of 0.2 m,
-/// and whose axes by up to 4 mrad.
-fn parallelogram(bars: usize) -> String {
+/// A rail on three bars: a parallelogram whose pivots are off by up to 0.4 mm of 0.2 m, and whose axes by up to 4 mrad, times
+/// `error`.
+fn parallelogram(error: f64) -> String {
+    let bars = 3;
     let names: Vec<String> = (0..bars).map(|bar| format!("BODY Bar{bar}")).collect();
     let joints: Vec<String> =
         (0..bars).flat_map(|bar| [format!("JOINT Foot{bar}"), format!("JOINT Head{bar}")]).collect();
@@ -225,7 +226,7 @@ fn parallelogram(bars: usize) -> String {
     );
     for bar in 0..bars {
         let x = [0.0, 0.2, 0.13][bar];
-        let off = [0.0, 3e-4, -4e-4][bar];
+        let off = error * [0.0, 3e-4, -4e-4][bar];
         let end = |name: &str, parent: &str, pivot: [f64; 2], child: f64, tilt: f64| {
             format!(
                 "JOINT {name}{bar}: {{name: {name}{bar}, type: revolute, parent: BODY {parent}, child: BODY Bar{bar}, \
@@ -245,11 +246,11 @@ fn parallelogram(bars: usize) -> String {
 
 #[test]
 fn parallelograms_with_inaccurate_dimensions_move() {
-    let Loaded { report, .. } = load_texts(ACCURATE, &[&parallelogram(3)]);
+    let Loaded { report, .. } = load_texts(ACCURATE, &[&parallelogram(1.0)]);
     let notes = said(&report.notes, "that repeat others are left out: ");
     assert_eq!((notes.len(), notes[0].severity), (1, Severity::Info), "{report}");
     assert!(said(&report.notes, "cannot be closed").is_empty(), "{report}");
-    let mut bench = Bench::new(ACCURATE, &parallelogram(3));
+    let mut bench = Bench::new(ACCURATE, &parallelogram(1.0));
     for goal in [0.6, -0.9, 0.0] {
         bench.command("Base", 0, JointCommandType::Position, goal, 1500);
         let reached: Vec<f64> = (0..3).map(|bar| bench.joint(&format!("Foot{bar}")).position).collect();
@@ -258,8 +259,30 @@ fn parallelograms_with_inaccurate_dimensions_move() {
 }
 
 #[test]
+fn parallelograms_with_inaccurate_dimensions_swing_like_exact_ones() {
+    // The bars are pulled upwards and to a side. A motor that may do nothing leaves the joints free.
+    let world = ACCURATE.replace("{x: 0, y: 0, z: -10}", "{x: 3, y: 0, z: 10}");
+    let swing = |error: f64| {
+        let free = parallelogram(error).replace("max motor impulse: 1", "max motor impulse: 0");
+        let mut bench = Bench::new(&world, &free);
+        [150, 150, 150].map(|steps| {
+            bench.steps(steps);
+            bench.joint("Foot0").position
+        })
+    };
+    let exact = swing(0.0);
+    assert!(exact.iter().all(|angle| angle.abs() > 0.1), "it swings, rad: {exact:?}");
+    for (error, allowed) in [(1.0, 0.03), (0.1, 0.003), (0.01, 3e-4)] {
+        let angles = swing(error);
+        println!("errors of {:.4} mm: {angles:.4?} rad, exact dimensions {exact:.4?} rad", 0.4 * error);
+        let most = angles.iter().zip(&exact).map(|(angle, exact)| (angle - exact).abs()).fold(0.0, f64::max);
+        assert!(most < allowed, "errors of {:.4} mm: {angles:?}, exact {exact:?}", 0.4 * error);
+    }
+}
+
+#[test]
 fn loops_that_are_taken_apart_have_all_their_rows() {
-    let mut bench = Bench::new(ACCURATE, &parallelogram(3));
+    let mut bench = Bench::new(ACCURATE, &parallelogram(1.0));
     bench.command("Base", 0, JointCommandType::Position, 0.5, 1500);
     let bar = bench.body("Bar0");
     bench.0.remove_body(bar).expect("it is there");
