@@ -435,9 +435,9 @@ impl Mechanism {
                     continue;
                 };
                 let [before, after] = [frame(joint, 0, poses) * before, frame(joint, 0, &displaced) * after];
-                for side in 0..2 {
+                for (side, agreed) in agreement[index].iter_mut().enumerate() {
                     let carried = frame(joint, side, &displaced) * (frame(joint, side, poses).inverse() * before);
-                    agreement[index][side] += carried.dot(&after).abs();
+                    *agreed += carried.dot(&after).abs();
                 }
             }
         }
@@ -508,7 +508,7 @@ fn without_limits(kind: &Kind) -> Kind {
         Kind::SixDof { linear, angular } => {
             Kind::SixDof { linear: linear.each_ref().map(free), angular: angular.each_ref().map(free) }
         }
-        Kind::Fixed | Kind::PointToPoint => kind.clone(),
+        Kind::Fixed | Kind::PointToPoint => *kind,
     }
 }
 
