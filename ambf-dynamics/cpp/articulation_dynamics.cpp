@@ -542,8 +542,6 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
   // Growth of the internal energy that is tolerated as truncation error, as a share of the energy and of the work in
   // the step.
   constexpr btScalar MAX_GROWTH = 1e-4;
-  // Multiple of the energy that may be there up to which the result of an integration that is not accurate is scaled down.
-  constexpr btScalar MAX_EXCESS = 1e6;
   // Rounding error of the internal energy, as a share of the kinetic energy.
   constexpr btScalar ROUNDING = 1e-12;
   // Change of a rate in a sub-step by the acceleration at its beginning, m/s or rad/s, that no real force causes.
@@ -607,14 +605,11 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
     if (parts >= most) {
       // The largest number of sub-intervals was not enough: the excess energy is removed by scaling the velocities.
       btScalar most_energy = allowed;
-      // Rounding errors of velocities that are too large by orders of magnitude are velocities of the mass centre.
-      const bool is_of_use = std::isfinite(after) && after <= MAX_EXCESS * (std::max(allowed, btScalar(0)) + slack);
-      if (!is_of_use && is_measured) {
+      if (!std::isfinite(after) && is_measured) {
         most_energy = tangential_step(h, from, start_rate, to, new_rate);
         after = internal_energy();
       }
-      // Not for NaN, which has to show.
-      if (after != 0) scale = btSqrt(std::max(most_energy, btScalar(0)) / after);
+      scale = btSqrt(std::max(most_energy, btScalar(0)) / after);
       break;
     }
     parts = std::min(parts * REFINEMENT, most);
@@ -622,11 +617,8 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
     update_velocities(start_rate);
     accelerate(from, start_rate, slopes[0]);
   }
-  if (!(scale >= 1)) {
-    scale_internal_velocity(scale, new_rate);
-    update_velocities(new_rate);
-  }
   if (!fixed_base) restore_momentum(h, momentum, drag, new_rate);
+  if (!(scale >= 1)) scale_internal_velocity(scale, new_rate);
   if (splits_damping) apply_damping(h / 2, to, new_rate);
 }
 
