@@ -857,19 +857,25 @@ class AccurateSolver : public Base {
     double &damping = island->correction_damping.factor;
     update_damping(island->correction_damping, present, largest_joint_error() * info.m_timeStep, sub_step_,
                    CORRECTION_INTERVAL);
+    double &yielding = island->correction_damping.yielding;
     btScalar length = 0;
     for (int round = 0;; ++round) {
       if (mlcp_table->solve_positions(mlcp_, nullptr, position_states_.data(), LEAST_POSITION_SOFTNESS, damping,
-                                      budget) == AMB_MLCP_NOT_FINITE)
+                                      yielding, budget) == AMB_MLCP_NOT_FINITE)
         return;
       length = find_correction_length(info.m_timeStep);
-      if (length <= LONG_CORRECTION || round == MOST_ROUNDS || damping >= MOST_DAMPING_OF_LONG_CORRECTIONS) break;
-      damping = std::min(damping * RAISED_DAMPING, MOST_DAMPING_OF_LONG_CORRECTIONS);
+      const bool is_long = length > LONG_CORRECTION && damping < MOST_DAMPING_OF_LONG_CORRECTIONS;
+      const bool contradicts = contacts_open_joints();
+      if (!contradicts && round == 0) yielding = std::max(1.0, yielding * YIELDING_LOWERED);
+      const bool yields = contradicts && yielding < MOST_YIELDING;
+      if (!(is_long || yields) || round == MOST_ROUNDS) break;
+      if (is_long) damping = std::min(damping * RAISED_DAMPING, MOST_DAMPING_OF_LONG_CORRECTIONS);
+      if (yields) yielding = std::min(yielding * YIELDING_RAISED, MOST_YIELDING);
     }
     ++settings_.statistics.position_problems;
     const double *left = mlcp_table->position_errors(mlcp_);
-    const PositionErrors asked = errors([&](size_t i) { return position_rows_[i].target; });
-    const PositionErrors after = errors([&](size_t i) { return left[i]; });
+    const PositionErrors asked = errors([&](size_t i) { return position_rows_[i].target; }, yielding);
+    const PositionErrors after = errors([&](size_t i) { return left[i]; }, yielding);
     island->correction_damping.left[0] = asked.linear > 0 ? after.linear / asked.linear : 0;
     island->correction_damping.left[1] = asked.angular > 0 ? after.angular / asked.angular : 0;
     if (InfeasibleIslands::is_uncorrectable(asked, after)) {
@@ -880,12 +886,27 @@ class AccurateSolver : public Base {
     write_corrections(info, 1 / length);
   }
 
+  // `yielding`: multiple of the CFM of contacts and limits.
   template <class ErrorOf>
-  PositionErrors errors(ErrorOf error_of) const {
+  PositionErrors errors(ErrorOf error_of, double yielding = 1) const {
     PositionErrors sums;
-    for (size_t i = 0; i < position_rows_.size(); ++i)
-      sums.add(error_of(i), position_rows_[i].weight, position_rows_[i].is_angular);
+    for (size_t i = 0; i < position_rows_.size(); ++i) {
+      const PositionRow &row = position_rows_[i];
+      sums.add(error_of(i), row.is_joint ? row.weight : row.weight / yielding, row.is_angular);
+    }
     return sums;
+  }
+
+  // Whether the contacts and limits contradict the joints in the position problem that was solved.
+  bool contacts_open_joints() const {
+    const double *errors = mlcp_table->position_errors(mlcp_);
+    double asked = 0, left = 0, others = 0;
+    for (size_t i = 0; i < position_rows_.size(); ++i) {
+      const PositionRow &row = position_rows_[i];
+      (row.is_joint ? asked : others) += row.weight * row.target * row.target;
+      if (row.is_joint) left += row.weight * errors[i] * errors[i];
+    }
+    return ::contacts_open_joints(asked, left, others);
   }
 
   // Of the correction velocities that the errors of the island's joints ask for, m/s or rad/s.

@@ -50,4 +50,17 @@ inline void update_damping(CorrectionDamping &damping, const PositionErrors &pre
   damping.sub_step = sub_step;
 }
 
+// Contacts and limits that contradict joints are to yield to them. The least sum of squares weights errors with the
+// masses, so that a contact of heavy bodies opens the joints of light ones. The CFM of contacts and limits is raised for
+// that, by YIELDING_RAISED at a time up to MOST_YIELDING, while a correction lowers the sum of squares of the joints'
+// errors by less than the share LEAST_LOWERED and leaves of them more than CONTRADICTING times that of the others.
+constexpr double YIELDING_RAISED = 10, YIELDING_LOWERED = 1 / 1.2, MOST_YIELDING = 1e4;
+constexpr double LEAST_LOWERED = 0.1, CONTRADICTING = 0.01;
+
+// `asked` and `left`: sums of squares of the joints' errors before a correction and after it; `others`: of the contacts'
+// and limits' before it.
+inline bool contacts_open_joints(double asked, double left, double others) {
+  return left > CONTRADICTING * others && left > (1 - LEAST_LOWERED) * asked && others > 0;
+}
+
 #endif

@@ -10,9 +10,15 @@ extern "C" {
 #include "dynamics.h"
 }
 
-// A body that hits another object within the sub-step, and its pose at the impact.
+// A body that hits another object within the sub-step, or is joined to one that does. It follows its own motion for the
+// share of the sub-step until then, and moves with velocity `drift` (m/s) for the rest.
 struct AmbImpact {
   AmbBody *body;
+  btScalar share;
+  btVector3 drift;
+  // Whether joints hold it to a static or kinematic object, and to a link of an articulation.
+  bool is_anchored, is_held;
+  // At the end of the sub-step.
   btTransform pose;
 };
 

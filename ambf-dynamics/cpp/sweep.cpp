@@ -7,6 +7,8 @@
 #include <BulletCollision/NarrowPhaseCollision/btPointCollector.h>
 #include <BulletCollision/NarrowPhaseCollision/btVoronoiSimplexSolver.h>
 
+#include "articulation.h"
+
 namespace {
 
 // Radius of the swept sphere as a share of that of the largest sphere in the body: when the swept sphere touches, the
@@ -125,10 +127,27 @@ struct FirstImpact : btBroadphaseAabbCallback {
     auto *object = static_cast<btCollisionObject *>(proxy->m_clientObject);
     if (object == &body || !collides(*object)) return true;
     Sweep relative = sweep;
-    if (const btRigidBody *other = btRigidBody::upcast(object)) relative.motion -= other->getLinearVelocity() * dt;
-    if (relative.motion.length2() <= sweep.radius * sweep.radius) return true;
-    share = btMin(share, impact(relative, *object->getCollisionShape(), object->getWorldTransform()));
+    const btRigidBody *other = btRigidBody::upcast(object);
+    if (other) relative.motion -= other->getLinearVelocity() * dt;
+    const btScalar way = relative.motion.length();
+    if (way <= sweep.radius) return true;
+    const btScalar found = impact(relative, *object->getCollisionShape(), object->getWorldTransform());
+    if (found >= share) return true;
+    share = btMax(found, MIN_MOTION * sweep.radius / way);
+    drift = other ? drift_with(*other, way) : btVector3(0, 0, 0);
     return true;
+  }
+
+  // Velocity of the two bodies for the rest of the sub-step. Without it the bodies of a mechanism that falls at 3 m/s
+  // by more than their size in a sub-step, two of which touch, would be left behind by it. A body that is stopped for
+  // its part moves on with the common centre of mass.
+  btVector3 drift_with(const btRigidBody &other, btScalar way) const {
+    const btVector3 theirs = other.getLinearVelocity();
+    const AmbBody *owner = body_of(&other);
+    const btScalar radius = owner ? owner->swept_radius : 0;
+    if (other.isStaticOrKinematicObject() || radius <= 0 || way <= radius || theirs.length() * dt <= radius) return theirs;
+    const btScalar mine = other.getInvMass() / (body.getInvMass() + other.getInvMass());
+    return body.getLinearVelocity() * mine + theirs * (1 - mine);
   }
 
   bool collides(const btCollisionObject &object) const {
@@ -145,7 +164,9 @@ struct FirstImpact : btBroadphaseAabbCallback {
   const btRigidBody &body;
   btScalar dt;
   Sweep sweep;
+  // Share of the sub-step until the first impact, and the velocity after it, m/s.
   btScalar share = 1;
+  btVector3 drift = btVector3(0, 0, 0);
 };
 
 // Radius of the largest sphere about `centre` within a convex shape: the least value of its support function over all
@@ -181,6 +202,67 @@ btScalar inner_radius(const btCollisionShape &shape, const btTransform &pose) {
   return most;
 }
 
+// Makes two bodies on a joint stop at the same time, the earlier one, and drift alike. Returns whether that changed any.
+bool join(EngineWorld &engine, AmbBody *a, AmbBody *b) {
+  const auto has_impact = [](const AmbBody *body) { return body && body->impact >= 0; };
+  if (!has_impact(a)) std::swap(a, b);
+  if (!has_impact(a)) return false;
+  AmbImpact &first = engine.impacts[a->impact];
+  if (!b || b->body.isStaticOrKinematicObject()) {
+    const bool is_new = !first.is_anchored;
+    first.is_anchored = true;
+    first.drift.setZero();
+    return is_new;
+  }
+  if (b->articulation) {
+    const bool is_new = !first.is_held;
+    first.is_held = true;
+    return is_new;
+  }
+  if (!has_impact(b)) {
+    AmbImpact copy = first;
+    copy.body = b;
+    b->impact = static_cast<int>(engine.impacts.size());
+    engine.impacts.push_back(copy);
+    return true;
+  }
+  AmbImpact &second = engine.impacts[b->impact];
+  const bool differ = first.share != second.share || first.is_anchored != second.is_anchored ||
+                      first.is_held != second.is_held;
+  if (!differ) return false;
+  const bool anchored = first.is_anchored || second.is_anchored, held = first.is_held || second.is_held;
+  const AmbImpact &earlier = first.share <= second.share ? first : second;
+  const btScalar share = earlier.share;
+  const btVector3 drift = anchored ? btVector3(0, 0, 0) : earlier.drift;
+  for (AmbImpact *impact : {&first, &second}) {
+    impact->share = share;
+    impact->drift = drift;
+    impact->is_anchored = anchored;
+    impact->is_held = held;
+  }
+  return true;
+}
+
+// A body that stops alone opens its joints by what is left of its motion. All bodies that joints hold to it stop with
+// it, unless one of them is a link of an articulation, whose motion is not swept: then none stops.
+void spread_along_joints(EngineWorld &engine) {
+  AmbWorld &world = engine.world;
+  const auto is_jointed = [](const AmbImpact &impact) { return impact.body->constraint_count > 0; };
+  if (std::none_of(engine.impacts.begin(), engine.impacts.end(), is_jointed)) return;
+  for (bool has_changed = true; has_changed;) {
+    has_changed = false;
+    for (int i = 0; i < world.world->getNumConstraints(); ++i) {
+      const btTypedConstraint &constraint = *world.world->getConstraint(i);
+      if (!constraint.isEnabled()) continue;
+      has_changed |= join(engine, body_of(&constraint.getRigidBodyA()), body_of(&constraint.getRigidBodyB()));
+    }
+    if (!world.articulated) continue;
+    for (const AmbConstraint *constraint : world.articulated->external_constraints) {
+      has_changed |= join(engine, &first_of(*constraint), &second_of(*constraint));
+    }
+  }
+}
+
 }  // namespace
 
 void find_impacts(EngineWorld &engine, const btAlignedObjectArray<btRigidBody *> &bodies, btScalar dt) {
@@ -198,15 +280,21 @@ void find_impacts(EngineWorld &engine, const btAlignedObjectArray<btRigidBody *>
     first.sweep.bounds(low, high);
     world.broadphase.aabbTest(low, high, first);
     if (first.share >= 1) continue;
-    AmbImpact impact{owner, btTransform()};
-    const btScalar share = btMax(first.share, MIN_MOTION * radius / btSqrt(way));
-    body.predictIntegratedTransform(dt * share, impact.pose);
-    engine.impacts.push_back(impact);
+    owner->impact = static_cast<int>(engine.impacts.size());
+    engine.impacts.push_back({owner, first.share, first.drift, false, false, btTransform()});
+  }
+  if (engine.impacts.empty()) return;
+  spread_along_joints(engine);
+  for (AmbImpact &impact : engine.impacts) {
+    impact.body->impact = -1;
+    impact.body->body.predictIntegratedTransform(dt * impact.share, impact.pose);
+    impact.pose.getOrigin() += impact.drift * (dt * (1 - impact.share));
   }
 }
 
 void stop_at_impacts(EngineWorld &engine) {
   for (const AmbImpact &impact : engine.impacts) {
+    if (impact.is_held) continue;
     impact.body->body.proceedToTransform(impact.pose);
     // The body is not to be integrated as a free body in this sub-step.
     impact.body->contact_sub_step = engine.sub_step + 1;

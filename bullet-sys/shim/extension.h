@@ -81,8 +81,8 @@ struct SubStepStart {
 
 // Damping of the position correction of an island, kept by its first body; see the engine's correction_damping.h.
 struct CorrectionDamping {
-  // Multiple of the least damping.
-  double factor = 1;
+  // Multiple of the least damping, and of that of contacts and limits beyond it.
+  double factor = 1, yielding = 1;
   // Number of corrections that left much of the errors, and after which these had grown, less the number of others.
   int growths = 0;
   // Linear and angular errors before the last correction, the share that it leaves of what it was to correct by the
@@ -117,6 +117,8 @@ struct EngineBody {
   std::unique_ptr<btTypedConstraint> drive;
   // Radius, m, of the sphere that is swept when the body moves further than that in a sub-step; 0: never.
   btScalar swept_radius = 0;
+  // Index of its impact while those of a sub-step are found; -1: none.
+  int impact = -1;
 };
 
 // The user pointer of every constraint points at its SoftRows: which of its rows are soft in this sub-step,

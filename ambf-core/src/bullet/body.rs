@@ -266,8 +266,8 @@ impl World {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::ball;
-    use super::super::Solver;
+    use super::super::tests::{ball, hinge};
+    use super::super::{Constraint, ConstraintKind, Solver};
     use super::*;
 
     #[test]
@@ -414,6 +414,64 @@ mod tests {
         }
         let x = |handle| world.velocity(handle).unwrap().0.x;
         assert!(x(left) < -50.0 && x(right) > 50.0, "{} {}", x(left), x(right));
+    }
+
+    #[test]
+    fn what_flies_together_stays_together() {
+        // Two balls that approach each other at 20 m/s on a common flight at 100 m/s.
+        let mut world = World::new(Solver::default());
+        let mut fly = |y: f64, vy: f64| {
+            let shape = Shape::sphere(0.005, 0.001);
+            let pose = Isometry3::translation(0.0, y, 0.0);
+            let handle = world.add_body(RigidBody { shape, pose, restitution: 0.0, friction: 0.0, ..ball(0.01, 0.0) });
+            world.set_continuous(handle, true);
+            world.set_velocity(handle, &Vector3::new(100.0, vy, 0.0), &Vector3::zeros());
+            handle
+        };
+        let flying = [fly(-0.1, 10.0), fly(0.1, -10.0)];
+        for _ in 0..30 {
+            world.step(0.001, 1, 0.001);
+        }
+        let [a, b] = flying.map(|handle| world.pose(handle).unwrap().translation.vector);
+        assert!((a.x - 3.0).abs() < 1e-9 && (b.x - 3.0).abs() < 1e-9, "{} m and {} m", a.x, b.x);
+        assert!((0.009..0.02).contains(&(b.y - a.y)), "they meet, and neither passes the other: {} m", b.y - a.y);
+    }
+
+    #[test]
+    fn an_impact_of_one_body_does_not_open_its_joints() {
+        // Two balls on a joint fly at a wall one behind the other, which stops the first of them.
+        let mut world = World::new(Solver::Accurate);
+        let slab = Shape::cuboid(Vector3::new(0.0005, 1.0, 1.0), 0.0001);
+        world.add_body(RigidBody { shape: slab, restitution: 0.0, friction: 0.0, ..ball(0.0, 0.0) });
+        let mut fly = |x: f64| {
+            let shape = Shape::sphere(0.005, 0.001);
+            let pose = Isometry3::translation(x, 0.0, 0.0);
+            let handle = world.add_body(RigidBody { shape, pose, restitution: 0.0, friction: 0.0, ..ball(0.01, 0.0) });
+            world.set_continuous(handle, true);
+            world.set_velocity(handle, &Vector3::new(100.0, 0.0, 0.0), &Vector3::zeros());
+            handle
+        };
+        let [first, second] = [fly(-0.45), fly(-0.475)];
+        let arm = Isometry3::translation(-0.0125, 0.0, 0.0);
+        let joint = Constraint {
+            kind: ConstraintKind::PointToPoint,
+            frame_a: arm,
+            frame_b: arm.inverse(),
+            parameters: vec![],
+            ..hinge()
+        };
+        world.add_constraint(first, second, &joint).unwrap();
+        let pivot = |world: &World, handle, frame: &Isometry3<f64>| {
+            world.pose(handle).unwrap() * nalgebra::Point3::from(frame.translation.vector)
+        };
+        let mut widest: f64 = 0.0;
+        for _ in 0..8 {
+            world.step(0.001, 1, 0.001);
+            let gap = pivot(&world, first, &joint.frame_a) - pivot(&world, second, &joint.frame_b);
+            widest = widest.max(gap.norm());
+        }
+        assert!(world.pose(first).unwrap().translation.x < 0.0, "it met the wall");
+        assert!(widest < 1e-3, "a joint opened by {widest} m");
     }
 
     #[test]

@@ -9,8 +9,9 @@ use super::{Solver, World};
 const MAX_TURN: f64 = 0.1;
 /// The same for a turn that is expected, rad. It is less because the bodies that are driven turn others by more.
 const MAX_EXPECTED_TURN: f64 = 0.05;
-/// Most parts of a sub-step: what they may cost.
-const MAX_PARTS: f64 = 4.0;
+/// Most parts of a sub-step for the turn of bodies and for an expected turn: what they may cost.
+const MAX_PARTS: f64 = 16.0;
+const MAX_PARTS_FOR_EXPECTED: f64 = 4.0;
 
 /// A sub-step, or one of its parts.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -46,7 +47,7 @@ impl World {
     /// due; those above `max_sub_steps` are lost. A remainder is kept for the next call. Applied forces are cleared.
     ///
     /// With [`Solver::Accurate`] a sub-step in which a jointed body would turn by more than 0.1 rad is divided into up to
-    /// four parts. Joints of articulations do not count, as their free motion is divided by itself, and worlds with
+    /// 16 parts. Joints of articulations do not count, as their free motion is divided by itself, and worlds with
     /// soft bodies never divide: the stiffness of cloth depends on the length of a sub-step.
     pub fn step(&mut self, interval: f64, max_sub_steps: u32, sub_step: f64) -> u32 {
         if self.divides() {
@@ -102,7 +103,8 @@ impl World {
         let turn = unsafe { sys::amb_world_jointed_turn_rate(self.raw.as_ptr()) } * sub_step;
         // A turn that is not a number is left for the check of the state.
         let parts = if turn > MAX_TURN { (turn / MAX_TURN).ceil() } else { 1.0 };
-        let parts = parts.max((expected_turn / MAX_EXPECTED_TURN).ceil()).min(MAX_PARTS) as u32;
+        let for_expected = (expected_turn / MAX_EXPECTED_TURN).ceil().min(MAX_PARTS_FOR_EXPECTED);
+        let parts = parts.min(MAX_PARTS).max(for_expected) as u32;
         if parts > 1 {
             // SAFETY: as above.
             unsafe { sys::amb_world_count_division(self.raw.as_ptr()) }
@@ -147,8 +149,8 @@ mod tests {
 
     #[test]
     fn sub_steps_of_jointed_bodies_that_turn_fast_are_divided() {
-        // 0.1 rad in a sub-step, and just beyond; 4 parts at most.
-        for (rate, parts) in [(99.0, 1), (101.0, 2), (299.0, 3), (1e4, 4)] {
+        // 0.1 rad in a sub-step, and just beyond; 16 parts at most.
+        for (rate, parts) in [(99.0, 1), (101.0, 2), (299.0, 3), (1e4, 16)] {
             let (mut world, _) = spinning(World::new(Solver::Accurate), rate);
             let mut lengths = Vec::new();
             assert_eq!(world.step_with(DT, 10, DT, ExpectedTurn::default(), |_, sub_step| lengths.push(sub_step)), 1);

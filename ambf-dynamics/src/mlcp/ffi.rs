@@ -7,6 +7,7 @@ use std::ffi::c_int;
 use std::panic::{catch_unwind, AssertUnwindSafe};
 use std::slice;
 
+use super::solver::Softness;
 use super::{Budget, Friction, Outcome, Row, Side, Solver, State};
 
 /// [`Outcome::Solved`] in C.
@@ -108,6 +109,7 @@ pub struct AmbMlcpTable {
         states: *const u8,
         cfm_share: f64,
         damping: f64,
+        yielding: f64,
         budget: f64,
     ) -> c_int,
     /// See [`Solver::impulses`].
@@ -260,6 +262,7 @@ unsafe extern "C" fn solve_positions(
     states: *const u8,
     cfm_share: f64,
     damping: f64,
+    yielding: f64,
     budget: f64,
 ) -> c_int {
     guarded(NOT_FINITE, || {
@@ -270,7 +273,12 @@ unsafe extern "C" fn solve_positions(
         let (targets, states) = unsafe { (elements(targets, rows), elements(states, rows)) };
         let target = |row: usize| targets.map(|targets| targets[row]);
         let guess = |row: usize| states.map_or(State::Free, |states| state(states[row].into()));
-        answer(solver.solve_positions_with(target, guess, cfm_share, damping, Budget(budget)))
+        answer(solver.solve_positions_with(
+            target,
+            guess,
+            Softness { share: cfm_share, damping, yielding },
+            Budget(budget),
+        ))
     })
 }
 

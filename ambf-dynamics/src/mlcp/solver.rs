@@ -143,6 +143,17 @@ impl Default for Best {
     }
 }
 
+/// CFM of a position problem.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Softness {
+    /// Least CFM of a row, as a share of its diagonal.
+    pub share: f64,
+    /// Multiple of the CFM of all rows, and another of that of unilateral rows: by how much contacts and limits yield to
+    /// joints where they contradict each other.
+    pub damping: f64,
+    pub yielding: f64,
+}
+
 /// Solver of mixed linear complementarity problems; see the [module](super).
 ///
 /// Fill it by [`clear`](Self::clear), [`add_row`](Self::add_row) and [`prepare`](Self::prepare), then call
@@ -298,17 +309,15 @@ impl Solver {
     ) -> Outcome {
         let target = |row: usize| targets.map(|targets| targets.get(row).copied().unwrap_or(0.0));
         let guess = |row: usize| states.and_then(|states| states.get(row).copied()).unwrap_or_default();
-        self.solve_positions_with(target, guess, cfm_share, 1.0, budget)
+        self.solve_positions_with(target, guess, Softness { share: cfm_share, damping: 1.0, yielding: 1.0 }, budget)
     }
 
-    /// The same with a target, if not the row's own, and a guess for each row, and with `damping` times the CFM that is
-    /// not the row's own.
+    /// The same with a target, if not the row's own, and a guess for each row.
     pub(super) fn solve_positions_with(
         &mut self,
         target: impl Fn(usize) -> Option<f64>,
         guess: impl Fn(usize) -> State,
-        cfm_share: f64,
-        damping: f64,
+        softness: Softness,
         budget: Budget,
     ) -> Outcome {
         self.position.reset();
@@ -320,7 +329,8 @@ impl Solver {
                 let target = target(of_target).unwrap_or(self.rows.rows[of_target].position_target);
                 let state = guess(index as usize);
                 let diagonal = self.factor.diagonal()[p];
-                let cfm = damping * row.position_cfm.max(cfm_share * diagonal);
+                let yielding = if row.low >= 0.0 || row.high <= 0.0 { softness.yielding } else { 1.0 };
+                let cfm = softness.damping * yielding * row.position_cfm.max(softness.share * diagonal);
                 let is_loaded = row.stays_loaded && self.velocity.impulses[index as usize] != 0.0;
                 // The velocities already end where a loaded row closes.
                 let opens = (row.low >= 0.0 && target < 0.0) || (row.high <= 0.0 && target > 0.0);
