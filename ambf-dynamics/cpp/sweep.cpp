@@ -132,7 +132,8 @@ struct FirstImpact : btBroadphaseAabbCallback {
     const btScalar way = relative.motion.length();
     if (way <= sweep.radius) return true;
     const btScalar found = impact(relative, *object->getCollisionShape(), object->getWorldTransform());
-    if (found >= share) return true;
+    // Also where it is not a number.
+    if (!(found < share)) return true;
     share = btMax(found, MIN_MOTION * sweep.radius / way);
     drift = other ? drift_with(*other, way) : btVector3(0, 0, 0);
     return true;
