@@ -201,15 +201,16 @@ class AccurateSolver : public Base {
       find_velocity(row, before, forced);
       const btScalar target = row.m_rhs / row.m_jacDiagABInv + before + forced;
       const bool is_angular = row.m_contactNormal1.isZero();
+      // A row that was left out of a joint is a part of the joint beyond its clearance, and not a limit.
+      const bool is_limit = kind == RowKind::Limit && !(soft && soft->beyond_clearance >> (k - first) & 1);
       btScalar kept;
-      if (kind == RowKind::Limit) {
+      if (is_limit) {
         const btScalar side = row.m_lowerLimit == 0 ? 1 : -1;
         kept = side * std::max(btScalar(0), std::min(side * target, -side * before * bounce_of(constraint)));
       } else {
         kept =
             is_angular ? motion.angular_target(row.m_relpos1CrossNormal) : motion.linear_target(row.m_contactNormal2);
       }
-      const bool is_limit = kind == RowKind::Limit;
       // In worlds with this solver joints have the ERP of the world.
       if (!is_limit) note_error(target * h / info.m_erp, is_angular);
       JointError &error = joint_errors_[k];
@@ -528,12 +529,12 @@ class AccurateSolver : public Base {
       // If this guess is not the solution, pivoting starts with free rows: a drive that alternates between its bounds
       // would otherwise take many pivots in each sub-step.
       row.x = joint_errors_[i].guess;
-      const bool is_limit = row.low == 0 || row.high == 0;
+      const bool is_limit = joint_errors_[i].is_limit;
       row.position_cfm =
           is_limit ? softness_of(joints[i], YIELDING_POSITION_SOFTNESS)
                    : POSITION_SOFTNESS * joint_errors_[i].position_response;
       if (row.is_drive) row.position_cfm = spring_position_softness(row.cfm, joint_errors_[i].response);
-      row.stays_loaded = is_limit;
+      row.stays_loaded = row.low == 0 || row.high == 0;
       add(row, is_limit ? RowKind::Limit : RowKind::Geometric, joints[i].m_contactNormal1.isZero(), MIN_CORRECTION,
           share_of(joint_errors_[i].is_limit));
     }
@@ -596,7 +597,7 @@ class AccurateSolver : public Base {
   // largest correction velocity. It is the same for all joints of the island: a correction by a part of each error goes
   // towards the least sum of squares, and one of clamped errors does not.
   void find_correction_share(btScalar h) {
-    const btScalar most_turned = max_correction_rate(h);
+    const btScalar most_turned = max_correction_rate(h, settings_.recent_turn_rate);
     double fastest = 1;
     const btConstraintArray &joints = this->m_tmpSolverNonContactConstraintPool;
     for (int i = 0; i < joints.size(); ++i) {
@@ -636,7 +637,8 @@ class AccurateSolver : public Base {
     is_at_rest_ = is_at_rest_ && is_idle && row.low <= 0 && row.high >= 0;
     const bool idle = (row.low == 0 && row.position_target < 0) || (row.high == 0 && row.position_target > 0);
     // Weight in the sum of squared errors: the inverse of the CFM in the position problem, as the solution has it.
-    const double weight = row.position_cfm > 0 ? POSITION_SOFTNESS / row.position_cfm : 0;
+    const double cfm = row.is_drive ? row.position_cfm : std::max(row.cfm, row.position_cfm);
+    const double weight = row.position_cfm > 0 ? POSITION_SOFTNESS / cfm : 0;
     const double target = row.in_positions && !idle ? row.position_target : 0;
     position_rows_.push_back({target, target / share, weight, is_angular, kind == RowKind::Geometric});
     if (row.in_positions && !idle) {
@@ -855,8 +857,7 @@ class AccurateSolver : public Base {
     const PositionErrors present = errors([&](size_t i) { return position_rows_[i].error; });
     if (infeasible_.contain(island, present, sub_step_) || (!is_prepared && prepare() < 0)) return;
     double &damping = island->correction_damping.factor;
-    update_damping(island->correction_damping, present, largest_joint_error() * info.m_timeStep, sub_step_,
-                   CORRECTION_INTERVAL);
+    damping = std::max(1.0, damping * LOWERED_DAMPING);
     double &yielding = island->correction_damping.yielding;
     btScalar length = 0;
     for (int round = 0;; ++round) {
@@ -864,20 +865,18 @@ class AccurateSolver : public Base {
                                       yielding, budget) == AMB_MLCP_NOT_FINITE)
         return;
       length = find_correction_length(info.m_timeStep);
-      const bool is_long = length > LONG_CORRECTION && damping < MOST_DAMPING_OF_LONG_CORRECTIONS;
+      const bool is_long = length > LONG_CORRECTION && damping < MOST_DAMPING;
       const bool contradicts = contacts_open_joints();
       if (!contradicts && round == 0) yielding = std::max(1.0, yielding * YIELDING_LOWERED);
       const bool yields = contradicts && yielding < MOST_YIELDING;
       if (!(is_long || yields) || round == MOST_ROUNDS) break;
-      if (is_long) damping = std::min(damping * RAISED_DAMPING, MOST_DAMPING_OF_LONG_CORRECTIONS);
+      if (is_long) damping = std::min(damping * RAISED_DAMPING, MOST_DAMPING);
       if (yields) yielding = std::min(yielding * YIELDING_RAISED, MOST_YIELDING);
     }
     ++settings_.statistics.position_problems;
     const double *left = mlcp_table->position_errors(mlcp_);
     const PositionErrors asked = errors([&](size_t i) { return position_rows_[i].target; }, yielding);
     const PositionErrors after = errors([&](size_t i) { return left[i]; }, yielding);
-    island->correction_damping.left[0] = asked.linear > 0 ? after.linear / asked.linear : 0;
-    island->correction_damping.left[1] = asked.angular > 0 ? after.angular / asked.angular : 0;
     if (InfeasibleIslands::is_uncorrectable(asked, after)) {
       infeasible_.add(island, present, sub_step_);
       scale_corrections(0);
@@ -907,13 +906,6 @@ class AccurateSolver : public Base {
       if (row.is_joint) left += row.weight * errors[i] * errors[i];
     }
     return ::contacts_open_joints(asked, left, others);
-  }
-
-  // Of the correction velocities that the errors of the island's joints ask for, m/s or rad/s.
-  double largest_joint_error() const {
-    double largest = 0;
-    for (const PositionRow &row : position_rows_) largest = std::max(largest, row.is_joint ? std::fabs(row.error) : 0.0);
-    return largest;
   }
 
   // The body that identifies an island in consecutive sub-steps: the first link of its first articulation, or its first
@@ -969,7 +961,7 @@ class AccurateSolver : public Base {
   btScalar find_correction_length(btScalar h) {
     const double *const found = mlcp_table->position_velocities(mlcp_);
     const int bodies = this->m_tmpSolverBodyPool.size();
-    const btScalar most = max_correction_rate(h);
+    const btScalar most = max_correction_rate(h, settings_.recent_turn_rate);
     btScalar fastest = 1;
     for (int i = 0; i < bodies; ++i) {
       fastest = std::max(fastest, vector_at(found + 6 * i).length() / MAX_CORRECTION_SPEED);

@@ -105,6 +105,7 @@ void ArticulationDynamics::finish() {
   work.resize(n);
   efforts.resize(coordinates);
   generalised_forces.resize(coordinates);
+  unbounded_forces.resize(coordinates);
   parent_component.resize(velocity_size());
   for (int k = 0; k < 6; ++k) parent_component[k] = k - 1;
   for (const Link &link : links) {
@@ -477,6 +478,26 @@ void ArticulationDynamics::bound_rotation(Rate &rate, btScalar h) {
   update_velocities(rate);
 }
 
+void ArticulationDynamics::bound_acceleration(btScalar h, const Position &from, const Rate &rate, Rate &acceleration) {
+  // Forces on one coordinate after the other disturb those before.
+  constexpr int MAX_ROUNDS = 4;
+  const btScalar most = SIMD_HALF_PI / (h * h);
+  for (int round = 0; round < MAX_ROUNDS && fastest_coordinate(acceleration) > most; ++round) {
+    for (const Link &link : links) {
+      for (int k = link.sliding; k < link.freedoms(); ++k) {
+        const int coordinate = link.coordinate + k;
+        const btScalar change = joint_speed(link, acceleration);
+        if (!(change > most)) break;
+        factor_inertia();
+        const btScalar by_unit = response(coordinate);
+        if (!(by_unit > 0)) continue;
+        generalised_forces[coordinate] -= acceleration.q[coordinate] * (1 - most / change) / by_unit;
+        accelerate(from, rate, acceleration);
+      }
+    }
+  }
+}
+
 btScalar ArticulationDynamics::fastest_coordinate(const Rate &rate) const {
   btScalar fastest = 0;
   for (const Link &link : links) fastest = std::max(fastest, joint_speed(link, rate));
@@ -580,6 +601,8 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
   }
   // Forces without measure end in a state that is not finite, which stops the simulation with a word about it.
   const bool is_measured = h * largest_component(slopes[0]) < MAX_CHANGE;
+  unbounded_forces = generalised_forces;
+  if (is_measured) bound_acceleration(h, from, start_rate, slopes[0]);
   const btScalar phases = std::max(h * btSqrt(stiffness) / MAX_PHASE, h * fastest / MAX_TURN);
   // The comparison is false for NaN.
   int parts = phases > 1 ? static_cast<int>(std::min(std::ceil(phases), btScalar(MAX_PARTS))) : 1;
@@ -617,6 +640,7 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
     update_velocities(start_rate);
     accelerate(from, start_rate, slopes[0]);
   }
+  std::swap(generalised_forces, unbounded_forces);
   if (!fixed_base) restore_momentum(h, momentum, drag, new_rate);
   if (!(scale >= 1)) scale_internal_velocity(scale, new_rate);
   if (splits_damping) apply_damping(h / 2, to, new_rate);

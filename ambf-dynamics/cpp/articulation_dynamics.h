@@ -139,6 +139,10 @@ class ArticulationDynamics {
   // the momentum. Setting the rate of one coordinate alone would change the velocities of all bodies behind it, and
   // adds energy where rates of several coordinates cancel. Poses and velocities must be up to date.
   void bound_rotation(Rate &rate, btScalar h);
+  // Adds generalised forces that keep the accelerations of revolute and ball joints, rad/s^2, from changing an angular
+  // velocity by more than that in h s, as the torque of a wrench does on a link of next to no inertia. A motion by many
+  // turns in h s cannot be integrated, and its truncation errors are those of a large energy.
+  void bound_acceleration(btScalar h, const Position &from, const Rate &rate, Rate &acceleration);
 
   // Factors the generalised inertia H = L^T L. In the velocity coordinates z = L v the kinetic energy is z^T z / 2,
   // where v is the base's angular and linear velocity (0 if it is fixed) followed by the rates of the coordinates. L
@@ -178,6 +182,8 @@ class ArticulationDynamics {
   Vector<Spring> springs;
   // Force on each coordinate, N or N m, constant over a step.
   Vector<btScalar> generalised_forces;
+  // Those without what `bound_acceleration` adds, during a step.
+  Vector<btScalar> unbounded_forces;
   // Poses and velocities of the bodies, world axes.
   Vector<btMatrix3x3> rotations;
   Vector<btVector3> origins, linear, angular;

@@ -6,6 +6,7 @@
 #include "engine_solvers.h"
 #include "substepped_world.h"
 #include "sweep.h"
+#include "turn_limit.h"
 #include "articulation_solver.h"
 #include "articulation_rows.h"
 
@@ -24,6 +25,7 @@ void EngineWorld::make_world(btConstraintSolver &made) {
 }
 
 void EngineWorld::before_motion(const btAlignedObjectArray<btRigidBody *> &bodies, btScalar dt) {
+  if (solver == AmbSolver_Accurate) limit_turns(*this, dt);
   if (has_continuous) find_impacts(*this, bodies, dt);
 }
 

@@ -37,6 +37,8 @@ AmbConstraint *amb_exact_six_dof_new(AmbBody *a, AmbBody *b, const double frame_
 int amb_constraint_omit_rows(AmbConstraint *owner, const AmbOmittedRows *rows) {
   auto *omitted = dynamic_cast<OmittedRows *>(owner->constraint.get());
   if (!omitted) return 0;
+  // Where these rows note that they are beyond their clearance.
+  if (!soft_rows_of(*owner->constraint)) owner->constraint->setUserConstraintPtr(&owner->motor.rows);
   omitted->frames[0] = transform_of(rows->frame_a);
   omitted->frames[1] = transform_of(rows->frame_b);
   const double *axes = rows->axes;

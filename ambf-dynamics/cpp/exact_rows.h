@@ -21,6 +21,7 @@
 
 #include "engine.h"
 #include "joint_arms.h"
+#include "soft_rows.h"
 
 // One row of a constraint as it is passed to Bullet's solver.
 struct ConstraintRow {
@@ -130,17 +131,19 @@ struct OmittedRows {
 // other rows do not determine its motion, as the third bar of a parallelogram does when the bars lie in a line. Where it
 // moves as its loops imply, with a misfit of the share s of the lever arm, it loses the share s^2 / GUIDANCE of its
 // velocity in a sub-step. Beyond the clearance the row is a limit: the mechanism does not get into another configuration.
-inline void leave_out(const ConstraintRows &rows, int k, btScalar error, btScalar clearance, btScalar rate) {
+// Returns whether it is.
+inline bool leave_out(const ConstraintRows &rows, int k, btScalar error, btScalar clearance, btScalar rate) {
   // CFM as a share of the response.
   constexpr btScalar GUIDANCE = 10;
   const ConstraintRow row = rows[k];
   if (btFabs(error) <= clearance) {
     row.target = 0;
     rows.info.cfm[k * rows.info.rowskip] = GUIDANCE;
-  } else {
-    (error > 0 ? row.lower : row.upper) = 0;
-    row.target = rate * (error - (error > 0 ? clearance : -clearance));
+    return false;
   }
+  (error > 0 ? row.lower : row.upper) = 0;
+  row.target = rate * (error - (error > 0 ? clearance : -clearance));
+  return true;
 }
 
 // Sets one row of a joint to the velocity of A less that of B along or about `axis`, with the position error `error`.
@@ -153,20 +156,25 @@ inline void set_row(const ConstraintRow &row, const btVector3 &axis, const btVec
   row.target = target;
 }
 
-inline void leave_out(const btTypedConstraint &joint, const ConstraintRows &rows, const OmittedRows &omitted) {
+// Returns the bits of the rows that are beyond their clearance.
+inline unsigned leave_out(const btTypedConstraint &joint, const ConstraintRows &rows, const OmittedRows &omitted) {
   constexpr btScalar NO_BOUND = 1e9;
   const bool slides = joint.getConstraintType() == SLIDER_CONSTRAINT_TYPE;
   const bool turns_about_axis = joint.getConstraintType() == HINGE_CONSTRAINT_TYPE;
   const btTransform frames[2] = {joint.getRigidBodyA().getCenterOfMassTransform() * omitted.frames[0],
                                  joint.getRigidBodyB().getCenterOfMassTransform() * omitted.frames[1]};
   btVector3 arms[2];
-  if (!find_joint_arms(joint, arms[0], arms[1])) return;
+  if (!find_joint_arms(joint, arms[0], arms[1])) return 0;
   const btVector3 gap = frames[1].getOrigin() - frames[0].getOrigin();
   // The axis of a hinge is z, that of a slider x.
   const int own = slides ? 0 : 2;
   const btVector3 tilt = frames[0].getBasis().getColumn(own).cross(frames[1].getBasis().getColumn(own));
   const btScalar rate = rows.info.fps * rows.info.erp;
   int linear = slides ? 1 : 0, angular = slides ? 1 : 0;
+  unsigned beyond = 0;
+  const auto leave_out_row = [&](int k, btScalar error, btScalar clearance) {
+    if (leave_out(rows, k, error, clearance, rate)) beyond |= 1u << k;
+  };
   for (int k = 0; k < rows.count; ++k) {
     const ConstraintRow row = rows[k];
     // Rows with bounds are limits.
@@ -176,7 +184,7 @@ inline void leave_out(const btTypedConstraint &joint, const ConstraintRows &rows
       const btVector3 axis = frames[omitted.side].getBasis() * omitted.axes.getColumn(linear);
       const btScalar error = gap.dot(axis);
       set_row(row, axis, arms, rate * error);
-      if (omitted.linear[linear++]) leave_out(rows, k, error, omitted.linear_clearance, rate);
+      if (omitted.linear[linear++]) leave_out_row(k, error, omitted.linear_clearance);
     } else if ((turns_about_axis || slides) && angular < own + 3) {
       // Those across the axis come first: x and y of a hinge, y and z of a slider. Then comes the lock of a slider.
       const int about = angular++ % 3;
@@ -186,9 +194,10 @@ inline void leave_out(const btTypedConstraint &joint, const ConstraintRows &rows
         error = tilt.dot(axis);
         set_row(row, axis, nullptr, rate * error);
       }
-      if (omitted.angular[about]) leave_out(rows, k, error, omitted.angular_clearance, rate);
+      if (omitted.angular[about]) leave_out_row(k, error, omitted.angular_clearance);
     }
   }
+  return beyond;
 }
 
 template <class Joint>
@@ -215,7 +224,8 @@ class WithExactRows : public Joint, public OmittedRows {
       if (this->getSolveSwingLimit()) scale_swing_error(*this, x_a.cross(x_b), rows);
       if (this->getSolveTwistLimit()) set_exact_twist(x_a, x_b, rows);
     }
-    if (is_any) leave_out(*this, rows, *this);
+    const unsigned beyond = is_any ? leave_out(*this, rows, *this) : 0;
+    if (SoftRows *memory = const_cast<SoftRows *>(soft_rows_of(*this))) memory->beyond_clearance = beyond;
   }
 
  private:

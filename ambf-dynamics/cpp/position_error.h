@@ -33,8 +33,11 @@ constexpr btScalar MAX_GEOMETRIC_SOFTNESS = 1e-3;
 // Largest turn in a sub-step for which the motion of joint frames is approximated to second order, rad.
 constexpr btScalar MAX_CURVED_TURN = 0.3;
 
-// Largest angular velocity of a correction in a sub-step of h s, rad/s.
-inline btScalar max_correction_rate(btScalar h) { return std::min(MAX_CORRECTION_RATE, MAX_CORRECTION_TURN / h); }
+// Largest angular velocity of a correction in a sub-step of h s, rad/s, where jointed bodies turn at up to `turn_rate`
+// rad/s. Fast motion opens joints fast.
+inline btScalar max_correction_rate(btScalar h, btScalar turn_rate) {
+  return std::min(std::max(MAX_CORRECTION_RATE, turn_rate), MAX_CORRECTION_TURN / h);
+}
 
 // Push-out (depenetration) velocity of a contact, m/s: RATE (1/s) times the penetration depth (m), clamped to
 // [MIN_SPEED, MAX_SPEED].

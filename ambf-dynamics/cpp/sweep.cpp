@@ -282,7 +282,7 @@ void find_impacts(EngineWorld &engine, const btAlignedObjectArray<btRigidBody *>
     world.broadphase.aabbTest(low, high, first);
     if (first.share >= 1) continue;
     owner->impact = static_cast<int>(engine.impacts.size());
-    engine.impacts.push_back({owner, first.share, first.drift, false, false, btTransform()});
+    engine.impacts.push_back({owner, first.share, first.drift, false, false, btTransform::getIdentity()});
   }
   if (engine.impacts.empty()) return;
   spread_along_joints(engine);

@@ -13,7 +13,7 @@ use ambf_core::sim::Simulation;
 use nalgebra::{Point3, Vector3};
 
 use super::script::{Action, Script};
-use super::work::{Spring, Work};
+use super::work::{spring_energy, springs, Spring, Work};
 
 /// Joint gaps and penetration count from this time after the start, a reset, and the end of prescribed motion on, s:
 /// bodies may then be where joints and grips do not close, which is corrected at a bounded speed.
@@ -24,6 +24,8 @@ const PUSH: f64 = 1.0;
 const ERP: f64 = 0.2;
 /// Relative slack of the energy balance.
 const SLACK: f64 = 0.1;
+/// Share of the elastic energy at the start that corrections of strained joints may change.
+const ELASTIC_SLACK: f64 = 0.01;
 /// A body that is faster than this (m/s) was shot, whatever its energy: all bounds on motors are below it.
 const FASTEST: f64 = 1e5;
 /// Contacts are looked at every this many sub-steps.
@@ -152,11 +154,12 @@ impl Watch {
         };
         // What cannot be closed settles elsewhere than it was assembled, and takes springs with it.
         let (way, angle) = (present + slid_of_corrections(scene) + beyond * self.size, beyond + present / self.size);
-        self.springs = super::work::springs(scene);
+        self.springs = springs(scene);
         let strained = |spring: &Spring| spring.strained_by(way, angle);
         self.allowance = bodies.map(|body| of((body.mass, body.inertia.amax()))).sum::<f64>()
             + scene.bodies.entries().map(|(id, body)| body.mass * scene.gravity.norm() * lifted(id)).sum::<f64>()
             + self.work.elastic_reserve(scene)
+            + ELASTIC_SLACK * scene.joints.iter().map(|joint| spring_energy(scene, joint)).sum::<f64>()
             + self.springs.iter().map(strained).sum::<f64>();
     }
 
@@ -192,21 +195,25 @@ impl Watch {
         if n.is_multiple_of(CONTACT_INTERVAL) {
             for (index, &body) in scene.world.bodies().iter().enumerate() {
                 scene.world.contacts(body, 0.0, &mut self.contacts);
-                let depth = self.contacts.iter().map(|contact| -contact.distance).fold(0.0, f64::max);
-                if settled {
-                    self.worst_depth = self.worst_depth.max(depth);
-                } else if depth > 0.0 {
-                    self.first_depth = self.first_depth.max(depth);
-                    self.pushed = self.pushed.max(self.pushed_out(scene, BodyId::new(index), depth));
+                let contacts = std::mem::take(&mut self.contacts);
+                for contact in contacts.iter().filter(|contact| contact.distance < 0.0) {
+                    if settled {
+                        self.worst_depth = self.worst_depth.max(-contact.distance);
+                    } else {
+                        self.first_depth = self.first_depth.max(-contact.distance);
+                        self.pushed = self.pushed.max(self.pushed_out(scene, BodyId::new(index), contact));
+                    }
                 }
+                self.contacts = contacts;
             }
         }
         self.judge_energy(simulation);
     }
 
-    /// Energy that may be added where a body is pushed out of penetration of this depth, J: all bodies are lifted, or turn
-    /// about one of its joints, and springs are strained.
-    fn pushed_out(&self, scene: &Scene, body: BodyId, depth: f64) -> f64 {
+    /// Energy that may be added where a body is pushed out of penetration, J: all bodies are lifted, or turn about one of
+    /// its joints, and springs are strained.
+    fn pushed_out(&self, scene: &Scene, body: BodyId, contact: &Contact) -> f64 {
+        let depth = -contact.distance;
         let pivots = self.pivots.iter().flat_map(|pivot| [(pivot, pivot.parent, 0), (pivot, pivot.child, 1)]);
         let turned = pivots.filter(|&(_, side, _)| side == body).map(|(pivot, _, side)| {
             let pose = scene.world.pose(scene.world.bodies()[body.index()]).unwrap_or_default();
@@ -220,7 +227,7 @@ impl Watch {
             };
             scene.bodies.entries().map(lifted).sum::<f64>()
         });
-        let strained = |spring: &Spring| spring.strained_by(depth, depth / self.size);
+        let strained = |spring: &Spring| spring.pushed_by(&contact.point, depth, 0.1 * self.size);
         self.weight * depth + turned.fold(0.0, f64::max) + self.springs.iter().map(strained).sum::<f64>()
     }
 
@@ -317,7 +324,7 @@ fn energy(scene: &Scene) -> (f64, f64) {
         potential -= body.mass * body.gravity.unwrap_or(scene.gravity).dot(&pose.translation.vector);
     }
     for joint in &scene.joints {
-        potential += super::work::spring_energy(scene, joint);
+        potential += spring_energy(scene, joint);
     }
     (kinetic, potential)
 }

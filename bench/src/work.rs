@@ -8,7 +8,7 @@
 //!   most F = `max motor impulse` / min(h, 1 ms), and only up to that speed: ∫ F·min(|q̇|, |u|) dt; it stays on
 //!   when its command has ended.
 //! * Wrench on a body: ∫ max(F·v + τ·ω, 0) dt; ∫ |F||v| + |τ||ω| dt if it turns by more than 0.5 rad in a sub-step.
-//! * Resistance sensors: ∫ F·v dt with the largest force of their rays and the largest speed of any body.
+//! * Resistance sensors: ∫ F·v dt with the largest force of their rays and the largest speed of any body's surface.
 //!
 //! |q̇| is the larger one of the change of the coordinate over the step and of its rate after the sub-step by the
 //! velocities of both bodies: an angle that changes by more than π in a sub-step is not seen from outside, and a sliding
@@ -155,9 +155,13 @@ impl Work {
             self.done += power(scene, *body, force, torque, self.step).max(*before).max(0.0) * self.step;
         }
         if self.resistance > 0.0 {
-            let speeds = scene.world.bodies().iter().filter_map(|&body| scene.world.velocity(body));
-            let fastest = speeds.map(|(velocity, _)| velocity.norm()).fold(0.0, f64::max);
-            self.done += self.resistance * fastest * self.step;
+            let speeds = scene.bodies.entries().filter_map(|(id, body)| {
+                let (velocity, spin) = scene.world.velocity(scene.world.bodies()[id.index()])?;
+                // No simple body reaches farther than two radii of gyration from its centre of mass.
+                let reach = if body.mass > 0.0 { 2.0 * (body.inertia.amax() / body.mass).sqrt() } else { 0.0 };
+                Some(velocity.norm() + spin.norm() * reach)
+            });
+            self.done += self.resistance * speeds.fold(0.0, f64::max) * self.step;
         }
     }
 }
@@ -255,9 +259,17 @@ pub struct Spring {
     /// Distance from rest, m or rad.
     away: f64,
     turns: bool,
+    /// Where its joint is, m, world axes.
+    at: Point3<f64>,
 }
 
 impl Spring {
+    /// Energy that it gains where a body that touches another at `point` is pushed out by `depth`, m; J. It turns by no
+    /// less than with the lever arm of that point, which counts as at least `least`, m.
+    pub fn pushed_by(&self, point: &Vector3<f64>, depth: f64, least: f64) -> f64 {
+        self.strained_by(depth, (depth / (point - self.at.coords).norm().max(least)).min(PI))
+    }
+
     /// Energy that it gains where corrections move it by up to `way`, m, or `angle`, rad; J.
     pub fn strained_by(&self, way: f64, angle: f64) -> f64 {
         let by = if self.turns { angle } else { way };
@@ -269,7 +281,9 @@ impl Spring {
 pub fn springs(scene: &Scene) -> Vec<Spring> {
     let spring = |joint: &Joint| {
         let turns = joint.joint_type == JointType::TorsionSpring;
-        stretched(scene, joint).map(|(stiffness, away)| Spring { stiffness, away, turns })
+        let parent = scene.world.pose(scene.world.bodies()[joint.parent.index()]).unwrap_or_default();
+        let at = parent * Point3::from(joint.frames[0].translation.vector);
+        stretched(scene, joint).map(|(stiffness, away)| Spring { stiffness, away, turns, at })
     };
     scene.joints.iter().filter_map(spring).collect()
 }

@@ -83,12 +83,17 @@ struct SubStepStart {
 struct CorrectionDamping {
   // Multiple of the least damping, and of that of contacts and limits beyond it.
   double factor = 1, yielding = 1;
-  // Number of corrections that left much of the errors, and after which these had grown, less the number of others.
-  int growths = 0;
-  // Linear and angular errors before the last correction, the share that it leaves of what it was to correct by the
-  // linear model, and the sub-step in which it was made; 0: none.
-  double asked[2] = {0, 0}, left[2] = {0, 0};
-  unsigned sub_step = 0;
+};
+
+// Bodies that joints connect, while their turns are bounded; see the engine's turn_limit.h. Kept by one of them.
+struct TurnGroup {
+  // A body of the same group; null: this is the one that keeps the group.
+  AmbBody *parent = nullptr;
+  // Largest turn, rad; mass, kg; momentum, kg m/s.
+  btScalar turn = 0, mass = 0;
+  btVector3 momentum{0, 0, 0};
+  // Whether joints hold it to a static or kinematic object, and to a link of an articulation.
+  bool is_anchored = false, is_held = false;
 };
 
 // Data of the engine for each body.
@@ -119,9 +124,11 @@ struct EngineBody {
   btScalar swept_radius = 0;
   // Index of its impact while those of a sub-step are found; -1: none.
   int impact = -1;
+  TurnGroup turn_group;
 };
 
-// The user pointer of every constraint points at its SoftRows: which of its rows are soft in this sub-step,
+// The user pointer of constraints that can be driven, that are springs, or of which rows are left out points at their
+// SoftRows: which of their rows are soft in this sub-step,
 // J v = target - softness * impulse, and the impulses of all its rows in the last sub-step (warm start).
 struct SoftRows {
   static constexpr int MAX_GUESSES = 12;
@@ -134,6 +141,9 @@ struct SoftRows {
   int guesses = 0;
   unsigned guessed_after = 0;
   btScalar guess[MAX_GUESSES] = {};
+  // Bit k is set if row k was left out of a joint and holds in this sub-step because its error exceeds the clearance; see
+  // the engine's exact_rows.h.
+  unsigned beyond_clearance = 0;
 };
 
 // A velocity row that drives a hinge or slider: rate = velocity - softness * impulse, |impulse| <= max_force * h.

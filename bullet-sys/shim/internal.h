@@ -132,7 +132,7 @@ inline AmbObject *object_of(const btCollisionObject *object) {
 
 inline AmbBody *body_of(const btCollisionObject *object) {
   AmbObject *owner = object_of(object);
-  return owner->kind == ObjectKind::Body ? static_cast<AmbBody *>(owner) : nullptr;
+  return owner && owner->kind == ObjectKind::Body ? static_cast<AmbBody *>(owner) : nullptr;
 }
 
 inline AmbSoft *soft_of(const btSoftBody *body) { return static_cast<AmbSoft *>(object_of(body)); }

@@ -267,7 +267,7 @@ impl World {
 #[cfg(test)]
 mod tests {
     use super::super::tests::{ball, hinge};
-    use super::super::{Constraint, ConstraintKind, Solver};
+    use super::super::{BodyDrive, Constraint, ConstraintKind, Solver};
     use super::*;
 
     #[test]
@@ -461,6 +461,9 @@ mod tests {
             ..hinge()
         };
         world.add_constraint(first, second, &joint).unwrap();
+        // The rows that drive a body have no second body.
+        let driven = world.add_body(RigidBody { pose: Isometry3::translation(0.0, 9.0, 0.0), ..ball(1.0, 0.0) });
+        world.set_body_drive(driven, Some(&BodyDrive { velocity: [Vector3::zeros(); 2], softness: [1.0; 2] }));
         let pivot = |world: &World, handle, frame: &Isometry3<f64>| {
             world.pose(handle).unwrap() * nalgebra::Point3::from(frame.translation.vector)
         };

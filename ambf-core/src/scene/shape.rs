@@ -8,6 +8,9 @@ use crate::bullet::{Axis, Shape};
 use crate::control::Profile;
 use crate::mesh::Mesh;
 
+/// Margin of boxes and cylinders in the accurate profile as a share of their least half extent.
+const MOST_MARGIN: f64 = 0.5;
+
 /// A collision shape in the inertial frame, and the inertial frame it was made for.
 pub(super) struct BuiltShape {
     pub shape: Shape,
@@ -25,15 +28,38 @@ pub(super) fn build(body: &RigidBody, mesh: Option<&Mesh>, meshes: &CollisionMes
         None => Isometry3::identity(),
     });
     let mut left_out = Vec::new();
-    let shape = geometry(&body.collision, body.collision_margin, mesh, meshes, &inertial_offset, &mut left_out);
+    let margin = Margin { length: body.collision_margin, profile };
+    let shape = geometry(&body.collision, margin, mesh, meshes, &inertial_offset, &mut left_out);
     BuiltShape { shape, inertial_offset, left_out }
+}
+
+/// Collision margin of the shapes of an object.
+#[derive(Clone, Copy)]
+pub(super) struct Margin {
+    /// What the file says, m.
+    pub length: f64,
+    pub profile: Profile,
+}
+
+impl Margin {
+    /// Margin of a primitive, m. Bullet makes boxes and cylinders smaller by their margin before it adds it around them:
+    /// those that are thinner than two margins turn inside out. In the accurate profile their margin is at most
+    /// [`MOST_MARGIN`] times their least half extent.
+    fn of(self, primitive: &Primitive) -> f64 {
+        let least = match (self.profile, primitive) {
+            (Profile::Accurate, Primitive::Box { size }) => size.min() / 2.0,
+            (Profile::Accurate, Primitive::Cylinder { radius, height, .. }) => radius.min(height / 2.0),
+            _ => f64::INFINITY,
+        };
+        self.length.min(MOST_MARGIN * least)
+    }
 }
 
 /// The shape of a collision geometry in a frame at `origin` in the body frame; a single primitive without an offset is
 /// centred there.
 pub(super) fn geometry(
     collision: &CollisionGeometry,
-    margin: f64,
+    margin: Margin,
     mesh: Option<&Mesh>,
     meshes: &CollisionMeshes,
     origin: &Isometry3<f64>,
@@ -43,7 +69,7 @@ pub(super) fn geometry(
     match collision {
         CollisionGeometry::None => Shape::empty(),
         CollisionGeometry::Primitive { primitive: Primitive::Plane { normal, offset }, .. } => {
-            Shape::plane(*normal, *offset, margin)
+            Shape::plane(*normal, *offset, margin.length)
         }
         CollisionGeometry::Primitive { primitive: p, offset } => {
             let pose = to_origin * offset.unwrap_or(*origin);
@@ -53,7 +79,7 @@ pub(super) fn geometry(
             Shape::compound(parts.iter().map(|part| (primitive(&part.primitive, margin), to_origin * part.offset)))
         }
         CollisionGeometry::Mesh { kind, .. } => match mesh {
-            Some(mesh) => compound(mesh_children(mesh, *kind, &meshes.hulls, margin, &to_origin, left_out)),
+            Some(mesh) => compound(mesh_children(mesh, *kind, &meshes.hulls, margin.length, &to_origin, left_out)),
             None => Shape::empty(),
         },
         CollisionGeometry::Parts { parts, kind } => {
@@ -92,7 +118,8 @@ fn axis(axis: adf::Axis) -> Axis {
     }
 }
 
-fn primitive(primitive: &Primitive, margin: f64) -> Shape {
+fn primitive(primitive: &Primitive, margin: Margin) -> Shape {
+    let margin = margin.of(primitive);
     match *primitive {
         Primitive::Box { size } => Shape::cuboid(size / 2.0, margin),
         Primitive::Sphere { radius } => Shape::sphere(radius, margin),
@@ -117,7 +144,7 @@ fn compound(children: Vec<(Shape, Isometry3<f64>)>) -> Shape {
 fn part_children(
     part: &Part,
     kind: CollisionMeshKind,
-    margin: f64,
+    margin: Margin,
     body_in_inertial: &Isometry3<f64>,
     meshes: &CollisionMeshes,
     left_out: &mut Vec<(Severity, String)>,
@@ -129,7 +156,7 @@ fn part_children(
             Ok(mesh) => {
                 let mesh = mesh.scaled_along((*scale).into());
                 if mesh.sub_meshes.iter().flat_map(|sub| sub.vertices.as_flattened()).all(|x| x.is_finite()) {
-                    return mesh_children(&mesh, kind, &meshes.hulls, margin, &pose, left_out);
+                    return mesh_children(&mesh, kind, &meshes.hulls, margin.length, &pose, left_out);
                 }
                 let message = format!("{}: too large for its numbers when scaled; it is left out", path.display());
                 left_out.push((Severity::Error, message));
@@ -231,7 +258,8 @@ mod tests {
                 Primitive::Capsule { radius: 0.2, height: 1.0, axis },
                 Primitive::Cone { radius: 0.2, height: 1.0, axis },
             ] {
-                check_congruent(&primitive(&p, margin), &VisualMesh::primitive(&p), margin, &format!("{p:?}"));
+                let shape = primitive(&p, Margin { length: margin, profile: Profile::Legacy });
+                check_congruent(&shape, &VisualMesh::primitive(&p), margin, &format!("{p:?}"));
                 let offset = Isometry3::translation(parts.len() as f64, -0.5, 2.0);
                 parts.push(PlacedPrimitive { primitive: p, offset });
             }
@@ -239,8 +267,22 @@ mod tests {
         let drawn = VisualMesh::compound(&parts);
         let geometry_of = |parts| {
             let compound = CollisionGeometry::Compound(parts);
+            let margin = Margin { length: margin, profile: Profile::Legacy };
             geometry(&compound, margin, None, &CollisionMeshes::new(), &Isometry3::identity(), &mut Vec::new())
         };
         check_congruent(&geometry_of(parts), &drawn, margin, "compound");
+    }
+
+    #[test]
+    fn thin_primitives_have_thin_margins_in_the_accurate_profile() {
+        let margin = |profile, primitive: &Primitive| Margin { length: 0.001, profile }.of(primitive);
+        let thin = Primitive::Box { size: Vector3::new(0.1, 0.2, 0.0004) };
+        let disc = Primitive::Cylinder { radius: 0.01, height: 0.0004, axis: adf::Axis::X };
+        let thick = Primitive::Box { size: Vector3::new(0.1, 0.2, 0.004) };
+        let ball = Primitive::Sphere { radius: 0.0002 };
+        for (primitive, expected) in [(&thin, 1e-4), (&disc, 1e-4), (&thick, 1e-3), (&ball, 1e-3)] {
+            assert!((margin(Profile::Accurate, primitive) - expected).abs() < 1e-18, "{primitive:?}");
+            assert_eq!(margin(Profile::Legacy, primitive), 0.001, "{primitive:?}");
+        }
     }
 }
