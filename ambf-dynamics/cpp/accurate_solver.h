@@ -147,6 +147,8 @@ class AccurateSolver : public Base {
     bool is_limit = false;
     // See `find_responses` and `average_responses`.
     btScalar response = 0, position_response = 0;
+    // Longest lever arm of the joint, m.
+    btScalar arm = 0;
     // Whether the row is a spring, which resists position corrections.
     bool is_spring = false;
     // Impulse in the last sub-step, N s or N m s.
@@ -252,6 +254,8 @@ class AccurateSolver : public Base {
       }
       const btScalar diagonal = 1 / row.m_jacDiagABInv;
       joint_errors_[k].response = std::clamp(response, LEAST_SHARE * diagonal, diagonal);
+      const bool moves[2] = {dynamic_body(row.m_solverBodyIdA) >= 0, dynamic_body(row.m_solverBodyIdB) >= 0};
+      joint_errors_[k].arm = btSqrt(std::max(moves[0] ? arm_squared[0] : 0, moves[1] ? arm_squared[1] : 0));
     }
   }
 
@@ -536,7 +540,7 @@ class AccurateSolver : public Base {
       if (row.is_drive) row.position_cfm = spring_position_softness(row.cfm, joint_errors_[i].response);
       row.stays_loaded = row.low == 0 || row.high == 0;
       add(row, is_limit ? RowKind::Limit : RowKind::Geometric, joints[i].m_contactNormal1.isZero(), MIN_CORRECTION,
-          share_of(joint_errors_[i].is_limit));
+          share_of(joint_errors_[i].is_limit), joint_errors_[i].arm);
     }
     // Contact softness regularises redundant contacts.
     add_contacts(this->m_tmpSolverContactConstraintPool, info);
@@ -627,8 +631,9 @@ class AccurateSolver : public Base {
     return AMB_MLCP_FREE;
   }
 
-  // share: of the position error that is corrected.
-  void add(const AmbMlcpRow &row, RowKind kind, bool is_angular, double least_correction, double share = 1) {
+  // share: of the position error that is corrected; arm: of the joint, m.
+  void add(const AmbMlcpRow &row, RowKind kind, bool is_angular, double least_correction, double share = 1,
+           double arm = 0) {
     mlcp_table->add_row(mlcp_, &row);
     ++row_count_;
     // A contact may separate. The target of a row with a fixed impulse does not count.
@@ -640,7 +645,7 @@ class AccurateSolver : public Base {
     const double cfm = row.is_drive ? row.position_cfm : std::max(row.cfm, row.position_cfm);
     const double weight = row.position_cfm > 0 ? POSITION_SOFTNESS / cfm : 0;
     const double target = row.in_positions && !idle ? row.position_target : 0;
-    position_rows_.push_back({target, target / share, weight, is_angular, kind == RowKind::Geometric});
+    position_rows_.push_back({target, target / share, weight, is_angular, kind == RowKind::Geometric, arm});
     if (row.in_positions && !idle) {
       const double asked = std::fabs(row.position_target) / least_correction;
       needs_correction_ = needs_correction_ || asked > 1;
@@ -857,7 +862,8 @@ class AccurateSolver : public Base {
     const PositionErrors present = errors([&](size_t i) { return position_rows_[i].error; });
     if (infeasible_.contain(island, present, sub_step_) || (!is_prepared && prepare() < 0)) return;
     double &damping = island->correction_damping.factor;
-    damping = std::max(1.0, damping * LOWERED_DAMPING);
+    const auto [largest, share] = largest_joint_errors(info.m_timeStep);
+    update_damping(island->correction_damping, present, largest, share, sub_step_, CORRECTION_INTERVAL);
     double &yielding = island->correction_damping.yielding;
     btScalar length = 0;
     for (int round = 0;; ++round) {
@@ -865,18 +871,20 @@ class AccurateSolver : public Base {
                                       yielding, budget) == AMB_MLCP_NOT_FINITE)
         return;
       length = find_correction_length(info.m_timeStep);
-      const bool is_long = length > LONG_CORRECTION && damping < MOST_DAMPING;
+      const bool is_long = length > LONG_CORRECTION && damping < MOST_DAMPING_OF_LONG_CORRECTIONS;
       const bool contradicts = contacts_open_joints();
       if (!contradicts && round == 0) yielding = std::max(1.0, yielding * YIELDING_LOWERED);
       const bool yields = contradicts && yielding < MOST_YIELDING;
       if (!(is_long || yields) || round == MOST_ROUNDS) break;
-      if (is_long) damping = std::min(damping * RAISED_DAMPING, MOST_DAMPING);
+      if (is_long) damping = std::min(damping * RAISED_DAMPING, MOST_DAMPING_OF_LONG_CORRECTIONS);
       if (yields) yielding = std::min(yielding * YIELDING_RAISED, MOST_YIELDING);
     }
     ++settings_.statistics.position_problems;
     const double *left = mlcp_table->position_errors(mlcp_);
     const PositionErrors asked = errors([&](size_t i) { return position_rows_[i].target; }, yielding);
     const PositionErrors after = errors([&](size_t i) { return left[i]; }, yielding);
+    island->correction_damping.left[0] = asked.linear > 0 ? after.linear / asked.linear : 0;
+    island->correction_damping.left[1] = asked.angular > 0 ? after.angular / asked.angular : 0;
     if (InfeasibleIslands::is_uncorrectable(asked, after)) {
       infeasible_.add(island, present, sub_step_);
       scale_corrections(0);
@@ -906,6 +914,18 @@ class AccurateSolver : public Base {
       if (row.is_joint) left += row.weight * errors[i] * errors[i];
     }
     return ::contacts_open_joints(asked, left, others);
+  }
+
+  // The largest error of the island's joints, m or rad, and the largest one as a share of its lever arm, or rad.
+  std::pair<double, double> largest_joint_errors(double h) const {
+    double largest = 0, share = 0;
+    for (const PositionRow &row : position_rows_) {
+      if (!row.is_joint) continue;
+      const double error = std::fabs(row.error) * h;
+      largest = std::max(largest, error);
+      if (row.is_angular || row.arm > 0) share = std::max(share, row.is_angular ? error : error / row.arm);
+    }
+    return {largest, share};
   }
 
   // The body that identifies an island in consecutive sub-steps: the first link of its first articulation, or its first
@@ -1027,6 +1047,8 @@ class AccurateSolver : public Base {
   struct PositionRow {
     double target, error, weight;
     bool is_angular, is_joint;
+    // Lever arm of the joint, m; 0: not known.
+    double arm;
   };
   Vector<PositionRow> position_rows_;
   InfeasibleIslands infeasible_;

@@ -83,6 +83,12 @@ struct SubStepStart {
 struct CorrectionDamping {
   // Multiple of the least damping, and of that of contacts and limits beyond it.
   double factor = 1, yielding = 1;
+  // Number of corrections that left much of the errors, and after which these had grown, less the number of others.
+  int growths = 0;
+  // Linear and angular errors before the last correction, the share that it leaves of what it was to correct by the
+  // linear model, and the sub-step in which it was made; 0: none.
+  double asked[2] = {0, 0}, left[2] = {0, 0};
+  unsigned sub_step = 0;
 };
 
 // Bodies that joints connect, while their turns are bounded; see the engine's turn_limit.h. Kept by one of them.
