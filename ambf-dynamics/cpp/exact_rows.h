@@ -130,8 +130,9 @@ struct OmittedRows {
 // Leaves a row out but for a soft resistance to velocities. That guides the mechanism through configurations in which its
 // other rows do not determine its motion, as the third bar of a parallelogram does when the bars lie in a line. Where it
 // moves as its loops imply, with a misfit of the share s of the lever arm, it loses the share s^2 / GUIDANCE of its
-// velocity in a sub-step. Beyond the clearance the row is a limit: the mechanism does not get into another configuration.
-// Returns whether it is.
+// velocity in a sub-step. Beyond the clearance it is a row of the joint on one side: the mechanism does not get into another
+// configuration.
+// Returns whether the error is beyond it.
 inline bool leave_out(const ConstraintRows &rows, int k, btScalar error, btScalar clearance, btScalar rate) {
   // CFM as a share of the response.
   constexpr btScalar GUIDANCE = 10;
