@@ -11,6 +11,7 @@
 #include <BulletDynamics/ConstraintSolver/btContactSolverInfo.h>
 #include <BulletDynamics/ConstraintSolver/btSequentialImpulseConstraintSolver.h>
 #include <BulletDynamics/Dynamics/btRigidBody.h>
+#include <LinearMath/btTransformUtil.h>
 
 #include <algorithm>
 #include <cmath>
@@ -19,9 +20,11 @@
 #include "accurate_context.h"
 #include "contact_cache.h"
 #include "correction_damping.h"
+#include "drive_yielding.h"
 #include "joint_arms.h"
 #include "position_error.h"
 #include "infeasible_islands.h"
+#include "spin_energy.h"
 #include "articulation_solver.h"
 
 // Base: btSequentialImpulseConstraintSolver or a subclass that keeps its rows for rigid bodies.
@@ -518,7 +521,7 @@ class AccurateSolver : public Base {
     articulation_sizes_.clear();
     articulation_rows_.clear();
     normals_.clear();
-    needs_correction_ = is_urgent_ = false;
+    needs_correction_ = is_urgent_ = has_drives_ = false;
     is_at_rest_ = true;
     position_rows_.clear();
     find_correction_share(info.m_timeStep);
@@ -528,6 +531,8 @@ class AccurateSolver : public Base {
       row.cfm = std::max(row.cfm, settings_.joint_softness * joint_errors_[i].response);
       row.in_positions = joint_errors_[i].is_geometric || joint_errors_[i].is_spring;
       row.is_drive = !joint_errors_[i].is_geometric;
+      if (row.is_drive && !joint_errors_[i].is_spring)
+        row.yielding_cfm = settings_.joint_softness * joint_errors_[i].response;
       row.bias = joint_errors_[i].bias;
       row.position_target = joint_errors_[i].correction * share_of(joint_errors_[i].is_limit);
       // If this guess is not the solution, pivoting starts with free rows: a drive that alternates between its bounds
@@ -564,6 +569,8 @@ class AccurateSolver : public Base {
       // Rows of the articulation's own joints have their CFM from JointRows.
       const auto &owner = *static_cast<const EngineRows *>(joints[i].m_orgConstraint);
       row.is_drive = !owner.is_geometric(joints[i].m_orgDofIndex);
+      if (row.is_drive && !owner.is_spring(joints[i].m_orgDofIndex))
+        row.yielding_cfm = softness_of(joints[i], settings_.joint_softness);
       row.bias = row.is_drive ? 0 : owner.bias(joints[i].m_orgDofIndex);
       row.in_positions = joints[i].m_jacDiagABInv > 0 && (!row.is_drive || owner.is_spring(joints[i].m_orgDofIndex));
       note_error(owner.error(joints[i].m_orgDofIndex), owner.is_angular(joints[i].m_orgDofIndex));
@@ -645,7 +652,9 @@ class AccurateSolver : public Base {
     const double cfm = row.is_drive ? row.position_cfm : std::max(row.cfm, row.position_cfm);
     const double weight = row.position_cfm > 0 ? POSITION_SOFTNESS / cfm : 0;
     const double target = row.in_positions && !idle ? row.position_target : 0;
-    position_rows_.push_back({target, target / share, weight, is_angular, kind == RowKind::Geometric, arm});
+    const bool is_joint = kind == RowKind::Geometric && !row.is_drive;
+    position_rows_.push_back({target, target / share, weight, row.cfm, is_angular, is_joint, arm});
+    has_drives_ = has_drives_ || row.yielding_cfm > 0;
     if (row.in_positions && !idle) {
       const double asked = std::fabs(row.position_target) / least_correction;
       needs_correction_ = needs_correction_ || asked > 1;
@@ -826,21 +835,50 @@ class AccurateSolver : public Base {
     const double cost = prepare();
     if (cost < 0 || (!is_small && cost > settings_.max_direct_cost_per_row * row_count_)) return false;
     mlcp_table->set_energy(mlcp_, kinetic_energy());
-    const int outcome = mlcp_table->solve(mlcp_, budget + saved_budget_);
-    AmbMlcpStatistics found;
-    mlcp_table->statistics(mlcp_, &found);
-    saved_budget_ = std::max(0.0, std::min(saved_budget_ + budget - found.multiplications, settings_.max_saved_budget));
-    seen.rows += found.rows;
-    seen.factorisations += found.factorisations;
-    seen.pivots += found.pivots;
-    seen.sweeps += found.sweeps;
+    const int outcome = solve_velocities(info.m_timeStep, budget);
     if (outcome == AMB_MLCP_NOT_FINITE) return false;
     ++(outcome == AMB_MLCP_SOLVED ? seen.islands_solved : seen.islands_approximate);
-    seen.residual = std::max(seen.residual, found.residual);
     write_velocities();
     note_depth();
     correct_positions(info, budget, true);
     return true;
+  }
+
+  // Solves the velocity problem, again with softer drives while these open joints.
+  int solve_velocities(double h, double budget) {
+    AmbSolverStatistics &seen = settings_.statistics;
+    AmbBody *const island = has_drives_ ? first_body() : nullptr;
+    double yielding = island ? island->drive_yielding : 0;
+    for (bool is_first = true;; is_first = false) {
+      const int outcome = mlcp_table->solve(mlcp_, yielding, budget + saved_budget_);
+      AmbMlcpStatistics found;
+      mlcp_table->statistics(mlcp_, &found);
+      saved_budget_ = std::clamp(saved_budget_ + budget - found.multiplications, 0.0, settings_.max_saved_budget);
+      seen.rows += found.rows;
+      seen.factorisations += found.factorisations;
+      seen.pivots += found.pivots;
+      seen.sweeps += found.sweeps;
+      const double opened = island && outcome != AMB_MLCP_NOT_FINITE ? find_opening(h) : 0;
+      if (!DriveYielding::is_wanted(yielding, opened)) {
+        seen.residual = std::max(seen.residual, found.residual);
+        if (island) island->drive_yielding = is_first ? DriveYielding::lowered(yielding, opened) : yielding;
+        return outcome;
+      }
+      yielding = DriveYielding::raised(yielding);
+    }
+  }
+
+  // By how much the joints of the island open by their CFM in a sub-step of h s, as a share of their lever arms, or rad.
+  double find_opening(double h) const {
+    const double *impulses = mlcp_table->impulses(mlcp_);
+    double largest = 0;
+    for (size_t i = 0; i < position_rows_.size(); ++i) {
+      const PositionRow &row = position_rows_[i];
+      if (!row.is_joint || !(row.is_angular || row.arm > 0)) continue;
+      const double opened = h * row.cfm * std::fabs(impulses[i]);
+      largest = std::max(largest, row.is_angular ? opened : opened / row.arm);
+    }
+    return largest;
   }
 
   double prepare() {
@@ -861,30 +899,36 @@ class AccurateSolver : public Base {
     if (!island) return;
     const PositionErrors present = errors([&](size_t i) { return position_rows_[i].error; });
     if (infeasible_.contain(island, present, sub_step_) || (!is_prepared && prepare() < 0)) return;
-    double &damping = island->correction_damping.factor;
+    CorrectionDamping &state = island->correction_damping;
+    double &damping = state.factor, &yielding = state.yielding;
     const auto [largest, share] = largest_joint_errors(info.m_timeStep);
-    update_damping(island->correction_damping, present, largest, share, sub_step_, CORRECTION_INTERVAL);
-    double &yielding = island->correction_damping.yielding;
+    update_damping(state, present, largest, share, sub_step_, CORRECTION_INTERVAL);
     btScalar length = 0;
     for (int round = 0;; ++round) {
       if (mlcp_table->solve_positions(mlcp_, nullptr, position_states_.data(), LEAST_POSITION_SOFTNESS, damping,
                                       yielding, budget) == AMB_MLCP_NOT_FINITE)
         return;
       length = find_correction_length(info.m_timeStep);
-      const bool is_long = length > LONG_CORRECTION && damping < MOST_DAMPING_OF_LONG_CORRECTIONS;
-      const bool contradicts = contacts_open_joints();
+      const bool is_long =
+          length > LONG_CORRECTION && damping < MOST_DAMPING_OF_LONG_CORRECTIONS && round < MOST_ROUNDS;
+      const bool contradicts = may_yield(state, sub_step_) && contacts_open_joints();
       if (!contradicts && round == 0) yielding = std::max(1.0, yielding * YIELDING_LOWERED);
-      const bool yields = contradicts && yielding < MOST_YIELDING;
-      if (!(is_long || yields) || round == MOST_ROUNDS) break;
+      if (!(is_long || contradicts)) break;
       if (is_long) damping = std::min(damping * RAISED_DAMPING, MOST_DAMPING_OF_LONG_CORRECTIONS);
-      if (yields) yielding = std::min(yielding * YIELDING_RAISED, MOST_YIELDING);
+      if (!contradicts) continue;
+      if (yielding < MOST_YIELDING) {
+        yielding = std::min(yielding * YIELDING_RAISED, MOST_YIELDING);
+      } else {
+        yielding = 1;
+        state.yielded_in_vain = sub_step_;
+      }
     }
     ++settings_.statistics.position_problems;
     const double *left = mlcp_table->position_errors(mlcp_);
     const PositionErrors asked = errors([&](size_t i) { return position_rows_[i].target; }, yielding);
     const PositionErrors after = errors([&](size_t i) { return left[i]; }, yielding);
-    island->correction_damping.left[0] = asked.linear > 0 ? after.linear / asked.linear : 0;
-    island->correction_damping.left[1] = asked.angular > 0 ? after.angular / asked.angular : 0;
+    state.left[0] = asked.linear > 0 ? after.linear / asked.linear : 0;
+    state.left[1] = asked.angular > 0 ? after.angular / asked.angular : 0;
     if (InfeasibleIslands::is_uncorrectable(asked, after)) {
       infeasible_.add(island, present, sub_step_);
       scale_corrections(0);
@@ -1011,7 +1055,21 @@ class AccurateSolver : public Base {
     for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i) {
       body(i).internalGetPushVelocity() = vector_at(found + 6 * i) * factor;
       body(i).internalGetTurnVelocity() = vector_at(found + 6 * i + 3) * turn;
+      turn_velocity(body(i), vector_at(found + 6 * i + 3) * factor, info.m_timeStep);
     }
+  }
+
+  // Turns the angular velocity of a jointed body with it where the correction, at `turn_rate` rad/s for h s, would else
+  // increase the kinetic energy: it takes the body to axes of more inertia. Bodies with contacts alone: free_flight.cpp.
+  static void turn_velocity(btSolverBody &moved, const btVector3 &turn_rate, btScalar h) {
+    const AmbBody *owner = moved.m_originalBody ? body_of(moved.m_originalBody) : nullptr;
+    if (!owner || owner->constraint_count == 0 || owner->body.getInvMass() <= 0) return;
+    const btVector3 omega = moved.m_angularVelocity + moved.m_deltaAngularVelocity + moved.m_externalTorqueImpulse;
+    const btMatrix3x3 &from = moved.m_worldTransform.getBasis();
+    btTransform to;
+    btTransformUtil::integrateTransform(moved.m_worldTransform, btVector3(0, 0, 0), turn_rate, h, to);
+    if (!(spin_energy(owner->body, omega, to.getBasis()) > spin_energy(owner->body, omega, from))) return;
+    moved.internalGetDeltaAngularVelocity() += to.getBasis() * (omega * from) - omega;
   }
   static btVector3 vector_at(const double *v) { return {v[0], v[1], v[2]}; }
 
@@ -1042,10 +1100,14 @@ class AccurateSolver : public Base {
   bool is_at_rest_ = false;
   // Whether a row has a position error that is to be corrected, and one that is to be corrected in this sub-step.
   bool needs_correction_ = false, is_urgent_ = false;
+  // Whether drives act on the island that may yield to joints.
+  bool has_drives_ = false;
   unsigned sub_step_ = 0, resets_ = 0;
   double correction_share_ = 1;
   struct PositionRow {
     double target, error, weight;
+    // In the velocity problem.
+    double cfm;
     bool is_angular, is_joint;
     // Lever arm of the joint, m; 0: not known.
     double arm;

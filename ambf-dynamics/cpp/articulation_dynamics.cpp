@@ -482,6 +482,13 @@ void ArticulationDynamics::bound_acceleration(btScalar h, const Position &from, 
   // Forces on one coordinate after the other disturb those before.
   constexpr int MAX_ROUNDS = 4;
   const btScalar most = SIMD_HALF_PI / (h * h);
+  if (!(fastest_coordinate(acceleration) > most)) return;
+  // Fast motion accelerates joints, too, which smaller steps resolve: only what forces do at rest counts here.
+  for (btScalar &q : stage_rate.q) q = 0;
+  stage_rate.angular.setZero();
+  stage_rate.linear.setZero();
+  update_velocities(stage_rate);
+  accelerate(from, stage_rate, acceleration);
   for (int round = 0; round < MAX_ROUNDS && fastest_coordinate(acceleration) > most; ++round) {
     for (const Link &link : links) {
       for (int k = link.sliding; k < link.freedoms(); ++k) {
@@ -492,10 +499,12 @@ void ArticulationDynamics::bound_acceleration(btScalar h, const Position &from, 
         const btScalar by_unit = response(coordinate);
         if (!(by_unit > 0)) continue;
         generalised_forces[coordinate] -= acceleration.q[coordinate] * (1 - most / change) / by_unit;
-        accelerate(from, rate, acceleration);
+        accelerate(from, stage_rate, acceleration);
       }
     }
   }
+  update_velocities(rate);
+  accelerate(from, rate, acceleration);
 }
 
 btScalar ArticulationDynamics::fastest_coordinate(const Rate &rate) const {
@@ -681,7 +690,11 @@ ArticulationDynamics::Works ArticulationDynamics::works_of_forces(const Position
   }
   if (!fixed_base) works.of_mass_centre = total_force().dot(moved) / mass();
   works.internal -= works.of_mass_centre;
-  for (int k = 0; k < coordinates; ++k) works.internal += generalised_forces[k] * (to.q[k] - from.q[k]);
+  for (int k = 0; k < coordinates; ++k) {
+    const btScalar way = to.q[k] - from.q[k];
+    // The forces that bound accelerations may take energy and add none.
+    works.internal += unbounded_forces[k] * way + std::min((generalised_forces[k] - unbounded_forces[k]) * way, btScalar(0));
+  }
   return works;
 }
 

@@ -140,8 +140,9 @@ class ArticulationDynamics {
   // adds energy where rates of several coordinates cancel. Poses and velocities must be up to date.
   void bound_rotation(Rate &rate, btScalar h);
   // Adds generalised forces that keep the accelerations of revolute and ball joints, rad/s^2, from changing an angular
-  // velocity by more than that in h s, as the torque of a wrench does on a link of next to no inertia. A motion by many
-  // turns in h s cannot be integrated, and its truncation errors are those of a large energy.
+  // velocity by more than that in h s, as the torque of a wrench does on a link of next to no inertia. What the present
+  // motion adds does not count. A motion by many turns in h s cannot be integrated, and its truncation errors are those
+  // of a large energy.
   void bound_acceleration(btScalar h, const Position &from, const Rate &rate, Rate &acceleration);
 
   // Factors the generalised inertia H = L^T L. In the velocity coordinates z = L v the kinetic energy is z^T z / 2,

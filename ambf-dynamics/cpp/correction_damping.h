@@ -55,9 +55,17 @@ inline void update_damping(CorrectionDamping &damping, const PositionErrors &pre
 // Contacts and limits that contradict joints are to yield to them. The least sum of squares weights errors with the
 // masses, so that a contact of heavy bodies opens the joints of light ones. The CFM of contacts and limits is raised for
 // that, by YIELDING_RAISED at a time up to MOST_YIELDING, while a correction lowers the sum of squares of the joints'
-// errors by less than the share LEAST_LOWERED and leaves of them more than CONTRADICTING times that of the others.
+// errors by less than the share LEAST_LOWERED and leaves of them more than CONTRADICTING times that of the others. Where
+// not even that lowers the joints' errors, the joints contradict each other: contacts and limits then do not yield for
+// UNYIELDING sub-steps, because joints would press bodies into each other for nothing.
+constexpr unsigned UNYIELDING = 64;
 constexpr double YIELDING_RAISED = 10, YIELDING_LOWERED = 1 / 1.2, MOST_YIELDING = 1e4;
 constexpr double LEAST_LOWERED = 0.1, CONTRADICTING = 0.01;
+
+// Whether contacts and limits may yield in this sub-step.
+inline bool may_yield(const CorrectionDamping &damping, unsigned sub_step) {
+  return damping.yielded_in_vain == 0 || sub_step - damping.yielded_in_vain >= UNYIELDING;
+}
 
 // `asked` and `left`: sums of squares of the joints' errors before a correction and after it; `others`: of the contacts'
 // and limits' before it.

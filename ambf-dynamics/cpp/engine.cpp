@@ -60,6 +60,7 @@ bool EngineWorld::pose_set(AmbBody &body) {
   body.last_sub_step = 0;
   body.other_angular_change.setZero();
   body.correction_damping = {};
+  body.drive_yielding = 0;
   if (body.articulation) body.articulation->poses_set = true;
   return body.articulation;
 }

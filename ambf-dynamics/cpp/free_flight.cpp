@@ -1,6 +1,7 @@
 #include "free_flight.h"
 
 #include "engine.h"
+#include "spin_energy.h"
 
 #include <cmath>
 
@@ -167,6 +168,20 @@ void before_sub_step(btDynamicsWorld *dynamics, btScalar dt) {
   save_sub_step_starts(world);
 }
 
+// A body with contacts turns at the angular velocity that it has at its old orientation. Where it turns far, that
+// angular velocity is another motion at the new one, about axes of other inertia: the kinetic energy must not grow by that.
+void bound_spin_energy(AmbBody &owner, btScalar h) {
+  btRigidBody &body = owner.body;
+  const btVector3 &omega = body.getAngularVelocity();
+  if (!(omega.length() * h > FAR_TURN)) return;
+  const btScalar before = spin_energy(body, omega, owner.start.pose.getBasis());
+  const btScalar after = spin_energy(body, omega, body.getWorldTransform().getBasis());
+  if (!(after > before && std::isfinite(after))) return;
+  const btScalar kept = btSqrt(before / after);
+  body.setAngularVelocity(omega * kept);
+  owner.other_angular_change *= kept;
+}
+
 // After a sub-step: replaces the new state of every free body by that of the integrator.
 void correct_free_bodies(btDynamicsWorld *dynamics, btScalar dt) {
   auto &world = *static_cast<AmbWorld *>(dynamics->getWorldUserInfo());
@@ -182,9 +197,13 @@ void correct_free_bodies(btDynamicsWorld *dynamics, btScalar dt) {
   const btCollisionObjectArray &objects = dynamics->getCollisionObjectArray();
   for (int i = 0; i < objects.size(); ++i) {
     AmbBody *owner = body_of(objects[i]);
-    if (!owner || owner->articulation || owner->contact_sub_step == now) continue;
+    if (!owner || owner->articulation) continue;
     btRigidBody &body = owner->body;
     if (!body.isActive() || body.isStaticOrKinematicObject() || owner->constraint_count > 0 || owner->drive) continue;
+    if (owner->contact_sub_step == now) {
+      if (engine.integrator == AmbIntegrator_RungeKutta) bound_spin_energy(*owner, dt);
+      continue;
+    }
     if (engine.integrator == AmbIntegrator_RungeKutta) {
       if (!integrate_free_body(body, owner->start, dt)) continue;
       owner->free_flight_sub_step = now;

@@ -5,7 +5,10 @@
 #include <BulletDynamics/ConstraintSolver/btContactSolverInfo.h>
 #include <BulletDynamics/Dynamics/btRigidBody.h>
 
+#include <cmath>
+
 #include "internal.h"
+#include "spin_energy.h"
 
 // Bullet adds the forces at a pose to the velocity, v' = v + a h, and then the velocity to the pose, x += v' h. This is
 // the leapfrog method, of second order in h, if velocities are those halfway between two poses. For that, forces act
@@ -25,7 +28,10 @@ class SecondOrder : public Base {
     for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i) {
       btSolverBody &row = this->m_tmpSolverBodyPool[i];
       AmbBody *owner = constrained_body_of(row);
-      if (!owner) continue;
+      if (!owner) {
+        bound_gyroscopic_torque(row, info.m_timeStep);
+        continue;
+      }
       const btRigidBody &body = owner->body;
       const btScalar h = info.m_timeStep;
       if (body.getFlags() & BT_ENABLE_GYROSCOPIC_FORCE_IMPLICIT_BODY) {
@@ -59,6 +65,20 @@ class SecondOrder : public Base {
   }
 
  private:
+  // Bullet solves the equation of the implicit gyroscopic torque by one step of Newton's method, which adds energy where
+  // the body turns far in h s.
+  static void bound_gyroscopic_torque(btSolverBody &row, btScalar h) {
+    const btVector3 &omega = row.m_angularVelocity;
+    if (!row.m_originalBody || row.m_originalBody->getInvMass() <= 0 || omega.length() * h <= FAR_TURN) return;
+    const btRigidBody &body = *row.m_originalBody;
+    const btMatrix3x3 &basis = body.getWorldTransform().getBasis();
+    const btVector3 forced = body.getInvInertiaTensorWorld() * body.getTotalTorque() * h;
+    const btVector3 turned = omega + (row.m_externalTorqueImpulse - forced);
+    const btScalar before = spin_energy(body, omega, basis), after = spin_energy(body, turned, basis);
+    if (!(after > before && std::isfinite(after))) return;
+    row.m_externalTorqueImpulse = forced + turned * btSqrt(before / after) - omega;
+  }
+
   static AmbBody *constrained_body_of(const btSolverBody &row) {
     AmbBody *owner = row.m_originalBody && row.m_originalBody->getInvMass() > 0 ? body_of(row.m_originalBody) : nullptr;
     return owner && owner->constraint_count > 0 ? owner : nullptr;

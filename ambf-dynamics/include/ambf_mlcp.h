@@ -49,6 +49,8 @@ typedef struct AmbMlcpRow {
   double target, bias, position_target;
   /* Constraint force mixing, 1/kg or 1/(kg m^2), >= 0; and that in solve_positions if it is larger. */
   double cfm, position_cfm;
+  /* Least CFM by which a drive yields to joints, for a yielding of 1; 0: it does not. */
+  double yielding_cfm;
   /* Bounds of the impulse, N s or N m s; beyond 1e9 there are none. Friction replaces them. */
   double low, high;
   /* Row of the normal impulse for friction: the bounds are +-min(friction max(normal impulse, 0), cap); -1: no
@@ -93,9 +95,9 @@ typedef struct AmbMlcpTable {
    * sizes[i]. Returns the number of multiplications of a factorisation of all rows; -1: a row refers to a body or row
    * that does not exist, or has a Jacobian of the wrong size, and the problem cannot be solved. */
   double (*prepare)(AmbMlcp *solver, int rigid, const int *sizes, int articulations);
-  /* Solves for the impulses. The budget is in multiplications: it is used for factorisations first, then for sweeps. If
+  /* Solves for the impulses. CFM is at least `yielding` times the row's yielding_cfm. The budget is in multiplications: it is used for factorisations first, then for sweeps. If
    * no factorisation fits, at least four sweeps are made from the guess. Returns AMB_MLCP_SOLVED and so on. */
-  int (*solve)(AmbMlcp *solver, double budget);
+  int (*solve)(AmbMlcp *solver, double yielding, double budget);
   /* Solves for pseudo-impulses of the position correction: `targets`, one per row, or null for the rows'
    * position_target. `states` is the guess of the active set, one per row; null: all free. Bilateral rows are unbounded
    * here, unilateral rows have impulses >= 0 or <= 0. CFM is cfm_share (such as 1e-4) of the diagonal, or the row's

@@ -83,6 +83,8 @@ struct SubStepStart {
 struct CorrectionDamping {
   // Multiple of the least damping, and of that of contacts and limits beyond it.
   double factor = 1, yielding = 1;
+  // Last sub-step in which it did not help that contacts and limits yield; 0: none.
+  unsigned yielded_in_vain = 0;
   // Number of corrections that left much of the errors, and after which these had grown, less the number of others.
   int growths = 0;
   // Linear and angular errors before the last correction, the share that it leaves of what it was to correct by the
@@ -115,6 +117,8 @@ struct EngineBody {
   btScalar last_sub_step = 0;
   btVector3 other_angular_change{0, 0, 0};
   CorrectionDamping correction_damping;
+  // By how much the drives of an island yield to its joints, kept by its first body; see the engine's accurate_solver.h.
+  double drive_yielding = 0;
   SubStepStart start;
   // Number of the sub-step in which the body was last integrated as a free body.
   uint64_t free_flight_sub_step = 0;

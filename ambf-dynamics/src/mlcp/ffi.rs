@@ -39,6 +39,8 @@ pub struct AmbMlcpRow {
     pub cfm: f64,
     /// See [`Row::position_cfm`](super::ConstraintRow::position_cfm).
     pub position_cfm: f64,
+    /// See [`Row::yielding_cfm`](super::ConstraintRow::yielding_cfm).
+    pub yielding_cfm: f64,
     /// See [`Row::low`].
     pub low: f64,
     /// See [`Row::high`].
@@ -100,8 +102,8 @@ pub struct AmbMlcpTable {
     /// -1 on error.
     pub prepare:
         unsafe extern "C" fn(solver: *mut Solver, rigid: c_int, sizes: *const c_int, articulations: c_int) -> f64,
-    /// See [`Solver::solve`]; `budget` in multiplications. Returns [`SOLVED`], [`APPROXIMATE`] or [`NOT_FINITE`].
-    pub solve: unsafe extern "C" fn(solver: *mut Solver, budget: f64) -> c_int,
+    /// See [`Solver::solve_yielding`]; `budget` in multiplications. Returns [`SOLVED`], [`APPROXIMATE`] or [`NOT_FINITE`].
+    pub solve: unsafe extern "C" fn(solver: *mut Solver, yielding: f64, budget: f64) -> c_int,
     /// See [`Solver::solve_positions`]; `targets` and `states` have one element a row or are null. Returns as `solve`.
     pub solve_positions: unsafe extern "C" fn(
         solver: *mut Solver,
@@ -227,6 +229,7 @@ unsafe extern "C" fn add_row(solver: *mut Solver, row: *const AmbMlcpRow) -> c_i
             position_target: row.position_target,
             cfm: row.cfm,
             position_cfm: row.position_cfm,
+            yielding_cfm: row.yielding_cfm,
             low: row.low,
             high: row.high,
             friction,
@@ -251,9 +254,9 @@ unsafe extern "C" fn prepare(solver: *mut Solver, rigid: c_int, sizes: *const c_
     })
 }
 
-unsafe extern "C" fn solve(solver: *mut Solver, budget: f64) -> c_int {
+unsafe extern "C" fn solve(solver: *mut Solver, yielding: f64, budget: f64) -> c_int {
     // SAFETY: the pointer comes from `create`, and nobody else uses the solver meanwhile.
-    guarded(NOT_FINITE, || answer(unsafe { &mut *solver }.solve(Budget(budget))))
+    guarded(NOT_FINITE, || answer(unsafe { &mut *solver }.solve_yielding(yielding, Budget(budget))))
 }
 
 unsafe extern "C" fn solve_positions(

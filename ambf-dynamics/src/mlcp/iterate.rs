@@ -106,6 +106,15 @@ impl Variable {
         .with_possible_state()
     }
 
+    /// Raises its CFM to at least `cfm`.
+    pub fn soften(&mut self, cfm: f64) {
+        if cfm > self.cfm {
+            self.diagonal += cfm - self.cfm;
+            self.inverse_cfm = 1.0 / cfm;
+            self.cfm = cfm;
+        }
+    }
+
     /// The same row in the problem of positions, where only the signs of its bounds count, with a CFM of at least `cfm`,
     /// or that of a drive there. `target` is that of the normal in a row of friction; a row that `is_loaded` has no bounds.
     pub fn of_position(

@@ -68,6 +68,9 @@ pub struct ConstraintRow<S> {
     /// The same in the correction of positions, for a drive instead of `cfm` and for other rows if it is larger: rows
     /// that contradict each other are stronger the less they give up.
     pub position_cfm: f64,
+    /// Least CFM, 1/kg or 1/(kg·m²), by which a drive yields to joints that contradict it, for a yielding of 1 in
+    /// [`Solver::solve_yielding`](super::Solver::solve_yielding); 0: it doesn't.
+    pub yielding_cfm: f64,
     /// Lower bound of the impulse, N·s or N·m·s; what is ≤ -1e9 means none.
     pub low: f64,
     /// Upper bound; what is ≥ 1e9 means none.
@@ -98,6 +101,7 @@ impl Default for Row<'_> {
             position_target: 0.0,
             cfm: 0.0,
             position_cfm: 0.0,
+            yielding_cfm: 0.0,
             low: f64::NEG_INFINITY,
             high: f64::INFINITY,
             friction: None,
@@ -111,8 +115,8 @@ impl Default for Row<'_> {
 
 impl<S> ConstraintRow<S> {
     fn with_sides<T>(&self, sides: [T; 2]) -> ConstraintRow<T> {
-        let &Self { target, bias, is_drive, position_target, cfm, position_cfm, low, high, .. } = self;
-        let &Self { friction, state, x, in_positions, stays_loaded, .. } = self;
+        let &Self { target, bias, is_drive, position_target, cfm, position_cfm, .. } = self;
+        let &Self { yielding_cfm, low, high, friction, state, x, in_positions, stays_loaded, .. } = self;
         ConstraintRow {
             sides,
             target,
@@ -121,6 +125,7 @@ impl<S> ConstraintRow<S> {
             position_target,
             cfm,
             position_cfm,
+            yielding_cfm,
             low,
             high,
             friction,

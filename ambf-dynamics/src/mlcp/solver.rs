@@ -258,25 +258,38 @@ impl Solver {
     /// more than 0.2 % of the kinetic energy before and 2 % of the work that the biases ask for, or more than 1 % of the
     /// kinetic energy before, the problem is solved again without biases.
     pub fn solve(&mut self, budget: Budget) -> Outcome {
-        let mut outcome = self.solve_velocities(budget, Variable::of_velocity);
+        self.solve_yielding(0.0, budget)
+    }
+
+    /// The same with a CFM of at least `yielding` times the [`yielding_cfm`](super::ConstraintRow::yielding_cfm) of
+    /// each row.
+    pub fn solve_yielding(&mut self, yielding: f64, budget: Budget) -> Outcome {
+        let mut outcome = self.solve_velocities(yielding, budget, Variable::of_velocity);
         if outcome != Outcome::NotFinite {
             let (work, asked) = self.iterate.work_of_biases(&self.rows, &self.layout.order);
             let most = MAX_ENERGY_SLACK * self.kinetic_energy;
             let slack = (BIAS_SLACK * asked).min(most).max(ENERGY_SLACK * self.kinetic_energy);
             if work > slack && work < MAX_BIAS_WORK * asked {
                 let first = self.statistics;
-                outcome = self.solve_velocities(budget, Variable::without_bias);
+                outcome = self.solve_velocities(yielding, budget, Variable::without_bias);
                 self.statistics.add(&first);
             }
         }
         outcome
     }
 
-    fn solve_velocities(&mut self, budget: Budget, variable: fn(&StoredRow, &Layout, f64) -> Variable) -> Outcome {
+    fn solve_velocities(
+        &mut self,
+        yielding: f64,
+        budget: Budget,
+        variable: fn(&StoredRow, &Layout, f64) -> Variable,
+    ) -> Outcome {
         if self.begin() {
             for (p, &row) in self.layout.order.iter().enumerate() {
                 let row = &self.rows.rows[row as usize];
-                self.iterate.variables.push(variable(row, &self.layout, self.factor.diagonal()[p]));
+                let mut variable = variable(row, &self.layout, self.factor.diagonal()[p]);
+                variable.soften(yielding * row.yielding_cfm);
+                self.iterate.variables.push(variable);
             }
         }
         let outcome = self.run(budget);

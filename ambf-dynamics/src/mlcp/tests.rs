@@ -260,3 +260,19 @@ fn springs_resist_corrections() {
     // What a spring gives way by is no error.
     assert!(solver.position_errors().iter().all(|error| error.abs() < 1e-9), "{:?}", solver.position_errors());
 }
+
+#[test]
+fn drives_yield_to_joints() {
+    // A mass of 1 kg that a joint holds and a drive is to move at 1 m/s. With CFM c of the joint and d of the drive the
+    // impulses v/c and (1 − v)/d are in balance but for v.
+    let (joint, mut solver) = (1e-7, Solver::new());
+    let row = Row { sides: [Some(Side { body: 0, jacobian: &[1.0], response: &[1.0] }), None], ..Row::default() };
+    solver.add_row(&Row { cfm: joint, ..row });
+    solver.add_row(&Row { cfm: joint, yielding_cfm: joint, is_drive: true, target: 1.0, ..row });
+    solver.prepare(0, &[1]).expect("a proper problem");
+    for yielding in [0.0, 1.0, 10.0, 1e4] {
+        let drive = joint * f64::max(yielding, 1.0);
+        assert_eq!(solver.solve_yielding(yielding, Budget::UNLIMITED), Outcome::Solved);
+        compare(solver.velocities(), &[1.0 / (1.0 + drive + drive / joint)], 1e-9);
+    }
+}
