@@ -61,6 +61,7 @@ fn the_table_of_functions_solves_like_the_solver() {
         position_target: 0.5,
         cfm: 0.0,
         position_cfm: 0.0,
+        yielding_cfm: 0.0,
         low: 0.0,
         high: 0.1,
         normal: -1,
@@ -78,10 +79,10 @@ fn the_table_of_functions_solves_like_the_solver() {
     unsafe {
         let solver = (table.create)();
         assert_eq!((table.add_row)(solver, &c_row), 0);
-        assert_eq!((table.solve)(solver, 1e6), ffi::NOT_FINITE, "not prepared");
+        assert_eq!((table.solve)(solver, 0.0, 1e6), ffi::NOT_FINITE, "not prepared");
         assert_eq!((table.prepare)(solver, 0, std::ptr::null(), 0), -1.0, "there is no body");
         assert!((table.prepare)(solver, 1, std::ptr::null(), 0) >= 0.0);
-        assert_eq!((table.solve)(solver, 1e6), ffi::SOLVED);
+        assert_eq!((table.solve)(solver, 0.0, 1e6), ffi::SOLVED);
         assert_eq!((*(table.impulses)(solver), *(table.states)(solver)), (0.1, 2));
         assert_eq!(*(table.velocities)(solver).add(5), 0.4);
         let null = std::ptr::null();
