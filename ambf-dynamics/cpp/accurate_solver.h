@@ -209,9 +209,13 @@ class AccurateSolver : public Base {
       // A row that was left out of a joint is a part of the joint beyond its clearance, and not a limit.
       const bool is_limit = kind == RowKind::Limit && !(soft && soft->beyond_clearance >> (k - first) & 1);
       btScalar kept;
+      bool is_open = false;
       if (is_limit) {
         const btScalar side = row.m_lowerLimit == 0 ? 1 : -1;
-        kept = side * std::max(btScalar(0), std::min(side * target, -side * before * bounce_of(constraint)));
+        // Springs have rows for limits that are not reached, too: the joint may close the gap in this sub-step.
+        is_open = side * target < 0;
+        kept = is_open ? target / info.m_erp
+                       : side * std::max(btScalar(0), std::min(side * target, -side * before * bounce_of(constraint)));
       } else {
         kept =
             is_angular ? motion.angular_target(row.m_relpos1CrossNormal) : motion.linear_target(row.m_contactNormal2);
@@ -220,7 +224,7 @@ class AccurateSolver : public Base {
       if (!is_limit) note_error(target * h / info.m_erp, is_angular);
       JointError &error = joint_errors_[k];
       const btScalar most = is_angular ? MAX_RETURN_RATE : MAX_RETURN_SPEED;
-      error.correction = is_limit ? std::max(-most, std::min(most, target - kept)) : target;
+      error.correction = is_open ? kept : is_limit ? std::max(-most, std::min(most, target - kept)) : target;
       error.is_limit = is_limit;
       error.bias = kept;
       error.is_geometric = true;

@@ -218,6 +218,39 @@ fn a_spring_about_three_axes_keeps_its_energy_in_any_rotation() {
     }
 }
 
+/// Bullet has rows for the limits of springs whether they are reached or not.
+#[test]
+fn springs_move_between_their_limits_and_stop_at_them() {
+    const STIFFNESS: f64 = 100.0;
+    const DAMPING: f64 = 1.0;
+    for (mut world, limit) in [(accurate(), 0.3), (accurate(), 0.05), (legacy(), 0.3), (legacy(), 0.05)] {
+        let base = world.add_body(body(0.0, 0.0, 0.0, 0.0));
+        let mass = world.add_body(body(1.0, 0.0, 0.0, 0.0));
+        let one = |stiffness, damping| Some(Spring { enabled: true, stiffness, damping, equilibrium: Some(0.0) });
+        let (along, about) = (one(STIFFNESS, DAMPING), one(1.0, 0.1));
+        let kind = ConstraintKind::SixDofSpring {
+            limits: [[-limit, limit]; 6],
+            springs: [along, along, along, about, about, about],
+        };
+        world.add_constraint(base, mass, &joint(kind, Isometry3::identity(), Isometry3::identity())).unwrap();
+        let (rate, decay) = (STIFFNESS.sqrt(), DAMPING / 2.0);
+        let swing = (rate * rate - decay * decay).sqrt();
+        let mut farthest = 0.0f64;
+        for i in 1..=3000 {
+            world.step(DT, 1, DT);
+            let (z, t) = (world.pose(mass).unwrap().translation.z, f64::from(i) * DT);
+            // A damped oscillation about the displacement under the weight.
+            let left = (-decay * t).exp() * ((swing * t).cos() + decay / swing * (swing * t).sin());
+            let expected = -G / STIFFNESS * (1.0 - left);
+            assert!(limit < 0.2 || (z - expected).abs() < 2e-3, "{z} m instead of {expected} at {t} s");
+            farthest = farthest.max(-z);
+        }
+        let z = world.pose(mass).unwrap().translation.z;
+        assert!(limit > 0.2 || (z + limit).abs() < 1e-3, "{z} m after 3 s, beyond a limit of {limit} m");
+        assert!(farthest < limit + 0.01, "{farthest} m, beyond a limit of {limit} m");
+    }
+}
+
 #[test]
 fn springs_keep_what_damping_leaves() {
     for (mut world, articulated) in [(accurate(), true), (accurate(), false), (legacy(), false)] {
