@@ -148,6 +148,8 @@ class AccurateSolver : public Base {
     // Whether the row constrains a position; false: a motor or spring.
     bool is_geometric = false;
     bool is_limit = false;
+    // Whether it is a limit that is not reached.
+    bool is_open = false;
     // See `find_responses` and `average_responses`.
     btScalar response = 0, position_response = 0;
     // Longest lever arm of the joint, m.
@@ -226,6 +228,7 @@ class AccurateSolver : public Base {
       const btScalar most = is_angular ? MAX_RETURN_RATE : MAX_RETURN_SPEED;
       error.correction = is_open ? kept : is_limit ? std::max(-most, std::min(most, target - kept)) : target;
       error.is_limit = is_limit;
+      error.is_open = is_open;
       error.bias = kept;
       error.is_geometric = true;
       row.m_rhs -= (target - kept) * row.m_jacDiagABInv;
@@ -542,6 +545,7 @@ class AccurateSolver : public Base {
       // If this guess is not the solution, pivoting starts with free rows: a drive that alternates between its bounds
       // would otherwise take many pivots in each sub-step.
       row.x = joint_errors_[i].guess;
+      if (joint_errors_[i].is_open && row.x == 0) row.state = guess_of(row);
       const bool is_limit = joint_errors_[i].is_limit;
       row.position_cfm =
           is_limit ? softness_of(joints[i], YIELDING_POSITION_SOFTNESS)
