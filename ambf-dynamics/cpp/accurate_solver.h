@@ -856,7 +856,8 @@ class AccurateSolver : public Base {
   int solve_velocities(double h, double budget) {
     AmbSolverStatistics &seen = settings_.statistics;
     AmbBody *const island = has_drives_ ? first_body() : nullptr;
-    double yielding = island ? island->drive_yielding : 0;
+    double yielding = island ? island->drive_yielding : 0, before = 0;
+    bool may_yield = island && DriveYielding::is_allowed(island->drives_yielded_in_vain, sub_step_);
     for (bool is_first = true;; is_first = false) {
       const int outcome = mlcp_table->solve(mlcp_, yielding, budget + saved_budget_);
       AmbMlcpStatistics found;
@@ -867,12 +868,18 @@ class AccurateSolver : public Base {
       seen.pivots += found.pivots;
       seen.sweeps += found.sweeps;
       const double opened = island && outcome != AMB_MLCP_NOT_FINITE ? find_opening(h) : 0;
-      if (!DriveYielding::is_wanted(yielding, opened)) {
+      if (is_first) before = opened;
+      if (may_yield && DriveYielding::is_wanted(yielding, opened)) {
+        yielding = DriveYielding::raised(yielding);
+      } else if (may_yield && !is_first && DriveYielding::is_in_vain(before, opened)) {
+        yielding = 0;
+        may_yield = false;
+        island->drives_yielded_in_vain = sub_step_;
+      } else {
         seen.residual = std::max(seen.residual, found.residual);
         if (island) island->drive_yielding = is_first ? DriveYielding::lowered(yielding, opened) : yielding;
         return outcome;
       }
-      yielding = DriveYielding::raised(yielding);
     }
   }
 

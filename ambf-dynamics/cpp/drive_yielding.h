@@ -3,7 +3,8 @@
 // Drives are rows with bounds, and files give them bounds that are far beyond anything their bodies can bear. Where
 // drives contradict joints (motors of a closed loop that ask for different velocities, a mechanism without degrees of
 // freedom), a joint yields by its CFM times its impulse, and opens faster than the position problem can close it. The
-// CFM of the drives is then raised, until the joints hold.
+// CFM of the drives is then raised, until the joints hold. Where that does not help, joints open for other reasons, such as
+// loops with more constraints than they need whose dimensions are inaccurate, and drives do not yield for a while.
 #ifndef AMB_DRIVE_YIELDING_H
 #define AMB_DRIVE_YIELDING_H
 
@@ -13,6 +14,10 @@ class DriveYielding {
  public:
   // Whether drives are to yield more, where joints open by `opened` of their lever arms, or rad, in a sub-step.
   static bool is_wanted(double yielding, double opened) { return opened > MOST_OPENED && yielding < MOST; }
+  // Whether it did not help that drives yield in steps up to the most: joints opened by `before` without.
+  static bool is_in_vain(double before, double opened) { return opened > MOST_OPENED && opened > before / 2; }
+  // Whether drives may yield in this sub-step, where it did not help in the sub-step `in_vain`; 0: none.
+  static bool is_allowed(unsigned in_vain, unsigned sub_step) { return in_vain == 0 || sub_step - in_vain >= UNYIELDING; }
   static double raised(double yielding) { return std::min(std::max(yielding, 1.0) * RAISED, MOST); }
   // After a sub-step that did not need more. It stays where it is just enough.
   static double lowered(double yielding, double opened) {
@@ -23,7 +28,9 @@ class DriveYielding {
  private:
   // Opening that is allowed in a sub-step. The yielding is the CFM of drives as a multiple of that of joints of the same
   // response, or 0: its change where it is raised and lowered, and its largest value.
-  static constexpr double MOST_OPENED = 1e-6, RAISED = 10, LOWERED = 1 / 1.2, MOST = 1e6;
+  static constexpr double MOST_OPENED = 1e-5, RAISED = 10, LOWERED = 1 / 1.2, MOST = 1e5;
+  // Sub-steps for which drives do not yield again.
+  static constexpr unsigned UNYIELDING = 64;
 };
 
 #endif

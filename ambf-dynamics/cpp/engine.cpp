@@ -61,6 +61,7 @@ bool EngineWorld::pose_set(AmbBody &body) {
   body.other_angular_change.setZero();
   body.correction_damping = {};
   body.drive_yielding = 0;
+  body.drives_yielded_in_vain = 0;
   if (body.articulation) body.articulation->poses_set = true;
   return body.articulation;
 }

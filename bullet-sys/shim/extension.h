@@ -119,6 +119,8 @@ struct EngineBody {
   CorrectionDamping correction_damping;
   // By how much the drives of an island yield to its joints, kept by its first body; see the engine's accurate_solver.h.
   double drive_yielding = 0;
+  // Last sub-step in which that did not help; 0: none.
+  unsigned drives_yielded_in_vain = 0;
   SubStepStart start;
   // Number of the sub-step in which the body was last integrated as a free body.
   uint64_t free_flight_sub_step = 0;
