@@ -528,7 +528,7 @@ class AccurateSolver : public Base {
     articulation_sizes_.clear();
     articulation_rows_.clear();
     normals_.clear();
-    needs_correction_ = is_urgent_ = has_drives_ = false;
+    needs_correction_ = is_urgent_ = has_drives_ = has_springs_ = false;
     is_at_rest_ = true;
     position_rows_.clear();
     find_correction_share(info.m_timeStep);
@@ -538,8 +538,7 @@ class AccurateSolver : public Base {
       row.cfm = std::max(row.cfm, settings_.joint_softness * joint_errors_[i].response);
       row.in_positions = joint_errors_[i].is_geometric || joint_errors_[i].is_spring;
       row.is_drive = !joint_errors_[i].is_geometric;
-      if (row.is_drive && !joint_errors_[i].is_spring)
-        row.yielding_cfm = settings_.joint_softness * joint_errors_[i].response;
+      if (row.is_drive) row.yielding_cfm = settings_.joint_softness * joint_errors_[i].response;
       row.bias = joint_errors_[i].bias;
       row.position_target = joint_errors_[i].correction * share_of(joint_errors_[i].is_limit);
       // If this guess is not the solution, pivoting starts with free rows: a drive that alternates between its bounds
@@ -577,8 +576,7 @@ class AccurateSolver : public Base {
       // Rows of the articulation's own joints have their CFM from JointRows.
       const auto &owner = *static_cast<const EngineRows *>(joints[i].m_orgConstraint);
       row.is_drive = !owner.is_geometric(joints[i].m_orgDofIndex);
-      if (row.is_drive && !owner.is_spring(joints[i].m_orgDofIndex))
-        row.yielding_cfm = softness_of(joints[i], settings_.joint_softness);
+      if (row.is_drive) row.yielding_cfm = softness_of(joints[i], settings_.joint_softness);
       row.bias = row.is_drive ? 0 : owner.bias(joints[i].m_orgDofIndex);
       row.in_positions = joints[i].m_jacDiagABInv > 0 && (!row.is_drive || owner.is_spring(joints[i].m_orgDofIndex));
       note_error(owner.error(joints[i].m_orgDofIndex), owner.is_angular(joints[i].m_orgDofIndex));
@@ -663,6 +661,7 @@ class AccurateSolver : public Base {
     const bool is_joint = kind == RowKind::Geometric && !row.is_drive;
     position_rows_.push_back({target, target / share, weight, row.cfm, is_angular, is_joint, arm});
     has_drives_ = has_drives_ || row.yielding_cfm > 0;
+    has_springs_ = has_springs_ || (row.is_drive && row.in_positions);
     if (row.in_positions && !idle) {
       const double asked = std::fabs(row.position_target) / least_correction;
       needs_correction_ = needs_correction_ || asked > 1;
@@ -856,7 +855,7 @@ class AccurateSolver : public Base {
   int solve_velocities(double h, double budget) {
     AmbSolverStatistics &seen = settings_.statistics;
     AmbBody *const island = has_drives_ ? first_body() : nullptr;
-    double yielding = island ? island->drive_yielding : 0, before = 0;
+    double yielding = island ? island->drive_yielding : 0, unyielding = BT_LARGE_FLOAT;
     bool may_yield = island && DriveYielding::is_allowed(island->drives_yielded_in_vain, sub_step_);
     for (bool is_first = true;; is_first = false) {
       const int outcome = mlcp_table->solve(mlcp_, yielding, budget + saved_budget_);
@@ -868,10 +867,10 @@ class AccurateSolver : public Base {
       seen.pivots += found.pivots;
       seen.sweeps += found.sweeps;
       const double opened = island && outcome != AMB_MLCP_NOT_FINITE ? find_opening(h) : 0;
-      if (is_first) before = opened;
+      if (yielding == 0) unyielding = opened;
       if (may_yield && DriveYielding::is_wanted(yielding, opened)) {
         yielding = DriveYielding::raised(yielding);
-      } else if (may_yield && !is_first && DriveYielding::is_in_vain(before, opened)) {
+      } else if (may_yield && !is_first && DriveYielding::is_in_vain(unyielding, opened)) {
         yielding = 0;
         may_yield = false;
         island->drives_yielded_in_vain = sub_step_;
@@ -921,12 +920,12 @@ class AccurateSolver : public Base {
     btScalar length = 0;
     for (int round = 0;; ++round) {
       if (mlcp_table->solve_positions(mlcp_, nullptr, position_states_.data(), LEAST_POSITION_SOFTNESS, damping,
-                                      yielding, budget) == AMB_MLCP_NOT_FINITE)
+                                      yielding, springs_yield(share) ? yielding : 1, budget) == AMB_MLCP_NOT_FINITE)
         return;
       length = find_correction_length(info.m_timeStep);
       const bool is_long =
           length > LONG_CORRECTION && damping < MOST_DAMPING_OF_LONG_CORRECTIONS && round < MOST_ROUNDS;
-      const bool contradicts = may_yield(state, sub_step_) && contacts_open_joints();
+      const bool contradicts = may_yield(state, sub_step_) && contradicts_joints(share);
       if (!contradicts && round == 0) yielding = std::max(1.0, yielding * YIELDING_LOWERED);
       if (!(is_long || contradicts)) break;
       if (is_long) damping = std::min(damping * RAISED_DAMPING, MOST_DAMPING_OF_LONG_CORRECTIONS);
@@ -944,6 +943,9 @@ class AccurateSolver : public Base {
     const PositionErrors after = errors([&](size_t i) { return left[i]; }, yielding);
     state.left[0] = asked.linear > 0 ? after.linear / asked.linear : 0;
     state.left[1] = asked.angular > 0 ? after.angular / asked.angular : 0;
+    const PositionErrors expected = errors([&](size_t i) { return expected_error(i); }, yielding);
+    state.expected[0] = std::max(state.expected[0], expected.linear);
+    state.expected[1] = std::max(state.expected[1], expected.angular);
     if (InfeasibleIslands::is_uncorrectable(asked, after)) {
       infeasible_.add(island, present, sub_step_);
       scale_corrections(0);
@@ -952,7 +954,7 @@ class AccurateSolver : public Base {
     write_corrections(info, 1 / length);
   }
 
-  // `yielding`: multiple of the CFM of contacts and limits.
+  // `yielding`: multiple of the CFM of contacts, limits and springs.
   template <class ErrorOf>
   PositionErrors errors(ErrorOf error_of, double yielding = 1) const {
     PositionErrors sums;
@@ -963,8 +965,17 @@ class AccurateSolver : public Base {
     return sums;
   }
 
-  // Whether the contacts and limits contradict the joints in the position problem that was solved.
-  bool contacts_open_joints() const {
+  // The position error of row i after this sub-step, over its length, as the position problem and the CFM of the velocity
+  // problem have it.
+  double expected_error(size_t i) const {
+    const PositionRow &row = position_rows_[i];
+    const double left = mlcp_table->position_errors(mlcp_)[i];
+    return row.is_joint ? row.error - row.target + left + row.cfm * mlcp_table->impulses(mlcp_)[i] : left;
+  }
+
+  // Whether contacts, limits or springs contradict the joints in the position problem that was solved. `share`: the largest
+  // error of a joint as a share of its lever arm, or rad.
+  bool contradicts_joints(double share) const {
     const double *errors = mlcp_table->position_errors(mlcp_);
     double asked = 0, left = 0, others = 0;
     for (size_t i = 0; i < position_rows_.size(); ++i) {
@@ -972,7 +983,7 @@ class AccurateSolver : public Base {
       (row.is_joint ? asked : others) += row.weight * row.target * row.target;
       if (row.is_joint) left += row.weight * errors[i] * errors[i];
     }
-    return ::contacts_open_joints(asked, left, others);
+    return contacts_open_joints(asked, left, others) || (has_springs_ && springs_yield(share) && springs_open_joints(asked, left));
   }
 
   // The largest error of the island's joints, m or rad, and the largest one as a share of its lever arm, or rad.
@@ -1117,6 +1128,8 @@ class AccurateSolver : public Base {
   bool needs_correction_ = false, is_urgent_ = false;
   // Whether drives act on the island that may yield to joints.
   bool has_drives_ = false;
+  // Whether springs resist the correction of positions.
+  bool has_springs_ = false;
   unsigned sub_step_ = 0, resets_ = 0;
   double correction_share_ = 1;
   struct PositionRow {

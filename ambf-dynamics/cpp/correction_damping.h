@@ -5,7 +5,7 @@
 // joints allow), such steps diverge along motions that hardly change the errors: with infeasible errors r, the curvature
 // k of the joints and the change s of the errors by a unit motion, each step multiplies the distance from the least sum
 // by r k / s^2. The sign of this are corrections that leave much of the errors, and after most of which these are larger
-// than before. The CFM is then raised, and lowered again while this does not happen (Nocedal and Wright, Numerical
+// than before, and larger than what is left and what loads open by the CFM of the joints. The CFM is then raised, and lowered again while this does not happen (Nocedal and Wright, Numerical
 // Optimization, 2006, ch. 10). In fast motion errors grow as well, but there a correction removes most of them; the small
 // infeasible errors of redundant loops grow and fall from step to step, so that several growths are needed where the
 // errors are small. Damped corrections leave more of what loads and motion open in each sub-step, so that errors may also
@@ -41,9 +41,9 @@ inline void update_damping(CorrectionDamping &damping, const PositionErrors &pre
   const double now[2] = {present.linear, present.angular};
   bool has_grown = false;
   for (int k = 0; k < 2; ++k) {
-    const double before = damping.asked[k];
+    const double before = damping.expected[k];
     has_grown = has_grown || (now[k] > GROWTH * before && damping.left[k] >= INFEASIBLE);
-    damping.asked[k] = now[k];
+    damping.expected[k] = now[k];
   }
   damping.growths = is_known ? std::clamp(damping.growths + (has_grown ? 1 : -1), 0, MOST_GROWTHS) : 0;
   const bool diverges =
@@ -52,17 +52,17 @@ inline void update_damping(CorrectionDamping &damping, const PositionErrors &pre
   damping.sub_step = sub_step;
 }
 
-// Contacts and limits that contradict joints are to yield to them. The least sum of squares weights errors with the
-// masses, so that a contact of heavy bodies opens the joints of light ones. The CFM of contacts and limits is raised for
-// that, by YIELDING_RAISED at a time up to MOST_YIELDING, while a correction lowers the sum of squares of the joints'
+// Contacts, limits and springs that contradict joints are to yield to them. The least sum of squares weights errors with
+// the masses, so that a contact of heavy bodies opens the joints of light ones, and stiff springs resist a correction like
+// joints do. The CFM of contacts, limits and springs is raised for that, by YIELDING_RAISED at a time up to MOST_YIELDING, while a correction lowers the sum of squares of the joints'
 // errors by less than the share LEAST_LOWERED and leaves of them more than CONTRADICTING times that of the others. Where
-// not even that lowers the joints' errors, the joints contradict each other: contacts and limits then do not yield for
-// UNYIELDING sub-steps, because joints would press bodies into each other for nothing.
+// not even that lowers the joints' errors, the joints contradict each other: these then do not yield for UNYIELDING
+// sub-steps, because joints would press bodies into each other, and strain springs, for nothing.
 constexpr unsigned UNYIELDING = 64;
 constexpr double YIELDING_RAISED = 10, YIELDING_LOWERED = 1 / 1.2, MOST_YIELDING = 1e4;
 constexpr double LEAST_LOWERED = 0.1, CONTRADICTING = 0.01;
 
-// Whether contacts and limits may yield in this sub-step.
+// Whether contacts, limits and springs may yield in this sub-step.
 inline bool may_yield(const CorrectionDamping &damping, unsigned sub_step) {
   return damping.yielded_in_vain == 0 || sub_step - damping.yielded_in_vain >= UNYIELDING;
 }
@@ -72,5 +72,14 @@ inline bool may_yield(const CorrectionDamping &damping, unsigned sub_step) {
 inline bool contacts_open_joints(double asked, double left, double others) {
   return left > CONTRADICTING * others && left > (1 - LEAST_LOWERED) * asked && others > 0;
 }
+
+// Whether springs may yield where joints are open by up to `share` of their lever arms, or rad. Corrections strain springs
+// that yield.
+inline bool springs_yield(double share) {
+  constexpr double LEAST_OPENED = 0.005;
+  return share > LEAST_OPENED;
+}
+// As `contacts_open_joints` for springs, which resist corrections and have no errors.
+inline bool springs_open_joints(double asked, double left) { return left > (1 - LEAST_LOWERED) * asked; }
 
 #endif

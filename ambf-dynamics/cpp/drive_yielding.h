@@ -1,10 +1,11 @@
-// Drives (motors, controllers, drives of bodies) that yield to joints in the velocity problem. C++ only.
+// Drives (motors, controllers, springs, drives of bodies) that yield to joints in the velocity problem. C++ only.
 //
-// Drives are rows with bounds, and files give them bounds that are far beyond anything their bodies can bear. Where
-// drives contradict joints (motors of a closed loop that ask for different velocities, a mechanism without degrees of
-// freedom), a joint yields by its CFM times its impulse, and opens faster than the position problem can close it. The
-// CFM of the drives is then raised, until the joints hold. Where that does not help, joints open for other reasons, such as
-// loops with more constraints than they need whose dimensions are inaccurate, and drives do not yield for a while.
+// Files give motors bounds, and springs strains and stiffnesses, that are far beyond anything their bodies can bear. Where
+// such drives contradict joints (motors of a closed loop that ask for different velocities, a spring on a mechanism
+// without degrees of freedom), a joint yields by its CFM times its impulse, and opens faster than the position problem
+// can close it. The CFM of the drives is then raised, until the joints hold. Where that does not help, joints open for
+// other reasons, such as loops with more constraints than they need whose dimensions are inaccurate, and drives do not
+// yield for a while.
 #ifndef AMB_DRIVE_YIELDING_H
 #define AMB_DRIVE_YIELDING_H
 
@@ -14,8 +15,9 @@ class DriveYielding {
  public:
   // Whether drives are to yield more, where joints open by `opened` of their lever arms, or rad, in a sub-step.
   static bool is_wanted(double yielding, double opened) { return opened > MOST_OPENED && yielding < MOST; }
-  // Whether it did not help that drives yield in steps up to the most: joints opened by `before` without.
-  static bool is_in_vain(double before, double opened) { return opened > MOST_OPENED && opened > before / 2; }
+  // Whether it did not help that drives yield up to the most: joints opened by `unyielding` without. Drives that yielded in
+  // the last sub-step are not tried without: they did help when they began to.
+  static bool is_in_vain(double unyielding, double opened) { return opened > MOST_OPENED && opened > unyielding / 2; }
   // Whether drives may yield in this sub-step, where it did not help in the sub-step `in_vain`; 0: none.
   static bool is_allowed(unsigned in_vain, unsigned sub_step) { return in_vain == 0 || sub_step - in_vain >= UNYIELDING; }
   static double raised(double yielding) { return std::min(std::max(yielding, 1.0) * RAISED, MOST); }

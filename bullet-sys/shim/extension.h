@@ -81,15 +81,15 @@ struct SubStepStart {
 
 // Damping of the position correction of an island, kept by its first body; see the engine's correction_damping.h.
 struct CorrectionDamping {
-  // Multiple of the least damping, and of that of contacts and limits beyond it.
+  // Multiple of the least damping, and of that of contacts, limits and springs beyond it.
   double factor = 1, yielding = 1;
-  // Last sub-step in which it did not help that contacts and limits yield; 0: none.
+  // Last sub-step in which it did not help that these yield; 0: none.
   unsigned yielded_in_vain = 0;
   // Number of corrections that left much of the errors, and after which these had grown, less the number of others.
   int growths = 0;
-  // Linear and angular errors before the last correction, the share that it leaves of what it was to correct by the
-  // linear model, and the sub-step in which it was made; 0: none.
-  double asked[2] = {0, 0}, left[2] = {0, 0};
+  // Linear and angular errors that are expected after the last correction, at least those before it, the share that it
+  // leaves of what it was to correct by the linear model, and the sub-step in which it was made; 0: none.
+  double expected[2] = {0, 0}, left[2] = {0, 0};
   unsigned sub_step = 0;
 };
 

@@ -112,6 +112,7 @@ pub struct AmbMlcpTable {
         cfm_share: f64,
         damping: f64,
         yielding: f64,
+        springs: f64,
         budget: f64,
     ) -> c_int,
     /// See [`Solver::impulses`].
@@ -266,6 +267,7 @@ unsafe extern "C" fn solve_positions(
     cfm_share: f64,
     damping: f64,
     yielding: f64,
+    springs: f64,
     budget: f64,
 ) -> c_int {
     guarded(NOT_FINITE, || {
@@ -279,7 +281,7 @@ unsafe extern "C" fn solve_positions(
         answer(solver.solve_positions_with(
             target,
             guess,
-            Softness { share: cfm_share, damping, yielding },
+            Softness { share: cfm_share, damping, yielding, springs },
             Budget(budget),
         ))
     })

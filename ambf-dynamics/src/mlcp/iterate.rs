@@ -115,8 +115,8 @@ impl Variable {
         }
     }
 
-    /// The same row in the problem of positions, where only the signs of its bounds count, with a CFM of at least `cfm`,
-    /// or that of a drive there. `target` is that of the normal in a row of friction; a row that `is_loaded` has no bounds.
+    /// The same row in the problem of positions, where only the signs of its bounds count, with the CFM `cfm`.
+    /// `target` is that of the normal in a row of friction; a row that `is_loaded` has no bounds.
     pub fn of_position(
         row: &StoredRow,
         layout: &Layout,
@@ -128,8 +128,7 @@ impl Variable {
     ) -> Self {
         let sticks = row.friction.is_some() && target > 0.0;
         let takes_part = row.in_positions && row.friction.is_none();
-        let own = if row.is_drive && row.position_cfm > 0.0 { row.position_cfm } else { row.cfm.max(cfm) };
-        let cfm = own.max(if sticks { STICKING * diagonal } else { 0.0 });
+        let cfm = cfm.max(if sticks { STICKING * diagonal } else { 0.0 });
         Self {
             target: if takes_part { target } else { 0.0 },
             cfm,

@@ -148,10 +148,11 @@ impl Default for Best {
 pub(super) struct Softness {
     /// Least CFM of a row, as a share of its diagonal.
     pub share: f64,
-    /// Multiple of the CFM of all rows, and another of that of unilateral rows: by how much contacts and limits yield to
-    /// joints where they contradict each other.
+    /// Multiple of the CFM of all rows but springs, another of that of unilateral rows, and one of that of springs: by how
+    /// much contacts and limits, and springs, yield to joints where they contradict each other.
     pub damping: f64,
     pub yielding: f64,
+    pub springs: f64,
 }
 
 /// Solver of mixed linear complementarity problems; see the [module](super).
@@ -322,7 +323,12 @@ impl Solver {
     ) -> Outcome {
         let target = |row: usize| targets.map(|targets| targets.get(row).copied().unwrap_or(0.0));
         let guess = |row: usize| states.and_then(|states| states.get(row).copied()).unwrap_or_default();
-        self.solve_positions_with(target, guess, Softness { share: cfm_share, damping: 1.0, yielding: 1.0 }, budget)
+        self.solve_positions_with(
+            target,
+            guess,
+            Softness { share: cfm_share, damping: 1.0, yielding: 1.0, springs: 1.0 },
+            budget,
+        )
     }
 
     /// The same with a target, if not the row's own, and a guess for each row.
@@ -342,8 +348,12 @@ impl Solver {
                 let target = target(of_target).unwrap_or(self.rows.rows[of_target].position_target);
                 let state = guess(index as usize);
                 let diagonal = self.factor.diagonal()[p];
-                let yielding = if row.low >= 0.0 || row.high <= 0.0 { softness.yielding } else { 1.0 };
-                let cfm = softness.damping * yielding * row.position_cfm.max(softness.share * diagonal);
+                let cfm = if row.is_drive && row.position_cfm > 0.0 {
+                    softness.springs * row.position_cfm
+                } else {
+                    let yielding = if row.low >= 0.0 || row.high <= 0.0 { softness.yielding } else { 1.0 };
+                    row.cfm.max(softness.damping * yielding * row.position_cfm.max(softness.share * diagonal))
+                };
                 let is_loaded = row.stays_loaded && self.velocity.impulses[index as usize] != 0.0;
                 // The velocities already end where a loaded row closes.
                 let opens = (row.low >= 0.0 && target < 0.0) || (row.high <= 0.0 && target > 0.0);
