@@ -983,7 +983,8 @@ class AccurateSolver : public Base {
       (row.is_joint ? asked : others) += row.weight * row.target * row.target;
       if (row.is_joint) left += row.weight * errors[i] * errors[i];
     }
-    return contacts_open_joints(asked, left, others) || (has_springs_ && springs_yield(share) && springs_open_joints(asked, left));
+    return contacts_open_joints(asked, left, others) ||
+           (has_springs_ && springs_yield(share) && springs_open_joints(asked, left));
   }
 
   // The largest error of the island's joints, m or rad, and the largest one as a share of its lever arm, or rad.

@@ -5,11 +5,12 @@
 // joints allow), such steps diverge along motions that hardly change the errors: with infeasible errors r, the curvature
 // k of the joints and the change s of the errors by a unit motion, each step multiplies the distance from the least sum
 // by r k / s^2. The sign of this are corrections that leave much of the errors, and after most of which these are larger
-// than before, and larger than what is left and what loads open by the CFM of the joints. The CFM is then raised, and lowered again while this does not happen (Nocedal and Wright, Numerical
-// Optimization, 2006, ch. 10). In fast motion errors grow as well, but there a correction removes most of them; the small
-// infeasible errors of redundant loops grow and fall from step to step, so that several growths are needed where the
-// errors are small. Damped corrections leave more of what loads and motion open in each sub-step, so that errors may also
-// grow because of the damping: it is not raised where they exceed MOST_DAMPED of the lever arm, or rad.
+// than before, and larger than what is left and what loads open by the CFM of the joints. The CFM is then raised, and
+// lowered again while this does not happen (Nocedal and Wright, Numerical Optimization, 2006, ch. 10). In fast motion
+// errors grow as well, but there a correction removes most of them; the small infeasible errors of redundant loops grow
+// and fall from step to step, so that several growths are needed where the errors are small. Damped corrections leave
+// more of what loads and motion open in each sub-step, so that errors may also grow because of the damping: it is not
+// raised where they exceed MOST_DAMPED of the lever arm, or rad.
 #ifndef AMB_CORRECTION_DAMPING_H
 #define AMB_CORRECTION_DAMPING_H
 
@@ -54,10 +55,11 @@ inline void update_damping(CorrectionDamping &damping, const PositionErrors &pre
 
 // Contacts, limits and springs that contradict joints are to yield to them. The least sum of squares weights errors with
 // the masses, so that a contact of heavy bodies opens the joints of light ones, and stiff springs resist a correction like
-// joints do. The CFM of contacts, limits and springs is raised for that, by YIELDING_RAISED at a time up to MOST_YIELDING, while a correction lowers the sum of squares of the joints'
-// errors by less than the share LEAST_LOWERED and leaves of them more than CONTRADICTING times that of the others. Where
-// not even that lowers the joints' errors, the joints contradict each other: these then do not yield for UNYIELDING
-// sub-steps, because joints would press bodies into each other, and strain springs, for nothing.
+// joints do. The CFM of contacts, limits and springs is raised for that, by YIELDING_RAISED at a time up to MOST_YIELDING,
+// while a correction lowers the sum of squares of the joints' errors by less than the share LEAST_LOWERED and leaves of
+// them more than CONTRADICTING times that of the others. Where not even that lowers the joints' errors, the joints
+// contradict each other: contacts, limits and springs then do not yield for UNYIELDING sub-steps, because joints would
+// press bodies into each other, and strain springs, for nothing.
 constexpr unsigned UNYIELDING = 64;
 constexpr double YIELDING_RAISED = 10, YIELDING_LOWERED = 1 / 1.2, MOST_YIELDING = 1e4;
 constexpr double LEAST_LOWERED = 0.1, CONTRADICTING = 0.01;

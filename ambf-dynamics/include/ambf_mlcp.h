@@ -95,8 +95,9 @@ typedef struct AmbMlcpTable {
    * sizes[i]. Returns the number of multiplications of a factorisation of all rows; -1: a row refers to a body or row
    * that does not exist, or has a Jacobian of the wrong size, and the problem cannot be solved. */
   double (*prepare)(AmbMlcp *solver, int rigid, const int *sizes, int articulations);
-  /* Solves for the impulses. CFM is at least `yielding` times the row's yielding_cfm. The budget is in multiplications: it is used for factorisations first, then for sweeps. If
-   * no factorisation fits, at least four sweeps are made from the guess. Returns AMB_MLCP_SOLVED and so on. */
+  /* Solves for the impulses. CFM is at least `yielding` times the row's yielding_cfm. The budget is in multiplications: it
+   * is used for factorisations first, then for sweeps. If no factorisation fits, at least four sweeps are made from the
+   * guess. Returns AMB_MLCP_SOLVED and so on. */
   int (*solve)(AmbMlcp *solver, double yielding, double budget);
   /* Solves for pseudo-impulses of the position correction: `targets`, one per row, or null for the rows'
    * position_target. `states` is the guess of the active set, one per row; null: all free. Bilateral rows are unbounded
