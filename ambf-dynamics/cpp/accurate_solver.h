@@ -126,6 +126,7 @@ class AccurateSolver : public Base {
       if (row_count_ == 0) return 0;
       if (solve(info, is_small)) {
         store_contacts();
+        if (!is_at_rest_) store_contact_states();
         return 0;
       }
       if (!is_small) direct_backoff_ = 15;
@@ -156,8 +157,9 @@ class AccurateSolver : public Base {
     btScalar arm = 0;
     // Whether the row is a spring, which resists position corrections.
     bool is_spring = false;
-    // Impulse in the last sub-step, N s or N m s.
+    // Impulse in the last sub-step, N s or N m s, and whether it is known.
     btScalar guess = 0;
+    bool is_known = false;
   };
 
   // A row constrains a position on both sides (joint), on one side (limit, contact), or is a motor, spring or friction.
@@ -303,7 +305,10 @@ class AccurateSolver : public Base {
     if (!memory || count == 0 || count > SoftRows::MAX_GUESSES) return;
     joints_.push_back({memory, first, count});
     if (memory->guesses != count || memory->guessed_after != resets_) return;
-    for (int k = 0; k < count; ++k) joint_errors_[first + k].guess = memory->guess[k];
+    for (int k = 0; k < count; ++k) {
+      joint_errors_[first + k].guess = memory->guess[k];
+      joint_errors_[first + k].is_known = true;
+    }
   }
 
   void store_joint_impulses(const double *impulses) {
@@ -322,6 +327,11 @@ class AccurateSolver : public Base {
                       {&this->m_multiBodyTorsionalFrictionContactConstraints,
                        &this->m_multiBodySpinningFrictionContactConstraints});
     }
+  }
+
+  void store_contact_states() {
+    const unsigned char *states = mlcp_table->states(mlcp_);
+    for (const Normal &normal : normals_) normal.contact->is_closed = states[normal.row] == AMB_MLCP_FREE;
   }
 
   // Bullet omits the change of velocity by external torques in friction rows. The velocities J v of different rows
@@ -544,8 +554,9 @@ class AccurateSolver : public Base {
       // If this guess is not the solution, pivoting starts with free rows: a drive that alternates between its bounds
       // would otherwise take many pivots in each sub-step.
       row.x = joint_errors_[i].guess;
-      if (joint_errors_[i].is_open && row.x == 0) row.state = guess_of(row);
       const bool is_limit = joint_errors_[i].is_limit;
+      if (joint_errors_[i].is_open && row.x == 0) row.state = guess_of(row);
+      if (is_limit && joint_errors_[i].is_known && row.x == 0) row.state = row.low == 0 ? AMB_MLCP_LOW : AMB_MLCP_HIGH;
       row.position_cfm =
           is_limit ? softness_of(joints[i], YIELDING_POSITION_SOFTNESS)
                    : POSITION_SOFTNESS * joint_errors_[i].position_response;
@@ -584,8 +595,8 @@ class AccurateSolver : public Base {
       const double share = share_of(is_limit);
       row.position_target =
           row.in_positions && !row.is_drive ? share * joints[i].m_rhsPenetration / joints[i].m_jacDiagABInv : 0;
-      row.x = 0;
-      row.state = guess_of(row);
+      row.x = owner.guess(joints[i].m_orgDofIndex);
+      if (row.x == 0) row.state = guess_of(row);
       row.position_cfm = softness_of(joints[i], is_limit ? YIELDING_POSITION_SOFTNESS : POSITION_SOFTNESS);
       if (row.is_drive) row.position_cfm = spring_position_softness(row.cfm, softness_of(joints[i], 1));
       row.stays_loaded = is_limit;
@@ -777,7 +788,9 @@ class AccurateSolver : public Base {
       row.x = std::max(btScalar(0), point.m_appliedImpulse);
       row.position_cfm = softness_of(rows[i], YIELDING_POSITION_SOFTNESS);
       soften(row, rows[i], settings_.contact_softness);
-      row.state = row.x == 0 && (row.target < 0 || contacts_.of(rows[i]).is_known) ? AMB_MLCP_LOW : AMB_MLCP_FREE;
+      ContactCache::Contact &contact = contacts_.of(rows[i]);
+      const bool is_open = row.x == 0 && (row.target < 0 || (contact.is_known && !contact.is_closed));
+      row.state = is_open ? AMB_MLCP_LOW : AMB_MLCP_FREE;
       const btScalar gap = point.getDistance() + info.m_linearSlop;
       deepest_ = std::max(deepest_, -gap);
       row.bias = contact_bias(rows, i, gap, info.m_timeStep);
@@ -785,7 +798,7 @@ class AccurateSolver : public Base {
       row.position_target = gap > 0            ? -gap / info.m_timeStep
                             : row.in_positions ? rows[i].m_rhsPenetration / rows[i].m_jacDiagABInv
                                                : 0;
-      normals_.push_back({row.x, row.state});
+      normals_.push_back({row.x, row.state, row_count_, &contact});
       add(row, RowKind::Contact, false, -gap > 0 ? std::fabs(row.position_target) * MIN_DEPTH / -gap : BT_LARGE_FLOAT);
     }
   }
@@ -854,7 +867,8 @@ class AccurateSolver : public Base {
   // Solves the velocity problem, again with softer drives while these open joints.
   int solve_velocities(double h, double budget) {
     AmbSolverStatistics &seen = settings_.statistics;
-    AmbBody *const island = has_drives_ ? first_body() : nullptr;
+    AmbBody *const first = first_body(), *const island = has_drives_ ? first : nullptr;
+    if (first) mlcp_table->set_guess_tolerance(mlcp_, first->guess_tolerance);
     double yielding = island ? island->drive_yielding : 0, unyielding = BT_LARGE_FLOAT;
     bool may_yield = island && DriveYielding::is_allowed(island->drives_yielded_in_vain, sub_step_);
     for (bool is_first = true;; is_first = false) {
@@ -876,6 +890,7 @@ class AccurateSolver : public Base {
         island->drives_yielded_in_vain = sub_step_;
       } else {
         seen.residual = std::max(seen.residual, found.residual);
+        if (first) first->guess_tolerance = found.guess_tolerance;
         if (island) island->drive_yielding = is_first ? DriveYielding::lowered(yielding, opened) : yielding;
         return outcome;
       }
@@ -1109,6 +1124,8 @@ class AccurateSolver : public Base {
   struct Normal {
     double impulse;
     int state;
+    int row;
+    ContactCache::Contact *contact;
   };
 
   const AccurateContext &settings_;

@@ -36,6 +36,7 @@ void JointRows::reset() {
   acceleration.q.resize(articulation.dynamics.coordinates);
   planned.clear();
   forces.assign(articulation.dynamics.coordinates + articulation.springs.size(), 0);
+  limit_impulses.assign(articulation.dynamics.coordinates, 0);
 }
 
 int JointRows::getIslandIdA() const { return articulation.members[1].collider->getIslandTag(); }
@@ -52,7 +53,7 @@ void JointRows::plan_limit(int coordinate, btScalar low, btScalar high, bool is_
   if (low == high) {
     const btScalar target = (low - q) * LIMIT_ERP / h;
     const btScalar bounded = std::max(std::min(target, most), -most);
-    planned.push_back({coordinate, 0, 0, -infinity, infinity, -1, 0, bounded, is_angle});
+    planned.push_back({coordinate, 0, 0, -infinity, infinity, -1, 0, bounded, is_angle, limit_impulses[coordinate]});
     return;
   }
   const btScalar bounce = is_angle ? HINGE_BOUNCE : 0;
@@ -68,7 +69,7 @@ void JointRows::plan_limit(int coordinate, btScalar low, btScalar high, bool is_
     if (bounce > 0) target = std::max(target, -bounce * speed_before);
     const btScalar correction = gap < 0 ? std::min(-gap / h * LIMIT_ERP, most) : -gap / h;
     planned.push_back({coordinate, side * target, 0, side > 0 ? 0 : -infinity, side > 0 ? infinity : 0, -1, 0,
-                       side * correction, is_angle});
+                       side * correction, is_angle, side * std::max(side * limit_impulses[coordinate], btScalar(0))});
     return;
   }
 }
@@ -148,8 +149,13 @@ void JointRows::add_feedforward_row(Row row, btScalar h) {
 
 void JointRows::plan_motors(btScalar h) {
   std::fill(forces.begin(), forces.end(), 0);
+  std::fill(limit_impulses.begin(), limit_impulses.end(), 0);
   for (size_t i = 0; i < planned.size(); ++i) {
-    if (planned[i].source >= 0) forces[planned[i].source] = (planned[i].feedforward + m_data[i]) / step;
+    if (planned[i].source >= 0) {
+      forces[planned[i].source] = (planned[i].feedforward + m_data[i]) / step;
+    } else if (planned[i].member == 0 && m_data[i] != 0) {
+      limit_impulses[planned[i].coordinate] = m_data[i];
+    }
   }
   // What presses a joint against its limit is fed forward together with the force of the limit, or the free motion would
   // turn the joint beyond it.
@@ -278,8 +284,9 @@ void ExternalConstraintRows::createConstraintRows(btMultiBodyConstraintArray &ro
   const btScalar half = btVector3(turn.x(), turn.y(), turn.z()).length();
   if (half > 0)
     angle = btVector3(turn.x(), turn.y(), turn.z()) / half * std::remainder(2 * btAtan2(half, turn.w()), 2 * SIMD_PI);
-  // No warm start: Bullet would apply the stored impulses to the articulation only, not to a rigid body at the other
-  // end.
+  // No warm start by Bullet, which would apply the stored impulses to the articulation only, not to a rigid body at the
+  // other end.
+  for (int i = 0; i < m_numRows; ++i) guesses[i] = m_data[i];
   reset();
   const bool is_dynamic = !other.articulation && other.body.getInvMass() > 0;
   JointMotion motion;

@@ -22,6 +22,7 @@ class JointRows : public EngineRows {
   bool is_geometric(int row) const override { return planned[row].source < 0; }
   bool is_spring(int row) const override { return planned[row].source >= articulation.dynamics.coordinates; }
   btScalar bias(int row) const override { return planned[row].target; }
+  btScalar guess(int row) const override { return planned[row].guess; }
   bool is_angular(int row) const override { return planned[row].is_angle; }
   WorkKind work_kind(int row) const override {
     const int source = planned[row].source;
@@ -61,6 +62,8 @@ class JointRows : public EngineRows {
     // Pseudo-velocity that corrects the position error, rad/s or m/s.
     btScalar correction = 0;
     bool is_angle = false;
+    // Impulse in the last sub-step of the limit of a coordinate.
+    btScalar guess = 0;
     // If not 0, the row acts between a link and its parent: force and torque about its centre of mass on the link by a
     // unit impulse of the row, world axes.
     size_t member = 0;
@@ -75,8 +78,8 @@ class JointRows : public EngineRows {
 
   AmbArticulation &articulation;
   Vector<Row> planned;
-  // Force of each source in the last sub-step, N m or N.
-  Vector<btScalar> forces;
+  // Force of each source in the last sub-step, N m or N, and impulse of the limits of each coordinate, N m s or N s.
+  Vector<btScalar> forces, limit_impulses;
   btScalar step = 0;
   ArticulationDynamics::Rate acceleration;
 };
@@ -98,6 +101,7 @@ class ExternalConstraintRows : public EngineRows {
   bool is_geometric(int) const override { return true; }
   btScalar error(int row) const override { return errors[row]; }
   btScalar bias(int row) const override { return biases[row]; }
+  btScalar guess(int row) const override { return guesses[row]; }
   WorkKind work_kind(int) const override { return WorkKind::Joint; }
   // Writes the reaction wrenches after the solution of a sub-step of h s.
   void write_feedback(btScalar h);
@@ -106,7 +110,7 @@ class ExternalConstraintRows : public EngineRows {
   AmbConstraint &constraint;
   AmbBody &link, &other;
   btTransform frame, other_frame;
-  btScalar errors[6] = {}, biases[6] = {};
+  btScalar errors[6] = {}, biases[6] = {}, guesses[6] = {};
 };
 
 // Six rows that drive a link, as BodyDrive drives a rigid body; see drive.h.

@@ -36,6 +36,8 @@ class EngineRows : public btMultiBodyConstraint {
   virtual bool is_angular(int row) const { return row >= 3; }
   // Velocity bias of a row that constrains a position, m/s or rad/s.
   virtual btScalar bias(int) const { return 0; }
+  // Impulse of the row in the last sub-step where that is a guess of the next one, N s or N m s.
+  virtual btScalar guess(int) const { return 0; }
   virtual WorkKind work_kind(int row) const = 0;
 
  protected:

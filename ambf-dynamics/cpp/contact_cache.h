@@ -18,6 +18,8 @@ class ContactCache {
     btVector3 friction{0, 0, 0}, torque{0, 0, 0};
     // It was matched to a contact of the last sub-step.
     bool is_known = false;
+    // The solution had it closed; its impulse may be 0.
+    bool is_closed = false;
     // A contact of the next sub-step was matched to it.
     bool is_taken = false;
   };
@@ -74,6 +76,7 @@ class ContactCache {
     for (int i = 0; i < normals.size(); ++i) {
       Contact &contact = of(normals[i]);
       contact.normal = normals[i].m_appliedImpulse;
+      contact.is_closed = contact.normal > 0;
       contact.friction.setZero();
       contact.torque.setZero();
     }

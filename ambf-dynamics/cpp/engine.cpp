@@ -62,6 +62,7 @@ bool EngineWorld::pose_set(AmbBody &body) {
   body.correction_damping = {};
   body.drive_yielding = 0;
   body.drives_yielded_in_vain = 0;
+  body.guess_tolerance = 0;
   if (body.articulation) body.articulation->poses_set = true;
   return body.articulation;
 }

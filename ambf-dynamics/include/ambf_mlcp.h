@@ -78,6 +78,8 @@ typedef struct AmbMlcpStatistics {
   double multiplications;
   /* Largest violation of complementarity of the result, m/s or rad/s; infinite for AMB_MLCP_NOT_FINITE. */
   double residual;
+  /* For set_guess_tolerance before the next problem of the same bodies. */
+  double guess_tolerance;
 } AmbMlcpStatistics;
 
 typedef struct AmbMlcpTable {
@@ -89,6 +91,9 @@ typedef struct AmbMlcpTable {
   void (*clear)(AmbMlcp *solver);
   /* Kinetic energy of all bodies before the impulses, J; 0 after clear. */
   void (*set_energy)(AmbMlcp *solver, double energy);
+  /* Residual up to which the guess is accepted as the solution, as a share of the largest target: guess_tolerance of the
+   * last solve of the same bodies; 0, as after clear: the default. */
+  void (*set_guess_tolerance)(AmbMlcp *solver, double share);
   /* Index of the row, from 0; -1: a negative size, a missing pointer or an internal error. */
   int (*add_row)(AmbMlcp *solver, const AmbMlcpRow *row);
   /* Orders the rows. Bodies below `rigid` have 6 velocity components; articulation i is body rigid + i and has

@@ -121,6 +121,9 @@ struct EngineBody {
   double drive_yielding = 0;
   // Last sub-step in which that did not help; 0: none.
   unsigned drives_yielded_in_vain = 0;
+  // Up to which residual impulses of the last sub-step are accepted as those of an island, kept by its first body; see
+  // ambf_mlcp.h.
+  double guess_tolerance = 0;
   SubStepStart start;
   // Number of the sub-step in which the body was last integrated as a free body.
   uint64_t free_flight_sub_step = 0;

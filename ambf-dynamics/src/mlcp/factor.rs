@@ -4,6 +4,7 @@
 use super::layout::Layout;
 use super::matrix::Matrix;
 use super::vector::{add_scaled, dot, dots};
+use multiversion::multiversion;
 
 /// Share of its diagonal below which the pivot of a row counts as zero: the row depends on those before it, and its
 /// impulse is 0.
@@ -63,6 +64,11 @@ impl EnvelopeFactor {
 
     /// Brings the factor up to date with the plan. Returns the multiplications.
     pub fn update(&mut self, layout: &Layout, matrix: &Matrix, cfm: impl Fn(usize) -> f64) -> f64 {
+        update(self, layout, matrix, cfm)
+    }
+
+    #[inline(always)]
+    fn add_groups(&mut self, layout: &Layout, matrix: &Matrix, cfm: impl Fn(usize) -> f64) -> f64 {
         let n = layout.order.len();
         let kept = self.count[self.valid] as usize;
         self.places.truncate(kept);
@@ -103,6 +109,7 @@ impl EnvelopeFactor {
     }
 
     /// Adds N rows whose envelopes begin at one place. Returns the multiplications.
+    #[inline(always)]
     fn add_rows<const N: usize>(
         &mut self,
         group: &[usize],
@@ -115,8 +122,10 @@ impl EnvelopeFactor {
         let first_place = layout.first[rows[0]];
         let (m, reach) = (self.places.len(), self.count[first_place as usize] as usize);
         let own = m - reach;
-        self.columns.clear();
-        self.columns.resize((own + N) * N, 0.0);
+        // What is not written yet goes into sums that are not used.
+        if self.columns.len() < (own + N) * N {
+            self.columns.resize((own + N) * N, 0.0);
+        }
         let (columns, _) = self.columns.as_chunks_mut::<N>();
         let mut work = 0;
         let before = self.places[reach..].iter().zip(&self.first[reach..]);
@@ -164,6 +173,11 @@ impl EnvelopeFactor {
 
     /// Replaces the right-hand side of the free rows, in the order of `places`, by their impulses.
     pub fn solve(&self, unknowns: &mut [f64]) {
+        solve(self, unknowns);
+    }
+
+    #[inline(always)]
+    fn substitute(&self, unknowns: &mut [f64]) {
         for i in 0..self.places.len() {
             let reach = self.first[i] as usize;
             let row = &self.entries[self.start[i]..self.start[i + 1]];
@@ -181,4 +195,16 @@ impl EnvelopeFactor {
     pub fn solve_cost(&self) -> f64 {
         2.0 * self.start[self.places.len()] as f64
     }
+}
+
+/// [`EnvelopeFactor::update`].
+#[multiversion(targets("x86_64+avx2"))]
+fn update<F: Fn(usize) -> f64>(factor: &mut EnvelopeFactor, layout: &Layout, matrix: &Matrix, cfm: F) -> f64 {
+    factor.add_groups(layout, matrix, cfm)
+}
+
+/// [`EnvelopeFactor::solve`].
+#[multiversion(targets("x86_64+avx2"))]
+fn solve(factor: &EnvelopeFactor, unknowns: &mut [f64]) {
+    factor.substitute(unknowns);
 }

@@ -79,6 +79,8 @@ pub struct AmbMlcpStatistics {
     pub multiplications: f64,
     /// Largest violation of complementarity, m/s or rad/s.
     pub residual: f64,
+    /// See [`Statistics::guess_tolerance`](super::Statistics::guess_tolerance).
+    pub guess_tolerance: f64,
 }
 
 /// The functions of the interface. Solvers come from `create`; none may be used by two threads at once.
@@ -96,6 +98,8 @@ pub struct AmbMlcpTable {
     pub clear: unsafe extern "C" fn(solver: *mut Solver),
     /// See [`Solver::set_kinetic_energy`].
     pub set_energy: unsafe extern "C" fn(solver: *mut Solver, energy: f64),
+    /// See [`Solver::set_guess_tolerance`].
+    pub set_guess_tolerance: unsafe extern "C" fn(solver: *mut Solver, share: f64),
     /// See [`Solver::add_row`]. Returns the index of the row, -1 after an internal error or for a negative size.
     pub add_row: unsafe extern "C" fn(solver: *mut Solver, row: *const AmbMlcpRow) -> c_int,
     /// See [`Solver::prepare`]; `sizes` has `articulations` elements. Returns the multiplications of a factorisation,
@@ -140,6 +144,7 @@ pub fn table() -> &'static AmbMlcpTable {
         destroy,
         clear,
         set_energy,
+        set_guess_tolerance,
         add_row,
         prepare,
         solve,
@@ -204,6 +209,11 @@ unsafe extern "C" fn clear(solver: *mut Solver) {
 unsafe extern "C" fn set_energy(solver: *mut Solver, energy: f64) {
     // SAFETY: the pointer comes from `create`, and nobody else uses the solver meanwhile.
     guarded((), || unsafe { &mut *solver }.set_kinetic_energy(energy));
+}
+
+unsafe extern "C" fn set_guess_tolerance(solver: *mut Solver, share: f64) {
+    // SAFETY: the pointer comes from `create`, and nobody else uses the solver meanwhile.
+    guarded((), || unsafe { &mut *solver }.set_guess_tolerance(share));
 }
 
 unsafe extern "C" fn add_row(solver: *mut Solver, row: *const AmbMlcpRow) -> c_int {
@@ -332,6 +342,7 @@ unsafe extern "C" fn position_errors(solver: *const Solver) -> *const f64 {
 unsafe extern "C" fn statistics(solver: *const Solver, out: *mut AmbMlcpStatistics) {
     // SAFETY: the solver comes from `create` and is not changed meanwhile; `out` is the caller's.
     let (solver, out) = unsafe { (&*solver, &mut *out) };
-    let super::Statistics { rows, factorisations, pivots, sweeps, multiplications, residual } = solver.statistics();
-    *out = AmbMlcpStatistics { rows, factorisations, pivots, sweeps, multiplications, residual };
+    let super::Statistics { rows, factorisations, pivots, sweeps, multiplications, residual, guess_tolerance } =
+        solver.statistics();
+    *out = AmbMlcpStatistics { rows, factorisations, pivots, sweeps, multiplications, residual, guess_tolerance };
 }

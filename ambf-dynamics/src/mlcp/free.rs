@@ -1,11 +1,33 @@
 //! Solution for the free rows.
 
 use super::free_factor::Kind;
+use super::iterate::Iterate;
+use super::problem::Rows;
 use super::solver::Solver;
+use multiversion::multiversion;
 
 /// Steps of iterative refinement in velocity space, and the share of the fine tolerance at which they end.
 const MAX_REFINEMENTS: u32 = 3;
 const REFINED: f64 = 1e-2;
+
+/// Applies the impulses at bounds, and finds the velocities that the free rows at `places` have to cause then.
+#[multiversion(targets("x86_64+avx2"))]
+fn find_targets(iterate: &mut Iterate, rows: &Rows, places: &[u32], targets: &mut Vec<f64>) {
+    iterate.apply_bound_impulses(rows);
+    targets.clear();
+    targets.extend(places.iter().map(|&p| {
+        let row = &iterate.variables[p as usize];
+        row.target - iterate.row_velocity(rows, row)
+    }));
+}
+
+/// Applies impulses along the rows at `places`.
+#[multiversion(targets("x86_64+avx2"))]
+fn apply_impulses(iterate: &mut Iterate, rows: &Rows, places: &[u32], impulses: &[f64]) {
+    for (&p, &x) in places.iter().zip(impulses) {
+        iterate.push(rows, p as usize, x);
+    }
+}
 
 impl Solver {
     /// Prepares the factorisation if that and a first one fit.
@@ -36,17 +58,10 @@ impl Solver {
     /// Applies the impulses at bounds, and finds those of the free rows that go with them, in `unknowns`. The
     /// velocities are then those of both.
     pub(super) fn solve_free(&mut self) {
-        self.iterate.apply_bound_impulses(&self.rows);
         let Self { factor, iterate, rows, layout, unknowns, .. } = self;
-        unknowns.clear();
-        unknowns.extend(factor.places().iter().map(|&p| {
-            let row = &iterate.variables[p as usize];
-            row.target - iterate.row_velocity(rows, row)
-        }));
+        find_targets(iterate, rows, factor.places(), unknowns);
         factor.solve(layout, unknowns);
-        for (&p, &x) in factor.places().iter().zip(&*unknowns) {
-            iterate.push(rows, p as usize, x);
-        }
+        apply_impulses(iterate, rows, factor.places(), unknowns);
         self.statistics.multiplications += factor.solve_cost(layout) + 3.0 * layout.pass_cost;
         if factor.kind() == Kind::Velocities && !self.refine_unknowns() {
             self.solve_free_by_rows();

@@ -183,6 +183,17 @@ impl Variable {
         self.low == f64::NEG_INFINITY && self.high == f64::INFINITY
     }
 
+    /// The velocity that the row asks for, as far as its CFM and its bounds let it cause it alone, m/s or rad/s. Targets
+    /// of soft springs and weak motors are much larger.
+    pub fn asked_velocity(&self) -> f64 {
+        if self.is_friction() || self.diagonal <= 0.0 {
+            return self.target.abs();
+        }
+        let response = self.diagonal - self.cfm;
+        let strongest = self.low.abs().max(self.high.abs());
+        (self.target.abs() * response / self.diagonal).min(response * strongest)
+    }
+
     pub fn is_fixed(&self) -> bool {
         self.low >= self.high
     }
@@ -274,6 +285,7 @@ impl Iterate {
     }
 
     /// Applies the impulses of the rows at their bounds, and of no others.
+    #[inline(always)]
     pub fn apply_bound_impulses(&mut self, rows: &Rows) {
         self.velocities.fill(0.0);
         for p in 0..self.variables.len() {

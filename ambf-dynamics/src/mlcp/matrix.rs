@@ -3,6 +3,7 @@
 use super::layout::Layout;
 use super::problem::{Rows, StoredSide};
 use super::vector::dot_velocity;
+use multiversion::multiversion;
 
 /// Lower triangle of `A`, stored by envelope: see [`Layout`].
 #[derive(Debug, Default)]
@@ -48,6 +49,11 @@ impl Matrix {
         self.list_sides(rows, layout);
         self.entries.clear();
         self.entries.resize(layout.start[layout.order.len()], 0.0);
+        fill(self, rows, layout);
+    }
+
+    #[inline(always)]
+    fn fill(&mut self, rows: &Rows, layout: &Layout) {
         for (p, &row) in layout.order.iter().enumerate() {
             let entries = &mut self.entries[layout.start[p]..layout.start[p + 1]];
             let first = layout.first[p];
@@ -84,4 +90,10 @@ impl Matrix {
         self.next.extend_from_slice(&self.start);
         self.sides.resize(count, (0, StoredSide::NONE));
     }
+}
+
+/// [`Matrix::fill`].
+#[multiversion(targets("x86_64+avx2"))]
+fn fill(matrix: &mut Matrix, rows: &Rows, layout: &Layout) {
+    matrix.fill(rows, layout);
 }

@@ -15,6 +15,7 @@
 use super::iterate::Iterate;
 use super::problem::{Rows, State};
 use super::solver::Solver;
+use multiversion::multiversion;
 
 /// Most rows.
 const MAX_ROWS: usize = 150;
@@ -120,6 +121,7 @@ impl Newton {
 
 /// Gauss's elimination with partial pivoting of `count` equations, whose last column becomes the solution. Returns
 /// whether they are regular.
+#[multiversion(targets("x86_64+avx2"))]
 fn eliminate(matrix: &mut [f64], count: usize) -> bool {
     let width = count + 1;
     for k in 0..count {

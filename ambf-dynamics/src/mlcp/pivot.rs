@@ -6,6 +6,11 @@ use super::solver::{Solver, MAX_PIVOT_ROUNDS};
 
 /// Iterations for which the number of wrong rows need not fall before another method is tried.
 const PATIENCE: i32 = 1;
+/// Change of the impulses at the bounds of friction, as a share of that of the iteration before, up to which the next
+/// iteration is cheaper than Newton's method.
+const CONTRACTING: f64 = 0.5;
+/// That change, as a share of the largest target other than of friction, that needs no further iteration.
+const STEADY: f64 = 1e-7;
 
 /// Watches whether fewer and fewer rows are wrong.
 pub(super) struct Progress {
@@ -36,6 +41,7 @@ impl Solver {
     pub(super) fn pivot(&mut self, limit: f64) -> bool {
         let mut stale = true;
         let mut progress = Progress::new(PATIENCE);
+        let mut moved_before = f64::INFINITY;
         for _ in 0..MAX_PIVOT_ROUNDS {
             if stale && !self.factorise(limit) {
                 return false;
@@ -43,13 +49,16 @@ impl Solver {
             self.apply_free_impulses();
             let moved = self.iterate.bound_frictions();
             let wrong = self.update_active_set();
-            if !progress.made(wrong, PATIENCE) {
+            stale = wrong > 0;
+            if stale && !progress.made(wrong, PATIENCE) {
                 return false;
             }
-            stale = wrong > 0;
-            if !stale && (moved <= self.tolerance || self.newton(limit)) {
+            if !stale
+                && (moved <= STEADY * self.normal_scale || (moved > CONTRACTING * moved_before && self.newton(limit)))
+            {
                 return true;
             }
+            moved_before = if stale { f64::INFINITY } else { moved };
         }
         false
     }

@@ -15,8 +15,13 @@ pub(super) const MAX_STAGGER_ROUNDS: u32 = 10 * MAX_PIVOT_ROUNDS;
 /// Tolerances of pivoting and of the result, as shares of the largest target.
 const FINE: f64 = 1e-9;
 const COARSE: f64 = 1e-6;
-/// Residual up to which the guess is accepted as the solution, as a share of the largest target.
+/// Residual up to which the guess is accepted as the solution, as a share of the largest target other than of friction: where the problem
+/// before was solved, and where its guess was accepted. A solution also removes the velocities that accepted guesses
+/// left, so that it is not yet the guess of a state at rest. Where methods find no solution that is as accurate, it is a
+/// multiple of the residual of the one that they found.
+const SOLVED_BEFORE: f64 = 1e-8;
 const RESTING: f64 = 1e-7;
+const INACCURATE: f64 = 1.5;
 /// Residual up to which impulses count as near the solution, as a share of the largest target, and the share of the
 /// budget for block pivoting from such a guess.
 const NEAR: f64 = 1e-3;
@@ -86,6 +91,8 @@ pub struct Statistics {
     pub multiplications: f64,
     /// Largest violation of complementarity of the result, m/s or rad/s; infinite for [`Outcome::NotFinite`].
     pub residual: f64,
+    /// What [`Solver::set_guess_tolerance`] is to be told about the next problem of the same bodies.
+    pub guess_tolerance: f64,
 }
 
 impl Statistics {
@@ -179,8 +186,9 @@ pub struct Solver {
     pub(super) tolerance: f64,
     /// Residual of a solution, m/s or rad/s.
     pub(super) accepted: f64,
-    /// The largest target that counts, m/s or rad/s.
+    /// The largest target that counts, m/s or rad/s: of all rows, and of those that are not friction.
     pub(super) scale: f64,
+    pub(super) normal_scale: f64,
     /// The part of the budget that is for factorisations, in multiplications.
     pub(super) direct: f64,
     /// The smallest tolerance of the problem.
@@ -195,6 +203,8 @@ pub struct Solver {
     prepared: bool,
     /// Kinetic energy of all bodies before the impulses, J.
     kinetic_energy: f64,
+    /// See [`Solver::set_guess_tolerance`].
+    guess_tolerance: f64,
 }
 
 impl Solver {
@@ -207,6 +217,7 @@ impl Solver {
     pub fn clear(&mut self) {
         self.rows.clear();
         self.kinetic_energy = 0.0;
+        self.guess_tolerance = 0.0;
         self.prepared = false;
     }
 
@@ -214,6 +225,14 @@ impl Solver {
     /// after [`clear`](Self::clear).
     pub fn set_kinetic_energy(&mut self, energy: f64) {
         self.kinetic_energy = energy;
+    }
+
+    /// Residual up to which the guess is accepted as the solution, as a share of the largest target other than of friction,
+    /// by default 1e-8:
+    /// [`Statistics::guess_tolerance`] of the last [`solve`](Self::solve) of the same bodies. 0 after
+    /// [`clear`](Self::clear), which means the default.
+    pub fn set_guess_tolerance(&mut self, share: f64) {
+        self.guess_tolerance = share;
     }
 
     /// Adds a row, whose numbers are copied, and returns its index.
@@ -436,10 +455,16 @@ impl Solver {
         if !self.prepared || self.rows.not_finite || !self.iterate.variables.iter().all(Variable::is_finite) {
             return Outcome::NotFinite;
         }
-        // A row that needs no impulse, such as a separating contact, does not count for the scale.
-        let counts = |row: &&Variable| row.is_friction() || row.low < 0.0 || row.target > 0.0;
-        let scale =
-            self.iterate.variables.iter().filter(counts).fold(0.0, |scale: f64, row| scale.max(row.target.abs()));
+        // A row that needs no impulse, such as a separating contact or a limit that is not reached, does not count for the
+        // scale.
+        let counts = |row: &&Variable| row.is_friction() || row.can_push(row.target);
+        let asked = |of_friction: bool| {
+            let rows = self.iterate.variables.iter().filter(counts).filter(|row| of_friction == row.is_friction());
+            rows.map(Variable::asked_velocity).fold(0.0, f64::max)
+        };
+        // What slides is faster than friction can change in a sub-step.
+        self.normal_scale = asked(false);
+        let scale = self.normal_scale.max(asked(true));
         let accepted = COARSE * scale + TINY;
         self.guess.clear();
         self.guess.extend(self.iterate.variables.iter().map(|row| (row.x, row.state)));
@@ -460,6 +485,9 @@ impl Solver {
         }
         let residual = self.best.merit.residual;
         self.statistics.residual = residual;
+        if self.statistics.guess_tolerance == 0.0 && self.normal_scale > 0.0 {
+            self.statistics.guess_tolerance = INACCURATE * residual / self.normal_scale;
+        }
         if residual <= accepted {
             Outcome::Solved
         } else {
@@ -479,7 +507,8 @@ impl Solver {
         let direct = budget - f64::from(MIN_SWEEPS) * self.sweep_cost();
         self.direct = direct;
         let is_near = self.is_guess_near();
-        if self.best.merit.residual <= RESTING * scale + TINY {
+        if self.best.merit.residual <= self.guess_tolerance.clamp(SOLVED_BEFORE, COARSE) * self.normal_scale + TINY {
+            self.statistics.guess_tolerance = self.guess_tolerance.max(RESTING);
             return;
         }
         if !self.assemble(direct) {
@@ -493,7 +522,7 @@ impl Solver {
         let converged = self.pivot(if is_near { NEAR_SHARE } else { PIVOT_SHARE } * direct);
         // The velocities are those of the impulses at hand.
         let changed = self.iterate.clamp();
-        if self.record_clamped(changed) <= accepted {
+        if self.record_clamped(changed) <= accepted || self.best.merit.residual <= accepted {
             return;
         }
         self.tolerance = accepted;
@@ -523,9 +552,9 @@ impl Solver {
     /// asked of problems that are solved as fast as that is found, nor where the budget is small.
     fn is_guess_near(&mut self) -> bool {
         let expensive = self.layout.least_factor_cost() >= EXPENSIVE * self.layout.pass_cost;
-        let mut joints = self.iterate.variables.iter().filter(|row| row.is_unbounded()).peekable();
-        let has_joints = joints.peek().is_some();
-        let has_no_guess = has_joints && joints.all(|row| row.x == 0.0);
+        let variables = &self.iterate.variables;
+        let has_joints = variables.iter().any(Variable::is_unbounded);
+        let has_no_guess = has_joints && variables.iter().all(|row| row.x == 0.0);
         if self.direct < EXPENSIVE * self.layout.pass_cost || !expensive && has_no_guess {
             return false;
         }
@@ -536,7 +565,7 @@ impl Solver {
         for (row, (x, state)) in self.iterate.variables.iter().zip(&mut self.guess) {
             if is_near && !row.is_friction() {
                 *state = row.state_of_x();
-            } else if row.low < 0.0 && !row.is_friction() {
+            } else if row.low < 0.0 && row.high > 0.0 && !row.is_friction() {
                 (*x, *state) = (0.0, State::Free);
             }
         }

@@ -294,3 +294,68 @@ fn drives_yield_to_joints() {
         compare(solver.velocities(), &[1.0 / (1.0 + drive + drive / joint)], 1e-9);
     }
 }
+
+/// A mass of 1 kg on a contact that is to stop it from 0.01 m/s, with a guess that is wrong by the share `wrong`.
+fn resting(solver: &mut Solver, wrong: f64) {
+    let row = Row { sides: [Some(Side { body: 0, jacobian: &[1.0], response: &[1.0] }), None], ..Row::default() };
+    solver.add_row(&Row { target: 0.01, x: 0.01 * (1.0 - wrong), low: 0.0, ..row });
+}
+
+#[test]
+fn a_limit_that_is_not_reached_makes_nothing_inaccurate() {
+    // The other mass is to stay below a limit, from which it is 75 m/s times the sub-step away.
+    let mut solver = Solver::new();
+    resting(&mut solver, 1e-5);
+    let row = Row { sides: [Some(Side { body: 1, jacobian: &[1.0], response: &[1.0] }), None], ..Row::default() };
+    solver.add_row(&Row { target: 75.0, low: -NONE, high: 0.0, state: State::High, ..row });
+    solver.prepare(0, &[1, 1]).expect("a proper problem");
+    assert_eq!(solver.solve(Budget::UNLIMITED), Outcome::Solved);
+    compare(solver.impulses(), &[0.01, 0.0], 1e-10);
+}
+
+#[test]
+fn soft_rows_and_weak_drives_make_nothing_inaccurate() {
+    let drive = Row { sides: [Some(Side { body: 1, jacobian: &[1.0], response: &[1.0] }), None], ..Row::default() };
+    let soft = Row { target: 75.0, cfm: 1e6, is_drive: true, ..drive };
+    let weak = Row { target: 75.0, low: -1e-6, high: 1e-6, is_drive: true, ..drive };
+    for (row, impulse) in [(soft, 75.0 / (1.0 + 1e6)), (weak, 1e-6)] {
+        let mut solver = Solver::new();
+        resting(&mut solver, 1e-5);
+        solver.add_row(&Row { x: impulse, ..row });
+        solver.prepare(0, &[1, 1]).expect("a proper problem");
+        assert_eq!(solver.solve(Budget::UNLIMITED), Outcome::Solved);
+        compare(solver.impulses(), &[0.01, impulse], 1e-10);
+    }
+}
+
+#[test]
+fn a_guess_is_accepted_more_easily_after_one_that_was_accepted() {
+    let mut solver = Solver::new();
+    // The first guess is too inaccurate; the second one would be for a problem that was solved before.
+    for (wrong, factorisations, tolerance) in [(5e-8, 1, 0.0), (5e-9, 0, 1e-7), (5e-8, 0, 1e-7), (2e-7, 1, 0.0)] {
+        let before = solver.statistics().guess_tolerance;
+        solver.clear();
+        resting(&mut solver, wrong);
+        solver.prepare(0, &[1]).expect("a proper problem");
+        solver.set_guess_tolerance(before);
+        assert_eq!(solver.solve(Budget::UNLIMITED), Outcome::Solved);
+        let found = solver.statistics();
+        assert_eq!(found.factorisations, factorisations, "{wrong}: {found:?}");
+        assert!((found.guess_tolerance - tolerance).abs() < 1e-10, "{wrong}: {found:?}");
+    }
+}
+
+#[test]
+fn limits_on_both_sides_keep_their_guess() {
+    // Two masses that a joint is to accelerate, and limits that are open, which the guess of the joint is too bad to tell.
+    for (low, high, state) in [(0.0, NONE, State::Low), (-NONE, 0.0, State::High)] {
+        let mut solver = Solver::new();
+        let row = Row { sides: [Some(Side { body: 0, jacobian: &[1.0], response: &[1.0] }), None], ..Row::default() };
+        solver.add_row(&Row { target: 1.0, x: 5.0, ..row });
+        solver.add_row(&Row { target: if low == 0.0 { -9.0 } else { 9.0 }, low, high, state, ..row });
+        solver.prepare(0, &[1]).expect("a proper problem");
+        assert_eq!(solver.solve(Budget::UNLIMITED), Outcome::Solved);
+        assert_eq!(solver.statistics().pivots, 0);
+        compare(solver.impulses(), &[1.0, 0.0], 1e-10);
+    }
+}

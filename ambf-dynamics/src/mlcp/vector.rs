@@ -17,7 +17,7 @@ pub(super) fn are_finite(values: &[f64]) -> bool {
 }
 
 /// Sum of products of two slices of the same length. Independent partial sums let additions overlap.
-#[inline]
+#[inline(always)]
 pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     let n = a.len().min(b.len());
     let (a, b) = (&a[..n], &b[..n]);
@@ -67,7 +67,7 @@ pub(super) fn dot_velocity(a: &[f64], b: &[f64]) -> f64 {
 }
 
 /// `y += a x`.
-#[inline]
+#[inline(always)]
 pub(super) fn add_scaled(y: &mut [f64], a: f64, x: &[f64]) {
     for (y, x) in y.iter_mut().zip(x) {
         *y += a * x;
