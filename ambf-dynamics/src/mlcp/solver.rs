@@ -15,10 +15,10 @@ pub(super) const MAX_STAGGER_ROUNDS: u32 = 10 * MAX_PIVOT_ROUNDS;
 /// Tolerances of pivoting and of the result, as shares of the largest target.
 const FINE: f64 = 1e-9;
 const COARSE: f64 = 1e-6;
-/// Residual up to which the guess is accepted as the solution, as a share of the largest target other than of friction: where the problem
-/// before was solved, and where its guess was accepted. A solution also removes the velocities that accepted guesses
-/// left, so that it is not yet the guess of a state at rest. Where methods find no solution that is as accurate, it is a
-/// multiple of the residual of the one that they found.
+/// Residual up to which the guess is accepted as the solution, as a share of the largest target other than of friction:
+/// where the problem before was solved, and where its guess was accepted. A solution also removes the velocities that
+/// accepted guesses left, so that it is not yet the guess of a state at rest. Where methods find no solution that is as
+/// accurate, it is a multiple of the residual of the one that they found.
 const SOLVED_BEFORE: f64 = 1e-8;
 const RESTING: f64 = 1e-7;
 const INACCURATE: f64 = 1.5;
@@ -227,10 +227,9 @@ impl Solver {
         self.kinetic_energy = energy;
     }
 
-    /// Residual up to which the guess is accepted as the solution, as a share of the largest target other than of friction,
-    /// by default 1e-8:
-    /// [`Statistics::guess_tolerance`] of the last [`solve`](Self::solve) of the same bodies. 0 after
-    /// [`clear`](Self::clear), which means the default.
+    /// Residual up to which the guess is accepted as the solution, as a share of the largest target other than of
+    /// friction: [`Statistics::guess_tolerance`] of the last [`solve`](Self::solve) of the same bodies. 0, as after
+    /// [`clear`](Self::clear), means the default, 1e-8.
     pub fn set_guess_tolerance(&mut self, share: f64) {
         self.guess_tolerance = share;
     }
