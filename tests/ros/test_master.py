@@ -262,7 +262,8 @@ class Lost(unittest.TestCase):
             # Promised are 5 s; a busy machine may spoil one of the two.
             self.assertLess(min(took), 5.0, took)
             self.assertEqual(simulator.interrupt(), 0)
-            self.assertFalse([name for name in harness.published(port) if name.startswith("/ambf")])
+            # A publisher of commands that had to be killed stays registered; that is not the simulator's fault.
+            self.assertEqual(harness.simulator_nodes(port), set())
 
     def test_it_may_stay_away(self):
         """Ctrl+C works without a master too."""
