@@ -961,7 +961,10 @@ class AccurateSolver : public Base {
     const PositionErrors expected = errors([&](size_t i) { return expected_error(i); }, yielding);
     state.expected[0] = std::max(state.expected[0], expected.linear);
     state.expected[1] = std::max(state.expected[1], expected.angular);
-    if (InfeasibleIslands::is_uncorrectable(asked, after)) {
+    const double moved = correction_energy(left, yielding) / damping;
+    const double sum = (present.linear + present.angular) * info.m_timeStep * info.m_timeStep;
+    if (InfeasibleIslands::is_uncorrectable(asked, after) ||
+        (InfeasibleIslands::is_soft(asked, after, moved) && leave_alone(state, sum))) {
       infeasible_.add(island, present, sub_step_);
       scale_corrections(0);
       return;
@@ -978,6 +981,17 @@ class AccurateSolver : public Base {
       sums.add(error_of(i), row.is_joint ? row.weight : row.weight / yielding, row.is_angular);
     }
     return sums;
+  }
+
+  // Twice the kinetic energy of the pseudo-velocities of the position problem that was solved, J, for the least damping:
+  // the sum of the impulses, which are the errors left over the CFM, times the velocities of the rows.
+  double correction_energy(const double *left, double yielding) const {
+    double sum = 0;
+    for (size_t i = 0; i < position_rows_.size(); ++i) {
+      const PositionRow &row = position_rows_[i];
+      sum += (row.is_joint ? row.weight : row.weight / yielding) * left[i] * (row.target - left[i]);
+    }
+    return sum / POSITION_SOFTNESS;
   }
 
   // The position error of row i after this sub-step, over its length, as the position problem and the CFM of the velocity

@@ -575,7 +575,7 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
   // Rounding error of the internal energy, as a share of the kinetic energy.
   constexpr btScalar ROUNDING = 1e-12;
   // Change of a rate in a sub-step by the acceleration at its beginning, m/s or rad/s, that no real force causes.
-  constexpr btScalar MAX_CHANGE = 1e9;
+  constexpr btScalar MAX_CHANGE = 1e15;
   // Largest number of parts for accuracy, and for a finite result: light links between heavy ones whip for an instant.
   constexpr int MAX_PARTS = 100, MAX_PARTS_TO_FINITE = 1600, REFINEMENT = 4;
   constexpr int PROBES_AT_FIRST = 10, STEPS_BETWEEN_PROBES = 16;
@@ -641,7 +641,8 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
         most_energy = tangential_step(h, from, start_rate, to, new_rate);
         after = internal_energy();
       }
-      scale = btSqrt(std::max(most_energy, btScalar(0)) / after);
+      // At rest both are 0. The comparison is false for NaN, which is to be lost.
+      scale = most_energy >= after ? 1 : btSqrt(std::max(most_energy, btScalar(0)) / after);
       break;
     }
     parts = std::min(parts * REFINEMENT, most);

@@ -53,6 +53,17 @@ inline void update_damping(CorrectionDamping &damping, const PositionErrors &pre
   damping.sub_step = sub_step;
 }
 
+// Whether errors that only a long motion lowers are left alone. `sum`: of their squares over the responses, kg m^2. A heavy
+// body that hangs on a light one is also corrected by long motions alone, and its load opens the joints further in each
+// sub-step. So errors are corrected when the sum is beyond LEFT_ALONE_GROWTH times the least one that was left alone.
+inline bool leave_alone(CorrectionDamping &damping, double sum) {
+  constexpr double LEFT_ALONE_GROWTH = 2;
+  const double least = damping.left_alone;
+  if (least > 0 && sum > LEFT_ALONE_GROWTH * least) return false;
+  damping.left_alone = least > 0 ? std::min(least, sum) : sum;
+  return true;
+}
+
 // Contacts, limits and springs that contradict joints are to yield to them. The least sum of squares weights errors with
 // the masses, so that a contact of heavy bodies opens the joints of light ones, and stiff springs resist a correction like
 // joints do. The CFM of contacts, limits and springs is raised for that, by YIELDING_RAISED at a time up to MOST_YIELDING,

@@ -15,6 +15,10 @@ void EngineWorld::configure(btDefaultCollisionConfiguration &configuration) {
   if (solver == AmbSolver_Accurate) configuration.setPlaneConvexMultipointIterations(4, 4);
 }
 
+void EngineWorld::add_algorithms(btCollisionDispatcher &dispatcher) {
+  if (solver == AmbSolver_Accurate) round_on_plane.enable(dispatcher);
+}
+
 std::unique_ptr<btConstraintSolver> EngineWorld::make_solver(btMLCPSolverInterface *mlcp) {
   if (kind == AmbWorldKind_Articulated) return multi_body_solver_of(solver, accurate, ledger);
   return soft_row_solver_of(solver, mlcp, accurate, ledger);
@@ -63,6 +67,9 @@ bool EngineWorld::pose_set(AmbBody &body) {
   body.drive_yielding = 0;
   body.drives_yielded_in_vain = 0;
   body.guess_tolerance = 0;
+  // setWorldTransform leaves the inertia tensor in world axes as it was until the end of the next sub-step. With the other
+  // solvers it stays so, as in the C++ program.
+  if (solver == AmbSolver_Accurate) body.body.updateInertiaTensor();
   if (body.articulation) body.articulation->poses_set = true;
   return body.articulation;
 }

@@ -32,6 +32,15 @@ class InfeasibleIslands {
     return !is_lowered(linear, asked.linear) && !is_lowered(angular, asked.angular);
   }
 
+  // Whether a correction is a long motion that hardly lowers the errors: it leaves most of the sum of squares `asked`, J, and
+  // lowers it by less than SOFT of twice the kinetic energy of its pseudo-velocities, `moved`, J. This is the square of the
+  // sine of the angle between the motion and those that the rows allow, as a mean over the rows.
+  static bool is_soft(const PositionErrors &asked, const PositionErrors &left, double moved) {
+    constexpr double SOFT = 1e-3, MOSTLY = 0.7;
+    const double before = asked.linear + asked.angular, after = left.linear + left.angular;
+    return after > MOSTLY * before && before - after < SOFT * moved;
+  }
+
   // Disables the position correction of an island for INTERVAL sub-steps. `island` identifies it in consecutive
   // sub-steps.
   void add(const void *island, const PositionErrors &errors, unsigned sub_step) {

@@ -26,6 +26,8 @@ const ERP: f64 = 0.2;
 const SLACK: f64 = 0.1;
 /// Share of the elastic energy at the start that corrections of strained joints may change.
 const ELASTIC_SLACK: f64 = 0.01;
+/// Least distance about which a correction turns a body, as a share of the scene's lever arms.
+const LEAST_ARM: f64 = 0.1;
 /// A body that is faster than this (m/s) was shot, whatever its energy: all bounds on motors are below it.
 const FASTEST: f64 = 1e5;
 /// Contacts are looked at every this many sub-steps.
@@ -153,7 +155,8 @@ impl Watch {
             present + slid_of_corrections(scene) + turned
         };
         // What cannot be closed settles elsewhere than it was assembled, and takes springs with it.
-        let (way, angle) = (present + slid_of_corrections(scene) + beyond * self.size, beyond + present / self.size);
+        let arm = self.size.min(shortest_arm(scene, &self.pivots).max(LEAST_ARM * self.size));
+        let (way, angle) = (present + slid_of_corrections(scene) + beyond * self.size, beyond + present / arm);
         self.springs = springs(scene);
         let strained = |spring: &Spring| spring.strained_by(way, angle);
         self.allowance = bodies.map(|body| of((body.mass, body.inertia.amax()))).sum::<f64>()
@@ -299,6 +302,20 @@ fn turns_of_corrections(scene: &Scene, pivots: &[Pivot]) -> Vec<(Vector3<f64>, f
     });
     let axes = pivots.iter().map(|pivot| (at(pivot.parent, pivot.points[0]), skew(scene, pivot)));
     limits.chain(axes).filter(|(_, angle)| *angle > 0.0).collect()
+}
+
+/// Shortest distance between two pivots on a body that moves, m: where one joint holds the body, the correction of the other turns it
+/// about the first. Infinite: no body has two joints.
+fn shortest_arm(scene: &Scene, pivots: &[Pivot]) -> f64 {
+    let sides = || {
+        let all = pivots.iter().flat_map(|pivot| [(pivot.parent, pivot.points[0]), (pivot.child, pivot.points[1])]);
+        all.filter(|&(body, _)| scene.bodies[body].mass > 0.0)
+    };
+    let from = |n: usize, (body, point): (BodyId, Point3<f64>)| {
+        let others = sides().skip(n + 1).filter(move |&(other, _)| other == body);
+        others.map(|(_, other)| (other - point).norm()).fold(f64::INFINITY, f64::min)
+    };
+    sides().enumerate().map(|(n, side)| from(n, side)).fold(f64::INFINITY, f64::min)
 }
 
 /// By how much the corrections of the limits of sliding joints move bodies, m.

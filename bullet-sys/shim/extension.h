@@ -30,8 +30,10 @@ class Extension {
   BT_DECLARE_ALIGNED_ALLOCATOR();
   virtual ~Extension() = default;
 
-  // The first three are called in this order while the world is made.
+  // The first four are called in this order while the world is made.
   virtual void configure(btDefaultCollisionConfiguration &configuration) = 0;
+  // May register collision algorithms, whose factories have to outlive the dispatcher.
+  virtual void add_algorithms(btCollisionDispatcher &dispatcher) = 0;
   // mlcp: algorithm of an MLCP solver; null for all other solvers.
   virtual std::unique_ptr<btConstraintSolver> make_solver(btMLCPSolverInterface *mlcp) = 0;
   // Makes a world of kind AmbWorldKind_Articulated by `fill_world` (substepped_world.h). Its solver is that of
@@ -49,8 +51,8 @@ class Extension {
   virtual void gravity_set(const btVector3 &gravity) = 0;
   // The velocity of a body of the world was set.
   virtual void velocity_set(AmbBody &body) = 0;
-  // The pose of a body of the world is about to be set. Returns whether the body is a link: its collision object is
-  // then moved in the next sub-step.
+  // The pose of a body of the world was set. Returns whether the body is a link: its collision object is then moved in
+  // the next sub-step.
   virtual bool pose_set(AmbBody &body) = 0;
   // A body is about to leave the world.
   virtual void body_leaves(AmbBody &body) = 0;
@@ -91,6 +93,9 @@ struct CorrectionDamping {
   // leaves of what it was to correct by the linear model, and the sub-step in which it was made; 0: none.
   double expected[2] = {0, 0}, left[2] = {0, 0};
   unsigned sub_step = 0;
+  // Least sum of squares of the errors, over their responses, kg m^2, that was left alone because only long motions lower
+  // it; 0: none.
+  double left_alone = 0;
 };
 
 // Bodies that joints connect, while their turns are bounded; see the engine's turn_limit.h. Kept by one of them.

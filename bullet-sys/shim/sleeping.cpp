@@ -70,9 +70,9 @@ void set_pose(AmbWorld &world, AmbBody &owner, const btTransform &pose) {
   btRigidBody &body = owner.body;
   const bool moves = !(body.getWorldTransform() == pose);
   if (moves) activate_neighbours(world, owner);
-  const bool is_link = world.extension && world.extension->pose_set(owner);
   body.setWorldTransform(pose);
   owner.motion.setWorldTransform(pose);
+  const bool is_link = world.extension && world.extension->pose_set(owner);
   // The collision object of a link is moved in the next sub-step, and links never sleep.
   if (!moves || !world.freezes_static_aabbs || is_link) return;
   world.world->updateSingleAabb(&body);

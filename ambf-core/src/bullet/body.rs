@@ -266,9 +266,29 @@ impl World {
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::FRAC_PI_2;
+
+    use nalgebra::{Translation3, UnitQuaternion};
+
     use super::super::tests::{ball, hinge};
     use super::super::{BodyDrive, Constraint, ConstraintKind, Solver};
     use super::*;
+
+    #[test]
+    fn a_body_whose_pose_was_set_has_the_inertia_of_that_pose_at_once() {
+        // With the other solvers it has that of the pose before for one sub-step, as in the C++ program.
+        for (solver, about) in [(Solver::Accurate, 2.0), (Solver::default(), 1.0)] {
+            let mut world = World::new(solver);
+            let body = world.add_body(RigidBody { inertia: Vector3::new(1.0, 2.0, 4.0), ..ball(1.0, 0.0) });
+            // The second principal axis then points along -x.
+            let turned = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), FRAC_PI_2);
+            world.set_pose(body, &Isometry3::from_parts(Translation3::identity(), turned));
+            world.apply_wrench(body, &Vector3::zeros(), &Vector3::x());
+            world.step(0.001, 1, 0.001);
+            let (_, angular) = world.velocity(body).unwrap();
+            assert!((angular.x - 0.001 / about).abs() < 1e-9, "{solver:?}: {angular}");
+        }
+    }
 
     #[test]
     fn a_body_that_is_not_finite_is_found() {
