@@ -5,7 +5,6 @@
 #include "accurate_context.h"
 #include "internal.h"
 #include "ledger.h"
-#include "round_on_plane.h"
 
 extern "C" {
 #include "dynamics.h"
@@ -28,7 +27,6 @@ class EngineWorld final : public Extension {
   EngineWorld(AmbWorld &owner, int solver_kind, int world_kind) : world(owner), solver(solver_kind), kind(world_kind) {}
 
   void configure(btDefaultCollisionConfiguration &configuration) override;
-  void add_algorithms(btCollisionDispatcher &dispatcher) override;
   std::unique_ptr<btConstraintSolver> make_solver(btMLCPSolverInterface *mlcp) override;
   void make_world(btConstraintSolver &made) override;
   void before_sub_step(btScalar h) override;
@@ -58,7 +56,6 @@ class EngineWorld final : public Extension {
   // See rays.h.
   bool exact_rays = false;
   Vector<AmbImpact> impacts;
-  RoundOnPlaneFactory round_on_plane;
 };
 
 // The engine's part of a world, which must have been made with this engine.
