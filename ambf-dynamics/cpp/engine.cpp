@@ -64,7 +64,7 @@ bool EngineWorld::pose_set(AmbBody &body) {
   body.drives_yielded_in_vain = 0;
   body.guess_tolerance = 0;
   // setWorldTransform leaves the inertia tensor in world axes as it was until the end of the next sub-step. With the other
-  // solvers it stays so, as in the C++ program.
+  // solvers it stays so, as in plain Bullet.
   if (solver == AmbSolver_Accurate) body.body.updateInertiaTensor();
   if (body.articulation) body.articulation->poses_set = true;
   return body.articulation;

@@ -276,7 +276,7 @@ mod tests {
 
     #[test]
     fn a_body_whose_pose_was_set_has_the_inertia_of_that_pose_at_once() {
-        // With the other solvers it has that of the pose before for one sub-step, as in the C++ program.
+        // With the other solvers it has that of the pose before for one sub-step, as in plain Bullet.
         for (solver, about) in [(Solver::Accurate, 2.0), (Solver::default(), 1.0)] {
             let mut world = World::new(solver);
             let body = world.add_body(RigidBody { inertia: Vector3::new(1.0, 2.0, 4.0), ..ball(1.0, 0.0) });
