@@ -15,6 +15,10 @@ void EngineWorld::configure(btDefaultCollisionConfiguration &configuration) {
   if (solver == AmbSolver_Accurate) configuration.setPlaneConvexMultipointIterations(4, 4);
 }
 
+void EngineWorld::add_algorithms(btCollisionDispatcher &dispatcher) {
+  if (solver == AmbSolver_Accurate) deep_contacts.enable(dispatcher, *world.configuration);
+}
+
 std::unique_ptr<btConstraintSolver> EngineWorld::make_solver(btMLCPSolverInterface *mlcp) {
   if (kind == AmbWorldKind_Articulated) return multi_body_solver_of(solver, accurate, ledger);
   return soft_row_solver_of(solver, mlcp, accurate, ledger);

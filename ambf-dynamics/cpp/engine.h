@@ -3,6 +3,7 @@
 #define AMB_ENGINE_H
 
 #include "accurate_context.h"
+#include "deep_contacts.h"
 #include "internal.h"
 #include "ledger.h"
 
@@ -27,6 +28,7 @@ class EngineWorld final : public Extension {
   EngineWorld(AmbWorld &owner, int solver_kind, int world_kind) : world(owner), solver(solver_kind), kind(world_kind) {}
 
   void configure(btDefaultCollisionConfiguration &configuration) override;
+  void add_algorithms(btCollisionDispatcher &dispatcher) override;
   std::unique_ptr<btConstraintSolver> make_solver(btMLCPSolverInterface *mlcp) override;
   void make_world(btConstraintSolver &made) override;
   void before_sub_step(btScalar h) override;
@@ -56,6 +58,7 @@ class EngineWorld final : public Extension {
   // See rays.h.
   bool exact_rays = false;
   Vector<AmbImpact> impacts;
+  DeepContacts deep_contacts;
 };
 
 // The engine's part of a world, which must have been made with this engine.

@@ -30,8 +30,10 @@ class Extension {
   BT_DECLARE_ALIGNED_ALLOCATOR();
   virtual ~Extension() = default;
 
-  // The first three are called in this order while the world is made.
+  // The first four are called in this order while the world is made.
   virtual void configure(btDefaultCollisionConfiguration &configuration) = 0;
+  // May register collision algorithms, whose factories have to outlive the dispatcher.
+  virtual void add_algorithms(btCollisionDispatcher &dispatcher) = 0;
   // mlcp: algorithm of an MLCP solver; null for all other solvers.
   virtual std::unique_ptr<btConstraintSolver> make_solver(btMLCPSolverInterface *mlcp) = 0;
   // Makes a world of kind AmbWorldKind_Articulated by `fill_world` (substepped_world.h). Its solver is that of

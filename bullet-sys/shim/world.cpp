@@ -48,6 +48,7 @@ AmbWorld::AmbWorld(int solver_kind, int kind, int manifolds, const AmbArena *mem
       extension(engine ? engine->extend(*this, solver_kind, kind) : nullptr),
       configuration(configuration_of(kind == AmbWorldKind_Soft, pools_of(manifolds, memory), extension.get())),
       dispatcher(configuration.get()) {
+  if (extension) extension->add_algorithms(dispatcher);
   const bool is_articulated = extension && kind == AmbWorldKind_Articulated;
   if (!is_articulated) mlcp = mlcp_of(solver_kind);
   solver = extension ? extension->make_solver(mlcp.get()) : solver_of(solver_kind, mlcp.get());

@@ -1,0 +1,165 @@
+#include "deep_contacts.h"
+
+#include <BulletCollision/CollisionDispatch/btCollisionConfiguration.h>
+#include <BulletCollision/CollisionDispatch/btCollisionDispatcher.h>
+#include <BulletCollision/CollisionDispatch/btCollisionObjectWrapper.h>
+#include <BulletCollision/CollisionDispatch/btCompoundCompoundCollisionAlgorithm.h>
+#include <BulletCollision/CollisionDispatch/btManifoldResult.h>
+#include <BulletCollision/CollisionShapes/btCapsuleShape.h>
+#include <BulletCollision/CollisionShapes/btConeShape.h>
+#include <BulletCollision/CollisionShapes/btCylinderShape.h>
+#include <BulletCollision/CollisionShapes/btPolyhedralConvexShape.h>
+#include <BulletCollision/CollisionShapes/btStaticPlaneShape.h>
+
+#include <algorithm>
+#include <new>
+
+namespace {
+
+// Orientations that Bullet tries, and the number of points from which on it does not. As for polyhedra on planes.
+constexpr int PERTURBATIONS = 4, ENOUGH_POINTS = 4;
+
+bool is_deep(const btManifoldResult &result) {
+  const btPersistentManifold *const manifold = result.getPersistentManifold();
+  if (!manifold) return false;
+  btScalar least = 0;
+  for (int i = 0; i < manifold->getNumContacts(); ++i)
+    least = std::min(least, manifold->getContactPoint(i).getDistance());
+  return least < -manifold->getContactBreakingThreshold();
+}
+
+class ConvexPair final : public btConvexConvexAlgorithm {
+ public:
+  ConvexPair(const btCollisionAlgorithmConstructionInfo &info, const btCollisionObjectWrapper *first,
+             const btCollisionObjectWrapper *second, btConvexPenetrationDepthSolver *depth_solver)
+      : btConvexConvexAlgorithm(info.m_manifold, info, first, second, depth_solver, 0, 0),
+        depth_solver_(depth_solver) {}
+
+  void processCollision(const btCollisionObjectWrapper *first, const btCollisionObjectWrapper *second,
+                        const btDispatcherInfo &info, btManifoldResult *result) override {
+    btConvexConvexAlgorithm::processCollision(first, second, info, result);
+    if (!is_deep(*result)) return;
+    btCollisionAlgorithmConstructionInfo made(m_dispatcher, 1);
+    btConvexConvexAlgorithm perturbed(result->getPersistentManifold(), made, first, second, depth_solver_,
+                                      PERTURBATIONS, ENOUGH_POINTS);
+    perturbed.processCollision(first, second, info, result);
+  }
+
+ private:
+  btConvexPenetrationDepthSolver *const depth_solver_;
+};
+
+// Calls `use` with all points of a shape, in its own frame, on which it can rest on a plane in the direction `down`, a
+// unit vector: the vertices of a polyhedron; of shapes with an axis of symmetry the lowest point of each end, and two
+// more of a rim, 120 degrees from it.
+template <class Use>
+void for_resting_points(const btCollisionShape &shape, const btVector3 &down, Use use) {
+  const auto ends = [&](int axis, const btScalar(&at)[2], const btScalar(&radii)[2], btScalar margin) {
+    btVector3 along(0, 0, 0), across(0, 0, 0);
+    along[axis] = 1;
+    const btVector3 radial = down - along * down.dot(along);
+    const btScalar length = radial.length();
+    // A base that is parallel to the plane has no lowest point; Bullet takes this one.
+    across[axis == 0 ? 1 : 0] = 1;
+    if (length > 0) across = radial / length;
+    const btVector3 beside = along.cross(across) * (btSqrt(btScalar(3)) / 2);
+    for (int end = 0; end < 2; ++end) {
+      const btVector3 centre = along * at[end] + down * margin;
+      use(centre + across * radii[end]);
+      if (radii[end] <= 0) continue;
+      use(centre + (across * btScalar(-0.5) + beside) * radii[end]);
+      use(centre + (across * btScalar(-0.5) - beside) * radii[end]);
+    }
+  };
+  switch (shape.getShapeType()) {
+    case CYLINDER_SHAPE_PROXYTYPE: {
+      const auto &cylinder = static_cast<const btCylinderShape &>(shape);
+      const btVector3 half = cylinder.getHalfExtentsWithoutMargin();
+      const int axis = cylinder.getUpAxis();
+      const btScalar radius = half[axis == 0 ? 1 : 0];
+      return ends(axis, {half[axis], -half[axis]}, {radius, radius}, cylinder.getMargin());
+    }
+    case CONE_SHAPE_PROXYTYPE: {
+      const auto &cone = static_cast<const btConeShape &>(shape);
+      const btScalar half = cone.getHeight() / 2;
+      return ends(cone.getConeUpIndex(), {half, -half}, {0, cone.getRadius()}, cone.getMargin());
+    }
+    case CAPSULE_SHAPE_PROXYTYPE: {
+      const auto &capsule = static_cast<const btCapsuleShape &>(shape);
+      const btScalar half = capsule.getHalfHeight();
+      return ends(capsule.getUpAxis(), {half, -half}, {0, 0}, capsule.getRadius());
+    }
+    default:
+      break;
+  }
+  if (!shape.isPolyhedral()) return;
+  const auto &polyhedron = static_cast<const btPolyhedralConvexShape &>(shape);
+  for (int i = 0; i < polyhedron.getNumVertices(); ++i) {
+    btVector3 vertex;
+    polyhedron.getVertex(i, vertex);
+    // The vertices of a box are those of its surface.
+    use(shape.getShapeType() == BOX_SHAPE_PROXYTYPE ? vertex : vertex + down * polyhedron.getMargin());
+  }
+}
+
+class ConvexOnPlane final : public btConvexPlaneCollisionAlgorithm {
+ public:
+  ConvexOnPlane(const btCollisionAlgorithmConstructionInfo &info, const btCollisionObjectWrapper *first,
+                const btCollisionObjectWrapper *second, bool is_swapped)
+      : btConvexPlaneCollisionAlgorithm(nullptr, info, first, second, is_swapped, PERTURBATIONS, ENOUGH_POINTS),
+        is_swapped_(is_swapped) {}
+
+  void processCollision(const btCollisionObjectWrapper *first, const btCollisionObjectWrapper *second,
+                        const btDispatcherInfo &info, btManifoldResult *result) override {
+    btConvexPlaneCollisionAlgorithm::processCollision(first, second, info, result);
+    if (!is_deep(*result)) return;
+    const btCollisionObjectWrapper &object = is_swapped_ ? *second : *first, &ground = is_swapped_ ? *first : *second;
+    const auto &plane = static_cast<const btStaticPlaneShape &>(*ground.getCollisionShape());
+    const btTransform &pose = object.getWorldTransform(), &frame = ground.getWorldTransform();
+    const btVector3 normal = frame.getBasis() * plane.getPlaneNormal();
+    for_resting_points(*object.getCollisionShape(), -(normal * pose.getBasis()), [&](const btVector3 &at) {
+      const btVector3 point = pose * at;
+      const btScalar distance = normal.dot(point - frame.getOrigin()) - plane.getPlaneConstant();
+      if (distance < result->getPersistentManifold()->getContactBreakingThreshold())
+        result->addContactPoint(normal, point - normal * distance, distance);
+    });
+  }
+
+ private:
+  const bool is_swapped_;
+};
+
+}  // namespace
+
+btCollisionAlgorithm *DeepContacts::Pairs::CreateCollisionAlgorithm(btCollisionAlgorithmConstructionInfo &info,
+                                                                    const btCollisionObjectWrapper *first,
+                                                                    const btCollisionObjectWrapper *second) {
+  // The dispatcher's pool has room for Bullet's own algorithms.
+  static_assert(sizeof(ConvexPair) <= sizeof(btCompoundCompoundCollisionAlgorithm));
+  void *const memory = info.m_dispatcher1->allocateCollisionAlgorithm(sizeof(ConvexPair));
+  return new (memory) ConvexPair(info, first, second, m_pdSolver);
+}
+
+btCollisionAlgorithm *DeepContacts::Planes::CreateCollisionAlgorithm(btCollisionAlgorithmConstructionInfo &info,
+                                                                     const btCollisionObjectWrapper *first,
+                                                                     const btCollisionObjectWrapper *second) {
+  static_assert(sizeof(ConvexOnPlane) <= sizeof(btCompoundCompoundCollisionAlgorithm));
+  void *const memory = info.m_dispatcher1->allocateCollisionAlgorithm(sizeof(ConvexOnPlane));
+  return new (memory) ConvexOnPlane(info, first, second, m_swapped);
+}
+
+void DeepContacts::enable(btCollisionDispatcher &dispatcher, btCollisionConfiguration &configuration) {
+  const auto created_by = [&](int first, int second) {
+    return configuration.getCollisionAlgorithmCreateFunc(first, second);
+  };
+  const auto *const of_pairs = created_by(CONVEX_HULL_SHAPE_PROXYTYPE, CONVEX_HULL_SHAPE_PROXYTYPE);
+  const auto *const of_planes = created_by(CONVEX_HULL_SHAPE_PROXYTYPE, STATIC_PLANE_PROXYTYPE);
+  for (int first = 0; first < CONCAVE_SHAPES_START_HERE; ++first) {
+    for (int second = 0; second < CONCAVE_SHAPES_START_HERE; ++second) {
+      if (created_by(first, second) == of_pairs) dispatcher.registerCollisionCreateFunc(first, second, &pairs_);
+    }
+    if (created_by(first, STATIC_PLANE_PROXYTYPE) != of_planes) continue;
+    dispatcher.registerCollisionCreateFunc(first, STATIC_PLANE_PROXYTYPE, &plane_second_);
+    dispatcher.registerCollisionCreateFunc(STATIC_PLANE_PROXYTYPE, first, &plane_first_);
+  }
+}
