@@ -548,7 +548,7 @@ class AccurateSolver : public Base {
       row.cfm = std::max(row.cfm, settings_.joint_softness * joint_errors_[i].response);
       row.in_positions = joint_errors_[i].is_geometric || joint_errors_[i].is_spring;
       row.is_drive = !joint_errors_[i].is_geometric;
-      if (row.is_drive) row.yielding_cfm = settings_.joint_softness * joint_errors_[i].response;
+      if (row.is_drive) row.yielding_cfm = DriveYielding::SOFTNESS * joint_errors_[i].response;
       row.bias = joint_errors_[i].bias;
       row.position_target = joint_errors_[i].correction * share_of(joint_errors_[i].is_limit);
       // If this guess is not the solution, pivoting starts with free rows: a drive that alternates between its bounds
@@ -587,7 +587,7 @@ class AccurateSolver : public Base {
       // Rows of the articulation's own joints have their CFM from JointRows.
       const auto &owner = *static_cast<const EngineRows *>(joints[i].m_orgConstraint);
       row.is_drive = !owner.is_geometric(joints[i].m_orgDofIndex);
-      if (row.is_drive) row.yielding_cfm = softness_of(joints[i], settings_.joint_softness);
+      if (row.is_drive) row.yielding_cfm = softness_of(joints[i], DriveYielding::SOFTNESS);
       row.bias = row.is_drive ? 0 : owner.bias(joints[i].m_orgDofIndex);
       row.in_positions = joints[i].m_jacDiagABInv > 0 && (!row.is_drive || owner.is_spring(joints[i].m_orgDofIndex));
       note_error(owner.error(joints[i].m_orgDofIndex), owner.is_angular(joints[i].m_orgDofIndex));

@@ -480,8 +480,17 @@ void AmbArticulation::integrate_free_motion(btScalar h) {
 }
 
 void AmbArticulation::prepare_rows(btScalar h) {
+  const btVector3 momentum = dynamics.linear_momentum();
   dynamics.update_poses(position);
   dynamics.update_velocities(free_rate);
+  row_velocity = free_rate.linear;
+  if (!dynamics.fixed_base) {
+    // The same rates give the mass centre another velocity where a light base turns fast relative to heavy links.
+    ArticulationDynamics::Rate start = free_rate;
+    start.linear += (momentum - dynamics.linear_momentum()) / dynamics.mass();
+    row_velocity = start.linear;
+    dynamics.update_velocities(start);
+  }
   unsolved_energy = dynamics.internal_energy();
   is_tangential = unsolved_energy > MAX_CONTRAST * std::max(dynamics.start_energy, free_internal_energy);
   if (is_tangential) {
@@ -490,6 +499,7 @@ void AmbArticulation::prepare_rows(btScalar h) {
     dynamics.update_velocities(free_rate);
     unsolved_energy = dynamics.internal_energy();
     free_energy = dynamics.kinetic_energy();
+    row_velocity = free_rate.linear;
   }
   dynamics.factor_inertia();
   // The velocity of the btMultiBody is the sum of the changes by all rows.
@@ -519,7 +529,7 @@ void AmbArticulation::integrate(btScalar h) {
     ArticulationDynamics::Rate &after = rate;
     dynamics.rates_of(multi_body->getVelocityVector(), change);
     after.angular = free_rate.angular + change.angular;
-    after.linear = free_rate.linear + change.linear;
+    after.linear = row_velocity + change.linear;
     for (int i = 0; i < dynamics.coordinates; ++i) after.q[i] = free_rate.q[i] + change.q[i];
     dynamics.update_poses(position);
     dynamics.update_velocities(after);

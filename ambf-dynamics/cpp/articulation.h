@@ -84,6 +84,9 @@ struct AmbArticulation {
   // Kinetic energy of that motion, J, and its internal energy at the end and, with the same rates, at the beginning of
   // the sub-step.
   btScalar free_energy = 0, free_internal_energy = 0, unsolved_energy = 0;
+  // Velocity of a free base with which rows act at the beginning of the sub-step, m/s: that of `free_rate`, such that the
+  // linear momentum is that after the free motion.
+  btVector3 row_velocity{0, 0, 0};
   // Whether the free motion of this sub-step is along the tangent.
   bool is_tangential = false;
   // Pseudo-velocity of the position correction: moves the articulation in this sub-step and does not change its rates.

@@ -189,6 +189,10 @@ class ArticulationDynamics {
   Vector<btMatrix3x3> rotations;
   Vector<btVector3> origins, linear, angular;
 
+  // Linear momentum of all bodies, N s, and their mass, kg.
+  btVector3 linear_momentum() const;
+  btScalar mass() const;
+
  private:
   // One degree of freedom of a joint.
   struct Freedom {
@@ -228,8 +232,6 @@ class ArticulationDynamics {
   Works works_of_forces(const Position &from, const Position &to) const;
   btScalar elastic_energy(const Position &at) const;
   btScalar rounding_of_work(const Position &at) const;
-  btVector3 linear_momentum() const;
-  btScalar mass() const;
   void update_fastest_mode(const Position &at, const Rate &rate);
   void add_inertias();
   static void compute_joint_inertia(Work &w, Freedom &freedom);

@@ -13,6 +13,8 @@
 
 class DriveYielding {
  public:
+  // CFM of drives that yield by 1, as a share of their response.
+  static constexpr double SOFTNESS = 1e-7;
   // Whether drives are to yield more, where joints open by `opened` of their lever arms, or rad, in a sub-step.
   static bool is_wanted(double yielding, double opened) { return opened > MOST_OPENED && yielding < MOST; }
   // Whether it did not help that drives yield up to the most: joints opened by `unyielding` without. Drives that yielded in
@@ -28,8 +30,8 @@ class DriveYielding {
   }
 
  private:
-  // Opening that is allowed in a sub-step. The yielding is the CFM of drives as a multiple of that of joints of the same
-  // response, or 0: its change where it is raised and lowered, and its largest value.
+  // Opening that is allowed in a sub-step. The yielding is a multiple of SOFTNESS, or 0: its change where it is raised and
+  // lowered, and its largest value.
   static constexpr double MOST_OPENED = 1e-5, RAISED = 10, LOWERED = 1 / 1.2, MOST = 1e5;
   // Sub-steps for which drives do not yield again.
   static constexpr unsigned UNYIELDING = 64;

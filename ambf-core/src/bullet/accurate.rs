@@ -18,7 +18,7 @@ pub struct AccurateSettings {
     /// Islands are solved directly if the cost is within the budget. Default: `true`.
     pub direct: bool,
     /// Minimum CFM of joint rows in the direct solution, as a share of the row's diagonal, which regularises redundant
-    /// rows. Smaller values lose accuracy in overconstrained closed loops. Default: 1e-7.
+    /// rows. Default: 1e-9.
     pub joint_softness: f64,
     /// The same of contacts. Default: 1e-7.
     pub contact_softness: f64,
@@ -50,7 +50,7 @@ impl Default for AccurateSettings {
             diagonal_cfm: true,
             restitution: true,
             direct: true,
-            joint_softness: 1e-7,
+            joint_softness: 1e-9,
             contact_softness: 1e-7,
             friction_softness: 1e-7,
             mass_ratio_threshold: 100.0,

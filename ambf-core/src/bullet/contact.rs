@@ -164,7 +164,7 @@ mod tests {
     use nalgebra::Isometry3;
 
     use super::super::tests::ball;
-    use super::super::{RigidBody, Shape, Solver};
+    use super::super::{Axis, RigidBody, Shape, Solver};
     use super::*;
 
     #[test]
@@ -196,6 +196,37 @@ mod tests {
         assert!(found.is_empty(), "a stale handle");
         world.contacts(resting, 0.001, &mut found);
         assert!(found.is_empty(), "what it lay on is gone");
+    }
+
+    #[test]
+    fn deep_round_bodies_rest_on_all_points_of_a_plane() {
+        const RADIUS: f64 = 0.02;
+        const HEIGHT: f64 = 0.05;
+        // With the distance from the centre of mass to the lowest points, and their number. Bullet finds the centre of the
+        // cone's base first.
+        type Case = (fn() -> Shape, f64, usize);
+        let cases: [Case; 4] = [
+            (|| Shape::cylinder(Axis::X, RADIUS, HEIGHT, 1e-5), RADIUS, 2),
+            (|| Shape::capsule(Axis::X, RADIUS, HEIGHT, 1e-5), RADIUS, 2),
+            (|| Shape::cylinder(Axis::Z, RADIUS, HEIGHT, 1e-5), HEIGHT / 2.0, 3),
+            (|| Shape::cone(Axis::Z, RADIUS, HEIGHT, 1e-5), HEIGHT / 2.0, 4),
+        ];
+        for (n, (shape, above, all)) in cases.into_iter().enumerate() {
+            let (deep, shallow) = (0.1 * RADIUS, 0.001 * RADIUS);
+            let expected =
+                [(Solver::Accurate, deep, all), (Solver::Accurate, shallow, 1), (Solver::default(), deep, 1)];
+            for (solver, depth, expected) in expected {
+                let mut world = World::new(solver);
+                let ground = Shape::plane(Vector3::z(), 0.0, 0.0);
+                let ground = world.add_body(RigidBody { shape: ground, ..ball(0.0, 0.0) });
+                let pose = Isometry3::translation(0.0, 0.0, above - depth);
+                world.add_body(RigidBody { shape: shape(), pose, ..ball(1.0, 0.0) });
+                world.step(1e-6, 1, 1e-6);
+                let mut found = Vec::new();
+                world.contacts(ground, 0.0, &mut found);
+                assert_eq!(found.len(), expected, "{n} {solver:?} {depth}: {found:?}");
+            }
+        }
     }
 
     #[test]

@@ -202,7 +202,7 @@ pub struct Solver {
     position_errors: Vec<f64>,
     prepared: bool,
     /// Kinetic energy of all bodies before the impulses, J.
-    kinetic_energy: f64,
+    pub(super) kinetic_energy: f64,
     /// See [`Solver::set_guess_tolerance`].
     guess_tolerance: f64,
 }
@@ -481,6 +481,9 @@ impl Solver {
         if !is_held && self.best.merit.residual > accepted {
             self.close_joints();
             self.load_best();
+        }
+        if self.best.merit.residual > accepted {
+            self.release_friction(budget);
         }
         let residual = self.best.merit.residual;
         self.statistics.residual = residual;
