@@ -51,10 +51,7 @@ impl Solver {
         self.save_impulses();
         let mut is_held = false;
         for _ in 0..MAX_HOLDS {
-            self.fix_frictions();
-            let is_solved = self.solve_within_bounds(limit);
-            self.iterate.variables.iter_mut().for_each(|row| row.x = row.clamp(row.x));
-            self.iterate.accumulate(&self.rows);
+            let is_solved = self.solve_for_friction(limit);
             let now = self.iterate.energy(&self.rows);
             // Not `>`, which is false for what is not a number.
             if !(is_solved && now <= objective) {
@@ -95,10 +92,7 @@ impl Solver {
                     self.iterate.variables[p].x = 0.0;
                 }
             }
-            self.fix_frictions();
-            let is_solved = self.solve_within_bounds(limit);
-            self.iterate.variables.iter_mut().for_each(|row| row.x = row.clamp(row.x));
-            self.iterate.accumulate(&self.rows);
+            let is_solved = self.solve_for_friction(limit);
             let now = self.pushing_work();
             // Not `>=`, which is false for what is not a number.
             if !(is_solved && now < least) {
@@ -146,11 +140,15 @@ impl Solver {
         self.primal_active_set(&mut rounds, limit)
     }
 
-    /// Fixes the impulses of friction at their values.
-    fn fix_frictions(&mut self) {
+    /// Solves all other rows for the impulses that friction has, from the saved impulses, and finds the velocities.
+    fn solve_for_friction(&mut self, limit: f64) -> bool {
         for row in self.iterate.variables.iter_mut().filter(|row| row.is_friction()) {
             (row.low, row.high) = (row.x, row.x);
         }
+        let is_solved = self.solve_within_bounds(limit);
+        self.iterate.variables.iter_mut().for_each(|row| row.x = row.clamp(row.x));
+        self.iterate.accumulate(&self.rows);
+        is_solved
     }
 
     /// Brings friction within the bounds that the normal impulses give. Returns whether it exceeded them.
