@@ -219,7 +219,11 @@ class States(support.TimedTest):
         world = CLIENT.get_world_handle()
         zone = CLIENT.get_obj_handle("ghostEntry1")
         cup = CLIENT.get_obj_handle("cup")
-        result = world.step(5, observe=[zone, scale, cup, feeler], patience=60.0)
+        # In `legacy` a box at rest rises by 10 um once in some 40 steps, and for one of them it does not touch.
+        for _ in range(10):
+            result = world.step(5, observe=[zone, scale, cup, feeler], patience=60.0)
+            if scale.get_num_contact_events():
+                break
         self.assertEqual({handle.get_sim_step() for handle in (zone, scale, cup, feeler)}, {result.sim_step})
         self.assertEqual((scale.get_num_contact_events(), scale.get_contact_object_name(1)), (1, None))
         for sensor in (scale, feeler):
