@@ -70,14 +70,17 @@ bool joins_the_same(const AmbConstraint &a, const AmbConstraint &b) {
          (&first_of(a) == &second_of(b) && &second_of(a) == &first_of(b));
 }
 
-// Largest turn in a sub-step up to which the kinetic energy may grow at the new position, rad, and by which share of
-// it: slow motion exchanges energy between sub-steps by truncation errors of either sign, in proportion to the square of
-// the turn.
-constexpr btScalar FAST_TURN = 0.05, SLOW_GROWTH = 1e-3;
+// Largest turn in a sub-step up to which the kinetic energy may grow at the new position, rad: slow motion exchanges energy
+// between sub-steps by truncation errors of either sign, in proportion to the third power of the turn.
+constexpr btScalar FAST_TURN = 0.05;
 
 // Rows are solved with the rates after the free motion and the inertia before it. Largest ratio of the energy of both
 // together to the energy before and after the motion; beyond it rows act on a motion along the tangent instead.
 constexpr btScalar MAX_CONTRAST = 2;
+// Free turn in a sub-step, rad, from which on rows act on a uniformly accelerated motion where joints turned by less than
+// FAST_TURN before. Rows that hold a joint against a large effort would else be solved with the inertia of a position
+// that the free motion has left, and turn the other joints.
+constexpr btScalar MAX_STARTED_TURN = 0.3;
 
 // Largest position error of a joint, m and rad, up to which its child is moved onto the joint. With larger errors the
 // joint stays a constraint.
@@ -481,10 +484,14 @@ void AmbArticulation::integrate_free_motion(btScalar h) {
 
 void AmbArticulation::prepare_rows(btScalar h) {
   const btVector3 momentum = dynamics.linear_momentum();
+  is_tangential = dynamics.start_rotation * h <= FAST_TURN && dynamics.fastest_rotation(free_rate) * h > MAX_STARTED_TURN;
+  if (is_tangential) {
+    dynamics.uniform_step(h, position, free_position, free_rate);
+  }
   dynamics.update_poses(position);
   dynamics.update_velocities(free_rate);
   row_velocity = free_rate.linear;
-  if (!dynamics.fixed_base) {
+  if (!dynamics.fixed_base && !is_tangential) {
     // The same rates give the mass centre another velocity where a light base turns fast relative to heavy links.
     ArticulationDynamics::Rate start = free_rate;
     start.linear += (momentum - dynamics.linear_momentum()) / dynamics.mass();
@@ -492,15 +499,17 @@ void AmbArticulation::prepare_rows(btScalar h) {
     dynamics.update_velocities(start);
   }
   unsolved_energy = dynamics.internal_energy();
-  is_tangential = unsolved_energy > MAX_CONTRAST * std::max(dynamics.start_energy, free_internal_energy);
   if (is_tangential) {
+    free_internal_energy = unsolved_energy;
+  } else if (unsolved_energy > MAX_CONTRAST * std::max(dynamics.start_energy, free_internal_energy)) {
+    is_tangential = true;
     free_internal_energy = dynamics.tangential_step(h, position, rate, free_position, free_rate);
     dynamics.update_poses(position);
     dynamics.update_velocities(free_rate);
     unsolved_energy = dynamics.internal_energy();
-    free_energy = dynamics.kinetic_energy();
     row_velocity = free_rate.linear;
   }
+  if (is_tangential) free_energy = dynamics.kinetic_energy();
   dynamics.factor_inertia();
   // The velocity of the btMultiBody is the sum of the changes by all rows.
   multi_body->clearVelocities();
@@ -542,7 +551,7 @@ void AmbArticulation::integrate(btScalar h) {
     energy_limit = solved < unsolved || unsolved > there ? there * (solved / unsolved) : there + (solved - unsolved);
     const btScalar turn = dynamics.fastest_rotation(after) * h;
     if (turn <= FAST_TURN) {
-      energy_limit *= 1 + std::min(SLOW_GROWTH, turn * turn);
+      energy_limit *= 1 + turn * turn * turn;
       // The work of forces that are constant over the sub-step differs by its second order from that at the old position.
       if (!is_straight) energy_limit += btFabs(solved - unsolved);
     }
@@ -555,7 +564,11 @@ void AmbArticulation::integrate(btScalar h) {
       momentum.linear += by_rows.linear;
       momentum.angular += by_rows.angular;
     }
-    if (is_straight) {
+    if (turn > SIMD_HALF_PI) {
+      // The rows turn links of next to no inertia, for which they are not linear. Poses follow them as far as they are.
+      position = free_position;
+      dynamics.advance_position(position, h * (FAST_TURN / turn), change);
+    } else if (is_straight) {
       // Impulses of contacts, limits and external constraints act from the beginning of the sub-step, so that no link
       // penetrates further.
       dynamics.advance_position(position, h, after);

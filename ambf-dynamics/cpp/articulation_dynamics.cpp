@@ -29,15 +29,17 @@ btMatrix3x3 scaled_rotation(const btMatrix3x3 &rotation, const btVector3 &diagon
 
 btVector3 transpose_times(const btMatrix3x3 &m, const btVector3 &v) { return m[0] * v[0] + m[1] * v[1] + m[2] * v[2]; }
 
-// Solves [a b; b^T m] (x; y) = (p; q) for a symmetric positive definite matrix, by its Cholesky factor.
+// Solves [a b; b^T m] (x; y) = (p; q) for the articulated inertia of a base, by its Cholesky factor. Its pivots are at least
+// those of the inertia of the base itself: what the links add may cancel but for a rounding error that is larger.
 void solve_six(const btMatrix3x3 &a, const btMatrix3x3 &b, const btMatrix3x3 &m, const btVector3 &p, const btVector3 &q,
-               btVector3 &x, btVector3 &y) {
+               const ArticulationDynamics::Body &base, btVector3 &x, btVector3 &y) {
+  const btScalar least[2] = {base.inertia[base.inertia.minAxis()], base.mass};
   btScalar l[6][6], v[6];
   for (int i = 0; i < 6; ++i) {
     for (int j = 0; j <= i; ++j) {
       btScalar sum = i < 3 ? a[i][j] : j < 3 ? b[j][i - 3] : m[i - 3][j - 3];
       for (int k = 0; k < j; ++k) sum -= l[i][k] * l[j][k];
-      l[i][j] = i == j ? std::sqrt(sum) : sum / l[j][j];
+      l[i][j] = i == j ? std::sqrt(std::max(sum, least[i / 3])) : sum / l[j][j];
     }
     btScalar sum = i < 3 ? p[i] : q[i - 3];
     for (int k = 0; k < i; ++k) sum -= l[i][k] * v[k];
@@ -209,6 +211,7 @@ void ArticulationDynamics::add_inertias() {
   for (size_t i = fixed_base ? 1 : 0; i < bodies.size(); ++i) {
     Work &w = work[i];
     w.inertia = scaled_rotation(rotations[i], bodies[i].inertia);
+    w.least_inertia = bodies[i].inertia[bodies[i].inertia.minAxis()];
     w.a = w.inertia;
     w.b.setValue(0, 0, 0, 0, 0, 0, 0, 0, 0);
     const btScalar mass = bodies[i].mass;
@@ -217,11 +220,13 @@ void ArticulationDynamics::add_inertias() {
 }
 
 // Computes U = I_A S and 1 / D, D = S^T U, for a link with articulated inertia I_A and a degree of freedom with motion
-// subspace S.
+// subspace S. I_A is at least the inertia of the link itself; what the links beyond it add may cancel but for a rounding
+// error that is larger.
 void ArticulationDynamics::compute_joint_inertia(Work &w, Freedom &freedom) {
   freedom.u_angular = w.a * freedom.s_angular + w.b * freedom.s_linear;
   freedom.u_linear = transpose_times(w.b, freedom.s_angular) + w.m * freedom.s_linear;
-  const btScalar d = freedom.s_angular.dot(freedom.u_angular) + freedom.s_linear.dot(freedom.u_linear);
+  const btScalar d = std::max(freedom.s_angular.dot(freedom.u_angular) + freedom.s_linear.dot(freedom.u_linear),
+                              freedom.s_angular.length2() * w.least_inertia);
   freedom.d_inverse = d > 0 ? 1 / d : 0;
 }
 
@@ -234,6 +239,8 @@ void ArticulationDynamics::remove_joint_motion(Work &w, const Freedom &freedom) 
 
 // Adds the articulated inertia of a link, shifted to the parent's centre of mass, to that of the parent.
 void ArticulationDynamics::add_to_parent(size_t link) {
+  // A link with six degrees of freedom adds nothing but rounding errors.
+  if (links[link].freedoms() == 6) return;
   const Work &w = work[link + 1];
   Work &parent = work[links[link].parent];
   const btMatrix3x3 b = w.b + cross_matrix(w.r, w.m);
@@ -272,7 +279,7 @@ void ArticulationDynamics::sweep(Rate &out, bool with_bias) {
   Work &base = work[0];
   base.alpha.setZero();
   base.accel.setZero();
-  if (!fixed_base) solve_six(base.a, base.b, base.m, -base.torque, -base.force, base.alpha, base.accel);
+  if (!fixed_base) solve_six(base.a, base.b, base.m, -base.torque, -base.force, bodies[0], base.alpha, base.accel);
   out.angular = base.alpha;
   out.linear = base.accel;
   for (size_t i = 0; i < links.size(); ++i) {
@@ -591,7 +598,7 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
   }
   const btScalar kinetic = start_energy = internal_energy();
   const btVector3 momentum = linear_momentum(), drag = drag_force();
-  const btScalar dragged_before = drag_power(), fastest = fastest_rotation(start_rate);
+  const btScalar dragged_before = drag_power(), fastest = start_rotation = fastest_rotation(start_rate);
   start_elastic_energy = springs.empty() ? 0 : elastic_energy(from);
   start_origins = origins;
   btScalar twist_before = 0;
@@ -651,8 +658,9 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
     accelerate(from, start_rate, slopes[0]);
   }
   std::swap(generalised_forces, unbounded_forces);
-  if (!fixed_base) restore_momentum(h, momentum, drag, new_rate);
+  // In this order: velocities of which only little is left may be so large that the momentum is lost to rounding.
   if (!(scale >= 1)) scale_internal_velocity(scale, new_rate);
+  if (!fixed_base) restore_momentum(h, momentum, drag, new_rate);
   if (splits_damping) apply_damping(h / 2, to, new_rate);
 }
 
@@ -678,6 +686,20 @@ btScalar ArticulationDynamics::tangential_step(btScalar h, const Position &from,
   update_poses(to);
   update_velocities(new_rate);
   return std::max(start_energy + works_of_forces(from, to).internal, btScalar(0));
+}
+
+void ArticulationDynamics::uniform_step(btScalar h, const Position &from, Position &to, Rate &new_rate) {
+  update_poses(from);
+  update_velocities(start_rate);
+  accelerate(from, start_rate, slopes[0]);
+  unbounded_forces = generalised_forces;
+  bound_acceleration(h, from, start_rate, slopes[0]);
+  std::swap(generalised_forces, unbounded_forces);
+  advance(new_rate, start_rate, h, slopes[0]);
+  to = from;
+  advance_position(to, h / 2, start_rate);
+  advance_position(to, h / 2, new_rate);
+  if (splits_damping) apply_damping(h / 2, from, new_rate);
 }
 
 ArticulationDynamics::Works ArticulationDynamics::works_of_forces(const Position &from, const Position &to) const {
@@ -804,7 +826,7 @@ void ArticulationDynamics::factor_inertia() {
   }
   for (size_t k = 6; k-- > 0;) {
     btScalar *const row = &factor[k * n];
-    // A pivot that is not positive is a rounding error: the component cannot move.
+    row[k] = std::max(row[k], k < 3 ? base.least_inertia : bodies[0].mass);
     inverse_diagonal[k] = row[k] > 0 ? 1 / btSqrt(row[k]) : 0;
     for (size_t i = 0; i <= k; ++i) row[i] *= inverse_diagonal[k];
     for (size_t i = 0; i < k; ++i) {

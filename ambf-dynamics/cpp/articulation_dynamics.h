@@ -109,11 +109,15 @@ class ArticulationDynamics {
   void step(btScalar h, const Position &from, const Rate &rate, Position &to, Rate &new_rate);
   // Internal energy at the beginning of the last step, J.
   btScalar start_energy = 0;
+  // Largest angular velocity of a link or joint then, rad/s.
+  btScalar start_rotation = 0;
   // Instead of the last step: moves over h s along the tangent, with constant rates, without forces but those on the
   // centre of mass of a free base. Near singular positions of links of next to no inertia the rates are finite for an
   // instant only, and no step of useful length follows them. Returns the internal energy that the work of the forces
   // leaves at most, J.
   btScalar tangential_step(btScalar h, const Position &from, const Rate &rate, Position &to, Rate &new_rate);
+  // Instead of the last step: accelerates over h s as at its beginning, at rates of which the mean is that of the motion.
+  void uniform_step(btScalar h, const Position &from, Position &to, Rate &new_rate);
 
   // Kinetic energy of all bodies, J, from the velocities of the last `update_velocities`.
   btScalar kinetic_energy() const;
@@ -205,6 +209,7 @@ class ArticulationDynamics {
   // the first of which is the nearest to the base.
   struct Work {
     btMatrix3x3 inertia;            // of the body alone
+    btScalar least_inertia;         // least principal inertia of the body
     btMatrix3x3 a, b, m;            // articulated: torque and force from angular and linear acceleration, [a b; b^T m]
     btVector3 torque, force;        // bias
     btVector3 r;                    // from the parent's centre of mass to the body's

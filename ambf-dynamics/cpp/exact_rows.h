@@ -9,8 +9,7 @@
 //     a row have different lines of action.
 //   - The row of an Euler angle of a six-dof joint is a unit vector. The gradient of the first and of the last angle is
 //     longer by 1 / cos of the middle one.
-//   - The row of a cone-twist joint's swing is a unit vector along the normal of the elliptic cone. The gradient of the
-//     angle beyond the cone is longer by 1 / cos of the angle between this normal and the swing.
+//   - The row of a cone-twist joint's swing is not along the normal of the elliptic cone, see set_exact_swing.
 //   - The row of the twist acts along the x axis of B, see set_exact_twist.
 #ifndef AMB_EXACT_ROWS_H
 #define AMB_EXACT_ROWS_H
@@ -84,16 +83,32 @@ void scale_euler_errors(const SixDof &joint, const ConstraintRows &rows) {
 
 inline btVector3 x_axis(const btTransform &frame) { return frame.getBasis().getColumn(0); }
 
-// Scales the error of the swing by the cosine of the angle between the axis of the swing and that of its row.
-inline void scale_swing_error(btConeTwistConstraint &joint, const btVector3 &swing,
-                              const ConstraintRows &rows) {
-  const bool has_cone = std::min(joint.getSwingSpan1(), joint.getSwingSpan2()) >= joint.getFixThresh();
-  const btScalar length = swing.length();
+// The swing takes the x axis of B to that of A by the angle theta about the unit vector u, which has the components y and z
+// in the frame of B. Its limit is the radius of the ellipse, 1 / sqrt(y^2 / span2^2 + z^2 / span1^2), in the direction of
+// u. Sets the row to the gradient of theta less this limit. Bullet's row, along a normal with the ratio of the spans where
+// the ellipse has that of their squares, lets a swing that moves along its limit go beyond it, and the correction lifts
+// what hangs on the joint.
+inline void set_exact_swing(btConeTwistConstraint &joint, const btTransform &frame_b, const btVector3 &x_a,
+                            const ConstraintRows &rows) {
+  const btScalar span1 = joint.getSwingSpan1(), span2 = joint.getSwingSpan2();
+  const bool has_cone = std::min(span1, span2) >= joint.getFixThresh();
+  btVector3 axis = x_axis(frame_b).cross(x_a);
+  const btScalar sine = axis.length();
   // Three linear rows come first.
   constexpr int SWING_ROW = 3;
-  if (!has_cone || length < SIMD_EPSILON || rows.count <= SWING_ROW) return;
+  if (!has_cone || sine < SIMD_EPSILON || rows.count <= SWING_ROW) return;
+  axis /= sine;
+  const btScalar theta = btAtan2(sine, x_a.dot(x_axis(frame_b)));
+  const btScalar y = axis.dot(frame_b.getBasis().getColumn(1)), z = axis.dot(frame_b.getBasis().getColumn(2));
+  const btScalar normal_y = y / (span2 * span2), normal_z = z / (span1 * span1);
+  const btScalar along = y * normal_y + z * normal_z, beside = y * normal_z - z * normal_y;
+  btVector3 gradient = axis * along + x_a.cross(axis) * (beside * theta / sine);
+  const btScalar length = gradient.length();
+  gradient /= length;
   const ConstraintRow row = rows[SWING_ROW];
-  row.target *= btFabs(ConstraintRow::vector(row.angular_a).dot(swing)) / length;
+  row.target *= along / length;
+  write_vector(-gradient, row.angular_a);
+  write_vector(gradient, row.angular_b);
 }
 
 // The rotation between the bodies is a swing, which takes the x axis of one joint frame to that of the other on the
@@ -221,8 +236,9 @@ class WithExactRows : public Joint, public OmittedRows {
       scale_euler_errors(*this, rows);
     } else if constexpr (std::is_base_of_v<btConeTwistConstraint, Joint>) {
       const btVector3 x_a = x_axis(this->m_rbA.getCenterOfMassTransform() * this->getAFrame());
-      const btVector3 x_b = x_axis(this->m_rbB.getCenterOfMassTransform() * this->getBFrame());
-      if (this->getSolveSwingLimit()) scale_swing_error(*this, x_a.cross(x_b), rows);
+      const btTransform frame_b = this->m_rbB.getCenterOfMassTransform() * this->getBFrame();
+      const btVector3 x_b = x_axis(frame_b);
+      if (this->getSolveSwingLimit()) set_exact_swing(*this, frame_b, x_a, rows);
       if (this->getSolveTwistLimit()) set_exact_twist(x_a, x_b, rows);
     }
     const unsigned beyond = is_any ? leave_out(*this, rows, *this) : 0;
