@@ -346,6 +346,7 @@ void AmbArticulation::choose_springs(btScalar h) {
   for (ArticulationDynamics::Spring &spring : dynamics.springs) {
     const btScalar response = dynamics.response(spring.coordinate) * h;
     spring.is_stiff = spring.stiffness * h * response > 0.04 || spring.damping * response > 0.1;
+    spring.settles_in_a_step = spring.is_stiff && spring.stiffness * h * response > 1;
   }
 }
 
@@ -574,6 +575,11 @@ void AmbArticulation::integrate(btScalar h) {
       dynamics.advance_position(position, h, after);
     } else {
       // Forces of motors are constant over the sub-step: their mean change of the rates is half of `change`.
+      // The implicit force of a spring that is at rest at the end of the sub-step acts on the rate there.
+      for (const ArticulationDynamics::Spring &spring : dynamics.springs) {
+        const int k = spring.coordinate;
+        if (spring.settles_in_a_step) free_position.q[k] = position.q[k] + h * (after.q[k] - change.q[k] / 2);
+      }
       position = free_position;
       dynamics.advance_position(position, h / 2, change);
     }
