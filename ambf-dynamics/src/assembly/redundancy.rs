@@ -19,7 +19,7 @@ const HARMLESS: f64 = 1e-5;
 const TOLERATED: f64 = 0.01;
 
 /// Error from which on rows that are left out are asked for nevertheless, rad and as a share of the lever arm.
-const CLEARANCE: f64 = 0.02;
+const CLEARANCE: f64 = 0.01;
 
 /// Displacement of the mechanism to see whether rows stay redundant, rad; how many displacements are tried.
 const DISPLACEMENT: f64 = 0.3;
