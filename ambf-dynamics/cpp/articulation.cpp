@@ -565,7 +565,7 @@ void AmbArticulation::integrate(btScalar h) {
       momentum.linear += by_rows.linear;
       momentum.angular += by_rows.angular;
     }
-    if (turn > SIMD_HALF_PI) {
+    if (is_straight && turn > SIMD_HALF_PI) {
       // The rows turn links of next to no inertia, for which they are not linear. Poses follow them as far as they are.
       position = free_position;
       dynamics.advance_position(position, h * (FAST_TURN / turn), change);

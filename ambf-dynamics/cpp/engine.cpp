@@ -145,8 +145,8 @@ double amb_world_jointed_turn_rate(AmbWorld *world) {
       look_at(second_of(*constraint).body);
     }
   }
-  // A loop that is driven through a singular configuration moves fast in every second or third sub-step.
-  constexpr double KEPT = 0.5;
+  // A loop near a singular configuration, or with links of little inertia, moves fast for single sub-steps, again and again.
+  constexpr double KEPT = 0.98;
   double &recent = engine_of(*world).accurate.recent_turn_rate;
   const double rate = std::sqrt(fastest);
   if (!std::isfinite(rate)) return rate;

@@ -44,7 +44,7 @@ struct Pivot {
     axes: Option<[Vector3<f64>; 2]>,
     /// Distance at the start, m.
     initial: f64,
-    /// Lever arm: distance of the pivots from the centres of mass, m.
+    /// Lever arm: distance of the pivots from the centres of mass, or the radius of gyration if that is more, m.
     lever: f64,
     /// Largest distance since [`SETTLED`], as a multiple of what is allowed.
     worst: f64,
@@ -230,7 +230,7 @@ impl Watch {
             };
             scene.bodies.entries().map(lifted).sum::<f64>()
         });
-        let strained = |spring: &Spring| spring.pushed_by(&contact.point, depth, 0.1 * self.size);
+        let strained = |spring: &Spring| spring.pushed_by(&contact.point, &contact.normal, depth, 0.1 * self.size);
         self.weight * depth + turned.fold(0.0, f64::max) + self.springs.iter().map(strained).sum::<f64>()
     }
 
@@ -365,7 +365,15 @@ fn pivot(scene: &Scene, joint: &Joint) -> Option<Pivot> {
     };
     let points = [on(joint.parent, &described.parent_pivot), on(joint.child, &described.child_pivot)];
     let moves = |body: BodyId| scene.bodies[body].mass > 0.0;
-    let arm = |body: BodyId, point: &Point3<f64>| if moves(body) { point.coords.norm() } else { 0.0 };
+    // A pivot may be at the centre of mass; a body is not smaller than its radius of gyration.
+    let arm = |id: BodyId, point: &Point3<f64>| {
+        let body = &scene.bodies[id];
+        if moves(id) {
+            point.coords.norm().max((body.inertia.amax() / body.mass).sqrt())
+        } else {
+            0.0
+        }
+    };
     let lever = arm(joint.parent, &points[0]).max(arm(joint.child, &points[1]));
     let is_ball = matches!(joint.joint_type, JointType::PointToPoint | JointType::ConeTwist);
     let axes = (!is_ball).then(|| {

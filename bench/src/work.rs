@@ -259,15 +259,17 @@ pub struct Spring {
     /// Distance from rest, m or rad.
     away: f64,
     turns: bool,
-    /// Where its joint is, m, world axes.
+    /// Where its joint is, m, and its axis; world axes.
     at: Point3<f64>,
+    axis: Vector3<f64>,
 }
 
 impl Spring {
-    /// Energy that it gains where a body that touches another at `point` is pushed out by `depth`, m; J. It turns by no
-    /// less than with the lever arm of that point, which counts as at least `least`, m.
-    pub fn pushed_by(&self, point: &Vector3<f64>, depth: f64, least: f64) -> f64 {
-        self.strained_by(depth, (depth / (point - self.at.coords).norm().max(least)).min(PI))
+    /// Energy that it gains where a body that touches another at `point` is pushed out along `normal` by `depth`, m; J. A
+    /// spring that turns does so by the lever arm of the normal about its axis, which counts as at least `least`, m.
+    pub fn pushed_by(&self, point: &Vector3<f64>, normal: &Vector3<f64>, depth: f64, least: f64) -> f64 {
+        let arm = (point - self.at.coords).cross(normal).dot(&self.axis).abs();
+        self.strained_by(depth, (depth / arm.max(least)).min(PI))
     }
 
     /// Energy that it gains where corrections move it by up to `way`, m, or `angle`, rad; J.
@@ -283,7 +285,8 @@ pub fn springs(scene: &Scene) -> Vec<Spring> {
         let turns = joint.joint_type == JointType::TorsionSpring;
         let parent = scene.world.pose(scene.world.bodies()[joint.parent.index()]).unwrap_or_default();
         let at = parent * Point3::from(joint.frames[0].translation.vector);
-        stretched(scene, joint).map(|(stiffness, away)| Spring { stiffness, away, turns, at })
+        let axis = parent * joint.axis;
+        stretched(scene, joint).map(|(stiffness, away)| Spring { stiffness, away, turns, at, axis })
     };
     scene.joints.iter().filter_map(spring).collect()
 }

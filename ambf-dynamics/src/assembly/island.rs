@@ -14,6 +14,10 @@ const FIRM_DAMPING: f64 = 1e-5;
 /// Number of these steps.
 const FIRM_STEPS: usize = 10;
 
+/// Compliance of limits relative to that of joints: where they contradict each other, limits yield, as in the position
+/// problem of a sub-step.
+const YIELDING: f64 = 100.0;
+
 /// Bounds of the damping of later steps.
 const MIN_DAMPING: f64 = 1e-10;
 const MAX_DAMPING: f64 = 1e6;
@@ -226,6 +230,9 @@ impl<'a> Island<'a> {
                 let of = || (0..6).filter(|&row| rows[row].is_locked() && rows[row].angular == angular);
                 let mean = of().map(|row| compliance[row]).sum::<f64>() / of().count().max(1) as f64;
                 of().for_each(|row| compliance[row] = mean);
+            }
+            for row in (0..6).filter(|&row| !rows[row].is_locked()) {
+                compliance[row] *= YIELDING;
             }
             self.members[index].compliance = compliance;
         }

@@ -20,8 +20,9 @@
 //! along which an error is resolved, and the sum of squares below would, too.
 //!
 //! Where the joints contradict each other, the iteration ends at a stationary point of ½ gᵀD⁻¹g, the least-squares
-//! compromise in which each row counts with its effective mass; redundant joints that do not contradict each other are
-//! closed exactly. The position problem of a sub-step has the same weights: the compromise stays where it is.
+//! compromise in which each row counts with its effective mass, and a limit with a hundredth of it; redundant joints that
+//! do not contradict each other are closed exactly. The position problem of a sub-step has the same weights: the
+//! compromise stays where it is.
 //!
 //! Loops with more constraints than they need are such a contradiction as soon as a dimension is rounded, and cannot move.
 //! [`omit_redundant_rows`] finds the constraints that repeat others.

@@ -18,8 +18,11 @@ const EXACT: f64 = 1e-6;
 const HARMLESS: f64 = 1e-5;
 const TOLERATED: f64 = 0.01;
 
-/// Error from which on rows that are left out are asked for nevertheless, rad and as a share of the lever arm.
-const CLEARANCE: f64 = 0.01;
+/// Error from which on rows that are left out are asked for nevertheless, rad and as a share of the lever arm: so many times
+/// the largest misfit within [`DISPLACEMENT`], which grows with the displacement, between two bounds.
+const GROWTH: f64 = 4.0;
+const LEAST_CLEARANCE: f64 = 0.01;
+const CLEARANCE: f64 = 0.02;
 
 /// Displacement of the mechanism to see whether rows stay redundant, rad; how many displacements are tried.
 const DISPLACEMENT: f64 = 0.3;
@@ -60,7 +63,7 @@ pub struct Loops {
 /// motions that the other rows allow, and projected onto these: a candidate that is violated by more than 0.01 rad, or
 /// 0.01 of the lever arm, is a constraint of its own and stays. So do joints whose rows are violated by less than 1e-5: the
 /// solver copes with them, in all configurations. What is left out comes into force again where it is violated by more than
-/// 0.02 rad, or 0.02 of the lever arm.
+/// four times what was found, at least 0.01 and at most 0.02 rad, or of the lever arm.
 pub fn omit_redundant_rows(bodies: &[Body], joints: &mut [Joint]) -> Vec<Loops> {
     let mut all = Vec::new();
     for joints_of in partition(bodies, joints) {
@@ -319,7 +322,11 @@ impl Mechanism {
                 let sides = self.sides(&poses, &found, &needed);
                 let omit = |joint: usize| {
                     let is_harmless = !misfits[joint].exceeds(HARMLESS * self.arm_of(joint), HARMLESS);
-                    let clearance = Gap { distance: CLEARANCE * self.arm_of(joint), angle: CLEARANCE };
+                    let arm = self.arm_of(joint);
+                    let clearance = Gap {
+                        distance: (GROWTH * misfits[joint].distance).clamp(LEAST_CLEARANCE * arm, CLEARANCE * arm),
+                        angle: (GROWTH * misfits[joint].angle).clamp(LEAST_CLEARANCE, CLEARANCE),
+                    };
                     let omission = if is_harmless { Omission::NONE } else { Omission { clearance, ..sides[joint] } };
                     (omission, misfits[joint])
                 };
