@@ -601,8 +601,8 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
   const btScalar dragged_before = drag_power(), fastest = start_rotation = fastest_rotation(start_rate);
   start_elastic_energy = springs.empty() ? 0 : elastic_energy(from);
   start_origins = origins;
-  // Rotation is limited to a quarter of a turn in the step, and the work of torques with it: velocities of which this step
-  // finds no limit say nothing about it.
+  // Rotation is limited to a quarter of a turn in the step, and with it the work of torques beyond that which other forces
+  // take: velocities that diverge say nothing about it.
   btScalar twist_before = 0, most_twisted = 0;
   for (size_t i = 0; i < bodies.size(); ++i) {
     twist_before += bodies[i].torque.dot(angular[i]);
@@ -636,7 +636,8 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
     btScalar twist_after = 0;
     for (size_t i = 0; i < bodies.size(); ++i) twist_after += bodies[i].torque.dot(angular[i]);
     const Works by_forces = works_of_forces(from, to);
-    const btScalar twisted = std::min(h / 2 * (twist_before + twist_after), most_twisted);
+    const btScalar twisted =
+        std::min(h / 2 * (twist_before + twist_after), most_twisted + btFabs(by_forces.internal));
     const btScalar work = by_forces.internal + twisted + h / 2 * (dragged_before + drag_power());
     const btScalar allowed = kinetic + work, lifted = btFabs(by_forces.of_mass_centre);
     btScalar after = internal_energy();
