@@ -485,10 +485,9 @@ void AmbArticulation::integrate_free_motion(btScalar h) {
 
 void AmbArticulation::prepare_rows(btScalar h) {
   const btVector3 momentum = dynamics.linear_momentum();
-  is_tangential = dynamics.start_rotation * h <= FAST_TURN && dynamics.fastest_rotation(free_rate) * h > MAX_STARTED_TURN;
-  if (is_tangential) {
-    dynamics.uniform_step(h, position, free_position, free_rate);
-  }
+  is_tangential =
+      dynamics.start_rotation * h <= FAST_TURN && dynamics.fastest_rotation(free_rate) * h > MAX_STARTED_TURN;
+  if (is_tangential) dynamics.uniform_step(h, position, free_position, free_rate);
   dynamics.update_poses(position);
   dynamics.update_velocities(free_rate);
   row_velocity = free_rate.linear;
