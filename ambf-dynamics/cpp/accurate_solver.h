@@ -191,17 +191,23 @@ class AccurateSolver : public Base {
       const btSolverConstraint &row = rows[k];
       motion.add_row(row.m_contactNormal1, row.m_relpos1CrossNormal, row.m_contactNormal2, row.m_relpos2CrossNormal);
     }
+    bool has_pivots = false;
     if (count > 0) {
       const btSolverBody &a = body(rows[first].m_solverBodyIdA), &b = body(rows[first].m_solverBodyIdB);
       btVector3 arm_a, arm_b;
-      const bool has_pivots = find_joint_arms(constraint, arm_a, arm_b);
+      has_pivots = find_joint_arms(constraint, arm_a, arm_b);
       motion.finish(a.m_linearVelocity, a.m_angularVelocity, b.m_linearVelocity, b.m_angularVelocity, h,
                     has_pivots ? &arm_a : nullptr, has_pivots ? &arm_b : nullptr);
     }
     for (int k = first; k < first + count; ++k) {
       btSolverConstraint &row = rows[k];
       const RowKind kind = kind_of(k);
+      const bool is_angular = row.m_contactNormal1.isZero();
+      // Part of J v that only follows the curvature of the motion.
+      const btScalar curved =
+          is_angular ? motion.angular_target(row.m_relpos1CrossNormal) : motion.linear_target(row.m_contactNormal2);
       if (kind == RowKind::Other) {
+        if (has_pivots && !is_angular) row.m_rhs += curved * row.m_jacDiagABInv;
         joint_errors_[k].is_spring = is_soft_row(k) && row.m_jacDiagABInv > 0 &&
                                      constraint.getConstraintType() == D6_SPRING_2_CONSTRAINT_TYPE;
         continue;
@@ -209,10 +215,9 @@ class AccurateSolver : public Base {
       btScalar before, forced;
       find_velocity(row, before, forced);
       const btScalar target = row.m_rhs / row.m_jacDiagABInv + before + forced;
-      const bool is_angular = row.m_contactNormal1.isZero();
       // A row that was left out of a joint is a part of the joint beyond its clearance, and not a limit.
       const bool is_limit = kind == RowKind::Limit && !(soft && soft->beyond_clearance >> (k - first) & 1);
-      btScalar kept;
+      btScalar kept = 0;
       bool is_open = false;
       if (is_limit) {
         const btScalar side = row.m_lowerLimit == 0 ? 1 : -1;
@@ -220,9 +225,6 @@ class AccurateSolver : public Base {
         is_open = side * target < 0;
         kept = is_open ? target / info.m_erp
                        : side * std::max(btScalar(0), std::min(side * target, -side * before * bounce_of(constraint)));
-      } else {
-        kept =
-            is_angular ? motion.angular_target(row.m_relpos1CrossNormal) : motion.linear_target(row.m_contactNormal2);
       }
       // In worlds with this solver joints have the ERP of the world.
       if (!is_limit) note_error(target * h / info.m_erp, is_angular);
@@ -231,9 +233,9 @@ class AccurateSolver : public Base {
       error.correction = is_open ? kept : is_limit ? std::max(-most, std::min(most, target - kept)) : target;
       error.is_limit = is_limit;
       error.is_open = is_open;
-      error.bias = kept;
+      error.bias = is_limit && is_angular ? kept : kept + curved;
       error.is_geometric = true;
-      row.m_rhs -= (target - kept) * row.m_jacDiagABInv;
+      row.m_rhs -= (target - error.bias) * row.m_jacDiagABInv;
     }
   }
 

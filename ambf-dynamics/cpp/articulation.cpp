@@ -166,6 +166,12 @@ btTransform transform_of(const ArticulationDynamics &dynamics, size_t body) {
   return btTransform(dynamics.rotations[body], dynamics.origins[body]);
 }
 
+void subtract(ArticulationDynamics::Rate &from, const ArticulationDynamics::Rate &rate) {
+  from.angular -= rate.angular;
+  from.linear -= rate.linear;
+  for (size_t k = 0; k < rate.q.size(); ++k) from.q[k] -= rate.q[k];
+}
+
 }  // namespace
 
 LinkCollider::LinkCollider(AmbBody &owner, btMultiBody *multi_body, int link)
@@ -487,7 +493,8 @@ void AmbArticulation::prepare_rows(btScalar h) {
   const btVector3 momentum = dynamics.linear_momentum();
   is_tangential =
       dynamics.start_rotation * h <= FAST_TURN && dynamics.fastest_rotation(free_rate) * h > MAX_STARTED_TURN;
-  if (is_tangential) dynamics.uniform_step(h, position, free_position, free_rate);
+  turned_momentum = {};
+  if (is_tangential) turned_momentum = dynamics.uniform_step(h, position, free_position, free_rate);
   dynamics.update_poses(position);
   dynamics.update_velocities(free_rate);
   row_velocity = free_rate.linear;
@@ -511,6 +518,13 @@ void AmbArticulation::prepare_rows(btScalar h) {
   }
   if (is_tangential) free_energy = dynamics.kinetic_energy();
   dynamics.factor_inertia();
+  row_rate = free_rate;
+  row_rate.linear = row_velocity;
+  is_fed = joint_rows->rates_by_limits(fed);
+  if (is_fed) {
+    subtract(row_rate, fed);
+    dynamics.update_velocities(row_rate);
+  }
   // The velocity of the btMultiBody is the sum of the changes by all rows.
   multi_body->clearVelocities();
 }
@@ -529,14 +543,18 @@ void AmbArticulation::integrate(btScalar h) {
   // momentum. The momentum of an articulation with a free base changes by forces and impulses only: it is computed at
   // the old position and restored at the new one.
   const bool keeps_momentum = has_rows && !dynamics.fixed_base;
-  const btVector3 about = position.origin;
+  // It is taken about the mass centre, which is not at the same place in both positions.
   ArticulationDynamics::Momentum momentum;
+  // Mass centre at the new position, which momenta imply, too.
+  btVector3 centre(0, 0, 0);
+  bool has_centre = false;
   // Largest internal energy at the new position, J.
   btScalar energy_limit = BT_LARGE_FLOAT;
   bool is_straight = false;
   if (has_rows) {
     ArticulationDynamics::Rate &after = rate;
     dynamics.rates_of(multi_body->getVelocityVector(), change);
+    if (is_fed) subtract(change, fed);
     after.angular = free_rate.angular + change.angular;
     after.linear = row_velocity + change.linear;
     for (int i = 0; i < dynamics.coordinates; ++i) after.q[i] = free_rate.q[i] + change.q[i];
@@ -555,19 +573,31 @@ void AmbArticulation::integrate(btScalar h) {
       // The work of forces that are constant over the sub-step differs by its second order from that at the old position.
       if (!is_straight) energy_limit += btFabs(solved - unsolved);
     }
+    // Share of the sub-step for which the rows move the position.
+    const btScalar followed = !is_straight ? btScalar(0.5) : turn > SIMD_HALF_PI ? FAST_TURN / turn : 1;
     if (keeps_momentum) {
+      const btVector3 old_centre = dynamics.mass_centre();
+      const btScalar mass = dynamics.mass();
       dynamics.update_velocities(change);
-      const ArticulationDynamics::Momentum by_rows = dynamics.momentum(about);
+      const ArticulationDynamics::Momentum by_rows = dynamics.momentum(old_centre);
       dynamics.update_poses(is_tangential ? position : free_position);
       dynamics.update_velocities(free_rate);
-      momentum = dynamics.momentum(about);
-      momentum.linear += by_rows.linear;
-      momentum.angular += by_rows.angular;
+      momentum = dynamics.momentum(dynamics.mass_centre());
+      momentum.linear += by_rows.linear + turned_momentum.linear;
+      momentum.angular += by_rows.angular + turned_momentum.angular;
+      has_centre = followed == 1 || !is_tangential;
+      centre = followed == 1 ? old_centre + momentum.linear * (h / mass)
+                             : dynamics.mass_centre() + by_rows.linear * (h * followed / mass);
     }
-    if (is_straight && turn > SIMD_HALF_PI) {
+    if (is_straight && followed < 1) {
       // The rows turn links of next to no inertia, for which they are not linear. Poses follow them as far as they are.
+      // The force of a stiff spring is a row, without which the free motion strains it.
+      for (const ArticulationDynamics::Spring &spring : dynamics.springs) {
+        const int k = spring.coordinate;
+        if (spring.is_stiff) free_position.q[k] = position.q[k] + h * (after.q[k] - change.q[k] * followed);
+      }
       position = free_position;
-      dynamics.advance_position(position, h * (FAST_TURN / turn), change);
+      dynamics.advance_position(position, h * followed, change);
     } else if (is_straight) {
       // Impulses of contacts, limits and external constraints act from the beginning of the sub-step, so that no link
       // penetrates further.
@@ -580,7 +610,11 @@ void AmbArticulation::integrate(btScalar h) {
         if (spring.settles_in_a_step) free_position.q[k] = position.q[k] + h * (after.q[k] - change.q[k] / 2);
       }
       position = free_position;
-      dynamics.advance_position(position, h / 2, change);
+      dynamics.advance_position(position, h * followed, change);
+    }
+    if (has_centre) {
+      dynamics.update_poses(position);
+      position.origin += centre - dynamics.mass_centre();
     }
   } else {
     std::swap(position, free_position);
@@ -597,8 +631,8 @@ void AmbArticulation::integrate(btScalar h) {
   }
   dynamics.update_poses(position);
   dynamics.update_velocities(rate);
-  if (keeps_momentum) dynamics.set_momentum(momentum, about, rate);
-  limit_energy(energy_limit, momentum, about);
+  if (keeps_momentum) dynamics.set_momentum(momentum, dynamics.mass_centre(), rate);
+  limit_energy(energy_limit, momentum);
   dynamics.bound_rotation(rate, h);
   if (is_accounted) end_account(h, is_straight);
   if (has_feedback) write_feedback(h);
@@ -607,8 +641,7 @@ void AmbArticulation::integrate(btScalar h) {
 
 // Limits the internal energy at the new position by scaling the rates of the coordinates and, if restoring the momentum
 // of a free base raises the energy again, all motion relative to the centre of mass.
-void AmbArticulation::limit_energy(btScalar most, const ArticulationDynamics::Momentum &momentum,
-                                   const btVector3 &about) {
+void AmbArticulation::limit_energy(btScalar most, const ArticulationDynamics::Momentum &momentum) {
   if (most >= BT_LARGE_FLOAT) return;
   btScalar energy = dynamics.internal_energy();
   if (!(energy > most)) return;
@@ -616,7 +649,7 @@ void AmbArticulation::limit_energy(btScalar most, const ArticulationDynamics::Mo
   for (btScalar &q : rate.q) q *= share;
   dynamics.update_velocities(rate);
   if (dynamics.fixed_base) return;
-  dynamics.set_momentum(momentum, about, rate);
+  dynamics.set_momentum(momentum, dynamics.mass_centre(), rate);
   energy = dynamics.internal_energy();
   if (!(energy > most)) return;
   dynamics.scale_internal_velocity(btSqrt(std::max(most, btScalar(0)) / energy), rate);

@@ -87,8 +87,13 @@ struct AmbArticulation {
   // Velocity of a free base with which rows act at the beginning of the sub-step, m/s: that of `free_rate`, such that the
   // linear momentum is that after the free motion.
   btVector3 row_velocity{0, 0, 0};
+  // Rates with which rows act: those of the free motion without what the fed-forward impulses of limits changed, `fed`.
+  ArticulationDynamics::Rate row_rate, fed;
+  bool is_fed = false;
   // Whether the free motion of this sub-step is along the tangent.
   bool is_tangential = false;
+  // What the rates of that motion lack of its momentum at the old position, see ArticulationDynamics::uniform_step.
+  ArticulationDynamics::Momentum turned_momentum;
   // Pseudo-velocity of the position correction: moves the articulation in this sub-step and does not change its rates.
   ArticulationDynamics::Rate correction;
   bool is_corrected = false;
@@ -117,7 +122,7 @@ struct AmbArticulation {
   void write_proxies();
   bool had_impulses() const;
   bool is_driven() const;
-  void limit_energy(btScalar most, const ArticulationDynamics::Momentum &momentum, const btVector3 &about);
+  void limit_energy(btScalar most, const ArticulationDynamics::Momentum &momentum);
   void remember_momenta();
   void write_feedback(btScalar h);
   void write_wrench(const AmbConstraint &constraint, size_t member, const btVector3 &force, const btVector3 &torque,

@@ -1,9 +1,15 @@
 #include "articulation_dynamics.h"
 
+#include "solve_three.h"
+
 #include <algorithm>
 #include <cmath>
 
 namespace {
+
+// Change of the internal energy, and of the angular momentum of a free base, that is tolerated as truncation error of a
+// step: as a share of the energy and of the work in the step, and of the angular momenta of all bodies.
+constexpr btScalar MAX_GROWTH = 1e-4;
 
 // [v] times a matrix: each column of the result is v x the column.
 btMatrix3x3 cross_matrix(const btVector3 &v, const btMatrix3x3 &m) {
@@ -399,11 +405,26 @@ btVector3 ArticulationDynamics::total_force() const {
   return sum;
 }
 
-// Sum of the drags of all bodies that the equations of motion hold, N.
-btVector3 ArticulationDynamics::drag_force() const {
+btVector3 ArticulationDynamics::mass_centre() const {
   btVector3 sum(0, 0, 0);
-  if (splits_damping) return sum;
-  for (size_t i = 0; i < bodies.size(); ++i) sum += linear[i] * (bodies[i].mass * bodies[i].linear_drag);
+  for (size_t i = 0; i < bodies.size(); ++i) sum += origins[i] * bodies[i].mass;
+  return sum / mass();
+}
+
+// Rates of change of the momentum about a point by the external forces and torques and by the drag that the equations of
+// motion hold, N and N m.
+ArticulationDynamics::Momentum ArticulationDynamics::wrench(const btVector3 &about) const {
+  Momentum sum;
+  for (size_t i = 0; i < bodies.size(); ++i) {
+    const Body &body = bodies[i];
+    btVector3 force = body.force, torque = body.torque;
+    if (!splits_damping) {
+      force -= linear[i] * (body.mass * body.linear_drag);
+      torque -= angular_momentum(i) * body.angular_drag;
+    }
+    sum.linear += force;
+    sum.angular += torque + (origins[i] - about).cross(force);
+  }
   return sum;
 }
 
@@ -576,11 +597,10 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
   constexpr btScalar MAX_PHASE = 1.5, MAX_TURN = 0.3;
   // Largest decay rate times step: the method is unstable from 2.8 on, and inaccurate from a tenth of that.
   constexpr btScalar MAX_DECAY = 0.2;
-  // Growth of the internal energy that is tolerated as truncation error, as a share of the energy and of the work in
-  // the step.
-  constexpr btScalar MAX_GROWTH = 1e-4;
   // Rounding error of the internal energy, as a share of the kinetic energy.
   constexpr btScalar ROUNDING = 1e-12;
+  // Share of the internal energy after a step that has diverged.
+  constexpr btScalar LEAST_SHARE = 1e-12;
   // Change of a rate in a sub-step by the acceleration at its beginning, m/s or rad/s, that no real force causes.
   constexpr btScalar MAX_CHANGE = 1e15;
   // Largest number of parts for accuracy, and for a finite result: light links between heavy ones whip for an instant.
@@ -597,7 +617,12 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
     update_velocities(start_rate);
   }
   const btScalar kinetic = start_energy = internal_energy();
-  const btVector3 momentum = linear_momentum(), drag = drag_force();
+  Momentum before, wrench_before;
+  if (!fixed_base) {
+    const btVector3 centre = mass_centre();
+    before = momentum(centre);
+    wrench_before = wrench(centre);
+  }
   const btScalar dragged_before = drag_power(), fastest = start_rotation = fastest_rotation(start_rate);
   start_elastic_energy = springs.empty() ? 0 : elastic_energy(from);
   start_origins = origins;
@@ -651,7 +676,9 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
     if (parts >= most) {
       // The largest number of sub-intervals was not enough: the excess energy is removed by scaling the velocities.
       btScalar most_energy = allowed;
-      if (!std::isfinite(after) && is_measured) {
+      // Positions that have diverged are as meaningless as ones that are not finite.
+      const bool has_diverged = !(after * LEAST_SHARE < allowed);
+      if (has_diverged && is_measured) {
         most_energy = tangential_step(h, from, start_rate, to, new_rate);
         after = internal_energy();
       }
@@ -666,22 +693,40 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
   }
   std::swap(generalised_forces, unbounded_forces);
   // In this order: velocities of which only little is left may be so large that the momentum is lost to rounding.
-  if (!(scale >= 1)) scale_internal_velocity(scale, new_rate);
-  if (!fixed_base) restore_momentum(h, momentum, drag, new_rate);
+  if (!(scale >= 1)) {
+    scale_internal_velocity(scale, new_rate);
+    update_velocities(new_rate);
+  }
+  if (!fixed_base) restore_momentum(h, before, wrench_before, new_rate);
   if (splits_damping) apply_damping(h / 2, to, new_rate);
 }
 
-// The linear momentum of a free base changes by the forces and the drag alone. Where links turn by radians in a part of
-// the step, the truncation errors of base and joints together are a force on the mass centre, whose energy no balance of
-// the internal energy sees.
-void ArticulationDynamics::restore_momentum(btScalar h, const btVector3 &before, const btVector3 &drag_before,
-                                            Rate &rate) {
-  const btVector3 drag = drag_force();
-  const btVector3 error = linear_momentum() - (before + (total_force() - (drag_before + drag) / 2) * h);
-  // The mean drag is that of the trapezoidal rule, of lower order than the method where velocities are smooth.
-  if (!(error.length() > h * (drag - drag_before).length())) return;
-  rate.linear -= error / mass();
-  update_velocities(rate);
+// The momentum of a free base changes by external forces and the drag alone. Where links turn by radians in a part of the
+// step, the truncation errors of base and joints together are a force on the mass centre and a torque about it, whose
+// energy no balance of the internal energy sees.
+void ArticulationDynamics::restore_momentum(btScalar h, const Momentum &before, const Momentum &wrench_before, Rate &rate) {
+  const btVector3 centre = mass_centre();
+  const Momentum present = momentum(centre), after = wrench(centre);
+  Momentum wanted;
+  wanted.linear = before.linear + (wrench_before.linear + after.linear) * (h / 2);
+  wanted.angular = before.angular + (wrench_before.angular + after.angular) * (h / 2);
+  // The mean wrench is that of the trapezoidal rule, of lower order than the method where velocities are smooth.
+  const bool has_slipped = (wanted.linear - present.linear).length() > h * (after.linear - wrench_before.linear).length();
+  btScalar scale = 0;
+  for (size_t i = 0; i < bodies.size(); ++i) {
+    const btVector3 arm = origins[i] - centre, way = linear[i] - present.linear / mass();
+    scale += angular_momentum(i).length() + arm.cross(way).length() * bodies[i].mass;
+  }
+  const btScalar turned = (wanted.angular - present.angular).length();
+  const bool has_turned = turned > std::max(MAX_GROWTH * scale, h * (after.angular - wrench_before.angular).length());
+  if (!has_slipped) wanted.linear = present.linear;
+  if (!has_turned) wanted.angular = present.angular;
+  if (has_turned) {
+    set_momentum(wanted, centre, rate);
+  } else if (has_slipped) {
+    rate.linear += (wanted.linear - present.linear) / mass();
+    update_velocities(rate);
+  }
 }
 
 btScalar ArticulationDynamics::tangential_step(btScalar h, const Position &from, const Rate &rate, Position &to,
@@ -695,18 +740,29 @@ btScalar ArticulationDynamics::tangential_step(btScalar h, const Position &from,
   return std::max(start_energy + works_of_forces(from, to).internal, btScalar(0));
 }
 
-void ArticulationDynamics::uniform_step(btScalar h, const Position &from, Position &to, Rate &new_rate) {
+ArticulationDynamics::Momentum ArticulationDynamics::uniform_step(btScalar h, const Position &from, Position &to,
+                                                                  Rate &new_rate) {
   update_poses(from);
   update_velocities(start_rate);
   accelerate(from, start_rate, slopes[0]);
   unbounded_forces = generalised_forces;
   bound_acceleration(h, from, start_rate, slopes[0]);
   std::swap(generalised_forces, unbounded_forces);
+  const btVector3 centre = mass_centre();
+  Momentum change = momentum(centre);
+  const Momentum by_forces = wrench(centre);
+  change.linear += by_forces.linear * h;
+  change.angular += by_forces.angular * h;
   advance(new_rate, start_rate, h, slopes[0]);
+  update_velocities(new_rate);
+  const Momentum present = momentum(centre);
+  change.linear -= present.linear;
+  change.angular -= present.angular;
   to = from;
   advance_position(to, h / 2, start_rate);
   advance_position(to, h / 2, new_rate);
   if (splits_damping) apply_damping(h / 2, from, new_rate);
+  return change;
 }
 
 ArticulationDynamics::Works ArticulationDynamics::works_of_forces(const Position &from, const Position &to) const {
@@ -942,7 +998,7 @@ void ArticulationDynamics::set_momentum(const Momentum &wanted, const btVector3 
   }
   const Momentum present = momentum(about);
   const btVector3 linear_change = wanted.linear - present.linear;
-  const btVector3 turn = inertia.solve33(wanted.angular - present.angular - (center - about).cross(linear_change));
+  const btVector3 turn = solve_three(inertia, wanted.angular - present.angular - (center - about).cross(linear_change));
   rate.angular += turn;
   rate.linear += linear_change / mass + turn.cross(origins[0] - center);
   update_velocities(rate);

@@ -63,6 +63,11 @@ class ArticulationDynamics {
     btScalar displacement(btScalar q) const;
   };
 
+  // Linear (N s) and angular (N m s) momentum.
+  struct Momentum {
+    btVector3 linear{0, 0, 0}, angular{0, 0, 0};
+  };
+
   // Generalised position.
   struct Position {
     btQuaternion rotation{0, 0, 0, 1};  // of the base
@@ -119,7 +124,9 @@ class ArticulationDynamics {
   // leaves at most, J.
   btScalar tangential_step(btScalar h, const Position &from, const Rate &rate, Position &to, Rate &new_rate);
   // Instead of the last step: accelerates over h s as at its beginning, at rates of which the mean is that of the motion.
-  void uniform_step(btScalar h, const Position &from, Position &to, Rate &new_rate);
+  // Returns how much of the change of momentum about the mass centre is a change of the inertia with the position:
+  // the new rates have the rest at the old position.
+  Momentum uniform_step(btScalar h, const Position &from, Position &to, Rate &new_rate);
 
   // Kinetic energy of all bodies, J, from the velocities of the last `update_velocities`.
   btScalar kinetic_energy() const;
@@ -173,10 +180,7 @@ class ArticulationDynamics {
 
   // Angular momentum of a body about its own centre of mass, N m s.
   btVector3 angular_momentum(size_t body) const;
-  // Linear (N s) and angular (N m s) momentum of all bodies about a point.
-  struct Momentum {
-    btVector3 linear{0, 0, 0}, angular{0, 0, 0};
-  };
+  // Momentum of all bodies about a point.
   Momentum momentum(const btVector3 &about) const;
   // Adds a rigid motion of the whole articulation, which must have a free base, so that its momentum about a point
   // becomes that given. Changes the rate of the base.
@@ -197,6 +201,7 @@ class ArticulationDynamics {
 
   // Linear momentum of all bodies, N s, and their mass, kg.
   btVector3 linear_momentum() const;
+  btVector3 mass_centre() const;
   btScalar mass() const;
 
  private:
@@ -221,8 +226,9 @@ class ArticulationDynamics {
   };
 
   btVector3 total_force() const;
-  btVector3 drag_force() const;
-  void restore_momentum(btScalar h, const btVector3 &before, const btVector3 &drag_before, Rate &rate);
+  Momentum wrench(const btVector3 &about) const;
+  // Corrects the momentum after a step of h s, from that and the wrench about the mass centre before it.
+  void restore_momentum(btScalar h, const Momentum &before, const Momentum &wrench_before, Rate &rate);
   void runge_kutta(btScalar h, const Position &from, const Rate &rate, Position &to, Rate &new_rate);
   void divided_step(btScalar h, int parts, const Position &from, const Rate &rate, Position &to, Rate &new_rate);
   btScalar fastest_coordinate(const Rate &rate) const;

@@ -24,7 +24,7 @@ void read_rates(const btMultiBody &multi_body, Vector<btScalar> &start, Vector<b
   start.resize(articulation.dynamics.velocity_size());
   free.resize(start.size());
   articulation.dynamics.coordinates_of(articulation.rate, start.data());
-  articulation.dynamics.coordinates_of(articulation.free_rate, free.data());
+  articulation.dynamics.coordinates_of(articulation.row_rate, free.data());
 }
 
 // Present energy, with potential and elastic energy evaluated `by` s before the present positions.

@@ -20,6 +20,9 @@ constexpr btScalar EXTERNAL_SOFTNESS = 1e-6;
 // point the last force of the controller would be repeated where the controller reverses it.
 constexpr btScalar MAX_FEEDFORWARD_MOTION = 0.02;
 
+// The one that is nearer to 0 of two numbers of the same sign; else 0.
+btScalar common_part(btScalar a, btScalar b) { return a * b > 0 ? (btFabs(a) < btFabs(b) ? a : b) : 0; }
+
 }  // namespace
 
 JointRows::JointRows(AmbArticulation &owner)
@@ -37,6 +40,8 @@ void JointRows::reset() {
   planned.clear();
   forces.assign(articulation.dynamics.coordinates + articulation.springs.size(), 0);
   limit_impulses.assign(articulation.dynamics.coordinates, 0);
+  limit_feedforward.assign(articulation.dynamics.coordinates, 0);
+  feeds_limits = false;
 }
 
 int JointRows::getIslandIdA() const { return articulation.members[1].collider->getIslandTag(); }
@@ -64,7 +69,8 @@ void JointRows::plan_limit(int coordinate, btScalar low, btScalar high, bool is_
     // The joint rebounds from the velocity before the sub-step, not from what motors give it while they press it
     // against its limit.
     const btScalar speed_before = side * articulation.rate.q[coordinate];
-    if (gap + h * speed >= 0 && gap >= 0) continue;
+    const bool is_fed = side * limit_feedforward[coordinate] > 0;
+    if (gap + h * speed >= 0 && gap >= 0 && !is_fed) continue;
     btScalar target = gap < 0 ? 0 : -gap / h;
     if (bounce > 0) target = std::max(target, -bounce * speed_before);
     const btScalar correction = gap < 0 ? std::min(-gap / h * LIMIT_ERP, most) : -gap / h;
@@ -149,7 +155,11 @@ void JointRows::add_feedforward_row(Row row, btScalar h) {
 
 void JointRows::plan_motors(btScalar h) {
   std::fill(forces.begin(), forces.end(), 0);
+  // What holds a joint at its limit is fed forward, and what stops it there is not.
+  steady_impulses = limit_impulses;
   std::fill(limit_impulses.begin(), limit_impulses.end(), 0);
+  std::fill(limit_feedforward.begin(), limit_feedforward.end(), 0);
+  feeds_limits = false;
   for (size_t i = 0; i < planned.size(); ++i) {
     if (planned[i].source >= 0) {
       forces[planned[i].source] = (planned[i].feedforward + m_data[i]) / step;
@@ -163,11 +173,19 @@ void JointRows::plan_motors(btScalar h) {
     if (planned[i].source >= 0 || m_data[i] == 0) continue;
     const auto drives = [&](const Row &row) { return row.source >= 0 && row.coordinate == planned[i].coordinate; };
     const auto drive = std::find_if(planned.begin(), planned.end(), drives);
-    if (drive != planned.end()) forces[drive->source] += m_data[i] / step;
+    if (drive != planned.end()) {
+      forces[drive->source] += m_data[i] / step;
+    } else if (planned[i].member == 0) {
+      limit_feedforward[planned[i].coordinate] += common_part(m_data[i], steady_impulses[planned[i].coordinate]) / step * h;
+    }
   }
   step = h;
   planned.clear();
-  std::fill(articulation.dynamics.generalised_forces.begin(), articulation.dynamics.generalised_forces.end(), 0);
+  Vector<btScalar> &generalised_forces = articulation.dynamics.generalised_forces;
+  for (size_t k = 0; k < generalised_forces.size(); ++k) {
+    feeds_limits = feeds_limits || limit_feedforward[k] != 0;
+    generalised_forces[k] = limit_feedforward[k] / h;
+  }
   for (size_t i = 1; i < articulation.members.size(); ++i) {
     const AmbConstraint &joint = *articulation.members[i].joint;
     const ArticulationDynamics::Link &link = articulation.dynamics.links[i - 1];
@@ -190,7 +208,7 @@ void JointRows::plan_motors(btScalar h) {
 // other.
 void JointRows::drop_large_feedforward(btScalar h) {
   ArticulationDynamics &dynamics = articulation.dynamics;
-  bool any = false;
+  bool any = feeds_limits;
   for (const Row &row : planned) any = any || row.feedforward != 0;
   if (!any) return;
   dynamics.update_poses(articulation.position);
@@ -207,6 +225,8 @@ void JointRows::drop_large_feedforward(btScalar h) {
   }
   if (!is_large) return;
   for (Row &row : planned) row.feedforward = 0;
+  std::fill(limit_feedforward.begin(), limit_feedforward.end(), 0);
+  feeds_limits = false;
   std::fill(dynamics.generalised_forces.begin(), dynamics.generalised_forces.end(), 0);
 }
 
@@ -223,7 +243,20 @@ void JointRows::plan_limits(btScalar h) {
   }
 }
 
+bool JointRows::rates_by_limits(ArticulationDynamics::Rate &fed) {
+  if (!feeds_limits) return false;
+  const ArticulationDynamics &dynamics = articulation.dynamics;
+  fed_velocity.assign(dynamics.velocity_size(), 0);
+  for (int k = 0; k < dynamics.coordinates; ++k) fed_velocity[6 + k] = limit_feedforward[k];
+  dynamics.normalise(fed_velocity.data());
+  fed.q.resize(dynamics.coordinates);
+  dynamics.rates_of(fed_velocity.data(), fed);
+  return true;
+}
+
 bool JointRows::hit_limit() const {
+  // The positions of the free motion hold the fed-forward impulses.
+  if (feeds_limits) return true;
   for (size_t i = 0; i < planned.size(); ++i) {
     if (planned[i].source < 0 && m_data[i] != 0) return true;
   }

@@ -34,7 +34,10 @@ class JointRows : public EngineRows {
   // ledger.h.
   void book_feedforward(EnergyLedger &ledger, const ArticulationDynamics::Position &from,
                         const ArticulationDynamics::Rate &rate, btScalar pose_lead) const;
-  bool any() const { return !planned.empty(); }
+  bool any() const { return !planned.empty() || feeds_limits; }
+  // Subtracts what the fed-forward impulses of limits changed: their rows have the whole impulses. Writes it to `fed`, and
+  // returns false if there are none. The articulated inertia must have been factored.
+  bool rates_by_limits(ArticulationDynamics::Rate &fed);
   // Discards the forces of the last sub-step, after the position was set.
   void reset();
   // Whether a limit had an impulse in the last sub-step.
@@ -80,6 +83,9 @@ class JointRows : public EngineRows {
   Vector<Row> planned;
   // Force of each source in the last sub-step, N m or N, and impulse of the limits of each coordinate, N m s or N s.
   Vector<btScalar> forces, limit_impulses;
+  // Impulse of the fed-forward force of the limit of each coordinate, and its velocities z, see factor_inertia.
+  Vector<btScalar> limit_feedforward, steady_impulses, fed_velocity;
+  bool feeds_limits = false;
   btScalar step = 0;
   ArticulationDynamics::Rate acceleration;
 };

@@ -92,7 +92,7 @@ RowMotion act_on_coordinate(btMultiBodySolverConstraint &row, AmbArticulation &a
                             btMultiBodyJacobianData &data) {
   begin_side(row, 0, articulation, -1, data)[6 + coordinate] = 1;
   RowMotion motion;
-  motion.velocity = articulation.free_rate.q[coordinate];
+  motion.velocity = articulation.row_rate.q[coordinate];
   motion.response = finish_side(row, 0, articulation, data);
   return motion;
 }
@@ -105,7 +105,7 @@ RowMotion act_between(btMultiBodySolverConstraint &row, AmbArticulation &articul
   dynamics.add_joint_jacobian(member, force, torque, side);
   RowMotion motion;
   for (int k = link.coordinate; k < link.coordinate + link.freedoms(); ++k)
-    motion.velocity += side[6 + k] * articulation.free_rate.q[k];
+    motion.velocity += side[6 + k] * articulation.row_rate.q[k];
   motion.response = finish_side(row, 0, articulation, data);
   return motion;
 }

@@ -8,6 +8,7 @@
 #include <cmath>
 
 #include "internal.h"
+#include "solve_three.h"
 #include "spin_energy.h"
 
 // Bullet adds the forces at a pose to the velocity, v' = v + a h, and then the velocity to the pose, x += v' h. This is
@@ -29,6 +30,7 @@ class SecondOrder : public Base {
       btSolverBody &row = this->m_tmpSolverBodyPool[i];
       AmbBody *owner = constrained_body_of(row);
       if (!owner) {
+        set_small_gyroscopic_torque(row, info.m_timeStep);
         bound_gyroscopic_torque(row, info.m_timeStep);
         continue;
       }
@@ -41,6 +43,7 @@ class SecondOrder : public Base {
         if (gyroscopic_change(body, owner->other_angular_change * kept, h, turned)) {
           row.m_externalTorqueImpulse = forced + turned;
         } else {
+          bound_gyroscopic_torque(row, h);
           turned = row.m_externalTorqueImpulse - forced;
         }
         owner->other_angular_change = -turned;
@@ -65,6 +68,18 @@ class SecondOrder : public Base {
   }
 
  private:
+  // Bullet computes none for a body of which the product of the principal moments is below SIMD_EPSILON, see solve_three.h.
+  static void set_small_gyroscopic_torque(btSolverBody &row, btScalar h) {
+    if (!row.m_originalBody || !(row.m_originalBody->getFlags() & BT_ENABLE_GYROSCOPIC_FORCE_IMPLICIT_BODY)) return;
+    const btRigidBody &body = *row.m_originalBody;
+    const btVector3 &inverse = body.getInvInertiaDiagLocal();
+    constexpr btScalar MARGIN = 10;
+    btVector3 turned;
+    if (inverse.x() * inverse.y() * inverse.z() * SIMD_EPSILON * MARGIN < 1) return;
+    if (!gyroscopic_change(body, btVector3(0, 0, 0), h, turned)) return;
+    row.m_externalTorqueImpulse = body.getInvInertiaTensorWorld() * body.getTotalTorque() * h + turned;
+  }
+
   // Bullet solves the equation of the implicit gyroscopic torque by one step of Newton's method, which adds energy where
   // the body turns far in h s.
   static void bound_gyroscopic_torque(btSolverBody &row, btScalar h) {
@@ -110,7 +125,7 @@ class SecondOrder : public Base {
         slope[i] = (slope[i] * inertia - by_momentum[i]) * (h / 2);
         slope[i][i] += inertia[i];
       }
-      d -= slope.solve33(rest);
+      d -= solve_three(slope, rest);
     }
     return false;
   }

@@ -154,3 +154,46 @@ fn a_correction_removes_errors_and_opens_nothing() {
         }
     }
 }
+
+/// The bodies move along tangents: without a target for the curvature of their paths they would part at ω² r h / 2, which
+/// is 0.5 m/s here.
+#[test]
+fn a_motor_holds_a_slider_that_spins() {
+    const SPIN: f64 = 40.0;
+    let mut world = World::new(Solver::Accurate);
+    world.set_integrator(Integrator::RungeKutta);
+    let poses = [Vector3::new(-0.3, -0.2, 0.1), Vector3::new(0.3, 0.2, -0.1)]
+        .map(|at| Isometry3::translation(at.x, at.y, at.z));
+    let handles = poses.map(|pose| world.add_body(RigidBody { inertia: Vector3::repeat(0.05), ..body(MASS, pose) }));
+    let frames = [Isometry3::translation(0.4, 0.25, 0.0), Isometry3::translation(-0.2, -0.15, 0.2)];
+    let constraint = Constraint {
+        kind: ConstraintKind::Slider { limits: None },
+        frame_a: frames[0],
+        frame_b: frames[1],
+        parameters: vec![],
+        feedback: false,
+        disable_collisions: true,
+    };
+    let slider = world.add_constraint(handles[0], handles[1], &constraint).expect("two bodies");
+    assert!(world.set_motor(slider, true, 0.0, 1e6));
+    let omega = Vector3::z() * SPIN;
+    for (handle, pose) in handles.iter().zip(&poses) {
+        world.set_velocity(*handle, &omega.cross(&pose.translation.vector), &omega);
+    }
+    let state = |world: &World| {
+        let [a, b] = handles.map(|handle| world.pose(handle).expect("alive"));
+        let energy = handles.map(|handle| {
+            let (linear, angular) = world.velocity(handle).expect("alive");
+            MASS * linear.norm_squared() / 2.0 + 0.05 * angular.norm_squared() / 2.0
+        });
+        (((a * frames[0]).inverse() * (b * frames[1])).translation.x, energy[0] + energy[1])
+    };
+    let (start, energy) = state(&world);
+    let mut moved = 0.0f64;
+    for _ in 0..500 {
+        world.step(DT, 1, DT);
+        moved = moved.max((state(&world).0 - start).abs());
+    }
+    let lost = 1.0 - state(&world).1 / energy;
+    assert!(moved < 2e-3 && lost.abs() < 1e-3, "moved {moved} m, lost {lost} of its energy");
+}
