@@ -167,17 +167,11 @@ void JointRows::plan_motors(btScalar h) {
       limit_impulses[planned[i].coordinate] = m_data[i];
     }
   }
-  // What presses a joint against its limit is fed forward together with the force of the limit, or the free motion would
-  // turn the joint beyond it.
+  // What presses a joint against its limit is part of the free motion, which would turn the joint beyond it.
   for (size_t i = 0; i < planned.size(); ++i) {
-    if (planned[i].source >= 0 || m_data[i] == 0) continue;
-    const auto drives = [&](const Row &row) { return row.source >= 0 && row.coordinate == planned[i].coordinate; };
-    const auto drive = std::find_if(planned.begin(), planned.end(), drives);
-    if (drive != planned.end()) {
-      forces[drive->source] += m_data[i] / step;
-    } else if (planned[i].member == 0) {
-      limit_feedforward[planned[i].coordinate] += common_part(m_data[i], steady_impulses[planned[i].coordinate]) / step * h;
-    }
+    if (planned[i].source >= 0 || planned[i].member > 0 || m_data[i] == 0) continue;
+    const int k = planned[i].coordinate;
+    limit_feedforward[k] += common_part(m_data[i], steady_impulses[k]) / step * h;
   }
   step = h;
   planned.clear();
@@ -255,10 +249,12 @@ bool JointRows::rates_by_limits(ArticulationDynamics::Rate &fed) {
 }
 
 bool JointRows::hit_limit() const {
-  // The positions of the free motion hold the fed-forward impulses.
-  if (feeds_limits) return true;
+  // An impulse that was fed forward held the joint during the free motion, too.
+  constexpr btScalar UNSTEADY = 0.1;
   for (size_t i = 0; i < planned.size(); ++i) {
-    if (planned[i].source < 0 && m_data[i] != 0) return true;
+    if (planned[i].source >= 0) continue;
+    const btScalar fed = planned[i].member > 0 ? 0 : limit_feedforward[planned[i].coordinate];
+    if (btFabs(m_data[i] - fed) > UNSTEADY * btFabs(fed)) return true;
   }
   return false;
 }

@@ -182,6 +182,28 @@ void bound_spin_energy(AmbBody &owner, btScalar h) {
   owner.other_angular_change *= kept;
 }
 
+// A body with joints that spins fast turns about its own axis as far as it spins, and this axis tilts as the joints have it;
+// the spin follows its axis. Bullet turns it about its angular velocity, by at most pi / 4.
+void complete_turn(AmbBody &owner, btScalar h) {
+  btRigidBody &body = owner.body;
+  const btVector3 omega = body.getAngularVelocity();
+  const btScalar rate = omega.length();
+  if (!(rate * h > FAR_TURN && std::isfinite(rate))) return;
+  const btScalar turned = std::min(rate * h, btScalar(ANGULAR_MOTION_THRESHOLD));
+  const btMatrix3x3 before = btMatrix3x3(btQuaternion(omega / rate, -turned)) * body.getWorldTransform().getBasis();
+  const FastSpin fast(body, omega, before, h);
+  if (!fast.is_fast) return;
+  btVector3 axis(0, 0, 0);
+  axis[fast.axis] = 1;
+  btMatrix3x3 tilt = btMatrix3x3::getIdentity();
+  const btScalar tilted = fast.tilt.length();
+  if (tilted > 0) tilt = btMatrix3x3(btQuaternion(fast.tilt / tilted, tilted * h));
+  btTransform pose = body.getWorldTransform();
+  pose.setBasis(orthonormal(tilt * before * btMatrix3x3(btQuaternion(axis, std::remainder(fast.spin * h, 2 * SIMD_PI)))));
+  body.setAngularVelocity(fast.tilt + tilt * fast.direction * fast.spin);
+  body.setCenterOfMassTransform(pose);
+}
+
 // After a sub-step: replaces the new state of every free body by that of the integrator.
 void correct_free_bodies(btDynamicsWorld *dynamics, btScalar dt) {
   auto &world = *static_cast<AmbWorld *>(dynamics->getWorldUserInfo());
@@ -199,7 +221,9 @@ void correct_free_bodies(btDynamicsWorld *dynamics, btScalar dt) {
     AmbBody *owner = body_of(objects[i]);
     if (!owner || owner->articulation) continue;
     btRigidBody &body = owner->body;
-    if (!body.isActive() || body.isStaticOrKinematicObject() || owner->constraint_count > 0 || owner->drive) continue;
+    if (!body.isActive() || body.isStaticOrKinematicObject()) continue;
+    if (owner->constraint_count > 0 && engine.integrator == AmbIntegrator_RungeKutta) complete_turn(*owner, dt);
+    if (owner->constraint_count > 0 || owner->drive) continue;
     if (owner->contact_sub_step == now) {
       if (engine.integrator == AmbIntegrator_RungeKutta) bound_spin_energy(*owner, dt);
       continue;

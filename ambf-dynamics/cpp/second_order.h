@@ -39,8 +39,16 @@ class SecondOrder : public Base {
       if (body.getFlags() & BT_ENABLE_GYROSCOPIC_FORCE_IMPLICIT_BODY) {
         const btVector3 forced = body.getInvInertiaTensorWorld() * body.getTotalTorque() * h;
         btVector3 turned;
-        const btScalar kept = owner->last_sub_step > 0 ? h / owner->last_sub_step : 1;
-        if (gyroscopic_change(body, owner->other_angular_change * kept, h, turned)) {
+        // What other torques did in the last sub-step tells about this one where the body turns little.
+        constexpr btScalar LITTLE_TURN = 0.1;
+        const btScalar turn = std::max(row.m_angularVelocity.length(), owner->other_angular_change.length()) * h;
+        btScalar kept = owner->last_sub_step > 0 ? h / owner->last_sub_step : 1;
+        if (turn > LITTLE_TURN) kept = 0;
+        const FastSpin fast(body, row.m_angularVelocity, body.getWorldTransform().getBasis(), h);
+        if (fast.is_fast) {
+          turned = precession(body, fast, h);
+          row.m_externalTorqueImpulse = forced + turned;
+        } else if (gyroscopic_change(body, owner->other_angular_change * kept, h, turned)) {
           row.m_externalTorqueImpulse = forced + turned;
         } else {
           bound_gyroscopic_torque(row, h);
@@ -97,6 +105,16 @@ class SecondOrder : public Base {
   static AmbBody *constrained_body_of(const btSolverBody &row) {
     AmbBody *owner = row.m_originalBody && row.m_originalBody->getInvMass() > 0 ? body_of(row.m_originalBody) : nullptr;
     return owner && owner->constraint_count > 0 ? owner : nullptr;
+  }
+
+  // Change of the angular velocity about the other axes of a body with a fast spin, rad/s: it turns with the axis about the
+  // angular momentum, slower than the spin by the ratio of the moments of inertia. The spin follows its axis, see
+  // complete_turn in free_flight.cpp.
+  static btVector3 precession(const btRigidBody &body, const FastSpin &fast, btScalar h) {
+    const btVector3 &inverse = body.getInvInertiaDiagLocal();
+    const btScalar others = (inverse.x() + inverse.y() + inverse.z() - inverse[fast.axis]) / 2;
+    const btScalar ratio = inverse[fast.axis] > 0 ? others / inverse[fast.axis] : 0;
+    return fast.tilt.rotate(fast.direction, ratio * fast.spin * h) - fast.tilt;
   }
 
   // Finds the change d of the angular velocity w by the gyroscopic torque, rad/s: I d = -h v x I v at the mean v = w +

@@ -16,4 +16,22 @@ inline btScalar spin_energy(const btRigidBody &body, const btVector3 &omega, con
   return twice / 2;
 }
 
+// Splits the angular velocity of a body that spins by more than FAR_TURN in h s about its axis of least inertia, and turns
+// slowly otherwise. Such a motion is not resolved: it is a spin about an axis that tilts.
+struct FastSpin {
+  bool is_fast = false;
+  int axis = 0;               // of the body
+  btScalar spin = 0;          // rad/s
+  btVector3 direction, tilt;  // of the axis; angular velocity about other axes, rad/s
+
+  FastSpin(const btRigidBody &body, const btVector3 &omega, const btMatrix3x3 &basis, btScalar h) {
+    if (!(omega.length() * h > FAR_TURN)) return;
+    axis = body.getInvInertiaDiagLocal().maxAxis();
+    direction = basis.getColumn(axis);
+    spin = omega.dot(direction);
+    tilt = omega - direction * spin;
+    is_fast = btFabs(spin) * h > FAR_TURN && tilt.length() * h < FAR_TURN;
+  }
+};
+
 #endif
