@@ -18,6 +18,8 @@ use super::work::{spring_energy, springs, Spring, Work};
 /// Joint gaps and penetration count from this time after the start, a reset, and the end of prescribed motion on, s:
 /// bodies may then be where joints and grips do not close, which is corrected at a bounded speed.
 const SETTLED: f64 = 0.2;
+/// Speed at which joints that prescribed motion has opened close, m/s.
+const CLOSING: f64 = 5.0;
 /// Speed that a correction of initial penetration or of joint frames may leave behind, m/s.
 const PUSH: f64 = 1.0;
 /// Share of the misfit of a joint that a sub-step may turn into velocity.
@@ -177,7 +179,9 @@ impl Watch {
         if has_rest || script.due(n).any(|event| matches!(event.action, Action::Reset(_))) {
             // Once all commands have ended, nothing of what they might have done is left for later.
             self.rebase(simulation);
-            self.settled_from = n + settling(script);
+            let scene = simulation.scene();
+            let open = self.pivots.iter().map(|pivot| gap(scene, pivot)).fold(0.0, f64::max);
+            self.settled_from = n + settling(script) + (open / CLOSING / self.step).round() as u64;
         }
         self.work.before(simulation, script, n);
     }
@@ -320,7 +324,22 @@ fn shortest_arm(scene: &Scene, pivots: &[Pivot]) -> f64 {
 
 /// By how much the corrections of the limits of sliding joints move bodies, m.
 fn slid_of_corrections(scene: &Scene) -> f64 {
-    scene.joints.iter().filter(|joint| slides(joint)).map(violation).sum()
+    let sliding = scene.joints.iter().filter(|joint| slides(joint)).map(violation).sum::<f64>();
+    sliding + scene.joints.iter().map(|joint| outside_box(scene, joint)).sum::<f64>()
+}
+
+/// How far a six-dof joint is outside of its linear limits, m; 0 for other joints.
+fn outside_box(scene: &Scene, joint: &Joint) -> f64 {
+    let limits = match description(scene, joint).map(|described| &described.kind) {
+        Some(adf::JointKind::SixDof(limits)) => limits,
+        Some(adf::JointKind::SixDofSpring(spring)) => &spring.limits,
+        _ => return 0.0,
+    };
+    let pose = |body: BodyId| scene.world.pose(scene.world.bodies()[body.index()]).unwrap_or_default();
+    let frames = [pose(joint.parent) * joint.frames[0], pose(joint.child) * joint.frames[1]];
+    let at = frames[0].inv_mul(&frames[1]).translation.vector;
+    let beyond = |i: usize| (limits.linear_low[i] - at[i]).max(at[i] - limits.linear_high[i]).max(0.0);
+    (0..3).filter(|&i| limits.linear_low[i] <= limits.linear_high[i]).map(beyond).sum()
 }
 
 /// How far the start is beyond a limit, rad or m.

@@ -197,3 +197,34 @@ fn a_motor_holds_a_slider_that_spins() {
     let lost = 1.0 - state(&world).1 / energy;
     assert!(moved < 2e-3 && lost.abs() < 1e-3, "moved {moved} m, lost {lost} of its energy");
 }
+
+/// By radians in each sub-step, where Bullet turns bodies by π/4 at most.
+#[test]
+fn a_drill_turns_as_far_as_it_spins() {
+    const SPIN: f64 = 3000.0;
+    let mut world = World::new(Solver::Accurate);
+    world.set_integrator(Integrator::RungeKutta);
+    let stand = world.add_body(body(0.0, Isometry3::identity()));
+    let drill = RigidBody { inertia: Vector3::new(1e-5, 1e-5, 1e-8), ..body(0.02, Isometry3::identity()) };
+    let drill = world.add_body(drill);
+    let pivot = Isometry3::translation(0.0, 0.0, -0.03);
+    let hinge = Constraint {
+        kind: ConstraintKind::Hinge { limits: None },
+        frame_a: pivot,
+        frame_b: pivot,
+        parameters: vec![],
+        feedback: false,
+        disable_collisions: true,
+    };
+    world.add_constraint(stand, drill, &hinge).expect("two bodies");
+    world.set_velocity(drill, &Vector3::zeros(), &(Vector3::z() * SPIN));
+    let turn = UnitQuaternion::from_scaled_axis(Vector3::z() * SPIN * DT);
+    for _ in 0..200 {
+        let before = world.pose(drill).expect("alive").rotation;
+        world.step(DT, 1, DT);
+        let after = world.pose(drill).expect("alive").rotation;
+        assert!((after * before.inverse()).angle_to(&turn) < 1e-6, "{after} after {before}");
+    }
+    let spin = world.velocity(drill).expect("alive").1;
+    assert!((spin - Vector3::z() * SPIN).norm() < 1e-6 * SPIN, "{spin}");
+}
