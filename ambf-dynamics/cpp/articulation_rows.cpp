@@ -41,6 +41,7 @@ void JointRows::reset() {
   forces.assign(articulation.dynamics.coordinates + articulation.springs.size(), 0);
   limit_impulses.assign(articulation.dynamics.coordinates, 0);
   limit_feedforward.assign(articulation.dynamics.coordinates, 0);
+  held_by_limits.assign(articulation.dynamics.coordinates, 0);
   feeds_limits = false;
 }
 
@@ -168,10 +169,22 @@ void JointRows::plan_motors(btScalar h) {
     }
   }
   // What presses a joint against its limit is part of the free motion, which would turn the joint beyond it.
+  std::fill(held_by_limits.begin(), held_by_limits.end(), 0);
   for (size_t i = 0; i < planned.size(); ++i) {
     if (planned[i].source >= 0 || planned[i].member > 0 || m_data[i] == 0) continue;
     const int k = planned[i].coordinate;
-    limit_feedforward[k] += common_part(m_data[i], steady_impulses[k]) / step * h;
+    // A motor may press a joint with a million times the force that moves it: the force of the limit is subtracted from it.
+    const auto drives = [&](const Row &row) {
+      return row.source >= 0 && row.source < articulation.dynamics.coordinates && row.coordinate == k;
+    };
+    const auto drive = std::find_if(planned.begin(), planned.end(), drives);
+    if (drive != planned.end()) {
+      forces[drive->source] += m_data[i] / step;
+      held_by_limits[k] += m_data[i] / step * h;
+    } else {
+      limit_feedforward[k] += common_part(m_data[i], steady_impulses[k]) / step * h;
+      held_by_limits[k] = limit_feedforward[k];
+    }
   }
   step = h;
   planned.clear();
@@ -220,6 +233,7 @@ void JointRows::drop_large_feedforward(btScalar h) {
   if (!is_large) return;
   for (Row &row : planned) row.feedforward = 0;
   std::fill(limit_feedforward.begin(), limit_feedforward.end(), 0);
+  std::fill(held_by_limits.begin(), held_by_limits.end(), 0);
   feeds_limits = false;
   std::fill(dynamics.generalised_forces.begin(), dynamics.generalised_forces.end(), 0);
 }
@@ -253,8 +267,8 @@ bool JointRows::hit_limit() const {
   constexpr btScalar UNSTEADY = 0.1;
   for (size_t i = 0; i < planned.size(); ++i) {
     if (planned[i].source >= 0) continue;
-    const btScalar fed = planned[i].member > 0 ? 0 : limit_feedforward[planned[i].coordinate];
-    if (btFabs(m_data[i] - fed) > UNSTEADY * btFabs(fed)) return true;
+    const btScalar held = planned[i].member > 0 ? 0 : held_by_limits[planned[i].coordinate];
+    if (btFabs(m_data[i] - held) > UNSTEADY * btFabs(held)) return true;
   }
   return false;
 }

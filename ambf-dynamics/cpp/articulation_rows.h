@@ -85,6 +85,8 @@ class JointRows : public EngineRows {
   Vector<btScalar> forces, limit_impulses;
   // Impulse of the fed-forward force of the limit of each coordinate, and its velocities z, see factor_inertia.
   Vector<btScalar> limit_feedforward, steady_impulses, fed_velocity;
+  // Impulse with which the limit of each coordinate holds it in the free motion, also as a part of the force of its motor.
+  Vector<btScalar> held_by_limits;
   bool feeds_limits = false;
   btScalar step = 0;
   ArticulationDynamics::Rate acceleration;
