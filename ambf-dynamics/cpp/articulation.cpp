@@ -256,6 +256,8 @@ AmbArticulation::AmbArticulation(AmbWorld &owner, AmbBody &base, AmbConstraint *
   multi_body->setUserPointer(this);
   correction.q.resize(dynamics.coordinates);
   change.q.resize(dynamics.coordinates);
+  fed.q.resize(dynamics.coordinates);
+  row_rate.q.resize(dynamics.coordinates);
   position.q.resize(dynamics.coordinates);
   position.balls.resize(dynamics.balls, btQuaternion::getIdentity());
   rate.q.resize(dynamics.coordinates);

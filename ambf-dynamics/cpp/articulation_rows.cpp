@@ -42,6 +42,8 @@ void JointRows::reset() {
   limit_impulses.assign(articulation.dynamics.coordinates, 0);
   limit_feedforward.assign(articulation.dynamics.coordinates, 0);
   held_by_limits.assign(articulation.dynamics.coordinates, 0);
+  steady_impulses.assign(articulation.dynamics.coordinates, 0);
+  fed_velocity.assign(articulation.dynamics.velocity_size(), 0);
   feeds_limits = false;
 }
 
@@ -257,7 +259,6 @@ bool JointRows::rates_by_limits(ArticulationDynamics::Rate &fed) {
   fed_velocity.assign(dynamics.velocity_size(), 0);
   for (int k = 0; k < dynamics.coordinates; ++k) fed_velocity[6 + k] = limit_feedforward[k];
   dynamics.normalise(fed_velocity.data());
-  fed.q.resize(dynamics.coordinates);
   dynamics.rates_of(fed_velocity.data(), fed);
   return true;
 }

@@ -35,8 +35,8 @@ class JointRows : public EngineRows {
   void book_feedforward(EnergyLedger &ledger, const ArticulationDynamics::Position &from,
                         const ArticulationDynamics::Rate &rate, btScalar pose_lead) const;
   bool any() const { return !planned.empty() || feeds_limits; }
-  // Subtracts what the fed-forward impulses of limits changed: their rows have the whole impulses. Writes it to `fed`, and
-  // returns false if there are none. The articulated inertia must have been factored.
+  // Writes the rates that the fed-forward impulses of limits give at the old position, and returns false if there are none.
+  // Rows have the whole impulses and act on the motion without these. The articulated inertia must have been factored.
   bool rates_by_limits(ArticulationDynamics::Rate &fed);
   // Discards the forces of the last sub-step, after the position was set.
   void reset();
