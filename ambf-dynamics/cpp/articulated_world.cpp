@@ -1,13 +1,62 @@
 #include "articulation_rows.h"
 
+#include <algorithm>
+
+#include <BulletCollision/CollisionDispatch/btSimulationIslandManager.h>
 #include <BulletDynamics/Featherstone/btMultiBodyConstraintSolver.h>
+
+namespace {
+
+// Islands of bodies that constraints or contacts connect. Bullet's islands also unite bodies whose bounding boxes overlap:
+// tolerances, budgets and corrections that are found for an island would depend on bodies that nothing connects with it.
+class ConnectedIslands : public btSimulationIslandManager {
+ public:
+  // As Bullet's function, apart from the unions; constraints are united by the world afterwards.
+  void updateActivationState(btCollisionWorld *world, btDispatcher *dispatcher) override {
+    btCollisionObjectArray &objects = world->getCollisionObjectArray();
+    int count = 0;
+    for (int i = 0; i < objects.size(); ++i) {
+      btCollisionObject &object = *objects[i];
+      if (!object.isStaticOrKinematicObject()) object.setIslandTag(count++);
+      object.setCompanionId(-1);
+      object.setHitFraction(1);
+    }
+    initUnionFind(count);
+    for (int i = 0; i < dispatcher->getNumManifolds(); ++i) {
+      const btPersistentManifold &manifold = *dispatcher->getManifoldByIndexInternal(i);
+      const btCollisionObject &first = *manifold.getBody0(), &second = *manifold.getBody1();
+      if (manifold.getNumContacts() > 0 && first.mergesSimulationIslands() && second.mergesSimulationIslands())
+        getUnionFind().unite(first.getIslandTag(), second.getIslandTag());
+    }
+  }
+};
+
+// Solves each island by itself.
+class IslandSolver : public InArena<MultiBodyInplaceSolverIslandCallback> {
+ public:
+  using InArena<MultiBodyInplaceSolverIslandCallback>::InArena;
+
+  void processIsland(btCollisionObject **bodies, int n, btPersistentManifold **manifolds, int manifold_count,
+                     int island) override {
+    // Manifolds without contacts may name a body of another island.
+    btPersistentManifold **const end = std::remove_if(
+        manifolds, manifolds + manifold_count, [](const btPersistentManifold *m) { return m->getNumContacts() == 0; });
+    MultiBodyInplaceSolverIslandCallback::processIsland(bodies, n, manifolds, static_cast<int>(end - manifolds), island);
+    if (m_bodies.size() > 0) processConstraints(island);
+  }
+};
+
+}  // namespace
 
 ArticulatedWorld::ArticulatedWorld(MotionClock &clock, btDispatcher *dispatcher, btBroadphaseInterface *broadphase,
                                    btMultiBodyConstraintSolver *solver, btCollisionConfiguration *configuration)
     : LazyWorld(clock, dispatcher, broadphase, solver, configuration) {
   // Bullet allocates its callback on the heap; this one is in the arena.
   delete m_solverMultiBodyIslandCallback;
-  m_solverMultiBodyIslandCallback = new InArena<MultiBodyInplaceSolverIslandCallback>(solver, dispatcher);
+  m_solverMultiBodyIslandCallback = new IslandSolver(solver, dispatcher);
+  m_islandManager->~btSimulationIslandManager();
+  btAlignedFree(m_islandManager);
+  m_islandManager = new (btAlignedAlloc(sizeof(ConnectedIslands), 16)) ConnectedIslands;
 }
 
 // Articulations add the gravity of their links themselves.

@@ -677,7 +677,7 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
       // The largest number of sub-intervals was not enough: the excess energy is removed by scaling the velocities.
       btScalar most_energy = allowed;
       // Positions that have diverged are as meaningless as ones that are not finite.
-      const bool has_diverged = !(after * LEAST_SHARE < allowed);
+      const bool has_diverged = !(after * LEAST_SHARE <= kinetic + btFabs(work));
       if (has_diverged && is_measured) {
         most_energy = tangential_step(h, from, start_rate, to, new_rate);
         after = internal_energy();

@@ -186,6 +186,7 @@ void bound_spin_energy(AmbBody &owner, btScalar h) {
 // the spin follows its axis. Bullet turns it about its angular velocity, by at most pi / 4.
 void complete_turn(AmbBody &owner, btScalar h) {
   btRigidBody &body = owner.body;
+  if (!(body.getFlags() & BT_ENABLE_GYROSCOPIC_FORCE_IMPLICIT_BODY)) return;
   const btVector3 omega = body.getAngularVelocity();
   const btScalar rate = omega.length();
   if (!(rate * h > FAR_TURN && std::isfinite(rate))) return;

@@ -27,7 +27,7 @@ constexpr unsigned CORRECTION_INTERVAL = 4;
 constexpr double POSITION_SOFTNESS = 1e-6, YIELDING_POSITION_SOFTNESS = 1e-4, LEAST_POSITION_SOFTNESS = 1e-12;
 // CFM of stiff springs, as a share of their response, and the share below which the implicit CFM of a spring falls
 // towards it.
-constexpr double SPRING_POSITION_SOFTNESS = 1e-7, SOFT_SPRING = 10;
+constexpr double SPRING_POSITION_SOFTNESS = 1e-7, SOFT_SPRING = 1000;
 // Largest CFM, as a share of the diagonal, of a row that constrains a position; softer rows are drives.
 constexpr btScalar MAX_GEOMETRIC_SOFTNESS = 1e-3;
 // Largest turn in a sub-step for which the motion of joint frames is approximated to second order, rad.

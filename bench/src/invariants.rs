@@ -3,10 +3,11 @@
 //! The state is read from outside, once a sub-step, so the work of controllers is bounded instead of known: see
 //! [`Work`].
 
+use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
 use ambf_core::adf;
-use ambf_core::bullet::Contact;
+use ambf_core::bullet::{BodyHandle, Contact};
 use ambf_core::ids::BodyId;
 use ambf_core::scene::{Body, Joint, JointType, Scene};
 use ambf_core::sim::Simulation;
@@ -76,8 +77,8 @@ pub struct Watch {
     springs: Vec<Spring>,
     /// Of all bodies that move, N: what lifts them out of initial penetration.
     weight: f64,
-    /// What the correction of initial penetration may add, J.
-    pushed: f64,
+    /// What the correction of initial penetration may add, J, for each pair of bodies: each pair is pushed apart by itself.
+    pushed: BTreeMap<[BodyHandle; 2], f64>,
     /// Largest gap of any joint at the start, and length of the scene's lever arms, m.
     misfit: f64,
     size: f64,
@@ -114,7 +115,7 @@ impl Watch {
             initial_potential: 0.0,
             springs: Vec::new(),
             weight: 0.0,
-            pushed: 0.0,
+            pushed: BTreeMap::new(),
             misfit,
             size,
             settled_from: settling(script),
@@ -208,7 +209,10 @@ impl Watch {
                         self.worst_depth = self.worst_depth.max(-contact.distance);
                     } else {
                         self.first_depth = self.first_depth.max(-contact.distance);
-                        self.pushed = self.pushed.max(self.pushed_out(scene, BodyId::new(index), contact));
+                        let added = self.pushed_out(scene, BodyId::new(index), contact);
+                        let pair = [body.min(contact.other), body.max(contact.other)];
+                        let pushed = self.pushed.entry(pair).or_default();
+                        *pushed = pushed.max(added);
                     }
                 }
                 self.contacts = contacts;
@@ -255,7 +259,7 @@ impl Watch {
             let (kinetic, potential) = energy(scene);
             let allowed = self.work.done()
                 + self.allowance
-                + self.pushed
+                + self.pushed.values().sum::<f64>()
                 + SLACK
                     * (kinetic.abs().min(self.base.abs() + self.work.done())
                         + (potential - self.initial_potential).abs());

@@ -32,6 +32,9 @@ const IMPULSE_STEP: f64 = 0.001;
 /// Turn of a body in a sub-step from which on its velocities at both ends say little of those in between, rad.
 const FAR: f64 = 0.5;
 
+/// A spring that slides across the normal of a contact is moved by other joints.
+const LEAST_SHARE: f64 = 0.1;
+
 /// What drives a joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Drive {
@@ -266,10 +269,12 @@ pub struct Spring {
 
 impl Spring {
     /// Energy that it gains where a body that touches another at `point` is pushed out along `normal` by `depth`, m; J. A
-    /// spring that turns does so by the lever arm of the normal about its axis, which counts as at least `least`, m.
+    /// spring that slides does so by the share of the normal along its axis, which counts as at least [`LEAST_SHARE`]; one that
+    /// turns by the lever arm of the normal about its axis, which counts as at least `least`, m.
     pub fn pushed_by(&self, point: &Vector3<f64>, normal: &Vector3<f64>, depth: f64, least: f64) -> f64 {
+        let share = normal.dot(&self.axis).abs().max(LEAST_SHARE);
         let arm = (point - self.at.coords).cross(normal).dot(&self.axis).abs();
-        self.strained_by(depth, (depth / arm.max(least)).min(PI))
+        self.strained_by(depth / share, (depth / arm.max(least)).min(PI))
     }
 
     /// Energy that it gains where corrections move it by up to `way`, m, or `angle`, rad; J.
