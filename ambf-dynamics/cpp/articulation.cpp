@@ -346,7 +346,7 @@ void AmbArticulation::add_spring(AmbConstraint &constraint, size_t link, bool is
 }
 
 // Classifies springs for a sub-step of h s: soft ones are integrated with the motion, stiff ones become implicit rows,
-// which cannot overshoot.
+// which cannot overshoot. Those in between are rows of the position problem, too.
 void AmbArticulation::choose_springs(btScalar h) {
   if (springs.empty()) return;
   dynamics.update_poses(position);
@@ -355,6 +355,7 @@ void AmbArticulation::choose_springs(btScalar h) {
     const btScalar response = dynamics.response(spring.coordinate) * h;
     spring.is_stiff = spring.stiffness * h * response > 0.04 || spring.damping * response > 0.1;
     spring.settles_in_a_step = spring.is_stiff && spring.stiffness * h * response > 1;
+    spring.resists_corrections = spring.stiffness * h * response * SOFT_SPRING > 1;
   }
 }
 

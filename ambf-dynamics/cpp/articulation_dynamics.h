@@ -57,6 +57,8 @@ class ArticulationDynamics {
     // Too stiff for explicit integration with the step: not part of this class's forces, but an implicit row, see
     // JointRows.
     bool is_stiff = false;
+    // Stiff enough to resist the corrections of positions that many sub-steps make.
+    bool resists_corrections = false;
     // So stiff that this row brings it to rest in one step.
     bool settles_in_a_step = false;
 

@@ -200,14 +200,20 @@ void JointRows::plan_motors(btScalar h) {
     const ArticulationDynamics::Link &link = articulation.dynamics.links[i - 1];
     if (link.freedoms() == 1) plan_motor(joint, link.coordinate, h);
   }
+  // Positions are corrected by contacts and external constraints; limits of other coordinates do so in rare cases.
+  const bool is_corrected = articulation.has_contact || articulation.external_constraint_count > 0;
   for (size_t i = 0; i < articulation.springs.size(); ++i) {
     const ArticulationDynamics::Spring &spring = articulation.dynamics.springs[i];
-    if (!spring.is_stiff) continue;
     const int coordinate = spring.coordinate;
-    // The implicit force -k (x + h q') - d q' at the end of the sub-step, written as a soft row.
-    const btScalar push = spring.sign * spring.stiffness * spring.displacement(articulation.position.q[coordinate]);
     const btScalar give = spring.damping + h * spring.stiffness;
     const int source = articulation.dynamics.coordinates + static_cast<int>(i);
+    if (!spring.is_stiff) {
+      // No impulse: the spring only resists corrections.
+      if (spring.resists_corrections && is_corrected) planned.push_back({coordinate, 0, 1 / (h * give), 0, 0, source});
+      continue;
+    }
+    // The implicit force -k (x + h q') - d q' at the end of the sub-step, written as a soft row.
+    const btScalar push = spring.sign * spring.stiffness * spring.displacement(articulation.position.q[coordinate]);
     add_feedforward_row({coordinate, -push / give, 1 / (h * give), -BT_LARGE_FLOAT, BT_LARGE_FLOAT, source}, h);
   }
   drop_large_feedforward(h);

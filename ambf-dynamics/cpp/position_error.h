@@ -26,8 +26,9 @@ constexpr unsigned CORRECTION_INTERVAL = 4;
 // least LEAST_POSITION_SOFTNESS of the diagonal.
 constexpr double POSITION_SOFTNESS = 1e-6, YIELDING_POSITION_SOFTNESS = 1e-4, LEAST_POSITION_SOFTNESS = 1e-12;
 // CFM of stiff springs, as a share of their response, and the share below which the implicit CFM of a spring falls
-// towards it.
-constexpr double SPRING_POSITION_SOFTNESS = 1e-7, SOFT_SPRING = 1000;
+// towards it; and the same for soft springs, which are stiffer than what moves with them, and softer than contacts.
+constexpr double SPRING_POSITION_SOFTNESS = 1e-7, STIFF_SPRING = 10;
+constexpr double SOFT_SPRING_POSITION_SOFTNESS = 1e-3, SOFT_SPRING = 1000;
 // Largest CFM, as a share of the diagonal, of a row that constrains a position; softer rows are drives.
 constexpr btScalar MAX_GEOMETRIC_SOFTNESS = 1e-3;
 // Largest turn in a sub-step for which the motion of joint frames is approximated to second order, rad.
@@ -48,10 +49,14 @@ inline btScalar push_out_speed(btScalar depth) {
 
 // CFM in the position problem of a spring whose implicit row has the CFM `cfm` and the response `response`. A spring
 // that is stiff for the sub-step resists like a joint. With its implicit CFM it would resist each correction by the
-// force of that correction alone, without those of the corrections before, and many of them would stretch it.
+// force of that correction alone, without those of the corrections before, and many of them would strain it.
 inline double spring_position_softness(double cfm, double response) {
-  const double share = response > 0 ? std::min(1.0, cfm / (response * SOFT_SPRING)) : 1;
-  return std::min(cfm, std::max(SPRING_POSITION_SOFTNESS * response, cfm * share * share * share * share));
+  const auto falling = [&](double from, double least) {
+    const double share = response > 0 ? std::min(1.0, cfm / (response * from)) : 1;
+    return std::max(least * response, cfm * share * share * share * share);
+  };
+  const double stiff = falling(STIFF_SPRING, SPRING_POSITION_SOFTNESS);
+  return std::min({cfm, stiff, falling(SOFT_SPRING, SOFT_SPRING_POSITION_SOFTNESS)});
 }
 
 // Velocity bias of a joint by the curvature of its motion. Bodies move along tangents, x += v h, so that the two pivots

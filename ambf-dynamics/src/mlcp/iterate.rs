@@ -116,7 +116,7 @@ impl Variable {
     }
 
     /// The same row in the problem of positions, where only the signs of its bounds count, with the CFM `cfm`.
-    /// `target` is that of the normal in a row of friction; a row that `is_loaded` has no bounds.
+    /// `target` is that of the normal in a row of friction; a row that `is_loaded`, and one of a spring, has no bounds.
     pub fn of_position(
         row: &StoredRow,
         layout: &Layout,
@@ -129,13 +129,14 @@ impl Variable {
         let sticks = row.friction.is_some() && target > 0.0;
         let takes_part = row.in_positions && row.friction.is_none();
         let cfm = cfm.max(if sticks { STICKING * diagonal } else { 0.0 });
+        let is_equation = sticks || takes_part && (row.is_drive || is_loaded);
         Self {
             target: if takes_part { target } else { 0.0 },
             cfm,
             inverse_cfm: 1.0 / cfm,
             diagonal: diagonal + cfm,
-            low: if sticks || (takes_part && (row.low < 0.0 || is_loaded)) { f64::NEG_INFINITY } else { 0.0 },
-            high: if sticks || (takes_part && (row.high > 0.0 || is_loaded)) { f64::INFINITY } else { 0.0 },
+            low: if is_equation || (takes_part && row.low < 0.0) { f64::NEG_INFINITY } else { 0.0 },
+            high: if is_equation || (takes_part && row.high > 0.0) { f64::INFINITY } else { 0.0 },
             x: 0.0,
             state: if sticks {
                 State::Free

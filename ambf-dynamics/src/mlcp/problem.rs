@@ -82,7 +82,7 @@ pub struct ConstraintRow<S> {
     /// Guess of the impulse (warm start). It bounds friction in the first iteration and is where sweeps begin.
     pub x: f64,
     /// Whether the row takes part in the correction of positions. Rows of friction never do. A drive that does, such as
-    /// a spring, has the target 0 and its CFM: it resists, and what is left of its target is no error.
+    /// a spring, has the target 0, its CFM, and no bounds: it resists, and what is left of its target is no error.
     pub in_positions: bool,
     /// Whether the row is an equation in the correction of positions where the last
     /// [`Solver::solve`](super::Solver::solve) gave it an impulse: a loaded limit, which a correction would else open
