@@ -80,6 +80,23 @@ mod tests {
         assert_eq!(world.take_statistics(), SolverStatistics::default());
     }
 
+    /// The bounding boxes of two balls of radius 1 m on the ground overlap at both distances.
+    #[test]
+    fn islands_are_of_bodies_that_touch() {
+        let islands = |along: f64| {
+            let mut world = World::with_articulations(Solver::Accurate);
+            world.set_gravity(Vector3::new(0.0, 0.0, -9.81));
+            world.add_body(RigidBody { shape: Shape::plane(Vector3::z(), 0.0, 0.0), ..ball(0.0, 0.0) });
+            for at in [0.0, along] {
+                let pose = Isometry3::translation(at, at, 1.0);
+                world.add_body(RigidBody { pose, shape: Shape::sphere(1.0, 0.0), ..ball(1.0, 0.0) });
+            }
+            world.step(0.001, 1, 0.001);
+            world.take_statistics().islands_solved
+        };
+        assert_eq!((islands(1.5), islands(1.41)), (2, 1));
+    }
+
     fn run(world: &mut World, steps: u32) {
         for _ in 0..steps {
             world.step(0.001, 1, 0.001);
