@@ -23,6 +23,7 @@
 #include "drive_yielding.h"
 #include "joint_arms.h"
 #include "position_error.h"
+#include "position_rows.h"
 #include "infeasible_islands.h"
 #include "spin_energy.h"
 #include "articulation_solver.h"
@@ -162,8 +163,7 @@ class AccurateSolver : public Base {
     bool is_known = false;
   };
 
-  // A row constrains a position on both sides (joint), on one side (limit, contact), or is a motor, spring or friction.
-  enum class RowKind { Geometric, Limit, Contact, Other };
+  using RowKind = PositionRows::Kind;
 
   btSolverBody &body(int id) { return this->m_tmpSolverBodyPool[id]; }
 
@@ -540,9 +540,9 @@ class AccurateSolver : public Base {
     articulation_sizes_.clear();
     articulation_rows_.clear();
     normals_.clear();
-    needs_correction_ = is_urgent_ = has_drives_ = has_springs_ = false;
+    has_drives_ = false;
     is_at_rest_ = true;
-    position_rows_.clear();
+    positions_.clear();
     find_correction_share(info.m_timeStep);
     const btConstraintArray &joints = this->m_tmpSolverNonContactConstraintPool;
     for (int i = 0; i < joints.size(); ++i) {
@@ -666,26 +666,8 @@ class AccurateSolver : public Base {
     const bool is_idle =
         row.low >= row.high ? row.low == 0 : row.target <= NO_SPEED && (row.low == 0 || row.target >= -NO_SPEED);
     is_at_rest_ = is_at_rest_ && is_idle && row.low <= 0 && row.high >= 0;
-    const bool idle = (row.low == 0 && row.position_target < 0) || (row.high == 0 && row.position_target > 0);
-    // Weight in the sum of squared errors: the inverse of the CFM in the position problem, as the solution has it.
-    const double cfm = row.is_drive ? row.position_cfm : std::max(row.cfm, row.position_cfm);
-    const double weight = row.position_cfm > 0 ? POSITION_SOFTNESS / cfm : 0;
-    const double target = row.in_positions && !idle ? row.position_target : 0;
-    const bool is_joint = kind == RowKind::Geometric && !row.is_drive;
-    position_rows_.push_back({target, target / share, weight, row.cfm, is_angular, is_joint, arm});
+    positions_.add(row, kind, is_angular, least_correction, share, arm);
     has_drives_ = has_drives_ || row.yielding_cfm > 0;
-    has_springs_ = has_springs_ || (row.is_drive && row.in_positions);
-    if (row.in_positions && !idle) {
-      const double asked = std::fabs(row.position_target) / least_correction;
-      needs_correction_ = needs_correction_ || asked > 1;
-      // Limits are corrected at once: drives may push against them in every sub-step.
-      is_urgent_ = is_urgent_ || asked > URGENT_CORRECTION || (asked > 1 && kind == RowKind::Limit);
-    }
-    position_states_.resize(row_count_);
-    position_states_[row_count_ - 1] =
-        static_cast<unsigned char>(row.low == 0 && row.position_target < 0    ? AMB_MLCP_LOW
-                                   : row.high == 0 && row.position_target > 0 ? AMB_MLCP_HIGH
-                                                                              : AMB_MLCP_FREE);
   }
 
   // The members that rows of all kinds have.
@@ -882,7 +864,8 @@ class AccurateSolver : public Base {
       seen.factorisations += found.factorisations;
       seen.pivots += found.pivots;
       seen.sweeps += found.sweeps;
-      const double opened = island && outcome != AMB_MLCP_NOT_FINITE ? find_opening(h) : 0;
+      const bool is_finite = outcome != AMB_MLCP_NOT_FINITE;
+      const double opened = island && is_finite ? positions_.opening(mlcp_table->impulses(mlcp_), h) : 0;
       if (yielding == 0) unyielding = opened;
       if (may_yield && DriveYielding::is_wanted(yielding, opened)) {
         yielding = DriveYielding::raised(yielding);
@@ -899,19 +882,6 @@ class AccurateSolver : public Base {
     }
   }
 
-  // By how much the joints of the island open by their CFM in a sub-step of h s, as a share of their lever arms, or rad.
-  double find_opening(double h) const {
-    const double *impulses = mlcp_table->impulses(mlcp_);
-    double largest = 0;
-    for (size_t i = 0; i < position_rows_.size(); ++i) {
-      const PositionRow &row = position_rows_[i];
-      if (!row.is_joint || !(row.is_angular || row.arm > 0)) continue;
-      const double opened = h * row.cfm * std::fabs(impulses[i]);
-      largest = std::max(largest, row.is_angular ? opened : opened / row.arm);
-    }
-    return largest;
-  }
-
   double prepare() {
     return mlcp_table->prepare(mlcp_, this->m_tmpSolverBodyPool.size(), articulation_sizes_.data(),
                                static_cast<int>(articulation_sizes_.size()));
@@ -925,24 +895,26 @@ class AccurateSolver : public Base {
   // Solves the position problem, unless all errors are small and this sub-step is not due, or the errors are known to
   // be infeasible.
   void correct_positions(const btContactSolverInfo &info, double budget, bool is_prepared) {
-    if (!needs_correction_ || !(is_urgent_ || sub_step_ % CORRECTION_INTERVAL == 0)) return;
+    if (!positions_.are_due(sub_step_)) return;
     AmbBody *const island = first_body();
     if (!island) return;
-    const PositionErrors present = errors([&](size_t i) { return position_rows_[i].error; });
+    const PositionErrors present = positions_.present();
     if (infeasible_.contain(island, present, sub_step_) || (!is_prepared && prepare() < 0)) return;
     CorrectionDamping &state = island->correction_damping;
     double &damping = state.factor, &yielding = state.yielding;
-    const auto [largest, share] = largest_joint_errors(info.m_timeStep);
+    const auto [largest, share] = positions_.largest_joint_errors(info.m_timeStep);
     update_damping(state, present, largest, share, sub_step_, CORRECTION_INTERVAL);
     btScalar length = 0;
+    const double *left = nullptr;
     for (int round = 0;; ++round) {
-      if (mlcp_table->solve_positions(mlcp_, nullptr, position_states_.data(), LEAST_POSITION_SOFTNESS, damping,
+      if (mlcp_table->solve_positions(mlcp_, nullptr, positions_.states(), LEAST_POSITION_SOFTNESS, damping,
                                       yielding, springs_yield(share) ? yielding : 1, budget) == AMB_MLCP_NOT_FINITE)
         return;
+      left = mlcp_table->position_errors(mlcp_);
       length = find_correction_length(info.m_timeStep);
       const bool is_long =
           length > LONG_CORRECTION && damping < MOST_DAMPING_OF_LONG_CORRECTIONS && round < MOST_ROUNDS;
-      const bool contradicts = may_yield(state, sub_step_) && contradicts_joints(share);
+      const bool contradicts = may_yield(state, sub_step_) && positions_.contradict_joints(left, share);
       if (!contradicts && round == 0) yielding = std::max(1.0, yielding * YIELDING_LOWERED);
       if (!(is_long || contradicts)) break;
       if (is_long) damping = std::min(damping * RAISED_DAMPING, MOST_DAMPING_OF_LONG_CORRECTIONS);
@@ -955,15 +927,13 @@ class AccurateSolver : public Base {
       }
     }
     ++settings_.statistics.position_problems;
-    const double *left = mlcp_table->position_errors(mlcp_);
-    const PositionErrors asked = errors([&](size_t i) { return position_rows_[i].target; }, yielding);
-    const PositionErrors after = errors([&](size_t i) { return left[i]; }, yielding);
+    const PositionErrors asked = positions_.asked(yielding), after = positions_.after(left, yielding);
     state.left[0] = asked.linear > 0 ? after.linear / asked.linear : 0;
     state.left[1] = asked.angular > 0 ? after.angular / asked.angular : 0;
-    const PositionErrors expected = errors([&](size_t i) { return expected_error(i); }, yielding);
+    const PositionErrors expected = positions_.expected(left, mlcp_table->impulses(mlcp_), yielding);
     state.expected[0] = std::max(state.expected[0], expected.linear);
     state.expected[1] = std::max(state.expected[1], expected.angular);
-    const double moved = correction_energy(left, yielding) / damping;
+    const double moved = positions_.correction_energy(left, yielding) / damping;
     const double sum = (present.linear + present.angular) * info.m_timeStep * info.m_timeStep;
     if (InfeasibleIslands::is_uncorrectable(asked, after) ||
         (InfeasibleIslands::is_soft(asked, after, moved) && leave_alone(state, sum))) {
@@ -972,62 +942,6 @@ class AccurateSolver : public Base {
       return;
     }
     write_corrections(info, 1 / length);
-  }
-
-  // `yielding`: multiple of the CFM of contacts, limits and springs.
-  template <class ErrorOf>
-  PositionErrors errors(ErrorOf error_of, double yielding = 1) const {
-    PositionErrors sums;
-    for (size_t i = 0; i < position_rows_.size(); ++i) {
-      const PositionRow &row = position_rows_[i];
-      sums.add(error_of(i), row.is_joint ? row.weight : row.weight / yielding, row.is_angular);
-    }
-    return sums;
-  }
-
-  // Twice the kinetic energy of the pseudo-velocities of the position problem that was solved, J, for the least damping:
-  // the sum of the impulses, which are the errors left over the CFM, times the velocities of the rows.
-  double correction_energy(const double *left, double yielding) const {
-    double sum = 0;
-    for (size_t i = 0; i < position_rows_.size(); ++i) {
-      const PositionRow &row = position_rows_[i];
-      sum += (row.is_joint ? row.weight : row.weight / yielding) * left[i] * (row.target - left[i]);
-    }
-    return sum / POSITION_SOFTNESS;
-  }
-
-  // The position error of row i after this sub-step, over its length, as the position problem and the CFM of the velocity
-  // problem have it.
-  double expected_error(size_t i) const {
-    const PositionRow &row = position_rows_[i];
-    const double left = mlcp_table->position_errors(mlcp_)[i];
-    return row.is_joint ? row.error - row.target + left + row.cfm * mlcp_table->impulses(mlcp_)[i] : left;
-  }
-
-  // Whether contacts, limits or springs contradict the joints in the position problem that was solved. `share`: the largest
-  // error of a joint as a share of its lever arm, or rad.
-  bool contradicts_joints(double share) const {
-    const double *errors = mlcp_table->position_errors(mlcp_);
-    double asked = 0, left = 0, others = 0;
-    for (size_t i = 0; i < position_rows_.size(); ++i) {
-      const PositionRow &row = position_rows_[i];
-      (row.is_joint ? asked : others) += row.weight * row.target * row.target;
-      if (row.is_joint) left += row.weight * errors[i] * errors[i];
-    }
-    return contacts_open_joints(asked, left, others) ||
-           (has_springs_ && springs_yield(share) && springs_open_joints(asked, left));
-  }
-
-  // The largest error of the island's joints, m or rad, and the largest one as a share of its lever arm, or rad.
-  std::pair<double, double> largest_joint_errors(double h) const {
-    double largest = 0, share = 0;
-    for (const PositionRow &row : position_rows_) {
-      if (!row.is_joint) continue;
-      const double error = std::fabs(row.error) * h;
-      largest = std::max(largest, error);
-      if (row.is_angular || row.arm > 0) share = std::max(share, row.is_angular ? error : error / row.arm);
-    }
-    return {largest, share};
   }
 
   // The body that identifies an island in consecutive sub-steps: the first link of its first articulation, or its first
@@ -1155,26 +1069,13 @@ class AccurateSolver : public Base {
   double jacobians_[2][6], responses_[2][6];
   Vector<JointError> joint_errors_;
   Vector<Normal> normals_;
-  Vector<unsigned char> position_states_;
   // Whether all rows are satisfied without impulses.
   bool is_at_rest_ = false;
-  // Whether a row has a position error that is to be corrected, and one that is to be corrected in this sub-step.
-  bool needs_correction_ = false, is_urgent_ = false;
   // Whether drives act on the island that may yield to joints.
   bool has_drives_ = false;
-  // Whether springs resist the correction of positions.
-  bool has_springs_ = false;
   unsigned sub_step_ = 0, resets_ = 0;
   double correction_share_ = 1;
-  struct PositionRow {
-    double target, error, weight;
-    // In the velocity problem.
-    double cfm;
-    bool is_angular, is_joint;
-    // Lever arm of the joint, m; 0: not known.
-    double arm;
-  };
-  Vector<PositionRow> position_rows_;
+  PositionRows positions_;
   InfeasibleIslands infeasible_;
   // Largest penetration depth of a contact of the island, m.
   btScalar deepest_ = 0;
