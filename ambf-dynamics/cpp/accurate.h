@@ -24,8 +24,8 @@ typedef struct AmbAccurateSettings {
      factorisation takes more multiplications per row than max_direct_cost_per_row. */
   int max_direct_contacts;
   double max_direct_cost_per_row;
-  /* Budget of the solution of an island in multiplications: base_budget plus budget_per_row for each row. Unused budget
-     is saved for later solutions in the same world, up to max_saved_budget. */
+  /* Budget of the solutions of a sub-step in multiplications: base_budget for all islands, plus budget_per_row for each
+     row. Unused budget is saved for later solutions in the same world, up to max_saved_budget. */
   double base_budget, budget_per_row, max_saved_budget;
 } AmbAccurateSettings;
 

@@ -43,7 +43,7 @@ class AccurateSolver : public Base {
     ++resets_;
     sub_step_ = 0;
     direct_backoff_ = 0;
-    saved_budget_ = 0;
+    shared_budget_ = 0;
     contacts_.clear();
     infeasible_.clear();
   }
@@ -52,6 +52,7 @@ class AccurateSolver : public Base {
   void prepareSolve(int bodies, int manifolds) override {
     Base::prepareSolve(bodies, manifolds);
     ++sub_step_;
+    shared_budget_ = std::min(shared_budget_, settings_.max_saved_budget) + settings_.base_budget;
     contacts_.begin();
   }
 
@@ -839,7 +840,7 @@ class AccurateSolver : public Base {
     const double cost = prepare();
     if (cost < 0 || (!is_small && cost > settings_.max_direct_cost_per_row * row_count_)) return false;
     mlcp_table->set_energy(mlcp_, kinetic_energy());
-    const int outcome = solve_velocities(info.m_timeStep, budget);
+    const int outcome = solve_velocities(info.m_timeStep, settings_.budget_per_row * row_count_);
     if (outcome == AMB_MLCP_NOT_FINITE) return false;
     ++(outcome == AMB_MLCP_SOLVED ? seen.islands_solved : seen.islands_approximate);
     write_velocities();
@@ -856,10 +857,10 @@ class AccurateSolver : public Base {
     double yielding = island ? island->drive_yielding : 0, unyielding = BT_LARGE_FLOAT;
     bool may_yield = island && DriveYielding::is_allowed(island->drives_yielded_in_vain, sub_step_);
     for (bool is_first = true;; is_first = false) {
-      const int outcome = mlcp_table->solve(mlcp_, yielding, budget + saved_budget_);
+      const int outcome = mlcp_table->solve(mlcp_, yielding, budget + shared_budget_);
       AmbMlcpStatistics found;
       mlcp_table->statistics(mlcp_, &found);
-      saved_budget_ = std::clamp(saved_budget_ + budget - found.multiplications, 0.0, settings_.max_saved_budget);
+      shared_budget_ = std::max(shared_budget_ + budget - found.multiplications, 0.0);
       seen.rows += found.rows;
       seen.factorisations += found.factorisations;
       seen.pivots += found.pivots;
@@ -1064,8 +1065,9 @@ class AccurateSolver : public Base {
   // Number of large well-conditioned islands that are solved by sequential impulses before the cost of the next one is
   // estimated.
   int direct_backoff_ = 0;
-  // Unused budget of earlier solutions, multiplications: expensive problems, such as impacts, are rare.
-  double saved_budget_ = 0;
+  // Budget that all islands of the sub-step share, multiplications: the base budget, and what earlier solutions have not
+  // used, because expensive problems, such as impacts, are rare.
+  double shared_budget_ = 0;
   double jacobians_[2][6], responses_[2][6];
   Vector<JointError> joint_errors_;
   Vector<Normal> normals_;

@@ -32,8 +32,8 @@ pub struct AccurateSettings {
     pub max_direct_contacts: u32,
     /// See [`max_direct_contacts`](Self::max_direct_contacts). Default: 500.
     pub max_direct_cost_per_row: f64,
-    /// Budget of the solution of an island in multiplications: this number plus
-    /// [`budget_per_row`](Self::budget_per_row) for each of its rows. When it is used up, the best approximation found
+    /// Budget of the solutions of a sub-step in multiplications: this number for all islands, plus
+    /// [`budget_per_row`](Self::budget_per_row) for each row of an island. When it is used up, the best approximation found
     /// is the result. Default: 100 000.
     pub base_budget: f64,
     /// See [`base_budget`](Self::base_budget). Default: 2200.
