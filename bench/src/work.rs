@@ -269,7 +269,7 @@ pub struct Spring {
 
 impl Spring {
     /// Energy that it gains where a body that touches another at `point` is pushed out along `normal` by `depth`, m; J. A
-    /// spring that slides does so by the share of the normal along its axis, which counts as at least [`LEAST_SHARE`]; one that
+    /// spring that slides does so by the share of the normal along its axis, which counts as at least a tenth; one that
     /// turns by the lever arm of the normal about its axis, which counts as at least `least`, m.
     pub fn pushed_by(&self, point: &Vector3<f64>, normal: &Vector3<f64>, depth: f64, least: f64) -> f64 {
         let share = normal.dot(&self.axis).abs().max(LEAST_SHARE);
