@@ -25,6 +25,7 @@
 #include "position_error.h"
 #include "position_rows.h"
 #include "infeasible_islands.h"
+#include "joint_softness.h"
 #include "spin_energy.h"
 #include "articulation_solver.h"
 
@@ -79,7 +80,7 @@ class AccurateSolver : public Base {
       const int count = this->m_tmpConstraintSizesPool[i].m_numConstraintRows;
       load_guesses(*constraints[i], next, count);
       separate_errors(*constraints[i], next, count, info);
-      find_responses(next, count);
+      find_responses(next, count, info.m_timeStep);
       average_responses(next, count);
       next += count;
     }
@@ -157,6 +158,8 @@ class AccurateSolver : public Base {
     btScalar response = 0, position_response = 0;
     // Longest lever arm of the joint, m.
     btScalar arm = 0;
+    // Square of the angle by which the bodies turn relative to each other in the sub-step.
+    btScalar turn_squared = 0;
     // Whether the row is a spring, which resists position corrections.
     bool is_spring = false;
     // Impulse in the last sub-step, N s or N m s, and whether it is known.
@@ -244,9 +247,13 @@ class AccurateSolver : public Base {
   // J M^-1 J^T, where a body has at least the inertia LEAST_INERTIA m r^2 with its mass m and its lever arm r. A body
   // of next to no inertia would else give way under its own weight: the diagonal is large because it turns easily, but
   // other rows hold its rotation.
-  void find_responses(int first, int count) {
+  void find_responses(int first, int count, btScalar h) {
     constexpr btScalar LEAST_INERTIA = 1e-3, LEAST_SHARE = 1e-6;
+    if (count == 0) return;
     const btConstraintArray &rows = this->m_tmpSolverNonContactConstraintPool;
+    const btVector3 spin =
+        body(rows[first].m_solverBodyIdA).m_angularVelocity - body(rows[first].m_solverBodyIdB).m_angularVelocity;
+    const btScalar turn_squared = spin.length2() * h * h;
     btScalar arm_squared[2] = {0, 0};
     for (int k = first; k < first + count; ++k) {
       if (rows[k].m_contactNormal1.isZero()) continue;
@@ -269,6 +276,7 @@ class AccurateSolver : public Base {
       }
       const btScalar diagonal = 1 / row.m_jacDiagABInv;
       joint_errors_[k].response = std::clamp(response, LEAST_SHARE * diagonal, diagonal);
+      joint_errors_[k].turn_squared = turn_squared;
       const bool moves[2] = {dynamic_body(row.m_solverBodyIdA) >= 0, dynamic_body(row.m_solverBodyIdB) >= 0};
       joint_errors_[k].arm = btSqrt(std::max(moves[0] ? arm_squared[0] : 0, moves[1] ? arm_squared[1] : 0));
     }
@@ -533,6 +541,26 @@ class AccurateSolver : public Base {
     return most > settings_.mass_ratio_threshold * least;
   }
 
+  // Loads and lever arms of the island's joints of rigid bodies.
+  JointSoftness joint_softness() const {
+    JointSoftness softness(settings_.joint_softness);
+    const btConstraintArray &joints = this->m_tmpSolverNonContactConstraintPool;
+    if (joints.size() == 0) return softness;
+    for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i) {
+      const btRigidBody *b = this->m_tmpSolverBodyPool[i].m_originalBody;
+      if (b && b->getInvMass() > 0) softness.add_body(1 / b->getInvMass());
+    }
+    if constexpr (HAS_ARTICULATIONS) {
+      const btMultiBodyConstraintArray &contacts = this->m_multiBodyNormalContactConstraints;
+      for (int i = 0; i < contacts.size(); ++i) {
+        softness.add_body(mass_of(contacts[i].m_multiBodyA, contacts[i].m_linkA));
+        softness.add_body(mass_of(contacts[i].m_multiBodyB, contacts[i].m_linkB));
+      }
+    }
+    for (int i = 0; i < joints.size(); ++i) softness.add_arm(joint_errors_[i].arm);
+    return softness;
+  }
+
   // Adds all rows of the island to the MLCP solver.
   void gather(const btContactSolverInfo &info) {
     mlcp_table->clear(mlcp_);
@@ -546,9 +574,11 @@ class AccurateSolver : public Base {
     positions_.clear();
     find_correction_share(info.m_timeStep);
     const btConstraintArray &joints = this->m_tmpSolverNonContactConstraintPool;
+    const JointSoftness softness = joint_softness();
     for (int i = 0; i < joints.size(); ++i) {
       AmbMlcpRow row = row_of(joints[i]);
-      row.cfm = std::max(row.cfm, settings_.joint_softness * joint_errors_[i].response);
+      const bool is_angular = joints[i].m_contactNormal1.isZero();
+      row.cfm = std::max(row.cfm, softness.cfm(joint_errors_[i].response, is_angular, joint_errors_[i].turn_squared));
       row.in_positions = joint_errors_[i].is_geometric || joint_errors_[i].is_spring;
       row.is_drive = !joint_errors_[i].is_geometric;
       if (row.is_drive) row.yielding_cfm = DriveYielding::SOFTNESS * joint_errors_[i].response;
@@ -565,7 +595,7 @@ class AccurateSolver : public Base {
                    : POSITION_SOFTNESS * joint_errors_[i].position_response;
       if (row.is_drive) row.position_cfm = spring_position_softness(row.cfm, joint_errors_[i].response);
       row.stays_loaded = row.low == 0 || row.high == 0;
-      add(row, is_limit ? RowKind::Limit : RowKind::Geometric, joints[i].m_contactNormal1.isZero(), MIN_CORRECTION,
+      add(row, is_limit ? RowKind::Limit : RowKind::Geometric, is_angular, MIN_CORRECTION,
           share_of(joint_errors_[i].is_limit), joint_errors_[i].arm);
     }
     // Contact softness regularises redundant contacts.
@@ -752,6 +782,11 @@ class AccurateSolver : public Base {
     return from.m_jacDiagABInv > 0 ? share / from.m_jacDiagABInv : 0;
   }
 
+  // Mass of a link, or of the base (-1), kg; 0 without an articulation.
+  static btScalar mass_of(const btMultiBody *multi_body, int link) {
+    return !multi_body ? 0 : link < 0 ? multi_body->getBaseMass() : multi_body->getLinkMass(link);
+  }
+
   // Near singular configurations the diagonal is small, and an impulse along the row would cause large velocities
   // across it. The share is therefore of at least the inverse mass of the link.
   static double softness_of(const btMultiBodySolverConstraint &from, double share) {
@@ -759,7 +794,7 @@ class AccurateSolver : public Base {
     double response = 1 / from.m_jacDiagABInv;
     for (const auto &[multi_body, link] :
          {std::pair(from.m_multiBodyA, from.m_linkA), std::pair(from.m_multiBodyB, from.m_linkB)}) {
-      const double mass = !multi_body ? 0 : link < 0 ? multi_body->getBaseMass() : multi_body->getLinkMass(link);
+      const double mass = mass_of(multi_body, link);
       if (mass > 0) response = std::max(response, 1 / mass);
     }
     return share * response;

@@ -16,7 +16,7 @@ void EngineWorld::configure(btDefaultCollisionConfiguration &configuration) {
 }
 
 void EngineWorld::add_algorithms(btCollisionDispatcher &dispatcher) {
-  if (solver == AmbSolver_Accurate) deep_contacts.enable(dispatcher, *world.configuration);
+  if (solver == AmbSolver_Accurate) contact_algorithms.enable(dispatcher, *world.configuration);
 }
 
 std::unique_ptr<btConstraintSolver> EngineWorld::make_solver(btMLCPSolverInterface *mlcp) {

@@ -3,7 +3,7 @@
 #define AMB_ENGINE_H
 
 #include "accurate_context.h"
-#include "deep_contacts.h"
+#include "contact_algorithms.h"
 #include "internal.h"
 #include "ledger.h"
 
@@ -58,7 +58,7 @@ class EngineWorld final : public Extension {
   // See rays.h.
   bool exact_rays = false;
   Vector<AmbImpact> impacts;
-  DeepContacts deep_contacts;
+  ContactAlgorithms contact_algorithms;
 };
 
 // The engine's part of a world, which must have been made with this engine.

@@ -17,8 +17,8 @@ pub struct AccurateSettings {
     pub restitution: bool,
     /// Islands are solved directly if the cost is within the budget. Default: `true`.
     pub direct: bool,
-    /// Minimum CFM of joint rows in the direct solution, as a share of the row's diagonal, which regularises redundant
-    /// rows. Default: 1e-9.
+    /// Minimum CFM of joint rows in the direct solution, as a share of the row's response, which regularises redundant
+    /// rows. Rows of joints that turn have up to 1e-6 (`ambf-dynamics/cpp/joint_softness.h`). Default: 1e-9.
     pub joint_softness: f64,
     /// The same of contacts. Default: 1e-7.
     pub contact_softness: f64,

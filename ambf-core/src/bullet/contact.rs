@@ -199,6 +199,31 @@ mod tests {
     }
 
     #[test]
+    fn spheres_without_restitution_meet_with_a_gap_of_zero() {
+        // Gap after the sub-step in which they meet, m, and their relative velocity afterwards, m/s. The restitution of the
+        // pair is the product; legacy pushes out with ERP / h.
+        let cases = [
+            (Solver::Accurate, 0.0, 0.0, 0.0),
+            (Solver::Accurate, 0.5, -5e-4, 0.25),
+            (Solver::default(), 0.0, -5e-4, 0.1),
+        ];
+        for (solver, restitution, gap, apart) in cases {
+            let mut world = World::new(solver);
+            let spheres = [0.0, 0.2005].map(|x| world.add_body(RigidBody { restitution, ..ball(1.0, x) }));
+            let [first, second] = spheres;
+            world.set_velocity(first, &Vector3::x(), &Vector3::zeros());
+            world.step(0.001, 1, 0.001);
+            let x = |world: &World, body| world.pose(body).expect("it is there").translation.x;
+            let found = x(&world, second) - x(&world, first) - 0.2;
+            assert!((found - gap).abs() < 1e-6, "{solver:?} {restitution}: {found}");
+            world.step(0.001, 1, 0.001);
+            let v = |body| world.velocity(body).expect("it is there").0.x;
+            let found = v(second) - v(first);
+            assert!((found - apart).abs() < 0.02, "{solver:?} {restitution}: {found} m/s");
+        }
+    }
+
+    #[test]
     fn deep_round_bodies_rest_on_all_points_of_a_plane() {
         const RADIUS: f64 = 0.02;
         const HEIGHT: f64 = 0.05;

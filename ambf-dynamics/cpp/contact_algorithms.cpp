@@ -1,10 +1,11 @@
-#include "deep_contacts.h"
+#include "contact_algorithms.h"
 
 #include <BulletCollision/CollisionDispatch/btCollisionConfiguration.h>
 #include <BulletCollision/CollisionDispatch/btCollisionDispatcher.h>
 #include <BulletCollision/CollisionDispatch/btCollisionObjectWrapper.h>
 #include <BulletCollision/CollisionDispatch/btCompoundCompoundCollisionAlgorithm.h>
 #include <BulletCollision/CollisionDispatch/btManifoldResult.h>
+#include <BulletCollision/CollisionDispatch/btSphereSphereCollisionAlgorithm.h>
 #include <BulletCollision/CollisionShapes/btCapsuleShape.h>
 #include <BulletCollision/CollisionShapes/btConeShape.h>
 #include <BulletCollision/CollisionShapes/btCylinderShape.h>
@@ -47,6 +48,30 @@ class ConvexPair final : public btConvexConvexAlgorithm {
 
  private:
   btConvexPenetrationDepthSolver *const depth_solver_;
+};
+
+class SpherePair final : public btSphereSphereCollisionAlgorithm {
+ public:
+  SpherePair(const btCollisionAlgorithmConstructionInfo &info, const btCollisionObjectWrapper *first,
+             const btCollisionObjectWrapper *second)
+      : btSphereSphereCollisionAlgorithm(nullptr, info, first, second),
+        threshold_(std::min(breaking_threshold(*first), breaking_threshold(*second))) {}
+
+  void processCollision(const btCollisionObjectWrapper *first, const btCollisionObjectWrapper *second,
+                        const btDispatcherInfo &info, btManifoldResult *result) override {
+    const btScalar restitution =
+        btManifoldResult::calculateCombinedRestitution(first->getCollisionObject(), second->getCollisionObject());
+    if (restitution == 0) result->m_closestPointDistanceThreshold = threshold_;
+    btSphereSphereCollisionAlgorithm::processCollision(first, second, info, result);
+  }
+
+ private:
+  // As in btCollisionDispatcher::getNewManifold.
+  static btScalar breaking_threshold(const btCollisionObjectWrapper &object) {
+    return object.getCollisionShape()->getContactBreakingThreshold(gContactBreakingThreshold);
+  }
+
+  const btScalar threshold_;
 };
 
 // Calls `use` with all points of a shape, in its own frame, on which it can rest on a plane in the direction `down`, a
@@ -131,7 +156,7 @@ class ConvexOnPlane final : public btConvexPlaneCollisionAlgorithm {
 
 }  // namespace
 
-btCollisionAlgorithm *DeepContacts::Pairs::CreateCollisionAlgorithm(btCollisionAlgorithmConstructionInfo &info,
+btCollisionAlgorithm *ContactAlgorithms::Pairs::CreateCollisionAlgorithm(btCollisionAlgorithmConstructionInfo &info,
                                                                     const btCollisionObjectWrapper *first,
                                                                     const btCollisionObjectWrapper *second) {
   // The dispatcher's pool has room for Bullet's own algorithms.
@@ -140,7 +165,15 @@ btCollisionAlgorithm *DeepContacts::Pairs::CreateCollisionAlgorithm(btCollisionA
   return new (memory) ConvexPair(info, first, second, m_pdSolver);
 }
 
-btCollisionAlgorithm *DeepContacts::Planes::CreateCollisionAlgorithm(btCollisionAlgorithmConstructionInfo &info,
+btCollisionAlgorithm *ContactAlgorithms::Spheres::CreateCollisionAlgorithm(btCollisionAlgorithmConstructionInfo &info,
+                                                                           const btCollisionObjectWrapper *first,
+                                                                           const btCollisionObjectWrapper *second) {
+  static_assert(sizeof(SpherePair) <= sizeof(btCompoundCompoundCollisionAlgorithm));
+  void *const memory = info.m_dispatcher1->allocateCollisionAlgorithm(sizeof(SpherePair));
+  return new (memory) SpherePair(info, first, second);
+}
+
+btCollisionAlgorithm *ContactAlgorithms::Planes::CreateCollisionAlgorithm(btCollisionAlgorithmConstructionInfo &info,
                                                                      const btCollisionObjectWrapper *first,
                                                                      const btCollisionObjectWrapper *second) {
   static_assert(sizeof(ConvexOnPlane) <= sizeof(btCompoundCompoundCollisionAlgorithm));
@@ -148,12 +181,13 @@ btCollisionAlgorithm *DeepContacts::Planes::CreateCollisionAlgorithm(btCollision
   return new (memory) ConvexOnPlane(info, first, second, m_swapped);
 }
 
-void DeepContacts::enable(btCollisionDispatcher &dispatcher, btCollisionConfiguration &configuration) {
+void ContactAlgorithms::enable(btCollisionDispatcher &dispatcher, btCollisionConfiguration &configuration) {
   const auto created_by = [&](int first, int second) {
     return configuration.getCollisionAlgorithmCreateFunc(first, second);
   };
   const auto *const of_pairs = created_by(CONVEX_HULL_SHAPE_PROXYTYPE, CONVEX_HULL_SHAPE_PROXYTYPE);
   const auto *const of_planes = created_by(CONVEX_HULL_SHAPE_PROXYTYPE, STATIC_PLANE_PROXYTYPE);
+  dispatcher.registerCollisionCreateFunc(SPHERE_SHAPE_PROXYTYPE, SPHERE_SHAPE_PROXYTYPE, &spheres_);
   for (int first = 0; first < CONCAVE_SHAPES_START_HERE; ++first) {
     for (int second = 0; second < CONCAVE_SHAPES_START_HERE; ++second) {
       if (created_by(first, second) == of_pairs) dispatcher.registerCollisionCreateFunc(first, second, &pairs_);

@@ -1,0 +1,55 @@
+// Contacts of convex shapes that Bullet's algorithms do not find. C++ only.
+//
+// Deep pairs. Bullet finds one point of a pair of convex shapes in each sub-step, the deepest, and keeps up to four of
+// them while they hardly move. A shape that lands flat, or a rod on a rod beside it, is thus held by one point of its
+// surface: the impact turns the body about it, the next sub-step finds a point at the other end, and the body sinks while
+// it rocks, the longer the less inertia it has (I / (m r^2) << 1 for the arm r of the point). Where a pair is deeper than
+// its contact breaking threshold, 2 % of the smaller shape, all points are found on which the body can rest: for two
+// convex shapes by Bullet's perturbation of their orientation (btConvexConvexAlgorithm), and on planes exactly. Pairs that
+// are not deep are as in Bullet: more points than needed are degenerate and cost time.
+//
+// Spheres near each other. All pairs of convex shapes have their contact from the contact breaking threshold on, so that
+// their impact ends with a gap of 0, but two spheres have none before they penetrate each other: by the motion in up to
+// one sub-step. Without restitution they have it from the threshold on, too. With restitution the impact is computed from
+// where the spheres are in it (`apply_restitution`), and a contact before would only take energy.
+#ifndef AMB_CONTACT_ALGORITHMS_H
+#define AMB_CONTACT_ALGORITHMS_H
+
+#include <BulletCollision/CollisionDispatch/btConvexConvexAlgorithm.h>
+#include <BulletCollision/CollisionDispatch/btConvexPlaneCollisionAlgorithm.h>
+#include <BulletCollision/NarrowPhaseCollision/btGjkEpaPenetrationDepthSolver.h>
+
+class btCollisionConfiguration;
+class btCollisionDispatcher;
+
+// Registers algorithms that find them. It has to outlive the dispatcher.
+class ContactAlgorithms {
+ public:
+  ContactAlgorithms() : pairs_(&depth_solver_) { plane_first_.m_swapped = true; }
+  void enable(btCollisionDispatcher &dispatcher, btCollisionConfiguration &configuration);
+
+ private:
+  struct Pairs final : btConvexConvexAlgorithm::CreateFunc {
+    using CreateFunc::CreateFunc;
+    btCollisionAlgorithm *CreateCollisionAlgorithm(btCollisionAlgorithmConstructionInfo &info,
+                                                   const btCollisionObjectWrapper *first,
+                                                   const btCollisionObjectWrapper *second) override;
+  };
+  struct Spheres final : btCollisionAlgorithmCreateFunc {
+    btCollisionAlgorithm *CreateCollisionAlgorithm(btCollisionAlgorithmConstructionInfo &info,
+                                                   const btCollisionObjectWrapper *first,
+                                                   const btCollisionObjectWrapper *second) override;
+  };
+  struct Planes final : btCollisionAlgorithmCreateFunc {
+    btCollisionAlgorithm *CreateCollisionAlgorithm(btCollisionAlgorithmConstructionInfo &info,
+                                                   const btCollisionObjectWrapper *first,
+                                                   const btCollisionObjectWrapper *second) override;
+  };
+
+  btGjkEpaPenetrationDepthSolver depth_solver_;
+  Pairs pairs_;
+  Spheres spheres_;
+  Planes plane_second_, plane_first_;
+};
+
+#endif
