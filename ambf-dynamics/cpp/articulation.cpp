@@ -546,79 +546,9 @@ void AmbArticulation::integrate(btScalar h) {
   // momentum. The momentum of an articulation with a free base changes by forces and impulses only: it is computed at
   // the old position and restored at the new one.
   const bool keeps_momentum = has_rows && !dynamics.fixed_base;
-  // It is taken about the mass centre, which is not at the same place in both positions.
-  ArticulationDynamics::Momentum momentum;
-  // Mass centre at the new position, which momenta imply, too.
-  btVector3 centre(0, 0, 0);
-  bool has_centre = false;
-  // Largest internal energy at the new position, J.
-  btScalar energy_limit = BT_LARGE_FLOAT;
-  bool is_straight = false;
+  RowMotion motion;
   if (has_rows) {
-    ArticulationDynamics::Rate &after = rate;
-    dynamics.rates_of(multi_body->getVelocityVector(), change);
-    if (is_fed) subtract(change, fed);
-    after.angular = free_rate.angular + change.angular;
-    after.linear = row_velocity + change.linear;
-    for (int i = 0; i < dynamics.coordinates; ++i) after.q[i] = free_rate.q[i] + change.q[i];
-    dynamics.update_poses(position);
-    dynamics.update_velocities(after);
-    is_straight = has_contact || external_constraint_count > 0 || had_impulses();
-    // At the old position, whose inertia they were solved with, rows add no energy but the work of motors.
-    const btScalar solved = dynamics.internal_energy(), unsolved = unsolved_energy, there = free_internal_energy;
-    // If rows removed a share of the energy at the old position, the same share is removed at the new one, where
-    // inertias may be very different; if they added energy, the same amount is added, or the same share if that is
-    // less.
-    energy_limit = solved < unsolved || unsolved > there ? there * (solved / unsolved) : there + (solved - unsolved);
-    const btScalar turn = dynamics.fastest_rotation(after) * h;
-    if (turn <= FAST_TURN) {
-      energy_limit *= 1 + turn * turn * turn;
-      // The work of forces that are constant over the sub-step differs by its second order from that at the old position.
-      if (!is_straight) energy_limit += btFabs(solved - unsolved);
-    }
-    // Share of the sub-step for which the rows move the position.
-    const btScalar followed = !is_straight ? btScalar(0.5) : turn > SIMD_HALF_PI ? FAST_TURN / turn : 1;
-    if (keeps_momentum) {
-      const btVector3 old_centre = dynamics.mass_centre();
-      const btScalar mass = dynamics.mass();
-      dynamics.update_velocities(change);
-      const ArticulationDynamics::Momentum by_rows = dynamics.momentum(old_centre);
-      dynamics.update_poses(is_tangential ? position : free_position);
-      dynamics.update_velocities(free_rate);
-      momentum = dynamics.momentum(dynamics.mass_centre());
-      momentum.linear += by_rows.linear + turned_momentum.linear;
-      momentum.angular += by_rows.angular + turned_momentum.angular;
-      has_centre = followed == 1 || !is_tangential;
-      centre = followed == 1 ? old_centre + momentum.linear * (h / mass)
-                             : dynamics.mass_centre() + by_rows.linear * (h * followed / mass);
-    }
-    if (is_straight && followed < 1) {
-      // The rows turn links of next to no inertia, for which they are not linear. Poses follow them as far as they are.
-      // The force of a stiff spring is a row, without which the free motion strains it.
-      for (const ArticulationDynamics::Spring &spring : dynamics.springs) {
-        const int k = spring.coordinate;
-        if (spring.is_stiff) free_position.q[k] = position.q[k] + h * (after.q[k] - change.q[k] * followed);
-      }
-      position = free_position;
-      dynamics.advance_position(position, h * followed, change);
-    } else if (is_straight) {
-      // Impulses of contacts, limits and external constraints act from the beginning of the sub-step, so that no link
-      // penetrates further.
-      dynamics.advance_position(position, h, after);
-    } else {
-      // Forces of motors are constant over the sub-step: their mean change of the rates is half of `change`.
-      // The implicit force of a spring that is at rest at the end of the sub-step acts on the rate there.
-      for (const ArticulationDynamics::Spring &spring : dynamics.springs) {
-        const int k = spring.coordinate;
-        if (spring.settles_in_a_step) free_position.q[k] = position.q[k] + h * (after.q[k] - change.q[k] / 2);
-      }
-      position = free_position;
-      dynamics.advance_position(position, h * followed, change);
-    }
-    if (has_centre) {
-      dynamics.update_poses(position);
-      position.origin += centre - dynamics.mass_centre();
-    }
+    motion = move_by_rows(h);
   } else {
     std::swap(position, free_position);
     std::swap(rate, free_rate);
@@ -634,12 +564,93 @@ void AmbArticulation::integrate(btScalar h) {
   }
   dynamics.update_poses(position);
   dynamics.update_velocities(rate);
-  if (keeps_momentum) dynamics.set_momentum(momentum, dynamics.mass_centre(), rate);
-  limit_energy(energy_limit, momentum);
+  if (keeps_momentum) dynamics.set_momentum(motion.momentum, dynamics.mass_centre(), rate);
+  limit_energy(motion.energy_limit, motion.momentum);
   dynamics.bound_rotation(rate, h);
-  if (is_accounted) end_account(h, is_straight);
+  if (is_accounted) end_account(h, motion.is_straight);
   if (has_feedback) write_feedback(h);
   write_proxies();
+}
+
+// Adds the impulses of the rows to the rates, and moves the position by them.
+AmbArticulation::RowMotion AmbArticulation::move_by_rows(btScalar h) {
+  RowMotion motion;
+  dynamics.rates_of(multi_body->getVelocityVector(), change);
+  if (is_fed) subtract(change, fed);
+  rate.angular = free_rate.angular + change.angular;
+  rate.linear = row_velocity + change.linear;
+  for (int i = 0; i < dynamics.coordinates; ++i) rate.q[i] = free_rate.q[i] + change.q[i];
+  dynamics.update_poses(position);
+  dynamics.update_velocities(rate);
+  motion.is_straight = has_contact || external_constraint_count > 0 || had_impulses();
+  const btScalar turn = dynamics.fastest_rotation(rate) * h;
+  motion.energy_limit = energy_limit_of_rows(dynamics.internal_energy(), turn, motion.is_straight);
+  // Share of the sub-step for which the rows move the position.
+  const btScalar followed = !motion.is_straight ? btScalar(0.5) : turn > SIMD_HALF_PI ? FAST_TURN / turn : 1;
+  if (dynamics.fixed_base) {
+    advance_by_rows(h, followed, motion.is_straight);
+    return motion;
+  }
+  // The momentum is taken about the mass centre, which is not at the same place in both positions.
+  const btVector3 old_centre = dynamics.mass_centre();
+  const btScalar mass = dynamics.mass();
+  dynamics.update_velocities(change);
+  const ArticulationDynamics::Momentum by_rows = dynamics.momentum(old_centre);
+  dynamics.update_poses(is_tangential ? position : free_position);
+  dynamics.update_velocities(free_rate);
+  motion.momentum = dynamics.momentum(dynamics.mass_centre());
+  motion.momentum.linear += by_rows.linear + turned_momentum.linear;
+  motion.momentum.angular += by_rows.angular + turned_momentum.angular;
+  // Mass centre at the new position, which momenta imply, too.
+  const bool has_centre = followed == 1 || !is_tangential;
+  const btVector3 centre = followed == 1 ? old_centre + motion.momentum.linear * (h / mass)
+                                         : dynamics.mass_centre() + by_rows.linear * (h * followed / mass);
+  advance_by_rows(h, followed, motion.is_straight);
+  if (has_centre) {
+    dynamics.update_poses(position);
+    position.origin += centre - dynamics.mass_centre();
+  }
+  return motion;
+}
+
+// Largest internal energy at the new position, J. solved: with the rates that rows leave, at the old position, with whose
+// inertia they were solved; there rows add no energy but the work of motors.
+btScalar AmbArticulation::energy_limit_of_rows(btScalar solved, btScalar turn, bool is_straight) const {
+  const btScalar unsolved = unsolved_energy, there = free_internal_energy;
+  // If rows removed a share of the energy at the old position, the same share is removed at the new one, where
+  // inertias may be very different; if they added energy, the same amount is added, or the same share if that is
+  // less.
+  btScalar limit = solved < unsolved || unsolved > there ? there * (solved / unsolved) : there + (solved - unsolved);
+  // Also where it is not a number.
+  if (!(turn <= FAST_TURN)) return limit;
+  limit *= 1 + turn * turn * turn;
+  // The work of forces that are constant over the sub-step differs by its second order from that at the old position.
+  return is_straight ? limit : limit + btFabs(solved - unsolved);
+}
+
+// Moves the position by the free motion and, for the share `followed` of the sub-step, by the change of the rates.
+void AmbArticulation::advance_by_rows(btScalar h, btScalar followed, bool is_straight) {
+  // Impulses of contacts, limits and external constraints act from the beginning of the sub-step, so that no link
+  // penetrates further.
+  if (is_straight && followed == 1) return dynamics.advance_position(position, h, rate);
+  const auto follow_rate = [&](int k) {
+    free_position.q[k] = position.q[k] + h * (rate.q[k] - change.q[k] * followed);
+  };
+  // Rows that turn links of next to no inertia are not linear, and poses follow them as far as they are. The force of a
+  // stiff spring is a row, without which the free motion strains it.
+  // Forces of motors are constant over the sub-step: their mean change of the rates is half of `change`. The implicit
+  // force of a spring that is at rest at the end of the sub-step acts on the rate there.
+  for (const ArticulationDynamics::Spring &spring : dynamics.springs) {
+    if (is_straight ? spring.is_stiff : spring.settles_in_a_step) follow_rate(spring.coordinate);
+  }
+  // Without the force of its limit a link slides out of what turns by radians, as far as it turns.
+  for (size_t i = 1; is_straight && i < members.size(); ++i) {
+    const ArticulationDynamics::Link &link = dynamics.links[i - 1];
+    if (link.sliding == 0 || !joint_rows->hit_sliding_limit(i)) continue;
+    for (int k = 0; k < link.sliding; ++k) follow_rate(link.coordinate + k);
+  }
+  position = free_position;
+  dynamics.advance_position(position, h * followed, change);
 }
 
 // Limits the internal energy at the new position by scaling the rates of the coordinates and, if restoring the momentum

@@ -122,6 +122,16 @@ struct AmbArticulation {
   void write_proxies();
   bool had_impulses() const;
   bool is_driven() const;
+  // What a sub-step with rows leaves to be restored at the new position: the momentum of a free base about the mass
+  // centre, and the largest internal energy, J; and whether the impulses act from the beginning of the sub-step.
+  struct RowMotion {
+    ArticulationDynamics::Momentum momentum;
+    btScalar energy_limit = BT_LARGE_FLOAT;
+    bool is_straight = false;
+  };
+  RowMotion move_by_rows(btScalar h);
+  btScalar energy_limit_of_rows(btScalar solved, btScalar turn, bool is_straight) const;
+  void advance_by_rows(btScalar h, btScalar followed, bool is_straight);
   void limit_energy(btScalar most, const ArticulationDynamics::Momentum &momentum);
   void remember_momenta();
   void write_feedback(btScalar h);

@@ -280,6 +280,16 @@ bool JointRows::hit_limit() const {
   return false;
 }
 
+bool JointRows::hit_sliding_limit(size_t member) const {
+  const ArticulationDynamics::Link &link = articulation.dynamics.links[member - 1];
+  for (size_t i = 0; i < planned.size(); ++i) {
+    if (planned[i].source >= 0 || planned[i].is_angle || m_data[i] == 0) continue;
+    const int k = planned[i].coordinate - link.coordinate;
+    if (planned[i].member > 0 ? planned[i].member == member : k >= 0 && k < link.sliding) return true;
+  }
+  return false;
+}
+
 btScalar JointRows::spring_impulse(size_t spring) const {
   for (size_t i = 0; i < planned.size(); ++i) {
     if (planned[i].source == articulation.dynamics.coordinates + static_cast<int>(spring))

@@ -42,6 +42,8 @@ class JointRows : public EngineRows {
   void reset();
   // Whether a limit had an impulse in the last sub-step.
   bool hit_limit() const;
+  // Whether a limit stopped a sliding coordinate of this link in the last sub-step.
+  bool hit_sliding_limit(size_t member) const;
   // Impulse of a stiff spring in the last sub-step, N m s or N s.
   btScalar spring_impulse(size_t spring) const;
 

@@ -59,6 +59,9 @@ btScalar impact_convex(const Sweep &sweep, const btConvexShape &shape, const btT
     if (!nearest.m_hasResult) return 1;
     const btScalar closing = -nearest.m_normalOnBInWorld.dot(sweep.motion);
     if (!(closing > MAX_UNSWEPT_MOTION * sweep.radius)) return 1;
+    // A pair that overlaps has a contact, which the solver has seen. If it lets the sphere move, as the contact of a deep
+    // penetration does that has another normal, a stop would hold the position while the velocity grows.
+    if (i == 0 && nearest.m_distance <= 0) return 1;
     if (nearest.m_distance <= TOUCH_GAP * sweep.radius) return share;
     share += (nearest.m_distance - TOUCH_GAP * sweep.radius / 2) / closing;
     if (!(share < 1)) return 1;
