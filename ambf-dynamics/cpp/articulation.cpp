@@ -647,7 +647,10 @@ void AmbArticulation::advance_by_rows(btScalar h, btScalar followed, bool is_str
   for (size_t i = 1; is_straight && i < members.size(); ++i) {
     const ArticulationDynamics::Link &link = dynamics.links[i - 1];
     if (link.sliding == 0 || !joint_rows->hit_sliding_limit(i)) continue;
-    for (int k = 0; k < link.sliding; ++k) follow_rate(link.coordinate + k);
+    for (int k = link.coordinate; k < link.coordinate + link.sliding; ++k) {
+      const btScalar way = free_position.q[k] + h * followed * change.q[k] - position.q[k];
+      if (btFabs(way) > btFabs(h * rate.q[k])) follow_rate(k);
+    }
   }
   position = free_position;
   dynamics.advance_position(position, h * followed, change);
