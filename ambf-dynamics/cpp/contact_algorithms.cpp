@@ -154,31 +154,31 @@ class ConvexOnPlane final : public btConvexPlaneCollisionAlgorithm {
   const bool is_swapped_;
 };
 
+// In the dispatcher's pool, which has room for Bullet's own algorithms.
+template <class Algorithm, class... Arguments>
+btCollisionAlgorithm *create(const btCollisionAlgorithmConstructionInfo &info, Arguments... arguments) {
+  static_assert(sizeof(Algorithm) <= sizeof(btCompoundCompoundCollisionAlgorithm));
+  return new (info.m_dispatcher1->allocateCollisionAlgorithm(sizeof(Algorithm))) Algorithm(info, arguments...);
+}
+
 }  // namespace
 
 btCollisionAlgorithm *ContactAlgorithms::Pairs::CreateCollisionAlgorithm(btCollisionAlgorithmConstructionInfo &info,
-                                                                    const btCollisionObjectWrapper *first,
-                                                                    const btCollisionObjectWrapper *second) {
-  // The dispatcher's pool has room for Bullet's own algorithms.
-  static_assert(sizeof(ConvexPair) <= sizeof(btCompoundCompoundCollisionAlgorithm));
-  void *const memory = info.m_dispatcher1->allocateCollisionAlgorithm(sizeof(ConvexPair));
-  return new (memory) ConvexPair(info, first, second, m_pdSolver);
+                                                                         const btCollisionObjectWrapper *first,
+                                                                         const btCollisionObjectWrapper *second) {
+  return create<ConvexPair>(info, first, second, m_pdSolver);
 }
 
 btCollisionAlgorithm *ContactAlgorithms::Spheres::CreateCollisionAlgorithm(btCollisionAlgorithmConstructionInfo &info,
                                                                            const btCollisionObjectWrapper *first,
                                                                            const btCollisionObjectWrapper *second) {
-  static_assert(sizeof(SpherePair) <= sizeof(btCompoundCompoundCollisionAlgorithm));
-  void *const memory = info.m_dispatcher1->allocateCollisionAlgorithm(sizeof(SpherePair));
-  return new (memory) SpherePair(info, first, second);
+  return create<SpherePair>(info, first, second);
 }
 
 btCollisionAlgorithm *ContactAlgorithms::Planes::CreateCollisionAlgorithm(btCollisionAlgorithmConstructionInfo &info,
-                                                                     const btCollisionObjectWrapper *first,
-                                                                     const btCollisionObjectWrapper *second) {
-  static_assert(sizeof(ConvexOnPlane) <= sizeof(btCompoundCompoundCollisionAlgorithm));
-  void *const memory = info.m_dispatcher1->allocateCollisionAlgorithm(sizeof(ConvexOnPlane));
-  return new (memory) ConvexOnPlane(info, first, second, m_swapped);
+                                                                          const btCollisionObjectWrapper *first,
+                                                                          const btCollisionObjectWrapper *second) {
+  return create<ConvexOnPlane>(info, first, second, m_swapped);
 }
 
 void ContactAlgorithms::enable(btCollisionDispatcher &dispatcher, btCollisionConfiguration &configuration) {
