@@ -225,10 +225,12 @@ impl Watch {
     /// its joints, and springs are strained.
     fn pushed_out(&self, scene: &Scene, body: BodyId, contact: &Contact) -> f64 {
         let depth = -contact.distance;
-        let pivots = self.pivots.iter().flat_map(|pivot| [(pivot, pivot.parent, 0), (pivot, pivot.child, 1)]);
-        let turned = pivots.filter(|&(_, side, _)| side == body).map(|(pivot, _, side)| {
-            let pose = scene.world.pose(scene.world.bodies()[body.index()]).unwrap_or_default();
-            let (at, arm) = ((pose * pivot.points[side]).coords, pivot.points[side].coords.norm().max(0.1 * self.size));
+        let pose = scene.world.pose(scene.world.bodies()[body.index()]).unwrap_or_default();
+        let points =
+            self.pivots.iter().flat_map(|pivot| [(pivot.parent, 0), (pivot.child, 1)].map(|side| (side, pivot)));
+        let points = points.filter(|&((side, _), _)| side == body).map(|((_, side), pivot)| pivot.points[side]);
+        let turned = points.clone().map(|point| {
+            let (at, arm) = ((pose * point).coords, point.coords.norm().max(0.1 * self.size));
             let lifted = |(id, other): (BodyId, &Body)| {
                 let centre = scene.world.pose(scene.world.bodies()[id.index()]).unwrap_or_default().translation.vector;
                 other.mass
@@ -238,7 +240,13 @@ impl Watch {
             };
             scene.bodies.entries().map(lifted).sum::<f64>()
         });
-        let strained = |spring: &Spring| spring.pushed_by(&contact.point, &contact.normal, depth, 0.1 * self.size);
+        // The body may also turn about any of its joints, and strain springs by that angle.
+        let arms = points.map(|point| (contact.point - (pose * point).coords).cross(&contact.normal).norm());
+        let turn = depth / arms.fold(f64::INFINITY, f64::min).max(0.1 * self.size);
+        let strained = |spring: &Spring| {
+            let pushed = spring.pushed_by(&contact.point, &contact.normal, depth, 0.1 * self.size);
+            pushed.max(spring.strained_by(0.0, turn.min(PI)))
+        };
         self.weight * depth + turned.fold(0.0, f64::max) + self.springs.iter().map(strained).sum::<f64>()
     }
 

@@ -8,7 +8,8 @@
 //!   most F = `max motor impulse` / min(h, 1 ms), and only up to that speed: ∫ F·min(|q̇|, |u|) dt; it stays on
 //!   when its command has ended.
 //! * Wrench on a body: ∫ max(F·v + τ·ω, 0) dt; ∫ |F||v| + |τ||ω| dt if it turns by more than 0.5 rad in a sub-step.
-//! * Resistance sensors: ∫ F·v dt with the largest force of their rays and the largest speed of any body's surface.
+//! * Resistance sensors: ∫ F·v dt with the largest force of their rays and the largest speed of any body's surface, and
+//!   of the points that the rays hit.
 //!
 //! |q̇| is the larger one of the change of the coordinate over the step and of its rate after the sub-step by the
 //! velocities of both bodies: an angle that changes by more than π in a sub-step is not seen from outside, and a sliding
@@ -19,7 +20,7 @@ use std::f64::consts::{PI, TAU};
 use ambf_core::adf::{self, ControllerOutput, Gains};
 use ambf_core::comm::JointCommandType;
 use ambf_core::ids::BodyId;
-use ambf_core::scene::{Joint, JointType, Scene};
+use ambf_core::scene::{Joint, JointType, Scene, Sensed};
 use ambf_core::sim::Simulation;
 use nalgebra::{Isometry3, Point3, Vector3};
 
@@ -160,9 +161,9 @@ impl Work {
         if self.resistance > 0.0 {
             let speeds = scene.bodies.entries().filter_map(|(id, body)| {
                 let (velocity, spin) = scene.world.velocity(scene.world.bodies()[id.index()])?;
-                // No simple body reaches farther than two radii of gyration from its centre of mass.
-                let reach = if body.mass > 0.0 { 2.0 * (body.inertia.amax() / body.mass).sqrt() } else { 0.0 };
-                Some(velocity.norm() + spin.norm() * reach)
+                // No simple body with its own inertia reaches farther than two radii of gyration from its centre of mass.
+                let gyration = if body.mass > 0.0 { (body.inertia.amax() / body.mass).sqrt() } else { 0.0 };
+                Some(velocity.norm() + spin.norm() * (2.0 * gyration).max(reach_of_rays(scene, id)))
             });
             self.done += self.resistance * speeds.fold(0.0, f64::max) * self.step;
         }
@@ -213,6 +214,22 @@ impl Driven {
             Drive::Motor(target) => self.motor * speed.min(target),
         }
     }
+}
+
+/// Largest distance from the centre of mass of a body to the points where rays of sensors hit it, or start from it and
+/// hit another one, m.
+fn reach_of_rays(scene: &Scene, body: BodyId) -> f64 {
+    let centre = scene.world.pose(scene.world.bodies()[body.index()]).unwrap_or_default().translation.vector;
+    let hits = scene.sensors.iter().flat_map(|sensor| {
+        let frame = scene.bodies[sensor.parent].pose(&scene.world) * sensor.info.pose;
+        let seen = sensor.rays.iter().zip(sensor.readings()).filter(|(_, reading)| reading.triggered);
+        let points = seen.map(move |(ray, reading)| {
+            frame * Point3::from(ray.start + ray.direction * (sensor.info.range * (1.0 - reading.measurement)))
+        });
+        points.zip(sensor.sensed(&scene.bodies)).map(|(point, sensed)| (point, sensor.parent, sensed))
+    });
+    let touching = hits.filter(|&(_, parent, sensed)| parent == body || sensed == Sensed::Body(body));
+    touching.map(|(point, ..)| (point.coords - centre).norm()).fold(0.0, f64::max)
 }
 
 /// Rate of the coordinate of a joint by the velocities of its bodies, rad/s or m/s; 0 for joints that no motor drives.
