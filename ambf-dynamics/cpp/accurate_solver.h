@@ -542,7 +542,7 @@ class AccurateSolver : public Base {
   }
 
   // Loads and lever arms of the island's joints of rigid bodies.
-  JointSoftness joint_softness() const {
+  JointSoftness joint_softness(btScalar h) const {
     JointSoftness softness(settings_.joint_softness);
     const btConstraintArray &joints = this->m_tmpSolverNonContactConstraintPool;
     if (joints.size() == 0) return softness;
@@ -557,7 +557,13 @@ class AccurateSolver : public Base {
         softness.add_body(mass_of(contacts[i].m_multiBodyB, contacts[i].m_linkB));
       }
     }
-    for (int i = 0; i < joints.size(); ++i) softness.add_arm(joint_errors_[i].arm);
+    for (int i = 0; i < joints.size(); ++i) {
+      const JointError &joint = joint_errors_[i];
+      softness.add_arm(joint.arm);
+      if (joint.is_geometric) continue;
+      const bool is_angular = joints[i].m_contactNormal1.isZero();
+      if (joint.arm > 0 || !is_angular) softness.add_drive(btFabs(joint.guess) / (is_angular ? joint.arm : 1), h);
+    }
     return softness;
   }
 
@@ -574,7 +580,7 @@ class AccurateSolver : public Base {
     positions_.clear();
     find_correction_share(info.m_timeStep);
     const btConstraintArray &joints = this->m_tmpSolverNonContactConstraintPool;
-    const JointSoftness softness = joint_softness();
+    const JointSoftness softness = joint_softness(info.m_timeStep);
     for (int i = 0; i < joints.size(); ++i) {
       AmbMlcpRow row = row_of(joints[i]);
       const bool is_angular = joints[i].m_contactNormal1.isZero();
@@ -972,7 +978,7 @@ class AccurateSolver : public Base {
     const double moved = positions_.correction_energy(left, yielding) / damping;
     const double sum = (present.linear + present.angular) * info.m_timeStep * info.m_timeStep;
     if (InfeasibleIslands::is_uncorrectable(asked, after) ||
-        (InfeasibleIslands::is_soft(asked, after, moved) && leave_alone(state, sum))) {
+        (InfeasibleIslands::is_soft(asked, after, moved, yielding > 1) && leave_alone(state, sum))) {
       infeasible_.add(island, present, sub_step_);
       scale_corrections(0);
       return;

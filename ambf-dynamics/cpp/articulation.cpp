@@ -262,7 +262,9 @@ AmbArticulation::AmbArticulation(AmbWorld &owner, AmbBody &base, AmbConstraint *
   position.balls.resize(dynamics.balls, btQuaternion::getIdentity());
   rate.q.resize(dynamics.coordinates);
   free_position = position;
-  free_rate = rate;
+  free_rate = mean_rate = rate;
+  mean_velocity.resize(dynamics.velocity_size());
+  changed_velocity.resize(dynamics.velocity_size());
   for (size_t i = 1; i < members.size(); ++i) world.articulated->removeConstraint(members[i].joint->constraint.get());
   for (int i = 0; i < n_parallel; ++i) world.articulated->removeConstraint(parallel[i]->constraint.get());
   for (size_t i = fixed ? 1 : 0; i < members.size(); ++i) {
@@ -575,6 +577,7 @@ void AmbArticulation::integrate(btScalar h) {
 // Adds the impulses of the rows to the rates, and moves the position by them.
 AmbArticulation::RowMotion AmbArticulation::move_by_rows(btScalar h) {
   RowMotion motion;
+  if (is_tangential) std::swap(rate, mean_rate);
   dynamics.rates_of(multi_body->getVelocityVector(), change);
   if (is_fed) subtract(change, fed);
   rate.angular = free_rate.angular + change.angular;
@@ -585,6 +588,10 @@ AmbArticulation::RowMotion AmbArticulation::move_by_rows(btScalar h) {
   motion.is_straight = has_contact || external_constraint_count > 0 || had_impulses();
   const btScalar turn = dynamics.fastest_rotation(rate) * h;
   motion.energy_limit = energy_limit_of_rows(dynamics.internal_energy(), turn, motion.is_straight);
+  if (is_tangential) {
+    const btScalar internal = dynamics.internal_energy(), explained = internal - unexplained_energy(h);
+    motion.energy_limit = std::min(motion.energy_limit, std::max(explained, btScalar(0)));
+  }
   // Share of the sub-step for which the rows move the position.
   const btScalar followed = !motion.is_straight ? btScalar(0.5) : turn > SIMD_HALF_PI ? FAST_TURN / turn : 1;
   if (dynamics.fixed_base) {
@@ -611,6 +618,27 @@ AmbArticulation::RowMotion AmbArticulation::move_by_rows(btScalar h) {
     position.origin += centre - dynamics.mass_centre();
   }
   return motion;
+}
+
+// Kinetic energy, J, that the sub-step adds at the old position beyond that at its beginning and the work of forces and
+// impulses, which is that at the mean of the velocities at its beginning, which `mean_rate` has before, and of the present
+// ones. Forces that bound the accelerations of the free motion do no work here: where links turn by radians they would
+// otherwise add energy.
+btScalar AmbArticulation::unexplained_energy(btScalar h) {
+  const btScalar present = dynamics.kinetic_energy();
+  dynamics.update_velocities(mean_rate);
+  const btScalar before = dynamics.kinetic_energy();
+  mean_rate.angular = (mean_rate.angular + rate.angular) / 2;
+  mean_rate.linear = (mean_rate.linear + rate.linear) / 2;
+  for (int k = 0; k < dynamics.coordinates; ++k) mean_rate.q[k] = (mean_rate.q[k] + rate.q[k]) / 2;
+  dynamics.update_velocities(mean_rate);
+  dynamics.coordinates_of(mean_rate, mean_velocity.data());
+  dynamics.coordinates_of(change, changed_velocity.data());
+  btScalar work = dynamics.work_at_rate(h, position, mean_rate);
+  for (size_t k = 0; k < mean_velocity.size(); ++k) work += mean_velocity[k] * changed_velocity[k];
+  dynamics.update_velocities(rate);
+  // Coriolis forces exchange a part of the energy at the beginning with what the change of the position does.
+  return present - 2 * before - work;
 }
 
 // Largest internal energy at the new position, J. solved: with the rates that rows leave, at the old position, with whose

@@ -99,6 +99,9 @@ struct AmbArticulation {
   bool is_corrected = false;
   // Change of the rates by the constraint impulses of this sub-step.
   ArticulationDynamics::Rate change;
+  // See `unexplained_energy`; velocities as ArticulationDynamics::coordinates_of.
+  ArticulationDynamics::Rate mean_rate;
+  Vector<btScalar> mean_velocity, changed_velocity;
   bool poses_set = false;
   bool velocities_set = false;
   // A link has contacts in this sub-step.
@@ -133,6 +136,7 @@ struct AmbArticulation {
   btScalar energy_limit_of_rows(btScalar solved, btScalar turn, bool is_straight) const;
   void advance_by_rows(btScalar h, btScalar followed, bool is_straight);
   void limit_energy(btScalar most, const ArticulationDynamics::Momentum &momentum);
+  btScalar unexplained_energy(btScalar h);
   void remember_momenta();
   void write_feedback(btScalar h);
   void write_wrench(const AmbConstraint &constraint, size_t member, const btVector3 &force, const btVector3 &torque,

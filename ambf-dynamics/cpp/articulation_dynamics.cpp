@@ -457,6 +457,15 @@ btScalar ArticulationDynamics::elastic_energy(const Position &at) const {
   return sum / 2;
 }
 
+btScalar ArticulationDynamics::work_at_rate(btScalar h, const Position &at, const Rate &rate) const {
+  btScalar power = 0;
+  for (size_t i = 0; i < bodies.size(); ++i) {
+    power += bodies[i].force.dot(linear[i]) + bodies[i].torque.dot(angular[i]);
+  }
+  for (int k = 0; k < coordinates; ++k) power += generalised_forces[k] * rate.q[k];
+  return h * power + elastic_energy(at);
+}
+
 // Bound of the rounding error of the work of forces, efforts and springs in a step at this position, J: it is the sum of
 // differences of positions, of elastic energies and of displacements of springs, which nearly cancel at rest.
 btScalar ArticulationDynamics::rounding_of_work(const Position &at) const {

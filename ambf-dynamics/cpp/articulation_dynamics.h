@@ -205,6 +205,9 @@ class ArticulationDynamics {
   btVector3 linear_momentum() const;
   btVector3 mass_centre() const;
   btScalar mass() const;
+  // Bound of the work of all forces over h s at the velocities of the bodies and this rate at a position, J. All elastic
+  // energy of springs that are integrated with the motion counts.
+  btScalar work_at_rate(btScalar h, const Position &at, const Rate &rate) const;
 
  private:
   // One degree of freedom of a joint.

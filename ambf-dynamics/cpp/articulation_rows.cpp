@@ -7,7 +7,7 @@
 
 namespace {
 
-// Coefficient of restitution of a hinge at its limits, as in Bullet; that of a slider is 0.
+// Coefficient of restitution of a hinge at its limits, as in Bullet; that of a slider or spring is 0.
 constexpr btScalar HINGE_BOUNCE = 0.3;
 // Share of the violation of a limit that is corrected in a sub-step.
 constexpr btScalar LIMIT_ERP = 0.2;
@@ -19,6 +19,8 @@ constexpr btScalar EXTERNAL_SOFTNESS = 1e-6;
 // centres of mass that it joins, m. Beyond it the motion depends too nonlinearly on the forces: after a jump of a set
 // point the last force of the controller would be repeated where the controller reverses it.
 constexpr btScalar MAX_FEEDFORWARD_MOTION = 0.02;
+// Difference of accelerations times h^2 up to which fed-forward forces are not refuted, rad or m.
+constexpr btScalar LEAST_REFUTED = 1e-6;
 
 // The one that is nearer to 0 of two numbers of the same sign; else 0.
 btScalar common_part(btScalar a, btScalar b) { return a * b > 0 ? (btFabs(a) < btFabs(b) ? a : b) : 0; }
@@ -37,6 +39,10 @@ JointRows::JointRows(AmbArticulation &owner)
 
 void JointRows::reset() {
   acceleration.q.resize(articulation.dynamics.coordinates);
+  with_feedforward.q.resize(articulation.dynamics.coordinates);
+  fed_forces.resize(articulation.dynamics.coordinates);
+  last_rate.assign(articulation.dynamics.coordinates, 0);
+  last_change.assign(articulation.dynamics.coordinates, 0);
   planned.clear();
   forces.assign(articulation.dynamics.coordinates + articulation.springs.size(), 0);
   limit_impulses.assign(articulation.dynamics.coordinates, 0);
@@ -49,7 +55,8 @@ void JointRows::reset() {
 
 int JointRows::getIslandIdA() const { return articulation.members[1].collider->getIslandTag(); }
 
-void JointRows::plan_limit(int coordinate, btScalar low, btScalar high, bool is_angle, btScalar h) {
+void JointRows::plan_limit(int coordinate, btScalar low, btScalar high, bool is_angle, btScalar bounce, btScalar driven,
+                           btScalar h) {
   const btScalar infinity = BT_LARGE_FLOAT, most = is_angle ? MAX_RETURN_RATE : MAX_RETURN_SPEED;
   if (low > high) return;
   btScalar q = articulation.position.q[coordinate];
@@ -64,7 +71,6 @@ void JointRows::plan_limit(int coordinate, btScalar low, btScalar high, bool is_
     planned.push_back({coordinate, 0, 0, -infinity, infinity, -1, 0, bounded, is_angle, limit_impulses[coordinate]});
     return;
   }
-  const btScalar bounce = is_angle ? HINGE_BOUNCE : 0;
   for (btScalar side : {1, -1}) {
     // Distance to the limit (negative: violated), and speed away from it.
     const btScalar gap = side * (q - (side > 0 ? low : high));
@@ -73,9 +79,9 @@ void JointRows::plan_limit(int coordinate, btScalar low, btScalar high, bool is_
     // against its limit.
     const btScalar speed_before = side * articulation.rate.q[coordinate];
     const bool is_fed = side * limit_feedforward[coordinate] > 0;
-    if (gap + h * speed >= 0 && gap >= 0 && !is_fed) continue;
+    if (gap + h * std::min(speed, side * driven) >= 0 && gap >= 0 && !is_fed) continue;
     btScalar target = gap < 0 ? 0 : -gap / h;
-    if (bounce > 0) target = std::max(target, -bounce * speed_before);
+    if (bounce > 0 && gap + h * speed_before < 0) target = std::max(target, -bounce * speed_before);
     const btScalar correction = gap < 0 ? std::min(-gap / h * LIMIT_ERP, most) : -gap / h;
     planned.push_back({coordinate, side * target, 0, side > 0 ? 0 : -infinity, side > 0 ? infinity : 0, -1, 0,
                        side * correction, is_angle, side * std::max(side * limit_impulses[coordinate], btScalar(0))});
@@ -156,7 +162,16 @@ void JointRows::add_feedforward_row(Row row, btScalar h) {
   planned.push_back(row);
 }
 
+btScalar JointRows::target_of(const ArticulationDynamics::Spring &spring, btScalar h) const {
+  const btScalar push = spring.sign * spring.stiffness * spring.displacement(articulation.position.q[spring.coordinate]);
+  return -push / (spring.damping + h * spring.stiffness);
+}
+
 void JointRows::plan_motors(btScalar h) {
+  for (size_t k = 0; k < last_rate.size(); ++k) {
+    last_change[k] = step > 0 ? (articulation.rate.q[k] - last_rate[k]) * (h / step) : 0;
+    last_rate[k] = articulation.rate.q[k];
+  }
   std::fill(forces.begin(), forces.end(), 0);
   // What holds a joint at its limit is fed forward, and what stops it there is not.
   steady_impulses = limit_impulses;
@@ -213,19 +228,17 @@ void JointRows::plan_motors(btScalar h) {
       continue;
     }
     // The implicit force -k (x + h q') - d q' at the end of the sub-step, written as a soft row.
-    const btScalar push = spring.sign * spring.stiffness * spring.displacement(articulation.position.q[coordinate]);
-    add_feedforward_row({coordinate, -push / give, 1 / (h * give), -BT_LARGE_FLOAT, BT_LARGE_FLOAT, source}, h);
+    add_feedforward_row({coordinate, target_of(spring, h), 1 / (h * give), -BT_LARGE_FLOAT, BT_LARGE_FLOAT, source}, h);
   }
-  drop_large_feedforward(h);
+  drop_wrong_feedforward(h);
 }
 
-// Drops all fed-forward forces if one of them accelerates the articulation too much: the forces of a chain balance each
-// other.
-void JointRows::drop_large_feedforward(btScalar h) {
+// Drops all fed-forward forces if one of them accelerates the articulation too much, or if the acceleration of the last
+// sub-step refutes them: the forces of a chain balance each other.
+void JointRows::drop_wrong_feedforward(btScalar h) {
   ArticulationDynamics &dynamics = articulation.dynamics;
-  bool any = feeds_limits;
-  for (const Row &row : planned) any = any || row.feedforward != 0;
-  if (!any) return;
+  const auto has_feedforward = [](const Row &row) { return row.feedforward != 0; };
+  if (!feeds_limits && std::none_of(planned.begin(), planned.end(), has_feedforward)) return;
   dynamics.update_poses(articulation.position);
   dynamics.update_velocities(articulation.rate);
   dynamics.accelerate(articulation.position, articulation.rate, acceleration);
@@ -238,7 +251,7 @@ void JointRows::drop_large_feedforward(btScalar h) {
       is_large = is_large || !(motion <= MAX_FEEDFORWARD_MOTION * scale);
     }
   }
-  if (!is_large) return;
+  if (!is_large && !is_refuted(h)) return;
   for (Row &row : planned) row.feedforward = 0;
   std::fill(limit_feedforward.begin(), limit_feedforward.end(), 0);
   std::fill(held_by_limits.begin(), held_by_limits.end(), 0);
@@ -246,16 +259,43 @@ void JointRows::drop_large_feedforward(btScalar h) {
   std::fill(dynamics.generalised_forces.begin(), dynamics.generalised_forces.end(), 0);
 }
 
+// Whether a coordinate with a fed-forward force accelerated in the last sub-step as it does without all these forces
+// rather than with them. Then contacts or external constraints balance them, which are not part of the free motion: they
+// would have to stop what the forces accelerate.
+bool JointRows::is_refuted(btScalar h) {
+  ArticulationDynamics &dynamics = articulation.dynamics;
+  Vector<btScalar> &forces_on = dynamics.generalised_forces;
+  const auto misses = [&](const ArticulationDynamics::Rate &found, int k) {
+    return btFabs(found.q[k] * h - last_change[k]) * h;
+  };
+  bool any = false;
+  for (int k = 0; k < dynamics.coordinates; ++k)
+    any = any || (forces_on[k] != 0 && misses(acceleration, k) > LEAST_REFUTED);
+  if (!any) return false;
+  std::swap(with_feedforward, acceleration);
+  std::swap(fed_forces, forces_on);
+  std::fill(forces_on.begin(), forces_on.end(), 0);
+  dynamics.accelerate(articulation.position, articulation.rate, acceleration);
+  std::swap(fed_forces, forces_on);
+  bool refuted = false;
+  for (int k = 0; k < dynamics.coordinates; ++k)
+    refuted = refuted || (forces_on[k] != 0 && misses(with_feedforward, k) > LEAST_REFUTED + misses(acceleration, k));
+  return refuted;
+}
+
 void JointRows::plan_limits(btScalar h) {
   for (size_t i = 1; i < articulation.members.size(); ++i) {
     AmbConstraint &joint = *articulation.members[i].joint;
     const ArticulationDynamics::Link &link = articulation.dynamics.links[i - 1];
     if (joint.kind == Kind::ConeTwist || joint.kind == Kind::SixDof) plan_limits_of(joint, i, h);
-    if (link.freedoms() == 1) plan_limit(link.coordinate, joint.motor.low, joint.motor.high, joint.kind == Kind::Hinge, h);
+    if (link.freedoms() != 1) continue;
+    const bool is_hinge = joint.kind == Kind::Hinge;
+    plan_limit(link.coordinate, joint.motor.low, joint.motor.high, is_hinge, is_hinge ? HINGE_BOUNCE : 0, 0, h);
   }
   for (size_t i = 0; i < articulation.springs.size(); ++i) {
     const ArticulationDynamics::Spring &spring = articulation.dynamics.springs[i];
-    plan_limit(spring.coordinate, articulation.springs[i].low, articulation.springs[i].high, spring.is_angle, h);
+    const btScalar driven = spring.is_stiff ? target_of(spring, h) : 0;
+    plan_limit(spring.coordinate, articulation.springs[i].low, articulation.springs[i].high, spring.is_angle, 0, driven, h);
   }
 }
 
@@ -306,7 +346,13 @@ void JointRows::createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBo
     const RowMotion motion = plan.member == 0
                                  ? act_on_coordinate(row, articulation, plan.coordinate, data)
                                  : act_between(row, articulation, plan.member, plan.force, plan.torque, data);
-    const btScalar softness = std::max(plan.softness, motion.response * SOFTNESS), whole = motion.response + softness;
+    // A stiff spring on the coordinate of a limit reduces its response; the limit must hold the spring, too.
+    btScalar response = motion.response;
+    for (const Row &spring : planned) {
+      if (plan.source < 0 && plan.member == 0 && spring.coordinate == plan.coordinate && spring.softness > 0)
+        response = std::min(response, spring.softness);
+    }
+    const btScalar softness = std::max(plan.softness, response * SOFTNESS), whole = motion.response + softness;
     row.m_lowerLimit = plan.low - plan.feedforward;
     row.m_upperLimit = plan.high - plan.feedforward;
     row.m_jacDiagABInv = whole > 0 ? 1 / whole : 0;

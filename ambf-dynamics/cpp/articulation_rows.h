@@ -75,11 +75,15 @@ class JointRows : public EngineRows {
     btVector3 force{0, 0, 0}, torque{0, 0, 0};
   };
 
-  void plan_limit(int coordinate, btScalar low, btScalar high, bool is_angle, btScalar h);
+  // bounce: coefficient of restitution. driven: rate that a stiff spring on the coordinate would give it if nothing else held it, rad/s or m/s.
+  void plan_limit(int coordinate, btScalar low, btScalar high, bool is_angle, btScalar bounce, btScalar driven, btScalar h);
+  // Rate without a force of the spring at the end of the sub-step, rad/s or m/s.
+  btScalar target_of(const ArticulationDynamics::Spring &spring, btScalar h) const;
   void plan_limits_of(AmbConstraint &joint, size_t member, btScalar h);
   void plan_motor(const AmbConstraint &joint, int coordinate, btScalar h);
   void add_feedforward_row(Row row, btScalar h);
-  void drop_large_feedforward(btScalar h);
+  void drop_wrong_feedforward(btScalar h);
+  bool is_refuted(btScalar h);
 
   AmbArticulation &articulation;
   Vector<Row> planned;
@@ -91,7 +95,11 @@ class JointRows : public EngineRows {
   Vector<btScalar> held_by_limits;
   bool feeds_limits = false;
   btScalar step = 0;
-  ArticulationDynamics::Rate acceleration;
+  ArticulationDynamics::Rate acceleration, with_feedforward;
+  Vector<btScalar> fed_forces;
+  // Rates of the coordinates at the beginning of this sub-step, and their change in the last one, as if it had lasted as long
+  // as this one.
+  Vector<btScalar> last_rate, last_change;
 };
 
 // External constraint on a link: a fixed or point-to-point constraint between a link and a body that is not in its

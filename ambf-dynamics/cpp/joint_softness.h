@@ -24,6 +24,8 @@ class JointSoftness {
 
   // A body of the island, or a link that it touches, kg.
   void add_body(double mass) { heaviest_ = std::max(heaviest_, mass); }
+  // Impulse of a spring or motor at a joint of the island in the last sub-step of h s, N s.
+  void add_drive(double impulse, double h) { heaviest_ = std::max(heaviest_, impulse / (9.81 * h)); }
   // Lever arm of a joint of the island, m.
   void add_arm(double arm) { longest_ = std::max(longest_, arm); }
 

@@ -22,6 +22,9 @@ const COARSE: f64 = 1e-6;
 const SOLVED_BEFORE: f64 = 1e-8;
 const RESTING: f64 = 1e-7;
 const INACCURATE: f64 = 1.5;
+/// Largest residual with which a guess is accepted, m/s or rad/s. The largest target can be as large as the velocity that
+/// a stiff spring would give to a link of next to no inertia, were there no limit.
+const MAX_GUESS_RESIDUAL: f64 = 1e-6;
 /// Residual up to which impulses count as near the solution, as a share of the largest target, and the share of the
 /// budget for block pivoting from such a guess.
 const NEAR: f64 = 1e-3;
@@ -509,7 +512,8 @@ impl Solver {
         let direct = budget - f64::from(MIN_SWEEPS) * self.sweep_cost();
         self.direct = direct;
         let is_near = self.is_guess_near();
-        if self.best.merit.residual <= self.guess_tolerance.clamp(SOLVED_BEFORE, COARSE) * self.normal_scale + TINY {
+        let tolerance = self.guess_tolerance.clamp(SOLVED_BEFORE, COARSE) * self.normal_scale;
+        if self.best.merit.residual <= tolerance.min(MAX_GUESS_RESIDUAL) + TINY {
             self.statistics.guess_tolerance = self.guess_tolerance.max(RESTING);
             return;
         }
