@@ -18,6 +18,7 @@
 #include <type_traits>
 
 #include "accurate_context.h"
+#include "approximation_energy.h"
 #include "contact_cache.h"
 #include "correction_damping.h"
 #include "drive_yielding.h"
@@ -885,9 +886,52 @@ class AccurateSolver : public Base {
     if (outcome == AMB_MLCP_NOT_FINITE) return false;
     ++(outcome == AMB_MLCP_SOLVED ? seen.islands_solved : seen.islands_approximate);
     write_velocities();
+    if (outcome != AMB_MLCP_SOLVED) limit_energy();
     note_depth();
     correct_positions(info, budget, true);
     return true;
+  }
+
+  // Takes from an approximation what it adds to the kinetic energy of rigid bodies beyond the work of forces and drives.
+  void limit_energy() {
+    if (!articulations_.empty()) return;
+    ApproximationEnergy energy;
+    const int bodies = this->m_tmpSolverBodyPool.size();
+    for (int i = 0; i < bodies; ++i) {
+      const btSolverBody &b = body(i);
+      if (dynamic_body(i) >= 0) {
+        energy.add(b);
+      } else if (b.m_originalBody && !(b.m_linearVelocity.isZero() && b.m_angularVelocity.isZero())) {
+        // Bodies whose motion is prescribed do any work.
+        return;
+      }
+    }
+    const btConstraintArray &rows = this->m_tmpSolverNonContactConstraintPool;
+    for (int i = 0; i < rows.size(); ++i) {
+      if (joint_errors_[i].is_geometric || rows[i].m_appliedImpulse == 0) continue;
+      btScalar before, forced;
+      find_velocity(rows[i], before, forced);
+      energy.add_drive(rows[i].m_appliedImpulse, before, before + forced + solved_velocity(rows[i]));
+    }
+    const btScalar share = energy.scale();
+    if (share == 1) return;
+    for (int i = 0; i < bodies; ++i) {
+      if (dynamic_body(i) < 0) continue;
+      btSolverBody &b = body(i);
+      const btVector3 linear = b.m_linearVelocity + b.m_externalForceImpulse;
+      const btVector3 angular = b.m_angularVelocity + b.m_externalTorqueImpulse;
+      b.internalGetDeltaLinearVelocity() = (linear + b.internalGetDeltaLinearVelocity()) * share - linear;
+      b.internalGetDeltaAngularVelocity() = (angular + b.internalGetDeltaAngularVelocity()) * share - angular;
+    }
+  }
+
+  // Change of the velocity J v of a row by the solution, m/s or rad/s.
+  btScalar solved_velocity(const btSolverConstraint &row) {
+    btSolverBody &a = body(row.m_solverBodyIdA), &b = body(row.m_solverBodyIdB);
+    return row.m_contactNormal1.dot(a.internalGetDeltaLinearVelocity()) +
+           row.m_relpos1CrossNormal.dot(a.internalGetDeltaAngularVelocity()) +
+           row.m_contactNormal2.dot(b.internalGetDeltaLinearVelocity()) +
+           row.m_relpos2CrossNormal.dot(b.internalGetDeltaAngularVelocity());
   }
 
   // Solves the velocity problem, again with softer drives while these open joints.
