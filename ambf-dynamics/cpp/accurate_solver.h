@@ -892,8 +892,9 @@ class AccurateSolver : public Base {
     return true;
   }
 
-  // Takes from an approximation what it adds to the kinetic energy of rigid bodies beyond the work of forces and drives.
-  void limit_energy() {
+  // Takes from an approximation what it adds to the kinetic energy of rigid bodies beyond the work of forces and
+  // drives. Inlined into its rare call it would cost the iterations of large islands a fifth of their time.
+  [[gnu::noinline]] void limit_energy() {
     if (!articulations_.empty()) return;
     ApproximationEnergy energy;
     const int bodies = this->m_tmpSolverBodyPool.size();

@@ -295,7 +295,8 @@ void JointRows::plan_limits(btScalar h) {
   for (size_t i = 0; i < articulation.springs.size(); ++i) {
     const ArticulationDynamics::Spring &spring = articulation.dynamics.springs[i];
     const btScalar driven = spring.is_stiff ? target_of(spring, h) : 0;
-    plan_limit(spring.coordinate, articulation.springs[i].low, articulation.springs[i].high, spring.is_angle, 0, driven, h);
+    const btScalar low = articulation.springs[i].low, high = articulation.springs[i].high;
+    plan_limit(spring.coordinate, low, high, spring.is_angle, 0, driven, h);
   }
 }
 
@@ -346,11 +347,11 @@ void JointRows::createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBo
     const RowMotion motion = plan.member == 0
                                  ? act_on_coordinate(row, articulation, plan.coordinate, data)
                                  : act_between(row, articulation, plan.member, plan.force, plan.torque, data);
-    // A stiff spring on the coordinate of a limit reduces its response; the limit must hold the spring, too.
+    // A stiff spring or controller on the coordinate of a limit reduces its response, and the limit must hold it, too.
     btScalar response = motion.response;
-    for (const Row &spring : planned) {
-      if (plan.source < 0 && plan.member == 0 && spring.coordinate == plan.coordinate && spring.softness > 0)
-        response = std::min(response, spring.softness);
+    for (const Row &drive : planned) {
+      if (plan.source < 0 && plan.member == 0 && drive.coordinate == plan.coordinate && drive.softness > 0)
+        response = std::min(response, drive.softness);
     }
     const btScalar softness = std::max(plan.softness, response * SOFTNESS), whole = motion.response + softness;
     row.m_lowerLimit = plan.low - plan.feedforward;

@@ -75,8 +75,10 @@ class JointRows : public EngineRows {
     btVector3 force{0, 0, 0}, torque{0, 0, 0};
   };
 
-  // bounce: coefficient of restitution. driven: rate that a stiff spring on the coordinate would give it if nothing else held it, rad/s or m/s.
-  void plan_limit(int coordinate, btScalar low, btScalar high, bool is_angle, btScalar bounce, btScalar driven, btScalar h);
+  // bounce: coefficient of restitution. driven: rate that a stiff spring on the coordinate would give it if nothing else
+  // held it, rad/s or m/s.
+  void plan_limit(int coordinate, btScalar low, btScalar high, bool is_angle, btScalar bounce, btScalar driven,
+                  btScalar h);
   // Rate without a force of the spring at the end of the sub-step, rad/s or m/s.
   btScalar target_of(const ArticulationDynamics::Spring &spring, btScalar h) const;
   void plan_limits_of(AmbConstraint &joint, size_t member, btScalar h);
@@ -97,8 +99,8 @@ class JointRows : public EngineRows {
   btScalar step = 0;
   ArticulationDynamics::Rate acceleration, with_feedforward;
   Vector<btScalar> fed_forces;
-  // Rates of the coordinates at the beginning of this sub-step, and their change in the last one, as if it had lasted as long
-  // as this one.
+  // Rates of the coordinates at the beginning of this sub-step, and their change in the last one, as if it had lasted as
+  // long as this one.
   Vector<btScalar> last_rate, last_change;
 };
 

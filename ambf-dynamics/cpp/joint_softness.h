@@ -11,7 +11,8 @@
 //
 // with the mass M of the heaviest body of the island, or M r^2 for angular rows with the longest lever arm r of the
 // island's joints: under the acceleration g of that body the joint opens by at most LOADED g h, m/s, or, where 1 / a is
-// small beside M, as for a heavy body on a light link, by LEAST a M g h.
+// small beside M, as for a heavy body on a light link, by LEAST a M g h. A spring or motor with the force F counts as a
+// body of the mass F / g.
 #ifndef AMB_JOINT_SOFTNESS_H
 #define AMB_JOINT_SOFTNESS_H
 
@@ -25,7 +26,7 @@ class JointSoftness {
   // A body of the island, or a link that it touches, kg.
   void add_body(double mass) { heaviest_ = std::max(heaviest_, mass); }
   // Impulse of a spring or motor at a joint of the island in the last sub-step of h s, N s.
-  void add_drive(double impulse, double h) { heaviest_ = std::max(heaviest_, impulse / (9.81 * h)); }
+  void add_drive(double impulse, double h) { heaviest_ = std::max(heaviest_, impulse / (GRAVITY * h)); }
   // Lever arm of a joint of the island, m.
   void add_arm(double arm) { longest_ = std::max(longest_, arm); }
 
@@ -37,7 +38,7 @@ class JointSoftness {
   }
 
  private:
-  static constexpr double MOST = 1e-6, LOADED = 2e-6;
+  static constexpr double MOST = 1e-6, LOADED = 2e-6, GRAVITY = 9.81;
 
   double least_, heaviest_ = 0, longest_ = 0;
 };
