@@ -1023,7 +1023,7 @@ class AccurateSolver : public Base {
     const double moved = positions_.correction_energy(left, yielding) / damping;
     const double sum = (present.linear + present.angular) * info.m_timeStep * info.m_timeStep;
     if (InfeasibleIslands::is_uncorrectable(asked, after) ||
-        (InfeasibleIslands::is_soft(asked, after, moved, yielding > 1) && leave_alone(state, sum))) {
+        (InfeasibleIslands::is_soft(asked, after, moved, positions_.springs_yield(yielding)) && leave_alone(state, sum))) {
       infeasible_.add(island, present, sub_step_);
       scale_corrections(0);
       return;

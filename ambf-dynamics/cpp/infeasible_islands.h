@@ -34,8 +34,8 @@ class InfeasibleIslands {
 
   // Whether a correction is a long motion that hardly lowers the errors: it leaves most of the sum of squares `asked`, J, and
   // lowers it by less than SOFT of twice the kinetic energy of its pseudo-velocities, `moved`, J. This is the square of the
-  // sine of the angle between the motion and those that the rows allow, as a mean over the rows. yields: contacts, limits
-  // and springs yield to the correction, which strains springs the more the longer it is.
+  // sine of the angle between the motion and those that the rows allow, as a mean over the rows. yields: springs yield
+  // to the correction, which strains them the more the longer it is.
   static bool is_soft(const PositionErrors &asked, const PositionErrors &left, double moved, bool yields) {
     constexpr double SOFT = 1e-3, SOFT_OF_YIELDING = 0.02, MOSTLY = 0.7;
     const double before = asked.linear + asked.angular, after = left.linear + left.angular;

@@ -80,6 +80,9 @@ class PositionRows {
     return sum / POSITION_SOFTNESS;
   }
 
+  // Whether there are springs, and they yield.
+  bool springs_yield(double yielding) const { return has_springs_ && yielding > 1; }
+
   // Whether contacts, limits or springs contradict the joints in the position problem that was solved. `share`: the largest
   // error of a joint as a share of its lever arm, or rad.
   bool contradict_joints(const double *left, double share) const {
@@ -90,7 +93,7 @@ class PositionRows {
       if (row.is_joint) left_of_joints += row.weight * left[i] * left[i];
     }
     return contacts_open_joints(asked_of_joints, left_of_joints, others) ||
-           (has_springs_ && springs_yield(share) && springs_open_joints(asked_of_joints, left_of_joints));
+           (has_springs_ && ::springs_yield(share) && springs_open_joints(asked_of_joints, left_of_joints));
   }
 
   // The largest error of the island's joints, m or rad, and the largest one as a share of its lever arm, or rad, for
